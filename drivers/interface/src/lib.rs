@@ -1,0 +1,16 @@
+//! What every camera and tracker driver of Penumbra speaks.
+//!
+//! A driver turns bytes into [`Frame`]s or [`PoseSample`]s on one clock
+//! ([`MonotonicTime`]) and reports trouble as a [`DeviceError`], whose
+//! [`recovery`](DeviceError::recovery) tells the supervisor what to do. Nothing here
+//! does I/O, and nothing here knows of the GPU.
+
+mod error;
+mod frame;
+mod pose;
+mod time;
+
+pub use error::{DeviceError, Recovery};
+pub use frame::{Exposure, Frame, PixelFormat};
+pub use pose::{PoseSample, RigidTransform};
+pub use time::{Clock, MonotonicTime, SystemClock};

@@ -1,0 +1,87 @@
+//! Where a tracked sensor is.
+
+use crate::MonotonicTime;
+use glam::{DMat4, DQuat, DVec3};
+
+/// A proper rigid motion `a_from_b`: `p_a = rotation * p_b + translation`. Metres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RigidTransform {
+    /// Unit quaternion.
+    pub rotation: DQuat,
+    /// Metres.
+    pub translation: DVec3,
+}
+
+impl RigidTransform {
+    /// No motion.
+    pub const IDENTITY: Self = Self {
+        rotation: DQuat::IDENTITY,
+        translation: DVec3::ZERO,
+    };
+
+    /// From a rotation and a translation in metres.
+    #[must_use]
+    pub const fn new(rotation: DQuat, translation: DVec3) -> Self {
+        Self {
+            rotation,
+            translation,
+        }
+    }
+
+    /// From a matrix whose upper 3×3 part is a rotation.
+    #[must_use]
+    pub fn from_matrix(matrix: DMat4) -> Self {
+        let (_, rotation, translation) = matrix.to_scale_rotation_translation();
+        Self {
+            rotation,
+            translation,
+        }
+    }
+
+    /// The same motion as a 4×4 matrix.
+    #[must_use]
+    pub fn to_matrix(self) -> DMat4 {
+        DMat4::from_rotation_translation(self.rotation, self.translation)
+    }
+
+    /// `b_from_a` for this `a_from_b`.
+    #[must_use]
+    pub fn inverse(self) -> Self {
+        let rotation = self.rotation.inverse();
+        Self {
+            rotation,
+            translation: -(rotation * self.translation),
+        }
+    }
+
+    /// A point carried from frame b to frame a.
+    #[must_use]
+    pub fn transform_point(self, point: DVec3) -> DVec3 {
+        self.rotation * point + self.translation
+    }
+}
+
+impl std::ops::Mul for RigidTransform {
+    type Output = Self;
+    /// `a_from_b * b_from_c = a_from_c`.
+    fn mul(self, rhs: Self) -> Self {
+        Self {
+            rotation: (self.rotation * rhs.rotation).normalize(),
+            translation: self.transform_point(rhs.translation),
+        }
+    }
+}
+
+/// One record of a tracker: the sensor's pose in the tracker's own frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PoseSample {
+    /// The tracker's number of the receiver, from 1.
+    pub station: u8,
+    /// `transmitter_from_sensor`, metres.
+    pub transmitter_from_sensor: RigidTransform,
+    /// When the record's bytes reached us.
+    pub arrived_at: MonotonicTime,
+    /// The device's error letter, if it sent one. Latched by some devices: to be shown,
+    /// never a reason to drop the record.
+    pub error: Option<u8>,
+}

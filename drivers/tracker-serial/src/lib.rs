@@ -1,0 +1,1 @@
+//! Protocols of serial 6-DOF trackers, decoded without I/O.

@@ -1,0 +1,10 @@
+//! What is known of the rig: geometry, response, white point, exposure. Pure estimators
+//! and plain data; no I/O, no GPU.
+
+pub mod camera;
+pub mod response;
+pub mod rig;
+
+pub use camera::PinholeCamera;
+pub use response::Response;
+pub use rig::RigCalibration;

@@ -1,0 +1,143 @@
+//! What the owner of a rig knows about it, once it is true.
+
+use super::{PinholeCamera, Response};
+use glam::{DVec2, DVec3};
+use penumbra_interface::{MonotonicTime, RigidTransform};
+
+/// Geometry and photometry of one rig. World: right-handed, metres, +Z up.
+#[derive(Clone, Debug)]
+pub struct RigCalibration {
+    /// Free name, for status and reports.
+    pub name: String,
+    /// The camera whose picture is augmented.
+    pub scene_camera: SceneCamera,
+    /// How the environment is seen; `None` where the rig has no view of it.
+    pub environment: Option<EnvironmentCamera>,
+    /// The 6-DOF tracker that carries the scene camera.
+    pub tracker: Option<TrackerCalibration>,
+    /// Pictures of the same colour chart taken by both cameras.
+    pub chart: Option<PhotometricChart>,
+}
+
+/// The scene camera.
+#[derive(Clone, Debug)]
+pub struct SceneCamera {
+    /// Intrinsics.
+    pub camera: PinholeCamera,
+    /// Tone curve.
+    pub response: Response,
+    /// Time from the middle of the exposure to the driver's stamp, nanoseconds.
+    pub latency_nanos: i64,
+}
+
+/// The environment camera: where it is and how it looks.
+#[derive(Clone, Debug)]
+pub struct EnvironmentCamera {
+    /// Tone curve.
+    pub response: Response,
+    /// Geometry of the view.
+    pub view: EnvironmentView,
+    /// Time from the middle of the exposure to the driver's stamp, nanoseconds.
+    pub latency_nanos: i64,
+    /// Stops of the bracketed pictures relative to the base exposure, e.g. `[-4.0, -8.0]`.
+    pub brackets_ev: Vec<f64>,
+}
+
+/// The three ways of seeing the environment (Supan 2006, section III).
+#[derive(Clone, Debug)]
+pub enum EnvironmentView {
+    /// A camera behind an equidistant fisheye lens.
+    Fisheye {
+        /// The lens.
+        lens: FisheyeLens,
+        /// Pose of the camera (optical frame) in the world.
+        world_from_camera: RigidTransform,
+    },
+    /// A camera of its own that looks at a mirrored sphere.
+    Sphere {
+        /// The camera's intrinsics.
+        camera: PinholeCamera,
+        /// Pose of that camera in the world.
+        world_from_camera: RigidTransform,
+        /// The sphere.
+        sphere: MirrorSphere,
+    },
+    /// A mirrored sphere within the scene camera's own picture.
+    SphereInScene {
+        /// The sphere.
+        sphere: MirrorSphere,
+    },
+}
+
+/// Kannala–Brandt fisheye: r = f · (θ + k1 θ³ + k2 θ⁵ + k3 θ⁷ + k4 θ⁹).
+#[derive(Clone, Debug, PartialEq)]
+pub struct FisheyeLens {
+    /// Pixels in a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Pixels per radian at the axis.
+    pub focal: f64,
+    /// Image of the optical axis, pixels.
+    pub centre: DVec2,
+    /// k1..k4; zero for the ideal equidistant lens.
+    pub distortion: [f64; 4],
+    /// Half the field of view, radians.
+    pub max_theta: f64,
+}
+
+/// A mirrored ball fixed in the world.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MirrorSphere {
+    /// Centre, metres.
+    pub centre_in_world: DVec3,
+    /// Radius, metres.
+    pub radius: f64,
+    /// Linear reflectance per channel.
+    pub reflectance: [f32; 3],
+    /// The sphere stands in the scene camera's view too (then it is a phantom as well).
+    pub in_scene: bool,
+}
+
+/// Tracker mounting and timing.
+#[derive(Clone, Debug)]
+pub struct TrackerCalibration {
+    /// Transmitter's pose in the world.
+    pub world_from_transmitter: RigidTransform,
+    /// Scene camera's pose in the sensor's frame (hand–eye).
+    pub sensor_from_scene_camera: RigidTransform,
+    /// Arrival minus measurement, nanoseconds.
+    pub latency_nanos: i64,
+    /// Metres per unit of the recorded position (0.0254 for inches).
+    pub metres_per_unit: f64,
+}
+
+impl TrackerCalibration {
+    /// `world_from_scene_camera` for a tracker reading.
+    #[must_use]
+    pub fn world_from_scene_camera(
+        &self,
+        transmitter_from_sensor: RigidTransform,
+    ) -> RigidTransform {
+        self.world_from_transmitter * transmitter_from_sensor * self.sensor_from_scene_camera
+    }
+
+    /// When a record that arrived at `arrived_at` was measured.
+    #[must_use]
+    pub fn measured_at(&self, arrived_at: MonotonicTime) -> MonotonicTime {
+        arrived_at.offset_nanos(-self.latency_nanos)
+    }
+}
+
+/// The same chart in the same light, photographed by both cameras.
+#[derive(Clone, Debug)]
+pub struct PhotometricChart {
+    /// Name of the attachment with the scene camera's picture.
+    pub scene_picture: String,
+    /// Name of the attachment with the environment camera's picture.
+    pub environment_picture: String,
+    /// Patch rectangles x, y, width, height in pixels, the same in both.
+    pub patches: Vec<[u32; 4]>,
+    /// Linear reflectance of each patch, if known.
+    pub reflectance: Vec<[f32; 3]>,
+}

@@ -1,0 +1,1 @@
+//! Pure functions of time stamps: clock offsets, pose history, pairing into one rig frame.
