@@ -11,6 +11,7 @@
 //! spawns; [`config`] says with what settings; [`status`] tells what is going on.
 
 pub mod calibration;
+pub mod compositor;
 pub mod environment;
 pub mod picture;
 pub mod scene;

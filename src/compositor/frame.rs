@@ -1,0 +1,358 @@
+//! One frame, top to bottom.
+
+use super::gpu_data::FrameUniform;
+use super::passes::composite::{CompositeInputs, CompositePass};
+use super::passes::phantom_geometry::PhantomGeometryPass;
+use super::passes::shadow_buffer::{ShadowBufferInputs, ShadowBufferPass};
+use super::passes::shadow_map::ShadowMapPass;
+use super::passes::surroundings::{SurroundingsInputs, SurroundingsPass};
+use super::passes::virtual_geometry::VirtualGeometryPass;
+use super::readback::Readback;
+use super::scene_buffers::SceneLayouts;
+use super::targets::Targets;
+use super::{Compositor, GpuError, Refresh};
+use crate::calibration::PinholeCamera;
+use crate::environment::Lighting;
+use crate::picture::Picture;
+use glam::{DMat4, DVec4};
+use penumbra_interface::RigidTransform;
+
+/// How the shadow buffer darkens the real picture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ShadowMode {
+    /// camera × (E − R) / E: right for a surface of any colour.
+    #[default]
+    Ratio,
+    /// camera − R / π: the paper's eq. 4, right for white surfaces only.
+    Subtract,
+}
+
+/// What a frame is made of.
+pub struct FrameInput<'a> {
+    /// The scene camera's picture.
+    pub picture: &'a Picture,
+    /// The scene camera.
+    pub camera: &'a PinholeCamera,
+    /// Its pose at the middle of the exposure; `None` shows the camera's picture alone.
+    pub world_from_camera: Option<RigidTransform>,
+    /// The light; `None` shows the camera's picture alone.
+    pub lighting: Option<&'a Lighting>,
+    /// How shadows combine.
+    pub shadow_mode: ShadowMode,
+    /// 0 = no shadows, 1 = as strong as the light says.
+    pub shadow_strength: f32,
+    /// Which shadow maps are drawn again.
+    pub refresh: Refresh,
+    /// Draw virtual objects at all.
+    pub show_virtual: bool,
+}
+
+/// All pipelines.
+pub struct Pipelines {
+    shadow_map: ShadowMapPass,
+    phantom_geometry: PhantomGeometryPass,
+    virtual_geometry: VirtualGeometryPass,
+    shadow_buffer: ShadowBufferPass,
+    surroundings: SurroundingsPass,
+    composite: CompositePass,
+}
+
+impl Pipelines {
+    pub(super) fn new(
+        device: &wgpu::Device,
+        frame: &wgpu::BindGroupLayout,
+        scene: &SceneLayouts,
+        samples: u32,
+    ) -> Self {
+        Self {
+            shadow_map: ShadowMapPass::new(device, frame),
+            phantom_geometry: PhantomGeometryPass::new(device, frame, scene),
+            virtual_geometry: VirtualGeometryPass::new(device, frame, scene, samples),
+            shadow_buffer: ShadowBufferPass::new(device, frame, samples),
+            surroundings: SurroundingsPass::new(device, frame),
+            composite: CompositePass::new(device, frame, samples),
+        }
+    }
+}
+
+/// What depends on the picture's size.
+pub struct Sized {
+    pub(super) targets: Targets,
+    shadow_buffer: ShadowBufferInputs,
+    surroundings: SurroundingsInputs,
+    composite: CompositeInputs,
+    readback: Readback,
+}
+
+/// Distance of the near plane, metres: nearer than any hand-held object is looked at.
+const NEAR: f64 = 0.02;
+
+impl Compositor {
+    /// Makes one picture. Nothing is waited for; [`Self::read`] does that.
+    ///
+    /// # Errors
+    /// The picture is too large for the device.
+    pub fn compose(&mut self, input: &FrameInput<'_>) -> Result<(), GpuError> {
+        self.prepare(input)?;
+        let Some(sized) = self.sized.take() else {
+            return Ok(());
+        };
+        let descriptor = wgpu::CommandEncoderDescriptor {
+            label: Some("frame"),
+        };
+        let mut encoder = self.gpu.device.create_command_encoder(&descriptor);
+        self.timer.begin_frame();
+        self.record(&mut encoder, &sized);
+        sized
+            .readback
+            .record(&mut encoder, &sized.targets.output.texture);
+        self.timer.end_frame(&mut encoder);
+        self.gpu.queue.submit([encoder.finish()]);
+        self.sized = Some(sized);
+        Ok(())
+    }
+
+    /// Waits for the last frame and takes its picture.
+    ///
+    /// # Errors
+    /// The device was lost, or nothing was composed yet.
+    pub fn read(&self, picture: &mut Picture) -> Result<(), GpuError> {
+        match &self.sized {
+            Some(sized) => sized.readback.read(self, picture),
+            None => Err(GpuError::Failed {
+                adapter: self.gpu.name.clone(),
+                reason: "no frame was composed yet".to_owned(),
+            }),
+        }
+    }
+
+    /// The passes in their order.
+    fn record(&mut self, encoder: &mut wgpu::CommandEncoder, sized: &Sized) {
+        let p = &self.pipelines;
+        let timer = &mut self.timer;
+        let frame = &self.light_maps.frame_group;
+        let (scene, t) = (&self.scene, &sized.targets);
+        // What casts, seen from the lights whose maps are out of date.
+        let maps = (&self.maps.0, &self.maps.1);
+        p.shadow_map
+            .record(encoder, timer, frame, scene, maps, &self.chosen);
+        // What the camera sees of the real scene's proxies and of the virtual objects.
+        p.phantom_geometry.record(encoder, timer, frame, scene, t);
+        p.virtual_geometry.record(encoder, timer, frame, scene, t);
+        // What light each of those surfaces lacks.
+        p.shadow_buffer
+            .record(encoder, timer, frame, &sized.shadow_buffer, t);
+        // What virtual objects mirror of the real scene, shadows included.
+        p.surroundings
+            .record(encoder, timer, frame, &sized.surroundings, t);
+        // The picture.
+        p.composite
+            .record(encoder, timer, frame, &sized.composite, t);
+    }
+
+    /// Everything that is uploaded.
+    fn prepare(&mut self, input: &FrameInput<'_>) -> Result<(), GpuError> {
+        let mut rebind = self.fit_targets(input.picture)?;
+        if let Some(lighting) = input.lighting
+            && self.radiance_generation != Some(lighting.generation)
+        {
+            let (device, queue) = (&self.gpu.device, &self.gpu.queue);
+            rebind |= self
+                .light_maps
+                .write_radiance(device, queue, &lighting.radiance);
+            self.radiance_generation = Some(lighting.generation);
+        }
+        if rebind {
+            self.rebind();
+        }
+        self.upload_picture(input.picture);
+        self.upload_frame(input);
+        Ok(())
+    }
+
+    fn upload_frame(&mut self, input: &FrameInput<'_>) {
+        let augmented = input.show_virtual && !self.scene.virtual_parts.is_empty();
+        let lights = match (input.lighting, input.world_from_camera) {
+            (Some(lighting), Some(_)) if augmented => lighting.lights.as_slice(),
+            _ => &[],
+        };
+        let lights = &lights[..lights.len().min(self.settings.light_budget as usize)];
+        let size = self.settings.shadow_map_size;
+        self.slots
+            .schedule(lights, size, input.refresh, &mut self.chosen);
+        self.refreshed = self.chosen.len();
+        let uniform = self.frame_uniform(input, lights.len(), augmented);
+        let slots = &self.slots;
+        let each = lights
+            .iter()
+            .enumerate()
+            .map(|(i, light)| slots.uniform(i, light));
+        self.light_maps.write_frame(&self.gpu.queue, &uniform, each);
+    }
+
+    fn fit_targets(&mut self, picture: &Picture) -> Result<bool, GpuError> {
+        let size = (picture.width, picture.height);
+        if self.size() == Some(size) {
+            return Ok(false);
+        }
+        let largest = self.gpu.device.limits().max_texture_dimension_2d;
+        if size.0 == 0 || size.1 == 0 || size.0 > largest || size.1 > largest {
+            return Err(GpuError::Unfit {
+                adapter: self.gpu.name.clone(),
+                reason: format!(
+                    "pictures of {}×{} pixels (at most {largest} each way)",
+                    size.0, size.1
+                ),
+            });
+        }
+        let targets = self.make_targets(size.0, size.1);
+        write_response(&self.gpu.queue, &targets, self.response.linear_from_code());
+        self.sized = Some(self.bind(targets));
+        Ok(false)
+    }
+
+    fn rebind(&mut self) {
+        if let Some(sized) = self.sized.take() {
+            self.sized = Some(self.bind(sized.targets));
+        }
+    }
+
+    fn bind(&self, targets: Targets) -> Sized {
+        let (device, p) = (&self.gpu.device, &self.pipelines);
+        let maps = (&self.maps.0, &self.maps.1);
+        let light = &self.light_maps;
+        Sized {
+            shadow_buffer: p.shadow_buffer.bind(device, maps, &targets),
+            surroundings: p.surroundings.bind(device, &targets),
+            composite: p
+                .composite
+                .bind(device, &targets, &light.radiance, &light.specular_table),
+            readback: Readback::new(device, targets.width, targets.height),
+            targets,
+        }
+    }
+
+    fn upload_picture(&self, picture: &Picture) {
+        let Some(sized) = &self.sized else { return };
+        self.gpu.queue.write_texture(
+            sized.targets.camera.texture.as_image_copy(),
+            &picture.rgba,
+            wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some(4 * picture.width),
+                rows_per_image: None,
+            },
+            sized.targets.camera.texture.size(),
+        );
+    }
+
+    fn frame_uniform(
+        &self,
+        input: &FrameInput<'_>,
+        lights: usize,
+        augmented: bool,
+    ) -> FrameUniform {
+        let camera = input.camera;
+        // Without a pose or light the camera looks away from everything.
+        let nowhere = RigidTransform::new(glam::DQuat::IDENTITY, glam::DVec3::splat(1e6));
+        let visible = augmented && input.lighting.is_some();
+        let pose = input
+            .world_from_camera
+            .filter(|_| visible)
+            .unwrap_or(nowhere);
+        let axis = |v: glam::DVec3| (pose.rotation * v).as_vec3().extend(0.0).to_array();
+        let size = (input.picture.width as f32, input.picture.height as f32);
+        let ground = input
+            .lighting
+            .map_or(glam::Vec3::ZERO, |l| l.ground_radiance);
+        let (height, has_ground) = match self.scene.ground_height {
+            Some(height) => (height as f32, 1.0),
+            None => (0.0, 0.0),
+        };
+        let mips = self
+            .sized
+            .as_ref()
+            .map_or(1, |s| s.targets.surroundings_levels.len());
+        let [f, c] = [camera.focal, camera.centre];
+        FrameUniform {
+            right: axis(glam::DVec3::X),
+            down: axis(glam::DVec3::Y),
+            forward: axis(glam::DVec3::Z),
+            eye: pose.translation.as_vec3().extend(NEAR as f32).to_array(),
+            intrinsics: [f.x as f32, f.y as f32, c.x as f32, c.y as f32],
+            size: [size.0, size.1, 1.0 / size.0, 1.0 / size.1],
+            clip_from_world: (clip_from_camera(camera) * pose.inverse().to_matrix())
+                .as_mat4()
+                .to_cols_array_2d(),
+            harmonics: input.lighting.map_or([[0.0; 4]; 9], |l| {
+                l.irradiance.coefficients.map(|c| c.extend(0.0).to_array())
+            }),
+            counts: [
+                lights as u32,
+                u32::from(input.shadow_mode == ShadowMode::Subtract),
+                self.settings.shadow_step,
+                self.light_maps.radiance_levels - 1,
+            ],
+            params: [input.shadow_strength, height, has_ground, (mips - 1) as f32],
+            ground: ground.extend(0.0).to_array(),
+        }
+    }
+}
+
+/// Projection of the camera frame (+X right, +Y down, +Z forward) to clip space with
+/// reversed depth and the far plane at infinity. Pixel (0, 0) is the centre of the
+/// top-left pixel, so the left edge of the picture lies at −0.5.
+fn clip_from_camera(camera: &PinholeCamera) -> DMat4 {
+    let (w, h) = (f64::from(camera.width), f64::from(camera.height));
+    let (f, c) = (camera.focal, camera.centre);
+    DMat4::from_cols(
+        DVec4::new(2.0 * f.x / w, 0.0, 0.0, 0.0),
+        DVec4::new(0.0, -2.0 * f.y / h, 0.0, 0.0),
+        DVec4::new(
+            2.0 * (c.x + 0.5) / w - 1.0,
+            1.0 - 2.0 * (c.y + 0.5) / h,
+            0.0,
+            1.0,
+        ),
+        DVec4::new(0.0, 0.0, NEAR, 0.0),
+    )
+}
+
+fn write_response(queue: &wgpu::Queue, targets: &Targets, linear_from_code: &[f32; 256]) {
+    queue.write_texture(
+        targets.response.texture.as_image_copy(),
+        bytemuck::cast_slice(linear_from_code),
+        wgpu::TexelCopyBufferLayout {
+            offset: 0,
+            bytes_per_row: Some(1024),
+            rows_per_image: None,
+        },
+        targets.response.texture.size(),
+    );
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+    use glam::{DVec2, DVec3};
+
+    #[test]
+    fn the_projection_agrees_with_the_camera_model() {
+        let camera = PinholeCamera {
+            width: 640,
+            height: 480,
+            focal: DVec2::new(700.0, 701.5),
+            centre: DVec2::new(322.3, 237.1),
+            distortion: [0.0; 5],
+        };
+        for p in [DVec3::new(0.1, -0.2, 1.5), DVec3::new(-0.4, 0.3, 0.9)] {
+            let clip = clip_from_camera(&camera) * p.extend(1.0);
+            let ndc = clip.truncate() / clip.w;
+            let frame = DVec2::new((ndc.x + 1.0) * 320.0, (1.0 - ndc.y) * 240.0);
+            let pixel = camera.project(p).unwrap();
+            assert!((frame - pixel - DVec2::splat(0.5)).length() < 1e-9);
+            assert!((ndc.z - NEAR / p.z).abs() < 1e-12);
+        }
+    }
+}

@@ -1,0 +1,162 @@
+//! The adapter and the device: which one, what it can do, and what to say when there is
+//! none.
+
+use thiserror::Error;
+
+/// The graphics device could not be had or was lost.
+#[derive(Debug, Error)]
+pub enum GpuError {
+    /// No Vulkan (Metal, D3D12) driver at all.
+    #[error(
+        "no graphics adapter found; install a Vulkan driver (a software one: mesa-vulkan-drivers), `penumbra doctor` tells more"
+    )]
+    NoAdapter,
+    /// `--adapter` named one that is not there.
+    #[error("adapter '{wanted}' not found; there are: {available}")]
+    NotFound {
+        /// What was asked for.
+        wanted: String,
+        /// What there is.
+        available: String,
+    },
+    /// The adapter lacks something Penumbra cannot do without.
+    #[error("adapter '{adapter}' cannot run Penumbra: {reason}")]
+    Unfit {
+        /// Adapter name.
+        adapter: String,
+        /// What is missing.
+        reason: String,
+    },
+    /// Lost, out of memory, or a mapping failed.
+    #[error(
+        "graphics device '{adapter}' failed: {reason}; restart, or choose another with --adapter"
+    )]
+    Failed {
+        /// Adapter name.
+        adapter: String,
+        /// What the driver said.
+        reason: String,
+    },
+}
+
+/// An opened graphics device.
+#[derive(Clone, Debug)]
+pub struct Gpu {
+    /// Kept for making surfaces.
+    pub instance: wgpu::Instance,
+    /// The physical device.
+    pub adapter: wgpu::Adapter,
+    /// The logical device.
+    pub device: wgpu::Device,
+    /// Its queue.
+    pub queue: wgpu::Queue,
+    /// Name and driver for people.
+    pub name: String,
+    /// True for a software driver, on which pixels cost more than on any GPU.
+    pub software: bool,
+    /// True when passes can be timed on the device.
+    pub timestamps: bool,
+}
+
+/// Backends that print nothing on a machine without them: asking for GL on a headless
+/// machine complains about XDG_RUNTIME_DIR.
+const BACKENDS: wgpu::Backends = wgpu::Backends::VULKAN
+    .union(wgpu::Backends::METAL)
+    .union(wgpu::Backends::DX12);
+
+impl Gpu {
+    /// Opens the adapter whose name contains `wanted` (case does not matter) or whose
+    /// number it is; without it the fastest one, a real GPU before a software driver.
+    ///
+    /// # Errors
+    /// No adapter, none of that name, or one that cannot run Penumbra.
+    pub fn open(wanted: Option<&str>) -> Result<Self, GpuError> {
+        let mut description = wgpu::InstanceDescriptor::new_without_display_handle();
+        description.backends = BACKENDS;
+        let instance = wgpu::Instance::new(description);
+        let mut adapters = pollster::block_on(instance.enumerate_adapters(BACKENDS));
+        adapters.sort_by_key(|a| rank(a.get_info().device_type));
+        let adapter = choose(adapters, wanted)?;
+        Self::from_adapter(instance, adapter)
+    }
+
+    fn from_adapter(instance: wgpu::Instance, adapter: wgpu::Adapter) -> Result<Self, GpuError> {
+        let info = adapter.get_info();
+        let timestamps = adapter.features().contains(wgpu::Features::TIMESTAMP_QUERY);
+        let mut features = wgpu::Features::empty();
+        features.set(wgpu::Features::TIMESTAMP_QUERY, timestamps);
+        let limits = adapter.limits();
+        let request = adapter.request_device(&wgpu::DeviceDescriptor {
+            label: Some("penumbra"),
+            required_features: features,
+            required_limits: limits,
+            memory_hints: wgpu::MemoryHints::Performance,
+            ..Default::default()
+        });
+        let (device, queue) = pollster::block_on(request).map_err(|e| GpuError::Unfit {
+            adapter: info.name.clone(),
+            reason: e.to_string(),
+        })?;
+        let software = info.device_type == wgpu::DeviceType::Cpu;
+        Ok(Self {
+            instance,
+            adapter,
+            device,
+            queue,
+            name: info.name,
+            software,
+            timestamps,
+        })
+    }
+
+    /// Waits until everything submitted has run.
+    ///
+    /// # Errors
+    /// The device was lost.
+    pub fn wait(&self) -> Result<(), GpuError> {
+        self.device
+            .poll(wgpu::PollType::wait_indefinitely())
+            .map(|_| ())
+            .map_err(|e| GpuError::Failed {
+                adapter: self.name.clone(),
+                reason: e.to_string(),
+            })
+    }
+}
+
+const fn rank(kind: wgpu::DeviceType) -> u8 {
+    match kind {
+        wgpu::DeviceType::DiscreteGpu => 0,
+        wgpu::DeviceType::IntegratedGpu => 1,
+        wgpu::DeviceType::VirtualGpu => 2,
+        wgpu::DeviceType::Other => 3,
+        wgpu::DeviceType::Cpu => 4,
+    }
+}
+
+fn choose(adapters: Vec<wgpu::Adapter>, wanted: Option<&str>) -> Result<wgpu::Adapter, GpuError> {
+    if adapters.is_empty() {
+        return Err(GpuError::NoAdapter);
+    }
+    let names: Vec<String> = adapters.iter().map(|a| a.get_info().name).collect();
+    let position = match wanted {
+        None => Some(0),
+        Some(text) => text.parse().ok().filter(|n| *n < names.len()).or_else(|| {
+            let text = text.to_lowercase();
+            names
+                .iter()
+                .position(|name| name.to_lowercase().contains(&text))
+        }),
+    };
+    position
+        .and_then(|at| adapters.into_iter().nth(at))
+        .ok_or_else(|| GpuError::NotFound {
+            wanted: wanted.unwrap_or_default().to_owned(),
+            available: names
+                .iter()
+                .enumerate()
+                .map(|(i, name)| format!("{i} '{name}'"))
+                .collect::<Vec<_>>()
+                .join(", "),
+        })
+}

@@ -1,0 +1,52 @@
+//! What the shaders read, byte for byte. Twins of the structs in `shaders/lib/frame.wgsl`,
+//! `shaders/phantom_geometry.wgsl` and `shaders/virtual_geometry.wgsl`.
+
+use bytemuck::{Pod, Zeroable};
+
+/// Twin of WGSL `Frame`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub struct FrameUniform {
+    pub right: [f32; 4],
+    pub down: [f32; 4],
+    pub forward: [f32; 4],
+    pub eye: [f32; 4],
+    pub intrinsics: [f32; 4],
+    pub size: [f32; 4],
+    pub clip_from_world: [[f32; 4]; 4],
+    pub harmonics: [[f32; 4]; 9],
+    pub counts: [u32; 4],
+    pub params: [f32; 4],
+    pub ground: [f32; 4],
+}
+
+/// Twin of WGSL `Light`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct LightUniform {
+    pub virtual_map: [[f32; 4]; 3],
+    pub phantom_map: [[f32; 4]; 3],
+    pub direction: [f32; 4],
+    pub irradiance: [f32; 4],
+    pub scale: [f32; 4],
+}
+
+/// Twin of WGSL `VirtualPart`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub struct VirtualPartUniform {
+    pub world_from_part: [[f32; 4]; 4],
+    pub normal_from_part: [[f32; 4]; 4],
+    pub base_colour: [f32; 4],
+    pub surface: [f32; 4],
+    pub emissive: [f32; 4],
+}
+
+/// Twin of WGSL `PhantomPart`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub struct PhantomPartUniform {
+    pub world_from_part: [[f32; 4]; 4],
+    pub normal_from_part: [[f32; 4]; 4],
+    pub kind: [f32; 4],
+}

@@ -1,0 +1,243 @@
+//! The light on the GPU: this frame's uniforms, the lights, the prefiltered radiance map
+//! and the table of specular scales.
+
+use super::bindings::{Slot, group, layout};
+use super::gpu_data::{FrameUniform, LightUniform};
+use crate::environment::CubeMap;
+use half::f16;
+
+/// Side of the table of specular scales.
+const TABLE: u32 = 32;
+/// Directions per entry of the table.
+const TABLE_SAMPLES: u32 = 256;
+
+/// See the module.
+pub struct LightMaps {
+    pub frame_layout: wgpu::BindGroupLayout,
+    pub frame_group: wgpu::BindGroup,
+    pub specular_table: wgpu::TextureView,
+    pub radiance: wgpu::TextureView,
+    pub radiance_levels: u32,
+    radiance_texture: wgpu::Texture,
+    frame: wgpu::Buffer,
+    lights: wgpu::Buffer,
+    staging: Vec<LightUniform>,
+    texels: Vec<[f16; 4]>,
+}
+
+impl LightMaps {
+    /// Buffers for `budget` lights.
+    pub fn new(device: &wgpu::Device, queue: &wgpu::Queue, budget: u32) -> Self {
+        let frame_layout = layout(device, "frame", &[Slot::Uniform, Slot::Storage]);
+        let buffer = |size: usize, usage| {
+            device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some("frame"),
+                size: size as u64,
+                usage: usage | wgpu::BufferUsages::COPY_DST,
+                mapped_at_creation: false,
+            })
+        };
+        let frame = buffer(size_of::<FrameUniform>(), wgpu::BufferUsages::UNIFORM);
+        let lights = buffer(
+            size_of::<LightUniform>() * budget.max(1) as usize,
+            wgpu::BufferUsages::STORAGE,
+        );
+        let frame_group = group(
+            device,
+            "frame",
+            &frame_layout,
+            &[frame.as_entire_binding(), lights.as_entire_binding()],
+        );
+        let (radiance_texture, radiance) = cube(device, 1, 1);
+        Self {
+            frame_layout,
+            frame_group,
+            specular_table: specular_table(device, queue),
+            radiance,
+            radiance_levels: 1,
+            radiance_texture,
+            frame,
+            lights,
+            staging: Vec::with_capacity(budget as usize),
+            texels: Vec::new(),
+        }
+    }
+
+    /// Uploads this frame's uniforms and lights.
+    pub fn write_frame(
+        &mut self,
+        queue: &wgpu::Queue,
+        frame: &FrameUniform,
+        lights: impl Iterator<Item = LightUniform>,
+    ) {
+        queue.write_buffer(&self.frame, 0, bytemuck::bytes_of(frame));
+        self.staging.clear();
+        self.staging.extend(lights);
+        if !self.staging.is_empty() {
+            queue.write_buffer(&self.lights, 0, bytemuck::cast_slice(&self.staging));
+        }
+    }
+
+    /// Uploads a radiance map. Returns true when the texture is a new one and must be
+    /// bound again.
+    pub fn write_radiance(
+        &mut self,
+        device: &wgpu::Device,
+        queue: &wgpu::Queue,
+        map: &CubeMap,
+    ) -> bool {
+        let levels = map.levels.len().max(1) as u32;
+        let renewed = self.radiance_texture.width() != map.size || self.radiance_levels != levels;
+        if renewed {
+            (self.radiance_texture, self.radiance) = cube(device, map.size, levels);
+            self.radiance_levels = levels;
+        }
+        for (level, texels) in map.levels.iter().enumerate() {
+            self.texels.clear();
+            self.texels.extend(texels.iter().map(|t| half_texel(*t)));
+            let size = (map.size >> level).max(1);
+            write_level(
+                queue,
+                &self.radiance_texture,
+                level as u32,
+                size,
+                6,
+                &self.texels,
+            );
+        }
+        renewed
+    }
+}
+
+fn half_texel([r, g, b]: [f32; 3]) -> [f16; 4] {
+    // f16 ends at 65504; a sun may shine brighter than that.
+    [r, g, b, 1.0].map(|x| f16::from_f32(x.min(65_000.0)))
+}
+
+fn write_level(
+    queue: &wgpu::Queue,
+    texture: &wgpu::Texture,
+    mip_level: u32,
+    size: u32,
+    layers: u32,
+    texels: &[[f16; 4]],
+) {
+    queue.write_texture(
+        wgpu::TexelCopyTextureInfo {
+            texture,
+            mip_level,
+            origin: wgpu::Origin3d::ZERO,
+            aspect: wgpu::TextureAspect::All,
+        },
+        bytemuck::cast_slice(texels),
+        wgpu::TexelCopyBufferLayout {
+            offset: 0,
+            bytes_per_row: Some(size * 8),
+            rows_per_image: Some(size),
+        },
+        wgpu::Extent3d {
+            width: size,
+            height: size,
+            depth_or_array_layers: layers,
+        },
+    );
+}
+
+fn cube(device: &wgpu::Device, size: u32, levels: u32) -> (wgpu::Texture, wgpu::TextureView) {
+    let texture = device.create_texture(&wgpu::TextureDescriptor {
+        label: Some("radiance"),
+        size: wgpu::Extent3d {
+            width: size,
+            height: size,
+            depth_or_array_layers: 6,
+        },
+        mip_level_count: levels,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: wgpu::TextureFormat::Rgba16Float,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        view_formats: &[],
+    });
+    let view = texture.create_view(&wgpu::TextureViewDescriptor {
+        dimension: Some(wgpu::TextureViewDimension::Cube),
+        ..Default::default()
+    });
+    (texture, view)
+}
+
+fn specular_table(device: &wgpu::Device, queue: &wgpu::Queue) -> wgpu::TextureView {
+    let texture = device.create_texture(&wgpu::TextureDescriptor {
+        label: Some("specular table"),
+        size: wgpu::Extent3d {
+            width: TABLE,
+            height: TABLE,
+            depth_or_array_layers: 1,
+        },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: wgpu::TextureFormat::Rgba16Float,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        view_formats: &[],
+    });
+    let texels: Vec<_> = (0..TABLE * TABLE)
+        .map(|i| {
+            let at = |k: u32| (k as f32 + 0.5) / TABLE as f32;
+            let (scale, bias) = specular_scale_bias(at(i % TABLE), at(i / TABLE));
+            half_texel([scale, bias, 0.0])
+        })
+        .collect();
+    write_level(queue, &texture, 0, TABLE, 1, &texels);
+    texture.create_view(&wgpu::TextureViewDescriptor::default())
+}
+
+/// Split-sum scale and bias of F0 for GGX with height-correlated Smith masking
+/// (Karis 2013; Heitz 2014), by importance sampling on a Hammersley set.
+///
+/// ```text
+///   ∫ f(v, l) cosθ dl  ≈  F0 · scale + bias,
+///   scale = Σ (1 − (1 − v·h)⁵) · G·v·h / (n·h n·v) / N,   bias = Σ (1 − v·h)⁵ · … / N
+/// ```
+fn specular_scale_bias(n_dot_v: f32, roughness: f32) -> (f32, f32) {
+    let a = roughness * roughness;
+    let v = (1.0 - n_dot_v * n_dot_v).sqrt();
+    let (mut scale, mut bias) = (0.0, 0.0);
+    for i in 0..TABLE_SAMPLES {
+        let u = (i as f32 + 0.5) / TABLE_SAMPLES as f32;
+        let phi = std::f32::consts::TAU * (i.reverse_bits() as f32 / 4_294_967_296.0);
+        let cos2 = (1.0 - u) / (1.0 + (a * a - 1.0) * u);
+        let (n_dot_h, sin) = (cos2.sqrt(), (1.0 - cos2).max(0.0).sqrt());
+        let v_dot_h = (v * sin * phi.cos() + n_dot_v * n_dot_h).max(0.0);
+        let n_dot_l = 2.0 * v_dot_h * n_dot_h - n_dot_v;
+        if n_dot_l > 0.0 {
+            let smith = |x: f32, y: f32| x * (y * y * (1.0 - a * a) + a * a).sqrt();
+            let masking =
+                2.0 * n_dot_l * n_dot_v / (smith(n_dot_l, n_dot_v) + smith(n_dot_v, n_dot_l));
+            let weight = masking * v_dot_h / (n_dot_h * n_dot_v).max(1e-6);
+            let fresnel = (1.0 - v_dot_h).powi(5);
+            scale += (1.0 - fresnel) * weight;
+            bias += fresnel * weight;
+        }
+    }
+    (scale / TABLE_SAMPLES as f32, bias / TABLE_SAMPLES as f32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::specular_scale_bias;
+
+    #[test]
+    fn a_smooth_mirror_reflects_everything_and_no_surface_reflects_more() {
+        let (scale, bias) = specular_scale_bias(0.9, 0.03);
+        assert!((scale + bias - 1.0).abs() < 0.01, "{scale} {bias}");
+        for r in [0.1_f32, 0.3, 0.6, 1.0] {
+            for v in [0.1_f32, 0.5, 1.0] {
+                let (scale, bias) = specular_scale_bias(v, r);
+                assert!(
+                    scale + bias <= 1.001 && bias >= 0.0,
+                    "{v} {r}: {scale} {bias}"
+                );
+            }
+        }
+    }
+}

@@ -1,0 +1,168 @@
+//! The only module that records GPU commands: camera picture, pose, light and scene go
+//! in, the augmented picture comes out.
+//!
+//! [`frame`] tells the whole frame top to bottom. Passes own immutable pipelines
+//! (`passes/`); what changes with the picture's size is in `targets`, what changes with
+//! the scene in `scene_buffers`, what changes with the light in `light_maps` and
+//! `shadow_slots`.
+
+mod bindings;
+pub mod frame;
+pub mod gpu;
+mod gpu_data;
+mod light_maps;
+mod passes;
+pub mod readback;
+mod scene_buffers;
+mod shaders;
+mod shadow_slots;
+mod targets;
+pub mod timing;
+
+pub use frame::{FrameInput, ShadowMode};
+pub use gpu::{Gpu, GpuError};
+pub use passes::present::PresentPass;
+pub use shadow_slots::Refresh;
+
+use crate::calibration::Response;
+use crate::scene::{Part, Scene};
+use frame::Pipelines;
+use light_maps::LightMaps;
+use passes::shadow_map::ShadowMaps;
+use scene_buffers::{SceneBuffers, SceneLayouts};
+use shadow_slots::{CasterHull, ShadowSlots};
+use targets::Targets;
+use timing::Timer;
+
+/// What is chosen before the first frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CompositorSettings {
+    /// Greatest number of dome lights, one shadow map each.
+    pub light_budget: u32,
+    /// Texels a side of a shadow map.
+    pub shadow_map_size: u32,
+    /// Picture pixels per shadow-buffer texel, each way: 1 or 2.
+    pub shadow_step: u32,
+    /// Samples a pixel at the edges of virtual objects: 1 or 4.
+    pub samples: u32,
+}
+
+impl CompositorSettings {
+    /// Best for a real GPU, or, with `software`, for a software driver.
+    #[must_use]
+    pub const fn for_adapter(software: bool) -> Self {
+        Self {
+            light_budget: 64,
+            shadow_map_size: 512,
+            shadow_step: if software { 2 } else { 1 },
+            samples: 4,
+        }
+    }
+}
+
+/// The augmented picture's maker.
+pub struct Compositor {
+    gpu: Gpu,
+    settings: CompositorSettings,
+    pipelines: Pipelines,
+    layouts: SceneLayouts,
+    timer: Timer,
+    light_maps: LightMaps,
+    maps: (ShadowMaps, ShadowMaps),
+    slots: ShadowSlots,
+    chosen: Vec<usize>,
+    scene: SceneBuffers,
+    sized: Option<frame::Sized>,
+    response: Response,
+    radiance_generation: Option<u64>,
+    refreshed: usize,
+}
+
+impl Compositor {
+    /// Compiles everything.
+    #[must_use]
+    pub fn new(gpu: Gpu, settings: CompositorSettings, response: Response) -> Self {
+        let device = &gpu.device;
+        let layouts = SceneLayouts::new(device);
+        let light_maps = LightMaps::new(device, &gpu.queue, settings.light_budget);
+        let pipelines =
+            Pipelines::new(device, &light_maps.frame_layout, &layouts, settings.samples);
+        let maps = |label| {
+            ShadowMaps::new(
+                device,
+                label,
+                settings.shadow_map_size,
+                settings.light_budget,
+            )
+        };
+        Self {
+            timer: Timer::new(device, &gpu.queue, gpu.timestamps),
+            maps: (maps("virtual shadow maps"), maps("phantom shadow maps")),
+            slots: ShadowSlots::default(),
+            chosen: Vec::with_capacity(settings.light_budget as usize),
+            scene: SceneBuffers::upload(device, &gpu.queue, &layouts, &Scene::default(), &[]),
+            sized: None,
+            radiance_generation: None,
+            refreshed: 0,
+            gpu,
+            settings,
+            pipelines,
+            layouts,
+            light_maps,
+            response,
+        }
+    }
+
+    /// Replaces the scene. `casters` are its virtual parts as they cast shadows: the parts
+    /// themselves or simplified copies.
+    pub fn set_scene(&mut self, scene: &Scene, casters: &[Part]) {
+        self.scene = SceneBuffers::upload(
+            &self.gpu.device,
+            &self.gpu.queue,
+            &self.layouts,
+            scene,
+            casters,
+        );
+        self.slots.set_casters(
+            CasterHull::around(&self.scene.virtual_casters.positions),
+            CasterHull::around(&self.scene.phantom_casters.positions),
+        );
+    }
+
+    /// Size of the pictures made so far.
+    #[must_use]
+    pub fn size(&self) -> Option<(u32, u32)> {
+        self.sized
+            .as_ref()
+            .map(|s| (s.targets.width, s.targets.height))
+    }
+
+    /// The finished picture, for showing it.
+    #[must_use]
+    pub fn output(&self) -> Option<&wgpu::TextureView> {
+        self.sized.as_ref().map(|s| &s.targets.output.view)
+    }
+
+    /// The device.
+    #[must_use]
+    pub const fn gpu(&self) -> &Gpu {
+        &self.gpu
+    }
+
+    /// Shadow maps drawn in the last frame.
+    #[must_use]
+    pub const fn maps_refreshed(&self) -> usize {
+        self.refreshed
+    }
+
+    /// Milliseconds each pass of the last frame took on the device; waits for it.
+    #[must_use]
+    pub fn pass_times(&self) -> Vec<(&'static str, f64)> {
+        self.timer.read(&self.gpu.device)
+    }
+
+    fn make_targets(&self, width: u32, height: u32) -> Targets {
+        let s = &self.settings;
+        Targets::new(&self.gpu.device, width, height, s.samples, s.shadow_step)
+    }
+}

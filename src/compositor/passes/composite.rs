@@ -1,0 +1,130 @@
+//! Puts the picture together.
+
+use super::super::bindings::{PipelineSpec, Slot, group, layout, sampler, view};
+use super::super::targets::{Targets, format};
+use super::super::{shaders, timing::Timer};
+use super::cover;
+
+/// The pass.
+pub struct CompositePass {
+    pipeline: wgpu::RenderPipeline,
+    picture_layout: wgpu::BindGroupLayout,
+    surfaces_layout: wgpu::BindGroupLayout,
+    light_layout: wgpu::BindGroupLayout,
+    smooth: wgpu::Sampler,
+}
+
+/// What it binds.
+pub struct CompositeInputs {
+    picture: wgpu::BindGroup,
+    surfaces: wgpu::BindGroup,
+    light: wgpu::BindGroup,
+}
+
+impl CompositePass {
+    pub fn new(device: &wgpu::Device, frame: &wgpu::BindGroupLayout, samples: u32) -> Self {
+        let module = shaders::module(device, "composite", samples);
+        let u = Slot::Unfilterable;
+        let (colour, depth) = if samples > 1 {
+            (Slot::Multisampled, Slot::DepthMultisampled)
+        } else {
+            (u, Slot::Depth)
+        };
+        let picture_layout = layout(device, "composite picture", &[u, u, u, u, u, Slot::Depth]);
+        let surfaces_layout = layout(
+            device,
+            "composite surfaces",
+            &[colour, colour, colour, colour, depth],
+        );
+        let light_layout = layout(
+            device,
+            "composite light",
+            &[Slot::Sampler, Slot::Cube, Slot::Texture, Slot::Texture],
+        );
+        let pipeline = PipelineSpec {
+            label: "composite",
+            module: &module,
+            groups: &[frame, &picture_layout, &surfaces_layout, &light_layout],
+            vertex: "cover",
+            buffers: &[],
+            fragment: Some("composite"),
+            targets: &[format::OUTPUT],
+            depth: None,
+            cull: None,
+            samples: 1,
+        }
+        .build(device);
+        let smooth = device.create_sampler(&wgpu::SamplerDescriptor {
+            label: Some("smooth"),
+            mag_filter: wgpu::FilterMode::Linear,
+            min_filter: wgpu::FilterMode::Linear,
+            mipmap_filter: wgpu::MipmapFilterMode::Linear,
+            ..Default::default()
+        });
+        Self {
+            pipeline,
+            picture_layout,
+            surfaces_layout,
+            light_layout,
+            smooth,
+        }
+    }
+
+    /// Binds the targets, the prefiltered radiance map and the table of specular scales.
+    pub fn bind(
+        &self,
+        device: &wgpu::Device,
+        targets: &Targets,
+        radiance: &wgpu::TextureView,
+        specular_table: &wgpu::TextureView,
+    ) -> CompositeInputs {
+        let t = targets;
+        let picture = [
+            &t.camera,
+            &t.response,
+            &t.shadow,
+            &t.light,
+            &t.phantom_normal,
+            &t.phantom_depth,
+        ]
+        .map(|t| view(&t.view));
+        let s = &t.virtual_surface;
+        let surfaces = [&s[0], &s[1], &s[2], &s[3], &t.virtual_depth].map(|t| view(&t.view));
+        let light = [
+            sampler(&self.smooth),
+            view(radiance),
+            view(&t.surroundings.view),
+            view(specular_table),
+        ];
+        CompositeInputs {
+            picture: group(device, "composite picture", &self.picture_layout, &picture),
+            surfaces: group(
+                device,
+                "composite surfaces",
+                &self.surfaces_layout,
+                &surfaces,
+            ),
+            light: group(device, "composite light", &self.light_layout, &light),
+        }
+    }
+
+    pub fn record(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        timer: &mut Timer,
+        frame: &wgpu::BindGroup,
+        inputs: &CompositeInputs,
+        targets: &Targets,
+    ) {
+        let groups = [frame, &inputs.picture, &inputs.surfaces, &inputs.light];
+        let writes = timer.span("composite", true, true);
+        cover(
+            encoder,
+            "composite",
+            &targets.output.view,
+            writes,
+            &self.pipeline,
+            &groups,
+        );
+    }
+}

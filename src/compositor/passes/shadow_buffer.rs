@@ -1,0 +1,133 @@
+//! The shadow buffer, for the real and for the virtual surfaces.
+
+use super::super::bindings::{PipelineSpec, Slot, group, layout, sampler, view};
+use super::super::targets::{Targets, format};
+use super::super::{shaders, timing::Timer};
+use super::cover;
+use super::shadow_map::ShadowMaps;
+
+/// The pass.
+pub struct ShadowBufferPass {
+    phantom: wgpu::RenderPipeline,
+    virtual_light: wgpu::RenderPipeline,
+    maps_layout: wgpu::BindGroupLayout,
+    surfaces_layout: wgpu::BindGroupLayout,
+    compare: wgpu::Sampler,
+}
+
+/// What it binds of the shadow maps and the targets.
+pub struct ShadowBufferInputs {
+    maps: wgpu::BindGroup,
+    surfaces: wgpu::BindGroup,
+}
+
+impl ShadowBufferPass {
+    pub fn new(device: &wgpu::Device, frame: &wgpu::BindGroupLayout, samples: u32) -> Self {
+        let module = shaders::module(device, "shadow_buffer", samples);
+        let maps_layout = layout(
+            device,
+            "shadow maps",
+            &[Slot::DepthArray, Slot::DepthArray, Slot::Comparison],
+        );
+        let (colour, depth) = if samples > 1 {
+            (Slot::Multisampled, Slot::DepthMultisampled)
+        } else {
+            (Slot::Unfilterable, Slot::Depth)
+        };
+        let surfaces_layout = layout(
+            device,
+            "surfaces",
+            &[Slot::Unfilterable, Slot::Depth, colour, colour, depth],
+        );
+        let build = |fragment: &str| {
+            PipelineSpec {
+                label: "shadow_buffer",
+                module: &module,
+                groups: &[frame, &maps_layout, &surfaces_layout],
+                vertex: "cover",
+                buffers: &[],
+                fragment: Some(fragment),
+                targets: &[format::LIGHT],
+                depth: None,
+                cull: None,
+                samples: 1,
+            }
+            .build(device)
+        };
+        let compare = device.create_sampler(&wgpu::SamplerDescriptor {
+            label: Some("shadow compare"),
+            mag_filter: wgpu::FilterMode::Linear,
+            min_filter: wgpu::FilterMode::Linear,
+            compare: Some(wgpu::CompareFunction::LessEqual),
+            ..Default::default()
+        });
+        Self {
+            phantom: build("phantom_shadow"),
+            virtual_light: build("virtual_light"),
+            maps_layout,
+            surfaces_layout,
+            compare,
+        }
+    }
+
+    /// Binds maps and targets.
+    pub fn bind(
+        &self,
+        device: &wgpu::Device,
+        maps: (&ShadowMaps, &ShadowMaps),
+        targets: &Targets,
+    ) -> ShadowBufferInputs {
+        let maps = group(
+            device,
+            "shadow maps",
+            &self.maps_layout,
+            &[
+                view(&maps.0.array),
+                view(&maps.1.array),
+                sampler(&self.compare),
+            ],
+        );
+        let surfaces = group(
+            device,
+            "surfaces",
+            &self.surfaces_layout,
+            &[
+                view(&targets.phantom_normal.view),
+                view(&targets.phantom_depth.view),
+                view(&targets.virtual_surface[0].view),
+                view(&targets.virtual_surface[2].view),
+                view(&targets.virtual_depth.view),
+            ],
+        );
+        ShadowBufferInputs { maps, surfaces }
+    }
+
+    pub fn record(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        timer: &mut Timer,
+        frame: &wgpu::BindGroup,
+        inputs: &ShadowBufferInputs,
+        targets: &Targets,
+    ) {
+        let groups = [frame, &inputs.maps, &inputs.surfaces];
+        let writes = timer.span("phantom_shadow", true, true);
+        cover(
+            encoder,
+            "phantom_shadow",
+            &targets.shadow.view,
+            writes,
+            &self.phantom,
+            &groups,
+        );
+        let writes = timer.span("virtual_light", true, true);
+        cover(
+            encoder,
+            "virtual_light",
+            &targets.light.view,
+            writes,
+            &self.virtual_light,
+            &groups,
+        );
+    }
+}

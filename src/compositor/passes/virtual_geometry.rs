@@ -1,0 +1,125 @@
+//! Draws the surface properties of the virtual objects, behind the phantoms' depth.
+
+use super::super::bindings::{POSITION_LAYOUT, PipelineSpec, VERTEX_LAYOUT};
+use super::super::scene_buffers::{SceneBuffers, SceneLayouts};
+use super::super::targets::{Targets, format};
+use super::super::{shaders, timing::Timer};
+use super::{cleared, cleared_depth};
+
+/// The pass.
+pub struct VirtualGeometryPass {
+    one_sided: wgpu::RenderPipeline,
+    two_sided: wgpu::RenderPipeline,
+    occluder: wgpu::RenderPipeline,
+}
+
+impl VirtualGeometryPass {
+    pub fn new(
+        device: &wgpu::Device,
+        frame: &wgpu::BindGroupLayout,
+        scene: &SceneLayouts,
+        samples: u32,
+    ) -> Self {
+        let module = shaders::module(device, "virtual_geometry", samples);
+        let spec = PipelineSpec {
+            label: "virtual_geometry",
+            module: &module,
+            groups: &[frame, &scene.parts, &scene.material],
+            vertex: "virtual_vertex",
+            buffers: &[VERTEX_LAYOUT],
+            fragment: Some("virtual_fragment"),
+            targets: &format::VIRTUAL,
+            depth: Some((format::DEPTH, wgpu::CompareFunction::GreaterEqual)),
+            cull: Some(wgpu::Face::Back),
+            samples,
+        };
+        let one_sided = spec.build(device);
+        let two_sided = PipelineSpec { cull: None, ..spec }.build(device);
+        let occluder = Self::occluder(device, frame, &module, samples);
+        Self {
+            one_sided,
+            two_sided,
+            occluder,
+        }
+    }
+
+    /// Phantoms write depth and leave the colours empty.
+    fn occluder(
+        device: &wgpu::Device,
+        frame: &wgpu::BindGroupLayout,
+        module: &wgpu::ShaderModule,
+        samples: u32,
+    ) -> wgpu::RenderPipeline {
+        PipelineSpec {
+            label: "occluder",
+            module,
+            groups: &[frame],
+            vertex: "occluder_vertex",
+            buffers: &[POSITION_LAYOUT],
+            fragment: None,
+            targets: &[],
+            depth: Some((format::DEPTH, wgpu::CompareFunction::GreaterEqual)),
+            cull: Some(wgpu::Face::Back),
+            samples,
+        }
+        .build(device)
+    }
+
+    pub fn record(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        timer: &mut Timer,
+        frame: &wgpu::BindGroup,
+        scene: &SceneBuffers,
+        targets: &Targets,
+    ) {
+        self.record_occluders(encoder, timer, frame, scene, targets);
+        let colours = targets.virtual_surface.each_ref().map(|t| cleared(&t.view));
+        let mut depth = cleared_depth(&targets.virtual_depth.view, 0.0);
+        if let Some(ops) = depth.as_mut().and_then(|d| d.depth_ops.as_mut()) {
+            ops.load = wgpu::LoadOp::Load;
+        }
+        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some("virtual_geometry"),
+            color_attachments: &colours,
+            depth_stencil_attachment: depth,
+            timestamp_writes: timer.span("virtual_geometry", false, true),
+            ..Default::default()
+        });
+        pass.set_bind_group(0, frame, &[]);
+        pass.set_bind_group(1, &scene.virtual_uniforms, &[]);
+        for (part, instance) in scene.virtual_parts.iter().zip(0..) {
+            pass.set_pipeline(if part.double_sided {
+                &self.two_sided
+            } else {
+                &self.one_sided
+            });
+            pass.set_bind_group(2, part.material.as_ref(), &[]);
+            pass.set_vertex_buffer(0, part.mesh.vertices.slice(..));
+            pass.set_index_buffer(part.mesh.indices.slice(..), wgpu::IndexFormat::Uint32);
+            pass.draw_indexed(0..part.mesh.count, 0, instance..instance + 1);
+        }
+    }
+
+    fn record_occluders(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        timer: &mut Timer,
+        frame: &wgpu::BindGroup,
+        scene: &SceneBuffers,
+        targets: &Targets,
+    ) {
+        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some("occluder"),
+            depth_stencil_attachment: cleared_depth(&targets.virtual_depth.view, 0.0),
+            timestamp_writes: timer.span("virtual_geometry", true, false),
+            ..Default::default()
+        });
+        let Some(mesh) = &scene.occluders else { return };
+        pass.set_pipeline(&self.occluder);
+        pass.set_bind_group(0, frame, &[]);
+        pass.set_vertex_buffer(0, mesh.vertices.slice(..));
+        pass.set_index_buffer(mesh.indices.slice(..), wgpu::IndexFormat::Uint32);
+        pass.draw_indexed(0..mesh.count, 0, 0..1);
+    }
+}

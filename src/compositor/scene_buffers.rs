@@ -1,0 +1,341 @@
+//! A scene on the GPU: vertices, indices, materials, casters.
+
+use super::bindings::{Slot, group, layout, sampler, view};
+use super::gpu_data::{PhantomPartUniform, VirtualPartUniform};
+use crate::scene::{Material, Mesh, Part, Scene, SceneTexture};
+use glam::{DMat4, Mat4};
+use std::sync::Arc;
+use wgpu::util::{BufferInitDescriptor, DeviceExt, TextureDataOrder};
+
+/// Indexed triangles on the GPU.
+pub struct MeshBuffers {
+    pub vertices: wgpu::Buffer,
+    pub indices: wgpu::Buffer,
+    pub count: u32,
+}
+
+/// Casters merged in world coordinates: one draw per shadow map.
+pub struct Casters {
+    pub mesh: Option<MeshBuffers>,
+    /// The same vertices, kept for fitting maps.
+    pub positions: Vec<[f32; 3]>,
+}
+
+/// One virtual part, ready to draw.
+pub struct DrawPart {
+    pub mesh: MeshBuffers,
+    pub material: Option<wgpu::BindGroup>,
+    pub double_sided: bool,
+}
+
+/// Everything of a [`Scene`] that passes bind.
+pub struct SceneBuffers {
+    pub virtual_parts: Vec<DrawPart>,
+    pub phantom_parts: Vec<DrawPart>,
+    pub virtual_uniforms: wgpu::BindGroup,
+    pub phantom_uniforms: wgpu::BindGroup,
+    pub virtual_casters: Casters,
+    pub phantom_casters: Casters,
+    /// All phantoms, ground included, as one position-only mesh: hides what is behind.
+    pub occluders: Option<MeshBuffers>,
+    pub ground_height: Option<f64>,
+}
+
+/// Layouts that outlive any scene.
+pub struct SceneLayouts {
+    pub parts: wgpu::BindGroupLayout,
+    pub material: wgpu::BindGroupLayout,
+}
+
+impl SceneLayouts {
+    pub fn new(device: &wgpu::Device) -> Self {
+        let t = Slot::Texture;
+        Self {
+            parts: layout(device, "parts", &[Slot::Storage]),
+            material: layout(device, "material", &[Slot::Sampler, t, t, t, t, t]),
+        }
+    }
+}
+
+impl SceneBuffers {
+    /// Uploads `scene`. `casters` are the virtual parts as they cast (simplified or the
+    /// parts themselves).
+    pub fn upload(
+        device: &wgpu::Device,
+        queue: &wgpu::Queue,
+        layouts: &SceneLayouts,
+        scene: &Scene,
+        casters: &[Part],
+    ) -> Self {
+        let textures = MaterialUploader::new(device, queue, &layouts.material);
+        let draw = |part: &Part, material: bool| DrawPart {
+            mesh: upload_mesh(device, part),
+            material: material.then(|| textures.bind(&part.material)),
+            double_sided: part.material.double_sided,
+        };
+        let solid: Vec<Part> = scene
+            .phantom_parts
+            .iter()
+            .filter(|p| !is_ground(p, scene))
+            .cloned()
+            .collect();
+        Self {
+            virtual_parts: scene.virtual_parts.iter().map(|p| draw(p, true)).collect(),
+            phantom_parts: scene.phantom_parts.iter().map(|p| draw(p, false)).collect(),
+            virtual_uniforms: storage(
+                device,
+                &layouts.parts,
+                &scene
+                    .virtual_parts
+                    .iter()
+                    .map(virtual_uniform)
+                    .collect::<Vec<_>>(),
+            ),
+            phantom_uniforms: storage(
+                device,
+                &layouts.parts,
+                &scene
+                    .phantom_parts
+                    .iter()
+                    .map(phantom_uniform)
+                    .collect::<Vec<_>>(),
+            ),
+            virtual_casters: merge(device, casters),
+            phantom_casters: merge(device, &solid),
+            occluders: merge(device, &scene.phantom_parts).mesh,
+            ground_height: scene.ground_height,
+        }
+    }
+}
+
+/// The ground shadows nothing above it, and would stretch the phantoms' shadow maps beyond
+/// use: it is no caster.
+fn is_ground(part: &Part, scene: &Scene) -> bool {
+    let Some(height) = scene.ground_height else {
+        return false;
+    };
+    let world = part.world_from_part;
+    part.mesh
+        .vertices
+        .iter()
+        .all(|v| (world.transform_point3(v.position.as_dvec3()).z - height).abs() < 1e-6)
+}
+
+fn merge(device: &wgpu::Device, parts: &[Part]) -> Casters {
+    let mut positions: Vec<[f32; 3]> = Vec::new();
+    let mut indices: Vec<u32> = Vec::new();
+    for part in parts {
+        let base = positions.len() as u32;
+        positions.extend(part.mesh.vertices.iter().map(|v| {
+            part.world_from_part
+                .transform_point3(v.position.as_dvec3())
+                .as_vec3()
+                .to_array()
+        }));
+        indices.extend(part.mesh.indices.iter().map(|i| i + base));
+    }
+    let mesh = (!indices.is_empty()).then(|| MeshBuffers {
+        vertices: vertex_buffer(device, bytemuck::cast_slice(&positions)),
+        indices: index_buffer(device, &indices),
+        count: indices.len() as u32,
+    });
+    Casters { mesh, positions }
+}
+
+fn vertex_buffer(device: &wgpu::Device, contents: &[u8]) -> wgpu::Buffer {
+    let usage = wgpu::BufferUsages::VERTEX;
+    device.create_buffer_init(&BufferInitDescriptor {
+        label: Some("vertices"),
+        contents,
+        usage,
+    })
+}
+
+fn index_buffer(device: &wgpu::Device, indices: &[u32]) -> wgpu::Buffer {
+    device.create_buffer_init(&BufferInitDescriptor {
+        label: Some("indices"),
+        contents: bytemuck::cast_slice(indices),
+        usage: wgpu::BufferUsages::INDEX,
+    })
+}
+
+fn upload_mesh(device: &wgpu::Device, part: &Part) -> MeshBuffers {
+    let mesh: &Mesh = &part.mesh;
+    let mut indices = mesh.indices.clone();
+    if part.world_from_part.determinant() < 0.0 {
+        // A mirrored placement turns triangles inside out.
+        indices.chunks_exact_mut(3).for_each(|t| t.swap(1, 2));
+    }
+    MeshBuffers {
+        vertices: vertex_buffer(device, bytemuck::cast_slice(&mesh.vertices)),
+        indices: index_buffer(device, &indices),
+        count: indices.len() as u32,
+    }
+}
+
+fn matrices(world_from_part: DMat4) -> ([[f32; 4]; 4], [[f32; 4]; 4]) {
+    let world: Mat4 = world_from_part.as_mat4();
+    let normal = world_from_part.inverse().transpose().as_mat4();
+    (world.to_cols_array_2d(), normal.to_cols_array_2d())
+}
+
+fn virtual_uniform(part: &Part) -> VirtualPartUniform {
+    let (world_from_part, normal_from_part) = matrices(part.world_from_part);
+    let m = &part.material;
+    let bump = if m.normal_texture.is_some() {
+        m.normal_scale
+    } else {
+        0.0
+    };
+    VirtualPartUniform {
+        world_from_part,
+        normal_from_part,
+        base_colour: m.base_colour.to_array(),
+        surface: [m.metallic, m.roughness, m.specular, m.alpha_cutoff],
+        emissive: m.emissive.extend(bump).to_array(),
+    }
+}
+
+fn phantom_uniform(part: &Part) -> PhantomPartUniform {
+    let (world_from_part, normal_from_part) = matrices(part.world_from_part);
+    let kind = if part.mirror { 2.0 } else { 1.0 };
+    PhantomPartUniform {
+        world_from_part,
+        normal_from_part,
+        kind: [kind, 0.0, 0.0, 0.0],
+    }
+}
+
+fn storage<T: bytemuck::Pod>(
+    device: &wgpu::Device,
+    layout: &wgpu::BindGroupLayout,
+    parts: &[T],
+) -> wgpu::BindGroup {
+    // A binding may not be empty.
+    let empty = [T::zeroed()];
+    let contents = bytemuck::cast_slice(if parts.is_empty() { &empty } else { parts });
+    let usage = wgpu::BufferUsages::STORAGE;
+    let buffer = device.create_buffer_init(&BufferInitDescriptor {
+        label: Some("parts"),
+        contents,
+        usage,
+    });
+    group(device, "parts", layout, &[buffer.as_entire_binding()])
+}
+
+struct MaterialUploader<'a> {
+    device: &'a wgpu::Device,
+    queue: &'a wgpu::Queue,
+    layout: &'a wgpu::BindGroupLayout,
+    sampler: wgpu::Sampler,
+}
+
+impl<'a> MaterialUploader<'a> {
+    fn new(
+        device: &'a wgpu::Device,
+        queue: &'a wgpu::Queue,
+        layout: &'a wgpu::BindGroupLayout,
+    ) -> Self {
+        let sampler = device.create_sampler(&wgpu::SamplerDescriptor {
+            label: Some("surface"),
+            address_mode_u: wgpu::AddressMode::Repeat,
+            address_mode_v: wgpu::AddressMode::Repeat,
+            mag_filter: wgpu::FilterMode::Linear,
+            min_filter: wgpu::FilterMode::Linear,
+            mipmap_filter: wgpu::MipmapFilterMode::Linear,
+            ..Default::default()
+        });
+        Self {
+            device,
+            queue,
+            layout,
+            sampler,
+        }
+    }
+
+    fn bind(&self, m: &Material) -> wgpu::BindGroup {
+        let (srgb, plain) = (
+            wgpu::TextureFormat::Rgba8UnormSrgb,
+            wgpu::TextureFormat::Rgba8Unorm,
+        );
+        let views = [
+            self.texture(m.base_colour_texture.as_ref(), srgb),
+            self.texture(m.metallic_roughness_texture.as_ref(), plain),
+            self.texture(m.normal_texture.as_ref(), plain),
+            self.texture(m.occlusion_texture.as_ref(), plain),
+            self.texture(m.emissive_texture.as_ref(), srgb),
+        ];
+        let mut resources = vec![sampler(&self.sampler)];
+        resources.extend(views.iter().map(view));
+        group(self.device, "material", self.layout, &resources)
+    }
+
+    fn texture(
+        &self,
+        texture: Option<&Arc<SceneTexture>>,
+        format: wgpu::TextureFormat,
+    ) -> wgpu::TextureView {
+        let white = SceneTexture {
+            width: 1,
+            height: 1,
+            rgba: vec![255; 4],
+        };
+        let t = texture.map_or(&white, |t| t.as_ref());
+        let levels = mip_chain(t, format == wgpu::TextureFormat::Rgba8UnormSrgb);
+        let data: Vec<u8> = levels.concat();
+        let descriptor = wgpu::TextureDescriptor {
+            label: Some("surface"),
+            size: wgpu::Extent3d {
+                width: t.width,
+                height: t.height,
+                depth_or_array_layers: 1,
+            },
+            mip_level_count: levels.len() as u32,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format,
+            usage: wgpu::TextureUsages::TEXTURE_BINDING,
+            view_formats: &[],
+        };
+        self.device
+            .create_texture_with_data(self.queue, &descriptor, TextureDataOrder::LayerMajor, &data)
+            .create_view(&wgpu::TextureViewDescriptor::default())
+    }
+}
+
+/// Box-filtered levels down to one texel, averaged in linear light for sRGB textures.
+fn mip_chain(texture: &SceneTexture, srgb: bool) -> Vec<Vec<u8>> {
+    let mut levels = vec![texture.rgba.clone()];
+    let (mut w, mut h) = (texture.width, texture.height);
+    while w > 1 || h > 1 {
+        let finer = levels.last().map_or(&[][..], |l| l.as_slice());
+        let (nw, nh) = ((w / 2).max(1), (h / 2).max(1));
+        let mut coarser = Vec::with_capacity(4 * (nw * nh) as usize);
+        for y in 0..nh {
+            for x in 0..nw {
+                coarser.extend(box_of_four(finer, (w, h), (2 * x, 2 * y), srgb));
+            }
+        }
+        levels.push(coarser);
+        (w, h) = (nw, nh);
+    }
+    levels
+}
+
+fn box_of_four(rgba: &[u8], (w, h): (u32, u32), (x, y): (u32, u32), srgb: bool) -> [u8; 4] {
+    use crate::calibration::response::{linear_from_srgb, srgb_from_linear};
+    let corners = [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)];
+    std::array::from_fn(|c| {
+        let decode = srgb && c < 3;
+        let sum: f32 = corners
+            .iter()
+            .map(|(x, y)| {
+                let i = 4 * (y.min(&(h - 1)) * w + x.min(&(w - 1))) as usize + c;
+                let v = f32::from(rgba[i]) / 255.0;
+                if decode { linear_from_srgb(v) } else { v }
+            })
+            .sum();
+        let mean = sum / 4.0;
+        ((if decode { srgb_from_linear(mean) } else { mean }) * 255.0).round() as u8
+    })
+}

@@ -1,0 +1,113 @@
+//! The shaders' text: a pass's own file behind the library files it uses.
+
+use std::borrow::Cow;
+
+const FRAME: &str = include_str!("shaders/lib/frame.wgsl");
+const NORMAL: &str = include_str!("shaders/lib/normal.wgsl");
+const FULLSCREEN: &str = include_str!("shaders/lib/fullscreen.wgsl");
+const VISIBILITY: &str = include_str!("shaders/lib/visibility.wgsl");
+
+/// Every shader of the compositor, complete, for `samples` samples a pixel.
+#[must_use]
+pub fn all(samples: u32) -> [(&'static str, String); 7] {
+    [
+        (
+            "shadow_map",
+            join(&[FRAME, include_str!("shaders/shadow_map.wgsl")]),
+        ),
+        (
+            "phantom_geometry",
+            join(&[FRAME, NORMAL, include_str!("shaders/phantom_geometry.wgsl")]),
+        ),
+        (
+            "virtual_geometry",
+            join(&[FRAME, NORMAL, include_str!("shaders/virtual_geometry.wgsl")]),
+        ),
+        (
+            "shadow_buffer",
+            sampled(
+                join(&[
+                    FRAME,
+                    NORMAL,
+                    FULLSCREEN,
+                    VISIBILITY,
+                    include_str!("shaders/shadow_buffer.wgsl"),
+                ]),
+                samples,
+            ),
+        ),
+        (
+            "surroundings",
+            join(&[FRAME, FULLSCREEN, include_str!("shaders/surroundings.wgsl")]),
+        ),
+        (
+            "composite",
+            sampled(
+                join(&[
+                    FRAME,
+                    NORMAL,
+                    FULLSCREEN,
+                    include_str!("shaders/composite.wgsl"),
+                ]),
+                samples,
+            ),
+        ),
+        (
+            "present",
+            join(&[FULLSCREEN, include_str!("shaders/present.wgsl")]),
+        ),
+    ]
+}
+
+fn join(parts: &[&str]) -> String {
+    parts.join("\n")
+}
+
+/// WGSL has different types for one and for several samples, with the same calls.
+fn sampled(text: String, samples: u32) -> String {
+    let (colour, depth) = if samples > 1 {
+        (
+            "texture_multisampled_2d<f32>",
+            "texture_depth_multisampled_2d",
+        )
+    } else {
+        ("texture_2d<f32>", "texture_depth_2d")
+    };
+    text.replace("VIRTUAL_TEXTURE", colour)
+        .replace("VIRTUAL_DEPTH", depth)
+        .replace("SAMPLES", &samples.to_string())
+}
+
+/// The module named `name`.
+pub fn module(device: &wgpu::Device, name: &str, samples: u32) -> wgpu::ShaderModule {
+    let source = all(samples)
+        .into_iter()
+        .find(|(n, _)| *n == name)
+        .map(|(_, text)| text)
+        .unwrap_or_default();
+    device.create_shader_module(wgpu::ShaderModuleDescriptor {
+        label: Some(name),
+        source: wgpu::ShaderSource::Wgsl(Cow::Owned(source)),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+    #[test]
+    fn every_shader_is_valid_without_a_gpu() {
+        for samples in [1, 4] {
+            for (name, text) in super::all(samples) {
+                let module = naga::front::wgsl::parse_str(&text)
+                    .unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(&text)));
+                naga::valid::Validator::new(
+                    naga::valid::ValidationFlags::all(),
+                    naga::valid::Capabilities::default(),
+                )
+                .validate(&module)
+                .unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(&text)));
+            }
+        }
+    }
+}

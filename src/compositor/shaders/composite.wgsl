@@ -1,0 +1,206 @@
+// The picture: the camera's, darkened where virtual objects keep light away, and the
+// virtual objects over it. A pixel that nothing virtual touches is the camera's own code.
+
+@group(1) @binding(0) var camera: texture_2d<f32>;
+@group(1) @binding(1) var response: texture_2d<f32>;
+@group(1) @binding(2) var shadow: texture_2d<f32>;
+@group(1) @binding(3) var light: texture_2d<f32>;
+@group(1) @binding(4) var phantom_normal: texture_2d<f32>;
+@group(1) @binding(5) var phantom_depth: texture_depth_2d;
+@group(2) @binding(0) var virtual_base: VIRTUAL_TEXTURE;
+@group(2) @binding(1) var virtual_properties: VIRTUAL_TEXTURE;
+@group(2) @binding(2) var virtual_normal: VIRTUAL_TEXTURE;
+@group(2) @binding(3) var virtual_emissive: VIRTUAL_TEXTURE;
+@group(2) @binding(4) var virtual_depth: VIRTUAL_DEPTH;
+@group(3) @binding(0) var smooth_sampler: sampler;
+@group(3) @binding(1) var radiance: texture_cube<f32>;
+@group(3) @binding(2) var surroundings: texture_2d<f32>;
+@group(3) @binding(3) var specular_table: texture_2d<f32>;
+
+const PI = 3.14159265;
+
+fn linear_from_code(code: vec3f) -> vec3f {
+    let c = vec3i(round(code * 255.0));
+    return vec3f(
+        textureLoad(response, vec2i(c.r, 0), 0).r,
+        textureLoad(response, vec2i(c.g, 0), 0).r,
+        textureLoad(response, vec2i(c.b, 0), 0).r,
+    );
+}
+
+// Inverse of the response by bisection between its 256 ascending values.
+fn code_from_linear(x: f32) -> f32 {
+    var lo = 0;
+    var hi = 255;
+    for (var k = 0; k < 8; k++) {
+        let mid = (lo + hi) / 2;
+        if textureLoad(response, vec2i(mid, 0), 0).r <= x {
+            lo = mid;
+        } else {
+            hi = mid;
+        }
+    }
+    let a = textureLoad(response, vec2i(lo, 0), 0).r;
+    let b = textureLoad(response, vec2i(hi, 0), 0).r;
+    return (f32(lo) + clamp((x - a) / max(b - a, 1e-9), 0.0, 1.0) * f32(hi - lo)) / 255.0;
+}
+
+// The shadow buffer may be coarser than the picture: its texels count by how much they
+// lie on the same surface.
+fn shadow_at(pixel: vec2i) -> vec3f {
+    let step = i32(frame.counts.z);
+    if step == 1 {
+        return textureLoad(shadow, pixel, 0).rgb;
+    }
+    let surface = textureLoad(phantom_normal, pixel, 0);
+    if surface.z != 1.0 {
+        return vec3f(select(1.0, 0.0, frame.counts.y == 1u));
+    }
+    let n = normal_from_octahedron(surface.xy);
+    let world = world_at(vec2f(pixel), textureLoad(phantom_depth, pixel, 0));
+    let tolerance = 0.01 * distance(world, frame.eye.xyz);
+    let base = pixel / step;
+    let part = vec2f(pixel - base * step) / f32(step);
+    let last = vec2i(textureDimensions(shadow)) - vec2i(1);
+    var sum = vec3f(0.0);
+    var weight = 0.0;
+    for (var k = 0; k < 4; k++) {
+        let o = vec2i(k & 1, k >> 1u);
+        let texel = min(base + o, last);
+        let there = texel * step;
+        let other = textureLoad(phantom_normal, there, 0);
+        let bilinear = select(1.0 - part.x, part.x, o.x == 1) * select(1.0 - part.y, part.y, o.y == 1);
+        if other.z != 1.0 || bilinear == 0.0 {
+            continue;
+        }
+        let same_way = dot(n, normal_from_octahedron(other.xy)) > 0.9;
+        let at = world_at(vec2f(there), textureLoad(phantom_depth, there, 0));
+        let w = bilinear * select(1e-3, 1.0, same_way && abs(dot(at - world, n)) < tolerance);
+        sum += textureLoad(shadow, texel, 0).rgb * w;
+        weight += w;
+    }
+    if weight == 0.0 {
+        return textureLoad(shadow, base, 0).rgb;
+    }
+    return sum / weight;
+}
+
+// Irradiance of the virtual surface under a sample.
+fn light_at(pixel: vec2i, n: vec3f, depth: f32) -> vec3f {
+    let step = i32(frame.counts.z);
+    if step == 1 {
+        return textureLoad(light, pixel, 0).rgb;
+    }
+    let base = pixel / step;
+    let part = vec2f(pixel - base * step) / f32(step);
+    let last = vec2i(textureDimensions(light)) - vec2i(1);
+    var sum = vec3f(0.0);
+    var weight = 0.0;
+    for (var k = 0; k < 9; k++) {
+        let o = vec2i(k % 3, k / 3) - vec2i(1);
+        let texel = clamp(base + o, vec2i(0), last);
+        let l = textureLoad(light, texel, 0);
+        if l.a == 0.0 {
+            continue;
+        }
+        let there = texel * step;
+        let m = normal_from_octahedron(textureLoad(virtual_normal, there, 0).xy);
+        let d = textureLoad(virtual_depth, there, 0);
+        let off = abs(vec2f(o) - part);
+        let near = max(1.0 - off.x, 0.0) * max(1.0 - off.y, 0.0) + 1e-4;
+        let same_way = max(dot(n, m), 0.0);
+        let same_depth = 1.0 / (1e-2 + abs(d - depth) / max(depth, 1e-6));
+        let w = near * same_way * same_way * same_way * same_way * same_depth + 1e-6;
+        sum += l.rgb * w;
+        weight += w;
+    }
+    if weight == 0.0 {
+        return sky_irradiance(n);
+    }
+    return sum / weight;
+}
+
+// Radiance of the real ground at a world point, blurred to `metres` across.
+fn ground_radiance(world: vec3f, metres: f32) -> vec4f {
+    let p = pixel_of(world);
+    let uv = (p.xy + vec2f(0.5)) * frame.size.zw;
+    let edge = min(min(uv.x, 1.0 - uv.x), min(uv.y, 1.0 - uv.y));
+    let inside = smoothstep(-0.02, 0.05, edge) * select(0.0, 1.0, p.z > frame.eye.w);
+    // Level 0 of the surroundings is half the picture.
+    let pixels = metres * frame.intrinsics.x / max(p.z, 1e-3);
+    let lod = clamp(log2(max(pixels * 0.5, 1.0)), 0.0, frame.params.w);
+    let seen = textureSampleLevel(surroundings, smooth_sampler, clamp(uv, vec2f(0.0), vec2f(1.0)), lod).rgb;
+    return vec4f(seen, inside);
+}
+
+// What a ray of the given spread meets: the ground as the picture shows it, or the
+// environment.
+fn reflected(world: vec3f, r: vec3f, roughness: f32) -> vec3f {
+    let far = textureSampleLevel(radiance, smooth_sampler, r, roughness * f32(frame.counts.w)).rgb;
+    let below = frame.params.z * smoothstep(0.0, max(0.6 * roughness * roughness, 0.02), -r.z);
+    if below == 0.0 {
+        return far;
+    }
+    let t = (world.z - frame.params.y) / max(-r.z, 1e-3);
+    let spread = 2.0 * t * roughness * roughness;
+    let near = ground_radiance(world + r * t, spread);
+    return mix(far, mix(frame.ground.rgb, near.rgb, near.a), below);
+}
+
+// Light thrown up by the ground close by instead of the ground at large.
+fn bounce(world: vec3f, n: vec3f) -> vec3f {
+    let height = max(world.z - frame.params.y, 0.0);
+    let share = frame.params.z * 0.5 * (1.0 - n.z);
+    let aside = normalize(vec3f(n.xy, -0.7));
+    let foot = world + aside * (height / 0.7 * length(vec3f(n.xy, -0.7)));
+    let near = ground_radiance(vec3f(foot.xy, frame.params.y), 2.0 * height + 0.01);
+    let far = sky_irradiance(vec3f(0.0, 0.0, -1.0));
+    return share * (PI * mix(frame.ground.rgb, near.rgb, near.a) - far);
+}
+
+fn shade(pixel: vec2i, s: i32) -> vec3f {
+    let base = textureLoad(virtual_base, pixel, s).rgb;
+    let properties = textureLoad(virtual_properties, pixel, s);
+    let n = normal_from_octahedron(textureLoad(virtual_normal, pixel, s).xy);
+    let depth = textureLoad(virtual_depth, pixel, s);
+    let world = world_at(vec2f(pixel), depth);
+    let v = normalize(frame.eye.xyz - world);
+    let n_dot_v = clamp(dot(n, v), 0.02, 1.0);
+    let metallic = properties.x;
+    let roughness = clamp(properties.y, 0.03, 1.0);
+
+    let direct = light_at(pixel, n, depth);
+    let irradiance = max(direct + bounce(world, n), vec3f(0.0)) * properties.w;
+    let f0 = mix(vec3f(0.04 * properties.z), base, metallic);
+    let table = textureSampleLevel(specular_table, smooth_sampler, vec2f(n_dot_v, roughness), 0.0).rg;
+    let mirrored = reflected(world, reflect(-v, n), roughness);
+    let f90 = select(0.0, 1.0, properties.z > 0.0 || metallic > 0.0);
+    let specular = (f0 * table.x + vec3f(f90 * table.y)) * mirrored;
+    let diffuse = base * (1.0 - metallic) * irradiance / PI;
+    return diffuse + specular + textureLoad(virtual_emissive, pixel, s).rgb;
+}
+
+@fragment
+fn composite(@builtin(position) at: vec4f) -> @location(0) vec4f {
+    let pixel = vec2i(at.xy);
+    let code = textureLoad(camera, pixel, 0);
+    let subtract = frame.counts.y == 1u;
+    let factor = shadow_at(pixel);
+    var covered = 0;
+    var first = 0;
+    for (var s = SAMPLES - 1; s >= 0; s--) {
+        if textureLoad(virtual_base, pixel, s).a > 0.5 {
+            covered += 1;
+            first = s;
+        }
+    }
+    if covered == 0 && all(factor == vec3f(select(1.0, 0.0, subtract))) {
+        return code;
+    }
+    var linear = linear_from_code(code.rgb);
+    linear = select(linear * factor, max(linear - factor, vec3f(0.0)), subtract);
+    if covered > 0 {
+        linear = mix(linear, shade(pixel, first), f32(covered) / f32(SAMPLES));
+    }
+    return vec4f(code_from_linear(linear.r), code_from_linear(linear.g), code_from_linear(linear.b), 1.0);
+}

@@ -1,0 +1,68 @@
+// What every pass knows of this frame. Twin of `gpu_data::FrameUniform` and
+// `gpu_data::LightUniform`.
+
+struct Frame {
+    // Columns of world_from_camera's rotation; w of the last is unused.
+    right: vec4f,
+    down: vec4f,
+    forward: vec4f,
+    // Camera centre in the world; w = near plane, metres.
+    eye: vec4f,
+    // Focal lengths and principal point, pixels.
+    intrinsics: vec4f,
+    // Width, height, and their reciprocals.
+    size: vec4f,
+    clip_from_world: mat4x4f,
+    // Irradiance polynomial of the environment without its compact sources.
+    harmonics: array<vec4f, 9>,
+    // Number of lights, shadow mode, step of the shadow buffer in pixels, highest mip of the radiance map.
+    counts: vec4u,
+    // Shadow strength, ground height (metres), 1 where there is a ground, highest mip of the surroundings.
+    params: vec4f,
+    // Radiance of the ground where the picture does not show it.
+    ground: vec4f,
+}
+
+struct Light {
+    // Texture coordinates and depth in the virtual casters' shadow map: rows of an affine map.
+    virtual_u: vec4f,
+    virtual_v: vec4f,
+    virtual_d: vec4f,
+    // The same for the phantoms' map.
+    phantom_u: vec4f,
+    phantom_v: vec4f,
+    phantom_d: vec4f,
+    // To the light; w = angular radius, radians.
+    direction: vec4f,
+    // RGB irradiance facing it; w = 1 for a compact source, 0 for a cell.
+    irradiance: vec4f,
+    // Texel sizes of both maps, then metres per unit of depth of both.
+    scale: vec4f,
+}
+
+@group(0) @binding(0) var<uniform> frame: Frame;
+@group(0) @binding(1) var<storage, read> lights: array<Light>;
+
+fn ray_through(pixel: vec2f) -> vec3f {
+    let p = (pixel - frame.intrinsics.zw) / frame.intrinsics.xy;
+    return frame.right.xyz * p.x + frame.down.xyz * p.y + frame.forward.xyz;
+}
+
+// Reversed depth with the far plane at infinity: depth = near / z.
+fn world_at(pixel: vec2f, depth: f32) -> vec3f {
+    return frame.eye.xyz + ray_through(pixel) * (frame.eye.w / depth);
+}
+
+fn pixel_of(world: vec3f) -> vec3f {
+    let d = world - frame.eye.xyz;
+    let z = dot(d, frame.forward.xyz);
+    let p = vec2f(dot(d, frame.right.xyz), dot(d, frame.down.xyz)) / max(z, 1e-6);
+    return vec3f(p * frame.intrinsics.xy + frame.intrinsics.zw, z);
+}
+
+fn sky_irradiance(n: vec3f) -> vec3f {
+    let h = frame.harmonics;
+    let e = h[0] + h[1] * n.y + h[2] * n.z + h[3] * n.x + h[4] * n.x * n.y + h[5] * n.y * n.z
+        + h[6] * (3.0 * n.z * n.z - 1.0) + h[7] * n.x * n.z + h[8] * (n.x * n.x - n.y * n.y);
+    return max(e.rgb, vec3f(0.0));
+}

@@ -1,0 +1,39 @@
+// The real picture as virtual objects reflect it: linear, with the virtual shadows on it,
+// halved again and again.
+
+@group(1) @binding(0) var camera: texture_2d<f32>;
+@group(1) @binding(1) var response: texture_2d<f32>;
+@group(1) @binding(2) var shadow: texture_2d<f32>;
+@group(2) @binding(0) var finer: texture_2d<f32>;
+
+fn linear_at(pixel: vec2i) -> vec3f {
+    let last = vec2i(frame.size.xy) - vec2i(1);
+    let at = min(pixel, last);
+    let code = vec3i(round(textureLoad(camera, at, 0).rgb * 255.0));
+    let linear = vec3f(
+        textureLoad(response, vec2i(code.r, 0), 0).r,
+        textureLoad(response, vec2i(code.g, 0), 0).r,
+        textureLoad(response, vec2i(code.b, 0), 0).r,
+    );
+    let s = textureLoad(shadow, at / i32(frame.counts.z), 0).rgb;
+    return select(linear * s, max(linear - s, vec3f(0.0)), frame.counts.y == 1u);
+}
+
+@fragment
+fn gather(@builtin(position) at: vec4f) -> @location(0) vec4f {
+    let corner = vec2i(at.xy) * 2;
+    let sum = linear_at(corner) + linear_at(corner + vec2i(1, 0))
+        + linear_at(corner + vec2i(0, 1)) + linear_at(corner + vec2i(1, 1));
+    return vec4f(sum * 0.25, 1.0);
+}
+
+@fragment
+fn halve(@builtin(position) at: vec4f) -> @location(0) vec4f {
+    let last = vec2i(textureDimensions(finer)) - vec2i(1);
+    let corner = vec2i(at.xy) * 2;
+    let a = textureLoad(finer, min(corner, last), 0);
+    let b = textureLoad(finer, min(corner + vec2i(1, 0), last), 0);
+    let c = textureLoad(finer, min(corner + vec2i(0, 1), last), 0);
+    let d = textureLoad(finer, min(corner + vec2i(1, 1), last), 0);
+    return (a + b + c + d) * 0.25;
+}

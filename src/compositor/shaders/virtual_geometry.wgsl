@@ -1,0 +1,86 @@
+// Surface properties of the virtual objects, several samples a pixel: what the shadow
+// buffer and the composite need. The part is the instance.
+
+struct VirtualPart {
+    world_from_part: mat4x4f,
+    normal_from_part: mat4x4f,
+    base_colour: vec4f,
+    // Metallic, roughness, specular, alpha cutoff.
+    surface: vec4f,
+    // RGB emissive; w = scale of the normal map, 0 for none.
+    emissive: vec4f,
+}
+
+@group(1) @binding(0) var<storage, read> parts: array<VirtualPart>;
+@group(2) @binding(0) var surface_sampler: sampler;
+@group(2) @binding(1) var base_colour_map: texture_2d<f32>;
+@group(2) @binding(2) var metallic_roughness_map: texture_2d<f32>;
+@group(2) @binding(3) var normal_map: texture_2d<f32>;
+@group(2) @binding(4) var occlusion_map: texture_2d<f32>;
+@group(2) @binding(5) var emissive_map: texture_2d<f32>;
+
+struct Varying {
+    @builtin(position) position: vec4f,
+    @location(0) normal: vec3f,
+    @location(1) uv: vec2f,
+    @location(2) tangent: vec4f,
+    @location(3) @interpolate(flat) part: u32,
+}
+
+struct Surface {
+    @location(0) base_colour: vec4f,
+    @location(1) properties: vec4f,
+    @location(2) normal: vec2f,
+    @location(3) emissive: vec4f,
+}
+
+@vertex
+fn virtual_vertex(
+    @location(0) position: vec3f,
+    @location(1) normal: vec3f,
+    @location(2) uv: vec2f,
+    @location(3) tangent: vec4f,
+    @builtin(instance_index) i: u32,
+) -> Varying {
+    let world = parts[i].world_from_part * vec4f(position, 1.0);
+    let n = (parts[i].normal_from_part * vec4f(normal, 0.0)).xyz;
+    let t = (parts[i].world_from_part * vec4f(tangent.xyz, 0.0)).xyz;
+    return Varying(frame.clip_from_world * world, n, uv, vec4f(t, tangent.w), i);
+}
+
+@vertex
+fn occluder_vertex(@location(0) world: vec3f) -> @builtin(position) vec4f {
+    return frame.clip_from_world * vec4f(world, 1.0);
+}
+
+fn bent(in: Varying, scale: f32) -> vec3f {
+    let n = normalize(in.normal);
+    if scale == 0.0 {
+        return n;
+    }
+    let t = normalize(in.tangent.xyz - n * dot(n, in.tangent.xyz));
+    let b = cross(n, t) * in.tangent.w;
+    let m = textureSample(normal_map, surface_sampler, in.uv).xyz * 2.0 - 1.0;
+    return normalize(t * m.x * scale + b * m.y * scale + n * m.z);
+}
+
+@fragment
+fn virtual_fragment(in: Varying, @builtin(front_facing) front: bool) -> Surface {
+    let part = parts[in.part];
+    let base = part.base_colour * textureSample(base_colour_map, surface_sampler, in.uv);
+    let mr = textureSample(metallic_roughness_map, surface_sampler, in.uv);
+    let occlusion = textureSample(occlusion_map, surface_sampler, in.uv).r;
+    let emissive = part.emissive.rgb * textureSample(emissive_map, surface_sampler, in.uv).rgb;
+    var n = bent(in, part.emissive.w);
+    if base.a < part.surface.w {
+        discard;
+    }
+    n = select(-n, n, front);
+    var out: Surface;
+    // Alpha marks the sample as covered.
+    out.base_colour = vec4f(base.rgb, 1.0);
+    out.properties = vec4f(part.surface.x * mr.b, part.surface.y * mr.g, part.surface.z, occlusion);
+    out.normal = octahedron_from_normal(n);
+    out.emissive = vec4f(emissive, 0.0);
+    return out;
+}

@@ -1,0 +1,296 @@
+//! Which shadow map belongs to which dome light, where it looks, and which maps are drawn
+//! again in this frame.
+//!
+//! A map shows the casters along a light's direction; its light's colour may change freely.
+//! So a map is only drawn again when its direction or a caster has moved, and a light keeps
+//! the direction its map was drawn with until then.
+
+use super::gpu_data::LightUniform;
+use crate::environment::{DomeLight, LightKind};
+use glam::Vec3;
+
+/// Extreme points of a set of casters, enough to fit a map around it from any side.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct CasterHull {
+    points: Vec<Vec3>,
+}
+
+/// Directions along which [`CasterHull`] keeps the outermost vertex.
+const HULL_DIRECTIONS: usize = 512;
+/// A hull of outermost vertices along finitely many directions is a little too small.
+const HULL_MARGIN: f32 = 0.01;
+
+impl CasterHull {
+    /// The outermost of `vertices` (world, metres) along directions spread over the sphere.
+    #[must_use]
+    pub fn around(vertices: &[[f32; 3]]) -> Self {
+        let mut keep: Vec<usize> = fibonacci_sphere(HULL_DIRECTIONS)
+            .filter_map(|d| {
+                let along = |i: &usize| Vec3::from(vertices[*i]).dot(d);
+                (0..vertices.len()).max_by(|a, b| along(a).total_cmp(&along(b)))
+            })
+            .collect();
+        keep.sort_unstable();
+        keep.dedup();
+        Self {
+            points: keep.into_iter().map(|i| Vec3::from(vertices[i])).collect(),
+        }
+    }
+
+    /// Least and greatest coordinate along `axis`; `None` without points.
+    fn extent(&self, axis: Vec3) -> Option<(f32, f32)> {
+        self.points
+            .iter()
+            .map(|p| p.dot(axis))
+            .fold(None, |range, x| match range {
+                None => Some((x, x)),
+                Some((lo, hi)) => Some((lo.min(x), hi.max(x))),
+            })
+    }
+}
+
+/// Points spread evenly over the unit sphere along a golden spiral.
+fn fibonacci_sphere(count: usize) -> impl Iterator<Item = Vec3> {
+    let golden = std::f32::consts::PI * (3.0 - 5.0_f32.sqrt());
+    (0..count).map(move |i| {
+        let z = 1.0 - (2.0 * i as f32 + 1.0) / count as f32;
+        let (sin, cos) = (golden * i as f32).sin_cos();
+        let r = (1.0 - z * z).sqrt();
+        Vec3::new(r * cos, r * sin, z)
+    })
+}
+
+/// An affine map from the world to a shadow map: rows for u, v, depth; the size of a
+/// texel and the length of the depth range, metres. All zero where nothing casts.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Fit {
+    rows: [[f32; 4]; 3],
+    texel: f32,
+    depth: f32,
+}
+
+fn fit(hull: &CasterHull, to_light: Vec3, map_size: u32) -> Fit {
+    let (right, up) = to_light.any_orthonormal_pair();
+    let (Some(u), Some(v), Some(d)) = (hull.extent(right), hull.extent(up), hull.extent(to_light))
+    else {
+        return Fit::default();
+    };
+    let widen = |(lo, hi): (f32, f32)| {
+        // Two texels of border, so that filtering at the edge finds emptiness.
+        let pad = (hi - lo).max(1e-4) * (HULL_MARGIN + 2.0 / map_size as f32);
+        (lo - pad, hi + pad)
+    };
+    let (u, v, d) = (widen(u), widen(v), widen(d));
+    let row =
+        |axis: Vec3, (lo, hi): (f32, f32)| (axis / (hi - lo)).extend(-lo / (hi - lo)).to_array();
+    let towards = row(to_light, d);
+    let away = [-towards[0], -towards[1], -towards[2], 1.0 - towards[3]];
+    Fit {
+        rows: [row(right, u), row(up, v), away],
+        texel: (u.1 - u.0).max(v.1 - v.0) / map_size as f32,
+        depth: d.1 - d.0,
+    }
+}
+
+/// One shadow map's state.
+#[derive(Clone, Copy, Debug)]
+struct Slot {
+    direction: Vec3,
+    fits: (Fit, Fit),
+    /// Generation of the casters in the map; 0 = never drawn.
+    casters: u64,
+}
+
+/// All shadow maps.
+#[derive(Debug, Default)]
+pub struct ShadowSlots {
+    slots: Vec<Slot>,
+    virtual_hull: CasterHull,
+    phantom_hull: CasterHull,
+    casters: u64,
+    next_forced: usize,
+}
+
+/// How many maps a frame draws again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Refresh {
+    /// At most so many, those first whose light changed most; maps that are still right
+    /// are left alone.
+    UpTo(usize),
+    /// Exactly so many in turn, right or not: what the paper did, and what the benchmark
+    /// measures.
+    InTurn(usize),
+}
+
+impl ShadowSlots {
+    /// New casters: every map is out of date.
+    pub fn set_casters(&mut self, virtual_hull: CasterHull, phantom_hull: CasterHull) {
+        self.virtual_hull = virtual_hull;
+        self.phantom_hull = phantom_hull;
+        self.casters += 1;
+    }
+
+    /// Chooses the maps to draw again for `lights` and points them; the chosen slots'
+    /// numbers go into `chosen` (cleared first). Maps never drawn are always chosen.
+    pub fn schedule(
+        &mut self,
+        lights: &[DomeLight],
+        map_size: u32,
+        refresh: Refresh,
+        chosen: &mut Vec<usize>,
+    ) {
+        self.slots.resize(
+            lights.len(),
+            Slot {
+                direction: Vec3::Z,
+                fits: (Fit::default(), Fit::default()),
+                casters: 0,
+            },
+        );
+        chosen.clear();
+        match refresh {
+            Refresh::UpTo(limit) => self.most_changed(lights, limit, chosen),
+            Refresh::InTurn(count) => self.in_turn(count, chosen),
+        }
+        for i in chosen.iter().copied() {
+            let direction = lights[i].direction;
+            let virtual_fit = fit(&self.virtual_hull, direction, map_size);
+            let phantom_fit = fit(&self.phantom_hull, direction, map_size);
+            self.slots[i] = Slot {
+                direction,
+                fits: (virtual_fit, phantom_fit),
+                casters: self.casters,
+            };
+        }
+    }
+
+    fn most_changed(&self, lights: &[DomeLight], limit: usize, chosen: &mut Vec<usize>) {
+        let urgency = |i: usize| {
+            let (slot, light) = (&self.slots[i], &lights[i]);
+            if slot.casters == 0 {
+                return f32::INFINITY;
+            }
+            let turned = slot.direction.distance(light.direction);
+            let moved = if slot.casters == self.casters {
+                0.0
+            } else {
+                1.0
+            };
+            (turned + moved) * light.irradiance.element_sum()
+        };
+        chosen.extend((0..lights.len()).filter(|i| urgency(*i) > 1e-6));
+        chosen.sort_by(|a, b| urgency(*b).total_cmp(&urgency(*a)).then(a.cmp(b)));
+        let first_time = chosen
+            .iter()
+            .take_while(|i| urgency(**i) == f32::INFINITY)
+            .count();
+        chosen.truncate(limit.max(first_time));
+    }
+
+    fn in_turn(&mut self, count: usize, chosen: &mut Vec<usize>) {
+        let n = self.slots.len();
+        chosen.extend((0..n).filter(|i| self.slots[*i].casters == 0));
+        for _ in 0..count.min(n) {
+            let i = self.next_forced % n;
+            self.next_forced += 1;
+            if !chosen.contains(&i) {
+                chosen.push(i);
+            }
+        }
+    }
+
+    /// What the shaders need of light `i`: the colour of now, the direction of its map.
+    #[must_use]
+    pub fn uniform(&self, i: usize, light: &DomeLight) -> LightUniform {
+        let slot = &self.slots[i];
+        let (virtual_fit, phantom_fit) = &slot.fits;
+        let compact = if light.kind == LightKind::Compact {
+            1.0
+        } else {
+            0.0
+        };
+        LightUniform {
+            virtual_map: virtual_fit.rows,
+            phantom_map: phantom_fit.rows,
+            direction: slot.direction.extend(light.angular_radius).to_array(),
+            irradiance: light.irradiance.extend(compact).to_array(),
+            scale: [
+                virtual_fit.texel,
+                phantom_fit.texel,
+                virtual_fit.depth,
+                phantom_fit.depth,
+            ],
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+
+    fn cube() -> Vec<[f32; 3]> {
+        (0..8)
+            .map(|i| [(i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32])
+            .collect()
+    }
+
+    fn light(direction: Vec3) -> DomeLight {
+        DomeLight {
+            direction,
+            irradiance: Vec3::ONE,
+            angular_radius: 0.1,
+            kind: LightKind::Cell,
+        }
+    }
+
+    #[test]
+    fn a_map_holds_every_caster_and_depth_grows_away_from_the_light() {
+        let hull = CasterHull::around(&cube());
+        for d in fibonacci_sphere(50) {
+            let fit = fit(&hull, d, 256);
+            let apply = |row: [f32; 4], p: Vec3| Vec3::new(row[0], row[1], row[2]).dot(p) + row[3];
+            for p in cube().into_iter().map(Vec3::from) {
+                for row in fit.rows {
+                    assert!((0.0..=1.0).contains(&apply(row, p)));
+                }
+                assert!(apply(fit.rows[2], p) < apply(fit.rows[2], p - d * 0.1));
+            }
+        }
+    }
+
+    #[test]
+    fn only_moved_lights_are_drawn_again_most_changed_first() {
+        let mut slots = ShadowSlots::default();
+        slots.set_casters(CasterHull::around(&cube()), CasterHull::default());
+        let mut lights = vec![light(Vec3::Z), light(Vec3::X), light(Vec3::Y)];
+        let mut chosen = Vec::new();
+        slots.schedule(&lights, 64, Refresh::UpTo(1), &mut chosen);
+        assert_eq!(chosen.len(), 3, "maps never drawn are all drawn");
+        slots.schedule(&lights, 64, Refresh::UpTo(1), &mut chosen);
+        assert!(chosen.is_empty(), "nothing moved");
+        lights[1].direction = Vec3::new(1.0, 0.1, 0.0).normalize();
+        lights[2].direction = Vec3::new(1.0, 1.0, 0.0).normalize();
+        slots.schedule(&lights, 64, Refresh::UpTo(1), &mut chosen);
+        assert_eq!(chosen, [2]);
+        assert_eq!(slots.uniform(1, &lights[1]).direction[..3], [1.0, 0.0, 0.0]);
+        slots.schedule(&lights, 64, Refresh::UpTo(1), &mut chosen);
+        assert_eq!(chosen, [1]);
+    }
+
+    #[test]
+    fn in_turn_goes_round() {
+        let mut slots = ShadowSlots::default();
+        let lights = vec![light(Vec3::Z); 4];
+        let mut chosen = Vec::new();
+        slots.set_casters(CasterHull::default(), CasterHull::default());
+        slots.schedule(&lights, 64, Refresh::InTurn(1), &mut chosen);
+        let mut seen = Vec::new();
+        for _ in 0..4 {
+            slots.schedule(&lights, 64, Refresh::InTurn(1), &mut chosen);
+            seen.extend(chosen.iter().copied());
+        }
+        seen.sort_unstable();
+        assert_eq!(seen, [0, 1, 2, 3]);
+    }
+}

@@ -1,0 +1,127 @@
+//! The textures a picture passes through; made once per picture size.
+
+use wgpu::{TextureFormat as F, TextureUsages as U};
+
+/// Formats that passes and targets must agree on.
+pub mod format {
+    use wgpu::TextureFormat as F;
+    pub const DEPTH: F = F::Depth32Float;
+    pub const CAMERA: F = F::Rgba8Unorm;
+    pub const OUTPUT: F = F::Rgba8Unorm;
+    pub const RESPONSE: F = F::R32Float;
+    pub const PHANTOM_NORMAL: F = F::Rgba16Float;
+    pub const VIRTUAL: [F; 4] = [
+        F::Rgba8UnormSrgb,
+        F::Rgba8Unorm,
+        F::Rg16Float,
+        F::Rgba16Float,
+    ];
+    pub const LIGHT: F = F::Rgba16Float;
+}
+
+/// A texture and the view of all of it.
+pub struct Target {
+    pub texture: wgpu::Texture,
+    pub view: wgpu::TextureView,
+}
+
+/// All of them.
+pub struct Targets {
+    pub width: u32,
+    pub height: u32,
+    /// Picture pixels per shadow-buffer texel, each way.
+    pub step: u32,
+    pub camera: Target,
+    pub response: Target,
+    pub phantom_normal: Target,
+    pub phantom_depth: Target,
+    pub virtual_surface: [Target; 4],
+    pub virtual_depth: Target,
+    /// Factor (or subtrahend) of the real picture.
+    pub shadow: Target,
+    /// Irradiance left on virtual surfaces.
+    pub light: Target,
+    /// Linear shadowed picture, level 0 at half size.
+    pub surroundings: Target,
+    pub surroundings_levels: Vec<wgpu::TextureView>,
+    pub output: Target,
+}
+
+struct Maker<'a>(&'a wgpu::Device);
+
+impl Maker<'_> {
+    fn make(&self, label: &str, size: (u32, u32), format: F, usage: U, samples: u32) -> Target {
+        self.levels(label, size, format, usage, samples, 1)
+    }
+
+    fn levels(
+        &self,
+        label: &str,
+        (width, height): (u32, u32),
+        format: F,
+        usage: U,
+        sample_count: u32,
+        mip_level_count: u32,
+    ) -> Target {
+        let texture = self.0.create_texture(&wgpu::TextureDescriptor {
+            label: Some(label),
+            size: wgpu::Extent3d {
+                width,
+                height,
+                depth_or_array_layers: 1,
+            },
+            mip_level_count,
+            sample_count,
+            dimension: wgpu::TextureDimension::D2,
+            format,
+            usage,
+            view_formats: &[],
+        });
+        let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
+        Target { texture, view }
+    }
+}
+
+impl Targets {
+    /// Textures for pictures of `width` × `height` with `samples` samples a pixel.
+    pub fn new(device: &wgpu::Device, width: u32, height: u32, samples: u32, step: u32) -> Self {
+        let m = Maker(device);
+        let (full, coarse) = (
+            (width, height),
+            (width.div_ceil(step), height.div_ceil(step)),
+        );
+        let drawn = U::RENDER_ATTACHMENT | U::TEXTURE_BINDING;
+        let uploaded = U::COPY_DST | U::TEXTURE_BINDING;
+        let half = (width.div_ceil(2), height.div_ceil(2));
+        let levels = (half.0.max(half.1)).ilog2().clamp(1, 7);
+        let surroundings = m.levels("surroundings", half, format::LIGHT, drawn, 1, levels);
+        let surroundings_levels = (0..levels)
+            .map(|level| {
+                surroundings
+                    .texture
+                    .create_view(&wgpu::TextureViewDescriptor {
+                        base_mip_level: level,
+                        mip_level_count: Some(1),
+                        ..Default::default()
+                    })
+            })
+            .collect();
+        Self {
+            width,
+            height,
+            step,
+            camera: m.make("camera", full, format::CAMERA, uploaded, 1),
+            response: m.make("response", (256, 1), format::RESPONSE, uploaded, 1),
+            phantom_normal: m.make("phantom normal", full, format::PHANTOM_NORMAL, drawn, 1),
+            phantom_depth: m.make("phantom depth", full, format::DEPTH, drawn, 1),
+            virtual_surface: format::VIRTUAL
+                .map(|f| m.make("virtual surface", full, f, drawn, samples)),
+            virtual_depth: m.make("virtual depth", full, format::DEPTH, drawn, samples),
+            shadow: m.make("shadow", coarse, format::LIGHT, drawn, 1),
+            light: m.make("light", coarse, format::LIGHT, drawn, 1),
+            surroundings,
+            surroundings_levels,
+            output: m.make("output", full, format::OUTPUT, drawn | U::COPY_SRC, 1),
+        }
+    }
+}
