@@ -2,9 +2,12 @@
 //! and plain data; no I/O, no GPU.
 
 pub mod camera;
+mod json_node;
 pub mod response;
 pub mod rig;
+pub mod rig_json;
 
 pub use camera::PinholeCamera;
 pub use response::Response;
 pub use rig::RigCalibration;
+pub use rig_json::{EnvironmentSource, RigDocument, RigJsonError};

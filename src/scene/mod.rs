@@ -1,5 +1,19 @@
 //! What is virtual, and the proxies of what is real. Plain data; no wgpu.
 
+pub mod assemble;
+mod check;
+pub mod error;
+mod gltf_bytes;
+pub mod gltf_file;
+mod gltf_material;
 pub mod mesh;
+mod normals;
+pub mod ply;
+pub mod primitives;
 
+pub use assemble::{Attachments, rig_of_session};
+pub use error::SceneError;
+pub use gltf_bytes::Resolver;
+pub use gltf_file::{Model, load_gltf, load_gltf_bytes};
 pub use mesh::{Material, Mesh, Part, Scene, SceneTexture, Vertex};
+pub use ply::load_ply;

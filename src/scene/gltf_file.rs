@@ -1,0 +1,365 @@
+//! glTF 2.0: meshes, node transforms and metallic-roughness materials, from `.glb` and
+//! `.gltf`, in memory or on disk. Converted here, once, from glTF's +Y up to Penumbra's
+//! +Z up.
+//!
+//! Skins, morph targets, cameras, lights and animations are passed over: the mesh is
+//! drawn in its rest shape.
+
+use super::check::{LARGEST_FILE, MOST_TRIANGLES, check_mesh};
+use super::gltf_bytes::{Fault, Resolver, Source};
+use super::gltf_material::{Look, Materials};
+use super::normals::{recompute_normals, recompute_tangents, tidy_directions};
+use super::{Material, Mesh, Part, SceneError, Vertex};
+use crate::calibration::rig_json::z_up_from_y_up;
+use glam::{DMat3, DMat4, Mat4, Vec2, Vec3, Vec4};
+use gltf::accessor::Dimensions;
+use gltf::mesh::Mode;
+use std::collections::HashMap;
+use std::path::Path;
+use std::sync::Arc;
+
+/// Nodes below nodes.
+const DEEPEST: usize = 256;
+/// Parts of one file.
+const MOST_PARTS: usize = 10_000;
+
+/// What a model file holds, in its own frame (+Z up).
+#[derive(Clone, Debug, Default)]
+pub struct Model {
+    /// One for every primitive of every node.
+    pub parts: Vec<ModelPart>,
+}
+
+/// One mesh with one material, placed within its model.
+#[derive(Clone, Debug)]
+pub struct ModelPart {
+    /// The node's name, else the mesh's.
+    pub name: String,
+    /// Geometry, shared between nodes.
+    pub mesh: Arc<Mesh>,
+    /// Surface.
+    pub material: Arc<Material>,
+    /// The node's transform, parents included.
+    pub model_from_part: DMat4,
+}
+
+impl Model {
+    /// The parts, placed in the world.
+    #[must_use]
+    pub fn placed(&self, world_from_model: DMat4) -> Vec<Part> {
+        self.parts
+            .iter()
+            .map(|p| Part {
+                name: p.name.clone(),
+                mesh: p.mesh.clone(),
+                material: p.material.clone(),
+                world_from_part: world_from_model * p.model_from_part,
+                mirror: false,
+                albedo: None,
+            })
+            .collect()
+    }
+}
+
+/// Reads a glTF file. Files it names must lie in its own folder or below.
+pub fn load_gltf(path: &Path) -> Result<Model, SceneError> {
+    let file = path.display().to_string();
+    let folder = path.parent().unwrap_or(Path::new("")).to_owned();
+    let bytes = read_file(path)?;
+    load_gltf_bytes(&bytes, &file, &|uri| beside(&folder, uri))
+}
+
+/// The bytes of a file of reasonable size.
+pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, SceneError> {
+    let refuse = |reason: String| SceneError::Unreadable {
+        file: path.display().to_string(),
+        reason,
+    };
+    let found = std::fs::metadata(path).map_err(|e| refuse(e.to_string()))?;
+    if !found.is_file() {
+        return Err(refuse("it is not a file".into()));
+    }
+    if found.len() > LARGEST_FILE as u64 {
+        return Err(refuse(format!("it is larger than {LARGEST_FILE} bytes")));
+    }
+    std::fs::read(path).map_err(|e| refuse(e.to_string()))
+}
+
+/// A file within `folder`, links followed and checked.
+fn beside(folder: &Path, uri: &str) -> Result<Vec<u8>, Fault> {
+    let folder = if folder.as_os_str().is_empty() {
+        Path::new(".")
+    } else {
+        folder
+    };
+    let place = |p: &Path| p.canonicalize().map_err(|e| e.to_string());
+    let (home, path) = (place(folder)?, place(&folder.join(uri))?);
+    if !path.starts_with(&home) {
+        return Err("it lies outside the model's folder; put the file itself there".into());
+    }
+    read_file(&path).map_err(|e| e.to_string())
+}
+
+/// Reads a glTF from memory. `file` is its name, for messages; `resolve` finds files it
+/// names by a path relative to itself.
+pub fn load_gltf_bytes(bytes: &[u8], file: &str, resolve: &Resolver) -> Result<Model, SceneError> {
+    read(bytes, file, resolve)
+        .map_err(|reason| SceneError::broken(file, format!("not a usable glTF: {reason}")))
+}
+
+fn read(bytes: &[u8], file: &str, resolve: &Resolver) -> Result<Model, Fault> {
+    let source = Source::open(bytes, resolve)?;
+    let mut reader = Reader {
+        source: &source,
+        materials: Materials::new(&source, resolve, file),
+        meshes: HashMap::new(),
+        model: Model::default(),
+        triangles: 0,
+    };
+    for (node, matrix) in placed_nodes(&source.document)? {
+        if let Some(mesh) = node.mesh() {
+            if node.skin().is_some() || mesh.weights().is_some() {
+                tracing::warn!(file, node = ?node.name(), "skin or morph weights are passed over: drawn in its rest shape");
+            }
+            reader.add(&node, &mesh, matrix)?;
+        }
+    }
+    if reader.model.parts.is_empty() {
+        return Err("it shows no triangles; export it with a mesh in its scene".into());
+    }
+    Ok(reader.model)
+}
+
+/// Every node that the default scene reaches, with its transform in glTF's frame.
+/// Without scenes, every node that is nobody's child.
+fn placed_nodes(document: &gltf::Document) -> Result<Vec<(gltf::Node<'_>, DMat4)>, Fault> {
+    let scene = document
+        .default_scene()
+        .or_else(|| document.scenes().next());
+    let roots: Vec<gltf::Node> = match scene {
+        Some(scene) => scene.nodes().collect(),
+        None => {
+            let children: std::collections::HashSet<usize> = document
+                .nodes()
+                .flat_map(|n| n.children().map(|c| c.index()).collect::<Vec<_>>())
+                .collect();
+            document
+                .nodes()
+                .filter(|n| !children.contains(&n.index()))
+                .collect()
+        }
+    };
+    let mut seen = vec![false; document.nodes().len()];
+    let mut waiting: Vec<_> = roots
+        .into_iter()
+        .rev()
+        .map(|n| (n, DMat4::IDENTITY, 0))
+        .collect();
+    let mut out = Vec::new();
+    while let Some((node, parent, depth)) = waiting.pop() {
+        let first = seen
+            .get_mut(node.index())
+            .is_some_and(|s| !std::mem::replace(s, true));
+        if !first || depth > DEEPEST {
+            return Err("its nodes form no tree; export it again".into());
+        }
+        let local = Mat4::from_cols_array_2d(&node.transform().matrix()).as_dmat4();
+        let matrix = parent * local;
+        if !matrix.is_finite() {
+            return Err(format!(
+                "node {} is not placed in finite space; export it again",
+                node.index()
+            ));
+        }
+        let children: Vec<_> = node.children().map(|c| (c, matrix, depth + 1)).collect();
+        waiting.extend(children.into_iter().rev());
+        out.push((node, matrix));
+    }
+    Ok(out)
+}
+
+struct Reader<'s, 'b> {
+    source: &'s Source<'b>,
+    materials: Materials<'s, 'b>,
+    /// By mesh, primitive and whether its node mirrors; `None` for points and lines.
+    meshes: HashMap<(usize, usize, bool), Option<(Arc<Mesh>, Arc<Material>)>>,
+    model: Model,
+    triangles: usize,
+}
+
+impl Reader<'_, '_> {
+    fn add(&mut self, node: &gltf::Node, mesh: &gltf::Mesh, matrix: DMat4) -> Result<(), Fault> {
+        let determinant = DMat3::from_mat4(matrix).determinant();
+        if determinant == 0.0 {
+            // Blender hides objects by scaling them to nothing.
+            return Ok(());
+        }
+        let name = node.name().or(mesh.name()).unwrap_or("object");
+        for primitive in mesh.primitives() {
+            let key = (mesh.index(), primitive.index(), determinant < 0.0);
+            let known = match self.meshes.get(&key) {
+                Some(known) => known.clone(),
+                None => {
+                    let new = self
+                        .primitive(&primitive, key.2)
+                        .map_err(|e| format!("`{name}` {e}"))?;
+                    self.meshes.insert(key, new.clone());
+                    new
+                }
+            };
+            let Some((mesh, material)) = known else {
+                continue;
+            };
+            self.triangles += mesh.indices.len() / 3;
+            if self.triangles > MOST_TRIANGLES || self.model.parts.len() >= MOST_PARTS {
+                return Err(format!(
+                    "more than {MOST_TRIANGLES} triangles or {MOST_PARTS} parts; simplify it"
+                ));
+            }
+            let turn = z_up_from_y_up();
+            self.model.parts.push(ModelPart {
+                name: name.to_owned(),
+                mesh,
+                material,
+                model_from_part: turn * matrix * turn.transpose(),
+            });
+        }
+        Ok(())
+    }
+
+    fn primitive(
+        &mut self,
+        primitive: &gltf::Primitive,
+        mirrored: bool,
+    ) -> Result<Option<(Arc<Mesh>, Arc<Material>)>, Fault> {
+        if matches!(
+            primitive.mode(),
+            Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip
+        ) {
+            return Ok(None);
+        }
+        let look = self.materials.look(&primitive.material())?;
+        let mut mesh = self.geometry(primitive, &look)?;
+        if mirrored {
+            // A mirroring node turns triangles inside out (section 3.7.4).
+            for t in mesh.indices.chunks_exact_mut(3) {
+                t.swap(1, 2);
+            }
+        }
+        Ok(Some((Arc::new(mesh), look.material)))
+    }
+
+    fn geometry(&self, primitive: &gltf::Primitive, look: &Look) -> Result<Mesh, Fault> {
+        let positions = primitive
+            .get(&gltf::Semantic::Positions)
+            .ok_or("has no positions; export it again")?;
+        let positions = self.source.floats::<3>(&positions, Dimensions::Vec3)?;
+        let count = positions.len();
+        let normals =
+            self.attribute::<3>(primitive, &gltf::Semantic::Normals, Dimensions::Vec3, count)?;
+        let tangents = self.attribute::<4>(
+            primitive,
+            &gltf::Semantic::Tangents,
+            Dimensions::Vec4,
+            count,
+        )?;
+        let uvs = self.attribute::<2>(
+            primitive,
+            &gltf::Semantic::TexCoords(look.uv.set),
+            Dimensions::Vec2,
+            count,
+        )?;
+        let indices = match primitive.indices() {
+            Some(accessor) => self.source.indices(&accessor)?,
+            None => (0..count as u32).collect(),
+        };
+        let mut mesh = Mesh {
+            vertices: Vec::with_capacity(count),
+            indices: as_triangles(primitive.mode(), indices),
+        };
+        for (i, p) in positions.into_iter().enumerate() {
+            let at = |list: &Option<Vec<[f32; 3]>>| list.as_ref().and_then(|l| l.get(i).copied());
+            let uv = uvs
+                .as_ref()
+                .and_then(|l| l.get(i))
+                .map_or(Vec2::ZERO, |uv| Vec2::from(*uv));
+            let tangent = tangents.as_ref().and_then(|l| l.get(i).copied());
+            mesh.vertices.push(Vertex {
+                position: z_up(p),
+                normal: at(&normals).map_or(Vec3::ZERO, z_up),
+                uv: look.uv.apply(uv),
+                tangent: tangent.map_or(Vec4::ZERO, |[x, y, z, w]| z_up([x, y, z]).extend(w)),
+            });
+        }
+        check_mesh(&mesh)?;
+        complete(&mut mesh, normals.is_some(), tangents.is_some(), look);
+        Ok(mesh)
+    }
+
+    /// An attribute if the primitive has it; it must be as long as the positions.
+    fn attribute<const N: usize>(
+        &self,
+        primitive: &gltf::Primitive,
+        semantic: &gltf::Semantic,
+        shape: Dimensions,
+        count: usize,
+    ) -> Result<Option<Vec<[f32; N]>>, Fault>
+    where
+        [f32; N]: Default,
+    {
+        let Some(accessor) = primitive.get(semantic) else {
+            return Ok(None);
+        };
+        let values = self.source.floats::<N>(&accessor, shape)?;
+        if values.len() != count {
+            return Err(format!(
+                "has {} of {semantic:?} for {count} positions; export it again",
+                values.len()
+            ));
+        }
+        Ok(Some(values))
+    }
+}
+
+/// Fills in what the file leaves out: flat normals (section 3.7.2.1), tangents where a
+/// normal map needs them.
+fn complete(mesh: &mut Mesh, has_normals: bool, has_tangents: bool, look: &Look) {
+    if !has_normals {
+        recompute_normals(mesh, 0.0);
+    }
+    tidy_directions(mesh);
+    let mapped = look.material.normal_texture.is_some();
+    if mapped && !(has_tangents && has_normals) {
+        recompute_tangents(mesh);
+    }
+}
+
+fn z_up([x, y, z]: [f32; 3]) -> Vec3 {
+    Vec3::new(x, -z, y)
+}
+
+/// Strips and fans cut into separate triangles (section 3.7.2.1).
+fn as_triangles(mode: Mode, indices: Vec<u32>) -> Vec<u32> {
+    match mode {
+        Mode::TriangleStrip => indices
+            .windows(3)
+            .enumerate()
+            .flat_map(|(i, w)| {
+                if i % 2 == 0 {
+                    [w[0], w[1], w[2]]
+                } else {
+                    [w[0], w[2], w[1]]
+                }
+            })
+            .collect(),
+        Mode::TriangleFan => match indices.split_first() {
+            Some((hub, rim)) => rim.windows(2).flat_map(|w| [w[0], w[1], *hub]).collect(),
+            None => indices,
+        },
+        _ => {
+            let mut indices = indices;
+            indices.truncate(indices.len() / 3 * 3);
+            indices
+        }
+    }
+}

@@ -1,0 +1,142 @@
+//! Normals and tangents for meshes that come without.
+
+use super::{Mesh, Vertex};
+use glam::{Vec2, Vec3, Vec4};
+use std::collections::HashMap;
+
+/// Corners that meet in more triangles than this keep their faces' own normals, so that
+/// a hostile mesh cannot make the smoothing quadratic.
+const MOST_NEIGHBOURS: usize = 64;
+
+/// Replaces all normals. Corners share a normal (the mean over the faces that meet there,
+/// weighted by angle: Thürmer & Wüthrich 1998) where the faces bend by less than
+/// `crease` radians; zero gives flat faces. Indices must be valid.
+pub(crate) fn recompute_normals(mesh: &mut Mesh, crease: f32) {
+    let faces: Vec<Vec3> = super::check::triangles(mesh).map(face_normal).collect();
+    let meeting = faces_by_position(mesh);
+    let mut out = Mesh::default();
+    let mut known: HashMap<(u32, [u32; 3]), u32> = HashMap::new();
+    for (corner, &index) in mesh.indices.iter().enumerate() {
+        let Some((vertex, face)) = mesh
+            .vertices
+            .get(index as usize)
+            .zip(faces.get(corner / 3).copied())
+        else {
+            continue;
+        };
+        let around = meeting
+            .get(&bits(vertex.position))
+            .map_or(&[][..], Vec::as_slice);
+        let normal = smooth_normal(face, around, &faces, crease);
+        let key = (index, bits(normal));
+        let next = out.vertices.len() as u32;
+        let at = *known.entry(key).or_insert(next);
+        if at == next {
+            out.vertices.push(Vertex { normal, ..*vertex });
+        }
+        out.indices.push(at);
+    }
+    *mesh = out;
+}
+
+fn face_normal([a, b, c]: [Vec3; 3]) -> Vec3 {
+    (b - a).cross(c - a).normalize_or(Vec3::Z)
+}
+
+fn bits(v: Vec3) -> [u32; 3] {
+    // Adding zero turns −0 into +0, so that both find the same neighbours.
+    [v.x, v.y, v.z].map(|x| (x + 0.0).to_bits())
+}
+
+/// For each position: the faces that meet there and the angle each takes.
+fn faces_by_position(mesh: &Mesh) -> HashMap<[u32; 3], Vec<(usize, f32)>> {
+    let mut map: HashMap<[u32; 3], Vec<(usize, f32)>> = HashMap::new();
+    for (face, corners) in super::check::triangles(mesh).enumerate() {
+        let [a, b, c] = corners;
+        for (at, left, right) in [(a, b, c), (b, c, a), (c, a, b)] {
+            let (u, v) = (
+                (left - at).normalize_or_zero(),
+                (right - at).normalize_or_zero(),
+            );
+            let angle = u.dot(v).clamp(-1.0, 1.0).acos();
+            map.entry(bits(at)).or_default().push((face, angle));
+        }
+    }
+    map
+}
+
+fn smooth_normal(face: Vec3, around: &[(usize, f32)], faces: &[Vec3], crease: f32) -> Vec3 {
+    if crease <= 0.0 || around.len() > MOST_NEIGHBOURS {
+        return face;
+    }
+    let least = crease.cos();
+    let sum: Vec3 = around
+        .iter()
+        .filter_map(|(i, angle)| faces.get(*i).map(|n| (*n, *angle)))
+        .filter(|(n, _)| n.dot(face) >= least)
+        .map(|(n, angle)| n * angle)
+        .sum();
+    sum.normalize_or(face)
+}
+
+/// Fills in every tangent from the texture coordinates (Lengyel 2001): the direction of
+/// growing u, made orthogonal to the normal; w is the bitangent's sign.
+pub(crate) fn recompute_tangents(mesh: &mut Mesh) {
+    let mut along = vec![(Vec3::ZERO, Vec3::ZERO); mesh.vertices.len()];
+    for t in mesh.indices.chunks_exact(3) {
+        let Some((u, v)) = uv_directions(mesh, t) else {
+            continue;
+        };
+        for i in t {
+            if let Some(sum) = along.get_mut(*i as usize) {
+                *sum = (sum.0 + u, sum.1 + v);
+            }
+        }
+    }
+    for (vertex, (u, v)) in mesh.vertices.iter_mut().zip(along) {
+        let n = vertex.normal;
+        let tangent = (u - n * n.dot(u)).normalize_or(n.any_orthonormal_vector());
+        // glTF's bitangent, cross(n, t) · w, points up in the picture: where v shrinks.
+        let sign = if n.cross(tangent).dot(v) > 0.0 {
+            -1.0
+        } else {
+            1.0
+        };
+        vertex.tangent = tangent.extend(sign);
+    }
+}
+
+/// Directions of growing u and of growing v on one triangle, weighted by its area.
+fn uv_directions(mesh: &Mesh, t: &[u32]) -> Option<(Vec3, Vec3)> {
+    let corner = |i: usize| mesh.vertices.get(*t.get(i)? as usize);
+    let (a, b, c) = (corner(0)?, corner(1)?, corner(2)?);
+    let (e1, e2) = (b.position - a.position, c.position - a.position);
+    let (d1, d2): (Vec2, Vec2) = (b.uv - a.uv, c.uv - a.uv);
+    let area = d1.perp_dot(d2);
+    if area.abs() <= f32::MIN_POSITIVE || !area.is_finite() {
+        return None;
+    }
+    let weight = e1.cross(e2).length();
+    let u = (e1 * d2.y - e2 * d1.y) * area.signum();
+    let v = (e2 * d1.x - e1 * d2.x) * area.signum();
+    Some((
+        u.normalize_or_zero() * weight,
+        v.normalize_or_zero() * weight,
+    ))
+}
+
+/// Gives every normal length 1 and every tangent 1 or 0, and drops non-finite uvs.
+pub(crate) fn tidy_directions(mesh: &mut Mesh) {
+    for v in &mut mesh.vertices {
+        v.normal = v.normal.normalize_or(Vec3::Z);
+        let t = v.tangent.truncate().normalize_or_zero();
+        v.tangent = if v.tangent.is_finite() && t != Vec3::ZERO {
+            t.extend(if v.tangent.w < 0.0 { -1.0 } else { 1.0 })
+        } else {
+            Vec4::ZERO
+        };
+        if !v.uv.is_finite() {
+            v.uv = Vec2::ZERO;
+        }
+    }
+}

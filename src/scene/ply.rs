@@ -1,0 +1,335 @@
+//! PLY (Turk 1994): the polygon files that phantoms come in.
+//!
+//! Read are the elements `vertex` (x y z, and nx ny nz where present) and `face`
+//! (`vertex_indices` or `vertex_index`, polygons cut into fans), in ASCII and in both
+//! binary byte orders; all else is stepped over. Coordinates are taken as they are:
+//! metres, +Z up.
+
+use super::check::{LARGEST_FILE, MOST_TRIANGLES, MOST_VERTICES, check_mesh};
+use super::normals::{recompute_normals, tidy_directions};
+use super::{Mesh, SceneError, Vertex};
+use glam::{Vec2, Vec3, Vec4};
+
+/// Edges that bend more stay sharp when a file brings no normals, radians (40°).
+const CREASE: f32 = 0.698;
+
+type Fault = String;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Encoding {
+    Ascii,
+    LittleEndian,
+    BigEndian,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    F32,
+    F64,
+}
+
+#[derive(Debug)]
+enum Property {
+    Scalar(String, Kind),
+    List(String, Kind, Kind),
+}
+
+#[derive(Debug)]
+struct Element {
+    name: String,
+    count: usize,
+    properties: Vec<Property>,
+}
+
+/// Reads a PLY file's bytes. `file` is its name, for the error's text.
+pub fn load_ply(bytes: &[u8], file: &str) -> Result<Mesh, SceneError> {
+    read(bytes).map_err(|reason| SceneError::broken(file, format!("not a usable PLY: {reason}")))
+}
+
+fn read(bytes: &[u8]) -> Result<Mesh, Fault> {
+    if bytes.len() > LARGEST_FILE {
+        return Err(format!("larger than {LARGEST_FILE} bytes; simplify it"));
+    }
+    let (encoding, elements, body) = header(bytes)?;
+    let mut values = Values {
+        encoding,
+        rest: body,
+    };
+    let mut mesh = Mesh::default();
+    let mut has_normals = false;
+    for element in &elements {
+        match element.name.as_str() {
+            "vertex" => has_normals = read_vertices(element, &mut values, &mut mesh)?,
+            "face" => read_faces(element, &mut values, &mut mesh)?,
+            _ => skip(element, &mut values)?,
+        }
+    }
+    check_mesh(&mesh)?;
+    if !has_normals {
+        recompute_normals(&mut mesh, CREASE);
+    }
+    tidy_directions(&mut mesh);
+    Ok(mesh)
+}
+
+/// The header's lines, then where the body begins.
+fn header(bytes: &[u8]) -> Result<(Encoding, Vec<Element>, &[u8]), Fault> {
+    let mut rest = bytes;
+    if line(&mut rest)? != "ply" {
+        return Err("it does not begin with the line `ply`".into());
+    }
+    let mut encoding = None;
+    let mut elements: Vec<Element> = Vec::new();
+    loop {
+        let text = line(&mut rest)?;
+        let words: Vec<&str> = text.split_ascii_whitespace().collect();
+        match words.as_slice() {
+            ["format", name, _] => encoding = Some(encoding_named(name)?),
+            ["comment" | "obj_info", ..] | [] => {}
+            ["element", name, count] => elements.push(Element {
+                name: (*name).to_owned(),
+                count: count
+                    .parse()
+                    .map_err(|_| format!("bad count in `{text}`"))?,
+                properties: Vec::new(),
+            }),
+            ["property", words @ ..] => elements
+                .last_mut()
+                .ok_or("a property before any element")?
+                .properties
+                .push(property(words).ok_or_else(|| format!("bad property `{text}`"))?),
+            ["end_header"] => break,
+            _ => return Err(format!("unknown header line `{text}`")),
+        }
+        if elements.len() > 64 {
+            return Err("more than 64 elements".into());
+        }
+    }
+    Ok((encoding.ok_or("no `format` line")?, elements, rest))
+}
+
+/// The next header line, at most 1000 bytes.
+fn line<'a>(rest: &mut &'a [u8]) -> Result<&'a str, Fault> {
+    let end = rest
+        .iter()
+        .take(1000)
+        .position(|b| *b == b'\n')
+        .ok_or("its header does not end")?;
+    let (head, tail) = rest.split_at(end);
+    *rest = tail.get(1..).unwrap_or_default();
+    std::str::from_utf8(head)
+        .map(str::trim_end)
+        .map_err(|_| "its header is not text".into())
+}
+
+fn encoding_named(name: &str) -> Result<Encoding, Fault> {
+    match name {
+        "ascii" => Ok(Encoding::Ascii),
+        "binary_little_endian" => Ok(Encoding::LittleEndian),
+        "binary_big_endian" => Ok(Encoding::BigEndian),
+        _ => Err(format!("unknown format `{name}`")),
+    }
+}
+
+fn property(words: &[&str]) -> Option<Property> {
+    match words {
+        ["list", count, item, name] => Some(Property::List(
+            (*name).to_owned(),
+            kind(count)?,
+            kind(item)?,
+        )),
+        [item, name] => Some(Property::Scalar((*name).to_owned(), kind(item)?)),
+        _ => None,
+    }
+}
+
+fn kind(name: &str) -> Option<Kind> {
+    Some(match name {
+        "char" | "int8" => Kind::I8,
+        "uchar" | "uint8" => Kind::U8,
+        "short" | "int16" => Kind::I16,
+        "ushort" | "uint16" => Kind::U16,
+        "int" | "int32" => Kind::I32,
+        "uint" | "uint32" => Kind::U32,
+        "float" | "float32" => Kind::F32,
+        "double" | "float64" => Kind::F64,
+        _ => return None,
+    })
+}
+
+/// The body, read value by value.
+struct Values<'a> {
+    encoding: Encoding,
+    rest: &'a [u8],
+}
+
+impl Values<'_> {
+    fn next(&mut self, kind: Kind) -> Result<f64, Fault> {
+        match self.encoding {
+            Encoding::Ascii => self.word(),
+            Encoding::LittleEndian => self.binary(kind, true),
+            Encoding::BigEndian => self.binary(kind, false),
+        }
+    }
+
+    fn word(&mut self) -> Result<f64, Fault> {
+        let text = self.rest.trim_ascii_start();
+        let end = text
+            .iter()
+            .position(u8::is_ascii_whitespace)
+            .unwrap_or(text.len());
+        let (word, rest) = text.split_at(end);
+        self.rest = rest;
+        std::str::from_utf8(word)
+            .ok()
+            .and_then(|w| w.parse().ok())
+            .ok_or_else(|| "it ends too early or holds what is no number".into())
+    }
+
+    fn bytes<const N: usize>(&mut self, little: bool) -> Result<[u8; N], Fault> {
+        let (head, rest) = self
+            .rest
+            .split_first_chunk::<N>()
+            .ok_or("it ends too early; copy it again")?;
+        self.rest = rest;
+        let mut out = *head;
+        if !little {
+            out.reverse();
+        }
+        Ok(out)
+    }
+
+    fn binary(&mut self, kind: Kind, little: bool) -> Result<f64, Fault> {
+        Ok(match kind {
+            Kind::I8 => i8::from_le_bytes(self.bytes(little)?).into(),
+            Kind::U8 => u8::from_le_bytes(self.bytes(little)?).into(),
+            Kind::I16 => i16::from_le_bytes(self.bytes(little)?).into(),
+            Kind::U16 => u16::from_le_bytes(self.bytes(little)?).into(),
+            Kind::I32 => i32::from_le_bytes(self.bytes(little)?).into(),
+            Kind::U32 => u32::from_le_bytes(self.bytes(little)?).into(),
+            Kind::F32 => f32::from_le_bytes(self.bytes(little)?).into(),
+            Kind::F64 => f64::from_le_bytes(self.bytes(little)?),
+        })
+    }
+
+    /// A whole number from 0 up.
+    fn whole(&mut self, kind: Kind) -> Result<u32, Fault> {
+        let value = self.next(kind)?;
+        if value.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(&value) {
+            Ok(value as u32)
+        } else {
+            Err(format!("{value} where a count or an index is due"))
+        }
+    }
+}
+
+fn skip(element: &Element, values: &mut Values) -> Result<(), Fault> {
+    // An element without properties takes no bytes, whatever its count claims.
+    if element.properties.is_empty() {
+        return Ok(());
+    }
+    for _ in 0..element.count {
+        for property in &element.properties {
+            skip_property(property, values)?;
+        }
+    }
+    Ok(())
+}
+
+fn skip_property(property: &Property, values: &mut Values) -> Result<(), Fault> {
+    match property {
+        Property::Scalar(_, kind) => values.next(*kind).map(drop),
+        Property::List(_, count, kind) => {
+            for _ in 0..values.whole(*count)? {
+                values.next(*kind)?;
+            }
+            Ok(())
+        }
+    }
+}
+
+/// Appends the vertices; says whether they came with normals.
+fn read_vertices(element: &Element, values: &mut Values, mesh: &mut Mesh) -> Result<bool, Fault> {
+    const NAMES: [&str; 6] = ["x", "y", "z", "nx", "ny", "nz"];
+    let slots: Vec<Option<usize>> = element
+        .properties
+        .iter()
+        .map(|p| match p {
+            Property::Scalar(name, _) => NAMES.iter().position(|n| n == name),
+            Property::List(..) => None,
+        })
+        .collect();
+    let has = |slot: usize| slots.contains(&Some(slot));
+    if !(has(0) && has(1) && has(2)) {
+        return Err("its vertices lack x, y or z".into());
+    }
+    if element.count > MOST_VERTICES {
+        return Err(format!("more than {MOST_VERTICES} vertices; simplify it"));
+    }
+    for _ in 0..element.count {
+        let mut v = [0.0f32; 6];
+        for (property, slot) in element.properties.iter().zip(&slots) {
+            match (property, slot.and_then(|s| v.get_mut(s))) {
+                (Property::Scalar(_, kind), Some(place)) => *place = values.next(*kind)? as f32,
+                _ => skip_property(property, values)?,
+            }
+        }
+        mesh.vertices.push(Vertex {
+            position: Vec3::new(v[0], v[1], v[2]),
+            normal: Vec3::new(v[3], v[4], v[5]),
+            uv: Vec2::ZERO,
+            tangent: Vec4::ZERO,
+        });
+    }
+    Ok(has(3) && has(4) && has(5))
+}
+
+fn read_faces(element: &Element, values: &mut Values, mesh: &mut Mesh) -> Result<(), Fault> {
+    if element.properties.is_empty() {
+        return Ok(());
+    }
+    for _ in 0..element.count {
+        for property in &element.properties {
+            match property {
+                Property::List(name, count, item)
+                    if name == "vertex_indices" || name == "vertex_index" =>
+                {
+                    read_polygon(*count, *item, values, mesh)?;
+                }
+                _ => skip_property(property, values)?,
+            }
+        }
+    }
+    Ok(())
+}
+
+/// A polygon as a fan about its first corner.
+fn read_polygon(
+    count: Kind,
+    item: Kind,
+    values: &mut Values,
+    mesh: &mut Mesh,
+) -> Result<(), Fault> {
+    let corners = values.whole(count)?;
+    let mut first = 0;
+    let mut last = 0;
+    for i in 0..corners {
+        let corner = values.whole(item)?;
+        match i {
+            0 => first = corner,
+            1 => {}
+            _ => mesh.indices.extend([first, last, corner]),
+        }
+        last = corner;
+    }
+    if mesh.indices.len() / 3 > MOST_TRIANGLES {
+        return Err(format!("more than {MOST_TRIANGLES} triangles; simplify it"));
+    }
+    Ok(())
+}
