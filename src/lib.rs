@@ -13,6 +13,8 @@
 pub mod calibration;
 pub mod compositor;
 pub mod environment;
+pub mod output;
 pub mod picture;
 pub mod scene;
+pub mod status;
 pub mod sync;

@@ -1,0 +1,3 @@
+//! Receives a finished picture and draws nothing.
+
+pub mod stream;

@@ -1,0 +1,240 @@
+//! Who may ask: the server listens on the rig's own machine, and a page from elsewhere in
+//! the same browser must neither see the picture nor change a setting.
+
+use axum::extract::{Request, State};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, Uri, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use std::fmt;
+use std::net::IpAddr;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Name of the cookie that carries the token after the first visit.
+const COOKIE: &str = "penumbra_token";
+/// What a token may be: nothing that would need quoting in an address or a cookie.
+const TOKEN_EXTRA: &str = "-._~";
+/// Shorter ones can be guessed.
+const MIN_TOKEN: usize = 12;
+const MAX_TOKEN: usize = 256;
+/// How long a request may take to arrive and be answered, the stream's pictures apart.
+const ANSWER_LIMIT: Duration = Duration::from_secs(10);
+
+/// The secret that opens a server which others can reach.
+#[derive(Clone, PartialEq, Eq)]
+pub struct Token(String);
+
+impl Token {
+    /// A token, if it is one that cannot be guessed and needs no quoting.
+    pub fn new(text: String) -> Option<Self> {
+        let fit = |c: char| c.is_ascii_alphanumeric() || TOKEN_EXTRA.contains(c);
+        let good = (MIN_TOKEN..=MAX_TOKEN).contains(&text.len()) && text.chars().all(fit);
+        good.then_some(Self(text))
+    }
+
+    /// Compares in a time that does not tell how much was right.
+    fn is(&self, other: &str) -> bool {
+        let differences = self
+            .0
+            .bytes()
+            .zip(other.bytes())
+            .fold(0, |d, (a, b)| d | (a ^ b));
+        self.0.len() == other.len() && differences == 0
+    }
+}
+
+/// A token never reaches a log.
+impl fmt::Debug for Token {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Token(…)")
+    }
+}
+
+/// Lets a request pass or answers it, and sets the headers every answer carries.
+pub async fn guard(
+    State(token): State<Option<Arc<Token>>>,
+    request: Request,
+    next: Next,
+) -> Response {
+    let mut response = match judge(token.as_deref(), &request) {
+        Ok(()) => answered(request, next).await,
+        Err(answer) => *answer,
+    };
+    for (name, value) in SECURITY_HEADERS {
+        response
+            .headers_mut()
+            .insert(name, HeaderValue::from_static(value));
+    }
+    response
+}
+
+async fn answered(request: Request, next: Next) -> Response {
+    tokio::time::timeout(ANSWER_LIMIT, next.run(request))
+        .await
+        .unwrap_or_else(|_| (StatusCode::REQUEST_TIMEOUT, "too slow\n").into_response())
+}
+
+const SECURITY_HEADERS: [(HeaderName, &str); 6] = [
+    (
+        header::CONTENT_SECURITY_POLICY,
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; \
+         connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    ),
+    (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+    (header::X_FRAME_OPTIONS, "DENY"),
+    (header::REFERRER_POLICY, "no-referrer"),
+    (header::CACHE_CONTROL, "no-store"),
+    (
+        HeaderName::from_static("cross-origin-resource-policy"),
+        "same-origin",
+    ),
+];
+
+/// In this order: is it meant for us, does it come from our own page, does it know the
+/// token.
+fn judge(token: Option<&Token>, request: &Request) -> Result<(), Box<Response>> {
+    let headers = request.headers();
+    let host = text(headers, &header::HOST).unwrap_or_default();
+    if token.is_none() && !is_own_name(host) {
+        return refuse(StatusCode::MISDIRECTED_REQUEST, HOST_REFUSED);
+    }
+    if !is_own_page(request.method(), headers, host) {
+        return refuse(StatusCode::FORBIDDEN, ORIGIN_REFUSED);
+    }
+    match token {
+        Some(token) if request.uri().path() != "/healthz" => admit(token, request),
+        _ => Ok(()),
+    }
+}
+
+const HOST_REFUSED: &str = "this server answers to localhost and 127.0.0.1 only; \
+    to reach it by another name, start it with a token\n";
+const ORIGIN_REFUSED: &str = "refused: the request comes from another page\n";
+const TOKEN_REFUSED: &str = "a token is needed: open /?token=…, or send \
+    the header Authorization: Bearer …\n";
+
+fn refuse(status: StatusCode, text: &'static str) -> Result<(), Box<Response>> {
+    Err(Box::new((status, text).into_response()))
+}
+
+/// A name that resolves to this machine whatever a DNS server says. Any other could be
+/// pointed at 127.0.0.1 by the page that asks ("DNS rebinding"). The port is not looked
+/// at: it differs behind a tunnel.
+fn is_own_name(host: &str) -> bool {
+    let name = host.rsplit_once(':').map_or(host, |(name, port)| {
+        let is_port = port.bytes().all(|b| b.is_ascii_digit());
+        if is_port { name } else { host }
+    });
+    let bare = name.trim_start_matches('[').trim_end_matches(']');
+    name.eq_ignore_ascii_case("localhost") || bare.parse().is_ok_and(|ip: IpAddr| ip.is_loopback())
+}
+
+/// Browsers say where a request comes from; other programs say nothing and may ask.
+fn is_own_page(method: &Method, headers: &HeaderMap, host: &str) -> bool {
+    let origin = text(headers, &header::ORIGIN);
+    let same_origin = origin.is_none_or(|origin| {
+        let authority = origin.split_once("://").map(|(_, authority)| authority);
+        authority.is_some_and(|a| a.eq_ignore_ascii_case(host))
+    });
+    let site = text(headers, &HeaderName::from_static("sec-fetch-site")).unwrap_or("none");
+    let mode = text(headers, &HeaderName::from_static("sec-fetch-mode"));
+    let follows_link = method == Method::GET && mode == Some("navigate");
+    same_origin && (matches!(site, "same-origin" | "none") || follows_link)
+}
+
+fn admit(token: &Token, request: &Request) -> Result<(), Box<Response>> {
+    let headers = request.headers();
+    let bearer = text(headers, &header::AUTHORIZATION).and_then(|a| a.strip_prefix("Bearer "));
+    if bearer.is_some_and(|b| token.is(b.trim())) || cookies(headers).any(|c| token.is(c)) {
+        return Ok(());
+    }
+    if query_token(request.uri()).is_some_and(|t| token.is(t)) {
+        return Err(Box::new(set_cookie(token, request)));
+    }
+    refuse(StatusCode::UNAUTHORIZED, TOKEN_REFUSED)
+}
+
+fn cookies(headers: &HeaderMap) -> impl Iterator<Item = &str> {
+    let lines = headers.get_all(header::COOKIE).into_iter();
+    lines
+        .filter_map(|line| line.to_str().ok())
+        .flat_map(|line| line.split(';'))
+        .filter_map(|pair| pair.trim().split_once('='))
+        .filter(|(name, _)| *name == COOKIE)
+        .map(|(_, value)| value)
+}
+
+fn query_token(uri: &Uri) -> Option<&str> {
+    let pairs = uri.query().unwrap_or_default().split('&');
+    pairs
+        .filter_map(|p| p.split_once('='))
+        .find_map(|(key, value)| (key == "token").then_some(value))
+}
+
+/// Keeps the token in a cookie and takes it out of the address, so that it stays neither
+/// in the history nor in a bookmark that is passed on.
+fn set_cookie(token: &Token, request: &Request) -> Response {
+    let cookie = format!("{COOKIE}={}; Path=/; HttpOnly; SameSite=Strict", token.0);
+    let path = request.uri().path();
+    // A path of two slashes would be read as another server's name.
+    let target = format!("/{}", path.trim_start_matches('/'));
+    let headers = [(header::SET_COOKIE, cookie), (header::LOCATION, target)];
+    (StatusCode::SEE_OTHER, headers).into_response()
+}
+
+fn text<'a>(headers: &'a HeaderMap, name: &HeaderName) -> Option<&'a str> {
+    headers.get(name).map(|v| v.to_str().unwrap_or("?"))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+
+    #[test]
+    fn only_names_that_nobody_else_can_point_here_are_ours() {
+        for own in [
+            "localhost",
+            "LOCALHOST:8780",
+            "127.0.0.1:1",
+            "127.3.2.1",
+            "[::1]:8780",
+            "[::1]",
+        ] {
+            assert!(is_own_name(own), "{own}");
+        }
+        for other in [
+            "",
+            "evil.example",
+            "localhost.evil.example:80",
+            "10.0.0.5:8780",
+            "127.0.0.1.nip.io",
+            "[::2]:80",
+        ] {
+            assert!(!is_own_name(other), "{other}");
+        }
+    }
+
+    #[test]
+    fn tokens_need_length_and_no_quoting() {
+        let token = |t: &str| Token::new(t.to_owned());
+        assert!(token("abcdEFGH0123-._~").is_some());
+        assert!(token("short").is_none());
+        assert!(token("with a space in it").is_none());
+        assert!(token("with;semicolon;;").is_none());
+        assert!(token(&"x".repeat(257)).is_none());
+        assert_eq!(
+            format!("{:?}", token("abcdEFGH0123-._~").unwrap()),
+            "Token(…)"
+        );
+    }
+
+    #[test]
+    fn a_token_is_itself_and_no_prefix_of_it() {
+        let token = Token::new("abcdefghijkl".to_owned()).unwrap();
+        assert!(token.is("abcdefghijkl"));
+        for wrong in ["", "abcdefghijk", "abcdefghijkm", "abcdefghijklm"] {
+            assert!(!token.is(wrong), "{wrong}");
+        }
+    }
+}

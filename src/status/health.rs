@@ -1,0 +1,85 @@
+//! Whether the rig does what it is there for.
+
+use super::snapshot::{SessionState, Snapshot};
+
+/// How long the picture may stand still while a session runs, milliseconds.
+const MAX_FRAME_AGE_MS: f64 = 5_000.0;
+/// How long getting ready may take: opening devices, compiling shaders. Seconds.
+const MAX_START_SECONDS: f64 = 60.0;
+
+/// Healthy, with a sentence, or not, with the reason.
+///
+/// # Errors
+/// The reason why somebody should look.
+pub fn health(snapshot: &Snapshot) -> Result<String, String> {
+    let sentence = &snapshot.session.sentence;
+    match snapshot.session.state {
+        SessionState::Failed => Err(format!("failed: {sentence}")),
+        SessionState::Paused | SessionState::Ended => Ok(format!("idle: {sentence}")),
+        SessionState::Starting => starting(snapshot.program.uptime_seconds),
+        SessionState::Live | SessionState::Replaying => flowing(snapshot),
+    }
+}
+
+fn starting(uptime_seconds: f64) -> Result<String, String> {
+    if uptime_seconds <= MAX_START_SECONDS {
+        return Ok("starting".to_owned());
+    }
+    Err(format!("no picture {uptime_seconds:.0} s after the start"))
+}
+
+fn flowing(snapshot: &Snapshot) -> Result<String, String> {
+    let Some(age) = snapshot.frames.last_age_ms else {
+        return starting(snapshot.program.uptime_seconds);
+    };
+    if age <= MAX_FRAME_AGE_MS {
+        return Ok(format!("{:.1} frames/s", snapshot.frames.per_second));
+    }
+    Err(format!("no new picture for {:.1} s", age / 1e3))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+
+    fn snapshot(state: SessionState, uptime_seconds: f64, last_age_ms: Option<f64>) -> Snapshot {
+        let mut s = Snapshot::default();
+        s.session.enter(state);
+        s.program.uptime_seconds = uptime_seconds;
+        s.frames.last_age_ms = last_age_ms;
+        s
+    }
+
+    #[test]
+    fn flowing_frames_are_healthy_and_a_standing_picture_is_not() {
+        for state in [SessionState::Live, SessionState::Replaying] {
+            assert!(health(&snapshot(state, 900.0, Some(40.0))).is_ok());
+            let stuck = health(&snapshot(state, 900.0, Some(8_250.0)));
+            assert_eq!(stuck.unwrap_err(), "no new picture for 8.2 s");
+        }
+    }
+
+    #[test]
+    fn an_old_picture_is_right_where_nothing_should_move() {
+        for state in [SessionState::Paused, SessionState::Ended] {
+            assert!(health(&snapshot(state, 900.0, Some(1e7))).is_ok());
+        }
+    }
+
+    #[test]
+    fn a_start_may_take_a_while_but_not_for_ever() {
+        for state in [SessionState::Starting, SessionState::Live] {
+            assert!(health(&snapshot(state, 20.0, None)).is_ok());
+            assert!(health(&snapshot(state, 61.0, None)).is_err());
+        }
+    }
+
+    #[test]
+    fn failure_carries_its_reason() {
+        let mut s = Snapshot::default();
+        s.session
+            .enter_because(SessionState::Failed, "adapter lost");
+        assert_eq!(health(&s).unwrap_err(), "failed: adapter lost");
+    }
+}

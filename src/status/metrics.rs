@@ -1,0 +1,297 @@
+//! The snapshot in Prometheus' text exposition format, version 0.0.4.
+
+use super::health::health;
+use super::snapshot::Snapshot;
+use super::times::{Histogram, Stage};
+use std::fmt::{Display, Write as _};
+
+/// The `Content-Type` of the format.
+pub const METRICS_CONTENT_TYPE: &str = "text/plain; version=0.0.4; charset=utf-8";
+
+/// Upper bounds of the histogram buckets, seconds.
+const BOUNDS: [f64; 14] = [
+    0.00025, 0.0005, 0.001, 0.002, 0.004, 0.008, 0.016, 0.033, 0.066, 0.1, 0.25, 0.5, 1.0, 5.0,
+];
+
+/// All metrics of a snapshot.
+#[must_use]
+pub fn metrics(snapshot: &Snapshot) -> String {
+    let mut page = Page::default();
+    program(&mut page, snapshot);
+    frames(&mut page, snapshot);
+    stages(&mut page, snapshot.stages.stages());
+    pairing(&mut page, snapshot);
+    white_balance(&mut page, snapshot);
+    lighting(&mut page, snapshot);
+    devices(&mut page, snapshot);
+    page.text
+}
+
+fn program(page: &mut Page, s: &Snapshot) {
+    page.family(
+        "penumbra_info",
+        "gauge",
+        "Version and adapter, as labels; always 1.",
+    );
+    let labels = [("version", s.program.version), ("adapter", &s.adapter.name)];
+    page.sample("penumbra_info", &labels, 1);
+    page.one(
+        "penumbra_uptime_seconds",
+        "gauge",
+        "Time since the start.",
+        s.program.uptime_seconds,
+    );
+    page.one(
+        "penumbra_healthy",
+        "gauge",
+        "1 when /healthz answers 200.",
+        u8::from(health(s).is_ok()),
+    );
+    let warnings = s.warnings.iter().map(|w| w.count).sum::<u64>();
+    page.one(
+        "penumbra_warnings",
+        "gauge",
+        "Occurrences of the warnings in force.",
+        warnings,
+    );
+    page.one(
+        "penumbra_stream_viewers",
+        "gauge",
+        "Browsers that watch the stream.",
+        s.stream.viewers,
+    );
+    page.one(
+        "penumbra_stream_frames_total",
+        "counter",
+        "Pictures encoded for the stream.",
+        s.stream.encoded,
+    );
+}
+
+fn frames(page: &mut Page, s: &Snapshot) {
+    let f = &s.frames;
+    page.one(
+        "penumbra_frames_arrived_total",
+        "counter",
+        "Scene frames that arrived.",
+        f.arrived,
+    );
+    page.one(
+        "penumbra_frames_composed_total",
+        "counter",
+        "Pictures composited.",
+        f.composed,
+    );
+    page.one(
+        "penumbra_frames_skipped_total",
+        "counter",
+        "Scene frames left out.",
+        f.skipped,
+    );
+    page.one(
+        "penumbra_frames_without_pose_total",
+        "counter",
+        "Scene frames shown as they came, for want of a pose.",
+        f.without_pose,
+    );
+    page.one(
+        "penumbra_frame_rate_hertz",
+        "gauge",
+        "Composited pictures per second.",
+        f.per_second,
+    );
+    page.some(
+        "penumbra_frame_age_seconds",
+        "Age of the newest composited picture.",
+        f.last_age_ms.map(|ms| ms * 1e-3),
+    );
+}
+
+fn stages(page: &mut Page, stages: &[Stage]) {
+    let name = "penumbra_stage_seconds";
+    page.family(name, "histogram", "Duration of a stage of the frame.");
+    for stage in stages {
+        let labels = [("stage", stage.name), ("processor", stage.kind.label())];
+        page.histogram(name, &labels, &stage.times);
+    }
+}
+
+fn pairing(page: &mut Page, s: &Snapshot) {
+    page.some(
+        "penumbra_environment_skew_seconds",
+        "Scene frame minus its environment frame.",
+        s.pairing.environment_skew_ms.map(|ms| ms * 1e-3),
+    );
+    page.some(
+        "penumbra_pose_skew_seconds",
+        "Distance of the scene frame to the pose records used.",
+        s.pairing.pose_skew_ms.map(|ms| ms * 1e-3),
+    );
+}
+
+fn white_balance(page: &mut Page, s: &Snapshot) {
+    let name = "penumbra_white_balance_gain";
+    page.family(
+        name,
+        "gauge",
+        "Linear factor on the environment camera, by channel.",
+    );
+    for (channel, gain) in ["red", "green", "blue"]
+        .into_iter()
+        .zip(s.white_balance.gains)
+    {
+        page.sample(name, &[("channel", channel)], gain);
+    }
+    let frozen = u8::from(s.white_balance.frozen.is_some());
+    page.one(
+        "penumbra_white_balance_frozen",
+        "gauge",
+        "1 while the estimate is held.",
+        frozen,
+    );
+    page.some(
+        "penumbra_white_balance_disagreement_ratio",
+        "Largest relative difference between the methods.",
+        s.white_balance.disagreement,
+    );
+}
+
+fn lighting(page: &mut Page, s: &Snapshot) {
+    let l = &s.lighting;
+    page.one(
+        "penumbra_dome_lights",
+        "gauge",
+        "Dome lights that cast shadows.",
+        l.dome_lights,
+    );
+    page.one(
+        "penumbra_compact_sources",
+        "gauge",
+        "Compact sources found.",
+        l.compact_sources,
+    );
+    page.one(
+        "penumbra_lighting_stale",
+        "gauge",
+        "1 while old light is used.",
+        u8::from(l.stale.is_some()),
+    );
+    page.some(
+        "penumbra_lighting_age_seconds",
+        "Age of the environment picture against the scene picture.",
+        l.age_ms.map(|ms| ms * 1e-3),
+    );
+    page.some(
+        "penumbra_environment_clipped_ratio",
+        "Share of the environment seen clipped.",
+        l.clipped_fraction,
+    );
+}
+
+fn devices(page: &mut Page, s: &Snapshot) {
+    page.family(
+        "penumbra_device_state",
+        "gauge",
+        "1 for the state that a device is in.",
+    );
+    for d in &s.devices {
+        let labels = [
+            ("device", d.name.as_str()),
+            ("kind", d.kind.label()),
+            ("state", d.state.label()),
+        ];
+        page.sample("penumbra_device_state", &labels, 1);
+    }
+    page.family(
+        "penumbra_device_received_total",
+        "counter",
+        "Frames or records that arrived.",
+    );
+    for d in &s.devices {
+        page.sample(
+            "penumbra_device_received_total",
+            &[("device", &d.name)],
+            d.received,
+        );
+    }
+    page.family(
+        "penumbra_device_dropped_total",
+        "counter",
+        "Frames or records lost.",
+    );
+    for d in &s.devices {
+        page.sample(
+            "penumbra_device_dropped_total",
+            &[("device", &d.name)],
+            d.dropped,
+        );
+    }
+    page.family(
+        "penumbra_device_rate_hertz",
+        "gauge",
+        "Frames or records per second.",
+    );
+    for d in &s.devices {
+        page.sample(
+            "penumbra_device_rate_hertz",
+            &[("device", &d.name)],
+            d.per_second,
+        );
+    }
+}
+
+/// The text as it grows. Writing to a `String` cannot fail, so results are dropped.
+#[derive(Default)]
+struct Page {
+    text: String,
+}
+
+impl Page {
+    fn family(&mut self, name: &str, kind: &str, help: &str) {
+        let _ = write!(self.text, "# HELP {name} {help}\n# TYPE {name} {kind}\n");
+    }
+
+    fn sample(&mut self, name: &str, labels: &[(&str, &str)], value: impl Display) {
+        self.text.push_str(name);
+        for (i, (key, text)) in labels.iter().enumerate() {
+            let open = if i == 0 { '{' } else { ',' };
+            let _ = write!(self.text, "{open}{key}=\"{}\"", escaped(text));
+        }
+        if !labels.is_empty() {
+            self.text.push('}');
+        }
+        let _ = writeln!(self.text, " {value}");
+    }
+
+    fn one(&mut self, name: &str, kind: &str, help: &str, value: impl Display) {
+        self.family(name, kind, help);
+        self.sample(name, &[], value);
+    }
+
+    /// A gauge that has no sample while its value is unknown.
+    fn some(&mut self, name: &str, help: &str, value: Option<f64>) {
+        if let Some(value) = value {
+            self.one(name, "gauge", help, value);
+        }
+    }
+
+    fn histogram(&mut self, name: &str, labels: &[(&str, &str)], times: &Histogram) {
+        let bucket = format!("{name}_bucket");
+        for bound in BOUNDS {
+            let le = bound.to_string();
+            let with_bound = [labels, &[("le", le.as_str())]].concat();
+            self.sample(&bucket, &with_bound, times.count_up_to(bound));
+        }
+        let with_infinity = [labels, &[("le", "+Inf")]].concat();
+        self.sample(&bucket, &with_infinity, times.count());
+        self.sample(&format!("{name}_sum"), labels, times.sum_seconds());
+        self.sample(&format!("{name}_count"), labels, times.count());
+    }
+}
+
+/// Label values escape backslash, quote and line feed.
+fn escaped(text: &str) -> String {
+    text.replace('\\', "\\\\")
+        .replace('"', "\\\"")
+        .replace('\n', "\\n")
+}

@@ -1,0 +1,25 @@
+//! Tells what is going on: a snapshot (plain data), and an HTTP server that shows it.
+//!
+//! The rig writes a [`SharedStatus`]; [`StatusServer`] reads it. [`snapshot`] is the data,
+//! [`times`] the histograms in it, [`settings`] what can be changed live. The server is
+//! [`server`] (socket and limits), `routes` (who answers what), `guard` (who may ask),
+//! [`metrics`] and [`health`] (the snapshot in other words), and the dashboard page.
+
+pub mod fields;
+mod guard;
+pub mod health;
+pub mod metrics;
+mod routes;
+pub mod server;
+pub mod settings;
+pub mod shared;
+pub mod snapshot;
+mod stall;
+pub mod times;
+
+pub use fields::STATUS_FIELDS;
+pub use server::{DEFAULT_LISTEN, StatusError, StatusServer};
+pub use settings::{LightsMode, Settings, SettingsChange, ShadowMode, Technique};
+pub use shared::SharedStatus;
+pub use snapshot::Snapshot;
+pub use times::{Histogram, RateMeter, StageTimes};

@@ -1,0 +1,181 @@
+//! The socket, and the limits on what may come in through it.
+
+use super::guard::Token;
+use super::routes::{self, App};
+use super::shared::SharedStatus;
+use super::stall::StallGuard;
+use axum::Router;
+use hyper::server::conn::http1;
+use hyper_util::rt::{TokioIo, TokioTimer};
+use hyper_util::service::TowerToHyperService;
+use std::future::Future;
+use std::io;
+use std::net::{Ipv4Addr, SocketAddr, TcpListener};
+use std::sync::Arc;
+use std::time::Duration;
+use thiserror::Error;
+use tokio::net::TcpStream;
+use tokio::task::JoinSet;
+
+/// Where the server listens unless told otherwise: on this machine only.
+pub const DEFAULT_LISTEN: SocketAddr =
+    SocketAddr::new(std::net::IpAddr::V4(Ipv4Addr::LOCALHOST), 8780);
+
+/// Connections at once; a browser holds up to six.
+const MAX_CONNECTIONS: usize = 128;
+/// How long a request's head may take, and how long a connection may idle.
+const HEADER_LIMIT: Duration = Duration::from_secs(15);
+/// How long a client may leave what it was sent unread.
+const STALL_LIMIT: Duration = Duration::from_secs(20);
+/// Bytes kept per connection, in and out: one picture may wait, not a film.
+const BUFFER_BYTES: usize = 64 * 1024;
+
+/// The server could not be set up.
+#[derive(Debug, Error)]
+pub enum StatusError {
+    /// Somebody else listens there.
+    #[error(
+        "port {port} on {address} is in use; choose another with --listen {address}:PORT (0 = any free one), or stop the program that has it"
+    )]
+    PortInUse {
+        /// Address as given, in brackets if IPv6.
+        address: String,
+        /// Port as given.
+        port: u16,
+    },
+    /// Others could reach it without a token.
+    #[error(
+        "{listen}: others can reach this address, so a token is needed; set one (--token), or listen on 127.0.0.1"
+    )]
+    TokenNeeded {
+        /// Address as given.
+        listen: SocketAddr,
+    },
+    /// The token is too short or has characters that need quoting.
+    #[error("token: take 12 to 256 letters, digits or -._~")]
+    BadToken,
+    /// The system refused otherwise.
+    #[error("{listen}: cannot listen there ({reason}); choose another address with --listen")]
+    Listen {
+        /// Address as given.
+        listen: SocketAddr,
+        /// What the system said.
+        reason: io::Error,
+    },
+    /// The stream's encoder could not be set up.
+    #[error("stream: {0}")]
+    Encoder(#[from] crate::output::stream::EncodeError),
+}
+
+/// The status server, bound to its port and not yet serving.
+pub struct StatusServer {
+    listener: TcpListener,
+    local_addr: SocketAddr,
+    app: App,
+    router: Router,
+}
+
+impl StatusServer {
+    /// Takes the port, so that a port in use shows before anything else is started.
+    ///
+    /// # Errors
+    /// The port is taken or not to be had, or `listen` is reachable from elsewhere and
+    /// there is no (good) token.
+    pub fn bind(
+        listen: SocketAddr,
+        token: Option<String>,
+        shared: Arc<SharedStatus>,
+    ) -> Result<Self, StatusError> {
+        let token = match token {
+            Some(text) => Some(Token::new(text).ok_or(StatusError::BadToken)?),
+            None if listen.ip().is_loopback() => None,
+            None => return Err(StatusError::TokenNeeded { listen }),
+        };
+        let (listener, local_addr) = take_port(listen)?;
+        let app = App::new(shared)?;
+        let router = routes::router(app.clone(), token.map(Arc::new));
+        Ok(Self {
+            listener,
+            local_addr,
+            app,
+            router,
+        })
+    }
+
+    /// Where it listens; the real port where 0 was asked for.
+    #[must_use]
+    pub const fn local_addr(&self) -> SocketAddr {
+        self.local_addr
+    }
+
+    /// Serves until `shutdown` comes, then closes every connection.
+    ///
+    /// # Errors
+    /// The listener cannot be handed to the runtime.
+    pub async fn serve(self, shutdown: impl Future<Output = ()>) -> Result<(), StatusError> {
+        let listen = self.local_addr;
+        let failed = |reason| StatusError::Listen { listen, reason };
+        let listener = tokio::net::TcpListener::from_std(self.listener).map_err(failed)?;
+        tokio::select! {
+            () = shutdown => {}
+            () = accept(listener, self.router) => {}
+            () = self.app.stream_pictures() => {}
+        }
+        Ok(())
+    }
+}
+
+fn take_port(listen: SocketAddr) -> Result<(TcpListener, SocketAddr), StatusError> {
+    let bound = TcpListener::bind(listen).and_then(|listener| {
+        listener.set_nonblocking(true)?;
+        let address = listener.local_addr()?;
+        Ok((listener, address))
+    });
+    bound.map_err(|reason| match reason.kind() {
+        io::ErrorKind::AddrInUse => StatusError::PortInUse {
+            address: bracketed(listen),
+            port: listen.port(),
+        },
+        _ => StatusError::Listen { listen, reason },
+    })
+}
+
+/// The address as it stands before a port.
+fn bracketed(listen: SocketAddr) -> String {
+    match listen {
+        SocketAddr::V4(v4) => v4.ip().to_string(),
+        SocketAddr::V6(v6) => format!("[{}]", v6.ip()),
+    }
+}
+
+/// Accepts for ever. Dropping the future closes every connection.
+async fn accept(listener: tokio::net::TcpListener, router: Router) {
+    let mut connections = JoinSet::new();
+    loop {
+        while connections.try_join_next().is_some() {}
+        match listener.accept().await {
+            Ok((socket, _)) if connections.len() < MAX_CONNECTIONS => {
+                connections.spawn(converse(socket, router.clone()));
+            }
+            // Closing at once leaves the server able to answer those it has.
+            Ok(_) => tracing::debug!("more than {MAX_CONNECTIONS} connections; one refused"),
+            // Out of descriptors, most likely: trying again at once would spin.
+            Err(_) => tokio::time::sleep(Duration::from_millis(100)).await,
+        }
+    }
+}
+
+async fn converse(socket: TcpStream, router: Router) {
+    // Without it a small answer may wait for the acknowledgement of the one before.
+    let _ = socket.set_nodelay(true);
+    let io = TokioIo::new(StallGuard::new(socket, STALL_LIMIT));
+    let connection = http1::Builder::new()
+        .timer(TokioTimer::new())
+        .header_read_timeout(HEADER_LIMIT)
+        .max_buf_size(BUFFER_BYTES)
+        .serve_connection(io, TowerToHyperService::new(router));
+    // A client that goes away or speaks no HTTP is no event worth a line each.
+    if let Err(error) = connection.await {
+        tracing::debug!(%error, "connection ended");
+    }
+}

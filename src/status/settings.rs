@@ -1,0 +1,219 @@
+//! What can be changed while the rig runs.
+
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+/// The light counts a dome can have (Supan 2006, section V C).
+pub const LIGHT_COUNTS: [u32; 6] = [8, 24, 48, 64, 96, 384];
+
+/// How virtual objects are lit and shadowed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Technique {
+    /// Image-based light and image-based shadows from a light dome (Supan 2006).
+    #[default]
+    ImageBasedShadowing,
+    /// Image-based light, no shadows: what the shadows add can be seen by switching.
+    ImageBasedLighting,
+}
+
+/// Where the dome lights stand.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum LightsMode {
+    /// At the texel centres of the downsampled cube map: the paper's way.
+    Grid,
+    /// Compact sources get dome lights of their own at their true direction.
+    #[default]
+    Adaptive,
+}
+
+/// How the shadow buffer changes the camera's picture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ShadowMode {
+    /// camera × (E − R) / E in linear light.
+    #[default]
+    Ratio,
+    /// camera − R, the paper's equation 4.
+    Subtract,
+}
+
+/// The live settings, all of them.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Settings {
+    /// How virtual objects are lit and shadowed.
+    pub technique: Technique,
+    /// Budget of dome lights, one of [`LIGHT_COUNTS`].
+    pub light_count: u32,
+    /// Where the dome lights stand.
+    pub lights_mode: LightsMode,
+    /// How shadows are combined with the camera's picture.
+    pub shadow_mode: ShadowMode,
+    /// 0 = no shadow, 1 = the measured one.
+    pub shadow_strength: f32,
+    /// Whether the virtual objects are composited at all.
+    pub virtual_object_visible: bool,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            technique: Technique::default(),
+            light_count: 64,
+            lights_mode: LightsMode::default(),
+            shadow_mode: ShadowMode::default(),
+            shadow_strength: 1.0,
+            virtual_object_visible: true,
+        }
+    }
+}
+
+/// A wish for settings: what is left out stays as it is. The body of `POST /settings`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SettingsChange {
+    /// See [`Settings::technique`].
+    pub technique: Option<Technique>,
+    /// See [`Settings::light_count`].
+    pub light_count: Option<u32>,
+    /// See [`Settings::lights_mode`].
+    pub lights_mode: Option<LightsMode>,
+    /// See [`Settings::shadow_mode`].
+    pub shadow_mode: Option<ShadowMode>,
+    /// See [`Settings::shadow_strength`].
+    pub shadow_strength: Option<f32>,
+    /// See [`Settings::virtual_object_visible`].
+    pub virtual_object_visible: Option<bool>,
+}
+
+/// Why a wish was refused; nothing of it was applied.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum SettingsError {
+    /// The body is no JSON object of known settings with values of the right kind.
+    #[error("settings: {reason}; send a JSON object such as {{\"light_count\": 64}}")]
+    Malformed {
+        /// What the parser said, with line and column.
+        reason: String,
+    },
+    /// No dome of that size exists.
+    #[error("light_count: {count} is no dome; choose 8, 24, 48, 64, 96 or 384")]
+    LightCount {
+        /// What was asked for.
+        count: u32,
+    },
+    /// Out of range or not a number.
+    #[error("shadow_strength: {strength} is not between 0 (no shadow) and 1 (as measured)")]
+    ShadowStrength {
+        /// What was asked for.
+        strength: f32,
+    },
+}
+
+impl SettingsChange {
+    /// Reads the body of a request.
+    ///
+    /// # Errors
+    /// [`SettingsError::Malformed`], with the place in the text.
+    pub fn from_json(body: &[u8]) -> Result<Self, SettingsError> {
+        serde_json::from_slice(body).map_err(|e| SettingsError::Malformed {
+            reason: e.to_string(),
+        })
+    }
+
+    /// `settings` with this wish granted.
+    ///
+    /// # Errors
+    /// The first value that cannot be had.
+    pub fn apply_to(&self, settings: &Settings) -> Result<Settings, SettingsError> {
+        let wanted = Settings {
+            technique: self.technique.unwrap_or(settings.technique),
+            light_count: self.light_count.unwrap_or(settings.light_count),
+            lights_mode: self.lights_mode.unwrap_or(settings.lights_mode),
+            shadow_mode: self.shadow_mode.unwrap_or(settings.shadow_mode),
+            shadow_strength: self.shadow_strength.unwrap_or(settings.shadow_strength),
+            virtual_object_visible: self
+                .virtual_object_visible
+                .unwrap_or(settings.virtual_object_visible),
+        };
+        wanted.validated()
+    }
+}
+
+impl Settings {
+    /// `self`, if every value is one that can be had.
+    ///
+    /// # Errors
+    /// The first value that cannot be had.
+    pub fn validated(self) -> Result<Self, SettingsError> {
+        if !LIGHT_COUNTS.contains(&self.light_count) {
+            let count = self.light_count;
+            return Err(SettingsError::LightCount { count });
+        }
+        if !(0.0..=1.0).contains(&self.shadow_strength) {
+            let strength = self.shadow_strength;
+            return Err(SettingsError::ShadowStrength { strength });
+        }
+        Ok(self)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+    use proptest::prelude::*;
+
+    fn change(json: &str) -> Result<Settings, SettingsError> {
+        SettingsChange::from_json(json.as_bytes())?.apply_to(&Settings::default())
+    }
+
+    #[test]
+    fn what_is_left_out_stays() {
+        let changed = change(r#"{"light_count": 96, "lights_mode": "grid"}"#).unwrap();
+        let expected = Settings {
+            light_count: 96,
+            lights_mode: LightsMode::Grid,
+            ..Settings::default()
+        };
+        assert_eq!(changed, expected);
+        assert_eq!(change("{}").unwrap(), Settings::default());
+    }
+
+    #[test]
+    fn refusals_say_what_to_do() {
+        let text = |json: &str| change(json).unwrap_err().to_string();
+        assert_eq!(
+            text(r#"{"light_count": 50}"#),
+            "light_count: 50 is no dome; choose 8, 24, 48, 64, 96 or 384"
+        );
+        assert_eq!(
+            text(r#"{"shadow_strength": 1.5}"#),
+            "shadow_strength: 1.5 is not between 0 (no shadow) and 1 (as measured)"
+        );
+        assert!(text(r#"{"shadow_strenght": 1}"#).contains("unknown field `shadow_strenght`"));
+        assert!(text(r#"{"lights_mode": "random"}"#).contains("expected `grid` or `adaptive`"));
+        assert!(text("").starts_with("settings: EOF"));
+        assert!(text(r#"{"shadow_strength": 1e999}"#).contains("number out of range"));
+    }
+
+    proptest! {
+        #[test]
+        fn any_bytes_are_refused_or_give_valid_settings(body in proptest::collection::vec(any::<u8>(), 0..200)) {
+            let granted = SettingsChange::from_json(&body).and_then(|c| c.apply_to(&Settings::default()));
+            if let Ok(settings) = granted {
+                prop_assert!(settings.validated().is_ok());
+            }
+        }
+
+        #[test]
+        fn any_numbers_are_refused_or_give_valid_settings(count in any::<i64>(), strength in any::<f64>()) {
+            let body = format!(r#"{{"light_count": {count}, "shadow_strength": {strength}}}"#);
+            if let Ok(settings) = change(&body) {
+                prop_assert!(LIGHT_COUNTS.contains(&settings.light_count));
+                prop_assert!(settings.shadow_strength >= 0.0 && settings.shadow_strength <= 1.0);
+            }
+        }
+    }
+}

@@ -1,0 +1,473 @@
+//! Everything worth knowing about a running rig, as plain data: what `GET /status` says.
+//!
+//! The meaning of every field, as a reader of the JSON sees it, stands in
+//! [`STATUS_FIELDS`](super::STATUS_FIELDS); a test keeps the two together. Numbers that
+//! are not finite appear as `null`.
+
+use super::settings::Settings;
+use super::times::StageTimes;
+use serde::Serialize;
+
+/// Version of the JSON. It changes when a field changes its meaning or goes away, not
+/// when one is added.
+pub const STATUS_VERSION: u32 = 1;
+
+/// The most warnings kept; what comes later only counts.
+const MAX_WARNINGS: usize = 32;
+
+/// The state of the rig at one instant.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Snapshot {
+    /// [`STATUS_VERSION`].
+    pub version: u32,
+    /// The program.
+    pub program: Program,
+    /// What is being played or seen.
+    pub session: Session,
+    /// Counts of scene frames.
+    pub frames: Frames,
+    /// Durations of the stages of a frame.
+    pub stages: StageTimes,
+    /// How the streams were paired.
+    pub pairing: Pairing,
+    /// The match of the two cameras.
+    pub white_balance: WhiteBalance,
+    /// The light.
+    pub lighting: LightingStatus,
+    /// Cameras and trackers.
+    pub devices: Vec<Device>,
+    /// What draws.
+    pub adapter: Adapter,
+    /// Size of the composited picture.
+    pub resolution: Resolution,
+    /// The settings that the newest picture was made with.
+    pub settings: Settings,
+    /// The browser's side.
+    pub stream: Stream,
+    /// What somebody should look at.
+    pub warnings: Vec<Warning>,
+}
+
+impl Default for Snapshot {
+    fn default() -> Self {
+        Self {
+            version: STATUS_VERSION,
+            program: Program::default(),
+            session: Session::default(),
+            frames: Frames::default(),
+            stages: StageTimes::default(),
+            pairing: Pairing::default(),
+            white_balance: WhiteBalance::default(),
+            lighting: LightingStatus::default(),
+            devices: Vec::new(),
+            adapter: Adapter::default(),
+            resolution: Resolution::default(),
+            settings: Settings::default(),
+            stream: Stream::default(),
+            warnings: Vec::new(),
+        }
+    }
+}
+
+impl Snapshot {
+    /// Notes a warning; one that is known already is counted instead of repeated.
+    pub fn warn(&mut self, text: &str) {
+        if let Some(known) = self.warnings.iter_mut().find(|w| w.text == text) {
+            known.count += 1;
+        } else if self.warnings.len() < MAX_WARNINGS {
+            let text = text.to_owned();
+            self.warnings.push(Warning { text, count: 1 });
+        }
+    }
+
+    /// Takes a warning back whose cause is gone.
+    pub fn clear_warning(&mut self, text: &str) {
+        self.warnings.retain(|w| w.text != text);
+    }
+}
+
+/// The program that answers.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Program {
+    /// `penumbra`.
+    pub name: &'static str,
+    /// Its version.
+    pub version: &'static str,
+    /// Time since it began to answer, seconds; filled in when it is read.
+    pub uptime_seconds: f64,
+}
+
+impl Default for Program {
+    fn default() -> Self {
+        Self {
+            name: env!("CARGO_PKG_NAME"),
+            version: env!("CARGO_PKG_VERSION"),
+            uptime_seconds: 0.0,
+        }
+    }
+}
+
+/// What is being played or seen.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Session {
+    /// File name of the recording, or name of the rig.
+    pub name: String,
+    /// What it is doing.
+    pub state: SessionState,
+    /// One sentence about that state, with the reason where there is one.
+    pub sentence: String,
+    /// Times the recording has begun anew.
+    pub loops: u64,
+    /// Share of the recording played, 0..=1; `None` when live.
+    pub progress: Option<f64>,
+}
+
+impl Session {
+    /// Goes into a state, with its own sentence.
+    pub fn enter(&mut self, state: SessionState) {
+        self.enter_because(state, state.sentence());
+    }
+
+    /// Goes into a state for a reason worth saying.
+    pub fn enter_because(&mut self, state: SessionState, sentence: &str) {
+        self.state = state;
+        sentence.clone_into(&mut self.sentence);
+    }
+}
+
+/// What the session is doing.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SessionState {
+    /// Nothing has been composed yet.
+    #[default]
+    Starting,
+    /// Devices deliver.
+    Live,
+    /// A recording plays.
+    Replaying,
+    /// Held on purpose.
+    Paused,
+    /// The recording is over.
+    Ended,
+    /// It cannot go on.
+    Failed,
+}
+
+impl SessionState {
+    /// The state in words.
+    #[must_use]
+    pub const fn sentence(self) -> &'static str {
+        match self {
+            Self::Starting => "Getting ready: the first picture is on its way.",
+            Self::Live => "Live: the cameras deliver.",
+            Self::Replaying => "Playing a recording.",
+            Self::Paused => "Paused on purpose; the last picture stays.",
+            Self::Ended => "The recording is over; the last picture stays.",
+            Self::Failed => "Stopped by an error.",
+        }
+    }
+}
+
+/// Counts of scene frames since the start.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Frames {
+    /// Scene frames that arrived.
+    pub arrived: u64,
+    /// Pictures composited.
+    pub composed: u64,
+    /// Scene frames left out because a newer one was there, or because they were damaged.
+    pub skipped: u64,
+    /// Scene frames for which no pose was known: shown as the camera's picture.
+    pub without_pose: u64,
+    /// Composited pictures per second, over the last two seconds.
+    pub per_second: f64,
+    /// Age of the newest composited picture, milliseconds; filled in when it is read.
+    pub last_age_ms: Option<f64>,
+}
+
+/// How the streams were paired into one instant.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Pairing {
+    /// Scene frame minus its environment frame, milliseconds, newest.
+    pub environment_skew_ms: Option<f64>,
+    /// The larger of the distances to the pose records used, milliseconds, newest.
+    pub pose_skew_ms: Option<f64>,
+    /// Median of the environment skew since the start, milliseconds.
+    pub environment_skew_p50_ms: Option<f64>,
+    /// 99th percentile of it, milliseconds.
+    pub environment_skew_p99_ms: Option<f64>,
+    /// How the newest pose was found: `exact`, `interpolated`, `predicted` or `none`.
+    pub pose: PoseAnswer,
+}
+
+/// How a pose was found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum PoseAnswer {
+    /// A record of that very instant.
+    Exact,
+    /// Between two records.
+    Interpolated,
+    /// Carried on past the newest record.
+    Predicted,
+    /// Not known.
+    #[default]
+    None,
+}
+
+/// Ways of finding the gains between the cameras.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum WhiteBalanceMethod {
+    /// Pictures of one colour chart or grey card taken by both cameras.
+    Chart,
+    /// What both cameras see of the same surfaces.
+    Automatic,
+    /// A surface of known reflectance in the measured light.
+    KnownSurface,
+    /// Gains written in the config.
+    Configured,
+    /// None: the cameras are taken as they are.
+    #[default]
+    None,
+}
+
+/// One estimate of the gains.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct WhiteBalanceEstimate {
+    /// How it was found.
+    pub method: WhiteBalanceMethod,
+    /// Linear factors on the environment camera's red, green, blue.
+    pub gains: [f64; 3],
+    /// Standard deviation of each, as a share of it.
+    pub uncertainty: [f64; 3],
+}
+
+/// How the environment camera is brought to the scene camera's white point and exposure.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct WhiteBalance {
+    /// The method in force.
+    pub method: WhiteBalanceMethod,
+    /// Linear factors in force on the environment camera's red, green, blue.
+    pub gains: [f64; 3],
+    /// Standard deviation of each, as a share of it.
+    pub uncertainty: Option<[f64; 3]>,
+    /// Largest relative difference between the methods that have an estimate.
+    pub disagreement: Option<f64>,
+    /// Why the estimate is held as it is, when it is.
+    pub frozen: Option<String>,
+    /// What each method says.
+    pub estimates: Vec<WhiteBalanceEstimate>,
+    /// The same white as both cameras see it.
+    pub white: Option<WhiteMatch>,
+}
+
+impl Default for WhiteBalance {
+    fn default() -> Self {
+        Self {
+            method: WhiteBalanceMethod::None,
+            gains: [1.0; 3],
+            uncertainty: None,
+            disagreement: None,
+            frozen: None,
+            estimates: Vec::new(),
+            white: None,
+        }
+    }
+}
+
+/// One white or grey surface as both cameras see it, linear RGB.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct WhiteMatch {
+    /// By the scene camera.
+    pub scene: [f64; 3],
+    /// By the environment camera, as it comes.
+    pub environment_before: [f64; 3],
+    /// The same after the gains.
+    pub environment_after: [f64; 3],
+}
+
+/// The light in force.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct LightingStatus {
+    /// Dome lights that cast shadows now.
+    pub dome_lights: u32,
+    /// How many of them stand for compact sources.
+    pub compact_lights: u32,
+    /// Compact sources found: sun, lamps, windows.
+    pub compact_sources: u32,
+    /// Age of the environment picture against the scene picture, milliseconds.
+    pub age_ms: Option<f64>,
+    /// Why the light is older than it should be, when it is.
+    pub stale: Option<String>,
+    /// Share of the environment's solid angle seen clipped, 0..=1.
+    pub clipped_fraction: Option<f64>,
+    /// Unit vector to where most light comes from, world (+Z up).
+    pub dominant_direction: Option<[f64; 3]>,
+    /// Counts the previews of the environment; 0 = there is none at `/environment.png`.
+    pub preview_revision: u64,
+}
+
+/// What a device is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum DeviceKind {
+    /// Its picture is augmented.
+    SceneCamera,
+    /// It sees the light.
+    EnvironmentCamera,
+    /// It says where the scene camera is.
+    Tracker,
+}
+
+impl DeviceKind {
+    /// As it stands in `/status` and as a metric label.
+    #[must_use]
+    pub const fn label(self) -> &'static str {
+        match self {
+            Self::SceneCamera => "scene-camera",
+            Self::EnvironmentCamera => "environment-camera",
+            Self::Tracker => "tracker",
+        }
+    }
+}
+
+/// What a device is doing.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum DeviceState {
+    /// Named nowhere.
+    #[default]
+    Absent,
+    /// Being opened.
+    Opening,
+    /// Delivers.
+    Streaming,
+    /// Open, but nothing comes.
+    Silent,
+    /// Closed after trouble, to be opened again.
+    Retrying,
+    /// Cannot be used.
+    Failed,
+    /// The recording holds no more of it.
+    Ended,
+}
+
+impl DeviceState {
+    /// The state in words.
+    #[must_use]
+    pub const fn sentence(self) -> &'static str {
+        match self {
+            Self::Absent => "Not part of this session.",
+            Self::Opening => "Being opened.",
+            Self::Streaming => "Delivers as it should.",
+            Self::Silent => "Nothing comes; the last of it stays in use.",
+            Self::Retrying => "In trouble; it will be opened again shortly.",
+            Self::Failed => "Cannot be used until somebody sees to it.",
+            Self::Ended => "The recording holds no more of it.",
+        }
+    }
+
+    /// As it stands in `/status` and as a metric label.
+    #[must_use]
+    pub const fn label(self) -> &'static str {
+        match self {
+            Self::Absent => "absent",
+            Self::Opening => "opening",
+            Self::Streaming => "streaming",
+            Self::Silent => "silent",
+            Self::Retrying => "retrying",
+            Self::Failed => "failed",
+            Self::Ended => "ended",
+        }
+    }
+}
+
+/// A camera or a tracker.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Device {
+    /// Its name or path.
+    pub name: String,
+    /// What it is for.
+    pub kind: DeviceKind,
+    /// What it is doing.
+    pub state: DeviceState,
+    /// The state in words.
+    pub sentence: &'static str,
+    /// What the driver said, when it is in trouble.
+    pub reason: Option<String>,
+    /// Frames or records per second.
+    pub per_second: f64,
+    /// Frames or records since the start.
+    pub received: u64,
+    /// Of these lost: gaps in its counter, damaged, or overtaken.
+    pub dropped: u64,
+    /// Age of the newest frame or record, milliseconds.
+    pub last_age_ms: Option<f64>,
+}
+
+impl Device {
+    /// A device that has delivered nothing yet.
+    #[must_use]
+    pub fn new(name: &str, kind: DeviceKind) -> Self {
+        Self {
+            name: name.to_owned(),
+            kind,
+            state: DeviceState::Opening,
+            sentence: DeviceState::Opening.sentence(),
+            reason: None,
+            per_second: 0.0,
+            received: 0,
+            dropped: 0,
+            last_age_ms: None,
+        }
+    }
+
+    /// Goes into a state, with its sentence and what the driver said.
+    pub fn enter(&mut self, state: DeviceState, reason: Option<&str>) {
+        self.state = state;
+        self.sentence = state.sentence();
+        if self.reason.as_deref() != reason {
+            self.reason = reason.map(str::to_owned);
+        }
+    }
+}
+
+/// What draws.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Adapter {
+    /// As the driver calls it.
+    pub name: String,
+    /// `Vulkan`, `Metal`, …
+    pub backend: String,
+    /// `DiscreteGpu`, `IntegratedGpu`, `Cpu`, …
+    pub kind: String,
+}
+
+/// Size of the composited picture, pixels.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Resolution {
+    /// Pixels in a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+}
+
+/// The browser's side; filled in by the stream itself.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Stream {
+    /// Browsers that watch `/stream.mjpeg`.
+    pub viewers: u32,
+    /// Pictures encoded for them.
+    pub encoded: u64,
+}
+
+/// Something to look at.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Warning {
+    /// What, where, what to do.
+    pub text: String,
+    /// How often it happened.
+    pub count: u64,
+}
