@@ -1,0 +1,17 @@
+//! Polhemus FASTRAK (manual OPM00PI002, records of the `O`, `F`, `f`, `U`, `u` commands).
+//!
+//! A record is `'0'`, the station's digit, an error letter or a blank, the position, the
+//! orientation and an ending. [`Format`] says which of the spellings the device was told
+//! to send; [`Decoder`] finds the records in a byte stream.
+
+mod decoder;
+mod record;
+
+pub use decoder::{Counters, Decoder};
+pub use record::{Encoding, Ending, Fault, Format, Orientation, Record};
+
+/// Metres in an inch, the FASTRAK's unit unless told otherwise (`U`).
+pub const METRES_PER_INCH: f64 = 0.0254;
+
+/// Metres in a centimetre, the unit after `u`.
+pub const METRES_PER_CENTIMETRE: f64 = 0.01;
