@@ -10,6 +10,7 @@
 //! all, and [`output`] shows it. [`rig`] wires these together and is the only place that
 //! spawns; [`config`] says with what settings; [`status`] tells what is going on.
 
+pub mod bench;
 pub mod calibration;
 pub mod compositor;
 pub mod environment;

@@ -10,6 +10,8 @@ pub enum Slot {
     Texture,
     /// Float texture that is only loaded, or of a format that cannot be filtered.
     Unfilterable,
+    /// Unsigned integers.
+    Integer,
     Multisampled,
     Depth,
     DepthMultisampled,
@@ -20,12 +22,26 @@ pub enum Slot {
 }
 
 impl Slot {
+    /// Colour and depth of virtual surfaces with so many samples a pixel.
+    pub const fn sampled(samples: u32) -> (Self, Self) {
+        if samples > 1 {
+            (Self::Multisampled, Self::DepthMultisampled)
+        } else {
+            (Self::Unfilterable, Self::Depth)
+        }
+    }
+
     const fn binding_type(self) -> BindingType {
         match self {
             Self::Uniform => buffer(wgpu::BufferBindingType::Uniform),
             Self::Storage => buffer(wgpu::BufferBindingType::Storage { read_only: true }),
             Self::Texture => texture(true, wgpu::TextureViewDimension::D2, false),
             Self::Unfilterable => texture(false, wgpu::TextureViewDimension::D2, false),
+            Self::Integer => BindingType::Texture {
+                sample_type: wgpu::TextureSampleType::Uint,
+                view_dimension: wgpu::TextureViewDimension::D2,
+                multisampled: false,
+            },
             Self::Multisampled => texture(false, wgpu::TextureViewDimension::D2, true),
             Self::Cube => texture(true, wgpu::TextureViewDimension::Cube, false),
             Self::Depth => depth(wgpu::TextureViewDimension::D2, false),

@@ -6,12 +6,13 @@ use super::passes::phantom_geometry::PhantomGeometryPass;
 use super::passes::shadow_buffer::{ShadowBufferInputs, ShadowBufferPass};
 use super::passes::shadow_map::ShadowMapPass;
 use super::passes::surroundings::{SurroundingsInputs, SurroundingsPass};
+use super::passes::tiles::TilesPass;
 use super::passes::virtual_geometry::VirtualGeometryPass;
 use super::readback::Readback;
 use super::scene_buffers::SceneLayouts;
-use super::targets::Targets;
+use super::targets::{ENCODING, TILE, Targets};
 use super::{Compositor, GpuError, Refresh};
-use crate::calibration::PinholeCamera;
+use crate::calibration::{PinholeCamera, Response};
 use crate::environment::Lighting;
 use crate::picture::Picture;
 use glam::{DMat4, DVec4};
@@ -52,6 +53,7 @@ pub struct Pipelines {
     shadow_map: ShadowMapPass,
     phantom_geometry: PhantomGeometryPass,
     virtual_geometry: VirtualGeometryPass,
+    tiles: TilesPass,
     shadow_buffer: ShadowBufferPass,
     surroundings: SurroundingsPass,
     composite: CompositePass,
@@ -68,6 +70,7 @@ impl Pipelines {
             shadow_map: ShadowMapPass::new(device, frame),
             phantom_geometry: PhantomGeometryPass::new(device, frame, scene),
             virtual_geometry: VirtualGeometryPass::new(device, frame, scene, samples),
+            tiles: TilesPass::new(device, frame, samples),
             shadow_buffer: ShadowBufferPass::new(device, frame, samples),
             surroundings: SurroundingsPass::new(device, frame),
             composite: CompositePass::new(device, frame, samples),
@@ -78,6 +81,7 @@ impl Pipelines {
 /// What depends on the picture's size.
 pub struct Sized {
     pub(super) targets: Targets,
+    tiles: wgpu::BindGroup,
     shadow_buffer: ShadowBufferInputs,
     surroundings: SurroundingsInputs,
     composite: CompositeInputs,
@@ -181,6 +185,7 @@ impl Compositor {
         self.slots
             .schedule(lights, size, input.refresh, &mut self.chosen);
         self.refreshed = self.chosen.len();
+        self.subtract = input.shadow_mode == ShadowMode::Subtract;
         let uniform = self.frame_uniform(input, lights.len(), augmented);
         let slots = &self.slots;
         let each = lights
@@ -206,7 +211,7 @@ impl Compositor {
             });
         }
         let targets = self.make_targets(size.0, size.1);
-        write_response(&self.gpu.queue, &targets, self.response.linear_from_code());
+        write_response(&self.gpu.queue, &targets, &self.response);
         self.sized = Some(self.bind(targets));
         Ok(false)
     }
@@ -222,6 +227,7 @@ impl Compositor {
         let maps = (&self.maps.0, &self.maps.1);
         let light = &self.light_maps;
         Sized {
+            tiles: p.tiles.bind(device, &targets),
             shadow_buffer: p.shadow_buffer.bind(device, maps, &targets),
             surroundings: p.surroundings.bind(device, &targets),
             composite: p
@@ -295,6 +301,7 @@ impl Compositor {
             ],
             params: [input.shadow_strength, height, has_ground, (mips - 1) as f32],
             ground: ground.extend(0.0).to_array(),
+            tiling: [(lights as u32).div_ceil(64).max(1), TILE, 0, 0],
         }
     }
 }
@@ -318,17 +325,30 @@ fn clip_from_camera(camera: &PinholeCamera) -> DMat4 {
     )
 }
 
-fn write_response(queue: &wgpu::Queue, targets: &Targets, linear_from_code: &[f32; 256]) {
-    queue.write_texture(
-        targets.response.texture.as_image_copy(),
-        bytemuck::cast_slice(linear_from_code),
-        wgpu::TexelCopyBufferLayout {
-            offset: 0,
-            bytes_per_row: Some(1024),
-            rows_per_image: None,
-        },
-        targets.response.texture.size(),
-    );
+/// Uploads the response and its inverse.
+fn write_response(queue: &wgpu::Queue, targets: &Targets, response: &Response) {
+    let encoding: Vec<f32> = (0..ENCODING)
+        .map(|i| {
+            let root = i as f32 / (ENCODING - 1) as f32;
+            response.code_from_linear(root * root)
+        })
+        .collect();
+    let tables = [
+        (&targets.response, &response.linear_from_code()[..]),
+        (&targets.encoding, &encoding[..]),
+    ];
+    for (target, values) in tables {
+        queue.write_texture(
+            target.texture.as_image_copy(),
+            bytemuck::cast_slice(values),
+            wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some(4 * values.len() as u32),
+                rows_per_image: None,
+            },
+            target.texture.size(),
+        );
+    }
 }
 
 #[cfg(test)]

@@ -18,6 +18,7 @@ pub struct FrameUniform {
     pub counts: [u32; 4],
     pub params: [f32; 4],
     pub ground: [f32; 4],
+    pub tiling: [u32; 4],
 }
 
 /// Twin of WGSL `Light`.

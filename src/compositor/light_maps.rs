@@ -1,13 +1,17 @@
 //! The light on the GPU: this frame's uniforms, the lights, the prefiltered radiance map
 //! and the table of specular scales.
 
-use super::bindings::{Slot, group, layout};
+use super::bindings::{Slot, group, layout, sampler, view};
 use super::gpu_data::{FrameUniform, LightUniform};
+use super::shaders::MAX_LIGHTS;
 use crate::environment::CubeMap;
+use glam::Vec3;
 use half::f16;
 
 /// Side of the table of specular scales.
 const TABLE: u32 = 32;
+/// Side of the tables of irradiance by normal.
+const BY_NORMAL: u32 = 33;
 /// Directions per entry of the table.
 const TABLE_SAMPLES: u32 = 256;
 
@@ -21,14 +25,21 @@ pub struct LightMaps {
     radiance_texture: wgpu::Texture,
     frame: wgpu::Buffer,
     lights: wgpu::Buffer,
+    /// Irradiance by normal of all lights and of the compact ones.
+    tables: [wgpu::Texture; 2],
     staging: Vec<LightUniform>,
+    previous: Vec<LightUniform>,
     texels: Vec<[f16; 4]>,
 }
 
 impl LightMaps {
     /// Buffers for `budget` lights.
     pub fn new(device: &wgpu::Device, queue: &wgpu::Queue, budget: u32) -> Self {
-        let frame_layout = layout(device, "frame", &[Slot::Uniform, Slot::Storage]);
+        let frame_layout = layout(
+            device,
+            "frame",
+            &[Slot::Uniform, Slot::Uniform, Slot::Texture, Slot::Texture, Slot::Sampler],
+        );
         let buffer = |size: usize, usage| {
             device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some("frame"),
@@ -39,14 +50,28 @@ impl LightMaps {
         };
         let frame = buffer(size_of::<FrameUniform>(), wgpu::BufferUsages::UNIFORM);
         let lights = buffer(
-            size_of::<LightUniform>() * budget.max(1) as usize,
-            wgpu::BufferUsages::STORAGE,
+            size_of::<LightUniform>() * MAX_LIGHTS as usize,
+            wgpu::BufferUsages::UNIFORM,
         );
+        let tables = ["all lights", "compact lights"].map(|label| table(device, label, BY_NORMAL));
+        let views = tables.each_ref().map(|t| t.create_view(&wgpu::TextureViewDescriptor::default()));
+        let smooth = device.create_sampler(&wgpu::SamplerDescriptor {
+            label: Some("table"),
+            mag_filter: wgpu::FilterMode::Linear,
+            min_filter: wgpu::FilterMode::Linear,
+            ..Default::default()
+        });
         let frame_group = group(
             device,
             "frame",
             &frame_layout,
-            &[frame.as_entire_binding(), lights.as_entire_binding()],
+            &[
+                frame.as_entire_binding(),
+                lights.as_entire_binding(),
+                view(&views[0]),
+                view(&views[1]),
+                sampler(&smooth),
+            ],
         );
         let (radiance_texture, radiance) = cube(device, 1, 1);
         Self {
@@ -58,7 +83,9 @@ impl LightMaps {
             radiance_texture,
             frame,
             lights,
+            tables,
             staging: Vec::with_capacity(budget as usize),
+            previous: Vec::with_capacity(budget as usize),
             texels: Vec::new(),
         }
     }
@@ -73,8 +100,33 @@ impl LightMaps {
         queue.write_buffer(&self.frame, 0, bytemuck::bytes_of(frame));
         self.staging.clear();
         self.staging.extend(lights);
+        if self.staging == self.previous {
+            return;
+        }
         if !self.staging.is_empty() {
             queue.write_buffer(&self.lights, 0, bytemuck::cast_slice(&self.staging));
+        }
+        self.write_tables(queue);
+        std::mem::swap(&mut self.previous, &mut self.staging);
+    }
+
+    fn write_tables(&mut self, queue: &wgpu::Queue) {
+        for (texture, least) in self.tables.iter().zip([0.0, 0.5]) {
+            self.texels.clear();
+            for i in 0..BY_NORMAL * BY_NORMAL {
+                let n = normal_of_texel(i % BY_NORMAL, i / BY_NORMAL);
+                let sum: Vec3 = self
+                    .staging
+                    .iter()
+                    .filter(|l| l.irradiance[3] >= least)
+                    .map(|l| {
+                        let towards = Vec3::from_slice(&l.direction).dot(n).max(0.0);
+                        Vec3::from_slice(&l.irradiance) * towards
+                    })
+                    .sum();
+                self.texels.push(half_texel(sum.to_array()));
+            }
+            write_level(queue, texture, 0, BY_NORMAL, 1, &self.texels);
         }
     }
 
@@ -165,21 +217,33 @@ fn cube(device: &wgpu::Device, size: u32, levels: u32) -> (wgpu::Texture, wgpu::
     (texture, view)
 }
 
-fn specular_table(device: &wgpu::Device, queue: &wgpu::Queue) -> wgpu::TextureView {
-    let texture = device.create_texture(&wgpu::TextureDescriptor {
-        label: Some("specular table"),
-        size: wgpu::Extent3d {
-            width: TABLE,
-            height: TABLE,
-            depth_or_array_layers: 1,
-        },
+fn table(device: &wgpu::Device, label: &str, side: u32) -> wgpu::Texture {
+    device.create_texture(&wgpu::TextureDescriptor {
+        label: Some(label),
+        size: wgpu::Extent3d { width: side, height: side, depth_or_array_layers: 1 },
         mip_level_count: 1,
         sample_count: 1,
         dimension: wgpu::TextureDimension::D2,
         format: wgpu::TextureFormat::Rgba16Float,
         usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
         view_formats: &[],
-    });
+    })
+}
+
+/// Unit normal of a texel of the octahedral tables; twin of `normal_from_octahedron`. The
+/// side is odd, so that +Z and the horizon's axes fall on texels.
+fn normal_of_texel(x: u32, y: u32) -> Vec3 {
+    let at = |k: u32| 2.0 * k as f32 / (BY_NORMAL - 1) as f32 - 1.0;
+    let (px, py) = (at(x), at(y));
+    let mut n = Vec3::new(px, py, 1.0 - px.abs() - py.abs());
+    let t = (-n.z).max(0.0);
+    n.x -= t.copysign(n.x);
+    n.y -= t.copysign(n.y);
+    n.normalize()
+}
+
+fn specular_table(device: &wgpu::Device, queue: &wgpu::Queue) -> wgpu::TextureView {
+    let texture = table(device, "specular table", TABLE);
     let texels: Vec<_> = (0..TABLE * TABLE)
         .map(|i| {
             let at = |k: u32| (k as f32 + 0.5) / TABLE as f32;

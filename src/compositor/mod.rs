@@ -76,6 +76,7 @@ pub struct Compositor {
     response: Response,
     radiance_generation: Option<u64>,
     refreshed: usize,
+    subtract: bool,
 }
 
 impl Compositor {
@@ -104,6 +105,7 @@ impl Compositor {
             sized: None,
             radiance_generation: None,
             refreshed: 0,
+            subtract: false,
             gpu,
             settings,
             pipelines,

@@ -5,11 +5,15 @@ use std::borrow::Cow;
 const FRAME: &str = include_str!("shaders/lib/frame.wgsl");
 const NORMAL: &str = include_str!("shaders/lib/normal.wgsl");
 const FULLSCREEN: &str = include_str!("shaders/lib/fullscreen.wgsl");
+const TILES: &str = include_str!("shaders/lib/tiles.wgsl");
 const VISIBILITY: &str = include_str!("shaders/lib/visibility.wgsl");
+
+/// Most dome lights: as many as fit a uniform buffer of 64 KiB.
+pub const MAX_LIGHTS: u32 = 384;
 
 /// Every shader of the compositor, complete, for `samples` samples a pixel.
 #[must_use]
-pub fn all(samples: u32) -> [(&'static str, String); 7] {
+pub fn all(samples: u32) -> [(&'static str, String); 8] {
     [
         (
             "shadow_map",
@@ -29,10 +33,17 @@ pub fn all(samples: u32) -> [(&'static str, String); 7] {
                 join(&[
                     FRAME,
                     NORMAL,
-                    FULLSCREEN,
+                    TILES,
                     VISIBILITY,
                     include_str!("shaders/shadow_buffer.wgsl"),
                 ]),
+                samples,
+            ),
+        ),
+        (
+            "tiles",
+            sampled(
+                join(&[FRAME, NORMAL, FULLSCREEN, include_str!("shaders/tiles.wgsl")]),
                 samples,
             ),
         ),
@@ -60,7 +71,7 @@ pub fn all(samples: u32) -> [(&'static str, String); 7] {
 }
 
 fn join(parts: &[&str]) -> String {
-    parts.join("\n")
+    parts.join("\n").replace("MAX_LIGHTS", &MAX_LIGHTS.to_string())
 }
 
 /// WGSL has different types for one and for several samples, with the same calls.

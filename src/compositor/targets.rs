@@ -17,7 +17,14 @@ pub mod format {
         F::Rgba16Float,
     ];
     pub const LIGHT: F = F::Rgba16Float;
+    pub const TILES: F = F::Rgba32Uint;
 }
+
+/// Side of a tile, picture pixels.
+pub const TILE: u32 = 16;
+
+/// Entries of the inverse response's table.
+pub const ENCODING: u32 = 2048;
 
 /// A texture and the view of all of it.
 pub struct Target {
@@ -33,6 +40,8 @@ pub struct Targets {
     pub step: u32,
     pub camera: Target,
     pub response: Target,
+    /// Inverse of the response.
+    pub encoding: Target,
     pub phantom_normal: Target,
     pub phantom_depth: Target,
     pub virtual_surface: [Target; 4],
@@ -44,6 +53,8 @@ pub struct Targets {
     /// Linear shadowed picture, level 0 at half size.
     pub surroundings: Target,
     pub surroundings_levels: Vec<wgpu::TextureView>,
+    /// Masks of lights per tile, for phantom and virtual surfaces.
+    pub tiles: [Target; 2],
     pub output: Target,
 }
 
@@ -83,6 +94,11 @@ impl Maker<'_> {
 }
 
 impl Targets {
+    /// Number of tiles.
+    pub const fn tile_count(&self) -> u32 {
+        self.width.div_ceil(TILE) * self.height.div_ceil(TILE)
+    }
+
     /// Textures for pictures of `width` × `height` with `samples` samples a pixel.
     pub fn new(device: &wgpu::Device, width: u32, height: u32, samples: u32, step: u32) -> Self {
         let m = Maker(device);
@@ -92,6 +108,8 @@ impl Targets {
         );
         let drawn = U::RENDER_ATTACHMENT | U::TEXTURE_BINDING;
         let uploaded = U::COPY_DST | U::TEXTURE_BINDING;
+        let copied = U::COPY_SRC | U::COPY_DST;
+        let tiles = (width.div_ceil(TILE), height.div_ceil(TILE));
         let half = (width.div_ceil(2), height.div_ceil(2));
         let levels = (half.0.max(half.1)).ilog2().clamp(1, 7);
         let surroundings = m.levels("surroundings", half, format::LIGHT, drawn, 1, levels);
@@ -110,8 +128,9 @@ impl Targets {
             width,
             height,
             step,
-            camera: m.make("camera", full, format::CAMERA, uploaded, 1),
+            camera: m.make("camera", full, format::CAMERA, uploaded | U::COPY_SRC, 1),
             response: m.make("response", (256, 1), format::RESPONSE, uploaded, 1),
+            encoding: m.make("encoding", (ENCODING, 1), format::RESPONSE, uploaded, 1),
             phantom_normal: m.make("phantom normal", full, format::PHANTOM_NORMAL, drawn, 1),
             phantom_depth: m.make("phantom depth", full, format::DEPTH, drawn, 1),
             virtual_surface: format::VIRTUAL
@@ -121,7 +140,9 @@ impl Targets {
             light: m.make("light", coarse, format::LIGHT, drawn, 1),
             surroundings,
             surroundings_levels,
-            output: m.make("output", full, format::OUTPUT, drawn | U::COPY_SRC, 1),
+            tiles: ["phantom tiles", "virtual tiles"]
+                .map(|label| m.make(label, tiles, format::TILES, drawn, 1)),
+            output: m.make("output", full, format::OUTPUT, drawn | copied, 1),
         }
     }
 }

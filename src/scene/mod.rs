@@ -17,3 +17,5 @@ pub use gltf_bytes::Resolver;
 pub use gltf_file::{Model, load_gltf, load_gltf_bytes};
 pub use mesh::{Material, Mesh, Part, Scene, SceneTexture, Vertex};
 pub use ply::load_ply;
+mod casters;
+pub use casters::casters;

@@ -3,7 +3,7 @@
 use super::super::bindings::{PipelineSpec, Slot, group, layout, sampler, view};
 use super::super::targets::{Targets, format};
 use super::super::{shaders, timing::Timer};
-use super::cover;
+use super::tiles;
 
 /// The pass.
 pub struct CompositePass {
@@ -24,13 +24,10 @@ pub struct CompositeInputs {
 impl CompositePass {
     pub fn new(device: &wgpu::Device, frame: &wgpu::BindGroupLayout, samples: u32) -> Self {
         let module = shaders::module(device, "composite", samples);
-        let u = Slot::Unfilterable;
-        let (colour, depth) = if samples > 1 {
-            (Slot::Multisampled, Slot::DepthMultisampled)
-        } else {
-            (u, Slot::Depth)
-        };
-        let picture_layout = layout(device, "composite picture", &[u, u, u, u, u, Slot::Depth]);
+        let (u, i) = (Slot::Unfilterable, Slot::Integer);
+        let (colour, depth) = Slot::sampled(samples);
+        let picture_layout =
+            layout(device, "composite picture", &[u, u, u, u, u, Slot::Depth, i, i, u]);
         let surfaces_layout = layout(
             device,
             "composite surfaces",
@@ -45,7 +42,7 @@ impl CompositePass {
             label: "composite",
             module: &module,
             groups: &[frame, &picture_layout, &surfaces_layout, &light_layout],
-            vertex: "cover",
+            vertex: "composite_tile",
             buffers: &[],
             fragment: Some("composite"),
             targets: &[format::OUTPUT],
@@ -86,6 +83,9 @@ impl CompositePass {
             &t.light,
             &t.phantom_normal,
             &t.phantom_depth,
+            &t.tiles[0],
+            &t.tiles[1],
+            &t.encoding,
         ]
         .map(|t| view(&t.view));
         let s = &t.virtual_surface;
@@ -117,14 +117,14 @@ impl CompositePass {
         targets: &Targets,
     ) {
         let groups = [frame, &inputs.picture, &inputs.surfaces, &inputs.light];
-        let writes = timer.span("composite", true, true);
-        cover(
-            encoder,
-            "composite",
-            &targets.output.view,
-            writes,
-            &self.pipeline,
-            &groups,
+        // Where nothing virtual is, the picture is the camera's, bit for bit.
+        encoder.copy_texture_to_texture(
+            targets.camera.texture.as_image_copy(),
+            targets.output.texture.as_image_copy(),
+            targets.output.texture.size(),
         );
+        let writes = timer.span("composite", true, true);
+        let (view, count) = (&targets.output.view, targets.tile_count());
+        tiles(encoder, "composite", view, None, writes, &self.pipeline, &groups, count);
     }
 }

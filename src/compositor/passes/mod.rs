@@ -6,6 +6,7 @@ pub mod present;
 pub mod shadow_buffer;
 pub mod shadow_map;
 pub mod surroundings;
+pub mod tiles;
 pub mod virtual_geometry;
 
 /// A colour attachment that starts black.
@@ -56,4 +57,34 @@ pub fn cover(
         pass.set_bind_group(index, *group, &[]);
     }
     pass.draw(0..3, 0..1);
+}
+
+/// Records a pass that draws the tiles of `view` in which there is work; `clear` is what
+/// the others hold, `None` keeps what is there.
+#[expect(clippy::too_many_arguments, reason = "one line of a pass each")]
+pub fn tiles(
+    encoder: &mut wgpu::CommandEncoder,
+    label: &str,
+    view: &wgpu::TextureView,
+    clear: Option<wgpu::Color>,
+    timestamp_writes: Option<wgpu::RenderPassTimestampWrites<'_>>,
+    pipeline: &wgpu::RenderPipeline,
+    groups: &[&wgpu::BindGroup],
+    count: u32,
+) {
+    let mut attachment = cleared(view);
+    if let Some(attachment) = &mut attachment {
+        attachment.ops.load = clear.map_or(wgpu::LoadOp::Load, wgpu::LoadOp::Clear);
+    }
+    let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+        label: Some(label),
+        color_attachments: &[attachment],
+        timestamp_writes,
+        ..Default::default()
+    });
+    pass.set_pipeline(pipeline);
+    for (group, index) in groups.iter().zip(0..) {
+        pass.set_bind_group(index, *group, &[]);
+    }
+    pass.draw(0..6, 0..count);
 }

@@ -3,7 +3,7 @@
 use super::super::bindings::{PipelineSpec, Slot, group, layout, sampler, view};
 use super::super::targets::{Targets, format};
 use super::super::{shaders, timing::Timer};
-use super::cover;
+use super::tiles;
 use super::shadow_map::ShadowMaps;
 
 /// The pass.
@@ -29,22 +29,26 @@ impl ShadowBufferPass {
             "shadow maps",
             &[Slot::DepthArray, Slot::DepthArray, Slot::Comparison],
         );
-        let (colour, depth) = if samples > 1 {
-            (Slot::Multisampled, Slot::DepthMultisampled)
-        } else {
-            (Slot::Unfilterable, Slot::Depth)
-        };
+        let (colour, depth) = Slot::sampled(samples);
         let surfaces_layout = layout(
             device,
             "surfaces",
-            &[Slot::Unfilterable, Slot::Depth, colour, colour, depth],
+            &[
+                Slot::Unfilterable,
+                Slot::Depth,
+                colour,
+                colour,
+                depth,
+                Slot::Integer,
+                Slot::Integer,
+            ],
         );
-        let build = |fragment: &str| {
+        let build = |vertex: &str, fragment: &str| {
             PipelineSpec {
                 label: "shadow_buffer",
                 module: &module,
                 groups: &[frame, &maps_layout, &surfaces_layout],
-                vertex: "cover",
+                vertex,
                 buffers: &[],
                 fragment: Some(fragment),
                 targets: &[format::LIGHT],
@@ -62,8 +66,8 @@ impl ShadowBufferPass {
             ..Default::default()
         });
         Self {
-            phantom: build("phantom_shadow"),
-            virtual_light: build("virtual_light"),
+            phantom: build("phantom_tile", "phantom_shadow"),
+            virtual_light: build("virtual_tile", "virtual_light"),
             maps_layout,
             surfaces_layout,
             compare,
@@ -97,6 +101,8 @@ impl ShadowBufferPass {
                 view(&targets.virtual_surface[0].view),
                 view(&targets.virtual_surface[2].view),
                 view(&targets.virtual_depth.view),
+                view(&targets.tiles[0].view),
+                view(&targets.tiles[1].view),
             ],
         );
         ShadowBufferInputs { maps, surfaces }
@@ -109,25 +115,18 @@ impl ShadowBufferPass {
         frame: &wgpu::BindGroup,
         inputs: &ShadowBufferInputs,
         targets: &Targets,
+        unshadowed: f64,
     ) {
         let groups = [frame, &inputs.maps, &inputs.surfaces];
-        let writes = timer.span("phantom_shadow", true, true);
-        cover(
-            encoder,
-            "phantom_shadow",
-            &targets.shadow.view,
-            writes,
-            &self.phantom,
-            &groups,
-        );
-        let writes = timer.span("virtual_light", true, true);
-        cover(
-            encoder,
-            "virtual_light",
-            &targets.light.view,
-            writes,
-            &self.virtual_light,
-            &groups,
-        );
+        let count = targets.tile_count();
+        let lit = wgpu::Color { r: unshadowed, g: unshadowed, b: unshadowed, a: 1.0 };
+        let jobs = [
+            ("phantom_shadow", &targets.shadow, lit, &self.phantom),
+            ("virtual_light", &targets.light, wgpu::Color::TRANSPARENT, &self.virtual_light),
+        ];
+        for (name, target, clear, pipeline) in jobs {
+            let writes = timer.span(name, true, true);
+            tiles(encoder, name, &target.view, Some(clear), writes, pipeline, &groups, count);
+        }
     }
 }

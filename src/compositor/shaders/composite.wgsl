@@ -7,6 +7,9 @@
 @group(1) @binding(3) var light: texture_2d<f32>;
 @group(1) @binding(4) var phantom_normal: texture_2d<f32>;
 @group(1) @binding(5) var phantom_depth: texture_depth_2d;
+@group(1) @binding(6) var phantom_tiles: texture_2d<u32>;
+@group(1) @binding(7) var virtual_tiles: texture_2d<u32>;
+@group(1) @binding(8) var encoding: texture_2d<f32>;
 @group(2) @binding(0) var virtual_base: VIRTUAL_TEXTURE;
 @group(2) @binding(1) var virtual_properties: VIRTUAL_TEXTURE;
 @group(2) @binding(2) var virtual_normal: VIRTUAL_TEXTURE;
@@ -28,21 +31,14 @@ fn linear_from_code(code: vec3f) -> vec3f {
     );
 }
 
-// Inverse of the response by bisection between its 256 ascending values.
+// Inverse of the response, tabulated over the square root of the linear value.
 fn code_from_linear(x: f32) -> f32 {
-    var lo = 0;
-    var hi = 255;
-    for (var k = 0; k < 8; k++) {
-        let mid = (lo + hi) / 2;
-        if textureLoad(response, vec2i(mid, 0), 0).r <= x {
-            lo = mid;
-        } else {
-            hi = mid;
-        }
-    }
-    let a = textureLoad(response, vec2i(lo, 0), 0).r;
-    let b = textureLoad(response, vec2i(hi, 0), 0).r;
-    return (f32(lo) + clamp((x - a) / max(b - a, 1e-9), 0.0, 1.0) * f32(hi - lo)) / 255.0;
+    let last = f32(textureDimensions(encoding).x - 1u);
+    let at = sqrt(clamp(x, 0.0, 1.0)) * last;
+    let i = min(floor(at), last - 1.0);
+    let a = textureLoad(encoding, vec2i(i32(i), 0), 0).r;
+    let b = textureLoad(encoding, vec2i(i32(i) + 1, 0), 0).r;
+    return mix(a, b, at - i);
 }
 
 // The shadow buffer may be coarser than the picture: its texels count by how much they
@@ -180,9 +176,18 @@ fn shade(pixel: vec2i, s: i32) -> vec3f {
     return diffuse + specular + textureLoad(virtual_emissive, pixel, s).rgb;
 }
 
+@vertex
+fn composite_tile(@builtin(vertex_index) v: u32, @builtin(instance_index) t: u32) -> TileVarying {
+    let across = textureDimensions(phantom_tiles).x;
+    let tile = vec2u(t % across, t / across);
+    let shadowed = any(textureLoad(phantom_tiles, tile, 0).xy != vec2u(0u));
+    let covered = textureLoad(virtual_tiles, tile, 0).z != 0u;
+    return tile_corner(v, tile, 1.0, shadowed || covered);
+}
+
 @fragment
-fn composite(@builtin(position) at: vec4f) -> @location(0) vec4f {
-    let pixel = vec2i(at.xy);
+fn composite(in: TileVarying) -> @location(0) vec4f {
+    let pixel = vec2i(in.position.xy);
     let code = textureLoad(camera, pixel, 0);
     let subtract = frame.counts.y == 1u;
     let factor = shadow_at(pixel);

@@ -11,23 +11,58 @@
 @group(2) @binding(2) var virtual_base: VIRTUAL_TEXTURE;
 @group(2) @binding(3) var virtual_normal: VIRTUAL_TEXTURE;
 @group(2) @binding(4) var virtual_depth: VIRTUAL_DEPTH;
+@group(2) @binding(5) var phantom_tiles: texture_2d<u32>;
+@group(2) @binding(6) var virtual_tiles: texture_2d<u32>;
 
 const PI = 3.14159265;
+
+@vertex
+fn phantom_tile(@builtin(vertex_index) v: u32, @builtin(instance_index) t: u32) -> TileVarying {
+    let across = textureDimensions(phantom_tiles).x;
+    let tile = vec2u(t % across, t / across);
+    let wanted = any(textureLoad(phantom_tiles, tile, 0).xy != vec2u(0u));
+    return tile_corner(v, tile, f32(frame.counts.z), wanted);
+}
+
+@vertex
+fn virtual_tile(@builtin(vertex_index) v: u32, @builtin(instance_index) t: u32) -> TileVarying {
+    let across = textureDimensions(virtual_tiles).x;
+    let tile = vec2u(t % across, t / across);
+    let wanted = textureLoad(virtual_tiles, tile, 0).z != 0u;
+    return tile_corner(v, tile, f32(frame.counts.z), wanted);
+}
+
+// Takes the lowest bit out of a mask of 64; returns its number.
+fn next_bit(mask: ptr<function, vec2u>) -> u32 {
+    if (*mask).x != 0u {
+        let bit = firstTrailingBit((*mask).x);
+        (*mask).x &= (*mask).x - 1u;
+        return bit;
+    }
+    let bit = firstTrailingBit((*mask).y);
+    (*mask).y &= (*mask).y - 1u;
+    return bit + 32u;
+}
 
 // Light of the lower hemisphere, which no dome light stands for where there is a ground.
 fn ground_irradiance(n: vec3f) -> vec3f {
     return frame.params.z * frame.ground.rgb * (PI * 0.5 * (1.0 - n.z));
 }
 
-fn lost_behind_virtual(world: vec3f, n: vec3f) -> vec3f {
+fn by_normal(table: texture_2d<f32>, n: vec3f) -> vec3f {
+    let side = f32(textureDimensions(table).x);
+    let uv = ((octahedron_from_normal(n) * 0.5 + 0.5) * (side - 1.0) + 0.5) / side;
+    return textureSampleLevel(table, table_sampler, uv, 0.0).rgb;
+}
+
+fn lost_behind_virtual(masks: vec4u, world: vec3f, n: vec3f) -> vec3f {
     var lost = vec3f(0.0);
-    for (var i = 0u; i < frame.counts.x; i++) {
-        let n_dot_l = dot(n, lights[i].direction.xyz);
-        if n_dot_l <= 0.0 {
-            continue;
-        }
-        let blocked = 1.0 - virtual_visibility(i, world, n, n_dot_l);
-        if blocked > 0.0 {
+    var mask = masks.xy;
+    while any(mask != vec2u(0u)) {
+        let first = next_bit(&mask) * frame.tiling.x;
+        for (var i = first; i < min(first + frame.tiling.x, frame.counts.x); i++) {
+            let n_dot_l = max(dot(n, lights[i].direction.xyz), 0.0);
+            let blocked = 1.0 - virtual_visibility(i, world, n, n_dot_l);
             let real = phantom_visibility(i, world, n, n_dot_l);
             lost += lights[i].irradiance.rgb * (n_dot_l * blocked * real);
         }
@@ -35,37 +70,40 @@ fn lost_behind_virtual(world: vec3f, n: vec3f) -> vec3f {
     return lost;
 }
 
-fn arriving_in_real(world: vec3f, n: vec3f) -> vec3f {
-    var sum = ground_irradiance(n);
-    for (var i = 0u; i < frame.counts.x; i++) {
-        let n_dot_l = dot(n, lights[i].direction.xyz);
-        if n_dot_l > 0.0 {
-            let real = phantom_visibility(i, world, n, n_dot_l);
-            sum += lights[i].irradiance.rgb * (n_dot_l * real);
+fn arriving_in_real(masks: vec4u, world: vec3f, n: vec3f) -> vec3f {
+    var sum = ground_irradiance(n) + by_normal(irradiance_of_lights, n);
+    var mask = masks.zw;
+    while any(mask != vec2u(0u)) {
+        let first = next_bit(&mask) * frame.tiling.x;
+        for (var i = first; i < min(first + frame.tiling.x, frame.counts.x); i++) {
+            let n_dot_l = max(dot(n, lights[i].direction.xyz), 0.0);
+            let blocked = 1.0 - phantom_visibility(i, world, n, n_dot_l);
+            sum -= lights[i].irradiance.rgb * (n_dot_l * blocked);
         }
     }
     return sum;
 }
 
 @fragment
-fn phantom_shadow(@builtin(position) at: vec4f) -> @location(0) vec4f {
-    let pixel = vec2i(at.xy) * i32(frame.counts.z);
+fn phantom_shadow(in: TileVarying) -> @location(0) vec4f {
+    let pixel = vec2i(in.position.xy) * i32(frame.counts.z);
     let unshadowed = vec4f(vec3f(select(1.0, 0.0, frame.counts.y == 1u)), 1.0);
     let surface = textureLoad(phantom_normal, pixel, 0);
     if surface.z != 1.0 {
         return unshadowed;
     }
+    let masks = textureLoad(phantom_tiles, in.tile, 0);
     let n = normal_from_octahedron(surface.xy);
     let world = world_at(vec2f(pixel), textureLoad(phantom_depth, pixel, 0));
-    let lost = lost_behind_virtual(world, n) * frame.params.x;
+    let lost = lost_behind_virtual(masks, world, n) * frame.params.x;
     if all(lost == vec3f(0.0)) {
         return unshadowed;
     }
     if frame.counts.y == 1u {
         return vec4f(lost / PI, 1.0);
     }
-    let arriving = arriving_in_real(world, n);
-    return vec4f(max(arriving - lost, vec3f(0.0)) / max(arriving, vec3f(1e-6)), 1.0);
+    let arriving = max(arriving_in_real(masks, world, n), lost);
+    return vec4f((arriving - lost) / max(arriving, vec3f(1e-6)), 1.0);
 }
 
 // First covered sample in the block of pixels that this texel stands for:
@@ -84,23 +122,24 @@ fn covered_sample(corner: vec2i) -> vec3i {
 }
 
 @fragment
-fn virtual_light(@builtin(position) at: vec4f) -> @location(0) vec4f {
-    let found = covered_sample(vec2i(at.xy) * i32(frame.counts.z));
+fn virtual_light(in: TileVarying) -> @location(0) vec4f {
+    let found = covered_sample(vec2i(in.position.xy) * i32(frame.counts.z));
     if found.z < 0 {
         return vec4f(0.0);
     }
     let n = normal_from_octahedron(textureLoad(virtual_normal, found.xy, found.z).xy);
     let world = world_at(vec2f(found.xy), textureLoad(virtual_depth, found.xy, found.z));
-    var left = sky_irradiance(n);
-    for (var i = 0u; i < frame.counts.x; i++) {
-        let n_dot_l = dot(n, lights[i].direction.xyz);
-        if n_dot_l <= 0.0 {
-            continue;
+    // Compact sources are not in the sky's polynomial, cells are.
+    var left = sky_irradiance(n) + by_normal(irradiance_of_compact, n);
+    var mask = textureLoad(virtual_tiles, in.tile, 0).xy;
+    while any(mask != vec2u(0u)) {
+        let first = next_bit(&mask) * frame.tiling.x;
+        for (var i = first; i < min(first + frame.tiling.x, frame.counts.x); i++) {
+            let n_dot_l = max(dot(n, lights[i].direction.xyz), 0.0);
+            let seen = virtual_visibility(i, world, n, n_dot_l)
+                * phantom_visibility(i, world, n, n_dot_l);
+            left -= lights[i].irradiance.rgb * (n_dot_l * (1.0 - seen));
         }
-        let seen = virtual_visibility(i, world, n, n_dot_l)
-            * phantom_visibility(i, world, n, n_dot_l);
-        // Compact sources are not in the sky's polynomial, cells are.
-        left += lights[i].irradiance.rgb * (n_dot_l * (seen - 1.0 + lights[i].irradiance.w));
     }
     return vec4f(max(left, vec3f(0.0)), 1.0);
 }

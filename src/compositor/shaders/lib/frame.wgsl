@@ -21,6 +21,8 @@ struct Frame {
     params: vec4f,
     // Radiance of the ground where the picture does not show it.
     ground: vec4f,
+    // Lights per bit of a tile's mask, side of a tile in picture pixels.
+    tiling: vec4u,
 }
 
 struct Light {
@@ -41,7 +43,13 @@ struct Light {
 }
 
 @group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> lights: array<Light>;
+// A uniform rather than a storage buffer: every pixel of a wave reads the same light, and
+// software drivers load uniforms once for all of them. 64 KiB is what every device has.
+@group(0) @binding(1) var<uniform> lights: array<Light, MAX_LIGHTS>;
+// Irradiance by normal (octahedral) of all lights and of the compact ones, unshadowed.
+@group(0) @binding(2) var irradiance_of_lights: texture_2d<f32>;
+@group(0) @binding(3) var irradiance_of_compact: texture_2d<f32>;
+@group(0) @binding(4) var table_sampler: sampler;
 
 fn ray_through(pixel: vec2f) -> vec3f {
     let p = (pixel - frame.intrinsics.zw) / frame.intrinsics.xy;

@@ -1,0 +1,204 @@
+//! The rows of Supan 2006, table 1: 800×600, an object of 58,500 triangles on a plane,
+//! 0 to 64 dome lights, one shadow map drawn again per frame, and all.
+
+use super::report::{BenchReport, PassTime, Percentiles, Row};
+use super::BenchOptions;
+use crate::calibration::{PinholeCamera, Response};
+use crate::compositor::{
+    Compositor, CompositorSettings, FrameInput, Gpu, GpuError, Refresh, ShadowMode,
+};
+use crate::environment::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
+use crate::picture::Picture;
+use crate::scene::{Material, Mesh, Part, Scene, primitives};
+use glam::{DMat4, DQuat, DVec2, DVec3, Vec3, Vec4};
+use penumbra_interface::{MonotonicTime, RigidTransform};
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Frames before anything is measured: drivers compile and caches fill.
+const WARM_UP: u32 = 5;
+
+pub(super) fn run(
+    gpu: &Gpu,
+    options: &BenchOptions,
+    report: &mut BenchReport,
+    progress: &mut dyn FnMut(&Row),
+) -> Result<(), GpuError> {
+    let size = options.size.unwrap_or((800, 600));
+    for (lights, all) in [(0, false), (8, false), (48, false), (64, false), (64, true)] {
+        let row = measure(gpu, size, lights, all, options.frames.unwrap_or(60))?;
+        progress(&row);
+        report.rows.push(row);
+    }
+    Ok(())
+}
+
+fn measure(
+    gpu: &Gpu,
+    (width, height): (u32, u32),
+    lights: u32,
+    all: bool,
+    frames: u32,
+) -> Result<Row, GpuError> {
+    let scene = scene();
+    let mut compositor = Compositor::new(
+        gpu.clone(),
+        CompositorSettings::for_adapter(gpu.software),
+        Response::srgb(),
+    );
+    compositor.set_scene(&scene, &crate::scene::casters(&scene));
+    let lighting = lighting(lights);
+    let picture = picture(width, height);
+    let camera = camera(width, height);
+    let refreshed = if all { lights } else { lights.min(1) };
+    let (mut wall, mut gpu_total, mut passes) = (Vec::new(), Vec::new(), Passes::default());
+    for i in 0..WARM_UP + frames {
+        let start = Instant::now();
+        compositor.compose(&FrameInput {
+            picture: &picture,
+            camera: &camera,
+            world_from_camera: Some(pose(i)),
+            lighting: Some(&lighting),
+            shadow_mode: ShadowMode::Ratio,
+            shadow_strength: 1.0,
+            refresh: Refresh::InTurn(refreshed as usize),
+            show_virtual: true,
+        })?;
+        gpu.wait()?;
+        let elapsed = start.elapsed().as_secs_f64() * 1e3;
+        if i >= WARM_UP {
+            wall.push(elapsed);
+            let times = compositor.pass_times();
+            gpu_total.push(times.iter().map(|(_, ms)| ms).sum());
+            passes.add(&times);
+        }
+    }
+    let mean = wall.iter().sum::<f64>() / wall.len().max(1) as f64;
+    Ok(Row {
+        case: "supan".to_owned(),
+        width,
+        height,
+        lights,
+        refreshed_per_frame: refreshed,
+        triangles: scene.virtual_parts.iter().map(|p| p.mesh.indices.len() / 3).sum(),
+        fps: 1e3 / mean,
+        wall_ms: Percentiles::of(&wall),
+        gpu_ms: Percentiles::of(&gpu_total),
+        passes: passes.medians(),
+    })
+}
+
+/// Times of each pass over all frames, in the passes' order.
+#[derive(Default)]
+struct Passes(Vec<(&'static str, Vec<f64>)>);
+
+impl Passes {
+    fn add(&mut self, times: &[(&'static str, f64)]) {
+        for (name, ms) in times {
+            match self.0.iter_mut().find(|(n, _)| n == name) {
+                Some((_, values)) => values.push(*ms),
+                None => self.0.push((name, vec![*ms])),
+            }
+        }
+    }
+
+    fn medians(&self) -> Vec<PassTime> {
+        self.0
+            .iter()
+            .map(|(name, values)| PassTime { name, ms: Percentiles::of(values).p50 })
+            .collect()
+    }
+}
+
+/// A torus of 58,500 triangles that floats over a plane.
+fn scene() -> Scene {
+    let part = |name: &str, mesh: Mesh, at: DVec3, material: Material| Part {
+        name: name.to_owned(),
+        mesh: Arc::new(mesh),
+        material: Arc::new(material),
+        world_from_part: DMat4::from_translation(at),
+        mirror: false,
+        albedo: None,
+    };
+    let gold = Material {
+        base_colour: Vec4::new(0.9, 0.7, 0.3, 1.0),
+        metallic: 0.2,
+        roughness: 0.4,
+        ..Material::default()
+    };
+    let torus = primitives::torus(0.09, 0.035, 225, 130);
+    Scene {
+        virtual_parts: vec![part("torus", torus, DVec3::new(0.0, 0.0, 0.06), gold)],
+        phantom_parts: vec![part(
+            "table",
+            primitives::plane(8.0, 8.0),
+            DVec3::ZERO,
+            Material::default(),
+        )],
+        ground_height: Some(0.0),
+    }
+}
+
+/// Lights spread evenly over the upper hemisphere, of slightly different colours.
+fn lighting(count: u32) -> Lighting {
+    let golden = std::f32::consts::PI * (3.0 - 5.0_f32.sqrt());
+    let lights = (0..count)
+        .map(|i| {
+            let z = 1.0 - (i as f32 + 0.5) / count as f32;
+            let (sin, cos) = (golden * i as f32).sin_cos();
+            let r = (1.0 - z * z).sqrt();
+            DomeLight {
+                direction: Vec3::new(r * cos, r * sin, z.max(0.05)).normalize(),
+                irradiance: Vec3::new(0.8 + 0.4 * cos * r, 1.0, 0.8 - 0.4 * cos * r) * 3.0
+                    / count as f32,
+                angular_radius: 0.12,
+                kind: LightKind::Cell,
+            }
+        })
+        .collect();
+    let mut irradiance = Harmonics::default();
+    irradiance.coefficients[0] = Vec3::splat(2.0);
+    let levels = (0..6).map(|m| vec![[0.6; 3]; 6 << (2 * (5 - m))]).collect();
+    Lighting {
+        captured_at: MonotonicTime::default(),
+        generation: 1,
+        radiance: Arc::new(CubeMap { size: 32, levels }),
+        irradiance,
+        lights,
+        ground_radiance: Vec3::splat(0.3),
+    }
+}
+
+/// A picture with texture everywhere, so that nothing is easier than in a real one.
+fn picture(width: u32, height: u32) -> Picture {
+    let rgba = (0..width * height)
+        .flat_map(|i| {
+            let (x, y) = (i % width, i / width);
+            let v = 96 + ((x * 7 + y * 13) % 64) as u8;
+            [v, v.wrapping_add(10), v.wrapping_sub(12), 255]
+        })
+        .collect();
+    Picture { width, height, rgba }
+}
+
+fn camera(width: u32, height: u32) -> PinholeCamera {
+    let focal = f64::from(width) * 1.1;
+    PinholeCamera {
+        width,
+        height,
+        focal: DVec2::splat(focal),
+        centre: DVec2::new(f64::from(width - 1), f64::from(height - 1)) / 2.0,
+        distortion: [0.0; 5],
+    }
+}
+
+/// A camera that walks slowly round the object, looking down at it.
+fn pose(frame: u32) -> RigidTransform {
+    let angle = -1.3 + 0.01 * f64::from(frame);
+    let eye = DVec3::new(0.42 * angle.cos(), 0.42 * angle.sin(), 0.36);
+    let forward = (DVec3::new(0.0, 0.0, 0.02) - eye).normalize();
+    let right = forward.cross(DVec3::Z).normalize();
+    let down = forward.cross(right);
+    let rotation = DQuat::from_mat3(&glam::DMat3::from_cols(right, down, forward));
+    RigidTransform::new(rotation, eye)
+}

@@ -1,0 +1,18 @@
+// Tiles of the picture that a pass has work in; the others are not drawn at all. Software
+// drivers run both sides of every branch, so leaving pixels out is what saves time.
+
+struct TileVarying {
+    @builtin(position) position: vec4f,
+    @location(0) @interpolate(flat) tile: vec2u,
+}
+
+// Corner `v` (0..5) of tile number `t`, in a target with `scale` picture pixels per texel;
+// nowhere when not `wanted`.
+fn tile_corner(v: u32, tile: vec2u, scale: f32, wanted: bool) -> TileVarying {
+    let o = vec2u(select(0u, 1u, v == 1u || v == 2u || v == 4u), select(0u, 1u, v >= 2u && v != 3u));
+    let size = ceil(frame.size.xy / scale);
+    let texel = vec2f(tile + o) * (f32(frame.tiling.y) / scale);
+    let ndc = vec2f(texel.x / size.x * 2.0 - 1.0, 1.0 - texel.y / size.y * 2.0);
+    let position = select(vec4f(2.0, 2.0, 2.0, 1.0), vec4f(ndc, 0.0, 1.0), wanted);
+    return TileVarying(position, tile);
+}

@@ -1,0 +1,109 @@
+// Which dome lights could be blocked for some surface in each tile of the picture: the box
+// around the tile's surface points against the rectangle that each shadow map covers.
+
+@group(1) @binding(0) var phantom_normal: texture_2d<f32>;
+@group(1) @binding(1) var phantom_depth: texture_depth_2d;
+@group(1) @binding(2) var virtual_base: VIRTUAL_TEXTURE;
+@group(1) @binding(3) var virtual_normal: VIRTUAL_TEXTURE;
+@group(1) @binding(4) var virtual_depth: VIRTUAL_DEPTH;
+
+struct Masks {
+    // Lights that virtual casters (x, y) and phantoms (z, w) may block on phantoms.
+    @location(0) phantom: vec4u,
+    // Lights that anything may block on virtual surfaces (x, y); z = 1 where there are any.
+    @location(1) virtual_: vec4u,
+}
+
+struct Bounds {
+    low: vec3f,
+    high: vec3f,
+    normal_low: vec3f,
+    normal_high: vec3f,
+}
+
+fn nothing() -> Bounds {
+    return Bounds(vec3f(1e9), vec3f(-1e9), vec3f(1.0), vec3f(-1.0));
+}
+
+fn with_point(b: Bounds, p: vec3f, n: vec3f) -> Bounds {
+    return Bounds(min(b.low, p), max(b.high, p), min(b.normal_low, n), max(b.normal_high, n));
+}
+
+fn reaches(u: vec4f, v: vec4f, d: vec4f, centre: vec4f, extent: vec3f) -> bool {
+    let at = vec2f(dot(u, centre), dot(v, centre));
+    let by = vec2f(dot(abs(u.xyz), extent), dot(abs(v.xyz), extent));
+    let deepest = dot(d, centre) + dot(abs(d.xyz), extent);
+    return all(abs(at - vec2f(0.5)) < by + vec2f(0.5)) && deepest > 0.0;
+}
+
+fn faces(direction: vec3f, b: Bounds) -> bool {
+    let centre = 0.5 * (b.normal_low + b.normal_high);
+    let extent = 0.5 * (b.normal_high - b.normal_low);
+    return dot(direction, centre) + dot(abs(direction), extent) > 0.0;
+}
+
+// x, y: lights that virtual casters may block; z, w: lights that phantoms may block.
+fn blockable(b: Bounds) -> vec4u {
+    var masks = vec4u(0u);
+    if any(b.low > b.high) {
+        return masks;
+    }
+    let centre = vec4f(0.5 * (b.low + b.high), 1.0);
+    for (var i = 0u; i < frame.counts.x; i++) {
+        if !faces(lights[i].direction.xyz, b) {
+            continue;
+        }
+        // Shading lifts points off their surface by up to two texels.
+        let extent = 0.5 * (b.high - b.low);
+        let near = extent + vec3f(2.0 * lights[i].scale.x);
+        let far = extent + vec3f(2.0 * lights[i].scale.y);
+        let bit = i / frame.tiling.x;
+        let at = 1u << (bit & 31u);
+        let word = vec2u(select(at, 0u, bit >= 32u), select(0u, at, bit >= 32u));
+        if reaches(lights[i].virtual_u, lights[i].virtual_v, lights[i].virtual_d, centre, near) {
+            masks |= vec4u(word, 0u, 0u);
+        }
+        if reaches(lights[i].phantom_u, lights[i].phantom_v, lights[i].phantom_d, centre, far) {
+            masks |= vec4u(0u, 0u, word);
+        }
+    }
+    return masks;
+}
+
+@fragment
+fn classify(@builtin(position) at: vec4f) -> Masks {
+    let side = i32(frame.tiling.y);
+    let step = i32(frame.counts.z);
+    let corner = vec2i(at.xy) * side;
+    let last = vec2i(frame.size.xy) - vec2i(1);
+    var real = nothing();
+    var unreal = nothing();
+    var covered = 0u;
+    // One sample beyond the tile, because coarse shadows are interpolated towards it.
+    for (var y = 0; y <= side; y += step) {
+        for (var x = 0; x <= side; x += step) {
+            let pixel = min(corner + vec2i(x, y), last);
+            let surface = textureLoad(phantom_normal, pixel, 0);
+            if surface.z == 1.0 {
+                let depth = textureLoad(phantom_depth, pixel, 0);
+                let n = normal_from_octahedron(surface.xy);
+                real = with_point(real, world_at(vec2f(pixel), depth), n);
+            }
+        }
+    }
+    for (var y = 0; y < side; y++) {
+        for (var x = 0; x < side; x++) {
+            let pixel = min(corner + vec2i(x, y), last);
+            for (var s = 0; s < SAMPLES; s++) {
+                if textureLoad(virtual_base, pixel, s).a > 0.5 {
+                    let depth = textureLoad(virtual_depth, pixel, s);
+                    let n = normal_from_octahedron(textureLoad(virtual_normal, pixel, s).xy);
+                    unreal = with_point(unreal, world_at(vec2f(pixel), depth), n);
+                    covered = 1u;
+                }
+            }
+        }
+    }
+    let by = blockable(unreal);
+    return Masks(blockable(real), vec4u(by.xy | by.zw, covered, 0u));
+}
