@@ -3,6 +3,7 @@
 
 pub mod camera;
 mod json_node;
+pub mod colour;
 pub mod response;
 pub mod rig;
 pub mod rig_json;
