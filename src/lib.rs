@@ -18,4 +18,5 @@ pub mod output;
 pub mod picture;
 pub mod scene;
 pub mod status;
+pub mod session;
 pub mod sync;

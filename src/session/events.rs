@@ -1,0 +1,267 @@
+//! What was recorded, in the order of its arrival.
+
+use super::SessionError;
+use super::container::{ChunkPlace, open};
+use super::messages::{self, ExposureMessage, FrameContext};
+use super::reader::Session;
+use super::records::{self, Channel, MESSAGE_HEADER, MessageHeader, Placed, op, records_in};
+use super::topics::{BRACKET_EV, Camera, Role};
+use bytes::Bytes;
+use penumbra_interface::{Frame, MonotonicTime, PoseSample};
+use std::cmp::{Ordering, Reverse};
+use std::collections::{BTreeMap, BinaryHeap, VecDeque};
+use std::fs::File;
+use std::io::BufReader;
+
+/// When chunks overlap in time, at most so many bytes wait to be put in order. Beyond it
+/// (a file that is no recording) the order is the file's.
+const PENDING_LIMIT: usize = 512 << 20;
+
+/// One thing that arrived.
+#[derive(Clone, Debug)]
+pub enum SessionEvent {
+    /// A picture of the scene camera.
+    Scene(Frame),
+    /// A picture of the environment camera; `bracket_ev` tells the exposures of a bracket
+    /// apart.
+    Environment(Frame),
+    /// Bytes of the tracker, split as they were read.
+    TrackerBytes {
+        /// The bytes.
+        bytes: Bytes,
+        /// When the last of them came.
+        arrived_at: MonotonicTime,
+    },
+    /// A pose of a tracker that is no byte stream.
+    Pose(PoseSample),
+}
+
+impl SessionEvent {
+    /// When it reached the recorder.
+    #[must_use]
+    pub const fn arrived_at(&self) -> MonotonicTime {
+        match self {
+            Self::Scene(frame) | Self::Environment(frame) => frame.arrived_at,
+            Self::TrackerBytes { arrived_at, .. } => *arrived_at,
+            Self::Pose(sample) => sample.arrived_at,
+        }
+    }
+
+    fn bytes(&self) -> usize {
+        match self {
+            Self::Scene(frame) | Self::Environment(frame) => frame.data.len(),
+            Self::TrackerBytes { bytes, .. } => bytes.len(),
+            Self::Pose(_) => size_of::<PoseSample>(),
+        }
+    }
+}
+
+/// Iterator over a session, see [`Session::events`]. An error stands for a damaged
+/// stretch that is left out, and the next item comes after it.
+#[derive(Debug)]
+pub struct Events {
+    session: Session,
+    file: Option<BufReader<File>>,
+    next_chunk: usize,
+    pending: BinaryHeap<Reverse<Pending>>,
+    pending_bytes: usize,
+    errors: VecDeque<SessionError>,
+    /// The newest exposure message of each camera, for the image after it.
+    exposures: BTreeMap<Camera, ExposureMessage>,
+    /// Messages read so far: keeps the file's order among equal times.
+    ordinal: u64,
+}
+
+#[derive(Debug)]
+struct Pending {
+    log_time: u64,
+    ordinal: u64,
+    event: SessionEvent,
+}
+
+impl Pending {
+    const fn key(&self) -> (u64, u64) {
+        (self.log_time, self.ordinal)
+    }
+}
+
+impl PartialEq for Pending {
+    fn eq(&self, other: &Self) -> bool {
+        self.key() == other.key()
+    }
+}
+
+impl Eq for Pending {}
+
+impl PartialOrd for Pending {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for Pending {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.key().cmp(&other.key())
+    }
+}
+
+impl Iterator for Events {
+    type Item = Result<SessionEvent, SessionError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        loop {
+            if let Some(error) = self.errors.pop_front() {
+                return Some(Err(error));
+            }
+            if let Some(place) = self.chunk_due() {
+                self.next_chunk += 1;
+                if let Err(error) = self.load(&place) {
+                    self.errors.push_back(error);
+                }
+                continue;
+            }
+            let Reverse(pending) = self.pending.pop()?;
+            self.pending_bytes -= pending.event.bytes();
+            return Some(Ok(pending.event));
+        }
+    }
+}
+
+impl Events {
+    pub(super) fn new(session: Session) -> Self {
+        Self {
+            session,
+            file: None,
+            next_chunk: 0,
+            pending: BinaryHeap::new(),
+            pending_bytes: 0,
+            errors: VecDeque::new(),
+            exposures: BTreeMap::new(),
+            ordinal: 0,
+        }
+    }
+
+    /// The next chunk, if something in it may come before all that is pending.
+    fn chunk_due(&self) -> Option<ChunkPlace> {
+        let place = self.session.container.chunks.get(self.next_chunk)?;
+        let due = self.pending.peek().is_none_or(|Reverse(first)| {
+            place.header.start_time <= first.log_time && self.pending_bytes < PENDING_LIMIT
+        });
+        due.then(|| place.clone())
+    }
+
+    fn load(&mut self, place: &ChunkPlace) -> Result<(), SessionError> {
+        let mut file = match self.file.take() {
+            Some(file) => file,
+            None => open(self.session.path())?.0,
+        };
+        let chunk = self.session.container.unpack(&mut file, place);
+        self.file = Some(file);
+        let chunk = chunk?;
+        for placed in records_in(&chunk) {
+            let Ok(placed) = placed else {
+                return Err(self.damaged(place, "a record leads out of its chunk".to_owned()));
+            };
+            if placed.opcode == op::MESSAGE
+                && let Err(reason) = self.take_message(&chunk, placed)
+            {
+                self.errors.push_back(self.damaged(place, reason));
+            }
+        }
+        Ok(())
+    }
+
+    fn damaged(&self, place: &ChunkPlace, reason: String) -> SessionError {
+        self.session.container.damaged(place.offset, &reason)
+    }
+
+    /// Puts a message that is understood among the pending.
+    fn take_message(&mut self, chunk: &Bytes, placed: Placed) -> Result<(), String> {
+        let body = chunk.slice(placed.start..placed.end);
+        let header = records::message_header(&body).ok_or("a message without header")?;
+        let data = body.slice(MESSAGE_HEADER..);
+        let channels = std::sync::Arc::clone(&self.session.channels);
+        let Some(channel) = channels.get(&header.channel_id) else {
+            return Err(format!(
+                "a message of unknown channel {}",
+                header.channel_id
+            ));
+        };
+        let Some(event) = self.event(channel, &header, data)? else {
+            return Ok(());
+        };
+        self.ordinal += 1;
+        self.pending_bytes += event.bytes();
+        self.pending.push(Reverse(Pending {
+            log_time: header.log_time,
+            ordinal: self.ordinal,
+            event,
+        }));
+        Ok(())
+    }
+
+    fn event(
+        &mut self,
+        channel: &Channel,
+        header: &MessageHeader,
+        data: Bytes,
+    ) -> Result<Option<SessionEvent>, String> {
+        let arrived_at = recorded_time(header.log_time);
+        let event = match Role::of(&channel.topic) {
+            Some(Role::Image(camera)) => {
+                let frame = self.frame(camera, channel, header, data)?;
+                match camera {
+                    Camera::Scene => SessionEvent::Scene(frame),
+                    Camera::Environment => SessionEvent::Environment(frame),
+                }
+            }
+            Some(Role::Exposure(camera)) => {
+                let message = serde_json::from_slice(&data).map_err(|e| e.to_string())?;
+                self.exposures.insert(camera, message);
+                return Ok(None);
+            }
+            Some(Role::TrackerBytes) => SessionEvent::TrackerBytes {
+                bytes: messages::data_of_tracker_bytes(&data)?,
+                arrived_at,
+            },
+            Some(Role::TrackerPose) => SessionEvent::Pose(messages::pose_sample(data, arrived_at)?),
+            None => return Ok(None),
+        };
+        Ok(Some(event))
+    }
+
+    fn frame(
+        &self,
+        camera: Camera,
+        channel: &Channel,
+        header: &MessageHeader,
+        data: Bytes,
+    ) -> Result<Frame, String> {
+        let bracket = channel.metadata.get(BRACKET_EV);
+        let bracket_ev = match bracket.map(|text| text.parse::<f64>()) {
+            None => 0.0,
+            Some(Ok(ev)) if ev.is_finite() => ev,
+            Some(_) => return Err(format!("{BRACKET_EV} {bracket:?} is no number")),
+        };
+        let told = self.exposures.get(&camera).filter(|told| {
+            told.sequence as u32 == header.sequence && (told.bracket_ev - bracket_ev).abs() < 1e-9
+        });
+        let context = FrameContext {
+            sequence: told.map_or(u64::from(header.sequence), |told| told.sequence),
+            published_at: recorded_time(header.publish_time),
+            arrived_at: recorded_time(header.log_time),
+            exposure: told.and_then(ExposureMessage::exposure),
+            bracket_ev,
+        };
+        if channel.topic.contains("/image_raw") {
+            messages::frame_from_raw(data, context)
+        } else {
+            messages::frame_from_compressed(data, context)
+        }
+    }
+}
+
+/// MCAP counts unsigned nanoseconds; more than 292 years are nobody's clock.
+pub(super) fn recorded_time(nanos: u64) -> MonotonicTime {
+    MonotonicTime::from_nanos(i64::try_from(nanos).unwrap_or(i64::MAX))
+}

@@ -1,0 +1,278 @@
+//! `penumbra import`: a folder of pictures, time stamps and poses becomes a session.
+//!
+//! Two layouts are known. The rig layout has `scene_timestamps.csv` and `scene/`, and
+//! where the rig had them `env_timestamps.csv` and `env/`, `tracker_fastrak.txt` with its
+//! index, and `rig.json`, `calibration/`, `object/` and `phantoms/`, which become
+//! attachments. The TUM RGB-D layout has `rgb.txt` and `groundtruth.txt`. In tables only
+//! the columns that a driver would stamp are read.
+
+mod error;
+mod folder;
+mod rig_folder;
+mod tum_folder;
+
+pub use error::ImportError;
+
+use super::{Camera, SessionError, SessionWriter};
+use folder::Folder;
+use indicatif::{ProgressBar, ProgressStyle};
+use penumbra_interface::{Frame, MonotonicTime, PixelFormat, PoseSample, RigidTransform};
+use std::ffi::OsString;
+use std::fs::{self, File};
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+
+/// What to import, where to.
+#[derive(Clone, Debug)]
+pub struct ImportArgs {
+    /// The folder.
+    pub folder: PathBuf,
+    /// The session to write.
+    pub output: PathBuf,
+    /// Overwrite `output`.
+    pub force: bool,
+}
+
+/// What went into the session.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ImportSummary {
+    /// Pictures of the scene camera.
+    pub scene_frames: usize,
+    /// Pictures of the environment camera, brackets included.
+    pub environment_frames: usize,
+    /// Stretches of tracker bytes.
+    pub tracker_chunks: usize,
+    /// Poses of a tracker that is no byte stream.
+    pub poses: usize,
+    /// Files attached.
+    pub attachments: usize,
+    /// Size of the session, bytes.
+    pub bytes: u64,
+}
+
+/// A thing to be written, at its time of arrival. Pictures are read from the disk only
+/// then.
+#[derive(Clone, Debug)]
+enum Item {
+    Picture {
+        camera: Camera,
+        file: PathBuf,
+        sequence: u64,
+        bracket_ev: f64,
+    },
+    TrackerBytes {
+        bytes: std::ops::Range<usize>,
+    },
+    Pose(PoseSample),
+    View {
+        frames: (String, String),
+        pose: RigidTransform,
+    },
+}
+
+/// Everything a layout yields.
+#[derive(Debug, Default)]
+struct Plan {
+    attachments: Vec<(String, PathBuf)>,
+    /// In any order; sorted by arrival before writing.
+    items: Vec<(MonotonicTime, Item)>,
+    tracker: Vec<u8>,
+    calibrations: Vec<(Camera, foxglove::messages::CameraCalibration)>,
+    /// Transforms that never change, for viewers.
+    fixed: Vec<((String, String), RigidTransform)>,
+}
+
+type FileWriter = SessionWriter<BufWriter<File>>;
+
+/// Makes a session from a folder. The session appears under its name only when it is
+/// whole.
+///
+/// # Errors
+/// If the folder is of no known layout or something in it is missing or misspelt, if the
+/// output exists (unless forced), or if it cannot be written.
+pub fn import(args: &ImportArgs) -> Result<ImportSummary, ImportError> {
+    refuse_overwriting(args)?;
+    let folder = Folder::open(&args.folder)?;
+    let plan = read_plan(&folder, &args.folder)?;
+    let partial = partial_path(&args.output);
+    let summary = write_partial(&folder, plan, &partial).and_then(|summary| {
+        refuse_overwriting(args)?;
+        fs::rename(&partial, &args.output).map_err(|e| ImportError::io(&args.output, e))?;
+        Ok(summary)
+    });
+    if summary.is_err() {
+        // The first error is the one to tell.
+        let _ = fs::remove_file(&partial);
+    }
+    summary
+}
+
+/// What there is to write, by whichever layout the folder has.
+fn read_plan(folder: &Folder, path: &Path) -> Result<Plan, ImportError> {
+    let path = path.to_owned();
+    let plan = if folder.has("scene_timestamps.csv") {
+        rig_folder::plan(folder)?
+    } else if folder.has("rgb.txt") {
+        tum_folder::plan(folder)?
+    } else {
+        return Err(ImportError::UnknownLayout { path });
+    };
+    let shows_scene = |(_, item): &(MonotonicTime, Item)| {
+        matches!(
+            item,
+            Item::Picture {
+                camera: Camera::Scene,
+                ..
+            }
+        )
+    };
+    if plan.items.iter().any(shows_scene) {
+        Ok(plan)
+    } else {
+        Err(ImportError::NoPictures { path })
+    }
+}
+
+fn refuse_overwriting(args: &ImportArgs) -> Result<(), ImportError> {
+    if !args.force && args.output.symlink_metadata().is_ok() {
+        let path = args.output.clone();
+        return Err(ImportError::Exists { path });
+    }
+    if args.output.is_dir() {
+        let path = args.output.clone();
+        return Err(ImportError::IsFolder { path });
+    }
+    Ok(())
+}
+
+/// A name beside the output, so that renaming stays within the file system.
+fn partial_path(output: &Path) -> PathBuf {
+    let mut name = OsString::from(".");
+    name.push(output.file_name().unwrap_or_default());
+    name.push(format!(".partial-{}", std::process::id()));
+    output.with_file_name(name)
+}
+
+fn write_partial(
+    folder: &Folder,
+    mut plan: Plan,
+    partial: &Path,
+) -> Result<ImportSummary, ImportError> {
+    // Stable: at equal times the base exposure stays before its brackets.
+    plan.items.sort_by_key(|(arrived_at, _)| *arrived_at);
+    let bar = progress_bar(plan.items.len() + plan.attachments.len());
+    let mut writer = SessionWriter::create(partial)?;
+    let mut summary = ImportSummary::default();
+    for (name, file) in &plan.attachments {
+        writer.attach(name, &folder.read(file)?)?;
+        summary.attachments += 1;
+        bar.inc(1);
+    }
+    write_views(&mut writer, &plan)?;
+    for (arrived_at, item) in &plan.items {
+        write_item(&mut writer, folder, &plan.tracker, *arrived_at, item)?;
+        summary.count(item);
+        bar.inc(1);
+    }
+    let file = writer.finish()?;
+    file.get_ref()
+        .sync_all()
+        .map_err(|e| ImportError::io(partial, e))?;
+    let metadata = fs::metadata(partial).map_err(|e| ImportError::io(partial, e))?;
+    summary.bytes = metadata.len();
+    bar.finish_and_clear();
+    Ok(summary)
+}
+
+/// Calibrations and fixed transforms, at the first instant.
+fn write_views(writer: &mut FileWriter, plan: &Plan) -> Result<(), SessionError> {
+    let Some((start, _)) = plan.items.first() else {
+        return Ok(());
+    };
+    for (camera, calibration) in &plan.calibrations {
+        writer.view_calibration(*camera, calibration, *start)?;
+    }
+    for ((parent, child), pose) in &plan.fixed {
+        writer.view_transform((parent, child), *pose, *start)?;
+    }
+    Ok(())
+}
+
+fn write_item(
+    writer: &mut FileWriter,
+    folder: &Folder,
+    tracker: &[u8],
+    arrived_at: MonotonicTime,
+    item: &Item,
+) -> Result<(), ImportError> {
+    match item {
+        Item::Picture {
+            camera,
+            file,
+            sequence,
+            bracket_ev,
+        } => {
+            let frame = Frame {
+                data: folder.read(file)?.into(),
+                format: picture_format(file)?,
+                width: 0,
+                height: 0,
+                stride: 0,
+                sequence: *sequence,
+                captured_at: arrived_at,
+                arrived_at,
+                exposure: None,
+                bracket_ev: *bracket_ev,
+            };
+            writer.frame(*camera, &frame)?;
+        }
+        Item::TrackerBytes { bytes } => {
+            let bytes = tracker.get(bytes.clone()).unwrap_or_default();
+            writer.tracker_bytes("fastrak", bytes, arrived_at)?;
+        }
+        Item::Pose(sample) => writer.pose(sample)?,
+        Item::View { frames, pose } => {
+            writer.view_transform((&frames.0, &frames.1), *pose, arrived_at)?;
+        }
+    }
+    Ok(())
+}
+
+/// By the file's ending.
+fn picture_format(file: &Path) -> Result<PixelFormat, ImportError> {
+    let ending = file.extension().map(|e| e.to_string_lossy().to_lowercase());
+    match ending.as_deref() {
+        Some("jpg" | "jpeg") => Ok(PixelFormat::Jpeg),
+        Some("png") => Ok(PixelFormat::Png),
+        _ => Err(ImportError::PictureFormat {
+            path: file.to_owned(),
+        }),
+    }
+}
+
+impl ImportSummary {
+    fn count(&mut self, item: &Item) {
+        match item {
+            Item::Picture {
+                camera: Camera::Scene,
+                ..
+            } => self.scene_frames += 1,
+            Item::Picture { .. } => self.environment_frames += 1,
+            Item::TrackerBytes { .. } => self.tracker_chunks += 1,
+            Item::Pose(_) => self.poses += 1,
+            Item::View { .. } => {}
+        }
+    }
+}
+
+/// Hidden by indicatif where standard error is no terminal.
+fn progress_bar(len: usize) -> ProgressBar {
+    let bar = ProgressBar::new(len as u64);
+    if let Ok(style) = ProgressStyle::with_template("{bar:40} {pos}/{len} {eta}") {
+        bar.set_style(style);
+    }
+    bar
+}
+
+#[cfg(test)]
+mod tests;

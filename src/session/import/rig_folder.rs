@@ -1,0 +1,252 @@
+//! A rig's recording: pictures, FASTRAK bytes, calibration and objects.
+
+use super::folder::Folder;
+use super::{Camera, ImportError, Item, Plan};
+use crate::session::messages;
+use glam::{DMat4, DVec3};
+use penumbra_interface::{MonotonicTime, PoseSample, RigidTransform};
+use penumbra_tracker_serial::fastrak::{Decoder, Format};
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Attached whole. Nothing else of the folder goes in: what is named truth is the judge's.
+const ATTACHED_FOLDERS: [&str; 3] = ["calibration", "object", "phantoms"];
+const RIG: &str = "rig.json";
+const TRACKER: &str = "tracker_fastrak.txt";
+const TRACKER_INDEX: &str = "tracker_fastrak_index.csv";
+
+pub(super) fn plan(folder: &Folder) -> Result<Plan, ImportError> {
+    let mut plan = Plan {
+        attachments: attachments(folder)?,
+        ..Plan::default()
+    };
+    pictures(folder, Camera::Scene, "scene_timestamps.csv", &mut plan)?;
+    if folder.has("env_timestamps.csv") {
+        pictures(folder, Camera::Environment, "env_timestamps.csv", &mut plan)?;
+    }
+    let rig = rig(folder)?;
+    if folder.has(TRACKER) {
+        tracker(folder, &mut plan)?;
+        view_tracker(&rig, &mut plan);
+    }
+    view_rig(&rig, &mut plan);
+    Ok(plan)
+}
+
+fn attachments(folder: &Folder) -> Result<Vec<(String, PathBuf)>, ImportError> {
+    let mut files = Vec::new();
+    if folder.has(RIG) {
+        files.push(PathBuf::from(RIG));
+    }
+    for name in ATTACHED_FOLDERS {
+        files.extend(folder.files_below(name)?);
+    }
+    Ok(files
+        .into_iter()
+        .map(|file| (slashed(&file), file))
+        .collect())
+}
+
+/// A relative path with `/`, whatever the system writes.
+fn slashed(path: &Path) -> String {
+    let parts: Vec<_> = path.iter().map(|part| part.to_string_lossy()).collect();
+    parts.join("/")
+}
+
+/// Pictures of one camera, each followed by its brackets.
+fn pictures(
+    folder: &Folder,
+    camera: Camera,
+    table: &str,
+    plan: &mut Plan,
+) -> Result<(), ImportError> {
+    let text = folder.text(table)?;
+    let brackets = brackets(folder, &text, table)?;
+    for (line, [frame, file, stamp]) in
+        folder.table(table, &text, ["frame", "file", "timestamp_ns"])?
+    {
+        let arrived_at = folder.nanos(table, line, &stamp)?;
+        let sequence = frame
+            .parse()
+            .map_err(|_| folder.line(table, line, &format!("{frame:?} is no frame number")))?;
+        let file = PathBuf::from(file);
+        if !folder.path(&file).is_file() {
+            let reason = format!("{} is not there", file.display());
+            return Err(folder.line(table, line, &reason));
+        }
+        let of_this = brackets.get(&file.with_extension("")).into_iter().flatten();
+        let all = std::iter::once((0.0, file.clone())).chain(of_this.cloned());
+        plan.items.extend(all.map(|(bracket_ev, file)| {
+            let picture = Item::Picture {
+                camera,
+                file,
+                sequence,
+                bracket_ev,
+            };
+            (arrived_at, picture)
+        }));
+    }
+    Ok(())
+}
+
+type Brackets = BTreeMap<PathBuf, Vec<(f64, PathBuf)>>;
+
+/// `env/00000_ev-4.jpg` by `env/00000`, brightest first.
+fn brackets(folder: &Folder, text: &str, table: &str) -> Result<Brackets, ImportError> {
+    let mut brackets = Brackets::new();
+    let Some((_, [first])) = folder.table(table, text, ["file"])?.into_iter().next() else {
+        return Ok(brackets);
+    };
+    let parent = Path::new(&first).parent().map(slashed).unwrap_or_default();
+    for file in folder.files_below(&parent)? {
+        let stem = file.with_extension("");
+        let name = slashed(&stem);
+        let Some((base, ev)) = name.rsplit_once("_ev") else {
+            continue;
+        };
+        if let Ok(ev) = ev.parse::<f64>()
+            && ev.is_finite()
+        {
+            let of_base = brackets.entry(PathBuf::from(base)).or_default();
+            of_base.push((ev, file));
+        }
+    }
+    for of_base in brackets.values_mut() {
+        of_base.sort_by(|(a, _), (b, _)| b.total_cmp(a));
+    }
+    Ok(brackets)
+}
+
+/// The tracker's bytes, cut where the index says that they arrived.
+fn tracker(folder: &Folder, plan: &mut Plan) -> Result<(), ImportError> {
+    let bytes = folder.read(Path::new(TRACKER))?;
+    let text = folder.text(TRACKER_INDEX)?;
+    let mut chunks: Vec<(usize, MonotonicTime)> = Vec::new();
+    for (line, [offset, arrival]) in
+        folder.table(TRACKER_INDEX, &text, ["byte_offset", "arrival_ns"])?
+    {
+        let arrived_at = folder.nanos(TRACKER_INDEX, line, &arrival)?;
+        let after = chunks.last().map_or(0, |(start, _)| *start);
+        let start = offset
+            .parse()
+            .ok()
+            .filter(|start| (after..=bytes.len()).contains(start))
+            .ok_or_else(|| {
+                let reason = format!("byte offset {offset} is not within {TRACKER}, or goes back");
+                folder.line(TRACKER_INDEX, line, &reason)
+            })?;
+        chunks.push((start, arrived_at));
+    }
+    let ends: Vec<usize> = chunks.iter().skip(1).map(|(start, _)| *start).collect();
+    let ends = ends.into_iter().chain([bytes.len()]);
+    for ((start, arrived_at), end) in chunks.into_iter().zip(ends) {
+        let bytes = start..end;
+        plan.items.push((arrived_at, Item::TrackerBytes { bytes }));
+    }
+    plan.tracker = bytes;
+    Ok(())
+}
+
+/// `rig.json` as it is; only what viewers are shown is looked at here, the rest is checked
+/// on replay.
+fn rig(folder: &Folder) -> Result<Value, ImportError> {
+    if !folder.has(RIG) {
+        return Ok(Value::Null);
+    }
+    let text = folder.text(RIG)?;
+    serde_json::from_str(&text).map_err(|error| ImportError::Rig {
+        path: folder.path(RIG),
+        reason: error.to_string(),
+    })
+}
+
+/// Poses for viewers, decoded from the tracker's bytes.
+fn view_tracker(rig: &Value, plan: &mut Plan) {
+    if rig.is_null() {
+        return;
+    }
+    let mut decoder = Decoder::new(Format::default());
+    let mut views = Vec::new();
+    for (arrived_at, item) in &plan.items {
+        if let Item::TrackerBytes { bytes } = item {
+            let bytes = plan.tracker.get(bytes.clone()).unwrap_or_default();
+            decoder.push(bytes, *arrived_at, |sample| views.push(view(&sample)));
+        }
+    }
+    plan.items.extend(views);
+}
+
+fn view(sample: &PoseSample) -> (MonotonicTime, Item) {
+    let frames = ("tracker".to_owned(), messages::sensor_frame(sample.station));
+    let pose = sample.transmitter_from_sensor;
+    (sample.arrived_at, Item::View { frames, pose })
+}
+
+/// Calibrations and fixed transforms for viewers, as far as `rig.json` has them.
+fn view_rig(rig: &Value, plan: &mut Plan) {
+    let fixed = [
+        ("world", "tracker", &rig["tracker"]["T_world_source"]),
+        ("sensor_1", "scene_camera", &rig["tracker"]["T_sensor_cam"]),
+        (
+            "world",
+            "environment_camera",
+            &rig["environment_camera"]["T_world_cam"],
+        ),
+    ];
+    for (parent, child, matrix) in fixed {
+        if let Some(pose) = rigid(&matrix["matrix_row_major"]) {
+            plan.fixed
+                .push(((parent.to_owned(), child.to_owned()), pose));
+        }
+    }
+    let start = plan.items.iter().map(|(arrived_at, _)| *arrived_at).min();
+    let Some(stamp) = start.and_then(messages::timestamp) else {
+        return;
+    };
+    let cameras = [
+        (Camera::Scene, &rig["scene_camera"]),
+        (Camera::Environment, &rig["environment_camera"]),
+    ];
+    for (camera, calibration) in cameras {
+        if let (Some(size), Some((k, model))) = (size(calibration), intrinsics(calibration)) {
+            let message = messages::camera_calibration(camera, size, k, model, stamp);
+            plan.calibrations.push((camera, message));
+        }
+    }
+}
+
+fn size(camera: &Value) -> Option<(u32, u32)> {
+    let side = |i: usize| u32::try_from(camera["image_size"][i].as_u64()?).ok();
+    Some((side(0)?, side(1)?))
+}
+
+/// K of a pinhole camera, or of an ideal fisheye.
+fn intrinsics(camera: &Value) -> Option<([f64; 9], &'static str)> {
+    let projection = &camera["projection"];
+    if let (Some(f), Some(cx), Some(cy)) = (
+        projection["f"].as_f64(),
+        projection["cx"].as_f64(),
+        projection["cy"].as_f64(),
+    ) {
+        return Some(([f, 0.0, cx, 0.0, f, cy, 0.0, 0.0, 1.0], "kannala_brandt"));
+    }
+    let mut k = [0.0; 9];
+    for (i, value) in k.iter_mut().enumerate() {
+        *value = camera["K"][i / 3][i % 3].as_f64()?;
+    }
+    Some((k, "plumb_bob"))
+}
+
+fn rigid(rows: &Value) -> Option<RigidTransform> {
+    let mut columns = [[0.0; 4]; 4];
+    for (i, column) in columns.iter_mut().enumerate() {
+        for (j, value) in column.iter_mut().enumerate() {
+            *value = rows[j][i].as_f64()?;
+        }
+    }
+    let matrix = DMat4::from_cols_array_2d(&columns);
+    let pose = RigidTransform::from_matrix(matrix);
+    let is_rotation = (matrix.determinant() - 1.0).abs() < 1e-3;
+    (is_rotation && pose.translation.cmpgt(DVec3::splat(f64::MIN)).all()).then_some(pose)
+}

@@ -1,0 +1,198 @@
+//! What is in a session, in numbers and in words.
+
+use super::SessionError;
+use super::container::open;
+use super::events::recorded_time;
+use super::reader::Session;
+use super::records::{self, MessageHeader, op, records_in};
+use super::topics::Role;
+use penumbra_interface::MonotonicTime;
+use std::collections::BTreeMap;
+use std::fmt::Write;
+
+/// A pause longer than this many usual intervals is a gap.
+const GAP_INTERVALS: i64 = 2;
+
+/// One stream of a session.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StreamInfo {
+    /// Topic.
+    pub topic: String,
+    /// Messages.
+    pub messages: u64,
+    /// Bytes of all messages.
+    pub bytes: u64,
+    /// Arrival of the first message.
+    pub first: MonotonicTime,
+    /// Arrival of the last message.
+    pub last: MonotonicTime,
+    /// Messages a second, from the usual (median) interval; `None` below two messages.
+    pub rate_hz: Option<f64>,
+    /// Pauses of more than twice the usual interval.
+    pub gaps: u64,
+    /// The longest interval, nanoseconds.
+    pub longest_interval_nanos: i64,
+    /// Images that the camera's counter says are missing.
+    pub lost: u64,
+}
+
+impl StreamInfo {
+    /// Seconds from the first message to the last.
+    #[must_use]
+    pub fn duration_seconds(&self) -> f64 {
+        self.last.seconds_since(self.first)
+    }
+}
+
+/// What is gathered of a stream before it is summed up.
+#[derive(Default)]
+struct Tally {
+    times: Vec<i64>,
+    bytes: u64,
+    lost: u64,
+    sequence: Option<u32>,
+}
+
+impl Tally {
+    fn add(&mut self, header: &MessageHeader, bytes: u64, counted: bool) {
+        self.times.push(recorded_time(header.log_time).as_nanos());
+        self.bytes += bytes;
+        let step = self
+            .sequence
+            .map_or(1, |previous| header.sequence.wrapping_sub(previous));
+        // A counter that restarts or repeats tells nothing of losses.
+        if counted && (2..1 << 31).contains(&step) {
+            self.lost += u64::from(step - 1);
+        }
+        self.sequence = Some(header.sequence);
+    }
+
+    fn sum_up(mut self, topic: String) -> Option<StreamInfo> {
+        self.times.sort_unstable();
+        let (first, last) = (*self.times.first()?, *self.times.last()?);
+        let mut intervals: Vec<_> = self
+            .times
+            .windows(2)
+            .map(|pair| pair[1] - pair[0])
+            .collect();
+        intervals.sort_unstable();
+        let usual = intervals.get(intervals.len() / 2).copied();
+        let is_gap = |interval: &&i64| usual.is_some_and(|u| **interval > GAP_INTERVALS * u);
+        Some(StreamInfo {
+            topic,
+            messages: self.times.len() as u64,
+            bytes: self.bytes,
+            first: MonotonicTime::from_nanos(first),
+            last: MonotonicTime::from_nanos(last),
+            rate_hz: usual.filter(|u| *u > 0).map(|u| 1e9 / u as f64),
+            gaps: intervals.iter().filter(is_gap).count() as u64,
+            longest_interval_nanos: intervals.last().copied().unwrap_or(0),
+            lost: self.lost,
+        })
+    }
+}
+
+pub(super) fn streams(session: &Session) -> Result<Vec<StreamInfo>, SessionError> {
+    let container = &session.container;
+    let (mut file, _) = open(session.path())?;
+    let mut tallies: BTreeMap<&str, Tally> = BTreeMap::new();
+    for place in &container.chunks {
+        let Ok(chunk) = container.unpack(&mut file, place) else {
+            continue;
+        };
+        for placed in records_in(&chunk).map_while(Result::ok) {
+            let body = &chunk[placed.start..placed.end];
+            let header = records::message_header(body).filter(|_| placed.opcode == op::MESSAGE);
+            let Some(header) = header else { continue };
+            let Some(channel) = session.channels.get(&header.channel_id) else {
+                continue;
+            };
+            let counted = matches!(Role::of(&channel.topic), Some(Role::Image(_)));
+            let tally = tallies.entry(&channel.topic).or_default();
+            tally.add(&header, body.len() as u64, counted);
+        }
+    }
+    let infos = tallies
+        .into_iter()
+        .filter_map(|(topic, tally)| tally.sum_up(topic.to_owned()));
+    Ok(infos.collect())
+}
+
+/// The text of `penumbra info`.
+#[must_use]
+pub fn describe(session: &Session) -> String {
+    let mut text = String::new();
+    // Writing to a String cannot fail.
+    let _ = write_description(&mut text, session);
+    text
+}
+
+fn write_description(text: &mut String, session: &Session) -> std::fmt::Result {
+    let path = session.path().display();
+    let megabytes = session.file_len() as f64 * 1e-6;
+    write!(text, "{path}: {megabytes:.1} MB")?;
+    match session.streams() {
+        Ok(streams) => write_streams(text, &streams)?,
+        Err(error) => writeln!(text, "\n{error}")?,
+    }
+    if let Some(protocol) = session.tracker_protocol() {
+        writeln!(text, "tracker protocol: {protocol}")?;
+    }
+    write_attachments(text, session)?;
+    if session.truncated() {
+        writeln!(
+            text,
+            "truncated: the recording was cut off; what is whole is replayed"
+        )?;
+    }
+    for damage in session.damage() {
+        writeln!(text, "{damage}")?;
+    }
+    Ok(())
+}
+
+fn write_streams(text: &mut String, streams: &[StreamInfo]) -> std::fmt::Result {
+    let first = streams.iter().map(|s| s.first).min().unwrap_or_default();
+    let last = streams.iter().map(|s| s.last).max().unwrap_or_default();
+    writeln!(
+        text,
+        ", {:.3} s, {} streams",
+        last.seconds_since(first),
+        streams.len()
+    )?;
+    writeln!(
+        text,
+        "{:<36} {:>8} {:>9} {:>9} {:>5} {:>10} {:>5} {:>9}",
+        "topic", "messages", "rate", "duration", "gaps", "longest", "lost", "bytes"
+    )?;
+    for stream in streams {
+        let rate = stream
+            .rate_hz
+            .map_or("-".to_owned(), |rate| format!("{rate:.2} Hz"));
+        writeln!(
+            text,
+            "{:<36} {:>8} {rate:>9} {:>7.3} s {:>5} {:>7.1} ms {:>5} {:>9}",
+            stream.topic,
+            stream.messages,
+            stream.duration_seconds(),
+            stream.gaps,
+            stream.longest_interval_nanos as f64 * 1e-6,
+            stream.lost,
+            stream.bytes,
+        )?;
+    }
+    Ok(())
+}
+
+fn write_attachments(text: &mut String, session: &Session) -> std::fmt::Result {
+    writeln!(text, "{} attachments", session.attachments().len())?;
+    for attachment in session.attachments() {
+        writeln!(
+            text,
+            "  {:<34} {:>9} bytes",
+            attachment.name,
+            attachment.data.len()
+        )?;
+    }
+    Ok(())
+}

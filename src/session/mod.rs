@@ -1,0 +1,40 @@
+//! Sessions: what a rig recorded, as an MCAP file that Foxglove, Rerun and the `mcap`
+//! packages open too.
+//!
+//! A [`SessionWriter`] records frames, tracker bytes and attachments (the calibration, the
+//! virtual objects); a [`Session`] gives them back in the order of their arrival.
+//! [`import`](import::import) makes a session from a folder, [`describe`] says what is in
+//! one.
+//!
+//! | topic | schema | what |
+//! |---|---|---|
+//! | `/scene_camera/image`, `/environment_camera/image` | `foxglove.CompressedImage` | JPEG or PNG as it arrived; log time = arrival, time stamp = middle of the exposure |
+//! | `…/image_raw` | `foxglove.RawImage` | the same for YUYV, NV12, RGB8, grey |
+//! | `…/image_ev-4` | | the exposure that is 4 stops darker than the base one |
+//! | `…/exposure` | `penumbra.Exposure` (JSON) | shutter time, gain and the full frame counter, just before its image |
+//! | `…/calibration` | `foxglove.CameraCalibration` | for viewers; the rig's own is the attachment `rig.json` |
+//! | `/tracker/bytes` | `penumbra.TrackerBytes` | raw bytes as they arrived; channel metadata `protocol` says how to read them |
+//! | `/tracker/pose` | `foxglove.FrameTransform` | poses of a tracker that is no byte stream |
+//! | `/tf` | `foxglove.FrameTransform` | the decoded frame tree, for viewers; never read back |
+
+mod container;
+mod error;
+mod events;
+mod info;
+mod messages;
+mod reader;
+mod records;
+mod topics;
+mod writer;
+
+pub mod import;
+
+pub use error::SessionError;
+pub use events::{Events, SessionEvent};
+pub use info::{StreamInfo, describe};
+pub use reader::{Attachment, Session};
+pub use topics::Camera;
+pub use writer::SessionWriter;
+
+#[cfg(test)]
+mod tests;

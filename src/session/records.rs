@@ -1,0 +1,206 @@
+//! MCAP records (<https://mcap.dev/spec>), parsed without trust.
+//!
+//! The `mcap` crate's own parser may panic on the lengths of a damaged file; this one
+//! answers `None`.
+
+use std::collections::BTreeMap;
+
+/// First and last bytes of a file.
+pub(super) const MAGIC: [u8; 8] = *b"\x89MCAP0\r\n";
+/// Bytes of an opcode and the length that follows it.
+pub(super) const RECORD_HEADER: usize = 9;
+
+/// Opcodes that matter here.
+pub(super) mod op {
+    pub const FOOTER: u8 = 0x02;
+    pub const CHANNEL: u8 = 0x04;
+    pub const MESSAGE: u8 = 0x05;
+    pub const CHUNK: u8 = 0x06;
+    pub const ATTACHMENT: u8 = 0x09;
+}
+
+/// Reads little-endian fields off the front of a slice.
+struct Fields<'a>(&'a [u8]);
+
+impl<'a> Fields<'a> {
+    fn take(&mut self, len: usize) -> Option<&'a [u8]> {
+        let (taken, rest) = self.0.split_at_checked(len)?;
+        self.0 = rest;
+        Some(taken)
+    }
+
+    fn u16(&mut self) -> Option<u16> {
+        Some(u16::from_le_bytes(self.take(2)?.try_into().ok()?))
+    }
+
+    fn u32(&mut self) -> Option<u32> {
+        Some(u32::from_le_bytes(self.take(4)?.try_into().ok()?))
+    }
+
+    fn u64(&mut self) -> Option<u64> {
+        Some(u64::from_le_bytes(self.take(8)?.try_into().ok()?))
+    }
+
+    fn string(&mut self) -> Option<String> {
+        let len = self.u32()? as usize;
+        String::from_utf8(self.take(len)?.to_vec()).ok()
+    }
+}
+
+/// Opcode and body length of a record.
+pub(super) fn record_header(bytes: &[u8]) -> Option<(u8, u64)> {
+    let (&opcode, mut rest) = bytes.split_first().map(|(op, rest)| (op, Fields(rest)))?;
+    Some((opcode, rest.u64()?))
+}
+
+/// Where a chunk is and how to unpack it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct ChunkHeader {
+    pub start_time: u64,
+    pub end_time: u64,
+    pub uncompressed_size: u64,
+    pub uncompressed_crc: u32,
+    pub compression: String,
+    pub compressed_size: u64,
+    /// Bytes of this header.
+    pub len: u64,
+}
+
+/// Bytes that hold any chunk header whose compression is one of the known ones.
+pub(super) const CHUNK_HEADER_MAX: usize = 64;
+
+pub(super) fn chunk_header(body: &[u8]) -> Option<ChunkHeader> {
+    let mut fields = Fields(body);
+    let header = ChunkHeader {
+        start_time: fields.u64()?,
+        end_time: fields.u64()?,
+        uncompressed_size: fields.u64()?,
+        uncompressed_crc: fields.u32()?,
+        compression: fields.string()?,
+        compressed_size: fields.u64()?,
+        len: 0,
+    };
+    let len = (body.len() - fields.0.len()) as u64;
+    Some(ChunkHeader { len, ..header })
+}
+
+/// Name, media type and data of an attachment whose checksum is right.
+pub(super) fn attachment(body: &[u8]) -> Option<(String, String, &[u8])> {
+    let mut fields = Fields(body);
+    let _log_time = fields.u64()?;
+    let _create_time = fields.u64()?;
+    let name = fields.string()?;
+    let media_type = fields.string()?;
+    let data_len = usize::try_from(fields.u64()?).ok()?;
+    let data = fields.take(data_len)?;
+    let checked = body.len() - fields.0.len();
+    let crc = fields.u32()?;
+    (crc == 0 || crc == crc32fast::hash(&body[..checked])).then_some((name, media_type, data))
+}
+
+/// A stream's description.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Channel {
+    pub id: u16,
+    pub topic: String,
+    pub message_encoding: String,
+    pub metadata: BTreeMap<String, String>,
+}
+
+pub(super) fn channel(body: &[u8]) -> Option<Channel> {
+    let mut fields = Fields(body);
+    let id = fields.u16()?;
+    let _schema_id = fields.u16()?;
+    let topic = fields.string()?;
+    let message_encoding = fields.string()?;
+    let map_len = fields.u32()? as usize;
+    let mut map = Fields(fields.take(map_len)?);
+    let mut metadata = BTreeMap::new();
+    while !map.0.is_empty() {
+        metadata.insert(map.string()?, map.string()?);
+    }
+    Some(Channel {
+        id,
+        topic,
+        message_encoding,
+        metadata,
+    })
+}
+
+/// A message's header; its data start at [`MESSAGE_HEADER`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct MessageHeader {
+    pub channel_id: u16,
+    pub sequence: u32,
+    pub log_time: u64,
+    pub publish_time: u64,
+}
+
+/// Bytes before a message's data.
+pub(super) const MESSAGE_HEADER: usize = 22;
+
+pub(super) fn message_header(body: &[u8]) -> Option<MessageHeader> {
+    let mut fields = Fields(body);
+    Some(MessageHeader {
+        channel_id: fields.u16()?,
+        sequence: fields.u32()?,
+        log_time: fields.u64()?,
+        publish_time: fields.u64()?,
+    })
+}
+
+/// The records of an unpacked chunk: opcode and where in `chunk` the body lies. Stops,
+/// with an error, at a record that leads out of the chunk.
+pub(super) fn records_in(chunk: &[u8]) -> impl Iterator<Item = Result<Placed, ()>> + '_ {
+    let mut at = 0;
+    std::iter::from_fn(move || {
+        let rest = chunk.get(at..).filter(|rest| !rest.is_empty())?;
+        let placed = record_header(rest).and_then(|(opcode, len)| {
+            let start = at + RECORD_HEADER;
+            let end = start.checked_add(usize::try_from(len).ok()?)?;
+            (end <= chunk.len()).then_some(Placed { opcode, start, end })
+        });
+        at = placed.map_or(chunk.len(), |placed| placed.end);
+        Some(placed.ok_or(()))
+    })
+}
+
+/// A record within a chunk.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Placed {
+    pub opcode: u8,
+    pub start: usize,
+    pub end: usize,
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn a_length_that_leads_out_of_the_chunk_ends_it_with_an_error() {
+        let mut chunk = vec![op::MESSAGE, 2, 0, 0, 0, 0, 0, 0, 0, 7, 7];
+        chunk.extend([op::MESSAGE, 255, 255, 255, 255, 255, 255, 255, 255, 7]);
+        let found: Vec<_> = records_in(&chunk).collect();
+        assert_eq!(found.len(), 2);
+        assert_eq!(found[0].unwrap().end, 11);
+        assert!(found[1].is_err());
+    }
+
+    proptest! {
+        #[test]
+        fn arbitrary_bytes_never_break_the_parsers(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
+            let _ = chunk_header(&bytes);
+            let _ = channel(&bytes);
+            let _ = message_header(&bytes);
+            if let Some((_, _, data)) = attachment(&bytes) {
+                prop_assert!(data.len() <= bytes.len());
+            }
+            for placed in records_in(&bytes).flatten() {
+                prop_assert!(placed.end <= bytes.len());
+            }
+        }
+    }
+}

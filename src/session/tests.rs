@@ -1,0 +1,478 @@
+//! Round trips, and files that were cut off, damaged or never sessions.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use super::*;
+use bytes::Bytes;
+use glam::{DQuat, DVec3};
+use penumbra_interface::{Exposure, Frame, MonotonicTime, PixelFormat, PoseSample, RigidTransform};
+use proptest::prelude::*;
+use std::io::Cursor;
+use std::path::{Path, PathBuf};
+use tempfile::TempDir;
+
+fn at(nanos: i64) -> MonotonicTime {
+    MonotonicTime::from_nanos(nanos)
+}
+
+/// A coded picture whose bytes are its number, so that a mix-up shows.
+fn picture(sequence: u64, arrived: i64, bracket_ev: f64) -> Frame {
+    Frame {
+        data: Bytes::from(vec![sequence as u8; 3000]),
+        format: PixelFormat::Jpeg,
+        width: 0,
+        height: 0,
+        stride: 0,
+        sequence,
+        captured_at: at(arrived - 1_000),
+        arrived_at: at(arrived),
+        exposure: None,
+        bracket_ev,
+    }
+}
+
+fn pose(arrived: i64) -> PoseSample {
+    let rotation = DQuat::from_rotation_z(0.3);
+    PoseSample {
+        station: 2,
+        transmitter_from_sensor: RigidTransform::new(rotation, DVec3::new(0.1, -0.2, 0.3)),
+        arrived_at: at(arrived),
+        error: None,
+    }
+}
+
+/// A small session of every kind of event, in memory; flushed into a chunk of its own
+/// after every scene frame.
+fn recorded(frames: u64) -> Vec<u8> {
+    let cursor = Cursor::new(Vec::new());
+    let mut writer = SessionWriter::new(cursor, Path::new("memory")).unwrap();
+    writer.attach("rig.json", b"{}").unwrap();
+    writer
+        .attach("object/deep/er/object.glb", &[7; 5000])
+        .unwrap();
+    for i in 0..frames {
+        let arrived = 1_000_000_000 + 33_000_000 * i as i64;
+        writer
+            .frame(Camera::Scene, &picture(i, arrived, 0.0))
+            .unwrap();
+        for ev in [0.0, -4.0, -8.0] {
+            let frame = picture(i, arrived + 5_000_000, ev);
+            writer.frame(Camera::Environment, &frame).unwrap();
+        }
+        writer
+            .tracker_bytes("fastrak", b"01 half a rec", at(arrived + 6_000_000))
+            .unwrap();
+        writer.pose(&pose(arrived + 7_000_000)).unwrap();
+        writer.flush().unwrap();
+    }
+    writer.finish().unwrap().into_inner()
+}
+
+fn stored(bytes: &[u8]) -> (TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("session.mcap");
+    std::fs::write(&path, bytes).unwrap();
+    (folder, path)
+}
+
+fn opened(bytes: &[u8]) -> Result<(TempDir, Session), SessionError> {
+    let (folder, path) = stored(bytes);
+    Session::open(&path).map(|session| (folder, session))
+}
+
+fn whole(session: &Session) -> Vec<SessionEvent> {
+    session.events().map(Result::unwrap).collect()
+}
+
+fn scene_sequences(events: &[SessionEvent]) -> Vec<u64> {
+    let scene = events.iter().filter_map(|event| match event {
+        SessionEvent::Scene(frame) => Some(frame.sequence),
+        _ => None,
+    });
+    scene.collect()
+}
+
+#[test]
+fn everything_recorded_comes_back_in_the_order_of_arrival() {
+    let (_folder, session) = opened(&recorded(3)).unwrap();
+    assert!(!session.truncated() && session.damage().is_empty());
+    let events = whole(&session);
+    assert_eq!(events.len(), 3 * 6);
+    assert!(events.is_sorted_by_key(SessionEvent::arrived_at));
+    let [
+        SessionEvent::Scene(scene),
+        SessionEvent::Environment(base),
+        SessionEvent::Environment(darker),
+        SessionEvent::Environment(darkest),
+        SessionEvent::TrackerBytes { bytes, arrived_at },
+        SessionEvent::Pose(sample),
+        ..,
+    ] = &events[..]
+    else {
+        panic!("{events:?}");
+    };
+    assert_eq!(scene.data, vec![0; 3000]);
+    assert_eq!(scene.captured_at, at(999_999_000));
+    assert_eq!(scene.arrived_at, at(1_000_000_000));
+    assert_eq!(
+        (base.bracket_ev, darker.bracket_ev, darkest.bracket_ev),
+        (0.0, -4.0, -8.0)
+    );
+    assert_eq!(
+        (&bytes[..], *arrived_at),
+        (&b"01 half a rec"[..], at(1_006_000_000))
+    );
+    let expected = pose(1_007_000_000);
+    assert_eq!(
+        (sample.station, sample.arrived_at),
+        (2, expected.arrived_at)
+    );
+    let (found, expected) = (
+        sample.transmitter_from_sensor,
+        expected.transmitter_from_sensor,
+    );
+    assert_eq!(found.translation, expected.translation);
+    assert!(found.rotation.abs_diff_eq(expected.rotation, 1e-15));
+    assert_eq!(session.tracker_protocol(), Some("fastrak"));
+}
+
+#[test]
+fn attachments_keep_their_paths() {
+    let (_folder, session) = opened(&recorded(1)).unwrap();
+    assert_eq!(session.attachment("rig.json"), Some(&b"{}"[..]));
+    assert_eq!(
+        session.attachment("object/deep/er/object.glb"),
+        Some(&[7; 5000][..])
+    );
+    assert_eq!(session.attachment("object"), None);
+    assert_eq!(session.attachments()[0].media_type, "application/json");
+}
+
+#[test]
+fn a_session_can_be_read_again_and_again() {
+    let (_folder, session) = opened(&recorded(4)).unwrap();
+    for _ in 0..3 {
+        assert_eq!(scene_sequences(&whole(&session)), [0, 1, 2, 3]);
+    }
+}
+
+#[test]
+fn streams_that_were_written_late_are_put_in_order() {
+    let cursor = Cursor::new(Vec::new());
+    let mut writer = SessionWriter::new(cursor, Path::new("memory")).unwrap();
+    for i in [4, 0, 3, 1, 2] {
+        writer
+            .frame(Camera::Scene, &picture(i, 1_000 * i as i64 + 5_000, 0.0))
+            .unwrap();
+        writer.flush().unwrap();
+    }
+    let bytes = writer.finish().unwrap().into_inner();
+    let (_folder, session) = opened(&bytes).unwrap();
+    assert_eq!(scene_sequences(&whole(&session)), [0, 1, 2, 3, 4]);
+}
+
+#[test]
+fn a_file_cut_off_anywhere_replays_its_whole_chunks() {
+    let bytes = recorded(3);
+    let (_folder, session) = opened(&bytes).unwrap();
+    let chunk_ends: Vec<_> = session
+        .container
+        .chunks
+        .iter()
+        .map(|chunk| (chunk.offset + chunk.header.compressed_size) as usize)
+        .collect();
+    assert_eq!(chunk_ends.len(), 3);
+    // Every boundary of a chunk and its neighbourhood, and a stride through all the rest.
+    let near = chunk_ends.iter().flat_map(|end| end - 3..end + 3);
+    for cut in near.chain((0..bytes.len()).step_by(97)) {
+        let chunks = chunk_ends.iter().filter(|end| **end <= cut).count();
+        match opened(&bytes[..cut]) {
+            Ok((_folder, session)) => {
+                assert!(session.truncated(), "cut at {cut}");
+                let sequences = scene_sequences(&whole(&session));
+                assert_eq!(
+                    sequences,
+                    (0..chunks as u64).collect::<Vec<_>>(),
+                    "cut at {cut}"
+                );
+                assert_eq!(session.attachment("rig.json"), Some(&b"{}"[..]));
+                assert!(describe(&session).contains("truncated"));
+            }
+            Err(SessionError::NothingWhole { .. }) => assert_eq!(chunks, 0, "cut at {cut}"),
+            Err(SessionError::Empty { .. }) => assert_eq!(cut, 0),
+            Err(SessionError::NotMcap { .. }) => assert!(cut < 8, "cut at {cut}"),
+            Err(error) => panic!("cut at {cut}: {error}"),
+        }
+    }
+}
+
+#[test]
+fn a_file_whose_end_was_lost_to_zeros_is_truncated() {
+    let mut bytes = recorded(2);
+    let (_folder, session) = opened(&bytes).unwrap();
+    let second = session.container.chunks[1].offset as usize;
+    bytes[second - 60..].fill(0);
+    let (_folder, session) = opened(&bytes).unwrap();
+    assert!(session.truncated());
+    assert_eq!(scene_sequences(&whole(&session)), [0]);
+}
+
+#[test]
+fn a_damaged_chunk_is_left_out_and_said() {
+    let mut bytes = recorded(3);
+    let (_folder, session) = opened(&bytes).unwrap();
+    bytes[session.container.chunks[1].offset as usize + 500] ^= 1;
+    let (_folder, session) = opened(&bytes).unwrap();
+    let (good, bad): (Vec<_>, Vec<_>) = session.events().partition(Result::is_ok);
+    let good: Vec<_> = good.into_iter().map(Result::unwrap).collect();
+    assert_eq!(scene_sequences(&good), [0, 2]);
+    assert_eq!(bad.len(), 1);
+    let text = bad[0].as_ref().unwrap_err().to_string();
+    assert!(text.contains("checksum") && !text.contains('\n'), "{text}");
+}
+
+#[test]
+fn files_that_are_no_sessions_get_one_clear_line() {
+    let text = |bytes: &[u8]| opened(bytes).map(|_| ()).unwrap_err().to_string();
+    assert!(text(b"").contains("is empty"));
+    assert!(text(b"\xff\xd8\xff\xe0 this is a JPEG").contains("not an MCAP file"));
+    assert!(text(b"\x89MCAP0\r\n").contains("cut off before its first whole chunk"));
+    let mut foreign = mcap::Writer::new(Cursor::new(Vec::new())).unwrap();
+    let channel = foreign
+        .add_channel(0, "/lidar", "cdr", &Default::default())
+        .unwrap();
+    let header = mcap::records::MessageHeader {
+        channel_id: channel,
+        sequence: 0,
+        log_time: 0,
+        publish_time: 0,
+    };
+    foreign.write_to_known_channel(&header, b"abc").unwrap();
+    foreign.finish().unwrap();
+    let foreign = text(&foreign.into_inner().into_inner());
+    assert!(foreign.contains("not a session of Penumbra") && foreign.contains("/lidar"));
+    let folder = tempfile::tempdir().unwrap();
+    let missing = Session::open(&folder.path().join("none.mcap")).unwrap_err();
+    assert!(missing.to_string().contains("no such session"));
+    let not_a_file = Session::open(folder.path()).unwrap_err();
+    assert!(matches!(not_a_file, SessionError::NotMcap { .. }));
+}
+
+#[test]
+fn attachments_that_lead_outside_are_refused() {
+    let write = |name: &str| {
+        let mut writer = mcap::Writer::new(Cursor::new(Vec::new())).unwrap();
+        let attachment = mcap::Attachment {
+            log_time: 0,
+            create_time: 0,
+            name: name.to_owned(),
+            media_type: String::new(),
+            data: b"x"[..].into(),
+        };
+        writer.attach(&attachment).unwrap();
+        writer.finish().unwrap();
+        writer.into_inner().into_inner()
+    };
+    for name in ["../../etc/passwd", "/etc/passwd", "object/../../x", ""] {
+        let error = opened(&write(name)).map(|_| ()).unwrap_err();
+        assert!(
+            matches!(error, SessionError::AttachmentName { .. }),
+            "{name}: {error}"
+        );
+        let cursor = Cursor::new(Vec::new());
+        let mut writer = SessionWriter::new(cursor, Path::new("memory")).unwrap();
+        assert!(writer.attach(name, b"x").is_err());
+    }
+}
+
+#[test]
+fn a_chunk_that_claims_to_unpack_to_a_mountain_is_refused() {
+    let bytes = recorded(1);
+    let (_folder, session) = opened(&bytes).unwrap();
+    let offset = session.container.chunks[0].offset as usize;
+    // start, end: 16 bytes; then uncompressed size, crc, compression "", compressed size.
+    let size = offset - 8 - 4 - 4 - 8;
+    let mut mountain = bytes.clone();
+    mountain[size..size + 8].copy_from_slice(&u64::MAX.to_le_bytes());
+    let error = opened(&mountain).map(|_| ()).unwrap_err();
+    assert!(matches!(error, SessionError::TooLarge { .. }), "{error}");
+}
+
+#[test]
+fn compressed_chunks_are_read_and_bombs_are_not() {
+    for compression in [mcap::Compression::Lz4, mcap::Compression::Zstd] {
+        let bytes = recorded_elsewhere(compression);
+        let (_folder, session) = opened(&bytes).unwrap();
+        assert_eq!(scene_sequences(&whole(&session)), [0, 1, 2]);
+        // A chunk that unpacks to more than it says.
+        let place = &session.container.chunks[0];
+        let name = place.header.compression.len();
+        let size = place.offset as usize - 8 - 4 - name - 4 - 8;
+        let mut lying = bytes.clone();
+        lying[size..size + 8].copy_from_slice(&100_u64.to_le_bytes());
+        let (_folder, session) = opened(&lying).unwrap();
+        assert_eq!(session.events().filter(Result::is_err).count(), 1);
+    }
+}
+
+/// The same messages as another writer of MCAP would pack them.
+fn recorded_elsewhere(compression: mcap::Compression) -> Vec<u8> {
+    let options = mcap::WriteOptions::new().compression(Some(compression));
+    let mut writer = options.create(Cursor::new(Vec::new())).unwrap();
+    let channel = writer
+        .add_channel(0, "/scene_camera/image", "protobuf", &Default::default())
+        .unwrap();
+    for sequence in 0..3 {
+        let frame = picture(sequence, 5_000 + sequence as i64, 0.0);
+        let stamp = messages::timestamp(frame.captured_at).unwrap();
+        let image = messages::compressed_image(Camera::Scene, &frame, stamp);
+        let header = mcap::records::MessageHeader {
+            channel_id: channel,
+            sequence: sequence as u32,
+            log_time: frame.arrived_at.as_nanos() as u64,
+            publish_time: 0,
+        };
+        let data = messages::encode(&image).unwrap();
+        writer.write_to_known_channel(&header, &data).unwrap();
+    }
+    writer.finish().unwrap();
+    writer.into_inner().into_inner()
+}
+
+#[test]
+fn streams_are_counted_with_their_gaps_and_losses() {
+    let cursor = Cursor::new(Vec::new());
+    let mut writer = SessionWriter::new(cursor, Path::new("memory")).unwrap();
+    // 100 Hz; the camera lost frames 3 and 4, and its counter says so.
+    for i in [0, 1, 2, 5, 6, 7] {
+        let frame = picture(i, 10_000_000 * (i as i64 + 1), 0.0);
+        writer.frame(Camera::Scene, &frame).unwrap();
+    }
+    let bytes = writer.finish().unwrap().into_inner();
+    let (_folder, session) = opened(&bytes).unwrap();
+    let [stream] = &session.streams().unwrap()[..] else {
+        panic!("one stream");
+    };
+    assert_eq!((stream.messages, stream.gaps, stream.lost), (6, 1, 2));
+    assert_eq!(stream.rate_hz, Some(100.0));
+    assert_eq!(stream.longest_interval_nanos, 30_000_000);
+    assert!((stream.duration_seconds() - 0.07).abs() < 1e-12);
+    assert!(describe(&session).contains("/scene_camera/image"));
+}
+
+#[test]
+fn what_cannot_be_recorded_is_refused() {
+    let cursor = Cursor::new(Vec::new());
+    let mut writer = SessionWriter::new(cursor, Path::new("memory")).unwrap();
+    let mut early = picture(0, 500, 0.0);
+    early.captured_at = at(-1);
+    assert!(writer.frame(Camera::Scene, &early).is_err());
+    assert!(
+        writer
+            .frame(Camera::Scene, &picture(0, 2_000, f64::NAN))
+            .is_err()
+    );
+    assert!(writer.tracker_bytes("fastrak", b"", at(-5)).is_err());
+}
+
+fn any_frame() -> impl Strategy<Value = Frame> {
+    let format = prop::sample::select(vec![
+        PixelFormat::Jpeg,
+        PixelFormat::Png,
+        PixelFormat::Yuyv,
+        PixelFormat::Nv12,
+        PixelFormat::Rgb8,
+        PixelFormat::Grey8,
+    ]);
+    let exposure = prop::option::of((1.0..1e6, 0.5..64.0));
+    let counter = prop_oneof![0..100_u64, any::<u64>()];
+    let times = (
+        0..4_000_000_000_000_000_000_i64,
+        -1_000_000_000..1_000_000_000_i64,
+    );
+    let brackets = prop::sample::select(vec![0.0, -4.0, -8.0, 1.5]);
+    (format, exposure, counter, times, brackets, 0..3_u32).prop_map(
+        |(format, exposure, sequence, (arrived, latency), bracket_ev, padding)| {
+            let (width, height, tight, rows) = match format {
+                PixelFormat::Jpeg | PixelFormat::Png => (0, 0, 0, 0),
+                PixelFormat::Yuyv => (6, 4, 12, 4),
+                PixelFormat::Nv12 => (6, 4, 6, 6),
+                PixelFormat::Rgb8 => (5, 3, 15, 3),
+                PixelFormat::Grey8 => (5, 3, 5, 3),
+            };
+            let padded = if width == 0 || padding == 0 {
+                0
+            } else {
+                tight + padding
+            };
+            let len = rows * if padded == 0 { tight } else { padded };
+            Frame {
+                data: Bytes::from(vec![
+                    sequence as u8;
+                    if len == 0 { 321 } else { len as usize }
+                ]),
+                format,
+                width,
+                height,
+                stride: padded,
+                sequence,
+                captured_at: at((arrived - latency).clamp(0, 4_290_000_000_000_000_000)),
+                arrived_at: at(arrived),
+                exposure: exposure.map(|(exposure_micros, gain)| Exposure {
+                    exposure_micros,
+                    gain,
+                }),
+                bracket_ev,
+            }
+        },
+    )
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn frames_survive_whole(frames in prop::collection::vec((any_frame(), any::<bool>()), 1..8)) {
+        let cursor = Cursor::new(Vec::new());
+        let mut writer = SessionWriter::new(cursor, Path::new("memory")).unwrap();
+        writer.frame(Camera::Scene, &picture(0, 4_100_000_000_000_000_000, 0.0)).unwrap();
+        for (frame, scene) in &frames {
+            let camera = if *scene { Camera::Scene } else { Camera::Environment };
+            writer.frame(camera, frame).unwrap();
+        }
+        let bytes = writer.finish().unwrap().into_inner();
+        let (_folder, session) = opened(&bytes).unwrap();
+        let mut expected: Vec<_> = frames.iter().map(|(frame, scene)| (*scene, frame)).collect();
+        expected.sort_by_key(|(_, frame)| frame.arrived_at);
+        let found = whole(&session);
+        prop_assert_eq!(found.len(), expected.len() + 1);
+        for (event, (scene, frame)) in found.iter().zip(expected) {
+            let found = match event {
+                SessionEvent::Scene(found) if scene => found,
+                SessionEvent::Environment(found) if !scene => found,
+                other => panic!("{other:?}"),
+            };
+            let told = |frame: &Frame| frame.exposure.map(|e| (e.exposure_micros, e.gain));
+            match (told(found), told(frame)) {
+                (Some(found), Some(told)) => {
+                    // JSON is parsed to within a unit in the last place.
+                    prop_assert!((found.0 / told.0 - 1.0).abs() < 1e-15);
+                    prop_assert!((found.1 / told.1 - 1.0).abs() < 1e-15);
+                }
+                (found, told) => prop_assert_eq!(found, told),
+            }
+            let silent = |frame: &Frame| Frame { exposure: None, ..frame.clone() };
+            prop_assert_eq!(format!("{:?}", silent(found)), format!("{:?}", silent(frame)));
+        }
+    }
+
+    #[test]
+    fn flipped_bits_never_break_the_reader(place in 0..10_000_usize, bit in 0..8_u8) {
+        let mut bytes = recorded(2);
+        let place = place % bytes.len();
+        bytes[place] ^= 1 << bit;
+        if let Ok((_folder, session)) = opened(&bytes) {
+            let _ = describe(&session);
+            prop_assert!(session.events().count() <= 2 * 6 + 2);
+        }
+    }
+}

@@ -1,0 +1,119 @@
+//! Names of the streams.
+
+/// Which of the two cameras.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Camera {
+    /// The camera whose picture is augmented.
+    Scene,
+    /// The camera that sees the light.
+    Environment,
+}
+
+impl Camera {
+    /// The camera's coordinate frame, and the first part of its topics.
+    #[must_use]
+    pub const fn frame_id(self) -> &'static str {
+        match self {
+            Self::Scene => "scene_camera",
+            Self::Environment => "environment_camera",
+        }
+    }
+
+    /// Topic of the images of one exposure, coded (JPEG, PNG) or raw.
+    pub(super) fn image_topic(self, bracket_ev: f64, raw: bool) -> String {
+        let raw = if raw { "_raw" } else { "" };
+        let bracket = if bracket_ev == 0.0 {
+            String::new()
+        } else {
+            format!("_ev{bracket_ev:+}")
+        };
+        format!("/{}/image{raw}{bracket}", self.frame_id())
+    }
+
+    pub(super) fn exposure_topic(self) -> String {
+        format!("/{}/exposure", self.frame_id())
+    }
+
+    pub(super) fn calibration_topic(self) -> String {
+        format!("/{}/calibration", self.frame_id())
+    }
+}
+
+/// The stream without which a file is no session.
+pub(super) const SCENE_IMAGES: &str = "/scene_camera/image";
+/// Raw bytes of the tracker.
+pub(super) const TRACKER_BYTES: &str = "/tracker/bytes";
+/// Poses of a tracker that is no byte stream.
+pub(super) const TRACKER_POSE: &str = "/tracker/pose";
+/// The frame tree, for viewers.
+pub(super) const FRAME_TREE: &str = "/tf";
+/// Channel metadata: stops relative to the base exposure.
+pub(super) const BRACKET_EV: &str = "bracket_ev";
+/// Channel metadata: the tracker's protocol.
+pub(super) const PROTOCOL: &str = "protocol";
+
+/// What a topic carries, if it is one that is read back.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Role {
+    Image(Camera),
+    Exposure(Camera),
+    TrackerBytes,
+    TrackerPose,
+}
+
+impl Role {
+    pub(super) fn of(topic: &str) -> Option<Self> {
+        match topic {
+            TRACKER_BYTES => return Some(Self::TrackerBytes),
+            TRACKER_POSE => return Some(Self::TrackerPose),
+            _ => {}
+        }
+        let (camera, rest) =
+            [Camera::Scene, Camera::Environment]
+                .into_iter()
+                .find_map(|camera| {
+                    let rest = topic.strip_prefix('/')?.strip_prefix(camera.frame_id())?;
+                    Some((camera, rest.strip_prefix('/')?))
+                })?;
+        let image = rest
+            .strip_prefix("image")
+            .map(|rest| rest.strip_prefix("_raw").unwrap_or(rest));
+        match (rest, image) {
+            ("exposure", _) => Some(Self::Exposure(camera)),
+            (_, Some(bracket)) if bracket.is_empty() || bracket.starts_with("_ev") => {
+                Some(Self::Image(camera))
+            }
+            _ => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_topic_written_is_recognised() {
+        for camera in [Camera::Scene, Camera::Environment] {
+            for raw in [false, true] {
+                for ev in [0.0, -4.0, 1.5] {
+                    let topic = camera.image_topic(ev, raw);
+                    assert_eq!(Role::of(&topic), Some(Role::Image(camera)), "{topic}");
+                }
+            }
+            assert_eq!(
+                Role::of(&camera.exposure_topic()),
+                Some(Role::Exposure(camera))
+            );
+            assert_eq!(Role::of(&camera.calibration_topic()), None);
+        }
+        assert_eq!(
+            Camera::Environment.image_topic(-4.0, false),
+            "/environment_camera/image_ev-4"
+        );
+        assert_eq!(Camera::Scene.image_topic(0.0, false), SCENE_IMAGES);
+        assert_eq!(Role::of(FRAME_TREE), None);
+        assert_eq!(Role::of("/scene_camera/imagery"), None);
+        assert_eq!(Role::of(""), None);
+    }
+}

@@ -1,0 +1,352 @@
+//! Recording.
+
+use super::SessionError;
+use super::container::is_inside;
+use super::messages::{self, ExposureMessage};
+use super::topics::{self, BRACKET_EV, Camera, PROTOCOL};
+use foxglove::messages::{CameraCalibration, CompressedImage, RawImage};
+use foxglove::{Encode, Schema};
+use mcap::records::{AttachmentHeader, MessageHeader};
+use mcap::{McapError, WriteOptions, Writer};
+use penumbra_interface::{Frame, MonotonicTime, PoseSample, RigidTransform};
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{BufWriter, Seek, Write};
+use std::path::{Path, PathBuf};
+
+/// A killed writer loses at most the chunk it was filling; pictures make a chunk of this
+/// many bytes last a fraction of a second.
+const CHUNK_BYTES: u64 = 1 << 20;
+
+/// Writes a session. What was written is safe, as far as whole chunks go, even if
+/// [`Self::finish`] is never reached.
+pub struct SessionWriter<W: Write + Seek> {
+    path: PathBuf,
+    writer: Writer<W>,
+    channels: BTreeMap<String, u16>,
+    tracker_messages: u32,
+}
+
+impl SessionWriter<BufWriter<File>> {
+    /// Starts a session in a new file.
+    ///
+    /// # Errors
+    /// If the file exists or cannot be made.
+    pub fn create(path: &Path) -> Result<Self, SessionError> {
+        let file = File::create_new(path).map_err(|source| SessionError::Io {
+            path: path.to_owned(),
+            source,
+        })?;
+        Self::new(BufWriter::new(file), path)
+    }
+}
+
+impl<W: Write + Seek> SessionWriter<W> {
+    /// Starts a session in `writer`; `path` is for error texts.
+    ///
+    /// # Errors
+    /// If nothing can be written.
+    pub fn new(writer: W, path: &Path) -> Result<Self, SessionError> {
+        // Not compressed: JPEG does not shrink, and a truncated file stays readable by hand.
+        let options = WriteOptions::new()
+            .profile("penumbra")
+            .library(concat!("penumbra-", env!("CARGO_PKG_VERSION")))
+            .compression(None)
+            .chunk_size(Some(CHUNK_BYTES));
+        let path = path.to_owned();
+        match options.create(writer) {
+            Ok(writer) => Ok(Self {
+                path,
+                writer,
+                channels: BTreeMap::new(),
+                tracker_messages: 0,
+            }),
+            Err(error) => Err(written(&path, "the session", error)),
+        }
+    }
+
+    /// Puts a file into the session. Attachments belong before the streams, so that a
+    /// truncated session still has them.
+    ///
+    /// # Errors
+    /// If the name is not a plain relative path, or nothing can be written.
+    pub fn attach(&mut self, name: &str, data: &[u8]) -> Result<(), SessionError> {
+        if !is_inside(name) {
+            return Err(SessionError::AttachmentName {
+                path: self.path.clone(),
+                name: name.to_owned(),
+            });
+        }
+        let header = AttachmentHeader {
+            log_time: 0,
+            create_time: 0,
+            name: name.to_owned(),
+            media_type: media_type(name).to_owned(),
+        };
+        let writer = &mut self.writer;
+        writer
+            .start_attachment(data.len() as u64, header)
+            .and_then(|()| writer.put_attachment_bytes(data))
+            .and_then(|()| writer.finish_attachment())
+            .map_err(|error| written(&self.path, name, error))
+    }
+
+    /// Records a picture.
+    ///
+    /// # Errors
+    /// If its times are before the clock's zero, or nothing can be written.
+    pub fn frame(&mut self, camera: Camera, frame: &Frame) -> Result<(), SessionError> {
+        if frame.exposure.is_some() || frame.sequence > u64::from(u32::MAX) {
+            self.exposure(camera, frame)?;
+        }
+        let raw = messages::is_raw(frame.format);
+        let topic = camera.image_topic(frame.bracket_ev, raw);
+        if !frame.bracket_ev.is_finite() {
+            return Err(self.unrecordable(&topic, "its exposure bracket is no number"));
+        }
+        let stamp = messages::timestamp(frame.captured_at)
+            .ok_or_else(|| self.unrecordable(&topic, "its capture time is before zero"))?;
+        let metadata = [(BRACKET_EV.to_owned(), frame.bracket_ev.to_string())];
+        let (schema, bytes) = if raw {
+            let image = messages::raw_image(camera, frame, stamp);
+            (RawImage::get_schema(), messages::encode(&image))
+        } else {
+            let image = messages::compressed_image(camera, frame, stamp);
+            (CompressedImage::get_schema(), messages::encode(&image))
+        };
+        let bytes = bytes.map_err(|reason| self.unrecordable(&topic, &reason))?;
+        let channel = self.channel(&topic, schema, "protobuf", metadata.into())?;
+        let times = Times {
+            arrived_at: frame.arrived_at,
+            published_at: frame.captured_at,
+        };
+        // The counter's low half; the exposure message has the whole where it matters.
+        self.message(channel, &topic, frame.sequence as u32, times, &bytes)
+    }
+
+    fn exposure(&mut self, camera: Camera, frame: &Frame) -> Result<(), SessionError> {
+        let topic = camera.exposure_topic();
+        let schema = Schema::new("penumbra.Exposure", "jsonschema", messages::EXPOSURE_SCHEMA);
+        let bytes = serde_json::to_vec(&ExposureMessage::of(frame))
+            .map_err(|error| self.unrecordable(&topic, &error.to_string()))?;
+        let channel = self.channel(&topic, Some(schema), "json", BTreeMap::new())?;
+        let times = Times {
+            arrived_at: frame.arrived_at,
+            published_at: frame.captured_at,
+        };
+        self.message(channel, &topic, frame.sequence as u32, times, &bytes)
+    }
+
+    /// Records bytes of the tracker as they were read; `protocol` says how to read them.
+    ///
+    /// # Errors
+    /// If the time is before the clock's zero, or nothing can be written.
+    pub fn tracker_bytes(
+        &mut self,
+        protocol: &str,
+        bytes: &[u8],
+        arrived_at: MonotonicTime,
+    ) -> Result<(), SessionError> {
+        let topic = topics::TRACKER_BYTES;
+        let schema = messages::tracker_bytes_schema();
+        let schema = Schema::new("penumbra.TrackerBytes", "protobuf", schema);
+        let metadata = [(PROTOCOL.to_owned(), protocol.to_owned())];
+        let channel = self.channel(topic, Some(schema), "protobuf", metadata.into())?;
+        let sequence = self.tracker_messages;
+        self.tracker_messages = sequence.wrapping_add(1);
+        let message = messages::tracker_bytes(bytes);
+        self.message(channel, topic, sequence, Times::at(arrived_at), &message)
+    }
+
+    /// Records a pose of a tracker that is no byte stream.
+    ///
+    /// # Errors
+    /// If the time is before the clock's zero, or nothing can be written.
+    pub fn pose(&mut self, sample: &PoseSample) -> Result<(), SessionError> {
+        let child = messages::sensor_frame(sample.station);
+        let pose = sample.transmitter_from_sensor;
+        self.transform(
+            topics::TRACKER_POSE,
+            ("tracker", &child),
+            pose,
+            sample.arrived_at,
+        )
+    }
+
+    /// Records `parent_from_child` for viewers; it is never read back.
+    ///
+    /// # Errors
+    /// If the time is before the clock's zero, or nothing can be written.
+    pub fn view_transform(
+        &mut self,
+        frames: (&str, &str),
+        parent_from_child: RigidTransform,
+        at: MonotonicTime,
+    ) -> Result<(), SessionError> {
+        self.transform(topics::FRAME_TREE, frames, parent_from_child, at)
+    }
+
+    fn transform(
+        &mut self,
+        topic: &str,
+        (parent, child): (&str, &str),
+        pose: RigidTransform,
+        at: MonotonicTime,
+    ) -> Result<(), SessionError> {
+        let stamp = messages::timestamp(at)
+            .ok_or_else(|| self.unrecordable(topic, "its time is before zero"))?;
+        let transform = messages::frame_transform(parent, child, pose, stamp);
+        self.schema_message(topic, &transform, at)
+    }
+
+    /// Records a camera's calibration for viewers; the rig's own is the attachment
+    /// `rig.json`.
+    ///
+    /// # Errors
+    /// If the time is before the clock's zero, or nothing can be written.
+    pub fn view_calibration(
+        &mut self,
+        camera: Camera,
+        calibration: &CameraCalibration,
+        at: MonotonicTime,
+    ) -> Result<(), SessionError> {
+        self.schema_message(&camera.calibration_topic(), calibration, at)
+    }
+
+    fn schema_message<M: Encode>(
+        &mut self,
+        topic: &str,
+        message: &M,
+        at: MonotonicTime,
+    ) -> Result<(), SessionError> {
+        let bytes =
+            messages::encode(message).map_err(|reason| self.unrecordable(topic, &reason))?;
+        let channel = self.channel(topic, M::get_schema(), "protobuf", BTreeMap::new())?;
+        self.message(channel, topic, 0, Times::at(at), &bytes)
+    }
+
+    /// Closes the current chunk and hands everything to the system. A recorder calls this
+    /// every second or so.
+    ///
+    /// # Errors
+    /// If nothing can be written.
+    pub fn flush(&mut self) -> Result<(), SessionError> {
+        self.writer
+            .flush()
+            .map_err(|error| written(&self.path, "the session", error))
+    }
+
+    /// Writes the index and the end, and gives the writer back.
+    ///
+    /// # Errors
+    /// If nothing can be written.
+    pub fn finish(self) -> Result<W, SessionError> {
+        let Self {
+            path, mut writer, ..
+        } = self;
+        writer
+            .finish()
+            .map_err(|error| written(&path, "the session's end", error))?;
+        let mut inner = writer.into_inner();
+        match inner.flush() {
+            Ok(()) => Ok(inner),
+            Err(source) => Err(SessionError::Io { path, source }),
+        }
+    }
+
+    /// The channel of a topic, made when first asked for.
+    fn channel(
+        &mut self,
+        topic: &str,
+        schema: Option<Schema>,
+        encoding: &str,
+        metadata: BTreeMap<String, String>,
+    ) -> Result<u16, SessionError> {
+        if let Some(&id) = self.channels.get(topic) {
+            return Ok(id);
+        }
+        let writer = &mut self.writer;
+        let schema = schema.map_or(Ok(0), |schema| {
+            writer.add_schema(&schema.name, &schema.encoding, &schema.data)
+        });
+        let id = schema
+            .and_then(|schema| writer.add_channel(schema, topic, encoding, &metadata))
+            .map_err(|error| written(&self.path, topic, error))?;
+        self.channels.insert(topic.to_owned(), id);
+        Ok(id)
+    }
+
+    fn message(
+        &mut self,
+        channel_id: u16,
+        topic: &str,
+        sequence: u32,
+        times: Times,
+        data: &[u8],
+    ) -> Result<(), SessionError> {
+        let nanos = |time: MonotonicTime| u64::try_from(time.as_nanos()).ok();
+        let (Some(log_time), Some(publish_time)) =
+            (nanos(times.arrived_at), nanos(times.published_at))
+        else {
+            return Err(self.unrecordable(topic, "its time is before zero"));
+        };
+        let header = MessageHeader {
+            channel_id,
+            sequence,
+            log_time,
+            publish_time,
+        };
+        self.writer
+            .write_to_known_channel(&header, data)
+            .map_err(|error| written(&self.path, topic, error))
+    }
+
+    fn unrecordable(&self, what: &str, reason: &str) -> SessionError {
+        SessionError::Unrecordable {
+            path: self.path.clone(),
+            what: what.to_owned(),
+            reason: reason.to_owned(),
+        }
+    }
+}
+
+/// When a message reached us, and the instant it is about.
+#[derive(Clone, Copy)]
+struct Times {
+    arrived_at: MonotonicTime,
+    published_at: MonotonicTime,
+}
+
+impl Times {
+    const fn at(time: MonotonicTime) -> Self {
+        Self {
+            arrived_at: time,
+            published_at: time,
+        }
+    }
+}
+
+fn written(path: &Path, what: &str, error: McapError) -> SessionError {
+    let path = path.to_owned();
+    match error {
+        McapError::Io(source) => SessionError::Io { path, source },
+        other => SessionError::Unrecordable {
+            path,
+            what: what.to_owned(),
+            reason: other.to_string(),
+        },
+    }
+}
+
+fn media_type(name: &str) -> &'static str {
+    match name.rsplit('.').next() {
+        Some("json") => "application/json",
+        Some("png") => "image/png",
+        Some("jpg" | "jpeg") => "image/jpeg",
+        Some("glb") => "model/gltf-binary",
+        Some("gltf") => "model/gltf+json",
+        Some("csv") => "text/csv",
+        Some("toml") => "application/toml",
+        _ => "application/octet-stream",
+    }
+}
