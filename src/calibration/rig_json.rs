@@ -371,10 +371,10 @@ fn fisheye(node: &Node) -> Result<FisheyeLens> {
         .need("image_size", "[width, height] in pixels")?
         .image_size()?;
     let lens = node.need("projection", "an object with f, cx, cy, max_theta_rad")?;
-    if let Some(model) = lens.find("model") {
-        if !matches!(model.text()?, "equidistant" | "kannala-brandt") {
-            return Err(model.wrong("\"equidistant\" (with k1..k4 where it departs from it)"));
-        }
+    if let Some(model) = lens.find("model")
+        && !matches!(model.text()?, "equidistant" | "kannala-brandt")
+    {
+        return Err(model.wrong("\"equidistant\" (with k1..k4 where it departs from it)"));
     }
     let max_theta = lens.need("max_theta_rad", "half the field of view, radians")?;
     if max_theta.positive()? > std::f64::consts::PI {
@@ -611,3 +611,6 @@ fn light_key(node: &Node) -> Result<VirtualLightKey> {
         gain: node.find("gain").map_or(Ok(1.0), |n| n.number())?,
     })
 }
+
+#[cfg(test)]
+mod tests;

@@ -30,7 +30,7 @@ pub(crate) fn check_mesh(mesh: &Mesh) -> Result<(), String> {
             "index {i} points past its {count} vertices; the file is damaged, export it again"
         ));
     }
-    let near = |v: Vec3| v.abs().max_element() <= FARTHEST;
+    let near = |v: Vec3| v.is_finite() && v.abs().max_element() <= FARTHEST;
     if let Some(i) = mesh.vertices.iter().position(|v| !near(v.position)) {
         return Err(format!(
             "vertex {i} is not a finite place within {FARTHEST} m; the file is damaged or not in metres"

@@ -178,11 +178,14 @@ fn placed_nodes(document: &gltf::Document) -> Result<Vec<(gltf::Node<'_>, DMat4)
     Ok(out)
 }
 
+/// One primitive as it is drawn; `None` for points and lines.
+type Drawable = Option<(Arc<Mesh>, Arc<Material>)>;
+
 struct Reader<'s, 'b> {
     source: &'s Source<'b>,
     materials: Materials<'s, 'b>,
-    /// By mesh, primitive and whether its node mirrors; `None` for points and lines.
-    meshes: HashMap<(usize, usize, bool), Option<(Arc<Mesh>, Arc<Material>)>>,
+    /// By mesh, primitive and whether its node mirrors.
+    meshes: HashMap<(usize, usize, bool), Drawable>,
     model: Model,
     triangles: usize,
 }
@@ -231,7 +234,7 @@ impl Reader<'_, '_> {
         &mut self,
         primitive: &gltf::Primitive,
         mirrored: bool,
-    ) -> Result<Option<(Arc<Mesh>, Arc<Material>)>, Fault> {
+    ) -> Result<Drawable, Fault> {
         if matches!(
             primitive.mode(),
             Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip
@@ -363,3 +366,6 @@ fn as_triangles(mode: Mode, indices: Vec<u32>) -> Vec<u32> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

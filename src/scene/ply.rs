@@ -333,3 +333,106 @@ fn read_polygon(
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+    use crate::scene::check::triangles;
+    use proptest::prelude::*;
+
+    const ASCII: &str = "ply\nformat ascii 1.0\ncomment a square of two halves\n\
+        element vertex 4\nproperty float x\nproperty double y\nproperty float z\nproperty uchar red\n\
+        element face 1\nproperty list uchar int vertex_indices\nend_header\n\
+        0 0 0 1\n1 0 0 2\n1 1 0 3\n0 1 0 4\n4 0 1 2 3\n";
+
+    fn binary(little: bool) -> Vec<u8> {
+        let name = if little { "little" } else { "big" };
+        let mut out = format!(
+            "ply\nformat binary_{name}_endian 1.0\nelement vertex 4\nproperty float x\n\
+             property float y\nproperty float z\nproperty float nx\nproperty float ny\n\
+             property float nz\nelement face 1\nproperty list uchar ushort vertex_index\nend_header\n"
+        )
+        .into_bytes();
+        let floats = |out: &mut Vec<u8>, v: [f32; 6]| {
+            for x in v {
+                out.extend(if little {
+                    x.to_le_bytes()
+                } else {
+                    x.to_be_bytes()
+                });
+            }
+        };
+        for (x, y) in [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)] {
+            floats(&mut out, [x, y, 0.0, 0.0, 0.0, 2.0]);
+        }
+        out.push(4);
+        for i in 0u16..4 {
+            out.extend(if little {
+                i.to_le_bytes()
+            } else {
+                i.to_be_bytes()
+            });
+        }
+        out
+    }
+
+    fn assert_is_unit_square(mesh: &Mesh) {
+        let area: f32 = triangles(mesh)
+            .map(|[a, b, c]| (b - a).cross(c - a).z / 2.0)
+            .sum();
+        assert!((area - 1.0).abs() < 1e-6);
+        assert!(
+            mesh.vertices.iter().all(|v| v.normal == Vec3::Z),
+            "{mesh:?}"
+        );
+    }
+
+    #[test]
+    fn all_three_encodings_say_the_same() {
+        assert_is_unit_square(&load_ply(ASCII.as_bytes(), "a.ply").unwrap());
+        assert_is_unit_square(&load_ply(&binary(true), "b.ply").unwrap());
+        assert_is_unit_square(&load_ply(&binary(false), "c.ply").unwrap());
+    }
+
+    #[test]
+    fn windows_line_ends_are_read() {
+        assert_is_unit_square(&load_ply(ASCII.replace('\n', "\r\n").as_bytes(), "a.ply").unwrap());
+    }
+
+    #[test]
+    fn faults_are_named() {
+        let refuse = |text: String, expected: &str| {
+            let said = load_ply(text.as_bytes(), "a.ply").unwrap_err().to_string();
+            assert!(
+                said.starts_with("a.ply: ") && said.contains(expected),
+                "{said}"
+            );
+        };
+        refuse("solid".into(), "header");
+        refuse(ASCII.replace("ascii", "utf9"), "utf9");
+        refuse(ASCII.replace("float x", "half x"), "half x");
+        refuse(ASCII.replace("float z", "float w"), "lack x, y or z");
+        refuse(ASCII.replace("4 0 1 2 3", "4 0 1 2 4"), "index 4");
+        refuse(ASCII.replace("4 0 1 2 3", "4 0 1 2"), "too early");
+        refuse(ASCII.replace("1 1 0 3", "nan 1 0 3"), "finite");
+        refuse(ASCII.replace("vertex 4", "vertex 99999999999"), "vertices");
+        refuse(ASCII.replace("face 1", "face 0"), "no triangles");
+        refuse(ASCII.replace("4 0 1 2 3", "4 0 0 0 0"), "no area");
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(2000))]
+        #[test]
+        fn damaged_bytes_never_panic(
+            ascii: bool, at in 0usize..600, byte: u8, cut in prop::option::of(0usize..600),
+        ) {
+            let mut bytes = if ascii { ASCII.as_bytes().to_vec() } else { binary(true) };
+            if let Some(b) = bytes.get_mut(at) {
+                *b = byte;
+            }
+            bytes.truncate(cut.unwrap_or(usize::MAX));
+            let _ = load_ply(&bytes, "a.ply");
+        }
+    }
+}

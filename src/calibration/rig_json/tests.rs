@@ -1,0 +1,313 @@
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+use super::*;
+use proptest::prelude::*;
+use serde_json::{Value, json};
+
+/// A small rig with everything in it.
+fn rig() -> Value {
+    let pose = json!({"position": [1.0, 2.0, 3.0], "quaternion_wxyz": [0.0, 1.0, 0.0, 0.0]});
+    json!({
+        "name": "bench",
+        "scene_camera": {
+            "image_size": [640, 480], "K": [[700.0, 0, 320.0], [0, 701.0, 240.0], [0, 0, 1]],
+            "lens_distortion": [0.1, 0.2, 0.3, 0.4, 0.5], "latency_s": 0.01,
+            "response": {"gamma": 2.0}
+        },
+        "environment_camera": {
+            "kind": "fisheye", "image_size": [480, 480], "brackets_ev": [-4, -8],
+            "T_world_cam": pose, "response": "linear",
+            "projection": {"model": "equidistant", "f": 150.0, "cx": 241.0, "cy": 239.0,
+                           "max_theta_rad": 1.6, "k1": 0.01, "k4": -0.02}
+        },
+        "mirror_sphere": {"center_world": [0.1, 0.2, 0.3], "radius": 0.04,
+                          "reflectance_rgb": [0.9, 0.8, 0.7], "in_scene_camera_images": true},
+        "tracker": {"latency_s": 0.008, "T_world_source": pose, "T_sensor_cam": pose,
+                    "fastrak": {"units": "centimetres"}},
+        "object": {"glb": "object/object.glb", "T_world_object": pose},
+        "phantoms": [{"name": "box", "ply": "phantoms/box.ply", "ply_frame": "phantom",
+                      "pose": pose, "albedo_linear_rgb": [0.5, 0.5, 0.5]}],
+        "ground_plane": {"normal": [0, 0, 1], "offset": 0.25, "size_m": 8.0},
+        "photometric_chart": {"scene": "a.png", "environment": "b.png",
+                              "patches_xywh": [[1, 2, 3, 4]],
+                              "reflectance_linear_rgb": [[0.1, 0.2, 0.3]]},
+        "markers": [{"family": "tag36h11", "id": 7, "size_m": 0.06, "T_world_marker": pose}],
+        "virtual_lights": {"lights": [
+            {"name": "spot", "kind": "spot", "intensity": [1, 2, 3], "cutoff_deg": 90.0,
+             "beam_deg": 45.0, "keys": [{"t": 0.5, "pos": [1, 2, 3], "target": [0, 0, 0]}]}]}
+    })
+}
+
+fn parse(value: &Value) -> Result<RigDocument> {
+    RigDocument::parse(value.to_string().as_bytes())
+}
+
+/// The message after removing the member at `path`.
+fn complaint_without(path: &[&str]) -> String {
+    let mut value = rig();
+    let (last, above) = path.split_last().unwrap();
+    let mut node = &mut value;
+    for step in above {
+        node = match step.parse::<usize>() {
+            Ok(i) => &mut node[i],
+            Err(_) => &mut node[*step],
+        };
+    }
+    node.as_object_mut().unwrap().remove(*last).unwrap();
+    parse(&value).unwrap_err().to_string()
+}
+
+#[test]
+fn everything_is_read_as_it_is_written() {
+    let rig = parse(&rig()).unwrap();
+    let scene = &rig.calibration.scene_camera;
+    assert_eq!((scene.camera.width, scene.camera.height), (640, 480));
+    assert_eq!(scene.camera.focal, DVec2::new(700.0, 701.0));
+    assert_eq!(scene.camera.distortion, [0.1, 0.2, 0.3, 0.4, 0.5]);
+    assert_eq!(scene.latency_nanos, 10_000_000);
+    assert_eq!(scene.response, Response::gamma(2.0));
+    let environment = rig.calibration.environment.as_ref().unwrap();
+    assert_eq!(environment.brackets_ev, [-4.0, -8.0]);
+    assert_eq!(environment.response, Response::linear());
+    let EnvironmentView::Fisheye {
+        lens,
+        world_from_camera,
+    } = &environment.view
+    else {
+        panic!("{:?}", environment.view);
+    };
+    assert_eq!(lens.distortion, [0.01, 0.0, 0.0, -0.02]);
+    assert_eq!((lens.focal, lens.max_theta), (150.0, 1.6));
+    // Half a turn about x: y and z change sign.
+    let p = world_from_camera.transform_point(DVec3::new(1.0, 1.0, 1.0));
+    assert!(p.distance(DVec3::new(2.0, 1.0, 2.0)) < 1e-12);
+    let tracker = rig.calibration.tracker.as_ref().unwrap();
+    assert_eq!(
+        (tracker.metres_per_unit, tracker.latency_nanos),
+        (0.01, 8_000_000)
+    );
+    assert_eq!(rig.ground.unwrap().offset, 0.25);
+    assert_eq!(rig.phantoms[0].albedo, Some(Vec3::splat(0.5)));
+    assert_eq!(rig.markers[0].id, 7);
+    let VirtualLightKind::Spot { beam, cutoff } = rig.virtual_lights[0].kind else {
+        panic!("no spot");
+    };
+    assert!((cutoff - 2.0 * beam).abs() < 1e-12);
+}
+
+#[test]
+fn an_object_given_by_its_own_frame_is_turned_up_first() {
+    let placement = parse(&rig()).unwrap().object.unwrap();
+    // glTF's up is the object's +Z, which this pose turns over.
+    let up = placement.world_from_glb.transform_vector3(DVec3::Y);
+    assert!(up.distance(DVec3::NEG_Z) < 1e-12, "{up}");
+}
+
+#[test]
+fn a_missing_key_is_named_by_its_whole_path() {
+    for path in [
+        &["scene_camera"][..],
+        &["scene_camera", "K"],
+        &["scene_camera", "image_size"],
+        &["environment_camera", "kind"],
+        &["environment_camera", "T_world_cam"],
+        &["environment_camera", "projection"],
+        &["environment_camera", "projection", "f"],
+        &["environment_camera", "projection", "max_theta_rad"],
+        &["mirror_sphere", "radius"],
+        &["tracker", "T_world_source"],
+        &["tracker", "T_sensor_cam"],
+        &["object", "glb"],
+        &["photometric_chart", "patches_xywh"],
+        &["virtual_lights", "lights", "0", "intensity"],
+    ] {
+        let text = complaint_without(path);
+        let name = path.join(".").replace(".0.", "[0].");
+        assert!(text.contains(&format!("`{name}` is missing")), "{text}");
+        assert_eq!(text.lines().count(), 1);
+    }
+}
+
+#[test]
+fn optional_parts_may_be_missing() {
+    let mut value = rig();
+    let root = value.as_object_mut().unwrap();
+    root.retain(|key, _| key == "scene_camera");
+    let rig = parse(&value).unwrap();
+    assert!(rig.calibration.environment.is_none() && rig.calibration.tracker.is_none());
+    assert!(rig.phantoms.is_empty() && rig.object.is_none() && rig.ground.is_none());
+}
+
+#[test]
+fn wrong_values_are_named_and_explained() {
+    let cases = [
+        ("/scene_camera/K/0/0", json!(-1.0), "scene_camera.K"),
+        (
+            "/scene_camera/image_size/0",
+            json!(0),
+            "scene_camera.image_size",
+        ),
+        (
+            "/scene_camera/image_size/1",
+            json!(1_000_000),
+            "image_size[1]",
+        ),
+        ("/scene_camera/latency_s", json!(8), ""),
+        (
+            "/scene_camera/latency_s",
+            json!(11),
+            "scene_camera.latency_s",
+        ),
+        (
+            "/environment_camera/kind",
+            json!("cube"),
+            "\"fisheye\" or \"sphere\"",
+        ),
+        (
+            "/environment_camera/projection/model",
+            json!("stereographic"),
+            "equidistant",
+        ),
+        (
+            "/environment_camera/projection/max_theta_rad",
+            json!(180),
+            "radians",
+        ),
+        (
+            "/environment_camera/T_world_cam/quaternion_wxyz/1",
+            json!(2.0),
+            "unit quaternion",
+        ),
+        ("/tracker/fastrak/units", json!("cubits"), "centimetres"),
+        ("/mirror_sphere/radius", json!(0), "above 0"),
+        (
+            "/phantoms/0/ply_frame",
+            json!("moon"),
+            "phantoms[0].ply_frame",
+        ),
+        (
+            "/photometric_chart/patches_xywh/0",
+            json!([1, 2, 3]),
+            "4 entries",
+        ),
+        (
+            "/ground_plane/normal",
+            json!([0, 0, 0]),
+            "ground_plane.normal",
+        ),
+    ];
+    for (pointer, value, expected) in cases {
+        let mut document = rig();
+        *document.pointer_mut(pointer).unwrap() = value;
+        match parse(&document) {
+            Err(e) => assert!(
+                !expected.is_empty() && e.to_string().contains(expected),
+                "{e}"
+            ),
+            Ok(_) => assert!(expected.is_empty(), "{pointer} was accepted"),
+        }
+    }
+}
+
+#[test]
+fn a_matrix_that_scales_or_mirrors_is_no_camera_pose() {
+    for diagonal in [[2.0, 2.0, 2.0], [1.0, 1.0, -1.0]] {
+        let mut value = rig();
+        let [x, y, z] = diagonal;
+        value["tracker"]["T_sensor_cam"] = json!({"matrix_row_major":
+            [[x, 0, 0, 0], [0, y, 0, 0], [0, 0, z, 0], [0, 0, 0, 1]]});
+        let text = parse(&value).unwrap_err().to_string();
+        assert!(text.contains("tracker.T_sensor_cam"), "{text}");
+    }
+}
+
+#[test]
+fn the_view_of_the_environment_follows_the_configuration() {
+    let is_sphere = |rig: &RigDocument| {
+        let view = rig.calibration.environment.as_ref().map(|e| &e.view);
+        matches!(view, Some(EnvironmentView::SphereInScene { .. }))
+    };
+    let chosen = |source, recorded| {
+        let mut document = parse(&rig()).unwrap();
+        document.select_environment(source, recorded).unwrap();
+        is_sphere(&document)
+    };
+    assert!(!chosen(EnvironmentSource::Auto, true));
+    assert!(chosen(EnvironmentSource::Auto, false));
+    assert!(!chosen(EnvironmentSource::Camera, false));
+    assert!(chosen(EnvironmentSource::SphereInScene, true));
+    let mut blind = rig();
+    blind["mirror_sphere"]["in_scene_camera_images"] = json!(false);
+    let mut blind = parse(&blind).unwrap();
+    assert!(
+        blind
+            .select_environment(EnvironmentSource::SphereInScene, true)
+            .is_err()
+    );
+}
+
+#[test]
+fn the_truth_rigs_are_read() {
+    let truth = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/truth");
+    if !truth.is_dir() {
+        eprintln!("SKIPPED the_truth_rigs_are_read: ../shared is missing");
+        return;
+    }
+    for name in [
+        "desk",
+        "desk-sphere",
+        "courtyard",
+        "desk-marker",
+        "desk-lamp",
+    ] {
+        let bytes = std::fs::read(truth.join(name).join("rig.json")).unwrap();
+        let rig = RigDocument::parse(&bytes).unwrap();
+        assert_eq!(rig.calibration.name, name);
+        let sphere = matches!(name, "desk-sphere" | "desk-marker");
+        assert_eq!(rig.mirror_sphere.is_some(), sphere);
+        let inches = if sphere { 0.01 } else { 0.0254 };
+        assert_eq!(rig.calibration.tracker.unwrap().metres_per_unit, inches);
+        assert_eq!(rig.calibration.chart.unwrap().patches.len(), 24);
+        assert_eq!(rig.markers.len(), if name == "desk-marker" { 3 } else { 0 });
+        assert_eq!(
+            rig.virtual_lights.len(),
+            if name == "desk-lamp" { 2 } else { 0 }
+        );
+    }
+}
+
+proptest! {
+    #[test]
+    fn damaged_bytes_never_panic(at in 0usize..4000, byte: u8, cut in 0usize..4000) {
+        let mut bytes = rig().to_string().into_bytes();
+        if let Some(b) = bytes.get_mut(at) {
+            *b = byte;
+        }
+        bytes.truncate(cut.max(1));
+        let _ = RigDocument::parse(&bytes);
+    }
+
+    #[test]
+    fn any_value_in_any_place_never_panics(place in 0usize..200, kind in 0usize..8) {
+        let strange = [
+            json!(null), json!([]), json!({}), json!(-1e308), json!("x"), json!(true),
+            json!([[[[1]]]]), json!(u64::MAX),
+        ];
+        let mut value = rig();
+        let mut left = place;
+        replace_nth(&mut value, &mut left, &strange[kind]);
+        let _ = parse(&value);
+    }
+}
+
+/// Replaces the n-th value of a document in reading order.
+fn replace_nth(value: &mut Value, left: &mut usize, with: &Value) {
+    if *left == 0 {
+        *value = with.clone();
+    }
+    *left = left.wrapping_sub(1);
+    match value {
+        Value::Array(items) => items.iter_mut().for_each(|v| replace_nth(v, left, with)),
+        Value::Object(items) => items.values_mut().for_each(|v| replace_nth(v, left, with)),
+        _ => {}
+    }
+}

@@ -1,0 +1,412 @@
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+use super::*;
+use glam::DVec3;
+use proptest::prelude::*;
+use serde_json::{Value, json};
+
+/// Positions of a unit tetrahedron, then its indices (u16), then padding: 60 bytes.
+fn tetrahedron() -> Vec<u8> {
+    let corners = [
+        [0.0f32, 0.0, 0.0],
+        [1.0, 0.0, 0.0],
+        [0.0, 1.0, 0.0],
+        [0.0, 0.0, 1.0],
+    ];
+    let indices = [0u16, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3];
+    let mut bytes: Vec<u8> = corners
+        .iter()
+        .flatten()
+        .flat_map(|x| x.to_le_bytes())
+        .collect();
+    bytes.extend(indices.iter().flat_map(|i| i.to_le_bytes()));
+    bytes
+}
+
+fn document() -> Value {
+    json!({
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}],
+        "nodes": [{"name": "rock", "mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, "material": 0}]}],
+        "materials": [{"pbrMetallicRoughness": {"baseColorFactor": [0.5, 0.25, 0.125, 1.0],
+            "metallicFactor": 0.75, "roughnessFactor": 0.5}, "emissiveFactor": [0.5, 0.5, 0.5],
+            "doubleSided": true, "extensions": {
+                "KHR_materials_specular": {"specularFactor": 0.5},
+                "KHR_materials_emissive_strength": {"emissiveStrength": 4.0}}}],
+        "buffers": [{"byteLength": 72}],
+        "bufferViews": [{"buffer": 0, "byteLength": 48},
+                        {"buffer": 0, "byteOffset": 48, "byteLength": 24}],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "type": "VEC3", "count": 4,
+             "min": [0, 0, 0], "max": [1, 1, 1]},
+            {"bufferView": 1, "componentType": 5123, "type": "SCALAR", "count": 12}]
+    })
+}
+
+fn glb(document: &Value, binary: &[u8]) -> Vec<u8> {
+    let mut json = document.to_string().into_bytes();
+    json.resize(json.len().next_multiple_of(4), b' ');
+    let total = 12 + 8 + json.len() + 8 + binary.len();
+    let mut out = b"glTF".to_vec();
+    out.extend(2u32.to_le_bytes());
+    out.extend((total as u32).to_le_bytes());
+    out.extend((json.len() as u32).to_le_bytes());
+    out.extend(b"JSON");
+    out.extend(json);
+    out.extend((binary.len() as u32).to_le_bytes());
+    out.extend(b"BIN\0");
+    out.extend(binary);
+    out
+}
+
+fn load(document: &Value) -> Result<Model, SceneError> {
+    load_gltf_bytes(&glb(document, &tetrahedron()), "rock.glb", &|_| {
+        Err("no such file".into())
+    })
+}
+
+fn complaint(document: &Value) -> String {
+    let text = load(document).unwrap_err().to_string();
+    assert!(
+        text.starts_with("rock.glb: ") && text.lines().count() == 1,
+        "{text}"
+    );
+    text
+}
+
+fn volume(mesh: &Mesh) -> f32 {
+    crate::scene::check::triangles(mesh)
+        .map(|[a, b, c]| a.dot(b.cross(c)) / 6.0)
+        .sum()
+}
+
+#[test]
+fn a_mesh_comes_up_the_right_way_with_flat_normals() {
+    let model = load(&document()).unwrap();
+    let part = &model.parts[0];
+    assert_eq!(part.name, "rock");
+    assert_eq!(part.mesh.indices.len(), 12);
+    // Flat faces share no corners.
+    assert_eq!(part.mesh.vertices.len(), 12);
+    assert!((volume(&part.mesh) - 1.0 / 6.0).abs() < 1e-6);
+    let top = part
+        .mesh
+        .vertices
+        .iter()
+        .map(|v| v.position.z)
+        .fold(0.0, f32::max);
+    let back = part
+        .mesh
+        .vertices
+        .iter()
+        .map(|v| v.position.y)
+        .fold(0.0, f32::min);
+    assert_eq!((top, back), (1.0, -1.0));
+    for t in part.mesh.indices.chunks_exact(3) {
+        let [a, b, c] = [0, 1, 2].map(|i| part.mesh.vertices[t[i] as usize]);
+        let face = (b.position - a.position)
+            .cross(c.position - a.position)
+            .normalize();
+        assert!((face - a.normal).length() < 1e-6);
+    }
+}
+
+#[test]
+fn the_material_is_read_with_its_extensions() {
+    let material = load(&document()).unwrap().parts[0].material.clone();
+    assert_eq!(material.base_colour, Vec4::new(0.5, 0.25, 0.125, 1.0));
+    assert_eq!(
+        (material.metallic, material.roughness, material.specular),
+        (0.75, 0.5, 0.5)
+    );
+    assert_eq!(material.emissive, Vec3::splat(2.0));
+    assert!(material.double_sided);
+}
+
+#[test]
+fn nodes_are_placed_below_one_another() {
+    let mut d = document();
+    d["nodes"] = json!([
+        {"children": [1, 2], "translation": [10.0, 0.0, 0.0]},
+        {"mesh": 0, "translation": [0.0, 2.0, 0.0], "scale": [2.0, 2.0, 2.0]},
+        {"mesh": 0, "scale": [-1.0, 1.0, 1.0]}]);
+    let model = load(&d).unwrap();
+    let raised = model.parts[0].model_from_part.transform_point3(DVec3::Z);
+    // glTF (0, 1, 0) · 2 + (10, 2, 0) = (10, 4, 0), which is (10, 0, 4) here.
+    assert!(
+        raised.distance(DVec3::new(10.0, 0.0, 4.0)) < 1e-6,
+        "{raised}"
+    );
+    // A mirrored copy still faces outwards once placed.
+    let mirrored = &model.parts[1];
+    assert!(mirrored.model_from_part.determinant() < 0.0 && volume(&mirrored.mesh) < 0.0);
+    let placed = model.placed(DMat4::from_translation(DVec3::Y));
+    assert_eq!(placed.len(), 2);
+    assert_eq!(placed[0].world_from_part.w_axis.y, 1.0);
+}
+
+#[test]
+fn strips_and_fans_become_triangles() {
+    assert_eq!(
+        as_triangles(Mode::TriangleStrip, vec![0, 1, 2, 3]),
+        [0, 1, 2, 1, 3, 2]
+    );
+    assert_eq!(
+        as_triangles(Mode::TriangleFan, vec![0, 1, 2, 3]),
+        [1, 2, 0, 2, 3, 0]
+    );
+    assert_eq!(as_triangles(Mode::Triangles, vec![0, 1, 2, 3]), [0, 1, 2]);
+}
+
+#[test]
+fn data_uris_and_sparse_accessors_are_read() {
+    let mut d = document();
+    // Three zero bytes and the little-endian 1.0 of a sparse value: index 3, then (0, 0, 1).
+    d["buffers"] = json!([{"byteLength": 72}, {"byteLength": 16,
+        "uri": "data:application/octet-stream;base64,AwAAAAAAAAAAAAAAAABAQA=="}]);
+    d["bufferViews"].as_array_mut().unwrap().extend([
+        json!({"buffer": 1, "byteLength": 4}),
+        json!({"buffer": 1, "byteOffset": 4, "byteLength": 12}),
+    ]);
+    d["accessors"][0]["sparse"] = json!({"count": 1,
+        "indices": {"bufferView": 2, "componentType": 5121}, "values": {"bufferView": 3}});
+    let mesh = load(&d).unwrap().parts[0].mesh.clone();
+    // Corner 3 moved from glTF z = 1 to z = 3, our y = −3.
+    let back = mesh
+        .vertices
+        .iter()
+        .map(|v| v.position.y)
+        .fold(0.0, f32::min);
+    assert_eq!(back, -3.0);
+}
+
+fn textured(uv: [f32; 2], extra: Value) -> (Value, Vec<u8>) {
+    let mut png = Vec::new();
+    image::RgbaImage::from_raw(2, 1, vec![255, 0, 0, 255, 0, 0, 255, 255])
+        .unwrap()
+        .write_to(&mut std::io::Cursor::new(&mut png), image::ImageFormat::Png)
+        .unwrap();
+    let mut binary = tetrahedron();
+    for _ in 0..4 {
+        binary.extend(uv.iter().flat_map(|x| x.to_le_bytes()));
+    }
+    let at = binary.len();
+    binary.extend(&png);
+    binary.resize(binary.len().next_multiple_of(4), 0);
+    let mut d = document();
+    d["buffers"][0]["byteLength"] = json!(binary.len());
+    d["bufferViews"].as_array_mut().unwrap().extend([
+        json!({"buffer": 0, "byteOffset": 72, "byteLength": 32}),
+        json!({"buffer": 0, "byteOffset": at, "byteLength": png.len()}),
+    ]);
+    d["accessors"]
+        .as_array_mut()
+        .unwrap()
+        .push(json!({"bufferView": 2, "componentType": 5126, "type": "VEC2", "count": 4}));
+    d["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = json!(2);
+    d["images"] = json!([{"bufferView": 3, "mimeType": "image/png"}]);
+    d["textures"] = json!([{"source": 0}]);
+    let mut texture = json!({"index": 0});
+    if extra.is_object() {
+        texture["extensions"] = json!({"KHR_texture_transform": extra});
+    }
+    d["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"] = texture;
+    d["materials"][0]["normalTexture"] = json!({"index": 0, "scale": 0.5});
+    (d, binary)
+}
+
+fn load_textured(d: &Value, binary: &[u8]) -> Result<Model, SceneError> {
+    load_gltf_bytes(&glb(d, binary), "rock.glb", &|_| Err("no such file".into()))
+}
+
+#[test]
+fn textures_are_decoded_once_and_normal_maps_bring_tangents() {
+    let (d, binary) = textured([0.25, 0.5], Value::Null);
+    let model = load_textured(&d, &binary).unwrap();
+    let material = &model.parts[0].material;
+    let base = material.base_colour_texture.as_ref().unwrap();
+    assert_eq!((base.width, base.height), (2, 1));
+    assert_eq!(base.rgba, [255, 0, 0, 255, 0, 0, 255, 255]);
+    assert!(Arc::ptr_eq(base, material.normal_texture.as_ref().unwrap()));
+    assert_eq!(material.normal_scale, 0.5);
+    for v in &model.parts[0].mesh.vertices {
+        assert!((v.tangent.truncate().length() - 1.0).abs() < 1e-5);
+        assert!(v.tangent.truncate().dot(v.normal).abs() < 1e-5);
+        assert_eq!(v.uv, Vec2::new(0.25, 0.5));
+    }
+}
+
+#[test]
+fn texture_transforms_are_baked_in() {
+    // The matrix of the extension's own text: translation · rotation · scale, with
+    // rotation [[cos, sin], [−sin, cos]].
+    let half_pi = std::f32::consts::FRAC_PI_2;
+    let (d, binary) = textured(
+        [0.25, 0.5],
+        json!({"offset": [10.0, 20.0], "rotation": half_pi, "scale": [2.0, 4.0]}),
+    );
+    let model = load_textured(&d, &binary).unwrap();
+    let uv = model.parts[0].mesh.vertices[0].uv;
+    // Scaled: (0.5, 2); turned: (2, −0.5); moved: (12, 19.5).
+    assert!((uv - Vec2::new(12.0, 19.5)).length() < 1e-5, "{uv}");
+}
+
+#[test]
+fn hostile_documents_are_refused_in_one_line() {
+    type Change = fn(&mut Value);
+    let cases: [(Change, &str); 15] = [
+        (
+            |d| d["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = json!(u32::MAX),
+            "POSITION",
+        ),
+        (|d| d["accessors"][0]["count"] = json!(5), "reaches past"),
+        (
+            |d| d["accessors"][0]["byteOffset"] = json!(u64::MAX),
+            "reaches past",
+        ),
+        (
+            |d| d["accessors"][1]["count"] = json!(4_000_000_000u64),
+            "too large",
+        ),
+        (
+            |d| d["bufferViews"][0]["byteLength"] = json!(u64::MAX),
+            "past its buffer",
+        ),
+        (|d| d["buffers"][0]["byteLength"] = json!(1000), "too short"),
+        (
+            |d| d["buffers"][0]["uri"] = json!("../secret.bin"),
+            "outside",
+        ),
+        (|d| d["buffers"][0]["uri"] = json!("/etc/passwd"), "outside"),
+        (|d| d["buffers"][0]["uri"] = json!("%2e%2e/x"), "outside"),
+        (
+            |d| d["buffers"][0]["uri"] = json!("file:///etc/passwd"),
+            "outside",
+        ),
+        (
+            |d| d["buffers"][0]["uri"] = json!("gone.bin"),
+            "no such file",
+        ),
+        (
+            |d| d["nodes"] = json!([{"mesh": 0, "children": [0]}]),
+            "no tree",
+        ),
+        (
+            |d| d["extensionsRequired"] = json!(["KHR_draco_mesh_compression"]),
+            "draco",
+        ),
+        (|d| d["nodes"][0] = json!({}), "no triangles"),
+        (|d| d["images"] = json!([{}]), ""),
+    ];
+    for (change, expected) in cases {
+        let mut d = document();
+        change(&mut d);
+        if expected.is_empty() {
+            // An unused image without data harms nobody.
+            load(&d).unwrap();
+        } else {
+            let text = complaint(&d);
+            assert!(text.contains(expected), "{text}");
+        }
+    }
+}
+
+#[test]
+fn bad_geometry_is_refused() {
+    let refuse = |change: fn(&mut Vec<u8>), expected: &str| {
+        let mut binary = tetrahedron();
+        change(&mut binary);
+        let error = load_gltf_bytes(&glb(&document(), &binary), "rock.glb", &|_| {
+            Err(String::new())
+        });
+        let text = error.unwrap_err().to_string();
+        assert!(text.contains(expected), "{text}");
+    };
+    refuse(|b| b[48] = 9, "index 9");
+    refuse(
+        |b| b[..4].copy_from_slice(&f32::NAN.to_le_bytes()),
+        "finite",
+    );
+    refuse(
+        |b| b[..4].copy_from_slice(&f32::INFINITY.to_le_bytes()),
+        "finite",
+    );
+    refuse(|b| b[..48].fill(0), "no area");
+}
+
+#[test]
+fn links_out_of_the_folder_are_not_followed() {
+    let folder = tempfile::tempdir().unwrap();
+    let (inside, outside) = (folder.path().join("in"), folder.path().join("out.bin"));
+    std::fs::create_dir(&inside).unwrap();
+    std::fs::write(&outside, tetrahedron()).unwrap();
+    let mut d = document();
+    d["buffers"][0]["uri"] = json!("data.bin");
+    std::fs::write(inside.join("rock.gltf"), d.to_string()).unwrap();
+    let load = || load_gltf(&inside.join("rock.gltf"));
+    assert!(load().unwrap_err().to_string().contains("data.bin"));
+    std::fs::write(inside.join("data.bin"), tetrahedron()).unwrap();
+    assert_eq!(load().unwrap().parts.len(), 1);
+    #[cfg(unix)]
+    {
+        std::fs::remove_file(inside.join("data.bin")).unwrap();
+        std::os::unix::fs::symlink(&outside, inside.join("data.bin")).unwrap();
+        assert!(load().unwrap_err().to_string().contains("outside"));
+    }
+}
+
+#[test]
+fn a_missing_file_is_named() {
+    let text = load_gltf(Path::new("/nowhere/x.glb"))
+        .unwrap_err()
+        .to_string();
+    assert!(text.contains("/nowhere/x.glb"), "{text}");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(2000))]
+    #[test]
+    fn flipped_and_cut_bytes_never_panic(
+        flips in prop::collection::vec((0usize..4096, any::<u8>()), 0..4),
+        cut in prop::option::of(0usize..4096),
+    ) {
+        let (d, binary) = textured([0.25, 0.5], Value::Null);
+        let mut bytes = glb(&d, &binary);
+        let count = bytes.len();
+        for (at, byte) in flips {
+            bytes[at % count] = byte;
+        }
+        bytes.truncate(cut.unwrap_or(count));
+        if let Ok(model) = load_gltf_bytes(&bytes, "rock.glb", &|_| Err("none".into())) {
+            for part in &model.parts {
+                prop_assert!(check_mesh(&part.mesh).is_ok());
+                prop_assert!(part.mesh.vertices.iter().all(|v| v.normal.is_normalized()));
+            }
+        }
+    }
+
+    #[test]
+    fn strange_numbers_in_the_document_never_panic(place in 0usize..200, with in 0usize..6) {
+        let strange = [json!(-1), json!(u32::MAX), json!(u64::MAX), json!(1e300), json!([]), json!("")];
+        let (mut d, binary) = textured([0.25, 0.5], json!({"rotation": 1.0}));
+        let mut left = place;
+        replace_nth_leaf(&mut d, &mut left, &strange[with]);
+        let _ = load_textured(&d, &binary);
+    }
+}
+
+fn replace_nth_leaf(value: &mut Value, left: &mut usize, with: &Value) {
+    match value {
+        Value::Array(items) => items
+            .iter_mut()
+            .for_each(|v| replace_nth_leaf(v, left, with)),
+        Value::Object(items) => items
+            .values_mut()
+            .for_each(|v| replace_nth_leaf(v, left, with)),
+        _ => {
+            if *left == 0 {
+                *value = with.clone();
+            }
+            *left = left.wrapping_sub(1);
+        }
+    }
+}
