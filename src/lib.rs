@@ -13,6 +13,7 @@
 pub mod bench;
 pub mod calibration;
 pub mod compositor;
+pub mod config;
 pub mod environment;
 pub mod output;
 pub mod picture;

@@ -1,0 +1,330 @@
+//! The alternatives that settings choose from, spelled in TOML as in their doc comments.
+
+use crate::calibration::{EnvironmentSource, Response};
+use serde::de::{self, Deserialize, Deserializer, Visitor};
+use std::fmt;
+use std::path::PathBuf;
+
+/// How the dome lights are placed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum LightPlacement {
+    /// `"adaptive"`: compact sources get lights of their own at their true direction.
+    #[default]
+    Adaptive,
+    /// `"grid"`: the texel centres of the downsampled cube map, as in the paper.
+    Grid,
+}
+
+/// What is done about sources that even the darkest exposure clips.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Clipped {
+    /// `"estimate"`: their energy is estimated and flagged.
+    #[default]
+    Estimate,
+    /// `"keep"`: clipped values are taken as they are, and flagged.
+    Keep,
+}
+
+/// How diffuse irradiance is found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Irradiance {
+    /// `"harmonics"`: spherical harmonics to degree 2.
+    #[default]
+    Harmonics,
+    /// `"blurred"`: the paper's blurred map.
+    Blurred,
+}
+
+/// What fills the directions the environment camera cannot see.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Unseen {
+    /// `"scene-camera"`: what the scene camera sees there, else the seen part's mean.
+    #[default]
+    SceneCamera,
+    /// `"mean"`: the mean radiance of the seen part.
+    Mean,
+    /// `"black"`: nothing.
+    Black,
+}
+
+/// How shadows are put into the camera's picture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ShadowMode {
+    /// `"ratio"`: camera × (E − R) / E.
+    #[default]
+    Ratio,
+    /// `"subtract"`: the paper's eq. 4.
+    Subtract,
+}
+
+/// Resolution of the shadow buffer.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ShadowResolution {
+    /// `"auto"`: full on a GPU, half on a software adapter.
+    #[default]
+    Auto,
+    /// `"full"`: the picture's.
+    Full,
+    /// `"half"`: half of it, upsampled along edges.
+    Half,
+}
+
+/// How the environment camera's white point is found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum WhiteBalanceMethod {
+    /// `"auto"`: chart, else overlap, else reflectance; they check one another.
+    #[default]
+    Auto,
+    /// `"chart"`: from pictures of one chart.
+    Chart,
+    /// `"overlap"`: from what both cameras see.
+    Overlap,
+    /// `"reflectance"`: from a surface of known reflectance.
+    Reflectance,
+    /// `"fixed"`: the gains given.
+    Fixed,
+}
+
+/// Antialiasing of virtual objects.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Antialias {
+    /// `"msaa4"`: four samples a pixel.
+    #[default]
+    Msaa4,
+    /// `"off"`: one.
+    Off,
+}
+
+/// Matrix of YUV pictures.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum YuvMatrix {
+    /// `"bt601"`: what webcams send.
+    #[default]
+    Bt601,
+    /// `"bt709"`: what HD capture devices send.
+    Bt709,
+}
+
+/// Range of YUV pictures.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum YuvRange {
+    /// `"limited"`: Y in 16..=235.
+    #[default]
+    Limited,
+    /// `"full"`: Y in 0..=255.
+    Full,
+}
+
+/// How fast a recording plays.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum ReplaySpeed {
+    /// A factor of the recorded pace; 1 is as it was.
+    Factor(f64),
+    /// `"max"`: as fast as frames can be made; none is left out.
+    #[default]
+    Max,
+}
+
+/// How many shadow maps are drawn anew each frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Refresh {
+    /// At most so many, those that changed first.
+    Count(u32),
+    /// `"all"`.
+    #[default]
+    All,
+}
+
+impl Refresh {
+    /// The number for `lights` dome lights.
+    #[must_use]
+    pub fn of(self, lights: u32) -> u32 {
+        match self {
+            Self::Count(n) => n.min(lights),
+            Self::All => lights,
+        }
+    }
+}
+
+/// A camera's tone curve: `"srgb"`, `"linear"` or an exponent such as `2.2`.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum ToneCurve {
+    /// IEC 61966-2-1.
+    #[default]
+    Srgb,
+    /// Codes are linear.
+    Linear,
+    /// linear = code^gamma.
+    Gamma(f32),
+}
+
+impl ToneCurve {
+    /// The curve as a table.
+    #[must_use]
+    pub fn response(self) -> Response {
+        match self {
+            Self::Srgb => Response::srgb(),
+            Self::Linear => Response::linear(),
+            Self::Gamma(gamma) => Response::gamma(gamma),
+        }
+    }
+}
+
+/// What is composited in.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum SceneChoice {
+    /// `"session"`: the object that the session brings.
+    #[default]
+    Session,
+    /// `"none"`: nothing virtual; phantoms stay.
+    None,
+    /// A scene file.
+    File(PathBuf),
+}
+
+impl SceneChoice {
+    /// From the command line or the configuration: `none`, `session`, or a path.
+    #[must_use]
+    pub fn from_text(text: &str) -> Self {
+        match text {
+            "none" => Self::None,
+            "session" => Self::Session,
+            path => Self::File(path.into()),
+        }
+    }
+}
+
+/// Which monitor a window goes to: its number from 0, or part of its name.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Monitor {
+    /// Counted from 0.
+    Index(u32),
+    /// Part of its name.
+    Name(String),
+}
+
+/// A number or a word, for settings that take either.
+#[derive(Clone, Debug, PartialEq)]
+enum NumberOrWord {
+    Number(f64),
+    Word(String),
+}
+
+struct EitherVisitor(&'static str);
+
+impl Visitor<'_> for EitherVisitor {
+    type Value = NumberOrWord;
+
+    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(self.0)
+    }
+
+    fn visit_str<E: de::Error>(self, v: &str) -> Result<NumberOrWord, E> {
+        Ok(NumberOrWord::Word(v.to_owned()))
+    }
+
+    fn visit_i64<E: de::Error>(self, v: i64) -> Result<NumberOrWord, E> {
+        Ok(NumberOrWord::Number(v as f64))
+    }
+
+    fn visit_u64<E: de::Error>(self, v: u64) -> Result<NumberOrWord, E> {
+        Ok(NumberOrWord::Number(v as f64))
+    }
+
+    fn visit_f64<E: de::Error>(self, v: f64) -> Result<NumberOrWord, E> {
+        Ok(NumberOrWord::Number(v))
+    }
+}
+
+/// Deserialises by way of [`NumberOrWord`]; `expected` is what the user is told.
+fn either<'de, D: Deserializer<'de>, T>(
+    deserializer: D,
+    expected: &'static str,
+    read: impl Fn(NumberOrWord) -> Option<T>,
+) -> Result<T, D::Error> {
+    let value = deserializer.deserialize_any(EitherVisitor(expected))?;
+    let shown = match &value {
+        NumberOrWord::Number(n) => n.to_string(),
+        NumberOrWord::Word(w) => format!("\"{w}\""),
+    };
+    read(value).ok_or_else(|| de::Error::custom(format!("{shown}, expected {expected}")))
+}
+
+impl<'de> Deserialize<'de> for Refresh {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        either(d, "a whole number from 1 to 384, or \"all\"", |v| match v {
+            NumberOrWord::Number(n) if n.fract() == 0.0 && (1.0..=384.0).contains(&n) => {
+                Some(Self::Count(n as u32))
+            }
+            NumberOrWord::Word(w) if w == "all" => Some(Self::All),
+            _ => None,
+        })
+    }
+}
+
+impl<'de> Deserialize<'de> for ReplaySpeed {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        either(
+            d,
+            "a factor between 0.01 and 100, or \"max\"",
+            |v| match v {
+                NumberOrWord::Number(n) if (0.01..=100.0).contains(&n) => Some(Self::Factor(n)),
+                NumberOrWord::Word(w) if w == "max" => Some(Self::Max),
+                _ => None,
+            },
+        )
+    }
+}
+
+impl<'de> Deserialize<'de> for ToneCurve {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        let expected = "\"srgb\", \"linear\", or an exponent between 0.1 and 10";
+        either(d, expected, |v| match v {
+            NumberOrWord::Number(n) if (0.1..=10.0).contains(&n) => Some(Self::Gamma(n as f32)),
+            NumberOrWord::Word(w) if w == "srgb" => Some(Self::Srgb),
+            NumberOrWord::Word(w) if w == "linear" => Some(Self::Linear),
+            _ => None,
+        })
+    }
+}
+
+impl<'de> Deserialize<'de> for Monitor {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        either(
+            d,
+            "a monitor's number from 0, or part of its name",
+            |v| match v {
+                NumberOrWord::Number(n) if n.fract() == 0.0 && (0.0..64.0).contains(&n) => {
+                    Some(Self::Index(n as u32))
+                }
+                NumberOrWord::Word(w) => Some(Self::Name(w)),
+                NumberOrWord::Number(_) => None,
+            },
+        )
+    }
+}
+
+impl<'de> Deserialize<'de> for EnvironmentSource {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        let expected = "\"auto\", \"camera\" or \"sphere-in-scene\"";
+        either(d, expected, |v| match v {
+            NumberOrWord::Word(w) => match w.as_str() {
+                "auto" => Some(Self::Auto),
+                "camera" => Some(Self::Camera),
+                "sphere-in-scene" => Some(Self::SphereInScene),
+                _ => None,
+            },
+            NumberOrWord::Number(_) => None,
+        })
+    }
+}

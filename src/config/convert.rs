@@ -1,0 +1,285 @@
+//! From what is typed to what is true.
+
+use super::file::{self, ConfigFile};
+use super::toml_text::{Fault, TomlText};
+use super::{
+    Config, ConfigError, EnvironmentConfig, OutputConfig, SceneChoice, ShadowConfig, StatusConfig,
+    SyncConfig, WhiteBalanceConfig, WhiteBalanceMethod,
+};
+use std::net::SocketAddr;
+use std::ops::RangeInclusive;
+use std::path::Path;
+
+/// Dome lights that can be asked for.
+pub const LIGHT_COUNTS: [u32; 7] = [0, 8, 24, 48, 64, 96, 384];
+
+type Result<T> = std::result::Result<T, Fault>;
+
+pub(super) fn config(text: &TomlText, folder: &Path) -> std::result::Result<Config, ConfigError> {
+    let file: ConfigFile = text.parse()?;
+    convert(file, folder).map_err(|fault| text.locate(fault))
+}
+
+fn convert(file: ConfigFile, folder: &Path) -> Result<Config> {
+    let mut config = Config::default();
+    config.scene = scene(&file.scene, folder)?;
+    config.scene_camera.response = file.scene_camera.response;
+    environment(file.environment, &mut config.environment)?;
+    white_balance(&file.white_balance, &mut config.white_balance)?;
+    shadows(&file.shadows, &mut config.shadows)?;
+    set(&mut config.reflections.enabled, file.reflections.enabled);
+    set(&mut config.picture.antialias, file.picture.antialias);
+    sync(&file.sync, &mut config.sync)?;
+    set(&mut config.input.yuv_matrix, file.input.yuv_matrix);
+    set(&mut config.input.yuv_range, file.input.yuv_range);
+    output(file.output, folder, &mut config.output);
+    status(file.status, &mut config.status)?;
+    config.gpu.adapter = file.gpu.adapter.filter(|name| name != "auto");
+    set(&mut config.replay.speed, file.replay.speed);
+    set(&mut config.replay.repeat, file.replay.repeat);
+    Ok(config)
+}
+
+fn set<T>(place: &mut T, value: Option<T>) {
+    if let Some(value) = value {
+        *place = value;
+    }
+}
+
+/// `value` if it is given and lies in `range`.
+fn within(key: &str, value: Option<f64>, range: RangeInclusive<f64>) -> Result<Option<f64>> {
+    match value {
+        Some(v) if !range.contains(&v) => {
+            let (low, high) = range.into_inner();
+            Err(Fault::new(
+                key,
+                format!("expected a number from {low} to {high}, found {v}"),
+            ))
+        }
+        value => Ok(value),
+    }
+}
+
+/// A power of two from `low` to `high`.
+fn power_of_two(key: &str, value: Option<u32>, low: u32, high: u32) -> Result<Option<u32>> {
+    match value {
+        Some(v) if !(v.is_power_of_two() && (low..=high).contains(&v)) => Err(Fault::new(
+            key,
+            format!("expected a power of two from {low} to {high}, found {v}"),
+        )),
+        value => Ok(value),
+    }
+}
+
+/// Milliseconds to nanoseconds.
+fn millis(key: &str, value: Option<f64>, range: RangeInclusive<f64>) -> Result<Option<i64>> {
+    Ok(within(key, value, range)?.map(|ms| (ms * 1e6).round() as i64))
+}
+
+fn scene(file: &file::Scene, folder: &Path) -> Result<SceneChoice> {
+    let Some(text) = &file.file else {
+        return Ok(SceneChoice::Session);
+    };
+    let choice = SceneChoice::from_text(text);
+    let SceneChoice::File(path) = choice else {
+        return Ok(choice);
+    };
+    let path = folder.join(path);
+    if !path.is_file() {
+        return Err(Fault::new(
+            "scene.file",
+            format!(
+                "there is no file {}; expected a scene file, \"session\" or \"none\"",
+                path.display()
+            ),
+        ));
+    }
+    Ok(SceneChoice::File(path))
+}
+
+fn environment(file: file::Environment, out: &mut EnvironmentConfig) -> Result<()> {
+    set(&mut out.source, file.source);
+    out.response = file.response;
+    if let Some(list) = file.brackets_ev {
+        if list.len() > 16 || list.iter().any(|ev| !(-30.0..=30.0).contains(ev)) {
+            return Err(Fault::new(
+                "environment.brackets_ev",
+                "expected at most 16 stops between -30 and 30",
+            ));
+        }
+        out.brackets_ev = Some(list);
+    }
+    set(
+        &mut out.cube_size,
+        power_of_two("environment.cube_size", file.cube_size, 16, 1024)?,
+    );
+    set(&mut out.lights, file.lights);
+    if let Some(count) = file.light_count {
+        if !LIGHT_COUNTS.contains(&count) {
+            return Err(Fault::new(
+                "environment.light_count",
+                format!("expected one of {LIGHT_COUNTS:?}, found {count}"),
+            ));
+        }
+        out.light_count = count;
+    }
+    set(&mut out.clipped, file.clipped);
+    set(&mut out.irradiance, file.irradiance);
+    set(&mut out.unseen, file.unseen);
+    let stale = millis(
+        "environment.stale_after_ms",
+        file.stale_after_ms,
+        1.0..=60_000.0,
+    )?;
+    set(&mut out.stale_after_nanos, stale);
+    Ok(())
+}
+
+fn white_balance(file: &file::WhiteBalance, out: &mut WhiteBalanceConfig) -> Result<()> {
+    set(&mut out.method, file.method);
+    set(&mut out.matrix, file.matrix);
+    if let Some(gains) = file.gains {
+        if gains.iter().any(|g| !(0.01..=100.0).contains(g)) {
+            return Err(Fault::new(
+                "white_balance.gains",
+                "expected three linear gains between 0.01 and 100: red, green, blue",
+            ));
+        }
+        out.gains = gains.map(|g| g as f32);
+    } else if out.method == WhiteBalanceMethod::Fixed {
+        return Err(Fault::new(
+            "white_balance.method",
+            "\"fixed\" needs `gains`; add three linear gains: red, green, blue",
+        ));
+    }
+    let smoothing = within("white_balance.smoothing_s", file.smoothing_s, 0.0..=600.0)?;
+    set(&mut out.smoothing_seconds, smoothing);
+    Ok(())
+}
+
+fn shadows(file: &file::Shadows, out: &mut ShadowConfig) -> Result<()> {
+    set(&mut out.enabled, file.enabled);
+    set(&mut out.mode, file.mode);
+    let strength = within("shadows.strength", file.strength, 0.0..=1.0)?;
+    set(&mut out.strength, strength.map(|s| s as f32));
+    set(
+        &mut out.map_size,
+        power_of_two("shadows.map_size", file.map_size, 64, 4096)?,
+    );
+    set(&mut out.refresh_per_frame, file.refresh_per_frame);
+    set(&mut out.soft, file.soft);
+    set(&mut out.resolution, file.resolution);
+    Ok(())
+}
+
+fn sync(file: &file::Sync, out: &mut SyncConfig) -> Result<()> {
+    let latency = -1000.0..=1000.0;
+    out.scene_camera_latency_nanos = millis(
+        "sync.scene_camera_latency_ms",
+        file.scene_camera_latency_ms,
+        latency.clone(),
+    )?;
+    out.environment_camera_latency_nanos = millis(
+        "sync.environment_camera_latency_ms",
+        file.environment_camera_latency_ms,
+        latency.clone(),
+    )?;
+    out.tracker_latency_nanos =
+        millis("sync.tracker_latency_ms", file.tracker_latency_ms, latency)?;
+    let smoothing = millis(
+        "sync.pose_smoothing_ms",
+        file.pose_smoothing_ms,
+        0.0..=1000.0,
+    )?;
+    set(&mut out.pose_smoothing_nanos, smoothing);
+    let longest = millis(
+        "sync.longest_prediction_ms",
+        file.longest_prediction_ms,
+        0.0..=1000.0,
+    )?;
+    set(&mut out.longest_prediction_nanos, longest);
+    Ok(())
+}
+
+fn output(file: file::Output, folder: &Path, out: &mut OutputConfig) {
+    set(&mut out.window, file.window);
+    out.monitor = file.monitor;
+    set(&mut out.fullscreen, file.fullscreen);
+    out.frames = file.frames.map(|path| folder.join(path));
+}
+
+fn status(file: file::Status, out: &mut StatusConfig) -> Result<()> {
+    if let Some(listen) = &file.listen {
+        out.listen = listen.parse().map_err(|_| {
+            Fault::new(
+                "status.listen",
+                format!(
+                    "expected an address and a port such as \"127.0.0.1:8780\", found \"{listen}\""
+                ),
+            )
+        })?;
+    }
+    if let Some(token) = file.token {
+        if token.len() < 8 || !token.bytes().all(|b| b.is_ascii_graphic()) {
+            return Err(Fault::new(
+                "status.token",
+                "expected at least 8 printable characters without spaces",
+            ));
+        }
+        out.token = Some(token);
+    }
+    if listen_needs_token(out.listen, out.token.as_deref()) {
+        return Err(Fault::new(
+            "status.listen",
+            format!(
+                "{} can be reached from other machines; set `token`, or listen on 127.0.0.1",
+                out.listen
+            ),
+        ));
+    }
+    if let Some(quality) = file.stream_quality {
+        out.stream_quality = u8::try_from(quality)
+            .ok()
+            .filter(|q| (1..=100).contains(q))
+            .ok_or_else(|| {
+                Fault::new(
+                    "status.stream_quality",
+                    format!("expected a whole number from 1 to 100, found {quality}"),
+                )
+            })?;
+    }
+    Ok(())
+}
+
+/// Whether an address is open to other machines and nothing guards it.
+#[must_use]
+pub fn listen_needs_token(listen: SocketAddr, token: Option<&str>) -> bool {
+    !listen.ip().is_loopback() && token.is_none_or(str::is_empty)
+}
+
+/// The settings in a file that differ from those in `config/rig.toml`.
+pub(super) fn changed_keys(text: &TomlText) -> std::result::Result<Vec<String>, ConfigError> {
+    let defaults: toml::Table = TomlText::new("rig.toml", DEFAULTS).parse()?;
+    let given: toml::Table = text.parse()?;
+    let mut out = Vec::new();
+    for (section, keys) in &given {
+        let Some(keys) = keys.as_table() else {
+            continue;
+        };
+        for (key, value) in keys {
+            let usual = defaults.get(section).and_then(|s| s.get(key));
+            if usual != Some(value) {
+                let shown = if key == "token" {
+                    "(set)".to_owned()
+                } else {
+                    value.to_string()
+                };
+                out.push(format!("{section}.{key} = {shown}"));
+            }
+        }
+    }
+    Ok(out)
+}
+
+/// The defaults, as the user may read and copy them.
+pub(super) const DEFAULTS: &str = include_str!("../../config/rig.toml");

@@ -1,0 +1,135 @@
+//! What is typed: the configuration file as it stands, every key optional. What the keys
+//! mean is said in `config/rig.toml`.
+
+use super::choice::{
+    Antialias, Clipped, Irradiance, LightPlacement, Monitor, Refresh, ReplaySpeed, ShadowMode,
+    ShadowResolution, ToneCurve, Unseen, WhiteBalanceMethod, YuvMatrix, YuvRange,
+};
+use crate::calibration::EnvironmentSource;
+use serde::Deserialize;
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct ConfigFile {
+    pub scene: Scene,
+    pub scene_camera: SceneCamera,
+    pub environment: Environment,
+    pub white_balance: WhiteBalance,
+    pub shadows: Shadows,
+    pub reflections: Reflections,
+    pub picture: Picture,
+    pub sync: Sync,
+    pub input: Input,
+    pub output: Output,
+    pub status: Status,
+    pub gpu: Gpu,
+    pub replay: Replay,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Scene {
+    pub file: Option<String>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct SceneCamera {
+    pub response: Option<ToneCurve>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Environment {
+    pub source: Option<EnvironmentSource>,
+    pub response: Option<ToneCurve>,
+    pub brackets_ev: Option<Vec<f64>>,
+    pub cube_size: Option<u32>,
+    pub lights: Option<LightPlacement>,
+    pub light_count: Option<u32>,
+    pub clipped: Option<Clipped>,
+    pub irradiance: Option<Irradiance>,
+    pub unseen: Option<Unseen>,
+    pub stale_after_ms: Option<f64>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct WhiteBalance {
+    pub method: Option<WhiteBalanceMethod>,
+    pub gains: Option<[f64; 3]>,
+    pub matrix: Option<bool>,
+    pub smoothing_s: Option<f64>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Shadows {
+    pub enabled: Option<bool>,
+    pub mode: Option<ShadowMode>,
+    pub strength: Option<f64>,
+    pub map_size: Option<u32>,
+    pub refresh_per_frame: Option<Refresh>,
+    pub soft: Option<bool>,
+    pub resolution: Option<ShadowResolution>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Reflections {
+    pub enabled: Option<bool>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Picture {
+    pub antialias: Option<Antialias>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Sync {
+    pub scene_camera_latency_ms: Option<f64>,
+    pub environment_camera_latency_ms: Option<f64>,
+    pub tracker_latency_ms: Option<f64>,
+    pub pose_smoothing_ms: Option<f64>,
+    pub longest_prediction_ms: Option<f64>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Input {
+    pub yuv_matrix: Option<YuvMatrix>,
+    pub yuv_range: Option<YuvRange>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Output {
+    pub window: Option<bool>,
+    pub monitor: Option<Monitor>,
+    pub fullscreen: Option<bool>,
+    pub frames: Option<String>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Status {
+    pub listen: Option<String>,
+    pub token: Option<String>,
+    pub stream_quality: Option<u32>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Gpu {
+    pub adapter: Option<String>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Replay {
+    pub speed: Option<ReplaySpeed>,
+    #[serde(rename = "loop")]
+    pub repeat: Option<bool>,
+}

@@ -1,0 +1,339 @@
+//! With what settings the rig runs: what is typed (a TOML file, every key optional)
+//! becomes what is true ([`Config`], nothing optional that has a default). The file
+//! `config/rig.toml` states every key, its meaning and its default.
+
+mod choice;
+mod convert;
+mod error;
+mod file;
+pub(crate) mod toml_text;
+
+pub use crate::calibration::EnvironmentSource;
+pub use choice::{
+    Antialias, Clipped, Irradiance, LightPlacement, Monitor, Refresh, ReplaySpeed, SceneChoice,
+    ShadowMode, ShadowResolution, ToneCurve, Unseen, WhiteBalanceMethod, YuvMatrix, YuvRange,
+};
+pub use convert::{LIGHT_COUNTS, listen_needs_token};
+pub use error::ConfigError;
+
+use std::fmt;
+use std::net::{Ipv4Addr, SocketAddr};
+use std::path::{Path, PathBuf};
+use toml_text::TomlText;
+
+/// Every setting, as it is in force.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Config {
+    /// What is composited in.
+    pub scene: SceneChoice,
+    /// The scene camera.
+    pub scene_camera: SceneCameraConfig,
+    /// The environment and its lights.
+    pub environment: EnvironmentConfig,
+    /// Match between the cameras.
+    pub white_balance: WhiteBalanceConfig,
+    /// Shadows of virtual objects.
+    pub shadows: ShadowConfig,
+    /// Reflections on virtual objects.
+    pub reflections: ReflectionConfig,
+    /// How the picture is drawn.
+    pub picture: PictureConfig,
+    /// One clock.
+    pub sync: SyncConfig,
+    /// How camera bytes are read.
+    pub input: InputConfig,
+    /// Where the picture goes.
+    pub output: OutputConfig,
+    /// Status endpoint.
+    pub status: StatusConfig,
+    /// Which adapter draws.
+    pub gpu: GpuConfig,
+    /// How recordings play.
+    pub replay: ReplayConfig,
+}
+
+/// `[scene_camera]`
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SceneCameraConfig {
+    /// Overrides the calibration's.
+    pub response: Option<ToneCurve>,
+}
+
+/// `[environment]`
+#[derive(Clone, Debug, PartialEq)]
+pub struct EnvironmentConfig {
+    /// Which view of the environment.
+    pub source: EnvironmentSource,
+    /// Overrides the calibration's.
+    pub response: Option<ToneCurve>,
+    /// Overrides the calibration's; empty = brackets are passed over.
+    pub brackets_ev: Option<Vec<f64>>,
+    /// Texels along an edge of the cube map, a power of two.
+    pub cube_size: u32,
+    /// How the dome lights are placed.
+    pub lights: LightPlacement,
+    /// Budget of dome lights: one of [`LIGHT_COUNTS`].
+    pub light_count: u32,
+    /// Sources that no exposure holds.
+    pub clipped: Clipped,
+    /// How irradiance is found.
+    pub irradiance: Irradiance,
+    /// What fills unseen directions.
+    pub unseen: Unseen,
+    /// Lighting older than this is flagged, nanoseconds.
+    pub stale_after_nanos: i64,
+}
+
+/// `[white_balance]`
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WhiteBalanceConfig {
+    /// How the gains are found.
+    pub method: WhiteBalanceMethod,
+    /// Linear gains on the environment camera for [`WhiteBalanceMethod::Fixed`].
+    pub gains: [f32; 3],
+    /// Estimate a 3×3 matrix instead of three gains, where the method can.
+    pub matrix: bool,
+    /// Time constant of the continuous estimate, seconds.
+    pub smoothing_seconds: f64,
+}
+
+/// `[shadows]`
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ShadowConfig {
+    /// Draw shadows at all.
+    pub enabled: bool,
+    /// How they are combined with the picture.
+    pub mode: ShadowMode,
+    /// 1 = as the light says.
+    pub strength: f32,
+    /// Texels along an edge of one shadow map, a power of two.
+    pub map_size: u32,
+    /// Shadow maps drawn anew each frame.
+    pub refresh_per_frame: Refresh,
+    /// Spread compact sources over their angular extent.
+    pub soft: bool,
+    /// Resolution of the shadow buffer.
+    pub resolution: ShadowResolution,
+}
+
+/// `[reflections]`
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ReflectionConfig {
+    /// Show the environment in glossy materials.
+    pub enabled: bool,
+}
+
+/// `[picture]`
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PictureConfig {
+    /// Of virtual objects.
+    pub antialias: Antialias,
+}
+
+/// `[sync]`
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SyncConfig {
+    /// Overrides the calibration's, nanoseconds.
+    pub scene_camera_latency_nanos: Option<i64>,
+    /// Overrides the calibration's, nanoseconds.
+    pub environment_camera_latency_nanos: Option<i64>,
+    /// Overrides the calibration's, nanoseconds.
+    pub tracker_latency_nanos: Option<i64>,
+    /// Window over which poses are averaged, nanoseconds; 0 = none.
+    pub pose_smoothing_nanos: i64,
+    /// A pose is predicted at most so far, nanoseconds.
+    pub longest_prediction_nanos: i64,
+}
+
+/// `[input]`
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct InputConfig {
+    /// Matrix of YUYV and NV12.
+    pub yuv_matrix: YuvMatrix,
+    /// Range of YUYV and NV12.
+    pub yuv_range: YuvRange,
+}
+
+/// `[output]`
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct OutputConfig {
+    /// Show a window.
+    pub window: bool,
+    /// On this monitor; the primary one if `None`.
+    pub monitor: Option<Monitor>,
+    /// Fill the monitor.
+    pub fullscreen: bool,
+    /// Write each frame as a PNG into this folder.
+    pub frames: Option<PathBuf>,
+}
+
+/// `[status]`
+#[derive(Clone, PartialEq, Eq)]
+pub struct StatusConfig {
+    /// Address and port.
+    pub listen: SocketAddr,
+    /// Bearer token that requests must carry; needed for any address but loopback.
+    pub token: Option<String>,
+    /// JPEG quality of the stream, 1..=100.
+    pub stream_quality: u8,
+}
+
+impl fmt::Debug for StatusConfig {
+    // The token is a secret and stays out of logs.
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.debug_struct("StatusConfig")
+            .field("listen", &self.listen)
+            .field("token", &self.token.as_ref().map(|_| "(set)"))
+            .field("stream_quality", &self.stream_quality)
+            .finish()
+    }
+}
+
+/// `[gpu]`
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct GpuConfig {
+    /// Part of an adapter's name; the best one if `None`.
+    pub adapter: Option<String>,
+}
+
+/// `[replay]`
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReplayConfig {
+    /// How fast.
+    pub speed: ReplaySpeed,
+    /// Begin again at the end.
+    pub repeat: bool,
+}
+
+impl Default for EnvironmentConfig {
+    fn default() -> Self {
+        Self {
+            source: EnvironmentSource::Auto,
+            response: None,
+            brackets_ev: None,
+            cube_size: 128,
+            lights: LightPlacement::Adaptive,
+            light_count: 64,
+            clipped: Clipped::Estimate,
+            irradiance: Irradiance::Harmonics,
+            unseen: Unseen::SceneCamera,
+            stale_after_nanos: 500_000_000,
+        }
+    }
+}
+
+impl Default for WhiteBalanceConfig {
+    fn default() -> Self {
+        Self {
+            method: WhiteBalanceMethod::Auto,
+            gains: [1.0; 3],
+            matrix: false,
+            smoothing_seconds: 2.0,
+        }
+    }
+}
+
+impl Default for ShadowConfig {
+    fn default() -> Self {
+        Self {
+            enabled: true,
+            mode: ShadowMode::Ratio,
+            strength: 1.0,
+            map_size: 512,
+            refresh_per_frame: Refresh::All,
+            soft: true,
+            resolution: ShadowResolution::Auto,
+        }
+    }
+}
+
+impl Default for ReflectionConfig {
+    fn default() -> Self {
+        Self { enabled: true }
+    }
+}
+
+impl Default for SyncConfig {
+    fn default() -> Self {
+        Self {
+            scene_camera_latency_nanos: None,
+            environment_camera_latency_nanos: None,
+            tracker_latency_nanos: None,
+            pose_smoothing_nanos: 0,
+            longest_prediction_nanos: 50_000_000,
+        }
+    }
+}
+
+impl Default for OutputConfig {
+    fn default() -> Self {
+        Self {
+            window: true,
+            monitor: None,
+            fullscreen: false,
+            frames: None,
+        }
+    }
+}
+
+impl Default for StatusConfig {
+    fn default() -> Self {
+        Self {
+            listen: SocketAddr::from((Ipv4Addr::LOCALHOST, 8780)),
+            token: None,
+            stream_quality: 80,
+        }
+    }
+}
+
+impl Default for ReplayConfig {
+    fn default() -> Self {
+        Self {
+            speed: ReplaySpeed::Factor(1.0),
+            repeat: false,
+        }
+    }
+}
+
+impl Config {
+    /// Reads a configuration file. Paths in it are taken from the file's own folder.
+    pub fn load(path: &Path) -> Result<Self, ConfigError> {
+        let text = TomlText::read(path)?;
+        convert::config(&text, path.parent().unwrap_or(Path::new("")))
+    }
+
+    /// Reads a configuration from memory; `name` is for messages.
+    pub fn from_text(text: &str, name: &str) -> Result<Self, ConfigError> {
+        convert::config(&TomlText::new(name, text), Path::new(""))
+    }
+}
+
+/// What `penumbra check-config` prints.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Summary {
+    /// The settings that are not at their default: `section.key = value`.
+    pub changed: Vec<String>,
+    /// All settings.
+    pub config: Config,
+}
+
+impl fmt::Display for Summary {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        if self.changed.is_empty() {
+            return write!(f, "all settings at their defaults");
+        }
+        write!(f, "{}", self.changed.join("\n"))
+    }
+}
+
+/// Reads a configuration and the files it names, and says what it changes. A scene file
+/// it names is read as well.
+pub fn check_config(path: &Path) -> Result<Summary, ConfigError> {
+    let text = TomlText::read(path)?;
+    let config = convert::config(&text, path.parent().unwrap_or(Path::new("")))?;
+    let changed = convert::changed_keys(&text)?;
+    Ok(Summary { changed, config })
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,246 @@
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+use super::*;
+use proptest::prelude::*;
+use std::path::Path;
+
+fn shipped(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("config")
+        .join(name)
+}
+
+fn complaint(text: &str) -> String {
+    let text = Config::from_text(text, "c.toml").unwrap_err().to_string();
+    assert_eq!(text.lines().count(), 1, "{text}");
+    text
+}
+
+#[test]
+fn rig_toml_is_the_defaults() {
+    assert_eq!(
+        Config::load(&shipped("rig.toml")).unwrap(),
+        Config::default()
+    );
+    assert_eq!(Config::from_text("", "").unwrap(), Config::default());
+}
+
+#[test]
+fn rig_toml_names_every_key_even_those_without_default() {
+    // With every commented-out key put in force it must still be read, and each must
+    // change something.
+    let uncommented: String = convert::DEFAULTS
+        .lines()
+        .map(|line| match line.strip_prefix("# ") {
+            Some(rest)
+                if rest
+                    .split_once(" = ")
+                    .is_some_and(|(key, _)| !key.contains(' ')) =>
+            {
+                rest
+            }
+            _ => line,
+        })
+        .collect::<Vec<_>>()
+        .join("\n");
+    let config = Config::from_text(&uncommented, "all").unwrap();
+    assert!(config.scene_camera.response.is_some() && config.environment.response.is_some());
+    assert_eq!(config.environment.brackets_ev, Some(vec![-4.0, -8.0]));
+    assert_eq!(config.sync.tracker_latency_nanos, Some(8_000_000));
+    assert_eq!(config.sync.scene_camera_latency_nanos, Some(0));
+    assert_eq!(config.sync.environment_camera_latency_nanos, Some(0));
+    assert_eq!(config.output.monitor, Some(Monitor::Index(0)));
+    assert!(config.output.frames.is_some() && config.status.token.is_some());
+    // Every key of the type is in the file: the parser itself lists what it knows.
+    for section in [
+        "scene",
+        "scene_camera",
+        "environment",
+        "white_balance",
+        "shadows",
+        "reflections",
+        "picture",
+        "sync",
+        "input",
+        "output",
+        "status",
+        "gpu",
+        "replay",
+    ] {
+        let error = complaint(&format!("[{section}]\nqqqqqqq = 1\n"));
+        let known = error.split("known here: ").nth(1).unwrap_or_else(|| {
+            // A section with a single key.
+            error.split('`').nth(3).unwrap_or_else(|| panic!("{error}"))
+        });
+        for key in known.split(", ") {
+            assert!(
+                uncommented.contains(&format!("\n{key} = ")),
+                "{section}.{key} is not in rig.toml"
+            );
+        }
+    }
+}
+
+#[test]
+fn the_shipped_files_are_read() {
+    for name in ["replay.toml", "demo.toml"] {
+        check_config(&shipped(name)).unwrap();
+    }
+    let replay = Config::load(&shipped("replay.toml")).unwrap();
+    assert_eq!(replay.replay.speed, ReplaySpeed::Max);
+    assert!(!replay.output.window);
+    assert!(Config::load(&shipped("demo.toml")).unwrap().replay.repeat);
+}
+
+#[test]
+fn the_summary_lists_what_differs() {
+    assert!(
+        check_config(&shipped("rig.toml"))
+            .unwrap()
+            .changed
+            .is_empty()
+    );
+    let summary = check_config(&shipped("replay.toml")).unwrap();
+    assert!(
+        summary
+            .changed
+            .contains(&"replay.speed = \"max\"".to_owned()),
+        "{summary}"
+    );
+    assert!(!summary.to_string().contains("loop"), "{summary}");
+}
+
+#[test]
+fn settings_take_their_values() {
+    let config = Config::from_text(
+        "[environment]\nsource = \"sphere-in-scene\"\nlights = \"grid\"\nlight_count = 96\n\
+         response = 2.2\nstale_after_ms = 250\n[shadows]\nmode = \"subtract\"\n\
+         refresh_per_frame = 1\nstrength = 0.5\n[white_balance]\nmethod = \"fixed\"\n\
+         gains = [1, 2, 3]\n[sync]\ntracker_latency_ms = -1.5\n[output]\nmonitor = \"HDMI\"\n\
+         [gpu]\nadapter = \"llvmpipe\"\n[picture]\nantialias = \"off\"\n[scene]\nfile = \"none\"\n",
+        "c.toml",
+    )
+    .unwrap();
+    assert_eq!(config.environment.source, EnvironmentSource::SphereInScene);
+    assert_eq!(config.environment.lights, LightPlacement::Grid);
+    assert_eq!(config.environment.light_count, 96);
+    assert_eq!(config.environment.response, Some(ToneCurve::Gamma(2.2)));
+    assert_eq!(config.environment.stale_after_nanos, 250_000_000);
+    assert_eq!(config.shadows.mode, ShadowMode::Subtract);
+    assert_eq!(config.shadows.refresh_per_frame, Refresh::Count(1));
+    assert_eq!(config.shadows.strength, 0.5);
+    assert_eq!(config.white_balance.gains, [1.0, 2.0, 3.0]);
+    assert_eq!(config.sync.tracker_latency_nanos, Some(-1_500_000));
+    assert_eq!(config.output.monitor, Some(Monitor::Name("HDMI".into())));
+    assert_eq!(config.gpu.adapter.as_deref(), Some("llvmpipe"));
+    assert_eq!(config.picture.antialias, Antialias::Off);
+    assert_eq!(config.scene, SceneChoice::None);
+}
+
+#[test]
+fn wrong_settings_are_explained() {
+    let cases = [
+        (
+            "[shadows]\nstrenght = 1\n",
+            "c.toml:2: unknown key `shadows.strenght`; did you mean `strength`?",
+        ),
+        (
+            "[shadow]\nstrength = 1\n",
+            "c.toml:1: unknown key `shadow`; did you mean `shadows`?",
+        ),
+        (
+            "[sync]\ntracker_latency = 8\n",
+            "c.toml:2: unknown key `sync.tracker_latency`; did you mean `tracker_latency_ms` (in milliseconds)?",
+        ),
+        (
+            "[sync]\n\ntracker_latency_ms = \"8 ms\"\n",
+            "c.toml:3: `sync.tracker_latency_ms`: expected a number, found string \"8 ms\" (the unit is milliseconds)",
+        ),
+        (
+            "[sync]\ntracker_latency_ms = 8e6\n",
+            "c.toml:2: `sync.tracker_latency_ms`: expected a number from -1000 to 1000, found 8000000",
+        ),
+        (
+            "[shadows]\nstrength = nan\n",
+            "c.toml:2: `shadows.strength`: expected a number from 0 to 1, found NaN",
+        ),
+        (
+            "[environment]\nlight_count = 65\n",
+            "c.toml:2: `environment.light_count`: expected one of [0, 8, 24, 48, 64, 96, 384], found 65",
+        ),
+        (
+            "[environment]\ncube_size = 100\n",
+            "c.toml:2: `environment.cube_size`: expected a power of two from 16 to 1024, found 100",
+        ),
+        (
+            "[shadows]\nmode = \"ration\"\n",
+            "c.toml:2: `shadows.mode`: expected `ratio` or `subtract`, found unknown variant `ration`",
+        ),
+        (
+            "[shadows]\nrefresh_per_frame = 0\n",
+            "c.toml:2: `shadows.refresh_per_frame`: expected a whole number from 1 to 384, or \"all\", found 0",
+        ),
+        (
+            "[shadows]\nrefresh_per_frame = true\n",
+            "c.toml:2: `shadows.refresh_per_frame`: expected a whole number from 1 to 384, or \"all\", found boolean `true`",
+        ),
+        (
+            "[environment]\nsource = \"moon\"\n",
+            "c.toml:2: `environment.source`: expected \"auto\", \"camera\" or \"sphere-in-scene\", found \"moon\"",
+        ),
+        (
+            "[status]\nlisten = \"8780\"\n",
+            "c.toml:2: `status.listen`: expected an address and a port such as \"127.0.0.1:8780\", found \"8780\"",
+        ),
+        (
+            "[status]\nlisten = \"0.0.0.0:8780\"\n",
+            "c.toml:2: `status.listen`: 0.0.0.0:8780 can be reached from other machines; set `token`, or listen on 127.0.0.1",
+        ),
+        (
+            "[status]\ntoken = \"short\"\n",
+            "c.toml:2: `status.token`: expected at least 8 printable characters without spaces",
+        ),
+        (
+            "[white_balance]\nmethod = \"fixed\"\n",
+            "c.toml:2: `white_balance.method`: \"fixed\" needs `gains`; add three linear gains: red, green, blue",
+        ),
+        (
+            "[scene]\nfile = \"gone.toml\"\n",
+            "c.toml:2: `scene.file`: there is no file gone.toml; expected a scene file, \"session\" or \"none\"",
+        ),
+        (
+            "[white_balance]\ngains = [1, 2]\n",
+            "c.toml:2: `white_balance.gains`: expected an array of length 3, found length 2",
+        ),
+    ];
+    for (text, expected) in cases {
+        assert_eq!(complaint(text), expected);
+    }
+}
+
+#[test]
+fn a_token_opens_the_door_and_stays_secret() {
+    let config = Config::from_text(
+        "[status]\nlisten = \"0.0.0.0:80\"\ntoken = \"opensesame\"\n",
+        "c.toml",
+    )
+    .unwrap();
+    assert_eq!(config.status.token.as_deref(), Some("opensesame"));
+    assert!(!format!("{config:?}").contains("opensesame"));
+}
+
+proptest! {
+    #[test]
+    fn any_text_is_read_or_refused_in_one_line(
+        at in 0usize..6000, byte: u8, cut in prop::option::of(0usize..6000),
+    ) {
+        let mut bytes = convert::DEFAULTS.as_bytes().to_vec();
+        if let Some(b) = bytes.get_mut(at) {
+            *b = byte;
+        }
+        bytes.truncate(cut.unwrap_or(usize::MAX));
+        if let Err(e) = Config::from_text(&String::from_utf8_lossy(&bytes), "c.toml") {
+            let text = e.to_string();
+            prop_assert!(text.lines().count() == 1 && text.contains("c.toml:"), "{}", text);
+        }
+    }
+}

@@ -1,0 +1,366 @@
+//! TOML read so that every complaint names file, line and key, and unknown keys get a
+//! suggestion.
+
+use super::ConfigError;
+use serde::de::DeserializeOwned;
+use std::path::Path;
+use toml::de::{DeTable, DeValue};
+
+/// A file's text and its name.
+pub(crate) struct TomlText {
+    pub file: String,
+    text: String,
+}
+
+/// A value that is wrong although its type is right: dotted key and what is expected.
+#[derive(Debug)]
+pub(crate) struct Fault {
+    pub key: String,
+    pub reason: String,
+}
+
+impl Fault {
+    pub(crate) fn new(key: impl Into<String>, reason: impl Into<String>) -> Self {
+        Self {
+            key: key.into(),
+            reason: reason.into(),
+        }
+    }
+}
+
+/// How far an unknown key may be from a known one to be taken for a slip of the hand
+/// (Jaro–Winkler: 1 = the same).
+const ALIKE: f64 = 0.75;
+/// Units that keys end in.
+const UNITS: [(&str, &str); 5] = [
+    ("_ms", "milliseconds"),
+    ("_s", "seconds"),
+    ("_m", "metres"),
+    ("_deg", "degrees"),
+    ("_ev", "stops"),
+];
+/// No configuration is larger, bytes.
+const LARGEST: u64 = 4 << 20;
+
+impl TomlText {
+    pub(crate) fn new(file: impl Into<String>, text: impl Into<String>) -> Self {
+        Self {
+            file: file.into(),
+            text: text.into(),
+        }
+    }
+
+    pub(crate) fn read(path: &Path) -> Result<Self, ConfigError> {
+        let file = path.display().to_string();
+        let refuse = |reason: String| ConfigError::Unreadable {
+            file: file.clone(),
+            reason,
+        };
+        let found = std::fs::metadata(path).map_err(|e| refuse(e.to_string()))?;
+        if !found.is_file() || found.len() > LARGEST {
+            return Err(refuse(format!("no file of at most {LARGEST} bytes")));
+        }
+        let text = std::fs::read_to_string(path).map_err(|e| refuse(e.to_string()))?;
+        Ok(Self { file, text })
+    }
+
+    /// The file's content as a `T`.
+    pub(crate) fn parse<T: DeserializeOwned>(&self) -> Result<T, ConfigError> {
+        toml::from_str(&self.text).map_err(|e| self.explain(&e))
+    }
+
+    /// A [`Fault`] with its file and line.
+    pub(crate) fn locate(&self, fault: Fault) -> ConfigError {
+        ConfigError::Value {
+            file: self.file.clone(),
+            line: self.line_of(&fault.key),
+            key: fault.key,
+            reason: fault.reason,
+        }
+    }
+
+    fn explain(&self, error: &toml::de::Error) -> ConfigError {
+        let at = error.span().map_or(0, |s| s.start);
+        let (file, line) = (self.file.clone(), self.line_at(at));
+        let message = error.message();
+        let Ok(table) = DeTable::parse(&self.text) else {
+            let reason = message.lines().collect::<Vec<_>>().join("; ");
+            return ConfigError::Syntax { file, line, reason };
+        };
+        let mut path = Vec::new();
+        path_at(table.get_ref(), at, &mut path);
+        let key = dotted(&path);
+        if message.starts_with("unknown field") {
+            let mut names = message.split('`').skip(1).step_by(2);
+            let unknown = names.next().unwrap_or_default();
+            let known: Vec<&str> = names.collect();
+            let key = if path.last().is_some_and(|k| k == unknown) || key.is_empty() {
+                if key.is_empty() {
+                    unknown.to_owned()
+                } else {
+                    key
+                }
+            } else {
+                format!("{key}.{unknown}")
+            };
+            let hint = suggestion(unknown, &known);
+            return ConfigError::UnknownKey {
+                file,
+                line,
+                key,
+                hint,
+            };
+        }
+        let reason = friendly(message, path.last().map_or("", String::as_str));
+        ConfigError::Value {
+            file,
+            line,
+            key,
+            reason,
+        }
+    }
+
+    /// The line, from 1, of a byte.
+    fn line_at(&self, at: usize) -> usize {
+        let before = self.text.as_bytes().iter().take(at);
+        1 + before.filter(|b| **b == b'\n').count()
+    }
+
+    /// The line of a dotted key such as `object[1].scale`, or of the deepest table above
+    /// it that is there.
+    fn line_of(&self, key: &str) -> usize {
+        let Ok(table) = DeTable::parse(&self.text) else {
+            return 1;
+        };
+        let mut at = 0;
+        let mut table = Some(table.get_ref());
+        for step in key.split('.') {
+            let (name, index) = match step.split_once('[') {
+                Some((name, index)) => (name, index.trim_end_matches(']').parse().ok()),
+                None => (step, None),
+            };
+            let entry = table.and_then(|t| t.iter().find(|(k, _)| k.get_ref() == name));
+            let Some((found, value)) = entry else {
+                break;
+            };
+            at = found.span().start;
+            let value = match (value.get_ref(), index) {
+                (DeValue::Array(items), Some(i)) => {
+                    let item = items.get::<usize>(i);
+                    at = item.map_or(at, |v| v.span().start);
+                    item.map(|v| v.get_ref())
+                }
+                (value, _) => Some(value),
+            };
+            table = value.and_then(DeValue::as_table);
+        }
+        self.line_at(at)
+    }
+}
+
+/// Collects the keys down to the value at byte `at`.
+fn path_at(table: &DeTable, at: usize, path: &mut Vec<String>) {
+    let covers = |span: std::ops::Range<usize>| span.contains(&at);
+    let inside = |value: &DeValue, span| covers(span) || holds(value, at);
+    for (key, value) in table {
+        if covers(key.span()) || inside(value.get_ref(), value.span()) {
+            path.push(key.get_ref().to_string());
+            descend(value.get_ref(), at, path);
+            return;
+        }
+    }
+}
+
+fn descend(value: &DeValue, at: usize, path: &mut Vec<String>) {
+    match value {
+        DeValue::Table(table) => path_at(table, at, path),
+        DeValue::Array(items) => {
+            for (i, item) in items.iter().enumerate() {
+                if item.span().contains(&at) || holds(item.get_ref(), at) {
+                    path.push(format!("[{i}]"));
+                    descend(item.get_ref(), at, path);
+                    return;
+                }
+            }
+        }
+        _ => {}
+    }
+}
+
+/// Whether something below `value` is written at `at`: a `[section]`'s own span covers
+/// its header only.
+fn holds(value: &DeValue, at: usize) -> bool {
+    match value {
+        DeValue::Table(table) => table.iter().any(|(k, v)| {
+            k.span().contains(&at) || v.span().contains(&at) || holds(v.get_ref(), at)
+        }),
+        DeValue::Array(items) => items
+            .iter()
+            .any(|v| v.span().contains(&at) || holds(v.get_ref(), at)),
+        _ => false,
+    }
+}
+
+fn dotted(path: &[String]) -> String {
+    path.join(".").replace(".[", "[")
+}
+
+/// What was probably meant by `unknown`.
+fn suggestion(unknown: &str, known: &[&str]) -> String {
+    let best = known
+        .iter()
+        .map(|k| (strsim::jaro_winkler(unknown, k), *k))
+        .max_by(|a, b| a.0.total_cmp(&b.0));
+    match best {
+        Some((score, name)) if score >= ALIKE => {
+            let unit = unit_of(name).map_or(String::new(), |u| format!(" (in {u})"));
+            format!("did you mean `{name}`{unit}?")
+        }
+        Some(_) => format!("known here: {}", known.join(", ")),
+        None => "no keys are known here; remove it".into(),
+    }
+}
+
+fn unit_of(key: &str) -> Option<&'static str> {
+    UNITS
+        .iter()
+        .find(|(ending, _)| key.ends_with(ending))
+        .map(|(_, unit)| *unit)
+}
+
+/// Serde's words for a wrong value, in a user's terms.
+fn friendly(message: &str, key: &str) -> String {
+    let text = message.lines().next().unwrap_or_default();
+    let text = text
+        .replace("invalid type: ", "")
+        .replace("invalid value: ", "")
+        .replace("invalid length", "length")
+        .replace("missing field", "lacks the key");
+    let text = match text.split_once(", expected ") {
+        Some((found, expected)) => format!("expected {}, found {found}", plain(expected)),
+        None => text,
+    };
+    match unit_of(key) {
+        Some(unit) => format!("{text} (the unit is {unit})"),
+        None => text,
+    }
+}
+
+fn plain(expected: &str) -> &str {
+    match expected {
+        "f32" | "f64" => "a number",
+        "u8" | "u16" | "u32" | "u64" | "usize" => "a whole number, at least 0",
+        "a boolean" => "true or false",
+        other => other,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+    use serde::Deserialize;
+
+    #[derive(Debug, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    #[allow(dead_code)]
+    struct Outer {
+        inner: Option<Inner>,
+        list: Option<Vec<Inner>>,
+    }
+
+    #[derive(Debug, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    #[allow(dead_code)]
+    struct Inner {
+        latency_ms: f64,
+        count: Option<u32>,
+        on: Option<bool>,
+    }
+
+    fn complaint(text: &str) -> String {
+        let text = TomlText::new("f.toml", text)
+            .parse::<Outer>()
+            .unwrap_err()
+            .to_string();
+        assert_eq!(text.lines().count(), 1, "{text}");
+        text
+    }
+
+    #[test]
+    fn every_fault_names_file_line_and_key() {
+        let cases = [
+            (
+                "[inner]\nlatency_ms = 1\n\nlatency = 2\n",
+                "f.toml:4: unknown key `inner.latency`; did you mean `latency_ms` (in milliseconds)?",
+            ),
+            (
+                "[inner]\nlatency_s = 0.1\n",
+                "f.toml:2: unknown key `inner.latency_s`; did you mean `latency_ms` (in milliseconds)?",
+            ),
+            (
+                "x = 2\n",
+                "f.toml:1: unknown key `x`; known here: inner, list",
+            ),
+            (
+                "\n[iner]\n",
+                "f.toml:2: unknown key `iner`; did you mean `inner`?",
+            ),
+            (
+                "[inner]\nlatency_ms = \"8 ms\"\n",
+                "f.toml:2: `inner.latency_ms`: expected a number, found string \"8 ms\" (the unit is milliseconds)",
+            ),
+            (
+                "[inner]\nlatency_ms = 1\ncount = -1\n",
+                "f.toml:3: `inner.count`: expected a whole number, at least 0, found integer `-1`",
+            ),
+            (
+                "[inner]\nlatency_ms = 1\non = 1\n",
+                "f.toml:3: `inner.on`: expected true or false, found integer `1`",
+            ),
+            (
+                "[inner]\ncount = 1\n",
+                "f.toml:1: `inner`: lacks the key `latency_ms`",
+            ),
+            (
+                "[[list]]\nlatency_ms = 1\n[[list]]\nlatency_ms = true\n",
+                "f.toml:4: `list[1].latency_ms`: expected a number, found boolean `true` (the unit is milliseconds)",
+            ),
+            (
+                "inner = { latency_ms = 1, cuont = 2 }\n",
+                "f.toml:1: unknown key `inner.cuont`; did you mean `count`?",
+            ),
+        ];
+        for (text, expected) in cases {
+            assert_eq!(complaint(text), expected);
+        }
+        assert!(complaint("[inner]\nlatency_ms = \n").starts_with("f.toml:2: not TOML: "));
+        assert!(complaint("[inner]\n[inner]\n").starts_with("f.toml:2: not TOML: "));
+    }
+
+    #[test]
+    fn faults_found_later_are_located() {
+        let text = TomlText::new(
+            "f.toml",
+            "[inner]\nlatency_ms = 1\n\n[[list]]\ncount = 1\n[[list]]\ncount = 2\n",
+        );
+        let line = |key: &str| text.line_of(key);
+        assert_eq!(line("inner.latency_ms"), 2);
+        assert_eq!(line("inner.absent"), 1);
+        assert_eq!(line("list[1].count"), 7);
+        assert_eq!(line("list[1].absent"), 6);
+        assert_eq!(line("nowhere"), 1);
+    }
+
+    #[test]
+    fn a_file_that_is_not_there_is_named() {
+        let error = TomlText::read(Path::new("/nowhere/rig.toml"))
+            .err()
+            .unwrap();
+        assert!(
+            error
+                .to_string()
+                .contains("/nowhere/rig.toml: cannot be read")
+        );
+    }
+}
