@@ -1,0 +1,132 @@
+//! The dashboard in a real browser.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+mod support;
+
+use penumbra::status::LightsMode;
+use serde_json::Value;
+use std::time::Duration;
+use support::chromium::Chromium;
+use support::show::Show;
+
+/// The browser, or a loud notice that this test did not run.
+fn browser(test: &str) -> Option<Chromium> {
+    let browser = Chromium::launch();
+    if browser.is_none() {
+        eprintln!("SKIPPED {test}: Chromium is missing (apt-get install chromium)");
+    }
+    browser
+}
+
+/// Pictures for whoever works on the page: `PENUMBRA_SCREENSHOTS=DIR cargo test --test browser`.
+fn keep(name: &str, png: &[u8]) {
+    if let Some(dir) = std::env::var_os("PENUMBRA_SCREENSHOTS") {
+        std::fs::write(std::path::Path::new(&dir).join(name), png).unwrap();
+    }
+}
+
+/// Opens the dashboard and waits until it shows everything.
+fn open(browser: &mut Chromium, show: &Show) {
+    browser.open(&format!("http://{}/", show.address));
+    browser.wait_for("document.body.dataset.link === 'up'");
+    browser.wait_for("document.getElementById('picture').naturalWidth === 640");
+    browser.wait_for("document.getElementById('environment').naturalWidth === 512");
+}
+
+/// The part of the page where the picture is, as RGB.
+fn picture_region(browser: &mut Chromium) -> image::RgbImage {
+    let png = browser.screenshot(false);
+    let r = browser.evaluate("(() => { const r = document.getElementById('picture').getBoundingClientRect(); return [r.x, r.y, r.width, r.height]; })()");
+    let [x, y, w, h] = [0, 1, 2, 3].map(|i| r[i].as_f64().unwrap().max(0.0) as u32);
+    image::load_from_memory(&png)
+        .unwrap()
+        .crop_imm(x, y, w, h)
+        .to_rgb8()
+}
+
+/// Share of the pixels that differ clearly.
+fn share_that_differs(a: &image::RgbImage, b: &image::RgbImage) -> f64 {
+    let differ =
+        |(p, q): &(&image::Rgb<u8>, &image::Rgb<u8>)| (0..3).any(|c| p[c].abs_diff(q[c]) > 24);
+    a.pixels().zip(b.pixels()).filter(differ).count() as f64 / f64::from(a.width() * a.height())
+}
+
+#[test]
+fn the_page_shows_moving_pictures_and_no_console_errors() {
+    let Some(mut browser) = browser("the_page_shows_moving_pictures_and_no_console_errors") else {
+        return;
+    };
+    let show = Show::start();
+    browser.resize(1280, 800);
+    open(&mut browser, &show);
+    let first = picture_region(&mut browser);
+    std::thread::sleep(Duration::from_millis(700));
+    let second = picture_region(&mut browser);
+    let moved = share_that_differs(&first, &second);
+    assert!(moved > 0.01, "only {moved} of the picture moved");
+    std::thread::sleep(Duration::from_secs(3));
+    keep("desktop.png", &browser.screenshot(false));
+    keep("desktop-whole.png", &browser.screenshot(true));
+    assert_eq!(browser.complaints(), [""; 0]);
+}
+
+#[test]
+fn it_fits_a_telephone() {
+    let Some(mut browser) = browser("it_fits_a_telephone") else {
+        return;
+    };
+    let show = Show::start();
+    browser.resize(400, 800);
+    open(&mut browser, &show);
+    std::thread::sleep(Duration::from_secs(2));
+    keep("telephone-whole.png", &browser.screenshot(true));
+    let width = browser.evaluate("document.documentElement.scrollWidth");
+    assert_eq!(width, 400, "the page scrolls sideways");
+    assert_eq!(browser.complaints(), [""; 0]);
+}
+
+#[test]
+fn a_setting_changed_on_the_page_reaches_the_rig_and_comes_back_confirmed() {
+    let Some(mut browser) =
+        browser("a_setting_changed_on_the_page_reaches_the_rig_and_comes_back_confirmed")
+    else {
+        return;
+    };
+    let show = Show::start();
+    browser.resize(1280, 800);
+    open(&mut browser, &show);
+    browser.wait_for("document.querySelector('[name=light_count]').value === '64'");
+    browser.evaluate("document.querySelector('[name=lights_mode][value=grid]').click()");
+    browser.evaluate("document.querySelector('[name=virtual_object_visible]').click()");
+    browser.evaluate("(() => { const s = document.querySelector('[name=light_count]'); s.value = '96'; s.dispatchEvent(new Event('input', {bubbles: true})); })()");
+    browser.evaluate("(() => { const s = document.querySelector('[name=shadow_strength]'); s.value = '0.5'; s.dispatchEvent(new Event('input', {bubbles: true})); })()");
+    browser.wait_for("fetch('/status').then(r => r.json()).then(s => s.settings.light_count === 96 && s.settings.shadow_strength === 0.5)");
+    let settings = show.shared.snapshot().settings;
+    assert_eq!(settings.lights_mode, LightsMode::Grid);
+    assert!(!settings.virtual_object_visible);
+    browser.wait_for("!document.querySelector('[data-pending]') && document.getElementById('head-lights').textContent === '96'");
+    assert_eq!(
+        browser.evaluate("document.querySelector('[name=light_count]').value"),
+        "96"
+    );
+    assert_eq!(browser.complaints(), [""; 0]);
+}
+
+#[test]
+fn a_server_that_goes_away_is_noticed() {
+    let Some(mut browser) = browser("a_server_that_goes_away_is_noticed") else {
+        return;
+    };
+    let show = Show::start();
+    open(&mut browser, &show);
+    drop(show);
+    browser.wait_for(
+        "document.body.dataset.link === 'lost' && !document.getElementById('link-lost').hidden",
+    );
+    keep("lost.png", &browser.screenshot(false));
+    let text = browser.evaluate("document.getElementById('link-lost').textContent");
+    assert!(
+        matches!(&text, Value::String(t) if t.contains("is lost")),
+        "{text}"
+    );
+}

@@ -1,0 +1,225 @@
+//! A headless Chromium, driven through the DevTools protocol over a pipe: no port, no
+//! driver program, no web-socket library.
+
+use serde_json::{Value, json};
+use std::io::{BufRead, BufReader, Write};
+use std::path::Path;
+use std::process::{Child, ChildStdin, Command, Stdio};
+use std::sync::mpsc::{Receiver, channel};
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+/// Where Debian and Ubuntu put it.
+const PROGRAMS: [&str; 3] = [
+    "/usr/bin/chromium",
+    "/usr/bin/chromium-browser",
+    "/usr/bin/google-chrome",
+];
+/// Chromium may be slow to start on a machine that is busy compiling.
+const PATIENCE: Duration = Duration::from_secs(60);
+const FLAGS: [&str; 15] = [
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--disable-dev-shm-usage",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-default-apps",
+    "--disable-extensions",
+    "--disable-sync",
+    "--hide-scrollbars",
+    "--mute-audio",
+    "--no-default-browser-check",
+    "--no-first-run",
+    "--remote-debugging-pipe",
+];
+
+/// A browser with one page.
+pub struct Chromium {
+    process: Child,
+    requests: ChildStdin,
+    messages: Receiver<Value>,
+    next_id: u64,
+    session: Option<String>,
+    complaints: Vec<String>,
+    _profile: TempDir,
+}
+
+impl Chromium {
+    /// Starts a browser with a fresh profile and a blank page; `None` where none is
+    /// installed.
+    pub fn launch() -> Option<Self> {
+        let program = PROGRAMS.into_iter().find(|p| Path::new(p).exists())?;
+        let profile = tempfile::tempdir().expect("a place for the profile");
+        // DevTools reads file 3 and writes file 4; the shell puts our pipes there.
+        let mut process = Command::new("/bin/sh")
+            .args([
+                "-c",
+                r#"exec "$0" "$@" 3<&0 4>&1 0</dev/null 1>/dev/null 2>/dev/null"#,
+                program,
+            ])
+            .args(FLAGS)
+            .arg(format!("--user-data-dir={}", profile.path().display()))
+            .arg("about:blank")
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("a shell");
+        let requests = process.stdin.take().expect("stdin was piped");
+        let answers = process.stdout.take().expect("stdout was piped");
+        let (sender, messages) = channel();
+        std::thread::spawn(move || {
+            for message in BufReader::new(answers).split(0).map_while(Result::ok) {
+                let json = serde_json::from_slice(&message).expect("DevTools speaks JSON");
+                if sender.send(json).is_err() {
+                    return;
+                }
+            }
+        });
+        let mut browser = Self {
+            process,
+            requests,
+            messages,
+            next_id: 1,
+            session: None,
+            complaints: Vec::new(),
+            _profile: profile,
+        };
+        browser.attach();
+        Some(browser)
+    }
+
+    fn attach(&mut self) {
+        let target = self.call("Target.createTarget", json!({"url": "about:blank"}));
+        let attached = self.call(
+            "Target.attachToTarget",
+            json!({"targetId": target["targetId"], "flatten": true}),
+        );
+        self.session = attached["sessionId"].as_str().map(str::to_owned);
+        for domain in ["Runtime", "Log", "Page"] {
+            self.call(&format!("{domain}.enable"), json!({}));
+        }
+    }
+
+    /// Sets the size of the page, CSS pixels.
+    pub fn resize(&mut self, width: u32, height: u32) {
+        let size = json!({"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500});
+        self.call("Emulation.setDeviceMetricsOverride", size);
+    }
+
+    /// Opens an address.
+    pub fn open(&mut self, url: &str) {
+        let opened = self.call("Page.navigate", json!({ "url": url }));
+        assert!(opened["errorText"].is_null(), "{url}: {opened}");
+    }
+
+    /// What the page looks like; all of it, or what stands in the window.
+    pub fn screenshot(&mut self, whole_page: bool) -> Vec<u8> {
+        let how = json!({"format": "png", "captureBeyondViewport": whole_page});
+        let shot = self.call("Page.captureScreenshot", how);
+        from_base64(shot["data"].as_str().expect("a picture"))
+    }
+
+    /// The value of a JavaScript expression.
+    pub fn evaluate(&mut self, expression: &str) -> Value {
+        let how = json!({"expression": expression, "returnByValue": true, "awaitPromise": true});
+        let answer = self.call("Runtime.evaluate", how);
+        assert!(
+            answer["exceptionDetails"].is_null(),
+            "{expression}: {answer}"
+        );
+        answer["result"]["value"].clone()
+    }
+
+    /// Waits until an expression, or what it promises, is true.
+    pub fn wait_for(&mut self, expression: &str) {
+        let deadline = Instant::now() + PATIENCE;
+        // While a page is being loaded even `document.body` may be missing.
+        let test = format!("(async () => Boolean(await ({expression})))().catch(() => false)");
+        while self.evaluate(&test) != Value::Bool(true) {
+            let late = Instant::now() >= deadline;
+            assert!(
+                !late,
+                "never came true: {expression}; complaints: {:?}",
+                self.complaints
+            );
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    }
+
+    /// Errors and warnings on the console, uncaught exceptions, failed requests so far.
+    pub fn complaints(&mut self) -> &[String] {
+        self.evaluate("1");
+        &self.complaints
+    }
+
+    fn call(&mut self, method: &str, params: Value) -> Value {
+        let id = self.next_id;
+        self.next_id += 1;
+        let mut request = json!({"id": id, "method": method, "params": params});
+        if let Some(session) = &self.session {
+            request["sessionId"] = json!(session);
+        }
+        self.requests
+            .write_all(format!("{request}\0").as_bytes())
+            .expect("Chromium listens");
+        loop {
+            let message = self
+                .messages
+                .recv_timeout(PATIENCE)
+                .unwrap_or_else(|e| panic!("{method}: {e}"));
+            if message["id"] == id {
+                assert!(message["error"].is_null(), "{method}: {message}");
+                return message["result"].clone();
+            }
+            self.complaints.extend(complaint(&message));
+        }
+    }
+}
+
+/// What an event complains of, if it does.
+fn complaint(event: &Value) -> Option<String> {
+    let params = &event["params"];
+    let bad = |level: &Value| matches!(level.as_str(), Some("error" | "warning" | "assert"));
+    match event["method"].as_str()? {
+        "Runtime.exceptionThrown" => Some(params["exceptionDetails"].to_string()),
+        "Runtime.consoleAPICalled" if bad(&params["type"]) => Some(params["args"].to_string()),
+        "Log.entryAdded" if bad(&params["entry"]["level"]) => Some(params["entry"].to_string()),
+        _ => None,
+    }
+}
+
+impl Drop for Chromium {
+    fn drop(&mut self) {
+        // Asked to close, it takes its helper processes with it; killed, it may not.
+        self.session = None;
+        let _ = self
+            .requests
+            .write_all(b"{\"id\":0,\"method\":\"Browser.close\"}\0");
+        let deadline = Instant::now() + Duration::from_secs(5);
+        while Instant::now() < deadline && matches!(self.process.try_wait(), Ok(None)) {
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+/// RFC 4648, standard alphabet.
+fn from_base64(text: &str) -> Vec<u8> {
+    let value = |c: u8| match c {
+        b'A'..=b'Z' => c - b'A',
+        b'a'..=b'z' => c - b'a' + 26,
+        b'0'..=b'9' => c - b'0' + 52,
+        b'+' => 62,
+        _ => 63,
+    };
+    let digits: Vec<u8> = text.bytes().filter(|c| *c != b'=').map(value).collect();
+    let group = |four: &[u8]| {
+        let bits =
+            four.iter().fold(0_u32, |bits, d| bits << 6 | u32::from(*d)) << (6 * (4 - four.len()));
+        bits.to_be_bytes()[1..four.len()].to_vec()
+    };
+    digits.chunks(4).flat_map(group).collect()
+}

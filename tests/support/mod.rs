@@ -1,0 +1,5 @@
+//! What several integration tests need.
+#![allow(dead_code, clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+pub mod chromium;
+pub mod show;

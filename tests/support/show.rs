@@ -1,0 +1,254 @@
+//! A status server that shows a moving picture of its own, without cameras or GPU.
+
+use penumbra::picture::Picture;
+use penumbra::status::snapshot::{
+    Device, DeviceKind, DeviceState, PoseAnswer, Resolution, SessionState, WhiteBalanceEstimate,
+    WhiteBalanceMethod, WhiteMatch,
+};
+use penumbra::status::{Settings, SharedStatus, Snapshot, StatusServer};
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+const WIDTH: u32 = 640;
+const HEIGHT: u32 = 480;
+
+/// The server and what feeds it; both end when this is dropped.
+pub struct Show {
+    pub address: SocketAddr,
+    pub shared: Arc<SharedStatus>,
+    stop: Arc<AtomicBool>,
+    feeder: Option<JoinHandle<()>>,
+    _runtime: tokio::runtime::Runtime,
+}
+
+impl Show {
+    /// Serves a picture that moves, on any free port of this machine.
+    pub fn start() -> Self {
+        let shared = SharedStatus::new(Settings::default());
+        let listen = SocketAddr::from(([127, 0, 0, 1], 0));
+        let server = StatusServer::bind(listen, None, Arc::clone(&shared)).expect("a free port");
+        let address = server.local_addr();
+        let runtime = tokio::runtime::Runtime::new().expect("a runtime");
+        runtime.spawn(server.serve(std::future::pending()));
+        let stop = Arc::new(AtomicBool::new(false));
+        let feeder = std::thread::spawn({
+            let (shared, stop) = (Arc::clone(&shared), Arc::clone(&stop));
+            move || feed(&shared, &stop)
+        });
+        Self {
+            address,
+            shared,
+            stop,
+            feeder: Some(feeder),
+            _runtime: runtime,
+        }
+    }
+}
+
+impl Drop for Show {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        if let Some(feeder) = self.feeder.take() {
+            let _ = feeder.join();
+        }
+    }
+}
+
+fn feed(shared: &SharedStatus, stop: &AtomicBool) {
+    let settings = shared.settings_receiver();
+    shared.publish_snapshot(example_snapshot());
+    shared.publish_environment_preview(Arc::new(sky(512, 256)));
+    for frame in 0_u64.. {
+        if stop.load(Ordering::Relaxed) {
+            return;
+        }
+        let wished = settings.borrow().clone();
+        let visible = wished.virtual_object_visible;
+        let wobble = 1.0 + 0.12 * (frame as f64 / 9.0).sin() + 0.05 * (frame as f64 * 1.7).sin();
+        let scale = wobble * f64::from(wished.light_count) / 64.0;
+        shared.update(|s| advance(s, frame, scale, wished));
+        if shared.wants_picture() {
+            shared.publish_picture(Arc::new(ball(frame, visible)));
+        }
+        std::thread::sleep(Duration::from_millis(33));
+    }
+}
+
+fn advance(s: &mut Snapshot, frame: u64, scale: f64, wished: Settings) {
+    let stages = [
+        ("decode", 2.1),
+        ("environment", 6.4),
+        ("upload", 0.7),
+        ("composite", 14.0),
+        ("total", 24.0),
+    ];
+    for (name, ms) in stages {
+        s.stages
+            .record(name, Duration::from_secs_f64(ms * 1e-3 * scale));
+    }
+    let passes = [
+        ("shadow_maps", 4.2),
+        ("shadow_buffer", 6.9),
+        ("combine", 1.6),
+    ];
+    for (name, ms) in passes {
+        s.stages
+            .record_gpu(name, Duration::from_secs_f64(ms * 1e-3 * scale));
+    }
+    s.frames.arrived = frame + 1;
+    s.frames.composed = frame + 1;
+    s.frames.skipped = frame / 90;
+    s.frames.per_second = 29.6 / scale.max(0.5);
+    s.session.progress = Some((frame % 300) as f64 / 300.0);
+    s.session.loops = frame / 300;
+    s.lighting.dome_lights = wished.light_count;
+    s.settings = wished;
+    for device in &mut s.devices {
+        device.received = frame + 1;
+        device.last_age_ms = Some(12.0);
+        device.per_second = 30.0;
+    }
+}
+
+/// A rig in every respect worth showing.
+pub fn example_snapshot() -> Snapshot {
+    let mut s = Snapshot::default();
+    s.session.name = "desk.mcap".to_owned();
+    s.session.enter(SessionState::Replaying);
+    s.resolution = Resolution {
+        width: WIDTH,
+        height: HEIGHT,
+    };
+    s.adapter.name = "llvmpipe (LLVM 15.0.6, 256 bits)".to_owned();
+    s.adapter.backend = "Vulkan".to_owned();
+    s.adapter.kind = "Cpu".to_owned();
+    s.pairing.environment_skew_ms = Some(8.3);
+    s.pairing.environment_skew_p50_ms = Some(8.3);
+    s.pairing.environment_skew_p99_ms = Some(16.1);
+    s.pairing.pose_skew_ms = Some(4.1);
+    s.pairing.pose = PoseAnswer::Interpolated;
+    s.lighting.compact_lights = 6;
+    s.lighting.compact_sources = 2;
+    s.lighting.age_ms = Some(8.3);
+    s.lighting.clipped_fraction = Some(0.0042);
+    s.lighting.dominant_direction = Some([0.36, 0.48, 0.8]);
+    white_balance(&mut s);
+    s.devices = devices();
+    s.warn("environment camera: sources are clipped; record bracketed exposures to measure them");
+    s
+}
+
+fn white_balance(s: &mut Snapshot) {
+    let gains = [1.312, 1.0, 0.744];
+    let estimate = |method, gains| WhiteBalanceEstimate {
+        method,
+        gains,
+        uncertainty: [0.004, 0.003, 0.006],
+    };
+    let b = &mut s.white_balance;
+    b.method = WhiteBalanceMethod::Chart;
+    b.gains = gains;
+    b.uncertainty = Some([0.004, 0.003, 0.006]);
+    b.disagreement = Some(0.013);
+    b.estimates = vec![
+        estimate(WhiteBalanceMethod::Chart, gains),
+        estimate(WhiteBalanceMethod::Automatic, [1.329, 1.003, 0.739]),
+    ];
+    b.white = Some(WhiteMatch {
+        scene: [0.61, 0.60, 0.58],
+        environment_before: [0.465, 0.601, 0.781],
+        environment_after: [0.610, 0.601, 0.581],
+    });
+}
+
+fn devices() -> Vec<Device> {
+    let mut scene = Device::new("scene/camera", DeviceKind::SceneCamera);
+    scene.enter(DeviceState::Streaming, None);
+    let mut environment = Device::new("environment/camera", DeviceKind::EnvironmentCamera);
+    environment.enter(DeviceState::Streaming, None);
+    environment.dropped = 3;
+    let mut tracker = Device::new("/dev/ttyUSB0", DeviceKind::Tracker);
+    tracker.enter(
+        DeviceState::Silent,
+        Some("/dev/ttyUSB0: silent for 1200 ms; check its cable and power"),
+    );
+    vec![scene, environment, tracker]
+}
+
+/// A ball that rolls to and fro over a plane, with a soft shadow.
+fn ball(frame: u64, visible: bool) -> Picture {
+    let phase = frame as f64 / 20.0;
+    let centre = (
+        320.0 + 170.0 * phase.sin(),
+        240.0 + 14.0 * (2.0 * phase).cos(),
+    );
+    let pixel = |i: u32| {
+        let (x, y) = (f64::from(i % WIDTH), f64::from(i / WIDTH));
+        shade(x, y, centre, visible)
+    };
+    let rgba = (0..WIDTH * HEIGHT).flat_map(pixel).collect();
+    Picture {
+        width: WIDTH,
+        height: HEIGHT,
+        rgba,
+    }
+}
+
+fn shade(x: f64, y: f64, centre: (f64, f64), visible: bool) -> [u8; 4] {
+    let (dx, dy) = ((x - centre.0) / 70.0, (y - centre.1) / 70.0);
+    let r2 = dx * dx + dy * dy;
+    let wall = y < 210.0;
+    let mut light = if wall {
+        0.75 - y / 900.0
+    } else {
+        0.42 + y / 1100.0
+    };
+    if visible && r2 < 1.0 {
+        let facing = (0.75 - 0.5 * dx - 0.6 * dy) * (1.0 - r2 * 0.45);
+        return tint(facing.clamp(0.08, 1.0), [1.0, 0.62, 0.28]);
+    }
+    if visible && !wall {
+        let (sx, sy) = ((x - centre.0 - 34.0) / 105.0, (y - centre.1 - 72.0) / 36.0);
+        light *= 1.0 - 0.6 * (-1.6 * (sx * sx + sy * sy)).exp();
+    }
+    tint(
+        light,
+        if wall {
+            [0.82, 0.86, 0.92]
+        } else {
+            [0.95, 0.88, 0.76]
+        },
+    )
+}
+
+fn tint(light: f64, colour: [f64; 3]) -> [u8; 4] {
+    let [r, g, b] = colour.map(|c| (255.0 * light * c).clamp(0.0, 255.0) as u8);
+    [r, g, b, 255]
+}
+
+/// A sky with a sun and marks where dome lights would be.
+fn sky(width: u32, height: u32) -> Picture {
+    let pixel = |i: u32| {
+        let (x, y) = (f64::from(i % width), f64::from(i / width));
+        let (sx, sy) = (x - 330.0, y - 60.0);
+        let sun = (-(sx * sx + sy * sy) / 260.0).exp();
+        let up = 1.0 - y / f64::from(height);
+        let mark = (x % 64.0 - 32.0).hypot(y % 64.0 - 32.0);
+        if (3.0..4.6).contains(&mark) {
+            return [242, 184, 75, 255];
+        }
+        if up > 0.5 {
+            tint(0.35 + 0.5 * up + sun, [0.66, 0.8, 1.0])
+        } else {
+            tint(0.22 + 0.4 * up, [0.8, 0.7, 0.6])
+        }
+    };
+    Picture {
+        width,
+        height,
+        rgba: (0..width * height).flat_map(pixel).collect(),
+    }
+}
