@@ -11,7 +11,7 @@ use crate::output::stream::{
 };
 use crate::picture::Picture;
 use axum::body::{Body, Bytes};
-use axum::extract::{DefaultBodyLimit, State};
+use axum::extract::{DefaultBodyLimit, Path, State};
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::middleware::from_fn_with_state;
 use axum::response::{IntoResponse, Response};
@@ -122,25 +122,11 @@ pub fn router(app: App, token: Option<Arc<Token>>) -> Router {
     Router::new()
         .route(
             "/",
-            get(|| asset("text/html; charset=utf-8", include_str!("dashboard.html"))),
+            get(|| asset(HTML, include_str!("dashboard/dashboard.html"))),
         )
-        .route(
-            "/dashboard.css",
-            get(|| asset("text/css; charset=utf-8", include_str!("dashboard.css"))),
-        )
-        .route(
-            "/dashboard.js",
-            get(|| {
-                asset(
-                    "text/javascript; charset=utf-8",
-                    include_str!("dashboard.js"),
-                )
-            }),
-        )
-        .route(
-            "/favicon.svg",
-            get(|| asset("image/svg+xml", include_str!("favicon.svg"))),
-        )
+        .route("/dashboard/{file}", get(dashboard_file))
+        // Browsers ask for it on pages that name no icon, such as /status.
+        .route("/favicon.ico", get(|| async { StatusCode::NO_CONTENT }))
         .route("/status", get(status))
         .route("/whitebalance.json", get(white_balance))
         .route("/metrics", get(metrics_page))
@@ -149,7 +135,7 @@ pub fn router(app: App, token: Option<Arc<Token>>) -> Router {
         .route("/stream.mjpeg", get(stream))
         .route("/snapshot.png", get(snapshot_png))
         .route("/environment.png", get(environment_png))
-        .fallback(|| async { (StatusCode::NOT_FOUND, NOT_FOUND) })
+        .fallback(not_found)
         .layer(DefaultBodyLimit::max(MAX_BODY))
         .layer(from_fn_with_state(token, guard::guard))
         .with_state(app)
@@ -158,8 +144,29 @@ pub fn router(app: App, token: Option<Arc<Token>>) -> Router {
 const NOT_FOUND: &str = "not here; there are / /status /metrics /healthz /settings \
     /stream.mjpeg /snapshot.png /environment.png /whitebalance.json\n";
 
-async fn asset(content_type: &'static str, text: &'static str) -> impl IntoResponse {
-    ([(header::CONTENT_TYPE, content_type)], text)
+async fn not_found() -> Response {
+    (StatusCode::NOT_FOUND, NOT_FOUND).into_response()
+}
+
+const HTML: &str = "text/html; charset=utf-8";
+const CSS: &str = "text/css; charset=utf-8";
+const SCRIPT: &str = "text/javascript; charset=utf-8";
+
+async fn asset(content_type: &'static str, text: &'static str) -> Response {
+    ([(header::CONTENT_TYPE, content_type)], text).into_response()
+}
+
+/// What the dashboard page consists of; all of it is in the program.
+async fn dashboard_file(Path(file): Path<String>) -> Response {
+    match file.as_str() {
+        "dashboard.css" => asset(CSS, include_str!("dashboard/dashboard.css")).await,
+        "dashboard.js" => asset(SCRIPT, include_str!("dashboard/dashboard.js")).await,
+        "charts.js" => asset(SCRIPT, include_str!("dashboard/charts.js")).await,
+        "settings.js" => asset(SCRIPT, include_str!("dashboard/settings.js")).await,
+        "text.js" => asset(SCRIPT, include_str!("dashboard/text.js")).await,
+        "favicon.svg" => asset("image/svg+xml", include_str!("dashboard/favicon.svg")).await,
+        _ => not_found().await,
+    }
 }
 
 async fn status(State(app): State<App>) -> Json<Snapshot> {

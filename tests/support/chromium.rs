@@ -138,7 +138,8 @@ impl Chromium {
         // While a page is being loaded even `document.body` may be missing.
         let test = format!("(async () => Boolean(await ({expression})))().catch(() => false)");
         while self.evaluate(&test) != Value::Bool(true) {
-            let late = Instant::now() >= deadline;
+            let late = Instant::now() >= deadline
+                || self.complaints.iter().any(|c| c.contains("Uncaught"));
             assert!(
                 !late,
                 "never came true: {expression}; complaints: {:?}",

@@ -2,16 +2,15 @@
 // its own except the history that the charts draw and the wishes that the rig has not
 // confirmed yet.
 
+import { COOL, LIGHT, remember, spark } from './charts.js';
+import { settings } from './settings.js';
+import { $, age, duration, facts, flag, make, millis, number, percent, pill, put, refill, whole } from './text.js';
+
 const POLL_MS = 500;
 const RETRY_MS = 1500;
-const HISTORY = 240; // two minutes
 const ENVIRONMENT_MS = 1000;
-const CONFIRM_MS = 4000;
 const STILL_MS = 3000;
 
-const $ = (id) => document.getElementById(id);
-const LIGHT = '#f2b84b';
-const COOL = '#6fb2ff';
 
 const STATES = {
   starting: ['getting ready', 'warn'], live: ['live', 'good'], replaying: ['replaying', 'good'],
@@ -38,147 +37,6 @@ const METHOD_TEXTS = {
   configured: 'Matched with the factors written in the config file.',
   none: 'The cameras are not matched: their pictures are taken as they come.',
 };
-const LIGHTS_HINTS = { adaptive: 'Lamps and sun get their own.', grid: 'Evenly, as in the paper.' };
-const SHADOW_HINTS = { ratio: 'Dims the real surface.', subtract: 'Takes light away, as in the paper.' };
-
-// ── small things ────────────────────────────────────────────────────────────────────────
-
-const number = (value, digits = 1) => (Number.isFinite(value) ? value.toFixed(digits) : '–');
-const whole = (value) => (Number.isFinite(value) ? Math.round(value).toLocaleString('en') : '–');
-const percent = (value, digits = 1) => (Number.isFinite(value) ? `${number(100 * value, digits)} %` : '–');
-
-/** Milliseconds with as many digits as are worth reading. */
-function millis(value) {
-  if (!Number.isFinite(value)) return '–';
-  return `${value.toFixed(value < 10 ? 2 : value < 100 ? 1 : 0)} ms`;
-}
-
-function duration(seconds) {
-  const s = Math.floor(seconds);
-  const [hours, minutes] = [Math.floor(s / 3600), Math.floor(s / 60) % 60];
-  if (hours) return `${hours} h ${minutes} min`;
-  return minutes ? `${minutes} min ${s % 60} s` : `${s} s`;
-}
-
-function age(ms) {
-  if (!Number.isFinite(ms)) return '–';
-  return ms < 1000 ? `${Math.round(ms)} ms` : `${number(ms / 1000)} s`;
-}
-
-/** Writes only what differs, so that nothing flickers and screen readers stay quiet. */
-function put(element, text) {
-  if (element.textContent !== text) element.textContent = text;
-}
-
-function make(tag, className, text) {
-  const element = document.createElement(tag);
-  if (className) element.className = className;
-  if (text !== undefined) element.textContent = text;
-  return element;
-}
-
-function pill(element, text, tone) {
-  put(element, text);
-  element.dataset.tone = tone;
-}
-
-function flag(element, text) {
-  element.hidden = !text;
-  put(element, text || '');
-}
-
-function facts(list, pairs) {
-  while (list.children.length > pairs.length) list.lastChild.remove();
-  pairs.forEach(([name, value], i) => {
-    const row = list.children[i] ?? list.appendChild(make('div'));
-    if (!row.children.length) row.append(make('dt'), make('dd'));
-    put(row.children[0], name);
-    put(row.children[1], value);
-  });
-}
-
-// ── charts ──────────────────────────────────────────────────────────────────────────────
-
-const histories = new Map();
-
-function remember(key, value) {
-  const history = histories.get(key) ?? [];
-  history.push(Number.isFinite(value) ? value : NaN);
-  if (history.length > HISTORY) history.shift();
-  histories.set(key, history);
-  return history;
-}
-
-/** Prepares a canvas for its size on the screen; null while it is not shown. */
-function brush(canvas) {
-  const [width, height] = [canvas.clientWidth, canvas.clientHeight];
-  if (!width || !height) return null;
-  const ratio = window.devicePixelRatio || 1;
-  if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
-    canvas.width = Math.round(width * ratio);
-    canvas.height = Math.round(height * ratio);
-  }
-  const context = canvas.getContext('2d');
-  context.setTransform(ratio, 0, 0, ratio, 0, 0);
-  context.clearRect(0, 0, width, height);
-  return { context, width, height };
-}
-
-/** The least of 1, 2, 5 × 10ⁿ that is not below a value. */
-function niceAbove(value) {
-  if (!(value > 0)) return 1;
-  const power = 10 ** Math.floor(Math.log10(value));
-  return [1, 2, 5, 10].map((m) => m * power).find((m) => m >= value * 0.999) ?? value;
-}
-
-function trace(context, history, x, y) {
-  context.beginPath();
-  let pen = false;
-  history.forEach((value, i) => {
-    if (Number.isNaN(value)) { pen = false; return; }
-    if (pen) context.lineTo(x(i), y(value)); else context.moveTo(x(i), y(value));
-    pen = true;
-  });
-}
-
-function spark(canvas, history, { colour = LIGHT, axis = false } = {}) {
-  const surface = brush(canvas);
-  if (!surface) return;
-  const { context, width, height } = surface;
-  const top = niceAbove(Math.max(...history.filter(Number.isFinite), 0) * (axis ? 1.05 : 1));
-  const left = axis ? 30 : 0;
-  const inset = axis ? 8 : 2;
-  const x = (i) => left + ((HISTORY - history.length + i) / (HISTORY - 1)) * (width - left - 2);
-  const y = (value) => height - inset - (value / top) * (height - 2 * inset);
-  if (axis) grid(context, { left, width, top, y });
-  trace(context, history, x, y);
-  context.strokeStyle = colour;
-  context.lineWidth = axis ? 1.8 : 1.4;
-  context.lineJoin = 'round';
-  context.stroke();
-  const last = history.length - 1;
-  if (!Number.isFinite(history[last])) return;
-  context.beginPath();
-  context.arc(x(last), y(history[last]), axis ? 2.6 : 1.8, 0, 7);
-  context.fillStyle = colour;
-  context.fill();
-}
-
-function grid(context, { left, width, top, y }) {
-  context.font = '10px system-ui, sans-serif';
-  context.textAlign = 'right';
-  context.textBaseline = 'middle';
-  context.lineWidth = 1;
-  for (const value of [0, top / 2, top]) {
-    context.strokeStyle = '#222733';
-    context.beginPath();
-    context.moveTo(left, Math.round(y(value)) + 0.5);
-    context.lineTo(width, Math.round(y(value)) + 0.5);
-    context.stroke();
-    context.fillStyle = '#7d8695';
-    context.fillText(String(Number(value.toPrecision(2))), left - 6, y(value));
-  }
-}
 
 // ── the picture ─────────────────────────────────────────────────────────────────────────
 
@@ -215,86 +73,6 @@ document.addEventListener('visibilitychange', () => {
 });
 window.addEventListener('pagehide', closeStream);
 
-// ── settings ────────────────────────────────────────────────────────────────────────────
-
-const form = $('settings');
-const wishes = new Map(); // setting → { value, since } until /status confirms it
-let sending = 0;
-
-const KINDS = { light_count: Number, shadow_strength: Number };
-
-function fieldsOf(name) {
-  const found = form.elements[name];
-  return found instanceof RadioNodeList ? [...found] : [found];
-}
-
-function valueOf(name) {
-  const [field] = fieldsOf(name);
-  if (field.type === 'checkbox') return field.checked;
-  const text = form.elements[name].value;
-  return KINDS[name] ? KINDS[name](text) : text;
-}
-
-function show(name, value) {
-  const [field] = fieldsOf(name);
-  if (field.type === 'checkbox') field.checked = value;
-  else form.elements[name].value = String(value);
-  if (name === 'shadow_strength') put($('strength-text'), percent(value, 0));
-  if (name === 'lights_mode') put($('lights-hint'), LIGHTS_HINTS[value] ?? '');
-  if (name === 'shadow_mode') put($('shadow-hint'), SHADOW_HINTS[value] ?? '');
-}
-
-const same = (a, b) => (typeof a === 'number' ? Math.abs(a - b) < 1e-4 : a === b);
-
-function settings(inForce) {
-  const now = performance.now();
-  for (const [name, value] of Object.entries(inForce)) {
-    if (!form.elements[name]) continue;
-    const wish = wishes.get(name);
-    if (wish && (same(wish.value, value) || now - wish.since > CONFIRM_MS)) wishes.delete(name);
-    const waiting = wishes.has(name);
-    if (!waiting) show(name, value);
-    fieldsOf(name).forEach((f) => f.closest('.row').toggleAttribute('data-pending', waiting));
-    if (wish && !waiting && !same(wish.value, value)) say('The rig has not taken this setting.');
-  }
-  if (!wishes.size && $('adjust-note').textContent === 'Applying …') say('');
-}
-
-function say(text) {
-  put($('adjust-note'), text);
-}
-
-async function send(name) {
-  const value = valueOf(name);
-  wishes.set(name, { value, since: performance.now() });
-  show(name, value);
-  say('Applying …');
-  const turn = ++sending;
-  try {
-    const response = await fetch('/settings', {
-      method: 'POST',
-      headers: { 'Content-Type': 'application/json' },
-      body: JSON.stringify({ [name]: value }),
-    });
-    if (!response.ok) throw new Error((await response.json()).error);
-  } catch (error) {
-    wishes.delete(name);
-    if (turn === sending) say(error.message);
-  }
-}
-
-let sliding;
-form.addEventListener('input', (event) => {
-  const { name } = event.target;
-  if (!name) return;
-  clearTimeout(sliding);
-  if (event.target.type !== 'range') { send(name); return; }
-  wishes.set(name, { value: valueOf(name), since: performance.now() });
-  show(name, valueOf(name));
-  sliding = setTimeout(send, 120, name);
-});
-form.addEventListener('submit', (event) => event.preventDefault());
-
 // ── the cards ───────────────────────────────────────────────────────────────────────────
 
 const stageOf = (s, name) => s.stages.find((stage) => stage.name === name && stage.kind === 'cpu');
@@ -317,14 +95,6 @@ function warnings(s) {
   $('warnings-card').hidden = !s.warnings.length;
   const text = ({ text: t, count }) => (count > 1 ? `${t} (${whole(count)} times)` : t);
   refill($('warnings'), s.warnings.map(text), (t) => make('li', '', t));
-}
-
-/** Rebuilds a list only when what it says has changed. */
-function refill(list, keys, build) {
-  const key = JSON.stringify(keys);
-  if (list.dataset.key === key) return;
-  list.dataset.key = key;
-  list.replaceChildren(...keys.map(build));
 }
 
 function devices(s) {
@@ -364,7 +134,7 @@ function environment(s) {
     ['lamps, windows, sun found', whole(l.compact_sources)],
     ['age of the light', age(l.age_ms)],
     ['seen clipped', percent(l.clipped_fraction, 2)],
-    ['brightest from', direction(l.dominant_direction)],
+    ['brightest light above horizon', height(l.dominant_direction)],
   ]);
   const now = performance.now();
   if (l.preview_revision === shownRevision || now - shownAt < ENVIRONMENT_MS) return;
@@ -379,12 +149,9 @@ function environment(s) {
   $('environment').alt = `Map of the light from all directions with ${l.dome_lights} dome lights drawn on it`;
 }
 
-/** Height above the horizon and bearing from +X towards +Y. */
-function direction(d) {
-  if (!d) return '–';
-  const up = Math.round((Math.asin(Math.max(-1, Math.min(1, d[2]))) * 180) / Math.PI);
-  const around = Math.round((Math.atan2(d[1], d[0]) * 180) / Math.PI + 360) % 360;
-  return `${up}° up, ${around}° round`;
+/** Degrees above the horizon. */
+function height(d) {
+  return d ? `${Math.round((Math.asin(Math.max(-1, Math.min(1, d[2]))) * 180) / Math.PI)}°` : '–';
 }
 
 const encode = (x) => (x <= 0.0031308 ? 12.92 * x : 1.055 * x ** (1 / 2.4) - 0.055);
