@@ -1,5 +1,318 @@
 //! What the fields of `/status` mean.
+//!
+//! The table in `src/status/README.md` is made of this list, and a test compares the list
+//! with a real answer, so neither can fall behind.
 
 /// Path and meaning of every field, in the order of the JSON; `[]` stands for each element
-/// of a list.
-pub const STATUS_FIELDS: &[(&str, &str)] = &[];
+/// of a list. Fields that may be `null` say when.
+pub const STATUS_FIELDS: &[(&str, &str)] = &[
+    (
+        "version",
+        "Version of this table, 1. It changes when a field changes its meaning or goes away, not when one is added.",
+    ),
+    ("program.name", "The program that answers, `penumbra`."),
+    ("program.version", "Its version."),
+    (
+        "program.uptime_seconds",
+        "Time since it began to answer, s.",
+    ),
+    (
+        "session.name",
+        "File name of the recording, or name of the rig.",
+    ),
+    (
+        "session.state",
+        "`starting`, `live`, `replaying`, `paused`, `ended` or `failed`.",
+    ),
+    (
+        "session.sentence",
+        "That state in words, with the reason where there is one.",
+    ),
+    ("session.loops", "How often the recording has begun anew."),
+    (
+        "session.progress",
+        "Share of the recording played, 0 to 1; null when live.",
+    ),
+    (
+        "frames.arrived",
+        "Scene frames that arrived since the start.",
+    ),
+    ("frames.composed", "Pictures composited."),
+    (
+        "frames.skipped",
+        "Scene frames left out: overtaken by a newer one, or damaged.",
+    ),
+    (
+        "frames.without_pose",
+        "Scene frames for which no pose was known; they show the camera's picture.",
+    ),
+    (
+        "frames.per_second",
+        "Composited pictures per second over the last two seconds.",
+    ),
+    (
+        "frames.last_age_ms",
+        "Age of the newest composited picture, ms; null before the first.",
+    ),
+    (
+        "stages[].name",
+        "A stage of the frame: `decode`, `environment`, `upload`, `composite`, `encode`, `total`, or the name of a GPU pass.",
+    ),
+    (
+        "stages[].kind",
+        "`cpu` (wall time of a thread) or `gpu` (time stamps of a pass).",
+    ),
+    ("stages[].count", "How often it ran."),
+    ("stages[].recent_ms", "Mean of about the last 16 runs, ms."),
+    (
+        "stages[].p50_ms",
+        "Median since the start, ms, to within 2.2 %.",
+    ),
+    (
+        "stages[].p99_ms",
+        "99th percentile since the start, ms, to within 2.2 %.",
+    ),
+    ("stages[].max_ms", "Longest since the start, ms."),
+    (
+        "pairing.environment_skew_ms",
+        "Scene frame minus its environment frame, ms; null before the first pair.",
+    ),
+    (
+        "pairing.pose_skew_ms",
+        "Distance of the scene frame to the farther of the pose records used, ms; null without a pose.",
+    ),
+    (
+        "pairing.environment_skew_p50_ms",
+        "Median of the environment skew, ms; null before the first pair.",
+    ),
+    (
+        "pairing.environment_skew_p99_ms",
+        "99th percentile of the environment skew, ms; null before the first pair.",
+    ),
+    (
+        "pairing.pose",
+        "How the newest pose was found: `exact`, `interpolated`, `predicted` or `none`.",
+    ),
+    (
+        "white_balance.method",
+        "Method in force: `chart`, `automatic`, `known-surface`, `configured` or `none`.",
+    ),
+    (
+        "white_balance.gains[]",
+        "Linear factors on the environment camera's red, green, blue.",
+    ),
+    (
+        "white_balance.uncertainty[]",
+        "Standard deviation of each factor as a share of it; null where unknown.",
+    ),
+    (
+        "white_balance.disagreement",
+        "Largest relative difference between the methods that have an estimate; null with fewer than two.",
+    ),
+    (
+        "white_balance.frozen",
+        "Why the estimate is held as it is; null while it follows.",
+    ),
+    (
+        "white_balance.estimates[].method",
+        "A method that has an estimate.",
+    ),
+    (
+        "white_balance.estimates[].gains[]",
+        "What it says, red, green, blue.",
+    ),
+    (
+        "white_balance.estimates[].uncertainty[]",
+        "Standard deviation of each as a share of it.",
+    ),
+    (
+        "white_balance.white.scene[]",
+        "A white surface as the scene camera sees it, linear RGB; `white` is null where none was seen by both.",
+    ),
+    (
+        "white_balance.white.environment_before[]",
+        "The same surface as the environment camera sees it, linear RGB.",
+    ),
+    (
+        "white_balance.white.environment_after[]",
+        "The same after the factors.",
+    ),
+    ("lighting.dome_lights", "Dome lights that cast shadows now."),
+    (
+        "lighting.compact_lights",
+        "How many of them stand for compact sources.",
+    ),
+    (
+        "lighting.compact_sources",
+        "Compact sources found: sun, lamps, windows.",
+    ),
+    (
+        "lighting.age_ms",
+        "Age of the environment picture against the scene picture, ms; null before the first.",
+    ),
+    (
+        "lighting.stale",
+        "Why the light is older than it should be; null while it is not.",
+    ),
+    (
+        "lighting.clipped_fraction",
+        "Share of the environment's solid angle seen clipped, 0 to 1; null where unknown.",
+    ),
+    (
+        "lighting.dominant_direction[]",
+        "Unit vector to where most light comes from, world, +Z up; null where unknown.",
+    ),
+    (
+        "lighting.preview_revision",
+        "Counts the pictures at `/environment.png`; 0 = none yet.",
+    ),
+    ("devices[].name", "Name or path of a camera or tracker."),
+    (
+        "devices[].kind",
+        "`scene-camera`, `environment-camera` or `tracker`.",
+    ),
+    (
+        "devices[].state",
+        "`absent`, `opening`, `streaming`, `silent`, `retrying`, `failed` or `ended`.",
+    ),
+    ("devices[].sentence", "That state in words."),
+    (
+        "devices[].reason",
+        "What the driver said; null while nothing is wrong.",
+    ),
+    ("devices[].per_second", "Frames or records per second."),
+    ("devices[].received", "Frames or records since the start."),
+    (
+        "devices[].dropped",
+        "Of these lost: gaps in its counter, damaged, or overtaken.",
+    ),
+    (
+        "devices[].last_age_ms",
+        "Age of the newest frame or record, ms; null before the first.",
+    ),
+    ("adapter.name", "What draws, as its driver calls it."),
+    ("adapter.backend", "`Vulkan`, `Metal`, …"),
+    ("adapter.kind", "`DiscreteGpu`, `IntegratedGpu`, `Cpu`, …"),
+    (
+        "resolution.width",
+        "Width of the composited picture, pixels.",
+    ),
+    (
+        "resolution.height",
+        "Height of the composited picture, pixels.",
+    ),
+    (
+        "settings.technique",
+        "In force for the newest picture: `image-based-shadowing` or `image-based-lighting`. What `POST /settings` takes, all of it optional there.",
+    ),
+    (
+        "settings.light_count",
+        "Budget of dome lights: 8, 24, 48, 64, 96 or 384.",
+    ),
+    (
+        "settings.lights_mode",
+        "`adaptive` (compact sources get lights of their own) or `grid` (the paper's).",
+    ),
+    (
+        "settings.shadow_mode",
+        "`ratio` or `subtract` (the paper's equation 4).",
+    ),
+    (
+        "settings.shadow_strength",
+        "0 (no shadow) to 1 (as measured).",
+    ),
+    (
+        "settings.virtual_object_visible",
+        "Whether virtual objects are composited; if not, the output is the camera's picture.",
+    ),
+    ("stream.viewers", "Browsers that watch `/stream.mjpeg`."),
+    ("stream.encoded", "Pictures encoded for them."),
+    (
+        "warnings[].text",
+        "What somebody should look at: what, where, what to do.",
+    ),
+    ("warnings[].count", "How often it happened."),
+];
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+    use crate::status::Snapshot;
+    use crate::status::snapshot::{
+        Device, DeviceKind, WhiteBalanceEstimate, WhiteBalanceMethod, WhiteMatch,
+    };
+    use serde_json::Value;
+    use std::collections::BTreeSet;
+    use std::fmt::Write as _;
+    use std::time::Duration;
+
+    /// A snapshot in which no list is empty and no object missing.
+    fn full() -> Snapshot {
+        let mut s = Snapshot::default();
+        s.stages.record("decode", Duration::from_millis(1));
+        s.devices = vec![Device::new("a", DeviceKind::Tracker)];
+        s.warn("a");
+        s.lighting.dominant_direction = Some([0.0, 0.0, 1.0]);
+        let (method, rgb) = (WhiteBalanceMethod::Chart, [1.0; 3]);
+        let b = &mut s.white_balance;
+        b.uncertainty = Some(rgb);
+        b.estimates = vec![WhiteBalanceEstimate {
+            method,
+            gains: rgb,
+            uncertainty: rgb,
+        }];
+        b.white = Some(WhiteMatch {
+            scene: rgb,
+            environment_before: rgb,
+            environment_after: rgb,
+        });
+        s
+    }
+
+    fn paths(value: &Value, path: &str, found: &mut BTreeSet<String>) {
+        match value {
+            Value::Object(fields) => fields.iter().for_each(|(name, v)| {
+                let dot = if path.is_empty() { "" } else { "." };
+                paths(v, &format!("{path}{dot}{name}"), found);
+            }),
+            Value::Array(elements) => {
+                elements
+                    .iter()
+                    .for_each(|v| paths(v, &format!("{path}[]"), found));
+            }
+            _ => {
+                found.insert(path.to_owned());
+            }
+        }
+    }
+
+    #[test]
+    fn every_field_of_the_answer_is_documented_and_no_other() {
+        let mut found = BTreeSet::new();
+        paths(&serde_json::to_value(full()).unwrap(), "", &mut found);
+        let documented: BTreeSet<String> =
+            STATUS_FIELDS.iter().map(|(p, _)| (*p).to_owned()).collect();
+        assert_eq!(found, documented);
+        assert_eq!(documented.len(), STATUS_FIELDS.len(), "documented twice");
+    }
+
+    /// `UPDATE_DOCS=1 cargo test --lib readme_has_the_table` writes the table anew.
+    #[test]
+    fn readme_has_the_table() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/src/status/README.md");
+        let readme = std::fs::read_to_string(path).unwrap();
+        let (before, _) = readme.split_once("| Field |").expect("the table's head");
+        let mut expected = format!("{before}| Field | Meaning |\n|---|---|\n");
+        for (field, meaning) in STATUS_FIELDS {
+            let _ = writeln!(expected, "| `{field}` | {meaning} |");
+        }
+        if std::env::var_os("UPDATE_DOCS").is_some() {
+            std::fs::write(path, &expected).unwrap();
+        }
+        assert!(
+            readme == expected,
+            "{path} is behind; run this test with UPDATE_DOCS=1"
+        );
+    }
+}

@@ -295,3 +295,138 @@ fn escaped(text: &str) -> String {
         .replace('"', "\\\"")
         .replace('\n', "\\n")
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+    use crate::status::snapshot::{Device, DeviceKind};
+    use std::collections::{BTreeMap, BTreeSet};
+    use std::time::Duration;
+
+    /// One sample: name, labels as written, value.
+    type Sample = (String, String, f64);
+
+    /// Reads a page strictly: every sample belongs to the family announced before it, and
+    /// no family comes twice.
+    fn parse(page: &str) -> (BTreeMap<String, String>, Vec<Sample>) {
+        let (mut types, mut samples) = (BTreeMap::new(), Vec::new());
+        let mut family = String::new();
+        for line in page.lines() {
+            if let Some(help) = line.strip_prefix("# HELP ") {
+                let (name, text) = help.split_once(' ').unwrap();
+                assert!(text.ends_with('.'), "{line}");
+                family = name.to_owned();
+            } else if let Some(kind) = line.strip_prefix("# TYPE ") {
+                let (name, kind) = kind.split_once(' ').unwrap();
+                assert_eq!(name, family);
+                assert!(
+                    types.insert(family.clone(), kind.to_owned()).is_none(),
+                    "{name} twice"
+                );
+            } else {
+                let (key, value) = line.rsplit_once(' ').unwrap();
+                let (name, labels) = key.split_once('{').unwrap_or((key, ""));
+                let stem = ["_bucket", "_sum", "_count"]
+                    .iter()
+                    .find_map(|s| name.strip_suffix(s));
+                assert!(
+                    name == family || stem == Some(family.as_str()),
+                    "{line} in {family}"
+                );
+                samples.push((
+                    name.to_owned(),
+                    labels.trim_end_matches('}').to_owned(),
+                    value.parse().unwrap(),
+                ));
+            }
+        }
+        (types, samples)
+    }
+
+    fn busy() -> Snapshot {
+        let mut s = Snapshot::default();
+        s.stages.record("decode", Duration::from_millis(3));
+        s.stages.record("decode", Duration::from_millis(300));
+        s.stages
+            .record_gpu("shadow_maps", Duration::from_micros(700));
+        s.frames.composed = 41;
+        s.frames.last_age_ms = Some(20.0);
+        s.devices = vec![
+            Device::new("a \"b\"\\\n", DeviceKind::Tracker),
+            Device::new("c", DeviceKind::SceneCamera),
+        ];
+        s
+    }
+
+    #[test]
+    fn a_strict_reader_takes_the_page() {
+        let (types, samples) = parse(&metrics(&busy()));
+        for (name, kind) in &types {
+            assert_eq!(
+                name.ends_with("_total"),
+                kind == "counter",
+                "{name} is a {kind}"
+            );
+            assert!(name.starts_with("penumbra_"), "{name}");
+        }
+        let keys: BTreeSet<_> = samples.iter().map(|(n, l, _)| (n, l)).collect();
+        assert_eq!(keys.len(), samples.len(), "a sample comes twice");
+        let composed = samples
+            .iter()
+            .find(|(n, ..)| n == "penumbra_frames_composed_total")
+            .unwrap();
+        assert_eq!(composed.2, 41.0);
+        let age = samples
+            .iter()
+            .find(|(n, ..)| n == "penumbra_frame_age_seconds")
+            .unwrap();
+        assert!((age.2 - 0.02).abs() < 1e-12);
+    }
+
+    #[test]
+    fn histograms_are_cumulative_and_end_at_infinity() {
+        let (_, samples) = parse(&metrics(&busy()));
+        let decode = |suffix: &str| -> Vec<f64> {
+            let name = format!("penumbra_stage_seconds_{suffix}");
+            samples
+                .iter()
+                .filter(|(n, l, _)| *n == name && l.contains("\"decode\""))
+                .map(|s| s.2)
+                .collect()
+        };
+        let buckets = decode("bucket");
+        assert_eq!(buckets.len(), BOUNDS.len() + 1);
+        assert!(buckets.is_sorted());
+        assert_eq!(buckets[3..5], [0.0, 1.0], "3 ms lies between 2 and 4");
+        assert_eq!(
+            buckets[10..12],
+            [1.0, 2.0],
+            "300 ms lies between 250 and 500"
+        );
+        assert_eq!(
+            (buckets.last().copied(), decode("count")[0]),
+            (Some(2.0), 2.0)
+        );
+        assert!((decode("sum")[0] - 0.303).abs() < 1e-9);
+    }
+
+    #[test]
+    fn names_of_devices_are_escaped() {
+        let page = metrics(&busy());
+        assert!(
+            page.contains(r#"penumbra_device_received_total{device="a \"b\"\\\n"} 0"#),
+            "{page}"
+        );
+    }
+
+    #[test]
+    fn a_rig_that_knows_nothing_yet_has_metrics_too() {
+        let (_, samples) = parse(&metrics(&Snapshot::default()));
+        assert!(
+            samples
+                .iter()
+                .all(|(n, ..)| n != "penumbra_frame_age_seconds")
+        );
+    }
+}

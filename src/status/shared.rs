@@ -188,3 +188,111 @@ impl Drop for Asking {
         self.0.askers.fetch_sub(1, Ordering::Relaxed);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+    use std::sync::atomic::AtomicI64;
+
+    /// A clock that shows what it is set to.
+    #[derive(Clone, Default)]
+    struct SetClock(Arc<AtomicI64>);
+
+    impl Clock for SetClock {
+        fn now(&self) -> MonotonicTime {
+            MonotonicTime::from_nanos(self.0.load(Ordering::Relaxed))
+        }
+    }
+
+    fn shared() -> (Arc<SharedStatus>, SetClock) {
+        let clock = SetClock::default();
+        (
+            SharedStatus::with_clock(Settings::default(), Box::new(clock.clone())),
+            clock,
+        )
+    }
+
+    fn change(json: &str) -> SettingsChange {
+        SettingsChange::from_json(json.as_bytes()).unwrap()
+    }
+
+    #[test]
+    fn ages_are_of_the_moment_of_reading() {
+        let (shared, clock) = shared();
+        assert_eq!(shared.snapshot().frames.last_age_ms, None);
+        clock.0.store(1_000_000_000, Ordering::Relaxed);
+        shared.update(|s| s.frames.composed += 1);
+        clock.0.store(1_250_000_000, Ordering::Relaxed);
+        shared.update(|s| s.frames.arrived += 1);
+        let snapshot = shared.snapshot();
+        assert_eq!(snapshot.frames.last_age_ms, Some(250.0));
+        assert_eq!(snapshot.program.uptime_seconds, 1.25);
+    }
+
+    #[test]
+    fn a_whole_snapshot_keeps_what_the_server_counts() {
+        let (shared, _) = shared();
+        let picture = Arc::new(Picture {
+            width: 1,
+            height: 1,
+            rgba: vec![0; 4],
+        });
+        shared.publish_environment_preview(Arc::clone(&picture));
+        shared.update(|s| s.stream.encoded = 7);
+        shared.publish_snapshot(Snapshot::default());
+        let snapshot = shared.snapshot();
+        assert_eq!(
+            (snapshot.stream.encoded, snapshot.lighting.preview_revision),
+            (7, 1)
+        );
+    }
+
+    #[test]
+    fn pictures_are_wanted_while_somebody_looks() {
+        let (shared, _) = shared();
+        assert!(!shared.wants_picture());
+        let (first, second) = (shared.watch(), shared.watch());
+        drop(first);
+        assert!(shared.wants_picture());
+        assert_eq!(shared.snapshot().stream.viewers, 1);
+        drop(second);
+        assert!(!shared.wants_picture());
+        let asking = shared.ask();
+        assert!(shared.wants_picture());
+        drop(asking);
+        assert!(!shared.wants_picture());
+    }
+
+    #[test]
+    fn wishes_add_up_and_a_refused_one_changes_nothing() {
+        let (shared, _) = shared();
+        let mut wished = shared.settings_receiver();
+        shared.wish(&change(r#"{"light_count": 8}"#)).unwrap();
+        assert!(wished.has_changed().unwrap());
+        assert_eq!(wished.borrow_and_update().light_count, 8);
+        shared
+            .wish(&change(r#"{"light_count": 24, "shadow_strength": 2}"#))
+            .unwrap_err();
+        shared.wish(&change(r#"{"light_count": 8}"#)).unwrap();
+        assert!(!wished.has_changed().unwrap(), "nothing new was wished for");
+        let both = shared.wish(&change(r#"{"shadow_strength": 0.5}"#)).unwrap();
+        assert_eq!((both.light_count, both.shadow_strength), (8, 0.5));
+        assert_eq!(
+            shared.snapshot().settings,
+            Settings::default(),
+            "in force is for the rig to say"
+        );
+    }
+
+    #[test]
+    fn a_panic_in_a_writer_does_not_take_the_status_away() {
+        let (shared, _) = shared();
+        let writer = Arc::clone(&shared);
+        std::thread::spawn(move || writer.update(|_| panic!("on purpose")))
+            .join()
+            .unwrap_err();
+        shared.update(|s| s.frames.composed = 3);
+        assert_eq!(shared.snapshot().frames.composed, 3);
+    }
+}

@@ -471,3 +471,53 @@ pub struct Warning {
     /// How often it happened.
     pub count: u64,
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+
+    #[test]
+    fn warnings_are_counted_not_repeated_and_never_without_end() {
+        let mut s = Snapshot::default();
+        (0..100).for_each(|_| s.warn("again"));
+        (0..100).for_each(|i| s.warn(&i.to_string()));
+        assert_eq!((s.warnings.len(), s.warnings[0].count), (MAX_WARNINGS, 100));
+        s.clear_warning("again");
+        assert!(s.warnings.iter().all(|w| w.text != "again"));
+    }
+
+    #[test]
+    fn states_bring_their_sentence() {
+        let mut d = Device::new("/dev/video0", DeviceKind::SceneCamera);
+        d.enter(DeviceState::Retrying, Some("unplugged"));
+        let json = serde_json::to_value(&d).unwrap();
+        assert_eq!(json["state"], DeviceState::Retrying.label());
+        assert_eq!(json["sentence"], DeviceState::Retrying.sentence());
+        assert_eq!(json["reason"], "unplugged");
+        d.enter(DeviceState::Streaming, None);
+        assert_eq!(d.reason, None);
+    }
+
+    #[test]
+    fn labels_are_what_the_json_says() {
+        use DeviceState::{Absent, Ended, Failed, Opening, Retrying, Silent, Streaming};
+        for state in [Absent, Opening, Streaming, Silent, Retrying, Failed, Ended] {
+            assert_eq!(serde_json::to_value(state).unwrap(), state.label());
+        }
+        use DeviceKind::{EnvironmentCamera, SceneCamera, Tracker};
+        for kind in [SceneCamera, EnvironmentCamera, Tracker] {
+            assert_eq!(serde_json::to_value(kind).unwrap(), kind.label());
+        }
+    }
+
+    #[test]
+    fn numbers_that_are_not_finite_are_null() {
+        let mut s = Snapshot::default();
+        s.frames.per_second = f64::NAN;
+        s.white_balance.gains = [f64::INFINITY; 3];
+        let json = serde_json::to_value(&s).unwrap();
+        assert!(json["frames"]["per_second"].is_null());
+        assert!(json["white_balance"]["gains"][0].is_null());
+    }
+}

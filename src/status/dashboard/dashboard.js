@@ -130,11 +130,11 @@ function environment(s) {
   flag($('light-flag'), l.stale ? `old light: ${l.stale}` : '');
   facts($('light-facts'), [
     ['dome lights', whole(l.dome_lights)],
-    ['of them for lamps and sun', whole(l.compact_lights)],
-    ['lamps, windows, sun found', whole(l.compact_sources)],
+    ['for lamps and sun', whole(l.compact_lights)],
+    ['lamps, windows found', whole(l.compact_sources)],
     ['age of the light', age(l.age_ms)],
     ['seen clipped', percent(l.clipped_fraction, 2)],
-    ['brightest light above horizon', height(l.dominant_direction)],
+    ['height of the main light', height(l.dominant_direction)],
   ]);
   const now = performance.now();
   if (l.preview_revision === shownRevision || now - shownAt < ENVIRONMENT_MS) return;
