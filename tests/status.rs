@@ -1,0 +1,662 @@
+//! The status server over real sockets.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use penumbra::picture::Picture;
+use penumbra::status::snapshot::SessionState;
+use penumbra::status::{Settings, SharedStatus, StatusError, StatusServer};
+use proptest::prelude::*;
+use serde_json::Value;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::{SocketAddr, TcpStream};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+const TOKEN: &str = "a-token-for-tests";
+const PATIENCE: Duration = Duration::from_secs(30);
+
+struct Server {
+    address: SocketAddr,
+    shared: Arc<SharedStatus>,
+    _runtime: tokio::runtime::Runtime,
+}
+
+impl Server {
+    fn start(token: Option<&str>) -> Self {
+        let shared = SharedStatus::new(Settings::default());
+        let token = token.map(str::to_owned);
+        let server = StatusServer::bind(any_port(), token, Arc::clone(&shared)).unwrap();
+        let address = server.local_addr();
+        let runtime = tokio::runtime::Builder::new_multi_thread()
+            .worker_threads(2)
+            .enable_all()
+            .build()
+            .unwrap();
+        runtime.spawn(server.serve(std::future::pending()));
+        Self {
+            address,
+            shared,
+            _runtime: runtime,
+        }
+    }
+
+    fn connect(&self) -> TcpStream {
+        let socket = TcpStream::connect(self.address).unwrap();
+        socket.set_read_timeout(Some(PATIENCE)).unwrap();
+        socket
+    }
+
+    /// Sends a request with these header lines and reads the whole answer.
+    fn request(&self, line: &str, headers: &[&str], body: &str) -> Answer {
+        let mut socket = self.connect();
+        let host = format!("Host: {}", self.address);
+        let mut head = vec![
+            line.to_owned() + " HTTP/1.1",
+            "Connection: close".to_owned(),
+        ];
+        if !headers.iter().any(|h| h.starts_with("Host:")) {
+            head.push(host);
+        }
+        head.extend(headers.iter().map(|h| (*h).to_owned()));
+        head.push(format!("Content-Length: {}", body.len()));
+        let request = head.join("\r\n") + "\r\n\r\n" + body;
+        // A refusal may come before the body has been taken.
+        let _ = socket.write_all(request.as_bytes());
+        Answer::read(socket)
+    }
+
+    fn get(&self, path: &str) -> Answer {
+        self.request(&format!("GET {path}"), &[], "")
+    }
+
+    fn post_settings(&self, body: &str) -> Answer {
+        self.request("POST /settings", &["Content-Type: application/json"], body)
+    }
+
+    fn picture(&self, shade: u8) {
+        self.shared.publish_picture(Arc::new(grey(shade)));
+    }
+
+    fn until(&self, what: &str, happened: impl Fn() -> bool) {
+        let deadline = Instant::now() + PATIENCE;
+        while !happened() {
+            assert!(Instant::now() < deadline, "never happened: {what}");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+}
+
+struct Answer {
+    status: u16,
+    head: String,
+    body: Vec<u8>,
+}
+
+impl Answer {
+    fn read(mut socket: TcpStream) -> Self {
+        let mut bytes = Vec::new();
+        let _ = socket.read_to_end(&mut bytes);
+        let end = bytes
+            .windows(4)
+            .position(|w| w == b"\r\n\r\n")
+            .expect("a head");
+        let head = String::from_utf8(bytes[..end].to_vec()).unwrap();
+        let status = head.split(' ').nth(1).unwrap().parse().unwrap();
+        Self {
+            status,
+            head: head.to_lowercase(),
+            body: bytes[end + 4..].to_vec(),
+        }
+    }
+
+    fn header(&self, name: &str) -> &str {
+        let prefix = format!("{name}: ");
+        self.head
+            .lines()
+            .find_map(|l| l.strip_prefix(&prefix))
+            .unwrap_or_default()
+    }
+
+    fn text(&self) -> String {
+        String::from_utf8(self.body.clone()).unwrap()
+    }
+
+    fn json(&self) -> Value {
+        serde_json::from_slice(&self.body).unwrap()
+    }
+}
+
+fn any_port() -> SocketAddr {
+    SocketAddr::from(([127, 0, 0, 1], 0))
+}
+
+fn grey(shade: u8) -> Picture {
+    let rgba = [shade, shade / 2, 255 - shade, 255].repeat(48 * 32);
+    Picture {
+        width: 48,
+        height: 32,
+        rgba,
+    }
+}
+
+// ── what is there ───────────────────────────────────────────────────────────────────────
+
+#[test]
+fn the_page_needs_nothing_from_elsewhere_and_all_it_names_is_there() {
+    let server = Server::start(None);
+    let page = server.get("/");
+    assert_eq!(
+        (page.status, page.header("content-type")),
+        (200, "text/html; charset=utf-8")
+    );
+    assert!(
+        page.header("content-security-policy")
+            .starts_with("default-src 'none'; script-src 'self'")
+    );
+    assert_eq!(page.header("x-content-type-options"), "nosniff");
+    let html = page.text();
+    assert!(!html.contains("://"), "something from elsewhere");
+    let scripts =
+        ["dashboard.js", "charts.js", "settings.js", "text.js"].map(|f| format!("/dashboard/{f}"));
+    let named = html
+        .split('"')
+        .filter(|s| s.starts_with("/dashboard/"))
+        .map(str::to_owned);
+    for path in named.chain(scripts) {
+        let asset = server.get(&path);
+        assert_eq!(asset.status, 200, "{path}");
+        let kind = if path.ends_with("js") {
+            "javascript"
+        } else if path.ends_with("css") {
+            "css"
+        } else {
+            "svg"
+        };
+        assert!(asset.header("content-type").contains(kind), "{path}");
+    }
+}
+
+#[test]
+fn what_is_not_there_is_404_and_says_what_is() {
+    let server = Server::start(None);
+    for path in [
+        "/nothing",
+        "/dashboard/../status",
+        "/dashboard/x.js",
+        "/stream.mjpeg/",
+        "/%2e%2e/etc/passwd",
+    ] {
+        let answer = server.get(path);
+        assert_eq!(answer.status, 404, "{path}");
+        assert!(answer.text().contains("/stream.mjpeg"));
+    }
+    assert_eq!(server.request("POST /status", &[], "").status, 405);
+}
+
+#[test]
+fn status_metrics_and_health_follow_the_rig() {
+    let server = Server::start(None);
+    assert_eq!(server.get("/healthz").status, 200, "starting");
+    server.shared.update(|s| {
+        s.session
+            .enter_because(SessionState::Failed, "the adapter is lost");
+        s.frames.composed = 12;
+        s.white_balance.gains = [1.25, 1.0, 0.5];
+    });
+    let status = server.get("/status").json();
+    assert_eq!(
+        (&status["version"], &status["frames"]["composed"]),
+        (&1.into(), &12.into())
+    );
+    assert_eq!(server.get("/whitebalance.json").json()["gains"][2], 0.5);
+    let metrics = server.get("/metrics");
+    assert_eq!(
+        metrics.header("content-type"),
+        "text/plain; version=0.0.4; charset=utf-8"
+    );
+    assert!(
+        metrics
+            .text()
+            .contains("\npenumbra_frames_composed_total 12\n")
+    );
+    let health = server.get("/healthz");
+    assert_eq!(
+        (health.status, health.text().as_str()),
+        (503, "failed: the adapter is lost\n")
+    );
+}
+
+// ── pictures ────────────────────────────────────────────────────────────────────────────
+
+/// A browser that watches: reads parts of a stream strictly.
+struct Viewer(BufReader<TcpStream>);
+
+impl Viewer {
+    fn open(server: &Server) -> Self {
+        let mut socket = server.connect();
+        let request = format!(
+            "GET /stream.mjpeg HTTP/1.0\r\nHost: {}\r\n\r\n",
+            server.address
+        );
+        socket.write_all(request.as_bytes()).unwrap();
+        let mut viewer = Self(BufReader::new(socket));
+        assert!(viewer.line().contains(" 200 "));
+        let head: Vec<String> =
+            std::iter::from_fn(|| Some(viewer.line()).filter(|l| !l.is_empty())).collect();
+        let kind = "content-type: multipart/x-mixed-replace; boundary=penumbra-frame";
+        assert!(head.iter().any(|l| l.to_lowercase() == kind), "{head:?}");
+        assert_eq!(viewer.line(), "--penumbra-frame");
+        viewer
+    }
+
+    fn line(&mut self) -> String {
+        let mut line = String::new();
+        self.0.read_line(&mut line).unwrap();
+        line.strip_suffix("\r\n").expect("a whole line").to_owned()
+    }
+
+    /// The next picture, with what closes it.
+    fn next(&mut self) -> image::RgbImage {
+        assert_eq!(self.line(), "Content-Type: image/jpeg");
+        let length = self
+            .line()
+            .strip_prefix("Content-Length: ")
+            .unwrap()
+            .parse()
+            .unwrap();
+        assert_eq!(self.line(), "");
+        let mut jpeg = vec![0; length];
+        self.0.read_exact(&mut jpeg).unwrap();
+        assert_eq!(
+            (self.line().as_str(), self.line().as_str()),
+            ("", "--penumbra-frame")
+        );
+        image::load_from_memory_with_format(&jpeg, image::ImageFormat::Jpeg)
+            .unwrap()
+            .to_rgb8()
+    }
+}
+
+#[test]
+fn a_viewer_gets_the_picture_there_is_and_then_the_new_ones() {
+    let server = Server::start(None);
+    server.picture(200);
+    let mut viewer = Viewer::open(&server);
+    for shade in [200, 40, 120] {
+        server.picture(shade);
+        let seen = std::iter::repeat_with(|| viewer.next())
+            .take(3)
+            .find(|p| p.dimensions() == (48, 32) && p.get_pixel(24, 16)[0].abs_diff(shade) <= 3);
+        assert!(seen.is_some(), "shade {shade} never came");
+    }
+}
+
+#[test]
+fn nothing_is_encoded_when_nobody_watches() {
+    let server = Server::start(None);
+    for shade in 0..50 {
+        server.picture(shade);
+    }
+    let mut viewer = Viewer::open(&server);
+    viewer.next();
+    assert!(server.shared.wants_picture());
+    drop(viewer);
+    server.picture(1);
+    server.until("the viewer is gone", || {
+        server.picture(2);
+        server.shared.snapshot().stream.viewers == 0
+    });
+    assert!(!server.shared.wants_picture());
+    let encoded = server.shared.snapshot().stream.encoded;
+    assert!(encoded < 10, "{encoded} of 50 unseen pictures were encoded");
+}
+
+/// A picture that JPEG cannot make small, so that a few dozen fill every buffer on the way.
+fn noise(seed: u32) -> Picture {
+    let mut state = seed | 1;
+    let next = |_| {
+        state ^= state << 13;
+        state ^= state >> 17;
+        state ^= state << 5;
+        state as u8
+    };
+    Picture {
+        width: 800,
+        height: 600,
+        rgba: (0..800 * 600 * 4).map(next).collect(),
+    }
+}
+
+#[test]
+fn a_viewer_who_does_not_read_delays_nobody() {
+    let server = Server::start(None);
+    let show = |seed| server.shared.publish_picture(Arc::new(noise(seed)));
+    show(1);
+    let lazy = Viewer::open(&server);
+    let mut eager = Viewer::open(&server);
+    let received: usize = (0..40)
+        .map(|round| {
+            show(round);
+            eager.next().len()
+        })
+        .sum();
+    assert_eq!(received, 40 * 800 * 600 * 3);
+    assert_eq!(server.shared.snapshot().stream.viewers, 2);
+    drop(lazy);
+}
+
+#[test]
+fn there_are_sixteen_seats_and_they_come_free_again() {
+    let server = Server::start(None);
+    server.picture(9);
+    let viewers: Vec<Viewer> = (0..16).map(|_| Viewer::open(&server)).collect();
+    let refused = server.get("/stream.mjpeg");
+    assert_eq!(refused.status, 503);
+    assert!(refused.text().contains("16 browsers watch already"));
+    assert_eq!(server.get("/healthz").status, 200);
+    drop(viewers);
+    server.until("a seat is free", || {
+        server.picture(8);
+        server.shared.snapshot().stream.viewers == 0
+    });
+    Viewer::open(&server).next();
+}
+
+#[test]
+fn a_snapshot_is_exact_and_missing_pictures_are_404() {
+    let server = Server::start(None);
+    assert_eq!(server.get("/snapshot.png").status, 404);
+    assert_eq!(server.get("/environment.png").status, 404);
+    server.picture(77);
+    server.shared.publish_environment_preview(Arc::new(grey(5)));
+    for (path, shade) in [("/snapshot.png", 77), ("/environment.png", 5)] {
+        let png = server.get(path);
+        assert_eq!((png.status, png.header("content-type")), (200, "image/png"));
+        let picture = image::load_from_memory(&png.body).unwrap().to_rgba8();
+        assert_eq!(picture.into_raw(), grey(shade).rgba);
+    }
+    let again = server.get("/environment.png");
+    server.shared.publish_environment_preview(Arc::new(grey(6)));
+    assert_ne!(server.get("/environment.png").body, again.body);
+}
+
+// ── settings ────────────────────────────────────────────────────────────────────────────
+
+#[test]
+fn a_wish_reaches_the_rig_and_a_bad_one_says_why_not() {
+    let server = Server::start(None);
+    let wished = server.shared.settings_receiver();
+    let granted = server.post_settings(r#"{"light_count": 384, "shadow_mode": "subtract"}"#);
+    assert_eq!(
+        (granted.status, &granted.json()["light_count"]),
+        (202, &384.into())
+    );
+    assert_eq!(wished.borrow().light_count, 384);
+    for (body, why) in [
+        (r#"{"light_count": 50}"#, "choose 8, 24, 48, 64, 96 or 384"),
+        (r#"{"shadow_strength": -0.1}"#, "not between 0"),
+        (
+            r#"{"shadow_mode": "multiply"}"#,
+            "expected `ratio` or `subtract`",
+        ),
+        (r#"{"light_count": 8"#, "line 1 column"),
+        ("[]", "settings: "),
+        (r#"{"nonsense": 1}"#, "unknown field `nonsense`"),
+    ] {
+        let refused = server.post_settings(body);
+        assert_eq!(refused.status, 422, "{body}");
+        let text = refused.json()["error"].as_str().unwrap().to_owned();
+        assert!(text.contains(why), "{body}: {text}");
+    }
+    assert_eq!(wished.borrow().light_count, 384);
+}
+
+#[test]
+fn settings_are_taken_as_json_and_in_reason_only() {
+    let server = Server::start(None);
+    let form = ["Content-Type: text/plain"];
+    assert_eq!(
+        server
+            .request("POST /settings", &form, r#"{"light_count": 8}"#)
+            .status,
+        415
+    );
+    assert_eq!(server.request("POST /settings", &[], "{}").status, 415);
+    assert_eq!(server.post_settings(&"x".repeat(20_000)).status, 413);
+    assert_eq!(server.get("/settings").status, 405);
+}
+
+// ── who may ask ─────────────────────────────────────────────────────────────────────────
+
+#[test]
+fn a_name_that_somebody_else_could_point_here_is_refused() {
+    let server = Server::start(None);
+    for host in ["evil.example", "evil.example:8780", "192.168.1.9", ""] {
+        let header = format!("Host: {host}");
+        assert_eq!(
+            server.request("GET /status", &[&header], "").status,
+            421,
+            "{host}"
+        );
+    }
+    for host in ["localhost:8780", "127.0.0.1", "[::1]:9000"] {
+        let header = format!("Host: {host}");
+        assert_eq!(
+            server.request("GET /status", &[&header], "").status,
+            200,
+            "{host}"
+        );
+    }
+}
+
+#[test]
+fn pages_from_elsewhere_neither_change_settings_nor_see_the_picture() {
+    let server = Server::start(None);
+    let json = "Content-Type: application/json";
+    let own = format!("Origin: http://{}", server.address);
+    for origin in [
+        "Origin: http://evil.example",
+        "Origin: null",
+        "Origin: http://localhost:1",
+        "Origin: http://127.0.0.1",
+    ] {
+        assert_eq!(
+            server
+                .request("POST /settings", &[json, origin], r#"{"light_count": 8}"#)
+                .status,
+            403,
+            "{origin}"
+        );
+    }
+    assert_eq!(
+        server
+            .request("POST /settings", &[json, &own], r#"{"light_count": 96}"#)
+            .status,
+        202
+    );
+    assert_eq!(server.shared.settings_receiver().borrow().light_count, 96);
+    server.picture(3);
+    for site in ["cross-site", "same-site"] {
+        let image = [
+            format!("Sec-Fetch-Site: {site}"),
+            "Sec-Fetch-Mode: no-cors".to_owned(),
+        ];
+        let image: Vec<&str> = image.iter().map(String::as_str).collect();
+        assert_eq!(server.request("GET /snapshot.png", &image, "").status, 403);
+        let link = [image[0], "Sec-Fetch-Mode: navigate"];
+        assert_eq!(
+            server.request("GET /", &link, "").status,
+            200,
+            "following a link"
+        );
+        assert_eq!(
+            server
+                .request("POST /settings", &[json, link[0], link[1]], "{}")
+                .status,
+            403
+        );
+    }
+}
+
+#[test]
+fn with_a_token_only_who_knows_it_gets_in() {
+    let server = Server::start(Some(TOKEN));
+    for path in [
+        "/",
+        "/status",
+        "/metrics",
+        "/stream.mjpeg",
+        "/snapshot.png",
+        "/settings",
+        "/nothing",
+    ] {
+        assert_eq!(server.get(path).status, 401, "{path}");
+    }
+    assert_eq!(server.post_settings("{}").status, 401);
+    assert_eq!(
+        server.get("/healthz").status,
+        200,
+        "a watchdog knows no token"
+    );
+    for wrong in [
+        "Authorization: Bearer a-token-for-test",
+        "Authorization: Basic a-token-for-tests",
+        "Cookie: penumbra_token=",
+        "Cookie: other=a-token-for-tests",
+    ] {
+        assert_eq!(
+            server.request("GET /status", &[wrong], "").status,
+            401,
+            "{wrong}"
+        );
+    }
+    for right in [
+        "Authorization: Bearer a-token-for-tests",
+        "Cookie: a=b; penumbra_token=a-token-for-tests; c=d",
+    ] {
+        assert_eq!(
+            server.request("GET /status", &[right], "").status,
+            200,
+            "{right}"
+        );
+    }
+    let other_name = [
+        "Host: rig.museum.example:8780",
+        "Authorization: Bearer a-token-for-tests",
+    ];
+    assert_eq!(server.request("GET /status", &other_name, "").status, 200);
+}
+
+#[test]
+fn the_token_leaves_the_address_and_stays_in_a_cookie() {
+    let server = Server::start(Some(TOKEN));
+    let first = server.get("/?x=1&token=a-token-for-tests");
+    assert_eq!((first.status, first.header("location")), (303, "/"));
+    let cookie = first.header("set-cookie");
+    assert_eq!(
+        cookie,
+        "penumbra_token=a-token-for-tests; path=/; httponly; samesite=strict"
+    );
+    assert_eq!(server.get("/?token=wrong-wrong-wrong").status, 401);
+    assert_eq!(
+        server
+            .get("//evil.example/?token=a-token-for-tests")
+            .header("location"),
+        "/evil.example/"
+    );
+}
+
+#[test]
+fn an_address_that_others_can_reach_needs_a_good_token() {
+    let bind = |address: [u8; 4], token: Option<&str>| {
+        let shared = SharedStatus::new(Settings::default());
+        StatusServer::bind(
+            SocketAddr::from((address, 0)),
+            token.map(str::to_owned),
+            shared,
+        )
+    };
+    assert!(matches!(
+        bind([0, 0, 0, 0], None),
+        Err(StatusError::TokenNeeded { .. })
+    ));
+    assert!(matches!(
+        bind([0, 0, 0, 0], Some("short")),
+        Err(StatusError::BadToken)
+    ));
+    assert!(bind([0, 0, 0, 0], Some(TOKEN)).is_ok());
+    assert!(bind([127, 0, 0, 2], None).is_ok());
+    let elsewhere = bind([192, 0, 2, 1], Some(TOKEN)).err().unwrap();
+    assert!(
+        elsewhere
+            .to_string()
+            .contains("choose another address with --listen"),
+        "{elsewhere}"
+    );
+}
+
+#[test]
+fn a_port_in_use_is_one_line_that_names_it_and_the_way_out() {
+    let server = Server::start(None);
+    let shared = SharedStatus::new(Settings::default());
+    let error = StatusServer::bind(server.address, None, shared)
+        .err()
+        .unwrap();
+    let text = error.to_string();
+    assert!(
+        text.starts_with(&format!(
+            "port {} on 127.0.0.1 is in use",
+            server.address.port()
+        )),
+        "{text}"
+    );
+    assert!(text.contains("--listen 127.0.0.1:PORT"), "{text}");
+    assert!(!text.contains('\n'));
+}
+
+#[test]
+fn shutting_down_closes_streams_too() {
+    let shared = SharedStatus::new(Settings::default());
+    let server = StatusServer::bind(any_port(), None, Arc::clone(&shared)).unwrap();
+    let address = server.local_addr();
+    let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
+    let runtime = tokio::runtime::Runtime::new().unwrap();
+    let serving = runtime.spawn(server.serve(async {
+        let _ = stopped.await;
+    }));
+    let server = Server {
+        address,
+        shared,
+        _runtime: runtime,
+    };
+    server.picture(1);
+    let mut viewer = Viewer::open(&server);
+    viewer.next();
+    stop.send(()).unwrap();
+    let mut rest = Vec::new();
+    // Closed or reset: either way the read ends.
+    let _ = viewer.0.read_to_end(&mut rest);
+    server._runtime.block_on(serving).unwrap().unwrap();
+    assert!(
+        TcpStream::connect(address).is_err(),
+        "the port is free again"
+    );
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+    #[test]
+    fn garbage_does_not_harm_the_server(bytes in proptest::collection::vec(any::<u8>(), 0..400), http in any::<bool>()) {
+        let server = shared_server();
+        let mut socket = server.connect();
+        let start: &[u8] = if http { b"POST /settings HTTP/1.1\r\nHost: localhost\r\n" } else { b"" };
+        let _ = socket.write_all(&[start, &bytes].concat());
+        let _ = socket.shutdown(std::net::Shutdown::Write);
+        let _ = socket.read_to_end(&mut Vec::new());
+        prop_assert_eq!(server.get("/healthz").status, 200);
+    }
+}
+
+fn shared_server() -> &'static Server {
+    static SERVER: std::sync::OnceLock<Server> = std::sync::OnceLock::new();
+    SERVER.get_or_init(|| Server::start(None))
+}
