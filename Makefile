@@ -1,0 +1,63 @@
+# `make help` lists what there is. Variables: ARGS (more arguments for the program or the
+# script), SESSION, TRUTH, CARGO_TARGET_DIR.
+SHELL := bash
+.SHELLFLAGS := -eu -o pipefail -c
+.DELETE_ON_ERROR:
+.DEFAULT_GOAL := help
+
+TARGET := $(or $(CARGO_TARGET_DIR),target)
+PENUMBRA := $(TARGET)/release/penumbra
+SESSION ?= tests/fixtures/sessions/desk.mcap
+TRUTH ?= ../shared/truth
+# Packages that were unpacked without root (.ci/packages --no-root).
+UNPACKED := if [ -f target/packages/env ]; then . target/packages/env; fi;
+# A window needs a display; without one the picture is in the browser.
+WINDOW := $(if $(DISPLAY)$(WAYLAND_DISPLAY),,--headless)
+
+.PHONY: help demo build test lint unit advisories bench fidelity soak fmt packages-demo packages-test toolchain clean
+
+help: ## This list
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
+
+demo: packages-demo build ## Install what is missing, build, replay the bundled session, print one address
+	@$(UNPACKED) exec $(PENUMBRA) replay $(SESSION) --config config/demo.toml --loop $(WINDOW) $(ARGS)
+
+build: toolchain ## The program, optimised: target/release/penumbra
+	@$(UNPACKED) cargo build --release --locked --bin penumbra
+
+test: packages-test toolchain ## Install what is missing, then formatting, lints, licences, docs, all tests
+	@$(UNPACKED) .ci/test
+
+lint: toolchain ## Formatting, clippy, licences, documentation: the part of `make test` without tests
+	@$(UNPACKED) .ci/test fmt clippy deny doc
+
+unit: toolchain ## Rust tests alone
+	@$(UNPACKED) .ci/test rust
+
+advisories: ## Known security holes in dependencies (needs the network)
+	cargo deny --locked check advisories
+
+bench: build ## The paper's table 1 on this machine; ARGS="--case supan --json FILE"
+	@$(UNPACKED) $(PENUMBRA) bench $(ARGS)
+
+fidelity: build ## Judge the pictures by path-traced truth; ARGS="--sessions desk --every 4"
+	@$(UNPACKED) python3 tests/fidelity.py --penumbra $(PENUMBRA) --truth $(TRUTH) $(ARGS)
+
+soak: build ## Long: 10,000 frames of a looped replay must leave memory flat
+	@$(UNPACKED) tests/soak.sh $(PENUMBRA) $(SESSION) $(ARGS)
+
+fmt: ## Format all Rust
+	cargo fmt --all
+
+clean: ## Remove everything that was built
+	cargo clean
+
+toolchain:
+	@if ! command -v cargo >/dev/null; then \
+	  echo "cargo is missing: curl --proto =https -sSf https://sh.rustup.rs | sh -s -- -y && . ~/.cargo/env" >&2; exit 1; fi
+
+packages-demo:
+	@.ci/packages demo
+
+packages-test:
+	@.ci/packages test
