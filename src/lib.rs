@@ -14,6 +14,7 @@ pub mod bench;
 pub mod calibration;
 pub mod compositor;
 pub mod config;
+pub mod doctor;
 pub mod environment;
 pub mod output;
 pub mod picture;

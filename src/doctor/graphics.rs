@@ -1,0 +1,219 @@
+//! The Vulkan driver, the adapters, what Penumbra needs of them, and its shaders.
+
+use super::{Check, DoctorOptions, State};
+use crate::calibration::Response;
+use crate::compositor::{Compositor, CompositorSettings, Gpu, GpuError};
+use std::path::{Path, PathBuf};
+
+const INSTALL_SOFTWARE: &str =
+    "sudo apt-get install -y --no-install-recommends libvulkan1 mesa-vulkan-drivers";
+
+/// A limit of the adapter that Penumbra cannot do without.
+struct Need {
+    what: &'static str,
+    least: u32,
+    of: fn(&wgpu::Limits) -> u32,
+}
+
+/// One shadow map a dome light lies in one texture array; the picture may be 4K wide.
+const NEEDS: [Need; 5] = [
+    Need {
+        what: "texture side",
+        least: 4096,
+        of: |l| l.max_texture_dimension_2d,
+    },
+    Need {
+        what: "texture array layers",
+        least: 256,
+        of: |l| l.max_texture_array_layers,
+    },
+    Need {
+        what: "storage buffers a stage",
+        least: 4,
+        of: |l| l.max_storage_buffers_per_shader_stage,
+    },
+    Need {
+        what: "sampled textures a stage",
+        least: 16,
+        of: |l| l.max_sampled_textures_per_shader_stage,
+    },
+    Need {
+        what: "colour attachments",
+        least: 4,
+        of: |l| l.max_color_attachments,
+    },
+];
+
+pub(super) fn examine(options: &DoctorOptions) -> Vec<Check> {
+    let mut checks = vec![drivers(&options.root)];
+    match Gpu::open(options.adapter.as_deref()) {
+        Ok(gpu) => {
+            checks.push(adapter(&gpu, &options.root));
+            let limits = limits(&gpu.device.limits());
+            let fit = limits.state == State::Ok;
+            checks.extend([limits, timestamps(&gpu)]);
+            // Compiling beyond the limits would end in the driver's own error.
+            if fit {
+                checks.push(shaders(gpu));
+            }
+        }
+        Err(error) => checks.push(no_adapter(&error)),
+    }
+    checks
+}
+
+/// The manifests through which the Vulkan loader finds drivers.
+fn drivers(root: &Path) -> Check {
+    let named = ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"]
+        .iter()
+        .find_map(std::env::var_os);
+    let found: Vec<String> = match named {
+        Some(paths) => std::env::split_paths(&paths)
+            .map(|path| path.display().to_string())
+            .collect(),
+        None => manifests(root),
+    };
+    if found.is_empty() {
+        Check::fail(
+            "Vulkan drivers",
+            "none installed: no manifest in /usr/share/vulkan/icd.d or /etc/vulkan/icd.d",
+            format!("{INSTALL_SOFTWARE} (software), or your graphics card's driver"),
+        )
+    } else {
+        Check::ok("Vulkan drivers", found.join(", "))
+    }
+}
+
+fn manifests(root: &Path) -> Vec<String> {
+    let folders = ["usr/share/vulkan/icd.d", "etc/vulkan/icd.d"].map(|f| root.join(f));
+    let mut names: Vec<String> = folders
+        .iter()
+        .filter_map(|folder| std::fs::read_dir(folder).ok())
+        .flatten()
+        .filter_map(|entry| entry.ok().map(|e| PathBuf::from(e.file_name())))
+        .filter(|name| name.extension().is_some_and(|e| e == "json"))
+        .filter_map(|name| Some(name.file_stem()?.to_str()?.to_owned()))
+        .collect();
+    names.sort();
+    names
+}
+
+fn no_adapter(error: &GpuError) -> Check {
+    let remedy = match error {
+        GpuError::NoAdapter => INSTALL_SOFTWARE,
+        GpuError::NotFound { .. } => "leave --adapter out, or give a name from that list",
+        GpuError::Unfit { .. } | GpuError::Failed { .. } => {
+            "update the graphics driver, or take another adapter with --adapter"
+        }
+    };
+    Check::fail("adapter", error.to_string(), remedy)
+}
+
+fn adapter(gpu: &Gpu, root: &Path) -> Check {
+    let info = gpu.adapter.get_info();
+    let found = format!(
+        "{} ({:?}, {:?}, driver {} {})",
+        info.name, info.device_type, info.backend, info.driver, info.driver_info
+    );
+    if !gpu.software {
+        return Check::ok("adapter", found);
+    }
+    let card = root.join("dev/dri").is_dir();
+    let remedy = if card {
+        "install the graphics card's Vulkan driver and join the group `render` (below)"
+    } else {
+        "none needed without a graphics card; with one, install its Vulkan driver"
+    };
+    Check::warn(
+        "adapter",
+        format!("{found}: a software driver, which is slower than any GPU"),
+        remedy,
+    )
+}
+
+fn limits(limits: &wgpu::Limits) -> Check {
+    let short: Vec<String> = NEEDS
+        .iter()
+        .filter(|need| (need.of)(limits) < need.least)
+        .map(|need| {
+            let has = (need.of)(limits);
+            format!("{} {has} of {}", need.what, need.least)
+        })
+        .collect();
+    if short.is_empty() {
+        let all = NEEDS.map(|need| format!("{} {}", need.what, (need.of)(limits)));
+        Check::ok("adapter limits", all.join(", "))
+    } else {
+        Check::fail(
+            "adapter limits",
+            format!("too small: {}", short.join(", ")),
+            "update the graphics driver, or take another adapter with --adapter",
+        )
+    }
+}
+
+fn timestamps(gpu: &Gpu) -> Check {
+    if gpu.timestamps {
+        Check::ok("GPU times", "passes can be timed on the device")
+    } else {
+        Check::warn(
+            "GPU times",
+            "the adapter has no time stamps, so status and bench show no GPU times",
+            "none needed for the picture; another adapter (--adapter) may have them",
+        )
+    }
+}
+
+/// Makes every pipeline, because some drivers refuse a shader only then.
+fn shaders(gpu: Gpu) -> Check {
+    let device = gpu.device.clone();
+    let settings = CompositorSettings::for_adapter(gpu.software);
+    let invalid = device.push_error_scope(wgpu::ErrorFilter::Validation);
+    let exhausted = device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
+    let compositor = Compositor::new(gpu, settings, Response::srgb());
+    let error = pollster::block_on(exhausted.pop()).or(pollster::block_on(invalid.pop()));
+    drop(compositor);
+    match error {
+        None => Check::ok("shaders", "all compile on this adapter"),
+        Some(error) => Check::fail(
+            "shaders",
+            error.to_string().replace('\n', " "),
+            "update the graphics driver, or take another adapter with --adapter",
+        ),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+
+    #[test]
+    fn manifests_are_found_in_both_folders() {
+        let root = tempfile::tempdir().unwrap();
+        for (folder, name) in [
+            ("usr/share/vulkan/icd.d", "lvp.json"),
+            ("etc/vulkan/icd.d", "card.json"),
+            ("etc/vulkan/icd.d", "README"),
+        ] {
+            let folder = root.path().join(folder);
+            std::fs::create_dir_all(&folder).unwrap();
+            std::fs::write(folder.join(name), "{}").unwrap();
+        }
+        assert_eq!(manifests(root.path()), ["card", "lvp"]);
+        assert!(manifests(&root.path().join("nowhere")).is_empty());
+    }
+
+    #[test]
+    fn a_small_adapter_is_refused_by_name_of_the_limit() {
+        let enough = wgpu::Limits::default();
+        assert_eq!(limits(&enough).state, State::Ok);
+        let small = wgpu::Limits {
+            max_texture_array_layers: 128,
+            ..enough
+        };
+        let check = limits(&small);
+        assert_eq!(check.state, State::Fail);
+        assert!(check.found.contains("texture array layers 128 of 256"));
+    }
+}
