@@ -19,18 +19,18 @@ import csv
 import hashlib
 import json
 import math
-import os
 import shlex
 import subprocess
 import sys
 import time
-import venv
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
-REQUIREMENTS = Path(__file__).with_name("fidelity-requirements.txt")
+from python_env import ROOT, TARGET, Unavailable, python_with
+
+REQUIREMENTS = Path(__file__).with_name("requirements-judge.txt")
+PACKAGES = ["numpy", "scipy", "PIL", "skimage", "flip_evaluator"]
 JUDGES_ONLY = {"truth", "masks", "light_truth", "truth_rig.json", "camera_truth.csv"}
 BASELINES = ("without", "unlit_mean", "blob", "truth_jpg")
 # compare.py's column, the table's heading, digits
@@ -54,27 +54,6 @@ class Result:
     report: dict = field(default_factory=dict)
     gain_error_percent: list[float] | None = None
     seconds: float = 0.0
-
-
-def judging_python(out: Path, given: str | None) -> str:
-    """A Python that has compare.py's packages: the given one, this one, or a new venv."""
-    needs = "import numpy, scipy, PIL, skimage, flip_evaluator"
-    candidates = [given] if given else [sys.executable, str(out / "venv/bin/python")]
-    for python in candidates:
-        if Path(python).exists() and subprocess.run([python, "-c", needs], capture_output=True).returncode == 0:
-            return python
-    if given:
-        raise Failed(f"{given} lacks a package of {REQUIREMENTS.relative_to(ROOT)}")
-    target = out / "venv"
-    print(f"making {target} for numpy, scipy, pillow, scikit-image, flip-evaluator", file=sys.stderr)
-    try:
-        venv.create(target, with_pip=True, clear=True)
-    except (subprocess.CalledProcessError, SystemExit) as error:
-        raise Failed(f"cannot make a Python environment ({error}); apt-get install python3-venv") from error
-    pip = [str(target / "bin/python"), "-m", "pip", "install", "--quiet", "-r", str(REQUIREMENTS)]
-    if subprocess.run(pip).returncode:
-        raise Failed(f"pip could not install {REQUIREMENTS.relative_to(ROOT)} (no network?)")
-    return str(target / "bin/python")
 
 
 def blind_view(session: Path, target: Path) -> Path:
@@ -239,11 +218,10 @@ def options() -> argparse.Namespace:
     parser.add_argument("--compare-only", action="store_true", help="judge the frames of the last run again")
     parser.add_argument("--penumbra", type=Path, help="the program (default: the release build)")
     parser.add_argument("--python", help="a Python with compare.py's packages")
-    target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
-    parser.add_argument("--out", type=Path, default=target / "fidelity", help="frames, reports, table.md")
+    parser.add_argument("--out", type=Path, default=TARGET / "fidelity", help="frames, reports, table.md")
     a = parser.parse_args()
     a.truth, a.out = a.truth.resolve(), a.out.resolve()
-    a.penumbra = a.penumbra or target / "release/penumbra"
+    a.penumbra = a.penumbra or TARGET / "release/penumbra"
     return a
 
 
@@ -278,10 +256,10 @@ def main() -> int:
     try:
         chosen = sessions(a)
         a.out.mkdir(parents=True, exist_ok=True)
-        python = judging_python(a.out, a.python)
+        python = python_with(PACKAGES, REQUIREMENTS, a.python)
         if not a.penumbra.exists() and not a.compare_only:
             raise Failed(f"{a.penumbra} is missing; run `make build`")
-    except Failed as error:
+    except (Failed, Unavailable) as error:
         print(error, file=sys.stderr)
         return 2
     with ThreadPoolExecutor(a.jobs) as pool:

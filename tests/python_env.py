@@ -1,0 +1,46 @@
+"""A Python that has the packages a judging script needs: this one, or a venv under target/."""
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import venv
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+TARGET = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
+
+
+class Unavailable(Exception):
+    """No such Python could be had; the text says why and what to do."""
+
+
+def has(python: str | Path, modules: list[str]) -> bool:
+    """Whether that Python imports all of them."""
+    return Path(python).exists() and not subprocess.run([str(python), "-c", f"import {', '.join(modules)}"], capture_output=True).returncode
+
+
+def python_with(modules: list[str], requirements: Path, given: str | None = None) -> str:
+    """Path of a Python with `modules`; installs `requirements` into target/venv at need."""
+    own = TARGET / "venv/bin/python"
+    for python in [given] if given else [sys.executable, own]:
+        if has(python, modules):
+            return str(python)
+    if given:
+        raise Unavailable(f"{given} lacks a package of {requirements.name}")
+    if not own.exists():
+        try:
+            venv.create(own.parent.parent, with_pip=True, clear=True)
+        except (subprocess.CalledProcessError, OSError) as error:
+            raise Unavailable(f"cannot make a Python environment ({error}); apt-get install python3-venv") from error
+    print(f"installing {requirements.name} into {own.parent.parent}", file=sys.stderr)
+    if subprocess.run([str(own), "-m", "pip", "install", "--quiet", "-r", str(requirements)]).returncode:
+        raise Unavailable(f"pip could not install {requirements.name}; is there a network?")
+    return str(own)
+
+
+def run_with(modules: list[str], requirements: Path) -> None:
+    """Starts this script again under a Python that has `modules`, unless this one has them."""
+    python = python_with(modules, requirements)
+    if python != sys.executable:
+        os.execv(python, [python, *sys.argv])
