@@ -20,6 +20,7 @@ import hashlib
 import json
 import math
 import shlex
+import shutil
 import subprocess
 import sys
 import time
@@ -57,13 +58,12 @@ class Result:
 
 
 def blind_view(session: Path, target: Path) -> Path:
-    """A folder of links to all that the rig recorded, without the judge's files."""
-    target.mkdir(parents=True, exist_ok=True)
-    for old in target.iterdir():
-        old.unlink()
-    for entry in session.iterdir():
-        if entry.name not in JUDGES_ONLY:
-            (target / entry.name).symlink_to(entry)
+    """A copy of all that the rig recorded, without the judge's files."""
+    shutil.rmtree(target, ignore_errors=True)
+    shutil.copytree(session, target, ignore=lambda folder, names: JUDGES_ONLY & set(names), copy_function=shutil.copyfile)
+    target.chmod(0o755)
+    for folder in target.rglob("*"):
+        folder.chmod(0o755 if folder.is_dir() else 0o644)
     return target
 
 
