@@ -44,7 +44,7 @@ fidelity: build ## Judge the pictures by path-traced truth; ARGS="--sessions des
 	@$(UNPACKED) python3 tests/fidelity.py --penumbra $(PENUMBRA) --truth $(TRUTH) $(ARGS)
 
 soak: build ## Long: 10,000 frames of a looped replay must leave memory flat
-	@$(UNPACKED) tests/soak.sh $(PENUMBRA) $(SESSION) $(ARGS)
+	@$(UNPACKED) python3 tests/soak.py $(PENUMBRA) $(SESSION) $(ARGS)
 
 fmt: ## Format all Rust
 	cargo fmt --all
