@@ -9,7 +9,9 @@ TARGET := $(or $(CARGO_TARGET_DIR),target)
 PENUMBRA := $(TARGET)/release/penumbra
 SESSION ?= tests/fixtures/sessions/desk.mcap
 TRUTH ?= ../shared/truth
-# Packages that were unpacked without root (.ci/packages --no-root).
+# Mesa's device-select layer complains on machines without a desktop; Penumbra sorts adapters
+# itself. Then: packages that were unpacked without root (.ci/packages --no-root).
+export NODEVICE_SELECT ?= 1
 UNPACKED := if [ -f target/packages/env ]; then . target/packages/env; fi;
 # A window needs a display; without one the picture is in the browser.
 WINDOW := $(if $(DISPLAY)$(WAYLAND_DISPLAY),,--headless)

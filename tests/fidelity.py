@@ -208,6 +208,16 @@ def verdicts(results: list[Result]) -> tuple[str, bool]:
     return "\n".join(lines), good
 
 
+def write_between(document: Path, mark: str, text: str) -> None:
+    """Replaces what stands between two comments of a document."""
+    begin, end = f"<!-- {mark}:begin -->", f"<!-- {mark}:end -->"
+    before, _, rest = document.read_text().partition(begin)
+    _, found, after = rest.partition(end)
+    if not found:
+        raise Failed(f"{document} has no {begin} ... {end}")
+    document.write_text(f"{before}{begin}\n{text}\n{end}{after}")
+
+
 def options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--truth", type=Path, default=ROOT / "../shared/truth", help="folder of session folders")
@@ -218,6 +228,7 @@ def options() -> argparse.Namespace:
     parser.add_argument("--compare-only", action="store_true", help="judge the frames of the last run again")
     parser.add_argument("--penumbra", type=Path, help="the program (default: the release build)")
     parser.add_argument("--python", help="a Python with compare.py's packages")
+    parser.add_argument("--write", action="store_true", help="put the table into ARCHITECTURE.md")
     parser.add_argument("--out", type=Path, default=TARGET / "fidelity", help="frames, reports, table.md")
     a = parser.parse_args()
     a.truth, a.out = a.truth.resolve(), a.out.resolve()
@@ -271,6 +282,8 @@ def main() -> int:
     text = "\n\n".join([table(results), found, *gains])
     (a.out / "table.md").write_text(text + "\n")
     print(text)
+    if a.write and len(results) == len(outcomes):
+        write_between(ROOT / "ARCHITECTURE.md", "fidelity", text)
     failed = len(outcomes) - len(results)
     print(f"\n{len(results)} sessions judged, {failed} failed; the bars are {'reached' if good else 'NOT reached'}; {a.out / 'table.md'}")
     return 2 if failed or not results else 0 if good else 1
