@@ -19,6 +19,6 @@ pub mod environment;
 pub mod output;
 pub mod picture;
 pub mod scene;
-pub mod status;
 pub mod session;
+pub mod status;
 pub mod sync;

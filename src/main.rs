@@ -5,6 +5,13 @@ use penumbra::bench::{BenchOptions, run};
 fn main() -> anyhow::Result<()> {
     let gpu = penumbra::compositor::Gpu::open(None)?;
     println!("{}", penumbra::bench::Row::HEADING);
-    run(&gpu, &BenchOptions { frames: Some(20), ..Default::default() }, &mut |row| println!("{row}"))?;
+    run(
+        &gpu,
+        &BenchOptions {
+            frames: Some(20),
+            ..Default::default()
+        },
+        &mut |row| println!("{row}"),
+    )?;
     Ok(())
 }

@@ -70,13 +70,21 @@ impl Percentiles {
             let i = (q * (sorted.len().max(1) - 1) as f64).round() as usize;
             sorted.get(i).copied().unwrap_or_default()
         };
-        Self { p50: at(0.5), p99: at(0.99) }
+        Self {
+            p50: at(0.5),
+            p99: at(0.99),
+        }
     }
 }
 
 impl BenchReport {
     pub(super) fn new(gpu: &Gpu) -> Self {
-        Self { version: 1, adapter: gpu.name.clone(), software: gpu.software, rows: Vec::new() }
+        Self {
+            version: 1,
+            adapter: gpu.name.clone(),
+            software: gpu.software,
+            rows: Vec::new(),
+        }
     }
 }
 

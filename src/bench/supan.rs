@@ -1,8 +1,8 @@
 //! The rows of Supan 2006, table 1: 800×600, an object of 58,500 triangles on a plane,
 //! 0 to 64 dome lights, one shadow map drawn again per frame, and all.
 
-use super::report::{BenchReport, PassTime, Percentiles, Row};
 use super::BenchOptions;
+use super::report::{BenchReport, PassTime, Percentiles, Row};
 use crate::calibration::{PinholeCamera, Response};
 use crate::compositor::{
     Compositor, CompositorSettings, FrameInput, Gpu, GpuError, Refresh, ShadowMode,
@@ -80,7 +80,11 @@ fn measure(
         height,
         lights,
         refreshed_per_frame: refreshed,
-        triangles: scene.virtual_parts.iter().map(|p| p.mesh.indices.len() / 3).sum(),
+        triangles: scene
+            .virtual_parts
+            .iter()
+            .map(|p| p.mesh.indices.len() / 3)
+            .sum(),
         fps: 1e3 / mean,
         wall_ms: Percentiles::of(&wall),
         gpu_ms: Percentiles::of(&gpu_total),
@@ -105,7 +109,10 @@ impl Passes {
     fn medians(&self) -> Vec<PassTime> {
         self.0
             .iter()
-            .map(|(name, values)| PassTime { name, ms: Percentiles::of(values).p50 })
+            .map(|(name, values)| PassTime {
+                name,
+                ms: Percentiles::of(values).p50,
+            })
             .collect()
     }
 }
@@ -178,7 +185,11 @@ fn picture(width: u32, height: u32) -> Picture {
             [v, v.wrapping_add(10), v.wrapping_sub(12), 255]
         })
         .collect();
-    Picture { width, height, rgba }
+    Picture {
+        width,
+        height,
+        rgba,
+    }
 }
 
 fn camera(width: u32, height: u32) -> PinholeCamera {

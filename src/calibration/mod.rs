@@ -2,8 +2,8 @@
 //! and plain data; no I/O, no GPU.
 
 pub mod camera;
-mod json_node;
 pub mod colour;
+mod json_node;
 pub mod response;
 pub mod rig;
 pub mod rig_json;

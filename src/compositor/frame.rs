@@ -143,9 +143,12 @@ impl Compositor {
         // What the camera sees of the real scene's proxies and of the virtual objects.
         p.phantom_geometry.record(encoder, timer, frame, scene, t);
         p.virtual_geometry.record(encoder, timer, frame, scene, t);
+        // Where in the picture which light could be missing.
+        p.tiles.record(encoder, timer, frame, &sized.tiles, t);
         // What light each of those surfaces lacks.
+        let unshadowed = if self.subtract { 0.0 } else { 1.0 };
         p.shadow_buffer
-            .record(encoder, timer, frame, &sized.shadow_buffer, t);
+            .record(encoder, timer, frame, &sized.shadow_buffer, t, unshadowed);
         // What virtual objects mirror of the real scene, shadows included.
         p.surroundings
             .record(encoder, timer, frame, &sized.surroundings, t);

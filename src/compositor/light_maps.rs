@@ -38,7 +38,13 @@ impl LightMaps {
         let frame_layout = layout(
             device,
             "frame",
-            &[Slot::Uniform, Slot::Uniform, Slot::Texture, Slot::Texture, Slot::Sampler],
+            &[
+                Slot::Uniform,
+                Slot::Uniform,
+                Slot::Texture,
+                Slot::Texture,
+                Slot::Sampler,
+            ],
         );
         let buffer = |size: usize, usage| {
             device.create_buffer(&wgpu::BufferDescriptor {
@@ -54,7 +60,9 @@ impl LightMaps {
             wgpu::BufferUsages::UNIFORM,
         );
         let tables = ["all lights", "compact lights"].map(|label| table(device, label, BY_NORMAL));
-        let views = tables.each_ref().map(|t| t.create_view(&wgpu::TextureViewDescriptor::default()));
+        let views = tables
+            .each_ref()
+            .map(|t| t.create_view(&wgpu::TextureViewDescriptor::default()));
         let smooth = device.create_sampler(&wgpu::SamplerDescriptor {
             label: Some("table"),
             mag_filter: wgpu::FilterMode::Linear,
@@ -220,7 +228,11 @@ fn cube(device: &wgpu::Device, size: u32, levels: u32) -> (wgpu::Texture, wgpu::
 fn table(device: &wgpu::Device, label: &str, side: u32) -> wgpu::Texture {
     device.create_texture(&wgpu::TextureDescriptor {
         label: Some(label),
-        size: wgpu::Extent3d { width: side, height: side, depth_or_array_layers: 1 },
+        size: wgpu::Extent3d {
+            width: side,
+            height: side,
+            depth_or_array_layers: 1,
+        },
         mip_level_count: 1,
         sample_count: 1,
         dimension: wgpu::TextureDimension::D2,

@@ -43,7 +43,12 @@ pub fn all(samples: u32) -> [(&'static str, String); 8] {
         (
             "tiles",
             sampled(
-                join(&[FRAME, NORMAL, FULLSCREEN, include_str!("shaders/tiles.wgsl")]),
+                join(&[
+                    FRAME,
+                    NORMAL,
+                    FULLSCREEN,
+                    include_str!("shaders/tiles.wgsl"),
+                ]),
                 samples,
             ),
         ),
@@ -71,7 +76,9 @@ pub fn all(samples: u32) -> [(&'static str, String); 8] {
 }
 
 fn join(parts: &[&str]) -> String {
-    parts.join("\n").replace("MAX_LIGHTS", &MAX_LIGHTS.to_string())
+    parts
+        .join("\n")
+        .replace("MAX_LIGHTS", &MAX_LIGHTS.to_string())
 }
 
 /// WGSL has different types for one and for several samples, with the same calls.

@@ -26,8 +26,11 @@ impl CompositePass {
         let module = shaders::module(device, "composite", samples);
         let (u, i) = (Slot::Unfilterable, Slot::Integer);
         let (colour, depth) = Slot::sampled(samples);
-        let picture_layout =
-            layout(device, "composite picture", &[u, u, u, u, u, Slot::Depth, i, i, u]);
+        let picture_layout = layout(
+            device,
+            "composite picture",
+            &[u, u, u, u, u, Slot::Depth, i, i, u],
+        );
         let surfaces_layout = layout(
             device,
             "composite surfaces",
@@ -125,6 +128,15 @@ impl CompositePass {
         );
         let writes = timer.span("composite", true, true);
         let (view, count) = (&targets.output.view, targets.tile_count());
-        tiles(encoder, "composite", view, None, writes, &self.pipeline, &groups, count);
+        tiles(
+            encoder,
+            "composite",
+            view,
+            None,
+            writes,
+            &self.pipeline,
+            &groups,
+            count,
+        );
     }
 }

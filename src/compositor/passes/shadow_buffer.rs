@@ -3,8 +3,8 @@
 use super::super::bindings::{PipelineSpec, Slot, group, layout, sampler, view};
 use super::super::targets::{Targets, format};
 use super::super::{shaders, timing::Timer};
-use super::tiles;
 use super::shadow_map::ShadowMaps;
+use super::tiles;
 
 /// The pass.
 pub struct ShadowBufferPass {
@@ -119,14 +119,33 @@ impl ShadowBufferPass {
     ) {
         let groups = [frame, &inputs.maps, &inputs.surfaces];
         let count = targets.tile_count();
-        let lit = wgpu::Color { r: unshadowed, g: unshadowed, b: unshadowed, a: 1.0 };
+        let lit = wgpu::Color {
+            r: unshadowed,
+            g: unshadowed,
+            b: unshadowed,
+            a: 1.0,
+        };
         let jobs = [
             ("phantom_shadow", &targets.shadow, lit, &self.phantom),
-            ("virtual_light", &targets.light, wgpu::Color::TRANSPARENT, &self.virtual_light),
+            (
+                "virtual_light",
+                &targets.light,
+                wgpu::Color::TRANSPARENT,
+                &self.virtual_light,
+            ),
         ];
         for (name, target, clear, pipeline) in jobs {
             let writes = timer.span(name, true, true);
-            tiles(encoder, name, &target.view, Some(clear), writes, pipeline, &groups, count);
+            tiles(
+                encoder,
+                name,
+                &target.view,
+                Some(clear),
+                writes,
+                pipeline,
+                &groups,
+                count,
+            );
         }
     }
 }

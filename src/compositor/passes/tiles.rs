@@ -33,7 +33,10 @@ impl TilesPass {
             samples: 1,
         }
         .build(device);
-        Self { pipeline, surfaces_layout }
+        Self {
+            pipeline,
+            surfaces_layout,
+        }
     }
 
     pub fn bind(&self, device: &wgpu::Device, targets: &Targets) -> wgpu::BindGroup {
