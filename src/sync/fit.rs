@@ -1,0 +1,173 @@
+//! The pose at an instant, by local least squares through noisy readings.
+
+use glam::{DMat3, DQuat, DVec3};
+use penumbra_interface::RigidTransform;
+
+/// Degree of the polynomial in time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Degree {
+    /// Even velocity within the window.
+    Linear,
+    /// Even acceleration within the window.
+    Quadratic,
+}
+
+/// A reading near the instant asked for.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Reading {
+    /// Seconds from the instant asked for.
+    pub time: f64,
+    /// Share in the fit, above 0.
+    pub weight: f64,
+    /// What was read.
+    pub pose: RigidTransform,
+}
+
+/// The pose at time 0, by weighted least squares of `degree` through the readings
+/// (Savitzky and Golay's idea, for uneven times). Rotations are fitted as rotation vectors
+/// from `reference`, which must be near them all.
+///
+/// With basis φ(t) = (1, t, t²) and moments A = Σ wᵢ φ(tᵢ) φ(tᵢ)ᵀ the value at 0 is
+///
+/// > Σ wᵢ (c · φ(tᵢ)) yᵢ   where   A c = φ(0) = (1, 0, 0)
+///
+/// so position and rotation share the coefficients c. `None` if the readings do not
+/// determine the polynomial.
+pub(super) fn value_at_zero(
+    readings: impl Iterator<Item = Reading> + Clone,
+    degree: Degree,
+    reference: DQuat,
+) -> Option<RigidTransform> {
+    // Times in units of the farthest reading keep A well conditioned.
+    let scale = readings.clone().map(|r| r.time.abs()).fold(0.0, f64::max);
+    if scale <= 0.0 {
+        return None;
+    }
+    let basis = |time: f64| DVec3::new(1.0, time / scale, (time / scale).powi(2));
+    let coefficients = match degree {
+        Degree::Linear => solve_linear(readings.clone(), basis)?,
+        Degree::Quadratic => solve_quadratic(readings.clone(), basis)?,
+    };
+    let mut translation = DVec3::ZERO;
+    let mut turn = DVec3::ZERO;
+    for reading in readings {
+        let share = reading.weight * coefficients.dot(basis(reading.time));
+        translation += share * reading.pose.translation;
+        turn += share * rotation_vector(reference.inverse() * reading.pose.rotation);
+    }
+    let rotation = (reference * DQuat::from_scaled_axis(turn)).normalize();
+    (translation.is_finite() && rotation.is_finite())
+        .then_some(RigidTransform::new(rotation, translation))
+}
+
+/// Below this the readings stand too close together to tell the polynomial's terms apart.
+const SMALLEST_DETERMINANT: f64 = 1e-9;
+
+fn solve_linear(
+    readings: impl Iterator<Item = Reading>,
+    basis: impl Fn(f64) -> DVec3,
+) -> Option<DVec3> {
+    let (mut s0, mut s1, mut s2) = (0.0, 0.0, 0.0);
+    for reading in readings {
+        let phi = basis(reading.time);
+        s0 += reading.weight;
+        s1 += reading.weight * phi.y;
+        s2 += reading.weight * phi.z;
+    }
+    let determinant = s0 * s2 - s1 * s1;
+    (determinant > SMALLEST_DETERMINANT * s0 * s0).then(|| DVec3::new(s2, -s1, 0.0) / determinant)
+}
+
+fn solve_quadratic(
+    readings: impl Iterator<Item = Reading>,
+    basis: impl Fn(f64) -> DVec3,
+) -> Option<DVec3> {
+    let mut moments = DMat3::ZERO;
+    for reading in readings {
+        let phi = basis(reading.time);
+        let weighted = phi * reading.weight;
+        moments += DMat3::from_cols(weighted * phi.x, weighted * phi.y, weighted * phi.z);
+    }
+    let s0 = moments.x_axis.x;
+    (moments.determinant() > SMALLEST_DETERMINANT * s0.powi(3))
+        .then(|| moments.inverse() * DVec3::X)
+}
+
+/// Axis times angle, the short way round.
+fn rotation_vector(rotation: DQuat) -> DVec3 {
+    if rotation.w < 0.0 {
+        (-rotation).to_scaled_axis()
+    } else {
+        rotation.to_scaled_axis()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+    use proptest::prelude::*;
+
+    fn readings(times: &[f64], pose: impl Fn(f64) -> RigidTransform) -> Vec<Reading> {
+        let reading = |time: &f64| Reading {
+            time: *time,
+            weight: 1.0,
+            pose: pose(*time),
+        };
+        times.iter().map(reading).collect()
+    }
+
+    proptest! {
+        #[test]
+        fn polynomial_motion_is_met_exactly(
+            a in prop::array::uniform3(-1.0..1.0_f64),
+            v in prop::array::uniform3(-2.0..2.0_f64),
+            g in prop::array::uniform3(-9.0..9.0_f64),
+            turn in prop::array::uniform3(-3.0..3.0_f64),
+            times in prop::collection::vec(-0.05..0.05_f64, 6..20),
+        ) {
+            let [a, v, g, turn] = [a, v, g, turn].map(DVec3::from_array);
+            let start = DQuat::from_rotation_x(0.7);
+            let motion = |degree: Degree| move |t: f64| {
+                let bend = if degree == Degree::Quadratic { g * t * t } else { DVec3::ZERO };
+                let rotation = start * DQuat::from_scaled_axis(turn * t);
+                RigidTransform::new(rotation, a + v * t + bend)
+            };
+            let spread = times.iter().copied().fold(f64::MIN, f64::max)
+                - times.iter().copied().fold(f64::MAX, f64::min);
+            prop_assume!(spread > 0.02);
+            for degree in [Degree::Linear, Degree::Quadratic] {
+                let readings = readings(&times, motion(degree));
+                if let Some(found) = value_at_zero(readings.iter().copied(), degree, start) {
+                    prop_assert!((found.translation - a).length() < 1e-6);
+                    prop_assert!(found.rotation.angle_between(start) < 1e-6);
+                } else {
+                    prop_assert_eq!(degree, Degree::Quadratic, "a line is determined by spread");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn readings_at_one_instant_determine_nothing() {
+        let still = |_| RigidTransform::IDENTITY;
+        for degree in [Degree::Linear, Degree::Quadratic] {
+            for times in [&[][..], &[0.0; 9], &[0.01; 9]] {
+                let readings = readings(times, still);
+                let found = value_at_zero(readings.iter().copied(), degree, DQuat::IDENTITY);
+                assert_eq!(found, None, "{degree:?} {times:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn quaternions_of_either_sign_are_the_same_rotation() {
+        let turned = DQuat::from_rotation_z(0.2);
+        let mut readings = readings(&[-0.02, -0.01, 0.01, 0.02], |_| {
+            RigidTransform::new(turned, DVec3::ONE)
+        });
+        readings[1].pose.rotation = -turned;
+        let found = value_at_zero(readings.iter().copied(), Degree::Linear, turned).unwrap();
+        assert!(found.rotation.angle_between(turned) < 1e-9);
+    }
+}

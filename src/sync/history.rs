@@ -1,0 +1,517 @@
+//! Where a tracked sensor was, is, and will be in a moment.
+
+use super::fit::{Degree, Reading, value_at_zero};
+use penumbra_interface::{MonotonicTime, RigidTransform};
+use std::collections::VecDeque;
+
+/// How readings become the pose at an instant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Smoothing {
+    /// Between the two neighbours: straight line and great arc. All the tracker's noise
+    /// comes through.
+    None,
+    /// Local least squares through all readings within `half_window_nanos` of the instant.
+    Local {
+        /// Half the window, nanoseconds.
+        half_window_nanos: i64,
+        /// Degree where there are readings on both sides of the instant.
+        degree: Degree,
+    },
+}
+
+/// What a [`PoseHistory`] keeps and believes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HistoryConfig {
+    /// Readings kept; the oldest go first.
+    pub capacity: usize,
+    /// See [`Smoothing`].
+    pub smoothing: Smoothing,
+    /// Between two readings further apart than this nothing is interpolated, nanoseconds.
+    pub max_gap_nanos: i64,
+    /// Beyond the newest reading the pose is predicted for so long, then unknown,
+    /// nanoseconds.
+    pub max_prediction_nanos: i64,
+    /// Time that goes back by more than this is another time: the history begins anew.
+    pub jump_back_nanos: i64,
+    /// Nothing is moved faster by hand, metres a second.
+    pub max_speed: f64,
+    /// Nothing is turned faster by hand, radians a second.
+    pub max_turn_rate: f64,
+}
+
+impl Default for HistoryConfig {
+    fn default() -> Self {
+        Self {
+            capacity: 1024,
+            smoothing: Smoothing::Local {
+                half_window_nanos: 40_000_000,
+                degree: Degree::Quadratic,
+            },
+            max_gap_nanos: 100_000_000,
+            max_prediction_nanos: 100_000_000,
+            jump_back_nanos: 500_000_000,
+            max_speed: 10.0,
+            max_turn_rate: 25.0,
+        }
+    }
+}
+
+/// How a pose is known.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Provenance {
+    /// A reading was taken at this very instant.
+    Exact,
+    /// There are readings before and after.
+    Interpolated,
+    /// There are only readings before.
+    Predicted,
+}
+
+/// The answer to where the sensor was at an instant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PoseAt {
+    /// `transmitter_from_sensor`, metres.
+    pub transmitter_from_sensor: RigidTransform,
+    /// How it is known.
+    pub provenance: Provenance,
+    /// Nanoseconds between the instant and the nearest reading.
+    pub age_nanos: i64,
+}
+
+/// What became of a reading.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pushed {
+    /// It is in the history.
+    Kept,
+    /// Not finite, or no rotation.
+    Invalid,
+    /// Not newer than the newest one.
+    Late,
+    /// Impossibly far from the one before; kept out unless the next ones agree with it.
+    Outlier,
+    /// Time or place jumped; the history begins anew with it.
+    Restarted,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Sample {
+    measured_at: MonotonicTime,
+    pose: RigidTransform,
+}
+
+/// So many readings that agree with one another overrule the history.
+const OVERRULING: u32 = 4;
+/// Noise and quantisation that the speed limit allows for: metres and radians.
+const SLACK: (f64, f64) = (0.01, 0.02);
+/// Readings on both sides that a fit through a window must have at least.
+const FEWEST_ON_A_SIDE: usize = 2;
+/// Readings before the newest that a prediction is drawn from, nanoseconds.
+const PREDICTION_WINDOW_NANOS: i64 = 60_000_000;
+
+/// The recent readings of one station, in order of time. Does not allocate after `new`.
+#[derive(Clone, Debug)]
+pub struct PoseHistory {
+    config: HistoryConfig,
+    samples: VecDeque<Sample>,
+    suspect: Option<Sample>,
+    agreeing: u32,
+}
+
+impl PoseHistory {
+    /// An empty history.
+    #[must_use]
+    pub fn new(config: HistoryConfig) -> Self {
+        Self {
+            config,
+            samples: VecDeque::with_capacity(config.capacity.max(2)),
+            suspect: None,
+            agreeing: 0,
+        }
+    }
+
+    /// Readings held.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.samples.len()
+    }
+
+    /// Whether there are none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.samples.is_empty()
+    }
+
+    /// When the newest reading was taken.
+    #[must_use]
+    pub fn newest(&self) -> Option<MonotonicTime> {
+        self.samples.back().map(|sample| sample.measured_at)
+    }
+
+    /// Forgets everything.
+    pub fn clear(&mut self) {
+        self.samples.clear();
+        self.suspect = None;
+        self.agreeing = 0;
+    }
+
+    /// Takes a reading.
+    pub fn push(&mut self, measured_at: MonotonicTime, pose: RigidTransform) -> Pushed {
+        let unit = (pose.rotation.length() - 1.0).abs() < 1e-3;
+        if !pose.translation.is_finite() || !pose.rotation.is_finite() || !unit {
+            return Pushed::Invalid;
+        }
+        let sample = Sample { measured_at, pose };
+        let Some(newest) = self.samples.back().copied() else {
+            return self.keep(sample, Pushed::Kept);
+        };
+        let step = measured_at.nanos_since(newest.measured_at);
+        if step < -self.config.jump_back_nanos {
+            self.clear();
+            return self.keep(sample, Pushed::Restarted);
+        }
+        if step <= 0 {
+            return Pushed::Late;
+        }
+        if self.possible(&newest, &sample) {
+            return self.keep(sample, Pushed::Kept);
+        }
+        self.doubt(sample)
+    }
+
+    /// An impossible step. If the next readings go on from it, the history was wrong.
+    fn doubt(&mut self, sample: Sample) -> Pushed {
+        let agrees = self.suspect.is_some_and(|suspect| {
+            sample.measured_at > suspect.measured_at && self.possible(&suspect, &sample)
+        });
+        self.agreeing = if agrees { self.agreeing + 1 } else { 1 };
+        self.suspect = Some(sample);
+        if self.agreeing < OVERRULING {
+            return Pushed::Outlier;
+        }
+        self.clear();
+        self.keep(sample, Pushed::Restarted)
+    }
+
+    fn keep(&mut self, sample: Sample, outcome: Pushed) -> Pushed {
+        if self.samples.len() >= self.config.capacity.max(2) {
+            self.samples.pop_front();
+        }
+        self.samples.push_back(sample);
+        self.suspect = None;
+        self.agreeing = 0;
+        outcome
+    }
+
+    fn possible(&self, from: &Sample, to: &Sample) -> bool {
+        let seconds = to.measured_at.seconds_since(from.measured_at);
+        let moved = from.pose.translation.distance(to.pose.translation);
+        let turned = angle(from, to);
+        moved <= self.config.max_speed * seconds + SLACK.0
+            && turned <= self.config.max_turn_rate * seconds + SLACK.1
+    }
+
+    /// The pose at an instant; `None` before the first reading, inside a gap, and too long
+    /// after the last one.
+    #[must_use]
+    pub fn at(&self, time: MonotonicTime) -> Option<PoseAt> {
+        let after = self.samples.partition_point(|s| s.measured_at < time);
+        let next = self.samples.get(after);
+        let previous = after.checked_sub(1).and_then(|i| self.samples.get(i));
+        match (previous, next) {
+            (_, Some(next)) if next.measured_at == time => {
+                Some(self.between(time, next, next, Provenance::Exact))
+            }
+            (Some(previous), Some(next)) => {
+                let gap = next.measured_at.nanos_since(previous.measured_at);
+                if gap <= self.config.max_gap_nanos {
+                    Some(self.between(time, previous, next, Provenance::Interpolated))
+                } else {
+                    self.predict(time, after)
+                }
+            }
+            (Some(_), None) => self.predict(time, after),
+            (None, _) => None,
+        }
+    }
+
+    /// Smoothed where asked for and possible, else on the line between the neighbours.
+    fn between(
+        &self,
+        time: MonotonicTime,
+        previous: &Sample,
+        next: &Sample,
+        provenance: Provenance,
+    ) -> PoseAt {
+        let smoothed = match self.config.smoothing {
+            Smoothing::None => None,
+            Smoothing::Local {
+                half_window_nanos,
+                degree,
+            } => self.smooth(time, half_window_nanos, degree, previous),
+        };
+        let before = time.nanos_since(previous.measured_at);
+        let after = next.measured_at.nanos_since(time);
+        PoseAt {
+            transmitter_from_sensor: smoothed.unwrap_or_else(|| interpolate(time, previous, next)),
+            provenance,
+            age_nanos: before.min(after),
+        }
+    }
+
+    /// Least squares over the window, as far as readings run on without a gap. At the
+    /// newest end, where readings are on one side only, a line is fitted: a parabola there
+    /// would triple the noise.
+    fn smooth(
+        &self,
+        time: MonotonicTime,
+        half_window: i64,
+        degree: Degree,
+        near: &Sample,
+    ) -> Option<RigidTransform> {
+        let window = self.samples_within(time, half_window);
+        let newer = window.clone().filter(|s| s.measured_at > time).count();
+        let older = window.clone().filter(|s| s.measured_at < time).count();
+        let degree = match (older, newer) {
+            (0, _) => return None,
+            (older, newer) if older.min(newer) < FEWEST_ON_A_SIDE => Degree::Linear,
+            _ => degree,
+        };
+        let readings = window.map(|sample| {
+            let nanos = sample.measured_at.nanos_since(time);
+            // Epanechnikov's kernel: a reading that enters the window does not jolt it.
+            let share = nanos as f64 / (half_window + 1) as f64;
+            Reading {
+                time: nanos as f64 * 1e-9,
+                weight: 1.0 - share * share,
+                pose: sample.pose,
+            }
+        });
+        value_at_zero(readings, degree, near.pose.rotation)
+    }
+
+    fn samples_within(
+        &self,
+        time: MonotonicTime,
+        half_window: i64,
+    ) -> impl Iterator<Item = &Sample> + Clone {
+        let start = time.offset_nanos(-half_window);
+        let end = time.offset_nanos(half_window);
+        let first = self.samples.partition_point(|s| s.measured_at < start);
+        let last = self.samples.partition_point(|s| s.measured_at <= end);
+        self.samples.range(first..last.max(first))
+    }
+
+    /// A line through the last readings before index `after`, drawn on to `time`.
+    fn predict(&self, time: MonotonicTime, after: usize) -> Option<PoseAt> {
+        let last = self.samples.get(after.checked_sub(1)?)?;
+        let age_nanos = time.nanos_since(last.measured_at);
+        if age_nanos > self.config.max_prediction_nanos {
+            return None;
+        }
+        let start = last.measured_at.offset_nanos(-PREDICTION_WINDOW_NANOS);
+        let first = self.samples.partition_point(|s| s.measured_at < start);
+        let readings = self
+            .samples
+            .range(first.min(after)..after)
+            .map(|sample| Reading {
+                time: sample.measured_at.seconds_since(time),
+                weight: 1.0,
+                pose: sample.pose,
+            });
+        let drawn_on = value_at_zero(readings, Degree::Linear, last.pose.rotation);
+        Some(PoseAt {
+            transmitter_from_sensor: drawn_on.unwrap_or(last.pose),
+            provenance: Provenance::Predicted,
+            age_nanos,
+        })
+    }
+}
+
+/// Radians between two orientations; unlike `acos`, exact for small ones.
+fn angle(from: &Sample, to: &Sample) -> f64 {
+    let turn = from.pose.rotation.inverse() * to.pose.rotation;
+    2.0 * turn.xyz().length().atan2(turn.w.abs())
+}
+
+fn interpolate(time: MonotonicTime, previous: &Sample, next: &Sample) -> RigidTransform {
+    let span = next.measured_at.seconds_since(previous.measured_at);
+    if span <= 0.0 {
+        return previous.pose;
+    }
+    let share = time.seconds_since(previous.measured_at) / span;
+    let (from, to) = (previous.pose, next.pose);
+    RigidTransform::new(
+        from.rotation.slerp(to.rotation, share),
+        from.translation.lerp(to.translation, share),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+    use glam::{DQuat, DVec3};
+    use proptest::prelude::*;
+
+    const MILLI: i64 = 1_000_000;
+
+    fn at(millis: i64) -> MonotonicTime {
+        MonotonicTime::from_nanos(millis * MILLI)
+    }
+
+    fn config(smoothing: Smoothing) -> HistoryConfig {
+        HistoryConfig {
+            smoothing,
+            ..HistoryConfig::default()
+        }
+    }
+
+    /// Even motion: 1 m/s along X, 1 rad/s about Z.
+    fn even(time: MonotonicTime) -> RigidTransform {
+        let seconds = time.as_nanos() as f64 * 1e-9;
+        RigidTransform::new(DQuat::from_rotation_z(seconds), DVec3::X * seconds)
+    }
+
+    fn filled(config: HistoryConfig, millis: impl Iterator<Item = i64>) -> PoseHistory {
+        let mut history = PoseHistory::new(config);
+        for millis in millis {
+            assert_eq!(history.push(at(millis), even(at(millis))), Pushed::Kept);
+        }
+        history
+    }
+
+    fn assert_near(found: RigidTransform, expected: RigidTransform) {
+        let turn = found.rotation.angle_between(expected.rotation);
+        let moved = found.translation.distance(expected.translation);
+        assert!(moved < 1e-6 && turn < 1e-6, "{found:?} for {expected:?}");
+    }
+
+    const LOCAL: Smoothing = Smoothing::Local {
+        half_window_nanos: 40 * MILLI,
+        degree: Degree::Quadratic,
+    };
+
+    proptest! {
+        #[test]
+        fn even_motion_is_met_exactly(steps in prop::collection::vec(1_i64..30, 4..60), place in 0.0..1.2_f64, smooth in any::<bool>()) {
+            let times: Vec<i64> = steps.iter().scan(1000, |t, step| { *t += step; Some(*t) }).collect();
+            let smoothing = if smooth { LOCAL } else { Smoothing::None };
+            let history = filled(config(smoothing), times.iter().copied());
+            let (first, last) = (times[0], *times.last().unwrap());
+            let asked = MonotonicTime::from_nanos(first * MILLI + ((last - first) as f64 * place * 1e6) as i64);
+            if let Some(found) = history.at(asked) {
+                assert_near(found.transmitter_from_sensor, even(asked));
+                prop_assert!(found.age_nanos >= 0);
+                let beyond = asked > at(last);
+                prop_assert_eq!(found.provenance == Provenance::Predicted, beyond);
+            } else {
+                prop_assert!(asked > at(last + 100));
+            }
+        }
+
+        #[test]
+        fn any_stream_is_survived(
+            pushes in prop::collection::vec((any::<i64>(), prop::array::uniform4(any::<f64>()), any::<bool>()), 0..60),
+            asked in any::<i64>(),
+        ) {
+            let mut history = PoseHistory::new(HistoryConfig { capacity: 8, ..config(LOCAL) });
+            for (nanos, [x, y, z, w], sane) in pushes {
+                let rotation = if sane { DQuat::IDENTITY } else { DQuat::from_xyzw(x, y, z, w) };
+                history.push(MonotonicTime::from_nanos(nanos), RigidTransform::new(rotation, DVec3::new(x, y, z)));
+                prop_assert!(history.len() <= 8);
+            }
+            if let Some(found) = history.at(MonotonicTime::from_nanos(asked)) {
+                prop_assert!(found.transmitter_from_sensor.rotation.is_finite());
+            }
+        }
+    }
+
+    #[test]
+    fn provenance_and_age_are_told() {
+        let history = filled(config(Smoothing::None), (0..20).map(|i| i * 10));
+        let told = |millis| {
+            history
+                .at(at(millis))
+                .map(|p| (p.provenance, p.age_nanos / MILLI))
+        };
+        assert_eq!(told(100), Some((Provenance::Exact, 0)));
+        assert_eq!(told(103), Some((Provenance::Interpolated, 3)));
+        assert_eq!(told(108), Some((Provenance::Interpolated, 2)));
+        assert_eq!(told(250), Some((Provenance::Predicted, 60)));
+        assert_eq!(told(291), None, "too long after the last reading");
+        assert_eq!(told(-1), None, "before the first one");
+    }
+
+    #[test]
+    fn nothing_is_interpolated_across_a_gap() {
+        let millis = (0..10)
+            .map(|i| i * 10)
+            .chain((0..10).map(|i| 1000 + i * 10));
+        let history = filled(config(LOCAL), millis);
+        assert_eq!(
+            history.at(at(150)).unwrap().provenance,
+            Provenance::Predicted
+        );
+        assert_eq!(history.at(at(500)), None);
+        let found = history.at(at(1005)).unwrap();
+        assert_eq!(found.provenance, Provenance::Interpolated);
+        assert_near(found.transmitter_from_sensor, even(at(1005)));
+    }
+
+    #[test]
+    fn smoothing_takes_noise_away() {
+        let mut raw = PoseHistory::new(config(Smoothing::None));
+        let mut smooth = PoseHistory::new(config(LOCAL));
+        let mut sign = 1.0;
+        for i in 0..60 {
+            // Noise that alternates is the worst that a tracker can do between neighbours.
+            sign = -sign;
+            let mut pose = even(at(i * 8));
+            pose.translation.y += 0.001 * sign;
+            raw.push(at(i * 8), pose);
+            smooth.push(at(i * 8), pose);
+        }
+        let error = |history: &PoseHistory| {
+            let found = history.at(at(240)).unwrap().transmitter_from_sensor;
+            found.translation.distance(even(at(240)).translation)
+        };
+        assert!((error(&raw) - 0.001).abs() < 1e-9);
+        assert!(error(&smooth) < 0.000_2, "{}", error(&smooth));
+    }
+
+    #[test]
+    fn time_that_jumps_back_begins_anew() {
+        let mut history = filled(config(LOCAL), (500..600).map(|i| i * 10));
+        assert_eq!(history.push(at(5985), even(at(5985))), Pushed::Late);
+        assert_eq!(history.push(at(100), even(at(100))), Pushed::Restarted);
+        assert_eq!(history.len(), 1);
+        assert_eq!(history.newest(), Some(at(100)));
+    }
+
+    #[test]
+    fn one_impossible_reading_is_kept_out_and_a_lasting_jump_is_not() {
+        let mut history = filled(config(LOCAL), (0..20).map(|i| i * 10));
+        let mirrored = |millis| {
+            let pose = even(at(millis));
+            RigidTransform::new(pose.rotation, DVec3::splat(-3.0) - pose.translation)
+        };
+        assert_eq!(history.push(at(200), mirrored(200)), Pushed::Outlier);
+        assert_eq!(history.push(at(210), even(at(210))), Pushed::Kept);
+        for millis in [220, 230, 240] {
+            assert_eq!(history.push(at(millis), mirrored(millis)), Pushed::Outlier);
+        }
+        assert_eq!(history.push(at(250), mirrored(250)), Pushed::Restarted);
+        assert_eq!(history.at(at(205)), None);
+    }
+
+    #[test]
+    fn the_history_is_bounded() {
+        let small = HistoryConfig {
+            capacity: 16,
+            ..config(LOCAL)
+        };
+        let history = filled(small, 0..100);
+        assert_eq!(history.len(), 16);
+        assert_eq!(history.at(at(50)), None);
+    }
+}

@@ -1,0 +1,311 @@
+//! The policy of waiting, bad streams, and the error against recordings whose truth is
+//! known.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use super::*;
+use crate::sync::Degree;
+use bytes::Bytes;
+use glam::{DMat4, DQuat, DVec3};
+use penumbra_interface::{PixelFormat, RigidTransform};
+use proptest::prelude::*;
+
+const MILLI: i64 = 1_000_000;
+
+fn at(millis: i64) -> MonotonicTime {
+    MonotonicTime::from_nanos(millis * MILLI)
+}
+
+fn picture(captured: i64, arrived: i64, bracket_ev: f64) -> Frame {
+    Frame {
+        data: Bytes::new(),
+        format: PixelFormat::Jpeg,
+        width: 0,
+        height: 0,
+        stride: 0,
+        sequence: 0,
+        captured_at: at(captured),
+        arrived_at: at(arrived),
+        exposure: None,
+        bracket_ev,
+    }
+}
+
+/// Even motion, 1 m/s along X.
+fn reading(arrived: i64) -> PoseSample {
+    PoseSample {
+        station: 1,
+        transmitter_from_sensor: RigidTransform::new(
+            DQuat::IDENTITY,
+            DVec3::X * arrived as f64 * 1e-3,
+        ),
+        arrived_at: at(arrived),
+        error: None,
+    }
+}
+
+fn pairing(change: impl FnOnce(&mut PairingConfig)) -> Pairing {
+    let mut config = PairingConfig::default();
+    change(&mut config);
+    Pairing::new(config)
+}
+
+#[test]
+fn a_picture_waits_for_the_readings_around_its_exposure() {
+    let mut pairing = pairing(|config| config.tracker_latency_nanos = 8 * MILLI);
+    for millis in (0..=100).step_by(8) {
+        pairing.push_pose(&reading(millis));
+    }
+    pairing.push_scene(picture(100, 100, 0.0));
+    assert!(pairing.pop().is_none(), "readings reach 88 ms only");
+    pairing.push_pose(&reading(104));
+    assert!(pairing.pop().is_none(), "measured at 96 ms");
+    pairing.push_pose(&reading(112));
+    let frame = pairing.pop().unwrap();
+    let pose = frame.pose.unwrap();
+    assert_eq!(
+        (pose.provenance, pose.age_nanos),
+        (Provenance::Interpolated, 4 * MILLI)
+    );
+    // Measured at 100 ms is what arrived at 108 ms.
+    assert!((pose.transmitter_from_sensor.translation.x - 0.108).abs() < 1e-9);
+    assert_eq!(pairing.counts().predicted, 0);
+}
+
+#[test]
+fn a_picture_waits_no_longer_than_it_may() {
+    let mut pairing = pairing(|config| config.max_wait_nanos = 50 * MILLI);
+    for millis in 0..100 {
+        pairing.push_pose(&reading(millis));
+    }
+    pairing.push_scene(picture(120, 120, 0.0));
+    pairing.push_environment(picture(165, 165, 0.0));
+    assert!(pairing.pop().is_none());
+    pairing.push_environment(picture(170, 170, 0.0));
+    let frame = pairing.pop().unwrap();
+    assert_eq!(frame.pose.unwrap().provenance, Provenance::Predicted);
+    assert!((frame.pose.unwrap().transmitter_from_sensor.translation.x - 0.120).abs() < 1e-9);
+    assert_eq!(pairing.counts().waited_out, 1);
+}
+
+#[test]
+fn a_tracker_that_fell_silent_is_not_waited_for() {
+    let mut pairing = pairing(|_| {});
+    pairing.push_pose(&reading(0));
+    let mut waits = Vec::new();
+    for i in 1..20 {
+        pairing.push_scene(picture(33 * i, 33 * i, 0.0));
+        waits.push(std::iter::from_fn(|| pairing.pop()).count());
+    }
+    // Before 250 ms of silence a picture waits for 50 ms, two pictures long.
+    assert_eq!(waits[..7], [0, 0, 1, 1, 1, 1, 1]);
+    assert_eq!(waits[7], 3, "at 264 ms all that wait are handed on");
+    assert!(waits[8..].iter().all(|popped| *popped == 1));
+    assert_eq!(pairing.counts().paired, 19);
+    assert!(pairing.counts().without_pose >= 15);
+}
+
+#[test]
+fn without_a_tracker_nothing_waits() {
+    let mut pairing = pairing(|config| config.station = None);
+    pairing.push_scene(picture(10, 10, 0.0));
+    assert!(pairing.pop().unwrap().pose.is_none());
+}
+
+#[test]
+fn a_stream_that_stops_does_not_stop_the_picture() {
+    let mut pairing = pairing(|_| {});
+    for i in 0..40 {
+        pairing.push_scene(picture(10 + i, 10, 0.0));
+    }
+    // Time stands still, yet no more than sixteen pictures are held.
+    let popped = std::iter::from_fn(|| pairing.pop()).count();
+    assert_eq!(popped, 40 - WAITING);
+    pairing.finish();
+    assert_eq!(std::iter::from_fn(|| pairing.pop()).count(), WAITING);
+}
+
+#[test]
+fn the_environment_is_the_newest_whole_view_that_is_not_from_the_future() {
+    let mut pairing = pairing(|config| {
+        config.station = None;
+        config.brackets = 1;
+        config.environment_latency_nanos = 5 * MILLI;
+    });
+    for (captured, ev) in [(100, 0.0), (100, -4.0), (167, 0.0)] {
+        pairing.push_environment(picture(captured + 5, captured + 6, ev));
+    }
+    let mut generation_at = |captured: i64, arrived: i64| {
+        pairing.push_scene(picture(captured, arrived, 0.0));
+        let environment = pairing.pop().unwrap().environment;
+        environment.map(|e| (e.set.generation, e.skew_nanos / MILLI, e.set.frames.len()))
+    };
+    assert_eq!(generation_at(99, 173), None, "before the first view");
+    assert_eq!(generation_at(100, 173), Some((1, 0, 2)));
+    assert_eq!(generation_at(166, 173), Some((1, 66, 2)));
+    assert_eq!(
+        generation_at(170, 174),
+        Some((1, 70, 2)),
+        "the second lacks its bracket"
+    );
+    assert_eq!(
+        generation_at(270, 280),
+        Some((2, 103, 1)),
+        "which never came"
+    );
+}
+
+#[test]
+fn brackets_join_their_own_view_once() {
+    let mut pairing = pairing(|config| {
+        config.station = None;
+        config.brackets = 2;
+    });
+    pairing.push_environment(picture(0, 0, -4.0));
+    for (captured, ev) in [(10, 0.0), (11, -4.0), (12, -8.0), (13, -8.0), (900, -4.0)] {
+        pairing.push_environment(picture(captured, captured, ev));
+    }
+    pairing.push_scene(picture(900, 900, 0.0));
+    let set = pairing.pop().unwrap().environment.unwrap().set;
+    let evs: Vec<_> = set.frames.iter().map(|frame| frame.bracket_ev).collect();
+    assert_eq!(evs, [0.0, -4.0, -8.0]);
+    assert_eq!(pairing.counts().orphan_brackets, 3);
+    assert_eq!(pairing.counts().incomplete_sets, 0);
+}
+
+#[test]
+fn time_that_jumps_back_begins_anew_and_loses_no_picture() {
+    let mut pairing = pairing(|_| {});
+    for millis in (2000..3000).step_by(8) {
+        pairing.push_pose(&reading(millis));
+    }
+    pairing.push_environment(picture(2900, 2990, 0.0));
+    pairing.push_scene(picture(2999, 2999, 0.0));
+    pairing.push_scene(picture(1000, 1000, 0.0));
+    let frame = pairing.pop().unwrap();
+    assert!(frame.pose.is_some() && frame.environment.is_some());
+    assert!(
+        pairing.pop().is_none(),
+        "waits for readings of its own time"
+    );
+    pairing.push_pose(&reading(996));
+    pairing.push_pose(&reading(1004));
+    let frame = pairing.pop().unwrap();
+    assert_eq!(frame.pose.unwrap().provenance, Provenance::Interpolated);
+    assert!(frame.environment.is_none());
+    assert_eq!(pairing.counts().time_jumps, 1);
+}
+
+#[test]
+fn an_environment_camera_whose_stamps_go_back_is_followed() {
+    let mut pairing = pairing(|config| config.station = None);
+    for i in 0..20 {
+        pairing.push_environment(picture(100_000 + i, 100_000 + i, 0.0));
+    }
+    pairing.push_environment(picture(500, 100_100, 0.0));
+    pairing.push_scene(picture(100_110, 100_110, 0.0));
+    let environment = pairing.pop().unwrap().environment.unwrap();
+    assert_eq!(environment.set.captured_at, at(500));
+}
+
+#[derive(Clone, Debug)]
+enum Event {
+    Scene(i64),
+    Environment(i64, f64),
+    Pose(f64),
+    Advance,
+}
+
+fn any_event() -> impl Strategy<Value = Event> {
+    prop_oneof![
+        (-50..100_i64).prop_map(Event::Scene),
+        (-50..100_i64, prop::sample::select(vec![0.0, -4.0]))
+            .prop_map(|(l, ev)| Event::Environment(l, ev)),
+        prop_oneof![-1.0..1.0_f64, Just(f64::NAN), Just(1e30)].prop_map(Event::Pose),
+        Just(Event::Advance),
+    ]
+}
+
+proptest! {
+    #[test]
+    fn no_picture_is_lost_or_paired_with_the_future(
+        events in prop::collection::vec((any_event(), -20..60_i64), 0..120),
+        jump in prop::option::of(0..120_usize),
+    ) {
+        let mut pairing = pairing(|config| config.brackets = 1);
+        let mut now = 10_000;
+        let (mut pushed, mut popped) = (0, Vec::new());
+        for (i, (event, step)) in events.into_iter().enumerate() {
+            now += if jump == Some(i) { -5_000 } else { step };
+            match event {
+                Event::Scene(latency) => {
+                    pairing.push_scene(picture(now - latency, now, 0.0));
+                    pushed += 1;
+                }
+                Event::Environment(latency, ev) => {
+                    pairing.push_environment(picture(now - latency, now, ev));
+                }
+                Event::Pose(x) => {
+                    let mut sample = reading(now);
+                    sample.transmitter_from_sensor.translation.y = x;
+                    pairing.push_pose(&sample);
+                }
+                Event::Advance => pairing.advance(at(now)),
+            }
+            popped.extend(std::iter::from_fn(|| pairing.pop()));
+            prop_assert!(pushed - popped.len() <= WAITING);
+        }
+        pairing.finish();
+        popped.extend(std::iter::from_fn(|| pairing.pop()));
+        prop_assert_eq!(popped.len(), pushed);
+        for (i, frame) in popped.iter().enumerate() {
+            prop_assert_eq!(frame.index, i as u64);
+            if let Some(environment) = &frame.environment {
+                prop_assert!(environment.skew_nanos >= 0);
+                prop_assert!(environment.set.captured_at <= frame.captured_at);
+            }
+            if let Some(pose) = frame.pose {
+                prop_assert!(pose.age_nanos >= 0);
+                prop_assert!(pose.transmitter_from_sensor.translation.is_finite());
+            }
+        }
+        prop_assert_eq!(pairing.counts().paired, pushed as u64);
+    }
+
+    #[test]
+    fn streams_in_order_give_pairs_in_order(
+        scene in prop::collection::vec(1..60_i64, 1..40),
+        environment in prop::collection::vec(1..120_i64, 1..40),
+        poses in prop::collection::vec(1..30_i64, 1..100),
+    ) {
+        let times = |steps: &[i64], kind: u8| -> Vec<(i64, u8)> {
+            steps.iter().scan(1000, |t, step| { *t += step; Some((*t, kind)) }).collect()
+        };
+        let mut arrivals = [times(&scene, 0), times(&environment, 1), times(&poses, 2)].concat();
+        arrivals.sort_unstable();
+        let mut pairing = pairing(|_| {});
+        let mut popped = Vec::new();
+        for (millis, kind) in arrivals {
+            match kind {
+                0 => pairing.push_scene(picture(millis, millis, 0.0)),
+                1 => pairing.push_environment(picture(millis, millis, 0.0)),
+                _ => pairing.push_pose(&reading(millis)),
+            }
+            popped.extend(std::iter::from_fn(|| pairing.pop()));
+        }
+        pairing.finish();
+        popped.extend(std::iter::from_fn(|| pairing.pop()));
+        let generations = popped.iter().map(|f| f.environment.as_ref().map(|e| e.set.generation));
+        prop_assert!(generations.is_sorted());
+        prop_assert!(popped.iter().is_sorted_by_key(|frame| frame.captured_at));
+        for frame in &popped {
+            // One reading alone predicts no motion.
+            let interpolated = |pose: &PoseAt| pose.provenance != Provenance::Predicted;
+            if let Some(pose) = frame.pose.filter(interpolated) {
+                let x = frame.captured_at.as_nanos() as f64 * 1e-9;
+                prop_assert!((pose.transmitter_from_sensor.translation.x - x).abs() < 1e-6);
+            }
+        }
+    }
+}
+
+mod truth;
