@@ -4,6 +4,7 @@
 pub mod camera;
 pub mod colour;
 mod json_node;
+pub mod photometry;
 pub mod response;
 pub mod rig;
 pub mod rig_json;

@@ -1,0 +1,98 @@
+//! What the cameras report of their exposure, per frame.
+
+use penumbra_interface::Exposure;
+
+/// Follows both cameras' reported exposures. Gains hold for a reference state, the first
+/// that was reported; [`Self::factor`] carries them to the present one.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ExposureRatio {
+    scene: Reported,
+    environment: Reported,
+}
+
+/// Shutter time × gain of one camera.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Reported {
+    reference: Option<f64>,
+    latest: Option<f64>,
+}
+
+impl ExposureRatio {
+    /// Takes what both frames report; a camera that reports nothing, or nonsense, is taken
+    /// to stay as it was.
+    pub fn update(&mut self, scene: Option<Exposure>, environment: Option<Exposure>) {
+        self.scene.update(scene);
+        self.environment.update(environment);
+    }
+
+    /// Gain now / gain at the reference exposures.
+    #[must_use]
+    pub fn factor(&self) -> f64 {
+        self.scene.change() / self.environment.change()
+    }
+
+    /// Makes the present exposures the reference, as when a chart has just been
+    /// photographed.
+    pub fn set_reference(&mut self) {
+        self.scene.reference = self.scene.latest;
+        self.environment.reference = self.environment.latest;
+    }
+}
+
+impl Reported {
+    fn update(&mut self, exposure: Option<Exposure>) {
+        let product = exposure.map(|e| e.exposure_micros * e.gain);
+        if let Some(product) = product.filter(|p| p.is_finite() && *p > 0.0) {
+            self.reference.get_or_insert(product);
+            self.latest = Some(product);
+        }
+    }
+
+    fn change(&self) -> f64 {
+        match (self.latest, self.reference) {
+            (Some(latest), Some(reference)) => latest / reference,
+            _ => 1.0,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn exposure(exposure_micros: f64, gain: f64) -> Option<Exposure> {
+        Some(Exposure {
+            exposure_micros,
+            gain,
+        })
+    }
+
+    #[test]
+    fn a_longer_scene_exposure_raises_the_gain_and_a_longer_environment_one_lowers_it() {
+        let mut ratio = ExposureRatio::default();
+        assert_eq!(ratio.factor(), 1.0);
+        ratio.update(exposure(1000.0, 1.0), exposure(500.0, 2.0));
+        assert_eq!(ratio.factor(), 1.0);
+        ratio.update(exposure(2000.0, 1.5), None);
+        assert_eq!(ratio.factor(), 3.0);
+        ratio.update(None, exposure(500.0, 8.0));
+        assert_eq!(ratio.factor(), 0.75);
+        ratio.set_reference();
+        assert_eq!(ratio.factor(), 1.0);
+    }
+
+    #[test]
+    fn nonsense_is_ignored() {
+        let mut ratio = ExposureRatio::default();
+        ratio.update(exposure(1000.0, 1.0), None);
+        for (micros, gain) in [
+            (0.0, 1.0),
+            (-5.0, 1.0),
+            (f64::NAN, 1.0),
+            (f64::INFINITY, 1.0),
+        ] {
+            ratio.update(exposure(micros, gain), exposure(micros, gain));
+            assert_eq!(ratio.factor(), 1.0);
+        }
+    }
+}

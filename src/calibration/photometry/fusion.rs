@@ -1,0 +1,538 @@
+//! Which gains are in force, how sure they are, and how far the other ways differ.
+
+use super::chart::{ChartError, ChartMatch};
+use super::overlap::{GainTracker, OverlapEstimate, Shortage, SmoothingOptions};
+use super::{ExposureRatio, GainEstimate};
+use glam::{DMat3, DVec3};
+use penumbra_interface::{Exposure, MonotonicTime};
+use serde::{Deserialize, Serialize};
+
+/// The user's choice.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum MatchMethod {
+    /// The best that is available: chart, overlap, reflectance, grey world.
+    #[default]
+    Auto,
+    /// The two pictures of a chart.
+    Chart,
+    /// What both cameras see.
+    Overlap,
+    /// A surface of known reflectance.
+    Reflectance,
+    /// The gains of the config.
+    Fixed,
+}
+
+/// Where the gains in force come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Provenance {
+    /// The scene camera sees the environment itself: nothing to match.
+    SameCamera,
+    /// The config.
+    Fixed,
+    /// The two pictures of a chart.
+    Chart,
+    /// What both cameras see.
+    Overlap,
+    /// A surface of known reflectance.
+    Reflectance,
+    /// Only the assumption that the scene is grey on average: right to within half.
+    GreyWorld,
+    /// Nothing at all: gains of 1.
+    Unknown,
+}
+
+/// What the config says of the match.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PhotometrySettings {
+    /// Which way is to be in force.
+    pub method: MatchMethod,
+    /// Gains for `fixed`.
+    pub fixed_gains: Option<[f64; 3]>,
+    /// Use a 3×3 matrix where the chart calls for one.
+    pub matrix: bool,
+}
+
+/// Everything known of the match between the two cameras, and the decision.
+#[derive(Clone, Debug)]
+pub struct PhotometricMatch {
+    settings: PhotometrySettings,
+    same_camera: bool,
+    exposures: ExposureRatio,
+    chart: Option<Result<ChartMatch, ChartError>>,
+    overlap: GainTracker,
+    reflectance: Option<GainEstimate>,
+    grey_world: Option<GainEstimate>,
+}
+
+/// How much of a new reflectance estimate is taken over at each update.
+const REFLECTANCE_SHARE: f64 = 0.2;
+/// Two ways disagree where they differ by more than this (relative) …
+const DISAGREEMENT: f64 = 0.05;
+/// … and by more than this many standard errors.
+const DISAGREEMENT_SIGMAS: f64 = 3.0;
+
+impl PhotometricMatch {
+    /// `same_camera`: the environment is read from the scene camera's own picture.
+    #[must_use]
+    pub fn new(settings: PhotometrySettings, same_camera: bool) -> Self {
+        Self {
+            settings,
+            same_camera,
+            exposures: ExposureRatio::default(),
+            chart: None,
+            overlap: GainTracker::new(SmoothingOptions::default()),
+            reflectance: None,
+            grey_world: None,
+        }
+    }
+
+    /// Changes the settings while running.
+    pub fn set_settings(&mut self, settings: PhotometrySettings) {
+        self.settings = settings;
+    }
+
+    /// Takes what the chart says. The exposures first reported are taken for those of the
+    /// chart's photographs.
+    pub fn set_chart(&mut self, chart: Result<ChartMatch, ChartError>) {
+        self.chart = Some(chart);
+    }
+
+    /// Takes what the two cameras report of the frames now in use.
+    pub fn set_exposures(&mut self, scene: Option<Exposure>, environment: Option<Exposure>) {
+        self.exposures.update(scene, environment);
+    }
+
+    /// Takes one frame pair's answer; see [`estimate_overlap`](super::overlap::estimate_overlap).
+    pub fn update_overlap(&mut self, answer: Result<OverlapEstimate, Shortage>, at: MonotonicTime) {
+        self.overlap.update(answer, self.exposures.factor(), at);
+    }
+
+    /// Takes an estimate from known surfaces at the present exposures.
+    pub fn update_reflectance(&mut self, estimate: Option<GainEstimate>) {
+        let estimate = estimate.map(|e| self.at_reference(e));
+        self.reflectance = blend(self.reflectance, estimate);
+    }
+
+    /// Takes the grey world's guess at the present exposures.
+    pub fn update_grey_world(&mut self, estimate: Option<GainEstimate>) {
+        let estimate = estimate.map(|e| self.at_reference(e));
+        self.grey_world = blend(self.grey_world, estimate);
+    }
+
+    fn at_reference(&self, estimate: GainEstimate) -> GainEstimate {
+        GainEstimate {
+            gains: estimate.gains / self.exposures.factor(),
+            ..estimate
+        }
+    }
+
+    /// Gains for the frames now in use: `scene = gains × environment`, linear.
+    #[must_use]
+    pub fn gains(&self) -> DVec3 {
+        self.in_force().1.gains * self.factor()
+    }
+
+    /// Gains, or the matrix in place of them, for the frames now in use:
+    /// `scene = matrix × environment`, linear.
+    #[must_use]
+    pub fn scene_from_environment(&self) -> DMat3 {
+        match self.matrix() {
+            Some(matrix) => matrix * self.factor(),
+            None => DMat3::from_diagonal(self.gains()),
+        }
+    }
+
+    /// The chart's matrix, if it is in force.
+    fn matrix(&self) -> Option<DMat3> {
+        let wanted = self.settings.matrix && self.in_force().0 == Provenance::Chart;
+        self.chart_match().filter(|_| wanted)?.matrix
+    }
+
+    fn factor(&self) -> f64 {
+        if self.same_camera {
+            1.0
+        } else {
+            self.exposures.factor()
+        }
+    }
+
+    fn chart_match(&self) -> Option<&ChartMatch> {
+        self.chart.as_ref()?.as_ref().ok()
+    }
+
+    /// The way in force, and its gains at the reference exposures.
+    #[must_use]
+    pub fn in_force(&self) -> (Provenance, GainEstimate) {
+        let wanted = match self.settings.method {
+            MatchMethod::Auto => None,
+            MatchMethod::Chart => Some(Provenance::Chart),
+            MatchMethod::Overlap => Some(Provenance::Overlap),
+            MatchMethod::Reflectance => Some(Provenance::Reflectance),
+            MatchMethod::Fixed => Some(Provenance::Fixed),
+        };
+        let available = self.available();
+        let chosen = available.iter().find(|(p, _)| Some(*p) == wanted);
+        let best = || {
+            let automatic = available.iter();
+            automatic
+                .filter(|(p, _)| *p != Provenance::Fixed)
+                .min_by_key(|(p, _)| *p)
+        };
+        let own_camera = available.first().filter(|_| self.same_camera);
+        own_camera
+            .or(chosen)
+            .or_else(best)
+            .copied()
+            .unwrap_or(NOTHING)
+    }
+
+    fn available(&self) -> Vec<(Provenance, GainEstimate)> {
+        let exact = |gains| GainEstimate {
+            gains,
+            relative_sd: DVec3::ZERO,
+        };
+        let fixed = self.settings.fixed_gains.map(DVec3::from_array);
+        let list = [
+            (
+                Provenance::SameCamera,
+                self.same_camera.then_some(exact(DVec3::ONE)),
+            ),
+            (Provenance::Fixed, fixed.map(exact)),
+            (Provenance::Chart, self.chart_match().map(|c| c.estimate)),
+            (Provenance::Overlap, self.overlap.estimate()),
+            (Provenance::Reflectance, self.reflectance),
+            (Provenance::GreyWorld, self.grey_world),
+        ];
+        let list = list.into_iter();
+        list.filter_map(|(p, estimate)| Some((p, estimate?)))
+            .collect()
+    }
+
+    /// For status and report.
+    #[must_use]
+    pub fn status(&self) -> MatchStatus {
+        let (in_force, estimate) = self.in_force();
+        let compared = self.available();
+        let methods: Vec<MethodStatus> = compared
+            .iter()
+            .map(|(p, e)| MethodStatus::new(*p, e, &estimate))
+            .collect();
+        let frozen = self.overlap.frozen();
+        MatchStatus {
+            wanted: self.settings.method,
+            in_force,
+            gains: self.gains().to_array(),
+            uncertainty_percent: percent(estimate.relative_sd),
+            matrix: self.matrix().map(|m| m.transpose().to_cols_array_2d()),
+            exposure_factor: self.factor(),
+            frozen: in_force == Provenance::Overlap && frozen.is_some(),
+            overlap_frozen: frozen,
+            overlap_pairs: self.overlap.last().map(|last| last.pairs),
+            chart_residual_delta_e: self.chart_match().map(|c| c.residual_delta_e),
+            notice: self.notice(in_force, &methods),
+            methods,
+        }
+    }
+
+    /// One line for the user, where something is to be done.
+    fn notice(&self, in_force: Provenance, methods: &[MethodStatus]) -> Option<String> {
+        if let Some(other) = methods.iter().find(|m| m.disagrees) {
+            return Some(format!(
+                "{in_force:?} and {:?} disagree by {:.0} %: photograph the chart again, or \
+                 lock white balance and exposure of both cameras",
+                other.method, other.disagreement_percent
+            ));
+        }
+        if let Some(Err(error)) = &self.chart {
+            return Some(error.to_string());
+        }
+        matches!(in_force, Provenance::GreyWorld | Provenance::Unknown).then(|| {
+            "the cameras' brightness is not matched: photograph a colour chart with both, or \
+             state a phantom's albedo"
+                .to_owned()
+        })
+    }
+}
+
+const NOTHING: (Provenance, GainEstimate) = (
+    Provenance::Unknown,
+    GainEstimate {
+        gains: DVec3::ONE,
+        relative_sd: DVec3::INFINITY,
+    },
+);
+
+/// Geometric moving average; the stated error stays the newest one's, because albedo and
+/// light err alike at every update.
+fn blend(old: Option<GainEstimate>, new: Option<GainEstimate>) -> Option<GainEstimate> {
+    let (Some(old), Some(new)) = (old, new) else {
+        return new.or(old);
+    };
+    Some(GainEstimate {
+        gains: old.gains * (new.gains / old.gains).powf(REFLECTANCE_SHARE),
+        ..new
+    })
+}
+
+/// `None` where nothing is known.
+fn percent(relative: DVec3) -> Option<[f64; 3]> {
+    relative.is_finite().then(|| (100.0 * relative).to_array())
+}
+
+/// The match, for status and report.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct MatchStatus {
+    /// What the config asks for.
+    pub wanted: MatchMethod,
+    /// What is used.
+    pub in_force: Provenance,
+    /// Gains for the present exposures: scene = gains × environment, linear.
+    pub gains: [f64; 3],
+    /// Standard error of the gains; null where nothing is known.
+    pub uncertainty_percent: Option<[f64; 3]>,
+    /// The 3×3 matrix in force instead of the gains, rows, at the reference exposures.
+    pub matrix: Option<[[f64; 3]; 3]>,
+    /// What the reported exposures change since the reference.
+    pub exposure_factor: f64,
+    /// The way in force lives on an old value.
+    pub frozen: bool,
+    /// Why the overlap of the last frame pair said nothing.
+    pub overlap_frozen: Option<Shortage>,
+    /// Patches that both cameras saw, last time it said something.
+    pub overlap_pairs: Option<usize>,
+    /// CIEDE2000 left between the chart's two pictures once matched, mean over patches.
+    pub chart_residual_delta_e: Option<f64>,
+    /// Every way that has an answer.
+    pub methods: Vec<MethodStatus>,
+    /// What the user should know or do, one line.
+    pub notice: Option<String>,
+}
+
+/// One way's answer, compared with the one in force.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct MethodStatus {
+    /// Which way.
+    pub method: Provenance,
+    /// Its gains at the reference exposures.
+    pub gains: [f64; 3],
+    /// Standard error; null where unknown.
+    pub uncertainty_percent: Option<[f64; 3]>,
+    /// Largest difference of a channel from the gains in force.
+    pub disagreement_percent: f64,
+    /// CIEDE2000 between a grey (linear 0.5) under these and under the gains in force.
+    pub disagreement_delta_e: f64,
+    /// The difference is more than their stated errors allow.
+    pub disagrees: bool,
+}
+
+impl MethodStatus {
+    fn new(method: Provenance, estimate: &GainEstimate, in_force: &GainEstimate) -> Self {
+        let log_ratio = (estimate.gains / in_force.gains).ln().abs();
+        let variance = estimate.relative_sd.powf(2.0) + in_force.relative_sd.powf(2.0);
+        let beyond = |c: usize| {
+            log_ratio[c] > DISAGREEMENT && log_ratio[c] > DISAGREEMENT_SIGMAS * variance[c].sqrt()
+        };
+        Self {
+            method,
+            gains: estimate.gains.to_array(),
+            uncertainty_percent: percent(estimate.relative_sd),
+            disagreement_percent: estimate.percent_from(in_force.gains).abs().max_element(),
+            disagreement_delta_e: estimate.delta_e_from(in_force.gains),
+            disagrees: (0..3).any(beyond),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+    use super::*;
+
+    const GAINS: DVec3 = DVec3::new(3.0, 2.5, 4.0);
+
+    fn known(gains: DVec3, sd: f64) -> GainEstimate {
+        GainEstimate {
+            gains,
+            relative_sd: DVec3::splat(sd),
+        }
+    }
+
+    fn chart(gains: DVec3) -> Result<ChartMatch, ChartError> {
+        Ok(ChartMatch {
+            estimate: known(gains, 0.002),
+            matrix: Some(DMat3::from_diagonal(gains) * 1.01),
+            patches: [20; 3],
+            residual_delta_e: 0.4,
+            worst_delta_e: 1.0,
+        })
+    }
+
+    fn overlap(gains: DVec3) -> Result<OverlapEstimate, Shortage> {
+        Ok(OverlapEstimate {
+            estimate: known(gains, 0.01),
+            pairs: 100,
+            clusters: 12,
+            spread: 0.04,
+        })
+    }
+
+    fn with(method: MatchMethod) -> PhotometricMatch {
+        let settings = PhotometrySettings {
+            method,
+            ..PhotometrySettings::default()
+        };
+        PhotometricMatch::new(settings, false)
+    }
+
+    #[test]
+    fn the_best_available_way_is_in_force() {
+        let mut matched = with(MatchMethod::Auto);
+        assert_eq!(matched.in_force().0, Provenance::Unknown);
+        assert_eq!(matched.gains(), DVec3::ONE);
+        assert_eq!(matched.status().uncertainty_percent, None);
+        matched.update_grey_world(Some(known(GAINS, 0.5)));
+        assert_eq!(matched.in_force().0, Provenance::GreyWorld);
+        assert!(matched.status().notice.is_some());
+        matched.update_reflectance(Some(known(GAINS, 0.1)));
+        assert_eq!(matched.in_force().0, Provenance::Reflectance);
+        assert_eq!(matched.status().notice, None);
+        matched.update_overlap(overlap(GAINS), MonotonicTime::default());
+        assert_eq!(matched.in_force().0, Provenance::Overlap);
+        matched.set_chart(chart(GAINS));
+        assert_eq!(matched.in_force().0, Provenance::Chart);
+        assert_eq!(matched.status().methods.len(), 4);
+        assert!((matched.gains() - GAINS).abs().max_element() < 1e-12);
+    }
+
+    #[test]
+    fn the_users_choice_comes_first_where_it_has_an_answer() {
+        let mut matched = with(MatchMethod::Overlap);
+        matched.set_chart(chart(GAINS));
+        assert_eq!(matched.in_force().0, Provenance::Chart);
+        matched.update_overlap(overlap(GAINS), MonotonicTime::default());
+        assert_eq!(matched.in_force().0, Provenance::Overlap);
+        matched.set_settings(PhotometrySettings {
+            method: MatchMethod::Fixed,
+            fixed_gains: Some([1.0, 2.0, 3.0]),
+            matrix: false,
+        });
+        assert_eq!(matched.gains(), DVec3::new(1.0, 2.0, 3.0));
+        let mut single = PhotometricMatch::new(PhotometrySettings::default(), true);
+        single.set_chart(chart(GAINS));
+        assert_eq!(single.in_force().0, Provenance::SameCamera);
+        assert_eq!(single.gains(), DVec3::ONE);
+    }
+
+    #[test]
+    fn fixed_gains_are_not_taken_by_themselves() {
+        let settings = PhotometrySettings {
+            method: MatchMethod::Auto,
+            fixed_gains: Some([9.0; 3]),
+            matrix: false,
+        };
+        let mut matched = PhotometricMatch::new(settings, false);
+        matched.update_reflectance(Some(known(GAINS, 0.1)));
+        assert_eq!(matched.in_force().0, Provenance::Reflectance);
+    }
+
+    #[test]
+    fn disagreement_is_measured_and_told() {
+        let mut matched = with(MatchMethod::Auto);
+        matched.set_chart(chart(GAINS));
+        let warm = GAINS * DVec3::new(1.2, 1.0, 1.0);
+        matched.update_overlap(overlap(warm), MonotonicTime::default());
+        let status = matched.status();
+        let other = &status.methods[1];
+        assert_eq!(other.method, Provenance::Overlap);
+        assert!((other.disagreement_percent - 20.0).abs() < 0.1);
+        assert!(other.disagreement_delta_e > 3.0 && other.disagrees);
+        assert!(status.notice.unwrap().contains("disagree by 20 %"));
+        // A vague way may differ as much.
+        let mut matched = with(MatchMethod::Auto);
+        matched.set_chart(chart(GAINS));
+        matched.update_grey_world(Some(known(warm, 0.5)));
+        assert!(!matched.status().methods[1].disagrees);
+    }
+
+    #[test]
+    fn a_frozen_overlap_in_force_is_flagged() {
+        let mut matched = with(MatchMethod::Auto);
+        matched.update_overlap(overlap(GAINS), MonotonicTime::default());
+        assert!(!matched.status().frozen);
+        let few = Shortage::TooFew {
+            pairs: 2,
+            clusters: 1,
+        };
+        matched.update_overlap(Err(few), MonotonicTime::default());
+        assert!(matched.status().frozen);
+        assert!((matched.gains() - GAINS).abs().max_element() < 1e-12);
+        matched.set_chart(chart(GAINS));
+        assert!(!matched.status().frozen);
+        assert_eq!(matched.status().overlap_frozen, Some(few));
+    }
+
+    #[test]
+    fn reported_exposures_carry_the_gains_along() {
+        let exposure = |micros: f64, gain: f64| {
+            Some(Exposure {
+                exposure_micros: micros,
+                gain,
+            })
+        };
+        let mut matched = with(MatchMethod::Auto);
+        matched.set_chart(chart(GAINS));
+        matched.set_exposures(exposure(8000.0, 1.0), exposure(2000.0, 1.0));
+        assert!((matched.gains() - GAINS).abs().max_element() < 1e-12);
+        matched.set_exposures(exposure(4000.0, 1.0), exposure(2000.0, 2.0));
+        assert!((matched.gains() - 0.25 * GAINS).abs().max_element() < 1e-12);
+        // What is measured now agrees with the chart although exposures have changed.
+        matched.update_overlap(overlap(0.25 * GAINS), MonotonicTime::default());
+        matched.update_reflectance(Some(known(0.25 * GAINS, 0.1)));
+        let status = matched.status();
+        assert!(status.methods.iter().all(|m| m.disagreement_percent < 1e-6));
+        assert_eq!(status.exposure_factor, 0.25);
+    }
+
+    #[test]
+    fn the_matrix_is_used_only_where_asked_for() {
+        let mut matched = with(MatchMethod::Auto);
+        matched.set_chart(chart(GAINS));
+        assert_eq!(
+            matched.scene_from_environment(),
+            DMat3::from_diagonal(matched.gains())
+        );
+        matched.set_settings(PhotometrySettings {
+            matrix: true,
+            ..PhotometrySettings::default()
+        });
+        let matrix = matched.scene_from_environment();
+        assert!((matrix.x_axis.x - 3.03).abs() < 1e-12);
+        assert!(matched.status().matrix.is_some());
+    }
+
+    #[test]
+    fn a_bad_chart_leaves_a_notice_and_the_status_is_plain_json() {
+        let mut matched = with(MatchMethod::Auto);
+        matched.update_overlap(overlap(GAINS), MonotonicTime::default());
+        matched.set_chart(Err(ChartError::TooFew {
+            usable: 1,
+            channel: "red",
+        }));
+        let status = matched.status();
+        assert!(
+            status
+                .notice
+                .as_ref()
+                .unwrap()
+                .contains("photograph the chart again")
+        );
+        let json = serde_json::to_value(&status).unwrap();
+        assert_eq!(json["in_force"], "overlap");
+        assert_eq!(json["wanted"], "auto");
+    }
+}

@@ -1,0 +1,342 @@
+//! Finds surfaces that both cameras see, and reads them in both pictures.
+
+use super::chart::Photograph;
+use super::raycast::SurfaceHit;
+use super::view::{EnvironmentRay, environment_ray, mirror, picture_size};
+use crate::calibration::PinholeCamera;
+use crate::calibration::rig::EnvironmentView;
+use crate::picture::Picture;
+use glam::{DVec2, DVec3};
+use penumbra_interface::RigidTransform;
+
+/// One patch of a real surface in both pictures, linear, the mirror's loss undone.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PhotometricPair {
+    /// Mean in the scene camera's picture.
+    pub scene: DVec3,
+    /// Mean in the environment camera's picture, divided by the mirror's reflectance.
+    pub environment: DVec3,
+    /// Expected variance of ln(scene / environment); infinite where a channel is clipped
+    /// or too dark in either picture.
+    pub variance: DVec3,
+    /// Neighbours on one surface share a cluster: they err together.
+    pub cluster: u32,
+}
+
+/// Both pictures of one instant and where they were taken from.
+#[derive(Clone, Copy, Debug)]
+pub struct Overlap<'a> {
+    /// The scene camera's picture.
+    pub scene: Photograph<'a>,
+    /// The scene camera.
+    pub scene_camera: &'a PinholeCamera,
+    /// Its pose.
+    pub world_from_scene_camera: RigidTransform,
+    /// The environment camera's picture at its base exposure.
+    pub environment: Photograph<'a>,
+    /// Geometry of the environment camera's view.
+    pub environment_view: &'a EnvironmentView,
+}
+
+/// How densely and how strictly to look.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GatherOptions {
+    /// Pixels of the environment picture from one block to the next.
+    pub spacing: u32,
+    /// Side of a block that is compared, pixels of the environment picture; odd.
+    pub block: u32,
+    /// Side of a cluster, pixels of the scene picture.
+    pub cluster: u32,
+    /// Standard deviation of both cameras' noise at black, linear (1 = full scale).
+    pub noise: f64,
+    /// How far a patch may appear shifted between the pictures, as a fraction of itself.
+    pub misregistration: f64,
+}
+
+impl Default for GatherOptions {
+    fn default() -> Self {
+        Self {
+            spacing: 6,
+            block: 5,
+            cluster: 48,
+            noise: 0.003,
+            misregistration: 0.3,
+        }
+    }
+}
+
+/// Codes from here on are taken for clipped (JPEG smears a little below 255).
+const SATURATED: u8 = 248;
+/// A mean darker than this many deviations of a pixel is biased by the cut at black.
+const MIN_SIGNAL_TO_NOISE: f64 = 2.5;
+/// Cosine between a surface's normal and either view below which it is seen too obliquely.
+const MIN_COSINE: f64 = 0.12;
+/// How far a patch may look different from two sides, relative: no surface is quite matt.
+const MATTNESS: f64 = 0.02;
+/// Standard deviation over mean within a patch, above which an edge runs through it.
+const MAX_CONTRAST: f64 = 0.4;
+
+/// Every patch of the ground and the phantoms that both cameras see, unclipped and away
+/// from edges. `cast` finds the first real surface along a ray, as
+/// [`PhantomCaster::cast`](super::raycast::PhantomCaster::cast) does.
+pub fn gather_pairs(
+    overlap: &Overlap,
+    cast: &impl Fn(DVec3, DVec3) -> Option<SurfaceHit>,
+    options: &GatherOptions,
+) -> Vec<PhotometricPair> {
+    let picture = overlap.environment.picture;
+    let size = (picture.width, picture.height);
+    if picture_size(overlap.environment_view) != Some(size) || !scene_size_agrees(overlap) {
+        return Vec::new();
+    }
+    // A block has a middle pixel.
+    let options = &GatherOptions {
+        block: options.block | 1,
+        ..*options
+    };
+    let margin = options.block / 2 + 1;
+    let steps = |length: u32| (margin..length.saturating_sub(margin)).step_by(step(options));
+    steps(size.1)
+        .flat_map(|y| steps(size.0).map(move |x| (x, y)))
+        .filter_map(|(x, y)| pair_at(overlap, cast, options, x, y))
+        .collect()
+}
+
+fn step(options: &GatherOptions) -> usize {
+    options.spacing.max(1) as usize
+}
+
+fn scene_size_agrees(overlap: &Overlap) -> bool {
+    let (picture, camera) = (overlap.scene.picture, overlap.scene_camera);
+    (picture.width, picture.height) == (camera.width, camera.height)
+}
+
+fn pair_at(
+    overlap: &Overlap,
+    cast: &impl Fn(DVec3, DVec3) -> Option<SurfaceHit>,
+    options: &GatherOptions,
+    x: u32,
+    y: u32,
+) -> Option<PhotometricPair> {
+    let quad = Quad::trace(overlap, cast, options, x, y)?;
+    let environment = read_block(overlap.environment, options.block, x, y);
+    let scene = read_quad(overlap.scene, &quad);
+    let variance = DVec3::from_array([0, 1, 2].map(|c| {
+        let channels = (&scene.0[c], &environment.0[c]);
+        variance_of_log_ratio(channels.0, channels.1, options)
+    }));
+    let centre = quad.centre() / f64::from(options.cluster.max(1));
+    let cell = (centre.y as u32) * 512 + centre.x as u32;
+    variance
+        .cmplt(DVec3::INFINITY)
+        .any()
+        .then(|| PhotometricPair {
+            scene: scene.means(),
+            environment: environment.means() / quad.attenuation,
+            variance,
+            cluster: cell ^ quad.surface.wrapping_mul(0x9E37_79B1),
+        })
+}
+
+fn variance_of_log_ratio(scene: &Channel, environment: &Channel, options: &GatherOptions) -> f64 {
+    let one = |channel: &Channel| {
+        let noise = options.noise.hypot(channel.step);
+        let contrast = channel.contrast(noise);
+        if channel.clipped || channel.mean < MIN_SIGNAL_TO_NOISE * noise || contrast > MAX_CONTRAST
+        {
+            return f64::INFINITY;
+        }
+        let relative = noise / channel.mean;
+        relative * relative / channel.independent + (options.misregistration * contrast).powi(2)
+    };
+    one(scene) + one(environment) + MATTNESS * MATTNESS
+}
+
+/// The scene camera's view of the surface that a block of environment pixels shows.
+struct Quad {
+    /// Pixels, in the order top left, top right, bottom left, bottom right of the block.
+    corners: [DVec2; 4],
+    surface: u32,
+    attenuation: DVec3,
+}
+
+/// The largest quad that is compared, pixels of the scene picture.
+const MAX_QUAD: f64 = 80.0;
+
+impl Quad {
+    fn trace(
+        overlap: &Overlap,
+        cast: &impl Fn(DVec3, DVec3) -> Option<SurfaceHit>,
+        options: &GatherOptions,
+        x: u32,
+        y: u32,
+    ) -> Option<Self> {
+        let centre = DVec2::new(f64::from(x), f64::from(y));
+        let (middle, ray) = surface_at(overlap, cast, centre)?;
+        let mut corners = [DVec2::ZERO; 4];
+        let offsets = [(-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5), (0.5, 0.5)];
+        for (corner, (dx, dy)) in corners.iter_mut().zip(offsets) {
+            let offset = f64::from(options.block) * DVec2::new(dx, dy);
+            let (hit, corner_ray) = surface_at(overlap, cast, centre + offset)?;
+            let same = hit.surface == middle.surface && hit.normal.dot(middle.normal) > 0.95;
+            if !same || corner_ray.mirrored != ray.mirrored {
+                return None;
+            }
+            *corner = seen_by_scene_camera(overlap, cast, &hit)?;
+        }
+        let quad = Self {
+            corners,
+            surface: middle.surface,
+            attenuation: ray.attenuation,
+        };
+        (quad.extent() <= MAX_QUAD).then_some(quad)
+    }
+
+    fn centre(&self) -> DVec2 {
+        0.25 * self.corners.iter().sum::<DVec2>()
+    }
+
+    /// Length of the longer diagonal.
+    fn extent(&self) -> f64 {
+        let [a, b, c, d] = self.corners;
+        a.distance(d).max(b.distance(c))
+    }
+
+    /// The pixel at `u`, `v` in 0..=1 of the block.
+    fn at(&self, u: f64, v: f64) -> DVec2 {
+        let [a, b, c, d] = self.corners;
+        a.lerp(b, u).lerp(c.lerp(d, u), v)
+    }
+}
+
+/// What a pixel of the environment camera shows, if it is a matt surface seen from above.
+fn surface_at(
+    overlap: &Overlap,
+    cast: &impl Fn(DVec3, DVec3) -> Option<SurfaceHit>,
+    pixel: DVec2,
+) -> Option<(SurfaceHit, EnvironmentRay)> {
+    let ray = environment_ray(overlap.environment_view, pixel)?;
+    let hit = cast(ray.origin, ray.direction)?;
+    let facing = -hit.normal.dot(ray.direction) > MIN_COSINE;
+    (facing && !hit.mirror).then_some((hit, ray))
+}
+
+/// Pixel of a surface point in the scene picture, where nothing hides it.
+fn seen_by_scene_camera(
+    overlap: &Overlap,
+    cast: &impl Fn(DVec3, DVec3) -> Option<SurfaceHit>,
+    hit: &SurfaceHit,
+) -> Option<DVec2> {
+    let world_from_camera = overlap.world_from_scene_camera;
+    let eye = world_from_camera.translation;
+    let (direction, distance) = (hit.point - eye).normalize_and_length();
+    let first = cast(eye, direction)?;
+    let hidden = first.distance < distance - (0.002 + 0.005 * distance);
+    let facing = -hit.normal.dot(direction) > MIN_COSINE;
+    if hidden || !facing || behind_mirror(overlap, eye, direction, distance) {
+        return None;
+    }
+    let in_camera = world_from_camera.inverse().transform_point(hit.point);
+    let pixel = overlap.scene_camera.project(in_camera)?;
+    let inside = |p: f64, size: u32| p >= 2.0 && p <= f64::from(size) - 3.0;
+    let camera = overlap.scene_camera;
+    (inside(pixel.x, camera.width) && inside(pixel.y, camera.height)).then_some(pixel)
+}
+
+/// The mirrored sphere, or its stand, covers the way to the point.
+fn behind_mirror(overlap: &Overlap, eye: DVec3, direction: DVec3, distance: f64) -> bool {
+    mirror(overlap.environment_view).is_some_and(|sphere| {
+        let to_centre = sphere.centre_in_world - eye;
+        let near = to_centre.dot(direction) < distance + sphere.radius;
+        near && to_centre.cross(direction).length() < 1.1 * sphere.radius
+    })
+}
+
+/// What a patch reads in one picture.
+struct Reading([Channel; 3]);
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Channel {
+    mean: f64,
+    variance: f64,
+    /// Linear light of one code step.
+    step: f64,
+    /// How many pixels with noise of their own stand behind the mean.
+    independent: f64,
+    clipped: bool,
+}
+
+impl Reading {
+    fn means(&self) -> DVec3 {
+        DVec3::from_array([0, 1, 2].map(|c| self.0[c].mean))
+    }
+}
+
+impl Channel {
+    /// Standard deviation over mean that noise does not explain.
+    fn contrast(&self, noise: f64) -> f64 {
+        (self.variance - noise * noise).max(0.0).sqrt() / self.mean.max(1e-9)
+    }
+}
+
+fn read_block(photograph: Photograph, block: u32, x: u32, y: u32) -> Reading {
+    let half = block / 2;
+    let rows = (y - half)..=(y + half);
+    let codes = rows
+        .flat_map(|v| ((x - half)..=(x + half)).map(move |u| (u, v)))
+        .map(|(u, v)| photograph.picture.rgb(u, v));
+    summarise(photograph, codes, f64::INFINITY)
+}
+
+/// Samples the quad evenly, at the nearest pixels.
+fn read_quad(photograph: Photograph, quad: &Quad) -> Reading {
+    let [a, b, c, d] = quad.corners;
+    let width = a.distance(b).max(c.distance(d));
+    let height = a.distance(c).max(b.distance(d));
+    let count = |length: f64| length.ceil().clamp(2.0, 12.0) as u32;
+    let (columns, rows) = (count(width), count(height));
+    let area = 0.5 * (d - a).perp_dot(c - b).abs();
+    let codes = (0..rows).flat_map(|j| (0..columns).map(move |i| (i, j)));
+    let codes = codes.map(|(i, j)| {
+        let u = (f64::from(i) + 0.5) / f64::from(columns);
+        let v = (f64::from(j) + 0.5) / f64::from(rows);
+        nearest(photograph.picture, quad.at(u, v))
+    });
+    summarise(photograph, codes, area.max(1.0))
+}
+
+fn nearest(picture: &Picture, pixel: DVec2) -> [u8; 3] {
+    let clamp = |p: f64, size: u32| (p.round().max(0.0) as u32).min(size.saturating_sub(1));
+    picture.rgb(
+        clamp(pixel.x, picture.width),
+        clamp(pixel.y, picture.height),
+    )
+}
+
+/// `most` bounds the number of independent pixels from above.
+fn summarise(photograph: Photograph, codes: impl Iterator<Item = [u8; 3]>, most: f64) -> Reading {
+    let table = photograph.response.linear_from_code();
+    let mut channels = [Channel::default(); 3];
+    let mut count = 0.0;
+    for rgb in codes {
+        count += 1.0;
+        for (channel, code) in channels.iter_mut().zip(rgb) {
+            let linear = f64::from(table[usize::from(code)]);
+            channel.mean += linear;
+            channel.variance += linear * linear;
+            channel.clipped |= code >= SATURATED;
+        }
+    }
+    for channel in &mut channels {
+        channel.mean /= count;
+        channel.variance = (channel.variance / count - channel.mean * channel.mean).max(0.0);
+        let code = photograph.response.code_from_linear(channel.mean as f32);
+        channel.step = f64::from(photograph.response.step(code)) / 12f64.sqrt();
+        // JPEG's chroma is shared by 2×2 pixels, so a quarter of them err on their own.
+        channel.independent = (0.25 * count.min(most)).max(1.0);
+    }
+    Reading(channels)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,228 @@
+//! Which real surface a ray meets first: the ground and the phantom objects.
+
+use crate::scene::mesh::{Part, Scene};
+use glam::DVec3;
+
+/// Where a ray meets a surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SurfaceHit {
+    /// From the ray's origin, in lengths of its direction.
+    pub distance: f64,
+    /// In the world, metres.
+    pub point: DVec3,
+    /// Unit normal, towards the origin of the ray.
+    pub normal: DVec3,
+    /// Tells surfaces apart; equal for hits on one object.
+    pub surface: u32,
+    /// The surface mirrors, so that it looks different from everywhere.
+    pub mirror: bool,
+}
+
+/// [`SurfaceHit::surface`] of the ground.
+pub const GROUND: u32 = u32::MAX;
+
+/// Rays that see only a ground plane z = `height`.
+pub fn ground_only(height: f64) -> impl Fn(DVec3, DVec3) -> Option<SurfaceHit> {
+    move |origin, direction| ground_hit(height, origin, direction)
+}
+
+/// Where a ray meets the plane z = `height`.
+#[must_use]
+pub fn ground_hit(height: f64, origin: DVec3, direction: DVec3) -> Option<SurfaceHit> {
+    let distance = (height - origin.z) / direction.z;
+    (distance > 0.0 && distance.is_finite()).then(|| SurfaceHit {
+        distance,
+        point: origin + distance * direction,
+        normal: DVec3::Z * (origin.z - height).signum(),
+        surface: GROUND,
+        mirror: false,
+    })
+}
+
+/// Distance to a sphere's near side, for a unit direction from outside.
+#[must_use]
+pub fn sphere_hit(centre: DVec3, radius: f64, origin: DVec3, direction: DVec3) -> Option<f64> {
+    let to_centre = centre - origin;
+    let along = to_centre.dot(direction);
+    let miss = to_centre.length_squared() - along * along;
+    let distance = along - (radius * radius - miss).sqrt();
+    (distance > 0.0).then_some(distance)
+}
+
+/// The phantoms of a scene, ready for rays.
+#[derive(Clone, Debug, Default)]
+pub struct PhantomCaster {
+    parts: Vec<CastPart>,
+    ground_height: Option<f64>,
+}
+
+#[derive(Clone, Debug)]
+struct CastPart {
+    centre: DVec3,
+    radius: f64,
+    triangles: Vec<[DVec3; 3]>,
+    mirror: bool,
+}
+
+impl PhantomCaster {
+    /// Takes the phantoms and the ground as they stand now.
+    #[must_use]
+    pub fn new(scene: &Scene) -> Self {
+        Self {
+            parts: scene.phantom_parts.iter().map(CastPart::new).collect(),
+            ground_height: scene.ground_height,
+        }
+    }
+
+    /// The nearest surface along a ray.
+    #[must_use]
+    pub fn cast(&self, origin: DVec3, direction: DVec3) -> Option<SurfaceHit> {
+        let ground = self
+            .ground_height
+            .and_then(|height| ground_hit(height, origin, direction));
+        let hits = self.parts.iter().enumerate();
+        let hits = hits.filter_map(|(i, part)| part.hit(i as u32, origin, direction));
+        hits.chain(ground)
+            .min_by(|a, b| a.distance.total_cmp(&b.distance))
+    }
+}
+
+impl CastPart {
+    fn new(part: &Part) -> Self {
+        let place = |&index: &u32| {
+            let vertex = part.mesh.vertices.get(index as usize)?;
+            Some(
+                part.world_from_part
+                    .transform_point3(vertex.position.as_dvec3()),
+            )
+        };
+        let corners = part.mesh.indices.chunks_exact(3);
+        let triangles: Vec<[DVec3; 3]> = corners
+            .filter_map(|c| Some([place(&c[0])?, place(&c[1])?, place(&c[2])?]))
+            .collect();
+        let points = || triangles.iter().flatten();
+        let (low, high) = points()
+            .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| {
+                (low.min(*p), high.max(*p))
+            });
+        let centre = 0.5 * (low + high);
+        Self {
+            centre,
+            radius: points().map(|p| p.distance(centre)).fold(0.0, f64::max),
+            triangles,
+            mirror: part.mirror,
+        }
+    }
+
+    fn hit(&self, surface: u32, origin: DVec3, direction: DVec3) -> Option<SurfaceHit> {
+        let to_centre = self.centre - origin;
+        let miss = to_centre.cross(direction).length_squared() / direction.length_squared();
+        if !(miss <= self.radius * self.radius) {
+            return None;
+        }
+        let hits = self.triangles.iter();
+        let hits = hits.filter_map(|t| Some((triangle_hit(t, origin, direction)?, t)));
+        let (distance, [a, b, c]) = hits.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        let normal = (b - a).cross(c - a).normalize_or_zero();
+        Some(SurfaceHit {
+            distance,
+            point: origin + distance * direction,
+            normal: -normal * normal.dot(direction).signum(),
+            surface,
+            mirror: self.mirror,
+        })
+    }
+}
+
+/// Distance to a triangle from either side (Möller & Trumbore 1997).
+fn triangle_hit([a, b, c]: &[DVec3; 3], origin: DVec3, direction: DVec3) -> Option<f64> {
+    let (e1, e2) = (b - a, c - a);
+    let p = direction.cross(e2);
+    let determinant = e1.dot(p);
+    let t = origin - a;
+    let u = t.dot(p) / determinant;
+    let q = t.cross(e1);
+    let v = direction.dot(q) / determinant;
+    let distance = e2.dot(q) / determinant;
+    // Comparisons with the NaN of a degenerate triangle are false.
+    (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && distance > 1e-9).then_some(distance)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+    use super::*;
+    use crate::scene::mesh::{Material, Mesh, Vertex};
+    use glam::{DMat4, Vec2, Vec3, Vec4};
+    use std::sync::Arc;
+
+    /// A square of side 2 about the origin, in z = 0, moved by `world_from_part`.
+    fn square(world_from_part: DMat4, mirror: bool) -> Part {
+        let corner = |x: f32, y: f32| Vertex {
+            position: Vec3::new(x, y, 0.0),
+            normal: Vec3::Z,
+            uv: Vec2::ZERO,
+            tangent: Vec4::ZERO,
+        };
+        let vertices = vec![
+            corner(-1.0, -1.0),
+            corner(1.0, -1.0),
+            corner(1.0, 1.0),
+            corner(-1.0, 1.0),
+        ];
+        Part {
+            name: "square".into(),
+            mesh: Arc::new(Mesh {
+                vertices,
+                indices: vec![0, 1, 2, 0, 2, 3, 0, 9, 1],
+            }),
+            material: Arc::new(Material::default()),
+            world_from_part,
+            mirror,
+            albedo: None,
+        }
+    }
+
+    #[test]
+    fn the_nearest_surface_wins() {
+        let scene = Scene {
+            virtual_parts: Vec::new(),
+            phantom_parts: vec![
+                square(DMat4::from_translation(DVec3::new(0.0, 0.0, 1.0)), false),
+                square(DMat4::from_translation(DVec3::new(0.0, 0.0, 2.0)), true),
+            ],
+            ground_height: Some(0.0),
+        };
+        let caster = PhantomCaster::new(&scene);
+        let from_above = caster
+            .cast(DVec3::new(0.3, 0.2, 5.0), DVec3::NEG_Z)
+            .unwrap();
+        assert_eq!((from_above.surface, from_above.mirror), (1, true));
+        assert!((from_above.distance - 3.0).abs() < 1e-12);
+        assert_eq!(from_above.normal, DVec3::Z);
+        let from_between = caster.cast(DVec3::new(0.3, 0.2, 1.5), DVec3::Z).unwrap();
+        assert_eq!(from_between.surface, 1);
+        assert_eq!(from_between.normal, DVec3::NEG_Z);
+        let beside = caster
+            .cast(DVec3::new(1.3, 0.2, 5.0), DVec3::NEG_Z)
+            .unwrap();
+        assert_eq!((beside.surface, beside.point.z), (GROUND, 0.0));
+        assert_eq!(caster.cast(DVec3::new(1.3, 0.2, 5.0), DVec3::Z), None);
+        assert_eq!(caster.cast(DVec3::new(0.0, 0.0, 5.0), DVec3::X), None);
+    }
+
+    #[test]
+    fn a_sphere_is_met_on_its_near_side() {
+        let hit = sphere_hit(DVec3::new(0.0, 0.0, 5.0), 1.0, DVec3::ZERO, DVec3::Z);
+        assert_eq!(hit, Some(4.0));
+        assert_eq!(
+            sphere_hit(DVec3::new(0.0, 2.0, 5.0), 1.0, DVec3::ZERO, DVec3::Z),
+            None
+        );
+        assert_eq!(
+            sphere_hit(DVec3::new(0.0, 0.0, -5.0), 1.0, DVec3::ZERO, DVec3::Z),
+            None
+        );
+    }
+}

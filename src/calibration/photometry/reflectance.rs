@@ -1,0 +1,217 @@
+//! Gains from a surface of known reflectance: the measured light predicts its colour.
+
+use super::GainEstimate;
+use super::robust::{LogRatio, RobustMean, robust_mean};
+use crate::environment::light::{LightKind, Lighting};
+use glam::{DVec3, Vec3};
+use std::f64::consts::PI;
+
+/// A diffuse surface in the scene camera's picture, of which albedo and light are known.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct KnownSurface {
+    /// Mean in the scene camera's picture, linear.
+    pub scene: DVec3,
+    /// Diffuse reflectance.
+    pub albedo: DVec3,
+    /// Irradiance there, in the environment camera's units, what reaches it of it only
+    /// (see [`irradiance_at`]).
+    pub irradiance: DVec3,
+    /// Expected variance of ln(scene / irradiance), from noise and texture.
+    pub variance: f64,
+    /// Neighbours on one surface share a cluster.
+    pub cluster: u32,
+}
+
+/// How well albedo and light are known, relative; both err alike on all samples.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReflectanceOptions {
+    /// Of the stated albedo: 0.02 for a grey card, 0.1 for a guess.
+    pub albedo_sd: f64,
+    /// Of the irradiance: clipped sources and near light.
+    pub irradiance_sd: f64,
+}
+
+impl Default for ReflectanceOptions {
+    fn default() -> Self {
+        Self {
+            albedo_sd: 0.05,
+            irradiance_sd: 0.08,
+        }
+    }
+}
+
+/// Fewer surfaces than this are no evidence.
+const MIN_SURFACES: usize = 4;
+
+// ┌ A diffuse surface shows  scene = gain · albedo · E / π  (Lambert), so                ┐
+// └ ln gain = ln(π scene / (albedo E)), E in environment units.                          ┘
+
+/// Gains that explain the surfaces' colours; `None` with fewer than four usable.
+#[must_use]
+pub fn estimate_reflectance(
+    surfaces: &[KnownSurface],
+    options: &ReflectanceOptions,
+) -> Option<GainEstimate> {
+    let channel = |c: usize| {
+        let ratios: Vec<LogRatio> = surfaces
+            .iter()
+            .map(|s| LogRatio {
+                value: (PI * s.scene[c] / (s.albedo[c] * s.irradiance[c])).ln(),
+                variance: s.variance,
+                cluster: s.cluster,
+            })
+            .collect();
+        robust_mean(&ratios).filter(|m| m.inliers >= MIN_SURFACES)
+    };
+    let channels = [channel(0)?, channel(1)?, channel(2)?];
+    let of = |f: fn(&RobustMean) -> f64| DVec3::from_array([0, 1, 2].map(|c| f(&channels[c])));
+    let systematic = options.albedo_sd.hypot(options.irradiance_sd);
+    // One surface alone is one cluster, whose scatter says nothing: its spread is taken.
+    let error = |m: &RobustMean| if m.sd.is_finite() { m.sd } else { m.spread };
+    Some(GainEstimate {
+        gains: of(|m| m.mean).exp(),
+        relative_sd: DVec3::from_array(channels.map(|m| error(&m).hypot(systematic))),
+    })
+}
+
+/// The reverse check: the albedo that a surface must have under these gains, per channel.
+/// A value above 1 or far from the surface's look tells that gains or light are wrong.
+#[must_use]
+pub fn implied_albedo(scene: DVec3, irradiance: DVec3, gains: DVec3) -> DVec3 {
+    PI * scene / (gains * irradiance)
+}
+
+/// Mean albedo of everyday surfaces, and how far off it may be (relative).
+const USUAL_ALBEDO: f64 = 0.3;
+const USUAL_ALBEDO_SD: f64 = 0.5;
+
+/// What to assume when nothing is known: that the surfaces in view are grey on average
+/// and reflect 30 % (Buchsbaum's grey world). Right to within half, and says so.
+#[must_use]
+pub fn grey_world(mean_scene: DVec3, irradiance: DVec3) -> Option<GainEstimate> {
+    let gains = PI * mean_scene / (USUAL_ALBEDO * irradiance);
+    let usable = gains.is_finite() && gains.min_element() > 0.0;
+    usable.then_some(GainEstimate {
+        gains,
+        relative_sd: DVec3::splat(USUAL_ALBEDO_SD),
+    })
+}
+
+/// Irradiance on a surface with unit `normal`, as far as light reaches it.
+///
+/// `visibility` gives, for a unit direction towards a light, the fraction of the light
+/// that nothing keeps away (0..=1). Compact sources count one by one; the rest is the
+/// unshadowed irradiance times the visible part of the dome's cells. In the units of
+/// `lighting`: where gains g have been applied to it already, an estimate made from the
+/// result is what is still missing of them.
+#[must_use]
+pub fn irradiance_at(lighting: &Lighting, normal: Vec3, visibility: impl Fn(Vec3) -> f32) -> DVec3 {
+    let (mut compact, mut reached, mut all) = (Vec3::ZERO, 0.0f32, 0.0f32);
+    for light in &lighting.lights {
+        let facing = light.irradiance * normal.dot(light.direction).max(0.0);
+        let seen = visibility(light.direction);
+        match light.kind {
+            LightKind::Compact => compact += seen * facing,
+            LightKind::Cell => {
+                all += facing.element_sum();
+                reached += seen * facing.element_sum();
+            }
+        }
+    }
+    let visible = if all > 0.0 { reached / all } else { 1.0 };
+    (compact + visible * lighting.irradiance.irradiance(normal)).as_dvec3()
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+    use super::*;
+    use crate::environment::light::{CubeMap, DomeLight, Harmonics};
+    use penumbra_interface::MonotonicTime;
+    use std::sync::Arc;
+
+    fn surfaces(gains: DVec3, albedo: DVec3) -> Vec<KnownSurface> {
+        (0..20)
+            .map(|i| {
+                let irradiance = DVec3::new(0.4, 0.5, 0.6) * (1.0 + 0.1 * f64::from(i));
+                KnownSurface {
+                    scene: gains * albedo * irradiance / PI,
+                    albedo,
+                    irradiance,
+                    variance: 1e-4,
+                    cluster: i,
+                }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn a_grey_card_gives_the_gains_exactly() {
+        let gains = DVec3::new(4.9, 4.1, 3.2);
+        let mut card = surfaces(gains, DVec3::splat(0.18));
+        card[3].scene *= 0.2; // in a shadow that nobody knows of
+        let found = estimate_reflectance(&card, &ReflectanceOptions::default()).unwrap();
+        assert!(found.percent_from(gains).abs().max_element() < 1e-6);
+        assert!((0.09..0.12).contains(&found.relative_sd.x));
+        assert_eq!(
+            estimate_reflectance(&card[..3], &ReflectanceOptions::default()),
+            None
+        );
+    }
+
+    #[test]
+    fn the_reverse_check_gives_the_albedo_back() {
+        let (gains, albedo) = (DVec3::new(4.9, 4.1, 3.2), DVec3::new(0.4, 0.3, 0.2));
+        let surface = surfaces(gains, albedo)[0];
+        let implied = implied_albedo(surface.scene, surface.irradiance, gains);
+        assert!(implied.distance(albedo) < 1e-12);
+    }
+
+    #[test]
+    fn the_grey_world_says_that_it_knows_little() {
+        let guess = grey_world(DVec3::splat(0.3 / PI), DVec3::ONE).unwrap();
+        assert!(guess.gains.distance(DVec3::ONE) < 1e-12);
+        assert!(guess.relative_sd.min_element() >= 0.5);
+        assert_eq!(grey_world(DVec3::splat(0.1), DVec3::ZERO), None);
+        assert_eq!(grey_world(DVec3::ZERO, DVec3::ONE), None);
+    }
+
+    /// Radiance 1 all round, plus a lamp overhead of irradiance 2.
+    fn lighting() -> Lighting {
+        let mut irradiance = Harmonics::default();
+        irradiance.coefficients[0] = Vec3::splat(std::f32::consts::PI);
+        let light = |direction: Vec3, irradiance: f32, kind| DomeLight {
+            direction,
+            irradiance: Vec3::splat(irradiance),
+            angular_radius: 0.1,
+            kind,
+        };
+        Lighting {
+            captured_at: MonotonicTime::default(),
+            generation: 1,
+            radiance: Arc::new(CubeMap {
+                size: 1,
+                levels: vec![vec![[1.0; 3]; 6]],
+            }),
+            irradiance,
+            lights: vec![
+                light(Vec3::Z, 2.0, LightKind::Compact),
+                light(Vec3::new(0.6, 0.0, 0.8), 1.0, LightKind::Cell),
+                light(Vec3::new(-0.6, 0.0, 0.8), 1.0, LightKind::Cell),
+            ],
+            ground_radiance: Vec3::ZERO,
+        }
+    }
+
+    #[test]
+    fn irradiance_counts_what_reaches_the_surface() {
+        let lighting = lighting();
+        let open = irradiance_at(&lighting, Vec3::Z, |_| 1.0);
+        assert!((open.x - (PI + 2.0)).abs() < 1e-5);
+        let lamp_hidden = irradiance_at(&lighting, Vec3::Z, |d| f32::from(d != Vec3::Z));
+        assert!((lamp_hidden.x - PI).abs() < 1e-5);
+        let half = irradiance_at(&lighting, Vec3::Z, |d| f32::from(d.x >= 0.0));
+        assert!((half.x - (0.5 * PI + 2.0)).abs() < 1e-5);
+    }
+}
