@@ -117,7 +117,7 @@ impl CastPart {
     fn hit(&self, surface: u32, origin: DVec3, direction: DVec3) -> Option<SurfaceHit> {
         let to_centre = self.centre - origin;
         let miss = to_centre.cross(direction).length_squared() / direction.length_squared();
-        if !(miss <= self.radius * self.radius) {
+        if miss.is_nan() || miss > self.radius * self.radius {
             return None;
         }
         let hits = self.triangles.iter();
