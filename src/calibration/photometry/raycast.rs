@@ -68,8 +68,12 @@ impl PhantomCaster {
     /// Takes the phantoms and the ground as they stand now.
     #[must_use]
     pub fn new(scene: &Scene) -> Self {
+        let parts = scene.phantom_parts.iter().map(CastPart::new);
+        // The ground is in the list as a mesh too; two surfaces in one plane would take
+        // turns in being nearest.
+        let ground = |part: &CastPart| scene.ground_height.is_some_and(|h| part.lies_at(h));
         Self {
-            parts: scene.phantom_parts.iter().map(CastPart::new).collect(),
+            parts: parts.filter(|part| !ground(part)).collect(),
             ground_height: scene.ground_height,
         }
     }
@@ -114,10 +118,22 @@ impl CastPart {
         }
     }
 
-    fn hit(&self, surface: u32, origin: DVec3, direction: DVec3) -> Option<SurfaceHit> {
+    fn lies_at(&self, height: f64) -> bool {
+        let mut points = self.triangles.iter().flatten();
+        points.all(|p| (p.z - height).abs() < 1e-3)
+    }
+
+    /// The ray's line misses the ball around the part, or leaves it behind.
+    fn out_of_reach(&self, origin: DVec3, direction: DVec3) -> bool {
         let to_centre = self.centre - origin;
+        let reach = self.radius * self.radius;
         let miss = to_centre.cross(direction).length_squared() / direction.length_squared();
-        if miss.is_nan() || miss > self.radius * self.radius {
+        let behind = to_centre.dot(direction) < 0.0 && to_centre.length_squared() >= reach;
+        self.triangles.is_empty() || miss > reach || behind
+    }
+
+    fn hit(&self, surface: u32, origin: DVec3, direction: DVec3) -> Option<SurfaceHit> {
+        if self.out_of_reach(origin, direction) {
             return None;
         }
         let hits = self.triangles.iter();
@@ -191,6 +207,7 @@ mod tests {
             phantom_parts: vec![
                 square(DMat4::from_translation(DVec3::new(0.0, 0.0, 1.0)), false),
                 square(DMat4::from_translation(DVec3::new(0.0, 0.0, 2.0)), true),
+                square(DMat4::from_scale(DVec3::splat(9.0)), false),
             ],
             ground_height: Some(0.0),
         };
