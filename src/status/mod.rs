@@ -3,12 +3,14 @@
 //! The rig writes a [`SharedStatus`]; [`StatusServer`] reads it. [`snapshot`] is the data,
 //! [`times`] the histograms in it, [`settings`] what can be changed live. The server is
 //! [`server`] (socket and limits), `routes` (who answers what), `guard` (who may ask),
-//! [`metrics`] and [`health`] (the snapshot in other words), and the dashboard page.
+//! [`metrics`] and [`health`] (the snapshot in other words), [`preview`] (the light as a
+//! picture), and the dashboard page.
 
 pub mod fields;
 mod guard;
 pub mod health;
 pub mod metrics;
+pub mod preview;
 mod routes;
 pub mod server;
 pub mod settings;
@@ -18,6 +20,7 @@ mod stall;
 pub mod times;
 
 pub use fields::STATUS_FIELDS;
+pub use preview::environment_preview;
 pub use server::{DEFAULT_LISTEN, StatusError, StatusServer};
 pub use settings::{LightsMode, Settings, SettingsChange, ShadowMode, Technique};
 pub use shared::SharedStatus;

@@ -1,11 +1,13 @@
 //! A status server that shows a moving picture of its own, without cameras or GPU.
 
+use glam::Vec3;
+use penumbra::environment::{DomeLight, LightKind};
 use penumbra::picture::Picture;
 use penumbra::status::snapshot::{
     Device, DeviceKind, DeviceState, PoseAnswer, Resolution, SessionState, WhiteBalanceEstimate,
     WhiteBalanceMethod, WhiteMatch,
 };
-use penumbra::status::{Settings, SharedStatus, Snapshot, StatusServer};
+use penumbra::status::{Settings, SharedStatus, Snapshot, StatusServer, environment_preview};
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -60,7 +62,7 @@ impl Drop for Show {
 fn feed(shared: &SharedStatus, stop: &AtomicBool) {
     let settings = shared.settings_receiver();
     shared.publish_snapshot(example_snapshot());
-    shared.publish_environment_preview(Arc::new(sky(512, 256)));
+    shared.publish_environment_preview(Arc::new(sky(256)));
     for frame in 0_u64.. {
         if stop.load(Ordering::Relaxed) {
             return;
@@ -229,26 +231,35 @@ fn tint(light: f64, colour: [f64; 3]) -> [u8; 4] {
     [r, g, b, 255]
 }
 
-/// A sky with a sun and marks where dome lights would be.
-fn sky(width: u32, height: u32) -> Picture {
-    let pixel = |i: u32| {
-        let (x, y) = (f64::from(i % width), f64::from(i / width));
-        let (sx, sy) = (x - 330.0, y - 60.0);
-        let sun = (-(sx * sx + sy * sy) / 260.0).exp();
-        let up = 1.0 - y / f64::from(height);
-        let mark = (x % 64.0 - 32.0).hypot(y % 64.0 - 32.0);
-        if (3.0..4.6).contains(&mark) {
-            return [242, 184, 75, 255];
-        }
-        if up > 0.5 {
-            tint(0.35 + 0.5 * up + sun, [0.66, 0.8, 1.0])
-        } else {
-            tint(0.22 + 0.4 * up, [0.8, 0.7, 0.6])
-        }
+/// A sky with a sun and a lamp above a brown ground, and a dome for it.
+fn sky(height: u32) -> Picture {
+    let sun = Vec3::new(0.36, 0.48, 0.8);
+    let lamp = Vec3::new(0.5, -0.8, 0.33).normalize();
+    let radiance = |d: Vec3| {
+        let sky = Vec3::new(0.35, 0.5, 0.8) * (0.9 - 0.5 * d.z) + glow(d, sun, 60.0) * 9.0;
+        let ground = Vec3::new(0.2, 0.15, 0.11) * (1.0 + 0.5 * d.z);
+        let base = if d.z > 0.0 { sky } else { ground };
+        base + Vec3::new(1.0, 0.7, 0.4) * glow(d, lamp, 300.0) * 6.0
     };
-    Picture {
-        width,
-        height,
-        rgba: (0..width * height).flat_map(pixel).collect(),
-    }
+    let light = |direction: Vec3, strength: f32, kind| DomeLight {
+        direction,
+        irradiance: Vec3::splat(strength),
+        angular_radius: 0.1,
+        kind,
+    };
+    let rows = [(0.2_f32, 14_u32), (0.6, 12), (1.0, 8), (1.4, 3)];
+    let cells = rows.iter().flat_map(|(up, count)| {
+        (0..*count).map(move |i| {
+            let around = (i as f32 + up) * std::f32::consts::TAU / *count as f32;
+            Vec3::new(up.cos() * around.cos(), up.cos() * around.sin(), up.sin())
+        })
+    });
+    let mut lights: Vec<_> = cells.map(|d| light(d, 0.1, LightKind::Cell)).collect();
+    lights.push(light(sun, 1.6, LightKind::Compact));
+    lights.push(light(lamp, 0.5, LightKind::Compact));
+    environment_preview(height, radiance, &lights)
+}
+
+fn glow(d: Vec3, towards: Vec3, sharpness: f32) -> f32 {
+    (sharpness * (d.dot(towards) - 1.0)).exp()
 }
