@@ -113,12 +113,14 @@ fn a_setting_changed_on_the_page_reaches_the_rig_and_comes_back_confirmed() {
 }
 
 #[test]
-fn a_server_that_goes_away_is_noticed() {
-    let Some(mut browser) = browser("a_server_that_goes_away_is_noticed") else {
+fn a_server_that_goes_away_is_noticed_and_so_is_its_return() {
+    let Some(mut browser) = browser("a_server_that_goes_away_is_noticed_and_so_is_its_return")
+    else {
         return;
     };
     let show = Show::start();
     open(&mut browser, &show);
+    let address = show.address;
     drop(show);
     browser.wait_for(
         "document.body.dataset.link === 'lost' && !document.getElementById('link-lost').hidden",
@@ -129,4 +131,11 @@ fn a_server_that_goes_away_is_noticed() {
         matches!(&text, Value::String(t) if t.contains("is lost")),
         "{text}"
     );
+    let show = Show::start_at(address);
+    browser.wait_for(
+        "document.body.dataset.link === 'up' && document.getElementById('link-lost').hidden",
+    );
+    browser.wait_for("fetch('/status').then(r => r.json()).then(s => s.stream.viewers === 1)");
+    browser.wait_for("document.getElementById('picture').naturalWidth === 640");
+    assert!(show.shared.wants_picture());
 }

@@ -29,8 +29,12 @@ pub struct Show {
 impl Show {
     /// Serves a picture that moves, on any free port of this machine.
     pub fn start() -> Self {
+        Self::start_at(SocketAddr::from(([127, 0, 0, 1], 0)))
+    }
+
+    /// The same at a given address.
+    pub fn start_at(listen: SocketAddr) -> Self {
         let shared = SharedStatus::new(Settings::default());
-        let listen = SocketAddr::from(([127, 0, 0, 1], 0));
         let server = StatusServer::bind(listen, None, Arc::clone(&shared)).expect("a free port");
         let address = server.local_addr();
         let runtime = tokio::runtime::Runtime::new().expect("a runtime");

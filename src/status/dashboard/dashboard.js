@@ -72,6 +72,7 @@ document.addEventListener('visibilitychange', () => {
   else openStream();
 });
 window.addEventListener('pagehide', closeStream);
+window.addEventListener('pageshow', (event) => { if (event.persisted) openStream(); });
 
 // ── the cards ───────────────────────────────────────────────────────────────────────────
 
@@ -131,10 +132,10 @@ function environment(s) {
   facts($('light-facts'), [
     ['dome lights', whole(l.dome_lights)],
     ['for lamps and sun', whole(l.compact_lights)],
-    ['lamps, windows found', whole(l.compact_sources)],
+    ['sources found', whole(l.compact_sources)],
     ['age of the light', age(l.age_ms)],
     ['seen clipped', percent(l.clipped_fraction, 2)],
-    ['height of the main light', height(l.dominant_direction)],
+    ['main light, up', height(l.dominant_direction)],
   ]);
   const now = performance.now();
   if (l.preview_revision === shownRevision || now - shownAt < ENVIRONMENT_MS) return;
@@ -275,6 +276,8 @@ function lost(reason) {
   flag($('link-lost'), reason);
   pill($('state-pill'), 'no connection', 'bad');
   put($('state-sentence'), '');
+  put($('picture-note'), 'No connection');
+  $('picture-note').hidden = false;
 }
 
 async function ask() {
