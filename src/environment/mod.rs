@@ -3,7 +3,36 @@
 //!
 //! All values are linear, Rec.709 primaries, in the scene camera's units (a value of 1 is
 //! the scene camera's white at its exposure). Directions are in the world, +Z up.
+//!
+//! The way of a picture: [`hdr`] merges bracketed exposures; [`view`] knows which
+//! direction each pixel shows; [`sources`] finds compact sources among the pixels;
+//! [`resample`] gathers the pixels into the cube map; [`harmonics`] and [`prefilter`] make
+//! it into irradiance and the radiance map; [`dome`] (the paper's grid) or [`adaptive`]
+//! make it into dome lights. [`EnvironmentEstimator`] does all this for every frame.
 
+pub mod adaptive;
+mod cells;
+pub mod clipped;
+pub mod cube;
+pub mod dome;
+pub mod estimator;
+mod fisheye;
+pub mod harmonics;
+pub mod hdr;
 pub mod light;
+mod memory;
+mod mirror;
+pub mod prefilter;
+pub mod resample;
+pub mod sources;
+mod tracking;
+pub mod view;
 
+pub use clipped::ClippedEnergy;
+pub use estimator::{
+    EnvironmentError, EnvironmentEstimator, EnvironmentInput, EnvironmentSettings,
+    IrradianceMethod, Placement,
+};
+pub use hdr::Bracket;
 pub use light::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
+pub use view::Parallax;

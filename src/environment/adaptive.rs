@@ -1,0 +1,225 @@
+//! The adaptive dome: compact sources get lights of their own at their true directions,
+//! and the rest of the budget goes to cells of similar importance.
+
+use super::cells::Cells;
+use super::cube::CubeGrid;
+use super::light::{DomeLight, LightKind};
+use super::sources::{LUMINANCE, Source};
+use super::tracking::SourceTracker;
+use glam::{Mat3, Vec3};
+
+/// A light keeps its place while it has moved by less than this part of its radius: the
+/// shadow's blur hides it, and its shadow map stays valid.
+const DEAD_BAND: f32 = 0.05;
+
+/// Sources are not split into lights of a smaller radius than this, radians (0.6°): no
+/// shadow map resolves them.
+const LEAST_RADIUS: f32 = 0.0105;
+
+/// Part of the budget that the cells always keep.
+const LEAST_CELLS: f32 = 0.25;
+
+/// What a slot of the dome is used for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Owner {
+    Nobody,
+    Source { id: u32, leaf: usize },
+    Cell(usize),
+}
+
+/// Lights assigned to slots, coherently in time.
+#[derive(Clone, Debug)]
+pub struct AdaptiveDome {
+    budget: usize,
+    ground: bool,
+    tracker: SourceTracker,
+    cells: Cells,
+    cell_count: usize,
+    owners: Vec<Owner>,
+    lights: Vec<DomeLight>,
+}
+
+impl AdaptiveDome {
+    /// A dome of at most `budget` lights. With `ground`, all are above the horizon.
+    #[must_use]
+    pub fn new(budget: usize, ground: bool) -> Self {
+        let dark = DomeLight {
+            direction: Vec3::Z,
+            irradiance: Vec3::ZERO,
+            angular_radius: 0.0,
+            kind: LightKind::Cell,
+        };
+        Self {
+            budget,
+            ground,
+            tracker: SourceTracker::default(),
+            cells: Cells::default(),
+            cell_count: 0,
+            owners: vec![Owner::Nobody; budget],
+            lights: vec![dark; budget],
+        }
+    }
+
+    /// The lights for this frame. `sources` hold indices into `directions`, in the
+    /// environment camera's units, which `gains` bring to the scene camera's; `texels` of
+    /// `grid` hold the rest of the environment, in the scene camera's units.
+    pub fn update(
+        &mut self,
+        sources: &[Source],
+        directions: &[Vec3],
+        gains: Mat3,
+        texels: &[Vec3],
+        grid: &CubeGrid,
+    ) -> Vec<DomeLight> {
+        let changed = self.tracker.update(sources, directions, gains);
+        self.plan(changed, texels, grid);
+        let divided = self
+            .cells
+            .update(texels, grid, self.cell_count, self.ground);
+        let mut wanted = Vec::with_capacity(self.budget);
+        for source in &mut self.tracker.sources {
+            let id = source.id;
+            let lights = source.split(self.ground).into_iter().enumerate();
+            wanted.extend(lights.map(|(leaf, light)| (Owner::Source { id, leaf }, light)));
+        }
+        let cells = self
+            .cells
+            .lights(texels, grid, self.ground)
+            .into_iter()
+            .enumerate();
+        wanted.extend(cells.map(|(k, light)| (Owner::Cell(k), light)));
+        self.assign(&wanted, divided);
+        self.lights.clone()
+    }
+
+    /// How many lights each source gets. With energy S and extent r split into n parts,
+    /// each part's error grows with (S/n)(r/√n); equal errors everywhere ask for
+    /// n ∝ (S r)^⅔.
+    fn plan(&mut self, changed: bool, texels: &[Vec3], grid: &CubeGrid) {
+        let demand: Vec<f32> = self
+            .tracker
+            .sources
+            .iter()
+            .map(|s| (s.share(self.ground) * s.radius()).max(0.0).powf(2.0 / 3.0))
+            .collect();
+        let rest = (self.rest(texels, grid) * std::f32::consts::SQRT_2).powf(2.0 / 3.0);
+        let total = (demand.iter().sum::<f32>() + rest).max(f32::MIN_POSITIVE);
+        let scale = self.budget as f32 / total;
+        let most = ((1.0 - LEAST_CELLS) * self.budget as f32).max(1.0);
+        let for_sources: f32 = demand.iter().map(|d| (d * scale).max(1.0)).sum();
+        let squeeze = (most / for_sources.max(1.0)).min(1.0);
+        let counts: Vec<usize> = demand
+            .iter()
+            .zip(&self.tracker.sources)
+            .map(|(d, source)| {
+                let most = (source.radius() / LEAST_RADIUS).powi(2);
+                ((d * scale * squeeze).min(most).round() as usize).max(1)
+            })
+            .collect();
+        let off = |(s, &n): (&super::tracking::TrackedSource, &usize)| {
+            (s.lights as f32 - n as f32).abs() > (0.35 * s.lights as f32).max(1.6)
+        };
+        if changed || self.tracker.sources.iter().zip(&counts).any(off) {
+            for (source, &n) in self.tracker.sources.iter_mut().zip(&counts) {
+                let keep = source.lights > 0 && !off((source, &n));
+                source.plan(if keep { source.lights } else { n });
+            }
+        }
+        let used: usize = self.tracker.sources.iter().map(|s| s.lights).sum();
+        self.cell_count = self.budget.saturating_sub(used);
+    }
+
+    /// Luminance of the ground's irradiance (or of all light) without the sources.
+    fn rest(&self, texels: &[Vec3], grid: &CubeGrid) -> f32 {
+        let rows = texels.iter().zip(&grid.directions).zip(&grid.solid_angles);
+        rows.map(|((l, d), w)| {
+            let cosine = if self.ground { d.z.max(0.0) } else { 1.0 };
+            l.dot(LUMINANCE).max(0.0) * w * cosine
+        })
+        .sum()
+    }
+
+    /// Puts lights into slots: an owner stays where it is, a new one takes the free slot
+    /// whose last light was nearest to it.
+    fn assign(&mut self, wanted: &[(Owner, DomeLight)], divided: bool) {
+        let mut slot_of: Vec<Option<usize>> = wanted
+            .iter()
+            .map(|(owner, _)| {
+                let anew = divided && matches!(owner, Owner::Cell(_));
+                if anew {
+                    None
+                } else {
+                    self.owners.iter().position(|o| o == owner)
+                }
+            })
+            .collect();
+        let mut taken = vec![false; self.budget];
+        slot_of.iter().flatten().for_each(|&s| taken[s] = true);
+        for (i, slot) in self.nearest_free(wanted, &slot_of, &taken) {
+            slot_of[i] = Some(slot);
+            taken[slot] = true;
+        }
+        for (slot, owner) in self
+            .owners
+            .iter_mut()
+            .enumerate()
+            .filter(|(s, _)| !taken[*s])
+        {
+            *owner = Owner::Nobody;
+            self.lights[slot].irradiance = Vec3::ZERO;
+        }
+        for ((owner, light), slot) in wanted.iter().zip(slot_of) {
+            if let Some(slot) = slot {
+                self.put(slot, *owner, *light);
+            }
+        }
+    }
+
+    /// Pairs of (index into `wanted`, free slot), nearest directions first.
+    fn nearest_free(
+        &self,
+        wanted: &[(Owner, DomeLight)],
+        slot_of: &[Option<usize>],
+        taken: &[bool],
+    ) -> Vec<(usize, usize)> {
+        let mut pairs = Vec::new();
+        for (i, (_, light)) in wanted
+            .iter()
+            .enumerate()
+            .filter(|(i, _)| slot_of[*i].is_none())
+        {
+            for slot in (0..self.budget).filter(|&s| !taken[s]) {
+                let distance = light
+                    .direction
+                    .distance_squared(self.lights[slot].direction);
+                pairs.push((distance, i, slot));
+            }
+        }
+        pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
+        let mut placed = vec![false; wanted.len()];
+        let mut full = taken.to_vec();
+        let mut chosen = Vec::new();
+        for (_, i, slot) in pairs {
+            if !placed[i] && !full[slot] {
+                placed[i] = true;
+                full[slot] = true;
+                chosen.push((i, slot));
+            }
+        }
+        chosen
+    }
+
+    fn put(&mut self, slot: usize, owner: Owner, mut light: DomeLight) {
+        let old = self.lights[slot];
+        let moved = old.direction.angle_between(light.direction);
+        let same = self.owners[slot] == owner && old.irradiance != Vec3::ZERO;
+        if same && moved < DEAD_BAND * light.angular_radius {
+            if self.ground {
+                light.irradiance *= light.direction.z / old.direction.z;
+            }
+            light.direction = old.direction;
+        }
+        self.owners[slot] = owner;
+        self.lights[slot] = light;
+    }
+}

@@ -1,0 +1,248 @@
+//! Cube-map geometry: which texel a direction falls into, and what a texel covers.
+
+use super::light::CubeMap;
+use glam::{DVec3, Vec3};
+
+/// Unit direction of the point (`s`, `t`), each 0..=1, of a face. Faces and orientation as
+/// in the table "Major axis direction" of the Vulkan specification (the same as WebGPU's).
+#[must_use]
+pub fn face_direction(face: usize, s: f64, t: f64) -> DVec3 {
+    let (a, b) = (2.0 * s - 1.0, 2.0 * t - 1.0);
+    let d = match face {
+        0 => DVec3::new(1.0, -b, -a),
+        1 => DVec3::new(-1.0, -b, a),
+        2 => DVec3::new(a, 1.0, b),
+        3 => DVec3::new(a, -1.0, -b),
+        4 => DVec3::new(a, -b, 1.0),
+        _ => DVec3::new(-a, -b, -1.0),
+    };
+    d.normalize()
+}
+
+/// Face, s and t (each 0..=1) that a direction falls on: the inverse of
+/// [`face_direction`].
+#[must_use]
+pub fn locate(d: Vec3) -> (usize, f32, f32) {
+    let a = d.abs();
+    let (face, major, sc, tc) = if a.x >= a.y && a.x >= a.z {
+        if d.x >= 0.0 {
+            (0, a.x, -d.z, -d.y)
+        } else {
+            (1, a.x, d.z, -d.y)
+        }
+    } else if a.y >= a.z {
+        if d.y >= 0.0 {
+            (2, a.y, d.x, d.z)
+        } else {
+            (3, a.y, d.x, -d.z)
+        }
+    } else if d.z >= 0.0 {
+        (4, a.z, d.x, -d.y)
+    } else {
+        (5, a.z, -d.x, -d.y)
+    };
+    let half = 0.5 / major.max(f32::MIN_POSITIVE);
+    (face, sc * half + 0.5, tc * half + 0.5)
+}
+
+/// Index, face-major, of the texel of a `size`-sided map that a direction falls into.
+#[must_use]
+pub fn texel_of(size: u32, d: Vec3) -> usize {
+    let (face, s, t) = locate(d);
+    let n = size as usize;
+    let x = ((s * size as f32) as usize).min(n - 1);
+    let y = ((t * size as f32) as usize).min(n - 1);
+    (face * n + y) * n + x
+}
+
+/// Solid angle between the face's centre and the corner (`a`, `b`) on the plane at
+/// distance 1: the antiderivative of (1 + a² + b²)^(−3/2).
+fn corner_solid_angle(a: f64, b: f64) -> f64 {
+    (a * b).atan2((a * a + b * b + 1.0).sqrt())
+}
+
+/// Every texel's direction and solid angle, face-major like [`CubeMap`].
+#[derive(Clone, Debug)]
+pub struct CubeGrid {
+    /// Texels a side.
+    pub size: u32,
+    /// Unit direction of each texel's centre, world.
+    pub directions: Vec<Vec3>,
+    /// Steradians of each texel; they add up to 4π.
+    pub solid_angles: Vec<f32>,
+}
+
+impl CubeGrid {
+    /// The grid of a cube with `size` texels a side.
+    #[must_use]
+    pub fn new(size: u32) -> Self {
+        let n = f64::from(size);
+        let (mut directions, mut solid_angles) = (Vec::new(), Vec::new());
+        for face in 0..6 {
+            for y in 0..size {
+                for x in 0..size {
+                    let (s, t) = ((f64::from(x) + 0.5) / n, (f64::from(y) + 0.5) / n);
+                    directions.push(face_direction(face, s, t).as_vec3());
+                    solid_angles.push(texel_solid_angle(size, x, y) as f32);
+                }
+            }
+        }
+        Self {
+            size,
+            directions,
+            solid_angles,
+        }
+    }
+
+    /// The up to eight texels around one, across the edges of faces too.
+    #[must_use]
+    pub fn neighbours(&self) -> Vec<[u32; 8]> {
+        let step = 2.0 / self.size as f32;
+        self.directions
+            .iter()
+            .map(|&d| {
+                let (right, up) = tangent_frame(d);
+                std::array::from_fn(|k| {
+                    let angle = k as f32 * std::f32::consts::FRAC_PI_4;
+                    // Texels shrink towards a face's corners, to 1/√27 in solid angle:
+                    // a step of one texel there is half a step at the centre.
+                    let (_, s, t) = locate(d);
+                    let (a, b) = (2.0 * s - 1.0, 2.0 * t - 1.0);
+                    let reach = step / (1.0 + a * a + b * b).powf(0.75);
+                    let moved = d + (right * angle.cos() + up * angle.sin()) * reach * 1.1;
+                    texel_of(self.size, moved) as u32
+                })
+            })
+            .collect()
+    }
+}
+
+/// Steradians of the texel in column `x` and row `y` of any face.
+#[must_use]
+pub fn texel_solid_angle(size: u32, x: u32, y: u32) -> f64 {
+    let edge = |i: u32| 2.0 * f64::from(i) / f64::from(size) - 1.0;
+    let (a0, a1, b0, b1) = (edge(x), edge(x + 1), edge(y), edge(y + 1));
+    corner_solid_angle(a1, b1) - corner_solid_angle(a0, b1) - corner_solid_angle(a1, b0)
+        + corner_solid_angle(a0, b0)
+}
+
+/// Two unit vectors that span the plane across `d`, the first horizontal.
+#[must_use]
+pub fn tangent_frame(d: Vec3) -> (Vec3, Vec3) {
+    let side = Vec3::Z.cross(d);
+    let right = if side.length_squared() > 1e-8 {
+        side.normalize()
+    } else {
+        Vec3::X
+    };
+    (right, d.cross(right))
+}
+
+/// The next smaller map: each texel the mean of four, weighted by their solid angles, so
+/// that the integral over the sphere stays what it was.
+#[must_use]
+pub fn halve(size: u32, texels: &[Vec3]) -> Vec<Vec3> {
+    let half = (size / 2) as usize;
+    let n = size as usize;
+    let weights: Vec<f32> = (0..n * n)
+        .map(|i| texel_solid_angle(size, (i % n) as u32, (i / n) as u32) as f32)
+        .collect();
+    let mut out = Vec::with_capacity(6 * half * half);
+    for (face, y, x) in (0..6 * half * half).map(|i| (i / (half * half), i / half % half, i % half))
+    {
+        let (mut sum, mut total) = (Vec3::ZERO, 0.0);
+        for (dy, dx) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+            let i = (2 * y + dy) * n + 2 * x + dx;
+            sum += texels[face * n * n + i] * weights[i];
+            total += weights[i];
+        }
+        out.push(sum / total);
+    }
+    out
+}
+
+/// Bilinear look-up within a face (edges are clamped), for previews and tests.
+#[must_use]
+pub fn sample(map: &CubeMap, level: usize, direction: Vec3) -> Vec3 {
+    let Some(texels) = map.levels.get(level) else {
+        return Vec3::ZERO;
+    };
+    let n = (map.size >> level) as usize;
+    let (face, s, t) = locate(direction);
+    let at = |v: f32| (v * n as f32 - 0.5).clamp(0.0, (n - 1) as f32);
+    let (x, y) = (at(s), at(t));
+    let (x0, y0) = (x as usize, y as usize);
+    let (x1, y1) = ((x0 + 1).min(n - 1), (y0 + 1).min(n - 1));
+    let texel = |x: usize, y: usize| Vec3::from(texels[(face * n + y) * n + x]);
+    let (fx, fy) = (x - x0 as f32, y - y0 as f32);
+    texel(x0, y0)
+        .lerp(texel(x1, y0), fx)
+        .lerp(texel(x0, y1).lerp(texel(x1, y1), fx), fy)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn solid_angles_add_up_to_the_sphere() {
+        for size in [1, 2, 7, 64] {
+            let sum: f64 = CubeGrid::new(size)
+                .solid_angles
+                .iter()
+                .map(|&w| f64::from(w))
+                .sum();
+            assert!(
+                (sum - 4.0 * std::f64::consts::PI).abs() < 1e-4,
+                "{size}: {sum}"
+            );
+        }
+    }
+
+    #[test]
+    fn the_faces_lie_where_the_specification_puts_them() {
+        // Vulkan, "Cube Map Face Selection": +X has sc = −rz, tc = −ry.
+        assert_eq!(locate(Vec3::new(1.0, 0.5, 0.0)), (0, 0.5, 0.25));
+        assert_eq!(locate(Vec3::new(0.0, 1.0, 0.5)), (2, 0.5, 0.75));
+        assert_eq!(locate(Vec3::new(0.5, 0.0, -1.0)), (5, 0.25, 0.5));
+    }
+
+    #[test]
+    fn neighbours_touch() {
+        let grid = CubeGrid::new(16);
+        for (i, around) in grid.neighbours().iter().enumerate() {
+            for &k in around {
+                let angle = grid.directions[i].angle_between(grid.directions[k as usize]);
+                assert!(angle < 0.3, "{i} {k} {angle}");
+            }
+            let others = around.iter().filter(|&&k| k as usize != i).count();
+            assert!(others >= 6, "texel {i} has {others} neighbours");
+        }
+    }
+
+    #[test]
+    fn halving_keeps_the_integral() {
+        let grid = CubeGrid::new(16);
+        let texels: Vec<Vec3> = grid
+            .directions
+            .iter()
+            .map(|d| d.abs() * 3.0 + d.x)
+            .collect();
+        let integral = |g: &CubeGrid, t: &[Vec3]| -> Vec3 {
+            t.iter().zip(&g.solid_angles).map(|(l, w)| *l * *w).sum()
+        };
+        let small = halve(16, &texels);
+        let difference = integral(&grid, &texels) - integral(&CubeGrid::new(8), &small);
+        assert!(difference.abs().max_element() < 1e-3, "{difference}");
+    }
+
+    proptest! {
+        #[test]
+        fn locate_inverts_face_direction(face in 0usize..6, s in 0.01f64..0.99, t in 0.01f64..0.99) {
+            let (f, a, b) = locate(face_direction(face, s, t).as_vec3());
+            prop_assert_eq!(f, face);
+            prop_assert!((f64::from(a) - s).abs() < 1e-5 && (f64::from(b) - t).abs() < 1e-5);
+        }
+    }
+}

@@ -1,0 +1,637 @@
+//! Pictures of the environment camera in, light out, frame by frame.
+
+use super::adaptive::AdaptiveDome;
+use super::clipped::{ClippedEnergy, boost};
+use super::cube::{CubeGrid, halve, texel_of};
+use super::dome::{DomeGrid, ground_irradiance};
+use super::harmonics::{HarmonicsTable, blurred, pin_upward};
+use super::hdr::{Bracket, BracketMerger, scales};
+use super::light::{DomeLight, Harmonics, Lighting};
+use super::memory::DirectionMemory;
+use super::prefilter::Prefilter;
+use super::resample::{GatherTable, Hidden, PixelDirections, inpaint};
+use super::sources::{Layout, SampleGrid, Source, SourceFinder, SourceSettings};
+use super::view::{Parallax, PlacedView};
+use crate::calibration::rig::EnvironmentView;
+use crate::calibration::{PinholeCamera, Response};
+use glam::{Mat3, Vec3};
+use penumbra_interface::{MonotonicTime, RigidTransform};
+use std::sync::Arc;
+
+/// Side of the map that dome lights are made from.
+const FINE_SIZE: u32 = 16;
+/// Standard deviation of the paper's blur, radians: the cosine lobe's own width.
+const BLUR_SIGMA: f32 = 0.75;
+/// Samples a side of a texel, at most: 24 are enough for pictures of 1000 pixels.
+const FINEST: u32 = 24;
+
+/// Where dome lights are put.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Placement {
+    /// The paper's: texel centres of the downsampled cube map.
+    Grid,
+    /// Compact sources at their true directions, cells of similar importance for the rest.
+    #[default]
+    Adaptive,
+}
+
+/// How irradiance is computed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum IrradianceMethod {
+    /// Spherical harmonics of degree 2.
+    #[default]
+    Harmonics,
+    /// The paper's blurred map, for comparison.
+    Blurred,
+}
+
+/// What can be chosen.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EnvironmentSettings {
+    /// Texels a side of the cube map, a power of two.
+    pub cube_size: u32,
+    /// Where dome lights are put.
+    pub placement: Placement,
+    /// Dome lights at most.
+    pub lights: usize,
+    /// There is phantom ground: no light comes from below.
+    pub ground: bool,
+    /// How irradiance is computed.
+    pub irradiance: IrradianceMethod,
+    /// What is done about sources that every exposure clips.
+    pub clipped: ClippedEnergy,
+    /// What counts as a compact source.
+    pub sources: SourceSettings,
+    /// Reflectance of the ground where nothing shows its radiance.
+    pub fallback_ground_albedo: f32,
+    /// Carries light from where it is seen to where it is needed.
+    pub parallax: Option<Parallax>,
+    /// Seconds for which a direction seen last on a sphere in the scene outweighs a new,
+    /// worse view of it.
+    pub memory_seconds: f32,
+}
+
+impl Default for EnvironmentSettings {
+    fn default() -> Self {
+        Self {
+            cube_size: 64,
+            placement: Placement::Adaptive,
+            lights: 64,
+            ground: true,
+            irradiance: IrradianceMethod::Harmonics,
+            clipped: ClippedEnergy::default(),
+            sources: SourceSettings::default(),
+            fallback_ground_albedo: 0.3,
+            parallax: None,
+            memory_seconds: 0.25,
+        }
+    }
+}
+
+/// Why there is no light from a picture.
+#[derive(Debug, thiserror::Error, PartialEq, Eq)]
+pub enum EnvironmentError {
+    /// The picture and the calibration disagree.
+    #[error(
+        "environment picture is {got_width}x{got_height}, its calibration says {width}x{height}: calibrate the camera at the size it records, or set its size to the calibration's"
+    )]
+    PictureSize {
+        /// Calibrated.
+        width: u32,
+        /// Calibrated.
+        height: u32,
+        /// The picture's.
+        got_width: u32,
+        /// The picture's.
+        got_height: u32,
+    },
+    /// Nothing to go by.
+    #[error("no environment picture was given")]
+    NoPicture,
+    /// The sphere is in the scene camera's picture, and where that looks is unknown.
+    #[error(
+        "the mirrored sphere is in the scene camera's picture, and that camera's pose is not known"
+    )]
+    NoScenePose,
+    /// Impossible geometry.
+    #[error(
+        "the camera is inside the mirrored sphere: check centre and radius (metres) of the sphere and the camera's pose"
+    )]
+    InsideSphere,
+    /// The cube's size.
+    #[error("cube size {0} is not a power of two between 16 and 512")]
+    CubeSize(u32),
+}
+
+/// One instant's pictures and what else is known.
+pub struct EnvironmentInput<'a> {
+    /// Exposures of the instant, in any order.
+    pub brackets: &'a [Bracket<'a>],
+    /// Pose and intrinsics of the scene camera, for a sphere in its picture.
+    pub scene: Option<(RigidTransform, &'a PinholeCamera)>,
+    /// From the environment camera's linear values to the scene camera's.
+    pub gains: Mat3,
+    /// Mean radiance of the ground around the objects, scene camera units.
+    pub ground_radiance: Option<Vec3>,
+    /// Irradiance of the ground as measured elsewhere, scene camera units.
+    pub measured_ground_irradiance: Option<Vec3>,
+    /// Rays that end on a phantom, for a sphere in the scene camera's picture (both the
+    /// camera's rays and the mirror's). Views that stand still take theirs at the start.
+    pub hidden: Option<&'a Hidden<'a>>,
+    /// Middle of the exposure.
+    pub captured_at: MonotonicTime,
+}
+
+/// A view that stands still, and its tables.
+struct FixedView {
+    pixels: PixelDirections,
+    table: GatherTable,
+}
+
+enum View {
+    Fixed(Box<FixedView>),
+    /// The sphere in the scene camera's picture; what was seen of each direction is kept.
+    Moving(Box<DirectionMemory>),
+}
+
+/// Turns environment pictures into [`Lighting`]. Deterministic; keeps what must be
+/// coherent in time.
+pub struct EnvironmentEstimator {
+    view: EnvironmentView,
+    placed: View,
+    merger: BracketMerger,
+    per_reflectance: Vec3,
+    settings: EnvironmentSettings,
+    grid: CubeGrid,
+    fine: CubeGrid,
+    harmonics: HarmonicsTable,
+    prefilter: Prefilter,
+    finder: SourceFinder,
+    dome: Dome,
+    /// Linear picture, environment camera units.
+    radiance: Vec<Vec3>,
+    clipped: Vec<u32>,
+    /// The measured cube, environment camera units, and how much of each texel is seen.
+    measured: Vec<Vec3>,
+    coverage: Vec<f32>,
+    generation: u64,
+}
+
+enum Dome {
+    Grid(DomeGrid),
+    Adaptive(AdaptiveDome),
+}
+
+impl Dome {
+    fn new(settings: &EnvironmentSettings, fine: &CubeGrid) -> Self {
+        match settings.placement {
+            Placement::Grid => Self::Grid(DomeGrid::new(settings.lights, settings.ground, fine)),
+            Placement::Adaptive => {
+                Self::Adaptive(AdaptiveDome::new(settings.lights, settings.ground))
+            }
+        }
+    }
+}
+
+impl EnvironmentEstimator {
+    /// Builds all tables. `hidden` tells which rays from a camera that stands still end on
+    /// phantoms; what is behind them is guessed from what is around.
+    ///
+    /// # Errors
+    /// Impossible geometry or cube size.
+    pub fn new(
+        view: &EnvironmentView,
+        response: &Response,
+        settings: EnvironmentSettings,
+        hidden: Option<&Hidden>,
+    ) -> Result<Self, EnvironmentError> {
+        let size = settings.cube_size;
+        if !size.is_power_of_two() || !(16..=512).contains(&size) {
+            return Err(EnvironmentError::CubeSize(size));
+        }
+        let grid = CubeGrid::new(size);
+        let (fine, placed) = (
+            CubeGrid::new(FINE_SIZE),
+            place(view, &settings, hidden, &grid)?,
+        );
+        Ok(Self {
+            view: view.clone(),
+            placed,
+            merger: BracketMerger::new(response),
+            per_reflectance: per_reflectance(view),
+            harmonics: HarmonicsTable::new(&grid.directions, &grid.solid_angles),
+            prefilter: Prefilter::new(size),
+            finder: SourceFinder::default(),
+            dome: Dome::new(&settings, &fine),
+            radiance: Vec::new(),
+            clipped: Vec::new(),
+            measured: vec![Vec3::ZERO; grid.directions.len()],
+            coverage: vec![0.0; grid.directions.len()],
+            generation: 0,
+            grid,
+            fine,
+            settings,
+        })
+    }
+
+    /// Settings in force.
+    #[must_use]
+    pub const fn settings(&self) -> &EnvironmentSettings {
+        &self.settings
+    }
+
+    /// Changes placement and number of lights while running; the rest stays.
+    pub fn set_lights(&mut self, placement: Placement, lights: usize) {
+        if (self.settings.placement, self.settings.lights) != (placement, lights) {
+            self.settings.placement = placement;
+            self.settings.lights = lights;
+            self.dome = Dome::new(&self.settings, &self.fine);
+        }
+    }
+
+    /// Reads the light of one instant.
+    ///
+    /// # Errors
+    /// Pictures that do not fit the calibration; a missing pose where one is needed.
+    pub fn update(&mut self, input: &EnvironmentInput) -> Result<Arc<Lighting>, EnvironmentError> {
+        let mut brackets = input.brackets.to_vec();
+        brackets.sort_by(|a, b| b.ev.total_cmp(&a.ev));
+        let (sources, residual, full) = match self.placed {
+            View::Fixed(_) => self.see_fixed(&brackets, input)?,
+            View::Moving(_) => self.see_moving(&brackets, input)?,
+        };
+        Ok(Arc::new(self.light(&sources, residual, full, input)))
+    }
+
+    /// Sources, the cube without them and the cube with them, in the camera's units.
+    fn see_fixed(
+        &mut self,
+        brackets: &[Bracket],
+        input: &EnvironmentInput,
+    ) -> Result<Seen, EnvironmentError> {
+        let View::Fixed(fixed) = &self.placed else {
+            return Ok(Seen::default());
+        };
+        let (pixels, table) = (&fixed.pixels, &fixed.table);
+        check_sizes(brackets, (pixels.width, pixels.height))?;
+        merge(
+            &self.merger,
+            brackets,
+            pixels,
+            self.per_reflectance,
+            &mut self.radiance,
+            &mut self.clipped,
+        );
+        boost(
+            &self.settings.clipped,
+            pixels,
+            &mut self.radiance,
+            &self.clipped,
+            input,
+        );
+        table.apply(&self.radiance, &mut self.measured);
+        self.coverage.clone_from(&table.coverage);
+        let samples = SampleGrid {
+            directions: &pixels.directions,
+            solid_angles: &pixels.solid_angles,
+            layout: Layout::Picture(pixels.width),
+        };
+        let full = self.measured.clone();
+        let sources = find(&mut self.finder, samples, &self.radiance, &self.settings);
+        if sources.is_empty() {
+            return Ok((sources, full.clone(), full));
+        }
+        take_out(&sources, &pixels.solid_angles, &mut self.radiance);
+        let mut residual = Vec::new();
+        table.apply(&self.radiance, &mut residual);
+        Ok((sources, residual, full))
+    }
+
+    fn see_moving(
+        &mut self,
+        brackets: &[Bracket],
+        input: &EnvironmentInput,
+    ) -> Result<Seen, EnvironmentError> {
+        let placed = input
+            .scene
+            .and_then(|scene| PlacedView::new(&self.view, Some(scene), self.settings.parallax));
+        let View::Moving(memory) = &mut self.placed else {
+            return Ok(Seen::default());
+        };
+        match &placed {
+            Some(view) => {
+                check_sizes(brackets, view.size())?;
+                let pixels = PixelDirections::around_mirror(view, input.hidden);
+                merge(
+                    &self.merger,
+                    brackets,
+                    &pixels,
+                    self.per_reflectance,
+                    &mut self.radiance,
+                    &mut self.clipped,
+                );
+                boost(
+                    &self.settings.clipped,
+                    &pixels,
+                    &mut self.radiance,
+                    &self.clipped,
+                    input,
+                );
+                let table = GatherTable::new(view, &pixels.solid_angles, self.grid.size, 3);
+                table.apply(&self.radiance, &mut self.measured);
+                memory.remember(
+                    &self.measured,
+                    &table.coverage,
+                    input.captured_at,
+                    self.settings.memory_seconds,
+                );
+            }
+            None if memory.is_empty() => return Err(EnvironmentError::NoScenePose),
+            None => {}
+        }
+        self.measured.clone_from(&memory.radiance);
+        self.coverage.clone_from(&memory.coverage);
+        let full = self.measured.clone();
+        let (seen, neighbours) = memory.seen(&self.grid.solid_angles);
+        let samples = SampleGrid {
+            directions: &self.grid.directions,
+            solid_angles: seen,
+            layout: Layout::Cube(neighbours),
+        };
+        let sources = find(&mut self.finder, samples, &full, &self.settings);
+        let mut residual = full.clone();
+        take_out(&sources, seen, &mut residual);
+        Ok((sources, residual, full))
+    }
+
+    fn light(
+        &mut self,
+        sources: &[Source],
+        mut residual: Vec<Vec3>,
+        mut full: Vec<Vec3>,
+        input: &EnvironmentInput,
+    ) -> Lighting {
+        self.to_scene_units(&mut residual, input.gains);
+        self.to_scene_units(&mut full, input.gains);
+        let compact = |l: &Vec3| {
+            sources
+                .iter()
+                .map(|s| input.gains * s.flux * s.direction.z.max(0.0))
+                .sum::<Vec3>()
+                + *l
+        };
+        let ground_radiance = input.ground_radiance.unwrap_or_else(|| {
+            let seen = ground_irradiance(&self.filled(&residual, Vec3::ZERO), &self.grid);
+            compact(&seen) * (self.settings.fallback_ground_albedo / std::f32::consts::PI)
+        });
+        let residual = self.filled(&residual, ground_radiance);
+        let full = self.filled(&full, ground_radiance);
+        let fine = shrink(self.grid.size, &residual);
+        let directions = match &self.placed {
+            View::Fixed(fixed) => &fixed.pixels.directions,
+            View::Moving(_) => &self.grid.directions,
+        };
+        let (lights, irradiance) = match &mut self.dome {
+            Dome::Adaptive(dome) => (
+                dome.update(sources, directions, input.gains, &fine, &self.fine),
+                self.settings
+                    .irradiance(&self.harmonics, &self.grid, &residual),
+            ),
+            Dome::Grid(dome) => (
+                dome.lights(&shrink(self.grid.size, &full), &self.fine),
+                self.settings.irradiance(&self.harmonics, &self.grid, &full),
+            ),
+        };
+        self.generation += 1;
+        Lighting {
+            captured_at: input.captured_at,
+            generation: self.generation,
+            radiance: Arc::new(self.prefilter.apply(&full)),
+            irradiance,
+            lights: pinned(lights, &irradiance, self.settings.ground),
+            ground_radiance,
+        }
+    }
+
+    fn to_scene_units(&self, texels: &mut [Vec3], gains: Mat3) {
+        for texel in texels {
+            *texel = (gains * *texel).max(Vec3::ZERO);
+        }
+    }
+
+    /// The whole sphere: what is not seen is guessed from what is around it, and below the
+    /// horizon it is the ground.
+    fn filled(&self, texels: &[Vec3], ground_radiance: Vec3) -> Vec<Vec3> {
+        let around = inpaint(self.grid.size, texels, &self.coverage, &self.grid);
+        let rows = texels
+            .iter()
+            .zip(&around)
+            .zip(&self.coverage)
+            .zip(&self.grid.directions);
+        rows.map(|(((texel, around), coverage), direction)| {
+            let up = smoothstep(-0.06, 0.02, direction.z);
+            ground_radiance
+                .lerp(*around, up)
+                .lerp(*texel, coverage.clamp(0.0, 1.0))
+        })
+        .collect()
+    }
+
+    /// Mean radiance within `half_angle` radians of a direction, in the *environment
+    /// camera's* units (before the gains); `None` where less than half of it is seen.
+    #[must_use]
+    pub fn radiance_at(&self, direction: Vec3, half_angle: f32) -> Option<[f32; 3]> {
+        let direction = direction.try_normalize()?;
+        let least = half_angle.cos();
+        let (mut sum, mut seen, mut total) = (Vec3::ZERO, 0.0, 0.0);
+        let rows = self
+            .grid
+            .directions
+            .iter()
+            .zip(&self.grid.solid_angles)
+            .enumerate();
+        for (i, (_, w)) in rows.filter(|(_, (d, _))| d.dot(direction) >= least) {
+            sum += self.measured[i] * (w * self.coverage[i]);
+            seen += w * self.coverage[i];
+            total += w;
+        }
+        if total == 0.0 {
+            let i = texel_of(self.grid.size, direction);
+            return (self.coverage[i] > 0.5).then(|| self.measured[i].to_array());
+        }
+        (seen > 0.5 * total).then(|| (sum / seen).to_array())
+    }
+
+    /// How much of each texel of the cube is seen, 0..=1.
+    #[must_use]
+    pub fn coverage(&self) -> &[f32] {
+        &self.coverage
+    }
+
+    /// Pixels (of the environment picture) that even the shortest exposure clipped in the
+    /// last update.
+    #[must_use]
+    pub fn clipped_pixels(&self) -> usize {
+        self.clipped.len()
+    }
+
+    /// Seconds since the direction that has been longest out of sight was seen, for a
+    /// sphere in the scene camera's picture; `None` for views that see all the time.
+    #[must_use]
+    pub fn oldest_seconds(&self, now: MonotonicTime) -> Option<f64> {
+        match &self.placed {
+            View::Fixed(_) => None,
+            View::Moving(memory) => memory.oldest_seconds(now),
+        }
+    }
+}
+
+/// Sources, the cube without them, the cube with them.
+type Seen = (Vec<Source>, Vec<Vec3>, Vec<Vec3>);
+
+impl EnvironmentSettings {
+    fn irradiance(&self, table: &HarmonicsTable, grid: &CubeGrid, texels: &[Vec3]) -> Harmonics {
+        let mut harmonics = match self.irradiance {
+            IrradianceMethod::Harmonics => table.project(texels),
+            IrradianceMethod::Blurred => return blurred(table, texels, BLUR_SIGMA),
+        };
+        if self.ground {
+            let exact = ground_irradiance(texels, grid);
+            let difference = exact - unclamped_up(&harmonics);
+            pin_upward(&mut harmonics, difference);
+        }
+        harmonics
+    }
+}
+
+fn unclamped_up(h: &Harmonics) -> Vec3 {
+    h.coefficients[0] + h.coefficients[2] + h.coefficients[6] * 2.0
+}
+
+/// Brings the cells' irradiance on the ground to exactly what [`Lighting::irradiance`]
+/// says, so that a point in full shadow of everything gets exactly nothing.
+fn pinned(mut lights: Vec<DomeLight>, irradiance: &Harmonics, ground: bool) -> Vec<DomeLight> {
+    use super::light::LightKind::Cell;
+    if !ground {
+        return lights;
+    }
+    let cells = || lights.iter().filter(|l| l.kind == Cell);
+    let sum: Vec3 = cells().map(|l| l.irradiance * l.direction.z.max(0.0)).sum();
+    let target = irradiance.irradiance(Vec3::Z);
+    let scale = Vec3::select(sum.cmpgt(Vec3::splat(1e-12)), target / sum, Vec3::ONE);
+    for light in lights.iter_mut().filter(|l| l.kind == Cell) {
+        light.irradiance *= scale;
+    }
+    lights
+}
+
+fn place(
+    view: &EnvironmentView,
+    settings: &EnvironmentSettings,
+    hidden: Option<&Hidden>,
+    grid: &CubeGrid,
+) -> Result<View, EnvironmentError> {
+    if let EnvironmentView::SphereInScene { .. } = view {
+        return Ok(View::Moving(Box::new(DirectionMemory::new(grid))));
+    }
+    let placed =
+        PlacedView::new(view, None, settings.parallax).ok_or(EnvironmentError::InsideSphere)?;
+    let pixels = PixelDirections::new(&placed, hidden);
+    let table = GatherTable::new(&placed, &pixels.solid_angles, grid.size, FINEST);
+    Ok(View::Fixed(Box::new(FixedView { pixels, table })))
+}
+
+fn per_reflectance(view: &EnvironmentView) -> Vec3 {
+    match view {
+        EnvironmentView::Fisheye { .. } => Vec3::ONE,
+        EnvironmentView::Sphere { sphere, .. } | EnvironmentView::SphereInScene { sphere } => {
+            Vec3::from(sphere.reflectance)
+                .max(Vec3::splat(0.01))
+                .recip()
+        }
+    }
+}
+
+fn check_sizes(brackets: &[Bracket], (width, height): (u32, u32)) -> Result<(), EnvironmentError> {
+    if brackets.is_empty() {
+        return Err(EnvironmentError::NoPicture);
+    }
+    for Bracket { picture, .. } in brackets {
+        let whole = picture.rgba.len() >= 4 * width as usize * height as usize;
+        if (picture.width, picture.height) != (width, height) || !whole {
+            return Err(EnvironmentError::PictureSize {
+                width,
+                height,
+                got_width: picture.width,
+                got_height: picture.height,
+            });
+        }
+    }
+    Ok(())
+}
+
+fn merge(
+    merger: &BracketMerger,
+    brackets: &[Bracket],
+    pixels: &PixelDirections,
+    per_reflectance: Vec3,
+    radiance: &mut Vec<Vec3>,
+    clipped: &mut Vec<u32>,
+) {
+    let scales = scales(brackets);
+    radiance.clear();
+    clipped.clear();
+    radiance.extend(pixels.solid_angles.iter().enumerate().map(|(i, &w)| {
+        if w == 0.0 {
+            return Vec3::ZERO;
+        }
+        let (value, is_clipped) = merger.pixel(brackets, &scales, i);
+        if is_clipped {
+            clipped.push(i as u32);
+        }
+        value * per_reflectance
+    }));
+}
+
+fn find(
+    finder: &mut SourceFinder,
+    samples: SampleGrid,
+    radiance: &[Vec3],
+    settings: &EnvironmentSettings,
+) -> Vec<Source> {
+    if settings.placement == Placement::Grid {
+        return Vec::new();
+    }
+    let most = settings.sources.most.min(settings.lights / 3);
+    let limits = SourceSettings {
+        most,
+        ..settings.sources
+    };
+    finder.find(samples, radiance, settings.ground, &limits)
+}
+
+/// Leaves the background where the sources are.
+fn take_out(sources: &[Source], solid_angles: &[f32], radiance: &mut [Vec3]) {
+    for (i, flux) in sources.iter().flat_map(|s| &s.parts) {
+        let i = *i as usize;
+        radiance[i] -= *flux / solid_angles[i].max(f32::MIN_POSITIVE);
+    }
+}
+
+fn shrink(mut size: u32, texels: &[Vec3]) -> Vec<Vec3> {
+    let mut small = texels.to_vec();
+    while size > FINE_SIZE {
+        small = halve(size, &small);
+        size /= 2;
+    }
+    small
+}
+
+fn smoothstep(low: f32, high: f32, x: f32) -> f32 {
+    let t = ((x - low) / (high - low)).clamp(0.0, 1.0);
+    t * t * (3.0 - 2.0 * t)
+}
+
+#[cfg(test)]
+#[path = "estimator_tests.rs"]
+mod tests;

@@ -1,0 +1,437 @@
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+//! Closed-form truths of the whole way from pictures to light.
+
+use super::*;
+use crate::calibration::response::srgb_from_linear;
+use crate::calibration::rig::{FisheyeLens, MirrorSphere};
+use crate::environment::LightKind;
+use crate::environment::cube::sample;
+use crate::picture::Picture;
+use glam::{DMat3, DQuat, DVec2, DVec3};
+use std::f32::consts::PI;
+
+const EVS: [f64; 4] = [0.0, -5.0, -10.0, -15.0];
+
+fn fisheye(turn: f64) -> EnvironmentView {
+    EnvironmentView::Fisheye {
+        lens: FisheyeLens {
+            width: 480,
+            height: 480,
+            focal: 151.0,
+            centre: DVec2::new(241.2, 238.6),
+            distortion: [0.0; 4],
+            max_theta: std::f64::consts::FRAC_PI_2,
+        },
+        world_from_camera: RigidTransform::new(DQuat::from_rotation_z(turn), DVec3::ZERO),
+    }
+}
+
+fn sphere(in_scene: bool) -> (EnvironmentView, RigidTransform, PinholeCamera) {
+    let forward = DVec3::new(-0.43, 0.66, -0.61).normalize();
+    let right = forward.cross(DVec3::Z).normalize();
+    let rotation = DMat3::from_cols(right, forward.cross(right), forward);
+    let eye = DVec3::new(0.33, -0.16, 0.28);
+    let world_from_camera = RigidTransform::new(DQuat::from_mat3(&rotation), eye);
+    let camera = PinholeCamera {
+        width: 480,
+        height: 480,
+        focal: DVec2::splat(2150.0),
+        centre: DVec2::new(238.7, 240.4),
+        distortion: [0.0; 5],
+    };
+    let sphere = MirrorSphere {
+        centre_in_world: eye + forward * 0.39,
+        radius: 0.04,
+        reflectance: [0.9, 0.8, 0.7],
+        in_scene,
+    };
+    let view = if in_scene {
+        EnvironmentView::SphereInScene { sphere }
+    } else {
+        EnvironmentView::Sphere {
+            camera: camera.clone(),
+            world_from_camera,
+            sphere,
+        }
+    };
+    (view, world_from_camera, camera)
+}
+
+/// Renders what the view would record of an environment, 3×3 samples a pixel.
+fn photograph(
+    placed: &PlacedView,
+    reflectance: Vec3,
+    ev: f64,
+    environment: &dyn Fn(Vec3) -> Vec3,
+) -> Picture {
+    let (width, height) = placed.size();
+    let mut rgba = Vec::new();
+    for (y, x) in (0..width * height).map(|i| (i / width, i % width)) {
+        let mut sum = Vec3::ZERO;
+        for (dy, dx) in (0..9).map(|k| (k / 3 - 1, k % 3 - 1)) {
+            let at = DVec2::new(
+                f64::from(x) + f64::from(dx) / 3.0,
+                f64::from(y) + f64::from(dy) / 3.0,
+            );
+            if let Some(d) = placed.direction(at) {
+                sum += environment(d.as_vec3()) / 9.0;
+            }
+        }
+        let value = sum * reflectance * ev.exp2() as f32;
+        let code = |v: f32| (srgb_from_linear(v) * 255.0).round() as u8;
+        rgba.extend([code(value.x), code(value.y), code(value.z), 255]);
+    }
+    Picture {
+        width,
+        height,
+        rgba,
+    }
+}
+
+struct Rig {
+    placed: PlacedView,
+    reflectance: Vec3,
+    estimator: EnvironmentEstimator,
+    frame: i64,
+}
+
+impl Rig {
+    fn new(view: &EnvironmentView, settings: EnvironmentSettings) -> Self {
+        Self {
+            placed: PlacedView::new(view, None, None).unwrap(),
+            reflectance: per_reflectance(view).recip(),
+            estimator: EnvironmentEstimator::new(view, &Response::srgb(), settings, None).unwrap(),
+            frame: 0,
+        }
+    }
+
+    fn see(&mut self, environment: &dyn Fn(Vec3) -> Vec3, ground: Vec3) -> Arc<Lighting> {
+        let pictures = EVS.map(|ev| photograph(&self.placed, self.reflectance, ev, environment));
+        let brackets: Vec<Bracket> = pictures
+            .iter()
+            .zip(EVS)
+            .map(|(picture, ev)| Bracket { picture, ev })
+            .collect();
+        self.frame += 1;
+        self.estimator
+            .update(&EnvironmentInput {
+                brackets: &brackets,
+                scene: None,
+                gains: Mat3::IDENTITY,
+                ground_radiance: Some(ground),
+                measured_ground_irradiance: None,
+                hidden: None,
+                captured_at: MonotonicTime::from_nanos(self.frame * 66_000_000),
+            })
+            .unwrap()
+    }
+}
+
+fn ground_sum(lights: &[DomeLight]) -> Vec3 {
+    lights
+        .iter()
+        .map(|l| l.irradiance * l.direction.z.max(0.0))
+        .sum()
+}
+
+fn disc(d: Vec3, at: Vec3, radius: f32, radiance: f32) -> f32 {
+    if d.angle_between(at) < radius {
+        radiance
+    } else {
+        0.0
+    }
+}
+
+#[test]
+fn constant_light_gives_pi_times_it() {
+    let constant = Vec3::splat(0.5028865); // an exact code of sRGB
+    for view in [fisheye(0.3), sphere(false).0] {
+        for placement in [Placement::Adaptive, Placement::Grid] {
+            let settings = EnvironmentSettings {
+                placement,
+                ..Default::default()
+            };
+            let mut rig = Rig::new(&view, settings);
+            rig.reflectance = Vec3::ONE;
+            rig.estimator.per_reflectance = Vec3::ONE;
+            let light = rig.see(&|_| constant, constant);
+            let value = light.radiance.levels[0][3][0];
+            for n in [Vec3::Z, Vec3::X, Vec3::new(0.6, 0.0, -0.8)] {
+                assert!((light.irradiance.irradiance(n).x / (PI * value) - 1.0).abs() < 1e-4);
+            }
+            assert!((ground_sum(&light.lights).x / (PI * value) - 1.0).abs() < 1e-4);
+            assert!(light.lights.iter().all(|l| l.kind == LightKind::Cell));
+            for level in &light.radiance.levels {
+                assert!(
+                    level.iter().all(|t| (t[0] - value).abs() < 1e-3),
+                    "{placement:?}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn a_sun_of_two_pixels_keeps_its_energy_and_place() {
+    for at in [
+        Vec3::new(0.5, -0.3, 0.6),
+        Vec3::new(-0.7, 0.6, 0.3),
+        Vec3::new(0.01, 0.02, 1.0),
+    ] {
+        let sun = at.normalize();
+        let radius = 0.4f32.to_radians();
+        let environment = |d: Vec3| Vec3::splat(0.2 + disc(d, sun, radius, 20_000.0));
+        let light = Rig::new(&fisheye(0.3), EnvironmentSettings::default())
+            .see(&environment, Vec3::splat(0.1));
+        let compact: Vec<&DomeLight> = light
+            .lights
+            .iter()
+            .filter(|l| l.kind == LightKind::Compact)
+            .collect();
+        assert_eq!(compact.len(), 1, "{compact:?}");
+        let flux = 20_000.0 * 2.0 * PI * (1.0 - radius.cos());
+        assert!(
+            (compact[0].irradiance.x / flux - 1.0).abs() < 0.06,
+            "{}",
+            compact[0].irradiance.x / flux
+        );
+        assert!(compact[0].direction.angle_between(sun) < 0.002);
+        assert!(
+            compact[0].angular_radius < 1.5 * radius,
+            "{}",
+            compact[0].angular_radius
+        );
+        // What the pixels hold, the lights and the radiance map hold too.
+        let grid = CubeGrid::new(64);
+        let texels: Vec<Vec3> = light.radiance.levels[0]
+            .iter()
+            .map(|t| Vec3::from(*t))
+            .collect();
+        let map = ground_irradiance(&texels, &grid);
+        assert!((ground_sum(&light.lights) / map - 1.0).abs().max_element() < 0.01);
+    }
+}
+
+#[test]
+fn a_mirrored_sphere_sees_the_same_light_as_a_fisheye() {
+    let window = Vec3::new(0.8, 0.2, 0.5).normalize();
+    let environment = |d: Vec3| {
+        Vec3::new(0.3, 0.25, 0.2) * (1.0 + 0.5 * d.x) + Vec3::splat(disc(d, window, 0.2, 8.0))
+    };
+    let a =
+        Rig::new(&fisheye(0.3), EnvironmentSettings::default()).see(&environment, Vec3::splat(0.2));
+    let b = Rig::new(&sphere(false).0, EnvironmentSettings::default())
+        .see(&environment, Vec3::splat(0.2));
+    let ratio = ground_sum(&a.lights) / ground_sum(&b.lights);
+    assert!((ratio - 1.0).abs().max_element() < 0.02, "{ratio}");
+    let strongest = |l: &Lighting| -> Vec3 {
+        let compact = l.lights.iter().filter(|l| l.kind == LightKind::Compact);
+        compact
+            .map(|l| l.direction * l.irradiance.x)
+            .sum::<Vec3>()
+            .normalize()
+    };
+    assert!(strongest(&a).angle_between(window) < 0.01);
+    assert!(strongest(&b).angle_between(window) < 0.01);
+    assert!((sample(&b.radiance, 0, -Vec3::X).x / (0.3 * 0.5) - 1.0).abs() < 0.03);
+}
+
+#[test]
+fn a_slowly_moving_lamp_keeps_its_slots() {
+    let mut rig = Rig::new(&fisheye(0.0), EnvironmentSettings::default());
+    let window = Vec3::new(-0.8, 0.2, 0.3).normalize();
+    let mut last: Option<Arc<Lighting>> = None;
+    for step in 0..12 {
+        let angle = 0.03 * step as f32;
+        let lamp = Vec3::new(angle.cos(), angle.sin(), 0.9).normalize();
+        let environment =
+            |d: Vec3| Vec3::splat(0.1 + disc(d, lamp, 0.05, 60.0) + disc(d, window, 0.2, 4.0));
+        let light = rig.see(&environment, Vec3::splat(0.05));
+        if let Some(before) = &last {
+            for (slot, (a, b)) in before.lights.iter().zip(&light.lights).enumerate() {
+                assert_eq!(a.kind, b.kind, "slot {slot}");
+                let moved = a.direction.angle_between(b.direction);
+                assert!(
+                    moved < 0.06 || b.irradiance.x < 1e-3,
+                    "slot {slot} moved by {moved}"
+                );
+                assert!(
+                    (a.irradiance - b.irradiance).abs().max_element()
+                        < 0.15 * a.irradiance.x.max(0.02),
+                    "slot {slot}"
+                );
+            }
+        }
+        last = Some(light);
+    }
+}
+
+#[test]
+fn turning_the_camera_does_not_turn_the_light() {
+    let lamp = Vec3::new(0.5, 0.4, 0.7).normalize();
+    let environment =
+        |d: Vec3| Vec3::new(0.3, 0.2, 0.1) * (1.2 + d.y) + Vec3::splat(disc(d, lamp, 0.1, 15.0));
+    let a =
+        Rig::new(&fisheye(0.0), EnvironmentSettings::default()).see(&environment, Vec3::splat(0.1));
+    let b =
+        Rig::new(&fisheye(1.1), EnvironmentSettings::default()).see(&environment, Vec3::splat(0.1));
+    for n in [Vec3::X, Vec3::Y, Vec3::Z, Vec3::NEG_Y] {
+        let ratio = a.irradiance.irradiance(n) / b.irradiance.irradiance(n);
+        assert!((ratio - 1.0).abs().max_element() < 0.02, "{n} {ratio}");
+    }
+    assert!(
+        (ground_sum(&a.lights) / ground_sum(&b.lights) - 1.0)
+            .abs()
+            .max_element()
+            < 0.005
+    );
+}
+
+#[test]
+fn black_pictures_and_strange_gains_give_finite_light() {
+    let mut rig = Rig::new(&fisheye(0.0), EnvironmentSettings::default());
+    let dark = rig.see(&|_| Vec3::ZERO, Vec3::ZERO);
+    let all_finite = |l: &Lighting| {
+        l.lights.iter().all(|l| {
+            l.irradiance.is_finite() && l.direction.is_finite() && l.angular_radius.is_finite()
+        }) && l.irradiance.coefficients.iter().all(|c| c.is_finite())
+            && l.radiance
+                .levels
+                .iter()
+                .flatten()
+                .flatten()
+                .all(|c| c.is_finite())
+    };
+    assert!(all_finite(&dark));
+    let bright = rig.see(&|_| Vec3::splat(1e9), Vec3::ONE);
+    assert!(all_finite(&bright) && rig.estimator.clipped_pixels() > 1000);
+    assert_eq!(bright.lights.len(), 64);
+}
+
+#[test]
+fn what_does_not_fit_is_refused() {
+    let mut rig = Rig::new(&fisheye(0.0), EnvironmentSettings::default());
+    let small = Picture {
+        width: 2,
+        height: 2,
+        rgba: vec![0; 16],
+    };
+    let brackets = [Bracket {
+        picture: &small,
+        ev: 0.0,
+    }];
+    let mut input = EnvironmentInput {
+        brackets: &brackets,
+        scene: None,
+        gains: Mat3::IDENTITY,
+        ground_radiance: None,
+        measured_ground_irradiance: None,
+        hidden: None,
+        captured_at: MonotonicTime::default(),
+    };
+    assert!(matches!(
+        rig.estimator.update(&input),
+        Err(EnvironmentError::PictureSize { got_width: 2, .. })
+    ));
+    input.brackets = &[];
+    assert_eq!(
+        rig.estimator.update(&input).unwrap_err(),
+        EnvironmentError::NoPicture
+    );
+    let settings = EnvironmentSettings {
+        cube_size: 60,
+        ..Default::default()
+    };
+    assert!(EnvironmentEstimator::new(&fisheye(0.0), &Response::srgb(), settings, None).is_err());
+    let mut moving = EnvironmentEstimator::new(
+        &sphere(true).0,
+        &Response::srgb(),
+        EnvironmentSettings::default(),
+        None,
+    )
+    .unwrap();
+    assert_eq!(
+        moving.update(&input).unwrap_err(),
+        EnvironmentError::NoScenePose
+    );
+}
+
+#[test]
+fn a_clipped_source_is_raised_to_the_measured_irradiance() {
+    let mut rig = Rig::new(&fisheye(0.0), EnvironmentSettings::default());
+    let lamp = Vec3::new(0.5, 0.0, 0.8).normalize();
+    let picture = photograph(&rig.placed, Vec3::ONE, 0.0, &|d| {
+        Vec3::splat(0.1 + disc(d, lamp, 0.05, 500.0))
+    });
+    let brackets = [Bracket {
+        picture: &picture,
+        ev: 0.0,
+    }];
+    let measured = Vec3::new(3.0, 2.5, 2.0);
+    let light = rig
+        .estimator
+        .update(&EnvironmentInput {
+            brackets: &brackets,
+            scene: None,
+            gains: Mat3::from_diagonal(Vec3::new(1.2, 1.0, 0.9)),
+            ground_radiance: None,
+            measured_ground_irradiance: Some(measured),
+            hidden: None,
+            captured_at: MonotonicTime::default(),
+        })
+        .unwrap();
+    let ratio = ground_sum(&light.lights) / measured;
+    assert!((ratio - 1.0).abs().max_element() < 0.02, "{ratio}");
+}
+
+#[test]
+fn a_sphere_that_leaves_the_picture_keeps_its_last_light() {
+    let (view, pose, camera) = sphere(true);
+    let placed = PlacedView::new(&view, Some((pose, &camera)), None).unwrap();
+    let mut estimator = EnvironmentEstimator::new(
+        &view,
+        &Response::srgb(),
+        EnvironmentSettings::default(),
+        None,
+    )
+    .unwrap();
+    let lamp = Vec3::new(0.5, 0.4, 0.7).normalize();
+    let environment = |d: Vec3| Vec3::splat(0.2 + disc(d, lamp, 0.15, 0.7));
+    let picture = photograph(&placed, Vec3::new(0.9, 0.8, 0.7), 0.0, &environment);
+    let brackets = [Bracket {
+        picture: &picture,
+        ev: 0.0,
+    }];
+    let mut see = |scene, nanos| {
+        estimator.update(&EnvironmentInput {
+            brackets: &brackets,
+            scene,
+            gains: Mat3::IDENTITY,
+            ground_radiance: None,
+            measured_ground_irradiance: None,
+            hidden: None,
+            captured_at: MonotonicTime::from_nanos(nanos),
+        })
+    };
+    let seen = see(Some((pose, &camera)), 0).unwrap();
+    let away = RigidTransform::new(
+        pose.rotation * DQuat::from_rotation_y(1.0),
+        pose.translation,
+    );
+    let kept = see(Some((away, &camera)), 33_000_000).unwrap();
+    assert_eq!(seen.radiance, kept.radiance);
+    let exact = 0.2 * PI + 0.7 * PI * 0.15f32.sin().powi(2) * lamp.z;
+    assert!(
+        (ground_sum(&seen.lights).y / exact - 1.0).abs() < 0.02,
+        "{}",
+        ground_sum(&seen.lights).y / exact
+    );
+    assert!(
+        (estimator
+            .oldest_seconds(MonotonicTime::from_nanos(1_000_000_000))
+            .unwrap()
+            - 1.0)
+            .abs()
+            < 1e-6
+    );
+}

@@ -1,0 +1,145 @@
+//! Bracketed 8-bit pictures become one linear picture.
+
+use crate::calibration::Response;
+use crate::picture::Picture;
+use glam::Vec3;
+
+/// Codes from which a pixel counts less and less, and is not used at all. Compression and
+/// noise carry a saturated 255 down to about 250.
+const FADE_FROM: f32 = 225.0;
+const CLIPPED: f32 = 248.0;
+
+/// One exposure of an instant.
+#[derive(Clone, Copy, Debug)]
+pub struct Bracket<'a> {
+    /// The picture as the camera encoded it.
+    pub picture: &'a Picture,
+    /// Stops relative to the base exposure: −4 is sixteen times darker.
+    pub ev: f64,
+}
+
+/// Merges exposures of one instant, the brightest first, into linear values in units of
+/// the base exposure.
+///
+/// Every pixel is read from the longest exposure that does not clip it, because shot and
+/// read noise, quantisation and compression all weigh least there; the next shorter one is
+/// faded in over the top codes so that no edge shows where they change places. Which
+/// exposure is read depends on the *longer* one's code alone: weights that depended on the
+/// short exposure's own noisy code would prefer its upward errors, and its zero would be
+/// biased by the noise clipped away below.
+#[derive(Clone, Debug)]
+pub struct BracketMerger {
+    linear_from_code: [f32; 256],
+    share_of_longer: [f32; 256],
+}
+
+impl BracketMerger {
+    /// For a camera with the given tone curve.
+    #[must_use]
+    pub fn new(response: &Response) -> Self {
+        Self {
+            linear_from_code: *response.linear_from_code(),
+            share_of_longer: std::array::from_fn(|code| {
+                1.0 - ((code as f32 - FADE_FROM) / (CLIPPED - FADE_FROM)).clamp(0.0, 1.0)
+            }),
+        }
+    }
+
+    /// Linear value of pixel `i` (row-major) and whether even the shortest exposure clips
+    /// it. `brackets` must be sorted from long to short; their pictures have pixel `i`.
+    #[must_use]
+    pub fn pixel(&self, brackets: &[Bracket], scales: &[f32], i: usize) -> (Vec3, bool) {
+        let mut value = Vec3::ZERO;
+        let mut rest = 1.0;
+        for (k, (bracket, &scale)) in brackets.iter().zip(scales).enumerate() {
+            let codes = &bracket.picture.rgba[4 * i..4 * i + 3];
+            let top = codes.iter().copied().max().unwrap_or(0);
+            let last = k + 1 == brackets.len();
+            let share = if last {
+                rest
+            } else {
+                rest * self.share_of_longer[top as usize]
+            };
+            value += self.linear(codes) * (share * scale);
+            rest -= share;
+            if last {
+                return (value, f32::from(top) >= CLIPPED);
+            }
+            if rest <= 0.0 {
+                break;
+            }
+        }
+        (value, false)
+    }
+
+    fn linear(&self, codes: &[u8]) -> Vec3 {
+        let at = |c: usize| self.linear_from_code[codes[c] as usize];
+        Vec3::new(at(0), at(1), at(2))
+    }
+}
+
+/// Factor that brings each bracket's linear values to the base exposure's units.
+#[must_use]
+pub fn scales(brackets: &[Bracket]) -> Vec<f32> {
+    brackets.iter().map(|b| (-b.ev).exp2() as f32).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::response::srgb_from_linear;
+
+    fn flat(linear: f32, noise: &[i32]) -> Picture {
+        let code = (srgb_from_linear(linear) * 255.0).round() as i32;
+        let rgba = noise
+            .iter()
+            .flat_map(|n| {
+                let c = (code + n).clamp(0, 255) as u8;
+                [c, c, c, 255]
+            })
+            .collect();
+        Picture {
+            width: noise.len() as u32,
+            height: 1,
+            rgba,
+        }
+    }
+
+    fn merged(radiance: f32, noise: &[i32]) -> (f32, bool) {
+        let evs = [0.0, -4.0, -8.0];
+        let pictures = evs.map(|ev: f64| flat(radiance * ev.exp2() as f32, noise));
+        let brackets: Vec<Bracket> = pictures
+            .iter()
+            .zip(evs)
+            .map(|(picture, ev)| Bracket { picture, ev })
+            .collect();
+        let merger = BracketMerger::new(&Response::srgb());
+        let values: Vec<(Vec3, bool)> = (0..noise.len())
+            .map(|i| merger.pixel(&brackets, &scales(&brackets), i))
+            .collect();
+        let mean = values.iter().map(|(v, _)| v.x).sum::<f32>() / noise.len() as f32;
+        (mean, values.iter().any(|v| v.1))
+    }
+
+    #[test]
+    fn every_level_comes_out_without_bias() {
+        let noise = [-2, -1, 0, 0, 1, 2, 1, -1];
+        for radiance in [0.1, 0.2, 0.75, 0.85, 1.0, 3.0, 13.0, 15.0, 30.0, 200.0] {
+            let (mean, clipped) = merged(radiance, &noise);
+            assert!((mean / radiance - 1.0).abs() < 0.02, "{radiance}: {mean}");
+            assert!(!clipped, "{radiance}");
+        }
+    }
+
+    #[test]
+    fn what_clips_in_the_shortest_exposure_is_flagged() {
+        assert!(merged(300.0, &[0]).1);
+        let one = flat(2.0, &[0]);
+        let merger = BracketMerger::new(&Response::srgb());
+        let base = [Bracket {
+            picture: &one,
+            ev: 0.0,
+        }];
+        assert_eq!(merger.pixel(&base, &[1.0], 0), (Vec3::ONE, true));
+    }
+}

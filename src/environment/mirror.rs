@@ -1,0 +1,178 @@
+//! A mirrored sphere at a finite distance: which direction of light a pixel shows.
+//!
+//! ```text
+//!  In the plane of the eye C, the sphere's centre S and the light, with the axis from S
+//!  towards C, distance D = |C − S| and radius R, the surface point at angle φ from the
+//!  axis has the normal n = (sin φ, cos φ) and is P = R n. The eye's ray arrives along
+//!  v = (P − C)/|P − C| with C = (0, D), and the light comes from
+//!      r = v − 2 (v·n) n,   ψ(φ) = atan2(r_x, r_z).
+//!  ψ grows from 0 at φ = 0 to π − asin(R/D) at the silhouette cos φ = R/D; its inverse
+//!  (Alhazen's problem) has no useful closed form and is tabulated.
+//! ```
+
+use glam::DVec3;
+
+/// Entries of the table of φ over ψ.
+const TABLE: usize = 1024;
+
+/// Sphere and eye, with the table that inverts the reflection.
+#[derive(Clone, Debug)]
+pub(super) struct Mirror {
+    eye: DVec3,
+    centre: DVec3,
+    radius: f64,
+    /// Unit vector from the sphere's centre to the eye.
+    axis: DVec3,
+    distance: f64,
+    /// φ for ψ = i · step.
+    phi_of_psi: Vec<f64>,
+    step: f64,
+}
+
+/// Where a ray met the mirror and where it went.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Reflection {
+    /// On the sphere, world, metres.
+    pub point: DVec3,
+    /// Unit vector towards the light.
+    pub direction: DVec3,
+}
+
+impl Mirror {
+    /// `least_cosine` is the smallest cosine of incidence still of use: near the
+    /// silhouette one pixel shows a wide band of directions and any error of the
+    /// calibration shows the background instead. `None` for an eye inside the sphere.
+    pub fn new(eye: DVec3, centre: DVec3, radius: f64, least_cosine: f64) -> Option<Self> {
+        let distance = eye.distance(centre);
+        if !(radius > 0.0 && distance > 1.001 * radius) {
+            return None;
+        }
+        let ratio = radius / distance;
+        let phi_max = largest_phi(ratio, least_cosine);
+        let step = psi(phi_max, ratio) / (TABLE - 1) as f64;
+        let phi_of_psi = (0..TABLE)
+            .map(|i| invert(i as f64 * step, ratio, phi_max))
+            .collect();
+        Some(Self {
+            eye,
+            centre,
+            radius,
+            axis: (eye - centre) / distance,
+            distance,
+            phi_of_psi,
+            step,
+        })
+    }
+
+    /// Centre and radius, world, metres.
+    pub const fn ball(&self) -> (DVec3, f64) {
+        (self.centre, self.radius)
+    }
+
+    /// Reflects the eye's ray along the unit vector `ray`; `None` where it misses or meets
+    /// the sphere too flatly.
+    pub fn reflect(&self, ray: DVec3) -> Option<Reflection> {
+        let along = ray.dot(self.centre - self.eye);
+        let nearest2 = self.distance * self.distance - along * along;
+        let inside = self.radius * self.radius - nearest2;
+        if along <= 0.0 || inside <= 0.0 {
+            return None;
+        }
+        let point = self.eye + ray * (along - inside.sqrt());
+        let normal = (point - self.centre) / self.radius;
+        let direction = ray - 2.0 * ray.dot(normal) * normal;
+        let psi = direction.angle_between(self.axis);
+        let limit = self.step * (TABLE - 1) as f64 + 1e-9;
+        (psi <= limit).then_some(Reflection { point, direction })
+    }
+
+    /// The point of the sphere in which the eye sees light from a direction.
+    pub fn point_showing(&self, direction: DVec3) -> Option<DVec3> {
+        let along = direction.dot(self.axis);
+        let across = direction - self.axis * along;
+        let psi = across.length().atan2(along);
+        let position = psi / self.step;
+        let i = position as usize;
+        let (low, high) = (self.phi_of_psi.get(i)?, self.phi_of_psi.get(i + 1)?);
+        let guess = low + (high - low) * (position - i as f64);
+        let ratio = self.radius / self.distance;
+        let slope = self.step / (high - low).max(1e-12);
+        let phi = guess + (psi - self::psi(guess, ratio)) / slope;
+        let normal = self.axis * phi.cos() + across.normalize_or_zero() * phi.sin();
+        Some(self.centre + normal * self.radius)
+    }
+}
+
+/// ψ(φ), see the module's head; `ratio` = R/D.
+fn psi(phi: f64, ratio: f64) -> f64 {
+    let (s, c) = phi.sin_cos();
+    let length = (1.0 + ratio * ratio - 2.0 * ratio * c).sqrt();
+    let (vx, vz) = (ratio * s / length, (ratio * c - 1.0) / length);
+    let dot = vx * s + vz * c;
+    (vx - 2.0 * dot * s).atan2(vz - 2.0 * dot * c)
+}
+
+/// The largest φ whose cosine of incidence −v·n is at least `least_cosine`, by bisection.
+fn largest_phi(ratio: f64, least_cosine: f64) -> f64 {
+    let cosine = |phi: f64| {
+        let c = phi.cos();
+        (c - ratio) / (1.0 + ratio * ratio - 2.0 * ratio * c).sqrt()
+    };
+    bisect(0.0, ratio.acos(), |phi| cosine(phi) > least_cosine)
+}
+
+/// φ with ψ(φ) = `target`, by bisection: ψ is monotonic.
+fn invert(target: f64, ratio: f64, phi_max: f64) -> f64 {
+    bisect(0.0, phi_max, |phi| psi(phi, ratio) < target)
+}
+
+/// Where `below` turns from true to false between `low` and `high`.
+fn bisect(mut low: f64, mut high: f64, below: impl Fn(f64) -> bool) -> f64 {
+    for _ in 0..48 {
+        let middle = 0.5 * (low + high);
+        if below(middle) {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    0.5 * (low + high)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn the_middle_of_the_sphere_shows_the_eye() {
+        let mirror = Mirror::new(DVec3::new(0.0, -1.0, 0.0), DVec3::ZERO, 0.1, 0.1).unwrap();
+        let seen = mirror.reflect(DVec3::Y).unwrap();
+        assert!((seen.direction + DVec3::Y).length() < 1e-12);
+        assert!((seen.point - DVec3::new(0.0, -0.1, 0.0)).length() < 1e-12);
+    }
+
+    #[test]
+    fn a_far_sphere_doubles_the_angle_of_its_normal() {
+        assert!((psi(0.5, 1e-9) - 1.0).abs() < 1e-6);
+        assert!(Mirror::new(DVec3::ZERO, DVec3::X * 0.05, 0.1, 0.1).is_none());
+    }
+
+    proptest! {
+        #[test]
+        fn direction_to_point_and_back(x in -1.0f64..1.0, y in -1.0f64..1.0, z in -1.0f64..1.0, d in 1.2f64..40.0) {
+            let direction = DVec3::new(x, y, z);
+            prop_assume!(direction.length() > 0.1);
+            let direction = direction.normalize();
+            let eye = DVec3::new(0.3, -0.2, 0.1);
+            let centre = eye + DVec3::new(0.2, 0.9, -0.3).normalize() * 0.05 * d;
+            let mirror = Mirror::new(eye, centre, 0.05, 0.1).unwrap();
+            if let Some(point) = mirror.point_showing(direction) {
+                prop_assert!((point.distance(centre) - 0.05).abs() < 1e-9);
+                let seen = mirror.reflect((point - eye).normalize()).unwrap();
+                prop_assert!((seen.direction - direction).length() < 1e-4, "{} {}", seen.direction, direction);
+            }
+        }
+    }
+}

@@ -1,0 +1,395 @@
+//! Compact sources of light (sun, lamp, window) in a picture of the environment.
+//!
+//! A source is a small bright region with an edge: grown from its peak down to a fraction
+//! of it, over gaps as narrow as a window's bars, kept if it matters to the ground's
+//! irradiance, is not too large, and the radiance falls steeply outside of it. The glow
+//! around the sun has no edge and stays in the cells of the dome.
+
+use glam::Vec3;
+
+/// Rec.709 luminance weights.
+pub const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
+
+/// What counts as a source.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SourceSettings {
+    /// Least multiple of the median radiance that a source has.
+    pub least_contrast: f32,
+    /// A region reaches down to this part of its peak.
+    pub peak_fraction: f32,
+    /// Least part of the ground's irradiance (or, without ground, of all light).
+    pub least_share: f32,
+    /// Largest solid angle, steradians: what is larger is as soft as the cells make it.
+    pub largest_solid_angle: f32,
+    /// At most so many.
+    pub most: usize,
+}
+
+impl Default for SourceSettings {
+    fn default() -> Self {
+        Self {
+            least_contrast: 4.0,
+            peak_fraction: 0.125,
+            least_share: 0.01,
+            largest_solid_angle: 0.8,
+            most: 8,
+        }
+    }
+}
+
+/// Samples of the sphere of directions and which are next to which.
+#[derive(Clone, Copy, Debug)]
+pub struct SampleGrid<'a> {
+    /// Unit directions, world.
+    pub directions: &'a [Vec3],
+    /// Steradians; zero where nothing is seen.
+    pub solid_angles: &'a [f32],
+    /// Neighbourhood.
+    pub layout: Layout<'a>,
+}
+
+/// How samples are arranged.
+#[derive(Clone, Copy, Debug)]
+pub enum Layout<'a> {
+    /// A picture with so many pixels in a row.
+    Picture(u32),
+    /// The texels of a cube and the eight neighbours of each.
+    Cube(&'a [[u32; 8]]),
+}
+
+/// One compact source.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Source {
+    /// Its samples and, for each, the radiance above the background times solid angle.
+    pub parts: Vec<(u32, Vec3)>,
+    /// Radiance around it.
+    pub background: Vec3,
+    /// Unit vector to its centre of energy.
+    pub direction: Vec3,
+    /// Irradiance on a surface that faces it.
+    pub flux: Vec3,
+    /// Steradians it effectively covers.
+    pub solid_angle: f32,
+}
+
+/// Finds sources; keeps its buffers from frame to frame.
+#[derive(Clone, Debug, Default)]
+pub struct SourceFinder {
+    luminance: Vec<f32>,
+    /// 0 = free, 1 = looked at, 2 + k = in region k.
+    labels: Vec<u32>,
+    candidates: Vec<u32>,
+}
+
+const LOOKED_AT: u32 = 1;
+
+impl SourceFinder {
+    /// The sources in `radiance`, strongest first. With `ground`, only above the horizon.
+    pub fn find(
+        &mut self,
+        grid: SampleGrid,
+        radiance: &[Vec3],
+        ground: bool,
+        settings: &SourceSettings,
+    ) -> Vec<Source> {
+        self.luminance.clear();
+        self.luminance
+            .extend(radiance.iter().map(|l| l.dot(LUMINANCE)));
+        self.labels.clear();
+        self.labels.resize(radiance.len(), 0);
+        let scene = Survey::new(grid, &self.luminance, ground);
+        let floor = scene.median * settings.least_contrast;
+        self.candidates.clear();
+        self.candidates
+            .extend((0..radiance.len() as u32).filter(|&i| {
+                let i = i as usize;
+                self.luminance[i] > floor && scene.counts(grid, i)
+            }));
+        self.candidates.sort_unstable_by(|&a, &b| {
+            let (la, lb) = (self.luminance[a as usize], self.luminance[b as usize]);
+            lb.total_cmp(&la).then(a.cmp(&b))
+        });
+        let mut found = Vec::new();
+        let candidates = std::mem::take(&mut self.candidates);
+        for &seed in &candidates {
+            if found.len() == settings.most || self.labels[seed as usize] != 0 {
+                continue;
+            }
+            let threshold = (self.luminance[seed as usize] * settings.peak_fraction).max(floor);
+            let region = self.grow(grid, seed, threshold, 2 + found.len() as u32);
+            found.extend(self.judge(grid, radiance, &region, threshold, &scene, settings));
+        }
+        self.candidates = candidates;
+        found.sort_by(|a, b| b.flux.dot(LUMINANCE).total_cmp(&a.flux.dot(LUMINANCE)));
+        found
+    }
+
+    /// Everything above the threshold that is connected to the seed over narrow gaps.
+    fn grow(&mut self, grid: SampleGrid, seed: u32, threshold: f32, label: u32) -> Vec<u32> {
+        let mut region = vec![seed];
+        self.labels[seed as usize] = label;
+        let mut next = 0;
+        while let Some(&i) = region.get(next) {
+            next += 1;
+            grid.near(i, grid.gap(), |k| {
+                let free = self.labels[k as usize] == 0 && grid.solid_angles[k as usize] > 0.0;
+                if free && self.luminance[k as usize] > threshold {
+                    self.labels[k as usize] = label;
+                    region.push(k);
+                }
+            });
+        }
+        region
+    }
+
+    /// Turns a region into a source if it is one.
+    fn judge(
+        &mut self,
+        grid: SampleGrid,
+        radiance: &[Vec3],
+        region: &[u32],
+        threshold: f32,
+        scene: &Survey,
+        settings: &SourceSettings,
+    ) -> Option<Source> {
+        // Samples that the edge cuts through hold part of the source's energy.
+        let rim = self.rim(grid, region, 1);
+        let ring = {
+            let all: Vec<u32> = region.iter().chain(&rim).copied().collect();
+            self.rim(grid, &all, 2)
+        };
+        let background = mean(grid, radiance, &ring);
+        let source = measure(
+            grid,
+            radiance,
+            region.iter().chain(&rim).copied(),
+            background,
+        );
+        for &i in &rim {
+            self.labels[i as usize] = LOOKED_AT;
+        }
+        for &i in &ring {
+            self.labels[i as usize] = 0;
+        }
+        let height = if scene.ground {
+            source.direction.z.max(0.0)
+        } else {
+            1.0
+        };
+        let share = source.flux.dot(LUMINANCE) * height / scene.total.max(f32::MIN_POSITIVE);
+        let steep = background.dot(LUMINANCE) < 0.5 * threshold;
+        let small = source.solid_angle < settings.largest_solid_angle;
+        (steep && small && share >= settings.least_share).then_some(source)
+    }
+
+    /// Free samples within `reach` steps of a set; marks them.
+    fn rim(&mut self, grid: SampleGrid, set: &[u32], reach: i32) -> Vec<u32> {
+        let mut rim = Vec::new();
+        for &i in set {
+            grid.near(i, reach, |k| {
+                if self.labels[k as usize] == 0 && grid.solid_angles[k as usize] > 0.0 {
+                    self.labels[k as usize] = LOOKED_AT;
+                    rim.push(k);
+                }
+            });
+        }
+        rim
+    }
+}
+
+fn mean(grid: SampleGrid, radiance: &[Vec3], set: &[u32]) -> Vec3 {
+    let (mut sum, mut total) = (Vec3::ZERO, 0.0);
+    for &i in set {
+        let w = grid.solid_angles[i as usize];
+        sum += radiance[i as usize] * w;
+        total += w;
+    }
+    if total > 0.0 { sum / total } else { Vec3::ZERO }
+}
+
+fn measure(
+    grid: SampleGrid,
+    radiance: &[Vec3],
+    samples: impl Iterator<Item = u32>,
+    background: Vec3,
+) -> Source {
+    let (mut parts, mut flux, mut centre) = (Vec::new(), Vec3::ZERO, Vec3::ZERO);
+    let (mut sum, mut squares) = (0.0f32, 0.0f32);
+    for i in samples {
+        let w = grid.solid_angles[i as usize];
+        let above = (radiance[i as usize] - background).max(Vec3::ZERO);
+        let y = above.dot(LUMINANCE);
+        parts.push((i, above * w));
+        flux += above * w;
+        centre += grid.directions[i as usize] * (y * w);
+        sum += y * w;
+        squares += y * y * w;
+    }
+    Source {
+        parts,
+        background,
+        direction: centre.try_normalize().unwrap_or(Vec3::Z),
+        flux,
+        solid_angle: sum * sum / squares.max(f32::MIN_POSITIVE),
+    }
+}
+
+impl SampleGrid<'_> {
+    /// Steps over which a region may jump: about one and a half degrees.
+    fn gap(&self) -> i32 {
+        match self.layout {
+            Layout::Picture(width) => (width as i32 / 160).clamp(1, 8),
+            Layout::Cube(_) => 1,
+        }
+    }
+
+    /// Calls `visit` for every sample within `reach` steps of `i`.
+    fn near(&self, i: u32, reach: i32, mut visit: impl FnMut(u32)) {
+        match self.layout {
+            Layout::Picture(width) => {
+                let (x, y) = ((i % width) as i32, (i / width) as i32);
+                let height = self.directions.len() as i32 / width as i32;
+                let columns = (x - reach).max(0)..=(x + reach).min(width as i32 - 1);
+                for v in (y - reach).max(0)..=(y + reach).min(height - 1) {
+                    for u in columns.clone() {
+                        visit((v * width as i32 + u) as u32);
+                    }
+                }
+            }
+            Layout::Cube(neighbours) => {
+                for &k in &neighbours[i as usize] {
+                    visit(k);
+                    if reach > 1 {
+                        neighbours[k as usize].iter().for_each(|&far| visit(far));
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// The scene's light at a glance.
+struct Survey {
+    ground: bool,
+    /// Median luminance over the solid angle in question.
+    median: f32,
+    /// Luminance of the ground's irradiance; without ground, of all light.
+    total: f32,
+}
+
+impl Survey {
+    /// Logarithmic histogram: 16 bins an octave over 2⁻¹⁶..2⁴⁸.
+    const BINS: usize = 1024;
+
+    fn new(grid: SampleGrid, luminance: &[f32], ground: bool) -> Self {
+        let mut survey = Self {
+            ground,
+            median: 0.0,
+            total: 0.0,
+        };
+        let mut histogram = vec![0.0f32; Self::BINS];
+        let mut seen = 0.0;
+        for (i, &y) in luminance.iter().enumerate() {
+            if survey.counts(grid, i) {
+                let w = grid.solid_angles[i];
+                let bin = ((y.max(1e-6).log2() + 16.0) * 16.0) as usize;
+                histogram[bin.min(Self::BINS - 1)] += w;
+                seen += w;
+                survey.total += y * w * if ground { grid.directions[i].z } else { 1.0 };
+            }
+        }
+        let mut below = 0.0;
+        let bin = histogram.iter().position(|w| {
+            below += w;
+            below >= 0.5 * seen
+        });
+        survey.median = bin.map_or(0.0, |b| ((b as f32 + 0.5) / 16.0 - 16.0).exp2());
+        survey
+    }
+
+    fn counts(&self, grid: SampleGrid, i: usize) -> bool {
+        grid.solid_angles[i] > 0.0 && !(self.ground && grid.directions[i].z < 0.035)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::super::cube::CubeGrid;
+    use super::*;
+
+    fn find(grid: &CubeGrid, texels: &[Vec3]) -> Vec<Source> {
+        let neighbours = grid.neighbours();
+        let samples = SampleGrid {
+            directions: &grid.directions,
+            solid_angles: &grid.solid_angles,
+            layout: Layout::Cube(&neighbours),
+        };
+        SourceFinder::default().find(samples, texels, true, &SourceSettings::default())
+    }
+
+    /// A sky with a glow around the sun that falls off smoothly.
+    fn sky(d: Vec3, sun: Vec3) -> f32 {
+        0.2 + 2.0 * (-d.angle_between(sun) * 4.0).exp()
+    }
+
+    #[test]
+    fn the_sun_is_found_without_its_glow() {
+        let grid = CubeGrid::new(64);
+        let sun = Vec3::new(0.4, -0.3, 0.6).normalize();
+        let texels: Vec<Vec3> = grid
+            .directions
+            .iter()
+            .map(|&d| {
+                Vec3::splat(
+                    sky(d, sun)
+                        + if d.angle_between(sun) < 0.04 {
+                            500.0
+                        } else {
+                            0.0
+                        },
+                )
+            })
+            .collect();
+        let found = find(&grid, &texels);
+        assert_eq!(found.len(), 1, "{found:?}");
+        assert!(found[0].direction.angle_between(sun) < 0.01);
+        let truth = 500.0 * std::f32::consts::PI * 0.04 * 0.04;
+        assert!(
+            (found[0].flux.x / truth - 1.0).abs() < 0.12,
+            "{}",
+            found[0].flux.x / truth
+        );
+        assert!(found[0].solid_angle < 2.0 * std::f32::consts::PI * 0.04 * 0.04);
+    }
+
+    #[test]
+    fn an_even_sky_has_no_sources() {
+        let grid = CubeGrid::new(32);
+        let sun = Vec3::new(0.4, -0.3, 0.6).normalize();
+        let texels: Vec<Vec3> = grid
+            .directions
+            .iter()
+            .map(|&d| Vec3::splat(sky(d, sun)))
+            .collect();
+        assert!(find(&grid, &texels).is_empty());
+        assert!(find(&grid, &vec![Vec3::ONE; texels.len()]).is_empty());
+        assert!(find(&grid, &vec![Vec3::ZERO; texels.len()]).is_empty());
+    }
+
+    #[test]
+    fn two_panes_of_one_window_are_one_source_and_two_lamps_are_two() {
+        let grid = CubeGrid::new(64);
+        let lamp = |d: Vec3, at: Vec3, r: f32| d.angle_between(at.normalize()) < r;
+        let texels: Vec<Vec3> = grid
+            .directions
+            .iter()
+            .map(|&d| {
+                let left = lamp(d, Vec3::new(1.0, 0.0, 0.8), 0.1);
+                let right = lamp(d, Vec3::new(-1.0, 0.3, 0.8), 0.1);
+                Vec3::splat(if left || right { 20.0 } else { 0.1 })
+            })
+            .collect();
+        assert_eq!(find(&grid, &texels).len(), 2);
+    }
+}

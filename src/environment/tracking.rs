@@ -1,0 +1,276 @@
+//! Compact sources over time: who is who from frame to frame, and how each is split into
+//! dome lights.
+
+use super::cube::tangent_frame;
+use super::light::{DomeLight, LightKind};
+use super::sources::{LUMINANCE, Source};
+use glam::{Mat3, Vec3};
+use std::f32::consts::PI;
+
+/// How far a source may jump between two pictures and still be the same, radians, beside
+/// its own extent.
+const GATE: f32 = 0.3;
+
+/// Part of a source in one direction.
+#[derive(Clone, Copy, Debug)]
+struct Part {
+    direction: Vec3,
+    flux: Vec3,
+    weight: f32,
+}
+
+/// A source that is followed.
+#[derive(Clone, Debug)]
+pub(super) struct TrackedSource {
+    /// Never used again for another source.
+    pub id: u32,
+    pub direction: Vec3,
+    pub flux: Vec3,
+    pub solid_angle: f32,
+    /// Dome lights it is split into; 0 = not planned yet.
+    pub lights: usize,
+    /// First tangent vector, carried along as the source moves, so that the pattern of
+    /// lights moves with it and never turns.
+    axis: Vec3,
+    /// Which axis each split of the recursion cuts, in its order.
+    cuts: Vec<bool>,
+    parts: Vec<Part>,
+}
+
+impl TrackedSource {
+    fn new(id: u32, source: &Source, directions: &[Vec3], gains: Mat3) -> Self {
+        let mut new = Self {
+            id,
+            direction: source.direction,
+            flux: Vec3::ZERO,
+            solid_angle: 0.0,
+            lights: 0,
+            axis: tangent_frame(source.direction).0,
+            cuts: Vec::new(),
+            parts: Vec::new(),
+        };
+        new.follow(source, directions, gains);
+        new
+    }
+
+    fn follow(&mut self, source: &Source, directions: &[Vec3], gains: Mat3) {
+        self.direction = source.direction;
+        self.flux = gains * source.flux;
+        self.solid_angle = source.solid_angle;
+        let across = self.axis - self.direction * self.axis.dot(self.direction);
+        self.axis = across
+            .try_normalize()
+            .unwrap_or(tangent_frame(self.direction).0);
+        self.parts.clear();
+        self.parts.extend(source.parts.iter().map(|&(i, flux)| {
+            let flux = (gains * flux).max(Vec3::ZERO);
+            Part {
+                direction: directions[i as usize],
+                flux,
+                weight: flux.dot(LUMINANCE),
+            }
+        }));
+    }
+
+    /// Half angle of a cone with the source's solid angle, radians.
+    pub fn radius(&self) -> f32 {
+        (self.solid_angle / PI).sqrt()
+    }
+
+    /// Luminance of its irradiance on the ground (or, without ground, facing it).
+    pub fn share(&self, ground: bool) -> f32 {
+        let height = if ground {
+            self.direction.z.max(0.0)
+        } else {
+            1.0
+        };
+        self.flux.dot(LUMINANCE) * height
+    }
+
+    /// Splits the source into `n` lights from now on.
+    pub fn plan(&mut self, n: usize) {
+        if n != self.lights {
+            self.lights = n;
+            self.cuts.clear();
+        }
+    }
+
+    /// Its lights, always in the same order.
+    pub fn split(&mut self, ground: bool) -> Vec<DomeLight> {
+        let mut lights = Vec::with_capacity(self.lights);
+        let mut cuts = std::mem::take(&mut self.cuts);
+        let axes = (self.axis, self.direction.cross(self.axis));
+        let mut next = 0;
+        let leaf_solid_angle = self.solid_angle / self.lights.max(1) as f32;
+        cut(
+            &mut self.parts.clone(),
+            self.lights,
+            axes,
+            &mut cuts,
+            &mut next,
+            &mut |leaf| {
+                lights.push(light_of(leaf, leaf_solid_angle, ground));
+            },
+        );
+        self.cuts = cuts;
+        lights
+    }
+}
+
+/// Cuts parts into `n` groups of equal energy, longest side first, and calls `leaf` for
+/// each. `cuts` remembers which axis was cut at each step, so that a round source does not
+/// change its pattern with the noise.
+fn cut(
+    parts: &mut [Part],
+    n: usize,
+    axes: (Vec3, Vec3),
+    cuts: &mut Vec<bool>,
+    next: &mut usize,
+    leaf: &mut impl FnMut(&[Part]),
+) {
+    if n <= 1 || parts.is_empty() {
+        (0..n).for_each(|_| leaf(parts));
+        return;
+    }
+    let first = match cuts.get(*next) {
+        Some(&known) => known,
+        None => {
+            let first = spread(parts, axes.0) >= spread(parts, axes.1);
+            cuts.push(first);
+            first
+        }
+    };
+    *next += 1;
+    let axis = if first { axes.0 } else { axes.1 };
+    parts.sort_by(|a, b| a.direction.dot(axis).total_cmp(&b.direction.dot(axis)));
+    let total: f32 = parts.iter().map(|p| p.weight).sum();
+    let target = total * (n / 2) as f32 / n as f32;
+    let (mut low, mut high) = divide(parts, target);
+    cut(&mut low, n / 2, axes, cuts, next, leaf);
+    cut(&mut high, n - n / 2, axes, cuts, next, leaf);
+}
+
+/// Divides sorted parts where their energy reaches `target`; the part on the border goes
+/// to both sides in proportion, so that nothing jumps as the source moves over pixels.
+fn divide(parts: &[Part], target: f32) -> (Vec<Part>, Vec<Part>) {
+    let mut below = 0.0;
+    for (i, part) in parts.iter().enumerate() {
+        if below + part.weight >= target && part.weight > 0.0 {
+            let share = ((target - below) / part.weight).clamp(0.0, 1.0);
+            let mut low = parts[..i].to_vec();
+            let mut high = parts[i..].to_vec();
+            low.push(scaled(part, share));
+            high[0] = scaled(part, 1.0 - share);
+            return (low, high);
+        }
+        below += part.weight;
+    }
+    (parts.to_vec(), Vec::new())
+}
+
+fn scaled(part: &Part, share: f32) -> Part {
+    Part {
+        direction: part.direction,
+        flux: part.flux * share,
+        weight: part.weight * share,
+    }
+}
+
+fn spread(parts: &[Part], axis: Vec3) -> f32 {
+    let total: f32 = parts.iter().map(|p| p.weight).sum();
+    let moment = |f: &dyn Fn(f32) -> f32| -> f32 {
+        parts
+            .iter()
+            .map(|p| p.weight * f(p.direction.dot(axis)))
+            .sum::<f32>()
+            / total.max(f32::MIN_POSITIVE)
+    };
+    let mean = moment(&|x| x);
+    moment(&|x| (x - mean) * (x - mean))
+}
+
+fn light_of(parts: &[Part], solid_angle: f32, ground: bool) -> DomeLight {
+    let centre: Vec3 = parts.iter().map(|p| p.direction * p.weight).sum();
+    let direction = above_horizon(centre.try_normalize().unwrap_or(Vec3::Z), ground);
+    let sum = |f: &dyn Fn(&Part) -> f32| parts.iter().map(|p| p.flux * f(p)).sum::<Vec3>();
+    let irradiance = if ground {
+        sum(&|p| p.direction.z.max(0.0)) / direction.z
+    } else {
+        sum(&|_| 1.0)
+    };
+    DomeLight {
+        direction,
+        irradiance,
+        angular_radius: (solid_angle / PI).sqrt(),
+        kind: LightKind::Compact,
+    }
+}
+
+/// Lifts a direction to two degrees above the horizon where there is ground: lower lights
+/// cast shadows of no use and no end.
+pub(super) fn above_horizon(direction: Vec3, ground: bool) -> Vec3 {
+    const LEAST: f32 = 0.034_9;
+    if !ground || direction.z >= LEAST {
+        return direction;
+    }
+    let level = direction
+        .truncate()
+        .try_normalize()
+        .unwrap_or(glam::Vec2::X);
+    (level * (1.0 - LEAST * LEAST).sqrt()).extend(LEAST)
+}
+
+/// All sources that are followed.
+#[derive(Clone, Debug, Default)]
+pub(super) struct SourceTracker {
+    pub sources: Vec<TrackedSource>,
+    next_id: u32,
+}
+
+impl SourceTracker {
+    /// Takes over this frame's sources. True if one came or went.
+    pub fn update(&mut self, found: &[Source], directions: &[Vec3], gains: Mat3) -> bool {
+        let pairs = self.pair(found);
+        let mut kept = Vec::with_capacity(found.len());
+        let mut changed = self.sources.len() != found.len();
+        let mut old: Vec<Option<TrackedSource>> = self.sources.drain(..).map(Some).collect();
+        for (source, partner) in found.iter().zip(pairs) {
+            match partner.and_then(|k| old[k].take()) {
+                Some(mut tracked) => {
+                    tracked.follow(source, directions, gains);
+                    kept.push(tracked);
+                }
+                None => {
+                    kept.push(TrackedSource::new(self.next_id, source, directions, gains));
+                    self.next_id += 1;
+                    changed = true;
+                }
+            }
+        }
+        self.sources = kept;
+        changed
+    }
+
+    /// For every found source the index of the one it continues: nearest pairs first.
+    fn pair(&self, found: &[Source]) -> Vec<Option<usize>> {
+        let mut distances = Vec::new();
+        for (i, new) in found.iter().enumerate() {
+            for (k, old) in self.sources.iter().enumerate() {
+                let angle = new.direction.angle_between(old.direction);
+                if angle < GATE + old.radius() {
+                    distances.push((angle, i, k));
+                }
+            }
+        }
+        distances.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut partner = vec![None; found.len()];
+        let mut taken = vec![false; self.sources.len()];
+        for (_, i, k) in distances {
+            if partner[i].is_none() && !taken[k] {
+                partner[i] = Some(k);
+                taken[k] = true;
+            }
+        }
+        partner
+    }
+}

@@ -1,0 +1,335 @@
+//! Where each direction of the world stands in the environment camera's picture.
+
+use super::mirror::Mirror;
+use crate::calibration::PinholeCamera;
+use crate::calibration::rig::{EnvironmentView, FisheyeLens, MirrorSphere};
+use glam::{DVec2, DVec3};
+use penumbra_interface::RigidTransform;
+use std::ops::Range;
+
+/// Smallest cosine of incidence on a mirrored sphere that is used: the outermost 1.5 % of
+/// its radius is left out.
+const LEAST_COSINE: f64 = 0.17;
+
+/// What is known of the room, for light that is seen from one place and needed in another.
+///
+/// Without it the environment is taken to be infinitely far away (Supan 2006, section IV).
+/// With it, light is carried from the point that saw it to `reference` by way of a sphere
+/// of `radius` around `reference`, cut off by the ground.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Parallax {
+    /// Where the light is needed: the middle of the virtual objects, world, metres.
+    pub reference: DVec3,
+    /// Distance of what surrounds it, metres.
+    pub radius: f64,
+    /// Height of the ground, metres, if there is one (below `reference`).
+    pub ground_height: Option<f64>,
+}
+
+impl Parallax {
+    /// Direction, seen from the reference, of what is seen from `origin` along
+    /// `direction`.
+    fn carry(&self, origin: DVec3, direction: DVec3) -> DVec3 {
+        let from_reference = origin - self.reference;
+        let b = from_reference.dot(direction);
+        let c = from_reference.length_squared() - self.radius * self.radius;
+        if c >= 0.0 {
+            return direction;
+        }
+        let to_ground = self
+            .ground_height
+            .and_then(|h| hit_ground(origin, direction, h));
+        let t = (-b + (b * b - c).sqrt()).min(to_ground.unwrap_or(f64::INFINITY));
+        (from_reference + direction * t).normalize()
+    }
+
+    /// The surrounding point that the reference sees along `direction`.
+    fn surrounding_point(&self, direction: DVec3) -> DVec3 {
+        let to_ground = self
+            .ground_height
+            .and_then(|h| hit_ground(self.reference, direction, h));
+        self.reference + direction * self.radius.min(to_ground.unwrap_or(f64::INFINITY))
+    }
+}
+
+fn hit_ground(origin: DVec3, direction: DVec3, height: f64) -> Option<f64> {
+    (direction.z < -1e-9 && origin.z > height).then(|| (height - origin.z) / direction.z)
+}
+
+/// A ray of light backwards: from the place that saw it towards where it came from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ViewRay {
+    /// The camera's centre, or the point of the mirror, world, metres.
+    pub origin: DVec3,
+    /// Unit vector, world.
+    pub direction: DVec3,
+}
+
+#[derive(Clone, Debug)]
+enum Optics {
+    Fisheye(FisheyeLens),
+    Mirror {
+        camera: PinholeCamera,
+        mirror: Mirror,
+    },
+}
+
+/// The environment camera placed in the world: pixels to directions and back.
+#[derive(Clone, Debug)]
+pub struct PlacedView {
+    optics: Optics,
+    world_from_camera: RigidTransform,
+    camera_from_world: RigidTransform,
+    parallax: Option<Parallax>,
+    size: (u32, u32),
+}
+
+impl PlacedView {
+    /// Places a view. `scene` (pose and intrinsics of the scene camera) is needed for a
+    /// sphere in the scene camera's picture only. `None` where it is missing, or where
+    /// the eye is inside the sphere.
+    #[must_use]
+    pub fn new(
+        view: &EnvironmentView,
+        scene: Option<(RigidTransform, &PinholeCamera)>,
+        parallax: Option<Parallax>,
+    ) -> Option<Self> {
+        match view {
+            EnvironmentView::Fisheye {
+                lens,
+                world_from_camera,
+            } => Some(Self {
+                size: (lens.width, lens.height),
+                optics: Optics::Fisheye(lens.clone()),
+                world_from_camera: *world_from_camera,
+                camera_from_world: world_from_camera.inverse(),
+                parallax,
+            }),
+            EnvironmentView::Sphere {
+                camera,
+                world_from_camera,
+                sphere,
+            } => Self::mirrored(camera, *world_from_camera, sphere, parallax),
+            EnvironmentView::SphereInScene { sphere } => {
+                let (world_from_camera, camera) = scene?;
+                Self::mirrored(camera, world_from_camera, sphere, parallax)
+            }
+        }
+    }
+
+    fn mirrored(
+        camera: &PinholeCamera,
+        world_from_camera: RigidTransform,
+        sphere: &MirrorSphere,
+        parallax: Option<Parallax>,
+    ) -> Option<Self> {
+        let eye = world_from_camera.translation;
+        let mirror = Mirror::new(eye, sphere.centre_in_world, sphere.radius, LEAST_COSINE)?;
+        Some(Self {
+            size: (camera.width, camera.height),
+            optics: Optics::Mirror {
+                camera: camera.clone(),
+                mirror,
+            },
+            world_from_camera,
+            camera_from_world: world_from_camera.inverse(),
+            parallax,
+        })
+    }
+
+    /// Width and height of the picture, pixels.
+    #[must_use]
+    pub const fn size(&self) -> (u32, u32) {
+        self.size
+    }
+
+    /// Columns and rows that contain everything of use.
+    #[must_use]
+    pub fn bounds(&self) -> (Range<u32>, Range<u32>) {
+        let (width, height) = self.size;
+        let Optics::Mirror { camera, mirror } = &self.optics else {
+            return (0..width, 0..height);
+        };
+        let (centre, radius) = mirror.ball();
+        let centre = self.camera_from_world.transform_point(centre);
+        let Some(middle) = camera.project(centre) else {
+            return (0..0, 0..0);
+        };
+        // The silhouette's angle is asin(R/D); off the axis it is stretched, by less than
+        // two for any lens that `PinholeCamera` describes well.
+        let reach = camera.focal * (2.5 * radius / (centre.z - radius).max(0.2 * radius));
+        let range = |at: f64, reach: f64, end: u32| {
+            let low = (at - reach).clamp(0.0, f64::from(end)) as u32;
+            low..(at + reach).ceil().clamp(f64::from(low), f64::from(end)) as u32
+        };
+        (
+            range(middle.x, reach.x, width),
+            range(middle.y, reach.y, height),
+        )
+    }
+
+    /// The ray from the camera itself through a pixel of a mirrored view.
+    #[must_use]
+    pub fn camera_ray(&self, pixel: DVec2) -> Option<ViewRay> {
+        let Optics::Mirror { camera, .. } = &self.optics else {
+            return None;
+        };
+        Some(ViewRay {
+            origin: self.world_from_camera.translation,
+            direction: self.world_from_camera.rotation * camera.unproject(pixel),
+        })
+    }
+
+    /// The ray that a pixel sees, before any parallax; `None` where it sees nothing of use.
+    #[must_use]
+    pub fn ray(&self, pixel: DVec2) -> Option<ViewRay> {
+        let to_world = |d: DVec3| self.world_from_camera.rotation * d;
+        match &self.optics {
+            Optics::Fisheye(lens) => Some(ViewRay {
+                origin: self.world_from_camera.translation,
+                direction: to_world(lens.unproject(pixel)?),
+            }),
+            Optics::Mirror { camera, mirror } => {
+                let seen = mirror.reflect(to_world(camera.unproject(pixel)))?;
+                Some(ViewRay {
+                    origin: seen.point,
+                    direction: seen.direction,
+                })
+            }
+        }
+    }
+
+    /// Unit direction, world, of the light that a pixel shows.
+    #[must_use]
+    pub fn direction(&self, pixel: DVec2) -> Option<DVec3> {
+        let ray = self.ray(pixel)?;
+        Some(match &self.parallax {
+            Some(parallax) => parallax.carry(ray.origin, ray.direction),
+            None => ray.direction,
+        })
+    }
+
+    /// Pixel that shows the light from a direction; it may lie outside the picture.
+    #[must_use]
+    pub fn pixel(&self, direction: DVec3) -> Option<DVec2> {
+        let target = self.parallax.map(|p| p.surrounding_point(direction));
+        match &self.optics {
+            Optics::Fisheye(lens) => {
+                let origin = self.world_from_camera.translation;
+                let direction = target.map_or(direction, |q| (q - origin).normalize());
+                lens.project(self.camera_from_world.rotation * direction)
+            }
+            Optics::Mirror { camera, mirror } => {
+                let point = match target {
+                    None => mirror.point_showing(direction)?,
+                    Some(q) => point_showing_near(mirror, direction, q)?,
+                };
+                camera.project(self.camera_from_world.transform_point(point))
+            }
+        }
+    }
+}
+
+/// The point of the mirror that shows `target`: the direction of the light depends on the
+/// point and the point on the direction, which converges fast as the mirror is small.
+fn point_showing_near(mirror: &Mirror, direction: DVec3, target: DVec3) -> Option<DVec3> {
+    let mut point = mirror.point_showing(direction)?;
+    for _ in 0..24 {
+        let next = mirror.point_showing((target - point).normalize())?;
+        let step = next.distance(point);
+        point = next;
+        if step < 1e-7 {
+            break;
+        }
+    }
+    Some(point)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use glam::DMat3;
+    use proptest::prelude::*;
+
+    fn sphere_view() -> EnvironmentView {
+        let forward = DVec3::new(-0.43, 0.66, -0.61).normalize();
+        let right = forward.cross(DVec3::Z).normalize();
+        let rotation = DMat3::from_cols(right, forward.cross(right), forward);
+        let eye = DVec3::new(0.33, -0.16, 0.28);
+        EnvironmentView::Sphere {
+            camera: PinholeCamera {
+                width: 480,
+                height: 480,
+                focal: DVec2::splat(2150.0),
+                centre: DVec2::new(238.7, 240.4),
+                distortion: [0.01, -0.02, 0.001, 0.0, 0.0],
+            },
+            world_from_camera: RigidTransform::new(glam::DQuat::from_mat3(&rotation), eye),
+            sphere: MirrorSphere {
+                centre_in_world: eye + forward * 0.39,
+                radius: 0.03,
+                reflectance: [0.9; 3],
+                in_scene: false,
+            },
+        }
+    }
+
+    fn ball_centre() -> DVec3 {
+        match sphere_view() {
+            EnvironmentView::Sphere { sphere, .. } => sphere.centre_in_world,
+            _ => unreachable!(),
+        }
+    }
+
+    fn room() -> Parallax {
+        Parallax {
+            reference: DVec3::new(0.0, 0.0, 0.05),
+            radius: 2.0,
+            ground_height: Some(0.0),
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn direction_to_pixel_to_direction(x in -1.0f64..1.0, y in -1.0f64..1.0, z in -1.0f64..1.0, near: bool) {
+            let direction = DVec3::new(x, y, z);
+            prop_assume!(direction.length() > 0.1);
+            let direction = direction.normalize();
+            let placed = PlacedView::new(&sphere_view(), None, near.then(room)).unwrap();
+            // Ground next to the ball is seen by the ball at more than one place, or not.
+            let beside = room().surrounding_point(direction).distance(ball_centre()) < 0.12;
+            prop_assume!(!(near && beside));
+            if let Some(pixel) = placed.pixel(direction) {
+                let back = placed.direction(pixel);
+                // The limit of incidence may fall between the two.
+                if let Some(back) = back {
+                    prop_assert!((back - direction).length() < 2e-3, "{direction} {back}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn most_of_the_sphere_of_directions_is_seen() {
+        let placed = PlacedView::new(&sphere_view(), None, None).unwrap();
+        let grid = super::super::cube::CubeGrid::new(16);
+        let seen: f32 = grid
+            .directions
+            .iter()
+            .zip(&grid.solid_angles)
+            .filter(|(d, _)| placed.pixel(d.as_dvec3()).is_some())
+            .map(|(_, w)| w)
+            .sum();
+        assert!(seen > 0.95 * 4.0 * std::f32::consts::PI, "{seen} sr");
+    }
+
+    #[test]
+    fn a_sphere_in_the_scene_needs_the_scene_camera() {
+        let EnvironmentView::Sphere { sphere, .. } = sphere_view() else {
+            unreachable!()
+        };
+        let view = EnvironmentView::SphereInScene { sphere };
+        assert!(PlacedView::new(&view, None, None).is_none());
+    }
+}
