@@ -18,6 +18,7 @@ pub mod doctor;
 pub mod environment;
 pub mod output;
 pub mod picture;
+pub mod rig;
 pub mod scene;
 pub mod session;
 pub mod status;

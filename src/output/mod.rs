@@ -1,3 +1,4 @@
 //! Receives a finished picture and draws nothing.
 
+pub mod files;
 pub mod stream;

@@ -1,0 +1,109 @@
+//! Frames as PNG files, written by a thread of their own.
+
+use crate::picture::Picture;
+use crate::rig::RigError;
+use crossbeam_channel::{Receiver, Sender, bounded};
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+use std::thread::JoinHandle;
+
+/// Pictures that may wait to be written; then the writer sets the pace, since a folder of
+/// frames is to be complete.
+const WAITING: usize = 4;
+
+/// Writes `%05d.png` files into a folder.
+pub struct FrameFolder {
+    sender: Option<Sender<(u64, Picture)>>,
+    spare: Receiver<Picture>,
+    writer: Option<JoinHandle<Result<u64, RigError>>>,
+}
+
+impl FrameFolder {
+    /// Makes the folder if need be.
+    ///
+    /// # Errors
+    /// It cannot be made, or holds pictures already and `force` is not given.
+    pub fn create(
+        path: &Path,
+        force: bool,
+        spawn: impl FnOnce(Box<dyn FnOnce() -> Result<u64, RigError> + Send>) -> std::io::Result<JoinHandle<Result<u64, RigError>>>,
+    ) -> Result<Self, RigError> {
+        let failed = |source| RigError::Write { path: path.to_owned(), source };
+        std::fs::create_dir_all(path).map_err(failed)?;
+        let occupied = std::fs::read_dir(path)
+            .map_err(failed)?
+            .flatten()
+            .any(|entry| entry.path().extension().is_some_and(|e| e == "png"));
+        if occupied && !force {
+            return Err(RigError::Occupied { path: path.to_owned() });
+        }
+        let (sender, incoming) = bounded::<(u64, Picture)>(WAITING);
+        let (give_back, spare) = bounded(WAITING + 1);
+        let folder = path.to_owned();
+        let writer = spawn(Box::new(move || {
+            let mut written = 0;
+            for (index, picture) in incoming {
+                write_png(&folder.join(format!("{index:05}.png")), &picture)?;
+                written += 1;
+                // Nobody waits for spare memory; too much of it is dropped.
+                let _ = give_back.try_send(picture);
+            }
+            Ok(written)
+        }))
+        .map_err(failed)?;
+        Ok(Self { sender: Some(sender), spare, writer: Some(writer) })
+    }
+
+    /// A picture whose memory can be used again.
+    #[must_use]
+    pub fn spare(&self) -> Picture {
+        self.spare.try_recv().unwrap_or_default()
+    }
+
+    /// Hands a picture to the writer. A writer that has failed is found out by
+    /// [`Self::finish`].
+    pub fn write(&self, index: u64, picture: Picture) {
+        if let Some(sender) = &self.sender {
+            let _ = sender.send((index, picture));
+        }
+    }
+
+    /// Waits until everything is written; the number of files.
+    ///
+    /// # Errors
+    /// A file could not be written.
+    pub fn finish(mut self) -> Result<u64, RigError> {
+        self.sender = None;
+        match self.writer.take().map(JoinHandle::join) {
+            Some(Ok(result)) => result,
+            _ => Ok(0),
+        }
+    }
+
+    /// False once the writer has given up.
+    #[must_use]
+    pub fn is_alive(&self) -> bool {
+        self.writer.as_ref().is_some_and(|w| !w.is_finished())
+    }
+}
+
+/// Writes one picture as an RGB PNG, the same bytes for the same picture.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn write_png(path: &Path, picture: &Picture) -> Result<(), RigError> {
+    let failed = |source: std::io::Error| RigError::Write { path: PathBuf::from(path), source };
+    let file = File::create(path).map_err(failed)?;
+    let mut encoder = png::Encoder::new(BufWriter::new(file), picture.width, picture.height);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    encoder.set_compression(png::Compression::Fast);
+    let rgb: Vec<u8> = picture.rgba.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
+    let write = || -> Result<(), png::EncodingError> {
+        let mut writer = encoder.write_header()?;
+        writer.write_image_data(&rgb)?;
+        writer.finish()
+    };
+    write().map_err(|e| failed(std::io::Error::other(e)))
+}

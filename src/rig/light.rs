@@ -1,0 +1,411 @@
+//! The light at the scene camera's white point: environment pictures, gains and the
+//! ground's radiance become [`Lighting`].
+
+use super::{RigError, RigSetup};
+use crate::calibration::photometry::{
+    MatchMethod, MatchStatus, PhotometricMatch, PhotometrySettings,
+};
+use crate::calibration::photometry::chart::{ChartError, ChartMatch, Photograph, match_chart};
+use crate::calibration::photometry::gather::{GatherOptions, Overlap, gather_pairs};
+use crate::calibration::photometry::overlap::estimate_overlap;
+use crate::calibration::rig::EnvironmentView;
+use crate::calibration::{RigCalibration, Response};
+use crate::config::{Config, Unseen, WhiteBalanceMethod};
+use crate::environment::{
+    Bracket, EnvironmentEstimator, EnvironmentInput, EnvironmentSettings, IrradianceMethod,
+    Lighting, Placement,
+};
+use crate::picture::{Picture, PictureError, YuvEncoding, decode_into};
+use crate::calibration::photometry::raycast::{GROUND, PhantomCaster};
+use crate::session::Session;
+use crate::sync::EnvironmentSet;
+use glam::{DVec2, DVec3, Mat3, Vec3};
+use penumbra_interface::{MonotonicTime, RigidTransform};
+use std::sync::Arc;
+
+/// Turns environment pictures into light.
+pub struct LightStation {
+    estimator: Option<EnvironmentEstimator>,
+    photometry: PhotometricMatch,
+    ground: GroundWatch,
+    rays: Arc<PhantomCaster>,
+    rig: RigCalibration,
+    yuv: YuvEncoding,
+    unseen: Unseen,
+    decoded: Vec<Picture>,
+    generation: Option<u64>,
+    lighting: Option<Arc<Lighting>>,
+    overlap_every: u32,
+    since_overlap: u32,
+}
+
+/// What the scene camera saw at the instant that needs light.
+pub struct SceneView<'a> {
+    /// Its picture.
+    pub picture: &'a Picture,
+    /// Its pose, if it is known.
+    pub world_from_camera: Option<RigidTransform>,
+    /// Middle of its exposure.
+    pub captured_at: MonotonicTime,
+}
+
+impl LightStation {
+    /// Builds the tables of the rig's view and matches the chart, if the session has one.
+    ///
+    /// # Errors
+    /// Impossible geometry; a chart picture that cannot be read.
+    pub fn new(setup: &RigSetup, config: &Config, session: &Session) -> Result<Self, RigError> {
+        let rig = setup.calibration.clone();
+        let rays = Arc::new(PhantomCaster::new(&setup.scene));
+        let estimator = estimator(&rig, config, &rays, setup.scene.ground_height.is_some())?;
+        let same_camera = is_in_scene(&rig);
+        let mut photometry = PhotometricMatch::new(photometry_settings(config), same_camera);
+        if let Some(chart) = chart_match(&rig, session, config.white_balance.matrix)? {
+            photometry.set_chart(chart);
+        }
+        Ok(Self {
+            estimator,
+            photometry,
+            ground: GroundWatch::new(setup, rays.clone()),
+            rays,
+            rig,
+            yuv: config.input.encoding(),
+            unseen: config.environment.unseen,
+            decoded: Vec::new(),
+            generation: None,
+            lighting: None,
+            overlap_every: 5,
+            since_overlap: 0,
+        })
+    }
+
+    /// The light for a frame: that of the environment set paired with it. A set that was
+    /// read before is not read again.
+    ///
+    /// # Errors
+    /// A picture that cannot be decoded or does not fit the calibration; the light stays
+    /// as it was.
+    pub fn update(
+        &mut self,
+        set: Option<&EnvironmentSet>,
+        scene: &SceneView<'_>,
+    ) -> Result<Option<Arc<Lighting>>, RigError> {
+        self.ground.look(scene);
+        if is_in_scene(&self.rig) {
+            self.see_in_scene(scene)?;
+        } else if let Some(set) = set
+            && self.generation != Some(set.generation)
+        {
+            self.generation = Some(set.generation);
+            self.decode(set)?;
+            self.match_cameras(set, scene);
+            self.estimate(set, scene)?;
+        }
+        Ok(self.lighting.clone())
+    }
+
+    fn decode(&mut self, set: &EnvironmentSet) -> Result<(), RigError> {
+        self.decoded.resize_with(set.frames.len(), Picture::default);
+        for (frame, picture) in set.frames.iter().zip(&mut self.decoded) {
+            decode_into(frame, &self.yuv, picture).map_err(|source| unreadable(source))?;
+        }
+        Ok(())
+    }
+
+    fn see_in_scene(&mut self, scene: &SceneView<'_>) -> Result<(), RigError> {
+        let (Some(estimator), Some(pose)) = (&mut self.estimator, scene.world_from_camera) else {
+            return Ok(());
+        };
+        let rays = &self.rays;
+        let hidden = |o: DVec3, d: DVec3| hides(rays, o, d);
+        let lighting = estimator.update(&EnvironmentInput {
+            brackets: &[Bracket { picture: scene.picture, ev: 0.0 }],
+            scene: Some((pose, &self.rig.scene_camera.camera)),
+            gains: Mat3::IDENTITY,
+            ground_radiance: self.ground.radiance(),
+            measured_ground_irradiance: None,
+            hidden: Some(&hidden),
+            captured_at: scene.captured_at,
+        })?;
+        self.lighting = Some(lighting);
+        Ok(())
+    }
+
+    fn estimate(
+        &mut self,
+        set: &EnvironmentSet,
+        scene: &SceneView<'_>,
+    ) -> Result<(), RigError> {
+        let Some(estimator) = &mut self.estimator else { return Ok(()) };
+        let brackets: Vec<Bracket<'_>> = set
+            .frames
+            .iter()
+            .zip(&self.decoded)
+            .map(|(frame, picture)| Bracket { picture, ev: frame.bracket_ev })
+            .collect();
+        let seen = self.ground.radiance();
+        let lighting = estimator.update(&EnvironmentInput {
+            brackets: &brackets,
+            scene: scene.world_from_camera.map(|pose| (pose, &self.rig.scene_camera.camera)),
+            gains: self.photometry.scene_from_environment().as_mat3(),
+            ground_radiance: match self.unseen {
+                Unseen::SceneCamera => seen,
+                Unseen::Mean => None,
+                Unseen::Black => Some(Vec3::ZERO),
+            },
+            measured_ground_irradiance: None,
+            hidden: None,
+            captured_at: set.captured_at,
+        })?;
+        self.lighting = Some(lighting);
+        Ok(())
+    }
+
+    /// Compares what both cameras see, every few environment pictures.
+    fn match_cameras(&mut self, set: &EnvironmentSet, scene: &SceneView<'_>) {
+        let base = set.frames.iter().position(|f| f.bracket_ev == 0.0);
+        let (Some(base), Some(pose), Some(environment)) =
+            (base, scene.world_from_camera, &self.rig.environment)
+        else {
+            return;
+        };
+        self.photometry.set_exposures(None, set.frames[base].exposure);
+        self.since_overlap += 1;
+        if self.since_overlap < self.overlap_every && self.lighting.is_some() {
+            return;
+        }
+        self.since_overlap = 0;
+        let overlap = Overlap {
+            scene: Photograph {
+                picture: scene.picture,
+                response: &self.rig.scene_camera.response,
+            },
+            scene_camera: &self.rig.scene_camera.camera,
+            world_from_scene_camera: pose,
+            environment: Photograph {
+                picture: &self.decoded[base],
+                response: &environment.response,
+            },
+            environment_view: &environment.view,
+        };
+        let rays = &self.rays;
+        let cast = |o: DVec3, d: DVec3| rays.cast(o, d);
+        let pairs = gather_pairs(&overlap, &cast, &GatherOptions::default());
+        self.photometry.update_overlap(estimate_overlap(&pairs), scene.captured_at);
+    }
+
+    /// The light in force.
+    #[must_use]
+    pub const fn lighting(&self) -> Option<&Arc<Lighting>> {
+        self.lighting.as_ref()
+    }
+
+    /// The match between the cameras.
+    #[must_use]
+    pub fn match_status(&self) -> MatchStatus {
+        self.photometry.status()
+    }
+
+    /// The estimator, for previews and placement of lights.
+    pub const fn estimator(&mut self) -> Option<&mut EnvironmentEstimator> {
+        self.estimator.as_mut()
+    }
+}
+
+fn unreadable(source: PictureError) -> RigError {
+    RigError::Picture { name: "environment picture".to_owned(), source }
+}
+
+fn is_in_scene(rig: &RigCalibration) -> bool {
+    rig.environment
+        .as_ref()
+        .is_some_and(|e| matches!(e.view, EnvironmentView::SphereInScene { .. }))
+}
+
+/// A real thing other than the ground and the mirror itself ends the ray.
+fn hides(rays: &PhantomCaster, origin: DVec3, direction: DVec3) -> bool {
+    rays.cast(origin, direction).is_some_and(|hit| !hit.mirror && hit.surface != GROUND)
+}
+
+fn estimator(
+    rig: &RigCalibration,
+    config: &Config,
+    rays: &Arc<PhantomCaster>,
+    ground: bool,
+) -> Result<Option<EnvironmentEstimator>, RigError> {
+    let Some(environment) = &rig.environment else { return Ok(None) };
+    let settings = EnvironmentSettings {
+        cube_size: config.environment.cube_size,
+        placement: placement(config.environment.lights),
+        lights: config.environment.light_count as usize,
+        ground,
+        irradiance: match config.environment.irradiance {
+            crate::config::Irradiance::Harmonics => IrradianceMethod::Harmonics,
+            crate::config::Irradiance::Blurred => IrradianceMethod::Blurred,
+        },
+        ..EnvironmentSettings::default()
+    };
+    let hidden = |o: DVec3, d: DVec3| hides(rays, o, d);
+    let hidden: Option<&crate::environment::resample::Hidden<'_>> = match environment.view {
+        // The camera stands among the phantoms; what they hide is not the environment.
+        EnvironmentView::Fisheye { .. } => Some(&hidden),
+        _ => None,
+    };
+    Ok(Some(EnvironmentEstimator::new(
+        &environment.view,
+        &environment.response,
+        settings,
+        hidden,
+    )?))
+}
+
+/// The configuration's word in the environment's language.
+#[must_use]
+pub const fn placement(lights: crate::config::LightPlacement) -> Placement {
+    match lights {
+        crate::config::LightPlacement::Adaptive => Placement::Adaptive,
+        crate::config::LightPlacement::Grid => Placement::Grid,
+    }
+}
+
+fn photometry_settings(config: &Config) -> PhotometrySettings {
+    let white = &config.white_balance;
+    PhotometrySettings {
+        method: match white.method {
+            WhiteBalanceMethod::Auto => MatchMethod::Auto,
+            WhiteBalanceMethod::Chart => MatchMethod::Chart,
+            WhiteBalanceMethod::Overlap => MatchMethod::Overlap,
+            WhiteBalanceMethod::Reflectance => MatchMethod::Reflectance,
+            WhiteBalanceMethod::Fixed => MatchMethod::Fixed,
+        },
+        fixed_gains: Some(white.gains.map(f64::from)),
+        matrix: white.matrix,
+    }
+}
+
+type ChartResult = Result<ChartMatch, ChartError>;
+
+fn chart_match(
+    rig: &RigCalibration,
+    session: &Session,
+    matrix: bool,
+) -> Result<Option<ChartResult>, RigError> {
+    let (Some(chart), Some(environment)) = (&rig.chart, &rig.environment) else { return Ok(None) };
+    let load = |name: &str| -> Result<Option<Picture>, RigError> {
+        let Some(bytes) = session.attachment(name) else { return Ok(None) };
+        Picture::from_file_bytes(bytes)
+            .map(Some)
+            .map_err(|source| RigError::Picture { name: name.to_owned(), source })
+    };
+    let (Some(scene), Some(seen)) = (load(&chart.scene_picture)?, load(&chart.environment_picture)?)
+    else {
+        return Ok(None);
+    };
+    let photograph = |picture, response: &Response| (picture, response.clone());
+    let (scene, scene_response) = photograph(scene, &rig.scene_camera.response);
+    let (seen, seen_response) = photograph(seen, &environment.response);
+    Ok(Some(match_chart(
+        chart,
+        Photograph { picture: &scene, response: &scene_response },
+        Photograph { picture: &seen, response: &seen_response },
+        matrix,
+    )))
+}
+
+/// Watches the radiance of the ground around the virtual objects in the scene camera's
+/// picture: what the lower hemisphere holds, where the environment camera looks up.
+struct GroundWatch {
+    points: Vec<Vec3>,
+    rays: Arc<PhantomCaster>,
+    camera: crate::calibration::PinholeCamera,
+    response: Response,
+    radiance: Option<Vec3>,
+}
+
+/// Points looked at along a side of the square around the objects.
+const GROUND_POINTS: usize = 24;
+/// Share of a new look in the running mean.
+const GROUND_SHARE: f32 = 0.1;
+
+impl GroundWatch {
+    fn new(setup: &RigSetup, rays: Arc<PhantomCaster>) -> Self {
+        let points = setup
+            .scene
+            .ground_height
+            .map(|height| points_around(&setup.scene, height as f32))
+            .unwrap_or_default();
+        let scene_camera = &setup.calibration.scene_camera;
+        Self {
+            points,
+            rays,
+            camera: scene_camera.camera.clone(),
+            response: scene_camera.response.clone(),
+            radiance: None,
+        }
+    }
+
+    fn look(&mut self, scene: &SceneView<'_>) {
+        let Some(pose) = scene.world_from_camera else { return };
+        let camera_from_world = pose.inverse();
+        let (mut sum, mut count) = (Vec3::ZERO, 0.0);
+        for point in &self.points {
+            if let Some(colour) = self.colour(*point, pose, camera_from_world, scene.picture) {
+                sum += colour;
+                count += 1.0;
+            }
+        }
+        if count < 8.0 {
+            return;
+        }
+        let now = sum / count;
+        self.radiance = Some(self.radiance.map_or(now, |old| old.lerp(now, GROUND_SHARE)));
+    }
+
+    fn colour(
+        &self,
+        point: Vec3,
+        pose: RigidTransform,
+        camera_from_world: RigidTransform,
+        picture: &Picture,
+    ) -> Option<Vec3> {
+        let pixel: DVec2 =
+            self.camera.project(camera_from_world.transform_point(point.as_dvec3()))?;
+        let (x, y) = (pixel.x.round(), pixel.y.round());
+        let inside = x >= 0.0
+            && y >= 0.0
+            && x < f64::from(picture.width)
+            && y < f64::from(picture.height);
+        let to_point = point.as_dvec3() - pose.translation;
+        let clear = inside
+            && self.rays.cast(pose.translation, to_point).is_none_or(|hit| hit.distance > 0.999);
+        clear.then(|| {
+            Vec3::from(self.response.linear_from_rgb(picture.rgb(x as u32, y as u32)))
+        })
+    }
+
+    const fn radiance(&self) -> Option<Vec3> {
+        self.radiance
+    }
+}
+
+/// A grid on the ground, three times as wide as the virtual objects.
+fn points_around(scene: &crate::scene::Scene, height: f32) -> Vec<Vec3> {
+    let (mut low, mut high) = (Vec3::splat(f32::MAX), Vec3::splat(f32::MIN));
+    for part in &scene.virtual_parts {
+        for vertex in &part.mesh.vertices {
+            let p = part.world_from_part.transform_point3(vertex.position.as_dvec3()).as_vec3();
+            (low, high) = (low.min(p), high.max(p));
+        }
+    }
+    if low.x > high.x {
+        (low, high) = (Vec3::splat(-0.3), Vec3::splat(0.3));
+    }
+    let (centre, half) = ((low + high) / 2.0, ((high - low) * 1.5).truncate().max_element());
+    let at = |k: usize| (2.0 * (k as f32 + 0.5) / GROUND_POINTS as f32 - 1.0) * half;
+    (0..GROUND_POINTS * GROUND_POINTS)
+        .map(|i| {
+            let (x, y) = (at(i % GROUND_POINTS), at(i / GROUND_POINTS));
+            Vec3::new(centre.x + x, centre.y + y, height)
+        })
+        .collect()
+}

@@ -1,0 +1,150 @@
+//! Wires the stations together and runs them. The only place that spawns threads.
+//!
+//! [`feed`] turns a session's events into paired [`RigFrame`](crate::sync::RigFrame)s,
+//! [`light`] turns their environment pictures into light at the scene camera's white
+//! point, [`replay`] lets frames flow through the compositor to the outputs, [`report`]
+//! says afterwards what happened.
+
+pub mod feed;
+pub mod light;
+pub mod replay;
+pub mod report;
+pub mod status;
+
+pub use replay::{ReplayOptions, replay};
+pub use report::Report;
+
+use crate::calibration::{RigCalibration, RigDocument};
+use crate::compositor::GpuError;
+use crate::config::{Config, ConfigError, SceneChoice};
+use crate::environment::EnvironmentError;
+use crate::picture::PictureError;
+use crate::scene::{Scene, SceneError};
+use crate::session::{Session, SessionError};
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// The rig cannot start or go on. Each text is the one line that the user gets.
+#[derive(Debug, Error)]
+pub enum RigError {
+    /// The recording.
+    #[error(transparent)]
+    Session(#[from] SessionError),
+    /// Calibration, objects, phantoms.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    /// The configuration.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The graphics device.
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+    /// The view of the environment.
+    #[error(transparent)]
+    Environment(#[from] EnvironmentError),
+    /// A picture that must be readable (the chart) is not.
+    #[error("{name}: {source}")]
+    Picture {
+        /// Attachment or stream.
+        name: String,
+        /// Why.
+        source: PictureError,
+    },
+    /// The status endpoint.
+    #[error(transparent)]
+    Status(#[from] crate::status::StatusError),
+    /// A file could not be written.
+    #[error("{path}: {source}; free space, or name another folder", path = path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// The folder for frames holds frames already.
+    #[error("{path}: holds pictures already; name another folder or pass --force", path = path.display())]
+    Occupied {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// No window could be opened.
+    #[error("no window: {reason}; run with --headless to do without")]
+    Window {
+        /// What the window system said.
+        reason: String,
+    },
+    /// The session has no frame of the scene camera.
+    #[error("{path}: no picture of the scene camera in it; nothing to compose", path = path.display())]
+    Empty {
+        /// The session.
+        path: PathBuf,
+    },
+}
+
+/// What a session and a configuration say about the rig, made true.
+pub struct RigSetup {
+    /// Calibration with the configuration's overrides.
+    pub calibration: RigCalibration,
+    /// What is drawn.
+    pub scene: Scene,
+}
+
+impl RigSetup {
+    /// Reads calibration and scene from `session` and `config`.
+    ///
+    /// # Errors
+    /// A missing or broken calibration, object or scene file.
+    pub fn read(session: &Session, config: &Config) -> Result<Self, RigError> {
+        let attachments = |name: &str| session.attachment(name);
+        let mut document = crate::scene::rig_of_session(&attachments)?;
+        let camera_recorded = session.has_environment();
+        document
+            .select_environment(config.environment.source, camera_recorded)
+            .map_err(SceneError::from)?;
+        let scene = scene(&document, &attachments, config)?;
+        Ok(Self { calibration: calibration(&document, config), scene })
+    }
+}
+
+fn scene<'a>(
+    document: &RigDocument,
+    attachments: &crate::scene::Attachments<'a>,
+    config: &Config,
+) -> Result<Scene, RigError> {
+    Ok(match &config.scene {
+        SceneChoice::Session => Scene::of_rig(document, attachments)?,
+        SceneChoice::None => Scene::phantoms_of_rig(document, attachments)?,
+        SceneChoice::File(path) => {
+            let phantoms = Scene::phantoms_of_rig(document, attachments)?;
+            phantoms.joined(Scene::load(path)?)
+        }
+    })
+}
+
+/// The session's calibration with what the configuration overrides.
+fn calibration(document: &RigDocument, config: &Config) -> RigCalibration {
+    let mut rig = document.calibration.clone();
+    if let Some(curve) = &config.scene_camera.response {
+        rig.scene_camera.response = curve.response();
+    }
+    if let Some(latency) = config.sync.scene_camera_latency_nanos {
+        rig.scene_camera.latency_nanos = latency;
+    }
+    if let (Some(tracker), Some(latency)) =
+        (&mut rig.tracker, config.sync.tracker_latency_nanos)
+    {
+        tracker.latency_nanos = latency;
+    }
+    if let Some(environment) = &mut rig.environment {
+        if let Some(curve) = &config.environment.response {
+            environment.response = curve.response();
+        }
+        if let Some(brackets) = &config.environment.brackets_ev {
+            environment.brackets_ev.clone_from(brackets);
+        }
+        if let Some(latency) = config.sync.environment_camera_latency_nanos {
+            environment.latency_nanos = latency;
+        }
+    }
+    rig
+}
