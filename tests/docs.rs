@@ -56,7 +56,10 @@ fn command_lines(program: &str) -> Vec<(String, Vec<String>)> {
         .filter_map(|(place, line)| {
             let command = line.split('#').next().unwrap_or("").trim();
             let arguments = command.strip_prefix(program)?.strip_prefix(' ')?;
-            Some((place, arguments.split_whitespace().map(str::to_owned).collect()))
+            Some((
+                place,
+                arguments.split_whitespace().map(str::to_owned).collect(),
+            ))
         })
         .collect()
 }
@@ -88,7 +91,11 @@ fn settings_in_the_documents_are_read() {
 #[test]
 fn command_lines_in_the_documents_are_understood() {
     let lines = command_lines("penumbra");
-    assert!(lines.len() >= 10, "only {} command lines found", lines.len());
+    assert!(
+        lines.len() >= 10,
+        "only {} command lines found",
+        lines.len()
+    );
     for (place, arguments) in lines {
         if let Err(error) = understood(&arguments) {
             panic!("{place}: penumbra {}: {error}", arguments.join(" "));
@@ -117,7 +124,10 @@ fn every_make_target_in_the_documents_is_there() {
 fn linked_files_are_there() {
     for document in DOCUMENTS {
         let text = text(document);
-        let links = text.split("](").skip(1).filter_map(|rest| rest.split(')').next());
+        let links = text
+            .split("](")
+            .skip(1)
+            .filter_map(|rest| rest.split(')').next());
         for link in links.filter(|link| !link.starts_with("http")) {
             let path: PathBuf = root().join(link);
             assert!(path.exists(), "{document}: {link} is not there");
