@@ -67,12 +67,10 @@ fn drivers(root: &Path) -> Check {
     let named = ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"]
         .iter()
         .find_map(std::env::var_os);
-    let found: Vec<String> = match named {
-        Some(paths) => std::env::split_paths(&paths)
-            .map(|path| path.display().to_string())
-            .collect(),
-        None => manifests(root),
-    };
+    if let Some(paths) = named {
+        return named_drivers(std::env::split_paths(&paths).collect());
+    }
+    let found = manifests(root);
     if found.is_empty() {
         Check::fail(
             "Vulkan drivers",
@@ -82,6 +80,20 @@ fn drivers(root: &Path) -> Check {
     } else {
         Check::ok("Vulkan drivers", found.join(", "))
     }
+}
+
+/// VK_DRIVER_FILES replaces what is installed, so a name in it that is gone hides all drivers.
+fn named_drivers(paths: Vec<PathBuf>) -> Check {
+    let shown: Vec<String> = paths.iter().map(|p| p.display().to_string()).collect();
+    let shown = shown.join(", ");
+    if paths.iter().any(|path| path.exists()) {
+        return Check::ok("Vulkan drivers", shown);
+    }
+    Check::fail(
+        "Vulkan drivers",
+        format!("VK_DRIVER_FILES names {shown}, which is not there"),
+        "unset VK_DRIVER_FILES VK_ICD_FILENAMES",
+    )
 }
 
 fn manifests(root: &Path) -> Vec<String> {
@@ -177,10 +189,16 @@ fn shaders(gpu: Gpu) -> Check {
         None => Check::ok("shaders", "all compile on this adapter"),
         Some(error) => Check::fail(
             "shaders",
-            error.to_string().replace('\n', " "),
+            first_words(&error.to_string()),
             "update the graphics driver, or take another adapter with --adapter",
         ),
     }
+}
+
+/// One line of a driver's or compiler's many.
+fn first_words(text: &str) -> String {
+    let words: Vec<&str> = text.split_whitespace().take(24).collect();
+    words.join(" ")
 }
 
 #[cfg(test)]
@@ -202,6 +220,14 @@ mod tests {
         }
         assert_eq!(manifests(root.path()), ["card", "lvp"]);
         assert!(manifests(&root.path().join("nowhere")).is_empty());
+    }
+
+    #[test]
+    fn a_named_driver_that_is_gone_fails() {
+        let gone = named_drivers(vec![PathBuf::from("/no/such.json")]);
+        assert_eq!(gone.state, State::Fail);
+        let manifest = Path::new(env!("CARGO_MANIFEST_DIR")).join("Cargo.toml");
+        assert_eq!(named_drivers(vec![manifest]).state, State::Ok);
     }
 
     #[test]
