@@ -1,7 +1,7 @@
 //! `penumbra doctor`: what works on this machine, and the command that mends what doesn't.
 //!
-//! [`examine`] looks at the graphics driver ([`graphics`]), at the permissions of cameras,
-//! GPUs and serial ports ([`devices`]) and at ports, display and disk ([`machine`]), and
+//! [`examine`] looks at the graphics driver (`graphics`), at the permissions of cameras,
+//! GPUs and serial ports (`devices`) and at ports, display and disk (`machine`), and
 //! changes nothing: no device is opened but the GPU.
 
 mod devices;
