@@ -23,6 +23,15 @@ pub(super) struct Reading {
     pub pose: RigidTransform,
 }
 
+/// A fitted pose.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Fit {
+    /// At time 0.
+    pub pose: RigidTransform,
+    /// Variance of the fitted value over the variance of one reading.
+    pub noise_gain: f64,
+}
+
 /// The pose at time 0, by weighted least squares of `degree` through the readings
 /// (Savitzky and Golay's idea, for uneven times). Rotations are fitted as rotation vectors
 /// from `reference`, which must be near them all.
@@ -37,7 +46,7 @@ pub(super) fn value_at_zero(
     readings: impl Iterator<Item = Reading> + Clone,
     degree: Degree,
     reference: DQuat,
-) -> Option<RigidTransform> {
+) -> Option<Fit> {
     // Times in units of the farthest reading keep A well conditioned.
     let scale = readings.clone().map(|r| r.time.abs()).fold(0.0, f64::max);
     if scale <= 0.0 {
@@ -50,14 +59,17 @@ pub(super) fn value_at_zero(
     };
     let mut translation = DVec3::ZERO;
     let mut turn = DVec3::ZERO;
+    let mut noise_gain = 0.0;
     for reading in readings {
         let share = reading.weight * coefficients.dot(basis(reading.time));
+        noise_gain += share * share;
         translation += share * reading.pose.translation;
         turn += share * rotation_vector(reference.inverse() * reading.pose.rotation);
     }
     let rotation = (reference * DQuat::from_scaled_axis(turn)).normalize();
-    (translation.is_finite() && rotation.is_finite())
-        .then_some(RigidTransform::new(rotation, translation))
+    let pose = RigidTransform::new(rotation, translation);
+    let finite = translation.is_finite() && rotation.is_finite();
+    finite.then_some(Fit { pose, noise_gain })
 }
 
 /// Below this the readings stand too close together to tell the polynomial's terms apart.
@@ -93,8 +105,33 @@ fn solve_quadratic(
         .then(|| moments.inverse() * DVec3::X)
 }
 
+/// Variance of one reading's noise, metres² and radians², from the third differences of
+/// neighbours: a smooth motion all but vanishes in them, while white noise of variance σ²
+/// gives 20 σ² per axis. Summed over the three axes. `None` below four readings.
+pub(super) fn noise_variance<'a>(
+    poses: impl Iterator<Item = &'a RigidTransform> + Clone,
+) -> Option<[f64; 2]> {
+    let reference = poses.clone().next()?.rotation.inverse();
+    let mut recent = [[DVec3::ZERO; 2]; 4];
+    let (mut sums, mut count) = ([0.0; 2], 0);
+    for (i, pose) in poses.enumerate() {
+        recent.rotate_left(1);
+        recent[3] = [pose.translation, rotation_vector(reference * pose.rotation)];
+        if i < 3 {
+            continue;
+        }
+        let [a, b, c, d] = recent;
+        for (axis, sum) in sums.iter_mut().enumerate() {
+            let third = d[axis] - 3.0 * c[axis] + 3.0 * b[axis] - a[axis];
+            *sum += third.length_squared() / 20.0;
+        }
+        count += 1;
+    }
+    (count > 0).then(|| sums.map(|sum| sum / f64::from(count)))
+}
+
 /// Axis times angle, the short way round.
-fn rotation_vector(rotation: DQuat) -> DVec3 {
+pub(super) fn rotation_vector(rotation: DQuat) -> DVec3 {
     if rotation.w < 0.0 {
         (-rotation).to_scaled_axis()
     } else {
@@ -138,7 +175,8 @@ mod tests {
             prop_assume!(spread > 0.02);
             for degree in [Degree::Linear, Degree::Quadratic] {
                 let readings = readings(&times, motion(degree));
-                if let Some(found) = value_at_zero(readings.iter().copied(), degree, start) {
+                if let Some(Fit { pose: found, noise_gain }) = value_at_zero(readings.iter().copied(), degree, start) {
+                    prop_assert!(noise_gain > 0.0);
                     prop_assert!((found.translation - a).length() < 1e-6);
                     prop_assert!(found.rotation.angle_between(start) < 1e-6);
                 } else {
@@ -161,6 +199,29 @@ mod tests {
     }
 
     #[test]
+    fn an_average_of_n_has_an_nth_of_the_noise() {
+        let readings = readings(&[-0.03, -0.01, 0.01, 0.03], |_| RigidTransform::IDENTITY);
+        let fit = value_at_zero(readings.iter().copied(), Degree::Linear, DQuat::IDENTITY);
+        assert!((fit.unwrap().noise_gain - 0.25).abs() < 1e-12);
+    }
+
+    #[test]
+    fn noise_is_told_from_motion() {
+        let alternating = |i: i32| f64::from(1 - 2 * (i % 2)) * 0.001;
+        let poses: Vec<_> = (0..20)
+            .map(|i| {
+                let t = f64::from(i) * 0.01;
+                let place = DVec3::new(t, t * t, alternating(i));
+                RigidTransform::new(DQuat::from_rotation_z(t), place)
+            })
+            .collect();
+        let [moved, turned] = noise_variance(poses.iter()).unwrap();
+        // Third differences of ±1 are ±8, so the estimate is 64 / 20.
+        assert!((moved / 1e-6 - 3.2).abs() < 1e-6 && turned < 1e-20);
+        assert_eq!(noise_variance(poses[..3].iter()), None);
+    }
+
+    #[test]
     fn quaternions_of_either_sign_are_the_same_rotation() {
         let turned = DQuat::from_rotation_z(0.2);
         let mut readings = readings(&[-0.02, -0.01, 0.01, 0.02], |_| {
@@ -168,6 +229,6 @@ mod tests {
         });
         readings[1].pose.rotation = -turned;
         let found = value_at_zero(readings.iter().copied(), Degree::Linear, turned).unwrap();
-        assert!(found.rotation.angle_between(turned) < 1e-9);
+        assert!(found.pose.rotation.angle_between(turned) < 1e-9);
     }
 }

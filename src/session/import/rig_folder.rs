@@ -5,7 +5,7 @@ use super::{Camera, ImportError, Item, Plan};
 use crate::session::messages;
 use glam::{DMat4, DVec3};
 use penumbra_interface::{MonotonicTime, PoseSample, RigidTransform};
-use penumbra_tracker_serial::fastrak::{Decoder, Format};
+use penumbra_tracker_serial::fastrak::{Decoder, Format, METRES_PER_CENTIMETRE};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -166,7 +166,11 @@ fn view_tracker(rig: &Value, plan: &mut Plan) {
     if rig.is_null() {
         return;
     }
-    let mut decoder = Decoder::new(Format::default());
+    let mut format = Format::default();
+    if rig["tracker"]["fastrak"]["units"].as_str() == Some("centimetres") {
+        format.metres_per_unit = METRES_PER_CENTIMETRE;
+    }
+    let mut decoder = Decoder::new(format);
     let mut views = Vec::new();
     for (arrived_at, item) in &plan.items {
         if let Item::TrackerBytes { bytes } = item {

@@ -3,7 +3,6 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use super::*;
-use crate::sync::Degree;
 use bytes::Bytes;
 use glam::{DMat4, DQuat, DVec3};
 use penumbra_interface::{PixelFormat, RigidTransform};

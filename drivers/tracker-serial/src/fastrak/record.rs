@@ -68,6 +68,26 @@ const HEADER: usize = 3;
 const STATIONS: std::ops::RangeInclusive<u8> = b'1'..=b'4';
 
 impl Format {
+    /// The format that a recording's protocol name stands for; units are the rig's to say.
+    /// `None` for a name of another protocol.
+    #[must_use]
+    pub fn for_protocol(name: &str) -> Option<Self> {
+        use {Encoding::*, Orientation::*};
+        let (encoding, orientation, ending) = match name {
+            "fastrak" => (Ascii, Euler, Ending::CrLf),
+            "fastrak-ascii-quaternion" => (Ascii, Quaternion, Ending::CrLf),
+            "fastrak-binary-euler" => (Binary, Euler, Ending::Space),
+            "fastrak-binary-quaternion" => (Binary, Quaternion, Ending::Space),
+            _ => return None,
+        };
+        Some(Self {
+            encoding,
+            orientation,
+            ending,
+            ..Self::default()
+        })
+    }
+
     /// Bytes of one record.
     #[must_use]
     pub const fn record_len(&self) -> usize {
@@ -276,6 +296,14 @@ mod tests {
         assert_eq!(format(Ascii, Quaternion, CrLf).record_len(), 54);
         assert_eq!(format(Binary, Quaternion, Space).record_len(), 32);
         assert_eq!(format(Binary, Euler, CrLf).record_len(), 29);
+    }
+
+    #[test]
+    fn protocols_have_names() {
+        assert_eq!(Format::for_protocol("fastrak"), Some(Format::default()));
+        let binary = Format::for_protocol("fastrak-binary-quaternion").unwrap();
+        assert_eq!(binary.record_len(), 32);
+        assert_eq!(Format::for_protocol("liberty"), None);
     }
 
     #[test]

@@ -134,28 +134,31 @@ fn mean_and_max(errors: &[(f64, f64)]) -> [f64; 4] {
     [mean(|e| e.0), max(|e| e.0), mean(|e| e.1), max(|e| e.1)]
 }
 
+/// Smoothing must take at least half the error away, and prints what it takes.
 #[test]
-fn explore() {
-    let truth = truth_folder().unwrap();
-    let recordings: Vec<_> = NAMES.map(|name| Recording::read(&truth.join(name))).into();
-    let mut kinds = vec![(Smoothing::None, false, "raw".to_owned())];
-    for millis in [15, 20, 30, 40, 50, 60, 80, 100, 130, 160, 200] {
-        for degree in [Degree::Linear, Degree::Quadratic] {
-            for full in [false, true] {
-                let s = Smoothing::Local {
-                    half_window_nanos: millis * MILLI,
-                    degree,
-                };
-                kinds.push((s, full, format!("{degree:?} {millis} full={full}")));
-            }
+fn smoothing_halves_the_pose_error_of_the_recordings() {
+    let Some(truth) = truth_folder() else {
+        eprintln!(
+            "SKIPPED smoothing_halves_the_pose_error_of_the_recordings: ../shared is missing"
+        );
+        return;
+    };
+    let smoothing = HistoryConfig::default().smoothing;
+    println!("position mm mean, max; rotation degrees mean, max");
+    for name in NAMES {
+        let recording = Recording::read(&truth.join(name));
+        let [raw, live, full] = [
+            (Smoothing::None, false),
+            (smoothing, false),
+            (smoothing, true),
+        ]
+        .map(|(smoothing, full)| mean_and_max(&recording.errors(smoothing, full)));
+        for (kind, [a, b, c, d]) in [("raw", raw), ("live", live), ("full", full)] {
+            println!("{name:12} {kind:5} {a:.3} {b:.3}   {c:.4} {d:.4}");
         }
-    }
-    for (smoothing, full, name) in kinds {
-        print!("{name:30}");
-        for r in &recordings {
-            let [a, b, c, d] = mean_and_max(&r.errors(smoothing, full));
-            print!(" | {a:.3} {b:.3} {c:.4} {d:.4}");
+        for figure in [0, 2] {
+            assert!(full[figure] < 0.5 * raw[figure], "{name}");
+            assert!(live[figure] < 0.85 * raw[figure], "{name}");
         }
-        println!();
     }
 }

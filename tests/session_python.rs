@@ -1,0 +1,90 @@
+//! A session is an MCAP file to others too: the Python `mcap` package reads it, with no
+//! more to go by than the schemas in the file.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use glam::{DQuat, DVec3};
+use penumbra::session::{Camera, SessionWriter};
+use penumbra_interface::{Exposure, Frame, MonotonicTime, PixelFormat, PoseSample, RigidTransform};
+use std::path::Path;
+use std::process::Command;
+
+fn at(nanos: i64) -> MonotonicTime {
+    MonotonicTime::from_nanos(nanos)
+}
+
+fn record(path: &Path) {
+    let mut frame = Frame {
+        data: b"a picture".to_vec().into(),
+        format: PixelFormat::Jpeg,
+        width: 0,
+        height: 0,
+        stride: 0,
+        sequence: 41,
+        captured_at: at(1_000_000_900),
+        arrived_at: at(1_000_001_000),
+        exposure: Some(Exposure {
+            exposure_micros: 8000.0,
+            gain: 1.5,
+        }),
+        bracket_ev: 0.0,
+    };
+    let mut writer = SessionWriter::create(path).unwrap();
+    writer.attach("rig.json", b"{}").unwrap();
+    writer.attach("object/textures/wood.png", b"png").unwrap();
+    writer.frame(Camera::Scene, &frame).unwrap();
+    frame.exposure = None;
+    (frame.bracket_ev, frame.arrived_at) = (-4.0, at(1_000_002_000));
+    writer.frame(Camera::Environment, &frame).unwrap();
+    frame.bracket_ev = 0.0;
+    (frame.format, frame.data, frame.width, frame.height) =
+        (PixelFormat::Yuyv, vec![0; 16].into(), 4, 2);
+    writer.frame(Camera::Environment, &frame).unwrap();
+    writer
+        .tracker_bytes("fastrak", b"01 bytes", at(1_000_003_000))
+        .unwrap();
+    let sample = PoseSample {
+        station: 1,
+        transmitter_from_sensor: RigidTransform::new(DQuat::IDENTITY, DVec3::new(0.5, -1.0, 2.0)),
+        arrived_at: at(1_000_004_000),
+        error: None,
+    };
+    writer.pose(&sample).unwrap();
+    writer.finish().unwrap();
+}
+
+const EXPECTED: &str = "\
+messages 6
+1000001000 /scene_camera/exposure penumbra.Exposure 41 8000.0 1.5
+1000001000 /scene_camera/image foxglove.CompressedImage 41 1000000900 jpeg a picture
+1000002000 /environment_camera/image_ev-4 foxglove.CompressedImage 41 1000000900 jpeg a picture
+1000002000 /environment_camera/image_raw foxglove.RawImage yuyv 4x2/8 16
+1000003000 /tracker/bytes penumbra.TrackerBytes fastrak 01 bytes
+1000004000 /tracker/pose foxglove.FrameTransform tracker sensor_1 0.5 -1.0 2.0 0.0 0.0 0.0 1.0
+attachment rig.json application/json {}
+attachment object/textures/wood.png image/png png
+";
+
+#[test]
+fn python_reads_what_was_recorded() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("session.mcap");
+    record(&path);
+    let python = std::env::var("PENUMBRA_PYTHON").unwrap_or_else(|_| "python3".to_owned());
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/session_python.py");
+    let output = match Command::new(&python).arg(script).arg(&path).output() {
+        Ok(output) if output.status.code() != Some(77) => output,
+        _ => {
+            eprintln!(
+                "SKIPPED python_reads_what_was_recorded: {python} lacks mcap or protobuf; \
+                 name another one in PENUMBRA_PYTHON"
+            );
+            return;
+        }
+    };
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    assert_eq!(String::from_utf8_lossy(&output.stdout), EXPECTED);
+}
