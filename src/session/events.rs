@@ -6,6 +6,7 @@ use super::messages::{self, ExposureMessage, FrameContext};
 use super::reader::Session;
 use super::records::{self, Channel, MESSAGE_HEADER, MessageHeader, Placed, op, records_in};
 use super::topics::{BRACKET_EV, Camera, Role};
+use super::tracker_message;
 use bytes::Bytes;
 use penumbra_interface::{Frame, MonotonicTime, PoseSample};
 use std::cmp::{Ordering, Reverse};
@@ -221,7 +222,7 @@ impl Events {
                 return Ok(None);
             }
             Some(Role::TrackerBytes) => SessionEvent::TrackerBytes {
-                bytes: messages::data_of_tracker_bytes(&data)?,
+                bytes: tracker_message::decode(&data)?,
                 arrived_at,
             },
             Some(Role::TrackerPose) => SessionEvent::Pose(messages::pose_sample(data, arrived_at)?),

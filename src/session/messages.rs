@@ -256,76 +256,6 @@ pub(super) fn camera_calibration(
     }
 }
 
-/// Protobuf's `message TrackerBytes { bytes data = 1; }` in package `penumbra`, as the
-/// serialized `FileDescriptorSet` that MCAP wants for a schema.
-pub(super) fn tracker_bytes_schema() -> Vec<u8> {
-    // Field numbers are those of google/protobuf/descriptor.proto.
-    const LABEL_OPTIONAL: [u8; 2] = [4 << 3, 1];
-    const TYPE_BYTES: [u8; 2] = [5 << 3, 12];
-    const NUMBER_ONE: [u8; 2] = [3 << 3, 1];
-    let field = [
-        &bytes_field(1, b"data")[..],
-        &NUMBER_ONE,
-        &LABEL_OPTIONAL,
-        &TYPE_BYTES,
-        &bytes_field(10, b"data"),
-    ]
-    .concat();
-    let message = [bytes_field(1, b"TrackerBytes"), bytes_field(2, &field)].concat();
-    let file = [
-        bytes_field(1, b"penumbra/TrackerBytes.proto"),
-        bytes_field(2, b"penumbra"),
-        bytes_field(4, &message),
-        bytes_field(12, b"proto3"),
-    ]
-    .concat();
-    bytes_field(1, &file)
-}
-
-/// A `penumbra.TrackerBytes`.
-pub(super) fn tracker_bytes(data: &[u8]) -> Vec<u8> {
-    bytes_field(1, data)
-}
-
-/// The bytes in a `penumbra.TrackerBytes`, shared with the message.
-pub(super) fn data_of_tracker_bytes(message: &Bytes) -> Result<Bytes, String> {
-    let misread = || "not a penumbra.TrackerBytes".to_owned();
-    if message.is_empty() {
-        return Ok(Bytes::new());
-    }
-    let (tag, rest) = varint(message).ok_or_else(misread)?;
-    let (len, rest) = varint(rest).ok_or_else(misread)?;
-    let data = usize::try_from(len).ok().and_then(|len| rest.get(..len));
-    match data {
-        Some(data) if tag == 10 && data.len() == rest.len() => Ok(message.slice_ref(data)),
-        _ => Err(misread()),
-    }
-}
-
-/// A length-delimited field of a protobuf message.
-fn bytes_field(number: u8, data: &[u8]) -> Vec<u8> {
-    let mut field = vec![number << 3 | 2];
-    let mut len = data.len();
-    while len >= 0x80 {
-        field.push(len as u8 | 0x80);
-        len >>= 7;
-    }
-    field.push(len as u8);
-    field.extend_from_slice(data);
-    field
-}
-
-/// A base-128 number off the front.
-fn varint(bytes: &[u8]) -> Option<(u64, &[u8])> {
-    let len = bytes.iter().take(9).position(|byte| byte & 0x80 == 0)? + 1;
-    let (number, rest) = bytes.split_at(len);
-    let value = number
-        .iter()
-        .rev()
-        .fold(0_u64, |value, byte| value << 7 | u64::from(byte & 0x7f));
-    Some((value, rest))
-}
-
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
@@ -368,14 +298,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn tracker_bytes_survive(data in prop::collection::vec(any::<u8>(), 0..40_000)) {
-            let message = Bytes::from(tracker_bytes(&data));
-            prop_assert_eq!(&data_of_tracker_bytes(&message).unwrap()[..], &data[..]);
-        }
-
-        #[test]
         fn arbitrary_messages_never_break_it(data in prop::collection::vec(any::<u8>(), 0..60)) {
-            let _ = data_of_tracker_bytes(&data.clone().into());
             let _ = pose_sample(data.into(), MonotonicTime::default());
         }
 

@@ -24,7 +24,9 @@ mod info;
 mod messages;
 mod reader;
 mod records;
+mod sink;
 mod topics;
+mod tracker_message;
 mod writer;
 
 pub mod import;

@@ -476,3 +476,82 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn a_killed_writer_leaves_its_whole_chunks() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("killed.mcap");
+    let mut writer = SessionWriter::create(&path).unwrap();
+    writer.attach("rig.json", b"{}").unwrap();
+    for i in 0..40 {
+        let arrived = 1_000_000_000 + 33_000_000 * i as i64;
+        writer
+            .frame(Camera::Scene, &picture(i, arrived, 0.0))
+            .unwrap();
+        if i == 9 {
+            writer.flush().unwrap();
+        }
+    }
+    // Neither finished nor dropped: what a SIGKILL leaves, with a chunk half written whose
+    // header still has to be filled in.
+    std::mem::forget(writer);
+    assert!(std::fs::metadata(&path).unwrap().len() > 60_000);
+    let session = Session::open(&path).unwrap();
+    assert!(session.truncated());
+    assert_eq!(
+        scene_sequences(&whole(&session)),
+        (0..10).collect::<Vec<_>>()
+    );
+    assert_eq!(session.attachment("rig.json"), Some(&b"{}"[..]));
+}
+
+/// A disk with room for so many bytes.
+struct FullDisk {
+    room: usize,
+    file: Cursor<Vec<u8>>,
+}
+
+impl std::io::Write for FullDisk {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        if self.room < bytes.len() {
+            return Err(std::io::ErrorKind::StorageFull.into());
+        }
+        self.room -= bytes.len();
+        self.file.write(bytes)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+impl std::io::Seek for FullDisk {
+    fn seek(&mut self, to: std::io::SeekFrom) -> std::io::Result<u64> {
+        self.file.seek(to)
+    }
+}
+
+#[test]
+fn a_full_disk_is_an_error_wherever_it_happens() {
+    let path = Path::new("full.mcap");
+    let write = |room: usize| -> Result<(), SessionError> {
+        let file = Cursor::new(Vec::new());
+        let mut writer = SessionWriter::new(FullDisk { room, file }, path)?;
+        writer.attach("rig.json", &[b' '; 500])?;
+        for i in 0..3 {
+            writer.frame(Camera::Scene, &picture(i, 1_000_000 + i as i64, 0.0))?;
+            writer.flush()?;
+        }
+        writer.finish().map(|_| ())
+    };
+    for room in (0..16_000).step_by(37) {
+        match write(room) {
+            Ok(()) => assert!(room > 9_500, "{room}"),
+            Err(SessionError::Io { source, .. }) => {
+                assert_eq!(source.kind(), std::io::ErrorKind::StorageFull, "{room}");
+                assert!(room < 15_000);
+            }
+            Err(error) => panic!("{room}: {error}"),
+        }
+    }
+}

@@ -3,16 +3,18 @@
 use super::SessionError;
 use super::container::is_inside;
 use super::messages::{self, ExposureMessage};
+use super::sink::{Sink, Watched};
 use super::topics::{self, BRACKET_EV, Camera, PROTOCOL};
+use super::tracker_message;
 use foxglove::messages::{CameraCalibration, CompressedImage, RawImage};
 use foxglove::{Encode, Schema};
 use mcap::records::{AttachmentHeader, MessageHeader};
-use mcap::{McapError, WriteOptions, Writer};
+use mcap::{WriteOptions, Writer};
 use penumbra_interface::{Frame, MonotonicTime, PoseSample, RigidTransform};
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufWriter, Seek, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// A killed writer loses at most the chunk it was filling; pictures make a chunk of this
 /// many bytes last a fraction of a second.
@@ -21,8 +23,8 @@ const CHUNK_BYTES: u64 = 1 << 20;
 /// Writes a session. What was written is safe, as far as whole chunks go, even if
 /// [`Self::finish`] is never reached.
 pub struct SessionWriter<W: Write + Seek> {
-    path: PathBuf,
-    writer: Writer<W>,
+    sink: Sink,
+    writer: Writer<Watched<W>>,
     channels: BTreeMap<String, u16>,
     tracker_messages: u32,
 }
@@ -53,15 +55,15 @@ impl<W: Write + Seek> SessionWriter<W> {
             .library(concat!("penumbra-", env!("CARGO_PKG_VERSION")))
             .compression(None)
             .chunk_size(Some(CHUNK_BYTES));
-        let path = path.to_owned();
-        match options.create(writer) {
+        let (sink, watched) = Sink::watch(writer, path);
+        match options.create(watched) {
             Ok(writer) => Ok(Self {
-                path,
+                sink,
                 writer,
                 channels: BTreeMap::new(),
                 tracker_messages: 0,
             }),
-            Err(error) => Err(written(&path, "the session", error)),
+            Err(error) => Err(sink.error("the session", &error)),
         }
     }
 
@@ -73,7 +75,7 @@ impl<W: Write + Seek> SessionWriter<W> {
     pub fn attach(&mut self, name: &str, data: &[u8]) -> Result<(), SessionError> {
         if !is_inside(name) {
             return Err(SessionError::AttachmentName {
-                path: self.path.clone(),
+                path: self.sink.path().to_owned(),
                 name: name.to_owned(),
             });
         }
@@ -88,7 +90,7 @@ impl<W: Write + Seek> SessionWriter<W> {
             .start_attachment(data.len() as u64, header)
             .and_then(|()| writer.put_attachment_bytes(data))
             .and_then(|()| writer.finish_attachment())
-            .map_err(|error| written(&self.path, name, error))
+            .map_err(|error| self.sink.error(name, &error))
     }
 
     /// Records a picture.
@@ -148,13 +150,13 @@ impl<W: Write + Seek> SessionWriter<W> {
         arrived_at: MonotonicTime,
     ) -> Result<(), SessionError> {
         let topic = topics::TRACKER_BYTES;
-        let schema = messages::tracker_bytes_schema();
+        let schema = tracker_message::schema();
         let schema = Schema::new("penumbra.TrackerBytes", "protobuf", schema);
         let metadata = [(PROTOCOL.to_owned(), protocol.to_owned())];
         let channel = self.channel(topic, Some(schema), "protobuf", metadata.into())?;
         let sequence = self.tracker_messages;
         self.tracker_messages = sequence.wrapping_add(1);
-        let message = messages::tracker_bytes(bytes);
+        let message = tracker_message::encode(bytes);
         self.message(channel, topic, sequence, Times::at(arrived_at), &message)
     }
 
@@ -233,7 +235,7 @@ impl<W: Write + Seek> SessionWriter<W> {
     pub fn flush(&mut self) -> Result<(), SessionError> {
         self.writer
             .flush()
-            .map_err(|error| written(&self.path, "the session", error))
+            .map_err(|error| self.sink.error("the session", &error))
     }
 
     /// Writes the index and the end, and gives the writer back.
@@ -242,12 +244,13 @@ impl<W: Write + Seek> SessionWriter<W> {
     /// If nothing can be written.
     pub fn finish(self) -> Result<W, SessionError> {
         let Self {
-            path, mut writer, ..
+            sink, mut writer, ..
         } = self;
         writer
             .finish()
-            .map_err(|error| written(&path, "the session's end", error))?;
-        let mut inner = writer.into_inner();
+            .map_err(|error| sink.error("the session's end", &error))?;
+        let mut inner = writer.into_inner().into_inner();
+        let path = sink.into_path();
         match inner.flush() {
             Ok(()) => Ok(inner),
             Err(source) => Err(SessionError::Io { path, source }),
@@ -271,7 +274,7 @@ impl<W: Write + Seek> SessionWriter<W> {
         });
         let id = schema
             .and_then(|schema| writer.add_channel(schema, topic, encoding, &metadata))
-            .map_err(|error| written(&self.path, topic, error))?;
+            .map_err(|error| self.sink.error(topic, &error))?;
         self.channels.insert(topic.to_owned(), id);
         Ok(id)
     }
@@ -298,15 +301,11 @@ impl<W: Write + Seek> SessionWriter<W> {
         };
         self.writer
             .write_to_known_channel(&header, data)
-            .map_err(|error| written(&self.path, topic, error))
+            .map_err(|error| self.sink.error(topic, &error))
     }
 
     fn unrecordable(&self, what: &str, reason: &str) -> SessionError {
-        SessionError::Unrecordable {
-            path: self.path.clone(),
-            what: what.to_owned(),
-            reason: reason.to_owned(),
-        }
+        self.sink.unrecordable(what, reason)
     }
 }
 
@@ -323,18 +322,6 @@ impl Times {
             arrived_at: time,
             published_at: time,
         }
-    }
-}
-
-fn written(path: &Path, what: &str, error: McapError) -> SessionError {
-    let path = path.to_owned();
-    match error {
-        McapError::Io(source) => SessionError::Io { path, source },
-        other => SessionError::Unrecordable {
-            path,
-            what: what.to_owned(),
-            reason: other.to_string(),
-        },
     }
 }
 

@@ -57,14 +57,26 @@ impl Folder {
         String::from_utf8(bytes).map_err(|_| self.line(name, 1, "not text"))
     }
 
-    /// Where a file is, if neither its name nor a link leads out of the folder.
-    fn inside(&self, name: &Path) -> Result<PathBuf, ImportError> {
+    /// Whether a file that a table names is there.
+    pub fn lists(&self, name: &Path) -> Result<bool, ImportError> {
+        Ok(self.plain(name)?.is_file())
+    }
+
+    /// Where a file is, if its name does not lead out of the folder.
+    fn plain(&self, name: &Path) -> Result<PathBuf, ImportError> {
         let path = self.path(name);
         let plain = |part: Component| matches!(part, Component::Normal(_) | Component::CurDir);
-        let outside = || ImportError::Outside { path: path.clone() };
-        if !name.components().all(plain) {
-            return Err(outside());
+        if name.components().all(plain) {
+            Ok(path)
+        } else {
+            Err(ImportError::Outside { path })
         }
+    }
+
+    /// Where a file is, if neither its name nor a link leads out of the folder.
+    fn inside(&self, name: &Path) -> Result<PathBuf, ImportError> {
+        let path = self.plain(name)?;
+        let outside = || ImportError::Outside { path: path.clone() };
         let canonical = path.canonicalize().map_err(|e| ImportError::io(&path, e))?;
         if !canonical.starts_with(&self.canonical) {
             return Err(outside());

@@ -71,7 +71,7 @@ fn pictures(
             .parse()
             .map_err(|_| folder.line(table, line, &format!("{frame:?} is no frame number")))?;
         let file = PathBuf::from(file);
-        if !folder.path(&file).is_file() {
+        if !folder.lists(&file)? {
             let reason = format!("{} is not there", file.display());
             return Err(folder.line(table, line, &reason));
         }

@@ -203,7 +203,7 @@ fn faulty_folders_get_one_clear_line_and_leave_nothing_behind() {
     assert!(row("").contains("lists no pictures"));
     assert!(row("0,scene/00000.jpg\n").contains("too few columns"));
     assert!(row("0,scene/9.jpg,5\n").contains("scene/9.jpg is not there"));
-    assert!(row("0,../secret.jpg,5\n").contains("is not there"));
+    assert!(row("0,../secret.jpg,5\n").contains("leads out of the folder"));
     assert!(row("0,rig.json,5\n").contains("must end in .jpg or .png"));
     assert!(replace("rig.json", b"{").contains("rig.json: "));
     let index = b"record,byte_offset,arrival_ns\n0,0,90\n1,999,160\n";

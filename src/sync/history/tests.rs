@@ -1,0 +1,188 @@
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use super::*;
+use glam::{DQuat, DVec3};
+use proptest::prelude::*;
+
+const MILLI: i64 = 1_000_000;
+
+fn at(millis: i64) -> MonotonicTime {
+    MonotonicTime::from_nanos(millis * MILLI)
+}
+
+fn config(smoothing: Smoothing) -> HistoryConfig {
+    HistoryConfig {
+        smoothing,
+        ..HistoryConfig::default()
+    }
+}
+
+/// Even motion: 1 m/s along X, 1 rad/s about Z.
+fn even(time: MonotonicTime) -> RigidTransform {
+    let seconds = time.as_nanos() as f64 * 1e-9;
+    RigidTransform::new(DQuat::from_rotation_z(seconds), DVec3::X * seconds)
+}
+
+fn filled(config: HistoryConfig, millis: impl Iterator<Item = i64>) -> PoseHistory {
+    let mut history = PoseHistory::new(config);
+    for millis in millis {
+        assert_eq!(history.push(at(millis), even(at(millis))), Pushed::Kept);
+    }
+    history
+}
+
+fn assert_near(found: RigidTransform, expected: RigidTransform) {
+    let turn = found.rotation.angle_between(expected.rotation);
+    let moved = found.translation.distance(expected.translation);
+    assert!(moved < 1e-6 && turn < 1e-6, "{found:?} for {expected:?}");
+}
+
+const LOCAL: Smoothing = Smoothing::Local {
+    half_window_nanos: 100 * MILLI,
+    degree: Degree::Quadratic,
+};
+
+proptest! {
+    #[test]
+    fn even_motion_is_met_exactly(steps in prop::collection::vec(1_i64..30, 4..60), place in 0.0..1.2_f64, smooth in any::<bool>()) {
+        let times: Vec<i64> = steps.iter().scan(1000, |t, step| { *t += step; Some(*t) }).collect();
+        let smoothing = if smooth { LOCAL } else { Smoothing::None };
+        let history = filled(config(smoothing), times.iter().copied());
+        let (first, last) = (times[0], *times.last().unwrap());
+        let asked = MonotonicTime::from_nanos(first * MILLI + ((last - first) as f64 * place * 1e6) as i64);
+        if let Some(found) = history.at(asked) {
+            assert_near(found.transmitter_from_sensor, even(asked));
+            prop_assert!(found.age_nanos >= 0);
+            let beyond = asked > at(last);
+            prop_assert_eq!(found.provenance == Provenance::Predicted, beyond);
+        } else {
+            prop_assert!(asked > at(last + 100));
+        }
+    }
+
+    #[test]
+    fn any_stream_is_survived(
+        pushes in prop::collection::vec((any::<i64>(), prop::array::uniform4(any::<f64>()), any::<bool>()), 0..60),
+        asked in any::<i64>(),
+    ) {
+        let mut history = PoseHistory::new(HistoryConfig { capacity: 8, ..config(LOCAL) });
+        for (nanos, [x, y, z, w], sane) in pushes {
+            let rotation = if sane { DQuat::IDENTITY } else { DQuat::from_xyzw(x, y, z, w) };
+            history.push(MonotonicTime::from_nanos(nanos), RigidTransform::new(rotation, DVec3::new(x, y, z)));
+            prop_assert!(history.len() <= 8);
+        }
+        if let Some(found) = history.at(MonotonicTime::from_nanos(asked)) {
+            prop_assert!(found.transmitter_from_sensor.rotation.is_finite());
+        }
+    }
+}
+
+#[test]
+fn provenance_and_age_are_told() {
+    let history = filled(config(Smoothing::None), (0..20).map(|i| i * 10));
+    let told = |millis| {
+        history
+            .at(at(millis))
+            .map(|p| (p.provenance, p.age_nanos / MILLI))
+    };
+    assert_eq!(told(100), Some((Provenance::Exact, 0)));
+    assert_eq!(told(103), Some((Provenance::Interpolated, 3)));
+    assert_eq!(told(108), Some((Provenance::Interpolated, 2)));
+    assert_eq!(told(250), Some((Provenance::Predicted, 60)));
+    assert_eq!(told(291), None, "too long after the last reading");
+    assert_eq!(told(-1), None, "before the first one");
+}
+
+#[test]
+fn nothing_is_interpolated_across_a_gap() {
+    let millis = (0..10)
+        .map(|i| i * 10)
+        .chain((0..10).map(|i| 1000 + i * 10));
+    let history = filled(config(LOCAL), millis);
+    assert_eq!(
+        history.at(at(150)).unwrap().provenance,
+        Provenance::Predicted
+    );
+    assert_eq!(history.at(at(500)), None);
+    let found = history.at(at(1005)).unwrap();
+    assert_eq!(found.provenance, Provenance::Interpolated);
+    assert_near(found.transmitter_from_sensor, even(at(1005)));
+}
+
+#[test]
+fn smoothing_takes_noise_away() {
+    let mut raw = PoseHistory::new(config(Smoothing::None));
+    let mut smooth = PoseHistory::new(config(LOCAL));
+    let mut sign = 1.0;
+    for i in 0..60 {
+        // Noise that alternates is the worst that a tracker can do between neighbours.
+        sign = -sign;
+        let mut pose = even(at(i * 8));
+        pose.translation.y += 0.001 * sign;
+        raw.push(at(i * 8), pose);
+        smooth.push(at(i * 8), pose);
+    }
+    let error = |history: &PoseHistory| {
+        let found = history.at(at(240)).unwrap().transmitter_from_sensor;
+        found.translation.distance(even(at(240)).translation)
+    };
+    assert!((error(&raw) - 0.001).abs() < 1e-9);
+    assert!(error(&smooth) < 0.000_2, "{}", error(&smooth));
+}
+
+#[test]
+fn quick_motion_narrows_the_window() {
+    // A hand that waves by 10 cm three times a second, read with 0.1 mm of noise.
+    let wave = |millis: i64| {
+        let phase = std::f64::consts::TAU * 3.0 * millis as f64 * 1e-3;
+        DVec3::X * 0.1 * phase.sin()
+    };
+    let mut history = PoseHistory::new(config(LOCAL));
+    for i in 0..60 {
+        let noise = DVec3::Y * 0.0001 * f64::from(i as i32 * 7919 % 13 - 6) / 6.0;
+        let pose = RigidTransform::new(DQuat::IDENTITY, wave(i * 8) + noise);
+        history.push(at(i * 8), pose);
+    }
+    for millis in (150..330).step_by(5) {
+        let found = history.at(at(millis)).unwrap().transmitter_from_sensor;
+        let error = found.translation.distance(wave(millis));
+        // A parabola over all of ±100 ms misses the crest by millimetres.
+        assert!(error < 0.0005, "{millis} ms: {error}");
+    }
+}
+
+#[test]
+fn time_that_jumps_back_begins_anew() {
+    let mut history = filled(config(LOCAL), (500..600).map(|i| i * 10));
+    assert_eq!(history.push(at(5985), even(at(5985))), Pushed::Late);
+    assert_eq!(history.push(at(100), even(at(100))), Pushed::Restarted);
+    assert_eq!(history.len(), 1);
+    assert_eq!(history.newest(), Some(at(100)));
+}
+
+#[test]
+fn one_impossible_reading_is_kept_out_and_a_lasting_jump_is_not() {
+    let mut history = filled(config(LOCAL), (0..20).map(|i| i * 10));
+    let mirrored = |millis| {
+        let pose = even(at(millis));
+        RigidTransform::new(pose.rotation, DVec3::splat(-3.0) - pose.translation)
+    };
+    assert_eq!(history.push(at(200), mirrored(200)), Pushed::Outlier);
+    assert_eq!(history.push(at(210), even(at(210))), Pushed::Kept);
+    for millis in [220, 230, 240] {
+        assert_eq!(history.push(at(millis), mirrored(millis)), Pushed::Outlier);
+    }
+    assert_eq!(history.push(at(250), mirrored(250)), Pushed::Restarted);
+    assert_eq!(history.at(at(205)), None);
+}
+
+#[test]
+fn the_history_is_bounded() {
+    let small = HistoryConfig {
+        capacity: 16,
+        ..config(LOCAL)
+    };
+    let history = filled(small, 0..100);
+    assert_eq!(history.len(), 16);
+    assert_eq!(history.at(at(50)), None);
+}
