@@ -15,6 +15,12 @@ pub(super) struct Folder {
     canonical: PathBuf,
 }
 
+#[derive(Debug, Default)]
+struct Entries {
+    files: Vec<PathBuf>,
+    folders: Vec<PathBuf>,
+}
+
 impl Folder {
     pub fn open(root: &Path) -> Result<Self, ImportError> {
         let path = root.to_owned();
@@ -84,30 +90,43 @@ impl Folder {
         Ok(path)
     }
 
-    /// Files below `name`, as paths relative to the folder, sorted.
+    /// Files directly in a folder, as paths relative to the whole.
+    pub fn files_in(&self, name: &Path) -> Result<Vec<PathBuf>, ImportError> {
+        Ok(self.entries(name)?.files)
+    }
+
+    /// Files below `name`, as paths relative to the whole, sorted.
     pub fn files_below(&self, name: &str) -> Result<Vec<PathBuf>, ImportError> {
         let mut files = Vec::new();
         let mut folders = vec![PathBuf::from(name)];
         while let Some(folder) = folders.pop() {
-            let path = self.path(&folder);
-            if !path.is_dir() {
-                continue;
-            }
-            let entries = fs::read_dir(&path).map_err(|e| ImportError::io(&path, e))?;
-            for entry in entries {
-                let entry = entry.map_err(|e| ImportError::io(&path, e))?;
-                let kind = entry.file_type().map_err(|e| ImportError::io(&path, e))?;
-                let below = folder.join(entry.file_name());
-                // A link to a folder may lead in a circle; one to a file is checked on reading.
-                if kind.is_dir() {
-                    folders.push(below);
-                } else if kind.is_file() || self.path(&below).is_file() {
-                    files.push(below);
-                }
-            }
+            let entries = self.entries(&folder)?;
+            folders.extend(entries.folders);
+            files.extend(entries.files);
         }
         files.sort();
         Ok(files)
+    }
+
+    /// What is directly in a folder; nothing if there is no such folder.
+    fn entries(&self, name: &Path) -> Result<Entries, ImportError> {
+        let mut found = Entries::default();
+        let path = self.plain(name)?;
+        if !path.is_dir() {
+            return Ok(found);
+        }
+        for entry in fs::read_dir(&path).map_err(|e| ImportError::io(&path, e))? {
+            let entry = entry.map_err(|e| ImportError::io(&path, e))?;
+            let kind = entry.file_type().map_err(|e| ImportError::io(&path, e))?;
+            let below = name.join(entry.file_name());
+            // A link to a folder may lead in a circle; one to a file is checked on reading.
+            if kind.is_dir() {
+                found.folders.push(below);
+            } else if kind.is_file() || self.path(&below).is_file() {
+                found.files.push(below);
+            }
+        }
+        Ok(found)
     }
 
     pub fn line(&self, name: &str, line: usize, reason: &str) -> ImportError {

@@ -7,7 +7,7 @@ use glam::{DMat4, DVec3};
 use penumbra_interface::{MonotonicTime, PoseSample, RigidTransform};
 use penumbra_tracker_serial::fastrak::{Decoder, Format, METRES_PER_CENTIMETRE};
 use serde_json::Value;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// Attached whole. Nothing else of the folder goes in: what is named truth is the judge's.
@@ -94,28 +94,30 @@ type Brackets = BTreeMap<PathBuf, Vec<(f64, PathBuf)>>;
 
 /// `env/00000_ev-4.jpg` by `env/00000`, brightest first.
 fn brackets(folder: &Folder, text: &str, table: &str) -> Result<Brackets, ImportError> {
+    let mut parents = BTreeSet::new();
+    for (_, [file]) in folder.table(table, text, ["file"])? {
+        parents.extend(Path::new(&file).parent().map(Path::to_owned));
+    }
     let mut brackets = Brackets::new();
-    let Some((_, [first])) = folder.table(table, text, ["file"])?.into_iter().next() else {
-        return Ok(brackets);
-    };
-    let parent = Path::new(&first).parent().map(slashed).unwrap_or_default();
-    for file in folder.files_below(&parent)? {
-        let stem = file.with_extension("");
-        let name = slashed(&stem);
-        let Some((base, ev)) = name.rsplit_once("_ev") else {
-            continue;
-        };
-        if let Ok(ev) = ev.parse::<f64>()
-            && ev.is_finite()
-        {
-            let of_base = brackets.entry(PathBuf::from(base)).or_default();
-            of_base.push((ev, file));
+    for parent in parents {
+        for file in folder.files_in(&parent)? {
+            if let Some((base, ev)) = bracket_of(&file) {
+                brackets.entry(base).or_default().push((ev, file));
+            }
         }
     }
     for of_base in brackets.values_mut() {
         of_base.sort_by(|(a, _), (b, _)| b.total_cmp(a));
     }
     Ok(brackets)
+}
+
+/// The base exposure, without its ending, and the stops of a bracket's file.
+fn bracket_of(file: &Path) -> Option<(PathBuf, f64)> {
+    let name = slashed(&file.with_extension(""));
+    let (base, ev) = name.rsplit_once("_ev")?;
+    let ev: f64 = ev.parse().ok()?;
+    ev.is_finite().then(|| (PathBuf::from(base), ev))
 }
 
 /// The tracker's bytes, cut where the index says that they arrived.
