@@ -119,4 +119,10 @@ impl Gathering {
         let until = |set: &&Arc<EnvironmentSet>| set.captured_at <= captured_at;
         self.sets.iter().rev().filter(until).find(whole)
     }
+
+    /// The very first view, for pictures from before it; `None` once others came.
+    pub fn first(&self, now: MonotonicTime) -> Option<&Arc<EnvironmentSet>> {
+        let first = self.sets.front().filter(|set| set.generation == 1)?;
+        self.newest_until(first.captured_at, now)
+    }
 }

@@ -4,6 +4,7 @@ use super::brackets::{EnvironmentSet, Gathering};
 use super::history::{HistoryConfig, PoseAt, PoseHistory, Provenance, Pushed, Smoothing};
 use crate::calibration::RigCalibration;
 use penumbra_interface::{Frame, MonotonicTime, PoseSample};
+use serde::Serialize;
 use std::collections::VecDeque;
 use std::sync::Arc;
 
@@ -29,6 +30,10 @@ pub struct PairingConfig {
     pub lookahead_nanos: i64,
     /// Longest wait for them.
     pub max_wait_nanos: i64,
+    /// Pictures from before the first view of the environment wait for it so long, and get
+    /// it though it is from their future: there is no other light to show them in. 0 to
+    /// hand them on without.
+    pub first_view_wait_nanos: i64,
     /// A tracker that said nothing for so long is not waited for.
     pub silent_after_nanos: i64,
     /// What is kept and believed of the tracker.
@@ -46,6 +51,7 @@ impl Default for PairingConfig {
             station: Some(1),
             lookahead_nanos: 0,
             max_wait_nanos: 50_000_000,
+            first_view_wait_nanos: 0,
             silent_after_nanos: 250_000_000,
             history: HistoryConfig::default(),
         }
@@ -69,9 +75,10 @@ impl PairingConfig {
     }
 
     /// For a recording, where waiting costs nothing: a picture waits until the smoothing
-    /// window is full on both sides.
+    /// window is full on both sides, and the first pictures for the first view.
     #[must_use]
     pub fn with_full_windows(mut self) -> Self {
+        self.first_view_wait_nanos = 100_000_000;
         if let Smoothing::Local {
             half_window_nanos, ..
         } = self.history.smoothing
@@ -104,12 +111,13 @@ pub struct RigFrame {
 pub struct PairedEnvironment {
     /// The view, shared.
     pub set: Arc<EnvironmentSet>,
-    /// Nanoseconds that it is older than the scene camera's picture; never negative.
+    /// Nanoseconds that it is older than the scene camera's picture. Negative only before
+    /// the first view, see [`PairingConfig::first_view_wait_nanos`].
     pub skew_nanos: i64,
 }
 
 /// What happened so far, for status and report.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct PairingCounts {
     /// Pictures of the scene camera taken.
     pub scene_frames: u64,
@@ -121,6 +129,8 @@ pub struct PairingCounts {
     pub predicted: u64,
     /// Handed on without an environment.
     pub without_environment: u64,
+    /// Handed on with the first view though they are from before it.
+    pub before_first_view: u64,
     /// Handed on after the longest wait, or because too many waited.
     pub waited_out: u64,
     /// Views of the environment begun.
@@ -285,6 +295,18 @@ impl Pairing {
     }
 
     fn ready(&self, frame: &RigFrame) -> bool {
+        self.environment_ready(frame) && self.pose_ready(frame)
+    }
+
+    /// Only the very first pictures wait for an environment.
+    fn environment_ready(&self, frame: &RigFrame) -> bool {
+        let now = self.now.unwrap_or(frame.scene.arrived_at);
+        self.environment.generation() > 1
+            || self.environment.first(now).is_some()
+            || now.nanos_since(frame.scene.arrived_at) >= self.config.first_view_wait_nanos
+    }
+
+    fn pose_ready(&self, frame: &RigFrame) -> bool {
         let now = self.now.unwrap_or(frame.scene.arrived_at);
         let wanted = frame.captured_at.offset_nanos(self.config.lookahead_nanos);
         self.config.station.is_none()
@@ -303,7 +325,14 @@ impl Pairing {
             frame.pose = self.history.at(captured_at);
         }
         if frame.environment.is_none() {
-            let set = self.environment.newest_until(captured_at, now);
+            let patience = self.config.first_view_wait_nanos;
+            let soon = |set: &&Arc<EnvironmentSet>| {
+                set.captured_at.nanos_since(captured_at) <= patience && patience > 0
+            };
+            let set = self
+                .environment
+                .newest_until(captured_at, now)
+                .or_else(|| self.environment.first(now).filter(soon));
             frame.environment = set.map(|set| PairedEnvironment {
                 set: Arc::clone(set),
                 skew_nanos: captured_at.nanos_since(set.captured_at),
@@ -322,6 +351,8 @@ impl Pairing {
         self.counts.predicted += u64::from(provenance == Some(Provenance::Predicted));
         self.counts.without_environment += u64::from(frame.environment.is_none());
         self.counts.waited_out += u64::from(in_vain);
+        let early = frame.environment.as_ref().is_some_and(|e| e.skew_nanos < 0);
+        self.counts.before_first_view += u64::from(early);
     }
 }
 

@@ -3,6 +3,7 @@
 
 use super::*;
 use crate::session::{Session, SessionEvent, describe};
+use crate::sync::{Pairing, PairingConfig, Provenance};
 use penumbra_tracker_serial::fastrak::{Decoder, Format};
 use std::path::Path;
 use tempfile::TempDir;
@@ -273,8 +274,8 @@ fn the_tum_layout_becomes_a_session() {
     );
 }
 
-/// Every truth recording: all frames in, and every FASTRAK record decoded from the stored
-/// bytes.
+/// Every truth recording: all frames in, every FASTRAK record decoded from the stored
+/// bytes, and every frame paired with a pose and a whole view of the environment.
 #[test]
 fn the_truth_recordings_import_whole() {
     let truth = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/truth");
@@ -283,18 +284,18 @@ fn the_truth_recordings_import_whole() {
         return;
     }
     let outputs = tempfile::tempdir().unwrap();
-    for name in [
-        "desk",
-        "desk-sphere",
-        "courtyard",
-        "desk-marker",
-        "desk-lamp",
-    ] {
+    let recordings = [
+        ("desk", 2),
+        ("desk-sphere", 1),
+        ("courtyard", 3),
+        ("desk-marker", 1),
+        ("desk-lamp", 2),
+    ];
+    for (name, brackets) in recordings {
         let folder = truth.join(name);
-        let output = outputs.path().join(format!("{name}.mcap"));
         let args = ImportArgs {
             folder: folder.clone(),
-            output: output.clone(),
+            output: outputs.path().join(format!("{name}.mcap")),
             force: false,
         };
         let summary = import(&args).unwrap();
@@ -306,24 +307,47 @@ fn the_truth_recordings_import_whole() {
                 - 1
         };
         assert_eq!(summary.scene_frames, rows("scene_timestamps.csv"), "{name}");
-        let session = Session::open(&output).unwrap();
-        let mut decoder = Decoder::new(Format::default());
-        let mut scene = 0;
-        for event in session.events() {
-            match event.unwrap() {
-                SessionEvent::TrackerBytes { bytes, arrived_at } => {
-                    decoder.push(&bytes, arrived_at, |_| {});
-                }
-                SessionEvent::Scene(_) => scene += 1,
-                _ => {}
-            }
-        }
-        assert_eq!(scene, summary.scene_frames);
-        assert_eq!(
-            decoder.counters().records as usize,
-            rows("tracker_fastrak_index.csv")
-        );
-        assert_eq!(decoder.counters().skipped_bytes, 0, "{name}");
+        let views = rows("env_timestamps.csv");
+        assert_eq!(summary.environment_frames, views * (1 + brackets), "{name}");
+        let session = Session::open(&args.output).unwrap();
+        let records = rows("tracker_fastrak_index.csv");
+        check_pairs(&session, brackets, records);
         println!("{}", describe(&session));
     }
+}
+
+fn check_pairs(session: &Session, brackets: usize, records: usize) {
+    let config = PairingConfig {
+        brackets,
+        tracker_latency_nanos: 8_000_000,
+        ..PairingConfig::default()
+    };
+    let mut pairing = Pairing::new(config.with_full_windows());
+    let mut decoder =
+        Decoder::new(Format::for_protocol(session.tracker_protocol().unwrap()).unwrap());
+    let mut frames = 0;
+    for event in session.events() {
+        match event.unwrap() {
+            SessionEvent::Scene(frame) => pairing.push_scene(frame),
+            SessionEvent::Environment(frame) => pairing.push_environment(frame),
+            SessionEvent::TrackerBytes { bytes, arrived_at } => {
+                decoder.push(&bytes, arrived_at, |sample| pairing.push_pose(&sample));
+            }
+            SessionEvent::Pose(sample) => pairing.push_pose(&sample),
+        }
+        for frame in std::iter::from_fn(|| pairing.pop()) {
+            assert_eq!(frame.index, frame.scene.sequence);
+            assert_eq!(frame.pose.unwrap().provenance, Provenance::Interpolated);
+            let environment = frame.environment.unwrap();
+            assert_eq!(environment.set.frames.len(), 1 + brackets);
+            // 15 views a second, and the first one up to a frame late.
+            assert!((-33_000_000..100_000_000).contains(&environment.skew_nanos));
+            frames += 1;
+        }
+    }
+    let counts = pairing.counts();
+    assert_eq!(frames, counts.scene_frames, "none had to wait for the end");
+    assert_eq!((counts.incomplete_sets, counts.orphan_brackets), (0, 0));
+    assert_eq!((counts.rejected_poses, counts.poses), (0, records as u64));
+    assert_eq!(decoder.counters().skipped_bytes, 0);
 }

@@ -154,6 +154,45 @@ fn the_environment_is_the_newest_whole_view_that_is_not_from_the_future() {
 }
 
 #[test]
+fn the_first_pictures_may_wait_for_the_first_view() {
+    let mut pairing = pairing(|config| {
+        config.station = None;
+        config.brackets = 1;
+        config.first_view_wait_nanos = 100 * MILLI;
+    });
+    pairing.push_scene(picture(0, 0, 0.0));
+    pairing.push_scene(picture(33, 33, 0.0));
+    pairing.push_environment(picture(40, 41, 0.0));
+    assert!(pairing.pop().is_none(), "the first view lacks its bracket");
+    pairing.push_environment(picture(40, 42, -4.0));
+    let mut skew = || {
+        pairing
+            .pop()
+            .map(|f| f.environment.unwrap().skew_nanos / MILLI)
+    };
+    assert_eq!([skew(), skew(), skew()], [Some(-40), Some(-7), None]);
+    assert_eq!(pairing.counts().before_first_view, 2);
+    // Later on nothing is from the future any more.
+    pairing.push_environment(picture(100, 110, 0.0));
+    pairing.push_scene(picture(99, 111, 0.0));
+    let later = pairing.pop().unwrap().environment.unwrap();
+    assert_eq!((later.set.generation, later.skew_nanos), (1, 59 * MILLI));
+}
+
+#[test]
+fn the_first_pictures_do_not_wait_for_ever() {
+    let mut pairing = pairing(|config| {
+        config.station = None;
+        config.first_view_wait_nanos = 100 * MILLI;
+    });
+    pairing.push_scene(picture(0, 0, 0.0));
+    pairing.advance(at(99));
+    assert!(pairing.pop().is_none());
+    pairing.advance(at(100));
+    assert!(pairing.pop().unwrap().environment.is_none());
+}
+
+#[test]
 fn brackets_join_their_own_view_once() {
     let mut pairing = pairing(|config| {
         config.station = None;
