@@ -5,7 +5,7 @@ use super::{Camera, ImportError, Item, Plan};
 use crate::session::messages;
 use glam::{DMat4, DVec3};
 use penumbra_interface::{MonotonicTime, PoseSample, RigidTransform};
-use penumbra_tracker_serial::fastrak::{Decoder, Format, METRES_PER_CENTIMETRE};
+use penumbra_tracker_serial::fastrak::{Decoder, Format, METRES_PER_CENTIMETRE, METRES_PER_INCH};
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -169,9 +169,12 @@ fn view_tracker(rig: &Value, plan: &mut Plan) {
         return;
     }
     let mut format = Format::default();
-    if rig["tracker"]["fastrak"]["units"].as_str() == Some("centimetres") {
-        format.metres_per_unit = METRES_PER_CENTIMETRE;
-    }
+    format.metres_per_unit = match rig["tracker"]["fastrak"]["units"].as_str() {
+        Some("centimetres") => METRES_PER_CENTIMETRE,
+        Some("millimetres") => 0.001,
+        Some("metres") => 1.0,
+        _ => METRES_PER_INCH,
+    };
     let mut decoder = Decoder::new(format);
     let mut views = Vec::new();
     for (arrived_at, item) in &plan.items {
