@@ -12,7 +12,7 @@ use penumbra::calibration::photometry::GainEstimate;
 use penumbra::calibration::photometry::chart::{Photograph, match_chart};
 use penumbra::calibration::photometry::gather::{GatherOptions, Overlap, gather_pairs};
 use penumbra::calibration::photometry::overlap::{
-    GainTracker, Shortage, SmoothingOptions, estimate_overlap,
+    GainTracker, PairTiming, Shortage, SmoothingOptions, estimate_overlap,
 };
 use penumbra::calibration::photometry::raycast::PhantomCaster;
 use penumbra::calibration::photometry::reflectance::{
@@ -284,7 +284,12 @@ fn run_overlap(session: &Session) -> OverlapRun {
             }
             Err(shortage) => run.last_shortage = Some(*shortage),
         }
-        run.tracker.update(answer, 1.0, shot.captured_at);
+        let timing = PairTiming {
+            scene_at: scene_shot.captured_at,
+            environment_at: shot.captured_at,
+            exposure_factor: 1.0,
+        };
+        run.tracker.update(answer, timing);
     }
     run
 }

@@ -1,7 +1,7 @@
 //! Which gains are in force, how sure they are, and how far the other ways differ.
 
 use super::chart::{ChartError, ChartMatch};
-use super::overlap::{GainTracker, OverlapEstimate, Shortage, SmoothingOptions};
+use super::overlap::{GainTracker, OverlapEstimate, PairTiming, Shortage, SmoothingOptions};
 use super::{ExposureRatio, GainEstimate};
 use glam::{DMat3, DVec3};
 use penumbra_interface::{Exposure, MonotonicTime};
@@ -107,8 +107,18 @@ impl PhotometricMatch {
     }
 
     /// Takes one frame pair's answer; see [`estimate_overlap`](super::overlap::estimate_overlap).
-    pub fn update_overlap(&mut self, answer: Result<OverlapEstimate, Shortage>, at: MonotonicTime) {
-        self.overlap.update(answer, self.exposures.factor(), at);
+    pub fn update_overlap(
+        &mut self,
+        answer: Result<OverlapEstimate, Shortage>,
+        scene_at: MonotonicTime,
+        environment_at: MonotonicTime,
+    ) {
+        let timing = PairTiming {
+            scene_at,
+            environment_at,
+            exposure_factor: self.exposures.factor(),
+        };
+        self.overlap.update(answer, timing);
     }
 
     /// Takes an estimate from known surfaces at the present exposures.
@@ -353,6 +363,7 @@ mod tests {
 
     use super::*;
 
+    const NOW: MonotonicTime = MonotonicTime::from_nanos(0);
     const GAINS: DVec3 = DVec3::new(3.0, 2.5, 4.0);
 
     fn known(gains: DVec3, sd: f64) -> GainEstimate {
@@ -378,6 +389,7 @@ mod tests {
             pairs: 100,
             clusters: 12,
             spread: 0.04,
+            log_brightness: DVec3::ZERO,
         })
     }
 
@@ -401,7 +413,7 @@ mod tests {
         matched.update_reflectance(Some(known(GAINS, 0.1)));
         assert_eq!(matched.in_force().0, Provenance::Reflectance);
         assert_eq!(matched.status().notice, None);
-        matched.update_overlap(overlap(GAINS), MonotonicTime::default());
+        matched.update_overlap(overlap(GAINS), NOW, NOW);
         assert_eq!(matched.in_force().0, Provenance::Overlap);
         matched.set_chart(chart(GAINS));
         assert_eq!(matched.in_force().0, Provenance::Chart);
@@ -414,7 +426,7 @@ mod tests {
         let mut matched = with(MatchMethod::Overlap);
         matched.set_chart(chart(GAINS));
         assert_eq!(matched.in_force().0, Provenance::Chart);
-        matched.update_overlap(overlap(GAINS), MonotonicTime::default());
+        matched.update_overlap(overlap(GAINS), NOW, NOW);
         assert_eq!(matched.in_force().0, Provenance::Overlap);
         matched.set_settings(PhotometrySettings {
             method: MatchMethod::Fixed,
@@ -445,7 +457,7 @@ mod tests {
         let mut matched = with(MatchMethod::Auto);
         matched.set_chart(chart(GAINS));
         let warm = GAINS * DVec3::new(1.2, 1.0, 1.0);
-        matched.update_overlap(overlap(warm), MonotonicTime::default());
+        matched.update_overlap(overlap(warm), NOW, NOW);
         let status = matched.status();
         let other = &status.methods[1];
         assert_eq!(other.method, Provenance::Overlap);
@@ -462,13 +474,13 @@ mod tests {
     #[test]
     fn a_frozen_overlap_in_force_is_flagged() {
         let mut matched = with(MatchMethod::Auto);
-        matched.update_overlap(overlap(GAINS), MonotonicTime::default());
+        matched.update_overlap(overlap(GAINS), NOW, NOW);
         assert!(!matched.status().frozen);
         let few = Shortage::TooFew {
             pairs: 2,
             clusters: 1,
         };
-        matched.update_overlap(Err(few), MonotonicTime::default());
+        matched.update_overlap(Err(few), NOW, NOW);
         assert!(matched.status().frozen);
         assert!((matched.gains() - GAINS).abs().max_element() < 1e-12);
         matched.set_chart(chart(GAINS));
@@ -491,7 +503,7 @@ mod tests {
         matched.set_exposures(exposure(4000.0, 1.0), exposure(2000.0, 2.0));
         assert!((matched.gains() - 0.25 * GAINS).abs().max_element() < 1e-12);
         // What is measured now agrees with the chart although exposures have changed.
-        matched.update_overlap(overlap(0.25 * GAINS), MonotonicTime::default());
+        matched.update_overlap(overlap(0.25 * GAINS), NOW, NOW);
         matched.update_reflectance(Some(known(0.25 * GAINS, 0.1)));
         let status = matched.status();
         assert!(status.methods.iter().all(|m| m.disagreement_percent < 1e-6));
@@ -518,7 +530,7 @@ mod tests {
     #[test]
     fn a_bad_chart_leaves_a_notice_and_the_status_is_plain_json() {
         let mut matched = with(MatchMethod::Auto);
-        matched.update_overlap(overlap(GAINS), MonotonicTime::default());
+        matched.update_overlap(overlap(GAINS), NOW, NOW);
         matched.set_chart(Err(ChartError::TooFew {
             usable: 1,
             channel: "red",

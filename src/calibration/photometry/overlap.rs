@@ -18,6 +18,8 @@ pub struct OverlapEstimate {
     pub clusters: usize,
     /// How much the pairs scatter, relative.
     pub spread: f64,
+    /// Mean ln of what the environment camera read: tells how fast the light changes.
+    pub log_brightness: DVec3,
 }
 
 /// Why a frame pair says too little.
@@ -51,10 +53,14 @@ const MIN_CLUSTERS: usize = 5;
 const MAX_SPREAD: f64 = 0.35;
 /// What no amount of pairs removes: registration, mirror reflectance, lens fall-off.
 const SYSTEMATIC: f64 = 0.01;
+/// The same within one cluster: how far a surface differs from matt, and JPEG's colour.
+const CLUSTER_SYSTEMATIC: f64 = 0.03;
+/// How much of a correction for light that changes between the pictures may be wrong.
+const CORRECTION_SD: f64 = 0.5;
 
 /// Robust gains of one frame pair.
-pub fn estimate_overlap(pairs: &[PhotometricPair]) -> Result<OverlapEstimate, Shortage> {
-    let channels = [0, 1, 2].map(|c| robust_mean(&log_ratios(pairs, c)));
+pub fn estimate_overlap(all: &[PhotometricPair]) -> Result<OverlapEstimate, Shortage> {
+    let channels = [0, 1, 2].map(|c| robust_mean(&log_ratios(all, c)));
     let [Some(r), Some(g), Some(b)] = channels else {
         return Err(Shortage::TooFew {
             pairs: 0,
@@ -81,7 +87,16 @@ pub fn estimate_overlap(pairs: &[PhotometricPair]) -> Result<OverlapEstimate, Sh
         pairs,
         clusters,
         spread,
+        log_brightness: mean_log_brightness(all),
     })
+}
+
+fn mean_log_brightness(pairs: &[PhotometricPair]) -> DVec3 {
+    let sum: DVec3 = pairs
+        .iter()
+        .map(|pair| pair.environment.max(DVec3::splat(1e-6)).ln())
+        .sum();
+    sum / pairs.len().max(1) as f64
 }
 
 fn log_ratios(pairs: &[PhotometricPair], channel: usize) -> Vec<LogRatio> {
@@ -94,6 +109,17 @@ fn log_ratios(pairs: &[PhotometricPair], channel: usize) -> Vec<LogRatio> {
             cluster: pair.cluster,
         })
         .collect()
+}
+
+/// When the two pictures of a pair were taken, and how they were exposed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PairTiming {
+    /// Middle of the scene camera's exposure.
+    pub scene_at: MonotonicTime,
+    /// Middle of the environment camera's exposure.
+    pub environment_at: MonotonicTime,
+    /// [`ExposureRatio::factor`](super::ExposureRatio::factor) of the pair.
+    pub exposure_factor: f64,
 }
 
 /// How fast the gains may change and how soon a jump is believed.
@@ -126,7 +152,7 @@ pub struct GainTracker {
     /// The measurement that departed, and how many in a row have agreed with it.
     jump: Option<(DVec3, u32)>,
     frozen: Option<Shortage>,
-    last: Option<OverlapEstimate>,
+    last: Option<(OverlapEstimate, PairTiming)>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -149,29 +175,40 @@ impl GainTracker {
         }
     }
 
-    /// Takes one frame pair's answer. `exposure_factor` is
-    /// [`ExposureRatio::factor`](super::ExposureRatio::factor) for that pair: the filter
-    /// holds the gains at the reference exposures.
-    pub fn update(
-        &mut self,
-        answer: Result<OverlapEstimate, Shortage>,
-        exposure_factor: f64,
-        at: MonotonicTime,
-    ) {
+    /// Takes one frame pair's answer. The filter holds the gains at the reference
+    /// exposures.
+    pub fn update(&mut self, answer: Result<OverlapEstimate, Shortage>, timing: PairTiming) {
         match answer {
             Ok(measured) => {
-                self.last = Some(measured);
-                self.measure(&measured.estimate, exposure_factor, at);
+                let change = self.light_change(&measured, &timing);
+                self.measure(&measured.estimate, change, &timing);
+                self.last = Some((measured, timing));
             }
             Err(shortage) => self.frozen = Some(shortage),
         }
     }
 
+    /// By how much ln of the light has changed from the environment picture to the scene
+    /// picture, going by the environment camera's last two pictures.
+    fn light_change(&self, measured: &OverlapEstimate, timing: &PairTiming) -> DVec3 {
+        let Some((last, before)) = &self.last else {
+            return DVec3::ZERO;
+        };
+        let seconds = timing.environment_at.seconds_since(before.environment_at);
+        let skew = timing.scene_at.seconds_since(timing.environment_at);
+        let comparable = timing.exposure_factor == before.exposure_factor;
+        if !comparable || seconds <= 0.0 || seconds > 0.5 || skew.abs() > seconds {
+            return DVec3::ZERO;
+        }
+        (measured.log_brightness - last.log_brightness) * (skew / seconds)
+    }
+
     // ┌ Per channel, x = ln gain:  P⁻ = P + q² Δt,  K = P⁻ / (P⁻ + R),                      ┐
     // └ x ← x + K (z − x),  P ← (1 − K) P⁻   (Kalman 1960)                                   ┘
-    fn measure(&mut self, measured: &GainEstimate, exposure_factor: f64, at: MonotonicTime) {
-        let z = (measured.gains / exposure_factor).ln();
-        let r = measured.relative_sd * measured.relative_sd;
+    fn measure(&mut self, measured: &GainEstimate, change: DVec3, timing: &PairTiming) {
+        let (at, sd) = (timing.environment_at, measured.relative_sd);
+        let z = (measured.gains / timing.exposure_factor).ln() - change;
+        let r = sd * sd + (CORRECTION_SD * change) * (CORRECTION_SD * change);
         if !z.is_finite() || !r.is_finite() {
             return;
         }
@@ -227,9 +264,11 @@ impl GainTracker {
     /// is part of the stated error.
     #[must_use]
     pub fn estimate(&self) -> Option<GainEstimate> {
+        let clusters = self.last().map_or(1, |last| last.clusters.max(1)) as f64;
+        let systematic = SYSTEMATIC.powi(2) + CLUSTER_SYSTEMATIC.powi(2) / clusters;
         self.state.map(|state| GainEstimate {
             gains: state.log_gains.exp(),
-            relative_sd: (state.variance + SYSTEMATIC * SYSTEMATIC).sqrt(),
+            relative_sd: (state.variance + systematic).sqrt(),
         })
     }
 
@@ -241,8 +280,8 @@ impl GainTracker {
 
     /// The last answer that was one.
     #[must_use]
-    pub const fn last(&self) -> Option<&OverlapEstimate> {
-        self.last.as_ref()
+    pub fn last(&self) -> Option<&OverlapEstimate> {
+        self.last.as_ref().map(|(estimate, _)| estimate)
     }
 
     /// When the gains were last measured.
@@ -328,7 +367,16 @@ mod tests {
             pairs: 100,
             clusters: 10,
             spread: 0.03,
+            log_brightness: DVec3::ZERO,
         })
+    }
+
+    fn timing(exposure_factor: f64, at: MonotonicTime) -> PairTiming {
+        PairTiming {
+            scene_at: at,
+            environment_at: at,
+            exposure_factor,
+        }
     }
 
     #[test]
@@ -339,12 +387,16 @@ mod tests {
         });
         for i in 0..100 {
             let noisy = GAINS * (1.0 + 0.05 * if i % 2 == 0 { 1.0 } else { -1.0 });
-            tracker.update(answer(noisy, 0.05), 1.0, seconds(0.1 * f64::from(i)));
+            tracker.update(
+                answer(noisy, 0.05),
+                timing(1.0, seconds(0.1 * f64::from(i))),
+            );
         }
         let found = tracker.estimate().unwrap();
         assert!(found.percent_from(GAINS).abs().max_element() < 0.3);
         let sd = found.relative_sd.x;
-        let expected = (0.05f64.powi(2) / 100.0 + SYSTEMATIC * SYSTEMATIC).sqrt();
+        let systematic = SYSTEMATIC.powi(2) + CLUSTER_SYSTEMATIC.powi(2) / 10.0;
+        let expected = (0.05f64.powi(2) / 100.0 + systematic).sqrt();
         assert!((sd / expected - 1.0).abs() < 0.01, "{sd} {expected}");
     }
 
@@ -352,16 +404,16 @@ mod tests {
     fn it_freezes_keeps_its_value_and_thaws() {
         let mut tracker = GainTracker::new(SmoothingOptions::default());
         assert_eq!(tracker.estimate(), None);
-        tracker.update(answer(GAINS, 0.02), 1.0, seconds(0.0));
+        tracker.update(answer(GAINS, 0.02), timing(1.0, seconds(0.0)));
         let before = tracker.estimate();
         let shortage = Shortage::TooFew {
             pairs: 3,
             clusters: 1,
         };
-        tracker.update(Err(shortage), 1.0, seconds(1.0));
+        tracker.update(Err(shortage), timing(1.0, seconds(1.0)));
         assert_eq!(tracker.frozen(), Some(shortage));
         assert_eq!(tracker.estimate(), before);
-        tracker.update(answer(GAINS, 0.02), 1.0, seconds(2.0));
+        tracker.update(answer(GAINS, 0.02), timing(1.0, seconds(2.0)));
         assert_eq!(tracker.frozen(), None);
     }
 
@@ -369,17 +421,26 @@ mod tests {
     fn a_passing_hand_is_ignored_and_a_lasting_jump_is_followed() {
         let mut tracker = GainTracker::new(SmoothingOptions::default());
         for i in 0..10 {
-            tracker.update(answer(GAINS, 0.02), 1.0, seconds(0.1 * f64::from(i)));
+            tracker.update(
+                answer(GAINS, 0.02),
+                timing(1.0, seconds(0.1 * f64::from(i))),
+            );
         }
         for i in 10..13 {
-            tracker.update(answer(0.6 * GAINS, 0.02), 1.0, seconds(0.1 * f64::from(i)));
+            tracker.update(
+                answer(0.6 * GAINS, 0.02),
+                timing(1.0, seconds(0.1 * f64::from(i))),
+            );
         }
         assert!(matches!(tracker.frozen(), Some(Shortage::Jump { .. })));
         let held = tracker.estimate().unwrap();
         assert!(held.percent_from(GAINS).abs().max_element() < 0.1);
-        tracker.update(answer(GAINS, 0.02), 1.0, seconds(1.3));
+        tracker.update(answer(GAINS, 0.02), timing(1.0, seconds(1.3)));
         for i in 14..20 {
-            tracker.update(answer(0.6 * GAINS, 0.02), 1.0, seconds(0.1 * f64::from(i)));
+            tracker.update(
+                answer(0.6 * GAINS, 0.02),
+                timing(1.0, seconds(0.1 * f64::from(i))),
+            );
         }
         let followed = tracker.estimate().unwrap();
         assert!(followed.percent_from(0.6 * GAINS).abs().max_element() < 0.1);
@@ -389,10 +450,31 @@ mod tests {
     #[test]
     fn a_reported_exposure_change_is_no_jump() {
         let mut tracker = GainTracker::new(SmoothingOptions::default());
-        tracker.update(answer(GAINS, 0.02), 1.0, seconds(0.0));
-        tracker.update(answer(4.0 * GAINS, 0.02), 4.0, seconds(0.1));
+        tracker.update(answer(GAINS, 0.02), timing(1.0, seconds(0.0)));
+        tracker.update(answer(4.0 * GAINS, 0.02), timing(4.0, seconds(0.1)));
         assert_eq!(tracker.frozen(), None);
         let found = tracker.estimate().unwrap();
         assert!(found.percent_from(GAINS).abs().max_element() < 1e-6);
+    }
+
+    #[test]
+    fn light_that_dims_between_the_two_pictures_is_allowed_for() {
+        let mut tracker = GainTracker::new(SmoothingOptions::default());
+        let rate = -1.0f64; // ln units per second: a cloud
+        let skew = 0.03;
+        for i in 0..20 {
+            let at = 0.066 * f64::from(i);
+            let mut dimming = answer(GAINS * (rate * skew).exp(), 0.002).unwrap();
+            dimming.log_brightness = DVec3::splat(rate * at);
+            let timing = PairTiming {
+                scene_at: seconds(at + skew),
+                environment_at: seconds(at),
+                exposure_factor: 1.0,
+            };
+            tracker.update(Ok(dimming), timing);
+        }
+        let found = tracker.estimate().unwrap();
+        let error = found.percent_from(GAINS).abs().max_element();
+        assert!(error < 1.0, "{error} % with the correction, 3 % without");
     }
 }

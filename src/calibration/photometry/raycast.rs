@@ -61,6 +61,8 @@ struct CastPart {
     centre: DVec3,
     radius: f64,
     triangles: Vec<[DVec3; 3]>,
+    /// All corners lie on a sphere: it is met exactly, and faster than its triangles.
+    ball: bool,
     mirror: bool,
 }
 
@@ -110,9 +112,12 @@ impl CastPart {
                 (low.min(*p), high.max(*p))
             });
         let centre = 0.5 * (low + high);
+        let radius = points().map(|p| p.distance(centre)).fold(0.0, f64::max);
+        let on_sphere = |p: &DVec3| p.distance(centre) > 0.99 * radius;
         Self {
             centre,
-            radius: points().map(|p| p.distance(centre)).fold(0.0, f64::max),
+            radius,
+            ball: triangles.len() > MIN_BALL_TRIANGLES && points().all(on_sphere),
             triangles,
             mirror: part.mirror,
         }
@@ -136,6 +141,9 @@ impl CastPart {
         if self.out_of_reach(origin, direction) {
             return None;
         }
+        if self.ball {
+            return self.ball_hit(surface, origin, direction);
+        }
         let hits = self.triangles.iter();
         let hits = hits.filter_map(|t| Some((triangle_hit(t, origin, direction)?, t)));
         let (distance, [a, b, c]) = hits.min_by(|a, b| a.0.total_cmp(&b.0))?;
@@ -149,6 +157,24 @@ impl CastPart {
         })
     }
 }
+
+impl CastPart {
+    fn ball_hit(&self, surface: u32, origin: DVec3, direction: DVec3) -> Option<SurfaceHit> {
+        let length = direction.length();
+        let distance = sphere_hit(self.centre, self.radius, origin, direction / length)? / length;
+        let point = origin + distance * direction;
+        Some(SurfaceHit {
+            distance,
+            point,
+            normal: (point - self.centre) / self.radius,
+            surface,
+            mirror: self.mirror,
+        })
+    }
+}
+
+/// Coarser meshes than this are no spheres, even with all corners on one (a cube).
+const MIN_BALL_TRIANGLES: usize = 200;
 
 /// Distance to a triangle from either side (Möller & Trumbore 1997).
 fn triangle_hit([a, b, c]: &[DVec3; 3], origin: DVec3, direction: DVec3) -> Option<f64> {
@@ -227,6 +253,24 @@ mod tests {
         assert_eq!((beside.surface, beside.point.z), (GROUND, 0.0));
         assert_eq!(caster.cast(DVec3::new(1.3, 0.2, 5.0), DVec3::Z), None);
         assert_eq!(caster.cast(DVec3::new(0.0, 0.0, 5.0), DVec3::X), None);
+    }
+
+    #[test]
+    fn a_meshed_ball_is_met_as_a_sphere() {
+        let mut ball = square(DMat4::from_translation(DVec3::new(0.0, 0.0, 3.0)), true);
+        ball.mesh = Arc::new(crate::scene::primitives::sphere(0.5, 48, 24));
+        let scene = Scene {
+            phantom_parts: vec![ball],
+            ..Scene::default()
+        };
+        let caster = PhantomCaster::new(&scene);
+        let origin = DVec3::new(0.25, 0.0, 0.0);
+        let hit = caster.cast(origin, DVec3::Z).unwrap();
+        let height = 3.0 - (0.25f64 - 0.0625).sqrt();
+        assert!((hit.point.z - height).abs() < 1e-6 && hit.mirror);
+        assert!((hit.normal.x - 0.5).abs() < 1e-6);
+        // A ray that starts on its surface leaves it.
+        assert_eq!(caster.cast(hit.point, hit.normal), None);
     }
 
     #[test]
