@@ -36,6 +36,16 @@ pub struct GainEstimate {
 }
 
 impl GainEstimate {
+    /// An estimate of what is still missing, made with light that `applied` gains have
+    /// gone into already, as an estimate of the whole gains.
+    #[must_use]
+    pub fn after(&self, applied: DVec3) -> Self {
+        Self {
+            gains: self.gains * applied,
+            ..*self
+        }
+    }
+
     /// Relative difference per channel from `other`, in percent of `other`.
     #[must_use]
     pub fn percent_from(&self, other: DVec3) -> DVec3 {

@@ -54,6 +54,7 @@ pub fn sphere_hit(centre: DVec3, radius: f64, origin: DVec3, direction: DVec3) -
 pub struct PhantomCaster {
     parts: Vec<CastPart>,
     ground_height: Option<f64>,
+    ground_albedo: Option<DVec3>,
 }
 
 #[derive(Clone, Debug)]
@@ -64,6 +65,7 @@ struct CastPart {
     /// All corners lie on a sphere: it is met exactly, and faster than its triangles.
     ball: bool,
     mirror: bool,
+    albedo: Option<DVec3>,
 }
 
 impl PhantomCaster {
@@ -73,11 +75,22 @@ impl PhantomCaster {
         let parts = scene.phantom_parts.iter().map(CastPart::new);
         // The ground is in the list as a mesh too; two surfaces in one plane would take
         // turns in being nearest.
-        let ground = |part: &CastPart| scene.ground_height.is_some_and(|h| part.lies_at(h));
+        let is_ground = |part: &CastPart| scene.ground_height.is_some_and(|h| part.lies_at(h));
+        let (grounds, parts): (Vec<_>, Vec<_>) = parts.partition(is_ground);
         Self {
-            parts: parts.filter(|part| !ground(part)).collect(),
+            parts,
             ground_height: scene.ground_height,
+            ground_albedo: grounds.iter().find_map(|part| part.albedo),
         }
+    }
+
+    /// The stated diffuse reflectance of a surface that was hit.
+    #[must_use]
+    pub fn albedo(&self, surface: u32) -> Option<DVec3> {
+        if surface == GROUND {
+            return self.ground_albedo;
+        }
+        self.parts.get(surface as usize)?.albedo
     }
 
     /// The nearest surface along a ray.
@@ -120,6 +133,7 @@ impl CastPart {
             ball: triangles.len() > MIN_BALL_TRIANGLES && points().all(on_sphere),
             triangles,
             mirror: part.mirror,
+            albedo: part.albedo.map(|albedo| albedo.as_dvec3()),
         }
     }
 
@@ -228,12 +242,14 @@ mod tests {
 
     #[test]
     fn the_nearest_surface_wins() {
+        let mut ground = square(DMat4::from_scale(DVec3::splat(9.0)), false);
+        ground.albedo = Some(Vec3::new(0.5, 0.25, 0.125));
         let scene = Scene {
             virtual_parts: Vec::new(),
             phantom_parts: vec![
                 square(DMat4::from_translation(DVec3::new(0.0, 0.0, 1.0)), false),
                 square(DMat4::from_translation(DVec3::new(0.0, 0.0, 2.0)), true),
-                square(DMat4::from_scale(DVec3::splat(9.0)), false),
+                ground,
             ],
             ground_height: Some(0.0),
         };
@@ -253,6 +269,9 @@ mod tests {
         assert_eq!((beside.surface, beside.point.z), (GROUND, 0.0));
         assert_eq!(caster.cast(DVec3::new(1.3, 0.2, 5.0), DVec3::Z), None);
         assert_eq!(caster.cast(DVec3::new(0.0, 0.0, 5.0), DVec3::X), None);
+        assert_eq!(caster.albedo(GROUND), Some(DVec3::new(0.5, 0.25, 0.125)));
+        assert_eq!(caster.albedo(0), None);
+        assert_eq!(caster.albedo(7), None);
     }
 
     #[test]

@@ -1,9 +1,13 @@
 //! Gains from a surface of known reflectance: the measured light predicts its colour.
 
 use super::GainEstimate;
+use super::chart::Photograph;
+use super::raycast::{PhantomCaster, SurfaceHit};
 use super::robust::{LogRatio, RobustMean, robust_mean};
+use crate::calibration::PinholeCamera;
 use crate::environment::light::{LightKind, Lighting};
-use glam::{DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec3};
+use penumbra_interface::RigidTransform;
 use std::f64::consts::PI;
 
 /// A diffuse surface in the scene camera's picture, of which albedo and light are known.
@@ -122,6 +126,102 @@ pub fn irradiance_at(lighting: &Lighting, normal: Vec3, visibility: impl Fn(Vec3
     (compact + visible * lighting.irradiance.irradiance(normal)).as_dvec3()
 }
 
+/// [`irradiance_at`] a surface point, where only the phantoms keep light away.
+#[must_use]
+pub fn irradiance_past(caster: &PhantomCaster, lighting: &Lighting, hit: &SurfaceHit) -> DVec3 {
+    // Off the surface, so that it does not shade itself.
+    let origin = hit.point + 1e-4 * hit.normal;
+    irradiance_at(lighting, hit.normal.as_vec3(), |direction| {
+        f32::from(caster.cast(origin, direction.as_dvec3()).is_none())
+    })
+}
+
+/// Where the scene camera was when it took its picture.
+#[derive(Clone, Copy, Debug)]
+pub struct SceneView<'a> {
+    /// The picture.
+    pub photograph: Photograph<'a>,
+    /// The camera.
+    pub camera: &'a PinholeCamera,
+    /// Its pose.
+    pub world_from_camera: RigidTransform,
+}
+
+/// Side of the blocks that [`gather_known`] reads, pixels.
+const BLOCK: u32 = 16;
+/// How much the albedo of a textured surface wanders from its stated mean (relative).
+const TEXTURE: f64 = 0.2;
+
+/// Reads every surface with a stated albedo in the scene camera's picture, in blocks
+/// `spacing` pixels apart. `irradiance` gives the light at a hit; see [`irradiance_past`].
+pub fn gather_known(
+    view: &SceneView,
+    caster: &PhantomCaster,
+    spacing: u32,
+    irradiance: impl Fn(&SurfaceHit) -> DVec3,
+) -> Vec<KnownSurface> {
+    let picture = view.photograph.picture;
+    if (picture.width, picture.height) != (view.camera.width, view.camera.height) {
+        return Vec::new();
+    }
+    let steps = |length: u32| {
+        (BLOCK / 2..length.saturating_sub(BLOCK / 2)).step_by(spacing.max(1) as usize)
+    };
+    steps(picture.height)
+        .flat_map(|y| steps(picture.width).map(move |x| (x, y)))
+        .filter_map(|(x, y)| known_at(view, caster, &irradiance, x, y))
+        .collect()
+}
+
+fn known_at(
+    view: &SceneView,
+    caster: &PhantomCaster,
+    irradiance: &impl Fn(&SurfaceHit) -> DVec3,
+    x: u32,
+    y: u32,
+) -> Option<KnownSurface> {
+    let cast = |dx: f64, dy: f64| {
+        let pixel = DVec2::new(f64::from(x) + dx, f64::from(y) + dy);
+        let direction = view.world_from_camera.rotation * view.camera.unproject(pixel);
+        caster.cast(view.world_from_camera.translation, direction)
+    };
+    let hit = cast(0.0, 0.0)?;
+    let albedo = caster.albedo(hit.surface).filter(|_| !hit.mirror)?;
+    let edge = f64::from(BLOCK) * 0.5;
+    for (dx, dy) in [(-edge, -edge), (edge, -edge), (-edge, edge), (edge, edge)] {
+        let corner = cast(dx, dy)?;
+        if corner.surface != hit.surface || corner.normal.dot(hit.normal) < 0.95 {
+            return None;
+        }
+    }
+    Some(KnownSurface {
+        scene: mean_of_block(view.photograph, x, y)?,
+        albedo,
+        irradiance: irradiance(&hit),
+        variance: TEXTURE * TEXTURE,
+        cluster: hit.surface.wrapping_mul(0x9E37_79B1) ^ ((y / 96) << 8) ^ (x / 96),
+    })
+}
+
+/// `None` where a pixel is clipped: the mean would be too low.
+fn mean_of_block(photograph: Photograph, x: u32, y: u32) -> Option<DVec3> {
+    let half = BLOCK / 2;
+    let block = (y - half..y + half).flat_map(|v| (x - half..x + half).map(move |u| (u, v)));
+    let mut sum = DVec3::ZERO;
+    for (u, v) in block {
+        let codes = photograph.picture.rgb(u, v);
+        if codes.iter().any(|&code| code >= SATURATED) {
+            return None;
+        }
+        let linear = photograph.response.linear_from_rgb(codes);
+        sum += DVec3::from_array(linear.map(f64::from));
+    }
+    Some(sum / f64::from(BLOCK * BLOCK))
+}
+
+/// Codes from here on are taken for clipped.
+const SATURATED: u8 = 250;
+
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
@@ -202,6 +302,65 @@ mod tests {
             ],
             ground_radiance: Vec3::ZERO,
         }
+    }
+
+    #[test]
+    fn a_grey_ground_is_read_from_the_picture() {
+        use crate::calibration::Response;
+        use crate::picture::Picture;
+        use crate::scene::mesh::{Material, Part, Scene};
+        use crate::scene::primitives;
+        use glam::{DMat4, DQuat};
+        let ground = Part {
+            name: "card".into(),
+            mesh: Arc::new(primitives::plane(4.0, 4.0)),
+            material: Arc::new(Material::default()),
+            world_from_part: DMat4::IDENTITY,
+            mirror: false,
+            albedo: Some(Vec3::splat(0.18)),
+        };
+        let caster = PhantomCaster::new(&Scene {
+            phantom_parts: vec![ground],
+            ground_height: Some(0.0),
+            ..Scene::default()
+        });
+        let response = Response::linear();
+        let code = 100u8;
+        let mut rgba = [code, code, code, 255].repeat(128 * 128);
+        rgba[..4 * 128 * 20].fill(255); // a glare, clipped
+        let picture = Picture {
+            width: 128,
+            height: 128,
+            rgba,
+        };
+        let camera = PinholeCamera {
+            width: 128,
+            height: 128,
+            focal: DVec2::splat(120.0),
+            centre: DVec2::splat(63.5),
+            distortion: [0.0; 5],
+        };
+        let view = SceneView {
+            photograph: Photograph {
+                picture: &picture,
+                response: &response,
+            },
+            camera: &camera,
+            // Looks straight down from a metre.
+            world_from_camera: RigidTransform::new(
+                DQuat::from_rotation_x(PI),
+                DVec3::new(0.0, 0.0, 1.0),
+            ),
+        };
+        let lighting = lighting();
+        let known = gather_known(&view, &caster, 16, |hit| {
+            irradiance_past(&caster, &lighting, hit)
+        });
+        assert!(known.len() > 20);
+        let found = estimate_reflectance(&known, &ReflectanceOptions::default()).unwrap();
+        let truth = PI * (100.0 / 255.0) / (0.18 * (PI + 2.0));
+        let error = found.percent_from(DVec3::splat(truth));
+        assert!(error.abs().max_element() < 0.01, "{error}");
     }
 
     #[test]
