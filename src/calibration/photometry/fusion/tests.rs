@@ -1,0 +1,188 @@
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use super::*;
+
+const NOW: MonotonicTime = MonotonicTime::from_nanos(0);
+const GAINS: DVec3 = DVec3::new(3.0, 2.5, 4.0);
+
+fn known(gains: DVec3, sd: f64) -> GainEstimate {
+    GainEstimate {
+        gains,
+        relative_sd: DVec3::splat(sd),
+    }
+}
+
+fn chart(gains: DVec3) -> Result<ChartMatch, ChartError> {
+    Ok(ChartMatch {
+        estimate: known(gains, 0.002),
+        matrix: Some(DMat3::from_diagonal(gains) * 1.01),
+        patches: [20; 3],
+        residual_delta_e: 0.4,
+        worst_delta_e: 1.0,
+    })
+}
+
+fn overlap(gains: DVec3) -> Result<OverlapEstimate, Shortage> {
+    Ok(OverlapEstimate {
+        estimate: known(gains, 0.01),
+        pairs: 100,
+        clusters: 12,
+        spread: 0.04,
+        log_brightness: DVec3::ZERO,
+    })
+}
+
+fn with(method: MatchMethod) -> PhotometricMatch {
+    let settings = PhotometrySettings {
+        method,
+        ..PhotometrySettings::default()
+    };
+    PhotometricMatch::new(settings, false)
+}
+
+#[test]
+fn the_best_available_way_is_in_force() {
+    let mut matched = with(MatchMethod::Auto);
+    assert_eq!(matched.in_force().0, Provenance::Unknown);
+    assert_eq!(matched.gains(), DVec3::ONE);
+    assert_eq!(matched.status().uncertainty_percent, None);
+    matched.update_grey_world(Some(known(GAINS, 0.5)));
+    assert_eq!(matched.in_force().0, Provenance::GreyWorld);
+    assert!(matched.status().notice.is_some());
+    matched.update_reflectance(Some(known(GAINS, 0.1)));
+    assert_eq!(matched.in_force().0, Provenance::Reflectance);
+    assert_eq!(matched.status().notice, None);
+    matched.update_overlap(overlap(GAINS), NOW, NOW);
+    assert_eq!(matched.in_force().0, Provenance::Overlap);
+    matched.set_chart(chart(GAINS));
+    assert_eq!(matched.in_force().0, Provenance::Chart);
+    assert_eq!(matched.status().methods.len(), 4);
+    assert!((matched.gains() - GAINS).abs().max_element() < 1e-12);
+}
+
+#[test]
+fn the_users_choice_comes_first_where_it_has_an_answer() {
+    let mut matched = with(MatchMethod::Overlap);
+    matched.set_chart(chart(GAINS));
+    assert_eq!(matched.in_force().0, Provenance::Chart);
+    matched.update_overlap(overlap(GAINS), NOW, NOW);
+    assert_eq!(matched.in_force().0, Provenance::Overlap);
+    matched.set_settings(PhotometrySettings {
+        method: MatchMethod::Fixed,
+        fixed_gains: Some([1.0, 2.0, 3.0]),
+        matrix: false,
+    });
+    assert_eq!(matched.gains(), DVec3::new(1.0, 2.0, 3.0));
+    let mut single = PhotometricMatch::new(PhotometrySettings::default(), true);
+    single.set_chart(chart(GAINS));
+    assert_eq!(single.in_force().0, Provenance::SameCamera);
+    assert_eq!(single.gains(), DVec3::ONE);
+}
+
+#[test]
+fn fixed_gains_are_not_taken_by_themselves() {
+    let settings = PhotometrySettings {
+        method: MatchMethod::Auto,
+        fixed_gains: Some([9.0; 3]),
+        matrix: false,
+    };
+    let mut matched = PhotometricMatch::new(settings, false);
+    matched.update_reflectance(Some(known(GAINS, 0.1)));
+    assert_eq!(matched.in_force().0, Provenance::Reflectance);
+}
+
+#[test]
+fn disagreement_is_measured_and_told() {
+    let mut matched = with(MatchMethod::Auto);
+    matched.set_chart(chart(GAINS));
+    let warm = GAINS * DVec3::new(1.2, 1.0, 1.0);
+    matched.update_overlap(overlap(warm), NOW, NOW);
+    let status = matched.status();
+    let other = &status.methods[1];
+    assert_eq!(other.method, Provenance::Overlap);
+    assert!((other.disagreement_percent - 20.0).abs() < 0.1);
+    assert!(other.disagreement_delta_e > 3.0 && other.disagrees);
+    assert!(status.notice.unwrap().contains("disagree by 20 %"));
+    // A vague way may differ as much.
+    let mut matched = with(MatchMethod::Auto);
+    matched.set_chart(chart(GAINS));
+    matched.update_grey_world(Some(known(warm, 0.5)));
+    assert!(!matched.status().methods[1].disagrees);
+}
+
+#[test]
+fn a_frozen_overlap_in_force_is_flagged() {
+    let mut matched = with(MatchMethod::Auto);
+    matched.update_overlap(overlap(GAINS), NOW, NOW);
+    assert!(!matched.status().frozen);
+    let few = Shortage::TooFew {
+        pairs: 2,
+        clusters: 1,
+    };
+    matched.update_overlap(Err(few), NOW, NOW);
+    assert!(matched.status().frozen);
+    assert!((matched.gains() - GAINS).abs().max_element() < 1e-12);
+    matched.set_chart(chart(GAINS));
+    assert!(!matched.status().frozen);
+    assert_eq!(matched.status().overlap_frozen, Some(few));
+}
+
+#[test]
+fn reported_exposures_carry_the_gains_along() {
+    let exposure = |micros: f64, gain: f64| {
+        Some(Exposure {
+            exposure_micros: micros,
+            gain,
+        })
+    };
+    let mut matched = with(MatchMethod::Auto);
+    matched.set_chart(chart(GAINS));
+    matched.set_exposures(exposure(8000.0, 1.0), exposure(2000.0, 1.0));
+    assert!((matched.gains() - GAINS).abs().max_element() < 1e-12);
+    matched.set_exposures(exposure(4000.0, 1.0), exposure(2000.0, 2.0));
+    assert!((matched.gains() - 0.25 * GAINS).abs().max_element() < 1e-12);
+    // What is measured now agrees with the chart although exposures have changed.
+    matched.update_overlap(overlap(0.25 * GAINS), NOW, NOW);
+    matched.update_reflectance(Some(known(0.25 * GAINS, 0.1)));
+    let status = matched.status();
+    assert!(status.methods.iter().all(|m| m.disagreement_percent < 1e-6));
+    assert_eq!(status.exposure_factor, 0.25);
+}
+
+#[test]
+fn the_matrix_is_used_only_where_asked_for() {
+    let mut matched = with(MatchMethod::Auto);
+    matched.set_chart(chart(GAINS));
+    assert_eq!(
+        matched.scene_from_environment(),
+        DMat3::from_diagonal(matched.gains())
+    );
+    matched.set_settings(PhotometrySettings {
+        matrix: true,
+        ..PhotometrySettings::default()
+    });
+    let matrix = matched.scene_from_environment();
+    assert!((matrix.x_axis.x - 3.03).abs() < 1e-12);
+    assert!(matched.status().matrix.is_some());
+}
+
+#[test]
+fn a_bad_chart_leaves_a_notice_and_the_status_is_plain_json() {
+    let mut matched = with(MatchMethod::Auto);
+    matched.update_overlap(overlap(GAINS), NOW, NOW);
+    matched.set_chart(Err(ChartError::TooFew {
+        usable: 1,
+        channel: "red",
+    }));
+    let status = matched.status();
+    assert!(
+        status
+            .notice
+            .as_ref()
+            .unwrap()
+            .contains("photograph the chart again")
+    );
+    let json = serde_json::to_value(&status).unwrap();
+    assert_eq!(json["in_force"], "overlap");
+    assert_eq!(json["wanted"], "auto");
+}
