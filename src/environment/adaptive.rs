@@ -19,6 +19,19 @@ const LEAST_RADIUS: f32 = 0.0105;
 /// Part of the budget that the cells always keep.
 const LEAST_CELLS: f32 = 0.25;
 
+/// A compact source as a whole.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CompactSource {
+    /// Unit vector towards its centre of energy, world.
+    pub direction: Vec3,
+    /// Irradiance on a surface that faces it, scene camera units.
+    pub irradiance: Vec3,
+    /// Half angle of a cone with its solid angle, radians.
+    pub angular_radius: f32,
+    /// Dome lights that stand for it.
+    pub lights: usize,
+}
+
 /// What a slot of the dome is used for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Owner {
@@ -90,6 +103,20 @@ impl AdaptiveDome {
         wanted.extend(cells.map(|(k, light)| (Owner::Cell(k), light)));
         self.assign(&wanted, divided);
         self.lights.clone()
+    }
+
+    /// The compact sources of the last frame, in no particular order.
+    #[must_use]
+    pub fn sources(&self) -> Vec<CompactSource> {
+        let tracked = self.tracker.sources.iter();
+        tracked
+            .map(|s| CompactSource {
+                direction: s.direction,
+                irradiance: s.flux,
+                angular_radius: s.radius(),
+                lights: s.lights,
+            })
+            .collect()
     }
 
     /// How many lights each source gets. With energy S and extent r split into n parts,

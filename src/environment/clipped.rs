@@ -1,7 +1,7 @@
 //! What is done about sources that even the shortest exposure clips.
 
-use super::estimator::EnvironmentInput;
 use super::resample::PixelDirections;
+use super::settings::EnvironmentInput;
 use glam::Vec3;
 use std::f32::consts::PI;
 

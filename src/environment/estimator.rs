@@ -1,7 +1,7 @@
 //! Pictures of the environment camera in, light out, frame by frame.
 
-use super::adaptive::AdaptiveDome;
-use super::clipped::{ClippedEnergy, boost};
+use super::adaptive::{AdaptiveDome, CompactSource};
+use super::clipped::boost;
 use super::cube::{CubeGrid, halve, texel_of};
 use super::dome::{DomeGrid, ground_irradiance};
 use super::harmonics::{HarmonicsTable, blurred, pin_upward};
@@ -10,137 +10,27 @@ use super::light::{DomeLight, Harmonics, Lighting};
 use super::memory::DirectionMemory;
 use super::prefilter::Prefilter;
 use super::resample::{GatherTable, Hidden, PixelDirections, inpaint};
-use super::sources::{Layout, SampleGrid, Source, SourceFinder, SourceSettings};
-use super::view::{Parallax, PlacedView};
+use super::settings::{
+    EnvironmentError, EnvironmentInput, EnvironmentSettings, IrradianceMethod, Placement,
+};
+use super::sources::{LUMINANCE, Layout, SampleGrid, Source, SourceFinder, SourceSettings};
+use super::view::PlacedView;
+use crate::calibration::Response;
 use crate::calibration::rig::EnvironmentView;
-use crate::calibration::{PinholeCamera, Response};
 use glam::{Mat3, Vec3};
-use penumbra_interface::{MonotonicTime, RigidTransform};
+use penumbra_interface::MonotonicTime;
 use std::sync::Arc;
 
 /// Side of the map that dome lights are made from.
 const FINE_SIZE: u32 = 16;
 /// Standard deviation of the paper's blur, radians: the cosine lobe's own width.
 const BLUR_SIGMA: f32 = 0.75;
+/// Height (z of the direction) from which downwards only ground is expected.
+const GROUND_FROM: f32 = -0.06;
+/// Rounds that smooth the guess of what is not seen.
+const SMOOTHINGS: usize = 40;
 /// Samples a side of a texel, at most: 24 are enough for pictures of 1000 pixels.
 const FINEST: u32 = 24;
-
-/// Where dome lights are put.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Placement {
-    /// The paper's: texel centres of the downsampled cube map.
-    Grid,
-    /// Compact sources at their true directions, cells of similar importance for the rest.
-    #[default]
-    Adaptive,
-}
-
-/// How irradiance is computed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum IrradianceMethod {
-    /// Spherical harmonics of degree 2.
-    #[default]
-    Harmonics,
-    /// The paper's blurred map, for comparison.
-    Blurred,
-}
-
-/// What can be chosen.
-#[derive(Clone, Debug, PartialEq)]
-pub struct EnvironmentSettings {
-    /// Texels a side of the cube map, a power of two.
-    pub cube_size: u32,
-    /// Where dome lights are put.
-    pub placement: Placement,
-    /// Dome lights at most.
-    pub lights: usize,
-    /// There is phantom ground: no light comes from below.
-    pub ground: bool,
-    /// How irradiance is computed.
-    pub irradiance: IrradianceMethod,
-    /// What is done about sources that every exposure clips.
-    pub clipped: ClippedEnergy,
-    /// What counts as a compact source.
-    pub sources: SourceSettings,
-    /// Reflectance of the ground where nothing shows its radiance.
-    pub fallback_ground_albedo: f32,
-    /// Carries light from where it is seen to where it is needed.
-    pub parallax: Option<Parallax>,
-    /// Seconds for which a direction seen last on a sphere in the scene outweighs a new,
-    /// worse view of it.
-    pub memory_seconds: f32,
-}
-
-impl Default for EnvironmentSettings {
-    fn default() -> Self {
-        Self {
-            cube_size: 64,
-            placement: Placement::Adaptive,
-            lights: 64,
-            ground: true,
-            irradiance: IrradianceMethod::Harmonics,
-            clipped: ClippedEnergy::default(),
-            sources: SourceSettings::default(),
-            fallback_ground_albedo: 0.3,
-            parallax: None,
-            memory_seconds: 0.25,
-        }
-    }
-}
-
-/// Why there is no light from a picture.
-#[derive(Debug, thiserror::Error, PartialEq, Eq)]
-pub enum EnvironmentError {
-    /// The picture and the calibration disagree.
-    #[error(
-        "environment picture is {got_width}x{got_height}, its calibration says {width}x{height}: calibrate the camera at the size it records, or set its size to the calibration's"
-    )]
-    PictureSize {
-        /// Calibrated.
-        width: u32,
-        /// Calibrated.
-        height: u32,
-        /// The picture's.
-        got_width: u32,
-        /// The picture's.
-        got_height: u32,
-    },
-    /// Nothing to go by.
-    #[error("no environment picture was given")]
-    NoPicture,
-    /// The sphere is in the scene camera's picture, and where that looks is unknown.
-    #[error(
-        "the mirrored sphere is in the scene camera's picture, and that camera's pose is not known"
-    )]
-    NoScenePose,
-    /// Impossible geometry.
-    #[error(
-        "the camera is inside the mirrored sphere: check centre and radius (metres) of the sphere and the camera's pose"
-    )]
-    InsideSphere,
-    /// The cube's size.
-    #[error("cube size {0} is not a power of two between 16 and 512")]
-    CubeSize(u32),
-}
-
-/// One instant's pictures and what else is known.
-pub struct EnvironmentInput<'a> {
-    /// Exposures of the instant, in any order.
-    pub brackets: &'a [Bracket<'a>],
-    /// Pose and intrinsics of the scene camera, for a sphere in its picture.
-    pub scene: Option<(RigidTransform, &'a PinholeCamera)>,
-    /// From the environment camera's linear values to the scene camera's.
-    pub gains: Mat3,
-    /// Mean radiance of the ground around the objects, scene camera units.
-    pub ground_radiance: Option<Vec3>,
-    /// Irradiance of the ground as measured elsewhere, scene camera units.
-    pub measured_ground_irradiance: Option<Vec3>,
-    /// Rays that end on a phantom, for a sphere in the scene camera's picture (both the
-    /// camera's rays and the mirror's). Views that stand still take theirs at the start.
-    pub hidden: Option<&'a Hidden<'a>>,
-    /// Middle of the exposure.
-    pub captured_at: MonotonicTime,
-}
 
 /// A view that stands still, and its tables.
 struct FixedView {
@@ -163,6 +53,7 @@ pub struct EnvironmentEstimator {
     per_reflectance: Vec3,
     settings: EnvironmentSettings,
     grid: CubeGrid,
+    neighbours: Vec<[u32; 8]>,
     fine: CubeGrid,
     harmonics: HarmonicsTable,
     prefilter: Prefilter,
@@ -170,6 +61,8 @@ pub struct EnvironmentEstimator {
     dome: Dome,
     /// Linear picture, environment camera units.
     radiance: Vec<Vec3>,
+    /// The same without the compact sources.
+    residual: Vec<Vec3>,
     clipped: Vec<u32>,
     /// The measured cube, environment camera units, and how much of each texel is seen.
     measured: Vec<Vec3>,
@@ -224,10 +117,12 @@ impl EnvironmentEstimator {
             finder: SourceFinder::default(),
             dome: Dome::new(&settings, &fine),
             radiance: Vec::new(),
+            residual: Vec::new(),
             clipped: Vec::new(),
             measured: vec![Vec3::ZERO; grid.directions.len()],
             coverage: vec![0.0; grid.directions.len()],
             generation: 0,
+            neighbours: grid.neighbours(),
             grid,
             fine,
             settings,
@@ -301,9 +196,10 @@ impl EnvironmentEstimator {
         if sources.is_empty() {
             return Ok((sources, full.clone(), full));
         }
-        take_out(&sources, &pixels.solid_angles, &mut self.radiance);
+        self.residual.clone_from(&self.radiance);
+        take_out(&sources, &pixels.solid_angles, &mut self.residual);
         let mut residual = Vec::new();
-        table.apply(&self.radiance, &mut residual);
+        table.apply(&self.residual, &mut residual);
         Ok((sources, residual, full))
     }
 
@@ -337,7 +233,12 @@ impl EnvironmentEstimator {
                     &self.clipped,
                     input,
                 );
-                let table = GatherTable::new(view, &pixels.solid_angles, self.grid.size, 3);
+                let table = GatherTable::new(
+                    view,
+                    &pixels.solid_angles,
+                    self.grid.size,
+                    view.samples_for(self.grid.size),
+                );
                 table.apply(&self.radiance, &mut self.measured);
                 memory.remember(
                     &self.measured,
@@ -373,6 +274,8 @@ impl EnvironmentEstimator {
     ) -> Lighting {
         self.to_scene_units(&mut residual, input.gains);
         self.to_scene_units(&mut full, input.gains);
+        // Guessed from what is around, but not from a lamp next to what is not seen.
+        let around = self.guess(&residual);
         let compact = |l: &Vec3| {
             sources
                 .iter()
@@ -381,11 +284,11 @@ impl EnvironmentEstimator {
                 + *l
         };
         let ground_radiance = input.ground_radiance.unwrap_or_else(|| {
-            let seen = ground_irradiance(&self.filled(&residual, Vec3::ZERO), &self.grid);
+            let seen = ground_irradiance(&self.filled(&residual, &around, Vec3::ZERO), &self.grid);
             compact(&seen) * (self.settings.fallback_ground_albedo / std::f32::consts::PI)
         });
-        let residual = self.filled(&residual, ground_radiance);
-        let full = self.filled(&full, ground_radiance);
+        let residual = self.filled(&residual, &around, ground_radiance);
+        let full = self.filled(&full, &around, ground_radiance);
         let fine = shrink(self.grid.size, &residual);
         let directions = match &self.placed {
             View::Fixed(fixed) => &fixed.pixels.directions,
@@ -419,22 +322,49 @@ impl EnvironmentEstimator {
         }
     }
 
-    /// The whole sphere: what is not seen is guessed from what is around it, and below the
-    /// horizon it is the ground.
-    fn filled(&self, texels: &[Vec3], ground_radiance: Vec3) -> Vec<Vec3> {
-        let around = inpaint(self.grid.size, texels, &self.coverage, &self.grid);
+    /// A smooth continuation of what is seen over what is not.
+    fn guess(&self, texels: &[Vec3]) -> Vec<Vec3> {
+        let lowest = if self.ground_below() {
+            GROUND_FROM
+        } else {
+            -1.0
+        };
+        let mut around = inpaint(self.grid.size, texels, &self.coverage, &self.grid);
+        let unseen: Vec<usize> = (0..around.len())
+            .filter(|&i| self.coverage[i] < 0.5 && self.grid.directions[i].z > lowest)
+            .collect();
+        for _ in 0..SMOOTHINGS {
+            for &i in &unseen {
+                let near = self.neighbours[i].iter().map(|&k| around[k as usize]);
+                around[i] = near.sum::<Vec3>() / 8.0;
+            }
+        }
+        around
+    }
+
+    /// The whole sphere: `around` where nothing is seen, and the ground below the horizon.
+    fn filled(&self, texels: &[Vec3], around: &[Vec3], ground_radiance: Vec3) -> Vec<Vec3> {
         let rows = texels
             .iter()
-            .zip(&around)
+            .zip(around)
             .zip(&self.coverage)
             .zip(&self.grid.directions);
         rows.map(|(((texel, around), coverage), direction)| {
-            let up = smoothstep(-0.06, 0.02, direction.z);
+            let up = if self.ground_below() {
+                smoothstep(GROUND_FROM, 0.02, direction.z)
+            } else {
+                1.0
+            };
             ground_radiance
                 .lerp(*around, up)
                 .lerp(*texel, coverage.clamp(0.0, 1.0))
         })
         .collect()
+    }
+
+    /// Whether what is not seen below the horizon is taken to be ground.
+    const fn ground_below(&self) -> bool {
+        self.settings.ground || matches!(self.view, EnvironmentView::Fisheye { .. })
     }
 
     /// Mean radiance within `half_angle` radians of a direction, in the *environment
@@ -460,6 +390,37 @@ impl EnvironmentEstimator {
             return (self.coverage[i] > 0.5).then(|| self.measured[i].to_array());
         }
         (seen > 0.5 * total).then(|| (sum / seen).to_array())
+    }
+
+    /// The compact sources of the last update, strongest first; none with the fixed grid.
+    #[must_use]
+    pub fn sources(&self) -> Vec<CompactSource> {
+        let Dome::Adaptive(dome) = &self.dome else {
+            return Vec::new();
+        };
+        let mut sources = dome.sources();
+        let strength = |s: &CompactSource| s.irradiance.dot(LUMINANCE);
+        sources.sort_by(|a, b| strength(b).total_cmp(&strength(a)));
+        sources
+    }
+
+    /// Linear value of a pixel of the last merged picture, environment camera units;
+    /// `None` for pixels that see nothing, and for a sphere in the scene.
+    #[must_use]
+    pub fn merged_pixel(&self, x: i64, y: i64) -> Option<Vec3> {
+        let View::Fixed(fixed) = &self.placed else {
+            return None;
+        };
+        let (width, height) = (
+            i64::from(fixed.pixels.width),
+            i64::from(fixed.pixels.height),
+        );
+        if x < 0 || y < 0 || x >= width || y >= height {
+            return None;
+        }
+        let i = (y * width + x) as usize;
+        let seen = fixed.pixels.solid_angles[i] > 0.0;
+        self.radiance.get(i).copied().filter(|_| seen)
     }
 
     /// How much of each texel of the cube is seen, 0..=1.

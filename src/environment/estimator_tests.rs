@@ -2,12 +2,14 @@
 //! Closed-form truths of the whole way from pictures to light.
 
 use super::*;
+use crate::calibration::PinholeCamera;
 use crate::calibration::response::srgb_from_linear;
 use crate::calibration::rig::{FisheyeLens, MirrorSphere};
 use crate::environment::LightKind;
 use crate::environment::cube::sample;
 use crate::picture::Picture;
 use glam::{DMat3, DQuat, DVec2, DVec3};
+use penumbra_interface::RigidTransform;
 use std::f32::consts::PI;
 
 const EVS: [f64; 4] = [0.0, -5.0, -10.0, -15.0];

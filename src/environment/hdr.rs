@@ -8,6 +8,8 @@ use glam::Vec3;
 /// noise carry a saturated 255 down to about 250.
 const FADE_FROM: f32 = 225.0;
 const CLIPPED: f32 = 248.0;
+/// Least code of the darkest channel of a pixel that counts as clipped.
+const NEARLY_CLIPPED: f32 = 250.0;
 
 /// One exposure of an instant.
 #[derive(Clone, Copy, Debug)]
@@ -63,7 +65,11 @@ impl BracketMerger {
             value += self.linear(codes) * (share * scale);
             rest -= share;
             if last {
-                return (value, f32::from(top) >= CLIPPED);
+                // One saturated channel is colour (a blue sky, a red lamp); a source that
+                // overwhelms the sensor takes all three with it.
+                let bottom = codes.iter().copied().min().unwrap_or(0);
+                let clipped = f32::from(top) >= CLIPPED && f32::from(bottom) >= NEARLY_CLIPPED;
+                return (value, clipped);
             }
             if rest <= 0.0 {
                 break;

@@ -13,7 +13,7 @@
 use glam::DVec3;
 
 /// Entries of the table of φ over ψ.
-const TABLE: usize = 1024;
+const TABLE: usize = 256;
 
 /// Sphere and eye, with the table that inverts the reflection.
 #[derive(Clone, Debug)]
@@ -128,7 +128,7 @@ fn invert(target: f64, ratio: f64, phi_max: f64) -> f64 {
 
 /// Where `below` turns from true to false between `low` and `high`.
 fn bisect(mut low: f64, mut high: f64, below: impl Fn(f64) -> bool) -> f64 {
-    for _ in 0..48 {
+    for _ in 0..32 {
         let middle = 0.5 * (low + high);
         if below(middle) {
             low = middle;

@@ -12,9 +12,11 @@
 
 pub mod adaptive;
 mod cells;
+mod circle;
 pub mod clipped;
 pub mod cube;
 pub mod dome;
+pub mod equirect;
 pub mod estimator;
 mod fisheye;
 pub mod harmonics;
@@ -22,17 +24,21 @@ pub mod hdr;
 pub mod light;
 mod memory;
 mod mirror;
+pub mod photograph;
 pub mod prefilter;
+pub mod report;
 pub mod resample;
+pub mod settings;
 pub mod sources;
 mod tracking;
 pub mod view;
 
 pub use clipped::ClippedEnergy;
-pub use estimator::{
-    EnvironmentError, EnvironmentEstimator, EnvironmentInput, EnvironmentSettings,
-    IrradianceMethod, Placement,
-};
+pub use estimator::EnvironmentEstimator;
 pub use hdr::Bracket;
 pub use light::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
+pub use report::LightReport;
+pub use settings::{
+    EnvironmentError, EnvironmentInput, EnvironmentSettings, IrradianceMethod, Placement,
+};
 pub use view::Parallax;

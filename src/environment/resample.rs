@@ -122,7 +122,8 @@ pub struct GatherTable {
 
 impl GatherTable {
     /// Builds the table for a cube of `size` texels a side. `seen` is the solid angle of
-    /// each pixel, zero for unseen ones.
+    /// each pixel, zero for unseen ones. No texel gets more than `finest` samples a side;
+    /// with one or two, all get as many (for pictures coarser than the cube).
     #[must_use]
     pub fn new(view: &PlacedView, seen: &[f32], size: u32, finest: u32) -> Self {
         let mut table = Self::default();
@@ -204,7 +205,11 @@ impl Texel {
         finest: u32,
         found: &mut Vec<(u32, f32)>,
     ) -> f32 {
-        let n = self.samples_a_side(view, finest);
+        let n = if finest > 2 {
+            self.samples_a_side(view, finest)
+        } else {
+            finest
+        };
         let (mut covered, mut total) = (0.0, 0.0);
         for (j, i) in (0..n * n).map(|k| (k / n, k % n)) {
             let at = |k: u32| (f64::from(k) + 0.5) / f64::from(n);

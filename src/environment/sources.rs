@@ -21,6 +21,8 @@ pub struct SourceSettings {
     pub least_share: f32,
     /// Largest solid angle, steradians: what is larger is as soft as the cells make it.
     pub largest_solid_angle: f32,
+    /// Gaps that a region jumps (a window's bars), as a part of the picture's width.
+    pub gap: f32,
     /// At most so many.
     pub most: usize,
 }
@@ -32,6 +34,7 @@ impl Default for SourceSettings {
             peak_fraction: 0.125,
             least_share: 0.01,
             largest_solid_angle: 0.8,
+            gap: 1.0 / 160.0,
             most: 8,
         }
     }
@@ -116,7 +119,7 @@ impl SourceFinder {
                 continue;
             }
             let threshold = (self.luminance[seed as usize] * settings.peak_fraction).max(floor);
-            let region = self.grow(grid, seed, threshold, 2 + found.len() as u32);
+            let region = self.grow(grid, seed, threshold, settings.gap, 2 + found.len() as u32);
             found.extend(self.judge(grid, radiance, &region, threshold, &scene, settings));
         }
         self.candidates = candidates;
@@ -125,13 +128,20 @@ impl SourceFinder {
     }
 
     /// Everything above the threshold that is connected to the seed over narrow gaps.
-    fn grow(&mut self, grid: SampleGrid, seed: u32, threshold: f32, label: u32) -> Vec<u32> {
+    fn grow(
+        &mut self,
+        grid: SampleGrid,
+        seed: u32,
+        threshold: f32,
+        gap: f32,
+        label: u32,
+    ) -> Vec<u32> {
         let mut region = vec![seed];
         self.labels[seed as usize] = label;
         let mut next = 0;
         while let Some(&i) = region.get(next) {
             next += 1;
-            grid.near(i, grid.gap(), |k| {
+            grid.near(i, grid.steps(gap), |k| {
                 let free = self.labels[k as usize] == 0 && grid.solid_angles[k as usize] > 0.0;
                 if free && self.luminance[k as usize] > threshold {
                     self.labels[k as usize] = label;
@@ -235,10 +245,10 @@ fn measure(
 }
 
 impl SampleGrid<'_> {
-    /// Steps over which a region may jump: about one and a half degrees.
-    fn gap(&self) -> i32 {
+    /// Steps over which a region may jump.
+    fn steps(&self, gap: f32) -> i32 {
         match self.layout {
-            Layout::Picture(width) => (width as i32 / 160).clamp(1, 8),
+            Layout::Picture(width) => ((width as f32 * gap) as i32).clamp(1, 8),
             Layout::Cube(_) => 1,
         }
     }

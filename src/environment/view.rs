@@ -168,6 +168,15 @@ impl PlacedView {
         )
     }
 
+    /// Samples a side that a cube of `size` texels needs of a mirror: a pixel in the middle
+    /// of a ball of r pixels spans 2/r radians, a texel 2/size.
+    #[must_use]
+    pub fn samples_for(&self, size: u32) -> u32 {
+        let (columns, rows) = self.bounds();
+        let radius = f64::from(columns.len().min(rows.len()) as u32) / 5.0;
+        ((radius / f64::from(size)).round() as u32).clamp(1, 8)
+    }
+
     /// The ray from the camera itself through a pixel of a mirrored view.
     #[must_use]
     pub fn camera_ray(&self, pixel: DVec2) -> Option<ViewRay> {

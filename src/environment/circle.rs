@@ -1,0 +1,379 @@
+//! Finds the circle of a fisheye picture or the outline of a mirrored ball.
+
+use crate::picture::Picture;
+use glam::DVec2;
+
+/// A circle in a picture, pixels.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Circle {
+    /// Centre.
+    pub centre: DVec2,
+    /// Radius.
+    pub radius: f64,
+}
+
+/// Longest side, pixels, at which circles are searched.
+const SEARCH_SIDE: u32 = 240;
+/// Least part of an outline that must be visible.
+const LEAST_SUPPORT: f64 = 0.3;
+/// Rays from the centre along which the outline is refined.
+const RAYS: usize = 360;
+
+/// The image circle of a fisheye: what is inside is brighter than the black around it.
+/// `None` where there is no such border.
+#[must_use]
+pub fn fisheye_circle(picture: &Picture) -> Option<Circle> {
+    let grey = Grey::new(picture);
+    let middle = DVec2::new(f64::from(picture.width), f64::from(picture.height)) / 2.0;
+    let dark = grey.border_level() + 14.0;
+    let points: Vec<DVec2> = (0..RAYS)
+        .filter_map(|k| {
+            let side = DVec2::from_angle(std::f64::consts::TAU * k as f64 / RAYS as f64);
+            grey.last_above(middle, side, dark)
+        })
+        .collect();
+    // A picture that fills its frame has its last bright pixel on the frame everywhere.
+    let inside: Vec<DVec2> = points
+        .into_iter()
+        .filter(|p| grey.is_inside(*p, 2.0))
+        .collect();
+    if inside.len() < RAYS / 4 {
+        return None;
+    }
+    fit(&inside)
+}
+
+/// The outline of a mirrored ball that fills a good part of the picture: the circle with
+/// the most edge across it (Hough transform), then refined along rays.
+#[must_use]
+pub fn ball_outline(picture: &Picture) -> Option<Circle> {
+    let scale = (picture.width.max(picture.height))
+        .div_ceil(SEARCH_SIDE)
+        .max(1);
+    let small = Grey::new(picture).shrunk(scale);
+    let coarse = small.hough()?;
+    let scale = f64::from(scale);
+    let mut circle = Circle {
+        centre: (coarse.centre + 0.5) * scale - 0.5,
+        radius: coarse.radius * scale,
+    };
+    let fine = Grey::new(picture);
+    for reach in [0.04, 0.02, 0.015] {
+        circle = fine.refine(circle, reach).unwrap_or(circle);
+    }
+    Some(circle)
+}
+
+/// A step of luminance.
+struct Edge {
+    at: DVec2,
+    /// Unit vector along the gradient.
+    across: DVec2,
+    weight: f32,
+}
+
+/// Luminance of a picture as floats.
+struct Grey {
+    width: usize,
+    height: usize,
+    values: Vec<f32>,
+}
+
+impl Grey {
+    fn new(picture: &Picture) -> Self {
+        let values = picture
+            .rgba
+            .chunks_exact(4)
+            .map(|p| 0.299 * f32::from(p[0]) + 0.587 * f32::from(p[1]) + 0.114 * f32::from(p[2]))
+            .collect();
+        Self {
+            width: picture.width as usize,
+            height: picture.height as usize,
+            values,
+        }
+    }
+
+    fn at(&self, p: DVec2) -> Option<f32> {
+        let (x, y) = (p.x.round(), p.y.round());
+        let inside =
+            x >= 0.0 && y >= 0.0 && (x as usize) < self.width && (y as usize) < self.height;
+        inside.then(|| self.values[y as usize * self.width + x as usize])
+    }
+
+    fn is_inside(&self, p: DVec2, margin: f64) -> bool {
+        p.min_element() >= margin
+            && p.x <= self.width as f64 - 1.0 - margin
+            && p.y <= self.height as f64 - 1.0 - margin
+    }
+
+    /// Median of the picture's corners, which a fisheye leaves black.
+    fn border_level(&self) -> f32 {
+        let n = (self.width.min(self.height) / 40).max(1);
+        let (w, h) = (
+            self.width - n.min(self.width),
+            self.height - n.min(self.height),
+        );
+        let mut corner: Vec<f32> = [(0, 0), (w, 0), (0, h), (w, h)]
+            .into_iter()
+            .flat_map(|(x, y)| (0..n * n).map(move |i| (x + i % n, y + i / n)))
+            .filter_map(|(x, y)| self.values.get(y * self.width + x).copied())
+            .collect();
+        corner.sort_by(f32::total_cmp);
+        corner.get(corner.len() / 2).copied().unwrap_or(0.0)
+    }
+
+    /// The outermost point of a ray that begins a run of eight pixels above a level.
+    fn last_above(&self, from: DVec2, side: DVec2, level: f32) -> Option<DVec2> {
+        let reach = self.width.max(self.height);
+        let mut run = 0;
+        for r in (0..reach).rev() {
+            let p = from + side * r as f64;
+            run = if self.at(p).is_some_and(|v| v > level) {
+                run + 1
+            } else {
+                0
+            };
+            if run == 8 {
+                return Some(from + side * (r + 7) as f64);
+            }
+        }
+        None
+    }
+
+    fn shrunk(&self, factor: u32) -> Self {
+        let k = factor as usize;
+        let (width, height) = (self.width / k, self.height / k);
+        let mean = |x: usize, y: usize| {
+            let cells =
+                (0..k * k).map(|i| self.values[(y * k + i / k) * self.width + x * k + i % k]);
+            cells.sum::<f32>() / (k * k) as f32
+        };
+        let values = (0..width * height)
+            .map(|i| mean(i % width, i / width))
+            .collect();
+        Self {
+            width,
+            height,
+            values,
+        }
+    }
+
+    fn gradient(&self, x: usize, y: usize) -> DVec2 {
+        let v = |dx: usize, dy: usize| self.values[(y + dy - 1) * self.width + x + dx - 1];
+        let gx = v(2, 0) + 2.0 * v(2, 1) + v(2, 2) - v(0, 0) - 2.0 * v(0, 1) - v(0, 2);
+        let gy = v(0, 2) + 2.0 * v(1, 2) + v(2, 2) - v(0, 0) - 2.0 * v(1, 0) - v(2, 0);
+        DVec2::new(f64::from(gx), f64::from(gy))
+    }
+
+    /// Every edge votes for the centres that lie across it, at every radius from a quarter
+    /// to 0.55 of the shorter side, by the root of its contrast; the best centre of each
+    /// radius is judged by how much of its circle is an edge.
+    fn hough(&self) -> Option<Circle> {
+        let side = self.width.min(self.height) as f64;
+        let (low, high) = ((0.25 * side) as usize, (0.55 * side) as usize);
+        let edges = self.edges();
+        let candidates = (low..=high).filter_map(|radius| {
+            let mut votes = vec![0.0f32; self.width * self.height];
+            for edge in &edges {
+                self.vote(edge, radius as f64, &mut votes);
+            }
+            let i = self.strongest(&votes)?;
+            let centre = DVec2::new((i % self.width) as f64, (i / self.width) as f64);
+            let circle = Circle {
+                centre,
+                radius: radius as f64,
+            };
+            Some((self.support(circle), circle))
+        });
+        let best = candidates.max_by(|a, b| a.0.total_cmp(&b.0))?;
+        (best.0 > LEAST_SUPPORT).then_some(best.1)
+    }
+
+    /// Part of a circle along which there is an edge across its radius, whatever its
+    /// contrast: a whole outline wins over a strong fragment.
+    fn support(&self, circle: Circle) -> f64 {
+        let has_edge = |side: DVec2| {
+            (-2..=2).any(|r| {
+                let p = circle.centre + side * (circle.radius + f64::from(r));
+                if !self.is_inside(p, 1.5) {
+                    return false;
+                }
+                let g = self.gradient(p.x.round() as usize, p.y.round() as usize);
+                g.dot(side).abs() > 20.0 && g.dot(side).abs() > 0.85 * g.length()
+            })
+        };
+        let rays =
+            (0..RAYS).map(|k| DVec2::from_angle(std::f64::consts::TAU * k as f64 / RAYS as f64));
+        rays.filter(|&side| has_edge(side)).count() as f64 / RAYS as f64
+    }
+
+    fn edges(&self) -> Vec<Edge> {
+        let mut edges = Vec::new();
+        for y in 1..self.height.saturating_sub(1) {
+            for x in 1..self.width.saturating_sub(1) {
+                let gradient = self.gradient(x, y);
+                let contrast = gradient.length();
+                if contrast >= 24.0 {
+                    edges.push(Edge {
+                        at: DVec2::new(x as f64, y as f64),
+                        across: gradient / contrast,
+                        weight: (contrast.min(200.0) as f32).sqrt(),
+                    });
+                }
+            }
+        }
+        edges
+    }
+
+    fn vote(&self, edge: &Edge, radius: f64, votes: &mut [f32]) {
+        for centre in [edge.across * radius, edge.across * -radius] {
+            let p = edge.at + centre;
+            if self.is_inside(p, 1.0) {
+                let i = p.y.round() as usize * self.width + p.x.round() as usize;
+                votes[i] += edge.weight;
+            }
+        }
+    }
+
+    /// The strongest 3×3 neighbourhood of votes.
+    fn strongest(&self, votes: &[f32]) -> Option<usize> {
+        let w = self.width;
+        (w + 1..votes.len().saturating_sub(w + 1))
+            .map(|i| {
+                let rows = [i - w, i, i + w];
+                (
+                    i,
+                    rows.iter()
+                        .flat_map(|&r| &votes[r - 1..=r + 1])
+                        .sum::<f32>(),
+                )
+            })
+            .max_by(|a, b| a.1.total_cmp(&b.1))
+            .map(|(i, _)| i)
+    }
+
+    /// Looks for the strongest step along rays within `reach` radii of the outline.
+    fn refine(&self, circle: Circle, reach: f64) -> Option<Circle> {
+        let span = (reach * circle.radius).ceil().max(2.0) as i32;
+        let points: Vec<DVec2> = (0..RAYS)
+            .filter_map(|k| {
+                let side = DVec2::from_angle(std::f64::consts::TAU * k as f64 / RAYS as f64);
+                let at = |r: f64| self.at(circle.centre + side * (circle.radius + r));
+                let step = |r: i32| {
+                    let r = f64::from(r);
+                    Some((at(r + 1.5)? + at(r + 2.5)? - at(r - 1.5)? - at(r - 2.5)?).abs())
+                };
+                let (r, s) = (-span..=span)
+                    .filter_map(|r| Some((r, step(r)?)))
+                    .max_by(|a, b| a.1.total_cmp(&b.1))?;
+                (s > 16.0).then(|| circle.centre + side * (circle.radius + f64::from(r)))
+            })
+            .collect();
+        if points.len() < RAYS / 6 {
+            None
+        } else {
+            fit(&points)
+        }
+    }
+}
+
+/// Circle through points: Kåsa's linear fit, repeated with Cauchy weights against
+/// outliers.
+fn fit(points: &[DVec2]) -> Option<Circle> {
+    let mut weights = vec![1.0; points.len()];
+    let mut circle = None;
+    for _ in 0..30 {
+        let c = weighted_fit(points, &weights)?;
+        let scale = (0.002 * c.radius).max(0.5);
+        for (w, p) in weights.iter_mut().zip(points) {
+            let off = (p.distance(c.centre) - c.radius) / scale;
+            *w = 1.0 / (1.0 + off * off);
+        }
+        circle = Some(c);
+    }
+    circle.filter(|c| c.radius.is_finite() && c.centre.is_finite())
+}
+
+fn weighted_fit(points: &[DVec2], weights: &[f64]) -> Option<Circle> {
+    let total: f64 = weights.iter().sum();
+    let mean = points
+        .iter()
+        .zip(weights)
+        .map(|(p, w)| *p * *w)
+        .sum::<DVec2>()
+        / total;
+    let mut m = glam::DMat3::ZERO;
+    let mut v = glam::DVec3::ZERO;
+    for (p, &w) in points.iter().zip(weights) {
+        let row = (*p - mean).extend(1.0);
+        m += glam::DMat3::from_cols(row * row.x, row * row.y, row * row.z) * w;
+        v += row * (w * (*p - mean).length_squared());
+    }
+    if m.determinant().abs() < 1e-9 {
+        return None;
+    }
+    let solved = m.inverse() * v;
+    let offset = solved.truncate() / 2.0;
+    let radius = (solved.z + offset.length_squared()).max(0.0).sqrt();
+    Some(Circle {
+        centre: mean + offset,
+        radius,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    fn drawn(width: u32, height: u32, shade: impl Fn(DVec2) -> u8) -> Picture {
+        let rgba = (0..width * height)
+            .flat_map(|i| {
+                let v = shade(DVec2::new(f64::from(i % width), f64::from(i / width)));
+                [v, v, v, 255]
+            })
+            .collect();
+        Picture {
+            width,
+            height,
+            rgba,
+        }
+    }
+
+    #[test]
+    fn an_image_circle_is_found_to_a_pixel() {
+        let centre = DVec2::new(203.0, 190.0);
+        let picture = drawn(
+            400,
+            380,
+            |p| if p.distance(centre) < 170.0 { 90 } else { 3 },
+        );
+        let found = fisheye_circle(&picture).unwrap();
+        assert!(
+            found.centre.distance(centre) < 1.0 && (found.radius - 170.0).abs() < 1.0,
+            "{found:?}"
+        );
+        assert!(fisheye_circle(&drawn(100, 100, |_| 128)).is_none());
+    }
+
+    #[test]
+    fn a_ball_before_a_busy_wall_is_found() {
+        let centre = DVec2::new(310.0, 260.0);
+        let picture = drawn(640, 480, |p| {
+            let d = (p - centre) / 180.0;
+            if d.length() < 1.0 {
+                (40.0 + 60.0 * (1.0 - d.x)) as u8
+            } else if (p.x / 60.0) as u32 % 2 == 0 {
+                180
+            } else {
+                150
+            }
+        });
+        let found = ball_outline(&picture).unwrap();
+        assert!(
+            found.centre.distance(centre) < 2.0 && (found.radius - 180.0).abs() < 2.0,
+            "{found:?}"
+        );
+        assert!(ball_outline(&drawn(64, 64, |_| 9)).is_none());
+    }
+}

@@ -1,0 +1,262 @@
+//! Light from a single photograph: through a fisheye, or of a mirrored ball.
+
+use super::circle::{Circle, ball_outline, fisheye_circle};
+use crate::calibration::rig::{EnvironmentView, FisheyeLens, MirrorSphere};
+use crate::calibration::{PinholeCamera, Response};
+use crate::picture::Picture;
+use glam::{DMat3, DQuat, DVec2, DVec3};
+use penumbra_interface::RigidTransform;
+use serde::Deserialize;
+use std::f64::consts::PI;
+use std::path::{Path, PathBuf};
+
+/// What a photograph was taken with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum PhotographKind {
+    /// A fisheye lens, looking up unless the calibration says otherwise.
+    Fisheye,
+    /// A mirrored ball, photographed horizontally unless the calibration says otherwise.
+    Sphere,
+}
+
+/// A calibration file (TOML or JSON). Everything is optional; the circle is searched for
+/// in the picture where it is not given.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PhotographCalibration {
+    /// Fisheye or sphere.
+    pub kind: Option<PhotographKind>,
+    /// Centre of the circle, pixels; (0, 0) is the centre of the top-left pixel.
+    pub centre: Option<[f64; 2]>,
+    /// Radius of the image circle or of the ball's outline, pixels.
+    pub radius: Option<f64>,
+    /// Fisheye: degrees across the image circle (default 180). Sphere: degrees of the
+    /// directions that the ball shows (default 360: photographed from far away).
+    pub field_of_view_degrees: Option<f64>,
+    /// Fisheye: k1..k4 of Kannala–Brandt.
+    pub distortion: [f64; 4],
+    /// Fisheye: pixels per radian on the axis; default from radius and field of view.
+    pub focal: Option<f64>,
+    /// Rows of the rotation from the camera (x right, y down, z forward) to the world
+    /// (z up). The default looks up (fisheye) or along +Y (sphere).
+    pub world_from_camera: Option<[[f64; 3]; 3]>,
+    /// The camera turned up by this angle from its default (or `world_from_camera`).
+    pub pitch_degrees: f64,
+    /// The camera turned clockwise about its axis.
+    pub roll_degrees: f64,
+    /// Sphere: linear reflectance per channel.
+    pub reflectance: Option<[f32; 3]>,
+    /// Tone curve as a power; default is sRGB's, 1 is linear.
+    pub gamma: Option<f32>,
+    /// The photograph's ground is phantom ground: nothing below the horizon counts.
+    pub ground: bool,
+}
+
+/// What is wrong with a photograph or its calibration.
+#[derive(Debug, thiserror::Error)]
+pub enum PhotographError {
+    /// A file could not be read.
+    #[error("cannot read {path}: {source}")]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// Not a picture.
+    #[error("{path} is not a JPEG or PNG picture: {source}")]
+    Decode {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: image::ImageError,
+    },
+    /// Not a calibration.
+    #[error("calibration {path}: {reason}")]
+    Calibration {
+        /// The file.
+        path: PathBuf,
+        /// What and where.
+        reason: String,
+    },
+    /// No circle.
+    #[error(
+        "no circle found in the picture: give `centre` and `radius` (pixels) in a calibration file, --calibration FILE"
+    )]
+    NoCircle,
+    /// Nonsense.
+    #[error("{key} = {value} makes no sense: {expected}")]
+    Value {
+        /// The calibration's key.
+        key: &'static str,
+        /// What it was.
+        value: f64,
+        /// What it should be.
+        expected: &'static str,
+    },
+}
+
+impl PhotographCalibration {
+    /// Reads a file, TOML unless its name ends in `.json`.
+    ///
+    /// # Errors
+    /// A file that cannot be read or is not a calibration.
+    pub fn read(path: &Path) -> Result<Self, PhotographError> {
+        let text = std::fs::read_to_string(path).map_err(|source| PhotographError::Read {
+            path: path.to_owned(),
+            source,
+        })?;
+        let json = path
+            .extension()
+            .is_some_and(|e| e.eq_ignore_ascii_case("json"));
+        let parsed = if json {
+            serde_json::from_str(&text).map_err(|e| e.to_string())
+        } else {
+            toml::from_str(&text).map_err(|e| e.to_string())
+        };
+        parsed.map_err(|reason| PhotographError::Calibration {
+            path: path.to_owned(),
+            reason,
+        })
+    }
+
+    /// The camera's tone curve.
+    #[must_use]
+    pub fn response(&self) -> Response {
+        self.gamma.map_or_else(Response::srgb, Response::gamma)
+    }
+
+    /// The view that a picture was taken with. Where the file does not say the kind, a
+    /// picture with black corners is a fisheye's and anything else a ball's.
+    ///
+    /// # Errors
+    /// No circle, or values that make no sense.
+    pub fn view(&self, picture: &Picture) -> Result<EnvironmentView, PhotographError> {
+        let found = fisheye_circle(picture);
+        let kind = self.kind.unwrap_or(match found {
+            Some(_) => PhotographKind::Fisheye,
+            None => PhotographKind::Sphere,
+        });
+        let circle = match (self.centre, self.radius, kind) {
+            (Some([x, y]), Some(radius), _) => Circle {
+                centre: DVec2::new(x, y),
+                radius,
+            },
+            (_, _, PhotographKind::Fisheye) => found.ok_or(PhotographError::NoCircle)?,
+            (_, _, PhotographKind::Sphere) => {
+                ball_outline(picture).ok_or(PhotographError::NoCircle)?
+            }
+        };
+        if !(circle.radius.is_finite() && circle.radius >= 2.0) {
+            return Err(PhotographError::Value {
+                key: "radius",
+                value: circle.radius,
+                expected: "pixels, at least 2",
+            });
+        }
+        match kind {
+            PhotographKind::Fisheye => self.fisheye(picture, circle),
+            PhotographKind::Sphere => self.sphere(picture, circle),
+        }
+    }
+
+    fn fisheye(
+        &self,
+        picture: &Picture,
+        circle: Circle,
+    ) -> Result<EnvironmentView, PhotographError> {
+        let degrees = in_range(self.field_of_view_degrees.unwrap_or(180.0), 10.0, 340.0)?;
+        let max_theta = degrees.to_radians() / 2.0;
+        let lens = FisheyeLens {
+            width: picture.width,
+            height: picture.height,
+            focal: self.focal.unwrap_or(circle.radius / max_theta),
+            centre: circle.centre,
+            distortion: self.distortion,
+            max_theta,
+        };
+        let up = DMat3::IDENTITY;
+        Ok(EnvironmentView::Fisheye {
+            lens,
+            world_from_camera: RigidTransform::new(self.rotation(up), DVec3::ZERO),
+        })
+    }
+
+    /// A ball of radius 1 at the distance D from which it shows `field_of_view_degrees`:
+    /// the rays that graze it leave at π − asin(1/D) from the axis.
+    fn sphere(
+        &self,
+        picture: &Picture,
+        circle: Circle,
+    ) -> Result<EnvironmentView, PhotographError> {
+        let degrees = in_range(self.field_of_view_degrees.unwrap_or(360.0), 200.0, 360.0)?;
+        let distance = 1.0 / (PI - degrees.to_radians() / 2.0).sin().max(1e-3);
+        let forward = DMat3::from_cols(DVec3::X, DVec3::NEG_Z, DVec3::Y);
+        let rotation = self.rotation(forward);
+        let view_axis = rotation * DVec3::Z;
+        let outline = (distance * distance - 1.0).sqrt();
+        Ok(EnvironmentView::Sphere {
+            camera: PinholeCamera {
+                width: picture.width,
+                height: picture.height,
+                focal: DVec2::splat(circle.radius * outline),
+                centre: circle.centre,
+                distortion: [0.0; 5],
+            },
+            world_from_camera: RigidTransform::new(rotation, -view_axis * distance),
+            sphere: MirrorSphere {
+                centre_in_world: DVec3::ZERO,
+                radius: 1.0,
+                reflectance: self.reflectance.unwrap_or([1.0; 3]),
+                in_scene: false,
+            },
+        })
+    }
+
+    fn rotation(&self, default: DMat3) -> DQuat {
+        let rows = self
+            .world_from_camera
+            .map(|rows| DMat3::from_cols_array_2d(&rows).transpose());
+        let base = DQuat::from_mat3(&rows.unwrap_or(default)).normalize();
+        let pitch = DQuat::from_rotation_x(self.pitch_degrees.to_radians());
+        let roll = DQuat::from_rotation_z(self.roll_degrees.to_radians());
+        base * pitch * roll
+    }
+}
+
+fn in_range(value: f64, low: f64, high: f64) -> Result<f64, PhotographError> {
+    if (low..=high).contains(&value) {
+        return Ok(value);
+    }
+    Err(PhotographError::Value {
+        key: "field_of_view_degrees",
+        value,
+        expected: "10 to 340 for a fisheye, 200 to 360 for a sphere",
+    })
+}
+
+/// Reads a JPEG or PNG file.
+///
+/// # Errors
+/// A file that cannot be read or is not a picture.
+pub fn read_picture(path: &Path) -> Result<Picture, PhotographError> {
+    let bytes = std::fs::read(path).map_err(|source| PhotographError::Read {
+        path: path.to_owned(),
+        source,
+    })?;
+    let decoded = image::load_from_memory(&bytes).map_err(|source| PhotographError::Decode {
+        path: path.to_owned(),
+        source,
+    })?;
+    let rgba = decoded.into_rgba8();
+    Ok(Picture {
+        width: rgba.width(),
+        height: rgba.height(),
+        rgba: rgba.into_raw(),
+    })
+}
+
+#[cfg(test)]
+#[path = "photograph_tests.rs"]
+mod tests;

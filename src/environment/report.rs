@@ -1,0 +1,332 @@
+//! What the rig believes about the light, as files: `penumbra light`.
+
+use super::ClippedEnergy;
+use super::cube::CubeGrid;
+use super::dome::ground_irradiance;
+use super::equirect::{Equirect, preview};
+use super::estimator::EnvironmentEstimator;
+use super::hdr::Bracket;
+use super::light::{LightKind, Lighting};
+use super::photograph::{PhotographCalibration, PhotographError, PhotographKind, read_picture};
+use super::settings::{EnvironmentError, EnvironmentInput, EnvironmentSettings};
+use super::sources::{LUMINANCE, SourceSettings};
+use super::view::PlacedView;
+use crate::calibration::Response;
+use crate::calibration::rig::EnvironmentView;
+use crate::picture::Picture;
+use glam::{DVec2, Mat3, Vec3};
+use penumbra_interface::MonotonicTime;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Rows of the equirectangular map.
+const ROWS: u32 = 512;
+/// Factor on clipped pixels of a single photograph: a lamp's true brightness is unknown,
+/// but it is far above the white of the picture.
+const CLIPPED_FACTOR: f32 = 30.0;
+
+/// Light, and the map it was read from.
+pub struct LightReport {
+    /// Lights, irradiance, radiance map.
+    pub lighting: Arc<Lighting>,
+    /// The environment at the picture's own resolution; what is not seen is filled from
+    /// the radiance map.
+    pub map: Equirect,
+    /// Pixels that every exposure clipped.
+    pub clipped_pixels: usize,
+    /// Unit vector towards the strongest compact source, or, where there is none, the
+    /// mean of all light.
+    pub dominant_direction: Vec3,
+}
+
+/// Settings for a photograph without brackets: clipped pixels are raised, unless so many
+/// clip that it is the sky.
+#[must_use]
+pub fn photograph_settings(calibration: &PhotographCalibration) -> EnvironmentSettings {
+    EnvironmentSettings {
+        ground: calibration.ground,
+        clipped: ClippedEnergy::Factor {
+            factor: CLIPPED_FACTOR,
+            most_solid_angle: 0.6,
+        },
+        // Clipped cloud next to the sun is not part of the sun.
+        sources: SourceSettings {
+            gap: 0.0,
+            ..SourceSettings::default()
+        },
+        ..EnvironmentSettings::default()
+    }
+}
+
+/// What can go wrong between a picture and the files.
+#[derive(Debug, thiserror::Error)]
+pub enum LightReportError {
+    /// The photograph or its calibration.
+    #[error(transparent)]
+    Photograph(#[from] PhotographError),
+    /// The estimate.
+    #[error(transparent)]
+    Environment(#[from] EnvironmentError),
+    /// The files.
+    #[error("cannot write {path}: {reason}")]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        reason: String,
+    },
+}
+
+impl LightReport {
+    /// Reads the light of a single photograph (`penumbra light IMAGE`).
+    ///
+    /// # Errors
+    /// A file that is no picture, a calibration that makes no sense, no circle.
+    pub fn of_photograph(
+        image: &Path,
+        kind: Option<PhotographKind>,
+        calibration: Option<&Path>,
+    ) -> Result<Self, LightReportError> {
+        let mut calibration = match calibration {
+            Some(path) => PhotographCalibration::read(path)?,
+            None => PhotographCalibration::default(),
+        };
+        calibration.kind = kind.or(calibration.kind);
+        Self::of_picture(&read_picture(image)?, &calibration)
+    }
+
+    /// The same with the picture in memory.
+    ///
+    /// # Errors
+    /// As [`Self::of_photograph`].
+    pub fn of_picture(
+        picture: &Picture,
+        calibration: &PhotographCalibration,
+    ) -> Result<Self, LightReportError> {
+        let view = calibration.view(picture)?;
+        let settings = photograph_settings(calibration);
+        let brackets = [Bracket { picture, ev: 0.0 }];
+        let input = EnvironmentInput::new(&brackets, MonotonicTime::default());
+        Self::of_instant(&view, &calibration.response(), settings, &input)
+    }
+
+    /// The same for one instant of a session.
+    ///
+    /// # Errors
+    /// Pictures that do not fit the view.
+    pub fn of_instant(
+        view: &EnvironmentView,
+        response: &Response,
+        settings: EnvironmentSettings,
+        input: &EnvironmentInput,
+    ) -> Result<Self, LightReportError> {
+        let placed = PlacedView::new(view, input.scene, settings.parallax)
+            .ok_or(EnvironmentError::InsideSphere)?;
+        let mut estimator = EnvironmentEstimator::new(view, response, settings, None)?;
+        let lighting = estimator.update(input)?;
+        let map = unwrap_view(&placed, &estimator, &lighting, input.gains);
+        Ok(Self {
+            map,
+            clipped_pixels: estimator.clipped_pixels(),
+            dominant_direction: dominant_direction(&estimator, &lighting),
+            lighting,
+        })
+    }
+
+    /// Writes `environment.exr`, `environment.png`, `lights.png` and `light.json` into a
+    /// folder, which is made if need be.
+    ///
+    /// # Errors
+    /// What the file system says.
+    pub fn write(&self, folder: &Path) -> Result<(), LightReportError> {
+        std::fs::create_dir_all(folder).map_err(|e| write_error(folder, e))?;
+        self.write_exr(&folder.join("environment.exr"))?;
+        write_png(&self.map.to_picture(), &folder.join("environment.png"))?;
+        write_png(&preview(&self.lighting, ROWS), &folder.join("lights.png"))?;
+        let path = folder.join("light.json");
+        let text =
+            serde_json::to_string_pretty(&self.summary()).map_err(|e| write_error(&path, e))?;
+        std::fs::write(&path, text + "\n").map_err(|e| write_error(&path, e))
+    }
+
+    fn write_exr(&self, path: &Path) -> Result<(), LightReportError> {
+        let (width, map) = (self.map.width as usize, &self.map.texels);
+        exr::prelude::write_rgb_file(path, width, self.map.height as usize, |x, y| {
+            let t = map[y * width + x];
+            (t.x, t.y, t.z)
+        })
+        .map_err(|e| write_error(path, e))
+    }
+
+    fn summary(&self) -> Summary {
+        let lighting = &self.lighting;
+        let compact = || {
+            lighting
+                .lights
+                .iter()
+                .filter(|l| l.kind == LightKind::Compact)
+        };
+        let axis = |n: Vec3| {
+            let from_compact: Vec3 = compact()
+                .map(|l| l.irradiance * l.direction.dot(n).max(0.0))
+                .sum();
+            (lighting.irradiance.irradiance(n) + from_compact).to_array()
+        };
+        let direction = self.dominant_direction;
+        Summary {
+            version: 1,
+            conventions: "world +Z up; linear Rec.709; directions point towards the light; equirect: phi = 2 pi (0.5 - (u + 0.5) / W), theta = pi (v + 0.5) / H from +Z",
+            dominant_direction: Direction::new(direction),
+            irradiance: Axes {
+                plus_x: axis(Vec3::X),
+                minus_x: axis(Vec3::NEG_X),
+                plus_y: axis(Vec3::Y),
+                minus_y: axis(Vec3::NEG_Y),
+                plus_z: axis(Vec3::Z),
+                minus_z: axis(Vec3::NEG_Z),
+            },
+            harmonics_without_compact_sources: lighting
+                .irradiance
+                .coefficients
+                .map(|c| c.to_array()),
+            dome_lights: lighting
+                .lights
+                .iter()
+                .filter(|l| l.irradiance != Vec3::ZERO)
+                .map(|l| LightEntry {
+                    kind: if l.kind == LightKind::Compact {
+                        "compact"
+                    } else {
+                        "cell"
+                    },
+                    direction: l.direction.to_array(),
+                    irradiance: l.irradiance.to_array(),
+                    angular_radius_degrees: l.angular_radius.to_degrees(),
+                })
+                .collect(),
+            clipped_pixels: self.clipped_pixels,
+        }
+    }
+}
+
+/// Direction of the strongest compact source, or, where there is none, of the mean of all
+/// light.
+#[must_use]
+pub fn dominant_direction(estimator: &EnvironmentEstimator, lighting: &Lighting) -> Vec3 {
+    let all = || -> Vec3 {
+        let lights = lighting.lights.iter();
+        lights
+            .map(|l| l.direction * l.irradiance.dot(LUMINANCE))
+            .sum()
+    };
+    let strongest = estimator.sources().first().map(|s| s.direction);
+    strongest.unwrap_or_else(|| all().try_normalize().unwrap_or(Vec3::Z))
+}
+
+#[derive(Serialize)]
+struct Summary {
+    version: u32,
+    conventions: &'static str,
+    dominant_direction: Direction,
+    irradiance: Axes,
+    harmonics_without_compact_sources: [[f32; 3]; 9],
+    dome_lights: Vec<LightEntry>,
+    clipped_pixels: usize,
+}
+
+#[derive(Serialize)]
+struct Direction {
+    vector: [f32; 3],
+    azimuth_degrees: f32,
+    elevation_degrees: f32,
+}
+
+impl Direction {
+    fn new(d: Vec3) -> Self {
+        Self {
+            vector: d.to_array(),
+            azimuth_degrees: d.y.atan2(d.x).to_degrees(),
+            elevation_degrees: d.z.clamp(-1.0, 1.0).asin().to_degrees(),
+        }
+    }
+}
+
+#[derive(Serialize)]
+struct Axes {
+    plus_x: [f32; 3],
+    minus_x: [f32; 3],
+    plus_y: [f32; 3],
+    minus_y: [f32; 3],
+    plus_z: [f32; 3],
+    minus_z: [f32; 3],
+}
+
+#[derive(Serialize)]
+struct LightEntry {
+    kind: &'static str,
+    direction: [f32; 3],
+    irradiance: [f32; 3],
+    angular_radius_degrees: f32,
+}
+
+fn unwrap_view(
+    view: &PlacedView,
+    estimator: &EnvironmentEstimator,
+    lighting: &Lighting,
+    gains: Mat3,
+) -> Equirect {
+    Equirect::from_fn(ROWS, |d| {
+        let at = view
+            .pixel(d.as_dvec3())
+            .and_then(|p| estimator.pixel_radiance(p));
+        at.map_or_else(
+            || super::cube::sample(&lighting.radiance, 0, d),
+            |l| (gains * l).max(Vec3::ZERO),
+        )
+    })
+}
+
+impl EnvironmentEstimator {
+    /// Linear value of the last merged picture between pixels, environment camera units.
+    fn pixel_radiance(&self, p: DVec2) -> Option<Vec3> {
+        let base = p.floor();
+        let (fx, fy) = ((p.x - base.x) as f32, (p.y - base.y) as f32);
+        let (x, y) = (base.x as i64, base.y as i64);
+        let at = |x: i64, y: i64| self.merged_pixel(x, y);
+        let top = at(x, y)?.lerp(at(x + 1, y)?, fx);
+        let bottom = at(x, y + 1)?.lerp(at(x + 1, y + 1)?, fx);
+        Some(top.lerp(bottom, fy))
+    }
+}
+
+fn write_png(picture: &Picture, path: &Path) -> Result<(), LightReportError> {
+    image::save_buffer(
+        path,
+        &picture.rgba,
+        picture.width,
+        picture.height,
+        image::ColorType::Rgba8,
+    )
+    .map_err(|e| write_error(path, e))
+}
+
+fn write_error(path: &Path, reason: impl std::fmt::Display) -> LightReportError {
+    LightReportError::Write {
+        path: path.to_owned(),
+        reason: reason.to_string(),
+    }
+}
+
+/// Irradiance on level ground of a radiance map's upper hemisphere.
+#[must_use]
+pub fn ground_irradiance_of(lighting: &Lighting) -> Vec3 {
+    let grid = CubeGrid::new(lighting.radiance.size);
+    let texels: Vec<Vec3> = lighting
+        .radiance
+        .levels
+        .first()
+        .map(|level| level.iter().map(|t| Vec3::from(*t)).collect())
+        .unwrap_or_default();
+    ground_irradiance(&texels, &grid)
+}

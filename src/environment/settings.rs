@@ -1,0 +1,143 @@
+//! What can be chosen, what is given for each instant, and what can go wrong.
+
+use super::clipped::ClippedEnergy;
+use super::hdr::Bracket;
+use super::resample::Hidden;
+use super::sources::SourceSettings;
+use super::view::Parallax;
+use crate::calibration::PinholeCamera;
+use glam::{Mat3, Vec3};
+use penumbra_interface::{MonotonicTime, RigidTransform};
+
+/// Where dome lights are put.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Placement {
+    /// The paper's: texel centres of the downsampled cube map.
+    Grid,
+    /// Compact sources at their true directions, cells of similar importance for the rest.
+    #[default]
+    Adaptive,
+}
+
+/// How irradiance is computed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum IrradianceMethod {
+    /// Spherical harmonics of degree 2.
+    #[default]
+    Harmonics,
+    /// The paper's blurred map, for comparison.
+    Blurred,
+}
+
+/// What can be chosen.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EnvironmentSettings {
+    /// Texels a side of the cube map, a power of two.
+    pub cube_size: u32,
+    /// Where dome lights are put.
+    pub placement: Placement,
+    /// Dome lights at most.
+    pub lights: usize,
+    /// There is phantom ground: no light comes from below.
+    pub ground: bool,
+    /// How irradiance is computed.
+    pub irradiance: IrradianceMethod,
+    /// What is done about sources that every exposure clips.
+    pub clipped: ClippedEnergy,
+    /// What counts as a compact source.
+    pub sources: SourceSettings,
+    /// Reflectance of the ground where nothing shows its radiance.
+    pub fallback_ground_albedo: f32,
+    /// Carries light from where it is seen to where it is needed.
+    pub parallax: Option<Parallax>,
+    /// Seconds for which a direction seen last on a sphere in the scene outweighs a new,
+    /// worse view of it.
+    pub memory_seconds: f32,
+}
+
+impl Default for EnvironmentSettings {
+    fn default() -> Self {
+        Self {
+            cube_size: 64,
+            placement: Placement::Adaptive,
+            lights: 64,
+            ground: true,
+            irradiance: IrradianceMethod::Harmonics,
+            clipped: ClippedEnergy::default(),
+            sources: SourceSettings::default(),
+            fallback_ground_albedo: 0.3,
+            parallax: None,
+            memory_seconds: 0.25,
+        }
+    }
+}
+
+/// Why there is no light from a picture.
+#[derive(Debug, thiserror::Error, PartialEq, Eq)]
+pub enum EnvironmentError {
+    /// The picture and the calibration disagree.
+    #[error(
+        "environment picture is {got_width}x{got_height}, its calibration says {width}x{height}: calibrate the camera at the size it records, or set its size to the calibration's"
+    )]
+    PictureSize {
+        /// Calibrated.
+        width: u32,
+        /// Calibrated.
+        height: u32,
+        /// The picture's.
+        got_width: u32,
+        /// The picture's.
+        got_height: u32,
+    },
+    /// Nothing to go by.
+    #[error("no environment picture was given")]
+    NoPicture,
+    /// The sphere is in the scene camera's picture, and where that looks is unknown.
+    #[error(
+        "the mirrored sphere is in the scene camera's picture, and that camera's pose is not known"
+    )]
+    NoScenePose,
+    /// Impossible geometry.
+    #[error(
+        "the camera is inside the mirrored sphere: check centre and radius (metres) of the sphere and the camera's pose"
+    )]
+    InsideSphere,
+    /// The cube's size.
+    #[error("cube size {0} is not a power of two between 16 and 512")]
+    CubeSize(u32),
+}
+
+/// One instant's pictures and what else is known.
+pub struct EnvironmentInput<'a> {
+    /// Exposures of the instant, in any order.
+    pub brackets: &'a [Bracket<'a>],
+    /// Pose and intrinsics of the scene camera, for a sphere in its picture.
+    pub scene: Option<(RigidTransform, &'a PinholeCamera)>,
+    /// From the environment camera's linear values to the scene camera's.
+    pub gains: Mat3,
+    /// Mean radiance of the ground around the objects, scene camera units.
+    pub ground_radiance: Option<Vec3>,
+    /// Irradiance of the ground as measured elsewhere, scene camera units.
+    pub measured_ground_irradiance: Option<Vec3>,
+    /// Rays that end on a phantom, for a sphere in the scene camera's picture (both the
+    /// camera's rays and the mirror's). Views that stand still take theirs at the start.
+    pub hidden: Option<&'a Hidden<'a>>,
+    /// Middle of the exposure.
+    pub captured_at: MonotonicTime,
+}
+
+impl<'a> EnvironmentInput<'a> {
+    /// Pictures alone: no scene camera, gains of one, nothing measured elsewhere.
+    #[must_use]
+    pub fn new(brackets: &'a [Bracket<'a>], captured_at: MonotonicTime) -> Self {
+        Self {
+            brackets,
+            scene: None,
+            gains: Mat3::IDENTITY,
+            ground_radiance: None,
+            measured_ground_irradiance: None,
+            hidden: None,
+            captured_at,
+        }
+    }
+}
