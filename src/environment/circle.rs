@@ -363,7 +363,7 @@ mod tests {
             let d = (p - centre) / 180.0;
             if d.length() < 1.0 {
                 (40.0 + 60.0 * (1.0 - d.x)) as u8
-            } else if (p.x / 60.0) as u32 % 2 == 0 {
+            } else if (p.x / 60.0).floor() % 2.0 == 0.0 {
                 180
             } else {
                 150

@@ -95,14 +95,11 @@ pub fn irradiance_of(n: Vec3, directions: &[Vec3], solid_angles: &[f32], texels:
         .sum()
 }
 
-/// The paper's irradiance: the environment map blurred (Supan 2006, section VI 1), here
-/// with the cosine lobe itself in place of its Gaussian, on a coarse grid, and brought to
-/// degree 2 so that the renderer needs no second path. For comparison only.
-///
-/// The blur acts in the picture plane of the map, not on the sphere, as in the paper: it
-/// is a separable Gaussian of standard deviation `sigma` radians over the map's
-/// directions, evaluated by its effect on each band: exp(−σ² l (l + 1) / 2), scaled so
-/// that a constant gives πL.
+/// The paper's irradiance, for comparison: the environment map blurred by a Gaussian
+/// (Supan 2006, section VI 1) in place of the cosine lobe, scaled so that a constant L
+/// still gives πL. On the sphere a Gaussian of standard deviation `sigma` (radians)
+/// multiplies band l by exp(−σ² l (l + 1) / 2); bands above 2, which degree 2 leaves out,
+/// keep less than a fifth of their strength from σ = 0.75 on.
 #[must_use]
 pub fn blurred(table: &HarmonicsTable, texels: &[Vec3], sigma: f32) -> Harmonics {
     let mut harmonics = table.project(texels);

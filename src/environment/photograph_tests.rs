@@ -270,10 +270,7 @@ fn a_grey_ball_is_a_grey_room() {
     let text = std::fs::read_to_string(folder.path().join("light.json")).unwrap();
     let json: serde_json::Value = serde_json::from_str(&text).unwrap();
     let up = json["irradiance"]["plus_z"][0].as_f64().unwrap();
-    assert!(
-        (up / (std::f64::consts::PI * 0.502_886) - 1.0).abs() < 1e-3,
-        "{up}"
-    );
+    assert!((up / (PI * 0.502_886) - 1.0).abs() < 1e-3, "{up}");
     for file in ["environment.exr", "environment.png", "lights.png"] {
         assert!(folder.path().join(file).metadata().unwrap().len() > 100);
     }
