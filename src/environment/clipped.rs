@@ -19,8 +19,9 @@ pub enum ClippedEnergy {
         most_solid_angle: f32,
     },
     /// As bright as it takes for the ground's irradiance to be what was measured (see
-    /// [`EnvironmentInput::measured_ground_irradiance`]); without a measurement they are
-    /// kept.
+    /// [`EnvironmentInput::measured_ground_irradiance`]); without a measurement, and with
+    /// a sphere in the scene camera's picture, as bright as the shadows in that picture
+    /// say; else they are kept.
     Measured {
         /// Never more than this factor.
         most: f32,
@@ -40,6 +41,7 @@ pub(super) fn boost(
     radiance: &mut [Vec3],
     clipped: &[u32],
     input: &EnvironmentInput,
+    from_shadows: Option<f32>,
 ) {
     if clipped.is_empty() {
         return;
@@ -64,7 +66,10 @@ pub(super) fn boost(
             Some(measured) => {
                 missing(pixels, radiance, clipped, input, measured).min(Vec3::splat(most))
             }
-            None => return,
+            None => match from_shadows {
+                Some(factor) => Vec3::splat(factor.min(most)),
+                None => return,
+            },
         },
     };
     for &i in clipped {

@@ -13,6 +13,7 @@ use super::resample::{GatherTable, Hidden, PixelDirections, inpaint};
 use super::settings::{
     EnvironmentError, EnvironmentInput, EnvironmentSettings, IrradianceMethod, Placement,
 };
+use super::shadow_ratio::{Ground, clipped_factor};
 use super::sources::{LUMINANCE, Layout, SampleGrid, Source, SourceFinder, SourceSettings};
 use super::view::PlacedView;
 use crate::calibration::Response;
@@ -68,6 +69,8 @@ pub struct EnvironmentEstimator {
     measured: Vec<Vec3>,
     coverage: Vec<f32>,
     generation: u64,
+    /// How many times brighter than white clipped pixels are, by the scene's shadows.
+    shadow_factor: Option<f32>,
 }
 
 enum Dome {
@@ -122,6 +125,7 @@ impl EnvironmentEstimator {
             measured: vec![Vec3::ZERO; grid.directions.len()],
             coverage: vec![0.0; grid.directions.len()],
             generation: 0,
+            shadow_factor: None,
             neighbours: grid.neighbours(),
             grid,
             fine,
@@ -183,6 +187,7 @@ impl EnvironmentEstimator {
             &mut self.radiance,
             &self.clipped,
             input,
+            None,
         );
         table.apply(&self.radiance, &mut self.measured);
         self.coverage.clone_from(&table.coverage);
@@ -200,68 +205,6 @@ impl EnvironmentEstimator {
         take_out(&sources, &pixels.solid_angles, &mut self.residual);
         let mut residual = Vec::new();
         table.apply(&self.residual, &mut residual);
-        Ok((sources, residual, full))
-    }
-
-    fn see_moving(
-        &mut self,
-        brackets: &[Bracket],
-        input: &EnvironmentInput,
-    ) -> Result<Seen, EnvironmentError> {
-        let placed = input
-            .scene
-            .and_then(|scene| PlacedView::new(&self.view, Some(scene), self.settings.parallax));
-        let View::Moving(memory) = &mut self.placed else {
-            return Ok(Seen::default());
-        };
-        match &placed {
-            Some(view) => {
-                check_sizes(brackets, view.size())?;
-                let pixels = PixelDirections::around_mirror(view, input.hidden);
-                merge(
-                    &self.merger,
-                    brackets,
-                    &pixels,
-                    self.per_reflectance,
-                    &mut self.radiance,
-                    &mut self.clipped,
-                );
-                boost(
-                    &self.settings.clipped,
-                    &pixels,
-                    &mut self.radiance,
-                    &self.clipped,
-                    input,
-                );
-                let table = GatherTable::new(
-                    view,
-                    &pixels.solid_angles,
-                    self.grid.size,
-                    view.samples_for(self.grid.size),
-                );
-                table.apply(&self.radiance, &mut self.measured);
-                memory.remember(
-                    &self.measured,
-                    &table.coverage,
-                    input.captured_at,
-                    self.settings.memory_seconds,
-                );
-            }
-            None if memory.is_empty() => return Err(EnvironmentError::NoScenePose),
-            None => {}
-        }
-        self.measured.clone_from(&memory.radiance);
-        self.coverage.clone_from(&memory.coverage);
-        let full = self.measured.clone();
-        let (seen, neighbours) = memory.seen(&self.grid.solid_angles);
-        let samples = SampleGrid {
-            directions: &self.grid.directions,
-            solid_angles: seen,
-            layout: Layout::Cube(neighbours),
-        };
-        let sources = find(&mut self.finder, samples, &full, &self.settings);
-        let mut residual = full.clone();
-        take_out(&sources, seen, &mut residual);
         Ok((sources, residual, full))
     }
 
@@ -365,85 +308,6 @@ impl EnvironmentEstimator {
     /// Whether what is not seen below the horizon is taken to be ground.
     const fn ground_below(&self) -> bool {
         self.settings.ground || matches!(self.view, EnvironmentView::Fisheye { .. })
-    }
-
-    /// Mean radiance within `half_angle` radians of a direction, in the *environment
-    /// camera's* units (before the gains); `None` where less than half of it is seen.
-    #[must_use]
-    pub fn radiance_at(&self, direction: Vec3, half_angle: f32) -> Option<[f32; 3]> {
-        let direction = direction.try_normalize()?;
-        let least = half_angle.cos();
-        let (mut sum, mut seen, mut total) = (Vec3::ZERO, 0.0, 0.0);
-        let rows = self
-            .grid
-            .directions
-            .iter()
-            .zip(&self.grid.solid_angles)
-            .enumerate();
-        for (i, (_, w)) in rows.filter(|(_, (d, _))| d.dot(direction) >= least) {
-            sum += self.measured[i] * (w * self.coverage[i]);
-            seen += w * self.coverage[i];
-            total += w;
-        }
-        if total == 0.0 {
-            let i = texel_of(self.grid.size, direction);
-            return (self.coverage[i] > 0.5).then(|| self.measured[i].to_array());
-        }
-        (seen > 0.5 * total).then(|| (sum / seen).to_array())
-    }
-
-    /// The compact sources of the last update, strongest first; none with the fixed grid.
-    #[must_use]
-    pub fn sources(&self) -> Vec<CompactSource> {
-        let Dome::Adaptive(dome) = &self.dome else {
-            return Vec::new();
-        };
-        let mut sources = dome.sources();
-        let strength = |s: &CompactSource| s.irradiance.dot(LUMINANCE);
-        sources.sort_by(|a, b| strength(b).total_cmp(&strength(a)));
-        sources
-    }
-
-    /// Linear value of a pixel of the last merged picture, environment camera units;
-    /// `None` for pixels that see nothing, and for a sphere in the scene.
-    #[must_use]
-    pub fn merged_pixel(&self, x: i64, y: i64) -> Option<Vec3> {
-        let View::Fixed(fixed) = &self.placed else {
-            return None;
-        };
-        let (width, height) = (
-            i64::from(fixed.pixels.width),
-            i64::from(fixed.pixels.height),
-        );
-        if x < 0 || y < 0 || x >= width || y >= height {
-            return None;
-        }
-        let i = (y * width + x) as usize;
-        let seen = fixed.pixels.solid_angles[i] > 0.0;
-        self.radiance.get(i).copied().filter(|_| seen)
-    }
-
-    /// How much of each texel of the cube is seen, 0..=1.
-    #[must_use]
-    pub fn coverage(&self) -> &[f32] {
-        &self.coverage
-    }
-
-    /// Pixels (of the environment picture) that even the shortest exposure clipped in the
-    /// last update.
-    #[must_use]
-    pub fn clipped_pixels(&self) -> usize {
-        self.clipped.len()
-    }
-
-    /// Seconds since the direction that has been longest out of sight was seen, for a
-    /// sphere in the scene camera's picture; `None` for views that see all the time.
-    #[must_use]
-    pub fn oldest_seconds(&self, now: MonotonicTime) -> Option<f64> {
-        match &self.placed {
-            View::Fixed(_) => None,
-            View::Moving(memory) => memory.oldest_seconds(now),
-        }
     }
 }
 
@@ -592,6 +456,11 @@ fn smoothstep(low: f32, high: f32, x: f32) -> f32 {
     let t = ((x - low) / (high - low)).clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
 }
+
+#[path = "estimator_moving.rs"]
+mod moving;
+#[path = "estimator_queries.rs"]
+mod queries;
 
 #[cfg(test)]
 #[path = "estimator_tests.rs"]

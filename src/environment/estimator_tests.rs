@@ -437,3 +437,91 @@ fn a_sphere_that_leaves_the_picture_keeps_its_last_light() {
             < 1e-6
     );
 }
+
+/// One picture of a grey table with a mirrored ball and a dull ball on it, under a lamp
+/// eight times brighter than white. The light of the mirror alone would be far too weak;
+/// the balls' shadows tell.
+#[test]
+fn shadows_in_the_scene_tell_how_bright_a_clipped_lamp_is() {
+    let lamp = Vec3::new(0.8, -0.1, 0.6).normalize();
+    let environment = |d: Vec3| Vec3::splat(0.1 + disc(d, lamp, 0.15, 7.9));
+    let forward = DVec3::new(0.2, 0.75, -0.5).normalize();
+    let right = forward.cross(DVec3::Z).normalize();
+    let rotation = DMat3::from_cols(right, forward.cross(right), forward);
+    let pose = RigidTransform::new(DQuat::from_mat3(&rotation), DVec3::new(-0.15, -0.5, 0.38));
+    let camera = PinholeCamera {
+        width: 640,
+        height: 480,
+        focal: DVec2::splat(690.0),
+        centre: DVec2::new(320.0, 240.0),
+        distortion: [0.0; 5],
+    };
+    let mirror = MirrorSphere {
+        centre_in_world: DVec3::new(0.1, 0.15, 0.05),
+        radius: 0.05,
+        reflectance: [1.0; 3],
+        in_scene: true,
+    };
+    let view = EnvironmentView::SphereInScene {
+        sphere: mirror.clone(),
+    };
+    let placed = PlacedView::new(&view, Some((pose, &camera)), None).unwrap();
+    let meets = |origin: DVec3, d: DVec3, centre: DVec3, radius: f64| {
+        let along = (centre - origin).dot(d);
+        along > 0.0 && (centre - origin).length_squared() - along * along < radius * radius
+    };
+    let hidden = |o: DVec3, d: DVec3| meets(o, d, DVec3::new(-0.1, 0.05, 0.06), 0.06);
+    let in_shadow =
+        |p: DVec3, d: DVec3| hidden(p, d) || meets(p, d, mirror.centre_in_world, mirror.radius);
+    let (u, v) = crate::environment::cube::tangent_frame(lamp);
+    let lamp_part: Vec<DVec3> = (0..32)
+        .map(|k| {
+            let (r, a) = (((k as f32 + 0.5) / 32.0).sqrt() * 0.15, k as f32 * 2.4);
+            (lamp + (u * a.cos() + v * a.sin()) * r)
+                .normalize()
+                .as_dvec3()
+        })
+        .collect();
+    let ground = |p: DVec3| {
+        let free = lamp_part.iter().filter(|d| !in_shadow(p, **d)).count() as f32 / 32.0;
+        0.5 / PI * (0.1 * PI + free * 7.9 * PI * 0.15f32.powi(2) * lamp.z)
+    };
+    let rgba = (0..640 * 480u32)
+        .flat_map(|i| {
+            let at = DVec2::new(f64::from(i % 640), f64::from(i / 640));
+            let ray = pose.rotation * camera.unproject(at);
+            let eye = pose.translation;
+            let value = match placed.direction(at) {
+                Some(d) => environment(d.as_vec3()).x,
+                None if hidden(eye, ray) => 0.05,
+                None => ground(eye + ray * (-eye.z / ray.z)),
+            };
+            let code = (srgb_from_linear(value) * 255.0).round() as u8;
+            [code, code, code, 255]
+        })
+        .collect();
+    let picture = Picture {
+        width: 640,
+        height: 480,
+        rgba,
+    };
+    let brackets = [Bracket {
+        picture: &picture,
+        ev: 0.0,
+    }];
+    let mut input = EnvironmentInput::new(&brackets, MonotonicTime::default());
+    input.scene = Some((pose, &camera));
+    input.hidden = Some(&hidden);
+    let mut estimator = EnvironmentEstimator::new(
+        &view,
+        &Response::srgb(),
+        EnvironmentSettings::default(),
+        None,
+    )
+    .unwrap();
+    let light = estimator.update(&input).unwrap();
+    let factor = estimator.shadow_factor().unwrap();
+    assert!((5.5..11.0).contains(&factor), "{factor}");
+    let exact = 0.1 * PI + 7.9 * PI * 0.15f32.sin().powi(2) * lamp.z;
+    assert!((ground_sum(&light.lights).x / exact - 1.0).abs() < 0.3);
+}

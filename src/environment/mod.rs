@@ -29,6 +29,7 @@ pub mod prefilter;
 pub mod report;
 pub mod resample;
 pub mod settings;
+mod shadow_ratio;
 pub mod sources;
 mod tracking;
 pub mod view;

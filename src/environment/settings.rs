@@ -48,6 +48,8 @@ pub struct EnvironmentSettings {
     pub sources: SourceSettings,
     /// Reflectance of the ground where nothing shows its radiance.
     pub fallback_ground_albedo: f32,
+    /// World height of the ground, metres, for what is read from the shadows on it.
+    pub ground_height: f64,
     /// Carries light from where it is seen to where it is needed.
     pub parallax: Option<Parallax>,
     /// Seconds for which a direction seen last on a sphere in the scene outweighs a new,
@@ -66,6 +68,7 @@ impl Default for EnvironmentSettings {
             clipped: ClippedEnergy::default(),
             sources: SourceSettings::default(),
             fallback_ground_albedo: 0.3,
+            ground_height: 0.0,
             parallax: None,
             memory_seconds: 0.25,
         }
@@ -119,8 +122,8 @@ pub struct EnvironmentInput<'a> {
     pub ground_radiance: Option<Vec3>,
     /// Irradiance of the ground as measured elsewhere, scene camera units.
     pub measured_ground_irradiance: Option<Vec3>,
-    /// Rays that end on a phantom, for a sphere in the scene camera's picture (both the
-    /// camera's rays and the mirror's). Views that stand still take theirs at the start.
+    /// Rays that end on a phantom other than the mirrored sphere itself, for a sphere in
+    /// the scene camera's picture (the camera's rays and the mirror's). Views that stand still take theirs at the start.
     pub hidden: Option<&'a Hidden<'a>>,
     /// Middle of the exposure.
     pub captured_at: MonotonicTime,

@@ -168,6 +168,15 @@ impl PlacedView {
         )
     }
 
+    /// Centre and radius of the mirrored sphere, world, metres.
+    #[must_use]
+    pub const fn ball(&self) -> Option<(DVec3, f64)> {
+        match &self.optics {
+            Optics::Mirror { mirror, .. } => Some(mirror.ball()),
+            Optics::Fisheye(_) => None,
+        }
+    }
+
     /// Samples a side that a cube of `size` texels needs of a mirror: a pixel in the middle
     /// of a ball of r pixels spans 2/r radians, a texel 2/size.
     #[must_use]

@@ -1,0 +1,128 @@
+//! A mirrored sphere within the scene camera's own picture (Supan 2006, section III, first
+//! set-up).
+
+use super::*;
+
+/// Pictures between looks at the scene's shadows.
+const SHADOW_INTERVAL: u64 = 8;
+
+impl EnvironmentEstimator {
+    pub(super) fn see_moving(
+        &mut self,
+        brackets: &[Bracket],
+        input: &EnvironmentInput,
+    ) -> Result<Seen, EnvironmentError> {
+        let placed = input
+            .scene
+            .and_then(|scene| PlacedView::new(&self.view, Some(scene), self.settings.parallax));
+        if let Some(view) = &placed {
+            check_sizes(brackets, view.size())?;
+            self.look_at_sphere(view, brackets, input);
+        }
+        let View::Moving(memory) = &mut self.placed else {
+            return Ok(Seen::default());
+        };
+        if memory.is_empty() {
+            return Err(EnvironmentError::NoScenePose);
+        }
+        self.measured.clone_from(&memory.radiance);
+        self.coverage.clone_from(&memory.coverage);
+        let full = self.measured.clone();
+        let (seen, neighbours) = memory.seen(&self.grid.solid_angles);
+        let samples = SampleGrid {
+            directions: &self.grid.directions,
+            solid_angles: seen,
+            layout: Layout::Cube(neighbours),
+        };
+        let sources = find(&mut self.finder, samples, &full, &self.settings);
+        let mut residual = full.clone();
+        take_out(&sources, seen, &mut residual);
+        Ok((sources, residual, full))
+    }
+
+    /// Takes what the sphere shows in this picture into memory.
+    fn look_at_sphere(
+        &mut self,
+        view: &PlacedView,
+        brackets: &[Bracket],
+        input: &EnvironmentInput,
+    ) {
+        let pixels = PixelDirections::around_mirror(view, input.hidden);
+        let (radiance, clipped) = (&mut self.radiance, &mut self.clipped);
+        merge(
+            &self.merger,
+            brackets,
+            &pixels,
+            self.per_reflectance,
+            radiance,
+            clipped,
+        );
+        self.update_shadow_factor(view, &pixels, brackets, input);
+        let factor = self.shadow_factor;
+        boost(
+            &self.settings.clipped,
+            &pixels,
+            &mut self.radiance,
+            &self.clipped,
+            input,
+            factor,
+        );
+        let samples = view.samples_for(self.grid.size);
+        let table = GatherTable::new(view, &pixels.solid_angles, self.grid.size, samples);
+        table.apply(&self.radiance, &mut self.measured);
+        if let View::Moving(memory) = &mut self.placed {
+            let seconds = self.settings.memory_seconds;
+            memory.remember(&self.measured, &table.coverage, input.captured_at, seconds);
+        }
+    }
+
+    /// Asks the shadows in the scene's picture, now and then, how bright clipped sources
+    /// are: at once at the start, then smoothly.
+    fn update_shadow_factor(
+        &mut self,
+        view: &PlacedView,
+        pixels: &PixelDirections,
+        brackets: &[Bracket],
+        input: &EnvironmentInput,
+    ) {
+        let due = self.shadow_factor.is_none() || self.generation.is_multiple_of(SHADOW_INTERVAL);
+        let measured = input.measured_ground_irradiance.is_some();
+        let (Some((world_from_camera, camera)), false) = (input.scene, measured) else {
+            return;
+        };
+        if self.clipped.is_empty() || !due {
+            return;
+        }
+        let ground = Ground {
+            height: self.settings.ground_height,
+            world_from_camera,
+            camera,
+            hidden: input.hidden,
+        };
+        let scales = scales(brackets);
+        let luminance_at = |x: u32, y: u32| {
+            let square = (0..9).map(|k| (y + k / 3 - 1) * camera.width + x + k % 3 - 1);
+            let mut sum = 0.0;
+            for i in square {
+                let (value, clipped) = self.merger.pixel(brackets, &scales, i as usize);
+                if clipped {
+                    return None;
+                }
+                sum += value.dot(LUMINANCE) / 9.0;
+            }
+            Some(sum)
+        };
+        let found = clipped_factor(
+            view,
+            pixels,
+            &self.radiance,
+            &self.clipped,
+            &ground,
+            luminance_at,
+        );
+        self.shadow_factor = match (self.shadow_factor, found) {
+            (Some(old), Some(new)) => Some(old * (new / old).powf(0.4)),
+            (old, new) => new.or(old),
+        };
+    }
+}

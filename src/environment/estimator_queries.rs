@@ -1,0 +1,91 @@
+//! What may be asked of an estimator beside the light.
+
+use super::*;
+
+impl EnvironmentEstimator {
+    /// Mean radiance within `half_angle` radians of a direction, in the *environment
+    /// camera's* units (before the gains); `None` where less than half of it is seen.
+    #[must_use]
+    pub fn radiance_at(&self, direction: Vec3, half_angle: f32) -> Option<[f32; 3]> {
+        let direction = direction.try_normalize()?;
+        let least = half_angle.cos();
+        let (mut sum, mut seen, mut total) = (Vec3::ZERO, 0.0, 0.0);
+        let rows = self
+            .grid
+            .directions
+            .iter()
+            .zip(&self.grid.solid_angles)
+            .enumerate();
+        for (i, (_, w)) in rows.filter(|(_, (d, _))| d.dot(direction) >= least) {
+            sum += self.measured[i] * (w * self.coverage[i]);
+            seen += w * self.coverage[i];
+            total += w;
+        }
+        if total == 0.0 {
+            let i = texel_of(self.grid.size, direction);
+            return (self.coverage[i] > 0.5).then(|| self.measured[i].to_array());
+        }
+        (seen > 0.5 * total).then(|| (sum / seen).to_array())
+    }
+
+    /// The compact sources of the last update, strongest first; none with the fixed grid.
+    #[must_use]
+    pub fn sources(&self) -> Vec<CompactSource> {
+        let Dome::Adaptive(dome) = &self.dome else {
+            return Vec::new();
+        };
+        let mut sources = dome.sources();
+        let strength = |s: &CompactSource| s.irradiance.dot(LUMINANCE);
+        sources.sort_by(|a, b| strength(b).total_cmp(&strength(a)));
+        sources
+    }
+
+    /// Linear value of a pixel of the last merged picture, environment camera units;
+    /// `None` for pixels that see nothing, and for a sphere in the scene.
+    #[must_use]
+    pub fn merged_pixel(&self, x: i64, y: i64) -> Option<Vec3> {
+        let View::Fixed(fixed) = &self.placed else {
+            return None;
+        };
+        let (width, height) = (
+            i64::from(fixed.pixels.width),
+            i64::from(fixed.pixels.height),
+        );
+        if x < 0 || y < 0 || x >= width || y >= height {
+            return None;
+        }
+        let i = (y * width + x) as usize;
+        let seen = fixed.pixels.solid_angles[i] > 0.0;
+        self.radiance.get(i).copied().filter(|_| seen)
+    }
+
+    /// How many times brighter than their clipped value clipped pixels are, according to
+    /// the shadows in the scene camera's picture.
+    #[must_use]
+    pub const fn shadow_factor(&self) -> Option<f32> {
+        self.shadow_factor
+    }
+
+    /// How much of each texel of the cube is seen, 0..=1.
+    #[must_use]
+    pub fn coverage(&self) -> &[f32] {
+        &self.coverage
+    }
+
+    /// Pixels (of the environment picture) that even the shortest exposure clipped in the
+    /// last update.
+    #[must_use]
+    pub fn clipped_pixels(&self) -> usize {
+        self.clipped.len()
+    }
+
+    /// Seconds since the direction that has been longest out of sight was seen, for a
+    /// sphere in the scene camera's picture; `None` for views that see all the time.
+    #[must_use]
+    pub fn oldest_seconds(&self, now: MonotonicTime) -> Option<f64> {
+        match &self.placed {
+            View::Fixed(_) => None,
+            View::Moving(memory) => memory.oldest_seconds(now),
+        }
+    }
+}

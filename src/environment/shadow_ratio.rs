@@ -1,0 +1,225 @@
+//! How bright a clipped source must be for the shadows in the scene camera's own picture
+//! to be as dark as they are.
+//!
+//! ```text
+//!  A point p of the ground shows I(p) = ρ(p)/π (a(p) + f b(p)): a is the irradiance of
+//!  what the picture of the sphere did not clip, b that of what it clipped, taken at the
+//!  clipped value, both without what the phantoms hide from p, and f is how many times
+//!  brighter than that the clipped source really is. The reflectance ρ is not known, but
+//!  where it does not follow the shadows, the right f leaves the least of them in
+//!      ln I(p) − ln (a(p) + f b(p)),
+//!  measured with a loss that a marker or a seam in the wood cannot dominate.
+//! ```
+
+use super::cube::texel_of;
+use super::resample::{Hidden, PixelDirections};
+use super::sources::LUMINANCE;
+use super::view::PlacedView;
+use crate::calibration::PinholeCamera;
+use glam::{DVec2, DVec3, Vec3};
+use penumbra_interface::RigidTransform;
+
+/// Pixels between the points of the ground that are looked at.
+const STEP: u32 = 8;
+/// Cells a side of a cube face that the light is summed into for this.
+const CELLS: u32 = 4;
+/// Clipped directions that are followed singly.
+const CLIPPED_DIRECTIONS: usize = 24;
+/// Least scale of the loss: spread of ln ρ that is usual for one surface.
+const LEAST_SPREAD: f32 = 0.15;
+/// Fewest points in and out of shadow.
+const LEAST_POINTS: usize = 24;
+
+/// Where the ground is and what stands on it.
+pub(super) struct Ground<'a> {
+    pub height: f64,
+    pub world_from_camera: RigidTransform,
+    pub camera: &'a PinholeCamera,
+    pub hidden: Option<&'a Hidden<'a>>,
+}
+
+/// A direction and the luminance of the irradiance on the ground that comes from it.
+type Beam = (DVec3, f32);
+
+/// Light of the ground from what is not clipped and from what is, per point.
+struct Point {
+    radiance: f32,
+    rest: f32,
+    clipped: f32,
+}
+
+/// The factor f on clipped pixels; `None` where the picture shows too little shadow to
+/// tell. `luminance_at` gives the linear luminance of a pixel of the scene picture.
+pub(super) fn clipped_factor(
+    view: &PlacedView,
+    pixels: &PixelDirections,
+    radiance: &[Vec3],
+    clipped: &[u32],
+    ground: &Ground,
+    luminance_at: impl Fn(u32, u32) -> Option<f32>,
+) -> Option<f32> {
+    let (rest, bright) = beams(pixels, radiance, clipped);
+    let points = points(view, ground, &rest, &bright, luminance_at);
+    let most = points.iter().map(|p| p.clipped).fold(0.0, f32::max);
+    let dark = points.iter().filter(|p| p.clipped < 0.6 * most).count();
+    if most <= 0.0 || dark < LEAST_POINTS || points.len() - dark < LEAST_POINTS {
+        return None;
+    }
+    // 12 factors an octave from 1 to 1024.
+    let spread = texture_spread(&points);
+    let losses: Vec<f32> = (0..=120)
+        .map(|k| loss(&points, factor(k), spread))
+        .collect();
+    let (k, least) = losses
+        .iter()
+        .enumerate()
+        .min_by(|a, b| a.1.total_cmp(b.1))?;
+    // At either end of the range nothing is known but the end.
+    let inside = k > 0 && k < 120;
+    let tells = losses[0] > 1.02 * least && losses[120] > 1.02 * least;
+    (inside && tells).then(|| factor(k))
+}
+
+fn factor(k: usize) -> f32 {
+    (k as f32 / 12.0).exp2()
+}
+
+/// Sums the picture's light into cells; clipped directions are thinned out evenly.
+fn beams(pixels: &PixelDirections, radiance: &[Vec3], clipped: &[u32]) -> (Vec<Beam>, Vec<Beam>) {
+    let energy = |i: usize| {
+        let cosine = pixels.directions[i].z.max(0.0) * pixels.solid_angles[i];
+        radiance[i].dot(LUMINANCE) * cosine
+    };
+    let mut cells = vec![(Vec3::ZERO, 0.0f32); (6 * CELLS * CELLS) as usize];
+    for i in (0..radiance.len()).filter(|&i| pixels.solid_angles[i] > 0.0) {
+        let e = energy(i);
+        let cell = &mut cells[texel_of(CELLS, pixels.directions[i])];
+        cell.0 += pixels.directions[i] * e;
+        cell.1 += e;
+    }
+    for &i in clipped {
+        let (d, e) = (pixels.directions[i as usize], energy(i as usize));
+        let cell = &mut cells[texel_of(CELLS, d)];
+        cell.0 -= d * e;
+        cell.1 -= e;
+    }
+    let rest = cells
+        .into_iter()
+        .filter(|c| c.1 > 1e-7)
+        .filter_map(|(d, e)| Some((d.try_normalize()?.as_dvec3(), e)))
+        .collect();
+    let stride = clipped.len().div_ceil(CLIPPED_DIRECTIONS).max(1);
+    let bright = clipped
+        .chunks(stride)
+        .map(|group| {
+            let middle = pixels.directions[group[group.len() / 2] as usize];
+            (
+                middle.as_dvec3(),
+                group.iter().map(|&i| energy(i as usize)).sum(),
+            )
+        })
+        .collect();
+    (rest, bright)
+}
+
+fn points(
+    view: &PlacedView,
+    ground: &Ground,
+    rest: &[Beam],
+    bright: &[Beam],
+    luminance_at: impl Fn(u32, u32) -> Option<f32>,
+) -> Vec<Point> {
+    let (width, height) = (ground.camera.width, ground.camera.height);
+    let grid = (STEP..height.saturating_sub(1))
+        .step_by(STEP as usize)
+        .flat_map(|y| {
+            (STEP..width.saturating_sub(1))
+                .step_by(STEP as usize)
+                .map(move |x| (x, y))
+        });
+    grid.filter_map(|(x, y)| {
+        let at = ground.point(view, DVec2::new(f64::from(x), f64::from(y)))?;
+        let radiance = luminance_at(x, y).filter(|l| *l > 0.004)?;
+        let sum = |beams: &[Beam]| -> f32 {
+            let free = beams.iter().filter(|(d, _)| !ground.blocks(view, at, *d));
+            free.map(|(_, e)| e).sum()
+        };
+        Some(Point {
+            radiance,
+            rest: sum(rest),
+            clipped: sum(bright),
+        })
+    })
+    .collect()
+}
+
+impl Ground<'_> {
+    /// The point of the ground that a pixel shows, near enough to the sphere to matter.
+    fn point(&self, view: &PlacedView, pixel: DVec2) -> Option<DVec3> {
+        let eye = self.world_from_camera.translation;
+        let ray = self.world_from_camera.rotation * self.camera.unproject(pixel);
+        let t = (self.height - eye.z) / ray.z;
+        let (centre, _) = view.ball()?;
+        let near = t.is_finite() && t > 0.0 && t < 2.0 * centre.distance(eye);
+        // A millimetre up, so that the ground does not shade itself.
+        let point = eye + ray * t + DVec3::Z * 1e-3;
+        let in_sight = near && !self.blocks(view, eye, ray);
+        in_sight.then_some(point)
+    }
+
+    fn blocks(&self, view: &PlacedView, origin: DVec3, direction: DVec3) -> bool {
+        let ball = view.ball().is_some_and(|(centre, radius)| {
+            let to = centre - origin;
+            let along = to.dot(direction);
+            along > 0.0 && to.length_squared() - along * along < radius * radius
+        });
+        ball || self.hidden.is_some_and(|hides| hides(origin, direction))
+    }
+}
+
+/// Residuals ln I − ln (a + f b) of the lit points and of the others.
+fn residuals(points: &[Point], f: f32) -> (Vec<f32>, Vec<f32>) {
+    let most = points.iter().map(|p| p.clipped).fold(0.0, f32::max);
+    let of = |p: &Point| p.radiance.ln() - (p.rest + f * p.clipped).max(1e-9).ln();
+    let is_lit = |p: &&Point| p.clipped > 0.9 * most;
+    let lit = points.iter().filter(is_lit).map(of).collect();
+    let rest = points.iter().filter(|p| !is_lit(p)).map(of).collect();
+    (lit, rest)
+}
+
+/// Spread of ln ρ over the lit points: a chequered floor needs a wider loss than a table.
+fn texture_spread(points: &[Point]) -> f32 {
+    let (mut lit, _) = residuals(points, 4.0);
+    let middle = median(&mut lit);
+    let mut off: Vec<f32> = lit.iter().map(|r| (r - middle).abs()).collect();
+    (1.5 * median(&mut off)).max(LEAST_SPREAD)
+}
+
+fn median(values: &mut [f32]) -> f32 {
+    if values.is_empty() {
+        return 0.0;
+    }
+    let middle = values.len() / 2;
+    *values.select_nth_unstable_by(middle, f32::total_cmp).1
+}
+
+/// Geman–McClure loss of the shadowed points about the robust mean of the lit ones.
+fn loss(points: &[Point], f: f32, spread: f32) -> f32 {
+    let (mut lit, shadowed) = residuals(points, f);
+    let mut centre = median(&mut lit);
+    for _ in 0..8 {
+        let (mut sum, mut total) = (0.0, 0.0);
+        for r in &lit {
+            let x = (r - centre) / spread;
+            let weight = 1.0 / (1.0 + x * x).powi(2);
+            sum += weight * r;
+            total += weight;
+        }
+        centre = sum / total.max(f32::MIN_POSITIVE);
+    }
+    let each = shadowed.iter().map(|r| {
+        let x2 = ((r - centre) / spread).powi(2);
+        x2 / (1.0 + x2)
+    });
+    each.sum::<f32>() / points.len() as f32
+}
