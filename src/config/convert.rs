@@ -21,8 +21,10 @@ pub(super) fn config(text: &TomlText, folder: &Path) -> std::result::Result<Conf
 }
 
 fn convert(file: ConfigFile, folder: &Path) -> Result<Config> {
-    let mut config = Config::default();
-    config.scene = scene(&file.scene, folder)?;
+    let mut config = Config {
+        scene: scene(&file.scene, folder)?,
+        ..Config::default()
+    };
     config.scene_camera.response = file.scene_camera.response;
     environment(file.environment, &mut config.environment)?;
     white_balance(&file.white_balance, &mut config.white_balance)?;

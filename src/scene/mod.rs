@@ -10,6 +10,8 @@ pub mod mesh;
 mod normals;
 pub mod ply;
 pub mod primitives;
+pub mod raycast;
+pub mod simplify;
 
 pub use assemble::{Attachments, rig_of_session};
 pub use error::SceneError;
@@ -19,3 +21,5 @@ pub use mesh::{Material, Mesh, Part, Scene, SceneTexture, Vertex};
 pub use ply::load_ply;
 mod casters;
 pub use casters::casters;
+pub use raycast::{Hit, PhantomRays};
+pub use simplify::simplify_for_casting;
