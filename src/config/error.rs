@@ -47,4 +47,10 @@ pub enum ConfigError {
         /// What is expected there.
         reason: String,
     },
+    /// The scene file that the configuration names is wrong.
+    #[error("{reason}")]
+    Scene {
+        /// What and where.
+        reason: String,
+    },
 }

@@ -16,6 +16,7 @@ pub use choice::{
 pub use convert::{LIGHT_COUNTS, listen_needs_token};
 pub use error::ConfigError;
 
+use crate::scene::SceneAddition;
 use std::fmt;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
@@ -332,6 +333,11 @@ pub fn check_config(path: &Path) -> Result<Summary, ConfigError> {
     let text = TomlText::read(path)?;
     let config = convert::config(&text, path.parent().unwrap_or(Path::new("")))?;
     let changed = convert::changed_keys(&text)?;
+    if let SceneChoice::File(scene) = &config.scene {
+        SceneAddition::load(scene).map_err(|e| ConfigError::Scene {
+            reason: e.to_string(),
+        })?;
+    }
     Ok(Summary { changed, config })
 }
 

@@ -1,6 +1,7 @@
 //! What can be wrong with a scene's files.
 
 use crate::calibration::RigJsonError;
+use crate::config::ConfigError;
 use thiserror::Error;
 
 /// A scene, or a file it is made of, cannot be used.
@@ -35,6 +36,9 @@ pub enum SceneError {
     /// `rig.json` is wrong.
     #[error(transparent)]
     Rig(#[from] RigJsonError),
+    /// A scene file's text is wrong.
+    #[error(transparent)]
+    File(#[from] ConfigError),
 }
 
 impl SceneError {

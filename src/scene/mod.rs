@@ -11,6 +11,7 @@ mod normals;
 pub mod ply;
 pub mod primitives;
 pub mod raycast;
+pub mod scene_file;
 pub mod simplify;
 
 pub use assemble::{Attachments, rig_of_session};
@@ -22,4 +23,5 @@ pub use ply::load_ply;
 mod casters;
 pub use casters::casters;
 pub use raycast::{Hit, PhantomRays};
+pub use scene_file::SceneAddition;
 pub use simplify::simplify_for_casting;

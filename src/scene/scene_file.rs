@@ -1,0 +1,592 @@
+//! Scene files: what is composited in, and further phantoms, in TOML. Lengths are metres,
+//! angles degrees, the world is +Z up. All keys:
+//!
+//! ```toml
+//! session_phantoms = true          # keep the phantoms the session brings (the default)
+//!
+//! [[object]]                       # any number of them
+//! name = "teapot"
+//! file = "teapot.glb"              # .glb, .gltf or .ply, from this file's folder; or a
+//! # shape = "torus"                # plane, box, cylinder, cone, sphere or torus with
+//! # size_m = [0.1, 0.1, 0.1]       #   box: x, y, z; plane: x, y
+//! # radius_m = 0.05                #   cylinder, cone, sphere; torus: axis to tube
+//! # tube_radius_m = 0.02           #   torus
+//! # height_m = 0.1                 #   cylinder, cone
+//! # segments = 64                  #   how finely round shapes are cut
+//! position_m = [0.0, 0.0, 0.0]
+//! rotation_deg = [30.0, 0.0, 0.0]  # yaw, pitch, roll about z, y, x; or rotation_wxyz
+//! scale = 1.0                      # a number, or one for each axis
+//! # each of these replaces what the file says, and its texture:
+//! material = { base_colour = "#c04020", metallic = 0.0, roughness = 0.4, emissive = [0, 0, 0] }
+//!
+//! [[phantom]]                      # a proxy of a real thing: as an object, but without
+//! shape = "box"                    # material
+//! size_m = [0.2, 0.1, 0.1]
+//! mirror = false                   # whether it is a mirror
+//! albedo = [0.5, 0.5, 0.5]         # its colour, if known: linear, or "#rrggbb"
+//!
+//! [ground]                         # instead of the session's
+//! height_m = 0.0
+//! size_m = 8.0
+//! ```
+//!
+//! Boxes, cylinders and cones stand on their origin; the others are centred on it.
+
+use super::gltf_file::{ModelPart, read_file};
+use super::primitives;
+use super::{Attachments, Material, Mesh, Model, Part, Scene, SceneError, load_gltf, load_ply};
+use crate::calibration::RigDocument;
+use crate::calibration::response::linear_from_srgb;
+use crate::calibration::rig_json::GroundPlane;
+use crate::config::SceneChoice;
+use crate::config::toml_text::{Fault, TomlText};
+use glam::{DMat4, DQuat, DVec3, EulerRot, Vec3};
+use serde::de::{self, Deserialize, Deserializer, SeqAccess, Visitor};
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Objects or phantoms of one file.
+const MOST_ENTRIES: usize = 1000;
+
+#[derive(Debug, Default, serde::Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct SceneFile {
+    session_phantoms: Option<bool>,
+    object: Vec<Entry>,
+    phantom: Vec<Entry>,
+    ground: Option<Ground>,
+}
+
+/// An object or a phantom; which keys go with which is checked afterwards, because serde
+/// cannot refuse unknown keys in flattened structs.
+#[derive(Debug, Default, serde::Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct Entry {
+    name: Option<String>,
+    file: Option<String>,
+    shape: Option<Shape>,
+    size_m: Option<Vec<f64>>,
+    radius_m: Option<f64>,
+    tube_radius_m: Option<f64>,
+    height_m: Option<f64>,
+    segments: Option<u32>,
+    position_m: Option<[f64; 3]>,
+    rotation_deg: Option<[f64; 3]>,
+    rotation_wxyz: Option<[f64; 4]>,
+    scale: Option<Scale>,
+    material: Option<MaterialFile>,
+    mirror: Option<bool>,
+    albedo: Option<Colour>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum Shape {
+    Plane,
+    Box,
+    Cylinder,
+    Cone,
+    Sphere,
+    Torus,
+}
+
+#[derive(Debug, Default, serde::Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct MaterialFile {
+    base_colour: Option<Colour>,
+    metallic: Option<f64>,
+    roughness: Option<f64>,
+    specular: Option<f64>,
+    emissive: Option<Colour>,
+}
+
+#[derive(Debug, Default, serde::Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct Ground {
+    height_m: Option<f64>,
+    size_m: Option<f64>,
+    albedo: Option<Colour>,
+}
+
+/// Linear RGB.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Colour(Vec3);
+
+/// One factor for each axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Scale(DVec3);
+
+struct ColourVisitor;
+
+impl<'de> Visitor<'de> for ColourVisitor {
+    type Value = Colour;
+
+    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str("\"#rrggbb\" (sRGB) or three linear numbers from 0 up")
+    }
+
+    fn visit_str<E: de::Error>(self, text: &str) -> Result<Colour, E> {
+        let wrong = || E::custom(format!("\"{text}\", expected {}", Expected(&self)));
+        let hex = text.strip_prefix('#').filter(|h| h.len() == 6);
+        let code = hex
+            .and_then(|h| u32::from_str_radix(h, 16).ok())
+            .ok_or_else(wrong)?;
+        let linear = |shift: u32| linear_from_srgb(((code >> shift) & 255) as f32 / 255.0);
+        Ok(Colour(Vec3::new(linear(16), linear(8), linear(0))))
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, seq: A) -> Result<Colour, A::Error> {
+        let rgb = three(seq)?.filter(|v| v.min_element() >= 0.0 && v.max_element() <= 1e6);
+        let rgb = rgb.ok_or_else(|| de::Error::custom(format!("expected {}", Expected(&Self))))?;
+        Ok(Colour(rgb.as_vec3()))
+    }
+}
+
+struct ScaleVisitor;
+
+impl<'de> Visitor<'de> for ScaleVisitor {
+    type Value = Scale;
+
+    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str("a number from 0.0001 to 10000, or three of them")
+    }
+
+    fn visit_f64<E: de::Error>(self, v: f64) -> Result<Scale, E> {
+        checked_scale(DVec3::splat(v))
+    }
+
+    fn visit_i64<E: de::Error>(self, v: i64) -> Result<Scale, E> {
+        checked_scale(DVec3::splat(v as f64))
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, seq: A) -> Result<Scale, A::Error> {
+        checked_scale(three(seq)?.unwrap_or(DVec3::NAN))
+    }
+}
+
+fn checked_scale<E: de::Error>(scale: DVec3) -> Result<Scale, E> {
+    if scale.to_array().iter().all(|s| (1e-4..=1e4).contains(s)) {
+        return Ok(Scale(scale));
+    }
+    Err(E::custom(format!("expected {}", Expected(&ScaleVisitor))))
+}
+
+/// Three numbers and no more.
+fn three<'de, A: SeqAccess<'de>>(mut seq: A) -> Result<Option<DVec3>, A::Error> {
+    let mut all: Vec<f64> = Vec::new();
+    while let Some(x) = seq.next_element()? {
+        all.push(x);
+    }
+    let array: Option<[f64; 3]> = all.try_into().ok();
+    Ok(array.map(DVec3::from))
+}
+
+/// Shows what a visitor expects.
+struct Expected<'a, V>(&'a V);
+
+impl<'de, V: Visitor<'de>> fmt::Display for Expected<'_, V> {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        self.0.expecting(f)
+    }
+}
+
+impl<'de> Deserialize<'de> for Colour {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        d.deserialize_any(ColourVisitor)
+    }
+}
+
+impl<'de> Deserialize<'de> for Scale {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        d.deserialize_any(ScaleVisitor)
+    }
+}
+
+/// What a scene file adds to a session, read and checked.
+#[derive(Clone, Debug)]
+pub struct SceneAddition {
+    /// What is composited in.
+    pub objects: Vec<Part>,
+    /// Further proxies of real things.
+    pub phantoms: Vec<Part>,
+    /// Takes the place of the session's ground.
+    pub ground: Option<GroundPlane>,
+    /// Whether the session's own phantoms stay.
+    pub session_phantoms: bool,
+}
+
+impl SceneAddition {
+    /// Reads a scene file and the models it names.
+    pub fn load(path: &Path) -> Result<Self, SceneError> {
+        let text = TomlText::read(path)?;
+        Self::read(&text, path.parent().unwrap_or(Path::new("")))
+    }
+
+    fn read(text: &TomlText, folder: &Path) -> Result<Self, SceneError> {
+        let file: SceneFile = text.parse()?;
+        let located = |fault: Fault| SceneError::from(text.locate(fault));
+        if file.object.len().max(file.phantom.len()) > MOST_ENTRIES {
+            return Err(located(Fault::new(
+                "object",
+                format!("expected at most {MOST_ENTRIES} entries"),
+            )));
+        }
+        let mut objects = Vec::new();
+        for (i, entry) in file.object.iter().enumerate() {
+            let at = format!("object[{i}]");
+            refuse_phantom_keys(entry, &at).map_err(located)?;
+            objects.extend(entry.parts(&at, folder, text)?);
+        }
+        let mut phantoms = Vec::new();
+        for (i, entry) in file.phantom.iter().enumerate() {
+            let at = format!("phantom[{i}]");
+            phantoms.extend(entry.phantom_parts(&at, folder, text)?);
+        }
+        let ground = file
+            .ground
+            .map(|g| ground(&g))
+            .transpose()
+            .map_err(located)?;
+        Ok(Self {
+            objects,
+            phantoms,
+            ground,
+            session_phantoms: file.session_phantoms.unwrap_or(true),
+        })
+    }
+
+    /// Puts this in place of what is virtual in `session`, and beside its phantoms.
+    #[must_use]
+    pub fn onto(self, session: Scene) -> Scene {
+        let mut scene = if self.session_phantoms {
+            session
+        } else {
+            Scene::default()
+        };
+        scene.virtual_parts = self.objects;
+        if let Some(ground) = &self.ground {
+            scene.phantom_parts.retain(|p| p.name != "ground");
+            scene.ground_height = None;
+            scene.add_ground(ground);
+        }
+        scene.phantom_parts.extend(self.phantoms);
+        scene
+    }
+}
+
+impl Scene {
+    /// The scene that `choice` asks for, over the phantoms of a session.
+    pub fn choose(
+        choice: &SceneChoice,
+        rig: &RigDocument,
+        attachments: &Attachments,
+    ) -> Result<Self, SceneError> {
+        match choice {
+            SceneChoice::Session => Self::of_rig(rig, attachments),
+            SceneChoice::None => Self::phantoms_of_rig(rig, attachments),
+            SceneChoice::File(path) => {
+                let addition = SceneAddition::load(path)?;
+                Ok(addition.onto(Self::phantoms_of_rig(rig, attachments)?))
+            }
+        }
+    }
+}
+
+fn refuse_phantom_keys(entry: &Entry, at: &str) -> Result<(), Fault> {
+    let key = match (&entry.mirror, &entry.albedo) {
+        (Some(_), _) => "mirror",
+        (_, Some(_)) => "albedo",
+        _ => return Ok(()),
+    };
+    Err(Fault::new(
+        format!("{at}.{key}"),
+        "goes with [[phantom]] only; use `material` for an object",
+    ))
+}
+
+impl Entry {
+    fn phantom_parts(
+        &self,
+        at: &str,
+        folder: &Path,
+        text: &TomlText,
+    ) -> Result<Vec<Part>, SceneError> {
+        let located = |key: &str, reason: &str| {
+            SceneError::from(text.locate(Fault::new(format!("{at}.{key}"), reason)))
+        };
+        if self.material.is_some() {
+            return Err(located(
+                "material",
+                "goes with [[object]] only; a phantom shows no colour of its own",
+            ));
+        }
+        let albedo = self.albedo.map(|c| c.0);
+        if albedo.is_some_and(|a| a.max_element() > 1.0) {
+            return Err(located(
+                "albedo",
+                "expected three numbers from 0 to 1, or \"#rrggbb\"",
+            ));
+        }
+        let mut parts = self.parts(at, folder, text)?;
+        for part in &mut parts {
+            part.mirror = self.mirror.unwrap_or(false);
+            part.albedo = albedo;
+        }
+        Ok(parts)
+    }
+
+    fn parts(&self, at: &str, folder: &Path, text: &TomlText) -> Result<Vec<Part>, SceneError> {
+        let located = |fault: Fault| SceneError::from(text.locate(fault));
+        let placement = self.placement(at).map_err(located)?;
+        let model = match (&self.file, self.shape) {
+            (Some(file), None) => {
+                let path = self.model_path(at, file, folder).map_err(located)?;
+                load_model(&path)?
+            }
+            (None, Some(shape)) => single(self.mesh(at, shape).map_err(located)?),
+            _ => {
+                let reason =
+                    "expected either `file` or `shape` (plane, box, cylinder, cone, sphere, torus)";
+                return Err(located(Fault::new(at, reason)));
+            }
+        };
+        let mut parts = model.placed(placement);
+        let several = parts.len() > 1;
+        for part in &mut parts {
+            if let Some(name) = &self.name {
+                part.name = if several {
+                    format!("{name}/{}", part.name)
+                } else {
+                    name.clone()
+                };
+            }
+            if let Some(file) = &self.material {
+                let material = overridden(&part.material, file, at).map_err(located)?;
+                part.material = Arc::new(material);
+            }
+        }
+        Ok(parts)
+    }
+
+    fn model_path(&self, at: &str, file: &str, folder: &Path) -> Result<PathBuf, Fault> {
+        let sizes = [
+            ("size_m", self.size_m.is_some()),
+            ("radius_m", self.radius_m.is_some()),
+            ("tube_radius_m", self.tube_radius_m.is_some()),
+            ("height_m", self.height_m.is_some()),
+            ("segments", self.segments.is_some()),
+        ];
+        if let Some((key, _)) = sizes.iter().find(|(_, given)| *given) {
+            return Err(Fault::new(
+                format!("{at}.{key}"),
+                "goes with `shape` only; use `scale` for a file",
+            ));
+        }
+        let path = folder.join(file);
+        if !path.is_file() {
+            return Err(Fault::new(
+                format!("{at}.file"),
+                format!(
+                    "there is no file {}; expected a .glb, .gltf or .ply",
+                    path.display()
+                ),
+            ));
+        }
+        Ok(path)
+    }
+
+    fn placement(&self, at: &str) -> Result<DMat4, Fault> {
+        let position = DVec3::from(self.position_m.unwrap_or_default());
+        if !position.is_finite() || position.abs().max_element() > 1e5 {
+            return Err(Fault::new(
+                format!("{at}.position_m"),
+                "expected x, y, z within 100000 m",
+            ));
+        }
+        let rotation = match (self.rotation_deg, self.rotation_wxyz) {
+            (Some(_), Some(_)) => {
+                return Err(Fault::new(
+                    format!("{at}.rotation_wxyz"),
+                    "goes without rotation_deg; leave one out",
+                ));
+            }
+            (None, Some([w, x, y, z])) => {
+                let q = DQuat::from_xyzw(x, y, z, w);
+                if !((0.99..=1.01).contains(&q.length())) {
+                    return Err(Fault::new(
+                        format!("{at}.rotation_wxyz"),
+                        "expected a unit quaternion w, x, y, z",
+                    ));
+                }
+                q.normalize()
+            }
+            (degrees, None) => {
+                let [yaw, pitch, roll] = degrees.unwrap_or_default().map(f64::to_radians);
+                DQuat::from_euler(EulerRot::ZYX, yaw, pitch, roll)
+            }
+        };
+        if !rotation.is_finite() {
+            return Err(Fault::new(
+                format!("{at}.rotation_deg"),
+                "expected three finite angles: yaw, pitch, roll",
+            ));
+        }
+        let scale = self.scale.map_or(DVec3::ONE, |s| s.0);
+        Ok(DMat4::from_scale_rotation_translation(
+            scale, rotation, position,
+        ))
+    }
+
+    fn mesh(&self, at: &str, shape: Shape) -> Result<Mesh, Fault> {
+        let length = |key: &str, value: Option<f64>| self.length(at, shape, key, value);
+        let segments = self.segments.unwrap_or(64);
+        if !(3..=2048).contains(&segments) {
+            return Err(Fault::new(
+                format!("{at}.segments"),
+                "expected a whole number from 3 to 2048",
+            ));
+        }
+        Ok(match shape {
+            Shape::Plane => {
+                let [x, y] = self.size(at, "a plane: [x, y]")?;
+                primitives::plane(x, y)
+            }
+            Shape::Box => primitives::cuboid(Vec3::from(self.size::<3>(at, "a box: [x, y, z]")?)),
+            Shape::Cylinder => primitives::cylinder(
+                length("radius_m", self.radius_m)?,
+                length("height_m", self.height_m)?,
+                segments,
+            ),
+            Shape::Cone => primitives::cone(
+                length("radius_m", self.radius_m)?,
+                length("height_m", self.height_m)?,
+                segments,
+            ),
+            Shape::Sphere => primitives::sphere(
+                length("radius_m", self.radius_m)?,
+                segments,
+                segments.div_ceil(2),
+            ),
+            Shape::Torus => {
+                let (major, minor) = (
+                    length("radius_m", self.radius_m)?,
+                    length("tube_radius_m", self.tube_radius_m)?,
+                );
+                if minor >= major {
+                    return Err(Fault::new(
+                        format!("{at}.tube_radius_m"),
+                        "expected less than radius_m",
+                    ));
+                }
+                primitives::torus(major, minor, segments, segments.div_ceil(2))
+            }
+        })
+    }
+
+    fn length(&self, at: &str, shape: Shape, key: &str, value: Option<f64>) -> Result<f32, Fault> {
+        let wrong = |reason: String| Fault::new(format!("{at}.{key}"), reason);
+        match value {
+            None => Err(wrong(
+                format!("a {shape:?} needs it, in metres").to_lowercase(),
+            )),
+            Some(v) if !(1e-4..=1e5).contains(&v) => Err(wrong(format!(
+                "expected metres from 0.0001 to 100000, found {v}"
+            ))),
+            Some(v) => Ok(v as f32),
+        }
+    }
+
+    fn size<const N: usize>(&self, at: &str, what: &str) -> Result<[f32; N], Fault> {
+        let size = self.size_m.clone().unwrap_or_default();
+        let array: Option<[f64; N]> = size.try_into().ok();
+        array
+            .filter(|a| a.iter().all(|v| (1e-4..=1e5).contains(v)))
+            .map(|a| a.map(|v| v as f32))
+            .ok_or_else(|| {
+                Fault::new(
+                    format!("{at}.size_m"),
+                    format!("expected the size of {what}, metres"),
+                )
+            })
+    }
+}
+
+fn load_model(path: &Path) -> Result<Model, SceneError> {
+    let is_ply = path
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("ply"));
+    if is_ply {
+        let file = path.display().to_string();
+        return Ok(single(load_ply(&read_file(path)?, &file)?));
+    }
+    load_gltf(path)
+}
+
+fn single(mesh: Mesh) -> Model {
+    Model {
+        parts: vec![ModelPart {
+            name: "object".into(),
+            mesh: Arc::new(mesh),
+            material: Arc::new(Material::default()),
+            model_from_part: DMat4::IDENTITY,
+        }],
+    }
+}
+
+/// A material with what the scene file says in place of its own factors and textures.
+fn overridden(material: &Material, file: &MaterialFile, at: &str) -> Result<Material, Fault> {
+    let mut out = material.clone();
+    if let Some(Colour(rgb)) = file.base_colour {
+        out.base_colour = rgb.extend(material.base_colour.w);
+        out.base_colour_texture = None;
+    }
+    if file.metallic.is_some() || file.roughness.is_some() {
+        out.metallic_roughness_texture = None;
+    }
+    out.metallic = unit(at, "metallic", file.metallic, out.metallic)?;
+    out.roughness = unit(at, "roughness", file.roughness, out.roughness)?;
+    out.specular = unit(at, "specular", file.specular, out.specular)?;
+    if let Some(Colour(rgb)) = file.emissive {
+        out.emissive = rgb;
+        out.emissive_texture = None;
+    }
+    Ok(out)
+}
+
+fn unit(at: &str, key: &str, value: Option<f64>, usual: f32) -> Result<f32, Fault> {
+    match value {
+        Some(v) if !(0.0..=1.0).contains(&v) => Err(Fault::new(
+            format!("{at}.material.{key}"),
+            format!("expected a number from 0 to 1, found {v}"),
+        )),
+        Some(v) => Ok(v as f32),
+        None => Ok(usual),
+    }
+}
+
+fn ground(file: &Ground) -> Result<GroundPlane, Fault> {
+    let offset = file.height_m.unwrap_or(0.0);
+    let size = file.size_m.unwrap_or(10.0);
+    if !(-1e5..=1e5).contains(&offset) {
+        return Err(Fault::new(
+            "ground.height_m",
+            "expected metres within 100000",
+        ));
+    }
+    if !(1e-3..=1e5).contains(&size) {
+        return Err(Fault::new(
+            "ground.size_m",
+            "expected metres from 0.001 to 100000",
+        ));
+    }
+    Ok(GroundPlane {
+        normal: DVec3::Z,
+        offset,
+        size,
+        albedo: file.albedo.map(|c| c.0),
+    })
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,196 @@
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+use super::*;
+
+fn read(text: &str) -> Result<SceneAddition, SceneError> {
+    SceneAddition::read(&TomlText::new("s.toml", text), Path::new(""))
+}
+
+fn complaint(text: &str) -> String {
+    let text = read(text).unwrap_err().to_string();
+    assert_eq!(text.lines().count(), 1, "{text}");
+    text
+}
+
+#[test]
+fn the_documented_example_is_read() {
+    let text: String = include_str!("../scene_file.rs")
+        .lines()
+        .take_while(|line| line.starts_with("//!"))
+        .map(|line| line.trim_start_matches("//!").trim_start_matches(' '))
+        .skip_while(|line| !line.starts_with("```toml"))
+        .skip(1)
+        .take_while(|line| !line.starts_with("```"))
+        .map(|line| line.replace("file = \"teapot.glb\" ", "shape = \"torus\" "))
+        // The sizes of the shape are commented out in favour of the file.
+        .map(|line| match line.strip_prefix("# ") {
+            Some(rest) if rest.starts_with("radius") || rest.starts_with("tube") => rest.to_owned(),
+            _ => line,
+        })
+        .collect::<Vec<_>>()
+        .join("\n");
+    let scene = read(&text).unwrap();
+    assert_eq!((scene.objects.len(), scene.phantoms.len()), (1, 1));
+    let teapot = &scene.objects[0];
+    assert_eq!(teapot.name, "teapot");
+    assert_eq!(teapot.material.roughness, 0.4);
+    assert!((teapot.material.base_colour.x - linear_from_srgb(192.0 / 255.0)).abs() < 1e-6);
+    assert_eq!(scene.phantoms[0].albedo, Some(Vec3::splat(0.5)));
+    assert_eq!(scene.ground.unwrap().size, 8.0);
+}
+
+#[test]
+fn yaw_turns_about_z_pitch_about_y_roll_about_x() {
+    let turned = |angles: &str, v: DVec3| {
+        let text =
+            format!("[[object]]\nshape = \"sphere\"\nradius_m = 1\nrotation_deg = {angles}\n");
+        read(&text).unwrap().objects[0]
+            .world_from_part
+            .transform_vector3(v)
+    };
+    assert!(turned("[90, 0, 0]", DVec3::X).distance(DVec3::Y) < 1e-12);
+    assert!(turned("[0, 90, 0]", DVec3::X).distance(DVec3::NEG_Z) < 1e-12);
+    assert!(turned("[0, 0, 90]", DVec3::Y).distance(DVec3::Z) < 1e-12);
+    // Roll first, yaw last.
+    assert!(turned("[90, 0, 90]", DVec3::Y).distance(DVec3::Z) < 1e-12);
+}
+
+#[test]
+fn all_shapes_are_made_and_placed() {
+    let scene = read(
+        "[[object]]\nshape = \"plane\"\nsize_m = [1, 2]\n[[object]]\nshape = \"box\"\nsize_m = [1, 2, 3]\n\
+         [[object]]\nshape = \"cylinder\"\nradius_m = 1\nheight_m = 2\nsegments = 8\n\
+         [[object]]\nshape = \"cone\"\nradius_m = 1\nheight_m = 2\nsegments = 8\n\
+         [[object]]\nshape = \"sphere\"\nradius_m = 1\nscale = [1, 2, 3]\n\
+         [[object]]\nshape = \"torus\"\nradius_m = 1\ntube_radius_m = 0.5\nposition_m = [1, 2, 3]\n",
+    )
+    .unwrap();
+    let counts: Vec<usize> = scene
+        .objects
+        .iter()
+        .map(|p| p.mesh.indices.len() / 3)
+        .collect();
+    assert_eq!(counts, [2, 12, 32, 16, 2 * 64 * 31, 2 * 64 * 32]);
+    let scaled = scene.objects[4]
+        .world_from_part
+        .transform_vector3(DVec3::ONE);
+    assert_eq!(scaled, DVec3::new(1.0, 2.0, 3.0));
+    assert_eq!(
+        scene.objects[5].world_from_part.w_axis.truncate(),
+        DVec3::new(1.0, 2.0, 3.0)
+    );
+}
+
+#[test]
+fn faults_name_file_line_and_key() {
+    let cases = [
+        (
+            "[[object]]\nshape = \"box\"\nsise_m = [1, 1, 1]\n",
+            "s.toml:3: unknown key `object[0].sise_m`; did you mean `size_m` (in metres)?",
+        ),
+        (
+            "[[object]]\nshape = \"box\"\nsize_m = [1, 1]\n",
+            "s.toml:3: `object[0].size_m`: expected the size of a box: [x, y, z], metres",
+        ),
+        (
+            "[[object]]\nshape = \"sphere\"\n",
+            "s.toml:1: `object[0].radius_m`: a sphere needs it, in metres",
+        ),
+        (
+            "[[object]]\n[[object]]\nname = \"x\"\n",
+            "s.toml:1: `object[0]`: expected either `file` or `shape` (plane, box, cylinder, cone, sphere, torus)",
+        ),
+        (
+            "[[object]]\nfile = \"gone.glb\"\n",
+            "s.toml:2: `object[0].file`: there is no file gone.glb; expected a .glb, .gltf or .ply",
+        ),
+        (
+            "[[object]]\nfile = \"gone.glb\"\nradius_m = 1\n",
+            "s.toml:3: `object[0].radius_m`: goes with `shape` only; use `scale` for a file",
+        ),
+        (
+            "[[object]]\nshape = \"sphere\"\nradius_m = 1\nscale = 0\n",
+            "s.toml:4: `object[0].scale`: expected a number from 0.0001 to 10000, or three of them",
+        ),
+        (
+            "[[object]]\nshape = \"sphere\"\nradius_m = 1\nmaterial = { base_colour = \"red\" }\n",
+            "s.toml:4: `object[0].material.base_colour`: expected \"#rrggbb\" (sRGB) or three linear numbers from 0 up, found \"red\"",
+        ),
+        (
+            "[[object]]\nshape = \"sphere\"\nradius_m = 1\n[object.material]\nmetallic = 2\n",
+            "s.toml:5: `object[0].material.metallic`: expected a number from 0 to 1, found 2",
+        ),
+        (
+            "[[object]]\nshape = \"sphere\"\nradius_m = 1\nmirror = true\n",
+            "s.toml:4: `object[0].mirror`: goes with [[phantom]] only; use `material` for an object",
+        ),
+        (
+            "[[phantom]]\nshape = \"sphere\"\nradius_m = 1\nmaterial = {}\n",
+            "s.toml:4: `phantom[0].material`: goes with [[object]] only; a phantom shows no colour of its own",
+        ),
+        (
+            "[ground]\nheight = 1\n",
+            "s.toml:2: unknown key `ground.height`; did you mean `height_m` (in metres)?",
+        ),
+        (
+            "[[object]]\nshape = \"torus\"\nradius_m = 1\ntube_radius_m = 1\n",
+            "s.toml:4: `object[0].tube_radius_m`: expected less than radius_m",
+        ),
+        (
+            "[[object]]\nshape = \"sphere\"\nradius_m = nan\n",
+            "s.toml:3: `object[0].radius_m`: expected metres from 0.0001 to 100000, found NaN",
+        ),
+    ];
+    for (text, expected) in cases {
+        assert_eq!(complaint(text), expected);
+    }
+}
+
+#[test]
+fn a_scene_file_takes_the_place_of_what_is_virtual() {
+    let mut session = Scene::default();
+    session.add_ground(&GroundPlane {
+        normal: DVec3::Z,
+        offset: 0.0,
+        size: 8.0,
+        albedo: None,
+    });
+    session.virtual_parts = read("[[object]]\nshape = \"sphere\"\nradius_m = 1\n")
+        .unwrap()
+        .objects;
+    let text = "[[object]]\nname = \"new\"\nshape = \"box\"\nsize_m = [1, 1, 1]\n[[phantom]]\nshape = \"box\"\nsize_m = [1, 1, 1]\n[ground]\nheight_m = 0.5\n";
+    let scene = read(text).unwrap().onto(session.clone());
+    assert_eq!(scene.virtual_parts.len(), 1);
+    assert_eq!(scene.virtual_parts[0].name, "new");
+    assert_eq!(scene.ground_height, Some(0.5));
+    assert_eq!(scene.phantom_parts.len(), 2);
+    let alone = read("session_phantoms = false\n").unwrap().onto(session);
+    assert!(alone.phantom_parts.is_empty() && alone.ground_height.is_none());
+}
+
+#[test]
+fn models_are_found_beside_the_scene_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let ply = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+        element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
+    std::fs::write(folder.path().join("a.ply"), ply).unwrap();
+    std::fs::write(folder.path().join("b.glb"), "glTF nonsense").unwrap();
+    let path = folder.path().join("scene.toml");
+    std::fs::write(&path, "[[object]]\nfile = \"a.ply\"\n").unwrap();
+    assert_eq!(
+        SceneAddition::load(&path).unwrap().objects[0]
+            .mesh
+            .indices
+            .len(),
+        3
+    );
+    std::fs::write(&path, "[[object]]\nfile = \"b.glb\"\n").unwrap();
+    let text = SceneAddition::load(&path).unwrap_err().to_string();
+    assert!(text.contains("b.glb: not a usable glTF"), "{text}");
+    // A configuration that names the scene is no better than the scene.
+    let config = folder.path().join("rig.toml");
+    std::fs::write(&config, "[scene]\nfile = \"scene.toml\"\n").unwrap();
+    let text = crate::config::check_config(&config)
+        .unwrap_err()
+        .to_string();
+    assert!(text.contains("b.glb"), "{text}");
+}
