@@ -4,9 +4,20 @@ use crate::calibration::{EnvironmentSource, Response};
 use serde::de::{self, Deserialize, Deserializer, Visitor};
 use std::fmt;
 use std::path::PathBuf;
+use std::str::FromStr;
 
 /// How the dome lights are placed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    clap::ValueEnum,
+    serde::Deserialize,
+    serde::Serialize,
+)]
 #[serde(rename_all = "kebab-case")]
 pub enum LightPlacement {
     /// `"adaptive"`: compact sources get lights of their own at their true direction.
@@ -17,7 +28,17 @@ pub enum LightPlacement {
 }
 
 /// What is done about sources that even the darkest exposure clips.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    clap::ValueEnum,
+    serde::Deserialize,
+    serde::Serialize,
+)]
 #[serde(rename_all = "kebab-case")]
 pub enum Clipped {
     /// `"estimate"`: their energy is estimated and flagged.
@@ -28,7 +49,17 @@ pub enum Clipped {
 }
 
 /// How diffuse irradiance is found.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    clap::ValueEnum,
+    serde::Deserialize,
+    serde::Serialize,
+)]
 #[serde(rename_all = "kebab-case")]
 pub enum Irradiance {
     /// `"harmonics"`: spherical harmonics to degree 2.
@@ -39,7 +70,17 @@ pub enum Irradiance {
 }
 
 /// What fills the directions the environment camera cannot see.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    clap::ValueEnum,
+    serde::Deserialize,
+    serde::Serialize,
+)]
 #[serde(rename_all = "kebab-case")]
 pub enum Unseen {
     /// `"scene-camera"`: what the scene camera sees there, else the seen part's mean.
@@ -52,7 +93,17 @@ pub enum Unseen {
 }
 
 /// How shadows are put into the camera's picture.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    clap::ValueEnum,
+    serde::Deserialize,
+    serde::Serialize,
+)]
 #[serde(rename_all = "kebab-case")]
 pub enum ShadowMode {
     /// `"ratio"`: camera × (E − R) / E.
@@ -63,7 +114,17 @@ pub enum ShadowMode {
 }
 
 /// Resolution of the shadow buffer.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    clap::ValueEnum,
+    serde::Deserialize,
+    serde::Serialize,
+)]
 #[serde(rename_all = "kebab-case")]
 pub enum ShadowResolution {
     /// `"auto"`: full on a GPU, half on a software adapter.
@@ -76,7 +137,17 @@ pub enum ShadowResolution {
 }
 
 /// How the environment camera's white point is found.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    clap::ValueEnum,
+    serde::Deserialize,
+    serde::Serialize,
+)]
 #[serde(rename_all = "kebab-case")]
 pub enum WhiteBalanceMethod {
     /// `"auto"`: chart, else overlap, else reflectance; they check one another.
@@ -93,7 +164,17 @@ pub enum WhiteBalanceMethod {
 }
 
 /// Antialiasing of virtual objects.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    clap::ValueEnum,
+    serde::Deserialize,
+    serde::Serialize,
+)]
 #[serde(rename_all = "kebab-case")]
 pub enum Antialias {
     /// `"msaa4"`: four samples a pixel.
@@ -104,7 +185,17 @@ pub enum Antialias {
 }
 
 /// Matrix of YUV pictures.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    clap::ValueEnum,
+    serde::Deserialize,
+    serde::Serialize,
+)]
 #[serde(rename_all = "kebab-case")]
 pub enum YuvMatrix {
     /// `"bt601"`: what webcams send.
@@ -115,7 +206,17 @@ pub enum YuvMatrix {
 }
 
 /// Range of YUV pictures.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    clap::ValueEnum,
+    serde::Deserialize,
+    serde::Serialize,
+)]
 #[serde(rename_all = "kebab-case")]
 pub enum YuvRange {
     /// `"limited"`: Y in 16..=235.
@@ -126,13 +227,18 @@ pub enum YuvRange {
 }
 
 /// How fast a recording plays.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ReplaySpeed {
     /// A factor of the recorded pace; 1 is as it was.
     Factor(f64),
     /// `"max"`: as fast as frames can be made; none is left out.
-    #[default]
     Max,
+}
+
+impl Default for ReplaySpeed {
+    fn default() -> Self {
+        Self::Factor(1.0)
+    }
 }
 
 /// How many shadow maps are drawn anew each frame.
@@ -260,29 +366,65 @@ fn either<'de, D: Deserializer<'de>, T>(
     read(value).ok_or_else(|| de::Error::custom(format!("{shown}, expected {expected}")))
 }
 
-impl<'de> Deserialize<'de> for Refresh {
-    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
-        either(d, "a whole number from 1 to 384, or \"all\"", |v| match v {
+/// A word from the command line, as if it stood in the file.
+fn typed(text: &str) -> NumberOrWord {
+    text.parse().map_or_else(
+        |_| NumberOrWord::Word(text.to_owned()),
+        NumberOrWord::Number,
+    )
+}
+
+impl Refresh {
+    const EXPECTED: &str = "a whole number from 1 to 384, or \"all\"";
+
+    fn read(value: NumberOrWord) -> Option<Self> {
+        match value {
             NumberOrWord::Number(n) if n.fract() == 0.0 && (1.0..=384.0).contains(&n) => {
                 Some(Self::Count(n as u32))
             }
             NumberOrWord::Word(w) if w == "all" => Some(Self::All),
             _ => None,
-        })
+        }
+    }
+}
+
+impl FromStr for Refresh {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        Self::read(typed(text)).ok_or_else(|| format!("expected {}", Self::EXPECTED))
+    }
+}
+
+impl<'de> Deserialize<'de> for Refresh {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        either(d, Self::EXPECTED, Self::read)
+    }
+}
+
+impl ReplaySpeed {
+    const EXPECTED: &str = "a factor between 0.01 and 100, or \"max\"";
+
+    fn read(value: NumberOrWord) -> Option<Self> {
+        match value {
+            NumberOrWord::Number(n) if (0.01..=100.0).contains(&n) => Some(Self::Factor(n)),
+            NumberOrWord::Word(w) if w == "max" => Some(Self::Max),
+            _ => None,
+        }
+    }
+}
+
+impl FromStr for ReplaySpeed {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        Self::read(typed(text)).ok_or_else(|| format!("expected {}", Self::EXPECTED))
     }
 }
 
 impl<'de> Deserialize<'de> for ReplaySpeed {
     fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
-        either(
-            d,
-            "a factor between 0.01 and 100, or \"max\"",
-            |v| match v {
-                NumberOrWord::Number(n) if (0.01..=100.0).contains(&n) => Some(Self::Factor(n)),
-                NumberOrWord::Word(w) if w == "max" => Some(Self::Max),
-                _ => None,
-            },
-        )
+        either(d, Self::EXPECTED, Self::read)
     }
 }
 
@@ -298,19 +440,31 @@ impl<'de> Deserialize<'de> for ToneCurve {
     }
 }
 
+impl Monitor {
+    const EXPECTED: &str = "a monitor's number from 0, or part of its name";
+
+    fn read(value: NumberOrWord) -> Option<Self> {
+        match value {
+            NumberOrWord::Number(n) if n.fract() == 0.0 && (0.0..64.0).contains(&n) => {
+                Some(Self::Index(n as u32))
+            }
+            NumberOrWord::Word(w) => Some(Self::Name(w)),
+            NumberOrWord::Number(_) => None,
+        }
+    }
+}
+
+impl FromStr for Monitor {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        Self::read(typed(text)).ok_or_else(|| format!("expected {}", Self::EXPECTED))
+    }
+}
+
 impl<'de> Deserialize<'de> for Monitor {
     fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
-        either(
-            d,
-            "a monitor's number from 0, or part of its name",
-            |v| match v {
-                NumberOrWord::Number(n) if n.fract() == 0.0 && (0.0..64.0).contains(&n) => {
-                    Some(Self::Index(n as u32))
-                }
-                NumberOrWord::Word(w) => Some(Self::Name(w)),
-                NumberOrWord::Number(_) => None,
-            },
-        )
+        either(d, Self::EXPECTED, Self::read)
     }
 }
 

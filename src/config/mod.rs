@@ -198,7 +198,7 @@ pub struct GpuConfig {
 }
 
 /// `[replay]`
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ReplayConfig {
     /// How fast.
     pub speed: ReplaySpeed,
@@ -283,15 +283,6 @@ impl Default for StatusConfig {
             listen: SocketAddr::from((Ipv4Addr::LOCALHOST, 8780)),
             token: None,
             stream_quality: 80,
-        }
-    }
-}
-
-impl Default for ReplayConfig {
-    fn default() -> Self {
-        Self {
-            speed: ReplaySpeed::Factor(1.0),
-            repeat: false,
         }
     }
 }

@@ -228,6 +228,27 @@ fn a_token_opens_the_door_and_stays_secret() {
     assert!(!format!("{config:?}").contains("opensesame"));
 }
 
+#[test]
+fn the_command_line_reads_the_same_words() {
+    assert_eq!("max".parse(), Ok(ReplaySpeed::Max));
+    assert_eq!("0.5".parse(), Ok(ReplaySpeed::Factor(0.5)));
+    assert!("fast".parse::<ReplaySpeed>().unwrap_err().contains("max"));
+    assert_eq!("all".parse(), Ok(Refresh::All));
+    assert_eq!("8".parse(), Ok(Refresh::Count(8)));
+    assert!("0".parse::<Refresh>().is_err() && "1.5".parse::<Refresh>().is_err());
+    assert_eq!("1".parse(), Ok(Monitor::Index(1)));
+    assert_eq!("HDMI-1".parse(), Ok(Monitor::Name("HDMI-1".into())));
+    assert_eq!(SceneChoice::from_text("none"), SceneChoice::None);
+    assert_eq!(Refresh::Count(8).of(4), 4);
+    assert_eq!(Refresh::All.of(64), 64);
+}
+
+#[test]
+fn the_example_scene_is_read() {
+    let scene = SceneAddition::load(&shipped("scene.toml")).unwrap();
+    assert!(scene.objects.len() > 1 && scene.session_phantoms);
+}
+
 proptest! {
     #[test]
     fn any_text_is_read_or_refused_in_one_line(

@@ -36,172 +36,18 @@ use super::gltf_file::{ModelPart, read_file};
 use super::primitives;
 use super::{Attachments, Material, Mesh, Model, Part, Scene, SceneError, load_gltf, load_ply};
 use crate::calibration::RigDocument;
-use crate::calibration::response::linear_from_srgb;
 use crate::calibration::rig_json::GroundPlane;
 use crate::config::SceneChoice;
 use crate::config::toml_text::{Fault, TomlText};
 use glam::{DMat4, DQuat, DVec3, EulerRot, Vec3};
-use serde::de::{self, Deserialize, Deserializer, SeqAccess, Visitor};
-use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use typed::{Colour, Entry, Ground, MaterialFile, SceneFile, Shape};
+
+mod typed;
 
 /// Objects or phantoms of one file.
 const MOST_ENTRIES: usize = 1000;
-
-#[derive(Debug, Default, serde::Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct SceneFile {
-    session_phantoms: Option<bool>,
-    object: Vec<Entry>,
-    phantom: Vec<Entry>,
-    ground: Option<Ground>,
-}
-
-/// An object or a phantom; which keys go with which is checked afterwards, because serde
-/// cannot refuse unknown keys in flattened structs.
-#[derive(Debug, Default, serde::Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct Entry {
-    name: Option<String>,
-    file: Option<String>,
-    shape: Option<Shape>,
-    size_m: Option<Vec<f64>>,
-    radius_m: Option<f64>,
-    tube_radius_m: Option<f64>,
-    height_m: Option<f64>,
-    segments: Option<u32>,
-    position_m: Option<[f64; 3]>,
-    rotation_deg: Option<[f64; 3]>,
-    rotation_wxyz: Option<[f64; 4]>,
-    scale: Option<Scale>,
-    material: Option<MaterialFile>,
-    mirror: Option<bool>,
-    albedo: Option<Colour>,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Deserialize)]
-#[serde(rename_all = "kebab-case")]
-enum Shape {
-    Plane,
-    Box,
-    Cylinder,
-    Cone,
-    Sphere,
-    Torus,
-}
-
-#[derive(Debug, Default, serde::Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct MaterialFile {
-    base_colour: Option<Colour>,
-    metallic: Option<f64>,
-    roughness: Option<f64>,
-    specular: Option<f64>,
-    emissive: Option<Colour>,
-}
-
-#[derive(Debug, Default, serde::Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct Ground {
-    height_m: Option<f64>,
-    size_m: Option<f64>,
-    albedo: Option<Colour>,
-}
-
-/// Linear RGB.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Colour(Vec3);
-
-/// One factor for each axis.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Scale(DVec3);
-
-struct ColourVisitor;
-
-impl<'de> Visitor<'de> for ColourVisitor {
-    type Value = Colour;
-
-    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str("\"#rrggbb\" (sRGB) or three linear numbers from 0 up")
-    }
-
-    fn visit_str<E: de::Error>(self, text: &str) -> Result<Colour, E> {
-        let wrong = || E::custom(format!("\"{text}\", expected {}", Expected(&self)));
-        let hex = text.strip_prefix('#').filter(|h| h.len() == 6);
-        let code = hex
-            .and_then(|h| u32::from_str_radix(h, 16).ok())
-            .ok_or_else(wrong)?;
-        let linear = |shift: u32| linear_from_srgb(((code >> shift) & 255) as f32 / 255.0);
-        Ok(Colour(Vec3::new(linear(16), linear(8), linear(0))))
-    }
-
-    fn visit_seq<A: SeqAccess<'de>>(self, seq: A) -> Result<Colour, A::Error> {
-        let rgb = three(seq)?.filter(|v| v.min_element() >= 0.0 && v.max_element() <= 1e6);
-        let rgb = rgb.ok_or_else(|| de::Error::custom(format!("expected {}", Expected(&Self))))?;
-        Ok(Colour(rgb.as_vec3()))
-    }
-}
-
-struct ScaleVisitor;
-
-impl<'de> Visitor<'de> for ScaleVisitor {
-    type Value = Scale;
-
-    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str("a number from 0.0001 to 10000, or three of them")
-    }
-
-    fn visit_f64<E: de::Error>(self, v: f64) -> Result<Scale, E> {
-        checked_scale(DVec3::splat(v))
-    }
-
-    fn visit_i64<E: de::Error>(self, v: i64) -> Result<Scale, E> {
-        checked_scale(DVec3::splat(v as f64))
-    }
-
-    fn visit_seq<A: SeqAccess<'de>>(self, seq: A) -> Result<Scale, A::Error> {
-        checked_scale(three(seq)?.unwrap_or(DVec3::NAN))
-    }
-}
-
-fn checked_scale<E: de::Error>(scale: DVec3) -> Result<Scale, E> {
-    if scale.to_array().iter().all(|s| (1e-4..=1e4).contains(s)) {
-        return Ok(Scale(scale));
-    }
-    Err(E::custom(format!("expected {}", Expected(&ScaleVisitor))))
-}
-
-/// Three numbers and no more.
-fn three<'de, A: SeqAccess<'de>>(mut seq: A) -> Result<Option<DVec3>, A::Error> {
-    let mut all: Vec<f64> = Vec::new();
-    while let Some(x) = seq.next_element()? {
-        all.push(x);
-    }
-    let array: Option<[f64; 3]> = all.try_into().ok();
-    Ok(array.map(DVec3::from))
-}
-
-/// Shows what a visitor expects.
-struct Expected<'a, V>(&'a V);
-
-impl<'de, V: Visitor<'de>> fmt::Display for Expected<'_, V> {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        self.0.expecting(f)
-    }
-}
-
-impl<'de> Deserialize<'de> for Colour {
-    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
-        d.deserialize_any(ColourVisitor)
-    }
-}
-
-impl<'de> Deserialize<'de> for Scale {
-    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
-        d.deserialize_any(ScaleVisitor)
-    }
-}
 
 /// What a scene file adds to a session, read and checked.
 #[derive(Clone, Debug)]

@@ -1,5 +1,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
+use crate::calibration::Response;
+use glam::DVec2;
 use proptest::prelude::*;
 use serde_json::{Value, json};
 

@@ -1,5 +1,6 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
+use crate::calibration::response::linear_from_srgb;
 
 fn read(text: &str) -> Result<SceneAddition, SceneError> {
     SceneAddition::read(&TomlText::new("s.toml", text), Path::new(""))

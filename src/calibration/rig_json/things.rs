@@ -1,0 +1,132 @@
+//! What stands in the scene, as a `rig.json` lists it: object, phantoms, ground, markers,
+//! virtual lights.
+
+use super::cameras::flag;
+use super::{
+    GroundPlane, Marker, Node, ObjectPlacement, PhantomPlacement, Result, VirtualLight,
+    VirtualLightKey, VirtualLightKind, name_of, z_up_from_y_up,
+};
+use glam::{DMat4, DVec3, Vec3};
+
+pub(super) fn object(node: &Node) -> Result<ObjectPlacement> {
+    let world_from_glb = match node.find("T_world_glb") {
+        Some(n) => n.transform()?,
+        None => {
+            let world_from_object = node
+                .need(
+                    "T_world_object",
+                    "the object's pose in the world, or T_world_glb",
+                )?
+                .transform()?;
+            world_from_object * z_up_from_y_up()
+        }
+    };
+    Ok(ObjectPlacement {
+        file: node.need("glb", "a file name")?.text()?.to_owned(),
+        world_from_glb,
+    })
+}
+
+fn albedo(node: &Node) -> Result<Option<Vec3>> {
+    let Some(node) = node.find("albedo_linear_rgb") else {
+        return Ok(None);
+    };
+    let rgb = node.colour()?;
+    if rgb.iter().any(|c| *c > 1.0) {
+        return Err(node.wrong("three numbers between 0 and 1"));
+    }
+    Ok(Some(Vec3::from(rgb)))
+}
+
+pub(super) fn phantom(node: &Node) -> Result<PhantomPlacement> {
+    let in_world = match node.find("ply_frame") {
+        Some(frame) => match frame.text()? {
+            "world" => true,
+            "phantom" | "local" => false,
+            _ => return Err(frame.wrong("\"world\" or \"phantom\"")),
+        },
+        None => true,
+    };
+    let world_from_file = if in_world {
+        DMat4::IDENTITY
+    } else {
+        node.need("pose", "the phantom's pose in the world")?
+            .transform()?
+    };
+    Ok(PhantomPlacement {
+        name: name_of(node, "phantom")?,
+        file: node.need("ply", "a file name")?.text()?.to_owned(),
+        world_from_file,
+        mirror: flag(node, "mirror")?,
+        albedo: albedo(node)?,
+    })
+}
+
+pub(super) fn ground(node: &Node) -> Result<GroundPlane> {
+    let normal = match node.find("normal") {
+        Some(n) => n
+            .vector()?
+            .try_normalize()
+            .ok_or_else(|| n.wrong("a direction other than 0, 0, 0"))?,
+        None => DVec3::Z,
+    };
+    Ok(GroundPlane {
+        normal,
+        offset: node.find("offset").map_or(Ok(0.0), |n| n.number())?,
+        size: node.find("size_m").map_or(Ok(10.0), |n| n.positive())?,
+        albedo: albedo(node)?,
+    })
+}
+
+pub(super) fn marker(node: &Node) -> Result<Marker> {
+    let family = node.need("family", "e.g. \"tag36h11\"")?.text()?.to_owned();
+    Ok(Marker {
+        family,
+        id: node.need("id", "a whole number")?.pixels()?,
+        size: node.need("size_m", "metres")?.positive()?,
+        world_from_marker: node
+            .need("T_world_marker", "the marker's pose in the world")?
+            .rigid()?,
+    })
+}
+
+pub(super) fn virtual_light(node: &Node) -> Result<VirtualLight> {
+    let kind = light_kind(node)?;
+    let keys = node.need("keys", "a list of t, pos, target, gain")?;
+    let keys: Vec<_> = keys
+        .list(100_000)?
+        .iter()
+        .map(light_key)
+        .collect::<Result<_>>()?;
+    let aimless = keys.iter().any(|k| k.target.is_none());
+    if keys.is_empty() || (aimless && kind != VirtualLightKind::Point) {
+        return Err(node.wrong("given at least one key, and a target in each if it is a spot"));
+    }
+    Ok(VirtualLight {
+        name: name_of(node, "light")?,
+        kind,
+        intensity: Vec3::from(node.need("intensity", "linear RGB")?.colour()?),
+        keys,
+    })
+}
+
+fn light_kind(node: &Node) -> Result<VirtualLightKind> {
+    let kind = node.need("kind", "\"point\" or \"spot\"")?;
+    match kind.text()? {
+        "point" => Ok(VirtualLightKind::Point),
+        "spot" => Ok(VirtualLightKind::Spot {
+            beam: node.need("beam_deg", "degrees")?.positive()?.to_radians(),
+            cutoff: node.need("cutoff_deg", "degrees")?.positive()?.to_radians(),
+        }),
+        _ => Err(kind.wrong("\"point\" or \"spot\"")),
+    }
+}
+
+fn light_key(node: &Node) -> Result<VirtualLightKey> {
+    Ok(VirtualLightKey {
+        seconds: node.need("t", "seconds")?.number()?,
+        position: node.need("pos", "x, y, z in metres")?.vector()?,
+        target: node.find("target").map(|n| n.vector()).transpose()?,
+        gain: node.find("gain").map_or(Ok(1.0), |n| n.number())?,
+    })
+}
