@@ -410,3 +410,67 @@ fn replace_nth_leaf(value: &mut Value, left: &mut usize, with: &Value) {
         }
     }
 }
+
+/// A published model, unless ../shared is missing.
+fn published(test: &str, file: &str) -> Option<Model> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/models");
+    if !folder.is_dir() {
+        eprintln!("SKIPPED {test}: ../shared is missing");
+        return None;
+    }
+    Some(load_gltf(&folder.join(file)).unwrap())
+}
+
+#[test]
+fn published_models_are_read_whole_and_upright() {
+    // Triangles and height as the files' accessor counts, bounds and nodes give them.
+    let cases = [
+        ("Duck/Duck.glb", 1, 4212, 1.5404),
+        ("BoxTextured/BoxTextured.glb", 1, 12, 1.0),
+        ("Suzanne/Suzanne.gltf", 1, 3936, 1.9248),
+        ("WaterBottle/WaterBottle.gltf", 1, 4510, 0.2604),
+        ("torii/scene.gltf", 7, 14_844, 5.3013),
+        ("suzi.glb", 1, 15_744, 1.3383),
+    ];
+    for (file, parts, triangles, height) in cases {
+        let Some(model) = published("published_models_are_read_whole_and_upright", file) else {
+            return;
+        };
+        let count: usize = model.parts.iter().map(|p| p.mesh.indices.len() / 3).sum();
+        assert_eq!((model.parts.len(), count), (parts, triangles), "{file}");
+        let heights = model.parts.iter().flat_map(|p| {
+            let place = |v: &Vertex| p.model_from_part.transform_point3(v.position.as_dvec3()).z;
+            p.mesh.vertices.iter().map(place).collect::<Vec<_>>()
+        });
+        let (low, high) = heights.fold((f64::MAX, f64::MIN), |(l, h), z| (l.min(z), h.max(z)));
+        assert!((high - low - height).abs() < 1e-3, "{file}: {}", high - low);
+    }
+}
+
+#[test]
+fn our_tangents_agree_with_the_water_bottles_own() {
+    let file = "WaterBottle/WaterBottle.gltf";
+    let Some(model) = published("our_tangents_agree_with_the_water_bottles_own", file) else {
+        return;
+    };
+    let part = &model.parts[0];
+    let material = &part.material;
+    assert!(material.occlusion_texture.is_some() && material.emissive_texture.is_some());
+    let mut mesh = (*part.mesh).clone();
+    recompute_tangents(&mut mesh);
+    let agree = |(a, b): &(&Vertex, &Vertex)| {
+        let angle = a.tangent.truncate().dot(b.tangent.truncate());
+        angle > 0.95 && a.tangent.w == b.tangent.w
+    };
+    let count = mesh
+        .vertices
+        .iter()
+        .zip(&part.mesh.vertices)
+        .filter(agree)
+        .count();
+    assert!(
+        count * 100 > mesh.vertices.len() * 95,
+        "{count} of {}",
+        mesh.vertices.len()
+    );
+}
