@@ -1,6 +1,7 @@
 //! What is virtual, and the proxies of what is real. Plain data; no wgpu.
 
 pub mod assemble;
+mod casters;
 mod check;
 pub mod error;
 mod gltf_bytes;
@@ -15,6 +16,7 @@ pub mod scene_file;
 pub mod simplify;
 
 pub use assemble::{Attachments, rig_of_session};
+pub use casters::{casters, casters_within};
 pub use error::SceneError;
 pub use gltf_bytes::Resolver;
 pub use gltf_file::{Model, load_gltf, load_gltf_bytes};
