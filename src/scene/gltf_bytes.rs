@@ -11,6 +11,9 @@ pub(super) type Fault = String;
 /// Finds the bytes of a file that a glTF names by a relative path.
 pub type Resolver<'r> = dyn Fn(&str) -> Result<Vec<u8>, String> + 'r;
 
+/// Elements of an accessor that has no buffer view.
+const MOST_IMPLIED: usize = 1 << 20;
+
 const DAMAGED: &str = "the file is damaged; export it again";
 
 /// The JSON text and the binary chunk of a `.glb`; a `.gltf` is all JSON (section 4.4 of
@@ -213,6 +216,8 @@ impl<'a> Source<'a> {
                     .map(|e| convert(e, kind, normalized))
                     .collect()
             }
+            // These zeros take no bytes in the file: a few words could ask for gigabytes.
+            None if count > MOST_IMPLIED => return Err(fault("is too large to have no data")),
             None => vec![T::default(); count],
         };
         if let Some(sparse) = accessor.sparse() {

@@ -5,13 +5,14 @@ use super::gltf_bytes::{Fault, Resolver, Source, follow, one_line};
 use super::{Material, SceneTexture};
 use glam::{Mat2, Vec2, Vec3, Vec4};
 use gltf::material::AlphaMode;
-use image::ImageReader;
+use image::{ImageFormat, ImageReader};
 use std::collections::HashMap;
 use std::io::Cursor;
 use std::sync::Arc;
 
-/// Bytes that one decoded texture may take.
-const TEXTURE_BYTES: u64 = 4 * (LARGEST_TEXTURE as u64) * (LARGEST_TEXTURE as u64);
+/// Bytes that all decoded textures of one file may take together: a PNG of one colour
+/// shrinks a thousandfold, so the file's own size is no limit.
+const TEXTURE_BYTES: u64 = 1 << 30;
 
 /// Which texture coordinates a material wants, and how they are moved
 /// (KHR_texture_transform). A vertex has room for one set: the first texture decides.
@@ -69,6 +70,7 @@ pub(super) struct Materials<'s, 'b> {
     file: &'s str,
     looks: HashMap<Option<usize>, Look>,
     images: HashMap<usize, Arc<SceneTexture>>,
+    bytes_left: u64,
 }
 
 impl<'s, 'b> Materials<'s, 'b> {
@@ -79,6 +81,7 @@ impl<'s, 'b> Materials<'s, 'b> {
             file,
             looks: HashMap::new(),
             images: HashMap::new(),
+            bytes_left: TEXTURE_BYTES,
         }
     }
 
@@ -188,41 +191,40 @@ impl<'s, 'b> Materials<'s, 'b> {
             .get(index)
             .ok_or("a texture without image; export it again")?;
         let decoded = match (&entry.buffer_view, &entry.uri) {
-            (Some(view), _) => decode(self.source.view(view.value())?),
-            (None, Some(uri)) => decode(&follow(uri, self.resolve)?),
+            (Some(view), _) => decode(self.source.view(view.value())?, self.bytes_left),
+            (None, Some(uri)) => decode(&follow(uri, self.resolve)?, self.bytes_left),
             (None, None) => Err("it has no data; export it again".into()),
         };
         let texture = Arc::new(decoded.map_err(|e| format!("image {index}: {e}"))?);
+        self.bytes_left = self.bytes_left.saturating_sub(texture.rgba.len() as u64);
         self.images.insert(index, texture.clone());
         Ok(texture)
     }
 }
 
-/// PNG or JPEG bytes to RGBA8.
-pub(super) fn decode(bytes: &[u8]) -> Result<SceneTexture, Fault> {
-    let mut limits = image::Limits::default();
-    limits.max_image_width = Some(LARGEST_TEXTURE);
-    limits.max_image_height = Some(LARGEST_TEXTURE);
-    limits.max_alloc = Some(TEXTURE_BYTES);
-    let mut reader = ImageReader::new(Cursor::new(bytes))
-        .with_guessed_format()
-        .map_err(|e| one_line(&e.to_string()))?;
-    if !matches!(
-        reader.format(),
-        Some(image::ImageFormat::Png | image::ImageFormat::Jpeg)
-    ) {
+/// PNG or JPEG bytes to RGBA8, which may take `most` bytes.
+fn decode(bytes: &[u8], most: u64) -> Result<SceneTexture, Fault> {
+    let unreadable = |e: image::ImageError| one_line(&e.to_string());
+    let open = || {
+        ImageReader::new(Cursor::new(bytes))
+            .with_guessed_format()
+            .map_err(|e| one_line(&e.to_string()))
+    };
+    let mut reader = open()?;
+    if !matches!(reader.format(), Some(ImageFormat::Png | ImageFormat::Jpeg)) {
         return Err("neither PNG nor JPEG; convert it".into());
     }
+    let (width, height) = open()?.into_dimensions().map_err(unreadable)?;
+    let size = 4 * u64::from(width) * u64::from(height);
+    if width.max(height) > LARGEST_TEXTURE || size > most {
+        return Err(format!(
+            "{width}x{height} is too large (at most {LARGEST_TEXTURE} a side, 1 GiB together); scale it down"
+        ));
+    }
+    let mut limits = image::Limits::default();
+    limits.max_alloc = Some(most.saturating_mul(2));
     reader.limits(limits);
-    let picture = reader
-        .decode()
-        .map_err(|e| {
-            format!(
-                "{} (PNG or JPEG, at most {LARGEST_TEXTURE} a side)",
-                one_line(&e.to_string())
-            )
-        })?
-        .into_rgba8();
+    let picture = reader.decode().map_err(unreadable)?.into_rgba8();
     Ok(SceneTexture {
         width: picture.width(),
         height: picture.height(),
@@ -244,5 +246,54 @@ fn weaken_occlusion(material: &mut Material, strength: f32) {
                 .round() as u8;
         }
         *texture = Arc::new(copy);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+
+    fn grey_png(width: u32, height: u32) -> Vec<u8> {
+        let mut png = Vec::new();
+        image::GrayImage::from_pixel(width, height, image::Luma([51]))
+            .write_to(&mut Cursor::new(&mut png), ImageFormat::Png)
+            .unwrap();
+        png
+    }
+
+    #[test]
+    fn grey_pictures_become_rgba() {
+        let texture = decode(&grey_png(2, 1), 8).unwrap();
+        assert_eq!(texture.rgba, [51, 51, 51, 255, 51, 51, 51, 255]);
+    }
+
+    #[test]
+    fn pictures_larger_than_their_share_are_refused_before_they_are_decoded() {
+        let text = decode(&grey_png(3, 1), 11).unwrap_err();
+        assert!(text.contains("3x1 is too large"), "{text}");
+        let text = decode(&grey_png(LARGEST_TEXTURE + 1, 1), u64::MAX).unwrap_err();
+        assert!(text.contains("too large"), "{text}");
+        assert!(
+            decode(b"GIF89a", 1000)
+                .unwrap_err()
+                .contains("neither PNG nor JPEG")
+        );
+    }
+
+    #[test]
+    fn occlusion_strength_is_baked_in() {
+        let texture = SceneTexture {
+            width: 1,
+            height: 1,
+            rgba: vec![0, 1, 2, 3],
+        };
+        let mut material = Material {
+            occlusion_texture: Some(Arc::new(texture)),
+            ..Material::default()
+        };
+        weaken_occlusion(&mut material, 0.6);
+        // 1 + 0.6 · (0 − 1) = 0.4, and nothing but red is touched.
+        assert_eq!(material.occlusion_texture.unwrap().rgba, [102, 1, 2, 3]);
     }
 }

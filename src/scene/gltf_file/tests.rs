@@ -253,7 +253,16 @@ fn texture_transforms_are_baked_in() {
 #[test]
 fn hostile_documents_are_refused_in_one_line() {
     type Change = fn(&mut Value);
-    let cases: [(Change, &str); 15] = [
+    let cases: [(Change, &str); 16] = [
+        (
+            |d| {
+                d["accessors"][0] = json!({"componentType": 5126, "type": "VEC3",
+                "count": 50_000_000, "min": [0, 0, 0], "max": [1, 1, 1],
+                "sparse": {"count": 1, "indices": {"bufferView": 0, "componentType": 5121},
+                           "values": {"bufferView": 0}}})
+            },
+            "no data",
+        ),
         (
             |d| d["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = json!(u32::MAX),
             "POSITION",
