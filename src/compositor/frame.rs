@@ -333,7 +333,7 @@ fn write_response(queue: &wgpu::Queue, targets: &Targets, response: &Response) {
     let encoding: Vec<f32> = (0..ENCODING)
         .map(|i| {
             let root = i as f32 / (ENCODING - 1) as f32;
-            response.code_from_linear(root * root)
+            response.encoded_from_linear(root * root)
         })
         .collect();
     let tables = [

@@ -22,8 +22,6 @@ pub use gltf_bytes::Resolver;
 pub use gltf_file::{Model, load_gltf, load_gltf_bytes};
 pub use mesh::{Material, Mesh, Part, Scene, SceneTexture, Vertex};
 pub use ply::load_ply;
-mod casters;
-pub use casters::casters;
 pub use raycast::{Hit, PhantomRays};
 pub use scene_file::SceneAddition;
 pub use simplify::simplify_for_casting;
