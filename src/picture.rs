@@ -109,6 +109,20 @@ impl Picture {
         Ok(picture)
     }
 
+    /// Decodes a JPEG or PNG file's bytes, told apart by their first byte.
+    ///
+    /// # Errors
+    /// Anything else, or a damaged picture.
+    pub fn from_file_bytes(bytes: &[u8]) -> Result<Self, PictureError> {
+        let mut picture = Self::default();
+        match bytes.first() {
+            None => return Err(PictureError::Empty),
+            Some(0x89) => coded::decode_png(bytes, &mut picture)?,
+            Some(_) => coded::decode_jpeg(bytes, &mut picture)?,
+        }
+        Ok(picture)
+    }
+
     /// Takes a size of at most [`MAX_PIXELS`], keeping the buffer where it is large enough.
     fn resize(&mut self, width: u32, height: u32) -> Result<(), PictureError> {
         let pixels = u64::from(width) * u64::from(height);

@@ -184,7 +184,7 @@ impl Compositor {
             _ => &[],
         };
         let lights = &lights[..lights.len().min(self.settings.light_budget as usize)];
-        let size = self.settings.shadow_map_size;
+        let size = self.shadow_map_size();
         self.slots
             .schedule(lights, size, input.refresh, &mut self.chosen);
         self.refreshed = self.chosen.len();
@@ -219,7 +219,7 @@ impl Compositor {
         Ok(false)
     }
 
-    fn rebind(&mut self) {
+    pub(super) fn rebind(&mut self) {
         if let Some(sized) = self.sized.take() {
             self.sized = Some(self.bind(sized.targets));
         }

@@ -30,6 +30,7 @@ use frame::Pipelines;
 use light_maps::LightMaps;
 use passes::shadow_map::ShadowMaps;
 use scene_buffers::{SceneBuffers, SceneLayouts};
+use shaders::MAX_LIGHTS;
 use shadow_slots::{CasterHull, ShadowSlots};
 use targets::Targets;
 use timing::Timer;
@@ -88,17 +89,9 @@ impl Compositor {
         let light_maps = LightMaps::new(device, &gpu.queue, settings.light_budget);
         let pipelines =
             Pipelines::new(device, &light_maps.frame_layout, &layouts, settings.samples);
-        let maps = |label| {
-            ShadowMaps::new(
-                device,
-                label,
-                settings.shadow_map_size,
-                settings.light_budget,
-            )
-        };
         Self {
             timer: Timer::new(device, &gpu.queue, gpu.timestamps),
-            maps: (maps("virtual shadow maps"), maps("phantom shadow maps")),
+            maps: make_maps(device, &settings),
             slots: ShadowSlots::default(),
             chosen: Vec::with_capacity(settings.light_budget as usize),
             scene: SceneBuffers::upload(device, &gpu.queue, &layouts, &Scene::default(), &[]),
@@ -129,6 +122,22 @@ impl Compositor {
             CasterHull::around(&self.scene.virtual_casters.positions),
             CasterHull::around(&self.scene.phantom_casters.positions),
         );
+    }
+
+    /// Changes the greatest number of dome lights. Every map is drawn anew with the next
+    /// frame.
+    pub fn set_light_budget(&mut self, lights: u32) {
+        let lights = lights.clamp(1, MAX_LIGHTS);
+        if lights == self.settings.light_budget {
+            return;
+        }
+        self.settings.light_budget = lights;
+        let (device, queue) = (&self.gpu.device, &self.gpu.queue);
+        self.light_maps = LightMaps::new(device, queue, lights);
+        self.maps = make_maps(device, &self.settings);
+        self.slots.forget();
+        self.radiance_generation = None;
+        self.rebind();
     }
 
     /// Size of the pictures made so far.
@@ -163,8 +172,32 @@ impl Compositor {
         self.timer.read(&self.gpu.device)
     }
 
+    /// Texels a side of the shadow maps in use.
+    #[must_use]
+    pub const fn shadow_map_size(&self) -> u32 {
+        map_size(&self.settings)
+    }
+
     fn make_targets(&self, width: u32, height: u32) -> Targets {
         let s = &self.settings;
         Targets::new(&self.gpu.device, width, height, s.samples, s.shadow_step)
     }
+}
+
+/// Lights from which on maps are made smaller: more lights share the work of drawing the
+/// shadows' shapes, and 384 maps of full size would take 800 MB.
+const MANY_LIGHTS: u32 = 96;
+
+const fn map_size(settings: &CompositorSettings) -> u32 {
+    if settings.light_budget > MANY_LIGHTS {
+        settings.shadow_map_size / 2
+    } else {
+        settings.shadow_map_size
+    }
+}
+
+fn make_maps(device: &wgpu::Device, settings: &CompositorSettings) -> (ShadowMaps, ShadowMaps) {
+    let maps =
+        |label| ShadowMaps::new(device, label, map_size(settings), settings.light_budget);
+    (maps("virtual shadow maps"), maps("phantom shadow maps"))
 }

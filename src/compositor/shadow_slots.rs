@@ -130,6 +130,11 @@ impl ShadowSlots {
         self.casters += 1;
     }
 
+    /// Every map is lost.
+    pub fn forget(&mut self) {
+        self.slots.clear();
+    }
+
     /// Chooses the maps to draw again for `lights` and points them; the chosen slots'
     /// numbers go into `chosen` (cleared first). Maps never drawn are always chosen.
     pub fn schedule(

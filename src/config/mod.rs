@@ -8,7 +8,8 @@ mod error;
 mod file;
 pub(crate) mod toml_text;
 
-pub use crate::calibration::EnvironmentSource;
+pub use crate::picture::YuvEncoding;
+use crate::calibration::EnvironmentSource;
 pub use choice::{
     Antialias, Clipped, Irradiance, LightPlacement, Monitor, Refresh, ReplaySpeed, SceneChoice,
     ShadowMode, ShadowResolution, ToneCurve, Unseen, WhiteBalanceMethod, YuvMatrix, YuvRange,
@@ -153,6 +154,24 @@ pub struct InputConfig {
     pub yuv_matrix: YuvMatrix,
     /// Range of YUYV and NV12.
     pub yuv_range: YuvRange,
+}
+
+impl InputConfig {
+    /// The same for the decoder.
+    #[must_use]
+    pub const fn encoding(self) -> YuvEncoding {
+        use crate::picture::{YuvMatrix as Matrix, YuvRange as Range};
+        YuvEncoding {
+            matrix: match self.yuv_matrix {
+                YuvMatrix::Bt601 => Matrix::Bt601,
+                YuvMatrix::Bt709 => Matrix::Bt709,
+            },
+            range: match self.yuv_range {
+                YuvRange::Limited => Range::Limited,
+                YuvRange::Full => Range::Full,
+            },
+        }
+    }
 }
 
 /// `[output]`

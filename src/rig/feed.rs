@@ -5,7 +5,7 @@ use crate::calibration::{RigCalibration, rig::EnvironmentView};
 use crate::session::{Events, Session, SessionEvent};
 use crate::sync::{Pairing, PairingConfig, PairingCounts, RigFrame};
 use penumbra_interface::{MonotonicTime, PoseSample};
-use penumbra_tracker_serial::fastrak::{Counters, Decoder, Encoding, Ending, Format, Orientation};
+use penumbra_tracker_serial::fastrak::{Counters, Decoder, Format};
 
 /// Plays a session as if its devices were here.
 pub struct Feed {
@@ -14,6 +14,7 @@ pub struct Feed {
     decoder: Decoder,
     pairing: Pairing,
     exhausted: bool,
+    sphere_in_scene: bool,
     last_arrival: MonotonicTime,
     counts: FeedCounts,
 }
@@ -37,7 +38,8 @@ impl Feed {
     pub fn new(session: Session, rig: &RigCalibration, config: PairingConfig) -> Self {
         Self {
             events: session.events(),
-            decoder: Decoder::new(record_format(rig.tracker.as_ref())),
+            decoder: Decoder::new(record_format(&session, rig.tracker.as_ref())),
+            sphere_in_scene: is_sphere_in_scene(rig),
             pairing: Pairing::new(config),
             session,
             exhausted: false,
@@ -84,7 +86,9 @@ impl Feed {
             }
             SessionEvent::Environment(frame) => {
                 self.counts.environment_frames += 1;
-                self.pairing.push_environment(frame);
+                if !self.sphere_in_scene {
+                    self.pairing.push_environment(frame);
+                }
             }
             SessionEvent::TrackerBytes { bytes, arrived_at } => {
                 let (pairing, counts) = (&mut self.pairing, &mut self.counts);
@@ -120,27 +124,17 @@ impl Feed {
     }
 }
 
-/// Brackets to wait for: none where the scene camera sees the sphere itself.
+/// The scene camera itself sees the light, on a mirrored sphere.
 #[must_use]
-pub fn pairing_config(rig: &RigCalibration) -> PairingConfig {
-    let mut config = PairingConfig::for_rig(rig);
-    let in_scene = rig
-        .environment
-        .as_ref()
-        .is_some_and(|e| matches!(e.view, EnvironmentView::SphereInScene { .. }));
-    if in_scene {
-        config.brackets = 0;
-    }
-    config
+pub fn is_sphere_in_scene(rig: &RigCalibration) -> bool {
+    let environment = rig.environment.as_ref();
+    environment.is_some_and(|e| matches!(e.view, EnvironmentView::SphereInScene { .. }))
 }
 
-/// The recorded FASTRAK speaks ASCII with Euler angles, in the calibration's unit.
-fn record_format(tracker: Option<&TrackerCalibration>) -> Format {
-    Format {
-        encoding: Encoding::Ascii,
-        orientation: Orientation::Euler,
-        ending: Ending::CrLf,
-        metres_per_unit: tracker.map_or(0.0254, |t| t.metres_per_unit),
-        ..Format::default()
-    }
+/// How the recorded bytes are spelled. A protocol that nobody knows is read as a FASTRAK's
+/// default; the decoder counts what it cannot read.
+fn record_format(session: &Session, tracker: Option<&TrackerCalibration>) -> Format {
+    let format = session.tracker_protocol().and_then(Format::for_protocol).unwrap_or_default();
+    let metres_per_unit = tracker.map_or(format.metres_per_unit, |t| t.metres_per_unit);
+    Format { metres_per_unit, ..format }
 }

@@ -191,7 +191,11 @@ impl LightStation {
         let rays = &self.rays;
         let cast = |o: DVec3, d: DVec3| rays.cast(o, d);
         let pairs = gather_pairs(&overlap, &cast, &GatherOptions::default());
-        self.photometry.update_overlap(estimate_overlap(&pairs), scene.captured_at);
+        self.photometry.update_overlap(
+            estimate_overlap(&pairs),
+            scene.captured_at,
+            set.captured_at,
+        );
     }
 
     /// The light in force.

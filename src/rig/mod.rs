@@ -16,7 +16,7 @@ pub use report::Report;
 
 use crate::calibration::{RigCalibration, RigDocument};
 use crate::compositor::GpuError;
-use crate::config::{Config, ConfigError, SceneChoice};
+use crate::config::{Config, ConfigError};
 use crate::environment::EnvironmentError;
 use crate::picture::PictureError;
 use crate::scene::{Scene, SceneError};
@@ -101,24 +101,9 @@ impl RigSetup {
         document
             .select_environment(config.environment.source, camera_recorded)
             .map_err(SceneError::from)?;
-        let scene = scene(&document, &attachments, config)?;
+        let scene = Scene::choose(&config.scene, &document, &attachments)?;
         Ok(Self { calibration: calibration(&document, config), scene })
     }
-}
-
-fn scene<'a>(
-    document: &RigDocument,
-    attachments: &crate::scene::Attachments<'a>,
-    config: &Config,
-) -> Result<Scene, RigError> {
-    Ok(match &config.scene {
-        SceneChoice::Session => Scene::of_rig(document, attachments)?,
-        SceneChoice::None => Scene::phantoms_of_rig(document, attachments)?,
-        SceneChoice::File(path) => {
-            let phantoms = Scene::phantoms_of_rig(document, attachments)?;
-            phantoms.joined(Scene::load(path)?)
-        }
-    })
 }
 
 /// The session's calibration with what the configuration overrides.

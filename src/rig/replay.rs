@@ -1,6 +1,6 @@
 //! Lets a recorded session flow through the compositor to the outputs.
 
-use super::feed::{Feed, pairing_config};
+use super::feed::Feed;
 use super::light::{LightStation, SceneView, placement};
 use super::report::{FrameCounts, InputCounts, Report, SkewMeter};
 use super::{RigError, RigSetup};
@@ -12,7 +12,7 @@ use crate::output::files::FrameFolder;
 use crate::picture::{Picture, YuvEncoding, decode_into};
 use crate::session::Session;
 use crate::status::{LightsMode, Settings, SharedStatus, StageTimes, Technique};
-use crate::sync::{Provenance, RigFrame};
+use crate::sync::{PairingConfig, Provenance, RigFrame};
 use penumbra_interface::MonotonicTime;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -117,7 +117,7 @@ struct Run {
     light: LightStation,
     screen: Option<Box<dyn Screen>>,
     folder: Option<FrameFolder>,
-    pairing: crate::sync::PairingConfig,
+    pairing: PairingConfig,
     yuv: YuvEncoding,
     picture: Picture,
     settings: Settings,
@@ -371,8 +371,8 @@ fn world_from_camera(
 fn pairing(
     config: &Config,
     rig: &crate::calibration::RigCalibration,
-) -> crate::sync::PairingConfig {
-    let mut pairing = pairing_config(rig);
+) -> PairingConfig {
+    let mut pairing = PairingConfig::for_rig(rig);
     pairing.history.max_prediction_nanos = config.sync.longest_prediction_nanos;
     pairing.with_full_windows()
 }

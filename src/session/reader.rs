@@ -98,6 +98,13 @@ impl Session {
         channel.metadata.get(topics::PROTOCOL).map(String::as_str)
     }
 
+    /// The recording has a channel of the environment camera.
+    #[must_use]
+    pub fn has_environment(&self) -> bool {
+        let start = format!("/{}/image", Camera::Environment.frame_id());
+        self.channels.values().any(|c| c.topic.starts_with(&start))
+    }
+
     /// Everything recorded, in the order of arrival, from the beginning. Each call starts
     /// anew, so a loop over the session needs no more memory than one pass.
     #[must_use]
