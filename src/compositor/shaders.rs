@@ -62,7 +62,7 @@ pub fn all(samples: u32) -> [(&'static str, String); 8] {
                 join(&[
                     FRAME,
                     NORMAL,
-                    FULLSCREEN,
+                    TILES,
                     include_str!("shaders/composite.wgsl"),
                 ]),
                 samples,

@@ -282,7 +282,7 @@ fn photometry_settings(config: &Config) -> PhotometrySettings {
             WhiteBalanceMethod::Reflectance => MatchMethod::Reflectance,
             WhiteBalanceMethod::Fixed => MatchMethod::Fixed,
         },
-        fixed_gains: Some(white.gains.map(f64::from)),
+        fixed_gains: (white.method == WhiteBalanceMethod::Fixed).then(|| white.gains.map(f64::from)),
         matrix: white.matrix,
     }
 }

@@ -201,6 +201,9 @@ impl Run {
         self.light_frame(replay, frame);
         self.draw(replay, frame)?;
         self.deliver(replay)?;
+        for (pass, millis) in self.compositor.pass_times() {
+            self.stages.record_gpu(pass, Duration::from_secs_f64(millis * 1e-3));
+        }
         self.stages.record("total", begun.elapsed());
         self.count(frame);
         self.publish(replay, frame);
