@@ -59,6 +59,7 @@ fn measure(
             camera: &camera,
             world_from_camera: Some(pose(i)),
             lighting: Some(&lighting),
+            near: None,
             shadow_mode: ShadowMode::Ratio,
             shadow_strength: 1.0,
             refresh: Refresh::InTurn(refreshed as usize),

@@ -17,6 +17,7 @@ pub enum Slot {
     DepthMultisampled,
     DepthArray,
     Cube,
+    Volume,
     Sampler,
     Comparison,
 }
@@ -43,6 +44,7 @@ impl Slot {
                 multisampled: false,
             },
             Self::Multisampled => texture(false, wgpu::TextureViewDimension::D2, true),
+            Self::Volume => texture(true, wgpu::TextureViewDimension::D3, false),
             Self::Cube => texture(true, wgpu::TextureViewDimension::Cube, false),
             Self::Depth => depth(wgpu::TextureViewDimension::D2, false),
             Self::DepthMultisampled => depth(wgpu::TextureViewDimension::D2, true),

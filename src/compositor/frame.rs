@@ -15,6 +15,7 @@ use super::{Compositor, GpuError, Refresh};
 use crate::calibration::{PinholeCamera, Response};
 use crate::environment::Lighting;
 use crate::picture::Picture;
+use crate::scene::NearLight;
 use glam::{DMat4, DVec4};
 use penumbra_interface::RigidTransform;
 
@@ -38,6 +39,8 @@ pub struct FrameInput<'a> {
     pub world_from_camera: Option<RigidTransform>,
     /// The light; `None` shows the camera's picture alone.
     pub lighting: Option<&'a Lighting>,
+    /// What virtual objects throw back onto the real scene under that light, if it is known.
+    pub near: Option<&'a NearLight>,
     /// How shadows combine.
     pub shadow_mode: ShadowMode,
     /// 0 = no shadows, 1 = as strong as the light says.
@@ -172,6 +175,12 @@ impl Compositor {
         if rebind {
             self.rebind();
         }
+        if let Some(near) = input.near
+            && self.near_generation != near.generation
+        {
+            self.light_maps.write_near(&self.gpu.queue, near);
+            self.near_generation = near.generation;
+        }
         self.upload_picture(input.picture);
         self.upload_frame(input);
         Ok(())
@@ -283,6 +292,9 @@ impl Compositor {
             .as_ref()
             .map_or(1, |s| s.targets.surroundings_levels.len());
         let [f, c] = [camera.focal, camera.centre];
+        let near = input.near.filter(|near| near.generation != 0 && visible);
+        let near_low = near.map_or([0.0; 4], |n| n.low.extend(1.0).to_array());
+        let near_high = near.map_or([1.0; 4], |n| n.high.extend(0.0).to_array());
         FrameUniform {
             right: axis(glam::DVec3::X),
             down: axis(glam::DVec3::Y),
@@ -305,6 +317,8 @@ impl Compositor {
             params: [input.shadow_strength, height, has_ground, (mips - 1) as f32],
             ground: ground.extend(0.0).to_array(),
             tiling: [(lights as u32).div_ceil(64).max(1), TILE, 0, 0],
+            near_low,
+            near_high,
         }
     }
 }

@@ -19,6 +19,8 @@ pub struct FrameUniform {
     pub params: [f32; 4],
     pub ground: [f32; 4],
     pub tiling: [u32; 4],
+    pub near_low: [f32; 4],
+    pub near_high: [f32; 4],
 }
 
 /// Twin of WGSL `Light`.

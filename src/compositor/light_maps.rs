@@ -3,8 +3,10 @@
 
 use super::bindings::{Slot, group, layout, sampler, view};
 use super::gpu_data::{FrameUniform, LightUniform};
+use super::near_maps::NearMaps;
 use super::shaders::MAX_LIGHTS;
 use crate::environment::CubeMap;
+use crate::scene::NearLight;
 use glam::Vec3;
 use half::f16;
 
@@ -23,6 +25,7 @@ pub struct LightMaps {
     pub radiance: wgpu::TextureView,
     pub radiance_levels: u32,
     radiance_texture: wgpu::Texture,
+    near: NearMaps,
     frame: wgpu::Buffer,
     lights: wgpu::Buffer,
     /// Irradiance by normal of all lights and of the compact ones.
@@ -44,6 +47,8 @@ impl LightMaps {
                 Slot::Texture,
                 Slot::Texture,
                 Slot::Sampler,
+                Slot::Texture,
+                Slot::Volume,
             ],
         );
         let buffer = |size: usize, usage| {
@@ -69,6 +74,7 @@ impl LightMaps {
             min_filter: wgpu::FilterMode::Linear,
             ..Default::default()
         });
+        let near = NearMaps::new(device);
         let frame_group = group(
             device,
             "frame",
@@ -79,6 +85,8 @@ impl LightMaps {
                 view(&views[0]),
                 view(&views[1]),
                 sampler(&smooth),
+                view(&near.ground_view),
+                view(&near.volume_view),
             ],
         );
         let (radiance_texture, radiance) = cube(device, 1, 1);
@@ -89,6 +97,7 @@ impl LightMaps {
             radiance,
             radiance_levels: 1,
             radiance_texture,
+            near,
             frame,
             lights,
             tables,
@@ -138,6 +147,11 @@ impl LightMaps {
         }
     }
 
+    /// Uploads the light that virtual objects throw onto the real scene.
+    pub fn write_near(&mut self, queue: &wgpu::Queue, light: &NearLight) {
+        self.near.write(queue, light, &mut self.texels);
+    }
+
     /// Uploads a radiance map. Returns true when the texture is a new one and must be
     /// bound again.
     pub fn write_radiance(
@@ -169,7 +183,7 @@ impl LightMaps {
     }
 }
 
-fn half_texel([r, g, b]: [f32; 3]) -> [f16; 4] {
+pub(super) fn half_texel([r, g, b]: [f32; 3]) -> [f16; 4] {
     // f16 ends at 65504; a sun may shine brighter than that.
     [r, g, b, 1.0].map(|x| f16::from_f32(x.min(65_000.0)))
 }

@@ -11,6 +11,7 @@ pub mod frame;
 pub mod gpu;
 mod gpu_data;
 mod light_maps;
+mod near_maps;
 mod passes;
 pub mod readback;
 mod scene_buffers;
@@ -76,6 +77,7 @@ pub struct Compositor {
     sized: Option<frame::Sized>,
     response: Response,
     radiance_generation: Option<u64>,
+    near_generation: u64,
     refreshed: usize,
     subtract: bool,
 }
@@ -97,6 +99,7 @@ impl Compositor {
             scene: SceneBuffers::upload(device, &gpu.queue, &layouts, &Scene::default(), &[]),
             sized: None,
             radiance_generation: None,
+            near_generation: 0,
             refreshed: 0,
             subtract: false,
             gpu,
@@ -137,6 +140,7 @@ impl Compositor {
         self.maps = make_maps(device, &self.settings);
         self.slots.forget();
         self.radiance_generation = None;
+        self.near_generation = 0;
         self.rebind();
     }
 

@@ -17,6 +17,7 @@ use crate::environment::{
 };
 use crate::picture::{Picture, PictureError, YuvEncoding, decode_into};
 use crate::calibration::photometry::raycast::{GROUND, PhantomCaster};
+use crate::scene::{NearField, NearLight, casters};
 use crate::session::Session;
 use crate::sync::EnvironmentSet;
 use glam::{DVec2, DVec3, Mat3, Vec3};
@@ -35,6 +36,7 @@ pub struct LightStation {
     decoded: Vec<Picture>,
     generation: Option<u64>,
     lighting: Option<Arc<Lighting>>,
+    near: Option<NearField>,
     overlap_every: u32,
     since_overlap: u32,
 }
@@ -74,6 +76,7 @@ impl LightStation {
             decoded: Vec::new(),
             generation: None,
             lighting: None,
+            near: NearField::new(&setup.scene, &casters(&setup.scene)),
             overlap_every: 5,
             since_overlap: 0,
         })
@@ -101,7 +104,16 @@ impl LightStation {
             self.match_cameras(set, scene);
             self.estimate(set, scene)?;
         }
+        if let (Some(near), Some(lighting)) = (&mut self.near, &self.lighting) {
+            near.update(lighting);
+        }
         Ok(self.lighting.clone())
+    }
+
+    /// What virtual objects throw back under the light in force.
+    #[must_use]
+    pub fn near(&self) -> Option<&NearLight> {
+        self.near.as_ref().map(NearField::light)
     }
 
     fn decode(&mut self, set: &EnvironmentSet) -> Result<(), RigError> {

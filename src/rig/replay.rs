@@ -236,6 +236,7 @@ impl Run {
             camera: &calibration.scene_camera.camera,
             world_from_camera: world_from_camera(replay, frame),
             lighting: lighting.as_deref(),
+            near: self.light.near(),
             shadow_mode: match self.settings.shadow_mode {
                 crate::status::ShadowMode::Ratio => ShadowMode::Ratio,
                 crate::status::ShadowMode::Subtract => ShadowMode::Subtract,

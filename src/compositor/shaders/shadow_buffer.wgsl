@@ -55,6 +55,29 @@ fn by_normal(table: texture_2d<f32>, n: vec3f) -> vec3f {
     return textureSampleLevel(table, table_sampler, uv, 0.0).rgb;
 }
 
+fn near_facing(face: f32, at: vec3f) -> vec3f {
+    let size = vec3f(textureDimensions(near_volume)) * vec3f(1.0 / 6.0, 1.0, 1.0);
+    // Half a probe from the walls, so that neighbouring volumes do not mix.
+    let inside = clamp(at, 0.5 / size, 1.0 - 0.5 / size);
+    let uvw = vec3f((inside.x + face) / 6.0, inside.yz);
+    return textureSampleLevel(near_volume, table_sampler, uvw, 0.0).rgb;
+}
+
+// Irradiance that virtual objects add, or, below zero, keep from things beside them.
+fn near_irradiance(world: vec3f, n: vec3f) -> vec3f {
+    let at = (world - frame.near_low.xyz) / (frame.near_high.xyz - frame.near_low.xyz);
+    let margin = vec3f(0.0, 0.0, 0.02);
+    if frame.near_low.w == 0.0 || any(at < -margin) || any(at > vec3f(1.0)) {
+        return vec3f(0.0);
+    }
+    if n.z > 0.99 && at.z < 0.02 {
+        return textureSampleLevel(near_ground, table_sampler, at.xy, 0.0).rgb;
+    }
+    let face = select(vec3f(0.0, 2.0, 4.0), vec3f(1.0, 3.0, 5.0), n < vec3f(0.0));
+    let w = n * n;
+    return w.x * near_facing(face.x, at) + w.y * near_facing(face.y, at) + w.z * near_facing(face.z, at);
+}
+
 fn lost_behind_virtual(masks: vec4u, world: vec3f, n: vec3f) -> vec3f {
     var lost = vec3f(0.0);
     var mask = masks.xy;
@@ -95,7 +118,8 @@ fn phantom_shadow(in: TileVarying) -> @location(0) vec4f {
     let masks = textureLoad(phantom_tiles, in.tile, 0);
     let n = normal_from_octahedron(surface.xy);
     let world = world_at(vec2f(pixel), textureLoad(phantom_depth, pixel, 0));
-    let lost = lost_behind_virtual(masks, world, n) * frame.params.x;
+    // Less the light that virtual objects throw back.
+    let lost = (lost_behind_virtual(masks, world, n) - near_irradiance(world, n)) * frame.params.x;
     if all(lost == vec3f(0.0)) {
         return unshadowed;
     }
@@ -121,6 +145,15 @@ fn covered_sample(corner: vec2i) -> vec3i {
     return vec3i(0, 0, -1);
 }
 
+// Light that surfaces of one colour throw at one another where they hide the sky from one
+// another: more of it comes back than the open share says (Jimenez et al. 2016, eq. 10).
+fn with_bounces(open_share: vec3f, albedo: vec3f) -> vec3f {
+    let a = 2.0404 * albedo - 0.3324;
+    let b = -4.7951 * albedo + 0.6417;
+    let c = 2.7552 * albedo + 0.6903;
+    return max(open_share, ((open_share * a + b) * open_share + c) * open_share);
+}
+
 @fragment
 fn virtual_light(in: TileVarying) -> @location(0) vec4f {
     let found = covered_sample(vec2i(in.position.xy) * i32(frame.counts.z));
@@ -131,15 +164,21 @@ fn virtual_light(in: TileVarying) -> @location(0) vec4f {
     let world = world_at(vec2f(found.xy), textureLoad(virtual_depth, found.xy, found.z));
     // Compact sources are not in the sky's polynomial, cells are.
     var left = sky_irradiance(n) + by_normal(irradiance_of_compact, n);
+    let cells = by_normal(irradiance_of_lights, n) - by_normal(irradiance_of_compact, n);
+    var hidden = vec3f(0.0);
     var mask = textureLoad(virtual_tiles, in.tile, 0).xy;
     while any(mask != vec2u(0u)) {
         let first = next_bit(&mask) * frame.tiling.x;
         for (var i = first; i < min(first + frame.tiling.x, frame.counts.x); i++) {
             let n_dot_l = max(dot(n, lights[i].direction.xyz), 0.0);
-            let seen = virtual_visibility(i, world, n, n_dot_l)
-                * phantom_visibility(i, world, n, n_dot_l);
+            let open = virtual_visibility(i, world, n, n_dot_l);
+            let seen = open * phantom_visibility(i, world, n, n_dot_l);
             left -= lights[i].irradiance.rgb * (n_dot_l * (1.0 - seen));
+            hidden += lights[i].irradiance.rgb * (n_dot_l * (1.0 - open) * (1.0 - lights[i].irradiance.w));
         }
     }
+    let albedo = textureLoad(virtual_base, found.xy, found.z).rgb;
+    let open_share = clamp(1.0 - hidden / max(cells, vec3f(1e-6)), vec3f(0.0), vec3f(1.0));
+    left += cells * (with_bounces(open_share, albedo) - open_share);
     return vec4f(max(left, vec3f(0.0)), 1.0);
 }

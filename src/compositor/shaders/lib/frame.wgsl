@@ -23,6 +23,9 @@ struct Frame {
     ground: vec4f,
     // Lights per bit of a tile's mask, side of a tile in picture pixels.
     tiling: vec4u,
+    // Region around the virtual objects, world; w of the first = 1 where it is lit.
+    near_low: vec4f,
+    near_high: vec4f,
 }
 
 struct Light {
@@ -50,6 +53,10 @@ struct Light {
 @group(0) @binding(2) var irradiance_of_lights: texture_2d<f32>;
 @group(0) @binding(3) var irradiance_of_compact: texture_2d<f32>;
 @group(0) @binding(4) var table_sampler: sampler;
+// Irradiance that virtual objects add to the ground, and to surfaces in the air that face
+// the six axes (six volumes side by side along x).
+@group(0) @binding(5) var near_ground: texture_2d<f32>;
+@group(0) @binding(6) var near_volume: texture_3d<f32>;
 
 fn ray_through(pixel: vec2f) -> vec3f {
     let p = (pixel - frame.intrinsics.zw) / frame.intrinsics.xy;

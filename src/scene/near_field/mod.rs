@@ -1,0 +1,255 @@
+//! Light that virtual objects throw onto the real scene, and light from the ground that
+//! they keep away from real things beside them.
+//!
+//! What moves is only the light: which virtual surface a real point sees, and which part of
+//! the dome a virtual surface sees, is found once by ray casting. For every new state of the
+//! light the surfels' radiosity follows by sums over these lists (progressive radiosity,
+//! Cohen et al. 1988, on point samples; one bounce more each time), and from it the change
+//! of irradiance on the ground (a grid) and in the air around the objects (a volume of
+//! ambient cubes, McTaggart 2004).
+
+mod receivers;
+mod surfels;
+
+use super::{Part, PhantomRays, Scene};
+use crate::environment::{Lighting, cube};
+use glam::Vec3;
+use receivers::{GroundGrid, Volume};
+use std::f32::consts::PI;
+use surfels::Surfels;
+
+/// Texels a side of the ground's grid.
+pub const GROUND_SIDE: u32 = 48;
+/// Probes of the volume along x, y, z.
+pub const VOLUME_SIZE: [u32; 3] = [10, 10, 6];
+/// Directions in which visibility is known; one bit each.
+const DIRECTIONS: usize = 128;
+
+/// The change of irradiance at one state of the light, linear RGB, scene camera units.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct NearLight {
+    /// Counts up with every change; 0 = nothing is known yet.
+    pub generation: u64,
+    /// Lower corner of the region, world, metres.
+    pub low: Vec3,
+    /// Upper corner.
+    pub high: Vec3,
+    /// On the ground, row by row from the lower corner: `GROUND_SIDE`² values.
+    pub ground: Vec<Vec3>,
+    /// In the air, for surfaces that face +X −X +Y −Y +Z −Z: six volumes of `VOLUME_SIZE`
+    /// values, x fastest.
+    pub volume: [Vec<Vec3>; 6],
+}
+
+/// Everything that does not depend on the light.
+pub struct NearField {
+    surfels: Surfels,
+    ground: GroundGrid,
+    volume: Volume,
+    directions: Directions,
+    light: NearLight,
+    has_ground: bool,
+}
+
+/// The box around the virtual objects in which they matter.
+#[derive(Clone, Copy, Debug)]
+struct Region {
+    low: Vec3,
+    high: Vec3,
+    /// World height of the ground.
+    floor: f32,
+}
+
+impl Region {
+    /// As far as the objects are high or half as wide, to every side.
+    fn around(parts: &[Part], ground: Option<f64>) -> Option<Self> {
+        let corners = parts.iter().flat_map(|part| {
+            let place = |v: &super::Vertex| part.world_from_part.transform_point3(v.position.as_dvec3());
+            part.mesh.vertices.iter().map(place)
+        });
+        let empty = (glam::DVec3::INFINITY, glam::DVec3::NEG_INFINITY);
+        let (low, high) = corners.fold(empty, |(l, h), p| (l.min(p), h.max(p)));
+        let (low, high) = (low.as_vec3(), high.as_vec3());
+        let floor = ground.map_or(low.z, |g| g as f32);
+        let size = high - low;
+        let reach = (0.5 * size.truncate().max_element()).max(high.z - floor);
+        let usable = reach.is_finite() && reach > 0.0;
+        usable.then(|| Self {
+            low: Vec3::new(low.x - reach, low.y - reach, floor),
+            high: Vec3::new(high.x + reach, high.y + reach, high.z + 0.5 * reach),
+            floor,
+        })
+    }
+
+    /// Rays begin this far off their surface, metres.
+    fn off(&self) -> f32 {
+        1e-4 * (self.high - self.low).max_element()
+    }
+
+    /// 1 inside, fading to 0 at the outer walls, so that no edge shows.
+    fn window(&self, p: Vec3) -> f32 {
+        let size = self.high - self.low;
+        let to_wall = (p - self.low).min(self.high - p) / size;
+        let walls = [to_wall.x, to_wall.y, (self.high.z - p.z) / size.z];
+        walls.map(|w| (w / 0.15).clamp(0.0, 1.0)).into_iter().product()
+    }
+}
+
+/// Evenly spread directions and what comes from them.
+struct Directions {
+    all: Vec<Vec3>,
+    /// Irradiance of all dome lights nearest to each direction, facing it.
+    light: Vec<Vec3>,
+}
+
+impl Directions {
+    fn new() -> Self {
+        let all = spread(DIRECTIONS);
+        Self { light: vec![Vec3::ZERO; all.len()], all }
+    }
+
+    /// Solid angle that each stands for.
+    fn solid_angle() -> f32 {
+        4.0 * PI / DIRECTIONS as f32
+    }
+
+    fn nearest(&self, d: Vec3) -> usize {
+        let dots = self.all.iter().map(|a| a.dot(d)).enumerate();
+        dots.max_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(i, _)| i)
+    }
+
+    fn take(&mut self, lighting: &Lighting) {
+        self.light.fill(Vec3::ZERO);
+        for light in &lighting.lights {
+            let i = self.nearest(light.direction);
+            self.light[i] += light.irradiance;
+        }
+    }
+
+    /// Irradiance on a surface facing `n` by what it sees.
+    fn irradiance(&self, n: Vec3, seen: u128) -> Vec3 {
+        let each = self.all.iter().zip(&self.light).enumerate();
+        each.filter(|(i, _)| seen >> i & 1 == 1)
+            .map(|(_, (d, light))| *light * n.dot(*d).max(0.0))
+            .sum()
+    }
+}
+
+/// The six directions of an ambient cube.
+const fn axes() -> [Vec3; 6] {
+    [Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::NEG_Y, Vec3::Z, Vec3::NEG_Z]
+}
+
+/// Directions spread evenly over the sphere (a Fibonacci spiral).
+fn spread(count: usize) -> Vec<Vec3> {
+    let golden = PI * (3.0 - 5.0_f32.sqrt());
+    let each = (0..count).map(|i| {
+        let z = 1.0 - (2.0 * i as f32 + 1.0) / count as f32;
+        let (sin, cos) = (golden * i as f32).sin_cos();
+        let r = (1.0 - z * z).sqrt();
+        Vec3::new(r * cos, r * sin, z)
+    });
+    each.collect()
+}
+
+/// The virtual casters and the phantoms but for the ground, for rays.
+struct Obstacles {
+    rays: PhantomRays,
+    virtual_parts: usize,
+    floor: Option<f32>,
+}
+
+/// What a ray meets.
+enum Met {
+    Virtual(super::Hit),
+    Phantom,
+    Ground(Vec3),
+    Sky,
+}
+
+impl Obstacles {
+    fn new(scene: &Scene, casters: &[Part]) -> Self {
+        let real = scene.phantom_parts.iter().filter(|p| p.name != "ground");
+        let parts: Vec<Part> = casters.iter().chain(real).cloned().collect();
+        Self {
+            rays: PhantomRays::from_parts(&parts),
+            virtual_parts: casters.len(),
+            floor: scene.ground_height.map(|h| h as f32),
+        }
+    }
+
+    fn meet(&self, origin: Vec3, direction: Vec3) -> Met {
+        let hit = self.rays.hit(origin, direction);
+        let to_floor = self.floor.map(|f| (f - origin.z) / direction.z);
+        let to_floor = to_floor.filter(|t| *t > 0.0 && direction.z < 0.0);
+        match (hit, to_floor) {
+            (Some(hit), t) if t.is_none_or(|t| hit.distance < t) => {
+                if hit.part < self.virtual_parts { Met::Virtual(hit) } else { Met::Phantom }
+            }
+            (_, Some(t)) => Met::Ground(origin + direction * t),
+            _ => Met::Sky,
+        }
+    }
+}
+
+impl NearField {
+    /// Casts all rays; `casters` are the scene's virtual parts as they cast shadows. `None`
+    /// where nothing is virtual.
+    #[must_use]
+    pub fn new(scene: &Scene, casters: &[Part]) -> Option<Self> {
+        let region = Region::around(casters, scene.ground_height)?;
+        let obstacles = Obstacles::new(scene, casters);
+        let directions = Directions::new();
+        let surfels = Surfels::new(casters, &obstacles, &directions, &region);
+        let ground = GroundGrid::new(&obstacles, &surfels, &directions, &region);
+        let volume = Volume::new(&obstacles, &surfels, &directions, &region);
+        let light = NearLight { low: region.low, high: region.high, ..NearLight::default() };
+        Some(Self {
+            surfels,
+            ground,
+            volume,
+            directions,
+            light,
+            has_ground: scene.ground_height.is_some(),
+        })
+    }
+
+    /// Finds the change under `lighting`; does nothing where it is the one of before.
+    pub fn update(&mut self, lighting: &Lighting) {
+        if self.light.generation == lighting.generation {
+            return;
+        }
+        self.light.generation = lighting.generation;
+        self.directions.take(lighting);
+        let floor = if self.has_ground { lighting.ground_radiance } else { Vec3::ZERO };
+        let light = Light { lighting, floor };
+        self.ground.shade(&self.directions);
+        self.surfels.shade(&self.directions, &self.ground, floor);
+        self.light.ground.clear();
+        self.light.ground.extend(self.ground.lit(&self.surfels, &light));
+        let faces = &mut self.light.volume;
+        self.volume.lit(&self.surfels, &self.ground, &self.directions, &light, faces);
+    }
+
+    /// The change under the light of the last update.
+    #[must_use]
+    pub const fn light(&self) -> &NearLight {
+        &self.light
+    }
+}
+
+/// The light far away.
+struct Light<'a> {
+    lighting: &'a Lighting,
+    /// Radiance of the ground; black where there is none.
+    floor: Vec3,
+}
+
+impl Light<'_> {
+    /// Radiance that comes from the sky, blurred as a surface of such roughness does.
+    fn from(&self, direction: Vec3, roughness: f32) -> Vec3 {
+        let map = &self.lighting.radiance;
+        let level = roughness * (map.levels.len().max(1) - 1) as f32;
+        cube::sample(map, level.round() as usize, direction)
+    }
+}

@@ -1,0 +1,264 @@
+//! Where in the real scene the light of virtual objects arrives.
+
+use super::surfels::{Sighting, Surfels};
+use super::{Directions, GROUND_SIDE, Light, Met, Obstacles, Region, VOLUME_SIZE};
+use glam::{UVec3, Vec2, Vec3};
+use std::f32::consts::{PI, TAU};
+
+/// Rays from each ground texel that look for virtual surfaces.
+const GATHERED: usize = 48;
+
+/// The ground around the objects.
+pub struct GroundGrid {
+    texels: Vec<Texel>,
+    /// Share of the dome's light that virtual objects leave to each texel.
+    shares: Vec<f32>,
+    side: u32,
+}
+
+struct Texel {
+    /// Directions in which virtual objects are in the way.
+    behind_virtual: u128,
+    /// Directions in which phantoms are.
+    behind_real: u128,
+    /// Virtual surfaces in sight; each stands for the same form factor.
+    sightings: Vec<Sighting>,
+    window: f32,
+}
+
+impl GroundGrid {
+    pub(super) fn new(
+        obstacles: &Obstacles,
+        surfels: &Surfels,
+        directions: &Directions,
+        region: &Region,
+    ) -> Self {
+        let side = if obstacles.floor.is_some() { GROUND_SIDE } else { 0 };
+        let size = (region.high - region.low).truncate();
+        let texels: Vec<Texel> = (0..side * side)
+            .map(|i| {
+                let at = (Vec2::new((i % side) as f32, (i / side) as f32) + 0.5) / side as f32;
+                let point = (region.low.truncate() + at * size).extend(region.floor);
+                texel(point, i, obstacles, surfels, directions, region)
+            })
+            .collect();
+        Self { shares: vec![1.0; texels.len()], texels, side }
+    }
+
+    /// Number of the texel around a ground point; `u32::MAX` beyond the grid.
+    pub(super) fn texel(region: &Region, p: Vec3) -> u32 {
+        let at = (p - region.low).truncate() / (region.high - region.low).truncate();
+        if at.min_element() < 0.0 || at.max_element() >= 1.0 {
+            return u32::MAX;
+        }
+        let cell = (at * GROUND_SIDE as f32).as_uvec2();
+        cell.y * GROUND_SIDE + cell.x
+    }
+
+    /// Share of the light that arrives at a texel in spite of the virtual objects.
+    pub(super) fn share(&self, texel: u32) -> f32 {
+        self.shares.get(texel as usize).copied().unwrap_or(1.0)
+    }
+
+    /// Finds the shares under a new state of the dome.
+    pub(super) fn shade(&mut self, directions: &Directions) {
+        for (texel, share) in self.texels.iter().zip(&mut self.shares) {
+            let all = directions.irradiance(Vec3::Z, !texel.behind_real).element_sum();
+            let lost = texel.behind_virtual & !texel.behind_real;
+            let lost = directions.irradiance(Vec3::Z, lost).element_sum();
+            *share = if all > 0.0 { 1.0 - lost / all } else { 1.0 };
+        }
+    }
+
+    /// Irradiance from virtual surfaces on every texel.
+    pub(super) fn lit<'a>(
+        &'a self,
+        surfels: &'a Surfels,
+        light: &'a Light<'_>,
+    ) -> impl Iterator<Item = Vec3> + 'a {
+        let raw: Vec<Vec3> = self
+            .texels
+            .iter()
+            .map(|texel| {
+                let each = texel.sightings.iter().map(|s| surfels.radiance(s, self, light));
+                each.sum::<Vec3>() * (texel.window * PI / GATHERED as f32)
+            })
+            .collect();
+        (0..self.side * self.side).map(move |i| self.smooth(&raw, i % self.side, i / self.side))
+    }
+
+    /// A tent over 3×3 texels: the rays of one texel are few.
+    fn smooth(&self, raw: &[Vec3], x: u32, y: u32) -> Vec3 {
+        let (mut sum, mut weight) = (Vec3::ZERO, 0.0);
+        for (dx, dy) in (0..9).map(|k| (k % 3, k / 3)) {
+            let (u, v) = ((x + dx).wrapping_sub(1), (y + dy).wrapping_sub(1));
+            if u < self.side && v < self.side {
+                let w = [1.0, 2.0, 1.0][dx as usize] * [1.0, 2.0, 1.0][dy as usize];
+                sum += raw[(v * self.side + u) as usize] * w;
+                weight += w;
+            }
+        }
+        sum / f32::max(weight, 1.0)
+    }
+}
+
+fn texel(
+    point: Vec3,
+    number: u32,
+    obstacles: &Obstacles,
+    surfels: &Surfels,
+    directions: &Directions,
+    region: &Region,
+) -> Texel {
+    let origin = point + Vec3::Z * region.off();
+    let (mut behind_virtual, mut behind_real) = (0, 0);
+    for (i, d) in directions.all.iter().enumerate().filter(|(_, d)| d.z > 0.0) {
+        match obstacles.meet(origin, *d) {
+            Met::Virtual(_) => behind_virtual |= 1 << i,
+            Met::Phantom => behind_real |= 1 << i,
+            Met::Ground(_) | Met::Sky => (),
+        }
+    }
+    let turn = TAU * (f64::from(number) * 0.618_033_988_749_895).fract() as f32;
+    let rays = (0..GATHERED).map(|k| cosine_direction(k, turn));
+    let sightings = rays.filter_map(|d| match obstacles.meet(origin, d) {
+        Met::Virtual(hit) => surfels.sight(&hit, d, obstacles, region),
+        _ => None,
+    });
+    Texel {
+        behind_virtual,
+        behind_real,
+        sightings: sightings.collect(),
+        window: region.window(point),
+    }
+}
+
+/// One of `GATHERED` directions around +Z, as dense as the cosine.
+fn cosine_direction(k: usize, turn: f32) -> Vec3 {
+    let u = (k as f32 + 0.5) / GATHERED as f32;
+    let phi = turn + TAU * (k as f64 * 0.618_033_988_749_895).fract() as f32;
+    let (sin, cos) = phi.sin_cos();
+    let r = u.sqrt();
+    Vec3::new(r * cos, r * sin, (1.0 - u).sqrt())
+}
+
+/// The air around the objects.
+pub struct Volume {
+    probes: Vec<Probe>,
+}
+
+struct Probe {
+    /// By direction: a virtual surface and whether it hides the ground.
+    sightings: Vec<(usize, Sighting, bool)>,
+    /// Ground in sight.
+    ground: Vec<(usize, u32)>,
+    window: f32,
+    /// It is not inside of something.
+    outside: bool,
+}
+
+impl Volume {
+    pub(super) fn new(
+        obstacles: &Obstacles,
+        surfels: &Surfels,
+        directions: &Directions,
+        region: &Region,
+    ) -> Self {
+        let [nx, ny, nz] = VOLUME_SIZE;
+        let size = region.high - region.low;
+        let counts = Vec3::new(nx as f32, ny as f32, nz as f32);
+        let probes = (0..nx * ny * nz)
+            .map(|i| {
+                let cell = UVec3::new(i % nx, i / nx % ny, i / (nx * ny)).as_vec3();
+                let point = region.low + size * (cell + 0.5) / counts;
+                probe(point, obstacles, surfels, directions, region)
+            })
+            .collect();
+        Self { probes }
+    }
+
+    /// The change of irradiance on surfaces at every probe that face the six axes.
+    pub(super) fn lit(
+        &self,
+        surfels: &Surfels,
+        ground: &GroundGrid,
+        directions: &Directions,
+        light: &Light<'_>,
+        faces: &mut [Vec<Vec3>; 6],
+    ) {
+        for face in faces.iter_mut() {
+            face.clear();
+            face.resize(self.probes.len(), Vec3::ZERO);
+        }
+        let axes = super::axes();
+        for (i, probe) in self.probes.iter().enumerate() {
+            let mut add = |direction: usize, change: Vec3| {
+                let d = directions.all[direction];
+                for (face, axis) in faces.iter_mut().zip(axes) {
+                    face[i] += change * (d.dot(axis).max(0.0) * Directions::solid_angle());
+                }
+            };
+            for (direction, sighting, hidden) in &probe.sightings {
+                let before = if *hidden { light.floor } else { Vec3::ZERO };
+                let now = surfels.radiance(sighting, ground, light);
+                add(*direction, (now - before) * probe.window);
+            }
+            for (direction, texel) in &probe.ground {
+                add(*direction, light.floor * ((ground.share(*texel) - 1.0) * probe.window));
+            }
+        }
+        for face in faces {
+            self.fill(face);
+        }
+    }
+
+    /// Probes inside of things take the mean of their neighbours, so that surfaces beside
+    /// them are not dimmed.
+    fn fill(&self, face: &mut [Vec3]) {
+        let [nx, ny, nz] = VOLUME_SIZE.map(|n| n as usize);
+        let strides = [(1, nx), (nx, ny), (nx * ny, nz)];
+        for i in (0..face.len()).filter(|i| !self.probes[*i].outside) {
+            let (mut sum, mut count) = (Vec3::ZERO, 0.0);
+            for (stride, n) in strides {
+                let at = i / stride % n;
+                let before = (at > 0).then(|| i - stride);
+                let after = (at + 1 < n).then(|| i + stride);
+                for j in [before, after].into_iter().flatten().filter(|j| self.probes[*j].outside) {
+                    sum += face[j];
+                    count += 1.0;
+                }
+            }
+            if count > 0.0 {
+                face[i] = sum / count;
+            }
+        }
+    }
+}
+
+fn probe(
+    point: Vec3,
+    obstacles: &Obstacles,
+    surfels: &Surfels,
+    directions: &Directions,
+    region: &Region,
+) -> Probe {
+    let (mut sightings, mut ground, mut outside) = (Vec::new(), Vec::new(), false);
+    for (i, d) in directions.all.iter().enumerate() {
+        match obstacles.meet(point, *d) {
+            Met::Virtual(hit) => {
+                let hidden = obstacles.floor.is_some() && d.z < 0.0;
+                sightings.extend(surfels.sight(&hit, *d, obstacles, region).map(|s| (i, s, hidden)));
+            }
+            Met::Ground(p) => {
+                outside = true;
+                let texel = GroundGrid::texel(region, p);
+                if texel != u32::MAX {
+                    ground.push((i, texel));
+                }
+            }
+            Met::Sky => outside = true,
+            Met::Phantom => (),
+        }
+    }
+    Probe { sightings, ground, window: region.window(point), outside }
+}
