@@ -1,17 +1,9 @@
-//! The command line.
+//! The `penumbra` program: reads the command line and hands over to the library.
 
-use penumbra::bench::{BenchOptions, run};
+mod cli;
 
-fn main() -> anyhow::Result<()> {
-    let gpu = penumbra::compositor::Gpu::open(None)?;
-    println!("{}", penumbra::bench::Row::HEADING);
-    run(
-        &gpu,
-        &BenchOptions {
-            frames: Some(20),
-            ..Default::default()
-        },
-        &mut |row| println!("{row}"),
-    )?;
-    Ok(())
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    cli::run()
 }

@@ -131,7 +131,7 @@ pub struct VirtualLightKey {
 }
 
 /// Which of a rig's views of the environment is used.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum EnvironmentSource {
     /// The environment camera if it was recorded, else the sphere in the scene camera's
     /// picture.

@@ -11,7 +11,7 @@ use std::f64::consts::PI;
 use std::path::{Path, PathBuf};
 
 /// What a photograph was taken with.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum PhotographKind {
     /// A fisheye lens, looking up unless the calibration says otherwise.

@@ -9,7 +9,9 @@ pub mod feed;
 pub mod light;
 pub mod replay;
 pub mod report;
+pub mod service;
 pub mod status;
+pub mod threads;
 
 pub use replay::{ReplayOptions, replay};
 pub use report::Report;

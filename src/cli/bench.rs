@@ -1,0 +1,61 @@
+//! `penumbra bench`.
+
+use super::files::JsonFile;
+use clap::Args;
+use clap::builder::PossibleValuesParser;
+use penumbra::bench::{BenchOptions, CASES, Row};
+use penumbra::compositor::Gpu;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+#[derive(Debug, Args)]
+pub struct BenchArgs {
+    /// Which case; all without it
+    #[arg(long, value_name = "NAME", value_parser = PossibleValuesParser::new(CASES))]
+    case: Option<String>,
+    /// Write the table as JSON too
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Part of the graphics adapter's name, or its number
+    #[arg(long, value_name = "NAME")]
+    adapter: Option<String>,
+    /// Frames per row of the table
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    frames: Option<u32>,
+    /// Another picture size than the case's
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = size)]
+    size: Option<(u32, u32)>,
+    /// Write over a file that is there
+    #[arg(long)]
+    force: bool,
+}
+
+pub fn run(args: BenchArgs) -> anyhow::Result<ExitCode> {
+    let json = args
+        .json
+        .as_deref()
+        .map(|path| JsonFile::claim(path, args.force))
+        .transpose()?;
+    let gpu = Gpu::open(args.adapter.as_deref())?;
+    let options = BenchOptions {
+        case: args.case,
+        frames: args.frames,
+        size: args.size,
+    };
+    super::say(format_args!("adapter: {}", gpu.name));
+    super::say(Row::HEADING);
+    let report = penumbra::bench::run(&gpu, &options, &mut |row| super::say(row))?;
+    if let Some(json) = json {
+        json.write(&report)?;
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// `800x600`.
+fn size(text: &str) -> Result<(u32, u32), String> {
+    let side = |text: &str| text.parse().ok().filter(|n| (16..=8192).contains(n));
+    let sides = text
+        .split_once('x')
+        .and_then(|(w, h)| Some((side(w)?, side(h)?)));
+    sides.ok_or_else(|| "expected a size such as 1920x1080, 16 to 8192 a side".to_owned())
+}

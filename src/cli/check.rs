@@ -1,0 +1,63 @@
+//! The commands that look and change nothing: `info`, `check-config`, `doctor`.
+
+use clap::Args;
+use penumbra::config::check_config as read_and_check;
+use penumbra::doctor::{DoctorOptions, State, examine};
+use penumbra::session::{Session, describe};
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+#[derive(Debug, Args)]
+pub struct InfoArgs {
+    /// The recording
+    #[arg(value_name = "SESSION.mcap")]
+    session: PathBuf,
+}
+
+#[derive(Debug, Args)]
+pub struct CheckConfigArgs {
+    /// The configuration
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+}
+
+#[derive(Debug, Args)]
+pub struct DoctorArgs {
+    /// Where the status page would be
+    #[arg(long, value_name = "ADDR:PORT")]
+    listen: Option<SocketAddr>,
+    /// Part of the graphics adapter's name, or its number
+    #[arg(long, value_name = "NAME")]
+    adapter: Option<String>,
+}
+
+/// `penumbra info`.
+pub fn info(args: &InfoArgs) -> anyhow::Result<ExitCode> {
+    let session = Session::open(&args.session)?;
+    super::say(describe(&session).trim_end());
+    Ok(ExitCode::SUCCESS)
+}
+
+/// `penumbra check-config`.
+pub fn check_config(args: &CheckConfigArgs) -> anyhow::Result<ExitCode> {
+    let summary = read_and_check(&args.file)?;
+    super::say(format_args!("{}: in order", args.file.display()));
+    super::say(summary);
+    Ok(ExitCode::SUCCESS)
+}
+
+/// `penumbra doctor`. Fails if the program cannot do its work here.
+pub fn doctor(args: DoctorArgs) -> anyhow::Result<ExitCode> {
+    let usual = DoctorOptions::default();
+    let report = examine(&DoctorOptions {
+        listen: args.listen.unwrap_or(usual.listen),
+        adapter: args.adapter,
+        ..usual
+    });
+    super::say(&report);
+    Ok(match report.state() {
+        State::Fail => ExitCode::FAILURE,
+        State::Ok | State::Warn => ExitCode::SUCCESS,
+    })
+}

@@ -1,0 +1,73 @@
+//! Files that the program writes: never over others without `--force`.
+
+use anyhow::bail;
+use serde::Serialize;
+use std::fs::OpenOptions;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// A JSON file that will be written at the end.
+#[derive(Debug)]
+pub struct JsonFile {
+    path: PathBuf,
+    force: bool,
+}
+
+impl JsonFile {
+    /// Checks what can be checked before the work whose result goes there.
+    pub fn claim(path: &Path, force: bool) -> anyhow::Result<Self> {
+        if !force && path.symlink_metadata().is_ok() {
+            bail!(
+                "{}: exists already; name another file or pass --force",
+                path.display()
+            );
+        }
+        if path.is_dir() {
+            bail!("{}: is a folder; name a file", path.display());
+        }
+        let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
+        if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
+            bail!(
+                "{}: there is no folder {}; make it first",
+                path.display(),
+                folder.display()
+            );
+        }
+        let path = path.to_owned();
+        Ok(Self { path, force })
+    }
+
+    /// Writes it.
+    pub fn write(&self, value: &impl Serialize) -> anyhow::Result<()> {
+        let mut text = serde_json::to_string_pretty(value)?;
+        text.push('\n');
+        let mut options = OpenOptions::new();
+        // A file that has come meanwhile is somebody else's.
+        options
+            .write(true)
+            .create(true)
+            .truncate(true)
+            .create_new(!self.force);
+        let written = options
+            .open(&self.path)
+            .and_then(|mut file| file.write_all(text.as_bytes()));
+        written.map_err(|e| anyhow::anyhow!("{}: cannot be written ({e})", self.path.display()))
+    }
+}
+
+/// Refuses a folder that holds any of `names` already.
+pub fn refuse_overwriting(folder: &Path, names: &[&str], force: bool) -> anyhow::Result<()> {
+    if force {
+        return Ok(());
+    }
+    for name in names {
+        let path = folder.join(name);
+        if path.symlink_metadata().is_ok() {
+            bail!(
+                "{}: exists already; name another folder or pass --force",
+                path.display()
+            );
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,44 @@
+//! `penumbra import`.
+
+use clap::Args;
+use penumbra::session::import::{self, ImportSummary};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+#[derive(Debug, Args)]
+pub struct ImportArgs {
+    /// A rig's folder (`scene_timestamps.csv`, `scene/`, `rig.json`, …) or a TUM RGB-D one
+    /// (`rgb.txt`, `groundtruth.txt`)
+    #[arg(value_name = "DIR")]
+    folder: PathBuf,
+    /// The session to write
+    #[arg(value_name = "OUT.mcap")]
+    output: PathBuf,
+    /// Write over a file that is there
+    #[arg(long)]
+    force: bool,
+}
+
+pub fn run(args: ImportArgs) -> anyhow::Result<ExitCode> {
+    let output = args.output.clone();
+    let summary = import::import(&import::ImportArgs {
+        folder: args.folder,
+        output: args.output,
+        force: args.force,
+    })?;
+    super::say(format_args!("{}: {}", output.display(), in_words(&summary)));
+    Ok(ExitCode::SUCCESS)
+}
+
+fn in_words(summary: &ImportSummary) -> String {
+    let megabytes = summary.bytes as f64 * 1e-6;
+    format!(
+        "{megabytes:.1} MB; {} scene pictures, {} environment pictures, {} stretches of tracker \
+         bytes, {} poses, {} attachments",
+        summary.scene_frames,
+        summary.environment_frames,
+        summary.tracker_chunks,
+        summary.poses,
+        summary.attachments
+    )
+}

@@ -1,0 +1,125 @@
+//! What goes on beside the frames, on a thread of its own: the status server, and the
+//! signals that end the program. No frame ever waits for it.
+
+use super::threads;
+use crate::status::{StatusError, StatusServer};
+use std::io;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use tokio::sync::oneshot;
+
+/// Runs until it is stopped or dropped.
+pub struct Service {
+    stop: Option<oneshot::Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Service {
+    /// Serves `server`, if there is one. SIGINT (Ctrl-C) and SIGTERM set `shutdown`, which
+    /// the frame loop looks at.
+    ///
+    /// # Errors
+    /// The system refused a thread, a runtime or a signal handler.
+    pub fn start(server: Option<StatusServer>, shutdown: Arc<AtomicBool>) -> io::Result<Self> {
+        let runtime = tokio::runtime::Builder::new_current_thread()
+            .enable_all()
+            .build()?;
+        let signals = {
+            let _inside = runtime.enter();
+            Signals::new()?
+        };
+        let (stop, stopped) = oneshot::channel();
+        let thread = threads::spawn("service", move || {
+            runtime.block_on(attend(server, signals, shutdown, stopped));
+        })?;
+        Ok(Self {
+            stop: Some(stop),
+            thread: Some(thread),
+        })
+    }
+}
+
+impl Drop for Service {
+    fn drop(&mut self) {
+        // Sending fails only where the thread has ended already.
+        let _ = self.stop.take().map(|stop| stop.send(()));
+        let _ = self.thread.take().map(JoinHandle::join);
+    }
+}
+
+/// Everything at once, until `stopped`.
+async fn attend(
+    server: Option<StatusServer>,
+    signals: Signals,
+    shutdown: Arc<AtomicBool>,
+    stopped: oneshot::Receiver<()>,
+) {
+    tokio::select! {
+        _ = stopped => (),
+        () = serve(server) => (),
+        () = watch(signals, &shutdown) => (),
+    }
+}
+
+/// Serves for ever; without a server it waits for ever.
+async fn serve(server: Option<StatusServer>) {
+    if let Some(server) = server {
+        let served: Result<(), StatusError> = server.serve(std::future::pending()).await;
+        if let Err(error) = served {
+            tracing::warn!(%error, "the status page has ended");
+        }
+    }
+    std::future::pending().await
+}
+
+/// Sets `shutdown` at every signal.
+async fn watch(mut signals: Signals, shutdown: &AtomicBool) {
+    while signals.next().await {
+        shutdown.store(true, Ordering::Relaxed);
+    }
+    std::future::pending().await
+}
+
+/// What asks the program to end.
+#[cfg(unix)]
+struct Signals {
+    interrupt: tokio::signal::unix::Signal,
+    terminate: tokio::signal::unix::Signal,
+}
+
+#[cfg(unix)]
+impl Signals {
+    fn new() -> io::Result<Self> {
+        use tokio::signal::unix::{SignalKind, signal};
+        Ok(Self {
+            interrupt: signal(SignalKind::interrupt())?,
+            terminate: signal(SignalKind::terminate())?,
+        })
+    }
+
+    /// True at a signal, false when there will be none.
+    async fn next(&mut self) -> bool {
+        tokio::select! {
+            got = self.interrupt.recv() => got.is_some(),
+            got = self.terminate.recv() => got.is_some(),
+        }
+    }
+}
+
+/// What asks the program to end.
+#[cfg(not(unix))]
+struct Signals;
+
+#[cfg(not(unix))]
+impl Signals {
+    #[expect(clippy::unnecessary_wraps, reason = "as on Unix")]
+    const fn new() -> io::Result<Self> {
+        Ok(Self)
+    }
+
+    /// True at a signal, false when there will be none.
+    async fn next(&mut self) -> bool {
+        tokio::signal::ctrl_c().await.is_ok()
+    }
+}
