@@ -7,9 +7,7 @@ use thiserror::Error;
 pub const LIGHT_COUNTS: [u32; 6] = [8, 24, 48, 64, 96, 384];
 
 /// How virtual objects are lit and shadowed.
-#[derive(
-    Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum,
-)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Technique {
     /// Image-based light and image-based shadows from a light dome (Supan 2006).
