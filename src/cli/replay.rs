@@ -7,9 +7,10 @@ use penumbra::compositor::Gpu;
 use penumbra::config::{
     Config, LIGHT_COUNTS, LightPlacement, Monitor, ReplaySpeed, SceneChoice, ShadowMode,
 };
-use penumbra::rig::replay::live_settings;
+use penumbra::output::window::{self, WindowOptions};
+use penumbra::rig::replay::{Replay, live_settings};
 use penumbra::rig::service::Service;
-use penumbra::rig::{ReplayOptions, Report, replay};
+use penumbra::rig::{ReplayOptions, Report, RigError, replay};
 use penumbra::session::Session;
 use penumbra::status::{SharedStatus, StatusError, StatusServer, Technique};
 use std::net::SocketAddr;
@@ -156,16 +157,36 @@ pub fn run(args: ReplayArgs) -> anyhow::Result<ExitCode> {
         force: args.force,
     };
     let replay = replay(session, config.clone(), options, status, shutdown.clone())?;
-    let gpu = Gpu::open(config.gpu.adapter.as_deref())?;
     announce(server.as_ref(), &config);
     let service = Service::start(server, shutdown)?;
-    let report = replay.run(gpu, None)?;
+    let report = play(replay, config, &args)?;
     drop(service);
     if let Some(file) = report_file {
         file.write(&report)?;
     }
     super::say(in_words(&report));
     Ok(ExitCode::SUCCESS)
+}
+
+/// With a window or without.
+fn play(replay: Replay, config: Config, args: &ReplayArgs) -> Result<Report, RigError> {
+    if !config.output.window {
+        let gpu = Gpu::open(config.gpu.adapter.as_deref())?;
+        return replay.run(gpu, None);
+    }
+    let name = args
+        .session
+        .file_name()
+        .unwrap_or_default()
+        .to_string_lossy();
+    let options = WindowOptions {
+        title: format!("{name} – Penumbra"),
+        monitor: config.output.monitor,
+        fullscreen: config.output.fullscreen,
+        picture: replay.picture_size(),
+        adapter: config.gpu.adapter,
+    };
+    window::run(options, move |gpu, screen| replay.run(gpu, Some(screen)))?
 }
 
 /// Opens the session and says what is missing from it.

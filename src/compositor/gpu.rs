@@ -1,6 +1,7 @@
 //! The adapter and the device: which one, what it can do, and what to say when there is
 //! none.
 
+use std::sync::{Arc, Mutex, PoisonError};
 use thiserror::Error;
 
 /// The graphics device could not be had or was lost.
@@ -56,7 +57,12 @@ pub struct Gpu {
     pub software: bool,
     /// True when passes can be timed on the device.
     pub timestamps: bool,
+    /// The first error that nobody asked the device about.
+    fault: Fault,
 }
+
+/// Where the device leaves its first complaint. Left to itself, wgpu would panic.
+type Fault = Arc<Mutex<Option<String>>>;
 
 /// Backends that print nothing on a machine without them: asking for GL on a headless
 /// machine complains about XDG_RUNTIME_DIR.
@@ -71,13 +77,46 @@ impl Gpu {
     /// # Errors
     /// No adapter, none of that name, or one that cannot run Penumbra.
     pub fn open(wanted: Option<&str>) -> Result<Self, GpuError> {
+        let instance = Self::instance();
+        let adapter = choose(adapters(&instance), wanted)?;
+        Self::from_adapter(instance, adapter)
+    }
+
+    /// The same with an adapter that can show pictures on `surface`, which `instance` has
+    /// made.
+    ///
+    /// # Errors
+    /// As [`Self::open`]; the adapter that was asked for cannot reach the surface.
+    pub fn open_for(
+        instance: wgpu::Instance,
+        surface: &wgpu::Surface<'_>,
+        wanted: Option<&str>,
+    ) -> Result<Self, GpuError> {
+        let all = adapters(&instance);
+        let adapter = if wanted.is_some() {
+            choose(all, wanted)?
+        } else {
+            let (able, others): (Vec<_>, Vec<_>) = all
+                .into_iter()
+                .partition(|a| a.is_surface_supported(surface));
+            // With none able, the best of the others is named in the complaint.
+            choose(if able.is_empty() { others } else { able }, None)?
+        };
+        if !adapter.is_surface_supported(surface) {
+            return Err(GpuError::Unfit {
+                adapter: adapter.get_info().name,
+                reason: "it cannot show pictures in a window here; run with --headless".to_owned(),
+            });
+        }
+        Self::from_adapter(instance, adapter)
+    }
+
+    /// What makes surfaces and finds adapters.
+    #[must_use]
+    pub fn instance() -> wgpu::Instance {
         let mut description = wgpu::InstanceDescriptor::new_without_display_handle();
         description.backends = BACKENDS;
-        let instance = wgpu::Instance::new(description);
-        let mut adapters = pollster::block_on(instance.enumerate_adapters(BACKENDS));
-        adapters.sort_by_key(|a| rank(a.get_info().device_type));
-        let adapter = choose(adapters, wanted)?;
-        Self::from_adapter(instance, adapter)
+        wgpu::Instance::new(description)
     }
 
     fn from_adapter(instance: wgpu::Instance, adapter: wgpu::Adapter) -> Result<Self, GpuError> {
@@ -99,6 +138,7 @@ impl Gpu {
         })?;
         let software = info.device_type == wgpu::DeviceType::Cpu;
         Ok(Self {
+            fault: watch(&device),
             instance,
             adapter,
             device,
@@ -112,16 +152,40 @@ impl Gpu {
     /// Waits until everything submitted has run.
     ///
     /// # Errors
-    /// The device was lost.
+    /// The device was lost, ran out of memory or refused something since it was opened.
     pub fn wait(&self) -> Result<(), GpuError> {
-        self.device
-            .poll(wgpu::PollType::wait_indefinitely())
-            .map(|_| ())
-            .map_err(|e| GpuError::Failed {
+        let polled = self.device.poll(wgpu::PollType::wait_indefinitely());
+        let fault = self
+            .fault
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clone();
+        match fault.or_else(|| polled.err().map(|e| e.to_string())) {
+            None => Ok(()),
+            Some(reason) => Err(GpuError::Failed {
                 adapter: self.name.clone(),
-                reason: e.to_string(),
-            })
+                reason,
+            }),
+        }
     }
+}
+
+/// Keeps the device's first complaint for [`Gpu::wait`] to tell.
+fn watch(device: &wgpu::Device) -> Fault {
+    let fault = Fault::default();
+    let keep = fault.clone();
+    device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
+        let mut kept = keep.lock().unwrap_or_else(PoisonError::into_inner);
+        kept.get_or_insert_with(|| error.to_string());
+    }));
+    fault
+}
+
+/// All there are, the fastest first.
+fn adapters(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {
+    let mut adapters = pollster::block_on(instance.enumerate_adapters(BACKENDS));
+    adapters.sort_by_key(|a| rank(a.get_info().device_type));
+    adapters
 }
 
 const fn rank(kind: wgpu::DeviceType) -> u8 {

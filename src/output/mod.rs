@@ -2,3 +2,5 @@
 
 pub mod files;
 pub mod stream;
+mod surface;
+pub mod window;

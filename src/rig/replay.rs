@@ -82,6 +82,13 @@ pub fn replay(
 }
 
 impl Replay {
+    /// Width and height of the pictures to come, pixels.
+    #[must_use]
+    pub fn picture_size(&self) -> (u32, u32) {
+        let camera = &self.setup.calibration.scene_camera.camera;
+        (camera.width, camera.height)
+    }
+
     /// Runs to the end of the session, the frame limit, or the shutdown.
     ///
     /// # Errors
