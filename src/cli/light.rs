@@ -3,9 +3,14 @@
 use super::files::refuse_overwriting;
 use anyhow::bail;
 use clap::Args;
+use penumbra::config::Config;
 use penumbra::environment::LightReport;
 use penumbra::environment::photograph::PhotographKind;
-use std::path::PathBuf;
+use penumbra::rig::light_report::light_of_session;
+use penumbra::session::Session;
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 #[derive(Debug, Args)]
@@ -19,6 +24,9 @@ pub struct LightArgs {
     /// The photograph's geometry, where it is not to be found in the picture
     #[arg(long, value_name = "FILE")]
     calibration: Option<PathBuf>,
+    /// Settings, for a session
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
     /// Folder for environment.exr, environment.png, lights.png and light.json
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -39,10 +47,44 @@ pub fn run(args: &LightArgs) -> anyhow::Result<ExitCode> {
     if args.out.exists() && !args.out.is_dir() {
         bail!("{}: is a file; name a folder", args.out.display());
     }
-    let report = LightReport::of_photograph(&args.source, args.kind, args.calibration.as_deref())?;
+    let report = report(args)?;
     report.write(&args.out)?;
     super::say(in_words(&report));
     Ok(ExitCode::SUCCESS)
+}
+
+fn report(args: &LightArgs) -> anyhow::Result<LightReport> {
+    if !is_mcap(&args.source) {
+        let calibration = args.calibration.as_deref();
+        return Ok(LightReport::of_photograph(
+            &args.source,
+            args.kind,
+            calibration,
+        )?);
+    }
+    if args.kind.is_some() || args.calibration.is_some() {
+        bail!(
+            "{}: a session brings its own calibration; leave out --kind and --calibration",
+            args.source.display()
+        );
+    }
+    let config = args
+        .config
+        .as_deref()
+        .map_or_else(|| Ok(Config::default()), Config::load)?;
+    let session = Session::open(&args.source)?;
+    Ok(light_of_session(&session, &config)?)
+}
+
+/// By its first bytes, as the name may be anything; what cannot be read is left to
+/// whoever reads it to complain about.
+fn is_mcap(path: &Path) -> bool {
+    let mut magic = [0; 5];
+    let read = File::open(path).and_then(|mut file| file.read_exact(&mut magic));
+    let named = path
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("mcap"));
+    named || (read.is_ok() && magic == *b"\x89MCAP")
 }
 
 fn in_words(report: &LightReport) -> String {

@@ -157,9 +157,9 @@ pub fn run(args: ReplayArgs) -> anyhow::Result<ExitCode> {
         force: args.force,
     };
     let replay = replay(session, config.clone(), options, status, shutdown.clone())?;
-    announce(server.as_ref(), &config);
+    let address = address(server.as_ref(), &config);
     let service = Service::start(server, shutdown)?;
-    let report = play(replay, config, &args)?;
+    let report = play(replay, config, &args, address)?;
     drop(service);
     if let Some(file) = report_file {
         file.write(&report)?;
@@ -168,10 +168,18 @@ pub fn run(args: ReplayArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// With a window or without.
-fn play(replay: Replay, config: Config, args: &ReplayArgs) -> Result<Report, RigError> {
+/// With a window or without. The address is told when nothing can keep the picture from
+/// coming any more.
+fn play(
+    replay: Replay,
+    config: Config,
+    args: &ReplayArgs,
+    address: Option<String>,
+) -> Result<Report, RigError> {
+    let announce = move || address.into_iter().for_each(super::say);
     if !config.output.window {
         let gpu = Gpu::open(config.gpu.adapter.as_deref())?;
+        announce();
         return replay.run(gpu, None);
     }
     let name = args
@@ -186,7 +194,10 @@ fn play(replay: Replay, config: Config, args: &ReplayArgs) -> Result<Report, Rig
         picture: replay.picture_size(),
         adapter: config.gpu.adapter,
     };
-    window::run(options, move |gpu, screen| replay.run(gpu, Some(screen)))?
+    window::run(options, move |gpu, screen| {
+        announce();
+        replay.run(gpu, Some(screen))
+    })?
 }
 
 /// Opens the session and says what is missing from it.
@@ -221,18 +232,12 @@ fn status_server(
 }
 
 /// The one address to open.
-fn announce(server: Option<&StatusServer>, config: &Config) {
-    if let Some(server) = server {
-        let token = if config.status.token.is_some() {
-            "?token=…"
-        } else {
-            ""
-        };
-        super::say(format_args!(
-            "status page: http://{}/{token}",
-            server.local_addr()
-        ));
-    }
+fn address(server: Option<&StatusServer>, config: &Config) -> Option<String> {
+    let token = config.status.token.as_ref().map_or("", |_| "?token=…");
+    Some(format!(
+        "status page: http://{}/{token}",
+        server?.local_addr()
+    ))
 }
 
 fn in_words(report: &Report) -> String {

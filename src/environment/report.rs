@@ -11,11 +11,11 @@ use super::photograph::{PhotographCalibration, PhotographError, PhotographKind, 
 use super::settings::{EnvironmentError, EnvironmentInput, EnvironmentSettings};
 use super::sources::{LUMINANCE, SourceSettings};
 use super::view::PlacedView;
-use crate::calibration::Response;
 use crate::calibration::rig::EnvironmentView;
+use crate::calibration::{PinholeCamera, Response};
 use crate::picture::Picture;
 use glam::{DVec2, Mat3, Vec3};
-use penumbra_interface::MonotonicTime;
+use penumbra_interface::{MonotonicTime, RigidTransform};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -121,15 +121,29 @@ impl LightReport {
         settings: EnvironmentSettings,
         input: &EnvironmentInput,
     ) -> Result<Self, LightReportError> {
-        let placed = PlacedView::new(view, input.scene, settings.parallax)
-            .ok_or(EnvironmentError::InsideSphere)?;
         let mut estimator = EnvironmentEstimator::new(view, response, settings, None)?;
         let lighting = estimator.update(input)?;
-        let map = unwrap_view(&placed, &estimator, &lighting, input.gains);
+        Self::of_estimator(&estimator, lighting, view, input.scene, input.gains)
+    }
+
+    /// What an estimator of `view` believes after its last update, which gave `lighting`
+    /// with `gains`, and saw `scene` if the sphere is in the scene camera's picture.
+    ///
+    /// # Errors
+    /// Impossible geometry.
+    pub fn of_estimator(
+        estimator: &EnvironmentEstimator,
+        lighting: Arc<Lighting>,
+        view: &EnvironmentView,
+        scene: Option<(RigidTransform, &PinholeCamera)>,
+        gains: Mat3,
+    ) -> Result<Self, LightReportError> {
+        let placed = PlacedView::new(view, scene, estimator.settings().parallax)
+            .ok_or(EnvironmentError::InsideSphere)?;
         Ok(Self {
-            map,
+            map: unwrap_view(&placed, estimator, &lighting, gains),
             clipped_pixels: estimator.clipped_pixels(),
-            dominant_direction: dominant_direction(&estimator, &lighting),
+            dominant_direction: dominant_direction(estimator, &lighting),
             lighting,
         })
     }

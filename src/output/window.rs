@@ -11,6 +11,7 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 use winit::application::ApplicationHandler;
 use winit::dpi::{PhysicalPosition, PhysicalSize};
+use winit::error::EventLoopError;
 use winit::event::{ElementState, KeyEvent, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy};
 use winit::keyboard::{Key, NamedKey};
@@ -54,7 +55,7 @@ pub fn run<R: Send + 'static>(
         place: Arc::default(),
         outcome: Outcome::Unopened,
     };
-    events.run_app(&mut app).map_err(refused)?;
+    events.run_app(&mut app).map_err(|e| unavailable(&e))?;
     app.outcome.into_result()
 }
 
@@ -66,7 +67,7 @@ fn event_loop() -> Result<EventLoop<Done>, RigError> {
     let made = catch_unwind(AssertUnwindSafe(|| EventLoop::with_user_event().build()));
     std::panic::set_hook(usual);
     match made {
-        Ok(made) => made.map_err(refused),
+        Ok(made) => made.map_err(|e| unavailable(&e)),
         Err(panic) => {
             let text = panic.downcast_ref::<String>().map(String::as_str);
             let text = text.or_else(|| panic.downcast_ref::<&str>().copied());
@@ -75,6 +76,14 @@ fn event_loop() -> Result<EventLoop<Done>, RigError> {
             ))
         }
     }
+}
+
+/// winit tells the user where in its sources it gave up; only what it says after that is
+/// of use to them.
+fn unavailable(error: &EventLoopError) -> RigError {
+    let text = error.to_string();
+    let last = text.rsplit(": ").next().unwrap_or(&text);
+    refused(last.trim_end_matches('.'))
 }
 
 fn refused(reason: impl std::fmt::Display) -> RigError {
@@ -162,7 +171,7 @@ impl<R: Send + 'static> App<R> {
         let instance = Gpu::instance();
         let surface = instance
             .create_surface(window.clone())
-            .map_err(|_| refused("no graphics driver here can draw in a window"))?;
+            .map_err(|_| no_surface(self.options.adapter.as_deref()))?;
         let gpu = Gpu::open_for(instance, &surface, self.options.adapter.as_deref())?;
         let size = window.inner_size();
         self.place.set_size((size.width, size.height));
@@ -203,6 +212,14 @@ impl<R: Send + 'static> App<R> {
     }
 }
 
+/// Why a window takes no picture: there is no driver at all, or none for windows.
+fn no_surface(adapter: Option<&str>) -> RigError {
+    let drawn = Gpu::open(adapter);
+    drawn.map_or_else(RigError::from, |_| {
+        refused("no graphics driver here can draw in a window")
+    })
+}
+
 /// The monitor asked for; `None` if none was.
 fn chosen(
     wanted: Option<&Monitor>,
@@ -222,9 +239,20 @@ fn chosen(
             .enumerate()
             .map(|(i, name)| format!("{i} '{name}'"));
         let list = list.collect::<Vec<_>>().join(", ");
-        refused(format!("there is no monitor {wanted:?}; there are: {list}"))
+        refused(format!(
+            "there is no monitor {}; there are: {list}",
+            typed(wanted)
+        ))
     })?;
     Ok(monitors.into_iter().nth(position))
+}
+
+/// As it was typed.
+fn typed(monitor: &Monitor) -> String {
+    match monitor {
+        Monitor::Index(index) => index.to_string(),
+        Monitor::Name(name) => format!("'{name}'"),
+    }
 }
 
 fn position(wanted: &Monitor, names: &[String]) -> Option<usize> {

@@ -7,6 +7,7 @@
 
 pub mod feed;
 pub mod light;
+pub mod light_report;
 pub mod replay;
 pub mod report;
 pub mod service;
@@ -75,6 +76,15 @@ pub enum RigError {
         /// What the window system said.
         reason: String,
     },
+    /// The session shows no light.
+    #[error("{path}: no complete picture of the environment in it; there is no light to tell of", path = path.display())]
+    NoLight {
+        /// The session.
+        path: PathBuf,
+    },
+    /// The light could not be told of.
+    #[error(transparent)]
+    LightReport(#[from] crate::environment::report::LightReportError),
     /// The session has no frame of the scene camera.
     #[error("{path}: no picture of the scene camera in it; nothing to compose", path = path.display())]
     Empty {

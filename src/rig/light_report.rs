@@ -1,0 +1,80 @@
+//! What the rig believes about the light of a session: `penumbra light SESSION`.
+
+use super::feed::Feed;
+use super::light::{LightStation, SceneView};
+use super::{RigError, RigSetup};
+use crate::calibration::photometry::MatchStatus;
+use crate::config::Config;
+use crate::environment::{LightReport, Lighting};
+use crate::picture::{Picture, decode_into};
+use crate::session::Session;
+use crate::sync::{PairingConfig, RigFrame};
+use glam::{DMat3, DVec3, Mat3};
+use penumbra_interface::RigidTransform;
+use std::sync::Arc;
+
+/// The light of the first instant at which the whole environment was seen, through the
+/// same stations as in a replay.
+///
+/// # Errors
+/// A broken calibration; a session without any such instant.
+pub fn light_of_session(session: &Session, config: &Config) -> Result<LightReport, RigError> {
+    let setup = RigSetup::read(session, config)?;
+    let mut station = LightStation::new(&setup, config, session)?;
+    let pairing = PairingConfig::for_rig(&setup.calibration).with_full_windows();
+    let mut feed = Feed::new(session.clone(), &setup.calibration, pairing);
+    let none = || RigError::NoLight {
+        path: session.path().to_owned(),
+    };
+    let mut picture = Picture::default();
+    while let Some(frame) = feed.next_frame() {
+        if decode_into(&frame.scene, &config.input.encoding(), &mut picture).is_err() {
+            continue;
+        }
+        let pose = world_from_camera(&setup, &frame);
+        let view = SceneView {
+            picture: &picture,
+            world_from_camera: pose,
+            captured_at: frame.captured_at,
+        };
+        let set = frame.environment.as_ref().map(|e| e.set.as_ref());
+        if let Some(lighting) = station.update(set, &view)? {
+            return belief(&setup, &mut station, lighting, pose)?.ok_or_else(none);
+        }
+    }
+    Err(none())
+}
+
+/// `None` if the rig has no view of the environment.
+fn belief(
+    setup: &RigSetup,
+    station: &mut LightStation,
+    lighting: Arc<Lighting>,
+    pose: Option<RigidTransform>,
+) -> Result<Option<LightReport>, RigError> {
+    let gains = gains(&station.match_status());
+    let rig = &setup.calibration;
+    let (Some(environment), Some(estimator)) = (&rig.environment, station.estimator()) else {
+        return Ok(None);
+    };
+    let scene = pose.map(|pose| (pose, &rig.scene_camera.camera));
+    let report = LightReport::of_estimator(estimator, lighting, &environment.view, scene, gains)?;
+    Ok(Some(report))
+}
+
+/// What brings the environment camera's linear values to the scene camera's.
+fn gains(status: &MatchStatus) -> Mat3 {
+    let diagonal = DMat3::from_diagonal(DVec3::from(status.gains));
+    let matrix = status
+        .matrix
+        .map(|rows| DMat3::from_cols_array_2d(&rows).transpose());
+    matrix
+        .map_or(diagonal, |m| m * status.exposure_factor)
+        .as_mat3()
+}
+
+fn world_from_camera(setup: &RigSetup, frame: &RigFrame) -> Option<RigidTransform> {
+    let pose = frame.pose.as_ref()?.transmitter_from_sensor;
+    let tracker = setup.calibration.tracker.as_ref();
+    Some(tracker.map_or(pose, |t| t.world_from_scene_camera(pose)))
+}
