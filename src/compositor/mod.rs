@@ -14,6 +14,7 @@ mod light_maps;
 mod near_maps;
 mod passes;
 pub mod readback;
+pub mod reference;
 mod scene_buffers;
 mod shaders;
 mod shadow_slots;
@@ -201,7 +202,6 @@ const fn map_size(settings: &CompositorSettings) -> u32 {
 }
 
 fn make_maps(device: &wgpu::Device, settings: &CompositorSettings) -> (ShadowMaps, ShadowMaps) {
-    let maps =
-        |label| ShadowMaps::new(device, label, map_size(settings), settings.light_budget);
+    let maps = |label| ShadowMaps::new(device, label, map_size(settings), settings.light_budget);
     (maps("virtual shadow maps"), maps("phantom shadow maps"))
 }

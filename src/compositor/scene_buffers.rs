@@ -110,7 +110,7 @@ impl SceneBuffers {
 
 /// The ground shadows nothing above it, and would stretch the phantoms' shadow maps beyond
 /// use: it is no caster.
-fn is_ground(part: &Part, scene: &Scene) -> bool {
+pub(super) fn is_ground(part: &Part, scene: &Scene) -> bool {
     let Some(height) = scene.ground_height else {
         return false;
     };

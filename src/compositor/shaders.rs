@@ -59,12 +59,7 @@ pub fn all(samples: u32) -> [(&'static str, String); 8] {
         (
             "composite",
             sampled(
-                join(&[
-                    FRAME,
-                    NORMAL,
-                    TILES,
-                    include_str!("shaders/composite.wgsl"),
-                ]),
+                join(&[FRAME, NORMAL, TILES, include_str!("shaders/composite.wgsl")]),
                 samples,
             ),
         ),

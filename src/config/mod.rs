@@ -8,8 +8,8 @@ mod error;
 mod file;
 pub(crate) mod toml_text;
 
-pub use crate::picture::YuvEncoding;
 use crate::calibration::EnvironmentSource;
+pub use crate::picture::YuvEncoding;
 pub use choice::{
     Antialias, Clipped, Irradiance, LightPlacement, Monitor, Refresh, ReplaySpeed, SceneChoice,
     ShadowMode, ShadowResolution, ToneCurve, Unseen, WhiteBalanceMethod, YuvMatrix, YuvRange,

@@ -27,16 +27,23 @@ impl FrameFolder {
     pub fn create(
         path: &Path,
         force: bool,
-        spawn: impl FnOnce(Box<dyn FnOnce() -> Result<u64, RigError> + Send>) -> std::io::Result<JoinHandle<Result<u64, RigError>>>,
+        spawn: impl FnOnce(
+            Box<dyn FnOnce() -> Result<u64, RigError> + Send>,
+        ) -> std::io::Result<JoinHandle<Result<u64, RigError>>>,
     ) -> Result<Self, RigError> {
-        let failed = |source| RigError::Write { path: path.to_owned(), source };
+        let failed = |source| RigError::Write {
+            path: path.to_owned(),
+            source,
+        };
         std::fs::create_dir_all(path).map_err(failed)?;
         let occupied = std::fs::read_dir(path)
             .map_err(failed)?
             .flatten()
             .any(|entry| entry.path().extension().is_some_and(|e| e == "png"));
         if occupied && !force {
-            return Err(RigError::Occupied { path: path.to_owned() });
+            return Err(RigError::Occupied {
+                path: path.to_owned(),
+            });
         }
         let (sender, incoming) = bounded::<(u64, Picture)>(WAITING);
         let (give_back, spare) = bounded(WAITING + 1);
@@ -52,7 +59,11 @@ impl FrameFolder {
             Ok(written)
         }))
         .map_err(failed)?;
-        Ok(Self { sender: Some(sender), spare, writer: Some(writer) })
+        Ok(Self {
+            sender: Some(sender),
+            spare,
+            writer: Some(writer),
+        })
     }
 
     /// A picture whose memory can be used again.
@@ -93,13 +104,20 @@ impl FrameFolder {
 /// # Errors
 /// The file cannot be written.
 pub fn write_png(path: &Path, picture: &Picture) -> Result<(), RigError> {
-    let failed = |source: std::io::Error| RigError::Write { path: PathBuf::from(path), source };
+    let failed = |source: std::io::Error| RigError::Write {
+        path: PathBuf::from(path),
+        source,
+    };
     let file = File::create(path).map_err(failed)?;
     let mut encoder = png::Encoder::new(BufWriter::new(file), picture.width, picture.height);
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);
     encoder.set_compression(png::Compression::Fast);
-    let rgb: Vec<u8> = picture.rgba.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
+    let rgb: Vec<u8> = picture
+        .rgba
+        .chunks_exact(4)
+        .flat_map(|p| [p[0], p[1], p[2]])
+        .collect();
     let write = || -> Result<(), png::EncodingError> {
         let mut writer = encoder.write_header()?;
         writer.write_image_data(&rgb)?;

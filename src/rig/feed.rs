@@ -134,7 +134,13 @@ pub fn is_sphere_in_scene(rig: &RigCalibration) -> bool {
 /// How the recorded bytes are spelled. A protocol that nobody knows is read as a FASTRAK's
 /// default; the decoder counts what it cannot read.
 fn record_format(session: &Session, tracker: Option<&TrackerCalibration>) -> Format {
-    let format = session.tracker_protocol().and_then(Format::for_protocol).unwrap_or_default();
+    let format = session
+        .tracker_protocol()
+        .and_then(Format::for_protocol)
+        .unwrap_or_default();
     let metres_per_unit = tracker.map_or(format.metres_per_unit, |t| t.metres_per_unit);
-    Format { metres_per_unit, ..format }
+    Format {
+        metres_per_unit,
+        ..format
+    }
 }

@@ -2,21 +2,21 @@
 //! ground's radiance become [`Lighting`].
 
 use super::{RigError, RigSetup};
-use crate::calibration::photometry::{
-    MatchMethod, MatchStatus, PhotometricMatch, PhotometrySettings,
-};
 use crate::calibration::photometry::chart::{ChartError, ChartMatch, Photograph, match_chart};
 use crate::calibration::photometry::gather::{GatherOptions, Overlap, gather_pairs};
 use crate::calibration::photometry::overlap::estimate_overlap;
+use crate::calibration::photometry::raycast::{GROUND, PhantomCaster};
+use crate::calibration::photometry::{
+    MatchMethod, MatchStatus, PhotometricMatch, PhotometrySettings,
+};
 use crate::calibration::rig::EnvironmentView;
-use crate::calibration::{RigCalibration, Response};
+use crate::calibration::{Response, RigCalibration};
 use crate::config::{Config, Unseen, WhiteBalanceMethod};
 use crate::environment::{
     Bracket, EnvironmentEstimator, EnvironmentInput, EnvironmentSettings, IrradianceMethod,
     Lighting, Placement,
 };
 use crate::picture::{Picture, PictureError, YuvEncoding, decode_into};
-use crate::calibration::photometry::raycast::{GROUND, PhantomCaster};
 use crate::scene::{NearField, NearLight, casters};
 use crate::session::Session;
 use crate::sync::EnvironmentSet;
@@ -131,7 +131,10 @@ impl LightStation {
         let rays = &self.rays;
         let hidden = |o: DVec3, d: DVec3| hides(rays, o, d);
         let lighting = estimator.update(&EnvironmentInput {
-            brackets: &[Bracket { picture: scene.picture, ev: 0.0 }],
+            brackets: &[Bracket {
+                picture: scene.picture,
+                ev: 0.0,
+            }],
             scene: Some((pose, &self.rig.scene_camera.camera)),
             gains: Mat3::IDENTITY,
             ground_radiance: self.ground.radiance(),
@@ -143,22 +146,25 @@ impl LightStation {
         Ok(())
     }
 
-    fn estimate(
-        &mut self,
-        set: &EnvironmentSet,
-        scene: &SceneView<'_>,
-    ) -> Result<(), RigError> {
-        let Some(estimator) = &mut self.estimator else { return Ok(()) };
+    fn estimate(&mut self, set: &EnvironmentSet, scene: &SceneView<'_>) -> Result<(), RigError> {
+        let Some(estimator) = &mut self.estimator else {
+            return Ok(());
+        };
         let brackets: Vec<Bracket<'_>> = set
             .frames
             .iter()
             .zip(&self.decoded)
-            .map(|(frame, picture)| Bracket { picture, ev: frame.bracket_ev })
+            .map(|(frame, picture)| Bracket {
+                picture,
+                ev: frame.bracket_ev,
+            })
             .collect();
         let seen = self.ground.radiance();
         let lighting = estimator.update(&EnvironmentInput {
             brackets: &brackets,
-            scene: scene.world_from_camera.map(|pose| (pose, &self.rig.scene_camera.camera)),
+            scene: scene
+                .world_from_camera
+                .map(|pose| (pose, &self.rig.scene_camera.camera)),
             gains: self.photometry.scene_from_environment().as_mat3(),
             ground_radiance: match self.unseen {
                 Unseen::SceneCamera => seen,
@@ -181,7 +187,8 @@ impl LightStation {
         else {
             return;
         };
-        self.photometry.set_exposures(None, set.frames[base].exposure);
+        self.photometry
+            .set_exposures(None, set.frames[base].exposure);
         self.since_overlap += 1;
         if self.since_overlap < self.overlap_every && self.lighting.is_some() {
             return;
@@ -229,7 +236,10 @@ impl LightStation {
 }
 
 fn unreadable(source: PictureError) -> RigError {
-    RigError::Picture { name: "environment picture".to_owned(), source }
+    RigError::Picture {
+        name: "environment picture".to_owned(),
+        source,
+    }
 }
 
 fn is_in_scene(rig: &RigCalibration) -> bool {
@@ -240,7 +250,8 @@ fn is_in_scene(rig: &RigCalibration) -> bool {
 
 /// A real thing other than the ground and the mirror itself ends the ray.
 fn hides(rays: &PhantomCaster, origin: DVec3, direction: DVec3) -> bool {
-    rays.cast(origin, direction).is_some_and(|hit| !hit.mirror && hit.surface != GROUND)
+    rays.cast(origin, direction)
+        .is_some_and(|hit| !hit.mirror && hit.surface != GROUND)
 }
 
 fn estimator(
@@ -249,7 +260,9 @@ fn estimator(
     rays: &Arc<PhantomCaster>,
     ground: bool,
 ) -> Result<Option<EnvironmentEstimator>, RigError> {
-    let Some(environment) = &rig.environment else { return Ok(None) };
+    let Some(environment) = &rig.environment else {
+        return Ok(None);
+    };
     let settings = EnvironmentSettings {
         cube_size: config.environment.cube_size,
         placement: placement(config.environment.lights),
@@ -294,7 +307,8 @@ fn photometry_settings(config: &Config) -> PhotometrySettings {
             WhiteBalanceMethod::Reflectance => MatchMethod::Reflectance,
             WhiteBalanceMethod::Fixed => MatchMethod::Fixed,
         },
-        fixed_gains: (white.method == WhiteBalanceMethod::Fixed).then(|| white.gains.map(f64::from)),
+        fixed_gains: (white.method == WhiteBalanceMethod::Fixed)
+            .then(|| white.gains.map(f64::from)),
         matrix: white.matrix,
     }
 }
@@ -306,15 +320,24 @@ fn chart_match(
     session: &Session,
     matrix: bool,
 ) -> Result<Option<ChartResult>, RigError> {
-    let (Some(chart), Some(environment)) = (&rig.chart, &rig.environment) else { return Ok(None) };
+    let (Some(chart), Some(environment)) = (&rig.chart, &rig.environment) else {
+        return Ok(None);
+    };
     let load = |name: &str| -> Result<Option<Picture>, RigError> {
-        let Some(bytes) = session.attachment(name) else { return Ok(None) };
+        let Some(bytes) = session.attachment(name) else {
+            return Ok(None);
+        };
         Picture::from_file_bytes(bytes)
             .map(Some)
-            .map_err(|source| RigError::Picture { name: name.to_owned(), source })
+            .map_err(|source| RigError::Picture {
+                name: name.to_owned(),
+                source,
+            })
     };
-    let (Some(scene), Some(seen)) = (load(&chart.scene_picture)?, load(&chart.environment_picture)?)
-    else {
+    let (Some(scene), Some(seen)) = (
+        load(&chart.scene_picture)?,
+        load(&chart.environment_picture)?,
+    ) else {
         return Ok(None);
     };
     let photograph = |picture, response: &Response| (picture, response.clone());
@@ -322,8 +345,14 @@ fn chart_match(
     let (seen, seen_response) = photograph(seen, &environment.response);
     Ok(Some(match_chart(
         chart,
-        Photograph { picture: &scene, response: &scene_response },
-        Photograph { picture: &seen, response: &seen_response },
+        Photograph {
+            picture: &scene,
+            response: &scene_response,
+        },
+        Photograph {
+            picture: &seen,
+            response: &seen_response,
+        },
         matrix,
     )))
 }
@@ -361,7 +390,9 @@ impl GroundWatch {
     }
 
     fn look(&mut self, scene: &SceneView<'_>) {
-        let Some(pose) = scene.world_from_camera else { return };
+        let Some(pose) = scene.world_from_camera else {
+            return;
+        };
         let camera_from_world = pose.inverse();
         let (mut sum, mut count) = (Vec3::ZERO, 0.0);
         for point in &self.points {
@@ -384,18 +415,23 @@ impl GroundWatch {
         camera_from_world: RigidTransform,
         picture: &Picture,
     ) -> Option<Vec3> {
-        let pixel: DVec2 =
-            self.camera.project(camera_from_world.transform_point(point.as_dvec3()))?;
+        let pixel: DVec2 = self
+            .camera
+            .project(camera_from_world.transform_point(point.as_dvec3()))?;
         let (x, y) = (pixel.x.round(), pixel.y.round());
-        let inside = x >= 0.0
-            && y >= 0.0
-            && x < f64::from(picture.width)
-            && y < f64::from(picture.height);
+        let inside =
+            x >= 0.0 && y >= 0.0 && x < f64::from(picture.width) && y < f64::from(picture.height);
         let to_point = point.as_dvec3() - pose.translation;
         let clear = inside
-            && self.rays.cast(pose.translation, to_point).is_none_or(|hit| hit.distance > 0.999);
+            && self
+                .rays
+                .cast(pose.translation, to_point)
+                .is_none_or(|hit| hit.distance > 0.999);
         clear.then(|| {
-            Vec3::from(self.response.linear_from_rgb(picture.rgb(x as u32, y as u32)))
+            Vec3::from(
+                self.response
+                    .linear_from_rgb(picture.rgb(x as u32, y as u32)),
+            )
         })
     }
 
@@ -409,14 +445,20 @@ fn points_around(scene: &crate::scene::Scene, height: f32) -> Vec<Vec3> {
     let (mut low, mut high) = (Vec3::splat(f32::MAX), Vec3::splat(f32::MIN));
     for part in &scene.virtual_parts {
         for vertex in &part.mesh.vertices {
-            let p = part.world_from_part.transform_point3(vertex.position.as_dvec3()).as_vec3();
+            let p = part
+                .world_from_part
+                .transform_point3(vertex.position.as_dvec3())
+                .as_vec3();
             (low, high) = (low.min(p), high.max(p));
         }
     }
     if low.x > high.x {
         (low, high) = (Vec3::splat(-0.3), Vec3::splat(0.3));
     }
-    let (centre, half) = ((low + high) / 2.0, ((high - low) * 1.5).truncate().max_element());
+    let (centre, half) = (
+        (low + high) / 2.0,
+        ((high - low) * 1.5).truncate().max_element(),
+    );
     let at = |k: usize| (2.0 * (k as f32 + 0.5) / GROUND_POINTS as f32 - 1.0) * half;
     (0..GROUND_POINTS * GROUND_POINTS)
         .map(|i| {

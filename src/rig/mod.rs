@@ -114,7 +114,10 @@ impl RigSetup {
             .select_environment(config.environment.source, camera_recorded)
             .map_err(SceneError::from)?;
         let scene = Scene::choose(&config.scene, &document, &attachments)?;
-        Ok(Self { calibration: calibration(&document, config), scene })
+        Ok(Self {
+            calibration: calibration(&document, config),
+            scene,
+        })
     }
 }
 
@@ -127,9 +130,7 @@ fn calibration(document: &RigDocument, config: &Config) -> RigCalibration {
     if let Some(latency) = config.sync.scene_camera_latency_nanos {
         rig.scene_camera.latency_nanos = latency;
     }
-    if let (Some(tracker), Some(latency)) =
-        (&mut rig.tracker, config.sync.tracker_latency_nanos)
-    {
+    if let (Some(tracker), Some(latency)) = (&mut rig.tracker, config.sync.tracker_latency_nanos) {
         tracker.latency_nanos = latency;
     }
     if let Some(environment) = &mut rig.environment {

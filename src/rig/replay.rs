@@ -4,9 +4,7 @@ use super::feed::Feed;
 use super::light::{LightStation, SceneView, placement};
 use super::report::{FrameCounts, InputCounts, Report, SkewMeter};
 use super::{RigError, RigSetup};
-use crate::compositor::{
-    Compositor, CompositorSettings, FrameInput, Gpu, Refresh, ShadowMode,
-};
+use crate::compositor::{Compositor, CompositorSettings, FrameInput, Gpu, Refresh, ShadowMode};
 use crate::config::{Antialias, Config, LightPlacement, ReplaySpeed, ShadowResolution};
 use crate::output::files::FrameFolder;
 use crate::picture::{Picture, YuvEncoding, decode_into};
@@ -78,7 +76,14 @@ pub fn replay(
     shutdown: Arc<AtomicBool>,
 ) -> Result<Replay, RigError> {
     let setup = RigSetup::read(&session, &config)?;
-    Ok(Replay { config, options, session, setup, status, shutdown })
+    Ok(Replay {
+        config,
+        options,
+        session,
+        setup,
+        status,
+        shutdown,
+    })
 }
 
 impl Replay {
@@ -96,7 +101,9 @@ impl Replay {
     pub fn run(self, gpu: Gpu, screen: Option<Box<dyn Screen>>) -> Result<Report, RigError> {
         let folder = match &self.config.output.frames {
             Some(path) => Some(FrameFolder::create(path, self.options.force, |job| {
-                std::thread::Builder::new().name("frames".to_owned()).spawn(job)
+                std::thread::Builder::new()
+                    .name("frames".to_owned())
+                    .spawn(job)
             })?),
             None => None,
         };
@@ -175,7 +182,10 @@ impl Run {
     }
 
     fn over(&self, replay: &Replay) -> bool {
-        let full = replay.options.frame_limit.is_some_and(|limit| self.frames.composed >= limit);
+        let full = replay
+            .options
+            .frame_limit
+            .is_some_and(|limit| self.frames.composed >= limit);
         let writer_gone = self.folder.as_ref().is_some_and(|f| !f.is_alive());
         full || self.closed || writer_gone || replay.shutdown.load(Ordering::Relaxed)
     }
@@ -185,7 +195,9 @@ impl Run {
         self.index = 0;
         self.pace.restart();
         while !self.over(replay) {
-            let Some(frame) = feed.next_frame() else { return Ok(()) };
+            let Some(frame) = feed.next_frame() else {
+                return Ok(());
+            };
             if self.pace.wait(frame.scene.arrived_at) {
                 self.compose(replay, &frame)?;
             } else {
@@ -209,7 +221,8 @@ impl Run {
         self.draw(replay, frame)?;
         self.deliver(replay)?;
         for (pass, millis) in self.compositor.pass_times() {
-            self.stages.record_gpu(pass, Duration::from_secs_f64(millis * 1e-3));
+            self.stages
+                .record_gpu(pass, Duration::from_secs_f64(millis * 1e-3));
         }
         self.stages.record("total", begun.elapsed());
         self.count(frame);
@@ -236,7 +249,11 @@ impl Run {
         let begun = Instant::now();
         let calibration = &replay.setup.calibration;
         let shadows = self.settings.technique == Technique::ImageBasedShadowing;
-        let limit = replay.config.shadows.refresh_per_frame.of(self.settings.light_count);
+        let limit = replay
+            .config
+            .shadows
+            .refresh_per_frame
+            .of(self.settings.light_count);
         let lighting = self.light.lighting().cloned();
         self.compositor.compose(&FrameInput {
             picture: &self.picture,
@@ -248,12 +265,19 @@ impl Run {
                 crate::status::ShadowMode::Ratio => ShadowMode::Ratio,
                 crate::status::ShadowMode::Subtract => ShadowMode::Subtract,
             },
-            shadow_strength: if shadows { self.settings.shadow_strength } else { 0.0 },
+            shadow_strength: if shadows {
+                self.settings.shadow_strength
+            } else {
+                0.0
+            },
             refresh: Refresh::UpTo(limit as usize),
             show_virtual: self.settings.virtual_object_visible,
         })?;
         self.lights = lighting.map_or((0, 0), |l| {
-            let compact = l.lights.iter().filter(|l| l.kind == crate::environment::LightKind::Compact);
+            let compact = l
+                .lights
+                .iter()
+                .filter(|l| l.kind == crate::environment::LightKind::Compact);
             (l.lights.len() as u32, compact.count() as u32)
         });
         self.stages.record("composite", begun.elapsed());
@@ -335,7 +359,9 @@ impl Run {
 
     fn into_report(self, replay: &Replay, feed: &Feed) -> Result<Report, RigError> {
         if feed.counts().scene_frames == 0 {
-            return Err(RigError::Empty { path: replay.session.path().to_owned() });
+            return Err(RigError::Empty {
+                path: replay.session.path().to_owned(),
+            });
         }
         if let Some(folder) = self.folder {
             folder.finish()?;
@@ -379,10 +405,7 @@ fn world_from_camera(
     Some(tracker.map_or(pose, |t| t.world_from_scene_camera(pose)))
 }
 
-fn pairing(
-    config: &Config,
-    rig: &crate::calibration::RigCalibration,
-) -> PairingConfig {
+fn pairing(config: &Config, rig: &crate::calibration::RigCalibration) -> PairingConfig {
     let mut pairing = PairingConfig::for_rig(rig);
     pairing.history.max_prediction_nanos = config.sync.longest_prediction_nanos;
     pairing.with_full_windows()
@@ -420,7 +443,10 @@ impl Pace {
             ReplaySpeed::Factor(factor) => Some(factor),
             ReplaySpeed::Max => None,
         };
-        Self { factor, begun: None }
+        Self {
+            factor,
+            begun: None,
+        }
     }
 
     const fn restart(&mut self) {
@@ -429,7 +455,9 @@ impl Pace {
 
     /// Waits until a frame that arrived at `at` is due; false if it is too late for it.
     fn wait(&mut self, at: MonotonicTime) -> bool {
-        let Some(factor) = self.factor else { return true };
+        let Some(factor) = self.factor else {
+            return true;
+        };
         let (start, first) = *self.begun.get_or_insert((Instant::now(), at));
         let due = start + Duration::from_secs_f64((at.seconds_since(first) / factor).max(0.0));
         let now = Instant::now();

@@ -105,7 +105,10 @@ impl SkewMeter {
     /// The result.
     #[must_use]
     pub fn skew(&self) -> Skew {
-        Skew { mean: self.sum / self.count.max(1) as f64, max: self.max }
+        Skew {
+            mean: self.sum / self.count.max(1) as f64,
+            max: self.max,
+        }
     }
 }
 

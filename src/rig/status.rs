@@ -49,8 +49,10 @@ pub fn publish(p: &Published<'_>) {
 }
 
 fn pairing(s: &mut Snapshot, frame: &RigFrame) {
-    s.pairing.environment_skew_ms =
-        frame.environment.as_ref().map(|e| e.skew_nanos as f64 * 1e-6);
+    s.pairing.environment_skew_ms = frame
+        .environment
+        .as_ref()
+        .map(|e| e.skew_nanos as f64 * 1e-6);
     s.pairing.pose_skew_ms = frame.pose.as_ref().map(|pose| pose.age_nanos as f64 * 1e-6);
     s.pairing.pose = match frame.pose.as_ref().map(|pose| pose.provenance) {
         None => PoseAnswer::None,
@@ -61,7 +63,9 @@ fn pairing(s: &mut Snapshot, frame: &RigFrame) {
 }
 
 fn lighting(s: &mut Snapshot, p: &Published<'_>) {
-    let Some(lighting) = p.light.lighting() else { return };
+    let Some(lighting) = p.light.lighting() else {
+        return;
+    };
     s.lighting.age_ms = Some(p.frame.captured_at.seconds_since(lighting.captured_at) * 1e3);
     let total = |c: glam::Vec3| c.element_sum();
     s.lighting.dominant_direction = lighting
@@ -83,7 +87,10 @@ fn white_balance(status: &MatchStatus) -> WhiteBalance {
             uncertainty: relative(&m.uncertainty_percent).unwrap_or([f64::NAN; 3]),
         })
         .collect();
-    let disagreement = status.methods.iter().map(|m| m.disagreement_percent / 100.0);
+    let disagreement = status
+        .methods
+        .iter()
+        .map(|m| m.disagreement_percent / 100.0);
     WhiteBalance {
         method: method(status.in_force),
         gains: status.gains,
@@ -116,7 +123,11 @@ fn devices(s: &mut Snapshot, frame: &RigFrame) {
     }
     let delivering = [true, frame.environment.is_some(), frame.pose.is_some()];
     for (device, delivers) in s.devices.iter_mut().zip(delivering) {
-        let state = if delivers { DeviceState::Streaming } else { DeviceState::Silent };
+        let state = if delivers {
+            DeviceState::Streaming
+        } else {
+            DeviceState::Silent
+        };
         if device.state != state {
             device.enter(state, None);
         }

@@ -1,0 +1,69 @@
+//! Sums over the dome lights.
+
+use super::surface::{Reaching, Surface};
+use crate::environment::{LightKind, Lighting};
+use glam::DVec3;
+use std::f64::consts::PI;
+
+/// Light on a real surface.
+pub(super) struct OnPhantom {
+    /// What virtual casters keep away.
+    pub lost: DVec3,
+    /// What arrives in the real scene.
+    pub arriving: DVec3,
+}
+
+/// Supan 2006, eq. 3, with `P_i` = 1 where phantoms let light i through and `S_i` = 1 where
+/// virtual casters do:
+///
+/// ```text
+///   R = Σ C_i · N·L_i · P_i · (1 − S_i)
+///   E = Σ C_i · N·L_i · P_i  +  π · L_ground · (1 − N_z) / 2
+/// ```
+pub(super) fn on_phantom(
+    surface: &Surface,
+    reaching: &[Reaching],
+    lighting: &Lighting,
+    ground: bool,
+) -> OnPhantom {
+    let below = if ground {
+        0.5 * (1.0 - surface.normal.z)
+    } else {
+        0.0
+    };
+    let mut sums = OnPhantom {
+        lost: DVec3::ZERO,
+        arriving: lighting.ground_radiance.as_dvec3() * (PI * below),
+    };
+    for (light, reaching) in lighting.lights.iter().zip(reaching) {
+        let facing = surface.normal.dot(light.direction.as_dvec3()).max(0.0);
+        let received = light.irradiance.as_dvec3() * facing;
+        if reaching.past_phantoms {
+            sums.arriving += received;
+            if !reaching.past_virtual {
+                sums.lost += received;
+            }
+        }
+    }
+    sums
+}
+
+/// Radiance leaving a diffuse virtual surface: the sky and the compact sources, less what
+/// is hidden of either.
+pub(super) fn of_virtual(surface: &Surface, reaching: &[Reaching], lighting: &Lighting) -> DVec3 {
+    let mut irradiance = lighting
+        .irradiance
+        .irradiance(surface.normal.as_vec3())
+        .as_dvec3();
+    for (light, reaching) in lighting.lights.iter().zip(reaching) {
+        let facing = surface.normal.dot(light.direction.as_dvec3()).max(0.0);
+        let received = light.irradiance.as_dvec3() * facing;
+        if light.kind == LightKind::Compact {
+            irradiance += received;
+        }
+        if !(reaching.past_phantoms && reaching.past_virtual) {
+            irradiance -= received;
+        }
+    }
+    surface.diffuse * irradiance.max(DVec3::ZERO) / PI + surface.emissive
+}

@@ -1,0 +1,116 @@
+//! What the compositor should show, worked out slowly on the CPU: the judge of its tests.
+//!
+//! One ray through the middle of each pixel, one ray to each light, sums in `f64`; no
+//! shadow maps, no tiles, no tables. Light mirrored by virtual objects and light thrown up
+//! at them by the ground close by are not in it, so virtual surfaces are judged without
+//! specular reflection and without ground.
+
+mod light;
+mod surface;
+
+pub use surface::{Reference, Seen};
+
+use super::{FrameInput, ShadowMode};
+use crate::calibration::Response;
+use crate::picture::Picture;
+use glam::DVec3;
+
+/// One pixel as it should be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReferencePixel {
+    /// What is there.
+    pub seen: Seen,
+    /// Linear light.
+    pub linear: DVec3,
+    /// Of the surface seen: which part it is and which lights reach it. Pixels of equal
+    /// footprints have no edge and no shadow's edge between them.
+    pub footprint: u64,
+    /// True where nothing virtual is seen and no virtual shadow falls.
+    pub untouched: bool,
+}
+
+/// A whole picture as it should be.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ReferencePicture {
+    /// Row by row.
+    pub pixels: Vec<ReferencePixel>,
+    /// The same, encoded.
+    pub picture: Picture,
+}
+
+impl Reference {
+    /// The picture that a frame should become.
+    #[must_use]
+    pub fn compose(&self, input: &FrameInput<'_>, response: &Response) -> ReferencePicture {
+        let (width, height) = (input.picture.width, input.picture.height);
+        let mut pixels = Vec::with_capacity((width * height) as usize);
+        let mut rgba = Vec::with_capacity(4 * (width * height) as usize);
+        for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
+            let codes = input.picture.rgb(x, y);
+            let pixel = self.pixel((x, y), codes, input, response);
+            let shown = if pixel.untouched {
+                codes
+            } else {
+                pixel
+                    .linear
+                    .to_array()
+                    .map(|v| response.code_from_linear(v as f32))
+            };
+            rgba.extend(shown);
+            rgba.push(255);
+            pixels.push(pixel);
+        }
+        let picture = Picture {
+            width,
+            height,
+            rgba,
+        };
+        ReferencePicture { pixels, picture }
+    }
+
+    fn pixel(
+        &self,
+        at: (u32, u32),
+        codes: [u8; 3],
+        input: &FrameInput<'_>,
+        response: &Response,
+    ) -> ReferencePixel {
+        let camera = DVec3::from(response.linear_from_rgb(codes).map(f64::from));
+        let bare = ReferencePixel {
+            seen: Seen::Camera,
+            linear: camera,
+            footprint: 0,
+            untouched: true,
+        };
+        let (Some(pose), Some(lighting)) = (input.world_from_camera, input.lighting) else {
+            return bare;
+        };
+        let Some(surface) = self.surface(at, input.camera, pose, input.show_virtual) else {
+            return bare;
+        };
+        let reaching = self.reaching(&surface, &lighting.lights);
+        let footprint = surface::footprint(&surface, &reaching);
+        if surface.seen == Seen::Virtual {
+            return ReferencePixel {
+                seen: Seen::Virtual,
+                linear: light::of_virtual(&surface, &reaching, lighting),
+                footprint,
+                untouched: false,
+            };
+        }
+        let sums = light::on_phantom(&surface, &reaching, lighting, self.has_ground);
+        let lost = sums.lost * f64::from(input.shadow_strength);
+        let untouched = !input.show_virtual || surface.mirror || lost == DVec3::ZERO;
+        let linear = match input.shadow_mode {
+            _ if untouched => camera,
+            ShadowMode::Ratio => camera * (sums.arriving - lost) / sums.arriving,
+            ShadowMode::Subtract => (camera - lost / std::f64::consts::PI).max(DVec3::ZERO),
+        };
+        ReferencePixel {
+            seen: Seen::Phantom,
+            linear,
+            footprint,
+            untouched,
+        }
+    }
+}

@@ -1,0 +1,140 @@
+//! What a pixel shows, and which lights reach it.
+
+use super::super::scene_buffers::is_ground;
+use crate::calibration::PinholeCamera;
+use crate::environment::DomeLight;
+use crate::scene::{Hit, Part, PhantomRays, Scene};
+use glam::{DVec2, DVec3, Vec3};
+use penumbra_interface::RigidTransform;
+use std::hash::{DefaultHasher, Hash, Hasher};
+
+/// A shadow ray starts so far above its surface, metres: past the rounding of `f32` at
+/// arm's length, nearer than anything a test looks at.
+const LIFT: f32 = 1e-4;
+
+/// What a pixel shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Seen {
+    /// Nothing that the scene knows of.
+    Camera,
+    /// A real surface.
+    Phantom,
+    /// A virtual surface.
+    Virtual,
+}
+
+/// A scene, ready for rays.
+pub struct Reference {
+    phantoms: PhantomRays,
+    phantom_casters: PhantomRays,
+    virtual_parts: PhantomRays,
+    parts: (Vec<Part>, Vec<Part>),
+    pub(super) has_ground: bool,
+}
+
+/// The surface behind a pixel.
+pub(super) struct Surface {
+    pub seen: Seen,
+    part: usize,
+    point: Vec3,
+    pub normal: DVec3,
+    pub diffuse: DVec3,
+    pub emissive: DVec3,
+    pub mirror: bool,
+}
+
+/// Whether a light reaches a surface past either kind of caster.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Reaching {
+    pub past_phantoms: bool,
+    pub past_virtual: bool,
+}
+
+impl Reference {
+    /// Prepares a scene. As in the compositor, the ground receives shadows and casts none.
+    #[must_use]
+    pub fn new(scene: &Scene) -> Self {
+        let solid: Vec<Part> = scene
+            .phantom_parts
+            .iter()
+            .filter(|p| !is_ground(p, scene))
+            .cloned()
+            .collect();
+        Self {
+            phantoms: PhantomRays::from_parts(&scene.phantom_parts),
+            phantom_casters: PhantomRays::from_parts(&solid),
+            virtual_parts: PhantomRays::from_parts(&scene.virtual_parts),
+            parts: (scene.phantom_parts.clone(), scene.virtual_parts.clone()),
+            has_ground: scene.ground_height.is_some(),
+        }
+    }
+
+    pub(super) fn surface(
+        &self,
+        (x, y): (u32, u32),
+        camera: &PinholeCamera,
+        world_from_camera: RigidTransform,
+        with_virtual: bool,
+    ) -> Option<Surface> {
+        let eye = world_from_camera.translation.as_vec3();
+        let ray = camera.unproject(DVec2::new(f64::from(x), f64::from(y)));
+        let direction = (world_from_camera.rotation * ray).as_vec3();
+        let real = self.phantoms.hit(eye, direction);
+        let unreal = self
+            .virtual_parts
+            .hit(eye, direction)
+            .filter(|_| with_virtual);
+        let nearer = match (&real, &unreal) {
+            (Some(real), Some(unreal)) => unreal.distance <= real.distance,
+            (None, Some(_)) => true,
+            _ => false,
+        };
+        if nearer {
+            unreal.map(|hit| described(Seen::Virtual, hit, &self.parts.1))
+        } else {
+            real.map(|hit| described(Seen::Phantom, hit, &self.parts.0))
+        }
+    }
+
+    /// Lights from behind count as reaching: it makes no difference.
+    pub(super) fn reaching(&self, surface: &Surface, lights: &[DomeLight]) -> Vec<Reaching> {
+        let normal = surface.normal.as_vec3();
+        let from = surface.point + normal * LIFT;
+        let free = |rays: &PhantomRays, light: &DomeLight| {
+            normal.dot(light.direction) <= 0.0
+                || !rays.is_blocked(from, light.direction, f32::INFINITY)
+        };
+        lights
+            .iter()
+            .map(|light| Reaching {
+                past_phantoms: free(&self.phantom_casters, light),
+                past_virtual: free(&self.virtual_parts, light),
+            })
+            .collect()
+    }
+}
+
+fn described(seen: Seen, hit: Hit, parts: &[Part]) -> Surface {
+    let mut surface = Surface {
+        seen,
+        part: hit.part,
+        point: hit.point,
+        normal: hit.normal.as_dvec3(),
+        diffuse: DVec3::ZERO,
+        emissive: DVec3::ZERO,
+        mirror: false,
+    };
+    if let Some(part) = parts.get(hit.part) {
+        let m = &part.material;
+        surface.diffuse = m.base_colour.truncate().as_dvec3() * f64::from(1.0 - m.metallic);
+        surface.emissive = m.emissive.as_dvec3();
+        surface.mirror = part.mirror;
+    }
+    surface
+}
+
+pub(super) fn footprint(surface: &Surface, reaching: &[Reaching]) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    (surface.seen, surface.part, reaching).hash(&mut hasher);
+    hasher.finish()
+}

@@ -1,0 +1,7 @@
+//! The compositor on the software Vulkan driver: against its plain twin on the CPU, against
+//! truths in closed form, and against a few golden pictures.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+mod judge;
+mod stage;
+mod unchanged;

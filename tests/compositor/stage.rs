@@ -1,0 +1,244 @@
+//! Small hand-built scenes under hand-built light, composed by the GPU and by the twin.
+
+use glam::{DMat3, DMat4, DQuat, DVec2, DVec3, Vec3};
+use penumbra::calibration::{PinholeCamera, Response};
+use penumbra::compositor::reference::{Reference, ReferencePicture};
+use penumbra::compositor::{Compositor, CompositorSettings, FrameInput, Gpu, Refresh, ShadowMode};
+use penumbra::environment::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
+use penumbra::picture::Picture;
+use penumbra::scene::{Material, Mesh, Part, Scene, casters, primitives};
+use penumbra_interface::{MonotonicTime, RigidTransform};
+use std::f32::consts::PI;
+use std::sync::{Arc, OnceLock};
+
+/// The software driver, so that the pictures are the same everywhere;
+/// `PENUMBRA_TEST_ADAPTER` names another.
+pub fn gpu() -> Gpu {
+    static GPU: OnceLock<Gpu> = OnceLock::new();
+    let wanted = std::env::var("PENUMBRA_TEST_ADAPTER").unwrap_or_else(|_| "llvmpipe".to_owned());
+    GPU.get_or_init(|| match Gpu::open(Some(&wanted)) {
+        Ok(gpu) => gpu,
+        Err(error) => panic!("{error}\n`make test` installs the software driver"),
+    })
+    .clone()
+}
+
+/// Everything that a frame is made of.
+#[derive(Clone)]
+pub struct Stage {
+    pub scene: Scene,
+    pub lighting: Option<Lighting>,
+    pub camera: PinholeCamera,
+    pub pose: Option<RigidTransform>,
+    pub picture: Picture,
+    pub response: Response,
+    pub mode: ShadowMode,
+    pub strength: f32,
+    pub refresh: Refresh,
+    pub show_virtual: bool,
+    pub settings: CompositorSettings,
+}
+
+impl Stage {
+    /// A grey table seen from half a metre, nothing on it, no light.
+    pub fn new(width: u32, height: u32) -> Self {
+        Self {
+            scene: Scene {
+                phantom_parts: vec![part(primitives::plane(4.0, 4.0), DVec3::ZERO)],
+                virtual_parts: Vec::new(),
+                ground_height: Some(0.0),
+            },
+            lighting: None,
+            camera: camera(width, height),
+            pose: Some(looking_from(DVec3::new(0.1, -0.6, 0.5), DVec3::ZERO)),
+            picture: flat(width, height, [180, 150, 120]),
+            response: Response::srgb(),
+            mode: ShadowMode::Ratio,
+            strength: 1.0,
+            refresh: Refresh::UpTo(1000),
+            show_virtual: true,
+            settings: CompositorSettings {
+                light_budget: 8,
+                shadow_map_size: 512,
+                shadow_step: 1,
+                samples: 4,
+            },
+        }
+    }
+
+    pub fn with_virtual(mut self, part: Part) -> Self {
+        self.scene.virtual_parts.push(part);
+        self
+    }
+
+    pub fn with_phantom(mut self, part: Part) -> Self {
+        self.scene.phantom_parts.push(part);
+        self
+    }
+
+    pub fn lit(mut self, lighting: Lighting) -> Self {
+        let lights = lighting.lights.len() as u32;
+        self.settings.light_budget = self.settings.light_budget.max(lights);
+        self.lighting = Some(lighting);
+        self
+    }
+
+    /// Only floating virtual things: no table.
+    pub fn without_ground(mut self) -> Self {
+        self.scene.phantom_parts.clear();
+        self.scene.ground_height = None;
+        self
+    }
+
+    pub fn input(&self) -> FrameInput<'_> {
+        FrameInput {
+            picture: &self.picture,
+            camera: &self.camera,
+            world_from_camera: self.pose,
+            lighting: self.lighting.as_ref(),
+            shadow_mode: self.mode,
+            shadow_strength: self.strength,
+            refresh: self.refresh,
+            show_virtual: self.show_virtual,
+        }
+    }
+
+    pub fn compositor(&self) -> Compositor {
+        let mut compositor = Compositor::new(gpu(), self.settings.clone(), self.response.clone());
+        compositor.set_scene(&self.scene, &casters(&self.scene));
+        compositor
+    }
+
+    /// One frame of a fresh compositor.
+    pub fn compose(&self) -> Picture {
+        self.compose_with(&mut self.compositor())
+    }
+
+    pub fn compose_with(&self, compositor: &mut Compositor) -> Picture {
+        let mut out = Picture::default();
+        compositor.compose(&self.input()).unwrap();
+        compositor.read(&mut out).unwrap();
+        out
+    }
+
+    pub fn twin(&self) -> ReferencePicture {
+        Reference::new(&self.scene).compose(&self.input(), &self.response)
+    }
+}
+
+pub fn camera(width: u32, height: u32) -> PinholeCamera {
+    PinholeCamera {
+        width,
+        height,
+        focal: DVec2::splat(f64::from(width)),
+        centre: DVec2::new(f64::from(width) * 0.5 - 0.8, f64::from(height) * 0.5 - 0.1),
+        distortion: [0.0; 5],
+    }
+}
+
+pub fn looking_from(eye: DVec3, at: DVec3) -> RigidTransform {
+    let forward = (at - eye).normalize();
+    let right = forward.cross(DVec3::Z).normalize_or(DVec3::X);
+    let axes = DMat3::from_cols(right, forward.cross(right), forward);
+    RigidTransform::new(DQuat::from_mat3(&axes), eye)
+}
+
+/// White, diffuse, without Fresnel's shine: what the twin knows.
+pub fn part(mesh: Mesh, at: DVec3) -> Part {
+    painted(mesh, at, matt(Vec3::ONE))
+}
+
+pub fn painted(mesh: Mesh, at: DVec3, material: Material) -> Part {
+    Part {
+        name: "part".to_owned(),
+        mesh: Arc::new(mesh),
+        material: Arc::new(material),
+        world_from_part: DMat4::from_translation(at),
+        mirror: false,
+        albedo: None,
+    }
+}
+
+pub fn matt(colour: Vec3) -> Material {
+    Material {
+        base_colour: colour.extend(1.0),
+        specular: 0.0,
+        ..Material::default()
+    }
+}
+
+pub fn sun(direction: Vec3, irradiance: Vec3) -> DomeLight {
+    DomeLight {
+        direction: direction.normalize(),
+        irradiance,
+        angular_radius: 0.0,
+        kind: LightKind::Compact,
+    }
+}
+
+pub fn cell(direction: Vec3, irradiance: Vec3) -> DomeLight {
+    DomeLight {
+        kind: LightKind::Cell,
+        ..sun(direction, irradiance)
+    }
+}
+
+/// `radiance` from everywhere, with `lights` standing for it or added to it.
+pub fn lighting(lights: Vec<DomeLight>, radiance: f32) -> Lighting {
+    let levels = (0..4).map(|m| vec![[radiance; 3]; 6 << (2 * (3 - m))]);
+    let mut irradiance = Harmonics::default();
+    irradiance.coefficients[0] = Vec3::splat(PI * radiance);
+    Lighting {
+        captured_at: MonotonicTime::default(),
+        generation: 1,
+        radiance: Arc::new(CubeMap {
+            size: 8,
+            levels: levels.collect(),
+        }),
+        irradiance,
+        lights,
+        ground_radiance: Vec3::splat(radiance),
+    }
+}
+
+/// Lights all over the upper hemisphere, each of another colour; together they shine on
+/// the ground with an irradiance of about `total`.
+pub fn spiral(count: u32, total: f32) -> Vec<DomeLight> {
+    let golden = PI * (3.0 - 5.0_f32.sqrt());
+    (0..count)
+        .map(|i| {
+            let z = 1.0 - (i as f32 + 0.5) / count as f32;
+            let (sin, cos) = (golden * i as f32).sin_cos();
+            let r = (1.0 - z * z).sqrt();
+            let colour = Vec3::new(1.0 + 0.3 * cos, 1.0, 1.0 - 0.3 * cos);
+            let share = 2.0 * total / count as f32;
+            cell(Vec3::new(r * cos, r * sin, z), colour * share)
+        })
+        .collect()
+}
+
+pub fn flat(width: u32, height: u32, [r, g, b]: [u8; 3]) -> Picture {
+    Picture {
+        width,
+        height,
+        rgba: [r, g, b, 255].repeat((width * height) as usize),
+    }
+}
+
+/// Every code, in no order, and alpha too, which no camera has a use for.
+pub fn noise(width: u32, height: u32) -> Picture {
+    let mut state = 0x2545_f491_4f6c_dd1d_u64;
+    let rgba = (0..4 * width * height)
+        .map(|_| {
+            state ^= state << 13;
+            state ^= state >> 7;
+            state ^= state << 17;
+            (state >> 56) as u8
+        })
+        .collect();
+    Picture {
+        width,
+        height,
+        rgba,
+    }
+}
