@@ -6,6 +6,7 @@ const FRAME: &str = include_str!("shaders/lib/frame.wgsl");
 const NORMAL: &str = include_str!("shaders/lib/normal.wgsl");
 const FULLSCREEN: &str = include_str!("shaders/lib/fullscreen.wgsl");
 const TILES: &str = include_str!("shaders/lib/tiles.wgsl");
+const SAMPLES: &str = include_str!("shaders/lib/samples.wgsl");
 const VISIBILITY: &str = include_str!("shaders/lib/visibility.wgsl");
 
 /// Most dome lights: as many as fit a uniform buffer of 64 KiB.
@@ -34,6 +35,7 @@ pub fn all(samples: u32) -> [(&'static str, String); 8] {
                     FRAME,
                     NORMAL,
                     TILES,
+                    SAMPLES,
                     VISIBILITY,
                     include_str!("shaders/shadow_buffer.wgsl"),
                 ]),
@@ -47,6 +49,7 @@ pub fn all(samples: u32) -> [(&'static str, String); 8] {
                     FRAME,
                     NORMAL,
                     FULLSCREEN,
+                    SAMPLES,
                     include_str!("shaders/tiles.wgsl"),
                 ]),
                 samples,
@@ -59,7 +62,13 @@ pub fn all(samples: u32) -> [(&'static str, String); 8] {
         (
             "composite",
             sampled(
-                join(&[FRAME, NORMAL, TILES, include_str!("shaders/composite.wgsl")]),
+                join(&[
+                    FRAME,
+                    NORMAL,
+                    TILES,
+                    SAMPLES,
+                    include_str!("shaders/composite.wgsl"),
+                ]),
                 samples,
             ),
         ),

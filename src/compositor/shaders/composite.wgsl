@@ -159,7 +159,7 @@ fn shade(pixel: vec2i, s: i32) -> vec3f {
     let properties = textureLoad(virtual_properties, pixel, s);
     let n = normal_from_octahedron(textureLoad(virtual_normal, pixel, s).xy);
     let depth = textureLoad(virtual_depth, pixel, s);
-    let world = world_at(vec2f(pixel), depth);
+    let world = world_at(sample_place(pixel, s), depth);
     let v = normalize(frame.eye.xyz - world);
     let n_dot_v = clamp(dot(n, v), 0.02, 1.0);
     let metallic = properties.x;

@@ -161,7 +161,8 @@ fn virtual_light(in: TileVarying) -> @location(0) vec4f {
         return vec4f(0.0);
     }
     let n = normal_from_octahedron(textureLoad(virtual_normal, found.xy, found.z).xy);
-    let world = world_at(vec2f(found.xy), textureLoad(virtual_depth, found.xy, found.z));
+    let place = sample_place(found.xy, found.z);
+    let world = world_at(place, textureLoad(virtual_depth, found.xy, found.z));
     // Compact sources are not in the sky's polynomial, cells are.
     var left = sky_irradiance(n) + by_normal(irradiance_of_compact, n);
     let cells = by_normal(irradiance_of_lights, n) - by_normal(irradiance_of_compact, n);

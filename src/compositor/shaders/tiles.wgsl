@@ -98,7 +98,7 @@ fn classify(@builtin(position) at: vec4f) -> Masks {
                 if textureLoad(virtual_base, pixel, s).a > 0.5 {
                     let depth = textureLoad(virtual_depth, pixel, s);
                     let n = normal_from_octahedron(textureLoad(virtual_normal, pixel, s).xy);
-                    unreal = with_point(unreal, world_at(vec2f(pixel), depth), n);
+                    unreal = with_point(unreal, world_at(sample_place(pixel, s), depth), n);
                     covered = 1u;
                 }
             }

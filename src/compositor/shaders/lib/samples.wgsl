@@ -1,0 +1,12 @@
+// Where the samples of a pixel lie. Light and shadow are worked out there and not at the
+// pixel's middle: the depth of a slanting surface belongs to its sample, and taken to the
+// middle it is a point under the surface, in its own shadow.
+
+// WebGPU's standard places: eighths of a pixel, (−1, −3), (3, −1), (−3, 1), (1, 3).
+fn sample_place(pixel: vec2i, s: i32) -> vec2f {
+    if SAMPLES == 1 {
+        return vec2f(pixel);
+    }
+    let eighths = vec2i(4 * (s & 1) - 2 * (s >> 1u) - 1, 2 * s - 3);
+    return vec2f(pixel) + vec2f(eighths) / 8.0;
+}
