@@ -3,5 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod judge;
+mod shadows;
 mod stage;
 mod unchanged;
+mod virtual_surfaces;

@@ -40,7 +40,7 @@ pub struct Stage {
 }
 
 impl Stage {
-    /// A grey table seen from half a metre, nothing on it, no light.
+    /// A table seen from half a metre, nothing on it, no light.
     pub fn new(width: u32, height: u32) -> Self {
         Self {
             scene: Scene {
@@ -50,7 +50,7 @@ impl Stage {
             },
             lighting: None,
             camera: camera(width, height),
-            pose: Some(looking_from(DVec3::new(0.1, -0.6, 0.5), DVec3::ZERO)),
+            pose: Some(looking_from(DVec3::new(0.06, -0.4, 0.34), DVec3::ZERO)),
             picture: flat(width, height, [180, 150, 120]),
             response: Response::srgb(),
             mode: ShadowMode::Ratio,
@@ -183,11 +183,9 @@ pub fn cell(direction: Vec3, irradiance: Vec3) -> DomeLight {
     }
 }
 
-/// `radiance` from everywhere, with `lights` standing for it or added to it.
+/// Nothing but `lights`; `radiance` is what mirrors and the lower hemisphere show.
 pub fn lighting(lights: Vec<DomeLight>, radiance: f32) -> Lighting {
     let levels = (0..4).map(|m| vec![[radiance; 3]; 6 << (2 * (3 - m))]);
-    let mut irradiance = Harmonics::default();
-    irradiance.coefficients[0] = Vec3::splat(PI * radiance);
     Lighting {
         captured_at: MonotonicTime::default(),
         generation: 1,
@@ -195,10 +193,40 @@ pub fn lighting(lights: Vec<DomeLight>, radiance: f32) -> Lighting {
             size: 8,
             levels: levels.collect(),
         }),
-        irradiance,
+        irradiance: harmonics(&lights),
         lights,
         ground_radiance: Vec3::splat(radiance),
     }
+}
+
+/// An even sky all round, without lights that cast shadows.
+pub fn even_sky(radiance: f32) -> Lighting {
+    let mut lighting = lighting(Vec::new(), radiance);
+    lighting.irradiance.coefficients[0] = Vec3::splat(PI * radiance);
+    lighting
+}
+
+/// Of the cells: A_l k_lm² · C · p_lm(direction), see `environment::harmonics`.
+fn harmonics(lights: &[DomeLight]) -> Harmonics {
+    let mut out = Harmonics::default();
+    for light in lights.iter().filter(|l| l.kind == LightKind::Cell) {
+        let d = light.direction;
+        let terms = [
+            0.25,
+            0.5 * d.y,
+            0.5 * d.z,
+            0.5 * d.x,
+            0.9375 * d.x * d.y,
+            0.9375 * d.y * d.z,
+            0.078_125 * (3.0 * d.z * d.z - 1.0),
+            0.9375 * d.x * d.z,
+            0.234_375 * (d.x * d.x - d.y * d.y),
+        ];
+        for (sum, term) in out.coefficients.iter_mut().zip(terms) {
+            *sum += light.irradiance * term;
+        }
+    }
+    out
 }
 
 /// Lights all over the upper hemisphere, each of another colour; together they shine on

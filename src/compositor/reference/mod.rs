@@ -23,8 +23,10 @@ pub struct ReferencePixel {
     /// Linear light.
     pub linear: DVec3,
     /// Of the surface seen: which part it is and which lights reach it. Pixels of equal
-    /// footprints have no edge and no shadow's edge between them.
+    /// footprints have no outline and no shadow's edge between them.
     pub footprint: u64,
+    /// Of the surface seen; zero where nothing is.
+    pub normal: DVec3,
     /// True where nothing virtual is seen and no virtual shadow falls.
     pub untouched: bool,
 }
@@ -80,6 +82,7 @@ impl Reference {
             seen: Seen::Camera,
             linear: camera,
             footprint: 0,
+            normal: DVec3::ZERO,
             untouched: true,
         };
         let (Some(pose), Some(lighting)) = (input.world_from_camera, input.lighting) else {
@@ -95,6 +98,7 @@ impl Reference {
                 seen: Seen::Virtual,
                 linear: light::of_virtual(&surface, &reaching, lighting),
                 footprint,
+                normal: surface.normal,
                 untouched: false,
             };
         }
@@ -110,6 +114,7 @@ impl Reference {
             seen: Seen::Phantom,
             linear,
             footprint,
+            normal: surface.normal,
             untouched,
         }
     }

@@ -1,0 +1,316 @@
+//! Shadows on real surfaces, against the twin and against closed forms.
+
+use crate::judge::{Rule, assert_like, assert_same_where, away_from_edges, difference, untouched};
+use crate::stage::{Stage, cell, flat, lighting, looking_from, part, spiral, sun};
+use glam::{DMat4, DVec3, Vec3};
+use penumbra::calibration::Response;
+use penumbra::compositor::reference::Seen;
+use penumbra::compositor::{Refresh, ShadowMode};
+use penumbra::environment::DomeLight;
+use penumbra::environment::cube::CubeGrid;
+use penumbra::environment::dome::DomeGrid;
+use penumbra::picture::Picture;
+use penumbra::scene::{Part, primitives};
+use std::f32::consts::PI;
+
+fn cube(side: f32, at: DVec3) -> Part {
+    part(primitives::cuboid(Vec3::splat(side)), at)
+}
+
+fn slanting_sun() -> DomeLight {
+    sun(Vec3::new(-0.6, 0.5, 1.0), Vec3::new(2.0, 1.8, 1.5))
+}
+
+/// A virtual box on the table under the sun and an even sky from straight above.
+fn sunny_box() -> Stage {
+    let lights = vec![slanting_sun(), cell(Vec3::Z, Vec3::new(0.8, 0.9, 1.0))];
+    Stage::new(128, 96)
+        .with_virtual(cube(0.1, DVec3::ZERO))
+        .lit(lighting(lights, 0.0))
+}
+
+#[test]
+fn in_the_umbra_of_one_light_the_others_remain() {
+    let stage = sunny_box();
+    let (twin, ours) = (stage.twin(), stage.compose());
+    assert_like("sunny-box", &ours, &twin, Rule::within(2));
+    // The box floats on nothing: only the sun's shadow is on the table.
+    let lights = &stage.lighting.as_ref().unwrap().lights;
+    let (from_sun, rest) = (
+        lights[0].irradiance * lights[0].direction.z,
+        lights[1].irradiance,
+    );
+    let factor = rest / (rest + from_sun);
+    let camera = Vec3::from(stage.response.linear_from_rgb(ours_at(&stage.picture, 0)));
+    let expected = (camera * factor)
+        .to_array()
+        .map(|v| stage.response.code_from_linear(v));
+    let calm = away_from_edges(&twin, 2);
+    let umbra: Vec<usize> = (0..calm.len())
+        .filter(|i| calm[*i] && twin.pixels[*i].seen == Seen::Phantom)
+        .filter(|i| !twin.pixels[*i].untouched)
+        .collect();
+    assert!(umbra.len() > 200, "{}", umbra.len());
+    for i in umbra {
+        let codes = ours_at(&ours, i);
+        let off = (0..3).map(|c| codes[c].abs_diff(expected[c])).max();
+        assert!(off <= Some(1), "{codes:?} {expected:?}");
+    }
+}
+
+fn ours_at(picture: &Picture, i: usize) -> [u8; 3] {
+    [0, 1, 2].map(|c| picture.rgba[4 * i + c])
+}
+
+#[test]
+fn many_lights_agree_with_the_twin() {
+    for mode in [ShadowMode::Ratio, ShadowMode::Subtract] {
+        let mut stage = Stage::new(96, 72)
+            .with_virtual(part(
+                primitives::sphere(0.07, 48, 24),
+                DVec3::new(0.03, 0.0, 0.1),
+            ))
+            .with_phantom(cube(0.09, DVec3::new(-0.12, 0.02, 0.0)))
+            .lit(lighting(spiral(16, 2.0), 0.2));
+        stage.mode = mode;
+        // Diffuse light off the table close by is not in the twin: the sphere is black.
+        let sphere = &mut stage.scene.virtual_parts[0];
+        sphere.material = crate::stage::matt(Vec3::ZERO).into();
+        assert_like(
+            &format!("many-{mode:?}"),
+            &stage.compose(),
+            &stage.twin(),
+            Rule::within(1),
+        );
+    }
+}
+
+#[test]
+fn half_a_sky_behind_a_wall_is_half_the_light() {
+    // The lights of the grid lie symmetric about every axis.
+    let fine = CubeGrid::new(32);
+    let texels = vec![Vec3::ONE; fine.directions.len()];
+    let lights = DomeGrid::new(64, true, &fine).lights(&texels, &fine);
+    let mut stage = Stage::new(96, 72)
+        .with_virtual(part(
+            primitives::cuboid(Vec3::new(40.0, 0.02, 40.0)),
+            DVec3::new(0.0, 0.11, 0.0),
+        ))
+        .lit(lighting(lights, 1.0));
+    stage.picture = flat(96, 72, [188; 3]);
+    stage.pose = Some(looking_from(
+        DVec3::new(0.0, -0.5, 0.5),
+        DVec3::new(0.0, -0.3, 0.0),
+    ));
+    let out = stage.compose();
+    // Half the linear light of code 188 (0.5) is 0.25: code 137.
+    let bottom = out.rgb(48, 71);
+    assert!(bottom.iter().all(|c| c.abs_diff(137) <= 2), "{bottom:?}");
+}
+
+/// A small disc high above hides the zenith from the point below it, and nothing else.
+#[test]
+fn an_even_sky_lights_the_ground_with_pi_times_its_radiance() {
+    let fine = CubeGrid::new(32);
+    let texels = vec![Vec3::splat(0.4); fine.directions.len()];
+    for budget in [64, 96, 384] {
+        let mut lights = DomeGrid::new(budget, true, &fine).lights(&texels, &fine);
+        lights.truncate(383);
+        let zenith = Vec3::splat(1.5);
+        let kept: f32 = lights.iter().map(|l| l.irradiance.x * l.direction.z).sum();
+        assert!((kept - 0.4 * PI).abs() < 0.02, "{kept}");
+        lights.push(sun(Vec3::Z, zenith));
+        let mut stage = Stage::new(64, 48)
+            .with_virtual(part(
+                primitives::cylinder(0.08, 0.005, 32),
+                DVec3::new(0.0, 0.0, 1.2),
+            ))
+            .lit(lighting(lights, 0.4));
+        stage.picture = flat(64, 48, [220; 3]);
+        let factor = 0.4 * PI / (0.4 * PI + zenith.x);
+        let lit = stage.response.linear_from_code()[220];
+        let expected = stage.response.code_from_linear(lit * factor);
+        let code = stage.compose().rgb(32, 24)[0];
+        assert!(code.abs_diff(expected) <= 2, "{budget}: {code} {expected}");
+    }
+}
+
+#[test]
+fn the_shadows_of_all_lights_are_the_sum_of_each_lights() {
+    let lights: Vec<_> = [
+        Vec3::new(-0.6, 0.5, 1.0),
+        Vec3::new(0.7, 0.2, 0.9),
+        Vec3::new(0.1, -0.5, 1.2),
+        Vec3::new(-0.2, 0.8, 0.7),
+    ]
+    .map(|d| sun(d, Vec3::new(0.5, 0.6, 0.7)))
+    .into();
+    let mut stage = Stage::new(96, 72)
+        .with_virtual(cube(0.1, DVec3::ZERO))
+        .lit(lighting(lights.clone(), 0.0));
+    stage.picture = flat(96, 72, [255; 3]);
+    stage.response = Response::linear();
+    stage.mode = ShadowMode::Subtract;
+    let seen = stage.twin();
+    let calm = away_from_edges(&seen, 2);
+    let together = stage.compose();
+    let mut sum = vec![0.0; together.rgba.len()];
+    for light in lights {
+        let alone = stage.clone().lit(lighting(vec![light], 0.0)).compose();
+        for (sum, code) in sum.iter_mut().zip(&alone.rgba) {
+            *sum += 255.0 - f64::from(*code);
+        }
+    }
+    let mut dark = 0;
+    for (i, sum) in sum.iter().enumerate() {
+        if i % 4 == 3 || !calm[i / 4] || seen.pixels[i / 4].seen != Seen::Phantom {
+            continue;
+        }
+        let ours = 255.0 - f64::from(together.rgba[i]);
+        assert!((ours - sum).abs() <= 2.5, "{i}: {ours} {sum}");
+        dark += usize::from(*sum > 30.0);
+    }
+    assert!(dark > 100, "{dark}");
+}
+
+#[test]
+fn no_shadow_is_taken_where_a_real_thing_casts_one_already() {
+    // A real box keeps the sun away; a virtual one stands in its shadow.
+    let mut stage = Stage::new(128, 96)
+        .with_phantom(part(
+            primitives::cuboid(Vec3::new(0.4, 0.05, 0.4)),
+            DVec3::new(0.0, 0.15, 0.0),
+        ))
+        .with_virtual(cube(0.06, DVec3::ZERO))
+        .lit(lighting(
+            vec![sun(Vec3::new(0.0, 0.7, 0.7), Vec3::ONE)],
+            0.0,
+        ));
+    let twin = stage.twin();
+    let real = untouched(&twin, 1);
+    assert!(
+        twin.pixels
+            .iter()
+            .all(|p| p.untouched || p.seen == Seen::Virtual)
+    );
+    assert_same_where("double-shadow", &stage.compose(), &stage.picture, &real);
+    // With an even sky there is a shadow again, of the sky's light only.
+    let lights = vec![
+        sun(Vec3::new(0.0, 0.7, 0.7), Vec3::ONE),
+        cell(Vec3::new(0.2, -0.4, 1.0).normalize(), Vec3::splat(0.5)),
+        cell(Vec3::new(-0.9, -0.4, 1.0).normalize(), Vec3::splat(0.5)),
+    ];
+    stage.scene.virtual_parts[0].material = crate::stage::matt(Vec3::ZERO).into();
+    let stage = stage.lit(lighting(lights, 0.0));
+    assert_like(
+        "half-shadow",
+        &stage.compose(),
+        &stage.twin(),
+        Rule::within(2),
+    );
+}
+
+#[test]
+fn a_virtual_thing_above_a_real_one_shades_its_top_and_not_the_table_below() {
+    let stage = Stage::new(128, 96)
+        .with_phantom(cube(0.12, DVec3::ZERO))
+        .with_virtual(cube(0.04, DVec3::new(0.0, 0.0, 0.18)))
+        .lit(lighting(
+            vec![
+                sun(Vec3::new(0.15, 0.1, 1.0), Vec3::ONE),
+                cell(Vec3::new(0.4, -1.0, 0.8), Vec3::ONE),
+            ],
+            0.0,
+        ));
+    let (twin, ours) = (stage.twin(), stage.compose());
+    assert_like("stacked", &ours, &twin, Rule::within(2));
+}
+
+#[test]
+fn a_slanting_real_surface_gets_its_share() {
+    let mut ramp = part(primitives::plane(0.6, 0.6), DVec3::ZERO);
+    ramp.world_from_part = DMat4::from_rotation_y(0.5) * DMat4::from_rotation_x(0.2);
+    let mut stage = Stage::new(96, 72)
+        .with_virtual(part(
+            primitives::sphere(0.06, 32, 16),
+            DVec3::new(0.0, 0.0, 0.14),
+        ))
+        .lit(lighting(spiral(12, 2.0), 0.3));
+    stage.scene.phantom_parts = vec![ramp];
+    let (twin, ours) = (stage.twin(), stage.compose());
+    assert_like("ramp", &ours, &twin, Rule::within(1));
+}
+
+#[test]
+fn one_map_a_frame_ends_in_the_same_picture() {
+    let mut stage = Stage::new(96, 72)
+        .with_virtual(cube(0.1, DVec3::ZERO))
+        .lit(lighting(spiral(8, 2.0), 0.2));
+    stage.refresh = Refresh::UpTo(1);
+    let mut compositor = stage.compositor();
+    let before = stage.compose_with(&mut compositor);
+    let turned: Vec<_> = spiral(8, 2.0)
+        .into_iter()
+        .map(|l| DomeLight {
+            direction: glam::Quat::from_rotation_z(0.5) * l.direction,
+            ..l
+        })
+        .collect();
+    let stage = stage.lit(lighting(turned, 0.2));
+    let frames: Vec<_> = (0..8)
+        .map(|_| {
+            let picture = stage.compose_with(&mut compositor);
+            assert_eq!(compositor.maps_refreshed(), 1);
+            picture
+        })
+        .collect();
+    assert!(frames[0] != frames[7] && before != frames[7]);
+    assert_eq!(difference(&frames[7], &stage.compose()), (0, 0.0));
+    stage.compose_with(&mut compositor);
+    assert_eq!(compositor.maps_refreshed(), 0, "nothing moves any more");
+}
+
+#[test]
+fn the_same_input_gives_the_same_bytes() {
+    let stage = sunny_box();
+    assert!(stage.compose() == stage.compose());
+}
+
+#[test]
+fn coarse_shadows_differ_from_fine_ones_at_edges_only() {
+    let mut stage = Stage::new(128, 96)
+        .with_virtual(cube(0.1, DVec3::ZERO))
+        .with_phantom(cube(0.08, DVec3::new(0.13, 0.05, 0.0)))
+        .lit(lighting(
+            vec![slanting_sun(), cell(Vec3::new(0.5, 0.5, 1.0), Vec3::ONE)],
+            0.0,
+        ));
+    let fine = stage.compose();
+    let twin = stage.twin();
+    stage.settings.shadow_step = 2;
+    let coarse = stage.compose();
+    let (_, mean) = difference(&fine, &coarse);
+    assert!(mean < 0.6, "{mean}");
+    assert_like("coarse", &coarse, &twin, Rule::within(3));
+}
+
+#[test]
+fn every_light_budget_works() {
+    let mut stage = Stage::new(64, 48).with_virtual(cube(0.1, DVec3::ZERO));
+    let mut compositor = stage.compositor();
+    let fine = CubeGrid::new(32);
+    let texels = vec![Vec3::ONE; fine.directions.len()];
+    let mut pictures = Vec::new();
+    for budget in [8, 24, 48, 64, 96, 384] {
+        let lights = DomeGrid::new(budget, true, &fine).lights(&texels, &fine);
+        stage.lighting = Some(lighting(lights, 1.0));
+        compositor.set_light_budget(budget as u32);
+        pictures.push(stage.compose_with(&mut compositor));
+        assert_eq!(compositor.maps_refreshed(), budget);
+    }
+    // The more lights, the nearer to one and the same soft shadow.
+    let last = pictures.last().unwrap();
+    let off: Vec<f64> = pictures.iter().map(|p| difference(p, last).1).collect();
+    assert!(off[0] > off[4] && off[4] < 2.0, "{off:?}");
+    assert!(difference(last, &stage.picture).1 > 3.0);
+}

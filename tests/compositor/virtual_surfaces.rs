@@ -1,0 +1,327 @@
+//! How virtual surfaces look: lit, shadowed, hidden, mirrored.
+
+use crate::judge::{Rule, assert_like, assert_same_where, virtual_inside};
+use crate::stage::{
+    Stage, cell, even_sky, flat, lighting, looking_from, matt, painted, part, spiral, sun,
+};
+use glam::{DMat4, DVec3, Vec3, Vec4};
+use penumbra::calibration::Response;
+use penumbra::compositor::reference::ReferencePicture;
+use penumbra::environment::cube::locate;
+use penumbra::picture::Picture;
+use penumbra::scene::{Material, Part, SceneTexture, primitives};
+use std::sync::Arc;
+
+const RULE: Rule = Rule {
+    on_virtual: true,
+    ..Rule::within(1)
+};
+
+fn metal(roughness: f32) -> Material {
+    Material {
+        metallic: 1.0,
+        roughness,
+        ..Material::default()
+    }
+}
+
+fn ball(material: Material) -> Part {
+    painted(primitives::sphere(0.1, 96, 48), DVec3::ZERO, material)
+}
+
+/// Pixels well inside the virtual surface.
+fn inside(twin: &ReferencePicture) -> Vec<usize> {
+    let inside = virtual_inside(twin, 1);
+    (0..inside.len()).filter(|i| inside[*i]).collect()
+}
+
+fn codes(picture: &Picture, i: usize) -> [u8; 3] {
+    [0, 1, 2].map(|c| picture.rgba[4 * i + c])
+}
+
+fn assert_even(name: &str, stage: &Stage, low: u8, high: u8) {
+    let ours = stage.compose();
+    let inside = inside(&stage.twin());
+    assert!(inside.len() > 300, "{name}: {}", inside.len());
+    for i in inside {
+        let rgb = codes(&ours, i);
+        let fits = rgb.iter().all(|c| (low..=high).contains(c));
+        assert!(fits, "{name}, pixel {i}: {rgb:?} not in {low}..={high}");
+    }
+}
+
+#[test]
+fn under_an_even_sky_white_and_mirrors_show_the_sky() {
+    let radiance = 0.5;
+    let code = Response::srgb().code_from_linear(radiance);
+    for (name, material) in [("white", matt(Vec3::ONE)), ("mirror", metal(0.0))] {
+        for step in [1, 2] {
+            let mut stage = Stage::new(96, 72)
+                .without_ground()
+                .with_virtual(ball(material.clone()))
+                .lit(even_sky(radiance));
+            stage.settings.shadow_step = step;
+            assert_even(name, &stage, code - 2, code + 1);
+        }
+    }
+    // Rough metal may lose what bounces between its facets, and never gains.
+    for roughness in [0.2, 0.5, 1.0] {
+        let stage = Stage::new(96, 72)
+            .without_ground()
+            .with_virtual(ball(metal(roughness)))
+            .lit(even_sky(radiance));
+        assert_even("rough", &stage, code / 2, code + 1);
+    }
+}
+
+#[test]
+fn over_a_ground_as_bright_as_the_sky_nothing_changes() {
+    let code = 188;
+    let radiance = Response::srgb().linear_from_code()[188];
+    for (name, material) in [("white", matt(Vec3::ONE)), ("mirror", metal(0.0))] {
+        let mut stage = Stage::new(96, 72)
+            .with_virtual(painted(
+                primitives::sphere(0.08, 96, 48),
+                DVec3::new(0.0, 0.0, 0.1),
+                material,
+            ))
+            .lit(even_sky(radiance));
+        stage.picture = flat(96, 72, [188; 3]);
+        assert_even(name, &stage, code - 3, code + 3);
+    }
+}
+
+#[test]
+fn surfaces_are_lit_and_shadow_themselves_and_one_another() {
+    for (step, samples) in [(1, 1), (1, 4), (2, 4)] {
+        let mut lights = spiral(6, 1.2);
+        lights.push(sun(Vec3::new(-0.5, -0.6, 0.8), Vec3::new(1.0, 0.9, 0.8)));
+        let mut stage = Stage::new(128, 96)
+            .without_ground()
+            .with_virtual(part(
+                primitives::cuboid(Vec3::new(0.3, 0.3, 0.02)),
+                DVec3::ZERO,
+            ))
+            .with_virtual(painted(
+                primitives::sphere(0.05, 96, 48),
+                DVec3::new(0.05, 0.0, 0.09),
+                matt(Vec3::new(0.9, 0.5, 0.3)),
+            ))
+            .with_phantom(part(
+                primitives::cuboid(Vec3::splat(0.06)),
+                DVec3::new(-0.09, 0.02, 0.02),
+            ))
+            .lit(lighting(lights, 0.0));
+        (stage.settings.shadow_step, stage.settings.samples) = (step, samples);
+        let name = format!("surfaces-{step}-{samples}");
+        let rule = Rule {
+            reach: 1 + step,
+            slack: 4,
+            calm: 0.1,
+            ..RULE
+        };
+        assert_like(&name, &stage.compose(), &stage.twin(), rule);
+    }
+}
+
+#[test]
+fn real_things_in_front_hide_virtual_ones() {
+    let mut stage = Stage::new(128, 96)
+        .with_phantom(part(
+            primitives::cuboid(Vec3::new(0.1, 0.04, 0.14)),
+            DVec3::new(0.0, -0.12, 0.0),
+        ))
+        .with_virtual(part(
+            primitives::sphere(0.06, 48, 24),
+            DVec3::new(0.02, 0.0, 0.06),
+        ))
+        .lit(lighting(
+            vec![sun(Vec3::new(0.0, -0.3, 1.0), Vec3::ONE)],
+            0.3,
+        ));
+    stage.picture = crate::stage::noise(128, 96);
+    let (twin, ours) = (stage.twin(), stage.compose());
+    let hidden = crate::judge::untouched(&twin, 1);
+    assert_same_where("hidden", &ours, &stage.picture, &hidden);
+    // The box covers part of where the ball would be seen.
+    let mut bare = stage.clone();
+    bare.scene.phantom_parts.truncate(1);
+    let covered = inside(&bare.twin())
+        .into_iter()
+        .filter(|i| hidden[*i])
+        .count();
+    assert!(covered > 100, "{covered}");
+}
+
+/// Six faces of six colours: a mirror ball shows each where geometry says.
+#[test]
+fn a_mirror_shows_the_environment_the_right_way_round() {
+    let colours = [
+        [0.9, 0.1, 0.1],
+        [0.1, 0.9, 0.1],
+        [0.1, 0.1, 0.9],
+        [0.9, 0.9, 0.1],
+        [0.1, 0.9, 0.9],
+        [0.9, 0.1, 0.9],
+    ];
+    let mut light = even_sky(0.0);
+    let mut map = light.radiance.as_ref().clone();
+    for level in &mut map.levels {
+        let face = level.len() / 6;
+        for (i, texel) in level.iter_mut().enumerate() {
+            *texel = colours[i / face];
+        }
+    }
+    light.radiance = Arc::new(map);
+    let stage = Stage::new(128, 96)
+        .without_ground()
+        .with_virtual(ball(metal(0.0)))
+        .lit(light);
+    let (ours, twin) = (stage.compose(), stage.twin());
+    let pose = stage.pose.unwrap();
+    let mut seen = [0; 6];
+    for i in inside(&twin) {
+        let pixel = glam::DVec2::new((i % 128) as f64, (i / 128) as f64);
+        let ray = pose.rotation * stage.camera.unproject(pixel);
+        let Some(normal) = ball_normal(pose.translation, ray, 0.1) else {
+            continue;
+        };
+        let (face, s, t) = locate(ray.reflect(normal).as_vec3());
+        // Away from the blend between faces, and from the rim, where pixels span much.
+        let middle = (s - 0.5).abs().max((t - 0.5).abs()) < 0.3;
+        if !middle || normal.dot(-ray) < 0.4 {
+            continue;
+        }
+        seen[face] += 1;
+        let expected = colours[face].map(|v| stage.response.code_from_linear(v));
+        let rgb = codes(&ours, i);
+        let close = (0..3).all(|c| rgb[c].abs_diff(expected[c]) <= 4);
+        assert!(close, "{pixel} face {face}: {rgb:?} {expected:?}");
+    }
+    // All but what lies straight behind the ball.
+    assert!(seen.iter().filter(|n| **n > 20).count() >= 4, "{seen:?}");
+}
+
+/// Normal where a ray first meets a ball about the origin.
+fn ball_normal(eye: DVec3, ray: DVec3, radius: f64) -> Option<DVec3> {
+    let b = eye.dot(ray);
+    let root = b * b - eye.length_squared() + radius * radius;
+    (root > 0.0).then(|| ((eye + ray * (-b - root.sqrt())) / radius).normalize())
+}
+
+fn quarters() -> Arc<SceneTexture> {
+    let colours: [[u8; 4]; 4] = [
+        [255, 0, 0, 255],
+        [0, 255, 0, 255],
+        [0, 0, 255, 255],
+        [255, 255, 255, 0],
+    ];
+    let rgba = (0..64 * 64)
+        .flat_map(|i| colours[(i / 64) / 32 * 2 + (i % 64) / 32])
+        .collect();
+    Arc::new(SceneTexture {
+        width: 64,
+        height: 64,
+        rgba,
+    })
+}
+
+/// A tile seen from above, north up.
+fn tile(material: Material) -> Stage {
+    let mut stage = Stage::new(80, 80)
+        .without_ground()
+        .with_virtual(painted(primitives::plane(0.3, 0.3), DVec3::ZERO, material))
+        .lit(even_sky(1.0));
+    stage.pose = Some(looking_from(DVec3::new(0.0, -1e-4, 0.5), DVec3::ZERO));
+    stage
+}
+
+#[test]
+fn textures_lie_as_gltf_says_and_cut_away_parts_show_the_camera() {
+    let mut stage = tile(Material {
+        base_colour_texture: Some(quarters()),
+        alpha_cutoff: 0.5,
+        ..matt(Vec3::ONE)
+    });
+    let ours = stage.compose();
+    // (0, 0) of a texture is top left: north-west.
+    assert_eq!(ours.rgb(28, 28), [255, 0, 0]);
+    assert_eq!(ours.rgb(52, 28), [0, 255, 0]);
+    assert_eq!(ours.rgb(28, 52), [0, 0, 255]);
+    assert_eq!(ours.rgb(52, 52), [180, 150, 120], "cut away");
+    assert_eq!(ours.rgb(2, 2), [180, 150, 120], "beside it");
+    // Turned over: the mirrored tile faces the camera still.
+    stage.scene.virtual_parts[0].world_from_part = DMat4::from_scale(DVec3::new(-1.0, 1.0, 1.0));
+    assert_eq!(stage.compose().rgb(52, 28), [255, 0, 0]);
+    // From behind there is nothing, unless both sides are drawn.
+    let below = looking_from(DVec3::new(0.0, -1e-4, -0.5), DVec3::ZERO);
+    let mut back = tile(matt(Vec3::ONE));
+    back.pose = Some(below);
+    assert_eq!(back.compose().rgb(28, 28), [180, 150, 120]);
+    back.scene.virtual_parts[0].material = Arc::new(Material {
+        double_sided: true,
+        ..matt(Vec3::ONE)
+    });
+    assert!(back.compose().rgb(28, 28).iter().all(|c| *c >= 253));
+}
+
+#[test]
+fn normal_maps_lean_the_way_their_colours_say() {
+    let map = |r: u8, g: u8, b: u8| {
+        Some(Arc::new(SceneTexture {
+            width: 1,
+            height: 1,
+            rgba: vec![r, g, b, 255],
+        }))
+    };
+    let brightness = |texture, direction: Vec3| {
+        let material = Material {
+            normal_texture: texture,
+            ..matt(Vec3::ONE)
+        };
+        let light = sun(direction, Vec3::splat(2.0));
+        let ours = tile(material).lit(lighting(vec![light], 0.0)).compose();
+        f64::from(Response::srgb().linear_from_code()[usize::from(ours.rgb(40, 40)[0])])
+    };
+    let (east, north) = (Vec3::new(1.0, 0.0, 1.0), Vec3::new(0.0, 1.0, 1.0));
+    let full = 2.0 / std::f64::consts::PI;
+    let flat = full * 0.5_f64.sqrt();
+    // 218 = 127.5 (1 + sin 45°): red leans along growing u (east), green to the picture's
+    // top (north).
+    for (texture, from_east, from_north) in [
+        (None, flat, flat),
+        (map(128, 128, 255), flat, flat),
+        (map(218, 128, 218), full, full * 0.5),
+        (map(128, 218, 218), full * 0.5, full),
+    ] {
+        let (e, n) = (
+            brightness(texture.clone(), east),
+            brightness(texture, north),
+        );
+        assert!((e - from_east).abs() < 0.02, "{e} {from_east}");
+        assert!((n - from_north).abs() < 0.02, "{n} {from_north}");
+    }
+}
+
+#[test]
+fn what_shines_shows_its_own_light() {
+    let mut stage = tile(Material {
+        emissive: Vec3::new(0.2, 0.5, 0.8),
+        ..matt(Vec3::ZERO)
+    });
+    stage.lighting = Some(lighting(vec![cell(Vec3::Z, Vec3::ZERO)], 0.0));
+    let expected = [0.2, 0.5, 0.8].map(|v| Response::srgb().code_from_linear(v));
+    assert_eq!(stage.compose().rgb(40, 40), expected);
+}
+
+#[test]
+fn colours_multiply_the_light() {
+    let stage = tile(Material {
+        base_colour: Vec4::new(0.25, 0.5, 1.0, 1.0),
+        ..matt(Vec3::ONE)
+    });
+    let rgb = stage.compose().rgb(40, 40);
+    let expected = [0.25, 0.5, 1.0].map(|v| Response::srgb().code_from_linear(v));
+    let close = (0..3).all(|c| rgb[c].abs_diff(expected[c]) <= 1);
+    assert!(close, "{rgb:?} {expected:?}");
+}
