@@ -116,7 +116,7 @@ fn surfaces_are_lit_and_shadow_themselves_and_one_another() {
         let name = format!("surfaces-{step}-{samples}");
         let rule = Rule {
             reach: 1 + step,
-            slack: 4,
+            slack: 6,
             calm: 0.1,
             ..RULE
         };

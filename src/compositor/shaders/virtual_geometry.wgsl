@@ -19,11 +19,13 @@ struct VirtualPart {
 @group(2) @binding(4) var occlusion_map: texture_2d<f32>;
 @group(2) @binding(5) var emissive_map: texture_2d<f32>;
 
+// Centroid: in a pixel that a triangle covers in part, its normal is taken where it is.
+// Taken at the pixel's middle, beyond the outline, it would look away from the camera.
 struct Varying {
     @builtin(position) position: vec4f,
-    @location(0) normal: vec3f,
-    @location(1) uv: vec2f,
-    @location(2) tangent: vec4f,
+    @location(0) @interpolate(perspective, centroid) normal: vec3f,
+    @location(1) @interpolate(perspective, centroid) uv: vec2f,
+    @location(2) @interpolate(perspective, centroid) tangent: vec4f,
     @location(3) @interpolate(flat) part: u32,
 }
 
