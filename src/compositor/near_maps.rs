@@ -16,11 +16,19 @@ pub struct NearMaps {
 impl NearMaps {
     pub fn new(device: &wgpu::Device) -> Self {
         let [nx, ny, nz] = VOLUME_SIZE;
-        let ground = texture(device, wgpu::TextureDimension::D2, [GROUND_SIDE, GROUND_SIDE, 1]);
+        let ground = texture(
+            device,
+            wgpu::TextureDimension::D2,
+            [GROUND_SIDE, GROUND_SIDE, 1],
+        );
         let volume = texture(device, wgpu::TextureDimension::D3, [6 * nx, ny, nz]);
-        let view =
-            |t: &wgpu::Texture| t.create_view(&wgpu::TextureViewDescriptor::default());
-        Self { ground_view: view(&ground), volume_view: view(&volume), ground, volume }
+        let view = |t: &wgpu::Texture| t.create_view(&wgpu::TextureViewDescriptor::default());
+        Self {
+            ground_view: view(&ground),
+            volume_view: view(&volume),
+            ground,
+            volume,
+        }
     }
 
     /// Uploads a new state; `texels` is memory to be used again.
@@ -52,7 +60,11 @@ fn texture(
 ) -> wgpu::Texture {
     device.create_texture(&wgpu::TextureDescriptor {
         label: Some("near light"),
-        size: wgpu::Extent3d { width, height, depth_or_array_layers: depth },
+        size: wgpu::Extent3d {
+            width,
+            height,
+            depth_or_array_layers: depth,
+        },
         mip_level_count: 1,
         sample_count: 1,
         dimension,

@@ -96,6 +96,7 @@ impl Stage {
             camera: &self.camera,
             world_from_camera: self.pose,
             lighting: self.lighting.as_ref(),
+            near: None,
             shadow_mode: self.mode,
             shadow_strength: self.strength,
             refresh: self.refresh,

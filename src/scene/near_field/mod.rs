@@ -64,7 +64,8 @@ impl Region {
     /// As far as the objects are high or half as wide, to every side.
     fn around(parts: &[Part], ground: Option<f64>) -> Option<Self> {
         let corners = parts.iter().flat_map(|part| {
-            let place = |v: &super::Vertex| part.world_from_part.transform_point3(v.position.as_dvec3());
+            let place =
+                |v: &super::Vertex| part.world_from_part.transform_point3(v.position.as_dvec3());
             part.mesh.vertices.iter().map(place)
         });
         let empty = (glam::DVec3::INFINITY, glam::DVec3::NEG_INFINITY);
@@ -91,7 +92,10 @@ impl Region {
         let size = self.high - self.low;
         let to_wall = (p - self.low).min(self.high - p) / size;
         let walls = [to_wall.x, to_wall.y, (self.high.z - p.z) / size.z];
-        walls.map(|w| (w / 0.15).clamp(0.0, 1.0)).into_iter().product()
+        walls
+            .map(|w| (w / 0.15).clamp(0.0, 1.0))
+            .into_iter()
+            .product()
     }
 }
 
@@ -105,7 +109,10 @@ struct Directions {
 impl Directions {
     fn new() -> Self {
         let all = spread(DIRECTIONS);
-        Self { light: vec![Vec3::ZERO; all.len()], all }
+        Self {
+            light: vec![Vec3::ZERO; all.len()],
+            all,
+        }
     }
 
     /// Solid angle that each stands for.
@@ -115,7 +122,8 @@ impl Directions {
 
     fn nearest(&self, d: Vec3) -> usize {
         let dots = self.all.iter().map(|a| a.dot(d)).enumerate();
-        dots.max_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(i, _)| i)
+        dots.max_by(|a, b| a.1.total_cmp(&b.1))
+            .map_or(0, |(i, _)| i)
     }
 
     fn take(&mut self, lighting: &Lighting) {
@@ -137,7 +145,14 @@ impl Directions {
 
 /// The six directions of an ambient cube.
 const fn axes() -> [Vec3; 6] {
-    [Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::NEG_Y, Vec3::Z, Vec3::NEG_Z]
+    [
+        Vec3::X,
+        Vec3::NEG_X,
+        Vec3::Y,
+        Vec3::NEG_Y,
+        Vec3::Z,
+        Vec3::NEG_Z,
+    ]
 }
 
 /// Directions spread evenly over the sphere (a Fibonacci spiral).
@@ -184,7 +199,11 @@ impl Obstacles {
         let to_floor = to_floor.filter(|t| *t > 0.0 && direction.z < 0.0);
         match (hit, to_floor) {
             (Some(hit), t) if t.is_none_or(|t| hit.distance < t) => {
-                if hit.part < self.virtual_parts { Met::Virtual(hit) } else { Met::Phantom }
+                if hit.part < self.virtual_parts {
+                    Met::Virtual(hit)
+                } else {
+                    Met::Phantom
+                }
             }
             (_, Some(t)) => Met::Ground(origin + direction * t),
             _ => Met::Sky,
@@ -203,7 +222,11 @@ impl NearField {
         let surfels = Surfels::new(casters, &obstacles, &directions, &region);
         let ground = GroundGrid::new(&obstacles, &surfels, &directions, &region);
         let volume = Volume::new(&obstacles, &surfels, &directions, &region);
-        let light = NearLight { low: region.low, high: region.high, ..NearLight::default() };
+        let light = NearLight {
+            low: region.low,
+            high: region.high,
+            ..NearLight::default()
+        };
         Some(Self {
             surfels,
             ground,
@@ -221,14 +244,21 @@ impl NearField {
         }
         self.light.generation = lighting.generation;
         self.directions.take(lighting);
-        let floor = if self.has_ground { lighting.ground_radiance } else { Vec3::ZERO };
+        let floor = if self.has_ground {
+            lighting.ground_radiance
+        } else {
+            Vec3::ZERO
+        };
         let light = Light { lighting, floor };
         self.ground.shade(&self.directions);
         self.surfels.shade(&self.directions, &self.ground, floor);
         self.light.ground.clear();
-        self.light.ground.extend(self.ground.lit(&self.surfels, &light));
+        self.light
+            .ground
+            .extend(self.ground.lit(&self.surfels, &light));
         let faces = &mut self.light.volume;
-        self.volume.lit(&self.surfels, &self.ground, &self.directions, &light, faces);
+        self.volume
+            .lit(&self.surfels, &self.ground, &self.directions, &light, faces);
     }
 
     /// The change under the light of the last update.

@@ -33,7 +33,11 @@ impl GroundGrid {
         directions: &Directions,
         region: &Region,
     ) -> Self {
-        let side = if obstacles.floor.is_some() { GROUND_SIDE } else { 0 };
+        let side = if obstacles.floor.is_some() {
+            GROUND_SIDE
+        } else {
+            0
+        };
         let size = (region.high - region.low).truncate();
         let texels: Vec<Texel> = (0..side * side)
             .map(|i| {
@@ -42,7 +46,11 @@ impl GroundGrid {
                 texel(point, i, obstacles, surfels, directions, region)
             })
             .collect();
-        Self { shares: vec![1.0; texels.len()], texels, side }
+        Self {
+            shares: vec![1.0; texels.len()],
+            texels,
+            side,
+        }
     }
 
     /// Number of the texel around a ground point; `u32::MAX` beyond the grid.
@@ -63,7 +71,9 @@ impl GroundGrid {
     /// Finds the shares under a new state of the dome.
     pub(super) fn shade(&mut self, directions: &Directions) {
         for (texel, share) in self.texels.iter().zip(&mut self.shares) {
-            let all = directions.irradiance(Vec3::Z, !texel.behind_real).element_sum();
+            let all = directions
+                .irradiance(Vec3::Z, !texel.behind_real)
+                .element_sum();
             let lost = texel.behind_virtual & !texel.behind_real;
             let lost = directions.irradiance(Vec3::Z, lost).element_sum();
             *share = if all > 0.0 { 1.0 - lost / all } else { 1.0 };
@@ -80,7 +90,10 @@ impl GroundGrid {
             .texels
             .iter()
             .map(|texel| {
-                let each = texel.sightings.iter().map(|s| surfels.radiance(s, self, light));
+                let each = texel
+                    .sightings
+                    .iter()
+                    .map(|s| surfels.radiance(s, self, light));
                 each.sum::<Vec3>() * (texel.window * PI / GATHERED as f32)
             })
             .collect();
@@ -204,7 +217,10 @@ impl Volume {
                 add(*direction, (now - before) * probe.window);
             }
             for (direction, texel) in &probe.ground {
-                add(*direction, light.floor * ((ground.share(*texel) - 1.0) * probe.window));
+                add(
+                    *direction,
+                    light.floor * ((ground.share(*texel) - 1.0) * probe.window),
+                );
             }
         }
         for face in faces {
@@ -223,7 +239,11 @@ impl Volume {
                 let at = i / stride % n;
                 let before = (at > 0).then(|| i - stride);
                 let after = (at + 1 < n).then(|| i + stride);
-                for j in [before, after].into_iter().flatten().filter(|j| self.probes[*j].outside) {
+                for j in [before, after]
+                    .into_iter()
+                    .flatten()
+                    .filter(|j| self.probes[*j].outside)
+                {
                     sum += face[j];
                     count += 1.0;
                 }
@@ -247,7 +267,11 @@ fn probe(
         match obstacles.meet(point, *d) {
             Met::Virtual(hit) => {
                 let hidden = obstacles.floor.is_some() && d.z < 0.0;
-                sightings.extend(surfels.sight(&hit, *d, obstacles, region).map(|s| (i, s, hidden)));
+                sightings.extend(
+                    surfels
+                        .sight(&hit, *d, obstacles, region)
+                        .map(|s| (i, s, hidden)),
+                );
             }
             Met::Ground(p) => {
                 outside = true;
@@ -260,5 +284,10 @@ fn probe(
             Met::Phantom => (),
         }
     }
-    Probe { sightings, ground, window: region.window(point), outside }
+    Probe {
+        sightings,
+        ground,
+        window: region.window(point),
+        outside,
+    }
 }

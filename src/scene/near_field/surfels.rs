@@ -37,7 +37,10 @@ struct Surface {
 
 impl Surface {
     fn of(material: &Material) -> Self {
-        let texture = material.base_colour_texture.as_deref().map_or(Vec3::ONE, mean_colour);
+        let texture = material
+            .base_colour_texture
+            .as_deref()
+            .map_or(Vec3::ONE, mean_colour);
         let base = material.base_colour.truncate() * texture;
         let metallic = material.metallic.clamp(0.0, 1.0);
         let dielectric = DIELECTRIC * material.specular;
@@ -57,7 +60,10 @@ fn mean_colour(texture: &SceneTexture) -> Vec3 {
     let linear = |c: u8| crate::calibration::response::linear_from_srgb(f32::from(c) / 255.0);
     let colours = texture.rgba.chunks_exact(4).step_by(step);
     let (sum, count) = colours.fold((Vec3::ZERO, 0.0f32), |(sum, n), c| {
-        (sum + Vec3::new(linear(c[0]), linear(c[1]), linear(c[2])), n + 1.0)
+        (
+            sum + Vec3::new(linear(c[0]), linear(c[1]), linear(c[2])),
+            n + 1.0,
+        )
     });
     sum / count.max(1.0)
 }
@@ -105,7 +111,11 @@ impl Surfels {
             (surfel.sky, surfel.ground, surfel.others) = (sky, ground, others);
         }
         let dark = vec![Vec3::ZERO; all.len()];
-        Self { all, radiance: dark.clone(), before: dark }
+        Self {
+            all,
+            radiance: dark.clone(),
+            before: dark,
+        }
     }
 
     /// The sighting at a hit by a ray along `direction`.
@@ -124,7 +134,11 @@ impl Surfels {
             Met::Virtual(other) => Behind::Surfel(nearest(&self.all, &other)?),
             Met::Phantom => Behind::Phantom,
         };
-        Some(Sighting { surfel, mirror, behind })
+        Some(Sighting {
+            surfel,
+            mirror,
+            behind,
+        })
     }
 
     /// Light under a new state of the dome; one bounce more of what was before.
@@ -134,8 +148,11 @@ impl Surfels {
             let sky = directions.irradiance(surfel.normal, surfel.sky);
             let on_ground = |(texel, weight): &(u32, f32)| floor * ground.share(*texel) * *weight;
             let from_ground: Vec3 = surfel.ground.iter().map(on_ground).sum();
-            let from_others: Vec3 =
-                surfel.others.iter().map(|(i, w)| self.before[*i as usize] * *w).sum();
+            let from_others: Vec3 = surfel
+                .others
+                .iter()
+                .map(|(i, w)| self.before[*i as usize] * *w)
+                .sum();
             *radiance = surfel.surface.emissive
                 + surfel.surface.diffuse * (sky + from_ground + from_others) / PI;
         }
@@ -180,7 +197,11 @@ fn scatter(parts: &[Part]) -> Vec<Surfel> {
 fn world_triangles(part: &Part) -> impl Iterator<Item = [Vec3; 3]> {
     let corner = |i: &u32| {
         let vertex = part.mesh.vertices.get(*i as usize)?;
-        Some(part.world_from_part.transform_point3(vertex.position.as_dvec3()).as_vec3())
+        Some(
+            part.world_from_part
+                .transform_point3(vertex.position.as_dvec3())
+                .as_vec3(),
+        )
     };
     let triangle = move |c: &[u32]| Some([corner(&c[0])?, corner(&c[1])?, corner(&c[2])?]);
     part.mesh.indices.chunks_exact(3).filter_map(triangle)
@@ -190,7 +211,11 @@ fn world_triangles(part: &Part) -> impl Iterator<Item = [Vec3; 3]> {
 fn surfel(t: &[Vec3; 3], index: usize, surface: Surface) -> Surfel {
     let at = |k: f64| (0.5 + k * index as f64).fract() as f32;
     let (u, v) = (at(0.754_877_666_246_693), at(0.569_840_290_998_053));
-    let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
+    let (u, v) = if u + v > 1.0 {
+        (1.0 - u, 1.0 - v)
+    } else {
+        (u, v)
+    };
     Surfel {
         position: t[0] + (t[1] - t[0]) * u + (t[2] - t[0]) * v,
         normal: (t[1] - t[0]).cross(t[2] - t[0]).normalize_or(Vec3::Z),
@@ -207,7 +232,8 @@ fn nearest(all: &[Surfel], hit: &Hit) -> Option<u32> {
         s.position.distance_squared(hit.point) * (1.0 + 8.0 * turned * turned)
     };
     let all = all.iter().enumerate().map(|(i, s)| (i, badness(s)));
-    all.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(i, _)| i as u32)
+    all.min_by(|a, b| a.1.total_cmp(&b.1))
+        .map(|(i, _)| i as u32)
 }
 
 type Seen = (u128, Vec<(u32, f32)>, Vec<(u32, f32)>);
