@@ -10,6 +10,7 @@ use super::passes::tiles::TilesPass;
 use super::passes::virtual_geometry::VirtualGeometryPass;
 use super::readback::Readback;
 use super::scene_buffers::SceneLayouts;
+use super::shaders::Variant;
 use super::targets::{ENCODING, TILE, Targets};
 use super::{Compositor, GpuError, Refresh};
 use crate::calibration::{PinholeCamera, Response};
@@ -67,16 +68,16 @@ impl Pipelines {
         device: &wgpu::Device,
         frame: &wgpu::BindGroupLayout,
         scene: &SceneLayouts,
-        samples: u32,
+        variant: Variant,
     ) -> Self {
         Self {
             shadow_map: ShadowMapPass::new(device, frame),
             phantom_geometry: PhantomGeometryPass::new(device, frame, scene),
-            virtual_geometry: VirtualGeometryPass::new(device, frame, scene, samples),
-            tiles: TilesPass::new(device, frame, samples),
-            shadow_buffer: ShadowBufferPass::new(device, frame, samples),
+            virtual_geometry: VirtualGeometryPass::new(device, frame, scene, variant),
+            tiles: TilesPass::new(device, frame, variant),
+            shadow_buffer: ShadowBufferPass::new(device, frame, variant),
             surroundings: SurroundingsPass::new(device, frame),
-            composite: CompositePass::new(device, frame, samples),
+            composite: CompositePass::new(device, frame, variant),
         }
     }
 }

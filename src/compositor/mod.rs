@@ -32,7 +32,7 @@ use frame::Pipelines;
 use light_maps::LightMaps;
 use passes::shadow_map::ShadowMaps;
 use scene_buffers::{SceneBuffers, SceneLayouts};
-use shaders::MAX_LIGHTS;
+use shaders::{MAX_LIGHTS, Variant};
 use shadow_slots::{CasterHull, ShadowSlots};
 use targets::Targets;
 use timing::Timer;
@@ -48,6 +48,9 @@ pub struct CompositorSettings {
     pub shadow_step: u32,
     /// Samples a pixel at the edges of virtual objects: 1 or 4.
     pub samples: u32,
+    /// Look-ups of a shadow map per light and point, spread over the light's extent; 1 =
+    /// hard shadows, the cheapest.
+    pub soft_samples: u32,
 }
 
 impl CompositorSettings {
@@ -59,6 +62,7 @@ impl CompositorSettings {
             shadow_map_size: 512,
             shadow_step: if software { 2 } else { 1 },
             samples: 4,
+            soft_samples: if software { 1 } else { 8 },
         }
     }
 }
@@ -90,8 +94,11 @@ impl Compositor {
         let device = &gpu.device;
         let layouts = SceneLayouts::new(device);
         let light_maps = LightMaps::new(device, &gpu.queue, settings.light_budget);
-        let pipelines =
-            Pipelines::new(device, &light_maps.frame_layout, &layouts, settings.samples);
+        let variant = Variant {
+            samples: settings.samples,
+            soft: settings.soft_samples.max(1),
+        };
+        let pipelines = Pipelines::new(device, &light_maps.frame_layout, &layouts, variant);
         Self {
             timer: Timer::new(device, &gpu.queue, gpu.timestamps),
             maps: make_maps(device, &settings),

@@ -12,9 +12,23 @@ const VISIBILITY: &str = include_str!("shaders/lib/visibility.wgsl");
 /// Most dome lights: as many as fit a uniform buffer of 64 KiB.
 pub const MAX_LIGHTS: u32 = 384;
 
-/// Every shader of the compositor, complete, for `samples` samples a pixel.
+/// What the shaders' text is made for.
+#[derive(Clone, Copy, Debug)]
+pub struct Variant {
+    /// Samples a pixel of virtual surfaces.
+    pub samples: u32,
+    /// Look-ups of a shadow map per light and point; 1 = hard shadows.
+    pub soft: u32,
+}
+
+impl Variant {
+    /// For shaders that know neither.
+    pub const PLAIN: Self = Self { samples: 1, soft: 1 };
+}
+
+/// Every shader of the compositor, complete.
 #[must_use]
-pub fn all(samples: u32) -> [(&'static str, String); 8] {
+pub fn all(variant: Variant) -> [(&'static str, String); 8] {
     [
         (
             "shadow_map",
@@ -39,7 +53,7 @@ pub fn all(samples: u32) -> [(&'static str, String); 8] {
                     VISIBILITY,
                     include_str!("shaders/shadow_buffer.wgsl"),
                 ]),
-                samples,
+                variant,
             ),
         ),
         (
@@ -52,7 +66,7 @@ pub fn all(samples: u32) -> [(&'static str, String); 8] {
                     SAMPLES,
                     include_str!("shaders/tiles.wgsl"),
                 ]),
-                samples,
+                variant,
             ),
         ),
         (
@@ -69,7 +83,7 @@ pub fn all(samples: u32) -> [(&'static str, String); 8] {
                     SAMPLES,
                     include_str!("shaders/composite.wgsl"),
                 ]),
-                samples,
+                variant,
             ),
         ),
         (
@@ -86,8 +100,8 @@ fn join(parts: &[&str]) -> String {
 }
 
 /// WGSL has different types for one and for several samples, with the same calls.
-fn sampled(text: String, samples: u32) -> String {
-    let (colour, depth) = if samples > 1 {
+fn sampled(text: String, variant: Variant) -> String {
+    let (colour, depth) = if variant.samples > 1 {
         (
             "texture_multisampled_2d<f32>",
             "texture_depth_multisampled_2d",
@@ -97,12 +111,13 @@ fn sampled(text: String, samples: u32) -> String {
     };
     text.replace("VIRTUAL_TEXTURE", colour)
         .replace("VIRTUAL_DEPTH", depth)
-        .replace("SAMPLES", &samples.to_string())
+        .replace("SAMPLES", &variant.samples.to_string())
+        .replace("SOFT", &variant.soft.to_string())
 }
 
 /// The module named `name`.
-pub fn module(device: &wgpu::Device, name: &str, samples: u32) -> wgpu::ShaderModule {
-    let source = all(samples)
+pub fn module(device: &wgpu::Device, name: &str, variant: Variant) -> wgpu::ShaderModule {
+    let source = all(variant)
         .into_iter()
         .find(|(n, _)| *n == name)
         .map(|(_, text)| text)
@@ -119,8 +134,8 @@ mod tests {
 
     #[test]
     fn every_shader_is_valid_without_a_gpu() {
-        for samples in [1, 4] {
-            for (name, text) in super::all(samples) {
+        for (samples, soft) in [(1, 1), (4, 1), (4, 8)] {
+            for (name, text) in super::all(super::Variant { samples, soft }) {
                 let module = naga::front::wgsl::parse_str(&text)
                     .unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(&text)));
                 naga::valid::Validator::new(

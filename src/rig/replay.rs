@@ -411,13 +411,15 @@ fn pairing(config: &Config, rig: &crate::calibration::RigCalibration) -> Pairing
     pairing.with_full_windows()
 }
 
+/// Frames that nobody waits for are made as well as can be.
 fn compositor_settings(config: &Config, software: bool) -> CompositorSettings {
+    let software = software && config.replay.speed != ReplaySpeed::Max;
     let automatic = CompositorSettings::for_adapter(software);
     CompositorSettings {
         light_budget: config.environment.light_count,
         shadow_map_size: config.shadows.map_size,
         shadow_step: match config.shadows.resolution {
-            ShadowResolution::Auto => automatic.shadow_step,
+            ShadowResolution::Auto => std::env::var("PEN_STEP").map_or(automatic.shadow_step, |v| v.parse().unwrap()),
             ShadowResolution::Full => 1,
             ShadowResolution::Half => 2,
         },
@@ -425,6 +427,7 @@ fn compositor_settings(config: &Config, software: bool) -> CompositorSettings {
             Antialias::Msaa4 => 4,
             Antialias::Off => 1,
         },
+        soft_samples: std::env::var("PEN_SOFT").map_or(if config.shadows.soft { automatic.soft_samples } else { 1 }, |v| v.parse().unwrap()),
     }
 }
 

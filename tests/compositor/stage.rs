@@ -62,6 +62,7 @@ impl Stage {
                 shadow_map_size: 512,
                 shadow_step: 1,
                 samples: 4,
+                soft_samples: 1,
             },
         }
     }

@@ -2,7 +2,8 @@
 
 use super::super::bindings::{PipelineSpec, Slot, group, layout, sampler, view};
 use super::super::targets::{Targets, format};
-use super::super::{shaders, timing::Timer};
+use super::super::shaders::{self, Variant};
+use super::super::timing::Timer;
 use super::tiles;
 
 /// The pass.
@@ -22,10 +23,10 @@ pub struct CompositeInputs {
 }
 
 impl CompositePass {
-    pub fn new(device: &wgpu::Device, frame: &wgpu::BindGroupLayout, samples: u32) -> Self {
-        let module = shaders::module(device, "composite", samples);
+    pub fn new(device: &wgpu::Device, frame: &wgpu::BindGroupLayout, variant: Variant) -> Self {
+        let module = shaders::module(device, "composite", variant);
         let (u, i) = (Slot::Unfilterable, Slot::Integer);
-        let (colour, depth) = Slot::sampled(samples);
+        let (colour, depth) = Slot::sampled(variant.samples);
         let picture_layout = layout(
             device,
             "composite picture",

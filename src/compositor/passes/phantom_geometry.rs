@@ -13,7 +13,7 @@ pub struct PhantomGeometryPass {
 
 impl PhantomGeometryPass {
     pub fn new(device: &wgpu::Device, frame: &wgpu::BindGroupLayout, scene: &SceneLayouts) -> Self {
-        let module = shaders::module(device, "phantom_geometry", 1);
+        let module = shaders::module(device, "phantom_geometry", shaders::Variant::PLAIN);
         let pipeline = PipelineSpec {
             label: "phantom_geometry",
             module: &module,

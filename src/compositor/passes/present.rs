@@ -16,7 +16,7 @@ pub struct PresentPass {
 impl PresentPass {
     /// For surfaces of `surface_format`.
     pub fn new(device: &wgpu::Device, surface_format: wgpu::TextureFormat) -> Self {
-        let module = shaders::module(device, "present", 1);
+        let module = shaders::module(device, "present", shaders::Variant::PLAIN);
         let layout = layout(
             device,
             "present",

@@ -2,7 +2,8 @@
 
 use super::super::bindings::{PipelineSpec, Slot, group, layout, sampler, view};
 use super::super::targets::{Targets, format};
-use super::super::{shaders, timing::Timer};
+use super::super::shaders::{self, Variant};
+use super::super::timing::Timer;
 use super::shadow_map::ShadowMaps;
 use super::tiles;
 
@@ -22,14 +23,14 @@ pub struct ShadowBufferInputs {
 }
 
 impl ShadowBufferPass {
-    pub fn new(device: &wgpu::Device, frame: &wgpu::BindGroupLayout, samples: u32) -> Self {
-        let module = shaders::module(device, "shadow_buffer", samples);
+    pub fn new(device: &wgpu::Device, frame: &wgpu::BindGroupLayout, variant: Variant) -> Self {
+        let module = shaders::module(device, "shadow_buffer", variant);
         let maps_layout = layout(
             device,
             "shadow maps",
             &[Slot::DepthArray, Slot::DepthArray, Slot::Comparison],
         );
-        let (colour, depth) = Slot::sampled(samples);
+        let (colour, depth) = Slot::sampled(variant.samples);
         let surfaces_layout = layout(
             device,
             "surfaces",

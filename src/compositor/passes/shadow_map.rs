@@ -55,7 +55,7 @@ pub struct ShadowMapPass {
 
 impl ShadowMapPass {
     pub fn new(device: &wgpu::Device, frame: &wgpu::BindGroupLayout) -> Self {
-        let module = shaders::module(device, "shadow_map", 1);
+        let module = shaders::module(device, "shadow_map", shaders::Variant::PLAIN);
         let build = |vertex: &str| {
             PipelineSpec {
                 label: "shadow_map",

@@ -21,7 +21,7 @@ pub struct SurroundingsInputs {
 
 impl SurroundingsPass {
     pub fn new(device: &wgpu::Device, frame: &wgpu::BindGroupLayout) -> Self {
-        let module = shaders::module(device, "surroundings", 1);
+        let module = shaders::module(device, "surroundings", shaders::Variant::PLAIN);
         let u = Slot::Unfilterable;
         let picture_layout = layout(device, "surroundings picture", &[u, u, u]);
         let finer_layout = layout(device, "surroundings level", &[u]);

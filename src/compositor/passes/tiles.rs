@@ -2,7 +2,8 @@
 
 use super::super::bindings::{PipelineSpec, Slot, group, layout, view};
 use super::super::targets::{Targets, format};
-use super::super::{shaders, timing::Timer};
+use super::super::shaders::{self, Variant};
+use super::super::timing::Timer;
 use super::cleared;
 
 /// The pass.
@@ -12,9 +13,9 @@ pub struct TilesPass {
 }
 
 impl TilesPass {
-    pub fn new(device: &wgpu::Device, frame: &wgpu::BindGroupLayout, samples: u32) -> Self {
-        let module = shaders::module(device, "tiles", samples);
-        let (colour, depth) = Slot::sampled(samples);
+    pub fn new(device: &wgpu::Device, frame: &wgpu::BindGroupLayout, variant: Variant) -> Self {
+        let module = shaders::module(device, "tiles", variant);
+        let (colour, depth) = Slot::sampled(variant.samples);
         let surfaces_layout = layout(
             device,
             "tile surfaces",

@@ -3,7 +3,8 @@
 use super::super::bindings::{POSITION_LAYOUT, PipelineSpec, VERTEX_LAYOUT};
 use super::super::scene_buffers::{SceneBuffers, SceneLayouts};
 use super::super::targets::{Targets, format};
-use super::super::{shaders, timing::Timer};
+use super::super::shaders::{self, Variant};
+use super::super::timing::Timer;
 use super::{cleared, cleared_depth};
 
 /// The pass.
@@ -18,9 +19,9 @@ impl VirtualGeometryPass {
         device: &wgpu::Device,
         frame: &wgpu::BindGroupLayout,
         scene: &SceneLayouts,
-        samples: u32,
+        variant: Variant,
     ) -> Self {
-        let module = shaders::module(device, "virtual_geometry", samples);
+        let module = shaders::module(device, "virtual_geometry", variant);
         let spec = PipelineSpec {
             label: "virtual_geometry",
             module: &module,
@@ -31,11 +32,11 @@ impl VirtualGeometryPass {
             targets: &format::VIRTUAL,
             depth: Some((format::DEPTH, wgpu::CompareFunction::GreaterEqual)),
             cull: Some(wgpu::Face::Back),
-            samples,
+            samples: variant.samples,
         };
         let one_sided = spec.build(device);
         let two_sided = PipelineSpec { cull: None, ..spec }.build(device);
-        let occluder = Self::occluder(device, frame, &module, samples);
+        let occluder = Self::occluder(device, frame, &module, variant.samples);
         Self {
             one_sided,
             two_sided,

@@ -85,8 +85,8 @@ fn lost_behind_virtual(masks: vec4u, world: vec3f, n: vec3f) -> vec3f {
         let first = next_bit(&mask) * frame.tiling.x;
         for (var i = first; i < min(first + frame.tiling.x, frame.counts.x); i++) {
             let n_dot_l = max(dot(n, lights[i].direction.xyz), 0.0);
-            let blocked = 1.0 - virtual_visibility(i, world, n, n_dot_l);
-            let real = phantom_visibility(i, world, n, n_dot_l);
+            let blocked = 1.0 - virtual_visibility(i, world, n, n_dot_l, 0.0);
+            let real = phantom_visibility(i, world, n, n_dot_l, 1.0);
             lost += lights[i].irradiance.rgb * (n_dot_l * blocked * real);
         }
     }
@@ -100,7 +100,7 @@ fn arriving_in_real(masks: vec4u, world: vec3f, n: vec3f) -> vec3f {
         let first = next_bit(&mask) * frame.tiling.x;
         for (var i = first; i < min(first + frame.tiling.x, frame.counts.x); i++) {
             let n_dot_l = max(dot(n, lights[i].direction.xyz), 0.0);
-            let blocked = 1.0 - phantom_visibility(i, world, n, n_dot_l);
+            let blocked = 1.0 - phantom_visibility(i, world, n, n_dot_l, 1.0);
             sum -= lights[i].irradiance.rgb * (n_dot_l * blocked);
         }
     }
@@ -172,8 +172,8 @@ fn virtual_light(in: TileVarying) -> @location(0) vec4f {
         let first = next_bit(&mask) * frame.tiling.x;
         for (var i = first; i < min(first + frame.tiling.x, frame.counts.x); i++) {
             let n_dot_l = max(dot(n, lights[i].direction.xyz), 0.0);
-            let open = virtual_visibility(i, world, n, n_dot_l);
-            let seen = open * phantom_visibility(i, world, n, n_dot_l);
+            let open = virtual_visibility(i, world, n, n_dot_l, 1.0);
+            let seen = open * phantom_visibility(i, world, n, n_dot_l, 0.0);
             left -= lights[i].irradiance.rgb * (n_dot_l * (1.0 - seen));
             hidden += lights[i].irradiance.rgb * (n_dot_l * (1.0 - open) * (1.0 - lights[i].irradiance.w));
         }

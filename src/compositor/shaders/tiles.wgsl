@@ -29,10 +29,12 @@ fn with_point(b: Bounds, p: vec3f, n: vec3f) -> Bounds {
     return Bounds(min(b.low, p), max(b.high, p), min(b.normal_low, n), max(b.normal_high, n));
 }
 
-fn reaches(u: vec4f, v: vec4f, d: vec4f, centre: vec4f, extent: vec3f) -> bool {
+fn reaches(u: vec4f, v: vec4f, d: vec4f, spread: f32, centre: vec4f, extent: vec3f) -> bool {
     let at = vec2f(dot(u, centre), dot(v, centre));
-    let by = vec2f(dot(abs(u.xyz), extent), dot(abs(v.xyz), extent));
     let deepest = dot(d, centre) + dot(abs(d.xyz), extent);
+    // Penumbrae reach beyond the map.
+    let wider = spread * max(deepest, 0.0) * vec2f(length(u.xyz), length(v.xyz));
+    let by = vec2f(dot(abs(u.xyz), extent), dot(abs(v.xyz), extent)) + wider;
     return all(abs(at - vec2f(0.5)) < by + vec2f(0.5)) && deepest > 0.0;
 }
 
@@ -57,13 +59,14 @@ fn blockable(b: Bounds) -> vec4u {
         let extent = 0.5 * (b.high - b.low);
         let near = extent + vec3f(2.0 * lights[i].scale.x);
         let far = extent + vec3f(2.0 * lights[i].scale.y);
+        let spread = select(0.0, tan(lights[i].direction.w), SOFT > 1);
         let bit = i / frame.tiling.x;
         let at = 1u << (bit & 31u);
         let word = vec2u(select(at, 0u, bit >= 32u), select(0u, at, bit >= 32u));
-        if reaches(lights[i].virtual_u, lights[i].virtual_v, lights[i].virtual_d, centre, near) {
+        if reaches(lights[i].virtual_u, lights[i].virtual_v, lights[i].virtual_d, spread * lights[i].scale.z, centre, near) {
             masks |= vec4u(word, 0u, 0u);
         }
-        if reaches(lights[i].phantom_u, lights[i].phantom_v, lights[i].phantom_d, centre, far) {
+        if reaches(lights[i].phantom_u, lights[i].phantom_v, lights[i].phantom_d, spread * lights[i].scale.w, centre, far) {
             masks |= vec4u(0u, 0u, word);
         }
     }

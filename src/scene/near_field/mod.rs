@@ -19,9 +19,9 @@ use std::f32::consts::PI;
 use surfels::Surfels;
 
 /// Texels a side of the ground's grid.
-pub const GROUND_SIDE: u32 = 48;
+pub const GROUND_SIDE: u32 = 64;
 /// Probes of the volume along x, y, z.
-pub const VOLUME_SIZE: [u32; 3] = [10, 10, 6];
+pub const VOLUME_SIZE: [u32; 3] = [12, 12, 8];
 /// Directions in which visibility is known; one bit each.
 const DIRECTIONS: usize = 128;
 
@@ -61,7 +61,7 @@ struct Region {
 }
 
 impl Region {
-    /// As far as the objects are high or half as wide, to every side.
+    /// As far as the objects are wide, or half again as they are high, to every side.
     fn around(parts: &[Part], ground: Option<f64>) -> Option<Self> {
         let corners = parts.iter().flat_map(|part| {
             let place =
@@ -73,11 +73,11 @@ impl Region {
         let (low, high) = (low.as_vec3(), high.as_vec3());
         let floor = ground.map_or(low.z, |g| g as f32);
         let size = high - low;
-        let reach = (0.5 * size.truncate().max_element()).max(high.z - floor);
+        let reach = size.truncate().max_element().max(1.5 * (high.z - floor));
         let usable = reach.is_finite() && reach > 0.0;
         usable.then(|| Self {
             low: Vec3::new(low.x - reach, low.y - reach, floor),
-            high: Vec3::new(high.x + reach, high.y + reach, high.z + 0.5 * reach),
+            high: Vec3::new(high.x + reach, high.y + reach, high.z + 0.3 * reach),
             floor,
         })
     }

@@ -81,11 +81,7 @@ impl GroundGrid {
     }
 
     /// Irradiance from virtual surfaces on every texel.
-    pub(super) fn lit<'a>(
-        &'a self,
-        surfels: &'a Surfels,
-        light: &'a Light<'_>,
-    ) -> impl Iterator<Item = Vec3> + 'a {
+    pub(super) fn lit(&self, surfels: &Surfels, light: &Light<'_>) -> Vec<Vec3> {
         let raw: Vec<Vec3> = self
             .texels
             .iter()
@@ -97,10 +93,14 @@ impl GroundGrid {
                 each.sum::<Vec3>() * (texel.window * PI / GATHERED as f32)
             })
             .collect();
-        (0..self.side * self.side).map(move |i| self.smooth(&raw, i % self.side, i / self.side))
+        let smooth = |raw: &[Vec3]| -> Vec<Vec3> {
+            let texels = 0..self.side * self.side;
+            texels.map(|i| self.smooth(raw, i % self.side, i / self.side)).collect()
+        };
+        smooth(&smooth(&raw))
     }
 
-    /// A tent over 3×3 texels: the rays of one texel are few.
+    /// A tent over 3×3 texels, taken twice: the rays of one texel are few.
     fn smooth(&self, raw: &[Vec3], x: u32, y: u32) -> Vec3 {
         let (mut sum, mut weight) = (Vec3::ZERO, 0.0);
         for (dx, dy) in (0..9).map(|k| (k % 3, k / 3)) {

@@ -92,6 +92,8 @@ pub struct Surfels {
     all: Vec<Surfel>,
     /// Radiance thrown back diffusely, and emitted.
     radiance: Vec<Vec3>,
+    /// The same with what is mirrored, as if it were spread evenly: for further bounces.
+    spread: Vec<Vec3>,
     before: Vec<Vec3>,
 }
 
@@ -114,6 +116,7 @@ impl Surfels {
         Self {
             all,
             radiance: dark.clone(),
+            spread: dark.clone(),
             before: dark,
         }
     }
@@ -143,18 +146,17 @@ impl Surfels {
 
     /// Light under a new state of the dome; one bounce more of what was before.
     pub(super) fn shade(&mut self, directions: &Directions, ground: &GroundGrid, floor: Vec3) {
-        std::mem::swap(&mut self.before, &mut self.radiance);
-        for (surfel, radiance) in self.all.iter().zip(&mut self.radiance) {
+        std::mem::swap(&mut self.before, &mut self.spread);
+        for (i, surfel) in self.all.iter().enumerate() {
             let sky = directions.irradiance(surfel.normal, surfel.sky);
             let on_ground = |(texel, weight): &(u32, f32)| floor * ground.share(*texel) * *weight;
             let from_ground: Vec3 = surfel.ground.iter().map(on_ground).sum();
-            let from_others: Vec3 = surfel
-                .others
-                .iter()
-                .map(|(i, w)| self.before[*i as usize] * *w)
-                .sum();
-            *radiance = surfel.surface.emissive
-                + surfel.surface.diffuse * (sky + from_ground + from_others) / PI;
+            let on_other = |(k, weight): &(u32, f32)| self.before[*k as usize] * *weight;
+            let from_others: Vec3 = surfel.others.iter().map(on_other).sum();
+            let arriving = (sky + from_ground + from_others) / PI;
+            let surface = &surfel.surface;
+            self.radiance[i] = surface.emissive + surface.diffuse * arriving;
+            self.spread[i] = self.radiance[i] + surface.f0 * arriving;
         }
     }
 
@@ -165,8 +167,8 @@ impl Surfels {
         let mirrored = match sighting.behind {
             Behind::Sky => light.from(sighting.mirror, surface.roughness),
             Behind::Ground(texel) => light.floor * ground.share(texel),
-            Behind::Surfel(other) => self.radiance[other as usize],
-            Behind::Phantom => self.radiance[i],
+            Behind::Surfel(other) => self.spread[other as usize],
+            Behind::Phantom => self.spread[i],
         };
         self.radiance[i] + surface.f0 * mirrored
     }

@@ -8,29 +8,102 @@ fn inside(uv: vec2f) -> bool {
     return all(abs(uv - vec2f(0.5)) < vec2f(0.5));
 }
 
-// A point is lifted off its surface along the normal by the texel it might share with its
-// own caster; otherwise surfaces shadow themselves in stripes.
+// A point of a surface that is in the map itself is lifted off it along the normal by the
+// texel it might share with its own caster; otherwise surfaces shadow themselves in
+// stripes.
 fn lifted(world: vec3f, n: vec3f, n_dot_l: f32, texel: f32) -> vec4f {
     let slope = sqrt(max(1.0 - n_dot_l * n_dot_l, 0.0));
     return vec4f(world + n * (texel * (0.5 + 1.5 * slope)), 1.0);
 }
 
-fn virtual_visibility(i: u32, world: vec3f, n: vec3f, n_dot_l: f32) -> f32 {
-    let p = lifted(world, n, n_dot_l, lights[i].scale.x);
-    let uv = vec2f(dot(lights[i].virtual_u, p), dot(lights[i].virtual_v, p));
-    if !inside(uv) {
-        return 1.0;
-    }
-    let d = clamp(dot(lights[i].virtual_d, p), 0.0, 1.0);
-    return textureSampleCompareLevel(virtual_maps, compare, uv, i, d);
+// Points of a disc, evenly spread (Vogel 1979), turned by `turn`.
+fn disc(k: i32, count: i32, turn: f32) -> vec2f {
+    let angle = 2.39996323 * f32(k) + turn;
+    return sqrt((f32(k) + 0.5) / f32(count)) * vec2f(cos(angle), sin(angle));
 }
 
-fn phantom_visibility(i: u32, world: vec3f, n: vec3f, n_dot_l: f32) -> f32 {
-    let p = lifted(world, n, n_dot_l, lights[i].scale.y);
-    let uv = vec2f(dot(lights[i].phantom_u, p), dot(lights[i].phantom_v, p));
-    if !inside(uv) {
+// A shadow map's coordinates around a point of a surface: the point, and how far along
+// each axis (u, v, depth) one metre across the light goes on the surface's plane.
+struct Footing {
+    at: vec3f,
+    across: vec2f,
+    // Change of depth per unit of u and of v on the plane.
+    slope: vec2f,
+    // Metres per unit of depth.
+    depth: f32,
+}
+
+fn footing(u: vec4f, v: vec4f, d: vec4f, p: vec4f, n: vec3f, depth: f32) -> Footing {
+    let across = vec2f(length(u.xyz), length(v.xyz));
+    // The normal by the map's axes; a plane's depth changes by -n_u/n_d, -n_v/n_d.
+    let m = vec3f(dot(u.xyz, n) / across.x, dot(v.xyz, n) / across.y, dot(d.xyz, n) * depth);
+    let steep = select(m.z, -1e-3, abs(m.z) < 1e-3);
+    let slope = clamp(-m.xy / steep, vec2f(-4.0), vec2f(4.0)) / (depth * across);
+    return Footing(vec3f(dot(u, p), dot(v, p), dot(d, p)), across, slope, depth);
+}
+
+// Share of the light's disc that is in sight: the blockers within the cone of the light
+// tell how far off they are and so how wide the penumbra is, then the map is compared over
+// that width (Fernando 2005).
+fn soft(maps: texture_depth_2d_array, i: u32, f: Footing, turn: f32) -> f32 {
+    let spread = tan(lights[i].direction.w);
+    let size = vec2f(textureDimensions(maps));
+    let widest = spread * max(f.at.z, 0.0) * f.depth * f.across;
+    var blockers = 0.0;
+    var sum = 0.0;
+    for (var k = 0; k < SOFT; k++) {
+        let o = disc(k, SOFT, turn) * widest;
+        let uv = f.at.xy + o;
+        let texel = clamp(vec2i(uv * size), vec2i(0), vec2i(size) - vec2i(1));
+        let z = textureLoad(maps, texel, i, 0);
+        let surface = f.at.z + dot(f.slope, o) - 2e-3;
+        if inside(uv) && z < surface {
+            blockers += 1.0;
+            sum += surface - z;
+        }
+    }
+    if blockers == 0.0 {
         return 1.0;
     }
-    let d = clamp(dot(lights[i].phantom_d, p), 0.0, 1.0);
-    return textureSampleCompareLevel(phantom_maps, compare, uv, i, d);
+    let width = max(spread * (sum / blockers) * f.depth * f.across, vec2f(0.7) / size);
+    var seen = 0.0;
+    for (var k = 0; k < SOFT; k++) {
+        let o = disc(k, SOFT, turn) * width;
+        let uv = f.at.xy + o;
+        let d = clamp(f.at.z + dot(f.slope, o), 0.0, 1.0);
+        seen += select(1.0, textureSampleCompareLevel(maps, compare, uv, i, d), inside(uv));
+    }
+    return seen / f32(SOFT);
+}
+
+fn hard(maps: texture_depth_2d_array, i: u32, at: vec3f) -> f32 {
+    if !inside(at.xy) {
+        return 1.0;
+    }
+    return textureSampleCompareLevel(maps, compare, at.xy, i, clamp(at.z, 0.0, 1.0));
+}
+
+// Differs from pixel to pixel and from light to light, the same in every frame.
+fn turn_at(world: vec3f, i: u32) -> f32 {
+    return 6.2831853 * fract(52.9829189 * fract(dot(pixel_of(world).xy, vec2f(0.06711056, 0.00583715))) + 0.618034 * f32(i));
+}
+
+// `own` = 1 on virtual surfaces, 0 on others.
+fn virtual_visibility(i: u32, world: vec3f, n: vec3f, n_dot_l: f32, own: f32) -> f32 {
+    let p = lifted(world, n, n_dot_l, lights[i].scale.x * own);
+    let f = footing(lights[i].virtual_u, lights[i].virtual_v, lights[i].virtual_d, p, n, lights[i].scale.z);
+    if SOFT > 1 {
+        return soft(virtual_maps, i, f, turn_at(world, i));
+    }
+    return hard(virtual_maps, i, f.at);
+}
+
+// `own` = 1 on phantoms, 0 on others.
+fn phantom_visibility(i: u32, world: vec3f, n: vec3f, n_dot_l: f32, own: f32) -> f32 {
+    let p = lifted(world, n, n_dot_l, lights[i].scale.y * own);
+    let f = footing(lights[i].phantom_u, lights[i].phantom_v, lights[i].phantom_d, p, n, lights[i].scale.w);
+    if SOFT > 1 {
+        return soft(phantom_maps, i, f, turn_at(world, i));
+    }
+    return hard(phantom_maps, i, f.at);
 }
