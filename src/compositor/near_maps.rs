@@ -1,11 +1,12 @@
-//! The light that virtual objects throw onto the real scene, on the GPU.
+//! Light from close by, on the GPU.
 
 use super::light_maps::half_texel;
 use crate::scene::NearLight;
 use crate::scene::near_field::{GROUND_SIDE, VOLUME_SIZE};
 use half::f16;
 
-/// A picture of the ground and six volumes side by side.
+/// Two pictures of the ground side by side (what virtual objects change, what phantoms
+/// throw), and two times six volumes.
 pub struct NearMaps {
     ground: wgpu::Texture,
     volume: wgpu::Texture,
@@ -19,9 +20,9 @@ impl NearMaps {
         let ground = texture(
             device,
             wgpu::TextureDimension::D2,
-            [GROUND_SIDE, GROUND_SIDE, 1],
+            [2 * GROUND_SIDE, GROUND_SIDE, 1],
         );
-        let volume = texture(device, wgpu::TextureDimension::D3, [6 * nx, ny, nz]);
+        let volume = texture(device, wgpu::TextureDimension::D3, [12 * nx, ny, nz]);
         let view = |t: &wgpu::Texture| t.create_view(&wgpu::TextureViewDescriptor::default());
         Self {
             ground_view: view(&ground),
@@ -33,18 +34,24 @@ impl NearMaps {
 
     /// Uploads a new state; `texels` is memory to be used again.
     pub fn write(&self, queue: &wgpu::Queue, light: &NearLight, texels: &mut Vec<[f16; 4]>) {
-        texels.clear();
-        texels.extend(light.ground.iter().map(|t| half_texel(t.to_array())));
-        if light.ground.len() == (GROUND_SIDE * GROUND_SIDE) as usize {
+        let both = [&light.change, &light.real];
+        let side = GROUND_SIDE as usize;
+        if both.iter().all(|part| part.ground.len() == side * side) {
+            texels.clear();
+            for (y, part) in (0..side).flat_map(|y| both.map(|part| (y, part))) {
+                let row = &part.ground[y * side..(y + 1) * side];
+                texels.extend(row.iter().map(|t| half_texel(t.to_array())));
+            }
             upload(queue, &self.ground, texels);
         }
         let [nx, ny, nz] = VOLUME_SIZE.map(|n| n as usize);
-        if light.volume.iter().any(|face| face.len() != nx * ny * nz) {
+        let faces = || both.into_iter().flat_map(|part| &part.volume);
+        if faces().any(|face| face.len() != nx * ny * nz) {
             return;
         }
         texels.clear();
         for row in 0..ny * nz {
-            for face in &light.volume {
+            for face in faces() {
                 let values = &face[row * nx..(row + 1) * nx];
                 texels.extend(values.iter().map(|t| half_texel(t.to_array())));
             }

@@ -1,6 +1,7 @@
 //! The light at the scene camera's white point: environment pictures, gains and the
 //! ground's radiance become [`Lighting`].
 
+use super::watch::{GroundWatch, PhantomWatch};
 use super::{RigError, RigSetup};
 use crate::calibration::photometry::chart::{ChartError, ChartMatch, Photograph, match_chart};
 use crate::calibration::photometry::gather::{GatherOptions, Overlap, gather_pairs};
@@ -20,7 +21,7 @@ use crate::picture::{Picture, PictureError, YuvEncoding, decode_into};
 use crate::scene::{NearField, NearLight, casters};
 use crate::session::Session;
 use crate::sync::EnvironmentSet;
-use glam::{DVec2, DVec3, Mat3, Vec3};
+use glam::{DVec3, Mat3, Vec3};
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use std::sync::Arc;
 
@@ -29,6 +30,7 @@ pub struct LightStation {
     estimator: Option<EnvironmentEstimator>,
     photometry: PhotometricMatch,
     ground: GroundWatch,
+    phantoms: PhantomWatch,
     rays: Arc<PhantomCaster>,
     rig: RigCalibration,
     yuv: YuvEncoding,
@@ -69,6 +71,7 @@ impl LightStation {
             estimator,
             photometry,
             ground: GroundWatch::new(setup, rays.clone()),
+            phantoms: PhantomWatch::new(setup),
             rays,
             rig,
             yuv: config.input.encoding(),
@@ -94,6 +97,7 @@ impl LightStation {
         scene: &SceneView<'_>,
     ) -> Result<Option<Arc<Lighting>>, RigError> {
         self.ground.look(scene);
+        self.phantoms.look(scene);
         if is_in_scene(&self.rig) {
             self.see_in_scene(scene)?;
         } else if let Some(set) = set
@@ -105,7 +109,7 @@ impl LightStation {
             self.estimate(set, scene)?;
         }
         if let (Some(near), Some(lighting)) = (&mut self.near, &self.lighting) {
-            near.update(lighting);
+            near.update(lighting, self.phantoms.radiance(lighting));
         }
         Ok(self.lighting.clone())
     }
@@ -355,115 +359,4 @@ fn chart_match(
         },
         matrix,
     )))
-}
-
-/// Watches the radiance of the ground around the virtual objects in the scene camera's
-/// picture: what the lower hemisphere holds, where the environment camera looks up.
-struct GroundWatch {
-    points: Vec<Vec3>,
-    rays: Arc<PhantomCaster>,
-    camera: crate::calibration::PinholeCamera,
-    response: Response,
-    radiance: Option<Vec3>,
-}
-
-/// Points looked at along a side of the square around the objects.
-const GROUND_POINTS: usize = 24;
-/// Share of a new look in the running mean.
-const GROUND_SHARE: f32 = 0.1;
-
-impl GroundWatch {
-    fn new(setup: &RigSetup, rays: Arc<PhantomCaster>) -> Self {
-        let points = setup
-            .scene
-            .ground_height
-            .map(|height| points_around(&setup.scene, height as f32))
-            .unwrap_or_default();
-        let scene_camera = &setup.calibration.scene_camera;
-        Self {
-            points,
-            rays,
-            camera: scene_camera.camera.clone(),
-            response: scene_camera.response.clone(),
-            radiance: None,
-        }
-    }
-
-    fn look(&mut self, scene: &SceneView<'_>) {
-        let Some(pose) = scene.world_from_camera else {
-            return;
-        };
-        let camera_from_world = pose.inverse();
-        let (mut sum, mut count) = (Vec3::ZERO, 0.0);
-        for point in &self.points {
-            if let Some(colour) = self.colour(*point, pose, camera_from_world, scene.picture) {
-                sum += colour;
-                count += 1.0;
-            }
-        }
-        if count < 8.0 {
-            return;
-        }
-        let now = sum / count;
-        self.radiance = Some(self.radiance.map_or(now, |old| old.lerp(now, GROUND_SHARE)));
-    }
-
-    fn colour(
-        &self,
-        point: Vec3,
-        pose: RigidTransform,
-        camera_from_world: RigidTransform,
-        picture: &Picture,
-    ) -> Option<Vec3> {
-        let pixel: DVec2 = self
-            .camera
-            .project(camera_from_world.transform_point(point.as_dvec3()))?;
-        let (x, y) = (pixel.x.round(), pixel.y.round());
-        let inside =
-            x >= 0.0 && y >= 0.0 && x < f64::from(picture.width) && y < f64::from(picture.height);
-        let to_point = point.as_dvec3() - pose.translation;
-        let clear = inside
-            && self
-                .rays
-                .cast(pose.translation, to_point)
-                .is_none_or(|hit| hit.distance > 0.999);
-        clear.then(|| {
-            Vec3::from(
-                self.response
-                    .linear_from_rgb(picture.rgb(x as u32, y as u32)),
-            )
-        })
-    }
-
-    const fn radiance(&self) -> Option<Vec3> {
-        self.radiance
-    }
-}
-
-/// A grid on the ground, three times as wide as the virtual objects.
-fn points_around(scene: &crate::scene::Scene, height: f32) -> Vec<Vec3> {
-    let (mut low, mut high) = (Vec3::splat(f32::MAX), Vec3::splat(f32::MIN));
-    for part in &scene.virtual_parts {
-        for vertex in &part.mesh.vertices {
-            let p = part
-                .world_from_part
-                .transform_point3(vertex.position.as_dvec3())
-                .as_vec3();
-            (low, high) = (low.min(p), high.max(p));
-        }
-    }
-    if low.x > high.x {
-        (low, high) = (Vec3::splat(-0.3), Vec3::splat(0.3));
-    }
-    let (centre, half) = (
-        (low + high) / 2.0,
-        ((high - low) * 1.5).truncate().max_element(),
-    );
-    let at = |k: usize| (2.0 * (k as f32 + 0.5) / GROUND_POINTS as f32 - 1.0) * half;
-    (0..GROUND_POINTS * GROUND_POINTS)
-        .map(|i| {
-            let (x, y) = (at(i % GROUND_POINTS), at(i / GROUND_POINTS));
-            Vec3::new(centre.x + x, centre.y + y, height)
-        })
-        .collect()
 }

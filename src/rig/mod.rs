@@ -12,6 +12,7 @@ pub mod replay;
 pub mod report;
 pub mod service;
 pub mod status;
+mod watch;
 pub mod threads;
 
 pub use replay::{ReplayOptions, replay};

@@ -22,7 +22,7 @@ pub use error::SceneError;
 pub use gltf_bytes::Resolver;
 pub use gltf_file::{Model, load_gltf, load_gltf_bytes};
 pub use mesh::{Material, Mesh, Part, Scene, SceneTexture, Vertex};
-pub use near_field::{NearField, NearLight};
+pub use near_field::{NearField, NearLight, PhantomRadiance};
 pub use ply::load_ply;
 pub use raycast::{Hit, PhantomRays};
 pub use scene_file::SceneAddition;

@@ -56,24 +56,27 @@ fn by_normal(table: texture_2d<f32>, n: vec3f) -> vec3f {
 }
 
 fn near_facing(face: f32, at: vec3f) -> vec3f {
-    let size = vec3f(textureDimensions(near_volume)) * vec3f(1.0 / 6.0, 1.0, 1.0);
+    let size = vec3f(textureDimensions(near_volume)) * vec3f(1.0 / 12.0, 1.0, 1.0);
     // Half a probe from the walls, so that neighbouring volumes do not mix.
     let inside = clamp(at, 0.5 / size, 1.0 - 0.5 / size);
-    let uvw = vec3f((inside.x + face) / 6.0, inside.yz);
+    let uvw = vec3f((inside.x + face) / 12.0, inside.yz);
     return textureSampleLevel(near_volume, table_sampler, uvw, 0.0).rgb;
 }
 
-// Irradiance that virtual objects add, or, below zero, keep from things beside them.
-fn near_irradiance(world: vec3f, n: vec3f) -> vec3f {
+// Irradiance from close by: `kind` 0 = what virtual objects add, or, below zero, keep from
+// things beside them; 1 = what phantoms throw.
+fn near_irradiance(kind: f32, world: vec3f, n: vec3f) -> vec3f {
     let at = (world - frame.near_low.xyz) / (frame.near_high.xyz - frame.near_low.xyz);
     let margin = vec3f(0.0, 0.0, 0.02);
     if frame.near_low.w == 0.0 || any(at < -margin) || any(at > vec3f(1.0)) {
         return vec3f(0.0);
     }
     if n.z > 0.99 && at.z < 0.02 {
-        return textureSampleLevel(near_ground, table_sampler, at.xy, 0.0).rgb;
+        let half = 0.5 / f32(textureDimensions(near_ground).y);
+        let uv = vec2f((clamp(at.x, half, 1.0 - half) + kind) * 0.5, at.y);
+        return textureSampleLevel(near_ground, table_sampler, uv, 0.0).rgb;
     }
-    let face = select(vec3f(0.0, 2.0, 4.0), vec3f(1.0, 3.0, 5.0), n < vec3f(0.0));
+    let face = 6.0 * kind + select(vec3f(0.0, 2.0, 4.0), vec3f(1.0, 3.0, 5.0), n < vec3f(0.0));
     let w = n * n;
     return w.x * near_facing(face.x, at) + w.y * near_facing(face.y, at) + w.z * near_facing(face.z, at);
 }
@@ -94,7 +97,7 @@ fn lost_behind_virtual(masks: vec4u, world: vec3f, n: vec3f) -> vec3f {
 }
 
 fn arriving_in_real(masks: vec4u, world: vec3f, n: vec3f) -> vec3f {
-    var sum = ground_irradiance(n) + by_normal(irradiance_of_lights, n);
+    var sum = ground_irradiance(n) + by_normal(irradiance_of_lights, n) + near_irradiance(1.0, world, n);
     var mask = masks.zw;
     while any(mask != vec2u(0u)) {
         let first = next_bit(&mask) * frame.tiling.x;
@@ -119,7 +122,7 @@ fn phantom_shadow(in: TileVarying) -> @location(0) vec4f {
     let n = normal_from_octahedron(surface.xy);
     let world = world_at(vec2f(pixel), textureLoad(phantom_depth, pixel, 0));
     // Less the light that virtual objects throw back.
-    let lost = (lost_behind_virtual(masks, world, n) - near_irradiance(world, n)) * frame.params.x;
+    let lost = (lost_behind_virtual(masks, world, n) - near_irradiance(0.0, world, n)) * frame.params.x;
     if all(lost == vec3f(0.0)) {
         return unshadowed;
     }
@@ -181,5 +184,6 @@ fn virtual_light(in: TileVarying) -> @location(0) vec4f {
     let albedo = textureLoad(virtual_base, found.xy, found.z).rgb;
     let open_share = clamp(1.0 - hidden / max(cells, vec3f(1e-6)), vec3f(0.0), vec3f(1.0));
     left += cells * (with_bounces(open_share, albedo) - open_share);
+    left += near_irradiance(1.0, world, n);
     return vec4f(max(left, vec3f(0.0)), 1.0);
 }

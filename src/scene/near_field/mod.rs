@@ -25,7 +25,7 @@ pub const VOLUME_SIZE: [u32; 3] = [12, 12, 8];
 /// Directions in which visibility is known; one bit each.
 const DIRECTIONS: usize = 128;
 
-/// The change of irradiance at one state of the light, linear RGB, scene camera units.
+/// Light from close by at one state of the light far away, scene camera units.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct NearLight {
     /// Counts up with every change; 0 = nothing is known yet.
@@ -34,12 +34,25 @@ pub struct NearLight {
     pub low: Vec3,
     /// Upper corner.
     pub high: Vec3,
+    /// What virtual objects change.
+    pub change: Irradiance,
+    /// What phantoms throw on what is beside them, virtual objects or not.
+    pub real: Irradiance,
+}
+
+/// Irradiance around the virtual objects, linear RGB.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Irradiance {
     /// On the ground, row by row from the lower corner: `GROUND_SIDE`² values.
     pub ground: Vec<Vec3>,
     /// In the air, for surfaces that face +X −X +Y −Y +Z −Z: six volumes of `VOLUME_SIZE`
     /// values, x fastest.
     pub volume: [Vec<Vec3>; 6],
 }
+
+/// Radiance of the phantoms but for the ground, in the order of the scene: for each of
+/// them that of the sides that face +X −X +Y −Y +Z −Z.
+pub type PhantomRadiance = [[Vec3; 6]];
 
 /// Everything that does not depend on the light.
 pub struct NearField {
@@ -144,16 +157,8 @@ impl Directions {
 }
 
 /// The six directions of an ambient cube.
-const fn axes() -> [Vec3; 6] {
-    [
-        Vec3::X,
-        Vec3::NEG_X,
-        Vec3::Y,
-        Vec3::NEG_Y,
-        Vec3::Z,
-        Vec3::NEG_Z,
-    ]
-}
+pub const AXES: [Vec3; 6] =
+    [Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::NEG_Y, Vec3::Z, Vec3::NEG_Z];
 
 /// Directions spread evenly over the sphere (a Fibonacci spiral).
 fn spread(count: usize) -> Vec<Vec3> {
@@ -167,9 +172,17 @@ fn spread(count: usize) -> Vec<Vec3> {
     each.collect()
 }
 
+/// Number of the direction of [`AXES`] that a normal is nearest to.
+#[must_use]
+pub fn side_of(n: Vec3) -> u32 {
+    let axis = n.abs().max_position() as u32;
+    2 * axis + u32::from(n[axis as usize] < 0.0)
+}
+
 /// The virtual casters and the phantoms but for the ground, for rays.
 struct Obstacles {
     rays: PhantomRays,
+    real: PhantomRays,
     virtual_parts: usize,
     floor: Option<f32>,
 }
@@ -177,16 +190,18 @@ struct Obstacles {
 /// What a ray meets.
 enum Met {
     Virtual(super::Hit),
-    Phantom,
+    /// Phantom side: six a phantom.
+    Phantom(u32),
     Ground(Vec3),
     Sky,
 }
 
 impl Obstacles {
     fn new(scene: &Scene, casters: &[Part]) -> Self {
-        let real = scene.phantom_parts.iter().filter(|p| p.name != "ground");
-        let parts: Vec<Part> = casters.iter().chain(real).cloned().collect();
+        let real: Vec<Part> = solid_phantoms(scene).cloned().collect();
+        let parts: Vec<Part> = casters.iter().chain(&real).cloned().collect();
         Self {
+            real: PhantomRays::from_parts(&real),
             rays: PhantomRays::from_parts(&parts),
             virtual_parts: casters.len(),
             floor: scene.ground_height.map(|h| h as f32),
@@ -199,16 +214,26 @@ impl Obstacles {
         let to_floor = to_floor.filter(|t| *t > 0.0 && direction.z < 0.0);
         match (hit, to_floor) {
             (Some(hit), t) if t.is_none_or(|t| hit.distance < t) => {
-                if hit.part < self.virtual_parts {
-                    Met::Virtual(hit)
-                } else {
-                    Met::Phantom
+                match hit.part.checked_sub(self.virtual_parts) {
+                    Some(part) => Met::Phantom(6 * part as u32 + side_of(hit.normal)),
+                    None => Met::Virtual(hit),
                 }
             }
             (_, Some(t)) => Met::Ground(origin + direction * t),
             _ => Met::Sky,
         }
     }
+
+    /// The phantom side that a virtual object hides from `origin`.
+    fn behind(&self, origin: Vec3, direction: Vec3) -> Option<u32> {
+        let hit = self.real.hit(origin, direction)?;
+        Some(6 * hit.part as u32 + side_of(hit.normal))
+    }
+}
+
+/// The phantoms but for the ground.
+pub fn solid_phantoms(scene: &Scene) -> impl Iterator<Item = &Part> {
+    scene.phantom_parts.iter().filter(|p| p.name != "ground")
 }
 
 impl NearField {
@@ -237,28 +262,20 @@ impl NearField {
         })
     }
 
-    /// Finds the change under `lighting`; does nothing where it is the one of before.
-    pub fn update(&mut self, lighting: &Lighting) {
+    /// Finds the light from close by under `lighting`; does nothing where it is the one of
+    /// before.
+    pub fn update(&mut self, lighting: &Lighting, phantoms: &PhantomRadiance) {
         if self.light.generation == lighting.generation {
             return;
         }
         self.light.generation = lighting.generation;
         self.directions.take(lighting);
-        let floor = if self.has_ground {
-            lighting.ground_radiance
-        } else {
-            Vec3::ZERO
-        };
-        let light = Light { lighting, floor };
+        let floor = if self.has_ground { lighting.ground_radiance } else { Vec3::ZERO };
+        let light = Light { lighting, floor, phantoms };
         self.ground.shade(&self.directions);
-        self.surfels.shade(&self.directions, &self.ground, floor);
-        self.light.ground.clear();
-        self.light
-            .ground
-            .extend(self.ground.lit(&self.surfels, &light));
-        let faces = &mut self.light.volume;
-        self.volume
-            .lit(&self.surfels, &self.ground, &self.directions, &light, faces);
+        self.surfels.shade(&self.directions, &self.ground, &light);
+        self.ground.lit(&self.surfels, &light, &mut self.light);
+        self.volume.lit(&self.surfels, &self.ground, &self.directions, &light, &mut self.light);
     }
 
     /// The change under the light of the last update.
@@ -273,9 +290,16 @@ struct Light<'a> {
     lighting: &'a Lighting,
     /// Radiance of the ground; black where there is none.
     floor: Vec3,
+    phantoms: &'a PhantomRadiance,
 }
 
 impl Light<'_> {
+    /// Radiance of a phantom's side.
+    fn of_phantom(&self, side: u32) -> Vec3 {
+        let sides = self.phantoms.get(side as usize / 6);
+        sides.map_or(Vec3::ZERO, |sides| sides[side as usize % 6])
+    }
+
     /// Radiance that comes from the sky, blurred as a surface of such roughness does.
     fn from(&self, direction: Vec3, roughness: f32) -> Vec3 {
         let map = &self.lighting.radiance;

@@ -1,7 +1,7 @@
 //! Where in the real scene the light of virtual objects arrives.
 
 use super::surfels::{Sighting, Surfels};
-use super::{Directions, GROUND_SIDE, Light, Met, Obstacles, Region, VOLUME_SIZE};
+use super::{Directions, GROUND_SIDE, Light, Met, NearLight, Obstacles, Region, VOLUME_SIZE};
 use glam::{UVec3, Vec2, Vec3};
 use std::f32::consts::{PI, TAU};
 
@@ -21,8 +21,11 @@ struct Texel {
     behind_virtual: u128,
     /// Directions in which phantoms are.
     behind_real: u128,
-    /// Virtual surfaces in sight; each stands for the same form factor.
-    sightings: Vec<Sighting>,
+    /// Virtual surfaces in sight, and the phantom sides that they hide; each stands for the
+    /// same form factor.
+    sightings: Vec<(Sighting, Option<u32>)>,
+    /// Phantom sides in sight were nothing virtual there, likewise.
+    phantoms: Vec<u32>,
     window: f32,
 }
 
@@ -80,24 +83,29 @@ impl GroundGrid {
         }
     }
 
-    /// Irradiance from virtual surfaces on every texel.
-    pub(super) fn lit(&self, surfels: &Surfels, light: &Light<'_>) -> Vec<Vec3> {
-        let raw: Vec<Vec3> = self
-            .texels
-            .iter()
-            .map(|texel| {
-                let each = texel
-                    .sightings
-                    .iter()
-                    .map(|s| surfels.radiance(s, self, light));
-                each.sum::<Vec3>() * (texel.window * PI / GATHERED as f32)
-            })
-            .collect();
-        let smooth = |raw: &[Vec3]| -> Vec<Vec3> {
+    /// Irradiance on every texel.
+    pub(super) fn lit(&self, surfels: &Surfels, light: &Light<'_>, near: &mut NearLight) {
+        let factor = |texel: &Texel| texel.window * PI / GATHERED as f32;
+        let hidden = |side: Option<u32>| side.map_or(Vec3::ZERO, |s| light.of_phantom(s));
+        let change = |texel: &Texel| {
+            let each = texel.sightings.iter();
+            let each = each.map(|(s, side)| surfels.radiance(s, self, light) - hidden(*side));
+            each.sum::<Vec3>() * factor(texel)
+        };
+        let real = |texel: &Texel| {
+            let each = texel.phantoms.iter().map(|side| light.of_phantom(*side));
+            each.sum::<Vec3>() * factor(texel)
+        };
+        near.change.ground = self.smoothed(&self.texels.iter().map(change).collect::<Vec<_>>());
+        near.real.ground = self.smoothed(&self.texels.iter().map(real).collect::<Vec<_>>());
+    }
+
+    fn smoothed(&self, raw: &[Vec3]) -> Vec<Vec3> {
+        let once = |raw: &[Vec3]| -> Vec<Vec3> {
             let texels = 0..self.side * self.side;
             texels.map(|i| self.smooth(raw, i % self.side, i / self.side)).collect()
         };
-        smooth(&smooth(&raw))
+        once(&once(raw))
     }
 
     /// A tent over 3×3 texels, taken twice: the rays of one texel are few.
@@ -127,21 +135,33 @@ fn texel(
     let (mut behind_virtual, mut behind_real) = (0, 0);
     for (i, d) in directions.all.iter().enumerate().filter(|(_, d)| d.z > 0.0) {
         match obstacles.meet(origin, *d) {
-            Met::Virtual(_) => behind_virtual |= 1 << i,
-            Met::Phantom => behind_real |= 1 << i,
+            Met::Virtual(_) => {
+                behind_virtual |= 1 << i;
+                let both = obstacles.behind(origin, *d).is_some();
+                behind_real |= u128::from(both) << i;
+            }
+            Met::Phantom(_) => behind_real |= 1 << i,
             Met::Ground(_) | Met::Sky => (),
         }
     }
     let turn = TAU * (f64::from(number) * 0.618_033_988_749_895).fract() as f32;
-    let rays = (0..GATHERED).map(|k| cosine_direction(k, turn));
-    let sightings = rays.filter_map(|d| match obstacles.meet(origin, d) {
-        Met::Virtual(hit) => surfels.sight(&hit, d, obstacles, region),
-        _ => None,
-    });
+    let (mut sightings, mut phantoms) = (Vec::new(), Vec::new());
+    for d in (0..GATHERED).map(|k| cosine_direction(k, turn)) {
+        match obstacles.meet(origin, d) {
+            Met::Virtual(hit) => {
+                let behind = obstacles.behind(origin, d);
+                phantoms.extend(behind);
+                sightings.extend(surfels.sight(&hit, d, obstacles, region).map(|s| (s, behind)));
+            }
+            Met::Phantom(side) => phantoms.push(side),
+            Met::Ground(_) | Met::Sky => (),
+        }
+    }
     Texel {
         behind_virtual,
         behind_real,
-        sightings: sightings.collect(),
+        sightings,
+        phantoms,
         window: region.window(point),
     }
 }
@@ -161,13 +181,22 @@ pub struct Volume {
 }
 
 struct Probe {
-    /// By direction: a virtual surface and whether it hides the ground.
-    sightings: Vec<(usize, Sighting, bool)>,
+    /// By direction: a virtual surface and what it hides.
+    sightings: Vec<(usize, Sighting, Hidden)>,
     /// Ground in sight.
     ground: Vec<(usize, u32)>,
+    /// Phantom sides in sight.
+    phantoms: Vec<(usize, u32)>,
     window: f32,
     /// It is not inside of something.
     outside: bool,
+}
+
+#[derive(Clone, Copy)]
+enum Hidden {
+    Sky,
+    Ground,
+    Phantom(u32),
 }
 
 impl Volume {
@@ -190,40 +219,47 @@ impl Volume {
         Self { probes }
     }
 
-    /// The change of irradiance on surfaces at every probe that face the six axes.
+    /// Irradiance at every probe on surfaces that face the six axes.
     pub(super) fn lit(
         &self,
         surfels: &Surfels,
         ground: &GroundGrid,
         directions: &Directions,
         light: &Light<'_>,
-        faces: &mut [Vec<Vec3>; 6],
+        near: &mut NearLight,
     ) {
-        for face in faces.iter_mut() {
-            face.clear();
-            face.resize(self.probes.len(), Vec3::ZERO);
+        for volume in [&mut near.change.volume, &mut near.real.volume] {
+            for face in volume {
+                face.clear();
+                face.resize(self.probes.len(), Vec3::ZERO);
+            }
         }
-        let axes = super::axes();
         for (i, probe) in self.probes.iter().enumerate() {
-            let mut add = |direction: usize, change: Vec3| {
+            let add = |volume: &mut [Vec<Vec3>; 6], direction: usize, radiance: Vec3| {
                 let d = directions.all[direction];
-                for (face, axis) in faces.iter_mut().zip(axes) {
-                    face[i] += change * (d.dot(axis).max(0.0) * Directions::solid_angle());
+                for (face, axis) in volume.iter_mut().zip(super::AXES) {
+                    let weight = d.dot(axis).max(0.0) * Directions::solid_angle();
+                    face[i] += radiance * (weight * probe.window);
                 }
             };
             for (direction, sighting, hidden) in &probe.sightings {
-                let before = if *hidden { light.floor } else { Vec3::ZERO };
+                let before = match hidden {
+                    Hidden::Sky => Vec3::ZERO,
+                    Hidden::Ground => light.floor,
+                    Hidden::Phantom(side) => light.of_phantom(*side),
+                };
                 let now = surfels.radiance(sighting, ground, light);
-                add(*direction, (now - before) * probe.window);
+                add(&mut near.change.volume, *direction, now - before);
             }
             for (direction, texel) in &probe.ground {
-                add(
-                    *direction,
-                    light.floor * ((ground.share(*texel) - 1.0) * probe.window),
-                );
+                let lost = light.floor * (ground.share(*texel) - 1.0);
+                add(&mut near.change.volume, *direction, lost);
+            }
+            for (direction, side) in &probe.phantoms {
+                add(&mut near.real.volume, *direction, light.of_phantom(*side));
             }
         }
-        for face in faces {
+        for face in near.change.volume.iter_mut().chain(&mut near.real.volume) {
             self.fill(face);
         }
     }
@@ -262,32 +298,37 @@ fn probe(
     directions: &Directions,
     region: &Region,
 ) -> Probe {
-    let (mut sightings, mut ground, mut outside) = (Vec::new(), Vec::new(), false);
+    let mut probe = Probe {
+        sightings: Vec::new(),
+        ground: Vec::new(),
+        phantoms: Vec::new(),
+        window: region.window(point),
+        outside: false,
+    };
     for (i, d) in directions.all.iter().enumerate() {
         match obstacles.meet(point, *d) {
             Met::Virtual(hit) => {
-                let hidden = obstacles.floor.is_some() && d.z < 0.0;
-                sightings.extend(
-                    surfels
-                        .sight(&hit, *d, obstacles, region)
-                        .map(|s| (i, s, hidden)),
-                );
+                let hidden = match obstacles.behind(point, *d) {
+                    Some(side) => Hidden::Phantom(side),
+                    None if obstacles.floor.is_some() && d.z < 0.0 => Hidden::Ground,
+                    None => Hidden::Sky,
+                };
+                if let Hidden::Phantom(side) = hidden {
+                    probe.phantoms.push((i, side));
+                }
+                let sighting = surfels.sight(&hit, *d, obstacles, region);
+                probe.sightings.extend(sighting.map(|s| (i, s, hidden)));
             }
             Met::Ground(p) => {
-                outside = true;
+                probe.outside = true;
                 let texel = GroundGrid::texel(region, p);
                 if texel != u32::MAX {
-                    ground.push((i, texel));
+                    probe.ground.push((i, texel));
                 }
             }
-            Met::Sky => outside = true,
-            Met::Phantom => (),
+            Met::Sky => probe.outside = true,
+            Met::Phantom(side) => probe.phantoms.push((i, side)),
         }
     }
-    Probe {
-        sightings,
-        ground,
-        window: region.window(point),
-        outside,
-    }
+    probe
 }

@@ -24,6 +24,8 @@ struct Surfel {
     ground: Vec<(u32, f32)>,
     /// Other surfels, likewise.
     others: Vec<(u32, f32)>,
+    /// Sides of phantoms, likewise.
+    phantoms: Vec<(u32, f32)>,
 }
 
 /// A part's material, averaged over its textures.
@@ -83,8 +85,8 @@ enum Behind {
     /// Ground texel, see [`GroundGrid::texel`].
     Ground(u32),
     Surfel(u32),
-    /// A phantom, whose radiance is not known; taken for that of the surface itself.
-    Phantom,
+    /// Side of a phantom.
+    Phantom(u32),
 }
 
 /// All of them.
@@ -109,8 +111,10 @@ impl Surfels {
             .iter()
             .map(|s| look(s, &all, obstacles, directions, region))
             .collect();
-        for (surfel, (sky, ground, others)) in all.iter_mut().zip(seen) {
-            (surfel.sky, surfel.ground, surfel.others) = (sky, ground, others);
+        for (surfel, seen) in all.iter_mut().zip(seen) {
+            surfel.sky = seen.sky;
+            (surfel.ground, surfel.others, surfel.phantoms) =
+                (seen.ground, seen.others, seen.phantoms);
         }
         let dark = vec![Vec3::ZERO; all.len()];
         Self {
@@ -135,7 +139,7 @@ impl Surfels {
             Met::Sky => Behind::Sky,
             Met::Ground(p) => Behind::Ground(GroundGrid::texel(region, p)),
             Met::Virtual(other) => Behind::Surfel(nearest(&self.all, &other)?),
-            Met::Phantom => Behind::Phantom,
+            Met::Phantom(side) => Behind::Phantom(side),
         };
         Some(Sighting {
             surfel,
@@ -145,15 +149,17 @@ impl Surfels {
     }
 
     /// Light under a new state of the dome; one bounce more of what was before.
-    pub(super) fn shade(&mut self, directions: &Directions, ground: &GroundGrid, floor: Vec3) {
+    pub(super) fn shade(&mut self, directions: &Directions, ground: &GroundGrid, light: &Light<'_>) {
         std::mem::swap(&mut self.before, &mut self.spread);
         for (i, surfel) in self.all.iter().enumerate() {
             let sky = directions.irradiance(surfel.normal, surfel.sky);
-            let on_ground = |(texel, weight): &(u32, f32)| floor * ground.share(*texel) * *weight;
+            let on_ground = |(texel, weight): &(u32, f32)| light.floor * ground.share(*texel) * *weight;
             let from_ground: Vec3 = surfel.ground.iter().map(on_ground).sum();
             let on_other = |(k, weight): &(u32, f32)| self.before[*k as usize] * *weight;
             let from_others: Vec3 = surfel.others.iter().map(on_other).sum();
-            let arriving = (sky + from_ground + from_others) / PI;
+            let on_phantom = |(side, weight): &(u32, f32)| light.of_phantom(*side) * *weight;
+            let from_phantoms: Vec3 = surfel.phantoms.iter().map(on_phantom).sum();
+            let arriving = (sky + from_ground + from_others + from_phantoms) / PI;
             let surface = &surfel.surface;
             self.radiance[i] = surface.emissive + surface.diffuse * arriving;
             self.spread[i] = self.radiance[i] + surface.f0 * arriving;
@@ -168,7 +174,7 @@ impl Surfels {
             Behind::Sky => light.from(sighting.mirror, surface.roughness),
             Behind::Ground(texel) => light.floor * ground.share(texel),
             Behind::Surfel(other) => self.spread[other as usize],
-            Behind::Phantom => self.spread[i],
+            Behind::Phantom(side) => light.of_phantom(side),
         };
         self.radiance[i] + surface.f0 * mirrored
     }
@@ -225,6 +231,7 @@ fn surfel(t: &[Vec3; 3], index: usize, surface: Surface) -> Surfel {
         sky: 0,
         ground: Vec::new(),
         others: Vec::new(),
+        phantoms: Vec::new(),
     }
 }
 
@@ -238,7 +245,14 @@ fn nearest(all: &[Surfel], hit: &Hit) -> Option<u32> {
         .map(|(i, _)| i as u32)
 }
 
-type Seen = (u128, Vec<(u32, f32)>, Vec<(u32, f32)>);
+/// What a surfel sees; see [`Surfel`].
+#[derive(Default)]
+struct Seen {
+    sky: u128,
+    ground: Vec<(u32, f32)>,
+    others: Vec<(u32, f32)>,
+    phantoms: Vec<(u32, f32)>,
+}
 
 fn look(
     surfel: &Surfel,
@@ -248,18 +262,18 @@ fn look(
     region: &Region,
 ) -> Seen {
     let origin = surfel.position + surfel.normal * region.off();
-    let (mut sky, mut ground, mut others) = (0, Vec::new(), Vec::new());
+    let mut seen = Seen::default();
     for (i, d) in directions.all.iter().enumerate() {
         let weight = d.dot(surfel.normal) * Directions::solid_angle();
         if weight <= 0.0 {
             continue;
         }
         match obstacles.meet(origin, *d) {
-            Met::Sky => sky |= 1 << i,
-            Met::Ground(p) => ground.push((GroundGrid::texel(region, p), weight)),
-            Met::Virtual(hit) => others.extend(nearest(all, &hit).map(|s| (s, weight))),
-            Met::Phantom => (),
+            Met::Sky => seen.sky |= 1 << i,
+            Met::Ground(p) => seen.ground.push((GroundGrid::texel(region, p), weight)),
+            Met::Virtual(hit) => seen.others.extend(nearest(all, &hit).map(|s| (s, weight))),
+            Met::Phantom(side) => seen.phantoms.push((side, weight)),
         }
     }
-    (sky, ground, others)
+    seen
 }

@@ -53,8 +53,8 @@ struct Light {
 @group(0) @binding(2) var irradiance_of_lights: texture_2d<f32>;
 @group(0) @binding(3) var irradiance_of_compact: texture_2d<f32>;
 @group(0) @binding(4) var table_sampler: sampler;
-// Irradiance that virtual objects add to the ground, and to surfaces in the air that face
-// the six axes (six volumes side by side along x).
+// Irradiance from close by on the ground, and on surfaces in the air that face the six
+// axes: what virtual objects change, and beside it along x what phantoms throw.
 @group(0) @binding(5) var near_ground: texture_2d<f32>;
 @group(0) @binding(6) var near_volume: texture_3d<f32>;
 
