@@ -98,6 +98,7 @@ impl EnvironmentEstimator {
             world_from_camera,
             camera,
             hidden: input.hidden,
+            hider: input.hider_radiance.map_or(0.0, |l| l.dot(LUMINANCE)),
         };
         let scales = scales(brackets);
         let luminance_at = |x: u32, y: u32| {

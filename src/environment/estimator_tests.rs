@@ -123,6 +123,7 @@ impl Rig {
                 ground_radiance: Some(ground),
                 measured_ground_irradiance: None,
                 hidden: None,
+                hider_radiance: None,
                 captured_at: MonotonicTime::from_nanos(self.frame * 66_000_000),
             })
             .unwrap()
@@ -329,6 +330,7 @@ fn what_does_not_fit_is_refused() {
         ground_radiance: None,
         measured_ground_irradiance: None,
         hidden: None,
+        hider_radiance: None,
         captured_at: MonotonicTime::default(),
     };
     assert!(matches!(
@@ -379,6 +381,7 @@ fn a_clipped_source_is_raised_to_the_measured_irradiance() {
             ground_radiance: None,
             measured_ground_irradiance: Some(measured),
             hidden: None,
+            hider_radiance: None,
             captured_at: MonotonicTime::default(),
         })
         .unwrap();
@@ -412,6 +415,7 @@ fn a_sphere_that_leaves_the_picture_keeps_its_last_light() {
             ground_radiance: None,
             measured_ground_irradiance: None,
             hidden: None,
+            hider_radiance: None,
             captured_at: MonotonicTime::from_nanos(nanos),
         })
     };

@@ -125,6 +125,8 @@ pub struct EnvironmentInput<'a> {
     /// Rays that end on a phantom other than the mirrored sphere itself, for a sphere in
     /// the scene camera's picture (the camera's rays and the mirror's). Views that stand still take theirs at the start.
     pub hidden: Option<&'a Hidden<'a>>,
+    /// Mean radiance of those phantoms in the scene camera's picture, scene camera units.
+    pub hider_radiance: Option<Vec3>,
     /// Middle of the exposure.
     pub captured_at: MonotonicTime,
 }
@@ -140,6 +142,7 @@ impl<'a> EnvironmentInput<'a> {
             ground_radiance: None,
             measured_ground_irradiance: None,
             hidden: None,
+            hider_radiance: None,
             captured_at,
         }
     }

@@ -4,7 +4,8 @@
 //! ```text
 //!  A point p of the ground shows I(p) = ρ(p)/π (a(p) + f b(p)): a is the irradiance of
 //!  what the picture of the sphere did not clip, b that of what it clipped, taken at the
-//!  clipped value, both without what the phantoms hide from p, and f is how many times
+//!  clipped value, both without what the phantoms hide from p (in whose place a counts
+//!  what the phantoms throw there), and f is how many times
 //!  brighter than that the clipped source really is. The reflectance ρ is not known, but
 //!  where it does not follow the shadows, the right f leaves the least of them in
 //!      ln I(p) − ln (a(p) + f b(p)),
@@ -36,10 +37,18 @@ pub(super) struct Ground<'a> {
     pub world_from_camera: RigidTransform,
     pub camera: &'a PinholeCamera,
     pub hidden: Option<&'a Hidden<'a>>,
+    /// Luminance of what hides, as the scene camera sees it; 0 where it is not known.
+    pub hider: f32,
 }
 
-/// A direction and the luminance of the irradiance on the ground that comes from it.
-type Beam = (DVec3, f32);
+/// What comes from a direction.
+struct Beam {
+    direction: DVec3,
+    /// Luminance of the irradiance on the ground.
+    irradiance: f32,
+    /// The same for a radiance of 1.
+    form: f32,
+}
 
 /// Light of the ground from what is not clipped and from what is, per point.
 struct Point {
@@ -90,12 +99,13 @@ fn beams(pixels: &PixelDirections, radiance: &[Vec3], clipped: &[u32]) -> (Vec<B
         let cosine = pixels.directions[i].z.max(0.0) * pixels.solid_angles[i];
         radiance[i].dot(LUMINANCE) * cosine
     };
-    let mut cells = vec![(Vec3::ZERO, 0.0f32); (6 * CELLS * CELLS) as usize];
+    let mut cells = vec![(Vec3::ZERO, 0.0f32, 0.0f32); (6 * CELLS * CELLS) as usize];
     for i in (0..radiance.len()).filter(|&i| pixels.solid_angles[i] > 0.0) {
         let e = energy(i);
         let cell = &mut cells[texel_of(CELLS, pixels.directions[i])];
         cell.0 += pixels.directions[i] * e;
         cell.1 += e;
+        cell.2 += pixels.directions[i].z.max(0.0) * pixels.solid_angles[i];
     }
     for &i in clipped {
         let (d, e) = (pixels.directions[i as usize], energy(i as usize));
@@ -103,23 +113,17 @@ fn beams(pixels: &PixelDirections, radiance: &[Vec3], clipped: &[u32]) -> (Vec<B
         cell.0 -= d * e;
         cell.1 -= e;
     }
-    let rest = cells
-        .into_iter()
-        .filter(|c| c.1 > 1e-7)
-        .filter_map(|(d, e)| Some((d.try_normalize()?.as_dvec3(), e)))
-        .collect();
+    let rest = cells.into_iter().filter(|c| c.1 > 1e-7).filter_map(|(d, irradiance, form)| {
+        let direction = d.try_normalize()?.as_dvec3();
+        Some(Beam { direction, irradiance, form })
+    });
     let stride = clipped.len().div_ceil(CLIPPED_DIRECTIONS).max(1);
-    let bright = clipped
-        .chunks(stride)
-        .map(|group| {
-            let middle = pixels.directions[group[group.len() / 2] as usize];
-            (
-                middle.as_dvec3(),
-                group.iter().map(|&i| energy(i as usize)).sum(),
-            )
-        })
-        .collect();
-    (rest, bright)
+    let bright = clipped.chunks(stride).map(|group| Beam {
+        direction: pixels.directions[group[group.len() / 2] as usize].as_dvec3(),
+        irradiance: group.iter().map(|&i| energy(i as usize)).sum(),
+        form: 0.0,
+    });
+    (rest.collect(), bright.collect())
 }
 
 fn points(
@@ -140,10 +144,11 @@ fn points(
     grid.filter_map(|(x, y)| {
         let at = ground.point(view, DVec2::new(f64::from(x), f64::from(y)))?;
         let radiance = luminance_at(x, y).filter(|l| *l > 0.004)?;
-        let sum = |beams: &[Beam]| -> f32 {
-            let free = beams.iter().filter(|(d, _)| !ground.blocks(view, at, *d));
-            free.map(|(_, e)| e).sum()
+        let arriving = |beam: &Beam| match ground.blocks(view, at, beam.direction) {
+            true => ground.hider * beam.form,
+            false => beam.irradiance,
         };
+        let sum = |beams: &[Beam]| beams.iter().map(arriving).sum::<f32>();
         Some(Point {
             radiance,
             rest: sum(rest),

@@ -144,6 +144,7 @@ impl LightStation {
             ground_radiance: self.ground.radiance(),
             measured_ground_irradiance: None,
             hidden: Some(&hidden),
+            hider_radiance: self.phantoms.mean(),
             captured_at: scene.captured_at,
         })?;
         self.lighting = Some(lighting);
@@ -177,6 +178,7 @@ impl LightStation {
             },
             measured_ground_irradiance: None,
             hidden: None,
+            hider_radiance: None,
             captured_at: set.captured_at,
         })?;
         self.lighting = Some(lighting);
