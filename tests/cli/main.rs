@@ -1,0 +1,11 @@
+//! The program as its users have it: what it writes, what it says, and that a mistake
+//! costs one line and nothing else.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+mod program;
+mod refusals;
+mod replay;
+mod service;
+mod sessions;
+mod tools;

@@ -1,0 +1,113 @@
+//! Runs the program in a folder of its own.
+
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use tempfile::TempDir;
+
+/// A folder to run in, and what can be said of a run.
+pub struct Desk {
+    folder: TempDir,
+    environment: Vec<(&'static str, &'static str)>,
+}
+
+/// The bundled session.
+pub fn desk_session() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/sessions/desk.mcap")
+}
+
+impl Desk {
+    pub fn new() -> Self {
+        Self {
+            folder: tempfile::tempdir().unwrap(),
+            environment: Vec::new(),
+        }
+    }
+
+    /// One more variable of the environment.
+    pub fn with(mut self, name: &'static str, value: &'static str) -> Self {
+        self.environment.push((name, value));
+        self
+    }
+
+    pub fn path(&self, name: impl AsRef<Path>) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    pub fn put(&self, name: &str, bytes: impl AsRef<[u8]>) -> PathBuf {
+        let path = self.path(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(&path, bytes).unwrap();
+        path
+    }
+
+    pub fn read(&self, name: impl AsRef<Path>) -> Vec<u8> {
+        let path = self.path(name);
+        std::fs::read(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
+    }
+
+    pub fn json(&self, name: &str) -> serde_json::Value {
+        serde_json::from_slice(&self.read(name)).unwrap()
+    }
+
+    /// The names in a folder, sorted.
+    pub fn names(&self, folder: &str) -> Vec<String> {
+        let entries = std::fs::read_dir(self.path(folder)).unwrap();
+        let name = |entry: std::io::Result<std::fs::DirEntry>| entry.unwrap().file_name();
+        let mut names: Vec<_> = entries
+            .map(|e| name(e).to_string_lossy().into_owned())
+            .collect();
+        names.sort();
+        names
+    }
+
+    /// The program, ready to run, with a window system and a log level of nobody's.
+    pub fn command<S: AsRef<OsStr>>(&self, arguments: &[S]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_penumbra"));
+        command.args(arguments).current_dir(self.folder.path());
+        for name in ["DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET", "RUST_LOG"] {
+            command.env_remove(name);
+        }
+        // Mesa's own layer complains on machines without a desktop.
+        command.env("NODEVICE_SELECT", "1");
+        command.envs(self.environment.iter().copied());
+        command
+    }
+
+    pub fn run(&self, line: &str) -> Output {
+        self.command(&words(line)).output().unwrap()
+    }
+
+    /// Runs a command line that must work; what it said on standard output.
+    pub fn works(&self, line: &str) -> String {
+        let output = self.run(line);
+        let error = text(&output.stderr);
+        assert!(output.status.success(), "{line}: {error}");
+        text(&output.stdout)
+    }
+
+    /// Runs a command line that must fail; its one line of complaint.
+    pub fn refuses(&self, line: &str) -> String {
+        let output = self.run(line);
+        let error = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{line}: {error}");
+        assert!(!error.contains("panicked"), "{line}: {error}");
+        let complaint = error
+            .strip_prefix("penumbra: ")
+            .unwrap_or_else(|| panic!("{line}: {error}"));
+        assert_eq!(error.lines().count(), 1, "{line}: {error}");
+        complaint.trim_end().to_owned()
+    }
+}
+
+/// `DESK` stands for the bundled session, as no path of these tests has a blank in it.
+fn words(line: &str) -> Vec<String> {
+    let session = desk_session().display().to_string();
+    line.split_whitespace()
+        .map(|word| word.replace("DESK", &session))
+        .collect()
+}
+
+pub fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}

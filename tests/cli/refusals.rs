@@ -1,0 +1,271 @@
+//! Bad input: one clear line, a non-zero exit, no panic, nothing overwritten.
+
+use crate::program::{Desk, desk_session};
+use crate::sessions::{put_foreign, put_session};
+use penumbra::session::Session;
+use std::net::TcpListener;
+
+/// Quick to refuse: no window, no port that another test may have.
+const QUICK: &str = "--headless --speed max --frames 1 --light-count 8 --listen 127.0.0.1:0";
+
+fn complaint(desk: &Desk, arguments: &str) -> String {
+    desk.refuses(&format!("replay {arguments} {QUICK}"))
+}
+
+#[track_caller]
+fn says(complaint: &str, parts: &[&str]) {
+    for part in parts {
+        assert!(complaint.contains(part), "{part:?} is not in {complaint:?}");
+    }
+}
+
+#[test]
+fn sessions_that_are_none() {
+    let desk = Desk::new();
+    desk.put("empty.mcap", "");
+    desk.put("notes.mcap", "dear diary, today the rig did not work");
+    desk.put("cut.mcap", &std::fs::read(desk_session()).unwrap()[..200]);
+    put_foreign(&desk, "weather.mcap");
+    says(
+        &complaint(&desk, "nowhere.mcap"),
+        &["nowhere.mcap", "no such session", "import"],
+    );
+    says(&complaint(&desk, "empty.mcap"), &["empty.mcap", "empty"]);
+    says(
+        &complaint(&desk, "notes.mcap"),
+        &["notes.mcap", "not an MCAP file", "import"],
+    );
+    says(&complaint(&desk, "cut.mcap"), &["cut.mcap", "cut off"]);
+    says(
+        &complaint(&desk, "weather.mcap"),
+        &["weather.mcap", "/weather"],
+    );
+    says(&complaint(&desk, "."), &["."]);
+    for name in ["nowhere", "empty", "notes", "cut", "weather"] {
+        let line = desk.refuses(&format!("info {name}.mcap"));
+        says(&line, &[name]);
+    }
+}
+
+#[test]
+fn sessions_without_what_a_replay_needs() {
+    let desk = Desk::new();
+    put_session(&desk, "bare.mcap", &[]);
+    put_session(
+        &desk,
+        "garbled.mcap",
+        &[("rig.json", b"{\"scene_camera\": ")],
+    );
+    put_session(
+        &desk,
+        "half.mcap",
+        &[("rig.json", b"{\"scene_camera\": {}}")],
+    );
+    let session = Session::open(&desk_session()).unwrap();
+    let rig = session.attachment("rig.json").unwrap();
+    let broken: [(&str, &[u8]); 2] = [("rig.json", rig), ("object/object.glb", b"glTF, not")];
+    put_session(&desk, "object.mcap", &broken);
+    put_session(&desk, "no-object.mcap", &[("rig.json", rig)]);
+    says(&complaint(&desk, "bare.mcap"), &["rig.json"]);
+    says(&complaint(&desk, "garbled.mcap"), &["rig.json", "line 1"]);
+    says(
+        &complaint(&desk, "half.mcap"),
+        &["rig.json", "scene_camera"],
+    );
+    says(&complaint(&desk, "object.mcap"), &["object/object.glb"]);
+    says(&complaint(&desk, "no-object.mcap"), &["object/object.glb"]);
+}
+
+#[test]
+fn configurations_with_mistakes() {
+    let desk = Desk::new();
+    let cases = [
+        (
+            "key",
+            "[shadows]\nstrenght = 1.0\n",
+            vec!["key.toml:2", "strenght", "strength"],
+        ),
+        (
+            "section",
+            "[shadow]\nmode = \"ratio\"\n",
+            vec!["section.toml:1", "shadow"],
+        ),
+        (
+            "unit",
+            "[sync]\ntracker_latency_ms = \"9 ms\"\n",
+            vec!["unit.toml:2", "tracker_latency_ms"],
+        ),
+        (
+            "other-unit",
+            "[sync]\ntracker_latency_s = 0.009\n",
+            vec!["other-unit.toml:2", "_ms"],
+        ),
+        (
+            "range",
+            "[environment]\nlight_count = 65\n",
+            vec!["range.toml:2", "light_count", "64"],
+        ),
+        (
+            "scene",
+            "[scene]\nfile = \"gone.toml\"\n",
+            vec!["scene.toml:2", "gone.toml"],
+        ),
+        ("toml", "[shadows\n", vec!["toml.toml:1"]),
+        (
+            "open",
+            "[status]\nlisten = \"0.0.0.0:0\"\n",
+            vec!["open.toml:2", "token"],
+        ),
+    ];
+    for (name, content, parts) in cases {
+        desk.put(&format!("{name}.toml"), content);
+        says(
+            &complaint(&desk, &format!("DESK --config {name}.toml")),
+            &parts,
+        );
+        says(&desk.refuses(&format!("check-config {name}.toml")), &parts);
+    }
+    says(&complaint(&desk, "DESK --config gone.toml"), &["gone.toml"]);
+    says(&desk.refuses("check-config gone.toml"), &["gone.toml"]);
+}
+
+#[test]
+fn scenes_with_mistakes() {
+    let desk = Desk::new();
+    let object = |file: &str| format!("[[object]]\nname = \"it\"\nfile = \"{file}\"\n");
+    desk.put("broken.glb", b"glTF\x02\0\0\0 and then nothing of use");
+    desk.put("broken.toml", object("broken.glb"));
+    desk.put("gone.toml", object("gone.glb"));
+    let outside = r#"{"asset":{"version":"2.0"},"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],
+        "meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],
+        "accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3",
+        "min":[0,0,0],"max":[1,1,1]}],"bufferViews":[{"buffer":0,"byteLength":36}],
+        "buffers":[{"uri":"../secret.bin","byteLength":36}]}"#;
+    desk.put("secret.bin", [0; 36]);
+    desk.put("below/outside.gltf", outside);
+    desk.put("below/scene.toml", object("outside.gltf"));
+    says(
+        &complaint(&desk, "DESK --scene broken.toml"),
+        &["broken.glb"],
+    );
+    says(&complaint(&desk, "DESK --scene gone.toml"), &["gone.glb"]);
+    says(
+        &complaint(&desk, "DESK --scene below/scene.toml"),
+        &["outside.gltf", "../secret.bin"],
+    );
+    says(
+        &complaint(&desk, "DESK --scene nowhere.toml"),
+        &["nowhere.toml"],
+    );
+}
+
+#[test]
+fn ports_and_addresses() {
+    let desk = Desk::new();
+    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = taken.local_addr().unwrap();
+    let line = desk.refuses(&format!(
+        "replay DESK --headless --frames 1 --listen {address}"
+    ));
+    says(&line, &[&address.port().to_string(), "in use", "--listen"]);
+    let line = desk.refuses("replay DESK --headless --frames 1 --listen 0.0.0.0:0");
+    says(&line, &["0.0.0.0:0", "token"]);
+}
+
+#[test]
+fn adapters_that_are_not_there() {
+    let desk = Desk::new();
+    says(
+        &complaint(&desk, "DESK --adapter nonesuch"),
+        &["nonesuch", "not found"],
+    );
+    says(
+        &desk.refuses("bench --adapter nonesuch"),
+        &["nonesuch", "not found"],
+    );
+    let bare = Desk::new()
+        .with("VK_DRIVER_FILES", "/nonexistent")
+        .with("VK_ICD_FILENAMES", "/nonexistent");
+    says(
+        &complaint(&bare, "DESK"),
+        &["no graphics adapter", "install", "doctor"],
+    );
+    says(
+        &bare.refuses("bench"),
+        &["no graphics adapter", "install", "doctor"],
+    );
+}
+
+#[test]
+fn no_window_system() {
+    let desk = Desk::new();
+    let line = desk.refuses("replay DESK --frames 1 --listen 127.0.0.1:0");
+    says(&line, &["no window", "--headless"]);
+}
+
+/// Whatever is written goes nowhere where something is already.
+#[test]
+fn nothing_is_overwritten_without_force() {
+    let desk = Desk::new();
+    desk.put("report.json", "mine");
+    desk.put("bench.json", "mine");
+    desk.put("light/light.json", "mine");
+    desk.put("frames/00007.png", "mine");
+    desk.put("session.mcap", "mine");
+    let quick = format!("replay DESK {QUICK}");
+    says(
+        &desk.refuses(&format!("{quick} --report report.json")),
+        &["report.json", "--force"],
+    );
+    says(
+        &desk.refuses(&format!("{quick} --frames-out frames")),
+        &["frames", "--force"],
+    );
+    says(
+        &desk.refuses("bench --json bench.json"),
+        &["bench.json", "--force"],
+    );
+    says(
+        &desk.refuses("light DESK --out light"),
+        &["light.json", "--force"],
+    );
+    says(
+        &desk.refuses("import . session.mcap"),
+        &["session.mcap", "--force"],
+    );
+    for name in [
+        "report.json",
+        "bench.json",
+        "light/light.json",
+        "frames/00007.png",
+        "session.mcap",
+    ] {
+        assert_eq!(desk.read(name), b"mine", "{name}");
+    }
+    assert_eq!(desk.names("frames"), ["00007.png"]);
+    says(
+        &desk.refuses(&format!("{quick} --report gone/report.json")),
+        &["gone"],
+    );
+}
+
+#[test]
+fn words_that_mean_nothing_are_usage() {
+    let desk = Desk::new();
+    let lines = [
+        "replay",
+        "replay DESK --speed fast",
+        "replay DESK --light-count 65",
+        "replay DESK --lights best",
+        "replay DESK --headless --fullscreen",
+        "bench --case cornell",
+        "bench --size 800",
+        "light DESK",
+        "sing",
+    ];
+    for line in lines {
+        let output = desk.run(line);
+        assert_eq!(output.status.code(), Some(2), "{line}");
+        assert!(!output.stderr.is_empty(), "{line}");
+    }
+}

@@ -1,0 +1,183 @@
+//! `replay`: the frames it writes, and the report.
+
+use crate::program::{Desk, desk_session, text};
+use crate::sessions::{put_rig_folder, put_tum_folder, scene_frames};
+use penumbra::picture::{Picture, YuvEncoding};
+
+const QUIET: &str = "--headless --speed max --listen 127.0.0.1:0";
+
+fn picture(desk: &Desk, name: &str) -> Picture {
+    Picture::from_file_bytes(&desk.read(name)).unwrap()
+}
+
+#[test]
+fn the_same_input_gives_the_same_bytes() {
+    let desk = Desk::new();
+    let line = format!("replay DESK {QUIET} --frames 3");
+    desk.works(&format!("{line} --frames-out first --report report.json"));
+    desk.works(&format!("{line} --frames-out second"));
+    let names = ["00000.png", "00001.png", "00002.png"];
+    assert_eq!(desk.names("first"), names);
+    assert_eq!(desk.names("second"), names);
+    for name in names {
+        assert_eq!(
+            desk.read(format!("first/{name}")),
+            desk.read(format!("second/{name}"))
+        );
+    }
+    something_is_drawn(&desk);
+    the_report_tells(&desk);
+}
+
+fn something_is_drawn(desk: &Desk) {
+    let frame = &scene_frames(1)[0];
+    let seen = Picture::decode(frame, &YuvEncoding::default()).unwrap();
+    let drawn = picture(desk, "first/00000.png");
+    let changed = drawn
+        .rgba
+        .chunks(4)
+        .zip(seen.rgba.chunks(4))
+        .filter(|(a, b)| a != b)
+        .count();
+    // A teapot and its shadow cover several per cent of 640×480.
+    assert!(
+        changed > 10_000,
+        "{changed} pixels differ from the camera's"
+    );
+}
+
+fn the_report_tells(desk: &Desk) {
+    let report = desk.json("report.json");
+    assert_eq!(report["version"], 1);
+    assert_eq!(report["session"], "desk.mcap");
+    assert_eq!(report["truncated"], false);
+    assert_eq!(report["resolution"], serde_json::json!([640, 480]));
+    let frames = &report["frames"];
+    assert_eq!(frames["composed"], 3);
+    for key in ["skipped", "damaged", "without_pose"] {
+        assert_eq!(frames[key], 0, "{key}");
+    }
+    assert!(frames["in_session"].as_u64().unwrap() >= 3);
+    assert!(
+        report["adapter"]
+            .as_str()
+            .is_some_and(|name| !name.is_empty())
+    );
+    assert_eq!(report["lights"], 64);
+    assert!(report["skew_ms"]["max"].as_f64().unwrap() >= 0.0);
+    let gains = report["white_balance"]["gains"].as_array().unwrap();
+    assert!(gains.len() == 3 && gains.iter().all(|g| g.as_f64().unwrap() > 0.0));
+    let stages = report["stages"].as_array().unwrap();
+    for name in ["decode", "environment", "composite", "output", "total"] {
+        let stage = stages
+            .iter()
+            .find(|s| s["name"] == name)
+            .unwrap_or_else(|| panic!("{name}"));
+        let (p50, p99) = (
+            stage["p50_ms"].as_f64().unwrap(),
+            stage["p99_ms"].as_f64().unwrap(),
+        );
+        assert!(p50 > 0.0 && p99 >= p50, "{name}: {p50} {p99}");
+    }
+}
+
+#[test]
+fn with_nothing_virtual_the_picture_is_the_camera_s() {
+    let desk = Desk::new();
+    for mode in ["ratio", "subtract"] {
+        let line = format!("replay DESK {QUIET} --scene none --frames 2 --light-count 8");
+        desk.works(&format!("{line} --shadow-mode {mode} --frames-out {mode}"));
+        for (i, frame) in scene_frames(2).iter().enumerate() {
+            let seen = Picture::decode(frame, &YuvEncoding::default()).unwrap();
+            let written = picture(&desk, &format!("{mode}/{i:05}.png"));
+            assert_eq!((written.width, written.height), (seen.width, seen.height));
+            assert!(written.rgba == seen.rgba, "{mode}: picture {i} differs");
+        }
+    }
+}
+
+#[test]
+fn a_truncated_session_is_played_as_far_as_it_goes() {
+    let desk = Desk::new();
+    let whole = std::fs::read(desk_session()).unwrap();
+    desk.put("cut.mcap", &whole[..whole.len() * 7 / 10]);
+    let line = format!("replay cut.mcap {QUIET} --frames 1 --light-count 8 --report report.json");
+    let output = desk.run(&line);
+    let said = text(&output.stderr);
+    assert!(output.status.success(), "{said}");
+    assert_eq!(said.lines().count(), 1, "{said}");
+    assert!(
+        said.contains("cut.mcap") && said.contains("cut off"),
+        "{said}"
+    );
+    assert_eq!(desk.json("report.json")["truncated"], true);
+}
+
+#[test]
+fn force_writes_over_what_is_there() {
+    let desk = Desk::new();
+    desk.put(
+        "report.json",
+        "mine, and longer than any other file should be".repeat(1000),
+    );
+    desk.put("frames/00000.png", "mine");
+    let line = format!("replay DESK {QUIET} --frames 1 --light-count 8 --force");
+    desk.works(&format!("{line} --report report.json --frames-out frames"));
+    assert_eq!(desk.json("report.json")["frames"]["composed"], 1);
+    assert_eq!(picture(&desk, "frames/00000.png").width, 640);
+}
+
+/// What was typed comes before what stands in the file; what was not typed is the file's.
+#[test]
+fn the_command_line_comes_before_the_configuration() {
+    let desk = Desk::new();
+    let config = "[output]\nwindow = false\nframes = \"pictures\"\n\
+        [replay]\nspeed = \"max\"\n[environment]\nlight_count = 24\n[status]\nlisten = \"127.0.0.1:0\"\n";
+    desk.put("settings/rig.toml", config);
+    desk.works("replay DESK --config settings/rig.toml --frames 1 --report 24.json");
+    assert_eq!(desk.json("24.json")["lights"], 24);
+    assert_eq!(desk.names("settings/pictures"), ["00000.png"]);
+    let typed = "--light-count 8 --frames-out here --report 8.json";
+    desk.works(&format!(
+        "replay DESK --config settings/rig.toml --frames 1 {typed}"
+    ));
+    assert_eq!(desk.json("8.json")["lights"], 8);
+    assert_eq!(desk.names("here"), ["00000.png"]);
+}
+
+#[test]
+fn an_imported_folder_plays_like_the_session_it_came_from() {
+    let desk = Desk::new();
+    put_rig_folder(&desk, "rig", 8);
+    let said = desk.works("import rig rig.mcap");
+    assert!(
+        said.contains("rig.mcap") && said.contains("8 scene pictures"),
+        "{said}"
+    );
+    let line = format!("{QUIET} --frames 2 --light-count 8 --frames-out");
+    desk.works(&format!("replay rig.mcap {line} imported"));
+    desk.works(&format!("replay DESK {line} bundled"));
+    for name in ["00000.png", "00001.png"] {
+        let same = desk.read(format!("imported/{name}")) == desk.read(format!("bundled/{name}"));
+        assert!(same, "{name} differs");
+    }
+}
+
+#[test]
+fn a_tum_folder_plays() {
+    let desk = Desk::new();
+    put_tum_folder(&desk, "tum");
+    let said = desk.works("import tum tum.mcap");
+    assert!(
+        said.contains("2 scene pictures") && said.contains("3 poses"),
+        "{said}"
+    );
+    desk.works(&format!(
+        "replay tum.mcap {QUIET} --frames-out out --report report.json"
+    ));
+    assert_eq!(desk.names("out"), ["00000.png", "00001.png"]);
+    let report = desk.json("report.json");
+    assert_eq!(report["frames"]["composed"], 2);
+    assert_eq!(report["frames"]["without_pose"], 0);
+    assert_eq!(report["white_balance"], serde_json::Value::Null);
+}

@@ -1,0 +1,101 @@
+//! What goes on beside the frames: the status page and the signals.
+
+use crate::program::{Desk, text};
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::{TcpListener, TcpStream};
+use std::process::{Child, Stdio};
+use std::time::Duration;
+
+/// A looped replay, and the address that it told.
+fn looping(desk: &Desk) -> (Child, String) {
+    let session = crate::program::desk_session().display().to_string();
+    let line = "--loop --headless --speed max --light-count 8 --listen 127.0.0.1:0 --report r.json";
+    let arguments = ["replay", &session].into_iter().chain(line.split(' '));
+    let mut command = desk.command(&arguments.collect::<Vec<_>>());
+    let mut child = command
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut said = String::new();
+    BufReader::new(child.stdout.as_mut().unwrap())
+        .read_line(&mut said)
+        .unwrap();
+    let address = said
+        .trim_end()
+        .strip_prefix("status page: http://")
+        .and_then(|a| a.strip_suffix('/'));
+    let address = address.unwrap_or_else(|| panic!("{said:?}")).to_owned();
+    (child, address)
+}
+
+fn get(address: &str, path: &str) -> String {
+    let mut stream = TcpStream::connect(address).unwrap();
+    stream
+        .set_read_timeout(Some(Duration::from_secs(20)))
+        .unwrap();
+    write!(
+        stream,
+        "GET {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n"
+    )
+    .unwrap();
+    let mut answer = Vec::new();
+    stream.read_to_end(&mut answer).unwrap();
+    text(&answer)
+}
+
+#[cfg(unix)]
+#[test]
+fn a_signal_ends_a_loop_cleanly() {
+    for signal in ["-INT", "-TERM"] {
+        let desk = Desk::new();
+        let (child, address) = looping(&desk);
+        let answer = get(&address, "/status");
+        assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
+        assert!(answer.contains("\"version\""), "{answer}");
+        // A replay that has not made a picture yet has nothing to report.
+        while !get(&address, "/healthz").starts_with("HTTP/1.1 200") {
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        let id = child.id().to_string();
+        assert!(
+            std::process::Command::new("kill")
+                .args([signal, &id])
+                .status()
+                .unwrap()
+                .success()
+        );
+        let output = child.wait_with_output().unwrap();
+        assert!(
+            output.status.success(),
+            "{signal}: {}",
+            text(&output.stderr)
+        );
+        assert!(
+            output.stderr.is_empty(),
+            "{signal}: {}",
+            text(&output.stderr)
+        );
+        assert!(desk.json("r.json")["frames"]["composed"].as_u64().unwrap() >= 1);
+    }
+}
+
+/// Replays that write files at full speed may run side by side; the second does without
+/// the page that nobody asked for.
+#[test]
+fn a_taken_usual_port_is_no_reason_not_to_write_frames() {
+    let Ok(_taken) = TcpListener::bind("127.0.0.1:8780") else {
+        eprintln!(
+            "a_taken_usual_port_is_no_reason_not_to_write_frames: skipped, port 8780 is not free"
+        );
+        return;
+    };
+    let desk = Desk::new();
+    let line = "replay DESK --headless --light-count 8 --frames 1";
+    let output = desk.run(&format!("{line} --speed max --frames-out out"));
+    let said = text(&output.stderr);
+    assert!(output.status.success(), "{said}");
+    assert!(said.contains("8780") && said.lines().count() == 1, "{said}");
+    assert_eq!(desk.names("out"), ["00000.png"]);
+    assert!(desk.refuses(line).contains("8780"));
+}

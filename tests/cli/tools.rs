@@ -1,0 +1,134 @@
+//! The commands beside `replay`.
+
+use crate::program::{Desk, text};
+
+#[test]
+fn info_tells_streams_rates_and_attachments() {
+    let said = Desk::new().works("info DESK");
+    let scene = said
+        .lines()
+        .find(|l| l.starts_with("/scene_camera/image"))
+        .unwrap();
+    assert!(scene.contains("60") && scene.contains("29.8"), "{scene}");
+    for part in [
+        "/environment_camera/image_ev-8",
+        "/tracker/bytes",
+        "fastrak",
+        "rig.json",
+    ] {
+        assert!(said.contains(part), "{part}: {said}");
+    }
+}
+
+#[test]
+fn check_config_tells_what_is_changed() {
+    let desk = Desk::new();
+    desk.put(
+        "rig.toml",
+        "[shadows]\nmode = \"subtract\"\nstrength = 1.0\n",
+    );
+    let said = desk.works("check-config rig.toml");
+    assert!(said.contains("shadows.mode = \"subtract\""), "{said}");
+    assert!(!said.contains("strength"), "{said}");
+}
+
+#[test]
+fn doctor_fails_where_the_program_cannot_work() {
+    let desk = Desk::new();
+    let output = desk.run("doctor --adapter nonesuch --listen 127.0.0.1:0");
+    let said = text(&output.stdout);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(said.contains("FAIL") && said.contains("mend:"), "{said}");
+    assert!(output.stderr.is_empty(), "{}", text(&output.stderr));
+    let said = desk.works("doctor --listen 127.0.0.1:0");
+    assert!(said.contains("shaders") && !said.contains("FAIL"), "{said}");
+}
+
+#[test]
+fn bench_writes_a_row_for_every_setting_of_the_paper() {
+    let desk = Desk::new();
+    let said = desk.works("bench --case supan --frames 1 --size 64x48 --json bench.json");
+    assert!(said.contains("wall p50"), "{said}");
+    let report = desk.json("bench.json");
+    assert_eq!(report["version"], 1);
+    let rows = report["rows"].as_array().unwrap();
+    let setting = |row: &serde_json::Value| {
+        [&row["lights"], &row["refreshed_per_frame"]].map(|n| n.as_u64().unwrap())
+    };
+    let settings: Vec<_> = rows.iter().map(setting).collect();
+    assert_eq!(settings, [[0, 0], [8, 1], [48, 1], [64, 1], [64, 64]]);
+    for row in rows {
+        assert_eq!(
+            (&row["case"], &row["triangles"]),
+            (&"supan".into(), &58_500.into())
+        );
+        assert_eq!((&row["width"], &row["height"]), (&64.into(), &48.into()));
+        assert!(row["fps"].as_f64().unwrap() > 0.0);
+        assert!(row["wall_ms"]["p99"].as_f64() >= row["wall_ms"]["p50"].as_f64());
+        assert!(row["gpu_ms"]["p50"].is_number());
+        assert!(row["passes"].is_array());
+    }
+}
+
+#[test]
+fn light_of_a_session_is_written_as_maps_and_lights() {
+    let desk = Desk::new();
+    let said = desk.works("light DESK --out light");
+    assert!(said.contains("elevation"), "{said}");
+    let files = [
+        "environment.exr",
+        "environment.png",
+        "light.json",
+        "lights.png",
+    ];
+    assert_eq!(desk.names("light"), files);
+    let light = desk.json("light/light.json");
+    let d: Vec<f64> = light["dominant_direction"]["vector"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|x| x.as_f64().unwrap())
+        .collect();
+    // The desk is lit from above.
+    assert!(
+        d[2] > 0.0 && (d.iter().map(|x| x * x).sum::<f64>() - 1.0).abs() < 1e-4,
+        "{d:?}"
+    );
+    assert!(!light["dome_lights"].as_array().unwrap().is_empty());
+    let line = desk.refuses("light DESK --kind sphere --out other");
+    assert!(line.contains("--kind"), "{line}");
+}
+
+#[test]
+fn light_of_what_is_no_picture_is_refused() {
+    let desk = Desk::new();
+    desk.put("notes.png", "no picture");
+    desk.put("calibration.toml", "radios = 3\n");
+    assert!(
+        desk.refuses("light notes.png --out light")
+            .contains("notes.png")
+    );
+    assert!(
+        desk.refuses("light gone.png --out light")
+            .contains("gone.png")
+    );
+    let line = desk.refuses("light notes.png --calibration calibration.toml --out light");
+    assert!(line.contains("calibration.toml"), "{line}");
+    assert!(!desk.path("light").exists());
+}
+
+#[test]
+fn help_names_every_command() {
+    let said = Desk::new().works("--help");
+    for command in [
+        "replay",
+        "import",
+        "info",
+        "light",
+        "check-config",
+        "doctor",
+        "bench",
+    ] {
+        assert!(said.contains(command), "{command}: {said}");
+    }
+}
