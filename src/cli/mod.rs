@@ -9,6 +9,7 @@ mod check;
 mod files;
 mod import;
 mod light;
+mod quiet;
 mod replay;
 
 use clap::{Parser, Subcommand};
@@ -47,6 +48,7 @@ enum Command {
 /// Carries out the command line.
 pub fn run() -> ExitCode {
     let cli = Cli::parse();
+    quiet::silence_device_select();
     start_log();
     match carry_out(cli.command) {
         Ok(code) => code,

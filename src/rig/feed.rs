@@ -40,7 +40,7 @@ impl Feed {
             events: session.events(),
             decoder: Decoder::new(record_format(&session, rig.tracker.as_ref())),
             sphere_in_scene: is_sphere_in_scene(rig),
-            pairing: Pairing::new(config),
+            pairing: Pairing::new(with_recorded_poses(config, &session)),
             session,
             exhausted: false,
             last_arrival: MonotonicTime::default(),
@@ -52,7 +52,7 @@ impl Feed {
     pub fn rewind(&mut self, config: PairingConfig) {
         self.events = self.session.events();
         self.decoder.reset();
-        self.pairing = Pairing::new(config);
+        self.pairing = Pairing::new(with_recorded_poses(config, &self.session));
         self.exhausted = false;
     }
 
@@ -129,6 +129,16 @@ impl Feed {
 pub fn is_sphere_in_scene(rig: &RigCalibration) -> bool {
     let environment = rig.environment.as_ref();
     environment.is_some_and(|e| matches!(e.view, EnvironmentView::SphereInScene { .. }))
+}
+
+/// A session whose poses are no tracker's bytes, such as an imported TUM one, has poses of
+/// the scene camera itself, and needs no tracker's calibration for them.
+fn with_recorded_poses(config: PairingConfig, session: &Session) -> PairingConfig {
+    let recorded = session.tracker_protocol().is_none().then_some(1);
+    PairingConfig {
+        station: config.station.or(recorded),
+        ..config
+    }
 }
 
 /// How the recorded bytes are spelled. A protocol that nobody knows is read as a FASTRAK's

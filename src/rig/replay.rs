@@ -358,7 +358,9 @@ impl Run {
     }
 
     fn into_report(self, replay: &Replay, feed: &Feed) -> Result<Report, RigError> {
-        if feed.counts().scene_frames == 0 {
+        // One that was stopped at once has seen nothing yet.
+        let stopped = self.closed || replay.shutdown.load(Ordering::Relaxed);
+        if feed.counts().scene_frames == 0 && !stopped {
             return Err(RigError::Empty {
                 path: replay.session.path().to_owned(),
             });

@@ -61,15 +61,19 @@ impl Desk {
         names
     }
 
-    /// The program, ready to run, with a window system and a log level of nobody's.
+    /// The program, ready to run, on a machine without a desktop.
     pub fn command<S: AsRef<OsStr>>(&self, arguments: &[S]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_penumbra"));
         command.args(arguments).current_dir(self.folder.path());
-        for name in ["DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET", "RUST_LOG"] {
+        let desktop = [
+            "DISPLAY",
+            "WAYLAND_DISPLAY",
+            "WAYLAND_SOCKET",
+            "XDG_RUNTIME_DIR",
+        ];
+        for name in desktop.iter().chain(&["NODEVICE_SELECT", "RUST_LOG"]) {
             command.env_remove(name);
         }
-        // Mesa's own layer complains on machines without a desktop.
-        command.env("NODEVICE_SELECT", "1");
         command.envs(self.environment.iter().copied());
         command
     }

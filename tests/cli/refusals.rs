@@ -62,10 +62,11 @@ fn sessions_without_what_a_replay_needs() {
         &[("rig.json", b"{\"scene_camera\": {}}")],
     );
     let session = Session::open(&desk_session()).unwrap();
-    let rig = session.attachment("rig.json").unwrap();
-    let broken: [(&str, &[u8]); 2] = [("rig.json", rig), ("object/object.glb", b"glTF, not")];
-    put_session(&desk, "object.mcap", &broken);
-    put_session(&desk, "no-object.mcap", &[("rig.json", rig)]);
+    let attachment = |name: &'static str| (name, session.attachment(name).unwrap());
+    let rest = ["rig.json", "phantoms/box.ply", "phantoms/cylinder.ply"].map(attachment);
+    put_session(&desk, "no-object.mcap", &rest);
+    let broken: (&str, &[u8]) = ("object/object.glb", b"glTF, but not");
+    put_session(&desk, "object.mcap", &[&rest[..], &[broken]].concat());
     says(&complaint(&desk, "bare.mcap"), &["rig.json"]);
     says(&complaint(&desk, "garbled.mcap"), &["rig.json", "line 1"]);
     says(

@@ -44,6 +44,12 @@ fn get(address: &str, path: &str) -> String {
     text(&answer)
 }
 
+/// A line of `/metrics` that counts a composed frame.
+fn composed_some(line: &str) -> bool {
+    let value = line.strip_prefix("penumbra_frames_composed_total ");
+    value.is_some_and(|v| v.trim().parse::<f64>().unwrap() > 0.0)
+}
+
 #[cfg(unix)]
 #[test]
 fn a_signal_ends_a_loop_cleanly() {
@@ -53,8 +59,7 @@ fn a_signal_ends_a_loop_cleanly() {
         let answer = get(&address, "/status");
         assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
         assert!(answer.contains("\"version\""), "{answer}");
-        // A replay that has not made a picture yet has nothing to report.
-        while !get(&address, "/healthz").starts_with("HTTP/1.1 200") {
+        while !get(&address, "/metrics").lines().any(composed_some) {
             std::thread::sleep(Duration::from_millis(50));
         }
         let id = child.id().to_string();
