@@ -182,7 +182,7 @@ impl<R: Send + 'static> App<R> {
             let _done = SayDone(done);
             job(gpu, Box::new(screen))
         };
-        threads::spawn("frames", frames).map_err(refused)
+        threads::spawn("compositor", frames).map_err(refused)
     }
 
     /// The frames' thread ends with its next frame; the window need not wait for that.

@@ -101,9 +101,7 @@ impl Replay {
     pub fn run(self, gpu: Gpu, screen: Option<Box<dyn Screen>>) -> Result<Report, RigError> {
         let folder = match &self.config.output.frames {
             Some(path) => Some(FrameFolder::create(path, self.options.force, |job| {
-                std::thread::Builder::new()
-                    .name("frames".to_owned())
-                    .spawn(job)
+                super::threads::spawn("files", job)
             })?),
             None => None,
         };

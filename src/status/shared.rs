@@ -289,9 +289,9 @@ mod tests {
     fn a_panic_in_a_writer_does_not_take_the_status_away() {
         let (shared, _) = shared();
         let writer = Arc::clone(&shared);
-        std::thread::spawn(move || writer.update(|_| panic!("on purpose")))
-            .join()
-            .unwrap_err();
+        let job = move || writer.update(|_| panic!("on purpose"));
+        let thread = crate::rig::threads::spawn("panics", job).unwrap();
+        thread.join().unwrap_err();
         shared.update(|s| s.frames.composed = 3);
         assert_eq!(shared.snapshot().frames.composed, 3);
     }

@@ -9,3 +9,4 @@ mod replay;
 mod service;
 mod sessions;
 mod tools;
+mod window;

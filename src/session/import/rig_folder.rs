@@ -168,12 +168,14 @@ fn view_tracker(rig: &Value, plan: &mut Plan) {
     if rig.is_null() {
         return;
     }
-    let mut format = Format::default();
-    format.metres_per_unit = match rig["tracker"]["fastrak"]["units"].as_str() {
-        Some("centimetres") => METRES_PER_CENTIMETRE,
-        Some("millimetres") => 0.001,
-        Some("metres") => 1.0,
-        _ => METRES_PER_INCH,
+    let format = Format {
+        metres_per_unit: match rig["tracker"]["fastrak"]["units"].as_str() {
+            Some("centimetres") => METRES_PER_CENTIMETRE,
+            Some("millimetres") => 0.001,
+            Some("metres") => 1.0,
+            _ => METRES_PER_INCH,
+        },
+        ..Format::default()
     };
     let mut decoder = Decoder::new(format);
     let mut views = Vec::new();

@@ -1,0 +1,123 @@
+//! The window, on an X server without a screen.
+
+use crate::program::{Desk, text};
+use crate::sessions::scene_frames;
+use penumbra::picture::{Picture, YuvEncoding};
+use std::io::{BufRead, BufReader};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// An X server that keeps its screen in a file.
+struct Server {
+    child: Child,
+    display: String,
+}
+
+impl Server {
+    /// `None` where there is no Xvfb.
+    fn start(desk: &Desk) -> Option<Self> {
+        let options = [
+            "-displayfd",
+            "1",
+            "-screen",
+            "0",
+            "800x600x24",
+            "-nolisten",
+            "tcp",
+            "-fbdir",
+        ];
+        let mut child = Command::new("Xvfb")
+            .args(options)
+            .arg(desk.path(""))
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .ok()?;
+        let mut number = String::new();
+        BufReader::new(child.stdout.as_mut()?)
+            .read_line(&mut number)
+            .ok()?;
+        let display = format!(":{}", number.trim());
+        Some(Self { child, display })
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        self.child.kill().unwrap();
+        self.child.wait().unwrap();
+    }
+}
+
+/// The screen's rows as R G B; the file is of the format XWD.
+fn screen(desk: &Desk) -> Vec<Vec<[u8; 3]>> {
+    let file = desk.read("Xvfb_screen0");
+    let word = |i: usize| u32::from_be_bytes(file[4 * i..4 * i + 4].try_into().unwrap()) as usize;
+    let (header, width, height, stride, colours) = (word(0), word(4), word(5), word(12), word(19));
+    let pixels = &file[header + 12 * colours..];
+    let row = |row: &[u8]| {
+        row.chunks_exact(4)
+            .take(width)
+            .map(|p| [p[2], p[1], p[0]])
+            .collect()
+    };
+    pixels.chunks_exact(stride).take(height).map(row).collect()
+}
+
+/// Whether `picture` stands somewhere on the screen, pixel by pixel, and where.
+fn found(screen: &[Vec<[u8; 3]>], picture: &Picture) -> Option<(usize, usize)> {
+    let (width, height) = (picture.width as usize, picture.height as usize);
+    let pixel = |x: usize, y: usize| picture.rgb(x as u32, y as u32);
+    let here = |left: usize, top: usize| {
+        (0..height).all(|y| (0..width).all(|x| screen[top + y][left + x] == pixel(x, y)))
+    };
+    let places = (0..=screen.len() - height)
+        .flat_map(|top| (0..=screen[0].len() - width).map(move |left| (left, top)));
+    places.into_iter().find(|(left, top)| here(*left, *top))
+}
+
+#[test]
+fn the_window_shows_the_picture() {
+    let desk = Desk::new();
+    let Some(server) = Server::start(&desk) else {
+        eprintln!("the_window_shows_the_picture: skipped, there is no Xvfb (apt-get install xvfb)");
+        return;
+    };
+    let session = crate::program::desk_session().display().to_string();
+    // So slow that the first picture stays.
+    let line = "--scene none --light-count 8 --speed 0.01 --loop --listen 127.0.0.1:0";
+    let arguments: Vec<_> = ["replay", &session]
+        .into_iter()
+        .chain(line.split(' '))
+        .collect();
+    let mut command = desk.command(&arguments);
+    command
+        .env("DISPLAY", &server.display)
+        .stderr(Stdio::piped())
+        .stdout(Stdio::null());
+    let child = command.spawn().unwrap();
+    let first = Picture::decode(&scene_frames(1)[0], &YuvEncoding::default()).unwrap();
+    let patience = Instant::now() + Duration::from_secs(60);
+    let place = loop {
+        let place = found(&screen(&desk), &first);
+        if place.is_some() || Instant::now() > patience {
+            break place;
+        }
+        std::thread::sleep(Duration::from_millis(200));
+    };
+    let id = child.id().to_string();
+    assert!(
+        Command::new("kill")
+            .args(["-TERM", &id])
+            .status()
+            .unwrap()
+            .success()
+    );
+    let output = child.wait_with_output().unwrap();
+    assert!(
+        place.is_some(),
+        "the picture is not on the screen; {}",
+        text(&output.stderr)
+    );
+    assert!(output.status.success(), "{}", text(&output.stderr));
+}
