@@ -158,8 +158,8 @@ pub fn run(args: ReplayArgs) -> anyhow::Result<ExitCode> {
     };
     let replay = replay(session, config.clone(), options, status, shutdown.clone())?;
     let address = address(server.as_ref(), &config);
-    let service = Service::start(server, shutdown)?;
-    let report = play(replay, config, &args, address)?;
+    let service = Service::start(server, shutdown.clone())?;
+    let report = play(replay, config, &args, (address, shutdown))?;
     drop(service);
     if let Some(file) = report_file {
         file.write(&report)?;
@@ -174,7 +174,7 @@ fn play(
     replay: Replay,
     config: Config,
     args: &ReplayArgs,
-    address: Option<String>,
+    (address, shutdown): (Option<String>, Arc<AtomicBool>),
 ) -> Result<Report, RigError> {
     let announce = move || address.into_iter().for_each(super::say);
     if !config.output.window {
@@ -193,6 +193,7 @@ fn play(
         fullscreen: config.output.fullscreen,
         picture: replay.picture_size(),
         adapter: config.gpu.adapter,
+        shutdown,
     };
     window::run(options, move |gpu, screen| {
         announce();

@@ -113,7 +113,7 @@ fn environment(file: file::Environment, out: &mut EnvironmentConfig) -> Result<(
     }
     set(
         &mut out.cube_size,
-        power_of_two("environment.cube_size", file.cube_size, 16, 1024)?,
+        power_of_two("environment.cube_size", file.cube_size, 16, 512)?,
     );
     set(&mut out.lights, file.lights);
     if let Some(count) = file.light_count {
@@ -222,10 +222,10 @@ fn status(file: file::Status, out: &mut StatusConfig) -> Result<()> {
         })?;
     }
     if let Some(token) = file.token {
-        if token.len() < 8 || !token.bytes().all(|b| b.is_ascii_graphic()) {
+        if !crate::status::is_token(&token) {
             return Err(Fault::new(
                 "status.token",
-                "expected at least 8 printable characters without spaces",
+                "expected 12 to 256 letters, digits or -._~",
             ));
         }
         out.token = Some(token);

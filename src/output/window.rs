@@ -8,6 +8,7 @@ use crate::rig::replay::Screen;
 use crate::rig::{RigError, threads};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use winit::application::ApplicationHandler;
 use winit::dpi::{PhysicalPosition, PhysicalSize};
@@ -31,6 +32,8 @@ pub struct WindowOptions {
     pub picture: (u32, u32),
     /// As [`Gpu::open`] wants it.
     pub adapter: Option<String>,
+    /// Set when the user closes the window.
+    pub shutdown: Arc<AtomicBool>,
 }
 
 type Job<R> = Box<dyn FnOnce(Gpu, Box<dyn Screen>) -> R + Send>;
@@ -188,6 +191,7 @@ impl<R: Send + 'static> App<R> {
     /// The frames' thread ends with its next frame; the window need not wait for that.
     fn close(&self) {
         self.place.close();
+        self.options.shutdown.store(true, Ordering::Relaxed);
         if let Some(window) = &self.window {
             window.set_visible(false);
         }

@@ -8,6 +8,7 @@
 pub mod feed;
 pub mod light;
 pub mod light_report;
+mod pace;
 pub mod replay;
 pub mod report;
 pub mod service;

@@ -2,6 +2,7 @@
 
 use super::feed::Feed;
 use super::light::{LightStation, SceneView, placement};
+use super::pace::Pace;
 use super::report::{FrameCounts, InputCounts, Report, SkewMeter};
 use super::{RigError, RigSetup};
 use crate::compositor::{Compositor, CompositorSettings, FrameInput, Gpu, Refresh, ShadowMode};
@@ -11,7 +12,6 @@ use crate::picture::{Picture, YuvEncoding, decode_into};
 use crate::session::Session;
 use crate::status::{LightsMode, Settings, SharedStatus, StageTimes, Technique};
 use crate::sync::{PairingConfig, Provenance, RigFrame};
-use penumbra_interface::MonotonicTime;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -196,7 +196,7 @@ impl Run {
             let Some(frame) = feed.next_frame() else {
                 return Ok(());
             };
-            if self.pace.wait(frame.scene.arrived_at) {
+            if self.pace.wait(frame.scene.arrived_at, &replay.shutdown) {
                 self.compose(replay, &frame)?;
             } else {
                 self.frames.skipped += 1;
@@ -428,43 +428,5 @@ fn compositor_settings(config: &Config, software: bool) -> CompositorSettings {
             Antialias::Off => 1,
         },
         soft_samples: std::env::var("PEN_SOFT").map_or(if config.shadows.soft { automatic.soft_samples } else { 1 }, |v| v.parse().unwrap()),
-    }
-}
-
-/// Keeps the recorded pace.
-struct Pace {
-    factor: Option<f64>,
-    begun: Option<(Instant, MonotonicTime)>,
-}
-
-/// A frame later than this is left out, so that the picture keeps up with the recording.
-const LATE: Duration = Duration::from_millis(50);
-
-impl Pace {
-    const fn new(speed: ReplaySpeed) -> Self {
-        let factor = match speed {
-            ReplaySpeed::Factor(factor) => Some(factor),
-            ReplaySpeed::Max => None,
-        };
-        Self {
-            factor,
-            begun: None,
-        }
-    }
-
-    const fn restart(&mut self) {
-        self.begun = None;
-    }
-
-    /// Waits until a frame that arrived at `at` is due; false if it is too late for it.
-    fn wait(&mut self, at: MonotonicTime) -> bool {
-        let Some(factor) = self.factor else {
-            return true;
-        };
-        let (start, first) = *self.begun.get_or_insert((Instant::now(), at));
-        let due = start + Duration::from_secs_f64((at.seconds_since(first) / factor).max(0.0));
-        let now = Instant::now();
-        std::thread::sleep(due.saturating_duration_since(now));
-        now.saturating_duration_since(due) < LATE
     }
 }

@@ -25,11 +25,9 @@ const ANSWER_LIMIT: Duration = Duration::from_secs(10);
 pub struct Token(String);
 
 impl Token {
-    /// A token, if it is one that cannot be guessed and needs no quoting.
+    /// A token, if it is one.
     pub fn new(text: String) -> Option<Self> {
-        let fit = |c: char| c.is_ascii_alphanumeric() || TOKEN_EXTRA.contains(c);
-        let good = (MIN_TOKEN..=MAX_TOKEN).contains(&text.len()) && text.chars().all(fit);
-        good.then_some(Self(text))
+        is_token(&text).then_some(Self(text))
     }
 
     /// Compares in a time that does not tell how much was right.
@@ -41,6 +39,13 @@ impl Token {
             .fold(0, |d, (a, b)| d | (a ^ b));
         self.0.len() == other.len() && differences == 0
     }
+}
+
+/// Whether a text cannot be guessed and needs no quoting, as a token must be.
+#[must_use]
+pub fn is_token(text: &str) -> bool {
+    let fit = |c: char| c.is_ascii_alphanumeric() || TOKEN_EXTRA.contains(c);
+    (MIN_TOKEN..=MAX_TOKEN).contains(&text.len()) && text.chars().all(fit)
 }
 
 /// A token never reaches a log.

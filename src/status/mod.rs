@@ -20,6 +20,7 @@ mod stall;
 pub mod times;
 
 pub use fields::STATUS_FIELDS;
+pub use guard::is_token;
 pub use preview::environment_preview;
 pub use server::{DEFAULT_LISTEN, StatusError, StatusServer};
 pub use settings::{LightsMode, Settings, SettingsChange, ShadowMode, Technique};
