@@ -171,6 +171,7 @@ impl<R: Send + 'static> App<R> {
         let monitor = chosen(self.options.monitor.as_ref(), events)?;
         let attributes = attributes(&self.options, monitor.or_else(|| events.primary_monitor()));
         let window = Arc::new(events.create_window(attributes).map_err(refused)?);
+        window.set_cursor_visible(!self.options.fullscreen);
         let instance = Gpu::instance();
         let surface = instance
             .create_surface(window.clone())
