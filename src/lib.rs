@@ -2,7 +2,7 @@
 //! reflections and soft shadows agree with the real scene.
 //!
 //! The layout, in the order a frame travels: `drivers/*` (crates of their own) and
-//! [`session`] yield bytes with arrival times; [`capture`] turns them into pictures and
+//! [`session`] yield bytes with arrival times; `capture` turns them into pictures and
 //! poses; [`sync`] brings them to one instant; [`calibration`] knows the rig's geometry,
 //! white point and exposure; [`environment`] turns the environment camera's picture into
 //! light; [`scene`] holds what is virtual and the proxies of what is real. The

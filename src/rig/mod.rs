@@ -2,7 +2,7 @@
 //!
 //! [`feed`] turns a session's events into paired [`RigFrame`](crate::sync::RigFrame)s,
 //! [`light`] turns their environment pictures into light at the scene camera's white
-//! point, [`replay`] lets frames flow through the compositor to the outputs, [`report`]
+//! point, [`mod@replay`] lets frames flow through the compositor to the outputs, [`report`]
 //! says afterwards what happened.
 
 pub mod feed;

@@ -69,14 +69,15 @@ impl Chromium {
         let requests = process.stdin.take().expect("stdin was piped");
         let answers = process.stdout.take().expect("stdout was piped");
         let (sender, messages) = channel();
-        std::thread::spawn(move || {
+        let listen = move || {
             for message in BufReader::new(answers).split(0).map_while(Result::ok) {
                 let json = serde_json::from_slice(&message).expect("DevTools speaks JSON");
                 if sender.send(json).is_err() {
                     return;
                 }
             }
-        });
+        };
+        penumbra::rig::threads::spawn("devtools", listen).expect("a thread");
         let mut browser = Self {
             process,
             requests,

@@ -40,10 +40,9 @@ impl Show {
         let runtime = tokio::runtime::Runtime::new().expect("a runtime");
         runtime.spawn(server.serve(std::future::pending()));
         let stop = Arc::new(AtomicBool::new(false));
-        let feeder = std::thread::spawn({
-            let (shared, stop) = (Arc::clone(&shared), Arc::clone(&stop));
-            move || feed(&shared, &stop)
-        });
+        let fed = (Arc::clone(&shared), Arc::clone(&stop));
+        let feeder = penumbra::rig::threads::spawn("feeder", move || feed(&fed.0, &fed.1))
+            .expect("a thread");
         Self {
             address,
             shared,
