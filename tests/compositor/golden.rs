@@ -1,0 +1,195 @@
+//! A few whole pictures as they were when somebody looked at them and found them right.
+//! `PENUMBRA_GOLDEN=write cargo test --test compositor golden` makes them anew: look at
+//! them before they are committed.
+
+use crate::judge::{keep, write};
+use crate::stage::{Stage, painted};
+use glam::{DVec2, DVec3, Vec3};
+use penumbra::environment::cube::CubeGrid;
+use penumbra::environment::dome::DomeGrid;
+use penumbra::environment::harmonics::HarmonicsTable;
+use penumbra::environment::prefilter::Prefilter;
+use penumbra::environment::{DomeLight, LightKind, Lighting};
+use penumbra::picture::Picture;
+use penumbra::scene::{Material, primitives};
+use penumbra_interface::MonotonicTime;
+use std::path::Path;
+use std::sync::Arc;
+
+/// Differences are judged over squares of so many pixels a side, so that an edge may move
+/// by a fraction of a pixel, as it does from driver to driver.
+const SQUARE: u32 = 4;
+/// Greatest difference of a square's mean, codes.
+const LARGEST: f64 = 5.0;
+/// Greatest mean difference of the whole picture, codes.
+const MEAN: f64 = 0.5;
+
+fn assert_golden(name: &str, ours: &Picture) {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("tests/golden")
+        .join(format!("{name}.png"));
+    if std::env::var_os("PENUMBRA_GOLDEN").is_some() {
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        write(&path, ours);
+        return;
+    }
+    let bytes = std::fs::read(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+    let golden = Picture::from_file_bytes(&bytes).unwrap();
+    assert_eq!((ours.width, ours.height), (golden.width, golden.height));
+    let squares = square_differences(ours, &golden);
+    let mean = squares.iter().map(|s| s.1).sum::<f64>() / squares.len() as f64;
+    let (at, largest) = squares
+        .into_iter()
+        .max_by(|a, b| a.1.total_cmp(&b.1))
+        .unwrap();
+    if largest > LARGEST || mean > MEAN {
+        let kept = keep(name, ours);
+        panic!(
+            "{name}: {largest:.1} codes off around {at:?}, {mean:.2} on average; compare {} \
+             with {}, and if the new one is right, PENUMBRA_GOLDEN=write takes it",
+            kept.display(),
+            path.display()
+        );
+    }
+}
+
+/// Corner and greatest difference of the means, over the channels, of each square.
+fn square_differences(a: &Picture, b: &Picture) -> Vec<((u32, u32), f64)> {
+    let mean = |p: &Picture, x: u32, y: u32, c: usize| {
+        let sum: u32 = (0..SQUARE * SQUARE)
+            .map(|i| u32::from(p.rgb(x + i % SQUARE, y + i / SQUARE)[c]))
+            .sum();
+        f64::from(sum) / f64::from(SQUARE * SQUARE)
+    };
+    (0..a.height / SQUARE)
+        .flat_map(|v| (0..a.width / SQUARE).map(move |u| (u * SQUARE, v * SQUARE)))
+        .map(|(x, y)| {
+            let off = |c| (mean(a, x, y, c) - mean(b, x, y, c)).abs();
+            ((x, y), (0..3).map(off).fold(0.0, f64::max))
+        })
+        .collect()
+}
+
+/// A room: a blue sky-light above, warm walls, a bright window to the right (+X), and a
+/// small lamp of its own behind to the left.
+fn room() -> Lighting {
+    let fine = CubeGrid::new(32);
+    let sky: Vec<Vec3> = fine
+        .directions
+        .iter()
+        .map(|d| {
+            let window = d.x > 0.75 && d.z > 0.1 && d.z < 0.6 && d.y.abs() < 0.4;
+            let wall = Vec3::new(0.30, 0.26, 0.22).lerp(Vec3::new(0.3, 0.4, 0.6), d.z.max(0.0));
+            if window {
+                Vec3::new(5.0, 5.2, 5.5)
+            } else {
+                wall
+            }
+        })
+        .collect();
+    let lamp = DomeLight {
+        direction: Vec3::new(-0.5, 0.6, 0.7).normalize(),
+        irradiance: Vec3::new(1.3, 1.1, 0.8),
+        angular_radius: 0.03,
+        kind: LightKind::Compact,
+    };
+    let mut lights = DomeGrid::new(64, true, &fine).lights(&sky, &fine);
+    // The last of the 64 are below the horizon, and dark.
+    *lights.last_mut().unwrap() = lamp;
+    let mut radiance = sky.clone();
+    for (l, d) in radiance.iter_mut().zip(&fine.directions) {
+        if d.dot(lamp.direction) > 0.06_f32.cos() {
+            *l += lamp.irradiance * 60.0;
+        }
+    }
+    Lighting {
+        captured_at: MonotonicTime::default(),
+        generation: 1,
+        radiance: Arc::new(Prefilter::new(32).apply(&radiance)),
+        irradiance: HarmonicsTable::new(&fine.directions, &fine.solid_angles).project(&sky),
+        lights,
+        ground_radiance: Vec3::new(0.25, 0.22, 0.2),
+    }
+}
+
+/// The table as a camera sees it: squares of 5 cm, dark and light.
+fn checkered(stage: &Stage) -> Picture {
+    let pose = stage.pose.unwrap();
+    let (width, height) = (stage.picture.width, stage.picture.height);
+    let shade = |x: f64, y: f64| {
+        let ray = pose.rotation * stage.camera.unproject(DVec2::new(x, y));
+        let foot = pose.translation - ray * (pose.translation.z / ray.z);
+        let odd = ((foot.x / 0.05).floor() + (foot.y / 0.05).floor()) as i64 % 2 != 0;
+        if odd {
+            Vec3::new(0.1, 0.16, 0.2)
+        } else {
+            Vec3::new(0.5, 0.45, 0.4)
+        }
+    };
+    let mut rgba = Vec::new();
+    for i in 0..width * height {
+        let (x, y) = (f64::from(i % width), f64::from(i / width));
+        let sum: Vec3 = (0..16)
+            .map(|k| {
+                shade(
+                    x + f64::from(k % 4) / 4.0 - 0.375,
+                    y + f64::from(k / 4) / 4.0 - 0.375,
+                )
+            })
+            .sum();
+        let codes = (sum / 16.0)
+            .to_array()
+            .map(|v| stage.response.code_from_linear(v));
+        rgba.extend(codes);
+        rgba.push(255);
+    }
+    Picture {
+        width,
+        height,
+        rgba,
+    }
+}
+
+fn golden_stage() -> Stage {
+    let mut stage = Stage::new(160, 120).lit(room());
+    stage.picture = checkered(&stage);
+    stage
+}
+
+#[test]
+fn golden_box_under_64_lights() {
+    let red = Material {
+        base_colour: Vec3::new(0.7, 0.25, 0.2).extend(1.0),
+        roughness: 0.6,
+        ..Material::default()
+    };
+    let stage = golden_stage().with_virtual(painted(
+        primitives::cuboid(Vec3::new(0.1, 0.1, 0.12)),
+        DVec3::new(0.0, 0.02, 0.0),
+        red,
+    ));
+    assert_golden("box-64-lights", &stage.compose());
+}
+
+#[test]
+fn golden_glossy_ball_and_a_real_box() {
+    let gold = Material {
+        base_colour: Vec3::new(0.95, 0.75, 0.4).extend(1.0),
+        metallic: 1.0,
+        roughness: 0.25,
+        ..Material::default()
+    };
+    let mut stage = golden_stage()
+        .with_virtual(painted(
+            primitives::sphere(0.07, 96, 48),
+            DVec3::new(0.0, 0.0, 0.07),
+            gold,
+        ))
+        .with_phantom(crate::stage::part(
+            primitives::cuboid(Vec3::new(0.05, 0.03, 0.06)),
+            DVec3::new(0.06, -0.1, 0.0),
+        ));
+    // Coarse shadows here, fine ones above.
+    stage.settings.shadow_step = 2;
+    assert_golden("glossy-ball", &stage.compose());
+}
