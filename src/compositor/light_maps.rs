@@ -130,19 +130,11 @@ impl LightMaps {
     fn write_tables(&mut self, queue: &wgpu::Queue) {
         for (texture, least) in self.tables.iter().zip([0.0, 0.5]) {
             self.texels.clear();
-            for i in 0..BY_NORMAL * BY_NORMAL {
+            let counted = || self.staging.iter().filter(|l| l.irradiance[3] >= least);
+            self.texels.extend((0..BY_NORMAL * BY_NORMAL).map(|i| {
                 let n = normal_of_texel(i % BY_NORMAL, i / BY_NORMAL);
-                let sum: Vec3 = self
-                    .staging
-                    .iter()
-                    .filter(|l| l.irradiance[3] >= least)
-                    .map(|l| {
-                        let towards = Vec3::from_slice(&l.direction).dot(n).max(0.0);
-                        Vec3::from_slice(&l.irradiance) * towards
-                    })
-                    .sum();
-                self.texels.push(half_texel(sum.to_array()));
-            }
+                half_texel(irradiance_on(n, counted()).to_array())
+            }));
             write_level(queue, texture, 0, BY_NORMAL, 1, &self.texels);
         }
     }
@@ -181,6 +173,13 @@ impl LightMaps {
         }
         renewed
     }
+}
+
+/// Irradiance of all of `lights` on a surface with normal `n`, unshadowed.
+fn irradiance_on<'a>(n: Vec3, lights: impl Iterator<Item = &'a LightUniform>) -> Vec3 {
+    lights
+        .map(|l| Vec3::from_slice(&l.irradiance) * Vec3::from_slice(&l.direction).dot(n).max(0.0))
+        .sum()
 }
 
 pub(super) fn half_texel([r, g, b]: [f32; 3]) -> [f16; 4] {
@@ -314,7 +313,7 @@ fn specular_scale_bias(n_dot_v: f32, roughness: f32) -> (f32, f32) {
 
 #[cfg(test)]
 mod tests {
-    use super::specular_scale_bias;
+    use super::*;
 
     #[test]
     fn a_smooth_mirror_reflects_everything_and_no_surface_reflects_more() {
@@ -329,5 +328,85 @@ mod tests {
                 );
             }
         }
+    }
+
+    /// Twin of WGSL `octahedron_from_normal`.
+    fn octahedron(n: Vec3) -> [f32; 2] {
+        let sum = n.abs().element_sum();
+        let (x, y) = (n.x / sum, n.y / sum);
+        let sign = |v: f32| if v >= 0.0 { 1.0 } else { -1.0 };
+        if n.z >= 0.0 {
+            [x, y]
+        } else {
+            [(1.0 - y.abs()) * sign(x), (1.0 - x.abs()) * sign(y)]
+        }
+    }
+
+    /// The table as the shaders read it: bilinear between texels.
+    fn from_table(n: Vec3, lights: &[LightUniform]) -> Vec3 {
+        let last = (BY_NORMAL - 1) as f32;
+        let [x, y] = octahedron(n).map(|p| (0.5 * p + 0.5) * last);
+        let texel = |dx: u32, dy: u32| {
+            let at = |v: f32, d: u32| (v as u32 + d).min(BY_NORMAL - 1);
+            irradiance_on(normal_of_texel(at(x, dx), at(y, dy)), lights.iter())
+        };
+        let rows = [0, 1].map(|dy| texel(0, dy).lerp(texel(1, dy), x.fract()));
+        rows[0].lerp(rows[1], y.fract())
+    }
+
+    fn spread(count: u32) -> impl Iterator<Item = Vec3> {
+        (0..count).map(move |i| {
+            let z = 1.0 - 2.0 * (i as f32 + 0.5) / count as f32;
+            let (sin, cos) = (2.4 * i as f32).sin_cos();
+            let r = (1.0 - z * z).sqrt();
+            Vec3::new(r * cos, r * sin, z)
+        })
+    }
+
+    #[test]
+    fn the_tables_of_irradiance_agree_with_direct_sums() {
+        let lights: Vec<_> = spread(48)
+            .map(|d| LightUniform {
+                direction: d.extend(0.1).to_array(),
+                irradiance: [1.0 + d.x, 1.0, 1.0 - d.y, 0.0],
+                ..LightUniform::default()
+            })
+            .collect();
+        for n in spread(500) {
+            let direct = irradiance_on(n, lights.iter());
+            let off = (from_table(n, &lights) - direct) / direct;
+            assert!(off.abs().max_element() < 0.015, "{n}: {off}");
+        }
+        // A single light bends most where its light grazes the surface.
+        for n in spread(500) {
+            let direct = irradiance_on(n, lights[7..8].iter()).x;
+            let off = from_table(n, &lights[7..8]).x - direct;
+            assert!(off.abs() < 0.03 * lights[7].irradiance[0], "{n}: {off}");
+        }
+    }
+
+    #[test]
+    fn level_ground_and_the_axes_are_exact() {
+        let light = LightUniform {
+            direction: [0.6, 0.0, 0.8, 0.0],
+            irradiance: [1.0, 2.0, 3.0, 1.0],
+            ..LightUniform::default()
+        };
+        for n in [
+            Vec3::Z,
+            Vec3::X,
+            Vec3::Y,
+            Vec3::NEG_X,
+            Vec3::NEG_Y,
+            Vec3::NEG_Z,
+        ] {
+            let off = from_table(n, &[light]) - irradiance_on(n, [light].iter());
+            assert!(off.abs().max_element() < 1e-6, "{n}: {off}");
+        }
+    }
+
+    #[test]
+    fn a_sun_too_bright_for_half_floats_stays_finite() {
+        assert!(half_texel([1e9, 1.0, 0.0]).iter().all(|v| v.is_finite()));
     }
 }

@@ -62,18 +62,26 @@ fn fibonacci_sphere(count: usize) -> impl Iterator<Item = Vec3> {
 
 /// An affine map from the world to a shadow map: rows for u, v, depth; the size of a
 /// texel and the length of the depth range, metres. All zero where nothing casts.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 struct Fit {
     rows: [[f32; 4]; 3],
     texel: f32,
     depth: f32,
 }
 
+impl Fit {
+    const NOWHERE: Self = Self {
+        rows: [[0.0; 4]; 3],
+        texel: 0.0,
+        depth: 0.0,
+    };
+}
+
 fn fit(hull: &CasterHull, to_light: Vec3, map_size: u32) -> Fit {
     let (right, up) = to_light.any_orthonormal_pair();
     let (Some(u), Some(v), Some(d)) = (hull.extent(right), hull.extent(up), hull.extent(to_light))
     else {
-        return Fit::default();
+        return Fit::NOWHERE;
     };
     let widen = |(lo, hi): (f32, f32)| {
         // Two texels of border, so that filtering at the edge finds emptiness.
@@ -99,6 +107,14 @@ struct Slot {
     fits: (Fit, Fit),
     /// Generation of the casters in the map; 0 = never drawn.
     casters: u64,
+}
+
+impl Slot {
+    const NEVER_DRAWN: Self = Self {
+        direction: Vec3::Z,
+        fits: (Fit::NOWHERE, Fit::NOWHERE),
+        casters: 0,
+    };
 }
 
 /// All shadow maps.
@@ -144,18 +160,14 @@ impl ShadowSlots {
         refresh: Refresh,
         chosen: &mut Vec<usize>,
     ) {
-        self.slots.resize(
-            lights.len(),
-            Slot {
-                direction: Vec3::Z,
-                fits: (Fit::default(), Fit::default()),
-                casters: 0,
-            },
-        );
+        // Fewer lights, or none while there is no pose, leave the other maps as they are.
+        if self.slots.len() < lights.len() {
+            self.slots.resize(lights.len(), Slot::NEVER_DRAWN);
+        }
         chosen.clear();
         match refresh {
             Refresh::UpTo(limit) => self.most_changed(lights, limit, chosen),
-            Refresh::InTurn(count) => self.in_turn(count, chosen),
+            Refresh::InTurn(count) => self.in_turn(lights.len(), count, chosen),
         }
         for i in chosen.iter().copied() {
             let direction = lights[i].direction;
@@ -192,8 +204,7 @@ impl ShadowSlots {
         chosen.truncate(limit.max(first_time));
     }
 
-    fn in_turn(&mut self, count: usize, chosen: &mut Vec<usize>) {
-        let n = self.slots.len();
+    fn in_turn(&mut self, n: usize, count: usize, chosen: &mut Vec<usize>) {
         chosen.extend((0..n).filter(|i| self.slots[*i].casters == 0));
         for _ in 0..count.min(n) {
             let i = self.next_forced % n;
@@ -281,6 +292,45 @@ mod tests {
         assert_eq!(slots.uniform(1, &lights[1]).direction[..3], [1.0, 0.0, 0.0]);
         slots.schedule(&lights, 64, Refresh::UpTo(1), &mut chosen);
         assert_eq!(chosen, [1]);
+    }
+
+    #[test]
+    fn maps_outlast_frames_without_light() {
+        let mut slots = ShadowSlots::default();
+        slots.set_casters(CasterHull::around(&cube()), CasterHull::default());
+        let lights = vec![light(Vec3::Z), light(Vec3::X)];
+        let mut chosen = Vec::new();
+        slots.schedule(&lights, 64, Refresh::UpTo(9), &mut chosen);
+        for refresh in [Refresh::UpTo(9), Refresh::InTurn(9)] {
+            slots.schedule(&[], 64, refresh, &mut chosen);
+            assert!(chosen.is_empty());
+        }
+        slots.schedule(&lights[..1], 64, Refresh::UpTo(9), &mut chosen);
+        slots.schedule(&lights, 64, Refresh::UpTo(9), &mut chosen);
+        assert!(chosen.is_empty(), "{chosen:?}");
+        slots.set_casters(CasterHull::around(&cube()), CasterHull::default());
+        slots.schedule(&[], 64, Refresh::UpTo(9), &mut chosen);
+        slots.schedule(&lights, 64, Refresh::UpTo(9), &mut chosen);
+        assert_eq!(chosen.len(), 2, "new casters");
+    }
+
+    #[test]
+    fn the_brightest_moved_light_goes_first_and_none_waits_for_ever() {
+        let mut slots = ShadowSlots::default();
+        slots.set_casters(CasterHull::around(&cube()), CasterHull::default());
+        let mut lights: Vec<_> = fibonacci_sphere(16).map(light).collect();
+        lights[5].irradiance *= 3.0;
+        let mut chosen = Vec::new();
+        slots.schedule(&lights, 64, Refresh::UpTo(1), &mut chosen);
+        slots.set_casters(CasterHull::around(&cube()), CasterHull::default());
+        let mut order = Vec::new();
+        for _ in 0..16 {
+            slots.schedule(&lights, 64, Refresh::UpTo(1), &mut chosen);
+            order.extend(chosen.iter().copied());
+        }
+        assert_eq!(order[0], 5);
+        order.sort_unstable();
+        assert_eq!(order, (0..16).collect::<Vec<_>>());
     }
 
     #[test]

@@ -146,3 +146,28 @@ impl Targets {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+
+    #[test]
+    fn targets_cover_pictures_of_any_size() {
+        let gpu = crate::compositor::Gpu::open(None)
+            .expect("a Vulkan driver; `make test` installs a software one");
+        for (width, height) in [(1, 1), (16, 16), (101, 67), (640, 480)] {
+            for step in [1, 2] {
+                let t = Targets::new(&gpu.device, width, height, 1, step);
+                let size = t.shadow.texture.size();
+                assert!(size.width * step >= width && size.width * step < width + step);
+                assert!(size.height * step >= height && size.height * step < height + step);
+                let tiles = t.tiles[0].texture.size();
+                assert_eq!(tiles.width * tiles.height, t.tile_count());
+                assert!(tiles.width * TILE >= width && tiles.height * TILE >= height);
+                let levels = t.surroundings_levels.len() as u32;
+                assert_eq!(levels, t.surroundings.texture.mip_level_count());
+            }
+        }
+    }
+}

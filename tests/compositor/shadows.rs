@@ -64,24 +64,50 @@ fn ours_at(picture: &Picture, i: usize) -> [u8; 3] {
 
 #[test]
 fn many_lights_agree_with_the_twin() {
-    for mode in [ShadowMode::Ratio, ShadowMode::Subtract] {
+    // 130 lights share the 64 bits of a tile's mask.
+    for (count, mode) in [
+        (16, ShadowMode::Ratio),
+        (16, ShadowMode::Subtract),
+        (130, ShadowMode::Ratio),
+    ] {
         let mut stage = Stage::new(96, 72)
             .with_virtual(part(
                 primitives::sphere(0.07, 48, 24),
                 DVec3::new(0.03, 0.0, 0.1),
             ))
             .with_phantom(cube(0.09, DVec3::new(-0.12, 0.02, 0.0)))
-            .lit(lighting(spiral(16, 2.0), 0.2));
+            .lit(lighting(spiral(count, 2.0), 0.2));
         stage.mode = mode;
-        // Diffuse light off the table close by is not in the twin: the sphere is black.
-        let sphere = &mut stage.scene.virtual_parts[0];
-        sphere.material = crate::stage::matt(Vec3::ZERO).into();
-        assert_like(
-            &format!("many-{mode:?}"),
-            &stage.compose(),
-            &stage.twin(),
-            Rule::within(1),
-        );
+        let rule = Rule {
+            calm: if count > 100 { 0.02 } else { 0.3 },
+            ..Rule::within(1)
+        };
+        let name = format!("many-{count}-{mode:?}");
+        assert_like(&name, &stage.compose(), &stage.twin(), rule);
+    }
+}
+
+#[test]
+fn things_partly_outside_the_picture_cast_into_it() {
+    let mut stage = Stage::new(101, 67)
+        .with_virtual(cube(0.2, DVec3::new(0.35, 0.0, 0.0)))
+        .with_virtual(cube(0.1, DVec3::new(0.0, -0.5, 0.3)))
+        .with_phantom(cube(0.1, DVec3::new(-0.2, 0.1, 0.0)))
+        .lit(lighting(
+            vec![
+                sun(Vec3::new(1.0, 0.1, 0.6), Vec3::ONE),
+                sun(Vec3::new(-0.4, -0.7, 0.4), Vec3::splat(0.6)),
+                cell(Vec3::Z, Vec3::ONE),
+            ],
+            0.0,
+        ));
+    let twin = stage.twin();
+    let shadowed = twin.pixels.iter().filter(|p| !p.untouched).count();
+    assert!(shadowed > 500, "{shadowed}");
+    for step in [1, 2] {
+        stage.settings.shadow_step = step;
+        let rule = Rule::within(1 + step);
+        assert_like(&format!("outside-{step}"), &stage.compose(), &twin, rule);
     }
 }
 
