@@ -381,7 +381,7 @@ mod tests {
         for n in spread(500) {
             let direct = irradiance_on(n, lights[7..8].iter()).x;
             let off = from_table(n, &lights[7..8]).x - direct;
-            assert!(off.abs() < 0.03 * lights[7].irradiance[0], "{n}: {off}");
+            assert!(off.abs() < 0.04 * lights[7].irradiance[0], "{n}: {off}");
         }
     }
 

@@ -125,6 +125,29 @@ fn surfaces_are_lit_and_shadow_themselves_and_one_another() {
 }
 
 #[test]
+fn the_sky_comes_from_where_its_harmonics_say() {
+    let mut light = even_sky(0.0);
+    light.irradiance.coefficients = [
+        Vec3::new(1.2, 1.0, 0.8),
+        Vec3::new(0.3, -0.2, 0.1),
+        Vec3::new(0.2, 0.3, -0.1),
+        Vec3::new(-0.3, 0.2, 0.2),
+        Vec3::new(0.4, -0.3, 0.2),
+        Vec3::new(-0.2, 0.4, 0.3),
+        Vec3::new(0.1, -0.1, 0.1),
+        Vec3::new(0.3, 0.2, -0.4),
+        Vec3::new(-0.2, 0.1, 0.3),
+    ];
+    let mut stage = Stage::new(96, 72)
+        .without_ground()
+        .with_virtual(ball(matt(Vec3::ONE)))
+        .lit(light);
+    stage.settings.samples = 1;
+    let rule = Rule { slack: 3, ..RULE };
+    assert_like("harmonics", &stage.compose(), &stage.twin(), rule);
+}
+
+#[test]
 fn real_things_in_front_hide_virtual_ones() {
     let mut stage = Stage::new(128, 96)
         .with_phantom(part(
@@ -262,7 +285,13 @@ fn textures_lie_as_gltf_says_and_cut_away_parts_show_the_camera() {
         double_sided: true,
         ..matt(Vec3::ONE)
     });
-    assert!(back.compose().rgb(28, 28).iter().all(|c| *c >= 253));
+    // That side has a normal of its own: light from below reaches it, from above not.
+    for (direction, low, high) in [(Vec3::NEG_Z, 253, 255), (Vec3::Z, 0, 0)] {
+        let light = sun(direction, Vec3::splat(std::f32::consts::PI));
+        back.lighting = Some(lighting(vec![light], 0.0));
+        let rgb = back.compose().rgb(28, 28);
+        assert!(rgb.iter().all(|c| (low..=high).contains(c)), "{rgb:?}");
+    }
 }
 
 #[test]
