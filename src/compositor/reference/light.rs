@@ -49,21 +49,38 @@ pub(super) fn on_phantom(
 }
 
 /// Radiance leaving a diffuse virtual surface: the sky and the compact sources, less what
-/// is hidden of either.
+/// is hidden of either, and what virtual surfaces throw at one another instead of the sky.
 pub(super) fn of_virtual(surface: &Surface, reaching: &[Reaching], lighting: &Lighting) -> DVec3 {
     let mut irradiance = lighting
         .irradiance
         .irradiance(surface.normal.as_vec3())
         .as_dvec3();
+    let (mut cells, mut hidden) = (DVec3::ZERO, DVec3::ZERO);
     for (light, reaching) in lighting.lights.iter().zip(reaching) {
         let facing = surface.normal.dot(light.direction.as_dvec3()).max(0.0);
         let received = light.irradiance.as_dvec3() * facing;
         if light.kind == LightKind::Compact {
             irradiance += received;
+        } else {
+            cells += received;
+            hidden += received * f64::from(u8::from(!reaching.past_virtual));
         }
         if !(reaching.past_phantoms && reaching.past_virtual) {
             irradiance -= received;
         }
     }
+    let open = (1.0 - hidden / cells.max(DVec3::splat(1e-9))).clamp(DVec3::ZERO, DVec3::ONE);
+    irradiance += cells * (with_bounces(open, surface.diffuse) - open);
     surface.diffuse * irradiance.max(DVec3::ZERO) / PI + surface.emissive
+}
+
+/// Jimenez et al. 2016, eq. 10: the open share of the sky with light between surfaces of
+/// one colour, as a cubic of the open share alone.
+fn with_bounces(open: DVec3, albedo: DVec3) -> DVec3 {
+    let (a, b, c) = (
+        2.0404 * albedo - 0.3324,
+        -4.7951 * albedo + 0.6417,
+        2.7552 * albedo + 0.6903,
+    );
+    open.max(((open * a + b) * open + c) * open)
 }
