@@ -176,6 +176,13 @@ fn shade(pixel: vec2i, s: i32) -> vec3f {
     return diffuse + specular + textureLoad(virtual_emissive, pixel, s).rgb;
 }
 
+// Whether two samples of a pixel see one surface, by their depth and encoded normal.
+fn same_surface(pixel: vec2i, a: i32, b: i32) -> bool {
+    let turned = abs(textureLoad(virtual_normal, pixel, a).xy - textureLoad(virtual_normal, pixel, b).xy);
+    let d = textureLoad(virtual_depth, pixel, a);
+    return max(turned.x, turned.y) < 0.2 && abs(textureLoad(virtual_depth, pixel, b) - d) < 0.02 * d;
+}
+
 @vertex
 fn composite_tile(@builtin(vertex_index) v: u32, @builtin(instance_index) t: u32) -> TileVarying {
     let across = textureDimensions(phantom_tiles).x;
@@ -195,8 +202,8 @@ fn composite(in: TileVarying) -> @location(0) vec4f {
     var first = 0;
     for (var s = SAMPLES - 1; s >= 0; s--) {
         if textureLoad(virtual_base, pixel, s).a > 0.5 {
-            covered += 1;
             first = s;
+            covered += 1;
         }
     }
     if covered == 0 && all(factor == vec3f(select(1.0, 0.0, subtract))) {
@@ -204,8 +211,25 @@ fn composite(in: TileVarying) -> @location(0) vec4f {
     }
     var linear = linear_from_code(code.rgb);
     linear = select(linear * factor, max(linear - factor, vec3f(0.0)), subtract);
-    if covered > 0 {
-        linear = mix(linear, shade(pixel, first), f32(covered) / f32(SAMPLES));
+    linear *= f32(SAMPLES - covered) / f32(SAMPLES);
+    // Samples on either side of an outline or a crease are lit apart. A loop and not a
+    // branch: software drivers run both sides of branches, but leave loops that no pixel
+    // is in.
+    while covered > 0 {
+        var alike = 0;
+        var other = first;
+        for (var s = SAMPLES - 1; s >= first; s--) {
+            if textureLoad(virtual_base, pixel, s).a > 0.5 {
+                if same_surface(pixel, first, s) {
+                    alike += 1;
+                } else {
+                    other = s;
+                }
+            }
+        }
+        linear += shade(pixel, first) * (f32(alike) / f32(SAMPLES));
+        covered -= alike;
+        first = other;
     }
     return vec4f(code_from_linear(linear.r), code_from_linear(linear.g), code_from_linear(linear.b), 1.0);
 }
