@@ -29,7 +29,6 @@ fn convert(file: ConfigFile, folder: &Path) -> Result<Config> {
     environment(file.environment, &mut config.environment)?;
     white_balance(&file.white_balance, &mut config.white_balance)?;
     shadows(&file.shadows, &mut config.shadows)?;
-    set(&mut config.reflections.enabled, file.reflections.enabled);
     set(&mut config.picture.antialias, file.picture.antialias);
     sync(&file.sync, &mut config.sync)?;
     set(&mut config.input.yuv_matrix, file.input.yuv_matrix);
@@ -154,8 +153,6 @@ fn white_balance(file: &file::WhiteBalance, out: &mut WhiteBalanceConfig) -> Res
             "\"fixed\" needs `gains`; add three linear gains: red, green, blue",
         ));
     }
-    let smoothing = within("white_balance.smoothing_s", file.smoothing_s, 0.0..=600.0)?;
-    set(&mut out.smoothing_seconds, smoothing);
     Ok(())
 }
 

@@ -16,7 +16,6 @@ pub(super) struct ConfigFile {
     pub environment: Environment,
     pub white_balance: WhiteBalance,
     pub shadows: Shadows,
-    pub reflections: Reflections,
     pub picture: Picture,
     pub sync: Sync,
     pub input: Input,
@@ -59,7 +58,6 @@ pub(super) struct WhiteBalance {
     pub method: Option<WhiteBalanceMethod>,
     pub gains: Option<[f64; 3]>,
     pub matrix: Option<bool>,
-    pub smoothing_s: Option<f64>,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -74,11 +72,6 @@ pub(super) struct Shadows {
     pub resolution: Option<ShadowResolution>,
 }
 
-#[derive(Debug, Default, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub(super) struct Reflections {
-    pub enabled: Option<bool>,
-}
 
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]

@@ -36,8 +36,6 @@ pub struct Config {
     pub white_balance: WhiteBalanceConfig,
     /// Shadows of virtual objects.
     pub shadows: ShadowConfig,
-    /// Reflections on virtual objects.
-    pub reflections: ReflectionConfig,
     /// How the picture is drawn.
     pub picture: PictureConfig,
     /// One clock.
@@ -95,8 +93,6 @@ pub struct WhiteBalanceConfig {
     pub gains: [f32; 3],
     /// Estimate a 3×3 matrix instead of three gains, where the method can.
     pub matrix: bool,
-    /// Time constant of the continuous estimate, seconds.
-    pub smoothing_seconds: f64,
 }
 
 /// `[shadows]`
@@ -118,13 +114,6 @@ pub struct ShadowConfig {
     pub resolution: ShadowResolution,
 }
 
-/// `[reflections]`
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct ReflectionConfig {
-    /// Show the environment in glossy materials.
-    pub enabled: bool,
-}
-
 /// `[picture]`
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PictureConfig {
@@ -141,7 +130,7 @@ pub struct SyncConfig {
     pub environment_camera_latency_nanos: Option<i64>,
     /// Overrides the calibration's, nanoseconds.
     pub tracker_latency_nanos: Option<i64>,
-    /// Window over which poses are averaged, nanoseconds; 0 = none.
+    /// Half the widest window over which poses are smoothed, nanoseconds; 0 = none.
     pub pose_smoothing_nanos: i64,
     /// A pose is predicted at most so far, nanoseconds.
     pub longest_prediction_nanos: i64,
@@ -248,7 +237,6 @@ impl Default for WhiteBalanceConfig {
             method: WhiteBalanceMethod::Auto,
             gains: [1.0; 3],
             matrix: false,
-            smoothing_seconds: 2.0,
         }
     }
 }
@@ -267,19 +255,13 @@ impl Default for ShadowConfig {
     }
 }
 
-impl Default for ReflectionConfig {
-    fn default() -> Self {
-        Self { enabled: true }
-    }
-}
-
 impl Default for SyncConfig {
     fn default() -> Self {
         Self {
             scene_camera_latency_nanos: None,
             environment_camera_latency_nanos: None,
             tracker_latency_nanos: None,
-            pose_smoothing_nanos: 0,
+            pose_smoothing_nanos: 100_000_000,
             longest_prediction_nanos: 50_000_000,
         }
     }

@@ -57,7 +57,6 @@ fn rig_toml_names_every_key_even_those_without_default() {
         "environment",
         "white_balance",
         "shadows",
-        "reflections",
         "picture",
         "sync",
         "input",
