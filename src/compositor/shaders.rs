@@ -23,7 +23,10 @@ pub struct Variant {
 
 impl Variant {
     /// For shaders that know neither.
-    pub const PLAIN: Self = Self { samples: 1, soft: 1 };
+    pub const PLAIN: Self = Self {
+        samples: 1,
+        soft: 1,
+    };
 }
 
 /// Every shader of the compositor, complete.

@@ -13,8 +13,8 @@ pub mod replay;
 pub mod report;
 pub mod service;
 pub mod status;
-mod watch;
 pub mod threads;
+mod watch;
 
 pub use replay::{ReplayOptions, replay};
 pub use report::Report;

@@ -419,7 +419,9 @@ fn compositor_settings(config: &Config, software: bool) -> CompositorSettings {
         light_budget: config.environment.light_count,
         shadow_map_size: config.shadows.map_size,
         shadow_step: match config.shadows.resolution {
-            ShadowResolution::Auto => std::env::var("PEN_STEP").map_or(automatic.shadow_step, |v| v.parse().unwrap()),
+            ShadowResolution::Auto => {
+                std::env::var("PEN_STEP").map_or(automatic.shadow_step, |v| v.parse().unwrap())
+            }
             ShadowResolution::Full => 1,
             ShadowResolution::Half => 2,
         },
@@ -427,6 +429,13 @@ fn compositor_settings(config: &Config, software: bool) -> CompositorSettings {
             Antialias::Msaa4 => 4,
             Antialias::Off => 1,
         },
-        soft_samples: std::env::var("PEN_SOFT").map_or(if config.shadows.soft { automatic.soft_samples } else { 1 }, |v| v.parse().unwrap()),
+        soft_samples: std::env::var("PEN_SOFT").map_or(
+            if config.shadows.soft {
+                automatic.soft_samples
+            } else {
+                1
+            },
+            |v| v.parse().unwrap(),
+        ),
     }
 }

@@ -157,8 +157,11 @@ impl PhantomWatch {
     }
 
     pub(super) fn look(&mut self, scene: &SceneView<'_>) {
-        let Some(pose) = scene.world_from_camera else { return };
-        let fits = (scene.picture.width, scene.picture.height) == (self.camera.width, self.camera.height);
+        let Some(pose) = scene.world_from_camera else {
+            return;
+        };
+        let fits =
+            (scene.picture.width, scene.picture.height) == (self.camera.width, self.camera.height);
         if self.parts.is_empty() || !fits {
             return;
         }
@@ -201,7 +204,11 @@ impl PhantomWatch {
                 let (mean, weight) = seen[side];
                 // A mirror looks different from everywhere.
                 let known = weight >= ENOUGH && !part.mirror;
-                *out = if known { mean } else { albedo * irradiance[side] / PI };
+                *out = if known {
+                    mean
+                } else {
+                    albedo * irradiance[side] / PI
+                };
             }
         }
         &self.radiance
@@ -229,7 +236,12 @@ fn albedo(part: &Part, seen: &[(Vec3, f32); 6], irradiance: &[Vec3; 6]) -> Vec3 
 
 /// All light on a surface in the open, facing `n`.
 fn irradiance(lighting: &Lighting, n: Vec3) -> Vec3 {
-    let compact = lighting.lights.iter().filter(|l| l.kind == LightKind::Compact);
-    let direct: Vec3 = compact.map(|l| l.irradiance * l.direction.dot(n).max(0.0)).sum();
+    let compact = lighting
+        .lights
+        .iter()
+        .filter(|l| l.kind == LightKind::Compact);
+    let direct: Vec3 = compact
+        .map(|l| l.irradiance * l.direction.dot(n).max(0.0))
+        .sum();
     direct + lighting.irradiance.irradiance(n)
 }

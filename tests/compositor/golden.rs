@@ -2,7 +2,7 @@
 //! `PENUMBRA_GOLDEN=write cargo test --test compositor golden` makes them anew: look at
 //! them before they are committed.
 
-use crate::judge::{keep, write};
+use crate::judge::{keep, square_differences, write};
 use crate::stage::{Stage, painted};
 use glam::{DVec2, DVec3, Vec3};
 use penumbra::environment::cube::CubeGrid;
@@ -16,11 +16,8 @@ use penumbra_interface::MonotonicTime;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Differences are judged over squares of so many pixels a side, so that an edge may move
-/// by a fraction of a pixel, as it does from driver to driver.
-const SQUARE: u32 = 4;
 /// Greatest difference of a square's mean, codes.
-const LARGEST: f64 = 5.0;
+const LARGEST: f64 = 4.0;
 /// Greatest mean difference of the whole picture, codes.
 const MEAN: f64 = 0.5;
 
@@ -51,23 +48,6 @@ fn assert_golden(name: &str, ours: &Picture) {
             path.display()
         );
     }
-}
-
-/// Corner and greatest difference of the means, over the channels, of each square.
-fn square_differences(a: &Picture, b: &Picture) -> Vec<((u32, u32), f64)> {
-    let mean = |p: &Picture, x: u32, y: u32, c: usize| {
-        let sum: u32 = (0..SQUARE * SQUARE)
-            .map(|i| u32::from(p.rgb(x + i % SQUARE, y + i / SQUARE)[c]))
-            .sum();
-        f64::from(sum) / f64::from(SQUARE * SQUARE)
-    };
-    (0..a.height / SQUARE)
-        .flat_map(|v| (0..a.width / SQUARE).map(move |u| (u * SQUARE, v * SQUARE)))
-        .map(|(x, y)| {
-            let off = |c| (mean(a, x, y, c) - mean(b, x, y, c)).abs();
-            ((x, y), (0..3).map(off).fold(0.0, f64::max))
-        })
-        .collect()
 }
 
 /// A room: a blue sky-light above, warm walls, a bright window to the right (+X), and a

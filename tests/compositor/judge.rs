@@ -146,6 +146,27 @@ pub fn difference(a: &Picture, b: &Picture) -> (u8, f64) {
     (each.max().unwrap_or(0), sum as f64 / a.rgba.len() as f64)
 }
 
+/// Differences are judged over squares of so many pixels a side where an edge may lie a
+/// fraction of a pixel aside, as it does from driver to driver.
+const SQUARE: u32 = 8;
+
+/// Corner and greatest difference of the means, over the channels, of each square.
+pub fn square_differences(a: &Picture, b: &Picture) -> Vec<((u32, u32), f64)> {
+    let mean = |p: &Picture, x: u32, y: u32, c: usize| {
+        let sum: u32 = (0..SQUARE * SQUARE)
+            .map(|i| u32::from(p.rgb(x + i % SQUARE, y + i / SQUARE)[c]))
+            .sum();
+        f64::from(sum) / f64::from(SQUARE * SQUARE)
+    };
+    (0..a.height / SQUARE)
+        .flat_map(|v| (0..a.width / SQUARE).map(move |u| (u * SQUARE, v * SQUARE)))
+        .map(|(x, y)| {
+            let off = |c| (mean(a, x, y, c) - mean(b, x, y, c)).abs();
+            ((x, y), (0..3).map(off).fold(0.0, f64::max))
+        })
+        .collect()
+}
+
 /// Writes a picture that failed to where it can be looked at.
 pub fn keep(name: &str, picture: &Picture) -> PathBuf {
     let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("compositor");

@@ -5,6 +5,7 @@
 mod golden;
 mod judge;
 mod shadows;
+mod soft_shadows;
 mod stage;
 mod unchanged;
 mod virtual_surfaces;

@@ -124,7 +124,13 @@ impl Stage {
     }
 
     pub fn twin(&self) -> ReferencePicture {
-        Reference::new(&self.scene).compose(&self.input(), &self.response)
+        self.soft_twin(1)
+    }
+
+    pub fn soft_twin(&self, rays_per_light: u32) -> ReferencePicture {
+        Reference::new(&self.scene)
+            .with_rays(rays_per_light)
+            .compose(&self.input(), &self.response)
     }
 }
 

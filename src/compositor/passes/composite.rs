@@ -1,8 +1,8 @@
 //! Puts the picture together.
 
 use super::super::bindings::{PipelineSpec, Slot, group, layout, sampler, view};
-use super::super::targets::{Targets, format};
 use super::super::shaders::{self, Variant};
+use super::super::targets::{Targets, format};
 use super::super::timing::Timer;
 use super::tiles;
 

@@ -1,8 +1,8 @@
 //! The shadow buffer, for the real and for the virtual surfaces.
 
 use super::super::bindings::{PipelineSpec, Slot, group, layout, sampler, view};
-use super::super::targets::{Targets, format};
 use super::super::shaders::{self, Variant};
+use super::super::targets::{Targets, format};
 use super::super::timing::Timer;
 use super::shadow_map::ShadowMaps;
 use super::tiles;

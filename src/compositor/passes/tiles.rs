@@ -1,8 +1,8 @@
 //! Sorts the picture into tiles by the dome lights that could be blocked there.
 
 use super::super::bindings::{PipelineSpec, Slot, group, layout, view};
-use super::super::targets::{Targets, format};
 use super::super::shaders::{self, Variant};
+use super::super::targets::{Targets, format};
 use super::super::timing::Timer;
 use super::cleared;
 

@@ -2,8 +2,8 @@
 
 use super::super::bindings::{POSITION_LAYOUT, PipelineSpec, VERTEX_LAYOUT};
 use super::super::scene_buffers::{SceneBuffers, SceneLayouts};
-use super::super::targets::{Targets, format};
 use super::super::shaders::{self, Variant};
+use super::super::targets::{Targets, format};
 use super::super::timing::Timer;
 use super::{cleared, cleared_depth};
 

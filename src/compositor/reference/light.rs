@@ -13,8 +13,8 @@ pub(super) struct OnPhantom {
     pub arriving: DVec3,
 }
 
-/// Supan 2006, eq. 3, with `P_i` = 1 where phantoms let light i through and `S_i` = 1 where
-/// virtual casters do:
+/// Supan 2006, eq. 3, with `P_i` the share of light i that phantoms let through and `S_i`
+/// the share that virtual casters do (0 or 1 for hard shadows):
 ///
 /// ```text
 ///   R = Σ C_i · N·L_i · P_i · (1 − S_i)
@@ -38,12 +38,8 @@ pub(super) fn on_phantom(
     for (light, reaching) in lighting.lights.iter().zip(reaching) {
         let facing = surface.normal.dot(light.direction.as_dvec3()).max(0.0);
         let received = light.irradiance.as_dvec3() * facing;
-        if reaching.past_phantoms {
-            sums.arriving += received;
-            if !reaching.past_virtual {
-                sums.lost += received;
-            }
-        }
+        sums.arriving += received * reaching.past_phantoms;
+        sums.lost += received * (reaching.past_phantoms - reaching.past_both);
     }
     sums
 }
@@ -63,11 +59,9 @@ pub(super) fn of_virtual(surface: &Surface, reaching: &[Reaching], lighting: &Li
             irradiance += received;
         } else {
             cells += received;
-            hidden += received * f64::from(u8::from(!reaching.past_virtual));
+            hidden += received * (1.0 - reaching.past_virtual);
         }
-        if !(reaching.past_phantoms && reaching.past_virtual) {
-            irradiance -= received;
-        }
+        irradiance -= received * (1.0 - reaching.past_both);
     }
     let open = (1.0 - hidden / cells.max(DVec3::splat(1e-9))).clamp(DVec3::ZERO, DVec3::ONE);
     irradiance += cells * (with_bounces(open, surface.diffuse) - open);

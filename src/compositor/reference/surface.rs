@@ -30,6 +30,7 @@ pub struct Reference {
     virtual_parts: PhantomRays,
     parts: (Vec<Part>, Vec<Part>),
     pub(super) has_ground: bool,
+    rays_per_light: u32,
 }
 
 /// The surface behind a pixel.
@@ -43,11 +44,20 @@ pub(super) struct Surface {
     pub mirror: bool,
 }
 
-/// Whether a light reaches a surface past either kind of caster.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+/// How much of a light's disc, 0..=1, a surface sees past the casters.
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Reaching {
-    pub past_phantoms: bool,
-    pub past_virtual: bool,
+    pub past_phantoms: f64,
+    pub past_virtual: f64,
+    pub past_both: f64,
+}
+
+impl Reaching {
+    const WHOLLY: Self = Self {
+        past_phantoms: 1.0,
+        past_virtual: 1.0,
+        past_both: 1.0,
+    };
 }
 
 impl Reference {
@@ -66,6 +76,17 @@ impl Reference {
             virtual_parts: PhantomRays::from_parts(&scene.virtual_parts),
             parts: (scene.phantom_parts.clone(), scene.virtual_parts.clone()),
             has_ground: scene.ground_height.is_some(),
+            rays_per_light: 1,
+        }
+    }
+
+    /// So many rays to each light, spread over its disc; 1, the default, goes to its
+    /// middle, as for hard shadows.
+    #[must_use]
+    pub fn with_rays(self, rays_per_light: u32) -> Self {
+        Self {
+            rays_per_light,
+            ..self
         }
     }
 
@@ -99,19 +120,46 @@ impl Reference {
     /// Lights from behind count as reaching: it makes no difference.
     pub(super) fn reaching(&self, surface: &Surface, lights: &[DomeLight]) -> Vec<Reaching> {
         let normal = surface.normal.as_vec3();
-        let from = surface.point + normal * LIFT;
-        let free = |rays: &PhantomRays, light: &DomeLight| {
-            normal.dot(light.direction) <= 0.0
-                || !rays.is_blocked(from, light.direction, f32::INFINITY)
-        };
         lights
             .iter()
-            .map(|light| Reaching {
-                past_phantoms: free(&self.phantom_casters, light),
-                past_virtual: free(&self.virtual_parts, light),
+            .map(|light| {
+                if normal.dot(light.direction) <= 0.0 {
+                    Reaching::WHOLLY
+                } else {
+                    self.share_in_sight(surface.point + normal * LIFT, light)
+                }
             })
             .collect()
     }
+
+    fn share_in_sight(&self, from: Vec3, light: &DomeLight) -> Reaching {
+        let (mut real, mut unreal, mut both) = (0, 0, 0);
+        for k in 0..self.rays_per_light {
+            let towards = point_of_disc(light, k, self.rays_per_light);
+            let free = |rays: &PhantomRays| !rays.is_blocked(from, towards, f32::INFINITY);
+            let (past_real, past_unreal) = (free(&self.phantom_casters), free(&self.virtual_parts));
+            real += u32::from(past_real);
+            unreal += u32::from(past_unreal);
+            both += u32::from(past_real && past_unreal);
+        }
+        let share = |count: u32| f64::from(count) / f64::from(self.rays_per_light);
+        Reaching {
+            past_phantoms: share(real),
+            past_virtual: share(unreal),
+            past_both: share(both),
+        }
+    }
+}
+
+/// The `k`-th of `count` directions spread evenly over a light's disc (Vogel 1979).
+fn point_of_disc(light: &DomeLight, k: u32, count: u32) -> Vec3 {
+    if count == 1 {
+        return light.direction;
+    }
+    let (right, up) = light.direction.any_orthonormal_pair();
+    let radius = light.angular_radius.tan() * ((k as f32 + 0.5) / count as f32).sqrt();
+    let (sin, cos) = (2.399_963_2 * k as f32).sin_cos();
+    (light.direction + (right * cos + up * sin) * radius).normalize()
 }
 
 fn described(seen: Seen, hit: Hit, parts: &[Part]) -> Surface {
@@ -135,6 +183,10 @@ fn described(seen: Seen, hit: Hit, parts: &[Part]) -> Surface {
 
 pub(super) fn footprint(surface: &Surface, reaching: &[Reaching]) -> u64 {
     let mut hasher = DefaultHasher::new();
-    (surface.seen, surface.part, reaching).hash(&mut hasher);
+    (surface.seen, surface.part).hash(&mut hasher);
+    for light in reaching {
+        let shares = [light.past_phantoms, light.past_virtual, light.past_both];
+        shares.map(f64::to_bits).hash(&mut hasher);
+    }
     hasher.finish()
 }

@@ -81,10 +81,11 @@ fn shadow_at(pixel: vec2i) -> vec3f {
     return sum / weight;
 }
 
-// Irradiance of the virtual surface under a sample.
-fn light_at(pixel: vec2i, n: vec3f, depth: f32) -> vec3f {
+// Irradiance of the virtual surface under a sample. The texel of a pixel is its first
+// sample's: `own` = whether this is that surface.
+fn light_at(pixel: vec2i, n: vec3f, depth: f32, own: bool) -> vec3f {
     let step = i32(frame.counts.z);
-    if step == 1 {
+    if step == 1 && own {
         return textureLoad(light, pixel, 0).rgb;
     }
     let base = pixel / step;
@@ -96,7 +97,8 @@ fn light_at(pixel: vec2i, n: vec3f, depth: f32) -> vec3f {
         let o = vec2i(k % 3, k / 3) - vec2i(1);
         let texel = clamp(base + o, vec2i(0), last);
         let l = textureLoad(light, texel, 0);
-        if l.a == 0.0 {
+        let another = step == 1 && k == 4;
+        if l.a == 0.0 || another {
             continue;
         }
         let there = texel * step;
@@ -154,7 +156,7 @@ fn bounce(world: vec3f, n: vec3f) -> vec3f {
     return share * (PI * mix(frame.ground.rgb, near.rgb, near.a) - far);
 }
 
-fn shade(pixel: vec2i, s: i32) -> vec3f {
+fn shade(pixel: vec2i, s: i32, own: bool) -> vec3f {
     let base = textureLoad(virtual_base, pixel, s).rgb;
     let properties = textureLoad(virtual_properties, pixel, s);
     let n = normal_from_octahedron(textureLoad(virtual_normal, pixel, s).xy);
@@ -165,7 +167,7 @@ fn shade(pixel: vec2i, s: i32) -> vec3f {
     let metallic = properties.x;
     let roughness = clamp(properties.y, 0.03, 1.0);
 
-    let direct = light_at(pixel, n, depth);
+    let direct = light_at(pixel, n, depth, own);
     let irradiance = max(direct + bounce(world, n), vec3f(0.0)) * properties.w;
     let f0 = mix(vec3f(0.04 * properties.z), base, metallic);
     let table = textureSampleLevel(specular_table, smooth_sampler, vec2f(n_dot_v, roughness), 0.0).rg;
@@ -215,6 +217,7 @@ fn composite(in: TileVarying) -> @location(0) vec4f {
     // Samples on either side of an outline or a crease are lit apart. A loop and not a
     // branch: software drivers run both sides of branches, but leave loops that no pixel
     // is in.
+    let of_pixel = first;
     while covered > 0 {
         var alike = 0;
         var other = first;
@@ -227,7 +230,7 @@ fn composite(in: TileVarying) -> @location(0) vec4f {
                 }
             }
         }
-        linear += shade(pixel, first) * (f32(alike) / f32(SAMPLES));
+        linear += shade(pixel, first, first == of_pixel) * (f32(alike) / f32(SAMPLES));
         covered -= alike;
         first = other;
     }

@@ -157,8 +157,14 @@ impl Directions {
 }
 
 /// The six directions of an ambient cube.
-pub const AXES: [Vec3; 6] =
-    [Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::NEG_Y, Vec3::Z, Vec3::NEG_Z];
+pub const AXES: [Vec3; 6] = [
+    Vec3::X,
+    Vec3::NEG_X,
+    Vec3::Y,
+    Vec3::NEG_Y,
+    Vec3::Z,
+    Vec3::NEG_Z,
+];
 
 /// Directions spread evenly over the sphere (a Fibonacci spiral).
 fn spread(count: usize) -> Vec<Vec3> {
@@ -270,12 +276,26 @@ impl NearField {
         }
         self.light.generation = lighting.generation;
         self.directions.take(lighting);
-        let floor = if self.has_ground { lighting.ground_radiance } else { Vec3::ZERO };
-        let light = Light { lighting, floor, phantoms };
+        let floor = if self.has_ground {
+            lighting.ground_radiance
+        } else {
+            Vec3::ZERO
+        };
+        let light = Light {
+            lighting,
+            floor,
+            phantoms,
+        };
         self.ground.shade(&self.directions);
         self.surfels.shade(&self.directions, &self.ground, &light);
         self.ground.lit(&self.surfels, &light, &mut self.light);
-        self.volume.lit(&self.surfels, &self.ground, &self.directions, &light, &mut self.light);
+        self.volume.lit(
+            &self.surfels,
+            &self.ground,
+            &self.directions,
+            &light,
+            &mut self.light,
+        );
     }
 
     /// The change under the light of the last update.

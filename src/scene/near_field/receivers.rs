@@ -103,7 +103,9 @@ impl GroundGrid {
     fn smoothed(&self, raw: &[Vec3]) -> Vec<Vec3> {
         let once = |raw: &[Vec3]| -> Vec<Vec3> {
             let texels = 0..self.side * self.side;
-            texels.map(|i| self.smooth(raw, i % self.side, i / self.side)).collect()
+            texels
+                .map(|i| self.smooth(raw, i % self.side, i / self.side))
+                .collect()
         };
         once(&once(raw))
     }
@@ -151,7 +153,11 @@ fn texel(
             Met::Virtual(hit) => {
                 let behind = obstacles.behind(origin, d);
                 phantoms.extend(behind);
-                sightings.extend(surfels.sight(&hit, d, obstacles, region).map(|s| (s, behind)));
+                sightings.extend(
+                    surfels
+                        .sight(&hit, d, obstacles, region)
+                        .map(|s| (s, behind)),
+                );
             }
             Met::Phantom(side) => phantoms.push(side),
             Met::Ground(_) | Met::Sky => (),

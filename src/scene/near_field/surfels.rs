@@ -149,11 +149,17 @@ impl Surfels {
     }
 
     /// Light under a new state of the dome; one bounce more of what was before.
-    pub(super) fn shade(&mut self, directions: &Directions, ground: &GroundGrid, light: &Light<'_>) {
+    pub(super) fn shade(
+        &mut self,
+        directions: &Directions,
+        ground: &GroundGrid,
+        light: &Light<'_>,
+    ) {
         std::mem::swap(&mut self.before, &mut self.spread);
         for (i, surfel) in self.all.iter().enumerate() {
             let sky = directions.irradiance(surfel.normal, surfel.sky);
-            let on_ground = |(texel, weight): &(u32, f32)| light.floor * ground.share(*texel) * *weight;
+            let on_ground =
+                |(texel, weight): &(u32, f32)| light.floor * ground.share(*texel) * *weight;
             let from_ground: Vec3 = surfel.ground.iter().map(on_ground).sum();
             let on_other = |(k, weight): &(u32, f32)| self.before[*k as usize] * *weight;
             let from_others: Vec3 = surfel.others.iter().map(on_other).sum();

@@ -1,0 +1,121 @@
+//! Shadows of lights that have an extent, against the twin with many rays per light.
+
+use crate::judge::{away_from_edges, keep, square_differences};
+use crate::stage::{Stage, lighting, matt, painted, part, sun};
+use glam::{DVec3, Vec3};
+use penumbra::compositor::reference::{ReferencePicture, Seen};
+use penumbra::environment::DomeLight;
+use penumbra::picture::Picture;
+use penumbra::scene::primitives;
+
+/// A lamp that one sees as a disc of `radius`, radians.
+fn lamp(direction: Vec3, irradiance: f32, radius: f32) -> DomeLight {
+    DomeLight {
+        angular_radius: radius,
+        ..sun(direction, Vec3::splat(irradiance))
+    }
+}
+
+fn stage() -> Stage {
+    let mut stage = Stage::new(128, 96).lit(lighting(
+        vec![
+            lamp(Vec3::new(-0.6, 0.3, 1.0), 1.5, 0.12),
+            lamp(Vec3::new(0.3, -0.8, 0.9), 1.0, 0.04),
+            lamp(Vec3::new(0.1, 0.1, 1.0), 1.0, 0.3),
+        ],
+        0.0,
+    ));
+    stage.settings.soft_samples = 16;
+    stage
+}
+
+fn judge(name: &str, stage: &Stage, on_virtual: bool, largest: f64, mean: f64) {
+    let (ours, mut twin) = (stage.compose(), stage.soft_twin(64));
+    if !on_virtual {
+        take_virtual_from(&ours, &mut twin);
+    }
+    let calm = away_from_edges(&twin, 2);
+    let worst = (0..calm.len())
+        .filter(|i| calm[*i])
+        .map(|i| {
+            let off = |c: usize| ours.rgba[4 * i + c].abs_diff(twin.picture.rgba[4 * i + c]);
+            (off(0).max(off(1)).max(off(2)), i)
+        })
+        .max()
+        .unwrap();
+    let squares = square_differences(&ours, &twin.picture);
+    let average = squares.iter().map(|s| s.1).sum::<f64>() / squares.len() as f64;
+    let far = squares.iter().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap();
+    if worst.0 > 5 || far.1 > largest || average > mean {
+        keep(&format!("{name}-twin"), &twin.picture);
+        let kept = keep(&format!("{name}-ours"), &ours);
+        panic!(
+            "{name}: {} codes off at {:?} away from any edge, {:.1} around {:?}, {average:.2} on \
+             average\n{kept:?}",
+            worst.0,
+            (worst.1 as u32 % ours.width, worst.1 as u32 / ours.width),
+            far.1,
+            far.0
+        );
+    }
+}
+
+/// Light off the table close by is not in the twin.
+fn take_virtual_from(ours: &Picture, twin: &mut ReferencePicture) {
+    let near = |i: usize| twin.pixels[i].seen == Seen::Virtual;
+    let width = ours.width as usize;
+    let flags: Vec<bool> = (0..twin.pixels.len())
+        .map(|i| {
+            near(i)
+                || near(i.saturating_sub(1))
+                || near(i.saturating_sub(width))
+                || near((i + 1).min(twin.pixels.len() - 1))
+                || near((i + width).min(twin.pixels.len() - 1))
+        })
+        .collect();
+    for (i, _) in flags.iter().enumerate().filter(|(_, near)| **near) {
+        twin.picture.rgba[4 * i..4 * i + 4].copy_from_slice(&ours.rgba[4 * i..4 * i + 4]);
+    }
+}
+
+#[test]
+fn penumbrae_on_the_table_are_as_wide_as_the_lights_make_them() {
+    let stage = stage()
+        .with_virtual(part(primitives::cuboid(Vec3::splat(0.08)), DVec3::ZERO))
+        .with_virtual(part(
+            primitives::sphere(0.03, 32, 16),
+            DVec3::new(0.1, 0.08, 0.12),
+        ));
+    judge("soft-table", &stage, false, 6.0, 0.7);
+}
+
+#[test]
+fn real_penumbrae_and_virtual_ones_are_not_counted_twice() {
+    let stage = stage()
+        .with_virtual(part(primitives::cuboid(Vec3::splat(0.06)), DVec3::ZERO))
+        .with_phantom(part(
+            primitives::cuboid(Vec3::new(0.05, 0.05, 0.12)),
+            DVec3::new(-0.08, 0.06, 0.0),
+        ));
+    judge("soft-both", &stage, false, 8.0, 0.8);
+}
+
+#[test]
+fn nothing_lies_in_its_own_soft_shadow() {
+    let stage = stage()
+        .without_ground()
+        .with_virtual(part(
+            primitives::cuboid(Vec3::new(0.3, 0.3, 0.02)),
+            DVec3::ZERO,
+        ))
+        .with_virtual(painted(
+            primitives::sphere(0.05, 96, 48),
+            DVec3::new(0.05, 0.0, 0.09),
+            matt(Vec3::new(0.9, 0.5, 0.3)),
+        ))
+        .with_phantom(part(
+            primitives::cuboid(Vec3::splat(0.05)),
+            DVec3::new(-0.09, 0.02, 0.02),
+        ));
+    judge("soft-own", &stage, true, 8.0, 1.0);
+}
