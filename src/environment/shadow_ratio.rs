@@ -113,10 +113,17 @@ fn beams(pixels: &PixelDirections, radiance: &[Vec3], clipped: &[u32]) -> (Vec<B
         cell.0 -= d * e;
         cell.1 -= e;
     }
-    let rest = cells.into_iter().filter(|c| c.1 > 1e-7).filter_map(|(d, irradiance, form)| {
-        let direction = d.try_normalize()?.as_dvec3();
-        Some(Beam { direction, irradiance, form })
-    });
+    let rest = cells
+        .into_iter()
+        .filter(|c| c.1 > 1e-7)
+        .filter_map(|(d, irradiance, form)| {
+            let direction = d.try_normalize()?.as_dvec3();
+            Some(Beam {
+                direction,
+                irradiance,
+                form,
+            })
+        });
     let stride = clipped.len().div_ceil(CLIPPED_DIRECTIONS).max(1);
     let bright = clipped.chunks(stride).map(|group| Beam {
         direction: pixels.directions[group[group.len() / 2] as usize].as_dvec3(),

@@ -181,8 +181,14 @@ impl PhantomWatch {
 
     /// Mean of all sides that were seen but mirrors'.
     pub(super) fn mean(&self) -> Option<Vec3> {
-        let parts = self.parts.iter().zip(&self.seen).filter(|(part, _)| !part.mirror);
-        let sides = parts.flat_map(|(_, sides)| sides).filter(|(_, weight)| *weight >= ENOUGH);
+        let parts = self
+            .parts
+            .iter()
+            .zip(&self.seen)
+            .filter(|(part, _)| !part.mirror);
+        let sides = parts
+            .flat_map(|(_, sides)| sides)
+            .filter(|(_, weight)| *weight >= ENOUGH);
         let (sum, count) = sides.fold((Vec3::ZERO, 0.0), |(s, n), (mean, _)| (s + *mean, n + 1.0));
         (count > 0.0).then(|| sum / count)
     }

@@ -4,6 +4,8 @@
 
 mod golden;
 mod judge;
+mod near_light;
+mod present;
 mod shadows;
 mod soft_shadows;
 mod stage;

@@ -63,6 +63,29 @@ fn ours_at(picture: &Picture, i: usize) -> [u8; 3] {
 }
 
 #[test]
+fn light_of_one_colour_leaves_the_others_alone() {
+    let mut stage = Stage::new(96, 72)
+        .with_virtual(cube(0.1, DVec3::ZERO))
+        .lit(lighting(
+            vec![
+                sun(Vec3::new(-0.6, 0.5, 1.0), Vec3::X),
+                sun(Vec3::new(0.2, 0.1, 1.0), Vec3::X),
+            ],
+            0.0,
+        ));
+    stage.scene.virtual_parts[0].material = crate::stage::matt(Vec3::ZERO).into();
+    let (twin, ours) = (stage.twin(), stage.compose());
+    assert_like("red-light", &ours, &twin, Rule::within(1));
+    let shadowed = |i: &usize| twin.pixels[*i].seen == Seen::Phantom && !twin.pixels[*i].untouched;
+    for i in (0..twin.pixels.len()).filter(shadowed) {
+        if !away_from_edges(&twin, 1)[i] {
+            continue;
+        }
+        assert_eq!(ours_at(&ours, i)[1..], [150, 120], "{i}");
+    }
+}
+
+#[test]
 fn many_lights_agree_with_the_twin() {
     // 130 lights share the 64 bits of a tile's mask.
     for (count, mode) in [

@@ -6,7 +6,7 @@ use penumbra::compositor::reference::{Reference, ReferencePicture};
 use penumbra::compositor::{Compositor, CompositorSettings, FrameInput, Gpu, Refresh, ShadowMode};
 use penumbra::environment::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
 use penumbra::picture::Picture;
-use penumbra::scene::{Material, Mesh, Part, Scene, casters, primitives};
+use penumbra::scene::{Material, Mesh, NearLight, Part, Scene, casters, primitives};
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use std::f32::consts::PI;
 use std::sync::{Arc, OnceLock};
@@ -29,6 +29,7 @@ pub struct Stage {
     pub scene: Scene,
     pub lighting: Option<Lighting>,
     pub camera: PinholeCamera,
+    pub near: Option<NearLight>,
     pub pose: Option<RigidTransform>,
     pub picture: Picture,
     pub response: Response,
@@ -49,6 +50,7 @@ impl Stage {
                 ground_height: Some(0.0),
             },
             lighting: None,
+            near: None,
             camera: camera(width, height),
             pose: Some(looking_from(DVec3::new(0.06, -0.4, 0.34), DVec3::ZERO)),
             picture: flat(width, height, [180, 150, 120]),
@@ -97,7 +99,7 @@ impl Stage {
             camera: &self.camera,
             world_from_camera: self.pose,
             lighting: self.lighting.as_ref(),
-            near: None,
+            near: self.near.as_ref(),
             shadow_mode: self.mode,
             shadow_strength: self.strength,
             refresh: self.refresh,

@@ -107,7 +107,7 @@ impl Reference {
         let untouched = !input.show_virtual || surface.mirror || lost == DVec3::ZERO;
         let linear = match input.shadow_mode {
             _ if untouched => camera,
-            ShadowMode::Ratio => camera * (sums.arriving - lost) / sums.arriving,
+            ShadowMode::Ratio => camera * (1.0 - lost / sums.arriving.max(DVec3::splat(1e-9))),
             ShadowMode::Subtract => (camera - lost / std::f64::consts::PI).max(DVec3::ZERO),
         };
         ReferencePixel {

@@ -130,7 +130,8 @@ fn phantom_shadow(in: TileVarying) -> @location(0) vec4f {
         return vec4f(lost / PI, 1.0);
     }
     let arriving = max(arriving_in_real(masks, world, n), lost);
-    return vec4f((arriving - lost) / max(arriving, vec3f(1e-6)), 1.0);
+    // (E − R) / E, and 1 in a channel without light.
+    return vec4f(vec3f(1.0) - lost / max(arriving, vec3f(1e-6)), 1.0);
 }
 
 // First covered sample in the block of pixels that this texel stands for:

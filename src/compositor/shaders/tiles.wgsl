@@ -52,7 +52,8 @@ fn blockable(b: Bounds) -> vec4u {
     }
     let centre = vec4f(0.5 * (b.low + b.high), 1.0);
     for (var i = 0u; i < frame.counts.x; i++) {
-        if !faces(lights[i].direction.xyz, b) {
+        let dark = all(lights[i].irradiance.rgb == vec3f(0.0));
+        if dark || !faces(lights[i].direction.xyz, b) {
             continue;
         }
         // Shading lifts points off their surface by up to two texels.
@@ -71,6 +72,13 @@ fn blockable(b: Bounds) -> vec4u {
         }
     }
     return masks;
+}
+
+// Virtual objects throw light where they cast no shadow, too.
+fn is_near(b: Bounds) -> bool {
+    let margin = vec3f(0.02);
+    return frame.near_low.w != 0.0 && all(b.high > frame.near_low.xyz - margin)
+        && all(b.low < frame.near_high.xyz + margin);
 }
 
 @fragment
@@ -108,5 +116,8 @@ fn classify(@builtin(position) at: vec4f) -> Masks {
         }
     }
     let by = blockable(unreal);
-    return Masks(blockable(real), vec4u(by.xy | by.zw, covered, 0u));
+    var on_real = blockable(real);
+    // Any light will do to have the tile drawn.
+    on_real.x |= select(0u, 1u, is_near(real));
+    return Masks(on_real, vec4u(by.xy | by.zw, covered, 0u));
 }

@@ -1,0 +1,106 @@
+//! Light that virtual objects throw onto the real scene.
+
+use crate::stage::{Stage, cell, lighting, part, sun};
+use glam::{DVec3, Vec3};
+use penumbra::compositor::ShadowMode;
+use penumbra::scene::near_field::{GROUND_SIDE, Irradiance, VOLUME_SIZE};
+use penumbra::scene::{NearLight, primitives};
+use std::f32::consts::PI;
+
+/// The same irradiance everywhere in a region of half a metre.
+fn even(change: Vec3, real: Vec3) -> NearLight {
+    let fill = |value: Vec3| Irradiance {
+        ground: vec![value; (GROUND_SIDE * GROUND_SIDE) as usize],
+        volume: std::array::from_fn(|_| vec![value; VOLUME_SIZE.iter().product::<u32>() as usize]),
+    };
+    NearLight {
+        generation: 1,
+        low: Vec3::new(-0.25, -0.25, 0.0),
+        high: Vec3::new(0.25, 0.25, 0.3),
+        change: fill(change),
+        real: fill(real),
+    }
+}
+
+/// A small object in the air, a sun that casts its shadow far aside, light from above.
+fn stage() -> Stage {
+    let mut stage = Stage::new(128, 96)
+        .with_virtual(part(
+            primitives::cuboid(Vec3::splat(0.02)),
+            DVec3::new(0.0, 0.1, 0.2),
+        ))
+        .lit(lighting(
+            vec![
+                sun(Vec3::new(-1.0, 1.0, 0.3), Vec3::splat(0.5)),
+                cell(Vec3::new(0.0, -0.1, 1.0), Vec3::splat(1.0)),
+            ],
+            0.0,
+        ));
+    stage.pose = Some(crate::stage::looking_from(
+        DVec3::new(0.0, -1e-4, 1.2),
+        DVec3::ZERO,
+    ));
+    stage
+}
+
+/// Code of a red of 180 in linear light times `factor` plus `more`.
+fn red(stage: &Stage, factor: f32, more: f32) -> u8 {
+    let linear = stage.response.linear_from_code()[180] * factor + more;
+    stage.response.code_from_linear(linear)
+}
+
+#[test]
+fn light_thrown_back_brightens_the_region_and_nothing_else() {
+    let mut stage = stage();
+    stage.near = Some(even(Vec3::splat(0.3), Vec3::ZERO));
+    let arriving: f32 = stage
+        .lighting
+        .as_ref()
+        .unwrap()
+        .lights
+        .iter()
+        .map(|l| l.irradiance.x * l.direction.z)
+        .sum();
+    for step in [1, 2] {
+        stage.settings.shadow_step = step;
+        for mode in [ShadowMode::Ratio, ShadowMode::Subtract] {
+            stage.mode = mode;
+            let ours = stage.compose();
+            let expected = match mode {
+                ShadowMode::Ratio => red(&stage, 1.0 + 0.3 / arriving, 0.0),
+                ShadowMode::Subtract => red(&stage, 1.0, 0.3 / PI),
+            };
+            // 128 pixels a metre at a distance of 1.2 m: the region is 53 pixels wide, and
+            // tiles are 16.
+            let (cx, cy) = (63, 48);
+            let mut inside = 0;
+            for (x, y) in (0..96).flat_map(|y| (0..128).map(move |x| (x, y))) {
+                let far = (x as i32 - cx).abs().max((y as i32 - cy).abs());
+                let object = (x as i32 - cx).abs() < 8 && (y as i32 - cy + 13).abs() < 10;
+                let code = ours.rgb(x, y)[0];
+                if far < 24 && !object {
+                    inside += 1;
+                    let close = code.abs_diff(expected) <= 1;
+                    assert!(close, "{mode:?} {step} ({x}, {y}): {code} {expected}");
+                } else if far > 30 {
+                    assert_eq!(ours.rgb(x, y), [180, 150, 120], "({x}, {y})");
+                }
+            }
+            assert!(inside > 1500, "{inside}");
+        }
+    }
+}
+
+#[test]
+fn without_virtual_objects_or_strength_it_is_not_there() {
+    let mut stage = stage();
+    stage.near = Some(even(Vec3::splat(0.3), Vec3::splat(0.1)));
+    stage.show_virtual = false;
+    assert!(stage.compose() == stage.picture);
+    stage.show_virtual = true;
+    stage.pose = None;
+    assert!(stage.compose() == stage.picture);
+    stage.pose = self::stage().pose;
+    stage.strength = 0.0;
+    assert_eq!(stage.compose().rgb(70, 60), [180, 150, 120]);
+}
