@@ -125,6 +125,24 @@ fn surfaces_are_lit_and_shadow_themselves_and_one_another() {
 }
 
 #[test]
+fn coarse_light_does_not_bleed_round_corners() {
+    // Light from straight above: the top is bright, the sides are black.
+    let light = lighting(vec![sun(Vec3::Z, Vec3::splat(2.0))], 0.0);
+    let mut stage = Stage::new(96, 72)
+        .without_ground()
+        .with_virtual(part(primitives::cuboid(Vec3::splat(0.1)), DVec3::ZERO))
+        .lit(light);
+    (stage.settings.shadow_step, stage.settings.samples) = (2, 1);
+    let (ours, twin) = (stage.compose(), stage.twin());
+    for i in inside(&twin) {
+        let (rgb, expected) = (codes(&ours, i), codes(&twin.picture, i));
+        let close = (0..3).all(|c| rgb[c].abs_diff(expected[c]) <= 3);
+        let at = (i % 96, i / 96);
+        assert!(close, "{at:?}: {rgb:?} {expected:?}");
+    }
+}
+
+#[test]
 fn the_sky_comes_from_where_its_harmonics_say() {
     let mut light = even_sky(0.0);
     light.irradiance.coefficients = [
