@@ -36,8 +36,6 @@ pub struct Target {
 pub struct Targets {
     pub width: u32,
     pub height: u32,
-    /// Picture pixels per shadow-buffer texel, each way.
-    pub step: u32,
     pub camera: Target,
     pub response: Target,
     /// Inverse of the response.
@@ -127,7 +125,6 @@ impl Targets {
         Self {
             width,
             height,
-            step,
             camera: m.make("camera", full, format::CAMERA, uploaded | U::COPY_SRC, 1),
             response: m.make("response", (256, 1), format::RESPONSE, uploaded, 1),
             encoding: m.make("encoding", (ENCODING, 1), format::RESPONSE, uploaded, 1),

@@ -123,7 +123,7 @@ impl LightStation {
     fn decode(&mut self, set: &EnvironmentSet) -> Result<(), RigError> {
         self.decoded.resize_with(set.frames.len(), Picture::default);
         for (frame, picture) in set.frames.iter().zip(&mut self.decoded) {
-            decode_into(frame, &self.yuv, picture).map_err(|source| unreadable(source))?;
+            decode_into(frame, &self.yuv, picture).map_err(unreadable)?;
         }
         Ok(())
     }

@@ -80,7 +80,7 @@ fn found(screen: &[Vec<[u8; 3]>], picture: &Picture) -> Option<(usize, usize)> {
 fn the_window_shows_the_picture() {
     let desk = Desk::new();
     let Some(server) = Server::start(&desk) else {
-        eprintln!("the_window_shows_the_picture: skipped, there is no Xvfb (apt-get install xvfb)");
+        eprintln!("SKIPPED the_window_shows_the_picture: Xvfb is missing (apt-get install xvfb)");
         return;
     };
     let session = crate::program::desk_session().display().to_string();
