@@ -72,7 +72,6 @@ pub(super) struct Shadows {
     pub resolution: Option<ShadowResolution>,
 }
 
-
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Picture {

@@ -10,6 +10,7 @@ pub(crate) mod toml_text;
 
 use crate::calibration::EnvironmentSource;
 pub use crate::picture::YuvEncoding;
+use crate::sync::{Degree, Smoothing};
 pub use choice::{
     Antialias, Clipped, Irradiance, LightPlacement, Monitor, Refresh, ReplaySpeed, SceneChoice,
     ShadowMode, ShadowResolution, ToneCurve, Unseen, WhiteBalanceMethod, YuvMatrix, YuvRange,
@@ -134,6 +135,20 @@ pub struct SyncConfig {
     pub pose_smoothing_nanos: i64,
     /// A pose is predicted at most so far, nanoseconds.
     pub longest_prediction_nanos: i64,
+}
+
+impl SyncConfig {
+    /// The same for the tracker's history.
+    #[must_use]
+    pub const fn smoothing(self) -> Smoothing {
+        match self.pose_smoothing_nanos {
+            0 => Smoothing::None,
+            half_window_nanos => Smoothing::Local {
+                half_window_nanos,
+                degree: Degree::Quadratic,
+            },
+        }
+    }
 }
 
 /// `[input]`

@@ -79,6 +79,19 @@ impl EnvironmentEstimator {
         self.clipped.len()
     }
 
+    /// Share of the sphere's solid angle that even the shortest exposure clipped in the last
+    /// update; 0 for a sphere in the scene camera's picture, whose pixels move.
+    #[must_use]
+    pub fn clipped_share(&self) -> f32 {
+        match &self.placed {
+            View::Fixed(fixed) => {
+                let size = |i: &u32| fixed.pixels.solid_angles.get(*i as usize);
+                self.clipped.iter().filter_map(size).sum::<f32>() / (4.0 * std::f32::consts::PI)
+            }
+            View::Moving(_) => 0.0,
+        }
+    }
+
     /// Seconds since the direction that has been longest out of sight was seen, for a
     /// sphere in the scene camera's picture; `None` for views that see all the time.
     #[must_use]

@@ -1,29 +1,39 @@
 //! The light at the scene camera's white point: environment pictures, gains and the
 //! ground's radiance become [`Lighting`].
 
+use super::prepare::LightState;
 use super::watch::{GroundWatch, PhantomWatch};
 use super::{RigError, RigSetup};
 use crate::calibration::photometry::chart::{ChartError, ChartMatch, Photograph, match_chart};
 use crate::calibration::photometry::gather::{GatherOptions, Overlap, gather_pairs};
 use crate::calibration::photometry::overlap::estimate_overlap;
-use crate::calibration::photometry::raycast::{GROUND, PhantomCaster};
+use crate::calibration::photometry::raycast::{GROUND, PhantomCaster, SurfaceHit};
+use crate::calibration::photometry::reflectance::{
+    self, ReflectanceOptions, estimate_reflectance, gather_known, grey_world, irradiance_at,
+    irradiance_past,
+};
 use crate::calibration::photometry::{
     MatchMethod, MatchStatus, PhotometricMatch, PhotometrySettings,
 };
 use crate::calibration::rig::EnvironmentView;
 use crate::calibration::{Response, RigCalibration};
-use crate::config::{Config, Unseen, WhiteBalanceMethod};
+use crate::config::{Clipped, Config, Unseen, WhiteBalanceMethod};
 use crate::environment::{
-    Bracket, EnvironmentEstimator, EnvironmentInput, EnvironmentSettings, IrradianceMethod,
-    Lighting, Placement,
+    Bracket, ClippedEnergy, EnvironmentEstimator, EnvironmentInput, EnvironmentSettings,
+    IrradianceMethod, Lighting, Placement,
 };
 use crate::picture::{Picture, PictureError, YuvEncoding, decode_into};
-use crate::scene::{NearField, NearLight, casters};
+use crate::scene::{NearField, Scene, casters};
 use crate::session::Session;
 use crate::sync::EnvironmentSet;
 use glam::{DVec3, Mat3, Vec3};
-use penumbra_interface::{MonotonicTime, RigidTransform};
+use penumbra_interface::{Exposure, MonotonicTime, RigidTransform};
 use std::sync::Arc;
+
+/// Environment pictures from one comparison of the cameras to the next.
+const OVERLAP_EVERY: u32 = 5;
+/// Pixels between the blocks that are read of surfaces of known reflectance.
+const KNOWN_SPACING: u32 = 32;
 
 /// Turns environment pictures into light.
 pub struct LightStation {
@@ -39,7 +49,6 @@ pub struct LightStation {
     generation: Option<u64>,
     lighting: Option<Arc<Lighting>>,
     near: Option<NearField>,
-    overlap_every: u32,
     since_overlap: u32,
 }
 
@@ -51,6 +60,8 @@ pub struct SceneView<'a> {
     pub world_from_camera: Option<RigidTransform>,
     /// Middle of its exposure.
     pub captured_at: MonotonicTime,
+    /// As the camera reports it.
+    pub exposure: Option<Exposure>,
 }
 
 impl LightStation {
@@ -61,7 +72,7 @@ impl LightStation {
     pub fn new(setup: &RigSetup, config: &Config, session: &Session) -> Result<Self, RigError> {
         let rig = setup.calibration.clone();
         let rays = Arc::new(PhantomCaster::new(&setup.scene));
-        let estimator = estimator(&rig, config, &rays, setup.scene.ground_height.is_some())?;
+        let estimator = estimator(&rig, config, &rays, &setup.scene)?;
         let same_camera = is_in_scene(&rig);
         let mut photometry = PhotometricMatch::new(photometry_settings(config), same_camera);
         if let Some(chart) = chart_match(&rig, session, config.white_balance.matrix)? {
@@ -80,7 +91,6 @@ impl LightStation {
             generation: None,
             lighting: None,
             near: NearField::new(&setup.scene, &casters(&setup.scene)),
-            overlap_every: 5,
             since_overlap: 0,
         })
     }
@@ -112,12 +122,6 @@ impl LightStation {
             near.update(lighting, self.phantoms.radiance(lighting));
         }
         Ok(self.lighting.clone())
-    }
-
-    /// What virtual objects throw back under the light in force.
-    #[must_use]
-    pub fn near(&self) -> Option<&NearLight> {
-        self.near.as_ref().map(NearField::light)
     }
 
     fn decode(&mut self, set: &EnvironmentSet) -> Result<(), RigError> {
@@ -194,9 +198,9 @@ impl LightStation {
             return;
         };
         self.photometry
-            .set_exposures(None, set.frames[base].exposure);
+            .set_exposures(scene.exposure, set.frames[base].exposure);
         self.since_overlap += 1;
-        if self.since_overlap < self.overlap_every && self.lighting.is_some() {
+        if self.since_overlap < OVERLAP_EVERY && self.lighting.is_some() {
             return;
         }
         self.since_overlap = 0;
@@ -221,6 +225,62 @@ impl LightStation {
             scene.captured_at,
             set.captured_at,
         );
+        self.match_surfaces(scene, pose);
+    }
+
+    /// The third way: what the measured light makes of surfaces whose reflectance is
+    /// stated; where there are none, of a world that is grey on average.
+    fn match_surfaces(&mut self, scene: &SceneView<'_>, world_from_camera: RigidTransform) {
+        let Some(lighting) = &self.lighting else {
+            return;
+        };
+        let applied = self.photometry.gains();
+        let view = reflectance::SceneView {
+            photograph: Photograph {
+                picture: scene.picture,
+                response: &self.rig.scene_camera.response,
+            },
+            camera: &self.rig.scene_camera.camera,
+            world_from_camera,
+        };
+        let rays = &self.rays;
+        let irradiance = |hit: &SurfaceHit| irradiance_past(rays, lighting, hit);
+        let known = gather_known(&view, rays, KNOWN_SPACING, irradiance);
+        let estimate = estimate_reflectance(&known, &ReflectanceOptions::default());
+        self.photometry
+            .update_reflectance(estimate.map(|e| e.after(applied)));
+        if let Some(ground) = self.ground.radiance() {
+            let measured = irradiance_at(lighting, Vec3::Z, |_| 1.0) / applied;
+            let guess = grey_world(ground.as_dvec3(), measured);
+            self.photometry.update_grey_world(guess);
+        }
+    }
+
+    /// Changes placement and number of the dome lights.
+    pub fn set_lights(&mut self, placement: Placement, count: usize) {
+        if let Some(estimator) = &mut self.estimator {
+            estimator.set_lights(placement, count);
+        }
+    }
+
+    /// The light in force and how it was found, to be shared.
+    #[must_use]
+    pub fn state(&self) -> LightState {
+        let estimator = self.estimator.as_ref();
+        LightState {
+            lighting: self.lighting.clone(),
+            near: self
+                .near
+                .as_ref()
+                .map(|near| Arc::new(near.light().clone())),
+            white_balance: Some(Arc::new(self.match_status())),
+            sources: Arc::new(
+                estimator
+                    .map(EnvironmentEstimator::sources)
+                    .unwrap_or_default(),
+            ),
+            clipped: estimator.map_or(0.0, EnvironmentEstimator::clipped_share),
+        }
     }
 
     /// The light in force.
@@ -264,7 +324,7 @@ fn estimator(
     rig: &RigCalibration,
     config: &Config,
     rays: &Arc<PhantomCaster>,
-    ground: bool,
+    scene: &Scene,
 ) -> Result<Option<EnvironmentEstimator>, RigError> {
     let Some(environment) = &rig.environment else {
         return Ok(None);
@@ -273,7 +333,12 @@ fn estimator(
         cube_size: config.environment.cube_size,
         placement: placement(config.environment.lights),
         lights: config.environment.light_count as usize,
-        ground,
+        ground: scene.ground_height.is_some(),
+        ground_height: scene.ground_height.unwrap_or_default(),
+        clipped: match config.environment.clipped {
+            Clipped::Estimate => ClippedEnergy::default(),
+            Clipped::Keep => ClippedEnergy::Keep,
+        },
         irradiance: match config.environment.irradiance {
             crate::config::Irradiance::Harmonics => IrradianceMethod::Harmonics,
             crate::config::Irradiance::Blurred => IrradianceMethod::Blurred,

@@ -8,7 +8,7 @@ use crate::config::Config;
 use crate::environment::{LightReport, Lighting};
 use crate::picture::{Picture, decode_into};
 use crate::session::Session;
-use crate::sync::{PairingConfig, RigFrame};
+use crate::sync::PairingConfig;
 use glam::{DMat3, DVec3, Mat3};
 use penumbra_interface::RigidTransform;
 use std::sync::Arc;
@@ -31,11 +31,12 @@ pub fn light_of_session(session: &Session, config: &Config) -> Result<LightRepor
         if decode_into(&frame.scene, &config.input.encoding(), &mut picture).is_err() {
             continue;
         }
-        let pose = world_from_camera(&setup, &frame);
+        let pose = setup.world_from_camera(&frame);
         let view = SceneView {
             picture: &picture,
             world_from_camera: pose,
             captured_at: frame.captured_at,
+            exposure: frame.scene.exposure,
         };
         let set = frame.environment.as_ref().map(|e| e.set.as_ref());
         if let Some(lighting) = station.update(set, &view)? {
@@ -71,10 +72,4 @@ fn gains(status: &MatchStatus) -> Mat3 {
     matrix
         .map_or(diagonal, |m| m * status.exposure_factor)
         .as_mat3()
-}
-
-fn world_from_camera(setup: &RigSetup, frame: &RigFrame) -> Option<RigidTransform> {
-    let pose = frame.pose.as_ref()?.transmitter_from_sensor;
-    let tracker = setup.calibration.tracker.as_ref();
-    Some(tracker.map_or(pose, |t| t.world_from_scene_camera(pose)))
 }

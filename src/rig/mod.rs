@@ -2,13 +2,14 @@
 //!
 //! [`feed`] turns a session's events into paired [`RigFrame`](crate::sync::RigFrame)s,
 //! [`light`] turns their environment pictures into light at the scene camera's white
-//! point, [`mod@replay`] lets frames flow through the compositor to the outputs, [`report`]
+//! point, [`prepare`] does both one frame ahead, [`mod@replay`] lets frames flow through the compositor to the outputs, [`report`]
 //! says afterwards what happened.
 
 pub mod feed;
 pub mod light;
 pub mod light_report;
 mod pace;
+pub mod prepare;
 pub mod replay;
 pub mod report;
 pub mod service;
@@ -26,6 +27,8 @@ use crate::environment::EnvironmentError;
 use crate::picture::PictureError;
 use crate::scene::{Scene, SceneError};
 use crate::session::{Session, SessionError};
+use crate::sync::RigFrame;
+use penumbra_interface::RigidTransform;
 use std::path::PathBuf;
 use thiserror::Error;
 
@@ -87,6 +90,12 @@ pub enum RigError {
     /// The light could not be told of.
     #[error(transparent)]
     LightReport(#[from] crate::environment::report::LightReportError),
+    /// The system has no more threads.
+    #[error("no thread to be had: {source}; end other programs")]
+    Thread {
+        /// What the system said.
+        source: std::io::Error,
+    },
     /// The session has no frame of the scene camera.
     #[error("{path}: no picture of the scene camera in it; nothing to compose", path = path.display())]
     Empty {
@@ -96,6 +105,7 @@ pub enum RigError {
 }
 
 /// What a session and a configuration say about the rig, made true.
+#[derive(Clone)]
 pub struct RigSetup {
     /// Calibration with the configuration's overrides.
     pub calibration: RigCalibration,
@@ -120,6 +130,14 @@ impl RigSetup {
             calibration: calibration(&document, config),
             scene,
         })
+    }
+
+    /// The scene camera's pose for a paired frame, if the sensor's is known.
+    #[must_use]
+    pub fn world_from_camera(&self, frame: &RigFrame) -> Option<RigidTransform> {
+        let pose = frame.pose.as_ref()?.transmitter_from_sensor;
+        let tracker = self.calibration.tracker.as_ref();
+        Some(tracker.map_or(pose, |t| t.world_from_scene_camera(pose)))
     }
 }
 

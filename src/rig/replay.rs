@@ -1,17 +1,17 @@
 //! Lets a recorded session flow through the compositor to the outputs.
 
-use super::feed::Feed;
-use super::light::{LightStation, SceneView, placement};
-use super::pace::Pace;
+use super::prepare::{Counts, LightState, Preparation, Prepared, Step};
 use super::report::{FrameCounts, InputCounts, Report, SkewMeter};
+use super::status::Published;
 use super::{RigError, RigSetup};
 use crate::compositor::{Compositor, CompositorSettings, FrameInput, Gpu, Refresh, ShadowMode};
-use crate::config::{Antialias, Config, LightPlacement, ReplaySpeed, ShadowResolution};
+use crate::config::{Antialias, Config, LightPlacement, ShadowResolution};
 use crate::output::files::FrameFolder;
-use crate::picture::{Picture, YuvEncoding, decode_into};
+use crate::picture::Picture;
 use crate::session::Session;
-use crate::status::{LightsMode, Settings, SharedStatus, StageTimes, Technique};
-use crate::sync::{PairingConfig, Provenance, RigFrame};
+use crate::status::snapshot::SessionState;
+use crate::status::{self, LightsMode, Settings, SharedStatus, StageTimes, Technique};
+use crate::sync::{Provenance, RigFrame};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -56,8 +56,8 @@ pub fn live_settings(config: &Config) -> Settings {
             LightPlacement::Grid => LightsMode::Grid,
         },
         shadow_mode: match config.shadows.mode {
-            crate::config::ShadowMode::Ratio => crate::status::ShadowMode::Ratio,
-            crate::config::ShadowMode::Subtract => crate::status::ShadowMode::Subtract,
+            crate::config::ShadowMode::Ratio => status::ShadowMode::Ratio,
+            crate::config::ShadowMode::Subtract => status::ShadowMode::Subtract,
         },
         shadow_strength: config.shadows.strength,
         virtual_object_visible: true,
@@ -105,44 +105,49 @@ impl Replay {
             })?),
             None => None,
         };
-        let mut run = Run::new(&self, gpu, screen, folder)?;
-        let mut feed = Feed::new(
-            self.session.clone(),
-            &self.setup.calibration,
-            run.pairing.clone(),
-        );
-        loop {
-            run.play(&self, &mut feed)?;
-            run.finish_loop(&feed);
-            if !self.config.replay.repeat || run.over(&self) {
+        let preparation = Preparation::start(
+            &self.setup,
+            &self.config,
+            &self.session,
+            self.status.settings_receiver(),
+            self.shutdown.clone(),
+        )?;
+        super::status::begin(&self.status, self.session.path(), &gpu);
+        let mut run = Run::new(&self, gpu, screen, folder);
+        while !run.over(&self) {
+            let Some(step) = preparation.next() else {
                 break;
+            };
+            match step {
+                Step::Frame(prepared) => {
+                    run.compose(&self, &prepared)?;
+                    preparation.give_back(prepared.picture);
+                }
+                Step::Skipped => run.frames.skipped += 1,
+                Step::Damaged => run.frames.damaged += 1,
+                Step::End(counts) => run.finish_loop(&self, &counts),
             }
-            feed.rewind(run.pairing.clone());
         }
-        run.into_report(&self, &feed)
+        drop(preparation);
+        run.into_report(&self)
     }
 }
 
 /// The state of a running replay.
 struct Run {
     compositor: Compositor,
-    light: LightStation,
     screen: Option<Box<dyn Screen>>,
     folder: Option<FrameFolder>,
-    pairing: PairingConfig,
-    yuv: YuvEncoding,
-    picture: Picture,
     settings: Settings,
     wished: tokio::sync::watch::Receiver<Settings>,
     stages: StageTimes,
     frames: FrameCounts,
     inputs: InputCounts,
+    counts: Option<Counts>,
     skew: SkewMeter,
-    lights: (u32, u32),
-    pace: Pace,
+    light: LightState,
     started: Instant,
     closed: bool,
-    index: u64,
 }
 
 impl Run {
@@ -151,139 +156,91 @@ impl Run {
         gpu: Gpu,
         screen: Option<Box<dyn Screen>>,
         folder: Option<FrameFolder>,
-    ) -> Result<Self, RigError> {
+    ) -> Self {
         let (config, setup) = (&replay.config, &replay.setup);
         let settings = compositor_settings(config, gpu.software);
         let response = setup.calibration.scene_camera.response.clone();
         let mut compositor = Compositor::new(gpu, settings, response);
         compositor.set_scene(&setup.scene, &crate::scene::casters(&setup.scene));
-        Ok(Self {
+        Self {
             compositor,
-            light: LightStation::new(setup, config, &replay.session)?,
             screen,
             folder,
-            pairing: pairing(config, &setup.calibration),
-            yuv: config.input.encoding(),
-            picture: Picture::default(),
             settings: live_settings(config),
             wished: replay.status.settings_receiver(),
             stages: StageTimes::default(),
             frames: FrameCounts::default(),
             inputs: InputCounts::default(),
+            counts: None,
             skew: SkewMeter::default(),
-            lights: (0, 0),
-            pace: Pace::new(config.replay.speed),
+            light: LightState::default(),
             started: Instant::now(),
             closed: false,
-            index: 0,
-        })
+        }
     }
 
     fn over(&self, replay: &Replay) -> bool {
-        let full = replay
-            .options
-            .frame_limit
-            .is_some_and(|limit| self.frames.composed >= limit);
+        let limit = replay.options.frame_limit;
+        let full = limit.is_some_and(|limit| self.frames.composed >= limit);
         let writer_gone = self.folder.as_ref().is_some_and(|f| !f.is_alive());
         full || self.closed || writer_gone || replay.shutdown.load(Ordering::Relaxed)
     }
 
-    /// One pass over the session.
-    fn play(&mut self, replay: &Replay, feed: &mut Feed) -> Result<(), RigError> {
-        self.index = 0;
-        self.pace.restart();
-        while !self.over(replay) {
-            let Some(frame) = feed.next_frame() else {
-                return Ok(());
-            };
-            if self.pace.wait(frame.scene.arrived_at, &replay.shutdown) {
-                self.compose(replay, &frame)?;
-            } else {
-                self.frames.skipped += 1;
-            }
-            self.index += 1;
-        }
-        Ok(())
-    }
-
-    /// One frame, from its bytes to the outputs.
-    fn compose(&mut self, replay: &Replay, frame: &RigFrame) -> Result<(), RigError> {
+    /// One frame, from its picture and its light to the outputs.
+    fn compose(&mut self, replay: &Replay, prepared: &Prepared) -> Result<(), RigError> {
         let begun = Instant::now();
-        if decode_into(&frame.scene, &self.yuv, &mut self.picture).is_err() {
-            self.frames.damaged += 1;
-            return Ok(());
-        }
-        self.stages.record("decode", begun.elapsed());
+        self.stages.record("decode", prepared.decoding);
+        self.stages.record("environment", prepared.lighting);
         self.take_settings();
-        self.light_frame(replay, frame);
-        self.draw(replay, frame)?;
-        self.deliver(replay)?;
+        self.light.clone_from(&prepared.light);
+        self.draw(replay, prepared)?;
+        self.stages.record("composite", begun.elapsed());
+        self.deliver(replay, prepared.index)?;
         for (pass, millis) in self.compositor.pass_times() {
-            self.stages
-                .record_gpu(pass, Duration::from_secs_f64(millis * 1e-3));
+            let time = Duration::from_secs_f64(millis * 1e-3);
+            self.stages.record_gpu(pass, time);
         }
         self.stages.record("total", begun.elapsed());
-        self.count(frame);
-        self.publish(replay, frame);
+        self.counts = Some(prepared.counts);
+        self.count(&prepared.frame);
+        super::status::publish(&Published {
+            status: &replay.status,
+            prepared,
+            stages: &self.stages,
+            frames: &self.frames,
+            settings: &self.settings,
+            stale_after_nanos: replay.config.environment.stale_after_nanos,
+        });
         Ok(())
     }
 
-    fn light_frame(&mut self, replay: &Replay, frame: &RigFrame) {
-        let begun = Instant::now();
-        let set = frame.environment.as_ref().map(|e| e.set.as_ref());
-        let view = SceneView {
-            picture: &self.picture,
-            world_from_camera: world_from_camera(replay, frame),
-            captured_at: frame.captured_at,
-        };
-        // An environment picture that cannot be read leaves the light as it was.
-        if let Err(error) = self.light.update(set, &view) {
-            replay.status.update(|s| s.warn(&error.to_string()));
-        }
-        self.stages.record("environment", begun.elapsed());
-    }
-
-    fn draw(&mut self, replay: &Replay, frame: &RigFrame) -> Result<(), RigError> {
-        let begun = Instant::now();
-        let calibration = &replay.setup.calibration;
-        let shadows = self.settings.technique == Technique::ImageBasedShadowing;
-        let limit = replay
-            .config
-            .shadows
-            .refresh_per_frame
-            .of(self.settings.light_count);
-        let lighting = self.light.lighting().cloned();
+    fn draw(&mut self, replay: &Replay, prepared: &Prepared) -> Result<(), RigError> {
+        let settings = &self.settings;
+        let shadows = settings.technique == Technique::ImageBasedShadowing;
+        let refresh = replay.config.shadows.refresh_per_frame;
         self.compositor.compose(&FrameInput {
-            picture: &self.picture,
-            camera: &calibration.scene_camera.camera,
-            world_from_camera: world_from_camera(replay, frame),
-            lighting: lighting.as_deref(),
-            near: self.light.near(),
-            shadow_mode: match self.settings.shadow_mode {
-                crate::status::ShadowMode::Ratio => ShadowMode::Ratio,
-                crate::status::ShadowMode::Subtract => ShadowMode::Subtract,
+            picture: &prepared.picture,
+            camera: &replay.setup.calibration.scene_camera.camera,
+            world_from_camera: prepared.world_from_camera,
+            lighting: prepared.light.lighting.as_deref(),
+            near: prepared.light.near.as_deref(),
+            shadow_mode: match settings.shadow_mode {
+                status::ShadowMode::Ratio => ShadowMode::Ratio,
+                status::ShadowMode::Subtract => ShadowMode::Subtract,
             },
             shadow_strength: if shadows {
-                self.settings.shadow_strength
+                settings.shadow_strength
             } else {
                 0.0
             },
-            refresh: Refresh::UpTo(limit as usize),
-            show_virtual: self.settings.virtual_object_visible,
+            refresh: Refresh::UpTo(refresh.of(settings.light_count) as usize),
+            show_virtual: settings.virtual_object_visible,
         })?;
-        self.lights = lighting.map_or((0, 0), |l| {
-            let compact = l
-                .lights
-                .iter()
-                .filter(|l| l.kind == crate::environment::LightKind::Compact);
-            (l.lights.len() as u32, compact.count() as u32)
-        });
-        self.stages.record("composite", begun.elapsed());
         Ok(())
     }
 
     /// The picture to the window, the folder and whoever watches.
-    fn deliver(&mut self, replay: &Replay) -> Result<(), RigError> {
+    fn deliver(&mut self, replay: &Replay, index: u64) -> Result<(), RigError> {
         let begun = Instant::now();
         if let Some(screen) = &mut self.screen {
             self.closed = !screen.show(&self.compositor);
@@ -295,11 +252,9 @@ impl Run {
             if watched {
                 replay.status.publish_picture(Arc::new(picture.clone()));
             }
-            folder.write(self.index, picture);
+            folder.write(index, picture);
         } else if watched {
-            let mut picture = Picture::default();
-            self.compositor.read(&mut picture)?;
-            replay.status.publish_picture(Arc::new(picture));
+            self.publish_picture(replay)?;
         } else {
             self.compositor.gpu().wait()?;
         }
@@ -307,18 +262,17 @@ impl Run {
         Ok(())
     }
 
+    fn publish_picture(&self, replay: &Replay) -> Result<(), RigError> {
+        let mut picture = Picture::default();
+        self.compositor.read(&mut picture)?;
+        replay.status.publish_picture(Arc::new(picture));
+        Ok(())
+    }
+
     fn take_settings(&mut self) {
-        if !self.wished.has_changed().unwrap_or(false) {
-            return;
-        }
-        self.settings = self.wished.borrow_and_update().clone();
-        let lights = match self.settings.lights_mode {
-            LightsMode::Adaptive => LightPlacement::Adaptive,
-            LightsMode::Grid => LightPlacement::Grid,
-        };
-        self.compositor.set_light_budget(self.settings.light_count);
-        if let Some(estimator) = self.light.estimator() {
-            estimator.set_lights(placement(lights), self.settings.light_count as usize);
+        if self.wished.has_changed().unwrap_or(false) {
+            self.settings = self.wished.borrow_and_update().clone();
+            self.compositor.set_light_budget(self.settings.light_count);
         }
     }
 
@@ -337,38 +291,45 @@ impl Run {
         }
     }
 
-    fn publish(&self, replay: &Replay, frame: &RigFrame) {
-        super::status::publish(&super::status::Published {
-            status: &replay.status,
-            frame,
-            light: &self.light,
-            stages: &self.stages,
-            frames: &self.frames,
-            lights: self.lights,
-            settings: &self.settings,
-            size: (self.picture.width, self.picture.height),
-        });
+    fn finish_loop(&mut self, replay: &Replay, counts: &Counts) {
+        self.add(counts);
+        self.counts = None;
+        replay.status.update(|s| s.session.loops += 1);
     }
 
-    fn finish_loop(&mut self, feed: &Feed) {
-        self.inputs.take(&feed.pairing_counts());
-        replay_counts(&mut self.frames, &mut self.inputs, feed);
+    /// Pairing counts are of one loop, the others of all.
+    fn add(&mut self, counts: &Counts) {
+        self.inputs.take(&counts.pairing);
+        self.frames.in_session = counts.feed.scene_frames;
+        self.inputs.environment_frames = counts.feed.environment_frames;
+        self.inputs.poses = counts.feed.poses;
+        self.inputs.damaged_stretches = counts.feed.damaged;
+        self.inputs.skipped_tracker_bytes = counts.skipped_tracker_bytes;
     }
 
-    fn into_report(self, replay: &Replay, feed: &Feed) -> Result<Report, RigError> {
-        // One that was stopped at once has seen nothing yet.
-        let stopped = self.closed || replay.shutdown.load(Ordering::Relaxed);
-        if feed.counts().scene_frames == 0 && !stopped {
+    fn into_report(mut self, replay: &Replay) -> Result<Report, RigError> {
+        if let Some(counts) = self.counts.take() {
+            self.add(&counts);
+        }
+        let none = self.frames.in_session == 0 && self.frames.composed == 0;
+        if none && !replay.shutdown.load(Ordering::Relaxed) {
             return Err(RigError::Empty {
                 path: replay.session.path().to_owned(),
             });
         }
+        if self.frames.composed > 0 {
+            // Whoever opens the page after the end sees the last picture.
+            self.publish_picture(replay)?;
+        }
+        replay
+            .status
+            .update(|s| s.session.enter(SessionState::Ended));
         if let Some(folder) = self.folder {
             folder.finish()?;
         }
         let name = replay.session.path().file_name().unwrap_or_default();
         let (width, height) = self.compositor.size().unwrap_or_default();
-        let seen = replay.setup.calibration.environment.is_some();
+        let (lights, compact_lights) = self.light.count();
         Ok(Report {
             version: 1,
             session: name.to_string_lossy().into_owned(),
@@ -378,50 +339,22 @@ impl Run {
             frames: self.frames,
             inputs: self.inputs,
             skew_ms: self.skew.skew(),
-            white_balance: seen.then(|| self.light.match_status()),
-            lights: self.lights.0,
-            compact_lights: self.lights.1,
+            white_balance: self.light.white_balance.map(|status| (*status).clone()),
+            lights,
+            compact_lights,
             stages: self.stages,
             wall_seconds: self.started.elapsed().as_secs_f64(),
         })
     }
 }
 
-fn replay_counts(frames: &mut FrameCounts, inputs: &mut InputCounts, feed: &Feed) {
-    let counts = feed.counts();
-    frames.in_session = counts.scene_frames;
-    inputs.environment_frames = counts.environment_frames;
-    inputs.poses = counts.poses;
-    inputs.damaged_stretches = counts.damaged;
-    inputs.skipped_tracker_bytes = feed.tracker_counters().skipped_bytes;
-}
-
-fn world_from_camera(
-    replay: &Replay,
-    frame: &RigFrame,
-) -> Option<penumbra_interface::RigidTransform> {
-    let pose = frame.pose.as_ref()?.transmitter_from_sensor;
-    let tracker = replay.setup.calibration.tracker.as_ref();
-    Some(tracker.map_or(pose, |t| t.world_from_scene_camera(pose)))
-}
-
-fn pairing(config: &Config, rig: &crate::calibration::RigCalibration) -> PairingConfig {
-    let mut pairing = PairingConfig::for_rig(rig);
-    pairing.history.max_prediction_nanos = config.sync.longest_prediction_nanos;
-    pairing.with_full_windows()
-}
-
-/// Frames that nobody waits for are made as well as can be.
 fn compositor_settings(config: &Config, software: bool) -> CompositorSettings {
-    let software = software && config.replay.speed != ReplaySpeed::Max;
     let automatic = CompositorSettings::for_adapter(software);
     CompositorSettings {
         light_budget: config.environment.light_count,
         shadow_map_size: config.shadows.map_size,
         shadow_step: match config.shadows.resolution {
-            ShadowResolution::Auto => {
-                std::env::var("PEN_STEP").map_or(automatic.shadow_step, |v| v.parse().unwrap())
-            }
+            ShadowResolution::Auto => automatic.shadow_step,
             ShadowResolution::Full => 1,
             ShadowResolution::Half => 2,
         },
@@ -429,13 +362,10 @@ fn compositor_settings(config: &Config, software: bool) -> CompositorSettings {
             Antialias::Msaa4 => 4,
             Antialias::Off => 1,
         },
-        soft_samples: std::env::var("PEN_SOFT").map_or(
-            if config.shadows.soft {
-                automatic.soft_samples
-            } else {
-                1
-            },
-            |v| v.parse().unwrap(),
-        ),
+        soft_samples: if config.shadows.soft {
+            automatic.soft_samples
+        } else {
+            1
+        },
     }
 }

@@ -1,50 +1,74 @@
 //! What the rig writes into the status.
 
-use super::light::LightStation;
+use super::prepare::{LightState, Prepared};
 use super::report::FrameCounts;
 use crate::calibration::photometry::{MatchStatus, Provenance};
+use crate::compositor::Gpu;
 use crate::status::snapshot::{
-    Device, DeviceKind, DeviceState, PoseAnswer, WhiteBalance, WhiteBalanceEstimate,
-    WhiteBalanceMethod,
+    Adapter, Device, DeviceKind, DeviceState, PoseAnswer, SessionState, WhiteBalance,
+    WhiteBalanceEstimate, WhiteBalanceMethod, WhiteMatch,
 };
 use crate::status::{Settings, SharedStatus, Snapshot, StageTimes};
 use crate::sync::{self, RigFrame};
+use std::path::Path;
 
 /// Everything that a frame changes in the status.
 pub struct Published<'a> {
     /// Where to write.
     pub status: &'a SharedStatus,
     /// The frame.
-    pub frame: &'a RigFrame,
-    /// Light and white balance.
-    pub light: &'a LightStation,
+    pub prepared: &'a Prepared,
     /// Times so far.
     pub stages: &'a StageTimes,
     /// Counts so far.
     pub frames: &'a FrameCounts,
-    /// Dome lights, and compact ones among them.
-    pub lights: (u32, u32),
     /// Settings in force.
     pub settings: &'a Settings,
-    /// Picture size, pixels.
-    pub size: (u32, u32),
+    /// Light older than this is old, nanoseconds.
+    pub stale_after_nanos: i64,
+}
+
+/// Writes what is known before the first frame.
+pub fn begin(status: &SharedStatus, session: &Path, gpu: &Gpu) {
+    let info = gpu.adapter.get_info();
+    status.update(|s| {
+        s.session.name = session
+            .file_name()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned();
+        s.adapter = Adapter {
+            name: gpu.name.clone(),
+            backend: info.backend.to_string(),
+            kind: format!("{:?}", info.device_type),
+        };
+    });
 }
 
 /// Writes it.
 pub fn publish(p: &Published<'_>) {
+    let frame = &p.prepared.frame;
+    if let Some(preview) = &p.prepared.preview {
+        p.status.publish_environment_preview(preview.clone());
+    }
     p.status.update(|s| {
+        if s.session.state != SessionState::Replaying {
+            s.session.enter(SessionState::Replaying);
+        }
         s.frames.arrived = p.frames.composed + p.frames.skipped + p.frames.damaged;
         s.frames.composed = p.frames.composed;
-        s.frames.skipped = p.frames.skipped;
+        s.frames.skipped = p.frames.skipped + p.frames.damaged;
         s.frames.without_pose = p.frames.without_pose;
         s.stages.clone_from(p.stages);
         s.settings.clone_from(p.settings);
-        (s.resolution.width, s.resolution.height) = p.size;
-        s.lighting.dome_lights = p.lights.0;
-        s.lighting.compact_lights = p.lights.1;
-        pairing(s, p.frame);
+        let picture = &p.prepared.picture;
+        (s.resolution.width, s.resolution.height) = (picture.width, picture.height);
+        if let Some(warning) = &p.prepared.warning {
+            s.warn(warning);
+        }
+        pairing(s, frame);
         lighting(s, p);
-        devices(s, p.frame);
+        devices(s, frame);
     });
 }
 
@@ -63,30 +87,45 @@ fn pairing(s: &mut Snapshot, frame: &RigFrame) {
 }
 
 fn lighting(s: &mut Snapshot, p: &Published<'_>) {
-    let Some(lighting) = p.light.lighting() else {
-        return;
-    };
-    s.lighting.age_ms = Some(p.frame.captured_at.seconds_since(lighting.captured_at) * 1e3);
+    let LightState {
+        lighting,
+        white_balance,
+        sources,
+        clipped,
+        ..
+    } = &p.prepared.light;
+    let (dome_lights, compact_lights) = p.prepared.light.count();
+    (s.lighting.dome_lights, s.lighting.compact_lights) = (dome_lights, compact_lights);
+    s.lighting.compact_sources = sources.len() as u32;
+    s.lighting.clipped_fraction = Some(f64::from(*clipped));
+    let Some(lighting) = lighting else { return };
+    let age = p
+        .prepared
+        .frame
+        .captured_at
+        .seconds_since(lighting.captured_at);
+    s.lighting.age_ms = Some(age * 1e3);
+    let stale = age * 1e9 > p.stale_after_nanos as f64;
+    s.lighting.stale = stale.then(|| {
+        "the environment camera has been silent: the light is the last that it saw".to_owned()
+    });
     let total = |c: glam::Vec3| c.element_sum();
-    s.lighting.dominant_direction = lighting
-        .lights
+    let brightest = sources
         .iter()
-        .max_by(|a, b| total(a.irradiance).total_cmp(&total(b.irradiance)))
-        .map(|l| l.direction.as_dvec3().to_array());
-    s.white_balance = white_balance(&p.light.match_status());
+        .max_by(|a, b| total(a.irradiance).total_cmp(&total(b.irradiance)));
+    s.lighting.dominant_direction = brightest.map(|l| l.direction.as_dvec3().to_array());
+    if let Some(status) = white_balance {
+        s.white_balance = in_words(status);
+    }
 }
 
-fn white_balance(status: &MatchStatus) -> WhiteBalance {
+fn in_words(status: &MatchStatus) -> WhiteBalance {
     let relative = |percent: &Option<[f64; 3]>| percent.map(|p| p.map(|x| x / 100.0));
-    let estimates = status
-        .methods
-        .iter()
-        .map(|m| WhiteBalanceEstimate {
-            method: method(m.method),
-            gains: m.gains,
-            uncertainty: relative(&m.uncertainty_percent).unwrap_or([f64::NAN; 3]),
-        })
-        .collect();
+    let estimates = status.methods.iter().map(|m| WhiteBalanceEstimate {
+        method: method(m.method),
+        gains: m.gains,
+        uncertainty: relative(&m.uncertainty_percent).unwrap_or([f64::NAN; 3]),
+    });
     let disagreement = status
         .methods
         .iter()
@@ -97,9 +136,39 @@ fn white_balance(status: &MatchStatus) -> WhiteBalance {
         uncertainty: relative(&status.uncertainty_percent),
         disagreement: disagreement.reduce(f64::max),
         frozen: status.notice.clone().filter(|_| status.frozen),
-        estimates,
-        white: None,
+        estimates: estimates.collect(),
+        white: white(status),
     }
+}
+
+/// Linear value of the grey that the match is shown with.
+const GREY: f64 = 0.6;
+
+/// A grey surface as the scene camera sees it, and as the environment camera does by the
+/// best measurement that is not itself in force; with none but that, the match is exact by
+/// its own account.
+fn white(status: &MatchStatus) -> Option<WhiteMatch> {
+    let measured = |wanted: Provenance| status.methods.iter().find(|m| m.method == wanted);
+    let others = [
+        Provenance::Chart,
+        Provenance::Overlap,
+        Provenance::Reflectance,
+    ];
+    let judge = others
+        .into_iter()
+        .filter(|m| *m != status.in_force)
+        .find_map(measured);
+    let seen = judge.map_or(status.gains, |m| m.gains);
+    if seen.iter().any(|g| !g.is_finite() || *g <= 0.0) {
+        return None;
+    }
+    let before = seen.map(|gain| GREY / gain);
+    let after = [0, 1, 2].map(|c| before[c] * status.gains[c]);
+    Some(WhiteMatch {
+        scene: [GREY; 3],
+        environment_before: before,
+        environment_after: after,
+    })
 }
 
 const fn method(provenance: Provenance) -> WhiteBalanceMethod {
