@@ -75,7 +75,9 @@ impl LightStation {
         let estimator = estimator(&rig, config, &rays, &setup.scene)?;
         let same_camera = is_in_scene(&rig);
         let mut photometry = PhotometricMatch::new(photometry_settings(config), same_camera);
-        if let Some(chart) = chart_match(&rig, session, config.white_balance.matrix)? {
+        if !same_camera
+            && let Some(chart) = chart_match(&rig, session, config.white_balance.matrix)?
+        {
             photometry.set_chart(chart);
         }
         Ok(Self {
