@@ -148,7 +148,13 @@ impl Compositor {
         p.phantom_geometry.record(encoder, timer, frame, scene, t);
         p.virtual_geometry.record(encoder, timer, frame, scene, t);
         // Where in the picture which light could be missing.
-        p.tiles.record(encoder, timer, frame, &sized.tiles, t);
+        p.tiles.record(
+            encoder,
+            timer,
+            [frame, &sized.tiles],
+            t,
+            self.cover.rectangle(),
+        );
         // What light each of those surfaces lacks.
         let unshadowed = if self.subtract { 0.0 } else { 1.0 };
         p.shadow_buffer
@@ -200,12 +206,33 @@ impl Compositor {
         self.refreshed = self.chosen.len();
         self.subtract = input.shadow_mode == ShadowMode::Subtract;
         let uniform = self.frame_uniform(input, lights.len(), augmented);
+        self.upload_cover(input, augmented && input.lighting.is_some());
         let slots = &self.slots;
         let each = lights
             .iter()
             .enumerate()
             .map(|(i, light)| slots.uniform(i, light));
         self.light_maps.write_frame(&self.gpu.queue, &uniform, each);
+    }
+
+    /// Tells the tiles that virtual objects lie in.
+    fn upload_cover(&mut self, input: &FrameInput<'_>, augmented: bool) {
+        let size = (input.picture.width, input.picture.height);
+        let pose = input.world_from_camera.filter(|_| augmented);
+        let camera_from_world = pose.map_or(DMat4::IDENTITY, |p| p.inverse().to_matrix());
+        let clip_from_world = clip_from_camera(input.camera) * camera_from_world;
+        self.cover.update(clip_from_world, size, pose.is_some());
+        let Some(sized) = &self.sized else { return };
+        let texture = &sized.targets.covered.texture;
+        let layout = wgpu::TexelCopyBufferLayout {
+            offset: 0,
+            bytes_per_row: Some(texture.width()),
+            rows_per_image: None,
+        };
+        let to = texture.as_image_copy();
+        self.gpu
+            .queue
+            .write_texture(to, self.cover.tiles(), layout, texture.size());
     }
 
     fn fit_targets(&mut self, picture: &Picture) -> Result<bool, GpuError> {

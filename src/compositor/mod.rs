@@ -7,6 +7,7 @@
 //! `shadow_slots`.
 
 mod bindings;
+mod cover;
 pub mod frame;
 pub mod gpu;
 mod gpu_data;
@@ -28,6 +29,7 @@ pub use shadow_slots::Refresh;
 
 use crate::calibration::Response;
 use crate::scene::{Part, Scene};
+use cover::Cover;
 use frame::Pipelines;
 use light_maps::LightMaps;
 use passes::shadow_map::ShadowMaps;
@@ -78,6 +80,7 @@ pub struct Compositor {
     maps: (ShadowMaps, ShadowMaps),
     slots: ShadowSlots,
     chosen: Vec<usize>,
+    cover: Cover,
     scene: SceneBuffers,
     sized: Option<frame::Sized>,
     response: Response,
@@ -105,6 +108,7 @@ impl Compositor {
             slots: ShadowSlots::default(),
             chosen: Vec::with_capacity(settings.light_budget as usize),
             scene: SceneBuffers::upload(device, &gpu.queue, &layouts, &Scene::default(), &[]),
+            cover: Cover::default(),
             sized: None,
             radiance_generation: None,
             near_generation: 0,
@@ -129,6 +133,11 @@ impl Compositor {
             scene,
             casters,
         );
+        let boxes = scene.virtual_parts.iter().filter_map(|part| {
+            let positions = part.mesh.vertices.iter().map(|v| v.position.as_dvec3());
+            cover::corners(positions, part.world_from_part)
+        });
+        self.cover.set_boxes(boxes.collect());
         self.slots.set_casters(
             CasterHull::around(&self.scene.virtual_casters.positions),
             CasterHull::around(&self.scene.phantom_casters.positions),

@@ -7,6 +7,7 @@ const NORMAL: &str = include_str!("shaders/lib/normal.wgsl");
 const FULLSCREEN: &str = include_str!("shaders/lib/fullscreen.wgsl");
 const TILES: &str = include_str!("shaders/lib/tiles.wgsl");
 const SAMPLES: &str = include_str!("shaders/lib/samples.wgsl");
+const LIGHT_TEXEL: &str = include_str!("shaders/lib/light_texel.wgsl");
 const VISIBILITY: &str = include_str!("shaders/lib/visibility.wgsl");
 
 /// Most dome lights: as many as fit a uniform buffer of 64 KiB.
@@ -53,6 +54,7 @@ pub fn all(variant: Variant) -> [(&'static str, String); 8] {
                     NORMAL,
                     TILES,
                     SAMPLES,
+                    LIGHT_TEXEL,
                     VISIBILITY,
                     include_str!("shaders/shadow_buffer.wgsl"),
                 ]),
@@ -84,6 +86,7 @@ pub fn all(variant: Variant) -> [(&'static str, String); 8] {
                     NORMAL,
                     TILES,
                     SAMPLES,
+                    LIGHT_TEXEL,
                     include_str!("shaders/composite.wgsl"),
                 ]),
                 variant,

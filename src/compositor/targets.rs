@@ -18,6 +18,8 @@ pub mod format {
     ];
     pub const LIGHT: F = F::Rgba16Float;
     pub const TILES: F = F::Rgba32Uint;
+    pub const LIGHT_TEXEL: F = F::Rgba32Uint;
+    pub const COVERED: F = F::R8Uint;
 }
 
 /// Side of a tile, picture pixels.
@@ -46,13 +48,15 @@ pub struct Targets {
     pub virtual_depth: Target,
     /// Factor (or subtrahend) of the real picture.
     pub shadow: Target,
-    /// Irradiance left on virtual surfaces.
+    /// Irradiance left on virtual surfaces, packed.
     pub light: Target,
     /// Linear shadowed picture, level 0 at half size.
     pub surroundings: Target,
     pub surroundings_levels: Vec<wgpu::TextureView>,
     /// Masks of lights per tile, for phantom and virtual surfaces.
     pub tiles: [Target; 2],
+    /// Tiles in which virtual surfaces can be.
+    pub covered: Target,
     pub output: Target,
 }
 
@@ -134,11 +138,12 @@ impl Targets {
                 .map(|f| m.make("virtual surface", full, f, drawn, samples)),
             virtual_depth: m.make("virtual depth", full, format::DEPTH, drawn, samples),
             shadow: m.make("shadow", coarse, format::LIGHT, drawn, 1),
-            light: m.make("light", coarse, format::LIGHT, drawn, 1),
+            light: m.make("light", coarse, format::LIGHT_TEXEL, drawn, 1),
             surroundings,
             surroundings_levels,
             tiles: ["phantom tiles", "virtual tiles"]
                 .map(|label| m.make(label, tiles, format::TILES, drawn, 1)),
+            covered: m.make("covered tiles", tiles, format::COVERED, uploaded, 1),
             output: m.make("output", full, format::OUTPUT, drawn | copied, 1),
         }
     }

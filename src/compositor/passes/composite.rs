@@ -8,7 +8,8 @@ use super::tiles;
 
 /// The pass.
 pub struct CompositePass {
-    pipeline: wgpu::RenderPipeline,
+    real: wgpu::RenderPipeline,
+    virtual_surfaces: wgpu::RenderPipeline,
     picture_layout: wgpu::BindGroupLayout,
     surfaces_layout: wgpu::BindGroupLayout,
     light_layout: wgpu::BindGroupLayout,
@@ -30,7 +31,7 @@ impl CompositePass {
         let picture_layout = layout(
             device,
             "composite picture",
-            &[u, u, u, u, u, Slot::Depth, i, i, u],
+            &[u, u, u, i, u, Slot::Depth, i, i, u],
         );
         let surfaces_layout = layout(
             device,
@@ -42,19 +43,23 @@ impl CompositePass {
             "composite light",
             &[Slot::Sampler, Slot::Cube, Slot::Texture, Slot::Texture],
         );
-        let pipeline = PipelineSpec {
-            label: "composite",
-            module: &module,
-            groups: &[frame, &picture_layout, &surfaces_layout, &light_layout],
-            vertex: "composite_tile",
-            buffers: &[],
-            fragment: Some("composite"),
-            targets: &[format::OUTPUT],
-            depth: None,
-            cull: None,
-            samples: 1,
-        }
-        .build(device);
+        let build = |vertex: &str, fragment: &str| {
+            PipelineSpec {
+                label: "composite",
+                module: &module,
+                groups: &[frame, &picture_layout, &surfaces_layout, &light_layout],
+                vertex,
+                buffers: &[],
+                fragment: Some(fragment),
+                targets: &[format::OUTPUT],
+                depth: None,
+                cull: None,
+                samples: 1,
+            }
+            .build(device)
+        };
+        let real = build("real_tile", "real");
+        let virtual_surfaces = build("virtual_tile", "composite");
         let smooth = device.create_sampler(&wgpu::SamplerDescriptor {
             label: Some("smooth"),
             mag_filter: wgpu::FilterMode::Linear,
@@ -63,7 +68,8 @@ impl CompositePass {
             ..Default::default()
         });
         Self {
-            pipeline,
+            real,
+            virtual_surfaces,
             picture_layout,
             surfaces_layout,
             light_layout,
@@ -88,7 +94,7 @@ impl CompositePass {
             &t.phantom_normal,
             &t.phantom_depth,
             &t.tiles[0],
-            &t.tiles[1],
+            &t.covered,
             &t.encoding,
         ]
         .map(|t| view(&t.view));
@@ -135,7 +141,7 @@ impl CompositePass {
             view,
             None,
             writes,
-            &self.pipeline,
+            &[&self.real, &self.virtual_surfaces],
             &groups,
             count,
         );

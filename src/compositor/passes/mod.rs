@@ -68,7 +68,7 @@ pub fn tiles(
     view: &wgpu::TextureView,
     clear: Option<wgpu::Color>,
     timestamp_writes: Option<wgpu::RenderPassTimestampWrites<'_>>,
-    pipeline: &wgpu::RenderPipeline,
+    pipelines: &[&wgpu::RenderPipeline],
     groups: &[&wgpu::BindGroup],
     count: u32,
 ) {
@@ -82,9 +82,11 @@ pub fn tiles(
         timestamp_writes,
         ..Default::default()
     });
-    pass.set_pipeline(pipeline);
     for (group, index) in groups.iter().zip(0..) {
         pass.set_bind_group(index, *group, &[]);
     }
-    pass.draw(0..6, 0..count);
+    for pipeline in pipelines {
+        pass.set_pipeline(pipeline);
+        pass.draw(0..6, 0..count);
+    }
 }

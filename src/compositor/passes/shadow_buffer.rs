@@ -42,9 +42,10 @@ impl ShadowBufferPass {
                 depth,
                 Slot::Integer,
                 Slot::Integer,
+                Slot::Integer,
             ],
         );
-        let build = |vertex: &str, fragment: &str| {
+        let build = |vertex: &str, fragment: &str, target: wgpu::TextureFormat| {
             PipelineSpec {
                 label: "shadow_buffer",
                 module: &module,
@@ -52,7 +53,7 @@ impl ShadowBufferPass {
                 vertex,
                 buffers: &[],
                 fragment: Some(fragment),
-                targets: &[format::LIGHT],
+                targets: &[target],
                 depth: None,
                 cull: None,
                 samples: 1,
@@ -67,8 +68,8 @@ impl ShadowBufferPass {
             ..Default::default()
         });
         Self {
-            phantom: build("phantom_tile", "phantom_shadow"),
-            virtual_light: build("virtual_tile", "virtual_light"),
+            phantom: build("phantom_tile", "phantom_shadow", format::LIGHT),
+            virtual_light: build("virtual_tile", "virtual_light", format::LIGHT_TEXEL),
             maps_layout,
             surfaces_layout,
             compare,
@@ -104,6 +105,7 @@ impl ShadowBufferPass {
                 view(&targets.virtual_depth.view),
                 view(&targets.tiles[0].view),
                 view(&targets.tiles[1].view),
+                view(&targets.covered.view),
             ],
         );
         ShadowBufferInputs { maps, surfaces }
@@ -143,7 +145,7 @@ impl ShadowBufferPass {
                 &target.view,
                 Some(clear),
                 writes,
-                pipeline,
+                &[pipeline],
                 &groups,
                 count,
             );

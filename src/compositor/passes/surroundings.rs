@@ -62,7 +62,7 @@ impl SurroundingsPass {
         );
         // The first level reads the picture, but the layout wants a finer one: any will do
         // that is not being drawn.
-        let finer = std::iter::once(&targets.light.view)
+        let finer = std::iter::once(&targets.shadow.view)
             .chain(&targets.surroundings_levels)
             .map(|v| group(device, "surroundings level", &self.finer_layout, &[view(v)]))
             .collect();

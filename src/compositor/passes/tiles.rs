@@ -8,7 +8,8 @@ use super::cleared;
 
 /// The pass.
 pub struct TilesPass {
-    pipeline: wgpu::RenderPipeline,
+    real: wgpu::RenderPipeline,
+    virtual_surfaces: wgpu::RenderPipeline,
     surfaces_layout: wgpu::BindGroupLayout,
 }
 
@@ -21,21 +22,25 @@ impl TilesPass {
             "tile surfaces",
             &[Slot::Unfilterable, Slot::Depth, colour, colour, depth],
         );
-        let pipeline = PipelineSpec {
-            label: "tiles",
-            module: &module,
-            groups: &[frame, &surfaces_layout],
-            vertex: "cover",
-            buffers: &[],
-            fragment: Some("classify"),
-            targets: &[format::TILES, format::TILES],
-            depth: None,
-            cull: None,
-            samples: 1,
-        }
-        .build(device);
+        let build = |fragment: &str| {
+            PipelineSpec {
+                label: "tiles",
+                module: &module,
+                groups: &[frame, &surfaces_layout],
+                vertex: "cover",
+                buffers: &[],
+                fragment: Some(fragment),
+                targets: &[format::TILES],
+                depth: None,
+                cull: None,
+                samples: 1,
+            }
+            .build(device)
+        };
+        let (real, virtual_surfaces) = (build("classify_real"), build("classify_virtual"));
         Self {
-            pipeline,
+            real,
+            virtual_surfaces,
             surfaces_layout,
         }
     }
@@ -55,23 +60,38 @@ impl TilesPass {
         )
     }
 
+    /// `covered` is the rectangle of tiles (x, y, width, height) that virtual surfaces lie
+    /// in.
     pub fn record(
         &self,
         encoder: &mut wgpu::CommandEncoder,
         timer: &mut Timer,
-        frame: &wgpu::BindGroup,
-        surfaces: &wgpu::BindGroup,
+        groups: [&wgpu::BindGroup; 2],
         targets: &Targets,
+        covered: [u32; 4],
     ) {
-        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-            label: Some("tiles"),
-            color_attachments: &targets.tiles.each_ref().map(|t| cleared(&t.view)),
-            timestamp_writes: timer.span("tiles", true, true),
-            ..Default::default()
-        });
-        pass.set_pipeline(&self.pipeline);
-        pass.set_bind_group(0, frame, &[]);
-        pass.set_bind_group(1, surfaces, &[]);
-        pass.draw(0..3, 0..1);
+        let whole = [
+            0,
+            0,
+            targets.tiles[0].texture.width(),
+            targets.tiles[0].texture.height(),
+        ];
+        let jobs = [(&self.real, whole), (&self.virtual_surfaces, covered)];
+        for (k, (pipeline, [x, y, width, height])) in jobs.into_iter().enumerate() {
+            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+                label: Some("tiles"),
+                color_attachments: &[cleared(&targets.tiles[k].view)],
+                timestamp_writes: timer.span("tiles", k == 0, k == 1),
+                ..Default::default()
+            });
+            pass.set_pipeline(pipeline);
+            for (group, index) in groups.iter().zip(0..) {
+                pass.set_bind_group(index, *group, &[]);
+            }
+            if width > 0 {
+                pass.set_scissor_rect(x, y, width, height);
+                pass.draw(0..3, 0..1);
+            }
+        }
     }
 }

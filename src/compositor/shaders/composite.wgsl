@@ -4,11 +4,11 @@
 @group(1) @binding(0) var camera: texture_2d<f32>;
 @group(1) @binding(1) var response: texture_2d<f32>;
 @group(1) @binding(2) var shadow: texture_2d<f32>;
-@group(1) @binding(3) var light: texture_2d<f32>;
+@group(1) @binding(3) var light: texture_2d<u32>;
 @group(1) @binding(4) var phantom_normal: texture_2d<f32>;
 @group(1) @binding(5) var phantom_depth: texture_depth_2d;
 @group(1) @binding(6) var phantom_tiles: texture_2d<u32>;
-@group(1) @binding(7) var virtual_tiles: texture_2d<u32>;
+@group(1) @binding(7) var covered_tiles: texture_2d<u32>;
 @group(1) @binding(8) var encoding: texture_2d<f32>;
 @group(2) @binding(0) var virtual_base: VIRTUAL_TEXTURE;
 @group(2) @binding(1) var virtual_properties: VIRTUAL_TEXTURE;
@@ -31,30 +31,22 @@ fn linear_from_code(code: vec3f) -> vec3f {
     );
 }
 
-// Inverse of the response, tabulated over the square root of the linear value.
+// Inverse of the response, tabulated over the square root of the linear value: finely
+// enough (an eighth of a code per entry) that the nearest entry will do.
 fn code_from_linear(x: f32) -> f32 {
     let last = f32(textureDimensions(encoding).x - 1u);
     let at = sqrt(clamp(x, 0.0, 1.0)) * last;
-    let i = min(floor(at), last - 1.0);
-    let a = textureLoad(encoding, vec2i(i32(i), 0), 0).r;
-    let b = textureLoad(encoding, vec2i(i32(i) + 1, 0), 0).r;
-    return mix(a, b, at - i);
+    return textureLoad(encoding, vec2i(i32(at + 0.5), 0), 0).r;
 }
 
-// The shadow buffer may be coarser than the picture: its texels count by how much they
-// lie on the same surface.
+// The shadow buffer may be coarser than the picture: its texels count where they lie on
+// the same surface.
 fn shadow_at(pixel: vec2i) -> vec3f {
     let step = i32(frame.counts.z);
     if step == 1 {
         return textureLoad(shadow, pixel, 0).rgb;
     }
     let surface = textureLoad(phantom_normal, pixel, 0);
-    if surface.z != 1.0 {
-        return vec3f(select(1.0, 0.0, frame.counts.y == 1u));
-    }
-    let n = normal_from_octahedron(surface.xy);
-    let world = world_at(vec2f(pixel), textureLoad(phantom_depth, pixel, 0));
-    let tolerance = 0.01 * distance(world, frame.eye.xyz);
     let base = pixel / step;
     let part = vec2f(pixel - base * step) / f32(step);
     let last = vec2i(textureDimensions(shadow)) - vec2i(1);
@@ -62,60 +54,41 @@ fn shadow_at(pixel: vec2i) -> vec3f {
     var weight = 0.0;
     for (var k = 0; k < 4; k++) {
         let o = vec2i(k & 1, k >> 1u);
-        let texel = min(base + o, last);
-        let there = texel * step;
-        let other = textureLoad(phantom_normal, there, 0);
+        let there = textureLoad(shadow, min(base + o, last), 0);
         let bilinear = select(1.0 - part.x, part.x, o.x == 1) * select(1.0 - part.y, part.y, o.y == 1);
-        if other.z != 1.0 || bilinear == 0.0 {
-            continue;
-        }
-        let same_way = dot(n, normal_from_octahedron(other.xy)) > 0.9;
-        let at = world_at(vec2f(there), textureLoad(phantom_depth, there, 0));
-        let w = bilinear * select(1e-3, 1.0, same_way && abs(dot(at - world, n)) < tolerance);
-        sum += textureLoad(shadow, texel, 0).rgb * w;
+        let w = bilinear * select(1e-3, 1.0, there.a == surface.w);
+        sum += there.rgb * w;
         weight += w;
     }
-    if weight == 0.0 {
-        return textureLoad(shadow, base, 0).rgb;
-    }
-    return sum / weight;
+    return select(vec3f(select(1.0, 0.0, frame.counts.y == 1u)), sum / weight, surface.z == 1.0);
 }
 
-// Irradiance of the virtual surface under a sample. The texel of a pixel is its first
-// sample's: `own` = whether this is that surface.
-fn light_at(pixel: vec2i, n: vec3f, depth: f32, own: bool) -> vec3f {
+// Irradiance of the virtual surface under a sample, `z` metres along the view. The texel of
+// a pixel is its first sample's: `own` = whether this is that surface.
+fn light_at(pixel: vec2i, n: vec3f, z: f32, own: bool) -> vec3f {
     let step = i32(frame.counts.z);
     if step == 1 && own {
-        return textureLoad(light, pixel, 0).rgb;
+        return unpacked_light(textureLoad(light, pixel, 0)).irradiance;
     }
     let base = pixel / step;
     let part = vec2f(pixel - base * step) / f32(step);
     let last = vec2i(textureDimensions(light)) - vec2i(1);
     var sum = vec3f(0.0);
     var weight = 0.0;
-    for (var k = 0; k < 9; k++) {
-        let o = vec2i(k % 3, k / 3) - vec2i(1);
-        let texel = clamp(base + o, vec2i(0), last);
-        let l = textureLoad(light, texel, 0);
-        let another = step == 1 && k == 4;
-        if l.a == 0.0 || another {
-            continue;
-        }
-        let there = texel * step;
-        let m = normal_from_octahedron(textureLoad(virtual_normal, there, 0).xy);
-        let d = textureLoad(virtual_depth, there, 0);
-        let off = abs(vec2f(o) - part);
-        let near = max(1.0 - off.x, 0.0) * max(1.0 - off.y, 0.0) + 1e-4;
-        let same_way = max(dot(n, m), 0.0);
-        let same_depth = 1.0 / (1e-2 + abs(d - depth) / max(depth, 1e-6));
-        let w = near * same_way * same_way * same_way * same_way * same_depth + 1e-6;
-        sum += l.rgb * w;
+    for (var k = 0; k < 4; k++) {
+        let o = vec2i(k & 1, k >> 1u);
+        let there = unpacked_light(textureLoad(light, min(base + o, last), 0));
+        let bilinear = select(1.0 - part.x, part.x, o.x == 1) * select(1.0 - part.y, part.y, o.y == 1);
+        // At full resolution the pixel's own texel shows another surface here.
+        let near = select(bilinear, select(0.3, 0.0, k == 0), step == 1);
+        let same_way = max(dot(n, there.normal), 0.0);
+        let fourth = same_way * same_way * same_way * same_way;
+        let same_depth = 1.0 / (1e-2 + abs(there.z - z) / z);
+        let w = select(0.0, near * fourth * same_depth + 1e-6, there.z > 0.0);
+        sum += there.irradiance * w;
         weight += w;
     }
-    if weight == 0.0 {
-        return sky_irradiance(n);
-    }
-    return sum / weight;
+    return sum / max(weight, 1e-9);
 }
 
 // Radiance of the real ground at a world point, blurred to `metres` across.
@@ -167,7 +140,7 @@ fn shade(pixel: vec2i, s: i32, own: bool) -> vec3f {
     let metallic = properties.x;
     let roughness = clamp(properties.y, 0.03, 1.0);
 
-    let direct = light_at(pixel, n, depth, own);
+    let direct = light_at(pixel, n, frame.eye.w / depth, own);
     let irradiance = max(direct + bounce(world, n), vec3f(0.0)) * properties.w;
     let f0 = mix(vec3f(0.04 * properties.z), base, metallic);
     let table = textureSampleLevel(specular_table, smooth_sampler, vec2f(n_dot_v, roughness), 0.0).rg;
@@ -185,20 +158,46 @@ fn same_surface(pixel: vec2i, a: i32, b: i32) -> bool {
     return max(turned.x, turned.y) < 0.2 && abs(textureLoad(virtual_depth, pixel, b) - d) < 0.02 * d;
 }
 
+// Real surfaces in shadow, where nothing virtual is in the tile.
 @vertex
-fn composite_tile(@builtin(vertex_index) v: u32, @builtin(instance_index) t: u32) -> TileVarying {
+fn real_tile(@builtin(vertex_index) v: u32, @builtin(instance_index) t: u32) -> TileVarying {
     let across = textureDimensions(phantom_tiles).x;
     let tile = vec2u(t % across, t / across);
     let shadowed = any(textureLoad(phantom_tiles, tile, 0).xy != vec2u(0u));
-    let covered = textureLoad(virtual_tiles, tile, 0).z != 0u;
-    return tile_corner(v, tile, 1.0, shadowed || covered);
+    return tile_corner(v, tile, 1.0, shadowed && !tile_is_covered(tile));
+}
+
+@vertex
+fn virtual_tile(@builtin(vertex_index) v: u32, @builtin(instance_index) t: u32) -> TileVarying {
+    let across = textureDimensions(phantom_tiles).x;
+    let tile = vec2u(t % across, t / across);
+    return tile_corner(v, tile, 1.0, tile_is_covered(tile));
+}
+
+fn shadowed(code: vec3f, factor: vec3f) -> vec3f {
+    let linear = linear_from_code(code);
+    return select(linear * factor, max(linear - factor, vec3f(0.0)), frame.counts.y == 1u);
+}
+
+fn encoded(linear: vec3f) -> vec4f {
+    return vec4f(code_from_linear(linear.r), code_from_linear(linear.g), code_from_linear(linear.b), 1.0);
+}
+
+@fragment
+fn real(in: TileVarying) -> @location(0) vec4f {
+    let pixel = vec2i(in.position.xy);
+    let code = textureLoad(camera, pixel, 0);
+    let factor = shadow_at(pixel);
+    if all(factor == vec3f(select(1.0, 0.0, frame.counts.y == 1u))) {
+        return code;
+    }
+    return encoded(shadowed(code.rgb, factor));
 }
 
 @fragment
 fn composite(in: TileVarying) -> @location(0) vec4f {
     let pixel = vec2i(in.position.xy);
     let code = textureLoad(camera, pixel, 0);
-    let subtract = frame.counts.y == 1u;
     let factor = shadow_at(pixel);
     var covered = 0;
     var first = 0;
@@ -208,12 +207,10 @@ fn composite(in: TileVarying) -> @location(0) vec4f {
             covered += 1;
         }
     }
-    if covered == 0 && all(factor == vec3f(select(1.0, 0.0, subtract))) {
+    if covered == 0 && all(factor == vec3f(select(1.0, 0.0, frame.counts.y == 1u))) {
         return code;
     }
-    var linear = linear_from_code(code.rgb);
-    linear = select(linear * factor, max(linear - factor, vec3f(0.0)), subtract);
-    linear *= f32(SAMPLES - covered) / f32(SAMPLES);
+    var linear = shadowed(code.rgb, factor) * (f32(SAMPLES - covered) / f32(SAMPLES));
     // Samples on either side of an outline or a crease are lit apart. A loop and not a
     // branch: software drivers run both sides of branches, but leave loops that no pixel
     // is in.
@@ -234,5 +231,5 @@ fn composite(in: TileVarying) -> @location(0) vec4f {
         covered -= alike;
         first = other;
     }
-    return vec4f(code_from_linear(linear.r), code_from_linear(linear.g), code_from_linear(linear.b), 1.0);
+    return encoded(linear);
 }

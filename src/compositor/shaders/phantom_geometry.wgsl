@@ -14,6 +14,7 @@ struct Varying {
     @builtin(position) position: vec4f,
     @location(0) normal: vec3f,
     @location(1) @interpolate(flat) kind: f32,
+    @location(2) @interpolate(flat) part: u32,
 }
 
 @vertex
@@ -24,10 +25,22 @@ fn phantom_vertex(
 ) -> Varying {
     let world = parts[i].world_from_part * vec4f(position, 1.0);
     let n = (parts[i].normal_from_part * vec4f(normal, 0.0)).xyz;
-    return Varying(frame.clip_from_world * world, n, parts[i].kind.x);
+    return Varying(frame.clip_from_world * world, n, parts[i].kind.x, i);
+}
+
+// A number that neighbouring pixels of one smooth surface share: part and dominant axis of
+// the normal. Whole numbers up to 2048 are exact in half floats.
+fn surface_key(part: u32, n: vec3f) -> f32 {
+    let a = abs(n);
+    let along_x = select(0u, 2u, n.x < 0.0);
+    let along_y = select(1u, 3u, n.y < 0.0);
+    let along_z = select(4u, 5u, n.z < 0.0);
+    let axis = select(select(along_y, along_x, a.x > a.y), along_z, a.z >= max(a.x, a.y));
+    return f32((part * 6u + axis) % 2040u + 1u);
 }
 
 @fragment
 fn phantom_fragment(in: Varying) -> @location(0) vec4f {
-    return vec4f(octahedron_from_normal(normalize(in.normal)), in.kind, 1.0);
+    let n = normalize(in.normal);
+    return vec4f(octahedron_from_normal(n), in.kind, surface_key(in.part, n));
 }

@@ -13,8 +13,10 @@
 @group(2) @binding(4) var virtual_depth: VIRTUAL_DEPTH;
 @group(2) @binding(5) var phantom_tiles: texture_2d<u32>;
 @group(2) @binding(6) var virtual_tiles: texture_2d<u32>;
+@group(2) @binding(7) var covered_tiles: texture_2d<u32>;
 
 const PI = 3.14159265;
+const NO_LIGHT = 0xffffffffu;
 
 @vertex
 fn phantom_tile(@builtin(vertex_index) v: u32, @builtin(instance_index) t: u32) -> TileVarying {
@@ -28,25 +30,37 @@ fn phantom_tile(@builtin(vertex_index) v: u32, @builtin(instance_index) t: u32) 
 fn virtual_tile(@builtin(vertex_index) v: u32, @builtin(instance_index) t: u32) -> TileVarying {
     let across = textureDimensions(virtual_tiles).x;
     let tile = vec2u(t % across, t / across);
-    let wanted = textureLoad(virtual_tiles, tile, 0).z != 0u;
+    let wanted = tile_is_covered(tile);
     return tile_corner(v, tile, f32(frame.counts.z), wanted);
 }
 
-// Takes the lowest bit out of a mask of 64; returns its number.
-fn next_bit(mask: ptr<function, vec2u>) -> u32 {
-    if (*mask).x != 0u {
-        let bit = firstTrailingBit((*mask).x);
-        (*mask).x &= (*mask).x - 1u;
-        return bit;
+// The next light of a mask after light `i`, of which each bit stands for `tiling.x`; past
+// all lights when there is none.
+fn next_light(i: u32, mask: ptr<function, vec2u>) -> u32 {
+    let within = i + 1u;
+    if within % frame.tiling.x != 0u && within < frame.counts.x {
+        return within;
     }
-    let bit = firstTrailingBit((*mask).y);
-    (*mask).y &= (*mask).y - 1u;
-    return bit + 32u;
+    return first_light(mask);
+}
+
+// Takes the lowest bit out of a mask of 64; returns its first light.
+fn first_light(mask: ptr<function, vec2u>) -> u32 {
+    let m = *mask;
+    let low = m.x != 0u;
+    let bit = select(firstTrailingBit(m.y) + 32u, firstTrailingBit(m.x), low);
+    *mask = select(vec2u(0u, m.y & (m.y - 1u)), vec2u(m.x & (m.x - 1u), m.y), low);
+    return select(bit * frame.tiling.x, NO_LIGHT, all(m == vec2u(0u)));
 }
 
 // Light of the lower hemisphere, which no dome light stands for where there is a ground.
 fn ground_irradiance(n: vec3f) -> vec3f {
     return frame.params.z * frame.ground.rgb * (PI * 0.5 * (1.0 - n.z));
+}
+
+// Cosine of light `i` on a surface; 0 for no light.
+fn facing(i: u32, n: vec3f) -> f32 {
+    return select(0.0, max(dot(n, lights[i].direction.xyz), 0.0), i != NO_LIGHT);
 }
 
 fn by_normal(table: texture_2d<f32>, n: vec3f) -> vec3f {
@@ -81,16 +95,32 @@ fn near_irradiance(kind: f32, world: vec3f, n: vec3f) -> vec3f {
     return w.x * near_facing(face.x, at) + w.y * near_facing(face.y, at) + w.z * near_facing(face.z, at);
 }
 
+// Software drivers run a loop's body once more than it is gone through, with nothing to
+// do, unless the condition stands at its end; so these loops end with it, are not nested,
+// and go once through a light of no weight where a mask is empty.
 fn lost_behind_virtual(masks: vec4u, world: vec3f, n: vec3f) -> vec3f {
     var lost = vec3f(0.0);
-    var mask = masks.xy;
-    while any(mask != vec2u(0u)) {
-        let first = next_bit(&mask) * frame.tiling.x;
-        for (var i = first; i < min(first + frame.tiling.x, frame.counts.x); i++) {
-            let n_dot_l = max(dot(n, lights[i].direction.xyz), 0.0);
-            let blocked = 1.0 - virtual_visibility(i, world, n, n_dot_l, 0.0);
-            let real = phantom_visibility(i, world, n, n_dot_l, 1.0);
-            lost += lights[i].irradiance.rgb * (n_dot_l * blocked * real);
+    var mask = masks.xy & ~masks.zw;
+    var i = first_light(&mask);
+    loop {
+        let n_dot_l = facing(i, n);
+        let blocked = 1.0 - virtual_visibility(i, world, n, n_dot_l, 0.0);
+        lost += lights[i].irradiance.rgb * (n_dot_l * blocked);
+        continuing {
+            i = next_light(i, &mask);
+            break if i == NO_LIGHT;
+        }
+    }
+    mask = masks.xy & masks.zw;
+    i = first_light(&mask);
+    loop {
+        let n_dot_l = facing(i, n);
+        let blocked = 1.0 - virtual_visibility(i, world, n, n_dot_l, 0.0);
+        let real = phantom_visibility(i, world, n, n_dot_l, 1.0);
+        lost += lights[i].irradiance.rgb * (n_dot_l * blocked * real);
+        continuing {
+            i = next_light(i, &mask);
+            break if i == NO_LIGHT;
         }
     }
     return lost;
@@ -99,12 +129,14 @@ fn lost_behind_virtual(masks: vec4u, world: vec3f, n: vec3f) -> vec3f {
 fn arriving_in_real(masks: vec4u, world: vec3f, n: vec3f) -> vec3f {
     var sum = ground_irradiance(n) + by_normal(irradiance_of_lights, n) + near_irradiance(1.0, world, n);
     var mask = masks.zw;
-    while any(mask != vec2u(0u)) {
-        let first = next_bit(&mask) * frame.tiling.x;
-        for (var i = first; i < min(first + frame.tiling.x, frame.counts.x); i++) {
-            let n_dot_l = max(dot(n, lights[i].direction.xyz), 0.0);
-            let blocked = 1.0 - phantom_visibility(i, world, n, n_dot_l, 1.0);
-            sum -= lights[i].irradiance.rgb * (n_dot_l * blocked);
+    var i = first_light(&mask);
+    loop {
+        let n_dot_l = facing(i, n);
+        let blocked = 1.0 - phantom_visibility(i, world, n, n_dot_l, 1.0);
+        sum -= lights[i].irradiance.rgb * (n_dot_l * blocked);
+        continuing {
+            i = next_light(i, &mask);
+            break if i == NO_LIGHT;
         }
     }
     return sum;
@@ -113,7 +145,7 @@ fn arriving_in_real(masks: vec4u, world: vec3f, n: vec3f) -> vec3f {
 @fragment
 fn phantom_shadow(in: TileVarying) -> @location(0) vec4f {
     let pixel = vec2i(in.position.xy) * i32(frame.counts.z);
-    let unshadowed = vec4f(vec3f(select(1.0, 0.0, frame.counts.y == 1u)), 1.0);
+    let unshadowed = vec4f(vec3f(select(1.0, 0.0, frame.counts.y == 1u)), 0.0);
     let surface = textureLoad(phantom_normal, pixel, 0);
     if surface.z != 1.0 {
         return unshadowed;
@@ -124,14 +156,14 @@ fn phantom_shadow(in: TileVarying) -> @location(0) vec4f {
     // Less the light that virtual objects throw back.
     let lost = (lost_behind_virtual(masks, world, n) - near_irradiance(0.0, world, n)) * frame.params.x;
     if all(lost == vec3f(0.0)) {
-        return unshadowed;
+        return vec4f(unshadowed.rgb, surface.w);
     }
     if frame.counts.y == 1u {
-        return vec4f(lost / PI, 1.0);
+        return vec4f(lost / PI, surface.w);
     }
     let arriving = max(arriving_in_real(masks, world, n), lost);
     // (E − R) / E, and 1 in a channel without light.
-    return vec4f(vec3f(1.0) - lost / max(arriving, vec3f(1e-6)), 1.0);
+    return vec4f(vec3f(1.0) - lost / max(arriving, vec3f(1e-6)), surface.w);
 }
 
 // First covered sample in the block of pixels that this texel stands for:
@@ -158,33 +190,50 @@ fn with_bounces(open_share: vec3f, albedo: vec3f) -> vec3f {
     return max(open_share, ((open_share * a + b) * open_share + c) * open_share);
 }
 
+// Texels of the light buffer: irradiance, depth along the view and normal, packed.
 @fragment
-fn virtual_light(in: TileVarying) -> @location(0) vec4f {
+fn virtual_light(in: TileVarying) -> @location(0) vec4u {
     let found = covered_sample(vec2i(in.position.xy) * i32(frame.counts.z));
     if found.z < 0 {
-        return vec4f(0.0);
+        return vec4u(0u);
     }
     let n = normal_from_octahedron(textureLoad(virtual_normal, found.xy, found.z).xy);
-    let place = sample_place(found.xy, found.z);
-    let world = world_at(place, textureLoad(virtual_depth, found.xy, found.z));
+    let depth = textureLoad(virtual_depth, found.xy, found.z);
+    let world = world_at(sample_place(found.xy, found.z), depth);
     // Compact sources are not in the sky's polynomial, cells are.
     var left = sky_irradiance(n) + by_normal(irradiance_of_compact, n);
     let cells = by_normal(irradiance_of_lights, n) - by_normal(irradiance_of_compact, n);
     var hidden = vec3f(0.0);
-    var mask = textureLoad(virtual_tiles, in.tile, 0).xy;
-    while any(mask != vec2u(0u)) {
-        let first = next_bit(&mask) * frame.tiling.x;
-        for (var i = first; i < min(first + frame.tiling.x, frame.counts.x); i++) {
-            let n_dot_l = max(dot(n, lights[i].direction.xyz), 0.0);
-            let open = virtual_visibility(i, world, n, n_dot_l, 1.0);
-            let seen = open * phantom_visibility(i, world, n, n_dot_l, 0.0);
-            left -= lights[i].irradiance.rgb * (n_dot_l * (1.0 - seen));
-            hidden += lights[i].irradiance.rgb * (n_dot_l * (1.0 - open) * (1.0 - lights[i].irradiance.w));
+    // Lights that phantoms reach are few; the others are spared their shadow maps.
+    let masks = textureLoad(virtual_tiles, in.tile, 0);
+    var mask = masks.xy & ~masks.zw;
+    var i = first_light(&mask);
+    loop {
+        let n_dot_l = facing(i, n);
+        let hides = lights[i].irradiance.rgb * (n_dot_l * (1.0 - virtual_visibility(i, world, n, n_dot_l, 1.0)));
+        left -= hides;
+        hidden += hides * (1.0 - lights[i].irradiance.w);
+        continuing {
+            i = next_light(i, &mask);
+            break if i == NO_LIGHT;
+        }
+    }
+    mask = masks.zw;
+    i = first_light(&mask);
+    loop {
+        let n_dot_l = facing(i, n);
+        let open = virtual_visibility(i, world, n, n_dot_l, 1.0);
+        let seen = open * phantom_visibility(i, world, n, n_dot_l, 0.0);
+        left -= lights[i].irradiance.rgb * (n_dot_l * (1.0 - seen));
+        hidden += lights[i].irradiance.rgb * (n_dot_l * (1.0 - open) * (1.0 - lights[i].irradiance.w));
+        continuing {
+            i = next_light(i, &mask);
+            break if i == NO_LIGHT;
         }
     }
     let albedo = textureLoad(virtual_base, found.xy, found.z).rgb;
     let open_share = clamp(1.0 - hidden / max(cells, vec3f(1e-6)), vec3f(0.0), vec3f(1.0));
     left += cells * (with_bounces(open_share, albedo) - open_share);
     left += near_irradiance(1.0, world, n);
-    return vec4f(max(left, vec3f(0.0)), 1.0);
+    return packed_light(max(left, vec3f(0.0)), frame.eye.w / depth, n);
 }

@@ -7,13 +7,6 @@
 @group(1) @binding(3) var virtual_normal: VIRTUAL_TEXTURE;
 @group(1) @binding(4) var virtual_depth: VIRTUAL_DEPTH;
 
-struct Masks {
-    // Lights that virtual casters (x, y) and phantoms (z, w) may block on phantoms.
-    @location(0) phantom: vec4u,
-    // Lights that anything may block on virtual surfaces (x, y); z = 1 where there are any.
-    @location(1) virtual_: vec4u,
-}
-
 struct Bounds {
     low: vec3f,
     high: vec3f,
@@ -44,6 +37,21 @@ fn faces(direction: vec3f, b: Bounds) -> bool {
     return dot(direction, centre) + dot(abs(direction), extent) > 0.0;
 }
 
+// Bits of light `i` in the two words of a mask.
+fn bits_of(i: u32) -> vec2u {
+    let bit = i / frame.tiling.x;
+    let at = 1u << (bit & 31u);
+    return vec2u(select(at, 0u, bit >= 32u), select(0u, at, bit >= 32u));
+}
+
+fn all_lights() -> vec4u {
+    var masks = vec4u(0u);
+    for (var i = 0u; i < frame.counts.x; i++) {
+        masks |= vec4u(bits_of(i), bits_of(i));
+    }
+    return masks;
+}
+
 // x, y: lights that virtual casters may block; z, w: lights that phantoms may block.
 fn blockable(b: Bounds) -> vec4u {
     var masks = vec4u(0u);
@@ -61,9 +69,7 @@ fn blockable(b: Bounds) -> vec4u {
         let near = extent + vec3f(2.0 * lights[i].scale.x);
         let far = extent + vec3f(2.0 * lights[i].scale.y);
         let spread = select(0.0, tan(lights[i].direction.w), SOFT > 1);
-        let bit = i / frame.tiling.x;
-        let at = 1u << (bit & 31u);
-        let word = vec2u(select(at, 0u, bit >= 32u), select(0u, at, bit >= 32u));
+        let word = bits_of(i);
         if reaches(lights[i].virtual_u, lights[i].virtual_v, lights[i].virtual_d, spread * lights[i].scale.z, centre, near) {
             masks |= vec4u(word, 0u, 0u);
         }
@@ -81,15 +87,14 @@ fn is_near(b: Bounds) -> bool {
         && all(b.low < frame.near_high.xyz + margin);
 }
 
+// Lights that virtual casters (x, y) and phantoms (z, w) may block on phantoms.
 @fragment
-fn classify(@builtin(position) at: vec4f) -> Masks {
+fn classify_real(@builtin(position) at: vec4f) -> @location(0) vec4u {
     let side = i32(frame.tiling.y);
     let step = i32(frame.counts.z);
     let corner = vec2i(at.xy) * side;
     let last = vec2i(frame.size.xy) - vec2i(1);
     var real = nothing();
-    var unreal = nothing();
-    var covered = 0u;
     // One sample beyond the tile, because coarse shadows are interpolated towards it.
     for (var y = 0; y <= side; y += step) {
         for (var x = 0; x <= side; x += step) {
@@ -102,22 +107,35 @@ fn classify(@builtin(position) at: vec4f) -> Masks {
             }
         }
     }
-    for (var y = 0; y < side; y++) {
-        for (var x = 0; x < side; x++) {
+    var masks = blockable(real);
+    // Any light will do to have the tile drawn.
+    masks.x |= select(0u, 1u, is_near(real));
+    return masks;
+}
+
+// The same for virtual surfaces, from every other pixel. Where those miss what there is
+// (a wire), any light may be blocked.
+@fragment
+fn classify_virtual(@builtin(position) at: vec4f) -> @location(0) vec4u {
+    let side = i32(frame.tiling.y);
+    let corner = vec2i(at.xy) * side;
+    let last = vec2i(frame.size.xy) - vec2i(1);
+    var unreal = nothing();
+    for (var y = 0; y < side; y += 2) {
+        for (var x = 0; x < side; x += 2) {
             let pixel = min(corner + vec2i(x, y), last);
-            for (var s = 0; s < SAMPLES; s++) {
-                if textureLoad(virtual_base, pixel, s).a > 0.5 {
-                    let depth = textureLoad(virtual_depth, pixel, s);
-                    let n = normal_from_octahedron(textureLoad(virtual_normal, pixel, s).xy);
-                    unreal = with_point(unreal, world_at(sample_place(pixel, s), depth), n);
-                    covered = 1u;
-                }
+            if textureLoad(virtual_base, pixel, 0).a > 0.5 {
+                let depth = textureLoad(virtual_depth, pixel, 0);
+                let n = normal_from_octahedron(textureLoad(virtual_normal, pixel, 0).xy);
+                unreal = with_point(unreal, world_at(sample_place(pixel, 0), depth), n);
             }
         }
     }
-    let by = blockable(unreal);
-    var on_real = blockable(real);
-    // Any light will do to have the tile drawn.
-    on_real.x |= select(0u, 1u, is_near(real));
-    return Masks(on_real, vec4u(by.xy | by.zw, covered, 0u));
+    if any(unreal.low > unreal.high) {
+        return all_lights();
+    }
+    // Between the pixels looked at, normals turn a little further.
+    unreal.normal_low -= vec3f(0.1);
+    unreal.normal_high += vec3f(0.1);
+    return blockable(unreal);
 }

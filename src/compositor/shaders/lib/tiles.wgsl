@@ -6,6 +6,11 @@ struct TileVarying {
     @location(0) @interpolate(flat) tile: vec2u,
 }
 
+// One byte per tile: 0 where nothing virtual can be.
+fn tile_is_covered(tile: vec2u) -> bool {
+    return textureLoad(covered_tiles, tile, 0).x != 0u;
+}
+
 // Corner `v` (0..5) of tile number `t`, in a target with `scale` picture pixels per texel;
 // nowhere when not `wanted`.
 fn tile_corner(v: u32, tile: vec2u, scale: f32, wanted: bool) -> TileVarying {

@@ -1,0 +1,191 @@
+//! Which tiles of the picture virtual objects can lie in, told from the boxes around them.
+//! That costs microseconds here, and tens of milliseconds where a software driver has to
+//! look at every sample of every tile.
+
+use super::targets::TILE;
+use glam::{DMat4, DVec2, DVec3};
+
+/// Eight corners of a box, world.
+pub type Corners = [DVec3; 8];
+
+/// Boxes around the virtual parts, and the tiles they cover in this frame.
+#[derive(Debug, Default)]
+pub struct Cover {
+    boxes: Vec<Corners>,
+    tiles: Vec<u8>,
+    across: u32,
+    /// First and one past the last covered tile, each way; empty when nothing is covered.
+    bounds: [[u32; 2]; 2],
+}
+
+/// The box of `positions` (its own frame) placed in the world.
+pub fn corners(positions: impl Iterator<Item = DVec3>, world_from_part: DMat4) -> Option<Corners> {
+    let nothing = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    let (low, high) = positions.fold(nothing, |(low, high), p| (low.min(p), high.max(p)));
+    low.is_finite().then(|| {
+        std::array::from_fn(|i| {
+            let pick = |bit: usize, lo: f64, hi: f64| if i >> bit & 1 == 1 { hi } else { lo };
+            let p = DVec3::new(
+                pick(0, low.x, high.x),
+                pick(1, low.y, high.y),
+                pick(2, low.z, high.z),
+            );
+            world_from_part.transform_point3(p)
+        })
+    })
+}
+
+impl Cover {
+    /// Other objects.
+    pub fn set_boxes(&mut self, boxes: Vec<Corners>) {
+        self.boxes = boxes;
+    }
+
+    /// Finds the tiles of a picture of `size` pixels.
+    pub fn update(&mut self, clip_from_world: DMat4, (width, height): (u32, u32), visible: bool) {
+        let (across, down) = (width.div_ceil(TILE), height.div_ceil(TILE));
+        self.across = across;
+        self.tiles.clear();
+        self.tiles.resize((across * down) as usize, 0);
+        if visible {
+            let size = DVec2::new(f64::from(width), f64::from(height));
+            for corners in &self.boxes {
+                match outline(corners, clip_from_world, size) {
+                    Some(outline) => mark(&mut self.tiles, (across, down), &outline),
+                    None => self.tiles.fill(1),
+                }
+            }
+        }
+        self.bounds = bounds(&self.tiles, across);
+    }
+
+    /// One byte per tile, row by row; not 0 = covered.
+    pub fn tiles(&self) -> &[u8] {
+        &self.tiles
+    }
+
+    /// Covered tiles lie in `x, y, width, height`, tiles; width 0 = none do.
+    pub const fn rectangle(&self) -> [u32; 4] {
+        let [x, y] = self.bounds;
+        [x[0], y[0], x[1] - x[0], y[1] - y[0]]
+    }
+}
+
+/// Pixels of a box's corners; `None` when it reaches behind the camera.
+fn outline(corners: &Corners, clip_from_world: DMat4, size: DVec2) -> Option<[DVec2; 8]> {
+    let mut pixels = [DVec2::ZERO; 8];
+    for (pixel, corner) in pixels.iter_mut().zip(corners) {
+        let clip = clip_from_world * corner.extend(1.0);
+        if clip.w < 1e-3 {
+            return None;
+        }
+        let ndc = clip.truncate().truncate() / clip.w;
+        *pixel = (ndc * DVec2::new(0.5, -0.5) + 0.5) * size;
+    }
+    Some(pixels)
+}
+
+/// Marks the tiles that the convex hull of `outline` touches: those that no line through
+/// two of its points separates from it.
+fn mark(tiles: &mut [u8], (across, down): (u32, u32), outline: &[DVec2; 8]) {
+    let side = f64::from(TILE);
+    let low = outline
+        .iter()
+        .copied()
+        .reduce(DVec2::min)
+        .unwrap_or_default();
+    let high = outline
+        .iter()
+        .copied()
+        .reduce(DVec2::max)
+        .unwrap_or_default();
+    // A pixel more all round: surfaces reach half a pixel beyond their edge's centre.
+    let range = |lo: f64, hi: f64, count: u32| {
+        let last = f64::from(count);
+        let from = ((lo - 1.0) / side).floor().clamp(0.0, last) as u32;
+        from..((hi + 1.0) / side).ceil().clamp(0.0, last) as u32
+    };
+    let edges = hull_edges(outline);
+    for y in range(low.y, high.y, down) {
+        for x in range(low.x, high.x, across) {
+            let centre = (DVec2::new(f64::from(x), f64::from(y)) + 0.5) * side;
+            let apart = edges.iter().flatten().any(|(normal, offset)| {
+                let reach = (side * 0.5 + 1.0) * (normal.x.abs() + normal.y.abs());
+                normal.dot(centre) - offset > reach
+            });
+            if !apart {
+                tiles[(y * across + x) as usize] = 1;
+            }
+        }
+    }
+}
+
+/// Outward normals and offsets of the lines through pairs of points with all other points
+/// on one side.
+fn hull_edges(points: &[DVec2; 8]) -> [Option<(DVec2, f64)>; 56] {
+    let mut edges = [None; 56];
+    let pairs = (0..8).flat_map(|a| (0..8).filter(move |b| *b != a).map(move |b| (a, b)));
+    for (edge, (a, b)) in edges.iter_mut().zip(pairs) {
+        let normal = (points[b] - points[a]).perp();
+        let offset = normal.dot(points[a]);
+        let outermost = points.iter().all(|p| normal.dot(*p) <= offset + 1e-6);
+        *edge = (outermost && normal != DVec2::ZERO).then_some((normal, offset));
+    }
+    edges
+}
+
+fn bounds(tiles: &[u8], across: u32) -> [[u32; 2]; 2] {
+    let mut bounds = [[u32::MAX, 0]; 2];
+    for (tile, i) in tiles.iter().zip(0..) {
+        if *tile != 0 {
+            for (b, at) in bounds.iter_mut().zip([i % across, i / across]) {
+                *b = [b[0].min(at), b[1].max(at + 1)];
+            }
+        }
+    }
+    bounds.map(|[from, to]| [from.min(to), to])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn cube(at: DVec3, side: f64) -> Option<Corners> {
+        let ends = [DVec3::splat(-side / 2.0), DVec3::splat(side / 2.0)];
+        corners(ends.into_iter(), DMat4::from_translation(at))
+    }
+
+    /// A camera at the origin that looks along +Z, with 90° across.
+    fn clip() -> DMat4 {
+        DMat4::from_cols_array(&[
+            1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.02, 0.0,
+        ])
+    }
+
+    #[test]
+    fn a_box_covers_the_tiles_it_is_seen_in() {
+        let mut cover = Cover::default();
+        cover.set_boxes(cube(DVec3::new(0.0, 0.0, 2.0), 0.1).into_iter().collect());
+        cover.update(clip(), (320, 320), true);
+        // 0.1 m at 1.95 m is 8 pixels each way about the centre, pixel 160: tiles 9 and 10.
+        assert_eq!(cover.rectangle(), [9, 9, 2, 2]);
+        assert_eq!(cover.tiles().iter().filter(|t| **t != 0).count(), 4);
+        cover.update(clip(), (320, 320), false);
+        assert_eq!(cover.rectangle()[2], 0);
+    }
+
+    #[test]
+    fn a_diagonal_bar_covers_no_corner_tiles_and_a_box_around_the_camera_covers_all() {
+        let mut cover = Cover::default();
+        let turn = DMat4::from_translation(DVec3::Z * 2.0)
+            * DMat4::from_rotation_z(std::f64::consts::FRAC_PI_4);
+        let ends = [DVec3::new(-1.0, -0.01, 0.0), DVec3::new(1.0, 0.01, 0.0)];
+        cover.set_boxes(corners(ends.into_iter(), turn).into_iter().collect());
+        cover.update(clip(), (320, 320), true);
+        let covered = cover.tiles().iter().filter(|t| **t != 0).count();
+        assert!((10..60).contains(&covered), "{covered}");
+        cover.set_boxes(cube(DVec3::ZERO, 1.0).into_iter().collect());
+        cover.update(clip(), (320, 320), true);
+        assert_eq!(cover.rectangle(), [0, 0, 20, 20]);
+    }
+}
