@@ -222,6 +222,10 @@ impl Compositor {
         let camera_from_world = pose.map_or(DMat4::IDENTITY, |p| p.inverse().to_matrix());
         let clip_from_world = clip_from_camera(input.camera) * camera_from_world;
         self.cover.update(clip_from_world, size, pose.is_some());
+        let focal = input.camera.focal.max_element();
+        for part in &mut self.scene.virtual_parts {
+            part.details.choose(clip_from_world, focal);
+        }
         let Some(sized) = &self.sized else { return };
         let texture = &sized.targets.covered.texture;
         let layout = wgpu::TexelCopyBufferLayout {
@@ -378,22 +382,9 @@ fn write_response(queue: &wgpu::Queue, targets: &Targets, response: &Response) {
             response.encoded_from_linear(root * root)
         })
         .collect();
-    let tables = [
-        (&targets.response, &response.linear_from_code()[..]),
-        (&targets.encoding, &encoding[..]),
-    ];
-    for (target, values) in tables {
-        queue.write_texture(
-            target.texture.as_image_copy(),
-            bytemuck::cast_slice(values),
-            wgpu::TexelCopyBufferLayout {
-                offset: 0,
-                bytes_per_row: Some(4 * values.len() as u32),
-                rows_per_image: None,
-            },
-            target.texture.size(),
-        );
-    }
+    let decoding = bytemuck::cast_slice(&response.linear_from_code()[..]);
+    queue.write_buffer(&targets.codes, 0, decoding);
+    queue.write_buffer(&targets.codes, 1024, bytemuck::cast_slice(&encoding));
 }
 
 #[cfg(test)]

@@ -8,6 +8,7 @@
 
 mod bindings;
 mod cover;
+mod detail;
 pub mod frame;
 pub mod gpu;
 mod gpu_data;
@@ -133,10 +134,8 @@ impl Compositor {
             scene,
             casters,
         );
-        let boxes = scene.virtual_parts.iter().filter_map(|part| {
-            let positions = part.mesh.vertices.iter().map(|v| v.position.as_dvec3());
-            cover::corners(positions, part.world_from_part)
-        });
+        let details = self.scene.virtual_parts.iter().map(|part| &part.details);
+        let boxes = details.filter_map(|d| d.corners().copied());
         self.cover.set_boxes(boxes.collect());
         self.slots.set_casters(
             CasterHull::around(&self.scene.virtual_casters.positions),

@@ -1,8 +1,9 @@
 //! A scene on the GPU: vertices, indices, materials, casters.
 
 use super::bindings::{Slot, group, layout, sampler, view};
+use super::detail::Details;
 use super::gpu_data::{PhantomPartUniform, VirtualPartUniform};
-use crate::scene::{Material, Mesh, Part, Scene, SceneTexture};
+use crate::scene::{Material, Part, Scene, SceneTexture};
 use glam::{DMat4, Mat4};
 use std::sync::Arc;
 use wgpu::util::{BufferInitDescriptor, DeviceExt, TextureDataOrder};
@@ -23,7 +24,8 @@ pub struct Casters {
 
 /// One virtual part, ready to draw.
 pub struct DrawPart {
-    pub mesh: MeshBuffers,
+    pub vertices: wgpu::Buffer,
+    pub details: Details,
     pub material: Option<wgpu::BindGroup>,
     pub double_sided: bool,
 }
@@ -69,7 +71,8 @@ impl SceneBuffers {
     ) -> Self {
         let textures = MaterialUploader::new(device, queue, &layouts.material);
         let draw = |part: &Part, material: bool| DrawPart {
-            mesh: upload_mesh(device, part),
+            vertices: vertex_buffer(device, bytemuck::cast_slice(&part.mesh.vertices)),
+            details: Details::new(device, part, material),
             material: material.then(|| textures.bind(&part.material)),
             double_sided: part.material.double_sided,
         };
@@ -151,7 +154,7 @@ fn vertex_buffer(device: &wgpu::Device, contents: &[u8]) -> wgpu::Buffer {
     })
 }
 
-fn index_buffer(device: &wgpu::Device, indices: &[u32]) -> wgpu::Buffer {
+pub(super) fn index_buffer(device: &wgpu::Device, indices: &[u32]) -> wgpu::Buffer {
     device.create_buffer_init(&BufferInitDescriptor {
         label: Some("indices"),
         contents: bytemuck::cast_slice(indices),
@@ -159,18 +162,14 @@ fn index_buffer(device: &wgpu::Device, indices: &[u32]) -> wgpu::Buffer {
     })
 }
 
-fn upload_mesh(device: &wgpu::Device, part: &Part) -> MeshBuffers {
-    let mesh: &Mesh = &part.mesh;
-    let mut indices = mesh.indices.clone();
+/// `indices` of the part's mesh, its outside out.
+pub(super) fn placed_indices(part: &Part, indices: &[u32]) -> Vec<u32> {
+    let mut indices = indices.to_vec();
     if part.world_from_part.determinant() < 0.0 {
         // A mirrored placement turns triangles inside out.
         indices.chunks_exact_mut(3).for_each(|t| t.swap(1, 2));
     }
-    MeshBuffers {
-        vertices: vertex_buffer(device, bytemuck::cast_slice(&mesh.vertices)),
-        indices: index_buffer(device, &indices),
-        count: indices.len() as u32,
-    }
+    indices
 }
 
 fn matrices(world_from_part: DMat4) -> ([[f32; 4]; 4], [[f32; 4]; 4]) {

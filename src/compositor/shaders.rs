@@ -1,5 +1,6 @@
 //! The shaders' text: a pass's own file behind the library files it uses.
 
+use super::targets::ENCODING;
 use std::borrow::Cow;
 
 const FRAME: &str = include_str!("shaders/lib/frame.wgsl");
@@ -7,6 +8,7 @@ const NORMAL: &str = include_str!("shaders/lib/normal.wgsl");
 const FULLSCREEN: &str = include_str!("shaders/lib/fullscreen.wgsl");
 const TILES: &str = include_str!("shaders/lib/tiles.wgsl");
 const SAMPLES: &str = include_str!("shaders/lib/samples.wgsl");
+const CODES: &str = include_str!("shaders/lib/codes.wgsl");
 const LIGHT_TEXEL: &str = include_str!("shaders/lib/light_texel.wgsl");
 const VISIBILITY: &str = include_str!("shaders/lib/visibility.wgsl");
 
@@ -76,7 +78,12 @@ pub fn all(variant: Variant) -> [(&'static str, String); 8] {
         ),
         (
             "surroundings",
-            join(&[FRAME, FULLSCREEN, include_str!("shaders/surroundings.wgsl")]),
+            join(&[
+                FRAME,
+                FULLSCREEN,
+                CODES,
+                include_str!("shaders/surroundings.wgsl"),
+            ]),
         ),
         (
             "composite",
@@ -87,6 +94,7 @@ pub fn all(variant: Variant) -> [(&'static str, String); 8] {
                     TILES,
                     SAMPLES,
                     LIGHT_TEXEL,
+                    CODES,
                     include_str!("shaders/composite.wgsl"),
                 ]),
                 variant,
@@ -103,6 +111,7 @@ fn join(parts: &[&str]) -> String {
     parts
         .join("\n")
         .replace("MAX_LIGHTS", &MAX_LIGHTS.to_string())
+        .replace("ENCODING_VECTORS", &(ENCODING / 4).to_string())
 }
 
 /// WGSL has different types for one and for several samples, with the same calls.

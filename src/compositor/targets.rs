@@ -8,7 +8,6 @@ pub mod format {
     pub const DEPTH: F = F::Depth32Float;
     pub const CAMERA: F = F::Rgba8Unorm;
     pub const OUTPUT: F = F::Rgba8Unorm;
-    pub const RESPONSE: F = F::R32Float;
     pub const PHANTOM_NORMAL: F = F::Rgba16Float;
     pub const VIRTUAL: [F; 4] = [
         F::Rgba8UnormSrgb,
@@ -39,9 +38,8 @@ pub struct Targets {
     pub width: u32,
     pub height: u32,
     pub camera: Target,
-    pub response: Target,
-    /// Inverse of the response.
-    pub encoding: Target,
+    /// The response and its inverse: 256 and [`ENCODING`] floats.
+    pub codes: wgpu::Buffer,
     pub phantom_normal: Target,
     pub phantom_depth: Target,
     pub virtual_surface: [Target; 4],
@@ -130,8 +128,12 @@ impl Targets {
             width,
             height,
             camera: m.make("camera", full, format::CAMERA, uploaded | U::COPY_SRC, 1),
-            response: m.make("response", (256, 1), format::RESPONSE, uploaded, 1),
-            encoding: m.make("encoding", (ENCODING, 1), format::RESPONSE, uploaded, 1),
+            codes: device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some("codes"),
+                size: 4 * u64::from(256 + ENCODING),
+                usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+                mapped_at_creation: false,
+            }),
             phantom_normal: m.make("phantom normal", full, format::PHANTOM_NORMAL, drawn, 1),
             phantom_depth: m.make("phantom depth", full, format::DEPTH, drawn, 1),
             virtual_surface: format::VIRTUAL

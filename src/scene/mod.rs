@@ -3,6 +3,7 @@
 pub mod assemble;
 mod casters;
 mod check;
+pub mod detail;
 pub mod error;
 mod gltf_bytes;
 pub mod gltf_file;
@@ -18,6 +19,7 @@ pub mod simplify;
 
 pub use assemble::{Attachments, rig_of_session};
 pub use casters::{casters, casters_within};
+pub use detail::coarser;
 pub use error::SceneError;
 pub use gltf_bytes::Resolver;
 pub use gltf_file::{Model, load_gltf, load_gltf_bytes};

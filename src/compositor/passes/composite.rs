@@ -31,7 +31,7 @@ impl CompositePass {
         let picture_layout = layout(
             device,
             "composite picture",
-            &[u, u, u, i, u, Slot::Depth, i, i, u],
+            &[u, Slot::Uniform, u, i, u, i, i],
         );
         let surfaces_layout = layout(
             device,
@@ -87,17 +87,14 @@ impl CompositePass {
     ) -> CompositeInputs {
         let t = targets;
         let picture = [
-            &t.camera,
-            &t.response,
-            &t.shadow,
-            &t.light,
-            &t.phantom_normal,
-            &t.phantom_depth,
-            &t.tiles[0],
-            &t.covered,
-            &t.encoding,
-        ]
-        .map(|t| view(&t.view));
+            view(&t.camera.view),
+            t.codes.as_entire_binding(),
+            view(&t.shadow.view),
+            view(&t.light.view),
+            view(&t.phantom_normal.view),
+            view(&t.tiles[0].view),
+            view(&t.covered.view),
+        ];
         let s = &t.virtual_surface;
         let surfaces = [&s[0], &s[1], &s[2], &s[3], &t.virtual_depth].map(|t| view(&t.view));
         let light = [

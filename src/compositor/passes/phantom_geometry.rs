@@ -49,9 +49,10 @@ impl PhantomGeometryPass {
         pass.set_bind_group(0, frame, &[]);
         pass.set_bind_group(1, &scene.phantom_uniforms, &[]);
         for (part, instance) in scene.phantom_parts.iter().zip(0..) {
-            pass.set_vertex_buffer(0, part.mesh.vertices.slice(..));
-            pass.set_index_buffer(part.mesh.indices.slice(..), wgpu::IndexFormat::Uint32);
-            pass.draw_indexed(0..part.mesh.count, 0, instance..instance + 1);
+            let level = part.details.level();
+            pass.set_vertex_buffer(0, part.vertices.slice(..));
+            pass.set_index_buffer(level.indices.slice(..), wgpu::IndexFormat::Uint32);
+            pass.draw_indexed(0..level.count, 0, instance..instance + 1);
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Draws casters into the shadow maps of the dome lights chosen for this frame.
 
 use super::super::bindings::{POSITION_LAYOUT, PipelineSpec};
-use super::super::scene_buffers::{Casters, SceneBuffers};
+use super::super::scene_buffers::{MeshBuffers, SceneBuffers};
 use super::super::targets::format;
 use super::super::{shaders, timing::Timer};
 use super::cleared_depth;
@@ -92,13 +92,15 @@ impl ShadowMapPass {
             (&self.virtual_pipeline, &scene.virtual_casters, maps.0),
             (&self.phantom_pipeline, &scene.phantom_casters, maps.1),
         ];
-        let total = lights.len() * sets.len();
+        // Where nothing casts, no map is ever read.
+        let total = lights.len() * sets.iter().filter(|(_, c, _)| c.mesh.is_some()).count();
         let mut done = 0;
         for light in lights {
             for (pipeline, casters, maps) in sets {
+                let Some(mesh) = &casters.mesh else { continue };
                 done += 1;
                 let writes = timer.span("shadow_map", done == 1, done == total);
-                draw(encoder, writes, pipeline, frame, casters, maps, *light);
+                draw(encoder, writes, pipeline, frame, mesh, maps, *light);
             }
         }
     }
@@ -109,7 +111,7 @@ fn draw(
     timestamp_writes: Option<wgpu::RenderPassTimestampWrites<'_>>,
     pipeline: &wgpu::RenderPipeline,
     frame: &wgpu::BindGroup,
-    casters: &Casters,
+    mesh: &MeshBuffers,
     maps: &ShadowMaps,
     light: usize,
 ) {
@@ -119,7 +121,6 @@ fn draw(
         timestamp_writes,
         ..Default::default()
     });
-    let Some(mesh) = &casters.mesh else { return };
     let light = light as u32;
     pass.set_pipeline(pipeline);
     pass.set_bind_group(0, frame, &[]);

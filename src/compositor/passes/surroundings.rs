@@ -23,7 +23,7 @@ impl SurroundingsPass {
     pub fn new(device: &wgpu::Device, frame: &wgpu::BindGroupLayout) -> Self {
         let module = shaders::module(device, "surroundings", shaders::Variant::PLAIN);
         let u = Slot::Unfilterable;
-        let picture_layout = layout(device, "surroundings picture", &[u, u, u]);
+        let picture_layout = layout(device, "surroundings picture", &[u, Slot::Uniform, u]);
         let finer_layout = layout(device, "surroundings level", &[u]);
         let build = |fragment: &str| {
             PipelineSpec {
@@ -56,7 +56,7 @@ impl SurroundingsPass {
             &self.picture_layout,
             &[
                 view(&targets.camera.view),
-                view(&targets.response.view),
+                targets.codes.as_entire_binding(),
                 view(&targets.shadow.view),
             ],
         );

@@ -96,9 +96,10 @@ impl VirtualGeometryPass {
                 &self.one_sided
             });
             pass.set_bind_group(2, part.material.as_ref(), &[]);
-            pass.set_vertex_buffer(0, part.mesh.vertices.slice(..));
-            pass.set_index_buffer(part.mesh.indices.slice(..), wgpu::IndexFormat::Uint32);
-            pass.draw_indexed(0..part.mesh.count, 0, instance..instance + 1);
+            let level = part.details.level();
+            pass.set_vertex_buffer(0, part.vertices.slice(..));
+            pass.set_index_buffer(level.indices.slice(..), wgpu::IndexFormat::Uint32);
+            pass.draw_indexed(0..level.count, 0, instance..instance + 1);
         }
     }
 

@@ -2,14 +2,11 @@
 // virtual objects over it. A pixel that nothing virtual touches is the camera's own code.
 
 @group(1) @binding(0) var camera: texture_2d<f32>;
-@group(1) @binding(1) var response: texture_2d<f32>;
 @group(1) @binding(2) var shadow: texture_2d<f32>;
 @group(1) @binding(3) var light: texture_2d<u32>;
 @group(1) @binding(4) var phantom_normal: texture_2d<f32>;
-@group(1) @binding(5) var phantom_depth: texture_depth_2d;
-@group(1) @binding(6) var phantom_tiles: texture_2d<u32>;
-@group(1) @binding(7) var covered_tiles: texture_2d<u32>;
-@group(1) @binding(8) var encoding: texture_2d<f32>;
+@group(1) @binding(5) var phantom_tiles: texture_2d<u32>;
+@group(1) @binding(6) var covered_tiles: texture_2d<u32>;
 @group(2) @binding(0) var virtual_base: VIRTUAL_TEXTURE;
 @group(2) @binding(1) var virtual_properties: VIRTUAL_TEXTURE;
 @group(2) @binding(2) var virtual_normal: VIRTUAL_TEXTURE;
@@ -21,23 +18,6 @@
 @group(3) @binding(3) var specular_table: texture_2d<f32>;
 
 const PI = 3.14159265;
-
-fn linear_from_code(code: vec3f) -> vec3f {
-    let c = vec3i(round(code * 255.0));
-    return vec3f(
-        textureLoad(response, vec2i(c.r, 0), 0).r,
-        textureLoad(response, vec2i(c.g, 0), 0).r,
-        textureLoad(response, vec2i(c.b, 0), 0).r,
-    );
-}
-
-// Inverse of the response, tabulated over the square root of the linear value: finely
-// enough (an eighth of a code per entry) that the nearest entry will do.
-fn code_from_linear(x: f32) -> f32 {
-    let last = f32(textureDimensions(encoding).x - 1u);
-    let at = sqrt(clamp(x, 0.0, 1.0)) * last;
-    return textureLoad(encoding, vec2i(i32(at + 0.5), 0), 0).r;
-}
 
 // The shadow buffer may be coarser than the picture: its texels count where they lie on
 // the same surface.
@@ -160,18 +140,20 @@ fn same_surface(pixel: vec2i, a: i32, b: i32) -> bool {
 
 // Real surfaces in shadow, where nothing virtual is in the tile.
 @vertex
-fn real_tile(@builtin(vertex_index) v: u32, @builtin(instance_index) t: u32) -> TileVarying {
+fn real_tile(@builtin(vertex_index) v: u32) -> TileVarying {
+    let t = v / 6u;
     let across = textureDimensions(phantom_tiles).x;
     let tile = vec2u(t % across, t / across);
     let shadowed = any(textureLoad(phantom_tiles, tile, 0).xy != vec2u(0u));
-    return tile_corner(v, tile, 1.0, shadowed && !tile_is_covered(tile));
+    return tile_corner(v % 6u, tile, 1.0, shadowed && !tile_is_covered(tile));
 }
 
 @vertex
-fn virtual_tile(@builtin(vertex_index) v: u32, @builtin(instance_index) t: u32) -> TileVarying {
+fn virtual_tile(@builtin(vertex_index) v: u32) -> TileVarying {
+    let t = v / 6u;
     let across = textureDimensions(phantom_tiles).x;
     let tile = vec2u(t % across, t / across);
-    return tile_corner(v, tile, 1.0, tile_is_covered(tile));
+    return tile_corner(v % 6u, tile, 1.0, tile_is_covered(tile));
 }
 
 fn shadowed(code: vec3f, factor: vec3f) -> vec3f {
@@ -180,7 +162,7 @@ fn shadowed(code: vec3f, factor: vec3f) -> vec3f {
 }
 
 fn encoded(linear: vec3f) -> vec4f {
-    return vec4f(code_from_linear(linear.r), code_from_linear(linear.g), code_from_linear(linear.b), 1.0);
+    return vec4f(code_from_linear(linear), 1.0);
 }
 
 @fragment

@@ -19,19 +19,21 @@ const PI = 3.14159265;
 const NO_LIGHT = 0xffffffffu;
 
 @vertex
-fn phantom_tile(@builtin(vertex_index) v: u32, @builtin(instance_index) t: u32) -> TileVarying {
+fn phantom_tile(@builtin(vertex_index) v: u32) -> TileVarying {
+    let t = v / 6u;
     let across = textureDimensions(phantom_tiles).x;
     let tile = vec2u(t % across, t / across);
     let wanted = any(textureLoad(phantom_tiles, tile, 0).xy != vec2u(0u));
-    return tile_corner(v, tile, f32(frame.counts.z), wanted);
+    return tile_corner(v % 6u, tile, f32(frame.counts.z), wanted);
 }
 
 @vertex
-fn virtual_tile(@builtin(vertex_index) v: u32, @builtin(instance_index) t: u32) -> TileVarying {
+fn virtual_tile(@builtin(vertex_index) v: u32) -> TileVarying {
+    let t = v / 6u;
     let across = textureDimensions(virtual_tiles).x;
     let tile = vec2u(t % across, t / across);
     let wanted = tile_is_covered(tile);
-    return tile_corner(v, tile, f32(frame.counts.z), wanted);
+    return tile_corner(v % 6u, tile, f32(frame.counts.z), wanted);
 }
 
 // The next light of a mask after light `i`, of which each bit stands for `tiling.x`; past

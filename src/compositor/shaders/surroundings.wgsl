@@ -2,19 +2,13 @@
 // halved again and again.
 
 @group(1) @binding(0) var camera: texture_2d<f32>;
-@group(1) @binding(1) var response: texture_2d<f32>;
 @group(1) @binding(2) var shadow: texture_2d<f32>;
 @group(2) @binding(0) var finer: texture_2d<f32>;
 
 fn linear_at(pixel: vec2i) -> vec3f {
     let last = vec2i(frame.size.xy) - vec2i(1);
     let at = min(pixel, last);
-    let code = vec3i(round(textureLoad(camera, at, 0).rgb * 255.0));
-    let linear = vec3f(
-        textureLoad(response, vec2i(code.r, 0), 0).r,
-        textureLoad(response, vec2i(code.g, 0), 0).r,
-        textureLoad(response, vec2i(code.b, 0), 0).r,
-    );
+    let linear = linear_from_code(textureLoad(camera, at, 0).rgb);
     let s = textureLoad(shadow, at / i32(frame.counts.z), 0).rgb;
     return select(linear * s, max(linear - s, vec3f(0.0)), frame.counts.y == 1u);
 }

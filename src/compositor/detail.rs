@@ -1,0 +1,100 @@
+//! Index buffers of fewer triangles for virtual parts that are small in the picture: what a
+//! triangle smaller than a pixel costs is not seen.
+
+use super::cover::{Corners, corners};
+use super::scene_buffers::{index_buffer, placed_indices};
+use crate::scene::{Part, coarser};
+use glam::{DMat3, DMat4};
+
+/// Errors of the coarser levels, in extents of the part.
+const ERRORS: [f64; 2] = [1.0 / 5000.0, 1.0 / 1250.0];
+/// Largest error in the picture, pixels. The quadric error is an average; the farthest
+/// point is two to three times as far off.
+const ERROR_PIXELS: f64 = 0.2;
+
+/// One level.
+pub struct Level {
+    pub indices: wgpu::Buffer,
+    pub count: u32,
+    error_m: f64,
+}
+
+/// All levels of a part, finest first, and the one to draw.
+pub struct Details {
+    levels: Vec<Level>,
+    corners: Option<Corners>,
+    chosen: usize,
+}
+
+impl Details {
+    /// Uploads the part's own triangles, and with `coarse` fewer ones too.
+    pub fn new(device: &wgpu::Device, part: &Part, coarse: bool) -> Self {
+        let level = |indices: &[u32], error_m| Level {
+            indices: index_buffer(device, &placed_indices(part, indices)),
+            count: indices.len() as u32,
+            error_m,
+        };
+        let corners = corners(
+            part.mesh.vertices.iter().map(|v| v.position.as_dvec3()),
+            part.world_from_part,
+        );
+        let mut levels = vec![level(&part.mesh.indices, 0.0)];
+        if let Some(corners) = corners.filter(|_| coarse) {
+            let extent = corners[0].distance(corners[7]);
+            let textured = is_textured(part);
+            levels.extend(ERRORS.iter().filter_map(|share| {
+                let error = extent * share / scale(part);
+                coarser(&part.mesh, error as f32, textured).map(|i| level(&i, extent * share))
+            }));
+        }
+        Self {
+            levels,
+            corners,
+            chosen: 0,
+        }
+    }
+
+    /// The box around the part, world.
+    pub const fn corners(&self) -> Option<&Corners> {
+        self.corners.as_ref()
+    }
+
+    /// Chooses the coarsest level that looks like the finest; `focal` in pixels.
+    pub fn choose(&mut self, clip_from_world: DMat4, focal: f64) {
+        let nearest = self.corners.iter().flatten().fold(f64::INFINITY, |z, c| {
+            z.min((clip_from_world * c.extend(1.0)).w)
+        });
+        let pixels_per_metre = focal / nearest.max(1e-3);
+        self.chosen = self
+            .levels
+            .iter()
+            .rposition(|l| l.error_m * pixels_per_metre <= ERROR_PIXELS)
+            .unwrap_or(0);
+    }
+
+    /// The level chosen.
+    pub fn level(&self) -> &Level {
+        &self.levels[self.chosen]
+    }
+}
+
+fn is_textured(part: &Part) -> bool {
+    let m = &part.material;
+    [
+        &m.base_colour_texture,
+        &m.metallic_roughness_texture,
+        &m.normal_texture,
+        &m.occlusion_texture,
+        &m.emissive_texture,
+    ]
+    .iter()
+    .any(|t| t.is_some())
+}
+
+/// The greatest length of a metre of the part, in the world.
+fn scale(part: &Part) -> f64 {
+    let linear = DMat3::from_mat4(part.world_from_part);
+    [linear.x_axis, linear.y_axis, linear.z_axis]
+        .iter()
+        .fold(f64::MIN_POSITIVE, |most, axis| most.max(axis.length()))
+}
