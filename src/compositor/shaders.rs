@@ -155,7 +155,7 @@ mod tests {
                     .unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(&text)));
                 naga::valid::Validator::new(
                     naga::valid::ValidationFlags::all(),
-                    naga::valid::Capabilities::default(),
+                    naga::valid::Capabilities::SHADER_FLOAT16_IN_FLOAT32,
                 )
                 .validate(&module)
                 .unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(&text)));

@@ -25,7 +25,7 @@ pub mod format {
 pub const TILE: u32 = 16;
 
 /// Entries of the inverse response's table.
-pub const ENCODING: u32 = 2048;
+pub const ENCODING: u32 = 4096;
 
 /// A texture and the view of all of it.
 pub struct Target {

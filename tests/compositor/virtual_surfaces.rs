@@ -358,7 +358,13 @@ fn what_shines_shows_its_own_light() {
     });
     stage.lighting = Some(lighting(vec![cell(Vec3::Z, Vec3::ZERO)], 0.0));
     let expected = [0.2, 0.5, 0.8].map(|v| Response::srgb().code_from_linear(v));
-    assert_eq!(stage.compose().rgb(40, 40), expected);
+    // The inverse response is a table; half a code of rounding may fall either way.
+    let shown = stage.compose().rgb(40, 40);
+    let off = |(a, b): (u8, u8)| a.abs_diff(b);
+    assert!(
+        shown.into_iter().zip(expected).map(off).all(|d| d <= 1),
+        "{shown:?} {expected:?}"
+    );
 }
 
 #[test]
