@@ -348,7 +348,12 @@ impl Compositor {
             ],
             params: [input.shadow_strength, height, has_ground, (mips - 1) as f32],
             ground: ground.extend(0.0).to_array(),
-            tiling: [(lights as u32).div_ceil(64).max(1), TILE, 0, 0],
+            tiling: [
+                (lights as u32).div_ceil(64).max(1),
+                TILE,
+                self.settings.shadow_step.ilog2(),
+                0,
+            ],
             near_low,
             near_high,
         }

@@ -47,7 +47,7 @@ pub struct CompositorSettings {
     pub light_budget: u32,
     /// Texels a side of a shadow map.
     pub shadow_map_size: u32,
-    /// Picture pixels per shadow-buffer texel, each way: 1 or 2.
+    /// Picture pixels per shadow-buffer texel, each way: a power of two.
     pub shadow_step: u32,
     /// Samples a pixel at the edges of virtual objects: 1 or 4.
     pub samples: u32,

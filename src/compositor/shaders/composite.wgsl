@@ -21,13 +21,13 @@ const PI = 3.14159265;
 
 // The shadow buffer may be coarser than the picture: its texels count where they lie on
 // the same surface.
-fn shadow_at(pixel: vec2i) -> vec3f {
-    let step = i32(frame.counts.z);
+fn shadow_at(pixel: vec2i, position: vec4f) -> vec3f {
+    let step = i32(decided_here(frame.counts.z, position));
     if step == 1 {
         return textureLoad(shadow, pixel, 0).rgb;
     }
     let surface = textureLoad(phantom_normal, pixel, 0);
-    let base = pixel / step;
+    let base = pixel >> vec2u(frame.tiling.z);
     let part = vec2f(pixel - base * step) / f32(step);
     let last = vec2i(textureDimensions(shadow)) - vec2i(1);
     var sum = vec3f(0.0);
@@ -47,10 +47,10 @@ fn shadow_at(pixel: vec2i) -> vec3f {
 // a pixel is its first sample's: `own` = whether this is that surface.
 fn light_at(pixel: vec2i, n: vec3f, z: f32, own: bool) -> vec3f {
     let step = i32(frame.counts.z);
-    if step == 1 && own {
+    if (step == 1) & own {
         return unpacked_light(textureLoad(light, pixel, 0)).irradiance;
     }
-    let base = pixel / step;
+    let base = pixel >> vec2u(frame.tiling.z);
     let part = vec2f(pixel - base * step) / f32(step);
     let last = vec2i(textureDimensions(light)) - vec2i(1);
     var sum = vec3f(0.0);
@@ -169,7 +169,7 @@ fn encoded(linear: vec3f) -> vec4f {
 fn real(in: TileVarying) -> @location(0) vec4f {
     let pixel = vec2i(in.position.xy);
     let code = textureLoad(camera, pixel, 0);
-    let factor = shadow_at(pixel);
+    let factor = shadow_at(pixel, in.position);
     if all(factor == vec3f(select(1.0, 0.0, frame.counts.y == 1u))) {
         return code;
     }
@@ -180,7 +180,7 @@ fn real(in: TileVarying) -> @location(0) vec4f {
 fn composite(in: TileVarying) -> @location(0) vec4f {
     let pixel = vec2i(in.position.xy);
     let code = textureLoad(camera, pixel, 0);
-    let factor = shadow_at(pixel);
+    let factor = shadow_at(pixel, in.position);
     var covered = 0;
     var first = 0;
     for (var s = SAMPLES - 1; s >= 0; s--) {
@@ -195,13 +195,14 @@ fn composite(in: TileVarying) -> @location(0) vec4f {
     var linear = shadowed(code.rgb, factor) * (f32(SAMPLES - covered) / f32(SAMPLES));
     // Samples on either side of an outline or a crease are lit apart. A loop and not a
     // branch: software drivers run both sides of branches, but leave loops that no pixel
-    // is in.
+    // is in; with the condition at its end, because they run what a loop holds once more
+    // than any pixel asks for.
     let of_pixel = first;
-    while covered > 0 {
+    loop {
         var alike = 0;
         var other = first;
-        for (var s = SAMPLES - 1; s >= first; s--) {
-            if textureLoad(virtual_base, pixel, s).a > 0.5 {
+        for (var s = SAMPLES - 1; s >= 0; s--) {
+            if s >= first && textureLoad(virtual_base, pixel, s).a > 0.5 {
                 if same_surface(pixel, first, s) {
                     alike += 1;
                 } else {
@@ -209,9 +210,14 @@ fn composite(in: TileVarying) -> @location(0) vec4f {
                 }
             }
         }
-        linear += shade(pixel, first, first == of_pixel) * (f32(alike) / f32(SAMPLES));
+        // Where nothing is, there is nothing to shade: not a number, maybe.
+        let shaded = shade(pixel, first, first == of_pixel) * (f32(alike) / f32(SAMPLES));
+        linear += select(vec3f(0.0), shaded, alike > 0);
         covered -= alike;
         first = other;
+        continuing {
+            break if covered <= 0 || alike == 0;
+        }
     }
     return encoded(linear);
 }

@@ -36,23 +36,38 @@ fn virtual_tile(@builtin(vertex_index) v: u32) -> TileVarying {
     return tile_corner(v % 6u, tile, f32(frame.counts.z), wanted);
 }
 
-// The next light of a mask after light `i`, of which each bit stands for `tiling.x`; past
-// all lights when there is none.
-fn next_light(i: u32, mask: ptr<function, vec2u>) -> u32 {
-    let within = i + 1u;
-    if within % frame.tiling.x != 0u && within < frame.counts.x {
-        return within;
-    }
-    return first_light(mask);
+// A walk through the lights of a mask of 64 bits, each of which stands for `tiling.x`.
+struct Walk {
+    mask: vec2u,
+    // The light it stands at, NO_LIGHT past the last.
+    light: u32,
+    // Where the lights of this bit end.
+    end: u32,
 }
 
-// Takes the lowest bit out of a mask of 64; returns its first light.
-fn first_light(mask: ptr<function, vec2u>) -> u32 {
-    let m = *mask;
-    let low = m.x != 0u;
-    let bit = select(firstTrailingBit(m.y) + 32u, firstTrailingBit(m.x), low);
-    *mask = select(vec2u(0u, m.y & (m.y - 1u)), vec2u(m.x & (m.x - 1u), m.y), low);
-    return select(bit * frame.tiling.x, NO_LIGHT, all(m == vec2u(0u)));
+fn first_light(mask: vec2u) -> Walk {
+    return next_light(Walk(mask, 0u, 0u));
+}
+
+fn next_light(w: Walk) -> Walk {
+    let within = w.light + 1u;
+    if within < w.end {
+        return Walk(w.mask, within, w.end);
+    }
+    let low = w.mask.x != 0u;
+    let word = select(w.mask.y, w.mask.x, low);
+    // Number of the lowest bit, by way of a float's exponent.
+    let lowest = word & (~word + 1u);
+    let exponent = (bitcast<u32>(f32(bitcast<i32>(lowest))) >> 23u) & 255u;
+    let bit = exponent - 127u + select(32u, 0u, low);
+    let rest = word & (word - 1u);
+    let mask = select(vec2u(0u, rest), vec2u(rest, w.mask.y), low);
+    let light = bit * frame.tiling.x;
+    // A tile may be drawn for other reasons than a light: its bits may stand for none.
+    if word == 0u || light >= frame.counts.x {
+        return Walk(mask, NO_LIGHT, 0u);
+    }
+    return Walk(mask, light, min(light + frame.tiling.x, frame.counts.x));
 }
 
 // Light of the lower hemisphere, which no dome light stands for where there is a ground.
@@ -84,7 +99,7 @@ fn near_facing(face: f32, at: vec3f) -> vec3f {
 fn near_irradiance(kind: f32, world: vec3f, n: vec3f) -> vec3f {
     let at = (world - frame.near_low.xyz) / (frame.near_high.xyz - frame.near_low.xyz);
     let margin = vec3f(0.0, 0.0, 0.02);
-    if frame.near_low.w == 0.0 || any(at < -margin) || any(at > vec3f(1.0)) {
+    if (frame.near_low.w == 0.0) | any(at < -margin) | any(at > vec3f(1.0)) {
         return vec3f(0.0);
     }
     if n.z > 0.99 && at.z < 0.02 {
@@ -102,27 +117,27 @@ fn near_irradiance(kind: f32, world: vec3f, n: vec3f) -> vec3f {
 // and go once through a light of no weight where a mask is empty.
 fn lost_behind_virtual(masks: vec4u, world: vec3f, n: vec3f) -> vec3f {
     var lost = vec3f(0.0);
-    var mask = masks.xy & ~masks.zw;
-    var i = first_light(&mask);
+    var at = first_light(masks.xy & ~masks.zw);
     loop {
+        let i = at.light;
         let n_dot_l = facing(i, n);
         let blocked = 1.0 - virtual_visibility(i, world, n, n_dot_l, 0.0);
         lost += lights[i].irradiance.rgb * (n_dot_l * blocked);
         continuing {
-            i = next_light(i, &mask);
-            break if i == NO_LIGHT;
+            at = next_light(at);
+            break if at.light == NO_LIGHT;
         }
     }
-    mask = masks.xy & masks.zw;
-    i = first_light(&mask);
+    at = first_light(masks.xy & masks.zw);
     loop {
+        let i = at.light;
         let n_dot_l = facing(i, n);
         let blocked = 1.0 - virtual_visibility(i, world, n, n_dot_l, 0.0);
         let real = phantom_visibility(i, world, n, n_dot_l, 1.0);
         lost += lights[i].irradiance.rgb * (n_dot_l * blocked * real);
         continuing {
-            i = next_light(i, &mask);
-            break if i == NO_LIGHT;
+            at = next_light(at);
+            break if at.light == NO_LIGHT;
         }
     }
     return lost;
@@ -130,15 +145,15 @@ fn lost_behind_virtual(masks: vec4u, world: vec3f, n: vec3f) -> vec3f {
 
 fn arriving_in_real(masks: vec4u, world: vec3f, n: vec3f) -> vec3f {
     var sum = ground_irradiance(n) + by_normal(irradiance_of_lights, n) + near_irradiance(1.0, world, n);
-    var mask = masks.zw;
-    var i = first_light(&mask);
+    var at = first_light(masks.zw);
     loop {
+        let i = at.light;
         let n_dot_l = facing(i, n);
         let blocked = 1.0 - phantom_visibility(i, world, n, n_dot_l, 1.0);
         sum -= lights[i].irradiance.rgb * (n_dot_l * blocked);
         continuing {
-            i = next_light(i, &mask);
-            break if i == NO_LIGHT;
+            at = next_light(at);
+            break if at.light == NO_LIGHT;
         }
     }
     return sum;
@@ -160,20 +175,17 @@ fn phantom_shadow(in: TileVarying) -> @location(0) vec4f {
     if all(lost == vec3f(0.0)) {
         return vec4f(unshadowed.rgb, surface.w);
     }
-    if frame.counts.y == 1u {
-        return vec4f(lost / PI, surface.w);
-    }
     let arriving = max(arriving_in_real(masks, world, n), lost);
     // (E − R) / E, and 1 in a channel without light.
-    return vec4f(vec3f(1.0) - lost / max(arriving, vec3f(1e-6)), surface.w);
+    let factor = vec3f(1.0) - lost / max(arriving, vec3f(1e-6));
+    return vec4f(select(factor, lost / PI, frame.counts.y == 1u), surface.w);
 }
 
 // First covered sample in the block of pixels that this texel stands for:
 // x, y = pixel, z = sample; z < 0 = none.
-fn covered_sample(corner: vec2i) -> vec3i {
-    let step = i32(frame.counts.z);
+fn covered_sample(corner: vec2i, step: i32) -> vec3i {
     for (var k = 0; k < step * step; k++) {
-        let pixel = corner + vec2i(k % step, k / step);
+        let pixel = corner + vec2i(k & (step - 1), k >> frame.tiling.z);
         for (var s = 0; s < SAMPLES; s++) {
             if textureLoad(virtual_base, pixel, s).a > 0.5 {
                 return vec3i(pixel, s);
@@ -195,7 +207,8 @@ fn with_bounces(open_share: vec3f, albedo: vec3f) -> vec3f {
 // Texels of the light buffer: irradiance, depth along the view and normal, packed.
 @fragment
 fn virtual_light(in: TileVarying) -> @location(0) vec4u {
-    let found = covered_sample(vec2i(in.position.xy) * i32(frame.counts.z));
+    let step = i32(decided_here(frame.counts.z, in.position));
+    let found = covered_sample(vec2i(in.position.xy) * step, step);
     if found.z < 0 {
         return vec4u(0u);
     }
@@ -208,29 +221,29 @@ fn virtual_light(in: TileVarying) -> @location(0) vec4u {
     var hidden = vec3f(0.0);
     // Lights that phantoms reach are few; the others are spared their shadow maps.
     let masks = textureLoad(virtual_tiles, in.tile, 0);
-    var mask = masks.xy & ~masks.zw;
-    var i = first_light(&mask);
+    var at = first_light(masks.xy & ~masks.zw);
     loop {
+        let i = at.light;
         let n_dot_l = facing(i, n);
         let hides = lights[i].irradiance.rgb * (n_dot_l * (1.0 - virtual_visibility(i, world, n, n_dot_l, 1.0)));
         left -= hides;
         hidden += hides * (1.0 - lights[i].irradiance.w);
         continuing {
-            i = next_light(i, &mask);
-            break if i == NO_LIGHT;
+            at = next_light(at);
+            break if at.light == NO_LIGHT;
         }
     }
-    mask = masks.zw;
-    i = first_light(&mask);
+    at = first_light(masks.zw);
     loop {
+        let i = at.light;
         let n_dot_l = facing(i, n);
         let open = virtual_visibility(i, world, n, n_dot_l, 1.0);
         let seen = open * phantom_visibility(i, world, n, n_dot_l, 0.0);
         left -= lights[i].irradiance.rgb * (n_dot_l * (1.0 - seen));
         hidden += lights[i].irradiance.rgb * (n_dot_l * (1.0 - open) * (1.0 - lights[i].irradiance.w));
         continuing {
-            i = next_light(i, &mask);
-            break if i == NO_LIGHT;
+            at = next_light(at);
+            break if at.light == NO_LIGHT;
         }
     }
     let albedo = textureLoad(virtual_base, found.xy, found.z).rgb;

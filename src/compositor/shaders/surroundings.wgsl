@@ -9,7 +9,7 @@ fn linear_at(pixel: vec2i) -> vec3f {
     let last = vec2i(frame.size.xy) - vec2i(1);
     let at = min(pixel, last);
     let linear = linear_from_code(textureLoad(camera, at, 0).rgb);
-    let s = textureLoad(shadow, at / i32(frame.counts.z), 0).rgb;
+    let s = textureLoad(shadow, at >> vec2u(frame.tiling.z), 0).rgb;
     return select(linear * s, max(linear - s, vec3f(0.0)), frame.counts.y == 1u);
 }
 

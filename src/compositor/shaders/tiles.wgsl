@@ -37,31 +37,46 @@ fn faces(direction: vec3f, b: Bounds) -> bool {
     return dot(direction, centre) + dot(abs(direction), extent) > 0.0;
 }
 
-// Bits of light `i` in the two words of a mask.
-fn bits_of(i: u32) -> vec2u {
-    let bit = i / frame.tiling.x;
-    let at = 1u << (bit & 31u);
-    return vec2u(select(at, 0u, bit >= 32u), select(0u, at, bit >= 32u));
+// The bit of a mask that a light has; lights are gone through in their order.
+struct Place {
+    bit: vec2u,
+    // Lights that share the bit and are still to come.
+    left: u32,
 }
 
-fn all_lights() -> vec4u {
+fn next_place(p: Place) -> Place {
+    if p.left > 0u {
+        return Place(p.bit, p.left - 1u);
+    }
+    // Before all bits comes the first; past the low word's last the high word's first.
+    let carry = p.bit.x >> 31u;
+    let first = select(0u, 1u, all(p.bit == vec2u(0u)));
+    return Place(vec2u((p.bit.x << 1u) | first, (p.bit.y << 1u) | carry), frame.tiling.x - 1u);
+}
+
+fn all_lights(count: u32) -> vec4u {
     var masks = vec4u(0u);
-    for (var i = 0u; i < frame.counts.x; i++) {
-        masks |= vec4u(bits_of(i), bits_of(i));
+    var place = Place(vec2u(0u), 0u);
+    for (var i = 0u; i < count; i++) {
+        place = next_place(place);
+        masks |= vec4u(place.bit, place.bit);
     }
     return masks;
 }
 
 // x, y: lights that virtual casters may block; z, w: lights that phantoms may block.
-fn blockable(b: Bounds) -> vec4u {
+fn blockable(b: Bounds, count: u32) -> vec4u {
     var masks = vec4u(0u);
     if any(b.low > b.high) {
         return masks;
     }
     let centre = vec4f(0.5 * (b.low + b.high), 1.0);
-    for (var i = 0u; i < frame.counts.x; i++) {
+    var place = Place(vec2u(0u), 0u);
+    for (var i = 0u; i < count; i++) {
+        place = next_place(place);
+        let word = place.bit;
         let dark = all(lights[i].irradiance.rgb == vec3f(0.0));
-        if dark || !faces(lights[i].direction.xyz, b) {
+        if dark | !faces(lights[i].direction.xyz, b) {
             continue;
         }
         // Shading lifts points off their surface by up to two texels.
@@ -69,7 +84,6 @@ fn blockable(b: Bounds) -> vec4u {
         let near = extent + vec3f(2.0 * lights[i].scale.x);
         let far = extent + vec3f(2.0 * lights[i].scale.y);
         let spread = select(0.0, tan(lights[i].direction.w), SOFT > 1);
-        let word = bits_of(i);
         if reaches(lights[i].virtual_u, lights[i].virtual_v, lights[i].virtual_d, spread * lights[i].scale.z, centre, near) {
             masks |= vec4u(word, 0u, 0u);
         }
@@ -83,15 +97,15 @@ fn blockable(b: Bounds) -> vec4u {
 // Virtual objects throw light where they cast no shadow, too.
 fn is_near(b: Bounds) -> bool {
     let margin = vec3f(0.02);
-    return frame.near_low.w != 0.0 && all(b.high > frame.near_low.xyz - margin)
-        && all(b.low < frame.near_high.xyz + margin);
+    return (frame.near_low.w != 0.0) & all(b.high > frame.near_low.xyz - margin)
+        & all(b.low < frame.near_high.xyz + margin);
 }
 
 // Lights that virtual casters (x, y) and phantoms (z, w) may block on phantoms.
 @fragment
 fn classify_real(@builtin(position) at: vec4f) -> @location(0) vec4u {
-    let side = i32(frame.tiling.y);
-    let step = i32(frame.counts.z);
+    let side = i32(decided_here(frame.tiling.y, at));
+    let step = i32(decided_here(frame.counts.z, at));
     let corner = vec2i(at.xy) * side;
     let last = vec2i(frame.size.xy) - vec2i(1);
     var real = nothing();
@@ -107,7 +121,7 @@ fn classify_real(@builtin(position) at: vec4f) -> @location(0) vec4u {
             }
         }
     }
-    var masks = blockable(real);
+    var masks = blockable(real, decided_here(frame.counts.x, at));
     // Any light will do to have the tile drawn.
     masks.x |= select(0u, 1u, is_near(real));
     return masks;
@@ -117,7 +131,7 @@ fn classify_real(@builtin(position) at: vec4f) -> @location(0) vec4u {
 // (a wire), any light may be blocked.
 @fragment
 fn classify_virtual(@builtin(position) at: vec4f) -> @location(0) vec4u {
-    let side = i32(frame.tiling.y);
+    let side = i32(decided_here(frame.tiling.y, at));
     let corner = vec2i(at.xy) * side;
     let last = vec2i(frame.size.xy) - vec2i(1);
     var unreal = nothing();
@@ -132,10 +146,10 @@ fn classify_virtual(@builtin(position) at: vec4f) -> @location(0) vec4u {
         }
     }
     if any(unreal.low > unreal.high) {
-        return all_lights();
+        return all_lights(decided_here(frame.counts.x, at));
     }
     // Between the pixels looked at, normals turn a little further.
     unreal.normal_low -= vec3f(0.1);
     unreal.normal_high += vec3f(0.1);
-    return blockable(unreal);
+    return blockable(unreal, decided_here(frame.counts.x, at));
 }

@@ -21,7 +21,9 @@ struct Frame {
     params: vec4f,
     // Radiance of the ground where the picture does not show it.
     ground: vec4f,
-    // Lights per bit of a tile's mask, side of a tile in picture pixels.
+    // Lights per bit of a tile's mask, side of a tile in picture pixels, logarithm of the
+    // shadow buffer's step: software drivers divide whole numbers lane by lane, so nothing
+    // that runs per pixel or per light does.
     tiling: vec4u,
     // Region around the virtual objects, world; w of the first = 1 where it is lit.
     near_low: vec4f,
@@ -57,6 +59,14 @@ struct Light {
 // axes: what virtual objects change, and beside it along x what phantoms throw.
 @group(0) @binding(5) var near_ground: texture_2d<f32>;
 @group(0) @binding(6) var near_volume: texture_3d<f32>;
+
+// `x`, in a way that no compiler takes for a uniform. Mesa's software driver writes the
+// values of uniforms that alone decide a branch or a loop into the shader, and compiles it
+// again whenever the buffer they stand in is written, in every frame: 150 ms each. At
+// `position`, the fragment's, w is never below zero.
+fn decided_here(x: u32, position: vec4f) -> u32 {
+    return x + select(0u, 1u, position.w < 0.0);
+}
 
 fn ray_through(pixel: vec2f) -> vec3f {
     let p = (pixel - frame.intrinsics.zw) / frame.intrinsics.xy;

@@ -11,7 +11,10 @@ fn inside(uv: vec2f) -> bool {
 // A point of a surface that is in the map itself is lifted off it along the normal by the
 // texel it might share with its own caster; otherwise surfaces shadow themselves in
 // stripes.
-fn lifted(world: vec3f, n: vec3f, n_dot_l: f32, texel: f32) -> vec4f {
+fn lifted(world: vec3f, n: vec3f, n_dot_l: f32, texel: f32, own: f32) -> vec4f {
+    if own == 0.0 {
+        return vec4f(world, 1.0);
+    }
     let slope = sqrt(max(1.0 - n_dot_l * n_dot_l, 0.0));
     return vec4f(world + n * (texel * (0.5 + 1.5 * slope)), 1.0);
 }
@@ -90,7 +93,7 @@ fn turn_at(world: vec3f, i: u32) -> f32 {
 
 // `own` = 1 on virtual surfaces, 0 on others.
 fn virtual_visibility(i: u32, world: vec3f, n: vec3f, n_dot_l: f32, own: f32) -> f32 {
-    let p = lifted(world, n, n_dot_l, lights[i].scale.x * own);
+    let p = lifted(world, n, n_dot_l, lights[i].scale.x, own);
     let f = footing(lights[i].virtual_u, lights[i].virtual_v, lights[i].virtual_d, p, n, lights[i].scale.z);
     if SOFT > 1 {
         return soft(virtual_maps, i, f, turn_at(world, i));
@@ -100,7 +103,7 @@ fn virtual_visibility(i: u32, world: vec3f, n: vec3f, n_dot_l: f32, own: f32) ->
 
 // `own` = 1 on phantoms, 0 on others.
 fn phantom_visibility(i: u32, world: vec3f, n: vec3f, n_dot_l: f32, own: f32) -> f32 {
-    let p = lifted(world, n, n_dot_l, lights[i].scale.y * own);
+    let p = lifted(world, n, n_dot_l, lights[i].scale.y, own);
     let f = footing(lights[i].phantom_u, lights[i].phantom_v, lights[i].phantom_d, p, n, lights[i].scale.w);
     if SOFT > 1 {
         return soft(phantom_maps, i, f, turn_at(world, i));
