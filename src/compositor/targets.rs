@@ -99,7 +99,8 @@ impl Targets {
         self.width.div_ceil(TILE) * self.height.div_ceil(TILE)
     }
 
-    /// Textures for pictures of `width` × `height` with `samples` samples a pixel.
+    /// Textures for pictures of `width` × `height` with `samples` samples a pixel and
+    /// `step` pixels per shadow-buffer texel, each way.
     pub fn new(device: &wgpu::Device, width: u32, height: u32, samples: u32, step: u32) -> Self {
         let m = Maker(device);
         let (full, coarse) = (

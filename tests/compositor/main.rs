@@ -6,6 +6,7 @@ mod golden;
 mod judge;
 mod near_light;
 mod present;
+mod settings;
 mod shadows;
 mod soft_shadows;
 mod stage;
