@@ -60,6 +60,7 @@ fn measure(
             world_from_camera: Some(pose(i)),
             lighting: Some(&lighting),
             near: None,
+            lamps: &[],
             shadow_mode: ShadowMode::Ratio,
             shadow_strength: 1.0,
             refresh: Refresh::InTurn(refreshed as usize),
@@ -144,6 +145,7 @@ fn scene() -> Scene {
             Material::default(),
         )],
         ground_height: Some(0.0),
+        lamps: Vec::new(),
     }
 }
 

@@ -7,6 +7,7 @@
 use super::json_node::Node;
 pub use super::json_node::RigJsonError;
 use super::rig::{EnvironmentCamera, EnvironmentView, MirrorSphere, RigCalibration};
+use crate::scene::lamps::MOST_LAMPS;
 use cameras::{chart, environment_camera, scene_camera, sphere, tracker};
 use glam::{DMat4, DVec3, Vec3};
 use penumbra_interface::RigidTransform;
@@ -234,7 +235,7 @@ fn document(root: &Node) -> Result<RigDocument> {
         ground: root.find("ground_plane").map(|n| ground(&n)).transpose()?,
         markers: each(root, "markers", 10_000, marker)?,
         virtual_lights: match root.find("virtual_lights") {
-            Some(n) => each(&n, "lights", 1000, virtual_light)?,
+            Some(n) => each(&n, "lights", MOST_LAMPS, virtual_light)?,
             None => Vec::new(),
         },
     })

@@ -2,6 +2,7 @@
 
 use super::gpu_data::FrameUniform;
 use super::passes::composite::{CompositeInputs, CompositePass};
+use super::passes::lamp_map::LampMapPass;
 use super::passes::phantom_geometry::PhantomGeometryPass;
 use super::passes::shadow_buffer::{ShadowBufferInputs, ShadowBufferPass};
 use super::passes::shadow_map::ShadowMapPass;
@@ -16,7 +17,7 @@ use super::{Compositor, GpuError, Refresh};
 use crate::calibration::{PinholeCamera, Response};
 use crate::environment::Lighting;
 use crate::picture::Picture;
-use crate::scene::NearLight;
+use crate::scene::{NearLight, PlacedLamp};
 use glam::{DMat4, DVec4};
 use penumbra_interface::RigidTransform;
 
@@ -42,6 +43,8 @@ pub struct FrameInput<'a> {
     pub lighting: Option<&'a Lighting>,
     /// What virtual objects throw back onto the real scene under that light, if it is known.
     pub near: Option<&'a NearLight>,
+    /// Lamps that shine in the picture only; from the ninth on they are left out.
+    pub lamps: &'a [PlacedLamp],
     /// How shadows combine.
     pub shadow_mode: ShadowMode,
     /// 0 = no shadows, 1 = as strong as the light says.
@@ -55,6 +58,7 @@ pub struct FrameInput<'a> {
 /// All pipelines.
 pub struct Pipelines {
     shadow_map: ShadowMapPass,
+    lamp_map: LampMapPass,
     phantom_geometry: PhantomGeometryPass,
     virtual_geometry: VirtualGeometryPass,
     tiles: TilesPass,
@@ -72,6 +76,7 @@ impl Pipelines {
     ) -> Self {
         Self {
             shadow_map: ShadowMapPass::new(device, frame),
+            lamp_map: LampMapPass::new(device),
             phantom_geometry: PhantomGeometryPass::new(device, frame, scene),
             virtual_geometry: VirtualGeometryPass::new(device, frame, scene, variant),
             tiles: TilesPass::new(device, frame, variant),
@@ -94,6 +99,10 @@ pub struct Sized {
 
 /// Distance of the near plane, metres: nearer than any hand-held object is looked at.
 const NEAR: f64 = 0.02;
+
+/// A lamp's maps have so many times the texels of a dome light's, each way: its shadows
+/// have sharp edges, and there are few lamps.
+const LAMP_MAPS: u32 = 2;
 
 impl Compositor {
     /// Makes one picture. Nothing is waited for; [`Self::read`] does that.
@@ -144,6 +153,10 @@ impl Compositor {
         let maps = (&self.maps.0, &self.maps.1);
         p.shadow_map
             .record(encoder, timer, frame, scene, maps, &self.chosen);
+        // The same from lamps that have moved.
+        let lamps = &self.light_maps.lamps;
+        p.lamp_map
+            .record(&self.gpu.device, encoder, timer, scene, lamps);
         // What the camera sees of the real scene's proxies and of the virtual objects.
         p.phantom_geometry.record(encoder, timer, frame, scene, t);
         p.virtual_geometry.record(encoder, timer, frame, scene, t);
@@ -194,7 +207,8 @@ impl Compositor {
     }
 
     fn upload_frame(&mut self, input: &FrameInput<'_>) {
-        let augmented = input.show_virtual && !self.scene.virtual_parts.is_empty();
+        let something = !(self.scene.virtual_parts.is_empty() && input.lamps.is_empty());
+        let augmented = input.show_virtual && something;
         let lights = match (input.lighting, input.world_from_camera) {
             (Some(lighting), Some(_)) if augmented => lighting.lights.as_slice(),
             _ => &[],
@@ -212,7 +226,12 @@ impl Compositor {
             .iter()
             .enumerate()
             .map(|(i, light)| slots.uniform(i, light));
-        self.light_maps.write_frame(&self.gpu.queue, &uniform, each);
+        let (device, queue) = (&self.gpu.device, &self.gpu.queue);
+        self.light_maps.write_frame(queue, &uniform, each);
+        let seen = augmented && input.lighting.is_some() && input.world_from_camera.is_some();
+        let lamps = if seen { input.lamps } else { &[] };
+        self.light_maps
+            .write_lamps(device, queue, lamps, slots.casters(), LAMP_MAPS * size);
     }
 
     /// Tells the tiles that virtual objects lie in.

@@ -1,6 +1,7 @@
 //! What the shaders read, byte for byte. Twins of the structs in `shaders/lib/frame.wgsl`,
-//! `shaders/phantom_geometry.wgsl` and `shaders/virtual_geometry.wgsl`.
+//! `shaders/lib/lamps.wgsl`, `shaders/phantom_geometry.wgsl` and `shaders/virtual_geometry.wgsl`.
 
+use crate::scene::lamps::MOST_LAMPS;
 use bytemuck::{Pod, Zeroable};
 
 /// Twin of WGSL `Frame`.
@@ -32,6 +33,26 @@ pub struct LightUniform {
     pub direction: [f32; 4],
     pub irradiance: [f32; 4],
     pub scale: [f32; 4],
+}
+
+/// Twin of WGSL `Lamp`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub struct LampUniform {
+    pub position: [f32; 4],
+    pub direction: [f32; 4],
+    pub intensity: [f32; 4],
+    pub right: [f32; 4],
+    pub up: [f32; 4],
+    pub forward: [f32; 4],
+}
+
+/// Twin of WGSL `Lamps`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub struct LampsUniform {
+    pub count: [u32; 4],
+    pub each: [LampUniform; MOST_LAMPS],
 }
 
 /// Twin of WGSL `VirtualPart`.

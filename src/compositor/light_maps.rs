@@ -3,10 +3,12 @@
 
 use super::bindings::{Slot, group, layout, sampler, view};
 use super::gpu_data::{FrameUniform, LightUniform};
+use super::lamp_maps::LampMaps;
 use super::near_maps::NearMaps;
 use super::shaders::MAX_LIGHTS;
+use super::shadow_slots::CasterHull;
 use crate::environment::CubeMap;
-use crate::scene::NearLight;
+use crate::scene::{NearLight, PlacedLamp};
 use glam::Vec3;
 use half::f16;
 
@@ -26,10 +28,12 @@ pub struct LightMaps {
     pub radiance_levels: u32,
     radiance_texture: wgpu::Texture,
     near: NearMaps,
+    pub lamps: LampMaps,
     frame: wgpu::Buffer,
     lights: wgpu::Buffer,
     /// Irradiance by normal of all lights and of the compact ones.
     tables: [wgpu::Texture; 2],
+    smooth: wgpu::Sampler,
     staging: Vec<LightUniform>,
     previous: Vec<LightUniform>,
     texels: Vec<[f16; 4]>,
@@ -49,6 +53,9 @@ impl LightMaps {
                 Slot::Sampler,
                 Slot::Texture,
                 Slot::Volume,
+                Slot::Uniform,
+                Slot::DepthArray,
+                Slot::Comparison,
             ],
         );
         let buffer = |size: usize, usage| {
@@ -65,9 +72,6 @@ impl LightMaps {
             wgpu::BufferUsages::UNIFORM,
         );
         let tables = ["all lights", "compact lights"].map(|label| table(device, label, BY_NORMAL));
-        let views = tables
-            .each_ref()
-            .map(|t| t.create_view(&wgpu::TextureViewDescriptor::default()));
         let smooth = device.create_sampler(&wgpu::SamplerDescriptor {
             label: Some("table"),
             mag_filter: wgpu::FilterMode::Linear,
@@ -75,20 +79,15 @@ impl LightMaps {
             ..Default::default()
         });
         let near = NearMaps::new(device);
-        let frame_group = group(
-            device,
-            "frame",
-            &frame_layout,
-            &[
-                frame.as_entire_binding(),
-                lights.as_entire_binding(),
-                view(&views[0]),
-                view(&views[1]),
-                sampler(&smooth),
-                view(&near.ground_view),
-                view(&near.volume_view),
-            ],
-        );
+        let lamps = LampMaps::new(device);
+        let parts = FrameParts {
+            buffers: [&frame, &lights],
+            tables: &tables,
+            smooth: &smooth,
+            near: &near,
+            lamps: &lamps,
+        };
+        let frame_group = parts.group(device, &frame_layout);
         let (radiance_texture, radiance) = cube(device, 1, 1);
         Self {
             frame_layout,
@@ -98,9 +97,11 @@ impl LightMaps {
             radiance_levels: 1,
             radiance_texture,
             near,
+            lamps,
             frame,
             lights,
             tables,
+            smooth,
             staging: Vec::with_capacity(budget as usize),
             previous: Vec::with_capacity(budget as usize),
             texels: Vec::new(),
@@ -139,6 +140,27 @@ impl LightMaps {
         }
     }
 
+    /// Uploads this frame's lamps; see [`LampMaps::write`].
+    pub fn write_lamps(
+        &mut self,
+        device: &wgpu::Device,
+        queue: &wgpu::Queue,
+        lamps: &[PlacedLamp],
+        casters: (&CasterHull, u64),
+        size: u32,
+    ) {
+        if self.lamps.write(device, queue, lamps, casters, size) {
+            let parts = FrameParts {
+                buffers: [&self.frame, &self.lights],
+                tables: &self.tables,
+                smooth: &self.smooth,
+                near: &self.near,
+                lamps: &self.lamps,
+            };
+            self.frame_group = parts.group(device, &self.frame_layout);
+        }
+    }
+
     /// Uploads the light that virtual objects throw onto the real scene.
     pub fn write_near(&mut self, queue: &wgpu::Queue, light: &NearLight) {
         self.near.write(queue, light, &mut self.texels);
@@ -172,6 +194,37 @@ impl LightMaps {
             );
         }
         renewed
+    }
+}
+
+/// What every pass binds.
+struct FrameParts<'a> {
+    buffers: [&'a wgpu::Buffer; 2],
+    tables: &'a [wgpu::Texture; 2],
+    smooth: &'a wgpu::Sampler,
+    near: &'a NearMaps,
+    lamps: &'a LampMaps,
+}
+
+impl FrameParts<'_> {
+    fn group(&self, device: &wgpu::Device, layout: &wgpu::BindGroupLayout) -> wgpu::BindGroup {
+        let views = self
+            .tables
+            .each_ref()
+            .map(|t| t.create_view(&wgpu::TextureViewDescriptor::default()));
+        let resources = [
+            self.buffers[0].as_entire_binding(),
+            self.buffers[1].as_entire_binding(),
+            view(&views[0]),
+            view(&views[1]),
+            sampler(self.smooth),
+            view(&self.near.ground_view),
+            view(&self.near.volume_view),
+            self.lamps.uniform.as_entire_binding(),
+            view(&self.lamps.array),
+            sampler(&self.lamps.compare),
+        ];
+        group(device, "frame", layout, &resources)
     }
 }
 

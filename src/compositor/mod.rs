@@ -3,8 +3,8 @@
 //!
 //! [`frame`] tells the whole frame top to bottom. Passes own immutable pipelines
 //! (`passes/`); what changes with the picture's size is in `targets`, what changes with
-//! the scene in `scene_buffers`, what changes with the light in `light_maps` and
-//! `shadow_slots`.
+//! the scene in `scene_buffers`, what changes with the light in `light_maps`, `lamp_maps`
+//! and `shadow_slots`.
 
 mod bindings;
 mod cover;
@@ -12,6 +12,7 @@ mod detail;
 pub mod frame;
 pub mod gpu;
 mod gpu_data;
+mod lamp_maps;
 mod light_maps;
 mod near_maps;
 mod passes;

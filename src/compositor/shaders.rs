@@ -1,6 +1,8 @@
 //! The shaders' text: a pass's own file behind the library files it uses.
 
+use super::lamp_maps::MOST_VIEWS;
 use super::targets::ENCODING;
+use crate::scene::lamps::MOST_LAMPS;
 use std::borrow::Cow;
 
 const FRAME: &str = include_str!("shaders/lib/frame.wgsl");
@@ -10,6 +12,7 @@ const TILES: &str = include_str!("shaders/lib/tiles.wgsl");
 const SAMPLES: &str = include_str!("shaders/lib/samples.wgsl");
 const CODES: &str = include_str!("shaders/lib/codes.wgsl");
 const LIGHT_TEXEL: &str = include_str!("shaders/lib/light_texel.wgsl");
+const LAMPS: &str = include_str!("shaders/lib/lamps.wgsl");
 const VISIBILITY: &str = include_str!("shaders/lib/visibility.wgsl");
 
 /// Most dome lights: as many as fit a uniform buffer of 64 KiB.
@@ -34,12 +37,13 @@ impl Variant {
 
 /// Every shader of the compositor, complete.
 #[must_use]
-pub fn all(variant: Variant) -> [(&'static str, String); 8] {
+pub fn all(variant: Variant) -> [(&'static str, String); 9] {
     [
         (
             "shadow_map",
             join(&[FRAME, include_str!("shaders/shadow_map.wgsl")]),
         ),
+        ("lamp_map", join(&[include_str!("shaders/lamp_map.wgsl")])),
         (
             "phantom_geometry",
             join(&[FRAME, NORMAL, include_str!("shaders/phantom_geometry.wgsl")]),
@@ -58,6 +62,7 @@ pub fn all(variant: Variant) -> [(&'static str, String); 8] {
                     SAMPLES,
                     LIGHT_TEXEL,
                     VISIBILITY,
+                    LAMPS,
                     include_str!("shaders/shadow_buffer.wgsl"),
                 ]),
                 variant,
@@ -71,6 +76,7 @@ pub fn all(variant: Variant) -> [(&'static str, String); 8] {
                     NORMAL,
                     FULLSCREEN,
                     SAMPLES,
+                    LAMPS,
                     include_str!("shaders/tiles.wgsl"),
                 ]),
                 variant,
@@ -95,6 +101,7 @@ pub fn all(variant: Variant) -> [(&'static str, String); 8] {
                     SAMPLES,
                     LIGHT_TEXEL,
                     CODES,
+                    LAMPS,
                     include_str!("shaders/composite.wgsl"),
                 ]),
                 variant,
@@ -111,6 +118,8 @@ fn join(parts: &[&str]) -> String {
     parts
         .join("\n")
         .replace("MAX_LIGHTS", &MAX_LIGHTS.to_string())
+        .replace("MAX_LAMP_VIEWS", &MOST_VIEWS.to_string())
+        .replace("MAX_LAMPS", &MOST_LAMPS.to_string())
         .replace("ENCODING_VECTORS", &(ENCODING / 4).to_string())
 }
 

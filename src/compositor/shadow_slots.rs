@@ -37,6 +37,35 @@ impl CasterHull {
         }
     }
 
+    /// Around both.
+    #[must_use]
+    pub fn joined(&self, other: &Self) -> Self {
+        Self {
+            points: [self.points.as_slice(), &other.points].concat(),
+        }
+    }
+
+    /// Axis and half angle, radians, of a narrow cone around everything seen from `eye`;
+    /// no angle (infinite) where the eye is among the casters, `None` without points.
+    #[must_use]
+    pub fn cone_from(&self, eye: Vec3) -> Option<(Vec3, f32)> {
+        let away = |p: &Vec3| (*p - eye).try_normalize().unwrap_or(Vec3::ZERO);
+        let first = away(self.points.first()?);
+        let bounds = self.points.iter().map(away);
+        let (low, high) = bounds.fold((first, first), |(l, h), d| (l.min(d), h.max(d)));
+        let axis = (low + high).try_normalize();
+        let narrowest = self
+            .points
+            .iter()
+            .map(away)
+            .map(|d| d.dot(axis.unwrap_or_default()));
+        let cosine = narrowest.fold(1.0, f32::min);
+        Some(match axis {
+            Some(axis) if cosine > 0.01 => (axis, cosine.acos()),
+            _ => (Vec3::Z, f32::INFINITY),
+        })
+    }
+
     /// Least and greatest coordinate along `axis`; `None` without points.
     fn extent(&self, axis: Vec3) -> Option<(f32, f32)> {
         self.points
@@ -123,6 +152,7 @@ pub struct ShadowSlots {
     slots: Vec<Slot>,
     virtual_hull: CasterHull,
     phantom_hull: CasterHull,
+    both: CasterHull,
     casters: u64,
     next_forced: usize,
 }
@@ -141,9 +171,16 @@ pub enum Refresh {
 impl ShadowSlots {
     /// New casters: every map is out of date.
     pub fn set_casters(&mut self, virtual_hull: CasterHull, phantom_hull: CasterHull) {
+        self.both = virtual_hull.joined(&phantom_hull);
         self.virtual_hull = virtual_hull;
         self.phantom_hull = phantom_hull;
         self.casters += 1;
+    }
+
+    /// All casters, and how often they have changed.
+    #[must_use]
+    pub const fn casters(&self) -> (&CasterHull, u64) {
+        (&self.both, self.casters)
     }
 
     /// Every map is lost.

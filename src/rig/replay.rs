@@ -8,6 +8,7 @@ use crate::compositor::{Compositor, CompositorSettings, FrameInput, Gpu, Refresh
 use crate::config::{Antialias, Config, LightPlacement, ShadowResolution};
 use crate::output::files::FrameFolder;
 use crate::picture::Picture;
+use crate::scene::lamps::lamps_at;
 use crate::session::Session;
 use crate::status::snapshot::SessionState;
 use crate::status::{self, LightsMode, Settings, SharedStatus, StageTimes, Technique};
@@ -218,12 +219,14 @@ impl Run {
         let settings = &self.settings;
         let shadows = settings.technique == Technique::ImageBasedShadowing;
         let refresh = replay.config.shadows.refresh_per_frame;
+        let lamps = lamps_at(&replay.setup.scene.lamps, prepared.seconds);
         self.compositor.compose(&FrameInput {
             picture: &prepared.picture,
             camera: &replay.setup.calibration.scene_camera.camera,
             world_from_camera: prepared.world_from_camera,
             lighting: prepared.light.lighting.as_deref(),
             near: prepared.light.near.as_deref(),
+            lamps: &lamps,
             shadow_mode: match settings.shadow_mode {
                 status::ShadowMode::Ratio => ShadowMode::Ratio,
                 status::ShadowMode::Subtract => ShadowMode::Subtract,

@@ -21,9 +21,11 @@ impl Scene {
         Ok((rig.calibration, scene))
     }
 
-    /// The scene that `rig` describes: phantoms and the session's own virtual object.
+    /// The scene that `rig` describes: phantoms, and the session's own virtual object
+    /// and lamps.
     pub fn of_rig(rig: &RigDocument, attachments: &Attachments) -> Result<Self, SceneError> {
         let mut scene = Self::phantoms_of_rig(rig, attachments)?;
+        scene.lamps.clone_from(&rig.virtual_lights);
         if let Some(object) = &rig.object {
             let bytes = attachment(attachments, &object.file, "object.glb in rig.json names")?;
             let folder = object

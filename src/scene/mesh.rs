@@ -1,5 +1,6 @@
 //! Meshes, materials, and the scene that holds them.
 
+use crate::calibration::rig_json::VirtualLight;
 use glam::{DMat4, Vec2, Vec3, Vec4};
 use std::sync::Arc;
 
@@ -114,4 +115,6 @@ pub struct Scene {
     pub phantom_parts: Vec<Part>,
     /// World height of the ground phantom, if there is one (plane z = height).
     pub ground_height: Option<f64>,
+    /// Lamps that exist in the picture only.
+    pub lamps: Vec<VirtualLight>,
 }

@@ -6,7 +6,7 @@ use penumbra::compositor::reference::{Reference, ReferencePicture};
 use penumbra::compositor::{Compositor, CompositorSettings, FrameInput, Gpu, Refresh, ShadowMode};
 use penumbra::environment::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
 use penumbra::picture::Picture;
-use penumbra::scene::{Material, Mesh, NearLight, Part, Scene, casters, primitives};
+use penumbra::scene::{Material, Mesh, NearLight, Part, PlacedLamp, Scene, casters, primitives};
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use std::f32::consts::PI;
 use std::sync::{Arc, OnceLock};
@@ -28,6 +28,7 @@ pub fn gpu() -> Gpu {
 pub struct Stage {
     pub scene: Scene,
     pub lighting: Option<Lighting>,
+    pub lamps: Vec<PlacedLamp>,
     pub camera: PinholeCamera,
     pub near: Option<NearLight>,
     pub pose: Option<RigidTransform>,
@@ -48,9 +49,11 @@ impl Stage {
                 phantom_parts: vec![part(primitives::plane(4.0, 4.0), DVec3::ZERO)],
                 virtual_parts: Vec::new(),
                 ground_height: Some(0.0),
+                lamps: Vec::new(),
             },
             lighting: None,
             near: None,
+            lamps: Vec::new(),
             camera: camera(width, height),
             pose: Some(looking_from(DVec3::new(0.06, -0.4, 0.34), DVec3::ZERO)),
             picture: flat(width, height, [180, 150, 120]),
@@ -100,6 +103,7 @@ impl Stage {
             world_from_camera: self.pose,
             lighting: self.lighting.as_ref(),
             near: self.near.as_ref(),
+            lamps: &self.lamps,
             shadow_mode: self.mode,
             shadow_strength: self.strength,
             refresh: self.refresh,

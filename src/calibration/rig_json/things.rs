@@ -102,6 +102,9 @@ pub(super) fn virtual_light(node: &Node) -> Result<VirtualLight> {
     if keys.is_empty() || (aimless && kind != VirtualLightKind::Point) {
         return Err(node.wrong("given at least one key, and a target in each if it is a spot"));
     }
+    if keys.windows(2).any(|k| k[0].seconds >= k[1].seconds) {
+        return Err(node.wrong("given keys in the order of their times, no two at the same"));
+    }
     Ok(VirtualLight {
         name: name_of(node, "light")?,
         kind,
@@ -114,19 +117,35 @@ fn light_kind(node: &Node) -> Result<VirtualLightKind> {
     let kind = node.need("kind", "\"point\" or \"spot\"")?;
     match kind.text()? {
         "point" => Ok(VirtualLightKind::Point),
-        "spot" => Ok(VirtualLightKind::Spot {
-            beam: node.need("beam_deg", "degrees")?.positive()?.to_radians(),
-            cutoff: node.need("cutoff_deg", "degrees")?.positive()?.to_radians(),
-        }),
+        "spot" => {
+            let beam = node.need("beam_deg", "degrees")?.positive()?;
+            let cutoff = node.need("cutoff_deg", "degrees")?;
+            let degrees = cutoff.positive()?;
+            if degrees > 180.0 || degrees < beam {
+                return Err(cutoff.wrong("a half angle of at least beam_deg and at most 180"));
+            }
+            Ok(VirtualLightKind::Spot {
+                beam: beam.to_radians(),
+                cutoff: degrees.to_radians(),
+            })
+        }
         _ => Err(kind.wrong("\"point\" or \"spot\"")),
     }
 }
 
 fn light_key(node: &Node) -> Result<VirtualLightKey> {
-    Ok(VirtualLightKey {
+    let gain = node.find("gain");
+    let key = VirtualLightKey {
         seconds: node.need("t", "seconds")?.number()?,
         position: node.need("pos", "x, y, z in metres")?.vector()?,
         target: node.find("target").map(|n| n.vector()).transpose()?,
-        gain: node.find("gain").map_or(Ok(1.0), |n| n.number())?,
-    })
+        gain: gain.as_ref().map_or(Ok(1.0), Node::number)?,
+    };
+    if let Some(gain) = gain.filter(|_| key.gain < 0.0) {
+        return Err(gain.wrong("a number of at least 0"));
+    }
+    if key.target.is_some_and(|t| t.distance(key.position) < 1e-6) {
+        return Err(node.wrong("given a target that is not the lamp's own place"));
+    }
+    Ok(key)
 }

@@ -128,7 +128,8 @@ fn shade(pixel: vec2i, s: i32, own: bool) -> vec3f {
     let f90 = select(0.0, 1.0, properties.z > 0.0 || metallic > 0.0);
     let specular = (f0 * table.x + vec3f(f90 * table.y)) * mirrored;
     let diffuse = base * (1.0 - metallic) * irradiance / PI;
-    return diffuse + specular + textureLoad(virtual_emissive, pixel, s).rgb;
+    let lamps = lamp_highlights(world, n, v, f0, f90, roughness);
+    return diffuse + specular + lamps + textureLoad(virtual_emissive, pixel, s).rgb;
 }
 
 // Whether two samples of a pixel see one surface, by their depth and encoded normal.

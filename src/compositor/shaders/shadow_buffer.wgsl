@@ -172,13 +172,15 @@ fn phantom_shadow(in: TileVarying) -> @location(0) vec4f {
     let world = world_at(vec2f(pixel), textureLoad(phantom_depth, pixel, 0));
     // Less the light that virtual objects throw back.
     let lost = (lost_behind_virtual(masks, world, n) - near_irradiance(0.0, world, n)) * frame.params.x;
-    if all(lost == vec3f(0.0)) {
+    let added = lamp_irradiance(world, n);
+    if all(lost == vec3f(0.0)) & all(added == vec3f(0.0)) {
         return vec4f(unshadowed.rgb, surface.w);
     }
     let arriving = max(arriving_in_real(masks, world, n), lost);
     // (E − R) / E, and 1 in a channel without light.
-    let factor = vec3f(1.0) - lost / max(arriving, vec3f(1e-6));
-    return vec4f(select(factor, lost / PI, frame.counts.y == 1u), surface.w);
+    let change = lost - added;
+    let factor = vec3f(1.0) - change / max(arriving, vec3f(1e-6));
+    return vec4f(select(factor, change / PI, frame.counts.y == 1u), surface.w);
 }
 
 // First covered sample in the block of pixels that this texel stands for:
@@ -249,6 +251,6 @@ fn virtual_light(in: TileVarying) -> @location(0) vec4u {
     let albedo = textureLoad(virtual_base, found.xy, found.z).rgb;
     let open_share = clamp(1.0 - hidden / max(cells, vec3f(1e-6)), vec3f(0.0), vec3f(1.0));
     left += cells * (with_bounces(open_share, albedo) - open_share);
-    left += near_irradiance(1.0, world, n);
+    left += near_irradiance(1.0, world, n) + lamp_irradiance(world, n);
     return packed_light(max(left, vec3f(0.0)), frame.eye.w / depth, n);
 }

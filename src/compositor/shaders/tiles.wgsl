@@ -123,7 +123,7 @@ fn classify_real(@builtin(position) at: vec4f) -> @location(0) vec4u {
     }
     var masks = blockable(real, decided_here(frame.counts.x, at));
     // Any light will do to have the tile drawn.
-    masks.x |= select(0u, 1u, is_near(real));
+    masks.x |= select(0u, 1u, is_near(real) | (lamps_on(real.low, real.high) != 0u));
     return masks;
 }
 

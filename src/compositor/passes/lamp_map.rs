@@ -1,0 +1,73 @@
+//! Draws all casters into the shadow maps of the lamps that have moved.
+
+use super::super::bindings::{POSITION_LAYOUT, PipelineSpec, Slot, group, layout};
+use super::super::lamp_maps::LampMaps;
+use super::super::scene_buffers::SceneBuffers;
+use super::super::targets::format;
+use super::super::{shaders, timing::Timer};
+use super::cleared_depth;
+
+/// The pass.
+pub struct LampMapPass {
+    pipeline: wgpu::RenderPipeline,
+    layout: wgpu::BindGroupLayout,
+}
+
+impl LampMapPass {
+    pub fn new(device: &wgpu::Device) -> Self {
+        let module = shaders::module(device, "lamp_map", shaders::Variant::PLAIN);
+        // Not the frame's group: the maps are in it, which are drawn here.
+        let layout = layout(device, "lamp views", &[Slot::Uniform]);
+        let pipeline = PipelineSpec {
+            label: "lamp_map",
+            module: &module,
+            groups: &[&layout],
+            vertex: "lamp_caster",
+            buffers: &[POSITION_LAYOUT],
+            fragment: None,
+            targets: &[],
+            depth: Some((format::DEPTH, wgpu::CompareFunction::GreaterEqual)),
+            cull: None,
+            samples: 1,
+        }
+        .build(device);
+        Self { pipeline, layout }
+    }
+
+    /// Draws the layers that are out of date.
+    pub fn record(
+        &self,
+        device: &wgpu::Device,
+        encoder: &mut wgpu::CommandEncoder,
+        timer: &mut Timer,
+        scene: &SceneBuffers,
+        maps: &LampMaps,
+    ) {
+        if maps.stale.is_empty() {
+            return;
+        }
+        let views = group(
+            device,
+            "lamp views",
+            &self.layout,
+            &[maps.views.as_entire_binding()],
+        );
+        let last = maps.stale.len() - 1;
+        for (k, layer) in maps.stale.iter().enumerate() {
+            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+                label: Some("lamp_map"),
+                depth_stencil_attachment: cleared_depth(&maps.layers[*layer as usize], 0.0),
+                timestamp_writes: timer.span("lamp_map", k == 0, k == last),
+                ..Default::default()
+            });
+            pass.set_pipeline(&self.pipeline);
+            pass.set_bind_group(0, &views, &[]);
+            for casters in [&scene.virtual_casters, &scene.phantom_casters] {
+                let Some(mesh) = &casters.mesh else { continue };
+                pass.set_vertex_buffer(0, mesh.vertices.slice(..));
+                pass.set_index_buffer(mesh.indices.slice(..), wgpu::IndexFormat::Uint32);
+                pass.draw_indexed(0..mesh.count, 0, *layer..*layer + 1);
+            }
+        }
+    }
+}

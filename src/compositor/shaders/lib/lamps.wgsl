@@ -1,0 +1,142 @@
+// Lamps that exist in the picture only. Twin of `gpu_data::LampUniform`.
+
+struct Lamp {
+    // w = number of its shadow maps: none, one, or the six faces of a cube.
+    position: vec4f,
+    // Along which a spot shines; w = half angle outside which it is dark.
+    direction: vec4f,
+    // RGB; w = how fast it fades within that angle, 1 / radians.
+    intensity: vec4f,
+    // Axes of a single map; w = its first layer, tangent of half its width, width of a
+    // texel one metre away.
+    right: vec4f,
+    up: vec4f,
+    forward: vec4f,
+}
+
+struct Lamps {
+    // x: number of them.
+    count: vec4u,
+    each: array<Lamp, MAX_LAMPS>,
+}
+
+@group(0) @binding(7) var<uniform> lamps: Lamps;
+@group(0) @binding(8) var lamp_maps: texture_depth_2d_array;
+@group(0) @binding(9) var lamp_compare: sampler_comparison;
+
+// Less light than this leaves an 8-bit picture as it is: white shows less than half a code
+// in the dark, times π.
+const LAMP_FAINT = 5e-4;
+// Depth in a lamp's map is this, metres, over the distance.
+const LAMP_NEAR = 1e-3;
+
+// To lamp `k` from a point: unit vector, and the irradiance facing it without shadows.
+struct LampRay {
+    to: vec3f,
+    facing: vec3f,
+}
+
+fn lamp_ray(k: u32, world: vec3f) -> LampRay {
+    let off = lamps.each[k].position.xyz - world;
+    let r2 = max(dot(off, off), 1e-8);
+    let to = off * inverseSqrt(r2);
+    let angle = acos(clamp(-dot(lamps.each[k].direction.xyz, to), -1.0, 1.0));
+    let share = clamp((lamps.each[k].direction.w - angle) * lamps.each[k].intensity.w, 0.0, 1.0);
+    return LampRay(to, lamps.each[k].intensity.rgb * (share / r2));
+}
+
+// 1 where lamp `k` sees the point of a surface with normal `n`, 0 where a caster is
+// between, something between along the shadow's edge.
+fn lamp_visibility(k: u32, world: vec3f, n: vec3f, n_dot_l: f32) -> f32 {
+    let off = world - lamps.each[k].position.xyz;
+    let a = abs(off);
+    let cube = lamps.each[k].position.w > 1.5;
+    let major = max(a.x, max(a.y, a.z));
+    let z = select(dot(off, lamps.each[k].forward.xyz), major, cube);
+    // As in `lifted`: off the surface by the texel it may share with its own caster.
+    let slope = sqrt(max(1.0 - n_dot_l * n_dot_l, 0.0));
+    let p = off + n * (lamps.each[k].forward.w * max(z, 0.0) * (1.0 + 2.0 * slope));
+    // Faces +X −X +Y −Y +Z −Z, each with the next two axes as right and up.
+    let axis = select(select(2u, 1u, a.y >= a.z), 0u, a.x >= a.y && a.x >= a.z);
+    let along = select(select(p.z, p.y, axis == 1u), p.x, axis == 0u);
+    let next = select(select(p.xy, p.zx, axis == 1u), p.yz, axis == 0u);
+    let alone = vec2f(dot(p, lamps.each[k].right.xyz), dot(p, lamps.each[k].up.xyz));
+    let depth = select(dot(p, lamps.each[k].forward.xyz), abs(along), cube);
+    let face = select(0u, 2u * axis + select(0u, 1u, along < 0.0), cube);
+    let q = select(alone, next, cube) / (max(depth, LAMP_NEAR) * lamps.each[k].up.w);
+    let uv = vec2f(0.5 + 0.5 * q.x, 0.5 - 0.5 * q.y);
+    let layer = u32(lamps.each[k].right.w) + face;
+    let seen = lamp_seen(uv, layer, LAMP_NEAR / max(depth, LAMP_NEAR));
+    let mapped = lamps.each[k].position.w > 0.5 && depth > LAMP_NEAR && all(abs(q) < vec2f(1.0));
+    return select(1.0, seen, mapped);
+}
+
+// Four look-ups half a texel around: as wide as a texel's own blur again.
+fn lamp_seen(uv: vec2f, layer: u32, depth: f32) -> f32 {
+    if SOFT == 1 {
+        return textureSampleCompareLevel(lamp_maps, lamp_compare, uv, layer, depth);
+    }
+    let half = 0.5 / vec2f(textureDimensions(lamp_maps));
+    var sum = 0.0;
+    for (var i = 0; i < 4; i++) {
+        let o = vec2f(vec2i(i & 1, i >> 1u) * 2 - 1) * half;
+        sum += textureSampleCompareLevel(lamp_maps, lamp_compare, uv + o, layer, depth);
+    }
+    return sum * 0.25;
+}
+
+// Irradiance from all lamps; shadows as strong as the frame wants them.
+fn lamp_irradiance(world: vec3f, n: vec3f) -> vec3f {
+    var sum = vec3f(0.0);
+    for (var k = 0u; k < lamps.count.x; k++) {
+        let ray = lamp_ray(k, world);
+        let n_dot_l = max(dot(n, ray.to), 0.0);
+        let seen = lamp_visibility(k, world, n, n_dot_l);
+        sum += ray.facing * (n_dot_l * mix(1.0, seen, frame.params.x));
+    }
+    return sum;
+}
+
+// Radiance that a surface mirrors of the lamps: GGX with height-correlated Smith masking,
+// the distribution behind the table of specular scales.
+fn lamp_highlights(world: vec3f, n: vec3f, v: vec3f, f0: vec3f, f90: f32, roughness: f32) -> vec3f {
+    var sum = vec3f(0.0);
+    // A point's image in a mirror is a point; this much blur keeps it from flickering.
+    let alpha = max(roughness * roughness, 0.01);
+    let a2 = alpha * alpha;
+    let n_dot_v = max(dot(n, v), 1e-3);
+    for (var k = 0u; k < lamps.count.x; k++) {
+        let ray = lamp_ray(k, world);
+        let n_dot_l = max(dot(n, ray.to), 0.0);
+        let h = normalize(ray.to + v);
+        let n_dot_h = max(dot(n, h), 0.0);
+        let d = n_dot_h * n_dot_h * (a2 - 1.0) + 1.0;
+        let distribution = a2 / (3.14159265 * d * d);
+        let masking = 0.5 / (n_dot_l * sqrt(n_dot_v * n_dot_v * (1.0 - a2) + a2)
+            + n_dot_v * sqrt(n_dot_l * n_dot_l * (1.0 - a2) + a2));
+        let fresnel = f0 + (vec3f(f90) - f0) * pow(1.0 - clamp(dot(v, h), 0.0, 1.0), 5.0);
+        let seen = mix(1.0, lamp_visibility(k, world, n, n_dot_l), frame.params.x);
+        sum += fresnel * ray.facing * (distribution * masking * n_dot_l * seen);
+    }
+    return sum;
+}
+
+// Lamps, one bit each, that may shine on something in a box.
+fn lamps_on(low: vec3f, high: vec3f) -> u32 {
+    var mask = 0u;
+    let centre = 0.5 * (low + high);
+    let radius = 0.5 * distance(low, high);
+    for (var k = 0u; k < lamps.count.x; k++) {
+        let eye = lamps.each[k].position.xyz;
+        let nearest = eye - clamp(eye, low, high);
+        let i = lamps.each[k].intensity.rgb;
+        let bright = max(i.x, max(i.y, i.z)) > LAMP_FAINT * dot(nearest, nearest);
+        let off = centre - eye;
+        let away = length(off);
+        let angle = acos(clamp(dot(off, lamps.each[k].direction.xyz) / max(away, 1e-6), -1.0, 1.0));
+        let wide = asin(min(radius / max(away, 1e-6), 1.0));
+        let within = away <= radius || angle - wide < lamps.each[k].direction.w;
+        mask |= select(0u, 1u << k, bright && within);
+    }
+    return mask;
+}

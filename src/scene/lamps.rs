@@ -1,0 +1,151 @@
+//! Lamps that exist in the picture only and light what is real as well as what is virtual.
+
+use crate::calibration::rig_json::{VirtualLight, VirtualLightKey, VirtualLightKind};
+use glam::Vec3;
+
+/// More lamps than this are refused where they are read.
+pub const MOST_LAMPS: usize = 8;
+
+/// A lamp at one instant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlacedLamp {
+    /// World, metres.
+    pub position: Vec3,
+    /// Unit vector that a spot shines along, world; any for a point.
+    pub direction: Vec3,
+    /// Linear RGB, scene camera units: facing it at r metres the irradiance is
+    /// `intensity / r²`.
+    pub intensity: Vec3,
+    /// Half angles of a spot, radians: full light inside the first, none outside the second.
+    pub cone: Option<(f32, f32)>,
+}
+
+impl PlacedLamp {
+    /// Share of the intensity that leaves along the unit vector `away`.
+    #[must_use]
+    pub fn falloff(&self, away: Vec3) -> f32 {
+        let Some((beam, cutoff)) = self.cone else {
+            return 1.0;
+        };
+        let angle = self.direction.dot(away).clamp(-1.0, 1.0).acos();
+        ((cutoff - angle) / (cutoff - beam).max(1e-6)).clamp(0.0, 1.0)
+    }
+}
+
+impl VirtualLight {
+    /// Where the lamp is and how it shines `seconds` after the session's beginning.
+    #[must_use]
+    pub fn at(&self, seconds: f64) -> Option<PlacedLamp> {
+        let key = key_at(&self.keys, seconds)?;
+        let towards = key.target.map(|t| t - key.position);
+        Some(PlacedLamp {
+            position: key.position.as_vec3(),
+            direction: towards
+                .and_then(glam::DVec3::try_normalize)
+                .map_or(Vec3::NEG_Z, |d| d.as_vec3()),
+            intensity: self.intensity * key.gain as f32,
+            cone: match self.kind {
+                VirtualLightKind::Point => None,
+                VirtualLightKind::Spot { beam, cutoff } => Some((beam as f32, cutoff as f32)),
+            },
+        })
+    }
+}
+
+/// The state between the keys around `seconds`, eased; the first before, the last after.
+fn key_at(keys: &[VirtualLightKey], seconds: f64) -> Option<VirtualLightKey> {
+    let after = keys.partition_point(|k| k.seconds <= seconds);
+    let next = keys.get(after).or(keys.last())?;
+    let last = after
+        .checked_sub(1)
+        .and_then(|i| keys.get(i))
+        .unwrap_or(next);
+    let span = next.seconds - last.seconds;
+    let t = if span > 0.0 {
+        ((seconds - last.seconds) / span).clamp(0.0, 1.0)
+    } else {
+        0.0
+    };
+    let eased = t * t * (3.0 - 2.0 * t);
+    Some(VirtualLightKey {
+        seconds,
+        position: last.position.lerp(next.position, eased),
+        target: last.target.zip(next.target).map(|(a, b)| a.lerp(b, eased)),
+        gain: last.gain + (next.gain - last.gain) * eased,
+    })
+}
+
+/// All of `lamps` at one instant, without those that are dark.
+#[must_use]
+pub fn lamps_at(lamps: &[VirtualLight], seconds: f64) -> Vec<PlacedLamp> {
+    let placed = lamps.iter().filter_map(|lamp| lamp.at(seconds));
+    placed
+        .filter(|lamp| lamp.intensity.max_element() > 0.0)
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+    use glam::DVec3;
+
+    fn key(seconds: f64, x: f64, gain: f64) -> VirtualLightKey {
+        VirtualLightKey {
+            seconds,
+            position: DVec3::new(x, 0.0, 1.0),
+            target: Some(DVec3::new(x, 0.0, 0.0)),
+            gain,
+        }
+    }
+
+    fn spot(keys: Vec<VirtualLightKey>) -> VirtualLight {
+        VirtualLight {
+            name: "spot".into(),
+            kind: VirtualLightKind::Spot {
+                beam: 0.4,
+                cutoff: 0.6,
+            },
+            intensity: Vec3::ONE,
+            keys,
+        }
+    }
+
+    #[test]
+    fn a_lamp_goes_from_key_to_key_slowly_at_both_ends() {
+        let lamp = spot(vec![
+            key(1.0, 0.0, 1.0),
+            key(3.0, 8.0, 3.0),
+            key(4.0, 0.0, 0.0),
+        ]);
+        let x = |t: f64| f64::from(lamp.at(t).unwrap().position.x);
+        assert_eq!((x(-5.0), x(1.0), x(2.0), x(3.0)), (0.0, 0.0, 4.0, 8.0));
+        // Smoothstep of a quarter is 5/32.
+        assert!((x(1.5) - 8.0 * 5.0 / 32.0).abs() < 1e-6);
+        assert!((x(3.5) - 4.0).abs() < 1e-6 && x(9.0) == 0.0);
+        assert_eq!(lamp.at(2.0).unwrap().intensity, Vec3::splat(2.0));
+        assert_eq!(lamp.at(2.0).unwrap().direction, Vec3::NEG_Z);
+    }
+
+    #[test]
+    fn dark_lamps_and_lamps_without_keys_are_left_out() {
+        let lamps = [spot(vec![key(0.0, 0.0, 0.0)]), spot(Vec::new())];
+        assert!(lamps_at(&lamps, 0.0).is_empty());
+        assert_eq!(lamps_at(&[spot(vec![key(0.0, 0.0, 1.0)])], 0.0).len(), 1);
+    }
+
+    #[test]
+    fn a_spot_fades_linearly_from_beam_to_cutoff() {
+        let lamp = spot(vec![key(0.0, 0.0, 1.0)]).at(0.0).unwrap();
+        let off = |angle: f32| lamp.falloff(Vec3::new(angle.sin(), 0.0, -angle.cos()));
+        for (angle, share) in [
+            (0.0, 1.0),
+            (0.39, 1.0),
+            (0.45, 0.75),
+            (0.5, 0.5),
+            (0.61, 0.0),
+        ] {
+            assert!((off(angle) - share).abs() < 1e-3, "{angle}: {}", off(angle));
+        }
+    }
+}
