@@ -378,3 +378,41 @@ fn colours_multiply_the_light() {
     let close = (0..3).all(|c| rgb[c].abs_diff(expected[c]) <= 1);
     assert!(close, "{rgb:?} {expected:?}");
 }
+
+#[test]
+fn wires_and_things_that_reach_behind_the_camera_are_lit_like_others() {
+    // Bars as thin as a pixel, across the borders of tiles, in the shadow of a plate that
+    // begins behind the camera.
+    let mut stage = Stage::new(128, 96).without_ground().lit(lighting(
+        vec![
+            sun(Vec3::new(0.3, -0.2, 1.0), Vec3::splat(1.5)),
+            sun(Vec3::new(-0.8, 0.1, 0.6), Vec3::splat(1.0)),
+        ],
+        0.0,
+    ));
+    for i in 0..9 {
+        let bar = primitives::cuboid(Vec3::new(0.5, 0.005, 0.005));
+        let at = DVec3::new(0.0, 0.04 * f64::from(i) - 0.16, 0.01);
+        stage = stage.with_virtual(part(bar, at));
+    }
+    let mut stage = stage
+        .with_virtual(part(
+            primitives::cuboid(Vec3::new(0.06, 2.0, 0.004)),
+            DVec3::new(0.12, -0.2, 0.12),
+        ))
+        .with_phantom(part(
+            primitives::cuboid(Vec3::new(0.02, 0.5, 0.1)),
+            DVec3::new(-0.12, 0.0, -0.02),
+        ));
+    for step in [1, 2] {
+        (stage.settings.shadow_step, stage.settings.samples) = (step, 1);
+        let rule = Rule {
+            reach: 1 + step,
+            slack: 4,
+            calm: 0.1,
+            ..RULE
+        };
+        let name = format!("wires-{step}");
+        assert_like(&name, &stage.compose(), &stage.twin(), rule);
+    }
+}
