@@ -22,7 +22,7 @@ const PI = 3.14159265;
 // The shadow buffer may be coarser than the picture: its texels count where they lie on
 // the same surface.
 fn shadow_at(pixel: vec2i, position: vec4f) -> vec3f {
-    let step = i32(decided_here(frame.counts.z, position));
+    let step = i32(decided_here(frame.counts.z, position.w));
     if step == 1 {
         return textureLoad(shadow, pixel, 0).rgb;
     }

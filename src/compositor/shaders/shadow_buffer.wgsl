@@ -209,7 +209,7 @@ fn with_bounces(open_share: vec3f, albedo: vec3f) -> vec3f {
 // Texels of the light buffer: irradiance, depth along the view and normal, packed.
 @fragment
 fn virtual_light(in: TileVarying) -> @location(0) vec4u {
-    let step = i32(decided_here(frame.counts.z, in.position));
+    let step = i32(decided_here(frame.counts.z, in.position.w));
     let found = covered_sample(vec2i(in.position.xy) * step, step);
     if found.z < 0 {
         return vec4u(0u);

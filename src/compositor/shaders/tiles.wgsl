@@ -104,8 +104,8 @@ fn is_near(b: Bounds) -> bool {
 // Lights that virtual casters (x, y) and phantoms (z, w) may block on phantoms.
 @fragment
 fn classify_real(@builtin(position) at: vec4f) -> @location(0) vec4u {
-    let side = i32(decided_here(frame.tiling.y, at));
-    let step = i32(decided_here(frame.counts.z, at));
+    let side = i32(decided_here(frame.tiling.y, at.w));
+    let step = i32(decided_here(frame.counts.z, at.w));
     let corner = vec2i(at.xy) * side;
     let last = vec2i(frame.size.xy) - vec2i(1);
     var real = nothing();
@@ -121,7 +121,7 @@ fn classify_real(@builtin(position) at: vec4f) -> @location(0) vec4u {
             }
         }
     }
-    var masks = blockable(real, decided_here(frame.counts.x, at));
+    var masks = blockable(real, decided_here(frame.counts.x, at.w));
     // Any light will do to have the tile drawn.
     masks.x |= select(0u, 1u, is_near(real) | (lamps_on(real.low, real.high) != 0u));
     return masks;
@@ -131,7 +131,7 @@ fn classify_real(@builtin(position) at: vec4f) -> @location(0) vec4u {
 // (a wire), any light may be blocked.
 @fragment
 fn classify_virtual(@builtin(position) at: vec4f) -> @location(0) vec4u {
-    let side = i32(decided_here(frame.tiling.y, at));
+    let side = i32(decided_here(frame.tiling.y, at.w));
     let corner = vec2i(at.xy) * side;
     let last = vec2i(frame.size.xy) - vec2i(1);
     var unreal = nothing();
@@ -146,10 +146,10 @@ fn classify_virtual(@builtin(position) at: vec4f) -> @location(0) vec4u {
         }
     }
     if any(unreal.low > unreal.high) {
-        return all_lights(decided_here(frame.counts.x, at));
+        return all_lights(decided_here(frame.counts.x, at.w));
     }
     // Between the pixels looked at, normals turn a little further.
     unreal.normal_low -= vec3f(0.1);
     unreal.normal_high += vec3f(0.1);
-    return blockable(unreal, decided_here(frame.counts.x, at));
+    return blockable(unreal, decided_here(frame.counts.x, at.w));
 }

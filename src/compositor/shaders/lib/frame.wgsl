@@ -62,10 +62,10 @@ struct Light {
 
 // `x`, in a way that no compiler takes for a uniform. Mesa's software driver writes the
 // values of uniforms that alone decide a branch or a loop into the shader, and compiles it
-// again whenever the buffer they stand in is written, in every frame: 150 ms each. At
-// `position`, the fragment's, w is never below zero.
-fn decided_here(x: u32, position: vec4f) -> u32 {
-    return x + select(0u, 1u, position.w < 0.0);
+// again whenever the buffer they stand in is written, in every frame: 150 ms each. `here`
+// is any number of this fragment's own, above −1e30.
+fn decided_here(x: u32, here: f32) -> u32 {
+    return x + select(0u, 1u, here < -1e30);
 }
 
 fn ray_through(pixel: vec2f) -> vec3f {

@@ -88,7 +88,8 @@ fn lamp_seen(uv: vec2f, layer: u32, depth: f32) -> f32 {
 // Irradiance from all lamps; shadows as strong as the frame wants them.
 fn lamp_irradiance(world: vec3f, n: vec3f) -> vec3f {
     var sum = vec3f(0.0);
-    for (var k = 0u; k < lamps.count.x; k++) {
+    let count = decided_here(lamps.count.x, world.x);
+    for (var k = 0u; k < count; k++) {
         let ray = lamp_ray(k, world);
         let n_dot_l = max(dot(n, ray.to), 0.0);
         let seen = lamp_visibility(k, world, n, n_dot_l);
@@ -101,11 +102,12 @@ fn lamp_irradiance(world: vec3f, n: vec3f) -> vec3f {
 // the distribution behind the table of specular scales.
 fn lamp_highlights(world: vec3f, n: vec3f, v: vec3f, f0: vec3f, f90: f32, roughness: f32) -> vec3f {
     var sum = vec3f(0.0);
+    let count = decided_here(lamps.count.x, world.x);
     // A point's image in a mirror is a point; this much blur keeps it from flickering.
     let alpha = max(roughness * roughness, 0.01);
     let a2 = alpha * alpha;
     let n_dot_v = max(dot(n, v), 1e-3);
-    for (var k = 0u; k < lamps.count.x; k++) {
+    for (var k = 0u; k < count; k++) {
         let ray = lamp_ray(k, world);
         let n_dot_l = max(dot(n, ray.to), 0.0);
         let h = normalize(ray.to + v);
@@ -126,7 +128,8 @@ fn lamps_on(low: vec3f, high: vec3f) -> u32 {
     var mask = 0u;
     let centre = 0.5 * (low + high);
     let radius = 0.5 * distance(low, high);
-    for (var k = 0u; k < lamps.count.x; k++) {
+    let count = decided_here(lamps.count.x, low.x);
+    for (var k = 0u; k < count; k++) {
         let eye = lamps.each[k].position.xyz;
         let nearest = eye - clamp(eye, low, high);
         let i = lamps.each[k].intensity.rgb;
