@@ -17,7 +17,7 @@ UNPACKED := if [ -f target/packages/env ]; then . target/packages/env; fi;
 # A window needs a display; without one the picture is in the browser.
 WINDOW := $(if $(DISPLAY)$(WAYLAND_DISPLAY),,--headless)
 
-.PHONY: help demo build test lint unit advisories bench fidelity soak fmt packages-demo packages-test toolchain clean
+.PHONY: help demo build test lint unit advisories bench bench-table fidelity soak fmt packages-demo packages-test toolchain clean
 
 help: ## This list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -42,6 +42,10 @@ advisories: ## Known security holes in dependencies (needs the network)
 
 bench: build ## The paper's table 1 on this machine; ARGS="--case supan --json FILE"
 	@$(UNPACKED) $(PENUMBRA) bench $(ARGS)
+
+bench-table: build ## The same, put into ARCHITECTURE.md
+	@$(UNPACKED) $(PENUMBRA) bench --case supan --json $(TARGET)/bench.json --force $(ARGS)
+	@python3 tests/bench_table.py $(TARGET)/bench.json
 
 fidelity: build ## Judge the pictures by path-traced truth; ARGS="--sessions desk --every 4"
 	@$(UNPACKED) python3 tests/fidelity.py --penumbra $(PENUMBRA) --truth $(TRUTH) $(ARGS)

@@ -1,0 +1,44 @@
+#!/usr/bin/env python3
+"""Put the figures of `penumbra bench --json FILE` into ARCHITECTURE.md.
+
+    tests/bench_table.py FILE...
+"""
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+from fidelity import Failed, write_between
+from python_env import ROOT
+
+HEADING = "| adapter | size | lights | maps per frame | frames/s | wall ms p50 | p99 | GPU ms p50 | p99 | longest passes, ms |"
+
+
+def row(adapter: str, r: dict) -> str:
+    """One line of the table."""
+    longest = sorted(r["passes"], key=lambda p: -p["ms"])[:3]
+    cells = [adapter, f"{r['width']}×{r['height']}", r["lights"], r["refreshed_per_frame"], f"{r['fps']:.1f}"]
+    cells += [f"{r[kind][q]:.2f}" for kind in ("wall_ms", "gpu_ms") for q in ("p50", "p99")]
+    return "| " + " | ".join(map(str, [*cells, ", ".join(f"{p['name']} {p['ms']:.2f}" for p in longest)])) + " |"
+
+
+def table(files: list[Path]) -> str:
+    """All rows of all files."""
+    reports = [json.loads(file.read_text()) for file in files]
+    return "\n".join([HEADING, "|---" * 10 + "|", *(row(report["adapter"], r) for report in reports for r in report["rows"])])
+
+
+def main() -> int:
+    try:
+        text = table([Path(name) for name in sys.argv[1:]])
+        write_between(ROOT / "ARCHITECTURE.md", "bench", text)
+    except (Failed, OSError, KeyError, ValueError) as error:
+        print(f"bench_table: {type(error).__name__}: {error}", file=sys.stderr)
+        return 2
+    print(text)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
