@@ -182,6 +182,7 @@ impl Compositor {
 
     /// Everything that is uploaded.
     fn prepare(&mut self, input: &FrameInput<'_>) -> Result<(), GpuError> {
+        self.fit_lamps(!input.lamps.is_empty());
         let mut rebind = self.fit_targets(input.picture)?;
         if let Some(lighting) = input.lighting
             && self.radiance_generation != Some(lighting.generation)

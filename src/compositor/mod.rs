@@ -64,7 +64,7 @@ impl CompositorSettings {
         Self {
             light_budget: 64,
             shadow_map_size: 512,
-            shadow_step: if software { 2 } else { 1 },
+            shadow_step: if software { 4 } else { 1 },
             samples: 4,
             soft_samples: if software { 1 } else { 8 },
         }
@@ -76,6 +76,7 @@ pub struct Compositor {
     gpu: Gpu,
     settings: CompositorSettings,
     pipelines: Pipelines,
+    variant: Variant,
     layouts: SceneLayouts,
     timer: Timer,
     light_maps: LightMaps,
@@ -102,6 +103,7 @@ impl Compositor {
         let variant = Variant {
             samples: settings.samples,
             soft: settings.soft_samples.max(1),
+            lamps: false,
         };
         let pipelines = Pipelines::new(device, &light_maps.frame_layout, &layouts, variant);
         Self {
@@ -119,6 +121,7 @@ impl Compositor {
             gpu,
             settings,
             pipelines,
+            variant,
             layouts,
             light_maps,
             response,
@@ -191,6 +194,16 @@ impl Compositor {
     #[must_use]
     pub fn pass_times(&self) -> Vec<(&'static str, f64)> {
         self.timer.read(&self.gpu.device)
+    }
+
+    /// Compiles the shaders anew when the first lamp comes.
+    fn fit_lamps(&mut self, lamps: bool) {
+        if lamps && !self.variant.lamps {
+            self.variant.lamps = true;
+            let frame = &self.light_maps.frame_layout;
+            self.pipelines = Pipelines::new(&self.gpu.device, frame, &self.layouts, self.variant);
+            self.rebind();
+        }
     }
 
     /// Texels a side of the shadow maps in use.

@@ -25,6 +25,9 @@ pub struct Variant {
     pub samples: u32,
     /// Look-ups of a shadow map per light and point; 1 = hard shadows.
     pub soft: u32,
+    /// There are lamps. Without them their code is left out: software drivers run a loop's
+    /// body once even where there is nothing to go through.
+    pub lamps: bool,
 }
 
 impl Variant {
@@ -32,6 +35,7 @@ impl Variant {
     pub const PLAIN: Self = Self {
         samples: 1,
         soft: 1,
+        lamps: false,
     };
 }
 
@@ -137,6 +141,7 @@ fn sampled(text: String, variant: Variant) -> String {
         .replace("VIRTUAL_DEPTH", depth)
         .replace("SAMPLES", &variant.samples.to_string())
         .replace("SOFT", &variant.soft.to_string())
+        .replace("LAMPED", if variant.lamps { "true" } else { "false" })
 }
 
 /// The module named `name`.
@@ -158,8 +163,12 @@ mod tests {
 
     #[test]
     fn every_shader_is_valid_without_a_gpu() {
-        for (samples, soft) in [(1, 1), (4, 1), (4, 8)] {
-            for (name, text) in super::all(super::Variant { samples, soft }) {
+        for (samples, soft, lamps) in [(1, 1, false), (4, 1, true), (4, 8, true)] {
+            for (name, text) in super::all(super::Variant {
+                samples,
+                soft,
+                lamps,
+            }) {
                 let module = naga::front::wgsl::parse_str(&text)
                     .unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(&text)));
                 naga::valid::Validator::new(

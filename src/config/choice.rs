@@ -127,13 +127,16 @@ pub enum ShadowMode {
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum ShadowResolution {
-    /// `"auto"`: full on a GPU, half on a software adapter.
+    /// `"auto"`: full on a GPU; on a software adapter a quarter, or half in a replay at full
+    /// speed.
     #[default]
     Auto,
     /// `"full"`: the picture's.
     Full,
     /// `"half"`: half of it, upsampled along edges.
     Half,
+    /// `"quarter"`: a quarter of it, likewise.
+    Quarter,
 }
 
 /// How the environment camera's white point is found.

@@ -5,7 +5,7 @@ use super::report::{FrameCounts, InputCounts, Report, SkewMeter};
 use super::status::Published;
 use super::{RigError, RigSetup};
 use crate::compositor::{Compositor, CompositorSettings, FrameInput, Gpu, Refresh, ShadowMode};
-use crate::config::{Antialias, Config, LightPlacement, ShadowResolution};
+use crate::config::{Antialias, Config, LightPlacement, ReplaySpeed, ShadowResolution};
 use crate::output::files::FrameFolder;
 use crate::picture::Picture;
 use crate::scene::lamps::lamps_at;
@@ -357,9 +357,14 @@ fn compositor_settings(config: &Config, software: bool) -> CompositorSettings {
         light_budget: config.environment.light_count,
         shadow_map_size: config.shadows.map_size,
         shadow_step: match config.shadows.resolution {
+            // Nobody waits for a frame of a replay at full speed.
+            ShadowResolution::Auto if config.replay.speed == ReplaySpeed::Max => {
+                automatic.shadow_step.min(2)
+            }
             ShadowResolution::Auto => automatic.shadow_step,
             ShadowResolution::Full => 1,
             ShadowResolution::Half => 2,
+            ShadowResolution::Quarter => 4,
         },
         samples: match config.picture.antialias {
             Antialias::Msaa4 => 4,

@@ -87,6 +87,9 @@ fn lamp_seen(uv: vec2f, layer: u32, depth: f32) -> f32 {
 
 // Irradiance from all lamps; shadows as strong as the frame wants them.
 fn lamp_irradiance(world: vec3f, n: vec3f) -> vec3f {
+    if !LAMPED {
+        return vec3f(0.0);
+    }
     var sum = vec3f(0.0);
     let count = decided_here(lamps.count.x, world.x);
     for (var k = 0u; k < count; k++) {
@@ -101,6 +104,9 @@ fn lamp_irradiance(world: vec3f, n: vec3f) -> vec3f {
 // Radiance that a surface mirrors of the lamps: GGX with height-correlated Smith masking,
 // the distribution behind the table of specular scales.
 fn lamp_highlights(world: vec3f, n: vec3f, v: vec3f, f0: vec3f, f90: f32, roughness: f32) -> vec3f {
+    if !LAMPED {
+        return vec3f(0.0);
+    }
     var sum = vec3f(0.0);
     let count = decided_here(lamps.count.x, world.x);
     // A point's image in a mirror is a point; this much blur keeps it from flickering.
@@ -125,6 +131,9 @@ fn lamp_highlights(world: vec3f, n: vec3f, v: vec3f, f0: vec3f, f90: f32, roughn
 
 // Lamps, one bit each, that may shine on something in a box.
 fn lamps_on(low: vec3f, high: vec3f) -> u32 {
+    if !LAMPED {
+        return 0u;
+    }
     var mask = 0u;
     let centre = 0.5 * (low + high);
     let radius = 0.5 * distance(low, high);
