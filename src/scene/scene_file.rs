@@ -25,6 +25,13 @@
 //! mirror = false                   # whether it is a mirror
 //! albedo = [0.5, 0.5, 0.5]         # its colour, if known: linear, or "#rrggbb"
 //!
+//! [[lamp]]                         # lights what is real and what is virtual; at most 8
+//! position_m = [0.2, 0.0, 0.4]
+//! intensity = [0.3, 0.3, 0.3]      # white paper at r metres shows intensity / (pi r²)
+//! target_m = [0.0, 0.0, 0.0]       # a spot; without it the lamp shines all round
+//! beam_deg = 20.0                  # half angles: full light inside, falling to none at
+//! cutoff_deg = 30.0                # the second
+//!
 //! [ground]                         # instead of the session's
 //! height_m = 0.0
 //! size_m = 8.0
@@ -33,10 +40,11 @@
 //! Boxes, cylinders and cones stand on their origin; the others are centred on it.
 
 use super::gltf_file::{ModelPart, read_file};
+use super::lamps::MOST_LAMPS;
 use super::primitives;
 use super::{Attachments, Material, Mesh, Model, Part, Scene, SceneError, load_gltf, load_ply};
 use crate::calibration::RigDocument;
-use crate::calibration::rig_json::GroundPlane;
+use crate::calibration::rig_json::{GroundPlane, VirtualLight};
 use crate::config::SceneChoice;
 use crate::config::toml_text::{Fault, TomlText};
 use glam::{DMat4, DQuat, DVec3, EulerRot, Vec3};
@@ -44,6 +52,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use typed::{Colour, Entry, Ground, MaterialFile, SceneFile, Shape};
 
+mod lamp;
 mod typed;
 
 /// Objects or phantoms of one file.
@@ -56,6 +65,8 @@ pub struct SceneAddition {
     pub objects: Vec<Part>,
     /// Further proxies of real things.
     pub phantoms: Vec<Part>,
+    /// Lamps that exist in the picture only.
+    pub lamps: Vec<VirtualLight>,
     /// Takes the place of the session's ground.
     pub ground: Option<GroundPlane>,
     /// Whether the session's own phantoms stay.
@@ -89,6 +100,15 @@ impl SceneAddition {
             let at = format!("phantom[{i}]");
             phantoms.extend(entry.phantom_parts(&at, folder, text)?);
         }
+        if file.lamp.len() > MOST_LAMPS {
+            let reason = format!("expected at most {MOST_LAMPS} lamps");
+            return Err(located(Fault::new("lamp", reason)));
+        }
+        let lamps = file.lamp.iter().enumerate();
+        let lamps = lamps
+            .map(|(i, l)| lamp::lamp(l, &format!("lamp[{i}]")))
+            .collect::<Result<_, _>>()
+            .map_err(located)?;
         let ground = file
             .ground
             .map(|g| ground(&g))
@@ -97,6 +117,7 @@ impl SceneAddition {
         Ok(Self {
             objects,
             phantoms,
+            lamps,
             ground,
             session_phantoms: file.session_phantoms.unwrap_or(true),
         })
@@ -111,6 +132,7 @@ impl SceneAddition {
             Scene::default()
         };
         scene.virtual_parts = self.objects;
+        scene.lamps = self.lamps;
         if let Some(ground) = &self.ground {
             scene.phantom_parts.retain(|p| p.name != "ground");
             scene.ground_height = None;

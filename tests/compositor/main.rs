@@ -4,6 +4,7 @@
 
 mod golden;
 mod judge;
+mod lamps;
 mod near_light;
 mod present;
 mod settings;

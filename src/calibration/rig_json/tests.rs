@@ -196,6 +196,57 @@ fn wrong_values_are_named_and_explained() {
             json!([0, 0, 0]),
             "ground_plane.normal",
         ),
+        (
+            "/virtual_lights/lights/0/intensity/1",
+            json!(-1.0),
+            "lights[0].intensity` must be three numbers, each at least 0",
+        ),
+        (
+            "/virtual_lights/lights/0/intensity/1",
+            json!(null),
+            "intensity[1]",
+        ),
+        (
+            "/virtual_lights/lights/0/kind",
+            json!("tube"),
+            "\"point\" or \"spot\"",
+        ),
+        (
+            "/virtual_lights/lights/0/cutoff_deg",
+            json!(20.0),
+            "at least beam_deg",
+        ),
+        (
+            "/virtual_lights/lights/0/cutoff_deg",
+            json!(200.0),
+            "at most 180",
+        ),
+        (
+            "/virtual_lights/lights/0/keys/0/target",
+            json!([1, 2, 3]),
+            "keys[0]` must be given a target that is not",
+        ),
+        (
+            "/virtual_lights/lights/0/keys",
+            json!([]),
+            "at least one key",
+        ),
+        (
+            "/virtual_lights/lights/0/keys",
+            json!([{"t": 1, "pos": [0, 0, 1], "target": [0, 0, 0]},
+                   {"t": 1, "pos": [0, 0, 1], "target": [0, 0, 0]}]),
+            "in the order of their times",
+        ),
+        (
+            "/virtual_lights/lights/0/keys/0",
+            json!({"t": 1, "pos": [0, 0, 1], "target": [0, 0, 0], "gain": -1}),
+            "keys[0].gain` must be a number of at least 0",
+        ),
+        (
+            "/virtual_lights/lights",
+            json!([0, 0, 0, 0, 0, 0, 0, 0, 0]),
+            "at most 8 entries",
+        ),
     ];
     for (pointer, value, expected) in cases {
         let mut document = rig();

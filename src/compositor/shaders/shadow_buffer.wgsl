@@ -177,9 +177,14 @@ fn phantom_shadow(in: TileVarying) -> @location(0) vec4f {
         return vec4f(unshadowed.rgb, surface.w);
     }
     let arriving = max(arriving_in_real(masks, world, n), lost);
-    // (E − R) / E, and 1 in a channel without light.
+    // A shadow that the light says is black, and the picture says is not, would glow.
+    var least = vec3f(1e-6);
+    if LAMPED {
+        least = max(0.05 * by_normal(irradiance_of_lights, n), vec3f(1e-4));
+    }
+    // (E − R + V) / E, and 1 in a channel without light.
     let change = lost - added;
-    let factor = vec3f(1.0) - change / max(arriving, vec3f(1e-6));
+    let factor = vec3f(1.0) - lost / max(arriving, vec3f(1e-6)) + added / max(arriving, least);
     return vec4f(select(factor, change / PI, frame.counts.y == 1u), surface.w);
 }
 

@@ -37,6 +37,43 @@ fn the_documented_example_is_read() {
     assert!((teapot.material.base_colour.x - linear_from_srgb(192.0 / 255.0)).abs() < 1e-6);
     assert_eq!(scene.phantoms[0].albedo, Some(Vec3::splat(0.5)));
     assert_eq!(scene.ground.unwrap().size, 8.0);
+    let lamp = scene.lamps[0].at(5.0).unwrap();
+    let (beam, cutoff) = lamp.cone.unwrap();
+    assert_eq!((scene.lamps.len(), lamp.intensity), (1, Vec3::splat(0.3)));
+    assert!((beam.to_degrees() - 20.0).abs() < 1e-4 && (cutoff.to_degrees() - 30.0).abs() < 1e-4);
+}
+
+#[test]
+fn lamps_shine_all_round_or_at_a_target_and_mistakes_are_named() {
+    let lamp = |rest: &str| format!("[[lamp]]\nintensity = [1, 1, 1]\n{rest}");
+    let scene = read(&lamp("position_m = [0, 0, 1]")).unwrap();
+    assert_eq!(scene.lamps[0].at(0.0).unwrap().cone, None);
+    let cases = [
+        (lamp(""), "lamp[0].position_m"),
+        (
+            "[[lamp]]\nposition_m = [0, 0, 1]".to_owned(),
+            "lamp[0].intensity",
+        ),
+        ("[[lamp]]\nintensity = [1, -1, 1]".to_owned(), "from 0 up"),
+        (lamp("position_m = [0, 0, inf]"), "lamp[0].position_m"),
+        (
+            lamp("position_m = [0, 0, 1]\nbeam_deg = 3"),
+            "lamp[0].target_m",
+        ),
+        (
+            lamp("position_m = [0, 0, 1]\ntarget_m = [0, 0, 1]"),
+            "lamp[0].target_m",
+        ),
+        (
+            lamp("position_m = [0, 0, 1]\ntarget_m = [0, 0, 0]\nbeam_deg = 40"),
+            "lamp[0].cutoff_deg",
+        ),
+        (lamp("position_m = [0, 0, 1]\n").repeat(9), "at most 8"),
+    ];
+    for (text, expected) in cases {
+        let found = complaint(&text);
+        assert!(found.contains(expected), "{found}");
+    }
 }
 
 #[test]

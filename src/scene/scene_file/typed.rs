@@ -11,6 +11,7 @@ pub(super) struct SceneFile {
     pub session_phantoms: Option<bool>,
     pub object: Vec<Entry>,
     pub phantom: Vec<Entry>,
+    pub lamp: Vec<LampFile>,
     pub ground: Option<Ground>,
 }
 
@@ -63,6 +64,17 @@ pub(super) struct Ground {
     pub height_m: Option<f64>,
     pub size_m: Option<f64>,
     pub albedo: Option<Colour>,
+}
+
+#[derive(Debug, Default, serde::Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct LampFile {
+    pub name: Option<String>,
+    pub position_m: Option<[f64; 3]>,
+    pub target_m: Option<[f64; 3]>,
+    pub intensity: Option<Colour>,
+    pub beam_deg: Option<f64>,
+    pub cutoff_deg: Option<f64>,
 }
 
 /// Linear RGB.
