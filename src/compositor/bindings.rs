@@ -1,5 +1,6 @@
 //! Short spellings of wgpu's bind groups and pipelines.
 
+use super::targets::format;
 use wgpu::{BindGroupLayoutEntry, BindingType, ShaderStages};
 
 /// What a shader binds, in the order of its bindings.
@@ -12,7 +13,7 @@ pub enum Slot {
     Unfilterable,
     /// Unsigned integers.
     Integer,
-    Multisampled,
+    IntegerMultisampled,
     Depth,
     DepthMultisampled,
     DepthArray,
@@ -23,12 +24,12 @@ pub enum Slot {
 }
 
 impl Slot {
-    /// Colour and depth of virtual surfaces with so many samples a pixel.
+    /// Properties and depth of virtual surfaces with so many samples a pixel.
     pub const fn sampled(samples: u32) -> (Self, Self) {
         if samples > 1 {
-            (Self::Multisampled, Self::DepthMultisampled)
+            (Self::IntegerMultisampled, Self::DepthMultisampled)
         } else {
-            (Self::Unfilterable, Self::Depth)
+            (Self::Integer, Self::Depth)
         }
     }
 
@@ -38,12 +39,8 @@ impl Slot {
             Self::Storage => buffer(wgpu::BufferBindingType::Storage { read_only: true }),
             Self::Texture => texture(true, wgpu::TextureViewDimension::D2, false),
             Self::Unfilterable => texture(false, wgpu::TextureViewDimension::D2, false),
-            Self::Integer => BindingType::Texture {
-                sample_type: wgpu::TextureSampleType::Uint,
-                view_dimension: wgpu::TextureViewDimension::D2,
-                multisampled: false,
-            },
-            Self::Multisampled => texture(false, wgpu::TextureViewDimension::D2, true),
+            Self::Integer => integer(false),
+            Self::IntegerMultisampled => integer(true),
             Self::Volume => texture(true, wgpu::TextureViewDimension::D3, false),
             Self::Cube => texture(true, wgpu::TextureViewDimension::Cube, false),
             Self::Depth => depth(wgpu::TextureViewDimension::D2, false),
@@ -71,6 +68,14 @@ const fn texture(
     BindingType::Texture {
         sample_type: wgpu::TextureSampleType::Float { filterable },
         view_dimension,
+        multisampled,
+    }
+}
+
+const fn integer(multisampled: bool) -> BindingType {
+    BindingType::Texture {
+        sample_type: wgpu::TextureSampleType::Uint,
+        view_dimension: wgpu::TextureViewDimension::D2,
         multisampled,
     }
 }
@@ -133,6 +138,32 @@ pub const fn sampler(sampler: &wgpu::Sampler) -> wgpu::BindingResource<'_> {
     wgpu::BindingResource::Sampler(sampler)
 }
 
+/// How fragments are held against the depth that is there.
+#[derive(Clone, Copy, Debug)]
+pub struct DepthTest {
+    pub compare: wgpu::CompareFunction,
+    pub write: bool,
+}
+
+impl DepthTest {
+    /// The nearest surface stays, with reversed depth.
+    pub const NEAREST: Self = Self::writing(wgpu::CompareFunction::GreaterEqual);
+
+    pub const fn writing(compare: wgpu::CompareFunction) -> Self {
+        Self {
+            compare,
+            write: true,
+        }
+    }
+
+    pub const fn without_writing(compare: wgpu::CompareFunction) -> Self {
+        Self {
+            compare,
+            write: false,
+        }
+    }
+}
+
 /// What differs between the compositor's render pipelines.
 pub struct PipelineSpec<'a> {
     pub label: &'a str,
@@ -142,7 +173,9 @@ pub struct PipelineSpec<'a> {
     pub buffers: &'a [wgpu::VertexBufferLayout<'a>],
     pub fragment: Option<&'a str>,
     pub targets: &'a [wgpu::TextureFormat],
-    pub depth: Option<(wgpu::TextureFormat, wgpu::CompareFunction)>,
+    /// Which of the colours are written.
+    pub colours: wgpu::ColorWrites,
+    pub depth: Option<DepthTest>,
     pub cull: Option<wgpu::Face>,
     pub samples: u32,
 }
@@ -156,7 +189,14 @@ impl PipelineSpec<'_> {
             bind_group_layouts: &groups,
             immediate_size: 0,
         });
-        let targets: Vec<_> = self.targets.iter().map(|f| Some((*f).into())).collect();
+        let target = |format: &wgpu::TextureFormat| {
+            Some(wgpu::ColorTargetState {
+                format: *format,
+                blend: None,
+                write_mask: self.colours,
+            })
+        };
+        let targets: Vec<_> = self.targets.iter().map(target).collect();
         device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
             label: Some(self.label),
             layout: Some(&layout),
@@ -170,10 +210,10 @@ impl PipelineSpec<'_> {
                 cull_mode: self.cull,
                 ..Default::default()
             },
-            depth_stencil: self.depth.map(|(format, compare)| wgpu::DepthStencilState {
-                format,
-                depth_write_enabled: Some(true),
-                depth_compare: Some(compare),
+            depth_stencil: self.depth.map(|test| wgpu::DepthStencilState {
+                format: format::DEPTH,
+                depth_write_enabled: Some(test.write),
+                depth_compare: Some(test.compare),
                 stencil: wgpu::StencilState::default(),
                 bias: wgpu::DepthBiasState::default(),
             }),

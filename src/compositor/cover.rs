@@ -166,11 +166,11 @@ mod tests {
     fn a_box_covers_the_tiles_it_is_seen_in() {
         let mut cover = Cover::default();
         cover.set_boxes(cube(DVec3::new(0.0, 0.0, 2.0), 0.1).into_iter().collect());
-        cover.update(clip(), (320, 320), true);
-        // 0.1 m at 1.95 m is 8 pixels each way about the centre, pixel 160: tiles 9 and 10.
+        cover.update(clip(), (20 * TILE, 20 * TILE), true);
+        // 0.1 m at 1.95 m is half a tile each way about the centre: tiles 9 and 10.
         assert_eq!(cover.rectangle(), [9, 9, 2, 2]);
         assert_eq!(cover.tiles().iter().filter(|t| **t != 0).count(), 4);
-        cover.update(clip(), (320, 320), false);
+        cover.update(clip(), (20 * TILE, 20 * TILE), false);
         assert_eq!(cover.rectangle()[2], 0);
     }
 
@@ -181,11 +181,11 @@ mod tests {
             * DMat4::from_rotation_z(std::f64::consts::FRAC_PI_4);
         let ends = [DVec3::new(-1.0, -0.01, 0.0), DVec3::new(1.0, 0.01, 0.0)];
         cover.set_boxes(corners(ends.into_iter(), turn).into_iter().collect());
-        cover.update(clip(), (320, 320), true);
+        cover.update(clip(), (20 * TILE, 20 * TILE), true);
         let covered = cover.tiles().iter().filter(|t| **t != 0).count();
         assert!((10..60).contains(&covered), "{covered}");
         cover.set_boxes(cube(DVec3::ZERO, 1.0).into_iter().collect());
-        cover.update(clip(), (320, 320), true);
+        cover.update(clip(), (20 * TILE, 20 * TILE), true);
         assert_eq!(cover.rectangle(), [0, 0, 20, 20]);
     }
 }

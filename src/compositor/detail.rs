@@ -41,7 +41,7 @@ impl Details {
         let mut levels = vec![level(&part.mesh.indices, 0.0)];
         if let Some(corners) = corners.filter(|_| coarse) {
             let extent = corners[0].distance(corners[7]);
-            let textured = is_textured(part);
+            let textured = part.material.is_textured();
             levels.extend(ERRORS.iter().filter_map(|share| {
                 let error = extent * share / scale(part);
                 coarser(&part.mesh, error as f32, textured).map(|i| level(&i, extent * share))
@@ -76,19 +76,6 @@ impl Details {
     pub fn level(&self) -> &Level {
         &self.levels[self.chosen]
     }
-}
-
-fn is_textured(part: &Part) -> bool {
-    let m = &part.material;
-    [
-        &m.base_colour_texture,
-        &m.metallic_roughness_texture,
-        &m.normal_texture,
-        &m.occlusion_texture,
-        &m.emissive_texture,
-    ]
-    .iter()
-    .any(|t| t.is_some())
 }
 
 /// The greatest length of a metre of the part, in the world.

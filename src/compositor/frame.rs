@@ -372,7 +372,7 @@ impl Compositor {
                 (lights as u32).div_ceil(64).max(1),
                 TILE,
                 self.settings.shadow_step.ilog2(),
-                0,
+                TILE.ilog2(),
             ],
             near_low,
             near_high,

@@ -28,6 +28,8 @@ pub struct DrawPart {
     pub details: Details,
     pub material: Option<wgpu::BindGroup>,
     pub double_sided: bool,
+    /// Looks different from place to place, or is cut away.
+    pub textured: bool,
 }
 
 /// Everything of a [`Scene`] that passes bind.
@@ -75,6 +77,7 @@ impl SceneBuffers {
             details: Details::new(device, part, material),
             material: material.then(|| textures.bind(&part.material)),
             double_sided: part.material.double_sided,
+            textured: part.material.is_textured() || part.material.alpha_cutoff > 0.0,
         };
         let solid: Vec<Part> = scene
             .phantom_parts

@@ -9,6 +9,7 @@ const FRAME: &str = include_str!("shaders/lib/frame.wgsl");
 const NORMAL: &str = include_str!("shaders/lib/normal.wgsl");
 const FULLSCREEN: &str = include_str!("shaders/lib/fullscreen.wgsl");
 const TILES: &str = include_str!("shaders/lib/tiles.wgsl");
+const SURFACE: &str = include_str!("shaders/lib/surface.wgsl");
 const SAMPLES: &str = include_str!("shaders/lib/samples.wgsl");
 const CODES: &str = include_str!("shaders/lib/codes.wgsl");
 const LIGHT_TEXEL: &str = include_str!("shaders/lib/light_texel.wgsl");
@@ -54,7 +55,12 @@ pub fn all(variant: Variant) -> [(&'static str, String); 9] {
         ),
         (
             "virtual_geometry",
-            join(&[FRAME, NORMAL, include_str!("shaders/virtual_geometry.wgsl")]),
+            join(&[
+                FRAME,
+                NORMAL,
+                SURFACE,
+                include_str!("shaders/virtual_geometry.wgsl"),
+            ]),
         ),
         (
             "shadow_buffer",
@@ -62,7 +68,9 @@ pub fn all(variant: Variant) -> [(&'static str, String); 9] {
                 join(&[
                     FRAME,
                     NORMAL,
+                    FULLSCREEN,
                     TILES,
+                    SURFACE,
                     SAMPLES,
                     LIGHT_TEXEL,
                     VISIBILITY,
@@ -79,6 +87,7 @@ pub fn all(variant: Variant) -> [(&'static str, String); 9] {
                     FRAME,
                     NORMAL,
                     FULLSCREEN,
+                    SURFACE,
                     SAMPLES,
                     LAMPS,
                     include_str!("shaders/tiles.wgsl"),
@@ -102,6 +111,7 @@ pub fn all(variant: Variant) -> [(&'static str, String); 9] {
                     FRAME,
                     NORMAL,
                     TILES,
+                    SURFACE,
                     SAMPLES,
                     LIGHT_TEXEL,
                     CODES,
@@ -131,11 +141,11 @@ fn join(parts: &[&str]) -> String {
 fn sampled(text: String, variant: Variant) -> String {
     let (colour, depth) = if variant.samples > 1 {
         (
-            "texture_multisampled_2d<f32>",
+            "texture_multisampled_2d<u32>",
             "texture_depth_multisampled_2d",
         )
     } else {
-        ("texture_2d<f32>", "texture_depth_2d")
+        ("texture_2d<u32>", "texture_depth_2d")
     };
     text.replace("VIRTUAL_TEXTURE", colour)
         .replace("VIRTUAL_DEPTH", depth)

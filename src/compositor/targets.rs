@@ -9,12 +9,7 @@ pub mod format {
     pub const CAMERA: F = F::Rgba8Unorm;
     pub const OUTPUT: F = F::Rgba8Unorm;
     pub const PHANTOM_NORMAL: F = F::Rgba16Float;
-    pub const VIRTUAL: [F; 4] = [
-        F::Rgba8UnormSrgb,
-        F::Rgba8Unorm,
-        F::Rg16Float,
-        F::Rgba16Float,
-    ];
+    pub const VIRTUAL: [F; 2] = [F::Rgba16Uint, F::Rgba16Uint];
     pub const LIGHT: F = F::Rgba16Float;
     pub const TILES: F = F::Rgba32Uint;
     pub const LIGHT_TEXEL: F = F::Rgba32Uint;
@@ -22,7 +17,7 @@ pub mod format {
 }
 
 /// Side of a tile, picture pixels.
-pub const TILE: u32 = 16;
+pub const TILE: u32 = 32;
 
 /// Entries of the inverse response's table.
 pub const ENCODING: u32 = 4096;
@@ -42,8 +37,13 @@ pub struct Targets {
     pub codes: wgpu::Buffer,
     pub phantom_normal: Target,
     pub phantom_depth: Target,
-    pub virtual_surface: [Target; 4],
+    /// Shape and material of virtual surfaces, packed.
+    pub virtual_surface: [Target; 2],
     pub virtual_depth: Target,
+    /// Of which kind a pixel is, for the composite.
+    pub kinds: Target,
+    /// Which texels of the shadow buffer there is work for.
+    pub marks: Target,
     /// Factor (or subtrahend) of the real picture.
     pub shadow: Target,
     /// Irradiance left on virtual surfaces, packed.
@@ -140,6 +140,8 @@ impl Targets {
             virtual_surface: format::VIRTUAL
                 .map(|f| m.make("virtual surface", full, f, drawn, samples)),
             virtual_depth: m.make("virtual depth", full, format::DEPTH, drawn, samples),
+            kinds: m.make("kinds", full, format::DEPTH, U::RENDER_ATTACHMENT, 1),
+            marks: m.make("marks", coarse, format::DEPTH, U::RENDER_ATTACHMENT, 1),
             shadow: m.make("shadow", coarse, format::LIGHT, drawn, 1),
             light: m.make("light", coarse, format::LIGHT_TEXEL, drawn, 1),
             surroundings,

@@ -1,9 +1,9 @@
 //! Wires the stations together and runs them. The only place that spawns threads.
 //!
-//! [`feed`] turns a session's events into paired [`RigFrame`](crate::sync::RigFrame)s,
-//! [`light`] turns their environment pictures into light at the scene camera's white
-//! point, [`prepare`] does both one frame ahead, [`mod@replay`] lets frames flow through the compositor to the outputs, [`report`]
-//! says afterwards what happened.
+//! [`feed`] turns a session's events into paired [`RigFrame`]s, [`light`] turns their
+//! environment pictures into light at the scene camera's white point, [`prepare`] does both
+//! one frame ahead, [`mod@replay`] lets frames flow through the compositor to the outputs,
+//! [`report`] says afterwards what happened.
 
 pub mod feed;
 pub mod light;

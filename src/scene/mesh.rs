@@ -69,6 +69,22 @@ pub struct Material {
     pub emissive_texture: Option<Arc<SceneTexture>>,
 }
 
+impl Material {
+    /// Whether any of its properties differ from place to place.
+    #[must_use]
+    pub fn is_textured(&self) -> bool {
+        [
+            &self.base_colour_texture,
+            &self.metallic_roughness_texture,
+            &self.normal_texture,
+            &self.occlusion_texture,
+            &self.emissive_texture,
+        ]
+        .iter()
+        .any(|texture| texture.is_some())
+    }
+}
+
 impl Default for Material {
     fn default() -> Self {
         Self {

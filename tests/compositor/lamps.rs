@@ -237,7 +237,8 @@ fn dark_distant_and_hidden_lamps_leave_every_code() {
     };
     let mut compositor = full.compositor();
     assert!(full.compose_with(&mut compositor) != full.picture);
-    let cases: [(&str, fn(&mut Stage)); 6] = [
+    type Case = (&'static str, fn(&mut Stage));
+    let cases: [Case; 6] = [
         ("hidden", |s| s.show_virtual = false),
         ("no pose", |s| s.pose = None),
         ("no light", |s| s.lighting = None),

@@ -1,15 +1,20 @@
 //! Puts the picture together.
 
-use super::super::bindings::{PipelineSpec, Slot, group, layout, sampler, view};
+use super::super::bindings::{DepthTest, PipelineSpec, Slot, group, layout, sampler, view};
 use super::super::shaders::{self, Variant};
 use super::super::targets::{Targets, format};
 use super::super::timing::Timer;
-use super::tiles;
+use super::{cleared, cleared_depth};
+use wgpu::CompareFunction as Compare;
+
+/// Depth of a pixel that nothing virtual covers; `NOTHING_VIRTUAL` in the shader.
+const NOTHING_VIRTUAL: f32 = 0.5;
 
 /// The pass.
 pub struct CompositePass {
-    real: wgpu::RenderPipeline,
-    virtual_surfaces: wgpu::RenderPipeline,
+    /// Tiles without virtual surfaces, then, where there are some: what is behind them,
+    /// pixels that show one of them, pixels on outlines.
+    pipelines: [wgpu::RenderPipeline; 4],
     picture_layout: wgpu::BindGroupLayout,
     surfaces_layout: wgpu::BindGroupLayout,
     light_layout: wgpu::BindGroupLayout,
@@ -27,23 +32,19 @@ impl CompositePass {
     pub fn new(device: &wgpu::Device, frame: &wgpu::BindGroupLayout, variant: Variant) -> Self {
         let module = shaders::module(device, "composite", variant);
         let (u, i) = (Slot::Unfilterable, Slot::Integer);
-        let (colour, depth) = Slot::sampled(variant.samples);
+        let (packed, depth) = Slot::sampled(variant.samples);
         let picture_layout = layout(
             device,
             "composite picture",
             &[u, Slot::Uniform, u, i, u, i, i],
         );
-        let surfaces_layout = layout(
-            device,
-            "composite surfaces",
-            &[colour, colour, colour, colour, depth],
-        );
+        let surfaces_layout = layout(device, "composite surfaces", &[packed, packed, depth]);
         let light_layout = layout(
             device,
             "composite light",
             &[Slot::Sampler, Slot::Cube, Slot::Texture, Slot::Texture],
         );
-        let build = |vertex: &str, fragment: &str| {
+        let build = |vertex: &str, fragment: &str, compare, write| {
             PipelineSpec {
                 label: "composite",
                 module: &module,
@@ -52,14 +53,19 @@ impl CompositePass {
                 buffers: &[],
                 fragment: Some(fragment),
                 targets: &[format::OUTPUT],
-                depth: None,
+                colours: wgpu::ColorWrites::ALL,
+                depth: Some(DepthTest { compare, write }),
                 cull: None,
                 samples: 1,
             }
             .build(device)
         };
-        let real = build("real_tile", "real");
-        let virtual_surfaces = build("virtual_tile", "composite");
+        let pipelines = [
+            build("real_tile", "real", Compare::Always, false),
+            build("background_tile", "background", Compare::Always, true),
+            build("whole_tile", "whole", Compare::Less, false),
+            build("outline_tile", "outline", Compare::Greater, false),
+        ];
         let smooth = device.create_sampler(&wgpu::SamplerDescriptor {
             label: Some("smooth"),
             mag_filter: wgpu::FilterMode::Linear,
@@ -68,8 +74,7 @@ impl CompositePass {
             ..Default::default()
         });
         Self {
-            real,
-            virtual_surfaces,
+            pipelines,
             picture_layout,
             surfaces_layout,
             light_layout,
@@ -96,7 +101,7 @@ impl CompositePass {
             view(&t.covered.view),
         ];
         let s = &t.virtual_surface;
-        let surfaces = [&s[0], &s[1], &s[2], &s[3], &t.virtual_depth].map(|t| view(&t.view));
+        let surfaces = [&s[0], &s[1], &t.virtual_depth].map(|t| view(&t.view));
         let light = [
             sampler(&self.smooth),
             view(radiance),
@@ -130,17 +135,23 @@ impl CompositePass {
             targets.output.texture.as_image_copy(),
             targets.output.texture.size(),
         );
-        let writes = timer.span("composite", true, true);
-        let (view, count) = (&targets.output.view, targets.tile_count());
-        tiles(
-            encoder,
-            "composite",
-            view,
-            None,
-            writes,
-            &[&self.real, &self.virtual_surfaces],
-            &groups,
-            count,
-        );
+        let mut colour = cleared(&targets.output.view);
+        if let Some(colour) = &mut colour {
+            colour.ops.load = wgpu::LoadOp::Load;
+        }
+        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some("composite"),
+            color_attachments: &[colour],
+            depth_stencil_attachment: cleared_depth(&targets.kinds.view, NOTHING_VIRTUAL),
+            timestamp_writes: timer.span("composite", true, true),
+            ..Default::default()
+        });
+        for (group, index) in groups.iter().zip(0..) {
+            pass.set_bind_group(index, *group, &[]);
+        }
+        for pipeline in &self.pipelines {
+            pass.set_pipeline(pipeline);
+            pass.draw(0..6 * targets.tile_count(), 0..1);
+        }
     }
 }

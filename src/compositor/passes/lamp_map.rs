@@ -1,9 +1,8 @@
 //! Draws all casters into the shadow maps of the lamps that have moved.
 
-use super::super::bindings::{POSITION_LAYOUT, PipelineSpec, Slot, group, layout};
+use super::super::bindings::{DepthTest, POSITION_LAYOUT, PipelineSpec, Slot, group, layout};
 use super::super::lamp_maps::LampMaps;
 use super::super::scene_buffers::SceneBuffers;
-use super::super::targets::format;
 use super::super::{shaders, timing::Timer};
 use super::cleared_depth;
 
@@ -26,7 +25,8 @@ impl LampMapPass {
             buffers: &[POSITION_LAYOUT],
             fragment: None,
             targets: &[],
-            depth: Some((format::DEPTH, wgpu::CompareFunction::GreaterEqual)),
+            colours: wgpu::ColorWrites::ALL,
+            depth: Some(DepthTest::NEAREST),
             cull: None,
             samples: 1,
         }

@@ -59,36 +59,3 @@ pub fn cover(
     }
     pass.draw(0..3, 0..1);
 }
-
-/// Records a pass that draws the tiles of `view` in which there is work; `clear` is what
-/// the others hold, `None` keeps what is there.
-#[expect(clippy::too_many_arguments, reason = "one line of a pass each")]
-pub fn tiles(
-    encoder: &mut wgpu::CommandEncoder,
-    label: &str,
-    view: &wgpu::TextureView,
-    clear: Option<wgpu::Color>,
-    timestamp_writes: Option<wgpu::RenderPassTimestampWrites<'_>>,
-    pipelines: &[&wgpu::RenderPipeline],
-    groups: &[&wgpu::BindGroup],
-    count: u32,
-) {
-    let mut attachment = cleared(view);
-    if let Some(attachment) = &mut attachment {
-        attachment.ops.load = clear.map_or(wgpu::LoadOp::Load, wgpu::LoadOp::Clear);
-    }
-    let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-        label: Some(label),
-        color_attachments: &[attachment],
-        timestamp_writes,
-        ..Default::default()
-    });
-    for (group, index) in groups.iter().zip(0..) {
-        pass.set_bind_group(index, *group, &[]);
-    }
-    for pipeline in pipelines {
-        pass.set_pipeline(pipeline);
-        // Not instances: software drivers shade each instance's vertices by themselves.
-        pass.draw(0..6 * count, 0..1);
-    }
-}

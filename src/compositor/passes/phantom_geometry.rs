@@ -1,6 +1,6 @@
 //! Draws the depth and normals of the real scene's proxies.
 
-use super::super::bindings::{PipelineSpec, VERTEX_LAYOUT};
+use super::super::bindings::{DepthTest, PipelineSpec, VERTEX_LAYOUT};
 use super::super::scene_buffers::{SceneBuffers, SceneLayouts};
 use super::super::targets::{Targets, format};
 use super::super::{shaders, timing::Timer};
@@ -22,7 +22,8 @@ impl PhantomGeometryPass {
             buffers: &[VERTEX_LAYOUT],
             fragment: Some("phantom_fragment"),
             targets: &[format::PHANTOM_NORMAL],
-            depth: Some((format::DEPTH, wgpu::CompareFunction::GreaterEqual)),
+            colours: wgpu::ColorWrites::ALL,
+            depth: Some(DepthTest::NEAREST),
             cull: Some(wgpu::Face::Back),
             samples: 1,
         }

@@ -30,6 +30,7 @@ impl PresentPass {
             buffers: &[],
             fragment: Some("present"),
             targets: &[surface_format],
+            colours: wgpu::ColorWrites::ALL,
             depth: None,
             cull: None,
             samples: 1,

@@ -1,19 +1,26 @@
 //! The shadow buffer, for the real and for the virtual surfaces.
 
-use super::super::bindings::{PipelineSpec, Slot, group, layout, sampler, view};
+use super::super::bindings::{DepthTest, PipelineSpec, Slot, group, layout, sampler, view};
 use super::super::shaders::{self, Variant};
 use super::super::targets::{Targets, format};
 use super::super::timing::Timer;
 use super::shadow_map::ShadowMaps;
-use super::tiles;
+use super::{cleared, cleared_depth};
+use wgpu::{ColorWrites, CompareFunction as Compare};
 
 /// The pass.
 pub struct ShadowBufferPass {
-    phantom: wgpu::RenderPipeline,
-    virtual_light: wgpu::RenderPipeline,
+    phantom: Marked,
+    virtual_light: Marked,
     maps_layout: wgpu::BindGroupLayout,
     surfaces_layout: wgpu::BindGroupLayout,
     compare: wgpu::Sampler,
+}
+
+/// What marks texels, and what works on the marked ones.
+struct Marked {
+    mark: wgpu::RenderPipeline,
+    work: wgpu::RenderPipeline,
 }
 
 /// What it binds of the shadow maps and the targets.
@@ -30,22 +37,21 @@ impl ShadowBufferPass {
             "shadow maps",
             &[Slot::DepthArray, Slot::DepthArray, Slot::Comparison],
         );
-        let (colour, depth) = Slot::sampled(variant.samples);
+        let (packed, depth) = Slot::sampled(variant.samples);
         let surfaces_layout = layout(
             device,
             "surfaces",
             &[
                 Slot::Unfilterable,
                 Slot::Depth,
-                colour,
-                colour,
+                packed,
                 depth,
                 Slot::Integer,
                 Slot::Integer,
                 Slot::Integer,
             ],
         );
-        let build = |vertex: &str, fragment: &str, target: wgpu::TextureFormat| {
+        let build = |vertex: &str, fragment: &str, target, colours, depth| {
             PipelineSpec {
                 label: "shadow_buffer",
                 module: &module,
@@ -54,11 +60,28 @@ impl ShadowBufferPass {
                 buffers: &[],
                 fragment: Some(fragment),
                 targets: &[target],
-                depth: None,
+                colours,
+                depth: Some(depth),
                 cull: None,
                 samples: 1,
             }
             .build(device)
+        };
+        let marked = |mark: &str, work: &str, target| Marked {
+            mark: build(
+                "cover",
+                mark,
+                target,
+                ColorWrites::empty(),
+                DepthTest::writing(Compare::Always),
+            ),
+            work: build(
+                "behind_marks",
+                work,
+                target,
+                ColorWrites::ALL,
+                DepthTest::without_writing(Compare::Less),
+            ),
         };
         let compare = device.create_sampler(&wgpu::SamplerDescriptor {
             label: Some("shadow compare"),
@@ -68,8 +91,8 @@ impl ShadowBufferPass {
             ..Default::default()
         });
         Self {
-            phantom: build("phantom_tile", "phantom_shadow", format::LIGHT),
-            virtual_light: build("virtual_tile", "virtual_light", format::LIGHT_TEXEL),
+            phantom: marked("mark_phantoms", "phantom_shadow", format::LIGHT),
+            virtual_light: marked("mark_virtual", "virtual_light", format::LIGHT_TEXEL),
             maps_layout,
             surfaces_layout,
             compare,
@@ -101,7 +124,6 @@ impl ShadowBufferPass {
                 view(&targets.phantom_normal.view),
                 view(&targets.phantom_depth.view),
                 view(&targets.virtual_surface[0].view),
-                view(&targets.virtual_surface[2].view),
                 view(&targets.virtual_depth.view),
                 view(&targets.tiles[0].view),
                 view(&targets.tiles[1].view),
@@ -121,34 +143,41 @@ impl ShadowBufferPass {
         unshadowed: f64,
     ) {
         let groups = [frame, &inputs.maps, &inputs.surfaces];
-        let count = targets.tile_count();
         let lit = wgpu::Color {
             r: unshadowed,
             g: unshadowed,
             b: unshadowed,
-            a: 1.0,
+            a: 0.0,
         };
+        let nothing = wgpu::Color::TRANSPARENT;
         let jobs = [
             ("phantom_shadow", &targets.shadow, lit, &self.phantom),
             (
                 "virtual_light",
                 &targets.light,
-                wgpu::Color::TRANSPARENT,
+                nothing,
                 &self.virtual_light,
             ),
         ];
-        for (name, target, clear, pipeline) in jobs {
-            let writes = timer.span(name, true, true);
-            tiles(
-                encoder,
-                name,
-                &target.view,
-                Some(clear),
-                writes,
-                &[pipeline],
-                &groups,
-                count,
-            );
+        for (name, target, clear, pipelines) in jobs {
+            let mut colour = cleared(&target.view);
+            if let Some(colour) = &mut colour {
+                colour.ops.load = wgpu::LoadOp::Clear(clear);
+            }
+            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+                label: Some(name),
+                color_attachments: &[colour],
+                depth_stencil_attachment: cleared_depth(&targets.marks.view, 0.0),
+                timestamp_writes: timer.span(name, true, true),
+                ..Default::default()
+            });
+            for (group, index) in groups.iter().zip(0..) {
+                pass.set_bind_group(index, *group, &[]);
+            }
+            for pipeline in [&pipelines.mark, &pipelines.work] {
+                pass.set_pipeline(pipeline);
+                pass.draw(0..3, 0..1);
+            }
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Draws casters into the shadow maps of the dome lights chosen for this frame.
 
-use super::super::bindings::{POSITION_LAYOUT, PipelineSpec};
+use super::super::bindings::{DepthTest, POSITION_LAYOUT, PipelineSpec};
 use super::super::scene_buffers::{MeshBuffers, SceneBuffers};
 use super::super::targets::format;
 use super::super::{shaders, timing::Timer};
@@ -65,7 +65,8 @@ impl ShadowMapPass {
                 buffers: &[POSITION_LAYOUT],
                 fragment: None,
                 targets: &[],
-                depth: Some((format::DEPTH, wgpu::CompareFunction::LessEqual)),
+                colours: wgpu::ColorWrites::ALL,
+                depth: Some(DepthTest::writing(wgpu::CompareFunction::LessEqual)),
                 // Open meshes (a leaf, a cloth) cast with both sides.
                 cull: None,
                 samples: 1,

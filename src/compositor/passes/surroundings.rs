@@ -34,6 +34,7 @@ impl SurroundingsPass {
                 buffers: &[],
                 fragment: Some(fragment),
                 targets: &[format::LIGHT],
+                colours: wgpu::ColorWrites::ALL,
                 depth: None,
                 cull: None,
                 samples: 1,

@@ -16,11 +16,11 @@ pub struct TilesPass {
 impl TilesPass {
     pub fn new(device: &wgpu::Device, frame: &wgpu::BindGroupLayout, variant: Variant) -> Self {
         let module = shaders::module(device, "tiles", variant);
-        let (colour, depth) = Slot::sampled(variant.samples);
+        let (packed, depth) = Slot::sampled(variant.samples);
         let surfaces_layout = layout(
             device,
             "tile surfaces",
-            &[Slot::Unfilterable, Slot::Depth, colour, colour, depth],
+            &[Slot::Unfilterable, Slot::Depth, packed, depth],
         );
         let build = |fragment: &str| {
             PipelineSpec {
@@ -31,6 +31,7 @@ impl TilesPass {
                 buffers: &[],
                 fragment: Some(fragment),
                 targets: &[format::TILES],
+                colours: wgpu::ColorWrites::ALL,
                 depth: None,
                 cull: None,
                 samples: 1,
@@ -54,7 +55,6 @@ impl TilesPass {
                 view(&targets.phantom_normal.view),
                 view(&targets.phantom_depth.view),
                 view(&targets.virtual_surface[0].view),
-                view(&targets.virtual_surface[2].view),
                 view(&targets.virtual_depth.view),
             ],
         )

@@ -1,6 +1,6 @@
 //! Draws the surface properties of the virtual objects, behind the phantoms' depth.
 
-use super::super::bindings::{POSITION_LAYOUT, PipelineSpec, VERTEX_LAYOUT};
+use super::super::bindings::{DepthTest, POSITION_LAYOUT, PipelineSpec, VERTEX_LAYOUT};
 use super::super::scene_buffers::{SceneBuffers, SceneLayouts};
 use super::super::shaders::{self, Variant};
 use super::super::targets::{Targets, format};
@@ -9,8 +9,8 @@ use super::{cleared, cleared_depth};
 
 /// The pass.
 pub struct VirtualGeometryPass {
-    one_sided: wgpu::RenderPipeline,
-    two_sided: wgpu::RenderPipeline,
+    /// One-sided and two-sided surfaces, each without and with textures.
+    surfaces: [[wgpu::RenderPipeline; 2]; 2],
     occluder: wgpu::RenderPipeline,
 }
 
@@ -22,26 +22,28 @@ impl VirtualGeometryPass {
         variant: Variant,
     ) -> Self {
         let module = shaders::module(device, "virtual_geometry", variant);
-        let spec = PipelineSpec {
-            label: "virtual_geometry",
-            module: &module,
-            groups: &[frame, &scene.parts, &scene.material],
-            vertex: "virtual_vertex",
-            buffers: &[VERTEX_LAYOUT],
-            fragment: Some("virtual_fragment"),
-            targets: &format::VIRTUAL,
-            depth: Some((format::DEPTH, wgpu::CompareFunction::GreaterEqual)),
-            cull: Some(wgpu::Face::Back),
-            samples: variant.samples,
+        let build = |cull, [vertex, fragment]: [&str; 2]| {
+            PipelineSpec {
+                label: "virtual_geometry",
+                module: &module,
+                groups: &[frame, &scene.parts, &scene.material],
+                vertex,
+                buffers: &[VERTEX_LAYOUT],
+                fragment: Some(fragment),
+                targets: &format::VIRTUAL,
+                colours: wgpu::ColorWrites::ALL,
+                depth: Some(DepthTest::NEAREST),
+                cull,
+                samples: variant.samples,
+            }
+            .build(device)
         };
-        let one_sided = spec.build(device);
-        let two_sided = PipelineSpec { cull: None, ..spec }.build(device);
+        let plain = ["plain_vertex", "plain_fragment"];
+        let textured = ["virtual_vertex", "virtual_fragment"];
+        let surfaces = [Some(wgpu::Face::Back), None]
+            .map(|cull| [plain, textured].map(|entries| build(cull, entries)));
         let occluder = Self::occluder(device, frame, &module, variant.samples);
-        Self {
-            one_sided,
-            two_sided,
-            occluder,
-        }
+        Self { surfaces, occluder }
     }
 
     /// Phantoms write depth and leave the colours empty.
@@ -59,7 +61,8 @@ impl VirtualGeometryPass {
             buffers: &[POSITION_LAYOUT],
             fragment: None,
             targets: &[],
-            depth: Some((format::DEPTH, wgpu::CompareFunction::GreaterEqual)),
+            colours: wgpu::ColorWrites::ALL,
+            depth: Some(DepthTest::NEAREST),
             cull: Some(wgpu::Face::Back),
             samples,
         }
@@ -75,7 +78,11 @@ impl VirtualGeometryPass {
         targets: &Targets,
     ) {
         self.record_occluders(encoder, timer, frame, scene, targets);
-        let colours = targets.virtual_surface.each_ref().map(|t| cleared(&t.view));
+        let mut colours = targets.virtual_surface.each_ref().map(|t| cleared(&t.view));
+        // Only the first tells where something is.
+        for colour in colours[1..].iter_mut().flatten() {
+            colour.ops.load = wgpu::LoadOp::Load;
+        }
         let mut depth = cleared_depth(&targets.virtual_depth.view, 0.0);
         if let Some(ops) = depth.as_mut().and_then(|d| d.depth_ops.as_mut()) {
             ops.load = wgpu::LoadOp::Load;
@@ -90,11 +97,8 @@ impl VirtualGeometryPass {
         pass.set_bind_group(0, frame, &[]);
         pass.set_bind_group(1, &scene.virtual_uniforms, &[]);
         for (part, instance) in scene.virtual_parts.iter().zip(0..) {
-            pass.set_pipeline(if part.double_sided {
-                &self.two_sided
-            } else {
-                &self.one_sided
-            });
+            let sides = usize::from(part.double_sided);
+            pass.set_pipeline(&self.surfaces[sides][usize::from(part.textured)]);
             pass.set_bind_group(2, part.material.as_ref(), &[]);
             let level = part.details.level();
             pass.set_vertex_buffer(0, part.vertices.slice(..));

@@ -7,11 +7,9 @@
 @group(1) @binding(4) var phantom_normal: texture_2d<f32>;
 @group(1) @binding(5) var phantom_tiles: texture_2d<u32>;
 @group(1) @binding(6) var covered_tiles: texture_2d<u32>;
-@group(2) @binding(0) var virtual_base: VIRTUAL_TEXTURE;
-@group(2) @binding(1) var virtual_properties: VIRTUAL_TEXTURE;
-@group(2) @binding(2) var virtual_normal: VIRTUAL_TEXTURE;
-@group(2) @binding(3) var virtual_emissive: VIRTUAL_TEXTURE;
-@group(2) @binding(4) var virtual_depth: VIRTUAL_DEPTH;
+@group(2) @binding(0) var virtual_shape: VIRTUAL_TEXTURE;
+@group(2) @binding(1) var virtual_material: VIRTUAL_TEXTURE;
+@group(2) @binding(2) var virtual_depth: VIRTUAL_DEPTH;
 @group(3) @binding(0) var smooth_sampler: sampler;
 @group(3) @binding(1) var radiance: texture_cube<f32>;
 @group(3) @binding(2) var surroundings: texture_2d<f32>;
@@ -110,9 +108,11 @@ fn bounce(world: vec3f, n: vec3f) -> vec3f {
 }
 
 fn shade(pixel: vec2i, s: i32, own: bool) -> vec3f {
-    let base = textureLoad(virtual_base, pixel, s).rgb;
-    let properties = textureLoad(virtual_properties, pixel, s);
-    let n = normal_from_octahedron(textureLoad(virtual_normal, pixel, s).xy);
+    let shape = textureLoad(virtual_shape, pixel, s);
+    let material = textureLoad(virtual_material, pixel, s);
+    let base = base_colour(shape);
+    let properties = properties_of(material);
+    let n = normal_from_octahedron(octahedron(shape));
     let depth = textureLoad(virtual_depth, pixel, s);
     let world = world_at(sample_place(pixel, s), depth);
     let v = normalize(frame.eye.xyz - world);
@@ -129,12 +129,12 @@ fn shade(pixel: vec2i, s: i32, own: bool) -> vec3f {
     let specular = (f0 * table.x + vec3f(f90 * table.y)) * mirrored;
     let diffuse = base * (1.0 - metallic) * irradiance / PI;
     let lamps = lamp_highlights(world, n, v, f0, f90, roughness);
-    return diffuse + specular + lamps + textureLoad(virtual_emissive, pixel, s).rgb;
+    return diffuse + specular + lamps + emissive_of(material);
 }
 
 // Whether two samples of a pixel see one surface, by their depth and encoded normal.
 fn same_surface(pixel: vec2i, a: i32, b: i32) -> bool {
-    let turned = abs(textureLoad(virtual_normal, pixel, a).xy - textureLoad(virtual_normal, pixel, b).xy);
+    let turned = abs(octahedron(textureLoad(virtual_shape, pixel, a)) - octahedron(textureLoad(virtual_shape, pixel, b)));
     let d = textureLoad(virtual_depth, pixel, a);
     return max(turned.x, turned.y) < 0.2 && abs(textureLoad(virtual_depth, pixel, b) - d) < 0.02 * d;
 }
@@ -149,12 +149,35 @@ fn real_tile(@builtin(vertex_index) v: u32) -> TileVarying {
     return tile_corner(v % 6u, tile, 1.0, shadowed && !tile_is_covered(tile));
 }
 
-@vertex
-fn virtual_tile(@builtin(vertex_index) v: u32) -> TileVarying {
+// Kinds of pixels in tiles that virtual objects reach, as depths; draws for one kind only
+// have a depth between them. Testing depth is what software drivers leave pixels out by,
+// and not branches.
+const OUTLINE = 0.0;
+const NOTHING_VIRTUAL = 0.5;
+const WHOLE = 1.0;
+
+fn covered_tile(v: u32, depth: f32) -> TileVarying {
     let t = v / 6u;
     let across = textureDimensions(phantom_tiles).x;
     let tile = vec2u(t % across, t / across);
-    return tile_corner(v % 6u, tile, 1.0, tile_is_covered(tile));
+    var corner = tile_corner(v % 6u, tile, 1.0, tile_is_covered(tile));
+    corner.position.z = depth;
+    return corner;
+}
+
+@vertex
+fn background_tile(@builtin(vertex_index) v: u32) -> TileVarying {
+    return covered_tile(v, NOTHING_VIRTUAL);
+}
+
+@vertex
+fn outline_tile(@builtin(vertex_index) v: u32) -> TileVarying {
+    return covered_tile(v, 0.5 * (OUTLINE + NOTHING_VIRTUAL));
+}
+
+@vertex
+fn whole_tile(@builtin(vertex_index) v: u32) -> TileVarying {
+    return covered_tile(v, 0.5 * (NOTHING_VIRTUAL + WHOLE));
 }
 
 fn shadowed(code: vec3f, factor: vec3f) -> vec3f {
@@ -166,11 +189,9 @@ fn encoded(linear: vec3f) -> vec4f {
     return vec4f(code_from_linear(linear), 1.0);
 }
 
-@fragment
-fn real(in: TileVarying) -> @location(0) vec4f {
-    let pixel = vec2i(in.position.xy);
+fn background_at(pixel: vec2i, position: vec4f) -> vec4f {
     let code = textureLoad(camera, pixel, 0);
-    let factor = shadow_at(pixel, in.position);
+    let factor = shadow_at(pixel, position);
     if all(factor == vec3f(select(1.0, 0.0, frame.counts.y == 1u))) {
         return code;
     }
@@ -178,32 +199,59 @@ fn real(in: TileVarying) -> @location(0) vec4f {
 }
 
 @fragment
-fn composite(in: TileVarying) -> @location(0) vec4f {
+fn real(in: TileVarying) -> @location(0) vec4f {
+    return background_at(vec2i(in.position.xy), in.position);
+}
+
+struct Background {
+    @location(0) colour: vec4f,
+    @builtin(frag_depth) kind: f32,
+}
+
+// What is behind virtual objects, and of which kind the pixel is.
+@fragment
+fn background(in: TileVarying) -> Background {
+    let pixel = vec2i(in.position.xy);
+    var covered = 0;
+    var alike = true;
+    for (var s = 0; s < SAMPLES; s++) {
+        covered += select(0, 1, is_surface(textureLoad(virtual_shape, pixel, s)));
+        alike &= same_surface(pixel, 0, s);
+    }
+    let kind = select(OUTLINE, WHOLE, alike & (covered == SAMPLES));
+    return Background(background_at(pixel, in.position), select(kind, NOTHING_VIRTUAL, covered == 0));
+}
+
+// Pixels that show one virtual surface.
+@fragment
+fn whole(in: TileVarying) -> @location(0) vec4f {
+    return encoded(shade(vec2i(in.position.xy), 0, true));
+}
+
+// Pixels of which virtual objects cover a part, or show several surfaces.
+@fragment
+fn outline(in: TileVarying) -> @location(0) vec4f {
     let pixel = vec2i(in.position.xy);
     let code = textureLoad(camera, pixel, 0);
     let factor = shadow_at(pixel, in.position);
     var covered = 0;
     var first = 0;
     for (var s = SAMPLES - 1; s >= 0; s--) {
-        if textureLoad(virtual_base, pixel, s).a > 0.5 {
+        if is_surface(textureLoad(virtual_shape, pixel, s)) {
             first = s;
             covered += 1;
         }
     }
-    if covered == 0 && all(factor == vec3f(select(1.0, 0.0, frame.counts.y == 1u))) {
-        return code;
-    }
     var linear = shadowed(code.rgb, factor) * (f32(SAMPLES - covered) / f32(SAMPLES));
-    // Samples on either side of an outline or a crease are lit apart. A loop and not a
-    // branch: software drivers run both sides of branches, but leave loops that no pixel
-    // is in; with the condition at its end, because they run what a loop holds once more
-    // than any pixel asks for.
+    // Samples on either side of an outline or a crease are lit apart. The condition is at
+    // the loop's end, because software drivers run what a loop holds once more than any
+    // pixel asks for.
     let of_pixel = first;
     loop {
         var alike = 0;
         var other = first;
         for (var s = SAMPLES - 1; s >= 0; s--) {
-            if s >= first && textureLoad(virtual_base, pixel, s).a > 0.5 {
+            if s >= first && is_surface(textureLoad(virtual_shape, pixel, s)) {
                 if same_surface(pixel, first, s) {
                     alike += 1;
                 } else {
@@ -211,9 +259,7 @@ fn composite(in: TileVarying) -> @location(0) vec4f {
                 }
             }
         }
-        // Where nothing is, there is nothing to shade: not a number, maybe.
-        let shaded = shade(pixel, first, first == of_pixel) * (f32(alike) / f32(SAMPLES));
-        linear += select(vec3f(0.0), shaded, alike > 0);
+        linear += shade(pixel, first, first == of_pixel) * (f32(alike) / f32(SAMPLES));
         covered -= alike;
         first = other;
         continuing {

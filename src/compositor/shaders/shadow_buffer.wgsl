@@ -8,32 +8,38 @@
 
 @group(2) @binding(0) var phantom_normal: texture_2d<f32>;
 @group(2) @binding(1) var phantom_depth: texture_depth_2d;
-@group(2) @binding(2) var virtual_base: VIRTUAL_TEXTURE;
-@group(2) @binding(3) var virtual_normal: VIRTUAL_TEXTURE;
-@group(2) @binding(4) var virtual_depth: VIRTUAL_DEPTH;
-@group(2) @binding(5) var phantom_tiles: texture_2d<u32>;
-@group(2) @binding(6) var virtual_tiles: texture_2d<u32>;
-@group(2) @binding(7) var covered_tiles: texture_2d<u32>;
+@group(2) @binding(2) var virtual_shape: VIRTUAL_TEXTURE;
+@group(2) @binding(3) var virtual_depth: VIRTUAL_DEPTH;
+@group(2) @binding(4) var phantom_tiles: texture_2d<u32>;
+@group(2) @binding(5) var virtual_tiles: texture_2d<u32>;
+@group(2) @binding(6) var covered_tiles: texture_2d<u32>;
 
 const PI = 3.14159265;
 const NO_LIGHT = 0xffffffffu;
 
-@vertex
-fn phantom_tile(@builtin(vertex_index) v: u32) -> TileVarying {
-    let t = v / 6u;
-    let across = textureDimensions(phantom_tiles).x;
-    let tile = vec2u(t % across, t / across);
-    let wanted = any(textureLoad(phantom_tiles, tile, 0).xy != vec2u(0u));
-    return tile_corner(v % 6u, tile, f32(frame.counts.z), wanted);
-}
+// Texels with work to do are marked in a depth buffer first, and the work is drawn against
+// it: software drivers run both sides of every branch, but leave out what fails the test.
+const MARK = 1.0;
 
 @vertex
-fn virtual_tile(@builtin(vertex_index) v: u32) -> TileVarying {
-    let t = v / 6u;
-    let across = textureDimensions(virtual_tiles).x;
-    let tile = vec2u(t % across, t / across);
-    let wanted = tile_is_covered(tile);
-    return tile_corner(v % 6u, tile, f32(frame.counts.z), wanted);
+fn behind_marks(@builtin(vertex_index) i: u32) -> @builtin(position) vec4f {
+    return vec4f(f32(i32(i & 1u) * 4 - 1), f32(i32(i >> 1u) * 4 - 1), 0.5 * MARK, 1.0);
+}
+
+// Real surfaces in tiles that some light may be missing from.
+@fragment
+fn mark_phantoms(@builtin(position) at: vec4f) -> @builtin(frag_depth) f32 {
+    let pixel = vec2i(at.xy) * i32(frame.counts.z);
+    let there = textureLoad(phantom_normal, pixel, 0).z == 1.0;
+    let wanted = any(textureLoad(phantom_tiles, tile_of(pixel), 0).xy != vec2u(0u));
+    return select(0.0, MARK, there & wanted);
+}
+
+// Texels of which virtual surfaces cover a part.
+@fragment
+fn mark_virtual(@builtin(position) at: vec4f) -> @builtin(frag_depth) f32 {
+    let step = i32(decided_here(frame.counts.z, at.w));
+    return select(0.0, MARK, covered_sample(vec2i(at.xy) * step, step).z >= 0);
 }
 
 // A walk through the lights of a mask of 64 bits, each of which stands for `tiling.x`.
@@ -160,21 +166,18 @@ fn arriving_in_real(masks: vec4u, world: vec3f, n: vec3f) -> vec3f {
 }
 
 @fragment
-fn phantom_shadow(in: TileVarying) -> @location(0) vec4f {
-    let pixel = vec2i(in.position.xy) * i32(frame.counts.z);
-    let unshadowed = vec4f(vec3f(select(1.0, 0.0, frame.counts.y == 1u)), 0.0);
+fn phantom_shadow(@builtin(position) at: vec4f) -> @location(0) vec4f {
+    let pixel = vec2i(at.xy) * i32(frame.counts.z);
+    let unshadowed = vec3f(select(1.0, 0.0, frame.counts.y == 1u));
     let surface = textureLoad(phantom_normal, pixel, 0);
-    if surface.z != 1.0 {
-        return unshadowed;
-    }
-    let masks = textureLoad(phantom_tiles, in.tile, 0);
+    let masks = textureLoad(phantom_tiles, tile_of(pixel), 0);
     let n = normal_from_octahedron(surface.xy);
     let world = world_at(vec2f(pixel), textureLoad(phantom_depth, pixel, 0));
     // Less the light that virtual objects throw back.
     let lost = (lost_behind_virtual(masks, world, n) - near_irradiance(0.0, world, n)) * frame.params.x;
     let added = lamp_irradiance(world, n);
     if all(lost == vec3f(0.0)) & all(added == vec3f(0.0)) {
-        return vec4f(unshadowed.rgb, surface.w);
+        return vec4f(unshadowed, surface.w);
     }
     let arriving = max(arriving_in_real(masks, world, n), lost);
     // A shadow that the light says is black, and the picture says is not, would glow.
@@ -191,12 +194,12 @@ fn phantom_shadow(in: TileVarying) -> @location(0) vec4f {
 // First covered sample in the block of pixels that this texel stands for:
 // x, y = pixel, z = sample; z < 0 = none.
 fn covered_sample(corner: vec2i, step: i32) -> vec3i {
-    for (var k = 0; k < step * step; k++) {
+    let last = select(-1, step * step * SAMPLES - 1, tile_is_covered(tile_of(corner)));
+    for (var i = 0; i <= last; i++) {
+        let k = i / SAMPLES;
         let pixel = corner + vec2i(k & (step - 1), k >> frame.tiling.z);
-        for (var s = 0; s < SAMPLES; s++) {
-            if textureLoad(virtual_base, pixel, s).a > 0.5 {
-                return vec3i(pixel, s);
-            }
+        if is_surface(textureLoad(virtual_shape, pixel, i % SAMPLES)) {
+            return vec3i(pixel, i % SAMPLES);
         }
     }
     return vec3i(0, 0, -1);
@@ -213,13 +216,11 @@ fn with_bounces(open_share: vec3f, albedo: vec3f) -> vec3f {
 
 // Texels of the light buffer: irradiance, depth along the view and normal, packed.
 @fragment
-fn virtual_light(in: TileVarying) -> @location(0) vec4u {
-    let step = i32(decided_here(frame.counts.z, in.position.w));
-    let found = covered_sample(vec2i(in.position.xy) * step, step);
-    if found.z < 0 {
-        return vec4u(0u);
-    }
-    let n = normal_from_octahedron(textureLoad(virtual_normal, found.xy, found.z).xy);
+fn virtual_light(@builtin(position) position: vec4f) -> @location(0) vec4u {
+    let step = i32(decided_here(frame.counts.z, position.w));
+    let found = covered_sample(vec2i(position.xy) * step, step);
+    let shape = textureLoad(virtual_shape, found.xy, found.z);
+    let n = normal_from_octahedron(octahedron(shape));
     let depth = textureLoad(virtual_depth, found.xy, found.z);
     let world = world_at(sample_place(found.xy, found.z), depth);
     // Compact sources are not in the sky's polynomial, cells are.
@@ -227,7 +228,7 @@ fn virtual_light(in: TileVarying) -> @location(0) vec4u {
     let cells = by_normal(irradiance_of_lights, n) - by_normal(irradiance_of_compact, n);
     var hidden = vec3f(0.0);
     // Lights that phantoms reach are few; the others are spared their shadow maps.
-    let masks = textureLoad(virtual_tiles, in.tile, 0);
+    let masks = textureLoad(virtual_tiles, tile_of(found.xy), 0);
     var at = first_light(masks.xy & ~masks.zw);
     loop {
         let i = at.light;
@@ -253,7 +254,7 @@ fn virtual_light(in: TileVarying) -> @location(0) vec4u {
             break if at.light == NO_LIGHT;
         }
     }
-    let albedo = textureLoad(virtual_base, found.xy, found.z).rgb;
+    let albedo = base_colour(shape);
     let open_share = clamp(1.0 - hidden / max(cells, vec3f(1e-6)), vec3f(0.0), vec3f(1.0));
     left += cells * (with_bounces(open_share, albedo) - open_share);
     left += near_irradiance(1.0, world, n) + lamp_irradiance(world, n);

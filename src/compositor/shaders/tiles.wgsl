@@ -3,9 +3,8 @@
 
 @group(1) @binding(0) var phantom_normal: texture_2d<f32>;
 @group(1) @binding(1) var phantom_depth: texture_depth_2d;
-@group(1) @binding(2) var virtual_base: VIRTUAL_TEXTURE;
-@group(1) @binding(3) var virtual_normal: VIRTUAL_TEXTURE;
-@group(1) @binding(4) var virtual_depth: VIRTUAL_DEPTH;
+@group(1) @binding(2) var virtual_shape: VIRTUAL_TEXTURE;
+@group(1) @binding(3) var virtual_depth: VIRTUAL_DEPTH;
 
 struct Bounds {
     low: vec3f,
@@ -138,9 +137,10 @@ fn classify_virtual(@builtin(position) at: vec4f) -> @location(0) vec4u {
     for (var y = 0; y < side; y += 2) {
         for (var x = 0; x < side; x += 2) {
             let pixel = min(corner + vec2i(x, y), last);
-            if textureLoad(virtual_base, pixel, 0).a > 0.5 {
+            let shape = textureLoad(virtual_shape, pixel, 0);
+            if is_surface(shape) {
                 let depth = textureLoad(virtual_depth, pixel, 0);
-                let n = normal_from_octahedron(textureLoad(virtual_normal, pixel, 0).xy);
+                let n = normal_from_octahedron(octahedron(shape));
                 unreal = with_point(unreal, world_at(sample_place(pixel, 0), depth), n);
             }
         }

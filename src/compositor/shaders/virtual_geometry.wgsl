@@ -29,13 +29,6 @@ struct Varying {
     @location(3) @interpolate(flat) part: u32,
 }
 
-struct Surface {
-    @location(0) base_colour: vec4f,
-    @location(1) properties: vec4f,
-    @location(2) normal: vec2f,
-    @location(3) emissive: vec4f,
-}
-
 @vertex
 fn virtual_vertex(
     @location(0) position: vec3f,
@@ -48,6 +41,24 @@ fn virtual_vertex(
     let n = (parts[i].normal_from_part * vec4f(normal, 0.0)).xyz;
     let t = (parts[i].world_from_part * vec4f(tangent.xyz, 0.0)).xyz;
     return Varying(frame.clip_from_world * world, n, uv, vec4f(t, tangent.w), i);
+}
+
+// Without textures, and with nothing cut away.
+struct PlainVarying {
+    @builtin(position) position: vec4f,
+    @location(0) @interpolate(perspective, centroid) normal: vec3f,
+    @location(1) @interpolate(flat) part: u32,
+}
+
+@vertex
+fn plain_vertex(
+    @location(0) position: vec3f,
+    @location(1) normal: vec3f,
+    @builtin(instance_index) i: u32,
+) -> PlainVarying {
+    let world = parts[i].world_from_part * vec4f(position, 1.0);
+    let n = (parts[i].normal_from_part * vec4f(normal, 0.0)).xyz;
+    return PlainVarying(frame.clip_from_world * world, n, i);
 }
 
 @vertex
@@ -67,7 +78,7 @@ fn bent(in: Varying, scale: f32) -> vec3f {
 }
 
 @fragment
-fn virtual_fragment(in: Varying, @builtin(front_facing) front: bool) -> Surface {
+fn virtual_fragment(in: Varying, @builtin(front_facing) front: bool) -> PackedSurface {
     let part = parts[in.part];
     let base = part.base_colour * textureSample(base_colour_map, surface_sampler, in.uv);
     let mr = textureSample(metallic_roughness_map, surface_sampler, in.uv);
@@ -78,11 +89,14 @@ fn virtual_fragment(in: Varying, @builtin(front_facing) front: bool) -> Surface 
         discard;
     }
     n = select(-n, n, front);
-    var out: Surface;
-    // Alpha marks the sample as covered.
-    out.base_colour = vec4f(base.rgb, 1.0);
-    out.properties = vec4f(part.surface.x * mr.b, part.surface.y * mr.g, part.surface.z, occlusion);
-    out.normal = octahedron_from_normal(n);
-    out.emissive = vec4f(emissive, 0.0);
-    return out;
+    let properties = vec4f(part.surface.x * mr.b, part.surface.y * mr.g, part.surface.z, occlusion);
+    return PackedSurface(packed_shape(base.rgb, n), packed_material(properties, emissive));
+}
+
+@fragment
+fn plain_fragment(in: PlainVarying, @builtin(front_facing) front: bool) -> PackedSurface {
+    let part = parts[in.part];
+    let n = normalize(in.normal);
+    let shape = packed_shape(part.base_colour.rgb, select(-n, n, front));
+    return PackedSurface(shape, packed_material(vec4f(part.surface.xyz, 1.0), part.emissive.rgb));
 }

@@ -21,8 +21,8 @@ struct Frame {
     params: vec4f,
     // Radiance of the ground where the picture does not show it.
     ground: vec4f,
-    // Lights per bit of a tile's mask, side of a tile in picture pixels, logarithm of the
-    // shadow buffer's step: software drivers divide whole numbers lane by lane, so nothing
+    // Lights per bit of a tile's mask, side of a tile in picture pixels, logarithms of the
+    // shadow buffer's step and of the tile's side: software drivers divide whole numbers lane by lane, so nothing
     // that runs per pixel or per light does.
     tiling: vec4u,
     // Region around the virtual objects, world; w of the first = 1 where it is lit.

@@ -11,6 +11,11 @@ fn tile_is_covered(tile: vec2u) -> bool {
     return textureLoad(covered_tiles, tile, 0).x != 0u;
 }
 
+// The tile that a pixel of the picture lies in.
+fn tile_of(pixel: vec2i) -> vec2u {
+    return vec2u(pixel) >> vec2u(frame.tiling.w);
+}
+
 // Corner `v` (0..5) of tile number `t`, in a target with `scale` picture pixels per texel;
 // nowhere when not `wanted`.
 fn tile_corner(v: u32, tile: vec2u, scale: f32, wanted: bool) -> TileVarying {

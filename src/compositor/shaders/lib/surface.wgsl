@@ -1,0 +1,53 @@
+// Samples of virtual surfaces, packed into two targets: software drivers pay for each
+// target, sample by sample, and passes load no more than they need.
+
+struct PackedSurface {
+    // Base colour, 8 bits each by its square root, and 8 bits that are set where something
+    // is; the octahedral normal, 16 bits each.
+    @location(0) shape: vec4u,
+    // Metallic, roughness, specular, occlusion, 8 bits each; emissive.
+    @location(1) material: vec4u,
+}
+
+fn halves(a: u32, b: u32) -> vec4u {
+    return vec4u(a & 0xffffu, a >> 16u, b & 0xffffu, b >> 16u);
+}
+
+fn packed_shape(base: vec3f, n: vec3f) -> vec4u {
+    return halves(
+        pack4x8unorm(vec4f(sqrt(clamp(base, vec3f(0.0), vec3f(1.0))), 1.0)),
+        pack2x16snorm(octahedron_from_normal(n)),
+    );
+}
+
+fn is_surface(shape: vec4u) -> bool {
+    return shape.y > 255u;
+}
+
+fn base_colour(shape: vec4u) -> vec3f {
+    let root = vec3f(vec3u(shape.x & 255u, shape.x >> 8u, shape.y & 255u)) / 255.0;
+    return root * root;
+}
+
+fn octahedron(shape: vec4u) -> vec2f {
+    return unpack2x16snorm(shape.z | (shape.w << 16u));
+}
+
+// `properties`: metallic, roughness, specular, occlusion. Emissive has 8 bits each and a
+// power of two in common (Ward 1991).
+fn packed_material(properties: vec4f, emissive: vec3f) -> vec4u {
+    let brightest = max(max(emissive.r, emissive.g), emissive.b);
+    let exponent = clamp(ceil(log2(max(brightest, 1e-30))), -64.0, 63.0);
+    let mantissa = clamp(emissive * exp2(-exponent), vec3f(0.0), vec3f(1.0));
+    let light = pack4x8unorm(vec4f(mantissa, 0.0)) | (u32(exponent + 64.0) << 24u);
+    return halves(pack4x8unorm(properties), light);
+}
+
+fn properties_of(material: vec4u) -> vec4f {
+    return unpack4x8unorm(material.x | (material.y << 16u));
+}
+
+fn emissive_of(material: vec4u) -> vec3f {
+    let mantissa = unpack4x8unorm(material.z | (material.w << 16u)).rgb;
+    return mantissa * exp2(f32(material.w >> 8u) - 64.0);
+}
