@@ -10,6 +10,7 @@ pub mod light;
 pub mod light_report;
 mod pace;
 pub mod prepare;
+mod rates;
 pub mod replay;
 pub mod report;
 pub mod service;

@@ -132,7 +132,8 @@ impl Preparation {
             setup: setup.clone(),
             pairing,
             yuv: config.input.encoding(),
-            pace: Pace::new(config.replay.speed),
+            // Files hold every frame of the recording.
+            pace: Pace::new(config.replay.speed, config.output.frames.is_some()),
             repeat: config.replay.repeat,
             wished,
             steps: steps_in,

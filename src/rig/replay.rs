@@ -1,6 +1,7 @@
 //! Lets a recorded session flow through the compositor to the outputs.
 
 use super::prepare::{Counts, LightState, Preparation, Prepared, Step};
+use super::rates::Rates;
 use super::report::{FrameCounts, InputCounts, Report, SkewMeter};
 use super::status::Published;
 use super::{RigError, RigSetup};
@@ -146,6 +147,7 @@ struct Run {
     inputs: InputCounts,
     counts: Option<Counts>,
     skew: SkewMeter,
+    rates: Rates,
     light: LightState,
     started: Instant,
     closed: bool,
@@ -174,6 +176,7 @@ impl Run {
             inputs: InputCounts::default(),
             counts: None,
             skew: SkewMeter::default(),
+            rates: Rates::default(),
             light: LightState::default(),
             started: Instant::now(),
             closed: false,
@@ -204,11 +207,16 @@ impl Run {
         self.stages.record("total", begun.elapsed());
         self.counts = Some(prepared.counts);
         self.count(&prepared.frame);
+        let environment = prepared.frame.environment.as_ref();
+        let skew = environment.map(|e| e.skew_nanos);
+        self.rates.composed(&prepared.counts.feed, skew);
         super::status::publish(&Published {
             status: &replay.status,
             prepared,
             stages: &self.stages,
             frames: &self.frames,
+            rates: &self.rates,
+            played: replay.session.share_played(prepared.frame.scene.arrived_at),
             settings: &self.settings,
             stale_after_nanos: replay.config.environment.stale_after_nanos,
         });

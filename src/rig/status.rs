@@ -1,8 +1,9 @@
 //! What the rig writes into the status.
 
 use super::prepare::{LightState, Prepared};
+use super::rates::Rates;
 use super::report::FrameCounts;
-use crate::calibration::photometry::{MatchStatus, Provenance};
+use crate::calibration::photometry::{MatchStatus, MethodStatus, Provenance};
 use crate::compositor::Gpu;
 use crate::status::snapshot::{
     Adapter, Device, DeviceKind, DeviceState, PoseAnswer, SessionState, WhiteBalance,
@@ -22,6 +23,10 @@ pub struct Published<'a> {
     pub stages: &'a StageTimes,
     /// Counts so far.
     pub frames: &'a FrameCounts,
+    /// How fast pictures are made and devices deliver.
+    pub rates: &'a Rates,
+    /// Share of the recording that has been played.
+    pub played: Option<f64>,
     /// Settings in force.
     pub settings: &'a Settings,
     /// Light older than this is old, nanoseconds.
@@ -59,6 +64,8 @@ pub fn publish(p: &Published<'_>) {
         s.frames.composed = p.frames.composed;
         s.frames.skipped = p.frames.skipped + p.frames.damaged;
         s.frames.without_pose = p.frames.without_pose;
+        s.frames.per_second = p.rates.pictures_per_second();
+        s.session.progress = p.played;
         s.stages.clone_from(p.stages);
         s.settings.clone_from(p.settings);
         let picture = &p.prepared.picture;
@@ -66,13 +73,17 @@ pub fn publish(p: &Published<'_>) {
         if let Some(warning) = &p.prepared.warning {
             s.warn(warning);
         }
-        pairing(s, frame);
+        pairing(s, frame, p.rates);
         lighting(s, p);
-        devices(s, frame);
+        devices(s, p);
     });
 }
 
-fn pairing(s: &mut Snapshot, frame: &RigFrame) {
+fn pairing(s: &mut Snapshot, frame: &RigFrame, rates: &Rates) {
+    if let Some([median, most]) = rates.skew_ms() {
+        s.pairing.environment_skew_p50_ms = Some(median);
+        s.pairing.environment_skew_p99_ms = Some(most);
+    }
     s.pairing.environment_skew_ms = frame
         .environment
         .as_ref()
@@ -97,7 +108,7 @@ fn lighting(s: &mut Snapshot, p: &Published<'_>) {
     let (dome_lights, compact_lights) = p.prepared.light.count();
     (s.lighting.dome_lights, s.lighting.compact_lights) = (dome_lights, compact_lights);
     s.lighting.compact_sources = sources.len() as u32;
-    s.lighting.clipped_fraction = Some(f64::from(*clipped));
+    s.lighting.clipped_fraction = Some(f64::from(clipped.max(0.0)));
     let Some(lighting) = lighting else { return };
     let age = p
         .prepared
@@ -126,9 +137,12 @@ fn in_words(status: &MatchStatus) -> WhiteBalance {
         gains: m.gains,
         uncertainty: relative(&m.uncertainty_percent).unwrap_or([f64::NAN; 3]),
     });
+    // That the world is grey is a guess, not a measurement.
+    let measured = |m: &&MethodStatus| m.method != Provenance::GreyWorld;
     let disagreement = status
         .methods
         .iter()
+        .filter(measured)
         .map(|m| m.disagreement_percent / 100.0);
     WhiteBalance {
         method: method(status.in_force),
@@ -176,13 +190,16 @@ const fn method(provenance: Provenance) -> WhiteBalanceMethod {
         Provenance::Chart => WhiteBalanceMethod::Chart,
         Provenance::Overlap => WhiteBalanceMethod::Automatic,
         Provenance::Reflectance => WhiteBalanceMethod::KnownSurface,
+        Provenance::SameCamera => WhiteBalanceMethod::SameCamera,
         Provenance::Fixed => WhiteBalanceMethod::Configured,
-        _ => WhiteBalanceMethod::None,
+        Provenance::GreyWorld => WhiteBalanceMethod::GreyWorld,
+        Provenance::Unknown => WhiteBalanceMethod::None,
     }
 }
 
 /// The recording's devices: streaming while they deliver.
-fn devices(s: &mut Snapshot, frame: &RigFrame) {
+fn devices(s: &mut Snapshot, p: &Published<'_>) {
+    let frame = &p.prepared.frame;
     if s.devices.is_empty() {
         s.devices = vec![
             Device::new("scene camera", DeviceKind::SceneCamera),
@@ -191,7 +208,7 @@ fn devices(s: &mut Snapshot, frame: &RigFrame) {
         ];
     }
     let delivering = [true, frame.environment.is_some(), frame.pose.is_some()];
-    for (device, delivers) in s.devices.iter_mut().zip(delivering) {
+    for ((device, delivers), rate) in s.devices.iter_mut().zip(delivering).zip(p.rates.devices()) {
         let state = if delivers {
             DeviceState::Streaming
         } else {
@@ -200,8 +217,8 @@ fn devices(s: &mut Snapshot, frame: &RigFrame) {
         if device.state != state {
             device.enter(state, None);
         }
-        if delivers {
-            device.received += 1;
-        }
+        device.received = rate.received;
+        device.per_second = rate.per_second;
+        device.last_age_ms = rate.last_age_ms;
     }
 }

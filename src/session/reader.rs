@@ -7,6 +7,7 @@ use super::info::{self, StreamInfo};
 use super::records::{self, Channel, op, records_in};
 use super::topics::{self, Camera, Role};
 use bytes::Bytes;
+use penumbra_interface::MonotonicTime;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -88,6 +89,16 @@ impl Session {
     #[must_use]
     pub fn damage(&self) -> &[SessionError] {
         &self.container.damage
+    }
+
+    /// Share of the recording, 0..=1, that has arrived by `at`; `None` when it has no length.
+    #[must_use]
+    pub fn share_played(&self, at: MonotonicTime) -> Option<f64> {
+        let chunks = self.container.chunks.iter().map(|chunk| &chunk.header);
+        let start = chunks.clone().map(|c| c.start_time).min()?;
+        let end = chunks.map(|c| c.end_time).max()?;
+        let passed = (i128::from(at.as_nanos()) - i128::from(start)) as f64;
+        (end > start).then(|| (passed / (end - start) as f64).clamp(0.0, 1.0))
     }
 
     /// Protocol of the recorded tracker bytes, such as `fastrak`; `None` if there are none.

@@ -95,7 +95,7 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     ),
     (
         "white_balance.method",
-        "Method in force: `chart`, `automatic`, `known-surface`, `configured` or `none`.",
+        "Method in force: `chart`, `automatic`, `known-surface`, `grey-world`, `same-camera`, `configured` or `none`.",
     ),
     (
         "white_balance.gains[]",
@@ -107,7 +107,7 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     ),
     (
         "white_balance.disagreement",
-        "Largest relative difference between the methods that have an estimate; null with fewer than two.",
+        "Largest relative difference between the methods that have measured, grey world aside; null with fewer than two.",
     ),
     (
         "white_balance.frozen",

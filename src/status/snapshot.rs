@@ -226,6 +226,10 @@ pub enum WhiteBalanceMethod {
     Automatic,
     /// A surface of known reflectance in the measured light.
     KnownSurface,
+    /// The scene's colours are taken to be grey on average: a guess.
+    GreyWorld,
+    /// The scene camera sees the environment itself: nothing to match.
+    SameCamera,
     /// Gains written in the config.
     Configured,
     /// None: the cameras are taken as they are.

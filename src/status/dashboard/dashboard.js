@@ -28,12 +28,14 @@ const STAGES = {
 };
 const METHODS = {
   chart: 'Colour chart', automatic: 'Automatic', 'known-surface': 'Known surface',
-  configured: 'Config file', none: 'None',
+  'grey-world': 'Grey world', 'same-camera': 'One camera', configured: 'Config file', none: 'None',
 };
 const METHOD_TEXTS = {
   chart: 'Matched with pictures of one colour chart taken by both cameras.',
   automatic: 'Matched with what both cameras see of the same surfaces.',
   'known-surface': 'Matched with a surface whose colour is known.',
+  'grey-world': 'Guessed: the scene is taken to be grey on average.',
+  'same-camera': 'One camera sees the scene and its light: there is nothing to match.',
   configured: 'Matched with the factors written in the config file.',
   none: 'The cameras are not matched: their pictures are taken as they come.',
 };

@@ -1,0 +1,130 @@
+//! How fast pictures are made and devices deliver, for the status.
+
+use super::feed::FeedCounts;
+use crate::status::times::{Histogram, RateMeter};
+use penumbra_interface::{Clock, MonotonicTime, SystemClock};
+use std::time::Duration;
+
+/// One device's deliveries.
+#[derive(Clone, Debug, Default)]
+struct Deliveries {
+    meter: RateMeter,
+    received: u64,
+    last: Option<MonotonicTime>,
+}
+
+impl Deliveries {
+    /// `received` in all, by `now`.
+    fn take(&mut self, received: u64, now: MonotonicTime) {
+        for _ in self.received..received {
+            self.meter.record(now);
+            self.last = Some(now);
+        }
+        self.received = received;
+    }
+}
+
+/// What [`Rates`] says of one device.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DeviceRate {
+    /// Deliveries since the start.
+    pub received: u64,
+    /// Deliveries per second of the last two.
+    pub per_second: f64,
+    /// Milliseconds since the last.
+    pub last_age_ms: Option<f64>,
+}
+
+/// Rates of pictures and devices by the machine's clock: a recording that is played slowly
+/// delivers slowly.
+#[derive(Debug)]
+pub struct Rates {
+    clock: SystemClock,
+    composed: RateMeter,
+    /// Scene camera, environment camera, tracker.
+    devices: [Deliveries; 3],
+    skew: Histogram,
+}
+
+impl Default for Rates {
+    fn default() -> Self {
+        Self {
+            clock: SystemClock::start(),
+            composed: RateMeter::default(),
+            devices: Default::default(),
+            skew: Histogram::default(),
+        }
+    }
+}
+
+impl Rates {
+    /// A picture was composed; `counts` came in so far, and its environment is
+    /// `skew_nanos` behind.
+    pub fn composed(&mut self, counts: &FeedCounts, skew_nanos: Option<i64>) {
+        let now = self.clock.now();
+        self.composed.record(now);
+        let received = [counts.scene_frames, counts.environment_frames, counts.poses];
+        for (device, received) in self.devices.iter_mut().zip(received) {
+            device.take(received, now);
+        }
+        if let Some(nanos) = skew_nanos {
+            self.skew.record(Duration::from_nanos(nanos.unsigned_abs()));
+        }
+    }
+
+    /// Pictures per second.
+    #[must_use]
+    pub fn pictures_per_second(&self) -> f64 {
+        self.composed.rate(self.clock.now())
+    }
+
+    /// Scene camera, environment camera, tracker.
+    #[must_use]
+    pub fn devices(&self) -> [DeviceRate; 3] {
+        let now = self.clock.now();
+        self.devices.each_ref().map(|device| DeviceRate {
+            received: device.received,
+            per_second: device.meter.rate(now),
+            last_age_ms: device.last.map(|last| now.seconds_since(last) * 1e3),
+        })
+    }
+
+    /// Median and 99th percentile of the environment's skew, milliseconds.
+    #[must_use]
+    pub fn skew_ms(&self) -> Option<[f64; 2]> {
+        let at = |quantile| self.skew.quantile(quantile).as_secs_f64() * 1e3;
+        (self.skew.count() > 0).then(|| [at(0.5), at(0.99)])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn deliveries_are_counted_once_and_by_their_number() {
+        let mut device = Deliveries::default();
+        for (received, seconds) in [(4, 0), (8, 1), (8, 2), (12, 3)] {
+            let now = MonotonicTime::default() + Duration::from_secs(seconds);
+            device.take(received, now);
+        }
+        assert_eq!(device.received, 12);
+        let now = MonotonicTime::default() + Duration::from_secs(3);
+        assert_eq!(device.last, Some(now));
+        // Eight of the twelve came after the window's first moment, over two seconds.
+        assert!(
+            (device.meter.rate(now) - 3.5).abs() < 1e-9,
+            "{}",
+            device.meter.rate(now)
+        );
+    }
+
+    #[test]
+    fn skew_is_known_from_the_first_pair_on() {
+        let mut rates = Rates::default();
+        assert_eq!(rates.skew_ms(), None);
+        rates.composed(&FeedCounts::default(), Some(50_000_000));
+        let [median, most] = rates.skew_ms().unwrap_or_default();
+        assert!((median - 50.0).abs() < 2.0 && (most - 50.0).abs() < 2.0);
+    }
+}
