@@ -5,6 +5,8 @@ mod support;
 
 use penumbra::status::LightsMode;
 use serde_json::Value;
+use std::io::{BufRead, BufReader};
+use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 use support::chromium::Chromium;
 use support::show::Show;
@@ -67,6 +69,69 @@ fn the_page_shows_moving_pictures_and_no_console_errors() {
     std::thread::sleep(Duration::from_secs(3));
     keep("desktop.png", &browser.screenshot(false));
     keep("desktop-whole.png", &browser.screenshot(true));
+    assert_eq!(browser.complaints(), [""; 0]);
+}
+
+/// The program itself, replaying the bundled session; killed when dropped.
+struct Program(Child);
+
+impl Program {
+    /// With the address that it told.
+    fn start() -> (Self, String) {
+        let session = concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/tests/fixtures/sessions/desk.mcap"
+        );
+        let mut child = Command::new(env!("CARGO_BIN_EXE_penumbra"))
+            .args(["replay", session, "--loop", "--headless"])
+            .args(["--light-count", "8", "--listen", "127.0.0.1:0"])
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut said = String::new();
+        let out = child.stdout.take().unwrap();
+        let program = Self(child);
+        BufReader::new(out).read_line(&mut said).unwrap();
+        let address = said.trim_end().strip_prefix("status page: ");
+        (program, address.unwrap().to_owned())
+    }
+}
+
+impl Drop for Program {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+#[test]
+fn a_replays_own_page_moves_and_its_settings_take_hold() {
+    let Some(mut browser) = browser("a_replays_own_page_moves_and_its_settings_take_hold") else {
+        return;
+    };
+    let (_program, address) = Program::start();
+    browser.resize(1280, 800);
+    browser.open(&address);
+    browser.wait_for("document.body.dataset.link === 'up'");
+    browser.wait_for("document.getElementById('picture').naturalWidth === 640");
+    browser.wait_for("document.getElementById('environment').naturalWidth >= 128");
+    browser.wait_for("parseFloat(document.getElementById('head-fps').textContent) > 0");
+    let first = picture_region(&mut browser);
+    std::thread::sleep(Duration::from_millis(900));
+    let second = picture_region(&mut browser);
+    let moved = share_that_differs(&first, &second);
+    assert!(moved > 0.01, "only {moved} of the picture moved");
+    // The red teapot goes when it is switched off.
+    let red = |picture: &image::RgbImage| {
+        let is_red = |p: &&image::Rgb<u8>| p[0] > 120 && p[0] / 2 > p[1].max(p[2]);
+        picture.pixels().filter(is_red).count()
+    };
+    assert!(red(&second) > 5000, "{} red pixels", red(&second));
+    browser.evaluate("document.querySelector('[name=virtual_object_visible]').click()");
+    std::thread::sleep(Duration::from_secs(2));
+    let without = picture_region(&mut browser);
+    keep("replay-without.png", &browser.screenshot(false));
+    assert!(red(&without) < 500, "{} red pixels", red(&without));
     assert_eq!(browser.complaints(), [""; 0]);
 }
 
