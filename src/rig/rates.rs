@@ -3,12 +3,20 @@
 use super::feed::FeedCounts;
 use crate::status::times::{Histogram, RateMeter};
 use penumbra_interface::{Clock, MonotonicTime, SystemClock};
+use std::collections::VecDeque;
 use std::time::Duration;
 
-/// One device's deliveries.
+/// Moments kept of each device.
+const KEPT: usize = 64;
+/// Rates are over so many seconds.
+const WINDOW_SECONDS: f64 = 2.0;
+
+/// One device's deliveries. They come in handfuls, one for each picture composed, so that
+/// their rate is told from counts and not from moments.
 #[derive(Clone, Debug, Default)]
 struct Deliveries {
-    meter: RateMeter,
+    /// When how many had been received, newest last.
+    known: VecDeque<(MonotonicTime, u64)>,
     received: u64,
     last: Option<MonotonicTime>,
 }
@@ -16,11 +24,28 @@ struct Deliveries {
 impl Deliveries {
     /// `received` in all, by `now`.
     fn take(&mut self, received: u64, now: MonotonicTime) {
-        for _ in self.received..received {
-            self.meter.record(now);
+        if received > self.received {
             self.last = Some(now);
         }
         self.received = received;
+        if self.known.len() == KEPT {
+            self.known.pop_front();
+        }
+        self.known.push_back((now, received));
+    }
+
+    fn per_second(&self, now: MonotonicTime) -> f64 {
+        let recent = |known: &&(MonotonicTime, u64)| now.seconds_since(known.0) <= WINDOW_SECONDS;
+        let (first, newest) = (self.known.iter().find(recent), self.known.back());
+        let (Some(first), Some(newest)) = (first, newest) else {
+            return 0.0;
+        };
+        let span = newest.0.seconds_since(first.0);
+        if span > 0.0 {
+            (newest.1 - first.1) as f64 / span
+        } else {
+            0.0
+        }
     }
 }
 
@@ -84,7 +109,7 @@ impl Rates {
         let now = self.clock.now();
         self.devices.each_ref().map(|device| DeviceRate {
             received: device.received,
-            per_second: device.meter.rate(now),
+            per_second: device.per_second(now),
             last_age_ms: device.last.map(|last| now.seconds_since(last) * 1e3),
         })
     }
@@ -111,12 +136,9 @@ mod tests {
         assert_eq!(device.received, 12);
         let now = MonotonicTime::default() + Duration::from_secs(3);
         assert_eq!(device.last, Some(now));
-        // Eight of the twelve came after the window's first moment, over two seconds.
-        assert!(
-            (device.meter.rate(now) - 3.5).abs() < 1e-9,
-            "{}",
-            device.meter.rate(now)
-        );
+        // Four of them in the last two seconds.
+        assert!((device.per_second(now) - 2.0).abs() < 1e-9);
+        assert!(device.per_second(now + Duration::from_secs(3)).abs() < 1e-9);
     }
 
     #[test]
