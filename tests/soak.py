@@ -15,6 +15,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 import urllib.request
 from pathlib import Path
@@ -83,7 +84,11 @@ def main() -> int:
     parser.add_argument("--allow-mb", type=float, default=8.0)
     a, more = parser.parse_known_args()
     port = free_port()
-    command = [str(a.penumbra), "replay", str(a.session), "--loop", "--headless", "--speed", "max", "--listen", f"127.0.0.1:{port}", *more]
+    # As fast as live pictures are made: the best pictures would take hours on a software driver.
+    config = tempfile.NamedTemporaryFile("w", suffix=".toml")
+    config.write('[shadows]\nsoft = false\nresolution = "quarter"\n')
+    config.flush()
+    command = [str(a.penumbra), "replay", str(a.session), "--config", config.name, "--loop", "--headless", "--speed", "max", "--listen", f"127.0.0.1:{port}", *more]
     process = subprocess.Popen(command)
     try:
         samples = sample(process, port, a.frames, a.every)

@@ -127,8 +127,8 @@ pub enum ShadowMode {
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum ShadowResolution {
-    /// `"auto"`: full on a GPU; on a software adapter a quarter, or half in a replay at full
-    /// speed.
+    /// `"auto"`: full on a GPU; on a software adapter a quarter, and full in a replay at
+    /// full speed.
     #[default]
     Auto,
     /// `"full"`: the picture's.

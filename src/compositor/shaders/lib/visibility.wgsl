@@ -19,10 +19,12 @@ fn lifted(world: vec3f, n: vec3f, n_dot_l: f32, texel: f32, own: f32) -> vec4f {
     return vec4f(world + n * (texel * (0.5 + 1.5 * slope)), 1.0);
 }
 
-// Points of a disc, evenly spread (Vogel 1979), turned by `turn`.
-fn disc(k: i32, count: i32, turn: f32) -> vec2f {
-    let angle = 2.39996323 * f32(k) + turn;
-    return sqrt((f32(k) + 0.5) / f32(count)) * vec2f(cos(angle), sin(angle));
+// Points of a disc, evenly spread (Vogel 1979), turned by the angle whose cosine and sine
+// are `turn`: compilers work out all but the turning once and for all.
+fn disc(k: i32, count: i32, turn: vec2f) -> vec2f {
+    let angle = 2.39996323 * f32(k);
+    let p = sqrt((f32(k) + 0.5) / f32(count)) * vec2f(cos(angle), sin(angle));
+    return vec2f(p.x * turn.x - p.y * turn.y, p.x * turn.y + p.y * turn.x);
 }
 
 // A shadow map's coordinates around a point of a surface: the point, and how far along
@@ -48,7 +50,7 @@ fn footing(u: vec4f, v: vec4f, d: vec4f, p: vec4f, n: vec3f, depth: f32) -> Foot
 // Share of the light's disc that is in sight: the blockers within the cone of the light
 // tell how far off they are and so how wide the penumbra is, then the map is compared over
 // that width (Fernando 2005).
-fn soft(maps: texture_depth_2d_array, i: u32, f: Footing, turn: f32) -> f32 {
+fn soft(maps: texture_depth_2d_array, i: u32, f: Footing, turn: vec2f) -> f32 {
     let spread = tan(lights[i].direction.w);
     let size = vec2f(textureDimensions(maps));
     let widest = spread * max(f.at.z, 0.0) * f.depth * f.across;
@@ -87,8 +89,9 @@ fn hard(maps: texture_depth_2d_array, i: u32, at: vec3f) -> f32 {
 }
 
 // Differs from pixel to pixel and from light to light, the same in every frame.
-fn turn_at(world: vec3f, i: u32) -> f32 {
-    return 6.2831853 * fract(52.9829189 * fract(dot(pixel_of(world).xy, vec2f(0.06711056, 0.00583715))) + 0.618034 * f32(i));
+fn turn_at(world: vec3f, i: u32) -> vec2f {
+    let angle = 6.2831853 * fract(52.9829189 * fract(dot(pixel_of(world).xy, vec2f(0.06711056, 0.00583715))) + 0.618034 * f32(i));
+    return vec2f(cos(angle), sin(angle));
 }
 
 // `own` = 1 on virtual surfaces, 0 on others.
