@@ -145,7 +145,7 @@ def judge(session: Path, a: argparse.Namespace, python: str) -> Result:
         view = blind_view(session, work / "rig")
         step([str(a.penumbra), "import", str(view), str(mcap), "--force"], log, "import")
         step([str(a.penumbra), "replay", str(mcap), "--headless", "--speed", "max", "--frames-out", str(frames),
-              "--report", str(report), *extra_arguments(a.extra, session.name)], log, "replay")
+              "--report", str(report), "--force", *extra_arguments(a.extra, session.name)], log, "replay")
     compare = a.truth / "compare.py"
     if not compare.exists():
         compare = ROOT / "../shared/truth/compare.py"
