@@ -193,7 +193,9 @@ fn the_sun_observed_all_day_is_where_the_lens_says() {
         errors.push(seen.angle_between(truth).to_degrees());
     }
     assert!(errors.len() > 400);
-    assert!(median(errors) < 0.1);
+    let median = median(errors);
+    println!("all-sky track, degrees from the sun: median {median:.3}");
+    assert!(median < 0.1);
 }
 
 #[test]
