@@ -70,8 +70,7 @@ fn light_thrown_back_brightens_the_region_and_nothing_else() {
                 ShadowMode::Ratio => red(&stage, 1.0 + 0.3 / arriving, 0.0),
                 ShadowMode::Subtract => red(&stage, 1.0, 0.3 / PI),
             };
-            // 128 pixels a metre at a distance of 1.2 m: the region is 53 pixels wide, and
-            // tiles are 16.
+            // 128 pixels a metre at a distance of 1.2 m: the region is 53 pixels wide.
             let (cx, cy) = (63, 48);
             let mut inside = 0;
             for (x, y) in (0..96).flat_map(|y| (0..128).map(move |x| (x, y))) {
@@ -103,4 +102,34 @@ fn without_virtual_objects_or_strength_it_is_not_there() {
     stage.pose = self::stage().pose;
     stage.strength = 0.0;
     assert_eq!(stage.compose().rgb(70, 60), [180, 150, 120]);
+}
+
+/// Probes behind a wall see another light than its front does.
+#[test]
+fn a_wall_is_lit_by_the_probes_in_front_of_it() {
+    let towards = Vec3::new(0.0, -1.0, 0.5).normalize();
+    let wall = primitives::cuboid(Vec3::new(0.4, 0.1, 0.25));
+    let mut stage = Stage::new(128, 96)
+        .with_virtual(part(
+            primitives::cuboid(Vec3::splat(0.02)),
+            DVec3::new(0.0, 0.2, 0.27),
+        ))
+        .with_phantom(part(wall, DVec3::new(0.0, 0.05, 0.0)))
+        .lit(lighting(vec![cell(towards, Vec3::ONE)], 0.0));
+    stage.pose = Some(crate::stage::looking_from(
+        DVec3::new(0.0, -0.8, 0.12),
+        DVec3::new(0.0, 0.0, 0.12),
+    ));
+    let mut near = even(Vec3::splat(0.3), Vec3::ZERO);
+    let [nx, ny, _] = VOLUME_SIZE;
+    for value in &mut near.change.volume {
+        let behind = |i: u32| i / nx % ny >= ny / 2;
+        for (v, _) in value.iter_mut().zip(0..).filter(|(_, i)| behind(*i)) {
+            *v = Vec3::ZERO;
+        }
+    }
+    stage.near = Some(near);
+    let expected = red(&stage, 1.0 + 0.3 / -towards.y, 0.0);
+    let code = stage.compose().rgb(64, 48)[0];
+    assert!(code.abs_diff(expected) <= 1, "{code} {expected}");
 }

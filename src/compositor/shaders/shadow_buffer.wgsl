@@ -115,7 +115,9 @@ fn near_irradiance(kind: f32, world: vec3f, n: vec3f) -> vec3f {
     }
     let face = 6.0 * kind + select(vec3f(0.0, 2.0, 4.0), vec3f(1.0, 3.0, 5.0), n < vec3f(0.0));
     let w = n * n;
-    return w.x * near_facing(face.x, at) + w.y * near_facing(face.y, at) + w.z * near_facing(face.z, at);
+    // Half a probe off the surface: those behind it are inside of things, or look elsewhere.
+    let off = at + 0.5 * n / (vec3f(textureDimensions(near_volume)) * vec3f(1.0 / 12.0, 1.0, 1.0));
+    return w.x * near_facing(face.x, off) + w.y * near_facing(face.y, off) + w.z * near_facing(face.z, off);
 }
 
 // Software drivers run a loop's body once more than it is gone through, with nothing to
