@@ -89,8 +89,9 @@ impl Cells {
         moved > 0.05
     }
 
-    /// One light per cell, in the order of the cells. With ground, each gives the ground
-    /// exactly what its texels do.
+    /// One light per cell, in the order of the cells. Its direction is that of the cell's vector
+    /// irradiance, so that every surface which sees the whole cell gets from it what its texels
+    /// give (by luminance); with ground, the ground exactly.
     pub fn lights(&self, texels: &[Vec3], grid: &CubeGrid, ground: bool) -> Vec<DomeLight> {
         let mut sums = vec![CellSum::default(); self.count];
         for (i, &cell) in self.cell_of.iter().enumerate() {
@@ -117,7 +118,7 @@ impl CellSum {
         let cosine = if ground { direction.z.max(0.0) } else { 1.0 };
         let y = radiance.dot(LUMINANCE).max(0.0);
         self.flux += radiance * (w * cosine);
-        self.centre += direction * (y * w * cosine);
+        self.centre += direction * (y * w);
         self.even_centre += direction * w;
         self.energy += y * w;
         self.squares += y * y * w;
