@@ -141,12 +141,12 @@ fn same_surface(pixel: vec2i, a: i32, b: i32) -> bool {
 
 // Real surfaces in shadow, where nothing virtual is in the tile.
 @vertex
-fn real_tile(@builtin(vertex_index) v: u32) -> TileVarying {
+fn real_tile(@builtin(vertex_index) v: u32) -> @builtin(position) vec4f {
     let t = v / 6u;
     let across = textureDimensions(phantom_tiles).x;
     let tile = vec2u(t % across, t / across);
     let shadowed = any(textureLoad(phantom_tiles, tile, 0).xy != vec2u(0u));
-    return tile_corner(v % 6u, tile, 1.0, shadowed && !tile_is_covered(tile));
+    return tile_corner(v % 6u, tile, NOTHING_VIRTUAL, shadowed && !tile_is_covered(tile));
 }
 
 // Kinds of pixels in tiles that virtual objects reach, as depths; draws for one kind only
@@ -156,27 +156,25 @@ const OUTLINE = 0.0;
 const NOTHING_VIRTUAL = 0.5;
 const WHOLE = 1.0;
 
-fn covered_tile(v: u32, depth: f32) -> TileVarying {
+fn covered_tile(v: u32, depth: f32) -> vec4f {
     let t = v / 6u;
     let across = textureDimensions(phantom_tiles).x;
     let tile = vec2u(t % across, t / across);
-    var corner = tile_corner(v % 6u, tile, 1.0, tile_is_covered(tile));
-    corner.position.z = depth;
-    return corner;
+    return tile_corner(v % 6u, tile, depth, tile_is_covered(tile));
 }
 
 @vertex
-fn background_tile(@builtin(vertex_index) v: u32) -> TileVarying {
+fn background_tile(@builtin(vertex_index) v: u32) -> @builtin(position) vec4f {
     return covered_tile(v, NOTHING_VIRTUAL);
 }
 
 @vertex
-fn outline_tile(@builtin(vertex_index) v: u32) -> TileVarying {
+fn outline_tile(@builtin(vertex_index) v: u32) -> @builtin(position) vec4f {
     return covered_tile(v, 0.5 * (OUTLINE + NOTHING_VIRTUAL));
 }
 
 @vertex
-fn whole_tile(@builtin(vertex_index) v: u32) -> TileVarying {
+fn whole_tile(@builtin(vertex_index) v: u32) -> @builtin(position) vec4f {
     return covered_tile(v, 0.5 * (NOTHING_VIRTUAL + WHOLE));
 }
 
@@ -199,8 +197,8 @@ fn background_at(pixel: vec2i, position: vec4f) -> vec4f {
 }
 
 @fragment
-fn real(in: TileVarying) -> @location(0) vec4f {
-    return background_at(vec2i(in.position.xy), in.position);
+fn real(@builtin(position) position: vec4f) -> @location(0) vec4f {
+    return background_at(vec2i(position.xy), position);
 }
 
 struct Background {
@@ -210,8 +208,8 @@ struct Background {
 
 // What is behind virtual objects, and of which kind the pixel is.
 @fragment
-fn background(in: TileVarying) -> Background {
-    let pixel = vec2i(in.position.xy);
+fn background(@builtin(position) position: vec4f) -> Background {
+    let pixel = vec2i(position.xy);
     var covered = 0;
     var alike = true;
     for (var s = 0; s < SAMPLES; s++) {
@@ -219,21 +217,21 @@ fn background(in: TileVarying) -> Background {
         alike &= same_surface(pixel, 0, s);
     }
     let kind = select(OUTLINE, WHOLE, alike & (covered == SAMPLES));
-    return Background(background_at(pixel, in.position), select(kind, NOTHING_VIRTUAL, covered == 0));
+    return Background(background_at(pixel, position), select(kind, NOTHING_VIRTUAL, covered == 0));
 }
 
 // Pixels that show one virtual surface.
 @fragment
-fn whole(in: TileVarying) -> @location(0) vec4f {
-    return encoded(shade(vec2i(in.position.xy), 0, true));
+fn whole(@builtin(position) position: vec4f) -> @location(0) vec4f {
+    return encoded(shade(vec2i(position.xy), 0, true));
 }
 
 // Pixels of which virtual objects cover a part, or show several surfaces.
 @fragment
-fn outline(in: TileVarying) -> @location(0) vec4f {
-    let pixel = vec2i(in.position.xy);
+fn outline(@builtin(position) position: vec4f) -> @location(0) vec4f {
+    let pixel = vec2i(position.xy);
     let code = textureLoad(camera, pixel, 0);
-    let factor = shadow_at(pixel, in.position);
+    let factor = shadow_at(pixel, position);
     var covered = 0;
     var first = 0;
     for (var s = SAMPLES - 1; s >= 0; s--) {

@@ -1,11 +1,6 @@
 // Tiles of the picture that a pass has work in; the others are not drawn at all. Software
 // drivers run both sides of every branch, so leaving pixels out is what saves time.
 
-struct TileVarying {
-    @builtin(position) position: vec4f,
-    @location(0) @interpolate(flat) tile: vec2u,
-}
-
 // One byte per tile: 0 where nothing virtual can be.
 fn tile_is_covered(tile: vec2u) -> bool {
     return textureLoad(covered_tiles, tile, 0).x != 0u;
@@ -16,13 +11,10 @@ fn tile_of(pixel: vec2i) -> vec2u {
     return vec2u(pixel) >> vec2u(frame.tiling.w);
 }
 
-// Corner `v` (0..5) of tile number `t`, in a target with `scale` picture pixels per texel;
-// nowhere when not `wanted`.
-fn tile_corner(v: u32, tile: vec2u, scale: f32, wanted: bool) -> TileVarying {
+// Corner `v` (0..5) of a tile at `depth`; nowhere when not `wanted`.
+fn tile_corner(v: u32, tile: vec2u, depth: f32, wanted: bool) -> vec4f {
     let o = vec2u(select(0u, 1u, v == 1u || v == 2u || v == 4u), select(0u, 1u, v >= 2u && v != 3u));
-    let size = ceil(frame.size.xy / scale);
-    let texel = vec2f(tile + o) * (f32(frame.tiling.y) / scale);
-    let ndc = vec2f(texel.x / size.x * 2.0 - 1.0, 1.0 - texel.y / size.y * 2.0);
-    let position = select(vec4f(2.0, 2.0, 2.0, 1.0), vec4f(ndc, 0.0, 1.0), wanted);
-    return TileVarying(position, tile);
+    let pixel = vec2f(tile + o) * f32(frame.tiling.y);
+    let ndc = vec2f(pixel.x / frame.size.x * 2.0 - 1.0, 1.0 - pixel.y / frame.size.y * 2.0);
+    return select(vec4f(2.0, 2.0, 2.0, 1.0), vec4f(ndc, depth, 1.0), wanted);
 }
