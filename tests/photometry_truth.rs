@@ -94,6 +94,7 @@ impl Session {
             arrived_at: MonotonicTime::default(),
             exposure: None,
             bracket_ev: 0.0,
+            controls: None,
         };
         Picture::decode(&frame, &YuvEncoding::default()).unwrap()
     }

@@ -27,6 +27,7 @@ fn record(path: &Path) {
             gain: 1.5,
         }),
         bracket_ev: 0.0,
+        controls: None,
     };
     let mut writer = SessionWriter::create(path).unwrap();
     writer.attach("rig.json", b"{}").unwrap();

@@ -17,6 +17,7 @@ fn frame(format: PixelFormat, width: u32, height: u32, data: impl Into<Bytes>) -
         arrived_at: MonotonicTime::default(),
         exposure: None,
         bracket_ev: 0.0,
+        controls: None,
     }
 }
 

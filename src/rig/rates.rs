@@ -74,7 +74,7 @@ pub struct Rates {
 impl Default for Rates {
     fn default() -> Self {
         Self {
-            clock: SystemClock::start(),
+            clock: SystemClock,
             composed: RateMeter::default(),
             devices: Default::default(),
             skew: Histogram::default(),

@@ -148,6 +148,7 @@ fn frame(
         arrived_at: context.arrived_at,
         exposure: context.exposure,
         bracket_ev: context.bracket_ev,
+        controls: None,
     }
 }
 

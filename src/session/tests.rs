@@ -27,6 +27,7 @@ fn picture(sequence: u64, arrived: i64, bracket_ev: f64) -> Frame {
         arrived_at: at(arrived),
         exposure: None,
         bracket_ev,
+        controls: None,
     }
 }
 
@@ -422,6 +423,7 @@ fn any_frame() -> impl Strategy<Value = Frame> {
                     gain,
                 }),
                 bracket_ev,
+                controls: None,
             }
         },
     )

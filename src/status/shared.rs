@@ -32,7 +32,7 @@ impl SharedStatus {
     /// A status whose settings, wished and in force, are `settings`.
     #[must_use]
     pub fn new(settings: Settings) -> Arc<Self> {
-        Self::with_clock(settings, Box::new(SystemClock::start()))
+        Self::with_clock(settings, Box::new(SystemClock))
     }
 
     /// The same with a time of one's own.

@@ -1,6 +1,6 @@
 //! A camera's picture as its bytes arrived.
 
-use crate::MonotonicTime;
+use crate::{ControlsInForce, MonotonicTime};
 use bytes::Bytes;
 
 /// How a frame's bytes spell a picture.
@@ -53,4 +53,7 @@ pub struct Frame {
     /// Bracketed exposure: stops relative to the camera's base exposure (0 = base,
     /// -4 = sixteen times darker).
     pub bracket_ev: f64,
+    /// The controls in force while it was exposed, in the device's units; `None` where the
+    /// device does not say. Shared between frames until one changes.
+    pub controls: Option<ControlsInForce>,
 }

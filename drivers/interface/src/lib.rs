@@ -5,12 +5,19 @@
 //! [`recovery`](DeviceError::recovery) tells the supervisor what to do. Nothing here
 //! does I/O, and nothing here knows of the GPU.
 
+mod camera;
 mod error;
 mod frame;
 mod pose;
 mod time;
+mod tracker;
 
+pub use camera::{
+    Camera, CameraCounters, CameraReport, ControlReport, ControlStanding, ControlsInForce,
+    StampSource, StreamMode, middle_of_exposure,
+};
 pub use error::{DeviceError, Recovery};
 pub use frame::{Exposure, Frame, PixelFormat};
 pub use pose::{PoseSample, RigidTransform};
 pub use time::{Clock, MonotonicTime, SystemClock};
+pub use tracker::{Tracker, TrackerBytes, TrackerReport};

@@ -64,24 +64,22 @@ pub trait Clock: Send + Sync {
     fn now(&self) -> MonotonicTime;
 }
 
-/// The machine's monotonic clock, counted from the moment this value was made.
-#[derive(Clone, Copy, Debug)]
-pub struct SystemClock {
-    started: std::time::Instant,
-}
-
-impl SystemClock {
-    /// A clock whose zero is now.
-    #[must_use]
-    pub fn start() -> Self {
-        Self {
-            started: std::time::Instant::now(),
-        }
-    }
-}
+/// `CLOCK_MONOTONIC`, as the kernel stamps buffers. Where there is none (Windows), time
+/// since the first reading.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct SystemClock;
 
 impl Clock for SystemClock {
+    #[cfg(unix)]
     fn now(&self) -> MonotonicTime {
-        MonotonicTime::default() + self.started.elapsed()
+        let time = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic);
+        let nanos = time.tv_sec.saturating_mul(1_000_000_000);
+        MonotonicTime(nanos.saturating_add(time.tv_nsec))
+    }
+
+    #[cfg(not(unix))]
+    fn now(&self) -> MonotonicTime {
+        static STARTED: std::sync::OnceLock<std::time::Instant> = std::sync::OnceLock::new();
+        MonotonicTime::default() + STARTED.get_or_init(std::time::Instant::now).elapsed()
     }
 }

@@ -223,6 +223,7 @@ fn write_item(
                 arrived_at,
                 exposure: None,
                 bracket_ev: *bracket_ev,
+                controls: None,
             };
             writer.frame(*camera, &frame)?;
         }

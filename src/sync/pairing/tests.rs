@@ -26,6 +26,7 @@ fn picture(captured: i64, arrived: i64, bracket_ev: f64) -> Frame {
         arrived_at: at(arrived),
         exposure: None,
         bracket_ev,
+        controls: None,
     }
 }
 
