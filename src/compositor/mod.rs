@@ -104,6 +104,7 @@ impl Compositor {
             samples: settings.samples,
             soft: settings.soft_samples.max(1),
             lamps: false,
+            fine: settings.shadow_step == 1,
         };
         let pipelines = Pipelines::new(device, &light_maps.frame_layout, &layouts, variant);
         Self {

@@ -5,8 +5,8 @@ use crate::scene::NearLight;
 use crate::scene::near_field::{GROUND_SIDE, VOLUME_SIZE};
 use half::f16;
 
-/// Two pictures of the ground side by side (what virtual objects change, what phantoms
-/// throw), and two times six volumes.
+/// Three pictures of the ground side by side (what virtual objects change, what phantoms
+/// throw without them and with them), and three times six volumes.
 pub struct NearMaps {
     ground: wgpu::Texture,
     volume: wgpu::Texture,
@@ -20,9 +20,9 @@ impl NearMaps {
         let ground = texture(
             device,
             wgpu::TextureDimension::D2,
-            [2 * GROUND_SIDE, GROUND_SIDE, 1],
+            [3 * GROUND_SIDE, GROUND_SIDE, 1],
         );
-        let volume = texture(device, wgpu::TextureDimension::D3, [12 * nx, ny, nz]);
+        let volume = texture(device, wgpu::TextureDimension::D3, [18 * nx, ny, nz]);
         let view = |t: &wgpu::Texture| t.create_view(&wgpu::TextureViewDescriptor::default());
         Self {
             ground_view: view(&ground),
@@ -34,18 +34,18 @@ impl NearMaps {
 
     /// Uploads a new state; `texels` is memory to be used again.
     pub fn write(&self, queue: &wgpu::Queue, light: &NearLight, texels: &mut Vec<[f16; 4]>) {
-        let both = [&light.change, &light.real];
+        let all = [&light.change, &light.real, &light.real_now];
         let side = GROUND_SIDE as usize;
-        if both.iter().all(|part| part.ground.len() == side * side) {
+        if all.iter().all(|part| part.ground.len() == side * side) {
             texels.clear();
-            for (y, part) in (0..side).flat_map(|y| both.map(|part| (y, part))) {
+            for (y, part) in (0..side).flat_map(|y| all.map(|part| (y, part))) {
                 let row = &part.ground[y * side..(y + 1) * side];
                 texels.extend(row.iter().map(|t| half_texel(t.to_array())));
             }
             upload(queue, &self.ground, texels);
         }
         let [nx, ny, nz] = VOLUME_SIZE.map(|n| n as usize);
-        let faces = || both.into_iter().flat_map(|part| &part.volume);
+        let faces = || all.into_iter().flat_map(|part| &part.volume);
         if faces().any(|face| face.len() != nx * ny * nz) {
             return;
         }

@@ -14,6 +14,7 @@ const SAMPLES: &str = include_str!("shaders/lib/samples.wgsl");
 const CODES: &str = include_str!("shaders/lib/codes.wgsl");
 const LIGHT_TEXEL: &str = include_str!("shaders/lib/light_texel.wgsl");
 const LAMPS: &str = include_str!("shaders/lib/lamps.wgsl");
+const EDGES: &str = include_str!("shaders/lib/edges.wgsl");
 const VISIBILITY: &str = include_str!("shaders/lib/visibility.wgsl");
 
 /// Most dome lights: as many as fit a uniform buffer of 64 KiB.
@@ -29,6 +30,9 @@ pub struct Variant {
     /// There are lamps. Without them their code is left out: software drivers run a loop's
     /// body once even where there is nothing to go through.
     pub lamps: bool,
+    /// The shadow buffer is as fine as the picture: edges of the real scene are looked at
+    /// pixel by pixel.
+    pub fine: bool,
 }
 
 impl Variant {
@@ -37,6 +41,7 @@ impl Variant {
         samples: 1,
         soft: 1,
         lamps: false,
+        fine: true,
     };
 }
 
@@ -73,6 +78,7 @@ pub fn all(variant: Variant) -> [(&'static str, String); 9] {
                     SURFACE,
                     SAMPLES,
                     LIGHT_TEXEL,
+                    EDGES,
                     VISIBILITY,
                     LAMPS,
                     include_str!("shaders/shadow_buffer.wgsl"),
@@ -115,6 +121,7 @@ pub fn all(variant: Variant) -> [(&'static str, String); 9] {
                     SAMPLES,
                     LIGHT_TEXEL,
                     CODES,
+                    EDGES,
                     LAMPS,
                     include_str!("shaders/composite.wgsl"),
                 ]),
@@ -151,6 +158,7 @@ fn sampled(text: String, variant: Variant) -> String {
         .replace("VIRTUAL_DEPTH", depth)
         .replace("SAMPLES", &variant.samples.to_string())
         .replace("SOFT", &variant.soft.to_string())
+        .replace("FINE", if variant.fine { "true" } else { "false" })
         .replace("LAMPED", if variant.lamps { "true" } else { "false" })
 }
 
@@ -178,6 +186,7 @@ mod tests {
                 samples,
                 soft,
                 lamps,
+                fine: soft > 1,
             }) {
                 let module = naga::front::wgsl::parse_str(&text)
                     .unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(&text)));

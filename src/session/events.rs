@@ -232,7 +232,7 @@ impl Events {
     }
 
     fn frame(
-        &self,
+        &mut self,
         camera: Camera,
         channel: &Channel,
         header: &MessageHeader,
@@ -244,14 +244,17 @@ impl Events {
             Some(Ok(ev)) if ev.is_finite() => ev,
             Some(_) => return Err(format!("{BRACKET_EV} {bracket:?} is no number")),
         };
-        let told = self.exposures.get(&camera).filter(|told| {
+        // Told of one image only: a camera counts from 0 again when it is opened anew.
+        let told = self.exposures.remove(&camera).filter(|told| {
             told.sequence as u32 == header.sequence && (told.bracket_ev - bracket_ev).abs() < 1e-9
         });
         let context = FrameContext {
-            sequence: told.map_or(u64::from(header.sequence), |told| told.sequence),
+            sequence: told
+                .as_ref()
+                .map_or(u64::from(header.sequence), |told| told.sequence),
             published_at: recorded_time(header.publish_time),
             arrived_at: recorded_time(header.log_time),
-            exposure: told.and_then(ExposureMessage::exposure),
+            exposure: told.as_ref().and_then(ExposureMessage::exposure),
             bracket_ev,
         };
         if channel.topic.contains("/image_raw") {

@@ -7,6 +7,7 @@ mod judge;
 mod lamps;
 mod near_light;
 mod present;
+mod real_edges;
 mod settings;
 mod shadows;
 mod soft_shadows;

@@ -19,6 +19,7 @@ fn even(change: Vec3, real: Vec3) -> NearLight {
         high: Vec3::new(0.25, 0.25, 0.3),
         change: fill(change),
         real: fill(real),
+        real_now: fill(real),
     }
 }
 

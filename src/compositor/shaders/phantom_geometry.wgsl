@@ -29,14 +29,14 @@ fn phantom_vertex(
 }
 
 // A number that neighbouring pixels of one smooth surface share: part and dominant axis of
-// the normal. Whole numbers up to 2048 are exact in half floats.
+// the normal. Up to 254: the shadow buffer keeps it with three more bits in a half float.
 fn surface_key(part: u32, n: vec3f) -> f32 {
     let a = abs(n);
     let along_x = select(0u, 2u, n.x < 0.0);
     let along_y = select(1u, 3u, n.y < 0.0);
     let along_z = select(4u, 5u, n.z < 0.0);
     let axis = select(select(along_y, along_x, a.x > a.y), along_z, a.z >= max(a.x, a.y));
-    return f32((part * 6u + axis) % 2040u + 1u);
+    return f32((part * 6u + axis) % 254u + 1u);
 }
 
 @fragment

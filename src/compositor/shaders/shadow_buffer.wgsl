@@ -93,15 +93,15 @@ fn by_normal(table: texture_2d<f32>, n: vec3f) -> vec3f {
 }
 
 fn near_facing(face: f32, at: vec3f) -> vec3f {
-    let size = vec3f(textureDimensions(near_volume)) * vec3f(1.0 / 12.0, 1.0, 1.0);
+    let size = vec3f(textureDimensions(near_volume)) * vec3f(1.0 / 18.0, 1.0, 1.0);
     // Half a probe from the walls, so that neighbouring volumes do not mix.
     let inside = clamp(at, 0.5 / size, 1.0 - 0.5 / size);
-    let uvw = vec3f((inside.x + face) / 12.0, inside.yz);
+    let uvw = vec3f((inside.x + face) / 18.0, inside.yz);
     return textureSampleLevel(near_volume, table_sampler, uvw, 0.0).rgb;
 }
 
 // Irradiance from close by: `kind` 0 = what virtual objects add, or, below zero, keep from
-// things beside them; 1 = what phantoms throw.
+// things beside them; 1 = what phantoms throw where nothing is virtual, 2 = as things are.
 fn near_irradiance(kind: f32, world: vec3f, n: vec3f) -> vec3f {
     let at = (world - frame.near_low.xyz) / (frame.near_high.xyz - frame.near_low.xyz);
     let margin = vec3f(0.0, 0.0, 0.02);
@@ -110,13 +110,13 @@ fn near_irradiance(kind: f32, world: vec3f, n: vec3f) -> vec3f {
     }
     if n.z > 0.99 && at.z < 0.02 {
         let half = 0.5 / f32(textureDimensions(near_ground).y);
-        let uv = vec2f((clamp(at.x, half, 1.0 - half) + kind) * 0.5, at.y);
+        let uv = vec2f((clamp(at.x, half, 1.0 - half) + kind) / 3.0, at.y);
         return textureSampleLevel(near_ground, table_sampler, uv, 0.0).rgb;
     }
     let face = 6.0 * kind + select(vec3f(0.0, 2.0, 4.0), vec3f(1.0, 3.0, 5.0), n < vec3f(0.0));
     let w = n * n;
     // Half a probe off the surface: those behind it are inside of things, or look elsewhere.
-    let off = at + 0.5 * n / (vec3f(textureDimensions(near_volume)) * vec3f(1.0 / 12.0, 1.0, 1.0));
+    let off = at + 0.5 * n / (vec3f(textureDimensions(near_volume)) * vec3f(1.0 / 18.0, 1.0, 1.0));
     return w.x * near_facing(face.x, off) + w.y * near_facing(face.y, off) + w.z * near_facing(face.z, off);
 }
 
@@ -141,7 +141,7 @@ fn lost_behind_virtual(masks: vec4u, world: vec3f, n: vec3f) -> vec3f {
         let i = at.light;
         let n_dot_l = facing(i, n);
         let blocked = 1.0 - virtual_visibility(i, world, n, n_dot_l, 0.0);
-        let real = phantom_visibility(i, world, n, n_dot_l, 1.0);
+        let real = phantom_visibility(i, world, n, 1.0);
         lost += lights[i].irradiance.rgb * (n_dot_l * blocked * real);
         continuing {
             at = next_light(at);
@@ -151,13 +151,18 @@ fn lost_behind_virtual(masks: vec4u, world: vec3f, n: vec3f) -> vec3f {
     return lost;
 }
 
-fn arriving_in_real(masks: vec4u, world: vec3f, n: vec3f) -> vec3f {
-    var sum = ground_irradiance(n) + by_normal(irradiance_of_lights, n) + near_irradiance(1.0, world, n);
+// What arrives where no phantom shadows the point.
+fn open_in_real(world: vec3f, n: vec3f) -> vec3f {
+    return ground_irradiance(n) + by_normal(irradiance_of_lights, n) + near_irradiance(1.0, world, n);
+}
+
+fn arriving_in_real(open: vec3f, masks: vec4u, world: vec3f, n: vec3f) -> vec3f {
+    var sum = open;
     var at = first_light(masks.zw);
     loop {
         let i = at.light;
         let n_dot_l = facing(i, n);
-        let blocked = 1.0 - phantom_visibility(i, world, n, n_dot_l, 1.0);
+        let blocked = 1.0 - phantom_visibility(i, world, n, 1.0);
         sum -= lights[i].irradiance.rgb * (n_dot_l * blocked);
         continuing {
             at = next_light(at);
@@ -178,10 +183,13 @@ fn phantom_shadow(@builtin(position) at: vec4f) -> @location(0) vec4f {
     // Less the light that virtual objects throw back.
     let lost = (lost_behind_virtual(masks, world, n) - near_irradiance(0.0, world, n)) * frame.params.x;
     let added = lamp_irradiance(world, n);
-    if all(lost == vec3f(0.0)) & all(added == vec3f(0.0)) {
-        return vec4f(unshadowed, surface.w);
+    // At full resolution real shadows are wanted beside virtual ones, too.
+    if !FINE & all(lost == vec3f(0.0)) & all(added == vec3f(0.0)) {
+        return vec4f(unshadowed, key_with_share(surface.w, -1.0));
     }
-    let arriving = max(arriving_in_real(masks, world, n), lost);
+    let open = open_in_real(world, n);
+    let arriving = max(arriving_in_real(open, masks, world, n), lost);
+    let share = arriving.g / max(open.g, 1e-6);
     // A shadow that the light says is black, and the picture says is not, would glow.
     var least = vec3f(1e-6);
     if LAMPED {
@@ -190,7 +198,7 @@ fn phantom_shadow(@builtin(position) at: vec4f) -> @location(0) vec4f {
     // (E − R + V) / E, and 1 in a channel without light.
     let change = lost - added;
     let factor = vec3f(1.0) - lost / max(arriving, vec3f(1e-6)) + added / max(arriving, least);
-    return vec4f(select(factor, change / PI, frame.counts.y == 1u), surface.w);
+    return vec4f(select(factor, change / PI, frame.counts.y == 1u), key_with_share(surface.w, share));
 }
 
 // First covered sample in the block of pixels that this texel stands for:
@@ -248,7 +256,7 @@ fn virtual_light(@builtin(position) position: vec4f) -> @location(0) vec4u {
         let i = at.light;
         let n_dot_l = facing(i, n);
         let open = virtual_visibility(i, world, n, n_dot_l, 1.0);
-        let seen = open * phantom_visibility(i, world, n, n_dot_l, 0.0);
+        let seen = open * phantom_visibility(i, world, n, 0.0);
         left -= lights[i].irradiance.rgb * (n_dot_l * (1.0 - seen));
         hidden += lights[i].irradiance.rgb * (n_dot_l * (1.0 - open) * (1.0 - lights[i].irradiance.w));
         continuing {
@@ -259,6 +267,6 @@ fn virtual_light(@builtin(position) position: vec4f) -> @location(0) vec4u {
     let albedo = base_colour(shape);
     let open_share = clamp(1.0 - hidden / max(cells, vec3f(1e-6)), vec3f(0.0), vec3f(1.0));
     left += cells * (with_bounces(open_share, albedo) - open_share);
-    left += near_irradiance(1.0, world, n) + lamp_irradiance(world, n);
+    left += near_irradiance(2.0, world, n) + lamp_irradiance(world, n);
     return packed_light(max(left, vec3f(0.0)), frame.eye.w / depth, n);
 }

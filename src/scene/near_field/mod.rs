@@ -9,12 +9,14 @@
 //! ambient cubes, McTaggart 2004).
 
 mod receivers;
+mod sides;
 mod surfels;
 
 use super::{Part, PhantomRays, Scene};
 use crate::environment::{Lighting, cube};
 use glam::Vec3;
 use receivers::{GroundGrid, Volume};
+use sides::Sides;
 use std::f32::consts::PI;
 use surfels::Surfels;
 
@@ -36,8 +38,10 @@ pub struct NearLight {
     pub high: Vec3,
     /// What virtual objects change.
     pub change: Irradiance,
-    /// What phantoms throw on what is beside them, virtual objects or not.
+    /// What phantoms throw on what is beside them, were there nothing virtual.
     pub real: Irradiance,
+    /// What they throw in the light that virtual objects leave them.
+    pub real_now: Irradiance,
 }
 
 /// Irradiance around the virtual objects, linear RGB.
@@ -57,6 +61,7 @@ pub type PhantomRadiance = [[Vec3; 6]];
 /// Everything that does not depend on the light.
 pub struct NearField {
     surfels: Surfels,
+    sides: Sides,
     ground: GroundGrid,
     volume: Volume,
     directions: Directions,
@@ -216,11 +221,28 @@ impl Obstacles {
 
     fn meet(&self, origin: Vec3, direction: Vec3) -> Met {
         let hit = self.rays.hit(origin, direction);
+        self.first(hit, self.virtual_parts, origin, direction)
+    }
+
+    /// What a ray meets where nothing is virtual.
+    fn meet_real(&self, origin: Vec3, direction: Vec3) -> Met {
+        let hit = self.real.hit(origin, direction);
+        self.first(hit, 0, origin, direction)
+    }
+
+    /// The nearer of a hit, whose part is virtual below `virtual_parts`, and the floor.
+    fn first(
+        &self,
+        hit: Option<super::Hit>,
+        virtual_parts: usize,
+        origin: Vec3,
+        direction: Vec3,
+    ) -> Met {
         let to_floor = self.floor.map(|f| (f - origin.z) / direction.z);
         let to_floor = to_floor.filter(|t| *t > 0.0 && direction.z < 0.0);
         match (hit, to_floor) {
             (Some(hit), t) if t.is_none_or(|t| hit.distance < t) => {
-                match hit.part.checked_sub(self.virtual_parts) {
+                match hit.part.checked_sub(virtual_parts) {
                     Some(part) => Met::Phantom(6 * part as u32 + side_of(hit.normal)),
                     None => Met::Virtual(hit),
                 }
@@ -251,6 +273,8 @@ impl NearField {
         let obstacles = Obstacles::new(scene, casters);
         let directions = Directions::new();
         let surfels = Surfels::new(casters, &obstacles, &directions, &region);
+        let phantoms: Vec<Part> = solid_phantoms(scene).cloned().collect();
+        let sides = Sides::new(&phantoms, &surfels, &obstacles, &directions, &region);
         let ground = GroundGrid::new(&obstacles, &surfels, &directions, &region);
         let volume = Volume::new(&obstacles, &surfels, &directions, &region);
         let light = NearLight {
@@ -260,6 +284,7 @@ impl NearField {
         };
         Some(Self {
             surfels,
+            sides,
             ground,
             volume,
             directions,
@@ -287,11 +312,16 @@ impl NearField {
             phantoms,
         };
         self.ground.shade(&self.directions);
-        self.surfels.shade(&self.directions, &self.ground, &light);
-        self.ground.lit(&self.surfels, &light, &mut self.light);
+        self.sides
+            .shade(&self.surfels, &self.ground, &self.directions, &light);
+        self.surfels
+            .shade(&self.directions, &self.ground, &self.sides, &light);
+        self.ground
+            .lit(&self.surfels, &self.sides, &light, &mut self.light);
         self.volume.lit(
             &self.surfels,
             &self.ground,
+            &self.sides,
             &self.directions,
             &light,
             &mut self.light,

@@ -1,5 +1,6 @@
 //! Where in the real scene the light of virtual objects arrives.
 
+use super::sides::Sides;
 use super::surfels::{Sighting, Surfels};
 use super::{Directions, GROUND_SIDE, Light, Met, NearLight, Obstacles, Region, VOLUME_SIZE};
 use glam::{UVec3, Vec2, Vec3};
@@ -84,20 +85,34 @@ impl GroundGrid {
     }
 
     /// Irradiance on every texel.
-    pub(super) fn lit(&self, surfels: &Surfels, light: &Light<'_>, near: &mut NearLight) {
+    pub(super) fn lit(
+        &self,
+        surfels: &Surfels,
+        sides: &Sides,
+        light: &Light<'_>,
+        near: &mut NearLight,
+    ) {
         let factor = |texel: &Texel| texel.window * PI / GATHERED as f32;
-        let hidden = |side: Option<u32>| side.map_or(Vec3::ZERO, |s| light.of_phantom(s));
+        let before = |side: u32| light.of_phantom(side);
+        let now = |side: u32| sides.radiance(side, light);
+        // Sides that are hidden now are among the phantoms' too, so what is taken away for
+        // them is what they would throw now.
         let change = |texel: &Texel| {
-            let each = texel.sightings.iter();
-            let each = each.map(|(s, side)| surfels.radiance(s, self, light) - hidden(*side));
-            each.sum::<Vec3>() * factor(texel)
+            let sightings = texel.sightings.iter().map(|(s, side)| {
+                surfels.radiance(s, self, sides, light) - side.map_or(Vec3::ZERO, now)
+            });
+            let dimmed = texel.phantoms.iter().map(|s| now(*s) - before(*s));
+            (sightings.sum::<Vec3>() + dimmed.sum::<Vec3>()) * factor(texel)
         };
-        let real = |texel: &Texel| {
-            let each = texel.phantoms.iter().map(|side| light.of_phantom(*side));
-            each.sum::<Vec3>() * factor(texel)
+        let thrown = |radiance: &dyn Fn(u32) -> Vec3| {
+            let each = |texel: &Texel| {
+                texel.phantoms.iter().map(|s| radiance(*s)).sum::<Vec3>() * factor(texel)
+            };
+            self.smoothed(&self.texels.iter().map(each).collect::<Vec<_>>())
         };
         near.change.ground = self.smoothed(&self.texels.iter().map(change).collect::<Vec<_>>());
-        near.real.ground = self.smoothed(&self.texels.iter().map(real).collect::<Vec<_>>());
+        near.real.ground = thrown(&before);
+        near.real_now.ground = thrown(&now);
     }
 
     fn smoothed(&self, raw: &[Vec3]) -> Vec<Vec3> {
@@ -230,12 +245,13 @@ impl Volume {
         &self,
         surfels: &Surfels,
         ground: &GroundGrid,
+        sides: &Sides,
         directions: &Directions,
         light: &Light<'_>,
         near: &mut NearLight,
     ) {
-        for volume in [&mut near.change.volume, &mut near.real.volume] {
-            for face in volume {
+        for part in [&mut near.change, &mut near.real, &mut near.real_now] {
+            for face in &mut part.volume {
                 face.clear();
                 face.resize(self.probes.len(), Vec3::ZERO);
             }
@@ -252,9 +268,10 @@ impl Volume {
                 let before = match hidden {
                     Hidden::Sky => Vec3::ZERO,
                     Hidden::Ground => light.floor,
-                    Hidden::Phantom(side) => light.of_phantom(*side),
+                    // Hidden sides are among the probe's phantoms too; see the ground.
+                    Hidden::Phantom(side) => sides.radiance(*side, light),
                 };
-                let now = surfels.radiance(sighting, ground, light);
+                let now = surfels.radiance(sighting, ground, sides, light);
                 add(&mut near.change.volume, *direction, now - before);
             }
             for (direction, texel) in &probe.ground {
@@ -262,11 +279,14 @@ impl Volume {
                 add(&mut near.change.volume, *direction, lost);
             }
             for (direction, side) in &probe.phantoms {
-                add(&mut near.real.volume, *direction, light.of_phantom(*side));
+                let (before, now) = (light.of_phantom(*side), sides.radiance(*side, light));
+                add(&mut near.change.volume, *direction, now - before);
+                add(&mut near.real.volume, *direction, before);
+                add(&mut near.real_now.volume, *direction, now);
             }
         }
-        for face in near.change.volume.iter_mut().chain(&mut near.real.volume) {
-            self.fill(face);
+        for part in [&mut near.change, &mut near.real, &mut near.real_now] {
+            part.volume.iter_mut().for_each(|face| self.fill(face));
         }
     }
 

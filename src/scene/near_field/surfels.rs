@@ -1,6 +1,7 @@
 //! Points on the virtual objects that receive and throw back light.
 
 use super::receivers::GroundGrid;
+use super::sides::Sides;
 use super::{Directions, Light, Met, Obstacles, Region};
 use crate::scene::{Hit, Material, Part, SceneTexture};
 use glam::Vec3;
@@ -148,11 +149,22 @@ impl Surfels {
         })
     }
 
+    /// The surfel that stands for a point.
+    pub(super) fn nearest(&self, hit: &Hit) -> Option<u32> {
+        nearest(&self.all, hit)
+    }
+
+    /// Radiance of a surfel as if all of it were thrown back evenly.
+    pub(super) fn spread(&self, i: u32) -> Vec3 {
+        self.spread[i as usize]
+    }
+
     /// Light under a new state of the dome; one bounce more of what was before.
     pub(super) fn shade(
         &mut self,
         directions: &Directions,
         ground: &GroundGrid,
+        sides: &Sides,
         light: &Light<'_>,
     ) {
         std::mem::swap(&mut self.before, &mut self.spread);
@@ -163,7 +175,7 @@ impl Surfels {
             let from_ground: Vec3 = surfel.ground.iter().map(on_ground).sum();
             let on_other = |(k, weight): &(u32, f32)| self.before[*k as usize] * *weight;
             let from_others: Vec3 = surfel.others.iter().map(on_other).sum();
-            let on_phantom = |(side, weight): &(u32, f32)| light.of_phantom(*side) * *weight;
+            let on_phantom = |(side, weight): &(u32, f32)| sides.radiance(*side, light) * *weight;
             let from_phantoms: Vec3 = surfel.phantoms.iter().map(on_phantom).sum();
             let arriving = (sky + from_ground + from_others + from_phantoms) / PI;
             let surface = &surfel.surface;
@@ -173,14 +185,20 @@ impl Surfels {
     }
 
     /// Radiance that leaves towards whoever had this sighting.
-    pub(super) fn radiance(&self, sighting: &Sighting, ground: &GroundGrid, light: &Light) -> Vec3 {
+    pub(super) fn radiance(
+        &self,
+        sighting: &Sighting,
+        ground: &GroundGrid,
+        sides: &Sides,
+        light: &Light<'_>,
+    ) -> Vec3 {
         let i = sighting.surfel as usize;
         let surface = &self.all[i].surface;
         let mirrored = match sighting.behind {
             Behind::Sky => light.from(sighting.mirror, surface.roughness),
             Behind::Ground(texel) => light.floor * ground.share(texel),
             Behind::Surfel(other) => self.spread[other as usize],
-            Behind::Phantom(side) => light.of_phantom(side),
+            Behind::Phantom(side) => sides.radiance(side, light),
         };
         self.radiance[i] + surface.f0 * mirrored
     }
@@ -208,7 +226,8 @@ fn scatter(parts: &[Part]) -> Vec<Surfel> {
     surfels
 }
 
-fn world_triangles(part: &Part) -> impl Iterator<Item = [Vec3; 3]> {
+/// A part's triangles in the world.
+pub fn world_triangles(part: &Part) -> impl Iterator<Item = [Vec3; 3]> {
     let corner = |i: &u32| {
         let vertex = part.mesh.vertices.get(*i as usize)?;
         Some(
@@ -221,17 +240,21 @@ fn world_triangles(part: &Part) -> impl Iterator<Item = [Vec3; 3]> {
     part.mesh.indices.chunks_exact(3).filter_map(triangle)
 }
 
-/// A point of the triangle, by a low-discrepancy sequence (Roberts' R2).
-fn surfel(t: &[Vec3; 3], index: usize, surface: Surface) -> Surfel {
-    let at = |k: f64| (0.5 + k * index as f64).fract() as f32;
+/// The `k`th of points that fill a triangle evenly (Roberts' R2).
+pub fn point_in(t: &[Vec3; 3], k: usize) -> Vec3 {
+    let at = |step: f64| (0.5 + step * k as f64).fract() as f32;
     let (u, v) = (at(0.754_877_666_246_693), at(0.569_840_290_998_053));
     let (u, v) = if u + v > 1.0 {
         (1.0 - u, 1.0 - v)
     } else {
         (u, v)
     };
+    t[0] + (t[1] - t[0]) * u + (t[2] - t[0]) * v
+}
+
+fn surfel(t: &[Vec3; 3], index: usize, surface: Surface) -> Surfel {
     Surfel {
-        position: t[0] + (t[1] - t[0]) * u + (t[2] - t[0]) * v,
+        position: point_in(t, index),
         normal: (t[1] - t[0]).cross(t[2] - t[0]).normalize_or(Vec3::Z),
         surface,
         sky: 0,

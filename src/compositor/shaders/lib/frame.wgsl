@@ -56,7 +56,7 @@ struct Light {
 @group(0) @binding(3) var irradiance_of_compact: texture_2d<f32>;
 @group(0) @binding(4) var table_sampler: sampler;
 // Irradiance from close by on the ground, and on surfaces in the air that face the six
-// axes: what virtual objects change, and beside it along x what phantoms throw.
+// axes: what virtual objects change, and beside it along x what phantoms throw, before it and after.
 @group(0) @binding(5) var near_ground: texture_2d<f32>;
 @group(0) @binding(6) var near_volume: texture_3d<f32>;
 

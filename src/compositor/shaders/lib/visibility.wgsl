@@ -104,10 +104,15 @@ fn virtual_visibility(i: u32, world: vec3f, n: vec3f, n_dot_l: f32, own: f32) ->
     return hard(virtual_maps, i, f.at);
 }
 
-// `own` = 1 on phantoms, 0 on others.
-fn phantom_visibility(i: u32, world: vec3f, n: vec3f, n_dot_l: f32, own: f32) -> f32 {
-    let p = lifted(world, n, n_dot_l, lights[i].scale.y, own);
-    let f = footing(lights[i].phantom_u, lights[i].phantom_v, lights[i].phantom_d, p, n, lights[i].scale.w);
+// `own` = 1 on phantoms, 0 on others. A phantom's own surface is kept out of its shadow by
+// a shift along the light, as much as its plane sinks across a texel: a lift off the
+// surface would move the rims of real shadows, by pixels where phantoms are wide and the
+// sun is low.
+fn phantom_visibility(i: u32, world: vec3f, n: vec3f, own: f32) -> f32 {
+    let p = vec4f(world, 1.0);
+    var f = footing(lights[i].phantom_u, lights[i].phantom_v, lights[i].phantom_d, p, n, lights[i].scale.w);
+    let sinks = dot(abs(f.slope), vec2f(1.0) / vec2f(textureDimensions(phantom_maps)));
+    f.at.z -= own * (sinks + 0.5 * lights[i].scale.y / max(lights[i].scale.w, 1e-6));
     if SOFT > 1 {
         return soft(phantom_maps, i, f, turn_at(world, i));
     }
