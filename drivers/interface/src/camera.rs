@@ -33,6 +33,9 @@ pub struct CameraReport {
     pub controls: Arc<[ControlReport]>,
     /// What happened so far.
     pub counters: CameraCounters,
+    /// What its user should know, a line each: a mode that is not quite the one asked for,
+    /// a habit of the camera that was worked around.
+    pub notes: Arc<[String]>,
 }
 
 /// Size, format and rate of a stream.
@@ -75,6 +78,9 @@ pub struct CameraCounters {
     pub damaged: u64,
     /// Good pictures passed over for a newer one.
     pub superseded: u64,
+    /// Good pictures of a bracketing camera that were dropped, because the exposure changed
+    /// about then, and which one they have is not certain.
+    pub unattributed: u64,
     /// Times that a control was found changed by somebody else.
     pub controls_changed: u64,
 }

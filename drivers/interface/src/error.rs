@@ -44,6 +44,24 @@ pub enum DeviceError {
         /// What was wrong.
         reason: String,
     },
+    /// Another program has the device.
+    #[error("{device}: in use by another program; close that one (`fuser -v {device}` names it)")]
+    Busy {
+        /// Path.
+        device: String,
+    },
+    /// The user may not use the device. Just after plugging in this passes, once udev has
+    /// given the device file to its group.
+    #[error(
+        "{device}: no permission; join its group: sudo usermod -aG {group} $USER, then log \
+         out and in"
+    )]
+    NotPermitted {
+        /// Path.
+        device: String,
+        /// Group that the device file belongs to.
+        group: String,
+    },
     /// The operating system refused.
     #[error("{device}: {reason}")]
     Refused {
@@ -60,9 +78,11 @@ impl DeviceError {
     pub fn recovery(&self) -> Recovery {
         match self {
             Self::Damaged { .. } => Recovery::Retry,
-            Self::NotFound { .. } | Self::Unplugged { .. } | Self::Silent { .. } => {
-                Recovery::Reopen
-            }
+            Self::NotFound { .. }
+            | Self::Unplugged { .. }
+            | Self::Silent { .. }
+            | Self::Busy { .. }
+            | Self::NotPermitted { .. } => Recovery::Reopen,
             Self::Refused { .. } => Recovery::Fatal,
         }
     }

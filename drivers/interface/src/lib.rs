@@ -8,7 +8,9 @@
 mod camera;
 mod error;
 mod frame;
+mod info;
 mod pose;
+mod settings;
 mod time;
 mod tracker;
 
@@ -18,6 +20,8 @@ pub use camera::{
 };
 pub use error::{DeviceError, Recovery};
 pub use frame::{Exposure, Frame, PixelFormat};
+pub use info::{CameraControl, CameraFormat, CameraInfo, CameraSize, SizeSteps, UsbIdentity};
 pub use pose::{PoseSample, RigidTransform};
+pub use settings::{BracketSettings, CameraSettings, OnChange};
 pub use time::{Clock, MonotonicTime, SystemClock};
 pub use tracker::{Tracker, TrackerBytes, TrackerReport};
