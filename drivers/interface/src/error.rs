@@ -36,6 +36,14 @@ pub enum DeviceError {
         /// How long, milliseconds.
         millis: u64,
     },
+    /// The device stopped working in a way that opening it again may mend.
+    #[error("{device}: stopped working ({reason}); opening it again")]
+    Broken {
+        /// Path or name.
+        device: String,
+        /// What failed.
+        reason: String,
+    },
     /// The device sent something that is no frame or record.
     #[error("{device}: damaged data ({reason})")]
     Damaged {
@@ -81,6 +89,7 @@ impl DeviceError {
             Self::NotFound { .. }
             | Self::Unplugged { .. }
             | Self::Silent { .. }
+            | Self::Broken { .. }
             | Self::Busy { .. }
             | Self::NotPermitted { .. } => Recovery::Reopen,
             Self::Refused { .. } => Recovery::Fatal,
