@@ -1,5 +1,6 @@
 //! A decoded picture in memory, and how a camera's bytes become one.
 
+mod bayer;
 mod coded;
 mod raw;
 
@@ -149,9 +150,11 @@ pub fn decode_into(
     match frame.format {
         PixelFormat::Jpeg => coded::decode_jpeg(&frame.data, picture),
         PixelFormat::Png => coded::decode_png(&frame.data, picture),
-        PixelFormat::Yuyv | PixelFormat::Nv12 | PixelFormat::Rgb8 | PixelFormat::Grey8 => {
-            raw::decode(frame, yuv, picture)
-        }
+        PixelFormat::Yuyv
+        | PixelFormat::Nv12
+        | PixelFormat::Rgb8
+        | PixelFormat::Grey8
+        | PixelFormat::Bayer8(_) => raw::decode(frame, yuv, picture),
     }
 }
 

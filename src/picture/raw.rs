@@ -1,6 +1,6 @@
-//! Uncompressed frames: YUYV, NV12, RGB8, Grey8.
+//! Uncompressed frames: YUYV, NV12, RGB8, Grey8, and where a mosaic's rows lie.
 
-use super::{Picture, PictureError};
+use super::{Picture, PictureError, bayer};
 use penumbra_interface::{Frame, PixelFormat};
 use serde::{Deserialize, Serialize};
 
@@ -97,6 +97,10 @@ pub(super) fn decode(
     let layout = Layout::of(frame)?;
     picture.resize(frame.width, frame.height)?;
     layout.check_length(frame)?;
+    if let PixelFormat::Bayer8(pattern) = frame.format {
+        bayer::demosaic(&frame.data, layout.stride, pattern, picture);
+        return Ok(());
+    }
     let row_bytes = 4 * frame.width as usize;
     let converter = Converter::new(yuv);
     let (luma, chroma) = frame.data.split_at(layout.plane.min(frame.data.len()));

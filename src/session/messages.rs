@@ -7,7 +7,9 @@ use foxglove::messages::{
 };
 use foxglove::{Decode, Encode};
 use glam::{DQuat, DVec3};
-use penumbra_interface::{Exposure, Frame, MonotonicTime, PixelFormat, PoseSample, RigidTransform};
+use penumbra_interface::{
+    BayerPattern, Exposure, Frame, MonotonicTime, PixelFormat, PoseSample, RigidTransform,
+};
 use serde::{Deserialize, Serialize};
 
 const NANOS_PER_SECOND: i64 = 1_000_000_000;
@@ -65,6 +67,7 @@ pub(super) fn raw_image(camera: Camera, frame: &Frame, stamp: Timestamp) -> RawI
         PixelFormat::Yuyv => ("yuyv", frame.width.saturating_mul(2)),
         PixelFormat::Nv12 => ("nv12", frame.width),
         PixelFormat::Rgb8 => ("rgb8", frame.width.saturating_mul(3)),
+        PixelFormat::Bayer8(pattern) => (bayer_name(pattern), frame.width),
         PixelFormat::Grey8 | PixelFormat::Jpeg | PixelFormat::Png => ("mono8", frame.width),
     };
     RawImage {
@@ -80,6 +83,21 @@ pub(super) fn raw_image(camera: Camera, frame: &Frame, stamp: Timestamp) -> RawI
         },
         data: frame.data.clone(),
     }
+}
+
+/// Encoding of a mosaic in `foxglove.RawImage`.
+const fn bayer_name(pattern: BayerPattern) -> &'static str {
+    match pattern {
+        BayerPattern::Rggb => "bayer_rggb8",
+        BayerPattern::Bggr => "bayer_bggr8",
+        BayerPattern::Grbg => "bayer_grbg8",
+        BayerPattern::Gbrg => "bayer_gbrg8",
+    }
+}
+
+fn bayer_pattern(encoding: &str) -> Option<BayerPattern> {
+    let named = |pattern: &BayerPattern| bayer_name(*pattern) == encoding;
+    BayerPattern::ALL.into_iter().find(named)
 }
 
 /// A frame from a `foxglove.CompressedImage`.
@@ -102,7 +120,10 @@ pub(super) fn frame_from_raw(data: Bytes, context: FrameContext) -> Result<Frame
         "nv12" => (PixelFormat::Nv12, u64::from(width), 3),
         "rgb8" => (PixelFormat::Rgb8, 3 * u64::from(width), 2),
         "mono8" | "8UC1" => (PixelFormat::Grey8, u64::from(width), 2),
-        other => return Err(format!("image encoding {other:?} is not supported")),
+        other => match bayer_pattern(other) {
+            Some(pattern) => (PixelFormat::Bayer8(pattern), u64::from(width), 2),
+            None => return Err(format!("image encoding {other:?} is not supported")),
+        },
     };
     let even = width % 2 == 0 && height % 2 == 0;
     let possible = match format {

@@ -4,7 +4,9 @@
 use super::*;
 use bytes::Bytes;
 use glam::{DQuat, DVec3};
-use penumbra_interface::{Exposure, Frame, MonotonicTime, PixelFormat, PoseSample, RigidTransform};
+use penumbra_interface::{
+    BayerPattern, Exposure, Frame, MonotonicTime, PixelFormat, PoseSample, RigidTransform,
+};
 use proptest::prelude::*;
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
@@ -383,6 +385,10 @@ fn any_frame() -> impl Strategy<Value = Frame> {
         PixelFormat::Nv12,
         PixelFormat::Rgb8,
         PixelFormat::Grey8,
+        PixelFormat::Bayer8(BayerPattern::Rggb),
+        PixelFormat::Bayer8(BayerPattern::Bggr),
+        PixelFormat::Bayer8(BayerPattern::Grbg),
+        PixelFormat::Bayer8(BayerPattern::Gbrg),
     ]);
     let exposure = prop::option::of((1.0..1e6, 0.5..64.0));
     let counter = prop_oneof![0..100_u64, any::<u64>()];
@@ -398,7 +404,7 @@ fn any_frame() -> impl Strategy<Value = Frame> {
                 PixelFormat::Yuyv => (6, 4, 12, 4),
                 PixelFormat::Nv12 => (6, 4, 6, 6),
                 PixelFormat::Rgb8 => (5, 3, 15, 3),
-                PixelFormat::Grey8 => (5, 3, 5, 3),
+                PixelFormat::Grey8 | PixelFormat::Bayer8(_) => (5, 3, 5, 3),
             };
             let padded = if width == 0 || padding == 0 {
                 0

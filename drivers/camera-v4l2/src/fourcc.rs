@@ -1,13 +1,17 @@
 //! The four letters by which V4L2 names formats.
 
-use penumbra_interface::PixelFormat;
+use penumbra_interface::{BayerPattern, PixelFormat};
 
 /// Formats that Penumbra reads, the better for measuring light first: uncompressed before
-/// JPEG, which quantises colour; grey last.
-pub(crate) const KNOWN: [([u8; 4], PixelFormat); 7] = [
+/// JPEG, which quantises colour; grey last. Bayer's letters: the kernel's `videodev2.h`.
+pub(crate) const KNOWN: [([u8; 4], PixelFormat); 11] = [
     (*b"YUYV", PixelFormat::Yuyv),
     (*b"NV12", PixelFormat::Nv12),
     (*b"RGB3", PixelFormat::Rgb8),
+    (*b"RGGB", PixelFormat::Bayer8(BayerPattern::Rggb)),
+    (*b"BA81", PixelFormat::Bayer8(BayerPattern::Bggr)),
+    (*b"GRBG", PixelFormat::Bayer8(BayerPattern::Grbg)),
+    (*b"GBRG", PixelFormat::Bayer8(BayerPattern::Gbrg)),
     (*b"MJPG", PixelFormat::Jpeg),
     (*b"JPEG", PixelFormat::Jpeg),
     (*b"GREY", PixelFormat::Grey8),
@@ -48,7 +52,7 @@ pub(crate) fn tight(format: PixelFormat, width: u32, height: u32) -> Option<(u32
         PixelFormat::Yuyv => Some((width.saturating_mul(2), height)),
         PixelFormat::Rgb8 => Some((width.saturating_mul(3), height)),
         PixelFormat::Nv12 => Some((width, height.saturating_add(height / 2))),
-        PixelFormat::Grey8 => Some((width, height)),
+        PixelFormat::Grey8 | PixelFormat::Bayer8(_) => Some((width, height)),
     }
 }
 

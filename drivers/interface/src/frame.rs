@@ -18,6 +18,37 @@ pub enum PixelFormat {
     Rgb8,
     /// One grey byte a pixel.
     Grey8,
+    /// One byte a pixel, of one colour: a sensor's raw mosaic.
+    Bayer8(BayerPattern),
+}
+
+/// Colours of the four pixels that a mosaic repeats, by rows from the top left.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum BayerPattern {
+    /// R G over G B.
+    Rggb,
+    /// B G over G R.
+    Bggr,
+    /// G R over B G.
+    Grbg,
+    /// G B over R G.
+    Gbrg,
+}
+
+impl BayerPattern {
+    /// All four.
+    pub const ALL: [Self; 4] = [Self::Rggb, Self::Bggr, Self::Grbg, Self::Gbrg];
+
+    /// Column and row, 0 or 1, of red in the repeated square; blue is diagonally opposite.
+    #[must_use]
+    pub const fn red(self) -> (u32, u32) {
+        match self {
+            Self::Rggb => (0, 0),
+            Self::Grbg => (1, 0),
+            Self::Gbrg => (0, 1),
+            Self::Bggr => (1, 1),
+        }
+    }
 }
 
 /// What the camera says its sensor did for a frame.

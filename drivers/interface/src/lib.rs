@@ -19,7 +19,7 @@ pub use camera::{
     StampSource, StreamMode, middle_of_exposure,
 };
 pub use error::{DeviceError, Recovery};
-pub use frame::{Exposure, Frame, PixelFormat};
+pub use frame::{BayerPattern, Exposure, Frame, PixelFormat};
 pub use info::{CameraControl, CameraFormat, CameraInfo, CameraSize, SizeSteps, UsbIdentity};
 pub use pose::{PoseSample, RigidTransform};
 pub use settings::{BracketSettings, CameraSettings, OnChange};
