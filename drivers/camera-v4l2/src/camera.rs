@@ -1,8 +1,8 @@
 //! A camera that streams: the buffer loop, the contract about controls and the bracketing
 //! put together.
 
-use crate::bracket::{self, Bracketing};
-use crate::brightness::Brightness;
+mod cycled;
+
 use crate::contract::Contract;
 use crate::fourcc;
 use crate::identity::{self, Roots};
@@ -10,12 +10,12 @@ use crate::kernel::Node;
 use crate::mode;
 use crate::stream::{Layout, Next, Stream, Taken};
 use crate::trouble;
-use crate::video::{Capabilities, ControlDescription, Geometry, Modes, Video, is_gone};
+use crate::video::{Capabilities, Geometry, Modes, Video};
+use cycled::Cycled;
 use penumbra_interface::{
-    Camera, CameraCounters, CameraReport, CameraSettings, Clock, ControlsInForce, DeviceError,
-    Exposure, Frame, StreamMode, middle_of_exposure,
+    Camera, CameraCounters, CameraReport, CameraSettings, Clock, DeviceError, Frame, StreamMode,
+    middle_of_exposure,
 };
-use rustix::io::Errno;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
@@ -67,16 +67,6 @@ pub(crate) struct V4l2Camera<V: Video> {
     notes: Vec<String>,
 }
 
-/// A camera's exposures are cycled.
-struct Cycled {
-    bracketing: Bracketing,
-    control: ControlDescription,
-    brightness: Brightness,
-    /// The controls in force with each step, as of a revision of the contract.
-    in_force: Vec<ControlsInForce>,
-    revision: u64,
-}
-
 impl<V: Video> V4l2Camera<V> {
     /// Sets up and starts: mode, controls, stream, and the controls again, because some
     /// cameras forget them when their stream starts.
@@ -112,6 +102,11 @@ impl<V: Video> V4l2Camera<V> {
         contract
             .apply(&mut stream.video)
             .map_err(failed("setting controls"))?;
+        if let Some(cycled) = &cycled {
+            cycled
+                .restart(&mut stream.video)
+                .map_err(failed("setting the base exposure"))?;
+        }
         contract.watch(&mut stream.video);
         Ok(Self {
             who,
@@ -172,11 +167,7 @@ impl<V: Video> V4l2Camera<V> {
 
     fn notes(&self) -> Arc<[String]> {
         let mut notes = self.notes.clone();
-        notes.extend(
-            self.cycled
-                .as_ref()
-                .and_then(|c| c.bracketing.finding.clone()),
-        );
+        notes.extend(self.cycled.as_ref().and_then(|c| c.finding()));
         if self.stream.unended > 0 {
             notes.push("its JPEGs have no end marker; it was added".to_owned());
         }
@@ -223,114 +214,6 @@ impl<V: Video> Camera for V4l2Camera<V> {
             },
             notes: self.notes(),
         }
-    }
-}
-
-impl Cycled {
-    /// Tries the exposures of the settings' cycle: what the camera makes of each is what
-    /// its frames are labelled with.
-    fn prepare(
-        video: &mut impl Video,
-        contract: &mut Contract,
-        settings: &CameraSettings,
-        device: &str,
-    ) -> Result<Option<Self>, DeviceError> {
-        let Some(wanted) = &settings.bracket else {
-            return Ok(None);
-        };
-        let control = contract
-            .exposure_control()
-            .filter(|_| contract.exposure_is_fixed());
-        let base = contract.value(crate::contract::EXPOSURE);
-        let (Some(control), Some(base)) = (control, base) else {
-            let reason = "bracketing needs the control exposure_time_absolute, and \
-                          auto_exposure = 1 among the locked ones";
-            return Err(refused(device, reason.to_owned()));
-        };
-        let mut taken = Vec::new();
-        let mut values = bracket::exposures(wanted, base);
-        values.push(base);
-        for value in values {
-            let value = value.clamp(control.min, control.max.max(control.min));
-            let tried = set_exposure(video, &control, value);
-            taken.push(tried.map_err(|e| trouble::on_setup(device, "trying exposures", e))?);
-        }
-        let steps = bracket::steps(&taken, base);
-        let listed: Vec<i64> = steps.iter().map(|step| step.exposure).collect();
-        let bracketing = Bracketing::new(wanted, steps).ok_or_else(|| {
-            let range = (control.min, control.max);
-            refused(device, format!(
-                "bracketing: of the stops {:?} the camera makes the exposures {listed:?} (range \
-                 {} to {}); two different ones are needed",
-                wanted.stops, range.0, range.1
-            ))
-        })?;
-        contract.exposure_is_cycled = true;
-        Ok(Some(Self {
-            bracketing,
-            control,
-            brightness: Brightness::default(),
-            in_force: Vec::new(),
-            revision: u64::MAX,
-        }))
-    }
-
-    /// What a picture was exposed with; sets the next exposure when its time has come.
-    fn label(
-        &mut self,
-        taken: &Taken,
-        layout: &Layout,
-        contract: &Contract,
-        video: &mut impl Video,
-    ) -> rustix::io::Result<Option<(Exposure, f64, ControlsInForce)>> {
-        let stops = self
-            .bracketing
-            .wants_brightness()
-            .then(|| self.brightness.stops(layout, &taken.data))
-            .flatten();
-        let answer = self.bracketing.take(taken.sequence, stops);
-        if let Some(step) = answer.set {
-            let exposure = self.bracketing.steps()[step].exposure;
-            match video.set_control(self.control.id, self.control.kind, exposure) {
-                Ok(()) => self.bracketing.was_set(taken.sequence, step),
-                Err(error) if is_gone(error) => return Err(error),
-                // A transfer that failed is due again with the next frame.
-                Err(_) => {}
-            }
-        }
-        let Some(step) = answer.step else {
-            return Ok(None);
-        };
-        let label = self.bracketing.steps()[step];
-        let controls = self.controls(contract, step);
-        Ok(Some((
-            contract.exposure_at(label.exposure),
-            label.ev,
-            controls,
-        )))
-    }
-
-    fn controls(&mut self, contract: &Contract, step: usize) -> ControlsInForce {
-        if self.revision != contract.revision {
-            self.revision = contract.revision;
-            let steps = self.bracketing.steps().iter();
-            self.in_force = steps
-                .map(|step| contract.in_force_at(step.exposure))
-                .collect();
-        }
-        Arc::clone(&self.in_force[step])
-    }
-}
-
-/// Sets an exposure and says which one the camera took.
-fn set_exposure(
-    video: &mut impl Video,
-    control: &ControlDescription,
-    value: i64,
-) -> rustix::io::Result<i64> {
-    match video.set_control(control.id, control.kind, value) {
-        Ok(()) | Err(Errno::RANGE) => video.control(control.id, control.kind),
-        Err(error) => Err(error),
     }
 }
 

@@ -19,7 +19,8 @@ pub(crate) struct Timing {
 /// A cycle of exposures, by their place in the settings' list.
 #[derive(Clone, Debug)]
 pub(crate) struct Cycle {
-    steps: usize,
+    /// Whether each step has had a certain frame since it was last set.
+    seen: Vec<bool>,
     hold: u64,
     timing: Timing,
     /// From which frame on which step applies: the one in force, then those to come.
@@ -40,7 +41,7 @@ impl Cycle {
     ) -> Self {
         let hold = hold.max(timing.guard + 1);
         Self {
-            steps,
+            seen: vec![true; steps],
             hold,
             timing,
             changes: VecDeque::from([(0, first)]),
@@ -60,19 +61,23 @@ impl Cycle {
         }
         let (from, step) = *self.changes.front()?;
         let certain = from == 0 || sequence >= from + self.timing.guard;
+        self.seen[step] |= certain;
         certain.then_some(step)
     }
 
     /// The step to be set now that frame `sequence` was received, if one is due.
     pub(crate) fn due(&self, sequence: u64) -> Option<usize> {
-        let is_due = self.steps > 1 && sequence >= self.due_after;
-        is_due.then_some((self.current + 1) % self.steps)
+        let is_due = self.seen.len() > 1 && sequence >= self.due_after;
+        is_due.then_some((self.current + 1) % self.seen.len())
     }
 
     /// The step was set after frame `sequence` was received.
     pub(crate) fn was_set(&mut self, sequence: u64, step: usize) {
         self.current = step;
-        self.due_after = sequence + self.hold;
+        // A step that had none last time is kept longer: frames that are lost in the rhythm of
+        // the cycle would take the same step every time.
+        let more = u64::from(!std::mem::replace(&mut self.seen[step], false));
+        self.due_after = sequence + self.hold + more;
         self.changes
             .push_back((sequence + 1 + self.timing.lag, step));
     }

@@ -105,6 +105,10 @@ impl Bracketing {
         &self.steps
     }
 
+    pub(crate) fn base(&self) -> Step {
+        self.steps[self.base]
+    }
+
     /// Whether [`Self::take`] needs the brightness of the pictures.
     pub(crate) const fn wants_brightness(&self) -> bool {
         !self.lag_is_known

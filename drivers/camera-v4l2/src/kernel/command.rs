@@ -105,8 +105,8 @@ mod tests {
 
     #[test]
     fn opcodes_are_those_of_the_c_header() {
-        assert_eq!(DQBUF.opcode as u32, 0xc058_5611);
-        assert_eq!(DQEVENT.opcode as u32, 0x8088_5659);
-        assert_eq!(SUBSCRIBE_EVENT.opcode as u32, 0x4020_565a);
+        assert_eq!(DQBUF.opcode, 0xc058_5611);
+        assert_eq!(DQEVENT.opcode, 0x8088_5659);
+        assert_eq!(SUBSCRIBE_EVENT.opcode, 0x4020_565a);
     }
 }

@@ -1,1 +1,122 @@
+#![allow(clippy::unwrap_used)]
 
+use super::*;
+use crate::testing::format;
+
+/// A usual webcam: uncompressed in full rate only when small.
+fn webcam() -> Vec<CameraFormat> {
+    vec![
+        format(
+            b"MJPG",
+            &[(1920, 1080, 30.0), (1280, 720, 60.0), (640, 480, 60.0)],
+        ),
+        format(
+            b"YUYV",
+            &[(1920, 1080, 5.0), (1280, 720, 10.0), (640, 480, 30.0)],
+        ),
+        format(b"H264", &[(1920, 1080, 30.0)]),
+    ]
+}
+
+fn present() -> Geometry {
+    Geometry {
+        width: 640,
+        height: 480,
+        ..Geometry::default()
+    }
+}
+
+fn chosen(settings: &CameraSettings) -> Result<(String, u32, u32), String> {
+    let mode = choose(&webcam(), settings, &present())?;
+    Ok((fourcc::text(mode.fourcc), mode.width, mode.height))
+}
+
+fn sized(width: u32, height: u32, rate: Option<f64>) -> CameraSettings {
+    CameraSettings {
+        width,
+        height,
+        frames_per_second: rate,
+        ..CameraSettings::default()
+    }
+}
+
+#[test]
+fn uncompressed_where_the_rate_allows_it() {
+    let mode = |settings| chosen(&settings).unwrap().0;
+    assert_eq!(
+        chosen(&sized(0, 0, None)).unwrap(),
+        ("YUYV".into(), 640, 480)
+    );
+    assert_eq!(mode(sized(640, 480, Some(60.0))), "MJPG");
+    assert_eq!(mode(sized(1280, 720, None)), "MJPG");
+    assert_eq!(mode(sized(1280, 720, Some(10.0))), "YUYV");
+    assert_eq!(mode(sized(640, 480, Some(29.97))), "YUYV");
+}
+
+#[test]
+fn the_fastest_where_none_is_fast_enough() {
+    assert_eq!(chosen(&sized(1920, 1080, Some(120.0))).unwrap().0, "MJPG");
+}
+
+#[test]
+fn the_users_order_of_formats_counts() {
+    let mut settings = sized(640, 480, Some(30.0));
+    settings.formats = vec![PixelFormat::Jpeg, PixelFormat::Yuyv];
+    assert_eq!(chosen(&settings).unwrap().0, "MJPG");
+    settings.formats = vec![PixelFormat::Nv12, PixelFormat::Yuyv];
+    assert_eq!(chosen(&settings).unwrap().0, "YUYV");
+}
+
+#[test]
+fn a_mode_that_is_not_offered_says_which_are() {
+    let mut settings = sized(800, 600, None);
+    let error = chosen(&settings).unwrap_err();
+    assert!(
+        error.starts_with("no readable format at 800×600; it offers MJPG 1920×1080"),
+        "{error}"
+    );
+    assert!(
+        error.contains("H264 (not read by Penumbra) 1920×1080"),
+        "{error}"
+    );
+    settings.formats = vec![PixelFormat::Grey8];
+    assert!(
+        chosen(&settings)
+            .unwrap_err()
+            .starts_with("no Grey8 at 800×600")
+    );
+}
+
+#[test]
+fn sizes_in_steps_and_drivers_that_list_none() {
+    let mut stepwise = format(b"NV12", &[(1920, 1080, 30.0)]);
+    stepwise.sizes[0].steps = Some(SizeSteps {
+        min_width: 32,
+        min_height: 32,
+        step_width: 16,
+        step_height: 2,
+    });
+    let fits = |width, height| choose(&[stepwise.clone()], &sized(width, height, None), &present());
+    assert!(fits(640, 482).is_ok());
+    assert!(fits(640, 481).is_err());
+    assert!(fits(16, 32).is_err());
+    assert!(fits(1936, 1080).is_err());
+    let silent = format(b"GREY", &[]);
+    assert!(choose(&[silent], &sized(123, 45, None), &present()).is_ok());
+}
+
+#[test]
+fn another_size_or_rate_than_asked_for_is_said() {
+    let wanted = Geometry {
+        frames_per_second: Some(30.0),
+        ..present()
+    };
+    let settings = sized(640, 480, Some(30.0));
+    assert_eq!(difference(&settings, &wanted, &wanted), None);
+    let slow = Geometry {
+        frames_per_second: Some(15.0),
+        ..wanted
+    };
+    let said = difference(&settings, &wanted, &slow).unwrap();
+    assert!(said.ends_with("at 15.0 instead of 30.0 frames/s"), "{said}");
+}

@@ -1,0 +1,364 @@
+//! The driver on the kernel's own video devices.
+//!
+//! `PENUMBRA_TEST_CAMERA` names the camera (any name that settings take); without it every
+//! test here is skipped, and says so. vivid (a simulated camera of the kernel, with faults
+//! on request) and uvcvideo cameras are told apart by what they offer.
+#![cfg(target_os = "linux")]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use penumbra_camera_v4l2::{BracketSettings, CameraInfo, CameraSettings, OnChange};
+use penumbra_camera_v4l2::{list_cameras, open};
+use penumbra_interface::{
+    Camera, ControlStanding, DeviceError, Frame, PixelFormat, Recovery, SystemClock,
+};
+use std::collections::BTreeSet;
+use std::fs::File;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// A guest under software emulation is slow.
+const PATIENCE: Duration = Duration::from_secs(20);
+const WAIT: Duration = Duration::from_millis(500);
+
+const BRIGHTNESS: u32 = 0x0098_0900;
+/// vivid's faults (drivers/media/test-drivers/vivid/vivid-ctrls.c).
+const DROPPED_BUFFERS: u32 = 0x00f0_f040;
+const DISCONNECT: u32 = 0x00f0_f041;
+const ERROR_FLAG: u32 = 0x00f0_f042;
+
+/// One camera serves one test at a time.
+static ALONE: Mutex<()> = Mutex::new(());
+
+/// The camera under test and its turn; `None` after having said why not.
+fn camera(test: &str, needs: &str) -> Option<(CameraInfo, MutexGuard<'static, ()>)> {
+    let Ok(device) = std::env::var("PENUMBRA_TEST_CAMERA") else {
+        println!("SKIPPED {test}: PENUMBRA_TEST_CAMERA names no camera");
+        return None;
+    };
+    let turn = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let names = |c: &CameraInfo| {
+        [
+            Some(&c.identity),
+            Some(&c.node),
+            c.by_id.as_ref(),
+            c.by_path.as_ref(),
+        ]
+        .into_iter()
+        .flatten()
+        .any(|name| *name == device)
+    };
+    let found = list_cameras().into_iter().find(names);
+    let info = found.unwrap_or_else(|| panic!("{device} is not among the cameras"));
+    let offers = |name: &str| info.controls.iter().any(|c| c.name == name);
+    if !needs.is_empty() && info.driver != needs && !offers(needs) {
+        println!("SKIPPED {test}: {device} ({}) has no {needs}", info.driver);
+        return None;
+    }
+    Some((info, turn))
+}
+
+/// A mode that emulation can keep up with.
+fn settings(info: &CameraInfo) -> CameraSettings {
+    let readable = info
+        .formats
+        .iter()
+        .find(|f| f.usable && !f.sizes.is_empty())
+        .unwrap();
+    let smallest = readable
+        .sizes
+        .iter()
+        .min_by_key(|s| s.width * s.height)
+        .unwrap();
+    CameraSettings {
+        device: info.identity.clone(),
+        width: smallest.width,
+        height: smallest.height,
+        silence: Duration::from_secs(4),
+        ..CameraSettings::default()
+    }
+}
+
+fn start(settings: &CameraSettings) -> Box<dyn Camera> {
+    open(settings, Arc::new(SystemClock)).unwrap()
+}
+
+fn frame(camera: &mut dyn Camera) -> Frame {
+    let began = Instant::now();
+    while began.elapsed() < PATIENCE {
+        if let Some(frame) = camera.next_frame(WAIT).unwrap() {
+            return frame;
+        }
+    }
+    panic!("no frame in {PATIENCE:?}");
+}
+
+/// Reads until the camera fails.
+fn failure(camera: &mut dyn Camera) -> DeviceError {
+    let began = Instant::now();
+    while began.elapsed() < PATIENCE {
+        if let Err(error) = camera.next_frame(WAIT) {
+            return error;
+        }
+    }
+    panic!("no failure in {PATIENCE:?}");
+}
+
+/// Sets a control as another program would: through a file of its own.
+fn meddle(info: &CameraInfo, id: u32, value: i32) {
+    #[repr(C)]
+    struct Control {
+        id: u32,
+        value: i32,
+    }
+    let file = File::options()
+        .read(true)
+        .write(true)
+        .open(&info.node)
+        .unwrap();
+    const S_CTRL: rustix::ioctl::Opcode = rustix::ioctl::opcode::read_write::<Control>(b'V', 28);
+    let mut control = Control { id, value };
+    // SAFETY: VIDIOC_S_CTRL takes this structure, which outlives the call.
+    #[allow(unsafe_code)]
+    unsafe {
+        let call = rustix::ioctl::Updater::<S_CTRL, Control>::new(&mut control);
+        rustix::ioctl::ioctl(&file, call).unwrap();
+    }
+}
+
+#[test]
+fn a_camera_is_described() {
+    let Some((info, _turn)) = camera("a_camera_is_described", "") else {
+        return;
+    };
+    assert!(!info.identity.is_empty() && !info.driver.is_empty());
+    let sized = |f: &&penumbra_interface::CameraFormat| f.usable && !f.sizes.is_empty();
+    let format = info.formats.iter().find(sized).expect("a readable format");
+    assert!(
+        format
+            .sizes
+            .iter()
+            .any(|s| s.frames_per_second.iter().any(|r| *r > 1.0))
+    );
+    let brightness = info
+        .controls
+        .iter()
+        .find(|c| c.name == "brightness")
+        .unwrap();
+    assert!(brightness.min < brightness.max && brightness.current.is_some());
+    assert_eq!(info.trouble, None);
+}
+
+#[test]
+fn sixty_frames_come_in_order_with_true_stamps() {
+    let Some((info, _turn)) = camera("sixty_frames_come_in_order_with_true_stamps", "") else {
+        return;
+    };
+    let mut camera = start(&settings(&info));
+    let mut last: Option<Frame> = None;
+    for _ in 0..60 {
+        let frame = frame(&mut *camera);
+        let age = frame.arrived_at.seconds_since(frame.captured_at);
+        assert!(
+            (-0.1..5.0).contains(&age),
+            "captured {age} s before it arrived"
+        );
+        if let Some(last) = last {
+            assert!(frame.sequence > last.sequence);
+            assert!(frame.captured_at > last.captured_at);
+        }
+        if frame.format != PixelFormat::Jpeg {
+            assert!(frame.data.len() >= (frame.width * frame.height) as usize);
+        }
+        last = Some(frame);
+    }
+    let report = camera.report();
+    assert_eq!(report.counters.frames, 60);
+    assert_eq!(report.counters.damaged, 0);
+    assert_eq!(report.identity, info.identity);
+    println!(
+        "{:?} {:?} {:?}",
+        report.mode, report.stamps, report.counters
+    );
+}
+
+#[test]
+fn controls_are_held_adjusted_or_missing_and_restored() {
+    let name = "controls_are_held_adjusted_or_missing_and_restored";
+    let Some((info, _turn)) = camera(name, "brightness") else {
+        return;
+    };
+    let brightness = info
+        .controls
+        .iter()
+        .find(|c| c.name == "brightness")
+        .unwrap();
+    let wanted = brightness.min + (brightness.max - brightness.min) / 4;
+    let mut settings = settings(&info);
+    settings.controls = vec![
+        ("brightness".into(), wanted),
+        ("contrast".into(), 1_000_000),
+        ("no_such_control".into(), 1),
+    ];
+    settings.on_change = OnChange::Restore;
+    let mut camera = start(&settings);
+    let standing = |camera: &dyn Camera| {
+        let report = camera.report();
+        let named = |name: &str| report.controls.iter().find(|c| &*c.name == name).cloned();
+        ["brightness", "contrast", "no_such_control"].map(|name| named(name).unwrap())
+    };
+    let [held, adjusted, missing] = standing(&*camera);
+    assert_eq!(
+        (held.in_force, &held.standing),
+        (Some(wanted), &ControlStanding::Held)
+    );
+    assert_eq!(adjusted.standing, ControlStanding::Adjusted);
+    assert_eq!(missing.standing, ControlStanding::Missing);
+    frame(&mut *camera);
+    meddle(&info, BRIGHTNESS, i32::try_from(brightness.max).unwrap());
+    let began = Instant::now();
+    while camera.report().counters.controls_changed == 0 {
+        frame(&mut *camera);
+        assert!(began.elapsed() < PATIENCE, "the change was not seen");
+    }
+    assert_eq!(standing(&*camera)[0].in_force, Some(wanted));
+    let frame = frame(&mut *camera);
+    let in_force = frame.controls.unwrap();
+    assert!(
+        in_force
+            .iter()
+            .any(|(name, v)| &**name == "brightness" && *v == wanted)
+    );
+    meddle(
+        &info,
+        BRIGHTNESS,
+        i32::try_from(brightness.default).unwrap(),
+    );
+}
+
+#[test]
+fn a_camera_in_use_a_missing_one_and_no_camera_are_told_apart() {
+    let name = "a_camera_in_use_a_missing_one_and_no_camera_are_told_apart";
+    let Some((info, _turn)) = camera(name, "") else {
+        return;
+    };
+    let settings = settings(&info);
+    let _camera = start(&settings);
+    let refused = |settings: &CameraSettings| open(settings, Arc::new(SystemClock)).err().unwrap();
+    assert!(matches!(refused(&settings), DeviceError::Busy { .. }));
+    let on = |device: &str| CameraSettings {
+        device: device.into(),
+        ..settings.clone()
+    };
+    assert!(matches!(
+        refused(&on("/dev/video99")),
+        DeviceError::NotFound { .. }
+    ));
+    assert!(matches!(
+        refused(&on("usb:dead:beef")),
+        DeviceError::NotFound { .. }
+    ));
+    let no_camera = refused(&on("/dev/null"));
+    println!("{no_camera}");
+    let wide = CameraSettings {
+        width: 12_345,
+        ..settings
+    };
+    let not_offered = refused(&wide).to_string();
+    assert!(not_offered.contains("it offers"), "{not_offered}");
+}
+
+#[test]
+fn a_flagged_picture_is_skipped() {
+    let Some((info, _turn)) = camera("a_flagged_picture_is_skipped", "vivid") else {
+        return;
+    };
+    let mut camera = start(&settings(&info));
+    frame(&mut *camera);
+    let began = Instant::now();
+    while camera.report().counters.damaged == 0 {
+        meddle(&info, ERROR_FLAG, 1);
+        frame(&mut *camera);
+        assert!(began.elapsed() < PATIENCE, "no damaged picture was counted");
+    }
+}
+
+#[test]
+fn a_camera_that_falls_silent_is_named_and_goes_on() {
+    let Some((info, _turn)) = camera("a_camera_that_falls_silent_is_named_and_goes_on", "vivid")
+    else {
+        return;
+    };
+    let mut camera = start(&settings(&info));
+    frame(&mut *camera);
+    meddle(&info, DROPPED_BUFFERS, 100);
+    let error = failure(&mut *camera);
+    meddle(&info, DROPPED_BUFFERS, 0);
+    assert!(matches!(error, DeviceError::Silent { .. }), "{error}");
+    assert!(error.to_string().starts_with(&info.node), "{error}");
+    // The same stream still works: no buffer was lost over the time-outs.
+    let began = Instant::now();
+    while !matches!(camera.next_frame(WAIT), Ok(Some(_))) {
+        assert!(began.elapsed() < PATIENCE, "it did not go on");
+    }
+}
+
+#[test]
+fn a_camera_that_is_unplugged_is_opened_again() {
+    let Some((info, _turn)) = camera("a_camera_that_is_unplugged_is_opened_again", "vivid") else {
+        return;
+    };
+    let settings = settings(&info);
+    let mut camera = start(&settings);
+    frame(&mut *camera);
+    meddle(&info, DISCONNECT, 1);
+    let error = failure(&mut *camera);
+    assert!(matches!(error, DeviceError::Unplugged { .. }), "{error}");
+    assert_eq!(error.recovery(), Recovery::Reopen);
+    drop(camera);
+    let began = Instant::now();
+    let mut again = loop {
+        match open(&settings, Arc::new(SystemClock)) {
+            Ok(camera) => break camera,
+            Err(error) => assert!(began.elapsed() < PATIENCE, "{error}"),
+        }
+        std::thread::sleep(Duration::from_millis(100));
+    };
+    frame(&mut *again);
+}
+
+#[test]
+fn exposures_are_cycled_and_labelled() {
+    let Some((info, _turn)) = camera(
+        "exposures_are_cycled_and_labelled",
+        "exposure_time_absolute",
+    ) else {
+        return;
+    };
+    let exposure = info
+        .controls
+        .iter()
+        .find(|c| c.name == "exposure_time_absolute")
+        .unwrap();
+    let base = exposure.max.min(exposure.min.max(1) * 64);
+    let mut settings = settings(&info);
+    settings.controls = vec![
+        ("exposure_time_absolute".into(), base),
+        ("auto_exposure".into(), 1),
+    ];
+    // The lag is configured: an emulated camera's pictures may not show their exposure.
+    settings.bracket = Some(BracketSettings {
+        lag: Some(1),
+        ..BracketSettings::default()
+    });
+    let mut camera = start(&settings);
+    let mut seen = BTreeSet::new();
+    for _ in 0..30 {
+        let frame = frame(&mut *camera);
+        let micros = frame.exposure.unwrap().exposure_micros;
+        let ev = (micros / (base as f64 * 100.0)).log2();
+        assert!((frame.bracket_ev - ev).abs() < 1e-9);
+        seen.insert(micros as i64);
+    }
+    assert!(seen.len() >= 2, "{seen:?}");
+    println!("{seen:?} {:?}", camera.report().counters);
+}
