@@ -16,12 +16,16 @@ use penumbra_interface::{
     Camera, CameraCounters, CameraReport, CameraSettings, Clock, DeviceError, Frame, StreamMode,
     middle_of_exposure,
 };
+use rustix::io::Errno;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
 pub(crate) const MULTIPLANAR: &str = "a multi-planar capture device (usually a camera without \
     its image processor); use it through libcamera's V4L2 compatibility layer";
+
+const NO_CAMERA: &str = "no camera (metadata, an output, a codec or another kind of device); \
+    `penumbra devices` lists the cameras";
 
 /// Opens the camera that the settings name, locks its controls and starts its stream.
 ///
@@ -81,7 +85,11 @@ impl<V: Video> V4l2Camera<V> {
             let device = device.clone();
             move |error| trouble::on_setup(&device, what, error)
         };
-        let capabilities = video.capabilities().map_err(failed("asking who it is"))?;
+        let capabilities = video.capabilities().map_err(|error| match error {
+            // Other device files can be opened, too, and know nothing of this question.
+            Errno::NOTTY | Errno::INVAL => refused(&device, NO_CAMERA.to_owned()),
+            other => trouble::on_setup(&device, "asking who it is", other),
+        })?;
         check_kind(&capabilities).map_err(|reason| refused(&device, reason))?;
         let mut notes = notes(&who);
         let geometry = choose_mode(&mut video, settings, &device, &mut notes)?;
@@ -235,11 +243,7 @@ fn check_kind(capabilities: &Capabilities) -> Result<(), String> {
         (true, _, true) => Ok(()),
         (true, _, false) => Err("it offers no streaming, only read()".to_owned()),
         (false, true, _) => Err(MULTIPLANAR.to_owned()),
-        (false, false, _) => Err(
-            "no camera: metadata, an output or a codec; `penumbra devices` \
-             lists the cameras"
-                .to_owned(),
-        ),
+        (false, false, _) => Err(NO_CAMERA.to_owned()),
     }
 }
 
