@@ -6,6 +6,7 @@
 
 mod bench;
 mod check;
+mod devices;
 mod files;
 mod import;
 mod light;
@@ -39,6 +40,8 @@ enum Command {
     Light(light::LightArgs),
     /// Read a configuration and the files it names, and say what it changes
     CheckConfig(check::CheckConfigArgs),
+    /// List the cameras, what they offer and what can be set
+    Devices(devices::DevicesArgs),
     /// Say what works on this machine, and what mends the rest
     Doctor(check::DoctorArgs),
     /// Measure how long a frame takes on this machine
@@ -66,6 +69,7 @@ fn carry_out(command: Command) -> anyhow::Result<ExitCode> {
         Command::Info(args) => check::info(&args),
         Command::Light(args) => light::run(&args),
         Command::CheckConfig(args) => check::check_config(&args),
+        Command::Devices(args) => devices::run(&args),
         Command::Doctor(args) => check::doctor(args),
         Command::Bench(args) => bench::run(args),
     }
