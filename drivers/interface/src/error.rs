@@ -70,6 +70,15 @@ pub enum DeviceError {
         /// Group that the device file belongs to.
         group: String,
     },
+    /// It is there but of no use now: another program has it, or it speaks otherwise than
+    /// it should.
+    #[error("{device}: {reason}")]
+    Unready {
+        /// Path or name.
+        device: String,
+        /// What was seen and what to do.
+        reason: String,
+    },
     /// The operating system refused.
     #[error("{device}: {reason}")]
     Refused {
@@ -91,7 +100,8 @@ impl DeviceError {
             | Self::Silent { .. }
             | Self::Broken { .. }
             | Self::Busy { .. }
-            | Self::NotPermitted { .. } => Recovery::Reopen,
+            | Self::NotPermitted { .. }
+            | Self::Unready { .. } => Recovery::Reopen,
             Self::Refused { .. } => Recovery::Fatal,
         }
     }
