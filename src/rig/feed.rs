@@ -5,13 +5,13 @@ use crate::calibration::{RigCalibration, rig::EnvironmentView};
 use crate::session::{Events, Session, SessionEvent};
 use crate::sync::{Pairing, PairingConfig, PairingCounts, RigFrame};
 use penumbra_interface::{MonotonicTime, PoseSample};
-use penumbra_tracker_serial::fastrak::{Counters, Decoder, Format};
+use penumbra_tracker_serial::{AnyDecoder, Counters, Format};
 
 /// Plays a session as if its devices were here.
 pub struct Feed {
     session: Session,
     events: Events,
-    decoder: Decoder,
+    decoder: AnyDecoder,
     pairing: Pairing,
     exhausted: bool,
     sphere_in_scene: bool,
@@ -38,7 +38,7 @@ impl Feed {
     pub fn new(session: Session, rig: &RigCalibration, config: PairingConfig) -> Self {
         Self {
             events: session.events(),
-            decoder: Decoder::new(record_format(&session, rig.tracker.as_ref())),
+            decoder: decoder_for(&session, rig.tracker.as_ref()),
             sphere_in_scene: is_sphere_in_scene(rig),
             pairing: Pairing::new(with_recorded_poses(config, &session)),
             session,
@@ -141,16 +141,15 @@ fn with_recorded_poses(config: PairingConfig, session: &Session) -> PairingConfi
     }
 }
 
-/// How the recorded bytes are spelled. A protocol that nobody knows is read as a FASTRAK's
+/// What reads the recorded bytes. A protocol that nobody knows is read as a FASTRAK's
 /// default; the decoder counts what it cannot read.
-fn record_format(session: &Session, tracker: Option<&TrackerCalibration>) -> Format {
-    let format = session
+fn decoder_for(session: &Session, tracker: Option<&TrackerCalibration>) -> AnyDecoder {
+    let decoder = session
         .tracker_protocol()
-        .and_then(Format::for_protocol)
-        .unwrap_or_default();
-    let metres_per_unit = tracker.map_or(format.metres_per_unit, |t| t.metres_per_unit);
-    Format {
-        metres_per_unit,
-        ..format
+        .and_then(AnyDecoder::for_protocol)
+        .unwrap_or_else(|| AnyDecoder::new(Format::default()));
+    match tracker {
+        Some(tracker) => decoder.with_metres_per_unit(tracker.metres_per_unit),
+        None => decoder,
     }
 }

@@ -1,15 +1,18 @@
 //! One record: its layout, and what makes it a believable one.
 
 use super::METRES_PER_INCH;
-use glam::{DQuat, DVec3, EulerRot};
-use penumbra_interface::RigidTransform;
-use thiserror::Error;
+use super::status::{STATUS_LEN, is_status};
+use crate::plausible::{self, floats, rotation_from_euler, rotation_from_quaternion};
+use crate::{Fault, Framing, Reading, Verdict};
+use glam::DVec3;
 
 /// How the numbers are spelt.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Encoding {
     /// Fixed columns: `Sxxx.xx`, for quaternions `Sx.xxxx` (command `F`).
     Ascii,
+    /// `Sx.xxxxxESxx` and a blank for every value (items 52, 54 and 61).
+    AsciiExtended,
     /// IEEE-754 single precision, little-endian (command `f`).
     Binary,
 }
@@ -76,6 +79,8 @@ impl Format {
         let (encoding, orientation, ending) = match name {
             "fastrak" => (Ascii, Euler, Ending::CrLf),
             "fastrak-ascii-quaternion" => (Ascii, Quaternion, Ending::CrLf),
+            "fastrak-ascii-extended-euler" => (AsciiExtended, Euler, Ending::CrLf),
+            "fastrak-ascii-extended-quaternion" => (AsciiExtended, Quaternion, Ending::CrLf),
             "fastrak-binary-euler" => (Binary, Euler, Ending::Space),
             "fastrak-binary-quaternion" => (Binary, Quaternion, Ending::Space),
             _ => return None,
@@ -102,6 +107,7 @@ impl Format {
     const fn value_len(&self) -> usize {
         match self.encoding {
             Encoding::Ascii => 7,
+            Encoding::AsciiExtended => 13,
             Encoding::Binary => 4,
         }
     }
@@ -118,7 +124,7 @@ impl Format {
     /// # Errors
     /// [`Fault::Layout`] if the bytes are not laid out as a record, [`Fault::Implausible`]
     /// if they are but no device can have meant them.
-    pub fn parse(&self, bytes: &[u8]) -> Result<Record, Fault> {
+    pub fn parse(&self, bytes: &[u8]) -> Result<Reading, Fault> {
         let (station, error) = self.parse_header(bytes)?;
         let body = bytes.get(HEADER..).ok_or(Fault::Layout)?;
         let (position, orientation) = body
@@ -127,19 +133,16 @@ impl Format {
         let position = DVec3::from_array(self.values::<3>(position, 2)?);
         let rotation = match self.orientation {
             Orientation::Euler => rotation_from_euler(self.values::<3>(orientation, 2)?)?,
-            Orientation::Quaternion => rotation_from_quaternion(self.values::<4>(orientation, 4)?)?,
+            Orientation::Quaternion => {
+                rotation_from_quaternion(self.values::<4>(orientation, 4)?, 0.01)?
+            }
         };
         let translation = position * self.metres_per_unit;
-        let pose = RigidTransform::new(rotation, translation);
-        if translation.is_finite() && translation.length() <= self.envelope_metres {
-            Ok(Record {
-                station,
-                error,
-                transmitter_from_sensor: pose,
-            })
-        } else {
-            Err(Fault::Implausible)
-        }
+        Ok(Reading {
+            station,
+            error,
+            transmitter_from_sensor: plausible::pose(rotation, translation, self.envelope_metres)?,
+        })
     }
 
     /// Station number and error letter, with length and ending checked.
@@ -162,42 +165,50 @@ impl Format {
     /// The first `N` numbers of `bytes`, by columns: a minus sign may touch the number
     /// before it, so blanks do not part them.
     fn values<const N: usize>(&self, bytes: &[u8], decimals: usize) -> Result<[f64; N], Fault> {
+        if self.encoding == Encoding::Binary {
+            return floats(bytes);
+        }
         let mut values = [0.0; N];
         let columns = bytes.chunks_exact(self.value_len());
         if columns.len() < N {
             return Err(Fault::Layout);
         }
         for (value, column) in values.iter_mut().zip(columns) {
-            *value = match self.encoding {
-                Encoding::Ascii => fixed_point(column, decimals).ok_or(Fault::Layout)?,
-                Encoding::Binary => float(column).ok_or(Fault::Implausible)?,
+            let read = match self.encoding {
+                Encoding::AsciiExtended => scientific(column),
+                _ => fixed_point(column, decimals),
             };
+            *value = read.ok_or(Fault::Layout)?;
         }
         Ok(values)
     }
 }
 
-/// One reading, in metres.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Record {
-    /// Receiver, from 1 to 4.
-    pub station: u8,
-    /// The last error that the built-in test found. It stays until cleared and says
-    /// nothing about this very record.
-    pub error: Option<u8>,
-    /// Pose of the receiver, metres.
-    pub transmitter_from_sensor: RigidTransform,
+impl Framing for Format {
+    fn judge(&self, _before: Option<u8>, bytes: &[u8]) -> Verdict {
+        match bytes {
+            [b'0', ..] => {}
+            [b'2', ..] => return judge_status(bytes),
+            _ => return Verdict::noise(Fault::Layout),
+        }
+        let len = self.record_len();
+        match bytes.get(..len).map(|record| self.parse(record)) {
+            Some(Ok(reading)) => Verdict::Reading { len, reading },
+            Some(Err(fault)) => Verdict::noise(fault),
+            None => Verdict::Incomplete,
+        }
+    }
 }
 
-/// Why bytes are no record.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
-pub enum Fault {
-    /// Wrong byte in a fixed place.
-    #[error("not laid out as a FASTRAK record")]
-    Layout,
-    /// Numbers that cannot be.
-    #[error("a FASTRAK record with impossible numbers")]
-    Implausible,
+/// A status record stands between readings when somebody asked for it.
+fn judge_status(bytes: &[u8]) -> Verdict {
+    match bytes.get(..STATUS_LEN) {
+        Some(status) if is_status(status) => Verdict::Aside { len: STATUS_LEN },
+        None if matches!(bytes, [_] | [_, b'1'..=b'4'] | [_, b'1'..=b'4', b'S', ..]) => {
+            Verdict::Incomplete
+        }
+        _ => Verdict::noise(Fault::Layout),
+    }
 }
 
 /// Third byte: a blank, or a letter of the built-in test.
@@ -234,37 +245,14 @@ fn fixed_point(column: &[u8], decimals: usize) -> Option<f64> {
     Some(if negative { -value } else { value })
 }
 
-/// A finite little-endian single.
-fn float(column: &[u8]) -> Option<f64> {
-    let value = f32::from_le_bytes(column.try_into().ok()?);
-    value.is_finite().then_some(f64::from(value))
-}
-
-/// The manual's R = Rz(azimuth) · Ry(elevation) · Rx(roll), degrees.
-fn rotation_from_euler([azimuth, elevation, roll]: [f64; 3]) -> Result<DQuat, Fault> {
-    // Rounding to two decimals may print a hair more than the range.
-    const SLACK: f64 = 0.011;
-    let possible = azimuth.abs() <= 180.0 + SLACK
-        && elevation.abs() <= 90.0 + SLACK
-        && roll.abs() <= 180.0 + SLACK;
-    if !possible {
-        return Err(Fault::Implausible);
-    }
-    Ok(DQuat::from_euler(
-        EulerRot::ZYX,
-        azimuth.to_radians(),
-        elevation.to_radians(),
-        roll.to_radians(),
-    ))
-}
-
-/// A quaternion whose norm is 1 within what four decimals allow.
-fn rotation_from_quaternion([w, x, y, z]: [f64; 4]) -> Result<DQuat, Fault> {
-    let quaternion = DQuat::from_xyzw(x, y, z, w);
-    if (quaternion.length() - 1.0).abs() > 0.01 {
-        return Err(Fault::Implausible);
-    }
-    Ok(quaternion.normalize())
+/// `Sx.xxxxxESxx` and a blank: finite.
+fn scientific(column: &[u8]) -> Option<f64> {
+    let (number, blank) = column.split_at_checked(column.len().checked_sub(1)?)?;
+    let spelt_right = blank == b" " && number.get(2) == Some(&b'.') && number.get(8) == Some(&b'E');
+    let text = str::from_utf8(number).ok()?.trim_start();
+    text.parse::<f64>()
+        .ok()
+        .filter(|v| spelt_right && v.is_finite())
 }
 
 #[cfg(test)]

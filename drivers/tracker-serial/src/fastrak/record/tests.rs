@@ -1,6 +1,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use super::*;
+use glam::DQuat;
 use std::f64::consts::FRAC_1_SQRT_2;
 
 fn format(encoding: Encoding, orientation: Orientation, ending: Ending) -> Format {

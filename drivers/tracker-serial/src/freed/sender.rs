@@ -1,0 +1,79 @@
+//! Poses out, as D1 datagrams for virtual-production tools.
+
+use super::{Axes, Lens, Message};
+use penumbra_interface::RigidTransform;
+use std::io;
+use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
+
+/// Sends a camera's pose as FreeD D1 over UDP, one message a datagram.
+#[derive(Debug)]
+pub struct FreedSender {
+    socket: UdpSocket,
+    camera: u8,
+    axes: Axes,
+}
+
+impl FreedSender {
+    /// A sender to `receiver`, as camera number `camera`. Nothing is listened to, so a
+    /// receiver that is not there yet is no error.
+    ///
+    /// # Errors
+    /// What the operating system says if it has no socket or no way to the receiver.
+    pub fn new(receiver: SocketAddr, camera: u8) -> io::Result<Self> {
+        // From loopback to loopback; otherwise whatever interface leads there.
+        let local = match receiver {
+            SocketAddr::V4(to) if to.ip().is_loopback() => (Ipv4Addr::LOCALHOST, 0).into(),
+            SocketAddr::V4(_) => (Ipv4Addr::UNSPECIFIED, 0).into(),
+            SocketAddr::V6(_) => SocketAddr::from((Ipv6Addr::UNSPECIFIED, 0)),
+        };
+        let socket = UdpSocket::bind(local)?;
+        socket.connect(receiver)?;
+        // The picture's thread may call `send`: it must never wait for a full queue.
+        socket.set_nonblocking(true)?;
+        Ok(Self {
+            socket,
+            camera,
+            axes: Axes::default(),
+        })
+    }
+
+    /// With another meaning of the six numbers.
+    #[must_use]
+    pub fn with_axes(mut self, axes: Axes) -> Self {
+        self.axes = axes;
+        self
+    }
+
+    /// Sends where the camera is: `world_from_camera` with the camera's axes right,
+    /// forward, up, see [`optical_to_studio`].
+    ///
+    /// # Errors
+    /// What the operating system says, but for a receiver that does not listen and a full
+    /// queue: both lose this message alone.
+    pub fn send(&self, world_from_camera: RigidTransform, lens: Lens) -> io::Result<()> {
+        let message = Message::from_pose(self.camera, world_from_camera, self.axes, lens);
+        match self.socket.send(&message.encode()) {
+            Err(error) if !is_lost(&error) => Err(error),
+            _ => Ok(()),
+        }
+    }
+}
+
+fn is_lost(error: &io::Error) -> bool {
+    matches!(
+        error.kind(),
+        io::ErrorKind::ConnectionRefused | io::ErrorKind::WouldBlock
+    )
+}
+
+/// `world_from_studio_camera` (axes right, forward, up) from `world_from_camera` (OpenCV's
+/// optical frame: right, down, forward): forward is the optical z, up its −y.
+#[must_use]
+pub fn optical_to_studio(world_from_camera: RigidTransform) -> RigidTransform {
+    // A quarter turn about x carries y, forward, to z, and z, up, to −y.
+    let optical_from_studio = glam::DQuat::from_rotation_x(std::f64::consts::FRAC_PI_2);
+    RigidTransform::new(
+        world_from_camera.rotation * optical_from_studio,
+        world_from_camera.translation,
+    )
+}

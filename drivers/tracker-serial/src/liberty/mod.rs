@@ -1,0 +1,118 @@
+//! Polhemus Liberty and Patriot, binary records (`F1`).
+//!
+//! Unlike the FASTRAK's, a record declares its size: `LY` (Patriot `PA`, some units `LU`),
+//! the station, the command that it answers, an error, a reserved byte and the body's size
+//! as little-endian 16 bits; then the items of the `O` command. Source: VRPN's
+//! `vrpn_Tracker_Liberty.C`.
+
+pub(crate) mod commands;
+
+use crate::fastrak::METRES_PER_INCH;
+use crate::plausible::{self, floats, rotation_from_euler, rotation_from_quaternion};
+use crate::{Fault, Framing, Reading, Verdict};
+use glam::DVec3;
+
+/// Bytes before the body.
+pub const HEADER_LEN: usize = 8;
+/// No item list that is asked for makes a longer body.
+const BODY_LIMIT: usize = 200;
+/// Receivers of the largest system.
+const STATIONS: std::ops::RangeInclusive<u8> = 1..=16;
+
+/// What the device was told to send.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Format {
+    /// Azimuth, elevation and roll (item 4) in place of a quaternion (item 7).
+    pub euler: bool,
+    /// Metres per unit of position: inches (`U0`) or centimetres (`U1`).
+    pub metres_per_unit: f64,
+    /// A position further than this from the transmitter is no reading, metres.
+    pub envelope_metres: f64,
+}
+
+impl Default for Format {
+    fn default() -> Self {
+        Self {
+            euler: false,
+            metres_per_unit: METRES_PER_INCH,
+            envelope_metres: 8.0,
+        }
+    }
+}
+
+/// A record's first eight bytes.
+struct Header {
+    station: u8,
+    command: u8,
+    error: Option<u8>,
+    body: usize,
+}
+
+impl Header {
+    /// `None` if these bytes begin no record.
+    fn parse(bytes: &[u8; HEADER_LEN]) -> Option<Self> {
+        let [first, second, station, command, error, _, low, high] = *bytes;
+        let header = Self {
+            station,
+            command,
+            error: (error != b' ' && error != 0).then_some(error),
+            body: usize::from(u16::from_le_bytes([low, high])),
+        };
+        let ours = begins(&[first, second])
+            && STATIONS.contains(&station)
+            && command.is_ascii_graphic()
+            && header.body <= BODY_LIMIT;
+        ours.then_some(header)
+    }
+}
+
+/// Whether a record may begin with these one or more bytes.
+fn begins(bytes: &[u8]) -> bool {
+    matches!(
+        bytes,
+        [b'L' | b'P'] | [b'L', b'Y' | b'U', ..] | [b'P', b'A', ..]
+    )
+}
+
+impl Format {
+    fn reading(&self, header: &Header, body: &[u8]) -> Result<Reading, Fault> {
+        let position = floats::<3>(body)?;
+        let orientation = body.get(12..).ok_or(Fault::Layout)?;
+        let rotation = if self.euler {
+            rotation_from_euler(floats::<3>(orientation)?)?
+        } else {
+            rotation_from_quaternion(floats::<4>(orientation)?, 0.01)?
+        };
+        let translation = DVec3::from_array(position) * self.metres_per_unit;
+        Ok(Reading {
+            station: header.station,
+            error: header.error,
+            transmitter_from_sensor: plausible::pose(rotation, translation, self.envelope_metres)?,
+        })
+    }
+}
+
+impl Framing for Format {
+    fn judge(&self, _before: Option<u8>, bytes: &[u8]) -> Verdict {
+        if !begins(bytes) {
+            return Verdict::noise(Fault::Layout);
+        }
+        let Some(header) = bytes.first_chunk::<HEADER_LEN>() else {
+            return Verdict::Incomplete;
+        };
+        let Some(header) = Header::parse(header) else {
+            return Verdict::noise(Fault::Layout);
+        };
+        let len = HEADER_LEN + header.body;
+        let Some(body) = bytes.get(HEADER_LEN..len) else {
+            return Verdict::Incomplete;
+        };
+        if !matches!(header.command, b'C' | b'P') {
+            return Verdict::Aside { len };
+        }
+        match self.reading(&header, body) {
+            Ok(reading) => Verdict::Reading { len, reading },
+            Err(fault) => Verdict::noise(fault),
+        }
+    }
+}

@@ -1,0 +1,204 @@
+//! A tracker of a VRPN server, over TCP.
+
+use crate::settings::TrackerSettings;
+use crate::vrpn::{Client, VrpnError};
+use bytes::Bytes;
+use penumbra_interface::{
+    Clock, DeviceError, MonotonicTime, SystemClock, Tracker, TrackerBytes, TrackerReport,
+};
+use std::io::{ErrorKind, Read, Write};
+use std::net::{TcpStream, ToSocketAddrs};
+use std::time::Duration;
+
+const CONNECTING: Duration = Duration::from_secs(2);
+/// A server on a slow network has shown its cookie and its first pose by then.
+const HANDSHAKE: Duration = Duration::from_secs(3);
+
+/// A connection to a VRPN server.
+#[derive(Debug)]
+pub struct VrpnTracker {
+    stream: TcpStream,
+    client: Client,
+    settings: TrackerSettings,
+    tracker: String,
+    report: TrackerReport,
+    newest: MonotonicTime,
+    buffer: Box<[u8]>,
+    /// Messages that were wanted.
+    wanted: Vec<u8>,
+}
+
+impl VrpnTracker {
+    /// Connects to `host` (with port) and waits for the first pose of `tracker`.
+    ///
+    /// # Errors
+    /// In one line: no such host, nobody there, no VRPN server, no such tracker (with the
+    /// names that the server has), silence.
+    pub fn open(
+        settings: &TrackerSettings,
+        tracker: &str,
+        host: &str,
+    ) -> Result<Self, DeviceError> {
+        let device = settings.port.to_string();
+        let mut opened = Self {
+            stream: connect(host, &device)?,
+            client: Client::new(tracker),
+            settings: settings.clone(),
+            tracker: tracker.to_owned(),
+            report: TrackerReport {
+                identity: device,
+                protocol: "vrpn".to_owned(),
+                ..TrackerReport::default()
+            },
+            newest: SystemClock.now(),
+            buffer: vec![0; 16 * 1024].into(),
+            wanted: Vec::new(),
+        };
+        let greeting = opened.client.greeting();
+        opened
+            .stream
+            .write_all(&greeting)
+            .map_err(|error| opened.failed(&error))?;
+        opened.await_pose()?;
+        let senders: Vec<_> = opened.client.senders().collect();
+        opened.report.said = Some(format!("VRPN server with {}", senders.join(", ")));
+        Ok(opened)
+    }
+
+    fn await_pose(&mut self) -> Result<(), DeviceError> {
+        let until = SystemClock.now() + HANDSHAKE;
+        while self.wanted.is_empty() {
+            let left = until.nanos_since(SystemClock.now());
+            let Ok(left @ 1..) = u64::try_from(left) else {
+                return Err(self.nothing_came());
+            };
+            self.read(Duration::from_nanos(left))?;
+        }
+        Ok(())
+    }
+
+    fn nothing_came(&self) -> DeviceError {
+        let senders: Vec<_> = self.client.senders().collect();
+        if senders.is_empty() || senders.contains(&self.tracker.as_str()) {
+            return self.silent(HANDSHAKE.as_millis() as u64);
+        }
+        self.unready(format!(
+            "the server has no tracker {:?}; it has {}",
+            self.tracker,
+            senders.join(", ")
+        ))
+    }
+
+    /// Reads once; what is wanted of it is in `wanted`.
+    fn read(&mut self, timeout: Duration) -> Result<(), DeviceError> {
+        // Zero would mean to wait for ever.
+        let timeout = timeout.max(Duration::from_micros(1));
+        let read = self
+            .stream
+            .set_read_timeout(Some(timeout))
+            .and_then(|()| self.stream.read(&mut self.buffer));
+        let arrived_at = SystemClock.now();
+        let count = match read {
+            Ok(0) => return Err(self.unplugged()),
+            Ok(count) => count,
+            Err(error) => match error.kind() {
+                ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted => {
+                    return Ok(());
+                }
+                _ => return Err(self.failed(&error)),
+            },
+        };
+        self.report.bytes += count as u64;
+        let bytes = self.buffer.get(..count).unwrap_or_default();
+        match self.client.push(bytes, &mut self.wanted) {
+            Ok(()) => {}
+            Err(VrpnError::Closed) => return Err(self.unplugged()),
+            Err(error) => return Err(self.unready(error.to_string())),
+        }
+        if !self.wanted.is_empty() {
+            self.newest = arrived_at;
+        }
+        Ok(())
+    }
+
+    fn unplugged(&self) -> DeviceError {
+        DeviceError::Unplugged {
+            device: self.settings.port.to_string(),
+        }
+    }
+
+    fn silent(&self, millis: u64) -> DeviceError {
+        DeviceError::Silent {
+            device: self.settings.port.to_string(),
+            millis,
+        }
+    }
+
+    fn unready(&self, reason: String) -> DeviceError {
+        DeviceError::Unready {
+            device: self.settings.port.to_string(),
+            reason,
+        }
+    }
+
+    fn failed(&self, error: &std::io::Error) -> DeviceError {
+        match error.kind() {
+            ErrorKind::BrokenPipe | ErrorKind::ConnectionReset | ErrorKind::ConnectionAborted => {
+                self.unplugged()
+            }
+            _ => self.unready(error.to_string()),
+        }
+    }
+}
+
+impl Tracker for VrpnTracker {
+    fn next_bytes(&mut self, timeout: Duration) -> Result<Option<TrackerBytes>, DeviceError> {
+        let until = SystemClock.now() + timeout;
+        loop {
+            if !self.wanted.is_empty() {
+                let bytes = Bytes::copy_from_slice(&self.wanted);
+                self.wanted.clear();
+                let arrived_at = self.newest;
+                return Ok(Some(TrackerBytes { bytes, arrived_at }));
+            }
+            let now = SystemClock.now();
+            let silent = u64::try_from(now.nanos_since(self.newest) / 1_000_000).unwrap_or(0);
+            if silent >= self.settings.silence_millis {
+                return Err(self.silent(silent));
+            }
+            let Ok(left @ 1..) = u64::try_from(until.nanos_since(now)) else {
+                return Ok(None);
+            };
+            self.read(Duration::from_nanos(left))?;
+        }
+    }
+
+    fn report(&self) -> TrackerReport {
+        self.report.clone()
+    }
+}
+
+fn connect(host: &str, device: &str) -> Result<TcpStream, DeviceError> {
+    let unready = |reason| DeviceError::Unready {
+        device: device.to_owned(),
+        reason,
+    };
+    let addresses = host
+        .to_socket_addrs()
+        .map_err(|error| unready(format!("{host} is no known host ({error})")))?;
+    let mut refusal = format!("{host} has no address");
+    for address in addresses {
+        match TcpStream::connect_timeout(&address, CONNECTING) {
+            Ok(stream) => {
+                let ready = stream
+                    .set_nodelay(true)
+                    .and_then(|()| stream.set_write_timeout(Some(CONNECTING)));
+                return ready
+                    .map(|()| stream)
+                    .map_err(|error| unready(error.to_string()));
+            }
+            Err(error) => refusal = format!("no VRPN server at {address} ({error})"),
+        }
+    }
+    Err(unready(refusal))
+}
