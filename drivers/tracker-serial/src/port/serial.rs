@@ -178,6 +178,15 @@ fn claim(_port: &SerialPort, _path: &Path) -> Result<(), DeviceError> {
     Ok(())
 }
 
+#[cfg(unix)]
+impl Drop for SerialLine {
+    /// Gives the exclusive use back: where somebody else holds the port open, as a
+    /// simulated device does, closing alone would leave it taken.
+    fn drop(&mut self) {
+        let _ = rustix::termios::ioctl_tiocnxcl(&self.port);
+    }
+}
+
 impl Line for SerialLine {
     fn read(
         &mut self,

@@ -1,0 +1,113 @@
+//! A serial port that does not exist.
+
+use crate::Outlet;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::Errno;
+use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+use rustix::termios::{OptionalActions, ioctl_tiocnxcl, tcgetattr, tcsetattr};
+use std::fs::{File, OpenOptions};
+use std::io;
+use std::os::fd::OwnedFd;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// The device's end of a pseudo-terminal; a driver opens [`path`](Pty::path) as if it were
+/// a serial port. Dropping it hangs up.
+#[derive(Debug)]
+pub struct Pty {
+    device: OwnedFd,
+    path: PathBuf,
+    /// The driver's end stays open here, so that a driver may come and go: without anybody
+    /// there the device's end would fail.
+    driver_end: File,
+    link: Option<PathBuf>,
+}
+
+impl Pty {
+    /// A new pseudo-terminal, raw from the beginning: otherwise what the device sends
+    /// before a driver has come would be echoed back to the device.
+    ///
+    /// # Errors
+    /// What the operating system says.
+    pub fn open() -> io::Result<Self> {
+        let device = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC)?;
+        grantpt(&device)?;
+        unlockpt(&device)?;
+        rustix::io::ioctl_fionbio(&device, true)?;
+        let path = PathBuf::from(ptsname(&device, Vec::new())?.to_string_lossy().into_owned());
+        let driver_end = OpenOptions::new().read(true).write(true).open(&path)?;
+        let mut settings = tcgetattr(&driver_end)?;
+        settings.make_raw();
+        tcsetattr(&driver_end, OptionalActions::Now, &settings)?;
+        Ok(Self {
+            device,
+            path,
+            driver_end,
+            link: None,
+        })
+    }
+
+    /// The driver's end.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Makes a symbolic link to the driver's end, in place of one that is there; it is
+    /// removed with this.
+    ///
+    /// # Errors
+    /// When something other than a link is there, or it cannot be made.
+    pub fn link(&mut self, link: &Path) -> io::Result<()> {
+        if link.symlink_metadata().is_ok_and(|data| data.is_symlink()) {
+            std::fs::remove_file(link)?;
+        }
+        std::os::unix::fs::symlink(&self.path, link)?;
+        self.link = Some(link.to_owned());
+        Ok(())
+    }
+}
+
+impl Outlet for Pty {
+    fn read(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
+        // A driver that was killed could not give back its exclusive use.
+        let _ = ioctl_tiocnxcl(&self.driver_end);
+        let timeout = Timespec {
+            tv_sec: timeout.as_secs().cast_signed(),
+            tv_nsec: timeout.subsec_nanos().into(),
+        };
+        let mut polled = [PollFd::new(&self.device, PollFlags::IN)];
+        match poll(&mut polled, Some(&timeout)) {
+            Ok(0) | Err(Errno::INTR) => return Ok(0),
+            result => result?,
+        };
+        match rustix::io::read(&self.device, buffer) {
+            Err(Errno::AGAIN | Errno::INTR) => Ok(0),
+            result => Ok(result?),
+        }
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
+        let mut rest = bytes;
+        while !rest.is_empty() {
+            match rustix::io::write(&self.device, rest) {
+                Ok(count) => rest = rest.get(count..).unwrap_or_default(),
+                Err(Errno::INTR) => {}
+                // Nobody reads: a serial line loses it, too.
+                Err(Errno::AGAIN) => return Ok(()),
+                Err(error) => return Err(error.into()),
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Drop for Pty {
+    fn drop(&mut self) {
+        if let Some(link) = &self.link
+            && std::fs::read_link(link).is_ok_and(|target| target == self.path)
+        {
+            let _ = std::fs::remove_file(link);
+        }
+    }
+}
