@@ -263,3 +263,6 @@ pub fn farewell(settings: &TrackerSettings) -> Vec<u8> {
         Some(Format::Csv(_) | Format::Vrpn(_)) | None => Vec::new(),
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -55,3 +55,6 @@ fn first_line(heard: &[u8]) -> String {
     let line = whole.take(2).last().unwrap_or_default();
     line.chars().take(60).collect()
 }
+
+#[cfg(test)]
+mod tests;

@@ -135,3 +135,6 @@ impl Framing for Format {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -117,3 +117,6 @@ impl Framing for Format {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -81,3 +81,6 @@ impl Framing for Format {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

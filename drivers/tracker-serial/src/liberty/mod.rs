@@ -14,8 +14,11 @@ use glam::DVec3;
 
 /// Bytes before the body.
 pub const HEADER_LEN: usize = 8;
-/// No item list that is asked for makes a longer body.
-const BODY_LIMIT: usize = 200;
+/// The longest answer that is passed over.
+const ANSWER_LIMIT: usize = 200;
+/// Longest body of a reading: a pose, a clock, a switch and as much again. A wrong bit in
+/// the size must not swallow the records that follow.
+const READING_LIMIT: usize = 64;
 /// Receivers of the largest system.
 const STATIONS: std::ops::RangeInclusive<u8> = 1..=16;
 
@@ -58,11 +61,21 @@ impl Header {
             error: (error != b' ' && error != 0).then_some(error),
             body: usize::from(u16::from_le_bytes([low, high])),
         };
+        let limit = if header.is_reading() {
+            READING_LIMIT
+        } else {
+            ANSWER_LIMIT
+        };
         let ours = begins(&[first, second])
             && STATIONS.contains(&station)
             && command.is_ascii_graphic()
-            && header.body <= BODY_LIMIT;
+            && header.body <= limit;
         ours.then_some(header)
+    }
+
+    /// Sent for the commands `C` and `P`.
+    const fn is_reading(&self) -> bool {
+        matches!(self.command, b'C' | b'P')
     }
 }
 
@@ -107,7 +120,7 @@ impl Framing for Format {
         let Some(body) = bytes.get(HEADER_LEN..len) else {
             return Verdict::Incomplete;
         };
-        if !matches!(header.command, b'C' | b'P') {
+        if !header.is_reading() {
             return Verdict::Aside { len };
         }
         match self.reading(&header, body) {
@@ -116,3 +129,6 @@ impl Framing for Format {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

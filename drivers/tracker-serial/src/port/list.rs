@@ -148,3 +148,6 @@ pub(super) fn latency_warning(path: &Path) -> Option<String> {
         timer.display()
     ))
 }
+
+#[cfg(all(test, unix))]
+mod tests;

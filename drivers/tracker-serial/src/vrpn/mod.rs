@@ -79,3 +79,6 @@ impl Framing for Format {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,142 @@
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+use super::*;
+use crate::settings::{PortName, Units};
+use penumbra_synthetic::{SimulatedTracker, Source, Trajectory};
+
+fn settings(protocol: &str) -> TrackerSettings {
+    TrackerSettings::new(protocol, PortName::Serial("/dev/none".to_owned()))
+}
+
+/// Holds the dialogue with a device in simulated time: what was said, and how it ended.
+fn converse(settings: &TrackerSettings, mut device: Option<SimulatedTracker>) -> (Vec<u8>, Action) {
+    let mut dialogue = Dialogue::new(settings).unwrap();
+    let (mut said, mut now) = (Vec::new(), MonotonicTime::from_nanos(0));
+    for _ in 0..10_000 {
+        let mut heard = Vec::new();
+        match dialogue.next(now) {
+            Action::Write(bytes) => {
+                said.extend_from_slice(&bytes);
+                if let Some(device) = &mut device {
+                    device.receive(&bytes, now, &mut heard);
+                }
+            }
+            Action::Read { until, .. } => {
+                now = until.min(now.offset_nanos(2_000_000));
+                if let Some(device) = &mut device {
+                    device.advance(now, &mut heard);
+                }
+            }
+            end => return (said, end),
+        }
+        if !heard.is_empty() {
+            dialogue.receive(&heard, now);
+        }
+    }
+    panic!("it does not end")
+}
+
+fn simulated(protocol: &str) -> Option<SimulatedTracker> {
+    let path = Source::Trajectory(Trajectory::default());
+    SimulatedTracker::new(protocol, path, None, false).ok()
+}
+
+#[test]
+fn a_fastrak_is_stopped_asked_told_asked_again_and_started() {
+    let (said, end) = converse(&settings("fastrak-binary-quaternion"), simulated("fastrak"));
+    let expected = "cSufl1,1\rO1,2,11,0\rH1,1,0,0\rl2,0\rl3,0\rl4,0\rSC";
+    assert_eq!(String::from_utf8_lossy(&said), expected);
+    let Action::Done(answer) = end else {
+        panic!("{end:?}")
+    };
+    assert_eq!(
+        answer.said.unwrap(),
+        "FASTRAK, software 3.18, simulated FASTRAK"
+    );
+    assert_eq!(answer.warning, None);
+}
+
+#[test]
+fn a_mode_that_was_not_taken_is_a_warning() {
+    let heard = b"21S3F0103  01  3.18  Rig                             \r\n";
+    let told = settings("fastrak-binary-quaternion");
+    let crate::Format::Fastrak(format) = crate::Format::for_protocol(&told.protocol).unwrap()
+    else {
+        panic!()
+    };
+    let steps = fastrak::commands::greeting(&told, &format);
+    let confirm = steps.iter().rev().find_map(|step| match step {
+        Step::Ask { heard, .. } => Some(heard),
+        _ => None,
+    });
+    let warning = confirm.unwrap()(heard).unwrap().warning.unwrap();
+    assert!(
+        warning.contains("told to send binary in centimetres"),
+        "{warning}"
+    );
+    assert!(warning.contains("sends text in inches"), "{warning}");
+    let inches = TrackerSettings {
+        units: Units::Inches,
+        ..settings("fastrak")
+    };
+    let crate::Format::Fastrak(format) = crate::Format::for_protocol("fastrak").unwrap() else {
+        panic!()
+    };
+    let first = fastrak::commands::greeting(&inches, &format);
+    let Some(Step::Ask {
+        heard: introduce, ..
+    }) = first.get(2)
+    else {
+        panic!()
+    };
+    let warning = introduce(heard).unwrap().warning.unwrap();
+    assert!(warning.contains("built-in test found 103"), "{warning}");
+}
+
+#[test]
+fn the_others_are_told_their_modes() {
+    for (protocol, expected) in [
+        ("liberty", "P\rF0\r\x16\rO*,2,7\rU1\rH*,1,0,0\rF1\rC\r"),
+        ("patriot", "P\rF0\r\x16\rO*,2,7\rU1\rH*,1,0,0\rF1\rC\r"),
+        ("flock", "BO\x01L\0\0]@"),
+        ("csv", ""),
+    ] {
+        let (said, end) = converse(&settings(protocol), simulated(protocol));
+        assert_eq!(said, expected.as_bytes(), "{protocol}");
+        assert!(matches!(end, Action::Done(_)), "{protocol}: {end:?}");
+    }
+    let (said, end) = converse(&settings("freed"), simulated("freed"));
+    assert_eq!(said, [0xd0, 0xff, 0x01, 0x70]);
+    assert!(matches!(end, Action::Done(_)), "{end:?}");
+}
+
+#[test]
+fn nobody_there_is_silence_within_seconds() {
+    for protocol in crate::PROTOCOLS.iter().filter(|name| **name != "vrpn") {
+        let (_, end) = converse(&settings(protocol), None);
+        let Action::Failed(Trouble::Silent { millis }) = end else {
+            panic!("{protocol}: {end:?}")
+        };
+        assert!((500..6000).contains(&millis), "{protocol}: {millis} ms");
+    }
+}
+
+#[test]
+fn leaving_is_what_the_device_understands() {
+    for protocol in ["fastrak", "liberty", "flock", "freed"] {
+        let mut device = simulated(protocol).unwrap();
+        let settings = settings(protocol);
+        let (_, end) = converse(&settings, Some(device.clone()));
+        assert!(matches!(end, Action::Done(_)));
+        let now = MonotonicTime::default();
+        let start: &[u8] = match protocol {
+            "fastrak" => b"C",
+            "liberty" => b"C\r",
+            "flock" => b"@",
+            _ => &[0xd0, 0xff, 0x01, 0x70],
+        };
+        device.receive(start, now, &mut Vec::new());
+        assert!(device.is_streaming(), "{protocol}");
+        device.receive(&farewell(&settings), now, &mut Vec::new());
+        assert!(!device.is_streaming(), "{protocol}");
+    }
+}
