@@ -14,6 +14,7 @@ pub mod dialogue;
 pub mod fastrak;
 pub mod flock;
 mod format;
+mod framing;
 pub mod freed;
 pub mod liberty;
 mod plausible;
@@ -22,8 +23,9 @@ pub mod recognise;
 pub mod settings;
 pub mod vrpn;
 
-pub use decoder::{Counters, Decoder, Fault, Framing, Reading, Verdict};
+pub use decoder::{Counters, Decoder};
 pub use dialogue::Dialogue;
 pub use format::{AnyDecoder, Format, PROTOCOLS};
+pub use framing::{Fault, Framing, Reading, Verdict};
 pub use port::{PortInfo, list_ports, open, probe};
 pub use settings::{Hemisphere, PortName, TrackerSettings, Units};

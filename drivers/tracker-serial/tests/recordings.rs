@@ -10,6 +10,7 @@ mod common;
 use glam::{DQuat, DVec3};
 use penumbra_interface::{MonotonicTime, PoseSample};
 use penumbra_tracker_serial::AnyDecoder;
+use proptest::prelude::*;
 use std::path::PathBuf;
 
 const RECORDINGS: [&str; 7] = [
@@ -154,6 +155,72 @@ fn damage_at_any_place_costs_its_neighbourhood_alone() {
                     found.len()
                 );
             }
+        }
+    }
+}
+
+impl Recording {
+    /// The places at which records end.
+    fn ends(&self) -> Vec<usize> {
+        if self.name == "csv" {
+            let lines = self
+                .bytes
+                .iter()
+                .enumerate()
+                .filter(|(_, byte)| **byte == b'\n');
+            return lines.map(|(i, _)| i + 1).collect();
+        }
+        let record = self.bytes.len() / self.poses.len();
+        (1..=self.poses.len()).map(|i| i * record).collect()
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(40))]
+
+    #[test]
+    fn garbage_before_and_between_costs_at_most_its_neighbours(
+        before in prop::collection::vec(any::<u8>(), 0..300),
+        between in prop::collection::vec(any::<u8>(), 0..300),
+        place in 2usize..6,
+        cuts in prop::collection::vec(1usize..90, 1..8),
+    ) {
+        for name in RECORDINGS.iter().filter(|name| **name != "fastrak-noisy") {
+            let mut recording = Recording::load(name);
+            let ends = recording.ends();
+            recording.bytes.truncate(ends[9]);
+            let (head, tail) = recording.bytes.split_at(ends[place]);
+            let stream = [&before, head, &between, tail].concat();
+            let (mut decoder, mut found, mut rest) = (recording.decoder(), Vec::new(), &stream[..]);
+            for cut in cuts.iter().cycle() {
+                let (piece, later) = rest.split_at((*cut).min(rest.len()));
+                decoder.push(piece, MonotonicTime::default(), |sample| found.push(sample));
+                rest = later;
+                if rest.is_empty() {
+                    break;
+                }
+            }
+            let known = |s: &PoseSample| recording.poses.iter().any(|p| recording.is(s, p));
+            prop_assert!(found.iter().all(known), "{}: {:?}", name, found);
+            // What garbage ends like may take the next record with it, no more.
+            prop_assert!(found.len() >= 7, "{}: {} of 10", name, found.len());
+        }
+    }
+
+    #[test]
+    fn arbitrary_bytes_never_break_any_decoder(
+        bytes in prop::collection::vec(any::<u8>(), 0..3000), cut in 1usize..200,
+    ) {
+        for protocol in penumbra_tracker_serial::PROTOCOLS {
+            let mut decoder = AnyDecoder::for_protocol(protocol).unwrap().with_baud(9600);
+            let (mut found, mut now) = (Vec::new(), 0);
+            for piece in bytes.chunks(cut) {
+                now += 1_000_000;
+                decoder.push(piece, MonotonicTime::from_nanos(now), |sample| found.push(sample));
+            }
+            prop_assert!(decoder.counters().skipped_bytes <= bytes.len() as u64);
+            prop_assert!(found.windows(2).all(|w| w[0].arrived_at <= w[1].arrived_at));
+            prop_assert!(found.iter().all(|s| s.transmitter_from_sensor.rotation.is_normalized()));
         }
     }
 }
