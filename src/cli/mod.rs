@@ -12,6 +12,7 @@ mod import;
 mod light;
 mod quiet;
 mod replay;
+mod simulate;
 
 use clap::{Parser, Subcommand};
 use std::fmt::Display;
@@ -46,6 +47,8 @@ enum Command {
     Doctor(check::DoctorArgs),
     /// Measure how long a frame takes on this machine
     Bench(bench::BenchArgs),
+    /// Be a device that is not there: a tracker at a pseudo-terminal or over UDP
+    Simulate(simulate::SimulateArgs),
 }
 
 /// Carries out the command line.
@@ -72,6 +75,7 @@ fn carry_out(command: Command) -> anyhow::Result<ExitCode> {
         Command::Devices(args) => devices::run(&args),
         Command::Doctor(args) => check::doctor(args),
         Command::Bench(args) => bench::run(args),
+        Command::Simulate(args) => simulate::run(args),
     }
 }
 

@@ -14,6 +14,7 @@ mod rates;
 pub mod replay;
 pub mod report;
 pub mod service;
+pub mod simulate;
 pub mod status;
 pub mod threads;
 mod watch;

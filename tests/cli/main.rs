@@ -8,5 +8,6 @@ mod refusals;
 mod replay;
 mod service;
 mod sessions;
+mod simulate;
 mod tools;
 mod window;

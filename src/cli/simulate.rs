@@ -1,0 +1,80 @@
+//! `penumbra simulate`.
+
+use anyhow::anyhow;
+use clap::{Args, Subcommand};
+use penumbra::rig::simulate::{SimulateOptions, SimulatedPlace, SimulatedSource, simulate};
+use penumbra_synthetic::Faults;
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+#[derive(Debug, Args)]
+pub struct SimulateArgs {
+    #[command(subcommand)]
+    device: SimulatedDevice,
+}
+
+#[derive(Debug, Subcommand)]
+enum SimulatedDevice {
+    /// A tracker that answers commands and streams as the real one does, until Ctrl-C
+    Tracker(TrackerArgs),
+}
+
+#[derive(Debug, Args)]
+struct TrackerArgs {
+    /// fastrak, liberty, patriot, flock, freed or csv; a session's own where one is played
+    #[arg(long, value_name = "NAME")]
+    protocol: Option<String>,
+    /// Be found at a pseudo-terminal, printed and, if given, linked to from LINK
+    #[arg(long, value_name = "LINK", num_args = 0..=1, required_unless_present = "udp")]
+    pty: Option<Option<PathBuf>>,
+    /// Send datagrams there, as FreeD does
+    #[arg(long, value_name = "ADDRESS:PORT", conflicts_with = "pty")]
+    udp: Option<SocketAddr>,
+    /// Records a second, where not the device's own
+    #[arg(long, value_name = "HZ", value_parser = rate)]
+    rate: Option<f64>,
+    /// `orbit`, or a file of lines `seconds x y z qx qy qz qw`
+    #[arg(long, value_name = "orbit|FILE", default_value = "orbit")]
+    trajectory: PathBuf,
+    /// Play the tracker's bytes of a session
+    #[arg(long, value_name = "SESSION.mcap", conflicts_with = "trajectory")]
+    session: Option<PathBuf>,
+    /// split, drop=RATE, flip=RATE, insert=RATE, silent-after=SECONDS,
+    /// hang-up-after=SECONDS, parted by commas
+    #[arg(
+        long,
+        value_name = "LIST",
+        default_value = "",
+        hide_default_value = true
+    )]
+    faults: String,
+}
+
+pub fn run(args: SimulateArgs) -> anyhow::Result<ExitCode> {
+    let SimulatedDevice::Tracker(args) = args.device;
+    let options = SimulateOptions {
+        faults: Faults::parse(&args.faults).map_err(|e| anyhow!("--faults: {e}"))?,
+        source: match args.session {
+            Some(session) => SimulatedSource::Session(session),
+            None if args.trajectory.as_os_str() == "orbit" => SimulatedSource::Orbit,
+            None => SimulatedSource::File(args.trajectory),
+        },
+        place: match args.udp {
+            Some(address) => SimulatedPlace::Udp(address),
+            None => SimulatedPlace::Pty(args.pty.flatten()),
+        },
+        protocol: args.protocol,
+        rate: args.rate,
+    };
+    // The place alone, for scripts.
+    simulate(options, |place| super::say(place))?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn rate(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(rate) if (0.1..=10_000.0).contains(&rate) => Ok(rate),
+        _ => Err("a number of records a second, 0.1 to 10000".to_owned()),
+    }
+}
