@@ -17,7 +17,7 @@ UNPACKED := if [ -f target/packages/env ]; then . target/packages/env; fi;
 # A window needs a display; without one the picture is in the browser.
 WINDOW := $(if $(DISPLAY)$(WAYLAND_DISPLAY),,--headless)
 
-.PHONY: help demo build test lint unit advisories bench bench-table fidelity soak fmt packages-demo packages-test toolchain clean
+.PHONY: help demo build test lint unit advisories bench bench-table fidelity soak fuzz fmt packages-demo packages-test toolchain clean
 
 help: ## This list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -52,6 +52,9 @@ fidelity: build ## Judge the pictures by path-traced truth; ARGS="--sessions des
 
 soak: build ## Long: 10,000 frames of a looped replay must leave memory flat
 	@$(UNPACKED) python3 tests/soak.py $(PENUMBRA) $(SESSION) $(ARGS)
+
+fuzz: ## Fuzz every byte protocol and the session reader; FUZZ_SECONDS=30 each, ARGS="fastrak csv"
+	@tests/fuzz/run $(ARGS)
 
 fmt: ## Format all Rust
 	cargo fmt --all
