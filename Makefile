@@ -10,6 +10,10 @@ TARGET := $(or $(CARGO_TARGET_DIR),target)
 PENUMBRA := $(TARGET)/release/penumbra
 SESSION ?= tests/fixtures/sessions/desk.mcap
 TRUTH ?= ../shared/truth
+PREFIX ?= /usr/local
+SYSCONFDIR ?= /etc
+UNITDIR ?= /etc/systemd/system
+UDEVDIR ?= /etc/udev/rules.d
 # Mesa's device-select layer complains on machines without a desktop; Penumbra sorts adapters
 # itself. Then: packages that were unpacked without root (.ci/packages --no-root).
 export NODEVICE_SELECT ?= 1
@@ -17,7 +21,7 @@ UNPACKED := if [ -f target/packages/env ]; then . target/packages/env; fi;
 # A window needs a display; without one the picture is in the browser.
 WINDOW := $(if $(DISPLAY)$(WAYLAND_DISPLAY),,--headless)
 
-.PHONY: help demo build test lint unit advisories bench bench-table fidelity soak fuzz fmt packages-demo packages-test toolchain clean
+.PHONY: help demo build test lint unit advisories bench bench-table fidelity soak fuzz fmt packages-demo packages-test toolchain clean install uninstall
 
 help: ## This list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -55,6 +59,23 @@ soak: build ## Long: 10,000 frames of a looped replay must leave memory flat
 
 fuzz: ## Fuzz every byte protocol and the session reader; FUZZ_SECONDS=30 each, ARGS="fastrak csv"
 	@tests/fuzz/run $(ARGS)
+
+install: ## Program, service, udev rules, user; DESTDIR= PREFIX=/usr/local SYSCONFDIR=/etc. Build first
+	@test -x $(PENUMBRA) || { echo "build first: make build" >&2; exit 1; }
+	install -D -m 755 $(PENUMBRA) $(DESTDIR)$(PREFIX)/bin/penumbra
+	sed -e 's#@PREFIX@#$(PREFIX)#g' -e 's#@SYSCONFDIR@#$(SYSCONFDIR)#g' systemd/penumbra.service.in > $(TARGET)/penumbra.service
+	install -D -m 644 $(TARGET)/penumbra.service $(DESTDIR)$(UNITDIR)/penumbra.service
+	install -D -m 644 systemd/70-penumbra.rules $(DESTDIR)$(UDEVDIR)/70-penumbra.rules
+	install -D -m 644 systemd/penumbra.sysusers $(DESTDIR)$(PREFIX)/lib/sysusers.d/penumbra.conf
+	install -d $(DESTDIR)$(SYSCONFDIR)/penumbra
+	test -e $(DESTDIR)$(SYSCONFDIR)/penumbra/rig.toml || install -m 644 config/rig.toml $(DESTDIR)$(SYSCONFDIR)/penumbra/rig.toml
+	@$(if $(DESTDIR),,systemd-sysusers; systemctl daemon-reload; udevadm control --reload; udevadm trigger -s video4linux -s tty -s usb-serial; echo "edit $(SYSCONFDIR)/penumbra/rig.toml, then: systemctl enable --now penumbra")
+
+uninstall: ## Take all of that away again, but not $(SYSCONFDIR)/penumbra and recordings
+	@$(if $(DESTDIR),,systemctl disable --now penumbra 2>/dev/null || true)
+	rm -f $(DESTDIR)$(PREFIX)/bin/penumbra $(DESTDIR)$(UNITDIR)/penumbra.service
+	rm -f $(DESTDIR)$(UDEVDIR)/70-penumbra.rules $(DESTDIR)$(PREFIX)/lib/sysusers.d/penumbra.conf
+	@$(if $(DESTDIR),,systemctl daemon-reload; udevadm control --reload; userdel penumbra 2>/dev/null || true)
 
 fmt: ## Format all Rust
 	cargo fmt --all

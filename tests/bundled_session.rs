@@ -35,7 +35,7 @@ fn every_stream_is_in_it() {
             SessionEvent::Scene(_) => scene += 1,
             SessionEvent::Environment(_) => environment += 1,
             SessionEvent::TrackerBytes { .. } => tracker += 1,
-            SessionEvent::Pose(_) => {}
+            SessionEvent::Pose(_) | SessionEvent::Tick(_) | SessionEvent::Prepared { .. } => {}
         }
     }
     // Ten instants of the environment camera, each with two brackets.

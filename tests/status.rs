@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use penumbra::picture::Picture;
+use penumbra::status::recording::{Recording, RecordingControl, RecordingRefusal, RecordingWish};
 use penumbra::status::snapshot::SessionState;
 use penumbra::status::{Settings, SharedStatus, StatusError, StatusServer};
 use proptest::prelude::*;
@@ -423,6 +424,59 @@ fn settings_are_taken_as_json_and_in_reason_only() {
     assert_eq!(server.request("POST /settings", &[], "{}").status, 415);
     assert_eq!(server.post_settings(&"x".repeat(20_000)).status, 413);
     assert_eq!(server.get("/settings").status, 405);
+}
+
+/// A recorder that notes what it was asked.
+#[derive(Default)]
+struct Notes(std::sync::Mutex<Vec<RecordingWish>>);
+
+impl RecordingControl for Notes {
+    fn carry_out(&self, wish: &RecordingWish) -> Result<Recording, RecordingRefusal> {
+        self.0.lock().unwrap().push(wish.clone());
+        if wish.record {
+            return Ok(Recording::default());
+        }
+        Err(RecordingRefusal::Busy {
+            file: "a.mcap".to_owned(),
+        })
+    }
+}
+
+#[test]
+fn a_wish_to_record_reaches_the_recorder_unless_it_is_none_or_comes_from_elsewhere() {
+    let server = Server::start(None);
+    let json = "Content-Type: application/json";
+    let post = |headers: &[&str], body| server.request("POST /recording", headers, body);
+    let wish = r#"{"record": true, "file": "a.mcap", "seconds": 5}"#;
+    let refused = post(&[json], wish);
+    assert_eq!(refused.status, 409);
+    assert!(refused.text().contains("only a live rig"));
+    let notes = Arc::new(Notes::default());
+    server.shared.set_recorder(notes.clone());
+    assert_eq!(post(&[json], wish).status, 202);
+    assert_eq!(post(&[json], r#"{"record": false}"#).status, 409);
+    assert_eq!(notes.0.lock().unwrap().len(), 2);
+    assert_eq!(post(&[], wish).status, 415);
+    assert_eq!(post(&[json], "{}").status, 422);
+    assert_eq!(
+        post(&[json], r#"{"record": true, "file": "../a.mcap"}"#).status,
+        422
+    );
+    assert_eq!(
+        post(&[json, "Origin: http://evil.example"], wish).status,
+        403
+    );
+    assert_eq!(
+        post(&[json, "Sec-Fetch-Site: cross-site"], wish).status,
+        403
+    );
+    assert_eq!(server.get("/recording").status, 405);
+    assert_eq!(notes.0.lock().unwrap().len(), 2, "nothing else reached it");
+    let guarded = Server::start(Some("open-sesame-now"));
+    guarded.shared.set_recorder(notes.clone());
+    let outside = guarded.request("POST /recording", &[json], wish);
+    assert_eq!(outside.status, 401);
+    assert_eq!(notes.0.lock().unwrap().len(), 2);
 }
 
 // ── who may ask ─────────────────────────────────────────────────────────────────────────

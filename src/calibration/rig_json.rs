@@ -6,10 +6,11 @@
 
 use super::json_node::Node;
 pub use super::json_node::RigJsonError;
-use super::rig::{EnvironmentCamera, EnvironmentView, MirrorSphere, RigCalibration};
+use super::rig::{EnvironmentCamera, EnvironmentView, MirrorSphere, RigCalibration, SceneCamera};
+use super::{PinholeCamera, Response};
 use crate::scene::lamps::MOST_LAMPS;
 use cameras::{chart, environment_camera, scene_camera, sphere, tracker};
-use glam::{DMat4, DVec3, Vec3};
+use glam::{DMat4, DVec2, DVec3, Vec3};
 use penumbra_interface::RigidTransform;
 use things::{ground, marker, object, phantom, virtual_light};
 
@@ -145,6 +146,38 @@ pub enum EnvironmentSource {
 }
 
 impl RigDocument {
+    /// Of a rig that nobody has calibrated: its picture can be shown, and nothing in it.
+    #[must_use]
+    pub fn uncalibrated(width: u32, height: u32) -> Self {
+        let (w, h) = (f64::from(width), f64::from(height));
+        Self {
+            calibration: RigCalibration {
+                name: "uncalibrated".to_owned(),
+                scene_camera: SceneCamera {
+                    camera: PinholeCamera {
+                        width,
+                        height,
+                        // A usual lens: 60 degrees across.
+                        focal: DVec2::splat(w / 2.0 / 30_f64.to_radians().tan()),
+                        centre: DVec2::new(w - 1.0, h - 1.0) / 2.0,
+                        distortion: [0.0; 5],
+                    },
+                    response: Response::srgb(),
+                    latency_nanos: 0,
+                },
+                environment: None,
+                tracker: None,
+                chart: None,
+            },
+            mirror_sphere: None,
+            object: None,
+            phantoms: Vec::new(),
+            ground: None,
+            markers: Vec::new(),
+            virtual_lights: Vec::new(),
+        }
+    }
+
     /// Reads the bytes of a `rig.json`.
     pub fn parse(bytes: &[u8]) -> Result<Self> {
         if bytes.len() > LARGEST_FILE {

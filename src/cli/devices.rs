@@ -1,5 +1,6 @@
 //! `penumbra devices`: what is plugged in, by the names that settings take.
 
+use super::ports::{self, SerialPort};
 use super::say;
 use clap::Args;
 use penumbra_interface::{CameraControl, CameraFormat, CameraInfo, CameraSize};
@@ -12,20 +13,28 @@ pub(super) struct DevicesArgs {
     /// As JSON, for programs
     #[arg(long)]
     json: bool,
+    /// Ask at every serial port which tracker is there: up to six seconds each
+    #[arg(long)]
+    probe: bool,
 }
 
 /// Everything that was found. One field per family of devices, one section of the text each.
 #[derive(Debug, Serialize)]
 struct Devices {
     cameras: Vec<CameraInfo>,
+    serial_ports: Vec<SerialPort>,
 }
 
 pub(super) fn run(args: &DevicesArgs) -> anyhow::Result<ExitCode> {
-    let devices = Devices { cameras: cameras() };
+    let devices = Devices {
+        cameras: cameras(),
+        serial_ports: ports::find(args.probe),
+    };
     if args.json {
         say(serde_json::to_string_pretty(&devices)?);
     } else {
         say(cameras_in_words(&devices.cameras).trim_end());
+        say(ports::in_words(&devices.serial_ports).trim_end());
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -210,7 +219,11 @@ mod tests {
     #[test]
     fn json_keeps_everything() {
         let cameras = vec![webcam()];
-        let json = serde_json::to_value(Devices { cameras }).unwrap();
+        let json = serde_json::to_value(Devices {
+            cameras,
+            serial_ports: Vec::new(),
+        })
+        .unwrap();
         let control = &json["cameras"][0]["controls"][0];
         assert_eq!(control["name"], "exposure_time_absolute");
         assert_eq!(control["flags"][0], "inactive");

@@ -10,8 +10,12 @@ mod devices;
 mod files;
 mod import;
 mod light;
+mod live;
+mod ports;
 mod quiet;
+mod record;
 mod replay;
+mod show;
 mod simulate;
 
 use clap::{Parser, Subcommand};
@@ -33,6 +37,10 @@ struct Cli {
 enum Command {
     /// Play a recorded session through the compositor: to a window, to a browser, to files
     Replay(Box<replay::ReplayArgs>),
+    /// Run a live rig: cameras and tracker to a window, to a browser, to files
+    Run(Box<live::RunArgs>),
+    /// Record the live rig into a session, without composing anything
+    Record(record::RecordArgs),
     /// Make a session from a folder of pictures, time stamps and poses
     Import(import::ImportArgs),
     /// Say what is in a session: streams, rates, gaps, duration, attachments
@@ -68,6 +76,8 @@ pub fn run() -> ExitCode {
 fn carry_out(command: Command) -> anyhow::Result<ExitCode> {
     match command {
         Command::Replay(args) => replay::run(*args),
+        Command::Run(args) => live::run(&args),
+        Command::Record(args) => record::run(&args),
         Command::Import(args) => import::run(args),
         Command::Info(args) => check::info(&args),
         Command::Light(args) => light::run(&args),

@@ -92,6 +92,29 @@ pub enum Unseen {
     Black,
 }
 
+/// How long pictures of a recording wait for what belongs to them.
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    clap::ValueEnum,
+    serde::Deserialize,
+    serde::Serialize,
+)]
+#[serde(rename_all = "kebab-case")]
+pub enum ReplayPairing {
+    /// `"auto"`: `live` where a running rig recorded what it composed, else `whole`.
+    #[default]
+    Auto,
+    /// `"live"`: as in a live rig, so that the pictures are those that it showed.
+    Live,
+    /// `"whole"`: until all that belongs to them has come, for the smoothest poses.
+    Whole,
+}
+
 /// How shadows are put into the camera's picture.
 #[derive(
     Clone,

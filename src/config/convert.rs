@@ -1,5 +1,6 @@
 //! From what is typed to what is true.
 
+use super::devices;
 use super::file::{self, ConfigFile};
 use super::toml_text::{Fault, TomlText};
 use super::{
@@ -13,7 +14,7 @@ use std::path::Path;
 /// Dome lights that can be asked for.
 pub const LIGHT_COUNTS: [u32; 7] = [0, 8, 24, 48, 64, 96, 384];
 
-type Result<T> = std::result::Result<T, Fault>;
+pub(super) type Result<T> = std::result::Result<T, Fault>;
 
 pub(super) fn config(text: &TomlText, folder: &Path) -> std::result::Result<Config, ConfigError> {
     let file: ConfigFile = text.parse()?;
@@ -26,6 +27,13 @@ fn convert(file: ConfigFile, folder: &Path) -> Result<Config> {
         ..Config::default()
     };
     config.scene_camera.response = file.scene_camera.response;
+    let scene_camera = devices::camera("scene_camera", file.scene_camera.camera(), folder)?;
+    set(&mut config.scene_camera.source, scene_camera);
+    config.environment_camera =
+        devices::camera("environment_camera", file.environment_camera, folder)?;
+    config.tracker = devices::tracker(file.tracker, folder)?;
+    config.calibration = file.calibration.from.map(|path| folder.join(path));
+    devices::recording(file.recording, folder, &mut config.recording)?;
     environment(file.environment, &mut config.environment)?;
     white_balance(&file.white_balance, &mut config.white_balance)?;
     shadows(&file.shadows, &mut config.shadows)?;
@@ -38,17 +46,22 @@ fn convert(file: ConfigFile, folder: &Path) -> Result<Config> {
     config.gpu.adapter = file.gpu.adapter.filter(|name| name != "auto");
     set(&mut config.replay.speed, file.replay.speed);
     set(&mut config.replay.repeat, file.replay.repeat);
+    set(&mut config.replay.pairing, file.replay.pairing);
     Ok(config)
 }
 
-fn set<T>(place: &mut T, value: Option<T>) {
+pub(super) fn set<T>(place: &mut T, value: Option<T>) {
     if let Some(value) = value {
         *place = value;
     }
 }
 
 /// `value` if it is given and lies in `range`.
-fn within(key: &str, value: Option<f64>, range: RangeInclusive<f64>) -> Result<Option<f64>> {
+pub(super) fn within(
+    key: &str,
+    value: Option<f64>,
+    range: RangeInclusive<f64>,
+) -> Result<Option<f64>> {
     match value {
         Some(v) if !range.contains(&v) => {
             let (low, high) = range.into_inner();
@@ -73,7 +86,11 @@ fn power_of_two(key: &str, value: Option<u32>, low: u32, high: u32) -> Result<Op
 }
 
 /// Milliseconds to nanoseconds.
-fn millis(key: &str, value: Option<f64>, range: RangeInclusive<f64>) -> Result<Option<i64>> {
+pub(super) fn millis(
+    key: &str,
+    value: Option<f64>,
+    range: RangeInclusive<f64>,
+) -> Result<Option<i64>> {
     Ok(within(key, value, range)?.map(|ms| (ms * 1e6).round() as i64))
 }
 
@@ -197,6 +214,8 @@ fn sync(file: &file::Sync, out: &mut SyncConfig) -> Result<()> {
         0.0..=1000.0,
     )?;
     set(&mut out.longest_prediction_nanos, longest);
+    let wait = millis("sync.longest_wait_ms", file.longest_wait_ms, 0.0..=1000.0)?;
+    set(&mut out.longest_wait_nanos, wait);
     Ok(())
 }
 

@@ -2,17 +2,26 @@
 //! mean is said in `config/rig.toml`.
 
 use super::choice::{
-    Antialias, Clipped, Irradiance, LightPlacement, Monitor, Refresh, ReplaySpeed, ShadowMode,
-    ShadowResolution, ToneCurve, Unseen, WhiteBalanceMethod, YuvMatrix, YuvRange,
+    Antialias, Clipped, Irradiance, LightPlacement, Monitor, Refresh, ReplayPairing, ReplaySpeed,
+    ShadowMode, ShadowResolution, ToneCurve, Unseen, WhiteBalanceMethod, YuvMatrix, YuvRange,
+};
+use super::devices::{
+    CalibrationFile, CameraFile, ControlChange, ControlValue, FormatName, RecordingFile,
+    TrackerFile,
 };
 use crate::calibration::EnvironmentSource;
 use serde::Deserialize;
+use std::collections::BTreeMap;
 
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct ConfigFile {
     pub scene: Scene,
     pub scene_camera: SceneCamera,
+    pub environment_camera: CameraFile,
+    pub tracker: TrackerFile,
+    pub calibration: CalibrationFile,
+    pub recording: RecordingFile,
     pub environment: Environment,
     pub white_balance: WhiteBalance,
     pub shadows: Shadows,
@@ -35,6 +44,35 @@ pub(super) struct Scene {
 #[serde(deny_unknown_fields, default)]
 pub(super) struct SceneCamera {
     pub response: Option<ToneCurve>,
+    pub device: Option<String>,
+    pub width: Option<u32>,
+    pub height: Option<u32>,
+    pub frames_per_second: Option<f64>,
+    pub formats: Option<Vec<FormatName>>,
+    pub buffers: Option<u32>,
+    pub gain_per_unit: Option<f64>,
+    pub on_control_change: Option<ControlChange>,
+    pub silent_after_ms: Option<f64>,
+    pub controls: Option<BTreeMap<String, ControlValue>>,
+}
+
+impl SceneCamera {
+    /// What goes for either camera.
+    pub fn camera(self) -> CameraFile {
+        CameraFile {
+            device: Some(self.device.unwrap_or_else(|| "auto".to_owned())),
+            width: self.width,
+            height: self.height,
+            frames_per_second: self.frames_per_second,
+            formats: self.formats,
+            buffers: self.buffers,
+            gain_per_unit: self.gain_per_unit,
+            on_control_change: self.on_control_change,
+            silent_after_ms: self.silent_after_ms,
+            controls: self.controls,
+            ..CameraFile::default()
+        }
+    }
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -86,6 +124,7 @@ pub(super) struct Sync {
     pub tracker_latency_ms: Option<f64>,
     pub pose_smoothing_ms: Option<f64>,
     pub longest_prediction_ms: Option<f64>,
+    pub longest_wait_ms: Option<f64>,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -124,4 +163,5 @@ pub(super) struct Replay {
     pub speed: Option<ReplaySpeed>,
     #[serde(rename = "loop")]
     pub repeat: Option<bool>,
+    pub pairing: Option<ReplayPairing>,
 }

@@ -4,6 +4,7 @@
 
 mod choice;
 mod convert;
+mod devices;
 mod error;
 mod file;
 pub(crate) mod toml_text;
@@ -12,13 +13,20 @@ use crate::calibration::EnvironmentSource;
 pub use crate::picture::YuvEncoding;
 use crate::sync::{Degree, Smoothing};
 pub use choice::{
-    Antialias, Clipped, Irradiance, LightPlacement, Monitor, Refresh, ReplaySpeed, SceneChoice,
-    ShadowMode, ShadowResolution, ToneCurve, Unseen, WhiteBalanceMethod, YuvMatrix, YuvRange,
+    Antialias, Clipped, Irradiance, LightPlacement, Monitor, Refresh, ReplayPairing, ReplaySpeed,
+    SceneChoice, ShadowMode, ShadowResolution, ToneCurve, Unseen, WhiteBalanceMethod, YuvMatrix,
+    YuvRange,
 };
 pub use convert::{LIGHT_COUNTS, listen_needs_token};
+pub use devices::{
+    ControlChange, ControlValue, FormatName, Hemisphere, RecordingConfig, TrackerConfig,
+    TrackerUnits,
+};
 pub use error::ConfigError;
 
+use crate::capture::{CameraSource, TrackerSource};
 use crate::scene::SceneAddition;
+use penumbra_interface::CameraSettings;
 use std::fmt;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
@@ -31,6 +39,14 @@ pub struct Config {
     pub scene: SceneChoice,
     /// The scene camera.
     pub scene_camera: SceneCameraConfig,
+    /// The environment camera, if the rig has one.
+    pub environment_camera: Option<CameraSource>,
+    /// The tracker, if the rig has one.
+    pub tracker: Option<TrackerSource>,
+    /// Where the live rig's calibration, phantoms and objects are: a folder or a session.
+    pub calibration: Option<PathBuf>,
+    /// Recordings of the live rig.
+    pub recording: RecordingConfig,
     /// The environment and its lights.
     pub environment: EnvironmentConfig,
     /// Match between the cameras.
@@ -54,8 +70,10 @@ pub struct Config {
 }
 
 /// `[scene_camera]`
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct SceneCameraConfig {
+    /// The camera of a live rig.
+    pub source: CameraSource,
     /// Overrides the calibration's.
     pub response: Option<ToneCurve>,
 }
@@ -135,6 +153,8 @@ pub struct SyncConfig {
     pub pose_smoothing_nanos: i64,
     /// A pose is predicted at most so far, nanoseconds.
     pub longest_prediction_nanos: i64,
+    /// A live picture waits at most so long for the tracker, nanoseconds.
+    pub longest_wait_nanos: i64,
 }
 
 impl SyncConfig {
@@ -227,6 +247,18 @@ pub struct ReplayConfig {
     pub speed: ReplaySpeed,
     /// Begin again at the end.
     pub repeat: bool,
+    /// How long pictures wait for what belongs to them.
+    pub pairing: ReplayPairing,
+}
+
+impl Default for SceneCameraConfig {
+    /// The only camera there is.
+    fn default() -> Self {
+        Self {
+            source: CameraSource::System(CameraSettings::default()),
+            response: None,
+        }
+    }
 }
 
 impl Default for EnvironmentConfig {
@@ -278,6 +310,7 @@ impl Default for SyncConfig {
             tracker_latency_nanos: None,
             pose_smoothing_nanos: 100_000_000,
             longest_prediction_nanos: 50_000_000,
+            longest_wait_nanos: 20_000_000,
         }
     }
 }

@@ -50,6 +50,18 @@ fn rig_toml_names_every_key_even_those_without_default() {
     assert_eq!(config.sync.environment_camera_latency_nanos, Some(0));
     assert_eq!(config.output.monitor, Some(Monitor::Index(0)));
     assert!(config.output.frames.is_some() && config.status.token.is_some());
+    assert_eq!(config.calibration, Some(PathBuf::from("calibration")));
+    assert!(config.recording.longest_nanos.is_some());
+    let CameraSource::System(scene) = &config.scene_camera.source else {
+        panic!("{:?}", config.scene_camera);
+    };
+    assert_eq!((scene.width, scene.controls.len()), (1280, 5));
+    let Some(CameraSource::System(environment)) = &config.environment_camera else {
+        panic!("{:?}", config.environment_camera);
+    };
+    let bracket = environment.bracket.as_ref().unwrap();
+    assert_eq!((bracket.hold, bracket.lag), (2, Some(2)));
+    assert!(matches!(config.tracker, Some(TrackerSource::System(_))));
     // Every key of the type is in the file: the parser itself lists what it knows.
     for section in [
         "scene",
@@ -64,6 +76,10 @@ fn rig_toml_names_every_key_even_those_without_default() {
         "status",
         "gpu",
         "replay",
+        "environment_camera",
+        "tracker",
+        "calibration",
+        "recording",
     ] {
         let error = complaint(&format!("[{section}]\nqqqqqqq = 1\n"));
         let known = error.split("known here: ").nth(1).unwrap_or_else(|| {
@@ -72,7 +88,8 @@ fn rig_toml_names_every_key_even_those_without_default() {
         });
         for key in known.split(", ") {
             assert!(
-                uncommented.contains(&format!("\n{key} = ")),
+                uncommented.contains(&format!("\n{key} = "))
+                    || uncommented.contains(&format!("\n[{section}.{key}]")),
                 "{section}.{key} is not in rig.toml"
             );
         }
@@ -207,6 +224,55 @@ fn wrong_settings_are_explained() {
             "c.toml:2: `scene.file`: there is no file gone.toml; expected a scene file, \"session\" or \"none\"",
         ),
         (
+            "[scene_camera]\nwidth = 0\n",
+            "c.toml:2: `scene_camera.width`: expected a whole number from 1 to 16384, found 0",
+        ),
+        (
+            "[environment_camera]\nwidth = 640\n",
+            "c.toml:1: `environment_camera`: says how, but not which camera; add `device`",
+        ),
+        (
+            "[scene_camera]\nformats = [\"mpeg\"]\n",
+            "c.toml:2: `scene_camera.formats[0]`: expected one of `mjpeg`, `yuyv`, `nv12`, `rgb24`, `grey`, `bayer-rggb`, \
+             `bayer-bggr`, `bayer-grbg`, `bayer-gbrg`, found unknown variant `mpeg`",
+        ),
+        (
+            "[scene_camera.controls]\ngain = \"high\"\n",
+            "c.toml:2: `scene_camera.controls.gain`: expected a whole number, true or false, found string \"high\"",
+        ),
+        (
+            "[scene_camera]\nexposure = 1\n",
+            "c.toml:2: unknown key `scene_camera.exposure`; known here: response, device, width, height, frames_per_second, formats, buffers, gain_per_unit, on_control_change, silent_after_ms, controls",
+        ),
+        (
+            "[environment_camera]\ndevice = \"x\"\nbrackets_ev = [-4, -8]\n",
+            "c.toml:3: `environment_camera.brackets_ev`: expected at most 16 stops between -30 and 30, one of them 0 (the base exposure)",
+        ),
+        (
+            "[environment_camera]\ndevice = \"x\"\nbracket_hold = 2\n",
+            "c.toml:1: `environment_camera`: says how to bracket; add `brackets_ev`",
+        ),
+        (
+            "[tracker]\nbaud = 9600\n",
+            "c.toml:1: `tracker`: says how, but not where; add `device`",
+        ),
+        (
+            "[tracker]\ndevice = \"x\"\nhemisphere = \"front\"\n",
+            "c.toml:3: `tracker.hemisphere`: expected one of `forward`, `back`, `right`, `left`, `lower`, `upper`, found unknown variant `front`",
+        ),
+        (
+            "[tracker]\ndevice = \"x\"\nstation = 0\n",
+            "c.toml:3: `tracker.station`: expected a whole number from 1 to 16, found 0",
+        ),
+        (
+            "[recording]\nreserve_mb = -1\n",
+            "c.toml:2: `recording.reserve_mb`: expected a number from 0 to 1000000000, found -1",
+        ),
+        (
+            "[replay]\npairing = \"late\"\n",
+            "c.toml:2: `replay.pairing`: expected one of `auto`, `live`, `whole`, found unknown variant `late`",
+        ),
+        (
             "[white_balance]\ngains = [1, 2]\n",
             "c.toml:2: `white_balance.gains`: expected an array of length 3, found length 2",
         ),
@@ -214,6 +280,41 @@ fn wrong_settings_are_explained() {
     for (text, expected) in cases {
         assert_eq!(complaint(text), expected);
     }
+}
+
+#[test]
+fn devices_are_named_in_words_and_files_are_taken_from_the_configurations_folder() {
+    let text = "[scene_camera]\ndevice = \"replay:a.mcap\"\n[environment_camera]\n\
+                device = \"usb:046d:0825\"\non_control_change = \"restore\"\n\
+                [environment_camera.controls]\nauto_exposure = 1\nfocus_automatic_continuous = false\n\
+                [tracker]\ndevice = \"udp:0.0.0.0:40000\"\nprotocol = \"freed\"\n\
+                [calibration]\nfrom = \"c\"\n[recording]\nfolder = \"r\"\nlongest_s = 60\n";
+    let text = TomlText::new("c.toml", text);
+    let config = convert::config(&text, Path::new("/rig")).unwrap();
+    let replayed = CameraSource::Replay(PathBuf::from("/rig/a.mcap"));
+    assert_eq!(config.scene_camera.source, replayed);
+    let Some(CameraSource::System(camera)) = config.environment_camera else {
+        panic!("a real camera");
+    };
+    assert_eq!(camera.device, "usb:046d:0825");
+    assert_eq!(camera.on_change, penumbra_interface::OnChange::Restore);
+    let locked = |name: &str, value| (name.to_owned(), value);
+    assert_eq!(
+        camera.controls,
+        [
+            locked("auto_exposure", 1),
+            locked("focus_automatic_continuous", 0)
+        ]
+    );
+    let Some(TrackerSource::System(tracker)) = config.tracker else {
+        panic!("a real tracker");
+    };
+    assert_eq!((tracker.protocol.as_str(), tracker.station), ("freed", 1));
+    assert_eq!(config.calibration, Some(PathBuf::from("/rig/c")));
+    assert_eq!(config.recording.folder, PathBuf::from("/rig/r"));
+    assert_eq!(config.recording.longest_nanos, Some(60_000_000_000));
+    assert_eq!(TrackerUnits::of_metres(0.0254), Some(TrackerUnits::Inches));
+    assert_eq!(TrackerUnits::of_metres(0.001), None);
 }
 
 #[test]

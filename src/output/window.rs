@@ -4,7 +4,7 @@
 use super::surface::{Place, SurfaceScreen};
 use crate::compositor::Gpu;
 use crate::config::Monitor;
-use crate::rig::replay::Screen;
+use crate::rig::Screen;
 use crate::rig::{RigError, threads};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;

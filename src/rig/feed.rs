@@ -1,22 +1,72 @@
-//! A session's events become paired rig frames.
+//! What arrives becomes paired rig frames.
+//!
+//! Pairing is a function of what arrives and in which order, a live rig's passing over of
+//! pictures comes after it, and both are written into a recording. So a replay pairs as the
+//! live rig did, and knows which pictures its light has seen.
 
-use crate::calibration::rig::TrackerCalibration;
-use crate::calibration::{RigCalibration, rig::EnvironmentView};
-use crate::session::{Events, Session, SessionEvent};
+use super::source::Source;
+use crate::calibration::RigCalibration;
+use crate::calibration::rig::EnvironmentView;
+use crate::capture::{Hub, Taken};
+use crate::session::{Events, Session, SessionError, SessionEvent};
 use crate::sync::{Pairing, PairingConfig, PairingCounts, RigFrame};
-use penumbra_interface::{MonotonicTime, PoseSample};
+use penumbra_interface::{Clock, MonotonicTime, PoseSample, SystemClock};
 use penumbra_tracker_serial::{AnyDecoder, Counters, Format};
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::time::Duration;
 
-/// Plays a session as if its devices were here.
+/// A live rig without pictures says so this often.
+const PATIENCE: Duration = Duration::from_millis(200);
+/// How far behind a picture the live rig's note about it is looked for.
+const NOTE_NANOS: i64 = 2_000_000_000;
+/// Bytes that are read ahead for it at most.
+const NOTE_BYTES: usize = 64 << 20;
+
+/// Pairs what a recording holds or devices deliver.
 pub struct Feed {
+    origin: Origin,
+    decoder: Option<(Arc<str>, AnyDecoder)>,
+    metres_per_unit: Option<f64>,
+    pairing: Pairing,
+    sphere_in_scene: bool,
+    counts: FeedCounts,
+    tracker: Counters,
+}
+
+enum Origin {
+    Recorded(Box<Recorded>),
+    Live(Arc<Hub>),
+}
+
+/// A recording, and what was read of it ahead of time.
+struct Recorded {
     session: Session,
     events: Events,
-    decoder: AnyDecoder,
-    pairing: Pairing,
+    ahead: VecDeque<Result<SessionEvent, SessionError>>,
     exhausted: bool,
-    sphere_in_scene: bool,
-    last_arrival: MonotonicTime,
-    counts: FeedCounts,
+    /// The live rig's notes are looked at.
+    as_live: bool,
+}
+
+/// What [`Feed::next_picture`] gives.
+pub enum Fed {
+    /// A picture of the scene camera with what belongs to it.
+    Frame(Box<FedFrame>),
+    /// Devices have been silent for a while.
+    Idle,
+    /// No more will come.
+    End,
+}
+
+/// A paired picture.
+pub struct FedFrame {
+    /// It.
+    pub frame: RigFrame,
+    /// Pictures that a live rig passed over for it.
+    pub passed_over: u64,
+    /// The light is to see it. Not so in a replay where the live rig passed it over.
+    pub lit: bool,
 }
 
 /// What came in.
@@ -33,52 +83,126 @@ pub struct FeedCounts {
 }
 
 impl Feed {
-    /// From the session's beginning.
+    /// From the beginning. `as_live` follows what a live rig noted in its recording.
     #[must_use]
-    pub fn new(session: Session, rig: &RigCalibration, config: PairingConfig) -> Self {
+    pub fn new(
+        source: &Source,
+        rig: &RigCalibration,
+        config: PairingConfig,
+        as_live: bool,
+    ) -> Self {
+        let origin = match source {
+            Source::Recorded(session) => Origin::Recorded(Box::new(Recorded {
+                events: session.events(),
+                session: session.clone(),
+                ahead: VecDeque::new(),
+                exhausted: false,
+                as_live: as_live && session.has_journal(),
+            })),
+            Source::Live(live) => Origin::Live(Arc::clone(&live.hub)),
+        };
         Self {
-            events: session.events(),
-            decoder: decoder_for(&session, rig.tracker.as_ref()),
+            decoder: None,
+            metres_per_unit: rig.tracker.as_ref().map(|t| t.metres_per_unit),
             sphere_in_scene: is_sphere_in_scene(rig),
-            pairing: Pairing::new(with_recorded_poses(config, &session)),
-            session,
-            exhausted: false,
-            last_arrival: MonotonicTime::default(),
+            pairing: Pairing::new(origin.with_recorded_poses(config)),
+            origin,
             counts: FeedCounts::default(),
+            tracker: Counters::default(),
         }
     }
 
     /// Begins again, as a loop does: what is paired next has nothing to do with what was.
     pub fn rewind(&mut self, config: PairingConfig) {
-        self.events = self.session.events();
-        self.decoder.reset();
-        self.pairing = Pairing::new(with_recorded_poses(config, &self.session));
-        self.exhausted = false;
+        if let Origin::Recorded(recorded) = &mut self.origin {
+            recorded.events = recorded.session.events();
+            recorded.ahead.clear();
+            recorded.exhausted = false;
+        }
+        self.retire_decoder();
+        self.pairing = Pairing::new(self.origin.with_recorded_poses(config));
     }
 
-    /// The next frame of the scene camera with what belongs to it; `None` at the end.
-    pub fn next_frame(&mut self) -> Option<RigFrame> {
+    /// The next picture of the scene camera with what belongs to it.
+    pub fn next_picture(&mut self) -> Fed {
+        match &self.origin {
+            Origin::Recorded(_) => self.next_recorded(),
+            Origin::Live(hub) => {
+                let hub = Arc::clone(hub);
+                self.next_live(&hub)
+            }
+        }
+    }
+
+    fn next_recorded(&mut self) -> Fed {
         loop {
+            let Origin::Recorded(recorded) = &mut self.origin else {
+                return Fed::End;
+            };
             if let Some(frame) = self.pairing.pop() {
-                return Some(frame);
+                return Fed::Frame(Box::new(FedFrame {
+                    lit: recorded.was_prepared(frame.scene.arrived_at),
+                    passed_over: 0,
+                    frame,
+                }));
             }
-            if self.exhausted {
-                return None;
+            if recorded.exhausted {
+                return Fed::End;
             }
-            match self.events.next() {
+            match recorded.next() {
                 Some(Ok(event)) => self.take(event),
                 // The reader has left the damaged stretch behind; status counts it.
                 Some(Err(_)) => self.counts.damaged += 1,
                 None => {
+                    recorded.exhausted = true;
                     self.pairing.finish();
-                    self.exhausted = true;
                 }
             }
         }
     }
 
+    /// Everything that waits is paired, and the newest picture wins.
+    fn next_live(&mut self, hub: &Hub) -> Fed {
+        let (mut newest, mut passed_over) = (None, 0);
+        // A tracker alone keeps things arriving, but no picture ever comes of it.
+        let longest = SystemClock.now() + PATIENCE;
+        loop {
+            while let Some(frame) = self.pairing.pop() {
+                passed_over += u64::from(newest.replace(frame).is_some());
+            }
+            let taken = match &newest {
+                Some(_) => hub.take_waiting(),
+                None if SystemClock.now() >= longest => return Fed::Idle,
+                None => Some(hub.take(self.pairing.deadline(), PATIENCE)),
+            };
+            match taken {
+                Some(Taken::Event(event)) => self.take(event),
+                Some(Taken::Superseded(at)) => {
+                    self.counts.scene_frames += 1;
+                    self.pairing.pass_over(at);
+                    passed_over += 1;
+                }
+                Some(Taken::Idle) => return Fed::Idle,
+                Some(Taken::Ended) => return Fed::End,
+                None => break,
+            }
+        }
+        let Some(frame) = newest else {
+            return Fed::Idle;
+        };
+        hub.journal(&SessionEvent::Prepared {
+            at: SystemClock.now(),
+            arrived_at: frame.scene.arrived_at,
+        });
+        Fed::Frame(Box::new(FedFrame {
+            frame,
+            passed_over,
+            lit: true,
+        }))
+    }
+
     fn take(&mut self, event: SessionEvent) {
-        self.last_arrival = event.arrived_at();
+        let arrived_at = event.arrived_at();
         match event {
             SessionEvent::Scene(frame) => {
                 self.counts.scene_frames += 1;
@@ -90,19 +214,43 @@ impl Feed {
                     self.pairing.push_environment(frame);
                 }
             }
-            SessionEvent::TrackerBytes { bytes, arrived_at } => {
-                let (pairing, counts) = (&mut self.pairing, &mut self.counts);
-                self.decoder.push(&bytes, arrived_at, |sample: PoseSample| {
-                    counts.poses += 1;
-                    pairing.push_pose(&sample);
-                });
-            }
+            SessionEvent::TrackerBytes {
+                protocol, bytes, ..
+            } => self.decode(&protocol, &bytes, arrived_at),
             SessionEvent::Pose(sample) => {
                 self.counts.poses += 1;
                 self.pairing.push_pose(&sample);
             }
+            SessionEvent::Tick(_) => (),
+            // A note about what was paired before, not an arrival.
+            SessionEvent::Prepared { .. } => return,
         }
-        self.pairing.advance(self.last_arrival);
+        self.pairing.advance(arrived_at);
+    }
+
+    fn decode(&mut self, protocol: &Arc<str>, bytes: &[u8], arrived_at: MonotonicTime) {
+        if self
+            .decoder
+            .as_ref()
+            .is_none_or(|(known, _)| known != protocol)
+        {
+            self.retire_decoder();
+            let decoder = decoder_for(protocol, self.metres_per_unit);
+            self.decoder = Some((Arc::clone(protocol), decoder));
+        }
+        let Some((_, decoder)) = &mut self.decoder else {
+            return;
+        };
+        let (pairing, counts) = (&mut self.pairing, &mut self.counts);
+        decoder.push(bytes, arrived_at, |sample: PoseSample| {
+            counts.poses += 1;
+            pairing.push_pose(&sample);
+        });
+    }
+
+    fn retire_decoder(&mut self) {
+        self.tracker = self.tracker_counters();
+        self.decoder = None;
     }
 
     /// What came in so far.
@@ -117,10 +265,71 @@ impl Feed {
         self.pairing.counts()
     }
 
-    /// What the tracker's decoder has met.
+    /// What the tracker's decoders have met.
     #[must_use]
-    pub const fn tracker_counters(&self) -> Counters {
-        self.decoder.counters()
+    pub fn tracker_counters(&self) -> Counters {
+        let mut sum = self.tracker;
+        if let Some((_, decoder)) = &self.decoder {
+            let new = decoder.counters();
+            sum.records += new.records;
+            sum.skipped_bytes += new.skipped_bytes;
+        }
+        sum
+    }
+}
+
+impl Origin {
+    /// A session whose poses are no tracker's bytes, such as an imported TUM one, has poses
+    /// of the scene camera itself, and needs no tracker's calibration for them.
+    fn with_recorded_poses(&self, config: PairingConfig) -> PairingConfig {
+        let Self::Recorded(recorded) = self else {
+            return config;
+        };
+        let bytes = recorded.session.tracker_protocol();
+        let station = bytes.is_none().then_some(1).filter(|_| !recorded.as_live);
+        PairingConfig {
+            station: config.station.or(station),
+            ..config
+        }
+    }
+}
+
+impl Recorded {
+    fn next(&mut self) -> Option<Result<SessionEvent, SessionError>> {
+        self.ahead.pop_front().or_else(|| self.events.next())
+    }
+
+    /// Whether the live rig made the picture of this arrival ready, and so let the light
+    /// see it. Its note about that, or about a later picture, comes soon after.
+    fn was_prepared(&mut self, picture_at: MonotonicTime) -> bool {
+        if !self.as_live {
+            return true;
+        }
+        let (mut i, mut bytes) = (0, 0);
+        loop {
+            if i == self.ahead.len() {
+                match self.events.next() {
+                    Some(event) => self.ahead.push_back(event),
+                    None => return false,
+                }
+            }
+            match self.ahead.get(i) {
+                Some(Ok(SessionEvent::Prepared { arrived_at, .. }))
+                    if *arrived_at >= picture_at =>
+                {
+                    return *arrived_at == picture_at;
+                }
+                Some(Ok(event)) => {
+                    bytes += event.bytes();
+                    let far = event.arrived_at().nanos_since(picture_at) > NOTE_NANOS;
+                    if far || bytes > NOTE_BYTES {
+                        return false;
+                    }
+                }
+                _ => (),
+            }
+            i += 1;
+        }
     }
 }
 
@@ -131,25 +340,16 @@ pub fn is_sphere_in_scene(rig: &RigCalibration) -> bool {
     environment.is_some_and(|e| matches!(e.view, EnvironmentView::SphereInScene { .. }))
 }
 
-/// A session whose poses are no tracker's bytes, such as an imported TUM one, has poses of
-/// the scene camera itself, and needs no tracker's calibration for them.
-fn with_recorded_poses(config: PairingConfig, session: &Session) -> PairingConfig {
-    let recorded = session.tracker_protocol().is_none().then_some(1);
-    PairingConfig {
-        station: config.station.or(recorded),
-        ..config
-    }
-}
-
-/// What reads the recorded bytes. A protocol that nobody knows is read as a FASTRAK's
-/// default; the decoder counts what it cannot read.
-fn decoder_for(session: &Session, tracker: Option<&TrackerCalibration>) -> AnyDecoder {
-    let decoder = session
-        .tracker_protocol()
-        .and_then(AnyDecoder::for_protocol)
-        .unwrap_or_else(|| AnyDecoder::new(Format::default()));
-    match tracker {
-        Some(tracker) => decoder.with_metres_per_unit(tracker.metres_per_unit),
+/// What reads the bytes. A protocol that nobody knows is read as a FASTRAK's default; the
+/// decoder counts what it cannot read.
+fn decoder_for(protocol: &str, metres_per_unit: Option<f64>) -> AnyDecoder {
+    let decoder =
+        AnyDecoder::for_protocol(protocol).unwrap_or_else(|| AnyDecoder::new(Format::default()));
+    match metres_per_unit {
+        Some(metres) => decoder.with_metres_per_unit(metres),
         None => decoder,
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -23,8 +23,7 @@ use crate::environment::{
     IrradianceMethod, Lighting, Placement,
 };
 use crate::picture::{Picture, PictureError, YuvEncoding, decode_into};
-use crate::scene::{NearField, Scene, casters};
-use crate::session::Session;
+use crate::scene::{Attachments, NearField, Scene, casters};
 use crate::sync::EnvironmentSet;
 use glam::{DVec3, Mat3, Vec3};
 use penumbra_interface::{Exposure, MonotonicTime, RigidTransform};
@@ -65,18 +64,17 @@ pub struct SceneView<'a> {
 }
 
 impl LightStation {
-    /// Builds the tables of the rig's view and matches the chart, if the session has one.
+    /// Builds the tables of the rig's view and matches the chart, if `files` has one.
     ///
     /// # Errors
     /// Impossible geometry; a chart picture that cannot be read.
-    pub fn new(setup: &RigSetup, config: &Config, session: &Session) -> Result<Self, RigError> {
+    pub fn new(setup: &RigSetup, config: &Config, files: &Attachments) -> Result<Self, RigError> {
         let rig = setup.calibration.clone();
         let rays = Arc::new(PhantomCaster::new(&setup.scene));
         let estimator = estimator(&rig, config, &rays, &setup.scene)?;
         let same_camera = is_in_scene(&rig);
         let mut photometry = PhotometricMatch::new(photometry_settings(config), same_camera);
-        if !same_camera
-            && let Some(chart) = chart_match(&rig, session, config.white_balance.matrix)?
+        if !same_camera && let Some(chart) = chart_match(&rig, files, config.white_balance.matrix)?
         {
             photometry.set_chart(chart);
         }
@@ -390,14 +388,14 @@ type ChartResult = Result<ChartMatch, ChartError>;
 
 fn chart_match(
     rig: &RigCalibration,
-    session: &Session,
+    files: &Attachments,
     matrix: bool,
 ) -> Result<Option<ChartResult>, RigError> {
     let (Some(chart), Some(environment)) = (&rig.chart, &rig.environment) else {
         return Ok(None);
     };
     let load = |name: &str| -> Result<Option<Picture>, RigError> {
-        let Some(bytes) = session.attachment(name) else {
+        let Some(bytes) = files(name) else {
             return Ok(None);
         };
         Picture::from_file_bytes(bytes)

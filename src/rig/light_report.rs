@@ -1,7 +1,8 @@
 //! What the rig believes about the light of a session: `penumbra light SESSION`.
 
-use super::feed::Feed;
+use super::feed::{Fed, Feed};
 use super::light::{LightStation, SceneView};
+use super::source::Source;
 use super::{RigError, RigSetup};
 use crate::calibration::photometry::MatchStatus;
 use crate::config::Config;
@@ -19,15 +20,17 @@ use std::sync::Arc;
 /// # Errors
 /// A broken calibration; a session without any such instant.
 pub fn light_of_session(session: &Session, config: &Config) -> Result<LightReport, RigError> {
-    let setup = RigSetup::read(session, config)?;
-    let mut station = LightStation::new(&setup, config, session)?;
+    let source = Source::Recorded(session.clone());
+    let setup = RigSetup::read(&source, config)?;
+    let mut station = LightStation::new(&setup, config, &|name| session.attachment(name))?;
     let pairing = PairingConfig::for_rig(&setup.calibration).with_full_windows();
-    let mut feed = Feed::new(session.clone(), &setup.calibration, pairing);
+    let mut feed = Feed::new(&source, &setup.calibration, pairing, false);
     let none = || RigError::NoLight {
         path: session.path().to_owned(),
     };
     let mut picture = Picture::default();
-    while let Some(frame) = feed.next_frame() {
+    while let Fed::Frame(fed) = feed.next_picture() {
+        let frame = fed.frame;
         if decode_into(&frame.scene, &config.input.encoding(), &mut picture).is_err() {
             continue;
         }

@@ -1,26 +1,36 @@
 //! Wires the stations together and runs them. The only place that spawns threads.
 //!
-//! [`feed`] turns a session's events into paired [`RigFrame`]s, [`light`] turns their
+//! [`source`] is a recording or a live rig, [`feed`] pairs what arrives into [`RigFrame`]s, [`light`] turns their
 //! environment pictures into light at the scene camera's white point, [`prepare`] does both
-//! one frame ahead, [`mod@replay`] lets frames flow through the compositor to the outputs,
-//! [`report`] says afterwards what happened.
+//! one frame ahead, [`runner`] lets frames flow through the compositor to the outputs,
+//! [`recorder`] writes what arrives into a session meanwhile, [`report`] says afterwards what
+//! happened.
 
 pub mod feed;
 pub mod light;
 pub mod light_report;
+mod live_status;
+mod notify;
 mod pace;
 pub mod prepare;
 mod rates;
-pub mod replay;
+pub mod recorder;
 pub mod report;
+mod run;
+pub mod runner;
 pub mod service;
+mod settings;
 pub mod simulate;
+pub mod source;
 pub mod status;
 pub mod threads;
 mod watch;
 
-pub use replay::{ReplayOptions, replay};
+pub use recorder::Recorder;
 pub use report::Report;
+pub use runner::{RunOptions, Runner, Screen};
+pub use settings::live_settings;
+pub use source::{Live, RigFiles, Source};
 
 use crate::calibration::{RigCalibration, RigDocument};
 use crate::compositor::GpuError;
@@ -28,7 +38,8 @@ use crate::config::{Config, ConfigError};
 use crate::environment::EnvironmentError;
 use crate::picture::PictureError;
 use crate::scene::{Scene, SceneError};
-use crate::session::{Session, SessionError};
+use crate::session::SessionError;
+use crate::session::import::ImportError;
 use crate::sync::RigFrame;
 use penumbra_interface::RigidTransform;
 use std::path::PathBuf;
@@ -40,6 +51,20 @@ pub enum RigError {
     /// The recording.
     #[error(transparent)]
     Session(#[from] SessionError),
+    /// The folder with the rig's files.
+    #[error(transparent)]
+    Files(#[from] ImportError),
+    /// The tracker would be told another unit than it was calibrated in.
+    #[error(
+        "tracker.units: {told:?}, but by the calibration a unit is {metres} m; remove `units`, or \
+         calibrate anew"
+    )]
+    Units {
+        /// What the configuration says.
+        told: crate::config::TrackerUnits,
+        /// What the calibration says, metres.
+        metres: f64,
+    },
     /// Calibration, objects, phantoms.
     #[error(transparent)]
     Scene(#[from] SceneError),
@@ -83,6 +108,12 @@ pub enum RigError {
         /// What the window system said.
         reason: String,
     },
+    /// One recording at a time.
+    #[error("{path}: is being recorded; end that first", path = path.display())]
+    Recording {
+        /// Which.
+        path: PathBuf,
+    },
     /// The session shows no light.
     #[error("{path}: no complete picture of the environment in it; there is no light to tell of", path = path.display())]
     NoLight {
@@ -113,23 +144,26 @@ pub struct RigSetup {
     pub calibration: RigCalibration,
     /// What is drawn.
     pub scene: Scene,
+    /// Somebody has calibrated the rig.
+    pub calibrated: bool,
 }
 
 impl RigSetup {
-    /// Reads calibration and scene from `session` and `config`.
+    /// Reads calibration and scene from `source` and `config`.
     ///
     /// # Errors
     /// A missing or broken calibration, object or scene file.
-    pub fn read(session: &Session, config: &Config) -> Result<Self, RigError> {
-        let attachments = |name: &str| session.attachment(name);
-        let mut document = crate::scene::rig_of_session(&attachments)?;
-        let camera_recorded = session.has_environment();
+    pub fn read(source: &Source, config: &Config) -> Result<Self, RigError> {
+        let attachments = |name: &str| source.attachment(name);
+        let mut document = source.document(config)?;
+        let camera_recorded = source.has_environment();
         document
             .select_environment(config.environment.source, camera_recorded)
             .map_err(SceneError::from)?;
         let scene = Scene::choose(&config.scene, &document, &attachments)?;
         Ok(Self {
             calibration: calibration(&document, config),
+            calibrated: source.attachment("rig.json").is_some(),
             scene,
         })
     }

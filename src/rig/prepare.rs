@@ -2,17 +2,18 @@
 //! become pictures, environment pictures become light. The way through is the same whoever
 //! waits for it, so the same recording gives the same pictures.
 
-use super::feed::{Feed, FeedCounts};
+use super::feed::{Fed, FedFrame, Feed, FeedCounts};
 use super::light::{LightStation, SceneView, placement};
 use super::pace::Pace;
+use super::source::Source;
 use super::{RigError, RigSetup, threads};
 use crate::calibration::photometry::MatchStatus;
-use crate::config::{Config, LightPlacement};
+use crate::capture::TrackerSource;
+use crate::config::{Config, LightPlacement, ReplayPairing};
 use crate::environment::adaptive::CompactSource;
 use crate::environment::{LightKind, Lighting, cube};
 use crate::picture::{Picture, YuvEncoding, decode_into};
 use crate::scene::NearLight;
-use crate::session::Session;
 use crate::status::{LightsMode, Settings, environment_preview};
 use crate::sync::{PairingConfig, PairingCounts, RigFrame};
 use crossbeam_channel::{Receiver, Sender, bounded};
@@ -54,6 +55,8 @@ pub struct Prepared {
     pub warning: Option<String>,
     /// What came in so far during this pass.
     pub counts: Counts,
+    /// Pictures that a live rig passed over for this one.
+    pub passed_over: u64,
 }
 
 /// The light in force and how it was found. Shared: it changes less often than frames.
@@ -89,6 +92,8 @@ pub enum Step {
     Skipped,
     /// A picture that cannot be decoded.
     Damaged,
+    /// No device has sent a picture for a while.
+    Idle(Box<Counts>),
     /// The recording is over; another loop may follow.
     End(Box<Counts>),
 }
@@ -119,22 +124,26 @@ impl Preparation {
     pub fn start(
         setup: &RigSetup,
         config: &Config,
-        session: &Session,
+        source: &Source,
         wished: watch::Receiver<Settings>,
         stop: Arc<AtomicBool>,
     ) -> Result<Self, RigError> {
-        let pairing = pairing(config, setup);
-        let (steps_in, steps) = bounded(AHEAD);
+        let as_live = as_live(config, source);
+        let pairing = pairing(config, setup, as_live);
+        // A live picture must not grow old behind another one.
+        let ahead = if source.is_live() { 0 } else { AHEAD };
+        let (steps_in, steps) = bounded(ahead);
         let (spare, spares) = bounded(AHEAD + 2);
         let mut worker = Worker {
-            light: LightStation::new(setup, config, session)?,
-            feed: Feed::new(session.clone(), &setup.calibration, pairing),
+            light: LightStation::new(setup, config, &|name| source.attachment(name))?,
+            feed: Feed::new(source, &setup.calibration, pairing, as_live),
             setup: setup.clone(),
             pairing,
             yuv: config.input.encoding(),
             // Files hold every frame of the recording.
-            pace: Pace::new(config.replay.speed, config.output.frames.is_some()),
-            repeat: config.replay.repeat,
+            pace: (!source.is_live())
+                .then(|| Pace::new(config.replay.speed, config.output.frames.is_some())),
+            repeat: config.replay.repeat && !source.is_live(),
             wished,
             steps: steps_in,
             spares,
@@ -142,7 +151,6 @@ impl Preparation {
             state: LightState::default(),
             previewed: None,
             began: None,
-            index: 0,
         };
         let thread = threads::spawn("prepare", move || worker.run())
             .map_err(|source| RigError::Thread { source })?;
@@ -180,7 +188,8 @@ struct Worker {
     feed: Feed,
     pairing: PairingConfig,
     yuv: YuvEncoding,
-    pace: Pace,
+    /// Devices have a pace of their own.
+    pace: Option<Pace>,
     repeat: bool,
     wished: watch::Receiver<Settings>,
     steps: Sender<Step>,
@@ -189,18 +198,22 @@ struct Worker {
     state: LightState,
     previewed: Option<Instant>,
     began: Option<MonotonicTime>,
-    index: u64,
 }
 
 impl Worker {
     /// Until the end, or until nobody takes frames any more.
     fn run(&mut self) {
         loop {
-            (self.index, self.began) = (0, None);
-            self.pace.restart();
-            while let Some(frame) = self.feed.next_frame() {
-                let step = self.step(frame);
-                self.index += 1;
+            self.began = None;
+            if let Some(pace) = &mut self.pace {
+                pace.restart();
+            }
+            loop {
+                let step = match self.feed.next_picture() {
+                    Fed::Frame(fed) => self.step(*fed),
+                    Fed::Idle => Step::Idle(Box::new(self.counts())),
+                    Fed::End => break,
+                };
                 if self.stop.load(Ordering::Relaxed) || self.steps.send(step).is_err() {
                     return;
                 }
@@ -222,8 +235,16 @@ impl Worker {
         }
     }
 
-    fn step(&mut self, frame: RigFrame) -> Step {
-        if !self.pace.wait(frame.scene.arrived_at, &self.stop) {
+    fn step(&mut self, fed: FedFrame) -> Step {
+        let FedFrame {
+            frame,
+            passed_over,
+            lit,
+        } = fed;
+        let first = *self.began.get_or_insert(frame.captured_at);
+        if let Some(pace) = &mut self.pace
+            && !pace.wait(frame.scene.arrived_at, &self.stop)
+        {
             return Step::Skipped;
         }
         let begun = Instant::now();
@@ -232,13 +253,18 @@ impl Worker {
             return Step::Damaged;
         }
         let decoding = begun.elapsed();
-        let first = *self.began.get_or_insert(frame.captured_at);
-        let world_from_camera = self.setup.world_from_camera(&frame);
+        let misfit = self.misfit(&picture);
+        let world_from_camera = self
+            .setup
+            .world_from_camera(&frame)
+            .filter(|_| misfit.is_none());
         self.take_settings();
         let begun = Instant::now();
-        let warning = self.see(&frame, &picture, world_from_camera);
+        let unseen = lit
+            .then(|| self.see(&frame, &picture, world_from_camera))
+            .flatten();
         Step::Frame(Box::new(Prepared {
-            index: self.index,
+            index: frame.index,
             seconds: frame.captured_at.seconds_since(first),
             picture,
             world_from_camera,
@@ -246,10 +272,25 @@ impl Worker {
             decoding,
             lighting: begun.elapsed(),
             preview: self.preview(),
-            warning,
+            warning: misfit.or(unseen),
+            passed_over,
             counts: self.counts(),
             frame,
         }))
+    }
+
+    /// A picture of another size than the calibration's is shown as it is: nothing can be put
+    /// in its right place.
+    fn misfit(&self, picture: &Picture) -> Option<String> {
+        let camera = &self.setup.calibration.scene_camera.camera;
+        let fits = (picture.width, picture.height) == (camera.width, camera.height);
+        (!fits && self.setup.calibrated).then(|| {
+            format!(
+                "the scene camera's pictures have {}x{} pixels, but it was calibrated at {}x{}; set \
+                 its width and height, or calibrate anew",
+                picture.width, picture.height, camera.width, camera.height
+            )
+        })
     }
 
     /// Updates the light. An environment picture that cannot be read leaves it as it was.
@@ -304,9 +345,27 @@ impl Worker {
     }
 }
 
-fn pairing(config: &Config, setup: &RigSetup) -> PairingConfig {
+/// Whether pictures wait as in a live rig.
+fn as_live(config: &Config, source: &Source) -> bool {
+    match (source, config.replay.pairing) {
+        (Source::Live(_), _) | (_, ReplayPairing::Live) => true,
+        (Source::Recorded(_), ReplayPairing::Whole) => false,
+        (Source::Recorded(session), ReplayPairing::Auto) => session.has_journal(),
+    }
+}
+
+fn pairing(config: &Config, setup: &RigSetup, as_live: bool) -> PairingConfig {
     let mut pairing = PairingConfig::for_rig(&setup.calibration);
     pairing.history.max_prediction_nanos = config.sync.longest_prediction_nanos;
     pairing.history.smoothing = config.sync.smoothing();
+    if let (Some(station), Some(TrackerSource::System(tracker))) =
+        (&mut pairing.station, &config.tracker)
+    {
+        *station = tracker.station;
+    }
+    if as_live {
+        pairing.max_wait_nanos = config.sync.longest_wait_nanos;
+        return pairing;
+    }
     pairing.with_full_windows()
 }

@@ -86,14 +86,19 @@ impl Rates {
     /// A picture was composed; `counts` came in so far, and its environment is
     /// `skew_nanos` behind.
     pub fn composed(&mut self, counts: &FeedCounts, skew_nanos: Option<i64>) {
+        self.composed.record(self.clock.now());
+        self.idle(counts);
+        if let Some(nanos) = skew_nanos {
+            self.skew.record(Duration::from_nanos(nanos.unsigned_abs()));
+        }
+    }
+
+    /// No picture was composed for a while; `counts` came in so far.
+    pub fn idle(&mut self, counts: &FeedCounts) {
         let now = self.clock.now();
-        self.composed.record(now);
         let received = [counts.scene_frames, counts.environment_frames, counts.poses];
         for (device, received) in self.devices.iter_mut().zip(received) {
             device.take(received, now);
-        }
-        if let Some(nanos) = skew_nanos {
-            self.skew.record(Duration::from_nanos(nanos.unsigned_abs()));
         }
     }
 

@@ -173,7 +173,9 @@ fn source(source: &SimulatedSource) -> Result<(Source, Option<String>), Simulate
 /// The tracker's bytes of a session, damaged stretches left out.
 fn recording(session: &Session) -> Recording {
     let chunks = session.events().filter_map(|event| match event {
-        Ok(SessionEvent::TrackerBytes { bytes, arrived_at }) => Some((arrived_at, bytes.to_vec())),
+        Ok(SessionEvent::TrackerBytes {
+            bytes, arrived_at, ..
+        }) => Some((arrived_at, bytes.to_vec())),
         _ => None,
     });
     Recording::new(chunks.collect())

@@ -3,6 +3,8 @@
 use super::prepare::{LightState, Prepared};
 use super::rates::Rates;
 use super::report::FrameCounts;
+use super::source::Source;
+use super::{RigSetup, live_status};
 use crate::calibration::photometry::{MatchStatus, MethodStatus, Provenance};
 use crate::compositor::Gpu;
 use crate::status::snapshot::{
@@ -11,12 +13,13 @@ use crate::status::snapshot::{
 };
 use crate::status::{Settings, SharedStatus, Snapshot, StageTimes};
 use crate::sync::{self, RigFrame};
-use std::path::Path;
 
 /// Everything that a frame changes in the status.
 pub struct Published<'a> {
     /// Where to write.
     pub status: &'a SharedStatus,
+    /// Where the frame came from.
+    pub source: &'a Source,
     /// The frame.
     pub prepared: &'a Prepared,
     /// Times so far.
@@ -34,19 +37,35 @@ pub struct Published<'a> {
 }
 
 /// Writes what is known before the first frame.
-pub fn begin(status: &SharedStatus, session: &Path, gpu: &Gpu) {
+pub fn begin(status: &SharedStatus, source: &Source, setup: &RigSetup, gpu: &Gpu) {
     let info = gpu.adapter.get_info();
     status.update(|s| {
-        s.session.name = session
-            .file_name()
-            .unwrap_or_default()
-            .to_string_lossy()
-            .into_owned();
+        s.session.name = match source {
+            Source::Recorded(_) => source.name(),
+            Source::Live(_) => setup.calibration.name.clone(),
+        };
+        if !setup.calibrated {
+            s.warn(UNCALIBRATED);
+        }
         s.adapter = Adapter {
             name: gpu.name.clone(),
             backend: info.backend.to_string(),
             kind: format!("{:?}", info.device_type),
         };
+    });
+}
+
+/// A live rig may begin like this.
+const UNCALIBRATED: &str = "the rig is not calibrated, so the picture is the camera's; name its \
+    calibration under [calibration] from";
+
+/// Writes what is known while no picture comes.
+pub fn publish_idle(status: &SharedStatus, source: &Source, rates: &Rates) {
+    let Source::Live(live) = source else { return };
+    status.update(|s| {
+        s.frames.per_second = rates.pictures_per_second();
+        live_status::devices(s, live, &rates.devices());
+        live_status::session(s);
     });
 }
 
@@ -57,9 +76,6 @@ pub fn publish(p: &Published<'_>) {
         p.status.publish_environment_preview(preview.clone());
     }
     p.status.update(|s| {
-        if s.session.state != SessionState::Replaying {
-            s.session.enter(SessionState::Replaying);
-        }
         s.frames.arrived = p.frames.composed + p.frames.skipped + p.frames.damaged;
         s.frames.composed = p.frames.composed;
         s.frames.skipped = p.frames.skipped + p.frames.damaged;
@@ -75,7 +91,18 @@ pub fn publish(p: &Published<'_>) {
         }
         pairing(s, frame, p.rates);
         lighting(s, p);
-        devices(s, p);
+        match p.source {
+            Source::Recorded(_) => {
+                if s.session.state != SessionState::Replaying {
+                    s.session.enter(SessionState::Replaying);
+                }
+                devices(s, p);
+            }
+            Source::Live(live) => {
+                live_status::devices(s, live, &p.rates.devices());
+                live_status::session(s);
+            }
+        }
     });
 }
 

@@ -13,6 +13,12 @@ pub enum SessionError {
         /// The session.
         path: PathBuf,
     },
+    /// Recordings are never written over.
+    #[error("{path}: exists already; name another file", path = path.display())]
+    Exists {
+        /// The file.
+        path: PathBuf,
+    },
     /// The operating system refused.
     #[error("{path}: {source}", path = path.display())]
     Io {

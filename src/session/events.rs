@@ -2,17 +2,19 @@
 
 use super::SessionError;
 use super::container::{ChunkPlace, open};
+use super::journal::{ControlsMessage, JournalMessage};
 use super::messages::{self, ExposureMessage, FrameContext};
 use super::reader::Session;
 use super::records::{self, Channel, MESSAGE_HEADER, MessageHeader, Placed, op, records_in};
-use super::topics::{BRACKET_EV, Camera, Role};
+use super::topics::{BRACKET_EV, Camera, PROTOCOL, Role};
 use super::tracker_message;
 use bytes::Bytes;
-use penumbra_interface::{Frame, MonotonicTime, PoseSample};
+use penumbra_interface::{ControlsInForce, Frame, MonotonicTime, PoseSample};
 use std::cmp::{Ordering, Reverse};
 use std::collections::{BTreeMap, BinaryHeap, VecDeque};
 use std::fs::File;
 use std::io::BufReader;
+use std::sync::Arc;
 
 /// When chunks overlap in time, at most so many bytes wait to be put in order. Beyond it
 /// (a file that is no recording) the order is the file's.
@@ -28,6 +30,8 @@ pub enum SessionEvent {
     Environment(Frame),
     /// Bytes of the tracker, split as they were read.
     TrackerBytes {
+        /// How they are spelled; empty if the recorder did not say.
+        protocol: Arc<str>,
         /// The bytes.
         bytes: Bytes,
         /// When the last of them came.
@@ -35,6 +39,16 @@ pub enum SessionEvent {
     },
     /// A pose of a tracker that is no byte stream.
     Pose(PoseSample),
+    /// A live rig found that nothing came, and told pairing the time.
+    Tick(MonotonicTime),
+    /// A live rig made the scene camera's picture with this arrival ready for the
+    /// compositor. Those between two of these it passed over.
+    Prepared {
+        /// When it did.
+        at: MonotonicTime,
+        /// The picture's arrival.
+        arrived_at: MonotonicTime,
+    },
 }
 
 impl SessionEvent {
@@ -45,14 +59,17 @@ impl SessionEvent {
             Self::Scene(frame) | Self::Environment(frame) => frame.arrived_at,
             Self::TrackerBytes { arrived_at, .. } => *arrived_at,
             Self::Pose(sample) => sample.arrived_at,
+            Self::Tick(at) | Self::Prepared { at, .. } => *at,
         }
     }
 
-    fn bytes(&self) -> usize {
+    /// Bytes that it keeps.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
         match self {
             Self::Scene(frame) | Self::Environment(frame) => frame.data.len(),
             Self::TrackerBytes { bytes, .. } => bytes.len(),
-            Self::Pose(_) => size_of::<PoseSample>(),
+            Self::Pose(_) | Self::Tick(_) | Self::Prepared { .. } => size_of::<Self>(),
         }
     }
 }
@@ -69,6 +86,10 @@ pub struct Events {
     errors: VecDeque<SessionError>,
     /// The newest exposure message of each camera, for the image after it.
     exposures: BTreeMap<Camera, ExposureMessage>,
+    /// The newest controls of each camera.
+    controls: BTreeMap<Camera, ControlsInForce>,
+    /// The tracker's newest protocol.
+    protocol: Arc<str>,
     /// Messages read so far: keeps the file's order among equal times.
     ordinal: u64,
 }
@@ -138,6 +159,8 @@ impl Events {
             pending_bytes: 0,
             errors: VecDeque::new(),
             exposures: BTreeMap::new(),
+            controls: BTreeMap::new(),
+            protocol: Arc::from(""),
             ordinal: 0,
         }
     }
@@ -181,7 +204,7 @@ impl Events {
         let body = chunk.slice(placed.start..placed.end);
         let header = records::message_header(&body).ok_or("a message without header")?;
         let data = body.slice(MESSAGE_HEADER..);
-        let channels = std::sync::Arc::clone(&self.session.channels);
+        let channels = Arc::clone(&self.session.channels);
         let Some(channel) = channels.get(&header.channel_id) else {
             return Err(format!(
                 "a message of unknown channel {}",
@@ -193,8 +216,10 @@ impl Events {
         };
         self.ordinal += 1;
         self.pending_bytes += event.bytes();
+        // What a live rig recorded lies in the file as it came.
+        let in_file_order = self.session.has_journal();
         self.pending.push(Reverse(Pending {
-            log_time: header.log_time,
+            log_time: if in_file_order { 0 } else { header.log_time },
             ordinal: self.ordinal,
             event,
         }));
@@ -221,7 +246,23 @@ impl Events {
                 self.exposures.insert(camera, message);
                 return Ok(None);
             }
+            Some(Role::Controls(camera)) => {
+                let message: ControlsMessage =
+                    serde_json::from_slice(&data).map_err(|e| e.to_string())?;
+                self.controls.insert(camera, message.in_force());
+                return Ok(None);
+            }
+            Some(Role::Journal) => {
+                match serde_json::from_slice(&data).map_err(|e| e.to_string())? {
+                    JournalMessage::Tick {} => SessionEvent::Tick(arrived_at),
+                    JournalMessage::Prepared { arrived_at: of } => SessionEvent::Prepared {
+                        at: arrived_at,
+                        arrived_at: MonotonicTime::from_nanos(of),
+                    },
+                }
+            }
             Some(Role::TrackerBytes) => SessionEvent::TrackerBytes {
+                protocol: self.protocol_of(channel),
                 bytes: tracker_message::decode(&data)?,
                 arrived_at,
             },
@@ -229,6 +270,15 @@ impl Events {
             None => return Ok(None),
         };
         Ok(Some(event))
+    }
+
+    /// Shared between messages, as it hardly ever changes.
+    fn protocol_of(&mut self, channel: &Channel) -> Arc<str> {
+        let named = channel.metadata.get(PROTOCOL).map_or("", String::as_str);
+        if *self.protocol != *named {
+            self.protocol = Arc::from(named);
+        }
+        Arc::clone(&self.protocol)
     }
 
     fn frame(
@@ -257,11 +307,15 @@ impl Events {
             exposure: told.as_ref().and_then(ExposureMessage::exposure),
             bracket_ev,
         };
-        if channel.topic.contains("/image_raw") {
-            messages::frame_from_raw(data, context)
+        let frame = if channel.topic.contains("/image_raw") {
+            messages::frame_from_raw(data, context)?
         } else {
-            messages::frame_from_compressed(data, context)
-        }
+            messages::frame_from_compressed(data, context)?
+        };
+        Ok(Frame {
+            controls: self.controls.get(&camera).cloned(),
+            ..frame
+        })
     }
 }
 

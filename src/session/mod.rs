@@ -12,15 +12,18 @@
 //! | `…/image_raw` | `foxglove.RawImage` | the same for YUYV, NV12, RGB8, grey |
 //! | `…/image_ev-4` | | the exposure that is 4 stops darker than the base one |
 //! | `…/exposure` | `penumbra.Exposure` (JSON) | shutter time, gain and the full frame counter, just before its image |
+//! | `…/controls` | `penumbra.Controls` (JSON) | the camera's controls in force from the next image on |
 //! | `…/calibration` | `foxglove.CameraCalibration` | for viewers; the rig's own is the attachment `rig.json` |
 //! | `/tracker/bytes` | `penumbra.TrackerBytes` | raw bytes as they arrived; channel metadata `protocol` says how to read them |
 //! | `/tracker/pose` | `foxglove.FrameTransform` | poses of a tracker that is no byte stream |
+//! | `/rig/journal` | `penumbra.Journal` (JSON) | what the live rig made of it; the order of such a file is the order of arrival |
 //! | `/tf` | `foxglove.FrameTransform` | the decoded frame tree, for viewers; never read back |
 
 mod container;
 mod error;
 mod events;
 mod info;
+mod journal;
 mod messages;
 mod reader;
 mod records;

@@ -2,7 +2,7 @@
 
 use super::SessionError;
 use super::container::{Container, open};
-use super::events::Events;
+use super::events::{Events, recorded_time};
 use super::info::{self, StreamInfo};
 use super::records::{self, Channel, op, records_in};
 use super::topics::{self, Camera, Role};
@@ -99,6 +99,22 @@ impl Session {
         let end = chunks.map(|c| c.end_time).max()?;
         let passed = (i128::from(at.as_nanos()) - i128::from(start)) as f64;
         (end > start).then(|| (passed / (end - start) as f64).clamp(0.0, 1.0))
+    }
+
+    /// First and last arrival; `None` for a recording without messages.
+    #[must_use]
+    pub fn span(&self) -> Option<(MonotonicTime, MonotonicTime)> {
+        let chunks = self.container.chunks.iter().map(|chunk| &chunk.header);
+        let start = chunks.clone().map(|c| c.start_time).min()?;
+        let end = chunks.map(|c| c.end_time).max()?;
+        Some((recorded_time(start), recorded_time(end)))
+    }
+
+    /// Whether a live rig recorded it while it composed, and so wrote down what it made of
+    /// the streams. The order of such a file is the order of arrival.
+    #[must_use]
+    pub fn has_journal(&self) -> bool {
+        self.channels.values().any(|c| c.topic == topics::JOURNAL)
     }
 
     /// Protocol of the recorded tracker bytes, such as `fastrak`; `None` if there are none.

@@ -106,7 +106,9 @@ fn everything_recorded_comes_back_in_the_order_of_arrival() {
         SessionEvent::Environment(base),
         SessionEvent::Environment(darker),
         SessionEvent::Environment(darkest),
-        SessionEvent::TrackerBytes { bytes, arrived_at },
+        SessionEvent::TrackerBytes {
+            bytes, arrived_at, ..
+        },
         SessionEvent::Pose(sample),
         ..,
     ] = &events[..]
@@ -562,4 +564,53 @@ fn a_full_disk_is_an_error_wherever_it_happens() {
             Err(error) => panic!("{room}: {error}"),
         }
     }
+}
+
+#[test]
+fn controls_and_the_journal_survive_in_the_order_of_the_file() {
+    let controls = |exposure| -> penumbra_interface::ControlsInForce {
+        [
+            ("exposure_time_absolute".into(), exposure),
+            ("gain".into(), 7),
+        ]
+        .into()
+    };
+    let scene = |sequence, nanos, exposure| Frame {
+        controls: Some(controls(exposure)),
+        ..picture(sequence, nanos, 0.0)
+    };
+    let second = 1_000_000_000;
+    let events = [
+        SessionEvent::Scene(scene(1, second, 100)),
+        SessionEvent::Scene(scene(2, 2 * second, 100)),
+        SessionEvent::Tick(at(2 * second + 5)),
+        SessionEvent::Prepared {
+            at: at(2 * second + 6),
+            arrived_at: at(2 * second),
+        },
+        // Stamped by another thread a moment before, but taken after.
+        SessionEvent::TrackerBytes {
+            protocol: "fastrak".into(),
+            bytes: Bytes::from_static(b"abc"),
+            arrived_at: at(2 * second - 1),
+        },
+        SessionEvent::TrackerBytes {
+            protocol: "csv".into(),
+            bytes: Bytes::from_static(b"1,2"),
+            arrived_at: at(2 * second + 7),
+        },
+        SessionEvent::Scene(scene(3, 3 * second, 50)),
+    ];
+    let mut writer = SessionWriter::new(Cursor::new(Vec::new()), Path::new("memory")).unwrap();
+    for event in &events {
+        writer.event(event).unwrap();
+    }
+    let bytes = writer.finish().unwrap().into_inner();
+    let (_folder, session) = opened(&bytes).unwrap();
+    assert!(session.has_journal());
+    let found: Vec<_> = session.events().map(Result::unwrap).collect();
+    assert_eq!(format!("{found:?}"), format!("{events:?}"));
+    let infos = session.streams().unwrap();
+    let messages = infos.iter().find(|i| i.topic == "/scene_camera/controls");
+    assert_eq!(messages.unwrap().messages, 2, "only where they change");
 }

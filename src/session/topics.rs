@@ -34,6 +34,10 @@ impl Camera {
         format!("/{}/exposure", self.frame_id())
     }
 
+    pub(super) fn controls_topic(self) -> String {
+        format!("/{}/controls", self.frame_id())
+    }
+
     pub(super) fn calibration_topic(self) -> String {
         format!("/{}/calibration", self.frame_id())
     }
@@ -41,6 +45,9 @@ impl Camera {
 
 /// The stream without which a file is no session.
 pub(super) const SCENE_IMAGES: &str = "/scene_camera/image";
+/// What the live rig made of the streams: which pictures it prepared, when it stopped
+/// waiting. Its presence says that the order of the file is the order of arrival.
+pub(super) const JOURNAL: &str = "/rig/journal";
 /// Raw bytes of the tracker.
 pub(super) const TRACKER_BYTES: &str = "/tracker/bytes";
 /// Poses of a tracker that is no byte stream.
@@ -57,8 +64,10 @@ pub(super) const PROTOCOL: &str = "protocol";
 pub(super) enum Role {
     Image(Camera),
     Exposure(Camera),
+    Controls(Camera),
     TrackerBytes,
     TrackerPose,
+    Journal,
 }
 
 impl Role {
@@ -66,6 +75,7 @@ impl Role {
         match topic {
             TRACKER_BYTES => return Some(Self::TrackerBytes),
             TRACKER_POSE => return Some(Self::TrackerPose),
+            JOURNAL => return Some(Self::Journal),
             _ => {}
         }
         let (camera, rest) =
@@ -80,6 +90,7 @@ impl Role {
             .map(|rest| rest.strip_prefix("_raw").unwrap_or(rest));
         match (rest, image) {
             ("exposure", _) => Some(Self::Exposure(camera)),
+            ("controls", _) => Some(Self::Controls(camera)),
             (_, Some(bracket)) if bracket.is_empty() || bracket.starts_with("_ev") => {
                 Some(Self::Image(camera))
             }
@@ -104,6 +115,10 @@ mod tests {
             assert_eq!(
                 Role::of(&camera.exposure_topic()),
                 Some(Role::Exposure(camera))
+            );
+            assert_eq!(
+                Role::of(&camera.controls_topic()),
+                Some(Role::Controls(camera))
             );
             assert_eq!(Role::of(&camera.calibration_topic()), None);
         }

@@ -2,6 +2,8 @@
 
 use super::SessionError;
 use super::container::is_inside;
+use super::events::SessionEvent;
+use super::journal::{self, ControlsMessage, JournalMessage};
 use super::messages::{self, ExposureMessage};
 use super::sink::{Sink, Watched};
 use super::topics::{self, BRACKET_EV, Camera, PROTOCOL};
@@ -10,11 +12,12 @@ use foxglove::messages::{CameraCalibration, CompressedImage, RawImage};
 use foxglove::{Encode, Schema};
 use mcap::records::{AttachmentHeader, MessageHeader};
 use mcap::{WriteOptions, Writer};
-use penumbra_interface::{Frame, MonotonicTime, PoseSample, RigidTransform};
+use penumbra_interface::{ControlsInForce, Frame, MonotonicTime, PoseSample, RigidTransform};
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{BufWriter, Seek, Write};
+use std::io::{self, BufWriter, Seek, Write};
 use std::path::Path;
+use std::sync::Arc;
 
 /// A killed writer loses at most the chunk it was filling; pictures make a chunk of this
 /// many bytes last a fraction of a second.
@@ -26,6 +29,10 @@ pub struct SessionWriter<W: Write + Seek> {
     sink: Sink,
     writer: Writer<Watched<W>>,
     channels: BTreeMap<String, u16>,
+    /// The controls last written of each camera.
+    controls: BTreeMap<Camera, ControlsInForce>,
+    /// The tracker's newest protocol, and its channel.
+    tracker: Option<(String, u16)>,
     tracker_messages: u32,
 }
 
@@ -35,9 +42,12 @@ impl SessionWriter<BufWriter<File>> {
     /// # Errors
     /// If the file exists or cannot be made.
     pub fn create(path: &Path) -> Result<Self, SessionError> {
-        let file = File::create_new(path).map_err(|source| SessionError::Io {
-            path: path.to_owned(),
-            source,
+        let file = File::create_new(path).map_err(|source| {
+            let path = path.to_owned();
+            match source.kind() {
+                io::ErrorKind::AlreadyExists => SessionError::Exists { path },
+                _ => SessionError::Io { path, source },
+            }
         })?;
         Self::new(BufWriter::new(file), path)
     }
@@ -61,6 +71,8 @@ impl<W: Write + Seek> SessionWriter<W> {
                 sink,
                 writer,
                 channels: BTreeMap::new(),
+                controls: BTreeMap::new(),
+                tracker: None,
                 tracker_messages: 0,
             }),
             Err(error) => Err(sink.error("the session", &error)),
@@ -101,6 +113,7 @@ impl<W: Write + Seek> SessionWriter<W> {
         if frame.exposure.is_some() || frame.sequence > u64::from(u32::MAX) {
             self.exposure(camera, frame)?;
         }
+        self.controls(camera, frame)?;
         let raw = messages::is_raw(frame.format);
         let topic = camera.image_topic(frame.bracket_ev, raw);
         if !frame.bracket_ev.is_finite() {
@@ -139,6 +152,86 @@ impl<W: Write + Seek> SessionWriter<W> {
         self.message(channel, &topic, frame.sequence as u32, times, &bytes)
     }
 
+    /// The controls in force, where they have changed.
+    fn controls(&mut self, camera: Camera, frame: &Frame) -> Result<(), SessionError> {
+        let Some(controls) = &frame.controls else {
+            return Ok(());
+        };
+        let known = self.controls.get(&camera);
+        if known.is_some_and(|known| Arc::ptr_eq(known, controls) || known == controls) {
+            return Ok(());
+        }
+        let topic = camera.controls_topic();
+        let schema = ("penumbra.Controls", journal::CONTROLS_SCHEMA);
+        self.json(
+            &topic,
+            schema,
+            &ControlsMessage::of(controls),
+            frame.arrived_at,
+        )?;
+        self.controls.insert(camera, Arc::clone(controls));
+        Ok(())
+    }
+
+    /// Records that pairing was told the time, because nothing came.
+    ///
+    /// # Errors
+    /// If the time is before the clock's zero, or nothing can be written.
+    pub fn tick(&mut self, at: MonotonicTime) -> Result<(), SessionError> {
+        self.journal(&JournalMessage::Tick {}, at)
+    }
+
+    /// Records, at `at`, that the scene camera's picture with this arrival was made ready
+    /// for the compositor.
+    ///
+    /// # Errors
+    /// If the time is before the clock's zero, or nothing can be written.
+    pub fn prepared(
+        &mut self,
+        arrived_at: MonotonicTime,
+        at: MonotonicTime,
+    ) -> Result<(), SessionError> {
+        self.journal(&JournalMessage::prepared(arrived_at), at)
+    }
+
+    fn journal(&mut self, message: &JournalMessage, at: MonotonicTime) -> Result<(), SessionError> {
+        let schema = ("penumbra.Journal", journal::JOURNAL_SCHEMA);
+        self.json(topics::JOURNAL, schema, message, at)
+    }
+
+    fn json<M: serde::Serialize>(
+        &mut self,
+        topic: &str,
+        (name, schema): (&str, &'static [u8]),
+        message: &M,
+        at: MonotonicTime,
+    ) -> Result<(), SessionError> {
+        let schema = Schema::new(name, "jsonschema", schema);
+        let bytes = serde_json::to_vec(message)
+            .map_err(|error| self.unrecordable(topic, &error.to_string()))?;
+        let channel = self.channel(topic, Some(schema), "json", BTreeMap::new())?;
+        self.message(channel, topic, 0, Times::at(at), &bytes)
+    }
+
+    /// Records an event as a [`Session`](super::Session) gives it back.
+    ///
+    /// # Errors
+    /// If one of its times is before the clock's zero, or nothing can be written.
+    pub fn event(&mut self, event: &SessionEvent) -> Result<(), SessionError> {
+        match event {
+            SessionEvent::Scene(frame) => self.frame(Camera::Scene, frame),
+            SessionEvent::Environment(frame) => self.frame(Camera::Environment, frame),
+            SessionEvent::TrackerBytes {
+                protocol,
+                bytes,
+                arrived_at,
+            } => self.tracker_bytes(protocol, bytes, *arrived_at),
+            SessionEvent::Pose(sample) => self.pose(sample),
+            SessionEvent::Tick(at) => self.tick(*at),
+            SessionEvent::Prepared { at, arrived_at } => self.prepared(*arrived_at, *at),
+        }
+    }
+
     /// Records bytes of the tracker as they were read; `protocol` says how to read them.
     ///
     /// # Errors
@@ -150,14 +243,25 @@ impl<W: Write + Seek> SessionWriter<W> {
         arrived_at: MonotonicTime,
     ) -> Result<(), SessionError> {
         let topic = topics::TRACKER_BYTES;
-        let schema = tracker_message::schema();
-        let schema = Schema::new("penumbra.TrackerBytes", "protobuf", schema);
-        let metadata = [(PROTOCOL.to_owned(), protocol.to_owned())];
-        let channel = self.channel(topic, Some(schema), "protobuf", metadata.into())?;
+        let channel = self.tracker_channel(protocol)?;
         let sequence = self.tracker_messages;
         self.tracker_messages = sequence.wrapping_add(1);
         let message = tracker_message::encode(bytes);
         self.message(channel, topic, sequence, Times::at(arrived_at), &message)
+    }
+
+    /// A tracker of another kind in its place is another channel of the same topic.
+    fn tracker_channel(&mut self, protocol: &str) -> Result<u16, SessionError> {
+        if let Some((_, id)) = self.tracker.as_ref().filter(|(known, _)| known == protocol) {
+            return Ok(*id);
+        }
+        let schema = tracker_message::schema();
+        let schema = Schema::new("penumbra.TrackerBytes", "protobuf", schema);
+        let metadata = [(PROTOCOL.to_owned(), protocol.to_owned())];
+        let topic = topics::TRACKER_BYTES;
+        let id = self.add_channel(topic, Some(schema), "protobuf", metadata.into())?;
+        self.tracker = Some((protocol.to_owned(), id));
+        Ok(id)
     }
 
     /// Records a pose of a tracker that is no byte stream.
@@ -268,15 +372,25 @@ impl<W: Write + Seek> SessionWriter<W> {
         if let Some(&id) = self.channels.get(topic) {
             return Ok(id);
         }
+        let id = self.add_channel(topic, schema, encoding, metadata)?;
+        self.channels.insert(topic.to_owned(), id);
+        Ok(id)
+    }
+
+    fn add_channel(
+        &mut self,
+        topic: &str,
+        schema: Option<Schema>,
+        encoding: &str,
+        metadata: BTreeMap<String, String>,
+    ) -> Result<u16, SessionError> {
         let writer = &mut self.writer;
         let schema = schema.map_or(Ok(0), |schema| {
             writer.add_schema(&schema.name, &schema.encoding, &schema.data)
         });
-        let id = schema
+        schema
             .and_then(|schema| writer.add_channel(schema, topic, encoding, &metadata))
-            .map_err(|error| self.sink.error(topic, &error))?;
-        self.channels.insert(topic.to_owned(), id);
-        Ok(id)
+            .map_err(|error| self.sink.error(topic, &error))
     }
 
     fn message(

@@ -56,7 +56,7 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     ),
     (
         "stages[].name",
-        "A stage of the frame: `decode`, `environment`, `upload`, `composite`, `encode`, `total`, or the name of a GPU pass.",
+        "A stage of the frame: `decode`, `environment`, `upload`, `composite`, `encode`, `total`, `arrival_to_picture` (live, from the arrival of the frame), or the name of a GPU pass.",
     ),
     (
         "stages[].kind",
@@ -166,6 +166,36 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "lighting.preview_revision",
         "Counts the pictures at `/environment.png`; 0 = none yet.",
     ),
+    (
+        "recording.state",
+        "`unavailable` (a recording plays), `idle`, `recording`, `finished` or `failed`.",
+    ),
+    (
+        "recording.sentence",
+        "That state in words, with the reason where there is one.",
+    ),
+    (
+        "recording.file",
+        "The newest recording; null before the first.",
+    ),
+    ("recording.bytes", "Its size."),
+    ("recording.seconds", "Its length so far, s."),
+    (
+        "recording.seconds_left",
+        "Until it ends by itself, by the room on the disk or the length asked for, s; null where unknown.",
+    ),
+    (
+        "recording.free_bytes",
+        "Room on its disk; null where unknown.",
+    ),
+    (
+        "recording.events",
+        "Messages recorded: pictures, readings, notes.",
+    ),
+    (
+        "recording.dropped",
+        "Messages not recorded, because the disk was too slow or they could not be written down.",
+    ),
     ("devices[].name", "Name or path of a camera or tracker."),
     (
         "devices[].kind",
@@ -189,6 +219,44 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     (
         "devices[].last_age_ms",
         "Age of the newest frame or record, ms; null before the first.",
+    ),
+    (
+        "devices[].identity",
+        "Who it is, the same after replugging; null before it was open, and in a replay.",
+    ),
+    (
+        "devices[].mode",
+        "Size, format and rate of a camera, protocol of a tracker; null before it was open.",
+    ),
+    ("devices[].attempts", "Times that it was tried to open it."),
+    (
+        "devices[].losses",
+        "Times that it was lost after it had been open.",
+    ),
+    (
+        "devices[].retry_in_ms",
+        "When it is tried again, ms from now; null while it is open.",
+    ),
+    (
+        "devices[].last_trouble",
+        "What went wrong last, even if all is well again; null if nothing did.",
+    ),
+    ("devices[].notes[]", "What its user should know."),
+    (
+        "devices[].controls[].name",
+        "A control that the configuration locks.",
+    ),
+    (
+        "devices[].controls[].wanted",
+        "The value asked for, in the device's unit.",
+    ),
+    (
+        "devices[].controls[].in_force",
+        "The value that the device reports; null if none.",
+    ),
+    (
+        "devices[].controls[].standing",
+        "How the two compare, in words.",
     ),
     ("adapter.name", "What draws, as its driver calls it."),
     ("adapter.backend", "`Vulkan`, `Metal`, …"),
@@ -240,7 +308,7 @@ mod tests {
     use super::*;
     use crate::status::Snapshot;
     use crate::status::snapshot::{
-        Device, DeviceKind, WhiteBalanceEstimate, WhiteBalanceMethod, WhiteMatch,
+        Control, Device, DeviceKind, WhiteBalanceEstimate, WhiteBalanceMethod, WhiteMatch,
     };
     use serde_json::Value;
     use std::collections::BTreeSet;
@@ -251,7 +319,11 @@ mod tests {
     fn full() -> Snapshot {
         let mut s = Snapshot::default();
         s.stages.record("decode", Duration::from_millis(1));
-        s.devices = vec![Device::new("a", DeviceKind::Tracker)];
+        s.devices = vec![Device {
+            notes: vec!["a".to_owned()],
+            controls: vec![Control::default()],
+            ..Device::new("a", DeviceKind::Tracker)
+        }];
         s.warn("a");
         s.lighting.dominant_direction = Some([0.0, 0.0, 1.0]);
         let (method, rgb) = (WhiteBalanceMethod::Chart, [1.0; 3]);

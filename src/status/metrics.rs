@@ -24,6 +24,7 @@ pub fn metrics(snapshot: &Snapshot) -> String {
     white_balance(&mut page, snapshot);
     lighting(&mut page, snapshot);
     devices(&mut page, snapshot);
+    recording(&mut page, snapshot);
     page.text
 }
 
@@ -188,6 +189,28 @@ fn lighting(page: &mut Page, s: &Snapshot) {
     );
 }
 
+fn recording(page: &mut Page, s: &Snapshot) {
+    let r = &s.recording;
+    page.family(
+        "penumbra_recording_state",
+        "gauge",
+        "1 for the state that the recorder is in.",
+    );
+    page.sample("penumbra_recording_state", &[("state", r.state.label())], 1);
+    page.one(
+        "penumbra_recording_bytes",
+        "gauge",
+        "Size of the newest recording.",
+        r.bytes,
+    );
+    page.one(
+        "penumbra_recording_dropped",
+        "gauge",
+        "Messages that the newest recording lacks.",
+        r.dropped,
+    );
+}
+
 fn devices(page: &mut Page, s: &Snapshot) {
     page.family(
         "penumbra_device_state",
@@ -210,7 +233,7 @@ fn devices(page: &mut Page, s: &Snapshot) {
     for d in &s.devices {
         page.sample(
             "penumbra_device_received_total",
-            &[("device", &d.name)],
+            &[("device", &d.name), ("kind", d.kind.label())],
             d.received,
         );
     }
@@ -222,9 +245,18 @@ fn devices(page: &mut Page, s: &Snapshot) {
     for d in &s.devices {
         page.sample(
             "penumbra_device_dropped_total",
-            &[("device", &d.name)],
+            &[("device", &d.name), ("kind", d.kind.label())],
             d.dropped,
         );
+    }
+    page.family(
+        "penumbra_device_losses_total",
+        "counter",
+        "Times that a device was lost after it had been open.",
+    );
+    for d in &s.devices {
+        let labels = [("device", d.name.as_str()), ("kind", d.kind.label())];
+        page.sample("penumbra_device_losses_total", &labels, d.losses);
     }
     page.family(
         "penumbra_device_rate_hertz",
@@ -234,7 +266,7 @@ fn devices(page: &mut Page, s: &Snapshot) {
     for d in &s.devices {
         page.sample(
             "penumbra_device_rate_hertz",
-            &[("device", &d.name)],
+            &[("device", &d.name), ("kind", d.kind.label())],
             d.per_second,
         );
     }
@@ -415,7 +447,9 @@ mod tests {
     fn names_of_devices_are_escaped() {
         let page = metrics(&busy());
         assert!(
-            page.contains(r#"penumbra_device_received_total{device="a \"b\"\\\n"} 0"#),
+            page.contains(
+                r#"penumbra_device_received_total{device="a \"b\"\\\n",kind="tracker"} 0"#
+            ),
             "{page}"
         );
     }

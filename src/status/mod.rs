@@ -11,6 +11,7 @@ mod guard;
 pub mod health;
 pub mod metrics;
 pub mod preview;
+pub mod recording;
 mod routes;
 pub mod server;
 pub mod settings;

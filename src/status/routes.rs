@@ -3,6 +3,7 @@
 use super::guard::{self, Token};
 use super::health::health;
 use super::metrics::{METRICS_CONTENT_TYPE, metrics};
+use super::recording::RecordingWish;
 use super::settings::{Settings, SettingsChange, SettingsError};
 use super::shared::SharedStatus;
 use super::snapshot::{Snapshot, WhiteBalance};
@@ -132,6 +133,7 @@ pub fn router(app: App, token: Option<Arc<Token>>) -> Router {
         .route("/metrics", get(metrics_page))
         .route("/healthz", get(healthz))
         .route("/settings", post(settings))
+        .route("/recording", post(recording))
         .route("/stream.mjpeg", get(stream))
         .route("/snapshot.png", get(snapshot_png))
         .route("/environment.png", get(environment_png))
@@ -142,7 +144,7 @@ pub fn router(app: App, token: Option<Arc<Token>>) -> Router {
 }
 
 const NOT_FOUND: &str = "not here; there are / /status /metrics /healthz /settings \
-    /stream.mjpeg /snapshot.png /environment.png /whitebalance.json\n";
+    /recording /stream.mjpeg /snapshot.png /environment.png /whitebalance.json\n";
 
 async fn not_found() -> Response {
     (StatusCode::NOT_FOUND, NOT_FOUND).into_response()
@@ -162,6 +164,7 @@ async fn dashboard_file(Path(file): Path<String>) -> Response {
         "dashboard.css" => asset(CSS, include_str!("dashboard/dashboard.css")).await,
         "dashboard.js" => asset(SCRIPT, include_str!("dashboard/dashboard.js")).await,
         "charts.js" => asset(SCRIPT, include_str!("dashboard/charts.js")).await,
+        "recording.js" => asset(SCRIPT, include_str!("dashboard/recording.js")).await,
         "settings.js" => asset(SCRIPT, include_str!("dashboard/settings.js")).await,
         "text.js" => asset(SCRIPT, include_str!("dashboard/text.js")).await,
         "favicon.svg" => asset("image/svg+xml", include_str!("dashboard/favicon.svg")).await,
@@ -192,10 +195,7 @@ async fn healthz(State(app): State<App>) -> (StatusCode, String) {
 /// Passes a wish on to the rig; `/status` says when it is in force. JSON is insisted on
 /// because a form of another page cannot send it unasked.
 async fn settings(State(app): State<App>, headers: HeaderMap, body: Bytes) -> Response {
-    let content_type = headers
-        .get(header::CONTENT_TYPE)
-        .and_then(|v| v.to_str().ok());
-    if !content_type.is_some_and(|t| t.starts_with("application/json")) {
+    if !is_json(&headers) {
         let text = "settings: send them as Content-Type: application/json";
         return problem(StatusCode::UNSUPPORTED_MEDIA_TYPE, text);
     }
@@ -205,6 +205,32 @@ async fn settings(State(app): State<App>, headers: HeaderMap, body: Bytes) -> Re
         Ok(settings) => (StatusCode::ACCEPTED, Json(settings)).into_response(),
         Err(error) => problem(StatusCode::UNPROCESSABLE_ENTITY, &error.to_string()),
     }
+}
+
+/// Begins or ends a recording; `/status` says how it goes.
+async fn recording(State(app): State<App>, headers: HeaderMap, body: Bytes) -> Response {
+    if !is_json(&headers) {
+        let text = "recording: send the wish as Content-Type: application/json";
+        return problem(StatusCode::UNSUPPORTED_MEDIA_TYPE, text);
+    }
+    let wish = match RecordingWish::from_json(&body) {
+        Ok(wish) => wish,
+        Err(error) => return problem(StatusCode::UNPROCESSABLE_ENTITY, &error.to_string()),
+    };
+    // Finishing a file may take a moment, which other visitors need not wait for.
+    let shared = Arc::clone(&app.shared);
+    match tokio::task::spawn_blocking(move || shared.record(&wish)).await {
+        Ok(Ok(recording)) => (StatusCode::ACCEPTED, Json(recording)).into_response(),
+        Ok(Err(error)) => problem(StatusCode::CONFLICT, &error.to_string()),
+        Err(error) => problem(StatusCode::INTERNAL_SERVER_ERROR, &error.to_string()),
+    }
+}
+
+fn is_json(headers: &HeaderMap) -> bool {
+    let content_type = headers
+        .get(header::CONTENT_TYPE)
+        .and_then(|v| v.to_str().ok());
+    content_type.is_some_and(|t| t.starts_with("application/json"))
 }
 
 fn problem(status: StatusCode, text: &str) -> Response {

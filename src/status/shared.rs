@@ -1,11 +1,12 @@
 //! What the rig writes and the server reads.
 
+use super::recording::{Recording, RecordingControl, RecordingRefusal, RecordingWish};
 use super::settings::{Settings, SettingsChange, SettingsError};
 use super::snapshot::Snapshot;
 use crate::picture::Picture;
 use penumbra_interface::{Clock, MonotonicTime, SystemClock};
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use tokio::sync::watch;
 
 /// The one thing that the rig and the server have in common. Every call is short: the
@@ -20,6 +21,7 @@ pub struct SharedStatus {
     environment: watch::Sender<Option<Arc<Picture>>>,
     watchers: watch::Sender<u32>,
     askers: AtomicU32,
+    recorder: OnceLock<Arc<dyn RecordingControl>>,
 }
 
 #[derive(Default)]
@@ -55,6 +57,7 @@ impl SharedStatus {
             environment: watch::Sender::new(None),
             watchers: watch::Sender::new(0),
             askers: AtomicU32::new(0),
+            recorder: OnceLock::new(),
         })
     }
 
@@ -131,6 +134,20 @@ impl SharedStatus {
             granted.is_ok_and(|new| std::mem::replace(wished, new.clone()) != new)
         });
         answer.map(|()| self.settings.borrow().clone())
+    }
+
+    /// From here on wishes to record are carried out by `recorder`. The first one stays.
+    pub fn set_recorder(&self, recorder: Arc<dyn RecordingControl>) {
+        let _ = self.recorder.set(recorder);
+    }
+
+    /// Begins or ends a recording.
+    ///
+    /// # Errors
+    /// Why not.
+    pub fn record(&self, wish: &RecordingWish) -> Result<Recording, RecordingRefusal> {
+        let recorder = self.recorder.get().ok_or(RecordingRefusal::Unavailable)?;
+        recorder.carry_out(wish)
     }
 
     /// The composited pictures as they come; the newest wins.

@@ -4,6 +4,7 @@
 //! [`STATUS_FIELDS`](super::STATUS_FIELDS); a test keeps the two together. Numbers that
 //! are not finite appear as `null`.
 
+use super::recording::Recording;
 use super::settings::Settings;
 use super::times::StageTimes;
 use serde::Serialize;
@@ -34,6 +35,8 @@ pub struct Snapshot {
     pub white_balance: WhiteBalance,
     /// The light.
     pub lighting: LightingStatus,
+    /// Recording.
+    pub recording: Recording,
     /// Cameras and trackers.
     pub devices: Vec<Device>,
     /// What draws.
@@ -59,6 +62,7 @@ impl Default for Snapshot {
             pairing: Pairing::default(),
             white_balance: WhiteBalance::default(),
             lighting: LightingStatus::default(),
+            recording: Recording::default(),
             devices: Vec::new(),
             adapter: Adapter::default(),
             resolution: Resolution::default(),
@@ -409,6 +413,35 @@ pub struct Device {
     pub dropped: u64,
     /// Age of the newest frame or record, milliseconds.
     pub last_age_ms: Option<f64>,
+    /// Who it is, the same after replugging; `None` before it was open, and in a replay.
+    pub identity: Option<String>,
+    /// Size, format and rate of a camera; protocol of a tracker.
+    pub mode: Option<String>,
+    /// Times that it was tried to open it.
+    pub attempts: u64,
+    /// Times that it was lost after it had been open.
+    pub losses: u64,
+    /// When it is tried again, milliseconds from now; `None` while it is open.
+    pub retry_in_ms: Option<f64>,
+    /// What went wrong last, even if all is well again.
+    pub last_trouble: Option<String>,
+    /// What its user should know.
+    pub notes: Vec<String>,
+    /// Locked controls of a camera.
+    pub controls: Vec<Control>,
+}
+
+/// What became of a control that the configuration locks.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Control {
+    /// As in the configuration.
+    pub name: String,
+    /// The value asked for, in the device's unit.
+    pub wanted: i64,
+    /// The value that the device reports.
+    pub in_force: Option<i64>,
+    /// How the two compare, in words.
+    pub standing: String,
 }
 
 impl Device {
@@ -425,6 +458,14 @@ impl Device {
             received: 0,
             dropped: 0,
             last_age_ms: None,
+            identity: None,
+            mode: None,
+            attempts: 0,
+            losses: 0,
+            retry_in_ms: None,
+            last_trouble: None,
+            notes: Vec::new(),
+            controls: Vec::new(),
         }
     }
 

@@ -222,6 +222,12 @@ impl Pairing {
         }
     }
 
+    /// A picture of the scene camera arrived, and was passed over for newer ones.
+    pub fn pass_over(&mut self, arrived_at: MonotonicTime) {
+        self.advance(arrived_at);
+        self.counts.scene_frames += 1;
+    }
+
     /// A picture of the environment camera arrived.
     pub fn push_environment(&mut self, frame: Frame) {
         self.advance(frame.arrived_at);
@@ -292,6 +298,28 @@ impl Pairing {
         self.overdue = self.overdue.saturating_sub(1);
         self.count(&frame);
         Some(frame)
+    }
+
+    /// When the first waiting picture need not wait any longer, though nothing more
+    /// arrives; `None` if none waits.
+    #[must_use]
+    pub fn deadline(&self) -> Option<MonotonicTime> {
+        let first = self.waiting.front()?;
+        let arrived_at = first.scene.arrived_at;
+        let wait = arrived_at.offset_nanos(self.config.max_wait_nanos);
+        let silent = self.heard_at.offset_nanos(self.config.silent_after_nanos);
+        let view = arrived_at.offset_nanos(self.config.first_view_wait_nanos);
+        let pose_due = if self.pose_ready(first) {
+            arrived_at
+        } else {
+            wait.min(silent)
+        };
+        let view_due = if self.environment_ready(first) {
+            arrived_at
+        } else {
+            view
+        };
+        Some(pose_due.max(view_due))
     }
 
     fn ready(&self, frame: &RigFrame) -> bool {

@@ -3,6 +3,8 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+mod live;
+mod live_tracker;
 mod program;
 mod refusals;
 mod replay;

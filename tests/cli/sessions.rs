@@ -99,12 +99,14 @@ impl Unpacked {
                     desk.put(&format!("{folder}/{file}"), &frame.data);
                 }
             }
-            SessionEvent::TrackerBytes { bytes, arrived_at } => {
+            SessionEvent::TrackerBytes {
+                bytes, arrived_at, ..
+            } => {
                 let arrival = arrived_at.as_nanos();
                 writeln!(self.index, "{},{arrival}", self.tracker.len()).unwrap();
                 self.tracker.extend_from_slice(&bytes);
             }
-            SessionEvent::Pose(_) => (),
+            SessionEvent::Pose(_) | SessionEvent::Tick(_) | SessionEvent::Prepared { .. } => (),
         }
     }
 }

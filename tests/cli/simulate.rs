@@ -8,13 +8,13 @@ use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
 /// A running simulation, ended with the test.
-struct Simulation {
+pub struct Simulation {
     child: Child,
     place: String,
 }
 
 impl Simulation {
-    fn start(desk: &Desk, line: &str) -> Self {
+    pub fn start(desk: &Desk, line: &str) -> Self {
         let session = crate::program::desk_session().display().to_string();
         let words: Vec<_> = line
             .split(' ')

@@ -176,6 +176,7 @@ impl<V: Video> V4l2Camera<V> {
     fn notes(&self) -> Arc<[String]> {
         let mut notes = self.notes.clone();
         notes.extend(self.cycled.as_ref().and_then(|c| c.finding()));
+        notes.extend(self.contract.tampering());
         if self.stream.unended > 0 {
             notes.push("its JPEGs have no end marker; it was added".to_owned());
         }

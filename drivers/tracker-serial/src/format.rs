@@ -128,10 +128,21 @@ impl Framing for Format {
 
 impl AnyDecoder {
     /// A decoder for a protocol's name, with the protocol's usual units; `None` for a name
-    /// that is not in [`PROTOCOLS`].
+    /// that is not in [`PROTOCOLS`]. Behind the name may stand the line's speed,
+    /// `fastrak@115200`, by which arrival times are corrected: see [`Decoder::with_baud`].
+    ///
+    /// [`Decoder::with_baud`]: crate::Decoder::with_baud
     #[must_use]
     pub fn for_protocol(name: &str) -> Option<Self> {
-        Format::for_protocol(name).map(Self::new)
+        let (name, baud) = match name.split_once('@') {
+            Some((name, baud)) => (name, Some(baud.parse().ok()?)),
+            None => (name, None),
+        };
+        let decoder = Self::new(Format::for_protocol(name)?);
+        Some(match baud {
+            Some(baud) => decoder.with_baud(baud),
+            None => decoder,
+        })
     }
 
     /// With another length of the device's unit, see [`Format::with_metres_per_unit`].
@@ -155,6 +166,24 @@ mod tests {
         for name in ["", "freed:", "freed:pan", "freedom", "polaris", "FASTRAK"] {
             assert_eq!(Format::for_protocol(name), None, "{name}");
         }
+    }
+
+    #[test]
+    fn a_line_speed_corrects_arrival_times() {
+        let arrival = |name: &str| {
+            let mut decoder = AnyDecoder::for_protocol(name).unwrap();
+            let mut first = None;
+            let bytes = b"1,0,0,0,1,0,0,0\n1,0,0,0,1,0,0,0\n1,0,0,0,1,0,0,0\n";
+            let now = penumbra_interface::MonotonicTime::from_nanos(1_000_000_000);
+            decoder.push(bytes, now, |pose| first = first.or(Some(pose.arrived_at)));
+            now.nanos_since(first.unwrap())
+        };
+        assert_eq!(arrival("csv"), 0);
+        // The first line may have begun before we listened; after the second, 16 bytes of ten
+        // bits come.
+        let late = arrival("csv@9600");
+        assert!((late - 16_666_667).abs() < 1000, "{late}");
+        assert!(AnyDecoder::for_protocol("csv@fast").is_none());
     }
 
     #[test]

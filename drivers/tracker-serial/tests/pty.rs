@@ -63,7 +63,9 @@ fn every_protocol_streams_the_path() {
             "{protocol}"
         );
         let report = tracker.report();
-        assert_eq!((report.protocol.as_str(), report.warning), (protocol, None));
+        // The line's speed goes into the recording, for whoever decodes it.
+        assert!(report.protocol.starts_with(&format!("{protocol}@")));
+        assert_eq!(report.warning, None);
     }
 }
 

@@ -13,7 +13,7 @@ mod tum_folder;
 
 pub use error::ImportError;
 
-use super::{Camera, SessionError, SessionWriter};
+use super::{Attachment, Camera, SessionError, SessionWriter};
 use folder::Folder;
 use indicatif::{ProgressBar, ProgressStyle};
 use penumbra_interface::{Frame, MonotonicTime, PixelFormat, PoseSample, RigidTransform};
@@ -105,6 +105,26 @@ pub fn import(args: &ImportArgs) -> Result<ImportSummary, ImportError> {
         let _ = fs::remove_file(&partial);
     }
     summary
+}
+
+/// The files in `folder` that say what a rig is, as a session carries them: `rig.json`,
+/// `calibration/`, `object/`, `phantoms/`, as far as they are there.
+///
+/// # Errors
+/// There is no such folder, or a file in it cannot be read.
+pub fn attachments_in(folder: &Path) -> Result<Vec<Attachment>, ImportError> {
+    let folder = Folder::open(folder)?;
+    let read = |(name, file): (String, PathBuf)| {
+        Ok(Attachment {
+            data: folder.read(&file)?.into(),
+            media_type: String::new(),
+            name,
+        })
+    };
+    rig_folder::attachments(&folder)?
+        .into_iter()
+        .map(read)
+        .collect()
 }
 
 /// What there is to write, by whichever layout the folder has.

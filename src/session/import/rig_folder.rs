@@ -34,7 +34,7 @@ pub(super) fn plan(folder: &Folder) -> Result<Plan, ImportError> {
     Ok(plan)
 }
 
-fn attachments(folder: &Folder) -> Result<Vec<(String, PathBuf)>, ImportError> {
+pub(super) fn attachments(folder: &Folder) -> Result<Vec<(String, PathBuf)>, ImportError> {
     let mut files = Vec::new();
     if folder.has(RIG) {
         files.push(PathBuf::from(RIG));

@@ -143,6 +143,9 @@ fn tell(event: &SessionEvent) -> String {
             let t = sample.transmitter_from_sensor.translation;
             format!("{nanos} pose {} {} {}", t.x, t.y, t.z)
         }
+        SessionEvent::Tick(_) | SessionEvent::Prepared { .. } => {
+            panic!("{event:?} in an import")
+        }
     }
 }
 
@@ -330,10 +333,13 @@ fn check_pairs(session: &Session, brackets: usize, records: usize) {
         match event.unwrap() {
             SessionEvent::Scene(frame) => pairing.push_scene(frame),
             SessionEvent::Environment(frame) => pairing.push_environment(frame),
-            SessionEvent::TrackerBytes { bytes, arrived_at } => {
+            SessionEvent::TrackerBytes {
+                bytes, arrived_at, ..
+            } => {
                 decoder.push(&bytes, arrived_at, |sample| pairing.push_pose(&sample));
             }
             SessionEvent::Pose(sample) => pairing.push_pose(&sample),
+            other => panic!("{other:?} in an import"),
         }
         for frame in std::iter::from_fn(|| pairing.pop()) {
             assert_eq!(frame.index, frame.scene.sequence);

@@ -3,6 +3,7 @@
 // confirmed yet.
 
 import { COOL, LIGHT, remember, spark } from './charts.js';
+import { recording } from './recording.js';
 import { settings } from './settings.js';
 import { $, age, duration, facts, flag, make, millis, number, percent, pill, put, refill, whole } from './text.js';
 
@@ -25,6 +26,7 @@ const DEVICE_KINDS = {
 const STAGES = {
   decode: 'Decode pictures', environment: 'Read the light', upload: 'Upload',
   composite: 'Composite', encode: 'Encode for browsers', total: 'Whole frame',
+  arrival_to_picture: 'From arrival to picture',
 };
 const METHODS = {
   chart: 'Colour chart', automatic: 'Automatic', 'known-surface': 'Known surface',
@@ -102,17 +104,18 @@ function warnings(s) {
 
 function devices(s) {
   if (!s.devices.length) return;
-  refill($('devices'), s.devices.map((d) => [d.name, d.kind, d.state, d.reason]), deviceItem);
+  refill($('devices'), s.devices.map((d) => [d.name, d.kind, d.state, d.reason, d.identity, d.mode, d.notes, d.controls]), deviceItem);
   s.devices.forEach((d, i) => {
     const lost = d.dropped ? `, ${whole(d.dropped)} lost` : ', none lost';
     const heard = d.last_age_ms === null ? '' : `, last ${age(d.last_age_ms)} ago`;
     const line = d.received ? `${number(d.per_second)} per second, ${whole(d.received)} in all${lost}${heard}` : '';
-    put($('devices').children[i].querySelector('.rate'), line);
+    const tries = d.losses || d.attempts > 1 ? `opened ${whole(d.attempts)} times, lost ${whole(d.losses)} times` : '';
+    put($('devices').children[i].querySelector('.rate'), [line, tries].filter(Boolean).join('; '));
     put($('devices').children[i].querySelector('.sentence'), d.sentence);
   });
 }
 
-function deviceItem([name, kind, state, reason]) {
+function deviceItem([name, kind, state, reason, identity, mode, notes, controls]) {
   const item = make('li');
   const badge = make('span', 'pill', state);
   badge.dataset.tone = DEVICE_STATES[state] ?? 'idle';
@@ -122,6 +125,12 @@ function deviceItem([name, kind, state, reason]) {
   item.append(title, badge, what);
   if (reason) item.append(make('span', 'what reason', reason));
   item.append(make('span', 'rate muted'));
+  const more = [identity === name ? '' : identity, mode, ...notes].filter(Boolean).join(' · ');
+  if (more) item.append(make('span', 'what muted', more));
+  controls.forEach((c) => {
+    const value = c.in_force === null ? '' : ` (now ${c.in_force})`;
+    if (c.standing !== 'held') item.append(make('span', 'what reason', `${c.name} = ${c.wanted}: ${c.standing}${value}`));
+  });
   return item;
 }
 
@@ -260,6 +269,7 @@ function render(s) {
   picture(s);
   settings(s.settings);
   warnings(s);
+  recording(s.recording);
   devices(s);
   environment(s);
   balance(s);

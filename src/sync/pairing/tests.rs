@@ -348,3 +348,23 @@ proptest! {
 }
 
 mod truth;
+
+#[test]
+fn the_deadline_is_when_a_wait_is_over_though_nothing_more_arrives() {
+    let mut pairing = pairing(|config| config.max_wait_nanos = 50 * MILLI);
+    assert_eq!(pairing.deadline(), None);
+    pairing.push_pose(&reading(0));
+    pairing.push_scene(picture(10, 10, 0.0));
+    let deadline = pairing.deadline().unwrap();
+    assert_eq!(deadline, at(60));
+    pairing.advance(deadline.offset_nanos(-1));
+    assert!(pairing.pop().is_none());
+    pairing.advance(deadline);
+    assert_eq!(pairing.pop().unwrap().index, 0);
+    pairing.pass_over(at(70));
+    pairing.push_scene(picture(100, 100, 0.0));
+    pairing.push_pose(&reading(120));
+    let due = pairing.deadline().unwrap();
+    assert!(due <= at(120), "it need not wait at all");
+    assert_eq!(pairing.pop().unwrap().index, 2, "one was passed over");
+}

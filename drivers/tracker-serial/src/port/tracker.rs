@@ -54,6 +54,11 @@ impl<L: Line> LineTracker<L> {
         Ok(tracker)
     }
 
+    /// Puts the line's speed behind the protocol's name, for whoever decodes the bytes.
+    pub(super) fn name_line_speed(&mut self, baud: u32) {
+        self.report.protocol = format!("{}@{baud}", self.settings.protocol);
+    }
+
     /// Adds to what is odd.
     pub(super) fn warn(&mut self, warning: String) {
         let before = self.report.warning.take();

@@ -1,0 +1,66 @@
+//! The drivers of real devices. The only file of the rig that names their crates.
+
+use crate::config::{Hemisphere, TrackerConfig, TrackerUnits};
+use penumbra_interface::{Camera, CameraSettings, Clock, DeviceError, Tracker};
+use penumbra_tracker_serial::{self as tracker, PortName, TrackerSettings};
+use std::sync::Arc;
+
+/// Opens a camera by the system's own interface.
+#[cfg(target_os = "linux")]
+pub(super) fn open_camera(
+    settings: &CameraSettings,
+    clock: Arc<dyn Clock>,
+) -> Result<Box<dyn Camera>, DeviceError> {
+    penumbra_camera_v4l2::open(settings, clock)
+}
+
+/// Opens a camera through `nokhwa`, where there is no V4L2.
+#[cfg(all(not(target_os = "linux"), feature = "nokhwa"))]
+pub(super) fn open_camera(
+    settings: &CameraSettings,
+    clock: Arc<dyn Clock>,
+) -> Result<Box<dyn Camera>, DeviceError> {
+    penumbra_camera_nokhwa::open(settings, clock)
+}
+
+/// This program was built without a driver for the system's cameras.
+#[cfg(all(not(target_os = "linux"), not(feature = "nokhwa")))]
+pub(super) fn open_camera(
+    settings: &CameraSettings,
+    _clock: Arc<dyn Clock>,
+) -> Result<Box<dyn Camera>, DeviceError> {
+    Err(DeviceError::Refused {
+        device: settings.device.clone(),
+        reason: "this program was built without cameras; build it with --features nokhwa".into(),
+    })
+}
+
+/// Opens a tracker and holds its dialogue.
+pub(super) fn open_tracker(config: &TrackerConfig) -> Result<Box<dyn Tracker>, DeviceError> {
+    let port = PortName::parse(&config.device).map_err(|reason| DeviceError::Refused {
+        device: config.device.clone(),
+        reason,
+    })?;
+    tracker::open(&TrackerSettings {
+        baud: config.baud,
+        stations: vec![config.station],
+        hemisphere: hemisphere(config.hemisphere),
+        units: match config.units {
+            Some(TrackerUnits::Inches) => tracker::Units::Inches,
+            Some(TrackerUnits::Centimetres) | None => tracker::Units::Centimetres,
+        },
+        silence_millis: config.silent_after_nanos.unsigned_abs() / 1_000_000,
+        ..TrackerSettings::new(&config.protocol, port)
+    })
+}
+
+const fn hemisphere(side: Hemisphere) -> tracker::Hemisphere {
+    match side {
+        Hemisphere::Forward => tracker::Hemisphere::Forward,
+        Hemisphere::Back => tracker::Hemisphere::Back,
+        Hemisphere::Right => tracker::Hemisphere::Right,
+        Hemisphere::Left => tracker::Hemisphere::Left,
+        Hemisphere::Lower => tracker::Hemisphere::Lower,
+        Hemisphere::Upper => tracker::Hemisphere::Upper,
+    }
+}

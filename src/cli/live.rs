@@ -1,0 +1,56 @@
+//! `penumbra run`.
+
+use super::show::{ShowArgs, address, in_words, show, status_server};
+use clap::Args;
+use penumbra::rig::service::Service;
+use penumbra::rig::{Live, Recorder, Runner, Source, live_settings};
+use penumbra::status::SharedStatus;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+#[derive(Debug, Args)]
+pub struct RunArgs {
+    #[command(flatten)]
+    show: ShowArgs,
+    /// Record everything into this new session meanwhile
+    #[arg(long, value_name = "OUT.mcap")]
+    record: Option<PathBuf>,
+}
+
+/// Checks everything that can be checked without the devices, and runs until it is told to
+/// stop.
+pub fn run(args: &RunArgs) -> anyhow::Result<ExitCode> {
+    let config = args.show.config()?;
+    let report_file = args.show.report_file()?;
+    let status = SharedStatus::new(live_settings(&config));
+    let server = status_server(&config, &status)?;
+    let shutdown = Arc::new(AtomicBool::new(false));
+    let live = Live::new(&config, true)?;
+    let recorder = Recorder::new(
+        live.hub.clone(),
+        live.files.clone(),
+        config.recording.clone(),
+        status.clone(),
+    );
+    status.set_recorder(recorder.clone());
+    let options = args.show.options();
+    let source = Source::Live(live);
+    let runner = Runner::new(source, config.clone(), options, status, shutdown.clone())?;
+    let address = address(Some(&server), &config);
+    let service = Service::start(Some(server), shutdown.clone())?;
+    if let Some(path) = &args.record {
+        recorder.start(path, None)?;
+    }
+    let report = show(runner, config, "live", (address, shutdown))?;
+    drop(service);
+    if let Some(recording) = recorder.stop() {
+        super::say(super::record::in_words(&recording));
+    }
+    if let Some(file) = report_file {
+        file.write(&report)?;
+    }
+    super::say(in_words(&report));
+    Ok(ExitCode::SUCCESS)
+}

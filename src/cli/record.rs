@@ -1,0 +1,229 @@
+//! `penumbra record`.
+
+use anyhow::{Context, bail};
+use clap::Args;
+use penumbra::capture::{Account, Condition};
+use penumbra::config::Config;
+use penumbra::rig::service::Service;
+use penumbra::rig::{Live, Recorder, live_settings};
+use penumbra::status::SharedStatus;
+use penumbra::status::recording::{Recording, RecordingState, RecordingWish};
+use penumbra::status::snapshot::DeviceKind;
+use serde_json::Value;
+use std::io::{IsTerminal, Read, Write};
+use std::net::{SocketAddr, TcpStream};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+/// How often it is looked whether the recording is over, and its size told.
+const LOOK_EVERY: Duration = Duration::from_millis(200);
+/// How long the running rig may take to answer.
+const ANSWER_LIMIT: Duration = Duration::from_secs(15);
+
+#[derive(Debug, Args)]
+pub struct RecordArgs {
+    /// The session to write; with --while-running its name in the running rig's folder
+    #[arg(value_name = "OUT.mcap")]
+    output: PathBuf,
+    /// Settings: which devices, where the calibration is
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// End after so many seconds; without it at Ctrl-C
+    #[arg(long, value_name = "SECONDS", value_parser = seconds)]
+    duration: Option<f64>,
+    /// Let the `penumbra run` that runs already do it
+    #[arg(long)]
+    while_running: bool,
+    /// Where the status page of that one is
+    #[arg(long, value_name = "ADDR:PORT", requires = "while_running")]
+    listen: Option<SocketAddr>,
+    /// What its status page asks its visitors for
+    #[arg(long, value_name = "TOKEN", requires = "while_running")]
+    token: Option<String>,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    let seconds = text.parse().ok().filter(|s| (1.0..=1e7).contains(s));
+    seconds.ok_or_else(|| "expected a number of seconds from 1 to 10000000".to_owned())
+}
+
+/// Records until the end of its length or a signal.
+pub fn run(args: &RecordArgs) -> anyhow::Result<ExitCode> {
+    let config = match &args.config {
+        Some(path) => Config::load(path)?,
+        None => Config::default(),
+    };
+    if args.while_running {
+        return ask_the_running_one(args, &config);
+    }
+    let status = SharedStatus::new(live_settings(&config));
+    let live = Live::new(&config, false)?;
+    let (hub, files) = (live.hub.clone(), live.files.clone());
+    let recorder = Recorder::new(hub, files, config.recording, status.clone());
+    let shutdown = Arc::new(AtomicBool::new(false));
+    let service = Service::start(None, shutdown.clone())?;
+    recorder.start(&args.output, args.duration.map(Duration::from_secs_f64))?;
+    live.open()?;
+    while recorder.is_recording() && !shutdown.load(Ordering::Relaxed) {
+        std::thread::sleep(LOOK_EVERY);
+        tell_progress(&status.snapshot().recording);
+    }
+    let recording = recorder.stop();
+    let mut accounts = Vec::new();
+    for device in live.supervised() {
+        let condition = device.condition();
+        match &condition.reason {
+            Some(trouble) if condition.received == 0 => super::warn(format_args!(
+                "nothing of {}: {trouble}",
+                device.kind.label()
+            )),
+            _ => accounts.push(account_in_words(device.kind, &condition)),
+        }
+    }
+    drop((live, service));
+    let Some(recording) = recording else {
+        bail!("{}: the recorder has died", args.output.display());
+    };
+    if recording.state == RecordingState::Failed {
+        bail!("{}", recording.sentence);
+    }
+    super::say(in_words(&recording));
+    accounts.iter().for_each(super::say);
+    Ok(ExitCode::SUCCESS)
+}
+
+/// What a device delivered, and what went wrong on the way.
+fn account_in_words(kind: DeviceKind, condition: &Condition) -> String {
+    let mut words = vec![format!("{} delivered", condition.received)];
+    let mut count = |n: u64, what: &str| {
+        if n > 0 {
+            words.push(format!("{n} {what}"));
+        }
+    };
+    count(condition.losses, "times away");
+    let identity = match &condition.account {
+        Account::None => "",
+        Account::Tracker(report) => &report.identity,
+        Account::Camera(report) => {
+            let counters = report.counters;
+            count(counters.lost, "lost on the way");
+            count(counters.damaged.max(condition.damaged), "damaged");
+            count(counters.superseded, "passed over");
+            count(counters.unattributed, "of unknown exposure");
+            count(counters.controls_changed, "changes of controls by others");
+            words.extend(report.notes.iter().cloned());
+            &report.identity
+        }
+    };
+    format!("  {} {identity}: {}", kind.label(), words.join(", "))
+}
+
+/// One line that is written over, where somebody looks.
+fn tell_progress(recording: &Recording) {
+    let mut err = std::io::stderr();
+    if err.is_terminal() {
+        let left = recording
+            .seconds_left
+            .map_or(String::new(), |s| format!(", {s:.0} s left"));
+        let megabytes = recording.bytes as f64 * 1e-6;
+        let _ = write!(
+            err,
+            "\r{megabytes:.1} MB, {:.0} s{left}   ",
+            recording.seconds
+        );
+    }
+}
+
+/// What became of a recording.
+pub fn in_words(recording: &Recording) -> String {
+    let dropped = match recording.dropped {
+        0 => String::new(),
+        n => format!(", {n} DROPPED (the disk was too slow)"),
+    };
+    format!(
+        "{}: {:.1} MB, {:.1} s, {} messages{dropped}",
+        recording.file.as_deref().unwrap_or_default(),
+        recording.bytes as f64 * 1e-6,
+        recording.seconds,
+        recording.events
+    )
+}
+
+fn ask_the_running_one(args: &RecordArgs, config: &Config) -> anyhow::Result<ExitCode> {
+    let name = args
+        .output
+        .file_name()
+        .filter(|n| Path::new(n) == args.output);
+    let Some(name) = name.and_then(|n| n.to_str()) else {
+        bail!(
+            "{}: the running rig records into its own folder ([recording] folder); give a plain \
+             name such as desk.mcap",
+            args.output.display()
+        );
+    };
+    let wish = RecordingWish {
+        record: true,
+        file: Some(name.to_owned()),
+        seconds: args.duration,
+    };
+    let address = args.listen.unwrap_or(config.status.listen);
+    let token = args.token.as_ref().or(config.status.token.as_ref());
+    let answer = post(address, token, &serde_json::to_string(&wish)?)?;
+    let file = answer["file"].as_str().unwrap_or(name).to_owned();
+    super::say(format_args!("{file}: being recorded by the running rig"));
+    if args.duration.is_some() {
+        return Ok(ExitCode::SUCCESS);
+    }
+    wait_for_signal()?;
+    let answer = post(address, token, r#"{"record": false}"#)?;
+    let sentence = answer["sentence"].as_str().unwrap_or_default();
+    super::say(format_args!("{file}: {sentence}"));
+    Ok(ExitCode::SUCCESS)
+}
+
+fn wait_for_signal() -> anyhow::Result<()> {
+    let shutdown = Arc::new(AtomicBool::new(false));
+    let _service = Service::start(None, shutdown.clone())?;
+    while !shutdown.load(Ordering::Relaxed) {
+        std::thread::sleep(LOOK_EVERY);
+    }
+    Ok(())
+}
+
+/// One request to a status page; its answer's JSON.
+fn post(address: SocketAddr, token: Option<&String>, body: &str) -> anyhow::Result<Value> {
+    let none = || {
+        format!(
+            "{address}: no `penumbra run` answers there; start it, or name its address with --listen"
+        )
+    };
+    let mut stream = TcpStream::connect_timeout(&address, ANSWER_LIMIT).with_context(none)?;
+    stream.set_read_timeout(Some(ANSWER_LIMIT))?;
+    let token = token.map_or(String::new(), |t| format!("Authorization: Bearer {t}\r\n"));
+    write!(
+        stream,
+        "POST /recording HTTP/1.1\r\nHost: {address}\r\n{token}Content-Type: application/json\r\n\
+         Content-Length: {}\r\nConnection: close\r\n\r\n{body}",
+        body.len()
+    )?;
+    let mut answer = String::new();
+    stream
+        .take(1 << 20)
+        .read_to_string(&mut answer)
+        .with_context(none)?;
+    let (head, body) = answer.split_once("\r\n\r\n").unwrap_or((&answer, ""));
+    let json: Value = serde_json::from_str(body).unwrap_or_default();
+    if head.starts_with("HTTP/1.1 2") {
+        return Ok(json);
+    }
+    match json["error"].as_str() {
+        Some(error) => bail!("{address}: {error}"),
+        None => bail!(
+            "{address}: {}",
+            if body.is_empty() { head } else { body }.trim()
+        ),
+    }
+}

@@ -1,0 +1,191 @@
+//! What `penumbra replay` and `penumbra run` have in common: how the picture is made and
+//! where it goes.
+
+use super::files::JsonFile;
+use clap::Args;
+use penumbra::calibration::EnvironmentSource;
+use penumbra::compositor::Gpu;
+use penumbra::config::{Config, LIGHT_COUNTS, LightPlacement, Monitor, SceneChoice, ShadowMode};
+use penumbra::output::window::{self, WindowOptions};
+use penumbra::rig::{Report, RigError, RunOptions, Runner};
+use penumbra::status::{SharedStatus, StatusError, StatusServer, Technique};
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+#[derive(Debug, Args)]
+pub struct ShowArgs {
+    /// Settings; what is typed here comes before what stands there
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Objects to composite: a scene file, "session" (those it brings) or "none"
+    #[arg(long, value_name = "FILE|none")]
+    scene: Option<String>,
+    /// Stop after so many frames
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    frames: Option<u64>,
+    /// Write every frame as a PNG named by its number
+    #[arg(long, value_name = "DIR")]
+    frames_out: Option<PathBuf>,
+    /// Write at the end what happened: counts, times, white balance
+    #[arg(long, value_name = "FILE.json")]
+    report: Option<PathBuf>,
+    /// Write over files that are there
+    #[arg(long)]
+    force: bool,
+    /// Show no window
+    #[arg(long)]
+    headless: bool,
+    /// Show the window on this monitor: its number from 0, or part of its name
+    #[arg(long, value_name = "MONITOR", conflicts_with = "headless")]
+    monitor: Option<Monitor>,
+    /// Let the picture fill the monitor (F in the window)
+    #[arg(long, conflicts_with = "headless")]
+    fullscreen: bool,
+    /// Where the status page is; port 0 takes any free one
+    #[arg(long, value_name = "ADDR:PORT")]
+    pub listen: Option<SocketAddr>,
+    /// What the status page asks its visitors for; needed where other machines reach it
+    #[arg(long, value_name = "TOKEN")]
+    token: Option<String>,
+    /// Part of the graphics adapter's name, or its number
+    #[arg(long, value_name = "NAME")]
+    adapter: Option<String>,
+    /// How the light is seen
+    #[arg(long, value_enum)]
+    environment_source: Option<EnvironmentSource>,
+    /// How the dome lights are placed
+    #[arg(long, value_enum)]
+    lights: Option<LightPlacement>,
+    /// How many dome lights there are at most: 0, 8, 24, 48, 64, 96 or 384
+    #[arg(long, value_name = "N", value_parser = light_count)]
+    light_count: Option<u32>,
+    /// How shadows are put into the camera's picture
+    #[arg(long, value_enum)]
+    shadow_mode: Option<ShadowMode>,
+    /// How virtual objects are lit and shadowed
+    #[arg(long, value_enum)]
+    technique: Option<Technique>,
+}
+
+fn light_count(text: &str) -> Result<u32, String> {
+    let count = text.parse().ok().filter(|n| LIGHT_COUNTS.contains(n));
+    count.ok_or_else(|| format!("expected one of {LIGHT_COUNTS:?}"))
+}
+
+impl ShowArgs {
+    /// The configuration with what was typed.
+    pub fn config(&self) -> anyhow::Result<Config> {
+        let mut config = match &self.config {
+            Some(path) => Config::load(path)?,
+            None => Config::default(),
+        };
+        self.override_picture(&mut config);
+        self.override_outputs(&mut config);
+        Ok(config)
+    }
+
+    fn override_picture(&self, config: &mut Config) {
+        set(
+            &mut config.scene,
+            self.scene.as_deref().map(SceneChoice::from_text),
+        );
+        set(&mut config.environment.source, self.environment_source);
+        set(&mut config.environment.lights, self.lights);
+        set(&mut config.environment.light_count, self.light_count);
+        set(&mut config.shadows.mode, self.shadow_mode);
+        let shadows = self.technique.map(|t| t == Technique::ImageBasedShadowing);
+        set(&mut config.shadows.enabled, shadows);
+    }
+
+    fn override_outputs(&self, config: &mut Config) {
+        let asks_for_window = self.fullscreen || self.monitor.is_some();
+        config.output.window = (config.output.window || asks_for_window) && !self.headless;
+        config.output.fullscreen |= self.fullscreen;
+        config.output.monitor = self.monitor.clone().or(config.output.monitor.take());
+        config.output.frames = self.frames_out.clone().or(config.output.frames.take());
+        set(&mut config.status.listen, self.listen);
+        config.status.token = self.token.clone().or(config.status.token.take());
+        config.gpu.adapter = self.adapter.clone().or(config.gpu.adapter.take());
+    }
+
+    /// What was asked for beyond the configuration.
+    pub const fn options(&self) -> RunOptions {
+        RunOptions {
+            frame_limit: self.frames,
+            force: self.force,
+        }
+    }
+
+    /// The report's file, if one was asked for.
+    pub fn report_file(&self) -> anyhow::Result<Option<JsonFile>> {
+        let claim = |path: &PathBuf| JsonFile::claim(path, self.force);
+        self.report.as_ref().map(claim).transpose()
+    }
+}
+
+pub fn set<T>(place: &mut T, value: Option<T>) {
+    if let Some(value) = value {
+        *place = value;
+    }
+}
+
+/// With a window or without. The address is told when nothing can keep the picture from
+/// coming any more.
+pub fn show(
+    runner: Runner,
+    config: Config,
+    name: &str,
+    (address, shutdown): (Option<String>, Arc<AtomicBool>),
+) -> Result<Report, RigError> {
+    let announce = move || address.into_iter().for_each(super::say);
+    if !config.output.window {
+        let gpu = Gpu::open(config.gpu.adapter.as_deref())?;
+        announce();
+        return runner.run(gpu, None);
+    }
+    let options = WindowOptions {
+        title: format!("{name} – Penumbra"),
+        monitor: config.output.monitor,
+        fullscreen: config.output.fullscreen,
+        picture: runner.picture_size(),
+        adapter: config.gpu.adapter,
+        shutdown,
+    };
+    window::run(options, move |gpu, screen| {
+        announce();
+        runner.run(gpu, Some(screen))
+    })?
+}
+
+/// Takes the port of the status page.
+pub fn status_server(
+    config: &Config,
+    status: &Arc<SharedStatus>,
+) -> Result<StatusServer, StatusError> {
+    let wanted = &config.status;
+    StatusServer::bind(wanted.listen, wanted.token.clone(), status.clone())
+}
+
+/// The one address to open.
+pub fn address(server: Option<&StatusServer>, config: &Config) -> Option<String> {
+    let token = config.status.token.as_ref().map_or("", |_| "?token=…");
+    Some(format!(
+        "status page: http://{}/{token}",
+        server?.local_addr()
+    ))
+}
+
+pub fn in_words(report: &Report) -> String {
+    let frames = &report.frames;
+    format!(
+        "{} frames composed, {} skipped, {} damaged, {} without pose; {:.1} s on {}",
+        frames.composed,
+        frames.skipped,
+        frames.damaged,
+        frames.without_pose,
+        report.wall_seconds,
+        report.adapter
+    )
+}

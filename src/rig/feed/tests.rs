@@ -1,0 +1,161 @@
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+use super::*;
+use crate::calibration::RigDocument;
+use crate::config::Config;
+use crate::rig::Live;
+use crate::rig::threads;
+use crate::session::SessionWriter;
+use bytes::Bytes;
+use penumbra_interface::{Frame, PixelFormat, RigidTransform};
+use std::io::Cursor;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+const MS: i64 = 1_000_000;
+
+fn frame(at: MonotonicTime, sequence: u64) -> Frame {
+    Frame {
+        data: Bytes::from_static(b"picture"),
+        format: PixelFormat::Jpeg,
+        width: 0,
+        height: 0,
+        stride: 0,
+        sequence,
+        captured_at: at,
+        arrived_at: at,
+        exposure: None,
+        bracket_ev: 0.0,
+        controls: None,
+    }
+}
+
+fn pose(at: MonotonicTime) -> SessionEvent {
+    SessionEvent::Pose(PoseSample {
+        station: 1,
+        transmitter_from_sensor: RigidTransform::IDENTITY,
+        arrived_at: at,
+        error: None,
+    })
+}
+
+fn live() -> (Source, Arc<Hub>) {
+    let live = Live::new(&Config::default(), true).unwrap();
+    let hub = live.hub.clone();
+    (Source::Live(live), hub)
+}
+
+fn feed(source: &Source) -> Feed {
+    let rig = RigDocument::uncalibrated(640, 480).calibration;
+    let waits = PairingConfig {
+        max_wait_nanos: 20 * MS,
+        ..PairingConfig::default()
+    };
+    Feed::new(source, &rig, waits, true)
+}
+
+fn numbers(feed: &mut Feed) -> (u64, u64, u64) {
+    match feed.next_picture() {
+        Fed::Frame(fed) => (fed.frame.index, fed.frame.scene.sequence, fed.passed_over),
+        Fed::Idle => panic!("idle"),
+        Fed::End => panic!("the end"),
+    }
+}
+
+#[test]
+fn of_the_pictures_that_wait_the_newest_is_made_and_the_others_are_counted() {
+    let (source, hub) = live();
+    let mut feed = feed(&source);
+    let start = SystemClock.now();
+    let at = |millis: i64| start.offset_nanos(millis * MS - 1000 * MS);
+    for n in 0..7 {
+        hub.deliver(SessionEvent::Scene(frame(at(33 * n), n as u64)));
+        hub.deliver(pose(at(33 * n + 5)));
+    }
+    assert_eq!(numbers(&mut feed), (6, 6, 6));
+    hub.deliver(SessionEvent::Scene(frame(at(400), 7)));
+    hub.deliver(pose(at(405)));
+    assert_eq!(numbers(&mut feed), (7, 7, 0));
+    assert_eq!(feed.counts().scene_frames, 8);
+    hub.end();
+    assert!(matches!(feed.next_picture(), Fed::End));
+}
+
+#[test]
+fn a_silent_tracker_holds_no_picture_back() {
+    let (source, hub) = live();
+    let mut feed = feed(&source);
+    let now = SystemClock.now();
+    hub.deliver(pose(now));
+    hub.deliver(SessionEvent::Scene(frame(now.offset_nanos(MS), 0)));
+    let begun = Instant::now();
+    assert_eq!(numbers(&mut feed), (0, 0, 0));
+    let waited = begun.elapsed();
+    assert!(waited < Duration::from_millis(150), "{waited:?}");
+    assert!(waited > Duration::from_millis(10), "{waited:?}");
+}
+
+#[test]
+fn a_tracker_alone_does_not_keep_the_rig_from_saying_that_no_picture_comes() {
+    let (source, hub) = live();
+    let mut feed = feed(&source);
+    let over = Arc::new(AtomicBool::new(false));
+    let stop = over.clone();
+    let tracker = threads::spawn("tracker", move || {
+        while !stop.load(Ordering::Relaxed) {
+            hub.deliver(pose(SystemClock.now()));
+            std::thread::sleep(Duration::from_millis(2));
+        }
+    });
+    let begun = Instant::now();
+    assert!(matches!(feed.next_picture(), Fed::Idle));
+    assert!(begun.elapsed() < Duration::from_secs(5));
+    assert!(feed.counts().poses > 5);
+    over.store(true, Ordering::Relaxed);
+    tracker.unwrap().join().unwrap();
+}
+
+/// What a live rig that was too slow for every second picture has recorded.
+#[test]
+fn a_replay_pairs_as_the_live_rig_did_and_knows_what_its_light_saw() {
+    let at = |millis: i64| MonotonicTime::from_nanos(1_000_000 * MS + millis * MS);
+    let mut writer = SessionWriter::new(Cursor::new(Vec::new()), Path::new("memory")).unwrap();
+    for n in 0..10 {
+        let shown = at(40 * n);
+        writer
+            .event(&SessionEvent::Scene(frame(shown, n as u64)))
+            .unwrap();
+        // The tracker is silent: the wait is over after 20 ms.
+        writer.event(&SessionEvent::Tick(at(40 * n + 20))).unwrap();
+        if n % 2 == 0 && n < 8 {
+            let noted = SessionEvent::Prepared {
+                at: at(40 * n + 90),
+                arrived_at: shown,
+            };
+            writer.event(&noted).unwrap();
+        }
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("live.mcap");
+    std::fs::write(&path, writer.finish().unwrap().into_inner()).unwrap();
+    let source = Source::Recorded(Session::open(&path).unwrap());
+    let mut feed = feed(&source);
+    let mut lit = Vec::new();
+    while let Fed::Frame(fed) = feed.next_picture() {
+        assert_eq!(fed.frame.index, lit.len() as u64);
+        lit.push(fed.lit);
+    }
+    let expected = [
+        true, false, true, false, true, false, true, false, false, false,
+    ];
+    assert_eq!(lit, expected);
+    // Whoever does not follow the live rig lets the light see all.
+    let rig = RigDocument::uncalibrated(640, 480).calibration;
+    let mut all = Feed::new(&source, &rig, PairingConfig::default(), false);
+    let mut count = 0;
+    while let Fed::Frame(fed) = all.next_picture() {
+        assert!(fed.lit);
+        count += 1;
+    }
+    assert_eq!(count, 10);
+}

@@ -1,0 +1,251 @@
+//! What the supervisors know, in the status's words.
+
+use super::rates::DeviceRate;
+use super::source::Live;
+use crate::capture::{Account, Condition, DeviceState as Captured};
+use crate::status::snapshot::{Control, Device, DeviceKind, DeviceState, SessionState, Snapshot};
+use penumbra_interface::{
+    CameraReport, Clock, ControlReport, ControlStanding, MonotonicTime, StampSource, SystemClock,
+};
+
+/// Bytes of a tracker after which a record should have been among them.
+const BYTES_FOR_A_RECORD: u64 = 1000;
+
+/// Writes the state of every device. `rates` are the scene camera's, the environment
+/// camera's and the tracker's.
+pub(super) fn devices(s: &mut Snapshot, live: &Live, rates: &[DeviceRate; 3]) {
+    let now = SystemClock.now();
+    let (devices, lost) = (live.supervised(), live.hub.counts());
+    if s.devices.len() != devices.len() {
+        s.devices = devices
+            .iter()
+            .map(|device| Device::new(&device.name, device.kind))
+            .collect();
+    }
+    for (device, live) in s.devices.iter_mut().zip(devices) {
+        let (rate, lost) = match live.kind {
+            DeviceKind::SceneCamera => (&rates[0], lost.scene_superseded),
+            DeviceKind::EnvironmentCamera => (&rates[1], lost.environment_lost),
+            DeviceKind::Tracker => (&rates[2], lost.tracker_lost),
+        };
+        write(device, &live.condition(), rate, now);
+        device.dropped += lost;
+    }
+}
+
+/// Says that the rig is live, or why no picture comes.
+pub(super) fn session(s: &mut Snapshot) {
+    let scene = s.devices.iter().find(|d| d.kind == DeviceKind::SceneCamera);
+    let trouble = scene.filter(|d| d.state != DeviceState::Streaming);
+    let sentence = match trouble.map(|d| &d.reason) {
+        None => SessionState::Live.sentence().to_owned(),
+        Some(Some(reason)) => format!("Live, but no picture comes: {reason}"),
+        Some(None) => "Live; the scene camera is being opened.".to_owned(),
+    };
+    if s.session.state != SessionState::Live || s.session.sentence != sentence {
+        s.session.enter_because(SessionState::Live, &sentence);
+    }
+}
+
+fn write(device: &mut Device, condition: &Condition, rate: &DeviceRate, now: MonotonicTime) {
+    let state = match condition.state {
+        Captured::Opening => DeviceState::Opening,
+        Captured::Streaming => DeviceState::Streaming,
+        Captured::Silent => DeviceState::Silent,
+        Captured::BackingOff { .. } => DeviceState::Retrying,
+        Captured::Failed { .. } => DeviceState::Failed,
+        Captured::Closed => DeviceState::Ended,
+    };
+    device.enter(state, condition.reason.as_deref());
+    device.retry_in_ms = match condition.state {
+        Captured::BackingOff { until } | Captured::Failed { until } => {
+            Some((until.seconds_since(now) * 1e3).max(0.0))
+        }
+        _ => None,
+    };
+    device.attempts = condition.attempts;
+    device.losses = condition.losses;
+    device.last_trouble.clone_from(&condition.last_trouble);
+    device.received = match device.kind {
+        DeviceKind::Tracker => rate.received,
+        _ => condition.received,
+    };
+    device.per_second = rate.per_second;
+    device.last_age_ms = condition.last_at.map(|at| now.seconds_since(at) * 1e3);
+    match &condition.account {
+        Account::None => (),
+        Account::Camera(report) => camera(device, report, condition),
+        Account::Tracker(report) => {
+            device.identity = Some(report.identity.clone());
+            device.mode = Some(report.protocol.clone());
+            device.notes.clear();
+            device.notes.extend(report.said.clone());
+            device.notes.extend(report.warning.clone());
+            device.dropped = condition.damaged;
+            if condition.bytes > BYTES_FOR_A_RECORD && rate.received == 0 {
+                device.reason = Some(unreadable(&report.protocol, condition.bytes));
+            }
+        }
+    }
+}
+
+/// Bytes come, and nothing can be read in them.
+fn unreadable(protocol: &str, bytes: u64) -> String {
+    format!(
+        "{bytes} bytes came, and no record of {protocol} among them; check `protocol` and `baud` \
+         under [tracker], `penumbra devices --probe` asks the tracker"
+    )
+}
+
+fn camera(device: &mut Device, report: &CameraReport, condition: &Condition) {
+    let counters = report.counters;
+    device.identity = Some(report.identity.clone());
+    device.dropped = counters.lost
+        + counters.damaged.max(condition.damaged)
+        + counters.superseded
+        + counters.unattributed;
+    device.mode = report.mode.map(|mode| {
+        let size = match (mode.width, mode.height) {
+            (0, 0) => String::new(),
+            (width, height) => format!("{width}x{height} "),
+        };
+        let rate = mode
+            .frames_per_second
+            .map_or(String::new(), |rate| format!(" at {rate:.4}/s"));
+        format!("{size}{:?}{rate}", mode.format)
+    });
+    device.notes.clear();
+    device.notes.extend(report.notes.iter().cloned());
+    device.notes.push(stamps(report.stamps).to_owned());
+    device.controls = report.controls.iter().map(control).collect();
+}
+
+const fn stamps(source: StampSource) -> &'static str {
+    match source {
+        StampSource::StartOfExposure => "stamped at the start of the exposure, monotonic clock",
+        StampSource::EndOfFrame => "stamped at the end of the frame, monotonic clock",
+        StampSource::Arrival => "not stamped: the time of arrival is used",
+        StampSource::WallClock => "stamped on the wall clock, which may jump",
+        StampSource::Recorded => "recorded earlier, shifted to now",
+    }
+}
+
+fn control(report: &ControlReport) -> Control {
+    Control {
+        name: report.name.to_string(),
+        wanted: report.wanted,
+        in_force: report.in_force,
+        standing: match &report.standing {
+            ControlStanding::Held => "held".to_owned(),
+            ControlStanding::Missing => "the camera has no such control".to_owned(),
+            ControlStanding::Adjusted => "the camera took another value".to_owned(),
+            ControlStanding::Refused(reason) => format!("refused: {reason}"),
+            ControlStanding::Changed => "changed by another program".to_owned(),
+        },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+    use penumbra_interface::{CameraCounters, TrackerReport};
+
+    fn rate(received: u64) -> DeviceRate {
+        DeviceRate {
+            received,
+            per_second: 1.0,
+            last_age_ms: None,
+        }
+    }
+
+    fn tracker(bytes: u64, poses: u64) -> Device {
+        let condition = Condition {
+            state: Captured::Streaming,
+            bytes,
+            received: 9,
+            account: Account::Tracker(TrackerReport {
+                protocol: "liberty".to_owned(),
+                ..TrackerReport::default()
+            }),
+            ..Condition::default()
+        };
+        let mut device = Device::new("t", DeviceKind::Tracker);
+        write(&mut device, &condition, &rate(poses), SystemClock.now());
+        device
+    }
+
+    #[test]
+    fn bytes_without_a_record_are_told_as_another_protocol_or_speed() {
+        let reason = tracker(2000, 0).reason.unwrap();
+        assert!(
+            reason.contains("2000 bytes") && reason.contains("liberty"),
+            "{reason}"
+        );
+        assert_eq!(tracker(2000, 5).reason, None);
+        assert_eq!(tracker(100, 0).reason, None);
+    }
+
+    #[test]
+    fn a_cameras_controls_losses_and_next_try_are_shown() {
+        let now = SystemClock.now();
+        let report = |name: &str, standing| ControlReport {
+            name: name.into(),
+            wanted: 1,
+            in_force: Some(2),
+            standing,
+        };
+        let condition = Condition {
+            state: Captured::BackingOff {
+                until: now.offset_nanos(500_000_000),
+            },
+            reason: Some("gone".to_owned()),
+            losses: 3,
+            damaged: 1,
+            account: Account::Camera(CameraReport {
+                identity: "usb-cam".to_owned(),
+                counters: CameraCounters {
+                    lost: 2,
+                    damaged: 4,
+                    superseded: 5,
+                    ..CameraCounters::default()
+                },
+                controls: [
+                    report("gain", ControlStanding::Refused("EACCES".to_owned())),
+                    report("hue", ControlStanding::Missing),
+                ]
+                .into(),
+                ..CameraReport::default()
+            }),
+            ..Condition::default()
+        };
+        let mut device = Device::new("c", DeviceKind::SceneCamera);
+        write(&mut device, &condition, &rate(0), now);
+        assert_eq!(device.state, DeviceState::Retrying);
+        assert_eq!((device.losses, device.dropped), (3, 11));
+        assert!((device.retry_in_ms.unwrap() - 500.0).abs() < 1e-6);
+        assert_eq!(device.identity.as_deref(), Some("usb-cam"));
+        let told: Vec<_> = device
+            .controls
+            .iter()
+            .map(|c| c.standing.as_str())
+            .collect();
+        assert_eq!(told, ["refused: EACCES", "the camera has no such control"]);
+    }
+
+    #[test]
+    fn the_session_says_why_no_picture_comes_and_when_all_is_well_again() {
+        let mut s = Snapshot {
+            devices: vec![Device::new("c", DeviceKind::SceneCamera)],
+            ..Snapshot::default()
+        };
+        session(&mut s);
+        assert!(s.session.sentence.contains("being opened"));
+        s.devices[0].enter(DeviceState::Retrying, Some("c: not there"));
+        session(&mut s);
+        assert!(s.session.sentence.contains("c: not there"));
+        s.devices[0].enter(DeviceState::Streaming, None);
+        session(&mut s);
+        assert_eq!(s.session.sentence, SessionState::Live.sentence());
+    }
+}

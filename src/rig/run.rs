@@ -1,0 +1,301 @@
+//! One run: each frame from its picture and its light to the outputs, and the counts.
+
+use super::prepare::{Counts, LightState, Prepared};
+use super::rates::Rates;
+use super::report::{FrameCounts, InputCounts, Report, SkewMeter};
+use super::runner::{Runner, Screen};
+use super::settings::{compositor_settings, live_settings};
+use super::source::Source;
+use super::status::Published;
+use super::{RigError, status as published};
+use crate::compositor::{Compositor, FrameInput, Gpu, Refresh, ShadowMode};
+use crate::output::files::FrameFolder;
+use crate::picture::Picture;
+use crate::scene::lamps::lamps_at;
+use crate::status::snapshot::SessionState;
+use crate::status::{self, Settings, StageTimes, Technique};
+use crate::sync::{Provenance, RigFrame};
+use penumbra_interface::{Clock, SystemClock};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// The state of a run.
+pub(super) struct Run {
+    compositor: Compositor,
+    screen: Option<Box<dyn Screen>>,
+    folder: Option<FrameFolder>,
+    settings: Settings,
+    wished: tokio::sync::watch::Receiver<Settings>,
+    stages: StageTimes,
+    pub frames: FrameCounts,
+    inputs: InputCounts,
+    counts: Option<Counts>,
+    skew: SkewMeter,
+    rates: Rates,
+    light: LightState,
+    started: Instant,
+    /// Something is on the screen.
+    shown: bool,
+    closed: bool,
+}
+
+impl Run {
+    pub fn new(
+        runner: &Runner,
+        gpu: Gpu,
+        screen: Option<Box<dyn Screen>>,
+        folder: Option<FrameFolder>,
+    ) -> Self {
+        let (config, setup) = (&runner.config, &runner.setup);
+        let settings = compositor_settings(config, runner.source.is_live(), gpu.software);
+        let response = setup.calibration.scene_camera.response.clone();
+        let mut compositor = Compositor::new(gpu, settings, response);
+        compositor.set_scene(&setup.scene, &crate::scene::casters(&setup.scene));
+        Self {
+            compositor,
+            screen,
+            folder,
+            settings: live_settings(config),
+            wished: runner.status.settings_receiver(),
+            stages: StageTimes::default(),
+            frames: FrameCounts::default(),
+            inputs: InputCounts::default(),
+            counts: None,
+            skew: SkewMeter::default(),
+            rates: Rates::default(),
+            light: LightState::default(),
+            started: Instant::now(),
+            shown: false,
+            closed: false,
+        }
+    }
+
+    pub fn over(&self, runner: &Runner) -> bool {
+        let limit = runner.options.frame_limit;
+        let full = limit.is_some_and(|limit| self.frames.composed >= limit);
+        let writer_gone = self.folder.as_ref().is_some_and(|f| !f.is_alive());
+        full || self.closed || writer_gone || runner.is_over()
+    }
+
+    /// One frame, from its picture and its light to the outputs.
+    pub fn compose(&mut self, runner: &Runner, prepared: &Prepared) -> Result<(), RigError> {
+        let begun = Instant::now();
+        self.stages.record("decode", prepared.decoding);
+        self.stages.record("environment", prepared.lighting);
+        self.take_settings();
+        self.light.clone_from(&prepared.light);
+        self.draw(runner, prepared)?;
+        self.stages.record("composite", begun.elapsed());
+        self.deliver(runner, prepared.index)?;
+        for (pass, millis) in self.compositor.pass_times() {
+            let time = Duration::from_secs_f64(millis * 1e-3);
+            self.stages.record_gpu(pass, time);
+        }
+        self.stages.record("total", begun.elapsed());
+        if runner.source.is_live() {
+            let latency = SystemClock
+                .now()
+                .nanos_since(prepared.frame.scene.arrived_at);
+            let latency = Duration::from_nanos(latency.max(0).unsigned_abs());
+            self.stages.record("arrival_to_picture", latency);
+        }
+        self.counts = Some(prepared.counts);
+        self.frames.skipped += prepared.passed_over;
+        self.count(&prepared.frame);
+        let environment = prepared.frame.environment.as_ref();
+        let skew = environment.map(|e| e.skew_nanos);
+        self.rates.composed(&prepared.counts.feed, skew);
+        published::publish(&Published {
+            status: &runner.status,
+            source: &runner.source,
+            prepared,
+            stages: &self.stages,
+            frames: &self.frames,
+            rates: &self.rates,
+            played: runner.source.share_played(prepared.frame.scene.arrived_at),
+            settings: &self.settings,
+            stale_after_nanos: runner.config.environment.stale_after_nanos,
+        });
+        Ok(())
+    }
+
+    /// No picture has come for a while: the last one stays, or a black one stands in its
+    /// place, and the status goes on.
+    pub fn idle(&mut self, runner: &Runner, counts: &Counts) -> Result<(), RigError> {
+        if !self.shown {
+            self.black(runner)?;
+        }
+        if let Some(screen) = &mut self.screen {
+            self.closed = !screen.show(&self.compositor);
+        }
+        if runner.status.wants_picture() {
+            self.publish_picture(runner)?;
+        }
+        self.counts = Some(*counts);
+        self.rates.idle(&counts.feed);
+        published::publish_idle(&runner.status, &runner.source, &self.rates);
+        Ok(())
+    }
+
+    fn black(&mut self, runner: &Runner) -> Result<(), RigError> {
+        let (width, height) = runner.picture_size();
+        let pixels = width as usize * height as usize;
+        let picture = Picture {
+            width,
+            height,
+            rgba: [0, 0, 0, 255].repeat(pixels),
+        };
+        self.compositor.compose(&FrameInput {
+            picture: &picture,
+            camera: &runner.setup.calibration.scene_camera.camera,
+            world_from_camera: None,
+            lighting: None,
+            near: None,
+            lamps: &[],
+            shadow_mode: ShadowMode::Ratio,
+            shadow_strength: 0.0,
+            refresh: Refresh::UpTo(0),
+            show_virtual: false,
+        })?;
+        self.shown = true;
+        Ok(())
+    }
+
+    fn draw(&mut self, runner: &Runner, prepared: &Prepared) -> Result<(), RigError> {
+        let settings = &self.settings;
+        let shadows = settings.technique == Technique::ImageBasedShadowing;
+        let refresh = runner.config.shadows.refresh_per_frame;
+        let lamps = lamps_at(&runner.setup.scene.lamps, prepared.seconds);
+        self.compositor.compose(&FrameInput {
+            picture: &prepared.picture,
+            camera: &runner.setup.calibration.scene_camera.camera,
+            world_from_camera: prepared.world_from_camera,
+            lighting: prepared.light.lighting.as_deref(),
+            near: prepared.light.near.as_deref(),
+            lamps: &lamps,
+            shadow_mode: match settings.shadow_mode {
+                status::ShadowMode::Ratio => ShadowMode::Ratio,
+                status::ShadowMode::Subtract => ShadowMode::Subtract,
+            },
+            shadow_strength: if shadows {
+                settings.shadow_strength
+            } else {
+                0.0
+            },
+            refresh: Refresh::UpTo(refresh.of(settings.light_count) as usize),
+            show_virtual: settings.virtual_object_visible,
+        })?;
+        self.shown = true;
+        Ok(())
+    }
+
+    /// The picture to the window, the folder and whoever watches.
+    fn deliver(&mut self, runner: &Runner, index: u64) -> Result<(), RigError> {
+        let begun = Instant::now();
+        if let Some(screen) = &mut self.screen {
+            self.closed = !screen.show(&self.compositor);
+        }
+        let watched = runner.status.wants_picture();
+        if let Some(folder) = &self.folder {
+            let mut picture = folder.spare();
+            self.compositor.read(&mut picture)?;
+            if watched {
+                runner.status.publish_picture(Arc::new(picture.clone()));
+            }
+            folder.write(index, picture);
+        } else if watched {
+            self.publish_picture(runner)?;
+        } else {
+            self.compositor.gpu().wait()?;
+        }
+        self.stages.record("output", begun.elapsed());
+        Ok(())
+    }
+
+    fn publish_picture(&self, runner: &Runner) -> Result<(), RigError> {
+        let mut picture = Picture::default();
+        self.compositor.read(&mut picture)?;
+        runner.status.publish_picture(Arc::new(picture));
+        Ok(())
+    }
+
+    fn take_settings(&mut self) {
+        if self.wished.has_changed().unwrap_or(false) {
+            self.settings = self.wished.borrow_and_update().clone();
+            self.compositor.set_light_budget(self.settings.light_count);
+        }
+    }
+
+    fn count(&mut self, frame: &RigFrame) {
+        self.frames.composed += 1;
+        match &frame.pose {
+            None => self.frames.without_pose += 1,
+            Some(pose) if pose.provenance == Provenance::Predicted => {
+                self.frames.predicted_pose += 1;
+            }
+            Some(_) => (),
+        }
+        match &frame.environment {
+            Some(environment) => self.skew.add(environment.skew_nanos),
+            None => self.frames.without_environment += 1,
+        }
+    }
+
+    pub fn finish_loop(&mut self, runner: &Runner, counts: &Counts) {
+        self.add(counts);
+        self.counts = None;
+        runner.status.update(|s| s.session.loops += 1);
+    }
+
+    /// Pairing counts are of one loop, the others of all.
+    fn add(&mut self, counts: &Counts) {
+        self.inputs.take(&counts.pairing);
+        self.frames.in_session = counts.feed.scene_frames;
+        self.inputs.environment_frames = counts.feed.environment_frames;
+        self.inputs.poses = counts.feed.poses;
+        self.inputs.damaged_stretches = counts.feed.damaged;
+        self.inputs.skipped_tracker_bytes = counts.skipped_tracker_bytes;
+    }
+
+    pub fn into_report(mut self, runner: &Runner) -> Result<Report, RigError> {
+        if let Some(counts) = self.counts.take() {
+            self.add(&counts);
+        }
+        let none = self.frames.in_session == 0 && self.frames.composed == 0;
+        if let Source::Recorded(session) = &runner.source
+            && none
+            && !runner.is_over()
+        {
+            return Err(RigError::Empty {
+                path: session.path().to_owned(),
+            });
+        }
+        if self.frames.composed > 0 {
+            // Whoever opens the page after the end sees the last picture.
+            self.publish_picture(runner)?;
+        }
+        runner
+            .status
+            .update(|s| s.session.enter(SessionState::Ended));
+        if let Some(folder) = self.folder {
+            folder.finish()?;
+        }
+        let (width, height) = self.compositor.size().unwrap_or_default();
+        let (lights, compact_lights) = self.light.count();
+        Ok(Report {
+            version: 1,
+            session: runner.source.name(),
+            truncated: matches!(&runner.source, Source::Recorded(s) if s.truncated()),
+            adapter: self.compositor.gpu().name.clone(),
+            resolution: [width, height],
+            frames: self.frames,
+            inputs: self.inputs,
+            skew_ms: self.skew.skew(),
+            white_balance: self.light.white_balance.map(|status| (*status).clone()),
+            lights,
+            compact_lights,
+            stages: self.stages,
+            wall_seconds: self.started.elapsed().as_secs_f64(),
+        })
+    }
+}

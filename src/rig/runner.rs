@@ -1,0 +1,137 @@
+//! Lets frames flow through the compositor to the outputs: those of a recording, or those
+//! of a live rig.
+
+use super::notify::Notifier;
+use super::prepare::{Preparation, Step};
+use super::report::Report;
+use super::run::Run;
+use super::source::Source;
+use super::{RigError, RigSetup};
+use crate::compositor::{Compositor, Gpu};
+use crate::config::Config;
+use crate::output::files::FrameFolder;
+use crate::status::SharedStatus;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// What was asked for, beyond the configuration.
+#[derive(Clone, Debug, Default)]
+pub struct RunOptions {
+    /// Stop after so many frames.
+    pub frame_limit: Option<u64>,
+    /// Write over frames that are there.
+    pub force: bool,
+}
+
+/// Shows finished pictures; a window, or nothing.
+pub trait Screen: Send {
+    /// A picture is finished on the device. False: the user has closed the window.
+    fn show(&mut self, compositor: &Compositor) -> bool;
+}
+
+/// Everything that a run needs.
+pub struct Runner {
+    pub(super) config: Config,
+    pub(super) options: RunOptions,
+    pub(super) source: Source,
+    pub(super) setup: RigSetup,
+    pub(super) status: Arc<SharedStatus>,
+    pub(super) shutdown: Arc<AtomicBool>,
+}
+
+impl Runner {
+    /// Reads what belongs to the rig and checks everything that can be checked before the
+    /// first frame.
+    ///
+    /// # Errors
+    /// See [`RigError`].
+    pub fn new(
+        source: Source,
+        config: Config,
+        options: RunOptions,
+        status: Arc<SharedStatus>,
+        shutdown: Arc<AtomicBool>,
+    ) -> Result<Self, RigError> {
+        let setup = RigSetup::read(&source, &config)?;
+        Ok(Self {
+            config,
+            options,
+            source,
+            setup,
+            status,
+            shutdown,
+        })
+    }
+
+    /// Width and height of the pictures to come, pixels.
+    #[must_use]
+    pub fn picture_size(&self) -> (u32, u32) {
+        let camera = &self.setup.calibration.scene_camera.camera;
+        (camera.width, camera.height)
+    }
+
+    /// Runs to the end of the recording, the frame limit, or the shutdown.
+    ///
+    /// # Errors
+    /// See [`RigError`]. A damaged picture is counted and left out.
+    pub fn run(self, gpu: Gpu, screen: Option<Box<dyn Screen>>) -> Result<Report, RigError> {
+        let folder = match &self.config.output.frames {
+            Some(path) => Some(FrameFolder::create(path, self.options.force, |job| {
+                super::threads::spawn("files", job)
+            })?),
+            None => None,
+        };
+        let preparation = Preparation::start(
+            &self.setup,
+            &self.config,
+            &self.source,
+            self.status.settings_receiver(),
+            self.shutdown.clone(),
+        )?;
+        // Only now is there somebody to take what they deliver.
+        if let Source::Live(live) = &self.source {
+            live.open()?;
+        }
+        super::status::begin(&self.status, &self.source, &self.setup, &gpu);
+        let mut notifier = Notifier::new();
+        let mut run = Run::new(&self, gpu, screen, folder);
+        while !run.over(&self) {
+            let Some(step) = preparation.next() else {
+                break;
+            };
+            match step {
+                Step::Frame(prepared) => {
+                    run.compose(&self, &prepared)?;
+                    preparation.give_back(prepared.picture);
+                }
+                Step::Skipped => run.frames.skipped += 1,
+                Step::Damaged => run.frames.damaged += 1,
+                Step::Idle(counts) => run.idle(&self, &counts)?,
+                Step::End(counts) => run.finish_loop(&self, &counts),
+            }
+            notifier.turn(|| self.sentence());
+        }
+        drop(preparation);
+        run.into_report(&self)
+    }
+
+    /// How it goes, in a line.
+    fn sentence(&self) -> String {
+        let snapshot = self.status.snapshot();
+        let devices = snapshot.devices.iter();
+        let troubled: Vec<_> = devices
+            .filter_map(|d| Some(format!("{}: {}", d.kind.label(), d.reason.as_ref()?)))
+            .collect();
+        let rate = snapshot.frames.per_second;
+        if troubled.is_empty() {
+            format!("{rate:.1} frames/s")
+        } else {
+            format!("{rate:.1} frames/s; {}", troubled.join("; "))
+        }
+    }
+
+    /// Asked to end.
+    pub(super) fn is_over(&self) -> bool {
+        self.shutdown.load(Ordering::Relaxed)
+    }
+}

@@ -1,0 +1,208 @@
+//! Where frames come from: a recording, or devices.
+
+use super::RigError;
+use crate::calibration::RigDocument;
+use crate::capture::{Capture, Devices, Hub, LiveDevice, TrackerSource};
+use crate::config::{Config, TrackerUnits};
+use crate::scene::rig_of_session;
+use crate::session::{Attachment, Session, import};
+use penumbra_interface::{MonotonicTime, SystemClock};
+use std::path::Path;
+use std::sync::{Arc, OnceLock};
+
+/// Size of the picture of a camera that nobody has said anything about, pixels.
+const USUAL_SIZE: (u32, u32) = (640, 480);
+
+/// A recording or a live rig; everything after it is the same.
+#[derive(Clone)]
+pub enum Source {
+    /// A recording.
+    Recorded(Session),
+    /// Devices.
+    Live(Live),
+}
+
+/// Devices, and what was known of the rig beforehand.
+#[derive(Clone)]
+pub struct Live {
+    /// Where what they deliver is to be had.
+    pub hub: Arc<Hub>,
+    /// Which.
+    pub devices: Arc<Devices>,
+    /// Their supervisors, once they are open.
+    capture: Arc<OnceLock<Capture>>,
+    /// Calibration, phantoms, objects.
+    pub files: Arc<RigFiles>,
+}
+
+/// The files that say what a rig is: those that a session carries as attachments.
+#[derive(Clone, Debug, Default)]
+pub struct RigFiles(Vec<Attachment>);
+
+impl RigFiles {
+    /// Of the folder or the session that the configuration names; none if it names none.
+    ///
+    /// # Errors
+    /// Neither a folder nor a session is there; something in it cannot be read.
+    pub fn load(config: &Config) -> Result<Self, RigError> {
+        let Some(path) = &config.calibration else {
+            return Ok(Self::default());
+        };
+        Self::from_path(path)
+    }
+
+    fn from_path(path: &Path) -> Result<Self, RigError> {
+        if path.is_file() {
+            return Ok(Self(Session::open(path)?.attachments().to_vec()));
+        }
+        Ok(Self(import::attachments_in(path)?))
+    }
+
+    /// A file's bytes.
+    #[must_use]
+    pub fn get(&self, name: &str) -> Option<&[u8]> {
+        let found = self.0.iter().rev().find(|file| file.name == name)?;
+        Some(&found.data)
+    }
+
+    /// All of them.
+    #[must_use]
+    pub fn all(&self) -> &[Attachment] {
+        &self.0
+    }
+}
+
+impl Live {
+    /// The configured devices, not open yet. With `composed` false they are recorded alone.
+    ///
+    /// # Errors
+    /// Files of the rig that cannot be read; a unit that contradicts them.
+    pub fn new(config: &Config, composed: bool) -> Result<Self, RigError> {
+        let files = RigFiles::load(config)?;
+        let devices = Devices {
+            scene_camera: Some(config.scene_camera.source.clone()),
+            environment_camera: config.environment_camera.clone(),
+            tracker: tracker(config, &files)?,
+        };
+        Ok(Self {
+            hub: Hub::new(Arc::new(SystemClock), composed),
+            devices: Arc::new(devices),
+            capture: Arc::default(),
+            files: Arc::new(files),
+        })
+    }
+
+    /// Starts to supervise the devices.
+    ///
+    /// # Errors
+    /// No more threads.
+    pub fn open(&self) -> Result<(), RigError> {
+        let capture = Capture::start(&self.devices, &self.hub)
+            .map_err(|source| RigError::Thread { source })?;
+        // Opening twice closes the second ones again.
+        let _ = self.capture.set(capture);
+        Ok(())
+    }
+
+    /// What is known of the devices.
+    #[must_use]
+    pub fn supervised(&self) -> &[LiveDevice] {
+        self.capture.get().map_or(&[], Capture::devices)
+    }
+}
+
+/// The tracker, told to measure in the unit that it was calibrated in: a recording keeps the
+/// calibration and the bytes, and they must go together.
+pub(super) fn tracker(
+    config: &Config,
+    files: &RigFiles,
+) -> Result<Option<TrackerSource>, RigError> {
+    let mut source = config.tracker.clone();
+    let Some(TrackerSource::System(tracker)) = &mut source else {
+        return Ok(source);
+    };
+    let attachments = |name: &str| files.get(name);
+    let metres = match files.get("rig.json") {
+        Some(_) => rig_of_session(&attachments)?
+            .calibration
+            .tracker
+            .map(|t| t.metres_per_unit),
+        None => None,
+    };
+    match (tracker.units, metres) {
+        (Some(told), Some(metres)) if (told.metres() - metres).abs() > 1e-6 => {
+            return Err(RigError::Units { told, metres });
+        }
+        (None, Some(metres)) => tracker.units = TrackerUnits::of_metres(metres),
+        _ => (),
+    }
+    Ok(source)
+}
+
+impl Source {
+    /// A file that belongs to the rig.
+    #[must_use]
+    pub fn attachment(&self, name: &str) -> Option<&[u8]> {
+        match self {
+            Self::Recorded(session) => session.attachment(name),
+            Self::Live(live) => live.files.get(name),
+        }
+    }
+
+    /// What the rig's owner wrote down about it. A live rig may do without.
+    pub(super) fn document(&self, config: &Config) -> Result<RigDocument, RigError> {
+        let attachments = |name: &str| self.attachment(name);
+        match self {
+            Self::Live(live) if live.files.get("rig.json").is_none() => {
+                let (width, height) = wanted_size(config);
+                Ok(RigDocument::uncalibrated(width, height))
+            }
+            _ => Ok(rig_of_session(&attachments)?),
+        }
+    }
+
+    /// There are pictures of an environment camera.
+    #[must_use]
+    pub fn has_environment(&self) -> bool {
+        match self {
+            Self::Recorded(session) => session.has_environment(),
+            Self::Live(live) => live.devices.environment_camera.is_some(),
+        }
+    }
+
+    /// What is played or seen, in a word.
+    #[must_use]
+    pub fn name(&self) -> String {
+        match self {
+            Self::Recorded(session) => {
+                let name = session.path().file_name().unwrap_or_default();
+                name.to_string_lossy().into_owned()
+            }
+            Self::Live(_) => "live".to_owned(),
+        }
+    }
+
+    /// Share of a recording that has arrived by `at`.
+    #[must_use]
+    pub fn share_played(&self, at: MonotonicTime) -> Option<f64> {
+        match self {
+            Self::Recorded(session) => session.share_played(at),
+            Self::Live(_) => None,
+        }
+    }
+
+    /// Devices deliver, now.
+    #[must_use]
+    pub const fn is_live(&self) -> bool {
+        matches!(self, Self::Live(_))
+    }
+}
+
+fn wanted_size(config: &Config) -> (u32, u32) {
+    match &config.scene_camera.source {
+        crate::capture::CameraSource::System(s) if s.width > 0 && s.height > 0 => {
+            (s.width, s.height)
+        }
+        _ => USUAL_SIZE,
+    }
+}

@@ -1,0 +1,379 @@
+//! The live rig, on replayed devices: the same way as with real ones.
+
+use crate::program::{Desk, desk_session, text};
+use crate::service::get;
+use penumbra::session::{Session, SessionEvent};
+use penumbra_interface::{Clock, SystemClock};
+use serde_json::Value;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// A rig of replayed devices, calibrated.
+fn configure(desk: &Desk, session: &str) {
+    let calibration = desk_session().display().to_string();
+    let text = format!(
+        "[scene_camera]\ndevice = \"replay:{session}\"\n[environment_camera]\ndevice = \
+         \"replay:{session}\"\n[tracker]\ndevice = \"replay:{session}\"\n[calibration]\n\
+         from = \"{calibration}\"\n[environment]\nlight_count = 8\n[recording]\nreserve_mb = 1\n"
+    );
+    desk.put("rig.toml", text);
+}
+
+/// A program that runs, and is killed if a test fails.
+pub struct Running(Child);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+impl Running {
+    /// The live rig, and the address that it told.
+    pub fn rig(desk: &Desk, more: &[&str]) -> (Self, String) {
+        let line = [
+            "run",
+            "--config",
+            "rig.toml",
+            "--headless",
+            "--listen",
+            "127.0.0.1:0",
+        ];
+        let mut command = desk.command(&[&line, more].concat());
+        let child = command
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn();
+        let mut running = Self(child.unwrap());
+        let mut said = String::new();
+        let stdout = running.0.stdout.as_mut().unwrap();
+        BufReader::new(stdout).read_line(&mut said).unwrap();
+        let address = said.trim_end().strip_prefix("status page: http://");
+        let address = address.and_then(|a| a.strip_suffix('/'));
+        let address = address.unwrap_or_else(|| panic!("{said:?}")).to_owned();
+        (running, address)
+    }
+
+    fn signal(&self, signal: &str) {
+        let id = self.0.id().to_string();
+        let sent = Command::new("kill").args([signal, &id]).status().unwrap();
+        assert!(sent.success());
+    }
+
+    /// Ends it in order; what it said on standard error.
+    pub fn end(mut self) -> String {
+        self.signal("-TERM");
+        let mut said = String::new();
+        let stderr = self.0.stderr.take();
+        if let Some(mut stderr) = stderr {
+            stderr.read_to_string(&mut said).unwrap();
+        }
+        assert!(self.0.wait().unwrap().success(), "{said}");
+        said
+    }
+}
+
+pub fn status(address: &str) -> Value {
+    let answer = get(address, "/status");
+    serde_json::from_str(answer.split_once("\r\n\r\n").unwrap().1).unwrap()
+}
+
+fn post(address: &str, path: &str, body: &str) -> String {
+    let mut stream = TcpStream::connect(address).unwrap();
+    write!(
+        stream,
+        "POST {path} HTTP/1.1\r\nHost: {address}\r\nContent-Type: application/json\r\n\
+         Content-Length: {}\r\nConnection: close\r\n\r\n{body}",
+        body.len()
+    )
+    .unwrap();
+    let mut answer = Vec::new();
+    stream.read_to_end(&mut answer).unwrap();
+    text(&answer)
+}
+
+pub fn until(what: &str, mut holds: impl FnMut() -> bool) -> Duration {
+    let begun = Instant::now();
+    while !holds() {
+        assert!(begun.elapsed() < Duration::from_secs(60), "{what}");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    begun.elapsed()
+}
+
+pub fn device(status: &Value, kind: &str) -> Value {
+    let devices = status["devices"].as_array().unwrap().iter();
+    let mut found = devices.filter(|d| d["kind"] == kind);
+    found
+        .next()
+        .unwrap_or_else(|| panic!("{kind}: {status}"))
+        .clone()
+}
+
+/// Frames in `live` that are not, byte by byte, in `replayed`.
+fn different(desk: &Desk, live: &str, replayed: &str) -> usize {
+    let same = |name: &&String| {
+        let path = |folder: &str| Path::new(folder).join(name);
+        desk.read(path(live)) == desk.read(path(replayed))
+    };
+    let names = desk.names(live);
+    assert!(names.len() >= 25);
+    names.len() - names.iter().filter(same).count()
+}
+
+#[test]
+fn a_replay_shows_what_the_live_rig_showed() {
+    let desk = Desk::new();
+    configure(&desk, &desk_session().display().to_string());
+    let out = "--headless --config rig.toml --frames-out";
+    let said = desk.works(&format!(
+        "run --listen 127.0.0.1:0 {out} live --frames 25 --record rec.mcap"
+    ));
+    assert!(said.contains("25 frames composed"), "{said}");
+    assert!(
+        said.contains("rec.mcap: ") && !said.contains("DROPPED"),
+        "{said}"
+    );
+    desk.works(&format!(
+        "replay rec.mcap --listen 127.0.0.1:0 {out} replayed"
+    ));
+    assert_eq!(different(&desk, "live", "replayed"), 0);
+    // The judge is not blind: poses that had more time are others.
+    let line = format!("replay rec.mcap --listen 127.0.0.1:0 --pairing whole {out} whole");
+    desk.works(&line);
+    assert!(different(&desk, "live", "whole") > 20);
+}
+
+#[test]
+fn a_recording_of_its_own_holds_everything_and_is_never_overwritten() {
+    let desk = Desk::new();
+    configure(&desk, &desk_session().display().to_string());
+    let said = desk.works("record out.mcap --config rig.toml --duration 3");
+    assert!(said.starts_with("out.mcap: "), "{said}");
+    let session = Session::open(&desk.path("out.mcap")).unwrap();
+    let original = Session::open(&desk_session()).unwrap();
+    assert!(!session.truncated() && !session.has_journal());
+    for attachment in original.attachments() {
+        let copy = session.attachment(&attachment.name).unwrap();
+        assert!(copy == &attachment.data[..], "{}", attachment.name);
+    }
+    assert_eq!(session.tracker_protocol(), original.tracker_protocol());
+    let count = |topic: &str| {
+        let streams = session.streams().unwrap();
+        streams
+            .iter()
+            .find(|s| s.topic == topic)
+            .map_or(0, |s| s.messages)
+    };
+    assert!(
+        count("/scene_camera/image") > 60,
+        "{}",
+        count("/scene_camera/image")
+    );
+    assert!(count("/environment_camera/image_ev-8") > 8);
+    assert!(count("/tracker/bytes") > 240);
+    let refused = desk.refuses("record out.mcap --config rig.toml --duration 1");
+    assert!(
+        refused.contains("out.mcap") && refused.contains("exists"),
+        "{refused}"
+    );
+    desk.works(
+        "replay out.mcap --headless --light-count 8 --frames 3 --speed max --listen 127.0.0.1:0",
+    );
+}
+
+#[cfg(unix)]
+#[test]
+fn what_a_kill_leaves_is_readable_but_for_the_last_second() {
+    let desk = Desk::new();
+    configure(&desk, &desk_session().display().to_string());
+    let mut command = desk.command(&["record", "out.mcap", "--config", "rig.toml"]);
+    let recorder = Running(command.stderr(Stdio::null()).spawn().unwrap());
+    let long_enough = |s: Session| s.span().is_some_and(|(a, b)| b.seconds_since(a) > 3.0);
+    until("three seconds are on the disk", || {
+        Session::open(&desk.path("out.mcap")).is_ok_and(long_enough)
+    });
+    // Before the command that kills is even started: on a busy machine that takes a while.
+    let killed_at = SystemClock.now();
+    recorder.signal("-KILL");
+    drop(recorder);
+    let session = Session::open(&desk.path("out.mcap")).unwrap();
+    assert!(session.truncated());
+    let (mut scene, mut last) = (0, killed_at);
+    for event in session.events() {
+        let event = event.unwrap();
+        scene += u64::from(matches!(event, SessionEvent::Scene(_)));
+        last = event.arrived_at();
+    }
+    // Three seconds, of which the seam of the looped session is one pause.
+    assert!(scene > 50, "{scene}");
+    let lost = killed_at.seconds_since(last);
+    assert!(lost < 1.0, "the last {lost} s are lost");
+    assert!(session.attachment("rig.json").is_some());
+}
+
+#[cfg(unix)]
+#[test]
+fn without_devices_the_rig_says_so_and_takes_them_when_they_come() {
+    let desk = Desk::new();
+    configure(&desk, "late.mcap");
+    let (rig, address) = Running::rig(&desk, &[]);
+    until("status knows what is missing", || {
+        let scene = status(&address)["devices"][0]["reason"].clone();
+        scene.as_str().is_some_and(|r| r.contains("not there"))
+    });
+    let s = status(&address);
+    assert_eq!(
+        (&s["session"]["state"], &s["frames"]["composed"]),
+        (&"live".into(), &0.into())
+    );
+    assert!(
+        s["session"]["sentence"]
+            .as_str()
+            .unwrap()
+            .contains("late.mcap"),
+        "{s}"
+    );
+    for kind in ["scene-camera", "environment-camera", "tracker"] {
+        assert_eq!(device(&s, kind)["state"], "retrying");
+    }
+    // A black picture stands for the camera's.
+    until("a picture", || {
+        get(&address, "/snapshot.png").starts_with("HTTP/1.1 200")
+    });
+    std::fs::copy(desk_session(), desk.path("copy.mcap")).unwrap();
+    std::fs::rename(desk.path("copy.mcap"), desk.path("late.mcap")).unwrap();
+    let waited = until("it streams", || {
+        device(&status(&address), "scene-camera")["state"] == "streaming"
+    });
+    assert!(waited < Duration::from_secs(2), "{waited:?}");
+    until("pictures", || {
+        status(&address)["frames"]["composed"].as_u64() > Some(0)
+    });
+    let s = status(&address);
+    let scene = device(&s, "scene-camera");
+    assert!(
+        scene["attempts"].as_u64().unwrap() > 1 && scene["reason"].is_null(),
+        "{scene}"
+    );
+    assert!(
+        scene["last_trouble"]
+            .as_str()
+            .unwrap()
+            .contains("not there")
+    );
+    let said = rig.end();
+    // Once for each device, not once for each attempt.
+    assert_eq!(said.matches("not there").count(), 3, "{said}");
+}
+
+#[cfg(unix)]
+#[test]
+fn the_running_rig_records_when_it_is_asked_to() {
+    let desk = Desk::new();
+    configure(&desk, &desk_session().display().to_string());
+    let (rig, address) = Running::rig(&desk, &[]);
+    assert_eq!(status(&address)["recording"]["state"], "idle");
+    let begun = post(
+        &address,
+        "/recording",
+        r#"{"record": true, "file": "a.mcap"}"#,
+    );
+    assert!(begun.starts_with("HTTP/1.1 202"), "{begun}");
+    let line = format!("record b.mcap --while-running --listen {address} --duration 1");
+    assert!(desk.refuses(&line).contains("a.mcap is being recorded"));
+    until("it grows", || {
+        let recording = status(&address)["recording"].clone();
+        recording["bytes"].as_u64() > Some(2_000_000) && recording["state"] == "recording"
+    });
+    assert!(status(&address)["recording"]["seconds_left"].as_f64() > Some(0.0));
+    let ended = post(&address, "/recording", r#"{"record": false}"#);
+    assert!(ended.contains("\"state\":\"finished\""), "{ended}");
+    let again = post(
+        &address,
+        "/recording",
+        r#"{"record": true, "file": "a.mcap"}"#,
+    );
+    assert!(
+        again.starts_with("HTTP/1.1 409") && again.contains("exists"),
+        "{again}"
+    );
+    assert!(desk.works(&line).contains("b.mcap"));
+    until("the length ends it", || {
+        status(&address)["recording"]["state"] == "finished"
+    });
+    let elsewhere = desk.refuses(&format!(
+        "record x/c.mcap --while-running --listen {address}"
+    ));
+    assert!(elsewhere.contains("own folder"), "{elsewhere}");
+    rig.end();
+    for name in ["a.mcap", "b.mcap"] {
+        let session = Session::open(&desk.path("recordings").join(name)).unwrap();
+        assert!(session.has_journal() && !session.truncated(), "{name}");
+    }
+    let nobody = desk.refuses(&format!("record c.mcap --while-running --listen {address}"));
+    assert!(
+        nobody.contains("no `penumbra run` answers there"),
+        "{nobody}"
+    );
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn the_service_manager_hears_of_the_start_the_state_and_every_turn_of_the_loop() {
+    use std::os::unix::net::UnixDatagram;
+    let desk = Desk::new();
+    configure(&desk, "nowhere.mcap");
+    let manager = UnixDatagram::bind(desk.path("notify")).unwrap();
+    manager
+        .set_read_timeout(Some(Duration::from_secs(60)))
+        .unwrap();
+    let line = [
+        "run",
+        "--config",
+        "rig.toml",
+        "--headless",
+        "--listen",
+        "127.0.0.1:0",
+    ];
+    let mut command = desk.command(&line);
+    command.env("NOTIFY_SOCKET", desk.path("notify"));
+    command.env("WATCHDOG_USEC", "1500000");
+    let rig = Running(
+        command
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap(),
+    );
+    let mut heard = Vec::new();
+    let mut hear = || {
+        let mut buffer = [0; 4096];
+        let length = manager.recv(&mut buffer).unwrap();
+        heard.push(text(&buffer[..length]).trim_end().to_owned());
+        heard.clone()
+    };
+    let fed = |heard: &[String]| heard.iter().filter(|h| *h == "WATCHDOG=1").count();
+    while fed(&hear()) < 4 {}
+    let told = hear();
+    assert_eq!(told[0], "READY=1");
+    assert!(
+        told.iter()
+            .any(|h| h.starts_with("STATUS=") && h.contains("not there")),
+        "{told:?}"
+    );
+    rig.signal("-TERM");
+    while hear().last().unwrap() != "STOPPING=1" {}
+    rig.end_quietly();
+}
+
+#[cfg(target_os = "linux")]
+impl Running {
+    fn end_quietly(mut self) {
+        assert!(self.0.wait().unwrap().success());
+    }
+}

@@ -1,0 +1,100 @@
+//! The service as `make install` puts it down: whole, understood by systemd, well fenced in,
+//! and gone again after `make uninstall`.
+
+#![cfg(target_os = "linux")]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn make(goal: &str, folder: &Path) -> Output {
+    Command::new("make")
+        .arg(goal)
+        .arg(format!("DESTDIR={}", folder.join("root").display()))
+        .env("CARGO_TARGET_DIR", folder.join("target"))
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .output()
+        .unwrap()
+}
+
+/// Files below a folder, sorted.
+fn files(folder: &Path, root: &Path, found: &mut Vec<String>) {
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            files(&path, root, found);
+        } else {
+            found.push(path.strip_prefix(root).unwrap().display().to_string());
+        }
+    }
+    found.sort();
+}
+
+#[test]
+fn the_service_is_installed_whole_understood_fenced_in_and_taken_away_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let root = folder.path().join("root");
+    let program = folder.path().join("target/release/penumbra");
+    let refused = make("install", folder.path());
+    assert!(!refused.status.success(), "nothing is built");
+    std::fs::create_dir_all(program.parent().unwrap()).unwrap();
+    std::fs::copy(env!("CARGO_BIN_EXE_penumbra"), &program).unwrap();
+    for _ in 0..2 {
+        let made = make("install", folder.path());
+        assert!(made.status.success(), "{made:?}");
+    }
+    let listed = || {
+        let mut found = Vec::new();
+        files(&root, &root, &mut found);
+        found
+    };
+    let config = "etc/penumbra/rig.toml";
+    let unit = "etc/systemd/system/penumbra.service";
+    assert_eq!(
+        listed(),
+        [
+            config,
+            unit,
+            "etc/udev/rules.d/70-penumbra.rules",
+            "usr/local/bin/penumbra",
+            "usr/local/lib/sysusers.d/penumbra.conf",
+        ]
+    );
+    let checked = Command::new(root.join("usr/local/bin/penumbra"))
+        .args(["check-config", &root.join(config).display().to_string()])
+        .output()
+        .unwrap();
+    assert!(checked.status.success(), "{checked:?}");
+    understood_and_fenced_in(&root, &root.join(unit));
+    let gone = make("uninstall", folder.path());
+    assert!(gone.status.success(), "{gone:?}");
+    assert_eq!(listed(), [config], "what the user wrote stays");
+}
+
+/// The exposure that `systemd-analyze security` may find, of 10; systemd 252 finds 1.5.
+const MOST_EXPOSED: f64 = 2.0;
+
+fn understood_and_fenced_in(root: &Path, unit: &Path) {
+    let analyze = |arguments: &[&str]| {
+        let mut command = Command::new("systemd-analyze");
+        command.args(arguments).arg(unit).output()
+    };
+    let text = std::fs::read_to_string(unit).unwrap();
+    assert!(!text.contains('@') || !text.contains("@PREFIX@"), "{text}");
+    // systemd wants the program where the unit says it is.
+    let here = root.join("usr/local/bin").display().to_string();
+    std::fs::write(unit, text.replace("/usr/local/bin", &here)).unwrap();
+    let Ok(verified) = analyze(&["verify"]) else {
+        eprintln!("SKIPPED: systemd-analyze is not to be had; the unit was not judged");
+        return;
+    };
+    assert!(verified.status.success(), "{verified:?}");
+    let judged = analyze(&["security", "--offline=true", "--no-pager"]).unwrap();
+    let told = String::from_utf8_lossy(&judged.stdout).into_owned();
+    let Some((_, level)) = told.split_once("Overall exposure level for penumbra.service: ") else {
+        eprintln!("SKIPPED: this systemd-analyze cannot judge a unit that does not run");
+        return;
+    };
+    let level: f64 = level.split_whitespace().next().unwrap().parse().unwrap();
+    assert!(level <= MOST_EXPOSED, "{level}: {told}");
+}
