@@ -22,6 +22,7 @@ UNPACKED := if [ -f target/packages/env ]; then . target/packages/env; fi;
 WINDOW := $(if $(DISPLAY)$(WAYLAND_DISPLAY),,--headless)
 
 .PHONY: help demo build test lint unit advisories bench bench-table fidelity soak fuzz fmt packages-demo packages-test toolchain clean install uninstall
+.PHONY: help demo build test test-devices lint unit advisories bench bench-table fidelity soak fmt packages-demo packages-test toolchain clean
 
 help: ## This list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -40,6 +41,9 @@ lint: toolchain ## Formatting, clippy, licences, documentation: the part of `mak
 
 unit: toolchain ## Rust tests alone
 	@$(UNPACKED) .ci/test rust
+
+test-devices: toolchain ## Real kernel cameras and serial ports, in a small virtual machine; ARGS="environment"
+	@tests/devices/run $(ARGS)
 
 advisories: ## Known security holes in dependencies (needs the network)
 	cargo deny --locked check advisories
