@@ -1,0 +1,91 @@
+//! The program under test, run as a user would.
+
+use rustix::process::{Pid, Signal, kill_process};
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+
+/// Runs the program to its end and gives what it printed; it must succeed.
+pub fn succeeds(arguments: &[&str]) -> String {
+    let output = Command::new("penumbra")
+        .args(arguments)
+        .output()
+        .expect("penumbra starts");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        output.status.success(),
+        "penumbra {arguments:?}: {}\n{said}",
+        output.status
+    );
+    String::from_utf8(output.stdout).expect("UTF-8")
+}
+
+/// The program at work; dropping it kills it.
+pub struct Running {
+    child: Child,
+    log: PathBuf,
+}
+
+impl Running {
+    /// Starts the program; what it says goes to a file that the host keeps.
+    pub fn start(arguments: &[&str], log: &Path) -> Self {
+        let file = File::create(log).unwrap();
+        let child = Command::new("penumbra")
+            .args(arguments)
+            .stdin(Stdio::null())
+            .stdout(file.try_clone().unwrap())
+            .stderr(file)
+            .spawn()
+            .expect("penumbra starts");
+        Self {
+            child,
+            log: log.to_owned(),
+        }
+    }
+
+    /// What it said so far.
+    pub fn said(&self) -> String {
+        std::fs::read_to_string(&self.log).unwrap_or_default()
+    }
+
+    /// Waits for it to end by itself.
+    pub fn end(mut self, within: Duration) -> ExitStatus {
+        let began = Instant::now();
+        loop {
+            if let Some(status) = self.child.try_wait().unwrap() {
+                return status;
+            }
+            assert!(began.elapsed() < within, "does not end:\n{}", self.said());
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// Asks it to stop, as Ctrl-C does; it must end in order.
+    pub fn stop(self) {
+        self.signal(Signal::INT);
+        let log = self.log.clone();
+        let status = self.end(Duration::from_secs(10));
+        let said = std::fs::read_to_string(log).unwrap_or_default();
+        assert!(status.success(), "{status}\n{said}");
+    }
+
+    /// Ends it without a warning.
+    pub fn kill(self) {
+        self.signal(Signal::KILL);
+        self.end(Duration::from_secs(5));
+    }
+
+    fn signal(&self, signal: Signal) {
+        let pid = Pid::from_child(&self.child);
+        kill_process(pid, signal).expect("it runs");
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        // It has ended where all is well.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}

@@ -1,0 +1,141 @@
+//! A rig's configuration, its recorder and its tracker.
+
+use penumbra_guest::program::Running;
+use penumbra_guest::rig::{ENVIRONMENT, OUT, SCENE, TRACKER, ready, vivid};
+use penumbra_guest::serial;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+
+/// What the scene camera is locked to: normal exposure, greys grey.
+pub const LOCKED: [(&str, i32); 5] = [
+    ("auto_exposure", 1),
+    ("exposure_time_absolute", 157),
+    ("gain", 32),
+    ("white_balance_automatic", 0),
+    ("white_balance_temperature", 5000),
+];
+
+/// Which camera sees the light.
+pub enum Light {
+    /// The second emulated USB camera.
+    Usb,
+    /// One of vivid's, which sends raw pictures.
+    Vivid,
+}
+
+/// Writes a rig's configuration.
+pub fn config(folder: &Path, light: &Light, with_tracker: bool) -> PathBuf {
+    let controls: String = LOCKED
+        .iter()
+        .map(|(name, value)| format!("{name} = {value}\n"))
+        .collect();
+    let environment = match light {
+        Light::Usb => format!("device = \"{ENVIRONMENT}\"\nformats = [\"mjpeg\"]\n"),
+        Light::Vivid => format!(
+            "device = \"{}\"\nformats = [\"yuyv\"]\n",
+            vivid()[0].display()
+        ),
+    };
+    let tracker = if with_tracker {
+        format!("[tracker]\ndevice = \"{TRACKER}\"\nprotocol = \"fastrak\"\n")
+    } else {
+        String::new()
+    };
+    let size = "width = 640\nheight = 480\n";
+    let text = format!(
+        "[scene_camera]\ndevice = \"{SCENE}\"\nformats = [\"mjpeg\"]\n{size}\
+         frames_per_second = 30\non_control_change = \"restore\"\n\
+         [scene_camera.controls]\n{controls}\
+         [environment_camera]\n{environment}{size}{tracker}\
+         [recording]\nreserve_mb = 10\n[status]\nlisten = \"127.0.0.1:0\"\n"
+    );
+    let path = folder.join("rig.toml");
+    std::fs::write(&path, text).unwrap();
+    path
+}
+
+/// A recorder at work, in a folder of its own in memory.
+pub struct Recorder {
+    /// What the program writes.
+    pub file: PathBuf,
+    /// The program.
+    pub program: Running,
+}
+
+/// Starts to record; `more` are further arguments.
+pub fn record(name: &str, light: &Light, with_tracker: bool, more: &[&str]) -> Recorder {
+    ready();
+    let folder = Path::new("/tmp").join(name);
+    std::fs::create_dir_all(&folder).unwrap();
+    let config = config(&folder, light, with_tracker);
+    let file = folder.join("session.mcap");
+    let mut arguments = vec![
+        "record",
+        file.to_str().unwrap(),
+        "--config",
+        config.to_str().unwrap(),
+    ];
+    arguments.extend(more);
+    let log = Path::new(OUT).join(format!("tests/program.{name}.program.log"));
+    Recorder {
+        program: Running::start(&arguments, &log),
+        file,
+    }
+}
+
+/// Copies a recording to where the host finds it.
+pub fn keep(file: &Path, name: &str) {
+    let folder = Path::new(OUT).join("recordings");
+    std::fs::create_dir_all(&folder).unwrap();
+    std::fs::copy(file, folder.join(name)).unwrap();
+}
+
+/// A simulated FASTRAK at the far end of the tracker's USB cable.
+pub struct SimulatedTracker(Child);
+
+impl SimulatedTracker {
+    /// Starts it: the simulator has a terminal of its own, which two threads join to the cable.
+    pub fn start() -> Self {
+        ready();
+        let mut child = Command::new("penumbra")
+            .args(["simulate", "tracker", "--protocol", "fastrak", "--pty"])
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("penumbra starts");
+        let mut lines = BufReader::new(child.stdout.take().unwrap())
+            .lines()
+            .map_while(Result::ok);
+        let terminal = lines.find_map(|line| {
+            line.split_whitespace()
+                .find(|word| word.starts_with("/dev/pts/"))
+                .map(str::to_owned)
+        });
+        let terminal = terminal.expect("the simulator names its terminal");
+        join(serial::open(&terminal), serial::open("/dev/ttyGS0"));
+        std::thread::spawn(move || lines.for_each(drop));
+        Self(child)
+    }
+}
+
+impl Drop for SimulatedTracker {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// Carries bytes both ways, until either end hangs up.
+fn join(a: std::fs::File, b: std::fs::File) {
+    let ends = [(a.try_clone().unwrap(), b.try_clone().unwrap()), (b, a)];
+    for (mut from, mut to) in ends {
+        std::thread::spawn(move || {
+            let mut bytes = [0; 4096];
+            while let Ok(count @ 1..) = from.read(&mut bytes) {
+                if to.write_all(&bytes[..count]).is_err() {
+                    return;
+                }
+            }
+        });
+    }
+}
