@@ -49,6 +49,18 @@ impl Running {
         std::fs::read_to_string(&self.log).unwrap_or_default()
     }
 
+    /// Waits ten seconds for something to become true, or for the program to end, which is a
+    /// failure.
+    pub fn wait_until(&mut self, what: &str, is_true: impl Fn(&str) -> bool) {
+        let began = Instant::now();
+        while !is_true(&self.said()) {
+            let status = self.child.try_wait().unwrap();
+            let is_over = status.is_some() || began.elapsed() > Duration::from_secs(10);
+            assert!(!is_over, "never: {what} ({status:?})\n{}", self.said());
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
     /// Waits for it to end by itself.
     pub fn end(mut self, within: Duration) -> ExitStatus {
         let began = Instant::now();

@@ -47,6 +47,17 @@ pub fn stream<'a>(streams: &'a Streams, topic: &str) -> &'a [Entry] {
         .unwrap_or_else(|| panic!("no {topic} among {there:?}"))
 }
 
+/// The files that a session carries, by name.
+pub fn attachments(path: &Path) -> BTreeMap<String, Vec<u8>> {
+    let bytes = std::fs::read(path).unwrap();
+    let summary = mcap::Summary::read(&bytes).unwrap().expect("an index");
+    let files = summary.attachment_indexes.iter().map(|index| {
+        let file = mcap::read::attachment(&bytes, index).unwrap();
+        (file.name, file.data.into_owned())
+    });
+    files.collect()
+}
+
 /// Seconds from the first message to the last.
 pub fn seconds(entries: &[Entry]) -> f64 {
     let times = entries.first().zip(entries.last());
@@ -55,7 +66,7 @@ pub fn seconds(entries: &[Entry]) -> f64 {
     })
 }
 
-/// The longest time between two messages, seconds, and when it began.
+/// The longest time between two messages, seconds.
 pub fn longest_gap(entries: &[Entry]) -> f64 {
     let gaps = entries
         .windows(2)

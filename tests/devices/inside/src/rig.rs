@@ -12,6 +12,8 @@ use std::time::{Duration, Instant};
 pub const SCENE: &str = "/dev/v4l/by-id/usb-Penumbra_Scene_Camera_SC0001-video-index0";
 /// The emulated environment camera.
 pub const ENVIRONMENT: &str = "/dev/v4l/by-id/usb-Penumbra_Environment_Camera_EC0001-video-index0";
+/// One of vivid's two cameras: both sit at the same place, so only one has its name.
+pub const VIVID: &str = "/dev/v4l/by-path/platform-vivid.0-video-index0";
 /// The computer's end of the tracker's cable.
 pub const TRACKER: &str = "/dev/serial/by-id/usb-Polhemus_FASTRAK_FT0001-if00";
 /// Where what a test leaves for the host is written.

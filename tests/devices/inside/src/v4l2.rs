@@ -3,9 +3,16 @@
 //! Source: include/uapi/linux/videodev2.h of the kernel, on a 64-bit machine.
 #![allow(unsafe_code)] // ioctl and mmap: each block says why it is sound
 
+mod abi;
+
+use abi::{
+    BUFFERS, Buffer, CAPTURE, Control, DQBUF, DQEVENT, EVENT_CONTROL, Event, EventSubscription,
+    FLAG_ERROR, FLAG_MONOTONIC, Format, G_CTRL, MAPPED, QBUF, QUERYBUF, REQBUFS, RequestBuffers,
+    S_CTRL, S_FMT, STREAMOFF, STREAMON, SUBSCRIBE_EVENT, mapped,
+};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::{Errno, Result};
-use rustix::ioctl::{Opcode, Setter, Updater, ioctl, opcode};
+use rustix::ioctl::{Opcode, Setter, Updater, ioctl};
 use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 use std::ffi::c_void;
 use std::fs::{File, OpenOptions};
@@ -35,90 +42,6 @@ pub const VIVID_DISCONNECT: u32 = 0x00f0_f041;
 pub const VIVID_BUFFER_ERROR: u32 = 0x00f0_f042;
 /// On the next frame; the stream has to be begun anew.
 pub const VIVID_FATAL_ERROR: u32 = 0x00f0_f046;
-
-const CAPTURE: u32 = 1;
-const MAPPED: u32 = 1;
-const FLAG_ERROR: u32 = 0x40;
-const FLAG_MONOTONIC: u32 = 0x2000;
-const BUFFERS: u32 = 4;
-
-#[repr(C)]
-struct Format {
-    kind: u32,
-    _align: u32,
-    width: u32,
-    height: u32,
-    pixel_format: u32,
-    rest: [u32; 47],
-}
-
-#[repr(C)]
-struct RequestBuffers {
-    count: u32,
-    kind: u32,
-    memory: u32,
-    rest: [u32; 2],
-}
-
-#[repr(C)]
-#[derive(Clone, Copy, Default)]
-struct Buffer {
-    index: u32,
-    kind: u32,
-    used: u32,
-    flags: u32,
-    field: u32,
-    seconds: i64,
-    micros: i64,
-    timecode: [u32; 4],
-    sequence: u32,
-    memory: u32,
-    offset: u64,
-    length: u32,
-    _reserved: u32,
-    _request: u32,
-}
-
-#[repr(C)]
-struct Control {
-    id: u32,
-    value: i32,
-}
-
-#[repr(C)]
-struct EventSubscription {
-    kind: u32,
-    id: u32,
-    rest: [u32; 6],
-}
-
-#[repr(C, align(8))]
-struct Event {
-    kind: u32,
-    rest: [u32; 33],
-}
-
-const _: () = assert!(size_of::<Format>() == 208 && size_of::<Buffer>() == 88);
-const _: () = assert!(size_of::<RequestBuffers>() == 20 && size_of::<Event>() == 136);
-
-const fn read_write<T>(number: u8) -> Opcode {
-    opcode::read_write::<T>(b'V', number)
-}
-const fn write<T>(number: u8) -> Opcode {
-    opcode::write::<T>(b'V', number)
-}
-const S_FMT: Opcode = read_write::<Format>(5);
-const REQBUFS: Opcode = read_write::<RequestBuffers>(8);
-const QUERYBUF: Opcode = read_write::<Buffer>(9);
-const QBUF: Opcode = read_write::<Buffer>(15);
-const DQBUF: Opcode = read_write::<Buffer>(17);
-const STREAMON: Opcode = write::<u32>(18);
-const STREAMOFF: Opcode = write::<u32>(19);
-const G_CTRL: Opcode = read_write::<Control>(27);
-const S_CTRL: Opcode = read_write::<Control>(28);
-const DQEVENT: Opcode = opcode::read::<Event>(b'V', 89);
-const SUBSCRIBE_EVENT: Opcode = write::<EventSubscription>(90);
-const EVENT_CONTROL: u32 = 3;
 
 /// A camera that is open.
 pub struct Camera(File);
@@ -231,15 +154,6 @@ impl Camera {
         }
         self.write::<STREAMON, _>(CAPTURE)?;
         Ok(stream)
-    }
-}
-
-fn mapped(index: u32) -> Buffer {
-    Buffer {
-        index,
-        kind: CAPTURE,
-        memory: MAPPED,
-        ..Buffer::default()
     }
 }
 

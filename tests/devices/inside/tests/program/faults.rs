@@ -17,10 +17,9 @@ fn delivered() -> Option<u32> {
 }
 
 fn streaming(name: &str) -> Recorder {
-    let recorder = record(name, &Light::Usb, false, &[]);
-    wait_until("frames are taken", || {
-        delivered().is_some_and(|number| number > 20)
-    });
+    let mut recorder = record(name, &Light::Usb, false, &[]);
+    let flows = |_: &str| delivered().is_some_and(|number| number > 20);
+    recorder.program.wait_until("frames are taken", flows);
     recorder
 }
 

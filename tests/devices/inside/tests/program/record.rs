@@ -13,7 +13,7 @@ fn writes_every_stream_of_a_rig() {
     let said = recorder.program.said();
     let status = recorder.program.end(Duration::from_secs(30));
     assert!(status.success(), "{status}\n{said}");
-    drop(tracker);
+    tracker.stop();
 
     let streams = read(&recorder.file);
     let images = stream(&streams, "/scene_camera/image");

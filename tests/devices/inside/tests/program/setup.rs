@@ -1,11 +1,12 @@
 //! A rig's configuration, its recorder and its tracker.
 
 use penumbra_guest::program::Running;
-use penumbra_guest::rig::{ENVIRONMENT, OUT, SCENE, TRACKER, ready, vivid};
+use penumbra_guest::recording::attachments;
+use penumbra_guest::rig::{ENVIRONMENT, OUT, SCENE, TRACKER, VIVID, ready};
 use penumbra_guest::serial;
-use std::io::{BufRead, BufReader, Read, Write};
+use serde_json::{Value, json};
+use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
 
 /// What the scene camera is locked to: normal exposure, greys grey.
 pub const LOCKED: [(&str, i32); 5] = [
@@ -24,6 +25,25 @@ pub enum Light {
     Vivid,
 }
 
+/// Writes the desk's calibration, as if its fisheye stood before the middle of the environment
+/// camera's larger picture.
+fn calibration(folder: &Path) {
+    for (name, bytes) in attachments(Path::new("/tests/desk.mcap")) {
+        let path = folder.join(&name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        let mut bytes = bytes;
+        if name == "rig.json" {
+            let mut rig: Value = serde_json::from_slice(&bytes).unwrap();
+            let camera = &mut rig["environment_camera"];
+            camera["image_size"] = json!([640, 480]);
+            camera["projection"]["cx"] = json!(319.5);
+            camera["projection"]["cy"] = json!(239.5);
+            bytes = rig.to_string().into_bytes();
+        }
+        std::fs::write(path, bytes).unwrap();
+    }
+}
+
 /// Writes a rig's configuration.
 pub fn config(folder: &Path, light: &Light, with_tracker: bool) -> PathBuf {
     let controls: String = LOCKED
@@ -32,23 +52,21 @@ pub fn config(folder: &Path, light: &Light, with_tracker: bool) -> PathBuf {
         .collect();
     let environment = match light {
         Light::Usb => format!("device = \"{ENVIRONMENT}\"\nformats = [\"mjpeg\"]\n"),
-        Light::Vivid => format!(
-            "device = \"{}\"\nformats = [\"yuyv\"]\n",
-            vivid()[0].display()
-        ),
+        Light::Vivid => format!("device = \"{VIVID}\"\nformats = [\"yuyv\"]\n"),
     };
     let tracker = if with_tracker {
         format!("[tracker]\ndevice = \"{TRACKER}\"\nprotocol = \"fastrak\"\n")
     } else {
         String::new()
     };
+    calibration(&folder.join("calibration"));
     let size = "width = 640\nheight = 480\n";
     let text = format!(
         "[scene_camera]\ndevice = \"{SCENE}\"\nformats = [\"mjpeg\"]\n{size}\
          frames_per_second = 30\non_control_change = \"restore\"\n\
          [scene_camera.controls]\n{controls}\
          [environment_camera]\n{environment}{size}{tracker}\
-         [recording]\nreserve_mb = 10\n[status]\nlisten = \"127.0.0.1:0\"\n"
+         [calibration]\nfrom = \"calibration\"\n[recording]\nreserve_mb = 10\n[status]\nlisten = \"127.0.0.1:0\"\n"
     );
     let path = folder.join("rig.toml");
     std::fs::write(&path, text).unwrap();
@@ -92,36 +110,31 @@ pub fn keep(file: &Path, name: &str) {
 }
 
 /// A simulated FASTRAK at the far end of the tracker's USB cable.
-pub struct SimulatedTracker(Child);
+pub struct SimulatedTracker(Running);
 
 impl SimulatedTracker {
     /// Starts it: the simulator has a terminal of its own, which two threads join to the cable.
     pub fn start() -> Self {
         ready();
-        let mut child = Command::new("penumbra")
-            .args(["simulate", "tracker", "--protocol", "fastrak", "--pty"])
-            .stdout(Stdio::piped())
-            .spawn()
-            .expect("penumbra starts");
-        let mut lines = BufReader::new(child.stdout.take().unwrap())
-            .lines()
-            .map_while(Result::ok);
-        let terminal = lines.find_map(|line| {
-            line.split_whitespace()
-                .find(|word| word.starts_with("/dev/pts/"))
-                .map(str::to_owned)
-        });
-        let terminal = terminal.expect("the simulator names its terminal");
-        join(serial::open(&terminal), serial::open("/dev/ttyGS0"));
-        std::thread::spawn(move || lines.for_each(drop));
-        Self(child)
+        let terminal = "/tmp/simulated-fastrak";
+        let arguments = [
+            "simulate",
+            "tracker",
+            "--protocol",
+            "fastrak",
+            "--pty",
+            terminal,
+        ];
+        let log = Path::new(OUT).join("tests/program.simulator.log");
+        let mut simulator = Running::start(&arguments, &log);
+        simulator.wait_until("its terminal is there", |_| Path::new(terminal).exists());
+        join(serial::open(terminal), serial::open("/dev/ttyGS0"));
+        Self(simulator)
     }
-}
 
-impl Drop for SimulatedTracker {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
+    /// Ends it in order.
+    pub fn stop(self) {
+        self.0.stop();
     }
 }
 
