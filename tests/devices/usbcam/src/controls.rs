@@ -26,6 +26,7 @@ const EXPOSURE: Key = (1, 0x04);
 const FOCUS: Key = (1, 0x06);
 const FOCUS_MODE: Key = (1, 0x08);
 const BRIGHTNESS: Key = (2, 0x02);
+const CONTRAST: Key = (2, 0x03);
 const GAIN: Key = (2, 0x04);
 const POWER_LINE: Key = (2, 0x05);
 const SHARPNESS: Key = (2, 0x08);
@@ -60,13 +61,14 @@ const fn control(key: Key, size: usize, range: [i32; 2], step: i32, default: i32
     }
 }
 
-const TABLE: [Control; 11] = [
+const TABLE: [Control; 12] = [
     control(EXPOSURE_MODE, 1, [0, 255], 0x09, 8),
     control(EXPOSURE_PRIORITY, 1, [0, 1], 1, 1),
     control(EXPOSURE, 4, [3, 2047], 1, 157),
     control(FOCUS, 2, [0, 250], 5, 0),
     control(FOCUS_MODE, 1, [0, 1], 1, 1),
     control(BRIGHTNESS, 2, [-64, 64], 1, 0),
+    control(CONTRAST, 2, [0, 64], 1, 32),
     control(GAIN, 2, [0, 255], 1, 32),
     control(POWER_LINE, 1, [0, 2], 1, 2),
     control(SHARPNESS, 2, [0, 7], 1, 3),
@@ -76,7 +78,7 @@ const TABLE: [Control; 11] = [
 
 /// Every control of one camera.
 pub struct Controls {
-    controls: [Control; 11],
+    controls: [Control; 12],
     last_error: u8,
     /// Pictures made so far: what automatic modes go by.
     frames: u32,
@@ -192,6 +194,7 @@ impl Controls {
             gain: self.value(GAIN),
             temperature: self.in_force(TEMPERATURE),
             brightness: self.value(BRIGHTNESS),
+            contrast: self.value(CONTRAST),
         }
     }
 

@@ -77,8 +77,8 @@ fn control_interface(identity: Identity) -> Vec<u8> {
     let mut interface = vec![13, 0x24, 1, 0x00, 0x01, 0, 0, 0x00, 0x6c, 0xdc, 0x02, 1, 1];
     interface.extend([18, 0x24, 2, 1, 0x01, 0x02, 0, 0, 0, 0, 0, 0, 0, 0, 3]);
     interface.extend([0x0e | focus, 0, focus_auto]);
-    // Brightness, sharpness, temperature; gain, power line, automatic white balance.
-    interface.extend([11, 0x24, 5, 2, 1, 0, 0, 2, 0x51, 0x16, 0]);
+    // Brightness, contrast, sharpness, temperature; gain, power line, automatic white balance.
+    interface.extend([11, 0x24, 5, 2, 1, 0, 0, 2, 0x53, 0x16, 0]);
     interface.extend([9, 0x24, 3, 3, 0x01, 0x01, 0, 2, 0]);
     put_length(&mut interface, 5);
     interface

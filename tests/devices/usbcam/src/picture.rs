@@ -20,6 +20,8 @@ pub struct Settings {
     pub temperature: i32,
     /// Added to the picture's code values.
     pub brightness: i32,
+    /// Spread of the code values around their middle; 32 leaves them as they are.
+    pub contrast: i32,
 }
 
 /// Steps of the gain control that double the light; its default, 32, leaves it as it is.
@@ -140,8 +142,10 @@ fn expose(reflectance: [f64; 3], settings: Settings) -> [f64; 3] {
     let warmth = (f64::from(settings.temperature) / LIGHT_TEMPERATURE).powf(0.7);
     let balance = [warmth, 1.0, 1.0 / warmth];
     let offset = f64::from(settings.brightness) / 255.0;
+    let spread = f64::from(settings.contrast) / 32.0;
     std::array::from_fn(|i| {
-        (srgb_from_linear(reflectance[i] * balance[i] * light) + offset).clamp(0.0, 1.0)
+        ((srgb_from_linear(reflectance[i] * balance[i] * light) - 0.5) * spread + 0.5 + offset)
+            .clamp(0.0, 1.0)
     })
 }
 
@@ -230,6 +234,7 @@ mod tests {
             gain: 32,
             temperature: 5000,
             brightness: 0,
+            contrast: 32,
         }
     }
 
