@@ -26,6 +26,9 @@ pub enum BusError {
     /// It is not plugged in.
     #[error("it is not plugged in")]
     Unplugged,
+    /// The kernel took it and did not ask what it is.
+    #[error("the kernel does not configure it; see dmesg")]
+    Ignored,
     /// The kernel does not take it.
     #[error("{ATTACH}: {source}; is vhci_hcd loaded, and are you root?")]
     Attach {
@@ -86,7 +89,8 @@ impl Bus {
         Ok(())
     }
 
-    /// Makes every camera as new: plugged in, without faults, its controls at their defaults.
+    /// Makes every camera as new: plugged in, without faults, its controls at their defaults;
+    /// and waits until the kernel has it.
     ///
     /// # Errors
     /// The kernel does not take one.
@@ -100,7 +104,18 @@ impl Bus {
                 self.plug(camera)?;
             }
         }
+        let asked = Instant::now();
+        while self.cameras().any(|camera| !camera.is_configured()) {
+            if asked.elapsed() > PATIENCE {
+                return Err(BusError::Ignored);
+            }
+            thread::sleep(Duration::from_millis(10));
+        }
         Ok(())
+    }
+
+    fn cameras(&self) -> impl Iterator<Item = &Arc<Camera>> {
+        self.sockets.iter().flat_map(|socket| &socket.camera)
     }
 
     /// A camera's faults, to be changed.

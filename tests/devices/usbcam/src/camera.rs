@@ -9,6 +9,7 @@ use crate::usbip::{Request, STALLED, Setup, Submit, read_request};
 use crate::{Stall, lock};
 use std::io;
 use std::os::unix::net::UnixStream;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -52,6 +53,7 @@ pub struct Camera {
     negotiation: Mutex<Negotiation>,
     faults: Arc<Mutex<Faults>>,
     newest: Mutex<Option<Shot>>,
+    configured: AtomicBool,
 }
 
 impl Camera {
@@ -73,6 +75,7 @@ impl Camera {
             negotiation: Mutex::default(),
             faults,
             newest: Mutex::default(),
+            configured: AtomicBool::default(),
         });
         let [answering, streaming] = [camera.clone(), camera.clone()];
         thread::spawn(move || answering.answer_requests(requests));
@@ -90,6 +93,12 @@ impl Camera {
     /// Whether the kernel still has it.
     pub fn is_plugged(&self) -> bool {
         !self.link.is_closed()
+    }
+
+    /// Whether the kernel has taken it into use. The one before it in the same socket is gone
+    /// then.
+    pub fn is_configured(&self) -> bool {
+        self.configured.load(Ordering::Relaxed)
     }
 
     /// Whether any control was set since it was plugged in.
@@ -145,7 +154,11 @@ impl Camera {
             },
             (0x80..=0x82, 0) => Ok(vec![0, 0]),
             (0x81, 10) => Ok(vec![0]),
-            (0x00..=0x02, _) => Ok(Vec::new()),
+            (0x00..=0x02, request) => {
+                let configures = (setup.kind, request) == (0x00, 9);
+                self.configured.fetch_or(configures, Ordering::Relaxed);
+                Ok(Vec::new())
+            }
             (0x21 | 0xa1, _) if setup.index as u8 == 1 => {
                 lock(&self.negotiation).request(setup, data)
             }
