@@ -21,8 +21,7 @@ UNPACKED := if [ -f target/packages/env ]; then . target/packages/env; fi;
 # A window needs a display; without one the picture is in the browser.
 WINDOW := $(if $(DISPLAY)$(WAYLAND_DISPLAY),,--headless)
 
-.PHONY: help demo build test lint unit advisories bench bench-table fidelity soak fuzz fmt packages-demo packages-test toolchain clean install uninstall
-.PHONY: help demo build test test-devices lint unit advisories bench bench-table fidelity soak fmt packages-demo packages-test toolchain clean
+.PHONY: help demo build test lint unit advisories bench bench-table fidelity soak fuzz fmt packages-demo packages-test toolchain clean install uninstall test-devices
 
 help: ## This list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -42,7 +41,7 @@ lint: toolchain ## Formatting, clippy, licences, documentation: the part of `mak
 unit: toolchain ## Rust tests alone
 	@$(UNPACKED) .ci/test rust
 
-test-devices: toolchain ## Real kernel cameras and serial ports, in a small virtual machine; ARGS="environment"
+test-devices: toolchain ## Real kernel cameras and serial ports, in a small VM; ARGS="environment kernel program"
 	@tests/devices/run $(ARGS)
 
 advisories: ## Known security holes in dependencies (needs the network)
