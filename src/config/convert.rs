@@ -41,7 +41,7 @@ fn convert(file: ConfigFile, folder: &Path) -> Result<Config> {
     sync(&file.sync, &mut config.sync)?;
     set(&mut config.input.yuv_matrix, file.input.yuv_matrix);
     set(&mut config.input.yuv_range, file.input.yuv_range);
-    output(file.output, folder, &mut config.output);
+    output(file.output, folder, &mut config.output)?;
     status(file.status, &mut config.status)?;
     config.gpu.adapter = file.gpu.adapter.filter(|name| name != "auto");
     set(&mut config.replay.speed, file.replay.speed);
@@ -219,11 +219,21 @@ fn sync(file: &file::Sync, out: &mut SyncConfig) -> Result<()> {
     Ok(())
 }
 
-fn output(file: file::Output, folder: &Path, out: &mut OutputConfig) {
+fn output(file: file::Output, folder: &Path, out: &mut OutputConfig) -> Result<()> {
     set(&mut out.window, file.window);
     out.monitor = file.monitor;
     set(&mut out.fullscreen, file.fullscreen);
     out.frames = file.frames.map(|path| folder.join(path));
+    out.freed = file.freed.map(|text| freed_receiver(&text)).transpose()?;
+    Ok(())
+}
+
+fn freed_receiver(text: &str) -> Result<SocketAddr> {
+    text.parse().map_err(|_| {
+        let reason =
+            format!("expected an address and a port such as 127.0.0.1:40000, found {text:?}");
+        Fault::new("output.freed", reason)
+    })
 }
 
 fn status(file: file::Status, out: &mut StatusConfig) -> Result<()> {

@@ -141,6 +141,7 @@ pub(super) struct Output {
     pub monitor: Option<Monitor>,
     pub fullscreen: Option<bool>,
     pub frames: Option<String>,
+    pub freed: Option<String>,
 }
 
 #[derive(Debug, Default, Deserialize)]

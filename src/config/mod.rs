@@ -209,6 +209,8 @@ pub struct OutputConfig {
     pub fullscreen: bool,
     /// Write each frame as a PNG into this folder.
     pub frames: Option<PathBuf>,
+    /// Send the scene camera's pose there, as FreeD D1.
+    pub freed: Option<SocketAddr>,
 }
 
 /// `[status]`
@@ -322,6 +324,7 @@ impl Default for OutputConfig {
             monitor: None,
             fullscreen: false,
             frames: None,
+            freed: None,
         }
     }
 }

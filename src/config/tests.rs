@@ -49,6 +49,7 @@ fn rig_toml_names_every_key_even_those_without_default() {
     assert_eq!(config.sync.scene_camera_latency_nanos, Some(0));
     assert_eq!(config.sync.environment_camera_latency_nanos, Some(0));
     assert_eq!(config.output.monitor, Some(Monitor::Index(0)));
+    assert!(config.output.freed.is_some());
     assert!(config.output.frames.is_some() && config.status.token.is_some());
     assert_eq!(config.calibration, Some(PathBuf::from("calibration")));
     assert!(config.recording.longest_nanos.is_some());

@@ -123,6 +123,7 @@ fn camera(device: &mut Device, report: &CameraReport, condition: &Condition) {
 const fn stamps(source: StampSource) -> &'static str {
     match source {
         StampSource::StartOfExposure => "stamped at the start of the exposure, monotonic clock",
+        StampSource::FirstBytes => "stamped when its first bytes came, monotonic clock",
         StampSource::EndOfFrame => "stamped at the end of the frame, monotonic clock",
         StampSource::Arrival => "not stamped: the time of arrival is used",
         StampSource::WallClock => "stamped on the wall clock, which may jump",

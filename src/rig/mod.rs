@@ -102,6 +102,14 @@ pub enum RigError {
         /// The folder.
         path: PathBuf,
     },
+    /// The poses' receiver cannot be reached.
+    #[error("output.freed: {receiver}: {source}; name another address")]
+    Freed {
+        /// Who should be told.
+        receiver: std::net::SocketAddr,
+        /// What the system said.
+        source: std::io::Error,
+    },
     /// No window could be opened.
     #[error("no window: {reason}; run with --headless to do without")]
     Window {

@@ -16,6 +16,7 @@ use crate::status::snapshot::SessionState;
 use crate::status::{self, Settings, StageTimes, Technique};
 use crate::sync::{Provenance, RigFrame};
 use penumbra_interface::{Clock, SystemClock};
+use penumbra_tracker_serial::freed::{FreedSender, Lens, optical_to_studio};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -24,6 +25,8 @@ pub(super) struct Run {
     compositor: Compositor,
     screen: Option<Box<dyn Screen>>,
     folder: Option<FrameFolder>,
+    /// Who is told the scene camera's poses.
+    pose_out: Option<FreedSender>,
     settings: Settings,
     wished: tokio::sync::watch::Receiver<Settings>,
     stages: StageTimes,
@@ -45,6 +48,7 @@ impl Run {
         gpu: Gpu,
         screen: Option<Box<dyn Screen>>,
         folder: Option<FrameFolder>,
+        pose_out: Option<FreedSender>,
     ) -> Self {
         let (config, setup) = (&runner.config, &runner.setup);
         let settings = compositor_settings(config, runner.source.is_live(), gpu.software);
@@ -55,6 +59,7 @@ impl Run {
             compositor,
             screen,
             folder,
+            pose_out,
             settings: live_settings(config),
             wished: runner.status.settings_receiver(),
             stages: StageTimes::default(),
@@ -87,6 +92,7 @@ impl Run {
         self.draw(runner, prepared)?;
         self.stages.record("composite", begun.elapsed());
         self.deliver(runner, prepared.index)?;
+        self.tell_pose(prepared);
         for (pass, millis) in self.compositor.pass_times() {
             let time = Duration::from_secs_f64(millis * 1e-3);
             self.stages.record_gpu(pass, time);
@@ -210,6 +216,13 @@ impl Run {
         }
         self.stages.record("output", begun.elapsed());
         Ok(())
+    }
+
+    /// A message that cannot be sent is lost: the next one says more.
+    fn tell_pose(&self, prepared: &Prepared) {
+        if let (Some(sender), Some(pose)) = (&self.pose_out, prepared.world_from_camera) {
+            let _ = sender.send(optical_to_studio(pose), Lens::default());
+        }
     }
 
     fn publish_picture(&self, runner: &Runner) -> Result<(), RigError> {

@@ -11,6 +11,8 @@ use crate::compositor::{Compositor, Gpu};
 use crate::config::Config;
 use crate::output::files::FrameFolder;
 use crate::status::SharedStatus;
+use penumbra_tracker_serial::freed::FreedSender;
+use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -81,6 +83,7 @@ impl Runner {
             })?),
             None => None,
         };
+        let pose_out = self.config.output.freed.map(pose_sender).transpose()?;
         let preparation = Preparation::start(
             &self.setup,
             &self.config,
@@ -94,7 +97,7 @@ impl Runner {
         }
         super::status::begin(&self.status, &self.source, &self.setup, &gpu);
         let mut notifier = Notifier::new();
-        let mut run = Run::new(&self, gpu, screen, folder);
+        let mut run = Run::new(&self, gpu, screen, folder, pose_out);
         while !run.over(&self) {
             let Some(step) = preparation.next() else {
                 break;
@@ -134,4 +137,9 @@ impl Runner {
     pub(super) fn is_over(&self) -> bool {
         self.shutdown.load(Ordering::Relaxed)
     }
+}
+
+/// Who tells poses to virtual-production tools, as camera 1.
+fn pose_sender(receiver: SocketAddr) -> Result<FreedSender, RigError> {
+    FreedSender::new(receiver, 1).map_err(|source| RigError::Freed { receiver, source })
 }

@@ -19,10 +19,12 @@ pub struct EnvironmentSet {
 
 /// Views that may still be paired.
 const KEPT: usize = 16;
-/// A view whose brackets fail to come is used as it is after so long.
-const PATIENCE_NANOS: i64 = 100_000_000;
+/// A view whose brackets fail to come is used as it is after so long; until then the one
+/// before it is. A camera that is bracketed live, each exposure held for some frames, takes
+/// a quarter of a second for a cycle of three.
+const PATIENCE_NANOS: i64 = 500_000_000;
 /// A bracket taken longer than this before or after the base exposure is not of its view.
-const SPAN_NANOS: i64 = 250_000_000;
+const SPAN_NANOS: i64 = 500_000_000;
 
 /// A camera whose stamps go back by more than this has begun another time.
 const JUMP_BACK_NANOS: i64 = 500_000_000;

@@ -5,6 +5,8 @@
 use crate::live::{Running, device, status, until};
 use crate::program::{Desk, desk_session};
 use crate::simulate::Simulation;
+use penumbra_interface::{Clock, SystemClock};
+use penumbra_tracker_serial::AnyDecoder;
 use serde_json::Value;
 use std::time::Duration;
 
@@ -91,4 +93,43 @@ fn a_tracker_of_another_protocol_is_named_by_what_it_says() {
     });
     until("the picture is there", || composed(&address) > 2);
     rig.end();
+}
+
+/// The other way: the poses of the pictures, for virtual-production tools.
+#[test]
+fn the_pictures_poses_are_sent_as_free_d() {
+    let desk = Desk::new();
+    let receiver = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+    receiver
+        .set_read_timeout(Some(Duration::from_secs(1)))
+        .unwrap();
+    let address = receiver.local_addr().unwrap();
+    desk.put("freed.toml", format!("[output]\nfreed = \"{address}\"\n"));
+    let session = desk_session().display().to_string();
+    let line = format!(
+        "replay {session} --config freed.toml --headless --listen 127.0.0.1:0 --frames 5 --speed max"
+    );
+    let output = desk.run(&line);
+    assert!(
+        output.status.success(),
+        "{}",
+        crate::program::text(&output.stderr)
+    );
+    let mut decoder = AnyDecoder::for_protocol("freed").unwrap();
+    let mut poses = Vec::new();
+    let mut bytes = [0; 64];
+    while let Ok(len) = receiver.recv(&mut bytes) {
+        assert_eq!((len, bytes[0], bytes[1]), (29, 0xd1, 1));
+        decoder.push(&bytes[..len], SystemClock.now(), |pose| poses.push(pose));
+    }
+    assert_eq!(decoder.counters().skipped_bytes, 0);
+    // The decoder believes the first record once the second has come.
+    assert_eq!(poses.len(), 5, "one for each picture");
+    for pose in poses {
+        let camera = pose.transmitter_from_sensor;
+        // The desk is looked at from above, and the studio's camera looks along its y.
+        let forward = camera.rotation * glam::DVec3::Y;
+        assert!(camera.translation.z > 0.1 && camera.translation.length() < 2.0);
+        assert!(forward.z < -0.2, "{forward}");
+    }
 }

@@ -107,6 +107,7 @@ impl<V: Video> V4l2Camera<V> {
         let cycled = Cycled::prepare(&mut video, &mut contract, settings, &device)?;
         let buffering = (settings.buffers, settings.silence);
         let mut stream = Stream::start(video, &device, layout, buffering, Arc::clone(&clock))?;
+        stream.stamps.first_bytes = capabilities.driver == "uvcvideo" && !uvc_stamps_by_camera();
         contract
             .apply(&mut stream.video)
             .map_err(failed("setting controls"))?;
@@ -261,6 +262,12 @@ fn choose_mode(
     let got = video.set_geometry(&wanted).map_err(failed)?;
     notes.extend(mode::difference(settings, &wanted, &got));
     Ok(got)
+}
+
+/// Whether `uvcvideo` was told to trust the cameras' own clocks.
+fn uvc_stamps_by_camera() -> bool {
+    let told = std::fs::read_to_string("/sys/module/uvcvideo/parameters/hwtimestamps");
+    told.is_ok_and(|told| told.trim() != "0")
 }
 
 fn notes(who: &Who) -> Vec<String> {

@@ -17,6 +17,9 @@ const FUTURE_NANOS: i64 = 1_000_000;
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Stamps {
     last: Option<MonotonicTime>,
+    /// What is called the start of the exposure is the arrival of the first bytes:
+    /// `uvcvideo` stamps by the host's clock when the first payload comes, and flags it so.
+    pub first_bytes: bool,
     /// Where the last stamp came from.
     pub source: StampSource,
     /// Stamps that could not be: backwards, from the future, from another clock.
@@ -31,7 +34,10 @@ impl Stamps {
         filled: &Filled,
         arrived_at: MonotonicTime,
     ) -> (MonotonicTime, StampSource) {
-        self.source = meaning(filled.flags);
+        self.source = match meaning(filled.flags) {
+            StampSource::StartOfExposure if self.first_bytes => StampSource::FirstBytes,
+            other => other,
+        };
         if self.source == StampSource::Arrival {
             return (arrived_at, StampSource::Arrival);
         }
@@ -116,6 +122,9 @@ mod tests {
             assert_eq!(copied, (at(122), StampSource::Arrival));
         }
         assert_eq!(stamps.implausible, 0);
+        stamps.first_bytes = true;
+        let uvc = stamps.read(&filled(0x1_2000, 130), at(140));
+        assert_eq!(uvc, (at(130), StampSource::FirstBytes));
     }
 
     #[test]

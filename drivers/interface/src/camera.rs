@@ -56,6 +56,9 @@ pub struct StreamMode {
 pub enum StampSource {
     /// The driver stamps the start of the exposure on the monotonic clock.
     StartOfExposure,
+    /// The driver stamps the arrival of a frame's first bytes on the monotonic clock: the
+    /// exposure of the first row is over by then.
+    FirstBytes,
     /// The driver stamps the end of the frame on the monotonic clock.
     EndOfFrame,
     /// Nobody stamps: the time at which the bytes reached us.
@@ -119,8 +122,8 @@ pub type ControlsInForce = Arc<[(Arc<str>, i64)]>;
 /// Middle of an exposure from a stamp at its start or at the frame's end.
 ///
 /// A rolling or global shutter alike: the stamp of the start lies half an exposure before
-/// the middle; the stamp of the end lies half an exposure and the read-out after it.
-/// Read-out is a constant of the camera and part of its calibrated latency.
+/// the middle; the stamp of the end, or of the first bytes, lies half an exposure and the
+/// read-out or a part of it after it. Read-out is a constant of the camera and part of its calibrated latency.
 #[must_use]
 pub fn middle_of_exposure(
     stamp: MonotonicTime,
@@ -130,7 +133,7 @@ pub fn middle_of_exposure(
     let half_nanos = (exposure_micros.unwrap_or(0.0).clamp(0.0, 1e7) * 500.0) as i64;
     match source {
         StampSource::StartOfExposure => stamp.offset_nanos(half_nanos),
-        StampSource::EndOfFrame => stamp.offset_nanos(-half_nanos),
+        StampSource::FirstBytes | StampSource::EndOfFrame => stamp.offset_nanos(-half_nanos),
         StampSource::Arrival | StampSource::WallClock | StampSource::Recorded => stamp,
     }
 }

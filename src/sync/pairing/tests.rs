@@ -148,8 +148,8 @@ fn the_environment_is_the_newest_whole_view_that_is_not_from_the_future() {
         "the second lacks its bracket"
     );
     assert_eq!(
-        generation_at(270, 280),
-        Some((2, 103, 1)),
+        generation_at(670, 680),
+        Some((2, 503, 1)),
         "which never came"
     );
 }

@@ -43,8 +43,8 @@ pub(crate) struct Contract {
     pub(crate) revision: u64,
     /// Times that somebody else changed a locked control.
     pub(crate) changed: u64,
-    /// The control that was changed last.
-    last_changed: Option<Arc<str>>,
+    /// The controls that were.
+    tampered: Vec<Arc<str>>,
     /// The exposure is cycled, so it is neither set nor watched here.
     pub(crate) exposure_is_cycled: bool,
     restored_at: Option<MonotonicTime>,
@@ -79,7 +79,7 @@ impl Contract {
             in_force: Arc::from([]),
             revision: 0,
             changed: 0,
-            last_changed: None,
+            tampered: Vec::new(),
             exposure_is_cycled: false,
             restored_at: None,
             restore_due: false,
@@ -150,7 +150,9 @@ impl Contract {
         }
         if entry.look(video)? {
             self.changed += 1;
-            self.last_changed = Some(Arc::clone(&entry.name));
+            if !self.tampered.contains(&entry.name) {
+                self.tampered.push(Arc::clone(&entry.name));
+            }
             self.restore_due |= self.on_change == OnChange::Restore;
         }
         Ok(())
@@ -158,12 +160,12 @@ impl Contract {
 
     /// What others did, in a sentence; `None` if nobody did anything.
     pub(crate) fn tampering(&self) -> Option<String> {
-        let name = self.last_changed.as_ref()?;
         let end = match self.on_change {
-            OnChange::Restore => "it was set back",
-            OnChange::Report => "it stays so",
+            OnChange::Restore => "set back",
+            OnChange::Report => "left so",
         };
-        Some(format!("another program changed {name}; {end}"))
+        let names = self.tampered.join(" and ");
+        (!names.is_empty()).then(|| format!("another program changed {names}; {end}"))
     }
 
     fn restore(&mut self, video: &mut impl Controls, now: MonotonicTime) -> Result<()> {
