@@ -24,7 +24,7 @@ fn blocks(language: &str) -> Vec<(String, String)> {
     for document in DOCUMENTS {
         let mut open: Option<(bool, String, String)> = None;
         for (number, line) in text(document).lines().enumerate() {
-            match (line.strip_prefix("```"), &mut open) {
+            match (line.trim_start().strip_prefix("```"), &mut open) {
                 (Some(_), Some(_)) => {
                     if let Some((true, place, block)) = open.take() {
                         found.push((place, block));
