@@ -7,7 +7,7 @@
 //! program's changes, no bracketing.
 //!
 //! `nokhwa` waits for frames without a limit and its camera stays in one thread, so it gets
-//! a thread of its own ([`worker`]) that leaves the newest frame in a [`slot`].
+//! a thread of its own that leaves the newest frame where `next_frame` finds it.
 #![cfg(feature = "nokhwa")]
 
 mod camera;
