@@ -4,6 +4,8 @@ use super::*;
 use bytes::Bytes;
 use penumbra_interface::{BayerPattern, MonotonicTime};
 use proptest::prelude::*;
+use std::collections::BTreeMap;
+use std::path::Path;
 
 fn frame(format: PixelFormat, width: u32, height: u32, data: impl Into<Bytes>) -> Frame {
     Frame {
@@ -492,4 +494,30 @@ fn a_mosaic_with_padded_rows_and_one_that_is_cut_short() {
     assert_eq!(decode(&frame).unwrap(), tight);
     frame.data = frame.data.slice(..5 * 13 + 9);
     assert!(matches!(decode(&frame), Err(PictureError::TooShort { .. })));
+}
+
+/// Broken files that others found; see `tests/fixtures/jpeg/ORIGIN.md`.
+#[test]
+fn broken_jpegs_of_others_are_refused_and_crash_nothing() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/jpeg");
+    let mut sizes = BTreeMap::new();
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.extension().is_some_and(|e| e == "jpg") {
+            let data = std::fs::read(&path).unwrap();
+            let picture = Picture::decode(
+                &frame(PixelFormat::Jpeg, 0, 0, data),
+                &YuvEncoding::default(),
+            );
+            let name = path.file_stem().unwrap().to_str().unwrap().to_owned();
+            sizes.insert(name, picture.ok().map(|p| (p.width, p.height)));
+        }
+    }
+    assert_eq!(sizes.len(), 14, "{sizes:?}");
+    // Fill bytes before the end marker are allowed; the rest is no picture.
+    assert_eq!(
+        sizes.remove("multiple-0xff-before-eoi"),
+        Some(Some((640, 480)))
+    );
+    assert!(sizes.values().all(Option::is_none), "{sizes:?}");
 }
