@@ -15,6 +15,7 @@ const CODES: &str = include_str!("shaders/lib/codes.wgsl");
 const LIGHT_TEXEL: &str = include_str!("shaders/lib/light_texel.wgsl");
 const LAMPS: &str = include_str!("shaders/lib/lamps.wgsl");
 const EDGES: &str = include_str!("shaders/lib/edges.wgsl");
+const BACKGROUND: &str = include_str!("shaders/lib/background.wgsl");
 const VISIBILITY: &str = include_str!("shaders/lib/visibility.wgsl");
 
 /// Most dome lights: as many as fit a uniform buffer of 64 KiB.
@@ -122,6 +123,7 @@ pub fn all(variant: Variant) -> [(&'static str, String); 9] {
                     LIGHT_TEXEL,
                     CODES,
                     EDGES,
+                    BACKGROUND,
                     LAMPS,
                     include_str!("shaders/composite.wgsl"),
                 ]),

@@ -1,0 +1,126 @@
+// The camera's picture with the shadows of virtual objects: what is behind them.
+
+// A texel of the shadow buffer is a point, and its few look-ups of each light are turned from
+// texel to texel; a camera's pixel is an area. So the neighbours on the same side of all
+// real edges count, too.
+fn smooth_shadow_at(pixel: vec2i) -> vec3f {
+    let last = vec2i(textureDimensions(shadow)) - vec2i(1);
+    let own = textureLoad(shadow, pixel, 0);
+    var sum = 4.0 * own.rgb;
+    var weight = 4.0;
+    for (var k = 0; k < 8; k++) {
+        let q = clamp(pixel + vec2i(round(around(k))), vec2i(0), last);
+        let there = textureLoad(shadow, q, 0);
+        let w = select(select(1.0, 2.0, (k & 1) == 0), 0.0, real_edge(own.a, there.a));
+        sum += there.rgb * w;
+        weight += w;
+    }
+    return sum / weight;
+}
+
+// The shadow buffer may be coarser than the picture: its texels count where they lie on
+// the same surface.
+fn shadow_at(pixel: vec2i, position: vec4f) -> vec3f {
+    let step = i32(decided_here(frame.counts.z, position.w));
+    if FINE {
+        return smooth_shadow_at(pixel);
+    }
+    let surface = textureLoad(phantom_normal, pixel, 0);
+    let base = pixel >> vec2u(frame.tiling.z);
+    let part = vec2f(pixel - base * step) / f32(step);
+    let last = vec2i(textureDimensions(shadow)) - vec2i(1);
+    var sum = vec3f(0.0);
+    var weight = 0.0;
+    for (var k = 0; k < 4; k++) {
+        let o = vec2i(k & 1, k >> 1u);
+        let there = textureLoad(shadow, min(base + o, last), 0);
+        let bilinear = select(1.0 - part.x, part.x, o.x == 1) * select(1.0 - part.y, part.y, o.y == 1);
+        let w = bilinear * select(1e-3, 1.0, key_of(there.a) == surface.w);
+        sum += there.rgb * w;
+        weight += w;
+    }
+    return select(vec3f(select(1.0, 0.0, frame.counts.y == 1u)), sum / weight, surface.z == 1.0);
+}
+
+fn shadowed(code: vec3f, factor: vec3f) -> vec3f {
+    let linear = linear_from_code(code);
+    return select(linear * factor, max(linear - factor, vec3f(0.0)), frame.counts.y == 1u);
+}
+
+// The range of what is shown on both sides of a real edge near `pixel`; empty (low > high)
+// where there is none. A texel is certain where no edge is close by.
+struct Range {
+    low: vec3f,
+    high: vec3f,
+}
+
+// Key of the surface across a real edge near `pixel`, its own at the rim of a real shadow;
+// -1 where there is no edge, or one that makes no difference.
+fn across_real_edge(pixel: vec2i, own: vec4f, last: vec2i) -> f32 {
+    var other = -1.0;
+    for (var k = 0; k < 16; k++) {
+        let r = DOUBT * select(1.0, 0.5, k >= 8);
+        let q = clamp(pixel + vec2i(round(around(k) * r)), vec2i(0), last);
+        let there = textureLoad(shadow, q, 0);
+        let differs = any(abs(there.rgb - own.rgb) > vec3f(0.15));
+        other = select(other, key_of(there.a), differs & real_edge(own.a, there.a));
+    }
+    return other;
+}
+
+fn is_certain(q: vec2i, there: vec4f, last: vec2i) -> bool {
+    var certain = true;
+    for (var k = 0; k < 8; k += 2) {
+        let beside = clamp(q + vec2i(round(around(k) * 2.0)), vec2i(0), last);
+        certain &= !real_edge(there.a, textureLoad(shadow, beside, 0).a);
+    }
+    return certain;
+}
+
+fn beside_edge(pixel: vec2i) -> Range {
+    let last = vec2i(textureDimensions(shadow)) - vec2i(1);
+    let own = textureLoad(shadow, pixel, 0);
+    let other = across_real_edge(pixel, own, last);
+    var range = Range(vec3f(1e9), vec3f(-1e9));
+    if other < 0.0 {
+        return range;
+    }
+    var on_own = false;
+    var across = false;
+    for (var k = 0; k < 16; k++) {
+        let r = DOUBT * select(1.5, 2.5, k >= 8);
+        let q = clamp(pixel + vec2i(round(around(k) * r)), vec2i(0), last);
+        let there = textureLoad(shadow, q, 0);
+        let key = key_of(there.a);
+        let counts = ((key == key_of(own.a)) | (key == other)) && is_certain(q, there, last);
+        let linear = linear_from_code(textureLoad(camera, q, 0).rgb);
+        // On the pixel's own side its own factor counts too: the shadow of something thin,
+        // or in a corner, may lie between the texels looked at.
+        let same = !real_edge(own.a, there.a);
+        let least = select(there.rgb, min(there.rgb, own.rgb), same);
+        let most = select(there.rgb, max(there.rgb, own.rgb), same);
+        range.low = select(range.low, min(range.low, linear * least), counts);
+        range.high = select(range.high, max(range.high, linear * most), counts);
+        on_own |= counts & (key == key_of(own.a));
+        across |= counts & (key == other);
+    }
+    if !(on_own & across) {
+        return Range(vec3f(1e9), vec3f(-1e9));
+    }
+    return range;
+}
+
+fn background_at(pixel: vec2i, position: vec4f) -> vec4f {
+    let code = textureLoad(camera, pixel, 0);
+    let factor = shadow_at(pixel, position);
+    var range = Range(vec3f(1.0), vec3f(0.0));
+    if FINE && frame.counts.y == 0u {
+        range = beside_edge(pixel);
+    }
+    let free = range.low.r > range.high.r;
+    if free && all(factor == vec3f(select(1.0, 0.0, frame.counts.y == 1u))) {
+        return code;
+    }
+    let linear = shadowed(code.rgb, factor);
+    return encoded(select(clamp(linear, range.low, range.high), linear, free));
+}
