@@ -124,6 +124,12 @@ impl Picture {
         Ok(picture)
     }
 
+    /// Becomes the same as `other`, keeping the buffer where it is large enough.
+    pub fn copy_from(&mut self, other: &Self) {
+        (self.width, self.height) = (other.width, other.height);
+        self.rgba.clone_from(&other.rgba);
+    }
+
     /// Takes a size of at most [`MAX_PIXELS`], keeping the buffer where it is large enough.
     fn resize(&mut self, width: u32, height: u32) -> Result<(), PictureError> {
         let pixels = u64::from(width) * u64::from(height);

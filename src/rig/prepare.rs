@@ -149,6 +149,7 @@ impl Preparation {
             spares,
             stop,
             state: LightState::default(),
+            later: as_live.then(Later::default),
             previewed: None,
             began: None,
         };
@@ -196,8 +197,23 @@ struct Worker {
     spares: Receiver<Picture>,
     stop: Arc<AtomicBool>,
     state: LightState,
+    /// A live picture does not wait for its own light: it takes that of the picture before
+    /// it, and its own is worked out while it is drawn. A replay of it does the same.
+    later: Option<Later>,
     previewed: Option<Instant>,
     began: Option<MonotonicTime>,
+}
+
+/// A picture whose light is still to be worked out.
+#[derive(Default)]
+struct Later {
+    frame: Option<RigFrame>,
+    picture: Picture,
+    world_from_camera: Option<RigidTransform>,
+    /// How long that took last.
+    took: Duration,
+    /// What was wrong with it.
+    unseen: Option<String>,
 }
 
 impl Worker {
@@ -217,6 +233,7 @@ impl Worker {
                 if self.stop.load(Ordering::Relaxed) || self.steps.send(step).is_err() {
                     return;
                 }
+                self.see_later();
             }
             let counts = self.counts();
             let over = self.steps.send(Step::End(Box::new(counts))).is_err();
@@ -259,10 +276,11 @@ impl Worker {
             .world_from_camera(&frame)
             .filter(|_| misfit.is_none());
         self.take_settings();
-        let begun = Instant::now();
-        let unseen = lit
-            .then(|| self.see(&frame, &picture, world_from_camera))
-            .flatten();
+        let (lighting, unseen) = if lit {
+            self.light_for(&frame, &picture, world_from_camera)
+        } else {
+            (Duration::ZERO, None)
+        };
         Step::Frame(Box::new(Prepared {
             index: frame.index,
             seconds: frame.captured_at.seconds_since(first),
@@ -270,7 +288,7 @@ impl Worker {
             world_from_camera,
             light: self.state.clone(),
             decoding,
-            lighting: begun.elapsed(),
+            lighting,
             preview: self.preview(),
             warning: misfit.or(unseen),
             passed_over,
@@ -291,6 +309,41 @@ impl Worker {
                 picture.width, picture.height, camera.width, camera.height
             )
         })
+    }
+
+    /// Sees to the light of a picture, now or after it was handed over; how long that took,
+    /// or took for the picture before, and what was wrong.
+    fn light_for(
+        &mut self,
+        frame: &RigFrame,
+        picture: &Picture,
+        world_from_camera: Option<RigidTransform>,
+    ) -> (Duration, Option<String>) {
+        // Without any light there is nothing to show meanwhile.
+        if self.state.lighting.is_some()
+            && let Some(later) = &mut self.later
+        {
+            later.frame = Some(frame.clone());
+            later.picture.copy_from(picture);
+            later.world_from_camera = world_from_camera;
+            return (later.took, later.unseen.take());
+        }
+        let begun = Instant::now();
+        let unseen = self.see(frame, picture, world_from_camera);
+        (begun.elapsed(), unseen)
+    }
+
+    /// Works out the light that [`Self::light_for`] put off.
+    fn see_later(&mut self) {
+        let Some(mut later) = self.later.take() else {
+            return;
+        };
+        if let Some(frame) = later.frame.take() {
+            let begun = Instant::now();
+            later.unseen = self.see(&frame, &later.picture, later.world_from_camera);
+            later.took = begun.elapsed();
+        }
+        self.later = Some(later);
     }
 
     /// Updates the light. An environment picture that cannot be read leaves it as it was.
