@@ -71,7 +71,7 @@ fn the_service_is_installed_whole_understood_fenced_in_and_taken_away_again() {
     assert_eq!(listed(), [config], "what the user wrote stays");
 }
 
-/// The exposure that `systemd-analyze security` may find, of 10; systemd 252 finds 1.5.
+/// The exposure that `systemd-analyze security` may find, of 10; systemd 252 finds 1.6.
 const MOST_EXPOSED: f64 = 2.0;
 
 fn understood_and_fenced_in(root: &Path, unit: &Path) {

@@ -169,20 +169,6 @@ impl Hemisphere {
             Self::Upper => [0, 0, -1],
         }
     }
-
-    /// From a word such as `forward`.
-    #[must_use]
-    pub fn parse(word: &str) -> Option<Self> {
-        Some(match word {
-            "forward" => Self::Forward,
-            "back" => Self::Back,
-            "right" => Self::Right,
-            "left" => Self::Left,
-            "lower" => Self::Lower,
-            "upper" => Self::Upper,
-            _ => return None,
-        })
-    }
 }
 
 /// What a Polhemus device measures in. The number of metres in it must be the rig
