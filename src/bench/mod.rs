@@ -1,12 +1,20 @@
 //! `penumbra bench`: how long a frame takes, on the adapter chosen, for the cases of the
-//! papers' tables.
+//! papers' tables; and what capturing costs.
 
+mod camera_session;
+mod capture;
 mod report;
+mod simulated_tracker;
 mod supan;
+mod thread_time;
 
-pub use report::{BenchReport, Row};
+pub use report::{BenchReport, CaptureRow, DeviceTally, PassTime, Percentiles, Row, ThreadCost};
 
 use crate::compositor::{Gpu, GpuError};
+use crate::rig::RigError;
+use crate::session::SessionError;
+use std::io;
+use thiserror::Error;
 
 /// What to measure.
 #[derive(Clone, Debug, Default)]
@@ -20,21 +28,67 @@ pub struct BenchOptions {
 }
 
 /// Names of all cases.
-pub const CASES: [&str; 1] = ["supan"];
+pub const CASES: [&str; 2] = ["supan", "capture"];
 
-/// Runs the chosen cases; `progress` is told each row as it is done.
+/// A benchmark cannot be run. Each text is the one line that the user gets.
+#[derive(Debug, Error)]
+pub enum BenchError {
+    /// The graphics device.
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+    /// The rig that is measured.
+    #[error(transparent)]
+    Rig(#[from] RigError),
+    /// The recording that its cameras replay.
+    #[error(transparent)]
+    Session(#[from] SessionError),
+    /// Its pictures.
+    #[error("a picture cannot be compressed: {0}; choose another --size")]
+    Picture(#[from] turbojpeg::Error),
+    /// Its tracker.
+    #[error("no simulated tracker: {source}; end other programs")]
+    Tracker {
+        /// What the system said.
+        source: io::Error,
+    },
+    /// Its tracker's protocol.
+    #[error(transparent)]
+    Protocol(#[from] penumbra_synthetic::UnknownProtocol),
+}
+
+impl BenchOptions {
+    /// A chosen case draws.
+    #[must_use]
+    pub fn needs_gpu(&self) -> bool {
+        self.wants("supan")
+    }
+
+    fn wants(&self, name: &str) -> bool {
+        self.case.as_deref().is_none_or(|case| case == name)
+    }
+}
+
+/// Runs the chosen cases; `progress` is told each row as it is done. Without `gpu` nothing
+/// is drawn.
 ///
 /// # Errors
-/// The device was lost.
+/// The device was lost; the system refuses a file or a thread.
 pub fn run(
-    gpu: &Gpu,
+    gpu: Option<&Gpu>,
     options: &BenchOptions,
-    progress: &mut dyn FnMut(&Row),
-) -> Result<BenchReport, GpuError> {
+    progress: &mut dyn FnMut(&dyn std::fmt::Display),
+) -> Result<BenchReport, BenchError> {
     let mut report = BenchReport::new(gpu);
-    let wanted = |name: &str| options.case.as_deref().is_none_or(|case| case == name);
-    if wanted("supan") {
-        supan::run(gpu, options, &mut report, progress)?;
+    if let Some(gpu) = gpu
+        && options.wants("supan")
+    {
+        progress(&Row::HEADING);
+        supan::run(gpu, options, &mut report, &mut |row| progress(row))?;
+    }
+    if options.wants("capture") {
+        let row = capture::run(options)?;
+        progress(&row);
+        report.capture.push(row);
     }
     Ok(report)
 }

@@ -9,12 +9,14 @@ use std::fmt;
 pub struct BenchReport {
     /// Version of this layout.
     pub version: u32,
-    /// Adapter name.
-    pub adapter: String,
+    /// Adapter name; `None` where nothing was drawn.
+    pub adapter: Option<String>,
     /// True for a software driver.
     pub software: bool,
     /// One per configuration.
     pub rows: Vec<Row>,
+    /// What capturing costs.
+    pub capture: Vec<CaptureRow>,
 }
 
 /// One configuration.
@@ -40,6 +42,59 @@ pub struct Row {
     pub gpu_ms: Percentiles,
     /// Median milliseconds of each pass.
     pub passes: Vec<PassTime>,
+}
+
+/// What a live rig costs up to the pictures that are ready to be composed.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct CaptureRow {
+    /// Case name.
+    pub case: String,
+    /// Picture width of both cameras, pixels.
+    pub width: u32,
+    /// Picture height of both cameras, pixels.
+    pub height: u32,
+    /// Pictures a second that each camera makes.
+    pub frames_per_second: f64,
+    /// Mean length of a picture, kilobytes.
+    pub picture_kilobytes: f64,
+    /// How long was measured.
+    pub seconds: f64,
+    /// Scene camera, environment camera, tracker.
+    pub devices: Vec<DeviceTally>,
+    /// Pictures that were made ready.
+    pub prepared: u64,
+    /// Those of them with a pose.
+    pub prepared_with_pose: u64,
+    /// Pictures passed over for newer ones.
+    pub passed_over: u64,
+    /// Milliseconds from a JPEG to pixels.
+    pub decode_ms: Percentiles,
+    /// Milliseconds for the light.
+    pub light_ms: Percentiles,
+    /// Processor time by thread, the costliest first; empty where the system does not tell.
+    pub threads: Vec<ThreadCost>,
+}
+
+/// What became of a device's deliveries.
+#[derive(Clone, Debug, Serialize)]
+pub struct DeviceTally {
+    /// Which.
+    pub device: String,
+    /// Pictures or readings that came.
+    pub delivered: u64,
+    /// Those that were given up for want of room.
+    pub lost: u64,
+}
+
+/// Processor time of a thread.
+#[derive(Clone, Debug, Serialize)]
+pub struct ThreadCost {
+    /// Its name.
+    pub name: String,
+    /// Per cent of one core.
+    pub percent_of_core: f64,
+    /// Milliseconds for each picture of the scene camera.
+    pub ms_per_picture: f64,
 }
 
 /// Median and 99th percentile.
@@ -78,12 +133,13 @@ impl Percentiles {
 }
 
 impl BenchReport {
-    pub(super) fn new(gpu: &Gpu) -> Self {
+    pub(super) fn new(gpu: Option<&Gpu>) -> Self {
         Self {
             version: 1,
-            adapter: gpu.name.clone(),
-            software: gpu.software,
+            adapter: gpu.map(|gpu| gpu.name.clone()),
+            software: gpu.is_some_and(|gpu| gpu.software),
             rows: Vec::new(),
+            capture: Vec::new(),
         }
     }
 }
@@ -112,6 +168,50 @@ impl fmt::Display for Row {
         )?;
         for pass in &self.passes {
             write!(f, "\n          {:18} {:8.3} ms", pass.name, pass.ms)?;
+        }
+        Ok(())
+    }
+}
+
+impl fmt::Display for CaptureRow {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{}: two cameras, {}x{} JPEG of {:.0} kB at {}/s, {:.1} s",
+            self.case,
+            self.width,
+            self.height,
+            self.picture_kilobytes,
+            self.frames_per_second,
+            self.seconds
+        )?;
+        for tally in &self.devices {
+            let DeviceTally {
+                device,
+                delivered,
+                lost,
+            } = tally;
+            write!(f, "\n  {device}: {delivered} delivered, {lost} lost")?;
+        }
+        write!(
+            f,
+            "\n  {} prepared, {} with a pose, {} passed over",
+            self.prepared, self.prepared_with_pose, self.passed_over
+        )?;
+        for (name, ms) in [("decode", self.decode_ms), ("light", self.light_ms)] {
+            write!(f, "\n  {name} p50 {:.2} ms, p99 {:.2} ms", ms.p50, ms.p99)?;
+        }
+        write!(f, "\n  thread            % of a core  ms/picture")?;
+        for thread in &self.threads {
+            let ThreadCost {
+                name,
+                percent_of_core,
+                ms_per_picture,
+            } = thread;
+            write!(
+                f,
+                "\n  {name:16} {percent_of_core:12.2} {ms_per_picture:11.3}"
+            )?;
         }
         Ok(())
     }

@@ -3,7 +3,7 @@
 use super::files::JsonFile;
 use clap::Args;
 use clap::builder::PossibleValuesParser;
-use penumbra::bench::{BenchOptions, CASES, Row};
+use penumbra::bench::{BenchOptions, CASES};
 use penumbra::compositor::Gpu;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -19,7 +19,7 @@ pub struct BenchArgs {
     /// Part of the graphics adapter's name, or its number
     #[arg(long, value_name = "NAME")]
     adapter: Option<String>,
-    /// Frames per row of the table
+    /// Frames per row of the table; pictures of each camera
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     frames: Option<u32>,
     /// Another picture size than the case's
@@ -36,15 +36,19 @@ pub fn run(args: BenchArgs) -> anyhow::Result<ExitCode> {
         .as_deref()
         .map(|path| JsonFile::claim(path, args.force))
         .transpose()?;
-    let gpu = Gpu::open(args.adapter.as_deref())?;
     let options = BenchOptions {
         case: args.case,
         frames: args.frames,
         size: args.size,
     };
-    super::say(format_args!("adapter: {}", gpu.name));
-    super::say(Row::HEADING);
-    let report = penumbra::bench::run(&gpu, &options, &mut |row| super::say(row))?;
+    let gpu = if options.needs_gpu() {
+        let gpu = Gpu::open(args.adapter.as_deref())?;
+        super::say(format_args!("adapter: {}", gpu.name));
+        Some(gpu)
+    } else {
+        None
+    };
+    let report = penumbra::bench::run(gpu.as_ref(), &options, &mut |row| super::say(row))?;
     if let Some(json) = json {
         json.write(&report)?;
     }

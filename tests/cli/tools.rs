@@ -71,6 +71,42 @@ fn bench_writes_a_row_for_every_setting_of_the_paper() {
 }
 
 #[test]
+fn bench_tells_what_capturing_costs_thread_by_thread_without_a_graphics_device() {
+    let desk = Desk::new();
+    let line = "bench --case capture --adapter none-is-opened --frames 30 --size 320x240";
+    let said = desk.works(&format!("{line} --json bench.json"));
+    assert!(said.contains("two cameras, 320x240 JPEG"), "{said}");
+    assert!(!said.contains("adapter"), "{said}");
+    let report = desk.json("bench.json");
+    assert!(report["adapter"].is_null() && report["rows"] == serde_json::json!([]));
+    let row = &report["capture"][0];
+    assert_eq!((&row["width"], &row["height"]), (&320.into(), &240.into()));
+    for device in row["devices"].as_array().unwrap() {
+        // One second of 30 pictures, or of 120 readings; a busy machine may miss some.
+        let least = if device["device"] == "tracker" {
+            40
+        } else {
+            20
+        };
+        assert!(device["delivered"].as_u64() >= Some(least), "{device}");
+    }
+    assert!(row["prepared_with_pose"].as_u64() > Some(5), "{row}");
+    assert!(row["decode_ms"]["p50"].as_f64() > Some(0.0), "{row}");
+    let cost = |name: &str| {
+        let threads = row["threads"].as_array().unwrap();
+        let thread = threads.iter().find(|t| t["name"] == name);
+        thread.unwrap_or_else(|| panic!("{name}: {row}"))["percent_of_core"]
+            .as_f64()
+            .unwrap()
+    };
+    for name in ["scene-camera", "env-camera", "tracker", "prepare"] {
+        assert!(cost(name) > 0.0 && cost(name) < 150.0, "{name}: {row}");
+    }
+    assert!(cost("scene-camera") < cost("prepare"), "{row}");
+    assert!(cost("scene-camera") < 20.0, "{row}");
+}
+
+#[test]
 fn light_of_a_session_is_written_as_maps_and_lights() {
     let desk = Desk::new();
     let said = desk.works("light DESK --out light");

@@ -1,0 +1,173 @@
+//! What capturing costs: two cameras of 1280×720 at 30 pictures a second and a tracker,
+//! through the live rig's own threads up to the picture that is ready to be composed.
+//!
+//! The cameras replay a recording, so in the place of the kernel's waiting and copying
+//! their threads sleep and read a file from memory; the tracker is simulated behind a
+//! pseudo-terminal, which its driver cannot tell from a serial port.
+
+use super::camera_session::{CameraSession, RATE};
+use super::report::{CaptureRow, DeviceTally, Percentiles, ThreadCost};
+use super::simulated_tracker::PlayedTracker;
+use super::thread_time::{self, ThreadTimes};
+use super::{BenchError, BenchOptions};
+use crate::capture::{CameraSource, LiveDevice, TrackerSource};
+use crate::config::{Config, TrackerConfig};
+use crate::rig::prepare::{Preparation, Prepared, Step};
+use crate::rig::{Live, RigSetup, Source, live_settings};
+use crate::status::SharedStatus;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// Before anything is measured, devices open, caches fill and the first light is found.
+const WARM_UP: Duration = Duration::from_secs(1);
+/// Pictures of each camera without `--frames`: ten seconds.
+const FRAMES: u32 = 10 * RATE;
+
+pub(super) fn run(options: &BenchOptions) -> Result<CaptureRow, BenchError> {
+    let size = options.size.unwrap_or((1280, 720));
+    let session = CameraSession::write(size)?;
+    let tracker = PlayedTracker::start()?;
+    let config = config(session.path(), tracker.device());
+    let seconds = f64::from(options.frames.unwrap_or(FRAMES)) / f64::from(RATE);
+    let measured = Rig::start(&config)?.measure(Duration::from_secs_f64(seconds));
+    Ok(CaptureRow {
+        case: "capture".to_owned(),
+        width: size.0,
+        height: size.1,
+        frames_per_second: f64::from(RATE),
+        picture_kilobytes: session.picture_bytes / 1e3,
+        ..measured
+    })
+}
+
+fn config(session: &Path, tracker: Option<&str>) -> Config {
+    let camera = CameraSource::Replay(session.to_owned());
+    let mut config = Config {
+        environment_camera: Some(camera.clone()),
+        calibration: Some(session.to_owned()),
+        tracker: tracker.map(|device| {
+            TrackerSource::System(Box::new(TrackerConfig {
+                device: device.to_owned(),
+                ..TrackerConfig::default()
+            }))
+        }),
+        ..Config::default()
+    };
+    config.scene_camera.source = camera;
+    config
+}
+
+/// The live rig up to the compositor, which is not there.
+struct Rig {
+    preparation: Preparation,
+    live: Live,
+    stop: Arc<AtomicBool>,
+}
+
+impl Rig {
+    fn start(config: &Config) -> Result<Self, BenchError> {
+        let live = Live::new(config, true)?;
+        let source = Source::Live(live.clone());
+        let setup = RigSetup::read(&source, config)?;
+        let status = SharedStatus::new(live_settings(config));
+        let stop = Arc::<AtomicBool>::default();
+        let wished = status.settings_receiver();
+        let preparation = Preparation::start(&setup, config, &source, wished, stop.clone())?;
+        live.open()?;
+        Ok(Self {
+            preparation,
+            live,
+            stop,
+        })
+    }
+
+    fn measure(self, time: Duration) -> CaptureRow {
+        self.take(WARM_UP, |_| ());
+        let (before, earlier) = (thread_time::of_this_process(), self.tallies());
+        let mut tally = Tally::default();
+        let begun = Instant::now();
+        self.take(time, |prepared| tally.add(prepared));
+        let seconds = begun.elapsed().as_secs_f64();
+        let spent = thread_time::between(&before, &thread_time::of_this_process());
+        let cameras = since(&earlier, self.tallies());
+        self.stop.store(true, Ordering::Relaxed);
+        tally.row(seconds, cameras, &spent)
+    }
+
+    /// Takes what is prepared, as a compositor does that needs no time.
+    fn take(&self, time: Duration, mut each: impl FnMut(&Prepared)) {
+        let begun = Instant::now();
+        while begun.elapsed() < time {
+            match self.preparation.next() {
+                Some(Step::Frame(prepared)) => {
+                    each(&prepared);
+                    self.preparation.give_back(prepared.picture);
+                }
+                Some(_) => (),
+                None => return,
+            }
+        }
+    }
+
+    fn tallies(&self) -> Vec<DeviceTally> {
+        let hub = self.live.hub.counts();
+        let tally = |device: &LiveDevice, lost: u64| DeviceTally {
+            device: device.kind.label().to_owned(),
+            delivered: device.condition().received,
+            lost,
+        };
+        let lost = [hub.scene_superseded, hub.environment_lost, hub.tracker_lost];
+        let devices = self.live.supervised().iter().zip(lost);
+        devices.map(|(device, lost)| tally(device, lost)).collect()
+    }
+}
+
+fn since(earlier: &[DeviceTally], mut now: Vec<DeviceTally>) -> Vec<DeviceTally> {
+    for (tally, earlier) in now.iter_mut().zip(earlier) {
+        tally.delivered -= earlier.delivered;
+        tally.lost -= earlier.lost;
+    }
+    now
+}
+
+/// What was prepared.
+#[derive(Default)]
+struct Tally {
+    decoding: Vec<f64>,
+    lighting: Vec<f64>,
+    passed_over: u64,
+    posed: u64,
+}
+
+impl Tally {
+    fn add(&mut self, prepared: &Prepared) {
+        self.decoding.push(prepared.decoding.as_secs_f64() * 1e3);
+        self.lighting.push(prepared.lighting.as_secs_f64() * 1e3);
+        self.passed_over += prepared.passed_over;
+        self.posed += u64::from(prepared.world_from_camera.is_some());
+    }
+
+    fn row(self, seconds: f64, devices: Vec<DeviceTally>, spent: &ThreadTimes) -> CaptureRow {
+        let pictures = devices.first().map_or(0, |scene| scene.delivered).max(1);
+        let cost = |(name, nanos): (&String, &u64)| ThreadCost {
+            name: name.clone(),
+            percent_of_core: *nanos as f64 * 1e-7 / seconds,
+            ms_per_picture: *nanos as f64 * 1e-6 / pictures as f64,
+        };
+        let mut threads: Vec<_> = spent.iter().map(cost).collect();
+        threads.sort_by(|a, b| b.percent_of_core.total_cmp(&a.percent_of_core));
+        CaptureRow {
+            seconds,
+            devices,
+            prepared: self.decoding.len() as u64,
+            prepared_with_pose: self.posed,
+            passed_over: self.passed_over,
+            decode_ms: Percentiles::of(&self.decoding),
+            light_ms: Percentiles::of(&self.lighting),
+            threads,
+            ..CaptureRow::default()
+        }
+    }
+}

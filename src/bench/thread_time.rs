@@ -1,0 +1,74 @@
+//! What each thread of this process has cost so far.
+
+use std::collections::BTreeMap;
+
+/// Nanoseconds of processor time by thread name; threads of one name are added up.
+pub type ThreadTimes = BTreeMap<String, u64>;
+
+/// Of all threads that run now. Empty where the system does not tell.
+#[cfg(target_os = "linux")]
+#[must_use]
+pub fn of_this_process() -> ThreadTimes {
+    let mut times = ThreadTimes::new();
+    let tasks = std::fs::read_dir("/proc/self/task").into_iter().flatten();
+    for task in tasks.flatten() {
+        // A thread may end between the listing and the reading.
+        let read = |name: &str| std::fs::read_to_string(task.path().join(name)).ok();
+        let (Some(name), Some(spent)) = (read("comm"), read("schedstat").and_then(|s| spent(&s)))
+        else {
+            continue;
+        };
+        *times.entry(name.trim_end().to_owned()).or_default() += spent;
+    }
+    times
+}
+
+/// Of all threads that run now. Empty where the system does not tell.
+#[cfg(not(target_os = "linux"))]
+#[must_use]
+pub fn of_this_process() -> ThreadTimes {
+    ThreadTimes::new()
+}
+
+/// `schedstat`: nanoseconds on a processor, nanoseconds of waiting for one, turns. The
+/// times in `stat` come in hundredths of a second, which a capture thread spends in seconds.
+#[cfg(target_os = "linux")]
+fn spent(schedstat: &str) -> Option<u64> {
+    schedstat.split_whitespace().next()?.parse().ok()
+}
+
+/// What was spent from `before` to `after`.
+#[must_use]
+pub fn between(before: &ThreadTimes, after: &ThreadTimes) -> ThreadTimes {
+    let since = |(name, spent): (&String, &u64)| {
+        let earlier = before.get(name).copied().unwrap_or(0);
+        (name.clone(), spent.saturating_sub(earlier))
+    };
+    after.iter().map(since).collect()
+}
+
+#[cfg(all(test, target_os = "linux"))]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use std::time::{Duration, Instant};
+
+    #[test]
+    fn a_thread_that_works_costs_and_one_that_waits_does_not() {
+        let (told, hears) = crossbeam_channel::bounded::<()>(0);
+        let idle = crate::rig::threads::spawn("idle-thread", move || hears.recv()).unwrap();
+        let busy = crate::rig::threads::spawn("busy-thread", || {
+            let before = of_this_process();
+            let begun = Instant::now();
+            while begun.elapsed() < Duration::from_millis(60) {
+                std::hint::black_box(0);
+            }
+            between(&before, &of_this_process())
+        });
+        let spent = busy.unwrap().join().unwrap();
+        drop(told);
+        let _ = idle.join();
+        assert!(spent["busy-thread"] > 10_000_000, "{spent:?}");
+        assert!(spent["idle-thread"] < 5_000_000, "{spent:?}");
+    }
+}
