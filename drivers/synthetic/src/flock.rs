@@ -8,20 +8,34 @@ use std::f64::consts::PI;
 /// Full scale of the standard transmitter, metres.
 const FULL_SCALE: f64 = 36.0 * 0.0254;
 
-/// What the device has been told. One bird, address 1.
+/// Birds on the bus, addresses 1 to 4.
+const BIRDS: usize = 4;
+
+/// What the device has been told. The bird with address 1 has the serial port.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Flock {
     streaming: bool,
-    angles: bool,
     group: bool,
-    hemisphere: Option<DVec3>,
+    /// Birds that take part in group mode.
+    configured: Option<usize>,
+    birds: [Bird; BIRDS],
+    /// The next command is for this one.
+    addressed: Option<u8>,
     /// A command that waits for its parameters.
     command: Vec<u8>,
 }
 
+#[derive(Clone, Copy, Debug, Default)]
+struct Bird {
+    angles: bool,
+    hemisphere: Option<DVec3>,
+}
+
 impl Flock {
     pub(crate) fn set_as(&mut self, protocol: &str) {
-        self.angles = protocol.contains("angles");
+        for bird in &mut self.birds {
+            bird.angles = protocol.contains("angles");
+        }
         self.group = protocol.contains("group");
     }
 
@@ -34,6 +48,7 @@ impl Flock {
         for &byte in bytes {
             // RS232-to-FBB: the next command is for the bird with this address.
             if self.command.is_empty() && byte & 0xf0 == 0xf0 {
+                self.addressed = Some(byte & 0x0f);
                 continue;
             }
             self.command.push(byte);
@@ -45,14 +60,18 @@ impl Flock {
     }
 
     fn carry_out(&mut self, command: &[u8], pose: RigidTransform, out: &mut Vec<u8>) {
+        let address = usize::from(self.addressed.take().unwrap_or(1));
+        let Some(bird) = self.birds.get_mut(address.wrapping_sub(1)) else {
+            return;
+        };
         match *command {
             [b'B'] => {
                 self.streaming = false;
-                self.record(pose, out);
+                self.records(pose, out);
             }
             [b'@'] => self.streaming = true,
-            [b'Y'] => self.angles = true,
-            [b']'] => self.angles = false,
+            [b'Y'] => bird.angles = true,
+            [b']'] => bird.angles = false,
             [b'O', 1] => out.extend([3, 60]),
             [b'O', _] => out.extend([0, 0]),
             [b'L', axis, sign] => {
@@ -61,14 +80,32 @@ impl Flock {
                     0x06 => DVec3::Y,
                     _ => DVec3::Z,
                 };
-                self.hemisphere = Some(if sign == 0 { axis } else { -axis });
+                bird.hemisphere = Some(if sign == 0 { axis } else { -axis });
             }
             [b'P', 0x23, group] => self.group = group != 0,
+            [b'P', 0x32, birds] => self.configured = Some(usize::from(birds)),
             _ => {}
         }
     }
 
-    pub(crate) fn record(&self, pose: RigidTransform, out: &mut Vec<u8>) {
+    /// One record; in group mode one of every bird that takes part. All sit on one body,
+    /// 10 cm apart in y.
+    pub(crate) fn records(&self, pose: RigidTransform, out: &mut Vec<u8>) {
+        let count = if self.group {
+            self.configured.unwrap_or(1)
+        } else {
+            1
+        };
+        for (i, bird) in self.birds.iter().take(count).enumerate() {
+            let seat = RigidTransform::new(DQuat::IDENTITY, DVec3::Y * (0.1 * i as f64));
+            bird.record(pose * seat, out);
+            out.extend(self.group.then_some(i as u8 + 1));
+        }
+    }
+}
+
+impl Bird {
+    fn record(&self, pose: RigidTransform, out: &mut Vec<u8>) {
         let pose = mirrored(pose, self.hemisphere.unwrap_or(DVec3::X));
         let start = out.len();
         for value in (pose.translation / FULL_SCALE).to_array() {
@@ -84,7 +121,6 @@ impl Flock {
             [w, x, y, z].into_iter().for_each(|value| word(value, out));
         }
         out[start] |= 0x80;
-        out.extend(self.group.then_some(1));
     }
 }
 

@@ -6,7 +6,10 @@ use penumbra_interface::RigidTransform;
 
 const LINE_LIMIT: usize = 300;
 
-/// What the device has been told. One receiver.
+/// Receivers that are plugged in: all that a Patriot can have.
+const RECEIVERS: usize = 2;
+
+/// What the device has been told.
 #[derive(Clone, Debug)]
 pub(crate) struct Liberty {
     binary: bool,
@@ -14,6 +17,8 @@ pub(crate) struct Liberty {
     continuous: bool,
     items: Vec<u8>,
     hemisphere: DVec3,
+    /// What is plugged in is on after power-up.
+    on: [bool; RECEIVERS],
     line: Vec<u8>,
     patriot: bool,
     records_sent: u32,
@@ -27,6 +32,7 @@ impl Liberty {
             continuous: false,
             items: vec![2, 4, 1],
             hemisphere: DVec3::X,
+            on: [true; RECEIVERS],
             line: Vec::new(),
             patriot,
             records_sent: 0,
@@ -58,7 +64,7 @@ impl Liberty {
         match line {
             b"P" => {
                 self.continuous = false;
-                self.record(b'P', pose, out);
+                self.records(b'P', pose, out);
             }
             b"C" => self.continuous = true,
             b"F0" => self.binary = false,
@@ -66,6 +72,7 @@ impl Liberty {
             b"U0" => self.centimetres = false,
             b"U1" => self.centimetres = true,
             [0x16] => self.who(out),
+            [0x15, state @ ..] => self.switch(state, out),
             [b'O', b'*' | b'1', b',', items @ ..] => {
                 self.items = numbers(items).map(|value: f64| value as u8).collect();
             }
@@ -82,35 +89,66 @@ impl Liberty {
     fn who(&self, out: &mut Vec<u8>) {
         let name = if self.patriot { "Patriot" } else { "Liberty" };
         let text = format!("Polhemus Inc., simulated {name}, version 1.07\r\n");
+        self.answer(0x16, &text, out);
+    }
+
+    /// `^U`: a receiver on or off, or, of receiver 0, which are plugged in and which are on.
+    fn switch(&mut self, state: &[u8], out: &mut Vec<u8>) {
+        let state: Vec<f64> = numbers(state).collect();
+        match *state.as_slice() {
+            [0.0] => {
+                let bits = |on: [bool; RECEIVERS]| u16::from(on[0]) | u16::from(on[1]) << 1;
+                let text = format!("{:04X}{:04X}\r\n", bits([true; RECEIVERS]), bits(self.on));
+                self.answer(0x15, &text, out);
+            }
+            [station, state] => match self.on.get_mut((station as usize).wrapping_sub(1)) {
+                Some(on) => *on = state != 0.0,
+                None => self.answer(0x15, "*ERROR* no such station\r\n", out),
+            },
+            _ => self.answer(0x15, "*ERROR* wrong parameters\r\n", out),
+        }
+    }
+
+    fn answer(&self, command: u8, text: &str, out: &mut Vec<u8>) {
         if self.binary {
-            self.header(0x16, text.len(), out);
+            self.header((1, command), text.len(), out);
         }
         out.extend(text.bytes());
     }
 
-    fn header(&self, command: u8, body: usize, out: &mut Vec<u8>) {
+    fn header(&self, (station, command): (u8, u8), body: usize, out: &mut Vec<u8>) {
         out.extend(if self.patriot { b"PA" } else { b"LY" });
-        out.extend([1, command, b' ', 0]);
+        out.extend([station, command, b' ', 0]);
         out.extend((body as u16).to_le_bytes());
     }
 
     pub(crate) fn stream(&mut self, pose: RigidTransform, out: &mut Vec<u8>) {
-        self.record(b'C', pose, out);
+        self.records(b'C', pose, out);
+    }
+
+    /// One record of every receiver that is on. All sit on one body, 10 cm apart in y.
+    fn records(&mut self, command: u8, pose: RigidTransform, out: &mut Vec<u8>) {
+        for (i, on) in self.on.into_iter().enumerate() {
+            let seat = RigidTransform::new(DQuat::IDENTITY, DVec3::Y * (0.1 * i as f64));
+            if on {
+                self.record((i as u8 + 1, command), pose * seat, out);
+            }
+        }
     }
 
     /// In text mode a line of station, error and numbers.
-    fn record(&mut self, command: u8, pose: RigidTransform, out: &mut Vec<u8>) {
+    fn record(&mut self, (station, command): (u8, u8), pose: RigidTransform, out: &mut Vec<u8>) {
         self.records_sent += 1;
         let pose = mirrored(pose, self.hemisphere);
         let mut body = Vec::new();
         if !self.binary {
-            body.extend(b"01  ");
+            body.extend(format!("{station:02}  ").bytes());
         }
         for item in self.items.clone() {
             self.item(item, pose, &mut body);
         }
         if self.binary {
-            self.header(command, body.len(), out);
+            self.header((station, command), body.len(), out);
         }
         out.extend(body);
     }

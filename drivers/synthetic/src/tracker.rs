@@ -210,7 +210,7 @@ impl SimulatedTracker {
         match &mut self.machine {
             Machine::Fastrak(device) => device.records(pose, out),
             Machine::Liberty(device) => device.stream(pose, out),
-            Machine::Flock(device) => device.record(pose, out),
+            Machine::Flock(device) => device.records(pose, out),
             Machine::Freed(_) => Freed::record(pose, out),
             Machine::Csv => {
                 let began = self.began.unwrap_or(at);

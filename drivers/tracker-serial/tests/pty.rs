@@ -117,6 +117,49 @@ fn stations_that_are_wanted_are_switched_on_and_the_others_off() {
     assert_eq!(stations[..4], [2, 4, 2, 4]);
 }
 
+/// What the receivers of a simulated device say of each other: they sit 10 cm apart on one
+/// body, so a record taken for another receiver's, or read at another's length, would show.
+fn stations_heard(protocol: &str, wanted: Vec<u8>) -> Vec<u8> {
+    let device = Device::start(protocol, Faults::default());
+    let settings = TrackerSettings {
+        stations: wanted,
+        ..settings(protocol, &device)
+    };
+    let mut tracker = open(&settings).unwrap_or_else(|e| panic!("{protocol}: {e}"));
+    let (found, counters) = poses(&mut *tracker, protocol, 24);
+    assert_eq!((counters.resyncs, counters.implausible), (0, 0));
+    for sample in &found {
+        let body = penumbra_interface::RigidTransform::new(
+            glam::DQuat::IDENTITY,
+            glam::DVec3::Y * -0.1 * f64::from(sample.station - 1),
+        );
+        let mut body_sample = *sample;
+        body_sample.transmitter_from_sensor = sample.transmitter_from_sensor * body;
+        let furthest = furthest_from_path(&[body_sample]);
+        assert!(furthest < 1e-3, "{protocol}: {furthest} m, {sample:?}");
+    }
+    let mut stations: Vec<u8> = found.iter().map(|sample| sample.station).collect();
+    stations.truncate(6);
+    stations
+}
+
+#[test]
+fn a_flock_in_group_mode_tells_its_birds_apart() {
+    for protocol in ["flock-group", "flock-angles-group"] {
+        assert_eq!(stations_heard(protocol, vec![2]), [1, 2, 1, 2, 1, 2]);
+        assert_eq!(stations_heard(protocol, vec![1, 3]), [1, 2, 3, 1, 2, 3]);
+    }
+}
+
+#[test]
+fn a_libertys_receivers_are_switched_on_and_off() {
+    for protocol in ["liberty", "patriot", "liberty-euler"] {
+        assert_eq!(stations_heard(protocol, vec![2]), [2; 6]);
+        assert_eq!(stations_heard(protocol, vec![1]), [1; 6]);
+        assert_eq!(stations_heard(protocol, vec![2, 1]), [1, 2, 1, 2, 1, 2]);
+    }
+}
+
 #[test]
 fn hanging_up_is_noticed_at_once() {
     let mut device = Device::start("fastrak", Faults::default());

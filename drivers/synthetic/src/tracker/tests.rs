@@ -69,12 +69,22 @@ fn outside_its_hemisphere_a_fastrak_reports_the_mirror_image() {
 fn the_others_answer_too() {
     let mut liberty = device("liberty");
     assert!(answer(&mut liberty, b"\x16\r").starts_with(b"Polhemus"));
-    let record = answer(&mut liberty, b"O*,2,7\rF1\rP\r");
-    assert_eq!((&record[..4], record.len()), (&b"LY\x01P"[..], 8 + 28));
+    assert_eq!(answer(&mut liberty, b"\x150\r"), b"00030003\r\n");
+    let records = answer(&mut liberty, b"O*,2,7\rF1\rP\r");
+    assert_eq!((&records[..4], records.len()), (&b"LY\x01P"[..], 2 * 36));
+    assert_eq!(&records[36..40], b"LY\x02P");
+    let record = answer(&mut liberty, b"\x151,0\rP\r");
+    assert_eq!((&record[..4], record.len()), (&b"LY\x02P"[..], 36));
+    let refused = answer(&mut liberty, b"\x153,1\r");
+    assert!(refused.ends_with(b"no such station\r\n"), "{refused:?}");
     let mut flock = device("flock");
     assert_eq!(answer(&mut flock, b"O\x01"), [3, 60]);
     assert_eq!(answer(&mut flock, b"]B").len(), 14);
     assert_eq!(answer(&mut flock, b"P\x23\x01\xf1YB").len(), 13);
+    // Two birds, the second of which still sends quaternions; a fifth is not there.
+    let group = answer(&mut flock, b"P\x32\x02\xf5]B");
+    assert_eq!((group.len(), group[12], group[27]), (13 + 15, 1, 2));
+    assert_eq!(answer(&mut flock, b"\xf2YB").len(), 2 * 13);
     let mut freed = device("freed");
     assert_eq!(answer(&mut freed, &[0xd0, 1, 0xd1, 0x9e]).len(), 29);
     assert!(answer(&mut freed, &[0xd0, 1, 0xd1, 0x9f]).is_empty());

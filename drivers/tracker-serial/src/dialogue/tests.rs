@@ -94,9 +94,11 @@ fn a_mode_that_was_not_taken_is_a_warning() {
 
 #[test]
 fn the_others_are_told_their_modes() {
+    let receivers: String = (2..=16).map(|n| format!("\x15{n},0\r")).collect();
+    let polhemus = format!("P\rF0\r\x16\r\x151,1\r{receivers}O*,2,7\rU1\rH*,1,0,0\rF1\rC\r");
     for (protocol, expected) in [
-        ("liberty", "P\rF0\r\x16\rO*,2,7\rU1\rH*,1,0,0\rF1\rC\r"),
-        ("patriot", "P\rF0\r\x16\rO*,2,7\rU1\rH*,1,0,0\rF1\rC\r"),
+        ("liberty", polhemus.as_str()),
+        ("patriot", &polhemus),
         ("flock", "BO\x01L\0\0]@"),
         ("csv", ""),
     ] {
@@ -106,6 +108,25 @@ fn the_others_are_told_their_modes() {
     }
     let (said, end) = converse(&settings("freed"), simulated("freed"));
     assert_eq!(said, [0xd0, 0xff, 0x01, 0x70]);
+    assert!(matches!(end, Action::Done(_)), "{end:?}");
+}
+
+#[test]
+fn every_bird_up_to_the_wanted_one_is_told_its_mode() {
+    let third = TrackerSettings {
+        stations: vec![3],
+        ..settings("flock-group")
+    };
+    let (said, end) = converse(&third, simulated("flock-group"));
+    let mode = |bird: u8| [&[0xf0 | bird, b'L', 0, 0, 0xf0 | bird, b']'][..]].concat();
+    let expected = [
+        b"BO\x01P\x32\x03P\x23\x01".to_vec(),
+        mode(1),
+        mode(2),
+        mode(3),
+        b"@".to_vec(),
+    ];
+    assert_eq!(said, expected.concat());
     assert!(matches!(end, Action::Done(_)), "{end:?}");
 }
 

@@ -13,6 +13,8 @@ pub(crate) const POINT: u8 = b'B';
 pub(crate) const STREAM: u8 = b'@';
 /// Prefix that passes the next command on to the bird with this address.
 const TO_BIRD: u8 = 0xf0;
+/// Highest address that the prefix can name.
+const MOST_BIRDS: u8 = 14;
 
 /// Point mode, version, group mode where wanted, hemisphere and items, stream.
 pub(crate) fn greeting(settings: &TrackerSettings, format: &Format) -> Vec<Step> {
@@ -28,15 +30,14 @@ pub(crate) fn greeting(settings: &TrackerSettings, format: &Format) -> Vec<Step>
         },
     ];
     if format.group {
-        steps.extend(group(settings));
-    }
-    let birds: Vec<Option<u8>> = if format.group {
-        settings.stations.iter().copied().map(Some).collect()
+        let birds = birds(settings);
+        steps.extend(group(birds));
+        // Each of them sends records from now on, wanted or not, and one that sent other
+        // items would spoil its neighbours' as well.
+        let modes = (1..=birds).map(|bird| mode(Some(bird), settings.hemisphere, format));
+        steps.extend(modes.map(Step::Send));
     } else {
-        vec![None]
-    };
-    for bird in birds {
-        steps.push(Step::Send(mode(bird, settings.hemisphere, format)));
+        steps.push(Step::Send(mode(None, settings.hemisphere, format)));
     }
     steps.extend([
         Step::Pause(Duration::from_millis(50)),
@@ -47,10 +48,16 @@ pub(crate) fn greeting(settings: &TrackerSettings, format: &Format) -> Vec<Step>
     steps
 }
 
-/// Auto-configuration of as many birds as there are stations, then group mode. The manual
-/// wants 600 ms around the former.
-fn group(settings: &TrackerSettings) -> [Step; 4] {
-    let birds = u8::try_from(settings.stations.len()).unwrap_or(u8::MAX);
+/// Birds on the bus that take part: addresses count from 1 without gaps, so those below a
+/// wanted one are among them.
+fn birds(settings: &TrackerSettings) -> u8 {
+    let last = settings.stations.iter().copied().max();
+    last.unwrap_or(1).clamp(1, MOST_BIRDS)
+}
+
+/// Auto-configuration of so many birds, then group mode. The manual wants 600 ms around the
+/// former.
+fn group(birds: u8) -> [Step; 4] {
     [
         Step::Pause(Duration::from_millis(600)),
         Step::Send(vec![b'P', 0x32, birds]),

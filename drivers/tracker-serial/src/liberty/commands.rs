@@ -6,8 +6,12 @@ use crate::dialogue::{Answer, Step};
 use crate::settings::{TrackerSettings, Units};
 use std::time::Duration;
 
-/// Stop (`P` asks for one record and ends the continuous mode), text, who are you, items,
-/// units, hemisphere, binary, start.
+/// Receivers of the largest Liberty. A smaller device answers an error for those that it
+/// lacks, which is passed over.
+const STATIONS: std::ops::RangeInclusive<u8> = 1..=16;
+
+/// Stop (`P` asks for one record and ends the continuous mode), text, who are you,
+/// receivers, items, units, hemisphere, binary, start.
 pub(crate) fn greeting(settings: &TrackerSettings, format: &Format) -> Vec<Step> {
     vec![
         Step::Send(b"P\r".to_vec()),
@@ -23,6 +27,9 @@ pub(crate) fn greeting(settings: &TrackerSettings, format: &Format) -> Vec<Step>
             needed: false,
         },
         Step::Quiet,
+        Step::Send(stations(settings)),
+        Step::Pause(Duration::from_millis(50)),
+        Step::Quiet,
         Step::Send(mode(settings, format)),
         Step::Pause(Duration::from_millis(50)),
         Step::Quiet,
@@ -31,7 +38,20 @@ pub(crate) fn greeting(settings: &TrackerSettings, format: &Format) -> Vec<Step>
     ]
 }
 
-/// Items, units, hemisphere and encoding. All stations: which are on is the device's.
+/// `^U` (active station state): what is plugged in is on after power-up, and two receivers
+/// at 240 records a second are more than a line of 115200 baud carries. The wanted ones are
+/// switched on before the others go off, so that there is one at any time.
+fn stations(settings: &TrackerSettings) -> Vec<u8> {
+    let wanted = |station: &u8| settings.stations.contains(station);
+    let on = STATIONS.filter(wanted).map(|station| (station, 1));
+    let off = STATIONS.filter(|s| !wanted(s)).map(|station| (station, 0));
+    let commands = on.chain(off);
+    commands
+        .flat_map(|(station, state)| format!("\x15{station},{state}\r").into_bytes())
+        .collect()
+}
+
+/// Items, units, hemisphere and encoding of all stations.
 fn mode(settings: &TrackerSettings, format: &Format) -> Vec<u8> {
     let orientation = if format.euler { 4 } else { 7 };
     let units = match settings.units {
