@@ -3,9 +3,11 @@
 
 mod support;
 
+use penumbra::session::{Session, SessionEvent};
 use penumbra::status::LightsMode;
 use serde_json::Value;
 use std::io::{BufRead, BufReader};
+use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 use support::chromium::Chromium;
@@ -23,7 +25,7 @@ fn browser(test: &str) -> Option<Chromium> {
 /// Pictures for whoever works on the page: `PENUMBRA_SCREENSHOTS=DIR cargo test --test browser`.
 fn keep(name: &str, png: &[u8]) {
     if let Some(dir) = std::env::var_os("PENUMBRA_SCREENSHOTS") {
-        std::fs::write(std::path::Path::new(&dir).join(name), png).unwrap();
+        std::fs::write(Path::new(&dir).join(name), png).unwrap();
     }
 }
 
@@ -72,19 +74,45 @@ fn the_page_shows_moving_pictures_and_no_console_errors() {
     assert_eq!(browser.complaints(), [""; 0]);
 }
 
-/// The program itself, replaying the bundled session; killed when dropped.
+/// The bundled session.
+const SESSION: &str = concat!(
+    env!("CARGO_MANIFEST_DIR"),
+    "/tests/fixtures/sessions/desk.mcap"
+);
+
+/// The program itself; killed when dropped.
 struct Program(Child);
 
 impl Program {
-    /// With the address that it told.
-    fn start() -> (Self, String) {
-        let session = concat!(
-            env!("CARGO_MANIFEST_DIR"),
-            "/tests/fixtures/sessions/desk.mcap"
+    /// Plays the bundled session.
+    fn replay() -> (Self, String) {
+        Self::start(&["replay", SESSION, "--loop"])
+    }
+
+    /// A live rig whose cameras and tracker play the bundled session; it records into `folder`.
+    fn live(folder: &Path) -> (Self, String) {
+        let config = folder.join("rig.toml");
+        let device = format!("device = \"replay:{SESSION}\"");
+        let text = format!(
+            "[scene_camera]\n{device}\n[environment_camera]\n{device}\n[tracker]\n{device}\n\
+             [calibration]\nfrom = \"{SESSION}\"\n[recording]\nfolder = \"recordings\"\n\
+             longest_s = 600\nreserve_mb = 1\n"
         );
+        std::fs::write(&config, text).unwrap();
+        Self::start(&["run", "--config", config.to_str().unwrap()])
+    }
+
+    /// With the address that it told.
+    fn start(command: &[&str]) -> (Self, String) {
         let mut child = Command::new(env!("CARGO_BIN_EXE_penumbra"))
-            .args(["replay", session, "--loop", "--headless"])
-            .args(["--light-count", "8", "--listen", "127.0.0.1:0"])
+            .args(command)
+            .args([
+                "--headless",
+                "--light-count",
+                "8",
+                "--listen",
+                "127.0.0.1:0",
+            ])
             .stdout(Stdio::piped())
             .spawn()
             .unwrap();
@@ -109,7 +137,7 @@ fn a_replays_own_page_moves_and_its_settings_take_hold() {
     let Some(mut browser) = browser("a_replays_own_page_moves_and_its_settings_take_hold") else {
         return;
     };
-    let (_program, address) = Program::start();
+    let (_program, address) = Program::replay();
     browser.resize(1280, 800);
     browser.open(&address);
     browser.wait_for("document.body.dataset.link === 'up'");
@@ -133,6 +161,72 @@ fn a_replays_own_page_moves_and_its_settings_take_hold() {
     keep("replay-without.png", &browser.screenshot(false));
     assert!(red(&without) < 500, "{} red pixels", red(&without));
     assert_eq!(browser.complaints(), [""; 0]);
+}
+
+/// Megabytes that the page says were recorded.
+const MEGABYTES: &str = "parseFloat((document.getElementById('recording-facts').textContent.match(/([0-9.]+) MB/) ?? [])[1])";
+
+#[test]
+fn the_record_button_records_a_live_rig() {
+    let Some(mut browser) = browser("the_record_button_records_a_live_rig") else {
+        return;
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let (_program, address) = Program::live(folder.path());
+    browser.resize(1280, 800);
+    browser.open(&address);
+    browser.wait_for("document.body.dataset.link === 'up'");
+    browser.wait_for("document.getElementById('picture').naturalWidth === 640");
+    browser.wait_for("document.getElementById('record').checkVisibility()");
+    let pill = |browser: &mut Chromium| {
+        browser.evaluate("document.getElementById('recording-pill').textContent")
+    };
+    assert_eq!(pill(&mut browser), "not recording");
+
+    browser.evaluate("document.getElementById('record').click()");
+    browser.wait_for("document.getElementById('recording-pill').textContent === 'recording'");
+    browser.wait_for("document.getElementById('record').textContent === 'Stop recording'");
+    browser.wait_for(&format!("{MEGABYTES} > 0.2"));
+    let earlier = browser.evaluate(MEGABYTES).as_f64().unwrap();
+    browser.wait_for(&format!("{MEGABYTES} > {earlier} + 0.5"));
+    // Ten minutes at most, as the configuration says; or less, where the disk is fuller.
+    let facts = browser.evaluate("document.getElementById('recording-facts').textContent");
+    let facts = facts.as_str().unwrap();
+    assert!(
+        facts.contains(" left · ") && facts.contains(" free"),
+        "{facts}"
+    );
+    keep("recording.png", &browser.screenshot(false));
+
+    browser.wait_for("!document.getElementById('record').disabled");
+    browser.evaluate("document.getElementById('record').click()");
+    browser.wait_for("document.getElementById('recording-pill').textContent === 'recorded'");
+    browser.wait_for("document.getElementById('record').textContent === 'Record'");
+    let shown = browser.evaluate(MEGABYTES).as_f64().unwrap();
+    assert_eq!(browser.complaints(), [""; 0]);
+
+    let mut files = std::fs::read_dir(folder.path().join("recordings")).unwrap();
+    let file = files.next().unwrap().unwrap().path();
+    assert!(files.next().is_none(), "one press, one file");
+    let bytes = std::fs::metadata(&file).unwrap().len() as f64;
+    assert!(
+        (bytes / 1e6 - shown).abs() < 0.11,
+        "{bytes} bytes, {shown} MB shown"
+    );
+    let (mut scene, mut environment, mut tracker) = (0, 0, 0);
+    for event in Session::open(&file).unwrap().events() {
+        match event.unwrap() {
+            SessionEvent::Scene(_) => scene += 1,
+            SessionEvent::Environment(_) => environment += 1,
+            SessionEvent::TrackerBytes { .. } => tracker += 1,
+            _ => {}
+        }
+    }
+    let counts = (scene, environment, tracker);
+    assert!(
+        scene >= 10 && environment >= 10 && tracker >= 20,
+        "{counts:?}"
+    );
 }
 
 #[test]
