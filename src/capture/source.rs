@@ -1,6 +1,6 @@
 //! The ways of having a device: real ones and replayed ones are siblings.
 
-use super::drivers;
+use super::{Maker, drivers};
 use crate::session::{Camera as Stream, Session, SessionError, SessionEvent};
 use penumbra_interface::{
     Camera, CameraSettings, Clock, DeviceError, Frame, Tracker, TrackerBytes,
@@ -21,6 +21,8 @@ pub enum CameraSource {
     System(CameraSettings),
     /// One that plays what was recorded of it.
     Replay(PathBuf),
+    /// One that the library's user brings along.
+    Made(Maker<dyn Camera>),
 }
 
 /// How a tracker is had.
@@ -30,6 +32,8 @@ pub enum TrackerSource {
     System(Box<crate::config::TrackerConfig>),
     /// One that plays what was recorded of it.
     Replay(PathBuf),
+    /// One that the library's user brings along.
+    Made(Maker<dyn Tracker>),
 }
 
 /// The recordings that are played, each with one time for all its devices.
@@ -84,6 +88,7 @@ impl CameraSource {
             Self::System(settings) if settings.device.is_empty() => "the only camera".to_owned(),
             Self::System(settings) => settings.device.clone(),
             Self::Replay(path) => name_of(path),
+            Self::Made(maker) => maker.name().to_owned(),
         }
     }
 
@@ -99,6 +104,7 @@ impl CameraSource {
     ) -> Result<Box<dyn Camera>, DeviceError> {
         match self {
             Self::System(settings) => drivers::open_camera(settings, Arc::clone(clock)),
+            Self::Made(maker) => maker.open(clock),
             Self::Replay(path) => {
                 let recording = recordings.open(path, clock)?;
                 let session = recording.session;
@@ -118,6 +124,7 @@ impl TrackerSource {
         match self {
             Self::System(config) => config.device.clone(),
             Self::Replay(path) => name_of(path),
+            Self::Made(maker) => maker.name().to_owned(),
         }
     }
 
@@ -132,6 +139,7 @@ impl TrackerSource {
     ) -> Result<Box<dyn Tracker>, DeviceError> {
         match self {
             Self::System(config) => drivers::open_tracker(config),
+            Self::Made(maker) => maker.open(clock),
             Self::Replay(path) => {
                 let Recording { session, timeline } = recordings.open(path, clock)?;
                 let Some(protocol) = session.tracker_protocol().map(str::to_owned) else {
