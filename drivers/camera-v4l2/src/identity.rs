@@ -63,29 +63,47 @@ fn usb_name(usb: &UsbIdentity) -> String {
 /// All video device files, in the order of their numbers.
 pub(crate) fn all(roots: &Roots) -> Vec<Place> {
     let (by_id, by_path) = (links(roots, "by-id"), links(roots, "by-path"));
-    let named = |names: &[(String, String)], node: &str| {
-        let found = names.iter().find(|(_, target)| target == node)?;
+    let named = |names: &[(String, String)], node: &str, usb: Option<&UsbIdentity>| {
+        let mut names = names.iter().filter(|(_, target)| target == node);
+        let found = names.find(|(name, _)| usb.is_none_or(|usb| may_be(name, usb)))?;
         Some(found.0.clone())
     };
     let mut numbered: Vec<(u32, Place)> = names_in(&roots.dev)
         .filter_map(|name| {
             let number: u32 = name.strip_prefix("video")?.parse().ok()?;
             let class = roots.sys.join("class/video4linux").join(&name);
+            let usb = usb(&class);
             let place = Place {
                 node: roots.dev.join(&name),
                 index: line(&class.join("index"))
                     .and_then(|n| n.parse().ok())
                     .unwrap_or(0),
                 name: line(&class.join("name")).unwrap_or_default(),
-                by_id: named(&by_id, &name),
-                by_path: named(&by_path, &name),
-                usb: usb(&class),
+                by_id: named(&by_id, &name, usb.as_ref()),
+                by_path: named(&by_path, &name, None),
+                usb,
             };
             Some((number, place))
         })
         .collect();
     numbered.sort_by_key(|(number, _)| *number);
     numbered.into_iter().map(|(_, place)| place).collect()
+}
+
+/// Whether a name under `by-id` may be that of this USB device, by its serial number.
+///
+/// The kernel gives a number that has become free to the next camera at once, and udev
+/// renews the links a little later: until then a link may lead to another camera.
+fn may_be(by_id: &str, usb: &UsbIdentity) -> bool {
+    // udev replaces some characters, and leaves a serial number out that has worse ones.
+    let replaced =
+        |text: &str| -> String { text.chars().filter(char::is_ascii_alphanumeric).collect() };
+    let is_odd = |c: char| c == ',' || !(c == ' ' || c.is_ascii_graphic());
+    let serial = usb
+        .serial
+        .as_deref()
+        .filter(|serial| !serial.contains(is_odd));
+    serial.is_none_or(|serial| replaced(by_id).contains(&replaced(serial)))
 }
 
 fn names_in(folder: &Path) -> impl Iterator<Item = String> {
@@ -147,6 +165,12 @@ pub(crate) fn resolve(
     if device.starts_with('/') {
         let node = fs::canonicalize(device).map_err(|_| missing())?;
         let known = places.into_iter().find(|place| place.node == node);
+        if let Some(usb) = known.as_ref().and_then(|place| place.usb.as_ref())
+            && let Ok(name) = Path::new(device).strip_prefix(roots.dev.join("v4l/by-id"))
+            && !may_be(&name.to_string_lossy(), usb)
+        {
+            return Err(missing());
+        }
         return Ok(known.unwrap_or(Place {
             node,
             ..Place::default()

@@ -30,8 +30,18 @@ fn machine() -> (TempDir, Roots) {
             );
         }
     }
-    link(&roots, "by-id", "usb-046d_C270_AAA-video-index0", "video0");
-    link(&roots, "by-id", "usb-046d_C270_AAA-video-index1", "video1");
+    link(
+        &roots,
+        "by-id",
+        "usb-046d_C270_AAA:1-video-index0",
+        "video0",
+    );
+    link(
+        &roots,
+        "by-id",
+        "usb-046d_C270_AAA:1-video-index1",
+        "video1",
+    );
     let platform = roots.sys.join("devices/platform/vivid.0");
     fs::create_dir_all(&platform).unwrap();
     add_node(&roots, "video10", 0, &platform);
@@ -97,7 +107,7 @@ fn every_identity_finds_its_camera_again() {
 fn identities_prefer_what_survives_replugging() {
     let (_root, roots) = machine();
     let identities: Vec<String> = all(&roots).iter().map(|p| p.identity(Some("b"))).collect();
-    assert_eq!(identities[0], "usb-046d_C270_AAA-video-index0");
+    assert_eq!(identities[0], "usb-046d_C270_AAA:1-video-index0");
     assert_eq!(identities[2], "usb:046d:0825:BBB");
     assert_eq!(identities[4], "bus:b");
 }
@@ -106,8 +116,8 @@ fn identities_prefer_what_survives_replugging() {
 fn cameras_are_named_in_many_ways() {
     let (_root, roots) = machine();
     for (device, expected) in [
-        ("usb-046d_C270_AAA-video-index0", "video0"),
-        ("usb-046d_C270_AAA", "video0"),
+        ("usb-046d_C270_AAA:1-video-index0", "video0"),
+        ("usb-046d_C270_AAA:1", "video0"),
         ("pci-usb-1-2", "video2"),
         ("pci-usb-1-2-video-index0", "video2"),
         ("usb:046D:0825:AAA:1", "video0"),
@@ -118,6 +128,34 @@ fn cameras_are_named_in_many_ways() {
     }
     let by_link = roots.dev.join("v4l/by-path/pci-usb-1-2-video-index0");
     assert_eq!(node(by_link.to_str().unwrap(), &roots).unwrap(), "video2");
+}
+
+/// Both cameras were plugged in again and have changed their numbers; udev is not done yet.
+#[test]
+fn a_link_that_leads_to_another_camera_leads_nowhere() {
+    let (_root, roots) = machine();
+    let serial = |usb: &str, serial: &str| {
+        let device = roots.sys.join("devices/usb1").join(usb);
+        fs::write(device.join("serial"), serial).unwrap();
+    };
+    serial("1-1", "BBB\n");
+    serial("1-2", "AAA:1\n");
+    let link = roots.dev.join("v4l/by-id/usb-046d_C270_AAA:1-video-index0");
+    for device in ["usb-046d_C270_AAA:1", link.to_str().unwrap()] {
+        let error = node(device, &roots).unwrap_err();
+        assert!(matches!(error, DeviceError::NotFound { .. }), "{error}");
+    }
+    assert_eq!(node("usb:046d:0825:AAA:1", &roots).unwrap(), "video2");
+    assert_eq!(all(&roots)[0].by_id, None);
+    // udev writes odd characters otherwise, or leaves such a number out of the name.
+    for written in ["AAA 1\n", "A-A.A_1\n", "AAA,2\n", "Sériennummer\n"] {
+        serial("1-1", written);
+        assert_eq!(
+            node("usb-046d_C270_AAA:1", &roots).unwrap(),
+            "video0",
+            "{written}"
+        );
+    }
 }
 
 #[test]
