@@ -1,6 +1,7 @@
 //! The program under test, run as a user would.
 
 use rustix::process::{Pid, Signal, kill_process};
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
@@ -47,6 +48,18 @@ impl Running {
     /// What it said so far.
     pub fn said(&self) -> String {
         std::fs::read_to_string(&self.log).unwrap_or_default()
+    }
+
+    /// Nanoseconds on a processor so far, by thread name.
+    pub fn thread_times(&self) -> BTreeMap<String, u64> {
+        let tasks = format!("/proc/{}/task", self.child.id());
+        let tasks = std::fs::read_dir(tasks).into_iter().flatten().flatten();
+        let times = tasks.filter_map(|task| {
+            let read = |name: &str| std::fs::read_to_string(task.path().join(name)).ok();
+            let spent = read("schedstat")?.split(' ').next()?.parse().ok()?;
+            Some((read("comm")?.trim_end().to_owned(), spent))
+        });
+        times.collect()
     }
 
     /// Waits ten seconds for something to become true, or for the program to end, which is a

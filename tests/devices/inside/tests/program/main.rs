@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 #![allow(clippy::disallowed_methods)] // a test has no rig to start its threads
 
+mod cost;
 mod devices;
 mod faults;
 mod record;

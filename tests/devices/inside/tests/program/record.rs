@@ -83,7 +83,8 @@ fn leaves_a_readable_session_when_it_is_killed() {
     keep(&recorder.file, "killed.mcap");
 }
 
-fn monotonic_nanos() -> u64 {
+/// The recording's clock.
+pub fn monotonic_nanos() -> u64 {
     let now = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic);
     now.tv_sec as u64 * 1_000_000_000 + now.tv_nsec as u64
 }

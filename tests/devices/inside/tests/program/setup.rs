@@ -81,13 +81,18 @@ pub struct Recorder {
     pub program: Running,
 }
 
-/// Starts to record; `more` are further arguments.
+/// Starts to record the rig; `more` are further arguments.
 pub fn record(name: &str, light: &Light, with_tracker: bool, more: &[&str]) -> Recorder {
     ready();
     let folder = Path::new("/tmp").join(name);
     std::fs::create_dir_all(&folder).unwrap();
     let config = config(&folder, light, with_tracker);
-    let file = folder.join("session.mcap");
+    start(name, &config, more)
+}
+
+/// Starts to record what a configuration names, beside that.
+pub fn start(name: &str, config: &Path, more: &[&str]) -> Recorder {
+    let file = config.with_file_name("session.mcap");
     let mut arguments = vec![
         "record",
         file.to_str().unwrap(),
