@@ -2,21 +2,21 @@
 
 use super::BenchError;
 
-/// What its thread is called, so that its cost is not taken for the rig's.
-pub(super) const THREAD: &str = "simulated";
-
 #[cfg(unix)]
 pub(super) use at_pty::PlayedTracker;
 
 #[cfg(unix)]
 mod at_pty {
-    use super::{BenchError, THREAD};
+    use super::BenchError;
     use crate::rig::threads;
     use penumbra_interface::SystemClock;
     use penumbra_synthetic::{Faults, Pty, SimulatedTracker, Source, Trajectory, serve};
     use std::sync::Arc;
     use std::sync::atomic::{AtomicBool, Ordering};
     use std::thread::JoinHandle;
+
+    /// What its thread is called, so that its cost is not taken for the rig's.
+    const THREAD: &str = "simulated";
 
     /// A FASTRAK that turns around a point and answers commands. Dropping it ends it.
     pub struct PlayedTracker {

@@ -1,7 +1,7 @@
 //! The port for status, the display, its libraries, and the disk.
 
 use super::{Check, DoctorOptions};
-use std::io::ErrorKind;
+use std::io::{self, ErrorKind};
 use std::net::{SocketAddr, TcpListener};
 use std::path::{Path, PathBuf};
 
@@ -25,9 +25,13 @@ const WAYLAND_LIBRARIES: [(&str, &str); 2] = [
 ];
 
 pub(super) fn examine(options: &DoctorOptions) -> Vec<Check> {
-    let display = Display::from_environment();
-    let mut checks = vec![port(options.listen), display.check()];
-    checks.extend(display.libraries(&options.root));
+    let mut checks = vec![port(options.listen)];
+    // macOS and Windows have one always.
+    if cfg!(all(unix, not(target_os = "macos"))) {
+        let display = Display::from_environment();
+        checks.push(display.check());
+        checks.extend(display.libraries(&options.root));
+    }
     checks.push(disk(&options.recordings));
     checks
 }
@@ -151,17 +155,27 @@ fn library_folders(root: &Path) -> Vec<PathBuf> {
 
 fn disk(folder: &Path) -> Check {
     let shown = folder.display();
-    match rustix::fs::statvfs(folder) {
+    match free_bytes(folder) {
         Err(error) => Check::fail(
             "disk",
             format!("{shown} cannot be looked at ({error})"),
             format!("mkdir -p {shown}"),
         ),
-        Ok(space) => room(
-            &shown.to_string(),
-            space.f_bavail.saturating_mul(space.f_frsize),
-        ),
+        Ok(Some(bytes)) => room(&shown.to_string(), bytes),
+        Ok(None) => Check::ok("disk", format!("{shown} is there; its room was not asked")),
     }
+}
+
+/// Room for us on a folder's disk; `None` where the system is not asked.
+#[cfg(unix)]
+fn free_bytes(folder: &Path) -> io::Result<Option<u64>> {
+    let disk = rustix::fs::statvfs(folder)?;
+    Ok(Some(disk.f_bavail.saturating_mul(disk.f_frsize)))
+}
+
+#[cfg(not(unix))]
+fn free_bytes(folder: &Path) -> io::Result<Option<u64>> {
+    std::fs::metadata(folder).map(|_| None)
 }
 
 fn room(shown: &str, free_bytes: u64) -> Check {

@@ -4,6 +4,7 @@
 //! GPUs and serial ports (`devices`) and at ports, display and disk (`machine`), and
 //! changes nothing: no device is opened but the GPU.
 
+#[cfg(unix)]
 mod devices;
 mod graphics;
 mod machine;
@@ -147,6 +148,8 @@ impl fmt::Display for Check {
 #[must_use]
 pub fn examine(options: &DoctorOptions) -> Report {
     let mut checks = graphics::examine(options);
+    // Elsewhere devices are no files, and no groups own them.
+    #[cfg(unix)]
     checks.extend(devices::examine(&options.root));
     checks.extend(machine::examine(options));
     Report { checks }

@@ -2,7 +2,7 @@
 
 use crate::Outlet;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use rustix::io::Errno;
+use rustix::io::{Errno, FdFlags, fcntl_setfd};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, ioctl_tiocnxcl, tcgetattr, tcsetattr};
 use std::fs::{File, OpenOptions};
@@ -30,7 +30,9 @@ impl Pty {
     /// # Errors
     /// What the operating system says.
     pub fn open() -> io::Result<Self> {
-        let device = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC)?;
+        let device = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY)?;
+        // macOS does not take this as a flag of `openpt`.
+        fcntl_setfd(&device, FdFlags::CLOEXEC)?;
         grantpt(&device)?;
         unlockpt(&device)?;
         rustix::io::ioctl_fionbio(&device, true)?;
