@@ -47,7 +47,7 @@ test-devices: toolchain ## Real kernel cameras and serial ports, in a small VM; 
 advisories: ## Known security holes in dependencies (needs the network)
 	cargo deny --locked check advisories
 
-bench: build ## The paper's table 1 on this machine; ARGS="--case supan --json FILE"
+bench: build ## The paper's table 1 on this machine, and what capturing costs; ARGS="--case supan --json FILE"
 	@$(UNPACKED) $(PENUMBRA) bench $(ARGS)
 
 bench-table: build ## The same, put into ARCHITECTURE.md
