@@ -176,6 +176,7 @@ fn lighting(count: u32) -> Lighting {
         irradiance,
         lights,
         ground_radiance: Vec3::splat(0.3),
+        faces: None,
     }
 }
 

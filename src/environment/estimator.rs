@@ -256,6 +256,7 @@ impl EnvironmentEstimator {
             irradiance,
             lights: pinned(lights, &irradiance, self.settings.ground),
             ground_radiance,
+            faces: None,
         }
     }
 

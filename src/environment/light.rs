@@ -95,4 +95,7 @@ pub struct Lighting {
     /// Mean radiance leaving the ground around the objects (what the lower hemisphere was
     /// filled with).
     pub ground_radiance: Vec3,
+    /// What the luminance parameters of shadowing planes are summed from, where they are
+    /// wanted.
+    pub faces: Option<Arc<super::geodesic::FaceLight>>,
 }

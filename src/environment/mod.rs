@@ -19,6 +19,7 @@ pub mod dome;
 pub mod equirect;
 pub mod estimator;
 mod fisheye;
+pub mod geodesic;
 pub mod harmonics;
 pub mod hdr;
 pub mod light;

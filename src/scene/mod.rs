@@ -12,6 +12,7 @@ pub mod lamps;
 pub mod mesh;
 pub mod near_field;
 mod normals;
+pub mod planes;
 pub mod ply;
 pub mod primitives;
 pub mod raycast;

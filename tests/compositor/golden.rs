@@ -89,6 +89,7 @@ fn room() -> Lighting {
         irradiance: HarmonicsTable::new(&fine.directions, &fine.solid_angles).project(&sky),
         lights,
         ground_radiance: Vec3::new(0.25, 0.22, 0.2),
+        faces: None,
     }
 }
 

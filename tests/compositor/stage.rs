@@ -210,6 +210,7 @@ pub fn lighting(lights: Vec<DomeLight>, radiance: f32) -> Lighting {
         irradiance: harmonics(&lights),
         lights,
         ground_radiance: Vec3::splat(radiance),
+        faces: None,
     }
 }
 

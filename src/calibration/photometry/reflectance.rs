@@ -301,6 +301,7 @@ mod tests {
                 light(Vec3::new(-0.6, 0.0, 0.8), 1.0, LightKind::Cell),
             ],
             ground_radiance: Vec3::ZERO,
+            faces: None,
         }
     }
 
