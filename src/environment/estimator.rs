@@ -18,6 +18,7 @@ use super::sources::{LUMINANCE, Layout, SampleGrid, Source, SourceFinder, Source
 use super::view::PlacedView;
 use crate::calibration::Response;
 use crate::calibration::rig::EnvironmentView;
+use faces::{FaceTable, Filling};
 use glam::{Mat3, Vec3};
 use penumbra_interface::MonotonicTime;
 use std::sync::Arc;
@@ -71,6 +72,7 @@ pub struct EnvironmentEstimator {
     generation: u64,
     /// How many times brighter than white clipped pixels are, by the scene's shadows.
     shadow_factor: Option<f32>,
+    faces: Option<FaceTable>,
 }
 
 enum Dome {
@@ -110,7 +112,7 @@ impl EnvironmentEstimator {
             CubeGrid::new(FINE_SIZE),
             place(view, &settings, hidden, &grid)?,
         );
-        Ok(Self {
+        let mut estimator = Self {
             view: view.clone(),
             placed,
             merger: BracketMerger::new(response),
@@ -130,7 +132,10 @@ impl EnvironmentEstimator {
             grid,
             fine,
             settings,
-        })
+            faces: None,
+        };
+        estimator.lay_faces(glam::Quat::IDENTITY);
+        Ok(estimator)
     }
 
     /// Settings in force.
@@ -249,6 +254,12 @@ impl EnvironmentEstimator {
             ),
         };
         self.generation += 1;
+        let filling = Filling {
+            full: &full,
+            around: &around,
+            ground_radiance,
+        };
+        let faces = self.face_light(input.gains, &filling);
         Lighting {
             captured_at: input.captured_at,
             generation: self.generation,
@@ -256,7 +267,7 @@ impl EnvironmentEstimator {
             irradiance,
             lights: pinned(lights, &irradiance, self.settings.ground),
             ground_radiance,
-            faces: None,
+            faces,
         }
     }
 
@@ -288,22 +299,22 @@ impl EnvironmentEstimator {
 
     /// The whole sphere: `around` where nothing is seen, and the ground below the horizon.
     fn filled(&self, texels: &[Vec3], around: &[Vec3], ground_radiance: Vec3) -> Vec<Vec3> {
-        let rows = texels
-            .iter()
-            .zip(around)
-            .zip(&self.coverage)
-            .zip(&self.grid.directions);
-        rows.map(|(((texel, around), coverage), direction)| {
-            let up = if self.ground_below() {
-                smoothstep(GROUND_FROM, 0.02, direction.z)
-            } else {
-                1.0
-            };
-            ground_radiance
-                .lerp(*around, up)
+        let rows = texels.iter().zip(&self.coverage).enumerate();
+        rows.map(|(i, (texel, coverage))| {
+            self.unseen(i, around, ground_radiance)
                 .lerp(*texel, coverage.clamp(0.0, 1.0))
         })
         .collect()
+    }
+
+    /// What is taken to be at a texel as far as it is not seen.
+    fn unseen(&self, texel: usize, around: &[Vec3], ground_radiance: Vec3) -> Vec3 {
+        let up = if self.ground_below() {
+            smoothstep(GROUND_FROM, 0.02, self.grid.directions[texel].z)
+        } else {
+            1.0
+        };
+        ground_radiance.lerp(around[texel], up)
     }
 
     /// Whether what is not seen below the horizon is taken to be ground.
@@ -458,6 +469,8 @@ fn smoothstep(low: f32, high: f32, x: f32) -> f32 {
     t * t * (3.0 - 2.0 * t)
 }
 
+#[path = "estimator_faces.rs"]
+mod faces;
 #[path = "estimator_moving.rs"]
 mod moving;
 #[path = "estimator_queries.rs"]

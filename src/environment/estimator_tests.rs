@@ -14,7 +14,7 @@ use std::f32::consts::PI;
 
 const EVS: [f64; 4] = [0.0, -5.0, -10.0, -15.0];
 
-fn fisheye(turn: f64) -> EnvironmentView {
+pub(super) fn fisheye(turn: f64) -> EnvironmentView {
     EnvironmentView::Fisheye {
         lens: FisheyeLens {
             width: 480,
@@ -28,7 +28,7 @@ fn fisheye(turn: f64) -> EnvironmentView {
     }
 }
 
-fn sphere(in_scene: bool) -> (EnvironmentView, RigidTransform, PinholeCamera) {
+pub(super) fn sphere(in_scene: bool) -> (EnvironmentView, RigidTransform, PinholeCamera) {
     let forward = DVec3::new(-0.43, 0.66, -0.61).normalize();
     let right = forward.cross(DVec3::Z).normalize();
     let rotation = DMat3::from_cols(right, forward.cross(right), forward);
@@ -60,7 +60,7 @@ fn sphere(in_scene: bool) -> (EnvironmentView, RigidTransform, PinholeCamera) {
 }
 
 /// Renders what the view would record of an environment, 3×3 samples a pixel.
-fn photograph(
+pub(super) fn photograph(
     placed: &PlacedView,
     reflectance: Vec3,
     ev: f64,
@@ -90,24 +90,26 @@ fn photograph(
     }
 }
 
-struct Rig {
+pub(super) struct Rig {
     placed: PlacedView,
     reflectance: Vec3,
-    estimator: EnvironmentEstimator,
+    pub estimator: EnvironmentEstimator,
+    pub gains: Mat3,
     frame: i64,
 }
 
 impl Rig {
-    fn new(view: &EnvironmentView, settings: EnvironmentSettings) -> Self {
+    pub fn new(view: &EnvironmentView, settings: EnvironmentSettings) -> Self {
         Self {
             placed: PlacedView::new(view, None, None).unwrap(),
             reflectance: per_reflectance(view).recip(),
             estimator: EnvironmentEstimator::new(view, &Response::srgb(), settings, None).unwrap(),
+            gains: Mat3::IDENTITY,
             frame: 0,
         }
     }
 
-    fn see(&mut self, environment: &dyn Fn(Vec3) -> Vec3, ground: Vec3) -> Arc<Lighting> {
+    pub fn see(&mut self, environment: &dyn Fn(Vec3) -> Vec3, ground: Vec3) -> Arc<Lighting> {
         let pictures = EVS.map(|ev| photograph(&self.placed, self.reflectance, ev, environment));
         let brackets: Vec<Bracket> = pictures
             .iter()
@@ -119,7 +121,7 @@ impl Rig {
             .update(&EnvironmentInput {
                 brackets: &brackets,
                 scene: None,
-                gains: Mat3::IDENTITY,
+                gains: self.gains,
                 ground_radiance: Some(ground),
                 measured_ground_irradiance: None,
                 hidden: None,

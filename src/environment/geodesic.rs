@@ -1,9 +1,30 @@
 //! The light of the papers on shadowing planes (Kakuta et al. 2004, 2007): the triangles of a
 //! geodesic dome, Class I, over the upper hemisphere, and which pixel of the environment lies
 //! in which.
+//!
+//! The dome is an icosahedron that stands on a corner, each of whose triangles is divided
+//! into frequency² smaller ones by straight lines, projected onto the sphere from its centre.
+//! With an even frequency the horizon runs along edges, so that the upper half is a number of
+//! whole triangles; odd frequencies would have triangles cut by the horizon, and are refused.
 
-use glam::Vec3;
-use std::sync::Arc;
+mod build;
+mod membership;
+mod six;
+
+pub use membership::{FaceLight, Membership, sum_faces, sum_faces_into};
+pub use six::SixGroups;
+
+use super::resample::triangle_solid_angle;
+use glam::{DMat3, DVec3, Vec3};
+
+/// Greatest frequency: 2560 triangles, four degrees wide.
+pub const MOST_FREQUENCY: u32 = 16;
+/// Marks a small triangle below the horizon.
+const BELOW: u32 = u32::MAX;
+/// Sine of the angle from an edge within which all faces around are asked.
+const NEAR_EDGE: f64 = 1e-6;
+/// And within which a direction is on it: a thousand times what rounding does.
+const ON_EDGE: f64 = 1e-12;
 
 /// One triangle of the dome.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -16,25 +37,139 @@ pub struct Face {
     pub solid_angle: f32,
 }
 
-/// Which pixels lie in which face: made once per calibration. Pixels are sorted by face.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Membership {
-    /// Where each face's pixels begin; one more than faces.
-    pub begins: Vec<u32>,
-    /// Indices into the radiance that is summed.
-    pub pixels: Vec<u32>,
-    /// Solid angle of each of them in the face, steradians.
-    pub weights: Vec<f32>,
+impl Face {
+    fn new(corners: [Vec3; 3]) -> Self {
+        let [a, b, c] = corners.map(Vec3::as_dvec3);
+        Self {
+            corners,
+            centre: (a + b + c).normalize().as_vec3(),
+            solid_angle: triangle_solid_angle(a, b, c) as f32,
+        }
+    }
+
+    /// Normals of the planes through the edges and the sphere's centre, inwards. Two faces
+    /// get exactly opposite ones for an edge that they share.
+    fn edge_normals(&self) -> [DVec3; 3] {
+        let [a, b, c] = self.corners.map(Vec3::as_dvec3);
+        [a.cross(b), b.cross(c), c.cross(a)]
+    }
 }
 
-/// What the luminance parameters are summed from: S_i = Σ weight · radiance over face i.
+/// The triangles of the upper hemisphere.
+///
+/// Their order never changes, as bakes depend on it. Sides of the icosahedron: the five around
+/// the zenith, the first from azimuth 0 (+X) to 72°; the five that have an edge in common with
+/// those, standing on a corner; the five between these; each five anticlockwise from above.
+/// Within a side by rows, from its first corner on (the zenith; the lower corner; the upper
+/// corner); within a row from the second corner's end to the third's, where the three are
+/// counter-clockwise from outside. Of the lower ten sides, what is above the horizon.
 #[derive(Clone, Debug)]
-pub struct FaceLight {
-    /// Of the dome.
-    pub frequency: u32,
-    /// The table.
-    pub membership: Arc<Membership>,
-    /// Linear RGB radiance in the scene camera's units: the environment's pixels, then texels of
-    /// the filled cube for what no pixel shows.
-    pub radiance: Arc<Vec<[f32; 3]>>,
+pub struct GeodesicDome {
+    /// The faces.
+    pub faces: Vec<Face>,
+    frequency: u32,
+    /// Weights of a side's corners from a direction.
+    weights: Vec<DMat3>,
+    /// Face of every small triangle of every side.
+    face_of_triangle: Vec<u32>,
+    edge_normals: Vec<[DVec3; 3]>,
+    neighbours: Vec<Vec<u32>>,
+    /// Faces with a corner in common, the face itself among them; ascending.
+    around: Vec<Vec<u32>>,
 }
+
+impl GeodesicDome {
+    /// The dome of an even `frequency` up to [`MOST_FREQUENCY`]: 10 · frequency² faces, 40 for
+    /// the papers' 2. `None` for any other.
+    #[must_use]
+    pub fn new(frequency: u32) -> Option<Self> {
+        let fits = frequency.is_multiple_of(2) && (2..=MOST_FREQUENCY).contains(&frequency);
+        fits.then(|| Self::build(frequency))
+    }
+
+    /// Frequency of the subdivision.
+    #[must_use]
+    pub const fn frequency(&self) -> u32 {
+        self.frequency
+    }
+
+    /// Faces that have an edge in common with one, ascending: three, or two at the horizon.
+    #[must_use]
+    pub fn neighbours(&self, face: usize) -> &[u32] {
+        self.neighbours.get(face).map_or(&[], Vec::as_slice)
+    }
+
+    /// The face that a direction of any length falls into; on an edge, the first of those that
+    /// meet there. `None` below the horizon.
+    #[must_use]
+    pub fn face_of(&self, direction: Vec3) -> Option<usize> {
+        let d = direction.as_dvec3();
+        let length = d.length();
+        if !(d.z >= 0.0 && length > 0.0 && length.is_finite()) {
+            return None;
+        }
+        let Some(guess) = self.guess(d) else {
+            return self.first_with(0..self.faces.len() as u32, d);
+        };
+        if self.depth(guess, d) > NEAR_EDGE * length {
+            return Some(guess as usize);
+        }
+        let around = self.around.get(guess as usize)?;
+        self.first_with(around.iter().copied(), d)
+    }
+
+    /// The face by the straight lines on the icosahedron's side, right but for rounding.
+    fn guess(&self, d: DVec3) -> Option<u32> {
+        let mut best = (0, DVec3::ZERO, f64::NEG_INFINITY);
+        for (side, matrix) in self.weights.iter().enumerate() {
+            let weights = *matrix * d;
+            let least = weights.min_element();
+            if least > best.2 {
+                best = (side, weights, least);
+            }
+            if least > 0.0 {
+                break;
+            }
+        }
+        let (side, weights, _) = best;
+        let frequency = f64::from(self.frequency);
+        let scale = frequency / (weights.x + weights.y + weights.z);
+        let (row, column) = ((weights.y + weights.z) * scale, weights.z * scale);
+        let (i, j) = (row.floor().clamp(0.0, frequency - 1.0), column.floor());
+        let j = j.clamp(0.0, i);
+        let pointing_down = j < i && column - j > row - i;
+        let (i, j) = (i as usize, j as usize);
+        let n = self.frequency as usize;
+        let at = side * n * n + i * i + 2 * j + usize::from(pointing_down);
+        self.face_of_triangle
+            .get(at)
+            .copied()
+            .filter(|&f| f != BELOW)
+    }
+
+    /// How far inside a face, in parts of the direction's length; negative outside.
+    fn depth(&self, face: u32, d: DVec3) -> f64 {
+        let normals = self.edge_normals.get(face as usize);
+        let inside = |n: &[DVec3; 3]| n.iter().map(|n| n.dot(d)).fold(f64::INFINITY, f64::min);
+        normals.map_or(f64::NEG_INFINITY, inside)
+    }
+
+    /// The first of ascending `faces` that has the direction inside or on its edge; if rounding
+    /// left it in none, the one that it is least outside of.
+    fn first_with(&self, faces: impl Iterator<Item = u32>, d: DVec3) -> Option<usize> {
+        let mut best = (None, f64::NEG_INFINITY);
+        for face in faces {
+            let depth = self.depth(face, d);
+            if depth >= -ON_EDGE * d.length() {
+                return Some(face as usize);
+            }
+            if depth > best.1 {
+                best = (Some(face as usize), depth);
+            }
+        }
+        best.0
+    }
+}
+
+#[cfg(test)]
+mod tests;

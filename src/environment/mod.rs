@@ -8,7 +8,9 @@
 //! direction each pixel shows; [`sources`] finds compact sources among the pixels;
 //! [`resample`] gathers the pixels into the cube map; [`harmonics`] and [`prefilter`] make
 //! it into irradiance and the radiance map; [`dome`] (the paper's grid) or [`adaptive`]
-//! make it into dome lights. [`EnvironmentEstimator`] does all this for every frame.
+//! make it into dome lights; [`geodesic`] tells which pixels light which face of the dome
+//! that shadowing planes were baked for. [`EnvironmentEstimator`] does all this for every
+//! frame.
 
 pub mod adaptive;
 mod cells;

@@ -100,7 +100,7 @@ fn see(
 }
 
 /// Solid angle of a spherical triangle (Van Oosterom & Strackee 1983).
-fn triangle_solid_angle(a: DVec3, b: DVec3, c: DVec3) -> f64 {
+pub(super) fn triangle_solid_angle(a: DVec3, b: DVec3, c: DVec3) -> f64 {
     let numerator = a.dot(b.cross(c)).abs();
     let denominator = 1.0 + a.dot(b) + b.dot(c) + c.dot(a);
     2.0 * numerator.atan2(denominator)

@@ -55,6 +55,8 @@ pub struct EnvironmentSettings {
     /// Seconds for which a direction seen last on a sphere in the scene outweighs a new,
     /// worse view of it.
     pub memory_seconds: f32,
+    /// Frequency of the geodesic dome whose faces are lit, for shadowing planes.
+    pub faces: Option<u32>,
 }
 
 impl Default for EnvironmentSettings {
@@ -71,6 +73,7 @@ impl Default for EnvironmentSettings {
             ground_height: 0.0,
             parallax: None,
             memory_seconds: 0.25,
+            faces: None,
         }
     }
 }

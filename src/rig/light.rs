@@ -25,7 +25,7 @@ use crate::environment::{
 use crate::picture::{Picture, PictureError, YuvEncoding, decode_into};
 use crate::scene::{Attachments, NearField, Scene, casters};
 use crate::sync::EnvironmentSet;
-use glam::{DVec3, Mat3, Vec3};
+use glam::{DVec3, Mat3, Quat, Vec3};
 use penumbra_interface::{Exposure, MonotonicTime, RigidTransform};
 use std::sync::Arc;
 
@@ -260,6 +260,21 @@ impl LightStation {
     pub fn set_lights(&mut self, placement: Placement, count: usize) {
         if let Some(estimator) = &mut self.estimator {
             estimator.set_lights(placement, count);
+        }
+    }
+
+    /// Changes whether the faces of a geodesic dome are lit for shadowing planes, and its
+    /// frequency.
+    pub fn set_faces(&mut self, frequency: Option<u32>) {
+        if let Some(estimator) = &mut self.estimator {
+            estimator.set_faces(frequency);
+        }
+    }
+
+    /// Turns that dome with the model whose planes it lights.
+    pub fn turn_faces(&mut self, world_from_dome: Quat) {
+        if let Some(estimator) = &mut self.estimator {
+            estimator.turn_faces(world_from_dome);
         }
     }
 

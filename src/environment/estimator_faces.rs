@@ -1,0 +1,194 @@
+//! What the luminance parameters of shadowing planes are summed from.
+
+use super::*;
+use crate::environment::geodesic::{FaceLight, GeodesicDome, Membership};
+use glam::Quat;
+
+/// States that may be in use at once: with the compositor, on the way to it, in the making.
+const MOST_SPARES: usize = 4;
+
+/// The table of one calibration, dome and turn, and memory for what is summed by it.
+pub(super) struct FaceTable {
+    frequency: u32,
+    world_from_dome: Quat,
+    membership: Arc<Membership>,
+    /// What is handed over, in order: pixels of the picture, ascending.
+    pixels: Vec<u32>,
+    /// And then: texels of the cube, ascending.
+    texels: Vec<u32>,
+    /// Handed over before; whatever nobody holds any more is used again.
+    spares: Vec<Arc<FaceLight>>,
+}
+
+/// The cube, and what its unseen part is filled with.
+pub(super) struct Filling<'a> {
+    /// Whole sphere, compact sources included, scene camera units.
+    pub full: &'a [Vec3],
+    /// A smooth continuation of what is seen over what is not.
+    pub around: &'a [Vec3],
+    pub ground_radiance: Vec3,
+}
+
+impl FaceTable {
+    fn new(
+        frequency: u32,
+        world_from_dome: Quat,
+        view: &View,
+        coverage: &[f32],
+        grid: &CubeGrid,
+    ) -> Option<Self> {
+        let dome = GeodesicDome::new(frequency)?;
+        let (mut directions, mut sizes) = (Vec::new(), Vec::new());
+        if let View::Fixed(fixed) = view {
+            directions.clone_from(&fixed.pixels.directions);
+            sizes.clone_from(&fixed.pixels.solid_angles);
+        }
+        let pixel_count = directions.len() as u32;
+        directions.extend(&grid.directions);
+        let unseen = |(i, w): (usize, &f32)| match view {
+            View::Fixed(_) => w * (1.0 - coverage.get(i).unwrap_or(&0.0)).clamp(0.0, 1.0),
+            // What has been seen changes; the cube holds all of it.
+            View::Moving(_) => *w,
+        };
+        sizes.extend(grid.solid_angles.iter().enumerate().map(unseen));
+        let mut membership = Membership::rotated(&dome, world_from_dome, &directions, &sizes);
+        let used = compact(&mut membership, directions.len());
+        let (pixels, texels) = used.into_iter().partition(|&i| i < pixel_count);
+        let texels: Vec<u32> = texels;
+        Some(Self {
+            frequency,
+            world_from_dome,
+            membership: Arc::new(membership),
+            pixels,
+            texels: texels.into_iter().map(|i| i - pixel_count).collect(),
+            spares: Vec::new(),
+        })
+    }
+
+    /// Fills memory that nobody holds by `fill`.
+    fn hand_out(
+        &mut self,
+        fill: impl FnOnce(&mut Vec<[f32; 3]>, &[u32], &[u32]),
+    ) -> Arc<FaceLight> {
+        let free = |light: &mut Arc<FaceLight>| {
+            let light = Arc::get_mut(light)?;
+            Arc::get_mut(&mut light.radiance).is_some().then_some(())
+        };
+        let position = self
+            .spares
+            .iter_mut()
+            .position(|light| free(light).is_some());
+        let mut light = match position {
+            Some(at) => self.spares.swap_remove(at),
+            None => Arc::new(FaceLight {
+                frequency: self.frequency,
+                membership: self.membership.clone(),
+                radiance: Arc::default(),
+            }),
+        };
+        // Nobody holds it: nothing is copied.
+        let radiance = Arc::get_mut(&mut light).and_then(|light| Arc::get_mut(&mut light.radiance));
+        if let Some(radiance) = radiance {
+            radiance.clear();
+            fill(radiance, &self.pixels, &self.texels);
+        }
+        if self.spares.len() < MOST_SPARES {
+            self.spares.push(light.clone());
+        }
+        light
+    }
+}
+
+/// Renumbers a table's pixels so that those in no face are left out; returns the old numbers
+/// of the others, ascending.
+fn compact(membership: &mut Membership, count: usize) -> Vec<u32> {
+    const UNUSED: u32 = u32::MAX;
+    let mut new_number = vec![UNUSED; count];
+    for &i in &membership.pixels {
+        new_number[i as usize] = 0;
+    }
+    let mut used = Vec::with_capacity(membership.pixels.len());
+    for (old, new) in new_number
+        .iter_mut()
+        .enumerate()
+        .filter(|(_, n)| **n != UNUSED)
+    {
+        *new = used.len() as u32;
+        used.push(old as u32);
+    }
+    for i in &mut membership.pixels {
+        *i = new_number[*i as usize];
+    }
+    used
+}
+
+impl EnvironmentEstimator {
+    /// Changes while running whether the faces of a geodesic dome are lit, and its frequency
+    /// (see [`GeodesicDome::new`]; for one that does not exist there is no such light).
+    pub fn set_faces(&mut self, frequency: Option<u32>) {
+        if self.settings.faces != frequency {
+            self.settings.faces = frequency;
+            let table = self.faces.as_ref();
+            self.lay_faces(table.map_or(Quat::IDENTITY, |t| t.world_from_dome));
+        }
+    }
+
+    /// Turns the dome with a model that it is attached to. The table is made anew: some tens
+    /// of milliseconds.
+    pub fn turn_faces(&mut self, world_from_dome: Quat) {
+        let turned = |table: &FaceTable| table.world_from_dome != world_from_dome;
+        if self.faces.as_ref().is_some_and(turned) {
+            self.lay_faces(world_from_dome);
+        }
+    }
+
+    pub(super) fn lay_faces(&mut self, world_from_dome: Quat) {
+        let coverage = match &self.placed {
+            View::Fixed(fixed) => &fixed.table.coverage,
+            View::Moving(_) => &self.coverage,
+        };
+        self.faces = self.settings.faces.and_then(|frequency| {
+            FaceTable::new(
+                frequency,
+                world_from_dome,
+                &self.placed,
+                coverage,
+                &self.grid,
+            )
+        });
+    }
+
+    /// The radiance behind the faces, in the scene camera's units, from the pixels that dome
+    /// lights are made of.
+    pub(super) fn face_light(
+        &mut self,
+        gains: Mat3,
+        filling: &Filling<'_>,
+    ) -> Option<Arc<FaceLight>> {
+        let mut table = self.faces.take()?;
+        let light = table.hand_out(|out, pixels, texels| {
+            let pixel = |&i: &u32| {
+                (gains * self.radiance[i as usize])
+                    .max(Vec3::ZERO)
+                    .to_array()
+            };
+            out.extend(pixels.iter().map(pixel));
+            let moving = matches!(self.placed, View::Moving(_));
+            let texel = |&i: &u32| {
+                let i = i as usize;
+                if moving {
+                    return filling.full[i].to_array();
+                }
+                self.unseen(i, filling.around, filling.ground_radiance)
+                    .to_array()
+            };
+            out.extend(texels.iter().map(texel));
+        });
+        self.faces = Some(table);
+        Some(light)
+    }
+}
+
+#[cfg(test)]
+#[path = "estimator_faces_tests.rs"]
+mod tests;

@@ -1,0 +1,173 @@
+#![allow(clippy::unwrap_used)]
+
+use super::super::tests::{Rig, fisheye, photograph, sphere};
+use super::*;
+use crate::environment::geodesic::sum_faces;
+
+fn with_faces(frequency: u32) -> EnvironmentSettings {
+    EnvironmentSettings {
+        faces: Some(frequency),
+        ..EnvironmentSettings::default()
+    }
+}
+
+/// Two walls of colour, and a lamp of 3° in one direction.
+fn room(lamp: Vec3) -> impl Fn(Vec3) -> Vec3 {
+    move |d: Vec3| {
+        let wall = if d.x > 0.0 {
+            Vec3::new(0.5, 0.4, 0.3)
+        } else {
+            Vec3::new(0.2, 0.3, 0.4)
+        };
+        let in_lamp = d.dot(lamp) > 3.0_f32.to_radians().cos();
+        wall + if in_lamp {
+            Vec3::splat(300.0)
+        } else {
+            Vec3::ZERO
+        }
+    }
+}
+
+#[test]
+fn nobody_pays_who_asks_for_no_faces() {
+    let mut rig = Rig::new(&fisheye(0.0), EnvironmentSettings::default());
+    assert!(rig.see(&|_| Vec3::ONE, Vec3::ONE).faces.is_none());
+    rig.estimator.set_faces(Some(2));
+    assert!(rig.see(&|_| Vec3::ONE, Vec3::ONE).faces.is_some());
+    rig.estimator.set_faces(Some(3));
+    assert!(rig.see(&|_| Vec3::ONE, Vec3::ONE).faces.is_none());
+}
+
+#[test]
+fn an_even_sky_gives_each_face_its_solid_angle() {
+    let dome = GeodesicDome::new(4).unwrap();
+    for view in [fisheye(0.3), sphere(false).0] {
+        let mut rig = Rig::new(&view, with_faces(4));
+        let lighting = rig.see(&|_| Vec3::splat(0.5), Vec3::splat(0.5));
+        let light = lighting.faces.as_ref().unwrap();
+        assert_eq!(light.frequency, 4);
+        for (sum, face) in sum_faces(light).iter().zip(&dome.faces) {
+            // The pictures have 256 codes: half a per cent here.
+            assert!((*sum / face.solid_angle / 0.5 - 1.0).abs().max_element() < 0.01);
+        }
+    }
+}
+
+/// The faces hold the light that the dome lights and the irradiance hold.
+#[test]
+fn faces_hold_the_light_of_the_dome() {
+    let (dome, at) = (GeodesicDome::new(2).unwrap(), 8);
+    let lamp = dome.faces[at].centre;
+    for view in [fisheye(0.0), sphere(false).0] {
+        let mut rig = Rig::new(&view, with_faces(2));
+        let dark = rig.see(&room(Vec3::NEG_Z), Vec3::splat(0.1));
+        let bright = rig.see(&room(lamp), Vec3::splat(0.1));
+        let sums = |l: &Lighting| sum_faces(l.faces.as_ref().unwrap());
+        let (before, after) = (sums(&dark), sums(&bright));
+        let compact: Vec3 = rig.estimator.sources().iter().map(|s| s.irradiance).sum();
+        let gained = after[at] - before[at];
+        assert!(
+            (gained / compact - 1.0).abs().max_element() < 0.03,
+            "{gained} {compact}"
+        );
+        for (k, (a, b)) in after
+            .iter()
+            .zip(&before)
+            .enumerate()
+            .filter(|(k, _)| *k != at)
+        {
+            assert!(
+                (*a - *b).abs().max_element() < 0.02 * b.max_element(),
+                "{k}: {a} {b}"
+            );
+        }
+    }
+}
+
+#[test]
+fn the_scene_cameras_units_are_kept() {
+    let mut rig = Rig::new(&fisheye(0.0), with_faces(2));
+    let plain = sum_faces(
+        rig.see(&|_| Vec3::splat(0.4), Vec3::ONE)
+            .faces
+            .as_ref()
+            .unwrap(),
+    );
+    rig.gains = Mat3::from_diagonal(Vec3::new(2.0, 1.0, 0.5));
+    let gained = sum_faces(
+        rig.see(&|_| Vec3::splat(0.4), Vec3::ONE)
+            .faces
+            .as_ref()
+            .unwrap(),
+    );
+    for (a, b) in plain.iter().zip(&gained).skip(3).take(2) {
+        assert!(
+            (*b / *a - Vec3::new(2.0, 1.0, 0.5)).abs().max_element() < 0.02,
+            "{a} {b}"
+        );
+    }
+}
+
+#[test]
+fn directions_that_no_pixel_shows_are_filled() {
+    let turned = match fisheye(0.0) {
+        EnvironmentView::Fisheye { lens, .. } => EnvironmentView::Fisheye {
+            lens,
+            world_from_camera: penumbra_interface::RigidTransform::new(
+                glam::DQuat::from_rotation_x(0.9),
+                glam::DVec3::ZERO,
+            ),
+        },
+        other => other,
+    };
+    let mut rig = Rig::new(&turned, with_faces(2));
+    let lighting = rig.see(&|_| Vec3::splat(0.5), Vec3::splat(0.5));
+    let dome = GeodesicDome::new(2).unwrap();
+    for (sum, face) in sum_faces(lighting.faces.as_ref().unwrap())
+        .iter()
+        .zip(&dome.faces)
+    {
+        assert!((*sum / face.solid_angle / 0.5 - 1.0).abs().max_element() < 0.01);
+    }
+}
+
+#[test]
+fn memory_is_used_again() {
+    let mut rig = Rig::new(&fisheye(0.0), with_faces(2));
+    let mut places = std::collections::BTreeSet::new();
+    let mut before = None;
+    for _ in 0..8 {
+        let lighting = rig.see(&|_| Vec3::splat(0.4), Vec3::ONE);
+        places.insert(lighting.faces.as_ref().unwrap().radiance.as_ptr() as usize);
+        before = Some(lighting);
+    }
+    assert!(before.is_some() && places.len() == 2, "{}", places.len());
+}
+
+/// The sphere in the scene's picture: what was seen lies in the cube.
+#[test]
+fn a_moving_view_sums_its_memory() {
+    let (view, pose, camera) = sphere(true);
+    let placed = PlacedView::new(&view, Some((pose, &camera)), None).unwrap();
+    let estimator = EnvironmentEstimator::new(&view, &Response::srgb(), with_faces(2), None);
+    let picture = photograph(&placed, Vec3::new(0.9, 0.8, 0.7), 0.0, &|_| {
+        Vec3::splat(0.5)
+    });
+    let brackets = [Bracket {
+        picture: &picture,
+        ev: 0.0,
+    }];
+    let mut input = EnvironmentInput::new(&brackets, MonotonicTime::from_nanos(1));
+    input.scene = Some((pose, &camera));
+    let lighting = estimator.unwrap().update(&input).unwrap();
+    let dome = GeodesicDome::new(2).unwrap();
+    for (sum, face) in sum_faces(lighting.faces.as_ref().unwrap())
+        .iter()
+        .zip(&dome.faces)
+    {
+        assert!(
+            (*sum / face.solid_angle / 0.5 - 1.0).abs().max_element() < 0.01,
+            "{sum}"
+        );
+    }
+}
