@@ -8,6 +8,8 @@ use wgpu::{BindGroupLayoutEntry, BindingType, ShaderStages};
 pub enum Slot {
     Uniform,
     Storage,
+    /// Storage that compute shaders write.
+    StorageWritten,
     Texture,
     /// Float texture that is only loaded, or of a format that cannot be filtered.
     Unfilterable,
@@ -37,6 +39,7 @@ impl Slot {
         match self {
             Self::Uniform => buffer(wgpu::BufferBindingType::Uniform),
             Self::Storage => buffer(wgpu::BufferBindingType::Storage { read_only: true }),
+            Self::StorageWritten => buffer(wgpu::BufferBindingType::Storage { read_only: false }),
             Self::Texture => texture(true, wgpu::TextureViewDimension::D2, false),
             Self::Unfilterable => texture(false, wgpu::TextureViewDimension::D2, false),
             Self::Integer => integer(false),
@@ -88,14 +91,28 @@ const fn depth(view_dimension: wgpu::TextureViewDimension, multisampled: bool) -
     }
 }
 
-/// A layout whose bindings are `slots`, in order, visible everywhere.
+/// A layout whose bindings are `slots`, in order, visible wherever something is drawn.
 pub fn layout(device: &wgpu::Device, label: &str, slots: &[Slot]) -> wgpu::BindGroupLayout {
+    layout_for(device, label, slots, ShaderStages::VERTEX_FRAGMENT)
+}
+
+/// The same for compute shaders.
+pub fn compute_layout(device: &wgpu::Device, label: &str, slots: &[Slot]) -> wgpu::BindGroupLayout {
+    layout_for(device, label, slots, ShaderStages::COMPUTE)
+}
+
+fn layout_for(
+    device: &wgpu::Device,
+    label: &str,
+    slots: &[Slot],
+    visibility: ShaderStages,
+) -> wgpu::BindGroupLayout {
     let entries: Vec<_> = slots
         .iter()
         .zip(0..)
         .map(|(slot, binding)| BindGroupLayoutEntry {
             binding,
-            visibility: ShaderStages::VERTEX_FRAGMENT,
+            visibility,
             ty: slot.binding_type(),
             count: None,
         })
@@ -136,6 +153,29 @@ pub const fn view(view: &wgpu::TextureView) -> wgpu::BindingResource<'_> {
 /// Shorthand for a sampler in [`group`].
 pub const fn sampler(sampler: &wgpu::Sampler) -> wgpu::BindingResource<'_> {
     wgpu::BindingResource::Sampler(sampler)
+}
+
+/// Compiles a compute shader; the pipeline is called after its entry point.
+pub fn compute_pipeline(
+    device: &wgpu::Device,
+    module: &wgpu::ShaderModule,
+    groups: &[&wgpu::BindGroupLayout],
+    entry: &str,
+) -> wgpu::ComputePipeline {
+    let groups: Vec<_> = groups.iter().map(|g| Some(*g)).collect();
+    let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+        label: Some(entry),
+        bind_group_layouts: &groups,
+        immediate_size: 0,
+    });
+    device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+        label: Some(entry),
+        layout: Some(&layout),
+        module,
+        entry_point: Some(entry),
+        compilation_options: wgpu::PipelineCompilationOptions::default(),
+        cache: None,
+    })
 }
 
 /// How fragments are held against the depth that is there.

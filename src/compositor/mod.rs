@@ -16,6 +16,7 @@ mod lamp_maps;
 mod light_maps;
 mod near_maps;
 mod passes;
+pub mod planes;
 pub mod readback;
 pub mod reference;
 mod scene_buffers;

@@ -48,7 +48,7 @@ impl Variant {
 
 /// Every shader of the compositor, complete.
 #[must_use]
-pub fn all(variant: Variant) -> [(&'static str, String); 9] {
+pub fn all(variant: Variant) -> [(&'static str, String); 10] {
     [
         (
             "shadow_map",
@@ -134,6 +134,7 @@ pub fn all(variant: Variant) -> [(&'static str, String); 9] {
             "present",
             join(&[FULLSCREEN, include_str!("shaders/present.wgsl")]),
         ),
+        ("luminance", join(&[include_str!("shaders/luminance.wgsl")])),
     ]
 }
 
