@@ -65,6 +65,7 @@ fn measure(
             shadow_strength: 1.0,
             refresh: Refresh::InTurn(refreshed as usize),
             show_virtual: true,
+            planes: None,
         })?;
         gpu.wait()?;
         let elapsed = start.elapsed().as_secs_f64() * 1e3;

@@ -20,7 +20,11 @@ pub enum Slot {
     DepthMultisampled,
     DepthArray,
     Cube,
+    /// An array of textures.
+    Layers,
     Volume,
+    /// An array of textures of half floats that compute shaders write.
+    WrittenLayers,
     Sampler,
     Comparison,
 }
@@ -44,7 +48,13 @@ impl Slot {
             Self::Unfilterable => texture(false, wgpu::TextureViewDimension::D2, false),
             Self::Integer => integer(false),
             Self::IntegerMultisampled => integer(true),
+            Self::WrittenLayers => BindingType::StorageTexture {
+                access: wgpu::StorageTextureAccess::WriteOnly,
+                format: format::LIGHT,
+                view_dimension: wgpu::TextureViewDimension::D2Array,
+            },
             Self::Volume => texture(true, wgpu::TextureViewDimension::D3, false),
+            Self::Layers => texture(true, wgpu::TextureViewDimension::D2Array, false),
             Self::Cube => texture(true, wgpu::TextureViewDimension::Cube, false),
             Self::Depth => depth(wgpu::TextureViewDimension::D2, false),
             Self::DepthMultisampled => depth(wgpu::TextureViewDimension::D2, true),

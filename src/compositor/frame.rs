@@ -1,6 +1,6 @@
 //! One frame, top to bottom.
 
-use super::gpu_data::FrameUniform;
+use super::gpu_data::{FrameUniform, LightUniform};
 use super::passes::composite::{CompositeInputs, CompositePass};
 use super::passes::lamp_map::LampMapPass;
 use super::passes::phantom_geometry::PhantomGeometryPass;
@@ -9,6 +9,7 @@ use super::passes::shadow_map::ShadowMapPass;
 use super::passes::surroundings::{SurroundingsInputs, SurroundingsPass};
 use super::passes::tiles::TilesPass;
 use super::passes::virtual_geometry::VirtualGeometryPass;
+use super::planes::PlanesChoice;
 use super::readback::Readback;
 use super::scene_buffers::SceneLayouts;
 use super::shaders::Variant;
@@ -53,6 +54,9 @@ pub struct FrameInput<'a> {
     pub refresh: Refresh,
     /// Draw virtual objects at all.
     pub show_virtual: bool,
+    /// Shadows by shadowing planes instead of the dome's maps, once something is baked
+    /// ([`Compositor::set_bake`]).
+    pub planes: Option<PlanesChoice>,
 }
 
 /// All pipelines.
@@ -62,7 +66,7 @@ pub struct Pipelines {
     phantom_geometry: PhantomGeometryPass,
     virtual_geometry: VirtualGeometryPass,
     tiles: TilesPass,
-    shadow_buffer: ShadowBufferPass,
+    pub(super) shadow_buffer: ShadowBufferPass,
     surroundings: SurroundingsPass,
     composite: CompositePass,
 }
@@ -170,8 +174,14 @@ impl Compositor {
         );
         // What light each of those surfaces lacks.
         let unshadowed = if self.subtract { 0.0 } else { 1.0 };
-        p.shadow_buffer
-            .record(encoder, timer, frame, &sized.shadow_buffer, t, unshadowed);
+        let inputs = &sized.shadow_buffer;
+        let planes = self.planes.as_mut().filter(|stage| stage.is_shown());
+        let (passes, shadows) = match planes.and_then(|stage| stage.record(encoder, timer)) {
+            Some(by_planes) => by_planes,
+            None => (p.shadow_buffer.by_maps(), &inputs.maps),
+        };
+        let groups = [frame, shadows, &inputs.surfaces];
+        passes.record(encoder, timer, groups, t, unshadowed);
         // What virtual objects mirror of the real scene, shadows included.
         p.surroundings
             .record(encoder, timer, frame, &sized.surroundings, t);
@@ -203,11 +213,10 @@ impl Compositor {
             self.near_generation = near.generation;
         }
         self.upload_picture(input.picture);
-        self.upload_frame(input);
-        Ok(())
+        self.upload_frame(input)
     }
 
-    fn upload_frame(&mut self, input: &FrameInput<'_>) {
+    fn upload_frame(&mut self, input: &FrameInput<'_>) -> Result<(), GpuError> {
         let something = !(self.scene.virtual_parts.is_empty() && input.lamps.is_empty());
         let augmented = input.show_virtual && something;
         let lights = match (input.lighting, input.world_from_camera) {
@@ -216,23 +225,32 @@ impl Compositor {
         };
         let lights = &lights[..lights.len().min(self.settings.light_budget as usize)];
         let size = self.shadow_map_size();
-        self.slots
-            .schedule(lights, size, input.refresh, &mut self.chosen);
-        self.refreshed = self.chosen.len();
         self.subtract = input.shadow_mode == ShadowMode::Subtract;
-        let uniform = self.frame_uniform(input, lights.len(), augmented);
+        let by_planes = self.prepare_planes(input, augmented)?;
+        // Planes need no maps.
+        let mapped = if by_planes { &[] } else { lights };
+        self.slots
+            .schedule(mapped, size, input.refresh, &mut self.chosen);
+        self.refreshed = self.chosen.len();
+        let mut uniform = self.frame_uniform(input, mapped.len(), augmented);
         self.upload_cover(input, augmented && input.lighting.is_some());
+        let stage = self.planes.as_mut().filter(|_| by_planes);
+        let lights = stage.map_or(lights, |stage| stage.shade(input, &mut uniform, lights));
         let slots = &self.slots;
-        let each = lights
-            .iter()
-            .enumerate()
-            .map(|(i, light)| slots.uniform(i, light));
+        let each = lights.iter().enumerate().map(|(i, light)| {
+            if by_planes {
+                LightUniform::unmapped(light)
+            } else {
+                slots.uniform(i, light)
+            }
+        });
         let (device, queue) = (&self.gpu.device, &self.gpu.queue);
         self.light_maps.write_frame(queue, &uniform, each);
         let seen = augmented && input.lighting.is_some() && input.world_from_camera.is_some();
         let lamps = if seen { input.lamps } else { &[] };
         self.light_maps
             .write_lamps(device, queue, lamps, slots.casters(), LAMP_MAPS * size);
+        Ok(())
     }
 
     /// Tells the tiles that virtual objects lie in.
@@ -376,6 +394,8 @@ impl Compositor {
             ],
             near_low,
             near_high,
+            planes_low: [0.0; 4],
+            planes_high: [0.0; 4],
         }
     }
 }
@@ -383,7 +403,7 @@ impl Compositor {
 /// Projection of the camera frame (+X right, +Y down, +Z forward) to clip space with
 /// reversed depth and the far plane at infinity. Pixel (0, 0) is the centre of the
 /// top-left pixel, so the left edge of the picture lies at −0.5.
-fn clip_from_camera(camera: &PinholeCamera) -> DMat4 {
+pub(super) fn clip_from_camera(camera: &PinholeCamera) -> DMat4 {
     let (w, h) = (f64::from(camera.width), f64::from(camera.height));
     let (f, c) = (camera.focal, camera.centre);
     DMat4::from_cols(

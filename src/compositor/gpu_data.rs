@@ -22,6 +22,8 @@ pub struct FrameUniform {
     pub tiling: [u32; 4],
     pub near_low: [f32; 4],
     pub near_high: [f32; 4],
+    pub planes_low: [f32; 4],
+    pub planes_high: [f32; 4],
 }
 
 /// Twin of WGSL `Light`.

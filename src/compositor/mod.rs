@@ -36,6 +36,7 @@ use cover::Cover;
 use frame::Pipelines;
 use light_maps::LightMaps;
 use passes::shadow_map::ShadowMaps;
+use planes::PlanesStage;
 use scene_buffers::{SceneBuffers, SceneLayouts};
 use shaders::{MAX_LIGHTS, Variant};
 use shadow_slots::{CasterHull, ShadowSlots};
@@ -92,6 +93,7 @@ pub struct Compositor {
     near_generation: u64,
     refreshed: usize,
     subtract: bool,
+    planes: Option<Box<PlanesStage>>,
 }
 
 impl Compositor {
@@ -120,6 +122,7 @@ impl Compositor {
             near_generation: 0,
             refreshed: 0,
             subtract: false,
+            planes: None,
             gpu,
             settings,
             pipelines,
@@ -202,6 +205,9 @@ impl Compositor {
     fn fit_lamps(&mut self, lamps: bool) {
         if lamps && !self.variant.lamps {
             self.variant.lamps = true;
+            if let Some(planes) = &mut self.planes {
+                planes.forget_pipelines();
+            }
             let frame = &self.light_maps.frame_layout;
             self.pipelines = Pipelines::new(&self.gpu.device, frame, &self.layouts, self.variant);
             self.rebind();

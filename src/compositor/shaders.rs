@@ -16,6 +16,8 @@ const LIGHT_TEXEL: &str = include_str!("shaders/lib/light_texel.wgsl");
 const LAMPS: &str = include_str!("shaders/lib/lamps.wgsl");
 const EDGES: &str = include_str!("shaders/lib/edges.wgsl");
 const BACKGROUND: &str = include_str!("shaders/lib/background.wgsl");
+const MARKS: &str = include_str!("shaders/lib/marks.wgsl");
+const ARRIVING: &str = include_str!("shaders/lib/arriving.wgsl");
 const VISIBILITY: &str = include_str!("shaders/lib/visibility.wgsl");
 
 /// Most dome lights: as many as fit a uniform buffer of 64 KiB.
@@ -48,7 +50,7 @@ impl Variant {
 
 /// Every shader of the compositor, complete.
 #[must_use]
-pub fn all(variant: Variant) -> [(&'static str, String); 10] {
+pub fn all(variant: Variant) -> [(&'static str, String); 11] {
     [
         (
             "shadow_map",
@@ -80,9 +82,32 @@ pub fn all(variant: Variant) -> [(&'static str, String); 10] {
                     SAMPLES,
                     LIGHT_TEXEL,
                     EDGES,
+                    MARKS,
+                    ARRIVING,
                     VISIBILITY,
                     LAMPS,
                     include_str!("shaders/shadow_buffer.wgsl"),
+                ]),
+                variant,
+            ),
+        ),
+        (
+            "planes_shadow",
+            sampled(
+                join(&[
+                    FRAME,
+                    NORMAL,
+                    FULLSCREEN,
+                    TILES,
+                    SURFACE,
+                    SAMPLES,
+                    LIGHT_TEXEL,
+                    EDGES,
+                    MARKS,
+                    ARRIVING,
+                    LAMPS,
+                    include_str!("shaders/lib/planes.wgsl"),
+                    include_str!("shaders/planes_shadow.wgsl"),
                 ]),
                 variant,
             ),
@@ -165,9 +190,64 @@ fn sampled(text: String, variant: Variant) -> String {
         .replace("LAMPED", if variant.lamps { "true" } else { "false" })
 }
 
+/// The shaders that bake basis images of `resolution²` texels.
+#[must_use]
+pub fn baking(resolution: u32) -> [(&'static str, String); 3] {
+    let text = |parts: &[&str]| {
+        parts
+            .join("\n")
+            .replace("RESOLUTION", &format!("{resolution}u"))
+    };
+    [
+        (
+            "bake_receiver",
+            text(&[NORMAL, include_str!("shaders/bake_receiver.wgsl")]),
+        ),
+        ("bake_map", text(&[include_str!("shaders/bake_map.wgsl")])),
+        (
+            "bake_evaluate",
+            text(&[NORMAL, include_str!("shaders/bake_evaluate.wgsl")]),
+        ),
+    ]
+}
+
+/// The shaders that sum basis images.
+#[must_use]
+pub fn summing() -> [(&'static str, String); 2] {
+    const PLANES: &str = include_str!("shaders/lib/sum_planes.wgsl");
+    [
+        (
+            "planes_plan",
+            [PLANES, include_str!("shaders/planes_plan.wgsl")].join("\n"),
+        ),
+        (
+            "planes_sum",
+            [NORMAL, PLANES, include_str!("shaders/planes_sum.wgsl")].join("\n"),
+        ),
+    ]
+}
+
 /// The module named `name`.
 pub fn module(device: &wgpu::Device, name: &str, variant: Variant) -> wgpu::ShaderModule {
-    let source = all(variant)
+    compiled(device, name, all(variant))
+}
+
+/// The baking module named `name`.
+pub fn bake_module(device: &wgpu::Device, name: &str, resolution: u32) -> wgpu::ShaderModule {
+    compiled(device, name, baking(resolution))
+}
+
+/// The summing module named `name`.
+pub fn planes_module(device: &wgpu::Device, name: &str) -> wgpu::ShaderModule {
+    compiled(device, name, summing())
+}
+
+fn compiled<const N: usize>(
+    device: &wgpu::Device,
+    name: &str,
+    shaders: [(&'static str, String); N],
+) -> wgpu::ShaderModule {
+    let source = shaders
         .into_iter()
         .find(|(n, _)| *n == name)
         .map(|(_, text)| text)
@@ -185,12 +265,17 @@ mod tests {
     #[test]
     fn every_shader_is_valid_without_a_gpu() {
         for (samples, soft, lamps) in [(1, 1, false), (4, 1, true), (4, 8, true)] {
-            for (name, text) in super::all(super::Variant {
+            let frame = super::all(super::Variant {
                 samples,
                 soft,
                 lamps,
                 fine: soft > 1,
-            }) {
+            });
+            for (name, text) in frame
+                .into_iter()
+                .chain(super::baking(128))
+                .chain(super::summing())
+            {
                 let module = naga::front::wgsl::parse_str(&text)
                     .unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(&text)));
                 naga::valid::Validator::new(

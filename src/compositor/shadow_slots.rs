@@ -67,7 +67,7 @@ impl CasterHull {
     }
 
     /// Least and greatest coordinate along `axis`; `None` without points.
-    fn extent(&self, axis: Vec3) -> Option<(f32, f32)> {
+    pub(super) fn extent(&self, axis: Vec3) -> Option<(f32, f32)> {
         self.points
             .iter()
             .map(|p| p.dot(axis))
@@ -92,10 +92,10 @@ fn fibonacci_sphere(count: usize) -> impl Iterator<Item = Vec3> {
 /// An affine map from the world to a shadow map: rows for u, v, depth; the size of a
 /// texel and the length of the depth range, metres. All zero where nothing casts.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Fit {
-    rows: [[f32; 4]; 3],
-    texel: f32,
-    depth: f32,
+pub(super) struct Fit {
+    pub rows: [[f32; 4]; 3],
+    pub texel: f32,
+    pub depth: f32,
 }
 
 impl Fit {
@@ -106,7 +106,7 @@ impl Fit {
     };
 }
 
-fn fit(hull: &CasterHull, to_light: Vec3, map_size: u32) -> Fit {
+pub(super) fn fit(hull: &CasterHull, to_light: Vec3, map_size: u32) -> Fit {
     let (right, up) = to_light.any_orthonormal_pair();
     let (Some(u), Some(v), Some(d)) = (hull.extent(right), hull.extent(up), hull.extent(to_light))
     else {
@@ -155,6 +155,19 @@ pub struct ShadowSlots {
     both: CasterHull,
     casters: u64,
     next_forced: usize,
+}
+
+impl LightUniform {
+    /// A light without shadow maps.
+    #[must_use]
+    pub fn unmapped(light: &DomeLight) -> Self {
+        let compact = f32::from(u8::from(light.kind == LightKind::Compact));
+        Self {
+            direction: light.direction.extend(light.angular_radius).to_array(),
+            irradiance: light.irradiance.extend(compact).to_array(),
+            ..Self::default()
+        }
+    }
 }
 
 /// How many maps a frame draws again.

@@ -71,6 +71,21 @@ impl Timer {
         })
     }
 
+    /// The same for a compute pass.
+    pub fn compute_span(
+        &mut self,
+        name: &'static str,
+        first: bool,
+        last: bool,
+    ) -> Option<wgpu::ComputePassTimestampWrites<'_>> {
+        let writes = self.span(name, first, last)?;
+        Some(wgpu::ComputePassTimestampWrites {
+            query_set: writes.query_set,
+            beginning_of_pass_write_index: writes.beginning_of_pass_write_index,
+            end_of_pass_write_index: writes.end_of_pass_write_index,
+        })
+    }
+
     /// Copies the stamps to where they can be read.
     pub fn end_frame(&self, encoder: &mut wgpu::CommandEncoder) {
         let Some(q) = &self.queries else { return };

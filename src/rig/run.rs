@@ -162,6 +162,7 @@ impl Run {
             shadow_strength: 0.0,
             refresh: Refresh::UpTo(0),
             show_virtual: false,
+            planes: None,
         })?;
         self.shown = true;
         Ok(())
@@ -190,6 +191,7 @@ impl Run {
             },
             refresh: Refresh::UpTo(refresh.of(settings.light_count) as usize),
             show_virtual: settings.virtual_object_visible,
+            planes: None,
         })?;
         self.shown = true;
         Ok(())

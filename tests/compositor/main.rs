@@ -2,10 +2,12 @@
 //! truths in closed form, and against a few golden pictures.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+mod baking;
 mod golden;
 mod judge;
 mod lamps;
 mod near_light;
+mod planes;
 mod present;
 mod real_edges;
 mod settings;

@@ -108,6 +108,7 @@ impl Stage {
             shadow_strength: self.strength,
             refresh: self.refresh,
             show_virtual: self.show_virtual,
+            planes: None,
         }
     }
 

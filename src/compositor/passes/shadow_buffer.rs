@@ -8,13 +8,18 @@ use super::shadow_map::ShadowMaps;
 use super::{cleared, cleared_depth};
 use wgpu::{ColorWrites, CompareFunction as Compare};
 
-/// The pass.
+/// The pass, with the dome's shadow maps.
 pub struct ShadowBufferPass {
-    phantom: Marked,
-    virtual_light: Marked,
+    by_maps: MarkedPasses,
     maps_layout: wgpu::BindGroupLayout,
     surfaces_layout: wgpu::BindGroupLayout,
     compare: wgpu::Sampler,
+}
+
+/// Both layers of the shadow buffer, whatever their shadows come from.
+pub struct MarkedPasses {
+    phantom: Marked,
+    virtual_light: Marked,
 }
 
 /// What marks texels, and what works on the marked ones.
@@ -25,37 +30,25 @@ struct Marked {
 
 /// What it binds of the shadow maps and the targets.
 pub struct ShadowBufferInputs {
-    maps: wgpu::BindGroup,
-    surfaces: wgpu::BindGroup,
+    pub maps: wgpu::BindGroup,
+    pub surfaces: wgpu::BindGroup,
 }
 
-impl ShadowBufferPass {
-    pub fn new(device: &wgpu::Device, frame: &wgpu::BindGroupLayout, variant: Variant) -> Self {
-        let module = shaders::module(device, "shadow_buffer", variant);
-        let maps_layout = layout(
-            device,
-            "shadow maps",
-            &[Slot::DepthArray, Slot::DepthArray, Slot::Comparison],
-        );
-        let (packed, depth) = Slot::sampled(variant.samples);
-        let surfaces_layout = layout(
-            device,
-            "surfaces",
-            &[
-                Slot::Unfilterable,
-                Slot::Depth,
-                packed,
-                depth,
-                Slot::Integer,
-                Slot::Integer,
-                Slot::Integer,
-            ],
-        );
+impl MarkedPasses {
+    /// `shader` names the module; `groups` are the frame's layout, that of the shadows, that of
+    /// the surfaces.
+    fn new(
+        device: &wgpu::Device,
+        shader: &str,
+        groups: [&wgpu::BindGroupLayout; 3],
+        variant: Variant,
+    ) -> Self {
+        let module = shaders::module(device, shader, variant);
         let build = |vertex: &str, fragment: &str, target, colours, depth| {
             PipelineSpec {
-                label: "shadow_buffer",
+                label: shader,
                 module: &module,
-                groups: &[frame, &maps_layout, &surfaces_layout],
+                groups: &groups,
                 vertex,
                 buffers: &[],
                 fragment: Some(fragment),
@@ -83,66 +76,21 @@ impl ShadowBufferPass {
                 DepthTest::without_writing(Compare::Less),
             ),
         };
-        let compare = device.create_sampler(&wgpu::SamplerDescriptor {
-            label: Some("shadow compare"),
-            mag_filter: wgpu::FilterMode::Linear,
-            min_filter: wgpu::FilterMode::Linear,
-            compare: Some(wgpu::CompareFunction::LessEqual),
-            ..Default::default()
-        });
         Self {
             phantom: marked("mark_phantoms", "phantom_shadow", format::LIGHT),
             virtual_light: marked("mark_virtual", "virtual_light", format::LIGHT_TEXEL),
-            maps_layout,
-            surfaces_layout,
-            compare,
         }
     }
 
-    /// Binds maps and targets.
-    pub fn bind(
-        &self,
-        device: &wgpu::Device,
-        maps: (&ShadowMaps, &ShadowMaps),
-        targets: &Targets,
-    ) -> ShadowBufferInputs {
-        let maps = group(
-            device,
-            "shadow maps",
-            &self.maps_layout,
-            &[
-                view(&maps.0.array),
-                view(&maps.1.array),
-                sampler(&self.compare),
-            ],
-        );
-        let surfaces = group(
-            device,
-            "surfaces",
-            &self.surfaces_layout,
-            &[
-                view(&targets.phantom_normal.view),
-                view(&targets.phantom_depth.view),
-                view(&targets.virtual_surface[0].view),
-                view(&targets.virtual_depth.view),
-                view(&targets.tiles[0].view),
-                view(&targets.tiles[1].view),
-                view(&targets.covered.view),
-            ],
-        );
-        ShadowBufferInputs { maps, surfaces }
-    }
-
+    /// `groups`: the frame, the shadows, the surfaces.
     pub fn record(
         &self,
         encoder: &mut wgpu::CommandEncoder,
         timer: &mut Timer,
-        frame: &wgpu::BindGroup,
-        inputs: &ShadowBufferInputs,
+        groups: [&wgpu::BindGroup; 3],
         targets: &Targets,
         unshadowed: f64,
     ) {
-        let groups = [frame, &inputs.maps, &inputs.surfaces];
         let lit = wgpu::Color {
             r: unshadowed,
             g: unshadowed,
@@ -179,5 +127,94 @@ impl ShadowBufferPass {
                 pass.draw(0..3, 0..1);
             }
         }
+    }
+}
+
+impl ShadowBufferPass {
+    pub fn new(device: &wgpu::Device, frame: &wgpu::BindGroupLayout, variant: Variant) -> Self {
+        let maps_layout = layout(
+            device,
+            "shadow maps",
+            &[Slot::DepthArray, Slot::DepthArray, Slot::Comparison],
+        );
+        let (packed, depth) = Slot::sampled(variant.samples);
+        let surfaces_layout = layout(
+            device,
+            "surfaces",
+            &[
+                Slot::Unfilterable,
+                Slot::Depth,
+                packed,
+                depth,
+                Slot::Integer,
+                Slot::Integer,
+                Slot::Integer,
+            ],
+        );
+        let compare = device.create_sampler(&wgpu::SamplerDescriptor {
+            label: Some("shadow compare"),
+            mag_filter: wgpu::FilterMode::Linear,
+            min_filter: wgpu::FilterMode::Linear,
+            compare: Some(wgpu::CompareFunction::LessEqual),
+            ..Default::default()
+        });
+        let groups = [frame, &maps_layout, &surfaces_layout];
+        Self {
+            by_maps: MarkedPasses::new(device, "shadow_buffer", groups, variant),
+            maps_layout,
+            surfaces_layout,
+            compare,
+        }
+    }
+
+    /// The same with shadowing planes in the place of shadow maps; `shown` is their layout.
+    pub fn of_planes(
+        &self,
+        device: &wgpu::Device,
+        frame: &wgpu::BindGroupLayout,
+        shown: &wgpu::BindGroupLayout,
+        variant: Variant,
+    ) -> MarkedPasses {
+        let groups = [frame, shown, &self.surfaces_layout];
+        MarkedPasses::new(device, "planes_shadow", groups, variant)
+    }
+
+    /// Binds maps and targets.
+    pub fn bind(
+        &self,
+        device: &wgpu::Device,
+        maps: (&ShadowMaps, &ShadowMaps),
+        targets: &Targets,
+    ) -> ShadowBufferInputs {
+        let maps = group(
+            device,
+            "shadow maps",
+            &self.maps_layout,
+            &[
+                view(&maps.0.array),
+                view(&maps.1.array),
+                sampler(&self.compare),
+            ],
+        );
+        let surfaces = group(
+            device,
+            "surfaces",
+            &self.surfaces_layout,
+            &[
+                view(&targets.phantom_normal.view),
+                view(&targets.phantom_depth.view),
+                view(&targets.virtual_surface[0].view),
+                view(&targets.virtual_depth.view),
+                view(&targets.tiles[0].view),
+                view(&targets.tiles[1].view),
+                view(&targets.covered.view),
+            ],
+        );
+        ShadowBufferInputs { maps, surfaces }
+    }
+
+    /// The passes that look shadow maps up.
+    pub const fn by_maps(&self) -> &MarkedPasses {
+        &self.by_maps
     }
 }

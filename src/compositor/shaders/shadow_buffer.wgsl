@@ -6,41 +6,7 @@
 // On phantoms the result is the factor (E − R) / E, or R / π for the paper's own
 // subtraction; on virtual objects it is the irradiance that is left.
 
-@group(2) @binding(0) var phantom_normal: texture_2d<f32>;
-@group(2) @binding(1) var phantom_depth: texture_depth_2d;
-@group(2) @binding(2) var virtual_shape: VIRTUAL_TEXTURE;
-@group(2) @binding(3) var virtual_depth: VIRTUAL_DEPTH;
-@group(2) @binding(4) var phantom_tiles: texture_2d<u32>;
-@group(2) @binding(5) var virtual_tiles: texture_2d<u32>;
-@group(2) @binding(6) var covered_tiles: texture_2d<u32>;
-
-const PI = 3.14159265;
 const NO_LIGHT = 0xffffffffu;
-
-// Texels with work to do are marked in a depth buffer first, and the work is drawn against
-// it: software drivers run both sides of every branch, but leave out what fails the test.
-const MARK = 1.0;
-
-@vertex
-fn behind_marks(@builtin(vertex_index) i: u32) -> @builtin(position) vec4f {
-    return vec4f(f32(i32(i & 1u) * 4 - 1), f32(i32(i >> 1u) * 4 - 1), 0.5 * MARK, 1.0);
-}
-
-// Real surfaces in tiles that some light may be missing from.
-@fragment
-fn mark_phantoms(@builtin(position) at: vec4f) -> @builtin(frag_depth) f32 {
-    let pixel = vec2i(at.xy) * i32(frame.counts.z);
-    let there = textureLoad(phantom_normal, pixel, 0).z == 1.0;
-    let wanted = any(textureLoad(phantom_tiles, tile_of(pixel), 0).xy != vec2u(0u));
-    return select(0.0, MARK, there & wanted);
-}
-
-// Texels of which virtual surfaces cover a part.
-@fragment
-fn mark_virtual(@builtin(position) at: vec4f) -> @builtin(frag_depth) f32 {
-    let step = i32(decided_here(frame.counts.z, at.w));
-    return select(0.0, MARK, covered_sample(vec2i(at.xy) * step, step).z >= 0);
-}
 
 // A walk through the lights of a mask of 64 bits, each of which stands for `tiling.x`.
 struct Walk {
@@ -76,48 +42,9 @@ fn next_light(w: Walk) -> Walk {
     return Walk(mask, light, min(light + frame.tiling.x, frame.counts.x));
 }
 
-// Light of the lower hemisphere, which no dome light stands for where there is a ground.
-fn ground_irradiance(n: vec3f) -> vec3f {
-    return frame.params.z * frame.ground.rgb * (PI * 0.5 * (1.0 - n.z));
-}
-
 // Cosine of light `i` on a surface; 0 for no light.
 fn facing(i: u32, n: vec3f) -> f32 {
     return select(0.0, max(dot(n, lights[i].direction.xyz), 0.0), i != NO_LIGHT);
-}
-
-fn by_normal(table: texture_2d<f32>, n: vec3f) -> vec3f {
-    let side = f32(textureDimensions(table).x);
-    let uv = ((octahedron_from_normal(n) * 0.5 + 0.5) * (side - 1.0) + 0.5) / side;
-    return textureSampleLevel(table, table_sampler, uv, 0.0).rgb;
-}
-
-fn near_facing(face: f32, at: vec3f) -> vec3f {
-    let size = vec3f(textureDimensions(near_volume)) * vec3f(1.0 / 18.0, 1.0, 1.0);
-    // Half a probe from the walls, so that neighbouring volumes do not mix.
-    let inside = clamp(at, 0.5 / size, 1.0 - 0.5 / size);
-    let uvw = vec3f((inside.x + face) / 18.0, inside.yz);
-    return textureSampleLevel(near_volume, table_sampler, uvw, 0.0).rgb;
-}
-
-// Irradiance from close by: `kind` 0 = what virtual objects add, or, below zero, keep from
-// things beside them; 1 = what phantoms throw where nothing is virtual, 2 = as things are.
-fn near_irradiance(kind: f32, world: vec3f, n: vec3f) -> vec3f {
-    let at = (world - frame.near_low.xyz) / (frame.near_high.xyz - frame.near_low.xyz);
-    let margin = vec3f(0.0, 0.0, 0.02);
-    if (frame.near_low.w == 0.0) | any(at < -margin) | any(at > vec3f(1.0)) {
-        return vec3f(0.0);
-    }
-    if n.z > 0.99 && at.z < 0.02 {
-        let half = 0.5 / f32(textureDimensions(near_ground).y);
-        let uv = vec2f((clamp(at.x, half, 1.0 - half) + kind) / 3.0, at.y);
-        return textureSampleLevel(near_ground, table_sampler, uv, 0.0).rgb;
-    }
-    let face = 6.0 * kind + select(vec3f(0.0, 2.0, 4.0), vec3f(1.0, 3.0, 5.0), n < vec3f(0.0));
-    let w = n * n;
-    // Half a probe off the surface: those behind it are inside of things, or look elsewhere.
-    let off = at + 0.5 * n / (vec3f(textureDimensions(near_volume)) * vec3f(1.0 / 18.0, 1.0, 1.0));
-    return w.x * near_facing(face.x, off) + w.y * near_facing(face.y, off) + w.z * near_facing(face.z, off);
 }
 
 // Software drivers run a loop's body once more than it is gone through, with nothing to
@@ -149,11 +76,6 @@ fn lost_behind_virtual(masks: vec4u, world: vec3f, n: vec3f) -> vec3f {
         }
     }
     return lost;
-}
-
-// What arrives where no phantom shadows the point.
-fn open_in_real(world: vec3f, n: vec3f) -> vec3f {
-    return ground_irradiance(n) + by_normal(irradiance_of_lights, n) + near_irradiance(1.0, world, n);
 }
 
 fn arriving_in_real(open: vec3f, masks: vec4u, world: vec3f, n: vec3f) -> vec3f {
@@ -190,29 +112,7 @@ fn phantom_shadow(@builtin(position) at: vec4f) -> @location(0) vec4f {
     let open = open_in_real(world, n);
     let arriving = max(arriving_in_real(open, masks, world, n), lost);
     let share = arriving.g / max(open.g, 1e-6);
-    // A shadow that the light says is black, and the picture says is not, would glow.
-    var least = vec3f(1e-6);
-    if LAMPED {
-        least = max(0.05 * by_normal(irradiance_of_lights, n), vec3f(1e-4));
-    }
-    // (E − R + V) / E, and 1 in a channel without light.
-    let change = lost - added;
-    let factor = vec3f(1.0) - lost / max(arriving, vec3f(1e-6)) + added / max(arriving, least);
-    return vec4f(select(factor, change / PI, frame.counts.y == 1u), key_with_share(surface.w, share));
-}
-
-// First covered sample in the block of pixels that this texel stands for:
-// x, y = pixel, z = sample; z < 0 = none.
-fn covered_sample(corner: vec2i, step: i32) -> vec3i {
-    let last = select(-1, step * step * SAMPLES - 1, tile_is_covered(tile_of(corner)));
-    for (var i = 0; i <= last; i++) {
-        let k = i / SAMPLES;
-        let pixel = corner + vec2i(k & (step - 1), k >> frame.tiling.z);
-        if is_surface(textureLoad(virtual_shape, pixel, i % SAMPLES)) {
-            return vec3i(pixel, i % SAMPLES);
-        }
-    }
-    return vec3i(0, 0, -1);
+    return vec4f(change_of_picture(lost, arriving, added, n), key_with_share(surface.w, share));
 }
 
 // Light that surfaces of one colour throw at one another where they hide the sky from one

@@ -100,6 +100,12 @@ fn is_near(b: Bounds) -> bool {
         & all(b.low < frame.near_high.xyz + margin);
 }
 
+// Shadowing planes know no lights: whatever they cover may be in shadow.
+fn is_on_planes(b: Bounds) -> bool {
+    return (frame.planes_low.w != 0.0) & all(b.high > frame.planes_low.xyz)
+        & all(b.low < frame.planes_high.xyz);
+}
+
 // Lights that virtual casters (x, y) and phantoms (z, w) may block on phantoms.
 @fragment
 fn classify_real(@builtin(position) at: vec4f) -> @location(0) vec4u {
@@ -122,7 +128,7 @@ fn classify_real(@builtin(position) at: vec4f) -> @location(0) vec4u {
     }
     var masks = blockable(real, decided_here(frame.counts.x, at.w));
     // Any light will do to have the tile drawn.
-    masks.x |= select(0u, 1u, is_near(real) | (lamps_on(real.low, real.high) != 0u));
+    masks.x |= select(0u, 1u, is_near(real) | is_on_planes(real) | (lamps_on(real.low, real.high) != 0u));
     return masks;
 }
 

@@ -28,6 +28,10 @@ struct Frame {
     // Region around the virtual objects, world; w of the first = 1 where it is lit.
     near_low: vec4f,
     near_high: vec4f,
+    // What shadowing planes of the real layer cover, world; w of the first = 1 where planes
+    // are the technique.
+    planes_low: vec4f,
+    planes_high: vec4f,
 }
 
 struct Light {

@@ -1,0 +1,370 @@
+//! Bakes basis images (Kakuta 2004, section 3.2; 2007, section 2.3): for each plane and each
+//! light of the dome how much of the light arrives, texel by texel, with all casters counted.
+
+use super::super::scene_buffers::MeshBuffers;
+use super::super::shadow_slots::{Fit, fit};
+use super::super::{Gpu, GpuError};
+use super::bake_passes::{BakePasses, Direction, MAP, ReceiverView, depth_square, square};
+use super::bake_scene::{BakeCasters, BakeScene, receiver_mesh};
+use super::compute::{buffer_of, storage};
+use super::readback::read_buffer;
+use super::receiver::{receiver_image, words};
+use crate::environment::geodesic::{Face, GeodesicDome};
+use crate::scene::Scene;
+use crate::scene::planes::{
+    Bake, BakeSettings, Basis, Image, Layer, Receiver, ReceiverImage, ShadowingPlane,
+};
+use glam::{DVec3, Vec3};
+use wgpu::BufferUsages as U;
+
+/// Bits of a plane's flag; twins of the constants in `bake_evaluate.wgsl`.
+const MODEL_ARRIVES: u32 = 1;
+const PHANTOMS_PASS: u32 = 2;
+const MODEL_HIDES: u32 = 4;
+const PHANTOMS_HIDE: u32 = 8;
+
+/// Bakes all images of `planes`. `progress` is told how many lights of how many are done.
+/// The key is left zero.
+///
+/// # Errors
+/// The device failed, or cannot hold so many planes; settings that no bake can have.
+pub fn bake(
+    gpu: &Gpu,
+    scene: &Scene,
+    mut planes: Vec<ShadowingPlane>,
+    settings: BakeSettings,
+    progress: &mut dyn FnMut(usize, usize),
+) -> Result<Bake, GpuError> {
+    planes.sort_by_key(|p| p.layer == Layer::Virtual);
+    let faces = faces(gpu, settings, planes.len())?;
+    let mut baker = Baker::new(gpu, scene, &planes, settings);
+    let receivers = baker.receivers(scene, &planes)?;
+    let mut work = baker.work(&receivers);
+    let mut drawn = Vec::with_capacity(faces.len());
+    let mut texels = Vec::new();
+    for (i, face) in faces.iter().enumerate() {
+        progress(i, faces.len());
+        drawn.push(work.light(&baker, face, &mut texels)?);
+    }
+    progress(faces.len(), faces.len());
+    let images = (0..planes.len())
+        .flat_map(|k| drawn.iter().map(move |light| light[k]))
+        .collect();
+    Ok(Bake {
+        key: [0; 32],
+        settings,
+        planes,
+        receivers,
+        images,
+        texels,
+    })
+}
+
+fn faces(gpu: &Gpu, settings: BakeSettings, planes: usize) -> Result<Vec<Face>, GpuError> {
+    let unfit = |reason: String| GpuError::Unfit {
+        adapter: gpu.name.clone(),
+        reason,
+    };
+    let BakeSettings {
+        resolution,
+        frequency,
+        samples,
+    } = settings;
+    let side = samples.isqrt();
+    if !(16..=1024).contains(&resolution) || resolution % 4 != 0 {
+        let reason = format!("basis images of {resolution}² texels (16 to 1024, a multiple of 4)");
+        return Err(unfit(reason));
+    }
+    if side * side != samples || !(1..=64).contains(&samples) {
+        let reason = format!("{samples} directions per face (1, 4, 9, 16, 25, 36, 49 or 64)");
+        return Err(unfit(reason));
+    }
+    let dome = GeodesicDome::new(frequency)
+        .ok_or_else(|| unfit(format!("a geodesic dome of frequency {frequency}")))?;
+    let sums = u64::from(resolution).pow(2) * 16 * planes as u64;
+    let images = u64::from(resolution).pow(2) * (planes * dome.faces.len()) as u64;
+    let most = gpu.device.limits().max_storage_buffer_binding_size;
+    if sums.max(images) > most {
+        let reason = format!(
+            "{planes} planes with {} lights of {resolution}² texels: {} MB, at most {} MB",
+            dome.faces.len(),
+            sums.max(images) >> 20,
+            most >> 20
+        );
+        return Err(unfit(reason));
+    }
+    Ok(dome.faces)
+}
+
+/// What stays for all lights.
+struct Baker<'a> {
+    gpu: &'a Gpu,
+    settings: BakeSettings,
+    passes: BakePasses,
+    scene: BakeScene,
+    planes: u32,
+}
+
+impl<'a> Baker<'a> {
+    fn new(gpu: &'a Gpu, scene: &Scene, planes: &[ShadowingPlane], settings: BakeSettings) -> Self {
+        Self {
+            passes: BakePasses::new(&gpu.device, settings.resolution),
+            scene: BakeScene::new(&gpu.device, &gpu.queue, scene, planes),
+            planes: planes.len() as u32,
+            settings,
+            gpu,
+        }
+    }
+
+    /// What each plane's camera sees.
+    fn receivers(
+        &mut self,
+        scene: &Scene,
+        planes: &[ShadowingPlane],
+    ) -> Result<Vec<ReceiverImage>, GpuError> {
+        let device = &self.gpu.device;
+        let meshes = |parts: &[crate::scene::Part]| -> Vec<Option<MeshBuffers>> {
+            parts.iter().map(|p| receiver_mesh(device, p)).collect()
+        };
+        let (virtual_meshes, phantom_meshes) =
+            (meshes(&scene.virtual_parts), meshes(&scene.phantom_parts));
+        let of = |plane: &ShadowingPlane| {
+            if plane.receiver == Receiver::Plane {
+                return Ok(ReceiverImage::default());
+            }
+            let all = match plane.layer {
+                Layer::Virtual => &virtual_meshes,
+                Layer::Real => &phantom_meshes,
+            };
+            let chosen = plane
+                .parts
+                .iter()
+                .filter_map(|i| all.get(*i as usize)?.as_ref());
+            self.receiver(plane, &chosen.collect::<Vec<_>>())
+        };
+        planes.iter().map(of).collect()
+    }
+
+    fn receiver(
+        &self,
+        plane: &ShadowingPlane,
+        meshes: &[&MeshBuffers],
+    ) -> Result<ReceiverImage, GpuError> {
+        let (device, queue) = (&self.gpu.device, &self.gpu.queue);
+        let side = self.settings.resolution;
+        let colour = square(device, "receiver", side, wgpu::TextureFormat::Rgba32Float);
+        let colour_view = colour.create_view(&wgpu::TextureViewDescriptor::default());
+        let depth = depth_square(device, "receiver depth", side);
+        let uniform = buffer_of(device, "receiver", 64, U::UNIFORM | U::COPY_DST);
+        queue.write_buffer(&uniform, 0, bytemuck::bytes_of(&view_of(plane)));
+        let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        let targets = (&colour_view, &depth);
+        self.passes
+            .record_receiver(device, &mut encoder, targets, &uniform, meshes);
+        // Rows in a buffer begin at multiples of 256 bytes.
+        let row = (side * 16).next_multiple_of(256);
+        let size = u64::from(row) * u64::from(side);
+        let buffer = buffer_of(device, "receiver", size, U::COPY_DST | U::MAP_READ);
+        encoder.copy_texture_to_buffer(
+            colour.as_image_copy(),
+            wgpu::TexelCopyBufferInfo {
+                buffer: &buffer,
+                layout: wgpu::TexelCopyBufferLayout {
+                    offset: 0,
+                    bytes_per_row: Some(row),
+                    rows_per_image: None,
+                },
+            },
+            colour.size(),
+        );
+        queue.submit([encoder.finish()]);
+        let bytes = read_buffer(self.gpu, &buffer)?;
+        let rows = bytes.chunks_exact(row as usize);
+        let texels: Vec<[f32; 4]> = rows
+            .take(side as usize)
+            .flat_map(|r| bytemuck::pod_collect_to_vec::<u8, [f32; 4]>(&r[..16 * side as usize]))
+            .collect();
+        Ok(receiver_image(&texels, side as usize))
+    }
+
+    /// The buffers that a light's images are made in.
+    fn work(&self, receivers: &[ReceiverImage]) -> Work {
+        let (device, queue) = (&self.gpu.device, &self.gpu.queue);
+        let side = self.settings.resolution as usize;
+        let texels = (side * side * self.planes as usize) as u64;
+        let receivers: Vec<_> = receivers.iter().flat_map(|r| words(r, side)).collect();
+        let uniform = |label| buffer_of(device, label, 128, U::UNIFORM | U::COPY_DST);
+        let (direction, model, phantoms) = (uniform("direction"), uniform("map"), uniform("map"));
+        let maps = ["model map", "phantom map"].map(|label| depth_square(device, label, MAP));
+        let receivers = storage(device, queue, "receivers", &receivers);
+        let copied = U::STORAGE | U::COPY_DST | U::COPY_SRC;
+        let sums = buffer_of(device, "sums", 16 * texels, copied);
+        let visibilities = buffer_of(device, "visibilities", 2 * texels, copied);
+        let flags = buffer_of(device, "flags", 4 * u64::from(self.planes), copied);
+        let read = U::COPY_DST | U::MAP_READ;
+        let group = self.passes.bind(
+            device,
+            [&direction, &self.scene.planes, &receivers],
+            [&maps[0], &maps[1]],
+            [&sums, &visibilities, &flags],
+        );
+        Work {
+            readable: buffer_of(device, "images", visibilities.size() + flags.size(), read),
+            uniforms: [direction, model, phantoms],
+            maps,
+            sums,
+            visibilities,
+            flags,
+            group,
+        }
+    }
+}
+
+fn view_of(plane: &ShadowingPlane) -> ReceiverView {
+    let row = |axis: DVec3, length: f64| {
+        let axis = axis / length;
+        axis.extend(-axis.dot(plane.centre)).as_vec4().to_array()
+    };
+    ReceiverView {
+        x: row(plane.right, plane.half_size.x),
+        y: row(plane.up, plane.half_size.y),
+        depth: row(-plane.normal(), plane.depth.max(1e-6)),
+        normal: plane.normal().as_vec3().extend(0.0).to_array(),
+    }
+}
+
+/// What a light's images are made in.
+struct Work {
+    uniforms: [wgpu::Buffer; 3],
+    maps: [wgpu::TextureView; 2],
+    sums: wgpu::Buffer,
+    visibilities: wgpu::Buffer,
+    flags: wgpu::Buffer,
+    readable: wgpu::Buffer,
+    group: wgpu::BindGroup,
+}
+
+impl Work {
+    /// One light: its images of all planes. Those that are stored are put at the end of `texels`.
+    fn light(
+        &mut self,
+        baker: &Baker<'_>,
+        face: &Face,
+        texels: &mut Vec<u8>,
+    ) -> Result<Vec<Basis>, GpuError> {
+        let (device, queue) = (&baker.gpu.device, &baker.gpu.queue);
+        let resolution = baker.settings.resolution;
+        let directions = directions(face, baker.settings.samples);
+        for (i, (towards, weight)) in directions.iter().enumerate() {
+            let mut encoder =
+                device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+            if i == 0 {
+                encoder.clear_buffer(&self.sums, 0, None);
+                encoder.clear_buffer(&self.flags, 0, None);
+            }
+            self.maps(baker, &mut encoder, *towards, *weight);
+            let passes = &baker.passes;
+            passes.record(&mut encoder, &self.group, false, resolution, baker.planes);
+            if i + 1 == directions.len() {
+                passes.record(&mut encoder, &self.group, true, resolution, baker.planes);
+                self.copy(&mut encoder);
+            }
+            queue.submit([encoder.finish()]);
+        }
+        let bytes = read_buffer(baker.gpu, &self.readable)?;
+        Ok(self.images(&bytes, baker, texels))
+    }
+
+    /// Both maps of one direction.
+    fn maps(
+        &self,
+        baker: &Baker<'_>,
+        encoder: &mut wgpu::CommandEncoder,
+        towards: Vec3,
+        weight: f32,
+    ) {
+        let (device, queue) = (&baker.gpu.device, &baker.gpu.queue);
+        let casters = [&baker.scene.model, &baker.scene.phantoms];
+        let fits = casters.map(|c: &BakeCasters| fit(&c.hull, towards, MAP));
+        let [model, phantoms]: [Fit; 2] = fits;
+        let is = |c: &BakeCasters| if c.mesh.is_some() { 1.0 } else { 0.0 };
+        let uniform = Direction {
+            model: model.rows,
+            phantoms: phantoms.rows,
+            towards: towards.extend(weight).to_array(),
+            texels: [model.texel, phantoms.texel, is(casters[0]), is(casters[1])],
+        };
+        queue.write_buffer(&self.uniforms[0], 0, bytemuck::bytes_of(&uniform));
+        for (k, casters) in casters.into_iter().enumerate() {
+            let own = &self.uniforms[k + 1];
+            queue.write_buffer(own, 0, bytemuck::cast_slice(&fits[k].rows));
+            baker
+                .passes
+                .record_map(device, encoder, &self.maps[k], own, casters.mesh.as_ref());
+        }
+    }
+
+    fn copy(&self, encoder: &mut wgpu::CommandEncoder) {
+        let (images, flags) = (self.visibilities.size(), self.flags.size());
+        encoder.copy_buffer_to_buffer(&self.visibilities, 0, &self.readable, 0, images);
+        encoder.copy_buffer_to_buffer(&self.flags, 0, &self.readable, images, flags);
+    }
+
+    fn images(&self, bytes: &[u8], baker: &Baker<'_>, texels: &mut Vec<u8>) -> Vec<Basis> {
+        let one = baker.settings.resolution.pow(2) as usize;
+        let planes = baker.planes as usize;
+        let flags = &bytes[self.visibilities.size() as usize..];
+        let half = self.visibilities.size() as usize / 2;
+        let mut keep = |at: usize| {
+            let number = texels.len() / one;
+            texels.extend_from_slice(&bytes[at..at + one]);
+            Image::Stored(number as u32)
+        };
+        let mut image = |flag: u32, arrives: u32, hides: u32, at: usize| {
+            if flag & arrives == 0 {
+                Image::Black
+            } else if flag & hides == 0 {
+                Image::White
+            } else {
+                keep(at)
+            }
+        };
+        let of = |k: usize| {
+            let flag = bytemuck::pod_read_unaligned(&flags[4 * k..4 * k + 4]);
+            let by_model = image(flag, MODEL_ARRIVES, MODEL_HIDES, k * one);
+            let by_phantoms = image(flag, PHANTOMS_PASS, PHANTOMS_HIDE, half + k * one);
+            Basis {
+                by_model,
+                by_phantoms,
+            }
+        };
+        (0..planes).map(of).collect()
+    }
+}
+
+/// Directions spread over a face and their shares: its centre, or the centres of the small
+/// triangles that it is cut into.
+fn directions(face: &Face, samples: u32) -> Vec<(Vec3, f32)> {
+    let side = samples.isqrt().max(1);
+    if side == 1 {
+        return vec![(face.centre, 1.0)];
+    }
+    let [a, b, c] = face.corners;
+    let at = |i: f32, j: f32| {
+        let (u, v) = (i / side as f32, j / side as f32);
+        (a * (1.0 - u - v) + b * u + c * v).normalize()
+    };
+    let share = 1.0 / samples as f32;
+    let mut all = Vec::with_capacity(samples as usize);
+    for i in 0..side {
+        for j in 0..side - i {
+            let (x, y) = (i as f32, j as f32);
+            let third = 1.0 / 3.0;
+            all.push((at(x + third, y + third), share));
+            if i + j + 1 < side {
+                all.push((at(x + 2.0 * third, y + 2.0 * third), share));
+            }
+        }
+    }
+    all
+}

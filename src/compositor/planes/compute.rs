@@ -1,0 +1,33 @@
+//! Buffers of compute passes.
+
+/// A buffer of `bytes` bytes (at least 16), zeroed.
+pub(super) fn buffer_of(
+    device: &wgpu::Device,
+    label: &str,
+    bytes: u64,
+    usage: wgpu::BufferUsages,
+) -> wgpu::Buffer {
+    device.create_buffer(&wgpu::BufferDescriptor {
+        label: Some(label),
+        size: bytes.max(16).next_multiple_of(16),
+        usage,
+        mapped_at_creation: false,
+    })
+}
+
+/// A storage buffer that holds `contents` (zeros where there are none).
+pub(super) fn storage<T: bytemuck::Pod>(
+    device: &wgpu::Device,
+    queue: &wgpu::Queue,
+    label: &str,
+    contents: &[T],
+) -> wgpu::Buffer {
+    let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST;
+    let bytes: &[u8] = bytemuck::cast_slice(contents);
+    let buffer = buffer_of(device, label, bytes.len() as u64, usage);
+    let whole = bytes.len() - bytes.len() % 4;
+    if whole > 0 {
+        queue.write_buffer(&buffer, 0, &bytes[..whole]);
+    }
+    buffer
+}

@@ -1,0 +1,204 @@
+//! Shadowing planes as a technique of the compositor.
+
+use super::super::frame::{FrameInput, clip_from_camera};
+use super::super::gpu_data::FrameUniform;
+use super::super::passes::shadow_buffer::MarkedPasses;
+use super::super::timing::Timer;
+use super::super::{Compositor, Gpu, GpuError};
+use super::luminance::LuminancePass;
+use super::synthesis::{PlaneWork, Synthesis, SynthesisPasses, Thresholds};
+use crate::environment::geodesic::{GeodesicDome, sum_faces};
+use crate::environment::{DomeLight, LightKind};
+use crate::scene::planes::Bake;
+use glam::Vec3;
+
+/// What virtual objects are shaded by, before shadows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Shading {
+    /// The irradiance of the environment, compact sources where they are.
+    #[default]
+    Irradiance,
+    /// The lights of all faces of the dome.
+    Lights,
+    /// Six lights, each the sum of neighbouring faces: the papers' way.
+    Six,
+}
+
+/// How planes are used in a frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PlanesChoice {
+    /// When sums are made anew.
+    pub thresholds: Thresholds,
+    /// What virtual objects are shaded by.
+    pub shading: Shading,
+}
+
+/// Everything that the technique keeps.
+pub struct PlanesStage {
+    passes: SynthesisPasses,
+    luminance: LuminancePass,
+    synthesis: Synthesis,
+    dome: GeodesicDome,
+    show: Option<MarkedPasses>,
+    shown: bool,
+    device: wgpu::Device,
+    /// Lights of faces, for shading.
+    lights: Vec<DomeLight>,
+}
+
+impl Compositor {
+    /// Puts a bake in force, or takes it away. It must be one of the scene that is shown.
+    ///
+    /// # Errors
+    /// A bake of a dome that cannot be.
+    pub fn set_bake(&mut self, bake: Option<&Bake>) -> Result<(), GpuError> {
+        let Some(bake) = bake else {
+            self.planes = None;
+            return Ok(());
+        };
+        let device = &self.gpu.device;
+        let dome = GeodesicDome::new(bake.settings.frequency).ok_or_else(|| GpuError::Unfit {
+            adapter: self.gpu.name.clone(),
+            reason: format!("a geodesic dome of frequency {}", bake.settings.frequency),
+        })?;
+        let passes = SynthesisPasses::new(device);
+        self.planes = Some(Box::new(PlanesStage {
+            synthesis: Synthesis::new(&self.gpu, &passes, bake),
+            luminance: LuminancePass::for_adapter(&self.gpu),
+            passes,
+            dome,
+            show: None,
+            shown: false,
+            device: device.clone(),
+            lights: Vec::new(),
+        }));
+        Ok(())
+    }
+
+    /// What planes had to do in the last frame; `None` while they are not the technique. Waits
+    /// for the device.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn plane_work(&self) -> Result<Option<PlaneWork>, GpuError> {
+        let stage = self.planes.as_ref().filter(|stage| stage.shown);
+        stage
+            .map(|stage| stage.synthesis.work(&self.gpu))
+            .transpose()
+    }
+
+    /// Uploads what planes need in this frame. False where they are not the technique, or
+    /// where there is no light for them.
+    ///
+    /// # Errors
+    /// More pixels of light than the device can read.
+    pub(in super::super) fn prepare_planes(
+        &mut self,
+        input: &FrameInput<'_>,
+        augmented: bool,
+    ) -> Result<bool, GpuError> {
+        let Some(stage) = &mut self.planes else {
+            return Ok(false);
+        };
+        stage.shown = false;
+        let (Some(choice), Some(pose)) = (input.planes, input.world_from_camera) else {
+            return Ok(false);
+        };
+        let Some((lighting, faces)) = input.lighting.and_then(|l| Some((l, l.faces.as_ref()?)))
+        else {
+            return Ok(false);
+        };
+        if !augmented {
+            return Ok(false);
+        }
+        let Gpu { device, queue, .. } = &self.gpu;
+        let uploaded = stage
+            .luminance
+            .upload(device, queue, faces, lighting.generation);
+        uploaded.map_err(|error| GpuError::Unfit {
+            adapter: self.gpu.name.clone(),
+            reason: error.to_string(),
+        })?;
+        let frame = &self.light_maps.frame_layout;
+        let (shadows, shown) = (&self.pipelines.shadow_buffer, &stage.passes.shown_layout);
+        stage
+            .show
+            .get_or_insert_with(|| shadows.of_planes(device, frame, shown, self.variant));
+        let clip_from_world = clip_from_camera(input.camera) * pose.inverse().to_matrix();
+        stage
+            .synthesis
+            .prepare(queue, clip_from_world, pose.translation, choice.thresholds);
+        stage.shown = true;
+        Ok(true)
+    }
+}
+
+impl PlanesStage {
+    /// Whether this frame's shadows come from planes.
+    pub fn is_shown(&self) -> bool {
+        self.shown
+    }
+
+    /// The shaders are to be compiled anew.
+    pub fn forget_pipelines(&mut self) {
+        self.show = None;
+    }
+
+    /// Sums; the passes that show the sums, and what they bind.
+    pub fn record(
+        &mut self,
+        encoder: &mut wgpu::CommandEncoder,
+        timer: &mut Timer,
+    ) -> Option<(&MarkedPasses, &wgpu::BindGroup)> {
+        self.luminance.record(&self.device, encoder, timer);
+        let luminance = self.luminance.buffer();
+        self.synthesis
+            .record(&self.device, encoder, timer, &self.passes, luminance);
+        Some((self.show.as_ref()?, self.synthesis.group()))
+    }
+
+    /// The lights that shade virtual objects: those of the environment, or of faces.
+    pub fn shade<'a>(
+        &'a mut self,
+        input: &FrameInput<'_>,
+        uniform: &mut FrameUniform,
+        lights: &'a [DomeLight],
+    ) -> &'a [DomeLight] {
+        let (low, high) = self.synthesis.reach();
+        uniform.planes_low = low.as_vec3().extend(1.0).to_array();
+        uniform.planes_high = high.as_vec3().extend(0.0).to_array();
+        let shading = input.planes.map_or(Shading::Irradiance, |p| p.shading);
+        let faces = input.lighting.and_then(|l| l.faces.as_ref());
+        let (Some(faces), false) = (faces, shading == Shading::Irradiance) else {
+            return lights;
+        };
+        let sums = sum_faces(faces);
+        self.lights.clear();
+        if shading == Shading::Six {
+            let six = self.dome.six_groups();
+            let each = six.directions.iter().zip(six.sums(&sums));
+            self.lights.extend(each.map(|(d, s)| light_of(*d, s)));
+        } else {
+            let each = self.dome.faces.iter().zip(&sums);
+            self.lights
+                .extend(each.map(|(f, s)| light_of(f.centre, *s)));
+        }
+        // Only the ground is left of what no light stands for: π/2 · L · (1 − n.z).
+        let ground = Vec3::from_slice(&uniform.ground[..3]) * std::f32::consts::FRAC_PI_2;
+        uniform.harmonics = [[0.0; 4]; 9];
+        if uniform.params[2] > 0.0 {
+            uniform.harmonics[0] = ground.extend(0.0).to_array();
+            uniform.harmonics[2] = (-ground).extend(0.0).to_array();
+        }
+        &self.lights
+    }
+}
+
+fn light_of(direction: Vec3, irradiance: Vec3) -> DomeLight {
+    DomeLight {
+        direction,
+        irradiance,
+        angular_radius: 0.0,
+        kind: LightKind::Compact,
+    }
+}

@@ -1,0 +1,422 @@
+//! In each frame: which basis images have to be summed, and their sums (Kakuta 2004, 2007).
+//! Everything is decided on the device; the host only hears of it afterwards.
+
+use super::super::Gpu;
+use super::super::bindings::{self, Slot, compute_layout, compute_pipeline, sampler, view};
+use super::super::shaders;
+use super::super::timing::Timer;
+use super::compute::{buffer_of, storage};
+use super::readback::read_buffer;
+use super::receiver::words;
+use super::shown::{ShownPlane, ShownPlanes};
+use crate::compositor::GpuError;
+use crate::environment::geodesic::GeodesicDome;
+use crate::scene::planes::{Bake, Image, Layer, Receiver};
+use bytemuck::{Pod, Zeroable};
+use glam::{DMat4, DVec3};
+use wgpu::BufferUsages as U;
+
+/// When sums are made anew. All are shares of all the light that a plane gets.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Thresholds {
+    /// Lights that give less are left out.
+    pub skip_below: f32,
+    /// A plane is left alone while its light is off by less.
+    pub recompute_above: f32,
+}
+
+impl Default for Thresholds {
+    fn default() -> Self {
+        Self {
+            skip_below: 0.002,
+            recompute_above: 0.01,
+        }
+    }
+}
+
+/// Lights off by less than this share of [`Thresholds::recompute_above`] stay as they are when
+/// others are mended: 40 of them together are off by as much again at most.
+const LEAST_CHANGE: f32 = 1.0 / 40.0;
+
+/// Twin of WGSL `Settings` in `lib/sum_planes.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+struct Settings {
+    planes: u32,
+    lights: u32,
+    side: u32,
+    real: u32,
+    skip_below: f32,
+    recompute_above: f32,
+    least_change: f32,
+    unused: f32,
+}
+
+/// Twin of WGSL `SumPlane`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+struct SumPlane {
+    normal: [f32; 4],
+    kind: [u32; 4],
+}
+
+/// Twin of WGSL `Job`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+struct Job {
+    count: u32,
+    anew: u32,
+    skipped: u32,
+    lights: u32,
+}
+
+/// What a frame had to do.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PlaneWork {
+    /// Planes that face the viewer and lie in the picture.
+    pub seen: usize,
+    /// Of those, planes that were summed anew or mended.
+    pub resummed: usize,
+    /// Basis images that were summed.
+    pub images: usize,
+    /// Basis images of the planes in sight, as many as there would be without any saving.
+    pub images_in_sight: usize,
+    /// Lights that were left out on the plane where most were.
+    pub lights_skipped: usize,
+}
+
+/// Pipelines; they outlive any bake.
+pub struct SynthesisPasses {
+    plan: wgpu::ComputePipeline,
+    plan_layout: wgpu::BindGroupLayout,
+    sum: wgpu::ComputePipeline,
+    sum_layout: wgpu::BindGroupLayout,
+    /// What the passes that show planes bind.
+    pub shown_layout: wgpu::BindGroupLayout,
+    smooth: wgpu::Sampler,
+}
+
+impl SynthesisPasses {
+    /// Compiles them.
+    #[must_use]
+    pub fn new(device: &wgpu::Device) -> Self {
+        let module = |name| shaders::planes_module(device, name);
+        let plan_layout = compute_layout(
+            device,
+            "plan",
+            &[
+                Slot::Storage,
+                Slot::Storage,
+                Slot::Storage,
+                Slot::Storage,
+                Slot::Storage,
+                Slot::StorageWritten,
+                Slot::StorageWritten,
+                Slot::StorageWritten,
+            ],
+        );
+        let mut of_sum = vec![Slot::Storage; 8];
+        of_sum.extend([
+            Slot::StorageWritten,
+            Slot::WrittenLayers,
+            Slot::WrittenLayers,
+        ]);
+        let sum_layout = compute_layout(device, "sum", &of_sum);
+        let slots = [Slot::Storage, Slot::Layers, Slot::Layers, Slot::Sampler];
+        Self {
+            plan: compute_pipeline(device, &module("planes_plan"), &[&plan_layout], "plan"),
+            sum: compute_pipeline(device, &module("planes_sum"), &[&sum_layout], "sum"),
+            shown_layout: bindings::layout(device, "shown planes", &slots),
+            plan_layout,
+            sum_layout,
+            smooth: device.create_sampler(&wgpu::SamplerDescriptor {
+                label: Some("planes"),
+                mag_filter: wgpu::FilterMode::Linear,
+                min_filter: wgpu::FilterMode::Linear,
+                ..Default::default()
+            }),
+        }
+    }
+}
+
+/// One bake on the device, and the sums over it.
+pub struct Synthesis {
+    settings: Settings,
+    shown: ShownPlanes,
+    buffers: Buffers,
+    /// And the luminances that it was made for.
+    plan_group: Option<(wgpu::Buffer, wgpu::BindGroup)>,
+    sum_group: wgpu::BindGroup,
+    shown_group: wgpu::BindGroup,
+    visible: Vec<u32>,
+    uploaded: Option<Settings>,
+}
+
+struct Buffers {
+    settings: wgpu::Buffer,
+    faces: wgpu::Buffer,
+    planes: wgpu::Buffer,
+    visible: wgpu::Buffer,
+    applied: wgpu::Buffer,
+    work: wgpu::Buffer,
+    jobs: wgpu::Buffer,
+    readable: wgpu::Buffer,
+    shown: wgpu::Buffer,
+}
+
+impl Synthesis {
+    /// Uploads `bake`.
+    #[must_use]
+    pub fn new(gpu: &Gpu, passes: &SynthesisPasses, bake: &Bake) -> Self {
+        let (device, queue) = (&gpu.device, &gpu.queue);
+        let side = bake.settings.resolution;
+        let (planes, lights) = (bake.planes.len(), bake.lights());
+        let shown = ShownPlanes::of(bake);
+        let (of_planes, vectors) = sum_planes(bake);
+        let dome = GeodesicDome::new(bake.settings.frequency);
+        let faces: Vec<[f32; 4]> = dome
+            .iter()
+            .flat_map(|d| &d.faces)
+            .map(|f| f.centre.extend(0.0).to_array())
+            .collect();
+        let receivers: Vec<_> = bake
+            .receivers
+            .iter()
+            .flat_map(|r| words(r, side as usize))
+            .collect();
+        let slots: Vec<[u32; 2]> = bake
+            .images
+            .iter()
+            .map(|b| [number(b.by_model), number(b.by_phantoms)])
+            .collect();
+        let kept =
+            |label, bytes: usize, usage| buffer_of(device, label, bytes as u64, U::STORAGE | usage);
+        let each = planes * lights * 16;
+        let buffers = Buffers {
+            settings: kept("plane settings", size_of::<Settings>(), U::COPY_DST),
+            faces: storage(device, queue, "faces", &faces),
+            planes: storage(device, queue, "planes", &of_planes),
+            visible: kept("visible", planes * 4, U::COPY_DST),
+            applied: kept("applied", each, U::empty()),
+            work: kept("work", each, U::empty()),
+            jobs: kept("jobs", planes * size_of::<Job>(), U::COPY_SRC),
+            readable: buffer_of(
+                device,
+                "jobs",
+                (planes * size_of::<Job>()) as u64,
+                U::COPY_DST | U::MAP_READ,
+            ),
+            shown: kept("shown", ShownPlanes::bytes(planes), U::COPY_DST),
+        };
+        let real = bake
+            .planes
+            .iter()
+            .filter(|p| p.layer == Layer::Real)
+            .count() as u32;
+        let shares = [planes as u32, real].map(|layers| shares(device, side, layers));
+        let settings = Settings {
+            planes: planes as u32,
+            lights: lights as u32,
+            side,
+            real,
+            ..Settings::default()
+        };
+        let basis = storage(device, queue, "basis", &slots);
+        let images = storage(device, queue, "images", &bake.texels);
+        let receivers = storage(device, queue, "receivers", &receivers);
+        let sums = kept("sums", vectors * 16, U::empty());
+        let read = [
+            &buffers.settings,
+            &buffers.faces,
+            &buffers.planes,
+            &buffers.jobs,
+            &buffers.work,
+            &basis,
+            &images,
+            &receivers,
+            &sums,
+        ];
+        let mut resources: Vec<_> = read.iter().map(|b| b.as_entire_binding()).collect();
+        resources.extend(shares.each_ref().map(view));
+        let sum_group = bindings::group(device, "sum", &passes.sum_layout, &resources);
+        let resources = [
+            buffers.shown.as_entire_binding(),
+            view(&shares[0]),
+            view(&shares[1]),
+            sampler(&passes.smooth),
+        ];
+        let shown_group = bindings::group(device, "shown", &passes.shown_layout, &resources);
+        Self {
+            visible: vec![0; planes],
+            settings,
+            shown,
+            buffers,
+            plan_group: None,
+            sum_group,
+            shown_group,
+            uploaded: None,
+        }
+    }
+
+    /// What the passes that show planes bind.
+    #[must_use]
+    pub const fn group(&self) -> &wgpu::BindGroup {
+        &self.shown_group
+    }
+
+    /// Box around everything that planes of the real layer cover, world: low and high.
+    #[must_use]
+    pub const fn reach(&self) -> (DVec3, DVec3) {
+        self.shown.reach
+    }
+
+    /// Finds the planes that `eye` can see through `clip_from_world`, and uploads them.
+    pub fn prepare(
+        &mut self,
+        queue: &wgpu::Queue,
+        clip_from_world: DMat4,
+        eye: DVec3,
+        thresholds: Thresholds,
+    ) {
+        let seen = self.shown.choose(clip_from_world, eye);
+        for (flag, seen) in self.visible.iter_mut().zip(seen) {
+            *flag = u32::from(*seen);
+        }
+        queue.write_buffer(
+            &self.buffers.visible,
+            0,
+            bytemuck::cast_slice(&self.visible),
+        );
+        let (count, each) = self.shown.uploads();
+        queue.write_buffer(&self.buffers.shown, 0, bytemuck::cast_slice(count));
+        if !each.is_empty() {
+            queue.write_buffer(
+                &self.buffers.shown,
+                16,
+                bytemuck::cast_slice::<ShownPlane, u8>(each),
+            );
+        }
+        let settings = Settings {
+            skip_below: thresholds.skip_below,
+            recompute_above: thresholds.recompute_above,
+            least_change: thresholds.recompute_above * LEAST_CHANGE,
+            ..self.settings
+        };
+        if self.uploaded != Some(settings) {
+            queue.write_buffer(&self.buffers.settings, 0, bytemuck::bytes_of(&settings));
+            self.uploaded = Some(settings);
+        }
+    }
+
+    /// Plans and sums. `luminance` holds one vector per face of the dome.
+    pub fn record(
+        &mut self,
+        device: &wgpu::Device,
+        encoder: &mut wgpu::CommandEncoder,
+        timer: &mut Timer,
+        passes: &SynthesisPasses,
+        luminance: &wgpu::Buffer,
+    ) {
+        let b = &self.buffers;
+        let known = self
+            .plan_group
+            .take()
+            .filter(|(bound, _)| bound == luminance);
+        let (_, plan_group) = self.plan_group.insert(known.unwrap_or_else(|| {
+            let all = [
+                &b.settings,
+                &b.faces,
+                luminance,
+                &b.planes,
+                &b.visible,
+                &b.applied,
+                &b.work,
+                &b.jobs,
+            ];
+            let resources = all.map(wgpu::Buffer::as_entire_binding);
+            let group = bindings::group(device, "plan", &passes.plan_layout, &resources);
+            (luminance.clone(), group)
+        }));
+        let words = self.settings.side * self.settings.side / 4;
+        let planes = self.settings.planes;
+        let jobs = [
+            (&passes.plan, &*plan_group, (planes.div_ceil(64), 1)),
+            (&passes.sum, &self.sum_group, (words.div_ceil(64), planes)),
+        ];
+        for (i, (pipeline, group, (x, y))) in jobs.into_iter().enumerate() {
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+                label: Some("basis_images"),
+                timestamp_writes: timer.compute_span("basis_images", i == 0, i == 1),
+            });
+            pass.set_pipeline(pipeline);
+            pass.set_bind_group(0, group, &[]);
+            pass.dispatch_workgroups(x, y, 1);
+        }
+        encoder.copy_buffer_to_buffer(&b.jobs, 0, &b.readable, 0, b.jobs.size());
+    }
+
+    /// What the last frame had to do; waits for it.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn work(&self, gpu: &Gpu) -> Result<PlaneWork, GpuError> {
+        let bytes = read_buffer(gpu, &self.buffers.readable)?;
+        let jobs = bytemuck::pod_collect_to_vec::<u8, Job>(&bytes);
+        let mut work = PlaneWork::default();
+        for (job, seen) in jobs.iter().zip(&self.visible) {
+            work.seen += *seen as usize;
+            work.resummed += usize::from(job.count > 0);
+            work.images += job.count as usize;
+            work.images_in_sight += (*seen * self.settings.lights) as usize;
+            work.lights_skipped = work.lights_skipped.max(job.skipped as usize);
+        }
+        Ok(work)
+    }
+}
+
+/// The planes, and how many vectors their sums take: nine for four texels on the real layer,
+/// six on the other.
+fn sum_planes(bake: &Bake) -> (Vec<SumPlane>, usize) {
+    let words = bake.settings.resolution.pow(2) / 4;
+    let mut begin = 0;
+    let of = |plane: &crate::scene::planes::ShadowingPlane| {
+        let at = begin;
+        begin += words * if plane.layer == Layer::Real { 9 } else { 6 };
+        SumPlane {
+            normal: plane.normal().as_vec3().extend(0.0).to_array(),
+            kind: [u32::from(plane.receiver == Receiver::Plane), at, 0, 0],
+        }
+    };
+    let planes = bake.planes.iter().map(of).collect();
+    (planes, begin as usize)
+}
+
+/// As the shader tells images apart.
+const fn number(image: Image) -> u32 {
+    match image {
+        Image::Black => u32::MAX,
+        Image::White => u32::MAX - 1,
+        Image::Stored(i) => i,
+    }
+}
+
+fn shares(device: &wgpu::Device, side: u32, layers: u32) -> wgpu::TextureView {
+    let texture = device.create_texture(&wgpu::TextureDescriptor {
+        label: Some("shares"),
+        size: wgpu::Extent3d {
+            width: side,
+            height: side,
+            depth_or_array_layers: layers.max(1),
+        },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: wgpu::TextureFormat::Rgba16Float,
+        usage: wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::TEXTURE_BINDING,
+        view_formats: &[],
+    });
+    texture.create_view(&wgpu::TextureViewDescriptor {
+        dimension: Some(wgpu::TextureViewDimension::D2Array),
+        ..Default::default()
+    })
+}

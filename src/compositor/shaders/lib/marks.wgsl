@@ -1,0 +1,48 @@
+// Which texels of the shadow buffer there is work for, on real and on virtual surfaces.
+
+@group(2) @binding(0) var phantom_normal: texture_2d<f32>;
+@group(2) @binding(1) var phantom_depth: texture_depth_2d;
+@group(2) @binding(2) var virtual_shape: VIRTUAL_TEXTURE;
+@group(2) @binding(3) var virtual_depth: VIRTUAL_DEPTH;
+@group(2) @binding(4) var phantom_tiles: texture_2d<u32>;
+@group(2) @binding(5) var virtual_tiles: texture_2d<u32>;
+@group(2) @binding(6) var covered_tiles: texture_2d<u32>;
+
+// Texels with work to do are marked in a depth buffer first, and the work is drawn against
+// it: software drivers run both sides of every branch, but leave out what fails the test.
+const MARK = 1.0;
+
+@vertex
+fn behind_marks(@builtin(vertex_index) i: u32) -> @builtin(position) vec4f {
+    return vec4f(f32(i32(i & 1u) * 4 - 1), f32(i32(i >> 1u) * 4 - 1), 0.5 * MARK, 1.0);
+}
+
+// Real surfaces in tiles that some light may be missing from.
+@fragment
+fn mark_phantoms(@builtin(position) at: vec4f) -> @builtin(frag_depth) f32 {
+    let pixel = vec2i(at.xy) * i32(frame.counts.z);
+    let there = textureLoad(phantom_normal, pixel, 0).z == 1.0;
+    let wanted = any(textureLoad(phantom_tiles, tile_of(pixel), 0).xy != vec2u(0u));
+    return select(0.0, MARK, there & wanted);
+}
+
+// Texels of which virtual surfaces cover a part.
+@fragment
+fn mark_virtual(@builtin(position) at: vec4f) -> @builtin(frag_depth) f32 {
+    let step = i32(decided_here(frame.counts.z, at.w));
+    return select(0.0, MARK, covered_sample(vec2i(at.xy) * step, step).z >= 0);
+}
+
+// First covered sample in the block of pixels that this texel stands for:
+// x, y = pixel, z = sample; z < 0 = none.
+fn covered_sample(corner: vec2i, step: i32) -> vec3i {
+    let last = select(-1, step * step * SAMPLES - 1, tile_is_covered(tile_of(corner)));
+    for (var i = 0; i <= last; i++) {
+        let k = i / SAMPLES;
+        let pixel = corner + vec2i(k & (step - 1), k >> frame.tiling.z);
+        if is_surface(textureLoad(virtual_shape, pixel, i % SAMPLES)) {
+            return vec3i(pixel, i % SAMPLES);
+        }
+    }
+    return vec3i(0, 0, -1);
+}

@@ -1,0 +1,38 @@
+// What light surfaces lack by the sums of basis images: the shadow buffer as shadowing planes
+// have it. P' = P · Isum / Asum per channel (Kakuta 2004, eq. 6), where the picture's own
+// light has been past the phantoms already:
+//
+//   R = E_dome · (Ireal − Iall) / Asum      the light that virtual casters keep away
+//   E = E_open − E_dome · (1 − Ireal / Asum)   the light that arrives in the real scene
+
+@fragment
+fn phantom_shadow(@builtin(position) at: vec4f) -> @location(0) vec4f {
+    let pixel = vec2i(at.xy) * i32(frame.counts.z);
+    let surface = textureLoad(phantom_normal, pixel, 0);
+    let n = normal_from_octahedron(surface.xy);
+    let world = world_at(vec2f(pixel), textureLoad(phantom_depth, pixel, 0));
+    let shares = real_shares(world, n);
+    let dome = by_normal(irradiance_of_lights, n);
+    // Less the light that virtual objects throw back.
+    let kept = dome * max(shares.real - shares.all, vec3f(0.0));
+    let lost = (kept - near_irradiance(0.0, world, n)) * frame.params.x;
+    let added = lamp_irradiance(world, n);
+    let open = open_in_real(world, n);
+    let arriving = max(open - dome * (1.0 - shares.real), lost);
+    let share = arriving.g / max(open.g, 1e-6);
+    return vec4f(change_of_picture(lost, arriving, added, n), key_with_share(surface.w, share));
+}
+
+// Texels of the light buffer: irradiance, depth along the view and normal, packed.
+@fragment
+fn virtual_light(@builtin(position) position: vec4f) -> @location(0) vec4u {
+    let step = i32(decided_here(frame.counts.z, position.w));
+    let found = covered_sample(vec2i(position.xy) * step, step);
+    let n = normal_from_octahedron(octahedron(textureLoad(virtual_shape, found.xy, found.z)));
+    let depth = textureLoad(virtual_depth, found.xy, found.z);
+    let world = world_at(sample_place(found.xy, found.z), depth);
+    var left = sky_irradiance(n) + by_normal(irradiance_of_compact, n);
+    left -= by_normal(irradiance_of_lights, n) * (1.0 - virtual_share(world, n));
+    left += near_irradiance(2.0, world, n) + lamp_irradiance(world, n);
+    return packed_light(max(left, vec3f(0.0)), frame.eye.w / depth, n);
+}

@@ -1,0 +1,221 @@
+//! Basis images against truths in closed form: one light, one plane, one box.
+
+use crate::stage::{gpu, part};
+use glam::{DVec2, DVec3, Vec3};
+use penumbra::compositor::planes::bake;
+use penumbra::environment::geodesic::GeodesicDome;
+use penumbra::scene::planes::{
+    Bake, BakeSettings, Image, Layer, Receiver, ReceiverImage, ShadowingPlane,
+};
+use penumbra::scene::{Scene, primitives};
+
+const SIDE: u32 = 128;
+
+/// Level, two metres a side.
+pub fn ground() -> ShadowingPlane {
+    ShadowingPlane {
+        centre: DVec3::ZERO,
+        right: DVec3::X,
+        up: DVec3::Y,
+        half_size: DVec2::splat(1.0),
+        depth: 0.05,
+        layer: Layer::Real,
+        receiver: Receiver::Plane,
+        parts: Vec::new(),
+    }
+}
+
+const LOW: DVec3 = DVec3::new(-0.15, -0.2, 0.1);
+const HIGH: DVec3 = DVec3::new(0.15, 0.2, 0.4);
+
+/// A box that floats over the ground.
+pub fn floating_box() -> Scene {
+    let size = (HIGH - LOW).as_vec3();
+    Scene {
+        virtual_parts: vec![part(primitives::cuboid(size), DVec3::new(0.0, 0.0, LOW.z))],
+        phantom_parts: vec![part(primitives::plane(8.0, 8.0), DVec3::ZERO)],
+        ground_height: Some(0.0),
+        ..Scene::default()
+    }
+}
+
+/// Whether a ray meets the box (slabs).
+fn hidden(from: DVec3, towards: DVec3) -> bool {
+    let (a, b) = ((LOW - from) / towards, (HIGH - from) / towards);
+    let (near, far) = (a.min(b).max_element(), a.max(b).min_element());
+    near.max(0.0) < far
+}
+
+fn texel_in_world(plane: &ShadowingPlane, x: f64, y: f64) -> DVec3 {
+    let at = DVec2::new(x, f64::from(SIDE) - y) / f64::from(SIDE) * 2.0 - 1.0;
+    plane.centre + plane.right * (at.x * plane.half_size.x) + plane.up * (at.y * plane.half_size.y)
+}
+
+/// Share of a texel in the box's shadow, from 100 points of it.
+fn covered(plane: &ShadowingPlane, x: f64, y: f64, towards: DVec3) -> f64 {
+    let at = |k: i32| (f64::from(k) + 0.5) / 10.0;
+    let points = (0..100).map(|k| texel_in_world(plane, x + at(k % 10), y + at(k / 10)));
+    points.filter(|p| hidden(*p, towards)).count() as f64 / 100.0
+}
+
+fn texels(bake: &Bake, image: Image) -> Vec<u8> {
+    let one = bake.settings.resolution.pow(2) as usize;
+    match image {
+        Image::Black => vec![0; one],
+        Image::White => vec![255; one],
+        Image::Stored(i) => bake.texels[i as usize * one..][..one].to_vec(),
+    }
+}
+
+fn baked(scene: &Scene, planes: Vec<ShadowingPlane>, samples: u32) -> Bake {
+    let settings = BakeSettings {
+        resolution: SIDE,
+        frequency: 2,
+        samples,
+    };
+    bake(&gpu(), scene, planes, settings, &mut |_, _| ()).unwrap()
+}
+
+#[test]
+fn a_box_casts_its_exact_polygon_on_a_plane() {
+    let plane = ground();
+    let bake = baked(&floating_box(), vec![plane.clone()], 1);
+    let dome = GeodesicDome::new(2).unwrap();
+    assert_eq!(bake.lights(), dome.faces.len());
+    for (face, basis) in dome.faces.iter().zip(&bake.images) {
+        assert_eq!(basis.by_phantoms, Image::White);
+        let towards = face.centre.as_dvec3();
+        let image = texels(&bake, basis.by_model);
+        let (mut sum, mut exact) = (0.0, 0.0);
+        for (i, open) in image.iter().enumerate() {
+            let (x, y) = ((i as u32 % SIDE) as f64, (i as u32 / SIDE) as f64);
+            // Nine points of the texel, and beyond it by what a map's texel blurs.
+            let point = |k: i32, wide: f64| {
+                let o = DVec2::new(f64::from(k % 3), f64::from(k / 3)) - 1.0;
+                hidden(
+                    texel_in_world(&plane, x + 0.5 + o.x * wide, y + 0.5 + o.y * wide),
+                    towards,
+                )
+            };
+            let hits = (0..9).filter(|k| point(*k, 0.75)).count();
+            match hits {
+                0 => assert_eq!(*open, 255, "{x} {y} {towards}"),
+                9 => assert_eq!(*open, 0, "{x} {y} {towards}"),
+                _ => (),
+            }
+            sum += 1.0 - f64::from(*open) / 255.0;
+            exact += covered(&plane, x, y, towards);
+        }
+        assert!(
+            (sum - exact).abs() < 0.01 * exact,
+            "{towards}: {sum} {exact}"
+        );
+    }
+}
+
+#[test]
+fn a_wall_is_dark_for_lights_behind_it_and_such_images_are_dropped() {
+    let wall = ShadowingPlane {
+        centre: DVec3::new(0.0, -0.22, 0.25),
+        right: DVec3::X,
+        up: DVec3::Z,
+        half_size: DVec2::new(0.2, 0.2),
+        depth: 0.1,
+        layer: Layer::Virtual,
+        receiver: Receiver::Surface,
+        parts: vec![0],
+    };
+    assert_eq!(wall.normal(), DVec3::NEG_Y);
+    let bake = baked(&floating_box(), vec![wall, ground()], 1);
+    // Those of the real layer come first.
+    assert_eq!(bake.planes[0].layer, Layer::Real);
+    let receiver = &bake.receivers[1];
+    let middle = (SIDE * SIDE / 2 + SIDE / 2) as usize;
+    let depth = f64::from(receiver.depths[middle]) / 65534.0 * 0.1;
+    assert!((depth - 0.02).abs() < 1e-4, "{depth}");
+    assert_eq!(receiver.depths[0], ReceiverImage::NOTHING);
+    let dome = GeodesicDome::new(2).unwrap();
+    let of_wall = &bake.images[dome.faces.len()..];
+    for (face, basis) in dome.faces.iter().zip(of_wall) {
+        // Nothing stands before the wall: it sees all of a light or nothing.
+        let expected = if face.centre.y < 0.0 {
+            Image::White
+        } else {
+            Image::Black
+        };
+        assert_eq!(basis.by_model, expected, "{:?}", face.centre);
+    }
+    let (lit, all) = bake.counts();
+    assert_eq!(all, 80);
+    assert_eq!(
+        lit,
+        40 + dome.faces.iter().filter(|f| f.centre.y < 0.0).count()
+    );
+}
+
+#[test]
+fn phantoms_have_basis_images_of_their_own() {
+    let mut scene = floating_box();
+    scene.phantom_parts.push(part(
+        primitives::cuboid(Vec3::splat(0.3)),
+        DVec3::new(0.5, 0.5, 0.0),
+    ));
+    let bake = baked(&scene, vec![ground()], 1);
+    for basis in &bake.images {
+        let (model, phantoms) = (
+            texels(&bake, basis.by_model),
+            texels(&bake, basis.by_phantoms),
+        );
+        let under = |x: f64, y: f64| {
+            let column = ((x + 1.0) / 2.0 * f64::from(SIDE)) as usize;
+            let row = ((1.0 - y) / 2.0 * f64::from(SIDE)) as usize;
+            row * SIDE as usize + column
+        };
+        // Inside the phantom's foot no light arrives, and the model has no part in that.
+        assert_eq!(phantoms[under(0.5, 0.5)], 0);
+        assert_eq!(phantoms[under(-0.9, -0.9)], 255);
+        assert!(model.contains(&0) || model.contains(&255));
+    }
+}
+
+#[test]
+fn more_directions_per_face_make_softer_shadows_of_the_same_light() {
+    let hard = baked(&floating_box(), vec![ground()], 1);
+    let soft = baked(&floating_box(), vec![ground()], 16);
+    for (a, b) in hard.images.iter().zip(&soft.images) {
+        let (a, b) = (texels(&hard, a.by_model), texels(&soft, b.by_model));
+        let between = |t: &[u8]| t.iter().filter(|v| (20..236).contains(*v)).count();
+        assert!(between(&b) > between(&a), "{} {}", between(&b), between(&a));
+        let lost = |t: &[u8]| t.iter().map(|v| 255.0 - f64::from(*v)).sum::<f64>();
+        // Shadows of low lights run off the plane, of some directions more than of others.
+        assert!(
+            (lost(&a) / lost(&b) - 1.0).abs() < 0.35,
+            "{} {}",
+            lost(&a),
+            lost(&b)
+        );
+    }
+}
+
+#[test]
+fn impossible_settings_are_refused_in_one_line() {
+    for (resolution, frequency, samples) in [(130, 2, 1), (128, 0, 1), (128, 2, 3), (8, 2, 1)] {
+        let settings = BakeSettings {
+            resolution,
+            frequency,
+            samples,
+        };
+        let result = bake(
+            &gpu(),
+            &floating_box(),
+            vec![ground()],
+            settings,
+            &mut |_, _| (),
+        );
+        let text = result.unwrap_err().to_string();
+        assert!(
+            !text.contains('\n') && text.contains("cannot run"),
+            "{text}"
+        );
+    }
+}

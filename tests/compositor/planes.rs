@@ -1,0 +1,350 @@
+//! Pictures with shadowing planes, against the twin that follows rays to the same lights.
+
+use crate::judge::{Rule, assert_like, assert_same_where, untouched, virtual_inside};
+use crate::stage::{Stage, gpu, lighting, part, sun};
+use glam::{DVec2, DVec3, Vec3};
+use penumbra::compositor::planes::{PlaneWork, PlanesChoice, Shading, Thresholds, bake};
+use penumbra::compositor::{Compositor, FrameInput};
+use penumbra::environment::Lighting;
+use penumbra::environment::geodesic::{FaceLight, GeodesicDome, Membership};
+use penumbra::picture::Picture;
+use penumbra::scene::planes::{Bake, BakeSettings, Layer, Receiver, ShadowingPlane};
+use penumbra::scene::{Part, primitives};
+use std::sync::Arc;
+
+const EXACT: Thresholds = Thresholds {
+    skip_below: 0.0,
+    recompute_above: 0.0,
+};
+
+/// Each face of the dome shines with its own luminance.
+fn lit_by(luminance: &[Vec3], generation: u64) -> Lighting {
+    let dome = GeodesicDome::new(2).unwrap();
+    let lights = dome.faces.iter().zip(luminance);
+    let lights = lights.map(|(f, s)| sun(f.centre, *s)).collect();
+    let n = luminance.len() as u32;
+    let membership = Membership {
+        begins: (0..=n).collect(),
+        pixels: (0..n).collect(),
+        weights: vec![1.0; luminance.len()],
+    };
+    let mut lighting = lighting(lights, 0.0);
+    lighting.generation = generation;
+    lighting.faces = Some(Arc::new(FaceLight {
+        frequency: 2,
+        membership: Arc::new(membership),
+        radiance: Arc::new(luminance.iter().map(|s| s.to_array()).collect()),
+    }));
+    lighting
+}
+
+/// A sky, bluer to one side, with a sun in one face.
+fn sky() -> Vec<Vec3> {
+    let dome = GeodesicDome::new(2).unwrap();
+    let of = |(i, f): (usize, &penumbra::environment::geodesic::Face)| {
+        let sky = Vec3::new(0.8, 0.9, 1.0) * (0.04 + 0.02 * f.centre.x);
+        sky + if i == 7 {
+            Vec3::new(1.2, 1.1, 0.9)
+        } else {
+            Vec3::ZERO
+        }
+    };
+    dome.faces.iter().enumerate().map(of).collect()
+}
+
+fn rectangle(centre: DVec3, right: DVec3, up: DVec3, half: f64, layer: Layer) -> ShadowingPlane {
+    ShadowingPlane {
+        centre,
+        right,
+        up,
+        half_size: DVec2::splat(half),
+        depth: 0.06,
+        layer,
+        receiver: if layer == Layer::Real {
+            Receiver::Plane
+        } else {
+            Receiver::Surface
+        },
+        parts: vec![0],
+    }
+}
+
+/// The table, and a box of 0.1 m that stands on it at the origin.
+fn planes() -> Vec<ShadowingPlane> {
+    let (x, y, z) = (DVec3::X, DVec3::Y, DVec3::Z);
+    let side = |normal: DVec3, right: DVec3, up: DVec3| {
+        rectangle(z * 0.05 + normal * 0.055, right, up, 0.056, Layer::Virtual)
+    };
+    vec![
+        rectangle(DVec3::ZERO, x, y, 0.5, Layer::Real),
+        side(z, x, y),
+        side(x, y, z),
+        side(-x, -y, z),
+        side(y, -x, z),
+        side(-y, x, z),
+    ]
+}
+
+fn cube() -> Part {
+    part(primitives::cuboid(Vec3::splat(0.1)), DVec3::ZERO)
+}
+
+fn baked(stage: &Stage, planes: Vec<ShadowingPlane>) -> Bake {
+    let settings = BakeSettings {
+        resolution: 256,
+        ..BakeSettings::default()
+    };
+    bake(&gpu(), &stage.scene, planes, settings, &mut |_, _| ()).unwrap()
+}
+
+fn stage_with(luminance: &[Vec3]) -> Stage {
+    Stage::new(128, 96)
+        .with_virtual(cube())
+        .lit(lit_by(luminance, 1))
+}
+
+fn input(stage: &Stage, thresholds: Thresholds) -> FrameInput<'_> {
+    FrameInput {
+        planes: Some(PlanesChoice {
+            thresholds,
+            shading: Shading::Irradiance,
+        }),
+        ..stage.input()
+    }
+}
+
+fn compose(
+    compositor: &mut Compositor,
+    stage: &Stage,
+    thresholds: Thresholds,
+) -> (Picture, PlaneWork) {
+    let mut out = Picture::default();
+    compositor.compose(&input(stage, thresholds)).unwrap();
+    compositor.read(&mut out).unwrap();
+    (
+        out,
+        compositor
+            .plane_work()
+            .unwrap()
+            .expect("planes are the technique"),
+    )
+}
+
+fn compositor(stage: &Stage, planes: Vec<ShadowingPlane>) -> Compositor {
+    let mut compositor = stage.compositor();
+    compositor.set_bake(Some(&baked(stage, planes))).unwrap();
+    compositor
+}
+
+#[test]
+fn one_light_casts_the_shadow_that_the_twin_has() {
+    let mut luminance = vec![Vec3::splat(0.02); 40];
+    luminance[11] = Vec3::new(2.0, 1.8, 1.5);
+    let stage = stage_with(&luminance);
+    let (ours, _) = compose(&mut compositor(&stage, planes()), &stage, EXACT);
+    assert_like("planes-sun", &ours, &stage.twin(), Rule::within(2));
+}
+
+#[test]
+fn a_whole_sky_shades_real_and_virtual_surfaces_as_the_twin_has_it() {
+    let mut stage = stage_with(&sky());
+    let (ours, work) = compose(&mut compositor(&stage, planes()), &stage, EXACT);
+    assert_like(
+        "planes-sky",
+        &ours,
+        &stage.twin(),
+        Rule {
+            calm: 0.1,
+            ..Rule::within(2)
+        },
+    );
+    assert!(work.images > 0 && work.images <= work.images_in_sight);
+    // Virtual surfaces, without the ground's light on them.
+    stage = stage.without_ground();
+    let planes = planes().split_off(1);
+    let (ours, _) = compose(&mut compositor(&stage, planes), &stage, EXACT);
+    let rule = Rule {
+        calm: 0.05,
+        on_virtual: true,
+        ..Rule::within(2)
+    };
+    assert_like("planes-box", &ours, &stage.twin(), rule);
+}
+
+#[test]
+fn where_all_light_arrives_the_picture_is_the_cameras_bit_for_bit() {
+    let stage = stage_with(&sky());
+    let (ours, _) = compose(&mut compositor(&stage, planes()), &stage, EXACT);
+    let calm = untouched(&stage.twin(), 3);
+    assert!(calm.iter().filter(|c| **c).count() > 100);
+    assert_same_where("planes-open", &ours, &stage.picture, &calm);
+}
+
+#[test]
+fn phantoms_shadow_virtual_objects_and_are_not_counted_twice() {
+    let wall = part(
+        primitives::cuboid(Vec3::new(0.3, 0.02, 0.25)),
+        DVec3::new(0.0, 0.12, 0.0),
+    );
+    let mut luminance = vec![Vec3::splat(0.02); 40];
+    let dome = GeodesicDome::new(2).unwrap();
+    let behind = dome
+        .faces
+        .iter()
+        .position(|f| f.centre.y > 0.5 && f.centre.z > 0.4)
+        .unwrap();
+    luminance[behind] = Vec3::splat(2.0);
+    let stage = stage_with(&luminance).with_phantom(wall);
+    // The wall catches shadows, too.
+    let mut all = planes();
+    all.push(ShadowingPlane {
+        receiver: Receiver::Surface,
+        parts: vec![1],
+        ..rectangle(
+            DVec3::new(0.0, 0.105, 0.125),
+            DVec3::X,
+            DVec3::Z,
+            0.16,
+            Layer::Real,
+        )
+    });
+    let (ours, _) = compose(&mut compositor(&stage, all), &stage, EXACT);
+    assert_like(
+        "planes-phantom",
+        &ours,
+        &stage.twin(),
+        Rule {
+            calm: 0.1,
+            ..Rule::within(3)
+        },
+    );
+    // The box stands in the wall's shadow: its top is nearly dark.
+    let twin = stage.twin();
+    let inside = virtual_inside(&twin, 2);
+    let tops = (0..inside.len()).filter(|i| inside[*i] && twin.pixels[*i].normal.z > 0.9);
+    let tops: Vec<_> = tops.collect();
+    assert!(!tops.is_empty());
+    let dark = tops.iter().filter(|i| ours.rgba[4 * **i] < 140).count();
+    let expected = tops
+        .iter()
+        .filter(|i| twin.picture.rgba[4 * **i] < 140)
+        .count();
+    assert!(
+        dark.abs_diff(expected) * 10 <= tops.len(),
+        "{dark} {expected} {}",
+        tops.len()
+    );
+}
+
+#[test]
+fn differences_add_up_to_what_sums_from_scratch_give() {
+    let mut luminance = sky();
+    let mut stage = stage_with(&luminance);
+    let mut ours = compositor(&stage, planes());
+    let (_, first) = compose(&mut ours, &stage, EXACT);
+    assert_eq!(first.resummed, first.seen);
+    for step in 0..6_u8 {
+        luminance[usize::from(3 * step)] *= 1.5;
+        luminance[30 - usize::from(step)] *= 0.5;
+        stage.lighting = Some(lit_by(&luminance, 2 + u64::from(step)));
+        let (picture, work) = compose(&mut ours, &stage, EXACT);
+        // Two lights at most on each plane; on some they shine from behind.
+        assert!(work.images > 0 && work.images <= 2 * work.seen, "{work:?}");
+        let (fresh, _) = compose(&mut compositor(&stage, planes()), &stage, EXACT);
+        let off = picture
+            .rgba
+            .iter()
+            .zip(&fresh.rgba)
+            .map(|(a, b)| a.abs_diff(*b))
+            .max();
+        assert!(off <= Some(1), "{off:?}");
+    }
+}
+
+#[test]
+fn steady_light_costs_nothing_and_faint_lights_are_left_out() {
+    let luminance = sky();
+    let mut stage = stage_with(&luminance);
+    let mut ours = compositor(&stage, planes());
+    let faint = Thresholds {
+        skip_below: 0.02,
+        recompute_above: 0.05,
+    };
+    let (_, first) = compose(&mut ours, &stage, faint);
+    assert!(first.lights_skipped > 0, "{first:?}");
+    let thresholds = Thresholds {
+        skip_below: 0.002,
+        ..faint
+    };
+    let (_, mended) = compose(&mut ours, &stage, thresholds);
+    assert!(
+        mended.images > 0 && mended.lights_skipped == 0,
+        "{mended:?}"
+    );
+    let (_, steady) = compose(&mut ours, &stage, thresholds);
+    assert_eq!((steady.images, steady.resummed), (0, 0));
+    // Noise of one per cent.
+    let noisy: Vec<_> = luminance
+        .iter()
+        .enumerate()
+        .map(|(i, s)| *s * if i % 2 == 0 { 1.01 } else { 0.99 })
+        .collect();
+    stage.lighting = Some(lit_by(&noisy, 2));
+    let (_, noise) = compose(&mut ours, &stage, thresholds);
+    assert_eq!((noise.images, noise.resummed), (0, 0));
+    let mut cloudy = luminance;
+    cloudy[7] *= 0.5;
+    stage.lighting = Some(lit_by(&cloudy, 3));
+    let (_, cloud) = compose(&mut ours, &stage, thresholds);
+    assert!(cloud.images > 0 && cloud.images <= cloud.seen, "{cloud:?}");
+}
+
+#[test]
+fn planes_out_of_sight_cost_nothing_and_catch_up_when_they_are_seen() {
+    let luminance = sky();
+    let mut stage = stage_with(&luminance);
+    let mut ours = compositor(&stage, planes());
+    let (_, front) = compose(&mut ours, &stage, EXACT);
+    assert!(front.seen < planes().len(), "{front:?}");
+    stage.pose = Some(crate::stage::looking_from(
+        DVec3::new(0.06, 0.4, 0.34),
+        DVec3::ZERO,
+    ));
+    let (picture, back) = compose(&mut ours, &stage, EXACT);
+    assert!(back.resummed > 0 && back.resummed < back.seen, "{back:?}");
+    let (fresh, _) = compose(&mut compositor(&stage, planes()), &stage, EXACT);
+    assert_eq!(picture, fresh);
+}
+
+#[test]
+fn six_lights_and_all_lights_shade_alike_on_the_whole() {
+    let stage = stage_with(&sky()).without_ground();
+    let planes = planes().split_off(1);
+    let mut ours = compositor(&stage, planes);
+    let mut mean = |shading| {
+        let choice = PlanesChoice {
+            thresholds: EXACT,
+            shading,
+        };
+        let mut out = Picture::default();
+        let input = FrameInput {
+            planes: Some(choice),
+            ..stage.input()
+        };
+        ours.compose(&input).unwrap();
+        ours.read(&mut out).unwrap();
+        let inside = virtual_inside(&stage.twin(), 1);
+        let codes = (0..inside.len())
+            .filter(|i| inside[*i])
+            .map(|i| f64::from(out.rgba[4 * i]));
+        let (sum, n) = codes.fold((0.0, 0), |(s, n), v| (s + v, n + 1));
+        sum / f64::from(n)
+    };
+    let [exact, all, six] = [Shading::Irradiance, Shading::Lights, Shading::Six].map(&mut mean);
+    // The environment's lights are the faces' own here.
+    assert!((exact - all).abs() < 1.0, "{exact} {all}");
+    assert!(
+        (six / all - 1.0).abs() < 0.25 && (six - all).abs() > 0.1,
+        "{six} {all}"
+    );
+}
