@@ -136,6 +136,27 @@ pub enum ShadowMode {
     Subtract,
 }
 
+/// How shadows are found.
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    clap::ValueEnum,
+    serde::Deserialize,
+    serde::Serialize,
+)]
+#[serde(rename_all = "kebab-case")]
+pub enum ShadowTechnique {
+    /// `"dome"`: one shadow map for each dome light, drawn as the picture is made (Supan 2006).
+    #[default]
+    Dome,
+    /// `"planes"`: basis images on shadowing planes, baked ahead (Kakuta 2004, 2007).
+    Planes,
+}
+
 /// Resolution of the shadow buffer.
 #[derive(
     Clone,

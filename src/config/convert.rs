@@ -2,6 +2,7 @@
 
 use super::devices;
 use super::file::{self, ConfigFile};
+use super::planes::planes;
 use super::toml_text::{Fault, TomlText};
 use super::{
     Config, ConfigError, EnvironmentConfig, OutputConfig, SceneChoice, ShadowConfig, StatusConfig,
@@ -37,6 +38,7 @@ fn convert(file: ConfigFile, folder: &Path) -> Result<Config> {
     environment(file.environment, &mut config.environment)?;
     white_balance(&file.white_balance, &mut config.white_balance)?;
     shadows(&file.shadows, &mut config.shadows)?;
+    planes(file.planes, folder, &mut config.planes)?;
     set(&mut config.picture.antialias, file.picture.antialias);
     sync(&file.sync, &mut config.sync)?;
     set(&mut config.input.yuv_matrix, file.input.yuv_matrix);
@@ -68,6 +70,24 @@ pub(super) fn within(
             Err(Fault::new(
                 key,
                 format!("expected a number from {low} to {high}, found {v}"),
+            ))
+        }
+        value => Ok(value),
+    }
+}
+
+/// A whole number in `range`.
+pub(super) fn whole(
+    key: &str,
+    value: Option<u32>,
+    range: RangeInclusive<u32>,
+) -> Result<Option<u32>> {
+    match value {
+        Some(v) if !range.contains(&v) => {
+            let (low, high) = range.into_inner();
+            Err(Fault::new(
+                key,
+                format!("expected a whole number from {low} to {high}, found {v}"),
             ))
         }
         value => Ok(value),
@@ -175,6 +195,7 @@ fn white_balance(file: &file::WhiteBalance, out: &mut WhiteBalanceConfig) -> Res
 
 fn shadows(file: &file::Shadows, out: &mut ShadowConfig) -> Result<()> {
     set(&mut out.enabled, file.enabled);
+    set(&mut out.technique, file.technique);
     set(&mut out.mode, file.mode);
     let strength = within("shadows.strength", file.strength, 0.0..=1.0)?;
     set(&mut out.strength, strength.map(|s| s as f32));

@@ -3,12 +3,14 @@
 
 use super::choice::{
     Antialias, Clipped, Irradiance, LightPlacement, Monitor, Refresh, ReplayPairing, ReplaySpeed,
-    ShadowMode, ShadowResolution, ToneCurve, Unseen, WhiteBalanceMethod, YuvMatrix, YuvRange,
+    ShadowMode, ShadowResolution, ShadowTechnique, ToneCurve, Unseen, WhiteBalanceMethod,
+    YuvMatrix, YuvRange,
 };
 use super::devices::{
     CalibrationFile, CameraFile, ControlChange, ControlValue, FormatName, RecordingFile,
     TrackerFile,
 };
+use super::planes::PlanesFile;
 use crate::calibration::EnvironmentSource;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -25,6 +27,7 @@ pub(super) struct ConfigFile {
     pub environment: Environment,
     pub white_balance: WhiteBalance,
     pub shadows: Shadows,
+    pub planes: PlanesFile,
     pub picture: Picture,
     pub sync: Sync,
     pub input: Input,
@@ -102,6 +105,7 @@ pub(super) struct WhiteBalance {
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Shadows {
     pub enabled: Option<bool>,
+    pub technique: Option<ShadowTechnique>,
     pub mode: Option<ShadowMode>,
     pub strength: Option<f64>,
     pub map_size: Option<u32>,

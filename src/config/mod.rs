@@ -7,6 +7,7 @@ mod convert;
 mod devices;
 mod error;
 mod file;
+mod planes;
 pub(crate) mod toml_text;
 
 use crate::calibration::EnvironmentSource;
@@ -14,8 +15,8 @@ pub use crate::picture::YuvEncoding;
 use crate::sync::{Degree, Smoothing};
 pub use choice::{
     Antialias, Clipped, Irradiance, LightPlacement, Monitor, Refresh, ReplayPairing, ReplaySpeed,
-    SceneChoice, ShadowMode, ShadowResolution, ToneCurve, Unseen, WhiteBalanceMethod, YuvMatrix,
-    YuvRange,
+    SceneChoice, ShadowMode, ShadowResolution, ShadowTechnique, ToneCurve, Unseen,
+    WhiteBalanceMethod, YuvMatrix, YuvRange,
 };
 pub use convert::{LIGHT_COUNTS, listen_needs_token};
 pub use devices::{
@@ -23,6 +24,7 @@ pub use devices::{
     TrackerUnits,
 };
 pub use error::ConfigError;
+pub use planes::{FREQUENCIES, PlaneReceiver, PlaneShading, PlanesConfig, lights_of_dome};
 
 use crate::capture::{CameraSource, TrackerSource};
 use crate::scene::SceneAddition;
@@ -53,6 +55,8 @@ pub struct Config {
     pub white_balance: WhiteBalanceConfig,
     /// Shadows of virtual objects.
     pub shadows: ShadowConfig,
+    /// Shadowing planes.
+    pub planes: PlanesConfig,
     /// How the picture is drawn.
     pub picture: PictureConfig,
     /// One clock.
@@ -119,6 +123,8 @@ pub struct WhiteBalanceConfig {
 pub struct ShadowConfig {
     /// Draw shadows at all.
     pub enabled: bool,
+    /// How they are found.
+    pub technique: ShadowTechnique,
     /// How they are combined with the picture.
     pub mode: ShadowMode,
     /// 1 = as the light says.
@@ -294,6 +300,7 @@ impl Default for ShadowConfig {
     fn default() -> Self {
         Self {
             enabled: true,
+            technique: ShadowTechnique::Dome,
             mode: ShadowMode::Ratio,
             strength: 1.0,
             map_size: 512,

@@ -53,6 +53,7 @@ fn rig_toml_names_every_key_even_those_without_default() {
     assert!(config.output.frames.is_some() && config.status.token.is_some());
     assert_eq!(config.calibration, Some(PathBuf::from("calibration")));
     assert!(config.recording.longest_nanos.is_some());
+    assert_eq!(config.planes.cache, Some(PathBuf::from("bakes")));
     let CameraSource::System(scene) = &config.scene_camera.source else {
         panic!("{:?}", config.scene_camera);
     };
@@ -70,6 +71,7 @@ fn rig_toml_names_every_key_even_those_without_default() {
         "environment",
         "white_balance",
         "shadows",
+        "planes",
         "picture",
         "sync",
         "input",
@@ -151,6 +153,31 @@ fn settings_take_their_values() {
     assert_eq!(config.gpu.adapter.as_deref(), Some("llvmpipe"));
     assert_eq!(config.picture.antialias, Antialias::Off);
     assert_eq!(config.scene, SceneChoice::None);
+}
+
+#[test]
+fn planes_take_their_values() {
+    let text = "[shadows]\ntechnique = \"planes\"\n[planes]\ncount = 8\nclusters = 1\n\
+        resolution = 64\nfrequency = 4\nsamples = 3\noffset_m = 0.1\nreceiver = \"plane\"\n\
+        skip_below = 0\nrecompute_above = 0.5\nshading = \"six\"\ncache = \"kept\"\n";
+    let config = convert::config(&TomlText::new("c.toml", text), Path::new("/rig")).unwrap();
+    assert_eq!(config.shadows.technique, ShadowTechnique::Planes);
+    let expected = PlanesConfig {
+        count: 8,
+        clusters: 1,
+        resolution: 64,
+        frequency: 4,
+        samples: 3,
+        offset: 0.1,
+        receiver: PlaneReceiver::Plane,
+        skip_below: 0.0,
+        recompute_above: 0.5,
+        shading: PlaneShading::Six,
+        cache: Some(PathBuf::from("/rig/kept")),
+    };
+    assert_eq!(config.planes, expected);
+    let bake = config.planes.bake_settings();
+    assert_eq!((bake.resolution, bake.frequency, bake.samples), (64, 4, 3));
 }
 
 #[test]
@@ -268,6 +295,34 @@ fn wrong_settings_are_explained() {
         (
             "[recording]\nreserve_mb = -1\n",
             "c.toml:2: `recording.reserve_mb`: expected a number from 0 to 1000000000, found -1",
+        ),
+        (
+            "[shadows]\ntechnique = \"plane\"\n",
+            "c.toml:2: `shadows.technique`: expected `dome` or `planes`, found unknown variant `plane`",
+        ),
+        (
+            "[planes]\nfrequency = 5\n",
+            "c.toml:2: `planes.frequency`: expected one of [2, 3, 4, 6, 8], found 5",
+        ),
+        (
+            "[planes]\nresolution = 130\n",
+            "c.toml:2: `planes.resolution`: expected a multiple of 4 from 16 to 512, found 130",
+        ),
+        (
+            "[planes]\ncount = 0\n",
+            "c.toml:2: `planes.count`: expected a whole number from 1 to 256, found 0",
+        ),
+        (
+            "[planes]\noffset = 0.1\n",
+            "c.toml:2: unknown key `planes.offset`; did you mean `offset_m` (in metres)?",
+        ),
+        (
+            "[planes]\nskip_below = nan\n",
+            "c.toml:2: `planes.skip_below`: expected a number from 0 to 1, found NaN",
+        ),
+        (
+            "[planes]\nshading = \"all\"\n",
+            "c.toml:2: `planes.shading`: expected one of `irradiance`, `lights`, `six`, found unknown variant `all`",
         ),
         (
             "[replay]\npairing = \"late\"\n",

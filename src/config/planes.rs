@@ -1,0 +1,251 @@
+//! `[planes]`: shadowing planes and what is baked onto them (Kakuta et al. 2004, 2007).
+
+use super::convert::{Result, set, whole, within};
+use super::toml_text::Fault;
+use crate::scene::planes::{BakeSettings, Receiver};
+use serde::Deserialize;
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+
+/// Frequencies of the geodesic dome that can be asked for.
+pub const FREQUENCIES: [u32; 5] = [2, 3, 4, 6, 8];
+
+/// Lights of a dome of `frequency` on the upper hemisphere: half of an icosahedron's
+/// 20 · frequency² triangles.
+#[must_use]
+pub const fn lights_of_dome(frequency: u32) -> u32 {
+    10 * frequency * frequency
+}
+
+/// Where the shadows on virtual objects are caught.
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    clap::ValueEnum,
+    serde::Deserialize,
+    serde::Serialize,
+)]
+#[serde(rename_all = "kebab-case")]
+pub enum PlaneReceiver {
+    /// `"surface"`: on the first surface behind the plane.
+    #[default]
+    Surface,
+    /// `"plane"`: on the plane itself, as in the papers.
+    Plane,
+}
+
+impl From<PlaneReceiver> for Receiver {
+    fn from(receiver: PlaneReceiver) -> Self {
+        match receiver {
+            PlaneReceiver::Surface => Self::Surface,
+            PlaneReceiver::Plane => Self::Plane,
+        }
+    }
+}
+
+/// What virtual objects are shaded with while shadowing planes are in force.
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    clap::ValueEnum,
+    serde::Deserialize,
+    serde::Serialize,
+)]
+#[serde(rename_all = "kebab-case")]
+pub enum PlaneShading {
+    /// `"irradiance"`: the environment's, as with dome lights.
+    #[default]
+    Irradiance,
+    /// `"lights"`: all lights of the geodesic dome.
+    Lights,
+    /// `"six"`: the papers' six directional lights, each the sum of neighbouring faces.
+    Six,
+}
+
+/// `[planes]`, in force where `shadows.technique` is `"planes"`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PlanesConfig {
+    /// Planes at most, those on the ground and on phantoms included.
+    pub count: u32,
+    /// Parts that a complex model is divided into, at most.
+    pub clusters: u32,
+    /// Texels along a side of a basis image, a multiple of 4.
+    pub resolution: u32,
+    /// Of the geodesic dome, one of [`FREQUENCIES`].
+    pub frequency: u32,
+    /// Directions per face of the dome.
+    pub samples: u32,
+    /// How far planes stand off what they cover, metres.
+    pub offset: f64,
+    /// Where shadows on virtual objects are caught.
+    pub receiver: PlaneReceiver,
+    /// Lights that give less than this share of all light are left out.
+    pub skip_below: f32,
+    /// A light is summed anew when it changes by more than this share of all light.
+    pub recompute_above: f32,
+    /// What virtual objects are shaded with.
+    pub shading: PlaneShading,
+    /// Folder for bakes; see [`Self::cache_folder`].
+    pub cache: Option<PathBuf>,
+}
+
+impl Default for PlanesConfig {
+    fn default() -> Self {
+        let bake = BakeSettings::default();
+        Self {
+            count: 38,
+            clusters: 6,
+            resolution: bake.resolution,
+            frequency: bake.frequency,
+            samples: bake.samples,
+            offset: 0.02,
+            receiver: PlaneReceiver::Surface,
+            skip_below: 0.002,
+            recompute_above: 0.01,
+            shading: PlaneShading::Irradiance,
+            cache: None,
+        }
+    }
+}
+
+impl PlanesConfig {
+    /// How it is baked.
+    #[must_use]
+    pub const fn bake_settings(&self) -> BakeSettings {
+        BakeSettings {
+            resolution: self.resolution,
+            frequency: self.frequency,
+            samples: self.samples,
+        }
+    }
+
+    /// The folder for bakes: the configured one, else what systemd gives a service, else the
+    /// user's (XDG Base Directory Specification); `None` where there is no such place.
+    #[must_use]
+    pub fn cache_folder(&self) -> Option<PathBuf> {
+        self.cache
+            .clone()
+            .or_else(|| usual_cache(|name| std::env::var_os(name)))
+    }
+}
+
+/// `variable` is the environment. Relative paths count for nothing there, by the specification.
+fn usual_cache(variable: impl Fn(&str) -> Option<OsString>) -> Option<PathBuf> {
+    let folder = |name: &str| {
+        variable(name)
+            .map(PathBuf::from)
+            .filter(|path| path.is_absolute())
+    };
+    let user = || folder("XDG_CACHE_HOME").or_else(|| Some(folder("HOME")?.join(".cache")));
+    let service = folder("CACHE_DIRECTORY").map(|path| path.join("bakes"));
+    service.or_else(|| Some(user()?.join("penumbra/bakes")))
+}
+
+/// The section as it is typed.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct PlanesFile {
+    count: Option<u32>,
+    clusters: Option<u32>,
+    resolution: Option<u32>,
+    frequency: Option<u32>,
+    samples: Option<u32>,
+    offset_m: Option<f64>,
+    receiver: Option<PlaneReceiver>,
+    skip_below: Option<f64>,
+    recompute_above: Option<f64>,
+    shading: Option<PlaneShading>,
+    cache: Option<String>,
+}
+
+pub(super) fn planes(file: PlanesFile, folder: &Path, out: &mut PlanesConfig) -> Result<()> {
+    set(&mut out.count, whole("planes.count", file.count, 1..=256)?);
+    let clusters = whole("planes.clusters", file.clusters, 1..=64)?;
+    set(&mut out.clusters, clusters);
+    set(&mut out.resolution, resolution(file.resolution)?);
+    set(&mut out.frequency, frequency(file.frequency)?);
+    let samples = whole("planes.samples", file.samples, 1..=64)?;
+    set(&mut out.samples, samples);
+    let offset = within("planes.offset_m", file.offset_m, 0.0..=10.0)?;
+    set(&mut out.offset, offset);
+    set(&mut out.receiver, file.receiver);
+    let skip = within("planes.skip_below", file.skip_below, 0.0..=1.0)?;
+    set(&mut out.skip_below, skip.map(|share| share as f32));
+    let recompute = within("planes.recompute_above", file.recompute_above, 0.0..=1.0)?;
+    set(
+        &mut out.recompute_above,
+        recompute.map(|share| share as f32),
+    );
+    set(&mut out.shading, file.shading);
+    out.cache = file.cache.map(|path| folder.join(path));
+    Ok(())
+}
+
+fn resolution(value: Option<u32>) -> Result<Option<u32>> {
+    match value {
+        Some(v) if !(v.is_multiple_of(4) && (16..=512).contains(&v)) => Err(Fault::new(
+            "planes.resolution",
+            format!("expected a multiple of 4 from 16 to 512, found {v}"),
+        )),
+        value => Ok(value),
+    }
+}
+
+fn frequency(value: Option<u32>) -> Result<Option<u32>> {
+    match value {
+        Some(v) if !FREQUENCIES.contains(&v) => Err(Fault::new(
+            "planes.frequency",
+            format!("expected one of {FREQUENCIES:?}, found {v}"),
+        )),
+        value => Ok(value),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_bake_goes_where_the_system_wants_it() {
+        let place = |set: &[(&str, &str)]| {
+            usual_cache(|name| {
+                let found = set.iter().find(|(key, _)| *key == name);
+                found.map(|(_, value)| OsString::from(value))
+            })
+        };
+        let user = ("HOME", "/home/u");
+        let path = |text: &str| Some(PathBuf::from(text));
+        assert_eq!(place(&[]), None);
+        assert_eq!(place(&[user]), path("/home/u/.cache/penumbra/bakes"));
+        let xdg = ("XDG_CACHE_HOME", "/c");
+        assert_eq!(place(&[user, xdg]), path("/c/penumbra/bakes"));
+        let relative = ("XDG_CACHE_HOME", "c");
+        assert_eq!(
+            place(&[user, relative]),
+            path("/home/u/.cache/penumbra/bakes")
+        );
+        let service = ("CACHE_DIRECTORY", "/var/cache/penumbra");
+        assert_eq!(
+            place(&[user, xdg, service]),
+            path("/var/cache/penumbra/bakes")
+        );
+        let own = PlanesConfig {
+            cache: path("/own"),
+            ..PlanesConfig::default()
+        };
+        assert_eq!(own.cache_folder(), path("/own"));
+    }
+
+    #[test]
+    fn half_a_geodesic_dome_has_the_papers_lights() {
+        assert_eq!(FREQUENCIES.map(lights_of_dome), [40, 90, 160, 360, 640]);
+    }
+}
