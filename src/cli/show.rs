@@ -5,7 +5,9 @@ use super::files::JsonFile;
 use clap::Args;
 use penumbra::calibration::EnvironmentSource;
 use penumbra::compositor::Gpu;
-use penumbra::config::{Config, LIGHT_COUNTS, LightPlacement, Monitor, SceneChoice, ShadowMode};
+use penumbra::config::{
+    Config, LIGHT_COUNTS, LightPlacement, Monitor, SceneChoice, ShadowMode, ShadowTechnique,
+};
 use penumbra::output::window::{self, WindowOptions};
 use penumbra::rig::{Report, RigError, RunOptions, Runner};
 use penumbra::status::{SharedStatus, StatusError, StatusServer, Technique};
@@ -95,8 +97,15 @@ impl ShowArgs {
         set(&mut config.environment.lights, self.lights);
         set(&mut config.environment.light_count, self.light_count);
         set(&mut config.shadows.mode, self.shadow_mode);
-        let shadows = self.technique.map(|t| t == Technique::ImageBasedShadowing);
-        set(&mut config.shadows.enabled, shadows);
+        if let Some(technique) = self.technique {
+            config.shadows.enabled = technique != Technique::ImageBasedLighting;
+            if config.shadows.enabled {
+                config.shadows.technique = match technique {
+                    Technique::ShadowingPlanes => ShadowTechnique::Planes,
+                    _ => ShadowTechnique::Dome,
+                };
+            }
+        }
     }
 
     fn override_outputs(&self, config: &mut Config) {

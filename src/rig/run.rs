@@ -170,7 +170,7 @@ impl Run {
 
     fn draw(&mut self, runner: &Runner, prepared: &Prepared) -> Result<(), RigError> {
         let settings = &self.settings;
-        let shadows = settings.technique == Technique::ImageBasedShadowing;
+        let shadows = settings.technique != Technique::ImageBasedLighting;
         let refresh = runner.config.shadows.refresh_per_frame;
         let lamps = lamps_at(&runner.setup.scene.lamps, prepared.seconds);
         self.compositor.compose(&FrameInput {

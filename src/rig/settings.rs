@@ -1,17 +1,19 @@
 //! The configuration in the compositor's and the dashboard's words.
 
 use crate::compositor::CompositorSettings;
-use crate::config::{Antialias, Config, LightPlacement, ReplaySpeed, ShadowResolution};
+use crate::config::{
+    Antialias, Config, LightPlacement, ReplaySpeed, ShadowResolution, ShadowTechnique,
+};
 use crate::status::{self, LightsMode, Settings, Technique};
 
 /// The settings that the dashboard may change, as the configuration has them.
 #[must_use]
 pub fn live_settings(config: &Config) -> Settings {
     Settings {
-        technique: if config.shadows.enabled {
-            Technique::ImageBasedShadowing
-        } else {
-            Technique::ImageBasedLighting
+        technique: match (config.shadows.enabled, config.shadows.technique) {
+            (false, _) => Technique::ImageBasedLighting,
+            (true, ShadowTechnique::Dome) => Technique::ImageBasedShadowing,
+            (true, ShadowTechnique::Planes) => Technique::ShadowingPlanes,
         },
         light_count: config.environment.light_count,
         lights_mode: match config.environment.lights {
@@ -24,6 +26,9 @@ pub fn live_settings(config: &Config) -> Settings {
         },
         shadow_strength: config.shadows.strength,
         virtual_object_visible: true,
+        planes_skip_below: config.planes.skip_below,
+        planes_recompute_above: config.planes.recompute_above,
+        planes_shading: config.planes.shading,
     }
 }
 
@@ -61,5 +66,28 @@ pub(super) fn compositor_settings(
         } else {
             1
         },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+
+    #[test]
+    fn the_dashboards_defaults_are_the_configurations() {
+        assert_eq!(live_settings(&Config::default()), Settings::default());
+    }
+
+    #[test]
+    fn no_shadows_are_no_shadows_by_either_technique() {
+        let technique = |text: &str| {
+            let config = Config::from_text(text, "c.toml").unwrap();
+            live_settings(&config).technique
+        };
+        let planes = "[shadows]\ntechnique = \"planes\"\n";
+        assert_eq!(technique(planes), Technique::ShadowingPlanes);
+        let none = format!("{planes}enabled = false\n");
+        assert_eq!(technique(&none), Technique::ImageBasedLighting);
     }
 }

@@ -271,7 +271,7 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     ),
     (
         "settings.technique",
-        "In force for the newest picture: `image-based-shadowing` or `image-based-lighting`. What `POST /settings` takes, all of it optional there.",
+        "In force for the newest picture: `image-based-shadowing` (dome lights), `shadowing-planes` or `image-based-lighting` (no shadows). What `POST /settings` takes, all of it optional there.",
     ),
     (
         "settings.light_count",
@@ -292,6 +292,18 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     (
         "settings.virtual_object_visible",
         "Whether virtual objects are composited; if not, the output is the camera's picture.",
+    ),
+    (
+        "settings.planes_skip_below",
+        "With shadowing planes: lights that give less than this share of all light are left out, 0 to 1.",
+    ),
+    (
+        "settings.planes_recompute_above",
+        "With shadowing planes: a light is summed anew when it changes by more than this share of all light, 0 to 1.",
+    ),
+    (
+        "settings.planes_shading",
+        "With shadowing planes, what virtual objects are shaded with: `irradiance`, `lights` (all of the dome) or `six` (the papers').",
     ),
     ("stream.viewers", "Browsers that watch `/stream.mjpeg`."),
     ("stream.encoded", "Pictures encoded for them."),

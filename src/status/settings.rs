@@ -1,5 +1,6 @@
 //! What can be changed while the rig runs.
 
+use crate::config::PlaneShading;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -12,7 +13,14 @@ pub const LIGHT_COUNTS: [u32; 6] = [8, 24, 48, 64, 96, 384];
 pub enum Technique {
     /// Image-based light and image-based shadows from a light dome (Supan 2006).
     #[default]
+    #[serde(alias = "dome")]
+    #[value(name = "dome", alias = "image-based-shadowing")]
     ImageBasedShadowing,
+    /// Image-based light; shadows from basis images on shadowing planes, baked ahead
+    /// (Kakuta 2004, 2007).
+    #[serde(alias = "planes")]
+    #[value(name = "planes", alias = "shadowing-planes")]
+    ShadowingPlanes,
     /// Image-based light, no shadows: what the shadows add can be seen by switching.
     ImageBasedLighting,
 }
@@ -55,6 +63,13 @@ pub struct Settings {
     pub shadow_strength: f32,
     /// Whether the virtual objects are composited at all.
     pub virtual_object_visible: bool,
+    /// Planes: lights that give less than this share of all light are left out, 0..=1.
+    pub planes_skip_below: f32,
+    /// Planes: a light is summed anew when it changes by more than this share of all light,
+    /// 0..=1.
+    pub planes_recompute_above: f32,
+    /// Planes: what virtual objects are shaded with.
+    pub planes_shading: PlaneShading,
 }
 
 impl Default for Settings {
@@ -66,6 +81,9 @@ impl Default for Settings {
             shadow_mode: ShadowMode::default(),
             shadow_strength: 1.0,
             virtual_object_visible: true,
+            planes_skip_below: 0.002,
+            planes_recompute_above: 0.01,
+            planes_shading: PlaneShading::default(),
         }
     }
 }
@@ -86,6 +104,12 @@ pub struct SettingsChange {
     pub shadow_strength: Option<f32>,
     /// See [`Settings::virtual_object_visible`].
     pub virtual_object_visible: Option<bool>,
+    /// See [`Settings::planes_skip_below`].
+    pub planes_skip_below: Option<f32>,
+    /// See [`Settings::planes_recompute_above`].
+    pub planes_recompute_above: Option<f32>,
+    /// See [`Settings::planes_shading`].
+    pub planes_shading: Option<PlaneShading>,
 }
 
 /// Why a wish was refused; nothing of it was applied.
@@ -108,6 +132,14 @@ pub enum SettingsError {
     ShadowStrength {
         /// What was asked for.
         strength: f32,
+    },
+    /// Out of range or not a number.
+    #[error("{setting}: {share} is no share of all light; choose a number from 0 to 1")]
+    Share {
+        /// Which setting.
+        setting: &'static str,
+        /// What was asked for.
+        share: f32,
     },
 }
 
@@ -136,6 +168,11 @@ impl SettingsChange {
             virtual_object_visible: self
                 .virtual_object_visible
                 .unwrap_or(settings.virtual_object_visible),
+            planes_skip_below: self.planes_skip_below.unwrap_or(settings.planes_skip_below),
+            planes_recompute_above: self
+                .planes_recompute_above
+                .unwrap_or(settings.planes_recompute_above),
+            planes_shading: self.planes_shading.unwrap_or(settings.planes_shading),
         };
         wanted.validated()
     }
@@ -154,6 +191,14 @@ impl Settings {
         if !(0.0..=1.0).contains(&self.shadow_strength) {
             let strength = self.shadow_strength;
             return Err(SettingsError::ShadowStrength { strength });
+        }
+        let shares = [
+            ("planes_skip_below", self.planes_skip_below),
+            ("planes_recompute_above", self.planes_recompute_above),
+        ];
+        let wrong = shares.iter().find(|(_, s)| !(0.0..=1.0).contains(s));
+        if let Some(&(setting, share)) = wrong {
+            return Err(SettingsError::Share { setting, share });
         }
         Ok(self)
     }
@@ -192,10 +237,37 @@ mod tests {
             text(r#"{"shadow_strength": 1.5}"#),
             "shadow_strength: 1.5 is not between 0 (no shadow) and 1 (as measured)"
         );
+        assert_eq!(
+            text(r#"{"planes_skip_below": -0.1}"#),
+            "planes_skip_below: -0.1 is no share of all light; choose a number from 0 to 1"
+        );
+        assert!(
+            text(r#"{"planes_shading": "all"}"#)
+                .contains("expected one of `irradiance`, `lights`, `six`")
+        );
         assert!(text(r#"{"shadow_strenght": 1}"#).contains("unknown field `shadow_strenght`"));
         assert!(text(r#"{"lights_mode": "random"}"#).contains("expected `grid` or `adaptive`"));
         assert!(text("").starts_with("settings: EOF"));
         assert!(text(r#"{"shadow_strength": 1e999}"#).contains("number out of range"));
+    }
+
+    #[test]
+    fn techniques_go_by_their_short_names_too() {
+        let technique = |name: &str| {
+            change(&format!(r#"{{"technique": "{name}"}}"#))
+                .unwrap()
+                .technique
+        };
+        for name in ["planes", "shadowing-planes"] {
+            assert_eq!(technique(name), Technique::ShadowingPlanes);
+        }
+        for name in ["dome", "image-based-shadowing"] {
+            assert_eq!(technique(name), Technique::ImageBasedShadowing);
+        }
+        let json = serde_json::to_value(Technique::ShadowingPlanes).unwrap();
+        assert_eq!(json, "shadowing-planes");
+        let typed = <Technique as clap::ValueEnum>::from_str("planes", false);
+        assert_eq!(typed, Ok(Technique::ShadowingPlanes));
     }
 
     proptest! {
@@ -209,10 +281,11 @@ mod tests {
 
         #[test]
         fn any_numbers_are_refused_or_give_valid_settings(count in any::<i64>(), strength in any::<f64>()) {
-            let body = format!(r#"{{"light_count": {count}, "shadow_strength": {strength}}}"#);
+            let body = format!(r#"{{"light_count": {count}, "shadow_strength": {strength}, "planes_skip_below": {strength}}}"#);
             if let Ok(settings) = change(&body) {
                 prop_assert!(LIGHT_COUNTS.contains(&settings.light_count));
                 prop_assert!(settings.shadow_strength >= 0.0 && settings.shadow_strength <= 1.0);
+                prop_assert!(settings.planes_skip_below >= 0.0 && settings.planes_skip_below <= 1.0);
             }
         }
     }
