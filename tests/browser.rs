@@ -272,6 +272,33 @@ fn a_setting_changed_on_the_page_reaches_the_rig_and_comes_back_confirmed() {
 }
 
 #[test]
+fn planes_have_a_card_while_they_are_in_force() {
+    let Some(mut browser) = browser("planes_have_a_card_while_they_are_in_force") else {
+        return;
+    };
+    let show = Show::start();
+    browser.resize(1280, 800);
+    open(&mut browser, &show);
+    assert_eq!(
+        browser.evaluate("document.getElementById('planes-card').hidden"),
+        true
+    );
+    browser.evaluate("(() => { const s = document.querySelector('[name=technique]'); s.value = 'shadowing-planes'; s.dispatchEvent(new Event('input', {bubbles: true})); })()");
+    browser.wait_for("!document.getElementById('planes-card').hidden && document.getElementById('planes-pill').textContent === 'ready'");
+    let wish = "(() => { const s = document.querySelector('[name=planes_skip_below]'); s.value = '0.02'; s.dispatchEvent(new Event('input', {bubbles: true})); })()";
+    browser.evaluate(wish);
+    browser.wait_for("document.getElementById('planes-facts').textContent.includes('1,387')");
+    browser.wait_for(
+        "fetch('/status').then(r => r.json()).then(s => s.settings.planes_skip_below === 0.02)",
+    );
+    browser.wait_for("!document.querySelector('[data-pending]')");
+    let skip = browser.evaluate("document.getElementById('skip-text').textContent");
+    assert_eq!(skip, "2.0 %");
+    keep("planes.png", &browser.screenshot(true));
+    assert_eq!(browser.complaints(), [""; 0]);
+}
+
+#[test]
 fn a_server_that_goes_away_is_noticed_and_so_is_its_return() {
     let Some(mut browser) = browser("a_server_that_goes_away_is_noticed_and_so_is_its_return")
     else {

@@ -167,6 +167,71 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "Counts the pictures at `/environment.png`; 0 = none yet.",
     ),
     (
+        "planes.state",
+        "Shadowing planes: `off` (another technique is in force), `baking`, `ready` or `failed`.",
+    ),
+    (
+        "planes.done",
+        "Basis images drawn so far; null unless baking.",
+    ),
+    ("planes.total", "Of so many; null unless baking."),
+    ("planes.reason", "Why there is no bake; null unless failed."),
+    ("planes.planes", "Planes baked."),
+    (
+        "planes.planes_seen",
+        "Planes that face the viewer in the newest picture.",
+    ),
+    ("planes.lights", "Lights: faces of the geodesic dome."),
+    (
+        "planes.lights_skipped",
+        "Lights left out of the newest picture, because they give less than `settings.planes_skip_below`.",
+    ),
+    (
+        "planes.basis_images",
+        "Basis images in which light arrives.",
+    ),
+    (
+        "planes.basis_images_dropped",
+        "Black basis images: neither stored nor summed.",
+    ),
+    (
+        "planes.images_summed",
+        "Basis images summed for the newest picture.",
+    ),
+    (
+        "planes.images_total",
+        "Basis images summed since the start.",
+    ),
+    (
+        "planes.images_possible",
+        "Basis images that would have been summed if every picture had summed all of them.",
+    ),
+    (
+        "planes.work_saved",
+        "Share of these that was not needed, 0 to 1; null before the first picture.",
+    ),
+    (
+        "planes.planes_resummed",
+        "Planes whose sums were made anew, not just changed, since the start.",
+    ),
+    (
+        "planes.frames_without_work",
+        "Pictures for which nothing had to be summed.",
+    ),
+    (
+        "planes.bake_seconds",
+        "How long baking took, s; null before it was done.",
+    ),
+    ("planes.bake_bytes", "Size of the bake."),
+    (
+        "planes.from_cache",
+        "Whether it had been baked before and was read from the cache.",
+    ),
+    (
+        "planes.luminance[][]",
+        "Luminance parameter S of each face of the dome, red, green, blue: irradiance facing it, in the scene camera's units.",
+    ),
+    (
         "recording.state",
         "`unavailable` (a recording plays), `idle`, `recording`, `finished` or `failed`.",
     ),
@@ -339,6 +404,7 @@ mod tests {
         s.warn("a");
         s.lighting.dominant_direction = Some([0.0, 0.0, 1.0]);
         let (method, rgb) = (WhiteBalanceMethod::Chart, [1.0; 3]);
+        s.planes.luminance = vec![[1.0; 3]];
         let b = &mut s.white_balance;
         b.uncertainty = Some(rgb);
         b.estimates = vec![WhiteBalanceEstimate {

@@ -23,6 +23,7 @@ pub fn metrics(snapshot: &Snapshot) -> String {
     pairing(&mut page, snapshot);
     white_balance(&mut page, snapshot);
     lighting(&mut page, snapshot);
+    planes(&mut page, snapshot);
     devices(&mut page, snapshot);
     recording(&mut page, snapshot);
     page.text
@@ -186,6 +187,50 @@ fn lighting(page: &mut Page, s: &Snapshot) {
         "penumbra_environment_clipped_ratio",
         "Share of the environment seen clipped.",
         l.clipped_fraction,
+    );
+}
+
+fn planes(page: &mut Page, s: &Snapshot) {
+    let p = &s.planes;
+    let name = "penumbra_planes_state";
+    page.family(
+        name,
+        "gauge",
+        "1 for the state that shadowing planes are in.",
+    );
+    page.sample(name, &[("state", p.state.label())], 1);
+    let name = "penumbra_planes";
+    page.family(name, "gauge", "Shadowing planes, all and those seen now.");
+    page.sample(name, &[("which", "all")], p.planes);
+    page.sample(name, &[("which", "seen")], p.planes_seen);
+    page.one(
+        "penumbra_basis_images",
+        "gauge",
+        "Basis images in which light arrives.",
+        p.basis_images,
+    );
+    page.one(
+        "penumbra_basis_images_summed_total",
+        "counter",
+        "Basis images summed.",
+        p.images_total,
+    );
+    page.one(
+        "penumbra_planes_idle_frames_total",
+        "counter",
+        "Pictures for which no basis image had to be summed.",
+        p.frames_without_work,
+    );
+    page.one(
+        "penumbra_bake_bytes",
+        "gauge",
+        "Size of the bake.",
+        p.bake_bytes,
+    );
+    page.some(
+        "penumbra_bake_seconds",
+        "How long baking took.",
+        p.bake_seconds,
     );
 }
 

@@ -10,6 +10,7 @@ pub mod fields;
 mod guard;
 pub mod health;
 pub mod metrics;
+pub mod planes;
 pub mod preview;
 pub mod recording;
 mod routes;

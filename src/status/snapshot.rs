@@ -4,6 +4,7 @@
 //! [`STATUS_FIELDS`](super::STATUS_FIELDS); a test keeps the two together. Numbers that
 //! are not finite appear as `null`.
 
+use super::planes::PlanesStatus;
 use super::recording::Recording;
 use super::settings::Settings;
 use super::times::StageTimes;
@@ -35,6 +36,8 @@ pub struct Snapshot {
     pub white_balance: WhiteBalance,
     /// The light.
     pub lighting: LightingStatus,
+    /// Shadowing planes.
+    pub planes: PlanesStatus,
     /// Recording.
     pub recording: Recording,
     /// Cameras and trackers.
@@ -62,6 +65,7 @@ impl Default for Snapshot {
             pairing: Pairing::default(),
             white_balance: WhiteBalance::default(),
             lighting: LightingStatus::default(),
+            planes: PlanesStatus::default(),
             recording: Recording::default(),
             devices: Vec::new(),
             adapter: Adapter::default(),

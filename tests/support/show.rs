@@ -3,11 +3,14 @@
 use glam::Vec3;
 use penumbra::environment::{DomeLight, LightKind};
 use penumbra::picture::Picture;
+use penumbra::status::planes::{PlanesState, PlanesStatus};
 use penumbra::status::snapshot::{
     Device, DeviceKind, DeviceState, PoseAnswer, Resolution, SessionState, WhiteBalanceEstimate,
     WhiteBalanceMethod, WhiteMatch,
 };
-use penumbra::status::{Settings, SharedStatus, Snapshot, StatusServer, environment_preview};
+use penumbra::status::{
+    Settings, SharedStatus, Snapshot, StatusServer, Technique, environment_preview,
+};
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -110,6 +113,16 @@ fn advance(s: &mut Snapshot, frame: u64, scale: f64, wished: Settings) {
     s.session.progress = Some((frame % 300) as f64 / 300.0);
     s.session.loops = frame / 300;
     s.lighting.dome_lights = wished.light_count;
+    let planes = wished.technique == Technique::ShadowingPlanes;
+    s.planes.state = if planes {
+        PlanesState::Ready
+    } else {
+        PlanesState::Off
+    };
+    if planes {
+        let changed = frame.is_multiple_of(4);
+        s.planes.count_picture(if changed { 37 } else { 0 }, 0);
+    }
     s.settings = wished;
     for device in &mut s.devices {
         device.received = frame + 1;
@@ -140,10 +153,26 @@ pub fn example_snapshot() -> Snapshot {
     s.lighting.age_ms = Some(8.3);
     s.lighting.clipped_fraction = Some(0.0042);
     s.lighting.dominant_direction = Some([0.36, 0.48, 0.8]);
+    s.planes = planes();
     white_balance(&mut s);
     s.devices = devices();
     s.warn("environment camera: sources are clipped; record bracketed exposures to measure them");
     s
+}
+
+/// As in the paper of 2007.
+fn planes() -> PlanesStatus {
+    PlanesStatus {
+        planes: 38,
+        planes_seen: 21,
+        lights: 40,
+        lights_skipped: 3,
+        basis_images: 1387,
+        basis_images_dropped: 133,
+        bake_seconds: Some(4.2),
+        bake_bytes: 12_300_000,
+        ..PlanesStatus::default()
+    }
 }
 
 fn white_balance(s: &mut Snapshot) {

@@ -3,6 +3,7 @@
 // confirmed yet.
 
 import { COOL, LIGHT, remember, spark } from './charts.js';
+import { planes } from './planes.js';
 import { recording } from './recording.js';
 import { settings } from './settings.js';
 import { $, age, duration, facts, flag, make, millis, number, percent, pill, put, refill, whole } from './text.js';
@@ -269,6 +270,7 @@ function render(s) {
   picture(s);
   settings(s.settings);
   warnings(s);
+  planes(s);
   recording(s.recording);
   devices(s);
   environment(s);

@@ -10,7 +10,8 @@ const form = $('settings');
 const wishes = new Map(); // setting → { value, since } until /status confirms it
 let sending = 0;
 
-const KINDS = { light_count: Number, shadow_strength: Number };
+const KINDS = { light_count: Number, shadow_strength: Number, planes_skip_below: Number, planes_recompute_above: Number };
+const SHARES = { shadow_strength: ['strength-text', 0], planes_skip_below: ['skip-text', 1], planes_recompute_above: ['recompute-text', 1] };
 
 function fieldsOf(name) {
   const found = form.elements[name];
@@ -28,7 +29,10 @@ function show(name, value) {
   const [field] = fieldsOf(name);
   if (field.type === 'checkbox') field.checked = value;
   else form.elements[name].value = String(value);
-  if (name === 'shadow_strength') put($('strength-text'), percent(value, 0));
+  if (SHARES[name]) {
+    const [text, digits] = SHARES[name];
+    put($(text), percent(value, digits));
+  }
   if (name === 'lights_mode') put($('lights-hint'), LIGHTS_HINTS[value] ?? '');
   if (name === 'shadow_mode') put($('shadow-hint'), SHADOW_HINTS[value] ?? '');
 }

@@ -1,0 +1,33 @@
+// Shadowing planes: a card of its own, shown while they are the technique in force.
+
+import { $, facts, flag, number, percent, pill, put, whole } from './text.js';
+
+const STATES = { off: ['off', 'idle'], baking: ['baking', 'warn'], ready: ['ready', 'good'], failed: ['failed', 'bad'] };
+
+function sentence(p) {
+  if (p.state === 'baking') return `Basis image ${whole(p.done)} of ${whole(p.total)}; meanwhile the dome lights cast the shadows.`;
+  if (p.state === 'failed') return 'The dome lights cast the shadows.';
+  if (p.state !== 'ready') return 'Getting ready.';
+  const megabytes = `${number(p.bake_bytes / 1e6)} MB`;
+  if (p.from_cache) return `Baked before, ${megabytes} from the cache.`;
+  return `Baked in ${number(p.bake_seconds)} s, ${megabytes}.`;
+}
+
+/** Shows counts and the work saved. */
+export function planes(s) {
+  const p = s.planes;
+  const shown = s.settings.technique === 'shadowing-planes';
+  $('planes-card').hidden = !shown;
+  document.querySelectorAll('[data-only=planes]').forEach((row) => { row.hidden = !shown; });
+  if (!shown) return;
+  pill($('planes-pill'), ...(STATES[p.state] ?? [p.state, 'idle']));
+  put($('planes-text'), sentence(p));
+  flag($('planes-trouble'), p.reason);
+  facts($('planes-facts'), [
+    ['planes', whole(p.planes)], ['of these seen', whole(p.planes_seen)],
+    ['lights', whole(p.lights)], ['too weak', whole(p.lights_skipped)],
+    ['basis images', whole(p.basis_images)], ['black, dropped', whole(p.basis_images_dropped)],
+    ['summed now', whole(p.images_summed)], ['work saved', percent(p.work_saved)],
+    ['pictures without work', whole(p.frames_without_work)],
+  ]);
+}

@@ -1,0 +1,169 @@
+//! What `/status` says about shadowing planes.
+
+use serde::Serialize;
+
+/// What baking and synthesis are doing.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum PlanesState {
+    /// Another technique is in force.
+    #[default]
+    Off,
+    /// Basis images are being drawn; meanwhile the light dome casts the shadows.
+    Baking {
+        /// Basis images drawn so far.
+        done: u32,
+        /// Of so many.
+        total: u32,
+    },
+    /// Basis images are summed in every frame.
+    Ready,
+    /// There is no bake to be had; the light dome casts the shadows.
+    Failed {
+        /// What, where, what to do.
+        reason: String,
+    },
+}
+
+impl PlanesState {
+    /// As it stands in `/status` and as a metric label.
+    #[must_use]
+    pub const fn label(&self) -> &'static str {
+        match self {
+            Self::Off => "off",
+            Self::Baking { .. } => "baking",
+            Self::Ready => "ready",
+            Self::Failed { .. } => "failed",
+        }
+    }
+}
+
+/// Shadowing planes and their basis images.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct PlanesStatus {
+    /// What they are doing, as the fields `state`, `done`, `total` and `reason`.
+    #[serde(flatten, serialize_with = "all_fields")]
+    pub state: PlanesState,
+    /// Planes baked.
+    pub planes: u32,
+    /// Planes that face the viewer in the newest picture.
+    pub planes_seen: u32,
+    /// Lights: faces of the geodesic dome.
+    pub lights: u32,
+    /// Of these left out of the newest picture, because they give too little.
+    pub lights_skipped: u32,
+    /// Basis images in which light arrives.
+    pub basis_images: u32,
+    /// Basis images in which none does: neither stored nor summed.
+    pub basis_images_dropped: u32,
+    /// Basis images summed for the newest picture.
+    pub images_summed: u32,
+    /// Basis images summed since the start.
+    pub images_total: u64,
+    /// Basis images that would have been summed if every picture had summed all of them.
+    pub images_possible: u64,
+    /// Share of these that was not needed, 0..=1; `None` before the first picture.
+    pub work_saved: Option<f64>,
+    /// Planes whose sums were made anew, not just changed, since the start.
+    pub planes_resummed: u64,
+    /// Pictures for which nothing had to be summed.
+    pub frames_without_work: u64,
+    /// How long baking took, seconds; `None` before it was done.
+    pub bake_seconds: Option<f64>,
+    /// Size of the bake.
+    pub bake_bytes: u64,
+    /// It was baked before and read from the cache.
+    pub from_cache: bool,
+    /// S of each face, red, green, blue, in the scene camera's units, in the dome's order.
+    pub luminance: Vec<[f32; 3]>,
+}
+
+impl PlanesStatus {
+    /// Counts what a picture cost: basis images summed, planes whose sums were made anew.
+    pub fn count_picture(&mut self, images_summed: u32, planes_resummed: u32) {
+        self.images_summed = images_summed;
+        self.images_total += u64::from(images_summed);
+        self.images_possible += u64::from(self.basis_images);
+        self.planes_resummed += u64::from(planes_resummed);
+        self.frames_without_work += u64::from(images_summed == 0);
+        let (total, possible) = (self.images_total as f64, self.images_possible as f64);
+        self.work_saved = (possible > 0.0).then(|| (1.0 - total / possible).max(0.0));
+    }
+}
+
+/// Every field in every state, so that readers need not ask which are there.
+fn all_fields<S: serde::Serializer>(state: &PlanesState, serializer: S) -> Result<S::Ok, S::Error> {
+    #[derive(Serialize)]
+    struct Fields<'a> {
+        state: &'static str,
+        done: Option<u32>,
+        total: Option<u32>,
+        reason: Option<&'a str>,
+    }
+    let (done, total) = match state {
+        PlanesState::Baking { done, total } => (Some(*done), Some(*total)),
+        _ => (None, None),
+    };
+    let reason = match state {
+        PlanesState::Failed { reason } => Some(reason.as_str()),
+        _ => None,
+    };
+    let state = state.label();
+    Fields {
+        state,
+        done,
+        total,
+        reason,
+    }
+    .serialize(serializer)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+
+    #[test]
+    fn the_share_of_work_saved_is_that_of_all_pictures() {
+        let mut planes = PlanesStatus {
+            basis_images: 100,
+            ..PlanesStatus::default()
+        };
+        planes.count_picture(100, 8);
+        assert_eq!(planes.work_saved, Some(0.0));
+        planes.count_picture(0, 0);
+        planes.count_picture(20, 0);
+        planes.count_picture(0, 0);
+        assert_eq!(planes.work_saved, Some(0.7));
+        let counts = (
+            planes.images_summed,
+            planes.images_total,
+            planes.planes_resummed,
+        );
+        assert_eq!(counts, (0, 120, 8));
+        assert_eq!(planes.frames_without_work, 2);
+        let mut nothing = PlanesStatus::default();
+        nothing.count_picture(0, 0);
+        assert_eq!(nothing.work_saved, None);
+    }
+
+    #[test]
+    fn every_state_has_every_field() {
+        let baking = PlanesState::Baking { done: 3, total: 40 };
+        let failed = PlanesState::Failed {
+            reason: "no model".to_owned(),
+        };
+        for state in [PlanesState::Off, baking, PlanesState::Ready, failed] {
+            let status = PlanesStatus {
+                state: state.clone(),
+                ..PlanesStatus::default()
+            };
+            let json = serde_json::to_value(status).unwrap();
+            assert_eq!(json["state"], state.label());
+            let baking = matches!(state, PlanesState::Baking { .. });
+            assert_eq!(json["done"].is_u64() && json["total"].is_u64(), baking);
+            let failed = matches!(state, PlanesState::Failed { .. });
+            assert_eq!(json["reason"].is_string(), failed);
+            assert!(json.as_object().unwrap().contains_key("reason"));
+        }
+    }
+}
