@@ -32,6 +32,12 @@ pub struct Row {
     pub lights: u32,
     /// Shadow maps drawn again in each frame.
     pub refreshed_per_frame: u32,
+    /// Shadowing planes; 0 with dome lights.
+    pub planes: u32,
+    /// Basis images on them in which light arrives; black ones are dropped.
+    pub basis_images: u32,
+    /// Whether the light changed in every frame.
+    pub light_changes: bool,
     /// Triangles of the virtual objects.
     pub triangles: usize,
     /// Frames per second: the reciprocal of the mean wall time.
@@ -146,7 +152,7 @@ impl BenchReport {
 
 impl Row {
     /// Heading of the table's columns.
-    pub const HEADING: &'static str = "case      size       lights redrawn triangles    fps   wall p50   wall p99    gpu p50    gpu p99";
+    pub const HEADING: &'static str = "case       size       lights redrawn triangles    fps   wall p50   wall p99    gpu p50    gpu p99";
 }
 
 impl fmt::Display for Row {
@@ -154,7 +160,7 @@ impl fmt::Display for Row {
         let size = format!("{}x{}", self.width, self.height);
         write!(
             f,
-            "{:9} {:10} {:6} {:7} {:9} {:6.1} {:7.2} ms {:7.2} ms {:7.2} ms {:7.2} ms",
+            "{:10} {:10} {:6} {:7} {:9} {:6.1} {:7.2} ms {:7.2} ms {:7.2} ms {:7.2} ms",
             self.case,
             size,
             self.lights,
@@ -166,6 +172,18 @@ impl fmt::Display for Row {
             self.gpu_ms.p50,
             self.gpu_ms.p99
         )?;
+        if self.planes > 0 {
+            let light = if self.light_changes {
+                "changes every frame"
+            } else {
+                "steady"
+            };
+            let (planes, images) = (self.planes, self.basis_images);
+            write!(
+                f,
+                "\n          {planes} planes, {images} basis images, light {light}"
+            )?;
+        }
         for pass in &self.passes {
             write!(f, "\n          {:18} {:8.3} ms", pass.name, pass.ms)?;
         }
@@ -214,5 +232,50 @@ impl fmt::Display for CaptureRow {
             )?;
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row() -> Row {
+        Row {
+            case: "kakuta2007".to_owned(),
+            width: 640,
+            height: 480,
+            lights: 40,
+            refreshed_per_frame: 0,
+            planes: 38,
+            basis_images: 1400,
+            light_changes: true,
+            triangles: 58_500,
+            fps: 60.0,
+            wall_ms: Percentiles::default(),
+            gpu_ms: Percentiles::default(),
+            passes: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn rows_of_planes_say_so_and_others_do_not() {
+        let text = row().to_string();
+        assert!(
+            text.contains("38 planes, 1400 basis images, light changes every frame"),
+            "{text}"
+        );
+        let dome = Row {
+            planes: 0,
+            basis_images: 0,
+            ..row()
+        };
+        assert!(!dome.to_string().contains("planes"), "{dome}");
+    }
+
+    #[test]
+    fn names_of_cases_fit_their_column() {
+        let heading = Row::HEADING.find("size");
+        let size = row().to_string().find("640x480");
+        assert_eq!(size, heading);
     }
 }

@@ -83,6 +83,9 @@ fn measure(
         height,
         lights,
         refreshed_per_frame: refreshed,
+        planes: 0,
+        basis_images: 0,
+        light_changes: false,
         triangles: scene
             .virtual_parts
             .iter()
