@@ -1,4 +1,4 @@
-//! The session in the repository is whole, small, and holds nothing of the judge's.
+//! The sessions in the repository are whole, small, and hold nothing of the judge's.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
@@ -6,31 +6,31 @@ use penumbra::scene::Scene;
 use penumbra::session::{Session, SessionEvent};
 use std::path::PathBuf;
 
-const LIMIT_BYTES: u64 = 6_000_000;
+/// Names and how many bytes they may have.
+const SESSIONS: [(&str, u64); 2] = [("desk.mcap", 6_000_000), ("courtyard.mcap", 3_000_000)];
 const JUDGES_ONLY: [&str; 5] = ["truth", "masks", "light_truth", "camera_truth", "truth_rig"];
 
-fn desk() -> Session {
-    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/sessions/desk.mcap");
-    Session::open(&path).unwrap()
+fn open(name: &str) -> Session {
+    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/sessions");
+    Session::open(&folder.join(name)).unwrap()
 }
 
 #[test]
-fn it_is_whole_and_small() {
-    let session = desk();
-    assert!(!session.truncated());
-    assert!(session.damage().is_empty());
-    assert!(
-        session.file_len() <= LIMIT_BYTES,
-        "{} bytes",
-        session.file_len()
-    );
-    assert_eq!(session.tracker_protocol(), Some("fastrak"));
+fn they_are_whole_and_small() {
+    for (name, limit) in SESSIONS {
+        let session = open(name);
+        assert!(
+            !session.truncated() && session.damage().is_empty(),
+            "{name}"
+        );
+        assert!(session.file_len() <= limit, "{} bytes", session.file_len());
+        assert_eq!(session.tracker_protocol(), Some("fastrak"), "{name}");
+    }
 }
 
-#[test]
-fn every_stream_is_in_it() {
+fn counts(name: &str) -> (u32, u32, u32) {
     let (mut scene, mut environment, mut tracker) = (0, 0, 0);
-    for event in desk().events() {
+    for event in open(name).events() {
         match event.unwrap() {
             SessionEvent::Scene(_) => scene += 1,
             SessionEvent::Environment(_) => environment += 1,
@@ -38,28 +38,39 @@ fn every_stream_is_in_it() {
             SessionEvent::Pose(_) | SessionEvent::Tick(_) | SessionEvent::Prepared { .. } => {}
         }
     }
-    // Ten instants of the environment camera, each with two brackets.
-    assert_eq!((scene, environment, tracker), (60, 30, 285));
+    (scene, environment, tracker)
 }
 
 #[test]
-fn its_rig_object_and_phantoms_are_read() {
-    let session = desk();
-    let (rig, scene) = Scene::from_session(&|name| session.attachment(name)).unwrap();
-    assert!(rig.environment.is_some() && rig.tracker.is_some() && rig.chart.is_some());
-    assert!(!scene.virtual_parts.is_empty());
-    assert!(scene.phantom_parts.len() >= 2);
-    assert_eq!(scene.ground_height, Some(0.0));
+fn every_stream_is_in_them() {
+    // Ten instants of the environment camera, each with two brackets; 24, each with three.
+    assert_eq!(counts("desk.mcap"), (60, 30, 285));
+    assert_eq!(counts("courtyard.mcap"), (48, 96, 753));
 }
 
 #[test]
-fn nothing_of_the_judge_s_is_in_it() {
-    for attachment in desk().attachments() {
-        for name in JUDGES_ONLY {
-            assert!(!attachment.name.contains(name), "{}", attachment.name);
-        }
+fn their_rigs_objects_and_phantoms_are_read() {
+    for (name, _) in SESSIONS {
+        let session = open(name);
+        let (rig, scene) = Scene::from_session(&|name| session.attachment(name)).unwrap();
+        assert!(rig.environment.is_some() && rig.tracker.is_some() && rig.chart.is_some());
+        assert!(!scene.virtual_parts.is_empty(), "{name}");
+        assert!(scene.phantom_parts.len() >= 2, "{name}");
+        assert_eq!(scene.ground_height, Some(0.0), "{name}");
     }
-    let rig = desk().attachment("rig.json").unwrap().to_vec();
-    let rig = String::from_utf8(rig).unwrap();
-    assert!(!rig.contains("truth/"), "rig.json names the judge's files");
+}
+
+#[test]
+fn nothing_of_the_judge_s_is_in_them() {
+    for (name, _) in SESSIONS {
+        let session = open(name);
+        for attachment in session.attachments() {
+            for name in JUDGES_ONLY {
+                assert!(!attachment.name.contains(name), "{}", attachment.name);
+            }
+        }
+        let rig = session.attachment("rig.json").unwrap().to_vec();
+        let rig = String::from_utf8(rig).unwrap();
+        assert!(!rig.contains("truth/"), "rig.json names the judge's files");
+    }
 }
