@@ -4,7 +4,6 @@ use super::convert::{Result, set, whole, within};
 use super::toml_text::Fault;
 use crate::scene::planes::{BakeSettings, Receiver};
 use serde::Deserialize;
-use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 /// Frequencies of the geodesic dome that can be asked for.
@@ -93,7 +92,7 @@ pub struct PlanesConfig {
     pub recompute_above: f32,
     /// What virtual objects are shaded with.
     pub shading: PlaneShading,
-    /// Folder for bakes; see [`Self::cache_folder`].
+    /// Folder for bakes; the system's usual one without it.
     pub cache: Option<PathBuf>,
 }
 
@@ -126,27 +125,6 @@ impl PlanesConfig {
             samples: self.samples,
         }
     }
-
-    /// The folder for bakes: the configured one, else what systemd gives a service, else the
-    /// user's (XDG Base Directory Specification); `None` where there is no such place.
-    #[must_use]
-    pub fn cache_folder(&self) -> Option<PathBuf> {
-        self.cache
-            .clone()
-            .or_else(|| usual_cache(|name| std::env::var_os(name)))
-    }
-}
-
-/// `variable` is the environment. Relative paths count for nothing there, by the specification.
-fn usual_cache(variable: impl Fn(&str) -> Option<OsString>) -> Option<PathBuf> {
-    let folder = |name: &str| {
-        variable(name)
-            .map(PathBuf::from)
-            .filter(|path| path.is_absolute())
-    };
-    let user = || folder("XDG_CACHE_HOME").or_else(|| Some(folder("HOME")?.join(".cache")));
-    let service = folder("CACHE_DIRECTORY").map(|path| path.join("bakes"));
-    service.or_else(|| Some(user()?.join("penumbra/bakes")))
 }
 
 /// The section as it is typed.
@@ -167,7 +145,7 @@ pub(super) struct PlanesFile {
 }
 
 pub(super) fn planes(file: PlanesFile, folder: &Path, out: &mut PlanesConfig) -> Result<()> {
-    set(&mut out.count, whole("planes.count", file.count, 1..=256)?);
+    set(&mut out.count, whole("planes.count", file.count, 2..=256)?);
     let clusters = whole("planes.clusters", file.clusters, 1..=64)?;
     set(&mut out.clusters, clusters);
     set(&mut out.resolution, resolution(file.resolution)?);
@@ -212,37 +190,6 @@ fn frequency(value: Option<u32>) -> Result<Option<u32>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_bake_goes_where_the_system_wants_it() {
-        let place = |set: &[(&str, &str)]| {
-            usual_cache(|name| {
-                let found = set.iter().find(|(key, _)| *key == name);
-                found.map(|(_, value)| OsString::from(value))
-            })
-        };
-        let user = ("HOME", "/home/u");
-        let path = |text: &str| Some(PathBuf::from(text));
-        assert_eq!(place(&[]), None);
-        assert_eq!(place(&[user]), path("/home/u/.cache/penumbra/bakes"));
-        let xdg = ("XDG_CACHE_HOME", "/c");
-        assert_eq!(place(&[user, xdg]), path("/c/penumbra/bakes"));
-        let relative = ("XDG_CACHE_HOME", "c");
-        assert_eq!(
-            place(&[user, relative]),
-            path("/home/u/.cache/penumbra/bakes")
-        );
-        let service = ("CACHE_DIRECTORY", "/var/cache/penumbra");
-        assert_eq!(
-            place(&[user, xdg, service]),
-            path("/var/cache/penumbra/bakes")
-        );
-        let own = PlanesConfig {
-            cache: path("/own"),
-            ..PlanesConfig::default()
-        };
-        assert_eq!(own.cache_folder(), path("/own"));
-    }
 
     #[test]
     fn half_a_geodesic_dome_has_the_papers_lights() {

@@ -310,7 +310,7 @@ fn wrong_settings_are_explained() {
         ),
         (
             "[planes]\ncount = 0\n",
-            "c.toml:2: `planes.count`: expected a whole number from 1 to 256, found 0",
+            "c.toml:2: `planes.count`: expected a whole number from 2 to 256, found 0",
         ),
         (
             "[planes]\noffset = 0.1\n",
