@@ -28,6 +28,6 @@ export function planes(s) {
     ['lights', whole(p.lights)], ['too weak', whole(p.lights_skipped)],
     ['basis images', whole(p.basis_images)], ['black, dropped', whole(p.basis_images_dropped)],
     ['summed now', whole(p.images_summed)], ['work saved', percent(p.work_saved)],
-    ['pictures without work', whole(p.frames_without_work)],
+    ['nothing to sum', whole(p.frames_without_work)],
   ]);
 }
