@@ -7,8 +7,16 @@
 //! lights' faces of the dome, and the sums are mapped back onto what the planes cover.
 
 pub mod bake;
+mod choose;
+mod depth;
+pub mod generate;
+mod ground;
+mod hull;
+mod rectangle;
+mod surface;
 
 pub use bake::{Bake, BakeSettings, Basis, Image, ReceiverImage};
+pub use generate::{PlaneError, PlaneSettings, generate};
 
 use glam::{DVec2, DVec3};
 

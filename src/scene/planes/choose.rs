@@ -1,0 +1,195 @@
+//! Which of many possible planes to take: those that together see most of the surface.
+//!
+//! A plane serves a fragment the better the straighter it looks at it, and not at all where
+//! something stands between. The value of a set of planes is the area, each fragment counted
+//! with the best plane that serves it. That is a submodular function: taking the plane that
+//! gains most, again and again, comes within 1 − 1/e of the best set (Nemhauser et al. 1978).
+
+use super::depth::seen_from;
+use super::hull::hull_faces;
+use super::rectangle::{Axes, plane_around};
+use super::surface::Fragment;
+use super::{Layer, ShadowingPlane};
+use glam::DVec3;
+
+/// Directions of one cluster that come from its hull, and from its own surface.
+const MOST_DIRECTIONS: [usize; 2] = [14, 8];
+/// Directions nearer to one another than this cosine are one: 20°.
+const SAME: f64 = 0.94;
+/// What faces a plane by less than this cosine takes no shadows from it.
+pub(super) const FACES: f64 = 0.2;
+/// Planes that look straight up at something are left out.
+const STRAIGHT_DOWN: f64 = -0.95;
+
+/// A plane that could be taken.
+#[derive(Clone, Debug)]
+pub(super) struct Candidate {
+    /// The plane.
+    pub plane: ShadowingPlane,
+    /// Fragments that it serves, with what each gains of it at most.
+    pub serves: Vec<(u32, f32)>,
+}
+
+/// Planes around the clusters of a layer.
+pub(super) fn candidates(
+    fragments: &[Fragment],
+    clusters: u32,
+    layer: Layer,
+    offset_m: f64,
+) -> Vec<Candidate> {
+    let mut out = Vec::new();
+    for cluster in 0..clusters {
+        let own: Vec<&Fragment> = fragments.iter().filter(|f| f.cluster == cluster).collect();
+        for direction in directions(&own) {
+            let Some(plane) = plane_of(&own, direction, layer, offset_m) else {
+                continue;
+            };
+            let candidate = Candidate {
+                serves: served_by(&plane, fragments),
+                plane,
+            };
+            if !candidate.serves.is_empty() {
+                out.push(candidate);
+            }
+        }
+    }
+    weigh(&mut out, fragments, clusters);
+    out
+}
+
+/// What each fragment gives, in place of how straight it is looked at: clusters count by the
+/// root of their area, so that what is small still gets its planes.
+fn weigh(candidates: &mut [Candidate], fragments: &[Fragment], clusters: u32) {
+    let mut areas = vec![0.0; clusters as usize];
+    for f in fragments {
+        if let Some(area) = areas.get_mut(f.cluster as usize) {
+            *area += f.area;
+        }
+    }
+    for (i, share) in candidates.iter_mut().flat_map(|c| &mut c.serves) {
+        if let Some(f) = fragments.get(*i as usize) {
+            let area: f64 = areas.get(f.cluster as usize).copied().unwrap_or(0.0);
+            *share *= (f.area / area.max(f64::MIN_POSITIVE).sqrt()) as f32;
+        }
+    }
+}
+
+/// Normals of the hull's faces and of the surface itself, largest first, similar ones merged.
+fn directions(own: &[&Fragment]) -> Vec<DVec3> {
+    let corners: Vec<DVec3> = own.iter().flat_map(|f| f.corners).collect();
+    let faces = merged(hull_faces(&corners), MOST_DIRECTIONS[0]);
+    let surface = own.iter().map(|f| (f.normal, f.area)).collect();
+    let mut out = faces;
+    for direction in merged(surface, MOST_DIRECTIONS[1]) {
+        if out.iter().all(|d| d.dot(direction) < SAME) {
+            out.push(direction);
+        }
+    }
+    out.retain(|d| d.z > STRAIGHT_DOWN);
+    out
+}
+
+/// The directions of the largest areas; those like an earlier one are added to it.
+fn merged(mut faces: Vec<(DVec3, f64)>, most: usize) -> Vec<DVec3> {
+    faces.sort_by(|a, b| b.1.total_cmp(&a.1));
+    let mut groups: Vec<(DVec3, DVec3, f64)> = Vec::new();
+    for (normal, area) in faces {
+        if let Some(group) = groups.iter_mut().find(|g| g.0.dot(normal) > SAME) {
+            group.1 += normal * area;
+            group.2 += area;
+        } else if groups.len() < 4 * most {
+            groups.push((normal, normal * area, area));
+        }
+    }
+    groups.sort_by(|a, b| b.2.total_cmp(&a.2));
+    groups.truncate(most);
+    groups.iter().map(|g| g.1.normalize_or(g.0)).collect()
+}
+
+/// The plane before what of `own` faces `direction`.
+fn plane_of(
+    own: &[&Fragment],
+    direction: DVec3,
+    layer: Layer,
+    offset_m: f64,
+) -> Option<ShadowingPlane> {
+    let along = |f: &&Fragment| f.corners.map(|p| p.dot(direction));
+    let facing = own.iter().filter(|f| f.normal.dot(direction) > FACES);
+    let points: Vec<DVec3> = facing.clone().flat_map(|f| f.corners).collect();
+    let back = facing.flat_map(along).fold(f64::INFINITY, f64::min);
+    let front = own.iter().flat_map(along).fold(f64::NEG_INFINITY, f64::max);
+    if points.is_empty() || !(front - back).is_finite() {
+        return None;
+    }
+    let (low, high) = super::surface::bounds(own.iter().flat_map(|f| f.corners));
+    // A plane may stand off a large building by more than it may a cup.
+    let offset = offset_m.min((high - low).length() * 0.05).max(1e-6);
+    let depth = (front - back) * 1.01 + 2.0 * offset;
+    let axes = Axes::around(direction);
+    Some(plane_around(axes, &points, front + offset, depth, layer))
+}
+
+fn served_by(plane: &ShadowingPlane, fragments: &[Fragment]) -> Vec<(u32, f32)> {
+    let normal = plane.normal();
+    let share = |i: &u32| {
+        let f = fragments.get(*i as usize)?;
+        let straight = f.normal.dot(normal);
+        let serves = straight > FACES && f.area > 0.0;
+        serves.then(|| (*i, (straight / 0.8).min(1.0) as f32))
+    };
+    let seen = seen_from(plane, fragments);
+    seen.iter().filter_map(share).collect()
+}
+
+/// The candidates that gain most together, in the order in which they were taken, at most
+/// `count`, and as long as one gains `least` of all there is to gain.
+pub(super) fn choose(
+    candidates: Vec<Candidate>,
+    fragments: usize,
+    count: usize,
+    least: f32,
+) -> Vec<Candidate> {
+    let mut best = vec![0.0f32; fragments];
+    let gain = |c: &Candidate, best: &[f32]| -> f32 {
+        let more =
+            |(i, s): &(u32, f32)| (s - best.get(*i as usize).copied().unwrap_or(0.0)).max(0.0);
+        c.serves.iter().map(more).sum()
+    };
+    let mut waiting: Vec<(f32, Candidate)> = candidates
+        .into_iter()
+        .map(|c| (gain(&c, &best), c))
+        .collect();
+    let all = waiting.iter().fold(0.0f32, |most, (g, _)| most.max(*g));
+    let mut out: Vec<Candidate> = Vec::new();
+    while out.len() < count {
+        // A gain only falls with what is taken, so that an old one is a bound.
+        let Some(next) = top(&waiting) else { break };
+        let fresh = gain(&waiting[next].1, &best);
+        waiting[next].0 = fresh;
+        if top(&waiting) != Some(next) {
+            continue;
+        }
+        if fresh <= all * least {
+            break;
+        }
+        let (_, taken) = waiting.remove(next);
+        for (i, share) in &taken.serves {
+            if let Some(slot) = best.get_mut(*i as usize) {
+                *slot = slot.max(*share);
+            }
+        }
+        out.push(taken);
+    }
+    out
+}
+
+/// The place of the largest gain; the first of several.
+fn top(waiting: &[(f32, Candidate)]) -> Option<usize> {
+    let gains = waiting.iter().map(|w| w.0).enumerate();
+    gains
+        .fold(None, |best: Option<(usize, f32)>, (i, g)| match best {
+            Some((_, most)) if most >= g => best,
+            _ => Some((i, g)),
+        })
+        .map(|(i, _)| i)
+}

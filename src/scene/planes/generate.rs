@@ -1,0 +1,194 @@
+//! Shadowing planes from the model itself.
+
+use super::choose::{Candidate, candidates, choose};
+use super::ground::Ground;
+use super::hull::Clusters;
+use super::surface::{Fragment, Surface, bounds};
+use super::{Layer, Receiver, ShadowingPlane};
+use crate::scene::raycast::PhantomRays;
+use crate::scene::{Part, Scene};
+use glam::DVec3;
+use thiserror::Error;
+
+/// How many planes, and how they lie.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlaneSettings {
+    /// Planes at most, those of the ground and of phantoms among them.
+    pub count: u32,
+    /// Clusters at most that the model is divided into.
+    pub clusters: u32,
+    /// How far planes stand off what they cover, metres; less for what is small.
+    pub offset_m: f64,
+    /// Where planes over parts catch their shadows. Those of the ground always catch them
+    /// themselves.
+    pub receiver: Receiver,
+}
+
+impl Default for PlaneSettings {
+    fn default() -> Self {
+        Self {
+            count: 38,
+            clusters: 6,
+            offset_m: 0.02,
+            receiver: Receiver::Surface,
+        }
+    }
+}
+
+/// Why no planes can be made.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+pub enum PlaneError {
+    /// A vertex is not finite, or too far from the origin.
+    #[error(
+        "{part}: a vertex lies more than 10000 km from the world's origin or is no number; check the model's units and its position"
+    )]
+    FarAway {
+        /// Name of the part.
+        part: String,
+    },
+    /// There are virtual parts, but no triangle with area.
+    #[error(
+        "the virtual objects have no surface (all triangles have zero area); check their scale"
+    )]
+    NoSurface,
+    /// Too few planes for the ground and the model.
+    #[error("{count} shadowing planes are too few; expected from 2 to 1000")]
+    Count {
+        /// What was asked for.
+        count: u32,
+    },
+}
+
+/// Planes that one call may make.
+const MOST_PLANES: u32 = 1000;
+/// A plane that gains less than this share of what the best one gains is not worth its images.
+const LEAST_GAIN: f32 = 0.002;
+/// Phantoms farther from the model than this many times its extent take no shadow of it.
+const REACH: f64 = 6.25;
+
+/// Planes for everything virtual, for the ground and for the phantoms about the model; those
+/// of the real layer first. Nothing virtual needs no planes.
+///
+/// # Errors
+///
+/// Models without any surface, with vertices that are no numbers, and a useless
+/// [`PlaneSettings::count`].
+pub fn generate(
+    scene: &Scene,
+    settings: &PlaneSettings,
+) -> Result<Vec<ShadowingPlane>, PlaneError> {
+    if !(2..=MOST_PLANES).contains(&settings.count) {
+        return Err(PlaneError::Count {
+            count: settings.count,
+        });
+    }
+    if scene.virtual_parts.is_empty() {
+        return Ok(Vec::new());
+    }
+    let mut model = Surface::new(&scene.virtual_parts, &all(&scene.virtual_parts))?;
+    if model.fragments.is_empty() {
+        return Err(PlaneError::NoSurface);
+    }
+    let extent = longest(model.bounds());
+    model.weigh(&PhantomRays::from_parts(&scene.virtual_parts), extent);
+    let clusters = divide(&mut model.fragments, settings.clusters);
+    let mut real = Surface::new(&scene.phantom_parts, &no_mirrors(scene))?;
+    let ground = Ground::of(scene, &real.fragments);
+    let mut planes = ground.as_ref().map_or_else(Vec::new, |g| {
+        let most = (settings.count as usize / 4).clamp(1, 3);
+        g.planes(&model.fragments, most, settings.offset_m)
+    });
+    let phantoms = near_phantoms(&mut real, &model, ground.and_then(|g| g.part), extent);
+    let left = settings.count as usize - planes.len();
+    planes.extend(over_parts(
+        &model, clusters, &real, phantoms, left, settings,
+    ));
+    Ok(planes)
+}
+
+fn all(parts: &[Part]) -> Vec<u32> {
+    (0..parts.len() as u32).collect()
+}
+
+fn no_mirrors(scene: &Scene) -> Vec<u32> {
+    let parts = (0..).zip(&scene.phantom_parts);
+    parts.filter(|(_, p)| !p.mirror).map(|(i, _)| i).collect()
+}
+
+fn longest((low, high): (DVec3, DVec3)) -> f64 {
+    (high - low).max_element()
+}
+
+/// Gives each fragment its cluster; says how many there are.
+fn divide(fragments: &mut [Fragment], most: u32) -> u32 {
+    let triangles: Vec<[DVec3; 3]> = fragments.iter().map(|f| f.corners).collect();
+    let Some(clusters) = Clusters::divide(&triangles, most).filter(|_| most > 1) else {
+        return 1;
+    };
+    for f in fragments {
+        f.cluster = clusters.at(f.centre);
+    }
+    clusters.count
+}
+
+/// Leaves those phantoms in `real` that shadows of the model can reach, each a cluster; says
+/// how many.
+fn near_phantoms(real: &mut Surface, model: &Surface, ground: Option<u32>, extent: f64) -> u32 {
+    let (low, high) = bounds(model.fragments.iter().flat_map(|f| f.corners));
+    let off = |p: DVec3| p.distance(p.clamp(low, high)) / extent;
+    real.fragments
+        .retain(|f| Some(f.part) != ground && off(f.centre) < REACH);
+    let mut parts: Vec<u32> = real.fragments.iter().map(|f| f.part).collect();
+    parts.dedup();
+    for f in &mut real.fragments {
+        let near = off(f.centre);
+        f.area /= 1.0 + near * near;
+        f.cluster = parts.iter().position(|p| *p == f.part).unwrap_or(0) as u32;
+    }
+    parts.len() as u32
+}
+
+/// Planes over phantoms, then those over the model, together at most `most`.
+fn over_parts(
+    model: &Surface,
+    clusters: u32,
+    real: &Surface,
+    phantoms: u32,
+    most: usize,
+    settings: &PlaneSettings,
+) -> Vec<ShadowingPlane> {
+    let offset = settings.offset_m;
+    let mut all = candidates(&model.fragments, clusters, Layer::Virtual, offset);
+    let first = model.fragments.len() as u32;
+    for mut candidate in candidates(&real.fragments, phantoms, Layer::Real, offset) {
+        for (i, _) in &mut candidate.serves {
+            *i += first;
+        }
+        all.push(candidate);
+    }
+    let count = model.fragments.len() + real.fragments.len();
+    let taken = choose(all, count, most, LEAST_GAIN);
+    let part = |i: u32| {
+        model
+            .fragments
+            .get(i as usize)
+            .map_or_else(|| real.fragments.get((i - first) as usize), Some)
+            .map(|f| f.part)
+    };
+    let finish = |c: &Candidate| {
+        let mut parts: Vec<u32> = c.serves.iter().filter_map(|(i, _)| part(*i)).collect();
+        parts.sort_unstable();
+        parts.dedup();
+        ShadowingPlane {
+            parts,
+            receiver: settings.receiver,
+            ..c.plane.clone()
+        }
+    };
+    let mut planes: Vec<ShadowingPlane> = taken.iter().map(finish).collect();
+    planes.sort_by_key(|p| p.layer != Layer::Real);
+    planes
+}
+
+#[cfg(test)]
+mod tests;
