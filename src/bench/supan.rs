@@ -149,7 +149,7 @@ fn scene() -> Scene {
             Material::default(),
         )],
         ground_height: Some(0.0),
-        lamps: Vec::new(),
+        ..Scene::default()
     }
 }
 

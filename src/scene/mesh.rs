@@ -1,5 +1,6 @@
 //! Meshes, materials, and the scene that holds them.
 
+use super::planes::ShadowingPlane;
 use crate::calibration::rig_json::VirtualLight;
 use glam::{DMat4, Vec2, Vec3, Vec4};
 use std::sync::Arc;
@@ -133,4 +134,6 @@ pub struct Scene {
     pub ground_height: Option<f64>,
     /// Lamps that exist in the picture only.
     pub lamps: Vec<VirtualLight>,
+    /// Shadowing planes that are placed by hand.
+    pub planes: Vec<ShadowingPlane>,
 }

@@ -5,6 +5,7 @@ mod casters;
 mod check;
 pub mod detail;
 pub mod error;
+pub mod gate;
 mod gltf_bytes;
 pub mod gltf_file;
 mod gltf_material;

@@ -12,7 +12,8 @@
 //! # radius_m = 0.05                #   cylinder, cone, sphere; torus: axis to tube
 //! # tube_radius_m = 0.02           #   torus
 //! # height_m = 0.1                 #   cylinder, cone
-//! # segments = 64                  #   how finely round shapes are cut
+//! # segments = 64                  #   how finely round shapes are cut; a "temple-gate",
+//!                                  #   6 m wide, takes this and `scale` alone
 //! position_m = [0.0, 0.0, 0.0]
 //! rotation_deg = [30.0, 0.0, 0.0]  # yaw, pitch, roll about z, y, x; or rotation_wxyz
 //! scale = 1.0                      # a number, or one for each axis
@@ -32,15 +33,27 @@
 //! beam_deg = 20.0                  # half angles: full light inside, falling to none at
 //! cutoff_deg = 30.0                # the second
 //!
+//! [[plane]]                        # a shadowing plane (technique "planes"); where there is one
+//! centre_m = [0.0, 0.0, 0.0]       # for a layer, none are made for that layer from the model.
+//! normal = [0.0, 0.0, 1.0]         # Away from what it covers; its camera looks against it
+//! up = [0.0, 1.0, 0.0]             # of its picture; else upwards, for level ones along +Y
+//! size_m = [1.0, 0.8]              # width and height
+//! depth_m = 0.05                   # how far behind it surfaces belong to it
+//! layer = "real"                   # or "virtual" (the default): on what its shadows lie
+//! receiver = "plane"               # or "surface": shadows fall on the rectangle itself, or on
+//!                                  #   what lies behind it (the default for "virtual")
+//!
 //! [ground]                         # instead of the session's
 //! height_m = 0.0
 //! size_m = 8.0
 //! ```
 //!
-//! Boxes, cylinders and cones stand on their origin; the others are centred on it.
+//! Boxes, cylinders, cones and gates stand on their origin; the others are centred on it.
 
+use super::gate::temple_gate;
 use super::gltf_file::{ModelPart, read_file};
 use super::lamps::MOST_LAMPS;
+use super::planes::{ShadowingPlane, covered_parts};
 use super::primitives;
 use super::{Attachments, Material, Mesh, Model, Part, Scene, SceneError, load_gltf, load_ply};
 use crate::calibration::RigDocument;
@@ -53,6 +66,7 @@ use std::sync::Arc;
 use typed::{Colour, Entry, Ground, MaterialFile, SceneFile, Shape};
 
 mod lamp;
+mod plane;
 mod typed;
 
 /// Objects or phantoms of one file.
@@ -67,6 +81,8 @@ pub struct SceneAddition {
     pub phantoms: Vec<Part>,
     /// Lamps that exist in the picture only.
     pub lamps: Vec<VirtualLight>,
+    /// Shadowing planes that are placed by hand.
+    pub planes: Vec<ShadowingPlane>,
     /// Takes the place of the session's ground.
     pub ground: Option<GroundPlane>,
     /// Whether the session's own phantoms stay.
@@ -109,6 +125,15 @@ impl SceneAddition {
             .map(|(i, l)| lamp::lamp(l, &format!("lamp[{i}]")))
             .collect::<Result<_, _>>()
             .map_err(located)?;
+        if file.plane.len() > MOST_ENTRIES {
+            let reason = format!("expected at most {MOST_ENTRIES} planes");
+            return Err(located(Fault::new("plane", reason)));
+        }
+        let planes = file.plane.iter().enumerate();
+        let planes = planes
+            .map(|(i, p)| plane::plane(p, &format!("plane[{i}]")))
+            .collect::<Result<_, _>>()
+            .map_err(located)?;
         let ground = file
             .ground
             .map(|g| ground(&g))
@@ -118,6 +143,7 @@ impl SceneAddition {
             objects,
             phantoms,
             lamps,
+            planes,
             ground,
             session_phantoms: file.session_phantoms.unwrap_or(true),
         })
@@ -133,12 +159,14 @@ impl SceneAddition {
         };
         scene.virtual_parts = self.objects;
         scene.lamps = self.lamps;
+        scene.planes = self.planes;
         if let Some(ground) = &self.ground {
             scene.phantom_parts.retain(|p| p.name != "ground");
             scene.ground_height = None;
             scene.add_ground(ground);
         }
         scene.phantom_parts.extend(self.phantoms);
+        covered_parts(&mut scene);
         scene
     }
 }
@@ -212,10 +240,9 @@ impl Entry {
                 let path = self.model_path(at, file, folder).map_err(located)?;
                 load_model(&path)?
             }
-            (None, Some(shape)) => single(self.mesh(at, shape).map_err(located)?),
+            (None, Some(shape)) => self.built_in(at, shape).map_err(located)?,
             _ => {
-                let reason =
-                    "expected either `file` or `shape` (plane, box, cylinder, cone, sphere, torus)";
+                let reason = "expected either `file` or `shape` (plane, box, cylinder, cone, sphere, torus, temple-gate)";
                 return Err(located(Fault::new(at, reason)));
             }
         };
@@ -306,16 +333,11 @@ impl Entry {
         ))
     }
 
-    fn mesh(&self, at: &str, shape: Shape) -> Result<Mesh, Fault> {
+    fn built_in(&self, at: &str, shape: Shape) -> Result<Model, Fault> {
         let length = |key: &str, value: Option<f64>| self.length(at, shape, key, value);
-        let segments = self.segments.unwrap_or(64);
-        if !(3..=2048).contains(&segments) {
-            return Err(Fault::new(
-                format!("{at}.segments"),
-                "expected a whole number from 3 to 2048",
-            ));
-        }
-        Ok(match shape {
+        let segments = self.segments(at)?;
+        let mesh = match shape {
+            Shape::TempleGate => return Ok(temple_gate(segments)),
             Shape::Plane => {
                 let [x, y] = self.size(at, "a plane: [x, y]")?;
                 primitives::plane(x, y)
@@ -349,7 +371,19 @@ impl Entry {
                 }
                 primitives::torus(major, minor, segments, segments.div_ceil(2))
             }
-        })
+        };
+        Ok(single(mesh))
+    }
+
+    fn segments(&self, at: &str) -> Result<u32, Fault> {
+        let segments = self.segments.unwrap_or(64);
+        if !(3..=2048).contains(&segments) {
+            return Err(Fault::new(
+                format!("{at}.segments"),
+                "expected a whole number from 3 to 2048",
+            ));
+        }
+        Ok(segments)
     }
 
     fn length(&self, at: &str, shape: Shape, key: &str, value: Option<f64>) -> Result<f32, Fault> {

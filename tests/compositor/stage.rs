@@ -49,7 +49,7 @@ impl Stage {
                 phantom_parts: vec![part(primitives::plane(4.0, 4.0), DVec3::ZERO)],
                 virtual_parts: Vec::new(),
                 ground_height: Some(0.0),
-                lamps: Vec::new(),
+                ..Scene::default()
             },
             lighting: None,
             near: None,

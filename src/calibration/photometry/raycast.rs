@@ -252,7 +252,7 @@ mod tests {
                 ground,
             ],
             ground_height: Some(0.0),
-            lamps: Vec::new(),
+            ..Scene::default()
         };
         let caster = PhantomCaster::new(&scene);
         let from_above = caster

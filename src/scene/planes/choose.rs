@@ -1,7 +1,7 @@
 //! Which of many possible planes to take: those that together see most of the surface.
 //!
-//! A plane serves a fragment the better the straighter it looks at it, and not at all where
-//! something stands between. The value of a set of planes is the area, each fragment counted
+//! A plane serves a fragment the better the straighter it looks at it (but a slanting look is
+//! far better than none), and not at all where something stands between. The value of a set of planes is the area, each fragment counted
 //! with the best plane that serves it. That is a submodular function: taking the plane that
 //! gains most, again and again, comes within 1 − 1/e of the best set (Nemhauser et al. 1978).
 
@@ -11,6 +11,7 @@ use super::rectangle::{Axes, plane_around};
 use super::surface::Fragment;
 use super::{Layer, ShadowingPlane};
 use glam::DVec3;
+use std::collections::HashSet;
 
 /// Directions of one cluster that come from its hull, and from its own surface.
 const MOST_DIRECTIONS: [usize; 2] = [14, 8];
@@ -18,6 +19,10 @@ const MOST_DIRECTIONS: [usize; 2] = [14, 8];
 const SAME: f64 = 0.94;
 /// What faces a plane by less than this cosine takes no shadows from it.
 pub(super) const FACES: f64 = 0.2;
+/// Planes behind one another that look the same way at one cluster.
+const LAYERS: usize = 2;
+/// What is covered is looked for in layers of this share of a cluster's depth.
+const LAYER: f64 = 0.06;
 /// Planes that look straight up at something are left out.
 const STRAIGHT_DOWN: f64 = -0.95;
 
@@ -40,16 +45,29 @@ pub(super) fn candidates(
     let mut out = Vec::new();
     for cluster in 0..clusters {
         let own: Vec<&Fragment> = fragments.iter().filter(|f| f.cluster == cluster).collect();
+        let (low, high) = super::surface::bounds(own.iter().flat_map(|f| f.corners));
+        let extent = (high - low).max_element();
         for direction in directions(&own) {
-            let Some(plane) = plane_of(&own, direction, layer, offset_m) else {
-                continue;
+            let facing: Vec<&Fragment> = own
+                .iter()
+                .filter(|f| f.normal.dot(direction) > FACES)
+                .copied()
+                .collect();
+            let front = front(&own, direction);
+            let make = |facing: &[&Fragment], front: f64| {
+                let plane = plane_of(facing, direction, front, layer, offset_m)?;
+                let serves = served_by(&plane, fragments);
+                (!serves.is_empty()).then_some(Candidate { plane, serves })
             };
-            let candidate = Candidate {
-                serves: served_by(&plane, fragments),
-                plane,
-            };
-            if !candidate.serves.is_empty() {
+            let mut seen = HashSet::new();
+            let mut next = make(&facing, front);
+            for _ in 0..LAYERS {
+                let Some(candidate) = next.take() else { break };
+                seen.extend(candidate.serves.iter().map(|s| s.0));
+                let thick = candidate.plane.depth.max(0.5 * extent) * LAYER;
                 out.push(candidate);
+                let behind = covered(&facing, &seen, direction, thick);
+                next = make(&behind, self::front(&behind, direction));
             }
         }
     }
@@ -106,22 +124,61 @@ fn merged(mut faces: Vec<(DVec3, f64)>, most: usize) -> Vec<DVec3> {
     groups.iter().map(|g| g.1.normalize_or(g.0)).collect()
 }
 
-/// The plane before what of `own` faces `direction`.
-fn plane_of(
-    own: &[&Fragment],
+/// How far along `direction` the fragments reach.
+fn front(fragments: &[&Fragment], direction: DVec3) -> f64 {
+    let along = |f: &&Fragment| f.corners.map(|p| p.dot(direction));
+    fragments
+        .iter()
+        .flat_map(along)
+        .fold(f64::NEG_INFINITY, f64::max)
+}
+
+/// The largest flat share of `facing` that is not `seen` by planes farther out, as there is
+/// something between (a floor beneath a roof): it gets a plane of its own, inside the model.
+fn covered<'a>(
+    facing: &[&'a Fragment],
+    seen: &HashSet<u32>,
     direction: DVec3,
+    thick: f64,
+) -> Vec<&'a Fragment> {
+    let depth = |f: &Fragment| -f.centre.dot(direction);
+    let mut unseen: Vec<&Fragment> = facing
+        .iter()
+        .filter(|f| f.area > 0.0 && !seen.contains(&f.number))
+        .copied()
+        .collect();
+    unseen.sort_by(|a, b| depth(a).total_cmp(&depth(b)));
+    let (mut start, mut sum, mut best) = (0, 0.0, (0.0, 0..0));
+    for (end, last) in unseen.iter().enumerate() {
+        sum += last.area;
+        while depth(last) - depth(unseen[start]) > thick {
+            sum -= unseen[start].area;
+            start += 1;
+        }
+        if sum > best.0 {
+            best = (sum, start..end + 1);
+        }
+    }
+    unseen[best.1].to_vec()
+}
+
+/// The plane before `facing`, `front` metres along its normal.
+fn plane_of(
+    facing: &[&Fragment],
+    direction: DVec3,
+    front: f64,
     layer: Layer,
     offset_m: f64,
 ) -> Option<ShadowingPlane> {
-    let along = |f: &&Fragment| f.corners.map(|p| p.dot(direction));
-    let facing = own.iter().filter(|f| f.normal.dot(direction) > FACES);
-    let points: Vec<DVec3> = facing.clone().flat_map(|f| f.corners).collect();
-    let back = facing.flat_map(along).fold(f64::INFINITY, f64::min);
-    let front = own.iter().flat_map(along).fold(f64::NEG_INFINITY, f64::max);
+    let points: Vec<DVec3> = facing.iter().flat_map(|f| f.corners).collect();
+    let back = points
+        .iter()
+        .map(|p| p.dot(direction))
+        .fold(f64::INFINITY, f64::min);
     if points.is_empty() || !(front - back).is_finite() {
         return None;
     }
-    let (low, high) = super::surface::bounds(own.iter().flat_map(|f| f.corners));
+    let (low, high) = super::surface::bounds(points.iter().copied());
     // A plane may stand off a large building by more than it may a cup.
     let offset = offset_m.min((high - low).length() * 0.05).max(1e-6);
     let depth = (front - back) * 1.01 + 2.0 * offset;
@@ -135,7 +192,7 @@ fn served_by(plane: &ShadowingPlane, fragments: &[Fragment]) -> Vec<(u32, f32)> 
         let f = fragments.get(*i as usize)?;
         let straight = f.normal.dot(normal);
         let serves = straight > FACES && f.area > 0.0;
-        serves.then(|| (*i, (straight / 0.8).min(1.0) as f32))
+        serves.then_some((*i, (0.75 + 0.25 * straight) as f32))
     };
     let seen = seen_from(plane, fragments);
     seen.iter().filter_map(share).collect()

@@ -1,9 +1,9 @@
 //! Shadowing planes from the model itself.
 
 use super::choose::{Candidate, candidates, choose};
+use super::clusters::divide;
 use super::ground::Ground;
-use super::hull::Clusters;
-use super::surface::{Fragment, Surface, bounds};
+use super::surface::Surface;
 use super::{Layer, Receiver, ShadowingPlane};
 use crate::scene::raycast::PhantomRays;
 use crate::scene::{Part, Scene};
@@ -65,6 +65,8 @@ const MOST_PLANES: u32 = 1000;
 const LEAST_GAIN: f32 = 0.002;
 /// Phantoms farther from the model than this many times its extent take no shadow of it.
 const REACH: f64 = 6.25;
+/// What phantoms count beside the model of the same size: a shadow need not fall on them.
+const PHANTOM_SHARE: f32 = 0.3;
 
 /// Planes for everything virtual, for the ground and for the phantoms about the model; those
 /// of the real layer first. Nothing virtual needs no planes.
@@ -82,24 +84,54 @@ pub fn generate(
             count: settings.count,
         });
     }
-    if scene.virtual_parts.is_empty() {
-        return Ok(Vec::new());
+    let mut planes = scene.planes.clone();
+    planes.sort_by_key(|p| p.layer != Layer::Real);
+    let wanted = [Layer::Real, Layer::Virtual].map(|l| planes.iter().all(|p| p.layer != l));
+    if scene.virtual_parts.is_empty() || wanted == [false, false] {
+        return Ok(planes);
     }
+    let model = model(scene)?;
+    let left = (settings.count as usize).saturating_sub(planes.len());
+    planes.extend(made(scene, model, settings, left, wanted)?);
+    planes.sort_by_key(|p| p.layer != Layer::Real);
+    Ok(planes)
+}
+
+fn model(scene: &Scene) -> Result<Surface, PlaneError> {
     let mut model = Surface::new(&scene.virtual_parts, &all(&scene.virtual_parts))?;
     if model.fragments.is_empty() {
         return Err(PlaneError::NoSurface);
     }
     let extent = longest(model.bounds());
     model.weigh(&PhantomRays::from_parts(&scene.virtual_parts), extent);
-    let clusters = divide(&mut model.fragments, settings.clusters);
-    let mut real = Surface::new(&scene.phantom_parts, &no_mirrors(scene))?;
-    let ground = Ground::of(scene, &real.fragments);
+    Ok(model)
+}
+
+/// At most `count` planes of those layers (real, virtual) that are `wanted`.
+fn made(
+    scene: &Scene,
+    mut model: Surface,
+    settings: &PlaneSettings,
+    count: usize,
+    [on_real, on_virtual]: [bool; 2],
+) -> Result<Vec<ShadowingPlane>, PlaneError> {
+    let mut real = if on_real {
+        Surface::new(&scene.phantom_parts, &no_mirrors(scene))?
+    } else {
+        Surface::default()
+    };
+    let ground = Ground::of(scene, &real.fragments).filter(|_| on_real);
     let mut planes = ground.as_ref().map_or_else(Vec::new, |g| {
-        let most = (settings.count as usize / 4).clamp(1, 3);
-        g.planes(&model.fragments, most, settings.offset_m)
+        g.planes(&model.fragments, (count / 4).clamp(1, 3), settings.offset_m)
     });
+    let extent = longest(model.bounds());
     let phantoms = near_phantoms(&mut real, &model, ground.and_then(|g| g.part), extent);
-    let left = settings.count as usize - planes.len();
+    let clusters = if on_virtual {
+        divide(&mut model.fragments, scene, settings.clusters)
+    } else {
+        0
+    };
+    let left = count.saturating_sub(planes.len());
     planes.extend(over_parts(
         &model, clusters, &real, phantoms, left, settings,
     ));
@@ -119,25 +151,19 @@ fn longest((low, high): (DVec3, DVec3)) -> f64 {
     (high - low).max_element()
 }
 
-/// Gives each fragment its cluster; says how many there are.
-fn divide(fragments: &mut [Fragment], most: u32) -> u32 {
-    let triangles: Vec<[DVec3; 3]> = fragments.iter().map(|f| f.corners).collect();
-    let Some(clusters) = Clusters::divide(&triangles, most).filter(|_| most > 1) else {
-        return 1;
-    };
-    for f in fragments {
-        f.cluster = clusters.at(f.centre);
-    }
-    clusters.count
-}
-
-/// Leaves those phantoms in `real` that shadows of the model can reach, each a cluster; says
+/// Leaves those phantoms in `real` on which shadows of the model can fall, each a cluster; says
 /// how many.
 fn near_phantoms(real: &mut Surface, model: &Surface, ground: Option<u32>, extent: f64) -> u32 {
-    let (low, high) = bounds(model.fragments.iter().flat_map(|f| f.corners));
+    let (low, high) = model.bounds();
     let off = |p: DVec3| p.distance(p.clamp(low, high)) / extent;
-    real.fragments
-        .retain(|f| Some(f.part) != ground && off(f.centre) < REACH);
+    real.fragments.retain(|f| {
+        // All light comes from above, and falls on what faces it: a surface that has the
+        // whole model behind itself, or beneath, never lies in its shadow.
+        let corner = DVec3::select(f.normal.cmpgt(DVec3::ZERO), high, low);
+        let faces_it = (corner - f.centre).dot(f.normal) > 0.0 && f.centre.z < high.z;
+        Some(f.part) != ground && off(f.centre) < REACH && faces_it
+    });
+    real.renumber();
     let mut parts: Vec<u32> = real.fragments.iter().map(|f| f.part).collect();
     parts.dedup();
     for f in &mut real.fragments {
@@ -161,8 +187,9 @@ fn over_parts(
     let mut all = candidates(&model.fragments, clusters, Layer::Virtual, offset);
     let first = model.fragments.len() as u32;
     for mut candidate in candidates(&real.fragments, phantoms, Layer::Real, offset) {
-        for (i, _) in &mut candidate.serves {
+        for (i, share) in &mut candidate.serves {
             *i += first;
+            *share *= PHANTOM_SHARE;
         }
         all.push(candidate);
     }

@@ -8,15 +8,19 @@
 
 pub mod bake;
 mod choose;
+mod clusters;
 mod depth;
 pub mod generate;
 mod ground;
+mod hand;
 mod hull;
 mod rectangle;
+pub mod store;
 mod surface;
 
 pub use bake::{Bake, BakeSettings, Basis, Image, ReceiverImage};
 pub use generate::{PlaneError, PlaneSettings, generate};
+pub(super) use hand::covered_parts;
 
 use glam::{DVec2, DVec3};
 

@@ -37,6 +37,8 @@ pub(super) struct Fragment {
     pub part: u32,
     /// Cluster that it belongs to.
     pub cluster: u32,
+    /// Its own index.
+    pub number: u32,
 }
 
 /// Fragments of all parts of a layer.
@@ -61,7 +63,16 @@ impl Surface {
         for fragment in whole {
             split(fragment, longest, &mut out);
         }
-        Ok(Self { fragments: out })
+        let mut surface = Self { fragments: out };
+        surface.renumber();
+        Ok(surface)
+    }
+
+    /// After fragments were taken away.
+    pub fn renumber(&mut self) {
+        for (i, fragment) in self.fragments.iter_mut().enumerate() {
+            fragment.number = i as u32;
+        }
     }
 
     /// Corners of the bounding box; nothing gives an inverted one.
@@ -162,6 +173,7 @@ fn fragment(corners: [DVec3; 3], part: u32, scale: f64) -> Option<Fragment> {
         area: scale * cross.length() / 2.0,
         part,
         cluster: 0,
+        number: 0,
     })
 }
 

@@ -1,6 +1,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
 use crate::calibration::response::linear_from_srgb;
+use crate::scene::planes::{Layer, Receiver};
 
 fn read(text: &str) -> Result<SceneAddition, SceneError> {
     SceneAddition::read(&TomlText::new("s.toml", text), Path::new(""))
@@ -40,6 +41,9 @@ fn the_documented_example_is_read() {
     let lamp = scene.lamps[0].at(5.0).unwrap();
     let (beam, cutoff) = lamp.cone.unwrap();
     assert_eq!((scene.lamps.len(), lamp.intensity), (1, Vec3::splat(0.3)));
+    let plane = &scene.planes[0];
+    assert_eq!((scene.planes.len(), plane.layer), (1, Layer::Real));
+    assert_eq!((plane.normal(), plane.half_size.x), (DVec3::Z, 0.5));
     assert!((beam.to_degrees() - 20.0).abs() < 1e-4 && (cutoff.to_degrees() - 30.0).abs() < 1e-4);
 }
 
@@ -135,7 +139,7 @@ fn faults_name_file_line_and_key() {
         ),
         (
             "[[object]]\n[[object]]\nname = \"x\"\n",
-            "s.toml:1: `object[0]`: expected either `file` or `shape` (plane, box, cylinder, cone, sphere, torus)",
+            "s.toml:1: `object[0]`: expected either `file` or `shape` (plane, box, cylinder, cone, sphere, torus, temple-gate)",
         ),
         (
             "[[object]]\nfile = \"gone.glb\"\n",
@@ -231,4 +235,81 @@ fn models_are_found_beside_the_scene_file() {
         .unwrap_err()
         .to_string();
     assert!(text.contains("b.glb"), "{text}");
+}
+
+#[test]
+fn planes_by_hand_know_their_sides_and_what_they_cover() {
+    let text = "[ground]\nsize_m = 4.0\n\
+        [[object]]\nshape = \"box\"\nsize_m = [1, 1, 1]\n\
+        [[object]]\nshape = \"box\"\nsize_m = [1, 1, 1]\nposition_m = [5, 0, 0]\n\
+        [[plane]]\ncentre_m = [0, -0.6, 0.5]\nnormal = [0, -2, 0]\nsize_m = [1, 2]\ndepth_m = 0.2\n\
+        [[plane]]\ncentre_m = [0, 0, 0.01]\nnormal = [0, 0, 1]\nsize_m = [3, 3]\ndepth_m = 0.05\nlayer = \"real\"\n";
+    let scene = read(text).unwrap().onto(Scene::default());
+    let [ground, wall] = scene.planes.as_slice() else {
+        panic!("{:?}", scene.planes)
+    };
+    assert_eq!(
+        (ground.layer, ground.receiver),
+        (Layer::Real, Receiver::Plane)
+    );
+    assert_eq!((ground.right, ground.up), (DVec3::X, DVec3::Y));
+    assert_eq!(
+        (wall.layer, wall.receiver),
+        (Layer::Virtual, Receiver::Surface)
+    );
+    assert_eq!((wall.right, wall.up), (DVec3::X, DVec3::Z));
+    assert_eq!((wall.normal(), wall.half_size.y), (DVec3::NEG_Y, 1.0));
+    assert_eq!(
+        (ground.parts.as_slice(), wall.parts.as_slice()),
+        (&[0][..], &[0][..])
+    );
+}
+
+#[test]
+fn mistakes_in_planes_are_named() {
+    let whole = [
+        ("centre_m", "[0, 0, 0]"),
+        ("normal", "[0, 0, 1]"),
+        ("size_m", "[1, 1]"),
+        ("depth_m", "0.1"),
+    ];
+    let with = |key: &str, value: &str| {
+        let lines = whole
+            .iter()
+            .filter(|(k, _)| *k != key)
+            .map(|(k, v)| format!("{k} = {v}\n"));
+        let own = if value.is_empty() {
+            String::new()
+        } else {
+            format!("{key} = {value}\n")
+        };
+        format!("[[plane]]\n{own}{}", lines.collect::<String>())
+    };
+    read(&with("up", "[1, 0, 0]")).unwrap();
+    for (key, value, expected) in [
+        ("centre_m", "", "plane[0].centre_m"),
+        ("centre_m", "[nan, 0, 0]", "plane[0].centre_m"),
+        ("normal", "[0, 0, 0]", "plane[0].normal"),
+        ("up", "[0, 0, -1]", "plane[0].up"),
+        ("size_m", "[1, 0]", "plane[0].size_m"),
+        ("depth_m", "-1", "plane[0].depth_m"),
+        ("layer", "\"air\"", "real"),
+        ("receiver", "\"air\"", "surface"),
+        ("centre", "[0, 0, 0]", "centre"),
+    ] {
+        let found = complaint(&with(key, value));
+        assert!(found.contains(expected), "{key}: {found}");
+    }
+}
+
+#[test]
+fn a_temple_gate_is_a_shape_of_several_parts() {
+    let scene =
+        read("[[object]]\nname = \"gate\"\nshape = \"temple-gate\"\nscale = 0.1\nsegments = 12\n")
+            .unwrap();
+    let names: Vec<_> = scene.objects.iter().map(|p| p.name.as_str()).collect();
+    assert!(
+        names.contains(&"gate/roof") && names.contains(&"gate/platform"),
+        "{names:?}"
+    );
 }

@@ -12,6 +12,7 @@ pub(super) struct SceneFile {
     pub object: Vec<Entry>,
     pub phantom: Vec<Entry>,
     pub lamp: Vec<LampFile>,
+    pub plane: Vec<PlaneFile>,
     pub ground: Option<Ground>,
 }
 
@@ -46,6 +47,7 @@ pub(super) enum Shape {
     Cone,
     Sphere,
     Torus,
+    TempleGate,
 }
 
 #[derive(Debug, Default, serde::Deserialize)]
@@ -75,6 +77,32 @@ pub(super) struct LampFile {
     pub intensity: Option<Colour>,
     pub beam_deg: Option<f64>,
     pub cutoff_deg: Option<f64>,
+}
+
+#[derive(Debug, Default, serde::Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct PlaneFile {
+    pub centre_m: Option<[f64; 3]>,
+    pub normal: Option<[f64; 3]>,
+    pub up: Option<[f64; 3]>,
+    pub size_m: Option<[f64; 2]>,
+    pub depth_m: Option<f64>,
+    pub layer: Option<PlaneLayer>,
+    pub receiver: Option<PlaneReceiver>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) enum PlaneLayer {
+    Real,
+    Virtual,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) enum PlaneReceiver {
+    Plane,
+    Surface,
 }
 
 /// Linear RGB.

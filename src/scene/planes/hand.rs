@@ -1,0 +1,37 @@
+//! What planes that are placed by hand cover.
+
+use super::{Layer, ShadowingPlane};
+use crate::scene::{Part, Scene};
+use glam::{DVec2, DVec3};
+
+/// Fills in [`ShadowingPlane::parts`] of the scene's own planes, and puts those of the real
+/// layer first.
+pub(in crate::scene) fn covered_parts(scene: &mut Scene) {
+    let mut planes = std::mem::take(&mut scene.planes);
+    for plane in &mut planes {
+        let parts = match plane.layer {
+            Layer::Real => &scene.phantom_parts,
+            Layer::Virtual => &scene.virtual_parts,
+        };
+        let numbered = (0..).zip(parts);
+        plane.parts = numbered
+            .filter(|(_, p)| reaches(plane, p))
+            .map(|(i, _)| i)
+            .collect();
+    }
+    planes.sort_by_key(|p| p.layer != Layer::Real);
+    scene.planes = planes;
+}
+
+/// Whether the bounding box of `part`, along the plane's axes, meets the slab behind it.
+fn reaches(plane: &ShadowingPlane, part: &Part) -> bool {
+    let normal = plane.normal();
+    let place = |v: &crate::scene::Vertex| {
+        let from = part.world_from_part.transform_point3(v.position.as_dvec3()) - plane.centre;
+        DVec3::new(from.dot(plane.right), from.dot(plane.up), -from.dot(normal))
+    };
+    let (low, high) = super::surface::bounds(part.mesh.vertices.iter().map(place));
+    let low_corner = (-plane.half_size).extend(0.0);
+    let high_corner = DVec2::extend(plane.half_size, plane.depth);
+    low.cmple(high_corner).all() && high.cmpge(low_corner).all()
+}

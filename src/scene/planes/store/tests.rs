@@ -1,0 +1,286 @@
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::disallowed_methods
+)]
+//! Bakes survive the way to disk and back, and nothing else does.
+
+use super::*;
+use crate::scene::planes::{
+    BakeSettings, Basis, Image, PlaneSettings, ReceiverImage, ShadowingPlane, generate,
+};
+use crate::scene::{Material, Part, Scene, primitives};
+use glam::{DMat4, DVec3, Vec3};
+use proptest::prelude::*;
+use std::path::Path;
+use std::sync::{Arc, LazyLock};
+use std::time::{Duration, SystemTime};
+
+fn scene() -> Scene {
+    let part = |mesh| Part {
+        name: "box".into(),
+        mesh: Arc::new(mesh),
+        material: Arc::new(Material::default()),
+        world_from_part: DMat4::from_translation(DVec3::X),
+        mirror: false,
+        albedo: None,
+    };
+    Scene {
+        virtual_parts: vec![part(primitives::cuboid(Vec3::ONE))],
+        phantom_parts: vec![part(primitives::plane(4.0, 4.0))],
+        ground_height: Some(0.0),
+        ..Scene::default()
+    }
+}
+
+fn planes() -> Vec<ShadowingPlane> {
+    generate(&scene(), &PlaneSettings::default()).unwrap()
+}
+
+fn bake() -> Bake {
+    static BAKE: LazyLock<Bake> = LazyLock::new(new_bake);
+    BAKE.clone()
+}
+
+fn new_bake() -> Bake {
+    let settings = BakeSettings {
+        resolution: 8,
+        frequency: 2,
+        samples: 3,
+    };
+    let planes = planes();
+    let image = |i: u32| match i % 4 {
+        0 => Image::Black,
+        1 => Image::White,
+        _ => Image::Stored(i % 5),
+    };
+    let receiver = |i: usize| ReceiverImage {
+        normals: (0..64 * (i % 2) as i16).map(|n| [n, -n * 300]).collect(),
+        depths: (0..64 * (i % 2) as u16).map(|n| n * 900).collect(),
+    };
+    Bake {
+        key: key(&scene(), &planes, &settings),
+        settings,
+        receivers: (0..planes.len()).map(receiver).collect(),
+        images: (0..40 * planes.len() as u32)
+            .map(|i| Basis {
+                by_model: image(i),
+                by_phantoms: image(i / 3),
+            })
+            .collect(),
+        texels: (0..64 * 5).map(|i| (i * 7 % 256) as u8).collect(),
+        planes,
+    }
+}
+
+/// A file whose checksum is right whatever is in it.
+fn sealed(mut bytes: Vec<u8>) -> Vec<u8> {
+    bytes.truncate(bytes.len() - 4);
+    let sum = crc32fast::hash(&bytes);
+    bytes.extend(sum.to_le_bytes());
+    bytes
+}
+
+#[test]
+fn a_bake_comes_back_as_it_went() {
+    let bake = bake();
+    assert_eq!(from_bytes(&to_bytes(&bake).unwrap()).unwrap(), bake);
+    let empty = Bake {
+        planes: Vec::new(),
+        receivers: Vec::new(),
+        images: Vec::new(),
+        texels: Vec::new(),
+        ..bake
+    };
+    assert_eq!(from_bytes(&to_bytes(&empty).unwrap()).unwrap(), empty);
+}
+
+#[test]
+fn every_truncation_is_told() {
+    let bytes = to_bytes(&bake()).unwrap();
+    for length in 0..bytes.len() {
+        let text = from_bytes(&bytes[..length]).unwrap_err().to_string();
+        assert_eq!(text.lines().count(), 1, "{text}");
+        if length > HEADER + CHECKSUM {
+            from_bytes(&sealed(bytes[..length].to_vec())).unwrap_err();
+        }
+    }
+}
+
+#[test]
+fn every_flipped_bit_is_told() {
+    let bytes = to_bytes(&bake()).unwrap();
+    for bit in 0..8 * bytes.len() {
+        let mut bytes = bytes.clone();
+        bytes[bit / 8] ^= 1 << (bit % 8);
+        assert!(from_bytes(&bytes).is_err(), "bit {bit}");
+    }
+}
+
+#[test]
+fn another_version_is_told_by_name() {
+    let mut bytes = to_bytes(&bake()).unwrap();
+    bytes[8] = 9;
+    let text = from_bytes(&sealed(bytes)).unwrap_err().to_string();
+    assert!(text.contains("version 9"), "{text}");
+}
+
+proptest! {
+    // With a right checksum only the reader itself stands between the bytes and the program.
+    #[test]
+    fn forged_content_never_panics_and_what_is_read_fits_together(
+        at in any::<prop::sample::Index>(),
+        with in prop::collection::vec(any::<u8>(), 1..9),
+        cut in any::<prop::sample::Index>(),
+    ) {
+        let bake = bake();
+        let mut raw = content::write(&bake);
+        let start = at.index(raw.len());
+        for (byte, new) in raw[start..].iter_mut().zip(&with) {
+            *byte = *new;
+        }
+        raw.truncate(raw.len() - cut.index(3 * raw.len()).min(raw.len()) / 2);
+        if let Ok(read) = content::read(&raw, bake.key)
+            && content::check(&read).is_ok()
+        {
+            prop_assert_eq!(read.images.len(), 40 * read.planes.len());
+        }
+    }
+
+    #[test]
+    fn forged_files_never_panic(bytes in prop::collection::vec(any::<u8>(), 0..400), with_header: bool) {
+        static HEAD: LazyLock<Vec<u8>> = LazyLock::new(|| to_bytes(&bake()).unwrap()[..HEADER].to_vec());
+        let mut file = if with_header {
+            HEAD.clone()
+        } else {
+            Vec::new()
+        };
+        file.extend(bytes);
+        file.extend([0; 4]);
+        prop_assert!(from_bytes(&sealed(file)).is_err());
+    }
+}
+
+#[test]
+fn a_bake_that_does_not_fit_together_is_not_written() {
+    let broken: [fn(&mut Bake); 6] = [
+        |b| b.settings.resolution = 6,
+        |b| b.settings.frequency = 0,
+        |b| drop(b.receivers.pop()),
+        |b| b.texels.truncate(3),
+        |b| b.images[0].by_model = Image::Stored(5),
+        |b| b.planes[0].centre.x = f64::NAN,
+    ];
+    for spoil in broken {
+        let mut bake = bake();
+        spoil(&mut bake);
+        assert!(matches!(to_bytes(&bake), Err(StoreError::Unfit { .. })));
+    }
+}
+
+#[test]
+fn the_key_tells_all_that_a_bake_depends_on_and_nothing_else() {
+    let settings = BakeSettings::default();
+    let planes = planes();
+    let usual = key(&scene(), &planes, &settings);
+    assert_eq!(usual, key(&scene(), &planes, &settings));
+    let changes: [fn(&mut Scene, &mut Vec<ShadowingPlane>, &mut BakeSettings); 7] = [
+        |s, _, _| s.virtual_parts[0].world_from_part.w_axis.x += 1e-9,
+        |s, _, _| {
+            Arc::make_mut(&mut s.virtual_parts[0].mesh).vertices[3]
+                .position
+                .y += 1e-6
+        },
+        |s, _, _| {
+            Arc::make_mut(&mut s.phantom_parts[0].mesh)
+                .indices
+                .swap(0, 1)
+        },
+        |s, _, _| drop(s.phantom_parts.pop()),
+        |_, p, _| p[0].depth += 1e-9,
+        |_, _, b| b.samples = 2,
+        |_, _, b| b.resolution = 64,
+    ];
+    for (i, change) in changes.iter().enumerate() {
+        let (mut scene, mut planes, mut settings) = (scene(), planes.clone(), settings);
+        change(&mut scene, &mut planes, &mut settings);
+        assert_ne!(usual, key(&scene, &planes, &settings), "change {i}");
+    }
+    let mut painted = scene();
+    painted.virtual_parts[0].name = "red box".into();
+    Arc::make_mut(&mut painted.virtual_parts[0].material).roughness = 0.1;
+    assert_eq!(usual, key(&painted, &planes, &settings));
+}
+
+#[test]
+fn the_cache_keeps_replaces_and_forgets() {
+    let folder = tempfile::tempdir().unwrap();
+    let below = folder.path().join("a/b");
+    let bake = bake();
+    let path = cache_path(&below, &bake.key);
+    assert!(load(&path, &bake.key).unwrap().is_none());
+    save(&path, &bake).unwrap();
+    save(&path, &bake).unwrap();
+    assert_eq!(load(&path, &bake.key).unwrap().unwrap(), bake);
+    assert!(load(&path, &[7; 32]).unwrap().is_none());
+    assert_eq!(std::fs::read_dir(&below).unwrap().count(), 1);
+    std::fs::write(&path, b"penubake and then nonsense").unwrap();
+    assert!(load(&path, &bake.key).unwrap().is_none());
+    // A folder where a file should be is the system's complaint.
+    let text = save(&below, &bake).unwrap_err().to_string();
+    assert!(text.contains("writing failed"), "{text}");
+}
+
+#[test]
+fn the_oldest_bakes_go_first() {
+    let folder = tempfile::tempdir().unwrap();
+    let put = |name: &str, age: u64| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, [0; 100]).unwrap();
+        let file = std::fs::File::options().append(true).open(&path).unwrap();
+        file.set_modified(SystemTime::now() - Duration::from_secs(age))
+            .unwrap();
+    };
+    put("old.bake", 300);
+    put("new.bake", 10);
+    put("middle.bake", 100);
+    put("notes.txt", 9000);
+    put("x.1-0.unfinished", 9000);
+    put("x.1-1.unfinished", 10);
+    assert_eq!(trim(folder.path(), 250).unwrap(), 2);
+    let mut left: Vec<_> = std::fs::read_dir(folder.path())
+        .unwrap()
+        .map(|e| e.unwrap().file_name())
+        .collect();
+    left.sort();
+    assert_eq!(
+        left,
+        ["middle.bake", "new.bake", "notes.txt", "x.1-1.unfinished"]
+    );
+    assert_eq!(trim(&folder.path().join("none"), 0).unwrap(), 0);
+}
+
+#[test]
+fn the_folder_is_where_the_system_keeps_caches() {
+    let by = |all: &'static [(&str, &str)]| {
+        cache::folder_by(|name| all.iter().find(|v| v.0 == name).map(|v| v.1.into()))
+    };
+    assert_eq!(by(&[]), None);
+    let expect = |found: Option<std::path::PathBuf>, path: &str| {
+        assert_eq!(found.as_deref(), Some(Path::new(path)))
+    };
+    expect(by(&[("HOME", "/home/x")]), "/home/x/.cache/penumbra/bakes");
+    expect(
+        by(&[("XDG_CACHE_HOME", "/c"), ("HOME", "/home/x")]),
+        "/c/penumbra/bakes",
+    );
+    expect(
+        by(&[("XDG_CACHE_HOME", "c"), ("HOME", "/home/x")]),
+        "/home/x/.cache/penumbra/bakes",
+    );
+    expect(
+        by(&[("CACHE_DIRECTORY", "/v/a:/v/b"), ("XDG_CACHE_HOME", "/c")]),
+        "/v/a/bakes",
+    );
+}
