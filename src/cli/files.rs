@@ -6,6 +6,28 @@ use std::fs::OpenOptions;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+/// Checks what can be checked before the work whose result goes to a file.
+pub fn claim(path: &Path, force: bool) -> anyhow::Result<()> {
+    if !force && path.symlink_metadata().is_ok() {
+        bail!(
+            "{}: exists already; name another file or pass --force",
+            path.display()
+        );
+    }
+    if path.is_dir() {
+        bail!("{}: is a folder; name a file", path.display());
+    }
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
+    if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
+        bail!(
+            "{}: there is no folder {}; make it first",
+            path.display(),
+            folder.display()
+        );
+    }
+    Ok(())
+}
+
 /// A JSON file that will be written at the end.
 #[derive(Debug)]
 pub struct JsonFile {
@@ -14,25 +36,9 @@ pub struct JsonFile {
 }
 
 impl JsonFile {
-    /// Checks what can be checked before the work whose result goes there.
+    /// As [`claim`].
     pub fn claim(path: &Path, force: bool) -> anyhow::Result<Self> {
-        if !force && path.symlink_metadata().is_ok() {
-            bail!(
-                "{}: exists already; name another file or pass --force",
-                path.display()
-            );
-        }
-        if path.is_dir() {
-            bail!("{}: is a folder; name a file", path.display());
-        }
-        let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
-        if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
-            bail!(
-                "{}: there is no folder {}; make it first",
-                path.display(),
-                folder.display()
-            );
-        }
+        claim(path, force)?;
         let path = path.to_owned();
         Ok(Self { path, force })
     }

@@ -4,6 +4,7 @@
 //! One file per command; [`files`] holds what they have in common about files that must
 //! not be overwritten.
 
+mod bake;
 mod bench;
 mod check;
 mod devices;
@@ -41,6 +42,8 @@ enum Command {
     Run(Box<live::RunArgs>),
     /// Record the live rig into a session, without composing anything
     Record(record::RecordArgs),
+    /// Bake shadows onto planes around a scene's objects, for `--technique planes`
+    Bake(bake::BakeArgs),
     /// Make a session from a folder of pictures, time stamps and poses
     Import(import::ImportArgs),
     /// Say what is in a session: streams, rates, gaps, duration, attachments
@@ -78,6 +81,7 @@ fn carry_out(command: Command) -> anyhow::Result<ExitCode> {
         Command::Replay(args) => replay::run(*args),
         Command::Run(args) => live::run(&args),
         Command::Record(args) => record::run(&args),
+        Command::Bake(args) => bake::run(&args),
         Command::Import(args) => import::run(args),
         Command::Info(args) => check::info(&args),
         Command::Light(args) => light::run(&args),

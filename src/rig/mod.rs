@@ -6,12 +6,14 @@
 //! [`recorder`] writes what arrives into a session meanwhile, [`report`] says afterwards what
 //! happened.
 
+pub mod bake;
 pub mod feed;
 pub mod light;
 pub mod light_report;
 mod live_status;
 mod notify;
 mod pace;
+mod planes;
 pub mod prepare;
 mod rates;
 pub mod recorder;
@@ -74,6 +76,29 @@ pub enum RigError {
     /// The graphics device.
     #[error(transparent)]
     Gpu(#[from] GpuError),
+    /// Shadowing planes.
+    #[error(transparent)]
+    Planes(#[from] crate::scene::planes::PlaneError),
+    /// Neither a scene nor something that brings one.
+    #[error(
+        "{path}: expected a scene file (.toml), a model (.glb, .gltf) or a session (.mcap; without \
+         --session)",
+        path = path.display()
+    )]
+    NoScene {
+        /// What was named.
+        path: PathBuf,
+    },
+    /// A scene without objects.
+    #[error(
+        "{path}: holds nothing virtual, so there is nothing to bake; add an [[object]], or name a \
+         model",
+        path = path.display()
+    )]
+    NothingVirtual {
+        /// The scene.
+        path: PathBuf,
+    },
     /// The view of the environment.
     #[error(transparent)]
     Environment(#[from] EnvironmentError),

@@ -14,7 +14,7 @@ use crate::environment::adaptive::CompactSource;
 use crate::environment::{LightKind, Lighting, cube};
 use crate::picture::{Picture, YuvEncoding, decode_into};
 use crate::scene::NearLight;
-use crate::status::{LightsMode, Settings, environment_preview};
+use crate::status::{LightsMode, Settings, Technique, environment_preview};
 use crate::sync::{PairingConfig, PairingCounts, RigFrame};
 use crossbeam_channel::{Receiver, Sender, bounded};
 use penumbra_interface::{MonotonicTime, RigidTransform};
@@ -140,6 +140,7 @@ impl Preparation {
             setup: setup.clone(),
             pairing,
             yuv: config.input.encoding(),
+            frequency: config.planes.frequency,
             // Files hold every frame of the recording.
             pace: (!source.is_live())
                 .then(|| Pace::new(config.replay.speed, config.output.frames.is_some())),
@@ -153,6 +154,8 @@ impl Preparation {
             previewed: None,
             began: None,
         };
+        let technique = super::live_settings(config).technique;
+        worker.light.set_faces(worker.faces_of(technique));
         let thread = threads::spawn("prepare", move || worker.run())
             .map_err(|source| RigError::Thread { source })?;
         Ok(Self {
@@ -189,6 +192,8 @@ struct Worker {
     feed: Feed,
     pairing: PairingConfig,
     yuv: YuvEncoding,
+    /// Of the geodesic dome, where planes are the technique.
+    frequency: u32,
     /// Devices have a pace of their own.
     pace: Option<Pace>,
     repeat: bool,
@@ -380,6 +385,12 @@ impl Worker {
         };
         self.light
             .set_lights(placement(lights), settings.light_count as usize);
+        self.light.set_faces(self.faces_of(settings.technique));
+    }
+
+    /// Frequency of the dome whose faces shadowing planes want lit.
+    fn faces_of(&self, technique: Technique) -> Option<u32> {
+        (technique == Technique::ShadowingPlanes).then_some(self.frequency)
     }
 
     /// A new preview, now and then.

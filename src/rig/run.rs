@@ -1,5 +1,6 @@
 //! One run: each frame from its picture and its light to the outputs, and the counts.
 
+use super::planes::PlanesStation;
 use super::prepare::{Counts, LightState, Prepared};
 use super::rates::Rates;
 use super::report::{FrameCounts, InputCounts, Report, SkewMeter};
@@ -36,6 +37,7 @@ pub(super) struct Run {
     skew: SkewMeter,
     rates: Rates,
     light: LightState,
+    planes: PlanesStation,
     started: Instant,
     /// Something is on the screen.
     shown: bool,
@@ -69,6 +71,7 @@ impl Run {
             skew: SkewMeter::default(),
             rates: Rates::default(),
             light: LightState::default(),
+            planes: PlanesStation::default(),
             started: Instant::now(),
             shown: false,
             closed: false,
@@ -89,6 +92,8 @@ impl Run {
         self.stages.record("environment", prepared.lighting);
         self.take_settings();
         self.light.clone_from(&prepared.light);
+        self.planes
+            .attend(runner, &self.settings, &mut self.compositor)?;
         self.draw(runner, prepared)?;
         self.stages.record("composite", begun.elapsed());
         self.deliver(runner, prepared.index)?;
@@ -97,6 +102,7 @@ impl Run {
             let time = Duration::from_secs_f64(millis * 1e-3);
             self.stages.record_gpu(pass, time);
         }
+        self.planes.count(&self.compositor)?;
         self.stages.record("total", begun.elapsed());
         if runner.source.is_live() {
             let latency = SystemClock
@@ -120,6 +126,7 @@ impl Run {
             rates: &self.rates,
             played: runner.source.share_played(prepared.frame.scene.arrived_at),
             settings: &self.settings,
+            planes: self.planes.status(),
             stale_after_nanos: runner.config.environment.stale_after_nanos,
         });
         Ok(())
@@ -191,7 +198,7 @@ impl Run {
             },
             refresh: Refresh::UpTo(refresh.of(settings.light_count) as usize),
             show_virtual: settings.virtual_object_visible,
-            planes: None,
+            planes: PlanesStation::choice(settings),
         })?;
         self.shown = true;
         Ok(())

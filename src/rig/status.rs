@@ -7,6 +7,7 @@ use super::source::Source;
 use super::{RigSetup, live_status};
 use crate::calibration::photometry::{MatchStatus, MethodStatus, Provenance};
 use crate::compositor::Gpu;
+use crate::status::planes::PlanesStatus;
 use crate::status::snapshot::{
     Adapter, Device, DeviceKind, DeviceState, PoseAnswer, SessionState, WhiteBalance,
     WhiteBalanceEstimate, WhiteBalanceMethod, WhiteMatch,
@@ -32,6 +33,8 @@ pub struct Published<'a> {
     pub played: Option<f64>,
     /// Settings in force.
     pub settings: &'a Settings,
+    /// What shadowing planes are doing.
+    pub planes: &'a PlanesStatus,
     /// Light older than this is old, nanoseconds.
     pub stale_after_nanos: i64,
 }
@@ -84,6 +87,7 @@ pub fn publish(p: &Published<'_>) {
         s.session.progress = p.played;
         s.stages.clone_from(p.stages);
         s.settings.clone_from(p.settings);
+        s.planes.clone_from(p.planes);
         let picture = &p.prepared.picture;
         (s.resolution.width, s.resolution.height) = (picture.width, picture.height);
         if let Some(warning) = &p.prepared.warning {

@@ -1,0 +1,207 @@
+//! `penumbra bake`.
+
+use super::files;
+use super::show::set;
+use anyhow::anyhow;
+use clap::Args;
+use indicatif::{ProgressBar, ProgressStyle};
+use penumbra::compositor::Gpu;
+use penumbra::config::{Config, FREQUENCIES, lights_of_dome};
+use penumbra::rig::bake::{BakePlan, scene_to_bake};
+use penumbra::scene::planes::store::{CACHE_LIMIT, save, trim};
+use penumbra::scene::planes::{Bake, Layer, ShadowingPlane};
+use serde::Serialize;
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::Instant;
+
+#[derive(Debug, Args)]
+pub struct BakeArgs {
+    /// A scene file, a glTF model, or a session: its object and phantoms
+    #[arg(value_name = "SCENE.toml|MODEL.glb|SESSION.mcap")]
+    scene: PathBuf,
+    /// Take phantoms and ground from this session, for a scene file or a model
+    #[arg(long, value_name = "SESSION.mcap")]
+    session: Option<PathBuf>,
+    /// Settings; what is typed here comes before what stands there
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// How many planes at most
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=256))]
+    planes: Option<u32>,
+    /// How many lights: 40, 90, 160, 360 or 640, as geodesic domes have them
+    #[arg(long = "lights", value_name = "N", value_parser = frequency)]
+    frequency: Option<u32>,
+    /// Parts that a complex model is divided into, at most
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
+    clusters: Option<u32>,
+    /// Texels along a side of a basis image: a multiple of 4 from 16 to 512
+    #[arg(long, value_name = "N", value_parser = resolution)]
+    resolution: Option<u32>,
+    /// Directions for each light: more give softer shadows
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
+    samples: Option<u32>,
+    /// Write the bake there, and not where replays and rigs look for it
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Write over a file that is there
+    #[arg(long)]
+    force: bool,
+    /// Say what was done as JSON, for programs
+    #[arg(long)]
+    json: bool,
+    /// Part of the graphics adapter's name, or its number
+    #[arg(long, value_name = "NAME")]
+    adapter: Option<String>,
+}
+
+/// The frequency of the dome that has so many lights.
+fn frequency(text: &str) -> Result<u32, String> {
+    let has = |f: &u32| text.parse() == Ok(lights_of_dome(*f));
+    let found = FREQUENCIES.into_iter().find(has);
+    found.ok_or_else(|| format!("expected one of {:?}", FREQUENCIES.map(lights_of_dome)))
+}
+
+fn resolution(text: &str) -> Result<u32, String> {
+    let fits = |n: &u32| n.is_multiple_of(4) && (16..=512).contains(n);
+    let found = text.parse().ok().filter(fits);
+    found.ok_or_else(|| "expected a multiple of 4 from 16 to 512".to_owned())
+}
+
+impl BakeArgs {
+    /// The configuration with what was typed.
+    fn config(&self) -> anyhow::Result<Config> {
+        let mut config = match &self.config {
+            Some(path) => Config::load(path)?,
+            None => Config::default(),
+        };
+        set(&mut config.planes.count, self.planes);
+        set(&mut config.planes.frequency, self.frequency);
+        set(&mut config.planes.clusters, self.clusters);
+        set(&mut config.planes.resolution, self.resolution);
+        set(&mut config.planes.samples, self.samples);
+        config.gpu.adapter = self.adapter.clone().or(config.gpu.adapter.take());
+        Ok(config)
+    }
+}
+
+/// Checks everything before the first image, bakes, stores, reports.
+pub fn run(args: &BakeArgs) -> anyhow::Result<ExitCode> {
+    if let Some(out) = &args.out {
+        files::claim(out, args.force)?;
+    }
+    let config = args.config()?;
+    let scene = scene_to_bake(&args.scene, args.session.as_deref(), &config)?;
+    let plan = BakePlan::new(&scene, &config.planes)?;
+    let file = match &args.out {
+        Some(out) => out.clone(),
+        None => plan.cache_file(&config.planes).ok_or_else(nowhere)?,
+    };
+    let gpu = Gpu::open(config.gpu.adapter.as_deref())?;
+    let begun = Instant::now();
+    let bar = progress_bar();
+    let bake = plan.bake(&gpu, &scene, &config.planes, &mut |done, total| {
+        bar.set_length(total as u64);
+        bar.set_position(done as u64);
+    })?;
+    bar.finish_and_clear();
+    let seconds = begun.elapsed().as_secs_f64();
+    save(&file, &bake)?;
+    if let (None, Some(folder)) = (&args.out, file.parent()) {
+        trim(folder, CACHE_LIMIT)?;
+    }
+    let done = Baked::new(&bake, seconds, &file)?;
+    if args.json {
+        super::say(serde_json::to_string_pretty(&done)?);
+    } else {
+        super::say(done);
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn nowhere() -> anyhow::Error {
+    anyhow!("there is no folder for bakes, as $HOME is not set; name a file with --out")
+}
+
+/// Hidden by indicatif where standard error is no terminal.
+fn progress_bar() -> ProgressBar {
+    let bar = ProgressBar::new(0);
+    if let Ok(style) = ProgressStyle::with_template("{bar:40} {pos}/{len} {eta}") {
+        bar.set_style(style);
+    }
+    bar
+}
+
+/// What was done.
+#[derive(Debug, Serialize)]
+struct Baked {
+    planes: usize,
+    /// Of these on the ground and on phantoms.
+    planes_on_real: usize,
+    lights: usize,
+    resolution: u32,
+    /// In which light arrives.
+    basis_images: usize,
+    /// Black ones.
+    basis_images_dropped: usize,
+    bytes: u64,
+    seconds: f64,
+    file: PathBuf,
+}
+
+impl Baked {
+    fn new(bake: &Bake, seconds: f64, file: &Path) -> std::io::Result<Self> {
+        let (lit, all) = bake.counts();
+        let on_real = |p: &&ShadowingPlane| p.layer == Layer::Real;
+        Ok(Self {
+            planes: bake.planes.len(),
+            planes_on_real: bake.planes.iter().filter(on_real).count(),
+            lights: bake.lights(),
+            resolution: bake.settings.resolution,
+            basis_images: lit,
+            basis_images_dropped: all - lit,
+            bytes: std::fs::metadata(file)?.len(),
+            seconds,
+            file: file.to_owned(),
+        })
+    }
+}
+
+impl fmt::Display for Baked {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let on_virtual = self.planes - self.planes_on_real;
+        writeln!(
+            f,
+            "planes          {} ({} on what is real, {on_virtual} on what is virtual)",
+            self.planes, self.planes_on_real
+        )?;
+        writeln!(f, "lights          {}", self.lights)?;
+        writeln!(
+            f,
+            "basis images    {} of {size}x{size}",
+            self.basis_images,
+            size = self.resolution
+        )?;
+        writeln!(f, "black, dropped  {}", self.basis_images_dropped)?;
+        writeln!(f, "size            {:.2} MB", self.bytes as f64 * 1e-6)?;
+        writeln!(f, "time            {:.1} s", self.seconds)?;
+        write!(f, "written to      {}", self.file.display())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lights_come_in_domes() {
+        assert_eq!(frequency("40"), Ok(2));
+        assert_eq!(frequency("640"), Ok(8));
+        let wrong = Err("expected one of [40, 90, 160, 360, 640]".to_owned());
+        assert_eq!(frequency("48"), wrong);
+        assert_eq!(frequency("many"), wrong);
+        assert_eq!(resolution("128"), Ok(128));
+        assert!(resolution("130").is_err() && resolution("8").is_err());
+    }
+}

@@ -1,0 +1,113 @@
+//! From a scene to its bake: planes, what the bake is known by, images. The same for
+//! `penumbra bake` and for a rig that needs one.
+
+use super::{RigError, RigSetup, Source};
+use crate::compositor::Gpu;
+use crate::compositor::planes::baker;
+use crate::config::{Config, PlanesConfig, SceneChoice};
+use crate::scene::planes::generate::{PlaneSettings, generate};
+use crate::scene::planes::store::{cache_path, default_cache_folder, key};
+use crate::scene::planes::{Bake, Layer, ShadowingPlane};
+use crate::scene::{Scene, SceneAddition, load_gltf};
+use crate::session::Session;
+use glam::DMat4;
+use std::path::{Path, PathBuf};
+
+/// What is to be baked, before anything is drawn.
+#[derive(Clone, Debug)]
+pub struct BakePlan {
+    /// The planes, in the bake's order.
+    pub planes: Vec<ShadowingPlane>,
+    /// What the bake is known by.
+    pub key: [u8; 32],
+}
+
+impl BakePlan {
+    /// Puts planes around what is in `scene`; none where nothing is virtual.
+    ///
+    /// # Errors
+    /// A model that no planes can be made from.
+    pub fn new(scene: &Scene, config: &PlanesConfig) -> Result<Self, RigError> {
+        let settings = PlaneSettings {
+            count: config.count,
+            clusters: config.clusters,
+            offset_m: config.offset,
+            receiver: config.receiver.into(),
+        };
+        let mut planes = generate(scene, &settings)?;
+        // The order that the baker leaves, so that the key is that of the bake's own planes.
+        planes.sort_by_key(|plane| plane.layer == Layer::Virtual);
+        let key = key(scene, &planes, &config.bake_settings());
+        Ok(Self { planes, key })
+    }
+
+    /// Where such a bake is kept; `None` for a user without a home.
+    #[must_use]
+    pub fn cache_file(&self, config: &PlanesConfig) -> Option<PathBuf> {
+        let folder = config.cache.clone().or_else(default_cache_folder)?;
+        Some(cache_path(&folder, &self.key))
+    }
+
+    /// Draws all basis images. `progress` is told how many of how many are done.
+    ///
+    /// # Errors
+    /// The graphics device was lost, or has no room.
+    pub fn bake(
+        self,
+        gpu: &Gpu,
+        scene: &Scene,
+        config: &PlanesConfig,
+        progress: &mut dyn FnMut(usize, usize),
+    ) -> Result<Bake, RigError> {
+        let mut bake = baker::bake(gpu, scene, self.planes, config.bake_settings(), progress)?;
+        bake.key = self.key;
+        Ok(bake)
+    }
+}
+
+/// The scene that a file describes: a scene file or a glTF model, with phantoms and ground of
+/// `session` where one is given; or a session with all that it brings.
+///
+/// # Errors
+/// A file of another kind; what cannot be read; a scene with nothing virtual in it.
+pub fn scene_to_bake(
+    path: &Path,
+    session: Option<&Path>,
+    config: &Config,
+) -> Result<Scene, RigError> {
+    let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
+    let scene = match (extension.to_str(), session) {
+        (Some("mcap"), None) => of_session(path, SceneChoice::Session, config)?,
+        (Some("toml"), None) => SceneAddition::load(path)?.onto(Scene::default()),
+        (Some("toml"), Some(session)) => {
+            of_session(session, SceneChoice::File(path.to_owned()), config)?
+        }
+        (Some("glb" | "gltf"), session) => Scene {
+            virtual_parts: load_gltf(path)?.placed(DMat4::IDENTITY),
+            ..match session {
+                Some(session) => of_session(session, SceneChoice::None, config)?,
+                None => Scene::default(),
+            }
+        },
+        _ => {
+            return Err(RigError::NoScene {
+                path: path.to_owned(),
+            });
+        }
+    };
+    if scene.virtual_parts.is_empty() {
+        return Err(RigError::NothingVirtual {
+            path: path.to_owned(),
+        });
+    }
+    Ok(scene)
+}
+
+fn of_session(session: &Path, scene: SceneChoice, config: &Config) -> Result<Scene, RigError> {
+    let source = Source::Recorded(Session::open(session)?);
+    let config = Config {
+        scene,
+        ..config.clone()
+    };
+    Ok(RigSetup::read(&source, &config)?.scene)
+}

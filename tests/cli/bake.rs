@@ -1,0 +1,82 @@
+//! `penumbra bake`.
+
+use crate::program::Desk;
+
+/// A table on the ground, and in a folder of its own what is kept.
+const SCENE: &str = "[ground]\nsize_m = 4.0\n[[object]]\nshape = \"box\"\nsize_m = [0.4, 0.3, 0.2]\n\
+                     [[object]]\nshape = \"box\"\nsize_m = [0.1, 0.1, 0.5]\nposition_m = [0.4, 0.0, 0.0]\n";
+
+#[test]
+fn a_scene_is_baked_and_what_was_done_is_told() {
+    let desk = Desk::new();
+    desk.put("scene.toml", SCENE);
+    let options = "--planes 8 --lights 40 --resolution 32 --adapter llvmpipe";
+    let said = desk.works(&format!("bake scene.toml {options} --out a.bake --json"));
+    let done: serde_json::Value = serde_json::from_str(&said).unwrap();
+    let count = |name: &str| done[name].as_u64().unwrap();
+    assert!((2..=8).contains(&count("planes")), "{done}");
+    assert!(count("planes_on_real") >= 1, "{done}");
+    assert_eq!(count("lights"), 40);
+    let all = count("basis_images") + count("basis_images_dropped");
+    assert_eq!(all, 40 * count("planes"));
+    // Planes that stand upright see no light from behind.
+    assert!(count("basis_images_dropped") > 0, "{done}");
+    assert_eq!(count("bytes"), desk.read("a.bake").len() as u64);
+    // The same again is the same, byte by byte.
+    desk.works(&format!("bake scene.toml {options} --out b.bake"));
+    assert!(desk.read("a.bake") == desk.read("b.bake"));
+    let said = desk.works(&format!("bake scene.toml {options} --out b.bake --force"));
+    assert!(
+        said.contains("black, dropped") && said.contains("b.bake"),
+        "{said}"
+    );
+}
+
+#[test]
+fn bakes_go_to_the_cache_of_the_configuration() {
+    let desk = Desk::new();
+    desk.put("scene.toml", SCENE);
+    desk.put(
+        "rig.toml",
+        "[planes]\ncount = 4\nresolution = 16\ncache = \"kept\"\n",
+    );
+    let said = desk.works("bake scene.toml --config rig.toml --adapter llvmpipe");
+    let names = desk.names("kept");
+    assert_eq!(names.len(), 1, "{names:?}");
+    assert!(said.contains(&names[0]), "{said}");
+}
+
+#[test]
+fn a_sessions_own_object_and_phantoms_are_baked() {
+    let desk = Desk::new();
+    let options = "--planes 6 --resolution 16 --adapter llvmpipe --json";
+    let said = desk.works(&format!("bake DESK {options} --out desk.bake"));
+    let done: serde_json::Value = serde_json::from_str(&said).unwrap();
+    assert!(done["planes_on_real"].as_u64() >= Some(1), "{done}");
+}
+
+#[test]
+fn what_cannot_be_baked_is_refused_in_a_line() {
+    let desk = Desk::new();
+    desk.put("empty.toml", "[ground]\nsize_m = 1.0\n");
+    desk.put("photo.jpg", "x");
+    desk.put("taken.bake", "x");
+    desk.put("scene.toml", SCENE);
+    let said = desk.refuses("bake empty.toml --out a.bake");
+    assert!(said.contains("empty.toml: holds nothing virtual"), "{said}");
+    let said = desk.refuses("bake photo.jpg --out a.bake");
+    assert!(said.contains("expected a scene file"), "{said}");
+    let said = desk.refuses("bake DESK --session DESK --out a.bake");
+    assert!(said.contains("--session"), "{said}");
+    let said = desk.refuses("bake scene.toml --out taken.bake");
+    assert!(said.contains("exists already"), "{said}");
+    let said = desk.refuses("bake gone.glb --out a.bake");
+    assert!(said.contains("gone.glb"), "{said}");
+    let output = desk.run("bake scene.toml --lights 48");
+    let said = crate::program::text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(
+        said.contains("expected one of [40, 90, 160, 360, 640]"),
+        "{said}"
+    );
+}
