@@ -3,8 +3,10 @@
 
 mod camera_session;
 mod capture;
+mod kakuta;
 mod report;
 mod simulated_tracker;
+mod stage;
 mod supan;
 mod thread_time;
 
@@ -28,7 +30,7 @@ pub struct BenchOptions {
 }
 
 /// Names of all cases.
-pub const CASES: [&str; 2] = ["supan", "capture"];
+pub const CASES: [&str; 4] = ["supan", "kakuta2007", "kakuta2004", "capture"];
 
 /// A benchmark cannot be run. Each text is the one line that the user gets.
 #[derive(Debug, Error)]
@@ -60,7 +62,9 @@ impl BenchOptions {
     /// A chosen case draws.
     #[must_use]
     pub fn needs_gpu(&self) -> bool {
-        self.wants("supan")
+        CASES
+            .iter()
+            .any(|case| *case != "capture" && self.wants(case))
     }
 
     fn wants(&self, name: &str) -> bool {
@@ -79,11 +83,12 @@ pub fn run(
     progress: &mut dyn FnMut(&dyn std::fmt::Display),
 ) -> Result<BenchReport, BenchError> {
     let mut report = BenchReport::new(gpu);
-    if let Some(gpu) = gpu
-        && options.wants("supan")
-    {
+    if let Some(gpu) = gpu {
         progress(&Row::HEADING);
-        supan::run(gpu, options, &mut report, &mut |row| progress(row))?;
+        if options.wants("supan") {
+            supan::run(gpu, options, &mut report, &mut |row| progress(row))?;
+        }
+        kakuta::run(gpu, options, &mut report, &mut |row| progress(row))?;
     }
     if options.wants("capture") {
         let row = capture::run(options)?;

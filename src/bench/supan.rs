@@ -2,21 +2,18 @@
 //! 0 to 64 dome lights, one shadow map drawn again per frame, and all.
 
 use super::BenchOptions;
-use super::report::{BenchReport, PassTime, Percentiles, Row};
-use crate::calibration::{PinholeCamera, Response};
+use super::report::{BenchReport, Percentiles, Row};
+use super::stage::{Passes, WARM_UP, camera, looking, picture};
+use crate::calibration::Response;
 use crate::compositor::{
     Compositor, CompositorSettings, FrameInput, Gpu, GpuError, Refresh, ShadowMode,
 };
 use crate::environment::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
-use crate::picture::Picture;
 use crate::scene::{Material, Mesh, Part, Scene, primitives};
-use glam::{DMat4, DQuat, DVec2, DVec3, Vec3, Vec4};
+use glam::{DMat4, DVec3, Vec3, Vec4};
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use std::sync::Arc;
 use std::time::Instant;
-
-/// Frames before anything is measured: drivers compile and caches fill.
-const WARM_UP: u32 = 5;
 
 pub(super) fn run(
     gpu: &Gpu,
@@ -98,31 +95,6 @@ fn measure(
     })
 }
 
-/// Times of each pass over all frames, in the passes' order.
-#[derive(Default)]
-struct Passes(Vec<(&'static str, Vec<f64>)>);
-
-impl Passes {
-    fn add(&mut self, times: &[(&'static str, f64)]) {
-        for (name, ms) in times {
-            match self.0.iter_mut().find(|(n, _)| n == name) {
-                Some((_, values)) => values.push(*ms),
-                None => self.0.push((name, vec![*ms])),
-            }
-        }
-    }
-
-    fn medians(&self) -> Vec<PassTime> {
-        self.0
-            .iter()
-            .map(|(name, values)| PassTime {
-                name,
-                ms: Percentiles::of(values).p50,
-            })
-            .collect()
-    }
-}
-
 /// A torus of 58,500 triangles that floats over a plane.
 fn scene() -> Scene {
     let part = |name: &str, mesh: Mesh, at: DVec3, material: Material| Part {
@@ -184,40 +156,9 @@ fn lighting(count: u32) -> Lighting {
     }
 }
 
-/// A picture with texture everywhere, so that nothing is easier than in a real one.
-fn picture(width: u32, height: u32) -> Picture {
-    let rgba = (0..width * height)
-        .flat_map(|i| {
-            let (x, y) = (i % width, i / width);
-            let v = 96 + ((x * 7 + y * 13) % 64) as u8;
-            [v, v.wrapping_add(10), v.wrapping_sub(12), 255]
-        })
-        .collect();
-    Picture {
-        width,
-        height,
-        rgba,
-    }
-}
-
-fn camera(width: u32, height: u32) -> PinholeCamera {
-    let focal = f64::from(width) * 1.1;
-    PinholeCamera {
-        width,
-        height,
-        focal: DVec2::splat(focal),
-        centre: DVec2::new(f64::from(width - 1), f64::from(height - 1)) / 2.0,
-        distortion: [0.0; 5],
-    }
-}
-
 /// A camera that walks slowly round the object, looking down at it.
 fn pose(frame: u32) -> RigidTransform {
     let angle = -1.3 + 0.01 * f64::from(frame);
     let eye = DVec3::new(0.42 * angle.cos(), 0.42 * angle.sin(), 0.36);
-    let forward = (DVec3::new(0.0, 0.0, 0.02) - eye).normalize();
-    let right = forward.cross(DVec3::Z).normalize();
-    let down = forward.cross(right);
-    let rotation = DQuat::from_mat3(&glam::DMat3::from_cols(right, down, forward));
-    RigidTransform::new(rotation, eye)
+    looking(eye, DVec3::new(0.0, 0.0, 0.02))
 }
