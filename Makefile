@@ -1,5 +1,5 @@
 # `make help` lists what there is. Variables: ARGS (more arguments for the program or the
-# script), SESSION, TRUTH, CARGO_TARGET_DIR.
+# script), SESSION, TEMPLE_SESSION, TRUTH, CARGO_TARGET_DIR.
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DELETE_ON_ERROR:
@@ -9,6 +9,7 @@ SHELL := bash
 TARGET := $(or $(CARGO_TARGET_DIR),target)
 PENUMBRA := $(TARGET)/release/penumbra
 SESSION ?= tests/fixtures/sessions/desk.mcap
+TEMPLE_SESSION ?= tests/fixtures/sessions/courtyard.mcap
 TRUTH ?= ../shared/truth
 PREFIX ?= /usr/local
 SYSCONFDIR ?= /etc
@@ -21,13 +22,16 @@ UNPACKED := if [ -f target/packages/env ]; then . target/packages/env; fi;
 # A window needs a display; without one the picture is in the browser.
 WINDOW := $(if $(DISPLAY)$(WAYLAND_DISPLAY),,--headless)
 
-.PHONY: help demo build test lint unit advisories bench bench-table fidelity soak fuzz fmt packages-demo packages-test toolchain clean install uninstall test-devices
+.PHONY: help demo demo-temple build test lint unit advisories bench bench-table fidelity soak fuzz fmt packages-demo packages-test toolchain clean install uninstall test-devices
 
 help: ## This list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
 
 demo: packages-demo build ## Install what is missing, build, replay the bundled session, print one address
 	@$(UNPACKED) exec $(PENUMBRA) replay $(SESSION) --config config/demo.toml --loop $(WINDOW) $(ARGS)
+
+demo-temple: packages-demo build ## The same outdoors: a temple gate, shadows from baked planes, daylight that changes
+	@$(UNPACKED) exec $(PENUMBRA) replay $(TEMPLE_SESSION) --config config/demo-temple.toml --loop $(WINDOW) $(ARGS)
 
 build: toolchain ## The program, optimised: target/release/penumbra
 	@$(UNPACKED) cargo build --release --locked --bin penumbra
