@@ -7,6 +7,8 @@ use wgpu::{BindGroupLayoutEntry, BindingType, ShaderStages};
 #[derive(Clone, Copy, Debug)]
 pub enum Slot {
     Uniform,
+    /// A part of a buffer, chosen when it is bound.
+    UniformOf,
     Storage,
     /// Storage that compute shaders write.
     StorageWritten,
@@ -42,6 +44,11 @@ impl Slot {
     const fn binding_type(self) -> BindingType {
         match self {
             Self::Uniform => buffer(wgpu::BufferBindingType::Uniform),
+            Self::UniformOf => BindingType::Buffer {
+                ty: wgpu::BufferBindingType::Uniform,
+                has_dynamic_offset: true,
+                min_binding_size: None,
+            },
             Self::Storage => buffer(wgpu::BufferBindingType::Storage { read_only: true }),
             Self::StorageWritten => buffer(wgpu::BufferBindingType::Storage { read_only: false }),
             Self::Texture => texture(true, wgpu::TextureViewDimension::D2, false),

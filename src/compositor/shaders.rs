@@ -211,21 +211,42 @@ pub fn baking(resolution: u32) -> [(&'static str, String); 3] {
     ]
 }
 
-/// The shaders that sum basis images.
+/// The shader that plans which basis images are summed.
 #[must_use]
-pub fn summing() -> [(&'static str, String); 2] {
-    const PLANES: &str = include_str!("shaders/lib/sum_planes.wgsl");
-    [
-        (
-            "planes_plan",
-            [PLANES, include_str!("shaders/planes_plan.wgsl")].join("\n"),
-        ),
-        (
-            "planes_sum",
-            [NORMAL, PLANES, include_str!("shaders/planes_sum.wgsl")].join("\n"),
-        ),
-    ]
+pub fn planning() -> (&'static str, String) {
+    let text = [SUM_PLANES, include_str!("shaders/planes_plan.wgsl")].join("\n");
+    ("planes_plan", text)
 }
+
+/// The shader that sums them.
+#[must_use]
+pub fn summing(of: Summing) -> (&'static str, String) {
+    let text = [NORMAL, SUM_PLANES, include_str!("shaders/planes_sum.wgsl")].join("\n");
+    let text = text
+        .replace("REAL", &of.real.to_string())
+        .replace("PHANTOMS", &of.phantoms.to_string())
+        .replace("LIGHTS", &of.lights.to_string())
+        .replace("ACROSS", &format!("{}u", of.across))
+        .replace("SIDE", &format!("{}u", of.side));
+    ("planes_sum", text)
+}
+
+/// What the text of `planes_sum` is made for.
+#[derive(Clone, Copy, Debug)]
+pub struct Summing {
+    /// Planes of the real layer, or of the other.
+    pub real: bool,
+    /// Phantoms darken some of them.
+    pub phantoms: bool,
+    /// Lights, at most.
+    pub lights: u32,
+    /// Images in a row of the texture that holds them.
+    pub across: u32,
+    /// Texels along a side of an image.
+    pub side: u32,
+}
+
+const SUM_PLANES: &str = include_str!("shaders/lib/sum_planes.wgsl");
 
 /// The module named `name`.
 pub fn module(device: &wgpu::Device, name: &str, variant: Variant) -> wgpu::ShaderModule {
@@ -237,9 +258,9 @@ pub fn bake_module(device: &wgpu::Device, name: &str, resolution: u32) -> wgpu::
     compiled(device, name, baking(resolution))
 }
 
-/// The summing module named `name`.
-pub fn planes_module(device: &wgpu::Device, name: &str) -> wgpu::ShaderModule {
-    compiled(device, name, summing())
+/// Compiles one shader of that name.
+pub fn one(device: &wgpu::Device, (name, text): (&'static str, String)) -> wgpu::ShaderModule {
+    compiled(device, name, [(name, text)])
 }
 
 fn compiled<const N: usize>(
@@ -271,11 +292,19 @@ mod tests {
                 lamps,
                 fine: soft > 1,
             });
-            for (name, text) in frame
-                .into_iter()
-                .chain(super::baking(128))
-                .chain(super::summing())
-            {
+            let summing = [(true, true), (false, false), (false, true)];
+            let planes = summing.map(|(real, phantoms)| {
+                super::summing(super::Summing {
+                    real,
+                    phantoms,
+                    lights: 40,
+                    across: 64,
+                    side: 128,
+                })
+            });
+            let planes = planes.into_iter().chain([super::planning()]);
+            let all = frame.into_iter().chain(super::baking(128)).chain(planes);
+            for (name, text) in all {
                 let module = naga::front::wgsl::parse_str(&text)
                     .unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(&text)));
                 naga::valid::Validator::new(

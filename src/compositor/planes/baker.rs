@@ -9,6 +9,7 @@ use super::bake_scene::{BakeCasters, BakeScene, receiver_mesh};
 use super::compute::{buffer_of, storage};
 use super::readback::read_buffer;
 use super::receiver::{receiver_image, words};
+use super::synthesis::ACROSS;
 use crate::environment::geodesic::{Face, GeodesicDome};
 use crate::scene::Scene;
 use crate::scene::planes::{
@@ -81,15 +82,16 @@ fn faces(gpu: &Gpu, settings: BakeSettings, planes: usize) -> Result<Vec<Face>, 
     }
     let dome = GeodesicDome::new(frequency)
         .ok_or_else(|| unfit(format!("a geodesic dome of frequency {frequency}")))?;
-    let sums = u64::from(resolution).pow(2) * 16 * planes as u64;
-    let images = u64::from(resolution).pow(2) * (planes * dome.faces.len()) as u64;
-    let most = gpu.device.limits().max_storage_buffer_binding_size;
-    if sums.max(images) > most {
+    let limits = gpu.device.limits();
+    let sums = u64::from(resolution).pow(2) * 36 * planes as u64;
+    let rows = (2 * planes * dome.faces.len()).div_ceil(ACROSS as usize) as u32 * resolution;
+    let fits = sums <= limits.max_storage_buffer_binding_size
+        && rows.max(ACROSS * resolution / 4) <= limits.max_texture_dimension_2d;
+    if !fits {
         let reason = format!(
-            "{planes} planes with {} lights of {resolution}² texels: {} MB, at most {} MB",
-            dome.faces.len(),
-            sums.max(images) >> 20,
-            most >> 20
+            "{planes} planes with {} lights of {resolution}² texels; choose fewer planes, a lower \
+             frequency or resolution under [planes]",
+            dome.faces.len()
         );
         return Err(unfit(reason));
     }

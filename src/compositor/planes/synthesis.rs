@@ -3,7 +3,7 @@
 
 use super::super::Gpu;
 use super::super::bindings::{self, Slot, compute_layout, compute_pipeline, sampler, view};
-use super::super::shaders;
+use super::super::shaders::{self, Summing};
 use super::super::timing::Timer;
 use super::compute::{buffer_of, storage};
 use super::readback::read_buffer;
@@ -11,7 +11,7 @@ use super::receiver::words;
 use super::shown::{ShownPlane, ShownPlanes};
 use crate::compositor::GpuError;
 use crate::environment::geodesic::GeodesicDome;
-use crate::scene::planes::{Bake, Image, Layer, Receiver};
+use crate::scene::planes::{Bake, Basis, Image, Layer, Receiver};
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat4, DVec3};
 use wgpu::BufferUsages as U;
@@ -49,7 +49,7 @@ struct Settings {
     skip_below: f32,
     recompute_above: f32,
     least_change: f32,
-    unused: f32,
+    stride: u32,
 }
 
 /// Twin of WGSL `SumPlane`.
@@ -85,50 +85,37 @@ pub struct PlaneWork {
     pub lights_skipped: usize,
 }
 
-/// Pipelines; they outlive any bake.
+/// What outlives any bake.
 pub struct SynthesisPasses {
     plan: wgpu::ComputePipeline,
     plan_layout: wgpu::BindGroupLayout,
-    sum: wgpu::ComputePipeline,
     sum_layout: wgpu::BindGroupLayout,
+    plane_layout: wgpu::BindGroupLayout,
     /// What the passes that show planes bind.
     pub shown_layout: wgpu::BindGroupLayout,
     smooth: wgpu::Sampler,
 }
 
 impl SynthesisPasses {
-    /// Compiles them.
+    /// Compiles it.
     #[must_use]
     pub fn new(device: &wgpu::Device) -> Self {
-        let module = |name| shaders::planes_module(device, name);
-        let plan_layout = compute_layout(
-            device,
-            "plan",
-            &[
-                Slot::Storage,
-                Slot::Storage,
-                Slot::Storage,
-                Slot::Storage,
-                Slot::Storage,
-                Slot::StorageWritten,
-                Slot::StorageWritten,
-                Slot::StorageWritten,
-            ],
-        );
-        let mut of_sum = vec![Slot::Storage; 8];
-        of_sum.extend([
-            Slot::StorageWritten,
-            Slot::WrittenLayers,
-            Slot::WrittenLayers,
-        ]);
-        let sum_layout = compute_layout(device, "sum", &of_sum);
+        let (read, write) = (Slot::Storage, Slot::StorageWritten);
+        let slots = [read, read, read, read, read, write, write, write, read];
+        let plan_layout = compute_layout(device, "plan", &slots);
+        let (images, layers) = (Slot::Texture, Slot::WrittenLayers);
+        let slots = [read, read, images, read, write, layers, layers];
+        let sum_layout = compute_layout(device, "sum", &slots);
+        let slots = [Slot::UniformOf, Slot::UniformOf];
+        let plane_layout = compute_layout(device, "plane", &slots);
         let slots = [Slot::Storage, Slot::Layers, Slot::Layers, Slot::Sampler];
+        let module = shaders::one(device, shaders::planning());
         Self {
-            plan: compute_pipeline(device, &module("planes_plan"), &[&plan_layout], "plan"),
-            sum: compute_pipeline(device, &module("planes_sum"), &[&sum_layout], "sum"),
+            plan: compute_pipeline(device, &module, &[&plan_layout], "plan"),
             shown_layout: bindings::layout(device, "shown planes", &slots),
             plan_layout,
             sum_layout,
+            plane_layout,
             smooth: device.create_sampler(&wgpu::SamplerDescriptor {
                 label: Some("planes"),
                 mag_filter: wgpu::FilterMode::Linear,
@@ -136,6 +123,15 @@ impl SynthesisPasses {
                 ..Default::default()
             }),
         }
+    }
+
+    /// Sums on planes of the real layer, and on those of the other.
+    fn sums(&self, device: &wgpu::Device, of: [Summing; 2]) -> [wgpu::ComputePipeline; 2] {
+        of.map(|of| {
+            let module = shaders::one(device, shaders::summing(of));
+            let groups = [&self.sum_layout, &self.plane_layout];
+            compute_pipeline(device, &module, &groups, "sum")
+        })
     }
 }
 
@@ -146,7 +142,9 @@ pub struct Synthesis {
     buffers: Buffers,
     /// And the luminances that it was made for.
     plan_group: Option<(wgpu::Buffer, wgpu::BindGroup)>,
+    sums: [wgpu::ComputePipeline; 2],
     sum_group: wgpu::BindGroup,
+    plane_group: wgpu::BindGroup,
     shown_group: wgpu::BindGroup,
     visible: Vec<u32>,
     uploaded: Option<Settings>,
@@ -159,6 +157,7 @@ struct Buffers {
     visible: wgpu::Buffer,
     applied: wgpu::Buffer,
     work: wgpu::Buffer,
+    basis: wgpu::Buffer,
     jobs: wgpu::Buffer,
     readable: wgpu::Buffer,
     shown: wgpu::Buffer,
@@ -192,13 +191,16 @@ impl Synthesis {
         let kept =
             |label, bytes: usize, usage| buffer_of(device, label, bytes as u64, U::STORAGE | usage);
         let each = planes * lights * 16;
+        // Uniforms of different planes lie 256 bytes apart, or a multiple of that.
+        let stride = lights.next_multiple_of(256 / ENTRY);
         let buffers = Buffers {
             settings: kept("plane settings", size_of::<Settings>(), U::COPY_DST),
             faces: storage(device, queue, "faces", &faces),
             planes: storage(device, queue, "planes", &of_planes),
             visible: kept("visible", planes * 4, U::COPY_DST),
             applied: kept("applied", each, U::empty()),
-            work: kept("work", each, U::empty()),
+            work: kept("work", planes * stride * ENTRY, U::UNIFORM),
+            basis: storage(device, queue, "basis", &slots),
             jobs: kept("jobs", planes * size_of::<Job>(), U::COPY_SRC),
             readable: buffer_of(
                 device,
@@ -219,26 +221,42 @@ impl Synthesis {
             lights: lights as u32,
             side,
             real,
+            stride: stride as u32,
             ..Settings::default()
         };
-        let basis = storage(device, queue, "basis", &slots);
-        let images = storage(device, queue, "images", &bake.texels);
+        let images = atlas(device, queue, bake);
         let receivers = storage(device, queue, "receivers", &receivers);
         let sums = kept("sums", vectors * 16, U::empty());
-        let read = [
-            &buffers.settings,
-            &buffers.faces,
-            &buffers.planes,
-            &buffers.jobs,
-            &buffers.work,
-            &basis,
-            &images,
-            &receivers,
-            &sums,
+        let resources = [
+            buffers.planes.as_entire_binding(),
+            buffers.jobs.as_entire_binding(),
+            view(&images),
+            receivers.as_entire_binding(),
+            sums.as_entire_binding(),
+            view(&shares[0]),
+            view(&shares[1]),
         ];
-        let mut resources: Vec<_> = read.iter().map(|b| b.as_entire_binding()).collect();
-        resources.extend(shares.each_ref().map(view));
         let sum_group = bindings::group(device, "sum", &passes.sum_layout, &resources);
+        let numbers: Vec<[u32; 64]> = (0..planes as u32).map(|k| [k; 64]).collect();
+        let numbers = uniforms(device, queue, &numbers);
+        let part = |buffer, size: usize| wgpu::BufferBinding {
+            buffer,
+            offset: 0,
+            size: std::num::NonZeroU64::new(size as u64),
+        };
+        let resources = [
+            wgpu::BindingResource::Buffer(part(&buffers.work, lights * ENTRY)),
+            wgpu::BindingResource::Buffer(part(&numbers, 16)),
+        ];
+        let plane_group = bindings::group(device, "plane", &passes.plane_layout, &resources);
+        let darkened = |images: &[Basis]| images.iter().any(|b| b.by_phantoms != Image::White);
+        let of = [true, false].map(|is_real| Summing {
+            real: is_real,
+            phantoms: is_real || darkened(&bake.images[real as usize * lights..]),
+            lights: lights as u32,
+            across: ACROSS,
+            side,
+        });
         let resources = [
             buffers.shown.as_entire_binding(),
             view(&shares[0]),
@@ -252,7 +270,9 @@ impl Synthesis {
             shown,
             buffers,
             plan_group: None,
+            sums: passes.sums(device, of),
             sum_group,
+            plane_group,
             shown_group,
             uploaded: None,
         }
@@ -332,25 +352,37 @@ impl Synthesis {
                 &b.applied,
                 &b.work,
                 &b.jobs,
+                &b.basis,
             ];
             let resources = all.map(wgpu::Buffer::as_entire_binding);
             let group = bindings::group(device, "plan", &passes.plan_layout, &resources);
             (luminance.clone(), group)
         }));
         let words = self.settings.side * self.settings.side / 4;
-        let planes = self.settings.planes;
-        let jobs = [
-            (&passes.plan, &*plan_group, (planes.div_ceil(64), 1)),
-            (&passes.sum, &self.sum_group, (words.div_ceil(64), planes)),
-        ];
-        for (i, (pipeline, group, (x, y))) in jobs.into_iter().enumerate() {
+        let Settings {
+            planes,
+            real,
+            stride,
+            ..
+        } = self.settings;
+        for summing in [false, true] {
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
                 label: Some("basis_images"),
-                timestamp_writes: timer.compute_span("basis_images", i == 0, i == 1),
+                timestamp_writes: timer.compute_span("basis_images", !summing, summing),
             });
-            pass.set_pipeline(pipeline);
-            pass.set_bind_group(0, group, &[]);
-            pass.dispatch_workgroups(x, y, 1);
+            if !summing {
+                pass.set_pipeline(&passes.plan);
+                pass.set_bind_group(0, &*plan_group, &[]);
+                pass.dispatch_workgroups(planes.div_ceil(64), 1, 1);
+                continue;
+            }
+            pass.set_bind_group(0, &self.sum_group, &[]);
+            for k in (0..planes).filter(|k| self.visible[*k as usize] != 0) {
+                let offsets = [k * stride * ENTRY as u32, k * 256];
+                pass.set_pipeline(&self.sums[usize::from(k >= real)]);
+                pass.set_bind_group(1, &self.plane_group, &offsets);
+                pass.dispatch_workgroups(words.div_ceil(64), 1, 1);
+            }
         }
         encoder.copy_buffer_to_buffer(&b.jobs, 0, &b.readable, 0, b.jobs.size());
     }
@@ -389,6 +421,61 @@ fn sum_planes(bake: &Bake) -> (Vec<SumPlane>, usize) {
     };
     let planes = bake.planes.iter().map(of).collect();
     (planes, begin as usize)
+}
+
+/// Bytes of WGSL `Entry`.
+const ENTRY: usize = 32;
+
+/// Images in a row of the texture that holds them all.
+pub(super) const ACROSS: u32 = 64;
+
+/// All stored images in one texture, four texels of a row in one.
+fn atlas(device: &wgpu::Device, queue: &wgpu::Queue, bake: &Bake) -> wgpu::TextureView {
+    let side = bake.settings.resolution;
+    let one = (side * side) as usize;
+    let count = (bake.texels.len() / one.max(1)) as u32;
+    let texture = device.create_texture(&wgpu::TextureDescriptor {
+        label: Some("basis images"),
+        size: wgpu::Extent3d {
+            width: ACROSS * side / 4,
+            height: count.div_ceil(ACROSS).max(1) * side,
+            depth_or_array_layers: 1,
+        },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: wgpu::TextureFormat::Rgba8Unorm,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        view_formats: &[],
+    });
+    for (image, i) in bake.texels.chunks_exact(one).zip(0..) {
+        let mut to = texture.as_image_copy();
+        to.origin = wgpu::Origin3d {
+            x: (i % ACROSS) * side / 4,
+            y: (i / ACROSS) * side,
+            z: 0,
+        };
+        let layout = wgpu::TexelCopyBufferLayout {
+            offset: 0,
+            bytes_per_row: Some(side),
+            rows_per_image: None,
+        };
+        let size = wgpu::Extent3d {
+            width: side / 4,
+            height: side,
+            depth_or_array_layers: 1,
+        };
+        queue.write_texture(to, image, layout, size);
+    }
+    texture.create_view(&wgpu::TextureViewDescriptor::default())
+}
+
+fn uniforms(device: &wgpu::Device, queue: &wgpu::Queue, each: &[[u32; 64]]) -> wgpu::Buffer {
+    let bytes: &[u8] = bytemuck::cast_slice(each);
+    let usage = U::UNIFORM | U::COPY_DST;
+    let buffer = buffer_of(device, "numbers", bytes.len() as u64, usage);
+    queue.write_buffer(&buffer, 0, bytes);
+    buffer
 }
 
 /// As the shader tells images apart.

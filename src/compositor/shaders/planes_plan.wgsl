@@ -19,9 +19,10 @@ struct Job {
 @group(0) @binding(4) var<storage, read> visible: array<u32>;
 // The luminance that each plane's sums were made with.
 @group(0) @binding(5) var<storage, read_write> applied: array<vec4f>;
-// Changes of S; the light's number in w, as bits.
-@group(0) @binding(6) var<storage, read_write> work: array<vec4f>;
+@group(0) @binding(6) var<storage, read_write> work: array<Entry>;
 @group(0) @binding(7) var<storage, read_write> jobs: array<Job>;
+// Per plane and light: numbers of the images by the model and by phantoms, as bits.
+@group(0) @binding(8) var<storage, read> basis: array<vec2f>;
 
 // How much a light can give a plane. Surfaces behind a plane may face any way.
 fn reach(k: u32, i: u32) -> f32 {
@@ -73,7 +74,9 @@ fn plan(@builtin(global_invocation_id) id: vec3u) {
         let matters = brightness(abs(change)) * reach(k, i) > settings.least_change * total;
         let listed = select(matters, any(change != vec3f(0.0)), job.anew == 1u);
         if !untouched && listed {
-            work[begin + job.count] = vec4f(change, bitcast<f32>(i));
+            let image = basis[begin + i];
+            let entry = Entry(vec4f(change, image.x), vec4f(faces[i].xyz, image.y));
+            work[k * settings.stride + job.count] = entry;
             job.count += 1u;
         }
         if !untouched && (listed || job.anew == 1u) {

@@ -8,28 +8,31 @@
 // their shadows are in the camera's picture already. Written are the shares Isum / Asum.
 // An invocation has four texels of a row: their visibilities share a word.
 
-@group(0) @binding(0) var<storage, read> settings: Settings;
-@group(0) @binding(1) var<storage, read> faces: array<vec4f>;
-@group(0) @binding(2) var<storage, read> planes: array<SumPlane>;
-@group(0) @binding(3) var<storage, read> jobs: array<vec4u>;
-@group(0) @binding(4) var<storage, read> work: array<vec4f>;
-// Per plane and light: numbers of the images by the model and by phantoms.
-@group(0) @binding(5) var<storage, read> basis: array<vec2u>;
-@group(0) @binding(6) var<storage, read> images: array<u32>;
-@group(0) @binding(7) var<storage, read> receivers: array<vec2u>;
+@group(0) @binding(0) var<storage, read> planes: array<SumPlane>;
+@group(0) @binding(1) var<storage, read> jobs: array<vec4u>;
+// All stored images side by side, four texels of a row in one.
+@group(0) @binding(2) var images: texture_2d<f32>;
+@group(0) @binding(3) var<storage, read> receivers: array<vec2u>;
 // Per four texels: red, green and blue of Asum, of Isum, and on the real layer of Isum with
 // phantoms alone.
-@group(0) @binding(8) var<storage, read_write> sums: array<vec4f>;
-@group(0) @binding(9) var share_all: texture_storage_2d_array<rgba16float, write>;
-@group(0) @binding(10) var share_real: texture_storage_2d_array<rgba16float, write>;
+@group(0) @binding(4) var<storage, read_write> sums: array<vec4f>;
+@group(0) @binding(5) var share_all: texture_storage_2d_array<rgba16float, write>;
+@group(0) @binding(6) var share_real: texture_storage_2d_array<rgba16float, write>;
+// Of one plane. Uniform, and images a texture: software drivers take storage buffers lane by
+// lane, ten times slower.
+@group(1) @binding(0) var<uniform> work: array<Entry, LIGHTS>;
+@group(1) @binding(1) var<uniform> which: vec4u;
 
-const BLACK = 0xffffffffu;
 const WHITE = 0xfffffffeu;
 
-fn visibility(image: u32, word: u32, words: u32) -> vec4f {
-    // Images that are not stored have no words: the first image's are read and not used.
+// Visibilities of four texels: the `word`th of image `number`.
+fn visibility(number: f32, at: vec2u) -> vec4f {
+    let image = bitcast<u32>(number);
+    // Images that are not stored have no place: the first image is read and not used.
     let stored = image < WHITE;
-    let read = unpack4x8unorm(images[select(0u, image, stored) * words + word]);
+    let place = select(0u, image, stored);
+    let corner = vec2u((place % ACROSS) * (SIDE / 4u), (place / ACROSS) * SIDE);
+    let read = textureLoad(images, corner + at, 0);
     return select(vec4f(select(0.0, 1.0, image == WHITE)), read, stored);
 }
 
@@ -42,7 +45,7 @@ struct Normals {
 fn normals_of(k: u32, texel: u32) -> Normals {
     let flat = planes[k].kind.x == 1u;
     let own = planes[k].normal.xyz;
-    let at = k * settings.side * settings.side + texel;
+    let at = k * SIDE * SIDE + texel;
     let a = select(normal_from_octahedron(unpack2x16snorm(receivers[at].x)), own, flat);
     let b = select(normal_from_octahedron(unpack2x16snorm(receivers[at + 1u].x)), own, flat);
     let c = select(normal_from_octahedron(unpack2x16snorm(receivers[at + 2u].x)), own, flat);
@@ -60,66 +63,87 @@ fn share(part: vec4f, whole: vec4f) -> vec4f {
     return select(vec4f(1.0), ratio, whole > vec4f(1e-9));
 }
 
-@compute @workgroup_size(64)
-fn sum(@builtin(global_invocation_id) id: vec3u) {
-    let words = settings.side * settings.side / 4u;
-    let k = id.y;
+// One vector per colour channel, over four texels.
+struct Colours {
+    r: vec4f,
+    g: vec4f,
+    b: vec4f,
+}
+
+fn added(sum: Colours, light: vec4f, s: vec3f) -> Colours {
+    return Colours(sum.r + light * s.r, sum.g + light * s.g, sum.b + light * s.b);
+}
+
+// What was summed before stays where differences are added.
+fn kept(sum: Colours, at: u32, keep: f32) -> Colours {
+    let all = Colours(
+        sum.r + sums[at] * keep,
+        sum.g + sums[at + 1u] * keep,
+        sum.b + sums[at + 2u] * keep,
+    );
+    sums[at] = all.r;
+    sums[at + 1u] = all.g;
+    sums[at + 2u] = all.b;
+    return all;
+}
+
+fn shares(part: Colours, whole: Colours) -> Colours {
+    return Colours(share(part.r, whole.r), share(part.g, whole.g), share(part.b, whole.b));
+}
+
+fn depth_at(texel: u32) -> f32 {
+    return f32(receivers[texel].y) / 65534.0;
+}
+
+// Loops over colours and texels are written out: software drivers keep what is indexed by a
+// variable in memory.
+fn sum_plane(k: u32, word: u32) {
+    let words = SIDE * SIDE / 4u;
     let job = jobs[k];
-    if id.x >= words || (job.x | job.y) == 0u {
+    if word >= words || (job.x | job.y) == 0u {
         return;
     }
-    let texel = 4u * id.x;
-    let real = k < settings.real;
+    let texel = 4u * word;
     let n = normals_of(k, texel);
-    var a = array<vec4f, 3>();
-    var all = array<vec4f, 3>();
-    var past = array<vec4f, 3>();
-    let begin = k * settings.lights;
+    let none = Colours(vec4f(0.0), vec4f(0.0), vec4f(0.0));
+    var whole = none;
+    var all = none;
+    var past = none;
+    let at_word = vec2u(word % (SIDE / 4u), word / (SIDE / 4u));
     for (var j = 0u; j < job.x; j++) {
-        let entry = work[begin + j];
-        let i = bitcast<u32>(entry.w);
-        let l = faces[i].xyz;
+        let s = work[j].change;
+        let l = work[j].light;
         let cosine = max(n.x * l.x + n.y * l.y + n.z * l.z, vec4f(0.0));
-        let image = basis[begin + i];
-        let arrives = cosine * visibility(image.y, id.x, words);
-        let open = arrives * visibility(image.x, id.x, words);
-        a[0] += cosine * entry.r;
-        a[1] += cosine * entry.g;
-        a[2] += cosine * entry.b;
-        all[0] += open * entry.r;
-        all[1] += open * entry.g;
-        all[2] += open * entry.b;
-        past[0] += arrives * entry.r;
-        past[1] += arrives * entry.g;
-        past[2] += arrives * entry.b;
+        var arrives = cosine;
+        if PHANTOMS {
+            arrives *= visibility(l.w, at_word);
+        }
+        whole = added(whole, cosine, s.rgb);
+        all = added(all, arrives * visibility(s.w, at_word), s.rgb);
+        if REAL {
+            past = added(past, arrives, s.rgb);
+        }
     }
     let keep = select(1.0, 0.0, job.y == 1u);
-    let at = planes[k].kind.y + id.x * select(6u, 9u, real);
-    for (var c = 0u; c < 3u; c++) {
-        a[c] += sums[at + c] * keep;
-        sums[at + c] = a[c];
-        all[c] += sums[at + 3u + c] * keep;
-        sums[at + 3u + c] = all[c];
+    let at = planes[k].kind.y + word * select(6u, 9u, REAL);
+    whole = kept(whole, at, keep);
+    all = shares(kept(all, at + 3u, keep), whole);
+    let row = vec2u(texel % SIDE, texel / SIDE);
+    let first = k * SIDE * SIDE + texel;
+    textureStore(share_all, row, k, vec4f(all.r.x, all.g.x, all.b.x, depth_at(first)));
+    textureStore(share_all, row + vec2u(1u, 0u), k, vec4f(all.r.y, all.g.y, all.b.y, depth_at(first + 1u)));
+    textureStore(share_all, row + vec2u(2u, 0u), k, vec4f(all.r.z, all.g.z, all.b.z, depth_at(first + 2u)));
+    textureStore(share_all, row + vec2u(3u, 0u), k, vec4f(all.r.w, all.g.w, all.b.w, depth_at(first + 3u)));
+    if REAL {
+        past = shares(kept(past, at + 6u, keep), whole);
+        textureStore(share_real, row, k, vec4f(past.r.x, past.g.x, past.b.x, 1.0));
+        textureStore(share_real, row + vec2u(1u, 0u), k, vec4f(past.r.y, past.g.y, past.b.y, 1.0));
+        textureStore(share_real, row + vec2u(2u, 0u), k, vec4f(past.r.z, past.g.z, past.b.z, 1.0));
+        textureStore(share_real, row + vec2u(3u, 0u), k, vec4f(past.r.w, past.g.w, past.b.w, 1.0));
     }
-    let row = vec2u(texel % settings.side, texel / settings.side);
-    let r = share(all[0], a[0]);
-    let g = share(all[1], a[1]);
-    let b = share(all[2], a[2]);
-    for (var t = 0u; t < 4u; t++) {
-        let depth = f32(receivers[k * settings.side * settings.side + texel + t].y) / 65534.0;
-        textureStore(share_all, row + vec2u(t, 0u), k, vec4f(r[t], g[t], b[t], depth));
-    }
-    if !real {
-        return;
-    }
-    for (var c = 0u; c < 3u; c++) {
-        past[c] += sums[at + 6u + c] * keep;
-        sums[at + 6u + c] = past[c];
-    }
-    let pr = share(past[0], a[0]);
-    let pg = share(past[1], a[1]);
-    let pb = share(past[2], a[2]);
-    for (var t = 0u; t < 4u; t++) {
-        textureStore(share_real, row + vec2u(t, 0u), k, vec4f(pr[t], pg[t], pb[t], 1.0));
-    }
+}
+
+@compute @workgroup_size(64)
+fn sum(@builtin(global_invocation_id) id: vec3u) {
+    sum_plane(which.x, id.x);
 }
