@@ -23,6 +23,7 @@ const MODEL_ARRIVES: u32 = 1;
 const PHANTOMS_PASS: u32 = 2;
 const MODEL_HIDES: u32 = 4;
 const PHANTOMS_HIDE: u32 = 8;
+const FACED: u32 = 16;
 
 /// Bakes all images of `planes`. `progress` is told how many lights of how many are done.
 /// The key is left zero.
@@ -334,7 +335,14 @@ impl Work {
         let of = |k: usize| {
             let flag = bytemuck::pod_read_unaligned(&flags[4 * k..4 * k + 4]);
             let by_model = image(flag, MODEL_ARRIVES, MODEL_HIDES, k * one);
-            let by_phantoms = image(flag, PHANTOMS_PASS, PHANTOMS_HIDE, half + k * one);
+            // Twice black means that nothing faces the light. Where something does, though
+            // nothing arrives, the light still counts in Asum.
+            let kept = if flag & FACED != 0 && by_model == Image::Black {
+                flag | PHANTOMS_PASS
+            } else {
+                flag
+            };
+            let by_phantoms = image(kept, PHANTOMS_PASS, PHANTOMS_HIDE, half + k * one);
             Basis {
                 by_model,
                 by_phantoms,

@@ -43,6 +43,8 @@ const MODEL_ARRIVES = 1u;
 const PHANTOMS_PASS = 2u;
 const MODEL_HIDES = 4u;
 const PHANTOMS_HIDE = 8u;
+// Some texel faces the light.
+const FACED = 16u;
 
 fn seen(map: texture_depth_2d, u: vec4f, v: vec4f, d: vec4f, world: vec3f) -> f32 {
     let p = vec4f(world, 1.0);
@@ -109,7 +111,7 @@ fn share(k: u32, texel: u32) -> vec2f {
     let half_a_step = vec2f(0.5 / 255.0);
     let some = vec2u(open > half_a_step) * vec2u(MODEL_ARRIVES, PHANTOMS_PASS);
     let less = vec2u(open < vec2f(1.0) - half_a_step) * vec2u(MODEL_HIDES, PHANTOMS_HIDE);
-    atomicOr(&flags[k], some.x | some.y | less.x | less.y);
+    atomicOr(&flags[k], FACED | some.x | some.y | less.x | less.y);
     return open;
 }
 

@@ -24,10 +24,13 @@ struct Job {
 // Per plane and light: numbers of the images by the model and by phantoms, as bits.
 @group(0) @binding(8) var<storage, read> basis: array<vec2f>;
 
-// How much a light can give a plane. Surfaces behind a plane may face any way.
+// How much a light can give a plane. Surfaces behind a plane may face any way; where both
+// images are black none faces the light.
 fn reach(k: u32, i: u32) -> f32 {
     let facing = max(dot(planes[k].normal.xyz, faces[i].xyz), 0.0);
-    return select(1.0, facing, planes[k].kind.x == 1u);
+    let image = bitcast<vec2u>(basis[k * settings.lights + i]);
+    let some = select(1.0, 0.0, all(image == vec2u(0xffffffffu)));
+    return select(some, facing, planes[k].kind.x == 1u);
 }
 
 fn brightness(s: vec3f) -> f32 {

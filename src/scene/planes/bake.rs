@@ -51,7 +51,8 @@ pub enum Image {
     Stored(u32),
 }
 
-/// Both visibilities of one light from one plane. Their product is Ib / a of the papers.
+/// Both visibilities of one light from one plane. Their product is Ib / a of the papers. Both
+/// are black where no texel faces the light: then a is zero, too.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Basis {
     /// What virtual objects let through.
