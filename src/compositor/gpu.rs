@@ -116,6 +116,11 @@ impl Gpu {
     pub fn instance() -> wgpu::Instance {
         let mut description = wgpu::InstanceDescriptor::new_without_display_handle();
         description.backends = BACKENDS;
+        // Their sizes are our own shaders', which keep to the limits; to check each takes longer
+        // than what it starts.
+        description
+            .flags
+            .remove(wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL);
         wgpu::Instance::new(description)
     }
 

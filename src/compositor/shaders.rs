@@ -214,8 +214,8 @@ pub fn baking(resolution: u32) -> [(&'static str, String); 3] {
 /// The shader that plans which basis images are summed.
 #[must_use]
 pub fn planning() -> (&'static str, String) {
-    let text = [SUM_PLANES, include_str!("shaders/planes_plan.wgsl")].join("\n");
-    ("planes_plan", text)
+    let text = [NORMAL, SUM_PLANES, include_str!("shaders/planes_plan.wgsl")].join("\n");
+    ("planes_plan", text.replace("BY_NORMAL", &by_normal()))
 }
 
 /// The shader that sums them.
@@ -224,11 +224,18 @@ pub fn summing(of: Summing) -> (&'static str, String) {
     let text = [NORMAL, SUM_PLANES, include_str!("shaders/planes_sum.wgsl")].join("\n");
     let text = text
         .replace("REAL", &of.real.to_string())
-        .replace("PHANTOMS", &of.phantoms.to_string())
-        .replace("LIGHTS", &of.lights.to_string())
+        .replace("BY_NORMAL", &by_normal())
+        .replace("LIGHTS", &format!("{}u", of.lights))
         .replace("ACROSS", &format!("{}u", of.across))
         .replace("SIDE", &format!("{}u", of.side));
     ("planes_sum", text)
+}
+
+/// Texels along a side of the table of Asum by normal; odd, so that the axes fall on texels.
+pub const BY_NORMAL: u32 = 65;
+
+fn by_normal() -> String {
+    format!("{BY_NORMAL}u")
 }
 
 /// What the text of `planes_sum` is made for.
@@ -236,8 +243,6 @@ pub fn summing(of: Summing) -> (&'static str, String) {
 pub struct Summing {
     /// Planes of the real layer, or of the other.
     pub real: bool,
-    /// Phantoms darken some of them.
-    pub phantoms: bool,
     /// Lights, at most.
     pub lights: u32,
     /// Images in a row of the texture that holds them.
@@ -292,11 +297,10 @@ mod tests {
                 lamps,
                 fine: soft > 1,
             });
-            let summing = [(true, true), (false, false), (false, true)];
-            let planes = summing.map(|(real, phantoms)| {
+            let summing = [true, false];
+            let planes = summing.map(|real| {
                 super::summing(super::Summing {
                     real,
-                    phantoms,
                     lights: 40,
                     across: 64,
                     side: 128,

@@ -58,12 +58,18 @@ fn covered(plane: &ShadowingPlane, x: f64, y: f64, towards: DVec3) -> f64 {
     points.filter(|p| hidden(*p, towards)).count() as f64 / 100.0
 }
 
-fn texels(bake: &Bake, image: Image) -> Vec<u8> {
+/// Share of a light that arrives, 0 to 255; `cosine` is its own on the plane. What is lost is
+/// stored in steps of 1/255, so that the share has larger ones where the light is low.
+fn arriving(bake: &Bake, image: Image, cosine: f32) -> Vec<u8> {
     let one = bake.settings.resolution.pow(2) as usize;
+    let share = |lost: &u8| (255.0 - f32::from(*lost) / cosine).round().max(0.0) as u8;
     match image {
         Image::Black => vec![0; one],
         Image::White => vec![255; one],
-        Image::Stored(i) => bake.texels[i as usize * one..][..one].to_vec(),
+        Image::Stored(i) => {
+            let lost = &bake.texels[i as usize * one..][..one];
+            lost.iter().map(share).collect()
+        }
     }
 }
 
@@ -83,9 +89,11 @@ fn a_box_casts_its_exact_polygon_on_a_plane() {
     let dome = GeodesicDome::new(2).unwrap();
     assert_eq!(bake.lights(), dome.faces.len());
     for (face, basis) in dome.faces.iter().zip(&bake.images) {
-        assert_eq!(basis.by_phantoms, Image::White);
+        assert_eq!(basis.past_phantoms, Image::White);
         let towards = face.centre.as_dvec3();
-        let image = texels(&bake, basis.by_model);
+        let image = arriving(&bake, basis.past_all, face.centre.z);
+        // Half a step of what is stored.
+        let step = (0.5 / face.centre.z).ceil() as u8;
         let (mut sum, mut exact) = (0.0, 0.0);
         for (i, open) in image.iter().enumerate() {
             let (x, y) = ((i as u32 % SIDE) as f64, (i as u32 / SIDE) as f64);
@@ -99,15 +107,15 @@ fn a_box_casts_its_exact_polygon_on_a_plane() {
             };
             let hits = (0..9).filter(|k| point(*k, 0.75)).count();
             match hits {
-                0 => assert_eq!(*open, 255, "{x} {y} {towards}"),
-                9 => assert_eq!(*open, 0, "{x} {y} {towards}"),
+                0 => assert!(*open >= 255 - step, "{x} {y} {towards}: {open}"),
+                9 => assert!(*open <= step, "{x} {y} {towards}: {open}"),
                 _ => (),
             }
             sum += 1.0 - f64::from(*open) / 255.0;
             exact += covered(&plane, x, y, towards);
         }
         assert!(
-            (sum - exact).abs() < 0.01 * exact,
+            (sum - exact).abs() < (0.01 + f64::from(step) / 255.0) * exact,
             "{towards}: {sum} {exact}"
         );
     }
@@ -143,7 +151,7 @@ fn a_wall_is_dark_for_lights_behind_it_and_such_images_are_dropped() {
         } else {
             Image::Black
         };
-        assert_eq!(basis.by_model, expected, "{:?}", face.centre);
+        assert_eq!(basis.past_all, expected, "{:?}", face.centre);
     }
     let (lit, all) = bake.counts();
     assert_eq!(all, 80);
@@ -161,20 +169,23 @@ fn phantoms_have_basis_images_of_their_own() {
         DVec3::new(0.5, 0.5, 0.0),
     ));
     let bake = baked(&scene, vec![ground()], 1);
-    for basis in &bake.images {
-        let (model, phantoms) = (
-            texels(&bake, basis.by_model),
-            texels(&bake, basis.by_phantoms),
+    let dome = GeodesicDome::new(2).unwrap();
+    for (face, basis) in dome.faces.iter().zip(&bake.images) {
+        let (all, phantoms) = (
+            arriving(&bake, basis.past_all, face.centre.z),
+            arriving(&bake, basis.past_phantoms, face.centre.z),
         );
         let under = |x: f64, y: f64| {
             let column = ((x + 1.0) / 2.0 * f64::from(SIDE)) as usize;
             let row = ((1.0 - y) / 2.0 * f64::from(SIDE)) as usize;
             row * SIDE as usize + column
         };
-        // Inside the phantom's foot no light arrives, and the model has no part in that.
-        assert_eq!(phantoms[under(0.5, 0.5)], 0);
+        // Inside the phantom's foot no light arrives, with virtual objects or without.
+        assert!(phantoms[under(0.5, 0.5)] <= 3 && all[under(0.5, 0.5)] <= 3);
         assert_eq!(phantoms[under(-0.9, -0.9)], 255);
-        assert!(model.contains(&0) || model.contains(&255));
+        // Virtual objects can only take more.
+        assert!(all.iter().zip(&phantoms).all(|(a, p)| a <= p));
+        assert!(all.iter().zip(&phantoms).any(|(a, p)| a < p));
     }
 }
 
@@ -182,8 +193,13 @@ fn phantoms_have_basis_images_of_their_own() {
 fn more_directions_per_face_make_softer_shadows_of_the_same_light() {
     let hard = baked(&floating_box(), vec![ground()], 1);
     let soft = baked(&floating_box(), vec![ground()], 16);
-    for (a, b) in hard.images.iter().zip(&soft.images) {
-        let (a, b) = (texels(&hard, a.by_model), texels(&soft, b.by_model));
+    let dome = GeodesicDome::new(2).unwrap();
+    for (face, (a, b)) in dome.faces.iter().zip(hard.images.iter().zip(&soft.images)) {
+        let cosine = face.centre.z;
+        let (a, b) = (
+            arriving(&hard, a.past_all, cosine),
+            arriving(&soft, b.past_all, cosine),
+        );
         let between = |t: &[u8]| t.iter().filter(|v| (20..236).contains(*v)).count();
         assert!(between(&b) > between(&a), "{} {}", between(&b), between(&a));
         let lost = |t: &[u8]| t.iter().map(|v| 255.0 - f64::from(*v)).sum::<f64>();

@@ -19,9 +19,9 @@ use glam::{DVec3, Vec3};
 use wgpu::BufferUsages as U;
 
 /// Bits of a plane's flag; twins of the constants in `bake_evaluate.wgsl`.
-const MODEL_ARRIVES: u32 = 1;
+const ALL_PASS: u32 = 1;
 const PHANTOMS_PASS: u32 = 2;
-const MODEL_HIDES: u32 = 4;
+const ALL_HIDE: u32 = 4;
 const PHANTOMS_HIDE: u32 = 8;
 const FACED: u32 = 16;
 
@@ -106,6 +106,7 @@ struct Baker<'a> {
     passes: BakePasses,
     scene: BakeScene,
     planes: u32,
+    layers: Vec<Layer>,
 }
 
 impl<'a> Baker<'a> {
@@ -114,6 +115,7 @@ impl<'a> Baker<'a> {
             passes: BakePasses::new(&gpu.device, settings.resolution),
             scene: BakeScene::new(&gpu.device, &gpu.queue, scene, planes),
             planes: planes.len() as u32,
+            layers: planes.iter().map(|p| p.layer).collect(),
             settings,
             gpu,
         }
@@ -202,21 +204,21 @@ impl<'a> Baker<'a> {
         let receivers = storage(device, queue, "receivers", &receivers);
         let copied = U::STORAGE | U::COPY_DST | U::COPY_SRC;
         let sums = buffer_of(device, "sums", 16 * texels, copied);
-        let visibilities = buffer_of(device, "visibilities", 2 * texels, copied);
+        let lost = buffer_of(device, "lost", 2 * texels, copied);
         let flags = buffer_of(device, "flags", 4 * u64::from(self.planes), copied);
         let read = U::COPY_DST | U::MAP_READ;
         let group = self.passes.bind(
             device,
             [&direction, &self.scene.planes, &receivers],
             [&maps[0], &maps[1]],
-            [&sums, &visibilities, &flags],
+            [&sums, &lost, &flags],
         );
         Work {
-            readable: buffer_of(device, "images", visibilities.size() + flags.size(), read),
+            readable: buffer_of(device, "images", lost.size() + flags.size(), read),
             uniforms: [direction, model, phantoms],
             maps,
             sums,
-            visibilities,
+            lost,
             flags,
             group,
         }
@@ -241,7 +243,7 @@ struct Work {
     uniforms: [wgpu::Buffer; 3],
     maps: [wgpu::TextureView; 2],
     sums: wgpu::Buffer,
-    visibilities: wgpu::Buffer,
+    lost: wgpu::Buffer,
     flags: wgpu::Buffer,
     readable: wgpu::Buffer,
     group: wgpu::BindGroup,
@@ -308,16 +310,16 @@ impl Work {
     }
 
     fn copy(&self, encoder: &mut wgpu::CommandEncoder) {
-        let (images, flags) = (self.visibilities.size(), self.flags.size());
-        encoder.copy_buffer_to_buffer(&self.visibilities, 0, &self.readable, 0, images);
+        let (images, flags) = (self.lost.size(), self.flags.size());
+        encoder.copy_buffer_to_buffer(&self.lost, 0, &self.readable, 0, images);
         encoder.copy_buffer_to_buffer(&self.flags, 0, &self.readable, images, flags);
     }
 
     fn images(&self, bytes: &[u8], baker: &Baker<'_>, texels: &mut Vec<u8>) -> Vec<Basis> {
         let one = baker.settings.resolution.pow(2) as usize;
         let planes = baker.planes as usize;
-        let flags = &bytes[self.visibilities.size() as usize..];
-        let half = self.visibilities.size() as usize / 2;
+        let flags = &bytes[self.lost.size() as usize..];
+        let half = self.lost.size() as usize / 2;
         let mut keep = |at: usize| {
             let number = texels.len() / one;
             texels.extend_from_slice(&bytes[at..at + one]);
@@ -334,18 +336,23 @@ impl Work {
         };
         let of = |k: usize| {
             let flag = bytemuck::pod_read_unaligned(&flags[4 * k..4 * k + 4]);
-            let by_model = image(flag, MODEL_ARRIVES, MODEL_HIDES, k * one);
-            // Twice black means that nothing faces the light. Where something does, though
-            // nothing arrives, the light still counts in Asum.
-            let kept = if flag & FACED != 0 && by_model == Image::Black {
-                flag | PHANTOMS_PASS
+            let past_all = image(flag, ALL_PASS, ALL_HIDE, k * one);
+            let faced = flag & FACED != 0;
+            let past_phantoms = if faced && baker.layers[k] == Layer::Virtual {
+                Image::White
             } else {
-                flag
+                // Twice black means that nothing faces the light, and not that all is lost.
+                let kept = flag
+                    | if faced && past_all == Image::Black {
+                        PHANTOMS_PASS
+                    } else {
+                        0
+                    };
+                image(kept, PHANTOMS_PASS, PHANTOMS_HIDE, half + k * one)
             };
-            let by_phantoms = image(kept, PHANTOMS_PASS, PHANTOMS_HIDE, half + k * one);
             Basis {
-                by_model,
-                by_phantoms,
+                past_all,
+                past_phantoms,
             }
         };
         (0..planes).map(of).collect()

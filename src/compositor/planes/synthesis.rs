@@ -11,7 +11,7 @@ use super::receiver::words;
 use super::shown::{ShownPlane, ShownPlanes};
 use crate::compositor::GpuError;
 use crate::environment::geodesic::GeodesicDome;
-use crate::scene::planes::{Bake, Basis, Image, Layer, Receiver};
+use crate::scene::planes::{Bake, Image, Layer, Receiver};
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat4, DVec3};
 use wgpu::BufferUsages as U;
@@ -64,10 +64,13 @@ struct SumPlane {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 struct Job {
-    count: u32,
+    groups: [u32; 3],
     anew: u32,
+    stored: u32,
+    black: u32,
     skipped: u32,
-    lights: u32,
+    unused: u32,
+    whole: [f32; 4],
 }
 
 /// What a frame had to do.
@@ -88,6 +91,7 @@ pub struct PlaneWork {
 /// What outlives any bake.
 pub struct SynthesisPasses {
     plan: wgpu::ComputePipeline,
+    whole: wgpu::ComputePipeline,
     plan_layout: wgpu::BindGroupLayout,
     sum_layout: wgpu::BindGroupLayout,
     plane_layout: wgpu::BindGroupLayout,
@@ -101,10 +105,22 @@ impl SynthesisPasses {
     #[must_use]
     pub fn new(device: &wgpu::Device) -> Self {
         let (read, write) = (Slot::Storage, Slot::StorageWritten);
-        let slots = [read, read, read, read, read, write, write, write, read];
+        let layers = Slot::WrittenLayers;
+        let slots = [
+            read, read, read, read, read, write, write, write, read, layers,
+        ];
         let plan_layout = compute_layout(device, "plan", &slots);
-        let (images, layers) = (Slot::Texture, Slot::WrittenLayers);
-        let slots = [read, read, images, read, write, layers, layers];
+        let slots = [
+            read,
+            read,
+            Slot::Texture,
+            read,
+            write,
+            layers,
+            layers,
+            Slot::Layers,
+            Slot::Sampler,
+        ];
         let sum_layout = compute_layout(device, "sum", &slots);
         let slots = [Slot::UniformOf, Slot::UniformOf];
         let plane_layout = compute_layout(device, "plane", &slots);
@@ -112,6 +128,7 @@ impl SynthesisPasses {
         let module = shaders::one(device, shaders::planning());
         Self {
             plan: compute_pipeline(device, &module, &[&plan_layout], "plan"),
+            whole: compute_pipeline(device, &module, &[&plan_layout], "whole_by_normal"),
             shown_layout: bindings::layout(device, "shown planes", &slots),
             plan_layout,
             sum_layout,
@@ -146,6 +163,7 @@ pub struct Synthesis {
     sum_group: wgpu::BindGroup,
     plane_group: wgpu::BindGroup,
     shown_group: wgpu::BindGroup,
+    whole: wgpu::TextureView,
     visible: Vec<u32>,
     uploaded: Option<Settings>,
 }
@@ -186,7 +204,7 @@ impl Synthesis {
         let slots: Vec<[u32; 2]> = bake
             .images
             .iter()
-            .map(|b| [number(b.by_model), number(b.by_phantoms)])
+            .map(|b| [number(b.past_all), number(b.past_phantoms)])
             .collect();
         let kept =
             |label, bytes: usize, usage| buffer_of(device, label, bytes as u64, U::STORAGE | usage);
@@ -201,7 +219,7 @@ impl Synthesis {
             applied: kept("applied", each, U::empty()),
             work: kept("work", planes * stride * ENTRY, U::UNIFORM),
             basis: storage(device, queue, "basis", &slots),
-            jobs: kept("jobs", planes * size_of::<Job>(), U::COPY_SRC),
+            jobs: kept("jobs", planes * size_of::<Job>(), U::COPY_SRC | U::INDIRECT),
             readable: buffer_of(
                 device,
                 "jobs",
@@ -215,7 +233,8 @@ impl Synthesis {
             .iter()
             .filter(|p| p.layer == Layer::Real)
             .count() as u32;
-        let shares = [planes as u32, real].map(|layers| shares(device, side, layers));
+        let shares = [planes as u32, real].map(|layers| half_floats(device, side, layers));
+        let whole = half_floats(device, shaders::BY_NORMAL, 1);
         let settings = Settings {
             planes: planes as u32,
             lights: lights as u32,
@@ -235,6 +254,8 @@ impl Synthesis {
             sums.as_entire_binding(),
             view(&shares[0]),
             view(&shares[1]),
+            view(&whole),
+            sampler(&passes.smooth),
         ];
         let sum_group = bindings::group(device, "sum", &passes.sum_layout, &resources);
         let numbers: Vec<[u32; 64]> = (0..planes as u32).map(|k| [k; 64]).collect();
@@ -249,10 +270,8 @@ impl Synthesis {
             wgpu::BindingResource::Buffer(part(&numbers, 16)),
         ];
         let plane_group = bindings::group(device, "plane", &passes.plane_layout, &resources);
-        let darkened = |images: &[Basis]| images.iter().any(|b| b.by_phantoms != Image::White);
-        let of = [true, false].map(|is_real| Summing {
-            real: is_real,
-            phantoms: is_real || darkened(&bake.images[real as usize * lights..]),
+        let of = [true, false].map(|real| Summing {
+            real,
             lights: lights as u32,
             across: ACROSS,
             side,
@@ -274,6 +293,7 @@ impl Synthesis {
             sum_group,
             plane_group,
             shown_group,
+            whole,
             uploaded: None,
         }
     }
@@ -354,11 +374,11 @@ impl Synthesis {
                 &b.jobs,
                 &b.basis,
             ];
-            let resources = all.map(wgpu::Buffer::as_entire_binding);
+            let mut resources: Vec<_> = all.iter().map(|b| b.as_entire_binding()).collect();
+            resources.push(view(&self.whole));
             let group = bindings::group(device, "plan", &passes.plan_layout, &resources);
             (luminance.clone(), group)
         }));
-        let words = self.settings.side * self.settings.side / 4;
         let Settings {
             planes,
             real,
@@ -374,6 +394,8 @@ impl Synthesis {
                 pass.set_pipeline(&passes.plan);
                 pass.set_bind_group(0, &*plan_group, &[]);
                 pass.dispatch_workgroups(planes.div_ceil(64), 1, 1);
+                pass.set_pipeline(&passes.whole);
+                pass.dispatch_workgroups(shaders::BY_NORMAL.pow(2).div_ceil(64), 1, 1);
                 continue;
             }
             pass.set_bind_group(0, &self.sum_group, &[]);
@@ -381,7 +403,7 @@ impl Synthesis {
                 let offsets = [k * stride * ENTRY as u32, k * 256];
                 pass.set_pipeline(&self.sums[usize::from(k >= real)]);
                 pass.set_bind_group(1, &self.plane_group, &offsets);
-                pass.dispatch_workgroups(words.div_ceil(64), 1, 1);
+                pass.dispatch_workgroups_indirect(&b.jobs, u64::from(k) * size_of::<Job>() as u64);
             }
         }
         encoder.copy_buffer_to_buffer(&b.jobs, 0, &b.readable, 0, b.jobs.size());
@@ -397,8 +419,8 @@ impl Synthesis {
         let mut work = PlaneWork::default();
         for (job, seen) in jobs.iter().zip(&self.visible) {
             work.seen += *seen as usize;
-            work.resummed += usize::from(job.count > 0);
-            work.images += job.count as usize;
+            work.resummed += usize::from(job.groups[0] > 0);
+            work.images += (job.stored + job.black) as usize;
             work.images_in_sight += (*seen * self.settings.lights) as usize;
             work.lights_skipped = work.lights_skipped.max(job.skipped as usize);
         }
@@ -406,14 +428,14 @@ impl Synthesis {
     }
 }
 
-/// The planes, and how many vectors their sums take: nine for four texels on the real layer,
-/// six on the other.
+/// The planes, and how many vectors their sums take: six for four texels on the real layer,
+/// three on the other.
 fn sum_planes(bake: &Bake) -> (Vec<SumPlane>, usize) {
     let words = bake.settings.resolution.pow(2) / 4;
     let mut begin = 0;
     let of = |plane: &crate::scene::planes::ShadowingPlane| {
         let at = begin;
-        begin += words * if plane.layer == Layer::Real { 9 } else { 6 };
+        begin += words * if plane.layer == Layer::Real { 6 } else { 3 };
         SumPlane {
             normal: plane.normal().as_vec3().extend(0.0).to_array(),
             kind: [u32::from(plane.receiver == Receiver::Plane), at, 0, 0],
@@ -487,7 +509,8 @@ const fn number(image: Image) -> u32 {
     }
 }
 
-fn shares(device: &wgpu::Device, side: u32, layers: u32) -> wgpu::TextureView {
+/// An array of square textures that compute shaders write.
+fn half_floats(device: &wgpu::Device, side: u32, layers: u32) -> wgpu::TextureView {
     let texture = device.create_texture(&wgpu::TextureDescriptor {
         label: Some("shares"),
         size: wgpu::Extent3d {

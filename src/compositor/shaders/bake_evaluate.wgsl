@@ -1,6 +1,6 @@
-// How much of a light reaches the texels of all planes: one direction of light added
-// (`add`), or the sums made into visibilities of 8 bits (`finish`). Four texels of a row
-// share an invocation, because their visibilities share a word.
+// What a light loses on its way to the texels of all planes, cosθ · (1 − V): one direction of
+// light added (`add`), or the sums made into images of 8 bits (`finish`). Four texels of a row
+// share an invocation there, because they share a word.
 
 struct Direction {
     model_u: vec4f,
@@ -32,16 +32,16 @@ struct Plane {
 @group(0) @binding(3) var model_map: texture_depth_2d;
 @group(0) @binding(4) var phantom_map: texture_depth_2d;
 @group(0) @binding(5) var compare: sampler_comparison;
-// Per texel: Σ w cos V of the model, of the phantoms, Σ w cos.
+// Per texel: Σ w cos (1 − V) past everything, past phantoms alone, and Σ w cos.
 @group(0) @binding(6) var<storage, read_write> sums: array<vec4f>;
-// Per four texels: visibilities by the model, then all planes' by the phantoms.
-@group(0) @binding(7) var<storage, read_write> visibilities: array<u32>;
+// Per four texels: what is lost past everything, then all planes' past phantoms.
+@group(0) @binding(7) var<storage, read_write> lost: array<u32>;
 // Per plane, whether any light arrives and whether any is hidden: bits of `finish`.
 @group(0) @binding(8) var<storage, read_write> flags: array<atomic<u32>>;
 
-const MODEL_ARRIVES = 1u;
+const ALL_PASS = 1u;
 const PHANTOMS_PASS = 2u;
-const MODEL_HIDES = 4u;
+const ALL_HIDE = 4u;
 const PHANTOMS_HIDE = 8u;
 // Some texel faces the light.
 const FACED = 16u;
@@ -87,7 +87,7 @@ fn add(@builtin(global_invocation_id) id: vec3u) {
     let own = lift(n, n_dot_l, 1.0) * select(1.0, 0.0, flat);
     let off_model = own * light.texels.x * f32(plane.kind.y);
     let off_phantom = own * light.texels.y * f32(1u - plane.kind.y);
-    var open = vec2f(0.0);
+    var closed = vec2f(0.0);
     for (var i = 0u; i < 4u; i++) {
         let o = vec2f(vec2i(4 * i32(i & 1u) - 2 * i32(i >> 1u) - 1, 2 * i32(i) - 3)) / 8.0 * size;
         let across = plane.right.xyz * (at.x + o.x) - plane.up.xyz * (at.y + o.y);
@@ -95,24 +95,25 @@ fn add(@builtin(global_invocation_id) id: vec3u) {
         let world = plane.centre.xyz + across - out * behind;
         let m = seen(model_map, light.model_u, light.model_v, light.model_depth, world + off_model);
         let p = seen(phantom_map, light.phantom_u, light.phantom_v, light.phantom_depth, world + off_phantom);
-        open += vec2f(select(1.0, m, light.texels.z > 0.0), select(1.0, p, light.texels.w > 0.0));
+        let past_phantoms = select(1.0, p, light.texels.w > 0.0);
+        let past_all = past_phantoms * select(1.0, m, light.texels.z > 0.0);
+        closed += vec2f(1.0) - vec2f(past_all, past_phantoms);
     }
     let weight = light.towards.w * n_dot_l;
-    sums[k * side * side + texel] += vec4f(open * (0.25 * weight), weight, 0.0);
+    sums[k * side * side + texel] += vec4f(closed * (0.25 * weight), weight, 0.0);
 }
 
-// What no light faces counts as dark; its cosine keeps it out of every sum.
-fn share(k: u32, texel: u32) -> vec2f {
+fn lost_at(k: u32, texel: u32) -> vec2f {
     let s = sums[texel];
-    let open = clamp(s.xy / max(s.z, 1e-12), vec2f(0.0), vec2f(1.0));
     if s.z <= 0.0 {
         return vec2f(0.0);
     }
+    let share = s.xy / s.z;
     let half_a_step = vec2f(0.5 / 255.0);
-    let some = vec2u(open > half_a_step) * vec2u(MODEL_ARRIVES, PHANTOMS_PASS);
-    let less = vec2u(open < vec2f(1.0) - half_a_step) * vec2u(MODEL_HIDES, PHANTOMS_HIDE);
+    let some = vec2u(share < vec2f(1.0) - half_a_step) * vec2u(ALL_PASS, PHANTOMS_PASS);
+    let less = vec2u(share > half_a_step) * vec2u(ALL_HIDE, PHANTOMS_HIDE);
     atomicOr(&flags[k], FACED | some.x | some.y | less.x | less.y);
-    return open;
+    return clamp(s.xy, vec2f(0.0), vec2f(1.0));
 }
 
 @compute @workgroup_size(64)
@@ -122,10 +123,10 @@ fn finish(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let word = id.y * words + id.x;
-    let a = share(id.y, 4u * word);
-    let b = share(id.y, 4u * word + 1u);
-    let c = share(id.y, 4u * word + 2u);
-    let d = share(id.y, 4u * word + 3u);
-    visibilities[word] = pack4x8unorm(vec4f(a.x, b.x, c.x, d.x));
-    visibilities[arrayLength(&visibilities) / 2u + word] = pack4x8unorm(vec4f(a.y, b.y, c.y, d.y));
+    let a = lost_at(id.y, 4u * word);
+    let b = lost_at(id.y, 4u * word + 1u);
+    let c = lost_at(id.y, 4u * word + 2u);
+    let d = lost_at(id.y, 4u * word + 3u);
+    lost[word] = pack4x8unorm(vec4f(a.x, b.x, c.x, d.x));
+    lost[arrayLength(&lost) / 2u + word] = pack4x8unorm(vec4f(a.y, b.y, c.y, d.y));
 }

@@ -2,39 +2,39 @@
 // that give next to nothing are left out, planes whose light has hardly changed are left
 // alone, and of the others only the difference is summed. One invocation per plane.
 
-struct Job {
-    // Entries of `work`.
-    count: u32,
-    // 1: sums begin anew; 0: differences are added.
-    anew: u32,
-    // Lights that are left out, and lights in sight of the plane.
-    skipped: u32,
-    lights: u32,
-}
-
 @group(0) @binding(0) var<storage, read> settings: Settings;
 @group(0) @binding(1) var<storage, read> faces: array<vec4f>;
 @group(0) @binding(2) var<storage, read> luminance: array<vec4f>;
 @group(0) @binding(3) var<storage, read> planes: array<SumPlane>;
 @group(0) @binding(4) var<storage, read> visible: array<u32>;
-// The luminance that each plane's sums were made with.
+// The luminance that each plane's sums were made with; w = 1 where they were made.
 @group(0) @binding(5) var<storage, read_write> applied: array<vec4f>;
 @group(0) @binding(6) var<storage, read_write> work: array<Entry>;
 @group(0) @binding(7) var<storage, read_write> jobs: array<Job>;
-// Per plane and light: numbers of the images by the model and by phantoms, as bits.
+// Per plane and light: numbers of the images past everything and past phantoms, as bits.
 @group(0) @binding(8) var<storage, read> basis: array<vec2f>;
+// Asum by normal, octahedral: see `whole_by_normal`.
+@group(0) @binding(9) var whole: texture_storage_2d_array<rgba16float, write>;
+
+fn facing(k: u32, i: u32) -> f32 {
+    return max(dot(planes[k].normal.xyz, faces[i].xyz), 0.0);
+}
 
 // How much a light can give a plane. Surfaces behind a plane may face any way; where both
 // images are black none faces the light.
 fn reach(k: u32, i: u32) -> f32 {
-    let facing = max(dot(planes[k].normal.xyz, faces[i].xyz), 0.0);
     let image = bitcast<vec2u>(basis[k * settings.lights + i]);
-    let some = select(1.0, 0.0, all(image == vec2u(0xffffffffu)));
-    return select(some, facing, planes[k].kind.x == 1u);
+    let some = select(1.0, 0.0, all(image == vec2u(BLACK)));
+    return select(some, facing(k, i), planes[k].kind.x == 1u);
 }
 
 fn brightness(s: vec3f) -> f32 {
     return s.x + s.y + s.z;
+}
+
+// Nothing was summed on it yet.
+fn is_new(k: u32) -> bool {
+    return applied[k * settings.lights].w == 0.0;
 }
 
 @compute @workgroup_size(64)
@@ -43,7 +43,7 @@ fn plan(@builtin(global_invocation_id) id: vec3u) {
     if k >= settings.planes {
         return;
     }
-    var job = Job(0u, 0u, 0u, 0u);
+    var job = Job(vec3u(0u, 1u, 1u), 0u, 0u, 0u, 0u, 0u, vec4f(0.0));
     if visible[k] == 0u {
         jobs[k] = job;
         return;
@@ -52,22 +52,24 @@ fn plan(@builtin(global_invocation_id) id: vec3u) {
     var total = 0.0;
     for (var i = 0u; i < settings.lights; i++) {
         total += brightness(luminance[i].rgb) * reach(k, i);
+        job.whole += luminance[i] * facing(k, i);
     }
-    // How far the sums are off, and how many images would mend them.
+    // How far the sums are off, how many images would mend them, and how many there are.
     var off = 0.0;
     var differ = 0u;
+    var count = 0u;
     for (var i = 0u; i < settings.lights; i++) {
         let gives = brightness(luminance[i].rgb) * reach(k, i);
         let counts = gives > 0.0 && gives >= settings.skip_below * total;
-        job.lights += select(0u, 1u, counts);
+        count += select(0u, 1u, counts);
         job.skipped += select(0u, 1u, gives > 0.0 && !counts);
         let wanted = select(vec3f(0.0), luminance[i].rgb, counts);
         let change = brightness(abs(wanted - applied[begin + i].rgb)) * reach(k, i);
         off += change;
         differ += select(0u, 1u, change > settings.least_change * total);
     }
-    let untouched = off <= settings.recompute_above * total && !planes_are_new(k);
-    job.anew = select(0u, 1u, 2u * differ > job.lights || planes_are_new(k));
+    let untouched = off <= settings.recompute_above * total && !is_new(k);
+    job.anew = select(0u, 1u, 2u * differ > count || is_new(k));
     for (var i = 0u; i < settings.lights; i++) {
         let gives = brightness(luminance[i].rgb) * reach(k, i);
         let counts = gives > 0.0 && gives >= settings.skip_below * total;
@@ -76,21 +78,39 @@ fn plan(@builtin(global_invocation_id) id: vec3u) {
         let change = wanted - before;
         let matters = brightness(abs(change)) * reach(k, i) > settings.least_change * total;
         let listed = select(matters, any(change != vec3f(0.0)), job.anew == 1u);
-        if !untouched && listed {
-            let image = basis[begin + i];
+        let image = basis[begin + i];
+        let states = bitcast<vec2u>(image);
+        // Where nothing is lost there is nothing to sum.
+        if !untouched && listed && any(states != vec2u(WHITE)) {
             let entry = Entry(vec4f(change, image.x), vec4f(faces[i].xyz, image.y));
-            work[k * settings.stride + job.count] = entry;
-            job.count += 1u;
+            // Planes of the real layer take both kinds together.
+            let is_black = states.x == BLACK && k >= settings.real;
+            let last = k * settings.stride + settings.lights - 1u;
+            work[select(k * settings.stride + job.stored, last - job.black, is_black)] = entry;
+            job.stored += select(1u, 0u, is_black);
+            job.black += select(0u, 1u, is_black);
         }
         if !untouched && (listed || job.anew == 1u) {
             applied[begin + i] = vec4f(wanted, 1.0);
         }
     }
     job.anew = select(job.anew, 0u, untouched);
+    let words = settings.side * settings.side / 4u;
+    job.groups.x = select((words + 63u) / 64u, 0u, untouched);
     jobs[k] = job;
 }
 
-// Nothing was summed on it yet: of every light the sums hold nothing.
-fn planes_are_new(k: u32) -> bool {
-    return applied[k * settings.lights].w == 0.0;
+// Asum of a surface by its normal: Σ S_i max(n · l_i, 0). Surfaces behind planes look it up.
+@compute @workgroup_size(64)
+fn whole_by_normal(@builtin(global_invocation_id) id: vec3u) {
+    if id.x >= BY_NORMAL * BY_NORMAL {
+        return;
+    }
+    let at = vec2u(id.x % BY_NORMAL, id.x / BY_NORMAL);
+    let n = normal_from_octahedron(vec2f(at) * (2.0 / f32(BY_NORMAL - 1u)) - 1.0);
+    var sum = vec3f(0.0);
+    for (var i = 0u; i < settings.lights; i++) {
+        sum += luminance[i].rgb * max(dot(n, faces[i].xyz), 0.0);
+    }
+    textureStore(whole, at, 0u, vec4f(min(sum, vec3f(65000.0)), 1.0));
 }

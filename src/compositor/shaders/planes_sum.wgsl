@@ -1,39 +1,43 @@
-// The sums of basis images (Kakuta 2007, eqs. 3 and 4), per colour channel:
+// The sums of basis images (Kakuta 2007, eqs. 3 and 4), per colour channel, by what is lost:
 //
-//   Isum = Σ S_i · Ib_i        Ib_i = c_i · V_i,   c_i = max(n · l_i, 0)
-//   Asum = Σ S_i · a_i         a_i = c_i
+//   Isum / Asum = Σ S_i Ib_i / Σ S_i a_i = 1 − Σ S_i (a_i − Ib_i) / Σ S_i a_i
 //
-// with n of the surface that the texel shows. V is the product of what virtual objects and
-// what phantoms let through. On the real layer Isum is made with phantoms alone as well:
-// their shadows are in the camera's picture already. Written are the shares Isum / Asum.
-// An invocation has four texels of a row: their visibilities share a word.
+//   a_i = max(n · l_i, 0),   Ib_i = a_i V_i,   a_i − Ib_i = a_i (1 − V_i): the stored images
+//
+// with n of the surface that the texel shows. On the real layer Isum is made with phantoms
+// alone as well: their shadows are in the camera's picture already. An invocation has four
+// texels of a row: they share a texel of the texture.
 
 @group(0) @binding(0) var<storage, read> planes: array<SumPlane>;
-@group(0) @binding(1) var<storage, read> jobs: array<vec4u>;
+@group(0) @binding(1) var<storage, read> jobs: array<Job>;
 // All stored images side by side, four texels of a row in one.
 @group(0) @binding(2) var images: texture_2d<f32>;
 @group(0) @binding(3) var<storage, read> receivers: array<vec2u>;
-// Per four texels: red, green and blue of Asum, of Isum, and on the real layer of Isum with
-// phantoms alone.
+// Per four texels: red, green and blue of what is lost past everything, and on the real layer
+// past phantoms alone.
 @group(0) @binding(4) var<storage, read_write> sums: array<vec4f>;
 @group(0) @binding(5) var share_all: texture_storage_2d_array<rgba16float, write>;
 @group(0) @binding(6) var share_real: texture_storage_2d_array<rgba16float, write>;
+@group(0) @binding(7) var whole_by_normal: texture_2d_array<f32>;
+@group(0) @binding(8) var smooth_sampler: sampler;
 // Of one plane. Uniform, and images a texture: software drivers take storage buffers lane by
-// lane, ten times slower.
+// lane, many times slower.
 @group(1) @binding(0) var<uniform> work: array<Entry, LIGHTS>;
 @group(1) @binding(1) var<uniform> which: vec4u;
 
-const WHITE = 0xfffffffeu;
-
-// Visibilities of four texels: the `word`th of image `number`.
-fn visibility(number: f32, at: vec2u) -> vec4f {
+// Four texels of image `number`, which is stored.
+fn stored(number: f32, at: vec2u) -> vec4f {
     let image = bitcast<u32>(number);
-    // Images that are not stored have no place: the first image is read and not used.
-    let stored = image < WHITE;
-    let place = select(0u, image, stored);
-    let corner = vec2u((place % ACROSS) * (SIDE / 4u), (place / ACROSS) * SIDE);
-    let read = textureLoad(images, corner + at, 0);
-    return select(vec4f(select(0.0, 1.0, image == WHITE)), read, stored);
+    return textureLoad(images, vec2u((image % ACROSS) * (SIDE / 4u), (image / ACROSS) * SIDE) + at, 0);
+}
+
+// The same of any image: `cosine` where all is lost, zero where nothing is.
+fn lost_of(number: f32, at: vec2u, cosine: vec4f) -> vec4f {
+    let image = bitcast<u32>(number);
+    let there = image < WHITE;
+    // Images that are not stored have no place: the first is read and not used.
+    let read = stored(bitcast<f32>(select(0u, image, there)), at);
+    return select(select(vec4f(0.0), cosine, image == BLACK), read, there);
 }
 
 struct Normals {
@@ -42,25 +46,17 @@ struct Normals {
     z: vec4f,
 }
 
-fn normals_of(k: u32, texel: u32) -> Normals {
-    let flat = planes[k].kind.x == 1u;
-    let own = planes[k].normal.xyz;
-    let at = k * SIDE * SIDE + texel;
-    let a = select(normal_from_octahedron(unpack2x16snorm(receivers[at].x)), own, flat);
-    let b = select(normal_from_octahedron(unpack2x16snorm(receivers[at + 1u].x)), own, flat);
-    let c = select(normal_from_octahedron(unpack2x16snorm(receivers[at + 2u].x)), own, flat);
-    let d = select(normal_from_octahedron(unpack2x16snorm(receivers[at + 3u].x)), own, flat);
-    return Normals(
-        vec4f(a.x, b.x, c.x, d.x),
-        vec4f(a.y, b.y, c.y, d.y),
-        vec4f(a.z, b.z, c.z, d.z),
-    );
+fn normal_at(k: u32, texel: u32) -> vec3f {
+    let own = normal_from_octahedron(unpack2x16snorm(receivers[k * SIDE * SIDE + texel].x));
+    return select(own, planes[k].normal.xyz, planes[k].kind.x == 1u);
 }
 
-// 1 where no light arrives that could be kept away.
-fn share(part: vec4f, whole: vec4f) -> vec4f {
-    let ratio = clamp(part / max(whole, vec4f(1e-12)), vec4f(0.0), vec4f(1.0));
-    return select(vec4f(1.0), ratio, whole > vec4f(1e-9));
+fn normals_of(k: u32, texel: u32) -> Normals {
+    let a = normal_at(k, texel);
+    let b = normal_at(k, texel + 1u);
+    let c = normal_at(k, texel + 2u);
+    let d = normal_at(k, texel + 3u);
+    return Normals(vec4f(a.x, b.x, c.x, d.x), vec4f(a.y, b.y, c.y, d.y), vec4f(a.z, b.z, c.z, d.z));
 }
 
 // One vector per colour channel, over four texels.
@@ -87,63 +83,74 @@ fn kept(sum: Colours, at: u32, keep: f32) -> Colours {
     return all;
 }
 
-fn shares(part: Colours, whole: Colours) -> Colours {
-    return Colours(share(part.r, whole.r), share(part.g, whole.g), share(part.b, whole.b));
+fn whole_at(k: u32, x: f32, y: f32, z: f32) -> vec3f {
+    let side = f32(BY_NORMAL);
+    let uv = ((octahedron_from_normal(vec3f(x, y, z)) * 0.5 + 0.5) * (side - 1.0) + 0.5) / side;
+    let by_normal = textureSampleLevel(whole_by_normal, smooth_sampler, uv, 0u, 0.0).rgb;
+    return select(by_normal, jobs[k].whole.rgb, planes[k].kind.x == 1u);
+}
+
+// What arrives of what could; all of it where there is no light to lose.
+fn share(lost: vec3f, whole: vec3f) -> vec3f {
+    let ratio = clamp(vec3f(1.0) - lost / max(whole, vec3f(1e-12)), vec3f(0.0), vec3f(1.0));
+    return select(vec3f(1.0), ratio, whole > vec3f(1e-9));
 }
 
 fn depth_at(texel: u32) -> f32 {
     return f32(receivers[texel].y) / 65534.0;
 }
 
-// Loops over colours and texels are written out: software drivers keep what is indexed by a
-// variable in memory.
-fn sum_plane(k: u32, word: u32) {
-    let words = SIDE * SIDE / 4u;
-    let job = jobs[k];
-    if word >= words || (job.x | job.y) == 0u {
+// What is written out for four texels would be kept in memory by software drivers if it were
+// indexed by a variable.
+@compute @workgroup_size(64)
+fn sum(@builtin(global_invocation_id) id: vec3u) {
+    let word = id.x;
+    let k = which.x;
+    if word >= SIDE * SIDE / 4u {
         return;
     }
     let texel = 4u * word;
     let n = normals_of(k, texel);
     let none = Colours(vec4f(0.0), vec4f(0.0), vec4f(0.0));
-    var whole = none;
     var all = none;
     var past = none;
     let at_word = vec2u(word % (SIDE / 4u), word / (SIDE / 4u));
-    for (var j = 0u; j < job.x; j++) {
+    let count = jobs[k].stored;
+    let black = jobs[k].black;
+    for (var j = 0u; j < count; j++) {
         let s = work[j].change;
-        let l = work[j].light;
-        let cosine = max(n.x * l.x + n.y * l.y + n.z * l.z, vec4f(0.0));
-        var arrives = cosine;
-        if PHANTOMS {
-            arrives *= visibility(l.w, at_word);
-        }
-        whole = added(whole, cosine, s.rgb);
-        all = added(all, arrives * visibility(s.w, at_word), s.rgb);
         if REAL {
-            past = added(past, arrives, s.rgb);
+            let l = work[j].light;
+            let cosine = max(n.x * l.x + n.y * l.y + n.z * l.z, vec4f(0.0));
+            all = added(all, lost_of(s.w, at_word, cosine), s.rgb);
+            past = added(past, lost_of(l.w, at_word, cosine), s.rgb);
+        } else {
+            all = added(all, stored(s.w, at_word), s.rgb);
         }
     }
-    let keep = select(1.0, 0.0, job.y == 1u);
-    let at = planes[k].kind.y + word * select(6u, 9u, REAL);
-    whole = kept(whole, at, keep);
-    all = shares(kept(all, at + 3u, keep), whole);
+    for (var j = 0u; j < black; j++) {
+        let s = work[LIGHTS - 1u - j].change;
+        let l = work[LIGHTS - 1u - j].light;
+        all = added(all, max(n.x * l.x + n.y * l.y + n.z * l.z, vec4f(0.0)), s.rgb);
+    }
+    let keep = select(1.0, 0.0, jobs[k].anew == 1u);
+    let at = planes[k].kind.y + word * select(3u, 6u, REAL);
+    all = kept(all, at, keep);
+    let w0 = whole_at(k, n.x.x, n.y.x, n.z.x);
+    let w1 = whole_at(k, n.x.y, n.y.y, n.z.y);
+    let w2 = whole_at(k, n.x.z, n.y.z, n.z.z);
+    let w3 = whole_at(k, n.x.w, n.y.w, n.z.w);
     let row = vec2u(texel % SIDE, texel / SIDE);
     let first = k * SIDE * SIDE + texel;
-    textureStore(share_all, row, k, vec4f(all.r.x, all.g.x, all.b.x, depth_at(first)));
-    textureStore(share_all, row + vec2u(1u, 0u), k, vec4f(all.r.y, all.g.y, all.b.y, depth_at(first + 1u)));
-    textureStore(share_all, row + vec2u(2u, 0u), k, vec4f(all.r.z, all.g.z, all.b.z, depth_at(first + 2u)));
-    textureStore(share_all, row + vec2u(3u, 0u), k, vec4f(all.r.w, all.g.w, all.b.w, depth_at(first + 3u)));
+    textureStore(share_all, row, k, vec4f(share(vec3f(all.r.x, all.g.x, all.b.x), w0), depth_at(first)));
+    textureStore(share_all, row + vec2u(1u, 0u), k, vec4f(share(vec3f(all.r.y, all.g.y, all.b.y), w1), depth_at(first + 1u)));
+    textureStore(share_all, row + vec2u(2u, 0u), k, vec4f(share(vec3f(all.r.z, all.g.z, all.b.z), w2), depth_at(first + 2u)));
+    textureStore(share_all, row + vec2u(3u, 0u), k, vec4f(share(vec3f(all.r.w, all.g.w, all.b.w), w3), depth_at(first + 3u)));
     if REAL {
-        past = shares(kept(past, at + 6u, keep), whole);
-        textureStore(share_real, row, k, vec4f(past.r.x, past.g.x, past.b.x, 1.0));
-        textureStore(share_real, row + vec2u(1u, 0u), k, vec4f(past.r.y, past.g.y, past.b.y, 1.0));
-        textureStore(share_real, row + vec2u(2u, 0u), k, vec4f(past.r.z, past.g.z, past.b.z, 1.0));
-        textureStore(share_real, row + vec2u(3u, 0u), k, vec4f(past.r.w, past.g.w, past.b.w, 1.0));
+        past = kept(past, at + 3u, keep);
+        textureStore(share_real, row, k, vec4f(share(vec3f(past.r.x, past.g.x, past.b.x), w0), 1.0));
+        textureStore(share_real, row + vec2u(1u, 0u), k, vec4f(share(vec3f(past.r.y, past.g.y, past.b.y), w1), 1.0));
+        textureStore(share_real, row + vec2u(2u, 0u), k, vec4f(share(vec3f(past.r.z, past.g.z, past.b.z), w2), 1.0));
+        textureStore(share_real, row + vec2u(3u, 0u), k, vec4f(share(vec3f(past.r.w, past.g.w, past.b.w), w3), 1.0));
     }
-}
-
-@compute @workgroup_size(64)
-fn sum(@builtin(global_invocation_id) id: vec3u) {
-    sum_plane(which.x, id.x);
 }

@@ -40,25 +40,27 @@ impl ReceiverImage {
     pub const NOTHING: u16 = u16::MAX;
 }
 
-/// Share of one light that arrives, texel by texel.
+/// What one light of unit irradiance loses on its way, texel by texel: a − Ib of the papers,
+/// `cos θ · (1 − V)`. What is not lost is left out of every sum, which spares more than leaving
+/// out what is dark, and a surface that everything reaches is lit exactly.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Image {
-    /// Nothing arrives anywhere. Not stored, and not summed.
+    /// Nothing arrives anywhere: all is lost. Not stored; the cosine alone tells it.
     Black,
-    /// All of it arrives everywhere. Not stored.
+    /// All of it arrives everywhere: nothing is lost. Not stored, and not summed.
     White,
     /// Number of the image in [`Bake::texels`].
     Stored(u32),
 }
 
-/// Both visibilities of one light from one plane. Their product is Ib / a of the papers. Both
-/// are black where no texel faces the light: then a is zero, too.
+/// Both images of one light on one plane. Both are black where no texel faces the light: then
+/// there is nothing to lose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Basis {
-    /// What virtual objects let through.
-    pub by_model: Image,
-    /// What phantoms let through.
-    pub by_phantoms: Image,
+    /// Past virtual objects and phantoms.
+    pub past_all: Image,
+    /// Past phantoms alone; on the virtual layer it is not wanted, and white.
+    pub past_phantoms: Image,
 }
 
 /// Everything that is baked.
@@ -75,7 +77,7 @@ pub struct Bake {
     /// For each plane all lights, in the order of the dome's faces. An image in which no light
     /// arrives at any texel that faces it is [`Image::Black`].
     pub images: Vec<Basis>,
-    /// The stored images: visibility, 0 to 255, `resolution²` bytes each.
+    /// The stored images: what is lost, 0 to 255, `resolution²` bytes each.
     pub texels: Vec<u8>,
 }
 
@@ -89,7 +91,7 @@ impl Bake {
     /// Basis images in which light arrives, and all there could be.
     #[must_use]
     pub fn counts(&self) -> (usize, usize) {
-        let lit = |b: &&Basis| b.by_model != Image::Black && b.by_phantoms != Image::Black;
+        let lit = |b: &&Basis| b.past_all != Image::Black;
         (self.images.iter().filter(lit).count(), self.images.len())
     }
 }

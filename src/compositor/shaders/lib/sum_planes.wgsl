@@ -1,5 +1,5 @@
-// What planning and summing know of the planes. Twins of `synthesis::Settings` and
-// `synthesis::SumPlane`.
+// What planning and summing know of the planes. Twins of `synthesis::Settings`, `SumPlane` and
+// `Job`.
 
 struct Settings {
     planes: u32,
@@ -23,9 +23,28 @@ struct SumPlane {
     kind: vec4u,
 }
 
+// What a plane has to sum in this frame.
+struct Job {
+    // Workgroups of `sum`, none where nothing changes: read as the size of its dispatch.
+    groups: vec3u,
+    // 1: sums begin anew; 0: differences are added.
+    anew: u32,
+    // Entries with an image, from the first on; entries of images that are black and not
+    // stored, from the last on backwards. Then lights that were left out.
+    stored: u32,
+    black: u32,
+    skipped: u32,
+    unused: u32,
+    // Asum where the receiver is the plane itself.
+    whole: vec4f,
+}
+
 // A light whose image a plane has to sum: by how much its luminance has changed and the number
-// of its image by the model, then where it stands and the number of its image by phantoms.
+// of its image past everything, then where it stands and the number of that past phantoms.
 struct Entry {
     change: vec4f,
     light: vec4f,
 }
+
+const BLACK = 0xffffffffu;
+const WHITE = 0xfffffffeu;

@@ -46,7 +46,7 @@ pub(super) fn check(bake: &Bake) -> Result<(), String> {
     if !bake
         .images
         .iter()
-        .all(|b| known(b.by_model) && known(b.by_phantoms))
+        .all(|b| known(b.past_all) && known(b.past_phantoms))
     {
         return Err("it lacks an image that it names".into());
     }
@@ -111,7 +111,11 @@ pub(super) fn write(bake: &Bake) -> Vec<u8> {
         );
         out.extend(receiver.depths.iter().flat_map(|d| d.to_le_bytes()));
     }
-    for image in bake.images.iter().flat_map(|b| [b.by_model, b.by_phantoms]) {
+    for image in bake
+        .images
+        .iter()
+        .flat_map(|b| [b.past_all, b.past_phantoms])
+    {
         // Two numbers that no stored image has stand for those that are not stored.
         let code = match image {
             Image::Black => u32::MAX,
@@ -165,8 +169,8 @@ pub(super) fn read(raw: &[u8], key: [u8; 32]) -> Result<Bake, String> {
     let images = (0..count * lights)
         .map(|_| {
             Ok(Basis {
-                by_model: read_image(&mut bytes)?,
-                by_phantoms: read_image(&mut bytes)?,
+                past_all: read_image(&mut bytes)?,
+                past_phantoms: read_image(&mut bytes)?,
             })
         })
         .collect::<Result<_, String>>()?;

@@ -65,8 +65,8 @@ fn new_bake() -> Bake {
         receivers: (0..planes.len()).map(receiver).collect(),
         images: (0..40 * planes.len() as u32)
             .map(|i| Basis {
-                by_model: image(i),
-                by_phantoms: image(i / 3),
+                past_all: image(i),
+                past_phantoms: image(i / 3),
             })
             .collect(),
         texels: (0..64 * 5).map(|i| (i * 7 % 256) as u8).collect(),
@@ -169,7 +169,7 @@ fn a_bake_that_does_not_fit_together_is_not_written() {
         |b| b.settings.frequency = 0,
         |b| drop(b.receivers.pop()),
         |b| b.texels.truncate(3),
-        |b| b.images[0].by_model = Image::Stored(5),
+        |b| b.images[0].past_all = Image::Stored(5),
         |b| b.planes[0].centre.x = f64::NAN,
     ];
     for spoil in broken {
