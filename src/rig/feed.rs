@@ -8,7 +8,7 @@ use super::source::Source;
 use crate::calibration::RigCalibration;
 use crate::calibration::rig::EnvironmentView;
 use crate::capture::{Hub, Taken};
-use crate::session::{Events, Session, SessionError, SessionEvent};
+use crate::session::{Events, LightNote, Session, SessionError, SessionEvent};
 use crate::sync::{Pairing, PairingConfig, PairingCounts, RigFrame};
 use penumbra_interface::{Clock, MonotonicTime, PoseSample, SystemClock};
 use penumbra_tracker_serial::{AnyDecoder, Counters, Format};
@@ -65,8 +65,19 @@ pub struct FedFrame {
     pub frame: RigFrame,
     /// Pictures that a live rig passed over for it.
     pub passed_over: u64,
-    /// The light is to see it. Not so in a replay where the live rig passed it over.
-    pub lit: bool,
+    /// What a live rig noted about it.
+    pub noted: Noted,
+}
+
+/// What the recording of a live rig says about a picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Noted {
+    /// Nothing: no rig has composed it before.
+    Nothing,
+    /// The rig passed it over, and its light has not seen it.
+    PassedOver,
+    /// It was composed; older recordings do not say in which light.
+    Composed(Option<LightNote>),
 }
 
 /// What came in.
@@ -141,7 +152,7 @@ impl Feed {
             };
             if let Some(frame) = self.pairing.pop() {
                 return Fed::Frame(Box::new(FedFrame {
-                    lit: recorded.was_prepared(frame.scene.arrived_at),
+                    noted: recorded.note_about(frame.scene.arrived_at),
                     passed_over: 0,
                     frame,
                 }));
@@ -190,15 +201,22 @@ impl Feed {
         let Some(frame) = newest else {
             return Fed::Idle;
         };
-        hub.journal(&SessionEvent::Prepared {
-            at: SystemClock.now(),
-            arrived_at: frame.scene.arrived_at,
-        });
         Fed::Frame(Box::new(FedFrame {
             frame,
             passed_over,
-            lit: true,
+            noted: Noted::Nothing,
         }))
+    }
+
+    /// Notes for a recording that the picture of this arrival is composed, in which light.
+    pub fn note(&self, arrived_at: MonotonicTime, light: LightNote) {
+        if let Origin::Live(hub) = &self.origin {
+            hub.journal(&SessionEvent::Prepared {
+                at: SystemClock.now(),
+                arrived_at,
+                light: Some(light),
+            });
+        }
     }
 
     fn take(&mut self, event: SessionEvent) {
@@ -299,31 +317,35 @@ impl Recorded {
         self.ahead.pop_front().or_else(|| self.events.next())
     }
 
-    /// Whether the live rig made the picture of this arrival ready, and so let the light
-    /// see it. Its note about that, or about a later picture, comes soon after.
-    fn was_prepared(&mut self, picture_at: MonotonicTime) -> bool {
+    /// What the live rig noted about the picture of this arrival. Its note about that, or
+    /// about a later picture, comes soon after.
+    fn note_about(&mut self, picture_at: MonotonicTime) -> Noted {
         if !self.as_live {
-            return true;
+            return Noted::Nothing;
         }
         let (mut i, mut bytes) = (0, 0);
         loop {
             if i == self.ahead.len() {
                 match self.events.next() {
                     Some(event) => self.ahead.push_back(event),
-                    None => return false,
+                    None => return Noted::PassedOver,
                 }
             }
             match self.ahead.get(i) {
-                Some(Ok(SessionEvent::Prepared { arrived_at, .. }))
-                    if *arrived_at >= picture_at =>
-                {
-                    return *arrived_at == picture_at;
+                Some(Ok(SessionEvent::Prepared {
+                    arrived_at, light, ..
+                })) if *arrived_at >= picture_at => {
+                    return if *arrived_at == picture_at {
+                        Noted::Composed(*light)
+                    } else {
+                        Noted::PassedOver
+                    };
                 }
                 Some(Ok(event)) => {
                     bytes += event.bytes();
                     let far = event.arrived_at().nanos_since(picture_at) > NOTE_NANOS;
                     if far || bytes > NOTE_BYTES {
-                        return false;
+                        return Noted::PassedOver;
                     }
                 }
                 _ => (),

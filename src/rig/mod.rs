@@ -10,6 +10,8 @@ pub mod bake;
 pub mod feed;
 pub mod light;
 pub mod light_report;
+mod lighter;
+mod lights;
 mod live_status;
 mod notify;
 mod pace;

@@ -3,18 +3,20 @@
 //! waits for it, so the same recording gives the same pictures.
 
 use super::feed::{Fed, FedFrame, Feed, FeedCounts};
-use super::light::{LightStation, SceneView, placement};
+use super::light::LightStation;
+use super::lighter::{Lighter, Seen};
+use super::lights::Lights;
 use super::pace::Pace;
 use super::source::Source;
 use super::{RigError, RigSetup, threads};
 use crate::calibration::photometry::MatchStatus;
 use crate::capture::TrackerSource;
-use crate::config::{Config, LightPlacement, ReplayPairing};
+use crate::config::{Config, ReplayPairing};
 use crate::environment::adaptive::CompactSource;
-use crate::environment::{LightKind, Lighting, cube};
+use crate::environment::{LightKind, Lighting};
 use crate::picture::{Picture, YuvEncoding, decode_into};
 use crate::scene::NearLight;
-use crate::status::{LightsMode, Settings, Technique, environment_preview};
+use crate::status::Settings;
 use crate::sync::{PairingConfig, PairingCounts, RigFrame};
 use crossbeam_channel::{Receiver, Sender, bounded};
 use penumbra_interface::{MonotonicTime, RigidTransform};
@@ -26,10 +28,6 @@ use tokio::sync::watch;
 
 /// Frames that may wait for the compositor.
 const AHEAD: usize = 1;
-/// Rows of the environment's preview.
-const PREVIEW_ROWS: u32 = 128;
-/// Time between two previews.
-const PREVIEW_EVERY: Duration = Duration::from_secs(1);
 
 /// One frame with everything that it is made of.
 pub struct Prepared {
@@ -47,7 +45,7 @@ pub struct Prepared {
     pub light: LightState,
     /// How long decoding took.
     pub decoding: Duration,
-    /// How long the light took.
+    /// How long the light took that it is drawn in.
     pub lighting: Duration,
     /// A new preview of the environment.
     pub preview: Option<Arc<Picture>>,
@@ -112,6 +110,8 @@ pub struct Counts {
 /// The thread, and the way to it. Dropping it ends the thread.
 pub struct Preparation {
     steps: Option<Receiver<Step>>,
+    /// Says that the next step is waited for, to a rig that makes none sooner.
+    wants: Option<Sender<()>>,
     spare: Sender<Picture>,
     thread: Option<JoinHandle<()>>,
 }
@@ -130,36 +130,31 @@ impl Preparation {
     ) -> Result<Self, RigError> {
         let as_live = as_live(config, source);
         let pairing = pairing(config, setup, as_live);
-        // A live picture must not grow old behind another one.
         let ahead = if source.is_live() { 0 } else { AHEAD };
         let (steps_in, steps) = bounded(ahead);
         let (spare, spares) = bounded(AHEAD + 2);
+        let (wants, wanted) = bounded(1);
         let mut worker = Worker {
-            light: LightStation::new(setup, config, &|name| source.attachment(name))?,
+            lights: lights(setup, config, source, wished)?,
             feed: Feed::new(source, &setup.calibration, pairing, as_live),
             setup: setup.clone(),
             pairing,
             yuv: config.input.encoding(),
-            frequency: config.planes.frequency,
             // Files hold every frame of the recording.
             pace: (!source.is_live())
                 .then(|| Pace::new(config.replay.speed, config.output.frames.is_some())),
             repeat: config.replay.repeat && !source.is_live(),
-            wished,
             steps: steps_in,
+            wanted: source.is_live().then_some(wanted),
             spares,
             stop,
-            state: LightState::default(),
-            later: as_live.then(Later::default),
-            previewed: None,
             began: None,
         };
-        let technique = super::live_settings(config).technique;
-        worker.light.set_faces(worker.faces_of(technique));
         let thread = threads::spawn("prepare", move || worker.run())
             .map_err(|source| RigError::Thread { source })?;
         Ok(Self {
             steps: Some(steps),
+            wants: Some(wants),
             spare,
             thread: Some(thread),
         })
@@ -167,6 +162,10 @@ impl Preparation {
 
     /// Waits for the next step; `None` after the last.
     pub fn next(&self) -> Option<Step> {
+        if let Some(wants) = &self.wants {
+            // Said already, or nobody listens.
+            let _ = wants.try_send(());
+        }
         self.steps.as_ref()?.recv().ok()
     }
 
@@ -180,6 +179,7 @@ impl Preparation {
 impl Drop for Preparation {
     fn drop(&mut self) {
         self.steps = None;
+        self.wants = None;
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }
@@ -188,37 +188,20 @@ impl Drop for Preparation {
 
 struct Worker {
     setup: RigSetup,
-    light: LightStation,
+    lights: Lights,
     feed: Feed,
     pairing: PairingConfig,
     yuv: YuvEncoding,
-    /// Of the geodesic dome, where planes are the technique.
-    frequency: u32,
     /// Devices have a pace of their own.
     pace: Option<Pace>,
     repeat: bool,
-    wished: watch::Receiver<Settings>,
     steps: Sender<Step>,
+    /// A live picture is chosen when the compositor is free for it, so that it is the newest
+    /// and has not grown old behind another.
+    wanted: Option<Receiver<()>>,
     spares: Receiver<Picture>,
     stop: Arc<AtomicBool>,
-    state: LightState,
-    /// A live picture does not wait for its own light: it takes that of the picture before
-    /// it, and its own is worked out while it is drawn. A replay of it does the same.
-    later: Option<Later>,
-    previewed: Option<Instant>,
     began: Option<MonotonicTime>,
-}
-
-/// A picture whose light is still to be worked out.
-#[derive(Default)]
-struct Later {
-    frame: Option<RigFrame>,
-    picture: Picture,
-    world_from_camera: Option<RigidTransform>,
-    /// How long that took last.
-    took: Duration,
-    /// What was wrong with it.
-    unseen: Option<String>,
 }
 
 impl Worker {
@@ -230,6 +213,10 @@ impl Worker {
                 pace.restart();
             }
             loop {
+                let free = self.wanted.as_ref().map(Receiver::recv);
+                if free.is_some_and(|free| free.is_err()) {
+                    return;
+                }
                 let step = match self.feed.next_picture() {
                     Fed::Frame(fed) => self.step(*fed),
                     Fed::Idle => Step::Idle(Box::new(self.counts())),
@@ -238,7 +225,6 @@ impl Worker {
                 if self.stop.load(Ordering::Relaxed) || self.steps.send(step).is_err() {
                     return;
                 }
-                self.see_later();
             }
             let counts = self.counts();
             let over = self.steps.send(Step::End(Box::new(counts))).is_err();
@@ -261,7 +247,7 @@ impl Worker {
         let FedFrame {
             frame,
             passed_over,
-            lit,
+            noted,
         } = fed;
         let first = *self.began.get_or_insert(frame.captured_at);
         if let Some(pace) = &mut self.pace
@@ -280,22 +266,21 @@ impl Worker {
             .setup
             .world_from_camera(&frame)
             .filter(|_| misfit.is_none());
-        self.take_settings();
-        let (lighting, unseen) = if lit {
-            self.light_for(&frame, &picture, world_from_camera)
-        } else {
-            (Duration::ZERO, None)
-        };
+        let seen = Seen::new(&frame, world_from_camera);
+        if let Some(note) = self.lights.see(&seen, &picture, noted) {
+            self.feed.note(seen.arrived_at, note);
+        }
+        let light = self.lights.in_force();
         Step::Frame(Box::new(Prepared {
             index: frame.index,
             seconds: frame.captured_at.seconds_since(first),
             picture,
             world_from_camera,
-            light: self.state.clone(),
+            light: light.state.clone(),
             decoding,
-            lighting,
-            preview: self.preview(),
-            warning: misfit.or(unseen),
+            lighting: light.took,
+            preview: light.preview.take(),
+            warning: misfit.or(light.unseen.take()),
             passed_over,
             counts: self.counts(),
             frame,
@@ -315,97 +300,22 @@ impl Worker {
             )
         })
     }
+}
 
-    /// Sees to the light of a picture, now or after it was handed over; how long that took,
-    /// or took for the picture before, and what was wrong.
-    fn light_for(
-        &mut self,
-        frame: &RigFrame,
-        picture: &Picture,
-        world_from_camera: Option<RigidTransform>,
-    ) -> (Duration, Option<String>) {
-        // Without any light there is nothing to show meanwhile.
-        if self.state.lighting.is_some()
-            && let Some(later) = &mut self.later
-        {
-            later.frame = Some(frame.clone());
-            later.picture.copy_from(picture);
-            later.world_from_camera = world_from_camera;
-            return (later.took, later.unseen.take());
-        }
-        let begun = Instant::now();
-        let unseen = self.see(frame, picture, world_from_camera);
-        (begun.elapsed(), unseen)
-    }
-
-    /// Works out the light that [`Self::light_for`] put off.
-    fn see_later(&mut self) {
-        let Some(mut later) = self.later.take() else {
-            return;
-        };
-        if let Some(frame) = later.frame.take() {
-            let begun = Instant::now();
-            later.unseen = self.see(&frame, &later.picture, later.world_from_camera);
-            later.took = begun.elapsed();
-        }
-        self.later = Some(later);
-    }
-
-    /// Updates the light. An environment picture that cannot be read leaves it as it was.
-    fn see(
-        &mut self,
-        frame: &RigFrame,
-        picture: &Picture,
-        world_from_camera: Option<RigidTransform>,
-    ) -> Option<String> {
-        let view = SceneView {
-            picture,
-            world_from_camera,
-            captured_at: frame.captured_at,
-            exposure: frame.scene.exposure,
-        };
-        let set = frame.environment.as_ref().map(|e| e.set.as_ref());
-        let result = self.light.update(set, &view);
-        let lighting = self.light.lighting();
-        let generation = |l: Option<&Arc<Lighting>>| l.map(|l| l.generation);
-        if generation(lighting) != generation(self.state.lighting.as_ref()) {
-            self.state = self.light.state();
-        }
-        result.err().map(|error| error.to_string())
-    }
-
-    fn take_settings(&mut self) {
-        if !self.wished.has_changed().unwrap_or(false) {
-            return;
-        }
-        let settings = self.wished.borrow_and_update().clone();
-        let lights = match settings.lights_mode {
-            LightsMode::Adaptive => LightPlacement::Adaptive,
-            LightsMode::Grid => LightPlacement::Grid,
-        };
-        self.light
-            .set_lights(placement(lights), settings.light_count as usize);
-        self.light.set_faces(self.faces_of(settings.technique));
-    }
-
-    /// Frequency of the dome whose faces shadowing planes want lit.
-    fn faces_of(&self, technique: Technique) -> Option<u32> {
-        (technique == Technique::ShadowingPlanes).then_some(self.frequency)
-    }
-
-    /// A new preview, now and then.
-    fn preview(&mut self) -> Option<Arc<Picture>> {
-        let lighting = self.state.lighting.as_ref()?;
-        if self
-            .previewed
-            .is_some_and(|at| at.elapsed() < PREVIEW_EVERY)
-        {
-            return None;
-        }
-        self.previewed = Some(Instant::now());
-        let radiance = |d| cube::sample(&lighting.radiance, 0, d);
-        let picture = environment_preview(PREVIEW_ROWS, radiance, &lighting.lights);
-        Some(Arc::new(picture))
+/// How pictures come by their light.
+fn lights(
+    setup: &RigSetup,
+    config: &Config,
+    source: &Source,
+    wished: watch::Receiver<Settings>,
+) -> Result<Lights, RigError> {
+    let station = LightStation::new(setup, config, &|name| source.attachment(name))?;
+    let technique = super::live_settings(config).technique;
+    let lighter = Lighter::new(station, wished, technique, config.planes.frequency);
+    match source {
+        Source::Live(_) => Lights::beside(lighter),
+        Source::Recorded(_) if as_live(config, source) => Ok(Lights::as_noted(lighter)),
+        Source::Recorded(_) => Ok(Lights::own(lighter)),
     }
 }
 

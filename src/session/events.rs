@@ -48,7 +48,19 @@ pub enum SessionEvent {
         at: MonotonicTime,
         /// The picture's arrival.
         arrived_at: MonotonicTime,
+        /// Its light. Older recordings say nothing of it: theirs saw each of these pictures,
+        /// and each was drawn in the light of the one before.
+        light: Option<LightNote>,
     },
+}
+
+/// What a live rig noted of a picture's light, which is worked out beside the drawing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LightNote {
+    /// The light saw the picture, so that later ones could be drawn in its light.
+    pub seen: bool,
+    /// Arrival of the picture in whose light this one was drawn; before any light, none.
+    pub lit_by: Option<MonotonicTime>,
 }
 
 impl SessionEvent {
@@ -255,9 +267,17 @@ impl Events {
             Some(Role::Journal) => {
                 match serde_json::from_slice(&data).map_err(|e| e.to_string())? {
                     JournalMessage::Tick {} => SessionEvent::Tick(arrived_at),
-                    JournalMessage::Prepared { arrived_at: of } => SessionEvent::Prepared {
+                    JournalMessage::Prepared {
+                        arrived_at: of,
+                        seen,
+                        lit_by,
+                    } => SessionEvent::Prepared {
                         at: arrived_at,
                         arrived_at: MonotonicTime::from_nanos(of),
+                        light: seen.map(|seen| LightNote {
+                            seen,
+                            lit_by: lit_by.map(MonotonicTime::from_nanos),
+                        }),
                     },
                 }
             }

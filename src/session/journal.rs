@@ -1,6 +1,7 @@
 //! What the live rig made of the streams, so that a replay can make the same of them; and
 //! the controls that were in force.
 
+use super::events::LightNote;
 use penumbra_interface::{ControlsInForce, MonotonicTime};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -12,16 +13,23 @@ use std::sync::Arc;
 pub(super) enum JournalMessage {
     /// Nothing came, and pairing was told the time.
     Tick {},
-    /// The scene camera's picture with this arrival was made ready for the compositor, the
-    /// light having seen it. Pictures between two of these were passed over.
+    /// The scene camera's picture with this arrival was made ready for the compositor.
+    /// Pictures between two of these were passed over.
     Prepared {
         /// Nanoseconds.
         arrived_at: i64,
+        /// The light saw the picture. Not said by a rig whose light saw each of these
+        /// pictures, and that drew each in the light of the one before.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        seen: Option<bool>,
+        /// Arrival of the picture in whose light this one was drawn, nanoseconds.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        lit_by: Option<i64>,
     },
 }
 
 /// JSON schema of [`JournalMessage`].
-pub(super) const JOURNAL_SCHEMA: &[u8] = br#"{"title":"penumbra.Journal","type":"object","properties":{"tick":{"type":"object","description":"nothing came, and pairing was told the time"},"prepared":{"type":"object","description":"a picture of the scene camera was made ready to be composed","properties":{"arrived_at":{"type":"integer","description":"its arrival, nanoseconds"}}}}}"#;
+pub(super) const JOURNAL_SCHEMA: &[u8] = br#"{"title":"penumbra.Journal","type":"object","properties":{"tick":{"type":"object","description":"nothing came, and pairing was told the time"},"prepared":{"type":"object","description":"a picture of the scene camera was made ready to be composed","properties":{"arrived_at":{"type":"integer","description":"its arrival, nanoseconds"},"seen":{"type":"boolean","description":"its light was worked out"},"lit_by":{"type":"integer","description":"arrival of the picture in whose light it was drawn, nanoseconds"}}}}}"#;
 
 /// JSON of a `.../controls` message, in the device's own units.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -47,9 +55,11 @@ impl ControlsMessage {
 }
 
 impl JournalMessage {
-    pub const fn prepared(arrived_at: MonotonicTime) -> Self {
+    pub fn prepared(arrived_at: MonotonicTime, light: Option<LightNote>) -> Self {
         Self::Prepared {
             arrived_at: arrived_at.as_nanos(),
+            seen: light.map(|light| light.seen),
+            lit_by: light.and_then(|light| light.lit_by.map(MonotonicTime::as_nanos)),
         }
     }
 }

@@ -35,7 +35,7 @@ mod writer;
 pub mod import;
 
 pub use error::SessionError;
-pub use events::{Events, SessionEvent};
+pub use events::{Events, LightNote, SessionEvent};
 pub use info::{StreamInfo, describe};
 pub use reader::{Attachment, Session};
 pub use topics::Camera;

@@ -587,6 +587,24 @@ fn controls_and_the_journal_survive_in_the_order_of_the_file() {
         SessionEvent::Prepared {
             at: at(2 * second + 6),
             arrived_at: at(2 * second),
+            light: Some(LightNote {
+                seen: true,
+                lit_by: Some(at(second)),
+            }),
+        },
+        SessionEvent::Prepared {
+            at: at(2 * second + 6),
+            arrived_at: at(2 * second + 1),
+            light: Some(LightNote {
+                seen: false,
+                lit_by: None,
+            }),
+        },
+        // As rigs wrote it that drew each picture in the light of the one before.
+        SessionEvent::Prepared {
+            at: at(2 * second + 6),
+            arrived_at: at(2 * second + 2),
+            light: None,
         },
         // Stamped by another thread a moment before, but taken after.
         SessionEvent::TrackerBytes {

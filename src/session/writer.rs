@@ -2,7 +2,7 @@
 
 use super::SessionError;
 use super::container::is_inside;
-use super::events::SessionEvent;
+use super::events::{LightNote, SessionEvent};
 use super::journal::{self, ControlsMessage, JournalMessage};
 use super::messages::{self, ExposureMessage};
 use super::sink::{Sink, Watched};
@@ -182,16 +182,17 @@ impl<W: Write + Seek> SessionWriter<W> {
     }
 
     /// Records, at `at`, that the scene camera's picture with this arrival was made ready
-    /// for the compositor.
+    /// for the compositor, and in which light.
     ///
     /// # Errors
     /// If the time is before the clock's zero, or nothing can be written.
     pub fn prepared(
         &mut self,
         arrived_at: MonotonicTime,
+        light: Option<LightNote>,
         at: MonotonicTime,
     ) -> Result<(), SessionError> {
-        self.journal(&JournalMessage::prepared(arrived_at), at)
+        self.journal(&JournalMessage::prepared(arrived_at, light), at)
     }
 
     fn journal(&mut self, message: &JournalMessage, at: MonotonicTime) -> Result<(), SessionError> {
@@ -228,7 +229,11 @@ impl<W: Write + Seek> SessionWriter<W> {
             } => self.tracker_bytes(protocol, bytes, *arrived_at),
             SessionEvent::Pose(sample) => self.pose(sample),
             SessionEvent::Tick(at) => self.tick(*at),
-            SessionEvent::Prepared { at, arrived_at } => self.prepared(*arrived_at, *at),
+            SessionEvent::Prepared {
+                at,
+                arrived_at,
+                light,
+            } => self.prepared(*arrived_at, *light, *at),
         }
     }
 

@@ -131,6 +131,10 @@ fn a_replay_pairs_as_the_live_rig_did_and_knows_what_its_light_saw() {
             let noted = SessionEvent::Prepared {
                 at: at(40 * n + 90),
                 arrived_at: shown,
+                light: (n > 0).then_some(LightNote {
+                    seen: n == 4,
+                    lit_by: Some(at(0)),
+                }),
             };
             writer.event(&noted).unwrap();
         }
@@ -143,10 +147,27 @@ fn a_replay_pairs_as_the_live_rig_did_and_knows_what_its_light_saw() {
     let mut lit = Vec::new();
     while let Fed::Frame(fed) = feed.next_picture() {
         assert_eq!(fed.frame.index, lit.len() as u64);
-        lit.push(fed.lit);
+        lit.push(fed.noted);
     }
+    let passed_over = Noted::PassedOver;
+    let composed = |seen| {
+        Noted::Composed(Some(LightNote {
+            seen,
+            lit_by: Some(at(0)),
+        }))
+    };
     let expected = [
-        true, false, true, false, true, false, true, false, false, false,
+        // Older recordings say nothing of the light.
+        Noted::Composed(None),
+        passed_over,
+        composed(false),
+        passed_over,
+        composed(true),
+        passed_over,
+        composed(false),
+        passed_over,
+        passed_over,
+        passed_over,
     ];
     assert_eq!(lit, expected);
     // Whoever does not follow the live rig lets the light see all.
@@ -154,7 +175,7 @@ fn a_replay_pairs_as_the_live_rig_did_and_knows_what_its_light_saw() {
     let mut all = Feed::new(&source, &rig, PairingConfig::default(), false);
     let mut count = 0;
     while let Fed::Frame(fed) = all.next_picture() {
-        assert!(fed.lit);
+        assert_eq!(fed.noted, Noted::Nothing);
         count += 1;
     }
     assert_eq!(count, 10);
