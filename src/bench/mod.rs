@@ -1,21 +1,24 @@
 //! `penumbra bench`: how long a frame takes, on the adapter chosen, for the cases of the
-//! papers' tables; and what capturing costs.
+//! papers' tables; what capturing costs, and how old live pictures are.
 
 mod camera_session;
 mod capture;
 mod kakuta;
+mod live;
 mod report;
 mod simulated_tracker;
 mod stage;
 mod supan;
 mod thread_time;
 
+pub use live::LiveRow;
 pub use report::{BenchReport, CaptureRow, DeviceTally, PassTime, Percentiles, Row, ThreadCost};
 
 use crate::compositor::{Gpu, GpuError};
 use crate::rig::RigError;
 use crate::session::SessionError;
 use std::io;
+use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// What to measure.
@@ -27,10 +30,12 @@ pub struct BenchOptions {
     pub frames: Option<u32>,
     /// Measure this picture size too.
     pub size: Option<(u32, u32)>,
+    /// Recording whose devices the live case plays; the bundled one without it.
+    pub session: Option<PathBuf>,
 }
 
 /// Names of all cases.
-pub const CASES: [&str; 4] = ["supan", "kakuta2007", "kakuta2004", "capture"];
+pub const CASES: [&str; 5] = ["supan", "kakuta2007", "kakuta2004", "capture", "live"];
 
 /// A benchmark cannot be run. Each text is the one line that the user gets.
 #[derive(Debug, Error)]
@@ -53,6 +58,15 @@ pub enum BenchError {
         /// What the system said.
         source: io::Error,
     },
+    /// Whoever looks at the rig.
+    #[error("no thread to be had: {source}; end other programs")]
+    Thread {
+        /// What the system said.
+        source: io::Error,
+    },
+    /// Its devices delivered no picture.
+    #[error("the live rig composed no picture; name a recording with pictures with --session")]
+    Silent,
     /// Its tracker's protocol.
     #[error(transparent)]
     Protocol(#[from] penumbra_synthetic::UnknownProtocol),
@@ -65,6 +79,15 @@ impl BenchOptions {
         CASES
             .iter()
             .any(|case| *case != "capture" && self.wants(case))
+    }
+
+    fn session(&self) -> &Path {
+        self.session.as_deref().unwrap_or(Path::new(live::SESSION))
+    }
+
+    /// The live case cannot be run along with all others where the repository is not.
+    fn lacks_session(&self) -> bool {
+        self.case.is_none() && self.session.is_none() && !self.session().exists()
     }
 
     fn wants(&self, name: &str) -> bool {
@@ -94,6 +117,18 @@ pub fn run(
         let row = capture::run(options)?;
         progress(&row);
         report.capture.push(row);
+    }
+    if let Some(gpu) = gpu
+        && options.wants("live")
+    {
+        if options.lacks_session() {
+            let path = live::SESSION;
+            progress(&format_args!(
+                "live: left out, as {path} is not there; name a recording with --session"
+            ));
+            return Ok(report);
+        }
+        live::run(gpu, options, &mut report.live, &mut |row| progress(row))?;
     }
     Ok(report)
 }

@@ -1,5 +1,6 @@
 //! The benchmark's table and its JSON.
 
+use super::live::LiveRow;
 use crate::compositor::Gpu;
 use serde::Serialize;
 use std::fmt;
@@ -17,6 +18,8 @@ pub struct BenchReport {
     pub rows: Vec<Row>,
     /// What capturing costs.
     pub capture: Vec<CaptureRow>,
+    /// How old live pictures are.
+    pub live: Vec<LiveRow>,
 }
 
 /// One configuration.
@@ -146,6 +149,7 @@ impl BenchReport {
             software: gpu.is_some_and(|gpu| gpu.software),
             rows: Vec::new(),
             capture: Vec::new(),
+            live: Vec::new(),
         }
     }
 }

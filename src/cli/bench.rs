@@ -25,6 +25,9 @@ pub struct BenchArgs {
     /// Another picture size than the case's
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = size)]
     size: Option<(u32, u32)>,
+    /// Recording whose devices the live case plays, instead of the bundled one
+    #[arg(long, value_name = "FILE.mcap")]
+    session: Option<PathBuf>,
     /// Write over a file that is there
     #[arg(long)]
     force: bool,
@@ -40,6 +43,7 @@ pub fn run(args: BenchArgs) -> anyhow::Result<ExitCode> {
         case: args.case,
         frames: args.frames,
         size: args.size,
+        session: args.session,
     };
     let gpu = if options.needs_gpu() {
         let gpu = Gpu::open(args.adapter.as_deref())?;

@@ -86,6 +86,19 @@ impl Histogram {
         Duration::ZERO
     }
 
+    /// What was recorded after `earlier`, which this is a later state of; its longest is
+    /// that of all.
+    #[must_use]
+    pub fn since(&self, earlier: &Self) -> Self {
+        let mut since = self.clone();
+        for (now, before) in since.buckets.iter_mut().zip(earlier.buckets.iter()) {
+            *now = now.saturating_sub(*before);
+        }
+        since.count = since.buckets.iter().sum();
+        since.sum_seconds -= earlier.sum_seconds;
+        since
+    }
+
     /// How many values were at most `seconds`, to within a bucket: what a Prometheus
     /// histogram wants.
     #[must_use]
@@ -298,6 +311,18 @@ mod tests {
             h.record(Duration::from_nanos(nanos));
             prop_assert_eq!(h.buckets.iter().sum::<u64>(), 1);
         }
+    }
+
+    #[test]
+    fn what_was_recorded_since_is_told_apart() {
+        let earlier = histogram(&[50_000, 60_000, 70_000]);
+        let mut later = earlier.clone();
+        later.record(Duration::from_micros(1_000));
+        let since = later.since(&earlier);
+        assert_eq!(since.count(), 1);
+        assert!((since.sum_seconds() - 0.001).abs() < 1e-9);
+        let median = since.quantile(0.5).as_secs_f64();
+        assert!((median / 0.001 - 1.0).abs() < 0.023, "{median}");
     }
 
     #[test]

@@ -107,6 +107,26 @@ fn bench_tells_what_capturing_costs_thread_by_thread_without_a_graphics_device()
 }
 
 #[test]
+fn a_live_rig_tells_how_old_its_pictures_are() {
+    let desk = Desk::new();
+    let said = desk.works("bench --case live --session DESK --frames 5 --json live.json");
+    assert!(said.contains("arrival to picture"), "{said}");
+    let report = desk.json("live.json");
+    let rows = report["live"].as_array().unwrap();
+    let lights: Vec<_> = rows.iter().map(|row| row["lights"].as_u64()).collect();
+    assert_eq!(lights, [8, 8, 8, 64].map(Some));
+    for row in rows {
+        let ms = |part: &str| row[part]["p50"].as_f64().unwrap();
+        assert!(row["composed"].as_u64() >= Some(5), "{row}");
+        assert!(row["frames_per_second"].as_f64() > Some(0.0), "{row}");
+        let (arrival, total) = (ms("arrival_to_picture_ms"), ms("total_ms"));
+        assert!(total > 0.0 && arrival >= total, "{row}");
+    }
+    let refused = desk.refuses("bench --case live --session nowhere.mcap");
+    assert!(refused.contains("nowhere.mcap"), "{refused}");
+}
+
+#[test]
 fn light_of_a_session_is_written_as_maps_and_lights() {
     let desk = Desk::new();
     let said = desk.works("light DESK --out light");
