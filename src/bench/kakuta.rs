@@ -1,7 +1,8 @@
 //! The rows of Kakuta 2007 (40 lights × 38 planes, 58,500 triangles) and 2004 (40 × 8, black
 //! images dropped): 640×480, a temple gate on its site, a visitor who walks about; light that
 //! stays, and light that changes everywhere in every frame. More rows have other numbers of
-//! triangles: what planes cost does not depend on them.
+//! triangles: what planes cost does not depend on them. Software drivers draw one sample a pixel
+//! (`[picture] antialias = "off"`).
 
 use super::BenchOptions;
 use super::report::{BenchReport, Percentiles, Row};
@@ -68,7 +69,10 @@ fn measure(gpu: &Gpu, case: &Case, options: &BenchOptions) -> Result<Row, GpuErr
     let (width, height) = options.size.unwrap_or((640, 480));
     let scene = scene(case.segments);
     let bake = baked(gpu, &scene, case.planes)?;
-    let settings = CompositorSettings::for_adapter(gpu.software);
+    let settings = CompositorSettings {
+        samples: if gpu.software { 1 } else { 4 },
+        ..CompositorSettings::for_adapter(gpu.software)
+    };
     let mut compositor = Compositor::new(gpu.clone(), settings, Response::srgb());
     compositor.set_scene(&scene, &crate::scene::casters(&scene));
     compositor.set_bake(Some(&bake))?;

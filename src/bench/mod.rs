@@ -107,7 +107,12 @@ pub fn run(
 ) -> Result<BenchReport, BenchError> {
     let mut report = BenchReport::new(gpu);
     if let Some(gpu) = gpu {
-        progress(&Row::HEADING);
+        if ["supan", "kakuta2007", "kakuta2004"]
+            .iter()
+            .any(|case| options.wants(case))
+        {
+            progress(&Row::HEADING);
+        }
         if options.wants("supan") {
             supan::run(gpu, options, &mut report, &mut |row| progress(row))?;
         }
