@@ -4,9 +4,11 @@
 For every session folder under --truth: `penumbra import`, `penumbra replay --headless
 --speed max --frames-out`, then the folder's own `compare.py`. The program gets a view of
 the session without the judge's files (truth/, masks/, light_truth/, truth_rig.json,
-camera_truth.csv), so it cannot read them.
+camera_truth.csv), so it cannot read them. Each session is replayed once more with
+`--technique planes`, for a row beside the dome's; the bars are the dome's alone.
 
     tests/fidelity.py                                  all sessions, the table on stdout
+    tests/fidelity.py --no-planes                      the dome's rows alone
     tests/fidelity.py --sessions desk,courtyard --every 4 --jobs 2
     tests/fidelity.py --extra "--lights grid" --extra "desk-marker: --config sphere.toml"
 
@@ -34,6 +36,9 @@ REQUIREMENTS = Path(__file__).with_name("requirements-judge.txt")
 PACKAGES = ["numpy", "scipy", "PIL", "skimage", "flip_evaluator"]
 JUDGES_ONLY = {"truth", "masks", "light_truth", "truth_rig.json", "camera_truth.csv"}
 BASELINES = ("without", "unlit_mean", "blob", "truth_jpg")
+# row -> ending of its files' names, more arguments for replay
+DOME, PLANES = "COMPOSITE", "COMPOSITE planes"
+TECHNIQUES = {DOME: ("", []), PLANES: ("-planes", ["--technique", "planes"])}
 # compare.py's column, the table's heading, digits
 COLUMNS = [
     ("rmse_shadow", "RMSEshd", 2), ("s_err", "s_err", 4), ("s_bias", "s_bias", 4),
@@ -132,28 +137,57 @@ def gain_error(session: Path, report: dict) -> list[float] | None:
     return [100 * (f / t - 1) for f, t in zip(found, true)]
 
 
+def recorded(session: Path, work: Path, a: argparse.Namespace) -> Path:
+    """The session as the program gets it."""
+    mcap = work / "session.mcap"
+    if not a.compare_only:
+        view = blind_view(session, work / "rig")
+        step([str(a.penumbra), "import", str(view), str(mcap), "--force"], work / "log.txt", "import")
+    return mcap
+
+
+def composed(mcap: Path, session: Path, row: str, a: argparse.Namespace) -> tuple[Path, Path]:
+    """Folder of pictures and report of one replay."""
+    ending, technique = TECHNIQUES[row]
+    frames, report = mcap.with_name(f"frames{ending}"), mcap.with_name(f"report{ending}.json")
+    if not a.compare_only:
+        for old in frames.glob("*.png"):
+            old.unlink()
+        step([str(a.penumbra), "replay", str(mcap), "--headless", "--speed", "max", "--frames-out", str(frames),
+              "--report", str(report), "--force", *technique, *extra_arguments(a.extra, session.name)],
+             mcap.with_name("log.txt"), f"replay ({row})")
+    return frames, report
+
+
+def compared(python: str, compare: Path, session: Path, frames: Path, a: argparse.Namespace) -> dict[str, float]:
+    """The truth folder's judgement of one folder of pictures."""
+    result = frames.with_name(frames.name.replace("frames", "compare") + ".csv")
+    step([python, str(compare), str(session), "--composites", str(frames), "--every", str(a.every),
+          "--no-baselines", "--csv", str(result)], frames.with_name("log.txt"), "compare.py")
+    return read_rows(result)["composite"]
+
+
+def techniques(session: Path, a: argparse.Namespace) -> list[str]:
+    """Rows to make; one alone where --extra chooses the technique itself."""
+    chosen = any(x.split("=")[0] == "--technique" for x in extra_arguments(a.extra, session.name))
+    return [DOME] if a.no_planes or chosen else [DOME, PLANES]
+
+
 def judge(session: Path, a: argparse.Namespace, python: str) -> Result:
     """Everything for one session."""
     started = time.monotonic()
     work = a.out / session.name
     work.mkdir(parents=True, exist_ok=True)
-    log, mcap, frames, report = work / "log.txt", work / "session.mcap", work / "frames", work / "report.json"
-    log.write_text("")
-    if not a.compare_only:
-        for old in frames.glob("*.png"):
-            old.unlink()
-        view = blind_view(session, work / "rig")
-        step([str(a.penumbra), "import", str(view), str(mcap), "--force"], log, "import")
-        step([str(a.penumbra), "replay", str(mcap), "--headless", "--speed", "max", "--frames-out", str(frames),
-              "--report", str(report), "--force", *extra_arguments(a.extra, session.name)], log, "replay")
+    (work / "log.txt").write_text("")
     compare = a.truth / "compare.py"
     if not compare.exists():
         compare = ROOT / "../shared/truth/compare.py"
-    result = work / "compare.csv"
-    step([python, str(compare), str(session), "--composites", str(frames), "--every", str(a.every),
-          "--no-baselines", "--csv", str(result)], log, "compare.py")
-    rows = {"COMPOSITE": read_rows(result)["composite"], **baselines(python, compare, session, a.out, a.every)}
-    said = json.loads(report.read_text()) if report.exists() else {}
+    mcap, rows, reports = recorded(session, work, a), {}, {}
+    for row in techniques(session, a):
+        frames, reports[row] = composed(mcap, session, row, a)
+        rows[row] = compared(python, compare, session, frames, a)
+    rows |= baselines(python, compare, session, a.out, a.every)
+    said = json.loads(reports[DOME].read_text()) if reports[DOME].exists() else {}
     return Result(session.name, rows, said, gain_error(session, said), time.monotonic() - started)
 
 
@@ -170,8 +204,8 @@ def extra_arguments(extra: list[str], session: str) -> list[str]:
 
 
 def bars(result: Result) -> list[tuple[str, float, float]]:
-    """(what, reached, allowed) for each figure of the truth folder's README."""
-    ours, without = result.rows["COMPOSITE"], result.rows["without"]
+    """(what, reached, allowed) for each figure of the truth folder's README, of the dome."""
+    ours, without = result.rows[DOME], result.rows["without"]
     found = [
         ("s_err", ours["s_err"], without["s_err"] / 3),
         ("abs s_bias", abs(ours["s_bias"]), 0.015),
@@ -192,7 +226,7 @@ def table(results: list[Result]) -> str:
     for result in results:
         for name, row in result.rows.items():
             cells = [f"{row[c]:.{digits}f}" if c in row else "-" for c, _, digits in COLUMNS]
-            bold = "**" if name == "COMPOSITE" else ""
+            bold = "**" if name in TECHNIQUES else ""
             lines.append(f"| {result.name} | {bold}{name}{bold} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
@@ -225,6 +259,7 @@ def options() -> argparse.Namespace:
     parser.add_argument("--every", type=int, default=1, help="judge every N-th truth frame")
     parser.add_argument("--jobs", type=int, default=1, help="sessions at a time")
     parser.add_argument("--extra", action="append", default=[], metavar="ARGS", help='more arguments for replay; "NAME: ARGS" for one session')
+    parser.add_argument("--no-planes", action="store_true", help="leave out the rows of shadowing planes")
     parser.add_argument("--compare-only", action="store_true", help="judge the frames of the last run again")
     parser.add_argument("--penumbra", type=Path, help="the program (default: the release build)")
     parser.add_argument("--python", help="a Python with compare.py's packages")
