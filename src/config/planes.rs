@@ -6,8 +6,9 @@ use crate::scene::planes::{BakeSettings, Receiver};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
-/// Frequencies of the geodesic dome that can be asked for.
-pub const FREQUENCIES: [u32; 5] = [2, 3, 4, 6, 8];
+/// Frequencies of the geodesic dome that can be asked for: at odd ones the horizon would cut
+/// through faces.
+pub const FREQUENCIES: [u32; 4] = [2, 4, 6, 8];
 
 /// Lights of a dome of `frequency` on the upper hemisphere: half of an icosahedron's
 /// 20 · frequency² triangles.
@@ -150,8 +151,7 @@ pub(super) fn planes(file: PlanesFile, folder: &Path, out: &mut PlanesConfig) ->
     set(&mut out.clusters, clusters);
     set(&mut out.resolution, resolution(file.resolution)?);
     set(&mut out.frequency, frequency(file.frequency)?);
-    let samples = whole("planes.samples", file.samples, 1..=64)?;
-    set(&mut out.samples, samples);
+    set(&mut out.samples, samples(file.samples)?);
     let offset = within("planes.offset_m", file.offset_m, 0.0..=10.0)?;
     set(&mut out.offset, offset);
     set(&mut out.receiver, file.receiver);
@@ -177,6 +177,17 @@ fn resolution(value: Option<u32>) -> Result<Option<u32>> {
     }
 }
 
+/// A face is cut into as many triangles as a square number says.
+fn samples(value: Option<u32>) -> Result<Option<u32>> {
+    match value {
+        Some(v) if !((1..=64).contains(&v) && v.isqrt().pow(2) == v) => Err(Fault::new(
+            "planes.samples",
+            format!("expected a square number from 1 to 64, found {v}"),
+        )),
+        value => Ok(value),
+    }
+}
+
 fn frequency(value: Option<u32>) -> Result<Option<u32>> {
     match value {
         Some(v) if !FREQUENCIES.contains(&v) => Err(Fault::new(
@@ -193,6 +204,6 @@ mod tests {
 
     #[test]
     fn half_a_geodesic_dome_has_the_papers_lights() {
-        assert_eq!(FREQUENCIES.map(lights_of_dome), [40, 90, 160, 360, 640]);
+        assert_eq!(FREQUENCIES.map(lights_of_dome), [40, 160, 360, 640]);
     }
 }

@@ -158,7 +158,7 @@ fn settings_take_their_values() {
 #[test]
 fn planes_take_their_values() {
     let text = "[shadows]\ntechnique = \"planes\"\n[planes]\ncount = 8\nclusters = 1\n\
-        resolution = 64\nfrequency = 4\nsamples = 3\noffset_m = 0.1\nreceiver = \"plane\"\n\
+        resolution = 64\nfrequency = 4\nsamples = 4\noffset_m = 0.1\nreceiver = \"plane\"\n\
         skip_below = 0\nrecompute_above = 0.5\nshading = \"six\"\ncache = \"kept\"\n";
     let config = convert::config(&TomlText::new("c.toml", text), Path::new("/rig")).unwrap();
     assert_eq!(config.shadows.technique, ShadowTechnique::Planes);
@@ -167,7 +167,7 @@ fn planes_take_their_values() {
         clusters: 1,
         resolution: 64,
         frequency: 4,
-        samples: 3,
+        samples: 4,
         offset: 0.1,
         receiver: PlaneReceiver::Plane,
         skip_below: 0.0,
@@ -177,7 +177,7 @@ fn planes_take_their_values() {
     };
     assert_eq!(config.planes, expected);
     let bake = config.planes.bake_settings();
-    assert_eq!((bake.resolution, bake.frequency, bake.samples), (64, 4, 3));
+    assert_eq!((bake.resolution, bake.frequency, bake.samples), (64, 4, 4));
 }
 
 #[test]
@@ -302,7 +302,7 @@ fn wrong_settings_are_explained() {
         ),
         (
             "[planes]\nfrequency = 5\n",
-            "c.toml:2: `planes.frequency`: expected one of [2, 3, 4, 6, 8], found 5",
+            "c.toml:2: `planes.frequency`: expected one of [2, 4, 6, 8], found 5",
         ),
         (
             "[planes]\nresolution = 130\n",

@@ -8,10 +8,12 @@ use crate::compositor::planes::{PlanesChoice, Shading, Thresholds};
 use crate::compositor::{Compositor, Gpu};
 use crate::config::{PlaneShading, PlanesConfig};
 use crate::scene::Scene;
-use crate::scene::planes::{Bake, store};
+use crate::scene::planes::Bake;
+use crate::scene::planes::store::{self, StoreError};
 use crate::status::planes::{PlanesState, PlanesStatus};
 use crate::status::{Settings, Technique};
 use crossbeam_channel::{Receiver, RecvTimeoutError, bounded};
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::thread::JoinHandle;
@@ -236,7 +238,7 @@ fn obtain(
     tracing::info!("baking {planes} shadowing planes; the next start reads them from the cache");
     let bake = plan.bake(gpu, scene, config, progress)?;
     if let Some(file) = file
-        && let Err(error) = store::save(&file, &bake)
+        && let Err(error) = keep(&file, &bake)
     {
         tracing::warn!("{error}");
     }
@@ -245,4 +247,13 @@ fn obtain(
         from_cache: false,
         took: begun.elapsed(),
     })
+}
+
+/// Puts a bake into the cache; those that were used longest ago make room for it.
+fn keep(file: &Path, bake: &Bake) -> Result<(), StoreError> {
+    store::save(file, bake)?;
+    if let Some(folder) = file.parent() {
+        store::trim(folder, store::CACHE_LIMIT)?;
+    }
+    Ok(())
 }

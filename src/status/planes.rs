@@ -10,7 +10,7 @@ pub enum PlanesState {
     Off,
     /// Basis images are being drawn; meanwhile the light dome casts the shadows.
     Baking {
-        /// Basis images drawn so far.
+        /// Lights whose basis images are drawn.
         done: u32,
         /// Of so many.
         total: u32,

@@ -9,7 +9,6 @@ use super::bake_scene::{BakeCasters, BakeScene, receiver_mesh};
 use super::compute::{buffer_of, storage};
 use super::readback::read_buffer;
 use super::receiver::{receiver_image, words};
-use super::synthesis::ACROSS;
 use crate::environment::geodesic::{Face, GeodesicDome};
 use crate::scene::Scene;
 use crate::scene::planes::{
@@ -83,16 +82,14 @@ fn faces(gpu: &Gpu, settings: BakeSettings, planes: usize) -> Result<Vec<Face>, 
     }
     let dome = GeodesicDome::new(frequency)
         .ok_or_else(|| unfit(format!("a geodesic dome of frequency {frequency}")))?;
-    let limits = gpu.device.limits();
-    let sums = u64::from(resolution).pow(2) * 36 * planes as u64;
-    let rows = (2 * planes * dome.faces.len()).div_ceil(ACROSS as usize) as u32 * resolution;
-    let fits = sums <= limits.max_storage_buffer_binding_size
-        && rows.max(ACROSS * resolution / 4) <= limits.max_texture_dimension_2d;
-    if !fits {
+    let sums = u64::from(resolution).pow(2) * 16 * planes as u64;
+    let most = gpu.device.limits().max_storage_buffer_binding_size;
+    if sums > most {
         let reason = format!(
-            "{planes} planes with {} lights of {resolution}² texels; choose fewer planes, a lower \
-             frequency or resolution under [planes]",
-            dome.faces.len()
+            "{planes} planes of {resolution}² texels: {} MB, at most {} MB; choose fewer or smaller \
+             ones under [planes]",
+            sums >> 20,
+            most >> 20
         );
         return Err(unfit(reason));
     }

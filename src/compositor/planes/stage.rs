@@ -63,7 +63,7 @@ impl Compositor {
         })?;
         let passes = SynthesisPasses::new(device);
         self.planes = Some(Box::new(PlanesStage {
-            synthesis: Synthesis::new(&self.gpu, &passes, bake),
+            synthesis: Synthesis::new(&self.gpu, &passes, bake)?,
             luminance: LuminancePass::for_adapter(&self.gpu),
             passes,
             dome,

@@ -19,7 +19,7 @@ use wgpu::BufferUsages as U;
 /// When sums are made anew. All are shares of all the light that a plane gets.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Thresholds {
-    /// Lights that give less are left out.
+    /// Lights that give less are left out: of 40 lights; of more in proportion.
     pub skip_below: f32,
     /// A plane is left alone while its light is off by less.
     pub recompute_above: f32,
@@ -34,9 +34,9 @@ impl Default for Thresholds {
     }
 }
 
-/// Lights off by less than this share of [`Thresholds::recompute_above`] stay as they are when
-/// others are mended: 40 of them together are off by as much again at most.
-const LEAST_CHANGE: f32 = 1.0 / 40.0;
+/// The papers' number of lights, for which [`Thresholds::skip_below`] is meant: of more lights
+/// each gives less.
+const PAPERS_LIGHTS: f32 = 40.0;
 
 /// Twin of WGSL `Settings` in `lib/sum_planes.wgsl`.
 #[repr(C)]
@@ -183,8 +183,10 @@ struct Buffers {
 
 impl Synthesis {
     /// Uploads `bake`.
-    #[must_use]
-    pub fn new(gpu: &Gpu, passes: &SynthesisPasses, bake: &Bake) -> Self {
+    ///
+    /// # Errors
+    /// More images than the device can hold.
+    pub fn new(gpu: &Gpu, passes: &SynthesisPasses, bake: &Bake) -> Result<Self, GpuError> {
         let (device, queue) = (&gpu.device, &gpu.queue);
         let side = bake.settings.resolution;
         let (planes, lights) = (bake.planes.len(), bake.lights());
@@ -243,7 +245,7 @@ impl Synthesis {
             stride: stride as u32,
             ..Settings::default()
         };
-        let images = atlas(device, queue, bake);
+        let (images, across) = atlas(gpu, bake)?;
         let receivers = storage(device, queue, "receivers", &receivers);
         let sums = kept("sums", vectors * 16, U::empty());
         let resources = [
@@ -273,7 +275,7 @@ impl Synthesis {
         let of = [true, false].map(|real| Summing {
             real,
             lights: lights as u32,
-            across: ACROSS,
+            across,
             side,
         });
         let resources = [
@@ -283,7 +285,7 @@ impl Synthesis {
             sampler(&passes.smooth),
         ];
         let shown_group = bindings::group(device, "shown", &passes.shown_layout, &resources);
-        Self {
+        Ok(Self {
             visible: vec![0; planes],
             settings,
             shown,
@@ -295,7 +297,7 @@ impl Synthesis {
             shown_group,
             whole,
             uploaded: None,
-        }
+        })
     }
 
     /// What the passes that show planes bind.
@@ -336,10 +338,13 @@ impl Synthesis {
                 bytemuck::cast_slice::<ShownPlane, u8>(each),
             );
         }
+        let lights = self.settings.lights.max(1) as f32;
         let settings = Settings {
-            skip_below: thresholds.skip_below,
+            skip_below: thresholds.skip_below * PAPERS_LIGHTS / lights,
             recompute_above: thresholds.recompute_above,
-            least_change: thresholds.recompute_above * LEAST_CHANGE,
+            // Lights that are off by less stay as they are when others are mended: together they
+            // are off by the threshold once more at most.
+            least_change: thresholds.recompute_above / lights,
             ..self.settings
         };
         if self.uploaded != Some(settings) {
@@ -448,19 +453,31 @@ fn sum_planes(bake: &Bake) -> (Vec<SumPlane>, usize) {
 /// Bytes of WGSL `Entry`.
 const ENTRY: usize = 32;
 
-/// Images in a row of the texture that holds them all.
-pub(super) const ACROSS: u32 = 64;
-
 /// All stored images in one texture, four texels of a row in one.
-fn atlas(device: &wgpu::Device, queue: &wgpu::Queue, bake: &Bake) -> wgpu::TextureView {
+/// And how many are in a row of it.
+fn atlas(gpu: &Gpu, bake: &Bake) -> Result<(wgpu::TextureView, u32), GpuError> {
+    let (device, queue) = (&gpu.device, &gpu.queue);
     let side = bake.settings.resolution;
     let one = (side * side) as usize;
-    let count = (bake.texels.len() / one.max(1)) as u32;
+    let count = ((bake.texels.len() / one.max(1)) as u32).max(1);
+    let most = device.limits().max_texture_dimension_2d;
+    let across = (4 * most / side).min(count);
+    if count.div_ceil(across) > most / side {
+        let (planes, lights) = (bake.planes.len(), bake.lights());
+        let reason = format!(
+            "{count} basis images of {planes} planes and {lights} lights; choose fewer planes, a \
+             lower frequency or resolution under [planes]"
+        );
+        return Err(GpuError::Unfit {
+            adapter: gpu.name.clone(),
+            reason,
+        });
+    }
     let texture = device.create_texture(&wgpu::TextureDescriptor {
         label: Some("basis images"),
         size: wgpu::Extent3d {
-            width: ACROSS * side / 4,
-            height: count.div_ceil(ACROSS).max(1) * side,
+            width: across * side / 4,
+            height: count.div_ceil(across) * side,
             depth_or_array_layers: 1,
         },
         mip_level_count: 1,
@@ -473,8 +490,8 @@ fn atlas(device: &wgpu::Device, queue: &wgpu::Queue, bake: &Bake) -> wgpu::Textu
     for (image, i) in bake.texels.chunks_exact(one).zip(0..) {
         let mut to = texture.as_image_copy();
         to.origin = wgpu::Origin3d {
-            x: (i % ACROSS) * side / 4,
-            y: (i / ACROSS) * side,
+            x: (i % across) * side / 4,
+            y: (i / across) * side,
             z: 0,
         };
         let layout = wgpu::TexelCopyBufferLayout {
@@ -489,7 +506,8 @@ fn atlas(device: &wgpu::Device, queue: &wgpu::Queue, bake: &Bake) -> wgpu::Textu
         };
         queue.write_texture(to, image, layout, size);
     }
-    texture.create_view(&wgpu::TextureViewDescriptor::default())
+    let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
+    Ok((view, across))
 }
 
 fn uniforms(device: &wgpu::Device, queue: &wgpu::Queue, each: &[[u32; 64]]) -> wgpu::Buffer {
