@@ -360,7 +360,7 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     ),
     (
         "settings.planes_skip_below",
-        "With shadowing planes: lights that give less than this share of all light are left out, 0 to 1.",
+        "With shadowing planes: of 40 lights, those that give less than this share of all light are left out, 0 to 1.",
     ),
     (
         "settings.planes_recompute_above",
