@@ -54,9 +54,10 @@ advisories: ## Known security holes in dependencies (needs the network)
 bench: build ## The paper's table 1 on this machine, and what capturing costs; ARGS="--case supan --json FILE"
 	@$(UNPACKED) $(PENUMBRA) bench $(ARGS)
 
-bench-table: build ## The same, put into ARCHITECTURE.md
-	@$(UNPACKED) $(PENUMBRA) bench --case supan --json $(TARGET)/bench.json --force $(ARGS)
-	@python3 tests/bench_table.py $(TARGET)/bench.json
+bench-table: build ## The papers' rows, put into ARCHITECTURE.md
+	@for case in supan kakuta2007 kakuta2004; do \
+	  $(UNPACKED) $(PENUMBRA) bench --case $$case --json $(TARGET)/bench-$$case.json --force $(ARGS); done
+	@python3 tests/bench_table.py $(TARGET)/bench-supan.json $(TARGET)/bench-kakuta2007.json $(TARGET)/bench-kakuta2004.json
 
 fidelity: build ## Judge the pictures by path-traced truth; ARGS="--sessions desk --every 4"
 	@$(UNPACKED) python3 tests/fidelity.py --penumbra $(PENUMBRA) --truth $(TRUTH) $(ARGS)

@@ -21,7 +21,7 @@ def row(adapter: str, r: dict) -> str:
     size, work = f"{r['width']}×{r['height']}", r["refreshed_per_frame"]
     if r["planes"]:
         light = "changing" if r["light_changes"] else "steady"
-        size, work = f"{r['case']}, {size}", f"none: {r['planes']} planes, {r['basis_images']} basis images, light {light}"
+        size, work = f"{r['case']}, {size}, {r['triangles']:,} triangles", f"none: {r['planes']} planes, {r['basis_images']} basis images, light {light}"
     cells = [adapter, size, r["lights"], work, f"{r['fps']:.1f}"]
     cells += [f"{r[kind][q]:.2f}" for kind in ("wall_ms", "gpu_ms") for q in ("p50", "p99")]
     return "| " + " | ".join(map(str, [*cells, ", ".join(f"{p['name']} {p['ms']:.2f}" for p in longest)])) + " |"
