@@ -172,7 +172,7 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     ),
     (
         "planes.done",
-        "Basis images drawn so far; null unless baking.",
+        "Lights whose basis images are drawn; null unless baking.",
     ),
     ("planes.total", "Of so many; null unless baking."),
     ("planes.reason", "Why there is no bake; null unless failed."),
@@ -212,7 +212,7 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     ),
     (
         "planes.planes_resummed",
-        "Planes whose sums were made anew, not just changed, since the start.",
+        "Planes whose sums were made anew or mended, since the start.",
     ),
     (
         "planes.frames_without_work",
@@ -226,10 +226,6 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     (
         "planes.from_cache",
         "Whether it had been baked before and was read from the cache.",
-    ),
-    (
-        "planes.luminance[][]",
-        "Luminance parameter S of each face of the dome, red, green, blue: irradiance facing it, in the scene camera's units.",
     ),
     (
         "recording.state",
@@ -404,7 +400,6 @@ mod tests {
         s.warn("a");
         s.lighting.dominant_direction = Some([0.0, 0.0, 1.0]);
         let (method, rgb) = (WhiteBalanceMethod::Chart, [1.0; 3]);
-        s.planes.luminance = vec![[1.0; 3]];
         let b = &mut s.white_balance;
         b.uncertainty = Some(rgb);
         b.estimates = vec![WhiteBalanceEstimate {

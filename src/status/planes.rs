@@ -63,7 +63,7 @@ pub struct PlanesStatus {
     pub images_possible: u64,
     /// Share of these that was not needed, 0..=1; `None` before the first picture.
     pub work_saved: Option<f64>,
-    /// Planes whose sums were made anew, not just changed, since the start.
+    /// Planes whose sums were made anew or mended, since the start.
     pub planes_resummed: u64,
     /// Pictures for which nothing had to be summed.
     pub frames_without_work: u64,
@@ -73,12 +73,10 @@ pub struct PlanesStatus {
     pub bake_bytes: u64,
     /// It was baked before and read from the cache.
     pub from_cache: bool,
-    /// S of each face, red, green, blue, in the scene camera's units, in the dome's order.
-    pub luminance: Vec<[f32; 3]>,
 }
 
 impl PlanesStatus {
-    /// Counts what a picture cost: basis images summed, planes whose sums were made anew.
+    /// Counts what a picture cost: basis images summed, planes whose sums were made anew or mended.
     pub fn count_picture(&mut self, images_summed: u32, planes_resummed: u32) {
         self.images_summed = images_summed;
         self.images_total += u64::from(images_summed);
