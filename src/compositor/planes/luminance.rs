@@ -236,14 +236,9 @@ impl LuminancePass {
                 .collect();
             group(device, "luminance", &shaders.layout, &all)
         });
-        let stamps = timer.span("luminance", true, true);
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
             label: Some("luminance"),
-            timestamp_writes: stamps.map(|s| wgpu::ComputePassTimestampWrites {
-                query_set: s.query_set,
-                beginning_of_pass_write_index: s.beginning_of_pass_write_index,
-                end_of_pass_write_index: s.end_of_pass_write_index,
-            }),
+            timestamp_writes: timer.compute_span("luminance", true, true),
         });
         pass.set_bind_group(0, &*bound, &[]);
         pass.set_pipeline(&shaders.sum_chunk);

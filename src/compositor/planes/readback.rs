@@ -1,15 +1,24 @@
-//! Bytes of a buffer that the device has written; for work that may wait.
+//! Bytes of a buffer that the device has written; for what may wait.
 
 use super::super::{Gpu, GpuError};
 
-/// Waits for everything submitted and copies `buffer` out.
-pub(super) fn read_buffer(gpu: &Gpu, buffer: &wgpu::Buffer) -> Result<Vec<u8>, GpuError> {
+/// Waits for everything submitted and shows `buffer` to `look`.
+pub(super) fn look_at<T>(
+    gpu: &Gpu,
+    buffer: &wgpu::Buffer,
+    look: impl FnOnce(&[u8]) -> T,
+) -> Result<T, GpuError> {
     buffer.map_async(wgpu::MapMode::Read, .., |_| ());
     gpu.wait()?;
-    let bytes = buffer.get_mapped_range(..).map(|range| range.to_vec());
+    let seen = buffer.get_mapped_range(..).map(|range| look(&range));
     buffer.unmap();
-    bytes.map_err(|error| GpuError::Failed {
+    seen.map_err(|error| GpuError::Failed {
         adapter: gpu.name.clone(),
         reason: error.to_string(),
     })
+}
+
+/// The same, copied.
+pub(super) fn read_buffer(gpu: &Gpu, buffer: &wgpu::Buffer) -> Result<Vec<u8>, GpuError> {
+    look_at(gpu, buffer, <[u8]>::to_vec)
 }

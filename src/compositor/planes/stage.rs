@@ -42,8 +42,9 @@ pub struct PlanesStage {
     show: Option<MarkedPasses>,
     shown: bool,
     device: wgpu::Device,
-    /// Lights of faces, for shading.
+    /// Lights of faces, for shading, and of which light and shading they are.
     lights: Vec<DomeLight>,
+    lights_of: Option<(u64, Shading)>,
 }
 
 impl Compositor {
@@ -71,6 +72,7 @@ impl Compositor {
             shown: false,
             device: device.clone(),
             lights: Vec::new(),
+            lights_of: None,
         }));
         Ok(())
     }
@@ -168,20 +170,13 @@ impl PlanesStage {
         uniform.planes_low = low.as_vec3().extend(1.0).to_array();
         uniform.planes_high = high.as_vec3().extend(0.0).to_array();
         let shading = input.planes.map_or(Shading::Irradiance, |p| p.shading);
-        let faces = input.lighting.and_then(|l| l.faces.as_ref());
-        let (Some(faces), false) = (faces, shading == Shading::Irradiance) else {
+        let faces = input.lighting.and_then(|l| Some((l, l.faces.as_ref()?)));
+        let (Some((lighting, faces)), false) = (faces, shading == Shading::Irradiance) else {
             return lights;
         };
-        let sums = sum_faces(faces);
-        self.lights.clear();
-        if shading == Shading::Six {
-            let six = self.dome.six_groups();
-            let each = six.directions.iter().zip(six.sums(&sums));
-            self.lights.extend(each.map(|(d, s)| light_of(*d, s)));
-        } else {
-            let each = self.dome.faces.iter().zip(&sums);
-            self.lights
-                .extend(each.map(|(f, s)| light_of(f.centre, *s)));
+        if self.lights_of != Some((lighting.generation, shading)) {
+            self.light_faces(&sum_faces(faces), shading == Shading::Six);
+            self.lights_of = Some((lighting.generation, shading));
         }
         // Only the ground is left of what no light stands for: π/2 · L · (1 − n.z).
         let ground = Vec3::from_slice(&uniform.ground[..3]) * std::f32::consts::FRAC_PI_2;
@@ -191,6 +186,20 @@ impl PlanesStage {
             uniform.harmonics[2] = (-ground).extend(0.0).to_array();
         }
         &self.lights
+    }
+
+    /// One light per face, or the papers' six.
+    fn light_faces(&mut self, sums: &[Vec3], six: bool) {
+        self.lights.clear();
+        if six {
+            let six = self.dome.six_groups();
+            let each = six.directions.iter().zip(six.sums(sums));
+            self.lights.extend(each.map(|(d, s)| light_of(*d, s)));
+        } else {
+            let each = self.dome.faces.iter().zip(sums);
+            self.lights
+                .extend(each.map(|(f, s)| light_of(f.centre, *s)));
+        }
     }
 }
 

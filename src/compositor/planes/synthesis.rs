@@ -6,7 +6,7 @@ use super::super::bindings::{self, Slot, compute_layout, compute_pipeline, sampl
 use super::super::shaders::{self, Summing};
 use super::super::timing::Timer;
 use super::compute::{buffer_of, storage};
-use super::readback::read_buffer;
+use super::readback::look_at;
 use super::receiver::words;
 use super::shown::{ShownPlane, ShownPlanes};
 use crate::compositor::GpuError;
@@ -419,17 +419,21 @@ impl Synthesis {
     /// # Errors
     /// The device failed.
     pub fn work(&self, gpu: &Gpu) -> Result<PlaneWork, GpuError> {
-        let bytes = read_buffer(gpu, &self.buffers.readable)?;
-        let jobs = bytemuck::pod_collect_to_vec::<u8, Job>(&bytes);
+        look_at(gpu, &self.buffers.readable, |bytes| self.work_of(bytes))
+    }
+
+    fn work_of(&self, jobs: &[u8]) -> PlaneWork {
+        let jobs = jobs.chunks_exact(size_of::<Job>());
         let mut work = PlaneWork::default();
-        for (job, seen) in jobs.iter().zip(&self.visible) {
+        for (job, seen) in jobs.zip(&self.visible) {
+            let job: Job = bytemuck::pod_read_unaligned(job);
             work.seen += *seen as usize;
             work.resummed += usize::from(job.groups[0] > 0);
             work.images += (job.stored + job.black) as usize;
             work.images_in_sight += (*seen * self.settings.lights) as usize;
             work.lights_skipped = work.lights_skipped.max(job.skipped as usize);
         }
-        Ok(work)
+        work
     }
 }
 
