@@ -2,6 +2,7 @@
 
 pub mod assemble;
 mod casters;
+pub mod change;
 mod check;
 pub mod detail;
 pub mod error;
@@ -22,6 +23,7 @@ pub mod simplify;
 
 pub use assemble::{Attachments, rig_of_session};
 pub use casters::{casters, casters_within};
+pub use change::Change;
 pub use detail::coarser;
 pub use error::SceneError;
 pub use gltf_bytes::Resolver;

@@ -4,6 +4,10 @@
 //! ```toml
 //! session_phantoms = true          # keep the phantoms the session brings (the default)
 //!
+//! [model]                          # places all objects and planes together: theirs are
+//! position_m = [0.0, 0.0, 0.0]     # relative to it
+//! rotation_deg = [0.0, 0.0, 0.0]   # or rotation_wxyz
+//!
 //! [[object]]                       # any number of them
 //! name = "teapot"
 //! file = "teapot.glb"              # .glb, .gltf or .ply, from this file's folder; or a
@@ -60,12 +64,14 @@ use crate::calibration::RigDocument;
 use crate::calibration::rig_json::{GroundPlane, VirtualLight};
 use crate::config::SceneChoice;
 use crate::config::toml_text::{Fault, TomlText};
-use glam::{DMat4, DQuat, DVec3, EulerRot, Vec3};
+use glam::{DMat4, DVec3, Vec3};
+use penumbra_interface::RigidTransform;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use typed::{Colour, Entry, Ground, MaterialFile, SceneFile, Shape};
+use typed::{Colour, Entry, Ground, MaterialFile, Place, SceneFile, Shape};
 
 mod lamp;
+mod place;
 mod plane;
 mod typed;
 
@@ -99,6 +105,9 @@ impl SceneAddition {
     fn read(text: &TomlText, folder: &Path) -> Result<Self, SceneError> {
         let file: SceneFile = text.parse()?;
         let located = |fault: Fault| SceneError::from(text.locate(fault));
+        let model = file.model.as_ref().map(|m| m.placement("model"));
+        let model = model.transpose().map_err(located)?;
+        let model = model.unwrap_or(RigidTransform::IDENTITY);
         if file.object.len().max(file.phantom.len()) > MOST_ENTRIES {
             return Err(located(Fault::new(
                 "object",
@@ -110,6 +119,10 @@ impl SceneAddition {
             let at = format!("object[{i}]");
             refuse_phantom_keys(entry, &at).map_err(located)?;
             objects.extend(entry.parts(&at, folder, text)?);
+        }
+        let world_from_model = model.to_matrix();
+        for part in &mut objects {
+            part.world_from_part = world_from_model * part.world_from_part;
         }
         let mut phantoms = Vec::new();
         for (i, entry) in file.phantom.iter().enumerate() {
@@ -131,7 +144,7 @@ impl SceneAddition {
         }
         let planes = file.plane.iter().enumerate();
         let planes = planes
-            .map(|(i, p)| plane::plane(p, &format!("plane[{i}]")))
+            .map(|(i, p)| Ok(plane::plane(p, &format!("plane[{i}]"))?.moved(model)))
             .collect::<Result<_, _>>()
             .map_err(located)?;
         let ground = file
@@ -292,44 +305,20 @@ impl Entry {
     }
 
     fn placement(&self, at: &str) -> Result<DMat4, Fault> {
-        let position = DVec3::from(self.position_m.unwrap_or_default());
-        if !position.is_finite() || position.abs().max_element() > 1e5 {
-            return Err(Fault::new(
-                format!("{at}.position_m"),
-                "expected x, y, z within 100000 m",
-            ));
-        }
-        let rotation = match (self.rotation_deg, self.rotation_wxyz) {
-            (Some(_), Some(_)) => {
-                return Err(Fault::new(
-                    format!("{at}.rotation_wxyz"),
-                    "goes without rotation_deg; leave one out",
-                ));
-            }
-            (None, Some([w, x, y, z])) => {
-                let q = DQuat::from_xyzw(x, y, z, w);
-                if !((0.99..=1.01).contains(&q.length())) {
-                    return Err(Fault::new(
-                        format!("{at}.rotation_wxyz"),
-                        "expected a unit quaternion w, x, y, z",
-                    ));
-                }
-                q.normalize()
-            }
-            (degrees, None) => {
-                let [yaw, pitch, roll] = degrees.unwrap_or_default().map(f64::to_radians);
-                DQuat::from_euler(EulerRot::ZYX, yaw, pitch, roll)
-            }
+        let place = Place {
+            position_m: self.position_m,
+            rotation_deg: self.rotation_deg,
+            rotation_wxyz: self.rotation_wxyz,
         };
-        if !rotation.is_finite() {
-            return Err(Fault::new(
-                format!("{at}.rotation_deg"),
-                "expected three finite angles: yaw, pitch, roll",
-            ));
-        }
+        let RigidTransform {
+            rotation,
+            translation,
+        } = place.placement(at)?;
         let scale = self.scale.map_or(DVec3::ONE, |s| s.0);
         Ok(DMat4::from_scale_rotation_translation(
-            scale, rotation, position,
+            scale,
+            rotation,
+            translation,
         ))
     }
 

@@ -23,6 +23,7 @@ pub use generate::{PlaneError, PlaneSettings, generate};
 pub(super) use hand::covered_parts;
 
 use glam::{DVec2, DVec3};
+use penumbra_interface::RigidTransform;
 
 /// A rectangle that catches shadows.
 #[derive(Clone, Debug, PartialEq)]
@@ -52,6 +53,17 @@ impl ShadowingPlane {
     #[must_use]
     pub fn normal(&self) -> DVec3 {
         self.right.cross(self.up)
+    }
+
+    /// The same plane, carried along with what it covers.
+    #[must_use]
+    pub fn moved(&self, motion: RigidTransform) -> Self {
+        Self {
+            centre: motion.transform_point(self.centre),
+            right: motion.rotation * self.right,
+            up: motion.rotation * self.up,
+            ..self.clone()
+        }
     }
 }
 

@@ -313,3 +313,35 @@ fn a_temple_gate_is_a_shape_of_several_parts() {
         "{names:?}"
     );
 }
+
+#[test]
+fn a_model_carries_its_objects_and_planes_along() {
+    let text = |model: &str| {
+        format!(
+            "{model}\n[[object]]\nshape = \"box\"\nsize_m = [1, 1, 1]\nposition_m = [1, 0, 0]\n\
+             [[plane]]\ncentre_m = [1, 0, 0.5]\nnormal = [1, 0, 0]\nsize_m = [1, 1]\ndepth_m = 1"
+        )
+    };
+    let own = read(&text("")).unwrap();
+    let moved = read(&text(
+        "[model]\nposition_m = [0, 2, 0]\nrotation_deg = [90, 0, 0]",
+    ))
+    .unwrap();
+    let origin = |s: &SceneAddition| s.objects[0].world_from_part.transform_point3(DVec3::ZERO);
+    assert!(origin(&own).distance(DVec3::X) < 1e-12);
+    assert!(origin(&moved).distance(DVec3::new(0.0, 3.0, 0.0)) < 1e-12);
+    let plane = &moved.planes[0];
+    assert!(plane.centre.distance(DVec3::new(0.0, 3.0, 0.5)) < 1e-12);
+    assert!(plane.normal().distance(DVec3::Y) < 1e-12);
+    for (model, place) in [
+        ("[model]\nscale = 2", "model.scale"),
+        ("[model]\nposition_m = [0, inf, 0]", "model.position_m"),
+        (
+            "[model]\nrotation_wxyz = [1, 1, 0, 0]",
+            "model.rotation_wxyz",
+        ),
+    ] {
+        let text = complaint(&text(model));
+        assert!(text.contains(place), "{text}");
+    }
+}

@@ -9,11 +9,20 @@ use std::fmt;
 #[serde(deny_unknown_fields, default)]
 pub(super) struct SceneFile {
     pub session_phantoms: Option<bool>,
+    pub model: Option<Place>,
     pub object: Vec<Entry>,
     pub phantom: Vec<Entry>,
     pub lamp: Vec<LampFile>,
     pub plane: Vec<PlaneFile>,
     pub ground: Option<Ground>,
+}
+
+#[derive(Debug, Default, serde::Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Place {
+    pub position_m: Option<[f64; 3]>,
+    pub rotation_deg: Option<[f64; 3]>,
+    pub rotation_wxyz: Option<[f64; 4]>,
 }
 
 /// An object or a phantom; which keys go with which is checked afterwards, because serde
