@@ -20,6 +20,7 @@ use crate::scene::{Material, Part, Scene, primitives};
 use glam::{DMat4, DVec3, Vec3};
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use std::f32::consts::PI;
+use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -131,7 +132,9 @@ fn baked(gpu: &Gpu, scene: &Scene, count: u32) -> Result<Bake, GpuError> {
         adapter: gpu.name.clone(),
         reason: error.to_string(),
     })?;
-    bake(gpu, scene, planes, BakeSettings::default(), &mut |_, _| ())
+    bake(gpu, scene, planes, BakeSettings::default(), &mut |_, _| {
+        ControlFlow::Continue(())
+    })
 }
 
 /// The gate on its site.

@@ -12,6 +12,7 @@ use penumbra::scene::planes::store::{CACHE_LIMIT, save, trim};
 use penumbra::scene::planes::{Bake, Layer, ShadowingPlane};
 use serde::Serialize;
 use std::fmt;
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
@@ -104,6 +105,7 @@ pub fn run(args: &BakeArgs) -> anyhow::Result<ExitCode> {
     let bake = plan.bake(&gpu, &scene, &config.planes, &mut |done, total| {
         bar.set_length(total as u64);
         bar.set_position(done as u64);
+        ControlFlow::Continue(())
     })?;
     bar.finish_and_clear();
     let seconds = begun.elapsed().as_secs_f64();

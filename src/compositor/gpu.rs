@@ -38,6 +38,9 @@ pub enum GpuError {
         /// What the driver said.
         reason: String,
     },
+    /// Whoever wanted it does not want it any more.
+    #[error("ended before it was done")]
+    Stopped,
 }
 
 /// An opened graphics device.

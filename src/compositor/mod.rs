@@ -20,6 +20,7 @@ pub mod planes;
 pub mod readback;
 pub mod reference;
 mod scene_buffers;
+mod scene_upload;
 mod shaders;
 mod shadow_slots;
 mod targets;
@@ -28,6 +29,7 @@ pub mod timing;
 pub use frame::{FrameInput, ShadowMode};
 pub use gpu::{Gpu, GpuError};
 pub use passes::present::PresentPass;
+pub use scene_upload::{SceneUploader, UploadedScene};
 pub use shadow_slots::Refresh;
 
 use crate::calibration::Response;
@@ -39,7 +41,7 @@ use passes::shadow_map::ShadowMaps;
 use planes::PlanesStage;
 use scene_buffers::{SceneBuffers, SceneLayouts};
 use shaders::{MAX_LIGHTS, Variant};
-use shadow_slots::{CasterHull, ShadowSlots};
+use shadow_slots::ShadowSlots;
 use targets::Targets;
 use timing::Timer;
 
@@ -136,20 +138,25 @@ impl Compositor {
     /// Replaces the scene. `casters` are its virtual parts as they cast shadows: the parts
     /// themselves or simplified copies.
     pub fn set_scene(&mut self, scene: &Scene, casters: &[Part]) {
-        self.scene = SceneBuffers::upload(
-            &self.gpu.device,
-            &self.gpu.queue,
-            &self.layouts,
-            scene,
-            casters,
-        );
-        let details = self.scene.virtual_parts.iter().map(|part| &part.details);
-        let boxes = details.filter_map(|d| d.corners().copied());
-        self.cover.set_boxes(boxes.collect());
-        self.slots.set_casters(
-            CasterHull::around(&self.scene.virtual_casters.positions),
-            CasterHull::around(&self.scene.phantom_casters.positions),
-        );
+        let uploaded = self.uploader().upload(scene, casters);
+        self.show_scene(uploaded);
+    }
+
+    /// Makes scenes ready for [`Self::show_scene`], on whichever thread.
+    #[must_use]
+    pub fn uploader(&self) -> SceneUploader {
+        SceneUploader {
+            gpu: self.gpu.clone(),
+            layouts: self.layouts.clone(),
+        }
+    }
+
+    /// Replaces the scene by one that lies on the device already.
+    pub fn show_scene(&mut self, scene: UploadedScene) {
+        self.scene = scene.buffers;
+        self.cover.set_boxes(scene.boxes);
+        let [virtual_hull, phantom_hull] = scene.hulls;
+        self.slots.set_casters(virtual_hull, phantom_hull);
     }
 
     /// Changes the greatest number of dome lights. Every map is drawn anew with the next

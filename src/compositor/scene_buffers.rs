@@ -46,6 +46,7 @@ pub struct SceneBuffers {
 }
 
 /// Layouts that outlive any scene.
+#[derive(Clone)]
 pub struct SceneLayouts {
     pub parts: wgpu::BindGroupLayout,
     pub material: wgpu::BindGroupLayout,

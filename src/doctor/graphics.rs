@@ -114,7 +114,7 @@ fn no_adapter(error: &GpuError) -> Check {
     let remedy = match error {
         GpuError::NoAdapter => INSTALL_SOFTWARE,
         GpuError::NotFound { .. } => "leave --adapter out, or give a name from that list",
-        GpuError::Unfit { .. } | GpuError::Failed { .. } => {
+        GpuError::Unfit { .. } | GpuError::Failed { .. } | GpuError::Stopped => {
             "update the graphics driver, or take another adapter with --adapter"
         }
     };

@@ -3,9 +3,10 @@
 
 use super::{RigError, RigSetup, Source};
 use crate::compositor::Gpu;
-use crate::compositor::planes::baker;
+use crate::compositor::planes::{Progress, bake, mend};
 use crate::config::{Config, PlanesConfig, SceneChoice};
 use crate::scene::planes::generate::{PlaneSettings, generate};
+use crate::scene::planes::renew::renew;
 use crate::scene::planes::store::{cache_path, default_cache_folder, key};
 use crate::scene::planes::{Bake, Layer, ShadowingPlane};
 use crate::scene::{Scene, SceneAddition, load_gltf};
@@ -28,13 +29,7 @@ impl BakePlan {
     /// # Errors
     /// A model that no planes can be made from.
     pub fn new(scene: &Scene, config: &PlanesConfig) -> Result<Self, RigError> {
-        let settings = PlaneSettings {
-            count: config.count,
-            clusters: config.clusters,
-            offset_m: config.offset,
-            receiver: config.receiver.into(),
-        };
-        let mut planes = generate(scene, &settings)?;
+        let mut planes = generate(scene, &plane_settings(config))?;
         // The order that the baker leaves, so that the key is that of the bake's own planes.
         planes.sort_by_key(|plane| plane.layer == Layer::Virtual);
         let key = key(scene, &planes, &config.bake_settings());
@@ -48,21 +43,48 @@ impl BakePlan {
         Some(cache_path(&folder, &self.key))
     }
 
-    /// Draws all basis images. `progress` is told how many of how many are done.
+    /// Draws all basis images.
     ///
     /// # Errors
-    /// The graphics device was lost, or has no room.
+    /// The graphics device was lost, or has no room; `progress` ended it.
     pub fn bake(
         self,
         gpu: &Gpu,
         scene: &Scene,
         config: &PlanesConfig,
-        progress: &mut dyn FnMut(usize, usize),
+        progress: &mut Progress<'_>,
     ) -> Result<Bake, RigError> {
-        let mut bake = baker::bake(gpu, scene, self.planes, config.bake_settings(), progress)?;
+        let mut bake = bake(gpu, scene, self.planes, config.bake_settings(), progress)?;
         bake.key = self.key;
         Ok(bake)
     }
+}
+
+fn plane_settings(config: &PlanesConfig) -> PlaneSettings {
+    PlaneSettings {
+        count: config.count,
+        clusters: config.clusters,
+        offset_m: config.offset,
+        receiver: config.receiver.into(),
+    }
+}
+
+/// The bake of `scene`, where `old` is that of `old_scene`: only what has changed is drawn. Such
+/// a bake has planes of its own and is not kept; its key is zero.
+///
+/// # Errors
+/// As for [`BakePlan::new`] and [`BakePlan::bake`].
+pub fn bake_changes(
+    gpu: &Gpu,
+    (old_scene, old): (&Scene, &Bake),
+    scene: &Scene,
+    config: &PlanesConfig,
+    progress: &mut Progress<'_>,
+) -> Result<Bake, RigError> {
+    let renewal = renew(old, old_scene, scene, &plane_settings(config))?;
+    let (planes, images) = renewal.counts();
+    tracing::info!("the scene has changed: baking {planes} new planes, {images} images");
+    Ok(mend(gpu, scene, old, &renewal, progress)?)
 }
 
 /// The scene that a file describes: a scene file or a glTF model, with phantoms and ground of

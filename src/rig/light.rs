@@ -2,12 +2,13 @@
 //! ground's radiance become [`Lighting`].
 
 use super::prepare::LightState;
+use super::scene_light::{RealLight, SceneLight, hides};
 use super::watch::{GroundWatch, PhantomWatch};
 use super::{RigError, RigSetup};
 use crate::calibration::photometry::chart::{ChartError, ChartMatch, Photograph, match_chart};
 use crate::calibration::photometry::gather::{GatherOptions, Overlap, gather_pairs};
 use crate::calibration::photometry::overlap::estimate_overlap;
-use crate::calibration::photometry::raycast::{GROUND, PhantomCaster, SurfaceHit};
+use crate::calibration::photometry::raycast::{PhantomCaster, SurfaceHit};
 use crate::calibration::photometry::reflectance::{
     self, ReflectanceOptions, estimate_reflectance, gather_known, grey_world, irradiance_at,
     irradiance_past,
@@ -17,13 +18,10 @@ use crate::calibration::photometry::{
 };
 use crate::calibration::rig::EnvironmentView;
 use crate::calibration::{Response, RigCalibration};
-use crate::config::{Clipped, Config, Unseen, WhiteBalanceMethod};
-use crate::environment::{
-    Bracket, ClippedEnergy, EnvironmentEstimator, EnvironmentInput, EnvironmentSettings,
-    IrradianceMethod, Lighting, Placement,
-};
+use crate::config::{Config, Unseen, WhiteBalanceMethod};
+use crate::environment::{Bracket, EnvironmentEstimator, EnvironmentInput, Lighting, Placement};
 use crate::picture::{Picture, PictureError, YuvEncoding, decode_into};
-use crate::scene::{Attachments, NearField, Scene, casters};
+use crate::scene::{Attachments, NearField, casters};
 use crate::sync::EnvironmentSet;
 use glam::{DVec3, Mat3, Quat, Vec3};
 use penumbra_interface::{Exposure, MonotonicTime, RigidTransform};
@@ -70,8 +68,11 @@ impl LightStation {
     /// Impossible geometry; a chart picture that cannot be read.
     pub fn new(setup: &RigSetup, config: &Config, files: &Attachments) -> Result<Self, RigError> {
         let rig = setup.calibration.clone();
-        let rays = Arc::new(PhantomCaster::new(&setup.scene));
-        let estimator = estimator(&rig, config, &rays, &setup.scene)?;
+        let RealLight {
+            estimator,
+            phantoms,
+            rays,
+        } = RealLight::new(&rig, &setup.scene, config, true)?;
         let same_camera = is_in_scene(&rig);
         let mut photometry = PhotometricMatch::new(photometry_settings(config), same_camera);
         if !same_camera && let Some(chart) = chart_match(&rig, files, config.white_balance.matrix)?
@@ -81,8 +82,8 @@ impl LightStation {
         Ok(Self {
             estimator,
             photometry,
-            ground: GroundWatch::new(setup, rays.clone()),
-            phantoms: PhantomWatch::new(setup),
+            ground: GroundWatch::new(&rig, &setup.scene, rays.clone()),
+            phantoms,
             rays,
             rig,
             yuv: config.input.encoding(),
@@ -256,6 +257,21 @@ impl LightStation {
         }
     }
 
+    /// Goes on with another scene.
+    pub(super) fn take_scene(&mut self, scene: SceneLight) {
+        let SceneLight {
+            near,
+            mut ground,
+            real,
+        } = scene;
+        ground.follow(&self.ground);
+        (self.near, self.ground) = (near, ground);
+        if let Some(real) = real {
+            (self.phantoms, self.rays) = (real.phantoms, real.rays);
+            self.estimator = real.estimator.or(self.estimator.take());
+        }
+    }
+
     /// Changes placement and number of the dome lights.
     pub fn set_lights(&mut self, placement: Placement, count: usize) {
         if let Some(estimator) = &mut self.estimator {
@@ -327,51 +343,6 @@ fn is_in_scene(rig: &RigCalibration) -> bool {
     rig.environment
         .as_ref()
         .is_some_and(|e| matches!(e.view, EnvironmentView::SphereInScene { .. }))
-}
-
-/// A real thing other than the ground and the mirror itself ends the ray.
-fn hides(rays: &PhantomCaster, origin: DVec3, direction: DVec3) -> bool {
-    rays.cast(origin, direction)
-        .is_some_and(|hit| !hit.mirror && hit.surface != GROUND)
-}
-
-fn estimator(
-    rig: &RigCalibration,
-    config: &Config,
-    rays: &Arc<PhantomCaster>,
-    scene: &Scene,
-) -> Result<Option<EnvironmentEstimator>, RigError> {
-    let Some(environment) = &rig.environment else {
-        return Ok(None);
-    };
-    let settings = EnvironmentSettings {
-        cube_size: config.environment.cube_size,
-        placement: placement(config.environment.lights),
-        lights: config.environment.light_count as usize,
-        ground: scene.ground_height.is_some(),
-        ground_height: scene.ground_height.unwrap_or_default(),
-        clipped: match config.environment.clipped {
-            Clipped::Estimate => ClippedEnergy::default(),
-            Clipped::Keep => ClippedEnergy::Keep,
-        },
-        irradiance: match config.environment.irradiance {
-            crate::config::Irradiance::Harmonics => IrradianceMethod::Harmonics,
-            crate::config::Irradiance::Blurred => IrradianceMethod::Blurred,
-        },
-        ..EnvironmentSettings::default()
-    };
-    let hidden = |o: DVec3, d: DVec3| hides(rays, o, d);
-    let hidden: Option<&crate::environment::resample::Hidden<'_>> = match environment.view {
-        // The camera stands among the phantoms; what they hide is not the environment.
-        EnvironmentView::Fisheye { .. } => Some(&hidden),
-        _ => None,
-    };
-    Ok(Some(EnvironmentEstimator::new(
-        &environment.view,
-        &environment.response,
-        settings,
-        hidden,
-    )?))
 }
 
 /// The configuration's word in the environment's language.

@@ -3,13 +3,15 @@
 
 use super::light::{LightStation, SceneView, placement};
 use super::prepare::LightState;
+use super::scene_light::SceneLight;
 use crate::config::LightPlacement;
 use crate::environment::{Lighting, cube};
 use crate::picture::Picture;
 use crate::status::{LightsMode, Settings, Technique, environment_preview};
 use crate::sync::{EnvironmentSet, RigFrame};
+use glam::Quat;
 use penumbra_interface::{Exposure, MonotonicTime, RigidTransform};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::sync::watch;
 
@@ -60,12 +62,53 @@ pub(super) struct WorkedOut {
     pub preview: Option<Arc<Picture>>,
 }
 
+/// What the light has to know of a changed scene: the newest that nobody has taken yet.
+#[derive(Clone, Default)]
+pub(super) struct SceneNews(Arc<Mutex<SceneChange>>);
+
+#[derive(Default)]
+struct SceneChange {
+    scene: Option<Box<SceneLight>>,
+    turn: Option<Quat>,
+}
+
+impl SceneNews {
+    /// Another scene is shown.
+    pub fn tell_scene(&self, scene: SceneLight) {
+        self.change(|news| {
+            let scene = match news.scene.take() {
+                Some(older) => scene.over(*older),
+                None => scene,
+            };
+            news.scene = Some(Box::new(scene));
+        });
+    }
+
+    /// The model and with it the dome of the planes' lights were turned.
+    pub fn tell_turn(&self, world_from_dome: Quat) {
+        self.change(|news| news.turn = Some(world_from_dome));
+    }
+
+    fn change(&self, change: impl FnOnce(&mut SceneChange)) {
+        change(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner));
+    }
+
+    fn take(&self) -> Option<SceneChange> {
+        let mut news = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let any = news.scene.is_some() || news.turn.is_some();
+        any.then(|| std::mem::take(&mut *news))
+    }
+}
+
 /// Works out light as the dashboard wishes it.
 pub(super) struct Lighter {
     light: LightStation,
     wished: watch::Receiver<Settings>,
     /// Of the geodesic dome, where planes are the technique.
     frequency: u32,
+    technique: Technique,
+    news: SceneNews,
+    turn: Quat,
     generation: Option<u64>,
     previewed: Option<Instant>,
 }
@@ -77,15 +120,19 @@ impl Lighter {
         wished: watch::Receiver<Settings>,
         technique: Technique,
         frequency: u32,
+        news: SceneNews,
     ) -> Self {
         let mut lighter = Self {
             light,
             wished,
             frequency,
+            technique,
+            news,
+            turn: Quat::IDENTITY,
             generation: None,
             previewed: None,
         };
-        lighter.choose(technique);
+        lighter.choose();
         lighter
     }
 
@@ -93,6 +140,7 @@ impl Lighter {
     /// was.
     pub fn work_out(&mut self, seen: &Seen, picture: &Picture) -> WorkedOut {
         let begun = Instant::now();
+        self.take_scene();
         self.take_settings();
         let view = SceneView {
             picture,
@@ -124,13 +172,32 @@ impl Lighter {
         };
         self.light
             .set_lights(placement(lights), settings.light_count as usize);
-        self.choose(settings.technique);
+        self.technique = settings.technique;
+        self.choose();
     }
 
-    /// Shadowing planes want the faces of a geodesic dome lit.
-    fn choose(&mut self, technique: Technique) {
-        let wanted = technique == Technique::ShadowingPlanes;
+    /// Shadowing planes want the faces of a geodesic dome lit, turned with their model.
+    fn choose(&mut self) {
+        let wanted = self.technique == Technique::ShadowingPlanes;
         self.light.set_faces(wanted.then_some(self.frequency));
+        self.light.turn_faces(self.turn);
+    }
+
+    /// Another scene, or another place of its model.
+    fn take_scene(&mut self) {
+        let Some(change) = self.news.take() else {
+            return;
+        };
+        if let Some(scene) = change.scene {
+            self.light.take_scene(*scene);
+            self.generation = None;
+            // A new estimator does not know what is wished.
+            self.wished.mark_changed();
+        }
+        if let Some(turn) = change.turn {
+            self.turn = turn;
+            self.choose();
+        }
     }
 
     fn preview(&mut self) -> Option<Arc<Picture>> {

@@ -7,6 +7,7 @@
 //! happened.
 
 pub mod bake;
+mod baking;
 pub mod feed;
 pub mod light;
 pub mod light_report;
@@ -19,9 +20,12 @@ mod planes;
 pub mod prepare;
 mod rates;
 pub mod recorder;
+mod reload;
 pub mod report;
 mod run;
 pub mod runner;
+mod scene_light;
+mod scenes;
 pub mod service;
 mod settings;
 pub mod simulate;

@@ -1,50 +1,58 @@
 //! Shadowing planes in a rig: a bake is read from the cache or made on a thread of its own,
-//! while pictures go on with the light dome's shadows.
+//! while pictures go on with the light dome's shadows. When the scene is changed later, the old
+//! scene stays in the picture with its bake until that of the new one is there; a model that is
+//! moved as a whole takes its bake along at once.
 
-use super::bake::BakePlan;
+use super::RigError;
+use super::baking::{Baked, Baking, Obtained};
 use super::runner::Runner;
-use super::{RigError, threads};
+use crate::compositor::Compositor;
 use crate::compositor::planes::{PlanesChoice, Shading, Thresholds};
-use crate::compositor::{Compositor, Gpu};
-use crate::config::{PlaneShading, PlanesConfig};
-use crate::scene::Scene;
-use crate::scene::planes::Bake;
-use crate::scene::planes::store::{self, StoreError};
+use crate::config::PlaneShading;
+use crate::scene::change::is_level;
+use crate::scene::near_field::solid_phantoms;
+use crate::scene::planes::{Bake, ShadowingPlane};
+use crate::scene::{Change, Scene};
 use crate::status::planes::{PlanesState, PlanesStatus};
 use crate::status::{Settings, Technique};
-use crossbeam_channel::{Receiver, RecvTimeoutError, bounded};
-use std::path::Path;
+use crossbeam_channel::RecvTimeoutError;
+use glam::{DQuat, DVec3};
+use penumbra_interface::RigidTransform;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU32, Ordering};
-use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Time between two looks at a bake that is waited for.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
 
-/// A bake and how it was come by.
-struct Obtained {
-    bake: Bake,
-    from_cache: bool,
-    took: Duration,
+/// Whether the bake in force is right for a scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Fit {
+    /// It is, where it was moved to.
+    Right,
+    /// Nearly, where it was moved to: something real has not moved along.
+    Nearly,
+    /// It is another scene's.
+    Not,
 }
 
-/// A bake in the making.
-struct Working {
-    done: Arc<AtomicU32>,
-    total: Arc<AtomicU32>,
-    result: Receiver<Result<Obtained, RigError>>,
-    thread: Option<JoinHandle<()>>,
+/// What is shown of planes.
+struct InForce {
+    baked: Baked,
+    world_from_bake: RigidTransform,
+    /// The scene that it was compared with last, and how well it fits.
+    fits: (Arc<Scene>, Fit),
 }
 
 /// See the module.
 #[derive(Default)]
 pub(super) struct PlanesStation {
     status: PlanesStatus,
-    working: Option<Working>,
-    /// There is a bake, or there cannot be one.
-    settled: bool,
-    failed: Option<String>,
+    working: Option<Baking>,
+    /// Nobody wants these any more.
+    retired: Vec<Baking>,
+    in_force: Option<InForce>,
+    /// A scene that has no bake, and why.
+    failed: Option<(Arc<Scene>, String)>,
 }
 
 impl PlanesStation {
@@ -53,9 +61,11 @@ impl PlanesStation {
         &self.status
     }
 
-    /// How a frame is drawn with `settings`; `None` where planes are not the technique.
-    pub fn choice(settings: &Settings) -> Option<PlanesChoice> {
-        (settings.technique == Technique::ShadowingPlanes).then_some(PlanesChoice {
+    /// How a frame of `scene` is drawn with `settings`; `None` where planes are not the
+    /// technique, or have no bake of it.
+    pub fn choice(&self, settings: &Settings, scene: &Arc<Scene>) -> Option<PlanesChoice> {
+        let wanted = settings.technique == Technique::ShadowingPlanes && self.shows(scene);
+        wanted.then_some(PlanesChoice {
             thresholds: Thresholds {
                 skip_below: settings.planes_skip_below,
                 recompute_above: settings.planes_recompute_above,
@@ -68,86 +78,169 @@ impl PlanesStation {
         })
     }
 
-    /// Sees to a bake where one is wanted. A recording waits for it, so that its pictures are
-    /// always the same; a live rig goes on, and says in its status what is wrong.
+    /// How the dome of the lights is turned: with the model.
+    pub fn turn(&self) -> DQuat {
+        self.in_force
+            .as_ref()
+            .map_or(DQuat::IDENTITY, |f| f.world_from_bake.rotation)
+    }
+
+    fn shows(&self, scene: &Arc<Scene>) -> bool {
+        let fits = |f: &InForce| f.fits.1 != Fit::Not && Arc::ptr_eq(&f.fits.0, scene);
+        self.in_force.as_ref().is_some_and(fits)
+    }
+
+    /// Sees to the bake of `wanted`, the newest scene, and says whether that may be shown in
+    /// place of `shown`. A recording waits for its first bake, so that its pictures are always the
+    /// same; else the picture goes on, and the status says what is wrong.
     pub fn attend(
         &mut self,
         runner: &Runner,
         settings: &Settings,
+        (wanted, shown): (&Arc<Scene>, &Arc<Scene>),
         compositor: &mut Compositor,
-    ) -> Result<(), RigError> {
+    ) -> Result<bool, RigError> {
         if settings.technique != Technique::ShadowingPlanes {
             self.status.state = PlanesState::Off;
-            return Ok(());
+            return Ok(true);
         }
-        if !self.settled && self.working.is_none() {
-            let (setup, config) = (&runner.setup, &runner.config.planes);
-            let working = Working::start(compositor.gpu(), &setup.scene, config)?;
-            self.working = Some(working);
-        }
-        let wait = !runner.source.is_live();
-        while let Some(working) = self.working.take() {
-            match working
-                .result
-                .recv_timeout(if wait { LOOK_EVERY } else { Duration::ZERO })
-            {
-                Ok(result) => self.settle(result, wait, compositor)?,
-                Err(RecvTimeoutError::Disconnected) => {
-                    self.fail("the baking thread ended early".to_owned());
-                }
-                Err(RecvTimeoutError::Timeout) => {
-                    self.status.state = working.state();
-                    self.working = Some(working);
-                }
+        let first = self.in_force.is_none() && self.failed.is_none();
+        let wait = first && !runner.source.is_live();
+        loop {
+            let fit = self.fit(wanted, compositor);
+            if fit == Fit::Right || self.has_failed(wanted) {
+                self.retire();
+                self.status.state = self.settled(wanted);
+                return Ok(true);
+            }
+            self.work(runner, wanted, compositor)?;
+            let patience = if wait { LOOK_EVERY } else { Duration::ZERO };
+            if self.look(patience, wait, compositor)? {
+                continue;
             }
             if !wait || runner.is_over() {
-                break;
+                return Ok(fit == Fit::Nearly || !self.shows(shown));
             }
             runner.status.update(|s| s.planes.clone_from(&self.status));
         }
-        if self.settled {
-            self.status.state = match &self.failed {
-                Some(reason) => PlanesState::Failed {
-                    reason: reason.clone(),
-                },
-                None => PlanesState::Ready,
-            };
+    }
+
+    /// How well the bake in force fits `wanted`, moved along with it where that is enough. Where
+    /// it does not fit it stays as it is, for the scene that is shown.
+    fn fit(&mut self, wanted: &Arc<Scene>, compositor: &mut Compositor) -> Fit {
+        let Some(force) = &mut self.in_force else {
+            return Fit::Not;
+        };
+        if Arc::ptr_eq(&force.fits.0, wanted) {
+            return force.fits.1;
+        }
+        // It is being baked because it was compared before.
+        if let Some(working) = &self.working
+            && Arc::ptr_eq(&working.scene, wanted)
+        {
+            return Fit::Not;
+        }
+        let (motion, fit) = match Change::between(&force.baked.scene, wanted) {
+            Change::Looks => (RigidTransform::IDENTITY, Fit::Right),
+            Change::Moved { new_from_old } if goes_along(wanted, new_from_old) => {
+                (new_from_old, Fit::Right)
+            }
+            Change::Moved { new_from_old } => (new_from_old, Fit::Nearly),
+            Change::Shapes => return Fit::Not,
+        };
+        force.fits = (wanted.clone(), fit);
+        force.world_from_bake = motion;
+        compositor.move_planes(motion);
+        fit
+    }
+
+    fn has_failed(&self, scene: &Arc<Scene>) -> bool {
+        let failed = self.failed.as_ref();
+        failed.is_some_and(|(of, _)| Arc::ptr_eq(of, scene))
+    }
+
+    fn settled(&self, scene: &Arc<Scene>) -> PlanesState {
+        match &self.failed {
+            Some((of, reason)) if Arc::ptr_eq(of, scene) => PlanesState::Failed {
+                reason: reason.clone(),
+            },
+            _ => PlanesState::Ready,
+        }
+    }
+
+    /// Makes sure that the bake of `scene` is on its way.
+    fn work(
+        &mut self,
+        runner: &Runner,
+        scene: &Arc<Scene>,
+        compositor: &Compositor,
+    ) -> Result<(), RigError> {
+        let on_its_way = |w: &Baking| Arc::ptr_eq(&w.scene, scene);
+        if self.working.as_ref().is_none_or(|w| !on_its_way(w)) {
+            self.retire();
+            let before = self.in_force.as_ref().and_then(InForce::to_build_on);
+            let config = &runner.config.planes;
+            let working = Baking::start(compositor.gpu(), scene, config, before)?;
+            self.working = Some(working);
         }
         Ok(())
     }
 
-    fn settle(
+    /// Ends what is on its way; nobody waits for its end.
+    fn retire(&mut self) {
+        self.retired.retain(|w| !w.is_over());
+        if let Some(working) = self.working.take() {
+            working.end();
+            self.retired.push(working);
+        }
+    }
+
+    /// Takes what is finished, and says whether something is.
+    fn look(
         &mut self,
-        result: Result<Obtained, RigError>,
+        patience: Duration,
         strict: bool,
         compositor: &mut Compositor,
-    ) -> Result<(), RigError> {
-        let put = result.and_then(|obtained| {
-            compositor.set_bake(Some(&obtained.bake))?;
-            Ok(obtained)
-        });
-        match put {
-            Ok(obtained) => {
-                self.settled = true;
-                self.describe(&obtained);
-                Ok(())
+    ) -> Result<bool, RigError> {
+        let Some(working) = &self.working else {
+            return Ok(false);
+        };
+        match working.result.recv_timeout(patience) {
+            Err(RecvTimeoutError::Timeout) => {
+                self.status.state = working.state();
+                return Ok(false);
             }
-            Err(error) if strict => Err(error),
-            Err(error) => {
-                self.fail(error.to_string());
-                Ok(())
+            Ok(Ok(obtained)) => self.put(obtained, compositor),
+            Ok(Err(error)) if strict => return Err(error),
+            Ok(Err(error)) => self.fail(error.to_string()),
+            Err(RecvTimeoutError::Disconnected) => {
+                self.fail("the baking thread ended early".to_owned());
             }
         }
+        self.working = None;
+        Ok(true)
+    }
+
+    fn put(&mut self, obtained: Obtained, compositor: &mut Compositor) {
+        self.describe(&obtained);
+        compositor.show_planes(obtained.stage);
+        self.failed = None;
+        self.in_force = Some(InForce {
+            fits: (obtained.baked.scene.clone(), Fit::Right),
+            baked: obtained.baked,
+            world_from_bake: RigidTransform::IDENTITY,
+        });
     }
 
     fn fail(&mut self, reason: String) {
         tracing::warn!("shadowing planes: {reason}; the light dome casts the shadows");
-        self.settled = true;
-        self.failed = Some(reason);
+        if let Some(working) = &self.working {
+            self.failed = Some((working.scene.clone(), reason));
+        }
     }
 
     fn describe(&mut self, obtained: &Obtained) {
-        let bake = &obtained.bake;
+        let bake = &obtained.baked.bake;
         let (lit, all) = bake.counts();
         self.status.planes = bake.planes.len() as u32;
         self.status.lights = bake.lights() as u32;
@@ -171,89 +264,34 @@ impl PlanesStation {
     }
 }
 
-impl Working {
-    fn start(gpu: &Gpu, scene: &Scene, config: &PlanesConfig) -> Result<Self, RigError> {
-        let (done, total) = (Arc::<AtomicU32>::default(), Arc::<AtomicU32>::default());
-        let (send, result) = bounded(1);
-        let (gpu, scene, config) = (gpu.clone(), scene.clone(), config.clone());
-        let counts = (done.clone(), total.clone());
-        let job = move || {
-            let mut progress = |at: usize, of: usize| {
-                counts.0.store(at as u32, Ordering::Relaxed);
-                counts.1.store(of as u32, Ordering::Relaxed);
-            };
-            // Nobody waits any more where the rig has ended.
-            let _ = send.send(obtain(&gpu, &scene, &config, &mut progress));
+impl InForce {
+    /// The bake as it stands now, for a scene in which not all has changed. One that was turned
+    /// has its lights turned, too, and is no start.
+    fn to_build_on(&self) -> Option<Baked> {
+        let RigidTransform {
+            rotation,
+            translation,
+        } = self.world_from_bake;
+        if rotation != DQuat::IDENTITY && rotation.angle_between(DQuat::IDENTITY) > 1e-9 {
+            return None;
+        }
+        if translation == DVec3::ZERO {
+            return Some(self.baked.clone());
+        }
+        let moved = |p: &ShadowingPlane| p.moved(self.world_from_bake);
+        let bake = Bake {
+            planes: self.baked.bake.planes.iter().map(moved).collect(),
+            ..(*self.baked.bake).clone()
         };
-        let thread = threads::spawn("bake", job).map_err(|source| RigError::Thread { source })?;
-        Ok(Self {
-            done,
-            total,
-            result,
-            thread: Some(thread),
+        (self.fits.1 == Fit::Right).then(|| Baked {
+            scene: self.fits.0.clone(),
+            bake: Arc::new(bake),
         })
     }
-
-    fn state(&self) -> PlanesState {
-        PlanesState::Baking {
-            done: self.done.load(Ordering::Relaxed),
-            total: self.total.load(Ordering::Relaxed),
-        }
-    }
 }
 
-impl Drop for Working {
-    fn drop(&mut self) {
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
-    }
-}
-
-/// The bake of `scene`: from the cache, or made now and put there.
-fn obtain(
-    gpu: &Gpu,
-    scene: &Scene,
-    config: &PlanesConfig,
-    progress: &mut dyn FnMut(usize, usize),
-) -> Result<Obtained, RigError> {
-    let begun = Instant::now();
-    let plan = BakePlan::new(scene, config)?;
-    let file = plan.cache_file(config);
-    let known = file.as_ref().and_then(|file| {
-        let read = store::load(file, &plan.key);
-        // A cache that cannot be read is as good as none.
-        read.inspect_err(|error| tracing::warn!("{error}"))
-            .ok()
-            .flatten()
-    });
-    if let Some(bake) = known {
-        return Ok(Obtained {
-            bake,
-            from_cache: true,
-            took: begun.elapsed(),
-        });
-    }
-    let planes = plan.planes.len();
-    tracing::info!("baking {planes} shadowing planes; the next start reads them from the cache");
-    let bake = plan.bake(gpu, scene, config, progress)?;
-    if let Some(file) = file
-        && let Err(error) = keep(&file, &bake)
-    {
-        tracing::warn!("{error}");
-    }
-    Ok(Obtained {
-        bake,
-        from_cache: false,
-        took: begun.elapsed(),
-    })
-}
-
-/// Puts a bake into the cache; those that were used longest ago make room for it.
-fn keep(file: &Path, bake: &Bake) -> Result<(), StoreError> {
-    store::save(file, bake)?;
-    if let Some(folder) = file.parent() {
-        store::trim(folder, store::CACHE_LIMIT)?;
-    }
-    Ok(())
+/// Whether all shadows of `scene` move along with its model: what is real is level ground alone,
+/// and the model has stayed upright on it.
+fn goes_along(scene: &Scene, motion: RigidTransform) -> bool {
+    is_level(motion) && solid_phantoms(scene).next().is_none()
 }

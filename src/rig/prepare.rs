@@ -4,7 +4,7 @@
 
 use super::feed::{Fed, FedFrame, Feed, FeedCounts};
 use super::light::LightStation;
-use super::lighter::{Lighter, Seen};
+use super::lighter::{Lighter, SceneNews, Seen};
 use super::lights::Lights;
 use super::pace::Pace;
 use super::source::Source;
@@ -128,6 +128,19 @@ impl Preparation {
         wished: watch::Receiver<Settings>,
         stop: Arc<AtomicBool>,
     ) -> Result<Self, RigError> {
+        let news = SceneNews::default();
+        Self::start_with(setup, config, source, wished, news, stop)
+    }
+
+    /// The same; `news` will tell of changed scenes.
+    pub(super) fn start_with(
+        setup: &RigSetup,
+        config: &Config,
+        source: &Source,
+        wished: watch::Receiver<Settings>,
+        news: SceneNews,
+        stop: Arc<AtomicBool>,
+    ) -> Result<Self, RigError> {
         let as_live = as_live(config, source);
         let pairing = pairing(config, setup, as_live);
         let ahead = if source.is_live() { 0 } else { AHEAD };
@@ -135,7 +148,7 @@ impl Preparation {
         let (spare, spares) = bounded(AHEAD + 2);
         let (wants, wanted) = bounded(1);
         let mut worker = Worker {
-            lights: lights(setup, config, source, wished)?,
+            lights: lights(setup, config, source, wished, news)?,
             feed: Feed::new(source, &setup.calibration, pairing, as_live),
             setup: setup.clone(),
             pairing,
@@ -308,10 +321,11 @@ fn lights(
     config: &Config,
     source: &Source,
     wished: watch::Receiver<Settings>,
+    news: SceneNews,
 ) -> Result<Lights, RigError> {
     let station = LightStation::new(setup, config, &|name| source.attachment(name))?;
     let technique = super::live_settings(config).technique;
-    let lighter = Lighter::new(station, wished, technique, config.planes.frequency);
+    let lighter = Lighter::new(station, wished, technique, config.planes.frequency, news);
     match source {
         Source::Live(_) => Lights::beside(lighter),
         Source::Recorded(_) if as_live(config, source) => Ok(Lights::as_noted(lighter)),

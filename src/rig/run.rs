@@ -1,10 +1,12 @@
 //! One run: each frame from its picture and its light to the outputs, and the counts.
 
+use super::lighter::SceneNews;
 use super::planes::PlanesStation;
 use super::prepare::{Counts, LightState, Prepared};
 use super::rates::Rates;
 use super::report::{FrameCounts, InputCounts, Report, SkewMeter};
 use super::runner::{Runner, Screen};
+use super::scenes::Scenes;
 use super::settings::{compositor_settings, live_settings};
 use super::source::Source;
 use super::status::Published;
@@ -21,12 +23,19 @@ use penumbra_tracker_serial::freed::{FreedSender, Lens, optical_to_studio};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+/// Where finished pictures go.
+pub(super) struct Outlets {
+    pub screen: Option<Box<dyn Screen>>,
+    pub folder: Option<FrameFolder>,
+    /// Who is told the scene camera's poses.
+    pub pose_out: Option<FreedSender>,
+}
+
 /// The state of a run.
 pub(super) struct Run {
     compositor: Compositor,
     screen: Option<Box<dyn Screen>>,
     folder: Option<FrameFolder>,
-    /// Who is told the scene camera's poses.
     pose_out: Option<FreedSender>,
     settings: Settings,
     wished: tokio::sync::watch::Receiver<Settings>,
@@ -37,6 +46,7 @@ pub(super) struct Run {
     skew: SkewMeter,
     rates: Rates,
     light: LightState,
+    scenes: Scenes,
     planes: PlanesStation,
     started: Instant,
     /// Something is on the screen.
@@ -48,17 +58,22 @@ impl Run {
     pub fn new(
         runner: &Runner,
         gpu: Gpu,
-        screen: Option<Box<dyn Screen>>,
-        folder: Option<FrameFolder>,
-        pose_out: Option<FreedSender>,
-    ) -> Self {
+        outlets: Outlets,
+        news: SceneNews,
+    ) -> Result<Self, RigError> {
         let (config, setup) = (&runner.config, &runner.setup);
         let settings = compositor_settings(config, runner.source.is_live(), gpu.software);
         let response = setup.calibration.scene_camera.response.clone();
         let mut compositor = Compositor::new(gpu, settings, response);
-        compositor.set_scene(&setup.scene, &crate::scene::casters(&setup.scene));
-        Self {
+        let scenes = Scenes::new(runner, &mut compositor, news)?;
+        let Outlets {
+            screen,
+            folder,
+            pose_out,
+        } = outlets;
+        Ok(Self {
             compositor,
+            scenes,
             screen,
             folder,
             pose_out,
@@ -75,7 +90,7 @@ impl Run {
             started: Instant::now(),
             shown: false,
             closed: false,
-        }
+        })
     }
 
     pub fn over(&self, runner: &Runner) -> bool {
@@ -92,8 +107,12 @@ impl Run {
         self.stages.record("environment", prepared.lighting);
         self.take_settings();
         self.light.clone_from(&prepared.light);
-        self.planes
-            .attend(runner, &self.settings, &mut self.compositor)?;
+        self.scenes.attend(
+            runner,
+            &self.settings,
+            &mut self.planes,
+            &mut self.compositor,
+        )?;
         self.draw(runner, prepared)?;
         self.stages.record("composite", begun.elapsed());
         self.deliver(runner, prepared.index)?;
@@ -127,6 +146,7 @@ impl Run {
             played: runner.source.share_played(prepared.frame.scene.arrived_at),
             settings: &self.settings,
             planes: self.planes.status(),
+            scene: self.scenes.status(),
             stale_after_nanos: runner.config.environment.stale_after_nanos,
         });
         Ok(())
@@ -179,7 +199,7 @@ impl Run {
         let settings = &self.settings;
         let shadows = settings.technique != Technique::ImageBasedLighting;
         let refresh = runner.config.shadows.refresh_per_frame;
-        let lamps = lamps_at(&runner.setup.scene.lamps, prepared.seconds);
+        let lamps = lamps_at(&self.scenes.shown().lamps, prepared.seconds);
         self.compositor.compose(&FrameInput {
             picture: &prepared.picture,
             camera: &runner.setup.calibration.scene_camera.camera,
@@ -198,7 +218,7 @@ impl Run {
             },
             refresh: Refresh::UpTo(refresh.of(settings.light_count) as usize),
             show_virtual: settings.virtual_object_visible,
-            planes: PlanesStation::choice(settings),
+            planes: self.planes.choice(settings, self.scenes.shown()),
         })?;
         self.shown = true;
         Ok(())

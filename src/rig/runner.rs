@@ -1,10 +1,11 @@
 //! Lets frames flow through the compositor to the outputs: those of a recording, or those
 //! of a live rig.
 
+use super::lighter::SceneNews;
 use super::notify::Notifier;
 use super::prepare::{Preparation, Step};
 use super::report::Report;
-use super::run::Run;
+use super::run::{Outlets, Run};
 use super::source::Source;
 use super::{RigError, RigSetup};
 use crate::compositor::{Compositor, Gpu};
@@ -84,11 +85,13 @@ impl Runner {
             None => None,
         };
         let pose_out = self.config.output.freed.map(pose_sender).transpose()?;
-        let preparation = Preparation::start(
+        let news = SceneNews::default();
+        let preparation = Preparation::start_with(
             &self.setup,
             &self.config,
             &self.source,
             self.status.settings_receiver(),
+            news.clone(),
             self.shutdown.clone(),
         )?;
         // Only now is there somebody to take what they deliver.
@@ -97,7 +100,12 @@ impl Runner {
         }
         super::status::begin(&self.status, &self.source, &self.setup, &gpu);
         let mut notifier = Notifier::new();
-        let mut run = Run::new(&self, gpu, screen, folder, pose_out);
+        let outlets = Outlets {
+            screen,
+            folder,
+            pose_out,
+        };
+        let mut run = Run::new(&self, gpu, outlets, news)?;
         while !run.over(&self) {
             let Some(step) = preparation.next() else {
                 break;

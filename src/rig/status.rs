@@ -12,7 +12,7 @@ use crate::status::snapshot::{
     Adapter, Device, DeviceKind, DeviceState, PoseAnswer, SessionState, WhiteBalance,
     WhiteBalanceEstimate, WhiteBalanceMethod, WhiteMatch,
 };
-use crate::status::{Settings, SharedStatus, Snapshot, StageTimes};
+use crate::status::{SceneStatus, Settings, SharedStatus, Snapshot, StageTimes};
 use crate::sync::{self, RigFrame};
 
 /// Everything that a frame changes in the status.
@@ -35,6 +35,8 @@ pub struct Published<'a> {
     pub settings: &'a Settings,
     /// What shadowing planes are doing.
     pub planes: &'a PlanesStatus,
+    /// Where the scene is from.
+    pub scene: &'a SceneStatus,
     /// Light older than this is old, nanoseconds.
     pub stale_after_nanos: i64,
 }
@@ -88,6 +90,7 @@ pub fn publish(p: &Published<'_>) {
         s.stages.clone_from(p.stages);
         s.settings.clone_from(p.settings);
         s.planes.clone_from(p.planes);
+        s.scene.clone_from(p.scene);
         let picture = &p.prepared.picture;
         (s.resolution.width, s.resolution.height) = (picture.width, picture.height);
         if let Some(warning) = &p.prepared.warning {

@@ -1,13 +1,12 @@
 //! What the scene camera's picture tells of the real surfaces around the virtual objects.
 
-use super::RigSetup;
 use super::light::SceneView;
 use crate::calibration::photometry::raycast::PhantomCaster;
-use crate::calibration::{PinholeCamera, Response};
+use crate::calibration::{PinholeCamera, Response, RigCalibration};
 use crate::environment::{LightKind, Lighting};
 use crate::picture::Picture;
 use crate::scene::near_field::{AXES, PhantomRadiance, side_of, solid_phantoms};
-use crate::scene::{Part, PhantomRays};
+use crate::scene::{Part, PhantomRays, Scene};
 use glam::{DVec2, Vec3};
 use penumbra_interface::RigidTransform;
 use std::f32::consts::PI;
@@ -29,13 +28,12 @@ const GROUND_POINTS: usize = 24;
 const GROUND_SHARE: f32 = 0.1;
 
 impl GroundWatch {
-    pub(super) fn new(setup: &RigSetup, rays: Arc<PhantomCaster>) -> Self {
-        let points = setup
-            .scene
+    pub(super) fn new(rig: &RigCalibration, scene: &Scene, rays: Arc<PhantomCaster>) -> Self {
+        let points = scene
             .ground_height
-            .map(|height| points_around(&setup.scene, height as f32))
+            .map(|height| points_around(scene, height as f32))
             .unwrap_or_default();
-        let scene_camera = &setup.calibration.scene_camera;
+        let scene_camera = &rig.scene_camera;
         Self {
             points,
             rays,
@@ -43,6 +41,11 @@ impl GroundWatch {
             response: scene_camera.response.clone(),
             radiance: None,
         }
+    }
+
+    /// Goes on with what `before` has seen.
+    pub(super) fn follow(&mut self, before: &Self) {
+        self.radiance = before.radiance;
     }
 
     pub(super) fn look(&mut self, scene: &SceneView<'_>) {
@@ -97,7 +100,7 @@ impl GroundWatch {
 }
 
 /// A grid on the ground, three times as wide as the virtual objects.
-fn points_around(scene: &crate::scene::Scene, height: f32) -> Vec<Vec3> {
+fn points_around(scene: &Scene, height: f32) -> Vec<Vec3> {
     let (mut low, mut high) = (Vec3::splat(f32::MAX), Vec3::splat(f32::MIN));
     for part in &scene.virtual_parts {
         for vertex in &part.mesh.vertices {
@@ -143,9 +146,9 @@ const ENOUGH: f32 = 4.0;
 const USUAL_ALBEDO: f32 = 0.3;
 
 impl PhantomWatch {
-    pub(super) fn new(setup: &RigSetup) -> Self {
-        let parts: Vec<Part> = solid_phantoms(&setup.scene).cloned().collect();
-        let scene_camera = &setup.calibration.scene_camera;
+    pub(super) fn new(rig: &RigCalibration, scene: &Scene) -> Self {
+        let parts: Vec<Part> = solid_phantoms(scene).cloned().collect();
+        let scene_camera = &rig.scene_camera;
         Self {
             rays: PhantomRays::from_parts(&parts),
             camera: scene_camera.camera.clone(),

@@ -92,7 +92,9 @@ fn has_same_triangles(a: &Mesh, b: &Mesh) -> bool {
             .all(|(v, w)| v.position == w.position && v.normal == w.normal)
 }
 
-fn same_parts(a: &[Part], b: &[Part]) -> bool {
+/// Whether both are the same parts in the same order and places.
+#[must_use]
+pub fn same_parts(a: &[Part], b: &[Part]) -> bool {
     a.len() == b.len() && a.iter().zip(b).all(|(a, b)| is_same(a, b))
 }
 

@@ -184,6 +184,21 @@ impl SceneAddition {
     }
 }
 
+/// The scene file at `path` and the files that it names, whether they are there or not.
+#[must_use]
+pub fn files_of(path: &Path) -> Vec<PathBuf> {
+    let mut files = vec![path.to_owned()];
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let text = TomlText::read(path);
+    if let Ok(file) = text.and_then(|text| text.parse::<SceneFile>()) {
+        let entries = file.object.iter().chain(&file.phantom);
+        let named = entries.filter_map(|entry| entry.file.as_ref());
+        files.extend(named.take(MOST_ENTRIES).map(|name| folder.join(name)));
+    }
+    files.dedup();
+    files
+}
+
 impl Scene {
     /// The scene that `choice` asks for, over the phantoms of a session.
     pub fn choose(

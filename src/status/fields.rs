@@ -167,6 +167,18 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "Counts the pictures at `/environment.png`; 0 = none yet.",
     ),
     (
+        "scene.file",
+        "The scene file, which is read anew when it or a model that it names is changed; null where the session brings the scene.",
+    ),
+    (
+        "scene.loads",
+        "Times that a changed scene was taken into the picture.",
+    ),
+    (
+        "scene.reason",
+        "Why the newest change was not taken, and the scene stayed as it was; null when it was.",
+    ),
+    (
         "planes.state",
         "Shadowing planes: `off` (another technique is in force), `baking`, `ready` or `failed`.",
     ),

@@ -36,6 +36,8 @@ pub struct Snapshot {
     pub white_balance: WhiteBalance,
     /// The light.
     pub lighting: LightingStatus,
+    /// The scene and its file.
+    pub scene: SceneStatus,
     /// Shadowing planes.
     pub planes: PlanesStatus,
     /// Recording.
@@ -65,6 +67,7 @@ impl Default for Snapshot {
             pairing: Pairing::default(),
             white_balance: WhiteBalance::default(),
             lighting: LightingStatus::default(),
+            scene: SceneStatus::default(),
             planes: PlanesStatus::default(),
             recording: Recording::default(),
             devices: Vec::new(),
@@ -113,6 +116,17 @@ impl Default for Program {
             uptime_seconds: 0.0,
         }
     }
+}
+
+/// The scene and its file, which is read anew when it is changed.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct SceneStatus {
+    /// The scene file; `None` where the session brings the scene.
+    pub file: Option<String>,
+    /// Times that a changed scene was taken into the picture.
+    pub loads: u64,
+    /// Why the newest change was not taken: what, where, what to do.
+    pub reason: Option<String>,
 }
 
 /// What is being played or seen.

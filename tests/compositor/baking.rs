@@ -8,6 +8,7 @@ use penumbra::scene::planes::{
     Bake, BakeSettings, Image, Layer, Receiver, ReceiverImage, ShadowingPlane,
 };
 use penumbra::scene::{Scene, primitives};
+use std::ops::ControlFlow;
 
 const SIDE: u32 = 128;
 
@@ -79,7 +80,10 @@ fn baked(scene: &Scene, planes: Vec<ShadowingPlane>, samples: u32) -> Bake {
         frequency: 2,
         samples,
     };
-    bake(&gpu(), scene, planes, settings, &mut |_, _| ()).unwrap()
+    bake(&gpu(), scene, planes, settings, &mut |_, _| {
+        ControlFlow::Continue(())
+    })
+    .unwrap()
 }
 
 #[test]
@@ -226,7 +230,7 @@ fn impossible_settings_are_refused_in_one_line() {
             &floating_box(),
             vec![ground()],
             settings,
-            &mut |_, _| (),
+            &mut |_, _| ControlFlow::Continue(()),
         );
         let text = result.unwrap_err().to_string();
         assert!(

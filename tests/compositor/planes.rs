@@ -2,14 +2,19 @@
 
 use crate::judge::{Rule, assert_like, assert_same_where, untouched, virtual_inside};
 use crate::stage::{Stage, gpu, lighting, part, sun};
-use glam::{DVec2, DVec3, Vec3};
-use penumbra::compositor::planes::{PlaneWork, PlanesChoice, Shading, Thresholds, bake};
-use penumbra::compositor::{Compositor, FrameInput};
+use glam::{DQuat, DVec2, DVec3, Vec3};
+use penumbra::compositor::planes::{PlaneWork, PlanesChoice, Shading, Thresholds, bake, mend};
+use penumbra::compositor::{Compositor, FrameInput, GpuError};
 use penumbra::environment::Lighting;
 use penumbra::environment::geodesic::{FaceLight, GeodesicDome, Membership};
 use penumbra::picture::Picture;
-use penumbra::scene::planes::{Bake, BakeSettings, Layer, Receiver, ShadowingPlane};
-use penumbra::scene::{Part, primitives};
+use penumbra::scene::planes::renew::renew;
+use penumbra::scene::planes::{
+    Bake, BakeSettings, Image, Layer, PlaneSettings, Receiver, ShadowingPlane, generate,
+};
+use penumbra::scene::{Part, Scene, primitives};
+use penumbra_interface::RigidTransform;
+use std::ops::ControlFlow;
 use std::sync::Arc;
 
 const EXACT: Thresholds = Thresholds {
@@ -94,7 +99,10 @@ fn baked(stage: &Stage, planes: Vec<ShadowingPlane>) -> Bake {
         resolution: 256,
         ..BakeSettings::default()
     };
-    bake(&gpu(), &stage.scene, planes, settings, &mut |_, _| ()).unwrap()
+    bake(&gpu(), &stage.scene, planes, settings, &mut |_, _| {
+        ControlFlow::Continue(())
+    })
+    .unwrap()
 }
 
 fn stage_with(luminance: &[Vec3]) -> Stage {
@@ -314,6 +322,119 @@ fn planes_out_of_sight_cost_nothing_and_catch_up_when_they_are_seen() {
     assert!(back.resummed > 0 && back.resummed < back.seen, "{back:?}");
     let (fresh, _) = compose(&mut compositor(&stage, planes()), &stage, EXACT);
     assert_eq!(picture, fresh);
+}
+
+/// Share of the pixels that differ by more than 3 codes.
+fn share_off(a: &Picture, b: &Picture) -> f64 {
+    let differ = |(a, b): &(&u8, &u8)| a.abs_diff(**b) > 3;
+    let count = a.rgba.iter().zip(&b.rgba).filter(differ).count();
+    count as f64 / a.rgba.len() as f64
+}
+
+/// A model that is turned and pushed over the ground, under turned light and seen by a camera
+/// that was carried along, looks as before; nothing is baked anew.
+#[test]
+fn a_moved_model_takes_its_bake_along() {
+    let luminance = sky();
+    let before = stage_with(&luminance);
+    let turn = DQuat::from_rotation_z(0.6);
+    let motion = RigidTransform::new(turn, DVec3::new(0.3, -0.2, 0.0));
+    let mut after = stage_with(&luminance);
+    after.pose = before.pose.map(|pose| motion * pose);
+    for part in &mut after.scene.virtual_parts {
+        part.world_from_part = motion.to_matrix() * part.world_from_part;
+    }
+    // The faces' sums are those of a dome that is turned; what else shines does, too.
+    let lighting = after.lighting.as_mut().unwrap();
+    for light in &mut lighting.lights {
+        light.direction = turn.as_quat() * light.direction;
+    }
+    let mut moved = compositor(&before, planes());
+    let (expected, _) = compose(&mut moved, &before, EXACT);
+    moved.set_scene(&after.scene, &penumbra::scene::casters(&after.scene));
+    moved.move_planes(motion);
+    let (picture, work) = compose(&mut moved, &after, EXACT);
+    assert_eq!(work.images, 0, "what was summed before still holds");
+    assert!(share_off(&picture, &expected) < 0.005);
+    moved.move_planes(RigidTransform::IDENTITY);
+    let (left_behind, _) = compose(&mut moved, &after, EXACT);
+    assert!(share_off(&left_behind, &expected) > 0.02);
+}
+
+/// One of two objects is changed: the mended bake has the very images that a whole one has.
+#[test]
+fn a_mended_bake_is_what_baking_all_of_it_gives() {
+    let cube = |x: f64, size: f32| part(primitives::cuboid(Vec3::splat(size)), DVec3::X * x);
+    let scene = |parts: Vec<Part>| Stage {
+        scene: Scene {
+            virtual_parts: parts,
+            ..Stage::new(128, 96).scene
+        },
+        ..Stage::new(128, 96)
+    };
+    let old = scene(vec![cube(-0.5, 0.1), cube(0.2, 0.1)]).scene;
+    let new = scene(vec![cube(-0.5, 0.1), cube(0.25, 0.12)]).scene;
+    let generated = PlaneSettings {
+        count: 20,
+        ..PlaneSettings::default()
+    };
+    let whole = |scene: &Scene, planes: Vec<ShadowingPlane>| {
+        let settings = BakeSettings {
+            resolution: 64,
+            ..BakeSettings::default()
+        };
+        let go_on = &mut |_, _| ControlFlow::Continue(());
+        bake(&gpu(), scene, planes, settings, go_on).unwrap()
+    };
+    let before = whole(&old, generate(&old, &generated).unwrap());
+    let renewal = renew(&before, &old, &new, &generated).unwrap();
+    let (planes, images) = renewal.counts();
+    assert!(
+        planes > 0 && images > 0 && images < renewal.drawn.len(),
+        "{planes} {images}"
+    );
+    let (mut lights_told, mut all) = (Vec::new(), 0);
+    let mended = mend(&gpu(), &new, &before, &renewal, &mut |done, of| {
+        lights_told.push(done);
+        all = of;
+        ControlFlow::Continue(())
+    });
+    let mended = mended.unwrap();
+    assert_eq!((lights_told.last(), all), (Some(&40), 40));
+    let fresh = whole(&new, renewal.planes.clone());
+    assert_eq!(
+        (&mended.planes, &mended.receivers),
+        (&fresh.planes, &fresh.receivers)
+    );
+    let stored = |bake: &Bake, image: Image| match image {
+        Image::Stored(n) => bake.texels[n as usize * 64 * 64..][..64 * 64].to_vec(),
+        Image::Black => vec![255],
+        Image::White => vec![0],
+    };
+    let mut off = 0;
+    for (a, b) in mended.images.iter().zip(&fresh.images) {
+        for (a, b) in [(a.past_all, b.past_all), (a.past_phantoms, b.past_phantoms)] {
+            let (a, b) = (stored(&mended, a), stored(&fresh, b));
+            // Maps are laid around all casters: an edge may fall into another of their texels.
+            let differ = a.iter().zip(&b).filter(|(a, b)| a.abs_diff(**b) > 40);
+            assert!(
+                a.len() == b.len() && differ.count() <= 12,
+                "{} {}",
+                a.len(),
+                b.len()
+            );
+            off += usize::from(a != b);
+        }
+    }
+    assert!(
+        off * 4 < mended.images.len(),
+        "{off} of {}",
+        mended.images.len()
+    );
+    let stopped = mend(&gpu(), &new, &before, &renewal, &mut |_, _| {
+        ControlFlow::Break(())
+    });
+    assert!(matches!(stopped, Err(GpuError::Stopped)));
 }
 
 #[test]

@@ -15,6 +15,7 @@ use crate::scene::planes::{
     Bake, BakeSettings, Basis, Image, Layer, Receiver, ReceiverImage, ShadowingPlane,
 };
 use glam::{DVec3, Vec3};
+use std::ops::ControlFlow;
 use wgpu::BufferUsages as U;
 
 /// Bits of a plane's flag; twins of the constants in `bake_evaluate.wgsl`.
@@ -24,17 +25,20 @@ const ALL_HIDE: u32 = 4;
 const PHANTOMS_HIDE: u32 = 8;
 const FACED: u32 = 16;
 
-/// Bakes all images of `planes`. `progress` is told how many lights of how many are done.
-/// The key is left zero.
+/// Is told how many lights of how many are done, and says whether to go on.
+pub type Progress<'a> = dyn FnMut(usize, usize) -> ControlFlow<()> + 'a;
+
+/// Bakes all images of `planes`. The key is left zero.
 ///
 /// # Errors
-/// The device failed, or cannot hold so many planes; settings that no bake can have.
+/// The device failed, or cannot hold so many planes; settings that no bake can have;
+/// `progress` ended it.
 pub fn bake(
     gpu: &Gpu,
     scene: &Scene,
     mut planes: Vec<ShadowingPlane>,
     settings: BakeSettings,
-    progress: &mut dyn FnMut(usize, usize),
+    progress: &mut Progress<'_>,
 ) -> Result<Bake, GpuError> {
     planes.sort_by_key(|p| p.layer == Layer::Virtual);
     let faces = faces(gpu, settings, planes.len())?;
@@ -44,10 +48,10 @@ pub fn bake(
     let mut drawn = Vec::with_capacity(faces.len());
     let mut texels = Vec::new();
     for (i, face) in faces.iter().enumerate() {
-        progress(i, faces.len());
+        tell(progress, i, faces.len())?;
         drawn.push(work.light(&baker, face, &mut texels)?);
     }
-    progress(faces.len(), faces.len());
+    tell(progress, faces.len(), faces.len())?;
     let images = (0..planes.len())
         .flat_map(|k| drawn.iter().map(move |light| light[k]))
         .collect();
@@ -61,7 +65,18 @@ pub fn bake(
     })
 }
 
-fn faces(gpu: &Gpu, settings: BakeSettings, planes: usize) -> Result<Vec<Face>, GpuError> {
+pub(super) fn tell(progress: &mut Progress<'_>, done: usize, all: usize) -> Result<(), GpuError> {
+    match progress(done, all) {
+        ControlFlow::Continue(()) => Ok(()),
+        ControlFlow::Break(()) => Err(GpuError::Stopped),
+    }
+}
+
+pub(super) fn faces(
+    gpu: &Gpu,
+    settings: BakeSettings,
+    planes: usize,
+) -> Result<Vec<Face>, GpuError> {
     let unfit = |reason: String| GpuError::Unfit {
         adapter: gpu.name.clone(),
         reason,
@@ -97,7 +112,7 @@ fn faces(gpu: &Gpu, settings: BakeSettings, planes: usize) -> Result<Vec<Face>, 
 }
 
 /// What stays for all lights.
-struct Baker<'a> {
+pub(super) struct Baker<'a> {
     gpu: &'a Gpu,
     settings: BakeSettings,
     passes: BakePasses,
@@ -107,7 +122,12 @@ struct Baker<'a> {
 }
 
 impl<'a> Baker<'a> {
-    fn new(gpu: &'a Gpu, scene: &Scene, planes: &[ShadowingPlane], settings: BakeSettings) -> Self {
+    pub fn new(
+        gpu: &'a Gpu,
+        scene: &Scene,
+        planes: &[ShadowingPlane],
+        settings: BakeSettings,
+    ) -> Self {
         Self {
             passes: BakePasses::new(&gpu.device, settings.resolution),
             scene: BakeScene::new(&gpu.device, &gpu.queue, scene, planes),
@@ -119,7 +139,7 @@ impl<'a> Baker<'a> {
     }
 
     /// What each plane's camera sees.
-    fn receivers(
+    pub fn receivers(
         &mut self,
         scene: &Scene,
         planes: &[ShadowingPlane],
@@ -190,7 +210,7 @@ impl<'a> Baker<'a> {
     }
 
     /// The buffers that a light's images are made in.
-    fn work(&self, receivers: &[ReceiverImage]) -> Work {
+    pub fn work(&self, receivers: &[ReceiverImage]) -> Work {
         let (device, queue) = (&self.gpu.device, &self.gpu.queue);
         let side = self.settings.resolution as usize;
         let texels = (side * side * self.planes as usize) as u64;
@@ -236,7 +256,7 @@ fn view_of(plane: &ShadowingPlane) -> ReceiverView {
 }
 
 /// What a light's images are made in.
-struct Work {
+pub(super) struct Work {
     uniforms: [wgpu::Buffer; 3],
     maps: [wgpu::TextureView; 2],
     sums: wgpu::Buffer,
@@ -248,7 +268,7 @@ struct Work {
 
 impl Work {
     /// One light: its images of all planes. Those that are stored are put at the end of `texels`.
-    fn light(
+    pub fn light(
         &mut self,
         baker: &Baker<'_>,
         face: &Face,

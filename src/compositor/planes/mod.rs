@@ -6,13 +6,14 @@ mod bake_scene;
 pub mod baker;
 mod compute;
 pub mod luminance;
+mod mend;
 mod readback;
 mod receiver;
 mod shown;
 mod stage;
 pub mod synthesis;
 
-pub use baker::bake;
-pub(super) use stage::PlanesStage;
-pub use stage::{PlanesChoice, Shading};
+pub use baker::{Progress, bake};
+pub use mend::mend;
+pub use stage::{PlanesChoice, PlanesStage, Shading};
 pub use synthesis::{PlaneWork, Thresholds};

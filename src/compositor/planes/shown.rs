@@ -3,6 +3,7 @@
 use crate::scene::planes::{Bake, Layer, Receiver, ShadowingPlane};
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat4, DVec3, DVec4};
+use penumbra_interface::RigidTransform;
 
 /// Twin of WGSL `ShownPlane` in `lib/planes.wgsl`.
 #[repr(C)]
@@ -28,6 +29,7 @@ const TOLERANCE: f64 = 1.5;
 
 /// All planes of a bake, and those in sight.
 pub(super) struct ShownPlanes {
+    side: u32,
     all: Vec<(ShownPlane, ShadowingPlane)>,
     seen: Vec<bool>,
     count: [u32; 4],
@@ -38,23 +40,34 @@ pub(super) struct ShownPlanes {
 
 impl ShownPlanes {
     pub fn of(bake: &Bake) -> Self {
-        let side = bake.settings.resolution;
-        let shown = |(k, p): (usize, &ShadowingPlane)| (shown(p, k as u32, side), p.clone());
-        let real = bake.planes.iter().filter(|p| p.layer == Layer::Real);
-        let reach = real
-            .flat_map(corners)
+        let count = bake.planes.len();
+        let mut all = Self {
+            side: bake.settings.resolution,
+            all: Vec::with_capacity(count),
+            seen: vec![false; count],
+            count: [0; 4],
+            chosen: Vec::with_capacity(count),
+            reach: (DVec3::ZERO, DVec3::ZERO),
+        };
+        all.place(&bake.planes, RigidTransform::IDENTITY);
+        all
+    }
+
+    /// Puts the bake's `planes` where a motion carries them.
+    pub fn place(&mut self, planes: &[ShadowingPlane], world_from_bake: RigidTransform) {
+        let placed = planes.iter().map(|p| p.moved(world_from_bake));
+        let shown = |(k, p): (usize, ShadowingPlane)| (shown(&p, k as u32, self.side), p);
+        self.all.clear();
+        self.all.extend(placed.enumerate().map(shown));
+        let real = self.all.iter().filter(|(_, p)| p.layer == Layer::Real);
+        let (low, high) = real
+            .flat_map(|(_, p)| corners(p))
             .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| {
                 (low.min(p), high.max(p))
             });
         // Surfaces lie on the box's faces, and depths are not exact.
-        let margin = DVec3::splat(0.005 + 0.01 * (reach.1 - reach.0).max_element().max(0.0));
-        Self {
-            all: bake.planes.iter().enumerate().map(shown).collect(),
-            seen: vec![false; bake.planes.len()],
-            count: [0; 4],
-            chosen: Vec::with_capacity(bake.planes.len()),
-            reach: (reach.0 - margin, reach.1 + margin),
-        }
+        let margin = DVec3::splat(0.005 + 0.01 * (high - low).max_element().max(0.0));
+        self.reach = (low - margin, high + margin);
     }
 
     /// Bytes of the buffer for as many planes.

@@ -9,8 +9,9 @@ use super::luminance::LuminancePass;
 use super::synthesis::{PlaneWork, Synthesis, SynthesisPasses, Thresholds};
 use crate::environment::geodesic::{GeodesicDome, sum_faces};
 use crate::environment::{DomeLight, LightKind};
-use crate::scene::planes::Bake;
+use crate::scene::planes::{Bake, ShadowingPlane};
 use glam::Vec3;
+use penumbra_interface::RigidTransform;
 
 /// What virtual objects are shaded by, before shadows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -33,7 +34,7 @@ pub struct PlanesChoice {
     pub shading: Shading,
 }
 
-/// Everything that the technique keeps.
+/// Everything that the technique keeps: a bake on the device and what works on it.
 pub struct PlanesStage {
     passes: SynthesisPasses,
     luminance: LuminancePass,
@@ -42,6 +43,9 @@ pub struct PlanesStage {
     show: Option<MarkedPasses>,
     shown: bool,
     device: wgpu::Device,
+    /// As they were baked.
+    planes: Vec<ShadowingPlane>,
+    world_from_bake: RigidTransform,
     /// Lights of faces, for shading, and of which light and shading they are.
     lights: Vec<DomeLight>,
     lights_of: Option<(u64, Shading)>,
@@ -51,30 +55,31 @@ impl Compositor {
     /// Puts a bake in force, or takes it away. It must be one of the scene that is shown.
     ///
     /// # Errors
-    /// A bake of a dome that cannot be.
+    /// A bake of a dome that cannot be; more images than the device can hold.
     pub fn set_bake(&mut self, bake: Option<&Bake>) -> Result<(), GpuError> {
-        let Some(bake) = bake else {
-            self.planes = None;
-            return Ok(());
-        };
-        let device = &self.gpu.device;
-        let dome = GeodesicDome::new(bake.settings.frequency).ok_or_else(|| GpuError::Unfit {
-            adapter: self.gpu.name.clone(),
-            reason: format!("a geodesic dome of frequency {}", bake.settings.frequency),
-        })?;
-        let passes = SynthesisPasses::new(device);
-        self.planes = Some(Box::new(PlanesStage {
-            synthesis: Synthesis::new(&self.gpu, &passes, bake)?,
-            luminance: LuminancePass::for_adapter(&self.gpu),
-            passes,
-            dome,
-            show: None,
-            shown: false,
-            device: device.clone(),
-            lights: Vec::new(),
-            lights_of: None,
-        }));
+        self.planes = None;
+        if let Some(bake) = bake {
+            self.show_planes(Box::new(PlanesStage::new(&self.gpu, bake)?));
+        }
         Ok(())
+    }
+
+    /// Puts in force what [`PlanesStage::new`] made of a bake, on whichever thread.
+    pub fn show_planes(&mut self, mut stage: Box<PlanesStage>) {
+        let before = self.planes.take();
+        // What shows planes is the same for all bakes.
+        stage.show = before.and_then(|before| before.show);
+        self.planes = Some(stage);
+    }
+
+    /// Carries the planes along with a model that was moved as a whole since it was baked; light
+    /// has to come from a dome that is turned with it ([`crate::rig::light::LightStation::turn_faces`]).
+    pub fn move_planes(&mut self, world_from_bake: RigidTransform) {
+        if let Some(stage) = &mut self.planes {
+            stage.world_from_bake = world_from_bake;
+            stage.synthesis.place(&stage.planes, world_from_bake);
+            stage.lights_of = None;
+        }
     }
 
     /// What planes had to do in the last frame; `None` while they are not the technique. Waits
@@ -136,18 +141,44 @@ impl Compositor {
 }
 
 impl PlanesStage {
+    /// Uploads a bake and compiles what sums it.
+    ///
+    /// # Errors
+    /// A bake of a dome that cannot be; more images than the device can hold.
+    pub fn new(gpu: &Gpu, bake: &Bake) -> Result<Self, GpuError> {
+        let device = &gpu.device;
+        let dome = GeodesicDome::new(bake.settings.frequency).ok_or_else(|| GpuError::Unfit {
+            adapter: gpu.name.clone(),
+            reason: format!("a geodesic dome of frequency {}", bake.settings.frequency),
+        })?;
+        let passes = SynthesisPasses::new(device);
+        Ok(Self {
+            synthesis: Synthesis::new(gpu, &passes, bake)?,
+            luminance: LuminancePass::for_adapter(gpu),
+            passes,
+            dome,
+            show: None,
+            shown: false,
+            device: device.clone(),
+            planes: bake.planes.clone(),
+            world_from_bake: RigidTransform::IDENTITY,
+            lights: Vec::new(),
+            lights_of: None,
+        })
+    }
+
     /// Whether this frame's shadows come from planes.
-    pub fn is_shown(&self) -> bool {
+    pub(in super::super) fn is_shown(&self) -> bool {
         self.shown
     }
 
     /// The shaders are to be compiled anew.
-    pub fn forget_pipelines(&mut self) {
+    pub(in super::super) fn forget_pipelines(&mut self) {
         self.show = None;
     }
 
     /// Sums; the passes that show the sums, and what they bind.
-    pub fn record(
+    pub(in super::super) fn record(
         &mut self,
         encoder: &mut wgpu::CommandEncoder,
         timer: &mut Timer,
@@ -160,7 +191,7 @@ impl PlanesStage {
     }
 
     /// The lights that shade virtual objects: those of the environment, or of faces.
-    pub fn shade<'a>(
+    pub(in super::super) fn shade<'a>(
         &'a mut self,
         input: &FrameInput<'_>,
         uniform: &mut FrameUniform,
@@ -191,14 +222,16 @@ impl PlanesStage {
     /// One light per face, or the papers' six.
     fn light_faces(&mut self, sums: &[Vec3], six: bool) {
         self.lights.clear();
+        let turn = self.world_from_bake.rotation.as_quat();
         if six {
             let six = self.dome.six_groups();
             let each = six.directions.iter().zip(six.sums(sums));
-            self.lights.extend(each.map(|(d, s)| light_of(*d, s)));
+            self.lights
+                .extend(each.map(|(d, s)| light_of(turn * *d, s)));
         } else {
             let each = self.dome.faces.iter().zip(sums);
             self.lights
-                .extend(each.map(|(f, s)| light_of(f.centre, *s)));
+                .extend(each.map(|(f, s)| light_of(turn * f.centre, *s)));
         }
     }
 }

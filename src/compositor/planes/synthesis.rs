@@ -11,9 +11,10 @@ use super::receiver::words;
 use super::shown::{ShownPlane, ShownPlanes};
 use crate::compositor::GpuError;
 use crate::environment::geodesic::GeodesicDome;
-use crate::scene::planes::{Bake, Image, Layer, Receiver};
+use crate::scene::planes::{Bake, Image, Layer, Receiver, ShadowingPlane};
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat4, DVec3};
+use penumbra_interface::RigidTransform;
 use wgpu::BufferUsages as U;
 
 /// When sums are made anew. All are shares of all the light that a plane gets.
@@ -312,6 +313,11 @@ impl Synthesis {
         self.shown.reach
     }
 
+    /// Puts the bake's `planes` where a motion carries them.
+    pub fn place(&mut self, planes: &[ShadowingPlane], world_from_bake: RigidTransform) {
+        self.shown.place(planes, world_from_bake);
+    }
+
     /// Finds the planes that `eye` can see through `clip_from_world`, and uploads them.
     pub fn prepare(
         &mut self,
@@ -442,7 +448,7 @@ impl Synthesis {
 fn sum_planes(bake: &Bake) -> (Vec<SumPlane>, usize) {
     let words = bake.settings.resolution.pow(2) / 4;
     let mut begin = 0;
-    let of = |plane: &crate::scene::planes::ShadowingPlane| {
+    let of = |plane: &ShadowingPlane| {
         let at = begin;
         begin += words * if plane.layer == Layer::Real { 6 } else { 3 };
         SumPlane {

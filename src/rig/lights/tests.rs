@@ -5,6 +5,7 @@ use crate::config::Config;
 use crate::environment::{CubeMap, Harmonics, Lighting};
 use crate::rig::RigSetup;
 use crate::rig::light::LightStation;
+use crate::rig::lighter::SceneNews;
 use crate::scene::Scene;
 use crate::status::{Settings, Technique};
 use std::time::Instant;
@@ -121,7 +122,13 @@ fn lighter() -> (Lighter, watch::Sender<Settings>) {
     let station = LightStation::new(&setup, &Config::default(), &|_| None).unwrap();
     let (wishes, wished) = watch::channel(Settings::default());
     (
-        Lighter::new(station, wished, Technique::default(), 2),
+        Lighter::new(
+            station,
+            wished,
+            Technique::default(),
+            2,
+            SceneNews::default(),
+        ),
         wishes,
     )
 }

@@ -35,15 +35,16 @@ pub(super) struct Candidate {
     pub serves: Vec<(u32, f32)>,
 }
 
-/// Planes around the clusters of a layer.
+/// Planes around those of a layer's clusters that are `wanted`.
 pub(super) fn candidates(
     fragments: &[Fragment],
     clusters: u32,
+    wanted: impl Fn(u32) -> bool,
     layer: Layer,
     offset_m: f64,
 ) -> Vec<Candidate> {
     let mut out = Vec::new();
-    for cluster in 0..clusters {
+    for cluster in (0..clusters).filter(|c| wanted(*c)) {
         let own: Vec<&Fragment> = fragments.iter().filter(|f| f.cluster == cluster).collect();
         let (low, high) = super::surface::bounds(own.iter().flat_map(|f| f.corners));
         let extent = (high - low).max_element();
@@ -71,6 +72,21 @@ pub(super) fn candidates(
             }
         }
     }
+    weigh(&mut out, fragments, clusters);
+    out
+}
+
+/// What planes that are there already do for a layer's clusters.
+pub(super) fn serving(
+    planes: impl Iterator<Item = ShadowingPlane>,
+    fragments: &[Fragment],
+    clusters: u32,
+) -> Vec<Candidate> {
+    let candidate = |plane: ShadowingPlane| Candidate {
+        serves: served_by(&plane, fragments),
+        plane,
+    };
+    let mut out: Vec<Candidate> = planes.map(candidate).collect();
     weigh(&mut out, fragments, clusters);
     out
 }
@@ -198,10 +214,12 @@ fn served_by(plane: &ShadowingPlane, fragments: &[Fragment]) -> Vec<(u32, f32)> 
     seen.iter().filter_map(share).collect()
 }
 
-/// The candidates that gain most together, in the order in which they were taken, at most
-/// `count`, and as long as one gains `least` of all there is to gain.
+/// The candidates that gain most together beside those that are `kept`, in the order in which
+/// they were taken, at most `count`, and as long as one gains `least` of what the best one of
+/// all gains.
 pub(super) fn choose(
     candidates: Vec<Candidate>,
+    kept: &[Candidate],
     fragments: usize,
     count: usize,
     least: f32,
@@ -212,11 +230,13 @@ pub(super) fn choose(
             |(i, s): &(u32, f32)| (s - best.get(*i as usize).copied().unwrap_or(0.0)).max(0.0);
         c.serves.iter().map(more).sum()
     };
+    let everything = candidates.iter().chain(kept);
+    let all = everything.fold(0.0f32, |most, c| most.max(gain(c, &best)));
+    kept.iter().for_each(|c| serve(&mut best, c));
     let mut waiting: Vec<(f32, Candidate)> = candidates
         .into_iter()
         .map(|c| (gain(&c, &best), c))
         .collect();
-    let all = waiting.iter().fold(0.0f32, |most, (g, _)| most.max(*g));
     let mut out: Vec<Candidate> = Vec::new();
     while out.len() < count {
         // A gain only falls with what is taken, so that an old one is a bound.
@@ -230,14 +250,19 @@ pub(super) fn choose(
             break;
         }
         let (_, taken) = waiting.remove(next);
-        for (i, share) in &taken.serves {
-            if let Some(slot) = best.get_mut(*i as usize) {
-                *slot = slot.max(*share);
-            }
-        }
+        serve(&mut best, &taken);
         out.push(taken);
     }
     out
+}
+
+/// What each fragment has of the best plane that serves it.
+fn serve(best: &mut [f32], candidate: &Candidate) {
+    for (i, share) in &candidate.serves {
+        if let Some(slot) = best.get_mut(*i as usize) {
+            *slot = slot.max(*share);
+        }
+    }
 }
 
 /// The place of the largest gain; the first of several.

@@ -1,9 +1,9 @@
 //! Shadowing planes from the model itself.
 
-use super::choose::{Candidate, candidates, choose};
+use super::choose::{Candidate, candidates, choose, serving};
 use super::clusters::divide;
 use super::ground::Ground;
-use super::surface::Surface;
+use super::surface::{Fragment, Surface};
 use super::{Layer, Receiver, ShadowingPlane};
 use crate::scene::raycast::PhantomRays;
 use crate::scene::{Part, Scene};
@@ -59,6 +59,11 @@ pub enum PlaneError {
     },
 }
 
+/// Planes on the ground have room to spare beyond the shadows, a share of their own size that
+/// they may lack and still be kept.
+const SPARE: f64 = 0.04;
+/// Planes on the ground may be kept that are larger than needed by this factor.
+const COARSER: f64 = 1.7;
 /// Planes that one call may make.
 const MOST_PLANES: u32 = 1000;
 /// A plane that gains less than this share of what the best one gains is not worth its images.
@@ -79,6 +84,49 @@ pub fn generate(
     scene: &Scene,
     settings: &PlaneSettings,
 ) -> Result<Vec<ShadowingPlane>, PlaneError> {
+    generate_beside(scene, settings, &Kept::default())
+}
+
+/// Planes of an earlier bake that still stand for what they cover.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Kept {
+    /// Over parts, and those on the ground.
+    pub planes: Vec<ShadowingPlane>,
+    /// Virtual and real parts that need planes anew, by index; none where all do.
+    pub changed: Option<[Vec<u32>; 2]>,
+}
+
+impl Kept {
+    /// Whether a layer's part needs planes.
+    fn wants(&self, layer: Layer, part: u32) -> bool {
+        let of_layer = usize::from(layer == Layer::Real);
+        let changed = self.changed.as_ref().map(|c| &c[of_layer]);
+        changed.is_none_or(|parts| parts.contains(&part))
+    }
+
+    /// Those that are no ground.
+    fn over_parts(
+        &self,
+        layer: Layer,
+        ground: Option<u32>,
+    ) -> impl Iterator<Item = ShadowingPlane> {
+        let ground: Vec<u32> = ground.into_iter().collect();
+        let own = move |p: &&ShadowingPlane| p.layer == layer && !is_on(p, &ground);
+        self.planes.iter().filter(own).cloned()
+    }
+}
+
+/// Whether a plane is one of those on that ground.
+fn is_on(plane: &ShadowingPlane, ground: &[u32]) -> bool {
+    plane.layer == Layer::Real && plane.parts == ground
+}
+
+/// The same beside planes that are `kept`, which are among what is returned.
+pub(super) fn generate_beside(
+    scene: &Scene,
+    settings: &PlaneSettings,
+    kept: &Kept,
+) -> Result<Vec<ShadowingPlane>, PlaneError> {
     if !(2..=MOST_PLANES).contains(&settings.count) {
         return Err(PlaneError::Count {
             count: settings.count,
@@ -92,7 +140,7 @@ pub fn generate(
     }
     let model = model(scene)?;
     let left = (settings.count as usize).saturating_sub(planes.len());
-    planes.extend(made(scene, model, settings, left, wanted)?);
+    planes.extend(made(scene, model, settings, left, wanted, kept)?);
     planes.sort_by_key(|p| p.layer != Layer::Real);
     Ok(planes)
 }
@@ -114,6 +162,7 @@ fn made(
     settings: &PlaneSettings,
     count: usize,
     [on_real, on_virtual]: [bool; 2],
+    kept: &Kept,
 ) -> Result<Vec<ShadowingPlane>, PlaneError> {
     let mut real = if on_real {
         Surface::new(&scene.phantom_parts, &no_mirrors(scene))?
@@ -125,17 +174,39 @@ fn made(
         g.planes(&model.fragments, (count / 4).clamp(1, 3), settings.offset_m)
     });
     let extent = longest(model.bounds());
-    let phantoms = near_phantoms(&mut real, &model, ground.and_then(|g| g.part), extent);
+    let ground = ground.and_then(|g| g.part);
+    keep_ground(&mut planes, kept, ground);
+    let phantoms = near_phantoms(&mut real, &model, ground, extent);
     let clusters = if on_virtual {
         divide(&mut model.fragments, scene, settings.clusters)
     } else {
         0
     };
     let left = count.saturating_sub(planes.len());
-    planes.extend(over_parts(
-        &model, clusters, &real, phantoms, left, settings,
-    ));
+    let surfaces = [(&model, clusters), (&real, phantoms)];
+    planes.extend(over_parts(surfaces, left, settings, kept, ground));
     Ok(planes)
+}
+
+/// Planes on the ground that were there stay where they hold what the new ones would, and are
+/// not much coarser.
+fn keep_ground(planes: &mut [ShadowingPlane], kept: &Kept, ground: Option<u32>) {
+    let ground: Vec<u32> = ground.into_iter().collect();
+    let old: Vec<&ShadowingPlane> = kept.planes.iter().filter(|p| is_on(p, &ground)).collect();
+    let area = |p: &ShadowingPlane| p.half_size.x * p.half_size.y;
+    let holds = |old: &ShadowingPlane, new: &ShadowingPlane| {
+        let off = new.centre - old.centre;
+        let (x, y) = (off.dot(old.right).abs(), off.dot(old.up).abs());
+        let spare = new.half_size.max_element() * SPARE;
+        let room = old.half_size - new.half_size + spare;
+        let lies_in = off.dot(old.normal()).abs() < old.depth / 2.0
+            && x <= room.x + 1e-6
+            && y <= room.y + 1e-6;
+        lies_in && area(old) <= COARSER * area(new)
+    };
+    if old.len() == planes.len() && old.iter().zip(planes.iter()).all(|(o, n)| holds(o, n)) {
+        planes.iter_mut().zip(old).for_each(|(n, o)| *n = o.clone());
+    }
 }
 
 fn all(parts: &[Part]) -> Vec<u32> {
@@ -174,27 +245,45 @@ fn near_phantoms(real: &mut Surface, model: &Surface, ground: Option<u32>, exten
     parts.len() as u32
 }
 
-/// Planes over phantoms, then those over the model, together at most `most`.
+/// Planes over phantoms, then those over the model, together at most `most`. `surfaces` are
+/// those of the model and of phantoms, with the numbers of their clusters.
 fn over_parts(
-    model: &Surface,
-    clusters: u32,
-    real: &Surface,
-    phantoms: u32,
+    surfaces: [(&Surface, u32); 2],
     most: usize,
     settings: &PlaneSettings,
+    kept: &Kept,
+    ground: Option<u32>,
 ) -> Vec<ShadowingPlane> {
-    let offset = settings.offset_m;
-    let mut all = candidates(&model.fragments, clusters, Layer::Virtual, offset);
+    let [(model, _), (real, _)] = surfaces;
     let first = model.fragments.len() as u32;
-    for mut candidate in candidates(&real.fragments, phantoms, Layer::Real, offset) {
-        for (i, share) in &mut candidate.serves {
-            *i += first;
-            *share *= PHANTOM_SHARE;
+    let of_layer = |at: usize, layer: Layer| {
+        let (surface, clusters) = surfaces[at];
+        let fragments = &surface.fragments;
+        let changed = |f: &Fragment| kept.wants(layer, f.part);
+        let mut wanted = vec![false; clusters as usize];
+        for f in fragments.iter().filter(|f| changed(f)) {
+            if let Some(wanted) = wanted.get_mut(f.cluster as usize) {
+                *wanted = true;
+            }
         }
-        all.push(candidate);
-    }
+        let wanted = |c: u32| wanted.get(c as usize).is_some_and(|w| *w);
+        let new = candidates(fragments, clusters, wanted, layer, settings.offset_m);
+        // A layer whose planes stand by hand has no clusters.
+        let old = kept.over_parts(layer, ground).filter(|_| clusters > 0);
+        let old = serving(old, fragments, clusters);
+        [new, old].map(|mut all| {
+            if layer == Layer::Real {
+                all.iter_mut().for_each(|c| of_phantoms(c, first));
+            }
+            all
+        })
+    };
+    let [mut new, mut old] = of_layer(0, Layer::Virtual);
+    let [new_real, old_real] = of_layer(1, Layer::Real);
+    new.extend(new_real);
+    old.extend(old_real);
     let count = model.fragments.len() + real.fragments.len();
-    let taken = choose(all, count, most, LEAST_GAIN);
+    let taken = choose(new, &old, count, most.saturating_sub(old.len()), LEAST_GAIN);
     let part = |i: u32| {
         model
             .fragments
@@ -212,9 +301,18 @@ fn over_parts(
             ..c.plane.clone()
         }
     };
-    let mut planes: Vec<ShadowingPlane> = taken.iter().map(finish).collect();
+    let mut planes: Vec<ShadowingPlane> = old.into_iter().map(|c| c.plane).collect();
+    planes.extend(taken.iter().map(finish));
     planes.sort_by_key(|p| p.layer != Layer::Real);
     planes
+}
+
+/// Numbers a candidate's fragments after the model's, of which there are `first`.
+fn of_phantoms(candidate: &mut Candidate, first: u32) {
+    for (i, share) in &mut candidate.serves {
+        *i += first;
+        *share *= PHANTOM_SHARE;
+    }
 }
 
 #[cfg(test)]

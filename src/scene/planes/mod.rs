@@ -15,6 +15,7 @@ mod ground;
 mod hand;
 mod hull;
 mod rectangle;
+pub mod renew;
 pub mod store;
 mod surface;
 

@@ -1,0 +1,185 @@
+//! A bake in the making, on a thread of its own.
+
+use super::bake::{BakePlan, bake_changes};
+use super::{RigError, threads};
+use crate::compositor::planes::{PlanesStage, Progress};
+use crate::compositor::{Gpu, GpuError};
+use crate::config::PlanesConfig;
+use crate::scene::Scene;
+use crate::scene::planes::Bake;
+use crate::scene::planes::store::{self, StoreError};
+use crate::status::planes::PlanesState;
+use crossbeam_channel::{Receiver, bounded};
+use std::ops::ControlFlow;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// A bake and the scene that it is of.
+#[derive(Clone)]
+pub(super) struct Baked {
+    /// The scene as it was baked.
+    pub scene: Arc<Scene>,
+    /// Its bake.
+    pub bake: Arc<Bake>,
+}
+
+/// A bake, how it was come by, and what shows it.
+pub(super) struct Obtained {
+    pub baked: Baked,
+    pub stage: Box<PlanesStage>,
+    pub from_cache: bool,
+    pub took: Duration,
+}
+
+/// See the module. Dropping it ends the thread.
+pub(super) struct Baking {
+    /// Of which scene.
+    pub scene: Arc<Scene>,
+    /// What became of it.
+    pub result: Receiver<Result<Obtained, RigError>>,
+    done: Arc<AtomicU32>,
+    total: Arc<AtomicU32>,
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Baking {
+    /// Starts on the bake of `scene`. With a bake from `before` only what has changed since is
+    /// drawn; else it is read from the cache, or made whole and put there.
+    pub fn start(
+        gpu: &Gpu,
+        scene: &Arc<Scene>,
+        config: &PlanesConfig,
+        before: Option<Baked>,
+    ) -> Result<Self, RigError> {
+        let (done, total) = (Arc::<AtomicU32>::default(), Arc::<AtomicU32>::default());
+        let stop = Arc::<AtomicBool>::default();
+        let (send, result) = bounded(1);
+        let (gpu, config) = (gpu.clone(), config.clone());
+        let (counts, stopped) = ((done.clone(), total.clone()), stop.clone());
+        let target = scene.clone();
+        let job = move || {
+            let mut progress = |at: usize, of: usize| {
+                counts.0.store(at as u32, Ordering::Relaxed);
+                counts.1.store(of as u32, Ordering::Relaxed);
+                if stopped.load(Ordering::Relaxed) {
+                    ControlFlow::Break(())
+                } else {
+                    ControlFlow::Continue(())
+                }
+            };
+            // Nobody waits any more where the rig has ended.
+            let _ = send.send(obtain(&gpu, &target, &config, before, &mut progress));
+        };
+        let thread = threads::spawn_patient("bake", job);
+        let thread = thread.map_err(|source| RigError::Thread { source })?;
+        Ok(Self {
+            scene: scene.clone(),
+            result,
+            done,
+            total,
+            stop,
+            thread: Some(thread),
+        })
+    }
+
+    /// How far it is.
+    pub fn state(&self) -> PlanesState {
+        PlanesState::Baking {
+            done: self.done.load(Ordering::Relaxed),
+            total: self.total.load(Ordering::Relaxed),
+        }
+    }
+}
+
+impl Baking {
+    /// Tells the thread to end.
+    pub fn end(&self) {
+        self.stop.store(true, Ordering::Relaxed);
+    }
+
+    /// Whether the thread has ended.
+    pub fn is_over(&self) -> bool {
+        self.thread.as_ref().is_none_or(JoinHandle::is_finished)
+    }
+}
+
+impl Drop for Baking {
+    fn drop(&mut self) {
+        self.end();
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+fn obtain(
+    gpu: &Gpu,
+    scene: &Arc<Scene>,
+    config: &PlanesConfig,
+    before: Option<Baked>,
+    progress: &mut Progress<'_>,
+) -> Result<Obtained, RigError> {
+    let begun = Instant::now();
+    let (bake, from_cache) = match before {
+        Some(old) => {
+            let old = (&*old.scene, &*old.bake);
+            (bake_changes(gpu, old, scene, config, progress)?, false)
+        }
+        None => whole(gpu, scene, config, progress)?,
+    };
+    if progress(0, 0).is_break() {
+        return Err(GpuError::Stopped.into());
+    }
+    Ok(Obtained {
+        stage: Box::new(PlanesStage::new(gpu, &bake)?),
+        baked: Baked {
+            scene: scene.clone(),
+            bake: Arc::new(bake),
+        },
+        from_cache,
+        took: begun.elapsed(),
+    })
+}
+
+/// From the cache, or made now and put there; and which of both.
+fn whole(
+    gpu: &Gpu,
+    scene: &Scene,
+    config: &PlanesConfig,
+    progress: &mut Progress<'_>,
+) -> Result<(Bake, bool), RigError> {
+    let plan = BakePlan::new(scene, config)?;
+    let file = plan.cache_file(config);
+    let known = file.as_ref().and_then(|file| {
+        let read = store::load(file, &plan.key);
+        // A cache that cannot be read is as good as none.
+        read.inspect_err(|error| tracing::warn!("{error}"))
+            .ok()
+            .flatten()
+    });
+    if let Some(bake) = known {
+        return Ok((bake, true));
+    }
+    let planes = plan.planes.len();
+    tracing::info!("baking {planes} shadowing planes; the next start reads them from the cache");
+    let bake = plan.bake(gpu, scene, config, progress)?;
+    if let Some(file) = file
+        && let Err(error) = keep(&file, &bake)
+    {
+        tracing::warn!("{error}");
+    }
+    Ok((bake, false))
+}
+
+/// Puts a bake into the cache; those that were used longest ago make room for it.
+fn keep(file: &Path, bake: &Bake) -> Result<(), StoreError> {
+    store::save(file, bake)?;
+    if let Some(folder) = file.parent() {
+        store::trim(folder, store::CACHE_LIMIT)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,141 @@
+//! What the light's station keeps of the scene: made anew, beside the frame path, when the
+//! scene is changed.
+
+use super::RigError;
+use super::light::placement;
+use super::watch::{GroundWatch, PhantomWatch};
+use crate::calibration::RigCalibration;
+use crate::calibration::photometry::raycast::{GROUND, PhantomCaster};
+use crate::calibration::rig::EnvironmentView;
+use crate::config::{Clipped, Config, Irradiance};
+use crate::environment::{
+    ClippedEnergy, EnvironmentEstimator, EnvironmentSettings, IrradianceMethod,
+};
+use crate::scene::{NearField, Part, Scene};
+use glam::DVec3;
+use std::sync::Arc;
+
+/// What depends on real things alone.
+pub(super) struct RealLight {
+    /// None where the one in use stays as it is.
+    pub estimator: Option<EnvironmentEstimator>,
+    pub phantoms: PhantomWatch,
+    pub rays: Arc<PhantomCaster>,
+}
+
+impl RealLight {
+    /// Of `scene`; the estimator, whose tables take longest, where it is `wanted`.
+    pub fn new(
+        rig: &RigCalibration,
+        scene: &Scene,
+        config: &Config,
+        wanted: bool,
+    ) -> Result<Self, RigError> {
+        let rays = Arc::new(PhantomCaster::new(scene));
+        let estimator = wanted.then(|| estimator(rig, config, &rays, scene));
+        Ok(Self {
+            estimator: estimator.transpose()?.flatten(),
+            phantoms: PhantomWatch::new(rig, scene),
+            rays,
+        })
+    }
+}
+
+/// What depends on the whole scene.
+pub(super) struct SceneLight {
+    pub near: Option<NearField>,
+    pub ground: GroundWatch,
+    /// None where real things are what they were.
+    pub real: Option<RealLight>,
+}
+
+impl SceneLight {
+    /// Of `scene`, which takes the place of `before`; `casters` are its virtual parts.
+    pub fn new(
+        rig: &RigCalibration,
+        config: &Config,
+        (before, scene): (&Scene, &Scene),
+        casters: &[Part],
+    ) -> Result<Self, RigError> {
+        let other_ground = before.ground_height != scene.ground_height;
+        let same = !other_ground
+            && crate::scene::change::same_parts(&before.phantom_parts, &scene.phantom_parts);
+        let real =
+            (!same).then(|| RealLight::new(rig, scene, config, other_ground || stands_among(rig)));
+        let real = real.transpose()?;
+        let rays = match &real {
+            Some(real) => real.rays.clone(),
+            None => Arc::new(PhantomCaster::new(scene)),
+        };
+        Ok(Self {
+            near: NearField::new(scene, casters),
+            ground: GroundWatch::new(rig, scene, rays),
+            real,
+        })
+    }
+}
+
+impl SceneLight {
+    /// In place of an `older` one that nobody has taken.
+    pub fn over(mut self, older: Self) -> Self {
+        self.real = match (self.real, older.real) {
+            (Some(mut new), Some(old)) => {
+                new.estimator = new.estimator.or(old.estimator);
+                Some(new)
+            }
+            (new, old) => new.or(old),
+        };
+        self
+    }
+}
+
+/// Whether phantoms may hide the environment from its camera.
+fn stands_among(rig: &RigCalibration) -> bool {
+    let view = rig.environment.as_ref().map(|e| &e.view);
+    matches!(view, Some(EnvironmentView::Fisheye { .. }))
+}
+
+/// A real thing other than the ground and the mirror itself ends the ray.
+pub(super) fn hides(rays: &PhantomCaster, origin: DVec3, direction: DVec3) -> bool {
+    rays.cast(origin, direction)
+        .is_some_and(|hit| !hit.mirror && hit.surface != GROUND)
+}
+
+fn estimator(
+    rig: &RigCalibration,
+    config: &Config,
+    rays: &Arc<PhantomCaster>,
+    scene: &Scene,
+) -> Result<Option<EnvironmentEstimator>, RigError> {
+    let Some(environment) = &rig.environment else {
+        return Ok(None);
+    };
+    let settings = EnvironmentSettings {
+        cube_size: config.environment.cube_size,
+        placement: placement(config.environment.lights),
+        lights: config.environment.light_count as usize,
+        ground: scene.ground_height.is_some(),
+        ground_height: scene.ground_height.unwrap_or_default(),
+        clipped: match config.environment.clipped {
+            Clipped::Estimate => ClippedEnergy::default(),
+            Clipped::Keep => ClippedEnergy::Keep,
+        },
+        irradiance: match config.environment.irradiance {
+            Irradiance::Harmonics => IrradianceMethod::Harmonics,
+            Irradiance::Blurred => IrradianceMethod::Blurred,
+        },
+        ..EnvironmentSettings::default()
+    };
+    let hidden = |o: DVec3, d: DVec3| hides(rays, o, d);
+    let hidden: Option<&crate::environment::resample::Hidden<'_>> = match environment.view {
+        // The camera stands among the phantoms; what they hide is not the environment.
+        EnvironmentView::Fisheye { .. } => Some(&hidden),
+        _ => None,
+    };
+    Ok(Some(EnvironmentEstimator::new(
+        &environment.view,
+        &environment.response,
+        settings,
+        hidden,
+    )?))
+}

@@ -1,0 +1,128 @@
+//! The scene in the picture, and the way of a changed one into it.
+
+use super::RigError;
+use super::RigSetup;
+use super::lighter::SceneNews;
+use super::planes::PlanesStation;
+use super::reload::{Loaded, News, Origin, Reload};
+use super::runner::Runner;
+use crate::compositor::Compositor;
+use crate::config::{Config, SceneChoice};
+use crate::scene::Scene;
+use crate::status::{SceneStatus, Settings};
+use glam::DQuat;
+use std::sync::Arc;
+
+/// See the module.
+pub(super) struct Scenes {
+    shown: Arc<Scene>,
+    /// Waits for its shadows.
+    next: Option<Box<Loaded>>,
+    reload: Option<Reload>,
+    news: SceneNews,
+    turn: DQuat,
+    status: SceneStatus,
+}
+
+impl Scenes {
+    /// Shows the scene that the rig begins with, and watches its file where it has one.
+    pub fn new(
+        runner: &Runner,
+        compositor: &mut Compositor,
+        news: SceneNews,
+    ) -> Result<Self, RigError> {
+        let scene = &runner.setup.scene;
+        compositor.set_scene(scene, &crate::scene::casters(scene));
+        let shown = Arc::new(scene.clone());
+        let mut status = SceneStatus::default();
+        let reload = match &runner.config.scene {
+            SceneChoice::File(path) => {
+                status.file = Some(path.display().to_string());
+                let without = Config {
+                    scene: SceneChoice::None,
+                    ..runner.config.clone()
+                };
+                Some(Reload::start(Origin {
+                    path: path.clone(),
+                    phantoms: RigSetup::read(&runner.source, &without)?.scene,
+                    shown: shown.clone(),
+                    rig: runner.setup.calibration.clone(),
+                    config: runner.config.clone(),
+                    uploader: compositor.uploader(),
+                })?)
+            }
+            SceneChoice::Session | SceneChoice::None => None,
+        };
+        Ok(Self {
+            shown,
+            next: None,
+            reload,
+            news,
+            turn: DQuat::IDENTITY,
+            status,
+        })
+    }
+
+    /// The scene in the picture.
+    pub const fn shown(&self) -> &Arc<Scene> {
+        &self.shown
+    }
+
+    /// What became of its file's changes.
+    pub const fn status(&self) -> &SceneStatus {
+        &self.status
+    }
+
+    /// Takes a changed scene as soon as it can be shown: with planes, when there is a bake of
+    /// it, or none can be had.
+    pub fn attend(
+        &mut self,
+        runner: &Runner,
+        settings: &Settings,
+        planes: &mut PlanesStation,
+        compositor: &mut Compositor,
+    ) -> Result<(), RigError> {
+        match self.reload.as_ref().and_then(Reload::news) {
+            Some(News::Loaded(loaded)) => self.wait_for(runner, loaded),
+            Some(News::Kept(reason)) => self.keep(runner, reason),
+            None => (),
+        }
+        let wanted = self.next.as_ref().map_or(&self.shown, |next| &next.scene);
+        let wanted = wanted.clone();
+        if planes.attend(runner, settings, (&wanted, &self.shown), compositor)?
+            && let Some(next) = self.next.take()
+        {
+            compositor.show_scene(next.uploaded);
+            self.news.tell_scene(next.light);
+            self.shown = next.scene;
+            self.status.loads += 1;
+        }
+        if self.turn != planes.turn() {
+            self.turn = planes.turn();
+            self.news.tell_turn(self.turn.as_quat());
+        }
+        Ok(())
+    }
+
+    fn wait_for(&mut self, runner: &Runner, loaded: Box<Loaded>) {
+        self.settle(runner);
+        self.next = Some(match self.next.take() {
+            Some(older) => Box::new(loaded.over(*older)),
+            None => loaded,
+        });
+    }
+
+    fn keep(&mut self, runner: &Runner, reason: String) {
+        self.settle(runner);
+        tracing::warn!("{reason}; the scene stays as it was");
+        runner.status.update(|s| s.warn(&reason));
+        self.status.reason = Some(reason);
+    }
+
+    /// An earlier mistake is mended, or another has taken its place.
+    fn settle(&mut self, runner: &Runner) {
+        if let Some(reason) = self.status.reason.take() {
+            runner.status.update(|s| s.clear_warning(&reason));
+        }
+    }
+}
