@@ -20,7 +20,7 @@ const SAME: f64 = 0.94;
 /// What faces a plane by less than this cosine takes no shadows from it.
 pub(super) const FACES: f64 = 0.2;
 /// Planes behind one another that look the same way at one cluster.
-const LAYERS: usize = 2;
+const LAYERS: usize = 3;
 /// What is covered is looked for in layers of this share of a cluster's depth.
 const LAYER: f64 = 0.06;
 /// Planes that look straight up at something are left out.
@@ -62,11 +62,19 @@ pub(super) fn candidates(
             };
             let mut seen = HashSet::new();
             let mut next = make(&facing, front);
-            for _ in 0..LAYERS {
-                let Some(candidate) = next.take() else { break };
-                seen.extend(candidate.serves.iter().map(|s| s.0));
-                let thick = candidate.plane.depth.max(0.5 * extent) * LAYER;
-                out.push(candidate);
+            for layer in 0..LAYERS {
+                let depth = match next.take() {
+                    Some(candidate) => {
+                        seen.extend(candidate.serves.iter().map(|s| s.0));
+                        let depth = candidate.plane.depth;
+                        out.push(candidate);
+                        depth
+                    }
+                    // What stands on this cluster hides all of it.
+                    None if layer == 0 => 0.0,
+                    None => break,
+                };
+                let thick = depth.max(0.5 * extent) * LAYER;
                 let behind = covered(&facing, &seen, direction, thick);
                 next = make(&behind, self::front(&behind, direction));
             }

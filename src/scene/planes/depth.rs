@@ -91,7 +91,8 @@ impl<'a> View<'a> {
     /// How much deeper than its cell's nearest surface a fragment may be that is that
     /// surface: a cell is not a point, and the surface is steep.
     fn slack(&self, f: &Fragment) -> f64 {
-        let straight = f.normal.dot(self.normal).abs().max(0.2);
+        // Rounding makes cosines that are a little more than one.
+        let straight = f.normal.dot(self.normal).abs().clamp(0.2, 1.0);
         let cell = self.plane.half_size.max_element() * 2.0 / CELLS as f64;
         cell * (1.0 - straight * straight).sqrt() / straight + self.plane.depth * 2e-3
     }

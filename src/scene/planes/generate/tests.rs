@@ -100,11 +100,9 @@ fn check(name: &str, scene: &Scene) -> Vec<ShadowingPlane> {
         "{name}: {triangles} triangles, {real} + {} planes, held {held:.4}, seen {seen:.4}, {took:?}",
         planes.len() - real
     );
-    // Of the courtyard's gate 5 % of the upper sides of its stone are held by no plane yet.
-    let least = if name == "courtyard" { 0.94 } else { 0.97 };
-    assert!(held >= least, "{name}: {held}");
+    assert!(held >= 0.97, "{name}: {held}");
     // Beneath the eaves of a gate there is always something before something else.
-    assert!(seen >= 0.75, "{name}: {seen}");
+    assert!(seen >= 0.8, "{name}: {seen}");
     are_sound(&planes, 38);
     assert_eq!(planes, generate(scene, &PlaneSettings::default()).unwrap());
     planes
@@ -220,6 +218,22 @@ fn a_box_gets_its_five_sides_and_the_ground() {
     }
     // A convex object is one cluster, and needs no plane twice.
     assert_eq!(virtual_planes.len(), 5);
+}
+
+/// Cosines of surfaces that a plane looks at straight may come out above one.
+#[test]
+fn a_box_gets_them_however_it_is_turned() {
+    for degrees in [7.0, 28.65, 45.0, 61.0, 83.0] {
+        let turn = DMat4::from_rotation_z(f64::to_radians(degrees));
+        let mut cube = cube_at("box", DVec3::ZERO);
+        cube.world_from_part = turn;
+        let planes = check("turned box", &scene(vec![cube]));
+        for normal in [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Y, DVec3::Z] {
+            let normal = turn.transform_vector3(normal);
+            let faces = |p: &ShadowingPlane| p.normal().dot(normal) > 0.999;
+            assert!(planes.iter().any(faces), "{degrees}: {normal}");
+        }
+    }
 }
 
 #[test]
