@@ -110,6 +110,12 @@ pub fn run(args: &BakeArgs) -> anyhow::Result<ExitCode> {
     bar.finish_and_clear();
     let seconds = begun.elapsed().as_secs_f64();
     save(&file, &bake)?;
+    if bake.planes.iter().all(|p| p.layer == Layer::Virtual) {
+        tracing::warn!(
+            "there is no ground, so shadows fall on the model alone; name a session with --session, \
+             or add [ground] to a scene file"
+        );
+    }
     if let (None, Some(folder)) = (&args.out, file.parent()) {
         trim(folder, CACHE_LIMIT)?;
     }

@@ -8,6 +8,7 @@ mod live;
 mod live_tracker;
 mod program;
 mod refusals;
+mod reload;
 mod replay;
 mod service;
 mod sessions;

@@ -8,8 +8,13 @@ use std::time::Duration;
 
 /// A looped replay, and the address that it told.
 fn looping(desk: &Desk) -> (Child, String) {
+    looping_with(desk, "--speed max --report r.json")
+}
+
+/// The same with other options.
+pub fn looping_with(desk: &Desk, options: &str) -> (Child, String) {
     let session = crate::program::desk_session().display().to_string();
-    let line = "--loop --headless --speed max --light-count 8 --listen 127.0.0.1:0 --report r.json";
+    let line = format!("--loop --headless --light-count 8 --listen 127.0.0.1:0 {options}");
     let arguments = ["replay", &session].into_iter().chain(line.split(' '));
     let mut command = desk.command(&arguments.collect::<Vec<_>>());
     let mut child = command

@@ -285,6 +285,11 @@ impl Work {
                 encoder.clear_buffer(&self.flags, 0, None);
             }
             self.maps(baker, &mut encoder, *towards, *weight);
+            // In small pieces, so that a picture that is being made meanwhile need not wait long.
+            queue.submit([encoder.finish()]);
+            baker.gpu.wait()?;
+            let mut encoder =
+                device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
             let passes = &baker.passes;
             passes.record(&mut encoder, &self.group, false, resolution, baker.planes);
             if i + 1 == directions.len() {
