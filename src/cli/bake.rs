@@ -94,7 +94,7 @@ pub fn run(args: &BakeArgs) -> anyhow::Result<ExitCode> {
     }
     let config = args.config()?;
     let scene = scene_to_bake(&args.scene, args.session.as_deref(), &config)?;
-    let plan = BakePlan::new(&scene, &config.planes)?;
+    let plan = BakePlan::new(&scene, &config.planes);
     let file = match &args.out {
         Some(out) => out.clone(),
         None => plan.cache_file(&config.planes).ok_or_else(nowhere)?,

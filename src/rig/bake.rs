@@ -5,10 +5,10 @@ use super::{RigError, RigSetup, Source};
 use crate::compositor::Gpu;
 use crate::compositor::planes::{Progress, bake, mend};
 use crate::config::{Config, PlanesConfig, SceneChoice};
+use crate::scene::planes::Bake;
 use crate::scene::planes::generate::{PlaneSettings, generate};
 use crate::scene::planes::renew::renew;
 use crate::scene::planes::store::{cache_path, default_cache_folder, key};
-use crate::scene::planes::{Bake, Layer, ShadowingPlane};
 use crate::scene::{Scene, SceneAddition, load_gltf};
 use crate::session::Session;
 use glam::DMat4;
@@ -17,23 +17,18 @@ use std::path::{Path, PathBuf};
 /// What is to be baked, before anything is drawn.
 #[derive(Clone, Debug)]
 pub struct BakePlan {
-    /// The planes, in the bake's order.
-    pub planes: Vec<ShadowingPlane>,
+    planes: PlaneSettings,
     /// What the bake is known by.
     pub key: [u8; 32],
 }
 
 impl BakePlan {
-    /// Puts planes around what is in `scene`; none where nothing is virtual.
-    ///
-    /// # Errors
-    /// A model that no planes can be made from.
-    pub fn new(scene: &Scene, config: &PlanesConfig) -> Result<Self, RigError> {
-        let mut planes = generate(scene, &plane_settings(config))?;
-        // The order that the baker leaves, so that the key is that of the bake's own planes.
-        planes.sort_by_key(|plane| plane.layer == Layer::Virtual);
+    /// The plan for `scene`.
+    #[must_use]
+    pub fn new(scene: &Scene, config: &PlanesConfig) -> Self {
+        let planes = plane_settings(config);
         let key = key(scene, &planes, &config.bake_settings());
-        Ok(Self { planes, key })
+        Self { planes, key }
     }
 
     /// Where such a bake is kept; `None` for a user without a home.
@@ -43,10 +38,11 @@ impl BakePlan {
         Some(cache_path(&folder, &self.key))
     }
 
-    /// Draws all basis images.
+    /// Puts planes around what is in `scene`, none where nothing is virtual, and draws all basis
+    /// images.
     ///
     /// # Errors
-    /// The graphics device was lost, or has no room; `progress` ended it.
+    /// A model that no planes can be made from; the graphics device was lost, or has no room; `progress` ended it.
     pub fn bake(
         self,
         gpu: &Gpu,
@@ -54,7 +50,12 @@ impl BakePlan {
         config: &PlanesConfig,
         progress: &mut Progress<'_>,
     ) -> Result<Bake, RigError> {
-        let mut bake = bake(gpu, scene, self.planes, config.bake_settings(), progress)?;
+        let planes = generate(scene, &self.planes)?;
+        tracing::info!(
+            "baking {} shadowing planes; the next start reads them from the cache",
+            planes.len()
+        );
+        let mut bake = bake(gpu, scene, planes, config.bake_settings(), progress)?;
         bake.key = self.key;
         Ok(bake)
     }

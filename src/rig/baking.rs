@@ -152,7 +152,7 @@ fn whole(
     config: &PlanesConfig,
     progress: &mut Progress<'_>,
 ) -> Result<(Bake, bool), RigError> {
-    let plan = BakePlan::new(scene, config)?;
+    let plan = BakePlan::new(scene, config);
     let file = plan.cache_file(config);
     let known = file.as_ref().and_then(|file| {
         let read = store::load(file, &plan.key);
@@ -164,8 +164,6 @@ fn whole(
     if let Some(bake) = known {
         return Ok((bake, true));
     }
-    let planes = plan.planes.len();
-    tracing::info!("baking {planes} shadowing planes; the next start reads them from the cache");
     let bake = plan.bake(gpu, scene, config, progress)?;
     if let Some(file) = file
         && let Err(error) = keep(&file, &bake)

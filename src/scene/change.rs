@@ -77,8 +77,11 @@ pub fn is_same(a: &Part, b: &Part) -> bool {
 
 fn is_same_shape(a: &Part, b: &Part) -> bool {
     let cut = |p: &Part| p.material.alpha_cutoff;
+    let is_ground = |p: &Part| p.name == "ground";
     (Arc::ptr_eq(&a.mesh, &b.mesh) || has_same_triangles(&a.mesh, &b.mesh))
         && a.mirror == b.mirror
+        && a.material.double_sided == b.material.double_sided
+        && is_ground(a) == is_ground(b)
         && cut(a).to_bits() == cut(b).to_bits()
 }
 

@@ -1,19 +1,20 @@
 //! What a bake is known by: everything that it depends on.
 
 use super::content::write_plane;
-use crate::scene::planes::{BakeSettings, ShadowingPlane};
+use crate::scene::planes::{BakeSettings, PlaneSettings, Receiver};
 use crate::scene::{Part, Scene};
 use sha2::{Digest, Sha256};
 
-/// Of the way of baking. To be raised whenever the same scene gives other images.
-const METHOD: u32 = 2;
+/// Of the way of making planes and baking. To be raised whenever the same scene gives others.
+const METHOD: u32 = 3;
 /// Bytes that are gathered before they are hashed.
 const BATCH: usize = 1 << 16;
 
-/// SHA-256 over the versions of format and method, all geometry where it stands, the planes
-/// and how they are baked. Names, colours and lamps change nothing.
+/// SHA-256 over the versions of format and method, all geometry where it stands, planes that
+/// are placed by hand, and how the others are made and baked. Names (but for the ground's), colours
+/// and lamps change nothing.
 #[must_use]
-pub fn key(scene: &Scene, planes: &[ShadowingPlane], settings: &BakeSettings) -> [u8; 32] {
+pub fn key(scene: &Scene, planes: &PlaneSettings, settings: &BakeSettings) -> [u8; 32] {
     let mut hash = Hash::default();
     let BakeSettings {
         resolution,
@@ -23,12 +24,22 @@ pub fn key(scene: &Scene, planes: &[ShadowingPlane], settings: &BakeSettings) ->
     for n in [super::VERSION, METHOD, resolution, frequency, samples] {
         hash.add(&n.to_le_bytes());
     }
+    let PlaneSettings {
+        count,
+        clusters,
+        offset_m,
+        receiver,
+    } = *planes;
+    for n in [count, clusters, u32::from(receiver == Receiver::Plane)] {
+        hash.add(&n.to_le_bytes());
+    }
+    hash.add(&offset_m.to_bits().to_le_bytes());
     hash.parts(&scene.virtual_parts);
     hash.parts(&scene.phantom_parts);
     let ground = scene.ground_height.map_or(u64::MAX, f64::to_bits);
     hash.add(&ground.to_le_bytes());
-    hash.count(planes.len());
-    for plane in planes {
+    hash.count(scene.planes.len());
+    for plane in &scene.planes {
         write_plane(&mut hash.waiting, plane);
     }
     hash.finish()
@@ -65,7 +76,9 @@ impl Hash {
             self.add(&x.to_bits().to_le_bytes());
         }
         let material = &part.material;
-        self.add(&[u8::from(part.mirror), u8::from(material.double_sided)]);
+        let is_ground = part.name == "ground";
+        let marks = [part.mirror, material.double_sided, is_ground];
+        self.add(&marks.map(u8::from));
         self.add(&material.alpha_cutoff.to_bits().to_le_bytes());
         self.count(part.mesh.vertices.len());
         for v in &part.mesh.vertices {

@@ -60,7 +60,7 @@ fn new_bake() -> Bake {
         depths: (0..64 * (i % 2) as u16).map(|n| n * 900).collect(),
     };
     Bake {
-        key: key(&scene(), &planes, &settings),
+        key: key(&scene(), &PlaneSettings::default(), &settings),
         settings,
         receivers: (0..planes.len()).map(receiver).collect(),
         images: (0..40 * planes.len() as u32)
@@ -182,10 +182,10 @@ fn a_bake_that_does_not_fit_together_is_not_written() {
 #[test]
 fn the_key_tells_all_that_a_bake_depends_on_and_nothing_else() {
     let settings = BakeSettings::default();
-    let planes = planes();
-    let usual = key(&scene(), &planes, &settings);
-    assert_eq!(usual, key(&scene(), &planes, &settings));
-    let changes: [fn(&mut Scene, &mut Vec<ShadowingPlane>, &mut BakeSettings); 7] = [
+    let layout = PlaneSettings::default();
+    let usual = key(&scene(), &layout, &settings);
+    assert_eq!(usual, key(&scene(), &layout, &settings));
+    let changes: [fn(&mut Scene, &mut PlaneSettings, &mut BakeSettings); 10] = [
         |s, _, _| s.virtual_parts[0].world_from_part.w_axis.x += 1e-9,
         |s, _, _| {
             Arc::make_mut(&mut s.virtual_parts[0].mesh).vertices[3]
@@ -198,19 +198,22 @@ fn the_key_tells_all_that_a_bake_depends_on_and_nothing_else() {
                 .swap(0, 1)
         },
         |s, _, _| drop(s.phantom_parts.pop()),
-        |_, p, _| p[0].depth += 1e-9,
+        |s, _, _| s.phantom_parts[0].name = "ground".into(),
+        |s, _, _| s.planes = planes()[..1].to_vec(),
+        |_, p, _| p.count += 1,
+        |_, p, _| p.offset_m += 1e-9,
         |_, _, b| b.samples = 2,
         |_, _, b| b.resolution = 64,
     ];
     for (i, change) in changes.iter().enumerate() {
-        let (mut scene, mut planes, mut settings) = (scene(), planes.clone(), settings);
-        change(&mut scene, &mut planes, &mut settings);
-        assert_ne!(usual, key(&scene, &planes, &settings), "change {i}");
+        let (mut scene, mut layout, mut settings) = (scene(), layout, settings);
+        change(&mut scene, &mut layout, &mut settings);
+        assert_ne!(usual, key(&scene, &layout, &settings), "change {i}");
     }
     let mut painted = scene();
     painted.virtual_parts[0].name = "red box".into();
     Arc::make_mut(&mut painted.virtual_parts[0].material).roughness = 0.1;
-    assert_eq!(usual, key(&painted, &planes, &settings));
+    assert_eq!(usual, key(&painted, &layout, &settings));
 }
 
 #[test]
