@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use penumbra::config::Config;
+use penumbra::scene::SceneAddition;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -79,11 +80,23 @@ fn understood(arguments: &[String]) -> Result<(), String> {
     }
 }
 
+/// Scene files have a grammar of their own.
+fn read_scene(place: &str, text: &str) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scene.toml");
+    std::fs::write(&path, text).unwrap();
+    SceneAddition::load(&path).unwrap_or_else(|e| panic!("{place}: {e}"));
+}
+
 #[test]
 fn settings_in_the_documents_are_read() {
     let blocks = blocks("toml");
     assert!(!blocks.is_empty(), "no TOML block found");
     for (place, block) in blocks {
+        if block.contains("[[object]]") {
+            read_scene(&place, &block);
+            continue;
+        }
         Config::from_text(&block, &place).unwrap_or_else(|e| panic!("{place}: {e}"));
     }
 }
