@@ -103,6 +103,8 @@ pub struct VirtualLight {
     pub intensity: Vec3,
     /// Path in time, eased with smoothstep between keys.
     pub keys: Vec<VirtualLightKey>,
+    /// Seconds after which the path begins anew.
+    pub repeat: Option<f64>,
 }
 
 /// How a virtual light spreads.

@@ -36,6 +36,10 @@ impl VirtualLight {
     /// Where the lamp is and how it shines `seconds` after the session's beginning.
     #[must_use]
     pub fn at(&self, seconds: f64) -> Option<PlacedLamp> {
+        let seconds = match self.repeat {
+            Some(repeat) if repeat > 0.0 => seconds.rem_euclid(repeat),
+            _ => seconds,
+        };
         let key = key_at(&self.keys, seconds)?;
         let towards = key.target.map(|t| t - key.position);
         Some(PlacedLamp {
@@ -108,6 +112,7 @@ mod tests {
             },
             intensity: Vec3::ONE,
             keys,
+            repeat: None,
         }
     }
 
@@ -125,6 +130,17 @@ mod tests {
         assert!((x(3.5) - 4.0).abs() < 1e-6 && x(9.0) == 0.0);
         assert_eq!(lamp.at(2.0).unwrap().intensity, Vec3::splat(2.0));
         assert_eq!(lamp.at(2.0).unwrap().direction, Vec3::NEG_Z);
+    }
+
+    #[test]
+    fn a_path_may_begin_anew() {
+        let keys = vec![key(0.0, 0.0, 1.0), key(2.0, 4.0, 1.0)];
+        let lamp = VirtualLight {
+            repeat: Some(3.0),
+            ..spot(keys)
+        };
+        let x = |t: f64| lamp.at(t).unwrap().position.x;
+        assert_eq!((x(1.0), x(2.5), x(4.0), x(-2.0)), (2.0, 4.0, 2.0, 2.0));
     }
 
     #[test]

@@ -14,6 +14,7 @@ pub mod lamps;
 pub mod mesh;
 pub mod near_field;
 mod normals;
+pub mod photometric;
 pub mod planes;
 pub mod ply;
 pub mod primitives;

@@ -36,6 +36,17 @@
 //! target_m = [0.0, 0.0, 0.0]       # a spot; without it the lamp shines all round
 //! beam_deg = 20.0                  # half angles: full light inside, falling to none at
 //! cutoff_deg = 30.0                # the second
+//! repeat_s = 8.0                   # its path begins anew; without `keys` it stands still
+//! keys = [{ at_s = 0.0 }, { at_s = 4.0, position_m = [0.3, 0.0, 0.4], gain = 0.0 }]
+//!
+//! [[lamp]]                         # in photometric units, in place of `intensity`
+//! attached_to = "teapot"           # its places are relative to that object
+//! position_m = [0.0, 0.0, 0.3]
+//! candela = 60.0                   # or `lumen` of all its light
+//! kelvin = 2700.0                  # or `colour`
+//!
+//! [photometry]                     # what the scene camera shows as white, cd/m²; or `ev100`, its
+//! white_cd_m2 = 300.0              # exposure value at ISO 100
 //!
 //! [[plane]]                        # a shadowing plane (technique "planes"); where there is one
 //! centre_m = [0.0, 0.0, 0.0]       # for a layer, none are made for that layer from the model.
@@ -65,7 +76,9 @@ use crate::calibration::rig_json::{GroundPlane, VirtualLight};
 use crate::config::SceneChoice;
 use crate::config::toml_text::{Fault, TomlText};
 use glam::{DMat4, DVec3, Vec3};
+use lamp::Surroundings;
 use penumbra_interface::RigidTransform;
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use typed::{Colour, Entry, Ground, MaterialFile, Place, SceneFile, Shape};
@@ -114,13 +127,18 @@ impl SceneAddition {
                 format!("expected at most {MOST_ENTRIES} entries"),
             )));
         }
+        let world_from_model = model.to_matrix();
         let mut objects = Vec::new();
+        let mut places = HashMap::new();
         for (i, entry) in file.object.iter().enumerate() {
             let at = format!("object[{i}]");
             refuse_phantom_keys(entry, &at).map_err(located)?;
             objects.extend(entry.parts(&at, folder, text)?);
+            if let Some(name) = &entry.name {
+                let place = entry.placement(&at).map_err(located)?;
+                places.insert(name.clone(), world_from_model * place);
+            }
         }
-        let world_from_model = model.to_matrix();
         for part in &mut objects {
             part.world_from_part = world_from_model * part.world_from_part;
         }
@@ -133,9 +151,13 @@ impl SceneAddition {
             let reason = format!("expected at most {MOST_LAMPS} lamps");
             return Err(located(Fault::new("lamp", reason)));
         }
+        let surroundings = Surroundings {
+            objects: &places,
+            white: lamp::white(file.photometry.as_ref()).map_err(located)?,
+        };
         let lamps = file.lamp.iter().enumerate();
         let lamps = lamps
-            .map(|(i, l)| lamp::lamp(l, &format!("lamp[{i}]")))
+            .map(|(i, l)| lamp::lamp(l, &format!("lamp[{i}]"), &surroundings))
             .collect::<Result<_, _>>()
             .map_err(located)?;
         if file.plane.len() > MOST_ENTRIES {

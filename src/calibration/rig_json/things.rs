@@ -106,6 +106,7 @@ pub(super) fn virtual_light(node: &Node) -> Result<VirtualLight> {
         return Err(node.wrong("given keys in the order of their times, no two at the same"));
     }
     Ok(VirtualLight {
+        repeat: None,
         name: name_of(node, "light")?,
         kind,
         intensity: Vec3::from(node.need("intensity", "linear RGB")?.colour()?),

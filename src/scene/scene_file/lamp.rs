@@ -1,44 +1,145 @@
-//! Lamps of a scene file. They stand still.
+//! Lamps of a scene file.
 
-use super::typed::LampFile;
+use super::typed::{Colour, LampFile, LampKeyFile, Photometry};
 use crate::calibration::rig_json::{VirtualLight, VirtualLightKey, VirtualLightKind};
 use crate::config::toml_text::Fault;
-use glam::DVec3;
+use crate::scene::photometric::{black_body, of_unit_luminance, white_of_ev100};
+use glam::{DMat4, DVec3, Vec3};
+use std::collections::HashMap;
+use std::f64::consts::{PI, TAU};
 
-pub(super) fn lamp(file: &LampFile, at: &str) -> Result<VirtualLight, Fault> {
+/// Keys of one lamp.
+const MOST_KEYS: usize = 1000;
+/// Farthest place, metres.
+const FARTHEST: f64 = 1e5;
+/// Brightest lamp, candela or lumen.
+const BRIGHTEST: f64 = 1e9;
+
+/// What lamps are placed and measured by.
+pub(super) struct Surroundings<'a> {
+    /// Where objects stand: world from their own frame.
+    pub objects: &'a HashMap<String, DMat4>,
+    /// Luminance that the scene camera shows as white, cd/m².
+    pub white: Option<f64>,
+}
+
+/// The luminance that the scene camera shows as white, where the file says so.
+pub(super) fn white(file: Option<&Photometry>) -> Result<Option<f64>, Fault> {
+    let Some(file) = file else {
+        return Ok(None);
+    };
+    let wrong = |key: &str, reason: &str| Err(Fault::new(format!("photometry.{key}"), reason));
+    match (file.white_cd_m2, file.ev100) {
+        (Some(_), Some(_)) => wrong("ev100", "goes without white_cd_m2; leave one out"),
+        (Some(white), None) if !(1e-3..=1e9).contains(&white) => {
+            wrong("white_cd_m2", "expected cd/m² from 0.001 to 1e9")
+        }
+        (None, Some(ev)) if !(-10.0..=30.0).contains(&ev) => {
+            wrong("ev100", "expected an exposure value at ISO 100, -10 to 30")
+        }
+        (white, ev) => Ok(white.or(ev.map(white_of_ev100))),
+    }
+}
+
+pub(super) fn lamp(
+    file: &LampFile,
+    at: &str,
+    surroundings: &Surroundings<'_>,
+) -> Result<VirtualLight, Fault> {
+    let wrong = |key: &str, reason: &str| Fault::new(format!("{at}.{key}"), reason);
+    let world_from_lamp = match &file.attached_to {
+        None => DMat4::IDENTITY,
+        Some(name) => *surroundings.objects.get(name).ok_or_else(|| {
+            wrong(
+                "attached_to",
+                &format!("there is no [[object]] of the name \"{name}\""),
+            )
+        })?,
+    };
+    let keys = keys(file, at, world_from_lamp)?;
+    let aims = keys.iter().filter(|k| k.target.is_some()).count();
+    let kind = match aims {
+        0 if file.beam_deg.or(file.cutoff_deg).is_some() => {
+            return Err(wrong("target_m", "a spot needs it: x, y, z in metres"));
+        }
+        0 => VirtualLightKind::Point,
+        n if n == keys.len() => spot(file, at)?,
+        _ => return Err(wrong("keys", "either all have a target_m or none has")),
+    };
+    Ok(VirtualLight {
+        name: file.name.clone().unwrap_or_else(|| "lamp".to_owned()),
+        intensity: intensity(file, at, kind, surroundings.white)?,
+        kind,
+        repeat: repeat(file, at, &keys)?,
+        keys,
+    })
+}
+
+/// The lamp's own place, or its path.
+fn keys(file: &LampFile, at: &str, world: DMat4) -> Result<Vec<VirtualLightKey>, Fault> {
+    if file.keys.len() > MOST_KEYS {
+        let reason = format!("expected at most {MOST_KEYS} keys");
+        return Err(Fault::new(format!("{at}.keys"), reason));
+    }
+    if file.keys.is_empty() {
+        return Ok(vec![key(file, &LampKeyFile::default(), at, world)?]);
+    }
+    let numbered = file.keys.iter().enumerate();
+    let keys: Vec<VirtualLightKey> = numbered
+        .map(|(i, k)| key(file, k, &format!("{at}.keys[{i}]"), world))
+        .collect::<Result<_, _>>()?;
+    if keys.is_sorted_by(|a, b| a.seconds < b.seconds) {
+        return Ok(keys);
+    }
+    Err(Fault::new(
+        format!("{at}.keys"),
+        "expected at_s to grow from key to key",
+    ))
+}
+
+fn key(
+    file: &LampFile,
+    own: &LampKeyFile,
+    at: &str,
+    world: DMat4,
+) -> Result<VirtualLightKey, Fault> {
     let wrong = |key: &str, reason: &str| Fault::new(format!("{at}.{key}"), reason);
     let place = |key: &str, value: Option<[f64; 3]>| match value.map(DVec3::from) {
-        Some(p) if !p.is_finite() || p.abs().max_element() > 1e5 => {
+        Some(p) if !p.is_finite() || p.abs().max_element() > FARTHEST => {
             Err(wrong(key, "expected x, y, z within 100000 m"))
         }
         place => Ok(place),
     };
-    let position = place("position_m", file.position_m)?
+    let position = place("position_m", own.position_m.or(file.position_m))?
         .ok_or_else(|| wrong("position_m", "a lamp needs it: x, y, z in metres"))?;
-    let target = place("target_m", file.target_m)?;
+    let target = place("target_m", own.target_m.or(file.target_m))?;
     if target.is_some_and(|t| t.distance(position) < 1e-6) {
         return Err(wrong("target_m", "expected another place than position_m"));
     }
-    let intensity = file
-        .intensity
-        .ok_or_else(|| wrong("intensity", "a lamp needs it: three linear numbers"))?;
-    Ok(VirtualLight {
-        name: file.name.clone().unwrap_or_else(|| "lamp".to_owned()),
-        kind: match target {
-            Some(_) => spot(file, at)?,
-            None if file.beam_deg.or(file.cutoff_deg).is_some() => {
-                return Err(wrong("target_m", "a spot needs it: x, y, z in metres"));
-            }
-            None => VirtualLightKind::Point,
-        },
-        intensity: intensity.0,
-        keys: vec![VirtualLightKey {
-            seconds: 0.0,
-            position,
-            target,
-            gain: 1.0,
-        }],
+    if !(0.0..=1e6).contains(&own.at_s) {
+        return Err(wrong("at_s", "expected seconds from 0 to 1000000"));
+    }
+    let gain = own.gain.unwrap_or(1.0);
+    if !(0.0..=1e6).contains(&gain) {
+        return Err(wrong("gain", "expected a number from 0 to 1000000"));
+    }
+    Ok(VirtualLightKey {
+        seconds: own.at_s,
+        position: world.transform_point3(position),
+        target: target.map(|t| world.transform_point3(t)),
+        gain,
     })
+}
+
+fn repeat(file: &LampFile, at: &str, keys: &[VirtualLightKey]) -> Result<Option<f64>, Fault> {
+    let last = keys.last().map_or(0.0, |k| k.seconds);
+    match file.repeat_s {
+        Some(s) if !(s.is_finite() && s > 0.0 && s >= last) => Err(Fault::new(
+            format!("{at}.repeat_s"),
+            "expected seconds, not before the last key",
+        )),
+        repeat => Ok(repeat),
+    }
 }
 
 fn spot(file: &LampFile, at: &str) -> Result<VirtualLightKind, Fault> {
@@ -56,4 +157,75 @@ fn spot(file: &LampFile, at: &str) -> Result<VirtualLightKind, Fault> {
         beam: beam.to_radians(),
         cutoff: cutoff.to_radians(),
     })
+}
+
+/// Linear RGB, scene camera units, from whichever way it was typed.
+fn intensity(
+    file: &LampFile,
+    at: &str,
+    kind: VirtualLightKind,
+    white: Option<f64>,
+) -> Result<Vec3, Fault> {
+    let wrong = |key: &str, reason: &str| Fault::new(format!("{at}.{key}"), reason);
+    let (key, typed) = match (file.intensity, file.candela, file.lumen) {
+        (Some(Colour(rgb)), None, None) => {
+            let (colour, kelvin) = (file.colour.map(|_| "colour"), file.kelvin.map(|_| "kelvin"));
+            return match colour.or(kelvin) {
+                Some(key) => Err(wrong(
+                    key,
+                    "goes with candela or lumen; `intensity` has a colour",
+                )),
+                None => Ok(rgb),
+            };
+        }
+        (None, Some(candela), None) => ("candela", candela),
+        (None, None, Some(lumen)) => ("lumen", lumen),
+        _ => {
+            let reason = "a lamp needs it: three linear numbers; or one of candela and lumen";
+            return Err(wrong("intensity", reason));
+        }
+    };
+    if !(0.0..=BRIGHTEST).contains(&typed) {
+        return Err(wrong(key, "expected a number from 0 to 1e9"));
+    }
+    let white = white.ok_or_else(|| {
+        let reason = "needs to know what the camera shows as white: `white_cd_m2` or `ev100` under [photometry]";
+        wrong(key, reason)
+    })?;
+    let candela = if key == "lumen" {
+        typed / solid_angle(kind)
+    } else {
+        typed
+    };
+    Ok(tint(file, at)? * (candela / white) as f32)
+}
+
+/// The lamp's colour at a luminance of 1.
+fn tint(file: &LampFile, at: &str) -> Result<Vec3, Fault> {
+    let wrong = |key: &str, reason: &str| Err(Fault::new(format!("{at}.{key}"), reason));
+    match (file.colour, file.kelvin) {
+        (Some(_), Some(_)) => wrong("kelvin", "goes without `colour`; leave one out"),
+        (Some(Colour(rgb)), None) => Ok(of_unit_luminance(rgb)),
+        (None, Some(k)) if !(500.0..=40_000.0).contains(&k) => {
+            wrong("kelvin", "expected a colour temperature from 500 to 40000")
+        }
+        (None, Some(k)) => Ok(black_body(k)),
+        (None, None) => Ok(Vec3::ONE),
+    }
+}
+
+/// Lumen per candela, steradians: the sphere, or a spot's cone with its linear edge, ∫ 2π f sin θ dθ.
+fn solid_angle(kind: VirtualLightKind) -> f64 {
+    match kind {
+        VirtualLightKind::Point => 2.0 * TAU,
+        VirtualLightKind::Spot { beam, cutoff } => {
+            let wide = cutoff - beam;
+            let edge = if wide > 1e-9 {
+                ((cutoff - beam) * beam.cos() - cutoff.sin() + beam.sin()) / wide
+            } else {
+                0.0
+            };
+            2.0 * PI * (1.0 - beam.cos() + edge)
+        }
+    }
 }

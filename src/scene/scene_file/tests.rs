@@ -40,7 +40,9 @@ fn the_documented_example_is_read() {
     assert_eq!(scene.ground.unwrap().size, 8.0);
     let lamp = scene.lamps[0].at(5.0).unwrap();
     let (beam, cutoff) = lamp.cone.unwrap();
-    assert_eq!((scene.lamps.len(), lamp.intensity), (1, Vec3::splat(0.3)));
+    assert_eq!((scene.lamps.len(), lamp.intensity), (2, Vec3::ZERO));
+    let lamp = scene.lamps[0].at(8.0).unwrap();
+    assert_eq!(lamp.intensity, Vec3::splat(0.3));
     let plane = &scene.planes[0];
     assert_eq!((scene.planes.len(), plane.layer), (1, Layer::Real));
     assert_eq!((plane.normal(), plane.half_size.x), (DVec3::Z, 0.5));
@@ -343,5 +345,63 @@ fn a_model_carries_its_objects_and_planes_along() {
     ] {
         let text = complaint(&text(model));
         assert!(text.contains(place), "{text}");
+    }
+}
+
+#[test]
+fn lamps_move_stand_on_objects_and_shine_in_photometric_units() {
+    let scene = read(
+        "[photometry]\nwhite_cd_m2 = 200.0\n[model]\nposition_m = [1, 0, 0]\n\
+         [[object]]\nname = \"post\"\nshape = \"box\"\nsize_m = [1, 1, 1]\nposition_m = [0, 2, 0]\n\
+         rotation_deg = [90, 0, 0]\nscale = 2.0\n\
+         [[lamp]]\nattached_to = \"post\"\nposition_m = [0.5, 0, 1]\ncandela = 100\n\
+         keys = [{}, { at_s = 2.0, position_m = [0.5, 0, 2], gain = 3.0 }]\nrepeat_s = 4.0\n\
+         [[lamp]]\nposition_m = [0, 0, 1]\nlumen = 1000\nkelvin = 2700\n\
+         [[lamp]]\nposition_m = [0, 0, 1]\ntarget_m = [0, 0, 0]\nlumen = 1000\ncolour = [1, 0, 0]\n\
+         beam_deg = 60\ncutoff_deg = 60",
+    )
+    .unwrap();
+    let luminance = |v: Vec3| v.dot(Vec3::new(0.2126, 0.7152, 0.0722));
+    let at = |i: usize, t: f64| scene.lamps[i].at(t).unwrap();
+    assert!(at(0, 0.0).position.distance(Vec3::new(1.0, 3.0, 2.0)) < 1e-6);
+    assert!(at(0, 2.0).position.distance(Vec3::new(1.0, 3.0, 4.0)) < 1e-6);
+    assert_eq!(at(0, 5.0).intensity, at(0, 1.0).intensity);
+    assert!((luminance(at(0, 2.0).intensity) - 1.5).abs() < 1e-4);
+    // 1000 lm all round are 1000 / 4π cd; into a cone of 60° 1000 / (2π · (1 − cos 60°)).
+    let tau = std::f32::consts::TAU;
+    assert!((luminance(at(1, 0.0).intensity) - 1000.0 / (2.0 * tau) / 200.0).abs() < 1e-3);
+    assert!((luminance(at(2, 0.0).intensity) - 1000.0 / (tau * 0.5) / 200.0).abs() < 1e-3);
+    assert!(at(2, 0.0).intensity.y == 0.0 && at(1, 0.0).intensity.z < at(1, 0.0).intensity.x);
+    let lamp = |rest: &str| format!("[[lamp]]\nposition_m = [0, 0, 1]\n{rest}");
+    let lit = |rest: &str| lamp(&format!("intensity = [1, 1, 1]\n{rest}"));
+    for (text, place) in [
+        (lamp("candela = 1"), "[photometry]"),
+        (lamp("candela = -1"), "lamp[0].candela"),
+        (lamp("lumen = nan"), "lamp[0].lumen"),
+        (lit("candela = 1"), "lamp[0].intensity"),
+        (lit("kelvin = 2700"), "lamp[0].kelvin"),
+        (lit("attached_to = \"cup\""), "\"cup\""),
+        (lit("repeat_s = 0"), "lamp[0].repeat_s"),
+        (
+            lit("keys = [{ at_s = 1.0 }, { at_s = 1.0 }]"),
+            "lamp[0].keys",
+        ),
+        (lit("keys = [{ at_s = -1.0 }]"), "lamp[0].keys[0].at_s"),
+        (lit("keys = [{ gain = -1.0 }]"), "lamp[0].keys[0].gain"),
+        (
+            lit("keys = [{ gain = 1.0 }, { at_s = 1, target_m = [0, 0, 0] }]"),
+            "lamp[0].keys",
+        ),
+        (
+            "[photometry]\nwhite_cd_m2 = 0".to_owned(),
+            "photometry.white_cd_m2",
+        ),
+        (
+            "[photometry]\nwhite_cd_m2 = 1\nev100 = 1".to_owned(),
+            "photometry.ev100",
+        ),
+    ] {
+        let said = complaint(&text);
+        assert!(said.contains(place), "{text}: {said}");
     }
 }

@@ -12,6 +12,7 @@ pub(super) struct SceneFile {
     pub model: Option<Place>,
     pub object: Vec<Entry>,
     pub phantom: Vec<Entry>,
+    pub photometry: Option<Photometry>,
     pub lamp: Vec<LampFile>,
     pub plane: Vec<PlaneFile>,
     pub ground: Option<Ground>,
@@ -81,11 +82,36 @@ pub(super) struct Ground {
 #[serde(deny_unknown_fields, default)]
 pub(super) struct LampFile {
     pub name: Option<String>,
+    pub attached_to: Option<String>,
     pub position_m: Option<[f64; 3]>,
     pub target_m: Option<[f64; 3]>,
     pub intensity: Option<Colour>,
+    pub candela: Option<f64>,
+    pub lumen: Option<f64>,
+    pub colour: Option<Colour>,
+    pub kelvin: Option<f64>,
     pub beam_deg: Option<f64>,
     pub cutoff_deg: Option<f64>,
+    pub keys: Vec<LampKeyFile>,
+    pub repeat_s: Option<f64>,
+}
+
+/// What is left out is as the lamp itself says.
+#[derive(Debug, Default, serde::Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct LampKeyFile {
+    pub at_s: f64,
+    pub position_m: Option<[f64; 3]>,
+    pub target_m: Option<[f64; 3]>,
+    pub gain: Option<f64>,
+}
+
+/// How the camera shows light of photometric units.
+#[derive(Debug, Default, serde::Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Photometry {
+    pub white_cd_m2: Option<f64>,
+    pub ev100: Option<f64>,
 }
 
 #[derive(Debug, Default, serde::Deserialize)]
