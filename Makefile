@@ -22,7 +22,7 @@ UNPACKED := if [ -f target/packages/env ]; then . target/packages/env; fi;
 # A window needs a display; without one the picture is in the browser.
 WINDOW := $(if $(DISPLAY)$(WAYLAND_DISPLAY),,--headless)
 
-.PHONY: help demo demo-temple build test lint unit advisories bench bench-table fidelity soak fuzz fmt packages-demo packages-test toolchain clean install uninstall test-devices
+.PHONY: help demo demo-temple demo-lamp build test lint unit advisories bench bench-table fidelity soak fuzz fmt packages-demo packages-test toolchain clean install uninstall test-devices
 
 help: ## This list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -32,6 +32,9 @@ demo: packages-demo build ## Install what is missing, build, replay the bundled 
 
 demo-temple: packages-demo build ## The same outdoors: a temple gate, shadows from baked planes, daylight that changes
 	@$(UNPACKED) exec $(PENUMBRA) replay $(TEMPLE_SESSION) --config config/demo-temple.toml --loop $(WINDOW) $(ARGS)
+
+demo-lamp: packages-demo build ## A table: a lamp that is not there lights it, moves about and goes out and on
+	@$(UNPACKED) exec $(PENUMBRA) replay $(SESSION) --config config/demo-lamp.toml --loop $(WINDOW) $(ARGS)
 
 build: toolchain ## The program, optimised: target/release/penumbra
 	@$(UNPACKED) cargo build --release --locked --bin penumbra

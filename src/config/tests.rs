@@ -101,7 +101,7 @@ fn rig_toml_names_every_key_even_those_without_default() {
 
 #[test]
 fn the_shipped_files_are_read() {
-    for name in ["replay.toml", "demo.toml", "demo-temple.toml"] {
+    for name in ["replay.toml", "demo.toml", "demo-temple.toml", "demo-lamp.toml"] {
         check_config(&shipped(name)).unwrap();
     }
     let replay = Config::load(&shipped("replay.toml")).unwrap();
