@@ -272,6 +272,29 @@ fn a_setting_changed_on_the_page_reaches_the_rig_and_comes_back_confirmed() {
 }
 
 #[test]
+fn the_exposure_is_set_by_hand() {
+    let Some(mut browser) = browser("the_exposure_is_set_by_hand") else {
+        return;
+    };
+    let show = Show::start();
+    browser.resize(1280, 800);
+    open(&mut browser, &show);
+    let text = |id: &str| format!("document.getElementById('{id}').textContent");
+    browser.wait_for(&format!("{}.includes('untouched')", text("exposure-hint")));
+    let row = "document.querySelector('[name=exposure_ev]').closest('.row').hidden";
+    assert_eq!(browser.evaluate(row), true);
+    browser.evaluate("document.querySelector('[name=exposure_mode][value=manual]').click()");
+    browser.wait_for(&format!("!{row}"));
+    browser.evaluate("(() => { const s = document.querySelector('[name=exposure_ev]'); s.value = '-1.5'; s.dispatchEvent(new Event('input', {bubbles: true})); })()");
+    browser.wait_for(&format!("{} === '−1.5 EV'", text("exposure-hint")));
+    browser.wait_for("!document.querySelector('[data-pending]')");
+    assert_eq!(browser.evaluate(&text("ev-text")), "−1.5 EV");
+    assert_eq!(show.shared.settings_receiver().borrow().exposure_ev, -1.5);
+    keep("exposure.png", &browser.screenshot(true));
+    assert_eq!(browser.complaints(), [""; 0]);
+}
+
+#[test]
 fn planes_have_a_card_while_they_are_in_force() {
     let Some(mut browser) = browser("planes_have_a_card_while_they_are_in_force") else {
         return;

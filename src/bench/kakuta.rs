@@ -10,7 +10,7 @@ use super::stage::{Passes, WARM_UP, camera, looking, picture};
 use crate::calibration::Response;
 use crate::compositor::planes::{PlanesChoice, bake};
 use crate::compositor::{
-    Compositor, CompositorSettings, FrameInput, Gpu, GpuError, Refresh, ShadowMode,
+    Compositor, CompositorSettings, Exposure, FrameInput, Gpu, GpuError, Refresh, ShadowMode,
 };
 use crate::environment::geodesic::{FaceLight, GeodesicDome, Membership};
 use crate::environment::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
@@ -95,6 +95,7 @@ fn measure(gpu: &Gpu, case: &Case, options: &BenchOptions) -> Result<Row, GpuErr
             refresh: Refresh::UpTo(0),
             show_virtual: true,
             planes: Some(PlanesChoice::default()),
+            exposure: Exposure::Camera,
         })?;
         gpu.wait()?;
         if i >= WARM_UP {

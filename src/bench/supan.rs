@@ -6,7 +6,7 @@ use super::report::{BenchReport, Percentiles, Row};
 use super::stage::{Passes, WARM_UP, camera, looking, picture};
 use crate::calibration::Response;
 use crate::compositor::{
-    Compositor, CompositorSettings, FrameInput, Gpu, GpuError, Refresh, ShadowMode,
+    Compositor, CompositorSettings, Exposure, FrameInput, Gpu, GpuError, Refresh, ShadowMode,
 };
 use crate::environment::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
 use crate::scene::{Material, Mesh, Part, Scene, primitives};
@@ -63,6 +63,7 @@ fn measure(
             refresh: Refresh::InTurn(refreshed as usize),
             show_virtual: true,
             planes: None,
+            exposure: Exposure::Camera,
         })?;
         gpu.wait()?;
         let elapsed = start.elapsed().as_secs_f64() * 1e3;

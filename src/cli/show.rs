@@ -6,7 +6,8 @@ use clap::Args;
 use penumbra::calibration::EnvironmentSource;
 use penumbra::compositor::Gpu;
 use penumbra::config::{
-    Config, LIGHT_COUNTS, LightPlacement, Monitor, SceneChoice, ShadowMode, ShadowTechnique,
+    Config, ExposureChoice, LIGHT_COUNTS, LightPlacement, Monitor, SceneChoice, ShadowMode,
+    ShadowTechnique,
 };
 use penumbra::output::window::{self, WindowOptions};
 use penumbra::rig::{Report, RigError, RunOptions, Runner};
@@ -69,6 +70,10 @@ pub struct ShowArgs {
     /// How virtual objects are lit and shadowed
     #[arg(long, value_enum)]
     technique: Option<Technique>,
+    /// In which exposure the picture is shown: "off" (the camera's), "auto", or stops beside the
+    /// camera's own, from -8 to 3
+    #[arg(long, value_name = "off|auto|STOPS", allow_hyphen_values = true)]
+    exposure: Option<ExposureChoice>,
 }
 
 fn light_count(text: &str) -> Result<u32, String> {
@@ -97,6 +102,9 @@ impl ShowArgs {
         set(&mut config.environment.lights, self.lights);
         set(&mut config.environment.light_count, self.light_count);
         set(&mut config.shadows.mode, self.shadow_mode);
+        if let Some(choice) = self.exposure {
+            config.exposure.choose(choice);
+        }
         if let Some(technique) = self.technique {
             config.shadows.enabled = technique != Technique::ImageBasedLighting;
             if config.shadows.enabled {

@@ -1,5 +1,6 @@
 //! One frame, top to bottom.
 
+use super::exposure::{ExposedInputs, Exposure};
 use super::gpu_data::{FrameUniform, LightUniform};
 use super::passes::composite::{CompositeInputs, CompositePass};
 use super::passes::lamp_map::LampMapPass;
@@ -57,6 +58,8 @@ pub struct FrameInput<'a> {
     /// Shadows by shadowing planes instead of the dome's maps, once something is baked
     /// ([`Compositor::set_bake`]).
     pub planes: Option<PlanesChoice>,
+    /// In which exposure all of it is shown.
+    pub exposure: Exposure,
 }
 
 /// All pipelines.
@@ -85,7 +88,7 @@ impl Pipelines {
             virtual_geometry: VirtualGeometryPass::new(device, frame, scene, variant),
             tiles: TilesPass::new(device, frame, variant),
             shadow_buffer: ShadowBufferPass::new(device, frame, variant),
-            surroundings: SurroundingsPass::new(device, frame),
+            surroundings: SurroundingsPass::new(device, frame, variant),
             composite: CompositePass::new(device, frame, variant),
         }
     }
@@ -98,6 +101,9 @@ pub struct Sized {
     shadow_buffer: ShadowBufferInputs,
     surroundings: SurroundingsInputs,
     composite: CompositeInputs,
+    /// In place of the last two, for pictures in another exposure.
+    exposed: Option<ExposedInputs>,
+    metered: Option<wgpu::BindGroup>,
     readback: Readback,
 }
 
@@ -128,7 +134,8 @@ impl Compositor {
             .readback
             .record(&mut encoder, &sized.targets.output.texture);
         self.timer.end_frame(&mut encoder);
-        self.gpu.queue.submit([encoder.finish()]);
+        let submitted = self.gpu.queue.submit([encoder.finish()]);
+        self.exposure.submitted(&submitted);
         self.sized = Some(sized);
         Ok(())
     }
@@ -153,6 +160,11 @@ impl Compositor {
         let timer = &mut self.timer;
         let frame = &self.light_maps.frame_group;
         let (scene, t) = (&self.scene, &sized.targets);
+        // The camera's picture as another exposure shows it, where one is wanted.
+        let exposed = self.exposure.passes().zip(sized.exposed.as_ref());
+        if let Some((_, inputs)) = exposed {
+            self.exposure.record(encoder, timer, inputs, t);
+        }
         // What casts, seen from the lights whose maps are out of date.
         let maps = (&self.maps.0, &self.maps.1);
         p.shadow_map
@@ -182,12 +194,20 @@ impl Compositor {
         };
         let groups = [frame, shadows, &inputs.surfaces];
         passes.record(encoder, timer, groups, t, unshadowed);
+        let ((surroundings, composite), inputs) = match exposed {
+            Some((passes, inputs)) => (passes, (&inputs.surroundings, &inputs.composite)),
+            None => (
+                (&p.surroundings, &p.composite),
+                (&sized.surroundings, &sized.composite),
+            ),
+        };
         // What virtual objects mirror of the real scene, shadows included.
-        p.surroundings
-            .record(encoder, timer, frame, &sized.surroundings, t);
+        surroundings.record(encoder, timer, frame, inputs.0, t);
         // The picture.
-        p.composite
-            .record(encoder, timer, frame, &sized.composite, t);
+        composite.record(encoder, timer, frame, inputs.1, t);
+        // How much light virtual lights bring, for the exposure of pictures to come.
+        self.exposure
+            .record_meter(encoder, timer, sized.metered.as_ref());
     }
 
     /// Everything that is uploaded.
@@ -226,6 +246,8 @@ impl Compositor {
         let lights = &lights[..lights.len().min(self.settings.light_budget as usize)];
         let size = self.shadow_map_size();
         self.subtract = input.shadow_mode == ShadowMode::Subtract;
+        let seen = augmented && input.lighting.is_some() && input.world_from_camera.is_some();
+        self.prepare_exposure(input, seen);
         let by_planes = self.prepare_planes(input, augmented)?;
         // Planes need no maps.
         let mapped = if by_planes { &[] } else { lights };
@@ -246,7 +268,6 @@ impl Compositor {
         });
         let (device, queue) = (&self.gpu.device, &self.gpu.queue);
         self.light_maps.write_frame(queue, &uniform, each);
-        let seen = augmented && input.lighting.is_some() && input.world_from_camera.is_some();
         let lamps = if seen { input.lamps } else { &[] };
         self.light_maps
             .write_lamps(device, queue, lamps, slots.casters(), LAMP_MAPS * size);
@@ -308,13 +329,17 @@ impl Compositor {
         let (device, p) = (&self.gpu.device, &self.pipelines);
         let maps = (&self.maps.0, &self.maps.1);
         let light = &self.light_maps;
+        let maps_of_light = (&light.radiance, &light.specular_table);
+        let camera = &targets.camera.view;
         Sized {
             tiles: p.tiles.bind(device, &targets),
             shadow_buffer: p.shadow_buffer.bind(device, maps, &targets),
-            surroundings: p.surroundings.bind(device, &targets),
+            surroundings: p.surroundings.bind(device, &targets, camera),
             composite: p
                 .composite
-                .bind(device, &targets, &light.radiance, &light.specular_table),
+                .bind(device, &targets, camera, maps_of_light.0, maps_of_light.1),
+            exposed: self.exposure.bind(device, &targets, maps_of_light),
+            metered: self.exposure.bind_meter(device, &targets),
             readback: Readback::new(device, targets.width, targets.height),
             targets,
         }
@@ -385,7 +410,7 @@ impl Compositor {
                 self.light_maps.radiance_levels - 1,
             ],
             params: [input.shadow_strength, height, has_ground, (mips - 1) as f32],
-            ground: ground.extend(0.0).to_array(),
+            ground: ground.extend(self.exposure.factor()).to_array(),
             tiling: [
                 (lights as u32).div_ceil(64).max(1),
                 TILE,
@@ -420,7 +445,7 @@ pub(super) fn clip_from_camera(camera: &PinholeCamera) -> DMat4 {
 }
 
 /// Uploads the response and its inverse.
-fn write_response(queue: &wgpu::Queue, targets: &Targets, response: &Response) {
+pub(super) fn write_response(queue: &wgpu::Queue, targets: &Targets, response: &Response) {
     let encoding: Vec<f32> = (0..ENCODING)
         .map(|i| {
             let root = i as f32 / (ENCODING - 1) as f32;

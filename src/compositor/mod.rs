@@ -9,6 +9,7 @@
 mod bindings;
 mod cover;
 mod detail;
+pub mod exposure;
 pub mod frame;
 pub mod gpu;
 mod gpu_data;
@@ -26,6 +27,7 @@ mod shadow_slots;
 mod targets;
 pub mod timing;
 
+pub use exposure::Exposure;
 pub use frame::{FrameInput, ShadowMode};
 pub use gpu::{Gpu, GpuError};
 pub use passes::present::PresentPass;
@@ -35,6 +37,7 @@ pub use shadow_slots::Refresh;
 use crate::calibration::Response;
 use crate::scene::{Part, Scene};
 use cover::Cover;
+use exposure::ExposureStation;
 use frame::Pipelines;
 use light_maps::LightMaps;
 use passes::shadow_map::ShadowMaps;
@@ -96,6 +99,7 @@ pub struct Compositor {
     refreshed: usize,
     subtract: bool,
     planes: Option<Box<PlanesStage>>,
+    exposure: ExposureStation,
 }
 
 impl Compositor {
@@ -110,6 +114,7 @@ impl Compositor {
             soft: settings.soft_samples.max(1),
             lamps: false,
             fine: settings.shadow_step == 1,
+            exposed: false,
         };
         let pipelines = Pipelines::new(device, &light_maps.frame_layout, &layouts, variant);
         Self {
@@ -125,6 +130,7 @@ impl Compositor {
             refreshed: 0,
             subtract: false,
             planes: None,
+            exposure: ExposureStation::default(),
             gpu,
             settings,
             pipelines,
@@ -215,6 +221,7 @@ impl Compositor {
             if let Some(planes) = &mut self.planes {
                 planes.forget_pipelines();
             }
+            self.exposure.forget_pipelines();
             let frame = &self.light_maps.frame_layout;
             self.pipelines = Pipelines::new(&self.gpu.device, frame, &self.layouts, self.variant);
             self.rebind();

@@ -12,6 +12,7 @@ const TILES: &str = include_str!("shaders/lib/tiles.wgsl");
 const SURFACE: &str = include_str!("shaders/lib/surface.wgsl");
 const SAMPLES: &str = include_str!("shaders/lib/samples.wgsl");
 const CODES: &str = include_str!("shaders/lib/codes.wgsl");
+const EXPOSED: &str = include_str!("shaders/lib/exposed.wgsl");
 const LIGHT_TEXEL: &str = include_str!("shaders/lib/light_texel.wgsl");
 const LAMPS: &str = include_str!("shaders/lib/lamps.wgsl");
 const EDGES: &str = include_str!("shaders/lib/edges.wgsl");
@@ -36,6 +37,8 @@ pub struct Variant {
     /// The shadow buffer is as fine as the picture: edges of the real scene are looked at
     /// pixel by pixel.
     pub fine: bool,
+    /// The picture comes in another exposure than the camera's, and linear.
+    pub exposed: bool,
 }
 
 impl Variant {
@@ -45,6 +48,7 @@ impl Variant {
         soft: 1,
         lamps: false,
         fine: true,
+        exposed: false,
     };
 }
 
@@ -129,12 +133,16 @@ pub fn all(variant: Variant) -> [(&'static str, String); 11] {
         ),
         (
             "surroundings",
-            join(&[
-                FRAME,
-                FULLSCREEN,
-                CODES,
-                include_str!("shaders/surroundings.wgsl"),
-            ]),
+            sampled(
+                join(&[
+                    FRAME,
+                    FULLSCREEN,
+                    CODES,
+                    EXPOSED,
+                    include_str!("shaders/surroundings.wgsl"),
+                ]),
+                variant,
+            ),
         ),
         (
             "composite",
@@ -147,6 +155,7 @@ pub fn all(variant: Variant) -> [(&'static str, String); 11] {
                     SAMPLES,
                     LIGHT_TEXEL,
                     CODES,
+                    EXPOSED,
                     EDGES,
                     BACKGROUND,
                     LAMPS,
@@ -188,6 +197,34 @@ fn sampled(text: String, variant: Variant) -> String {
         .replace("SOFT", &variant.soft.to_string())
         .replace("FINE", if variant.fine { "true" } else { "false" })
         .replace("LAMPED", if variant.lamps { "true" } else { "false" })
+        .replace("EXPOSED", if variant.exposed { "true" } else { "false" })
+}
+
+/// The shaders that change the exposure; `constants` are those that the CPU's side knows too.
+#[must_use]
+pub fn exposing(constants: &str) -> [(&'static str, String); 3] {
+    let text = |own: &[&str]| {
+        let parts = [
+            &[constants, CODES, include_str!("shaders/lib/exposure.wgsl")],
+            own,
+        ]
+        .concat();
+        join(&parts)
+    };
+    [
+        (
+            "exposure_table",
+            text(&[include_str!("shaders/exposure_table.wgsl")]),
+        ),
+        (
+            "exposure",
+            text(&[FULLSCREEN, include_str!("shaders/exposure.wgsl")]),
+        ),
+        (
+            "exposure_meter",
+            text(&[include_str!("shaders/exposure_meter.wgsl")]),
+        ),
+    ]
 }
 
 /// The shaders that bake basis images of `resolution²` texels.
@@ -296,6 +333,7 @@ mod tests {
                 soft,
                 lamps,
                 fine: soft > 1,
+                exposed: lamps,
             });
             let summing = [true, false];
             let planes = summing.map(|real| {
@@ -307,7 +345,9 @@ mod tests {
                 })
             });
             let planes = planes.into_iter().chain([super::planning()]);
+            let exposing = super::exposing(&crate::compositor::exposure::constants());
             let all = frame.into_iter().chain(super::baking(128)).chain(planes);
+            let all = all.chain(exposing);
             for (name, text) in all {
                 let module = naga::front::wgsl::parse_str(&text)
                     .unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(&text)));

@@ -58,6 +58,13 @@ pub struct Targets {
     pub output: Target,
 }
 
+impl Target {
+    /// One sample, one level.
+    pub fn new(device: &wgpu::Device, label: &str, size: (u32, u32), format: F, usage: U) -> Self {
+        Maker(device).make(label, size, format, usage, 1)
+    }
+}
+
 struct Maker<'a>(&'a wgpu::Device);
 
 impl Maker<'_> {

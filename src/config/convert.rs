@@ -1,6 +1,7 @@
 //! From what is typed to what is true.
 
 use super::devices;
+use super::exposure::exposure;
 use super::file::{self, ConfigFile};
 use super::planes::planes;
 use super::toml_text::{Fault, TomlText};
@@ -39,6 +40,7 @@ fn convert(file: ConfigFile, folder: &Path) -> Result<Config> {
     white_balance(&file.white_balance, &mut config.white_balance)?;
     shadows(&file.shadows, &mut config.shadows)?;
     planes(file.planes, folder, &mut config.planes)?;
+    exposure(&file.exposure, &mut config.exposure)?;
     set(&mut config.picture.antialias, file.picture.antialias);
     sync(&file.sync, &mut config.sync)?;
     set(&mut config.input.yuv_matrix, file.input.yuv_matrix);

@@ -10,6 +10,7 @@ use super::devices::{
     CalibrationFile, CameraFile, ControlChange, ControlValue, FormatName, RecordingFile,
     TrackerFile,
 };
+use super::exposure::ExposureFile;
 use super::planes::PlanesFile;
 use crate::calibration::EnvironmentSource;
 use serde::Deserialize;
@@ -28,6 +29,7 @@ pub(super) struct ConfigFile {
     pub white_balance: WhiteBalance,
     pub shadows: Shadows,
     pub planes: PlanesFile,
+    pub exposure: ExposureFile,
     pub picture: Picture,
     pub sync: Sync,
     pub input: Input,

@@ -6,6 +6,7 @@ mod choice;
 mod convert;
 mod devices;
 mod error;
+mod exposure;
 mod file;
 mod planes;
 pub(crate) mod toml_text;
@@ -24,6 +25,10 @@ pub use devices::{
     TrackerUnits,
 };
 pub use error::ConfigError;
+pub use exposure::{
+    ADAPTATION_SECONDS, BRIGHTEST_STOPS, DARKEST_STOPS, EXPOSURE_KEYS, EXPOSURE_STOPS,
+    ExposureChoice, ExposureConfig, ExposureMode,
+};
 pub use planes::{FREQUENCIES, PlaneReceiver, PlaneShading, PlanesConfig, lights_of_dome};
 
 use crate::capture::{CameraSource, TrackerSource};
@@ -57,6 +62,8 @@ pub struct Config {
     pub shadows: ShadowConfig,
     /// Shadowing planes.
     pub planes: PlanesConfig,
+    /// In which exposure the picture is shown.
+    pub exposure: ExposureConfig,
     /// How the picture is drawn.
     pub picture: PictureConfig,
     /// One clock.

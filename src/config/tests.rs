@@ -72,6 +72,7 @@ fn rig_toml_names_every_key_even_those_without_default() {
         "white_balance",
         "shadows",
         "planes",
+        "exposure",
         "picture",
         "sync",
         "input",
@@ -101,7 +102,12 @@ fn rig_toml_names_every_key_even_those_without_default() {
 
 #[test]
 fn the_shipped_files_are_read() {
-    for name in ["replay.toml", "demo.toml", "demo-temple.toml", "demo-lamp.toml"] {
+    for name in [
+        "replay.toml",
+        "demo.toml",
+        "demo-temple.toml",
+        "demo-lamp.toml",
+    ] {
         check_config(&shipped(name)).unwrap();
     }
     let replay = Config::load(&shipped("replay.toml")).unwrap();
@@ -178,6 +184,24 @@ fn planes_take_their_values() {
     assert_eq!(config.planes, expected);
     let bake = config.planes.bake_settings();
     assert_eq!((bake.resolution, bake.frequency, bake.samples), (64, 4, 4));
+}
+
+#[test]
+fn exposures_take_their_values() {
+    let text = "[exposure]\nmode = \"auto\"\nev = -1.5\ndarkest_ev = -2\nbrightest_ev = 0\n\
+        key = 0.2\nadaptation_s = 0\n";
+    let expected = ExposureConfig {
+        mode: ExposureMode::Auto,
+        ev: -1.5,
+        darkest_ev: -2.0,
+        brightest_ev: 0.0,
+        key: 0.2,
+        adaptation_seconds: 0.0,
+    };
+    assert_eq!(
+        Config::from_text(text, "c.toml").unwrap().exposure,
+        expected
+    );
 }
 
 #[test]
@@ -299,6 +323,18 @@ fn wrong_settings_are_explained() {
         (
             "[shadows]\ntechnique = \"plane\"\n",
             "c.toml:2: `shadows.technique`: expected `dome` or `planes`, found unknown variant `plane`",
+        ),
+        (
+            "[exposure]\nev = nan\n",
+            "c.toml:2: `exposure.ev`: expected a number from -8 to 3, found NaN",
+        ),
+        (
+            "[exposure]\nmode = \"dark\"\n",
+            "c.toml:2: `exposure.mode`: expected one of `off`, `manual`, `auto`, found unknown variant `dark`",
+        ),
+        (
+            "[exposure]\ndarkest_ev = 1\n",
+            "c.toml:2: `exposure.darkest_ev`: expected a number from -8 to 0, found 1",
         ),
         (
             "[planes]\nfrequency = 5\n",

@@ -7,11 +7,11 @@ use super::rates::Rates;
 use super::report::{FrameCounts, InputCounts, Report, SkewMeter};
 use super::runner::{Runner, Screen};
 use super::scenes::Scenes;
-use super::settings::{compositor_settings, live_settings};
+use super::settings::{compositor_settings, exposure, live_settings};
 use super::source::Source;
 use super::status::Published;
 use super::{RigError, status as published};
-use crate::compositor::{Compositor, FrameInput, Gpu, Refresh, ShadowMode};
+use crate::compositor::{Compositor, Exposure, FrameInput, Gpu, Refresh, ShadowMode};
 use crate::output::files::FrameFolder;
 use crate::picture::Picture;
 use crate::scene::lamps::lamps_at;
@@ -147,6 +147,7 @@ impl Run {
             settings: &self.settings,
             planes: self.planes.status(),
             scene: self.scenes.status(),
+            exposure: self.compositor.exposure(),
             stale_after_nanos: runner.config.environment.stale_after_nanos,
         });
         Ok(())
@@ -190,6 +191,7 @@ impl Run {
             refresh: Refresh::UpTo(0),
             show_virtual: false,
             planes: None,
+            exposure: Exposure::Camera,
         })?;
         self.shown = true;
         Ok(())
@@ -219,6 +221,7 @@ impl Run {
             refresh: Refresh::UpTo(refresh.of(settings.light_count) as usize),
             show_virtual: settings.virtual_object_visible,
             planes: self.planes.choice(settings, self.scenes.shown()),
+            exposure: exposure(settings, prepared.seconds),
         })?;
         self.shown = true;
         Ok(())

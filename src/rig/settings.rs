@@ -1,8 +1,9 @@
 //! The configuration in the compositor's and the dashboard's words.
 
-use crate::compositor::CompositorSettings;
+use crate::compositor::exposure::AutoLimits;
+use crate::compositor::{CompositorSettings, Exposure};
 use crate::config::{
-    Antialias, Config, LightPlacement, ReplaySpeed, ShadowResolution, ShadowTechnique,
+    Antialias, Config, ExposureMode, LightPlacement, ReplaySpeed, ShadowResolution, ShadowTechnique,
 };
 use crate::status::{self, LightsMode, Settings, Technique};
 
@@ -29,6 +30,29 @@ pub fn live_settings(config: &Config) -> Settings {
         planes_skip_below: config.planes.skip_below,
         planes_recompute_above: config.planes.recompute_above,
         planes_shading: config.planes.shading,
+        exposure_mode: config.exposure.mode,
+        exposure_ev: config.exposure.ev,
+        exposure_darkest_ev: config.exposure.darkest_ev,
+        exposure_brightest_ev: config.exposure.brightest_ev,
+        exposure_key: config.exposure.key,
+        exposure_adaptation_s: config.exposure.adaptation_seconds,
+    }
+}
+
+/// The exposure of a picture that was taken at `seconds`.
+pub(super) const fn exposure(settings: &Settings, seconds: f64) -> Exposure {
+    match settings.exposure_mode {
+        ExposureMode::Off => Exposure::Camera,
+        ExposureMode::Manual => Exposure::Stops(settings.exposure_ev),
+        ExposureMode::Auto => Exposure::Automatic {
+            limits: AutoLimits {
+                darkest: settings.exposure_darkest_ev,
+                brightest: settings.exposure_brightest_ev,
+                key: settings.exposure_key,
+                adaptation_seconds: settings.exposure_adaptation_s,
+            },
+            seconds,
+        },
     }
 }
 

@@ -7,10 +7,11 @@ use super::source::Source;
 use super::{RigSetup, live_status};
 use crate::calibration::photometry::{MatchStatus, MethodStatus, Provenance};
 use crate::compositor::Gpu;
+use crate::compositor::exposure::ExposureInForce;
 use crate::status::planes::PlanesStatus;
 use crate::status::snapshot::{
-    Adapter, Device, DeviceKind, DeviceState, PoseAnswer, SessionState, WhiteBalance,
-    WhiteBalanceEstimate, WhiteBalanceMethod, WhiteMatch,
+    Adapter, Device, DeviceKind, DeviceState, ExposureStatus, PoseAnswer, SessionState,
+    WhiteBalance, WhiteBalanceEstimate, WhiteBalanceMethod, WhiteMatch,
 };
 use crate::status::{SceneStatus, Settings, SharedStatus, Snapshot, StageTimes};
 use crate::sync::{self, RigFrame};
@@ -37,6 +38,8 @@ pub struct Published<'a> {
     pub planes: &'a PlanesStatus,
     /// Where the scene is from.
     pub scene: &'a SceneStatus,
+    /// The picture's exposure.
+    pub exposure: ExposureInForce,
     /// Light older than this is old, nanoseconds.
     pub stale_after_nanos: i64,
 }
@@ -91,6 +94,7 @@ pub fn publish(p: &Published<'_>) {
         s.settings.clone_from(p.settings);
         s.planes.clone_from(p.planes);
         s.scene.clone_from(p.scene);
+        s.exposure = exposure(p.exposure);
         let picture = &p.prepared.picture;
         (s.resolution.width, s.resolution.height) = (picture.width, picture.height);
         if let Some(warning) = &p.prepared.warning {
@@ -111,6 +115,17 @@ pub fn publish(p: &Published<'_>) {
             }
         }
     });
+}
+
+fn exposure(in_force: ExposureInForce) -> ExposureStatus {
+    let brightness = in_force.brightness;
+    ExposureStatus {
+        ev: in_force.stops,
+        wanted_ev: in_force.wanted,
+        camera: brightness.map(|b| b.camera),
+        added: brightness.map(|b| b.added),
+        taken: brightness.map(|b| b.taken),
+    }
 }
 
 fn pairing(s: &mut Snapshot, frame: &RigFrame, rates: &Rates) {

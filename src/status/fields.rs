@@ -240,6 +240,26 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "Whether it had been baked before and was read from the cache.",
     ),
     (
+        "exposure.ev",
+        "Exposure of the newest picture, stops beside the camera's own; 0: the camera's picture is untouched.",
+    ),
+    (
+        "exposure.wanted_ev",
+        "Where the automatic exposure is going, stops.",
+    ),
+    (
+        "exposure.camera",
+        "Mean linear brightness of the camera's picture, 0 to 1; null where it is not measured.",
+    ),
+    (
+        "exposure.added",
+        "What virtual lights add to it; null likewise.",
+    ),
+    (
+        "exposure.taken",
+        "What virtual shadows take from it; null likewise.",
+    ),
+    (
         "recording.state",
         "`unavailable` (a recording plays), `idle`, `recording`, `finished` or `failed`.",
     ),
@@ -377,6 +397,30 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     (
         "settings.planes_shading",
         "With shadowing planes, what virtual objects are shaded with: `irradiance`, `lights` (all of the dome) or `six` (the papers').",
+    ),
+    (
+        "settings.exposure_mode",
+        "`off` (the camera's picture is untouched), `manual` or `auto` (by what virtual lights add).",
+    ),
+    (
+        "settings.exposure_ev",
+        "With `manual`: stops beside the camera's own exposure, -8 to 3.",
+    ),
+    (
+        "settings.exposure_darkest_ev",
+        "With `auto`: no darker than this, stops, -8 to 0.",
+    ),
+    (
+        "settings.exposure_brightest_ev",
+        "With `auto`: no brighter than this, stops, 0 to 3.",
+    ),
+    (
+        "settings.exposure_key",
+        "With `auto`: a picture with a mean below this is dark, linear, 0 to 1.",
+    ),
+    (
+        "settings.exposure_adaptation_s",
+        "With `auto`: time in which 63 % of a sudden change is followed, s, 0 to 60.",
     ),
     ("stream.viewers", "Browsers that watch `/stream.mjpeg`."),
     ("stream.encoded", "Pictures encoded for them."),

@@ -164,6 +164,7 @@ async fn dashboard_file(Path(file): Path<String>) -> Response {
         "dashboard.css" => asset(CSS, include_str!("dashboard/dashboard.css")).await,
         "dashboard.js" => asset(SCRIPT, include_str!("dashboard/dashboard.js")).await,
         "charts.js" => asset(SCRIPT, include_str!("dashboard/charts.js")).await,
+        "exposure.js" => asset(SCRIPT, include_str!("dashboard/exposure.js")).await,
         "planes.js" => asset(SCRIPT, include_str!("dashboard/planes.js")).await,
         "recording.js" => asset(SCRIPT, include_str!("dashboard/recording.js")).await,
         "settings.js" => asset(SCRIPT, include_str!("dashboard/settings.js")).await,

@@ -1,6 +1,9 @@
 //! What can be changed while the rig runs.
 
-use crate::config::PlaneShading;
+use crate::config::{
+    ADAPTATION_SECONDS, BRIGHTEST_STOPS, DARKEST_STOPS, EXPOSURE_KEYS, EXPOSURE_STOPS,
+    ExposureConfig, ExposureMode, PlaneShading,
+};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -70,10 +73,23 @@ pub struct Settings {
     pub planes_recompute_above: f32,
     /// Planes: what virtual objects are shaded with.
     pub planes_shading: PlaneShading,
+    /// Who chooses the exposure that the picture is shown in.
+    pub exposure_mode: ExposureMode,
+    /// By hand: stops beside the camera's own, −8..=3.
+    pub exposure_ev: f32,
+    /// Automatic: no darker than this, stops, −8..=0.
+    pub exposure_darkest_ev: f32,
+    /// Automatic: no brighter than this, stops, 0..=3.
+    pub exposure_brightest_ev: f32,
+    /// Automatic: mean linear brightness below which a picture is dark, 0..=1.
+    pub exposure_key: f32,
+    /// Automatic: time constant, seconds, 0..=60.
+    pub exposure_adaptation_s: f32,
 }
 
 impl Default for Settings {
     fn default() -> Self {
+        let exposure = ExposureConfig::default();
         Self {
             technique: Technique::default(),
             light_count: 64,
@@ -84,6 +100,12 @@ impl Default for Settings {
             planes_skip_below: 0.002,
             planes_recompute_above: 0.01,
             planes_shading: PlaneShading::default(),
+            exposure_mode: exposure.mode,
+            exposure_ev: exposure.ev,
+            exposure_darkest_ev: exposure.darkest_ev,
+            exposure_brightest_ev: exposure.brightest_ev,
+            exposure_key: exposure.key,
+            exposure_adaptation_s: exposure.adaptation_seconds,
         }
     }
 }
@@ -110,6 +132,18 @@ pub struct SettingsChange {
     pub planes_recompute_above: Option<f32>,
     /// See [`Settings::planes_shading`].
     pub planes_shading: Option<PlaneShading>,
+    /// See [`Settings::exposure_mode`].
+    pub exposure_mode: Option<ExposureMode>,
+    /// See [`Settings::exposure_ev`].
+    pub exposure_ev: Option<f32>,
+    /// See [`Settings::exposure_darkest_ev`].
+    pub exposure_darkest_ev: Option<f32>,
+    /// See [`Settings::exposure_brightest_ev`].
+    pub exposure_brightest_ev: Option<f32>,
+    /// See [`Settings::exposure_key`].
+    pub exposure_key: Option<f32>,
+    /// See [`Settings::exposure_adaptation_s`].
+    pub exposure_adaptation_s: Option<f32>,
 }
 
 /// Why a wish was refused; nothing of it was applied.
@@ -140,6 +174,18 @@ pub enum SettingsError {
         setting: &'static str,
         /// What was asked for.
         share: f32,
+    },
+    /// Out of range or not a number.
+    #[error("{setting}: {value} is out of range; choose a number from {low} to {high}")]
+    OutOfRange {
+        /// Which setting.
+        setting: &'static str,
+        /// What was asked for.
+        value: f32,
+        /// Least.
+        low: f32,
+        /// Greatest.
+        high: f32,
     },
 }
 
@@ -173,6 +219,18 @@ impl SettingsChange {
                 .planes_recompute_above
                 .unwrap_or(settings.planes_recompute_above),
             planes_shading: self.planes_shading.unwrap_or(settings.planes_shading),
+            exposure_mode: self.exposure_mode.unwrap_or(settings.exposure_mode),
+            exposure_ev: self.exposure_ev.unwrap_or(settings.exposure_ev),
+            exposure_darkest_ev: self
+                .exposure_darkest_ev
+                .unwrap_or(settings.exposure_darkest_ev),
+            exposure_brightest_ev: self
+                .exposure_brightest_ev
+                .unwrap_or(settings.exposure_brightest_ev),
+            exposure_key: self.exposure_key.unwrap_or(settings.exposure_key),
+            exposure_adaptation_s: self
+                .exposure_adaptation_s
+                .unwrap_or(settings.exposure_adaptation_s),
         };
         wanted.validated()
     }
@@ -200,7 +258,42 @@ impl Settings {
         if let Some(&(setting, share)) = wrong {
             return Err(SettingsError::Share { setting, share });
         }
+        self.exposure_in_range()?;
         Ok(self)
+    }
+
+    fn exposure_in_range(&self) -> Result<(), SettingsError> {
+        let numbers = [
+            ("exposure_ev", self.exposure_ev, EXPOSURE_STOPS),
+            (
+                "exposure_darkest_ev",
+                self.exposure_darkest_ev,
+                DARKEST_STOPS,
+            ),
+            (
+                "exposure_brightest_ev",
+                self.exposure_brightest_ev,
+                BRIGHTEST_STOPS,
+            ),
+            ("exposure_key", self.exposure_key, EXPOSURE_KEYS),
+            (
+                "exposure_adaptation_s",
+                self.exposure_adaptation_s,
+                ADAPTATION_SECONDS,
+            ),
+        ];
+        for (setting, value, range) in numbers {
+            if !range.contains(&value) {
+                let (low, high) = range.into_inner();
+                return Err(SettingsError::OutOfRange {
+                    setting,
+                    value,
+                    low,
+                    high,
+                });
+            }
+        }
+        Ok(())
     }
 }
 
@@ -247,6 +340,19 @@ mod tests {
         );
         assert!(text(r#"{"shadow_strenght": 1}"#).contains("unknown field `shadow_strenght`"));
         assert!(text(r#"{"lights_mode": "random"}"#).contains("expected `grid` or `adaptive`"));
+        assert_eq!(
+            text(r#"{"exposure_ev": -9}"#),
+            "exposure_ev: -9 is out of range; choose a number from -8 to 3"
+        );
+        assert_eq!(
+            text(r#"{"exposure_darkest_ev": 0.5}"#),
+            "exposure_darkest_ev: 0.5 is out of range; choose a number from -8 to 0"
+        );
+        assert!(
+            text(r#"{"exposure_mode": "dark"}"#)
+                .contains("expected one of `off`, `manual`, `auto`")
+        );
+        assert!(text(r#"{"exposure_ev": NaN}"#).starts_with("settings: "));
         assert!(text("").starts_with("settings: EOF"));
         assert!(text(r#"{"shadow_strength": 1e999}"#).contains("number out of range"));
     }

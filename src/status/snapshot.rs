@@ -40,6 +40,8 @@ pub struct Snapshot {
     pub scene: SceneStatus,
     /// Shadowing planes.
     pub planes: PlanesStatus,
+    /// In which exposure the picture is shown.
+    pub exposure: ExposureStatus,
     /// Recording.
     pub recording: Recording,
     /// Cameras and trackers.
@@ -69,6 +71,7 @@ impl Default for Snapshot {
             lighting: LightingStatus::default(),
             scene: SceneStatus::default(),
             planes: PlanesStatus::default(),
+            exposure: ExposureStatus::default(),
             recording: Recording::default(),
             devices: Vec::new(),
             adapter: Adapter::default(),
@@ -333,6 +336,21 @@ pub struct LightingStatus {
     pub dominant_direction: Option<[f64; 3]>,
     /// Counts the previews of the environment; 0 = there is none at `/environment.png`.
     pub preview_revision: u64,
+}
+
+/// In which exposure the picture is shown.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct ExposureStatus {
+    /// Of the newest picture, stops beside the camera's own.
+    pub ev: f32,
+    /// Where the automatic one is going, stops.
+    pub wanted_ev: f32,
+    /// Mean linear brightness of the camera's picture, where it is measured.
+    pub camera: Option<f32>,
+    /// What virtual lights add to it.
+    pub added: Option<f32>,
+    /// What virtual shadows take from it.
+    pub taken: Option<f32>,
 }
 
 /// What a device is for.

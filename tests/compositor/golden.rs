@@ -174,3 +174,43 @@ fn golden_glossy_ball_and_a_real_box() {
     stage.settings.shadow_step = 2;
     assert_golden("glossy-ball", &stage.compose());
 }
+
+/// A table with a lamp's reflection on it that is clipped, and clipped in red only around that.
+fn golden_in_shorter_exposure() -> Stage {
+    let mut stage = golden_stage().with_virtual(painted(
+        primitives::cuboid(Vec3::new(0.1, 0.1, 0.12)),
+        DVec3::new(0.0, 0.02, 0.0),
+        Material {
+            base_colour: Vec3::new(0.2, 0.45, 0.7).extend(1.0),
+            roughness: 0.3,
+            ..Material::default()
+        },
+    ));
+    let width = stage.picture.width;
+    for (i, pixel) in (0_u32..).zip(stage.picture.rgba.chunks_exact_mut(4)) {
+        let (x, y) = ((i % width) as f32, (i / width) as f32);
+        let off = (x - 32.0).hypot(2.0 * (y - 88.0)) / 22.0;
+        let glow = Vec3::new(3.0, 2.0, 1.2) * (-3.0 * off * off).exp();
+        let linear = stage
+            .response
+            .linear_from_rgb([pixel[0], pixel[1], pixel[2]]);
+        let codes = (Vec3::from(linear) * (1.0 + glow * 2.0) + glow * 0.4).to_array();
+        pixel[..3].copy_from_slice(&codes.map(|v| stage.response.code_from_linear(v)));
+    }
+    stage.lamps = vec![penumbra::scene::PlacedLamp {
+        position: Vec3::new(0.12, -0.1, 0.25),
+        direction: Vec3::new(-0.3, 0.3, -1.0).normalize(),
+        intensity: Vec3::new(0.5, 0.45, 0.3),
+        cone: Some((0.3, 0.6)),
+    }];
+    stage
+}
+
+#[test]
+fn golden_shorter_and_longer_exposure() {
+    let mut stage = golden_in_shorter_exposure();
+    for (name, stops) in [("exposure-shorter", -1.5), ("exposure-longer", 0.7)] {
+        stage.exposure = penumbra::compositor::Exposure::Stops(stops);
+        assert_golden(name, &stage.compose());
+    }
+}

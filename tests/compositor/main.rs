@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod baking;
+mod exposure;
 mod golden;
 mod judge;
 mod lamps;

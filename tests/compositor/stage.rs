@@ -3,7 +3,9 @@
 use glam::{DMat3, DMat4, DQuat, DVec2, DVec3, Vec3};
 use penumbra::calibration::{PinholeCamera, Response};
 use penumbra::compositor::reference::{Reference, ReferencePicture};
-use penumbra::compositor::{Compositor, CompositorSettings, FrameInput, Gpu, Refresh, ShadowMode};
+use penumbra::compositor::{
+    Compositor, CompositorSettings, Exposure, FrameInput, Gpu, Refresh, ShadowMode,
+};
 use penumbra::environment::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
 use penumbra::picture::Picture;
 use penumbra::scene::{Material, Mesh, NearLight, Part, PlacedLamp, Scene, casters, primitives};
@@ -39,6 +41,7 @@ pub struct Stage {
     pub refresh: Refresh,
     pub show_virtual: bool,
     pub settings: CompositorSettings,
+    pub exposure: Exposure,
 }
 
 impl Stage {
@@ -69,6 +72,7 @@ impl Stage {
                 samples: 4,
                 soft_samples: 1,
             },
+            exposure: Exposure::Camera,
         }
     }
 
@@ -109,6 +113,7 @@ impl Stage {
             refresh: self.refresh,
             show_virtual: self.show_virtual,
             planes: None,
+            exposure: self.exposure,
         }
     }
 

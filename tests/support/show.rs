@@ -1,6 +1,7 @@
 //! A status server that shows a moving picture of its own, without cameras or GPU.
 
 use glam::Vec3;
+use penumbra::config::ExposureMode;
 use penumbra::environment::{DomeLight, LightKind};
 use penumbra::picture::Picture;
 use penumbra::status::planes::{PlanesState, PlanesStatus};
@@ -122,6 +123,10 @@ fn advance(s: &mut Snapshot, frame: u64, scale: f64, wished: Settings) {
     if planes {
         let changed = frame.is_multiple_of(4);
         s.planes.count_picture(if changed { 37 } else { 0 }, 0);
+    }
+    if wished.exposure_mode == ExposureMode::Manual {
+        s.exposure.ev = wished.exposure_ev;
+        s.exposure.wanted_ev = wished.exposure_ev;
     }
     s.settings = wished;
     for device in &mut s.devices {

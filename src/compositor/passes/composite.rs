@@ -19,6 +19,8 @@ pub struct CompositePass {
     surfaces_layout: wgpu::BindGroupLayout,
     light_layout: wgpu::BindGroupLayout,
     smooth: wgpu::Sampler,
+    /// The output holds the real picture already, exposed.
+    exposed: bool,
 }
 
 /// What it binds.
@@ -79,20 +81,23 @@ impl CompositePass {
             surfaces_layout,
             light_layout,
             smooth,
+            exposed: variant.exposed,
         }
     }
 
-    /// Binds the targets, the prefiltered radiance map and the table of specular scales.
+    /// Binds the targets, the real picture (the camera's or the exposed one), the prefiltered
+    /// radiance map and the table of specular scales.
     pub fn bind(
         &self,
         device: &wgpu::Device,
         targets: &Targets,
+        real: &wgpu::TextureView,
         radiance: &wgpu::TextureView,
         specular_table: &wgpu::TextureView,
     ) -> CompositeInputs {
         let t = targets;
         let picture = [
-            view(&t.camera.view),
+            view(real),
             t.codes.as_entire_binding(),
             view(&t.shadow.view),
             view(&t.light.view),
@@ -130,11 +135,13 @@ impl CompositePass {
     ) {
         let groups = [frame, &inputs.picture, &inputs.surfaces, &inputs.light];
         // Where nothing virtual is, the picture is the camera's, bit for bit.
-        encoder.copy_texture_to_texture(
-            targets.camera.texture.as_image_copy(),
-            targets.output.texture.as_image_copy(),
-            targets.output.texture.size(),
-        );
+        if !self.exposed {
+            encoder.copy_texture_to_texture(
+                targets.camera.texture.as_image_copy(),
+                targets.output.texture.as_image_copy(),
+                targets.output.texture.size(),
+            );
+        }
         let mut colour = cleared(&targets.output.view);
         if let Some(colour) = &mut colour {
             colour.ops.load = wgpu::LoadOp::Load;

@@ -1,6 +1,7 @@
 //! One pass = one file here = one shader of the same name.
 
 pub mod composite;
+pub mod exposure;
 pub mod lamp_map;
 pub mod phantom_geometry;
 pub mod present;

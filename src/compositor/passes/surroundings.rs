@@ -1,8 +1,9 @@
 //! The shadowed real picture, linear and ever coarser, for virtual objects to reflect.
 
 use super::super::bindings::{PipelineSpec, Slot, group, layout, view};
+use super::super::shaders::{self, Variant};
 use super::super::targets::{Targets, format};
-use super::super::{shaders, timing::Timer};
+use super::super::timing::Timer;
 use super::cover;
 
 /// The pass.
@@ -20,8 +21,8 @@ pub struct SurroundingsInputs {
 }
 
 impl SurroundingsPass {
-    pub fn new(device: &wgpu::Device, frame: &wgpu::BindGroupLayout) -> Self {
-        let module = shaders::module(device, "surroundings", shaders::Variant::PLAIN);
+    pub fn new(device: &wgpu::Device, frame: &wgpu::BindGroupLayout, variant: Variant) -> Self {
+        let module = shaders::module(device, "surroundings", variant);
         let u = Slot::Unfilterable;
         let picture_layout = layout(device, "surroundings picture", &[u, Slot::Uniform, u]);
         let finer_layout = layout(device, "surroundings level", &[u]);
@@ -50,13 +51,19 @@ impl SurroundingsPass {
         }
     }
 
-    pub fn bind(&self, device: &wgpu::Device, targets: &Targets) -> SurroundingsInputs {
+    /// Binds the targets and the real picture, the camera's or the exposed one.
+    pub fn bind(
+        &self,
+        device: &wgpu::Device,
+        targets: &Targets,
+        real: &wgpu::TextureView,
+    ) -> SurroundingsInputs {
         let picture = group(
             device,
             "surroundings picture",
             &self.picture_layout,
             &[
-                view(&targets.camera.view),
+                view(real),
                 targets.codes.as_entire_binding(),
                 view(&targets.shadow.view),
             ],

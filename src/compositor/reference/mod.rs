@@ -5,6 +5,7 @@
 //! at them by the ground close by are not in it, so virtual surfaces are judged without
 //! specular reflection and without ground.
 
+pub mod exposure;
 mod light;
 mod surface;
 
@@ -45,12 +46,14 @@ impl Reference {
     #[must_use]
     pub fn compose(&self, input: &FrameInput<'_>, response: &Response) -> ReferencePicture {
         let (width, height) = (input.picture.width, input.picture.height);
+        let factor = exposure::factor(input);
+        let exposed = exposure::exposed(input.picture, response, factor);
         let mut pixels = Vec::with_capacity((width * height) as usize);
         let mut rgba = Vec::with_capacity(4 * (width * height) as usize);
         for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
             let codes = input.picture.rgb(x, y);
-            let pixel = self.pixel((x, y), codes, input, response);
-            let shown = if pixel.untouched {
+            let pixel = self.pixel((x, y), exposed[(y * width + x) as usize], input);
+            let shown = if pixel.untouched && factor == 1.0 {
                 codes
             } else {
                 pixel
@@ -70,14 +73,9 @@ impl Reference {
         ReferencePicture { pixels, picture }
     }
 
-    fn pixel(
-        &self,
-        at: (u32, u32),
-        codes: [u8; 3],
-        input: &FrameInput<'_>,
-        response: &Response,
-    ) -> ReferencePixel {
-        let camera = DVec3::from(response.linear_from_rgb(codes).map(f64::from));
+    fn pixel(&self, at: (u32, u32), camera: DVec3, input: &FrameInput<'_>) -> ReferencePixel {
+        // What is virtual, in the exposure that `camera` is in.
+        let factor = f64::from(exposure::factor(input));
         let bare = ReferencePixel {
             seen: Seen::Camera,
             linear: camera,
@@ -96,7 +94,7 @@ impl Reference {
         if surface.seen == Seen::Virtual {
             return ReferencePixel {
                 seen: Seen::Virtual,
-                linear: light::of_virtual(&surface, &reaching, lighting),
+                linear: light::of_virtual(&surface, &reaching, lighting) * factor,
                 footprint,
                 normal: surface.normal,
                 untouched: false,
@@ -108,7 +106,9 @@ impl Reference {
         let linear = match input.shadow_mode {
             _ if untouched => camera,
             ShadowMode::Ratio => camera * (1.0 - lost / sums.arriving.max(DVec3::splat(1e-9))),
-            ShadowMode::Subtract => (camera - lost / std::f64::consts::PI).max(DVec3::ZERO),
+            ShadowMode::Subtract => {
+                (camera - lost * (factor / std::f64::consts::PI)).max(DVec3::ZERO)
+            }
         };
         ReferencePixel {
             seen: Seen::Phantom,

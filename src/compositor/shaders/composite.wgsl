@@ -185,7 +185,7 @@ fn background(@builtin(position) position: vec4f) -> Background {
 // Pixels that show one virtual surface.
 @fragment
 fn whole(@builtin(position) position: vec4f) -> @location(0) vec4f {
-    return encoded(shade(vec2i(position.xy), 0, true));
+    return encoded(in_exposure(shade(vec2i(position.xy), 0, true)));
 }
 
 // Pixels of which virtual objects cover a part, or show several surfaces.
@@ -219,7 +219,7 @@ fn outline(@builtin(position) position: vec4f) -> @location(0) vec4f {
                 }
             }
         }
-        linear += shade(pixel, first, first == of_pixel) * (f32(alike) / f32(SAMPLES));
+        linear += in_exposure(shade(pixel, first, first == of_pixel)) * (f32(alike) / f32(SAMPLES));
         covered -= alike;
         first = other;
         continuing {

@@ -8,7 +8,11 @@
 fn linear_at(pixel: vec2i) -> vec3f {
     let last = vec2i(frame.size.xy) - vec2i(1);
     let at = min(pixel, last);
-    let linear = linear_from_code(textureLoad(camera, at, 0).rgb);
+    var linear = linear_of(textureLoad(camera, at, 0).rgb);
+    if EXPOSED {
+        // As all light that virtual surfaces are shaded by.
+        linear /= frame.ground.w;
+    }
     let s = textureLoad(shadow, at >> vec2u(frame.tiling.z), 0).rgb;
     return select(linear * s, max(linear - s, vec3f(0.0)), frame.counts.y == 1u);
 }

@@ -3,6 +3,7 @@
 // confirmed yet.
 
 import { COOL, LIGHT, remember, spark } from './charts.js';
+import { exposure } from './exposure.js';
 import { planes } from './planes.js';
 import { recording } from './recording.js';
 import { settings } from './settings.js';
@@ -271,6 +272,7 @@ function render(s) {
   settings(s.settings);
   warnings(s);
   planes(s);
+  exposure(s);
   recording(s.recording);
   devices(s);
   environment(s);

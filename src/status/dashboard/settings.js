@@ -1,6 +1,7 @@
 // The settings: shows what is in force, sends wishes, and waits until the rig confirms them.
 
-import { $, percent, put } from './text.js';
+import { stops } from './exposure.js';
+import { $, number, percent, put } from './text.js';
 
 const CONFIRM_MS = 4000;
 const LIGHTS_HINTS = { adaptive: 'Lamps and sun get their own.', grid: 'Evenly, as in the paper.' };
@@ -10,8 +11,17 @@ const form = $('settings');
 const wishes = new Map(); // setting → { value, since } until /status confirms it
 let sending = 0;
 
-const KINDS = { light_count: Number, shadow_strength: Number, planes_skip_below: Number, planes_recompute_above: Number };
-const SHARES = { shadow_strength: ['strength-text', 0], planes_skip_below: ['skip-text', 1], planes_recompute_above: ['recompute-text', 1] };
+// Sliders: where the value is written, and how.
+const SLIDERS = {
+  shadow_strength: ['strength-text', (v) => percent(v, 0)],
+  planes_skip_below: ['skip-text', percent],
+  planes_recompute_above: ['recompute-text', percent],
+  exposure_ev: ['ev-text', stops],
+  exposure_darkest_ev: ['darkest-text', stops],
+  exposure_brightest_ev: ['brightest-text', stops],
+  exposure_key: ['key-text', percent],
+  exposure_adaptation_s: ['adaptation-text', (v) => `${number(v)} s`],
+};
 
 function fieldsOf(name) {
   const found = form.elements[name];
@@ -22,16 +32,16 @@ function valueOf(name) {
   const [field] = fieldsOf(name);
   if (field.type === 'checkbox') return field.checked;
   const text = form.elements[name].value;
-  return KINDS[name] ? KINDS[name](text) : text;
+  return SLIDERS[name] || name === 'light_count' ? Number(text) : text;
 }
 
 function show(name, value) {
   const [field] = fieldsOf(name);
   if (field.type === 'checkbox') field.checked = value;
   else form.elements[name].value = String(value);
-  if (SHARES[name]) {
-    const [text, digits] = SHARES[name];
-    put($(text), percent(value, digits));
+  if (SLIDERS[name]) {
+    const [text, write] = SLIDERS[name];
+    put($(text), write(value));
   }
   if (name === 'lights_mode') put($('lights-hint'), LIGHTS_HINTS[value] ?? '');
   if (name === 'shadow_mode') put($('shadow-hint'), SHADOW_HINTS[value] ?? '');

@@ -43,8 +43,8 @@ fn shadow_at(pixel: vec2i, position: vec4f) -> vec3f {
 }
 
 fn shadowed(code: vec3f, factor: vec3f) -> vec3f {
-    let linear = linear_from_code(code);
-    return select(linear * factor, max(linear - factor, vec3f(0.0)), frame.counts.y == 1u);
+    let linear = linear_of(code);
+    return select(linear * factor, max(linear - in_exposure(factor), vec3f(0.0)), frame.counts.y == 1u);
 }
 
 // The range of what is shown on both sides of a real edge near `pixel`; empty (low > high)
@@ -93,7 +93,7 @@ fn beside_edge(pixel: vec2i) -> Range {
         let there = textureLoad(shadow, q, 0);
         let key = key_of(there.a);
         let counts = ((key == key_of(own.a)) | (key == other)) && is_certain(q, there, last);
-        let linear = linear_from_code(textureLoad(camera, q, 0).rgb);
+        let linear = linear_of(textureLoad(camera, q, 0).rgb);
         // On the pixel's own side its own factor counts too: the shadow of something thin,
         // or in a corner, may lie between the texels looked at.
         let same = !real_edge(own.a, there.a);
@@ -119,6 +119,9 @@ fn background_at(pixel: vec2i, position: vec4f) -> vec4f {
     }
     let free = range.low.r > range.high.r;
     if free && all(factor == vec3f(select(1.0, 0.0, frame.counts.y == 1u))) {
+        if EXPOSED {
+            return encoded(code.rgb);
+        }
         return code;
     }
     let linear = shadowed(code.rgb, factor);

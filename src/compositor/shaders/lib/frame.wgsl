@@ -19,7 +19,8 @@ struct Frame {
     counts: vec4u,
     // Shadow strength, ground height (metres), 1 where there is a ground, highest mip of the surroundings.
     params: vec4f,
-    // Radiance of the ground where the picture does not show it.
+    // Radiance of the ground where the picture does not show it; w = factor of the exposure, 1 as
+    // the camera took it.
     ground: vec4f,
     // Lights per bit of a tile's mask, side of a tile in picture pixels, logarithms of the
     // shadow buffer's step and of the tile's side: software drivers divide whole numbers lane by lane, so nothing

@@ -1,0 +1,167 @@
+//! The camera's picture in another exposure: sums over whole regions, no table.
+
+use super::super::FrameInput;
+use super::super::exposure::{BLOCK, Exposure, Region, estimate as e, trust};
+use crate::calibration::Response;
+use crate::picture::Picture;
+use glam::{DVec3, DVec4};
+
+const LUMINANCE: DVec3 = DVec3::new(0.2126, 0.7152, 0.0722);
+
+/// Factor on linear light. An automatic exposure depends on the pictures before, which the twin
+/// does not know: it takes the camera's.
+#[must_use]
+pub fn factor(input: &FrameInput<'_>) -> f32 {
+    match input.exposure {
+        Exposure::Stops(stops) if input.show_virtual => stops.exp2(),
+        _ => 1.0,
+    }
+}
+
+/// Linear light of every pixel with all light times `factor`, row by row; above 1 where that is
+/// white.
+#[must_use]
+pub fn exposed(picture: &Picture, response: &Response, factor: f32) -> Vec<DVec3> {
+    let region = Region::for_factor(factor, picture.height);
+    let trusted = f64::from(trust(factor));
+    let blocks = Blocks::new(picture, response, region);
+    let pixels = (0..picture.height).flat_map(|y| (0..picture.width).map(move |x| (x, y)));
+    pixels
+        .map(|(x, y)| {
+            let codes = picture.rgb(x, y);
+            let linear = DVec3::from(response.linear_from_rgb(codes).map(f64::from));
+            let clipped = clipped(codes);
+            if factor >= 1.0 || clipped == DVec3::ZERO {
+                return linear * f64::from(factor);
+            }
+            let level = level(linear, clipped, blocks.around(x, y));
+            (linear + clipped * trusted * (level.max(linear) - linear)) * f64::from(factor)
+        })
+        .collect()
+}
+
+fn clipped(codes: [u8; 3]) -> DVec3 {
+    let (from, to) = (f64::from(e::CLIPPED_FROM), f64::from(e::CLIPPED_TO));
+    DVec3::from(codes.map(|c| ((f64::from(c) - from) / (to - from)).clamp(0.0, 1.0)))
+}
+
+/// What clipped channels of a pixel stand for: by its other channels and the colour of its
+/// surroundings where they tell, else by how far the surroundings put it above white.
+fn level(linear: DVec3, clipped: DVec3, around: DVec4) -> DVec3 {
+    let told = DVec3::ONE - clipped;
+    let colour = around.truncate();
+    let scale = told.dot(linear) / told.dot(colour).max(1e-6);
+    let by_colour = (colour * scale).clamp(DVec3::ONE, DVec3::splat(f64::from(e::MOST_BY_COLOUR)));
+    let by_region = 1.0 + around.w;
+    let known = told.element_sum().clamp(0.0, 1.0) * colour.max_element();
+    DVec3::from(
+        by_colour
+            .to_array()
+            .map(|c| by_region.powf(1.0 - known) * c.powf(known)),
+    )
+}
+
+/// Sums over a block or a region.
+#[derive(Clone, Copy, Default)]
+struct Sums {
+    colour: DVec3,
+    clipped: f64,
+    told: f64,
+    told_squared: f64,
+    pixels: f64,
+}
+
+impl Sums {
+    fn add(&mut self, other: &Self, weight: f64) {
+        self.colour += other.colour * weight;
+        self.clipped += other.clipped * weight;
+        self.told += other.told * weight;
+        self.told_squared += other.told_squared * weight;
+        self.pixels += other.pixels * weight;
+    }
+
+    fn pixel(codes: [u8; 3], response: &Response) -> Self {
+        let linear = DVec3::from(response.linear_from_rgb(codes).map(f64::from));
+        let (clipped, y) = (clipped(codes), linear.dot(LUMINANCE));
+        let told = (1.0 - clipped.min_element()) * y;
+        Self {
+            colour: linear * (y * (1.0 - clipped.max_element())),
+            clipped: clipped.max_element(),
+            told,
+            told_squared: told * y,
+            pixels: 1.0,
+        }
+    }
+
+    /// Colour of what is not clipped, its greatest channel how sure it is, and how far clipped
+    /// light is above white.
+    fn around(&self) -> DVec4 {
+        let colour = self.colour / self.pixels;
+        let colour = colour / (colour.max_element() + f64::from(e::FAINT));
+        let faint = f64::from(e::FAINT) * self.pixels;
+        let surround = (self.told_squared + faint * f64::from(e::USUAL)) / (self.told + faint);
+        let edge = (1.0 - surround).clamp(0.0, 1.0);
+        let (small, large) = (f64::from(e::SMALL_SHARE), f64::from(e::LARGE_SHARE));
+        let t = ((self.clipped / self.pixels - small) / (large - small)).clamp(0.0, 1.0);
+        let size = t * t * (3.0 - 2.0 * t);
+        let most = f64::from(e::SMALL_EXCESS);
+        let excess = most + (f64::from(e::LARGE_EXCESS) - most) * size;
+        colour.extend(edge * edge * excess)
+    }
+}
+
+/// What surrounds each block.
+struct Blocks {
+    across: i64,
+    down: i64,
+    around: Vec<DVec4>,
+}
+
+impl Blocks {
+    fn new(picture: &Picture, response: &Response, region: Region) -> Self {
+        let across = i64::from(picture.width.div_ceil(BLOCK));
+        let down = i64::from(picture.height.div_ceil(BLOCK));
+        let mut sums = vec![Sums::default(); (across * down) as usize];
+        for (x, y) in (0..picture.height).flat_map(|y| (0..picture.width).map(move |x| (x, y))) {
+            let block = i64::from(y / BLOCK) * across + i64::from(x / BLOCK);
+            sums[block as usize].add(&Sums::pixel(picture.rgb(x, y), response), 1.0);
+        }
+        let share = f64::from(region.share);
+        let mut around = Vec::with_capacity(sums.len());
+        for (x, y) in (0..down).flat_map(|y| (0..across).map(move |x| (x, y))) {
+            let reach = i64::from(region.reach);
+            let inside = |r: i64| {
+                let rows = (y - r).max(0)..=(y + r).min(down - 1);
+                let mut all = Sums::default();
+                for v in rows {
+                    for u in (x - r).max(0)..=(x + r).min(across - 1) {
+                        all.add(&sums[(v * across + u) as usize], 1.0);
+                    }
+                }
+                all
+            };
+            let mut both = Sums::default();
+            both.add(&inside(reach), 1.0 - share);
+            both.add(&inside(reach + 1), share);
+            around.push(both.around());
+        }
+        Self {
+            across,
+            down,
+            around,
+        }
+    }
+
+    /// At a pixel's middle, between the middles of blocks.
+    fn around(&self, x: u32, y: u32) -> DVec4 {
+        let place = |v: u32| (f64::from(v) + 0.5) / f64::from(BLOCK) - 0.5;
+        let (u, v) = (place(x), place(y));
+        let at = |i: i64, j: i64| {
+            let (i, j) = (i.clamp(0, self.across - 1), j.clamp(0, self.down - 1));
+            self.around[(j * self.across + i) as usize]
+        };
+        let (i, j) = (u.floor() as i64, v.floor() as i64);
+        let row = |j: i64| at(i, j).lerp(at(i + 1, j), u - u.floor());
+        row(j).lerp(row(j + 1), v - v.floor())
+    }
+}

@@ -1,0 +1,158 @@
+//! `[exposure]`: in which exposure the picture is shown (DiVerdi and Höllerer 2004,
+//! section 4.3).
+
+use super::convert::{Result, set, within};
+use serde::Deserialize;
+use std::ops::RangeInclusive;
+use std::str::FromStr;
+
+/// Who chooses the exposure.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ExposureMode {
+    /// `"off"`: the camera alone; its picture is untouched.
+    #[default]
+    Off,
+    /// `"manual"`: so many stops beside the camera's own.
+    Manual,
+    /// `"auto"`: what virtual lights add.
+    Auto,
+}
+
+/// Stops by which the exposure may be changed by hand: noise grows with longer ones.
+pub const EXPOSURE_STOPS: RangeInclusive<f32> = -8.0..=3.0;
+/// How dark the automatic exposure may be allowed to make it, stops.
+pub const DARKEST_STOPS: RangeInclusive<f32> = -8.0..=0.0;
+/// How bright, stops.
+pub const BRIGHTEST_STOPS: RangeInclusive<f32> = 0.0..=3.0;
+/// Mean linear brightness of a picture that is neither dark nor bright.
+pub const EXPOSURE_KEYS: RangeInclusive<f32> = 0.0..=1.0;
+/// Time constants of the automatic exposure, seconds.
+pub const ADAPTATION_SECONDS: RangeInclusive<f32> = 0.0..=60.0;
+
+/// `[exposure]`
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ExposureConfig {
+    /// Who chooses it.
+    pub mode: ExposureMode,
+    /// Stops beside the camera's own, for [`ExposureMode::Manual`].
+    pub ev: f32,
+    /// The automatic exposure goes no darker, stops.
+    pub darkest_ev: f32,
+    /// The automatic exposure goes no brighter, stops.
+    pub brightest_ev: f32,
+    /// Pictures with a mean linear brightness below this are dark.
+    pub key: f32,
+    /// Time constant of the automatic exposure, seconds.
+    pub adaptation_seconds: f32,
+}
+
+impl Default for ExposureConfig {
+    fn default() -> Self {
+        Self {
+            mode: ExposureMode::Off,
+            ev: 0.0,
+            darkest_ev: -3.0,
+            brightest_ev: 1.0,
+            key: 0.05,
+            adaptation_seconds: 0.5,
+        }
+    }
+}
+
+/// What `--exposure` says: `off`, `auto`, or stops.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ExposureChoice {
+    /// The camera's picture as it is.
+    Off,
+    /// By what virtual lights add.
+    Auto,
+    /// So many stops beside the camera's own.
+    Stops(f32),
+}
+
+impl FromStr for ExposureChoice {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        let stops = |v: &f32| EXPOSURE_STOPS.contains(v);
+        match (text, text.parse().ok().filter(stops)) {
+            ("off", _) => Ok(Self::Off),
+            ("auto", _) => Ok(Self::Auto),
+            (_, Some(stops)) => Ok(Self::Stops(stops)),
+            (_, None) => {
+                let (low, high) = EXPOSURE_STOPS.into_inner();
+                Err(format!(
+                    "expected \"off\", \"auto\", or stops from {low} to {high}"
+                ))
+            }
+        }
+    }
+}
+
+impl ExposureConfig {
+    /// What was typed comes before what stands in the file.
+    pub const fn choose(&mut self, choice: ExposureChoice) {
+        match choice {
+            ExposureChoice::Off => self.mode = ExposureMode::Off,
+            ExposureChoice::Auto => self.mode = ExposureMode::Auto,
+            ExposureChoice::Stops(stops) => {
+                self.mode = ExposureMode::Manual;
+                self.ev = stops;
+            }
+        }
+    }
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct ExposureFile {
+    pub mode: Option<ExposureMode>,
+    pub ev: Option<f64>,
+    pub darkest_ev: Option<f64>,
+    pub brightest_ev: Option<f64>,
+    pub key: Option<f64>,
+    pub adaptation_s: Option<f64>,
+}
+
+pub(super) fn exposure(file: &ExposureFile, out: &mut ExposureConfig) -> Result<()> {
+    set(&mut out.mode, file.mode);
+    set(&mut out.ev, number("ev", file.ev, EXPOSURE_STOPS)?);
+    let darkest = number("darkest_ev", file.darkest_ev, DARKEST_STOPS)?;
+    set(&mut out.darkest_ev, darkest);
+    let brightest = number("brightest_ev", file.brightest_ev, BRIGHTEST_STOPS)?;
+    set(&mut out.brightest_ev, brightest);
+    set(&mut out.key, number("key", file.key, EXPOSURE_KEYS)?);
+    let seconds = number("adaptation_s", file.adaptation_s, ADAPTATION_SECONDS)?;
+    set(&mut out.adaptation_seconds, seconds);
+    Ok(())
+}
+
+fn number(key: &str, value: Option<f64>, range: RangeInclusive<f32>) -> Result<Option<f32>> {
+    let range = f64::from(*range.start())..=f64::from(*range.end());
+    let value = within(&format!("exposure.{key}"), value, range)?;
+    Ok(value.map(|v| v as f32))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+
+    #[test]
+    fn the_command_line_takes_a_word_or_stops() {
+        let read = |text: &str| text.parse::<ExposureChoice>();
+        assert_eq!(read("off"), Ok(ExposureChoice::Off));
+        assert_eq!(read("auto"), Ok(ExposureChoice::Auto));
+        assert_eq!(read("-1.5"), Ok(ExposureChoice::Stops(-1.5)));
+        for wrong in ["", "dark", "nan", "-9", "4", "inf", "--1"] {
+            let said = read(wrong).unwrap_err();
+            assert!(said.contains("stops from -8 to 3"), "{wrong}: {said}");
+        }
+        let mut config = ExposureConfig::default();
+        config.choose(ExposureChoice::Stops(-2.0));
+        assert_eq!((config.mode, config.ev), (ExposureMode::Manual, -2.0));
+        config.choose(ExposureChoice::Auto);
+        assert_eq!(config.mode, ExposureMode::Auto);
+    }
+}

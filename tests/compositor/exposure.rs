@@ -1,0 +1,383 @@
+//! Pictures in another exposure than the camera's: closed forms, the plain twin, and the
+//! camera's own codes where nothing is to change.
+
+use crate::judge::{Rule, assert_like};
+use crate::stage::{Stage, cell, even_sky, flat, lighting, matt, noise, painted, spiral};
+use glam::{DVec3, Vec3};
+use penumbra::calibration::Response;
+use penumbra::compositor::exposure::{AutoLimits, ExposureInForce};
+use penumbra::compositor::reference::exposure::exposed;
+use penumbra::compositor::{Exposure, ShadowMode};
+use penumbra::picture::Picture;
+use penumbra::scene::{Part, PlacedLamp, primitives};
+
+fn cube() -> Part {
+    painted(
+        primitives::cuboid(Vec3::splat(0.1)),
+        DVec3::ZERO,
+        matt(Vec3::new(0.8, 0.3, 0.2)),
+    )
+}
+
+/// A table under an even light with a cube on it.
+fn table() -> Stage {
+    Stage::new(96, 72)
+        .with_virtual(cube())
+        .lit(lighting(spiral(8, 2.0), 0.2))
+}
+
+/// Nothing but a picture.
+fn bare(picture: Picture) -> Stage {
+    let mut stage = Stage::new(picture.width, picture.height);
+    stage.picture = picture;
+    stage
+}
+
+/// `picture` with an ellipse of `codes` in it.
+fn with_disc(mut picture: Picture, (x, y): (f32, f32), radius: f32, codes: [u8; 3]) -> Picture {
+    for v in 0..picture.height {
+        for u in 0..picture.width {
+            if (u as f32 - x).hypot(v as f32 - y) <= radius {
+                let at = 4 * (v * picture.width + u) as usize;
+                picture.rgba[at..at + 3].copy_from_slice(&codes);
+            }
+        }
+    }
+    picture
+}
+
+fn greatest_difference(a: &Picture, b: &Picture) -> u8 {
+    let pairs = a.rgba.chunks_exact(4).zip(b.rgba.chunks_exact(4));
+    let off = pairs.flat_map(|(a, b)| (0..3).map(move |c| a[c].abs_diff(b[c])));
+    off.max().unwrap()
+}
+
+#[test]
+fn no_change_keeps_every_code_and_draws_nothing_more() {
+    let mut stage = Stage::new(101, 67);
+    stage.picture = noise(101, 67);
+    let mut stage = stage.lit(lighting(spiral(8, 2.0), 0.5));
+    let mut compositor = stage.compositor();
+    let exact = [
+        Exposure::Camera,
+        Exposure::Stops(0.0),
+        Exposure::Stops(-0.0),
+        Exposure::Stops(f32::NAN),
+    ];
+    for exposure in exact {
+        // With another before it, so that what is left over would show.
+        stage.exposure = Exposure::Stops(-2.0);
+        assert!(stage.compose_with(&mut compositor) != stage.picture);
+        stage.exposure = exposure;
+        assert!(stage.compose_with(&mut compositor) == stage.picture);
+        let passes = compositor.pass_times();
+        assert!(
+            passes.iter().all(|(name, _)| !name.starts_with("exposure")),
+            "{passes:?}"
+        );
+        assert_eq!(compositor.exposure(), ExposureInForce::default());
+    }
+    // With virtual things in it, too, it is what it was before.
+    let mut full = table();
+    let before = full.compose();
+    let mut compositor = full.compositor();
+    full.exposure = Exposure::Stops(-1.0);
+    assert!(full.compose_with(&mut compositor) != before);
+    full.exposure = Exposure::Camera;
+    assert!(full.compose_with(&mut compositor) == before);
+}
+
+#[test]
+fn an_even_picture_is_scaled_through_the_response() {
+    for response in [Response::srgb(), Response::linear(), Response::gamma(2.2)] {
+        for stops in [-6.0, -2.0, -1.0, -0.1, 0.3, 1.0] {
+            let mut stage = bare(flat(70, 50, [200, 120, 3]));
+            stage.response = response.clone();
+            stage.exposure = Exposure::Stops(stops);
+            let out = stage.compose();
+            let linear = response.linear_from_rgb([200, 120, 3]);
+            let expected = linear.map(|v| response.code_from_linear(v * stops.exp2()));
+            let wanted = flat(70, 50, expected);
+            assert!(
+                greatest_difference(&out, &wanted) <= 1,
+                "{stops}: {expected:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn the_gpu_shows_what_the_twin_works_out() {
+    let busy = with_disc(noise(101, 67), (40.0, 30.0), 13.0, [255, 255, 255]);
+    let warm = with_disc(
+        flat(97, 130, [190, 140, 80]),
+        (50.0, 60.0),
+        20.0,
+        [255, 252, 180],
+    );
+    let warm = with_disc(warm, (50.0, 60.0), 9.0, [255, 254, 251]);
+    let white = flat(33, 35, [255; 3]);
+    for picture in [busy, warm, white, noise(5, 3), flat(1, 1, [255; 3])] {
+        for stops in [-0.2, -1.0, -2.0, -5.0, 0.7] {
+            let mut stage = bare(picture.clone());
+            stage.exposure = Exposure::Stops(stops);
+            let off = greatest_difference(&stage.compose(), &stage.twin().picture);
+            let size = (picture.width, picture.height);
+            assert!(off <= 1, "{size:?} {stops}: {off} codes");
+        }
+    }
+}
+
+#[test]
+fn what_is_virtual_is_shown_in_the_same_exposure() {
+    for stops in [-1.5, 0.8] {
+        for mode in [ShadowMode::Ratio, ShadowMode::Subtract] {
+            let mut stage = table();
+            (stage.exposure, stage.mode) = (Exposure::Stops(stops), mode);
+            let name = format!("exposed-{stops}-{mode:?}");
+            assert_like(&name, &stage.compose(), &stage.twin(), Rule::within(2));
+        }
+    }
+    // Virtual surfaces, without a ground.
+    let mut stage = Stage::new(96, 72)
+        .without_ground()
+        .with_virtual(cube())
+        .lit(even_sky(0.7));
+    stage.exposure = Exposure::Stops(-2.0);
+    let rule = Rule {
+        on_virtual: true,
+        calm: 0.2,
+        ..Rule::within(2)
+    };
+    assert_like("exposed-virtual", &stage.compose(), &stage.twin(), rule);
+}
+
+/// Linear light that the output shows at a pixel.
+fn shown(picture: &Picture, (x, y): (u32, u32)) -> Vec3 {
+    Vec3::from(Response::srgb().linear_from_rgb(picture.rgb(x, y)))
+}
+
+#[test]
+fn a_small_clipped_disc_in_the_dark_stays_white_and_its_surroundings_do_not() {
+    let dark = with_disc(flat(320, 240, [60; 3]), (160.0, 120.0), 4.0, [255; 3]);
+    let mut stage = bare(dark);
+    for (stops, still_white) in [(-1.0, true), (-2.0, true), (-3.0, true), (-8.0, false)] {
+        stage.exposure = Exposure::Stops(stops);
+        let out = stage.compose();
+        assert_eq!(out.rgb(160, 120) == [255; 3], still_white, "{stops}");
+        let expected = stage.response.linear_from_rgb([60; 3])[0] * stops.exp2();
+        let code = stage.response.code_from_linear(expected);
+        assert!(out.rgb(10, 10)[0].abs_diff(code) <= 1, "{stops}");
+        // No halo: next to the disc the picture is as dark as far away.
+        assert!(out.rgb(165, 120)[0].abs_diff(code) <= 1, "{stops}");
+    }
+}
+
+#[test]
+fn a_clipped_disc_is_as_bright_as_the_mean_around_it_says() {
+    // Of a region of 79 pixels, −2.5 stops in 288 rows, the disc fills an eighth, so that it is
+    // taken for a window: 3 (1 − surroundings)² above white.
+    for code in [60_u8, 128, 188, 240] {
+        let disc = with_disc(flat(320, 288, [code; 3]), (160.0, 144.0), 16.0, [255; 3]);
+        let mut stage = bare(disc);
+        stage.exposure = Exposure::Stops(-2.5);
+        let around = stage.response.linear_from_rgb([code; 3])[0];
+        let level = 1.0 + 3.0 * (1.0 - around).powi(2);
+        let expected = stage.response.code_from_linear(level * (-2.5_f32).exp2());
+        let found = stage.compose().rgb(160, 144)[0];
+        // What little weight the usual surroundings have is not in the closed form.
+        assert!(
+            found.abs_diff(expected) <= 2,
+            "{code}: {found}, expected {expected}"
+        );
+    }
+}
+
+#[test]
+fn a_longer_exposure_never_shows_less() {
+    let warm = with_disc(
+        flat(160, 120, [150, 110, 70]),
+        (90.0, 60.0),
+        17.0,
+        [255, 250, 180],
+    );
+    let mut stage = bare(with_disc(warm, (90.0, 60.0), 11.0, [255; 3]));
+    let mut compositor = stage.compositor();
+    let mut before: Option<Picture> = None;
+    // Up to just below the camera's own, in which a code near white may be that of more light.
+    for step in 0..24 {
+        stage.exposure = Exposure::Stops(-6.0 + 0.25 * step as f32);
+        let out = stage.compose_with(&mut compositor);
+        if let Some(before) = before {
+            let pairs = before.rgba.iter().zip(&out.rgba);
+            let worst = pairs.map(|(b, o)| i32::from(*b) - i32::from(*o)).max();
+            assert!(worst <= Some(0), "step {step}: {worst:?} codes darker");
+        }
+        before = Some(out);
+    }
+}
+
+#[test]
+fn a_half_clipped_colour_keeps_its_hue() {
+    // A light on a warm wall: what is clipped is red alone, and the wall next to it says how much
+    // red belongs to its green.
+    let wall = [180, 130, 70];
+    let response = Response::srgb();
+    let linear = Vec3::from(response.linear_from_rgb(wall));
+    let bright = (linear * 2.6)
+        .to_array()
+        .map(|v| response.code_from_linear(v));
+    assert!(bright[0] == 255 && bright[1] < 243);
+    let mut stage = bare(with_disc(flat(160, 120, wall), (80.0, 60.0), 12.0, bright));
+    stage.exposure = Exposure::Stops(-2.0);
+    let found = shown(&stage.compose(), (80, 60));
+    let expected = linear * (2.6 / 4.0);
+    assert!(
+        (found / expected - Vec3::ONE).abs().max_element() < 0.03,
+        "{found} {expected}"
+    );
+    let scaled = Vec3::from(response.linear_from_rgb(bright)) / 4.0;
+    assert!(scaled.x < 0.87 * expected.x, "nothing was clipped");
+}
+
+fn lamp(intensity: f32) -> PlacedLamp {
+    PlacedLamp {
+        position: Vec3::new(0.0, 0.0, 0.4),
+        direction: Vec3::NEG_Z,
+        intensity: Vec3::splat(intensity),
+        cone: None,
+    }
+}
+
+const LIMITS: AutoLimits = AutoLimits {
+    darkest: -3.0,
+    brightest: 0.0,
+    key: 0.01,
+    adaptation_seconds: 0.3,
+};
+
+/// A table in the light of a lamp, unless its intensity is 0.
+fn lamp_stage(intensity: f32) -> Stage {
+    let mut stage = Stage::new(160, 120).lit(lighting(vec![cell(Vec3::Z, Vec3::splat(2.0))], 0.0));
+    stage.picture = noise(160, 120);
+    let pixels = stage.picture.rgba.iter_mut();
+    pixels.for_each(|v| *v = 60 + *v / 8);
+    if intensity > 0.0 {
+        stage.lamps = vec![lamp(intensity)];
+    }
+    stage
+}
+
+fn mean_luminance(picture: &Picture) -> f64 {
+    let response = Response::srgb();
+    let pixels = picture.rgba.chunks_exact(4);
+    let sum: f64 = pixels
+        .map(|p| {
+            let [r, g, b] = response.linear_from_rgb([p[0], p[1], p[2]]).map(f64::from);
+            0.2126 * r + 0.7152 * g + 0.0722 * b
+        })
+        .sum();
+    sum / f64::from(picture.width * picture.height)
+}
+
+/// Exposures and pictures of a lamp that is switched on after ten pictures and off after 110.
+fn switched(frames: u32) -> Vec<(ExposureInForce, Picture)> {
+    let (mut on, mut off) = (lamp_stage(0.6), lamp_stage(0.0));
+    let mut compositor = on.compositor();
+    let frame = |i: u32| {
+        let stage = if (10..110).contains(&i) {
+            &mut on
+        } else {
+            &mut off
+        };
+        stage.exposure = Exposure::Automatic {
+            limits: LIMITS,
+            seconds: f64::from(i) / 30.0,
+        };
+        let picture = stage.compose_with(&mut compositor);
+        (compositor.exposure(), picture)
+    };
+    (0..frames).map(frame).collect()
+}
+
+#[test]
+fn automatic_keeps_the_mean_goes_there_smoothly_and_comes_back_exactly() {
+    let frames = switched(230);
+    let stops: Vec<f32> = frames.iter().map(|f| f.0.stops).collect();
+    assert!(stops[..12].iter().all(|s| *s == 0.0), "{stops:?}");
+    assert!(stops[12..110].is_sorted_by(|a, b| a >= b), "{stops:?}");
+    assert!(stops[112..].is_sorted(), "{stops:?}");
+    let steps = stops.array_windows().map(|[a, b]| (b - a).abs());
+    assert!(steps.fold(0.0, f32::max) < 0.15, "{stops:?}");
+    assert!((stops[109] - stops[105]).abs() < 1e-3);
+    assert_eq!(stops.last(), Some(&0.0));
+    // By the closed form: the camera's mean over that of the picture with the lamp in it.
+    let camera = lamp_stage(0.0);
+    let lit = mean_luminance(&lamp_stage(0.6).compose());
+    let wanted = (mean_luminance(&camera.picture) / lit).log2() as f32;
+    assert!(wanted < -0.3, "the lamp is too weak to tell: {wanted}");
+    assert!(
+        (stops[109] - wanted).abs() < 0.03,
+        "{} {wanted}",
+        stops[109]
+    );
+    let kept = mean_luminance(&frames[109].1) / mean_luminance(&camera.picture);
+    assert!((kept - 1.0).abs() < 0.03, "{kept}");
+    for untouched in [0, 9, 229] {
+        assert!(frames[untouched].1 == camera.picture, "{untouched}");
+    }
+}
+
+#[test]
+fn the_same_pictures_get_the_same_exposures() {
+    assert!(switched(40) == switched(40));
+}
+
+#[test]
+fn shadows_alone_brighten_a_dark_picture_only_and_within_bounds() {
+    let mut stage = table();
+    let settle = |stage: &mut Stage, key: f32, brightest: f32| {
+        let limits = AutoLimits {
+            brightest,
+            key,
+            adaptation_seconds: 0.0,
+            ..LIMITS
+        };
+        let mut compositor = stage.compositor();
+        for i in 0..4 {
+            stage.exposure = Exposure::Automatic {
+                limits,
+                seconds: f64::from(i),
+            };
+            stage.compose_with(&mut compositor);
+        }
+        compositor.exposure()
+    };
+    let none = settle(&mut stage, 0.01, 1.0);
+    let brightness = none.brightness.unwrap();
+    assert_eq!(none.stops, 0.0);
+    assert!(brightness.taken > 0.001 && brightness.added == 0.0);
+    let key = 1.5 * brightness.lit();
+    let up = settle(&mut stage, key, 1.0);
+    assert!((up.stops - 1.5_f32.log2()).abs() < 0.01, "{up:?}");
+    assert_eq!(settle(&mut stage, key, 0.25).stops, 0.25);
+    assert_eq!(settle(&mut stage, key, 0.0).stops, 0.0);
+    // Nothing virtual, nothing changed.
+    stage.scene.virtual_parts.clear();
+    assert_eq!(settle(&mut stage, key, 1.0).stops, 0.0);
+}
+
+#[test]
+fn the_twin_agrees_with_linear_scaling_where_nothing_is_clipped() {
+    let mut picture = noise(40, 30);
+    picture.rgba.iter_mut().for_each(|v| *v = (*v).min(240));
+    let response = Response::srgb();
+    for (pixel, linear) in picture
+        .rgba
+        .chunks_exact(4)
+        .zip(exposed(&picture, &response, 0.25))
+    {
+        let whole = response.linear_from_rgb([pixel[0], pixel[1], pixel[2]]);
+        assert_eq!(linear.as_vec3(), Vec3::from(whole) * 0.25);
+    }
+}
