@@ -54,6 +54,9 @@ const WIDEST: f32 = 1.0 / 3.0;
 /// still fits 32 bits.
 const MOST_PIXELS: f32 = 1012.0;
 
+/// What is close by reaches one block for so many rows of the picture.
+const NEAR: u32 = 160;
+
 /// A region around a block, as two whole ones and how they are mixed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Region {
@@ -61,6 +64,8 @@ pub(super) struct Region {
     pub reach: u32,
     /// Share of the region that reaches one block farther.
     pub share: f32,
+    /// Blocks of what is close by, each way: two or three hundredths of the picture's height.
+    pub near: u32,
 }
 
 impl Region {
@@ -69,10 +74,11 @@ impl Region {
     pub fn for_factor(factor: f32, height: u32) -> Self {
         let widest = (height as f32 * WIDEST).min(MOST_PIXELS);
         let side = 1.0 + (1.0 - factor).clamp(0.0, 1.0) * (widest - 1.0).max(0.0);
-        let reach = (0.5 * (side / BLOCK as f32 - 1.0)).max(0.0);
+        let reach = 0.5 * (side / BLOCK as f32 - 1.0).max(0.0);
         Self {
             reach: reach as u32,
             share: reach.fract(),
+            near: (height / NEAR).clamp(1, 126),
         }
     }
 }
@@ -99,6 +105,13 @@ pub(super) mod estimate {
     /// those are taken to be: dark, so that the middle of a large clipped area stays white.
     pub const FAINT: f32 = 1e-4;
     pub const USUAL: f32 = 0.25;
+    /// Next to the mean of what is close by, that of the whole region counts so much for colours.
+    pub const FAR_COLOUR: f32 = 0.05;
+    /// Mean luminance of what is close by and not clipped: up to this at a sharp edge, from
+    /// [`GENTLE`] on where light rises gently; of which a share of 1 / [`ENOUGH`] is enough.
+    pub const SHARP: f32 = 0.5;
+    pub const GENTLE: f32 = 0.9;
+    pub const ENOUGH: f32 = 8.0;
     /// Greatest light of a channel that the pixel's other channels ask for.
     pub const MOST_BY_COLOUR: f32 = 8.0;
 }
@@ -115,6 +128,10 @@ pub(super) fn constants() -> String {
         ("LARGE_SHARE", e::LARGE_SHARE),
         ("FAINT", e::FAINT),
         ("USUAL", e::USUAL),
+        ("FAR_COLOUR", e::FAR_COLOUR),
+        ("SHARP", e::SHARP),
+        ("GENTLE", e::GENTLE),
+        ("ENOUGH", e::ENOUGH),
         ("MOST_BY_COLOUR", e::MOST_BY_COLOUR),
     ];
     let mut text = format!("const METER_GROUPS = {}u;\n", meter::GROUPS);

@@ -20,6 +20,7 @@ const GROUP: u32 = 8;
 #[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
 struct ExposureUniform {
     change: [f32; 4],
+    near: [f32; 4],
 }
 
 /// The passes.
@@ -163,6 +164,7 @@ impl ExposurePass {
     pub fn upload(&self, queue: &wgpu::Queue, factor: f32, region: Region) {
         let uniform = ExposureUniform {
             change: [factor, region.reach as f32, region.share, trust(factor)],
+            near: [region.near as f32, 0.0, 0.0, 0.0],
         };
         queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
     }

@@ -93,21 +93,36 @@ impl Sums {
         }
     }
 
-    /// Colour of what is not clipped, its greatest channel how sure it is, and how far clipped
-    /// light is above white.
-    fn around(&self) -> DVec4 {
-        let colour = self.colour / self.pixels;
-        let colour = colour / (colour.max_element() + f64::from(e::FAINT));
+    /// How far clipped light in the midst of this is above white.
+    fn excess(&self) -> f64 {
         let faint = f64::from(e::FAINT) * self.pixels;
         let surround = (self.told_squared + faint * f64::from(e::USUAL)) / (self.told + faint);
         let edge = (1.0 - surround).clamp(0.0, 1.0);
-        let (small, large) = (f64::from(e::SMALL_SHARE), f64::from(e::LARGE_SHARE));
-        let t = ((self.clipped / self.pixels - small) / (large - small)).clamp(0.0, 1.0);
-        let size = t * t * (3.0 - 2.0 * t);
+        let size = smoothstep(e::SMALL_SHARE, e::LARGE_SHARE, self.clipped / self.pixels);
         let most = f64::from(e::SMALL_EXCESS);
-        let excess = most + (f64::from(e::LARGE_EXCESS) - most) * size;
-        colour.extend(edge * edge * excess)
+        edge * edge * (most + (f64::from(e::LARGE_EXCESS) - most) * size)
     }
+
+    /// 1 where light rises gently to what is clipped, by what is close by.
+    fn gentleness(&self) -> f64 {
+        let free = 1.0 - self.clipped / self.pixels;
+        let mean = self.told / self.pixels / (free + 1e-3);
+        smoothstep(e::SHARP, e::GENTLE, mean) * (free * f64::from(e::ENOUGH)).clamp(0.0, 1.0)
+    }
+}
+
+/// Colour of what is not clipped, its greatest channel how sure it is, and how far clipped light
+/// is above white.
+fn around(region: &Sums, near: &Sums) -> DVec4 {
+    let far = f64::from(e::FAR_COLOUR);
+    let colour = near.colour / near.pixels + far * region.colour / region.pixels;
+    let colour = colour / (colour.max_element() + far * f64::from(e::FAINT));
+    colour.extend(region.excess() * (1.0 - near.gentleness()))
+}
+
+fn smoothstep(low: f32, high: f32, x: f64) -> f64 {
+    let t = ((x - f64::from(low)) / f64::from(high - low)).clamp(0.0, 1.0);
+    t * t * (3.0 - 2.0 * t)
 }
 
 /// What surrounds each block.
@@ -143,7 +158,7 @@ impl Blocks {
             let mut both = Sums::default();
             both.add(&inside(reach), 1.0 - share);
             both.add(&inside(reach + 1), share);
-            around.push(both.around());
+            around.push(self::around(&both, &inside(i64::from(region.near))));
         }
         Self {
             across,

@@ -130,9 +130,8 @@ fn region(block: vec2i, reach: i32, blocks: vec2u, size: vec2u) -> Region {
     );
 }
 
-// How bright a clipped area is above white, by what is around it. Light falls off gently
-// around what is barely clipped, so bright surroundings mean little more than white, and dark
-// ones a source or its image. Of these the small ones are the brightest: lamps and glints, not windows.
+// How bright a clipped area is above white, by the region around it: dark surroundings mean a
+// source or its image, and of these the small ones are the brightest: lamps and glints, not windows.
 fn excess(told: vec2f, clipped_share: f32) -> f32 {
     // Weighted by itself, so that what is next to the clipped area counts, and not the dark.
     let surround = (told.y + FAINT * USUAL) / (told.x + FAINT);
@@ -140,20 +139,33 @@ fn excess(told: vec2f, clipped_share: f32) -> f32 {
     return edge * edge * mix(SMALL_EXCESS, LARGE_EXCESS, smoothstep(SMALL_SHARE, LARGE_SHARE, clipped_share));
 }
 
+// 1 where light rises gently to the clipped area, as around a glow that is hardly above white; 0 at
+// a source's sharp edge, and in the midst of clipped pixels. By what is close by: luminance, and
+// the share that is clipped.
+fn gentleness(told: f32, clipped_share: f32) -> f32 {
+    let free = 1.0 - clipped_share;
+    return smoothstep(SHARP, GENTLE, told / (free + 1e-3)) * clamp(free * ENOUGH, 0.0, 1.0);
+}
+
 @compute @workgroup_size(8, 8)
 fn look_around(@builtin(global_invocation_id) id: vec3u) {
     let size = textureDimensions(camera);
     let blocks = blocks_of(size);
+    let block = vec2i(id.xy);
     let reach = i32(exposure.change.y);
-    let inner = region(vec2i(id.xy), reach, blocks, size);
-    let outer = region(vec2i(id.xy), reach + 1, blocks, size);
+    let inner = region(block, reach, blocks, size);
+    let outer = region(block, reach + 1, blocks, size);
+    let near = region(block, i32(exposure.near.x), blocks, size);
     let share = exposure.change.z;
     let pixels = mix(inner.pixels, outer.pixels, share);
-    let colours = mix(inner.colours, outer.colours, share) / pixels;
+    let far_colours = mix(inner.colours, outer.colours, share) / pixels;
     let told = mix(inner.brightness, outer.brightness, share) / pixels;
+    let near_colours = near.colours / near.pixels;
+    let colours = near_colours.rgb + FAR_COLOUR * far_colours.rgb;
     let greatest = max(max(colours.r, colours.g), colours.b);
-    let colour = colours.rgb / (greatest + FAINT);
+    let gentle = gentleness(near.brightness.x / near.pixels, near_colours.a);
+    let above_white = excess(told, far_colours.a) * (1.0 - gentle);
     if all(id.xy < blocks) {
-        textureStore(around, id.xy, 0, vec4f(colour, excess(told, colours.a)));
+        textureStore(around, id.xy, 0, vec4f(colours / (greatest + FAR_COLOUR * FAINT), above_white));
     }
 }

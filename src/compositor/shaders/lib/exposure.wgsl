@@ -6,6 +6,8 @@ struct Exposure {
     // way; z: the share of the next ring of blocks that counts, too. w: how much of the estimate
     // of clipped light counts.
     change: vec4f,
+    // x: blocks of what is close by, each way.
+    near: vec4f,
 }
 
 // Side of a block, pixels, as a power of two.
