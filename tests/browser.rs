@@ -286,9 +286,9 @@ fn the_exposure_is_set_by_hand() {
     browser.evaluate("document.querySelector('[name=exposure_mode][value=manual]').click()");
     browser.wait_for(&format!("!{row}"));
     browser.evaluate("(() => { const s = document.querySelector('[name=exposure_ev]'); s.value = '-1.5'; s.dispatchEvent(new Event('input', {bubbles: true})); })()");
-    browser.wait_for(&format!("{} === '−1.5 EV'", text("exposure-hint")));
+    browser.wait_for(&format!("{} === '−1.5\u{a0}EV'", text("exposure-hint")));
     browser.wait_for("!document.querySelector('[data-pending]')");
-    assert_eq!(browser.evaluate(&text("ev-text")), "−1.5 EV");
+    assert_eq!(browser.evaluate(&text("ev-text")), "−1.5\u{a0}EV");
     assert_eq!(show.shared.settings_receiver().borrow().exposure_ev, -1.5);
     keep("exposure.png", &browser.screenshot(true));
     assert_eq!(browser.complaints(), [""; 0]);

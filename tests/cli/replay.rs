@@ -181,3 +181,40 @@ fn a_tum_folder_plays() {
     assert_eq!(report["frames"]["without_pose"], 0);
     assert_eq!(report["white_balance"], serde_json::Value::Null);
 }
+
+#[test]
+fn an_exposure_changes_pictures_alike_in_every_run_and_none_changes_nothing() {
+    let desk = Desk::new();
+    desk.put(
+        "auto.toml",
+        "[exposure]\nmode = \"auto\"\nkey = 0.9\nadaptation_s = 0.05\n\
+         [shadows]\nsoft = false\nresolution = \"quarter\"\n",
+    );
+    let line = format!("replay DESK {QUIET} --config auto.toml --frames 5 --light-count 8");
+    for (folder, exposure) in [
+        ("off", "--exposure off"),
+        ("none", "--exposure 0"),
+        ("shorter", "--exposure -1.5"),
+        ("auto", ""),
+        ("again", ""),
+    ] {
+        desk.works(&format!("{line} {exposure} --frames-out {folder}"));
+    }
+    let files = |folder: &str| -> Vec<Vec<u8>> {
+        let names = desk.names(folder).into_iter();
+        names.map(|n| desk.read(format!("{folder}/{n}"))).collect()
+    };
+    assert!(files("off").len() == 5 && files("off") == files("none"));
+    assert!(files("auto") == files("again"));
+    // Measured in one picture, in force two later.
+    assert!(files("auto")[..2] == files("off")[..2] && files("auto")[4] != files("off")[4]);
+    let sum = |name: &str| -> u64 {
+        picture(&desk, name)
+            .rgba
+            .iter()
+            .map(|v| u64::from(*v))
+            .sum()
+    };
+    assert!(sum("shorter/00004.png") < sum("off/00004.png"));
+    assert!(sum("auto/00004.png") > sum("off/00004.png"));
+}

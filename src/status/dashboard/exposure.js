@@ -5,7 +5,7 @@ import { $, number, put } from './text.js';
 /** Stops with their sign, as photographers write them. */
 export function stops(value) {
   if (!Number.isFinite(value)) return '–';
-  return `${value > 0 ? '+' : value < 0 ? '−' : ''}${number(Math.abs(value))} EV`;
+  return `${value > 0 ? '+' : value < 0 ? '−' : ''}${number(Math.abs(value))}\u00a0EV`;
 }
 
 /** Shows what is in force, and the settings that matter for it. */
