@@ -9,7 +9,7 @@ use penumbra::compositor::exposure::{AutoLimits, ExposureInForce};
 use penumbra::compositor::reference::exposure::exposed;
 use penumbra::compositor::{Exposure, ShadowMode};
 use penumbra::picture::Picture;
-use penumbra::scene::{Part, PlacedLamp, primitives};
+use penumbra::scene::{Material, Part, PlacedLamp, primitives};
 
 fn cube() -> Part {
     painted(
@@ -379,5 +379,38 @@ fn the_twin_agrees_with_linear_scaling_where_nothing_is_clipped() {
     {
         let whole = response.linear_from_rgb([pixel[0], pixel[1], pixel[2]]);
         assert_eq!(linear.as_vec3(), Vec3::from(whole) * 0.25);
+    }
+}
+
+#[test]
+fn what_a_mirror_shows_does_not_hang_on_the_exposure() {
+    let chrome = Material {
+        metallic: 1.0,
+        roughness: 0.1,
+        ..Material::default()
+    };
+    let ball = painted(
+        primitives::sphere(0.1, 48, 24),
+        DVec3::new(0.0, 0.0, 0.1),
+        chrome,
+    );
+    let mut stage = Stage::new(96, 72)
+        .with_virtual(ball)
+        .lit(lighting(spiral(8, 2.0), 0.2));
+    // A glint on the table that the ball mirrors.
+    stage.picture = with_disc(stage.picture, (48.0, 66.0), 3.0, [255; 3]);
+    let inside = crate::judge::virtual_inside(&stage.twin(), 2);
+    let before = stage.compose();
+    stage.exposure = Exposure::Stops(-1.0);
+    let after = stage.compose();
+    for i in (0..96 * 72).filter(|i| inside[*i as usize]) {
+        let at = (i % 96, i / 96);
+        let (whole, half) = (shown(&before, at), shown(&after, at));
+        if whole.max_element() < 0.98 {
+            assert!(
+                (half * 2.0 - whole).abs().max_element() < 0.02,
+                "{at:?}: {whole} {half}"
+            );
+        }
     }
 }

@@ -196,7 +196,9 @@ impl Compositor {
         {
             let factor = self.exposure.factor();
             let region = Region::for_factor(factor, input.picture.height);
-            passes.exposure.upload(queue, factor, region);
+            passes
+                .exposure
+                .upload(queue, factor, region, &self.response);
         }
         if let Some(meter) = self
             .exposure

@@ -5,9 +5,11 @@ use super::super::bindings::{
 };
 use super::super::exposure::{BLOCK, Region, constants, trust};
 use super::super::shaders;
-use super::super::targets::{Target, Targets, format};
+use super::super::targets::{ENCODING, Target, Targets, format};
 use super::super::timing::Timer;
 use super::cleared;
+use crate::calibration::Response;
+use half::f16;
 use std::ops::Range;
 use wgpu::BufferUsages as Usage;
 use wgpu::TextureUsages as U;
@@ -21,6 +23,8 @@ const GROUP: u32 = 8;
 struct ExposureUniform {
     change: [f32; 4],
     near: [f32; 4],
+    linear: [f32; 256],
+    codes: [f32; 256],
 }
 
 /// The passes.
@@ -161,10 +165,15 @@ impl ExposurePass {
     }
 
     /// Which exposure comes next.
-    pub fn upload(&self, queue: &wgpu::Queue, factor: f32, region: Region) {
+    pub fn upload(&self, queue: &wgpu::Queue, factor: f32, region: Region, response: &Response) {
+        let linear = response.linear_from_code();
+        // As the shaders read it again from half floats, and encode it.
+        let linear = linear.map(|v| f16::from_f32(v * factor).to_f32());
         let uniform = ExposureUniform {
             change: [factor, region.reach as f32, region.share, trust(factor)],
             near: [region.near as f32, 0.0, 0.0, 0.0],
+            codes: linear.map(|v| response.encoded_from_linear(tabled(v))),
+            linear,
         };
         queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
     }
@@ -230,6 +239,13 @@ impl ExposurePass {
             pass.dispatch_workgroups(x, y, 1);
         }
     }
+}
+
+/// The entry of the shaders' table of codes that stands for a linear value.
+fn tabled(linear: f32) -> f32 {
+    let last = (ENCODING - 1) as f32;
+    let root = (linear.clamp(0.0, 1.0).sqrt() * last + 0.5).floor() / last;
+    root * root
 }
 
 #[cfg(test)]

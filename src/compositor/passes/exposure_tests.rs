@@ -2,7 +2,6 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use super::*;
-use crate::calibration::Response;
 use crate::compositor::{Gpu, frame};
 use crate::picture::Picture;
 
@@ -51,7 +50,12 @@ fn table_of(picture: &Picture, response: &Response) -> Table {
     let camera = &targets.camera.texture;
     gpu.queue
         .write_texture(camera.as_image_copy(), &picture.rgba, layout, camera.size());
-    pass.upload(&gpu.queue, 0.5, Region::for_factor(0.5, picture.height));
+    pass.upload(
+        &gpu.queue,
+        0.5,
+        Region::for_factor(0.5, picture.height),
+        response,
+    );
     let inputs = pass.bind(&gpu.device, &targets);
     let mut timer = Timer::new(&gpu.device, &gpu.queue, false);
     let mut run = |steps: Range<usize>| {

@@ -61,8 +61,12 @@ fn exposed(linear: vec3f) -> Exposed {
 
 @fragment
 fn scaled(@builtin(position) position: vec4f) -> Exposed {
-    let code = textureLoad(camera, vec2i(position.xy), 0).rgb;
-    return exposed(linear_from_code(code) * exposure.change.x);
+    let c = vec3u(textureLoad(camera, vec2i(position.xy), 0).rgb * 255.0 + 0.5);
+    let at = c >> vec3u(2u);
+    let k = c & vec3u(3u);
+    let linear = vec3f(exposure.linear[at.r][k.r], exposure.linear[at.g][k.g], exposure.linear[at.b][k.b]);
+    let code = vec3f(exposure.codes[at.r][k.r], exposure.codes[at.g][k.g], exposure.codes[at.b][k.b]);
+    return Exposed(vec4f(linear, 1.0), vec4f(code, 1.0));
 }
 
 // Channels that are clipped have at least the light that their pixel's other channels ask

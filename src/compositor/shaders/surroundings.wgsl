@@ -10,8 +10,9 @@ fn linear_at(pixel: vec2i) -> vec3f {
     let at = min(pixel, last);
     var linear = linear_of(textureLoad(camera, at, 0).rgb);
     if EXPOSED {
-        // As all light that virtual surfaces are shaded by.
-        linear /= frame.ground.w;
+        // As the camera took it, like all light that virtual surfaces are shaded by: what they
+        // look like must not hang on the exposure.
+        linear = min(linear / frame.ground.w, vec3f(1.0));
     }
     let s = textureLoad(shadow, at >> vec2u(frame.tiling.z), 0).rgb;
     return select(linear * s, max(linear - s, vec3f(0.0)), frame.counts.y == 1u);

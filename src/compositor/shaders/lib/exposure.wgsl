@@ -8,6 +8,9 @@ struct Exposure {
     change: vec4f,
     // x: blocks of what is close by, each way.
     near: vec4f,
+    // By the camera's code: linear light in the exposure, as half floats keep it, and its code.
+    linear: array<vec4f, 64>,
+    codes: array<vec4f, 64>,
 }
 
 // Side of a block, pixels, as a power of two.
