@@ -195,7 +195,11 @@ impl Sky {
                 None => Membership::default(),
             }),
             directions,
-            radiance: Arc::new(CubeMap { size: 32, levels }),
+            radiance: Arc::new(CubeMap {
+                size: 32,
+                levels,
+                ..CubeMap::default()
+            }),
         }
     }
 

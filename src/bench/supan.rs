@@ -149,7 +149,11 @@ fn lighting(count: u32) -> Lighting {
     Lighting {
         captured_at: MonotonicTime::default(),
         generation: 1,
-        radiance: Arc::new(CubeMap { size: 32, levels }),
+        radiance: Arc::new(CubeMap {
+            size: 32,
+            levels,
+            ..CubeMap::default()
+        }),
         irradiance,
         lights,
         ground_radiance: Vec3::splat(0.3),

@@ -6,8 +6,8 @@ use clap::Args;
 use penumbra::calibration::EnvironmentSource;
 use penumbra::compositor::Gpu;
 use penumbra::config::{
-    Config, ExposureChoice, LIGHT_COUNTS, LightPlacement, Monitor, SceneChoice, ShadowMode,
-    ShadowTechnique,
+    Config, ExposureChoice, Filtering, LIGHT_COUNTS, LightPlacement, Monitor, SceneChoice,
+    ShadowMode, ShadowTechnique,
 };
 use penumbra::output::window::{self, WindowOptions};
 use penumbra::rig::{Report, RigError, RunOptions, Runner};
@@ -67,6 +67,9 @@ pub struct ShowArgs {
     /// How shadows are put into the camera's picture
     #[arg(long, value_enum)]
     shadow_mode: Option<ShadowMode>,
+    /// How the environment is filtered for what virtual objects mirror
+    #[arg(long, value_enum)]
+    reflections: Option<Filtering>,
     /// How virtual objects are lit and shadowed
     #[arg(long, value_enum)]
     technique: Option<Technique>,
@@ -105,6 +108,7 @@ impl ShowArgs {
         if let Some(choice) = self.exposure {
             config.exposure.choose(choice);
         }
+        set(&mut config.shading.reflections, self.reflections);
         if let Some(technique) = self.technique {
             config.shadows.enabled = technique != Technique::ImageBasedLighting;
             if config.shadows.enabled {

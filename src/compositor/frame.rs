@@ -212,15 +212,18 @@ impl Compositor {
 
     /// Everything that is uploaded.
     fn prepare(&mut self, input: &FrameInput<'_>) -> Result<(), GpuError> {
-        self.fit_lamps(!input.lamps.is_empty());
+        self.fit_variant(!input.lamps.is_empty());
         let mut rebind = self.fit_targets(input.picture)?;
         if let Some(lighting) = input.lighting
             && self.radiance_generation != Some(lighting.generation)
         {
             let (device, queue) = (&self.gpu.device, &self.gpu.queue);
-            rebind |= self
-                .light_maps
-                .write_radiance(device, queue, &lighting.radiance);
+            rebind |= self.light_maps.gloss.write(
+                device,
+                queue,
+                &lighting.radiance,
+                self.scene.has_phong,
+            );
             self.radiance_generation = Some(lighting.generation);
         }
         if rebind {
@@ -329,16 +332,13 @@ impl Compositor {
         let (device, p) = (&self.gpu.device, &self.pipelines);
         let maps = (&self.maps.0, &self.maps.1);
         let light = &self.light_maps;
-        let maps_of_light = (&light.radiance, &light.specular_table);
         let camera = &targets.camera.view;
         Sized {
             tiles: p.tiles.bind(device, &targets),
             shadow_buffer: p.shadow_buffer.bind(device, maps, &targets),
             surroundings: p.surroundings.bind(device, &targets, camera),
-            composite: p
-                .composite
-                .bind(device, &targets, camera, maps_of_light.0, maps_of_light.1),
-            exposed: self.exposure.bind(device, &targets, maps_of_light),
+            composite: p.composite.bind(device, &targets, camera, &light.gloss),
+            exposed: self.exposure.bind(device, &targets, &light.gloss),
             metered: self.exposure.bind_meter(device, &targets),
             readback: Readback::new(device, targets.width, targets.height),
             targets,
@@ -407,7 +407,7 @@ impl Compositor {
                 lights as u32,
                 u32::from(input.shadow_mode == ShadowMode::Subtract),
                 self.settings.shadow_step,
-                self.light_maps.radiance_levels - 1,
+                self.light_maps.gloss.highest_level(),
             ],
             params: [input.shadow_strength, height, has_ground, (mips - 1) as f32],
             ground: ground.extend(self.exposure.factor()).to_array(),

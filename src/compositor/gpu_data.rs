@@ -66,6 +66,7 @@ pub struct VirtualPartUniform {
     pub base_colour: [f32; 4],
     pub surface: [f32; 4],
     pub emissive: [f32; 4],
+    pub phong: [f32; 4],
 }
 
 /// Twin of WGSL `PhantomPart`.

@@ -1,32 +1,25 @@
-//! The light on the GPU: this frame's uniforms, the lights, the prefiltered radiance map
-//! and the table of specular scales.
+//! The light on the GPU: this frame's uniforms, the lights and their sums, and what belongs
+//! to the light besides.
 
 use super::bindings::{Slot, group, layout, sampler, view};
+use super::gloss_maps::GlossMaps;
 use super::gpu_data::{FrameUniform, LightUniform};
 use super::lamp_maps::LampMaps;
 use super::near_maps::NearMaps;
 use super::shaders::MAX_LIGHTS;
 use super::shadow_slots::CasterHull;
-use crate::environment::CubeMap;
 use crate::scene::{NearLight, PlacedLamp};
 use glam::Vec3;
 use half::f16;
 
-/// Side of the table of specular scales.
-const TABLE: u32 = 32;
 /// Side of the tables of irradiance by normal.
 const BY_NORMAL: u32 = 33;
-/// Directions per entry of the table.
-const TABLE_SAMPLES: u32 = 256;
 
 /// See the module.
 pub struct LightMaps {
     pub frame_layout: wgpu::BindGroupLayout,
     pub frame_group: wgpu::BindGroup,
-    pub specular_table: wgpu::TextureView,
-    pub radiance: wgpu::TextureView,
-    pub radiance_levels: u32,
-    radiance_texture: wgpu::Texture,
+    pub gloss: GlossMaps,
     near: NearMaps,
     pub lamps: LampMaps,
     frame: wgpu::Buffer,
@@ -41,7 +34,7 @@ pub struct LightMaps {
 
 impl LightMaps {
     /// Buffers for `budget` lights.
-    pub fn new(device: &wgpu::Device, queue: &wgpu::Queue, budget: u32) -> Self {
+    pub fn new(device: &wgpu::Device, budget: u32) -> Self {
         let frame_layout = layout(
             device,
             "frame",
@@ -88,14 +81,10 @@ impl LightMaps {
             lamps: &lamps,
         };
         let frame_group = parts.group(device, &frame_layout);
-        let (radiance_texture, radiance) = cube(device, 1, 1);
         Self {
             frame_layout,
             frame_group,
-            specular_table: specular_table(device, queue),
-            radiance,
-            radiance_levels: 1,
-            radiance_texture,
+            gloss: GlossMaps::new(device),
             near,
             lamps,
             frame,
@@ -165,36 +154,6 @@ impl LightMaps {
     pub fn write_near(&mut self, queue: &wgpu::Queue, light: &NearLight) {
         self.near.write(queue, light, &mut self.texels);
     }
-
-    /// Uploads a radiance map. Returns true when the texture is a new one and must be
-    /// bound again.
-    pub fn write_radiance(
-        &mut self,
-        device: &wgpu::Device,
-        queue: &wgpu::Queue,
-        map: &CubeMap,
-    ) -> bool {
-        let levels = map.levels.len().max(1) as u32;
-        let renewed = self.radiance_texture.width() != map.size || self.radiance_levels != levels;
-        if renewed {
-            (self.radiance_texture, self.radiance) = cube(device, map.size, levels);
-            self.radiance_levels = levels;
-        }
-        for (level, texels) in map.levels.iter().enumerate() {
-            self.texels.clear();
-            self.texels.extend(texels.iter().map(|t| half_texel(*t)));
-            let size = (map.size >> level).max(1);
-            write_level(
-                queue,
-                &self.radiance_texture,
-                level as u32,
-                size,
-                6,
-                &self.texels,
-            );
-        }
-        renewed
-    }
 }
 
 /// What every pass binds.
@@ -240,7 +199,7 @@ pub(super) fn half_texel([r, g, b]: [f32; 3]) -> [f16; 4] {
     [r, g, b, 1.0].map(|x| f16::from_f32(x.min(65_000.0)))
 }
 
-fn write_level(
+pub(super) fn write_level(
     queue: &wgpu::Queue,
     texture: &wgpu::Texture,
     mip_level: u32,
@@ -267,28 +226,6 @@ fn write_level(
             depth_or_array_layers: layers,
         },
     );
-}
-
-fn cube(device: &wgpu::Device, size: u32, levels: u32) -> (wgpu::Texture, wgpu::TextureView) {
-    let texture = device.create_texture(&wgpu::TextureDescriptor {
-        label: Some("radiance"),
-        size: wgpu::Extent3d {
-            width: size,
-            height: size,
-            depth_or_array_layers: 6,
-        },
-        mip_level_count: levels,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format: wgpu::TextureFormat::Rgba16Float,
-        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
-        view_formats: &[],
-    });
-    let view = texture.create_view(&wgpu::TextureViewDescriptor {
-        dimension: Some(wgpu::TextureViewDimension::Cube),
-        ..Default::default()
-    });
-    (texture, view)
 }
 
 fn table(device: &wgpu::Device, label: &str, side: u32) -> wgpu::Texture {
@@ -320,68 +257,9 @@ fn normal_of_texel(x: u32, y: u32) -> Vec3 {
     n.normalize()
 }
 
-fn specular_table(device: &wgpu::Device, queue: &wgpu::Queue) -> wgpu::TextureView {
-    let texture = table(device, "specular table", TABLE);
-    let texels: Vec<_> = (0..TABLE * TABLE)
-        .map(|i| {
-            let at = |k: u32| (k as f32 + 0.5) / TABLE as f32;
-            let (scale, bias) = specular_scale_bias(at(i % TABLE), at(i / TABLE));
-            half_texel([scale, bias, 0.0])
-        })
-        .collect();
-    write_level(queue, &texture, 0, TABLE, 1, &texels);
-    texture.create_view(&wgpu::TextureViewDescriptor::default())
-}
-
-/// Split-sum scale and bias of F0 for GGX with height-correlated Smith masking
-/// (Karis 2013; Heitz 2014), by importance sampling on a Hammersley set.
-///
-/// ```text
-///   ∫ f(v, l) cosθ dl  ≈  F0 · scale + bias,
-///   scale = Σ (1 − (1 − v·h)⁵) · G·v·h / (n·h n·v) / N,   bias = Σ (1 − v·h)⁵ · … / N
-/// ```
-fn specular_scale_bias(n_dot_v: f32, roughness: f32) -> (f32, f32) {
-    let a = roughness * roughness;
-    let v = (1.0 - n_dot_v * n_dot_v).sqrt();
-    let (mut scale, mut bias) = (0.0, 0.0);
-    for i in 0..TABLE_SAMPLES {
-        let u = (i as f32 + 0.5) / TABLE_SAMPLES as f32;
-        let phi = std::f32::consts::TAU * (i.reverse_bits() as f32 / 4_294_967_296.0);
-        let cos2 = (1.0 - u) / (1.0 + (a * a - 1.0) * u);
-        let (n_dot_h, sin) = (cos2.sqrt(), (1.0 - cos2).max(0.0).sqrt());
-        let v_dot_h = (v * sin * phi.cos() + n_dot_v * n_dot_h).max(0.0);
-        let n_dot_l = 2.0 * v_dot_h * n_dot_h - n_dot_v;
-        if n_dot_l > 0.0 {
-            let smith = |x: f32, y: f32| x * (y * y * (1.0 - a * a) + a * a).sqrt();
-            let masking =
-                2.0 * n_dot_l * n_dot_v / (smith(n_dot_l, n_dot_v) + smith(n_dot_v, n_dot_l));
-            let weight = masking * v_dot_h / (n_dot_h * n_dot_v).max(1e-6);
-            let fresnel = (1.0 - v_dot_h).powi(5);
-            scale += (1.0 - fresnel) * weight;
-            bias += fresnel * weight;
-        }
-    }
-    (scale / TABLE_SAMPLES as f32, bias / TABLE_SAMPLES as f32)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_smooth_mirror_reflects_everything_and_no_surface_reflects_more() {
-        let (scale, bias) = specular_scale_bias(0.9, 0.03);
-        assert!((scale + bias - 1.0).abs() < 0.01, "{scale} {bias}");
-        for r in [0.1_f32, 0.3, 0.6, 1.0] {
-            for v in [0.1_f32, 0.5, 1.0] {
-                let (scale, bias) = specular_scale_bias(v, r);
-                assert!(
-                    scale + bias <= 1.001 && bias >= 0.0,
-                    "{v} {r}: {scale} {bias}"
-                );
-            }
-        }
-    }
 
     /// Twin of WGSL `octahedron_from_normal`.
     fn octahedron(n: Vec3) -> [f32; 2] {

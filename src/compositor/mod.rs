@@ -3,14 +3,15 @@
 //!
 //! [`frame`] tells the whole frame top to bottom. Passes own immutable pipelines
 //! (`passes/`); what changes with the picture's size is in `targets`, what changes with
-//! the scene in `scene_buffers`, what changes with the light in `light_maps`, `lamp_maps`
-//! and `shadow_slots`.
+//! the scene in `scene_buffers`, what changes with the light in `light_maps`, `gloss_maps`,
+//! `lamp_maps` and `shadow_slots`.
 
 mod bindings;
 mod cover;
 mod detail;
 pub mod exposure;
 pub mod frame;
+mod gloss_maps;
 pub mod gpu;
 mod gpu_data;
 mod lamp_maps;
@@ -108,11 +109,12 @@ impl Compositor {
     pub fn new(gpu: Gpu, settings: CompositorSettings, response: Response) -> Self {
         let device = &gpu.device;
         let layouts = SceneLayouts::new(device);
-        let light_maps = LightMaps::new(device, &gpu.queue, settings.light_budget);
+        let light_maps = LightMaps::new(device, settings.light_budget);
         let variant = Variant {
             samples: settings.samples,
             soft: settings.soft_samples.max(1),
             lamps: false,
+            phong: false,
             fine: settings.shadow_step == 1,
             exposed: false,
         };
@@ -161,6 +163,8 @@ impl Compositor {
     pub fn show_scene(&mut self, scene: UploadedScene) {
         self.scene = scene.buffers;
         self.cover.set_boxes(scene.boxes);
+        // Phong's lobes may be wanted now.
+        self.radiance_generation = None;
         let [virtual_hull, phantom_hull] = scene.hulls;
         self.slots.set_casters(virtual_hull, phantom_hull);
     }
@@ -173,8 +177,8 @@ impl Compositor {
             return;
         }
         self.settings.light_budget = lights;
-        let (device, queue) = (&self.gpu.device, &self.gpu.queue);
-        self.light_maps = LightMaps::new(device, queue, lights);
+        let device = &self.gpu.device;
+        self.light_maps = LightMaps::new(device, lights);
         self.maps = make_maps(device, &self.settings);
         self.slots.forget();
         self.radiance_generation = None;
@@ -214,10 +218,12 @@ impl Compositor {
         self.timer.read(&self.gpu.device)
     }
 
-    /// Compiles the shaders anew when the first lamp comes.
-    fn fit_lamps(&mut self, lamps: bool) {
-        if lamps && !self.variant.lamps {
-            self.variant.lamps = true;
+    /// Compiles the shaders anew when the first lamp or Phong's first lobe comes.
+    fn fit_variant(&mut self, lamps: bool) {
+        let phong = self.scene.has_phong;
+        if (lamps && !self.variant.lamps) || (phong && !self.variant.phong) {
+            self.variant.lamps |= lamps;
+            self.variant.phong |= phong;
             if let Some(planes) = &mut self.planes {
                 planes.forget_pipelines();
             }

@@ -3,8 +3,9 @@
 use super::bindings::{Slot, group, layout, sampler, view};
 use super::detail::Details;
 use super::gpu_data::{PhantomPartUniform, VirtualPartUniform};
+use crate::environment::lobes::phong_parameter;
 use crate::scene::{Material, Part, Scene, SceneTexture};
-use glam::{DMat4, Mat4};
+use glam::{DMat4, Mat4, Vec3};
 use std::sync::Arc;
 use wgpu::util::{BufferInitDescriptor, DeviceExt, TextureDataOrder};
 
@@ -43,6 +44,8 @@ pub struct SceneBuffers {
     /// All phantoms, ground included, as one position-only mesh: hides what is behind.
     pub occluders: Option<MeshBuffers>,
     pub ground_height: Option<f64>,
+    /// Something has Phong's lobe.
+    pub has_phong: bool,
 }
 
 /// Layouts that outlive any scene.
@@ -111,6 +114,7 @@ impl SceneBuffers {
             phantom_casters: merge(device, &solid),
             occluders: merge(device, &scene.phantom_parts).mesh,
             ground_height: scene.ground_height,
+            has_phong: scene.has_phong(),
         }
     }
 }
@@ -139,7 +143,8 @@ fn merge(device: &wgpu::Device, parts: &[Part]) -> Casters {
                 .as_vec3()
                 .to_array()
         }));
-        indices.extend(part.mesh.indices.iter().map(|i| i + base));
+        let placed = placed_indices(part, &part.mesh.indices);
+        indices.extend(placed.iter().map(|i| i + base));
     }
     let mesh = (!indices.is_empty()).then(|| MeshBuffers {
         vertices: vertex_buffer(device, bytemuck::cast_slice(&positions)),
@@ -179,7 +184,10 @@ pub(super) fn placed_indices(part: &Part, indices: &[u32]) -> Vec<u32> {
 fn matrices(world_from_part: DMat4) -> ([[f32; 4]; 4], [[f32; 4]; 4]) {
     let world: Mat4 = world_from_part.as_mat4();
     let normal = world_from_part.inverse().transpose().as_mat4();
-    (world.to_cols_array_2d(), normal.to_cols_array_2d())
+    let mut normal = normal.to_cols_array_2d();
+    // Has no use otherwise: the bitangent's side turns round with a mirroring placement.
+    normal[3][3] = if world.determinant() < 0.0 { -1.0 } else { 1.0 };
+    (world.to_cols_array_2d(), normal)
 }
 
 fn virtual_uniform(part: &Part) -> VirtualPartUniform {
@@ -196,6 +204,12 @@ fn virtual_uniform(part: &Part) -> VirtualPartUniform {
         base_colour: m.base_colour.to_array(),
         surface: [m.metallic, m.roughness, m.specular, m.alpha_cutoff],
         emissive: m.emissive.extend(bump).to_array(),
+        phong: m.phong.map_or([-1.0; 4], |p| {
+            let root = p.specular.max(Vec3::ZERO).to_array().map(f32::sqrt);
+            Vec3::from(root)
+                .extend(phong_parameter(p.exponent))
+                .to_array()
+        }),
     }
 }
 

@@ -15,6 +15,8 @@ const CODES: &str = include_str!("shaders/lib/codes.wgsl");
 const EXPOSED: &str = include_str!("shaders/lib/exposed.wgsl");
 const LIGHT_TEXEL: &str = include_str!("shaders/lib/light_texel.wgsl");
 const LAMPS: &str = include_str!("shaders/lib/lamps.wgsl");
+const GLOSS: &str = include_str!("shaders/lib/gloss.wgsl");
+const HIGHLIGHTS: &str = include_str!("shaders/lib/highlights.wgsl");
 const EDGES: &str = include_str!("shaders/lib/edges.wgsl");
 const BACKGROUND: &str = include_str!("shaders/lib/background.wgsl");
 const MARKS: &str = include_str!("shaders/lib/marks.wgsl");
@@ -34,6 +36,8 @@ pub struct Variant {
     /// There are lamps. Without them their code is left out: software drivers run a loop's
     /// body once even where there is nothing to go through.
     pub lamps: bool,
+    /// Something has Phong's lobe.
+    pub phong: bool,
     /// The shadow buffer is as fine as the picture: edges of the real scene are looked at
     /// pixel by pixel.
     pub fine: bool,
@@ -47,6 +51,7 @@ impl Variant {
         samples: 1,
         soft: 1,
         lamps: false,
+        phong: false,
         fine: true,
         exposed: false,
     };
@@ -67,12 +72,15 @@ pub fn all(variant: Variant) -> [(&'static str, String); 11] {
         ),
         (
             "virtual_geometry",
-            join(&[
-                FRAME,
-                NORMAL,
-                SURFACE,
-                include_str!("shaders/virtual_geometry.wgsl"),
-            ]),
+            sampled(
+                join(&[
+                    FRAME,
+                    NORMAL,
+                    SURFACE,
+                    include_str!("shaders/virtual_geometry.wgsl"),
+                ]),
+                variant,
+            ),
         ),
         (
             "shadow_buffer",
@@ -158,7 +166,9 @@ pub fn all(variant: Variant) -> [(&'static str, String); 11] {
                     EXPOSED,
                     EDGES,
                     BACKGROUND,
+                    GLOSS,
                     LAMPS,
+                    HIGHLIGHTS,
                     include_str!("shaders/composite.wgsl"),
                 ]),
                 variant,
@@ -197,6 +207,7 @@ fn sampled(text: String, variant: Variant) -> String {
         .replace("SOFT", &variant.soft.to_string())
         .replace("FINE", if variant.fine { "true" } else { "false" })
         .replace("LAMPED", if variant.lamps { "true" } else { "false" })
+        .replace("PHONG", if variant.phong { "true" } else { "false" })
         .replace("EXPOSED", if variant.exposed { "true" } else { "false" })
 }
 
@@ -332,6 +343,7 @@ mod tests {
                 samples,
                 soft,
                 lamps,
+                phong: samples > 1,
                 fine: soft > 1,
                 exposed: lamps,
             });

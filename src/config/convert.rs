@@ -39,6 +39,7 @@ fn convert(file: ConfigFile, folder: &Path) -> Result<Config> {
     environment(file.environment, &mut config.environment)?;
     white_balance(&file.white_balance, &mut config.white_balance)?;
     shadows(&file.shadows, &mut config.shadows)?;
+    set(&mut config.shading.reflections, file.shading.reflections);
     planes(file.planes, folder, &mut config.planes)?;
     exposure(&file.exposure, &mut config.exposure)?;
     set(&mut config.picture.antialias, file.picture.antialias);

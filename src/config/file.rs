@@ -13,6 +13,7 @@ use super::devices::{
 use super::exposure::ExposureFile;
 use super::planes::PlanesFile;
 use crate::calibration::EnvironmentSource;
+use crate::environment::Filtering;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
@@ -28,6 +29,7 @@ pub(super) struct ConfigFile {
     pub environment: Environment,
     pub white_balance: WhiteBalance,
     pub shadows: Shadows,
+    pub shading: Shading,
     pub planes: PlanesFile,
     pub exposure: ExposureFile,
     pub picture: Picture,
@@ -114,6 +116,12 @@ pub(super) struct Shadows {
     pub refresh_per_frame: Option<Refresh>,
     pub soft: Option<bool>,
     pub resolution: Option<ShadowResolution>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Shading {
+    pub reflections: Option<Filtering>,
 }
 
 #[derive(Debug, Default, Deserialize)]

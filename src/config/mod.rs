@@ -12,6 +12,7 @@ mod planes;
 pub(crate) mod toml_text;
 
 use crate::calibration::EnvironmentSource;
+pub use crate::environment::Filtering;
 pub use crate::picture::YuvEncoding;
 use crate::sync::{Degree, Smoothing};
 pub use choice::{
@@ -60,6 +61,8 @@ pub struct Config {
     pub white_balance: WhiteBalanceConfig,
     /// Shadows of virtual objects.
     pub shadows: ShadowConfig,
+    /// Light on virtual objects.
+    pub shading: ShadingConfig,
     /// Shadowing planes.
     pub planes: PlanesConfig,
     /// In which exposure the picture is shown.
@@ -144,6 +147,13 @@ pub struct ShadowConfig {
     pub soft: bool,
     /// Resolution of the shadow buffer.
     pub resolution: ShadowResolution,
+}
+
+/// `[shading]`
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ShadingConfig {
+    /// How the environment is filtered for what virtual objects mirror of it.
+    pub reflections: Filtering,
 }
 
 /// `[picture]`

@@ -180,6 +180,40 @@ pub fn sample(map: &CubeMap, level: usize, direction: Vec3) -> Vec3 {
         .lerp(texel(x0, y1).lerp(texel(x1, y1), fx), fy)
 }
 
+/// Bilinear look-up in a map of `n` texels a side, across the edges of faces, as graphics
+/// hardware does it (but for the texels' corners that only three faces share).
+#[must_use]
+pub fn sample_seamless(texels: &[[f32; 3]], n: u32, direction: Vec3) -> Vec3 {
+    let (face, s, t) = locate(direction);
+    let (x, y) = (s * n as f32 - 0.5, t * n as f32 - 0.5);
+    let (x0, y0) = (x.floor(), y.floor());
+    let texel = |x: f32, y: f32| {
+        let (a, b) = ((x + 0.5) / n as f32, (y + 0.5) / n as f32);
+        let beyond = !(0.0..=1.0).contains(&a) || !(0.0..=1.0).contains(&b);
+        let index = if beyond {
+            // The neighbouring face's texel is where this face's plane would go on to, as
+            // far beyond the edge as it is within the other face.
+            texel_of(n, folded(face, f64::from(a), f64::from(b)))
+        } else {
+            (face * n as usize + y as usize) * n as usize + x as usize
+        };
+        texels.get(index).map_or(Vec3::ZERO, |t| Vec3::from(*t))
+    };
+    let row = |y: f32| texel(x0, y).lerp(texel(x0 + 1.0, y), x - x0);
+    row(y0).lerp(row(y0 + 1.0), y - y0)
+}
+
+/// Direction of a point up to half a texel beyond an edge of a face, folded round the edge.
+fn folded(face: usize, s: f64, t: f64) -> Vec3 {
+    let (a, b) = (2.0 * s - 1.0, 2.0 * t - 1.0);
+    let over = (a.abs() - 1.0).max(b.abs() - 1.0).max(0.0);
+    let edge = face_direction(face, s.clamp(0.0, 1.0), t.clamp(0.0, 1.0)).as_vec3();
+    let middle = face_direction(face, 0.5, 0.5).as_vec3();
+    // From the cube's edge along the neighbouring face, away from this one.
+    let on_cube = edge / edge.abs().max_element();
+    on_cube - middle * over as f32
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -118,7 +118,7 @@ impl EnvironmentEstimator {
             merger: BracketMerger::new(response),
             per_reflectance: per_reflectance(view),
             harmonics: HarmonicsTable::new(&grid.directions, &grid.solid_angles),
-            prefilter: Prefilter::new(size),
+            prefilter: Prefilter::new(size).with_phong(settings.phong),
             finder: SourceFinder::default(),
             dome: Dome::new(&settings, &fine),
             radiance: Vec::new(),
@@ -263,7 +263,7 @@ impl EnvironmentEstimator {
         Lighting {
             captured_at: input.captured_at,
             generation: self.generation,
-            radiance: Arc::new(self.prefilter.apply(&full)),
+            radiance: Arc::new(self.radiance_map(&full, input)),
             irradiance,
             lights: pinned(lights, &irradiance, self.settings.ground),
             ground_radiance,
@@ -471,6 +471,8 @@ fn smoothstep(low: f32, high: f32, x: f32) -> f32 {
 
 #[path = "estimator_faces.rs"]
 mod faces;
+#[path = "estimator_glossy.rs"]
+mod glossy;
 #[path = "estimator_moving.rs"]
 mod moving;
 #[path = "estimator_queries.rs"]

@@ -4,19 +4,45 @@ use glam::Vec3;
 use penumbra_interface::MonotonicTime;
 use std::sync::Arc;
 
-/// A cube map of linear RGB radiance with a chain of prefiltered levels.
+/// What the levels of a radiance map hold.
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    clap::ValueEnum,
+    serde::Deserialize,
+    serde::Serialize,
+)]
+#[serde(rename_all = "kebab-case")]
+pub enum Filtering {
+    /// `"prefiltered"`: integrals over the materials' own lobes.
+    #[default]
+    Prefiltered,
+    /// `"box"`: the paper's chain of box-filtered maps, for comparison.
+    Box,
+}
+
+/// A cube map of linear RGB radiance with a chain of filtered levels.
 ///
 /// Faces in the order +X −X +Y −Y +Z −Z of *world* axes (Vulkan/WebGPU face orientation:
 /// looking up face and (u, v) from a direction follows the cube-map rules of the WebGPU
 /// and Vulkan specifications, applied to the world direction as it stands). Level `m`
-/// has `size >> m` texels a side and holds the radiance prefiltered for GGX with
-/// perceptual roughness `m / (levels - 1)`; level 0 is the map itself.
-#[derive(Clone, Debug, PartialEq)]
+/// has `size >> m` texels a side; level 0 is the map itself, and the others hold what
+/// [`Filtering`] says, for lobes of [`super::lobes::widths`].
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct CubeMap {
     /// Texels a side of level 0, a power of two.
     pub size: u32,
-    /// Texels of each level, face-major, rows top to bottom: `6 * (size >> m)²` each.
+    /// Texels of each level, face-major, rows top to bottom: `6 * (size >> m)²` each; from
+    /// level 1 on for GGX.
     pub levels: Vec<Vec<[f32; 3]>>,
+    /// Levels from 1 on for Phong, where something is made of it.
+    pub phong: Vec<Vec<[f32; 3]>>,
+    /// What the levels hold.
+    pub filtering: Filtering,
 }
 
 /// Real spherical harmonics to degree 2 of *irradiance* (already convolved with the

@@ -13,6 +13,7 @@
 //! frame.
 
 pub mod adaptive;
+pub mod box_chain;
 mod cells;
 mod circle;
 pub mod clipped;
@@ -25,6 +26,7 @@ pub mod geodesic;
 pub mod harmonics;
 pub mod hdr;
 pub mod light;
+pub mod lobes;
 mod memory;
 mod mirror;
 pub mod photograph;
@@ -40,7 +42,7 @@ pub mod view;
 pub use clipped::ClippedEnergy;
 pub use estimator::EnvironmentEstimator;
 pub use hdr::Bracket;
-pub use light::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
+pub use light::{CubeMap, DomeLight, Filtering, Harmonics, LightKind, Lighting};
 pub use report::LightReport;
 pub use settings::{
     EnvironmentError, EnvironmentInput, EnvironmentSettings, IrradianceMethod, Placement,

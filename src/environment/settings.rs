@@ -2,6 +2,7 @@
 
 use super::clipped::ClippedEnergy;
 use super::hdr::Bracket;
+use super::light::Filtering;
 use super::resample::Hidden;
 use super::sources::SourceSettings;
 use super::view::Parallax;
@@ -57,6 +58,10 @@ pub struct EnvironmentSettings {
     pub memory_seconds: f32,
     /// Frequency of the geodesic dome whose faces are lit, for shadowing planes.
     pub faces: Option<u32>,
+    /// How reflections are filtered.
+    pub filtering: Filtering,
+    /// Lobes of Phong's model are filtered, too.
+    pub phong: bool,
 }
 
 impl Default for EnvironmentSettings {
@@ -74,6 +79,8 @@ impl Default for EnvironmentSettings {
             parallax: None,
             memory_seconds: 0.25,
             faces: None,
+            filtering: Filtering::Prefiltered,
+            phong: false,
         }
     }
 }

@@ -18,7 +18,7 @@ use crate::calibration::photometry::{
 };
 use crate::calibration::rig::EnvironmentView;
 use crate::calibration::{Response, RigCalibration};
-use crate::config::{Config, Unseen, WhiteBalanceMethod};
+use crate::config::{Config, Filtering, Unseen, WhiteBalanceMethod};
 use crate::environment::{Bracket, EnvironmentEstimator, EnvironmentInput, Lighting, Placement};
 use crate::picture::{Picture, PictureError, YuvEncoding, decode_into};
 use crate::scene::{Attachments, NearField, casters};
@@ -262,6 +262,7 @@ impl LightStation {
         let SceneLight {
             near,
             mut ground,
+            phong,
             real,
         } = scene;
         ground.follow(&self.ground);
@@ -270,12 +271,27 @@ impl LightStation {
             (self.phantoms, self.rays) = (real.phantoms, real.rays);
             self.estimator = real.estimator.or(self.estimator.take());
         }
+        self.set_phong(phong);
     }
 
     /// Changes placement and number of the dome lights.
     pub fn set_lights(&mut self, placement: Placement, count: usize) {
         if let Some(estimator) = &mut self.estimator {
             estimator.set_lights(placement, count);
+        }
+    }
+
+    /// Changes whether the scene has something of Phong's model.
+    pub fn set_phong(&mut self, wanted: bool) {
+        if let Some(estimator) = &mut self.estimator {
+            estimator.set_phong(wanted);
+        }
+    }
+
+    /// Changes how reflections are filtered.
+    pub const fn set_reflections(&mut self, filtering: Filtering) {
+        if let Some(estimator) = &mut self.estimator {
+            estimator.set_filtering(filtering);
         }
     }
 

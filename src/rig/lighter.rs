@@ -172,6 +172,7 @@ impl Lighter {
         };
         self.light
             .set_lights(placement(lights), settings.light_count as usize);
+        self.light.set_reflections(settings.reflections);
         self.technique = settings.technique;
         self.choose();
     }

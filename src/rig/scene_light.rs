@@ -45,6 +45,8 @@ impl RealLight {
 pub(super) struct SceneLight {
     pub near: Option<NearField>,
     pub ground: GroundWatch,
+    /// Whether anything wants Phong's lobes.
+    pub phong: bool,
     /// None where real things are what they were.
     pub real: Option<RealLight>,
 }
@@ -70,6 +72,7 @@ impl SceneLight {
         Ok(Self {
             near: NearField::new(scene, casters),
             ground: GroundWatch::new(rig, scene, rays),
+            phong: scene.has_phong(),
             real,
         })
     }
@@ -124,6 +127,8 @@ fn estimator(
             Irradiance::Harmonics => IrradianceMethod::Harmonics,
             Irradiance::Blurred => IrradianceMethod::Blurred,
         },
+        filtering: config.shading.reflections,
+        phong: scene.has_phong(),
         ..EnvironmentSettings::default()
     };
     let hidden = |o: DVec3, d: DVec3| hides(rays, o, d);

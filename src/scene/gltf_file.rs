@@ -184,8 +184,8 @@ type Drawable = Option<(Arc<Mesh>, Arc<Material>)>;
 struct Reader<'s, 'b> {
     source: &'s Source<'b>,
     materials: Materials<'s, 'b>,
-    /// By mesh, primitive and whether its node mirrors.
-    meshes: HashMap<(usize, usize, bool), Drawable>,
+    /// By mesh and primitive.
+    meshes: HashMap<(usize, usize), Drawable>,
     model: Model,
     triangles: usize,
 }
@@ -199,12 +199,12 @@ impl Reader<'_, '_> {
         }
         let name = node.name().or(mesh.name()).unwrap_or("object");
         for primitive in mesh.primitives() {
-            let key = (mesh.index(), primitive.index(), determinant < 0.0);
+            let key = (mesh.index(), primitive.index());
             let known = match self.meshes.get(&key) {
                 Some(known) => known.clone(),
                 None => {
                     let new = self
-                        .primitive(&primitive, key.2)
+                        .primitive(&primitive)
                         .map_err(|e| format!("`{name}` {e}"))?;
                     self.meshes.insert(key, new.clone());
                     new
@@ -230,11 +230,7 @@ impl Reader<'_, '_> {
         Ok(())
     }
 
-    fn primitive(
-        &mut self,
-        primitive: &gltf::Primitive,
-        mirrored: bool,
-    ) -> Result<Drawable, Fault> {
+    fn primitive(&mut self, primitive: &gltf::Primitive) -> Result<Drawable, Fault> {
         if matches!(
             primitive.mode(),
             Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip
@@ -242,13 +238,7 @@ impl Reader<'_, '_> {
             return Ok(None);
         }
         let look = self.materials.look(&primitive.material())?;
-        let mut mesh = self.geometry(primitive, &look)?;
-        if mirrored {
-            // A mirroring node turns triangles inside out (section 3.7.4).
-            for t in mesh.indices.chunks_exact_mut(3) {
-                t.swap(1, 2);
-            }
-        }
+        let mesh = self.geometry(primitive, &look)?;
         Ok(Some((Arc::new(mesh), look.material)))
     }
 

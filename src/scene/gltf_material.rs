@@ -105,6 +105,7 @@ impl<'s, 'b> Materials<'s, 'b> {
             emissive: Vec3::from(m.emissive_factor()) * emission,
             double_sided: m.double_sided(),
             alpha_cutoff: self.alpha_cutoff(m),
+            phong: None,
             base_colour_texture: self.optional(pbr.base_color_texture().map(|t| t.texture()))?,
             metallic_roughness_texture: self
                 .optional(pbr.metallic_roughness_texture().map(|t| t.texture()))?,
@@ -203,7 +204,7 @@ impl<'s, 'b> Materials<'s, 'b> {
 }
 
 /// PNG or JPEG bytes to RGBA8, which may take `most` bytes.
-fn decode(bytes: &[u8], most: u64) -> Result<SceneTexture, Fault> {
+pub(super) fn decode(bytes: &[u8], most: u64) -> Result<SceneTexture, Fault> {
     let unreadable = |e: image::ImageError| one_line(&e.to_string());
     let open = || {
         ImageReader::new(Cursor::new(bytes))

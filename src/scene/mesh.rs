@@ -39,7 +39,18 @@ pub struct SceneTexture {
     pub rgba: Vec<u8>,
 }
 
-/// glTF 2.0 metallic-roughness material. Textures multiply the factors.
+/// Phong's model in place of metallic-roughness: diffuse reflection by the base colour, and
+/// the energy-normalised lobe of Lafortune & Willems (1994) about the mirror direction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Phong {
+    /// Linear RGB: share of the light that the lobe mirrors at normal incidence. With the
+    /// base colour at most 1.
+    pub specular: Vec3,
+    /// Of the cosine, 0..=10 000.
+    pub exponent: f32,
+}
+
+/// glTF 2.0 metallic-roughness material, or Phong's. Textures multiply the factors.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
     /// Linear RGBA.
@@ -56,6 +67,8 @@ pub struct Material {
     pub double_sided: bool,
     /// Alpha below this is cut away; 0 = opaque.
     pub alpha_cutoff: f32,
+    /// Instead of metallic, roughness and specular.
+    pub phong: Option<Phong>,
     /// sRGB.
     pub base_colour_texture: Option<Arc<SceneTexture>>,
     /// Linear; G = roughness, B = metallic.
@@ -96,6 +109,7 @@ impl Default for Material {
             emissive: Vec3::ZERO,
             double_sided: false,
             alpha_cutoff: 0.0,
+            phong: None,
             base_colour_texture: None,
             metallic_roughness_texture: None,
             normal_texture: None,
@@ -115,7 +129,7 @@ pub struct Part {
     pub mesh: Arc<Mesh>,
     /// Surface (ignored for phantoms).
     pub material: Arc<Material>,
-    /// Placement: may scale.
+    /// Placement: may scale, and may mirror, which turns the triangles' winding round.
     pub world_from_part: DMat4,
     /// Phantoms only: the surface mirrors (a chrome ball), so shadows do not show on it.
     pub mirror: bool,
@@ -136,4 +150,13 @@ pub struct Scene {
     pub lamps: Vec<VirtualLight>,
     /// Shadowing planes that are placed by hand.
     pub planes: Vec<ShadowingPlane>,
+}
+
+impl Scene {
+    /// Whether a virtual part has Phong's lobe, for which the environment must be filtered.
+    #[must_use]
+    pub fn has_phong(&self) -> bool {
+        let mut materials = self.virtual_parts.iter().map(|p| &p.material);
+        materials.any(|m| m.phong.is_some())
+    }
 }

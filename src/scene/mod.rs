@@ -30,7 +30,7 @@ pub use error::SceneError;
 pub use gltf_bytes::Resolver;
 pub use gltf_file::{Model, load_gltf, load_gltf_bytes};
 pub use lamps::PlacedLamp;
-pub use mesh::{Material, Mesh, Part, Scene, SceneTexture, Vertex};
+pub use mesh::{Material, Mesh, Part, Phong, Scene, SceneTexture, Vertex};
 pub use near_field::{NearField, NearLight, PhantomRadiance};
 pub use ply::load_ply;
 pub use raycast::{Hit, PhantomRays};

@@ -80,8 +80,10 @@ fn smooth_normal(face: Vec3, around: &[(usize, f32)], faces: &[Vec3], crease: f3
 }
 
 /// Fills in every tangent from the texture coordinates (Lengyel 2001): the direction of
-/// growing u, made orthogonal to the normal; w is the bitangent's sign.
+/// growing u, made orthogonal to the normal; w is the bitangent's sign. Corners where the
+/// picture meets its own mirror image become two.
 pub(crate) fn recompute_tangents(mesh: &mut Mesh) {
+    part_mirrored(mesh);
     let mut along = vec![(Vec3::ZERO, Vec3::ZERO); mesh.vertices.len()];
     for t in mesh.indices.chunks_exact(3) {
         let Some((u, v)) = uv_directions(mesh, t) else {
@@ -104,6 +106,40 @@ pub(crate) fn recompute_tangents(mesh: &mut Mesh) {
         };
         vertex.tangent = tangent.extend(sign);
     }
+}
+
+/// Gives triangles whose picture is mirrored corners of their own.
+fn part_mirrored(mesh: &mut Mesh) {
+    let mut sides: Vec<Option<bool>> = vec![None; mesh.vertices.len()];
+    let mut twins: HashMap<u32, u32> = HashMap::new();
+    for first in (0..mesh.indices.len() / 3).map(|t| 3 * t) {
+        let Some(mirrored) = is_mirrored(mesh, &mesh.indices[first..first + 3]) else {
+            continue;
+        };
+        for corner in first..first + 3 {
+            let index = mesh.indices[corner];
+            let Some(side) = sides.get_mut(index as usize) else {
+                continue;
+            };
+            if *side.get_or_insert(mirrored) == mirrored {
+                continue;
+            }
+            let next = mesh.vertices.len() as u32;
+            let twin = *twins.entry(index).or_insert(next);
+            if twin == next {
+                mesh.vertices.push(mesh.vertices[index as usize]);
+            }
+            mesh.indices[corner] = twin;
+        }
+    }
+}
+
+/// Whether the picture on a triangle is mirrored; `None` where it has none.
+fn is_mirrored(mesh: &Mesh, t: &[u32]) -> Option<bool> {
+    let uv = |i: usize| mesh.vertices.get(*t.get(i)? as usize).map(|v| v.uv);
+    let (a, b, c) = (uv(0)?, uv(1)?, uv(2)?);
+    let area = (b - a).perp_dot(c - a);
+    (area.abs() > f32::MIN_POSITIVE && area.is_finite()).then_some(area < 0.0)
 }
 
 /// Directions of growing u and of growing v on one triangle, weighted by its area.
@@ -137,6 +173,61 @@ pub(crate) fn tidy_directions(mesh: &mut Mesh) {
         };
         if !v.uv.is_finite() {
             v.uv = Vec2::ZERO;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two squares side by side, the picture of the right one the mirror image of the left's;
+    /// they share the corners between them.
+    fn butterfly() -> Mesh {
+        let corner = |x: f32, y: f32| Vertex {
+            position: Vec3::new(x, y, 0.0),
+            normal: Vec3::Z,
+            uv: Vec2::new(1.0 - x.abs(), 1.0 - y),
+            tangent: Vec4::ZERO,
+        };
+        let xs = [-1.0, 0.0, 1.0];
+        Mesh {
+            vertices: [0.0, 1.0]
+                .iter()
+                .flat_map(|y| xs.map(|x| corner(x, *y)))
+                .collect(),
+            indices: vec![0, 1, 4, 0, 4, 3, 1, 2, 5, 1, 5, 4],
+        }
+    }
+
+    #[test]
+    fn mirrored_pictures_have_mirrored_tangents_right_up_to_the_seam() {
+        let mut mesh = butterfly();
+        recompute_tangents(&mut mesh);
+        assert_eq!(mesh.vertices.len(), 8);
+        for t in mesh.indices.chunks_exact(3) {
+            let corners = [0, 1, 2].map(|i| mesh.vertices[t[i] as usize]);
+            let right = corners.iter().any(|v| v.position.x > 0.0);
+            // u grows towards the seam from both sides; v shrinks towards +Y on both.
+            let (along, side) = if right { (-1.0, -1.0) } else { (1.0, 1.0) };
+            for v in corners {
+                assert_eq!(v.tangent, Vec4::new(along, 0.0, 0.0, side), "{v:?}");
+                let up = v.normal.cross(v.tangent.truncate()) * v.tangent.w;
+                assert_eq!(up, Vec3::Y);
+            }
+        }
+    }
+
+    #[test]
+    fn triangles_without_a_picture_still_get_tangents() {
+        let mut mesh = butterfly();
+        for v in &mut mesh.vertices {
+            v.uv = Vec2::ZERO;
+        }
+        recompute_tangents(&mut mesh);
+        for v in &mesh.vertices {
+            let t = v.tangent.truncate();
+            assert!((t.length() - 1.0).abs() < 1e-6 && t.dot(v.normal).abs() < 1e-6);
         }
     }
 }

@@ -24,6 +24,21 @@
 //! # each of these replaces what the file says, and its texture:
 //! material = { base_colour = "#c04020", metallic = 0.0, roughness = 0.4, emissive = [0, 0, 0] }
 //!
+//! [[object]]
+//! shape = "sphere"
+//! radius_m = 0.05
+//! # Phong's model instead of metallic, roughness and specular: the shares of light that are
+//! # reflected diffusely and by a lobe cos^exponent about the mirror direction, normalised so
+//! # that `specular` is what it mirrors of an even sky when looked at straight on. Together
+//! # they are at most 1 in each channel; the exponent goes from 0 to 10000.
+//! material.phong = { diffuse = [0.4, 0.1, 0.1], specular = [0.3, 0.3, 0.3], exponent = 50 }
+//! # material.base_colour_texture = "wood.png"    # PNG or JPEG, from this file's folder; as in
+//! # material.metallic_roughness_texture = "mr.png" # glTF they multiply what stands above
+//! # material.normal_texture = "bumps.png"        # (of Phong's model the diffuse share),
+//! # material.normal_scale = 1.0                  # +X red, +Y green, towards the picture's top
+//! # material.occlusion_texture = "ao.png"
+//! # material.emissive_texture = "glow.png"
+//!
 //! [[phantom]]                      # a proxy of a real thing: as an object, but without
 //! shape = "box"                    # material
 //! size_m = [0.2, 0.1, 0.1]
@@ -81,9 +96,10 @@ use penumbra_interface::RigidTransform;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use typed::{Colour, Entry, Ground, MaterialFile, Place, SceneFile, Shape};
+use typed::{Entry, Ground, Place, SceneFile, Shape};
 
 mod lamp;
+mod material;
 mod place;
 mod plane;
 mod typed;
@@ -307,8 +323,7 @@ impl Entry {
                 };
             }
             if let Some(file) = &self.material {
-                let material = overridden(&part.material, file, at).map_err(located)?;
-                part.material = Arc::new(material);
+                material::apply(part, file, at, folder).map_err(located)?;
             }
         }
         Ok(parts)
@@ -459,37 +474,6 @@ fn single(mesh: Mesh) -> Model {
             material: Arc::new(Material::default()),
             model_from_part: DMat4::IDENTITY,
         }],
-    }
-}
-
-/// A material with what the scene file says in place of its own factors and textures.
-fn overridden(material: &Material, file: &MaterialFile, at: &str) -> Result<Material, Fault> {
-    let mut out = material.clone();
-    if let Some(Colour(rgb)) = file.base_colour {
-        out.base_colour = rgb.extend(material.base_colour.w);
-        out.base_colour_texture = None;
-    }
-    if file.metallic.is_some() || file.roughness.is_some() {
-        out.metallic_roughness_texture = None;
-    }
-    out.metallic = unit(at, "metallic", file.metallic, out.metallic)?;
-    out.roughness = unit(at, "roughness", file.roughness, out.roughness)?;
-    out.specular = unit(at, "specular", file.specular, out.specular)?;
-    if let Some(Colour(rgb)) = file.emissive {
-        out.emissive = rgb;
-        out.emissive_texture = None;
-    }
-    Ok(out)
-}
-
-fn unit(at: &str, key: &str, value: Option<f64>, usual: f32) -> Result<f32, Fault> {
-    match value {
-        Some(v) if !(0.0..=1.0).contains(&v) => Err(Fault::new(
-            format!("{at}.material.{key}"),
-            format!("expected a number from 0 to 1, found {v}"),
-        )),
-        Some(v) => Ok(v as f32),
-        None => Ok(usual),
     }
 }
 

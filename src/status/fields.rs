@@ -387,6 +387,10 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "Whether virtual objects are composited; if not, the output is the camera's picture.",
     ),
     (
+        "settings.reflections",
+        "How the environment is filtered for what virtual objects mirror: `prefiltered` (over each material's lobe) or `box` (the paper's chain).",
+    ),
+    (
         "settings.planes_skip_below",
         "With shadowing planes: of 40 lights, those that give less than this share of all light are left out, 0 to 1.",
     ),

@@ -2,7 +2,7 @@
 
 use crate::config::{
     ADAPTATION_SECONDS, BRIGHTEST_STOPS, DARKEST_STOPS, EXPOSURE_KEYS, EXPOSURE_STOPS,
-    ExposureConfig, ExposureMode, PlaneShading,
+    ExposureConfig, ExposureMode, Filtering, PlaneShading,
 };
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -66,6 +66,8 @@ pub struct Settings {
     pub shadow_strength: f32,
     /// Whether the virtual objects are composited at all.
     pub virtual_object_visible: bool,
+    /// How the environment is filtered for what they mirror.
+    pub reflections: Filtering,
     /// Planes: lights that give less than this share of all light are left out, 0..=1.
     pub planes_skip_below: f32,
     /// Planes: a light is summed anew when it changes by more than this share of all light,
@@ -97,6 +99,7 @@ impl Default for Settings {
             shadow_mode: ShadowMode::default(),
             shadow_strength: 1.0,
             virtual_object_visible: true,
+            reflections: Filtering::default(),
             planes_skip_below: 0.002,
             planes_recompute_above: 0.01,
             planes_shading: PlaneShading::default(),
@@ -126,6 +129,8 @@ pub struct SettingsChange {
     pub shadow_strength: Option<f32>,
     /// See [`Settings::virtual_object_visible`].
     pub virtual_object_visible: Option<bool>,
+    /// See [`Settings::reflections`].
+    pub reflections: Option<Filtering>,
     /// See [`Settings::planes_skip_below`].
     pub planes_skip_below: Option<f32>,
     /// See [`Settings::planes_recompute_above`].
@@ -214,6 +219,7 @@ impl SettingsChange {
             virtual_object_visible: self
                 .virtual_object_visible
                 .unwrap_or(settings.virtual_object_visible),
+            reflections: self.reflections.unwrap_or(settings.reflections),
             planes_skip_below: self.planes_skip_below.unwrap_or(settings.planes_skip_below),
             planes_recompute_above: self
                 .planes_recompute_above
@@ -338,6 +344,7 @@ mod tests {
             text(r#"{"planes_shading": "all"}"#)
                 .contains("expected one of `irradiance`, `lights`, `six`")
         );
+        assert!(text(r#"{"reflections": "soft"}"#).contains("expected `prefiltered` or `box`"));
         assert!(text(r#"{"shadow_strenght": 1}"#).contains("unknown field `shadow_strenght`"));
         assert!(text(r#"{"lights_mode": "random"}"#).contains("expected `grid` or `adaptive`"));
         assert_eq!(

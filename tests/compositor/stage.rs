@@ -212,6 +212,7 @@ pub fn lighting(lights: Vec<DomeLight>, radiance: f32) -> Lighting {
         radiance: Arc::new(CubeMap {
             size: 8,
             levels: levels.collect(),
+            ..CubeMap::default()
         }),
         irradiance: harmonics(&lights),
         lights,

@@ -293,6 +293,7 @@ mod tests {
             radiance: Arc::new(CubeMap {
                 size: 1,
                 levels: vec![vec![[1.0; 3]; 6]],
+                ..CubeMap::default()
             }),
             irradiance,
             lights: vec![

@@ -1,6 +1,7 @@
 //! The exposure's place in the frame: what is compiled, bound and recorded when.
 
 use super::super::frame::FrameInput;
+use super::super::gloss_maps::GlossMaps;
 use super::super::passes::composite::{CompositeInputs, CompositePass};
 use super::super::passes::exposure::{ExposureInputs, ExposurePass};
 use super::super::passes::surroundings::{SurroundingsInputs, SurroundingsPass};
@@ -63,14 +64,12 @@ impl ExposureStation {
         &self,
         device: &wgpu::Device,
         targets: &Targets,
-        (radiance, specular_table): (&wgpu::TextureView, &wgpu::TextureView),
+        gloss: &GlossMaps,
     ) -> Option<ExposedInputs> {
         let passes = self.passes.as_ref()?;
         let exposure = passes.exposure.bind(device, targets);
         let picture = &exposure.linear.view;
-        let bound = passes
-            .composite
-            .bind(device, targets, picture, radiance, specular_table);
+        let bound = passes.composite.bind(device, targets, picture, gloss);
         Some(ExposedInputs {
             surroundings: passes.surroundings.bind(device, targets, picture),
             composite: bound,

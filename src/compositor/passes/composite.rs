@@ -1,6 +1,7 @@
 //! Puts the picture together.
 
 use super::super::bindings::{DepthTest, PipelineSpec, Slot, group, layout, sampler, view};
+use super::super::gloss_maps::GlossMaps;
 use super::super::shaders::{self, Variant};
 use super::super::targets::{Targets, format};
 use super::super::timing::Timer;
@@ -44,7 +45,13 @@ impl CompositePass {
         let light_layout = layout(
             device,
             "composite light",
-            &[Slot::Sampler, Slot::Cube, Slot::Texture, Slot::Texture],
+            &[
+                Slot::Sampler,
+                Slot::Cube,
+                Slot::Texture,
+                Slot::Texture,
+                Slot::Cube,
+            ],
         );
         let build = |vertex: &str, fragment: &str, compare, write| {
             PipelineSpec {
@@ -85,15 +92,14 @@ impl CompositePass {
         }
     }
 
-    /// Binds the targets, the real picture (the camera's or the exposed one), the prefiltered
-    /// radiance map and the table of specular scales.
+    /// Binds the targets, the real picture (the camera's or the exposed one) and what glossy surfaces
+    /// mirror.
     pub fn bind(
         &self,
         device: &wgpu::Device,
         targets: &Targets,
         real: &wgpu::TextureView,
-        radiance: &wgpu::TextureView,
-        specular_table: &wgpu::TextureView,
+        gloss: &GlossMaps,
     ) -> CompositeInputs {
         let t = targets;
         let picture = [
@@ -109,9 +115,10 @@ impl CompositePass {
         let surfaces = [&s[0], &s[1], &t.virtual_depth].map(|t| view(&t.view));
         let light = [
             sampler(&self.smooth),
-            view(radiance),
+            view(&gloss.ggx.view),
             view(&t.surroundings.view),
-            view(specular_table),
+            view(&gloss.table),
+            view(&gloss.phong.view),
         ];
         CompositeInputs {
             picture: group(device, "composite picture", &self.picture_layout, &picture),

@@ -13,7 +13,8 @@
 @group(3) @binding(0) var smooth_sampler: sampler;
 @group(3) @binding(1) var radiance: texture_cube<f32>;
 @group(3) @binding(2) var surroundings: texture_2d<f32>;
-@group(3) @binding(3) var specular_table: texture_2d<f32>;
+@group(3) @binding(3) var gloss_table: texture_2d<f32>;
+@group(3) @binding(4) var phong_radiance: texture_cube<f32>;
 
 const PI = 3.14159265;
 
@@ -58,17 +59,22 @@ fn ground_radiance(world: vec3f, metres: f32) -> vec4f {
     return vec4f(seen, inside);
 }
 
-// What a ray of the given spread meets: the ground as the picture shows it, or the
+// What the lobe about `d` gathers: of the ground as the picture shows it, and of the
 // environment.
-fn reflected(world: vec3f, r: vec3f, roughness: f32) -> vec3f {
-    let far = textureSampleLevel(radiance, smooth_sampler, r, roughness * f32(frame.counts.w)).rgb;
-    let below = frame.params.z * smoothstep(0.0, max(0.6 * roughness * roughness, 0.02), -r.z);
+fn reflected(world: vec3f, d: vec3f, level: f32, gloss: Gloss) -> vec3f {
+    var far = vec3f(0.0);
+    if PHONG && gloss.phong {
+        far = textureSampleLevel(phong_radiance, smooth_sampler, d, level).rgb;
+    } else {
+        far = textureSampleLevel(radiance, smooth_sampler, d, level).rgb;
+    }
+    let below = frame.params.z * smoothstep(0.0, max(0.6 * gloss.width, 0.02), -d.z);
     if below == 0.0 {
         return far;
     }
-    let t = (world.z - frame.params.y) / max(-r.z, 1e-3);
-    let spread = 2.0 * t * roughness * roughness;
-    let near = ground_radiance(world + r * t, spread);
+    let t = (world.z - frame.params.y) / max(-d.z, 1e-3);
+    let spread = 2.0 * t * gloss.width;
+    let near = ground_radiance(world + d * t, spread);
     return mix(far, mix(frame.ground.rgb, near.rgb, near.a), below);
 }
 
@@ -93,18 +99,16 @@ fn shade(pixel: vec2i, s: i32, own: bool) -> vec3f {
     let world = world_at(sample_place(pixel, s), depth);
     let v = normalize(frame.eye.xyz - world);
     let n_dot_v = clamp(dot(n, v), 0.02, 1.0);
-    let metallic = properties.x;
-    let roughness = clamp(properties.y, 0.03, 1.0);
+    let gloss = gloss_of(shape, properties, base);
 
     let direct = light_at(pixel, n, frame.eye.w / depth, own);
-    let irradiance = max(direct + bounce(world, n), vec3f(0.0)) * properties.w;
-    let f0 = mix(vec3f(0.04 * properties.z), base, metallic);
-    let table = textureSampleLevel(specular_table, smooth_sampler, vec2f(n_dot_v, roughness), 0.0).rg;
-    let mirrored = reflected(world, reflect(-v, n), roughness);
-    let f90 = select(0.0, 1.0, properties.z > 0.0 || metallic > 0.0);
-    let specular = (f0 * table.x + vec3f(f90 * table.y)) * mirrored;
-    let diffuse = base * (1.0 - metallic) * irradiance / PI;
-    let lamps = lamp_highlights(world, n, v, f0, f90, roughness);
+    let irradiance = max(direct + bounce(world, n), vec3f(0.0)) * occlusion_of(shape, properties);
+    let table = textureSampleLevel(gloss_table, smooth_sampler, vec2f(n_dot_v, gloss_row(gloss)), 0.0);
+    let d = tilted(reflect(-v, n), n, table.z);
+    let mirrored = reflected(world, d, table.w, gloss);
+    let specular = (gloss.f0 * table.x + vec3f(gloss.f90 * table.y)) * mirrored;
+    let diffuse = base * diffuse_share(shape, properties) * irradiance / PI;
+    let lamps = lamp_highlights(world, n, v, gloss);
     return diffuse + specular + lamps + emissive_of(material);
 }
 

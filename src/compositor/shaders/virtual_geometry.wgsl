@@ -3,12 +3,16 @@
 
 struct VirtualPart {
     world_from_part: mat4x4f,
+    // Its last entry is -1 where the placement mirrors.
     normal_from_part: mat4x4f,
     base_colour: vec4f,
     // Metallic, roughness, specular, alpha cutoff.
     surface: vec4f,
     // RGB emissive; w = scale of the normal map, 0 for none.
     emissive: vec4f,
+    // Phong's specular colour by its square root, log2(exponent + 1) / 14; below zero there
+    // is none.
+    phong: vec4f,
 }
 
 @group(1) @binding(0) var<storage, read> parts: array<VirtualPart>;
@@ -40,7 +44,8 @@ fn virtual_vertex(
     let world = parts[i].world_from_part * vec4f(position, 1.0);
     let n = (parts[i].normal_from_part * vec4f(normal, 0.0)).xyz;
     let t = (parts[i].world_from_part * vec4f(tangent.xyz, 0.0)).xyz;
-    return Varying(frame.clip_from_world * world, n, uv, vec4f(t, tangent.w), i);
+    let side = tangent.w * parts[i].normal_from_part[3].w;
+    return Varying(frame.clip_from_world * world, n, uv, vec4f(t, side), i);
 }
 
 // Without textures, and with nothing cut away.
@@ -89,14 +94,21 @@ fn virtual_fragment(in: Varying, @builtin(front_facing) front: bool) -> PackedSu
         discard;
     }
     n = select(-n, n, front);
+    if part.phong.w >= 0.0 {
+        let shape = packed_shape(base.rgb, n, phong_kind(occlusion));
+        return PackedSurface(shape, packed_material(part.phong, emissive));
+    }
     let properties = vec4f(part.surface.x * mr.b, part.surface.y * mr.g, part.surface.z, occlusion);
-    return PackedSurface(packed_shape(base.rgb, n), packed_material(properties, emissive));
+    return PackedSurface(packed_shape(base.rgb, n, METALLIC_ROUGHNESS), packed_material(properties, emissive));
 }
 
 @fragment
 fn plain_fragment(in: PlainVarying, @builtin(front_facing) front: bool) -> PackedSurface {
     let part = parts[in.part];
     let n = normalize(in.normal);
-    let shape = packed_shape(part.base_colour.rgb, select(-n, n, front));
-    return PackedSurface(shape, packed_material(vec4f(part.surface.xyz, 1.0), part.emissive.rgb));
+    let phong = part.phong.w >= 0.0;
+    let kind = select(METALLIC_ROUGHNESS, phong_kind(1.0), phong);
+    let shape = packed_shape(part.base_colour.rgb, select(-n, n, front), kind);
+    let properties = select(vec4f(part.surface.xyz, 1.0), part.phong, phong);
+    return PackedSurface(shape, packed_material(properties, part.emissive.rgb));
 }

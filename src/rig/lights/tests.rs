@@ -23,6 +23,7 @@ fn light_of(number: i64) -> WorkedOut {
         radiance: Arc::new(CubeMap {
             size: 1,
             levels: vec![vec![[1.0; 3]; 6]],
+            ..CubeMap::default()
         }),
         irradiance: Harmonics::default(),
         lights: Vec::new(),

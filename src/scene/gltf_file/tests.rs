@@ -136,9 +136,9 @@ fn nodes_are_placed_below_one_another() {
         raised.distance(DVec3::new(10.0, 0.0, 4.0)) < 1e-6,
         "{raised}"
     );
-    // A mirrored copy still faces outwards once placed.
+    // A mirrored copy shares its mesh; who draws it turns its triangles round.
     let mirrored = &model.parts[1];
-    assert!(mirrored.model_from_part.determinant() < 0.0 && volume(&mirrored.mesh) < 0.0);
+    assert!(mirrored.model_from_part.determinant() < 0.0 && volume(&mirrored.mesh) > 0.0);
     let placed = model.placed(DMat4::from_translation(DVec3::Y));
     assert_eq!(placed.len(), 2);
     assert_eq!(placed[0].world_from_part.w_axis.y, 1.0);

@@ -13,7 +13,7 @@ mod sides;
 mod surfels;
 
 use super::{Part, PhantomRays, Scene};
-use crate::environment::{Lighting, cube};
+use crate::environment::{Lighting, cube, lobes};
 use glam::Vec3;
 use receivers::{GroundGrid, Volume};
 use sides::Sides;
@@ -350,10 +350,9 @@ impl Light<'_> {
         sides.map_or(Vec3::ZERO, |sides| sides[side as usize % 6])
     }
 
-    /// Radiance that comes from the sky, blurred as a surface of such roughness does.
-    fn from(&self, direction: Vec3, roughness: f32) -> Vec3 {
+    /// Radiance that comes from the sky, blurred by about as wide a lobe.
+    fn from(&self, direction: Vec3, width: f32) -> Vec3 {
         let map = &self.lighting.radiance;
-        let level = roughness * (map.levels.len().max(1) - 1) as f32;
-        cube::sample(map, level.round() as usize, direction)
+        cube::sample(map, lobes::nearest_level(map, width), direction)
     }
 }

@@ -3,6 +3,7 @@
 use super::receivers::GroundGrid;
 use super::sides::Sides;
 use super::{Directions, Light, Met, Obstacles, Region};
+use crate::environment::lobes::{self, Family};
 use crate::scene::{Hit, Material, Part, SceneTexture};
 use glam::Vec3;
 use std::f32::consts::PI;
@@ -12,7 +13,7 @@ const COUNT: usize = 512;
 /// F0 of what is no metal (a refractive index of 1.5).
 const DIELECTRIC: f32 = 0.04;
 /// Highlights are taken no sharper than this: a few rays cannot follow them.
-const SMOOTHEST: f32 = 0.3;
+const SHARPEST: f32 = 0.09;
 
 /// A point of a virtual surface.
 struct Surfel {
@@ -34,7 +35,8 @@ struct Surfel {
 struct Surface {
     diffuse: Vec3,
     f0: Vec3,
-    roughness: f32,
+    /// Width of its lobe.
+    gloss: f32,
     emissive: Vec3,
 }
 
@@ -47,10 +49,19 @@ impl Surface {
         let base = material.base_colour.truncate() * texture;
         let metallic = material.metallic.clamp(0.0, 1.0);
         let dielectric = DIELECTRIC * material.specular;
+        if let Some(phong) = &material.phong {
+            let parameter = lobes::phong_parameter(phong.exponent);
+            return Self {
+                diffuse: base,
+                f0: phong.specular,
+                gloss: lobes::own_width(Family::Phong, parameter).max(SHARPEST),
+                emissive: material.emissive,
+            };
+        }
         Self {
             diffuse: base * (1.0 - metallic) * (1.0 - dielectric),
             f0: Vec3::splat(dielectric).lerp(base, metallic),
-            roughness: material.roughness.max(SMOOTHEST),
+            gloss: lobes::own_width(Family::Ggx, material.roughness).max(SHARPEST),
             emissive: material.emissive,
         }
     }
@@ -195,7 +206,7 @@ impl Surfels {
         let i = sighting.surfel as usize;
         let surface = &self.all[i].surface;
         let mirrored = match sighting.behind {
-            Behind::Sky => light.from(sighting.mirror, surface.roughness),
+            Behind::Sky => light.from(sighting.mirror, surface.gloss),
             Behind::Ground(texel) => light.floor * ground.share(texel),
             Behind::Surfel(other) => self.spread[other as usize],
             Behind::Phantom(side) => sides.radiance(side, light),
@@ -236,7 +247,13 @@ pub fn world_triangles(part: &Part) -> impl Iterator<Item = [Vec3; 3]> {
                 .as_vec3(),
         )
     };
-    let triangle = move |c: &[u32]| Some([corner(&c[0])?, corner(&c[1])?, corner(&c[2])?]);
+    // A mirroring placement turns the winding round.
+    let (second, third) = if part.world_from_part.determinant() < 0.0 {
+        (2, 1)
+    } else {
+        (1, 2)
+    };
+    let triangle = move |c: &[u32]| Some([corner(&c[0])?, corner(&c[second])?, corner(&c[third])?]);
     part.mesh.indices.chunks_exact(3).filter_map(triangle)
 }
 

@@ -31,11 +31,14 @@ fn the_documented_example_is_read() {
         .collect::<Vec<_>>()
         .join("\n");
     let scene = read(&text).unwrap();
-    assert_eq!((scene.objects.len(), scene.phantoms.len()), (1, 1));
+    assert_eq!((scene.objects.len(), scene.phantoms.len()), (2, 1));
     let teapot = &scene.objects[0];
     assert_eq!(teapot.name, "teapot");
     assert_eq!(teapot.material.roughness, 0.4);
     assert!((teapot.material.base_colour.x - linear_from_srgb(192.0 / 255.0)).abs() < 1e-6);
+    let phong = scene.objects[1].material.phong.unwrap();
+    assert_eq!((phong.specular, phong.exponent), (Vec3::splat(0.3), 50.0));
+    assert_eq!(scene.objects[1].material.base_colour.x, 0.4);
     assert_eq!(scene.phantoms[0].albedo, Some(Vec3::splat(0.5)));
     assert_eq!(scene.ground.unwrap().size, 8.0);
     let lamp = scene.lamps[0].at(5.0).unwrap();
@@ -349,6 +352,60 @@ fn a_model_carries_its_objects_and_planes_along() {
 }
 
 #[test]
+fn mistakes_in_phong_materials_are_named() {
+    let ball = |material: &str| {
+        complaint(&format!(
+            "[[object]]\nshape = \"sphere\"\nradius_m = 1\nmaterial.{material}"
+        ))
+    };
+    let phong = |rest: &str| {
+        ball(&format!(
+            "phong = {{ diffuse = [0.5, 0.5, 0.5], specular = [0.1, 0.2, 0.3], {rest} }}"
+        ))
+    };
+    for (text, expected) in [
+        (
+            phong("exponent = -1"),
+            "s.toml:4: `object[0].material.phong.exponent`: expected a number from 0 to 10000, found -1",
+        ),
+        (
+            phong("exponent = nan"),
+            "s.toml:4: `object[0].material.phong.exponent`: expected a number from 0 to 10000, found NaN",
+        ),
+        (
+            ball("phong = { specular = [0.1, 0.1, 0.1] }"),
+            "s.toml:4: `object[0].material.phong.exponent`: phong needs it: 0 to 10000",
+        ),
+        (
+            ball("phong = { exponent = 3 }"),
+            "s.toml:4: `object[0].material.phong.specular`: phong needs it: a colour from 0 to 1",
+        ),
+        (
+            ball("phong = { diffuse = [0.5, 0.5, 0.5], specular = [0.1, 0.7, 0.1], exponent = 3 }"),
+            "s.toml:4: `object[0].material.phong.specular`: with the diffuse share of [0.500, 0.500, 0.500] it reflects 1.200 times the light in green, more than arrives; together at most 1",
+        ),
+        (
+            ball("phong = { diffuse = [nan, 0.5, 0.5], specular = [0.1, 0.7, 0.1], exponent = 3 }"),
+            "s.toml:4: `object[0].material.phong.diffuse`: expected \"#rrggbb\" (sRGB) or three linear numbers from 0 up",
+        ),
+        (
+            ball("phong.specular = [-0.1, 0.7, 0.1]"),
+            "s.toml:4: `object[0].material.phong.specular`: expected \"#rrggbb\" (sRGB) or three linear numbers from 0 up",
+        ),
+        (
+            phong("shininess = 3"),
+            "s.toml:4: `object[0].material.phong.shininess`: unknown key; known here: `diffuse`, `specular`, `exponent`",
+        ),
+        (
+            ball("roughness = 0.5\nmaterial.phong = { specular = [0, 0, 0], exponent = 3 }"),
+            "s.toml:4: `object[0].material.roughness`: goes without `phong`, which has diffuse, specular and exponent; leave one out",
+        ),
+    ] {
+        assert!(text.starts_with(expected), "{text}\n{expected}");
+    }
+}
+
+#[test]
 fn lamps_move_stand_on_objects_and_shine_in_photometric_units() {
     let scene = read(
         "[photometry]\nwhite_cd_m2 = 200.0\n[model]\nposition_m = [1, 0, 0]\n\
@@ -403,5 +460,57 @@ fn lamps_move_stand_on_objects_and_shine_in_photometric_units() {
     ] {
         let said = complaint(&text);
         assert!(said.contains(place), "{text}: {said}");
+    }
+}
+
+#[test]
+fn textures_are_read_from_the_scene_files_folder() {
+    let folder = tempfile::tempdir().unwrap();
+    let picture = image::RgbaImage::from_pixel(2, 2, image::Rgba([128, 255, 128, 255]));
+    picture.save(folder.path().join("bumps.png")).unwrap();
+    std::fs::write(folder.path().join("notes.png"), "no picture").unwrap();
+    std::fs::write(
+        folder.path().join("flat.ply"),
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
+    )
+    .unwrap();
+    let read = |shape: &str, rest: &str| {
+        let text = format!("[[object]]\n{shape}\nmaterial.{rest}");
+        SceneAddition::read(&TomlText::new("s.toml", text), folder.path())
+    };
+    let plane = "shape = \"plane\"\nsize_m = [1, 1]";
+    let scene = read(
+        plane,
+        "normal_texture = \"bumps.png\"\nmaterial.normal_scale = 0.5",
+    )
+    .unwrap();
+    let material = &scene.objects[0].material;
+    assert_eq!(material.normal_texture.as_ref().unwrap().rgba[1], 255);
+    assert_eq!(material.normal_scale, 0.5);
+    for (shape, rest, expected) in [
+        (
+            plane,
+            "normal_texture = \"gone.png\"",
+            "s.toml:4: `object[0].material.normal_texture`: there is no file ",
+        ),
+        (
+            plane,
+            "emissive_texture = \"notes.png\"",
+            "s.toml:4: `object[0].material.emissive_texture`: ",
+        ),
+        (
+            "file = \"flat.ply\"",
+            "base_colour_texture = \"bumps.png\"",
+            "s.toml:3: `object[0].material.base_colour_texture`: its mesh has no texture coordinates",
+        ),
+        (
+            plane,
+            "normal_scale = nan",
+            "s.toml:4: `object[0].material.normal_scale`: expected a number from -100 to 100, found NaN",
+        ),
+    ] {
+        let text = read(shape, rest).unwrap_err().to_string();
+        assert!(text.starts_with(expected), "{text}\n{expected}");
+        assert_eq!(text.lines().count(), 1, "{text}");
     }
 }

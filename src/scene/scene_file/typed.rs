@@ -67,7 +67,22 @@ pub(super) struct MaterialFile {
     pub metallic: Option<f64>,
     pub roughness: Option<f64>,
     pub specular: Option<f64>,
+    pub phong: Option<PhongFile>,
     pub emissive: Option<Colour>,
+    pub base_colour_texture: Option<String>,
+    pub metallic_roughness_texture: Option<String>,
+    pub normal_texture: Option<String>,
+    pub normal_scale: Option<f64>,
+    pub occlusion_texture: Option<String>,
+    pub emissive_texture: Option<String>,
+}
+
+#[derive(Debug, Default, serde::Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct PhongFile {
+    pub diffuse: Option<Colour>,
+    pub specular: Option<Colour>,
+    pub exponent: Option<f64>,
 }
 
 #[derive(Debug, Default, serde::Deserialize)]
@@ -168,7 +183,8 @@ impl<'de> Visitor<'de> for ColourVisitor {
     }
 
     fn visit_seq<A: SeqAccess<'de>>(self, seq: A) -> Result<Colour, A::Error> {
-        let rgb = three(seq)?.filter(|v| v.min_element() >= 0.0 && v.max_element() <= 1e6);
+        let finite = three(seq)?.filter(|v| v.is_finite());
+        let rgb = finite.filter(|v| v.min_element() >= 0.0 && v.max_element() <= 1e6);
         let rgb = rgb.ok_or_else(|| de::Error::custom(format!("expected {}", Expected(&Self))))?;
         Ok(Colour(rgb.as_vec3()))
     }

@@ -6,6 +6,7 @@ import { $, number, percent, put } from './text.js';
 const CONFIRM_MS = 4000;
 const LIGHTS_HINTS = { adaptive: 'Lamps and sun get their own.', grid: 'Evenly, as in the paper.' };
 const SHADOW_HINTS = { ratio: 'Dims the real surface.', subtract: 'Takes light away, as in the paper.' };
+const REFLECTIONS_HINTS = { prefiltered: 'By each material’s lobe.', box: 'Box-filtered maps, as in the paper.' };
 
 const form = $('settings');
 const wishes = new Map(); // setting → { value, since } until /status confirms it
@@ -45,6 +46,7 @@ function show(name, value) {
   }
   if (name === 'lights_mode') put($('lights-hint'), LIGHTS_HINTS[value] ?? '');
   if (name === 'shadow_mode') put($('shadow-hint'), SHADOW_HINTS[value] ?? '');
+  if (name === 'reflections') put($('reflections-hint'), REFLECTIONS_HINTS[value] ?? '');
 }
 
 const same = (a, b) => (typeof a === 'number' ? Math.abs(a - b) < 1e-4 : a === b);

@@ -101,34 +101,6 @@ fn lamp_irradiance(world: vec3f, n: vec3f) -> vec3f {
     return sum;
 }
 
-// Radiance that a surface mirrors of the lamps: GGX with height-correlated Smith masking,
-// the distribution behind the table of specular scales.
-fn lamp_highlights(world: vec3f, n: vec3f, v: vec3f, f0: vec3f, f90: f32, roughness: f32) -> vec3f {
-    if !LAMPED {
-        return vec3f(0.0);
-    }
-    var sum = vec3f(0.0);
-    let count = decided_here(lamps.count.x, world.x);
-    // A point's image in a mirror is a point; this much blur keeps it from flickering.
-    let alpha = max(roughness * roughness, 0.01);
-    let a2 = alpha * alpha;
-    let n_dot_v = max(dot(n, v), 1e-3);
-    for (var k = 0u; k < count; k++) {
-        let ray = lamp_ray(k, world);
-        let n_dot_l = max(dot(n, ray.to), 0.0);
-        let h = normalize(ray.to + v);
-        let n_dot_h = max(dot(n, h), 0.0);
-        let d = n_dot_h * n_dot_h * (a2 - 1.0) + 1.0;
-        let distribution = a2 / (3.14159265 * d * d);
-        let masking = 0.5 / (n_dot_l * sqrt(n_dot_v * n_dot_v * (1.0 - a2) + a2)
-            + n_dot_v * sqrt(n_dot_l * n_dot_l * (1.0 - a2) + a2));
-        let fresnel = f0 + (vec3f(f90) - f0) * pow(1.0 - clamp(dot(v, h), 0.0, 1.0), 5.0);
-        let seen = mix(1.0, lamp_visibility(k, world, n, n_dot_l), frame.params.x);
-        sum += fresnel * ray.facing * (distribution * masking * n_dot_l * seen);
-    }
-    return sum;
-}
-
 // Lamps, one bit each, that may shine on something in a box.
 fn lamps_on(low: vec3f, high: vec3f) -> u32 {
     if !LAMPED {

@@ -2,10 +2,12 @@
 // target, sample by sample, and passes load no more than they need.
 
 struct PackedSurface {
-    // Base colour, 8 bits each by its square root, and 8 bits that are set where something
-    // is; the octahedral normal, 16 bits each.
+    // Base colour, 8 bits each by its square root, and 8 bits of what is there: nothing, 255
+    // metallic-roughness, else Phong's lobe with that occlusion; the octahedral normal, 16
+    // bits each.
     @location(0) shape: vec4u,
-    // Metallic, roughness, specular, occlusion, 8 bits each; emissive.
+    // Metallic, roughness, specular, occlusion, 8 bits each, or of Phong's lobe the specular
+    // colour by its square root, and log2(exponent + 1) / 14; emissive.
     @location(1) material: vec4u,
 }
 
@@ -13,15 +15,37 @@ fn halves(a: u32, b: u32) -> vec4u {
     return vec4u(a & 0xffffu, a >> 16u, b & 0xffffu, b >> 16u);
 }
 
-fn packed_shape(base: vec3f, n: vec3f) -> vec4u {
+const METALLIC_ROUGHNESS = 1.0;
+
+// `kind`: METALLIC_ROUGHNESS or `phong_kind`.
+fn packed_shape(base: vec3f, n: vec3f, kind: f32) -> vec4u {
     return halves(
-        pack4x8unorm(vec4f(sqrt(clamp(base, vec3f(0.0), vec3f(1.0))), 1.0)),
+        pack4x8unorm(vec4f(sqrt(clamp(base, vec3f(0.0), vec3f(1.0))), kind)),
         pack2x16snorm(octahedron_from_normal(n)),
     );
 }
 
 fn is_surface(shape: vec4u) -> bool {
     return shape.y > 255u;
+}
+
+// Occlusion as a kind of surface: 1 to 127 of 255.
+fn phong_kind(occlusion: f32) -> f32 {
+    return (1.0 + 126.0 * clamp(occlusion, 0.0, 1.0)) / 255.0;
+}
+
+fn is_phong(shape: vec4u) -> bool {
+    return (shape.y >> 8u) < 128u;
+}
+
+fn occlusion_of(shape: vec4u, properties: vec4f) -> f32 {
+    let kind = f32(shape.y >> 8u);
+    return select(properties.w, (kind - 1.0) / 126.0, PHONG && kind < 128.0);
+}
+
+// Share of the base colour that is diffuse.
+fn diffuse_share(shape: vec4u, properties: vec4f) -> f32 {
+    return select(1.0 - properties.x, 1.0, PHONG && is_phong(shape));
 }
 
 fn base_colour(shape: vec4u) -> vec3f {
@@ -33,7 +57,7 @@ fn octahedron(shape: vec4u) -> vec2f {
     return unpack2x16snorm(shape.z | (shape.w << 16u));
 }
 
-// `properties`: metallic, roughness, specular, occlusion. Emissive has 8 bits each and a
+// `properties`: as they are packed. Emissive has 8 bits each and a
 // power of two in common (Ward 1991).
 fn packed_material(properties: vec4f, emissive: vec3f) -> vec4u {
     let brightest = max(max(emissive.r, emissive.g), emissive.b);

@@ -1,0 +1,196 @@
+//! What glossy surfaces mirror, on the GPU: the filtered radiance maps, and the table of how
+//! lobes answer.
+
+use super::light_maps::{half_texel, write_level};
+use crate::environment::box_chain::box_level;
+use crate::environment::lobes::{Family, Levels};
+use crate::environment::{CubeMap, Filtering};
+use half::f16;
+use std::sync::LazyLock;
+
+/// Columns of the table: n·v.
+const COLUMNS: u32 = 32;
+/// Rows of a family: its parameter. Twin of `GLOSS_ROWS` in `lib/gloss.wgsl`.
+const ROWS: u32 = 64;
+const FAMILIES: [Family; 2] = [Family::Ggx, Family::Phong];
+
+/// See the module.
+pub struct GlossMaps {
+    /// Scale, bias, tilt and level by n·v and parameter: GGX above Phong.
+    pub table: wgpu::TextureView,
+    pub ggx: Cube,
+    pub phong: Cube,
+    table_texture: wgpu::Texture,
+    /// Which maps the table tells levels of.
+    tabled: Option<(Filtering, u32, usize)>,
+    texels: Vec<[f16; 4]>,
+}
+
+/// A cube map with its levels.
+pub struct Cube {
+    pub view: wgpu::TextureView,
+    texture: wgpu::Texture,
+}
+
+impl Cube {
+    fn new(device: &wgpu::Device, size: u32, levels: u32) -> Self {
+        let texture = device.create_texture(&wgpu::TextureDescriptor {
+            label: Some("radiance"),
+            size: wgpu::Extent3d {
+                width: size,
+                height: size,
+                depth_or_array_layers: 6,
+            },
+            mip_level_count: levels,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: wgpu::TextureFormat::Rgba16Float,
+            usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+            view_formats: &[],
+        });
+        let view = texture.create_view(&wgpu::TextureViewDescriptor {
+            dimension: Some(wgpu::TextureViewDimension::Cube),
+            ..Default::default()
+        });
+        Self { view, texture }
+    }
+
+    fn fits(&self, size: u32, levels: u32) -> bool {
+        self.texture.width() == size && self.texture.mip_level_count() == levels
+    }
+}
+
+impl GlossMaps {
+    /// Black until the first map comes.
+    pub fn new(device: &wgpu::Device) -> Self {
+        let table_texture = device.create_texture(&wgpu::TextureDescriptor {
+            label: Some("gloss table"),
+            size: wgpu::Extent3d {
+                width: COLUMNS,
+                height: ROWS * FAMILIES.len() as u32,
+                depth_or_array_layers: 1,
+            },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: wgpu::TextureFormat::Rgba16Float,
+            usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+            view_formats: &[],
+        });
+        Self {
+            table: table_texture.create_view(&wgpu::TextureViewDescriptor::default()),
+            table_texture,
+            ggx: Cube::new(device, 1, 1),
+            phong: Cube::new(device, 1, 1),
+            tabled: None,
+            texels: Vec::new(),
+        }
+    }
+
+    /// Highest level of the maps.
+    pub fn highest_level(&self) -> u32 {
+        self.ggx.texture.mip_level_count() - 1
+    }
+
+    /// Uploads a map. True when a texture is a new one and must be bound again. Where
+    /// `phong` is wanted of a map that was not filtered for it yet, GGX's lobes of the same
+    /// widths take its place.
+    pub fn write(
+        &mut self,
+        device: &wgpu::Device,
+        queue: &wgpu::Queue,
+        map: &CubeMap,
+        phong: bool,
+    ) -> bool {
+        let levels = map.levels.len().max(1) as u32;
+        let mut renewed = false;
+        if !self.ggx.fits(map.size, levels) {
+            self.ggx = Cube::new(device, map.size, levels);
+            renewed = true;
+        }
+        let (size, phong_levels) = if phong { (map.size, levels) } else { (1, 1) };
+        if !self.phong.fits(size, phong_levels) {
+            self.phong = Cube::new(device, size, phong_levels);
+            renewed = true;
+        }
+        self.upload(queue, map, phong);
+        let wanted = (map.filtering, map.size, map.levels.len());
+        if self.tabled != Some(wanted) {
+            self.write_table(queue, wanted);
+            self.tabled = Some(wanted);
+        }
+        renewed
+    }
+
+    fn upload(&mut self, queue: &wgpu::Queue, map: &CubeMap, phong: bool) {
+        let texels = &mut self.texels;
+        let mut write = |cube: &Cube, level: usize, from: &[[f32; 3]]| {
+            texels.clear();
+            texels.extend(from.iter().map(|t| half_texel(*t)));
+            let size = (map.size >> level).max(1);
+            write_level(queue, &cube.texture, level as u32, size, 6, texels);
+        };
+        for (level, from) in map.levels.iter().enumerate() {
+            write(&self.ggx, level, from);
+        }
+        // Both begin with the map itself.
+        for (level, ggx) in map.levels.iter().enumerate().filter(|_| phong) {
+            let own = level.checked_sub(1).and_then(|k| map.phong.get(k));
+            write(&self.phong, level, own.unwrap_or(ggx));
+        }
+    }
+
+    fn write_table(&mut self, queue: &wgpu::Queue, (filtering, size, levels): Tabled) {
+        self.texels.clear();
+        for (family, answers) in FAMILIES.iter().zip(ANSWERS.iter()) {
+            let ladder = Levels::new(*family, size, levels);
+            for (i, answer) in answers.iter().enumerate() {
+                let [scale, bias, tilt, width] = *answer;
+                let row = parameter(i as u32 / COLUMNS);
+                let entry = match (filtering, family) {
+                    (Filtering::Prefiltered, _) => [scale, bias, tilt, ladder.level(width)],
+                    (Filtering::Box, Family::Ggx) => {
+                        [scale, bias, 0.0, box_level(*family, row, size, levels)]
+                    }
+                    // The paper multiplies the map by the material's colour and no more.
+                    (Filtering::Box, Family::Phong) => {
+                        [1.0, 0.0, 0.0, box_level(*family, row, size, levels)]
+                    }
+                };
+                self.texels.push(entry.map(f16::from_f32));
+            }
+        }
+        let rows = ROWS * FAMILIES.len() as u32;
+        queue.write_texture(
+            self.table_texture.as_image_copy(),
+            bytemuck::cast_slice(&self.texels),
+            wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some(8 * COLUMNS),
+                rows_per_image: Some(rows),
+            },
+            self.table_texture.size(),
+        );
+    }
+}
+
+type Tabled = (Filtering, u32, usize);
+
+/// Parameter in a row's middle.
+fn parameter(row: u32) -> f32 {
+    (row as f32 + 0.5) / ROWS as f32
+}
+
+/// Scale, bias, tilt and width of both families, row by row. Worked out once a run: it takes
+/// some 50 ms.
+static ANSWERS: LazyLock<[Vec<[f32; 4]>; 2]> = LazyLock::new(|| {
+    FAMILIES.map(|family| {
+        (0..COLUMNS * ROWS)
+            .map(|i| {
+                let n_dot_v = (i % COLUMNS) as f32 + 0.5;
+                let r = family.response(n_dot_v / COLUMNS as f32, parameter(i / COLUMNS));
+                [r.scale, r.bias, r.tilt, r.width]
+            })
+            .collect()
+    })
+});

@@ -1,0 +1,163 @@
+//! The chain of box-filtered maps of DiVerdi et al. (2003, section 3.2), for comparison.
+//!
+//! Their map is OpenGL's sphere map, the mirrored ball as the camera sees it: a direction at
+//! the angle θ from the camera's lies at sin(θ/2) of the radius, so that all texels inside
+//! cover equal solid angles. Each smaller map is the mean of fours of texels, those outside
+//! the ball included: there the camera sees past the ball. A material takes its reflections
+//! from the one level whose texels are as large as its lobe, whatever the angle of view.
+//! Here each level is laid out as a cube map again, as finely as its own interpolation shows.
+
+use super::cube::{CubeGrid, tangent_frame, texel_of};
+use super::light::{CubeMap, Filtering};
+use super::lobes::{Family, own_width, solid_angle};
+use super::prefilter::level_count;
+use glam::{Vec2, Vec3};
+
+/// Samples a side of a texel: what a camera's pixels average.
+const SAMPLES: u32 = 4;
+
+/// Texels across the ball for a cube of `size` texels a side.
+const fn across(size: u32) -> u32 {
+    size / 2
+}
+
+/// The chain of `texels` (`6 * size²`) as a camera in the direction `towards_camera` of a ball
+/// sees it.
+#[must_use]
+pub fn box_chain(size: u32, texels: &[Vec3], towards_camera: Vec3) -> CubeMap {
+    let view = View::new(towards_camera);
+    let mut ball = view.ball(size, texels);
+    let mut side = across(size);
+    let mut levels = vec![view.cube(&CubeGrid::new(size), side, &ball)];
+    for level in 1..level_count(size) {
+        ball = halved(side, &ball);
+        side /= 2;
+        levels.push(view.cube(&CubeGrid::new(size >> level), side, &ball));
+    }
+    let phong = levels[1..].to_vec();
+    CubeMap {
+        size,
+        levels,
+        phong,
+        filtering: Filtering::Box,
+    }
+}
+
+/// The level that a lobe is taken from: that whose texels, 16 · 4^k / T² steradians with T
+/// texels across the ball, are as large as the lobe at n·v = 1.
+#[must_use]
+pub fn box_level(family: Family, parameter: f32, size: u32, levels: usize) -> f32 {
+    let lobe = solid_angle(family, own_width(family, parameter));
+    let texel = 16.0 / (across(size) * across(size)) as f32;
+    let level = (0.5 * (lobe / texel).log2()).round();
+    level.clamp(0.0, levels.saturating_sub(1) as f32)
+}
+
+/// The camera's axes about the ball.
+struct View {
+    right: Vec3,
+    up: Vec3,
+    towards: Vec3,
+}
+
+impl View {
+    fn new(towards: Vec3) -> Self {
+        let (right, up) = tangent_frame(towards);
+        Self { right, up, towards }
+    }
+
+    /// The picture of the ball, rows of `across(size)` texels.
+    fn ball(&self, size: u32, texels: &[Vec3]) -> Vec<Vec3> {
+        let side = across(size);
+        let past = texels[texel_of(size, -self.towards)];
+        let seen = |p: Vec2| match self.direction(p) {
+            Some(d) => texels[texel_of(size, d)],
+            None => past,
+        };
+        let step = 2.0 / (side * SAMPLES) as f32;
+        let mean = |i: u32| {
+            let corner = Vec2::new((i % side) as f32, (i / side) as f32) * SAMPLES as f32;
+            let samples = (0..SAMPLES * SAMPLES).map(|k| {
+                let inside = Vec2::new((k % SAMPLES) as f32, (k / SAMPLES) as f32);
+                seen((corner + inside + 0.5) * step - 1.0)
+            });
+            samples.sum::<Vec3>() / (SAMPLES * SAMPLES) as f32
+        };
+        (0..side * side).map(mean).collect()
+    }
+
+    /// What is mirrored at a point of the ball's picture, −1..=1 each way; `None` beside it.
+    fn direction(&self, p: Vec2) -> Option<Vec3> {
+        let r2 = p.length_squared();
+        // cosθ = 1 − 2 sin²(θ/2).
+        let sin_over_r = 2.0 * (1.0 - r2).max(0.0).sqrt();
+        let across = (self.right * p.x + self.up * p.y) * sin_over_r;
+        (r2 < 1.0).then(|| across + self.towards * (1.0 - 2.0 * r2))
+    }
+
+    fn point(&self, d: Vec3) -> Vec2 {
+        let aside = Vec2::new(d.dot(self.right), d.dot(self.up));
+        let r = (0.5 * (1.0 - d.dot(self.towards))).max(0.0).sqrt();
+        aside.normalize_or(Vec2::X) * r
+    }
+
+    /// A level as a cube map shows it, interpolated between texels.
+    fn cube(&self, grid: &CubeGrid, side: u32, ball: &[Vec3]) -> Vec<[f32; 3]> {
+        let texel = |x: f32, y: f32| {
+            let last = (side - 1) as f32;
+            ball[(y.clamp(0.0, last) as u32 * side + x.clamp(0.0, last) as u32) as usize]
+        };
+        let show = |d: &Vec3| {
+            let at = (self.point(*d) * 0.5 + 0.5) * side as f32 - 0.5;
+            let (low, t) = (at.floor(), at - at.floor());
+            let row = |y: f32| texel(low.x, y).lerp(texel(low.x + 1.0, y), t.x);
+            row(low.y).lerp(row(low.y + 1.0), t.y).to_array()
+        };
+        grid.directions.iter().map(show).collect()
+    }
+}
+
+/// The next smaller picture: means of fours.
+fn halved(side: u32, ball: &[Vec3]) -> Vec<Vec3> {
+    let half = side / 2;
+    let mean = |i: u32| {
+        let first = (2 * (i / half) * side + 2 * (i % half)) as usize;
+        let row = side as usize;
+        (ball[first] + ball[first + 1] + ball[first + row] + ball[first + row + 1]) / 4.0
+    };
+    (0..half * half).map(mean).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_ball_shows_each_direction_once_and_back() {
+        let view = View::new(Vec3::new(0.3, -0.5, 0.6).normalize());
+        for d in CubeGrid::new(8).directions {
+            let back = view.direction(view.point(d)).unwrap_or(Vec3::ZERO);
+            assert!(back.distance(d) < 2e-3, "{d} {back}");
+        }
+        assert!(view.direction(Vec2::ONE).is_none());
+    }
+
+    #[test]
+    fn a_constant_stays_and_smooth_lobes_take_small_maps() {
+        let map = box_chain(32, &vec![Vec3::new(0.2, 1.0, 3.0); 6 * 32 * 32], Vec3::Y);
+        let texels = map.levels.iter().flatten();
+        assert!(texels.clone().count() > 6 * 32 * 32);
+        for t in texels {
+            assert!((Vec3::from(*t) - Vec3::new(0.2, 1.0, 3.0)).length() < 1e-5);
+        }
+        let levels = [10_000.0, 1000.0, 100.0, 20.0, 5.0, 1.0].map(|e| {
+            box_level(
+                Family::Phong,
+                super::super::lobes::phong_parameter(e),
+                128,
+                6,
+            )
+        });
+        assert_eq!(levels, [0.0, 0.0, 2.0, 3.0, 4.0, 5.0]);
+    }
+}

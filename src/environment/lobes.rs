@@ -1,0 +1,457 @@
+//! Lobes of glossy surfaces: which direction, how wide, how much.
+//!
+//! What a surface mirrors of light far away is an integral over the hemisphere Ω about its
+//! normal n,
+//!
+//! ```text
+//!   L_o(v) = ∫_Ω L(l) f(v, l) (n·l) dl  =  A · ∫ L(l) k(l) dl,    ∫ k = 1,
+//! ```
+//!
+//! with A = ∫ f (n·l) dl its directional albedo (split sum, Karis 2013) and k its lobe. k
+//! depends on n·v too. It is replaced by a lobe that is round about some direction d, of the
+//! family that maps are prefiltered for, with the same mean direction vector ∫ l k(l) dl: the
+//! vector's direction gives d, its length the width. So A is exact under constant light, the
+//! whole under light that changes linearly with direction (spherical harmonics of degree 1),
+//! and at n·v = 1, where the lobe is round, everywhere. What of a lobe lies below the surface's
+//! horizon is cut away before d and the width are found.
+//!
+//! | family | BRDF | round lobe of width w |
+//! |---|---|---|
+//! | [`Family::Ggx`] | D·F·G / (4 n·l n·v), GGX with height-correlated Smith masking (Heitz 2014), w = α = roughness² | that BRDF at v = n: D(h)·G₁(l), cosθ > 0 |
+//! | [`Family::Phong`] | (e + 2) / 2π · cosᵉ∠(l, r), r the mirror direction (Lafortune & Willems 1994) | cos^m θ, m = 1/w² |
+
+use super::light::CubeMap;
+use glam::{DVec3, Vec3};
+use std::f64::consts::{FRAC_PI_2, TAU};
+use std::sync::LazyLock;
+
+/// Which kind of lobe.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Family {
+    /// Microfacets; parameter: perceptual roughness.
+    Ggx,
+    /// Modified Phong; parameter: [`phong_parameter`] of the exponent.
+    Phong,
+}
+
+/// Largest exponent of Phong's lobe: its highlight is then as wide as a mirror's texel.
+pub const LARGEST_EXPONENT: f32 = 10_000.0;
+/// Doublings of exponent + 1 that the parameter 0..=1 spans.
+const EXPONENT_DOUBLINGS: f32 = 14.0;
+/// Roughness below which GGX is taken for a mirror.
+const SMOOTHEST: f32 = 0.03;
+
+/// An exponent as a number from 0 to 1, evenly by how wide the lobe is: log₂(e + 1) / 14.
+#[must_use]
+pub fn phong_parameter(exponent: f32) -> f32 {
+    ((exponent + 1.0).log2() / EXPONENT_DOUBLINGS).clamp(0.0, 1.0)
+}
+
+/// The inverse of [`phong_parameter`].
+#[must_use]
+pub fn phong_exponent(parameter: f32) -> f32 {
+    (parameter * EXPONENT_DOUBLINGS).exp2() - 1.0
+}
+
+/// How a surface mirrors at one n·v.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Response {
+    /// Directional albedo by F0 (GGX) or by the specular colour (Phong).
+    pub scale: f32,
+    /// What is added to it whatever F0 is; GGX with F90 = 1 only.
+    pub bias: f32,
+    /// From the mirror direction to d, radians, towards the normal.
+    pub tilt: f32,
+    /// Width of the round lobe.
+    pub width: f32,
+}
+
+impl Family {
+    /// The round lobe of width `w` at the cosine of the angle to its axis: 1 on the axis.
+    #[must_use]
+    pub fn round(self, w: f32, cos: f32) -> f32 {
+        self.at(f64::from(w), 1.0 - f64::from(cos)) as f32
+    }
+
+    /// The same by 1 − cosine, which narrow lobes need.
+    pub(super) fn by_versine(self, w: f32, versine: f64) -> f64 {
+        self.at(f64::from(w), versine)
+    }
+
+    fn at(self, w: f64, versine: f64) -> f64 {
+        let cos = 1.0 - versine;
+        if cos <= 0.0 {
+            return 0.0;
+        }
+        let a2 = w * w;
+        match self {
+            Self::Phong => ((-versine).ln_1p() / a2).exp(),
+            Self::Ggx => {
+                // cos² of the half angle is 1 − versine / 2.
+                let q = a2 + 0.5 * versine * (1.0 - a2);
+                let shadow = 2.0 * cos / (cos + (cos * cos * (1.0 - a2) + a2).sqrt());
+                a2 * a2 * shadow / (q * q)
+            }
+        }
+    }
+
+    /// ∫ of [`Self::round`] over the sphere, and its mean cosine.
+    #[must_use]
+    pub fn moments(self, w: f32) -> (f64, f64) {
+        let w = f64::from(w);
+        let (mut sum, mut along) = (0.0, 0.0);
+        radial(w, |versine, weight| {
+            let k = self.at(w, versine) * weight;
+            sum += k;
+            along += k * versine;
+        });
+        (sum * TAU, 1.0 - along / sum)
+    }
+
+    /// How this family answers at n·v for `parameter`.
+    #[must_use]
+    pub fn response(self, n_dot_v: f32, parameter: f32) -> Response {
+        let n_dot_v = f64::from(n_dot_v.clamp(1e-3, 1.0));
+        let sums = match self {
+            Self::Ggx => ggx_sums(n_dot_v, f64::from(parameter.max(SMOOTHEST))),
+            Self::Phong => phong_sums(n_dot_v, f64::from(phong_exponent(parameter))),
+        };
+        let mirror = DVec3::new((1.0 - n_dot_v * n_dot_v).sqrt(), 0.0, n_dot_v);
+        // In the plane of n (z) and the mirror direction; y cancels.
+        let angle = |d: DVec3| d.x.atan2(d.z);
+        Response {
+            scale: sums.scale as f32,
+            bias: sums.bias as f32,
+            tilt: (sums.share * (angle(mirror) - angle(sums.mean))) as f32,
+            width: self.width_of(sums.mean.length()) as f32,
+        }
+    }
+
+    /// Width of the round lobe whose mean cosine is `mean`.
+    fn width_of(self, mean: f64) -> f64 {
+        match self {
+            Self::Phong => {
+                let m = (2.0 * mean - 1.0) / (1.0 - mean).max(1e-9);
+                1.0 / m.max(1.0).sqrt()
+            }
+            Self::Ggx => ggx_width(mean),
+        }
+    }
+}
+
+/// Calls with 1 − cosine of angles from the axis up to 90° and weights sinθ dθ, closely
+/// spaced where a lobe of width `w` changes.
+fn radial(w: f64, mut each: impl FnMut(f64, f64)) {
+    const STEPS: usize = 192;
+    // θ = w · sinh(u), up to a right angle.
+    let top = (FRAC_PI_2 / w).asinh();
+    for i in 0..STEPS {
+        let u = top * (i as f64 + 0.5) / STEPS as f64;
+        let theta = w * u.sinh();
+        let step = w * u.cosh() * top / STEPS as f64;
+        let half = (0.5 * theta).sin();
+        each(2.0 * half * half, theta.sin() * step);
+    }
+}
+
+/// Looks up which width a round GGX lobe of that mean cosine has.
+fn ggx_width(mean: f64) -> f64 {
+    const STEPS: usize = 96;
+    const NARROWEST: f64 = 5e-4;
+    let width = |i: f64| NARROWEST.powf(1.0 - i / (STEPS - 1) as f64);
+    static MEANS: LazyLock<Vec<f64>> = LazyLock::new(|| {
+        let width = |i: usize| NARROWEST.powf(1.0 - i as f64 / (STEPS - 1) as f64);
+        (0..STEPS)
+            .map(|i| Family::Ggx.moments(width(i) as f32).1)
+            .collect()
+    });
+    // Means fall as widths grow.
+    match MEANS.partition_point(|m| *m > mean) {
+        0 => NARROWEST,
+        STEPS => 1.0,
+        above => {
+            let (high, low) = (MEANS[above - 1], MEANS[above]);
+            width((above - 1) as f64 + (high - mean) / (high - low).max(1e-12))
+        }
+    }
+}
+
+/// Sums over a lobe as a surface with normal +Z has it, its mirror direction towards +X.
+struct Sums {
+    scale: f64,
+    bias: f64,
+    /// Mean direction vector: as long as the mean cosine about its own direction.
+    mean: DVec3,
+    /// How far from the mirror direction to the mean's a round lobe belongs.
+    share: f64,
+}
+
+/// Directions per lobe.
+const SAMPLES: u32 = 512;
+
+/// Two evenly spread numbers: one from 0 to 1, and an angle.
+fn hammersley(i: u32) -> (f64, f64) {
+    let u = (f64::from(i) + 0.5) / f64::from(SAMPLES);
+    (u, TAU * f64::from(i.reverse_bits()) / 4_294_967_296.0)
+}
+
+/// GGX by importance sampling of half vectors:
+///
+/// ```text
+///   scale = Σ (1 − (1 − v·h)⁵) · G·v·h / (n·h n·v) / N,   bias = Σ (1 − v·h)⁵ · … / N
+/// ```
+fn ggx_sums(n_dot_v: f64, roughness: f64) -> Sums {
+    let a = roughness * roughness;
+    let v = DVec3::new(-(1.0 - n_dot_v * n_dot_v).sqrt(), 0.0, n_dot_v);
+    let (mut scale, mut bias, mut mean) = (0.0, 0.0, DVec3::ZERO);
+    for i in 0..SAMPLES {
+        let (u, phi) = hammersley(i);
+        let cos2 = (1.0 - u) / (1.0 + (a * a - 1.0) * u);
+        let (n_dot_h, sin) = (cos2.sqrt(), (1.0 - cos2).max(0.0).sqrt());
+        let h = DVec3::new(sin * phi.cos(), sin * phi.sin(), n_dot_h);
+        let v_dot_h = v.dot(h).max(0.0);
+        let l = 2.0 * v_dot_h * h - v;
+        if l.z > 0.0 {
+            let smith = |x: f64, y: f64| x * (y * y * (1.0 - a * a) + a * a).sqrt();
+            let masking = 2.0 * l.z * n_dot_v / (smith(l.z, n_dot_v) + smith(n_dot_v, l.z));
+            let weight = masking * v_dot_h / (n_dot_h * n_dot_v).max(1e-9);
+            let fresnel = (1.0 - v_dot_h).powi(5);
+            scale += (1.0 - fresnel) * weight;
+            bias += fresnel * weight;
+            mean += weight * DVec3::new(l.x, 0.0, l.z);
+        }
+    }
+    let count = f64::from(SAMPLES);
+    let total: f64 = scale + bias;
+    Sums {
+        scale: scale / count,
+        bias: bias / count,
+        mean: mean / total.max(1e-12),
+        // Seen at a slant the lobe has its peak near the mirror direction and a long tail
+        // that draws the mean away from it: half way fits maps best, all the way rough ones.
+        share: 0.5 * (1.0 + a),
+    }
+}
+
+/// Phong by importance sampling of cosᵉ about the mirror direction, weighted with n·l.
+fn phong_sums(n_dot_v: f64, exponent: f64) -> Sums {
+    let sin_v = (1.0 - n_dot_v * n_dot_v).sqrt();
+    let (mut sum, mut mean) = (0.0, DVec3::ZERO);
+    for i in 0..SAMPLES {
+        let (u, phi) = hammersley(i);
+        let cos = u.powf(1.0 / (exponent + 1.0));
+        let sin = (1.0 - cos * cos).max(0.0).sqrt();
+        let (x, up) = (sin * phi.cos(), cos);
+        // Turned from +Z to (sin_v, 0, n·v).
+        let l = DVec3::new(x * n_dot_v + up * sin_v, 0.0, up * n_dot_v - x * sin_v);
+        if l.z > 0.0 {
+            sum += l.z;
+            mean += l.z * l;
+        }
+    }
+    Sums {
+        scale: sum / f64::from(SAMPLES) * (exponent + 2.0) / (exponent + 1.0),
+        bias: 0.0,
+        mean: mean / sum.max(1e-12),
+        share: 1.0,
+    }
+}
+
+/// Widths that a map of `size` texels a side is prefiltered for, levels 1 up to `levels` − 1:
+/// in equal ratios up to 1, the narrowest a little more than a texel wide.
+#[must_use]
+pub fn widths(size: u32, levels: usize) -> Vec<f32> {
+    let lobes = levels.saturating_sub(1);
+    let narrowest = (NARROWEST_TEXELS / size as f32).min(0.5);
+    let step = |k: usize| (lobes - k) as f32 / lobes.saturating_sub(1).max(1) as f32;
+    (1..=lobes).map(|k| narrowest.powf(step(k))).collect()
+}
+
+/// Width of the narrowest lobe by the texels of a side, radians: 0.03 for 128.
+const NARROWEST_TEXELS: f32 = 3.84;
+
+/// Which level of a prefiltered map, and how far to the next, stands for a lobe.
+///
+/// Between two levels, of widths a < w < b, the mixture (1 − t) k_a + t k_b that is nearest
+/// to k_w (least squares over the sphere):
+///
+/// ```text
+///   t = ∫ (k_w − k_a)(k_b − k_a) / ∫ (k_b − k_a)²
+/// ```
+#[derive(Clone, Debug)]
+pub struct Levels {
+    family: Family,
+    /// Of level 0, which holds the map itself, and of all others.
+    widths: Vec<f32>,
+}
+
+impl Levels {
+    /// Of a map of `size` texels a side and so many levels.
+    #[must_use]
+    pub fn new(family: Family, size: u32, levels: usize) -> Self {
+        // A texel's own blur when it is interpolated: a tent, √⅙ texels wide.
+        let texel = (FRAC_PI_2 / f64::from(size) / 6.0_f64.sqrt()) as f32;
+        let mut all = vec![texel];
+        all.extend(widths(size, levels));
+        Self {
+            family,
+            widths: all,
+        }
+    }
+
+    /// The level for a round lobe of width `w`; its fraction is the mixture's t.
+    #[must_use]
+    pub fn level(&self, w: f32) -> f32 {
+        let above = self.widths.partition_point(|have| *have < w);
+        if above == 0 {
+            return 0.0;
+        }
+        if above == self.widths.len() {
+            return (above - 1) as f32;
+        }
+        (above - 1) as f32 + self.mixture(self.widths[above - 1], self.widths[above], w)
+    }
+
+    fn mixture(&self, a: f32, b: f32, w: f32) -> f32 {
+        let lobes = [a, b, w].map(|x| (f64::from(x), 1.0 / self.family.moments(x).0));
+        let (mut up, mut down) = (0.0, 0.0);
+        radial(f64::from(a), |versine, weight| {
+            let [ka, kb, kw] = lobes.map(|(x, norm)| self.family.at(x, versine) * norm);
+            up += (kw - ka) * (kb - ka) * weight;
+            down += (kb - ka) * (kb - ka) * weight;
+        });
+        (up / down.max(1e-30)).clamp(0.0, 1.0) as f32
+    }
+}
+
+/// The level of a map whose lobe is most nearly as wide.
+#[must_use]
+pub fn nearest_level(map: &CubeMap, width: f32) -> usize {
+    let off = |w: &f32| (w / width).log2().abs();
+    let all = widths(map.size, map.levels.len());
+    let best = (0..all.len()).min_by(|a, b| off(&all[*a]).total_cmp(&off(&all[*b])));
+    best.map_or(0, |k| k + 1)
+}
+
+/// Solid angle of a round lobe of width `w`, its integral over its peak, steradians.
+#[must_use]
+pub fn solid_angle(family: Family, w: f32) -> f32 {
+    family.moments(w).0 as f32
+}
+
+/// Width of the lobe at n·v = 1.
+#[must_use]
+pub fn own_width(family: Family, parameter: f32) -> f32 {
+    match family {
+        Family::Ggx => parameter.max(SMOOTHEST).powi(2),
+        Family::Phong => 1.0 / (phong_exponent(parameter) + 1.0).sqrt(),
+    }
+}
+
+/// Where a lobe looks: `mirror` turned by `tilt` towards the normal `n`, all unit vectors.
+#[must_use]
+pub fn tilted(mirror: Vec3, n: Vec3, tilt: f32) -> Vec3 {
+    let across = n - mirror * n.dot(mirror);
+    let (sin, cos) = tilt.sin_cos();
+    (mirror * cos + across / across.length().max(1e-4) * sin).normalize()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const EXPONENTS: [f32; 6] = [1.0, 5.0, 20.0, 100.0, 1000.0, LARGEST_EXPONENT];
+
+    #[test]
+    fn phong_mirrors_its_specular_share_straight_on_and_less_at_a_slant() {
+        for e in EXPONENTS {
+            let at = |n_dot_v| Family::Phong.response(n_dot_v, phong_parameter(e));
+            assert!((at(1.0).scale - 1.0).abs() < 1e-3, "{e}: {:?}", at(1.0));
+            assert!(at(1.0).tilt.abs() < 2e-3 && at(1.0).bias == 0.0);
+            let falling = [1.0, 0.8, 0.5, 0.2, 0.05].map(|n_dot_v| at(n_dot_v).scale);
+            assert!(falling.is_sorted_by(|a, b| a >= b), "{e}: {falling:?}");
+        }
+        // A narrow lobe is cut by the cosine alone.
+        let narrow = Family::Phong.response(0.3, phong_parameter(1000.0));
+        assert!((narrow.scale - 0.3).abs() < 1e-3, "{narrow:?}");
+    }
+
+    #[test]
+    fn no_surface_mirrors_more_than_arrives() {
+        for family in [Family::Ggx, Family::Phong] {
+            for (p, n_dot_v) in (0..=20).flat_map(|p| (1..=20).map(move |v| (p, v))) {
+                let (p, n_dot_v) = (p as f32 / 20.0, n_dot_v as f32 / 20.0);
+                let r = family.response(n_dot_v, p);
+                assert!(r.scale + r.bias <= 1.002, "{family:?} {p} {n_dot_v}: {r:?}");
+                assert!(r.scale >= 0.0 && r.bias >= 0.0 && r.width > 0.0 && r.width <= 1.0);
+            }
+        }
+        let smooth = Family::Ggx.response(0.9, 0.0);
+        assert!(
+            (smooth.scale + smooth.bias - 1.0).abs() < 0.01,
+            "{smooth:?}"
+        );
+    }
+
+    /// ∫ l k(l) dl of the round lobe is that of the surface's own.
+    #[test]
+    fn phongs_round_lobe_has_the_true_lobes_mean_direction() {
+        let n = 256;
+        for (e, n_dot_v) in [(1.0, 0.9), (1.0, 0.2), (20.0, 0.5), (100.0, 0.1)] {
+            let mirror = DVec3::new((1.0_f64 - n_dot_v * n_dot_v).sqrt(), 0.0, n_dot_v);
+            let (mut sum, mut total) = (DVec3::ZERO, 0.0);
+            for (i, k) in (0..n).flat_map(|i| (0..2 * n).map(move |k| (i, k))) {
+                let z = (f64::from(i) + 0.5) / f64::from(n);
+                let phi = TAU * f64::from(k) / f64::from(2 * n);
+                let r = (1.0 - z * z).sqrt();
+                let l = DVec3::new(r * phi.cos(), r * phi.sin(), z);
+                let weight = l.dot(mirror).max(0.0).powf(e) * z;
+                (sum, total) = (sum + l * weight, total + weight);
+            }
+            let got = Family::Phong.response(n_dot_v as f32, phong_parameter(e as f32));
+            let axis = tilted(mirror.as_vec3(), Vec3::Z, got.tilt);
+            let mean = Family::Phong.moments(got.width).1 as f32;
+            let off = axis * mean - (sum / total).as_vec3();
+            assert!(off.length() < 5e-3, "{e} {n_dot_v}: {off}");
+        }
+    }
+
+    #[test]
+    fn moments_of_cosine_lobes_have_a_closed_form() {
+        for w in [0.01_f32, 0.1, 0.5, 1.0] {
+            let m = 1.0 / f64::from(w).powi(2);
+            let (sum, mean) = Family::Phong.moments(w);
+            assert!((sum * (m + 1.0) / TAU - 1.0).abs() < 1e-3, "{w}: {sum}");
+            assert!(
+                (mean - (m + 1.0) / (m + 2.0)).abs() < 1e-3 * (1.0 - mean),
+                "{w}"
+            );
+        }
+    }
+
+    #[test]
+    fn parameters_and_exponents_are_inverse() {
+        for e in EXPONENTS {
+            assert!((phong_exponent(phong_parameter(e)) / e - 1.0).abs() < 1e-4);
+        }
+        assert_eq!((phong_parameter(0.0), phong_exponent(0.0)), (0.0, 0.0));
+    }
+
+    #[test]
+    fn levels_grow_with_the_width_and_hit_their_own_lobes() {
+        for family in [Family::Ggx, Family::Phong] {
+            let levels = Levels::new(family, 128, 6);
+            for (w, k) in widths(128, 6).into_iter().zip(1..) {
+                assert!((levels.level(w) - k as f32).abs() < 1e-3, "{family:?} {w}");
+            }
+            let all: Vec<f32> = (0..200)
+                .map(|i| levels.level(1e-4_f32.powf(1.0 - i as f32 / 199.0)))
+                .collect();
+            assert!(all.is_sorted(), "{family:?} {all:?}");
+            assert_eq!((all[0], all[199]), (0.0, 5.0));
+        }
+        // Maps too small for lobes, and none at all.
+        assert_eq!(Levels::new(Family::Ggx, 1, 1).level(0.5), 0.0);
+        assert_eq!(nearest_level(&CubeMap::default(), 0.1), 0);
+    }
+}
