@@ -5,13 +5,14 @@
 use crate::judge::{keep, square_differences, write};
 use crate::stage::{Stage, painted};
 use glam::{DVec2, DVec3, Vec3};
+use penumbra::environment::box_chain::box_chain;
 use penumbra::environment::cube::CubeGrid;
 use penumbra::environment::dome::DomeGrid;
 use penumbra::environment::harmonics::HarmonicsTable;
 use penumbra::environment::prefilter::Prefilter;
 use penumbra::environment::{DomeLight, LightKind, Lighting};
 use penumbra::picture::Picture;
-use penumbra::scene::{Material, primitives};
+use penumbra::scene::{Material, Phong, SceneTexture, primitives};
 use penumbra_interface::MonotonicTime;
 use std::path::Path;
 use std::sync::Arc;
@@ -85,7 +86,7 @@ fn room() -> Lighting {
     Lighting {
         captured_at: MonotonicTime::default(),
         generation: 1,
-        radiance: Arc::new(Prefilter::new(32).apply(&radiance)),
+        radiance: Arc::new(Prefilter::new(32).with_phong(true).apply(&radiance)),
         irradiance: HarmonicsTable::new(&fine.directions, &fine.solid_angles).project(&sky),
         lights,
         ground_radiance: Vec3::new(0.25, 0.22, 0.2),
@@ -213,4 +214,96 @@ fn golden_shorter_and_longer_exposure() {
         stage.exposure = penumbra::compositor::Exposure::Stops(stops);
         assert_golden(name, &stage.compose());
     }
+}
+
+/// A pattern of 4 by 4 knobs, as a normal map.
+fn knobs() -> Arc<SceneTexture> {
+    const SIDE: u32 = 64;
+    let texel = |i: u32| {
+        let at = |k: u32| ((k % 16) as f32 + 0.5) / 8.0 - 1.0;
+        let (x, y) = (at(i % SIDE), -at(i / SIDE));
+        let r2 = x * x + y * y;
+        let n = if r2 < 0.8 {
+            Vec3::new(x, y, (1.3 - r2).sqrt()).normalize()
+        } else {
+            Vec3::Z
+        };
+        let code = |v: f32| (127.5 * (v + 1.0)).round() as u8;
+        [code(n.x), code(n.y), code(n.z), 255]
+    };
+    Arc::new(SceneTexture {
+        width: SIDE,
+        height: SIDE,
+        rgba: (0..SIDE * SIDE).flat_map(texel).collect(),
+    })
+}
+
+fn stripes() -> Arc<SceneTexture> {
+    let texel = |i: u32| {
+        if i % 64 / 8 % 2 == 0 {
+            [230, 120, 40, 255]
+        } else {
+            [40, 90, 200, 255]
+        }
+    };
+    Arc::new(SceneTexture {
+        width: 64,
+        height: 64,
+        rgba: (0..64 * 64).flat_map(texel).collect(),
+    })
+}
+
+/// Three balls of Phong's model, the last striped, and a box with knobs.
+fn phong_stage() -> Stage {
+    let phong = |diffuse: Vec3, exponent: f32| Material {
+        base_colour: diffuse.extend(1.0),
+        phong: Some(Phong {
+            specular: Vec3::new(0.6, 0.5, 0.4),
+            exponent,
+        }),
+        ..Material::default()
+    };
+    let striped = Material {
+        base_colour_texture: Some(stripes()),
+        ..phong(Vec3::splat(0.4), 300.0)
+    };
+    let knobbed = Material {
+        normal_texture: Some(knobs()),
+        ..phong(Vec3::new(0.1, 0.2, 0.1), 60.0)
+    };
+    let ball = |x: f64, y: f64, material| {
+        painted(
+            primitives::sphere(0.04, 96, 48),
+            DVec3::new(x, y, 0.04),
+            material,
+        )
+    };
+    golden_stage()
+        .with_virtual(ball(-0.1, 0.06, phong(Vec3::splat(0.1), 3.0)))
+        .with_virtual(ball(0.0, 0.08, phong(Vec3::splat(0.1), 30.0)))
+        .with_virtual(ball(0.1, 0.06, striped))
+        .with_virtual(painted(
+            primitives::cuboid(Vec3::new(0.14, 0.1, 0.05)),
+            DVec3::new(0.0, -0.06, 0.0),
+            knobbed,
+        ))
+}
+
+#[test]
+fn golden_phong_balls_and_a_box_with_knobs() {
+    assert_golden("phong", &phong_stage().compose());
+}
+
+#[test]
+fn golden_phong_from_the_papers_chain() {
+    let mut stage = phong_stage();
+    let towards = stage.pose.unwrap().rotation * DVec3::NEG_Z;
+    if let Some(lighting) = &mut stage.lighting {
+        let texels: Vec<Vec3> = lighting.radiance.levels[0]
+            .iter()
+            .map(|t| Vec3::from(*t))
+            .collect();
+        lighting.radiance = Arc::new(box_chain(32, &texels, towards.as_vec3()));
+    }
+    assert_golden("phong-box", &stage.compose());
 }

@@ -5,6 +5,7 @@
 mod auto_exposure;
 mod baking;
 mod exposure;
+mod gloss;
 mod golden;
 mod judge;
 mod lamps;

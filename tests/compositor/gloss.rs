@@ -1,0 +1,319 @@
+//! Glossy surfaces: against the CPU's look-ups, closed forms, and tilted planes.
+
+use crate::judge::virtual_inside;
+use crate::stage::{Stage, cell, even_sky, lighting, looking_from, painted};
+use glam::{DMat4, DQuat, DVec2, DVec3, Vec3};
+use penumbra::calibration::Response;
+use penumbra::environment::box_chain::{box_chain, box_level};
+use penumbra::environment::cube::CubeGrid;
+use penumbra::environment::lobes::{Family, Levels, phong_parameter, tilted};
+use penumbra::environment::prefilter::{Prefilter, gathered};
+use penumbra::environment::{CubeMap, Lighting};
+use penumbra::picture::Picture;
+use penumbra::scene::{Material, Part, Phong, PlacedLamp, SceneTexture, primitives};
+use std::f32::consts::PI;
+use std::sync::Arc;
+
+const SPECULAR: Vec3 = Vec3::new(0.8, 0.5, 0.3);
+
+fn phong(diffuse: Vec3, exponent: f32) -> Material {
+    Material {
+        base_colour: diffuse.extend(1.0),
+        phong: Some(Phong {
+            specular: SPECULAR,
+            exponent,
+        }),
+        ..Material::default()
+    }
+}
+
+fn metal(roughness: f32) -> Material {
+    Material {
+        base_colour: SPECULAR.extend(1.0),
+        metallic: 1.0,
+        roughness,
+        ..Material::default()
+    }
+}
+
+/// What a material's lobe is called on the CPU, as the packed surface has it: in 255 steps.
+fn lobe(material: &Material) -> (Family, f32) {
+    let (family, p) = match material.phong {
+        Some(phong) => (Family::Phong, phong_parameter(phong.exponent)),
+        None => (Family::Ggx, material.roughness),
+    };
+    (family, (p * 255.0).round() / 255.0)
+}
+
+/// A sky of soft colours and one window, of `size` texels a side.
+fn sky(size: u32) -> Vec<Vec3> {
+    let at = |d: Vec3| {
+        let window = if d.dot(Vec3::new(0.5, -0.6, 0.6).normalize()) > 0.97 {
+            1.5
+        } else {
+            0.0
+        };
+        Vec3::new(0.3 + 0.2 * d.x, 0.3 + 0.2 * d.z, 0.3 - 0.2 * d.y) + window
+    };
+    CubeGrid::new(size).directions.into_iter().map(at).collect()
+}
+
+/// No light but what is mirrored.
+fn mirrored_only(map: CubeMap) -> Lighting {
+    Lighting {
+        radiance: Arc::new(map),
+        ..lighting(Vec::new(), 0.0)
+    }
+}
+
+fn ball(material: Material) -> Stage {
+    let part = painted(primitives::sphere(0.1, 192, 96), DVec3::ZERO, material);
+    let mut stage = Stage::new(96, 72).without_ground().with_virtual(part);
+    stage.settings.samples = 1;
+    stage
+}
+
+/// Pixels well inside the ball, with normal and direction to the eye there.
+fn seen(stage: &Stage) -> Vec<((u32, u32), Vec3, Vec3)> {
+    let twin = stage.twin();
+    let inside = virtual_inside(&twin, 1);
+    let pose = stage.pose.unwrap();
+    let width = stage.picture.width;
+    let all = (0..inside.len()).filter(|i| inside[*i]).map(|i| {
+        let (x, y) = (i as u32 % width, i as u32 / width);
+        let ray = stage
+            .camera
+            .unproject(DVec2::new(f64::from(x), f64::from(y)));
+        let v = -(pose.rotation * ray).normalize();
+        ((x, y), twin.pixels[i].normal.as_vec3(), v.as_vec3())
+    });
+    all.collect()
+}
+
+/// Mean difference of codes from what `expected` says, n·v above 0.1, and that which one in two
+/// hundred exceeds (edges of the window may be a pixel off).
+fn differences(stage: &Stage, ours: &Picture, expected: impl Fn(Vec3, Vec3) -> Vec3) -> (u8, f64) {
+    let mut all = Vec::new();
+    for ((x, y), n, v) in seen(stage).into_iter().filter(|(_, n, v)| n.dot(*v) > 0.1) {
+        let codes = expected(n, v)
+            .to_array()
+            .map(|l| stage.response.code_from_linear(l));
+        let pairs = ours.rgb(x, y).into_iter().zip(codes);
+        all.extend(pairs.map(|(a, b)| a.abs_diff(b)));
+    }
+    assert!(all.len() > 2000, "{}", all.len());
+    all.sort_unstable();
+    let mean = all.iter().map(|d| f64::from(*d)).sum::<f64>() / all.len() as f64;
+    (all[all.len() * 199 / 200], mean)
+}
+
+#[test]
+fn lobes_gather_on_the_gpu_what_they_gather_on_the_cpu() {
+    let map = Prefilter::new(64).with_phong(true).apply(&sky(64));
+    let metals = [0.1, 0.35, 0.7, 1.0].map(metal);
+    let phongs = [1.0, 20.0, 1000.0].map(|e| phong(Vec3::ZERO, e));
+    for material in metals.into_iter().chain(phongs) {
+        let (family, p) = lobe(&material);
+        let levels = Levels::new(family, map.size, map.levels.len());
+        let stage = ball(material).lit(mirrored_only(map.clone()));
+        let (most, mean) = differences(&stage, &stage.compose(), |n, v| {
+            let r = family.response(n.dot(v), p);
+            let d = tilted(n * (2.0 * n.dot(v)) - v, n, r.tilt);
+            let light = gathered(&map, family, levels.level(r.width), d);
+            light * (SPECULAR * r.scale + r.bias)
+        });
+        assert!(most <= 5 && mean < 0.9, "{family:?} {p}: {most} {mean}");
+    }
+}
+
+#[test]
+fn the_papers_chain_shows_one_level_and_no_cosine() {
+    let axis = Vec3::new(0.1, -0.8, 0.6).normalize();
+    let map = box_chain(64, &sky(64), axis);
+    for exponent in [5.0, 100.0] {
+        let material = phong(Vec3::ZERO, exponent);
+        let (family, p) = lobe(&material);
+        let level = box_level(family, p, map.size, map.levels.len());
+        let stage = ball(material).lit(mirrored_only(map.clone()));
+        let (most, mean) = differences(&stage, &stage.compose(), |n, v| {
+            gathered(&map, family, level, n * (2.0 * n.dot(v)) - v) * SPECULAR
+        });
+        assert!(most <= 5 && mean < 0.9, "{exponent}: {most} {mean}");
+    }
+}
+
+#[test]
+fn an_even_sky_comes_back_by_the_shares_of_the_material() {
+    let diffuse = Vec3::new(0.2, 0.4, 0.1);
+    for exponent in [0.0, 1.0, 30.0, 10_000.0] {
+        let material = phong(diffuse, exponent);
+        let (family, p) = lobe(&material);
+        let stage = ball(material).lit(even_sky(0.7));
+        let (most, mean) = differences(&stage, &stage.compose(), |n, v| {
+            0.7 * (diffuse + SPECULAR * family.response(n.dot(v), p).scale)
+        });
+        assert!(most <= 3 && mean < 1.3, "{exponent}: {most} {mean}");
+    }
+}
+
+/// A tile seen from above.
+fn tile(material: Material) -> Stage {
+    let part = painted(primitives::plane(0.3, 0.3), DVec3::ZERO, material);
+    let mut stage = Stage::new(80, 80).without_ground().with_virtual(part);
+    stage.pose = Some(looking_from(DVec3::new(0.0, -1e-4, 0.5), DVec3::ZERO));
+    stage
+}
+
+fn linear(picture: &Picture, x: u32, y: u32) -> Vec3 {
+    let table = Response::srgb();
+    Vec3::from(
+        picture
+            .rgb(x, y)
+            .map(|c| table.linear_from_code()[usize::from(c)]),
+    )
+}
+
+#[test]
+fn a_lamps_highlight_is_phongs_lobe() {
+    let diffuse = Vec3::splat(0.1);
+    for (exponent, slant) in [(2.0, 0.5_f32), (20.0, 0.3), (200.0, 0.1)] {
+        let lamp = PlacedLamp {
+            position: Vec3::new(slant.sin(), 0.0, slant.cos()),
+            direction: Vec3::NEG_Z,
+            intensity: Vec3::splat(0.06),
+            cone: None,
+        };
+        let mut stage =
+            tile(phong(diffuse, exponent)).lit(lighting(vec![cell(Vec3::Z, Vec3::ZERO)], 0.0));
+        stage.lamps = vec![lamp];
+        let shown = linear(&stage.compose(), 39, 40);
+        let (at, v) = on_tile(&stage, 39, 40);
+        let off = stage.lamps[0].position - at;
+        let l = off.normalize();
+        let along = (Vec3::Z * (2.0 * v.z) - v).dot(l);
+        let brdf = diffuse / PI + SPECULAR * ((exponent + 2.0) / (2.0 * PI) * along.powf(exponent));
+        let expected = brdf * (0.06 * l.z / off.length_squared());
+        let off = (shown - expected).abs() / expected.max(Vec3::splat(0.02));
+        assert!(off.max_element() < 0.06, "{exponent}: {shown} {expected}");
+    }
+}
+
+/// The point of the tile that a pixel shows, and the direction to the eye.
+fn on_tile(stage: &Stage, x: u32, y: u32) -> (Vec3, Vec3) {
+    let pose = stage.pose.unwrap();
+    let ray = stage
+        .camera
+        .unproject(DVec2::new(f64::from(x), f64::from(y)));
+    let ray = pose.rotation * ray.normalize();
+    let at = pose.translation - ray * (pose.translation.z / ray.z);
+    (at.as_vec3(), -ray.as_vec3())
+}
+
+fn normal_map(n: Vec3) -> Option<Arc<SceneTexture>> {
+    let code = |v: f32| (127.5 * (v + 1.0)).round() as u8;
+    Some(Arc::new(SceneTexture {
+        width: 1,
+        height: 1,
+        rgba: vec![code(n.x), code(n.y), code(n.z), 255],
+    }))
+}
+
+fn turned(part: &mut Part, n: Vec3) {
+    let turn = DQuat::from_rotation_arc(DVec3::Z, n.as_dvec3().normalize());
+    part.world_from_part = DMat4::from_quat(turn);
+}
+
+#[test]
+fn a_normal_map_that_tilts_is_a_tilted_plane() {
+    let map = Prefilter::new(64).with_phong(true).apply(&sky(64));
+    for n in [
+        Vec3::new(0.4, 0.0, 0.9),
+        Vec3::new(-0.2, 0.5, 0.8),
+        Vec3::new(-0.3, -0.3, 0.9),
+    ] {
+        let n = n.normalize();
+        for material in [
+            metal(0.3),
+            phong(Vec3::splat(0.15), 40.0),
+            phong(Vec3::ZERO, 2.0),
+        ] {
+            let light = Lighting {
+                radiance: Arc::new(map.clone()),
+                ..even_sky(0.5)
+            };
+            let mapped = tile(Material {
+                normal_texture: normal_map(n),
+                ..material.clone()
+            })
+            .lit(light.clone());
+            let mut plane = tile(material).lit(light);
+            turned(&mut plane.scene.virtual_parts[0], n);
+            let (a, b) = (mapped.compose().rgb(39, 40), plane.compose().rgb(39, 40));
+            let close = (0..3).all(|c| a[c].abs_diff(b[c]) <= 3);
+            assert!(close, "{n}: {a:?} {b:?}");
+        }
+    }
+}
+
+#[test]
+fn half_the_normal_maps_scale_is_half_its_slope() {
+    let light = Lighting {
+        radiance: Arc::new(Prefilter::new(64).apply(&sky(64))),
+        ..even_sky(0.0)
+    };
+    let n = Vec3::new(0.6, 0.0, 0.8);
+    let mapped = tile(Material {
+        normal_texture: normal_map(n),
+        normal_scale: 0.5,
+        ..metal(0.2)
+    })
+    .lit(light.clone());
+    let mut plane = tile(metal(0.2)).lit(light);
+    turned(&mut plane.scene.virtual_parts[0], Vec3::new(0.3, 0.0, 0.8));
+    let (a, b) = (mapped.compose().rgb(39, 40), plane.compose().rgb(39, 40));
+    assert!((0..3).all(|c| a[c].abs_diff(b[c]) <= 3), "{a:?} {b:?}");
+}
+
+#[test]
+fn a_mirrored_placement_mirrors_its_normal_map_with_it() {
+    let light = Lighting {
+        radiance: Arc::new(Prefilter::new(64).apply(&sky(64))),
+        ..even_sky(0.0)
+    };
+    let (n, mirrored) = (Vec3::new(0.3, 0.4, 0.85), Vec3::new(-0.3, 0.4, 0.85));
+    let mut mapped = tile(Material {
+        normal_texture: normal_map(n.normalize()),
+        ..metal(0.2)
+    })
+    .lit(light.clone());
+    mapped.scene.virtual_parts[0].world_from_part = DMat4::from_scale(DVec3::new(-1.0, 1.0, 1.0));
+    let mut plane = tile(metal(0.2)).lit(light);
+    turned(&mut plane.scene.virtual_parts[0], mirrored);
+    let (a, b) = (mapped.compose().rgb(39, 40), plane.compose().rgb(39, 40));
+    assert!((0..3).all(|c| a[c].abs_diff(b[c]) <= 3), "{a:?} {b:?}");
+}
+
+#[test]
+fn phongs_lobe_comes_and_goes_with_the_scene() {
+    let map = Prefilter::new(64).with_phong(true).apply(&sky(64));
+    let mut stage = ball(metal(0.3)).lit(mirrored_only(map));
+    let mut compositor = stage.compositor();
+    let first = stage.compose_with(&mut compositor);
+    stage.scene.virtual_parts[0].material = Arc::new(phong(Vec3::ZERO, 50.0));
+    compositor.set_scene(&stage.scene, &penumbra::scene::casters(&stage.scene));
+    assert!(stage.compose_with(&mut compositor) == stage.compose());
+    stage.scene.virtual_parts[0].material = Arc::new(metal(0.3));
+    compositor.set_scene(&stage.scene, &penumbra::scene::casters(&stage.scene));
+    assert!(stage.compose_with(&mut compositor) == first);
+}
+
+#[test]
+fn without_maps_of_its_own_phong_is_never_black() {
+    let map = Prefilter::new(64).apply(&sky(64));
+    let stage = ball(phong(Vec3::ZERO, 20.0)).lit(mirrored_only(map));
+    let ours = stage.compose();
+    for ((x, y), n, v) in seen(&stage) {
+        let darkest = ours.rgb(x, y)[0];
+        assert!(darkest > 20 || n.dot(v) < 0.3, "{x} {y}: {darkest}");
+    }
+}
