@@ -118,11 +118,11 @@ fn constant_light_comes_back_as_the_albedo_says() {
     let all = errors(&[vec![Vec3::new(0.3, 1.0, 2.0); 6 * (SIZE * SIZE) as usize]]);
     print("constant", &all[0]);
     for e in &all[0] {
-        // GGX's sum goes over 512 half vectors.
+        // GGX's sum goes over 1024 half vectors.
         let most = if e.lobe.0 == Family::Phong {
             2e-3
         } else {
-            1.2e-2
+            8e-3
         };
         assert!(e.prefiltered < most, "{:?}: {}", e.lobe, e.prefiltered);
     }
@@ -138,7 +138,7 @@ fn gradients_are_followed() {
         let most = if e.lobe.0 == Family::Phong {
             0.025
         } else {
-            0.08
+            0.05
         };
         assert!(e.prefiltered < most, "{:?}: {}", e.lobe, e.prefiltered);
     }
@@ -149,9 +149,9 @@ fn a_small_source_is_the_hardest() {
     let all = errors(&[drawn(SIZE, maps::spot)]);
     print("spot", &all[0]);
     for e in &all[0] {
-        let most = if e.lobe.0 == Family::Phong { 0.2 } else { 0.75 };
+        let most = if e.lobe.0 == Family::Phong { 0.15 } else { 0.75 };
         assert!(e.prefiltered < most, "{:?}: {}", e.lobe, e.prefiltered);
-        assert!(e.prefiltered < e.boxed.max(0.35), "{:?}", e.lobe);
+        assert!(e.prefiltered < e.boxed, "{:?}", e.lobe);
     }
 }
 
@@ -161,7 +161,7 @@ fn photographed_maps_come_out_nearer_than_from_the_papers_chain() {
     let (names, texels): (Vec<_>, Vec<_>) = maps.into_iter().unzip();
     // The sun outdoors is a hundred thousand times as bright as the sky: all depends on lobes'
     // tails there.
-    let most = [[0.12, 0.09], [0.5, 0.45]];
+    let most = [[0.13, 0.11], [0.5, 0.45]];
     for ((name, list), most) in names.iter().zip(errors(&texels)).zip(most) {
         print(name, &list);
         for (family, most) in [Family::Ggx, Family::Phong].into_iter().zip(most) {
