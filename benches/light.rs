@@ -4,10 +4,17 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use glam::Vec3;
+use glam::{DQuat, DVec2, DVec3, Vec3};
+use penumbra::calibration::Response;
+use penumbra::calibration::rig::{EnvironmentView, FisheyeLens};
 use penumbra::environment::box_chain::box_chain;
 use penumbra::environment::cube::CubeGrid;
 use penumbra::environment::prefilter::Prefilter;
+use penumbra::environment::{
+    Bracket, EnvironmentEstimator, EnvironmentInput, EnvironmentSettings, Filtering,
+};
+use penumbra::picture::Picture;
+use penumbra_interface::{MonotonicTime, RigidTransform};
 use std::hint::black_box;
 
 /// The default of `[environment] cube_size`, and the size of the paper's probe.
@@ -41,5 +48,65 @@ fn filtering(c: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, filtering);
+/// A fisheye's picture of 640×480: dim, with a bright lamp.
+fn photograph() -> Picture {
+    let code = |i: u32| {
+        let (x, y) = (i % 640, i / 640);
+        let lamp = x.abs_diff(400) < 9 && y.abs_diff(180) < 9;
+        let v = if lamp {
+            255
+        } else {
+            (40 + (x + 2 * y) % 90) as u8
+        };
+        [v, v, v / 2 + 30, 255]
+    };
+    Picture {
+        width: 640,
+        height: 480,
+        rgba: (0..640 * 480).flat_map(code).collect(),
+    }
+}
+
+/// The whole way: sources, cube, irradiance, dome lights and reflections.
+fn light(c: &mut Criterion) {
+    let view = EnvironmentView::Fisheye {
+        lens: FisheyeLens {
+            width: 640,
+            height: 480,
+            focal: 151.0,
+            centre: DVec2::new(320.0, 240.0),
+            distortion: [0.0; 4],
+            max_theta: std::f64::consts::FRAC_PI_2,
+        },
+        world_from_camera: RigidTransform::new(DQuat::IDENTITY, DVec3::ZERO),
+    };
+    let picture = photograph();
+    let mut group = c.benchmark_group("light of 640x480");
+    group.sample_size(20);
+    for (name, size, filtering, phong) in [
+        ("64, ggx", 64, Filtering::Prefiltered, false),
+        ("64, ggx and phong", 64, Filtering::Prefiltered, true),
+        ("128, ggx", 128, Filtering::Prefiltered, false),
+        ("128, ggx and phong", 128, Filtering::Prefiltered, true),
+        ("128, box", 128, Filtering::Box, true),
+    ] {
+        let settings = EnvironmentSettings {
+            cube_size: size,
+            filtering,
+            phong,
+            ..EnvironmentSettings::default()
+        };
+        let mut estimator =
+            EnvironmentEstimator::new(&view, &Response::srgb(), settings, None).unwrap();
+        let brackets = [Bracket {
+            picture: &picture,
+            ev: 0.0,
+        }];
+        let input = EnvironmentInput::new(&brackets, MonotonicTime::default());
+        group.bench_function(name, |b| b.iter(|| estimator.update(black_box(&input))));
+    }
+    group.finish();
+}
+
+criterion_group!(benches, filtering, light);
 criterion_main!(benches);

@@ -240,7 +240,7 @@ fn knobs() -> Arc<SceneTexture> {
 
 fn stripes() -> Arc<SceneTexture> {
     let texel = |i: u32| {
-        if i % 64 / 8 % 2 == 0 {
+        if (i % 64 / 8).is_multiple_of(2) {
             [230, 120, 40, 255]
         } else {
             [40, 90, 200, 255]

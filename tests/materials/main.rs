@@ -149,7 +149,11 @@ fn a_small_source_is_the_hardest() {
     let all = errors(&[drawn(SIZE, maps::spot)]);
     print("spot", &all[0]);
     for e in &all[0] {
-        let most = if e.lobe.0 == Family::Phong { 0.15 } else { 0.75 };
+        let most = if e.lobe.0 == Family::Phong {
+            0.15
+        } else {
+            0.75
+        };
         assert!(e.prefiltered < most, "{:?}: {}", e.lobe, e.prefiltered);
         assert!(e.prefiltered < e.boxed, "{:?}", e.lobe);
     }

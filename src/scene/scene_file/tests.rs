@@ -394,7 +394,7 @@ fn mistakes_in_phong_materials_are_named() {
         ),
         (
             phong("shininess = 3"),
-            "s.toml:4: `object[0].material.phong.shininess`: unknown key; known here: `diffuse`, `specular`, `exponent`",
+            "s.toml:4: unknown key `object[0].material.phong.shininess`; known here: diffuse, specular, exponent",
         ),
         (
             ball("roughness = 0.5\nmaterial.phong = { specular = [0, 0, 0], exponent = 3 }"),
