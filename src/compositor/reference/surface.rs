@@ -174,7 +174,8 @@ fn described(seen: Seen, hit: Hit, parts: &[Part]) -> Surface {
     };
     if let Some(part) = parts.get(hit.part) {
         let m = &part.material;
-        surface.diffuse = m.base_colour.truncate().as_dvec3() * f64::from(1.0 - m.metallic);
+        let metallic = if m.phong.is_some() { 0.0 } else { m.metallic };
+        surface.diffuse = m.base_colour.truncate().as_dvec3() * f64::from(1.0 - metallic);
         surface.emissive = m.emissive.as_dvec3();
         surface.mirror = part.mirror;
     }
