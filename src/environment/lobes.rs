@@ -69,7 +69,8 @@ pub struct Response {
     pub scale: f32,
     /// What is added to it whatever F0 is; GGX with F90 = 1 only.
     pub bias: f32,
-    /// From the mirror direction to d, radians, towards the normal.
+    /// How far from the mirror direction to the normal d lies: 0 there, 1 here; beyond 1 past the
+    /// normal.
     pub tilt: f32,
     /// Width of the round lobe.
     pub width: f32,
@@ -120,7 +121,7 @@ impl Family {
     /// How this family answers at n·v for `parameter`.
     #[must_use]
     pub fn response(self, n_dot_v: f32, parameter: f32) -> Response {
-        let n_dot_v = f64::from(n_dot_v.clamp(1e-3, 1.0));
+        let n_dot_v = f64::from(n_dot_v.clamp(1e-3, 0.999));
         let sums = match self {
             Self::Ggx => ggx_sums(n_dot_v, f64::from(parameter.max(SMOOTHEST))),
             Self::Phong => phong_sums(n_dot_v, f64::from(phong_exponent(parameter))),
@@ -128,10 +129,11 @@ impl Family {
         let mirror = DVec3::new((1.0 - n_dot_v * n_dot_v).sqrt(), 0.0, n_dot_v);
         // In the plane of n (z) and the mirror direction; y cancels.
         let angle = |d: DVec3| d.x.atan2(d.z);
+        let slant = angle(mirror);
         Response {
             scale: sums.scale as f32,
             bias: sums.bias as f32,
-            tilt: (sums.share * (angle(mirror) - angle(sums.mean))) as f32,
+            tilt: (sums.share * (1.0 - angle(sums.mean) / slant)) as f32,
             width: self.width_of(&sums) as f32,
         }
     }
@@ -374,11 +376,13 @@ pub fn own_width(family: Family, parameter: f32) -> f32 {
     }
 }
 
-/// Where a lobe looks: `mirror` turned by `tilt` towards the normal `n`, all unit vectors.
+/// Where a lobe looks: `mirror` turned by the share `tilt` of the way to the normal `n`, all
+/// unit vectors.
 #[must_use]
 pub fn tilted(mirror: Vec3, n: Vec3, tilt: f32) -> Vec3 {
-    let across = n - mirror * n.dot(mirror);
-    let (sin, cos) = tilt.sin_cos();
+    let cosine = n.dot(mirror);
+    let across = n - mirror * cosine;
+    let (sin, cos) = (tilt * cosine.clamp(-1.0, 1.0).acos()).sin_cos();
     (mirror * cos + across / across.length().max(1e-4) * sin).normalize()
 }
 
@@ -393,7 +397,7 @@ mod tests {
         for e in EXPONENTS {
             let at = |n_dot_v| Family::Phong.response(n_dot_v, phong_parameter(e));
             assert!((at(1.0).scale - 1.0).abs() < 1e-3, "{e}: {:?}", at(1.0));
-            assert!(at(1.0).tilt.abs() < 2e-3 && at(1.0).bias == 0.0);
+            assert!((0.0..=1.0).contains(&at(1.0).tilt) && at(1.0).bias == 0.0);
             let falling = [1.0, 0.8, 0.5, 0.2, 0.05].map(|n_dot_v| at(n_dot_v).scale);
             assert!(falling.is_sorted_by(|a, b| a >= b), "{e}: {falling:?}");
         }

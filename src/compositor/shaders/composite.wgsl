@@ -51,9 +51,12 @@ fn ground_radiance(world: vec3f, metres: f32) -> vec4f {
     let p = pixel_of(world);
     let uv = (p.xy + vec2f(0.5)) * frame.size.zw;
     let edge = min(min(uv.x, 1.0 - uv.x), min(uv.y, 1.0 - uv.y));
-    let inside = smoothstep(-0.02, 0.05, edge) * select(0.0, 1.0, p.z > frame.eye.w);
     // Level 0 of the surroundings is half the picture.
     let pixels = metres * frame.intrinsics.x / max(p.z, 1e-3);
+    // Of what is blurred as wide as that, a part lies beside the picture or behind the camera.
+    let reach = min(0.5 * pixels * frame.size.z, 0.5);
+    let ahead = smoothstep(frame.eye.w, frame.eye.w + metres, p.z);
+    let inside = smoothstep(-0.02 - reach, 0.05 + reach, edge) * ahead;
     let lod = clamp(log2(max(pixels * 0.5, 1.0)), 0.0, frame.params.w);
     let seen = textureSampleLevel(surroundings, smooth_sampler, clamp(uv, vec2f(0.0), vec2f(1.0)), lod).rgb;
     return vec4f(seen, inside);

@@ -33,10 +33,13 @@ fn gloss_row(g: Gloss) -> f32 {
     return 0.5 * (within + select(0.0, 1.0, g.phong));
 }
 
-// The unit vector `mirror` turned by `tilt` towards `n`; twin of `lobes::tilted`.
+// The unit vector `mirror` turned by the share `tilt` of the way to `n`; twin of
+// `lobes::tilted`.
 fn tilted(mirror: vec3f, n: vec3f, tilt: f32) -> vec3f {
-    let across = n - mirror * dot(n, mirror);
-    return normalize(mirror * cos(tilt) + across * (sin(tilt) / max(length(across), 1e-4)));
+    let cosine = dot(n, mirror);
+    let across = n - mirror * cosine;
+    let angle = tilt * acos(clamp(cosine, -1.0, 1.0));
+    return normalize(mirror * cos(angle) + across * (sin(angle) / max(length(across), 1e-4)));
 }
 
 // BRDF, without its Fresnel factor, for a light in direction `l`.
