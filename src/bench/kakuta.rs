@@ -8,11 +8,11 @@ use super::BenchOptions;
 use super::report::{BenchReport, Percentiles, Row};
 use super::stage::{Passes, WARM_UP, camera, looking, picture};
 use crate::calibration::Response;
-use crate::compositor::planes::{PlanesChoice, bake};
+use crate::compositor::planes::{PlanesChoice, SourceBaker, bake};
 use crate::compositor::{
     Compositor, CompositorSettings, Exposure, FrameInput, Gpu, GpuError, Refresh, ShadowMode,
 };
-use crate::environment::geodesic::{FaceLight, GeodesicDome, Membership};
+use crate::environment::geodesic::{FaceLight, FaceSource, GeodesicDome, Membership};
 use crate::environment::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
 use crate::scene::gate::temple_gate;
 use crate::scene::planes::{Bake, BakeSettings, PlaneSettings, generate};
@@ -76,7 +76,8 @@ fn measure(gpu: &Gpu, case: &Case, options: &BenchOptions) -> Result<Row, GpuErr
     };
     let mut compositor = Compositor::new(gpu.clone(), settings, Response::srgb());
     compositor.set_scene(&scene, &crate::scene::casters(&scene));
-    compositor.set_bake(Some(&bake))?;
+    let sources = SourceBaker::new(gpu, &scene, &bake);
+    compositor.set_bake_with_sources(Some(&bake), Some(sources))?;
     let mut sky = Sky::new();
     let (picture, camera) = (picture(width, height), camera(width, height));
     let (mut wall, mut gpu_total, mut passes) = (Vec::new(), Vec::new(), Passes::default());
@@ -169,6 +170,8 @@ struct Sky {
     radiance: Arc<CubeMap>,
 }
 
+/// Half angle of its disc, as a cosine.
+const SUN_EDGE: f32 = 0.998;
 /// Towards the sun.
 const SUN: Vec3 = Vec3::new(0.36, -0.48, 0.8);
 
@@ -203,13 +206,34 @@ impl Sky {
         }
     }
 
+    /// The sun as a compact source among the faces' light, in the colour of its disc.
+    fn sun(&self, brightness: f32) -> FaceSource {
+        let colour = Vec3::new(1.0, 1.0, 0.9) * brightness;
+        let mut sun = FaceSource {
+            id: 0,
+            direction: SUN,
+            angular_radius: SUN_EDGE.acos(),
+            ..FaceSource::default()
+        };
+        let table = &self.membership;
+        let faces = table.ranges().zip(0..);
+        let pixels = faces.flat_map(|(range, face)| range.map(move |at| (at, face)));
+        let disc = pixels.filter_map(|(at, face)| {
+            let (pixel, weight) = (*table.pixels.get(at)?, *table.weights.get(at)?);
+            let inside = self.directions.get(pixel as usize)?.dot(SUN) > SUN_EDGE;
+            inside.then_some((face, weight, colour))
+        });
+        sun.take(disc);
+        sun
+    }
+
     /// The light of frame `i`: clouds move, and the sun behind them brightens and fades.
     fn lighting(&mut self, i: u32) -> Lighting {
         let time = 0.3 * i as f32;
         let sun = 60.0 * (1.2 + time.sin());
         let of = |d: &Vec3| {
             let cloud = 0.5 + 0.4 * (4.0 * d.x + time).sin() * (5.0 * d.y - 0.7 * time).cos();
-            let disc = if d.dot(SUN) > 0.998 { sun } else { 0.0 };
+            let disc = if d.dot(SUN) > SUN_EDGE { sun } else { 0.0 };
             [
                 0.4 * cloud + disc,
                 0.5 * cloud + disc,
@@ -241,6 +265,7 @@ impl Sky {
                 frequency: BakeSettings::default().frequency,
                 membership: self.membership.clone(),
                 radiance: Arc::new(self.directions.iter().map(of).collect()),
+                sources: vec![self.sun(sun)],
             })),
         }
     }

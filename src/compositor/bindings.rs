@@ -27,6 +27,8 @@ pub enum Slot {
     Volume,
     /// An array of textures of half floats that compute shaders write.
     WrittenLayers,
+    /// A texture of four codes of 8 bits that compute shaders write.
+    WrittenCodes,
     Sampler,
     Comparison,
 }
@@ -59,6 +61,11 @@ impl Slot {
                 access: wgpu::StorageTextureAccess::WriteOnly,
                 format: format::LIGHT,
                 view_dimension: wgpu::TextureViewDimension::D2Array,
+            },
+            Self::WrittenCodes => BindingType::StorageTexture {
+                access: wgpu::StorageTextureAccess::WriteOnly,
+                format: wgpu::TextureFormat::Rgba8Unorm,
+                view_dimension: wgpu::TextureViewDimension::D2,
             },
             Self::Volume => texture(true, wgpu::TextureViewDimension::D3, false),
             Self::Layers => texture(true, wgpu::TextureViewDimension::D2Array, false),

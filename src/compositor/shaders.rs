@@ -240,7 +240,7 @@ pub fn exposing(constants: &str) -> [(&'static str, String); 3] {
 
 /// The shaders that bake basis images of `resolution²` texels.
 #[must_use]
-pub fn baking(resolution: u32) -> [(&'static str, String); 3] {
+pub fn baking(resolution: u32) -> [(&'static str, String); 4] {
     let text = |parts: &[&str]| {
         parts
             .join("\n")
@@ -254,9 +254,21 @@ pub fn baking(resolution: u32) -> [(&'static str, String); 3] {
         ("bake_map", text(&[include_str!("shaders/bake_map.wgsl")])),
         (
             "bake_evaluate",
-            text(&[NORMAL, include_str!("shaders/bake_evaluate.wgsl")]),
+            text(&[NORMAL, LOST, include_str!("shaders/bake_evaluate.wgsl")]),
+        ),
+        (
+            "bake_source",
+            text(&[SUM_PLANES, LOST, include_str!("shaders/bake_source.wgsl")]),
         ),
     ]
+}
+
+/// The shader that gives compact sources lights of their own.
+#[must_use]
+pub fn lighting() -> (&'static str, String) {
+    let text = include_str!("shaders/planes_lights.wgsl");
+    let sources = format!("{}u", super::planes::SOURCES);
+    ("planes_lights", text.replace("SOURCES", &sources))
 }
 
 /// The shader that plans which basis images are summed.
@@ -299,6 +311,7 @@ pub struct Summing {
     pub side: u32,
 }
 
+const LOST: &str = include_str!("shaders/lib/lost.wgsl");
 const SUM_PLANES: &str = include_str!("shaders/lib/sum_planes.wgsl");
 
 /// The module named `name`.
@@ -356,7 +369,9 @@ mod tests {
                     side: 128,
                 })
             });
-            let planes = planes.into_iter().chain([super::planning()]);
+            let planes = planes
+                .into_iter()
+                .chain([super::planning(), super::lighting()]);
             let exposing = super::exposing(&crate::compositor::exposure::constants());
             let all = frame.into_iter().chain(super::baking(128)).chain(planes);
             let all = all.chain(exposing);

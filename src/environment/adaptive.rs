@@ -3,9 +3,10 @@
 
 use super::cells::Cells;
 use super::cube::CubeGrid;
+use super::geodesic::FaceSource;
 use super::light::{DomeLight, LightKind};
 use super::sources::{LUMINANCE, Source};
-use super::tracking::SourceTracker;
+use super::tracking::{SourceTracker, above_horizon};
 use glam::{Mat3, Vec3};
 
 /// A light keeps its place while it has moved by less than this part of its radius: the
@@ -117,6 +118,41 @@ impl AdaptiveDome {
                 lights: s.lights,
             })
             .collect()
+    }
+
+    /// The same in the order in which they were found, each spread over the directions of its
+    /// lights; what they take from faces is left open.
+    pub(super) fn face_sources(&self) -> impl Iterator<Item = FaceSource> + '_ {
+        self.tracker.sources.iter().map(|source| FaceSource {
+            id: source.id,
+            direction: above_horizon(source.direction, self.ground),
+            angular_radius: source.radius(),
+            spread: self.spread(source.id),
+            taken: Vec::new(),
+        })
+    }
+
+    /// Directions of a source's lights and their shares of its light.
+    fn spread(&self, id: u32) -> Vec<(Vec3, f32)> {
+        let own = |(owner, light): (&Owner, &DomeLight)| match owner {
+            Owner::Source { id: of, leaf } if *of == id => Some((*leaf, *light)),
+            _ => None,
+        };
+        let mut lights: Vec<_> = self
+            .owners
+            .iter()
+            .zip(&self.lights)
+            .filter_map(own)
+            .collect();
+        // Leaves that follow one another lie side by side.
+        lights.sort_by_key(|(leaf, _)| *leaf);
+        let weight = |light: &DomeLight| light.irradiance.dot(LUMINANCE).max(0.0);
+        let total: f32 = lights.iter().map(|(_, light)| weight(light)).sum();
+        let share = |light: &DomeLight| weight(light) / total.max(f32::MIN_POSITIVE);
+        let each = lights
+            .iter()
+            .map(|(_, light)| (light.direction, share(light)));
+        each.collect()
     }
 
     /// How many lights each source gets. With energy S and extent r split into n parts,

@@ -259,7 +259,7 @@ impl EnvironmentEstimator {
             around: &around,
             ground_radiance,
         };
-        let faces = self.face_light(input.gains, &filling);
+        let faces = self.face_light(input.gains, &filling, sources);
         Lighting {
             captured_at: input.captured_at,
             generation: self.generation,

@@ -1,7 +1,7 @@
 //! What the luminance parameters of shadowing planes are summed from.
 
 use super::*;
-use crate::environment::geodesic::{FaceLight, GeodesicDome, Membership};
+use crate::environment::geodesic::{FaceLight, FaceOfPixel, FaceSource, GeodesicDome, Membership};
 use glam::Quat;
 
 /// States that may be in use at once: with the compositor, on the way to it, in the making.
@@ -16,6 +16,8 @@ pub(super) struct FaceTable {
     pixels: Vec<u32>,
     /// And then: texels of the cube, ascending.
     texels: Vec<u32>,
+    /// Faces of pixels, then of texels.
+    faces: FaceOfPixel,
     /// Handed over before; whatever nobody holds any more is used again.
     spares: Vec<Arc<FaceLight>>,
 }
@@ -53,6 +55,7 @@ impl FaceTable {
         sizes.extend(grid.solid_angles.iter().enumerate().map(unseen));
         let mut membership = Membership::rotated(&dome, world_from_dome, &directions, &sizes);
         let used = compact(&mut membership, directions.len());
+        let faces = FaceOfPixel::new(&membership, &used, directions.len());
         let (pixels, texels) = used.into_iter().partition(|&i| i < pixel_count);
         let texels: Vec<u32> = texels;
         Some(Self {
@@ -61,6 +64,7 @@ impl FaceTable {
             membership: Arc::new(membership),
             pixels,
             texels: texels.into_iter().map(|i| i - pixel_count).collect(),
+            faces,
             spares: Vec::new(),
         })
     }
@@ -68,6 +72,7 @@ impl FaceTable {
     /// Fills memory that nobody holds by `fill`.
     fn hand_out(
         &mut self,
+        sources: Vec<FaceSource>,
         fill: impl FnOnce(&mut Vec<[f32; 3]>, &[u32], &[u32]),
     ) -> Arc<FaceLight> {
         let free = |light: &mut Arc<FaceLight>| {
@@ -84,13 +89,16 @@ impl FaceTable {
                 frequency: self.frequency,
                 membership: self.membership.clone(),
                 radiance: Arc::default(),
+                sources: Vec::new(),
             }),
         };
         // Nobody holds it: nothing is copied.
-        let radiance = Arc::get_mut(&mut light).and_then(|light| Arc::get_mut(&mut light.radiance));
-        if let Some(radiance) = radiance {
-            radiance.clear();
-            fill(radiance, &self.pixels, &self.texels);
+        if let Some(light) = Arc::get_mut(&mut light) {
+            light.sources = sources;
+            if let Some(radiance) = Arc::get_mut(&mut light.radiance) {
+                radiance.clear();
+                fill(radiance, &self.pixels, &self.texels);
+            }
         }
         if self.spares.len() < MOST_SPARES {
             self.spares.push(light.clone());
@@ -164,9 +172,11 @@ impl EnvironmentEstimator {
         &mut self,
         gains: Mat3,
         filling: &Filling<'_>,
+        sources: &[Source],
     ) -> Option<Arc<FaceLight>> {
         let mut table = self.faces.take()?;
-        let light = table.hand_out(|out, pixels, texels| {
+        let sources = self.face_sources(&table, gains, filling, sources);
+        let light = table.hand_out(sources, |out, pixels, texels| {
             let pixel = |&i: &u32| {
                 (gains * self.radiance[i as usize])
                     .max(Vec3::ZERO)
@@ -186,6 +196,43 @@ impl EnvironmentEstimator {
         });
         self.faces = Some(table);
         Some(light)
+    }
+
+    /// What of the faces' light is the compact sources' that were found in this picture.
+    fn face_sources(
+        &self,
+        table: &FaceTable,
+        gains: Mat3,
+        filling: &Filling<'_>,
+        sources: &[Source],
+    ) -> Vec<FaceSource> {
+        let Dome::Adaptive(dome) = &self.dome else {
+            return Vec::new();
+        };
+        let moving = matches!(self.placed, View::Moving(_));
+        let solid_angles = match &self.placed {
+            View::Fixed(fixed) => &fixed.pixels.solid_angles,
+            View::Moving(_) => &self.grid.solid_angles,
+        };
+        // What is summed of a pixel, and of that what is above the source's background.
+        let share = |(i, flux): &(u32, Vec3)| {
+            let (face, weight) = table.faces.of(&table.membership, *i)?;
+            let at = *i as usize;
+            let own = if moving {
+                filling.full[at]
+            } else {
+                (gains * self.radiance[at]).max(Vec3::ZERO)
+            };
+            let above = gains * *flux / solid_angles[at].max(f32::MIN_POSITIVE);
+            Some((face, weight, above.clamp(Vec3::ZERO, own)))
+        };
+        let followed = dome.face_sources().zip(sources);
+        followed
+            .map(|(mut followed, found)| {
+                followed.take(found.parts.iter().filter_map(share));
+                followed
+            })
+            .collect()
     }
 }
 

@@ -1,4 +1,4 @@
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, clippy::panic)]
 
 use super::super::tests::{Rig, fisheye, photograph, sphere};
 use super::*;
@@ -170,4 +170,65 @@ fn a_moving_view_sums_its_memory() {
             "{sum}"
         );
     }
+}
+
+/// A lamp is a part of the faces in which it lies, and of no other; where it is and how bright
+/// is what the dome's light of it says.
+#[test]
+fn compact_sources_are_parts_of_their_faces() {
+    let dome = GeodesicDome::new(2).unwrap();
+    let corner = dome.faces[8].corners[0] + dome.faces[8].corners[1];
+    for (view, lamp, most) in [
+        (fisheye(0.0), dome.faces[8].centre, 1),
+        (fisheye(0.0), corner.normalize(), 2),
+        (sphere(false).0, dome.faces[8].centre, 1),
+    ] {
+        let mut rig = Rig::new(&view, with_faces(2));
+        let lighting = rig.see(&room(lamp), Vec3::splat(0.1));
+        let light = lighting.faces.as_ref().unwrap();
+        let [source] = light.sources.as_slice() else {
+            panic!("{:?}", light.sources);
+        };
+        assert!(source.direction.angle_between(lamp) < 0.01);
+        let near = |face: usize| dome.faces[face].corners.iter().map(|c| c.dot(lamp));
+        let compact = rig.estimator.sources()[0].irradiance;
+        let share = source.irradiance() / compact;
+        assert!((share - 1.0).abs().max_element() < 0.02, "{share}");
+        let sums = sum_faces(light);
+        let bright = |taken: &&(u32, Vec3)| taken.1.max_element() > 0.01 * compact.max_element();
+        assert_eq!(source.taken.iter().filter(bright).count(), most);
+        for (face, taken) in &source.taken {
+            let left = sums[*face as usize] - *taken;
+            assert!(left.min_element() > 0.0, "{face}: {left}");
+            assert!(near(*face as usize).fold(-1.0, f32::max) > 0.8);
+        }
+        let shares: f32 = source.spread.iter().map(|(_, share)| share).sum();
+        assert!((shares - 1.0).abs() < 1e-4);
+        let spread = source.spread.iter();
+        assert!(
+            spread
+                .map(|(d, _)| d.angle_between(lamp))
+                .all(|off| off < 0.06)
+        );
+    }
+}
+
+#[test]
+fn a_source_keeps_its_number_while_it_moves_over_an_edge() {
+    let dome = GeodesicDome::new(2).unwrap();
+    let (from, to) = (dome.faces[8].centre, dome.faces[9].centre);
+    let mut rig = Rig::new(&fisheye(0.0), with_faces(2));
+    let mut at = |share: f32| {
+        let lamp = from.lerp(to, share).normalize();
+        let lighting = rig.see(&room(lamp), Vec3::splat(0.1));
+        lighting.faces.as_ref().unwrap().sources[0].clone()
+    };
+    let first = at(0.0);
+    for step in 1..=10 {
+        let source = at(0.1 * step as f32);
+        assert_eq!(source.id, first.id);
+        let share = source.irradiance() / first.irradiance();
+        assert!((share - 1.0).abs().max_element() < 0.03, "{share}");
+    }
+    assert_ne!(at(1.0).taken[0].0, first.taken[0].0);
 }

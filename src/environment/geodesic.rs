@@ -10,9 +10,11 @@
 mod build;
 mod membership;
 mod six;
+mod sources;
 
 pub use membership::{FaceLight, Membership, sum_faces, sum_faces_into};
 pub use six::SixGroups;
+pub use sources::{FaceOfPixel, FaceSource};
 
 use super::resample::triangle_solid_angle;
 use glam::{DMat3, DVec3, Vec3};

@@ -135,7 +135,7 @@ fn obtain(
         return Err(GpuError::Stopped.into());
     }
     Ok(Obtained {
-        stage: Box::new(PlanesStage::new(gpu, &bake)?),
+        stage: Box::new(PlanesStage::new(gpu, &bake, None)?),
         baked: Baked {
             scene: scene.clone(),
             bake: Arc::new(bake),

@@ -71,6 +71,24 @@ impl Rule {
     }
 }
 
+/// How many codes of real surfaces are by more than `slack` outside of what the twin has within
+/// `reach` pixels.
+pub fn strays(ours: &Picture, twin: &ReferencePicture, reach: u32, slack: u8) -> usize {
+    let size = (ours.width, ours.height);
+    let stray = |i: &u32| {
+        let (pixel, c) = (i / 3, (i % 3) as usize);
+        let near: Vec<_> = around(size, (pixel % size.0, pixel / size.0), reach).collect();
+        if near.iter().any(|j| twin.pixels[*j].seen == Seen::Virtual) {
+            return false;
+        }
+        let code = ours.rgba[4 * pixel as usize + c];
+        let codes = near.iter().map(|j| twin.picture.rgba[4 * j + c]);
+        let (low, high) = codes.fold((255, 0), |(l, h), v: u8| (l.min(v), h.max(v)));
+        code < low.saturating_sub(slack) || code > high.saturating_add(slack)
+    };
+    (0..3 * size.0 * size.1).filter(stray).count()
+}
+
 /// Codes are those of the twin wherever there is no edge within reach; near edges they are
 /// between the least and the greatest that the twin has there. One pixel in a thousand may
 /// stray: where several shadows' edges cross, their sum may have no match close by.

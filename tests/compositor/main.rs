@@ -10,6 +10,7 @@ mod golden;
 mod judge;
 mod lamps;
 mod near_light;
+mod plane_sources;
 mod planes;
 mod present;
 mod real_edges;

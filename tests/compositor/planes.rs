@@ -17,13 +17,13 @@ use penumbra_interface::RigidTransform;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
-const EXACT: Thresholds = Thresholds {
+pub const EXACT: Thresholds = Thresholds {
     skip_below: 0.0,
     recompute_above: 0.0,
 };
 
 /// Each face of the dome shines with its own luminance.
-fn lit_by(luminance: &[Vec3], generation: u64) -> Lighting {
+pub fn lit_by(luminance: &[Vec3], generation: u64) -> Lighting {
     let dome = GeodesicDome::new(2).unwrap();
     let lights = dome.faces.iter().zip(luminance);
     let lights = lights.map(|(f, s)| sun(f.centre, *s)).collect();
@@ -39,6 +39,7 @@ fn lit_by(luminance: &[Vec3], generation: u64) -> Lighting {
         frequency: 2,
         membership: Arc::new(membership),
         radiance: Arc::new(luminance.iter().map(|s| s.to_array()).collect()),
+        sources: Vec::new(),
     }));
     lighting
 }
@@ -75,7 +76,7 @@ fn rectangle(centre: DVec3, right: DVec3, up: DVec3, half: f64, layer: Layer) ->
 }
 
 /// The table, and a box of 0.1 m that stands on it at the origin.
-fn planes() -> Vec<ShadowingPlane> {
+pub fn planes() -> Vec<ShadowingPlane> {
     let (x, y, z) = (DVec3::X, DVec3::Y, DVec3::Z);
     let side = |normal: DVec3, right: DVec3, up: DVec3| {
         rectangle(z * 0.05 + normal * 0.055, right, up, 0.056, Layer::Virtual)
@@ -90,11 +91,11 @@ fn planes() -> Vec<ShadowingPlane> {
     ]
 }
 
-fn cube() -> Part {
+pub fn cube() -> Part {
     part(primitives::cuboid(Vec3::splat(0.1)), DVec3::ZERO)
 }
 
-fn baked(stage: &Stage, planes: Vec<ShadowingPlane>) -> Bake {
+pub fn baked(stage: &Stage, planes: Vec<ShadowingPlane>) -> Bake {
     let settings = BakeSettings {
         resolution: 256,
         ..BakeSettings::default()
@@ -105,7 +106,7 @@ fn baked(stage: &Stage, planes: Vec<ShadowingPlane>) -> Bake {
     .unwrap()
 }
 
-fn stage_with(luminance: &[Vec3]) -> Stage {
+pub fn stage_with(luminance: &[Vec3]) -> Stage {
     Stage::new(128, 96)
         .with_virtual(cube())
         .lit(lit_by(luminance, 1))
@@ -121,7 +122,7 @@ fn input(stage: &Stage, thresholds: Thresholds) -> FrameInput<'_> {
     }
 }
 
-fn compose(
+pub fn compose(
     compositor: &mut Compositor,
     stage: &Stage,
     thresholds: Thresholds,

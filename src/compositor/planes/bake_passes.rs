@@ -38,6 +38,7 @@ pub(super) struct Direction {
     pub phantoms: [[f32; 4]; 3],
     pub towards: [f32; 4],
     pub texels: [f32; 4],
+    pub planes: [u32; 4],
 }
 
 /// Everything immutable.

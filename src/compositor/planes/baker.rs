@@ -18,7 +18,7 @@ use glam::{DVec3, Vec3};
 use std::ops::ControlFlow;
 use wgpu::BufferUsages as U;
 
-/// Bits of a plane's flag; twins of the constants in `bake_evaluate.wgsl`.
+/// Bits of a plane's flag; twins of the constants in `lib/lost.wgsl`.
 const ALL_PASS: u32 = 1;
 const PHANTOMS_PASS: u32 = 2;
 const ALL_HIDE: u32 = 4;
@@ -215,7 +215,7 @@ impl<'a> Baker<'a> {
         let side = self.settings.resolution as usize;
         let texels = (side * side * self.planes as usize) as u64;
         let receivers: Vec<_> = receivers.iter().flat_map(|r| words(r, side)).collect();
-        let uniform = |label| buffer_of(device, label, 128, U::UNIFORM | U::COPY_DST);
+        let uniform = |label| buffer_of(device, label, 144, U::UNIFORM | U::COPY_DST);
         let (direction, model, phantoms) = (uniform("direction"), uniform("map"), uniform("map"));
         let maps = ["model map", "phantom map"].map(|label| depth_square(device, label, MAP));
         let receivers = storage(device, queue, "receivers", &receivers);
@@ -320,6 +320,7 @@ impl Work {
             phantoms: phantoms.rows,
             towards: towards.extend(weight).to_array(),
             texels: [model.texel, phantoms.texel, is(casters[0]), is(casters[1])],
+            planes: [0; 4],
         };
         queue.write_buffer(&self.uniforms[0], 0, bytemuck::bytes_of(&uniform));
         for (k, casters) in casters.into_iter().enumerate() {

@@ -27,6 +27,7 @@ fn light(frequency: u32, size: u32, seed: u32) -> FaceLight {
         frequency,
         membership: Arc::new(Membership::new(&dome, &grid.directions, &grid.solid_angles)),
         radiance: Arc::new(grid.directions.iter().enumerate().map(shade).collect()),
+        sources: Vec::new(),
     }
 }
 

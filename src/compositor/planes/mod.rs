@@ -10,10 +10,18 @@ mod mend;
 mod readback;
 mod receiver;
 mod shown;
+mod source_images;
+mod source_slots;
+mod source_stage;
 mod stage;
 pub mod synthesis;
 
+/// Compact sources at most that get lights of their own beside the dome's faces: outdoors the sun
+/// is the only one; of more sources in a room the third throws faint shadows.
+pub const SOURCES: usize = 2;
+
 pub use baker::{Progress, bake};
 pub use mend::mend;
+pub use source_images::SourceBaker;
 pub use stage::{PlanesChoice, PlanesStage, Shading};
 pub use synthesis::{PlaneWork, Thresholds};

@@ -6,6 +6,8 @@ use super::super::passes::shadow_buffer::MarkedPasses;
 use super::super::timing::Timer;
 use super::super::{Compositor, Gpu, GpuError};
 use super::luminance::LuminancePass;
+use super::source_images::SourceBaker;
+use super::source_stage::SourceStage;
 use super::synthesis::{PlaneWork, Synthesis, SynthesisPasses, Thresholds};
 use crate::environment::geodesic::{GeodesicDome, sum_faces};
 use crate::environment::{DomeLight, LightKind};
@@ -39,6 +41,7 @@ pub struct PlanesStage {
     passes: SynthesisPasses,
     luminance: LuminancePass,
     synthesis: Synthesis,
+    sources: Option<SourceStage>,
     dome: GeodesicDome,
     show: Option<MarkedPasses>,
     shown: bool,
@@ -57,9 +60,23 @@ impl Compositor {
     /// # Errors
     /// A bake of a dome that cannot be; more images than the device can hold.
     pub fn set_bake(&mut self, bake: Option<&Bake>) -> Result<(), GpuError> {
+        self.set_bake_with_sources(bake, None)
+    }
+
+    /// The same; with `sources`, made of this bake, the brightest compact sources of light get
+    /// images of their own, drawn from their true directions, instead of those of the faces in
+    /// which they lie.
+    ///
+    /// # Errors
+    /// As [`Self::set_bake`].
+    pub fn set_bake_with_sources(
+        &mut self,
+        bake: Option<&Bake>,
+        sources: Option<SourceBaker>,
+    ) -> Result<(), GpuError> {
         self.planes = None;
         if let Some(bake) = bake {
-            self.show_planes(Box::new(PlanesStage::new(&self.gpu, bake)?));
+            self.show_planes(Box::new(PlanesStage::new(&self.gpu, bake, sources)?));
         }
         Ok(())
     }
@@ -88,10 +105,16 @@ impl Compositor {
     /// # Errors
     /// The device failed.
     pub fn plane_work(&self) -> Result<Option<PlaneWork>, GpuError> {
-        let stage = self.planes.as_ref().filter(|stage| stage.shown);
-        stage
-            .map(|stage| stage.synthesis.work(&self.gpu))
-            .transpose()
+        let stage = self.planes.as_deref().filter(|stage| stage.shown);
+        let work = |stage: &PlanesStage| {
+            let sources = stage.sources.as_ref().map(|s| s.work).unwrap_or_default();
+            Ok(PlaneWork {
+                sources: sources.sources,
+                source_images: sources.images,
+                ..stage.synthesis.work(&self.gpu)?
+            })
+        };
+        stage.map(work).transpose()
     }
 
     /// Uploads what planes need in this frame. False where they are not the technique, or
@@ -126,6 +149,9 @@ impl Compositor {
             adapter: self.gpu.name.clone(),
             reason: error.to_string(),
         })?;
+        if let Some(sources) = &mut stage.sources {
+            sources.prepare(queue, faces, lighting.generation);
+        }
         let frame = &self.light_maps.frame_layout;
         let (shadows, shown) = (&self.pipelines.shadow_buffer, &stage.passes.shown_layout);
         stage
@@ -141,19 +167,24 @@ impl Compositor {
 }
 
 impl PlanesStage {
-    /// Uploads a bake and compiles what sums it.
+    /// Uploads a bake and compiles what sums it; for `sources` see
+    /// [`Compositor::set_bake_with_sources`].
     ///
     /// # Errors
     /// A bake of a dome that cannot be; more images than the device can hold.
-    pub fn new(gpu: &Gpu, bake: &Bake) -> Result<Self, GpuError> {
+    pub fn new(gpu: &Gpu, bake: &Bake, sources: Option<SourceBaker>) -> Result<Self, GpuError> {
         let device = &gpu.device;
         let dome = GeodesicDome::new(bake.settings.frequency).ok_or_else(|| GpuError::Unfit {
             adapter: gpu.name.clone(),
             reason: format!("a geodesic dome of frequency {}", bake.settings.frequency),
         })?;
         let passes = SynthesisPasses::new(device);
+        let synthesis = Synthesis::new(gpu, &passes, bake, sources.is_some())?;
+        let targets = synthesis.source_targets();
+        let sources = sources.map(|baker| SourceStage::new(device, baker, &targets));
         Ok(Self {
-            synthesis: Synthesis::new(gpu, &passes, bake)?,
+            sources,
+            synthesis,
             luminance: LuminancePass::for_adapter(gpu),
             passes,
             dome,
@@ -183,10 +214,14 @@ impl PlanesStage {
         encoder: &mut wgpu::CommandEncoder,
         timer: &mut Timer,
     ) -> Option<(&MarkedPasses, &wgpu::BindGroup)> {
-        self.luminance.record(&self.device, encoder, timer);
-        let luminance = self.luminance.buffer();
+        let changed = self.luminance.record(&self.device, encoder, timer);
+        let faces = self.luminance.buffer();
+        let lights = match &mut self.sources {
+            Some(sources) => sources.record(&self.device, encoder, faces, changed),
+            None => faces,
+        };
         self.synthesis
-            .record(&self.device, encoder, timer, &self.passes, luminance);
+            .record(&self.device, encoder, timer, &self.passes, lights);
         Some((self.show.as_ref()?, self.synthesis.group()))
     }
 

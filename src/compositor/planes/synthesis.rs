@@ -9,9 +9,10 @@ use super::compute::{buffer_of, storage};
 use super::readback::look_at;
 use super::receiver::words;
 use super::shown::{ShownPlane, ShownPlanes};
+use super::source_images::{SOURCE_LIGHTS, image_count};
 use crate::compositor::GpuError;
 use crate::environment::geodesic::GeodesicDome;
-use crate::scene::planes::{Bake, Image, Layer, Receiver, ShadowingPlane};
+use crate::scene::planes::{Bake, Basis, Image, Layer, Receiver, ShadowingPlane};
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat4, DVec3};
 use penumbra_interface::RigidTransform;
@@ -87,6 +88,10 @@ pub struct PlaneWork {
     pub images_in_sight: usize,
     /// Lights that were left out on the plane where most were.
     pub lights_skipped: usize,
+    /// Compact sources that are lit by images of their own, from their true directions.
+    pub sources: usize,
+    /// Such images drawn since the bake was put in force.
+    pub source_images: u64,
 }
 
 /// What outlives any bake.
@@ -156,6 +161,8 @@ impl SynthesisPasses {
 /// One bake on the device, and the sums over it.
 pub struct Synthesis {
     settings: Settings,
+    dome_lights: u32,
+    atlas: Atlas,
     shown: ShownPlanes,
     buffers: Buffers,
     /// And the luminances that it was made for.
@@ -182,15 +189,37 @@ struct Buffers {
     shown: wgpu::Buffer,
 }
 
+/// What the images of compact sources are written into.
+pub(super) struct SourceTargets<'a> {
+    pub planes: usize,
+    /// Lights of the dome; those of sources come behind them.
+    pub dome_lights: u32,
+    /// Directions of lights; numbers of images and luminances in use, per plane and light.
+    pub faces: &'a wgpu::Buffer,
+    pub basis: &'a wgpu::Buffer,
+    pub applied: &'a wgpu::Buffer,
+    /// All images, how many are in a row, and the first that no bake fills.
+    pub images: &'a wgpu::TextureView,
+    pub across: u32,
+    pub first_image: u32,
+}
+
 impl Synthesis {
-    /// Uploads `bake`.
+    /// Uploads `bake`; `sources`: with room for the images of compact sources.
     ///
     /// # Errors
     /// More images than the device can hold.
-    pub fn new(gpu: &Gpu, passes: &SynthesisPasses, bake: &Bake) -> Result<Self, GpuError> {
+    pub fn new(
+        gpu: &Gpu,
+        passes: &SynthesisPasses,
+        bake: &Bake,
+        sources: bool,
+    ) -> Result<Self, GpuError> {
         let (device, queue) = (&gpu.device, &gpu.queue);
         let side = bake.settings.resolution;
-        let (planes, lights) = (bake.planes.len(), bake.lights());
+        let planes = bake.planes.len();
+        let added = if sources { SOURCE_LIGHTS } else { 0 };
+        let lights = bake.lights() + added;
         let shown = ShownPlanes::of(bake);
         let (of_planes, vectors) = sum_planes(bake);
         let dome = GeodesicDome::new(bake.settings.frequency);
@@ -198,17 +227,14 @@ impl Synthesis {
             .iter()
             .flat_map(|d| &d.faces)
             .map(|f| f.centre.extend(0.0).to_array())
+            .chain(std::iter::repeat_n([0.0; 4], added))
             .collect();
         let receivers: Vec<_> = bake
             .receivers
             .iter()
             .flat_map(|r| words(r, side as usize))
             .collect();
-        let slots: Vec<[u32; 2]> = bake
-            .images
-            .iter()
-            .map(|b| [number(b.past_all), number(b.past_phantoms)])
-            .collect();
+        let slots = numbers_of_images(bake, added);
         let kept =
             |label, bytes: usize, usage| buffer_of(device, label, bytes as u64, U::STORAGE | usage);
         let each = planes * lights * 16;
@@ -246,13 +272,13 @@ impl Synthesis {
             stride: stride as u32,
             ..Settings::default()
         };
-        let (images, across) = atlas(gpu, bake)?;
+        let atlas = atlas(gpu, bake, added > 0)?;
         let receivers = storage(device, queue, "receivers", &receivers);
         let sums = kept("sums", vectors * 16, U::empty());
         let resources = [
             buffers.planes.as_entire_binding(),
             buffers.jobs.as_entire_binding(),
-            view(&images),
+            view(&atlas.view),
             receivers.as_entire_binding(),
             sums.as_entire_binding(),
             view(&shares[0]),
@@ -276,7 +302,7 @@ impl Synthesis {
         let of = [true, false].map(|real| Summing {
             real,
             lights: lights as u32,
-            across,
+            across: atlas.across,
             side,
         });
         let resources = [
@@ -288,6 +314,8 @@ impl Synthesis {
         let shown_group = bindings::group(device, "shown", &passes.shown_layout, &resources);
         Ok(Self {
             visible: vec![0; planes],
+            dome_lights: bake.lights() as u32,
+            atlas,
             settings,
             shown,
             buffers,
@@ -299,6 +327,20 @@ impl Synthesis {
             whole,
             uploaded: None,
         })
+    }
+
+    /// What the images of compact sources are written into.
+    pub(super) const fn source_targets(&self) -> SourceTargets<'_> {
+        SourceTargets {
+            planes: self.settings.planes as usize,
+            dome_lights: self.dome_lights,
+            faces: &self.buffers.faces,
+            basis: &self.buffers.basis,
+            applied: &self.buffers.applied,
+            images: &self.atlas.view,
+            across: self.atlas.across,
+            first_image: self.atlas.baked,
+        }
     }
 
     /// What the passes that show planes bind.
@@ -344,7 +386,7 @@ impl Synthesis {
                 bytemuck::cast_slice::<ShownPlane, u8>(each),
             );
         }
-        let lights = self.settings.lights.max(1) as f32;
+        let lights = self.dome_lights.max(1) as f32;
         let settings = Settings {
             skip_below: thresholds.skip_below * PAPERS_LIGHTS / lights,
             recompute_above: thresholds.recompute_above,
@@ -359,7 +401,7 @@ impl Synthesis {
         }
     }
 
-    /// Plans and sums. `luminance` holds one vector per face of the dome.
+    /// Plans and sums. `luminance` holds one vector per light: face of the dome or compact source.
     pub fn record(
         &mut self,
         device: &wgpu::Device,
@@ -436,7 +478,7 @@ impl Synthesis {
             work.seen += *seen as usize;
             work.resummed += usize::from(job.groups[0] > 0);
             work.images += (job.stored + job.black) as usize;
-            work.images_in_sight += (*seen * self.settings.lights) as usize;
+            work.images_in_sight += (*seen * self.dome_lights) as usize;
             work.lights_skipped = work.lights_skipped.max(job.skipped as usize);
         }
         work
@@ -463,13 +505,36 @@ fn sum_planes(bake: &Bake) -> (Vec<SumPlane>, usize) {
 /// Bytes of WGSL `Entry`.
 const ENTRY: usize = 32;
 
+/// Numbers of all images, per plane those of the dome's lights and `added` more that are not
+/// there yet.
+fn numbers_of_images(bake: &Bake, added: usize) -> Vec<[u32; 2]> {
+    let of = |b: &Basis| [number(b.past_all), number(b.past_phantoms)];
+    let none = [number(Image::Black); 2];
+    let rows = bake.images.chunks(bake.lights().max(1));
+    rows.flat_map(|row| row.iter().map(of).chain(std::iter::repeat_n(none, added)))
+        .collect()
+}
+
 /// All stored images in one texture, four texels of a row in one.
-/// And how many are in a row of it.
-fn atlas(gpu: &Gpu, bake: &Bake) -> Result<(wgpu::TextureView, u32), GpuError> {
+struct Atlas {
+    view: wgpu::TextureView,
+    /// How many are in a row of it.
+    across: u32,
+    /// How many the bake has filled.
+    baked: u32,
+}
+
+fn atlas(gpu: &Gpu, bake: &Bake, sources: bool) -> Result<Atlas, GpuError> {
     let (device, queue) = (&gpu.device, &gpu.queue);
     let side = bake.settings.resolution;
     let one = (side * side) as usize;
-    let count = ((bake.texels.len() / one.max(1)) as u32).max(1);
+    let baked = (bake.texels.len() / one.max(1)) as u32;
+    let added = if sources {
+        image_count(bake.planes.len() as u32)
+    } else {
+        0
+    };
+    let count = (baked + added).max(1);
     let most = device.limits().max_texture_dimension_2d;
     let across = (4 * most / side).min(count);
     if count.div_ceil(across) > most / side {
@@ -483,6 +548,12 @@ fn atlas(gpu: &Gpu, bake: &Bake) -> Result<(wgpu::TextureView, u32), GpuError> {
             reason,
         });
     }
+    let written = wgpu::TextureUsages::STORAGE_BINDING;
+    let usage = if sources {
+        written
+    } else {
+        wgpu::TextureUsages::empty()
+    };
     let texture = device.create_texture(&wgpu::TextureDescriptor {
         label: Some("basis images"),
         size: wgpu::Extent3d {
@@ -494,7 +565,7 @@ fn atlas(gpu: &Gpu, bake: &Bake) -> Result<(wgpu::TextureView, u32), GpuError> {
         sample_count: 1,
         dimension: wgpu::TextureDimension::D2,
         format: wgpu::TextureFormat::Rgba8Unorm,
-        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        usage: usage | wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
         view_formats: &[],
     });
     for (image, i) in bake.texels.chunks_exact(one).zip(0..) {
@@ -517,7 +588,11 @@ fn atlas(gpu: &Gpu, bake: &Bake) -> Result<(wgpu::TextureView, u32), GpuError> {
         queue.write_texture(to, image, layout, size);
     }
     let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
-    Ok((view, across))
+    Ok(Atlas {
+        view,
+        across,
+        baked,
+    })
 }
 
 fn uniforms(device: &wgpu::Device, queue: &wgpu::Queue, each: &[[u32; 64]]) -> wgpu::Buffer {

@@ -13,6 +13,8 @@ struct Direction {
     towards: vec4f,
     // Texel sizes of both maps, metres; 1 where there is such a map.
     texels: vec4f,
+    // Number of the first plane of this dispatch; 0; 0; 0.
+    planes: vec4u,
 }
 
 struct Plane {
@@ -39,13 +41,6 @@ struct Plane {
 // Per plane, whether any light arrives and whether any is hidden: bits of `finish`.
 @group(0) @binding(8) var<storage, read_write> flags: array<atomic<u32>>;
 
-const ALL_PASS = 1u;
-const PHANTOMS_PASS = 2u;
-const ALL_HIDE = 4u;
-const PHANTOMS_HIDE = 8u;
-// Some texel faces the light.
-const FACED = 16u;
-
 fn seen(map: texture_depth_2d, u: vec4f, v: vec4f, d: vec4f, world: vec3f) -> f32 {
     let p = vec4f(world, 1.0);
     let uv = vec2f(dot(u, p), dot(v, p));
@@ -63,7 +58,7 @@ fn lift(n: vec3f, n_dot_l: f32, texel: f32) -> vec3f {
 fn add(@builtin(global_invocation_id) id: vec3u) {
     let side = RESOLUTION;
     let texel = id.x;
-    let k = id.y;
+    let k = id.y + light.planes.x;
     if texel >= side * side {
         return;
     }
@@ -108,11 +103,7 @@ fn lost_at(k: u32, texel: u32) -> vec2f {
     if s.z <= 0.0 {
         return vec2f(0.0);
     }
-    let share = s.xy / s.z;
-    let half_a_step = vec2f(0.5 / 255.0);
-    let some = vec2u(share < vec2f(1.0) - half_a_step) * vec2u(ALL_PASS, PHANTOMS_PASS);
-    let less = vec2u(share > half_a_step) * vec2u(ALL_HIDE, PHANTOMS_HIDE);
-    atomicOr(&flags[k], FACED | some.x | some.y | less.x | less.y);
+    atomicOr(&flags[k], flags_of(s));
     return clamp(s.xy, vec2f(0.0), vec2f(1.0));
 }
 

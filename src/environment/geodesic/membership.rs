@@ -1,6 +1,6 @@
 //! Which pixel of the environment lies in which face, and the faces' sums on the CPU.
 
-use super::GeodesicDome;
+use super::{FaceSource, GeodesicDome};
 use glam::{DVec3, Quat, Vec3};
 use std::sync::Arc;
 
@@ -25,6 +25,8 @@ pub struct FaceLight {
     /// Linear RGB radiance in the scene camera's units: the environment's pixels, then texels of
     /// the filled cube for what no pixel shows.
     pub radiance: Arc<Vec<[f32; 3]>>,
+    /// Compact sources that are part of it, strongest first.
+    pub sources: Vec<FaceSource>,
 }
 
 impl Membership {

@@ -34,6 +34,7 @@ fn light(dome: &GeodesicDome, table: Membership, radiance: Vec<[f32; 3]>) -> Fac
         frequency: dome.frequency(),
         membership: Arc::new(table),
         radiance: Arc::new(radiance),
+        sources: Vec::new(),
     }
 }
 

@@ -1,0 +1,324 @@
+//! Draws basis images of compact sources (sun, lamp) from their true directions while pictures go
+//! on: a few planes with each of them. What casts and what catches shadows stays on the device
+//! as it was baked.
+
+use super::super::bindings::{Slot, compute_layout, compute_pipeline, group, view};
+use super::super::shadow_slots::fit;
+use super::super::{Gpu, shaders};
+use super::SOURCES;
+use super::bake_passes::{BakePasses, Direction, depth_square};
+use super::bake_scene::{BakeCasters, BakeScene};
+use super::compute::{buffer_of, storage};
+use super::receiver::words;
+use super::source_slots::Wanted;
+use super::synthesis::SourceTargets;
+use crate::scene::Scene;
+use crate::scene::planes::{Bake, Layer};
+use bytemuck::{Pod, Zeroable};
+use glam::Vec3;
+use wgpu::BufferUsages as U;
+
+/// Texels along a side of a direction's maps, half of the bake's: they are drawn between two
+/// pictures, which is twice as quick, and courtyard and desks come out the same to 1 %.
+const MAP: u32 = 1024;
+
+/// Planes for which a direction is evaluated with one picture on a software driver: a quarter of
+/// a picture's time, as is drawing the direction's maps. A real GPU does all at once.
+const PLANES_A_PICTURE: u32 = 4;
+
+/// Images of each plane: past everything, and past phantoms alone.
+const KINDS: u32 = 2;
+
+/// Twin of WGSL `Images` in `bake_source.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+struct Images {
+    planes: [u32; 4],
+    source: [u32; 4],
+}
+
+/// Lights that sources add to those of the dome: two sets of images each.
+pub(super) const SOURCE_LIGHTS: usize = 2 * SOURCES;
+
+/// Images that sources add to those of a bake.
+pub(super) const fn image_count(planes: u32) -> u32 {
+    SOURCE_LIGHTS as u32 * KINDS * planes
+}
+
+/// What casts and what catches shadows, and what images are drawn through.
+pub struct SourceBaker {
+    gpu: Gpu,
+    passes: BakePasses,
+    scene: BakeScene,
+    store: Store,
+    planes: u32,
+    real: u32,
+    side: u32,
+    /// Planes that are evaluated with one picture.
+    pace: u32,
+    uniforms: [wgpu::Buffer; 3],
+    images: wgpu::Buffer,
+    maps: [wgpu::TextureView; 2],
+    sums: wgpu::Buffer,
+    flags: wgpu::Buffer,
+    group: wgpu::BindGroup,
+}
+
+struct Store {
+    layout: wgpu::BindGroupLayout,
+    store: wgpu::ComputePipeline,
+    number: wgpu::ComputePipeline,
+    forget: wgpu::ComputePipeline,
+}
+
+impl Store {
+    fn new(device: &wgpu::Device, side: u32) -> Self {
+        let written = Slot::StorageWritten;
+        let slots = [
+            Slot::Uniform,
+            Slot::Storage,
+            written,
+            written,
+            written,
+            Slot::WrittenCodes,
+        ];
+        let layout = compute_layout(device, "source images", &slots);
+        let module = shaders::bake_module(device, "bake_source", side);
+        let pipeline = |entry| compute_pipeline(device, &module, &[&layout], entry);
+        Self {
+            store: pipeline("store"),
+            number: pipeline("number"),
+            forget: pipeline("forget"),
+            layout,
+        }
+    }
+}
+
+impl SourceBaker {
+    /// Uploads what `bake` was made of: `scene` as it stood then. It may take a second: not for
+    /// the thread that draws pictures.
+    #[must_use]
+    pub fn new(gpu: &Gpu, scene: &Scene, bake: &Bake) -> Self {
+        let (device, queue) = (&gpu.device, &gpu.queue);
+        let side = bake.settings.resolution;
+        let planes = bake.planes.len();
+        let passes = BakePasses::new(device, side);
+        let scene = BakeScene::new(device, queue, scene, &bake.planes);
+        let receivers = bake.receivers.iter();
+        let receivers: Vec<_> = receivers.flat_map(|r| words(r, side as usize)).collect();
+        let receivers = storage(device, queue, "receivers", &receivers);
+        let texels = u64::from(side).pow(2) * planes as u64;
+        let made = |label, bytes, usage| buffer_of(device, label, bytes, usage | U::COPY_DST);
+        let uniform = |label, size| made(label, size as u64, U::UNIFORM);
+        let uniforms = [
+            uniform("direction", size_of::<Direction>()),
+            uniform("map", 48),
+            uniform("map", 48),
+        ];
+        let maps = ["model map", "phantom map"].map(|label| depth_square(device, label, MAP));
+        let sums = made("sums", 16 * texels, U::STORAGE);
+        let flags = made("flags", 4 * planes as u64, U::STORAGE);
+        // `add` leaves it alone.
+        let lost = made("lost", 16, U::STORAGE);
+        let read = [&uniforms[0], &scene.planes, &receivers];
+        let group = passes.bind(device, read, [&maps[0], &maps[1]], [&sums, &lost, &flags]);
+        let real = bake.planes.iter().filter(|p| p.layer == Layer::Real);
+        Self {
+            store: Store::new(device, side),
+            planes: planes as u32,
+            real: real.count() as u32,
+            side,
+            pace: if gpu.software {
+                PLANES_A_PICTURE
+            } else {
+                u32::MAX
+            },
+            images: uniform("source images", size_of::<Images>()),
+            gpu: gpu.clone(),
+            passes,
+            scene,
+            uniforms,
+            maps,
+            sums,
+            flags,
+            group,
+        }
+    }
+
+    /// Writes into the sums over `targets`.
+    pub(super) fn bind(&self, targets: &SourceTargets<'_>) -> SourceOutput {
+        let resources = [
+            self.images.as_entire_binding(),
+            self.sums.as_entire_binding(),
+            self.flags.as_entire_binding(),
+            targets.basis.as_entire_binding(),
+            targets.applied.as_entire_binding(),
+            view(targets.images),
+        ];
+        SourceOutput {
+            group: group(
+                &self.gpu.device,
+                "source images",
+                &self.store.layout,
+                &resources,
+            ),
+            faces: targets.faces.clone(),
+            dome_lights: targets.dome_lights,
+            first_image: targets.first_image,
+            across: targets.across,
+        }
+    }
+
+    /// Both maps of a direction.
+    fn draw_maps(&self, encoder: &mut wgpu::CommandEncoder) {
+        let device = &self.gpu.device;
+        for (k, casters) in self.casters().into_iter().enumerate() {
+            let (map, uniform) = (&self.maps[k], &self.uniforms[k + 1]);
+            self.passes
+                .record_map(device, encoder, map, uniform, casters.mesh.as_ref());
+        }
+    }
+
+    const fn casters(&self) -> [&BakeCasters; 2] {
+        [&self.scene.model, &self.scene.phantoms]
+    }
+
+    /// Tells the shaders a direction, its share, and the first plane that it is evaluated on.
+    fn tell(&self, (towards, share): (Vec3, f32), first: u32) {
+        let queue = &self.gpu.queue;
+        let [model, phantoms] = self.casters().map(|c| fit(&c.hull, towards, MAP));
+        let is = |c: &BakeCasters| if c.mesh.is_some() { 1.0 } else { 0.0 };
+        let [some_model, some_phantoms] = self.casters().map(is);
+        let uniform = Direction {
+            model: model.rows,
+            phantoms: phantoms.rows,
+            towards: towards.extend(share).to_array(),
+            texels: [model.texel, phantoms.texel, some_model, some_phantoms],
+            planes: [first, 0, 0, 0],
+        };
+        let [direction, of_model, of_phantoms] = &self.uniforms;
+        queue.write_buffer(direction, 0, bytemuck::bytes_of(&uniform));
+        queue.write_buffer(of_model, 0, bytemuck::cast_slice(&model.rows));
+        queue.write_buffer(of_phantoms, 0, bytemuck::cast_slice(&phantoms.rows));
+    }
+}
+
+/// Where images go.
+pub(super) struct SourceOutput {
+    group: wgpu::BindGroup,
+    /// Directions of lights.
+    faces: wgpu::Buffer,
+    dome_lights: u32,
+    first_image: u32,
+    across: u32,
+}
+
+/// Images in the making.
+#[derive(Debug)]
+pub(super) struct Drawing {
+    pub wanted: Wanted,
+    /// The direction at work.
+    at: usize,
+    /// Planes that are done with it; `None` before its maps are drawn.
+    planes: Option<u32>,
+}
+
+impl Drawing {
+    pub const fn new(wanted: Wanted) -> Self {
+        Self {
+            wanted,
+            at: 0,
+            planes: None,
+        }
+    }
+
+    /// One picture's share of the work: the maps of a direction, or some planes. True when
+    /// all is done.
+    pub fn step(&mut self, baker: &SourceBaker, out: &SourceOutput) -> bool {
+        let Some(direction) = self.wanted.directions.get(self.at).copied() else {
+            return true;
+        };
+        let descriptor = wgpu::CommandEncoderDescriptor {
+            label: Some("source images"),
+        };
+        let mut encoder = baker.gpu.device.create_command_encoder(&descriptor);
+        let first = self.planes.unwrap_or(0);
+        baker.tell(direction, first);
+        self.tell(baker, out, first);
+        match self.planes {
+            None => {
+                self.begin(baker, out, &mut encoder);
+                baker.draw_maps(&mut encoder);
+                self.planes = Some(0);
+            }
+            Some(first) => self.evaluate(baker, out, &mut encoder, first),
+        }
+        baker.gpu.queue.submit([encoder.finish()]);
+        let done = self.at == self.wanted.directions.len();
+        if done {
+            let light = self.light(out);
+            let mean = self.wanted.mean().extend(0.0).to_array();
+            let queue = &baker.gpu.queue;
+            queue.write_buffer(&out.faces, 16 * u64::from(light), bytemuck::bytes_of(&mean));
+        }
+        done
+    }
+
+    /// Before the first direction: what is there of the set is thrown away.
+    fn begin(&self, baker: &SourceBaker, out: &SourceOutput, encoder: &mut wgpu::CommandEncoder) {
+        if self.at > 0 {
+            return;
+        }
+        encoder.clear_buffer(&baker.sums, 0, None);
+        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+        pass.set_pipeline(&baker.store.forget);
+        pass.set_bind_group(0, &out.group, &[]);
+        pass.dispatch_workgroups(baker.planes.div_ceil(64), 1, 1);
+    }
+
+    fn evaluate(
+        &mut self,
+        baker: &SourceBaker,
+        out: &SourceOutput,
+        encoder: &mut wgpu::CommandEncoder,
+        first: u32,
+    ) {
+        let count = baker.pace.min(baker.planes - first);
+        let passes = &baker.passes;
+        passes.record(encoder, &baker.group, false, baker.side, count);
+        let last_direction = self.at + 1 == self.wanted.directions.len();
+        let last_plane = first + count == baker.planes;
+        if last_direction {
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+            pass.set_bind_group(0, &out.group, &[]);
+            pass.set_pipeline(&baker.store.store);
+            pass.dispatch_workgroups((baker.side * baker.side / 4).div_ceil(64), count, 1);
+            if last_plane {
+                pass.set_pipeline(&baker.store.number);
+                pass.dispatch_workgroups(baker.planes.div_ceil(64), 1, 1);
+            }
+        }
+        self.planes = Some(first + count);
+        if last_plane {
+            self.at += 1;
+            self.planes = None;
+        }
+    }
+
+    /// The light that the images belong to.
+    const fn light(&self, out: &SourceOutput) -> u32 {
+        out.dome_lights + 2 * self.wanted.slot as u32 + self.wanted.set as u32
+    }
+
+    fn tell(&self, baker: &SourceBaker, out: &SourceOutput, first: u32) {
+        let light = self.light(out);
+        let image = out.first_image + (light - out.dome_lights) * KINDS * baker.planes;
+        let lights = out.dome_lights + SOURCE_LIGHTS as u32;
+        let uniform = Images {
+            planes: [first, baker.planes, baker.real, lights],
+            source: [light, image, out.across, 0],
+        };
+        let queue = &baker.gpu.queue;
+        queue.write_buffer(&baker.images, 0, bytemuck::bytes_of(&uniform));
+    }
+}

@@ -1,0 +1,109 @@
+//! Compact sources (sun, lamp, window) among what the faces are summed from.
+
+use super::Membership;
+use glam::Vec3;
+
+/// A compact source, and what of each face's light is its own.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FaceSource {
+    /// The same for as long as the source is followed, and never given to another.
+    pub id: u32,
+    /// Unit vector towards its centre of energy, world.
+    pub direction: Vec3,
+    /// Half angle of a cone with its solid angle, radians.
+    pub angular_radius: f32,
+    /// Unit vectors spread over it, world, and the share of its light that comes from each.
+    pub spread: Vec<(Vec3, f32)>,
+    /// Faces in which its pixels lie, ascending, and the irradiance that the source has in each:
+    /// a part of the face's S_i.
+    pub taken: Vec<(u32, Vec3)>,
+}
+
+impl FaceSource {
+    /// Irradiance on a surface that faces it: all that it has in any face.
+    #[must_use]
+    pub fn irradiance(&self) -> Vec3 {
+        self.taken.iter().map(|(_, s)| *s).sum()
+    }
+
+    /// Adds up what pixels hold: their faces (see [`FaceOfPixel`]), weights and radiance.
+    pub fn take(&mut self, pixels: impl Iterator<Item = (u32, f32, Vec3)>) {
+        self.taken.clear();
+        for (face, weight, radiance) in pixels {
+            let at = self.taken.binary_search_by_key(&face, |(f, _)| *f);
+            let at = at.unwrap_or_else(|at| {
+                self.taken.insert(at, (face, Vec3::ZERO));
+                at
+            });
+            self.taken[at].1 += radiance * weight;
+        }
+    }
+}
+
+/// In which face each pixel lies: a [`Membership`] the other way round.
+#[derive(Clone, Debug, Default)]
+pub struct FaceOfPixel {
+    /// Where a pixel stands in the table; nowhere: [`Self::NOWHERE`].
+    position: Vec<u32>,
+}
+
+impl FaceOfPixel {
+    const NOWHERE: u32 = u32::MAX;
+
+    /// Of the pixels that stand in `table`, by the numbers they had before they were renumbered:
+    /// pixel i of the table was `numbers[i]` of `count`.
+    #[must_use]
+    pub fn new(table: &Membership, numbers: &[u32], count: usize) -> Self {
+        let mut position = vec![Self::NOWHERE; count];
+        for (at, pixel) in table.pixels.iter().enumerate() {
+            let number = numbers.get(*pixel as usize);
+            if let Some(place) = number.and_then(|n| position.get_mut(*n as usize)) {
+                *place = at as u32;
+            }
+        }
+        Self { position }
+    }
+
+    /// Face and weight of a pixel; `None` below the horizon.
+    #[must_use]
+    pub fn of(&self, table: &Membership, pixel: u32) -> Option<(u32, f32)> {
+        let at = *self.position.get(pixel as usize)?;
+        let weight = *table.weights.get(at as usize)?;
+        let face = table.begins.partition_point(|begin| *begin <= at);
+        Some((face.checked_sub(1)? as u32, weight))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::super::GeodesicDome;
+    use super::*;
+    use crate::environment::cube::CubeGrid;
+
+    #[test]
+    fn each_pixel_is_found_in_its_face() {
+        let (dome, grid) = (GeodesicDome::new(2).unwrap(), CubeGrid::new(32));
+        let table = Membership::new(&dome, &grid.directions, &grid.solid_angles);
+        let numbers: Vec<u32> = (0..grid.directions.len() as u32).collect();
+        let back = FaceOfPixel::new(&table, &numbers, numbers.len());
+        for (i, d) in grid.directions.iter().enumerate() {
+            let found = back.of(&table, i as u32);
+            let face = found.map(|(face, _)| face as usize);
+            assert_eq!(face, dome.face_of(*d));
+            let (Some((_, weight)), w) = (found, grid.solid_angles[i]) else {
+                continue;
+            };
+            assert!((weight / w - 1.0).abs() < 0.2);
+        }
+    }
+
+    #[test]
+    fn what_is_taken_is_sorted_by_face() {
+        let mut source = FaceSource::default();
+        let pixels = [(7, 0.5, Vec3::X), (3, 1.0, Vec3::Y), (7, 1.5, Vec3::X)];
+        source.take(pixels.into_iter());
+        assert_eq!(source.taken, [(3, Vec3::Y), (7, 2.0 * Vec3::X)]);
+        assert_eq!(source.irradiance(), Vec3::new(2.0, 1.0, 0.0));
+    }
+}

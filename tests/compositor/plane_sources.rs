@@ -1,0 +1,246 @@
+//! Compact sources of light on shadowing planes: lit from where they are, not from the middle of
+//! the face in which they lie.
+
+use crate::judge::{Rule, assert_like, assert_same_where, strays, untouched};
+use crate::planes::{EXACT, baked, compose, cube, lit_by, planes, stage_with};
+use crate::stage::{Stage, gpu, sun};
+use glam::{Quat, Vec3};
+use penumbra::compositor::Compositor;
+use penumbra::compositor::planes::{PlaneWork, SourceBaker};
+use penumbra::environment::Lighting;
+use penumbra::environment::geodesic::{FaceLight, FaceSource, GeodesicDome};
+use penumbra::picture::Picture;
+use std::sync::Arc;
+
+const STRENGTH: Vec3 = Vec3::new(1.6, 1.5, 1.2);
+
+/// The bake of a stage in force, and sources with it.
+fn compositor(stage: &Stage) -> Compositor {
+    let bake = baked(stage, planes());
+    let sources = SourceBaker::new(&gpu(), &stage.scene, &bake);
+    let mut compositor = stage.compositor();
+    let put = compositor.set_bake_with_sources(Some(&bake), Some(sources));
+    put.unwrap();
+    compositor
+}
+
+fn face_of(direction: Vec3) -> usize {
+    GeodesicDome::new(2).unwrap().face_of(direction).unwrap()
+}
+
+fn source(direction: Vec3) -> FaceSource {
+    FaceSource {
+        id: 1,
+        direction,
+        angular_radius: 0.004,
+        spread: vec![(direction, 1.0)],
+        taken: vec![(face_of(direction) as u32, STRENGTH)],
+    }
+}
+
+/// A dim sky and one sun; the lights of the picture, of the twin, and of the faces agree.
+fn sunny(direction: Vec3, generation: u64) -> Lighting {
+    let sky = [Vec3::new(0.02, 0.022, 0.025); 40];
+    let mut faces = sky;
+    faces[face_of(direction)] += STRENGTH;
+    let mut lighting = lit_by(&sky, generation);
+    lighting.lights.push(sun(direction, STRENGTH));
+    let light = lit_by(&faces, generation).faces.unwrap();
+    lighting.faces = Some(Arc::new(FaceLight {
+        sources: vec![source(direction)],
+        ..(*light).clone()
+    }));
+    lighting
+}
+
+/// Well beside the middle of its face.
+fn beside() -> Vec3 {
+    let dome = GeodesicDome::new(2).unwrap();
+    let [a, b, _] = dome.faces[11].corners;
+    (a * 0.7 + b * 0.25 + dome.faces[11].centre * 0.05).normalize()
+}
+
+fn stage_in(lighting: Lighting) -> Stage {
+    Stage::new(128, 96).with_virtual(cube()).lit(lighting)
+}
+
+fn pictures(
+    compositor: &mut Compositor,
+    stage: &mut Stage,
+    path: &[Vec3],
+) -> Vec<(Picture, PlaneWork)> {
+    let frames = path.iter().zip(1..);
+    frames
+        .map(|(direction, generation)| {
+            stage.lighting = Some(sunny(*direction, generation));
+            compose(compositor, stage, EXACT)
+        })
+        .collect()
+}
+
+/// Codes that differ by more than the twin's rule lets them.
+fn differing(a: &Picture, b: &Picture) -> usize {
+    let pairs = a.rgba.iter().zip(&b.rgba);
+    pairs.filter(|(a, b)| a.abs_diff(**b) > 8).count()
+}
+
+#[test]
+fn the_sun_casts_its_shadow_from_where_it_is() {
+    let direction = beside();
+    let centre = GeodesicDome::new(2).unwrap().faces[11].centre;
+    assert!(
+        direction.angle_between(centre) > 0.2,
+        "{}",
+        direction.angle_between(centre)
+    );
+    let stage = stage_in(sunny(direction, 1));
+    let twin = stage.twin();
+    let (ours, work) = compose(&mut compositor(&stage), &stage, EXACT);
+    assert_like("plane-sources", &ours, &twin, Rule::within(2));
+    assert_eq!(
+        (work.sources, work.source_images),
+        (1, planes().len() as u64)
+    );
+    // The papers' way it lies elsewhere.
+    let mut papers = stage.compositor();
+    papers.set_bake(Some(&baked(&stage, planes()))).unwrap();
+    let (moved, work) = compose(&mut papers, &stage, EXACT);
+    assert_eq!((work.sources, work.source_images), (0, 0));
+    let (near, far) = (strays(&ours, &twin, 2, 8), strays(&moved, &twin, 2, 8));
+    assert!(far > 100 && far > 10 * near, "{near} {far}");
+}
+
+#[test]
+fn where_all_light_arrives_the_picture_is_the_cameras() {
+    let stage = stage_in(sunny(beside(), 1));
+    let (ours, _) = compose(&mut compositor(&stage), &stage, EXACT);
+    let calm = untouched(&stage.twin(), 3);
+    assert!(calm.iter().filter(|c| **c).count() > 100);
+    assert_same_where("plane-sources-open", &ours, &stage.picture, &calm);
+}
+
+#[test]
+fn without_sources_nothing_is_other_than_before() {
+    let sky: Vec<Vec3> = (0..40)
+        .map(|i| Vec3::splat(0.02 + 0.01 * (i % 7) as f32))
+        .collect();
+    let stage = stage_with(&sky);
+    let mut papers = stage.compositor();
+    papers.set_bake(Some(&baked(&stage, planes()))).unwrap();
+    let (expected, _) = compose(&mut papers, &stage, EXACT);
+    // No source is there.
+    let (none, _) = compose(&mut compositor(&stage), &stage, EXACT);
+    assert_eq!(none, expected);
+    // One is, and is not wanted.
+    let sunny = sunny(beside(), 1);
+    let mut without = sunny.clone();
+    let light = sunny.faces.as_deref().unwrap().clone();
+    without.faces = Some(Arc::new(FaceLight {
+        sources: Vec::new(),
+        ..light
+    }));
+    let pictures = [sunny, without].map(|lighting| {
+        let stage = stage_in(lighting);
+        let mut papers = stage.compositor();
+        papers.set_bake(Some(&baked(&stage, planes()))).unwrap();
+        compose(&mut papers, &stage, EXACT).0
+    });
+    assert_eq!(pictures[0], pictures[1]);
+}
+
+/// Along the sky, over an edge between two faces.
+fn path(frames: usize, degrees: f32) -> Vec<Vec3> {
+    let dome = GeodesicDome::new(2).unwrap();
+    let next = dome.neighbours(11)[0] as usize;
+    let (from, to) = (dome.faces[11].centre, dome.faces[next].centre);
+    let axis = from.cross(to).normalize();
+    let whole = from.angle_between(to);
+    let at = |i: usize| {
+        let from_middle = (i as f32 - frames as f32 / 2.0) * degrees.to_radians();
+        Quat::from_axis_angle(axis, 0.5 * whole + from_middle) * from
+    };
+    (0..frames).map(at).collect()
+}
+
+#[test]
+fn a_shadow_moves_in_small_steps_and_does_not_jump_over_an_edge() {
+    let path = path(40, 0.5);
+    assert_ne!(face_of(path[0]), face_of(path[39]));
+    let mut stage = stage_in(sunny(path[0], 1));
+    let steps = |frames: &[(Picture, PlaneWork)]| {
+        let pairs = frames.windows(2);
+        let steps = pairs.map(|pair| differing(&pair[0].0, &pair[1].0));
+        steps.max().unwrap()
+    };
+    let ours = pictures(&mut compositor(&stage), &mut stage, &path);
+    let mut papers = stage.compositor();
+    papers.set_bake(Some(&baked(&stage, planes()))).unwrap();
+    let jumping = pictures(&mut papers, &mut stage, &path);
+    let (step, jump) = (steps(&ours), steps(&jumping));
+    assert!(3 * step < jump, "{step} {jump}");
+    // It has followed.
+    assert!(ours.last().unwrap().1.source_images > 3 * planes().len() as u64);
+    assert!(ours.iter().all(|(_, work)| work.sources == 1));
+}
+
+#[test]
+fn images_drawn_while_pictures_go_on_are_those_that_are_drawn_at_once() {
+    let path = path(12, 1.0);
+    let mut stage = stage_in(sunny(path[0], 1));
+    let mut ours = compositor(&stage);
+    let first = pictures(&mut ours, &mut stage, &path);
+    let last = vec![path[11]; 40];
+    let (settled, work) = pictures(&mut ours, &mut stage, &last).pop().unwrap();
+    stage.lighting = Some(sunny(path[11], 1));
+    let (fresh, _) = compose(&mut compositor(&stage), &stage, EXACT);
+    let off = settled.rgba.iter().zip(&fresh.rgba);
+    let off = off.map(|(a, b)| a.abs_diff(*b)).max();
+    assert!(off <= Some(1), "{off:?}");
+    // Steady light draws nothing.
+    let (_, later) = pictures(&mut ours, &mut stage, &last[..3]).pop().unwrap();
+    assert_eq!(work.source_images, later.source_images);
+    assert_eq!((later.images, later.resummed), (0, 0));
+    // Pictures depend on nothing but the pictures before them.
+    let again = pictures(&mut compositor(&stage), &mut stage, &path);
+    assert_eq!(first, again);
+}
+
+#[test]
+fn planes_that_were_out_of_sight_know_the_new_images() {
+    let path = path(30, 0.7);
+    let mut stage = stage_in(sunny(path[0], 1));
+    let mut ours = compositor(&stage);
+    pictures(&mut ours, &mut stage, &path);
+    let settled = vec![path[29]; 40];
+    pictures(&mut ours, &mut stage, &settled);
+    let behind = glam::DVec3::new(0.06, 0.4, 0.34);
+    stage.pose = Some(crate::stage::looking_from(behind, glam::DVec3::ZERO));
+    let (seen, _) = compose(&mut ours, &stage, EXACT);
+    let (fresh, _) = compose(&mut compositor(&stage), &stage, EXACT);
+    let off = seen.rgba.iter().zip(&fresh.rgba);
+    let off = off.map(|(a, b)| a.abs_diff(*b)).max();
+    assert!(off <= Some(1), "{off:?}");
+}
+
+#[test]
+fn a_source_that_comes_and_goes_fades() {
+    let mut stage = stage_in(sunny(beside(), 1));
+    let dark = lit_by(&[Vec3::new(0.02, 0.022, 0.025); 40], 2);
+    stage.lighting = Some(dark);
+    let mut ours = compositor(&stage);
+    compose(&mut ours, &stage, EXACT);
+    let came = pictures(&mut ours, &mut stage, &[beside(); 30]);
+    assert_eq!(came[0].1.sources, 0);
+    assert_eq!(came[29].1.sources, 1);
+    stage.lighting = Some(sunny(beside(), 1));
+    let (fresh, _) = compose(&mut compositor(&stage), &stage, EXACT);
+    let off = came[29].0.rgba.iter().zip(&fresh.rgba);
+    assert!(off.map(|(a, b)| a.abs_diff(*b)).max() <= Some(1));
+    // No picture is far from both neighbours: the shadow goes over from the face's to its own.
+    let whole = differing(&came[0].0, &came[29].0);
+    let steps = came.windows(2).map(|pair| {
+        let codes = pair[0].0.rgba.iter().zip(&pair[1].0.rgba);
+        codes.map(|(a, b)| u32::from(a.abs_diff(*b))).max().unwrap()
+    });
+    assert!(whole > 0 && steps.max().unwrap() < 64);
+}
