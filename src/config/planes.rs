@@ -87,6 +87,9 @@ pub struct PlanesConfig {
     pub offset: f64,
     /// Where shadows on virtual objects are caught.
     pub receiver: PlaneReceiver,
+    /// The brightest compact sources of light cast shadows from their true directions, not from
+    /// the middles of faces.
+    pub sources: bool,
     /// Lights that give less than this share of all light are left out.
     pub skip_below: f32,
     /// A light is summed anew when it changes by more than this share of all light.
@@ -108,6 +111,7 @@ impl Default for PlanesConfig {
             samples: bake.samples,
             offset: 0.02,
             receiver: PlaneReceiver::Surface,
+            sources: true,
             skip_below: 0.002,
             recompute_above: 0.01,
             shading: PlaneShading::Irradiance,
@@ -139,6 +143,7 @@ pub(super) struct PlanesFile {
     samples: Option<u32>,
     offset_m: Option<f64>,
     receiver: Option<PlaneReceiver>,
+    sources: Option<bool>,
     skip_below: Option<f64>,
     recompute_above: Option<f64>,
     shading: Option<PlaneShading>,
@@ -155,6 +160,7 @@ pub(super) fn planes(file: PlanesFile, folder: &Path, out: &mut PlanesConfig) ->
     let offset = within("planes.offset_m", file.offset_m, 0.0..=10.0)?;
     set(&mut out.offset, offset);
     set(&mut out.receiver, file.receiver);
+    set(&mut out.sources, file.sources);
     let skip = within("planes.skip_below", file.skip_below, 0.0..=1.0)?;
     set(&mut out.skip_below, skip.map(|share| share as f32));
     let recompute = within("planes.recompute_above", file.recompute_above, 0.0..=1.0)?;

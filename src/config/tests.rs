@@ -165,7 +165,7 @@ fn settings_take_their_values() {
 fn planes_take_their_values() {
     let text = "[shadows]\ntechnique = \"planes\"\n[planes]\ncount = 8\nclusters = 1\n\
         resolution = 64\nfrequency = 4\nsamples = 4\noffset_m = 0.1\nreceiver = \"plane\"\n\
-        skip_below = 0\nrecompute_above = 0.5\nshading = \"six\"\ncache = \"kept\"\n";
+        sources = false\nskip_below = 0\nrecompute_above = 0.5\nshading = \"six\"\ncache = \"kept\"\n";
     let config = convert::config(&TomlText::new("c.toml", text), Path::new("/rig")).unwrap();
     assert_eq!(config.shadows.technique, ShadowTechnique::Planes);
     let expected = PlanesConfig {
@@ -176,6 +176,7 @@ fn planes_take_their_values() {
         samples: 4,
         offset: 0.1,
         receiver: PlaneReceiver::Plane,
+        sources: false,
         skip_below: 0.0,
         recompute_above: 0.5,
         shading: PlaneShading::Six,

@@ -2,7 +2,7 @@
 
 use super::bake::{BakePlan, bake_changes};
 use super::{RigError, threads};
-use crate::compositor::planes::{PlanesStage, Progress};
+use crate::compositor::planes::{PlanesStage, Progress, SourceBaker};
 use crate::compositor::{Gpu, GpuError};
 use crate::config::PlanesConfig;
 use crate::scene::Scene;
@@ -134,8 +134,9 @@ fn obtain(
     if progress(0, 0).is_break() {
         return Err(GpuError::Stopped.into());
     }
+    let sources = config.sources.then(|| SourceBaker::new(gpu, scene, &bake));
     Ok(Obtained {
-        stage: Box::new(PlanesStage::new(gpu, &bake, None)?),
+        stage: Box::new(PlanesStage::new(gpu, &bake, sources)?),
         baked: Baked {
             scene: scene.clone(),
             bake: Arc::new(bake),

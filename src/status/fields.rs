@@ -199,6 +199,14 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "Lights left out of the newest picture, because they give less than `settings.planes_skip_below`.",
     ),
     (
+        "planes.sources",
+        "Compact sources of light (sun, lamp) that cast shadows from their true directions, not from the middle of a face.",
+    ),
+    (
+        "planes.source_images",
+        "Basis images drawn for them since the start: anew when they move.",
+    ),
+    (
         "planes.basis_images",
         "Basis images in which light arrives.",
     ),

@@ -51,6 +51,10 @@ pub struct PlanesStatus {
     pub lights: u32,
     /// Of these left out of the newest picture, because they give too little.
     pub lights_skipped: u32,
+    /// Compact sources of light that cast shadows from their true directions.
+    pub sources: u32,
+    /// Basis images drawn for them since the start.
+    pub source_images: u64,
     /// Basis images in which light arrives.
     pub basis_images: u32,
     /// Basis images in which none does: neither stored nor summed.

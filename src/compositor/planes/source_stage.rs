@@ -9,6 +9,7 @@ use super::source_images::{Drawing, SOURCE_LIGHTS, SourceBaker, SourceOutput};
 use super::source_slots::SourceSlots;
 use super::synthesis::SourceTargets;
 use crate::environment::geodesic::FaceLight;
+use glam::Quat;
 use wgpu::BufferUsages as U;
 
 /// What has been done for sources so far.
@@ -44,6 +45,12 @@ impl SourceStage {
             work: SourceWork::default(),
             baker,
         }
+    }
+
+    /// The bake was turned with its model.
+    pub fn turn(&mut self, bake_from_world: Quat) {
+        self.slots.bake_from_world = bake_from_world;
+        self.followed = None;
     }
 
     /// One picture in the light of `generation`: follows its sources, draws some of the images

@@ -96,6 +96,9 @@ impl Compositor {
             stage.world_from_bake = world_from_bake;
             stage.synthesis.place(&stage.planes, world_from_bake);
             stage.lights_of = None;
+            if let Some(sources) = &mut stage.sources {
+                sources.turn(world_from_bake.rotation.inverse().as_quat());
+            }
         }
     }
 
