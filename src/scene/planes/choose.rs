@@ -54,29 +54,23 @@ pub(super) fn candidates(
                 .filter(|f| f.normal.dot(direction) > FACES)
                 .copied()
                 .collect();
-            let front = front(&own, direction);
-            let make = |facing: &[&Fragment], front: f64| {
-                let plane = plane_of(facing, direction, front, layer, offset_m)?;
-                let serves = served_by(&plane, fragments);
-                (!serves.is_empty()).then_some(Candidate { plane, serves })
-            };
             let mut seen = HashSet::new();
-            let mut next = make(&facing, front);
-            for layer in 0..LAYERS {
-                let depth = match next.take() {
-                    Some(candidate) => {
-                        seen.extend(candidate.serves.iter().map(|s| s.0));
-                        let depth = candidate.plane.depth;
-                        out.push(candidate);
-                        depth
-                    }
-                    // What stands on this cluster hides all of it.
-                    None if layer == 0 => 0.0,
-                    None => break,
-                };
-                let thick = depth.max(0.5 * extent) * LAYER;
-                let behind = covered(&facing, &seen, direction, thick);
-                next = make(&behind, self::front(&behind, direction));
+            let (mut stretch, mut front) = (facing.clone(), front(&own, direction));
+            for inward in 0..LAYERS {
+                let plane = plane_of(&stretch, direction, front, layer, offset_m);
+                let Some(plane) = plane else { break };
+                let serves = served_by(&plane, fragments);
+                seen.extend(serves.iter().map(|s| s.0));
+                let thick = plane.depth.max(0.5 * extent) * LAYER;
+                // The outermost may see nothing for another cluster before it; what is inside
+                // is looked for all the same.
+                if !serves.is_empty() {
+                    out.push(Candidate { plane, serves });
+                } else if inward > 0 {
+                    break;
+                }
+                stretch = covered(&facing, &seen, direction, thick);
+                front = self::front(&stretch, direction);
             }
         }
     }
