@@ -9,9 +9,8 @@ use crate::scene::{Part, Scene, casters_within};
 use bytemuck::{Pod, Zeroable};
 use wgpu::util::{BufferInitDescriptor, DeviceExt};
 
-/// Share of the model's extent by which casters may be simplified: a quarter of a texel of
-/// the maps.
-const CASTER_SHARE: f32 = 1.0 / 8192.0;
+/// Casters may be simplified by so many texels of the maps.
+const CASTER_TEXELS: f32 = 0.25;
 
 /// Twin of WGSL `Plane` in `bake_evaluate.wgsl`.
 #[repr(C)]
@@ -54,11 +53,13 @@ pub(super) struct BakeScene {
 }
 
 impl BakeScene {
+    /// For maps of `map` texels a side.
     pub fn new(
         device: &wgpu::Device,
         queue: &wgpu::Queue,
         scene: &Scene,
         planes: &[ShadowingPlane],
+        map: u32,
     ) -> Self {
         let solid: Vec<Part> = scene
             .phantom_parts
@@ -67,7 +68,8 @@ impl BakeScene {
             .cloned()
             .collect();
         let of_planes: Vec<BakePlane> = planes.iter().map(BakePlane::from).collect();
-        let coarse = casters_within(scene, extent(&scene.virtual_parts) * CASTER_SHARE);
+        let texel = extent(&scene.virtual_parts) / map as f32;
+        let coarse = casters_within(scene, CASTER_TEXELS * texel);
         Self {
             model: casters(device, &coarse),
             phantoms: casters(device, &solid),

@@ -130,7 +130,7 @@ impl<'a> Baker<'a> {
     ) -> Self {
         Self {
             passes: BakePasses::new(&gpu.device, settings.resolution),
-            scene: BakeScene::new(&gpu.device, &gpu.queue, scene, planes),
+            scene: BakeScene::new(&gpu.device, &gpu.queue, scene, planes, MAP),
             planes: planes.len() as u32,
             layers: planes.iter().map(|p| p.layer).collect(),
             settings,

@@ -103,7 +103,7 @@ impl SourceBaker {
         let side = bake.settings.resolution;
         let planes = bake.planes.len();
         let passes = BakePasses::new(device, side);
-        let scene = BakeScene::new(device, queue, scene, &bake.planes);
+        let scene = BakeScene::new(device, queue, scene, &bake.planes, MAP);
         let receivers = bake.receivers.iter();
         let receivers: Vec<_> = receivers.flat_map(|r| words(r, side as usize)).collect();
         let receivers = storage(device, queue, "receivers", &receivers);

@@ -87,16 +87,17 @@ impl SourceStage {
         true
     }
 
-    /// Divides the faces' sums among faces and sources, where they are other than before.
+    /// Divides the faces' sums among faces and sources, where they are other than before; says
+    /// whether they were.
     pub fn record(
         &mut self,
         device: &wgpu::Device,
         encoder: &mut wgpu::CommandEncoder,
         sums: &wgpu::Buffer,
         changed: bool,
-    ) -> &wgpu::Buffer {
-        self.lights.record(device, encoder, sums, changed);
-        &self.lights.lights
+    ) -> (&wgpu::Buffer, bool) {
+        let changed = self.lights.record(device, encoder, sums, changed);
+        (&self.lights.lights, changed)
     }
 }
 
@@ -162,9 +163,9 @@ impl SourceLights {
         encoder: &mut wgpu::CommandEncoder,
         sums: &wgpu::Buffer,
         changed: bool,
-    ) {
+    ) -> bool {
         if !(std::mem::take(&mut self.due) || changed) {
-            return;
+            return false;
         }
         let known = self.group.take().filter(|(bound, _)| bound == sums);
         let (_, group) = self.group.insert(known.unwrap_or_else(|| {
@@ -178,6 +179,7 @@ impl SourceLights {
         pass.set_pipeline(&self.give);
         pass.set_bind_group(0, &*group, &[]);
         pass.dispatch_workgroups(1, 1, 1);
+        true
     }
 }
 

@@ -221,7 +221,7 @@ impl PlanesStage {
         let faces = self.luminance.buffer();
         let lights = match &mut self.sources {
             Some(sources) => sources.record(&self.device, encoder, faces, changed),
-            None => faces,
+            None => (faces, changed),
         };
         self.synthesis
             .record(&self.device, encoder, timer, &self.passes, lights);

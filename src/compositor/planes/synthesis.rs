@@ -401,14 +401,15 @@ impl Synthesis {
         }
     }
 
-    /// Plans and sums. `luminance` holds one vector per light: face of the dome or compact source.
+    /// Plans and sums. `luminance` holds one vector per light, face of the dome or compact source,
+    /// and whether any is other than in the last picture.
     pub fn record(
         &mut self,
         device: &wgpu::Device,
         encoder: &mut wgpu::CommandEncoder,
         timer: &mut Timer,
         passes: &SynthesisPasses,
-        luminance: &wgpu::Buffer,
+        (luminance, changed): (&wgpu::Buffer, bool),
     ) {
         let b = &self.buffers;
         let known = self
@@ -447,8 +448,10 @@ impl Synthesis {
                 pass.set_pipeline(&passes.plan);
                 pass.set_bind_group(0, &*plan_group, &[]);
                 pass.dispatch_workgroups(planes.div_ceil(64), 1, 1);
-                pass.set_pipeline(&passes.whole);
-                pass.dispatch_workgroups(shaders::BY_NORMAL.pow(2).div_ceil(64), 1, 1);
+                if changed {
+                    pass.set_pipeline(&passes.whole);
+                    pass.dispatch_workgroups(shaders::BY_NORMAL.pow(2).div_ceil(64), 1, 1);
+                }
                 continue;
             }
             pass.set_bind_group(0, &self.sum_group, &[]);
