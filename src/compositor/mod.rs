@@ -4,7 +4,7 @@
 //! [`frame`] tells the whole frame top to bottom. Passes own immutable pipelines
 //! (`passes/`); what changes with the picture's size is in `targets`, what changes with
 //! the scene in `scene_buffers`, what changes with the light in `light_maps`, `gloss_maps`,
-//! `lamp_maps` and `shadow_slots`.
+//! `lamp_maps` and `shadow_slots`; [`exposure`] says in which exposure all of it is shown.
 
 mod bindings;
 mod cover;

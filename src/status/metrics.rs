@@ -24,6 +24,12 @@ pub fn metrics(snapshot: &Snapshot) -> String {
     white_balance(&mut page, snapshot);
     lighting(&mut page, snapshot);
     planes(&mut page, snapshot);
+    page.one(
+        "penumbra_exposure_stops",
+        "gauge",
+        "Exposure of the picture beside the camera's own.",
+        snapshot.exposure.ev,
+    );
     devices(&mut page, snapshot);
     recording(&mut page, snapshot);
     page.text
@@ -486,6 +492,16 @@ mod tests {
             (Some(2.0), 2.0)
         );
         assert!((decode("sum")[0] - 0.303).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_exposure_is_told() {
+        let mut s = busy();
+        s.exposure.ev = -1.5;
+        let (types, samples) = parse(&metrics(&s));
+        let name = "penumbra_exposure_stops";
+        assert!(types.iter().any(|(n, kind)| n == name && kind == "gauge"));
+        assert!(samples.iter().any(|(n, _, v)| n == name && *v == -1.5));
     }
 
     #[test]
