@@ -170,7 +170,9 @@ impl Compositor {
     pub(in super::super) fn prepare_exposure(&mut self, input: &FrameInput<'_>, seen: bool) {
         let metered = self.exposure.meter.is_some();
         self.exposure.choose(&self.gpu, input, seen);
-        let new = self.exposure.changes() && self.exposure.passes.is_none();
+        // An automatic one is ready for the first lamp: compiling takes longer than a picture.
+        let soon = self.exposure.changes() || self.exposure.follower.is_some();
+        let new = soon && self.exposure.passes.is_none();
         if new {
             let variant = Variant {
                 exposed: true,
