@@ -229,8 +229,11 @@ pub fn files_of(path: &Path) -> Vec<PathBuf> {
     let folder = path.parent().unwrap_or(Path::new(""));
     let text = TomlText::read(path);
     if let Ok(file) = text.and_then(|text| text.parse::<SceneFile>()) {
-        let entries = file.object.iter().chain(&file.phantom);
-        let named = entries.filter_map(|entry| entry.file.as_ref());
+        let entries = || file.object.iter().chain(&file.phantom);
+        let models = entries().filter_map(|entry| entry.file.as_ref());
+        let materials = entries().filter_map(|entry| entry.material.as_ref());
+        let named = models
+            .chain(materials.flat_map(|m| m.textures().into_iter().filter_map(|(_, name)| name)));
         files.extend(named.take(MOST_ENTRIES).map(|name| folder.join(name)));
     }
     files.dedup();

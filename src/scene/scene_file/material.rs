@@ -44,7 +44,7 @@ pub(super) fn apply(
 
 impl MaterialFile {
     /// Key and file of each texture.
-    fn textures(&self) -> [(&'static str, Option<&String>); 5] {
+    pub(super) fn textures(&self) -> [(&'static str, Option<&String>); 5] {
         [
             ("base_colour_texture", self.base_colour_texture.as_ref()),
             (
