@@ -40,6 +40,10 @@ fn convert(file: ConfigFile, folder: &Path) -> Result<Config> {
     white_balance(&file.white_balance, &mut config.white_balance)?;
     shadows(&file.shadows, &mut config.shadows)?;
     set(&mut config.shading.reflections, file.shading.reflections);
+    set(
+        &mut config.shading.bounced_light,
+        file.shading.bounced_light,
+    );
     planes(file.planes, folder, &mut config.planes)?;
     exposure(&file.exposure, &mut config.exposure)?;
     set(&mut config.picture.antialias, file.picture.antialias);

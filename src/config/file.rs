@@ -122,6 +122,7 @@ pub(super) struct Shadows {
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Shading {
     pub reflections: Option<Filtering>,
+    pub bounced_light: Option<bool>,
 }
 
 #[derive(Debug, Default, Deserialize)]

@@ -150,10 +150,21 @@ pub struct ShadowConfig {
 }
 
 /// `[shading]`
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ShadingConfig {
     /// How the environment is filtered for what virtual objects mirror of it.
     pub reflections: Filtering,
+    /// Whether virtual objects throw light on real things, and those on them.
+    pub bounced_light: bool,
+}
+
+impl Default for ShadingConfig {
+    fn default() -> Self {
+        Self {
+            reflections: Filtering::default(),
+            bounced_light: true,
+        }
+    }
 }
 
 /// `[picture]`

@@ -207,7 +207,11 @@ impl Run {
             camera: &runner.setup.calibration.scene_camera.camera,
             world_from_camera: prepared.world_from_camera,
             lighting: prepared.light.lighting.as_deref(),
-            near: prepared.light.near.as_deref(),
+            near: prepared
+                .light
+                .near
+                .as_deref()
+                .filter(|_| settings.bounced_light),
             lamps: &lamps,
             shadow_mode: match settings.shadow_mode {
                 status::ShadowMode::Ratio => ShadowMode::Ratio,

@@ -28,6 +28,7 @@ pub fn live_settings(config: &Config) -> Settings {
         shadow_strength: config.shadows.strength,
         virtual_object_visible: true,
         reflections: config.shading.reflections,
+        bounced_light: config.shading.bounced_light,
         planes_skip_below: config.planes.skip_below,
         planes_recompute_above: config.planes.recompute_above,
         planes_shading: config.planes.shading,

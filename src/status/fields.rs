@@ -399,6 +399,10 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "How the environment is filtered for what virtual objects mirror: `prefiltered` (over each material's lobe) or `box` (the paper's chain).",
     ),
     (
+        "settings.bounced_light",
+        "Whether virtual objects throw light on real things, and those on them: a red one tints the table.",
+    ),
+    (
         "settings.planes_skip_below",
         "With shadowing planes: of 40 lights, those that give less than this share of all light are left out, 0 to 1.",
     ),

@@ -68,6 +68,8 @@ pub struct Settings {
     pub virtual_object_visible: bool,
     /// How the environment is filtered for what they mirror.
     pub reflections: Filtering,
+    /// Whether they throw light on real things, and those on them.
+    pub bounced_light: bool,
     /// Planes: lights that give less than this share of all light are left out, 0..=1.
     pub planes_skip_below: f32,
     /// Planes: a light is summed anew when it changes by more than this share of all light,
@@ -100,6 +102,7 @@ impl Default for Settings {
             shadow_strength: 1.0,
             virtual_object_visible: true,
             reflections: Filtering::default(),
+            bounced_light: true,
             planes_skip_below: 0.002,
             planes_recompute_above: 0.01,
             planes_shading: PlaneShading::default(),
@@ -131,6 +134,8 @@ pub struct SettingsChange {
     pub virtual_object_visible: Option<bool>,
     /// See [`Settings::reflections`].
     pub reflections: Option<Filtering>,
+    /// See [`Settings::bounced_light`].
+    pub bounced_light: Option<bool>,
     /// See [`Settings::planes_skip_below`].
     pub planes_skip_below: Option<f32>,
     /// See [`Settings::planes_recompute_above`].
@@ -220,6 +225,7 @@ impl SettingsChange {
                 .virtual_object_visible
                 .unwrap_or(settings.virtual_object_visible),
             reflections: self.reflections.unwrap_or(settings.reflections),
+            bounced_light: self.bounced_light.unwrap_or(settings.bounced_light),
             planes_skip_below: self.planes_skip_below.unwrap_or(settings.planes_skip_below),
             planes_recompute_above: self
                 .planes_recompute_above
