@@ -138,15 +138,28 @@ pub fn tangent_frame(d: Vec3) -> (Vec3, Vec3) {
     (right, d.cross(right))
 }
 
+/// Steradians of a face's texels, row by row; each corner is worked out once.
+fn face_solid_angles(size: u32) -> Vec<f32> {
+    let edge = |i: u32| 2.0 * f64::from(i) / f64::from(size) - 1.0;
+    let row = |y: u32| (0..=size).map(move |x| corner_solid_angle(edge(x), edge(y)));
+    let mut above: Vec<f64> = row(0).collect();
+    let mut all = Vec::with_capacity((size * size) as usize);
+    for y in 1..=size {
+        let below: Vec<f64> = row(y).collect();
+        let corners = above.windows(2).zip(below.windows(2));
+        all.extend(corners.map(|(a, b)| (b[1] - b[0] - a[1] + a[0]) as f32));
+        above = below;
+    }
+    all
+}
+
 /// The next smaller map: each texel the mean of four, weighted by their solid angles, so
 /// that the integral over the sphere stays what it was.
 #[must_use]
 pub fn halve(size: u32, texels: &[Vec3]) -> Vec<Vec3> {
     let half = (size / 2) as usize;
     let n = size as usize;
-    let weights: Vec<f32> = (0..n * n)
-        .map(|i| texel_solid_angle(size, (i % n) as u32, (i / n) as u32) as f32)
-        .collect();
+    let weights = face_solid_angles(size);
     let mut out = Vec::with_capacity(6 * half * half);
     for (face, y, x) in (0..6 * half * half).map(|i| (i / (half * half), i / half % half, i % half))
     {
@@ -252,6 +265,14 @@ mod tests {
             }
             let others = around.iter().filter(|&&k| k as usize != i).count();
             assert!(others >= 6, "texel {i} has {others} neighbours");
+        }
+    }
+
+    #[test]
+    fn texels_of_a_face_are_as_large_as_each_alone() {
+        for (i, w) in face_solid_angles(16).into_iter().enumerate() {
+            let alone = texel_solid_angle(16, i as u32 % 16, i as u32 / 16) as f32;
+            assert!((w - alone).abs() < 1e-8, "{i}: {w} {alone}");
         }
     }
 

@@ -48,8 +48,7 @@ fn lobe_towards(g: Gloss, n: vec3f, v: vec3f, l: vec3f) -> vec3f {
     if PHONG && g.phong {
         let e = exp2(14.0 * g.parameter) - 1.0;
         let along = max(dot(reflect(-v, n), l), 0.0);
-        // pow(0, 0) is not defined.
-        let lobe = exp2(e * log2(max(along, 1e-20)));
+        let lobe = select(0.0, exp2(e * log2(max(along, 1e-20))), along > 0.0);
         return g.f0 * (lobe * (e + 2.0) * (0.5 / 3.14159265));
     }
     // A point's image in a mirror is a point; this much blur keeps it from flickering.
