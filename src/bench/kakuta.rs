@@ -76,7 +76,7 @@ fn measure(gpu: &Gpu, case: &Case, options: &BenchOptions) -> Result<Row, GpuErr
     };
     let mut compositor = Compositor::new(gpu.clone(), settings, Response::srgb());
     compositor.set_scene(&scene, &crate::scene::casters(&scene));
-    let sources = SourceBaker::new(gpu, &scene, &bake);
+    let sources = SourceBaker::new(gpu, &scene, &bake)?;
     compositor.set_bake_with_sources(Some(&bake), Some(sources))?;
     let mut sky = Sky::new();
     let (picture, camera) = (picture(width, height), camera(width, height));

@@ -135,6 +135,8 @@ fn obtain(
         return Err(GpuError::Stopped.into());
     }
     let sources = config.sources.then(|| SourceBaker::new(gpu, scene, &bake));
+    // Shadows of faces are better than none.
+    let sources = sources.and_then(|made| made.inspect_err(|error| tracing::warn!("{error}")).ok());
     Ok(Obtained {
         stage: Box::new(PlanesStage::new(gpu, &bake, sources)?),
         baked: Baked {

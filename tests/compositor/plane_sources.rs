@@ -17,7 +17,7 @@ const STRENGTH: Vec3 = Vec3::new(1.6, 1.5, 1.2);
 /// The bake of a stage in force, and sources with it.
 fn compositor(stage: &Stage) -> Compositor {
     let bake = baked(stage, planes());
-    let sources = SourceBaker::new(&gpu(), &stage.scene, &bake);
+    let sources = SourceBaker::new(&gpu(), &stage.scene, &bake).unwrap();
     let mut compositor = stage.compositor();
     let put = compositor.set_bake_with_sources(Some(&bake), Some(sources));
     put.unwrap();

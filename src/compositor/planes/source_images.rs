@@ -4,7 +4,7 @@
 
 use super::super::bindings::{Slot, compute_layout, compute_pipeline, group, view};
 use super::super::shadow_slots::fit;
-use super::super::{Gpu, shaders};
+use super::super::{Gpu, GpuError, shaders};
 use super::SOURCES;
 use super::bake_passes::{BakePasses, Direction, depth_square};
 use super::bake_scene::{BakeCasters, BakeScene};
@@ -97,17 +97,31 @@ impl Store {
 impl SourceBaker {
     /// Uploads what `bake` was made of: `scene` as it stood then. It may take a second: not for
     /// the thread that draws pictures.
-    #[must_use]
-    pub fn new(gpu: &Gpu, scene: &Scene, bake: &Bake) -> Self {
+    ///
+    /// # Errors
+    /// The device cannot hold sums for so many planes; it may be another than the one that the
+    /// bake was made on.
+    pub fn new(gpu: &Gpu, scene: &Scene, bake: &Bake) -> Result<Self, GpuError> {
         let (device, queue) = (&gpu.device, &gpu.queue);
         let side = bake.settings.resolution;
         let planes = bake.planes.len();
+        let texels = u64::from(side).pow(2) * planes as u64;
+        let most = device.limits().max_storage_buffer_binding_size;
+        if 16 * texels > most {
+            let reason = format!(
+                "{planes} planes of {side}² texels with images of the sun and of lamps: {} MB, at \
+                 most {} MB; choose fewer or smaller ones, or `sources = false`, under [planes]",
+                texels >> 16,
+                most >> 20
+            );
+            let adapter = gpu.name.clone();
+            return Err(GpuError::Unfit { adapter, reason });
+        }
         let passes = BakePasses::new(device, side);
         let scene = BakeScene::new(device, queue, scene, &bake.planes, MAP);
         let receivers = bake.receivers.iter();
         let receivers: Vec<_> = receivers.flat_map(|r| words(r, side as usize)).collect();
         let receivers = storage(device, queue, "receivers", &receivers);
-        let texels = u64::from(side).pow(2) * planes as u64;
         let made = |label, bytes, usage| buffer_of(device, label, bytes, usage | U::COPY_DST);
         let uniform = |label, size| made(label, size as u64, U::UNIFORM);
         let uniforms = [
@@ -123,7 +137,7 @@ impl SourceBaker {
         let read = [&uniforms[0], &scene.planes, &receivers];
         let group = passes.bind(device, read, [&maps[0], &maps[1]], [&sums, &lost, &flags]);
         let real = bake.planes.iter().filter(|p| p.layer == Layer::Real);
-        Self {
+        Ok(Self {
             store: Store::new(device, side),
             planes: planes as u32,
             real: real.count() as u32,
@@ -142,7 +156,7 @@ impl SourceBaker {
             sums,
             flags,
             group,
-        }
+        })
     }
 
     /// Writes into the sums over `targets`.
