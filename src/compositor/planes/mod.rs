@@ -1,6 +1,7 @@
 //! Shadowing planes on the GPU: baking ahead of time, and in each frame the sums of basis
 //! images over the light of now.
 
+mod atlas;
 mod bake_passes;
 mod bake_scene;
 pub mod baker;
@@ -10,6 +11,7 @@ mod mend;
 mod readback;
 mod receiver;
 mod shown;
+mod source_drawing;
 mod source_images;
 mod source_slots;
 mod source_stage;

@@ -10,11 +10,10 @@ use super::bake_passes::{BakePasses, Direction, depth_square};
 use super::bake_scene::{BakeCasters, BakeScene};
 use super::compute::{buffer_of, storage};
 use super::receiver::words;
-use super::source_slots::Wanted;
+use super::source_drawing::{Images, SourceOutput};
 use super::synthesis::SourceTargets;
 use crate::scene::Scene;
 use crate::scene::planes::{Bake, Layer};
-use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 use wgpu::BufferUsages as U;
 
@@ -27,15 +26,7 @@ const MAP: u32 = 1024;
 const PLANES_A_PICTURE: u32 = 4;
 
 /// Images of each plane: past everything, and past phantoms alone.
-const KINDS: u32 = 2;
-
-/// Twin of WGSL `Images` in `bake_source.wgsl`.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
-struct Images {
-    planes: [u32; 4],
-    source: [u32; 4],
-}
+pub(super) const KINDS: u32 = 2;
 
 /// Lights that sources add to those of the dome: two sets of images each.
 pub(super) const SOURCE_LIGHTS: usize = 2 * SOURCES;
@@ -47,28 +38,28 @@ pub(super) const fn image_count(planes: u32) -> u32 {
 
 /// What casts and what catches shadows, and what images are drawn through.
 pub struct SourceBaker {
-    gpu: Gpu,
-    passes: BakePasses,
+    pub(super) gpu: Gpu,
+    pub(super) passes: BakePasses,
     scene: BakeScene,
-    store: Store,
-    planes: u32,
-    real: u32,
-    side: u32,
+    pub(super) store: Store,
+    pub(super) planes: u32,
+    pub(super) real: u32,
+    pub(super) side: u32,
     /// Planes that are evaluated with one picture.
-    pace: u32,
+    pub(super) pace: u32,
     uniforms: [wgpu::Buffer; 3],
-    images: wgpu::Buffer,
+    pub(super) images: wgpu::Buffer,
     maps: [wgpu::TextureView; 2],
-    sums: wgpu::Buffer,
+    pub(super) sums: wgpu::Buffer,
     flags: wgpu::Buffer,
-    group: wgpu::BindGroup,
+    pub(super) group: wgpu::BindGroup,
 }
 
-struct Store {
+pub(super) struct Store {
     layout: wgpu::BindGroupLayout,
-    store: wgpu::ComputePipeline,
-    number: wgpu::ComputePipeline,
-    forget: wgpu::ComputePipeline,
+    pub store: wgpu::ComputePipeline,
+    pub number: wgpu::ComputePipeline,
+    pub forget: wgpu::ComputePipeline,
 }
 
 impl Store {
@@ -184,7 +175,7 @@ impl SourceBaker {
     }
 
     /// Both maps of a direction.
-    fn draw_maps(&self, encoder: &mut wgpu::CommandEncoder) {
+    pub(super) fn draw_maps(&self, encoder: &mut wgpu::CommandEncoder) {
         let device = &self.gpu.device;
         for (k, casters) in self.casters().into_iter().enumerate() {
             let (map, uniform) = (&self.maps[k], &self.uniforms[k + 1]);
@@ -198,7 +189,7 @@ impl SourceBaker {
     }
 
     /// Tells the shaders a direction, its share, and the first plane that it is evaluated on.
-    fn tell(&self, (towards, share): (Vec3, f32), first: u32) {
+    pub(super) fn tell(&self, (towards, share): (Vec3, f32), first: u32) {
         let queue = &self.gpu.queue;
         let [model, phantoms] = self.casters().map(|c| fit(&c.hull, towards, MAP));
         let is = |c: &BakeCasters| if c.mesh.is_some() { 1.0 } else { 0.0 };
@@ -214,125 +205,5 @@ impl SourceBaker {
         queue.write_buffer(direction, 0, bytemuck::bytes_of(&uniform));
         queue.write_buffer(of_model, 0, bytemuck::cast_slice(&model.rows));
         queue.write_buffer(of_phantoms, 0, bytemuck::cast_slice(&phantoms.rows));
-    }
-}
-
-/// Where images go.
-pub(super) struct SourceOutput {
-    group: wgpu::BindGroup,
-    /// Directions of lights.
-    faces: wgpu::Buffer,
-    dome_lights: u32,
-    first_image: u32,
-    across: u32,
-}
-
-/// Images in the making.
-#[derive(Debug)]
-pub(super) struct Drawing {
-    pub wanted: Wanted,
-    /// The direction at work.
-    at: usize,
-    /// Planes that are done with it; `None` before its maps are drawn.
-    planes: Option<u32>,
-}
-
-impl Drawing {
-    pub const fn new(wanted: Wanted) -> Self {
-        Self {
-            wanted,
-            at: 0,
-            planes: None,
-        }
-    }
-
-    /// One picture's share of the work: the maps of a direction, or some planes. True when
-    /// all is done.
-    pub fn step(&mut self, baker: &SourceBaker, out: &SourceOutput) -> bool {
-        let Some(direction) = self.wanted.directions.get(self.at).copied() else {
-            return true;
-        };
-        let descriptor = wgpu::CommandEncoderDescriptor {
-            label: Some("source images"),
-        };
-        let mut encoder = baker.gpu.device.create_command_encoder(&descriptor);
-        let first = self.planes.unwrap_or(0);
-        baker.tell(direction, first);
-        self.tell(baker, out, first);
-        match self.planes {
-            None => {
-                self.begin(baker, out, &mut encoder);
-                baker.draw_maps(&mut encoder);
-                self.planes = Some(0);
-            }
-            Some(first) => self.evaluate(baker, out, &mut encoder, first),
-        }
-        baker.gpu.queue.submit([encoder.finish()]);
-        let done = self.at == self.wanted.directions.len();
-        if done {
-            let light = self.light(out);
-            let mean = self.wanted.mean().extend(0.0).to_array();
-            let queue = &baker.gpu.queue;
-            queue.write_buffer(&out.faces, 16 * u64::from(light), bytemuck::bytes_of(&mean));
-        }
-        done
-    }
-
-    /// Before the first direction: what is there of the set is thrown away.
-    fn begin(&self, baker: &SourceBaker, out: &SourceOutput, encoder: &mut wgpu::CommandEncoder) {
-        if self.at > 0 {
-            return;
-        }
-        encoder.clear_buffer(&baker.sums, 0, None);
-        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-        pass.set_pipeline(&baker.store.forget);
-        pass.set_bind_group(0, &out.group, &[]);
-        pass.dispatch_workgroups(baker.planes.div_ceil(64), 1, 1);
-    }
-
-    fn evaluate(
-        &mut self,
-        baker: &SourceBaker,
-        out: &SourceOutput,
-        encoder: &mut wgpu::CommandEncoder,
-        first: u32,
-    ) {
-        let count = baker.pace.min(baker.planes - first);
-        let passes = &baker.passes;
-        passes.record(encoder, &baker.group, false, baker.side, count);
-        let last_direction = self.at + 1 == self.wanted.directions.len();
-        let last_plane = first + count == baker.planes;
-        if last_direction {
-            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-            pass.set_bind_group(0, &out.group, &[]);
-            pass.set_pipeline(&baker.store.store);
-            pass.dispatch_workgroups((baker.side * baker.side / 4).div_ceil(64), count, 1);
-            if last_plane {
-                pass.set_pipeline(&baker.store.number);
-                pass.dispatch_workgroups(baker.planes.div_ceil(64), 1, 1);
-            }
-        }
-        self.planes = Some(first + count);
-        if last_plane {
-            self.at += 1;
-            self.planes = None;
-        }
-    }
-
-    /// The light that the images belong to.
-    const fn light(&self, out: &SourceOutput) -> u32 {
-        out.dome_lights + 2 * self.wanted.slot as u32 + self.wanted.set as u32
-    }
-
-    fn tell(&self, baker: &SourceBaker, out: &SourceOutput, first: u32) {
-        let light = self.light(out);
-        let image = out.first_image + (light - out.dome_lights) * KINDS * baker.planes;
-        let lights = out.dome_lights + SOURCE_LIGHTS as u32;
-        let uniform = Images {
-            planes: [first, baker.planes, baker.real, lights],
-            source: [light, image, out.across, 0],
-        };
-        let queue = &baker.gpu.queue;
-        queue.write_buffer(&baker.images, 0, bytemuck::bytes_of(&uniform));
     }
 }

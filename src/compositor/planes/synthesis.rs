@@ -5,11 +5,12 @@ use super::super::Gpu;
 use super::super::bindings::{self, Slot, compute_layout, compute_pipeline, sampler, view};
 use super::super::shaders::{self, Summing};
 use super::super::timing::Timer;
+use super::atlas::{Atlas, atlas};
 use super::compute::{buffer_of, storage};
 use super::readback::look_at;
 use super::receiver::words;
 use super::shown::{ShownPlane, ShownPlanes};
-use super::source_images::{SOURCE_LIGHTS, image_count};
+use super::source_images::SOURCE_LIGHTS;
 use crate::compositor::GpuError;
 use crate::environment::geodesic::GeodesicDome;
 use crate::scene::planes::{Bake, Basis, Image, Layer, Receiver, ShadowingPlane};
@@ -516,86 +517,6 @@ fn numbers_of_images(bake: &Bake, added: usize) -> Vec<[u32; 2]> {
     let rows = bake.images.chunks(bake.lights().max(1));
     rows.flat_map(|row| row.iter().map(of).chain(std::iter::repeat_n(none, added)))
         .collect()
-}
-
-/// All stored images in one texture, four texels of a row in one.
-struct Atlas {
-    view: wgpu::TextureView,
-    /// How many are in a row of it.
-    across: u32,
-    /// How many the bake has filled.
-    baked: u32,
-}
-
-fn atlas(gpu: &Gpu, bake: &Bake, sources: bool) -> Result<Atlas, GpuError> {
-    let (device, queue) = (&gpu.device, &gpu.queue);
-    let side = bake.settings.resolution;
-    let one = (side * side) as usize;
-    let baked = (bake.texels.len() / one.max(1)) as u32;
-    let added = if sources {
-        image_count(bake.planes.len() as u32)
-    } else {
-        0
-    };
-    let count = (baked + added).max(1);
-    let most = device.limits().max_texture_dimension_2d;
-    let across = (4 * most / side).min(count);
-    if count.div_ceil(across) > most / side {
-        let (planes, lights) = (bake.planes.len(), bake.lights());
-        let reason = format!(
-            "{count} basis images of {planes} planes and {lights} lights; choose fewer planes, a \
-             lower frequency or resolution under [planes]"
-        );
-        return Err(GpuError::Unfit {
-            adapter: gpu.name.clone(),
-            reason,
-        });
-    }
-    let written = wgpu::TextureUsages::STORAGE_BINDING;
-    let usage = if sources {
-        written
-    } else {
-        wgpu::TextureUsages::empty()
-    };
-    let texture = device.create_texture(&wgpu::TextureDescriptor {
-        label: Some("basis images"),
-        size: wgpu::Extent3d {
-            width: across * side / 4,
-            height: count.div_ceil(across) * side,
-            depth_or_array_layers: 1,
-        },
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format: wgpu::TextureFormat::Rgba8Unorm,
-        usage: usage | wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
-        view_formats: &[],
-    });
-    for (image, i) in bake.texels.chunks_exact(one).zip(0..) {
-        let mut to = texture.as_image_copy();
-        to.origin = wgpu::Origin3d {
-            x: (i % across) * side / 4,
-            y: (i / across) * side,
-            z: 0,
-        };
-        let layout = wgpu::TexelCopyBufferLayout {
-            offset: 0,
-            bytes_per_row: Some(side),
-            rows_per_image: None,
-        };
-        let size = wgpu::Extent3d {
-            width: side / 4,
-            height: side,
-            depth_or_array_layers: 1,
-        };
-        queue.write_texture(to, image, layout, size);
-    }
-    let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
-    Ok(Atlas {
-        view,
-        across,
-        baked,
-    })
 }
 
 fn uniforms(device: &wgpu::Device, queue: &wgpu::Queue, each: &[[u32; 64]]) -> wgpu::Buffer {
