@@ -156,7 +156,7 @@ impl SourceSlots {
 
 impl Slot {
     fn take(&mut self, source: &FaceSource, bake_from_world: Quat) {
-        // In memory that is there: it happens with every change of the light.
+        // In memory that is there: it happens with every picture.
         self.taken.clone_from(&source.taken);
         let own = self.source.get_or_insert_default();
         own.id = source.id;

@@ -29,7 +29,6 @@ pub(super) struct SourceStage {
     slots: SourceSlots,
     drawing: Option<Drawing>,
     lights: SourceLights,
-    followed: Option<u64>,
     planes: u64,
     pub work: SourceWork,
 }
@@ -41,7 +40,6 @@ impl SourceStage {
             lights: SourceLights::new(device, targets.dome_lights as usize),
             slots: SourceSlots::default(),
             drawing: None,
-            followed: None,
             planes: targets.planes as u64,
             work: SourceWork::default(),
             baker,
@@ -51,17 +49,12 @@ impl SourceStage {
     /// The bake was turned with its model.
     pub fn turn(&mut self, bake_from_world: Quat) {
         self.slots.bake_from_world = bake_from_world;
-        self.followed = None;
     }
 
-    /// One picture in the light of `generation`: follows its sources, draws some of the images
+    /// One picture in a light: follows its sources, draws some of the images
     /// that they want, and tells the device what they take from faces.
-    pub fn prepare(&mut self, queue: &wgpu::Queue, light: &FaceLight, generation: u64) {
-        let mut first = false;
-        if self.followed != Some(generation) {
-            first = self.slots.follow(&light.sources);
-            self.followed = Some(generation);
-        }
+    pub fn prepare(&mut self, queue: &wgpu::Queue, light: &FaceLight) {
+        let first = self.slots.follow(&light.sources);
         while self.draw() && first {}
         self.slots.fade(first);
         self.work.sources = self

@@ -153,7 +153,7 @@ impl Compositor {
             reason: error.to_string(),
         })?;
         if let Some(sources) = &mut stage.sources {
-            sources.prepare(queue, faces, lighting.generation);
+            sources.prepare(queue, faces);
         }
         let frame = &self.light_maps.frame_layout;
         let (shadows, shown) = (&self.pipelines.shadow_buffer, &stage.passes.shown_layout);
