@@ -2,12 +2,14 @@
 //! `.gltf`, in memory or on disk. Converted here, once, from glTF's +Y up to Penumbra's
 //! +Z up.
 //!
-//! Skins, morph targets, cameras, lights and animations are passed over: the mesh is
-//! drawn in its rest shape.
+//! Skins, morph targets, cameras and animations are passed over: the mesh is drawn in its rest
+//! shape. Of lights (KHR_lights_punctual) points and spots are read.
 
 use super::check::{LARGEST_FILE, MOST_TRIANGLES, check_mesh};
 use super::gltf_bytes::{Fault, Resolver, Source};
+use super::gltf_lamp::{ModelLamp, lamp};
 use super::gltf_material::{Look, Materials};
+use super::lamps::MOST_LAMPS;
 use super::normals::{recompute_normals, recompute_tangents, tidy_directions};
 use super::{Material, Mesh, Part, SceneError, Vertex};
 use crate::calibration::rig_json::z_up_from_y_up;
@@ -28,6 +30,8 @@ const MOST_PARTS: usize = 10_000;
 pub struct Model {
     /// One for every primitive of every node.
     pub parts: Vec<ModelPart>,
+    /// Its lamps.
+    pub lamps: Vec<ModelLamp>,
 }
 
 /// One mesh with one material, placed within its model.
@@ -117,6 +121,15 @@ fn read(bytes: &[u8], file: &str, resolve: &Resolver) -> Result<Model, Fault> {
         triangles: 0,
     };
     for (node, matrix) in placed_nodes(&source.document)? {
+        if let Some(light) = node.light() {
+            if reader.model.lamps.len() >= MOST_LAMPS {
+                return Err(format!("more than {MOST_LAMPS} lights; take some away"));
+            }
+            reader
+                .model
+                .lamps
+                .extend(lamp(&node, &light, matrix, file)?);
+        }
         if let Some(mesh) = node.mesh() {
             if node.skin().is_some() || mesh.weights().is_some() {
                 tracing::warn!(file, node = ?node.name(), "skin or morph weights are passed over: drawn in its rest shape");
@@ -124,7 +137,7 @@ fn read(bytes: &[u8], file: &str, resolve: &Resolver) -> Result<Model, Fault> {
             reader.add(&node, &mesh, matrix)?;
         }
     }
-    if reader.model.parts.is_empty() {
+    if reader.model.parts.is_empty() && reader.model.lamps.is_empty() {
         return Err("it shows no triangles; export it with a mesh in its scene".into());
     }
     Ok(reader.model)

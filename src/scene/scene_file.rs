@@ -146,12 +146,19 @@ impl SceneAddition {
         let world_from_model = model.to_matrix();
         let mut objects = Vec::new();
         let mut places = HashMap::new();
+        let white = lamp::white(file.photometry.as_ref()).map_err(located)?;
+        let mut lamps = Vec::new();
         for (i, entry) in file.object.iter().enumerate() {
             let at = format!("object[{i}]");
             refuse_phantom_keys(entry, &at).map_err(located)?;
-            objects.extend(entry.parts(&at, folder, text)?);
+            let model = entry.model(&at, folder, text)?;
+            objects.extend(entry.parts(&model, &at, folder, text)?);
+            let place = entry.placement(&at).map_err(located)?;
+            for lamp in &model.lamps {
+                let white = white.ok_or_else(|| located(lamp::without_white(&at)))?;
+                lamps.push(lamp.placed(world_from_model * place, white));
+            }
             if let Some(name) = &entry.name {
-                let place = entry.placement(&at).map_err(located)?;
                 places.insert(name.clone(), world_from_model * place);
             }
         }
@@ -163,19 +170,18 @@ impl SceneAddition {
             let at = format!("phantom[{i}]");
             phantoms.extend(entry.phantom_parts(&at, folder, text)?);
         }
-        if file.lamp.len() > MOST_LAMPS {
+        if lamps.len() + file.lamp.len() > MOST_LAMPS {
             let reason = format!("expected at most {MOST_LAMPS} lamps");
             return Err(located(Fault::new("lamp", reason)));
         }
         let surroundings = Surroundings {
             objects: &places,
-            white: lamp::white(file.photometry.as_ref()).map_err(located)?,
+            white,
         };
-        let lamps = file.lamp.iter().enumerate();
-        let lamps = lamps
-            .map(|(i, l)| lamp::lamp(l, &format!("lamp[{i}]"), &surroundings))
-            .collect::<Result<_, _>>()
-            .map_err(located)?;
+        for (i, l) in file.lamp.iter().enumerate() {
+            let lamp = lamp::lamp(l, &format!("lamp[{i}]"), &surroundings);
+            lamps.push(lamp.map_err(located)?);
+        }
         if file.plane.len() > MOST_ENTRIES {
             let reason = format!("expected at most {MOST_ENTRIES} planes");
             return Err(located(Fault::new("plane", reason)));
@@ -293,7 +299,8 @@ impl Entry {
                 "expected three numbers from 0 to 1, or \"#rrggbb\"",
             ));
         }
-        let mut parts = self.parts(at, folder, text)?;
+        let model = self.model(at, folder, text)?;
+        let mut parts = self.parts(&model, at, folder, text)?;
         for part in &mut parts {
             part.mirror = self.mirror.unwrap_or(false);
             part.albedo = albedo;
@@ -301,20 +308,31 @@ impl Entry {
         Ok(parts)
     }
 
-    fn parts(&self, at: &str, folder: &Path, text: &TomlText) -> Result<Vec<Part>, SceneError> {
+    fn model(&self, at: &str, folder: &Path, text: &TomlText) -> Result<Model, SceneError> {
         let located = |fault: Fault| SceneError::from(text.locate(fault));
-        let placement = self.placement(at).map_err(located)?;
-        let model = match (&self.file, self.shape) {
+        match (&self.file, self.shape) {
             (Some(file), None) => {
                 let path = self.model_path(at, file, folder).map_err(located)?;
-                load_model(&path)?
+                load_model(&path)
             }
-            (None, Some(shape)) => self.built_in(at, shape).map_err(located)?,
+            (None, Some(shape)) => self.built_in(at, shape).map_err(located),
             _ => {
                 let reason = "expected either `file` or `shape` (plane, box, cylinder, cone, sphere, torus, temple-gate)";
-                return Err(located(Fault::new(at, reason)));
+                Err(located(Fault::new(at, reason)))
             }
-        };
+        }
+    }
+
+    /// The parts of its own `model`, placed.
+    fn parts(
+        &self,
+        model: &Model,
+        at: &str,
+        folder: &Path,
+        text: &TomlText,
+    ) -> Result<Vec<Part>, SceneError> {
+        let located = |fault: Fault| SceneError::from(text.locate(fault));
+        let placement = self.placement(at).map_err(located)?;
         let mut parts = model.placed(placement);
         let several = parts.len() > 1;
         for part in &mut parts {
@@ -477,6 +495,7 @@ fn single(mesh: Mesh) -> Model {
             material: Arc::new(Material::default()),
             model_from_part: DMat4::IDENTITY,
         }],
+        ..Model::default()
     }
 }
 

@@ -68,6 +68,7 @@ pub fn temple_gate(segments: u32) -> Model {
     };
     Model {
         parts: parts.map(part).into(),
+        ..Model::default()
     }
 }
 

@@ -483,3 +483,57 @@ fn our_tangents_agree_with_the_water_bottles_own() {
         mesh.vertices.len()
     );
 }
+
+#[test]
+fn lamps_of_a_model_are_read_where_they_stand() {
+    let mut d = document();
+    d["extensionsUsed"] = json!(["KHR_lights_punctual"]);
+    d["extensions"] = json!({"KHR_lights_punctual": {"lights": [
+        {"type": "point", "color": [1.0, 0.5, 0.25], "intensity": 40.0},
+        {"type": "spot", "intensity": 10.0, "spot": {"innerConeAngle": 0.2, "outerConeAngle": 0.5}},
+        {"type": "directional"}]}});
+    let light = |i: usize| json!({"KHR_lights_punctual": {"light": i}});
+    // glTF's +Y is up; a spot shines along its own -Z, here turned downwards.
+    d["nodes"] = json!([
+        {"name": "rock", "mesh": 0},
+        {"name": "bulb", "translation": [1.0, 2.0, 3.0], "extensions": light(0)},
+        {"name": "spot", "rotation": [-0.5f64.sqrt(), 0.0, 0.0, 0.5f64.sqrt()], "extensions": light(1)},
+        {"name": "sun", "extensions": light(2)}]);
+    d["scenes"] = json!([{"nodes": [0, 1, 2, 3]}]);
+    let read =
+        |d: &Value| load_gltf_bytes(&glb(d, &tetrahedron()), "m.glb", &|_| Err("none".into()));
+    let model = read(&d).unwrap();
+    assert_eq!((model.parts.len(), model.lamps.len()), (1, 2));
+    let place = DMat4::from_translation(DVec3::X * 10.0);
+    let bulb = model.lamps[0].placed(place, 20.0).at(0.0).unwrap();
+    assert!(bulb.position.distance(Vec3::new(11.0, -3.0, 2.0)) < 1e-6);
+    assert_eq!(
+        (bulb.intensity, bulb.cone),
+        (Vec3::new(2.0, 1.0, 0.5), None)
+    );
+    let spot = model.lamps[1].placed(place, 20.0).at(0.0).unwrap();
+    assert!(spot.direction.distance(Vec3::NEG_Z) < 1e-6, "{spot:?}");
+    assert_eq!(spot.intensity, Vec3::splat(0.5));
+    for (at, light) in [
+        (0, json!({"type": "point", "intensity": -1.0})),
+        (0, json!({"type": "beam"})),
+        (
+            1,
+            json!({"type": "spot", "spot": {"innerConeAngle": 0.6, "outerConeAngle": 0.5}}),
+        ),
+        (1, json!({"type": "spot"})),
+    ] {
+        let mut broken = d.clone();
+        broken["extensions"]["KHR_lights_punctual"]["lights"][at] = light;
+        let said = read(&broken).unwrap_err().to_string();
+        assert!(
+            said.starts_with("m.glb") && said.lines().count() == 1,
+            "{said}"
+        );
+    }
+    let mut dangling = d.clone();
+    dangling["nodes"][1]["extensions"] = light(7);
+    assert!(read(&dangling).is_err());
+    dangling["extensions"] = json!({});
+    assert!(read(&dangling).is_err());
+}

@@ -41,6 +41,14 @@ pub(super) fn white(file: Option<&Photometry>) -> Result<Option<f64>, Fault> {
     }
 }
 
+/// A model that brings lamps, and a file that does not say what the camera shows as white.
+pub(super) fn without_white(at: &str) -> Fault {
+    Fault::new(
+        format!("{at}.file"),
+        "its lamps are in candela: say what the camera shows as white, `white_cd_m2` or `ev100` under [photometry]",
+    )
+}
+
 pub(super) fn lamp(
     file: &LampFile,
     at: &str,

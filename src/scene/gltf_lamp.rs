@@ -1,0 +1,97 @@
+//! Lights of glTF files: KHR_lights_punctual.
+
+use super::gltf_bytes::Fault;
+use crate::calibration::rig_json::{
+    VirtualLight, VirtualLightKey, VirtualLightKind, z_up_from_y_up,
+};
+use glam::{DMat4, DVec3, Vec3};
+use gltf::khr_lights_punctual::{Kind, Light};
+
+/// A lamp, placed within its model.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ModelLamp {
+    /// The node's name, else the light's.
+    pub name: String,
+    /// How it spreads its light. A spot's light falls off linearly with the angle, and not as
+    /// the extension has it, with the square of a share of cosines.
+    pub kind: VirtualLightKind,
+    /// Linear RGB, candela.
+    pub candela: Vec3,
+    /// In the model's frame (+Z up), metres.
+    pub position: DVec3,
+    /// Unit vector along which a spot shines.
+    pub direction: DVec3,
+}
+
+impl ModelLamp {
+    /// The lamp in the world, for a camera that shows `white` cd/m² as white.
+    #[must_use]
+    pub fn placed(&self, world_from_model: DMat4, white: f64) -> VirtualLight {
+        let position = world_from_model.transform_point3(self.position);
+        let aim = world_from_model.transform_point3(self.position + self.direction);
+        VirtualLight {
+            name: self.name.clone(),
+            kind: self.kind,
+            intensity: self.candela / white as f32,
+            keys: vec![VirtualLightKey {
+                seconds: 0.0,
+                position,
+                target: matches!(self.kind, VirtualLightKind::Spot { .. }).then_some(aim),
+                gain: 1.0,
+            }],
+            repeat: None,
+        }
+    }
+}
+
+/// The lamp of a node at `matrix` in glTF's frame; `None` for a light that is infinitely far
+/// away.
+pub(super) fn lamp(
+    node: &gltf::Node<'_>,
+    light: &Light<'_>,
+    matrix: DMat4,
+    file: &str,
+) -> Result<Option<ModelLamp>, Fault> {
+    let name = node.name().or(light.name()).unwrap_or("light").to_owned();
+    let kind = match light.kind() {
+        Kind::Directional => {
+            tracing::warn!(
+                file,
+                name,
+                "directional lights are passed over: the sun is the camera's"
+            );
+            return Ok(None);
+        }
+        Kind::Point => VirtualLightKind::Point,
+        Kind::Spot {
+            inner_cone_angle,
+            outer_cone_angle,
+        } => VirtualLightKind::Spot {
+            beam: inner_cone_angle.into(),
+            cutoff: outer_cone_angle.into(),
+        },
+    };
+    if let VirtualLightKind::Spot { beam, cutoff } = kind
+        && !(beam >= 0.0 && beam < cutoff && cutoff <= std::f64::consts::FRAC_PI_2 + 1e-6)
+    {
+        return Err(format!(
+            "light `{name}`: expected 0 ≤ innerConeAngle < outerConeAngle ≤ π/2"
+        ));
+    }
+    let candela = Vec3::from(light.color()) * light.intensity();
+    if !candela.is_finite() || candela.min_element() < 0.0 {
+        return Err(format!(
+            "light `{name}`: expected a colour and an intensity of 0 or more"
+        ));
+    }
+    let turn = z_up_from_y_up();
+    let along = matrix.transform_vector3(DVec3::NEG_Z).try_normalize();
+    let along = along.ok_or_else(|| format!("light `{name}`: its node has no size"))?;
+    Ok(Some(ModelLamp {
+        name,
+        kind,
+        candela,
+        position: turn.transform_point3(matrix.w_axis.truncate()),
+        direction: turn.transform_vector3(along),
+    }))
+}
