@@ -9,7 +9,7 @@ use crate::scene::planes::{Bake, Basis, Image, ReceiverImage, ShadowingPlane};
 /// Bakes what `renewal` asks for, and takes the rest from `old`. The key is left zero.
 ///
 /// # Errors
-/// As for [`bake`].
+/// As for [`super::bake`].
 pub fn mend(
     gpu: &Gpu,
     scene: &Scene,
