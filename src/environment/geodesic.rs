@@ -75,7 +75,6 @@ pub struct GeodesicDome {
     /// Face of every small triangle of every side.
     face_of_triangle: Vec<u32>,
     edge_normals: Vec<[DVec3; 3]>,
-    neighbours: Vec<Vec<u32>>,
     /// Faces with a corner in common, the face itself among them; ascending.
     around: Vec<Vec<u32>>,
 }
@@ -93,12 +92,6 @@ impl GeodesicDome {
     #[must_use]
     pub const fn frequency(&self) -> u32 {
         self.frequency
-    }
-
-    /// Faces that have an edge in common with one, ascending: three, or two at the horizon.
-    #[must_use]
-    pub fn neighbours(&self, face: usize) -> &[u32] {
-        self.neighbours.get(face).map_or(&[], Vec::as_slice)
     }
 
     /// The face that a direction of any length falls into; on an edge, the first of those that

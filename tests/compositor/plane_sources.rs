@@ -8,7 +8,7 @@ use glam::{Quat, Vec3};
 use penumbra::compositor::Compositor;
 use penumbra::compositor::planes::{PlaneWork, SourceBaker};
 use penumbra::environment::Lighting;
-use penumbra::environment::geodesic::{FaceLight, FaceSource, GeodesicDome};
+use penumbra::environment::geodesic::{Face, FaceLight, FaceSource, GeodesicDome};
 use penumbra::picture::Picture;
 use std::sync::Arc;
 
@@ -151,7 +151,13 @@ fn without_sources_nothing_is_other_than_before() {
 /// Along the sky, over an edge between two faces.
 fn path(frames: usize, degrees: f32) -> Vec<Vec3> {
     let dome = GeodesicDome::new(2).unwrap();
-    let next = dome.neighbours(11)[0] as usize;
+    let common = |f: &Face| {
+        f.corners
+            .iter()
+            .filter(|c| dome.faces[11].corners.contains(c))
+            .count()
+    };
+    let next = dome.faces.iter().position(|f| common(f) == 2).unwrap();
     let (from, to) = (dome.faces[11].centre, dome.faces[next].centre);
     let axis = from.cross(to).normalize();
     let whole = from.angle_between(to);

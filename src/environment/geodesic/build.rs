@@ -24,7 +24,7 @@ impl GeodesicDome {
         }
         let place = |k: u32| corners.0[k as usize].as_vec3();
         let faces: Vec<Face> = triangles.iter().map(|t| Face::new(t.map(place))).collect();
-        let (neighbours, around) = adjacency(&triangles, corners.0.len());
+        let around = around(&triangles, corners.0.len());
         let weights = sides.map(|[a, b, c]| DMat3::from_cols(a, b, c).inverse());
         Self {
             edge_normals: faces.iter().map(Face::edge_normals).collect(),
@@ -32,7 +32,6 @@ impl GeodesicDome {
             faces,
             frequency,
             face_of_triangle,
-            neighbours,
             around,
         }
     }
@@ -101,18 +100,14 @@ fn small_triangles([a, b, c]: &[DVec3; 3], frequency: u32) -> Vec<[DVec3; 3]> {
     triangles
 }
 
-/// Of every face those with an edge, and those with a corner, in common.
-fn adjacency(triangles: &[[u32; 3]], corners: usize) -> (Vec<Vec<u32>>, Vec<Vec<u32>>) {
+/// Of every face those with a corner in common, the face itself among them; ascending.
+fn around(triangles: &[[u32; 3]], corners: usize) -> Vec<Vec<u32>> {
     let mut at_corner = vec![Vec::new(); corners];
     for (face, triangle) in triangles.iter().enumerate() {
         for &k in triangle {
             at_corner[k as usize].push(face as u32);
         }
     }
-    let shared = |face: u32, triangle: &[u32; 3]| {
-        let corners = triangles[face as usize];
-        corners.iter().filter(|k| triangle.contains(k)).count()
-    };
     let around = |triangle: &[u32; 3]| {
         let mut all: Vec<u32> = triangle
             .iter()
@@ -122,12 +117,5 @@ fn adjacency(triangles: &[[u32; 3]], corners: usize) -> (Vec<Vec<u32>>, Vec<Vec<
         all.dedup();
         all
     };
-    let around: Vec<Vec<u32>> = triangles.iter().map(around).collect();
-    let beside = |(t, near): (&[u32; 3], &Vec<u32>)| {
-        near.iter()
-            .copied()
-            .filter(|&f| shared(f, t) == 2)
-            .collect()
-    };
-    (triangles.iter().zip(&around).map(beside).collect(), around)
+    triangles.iter().map(around).collect()
 }
