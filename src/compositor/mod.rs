@@ -165,6 +165,7 @@ impl Compositor {
         self.cover.set_boxes(scene.boxes);
         // Phong's lobes may be wanted now.
         self.radiance_generation = None;
+        self.near_generation = 0;
         let [virtual_hull, phantom_hull] = scene.hulls;
         self.slots.set_casters(virtual_hull, phantom_hull);
     }

@@ -260,12 +260,15 @@ impl LightStation {
     /// Goes on with another scene.
     pub(super) fn take_scene(&mut self, scene: SceneLight) {
         let SceneLight {
-            near,
+            mut near,
             mut ground,
             phong,
             real,
         } = scene;
         ground.follow(&self.ground);
+        if let (Some(near), Some(before)) = (&mut near, &self.near) {
+            near.follow(before);
+        }
         (self.near, self.ground) = (near, ground);
         if let Some(real) = real {
             (self.phantoms, self.rays) = (real.phantoms, real.rays);

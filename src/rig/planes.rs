@@ -107,8 +107,12 @@ impl PlanesStation {
         let first = self.in_force.is_none() && self.failed.is_none();
         let wait = first && !runner.source.is_live();
         loop {
+            if self.has_failed(wanted) {
+                self.status.state = self.settled(wanted);
+                return Ok(true);
+            }
             let fit = self.fit(wanted, compositor);
-            if fit == Fit::Right || self.has_failed(wanted) {
+            if fit == Fit::Right {
                 self.retire();
                 self.status.state = self.settled(wanted);
                 return Ok(true);
@@ -235,6 +239,12 @@ impl PlanesStation {
     fn fail(&mut self, reason: String) {
         tracing::warn!("shadowing planes: {reason}; the light dome casts the shadows");
         if let Some(working) = &self.working {
+            // Not even one that was moved along and nearly fits.
+            if let Some(force) = &mut self.in_force
+                && Arc::ptr_eq(&force.fits.0, &working.scene)
+            {
+                force.fits.1 = Fit::Not;
+            }
             self.failed = Some((working.scene.clone(), reason));
         }
     }

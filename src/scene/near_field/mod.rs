@@ -66,6 +66,8 @@ pub struct NearField {
     volume: Volume,
     directions: Directions,
     light: NearLight,
+    /// Generation of the lighting that it was found under.
+    lit_by: Option<u64>,
     has_ground: bool,
 }
 
@@ -289,17 +291,25 @@ impl NearField {
             volume,
             directions,
             light,
+            lit_by: None,
             has_ground: scene.ground_height.is_some(),
         })
+    }
+
+    /// Goes on counting where that of the scene before has left off: the light of a changed scene
+    /// is another one under the same lighting, too.
+    pub fn follow(&mut self, before: &Self) {
+        self.light.generation = before.light.generation;
     }
 
     /// Finds the light from close by under `lighting`; does nothing where it is the one of
     /// before.
     pub fn update(&mut self, lighting: &Lighting, phantoms: &PhantomRadiance) {
-        if self.light.generation == lighting.generation {
+        if self.lit_by == Some(lighting.generation) {
             return;
         }
-        self.light.generation = lighting.generation;
+        self.lit_by = Some(lighting.generation);
+        self.light.generation += 1;
         self.directions.take(lighting);
         let floor = if self.has_ground {
             lighting.ground_radiance
@@ -354,5 +364,66 @@ impl Light<'_> {
     fn from(&self, direction: Vec3, width: f32) -> Vec3 {
         let map = &self.lighting.radiance;
         cube::sample(map, lobes::nearest_level(map, width), direction)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+    use crate::environment::{CubeMap, Harmonics, Lighting};
+    use crate::scene::{Material, casters, primitives};
+    use glam::DMat4;
+    use penumbra_interface::MonotonicTime;
+    use std::sync::Arc;
+
+    fn field(size: f32) -> NearField {
+        let part = Part {
+            name: "box".into(),
+            mesh: Arc::new(primitives::cuboid(Vec3::splat(size))),
+            material: Arc::new(Material::default()),
+            world_from_part: DMat4::IDENTITY,
+            mirror: false,
+            albedo: None,
+        };
+        let scene = Scene {
+            virtual_parts: vec![part],
+            ground_height: Some(0.0),
+            ..Scene::default()
+        };
+        NearField::new(&scene, &casters(&scene)).unwrap()
+    }
+
+    fn lighting(generation: u64) -> Lighting {
+        Lighting {
+            captured_at: MonotonicTime::from_nanos(0),
+            generation,
+            radiance: Arc::new(CubeMap {
+                size: 1,
+                levels: vec![vec![[1.0; 3]; 6]],
+                ..CubeMap::default()
+            }),
+            irradiance: Harmonics::default(),
+            lights: Vec::new(),
+            ground_radiance: Vec3::ZERO,
+            faces: None,
+        }
+    }
+
+    /// Whoever keeps the light by its number must take the changed scene's in place of it.
+    #[test]
+    fn a_changed_scene_has_another_light_under_the_same_lighting() {
+        let none: &PhantomRadiance = &[];
+        let mut before = field(0.1);
+        before.update(&lighting(5), none);
+        before.update(&lighting(5), none);
+        assert_eq!(before.light().generation, 1);
+        before.update(&lighting(6), none);
+        assert_eq!(before.light().generation, 2);
+        let mut after = field(0.2);
+        after.follow(&before);
+        after.update(&lighting(6), none);
+        assert_eq!(after.light().generation, 3);
+        assert!(after.light().high.x > before.light().high.x);
     }
 }
