@@ -1,6 +1,7 @@
 //! What glossy surfaces mirror, on the GPU: the filtered radiance maps, and the table of how
 //! lobes answer.
 
+use super::gpu_data::GlintsUniform;
 use super::light_maps::{half_texel, write_level};
 use crate::environment::box_chain::box_level;
 use crate::environment::lobes::{Family, Levels};
@@ -20,6 +21,8 @@ pub struct GlossMaps {
     pub table: wgpu::TextureView,
     pub ggx: Cube,
     pub phong: Cube,
+    /// Sources that the maps leave out.
+    pub glints: wgpu::Buffer,
     table_texture: wgpu::Texture,
     /// Which maps the table tells levels of.
     tabled: Option<(Filtering, u32, usize)>,
@@ -82,6 +85,12 @@ impl GlossMaps {
             table_texture,
             ggx: Cube::new(device, 1, 1),
             phong: Cube::new(device, 1, 1),
+            glints: device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some("glints"),
+                size: size_of::<GlintsUniform>() as u64,
+                usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+                mapped_at_creation: false,
+            }),
             tabled: None,
             texels: Vec::new(),
         }
@@ -114,6 +123,8 @@ impl GlossMaps {
             renewed = true;
         }
         self.upload(queue, map, phong);
+        let glints = GlintsUniform::new(&map.glints);
+        queue.write_buffer(&self.glints, 0, bytemuck::bytes_of(&glints));
         let wanted = (map.filtering, map.size, map.levels.len());
         if self.tabled != Some(wanted) {
             self.write_table(queue, wanted);

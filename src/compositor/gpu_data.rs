@@ -1,6 +1,8 @@
 //! What the shaders read, byte for byte. Twins of the structs in `shaders/lib/frame.wgsl`,
-//! `shaders/lib/lamps.wgsl`, `shaders/phantom_geometry.wgsl` and `shaders/virtual_geometry.wgsl`.
+//! `shaders/lib/lamps.wgsl`, `shaders/lib/glints.wgsl`, `shaders/phantom_geometry.wgsl` and
+//! `shaders/virtual_geometry.wgsl`.
 
+use crate::environment::glints::{Glint, MOST_GLINTS, MOST_LEVELS};
 use crate::scene::lamps::MOST_LAMPS;
 use bytemuck::{Pod, Zeroable};
 
@@ -55,6 +57,39 @@ pub struct LampUniform {
 pub struct LampsUniform {
     pub count: [u32; 4],
     pub each: [LampUniform; MOST_LAMPS],
+}
+
+/// Twin of WGSL `Glint`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub struct GlintUniform {
+    pub direction: [f32; 4],
+    pub flux: [f32; 4],
+    pub weights: [f32; MOST_LEVELS],
+}
+
+/// Twin of WGSL `Glints`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub struct GlintsUniform {
+    pub count: [u32; 4],
+    pub each: [GlintUniform; MOST_GLINTS],
+}
+
+impl GlintsUniform {
+    /// Of the first [`MOST_GLINTS`].
+    pub fn new(glints: &[Glint]) -> Self {
+        let mut all = Self::default();
+        for (to, from) in all.each.iter_mut().zip(glints) {
+            *to = GlintUniform {
+                direction: from.direction.extend(from.radius).to_array(),
+                flux: from.flux.extend(0.0).to_array(),
+                weights: from.weights,
+            };
+            all.count[0] += 1;
+        }
+        all
+    }
 }
 
 /// Twin of WGSL `VirtualPart`.

@@ -2,6 +2,7 @@
 
 use super::lamp_maps::MOST_VIEWS;
 use super::targets::ENCODING;
+use crate::environment::glints::MOST_GLINTS;
 use crate::scene::lamps::MOST_LAMPS;
 use std::borrow::Cow;
 
@@ -16,6 +17,7 @@ const EXPOSED: &str = include_str!("shaders/lib/exposed.wgsl");
 const LIGHT_TEXEL: &str = include_str!("shaders/lib/light_texel.wgsl");
 const LAMPS: &str = include_str!("shaders/lib/lamps.wgsl");
 const GLOSS: &str = include_str!("shaders/lib/gloss.wgsl");
+const GLINTS: &str = include_str!("shaders/lib/glints.wgsl");
 const HIGHLIGHTS: &str = include_str!("shaders/lib/highlights.wgsl");
 const EDGES: &str = include_str!("shaders/lib/edges.wgsl");
 const BACKGROUND: &str = include_str!("shaders/lib/background.wgsl");
@@ -167,6 +169,7 @@ pub fn all(variant: Variant) -> [(&'static str, String); 11] {
                     EDGES,
                     BACKGROUND,
                     GLOSS,
+                    GLINTS,
                     LAMPS,
                     HIGHLIGHTS,
                     include_str!("shaders/composite.wgsl"),
@@ -188,6 +191,7 @@ fn join(parts: &[&str]) -> String {
         .replace("MAX_LIGHTS", &MAX_LIGHTS.to_string())
         .replace("MAX_LAMP_VIEWS", &MOST_VIEWS.to_string())
         .replace("MAX_LAMPS", &MOST_LAMPS.to_string())
+        .replace("MAX_GLINTS", &MOST_GLINTS.to_string())
         .replace("ENCODING_VECTORS", &(ENCODING / 4).to_string())
 }
 

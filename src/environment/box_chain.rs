@@ -36,6 +36,7 @@ pub fn box_chain(size: u32, texels: &[Vec3], towards_camera: Vec3) -> CubeMap {
     }
     let phong = levels[1..].to_vec();
     CubeMap {
+        glints: Vec::new(),
         size,
         levels,
         phong,

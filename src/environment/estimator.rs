@@ -263,7 +263,7 @@ impl EnvironmentEstimator {
         Lighting {
             captured_at: input.captured_at,
             generation: self.generation,
-            radiance: Arc::new(self.radiance_map(&full, input)),
+            radiance: Arc::new(self.radiance_map(&full, &residual, sources, input)),
             irradiance,
             lights: pinned(lights, &irradiance, self.settings.ground),
             ground_radiance,

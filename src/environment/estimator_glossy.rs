@@ -1,7 +1,10 @@
 //! What glossy surfaces mirror, and how it is filtered.
 
 use super::super::box_chain::box_chain;
+use super::super::glints::excesses;
 use super::super::light::{CubeMap, Filtering};
+use super::super::lobes::widths;
+use super::super::prefilter::level_count;
 use super::*;
 use glam::DVec3;
 use penumbra_interface::RigidTransform;
@@ -18,9 +21,21 @@ impl EnvironmentEstimator {
         self.prefilter.want_phong(wanted);
     }
 
-    pub(super) fn radiance_map(&self, full: &[Vec3], input: &EnvironmentInput) -> CubeMap {
+    /// Of `full`, which has `sources` that `without` has not, both in the scene's units.
+    pub(super) fn radiance_map(
+        &self,
+        full: &[Vec3],
+        without: &[Vec3],
+        sources: &[Source],
+        input: &EnvironmentInput,
+    ) -> CubeMap {
         match self.settings.filtering {
-            Filtering::Prefiltered => self.prefilter.apply(full),
+            Filtering::Prefiltered => {
+                let towards: Vec<Vec3> = sources.iter().map(|s| s.direction).collect();
+                let widths = widths(self.grid.size, level_count(self.grid.size));
+                let excesses = excesses(&self.grid, full, without, &towards, &widths);
+                self.prefilter.apply_without(full, &excesses)
+            }
             Filtering::Box => {
                 // The paper's ball is seen by the scene camera; without a pose, from above.
                 let towards = |(pose, _): (RigidTransform, _)| -pose.rotation.mul_vec3(DVec3::Z);

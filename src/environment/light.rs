@@ -1,5 +1,6 @@
 //! What the environment hands to the compositor.
 
+use super::glints::Glint;
 use glam::Vec3;
 use penumbra_interface::MonotonicTime;
 use std::sync::Arc;
@@ -43,6 +44,8 @@ pub struct CubeMap {
     pub phong: Vec<Vec<[f32; 3]>>,
     /// What the levels hold.
     pub filtering: Filtering,
+    /// Sources that levels from 1 on leave out, wholly or in part.
+    pub glints: Vec<Glint>,
 }
 
 /// Real spherical harmonics to degree 2 of *irradiance* (already convolved with the

@@ -18,11 +18,11 @@
 //! harmonics of degree 1) that is exact at every n·v.
 //!
 //! GGX seen at a slant has its peak near the mirror direction, is longer than wide, and has a
-//! tail that draws the mean away from the peak. d goes six tenths of the way from the mirror
+//! tail that draws the mean away from the peak. d goes eight tenths of the way from the mirror
 //! direction to the mean's, the rougher the farther, all the way at α = 1; the width is the
 //! geometric mean of those by the vector's length and by the extent across, ∫ l_y² k(l) dl.
-//! Shares of 0 to 1 and both widths were tried on photographed maps, gradients and a small
-//! source: nearer to the peak sources come out better, and everything else worse.
+//! Both shares and widths were tried on photographed maps and gradients. Small sources, which show
+//! the lobe's shape, are not left to it ([`super::glints`]).
 //!
 //! | family | BRDF | round lobe of width w |
 //! |---|---|---|
@@ -255,7 +255,7 @@ fn ggx_sums(n_dot_v: f64, roughness: f64) -> Sums {
         bias: bias / count,
         mean: mean / total.max(1e-12),
         across: across / total.max(1e-12),
-        share: 0.6 + 0.4 * a,
+        share: 0.8 + 0.2 * a,
     }
 }
 

@@ -23,6 +23,7 @@ pub mod equirect;
 pub mod estimator;
 mod fisheye;
 pub mod geodesic;
+pub mod glints;
 pub mod harmonics;
 pub mod hdr;
 pub mod light;

@@ -7,6 +7,7 @@
 //! frame costs one sparse matrix product and the same input gives the same bytes.
 
 use super::cube::{CubeGrid, sample_seamless, texel_solid_angle};
+use super::glints::Excess;
 use super::light::CubeMap;
 use super::lobes::{Family, widths};
 use glam::{Vec3, Vec4};
@@ -95,15 +96,46 @@ impl Prefilter {
     /// The radiance map of `texels`, `6 * size²` of them.
     #[must_use]
     pub fn apply(&self, texels: &[Vec3]) -> CubeMap {
-        let pyramid = self.pyramid(texels);
-        let all = |levels: &[Level]| levels.iter().map(|l| l.apply(&pyramid)).collect::<Vec<_>>();
-        let mut levels = vec![texels.iter().map(Vec3::to_array).collect()];
-        levels.extend(all(&self.ggx));
-        CubeMap {
+        self.apply_without(texels, &[])
+    }
+
+    /// The same; of each source its levels leave out what its weights say.
+    #[must_use]
+    pub fn apply_without(&self, texels: &[Vec3], sources: &[Excess]) -> CubeMap {
+        let mut pyramid = self.pyramid(texels);
+        let mut map = CubeMap {
             size: self.size,
-            levels,
-            phong: all(&self.phong),
+            levels: vec![texels.iter().map(Vec3::to_array).collect()],
+            glints: sources.iter().map(|s| s.glint).collect(),
             ..CubeMap::default()
+        };
+        for (k, ggx) in self.ggx.iter().enumerate() {
+            for source in sources {
+                let more = source.glint.weights[k + 1] - source.glint.weights[k];
+                self.take_out(&mut pyramid, &source.parts, more);
+            }
+            map.levels.push(ggx.apply(&pyramid));
+            map.phong
+                .extend(self.phong.get(k).map(|l| l.apply(&pyramid)));
+        }
+        map
+    }
+
+    /// Takes the share of a source's texels out of a pyramid, all the way up.
+    fn take_out(&self, pyramid: &mut [Vec4], parts: &[(u32, Vec3)], share: f32) {
+        if share == 0.0 {
+            return;
+        }
+        for (i, radiance) in parts {
+            let (mut i, mut less) = (*i as usize, radiance.extend(0.0) * share);
+            pyramid[i] -= less;
+            for (level, shares) in self.shares.iter().enumerate() {
+                let n = (self.size >> level) as usize;
+                let (face, inside) = (i / (n * n), i % (n * n));
+                less *= shares[inside];
+                i = face * n * n / 4 + inside / n / 2 * (n / 2) + inside % n / 2;
+                pyramid[self.starts[level + 1] + i] -= less;
+            }
         }
     }
 

@@ -6,8 +6,9 @@ use glam::{DMat4, DQuat, DVec2, DVec3, Vec3};
 use penumbra::calibration::Response;
 use penumbra::environment::box_chain::{box_chain, box_level};
 use penumbra::environment::cube::CubeGrid;
-use penumbra::environment::lobes::{Family, Levels, phong_parameter, tilted};
-use penumbra::environment::prefilter::{Prefilter, gathered};
+use penumbra::environment::glints::{excesses, mirrored};
+use penumbra::environment::lobes::{Family, Levels, phong_parameter, tilted, widths};
+use penumbra::environment::prefilter::{Prefilter, gathered, level_count};
 use penumbra::environment::{CubeMap, Lighting};
 use penumbra::picture::Picture;
 use penumbra::scene::{Material, Part, Phong, PlacedLamp, SceneTexture, primitives};
@@ -121,6 +122,44 @@ fn lobes_gather_on_the_gpu_what_they_gather_on_the_cpu() {
             let d = tilted(n * (2.0 * n.dot(v)) - v, n, r.tilt);
             let light = gathered(&map, family, levels.level(r.width), d);
             light * (SPECULAR * r.scale + r.bias)
+        });
+        assert!(most <= 5 && mean < 0.9, "{family:?} {p}: {most} {mean}");
+    }
+}
+
+/// Of the window that [`sky`] has, whole.
+fn window_apart(size: u32) -> CubeMap {
+    let grid = CubeGrid::new(size);
+    let full = sky(size);
+    let without: Vec<Vec3> = full
+        .iter()
+        .map(|l| if l.x > 1.1 { *l - 1.5 } else { *l })
+        .collect();
+    let towards = [Vec3::new(0.5, -0.6, 0.6).normalize()];
+    let widths = widths(size, level_count(size));
+    let sources = excesses(&grid, &full, &without, &towards, &widths);
+    assert_eq!(sources.len(), 1);
+    let prefilter = Prefilter::new(size).with_phong(true);
+    prefilter.apply_without(&full, &sources)
+}
+
+#[test]
+fn sources_are_mirrored_by_the_lobe_itself_where_levels_leave_them_out() {
+    let map = window_apart(64);
+    assert!(map.glints[0].weights[4] == 1.0, "{:?}", map.glints);
+    let metals = [0.1, 0.4, 0.6, 0.8, 1.0].map(metal);
+    let phongs = [1.0, 20.0, 200.0].map(|e| phong(Vec3::ZERO, e));
+    for material in metals.into_iter().chain(phongs) {
+        let (family, p) = lobe(&material);
+        let levels = Levels::new(family, map.size, map.levels.len());
+        let stage = ball(material).lit(mirrored_only(map.clone()));
+        let (most, mean) = differences(&stage, &stage.compose(), |n, v| {
+            let r = family.response(n.dot(v), p);
+            let d = tilted(n * (2.0 * n.dot(v)) - v, n, r.tilt);
+            let level = levels.level(r.width);
+            let light = gathered(&map, family, level, d);
+            let [scaled, added] = mirrored(&map.glints, (family, p, level), n, v);
+            light * (SPECULAR * r.scale + r.bias) + scaled * SPECULAR + added
         });
         assert!(most <= 5 && mean < 0.9, "{family:?} {p}: {most} {mean}");
     }

@@ -4,6 +4,7 @@ use glam::Vec3;
 use penumbra::environment::CubeMap;
 use penumbra::environment::box_chain::box_level;
 use penumbra::environment::cube::{CubeGrid, face_direction};
+use penumbra::environment::glints::mirrored;
 use penumbra::environment::lobes::{Family, Levels, own_width, phong_exponent, tilted};
 use penumbra::environment::prefilter::gathered;
 
@@ -115,8 +116,11 @@ impl Integrator {
 pub fn prefiltered(map: &CubeMap, levels: &Levels, family: Family, p: f32, view: &View) -> Vec3 {
     let response = family.response(view.n_dot_v(), p);
     let d = tilted(view.mirror(), view.n, response.tilt);
-    let light = gathered(map, family, levels.level(response.width), d);
-    light * (response.scale + response.bias)
+    let level = levels.level(response.width);
+    let light = gathered(map, family, level, d);
+    let lobe = (family, p, level);
+    let [scaled, added] = mirrored(&map.glints, lobe, view.n, view.v);
+    light * (response.scale + response.bias) + scaled + added
 }
 
 /// And from the chain of box-filtered maps: Phong by the paper, GGX with its own albedo.

@@ -51,6 +51,7 @@ impl CompositePass {
                 Slot::Texture,
                 Slot::Texture,
                 Slot::Cube,
+                Slot::Uniform,
             ],
         );
         let build = |vertex: &str, fragment: &str, compare, write| {
@@ -119,6 +120,7 @@ impl CompositePass {
             view(&t.surroundings.view),
             view(&gloss.table),
             view(&gloss.phong.view),
+            gloss.glints.as_entire_binding(),
         ];
         CompositeInputs {
             picture: group(device, "composite picture", &self.picture_layout, &picture),

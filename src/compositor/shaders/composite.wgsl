@@ -111,8 +111,9 @@ fn shade(pixel: vec2i, s: i32, own: bool) -> vec3f {
     let mirrored = reflected(world, d, table.w, gloss);
     let specular = (gloss.f0 * table.x + vec3f(gloss.f90 * table.y)) * mirrored;
     let diffuse = base * diffuse_share(shape, properties) * irradiance / PI;
+    let sources = glint_highlights(n, v, gloss, table.w);
     let lamps = lamp_highlights(world, n, v, gloss);
-    return diffuse + specular + lamps + emissive_of(material);
+    return diffuse + specular + sources + lamps + emissive_of(material);
 }
 
 // Whether two samples of a pixel see one surface, by their depth and encoded normal.

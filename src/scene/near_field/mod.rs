@@ -13,7 +13,8 @@ mod sides;
 mod surfels;
 
 use super::{Part, PhantomRays, Scene};
-use crate::environment::{Lighting, cube, lobes};
+use crate::environment::Lighting;
+use crate::environment::glints::Whole;
 use glam::Vec3;
 use receivers::{GroundGrid, Volume};
 use sides::Sides;
@@ -317,7 +318,7 @@ impl NearField {
             Vec3::ZERO
         };
         let light = Light {
-            lighting,
+            radiance: Whole::new(&lighting.radiance),
             floor,
             phantoms,
         };
@@ -347,7 +348,7 @@ impl NearField {
 
 /// The light far away.
 struct Light<'a> {
-    lighting: &'a Lighting,
+    radiance: Whole<'a>,
     /// Radiance of the ground; black where there is none.
     floor: Vec3,
     phantoms: &'a PhantomRadiance,
@@ -362,8 +363,7 @@ impl Light<'_> {
 
     /// Radiance that comes from the sky, blurred by about as wide a lobe.
     fn from(&self, direction: Vec3, width: f32) -> Vec3 {
-        let map = &self.lighting.radiance;
-        cube::sample(map, lobes::nearest_level(map, width), direction)
+        self.radiance.blurred(direction, width)
     }
 }
 

@@ -1,0 +1,51 @@
+// Compact sources that levels of the radiance maps leave out: mirrored by the BRDF itself.
+// Twin of `environment::glints::mirrored`.
+
+struct Glint {
+    // w = radius of its disc, radians.
+    direction: vec4f,
+    // Irradiance on a surface that faces it.
+    flux: vec4f,
+    // Share of it that levels 0 to 7 leave out.
+    weights: array<vec4f, 2>,
+}
+
+struct Glints {
+    // x: number of them.
+    count: vec4u,
+    each: array<Glint, MAX_GLINTS>,
+}
+
+@group(3) @binding(5) var<uniform> glints: Glints;
+
+// The lobe widened by a source's disc: its peak is the mean over the disc.
+fn widened(g: Gloss, v: vec3f, l: vec3f, radius: f32) -> Gloss {
+    var wide = g;
+    let r2 = radius * radius * 0.25;
+    if PHONG && g.phong {
+        let e = exp2(14.0 * g.parameter) - 1.0;
+        wide.parameter = log2(e / (1.0 + e * r2) + 1.0) / 14.0;
+        return wide;
+    }
+    // Half vectors of a disc: half as far apart, farther across the plane of view.
+    let v_dot_h2 = max(0.5 + 0.5 * dot(v, l), 0.01);
+    let a2 = g.width * g.width;
+    wide.width = sqrt(sqrt((a2 + r2) * (a2 + r2 / v_dot_h2)));
+    return wide;
+}
+
+// Radiance that a surface mirrors of them; `level` is that of its map.
+fn glint_highlights(n: vec3f, v: vec3f, gloss: Gloss, level: f32) -> vec3f {
+    let off = vec4f(level) - vec4f(0.0, 1.0, 2.0, 3.0);
+    let low = max(vec4f(1.0) - abs(off), vec4f(0.0));
+    let high = max(vec4f(1.0) - abs(off - vec4f(4.0)), vec4f(0.0));
+    var sum = vec3f(0.0);
+    let count = decided_here(glints.count.x, level);
+    for (var k = 0u; k < count; k++) {
+        let l = glints.each[k].direction.xyz;
+        let weight = dot(low, glints.each[k].weights[0]) + dot(high, glints.each[k].weights[1]);
+        let light = glints.each[k].flux.rgb * (max(dot(n, l), 0.0) * weight);
+        sum += lobe_towards(widened(gloss, v, l, glints.each[k].direction.w), n, v, l) * light;
+    }
+    return sum;
+}
