@@ -45,7 +45,7 @@ pub struct FrameInput<'a> {
     pub lighting: Option<&'a Lighting>,
     /// What virtual objects throw back onto the real scene under that light, if it is known.
     pub near: Option<&'a NearLight>,
-    /// Lamps that shine in the picture only; from the ninth on they are left out.
+    /// Lamps that shine in the picture only; after [`crate::scene::lamps::MOST_LAMPS`] they are left out.
     pub lamps: &'a [PlacedLamp],
     /// How shadows combine.
     pub shadow_mode: ShadowMode,

@@ -4,6 +4,7 @@
 //! cone. A lamp among the casters looks all round with the six faces of a cube.
 
 use super::gpu_data::{LampUniform, LampsUniform};
+use super::lamp_layers::{Assigned, LampLayers, LampViews};
 use super::shadow_slots::CasterHull;
 use super::targets::format;
 use crate::scene::PlacedLamp;
@@ -12,6 +13,8 @@ use glam::{Mat4, Vec3, Vec4};
 
 /// Layers that all lamps together may need.
 pub const MOST_VIEWS: usize = 6 * MOST_LAMPS;
+/// Layers at their full size; more of them share the memory of so many, 192 MB at 1024² texels.
+const FULL_LAYERS: usize = 48;
 /// Twin of WGSL `LAMP_NEAR`.
 const NEAR: f32 = 1e-3;
 /// A single map is not made wider than this half angle: its corners would be coarse.
@@ -76,6 +79,13 @@ impl Coverage {
     }
 }
 
+/// A layer to draw, and its view in the buffer of views.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LampDraw {
+    pub layer: u32,
+    pub view: u32,
+}
+
 /// See the module.
 pub struct LampMaps {
     pub uniform: wgpu::Buffer,
@@ -83,12 +93,12 @@ pub struct LampMaps {
     pub array: wgpu::TextureView,
     pub layers: Vec<wgpu::TextureView>,
     pub compare: wgpu::Sampler,
-    /// Layers to draw in this frame.
-    pub stale: Vec<u32>,
+    /// To draw in this frame.
+    pub draws: Vec<LampDraw>,
     size: u32,
-    drawn: Vec<Mat4>,
-    casters: u64,
-    count: usize,
+    assigned: LampLayers,
+    /// Casters, wanted size and lamps that the uniforms tell of.
+    known: (u64, u32, Vec<PlacedLamp>),
 }
 
 impl LampMaps {
@@ -117,11 +127,10 @@ impl LampMaps {
             array,
             layers,
             compare,
-            stale: Vec::new(),
+            draws: Vec::new(),
             size: 1,
-            drawn: Vec::new(),
-            casters: 0,
-            count: 0,
+            assigned: LampLayers::default(),
+            known: (0, 0, Vec::new()),
         }
     }
 
@@ -136,46 +145,83 @@ impl LampMaps {
         (hull, generation): (&CasterHull, u64),
         size: u32,
     ) -> bool {
-        self.stale.clear();
+        self.draws.clear();
         let lamps = &lamps[..lamps.len().min(MOST_LAMPS)];
-        if lamps.is_empty() && self.count == 0 {
+        let (casters, asked, known) = &mut self.known;
+        if lamps == known.as_slice()
+            && (lamps.is_empty() || (*casters, *asked) == (generation, size))
+        {
             return false;
         }
-        self.count = lamps.len();
+        if *casters != generation {
+            self.assigned.forget();
+        }
+        (*casters, *asked) = (generation, size);
+        known.clear();
+        known.extend_from_slice(lamps);
         let coverages: Vec<_> = lamps.iter().map(|l| Coverage::of(l, hull)).collect();
-        let needed: usize = coverages.iter().map(Coverage::views).sum();
-        let renewed = needed > 0 && (needed > self.layers.len() || size != self.size);
-        if renewed {
-            self.size = size;
-            (self.array, self.layers) = maps(device, size, needed as u32);
-            self.drawn.clear();
-        }
-        if self.casters != generation {
-            self.drawn.clear();
-            self.casters = generation;
-        }
-        let mut uniform = LampsUniform::default();
-        uniform.count[0] = lamps.len() as u32;
-        let mut clips = Vec::with_capacity(needed);
-        for (slot, (lamp, coverage)) in uniform.each.iter_mut().zip(lamps.iter().zip(&coverages)) {
-            let views = coverage.axes(size);
-            *slot = lamp_uniform(lamp, &views, clips.len(), size);
-            let clip = |(axes, tangent): &([Vec3; 3], f32)| clip(lamp.position, axes, *tangent);
-            clips.extend(views.iter().map(clip));
-        }
-        queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
-        self.mark(queue, clips);
+        let renewed = self.fit(device, coverages.iter().map(Coverage::views).sum(), size);
+        self.place(queue, lamps, &coverages);
         renewed
     }
 
-    fn mark(&mut self, queue: &wgpu::Queue, clips: Vec<Mat4>) {
-        let moved = |i: &u32| self.drawn.get(*i as usize) != clips.get(*i as usize);
-        self.stale.extend((0..clips.len() as u32).filter(moved));
-        if !self.stale.is_empty() {
+    /// Makes the maps anew where `needed` layers do not fit. Lamps that go leave theirs behind.
+    fn fit(&mut self, device: &wgpu::Device, needed: usize, wanted: u32) -> bool {
+        let layers = needed.max(if self.size > 1 { self.layers.len() } else { 0 });
+        let size = size_of_layers(layers, wanted);
+        if needed == 0 || (layers == self.layers.len() && size == self.size) {
+            return false;
+        }
+        self.size = size;
+        (self.array, self.layers) = maps(device, size, layers as u32);
+        self.assigned.forget();
+        true
+    }
+
+    fn place(&mut self, queue: &wgpu::Queue, lamps: &[PlacedLamp], coverages: &[Coverage]) {
+        let axes: Vec<_> = coverages.iter().map(|c| c.axes(self.size)).collect();
+        let views = lamps.iter().zip(&axes).map(|(lamp, axes)| LampViews {
+            clips: axes
+                .iter()
+                .map(|(axes, tangent)| clip(lamp.position, axes, *tangent))
+                .collect(),
+            layers: axes.len(),
+        });
+        let views: Vec<_> = views.collect();
+        let assigned = self.assigned.assign(views.clone(), self.layers.len());
+        let mut uniform = LampsUniform::default();
+        uniform.count[0] = lamps.len() as u32;
+        for (k, slot) in uniform.each.iter_mut().enumerate().take(lamps.len()) {
+            *slot = lamp_uniform(&lamps[k], &axes[k], assigned[k].first, self.size);
+        }
+        queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
+        self.list_draws(queue, &views, &assigned);
+    }
+
+    fn list_draws(&mut self, queue: &wgpu::Queue, views: &[LampViews], assigned: &[Assigned]) {
+        let mut clips = Vec::new();
+        for (views, place) in views.iter().zip(assigned).filter(|(_, place)| place.stale) {
+            for (layer, clip) in (place.first..).zip(&views.clips) {
+                self.draws.push(LampDraw {
+                    layer: layer as u32,
+                    view: clips.len() as u32,
+                });
+                clips.push(*clip);
+            }
+        }
+        if !clips.is_empty() {
             queue.write_buffer(&self.views, 0, bytemuck::cast_slice(&clips));
         }
-        self.drawn = clips;
     }
+}
+
+/// Texels a side of so many layers, where `wanted` is that of a few.
+fn size_of_layers(layers: usize, wanted: u32) -> u32 {
+    if layers <= FULL_LAYERS {
+        return wanted;
+    }
+    let share = (FULL_LAYERS as f32 / layers as f32).sqrt();
+    ((wanted as f32 * share) as u32 & !15).max(16)
 }
 
 fn lamp_uniform(
@@ -242,4 +288,21 @@ fn maps(
         view(wgpu::TextureViewDimension::D2Array, 0, layers),
         (0..layers).map(single).collect(),
     )
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+
+    #[test]
+    fn many_layers_take_no_more_memory_than_eight_cubes() {
+        let bytes =
+            |layers: usize| layers as u64 * u64::from(size_of_layers(layers, 1024)).pow(2) * 4;
+        for layers in 1..=MOST_VIEWS {
+            assert!(bytes(layers) <= 192 << 20, "{layers}");
+        }
+        assert_eq!(size_of_layers(48, 1024), 1024);
+        assert_eq!(size_of_layers(192, 1024), 512);
+    }
 }

@@ -14,6 +14,7 @@ pub mod frame;
 mod gloss_maps;
 pub mod gpu;
 mod gpu_data;
+mod lamp_layers;
 mod lamp_maps;
 mod light_maps;
 mod near_maps;

@@ -12,6 +12,7 @@ pub mod format {
     pub const VIRTUAL: [F; 2] = [F::Rgba16Uint, F::Rgba16Uint];
     pub const LIGHT: F = F::Rgba16Float;
     pub const TILES: F = F::Rgba32Uint;
+    pub const LAMP_TILES: F = F::R32Uint;
     pub const LIGHT_TEXEL: F = F::Rgba32Uint;
     pub const COVERED: F = F::R8Uint;
 }
@@ -53,6 +54,8 @@ pub struct Targets {
     pub surroundings_levels: Vec<wgpu::TextureView>,
     /// Masks of lights per tile, for phantom and virtual surfaces.
     pub tiles: [Target; 2],
+    /// Masks of lamps per tile, likewise.
+    pub lamp_tiles: [Target; 2],
     /// Tiles in which virtual surfaces can be.
     pub covered: Target,
     pub output: Target,
@@ -155,6 +158,8 @@ impl Targets {
             surroundings_levels,
             tiles: ["phantom tiles", "virtual tiles"]
                 .map(|label| m.make(label, tiles, format::TILES, drawn, 1)),
+            lamp_tiles: ["phantom lamp tiles", "virtual lamp tiles"]
+                .map(|label| m.make(label, tiles, format::LAMP_TILES, drawn, 1)),
             covered: m.make("covered tiles", tiles, format::COVERED, uploaded, 1),
             output: m.make("output", full, format::OUTPUT, drawn | copied, 1),
         }

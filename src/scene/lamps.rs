@@ -4,7 +4,7 @@ use crate::calibration::rig_json::{VirtualLight, VirtualLightKey, VirtualLightKi
 use glam::Vec3;
 
 /// More lamps than this are refused where they are read.
-pub const MOST_LAMPS: usize = 8;
+pub const MOST_LAMPS: usize = 32;
 
 /// A lamp at one instant.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -45,7 +45,7 @@
 //! mirror = false                   # whether it is a mirror
 //! albedo = [0.5, 0.5, 0.5]         # its colour, if known: linear, or "#rrggbb"
 //!
-//! [[lamp]]                         # lights what is real and what is virtual; at most 8
+//! [[lamp]]                         # lights what is real and what is virtual; at most 32
 //! position_m = [0.2, 0.0, 0.4]
 //! intensity = [0.3, 0.3, 0.3]      # white paper at r metres shows intensity / (pi r²)
 //! target_m = [0.0, 0.0, 0.0]       # a spot; without it the lamp shines all round

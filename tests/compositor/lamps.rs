@@ -278,11 +278,11 @@ fn a_moved_lamp_and_moved_casters_are_drawn_again() {
 }
 
 #[test]
-fn from_the_ninth_on_lamps_are_left_out() {
-    let lamps: Vec<_> = (0..12)
+fn after_the_thirty_second_lamps_are_left_out() {
+    let lamps: Vec<_> = (0..40)
         .map(|i| {
             point(
-                Vec3::new(0.1 * i as f32 - 0.4, 0.0, 0.05),
+                Vec3::new(0.1 * (i % 12) as f32 - 0.4, 0.02 * i as f32, 0.05),
                 Vec3::splat(1e-3),
             )
         })
@@ -291,6 +291,54 @@ fn from_the_ninth_on_lamps_are_left_out() {
         .with_virtual(cuboid(Vec3::splat(0.1), DVec3::new(-1.0, 0.0, 0.0)))
         .with_virtual(cuboid(Vec3::splat(0.1), DVec3::new(1.0, 0.0, 0.0)));
     let all = stage.compose();
-    stage.lamps.truncate(8);
+    stage.lamps.truncate(32);
     assert!(all == stage.compose());
+    stage.lamps.truncate(31);
+    assert!(all != stage.compose());
+}
+
+#[test]
+fn thirty_two_lamps_add_up_each_where_it_shines() {
+    let golden = PI * (3.0 - 5.0_f32.sqrt());
+    let lamp = |i: usize| {
+        let (sin, cos) = (golden * i as f32).sin_cos();
+        let r = 0.3 * (i as f32 / 32.0).sqrt();
+        let mut lamp = point(
+            Vec3::new(r * cos, r * sin, 0.3),
+            Vec3::new(0.01, 0.02, 0.03),
+        );
+        lamp.cone = (i % 2 == 1).then_some((0.1, 0.3));
+        lamp
+    };
+    for step in [1, 4] {
+        let mut stage = table((0..32).map(lamp).collect());
+        stage.settings.shadow_step = step;
+        let picture = stage.compose();
+        for at in [[0.0, 0.0], [0.15, 0.1], [-0.2, -0.1], [0.05, -0.15]] {
+            let at = Vec3::new(at[0], at[1], 0.0);
+            assert_linear(&stage, &picture, at, lit(&stage, at), 2);
+        }
+    }
+}
+
+#[test]
+fn lamps_that_come_and_go_leave_the_others_shadows_alone() {
+    let all: Vec<_> = (0..6)
+        .map(|i| {
+            point(
+                Vec3::new(0.1 * i as f32 - 0.3, -0.1, 0.3),
+                Vec3::splat(0.05),
+            )
+        })
+        .collect();
+    let mut stage = table(all.clone()).with_virtual(cuboid(Vec3::splat(0.1), DVec3::ZERO));
+    let mut compositor = stage.compositor();
+    for left in [0b11_1111, 0b10_1100, 0b01_0011, 0, 0b11_0001, 0b11_1111_u32] {
+        let there = all.iter().enumerate().filter(|(i, _)| left >> i & 1 == 1);
+        stage.lamps = there.map(|(_, lamp)| *lamp).collect();
+        assert!(
+            stage.compose_with(&mut compositor) == stage.compose(),
+            "{left:b}"
+        );
+    }
 }

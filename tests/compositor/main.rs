@@ -8,6 +8,7 @@ mod exposure;
 mod gloss;
 mod golden;
 mod judge;
+mod lamp_cost;
 mod lamps;
 mod near_light;
 mod plane_sources;

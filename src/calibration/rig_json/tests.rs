@@ -244,8 +244,8 @@ fn wrong_values_are_named_and_explained() {
         ),
         (
             "/virtual_lights/lights",
-            json!([0, 0, 0, 0, 0, 0, 0, 0, 0]),
-            "at most 8 entries",
+            json!(vec![0; 33]),
+            "at most 32 entries",
         ),
     ];
     for (pointer, value, expected) in cases {

@@ -43,7 +43,7 @@ impl LampMapPass {
         scene: &SceneBuffers,
         maps: &LampMaps,
     ) {
-        if maps.stale.is_empty() {
+        if maps.draws.is_empty() {
             return;
         }
         let views = group(
@@ -52,11 +52,12 @@ impl LampMapPass {
             &self.layout,
             &[maps.views.as_entire_binding()],
         );
-        let last = maps.stale.len() - 1;
-        for (k, layer) in maps.stale.iter().enumerate() {
+        let last = maps.draws.len() - 1;
+        for (k, draw) in maps.draws.iter().enumerate() {
+            let layer = &maps.layers[draw.layer as usize];
             let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
                 label: Some("lamp_map"),
-                depth_stencil_attachment: cleared_depth(&maps.layers[*layer as usize], 0.0),
+                depth_stencil_attachment: cleared_depth(layer, 0.0),
                 timestamp_writes: timer.span("lamp_map", k == 0, k == last),
                 ..Default::default()
             });
@@ -66,7 +67,7 @@ impl LampMapPass {
                 let Some(mesh) = &casters.mesh else { continue };
                 pass.set_vertex_buffer(0, mesh.vertices.slice(..));
                 pass.set_index_buffer(mesh.indices.slice(..), wgpu::IndexFormat::Uint32);
-                pass.draw_indexed(0..mesh.count, 0, *layer..*layer + 1);
+                pass.draw_indexed(0..mesh.count, 0, draw.view..draw.view + 1);
             }
         }
     }

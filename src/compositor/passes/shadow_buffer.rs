@@ -149,6 +149,8 @@ impl ShadowBufferPass {
                 Slot::Integer,
                 Slot::Integer,
                 Slot::Integer,
+                Slot::Integer,
+                Slot::Integer,
             ],
         );
         let compare = device.create_sampler(&wgpu::SamplerDescriptor {
@@ -208,6 +210,8 @@ impl ShadowBufferPass {
                 view(&targets.tiles[0].view),
                 view(&targets.tiles[1].view),
                 view(&targets.covered.view),
+                view(&targets.lamp_tiles[0].view),
+                view(&targets.lamp_tiles[1].view),
             ],
         );
         ShadowBufferInputs { maps, surfaces }

@@ -1,4 +1,5 @@
-//! Sorts the picture into tiles by the dome lights that could be blocked there.
+//! Sorts the picture into tiles by the dome lights that could be blocked there, and by the lamps
+//! that shine there.
 
 use super::super::bindings::{PipelineSpec, Slot, group, layout, view};
 use super::super::shaders::{self, Variant};
@@ -30,7 +31,7 @@ impl TilesPass {
                 vertex: "cover",
                 buffers: &[],
                 fragment: Some(fragment),
-                targets: &[format::TILES],
+                targets: &[format::TILES, format::LAMP_TILES],
                 colours: wgpu::ColorWrites::ALL,
                 depth: None,
                 cull: None,
@@ -80,7 +81,10 @@ impl TilesPass {
         for (k, (pipeline, [x, y, width, height])) in jobs.into_iter().enumerate() {
             let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
                 label: Some("tiles"),
-                color_attachments: &[cleared(&targets.tiles[k].view)],
+                color_attachments: &[
+                    cleared(&targets.tiles[k].view),
+                    cleared(&targets.lamp_tiles[k].view),
+                ],
                 timestamp_writes: timer.span("tiles", k == 0, k == 1),
                 ..Default::default()
             });

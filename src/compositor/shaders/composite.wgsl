@@ -7,6 +7,7 @@
 @group(1) @binding(4) var phantom_normal: texture_2d<f32>;
 @group(1) @binding(5) var phantom_tiles: texture_2d<u32>;
 @group(1) @binding(6) var covered_tiles: texture_2d<u32>;
+@group(1) @binding(7) var virtual_lamps: texture_2d<u32>;
 @group(2) @binding(0) var virtual_shape: VIRTUAL_TEXTURE;
 @group(2) @binding(1) var virtual_material: VIRTUAL_TEXTURE;
 @group(2) @binding(2) var virtual_depth: VIRTUAL_DEPTH;
@@ -112,7 +113,7 @@ fn shade(pixel: vec2i, s: i32, own: bool) -> vec3f {
     let specular = (gloss.f0 * table.x + vec3f(gloss.f90 * table.y)) * mirrored;
     let diffuse = base * diffuse_share(shape, properties) * irradiance / PI;
     let sources = glint_highlights(n, v, gloss, table.w);
-    let lamps = lamp_highlights(world, n, v, gloss);
+    let lamps = lamp_highlights(lamps_at(virtual_lamps, pixel), world, n, v, gloss);
     return diffuse + specular + sources + lamps + emissive_of(material);
 }
 

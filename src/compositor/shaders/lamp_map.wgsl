@@ -1,4 +1,4 @@
-// Depth of the casters seen from one lamp, in perspective. The map's layer is the instance.
+// Depth of the casters seen from one lamp, in perspective. The view is the instance.
 
 struct Views {
     clip_from_world: array<mat4x4f, MAX_LAMP_VIEWS>,

@@ -1,5 +1,6 @@
 // Which dome lights could be blocked for some surface in each tile of the picture: the box
-// around the tile's surface points against the rectangle that each shadow map covers.
+// around the tile's surface points against the rectangle that each shadow map covers. And which
+// lamps may shine on one.
 
 @group(1) @binding(0) var phantom_normal: texture_2d<f32>;
 @group(1) @binding(1) var phantom_depth: texture_depth_2d;
@@ -106,9 +107,41 @@ fn is_on_planes(b: Bounds) -> bool {
         & all(b.low < frame.planes_high.xyz);
 }
 
-// Lights that virtual casters (x, y) and phantoms (z, w) may block on phantoms.
+// Whether some surface in the box may face a place.
+fn may_face(b: Bounds, place: vec3f) -> bool {
+    let near = place - b.high;
+    let far = place - b.low;
+    let most = max(max(b.normal_low * near, b.normal_low * far), max(b.normal_high * near, b.normal_high * far));
+    return most.x + most.y + most.z > 0.0;
+}
+
+// Lamps, one bit each, that may shine on something.
+fn lamps_on(b: Bounds) -> u32 {
+    if !LAMPED || any(b.low > b.high) {
+        return 0u;
+    }
+    var mask = 0u;
+    let count = decided_here(lamps.count.x, b.low.x);
+    for (var k = 0u; k < count; k++) {
+        let shines = may_face(b, lamps.each[k].position.xyz) && lamp_reaches(k, b.low, b.high);
+        mask |= select(0u, 1u << k, shines);
+    }
+    return mask;
+}
+
+fn all_lamps() -> u32 {
+    // Shifting by all 32 bits is not defined.
+    return select(0u, 0xffffffffu >> (32u - max(lamps.count.x, 1u)), lamps.count.x > 0u);
+}
+
+struct Classes {
+    // Lights that virtual casters (x, y) and phantoms (z, w) may block.
+    @location(0) lights: vec4u,
+    @location(1) lamps: u32,
+}
+
 @fragment
-fn classify_real(@builtin(position) at: vec4f) -> @location(0) vec4u {
+fn classify_real(@builtin(position) at: vec4f) -> Classes {
     let side = i32(decided_here(frame.tiling.y, at.w));
     let step = i32(decided_here(frame.counts.z, at.w));
     let corner = vec2i(at.xy) * side;
@@ -127,15 +160,16 @@ fn classify_real(@builtin(position) at: vec4f) -> @location(0) vec4u {
         }
     }
     var masks = blockable(real, decided_here(frame.counts.x, at.w));
+    let lit = lamps_on(real);
     // Any light will do to have the tile drawn.
-    masks.x |= select(0u, 1u, is_near(real) | is_on_planes(real) | (lamps_on(real.low, real.high) != 0u));
-    return masks;
+    masks.x |= select(0u, 1u, is_near(real) | is_on_planes(real) | (lit != 0u));
+    return Classes(masks, lit);
 }
 
 // The same for virtual surfaces, from every other pixel. Where those miss what there is
 // (a wire), any light may be blocked.
 @fragment
-fn classify_virtual(@builtin(position) at: vec4f) -> @location(0) vec4u {
+fn classify_virtual(@builtin(position) at: vec4f) -> Classes {
     let side = i32(decided_here(frame.tiling.y, at.w));
     let corner = vec2i(at.xy) * side;
     let last = vec2i(frame.size.xy) - vec2i(1);
@@ -152,10 +186,16 @@ fn classify_virtual(@builtin(position) at: vec4f) -> @location(0) vec4u {
         }
     }
     if any(unreal.low > unreal.high) {
-        return all_lights(decided_here(frame.counts.x, at.w));
+        return Classes(all_lights(decided_here(frame.counts.x, at.w)), all_lamps());
     }
     // Between the pixels looked at, normals turn a little further.
     unreal.normal_low -= vec3f(0.1);
     unreal.normal_high += vec3f(0.1);
-    return blockable(unreal, decided_here(frame.counts.x, at.w));
+    let masks = blockable(unreal, decided_here(frame.counts.x, at.w));
+    // A spot's edge is drawn as finely as the picture: what lies between the pixels counts.
+    let between = 0.1 * (unreal.high - unreal.low)
+        + vec3f(2.0 * distance(frame.eye.xyz, unreal.low) / frame.intrinsics.x);
+    unreal.low -= between;
+    unreal.high += between;
+    return Classes(masks, lamps_on(unreal));
 }

@@ -77,7 +77,7 @@ fn lamps_shine_all_round_or_at_a_target_and_mistakes_are_named() {
             lamp("position_m = [0, 0, 1]\ntarget_m = [0, 0, 0]\nbeam_deg = 40"),
             "lamp[0].cutoff_deg",
         ),
-        (lamp("position_m = [0, 0, 1]\n").repeat(9), "at most 8"),
+        (lamp("position_m = [0, 0, 1]\n").repeat(33), "at most 32"),
     ];
     for (text, expected) in cases {
         let found = complaint(&text);

@@ -85,42 +85,57 @@ fn lamp_seen(uv: vec2f, layer: u32, depth: f32) -> f32 {
     return sum * 0.25;
 }
 
-// Irradiance from all lamps; shadows as strong as the frame wants them.
-fn lamp_irradiance(world: vec3f, n: vec3f) -> vec3f {
+// Irradiance from one lamp; its shadow as strong as the frame wants it.
+fn irradiance_of_lamp(k: u32, world: vec3f, n: vec3f) -> vec3f {
+    let ray = lamp_ray(k, world);
+    let n_dot_l = max(dot(n, ray.to), 0.0);
+    let seen = lamp_visibility(k, world, n, n_dot_l);
+    return ray.facing * (n_dot_l * mix(1.0, seen, frame.params.x));
+}
+
+// Irradiance from the lamps of a tile's mask. The loop ends with its condition, because software
+// drivers else run its body once more, and goes once through a lamp of no weight without any.
+fn lamp_irradiance(mask: u32, world: vec3f, n: vec3f) -> vec3f {
     if !LAMPED {
         return vec3f(0.0);
     }
     var sum = vec3f(0.0);
-    let count = decided_here(lamps.count.x, world.x);
-    for (var k = 0u; k < count; k++) {
-        let ray = lamp_ray(k, world);
-        let n_dot_l = max(dot(n, ray.to), 0.0);
-        let seen = lamp_visibility(k, world, n, n_dot_l);
-        sum += ray.facing * (n_dot_l * mix(1.0, seen, frame.params.x));
+    var left = mask;
+    loop {
+        let weight = select(0.0, 1.0, left != 0u);
+        sum += irradiance_of_lamp(first_lamp(left), world, n) * weight;
+        left &= left - 1u;
+        continuing {
+            break if left == 0u;
+        }
     }
     return sum;
 }
 
-// Lamps, one bit each, that may shine on something in a box.
-fn lamps_on(low: vec3f, high: vec3f) -> u32 {
+// Number of the lowest bit; of none, 0.
+fn first_lamp(mask: u32) -> u32 {
+    return select(0u, firstTrailingBit(mask), mask != 0u);
+}
+
+// The mask of lamps of the tile that a pixel of the picture lies in.
+fn lamps_at(tiles: texture_2d<u32>, pixel: vec2i) -> u32 {
     if !LAMPED {
         return 0u;
     }
-    var mask = 0u;
+    return textureLoad(tiles, vec2u(pixel) >> vec2u(frame.tiling.w), 0).x;
+}
+
+// Whether lamp `k` may shine on something in a box: by distance and by a spot's cone.
+fn lamp_reaches(k: u32, low: vec3f, high: vec3f) -> bool {
     let centre = 0.5 * (low + high);
     let radius = 0.5 * distance(low, high);
-    let count = decided_here(lamps.count.x, low.x);
-    for (var k = 0u; k < count; k++) {
-        let eye = lamps.each[k].position.xyz;
-        let nearest = eye - clamp(eye, low, high);
-        let i = lamps.each[k].intensity.rgb;
-        let bright = max(i.x, max(i.y, i.z)) > LAMP_FAINT * dot(nearest, nearest);
-        let off = centre - eye;
-        let away = length(off);
-        let angle = acos(clamp(dot(off, lamps.each[k].direction.xyz) / max(away, 1e-6), -1.0, 1.0));
-        let wide = asin(min(radius / max(away, 1e-6), 1.0));
-        let within = away <= radius || angle - wide < lamps.each[k].direction.w;
-        mask |= select(0u, 1u << k, bright && within);
-    }
-    return mask;
+    let eye = lamps.each[k].position.xyz;
+    let nearest = eye - clamp(eye, low, high);
+    let i = lamps.each[k].intensity.rgb;
+    let bright = max(i.x, max(i.y, i.z)) > LAMP_FAINT * dot(nearest, nearest);
+    let off = centre - eye;
+    let away = length(off);
+    let angle = acos(clamp(dot(off, lamps.each[k].direction.xyz) / max(away, 1e-6), -1.0, 1.0));
+    let wide = asin(min(radius / max(away, 1e-6), 1.0));
+    return bright && (away <= radius || angle - wide < lamps.each[k].direction.w);
 }

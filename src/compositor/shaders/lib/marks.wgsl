@@ -7,6 +7,8 @@
 @group(2) @binding(4) var phantom_tiles: texture_2d<u32>;
 @group(2) @binding(5) var virtual_tiles: texture_2d<u32>;
 @group(2) @binding(6) var covered_tiles: texture_2d<u32>;
+@group(2) @binding(7) var phantom_lamps: texture_2d<u32>;
+@group(2) @binding(8) var virtual_lamps: texture_2d<u32>;
 
 // Texels with work to do are marked in a depth buffer first, and the work is drawn against
 // it: software drivers run both sides of every branch, but leave out what fails the test.

@@ -1,0 +1,91 @@
+//! What lamps cost, by their number. Prints and judges nothing: times are the machine's.
+//! `cargo nextest run -p penumbra --test compositor lamp_cost --run-ignored all --no-capture`
+
+use crate::stage::{Stage, cell, flat, lighting, looking_from, part};
+use glam::{DVec3, Vec3};
+use penumbra::scene::{PlacedLamp, primitives};
+use std::collections::BTreeMap;
+
+/// Composed pictures of each number of lamps; the quickest counts, as others use the machine too.
+const PICTURES: usize = 40;
+
+/// Lamps over the whole of a table, every second one a spot.
+fn lamps(count: usize) -> Vec<PlacedLamp> {
+    let golden = std::f32::consts::PI * (3.0 - 5.0_f32.sqrt());
+    (0..count)
+        .map(|i| {
+            let r = 0.6 * ((i as f32 + 0.5) / count as f32).sqrt();
+            let (sin, cos) = (golden * i as f32).sin_cos();
+            PlacedLamp {
+                position: Vec3::new(r * cos, r * sin, 0.3),
+                direction: Vec3::NEG_Z,
+                intensity: Vec3::splat(0.6 / count as f32),
+                cone: (i % 2 == 1).then_some((0.3, 0.5)),
+            }
+        })
+        .collect()
+}
+
+fn desk(shadow_step: u32) -> Stage {
+    let mut stage = Stage::new(640, 480)
+        .with_virtual(part(
+            primitives::sphere(0.05, 48, 24),
+            DVec3::new(-0.1, 0.0, 0.05),
+        ))
+        .with_virtual(part(
+            primitives::cuboid(Vec3::new(0.08, 0.08, 0.12)),
+            DVec3::new(0.1, 0.05, 0.0),
+        ))
+        .with_phantom(part(
+            primitives::cuboid(Vec3::splat(0.06)),
+            DVec3::new(0.0, -0.15, 0.0),
+        ))
+        .lit(lighting(vec![cell(Vec3::Z, Vec3::new(2.0, 1.8, 1.5))], 0.0));
+    stage.picture = flat(640, 480, [90, 80, 70]);
+    stage.pose = Some(looking_from(DVec3::new(0.05, -0.7, 0.6), DVec3::ZERO));
+    stage.settings.shadow_step = shadow_step;
+    stage
+}
+
+/// Least milliseconds of each pass.
+fn cost(stage: &Stage) -> BTreeMap<&'static str, f64> {
+    let mut compositor = stage.compositor();
+    let mut least = BTreeMap::new();
+    for _ in 0..PICTURES {
+        let _ = stage.compose_with(&mut compositor);
+        for (pass, ms) in compositor.pass_times() {
+            let known = least.entry(pass).or_insert(f64::INFINITY);
+            *known = ms.min(*known);
+        }
+    }
+    least
+}
+
+#[test]
+#[ignore = "prints times, and takes a minute"]
+fn what_lamps_cost_by_their_number() {
+    const PASSES: [&str; 5] = [
+        "lamp_map",
+        "tiles",
+        "phantom_shadow",
+        "virtual_light",
+        "composite",
+    ];
+    for step in [4, 1] {
+        for count in [0, 1, 2, 4, 8, 16, 32] {
+            let mut stage = desk(step);
+            stage.lamps = lamps(count);
+            let cost = cost(&stage);
+            let each = PASSES.map(|p| format!("{p} {:.1}", cost.get(p).unwrap_or(&0.0)));
+            let sum: f64 = cost
+                .iter()
+                .filter(|c| *c.0 != "lamp_map")
+                .map(|c| c.1)
+                .sum();
+            println!(
+                "step {step}, {count} lamps: {sum:.1} ms; {}",
+                each.join(", ")
+            );
+        }
+    }
+}
