@@ -58,9 +58,9 @@ bench: build ## The paper's table 1 on this machine, and what capturing costs; A
 	@$(UNPACKED) $(PENUMBRA) bench $(ARGS)
 
 bench-table: build ## The papers' rows, put into ARCHITECTURE.md
-	@for case in supan kakuta2007 kakuta2004; do \
+	@for case in supan kakuta2007 kakuta2004 lightprobe; do \
 	  $(UNPACKED) $(PENUMBRA) bench --case $$case --json $(TARGET)/bench-$$case.json --force $(ARGS); done
-	@python3 tests/bench_table.py $(TARGET)/bench-supan.json $(TARGET)/bench-kakuta2007.json $(TARGET)/bench-kakuta2004.json
+	@python3 tests/bench_table.py $(TARGET)/bench-supan.json $(TARGET)/bench-kakuta2007.json $(TARGET)/bench-kakuta2004.json $(TARGET)/bench-lightprobe.json
 
 fidelity: build ## Judge the pictures by path-traced truth; ARGS="--sessions desk --every 4"
 	@$(UNPACKED) python3 tests/fidelity.py --penumbra $(PENUMBRA) --truth $(TRUTH) $(ARGS)

@@ -22,6 +22,10 @@ def row(adapter: str, r: dict) -> str:
     if r["planes"]:
         light = "changing" if r["light_changes"] else "steady"
         size, work = f"{r['case']}, {size}, {r['triangles']:,} triangles", f"none: {r['planes']} planes, {r['basis_images']} basis images, light {light}"
+    if r["environment"]:
+        lamps = f"{r['lamps']} lamp" + "s" * (r["lamps"] != 1)
+        size, work = f"{r['case']}, {size}, {r['triangles']:,} triangles", f"{work}; {lamps}, light from the {r['environment']}"
+        longest = [next(p for p in r["stages"] if p["name"] == "light"), *longest]
     cells = [adapter, size, r["lights"], work, f"{r['fps']:.1f}"]
     cells += [f"{r[kind][q]:.2f}" for kind in ("wall_ms", "gpu_ms") for q in ("p50", "p99")]
     return "| " + " | ".join(map(str, [*cells, ", ".join(f"{p['name']} {p['ms']:.2f}" for p in longest)])) + " |"

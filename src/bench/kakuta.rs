@@ -118,9 +118,12 @@ fn measure(gpu: &Gpu, case: &Case, options: &BenchOptions) -> Result<Row, GpuErr
         basis_images: bake.counts().0 as u32,
         light_changes: case.changes,
         triangles: triangles.sum(),
+        lamps: 0,
+        environment: None,
         fps: 1e3 / mean,
         wall_ms: Percentiles::of(&wall),
         gpu_ms: Percentiles::of(&gpu_total),
+        stages: Vec::new(),
         passes: passes.medians(),
     })
 }

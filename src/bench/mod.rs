@@ -4,6 +4,7 @@
 mod camera_session;
 mod capture;
 mod kakuta;
+mod lightprobe;
 mod live;
 mod report;
 mod simulated_tracker;
@@ -15,6 +16,7 @@ pub use live::LiveRow;
 pub use report::{BenchReport, CaptureRow, DeviceTally, PassTime, Percentiles, Row, ThreadCost};
 
 use crate::compositor::{Gpu, GpuError};
+use crate::environment::EnvironmentError;
 use crate::rig::RigError;
 use crate::session::SessionError;
 use std::io;
@@ -35,7 +37,14 @@ pub struct BenchOptions {
 }
 
 /// Names of all cases.
-pub const CASES: [&str; 5] = ["supan", "kakuta2007", "kakuta2004", "capture", "live"];
+pub const CASES: [&str; 6] = [
+    "supan",
+    "kakuta2007",
+    "kakuta2004",
+    "lightprobe",
+    "capture",
+    "live",
+];
 
 /// A benchmark cannot be run. Each text is the one line that the user gets.
 #[derive(Debug, Error)]
@@ -43,6 +52,9 @@ pub enum BenchError {
     /// The graphics device.
     #[error(transparent)]
     Gpu(#[from] GpuError),
+    /// The light.
+    #[error(transparent)]
+    Environment(#[from] EnvironmentError),
     /// The rig that is measured.
     #[error(transparent)]
     Rig(#[from] RigError),
@@ -107,7 +119,7 @@ pub fn run(
 ) -> Result<BenchReport, BenchError> {
     let mut report = BenchReport::new(gpu);
     if let Some(gpu) = gpu {
-        if ["supan", "kakuta2007", "kakuta2004"]
+        if ["supan", "kakuta2007", "kakuta2004", "lightprobe"]
             .iter()
             .any(|case| options.wants(case))
         {
@@ -117,6 +129,9 @@ pub fn run(
             supan::run(gpu, options, &mut report, &mut |row| progress(row))?;
         }
         kakuta::run(gpu, options, &mut report, &mut |row| progress(row))?;
+        if options.wants("lightprobe") {
+            lightprobe::run(gpu, options, &mut report, &mut |row| progress(row))?;
+        }
     }
     if options.wants("capture") {
         let row = capture::run(options)?;

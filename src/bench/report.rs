@@ -43,12 +43,20 @@ pub struct Row {
     pub light_changes: bool,
     /// Triangles of the virtual objects.
     pub triangles: usize,
+    /// Virtual lamps.
+    pub lamps: u32,
+    /// Where the light of each picture was read from; `None` where it was given.
+    pub environment: Option<&'static str>,
     /// Frames per second: the reciprocal of the mean wall time.
     pub fps: f64,
-    /// Milliseconds from upload to finished picture.
+    /// Milliseconds to the finished picture: from its upload, or from the pixels that its light
+    /// is read from.
     pub wall_ms: Percentiles,
     /// Milliseconds of all passes on the device.
     pub gpu_ms: Percentiles,
+    /// Median milliseconds of the steps on the processor, where they were measured: those of the
+    /// light, all of the light, and composing.
+    pub stages: Vec<PassTime>,
     /// Median milliseconds of each pass.
     pub passes: Vec<PassTime>,
 }
@@ -188,7 +196,11 @@ impl fmt::Display for Row {
                 "\n          {planes} planes, {images} basis images, light {light}"
             )?;
         }
-        for pass in &self.passes {
+        if let Some(environment) = self.environment {
+            let lamps = self.lamps;
+            write!(f, "\n          {lamps} lamps, light from the {environment}")?;
+        }
+        for pass in self.stages.iter().chain(&self.passes) {
             write!(f, "\n          {:18} {:8.3} ms", pass.name, pass.ms)?;
         }
         Ok(())
@@ -254,9 +266,12 @@ mod tests {
             basis_images: 1400,
             light_changes: true,
             triangles: 58_500,
+            lamps: 0,
+            environment: None,
             fps: 60.0,
             wall_ms: Percentiles::default(),
             gpu_ms: Percentiles::default(),
+            stages: Vec::new(),
             passes: Vec::new(),
         }
     }

@@ -89,9 +89,12 @@ fn measure(
             .iter()
             .map(|p| p.mesh.indices.len() / 3)
             .sum(),
+        lamps: 0,
+        environment: None,
         fps: 1e3 / mean,
         wall_ms: Percentiles::of(&wall),
         gpu_ms: Percentiles::of(&gpu_total),
+        stages: Vec::new(),
         passes: passes.medians(),
     })
 }

@@ -15,6 +15,7 @@ use super::settings::{
 };
 use super::shadow_ratio::{Ground, clipped_factor};
 use super::sources::{LUMINANCE, Layout, SampleGrid, Source, SourceFinder, SourceSettings};
+use super::stages::Stages;
 use super::view::PlacedView;
 use crate::calibration::Response;
 use crate::calibration::rig::EnvironmentView;
@@ -73,6 +74,7 @@ pub struct EnvironmentEstimator {
     /// How many times brighter than white clipped pixels are, by the scene's shadows.
     shadow_factor: Option<f32>,
     faces: Option<FaceTable>,
+    stages: Stages,
 }
 
 enum Dome {
@@ -133,6 +135,7 @@ impl EnvironmentEstimator {
             fine,
             settings,
             faces: None,
+            stages: Stages::default(),
         };
         estimator.lay_faces(glam::Quat::IDENTITY);
         Ok(estimator)
@@ -158,6 +161,7 @@ impl EnvironmentEstimator {
     /// # Errors
     /// Pictures that do not fit the calibration; a missing pose where one is needed.
     pub fn update(&mut self, input: &EnvironmentInput) -> Result<Arc<Lighting>, EnvironmentError> {
+        self.stages.begin();
         let mut brackets = input.brackets.to_vec();
         brackets.sort_by(|a, b| b.ev.total_cmp(&a.ev));
         let (sources, residual, full) = match self.placed {
@@ -196,6 +200,7 @@ impl EnvironmentEstimator {
         );
         table.apply(&self.radiance, &mut self.measured);
         self.coverage.clone_from(&table.coverage);
+        self.stages.done("gather");
         let samples = SampleGrid {
             directions: &pixels.directions,
             solid_angles: &pixels.solid_angles,
@@ -210,6 +215,7 @@ impl EnvironmentEstimator {
         take_out(&sources, &pixels.solid_angles, &mut self.residual);
         let mut residual = Vec::new();
         table.apply(&self.residual, &mut residual);
+        self.stages.done("sources");
         Ok((sources, residual, full))
     }
 
@@ -237,6 +243,7 @@ impl EnvironmentEstimator {
         });
         let residual = self.filled(&residual, &around, ground_radiance);
         let full = self.filled(&full, &around, ground_radiance);
+        self.stages.done("fill");
         let fine = shrink(self.grid.size, &residual);
         let directions = match &self.placed {
             View::Fixed(fixed) => &fixed.pixels.directions,
@@ -253,6 +260,7 @@ impl EnvironmentEstimator {
                 self.settings.irradiance(&self.harmonics, &self.grid, &full),
             ),
         };
+        self.stages.done("lights");
         self.generation += 1;
         let filling = Filling {
             full: &full,
@@ -260,10 +268,12 @@ impl EnvironmentEstimator {
             ground_radiance,
         };
         let faces = self.face_light(input.gains, &filling, sources);
+        let radiance = Arc::new(self.radiance_map(&full, &residual, sources, input));
+        self.stages.done("prefilter");
         Lighting {
             captured_at: input.captured_at,
             generation: self.generation,
-            radiance: Arc::new(self.radiance_map(&full, &residual, sources, input)),
+            radiance,
             irradiance,
             lights: pinned(lights, &irradiance, self.settings.ground),
             ground_radiance,

@@ -19,6 +19,7 @@ impl EnvironmentEstimator {
             check_sizes(brackets, view.size())?;
             self.look_at_sphere(view, brackets, input);
         }
+        self.stages.done("gather");
         let View::Moving(memory) = &mut self.placed else {
             return Ok(Seen::default());
         };
@@ -37,6 +38,7 @@ impl EnvironmentEstimator {
         let sources = find(&mut self.finder, samples, &full, &self.settings);
         let mut residual = full.clone();
         take_out(&sources, seen, &mut residual);
+        self.stages.done("sources");
         Ok((sources, residual, full))
     }
 

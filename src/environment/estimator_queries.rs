@@ -28,6 +28,12 @@ impl EnvironmentEstimator {
         (seen > 0.5 * total).then(|| (sum / seen).to_array())
     }
 
+    /// How long each step of the last update took.
+    #[must_use]
+    pub const fn stage_times(&self) -> &Stages {
+        &self.stages
+    }
+
     /// The compact sources of the last update, strongest first; none with the fixed grid.
     #[must_use]
     pub fn sources(&self) -> Vec<CompactSource> {

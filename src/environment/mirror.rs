@@ -11,6 +11,7 @@
 //! ```
 
 use glam::DVec3;
+use std::f64::consts::TAU;
 
 /// Entries of the table of φ over ψ.
 const TABLE: usize = 256;
@@ -67,6 +68,18 @@ impl Mirror {
     /// Centre and radius, world, metres.
     pub const fn ball(&self) -> (DVec3, f64) {
         (self.centre, self.radius)
+    }
+
+    /// Points on the outline as the eye sees it, evenly spread; world, metres.
+    pub fn rim(&self) -> [DVec3; 32] {
+        let ratio = self.radius / self.distance;
+        let (right, up) = self.axis.any_orthonormal_pair();
+        let middle = self.centre + self.axis * (self.radius * ratio);
+        let across = self.radius * (1.0 - ratio * ratio).sqrt();
+        std::array::from_fn(|i| {
+            let (sin, cos) = (TAU * i as f64 / 32.0).sin_cos();
+            middle + (right * cos + up * sin) * across
+        })
     }
 
     /// Reflects the eye's ray along the unit vector `ray`; `None` where it misses or meets

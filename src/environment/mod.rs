@@ -37,6 +37,7 @@ pub mod resample;
 pub mod settings;
 mod shadow_ratio;
 pub mod sources;
+mod stages;
 mod tracking;
 pub mod view;
 
@@ -48,4 +49,5 @@ pub use report::LightReport;
 pub use settings::{
     EnvironmentError, EnvironmentInput, EnvironmentSettings, IrradianceMethod, Placement,
 };
+pub use stages::Stages;
 pub use view::Parallax;

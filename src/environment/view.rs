@@ -150,21 +150,29 @@ impl PlacedView {
         let Optics::Mirror { camera, mirror } = &self.optics else {
             return (0..width, 0..height);
         };
-        let (centre, radius) = mirror.ball();
-        let centre = self.camera_from_world.transform_point(centre);
-        let Some(middle) = camera.project(centre) else {
+        let rim = mirror
+            .rim()
+            .map(|p| self.camera_from_world.transform_point(p));
+        let mut low = DVec2::INFINITY;
+        let mut high = DVec2::NEG_INFINITY;
+        if rim.iter().all(|p| p.z <= 0.0) {
             return (0..0, 0..0);
-        };
-        // The silhouette's angle is asin(R/D); off the axis it is stretched, by less than
-        // two for any lens that `PinholeCamera` describes well.
-        let reach = camera.focal * (2.5 * radius / (centre.z - radius).max(0.2 * radius));
-        let range = |at: f64, reach: f64, end: u32| {
-            let low = (at - reach).clamp(0.0, f64::from(end)) as u32;
-            low..(at + reach).ceil().clamp(f64::from(low), f64::from(end)) as u32
+        }
+        for point in rim {
+            let Some(pixel) = camera.project(point) else {
+                return (0..width, 0..height);
+            };
+            (low, high) = (low.min(pixel), high.max(pixel));
+        }
+        // Between two points of the rim it reaches beyond both by less than 1 % of its width.
+        let margin = 0.01 * (high - low) + 2.0;
+        let range = |low: f64, high: f64, end: u32| {
+            let low = low.floor().clamp(0.0, f64::from(end)) as u32;
+            low..high.ceil().clamp(f64::from(low), f64::from(end)) as u32
         };
         (
-            range(middle.x, reach.x, width),
-            range(middle.y, reach.y, height),
+            range(low.x - margin.x, high.x + margin.x, width),
+            range(low.y - margin.y, high.y + margin.y, height),
         )
     }
 
@@ -182,7 +190,7 @@ impl PlacedView {
     #[must_use]
     pub fn samples_for(&self, size: u32) -> u32 {
         let (columns, rows) = self.bounds();
-        let radius = f64::from(columns.len().min(rows.len()) as u32) / 5.0;
+        let radius = f64::from(columns.len().min(rows.len()) as u32) / 2.0;
         ((radius / f64::from(size)).round() as u32).clamp(1, 8)
     }
 
@@ -340,6 +348,39 @@ mod tests {
             .map(|(_, w)| w)
             .sum();
         assert!(seen > 0.95 * 4.0 * std::f32::consts::PI, "{seen} sr");
+    }
+
+    #[test]
+    fn the_bounds_hold_all_that_the_ball_shows_and_little_more() {
+        for far in [0.39, 0.12, 0.05] {
+            let mut view = sphere_view();
+            if let EnvironmentView::Sphere {
+                camera,
+                world_from_camera,
+                sphere,
+            } = &mut view
+            {
+                // Off the axis, where the outline is stretched.
+                let aside = world_from_camera.rotation * DVec3::new(0.25, -0.1, 1.0).normalize();
+                sphere.centre_in_world = world_from_camera.translation + aside * far;
+                camera.focal = DVec2::splat(300.0 * far / 0.39);
+            }
+            let placed = PlacedView::new(&view, None, None).unwrap();
+            let (columns, rows) = placed.bounds();
+            let shows = |x: u32, y: u32| {
+                let pixel = DVec2::new(f64::from(x), f64::from(y));
+                placed.direction(pixel).is_some()
+            };
+            let all = (0..480 * 480).filter(|i| shows(i % 480, i / 480)).count();
+            let inside = rows
+                .clone()
+                .flat_map(|y| columns.clone().map(move |x| (x, y)));
+            let kept = inside.filter(|(x, y)| shows(*x, *y)).count();
+            assert_eq!(all, kept, "{far} m: {columns:?} {rows:?}");
+            // A disc fills π/4 of its box, less two pixels on each side.
+            let room = (columns.len() - 6) * (rows.len() - 6);
+            assert!(all as f64 > 0.68 * room as f64, "{far} m: {all} of {room}");
+        }
     }
 
     #[test]

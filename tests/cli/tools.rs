@@ -71,6 +71,31 @@ fn bench_writes_a_row_for_every_setting_of_the_paper() {
 }
 
 #[test]
+fn bench_tells_what_a_light_probe_and_lamps_cost_step_by_step() {
+    let desk = Desk::new();
+    let said = desk.works("bench --case lightprobe --frames 2 --size 160x120 --json bench.json");
+    assert!(said.contains("mirrored ball in the picture"), "{said}");
+    let report = desk.json("bench.json");
+    let rows = report["rows"].as_array().unwrap();
+    let lamps: Vec<_> = rows.iter().map(|r| r["lamps"].as_u64().unwrap()).collect();
+    assert!(lamps.starts_with(&[1, 2, 4, 8]), "{lamps:?}");
+    for row in rows {
+        let names = |key: &str| -> Vec<String> {
+            let each = row[key].as_array().unwrap().iter();
+            each.map(|p| p["name"].as_str().unwrap().to_owned())
+                .collect()
+        };
+        let (stages, passes) = (names("stages"), names("passes"));
+        for name in ["gather", "prefilter", "light", "compose"] {
+            assert!(stages.iter().any(|n| n == name), "{name}: {stages:?}");
+        }
+        for name in ["exposure", "exposure_table", "lamp_map", "composite"] {
+            assert!(passes.iter().any(|n| n == name), "{name}: {passes:?}");
+        }
+    }
+}
+
+#[test]
 fn bench_tells_what_capturing_costs_thread_by_thread_without_a_graphics_device() {
     let desk = Desk::new();
     let line = "bench --case capture --adapter none-is-opened --frames 30 --size 320x240";

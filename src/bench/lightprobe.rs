@@ -1,0 +1,242 @@
+//! The case of DiVerdi and Höllerer 2004 (30 frames/s on hardware of 2004): 640×480, a mirrored
+//! ball in the scene camera's picture from which the environment is read and filtered anew for
+//! each picture, GGX's lobes and Phong's; virtual spots that move, each with its shadow; and an
+//! automatic exposure that darkens the picture. Light in the room changes with every picture.
+//!
+//! Light and picture are made one after the other, which no rig does: what is measured is
+//! all of the work. Rows differ in the number of lamps; two more have an environment camera in
+//! place of the ball, and eight dome lights, whose shadows the paper has not.
+
+use super::report::{BenchReport, PassTime, Percentiles, Row};
+use super::stage::{Passes, WARM_UP, camera};
+use super::{BenchError, BenchOptions};
+use crate::calibration::Response;
+use crate::compositor::exposure::AutoLimits;
+use crate::compositor::{
+    Compositor, CompositorSettings, Exposure, FrameInput, Gpu, Refresh, ShadowMode,
+};
+use crate::environment::{
+    Bracket, EnvironmentEstimator, EnvironmentInput, EnvironmentSettings, Lighting,
+};
+use crate::picture::Picture;
+use crate::scene::lamps::MOST_LAMPS;
+use penumbra_interface::MonotonicTime;
+use room::{Room, View};
+use std::sync::Arc;
+use std::time::Instant;
+
+#[path = "lightprobe_room.rs"]
+mod room;
+
+/// Pictures a second of the camera.
+const RATE: f64 = 30.0;
+
+/// One row to be.
+#[derive(Clone, Copy)]
+struct Case {
+    view: View,
+    lamps: usize,
+    lights: usize,
+}
+
+pub(super) fn run(
+    gpu: &Gpu,
+    options: &BenchOptions,
+    report: &mut BenchReport,
+    progress: &mut dyn FnMut(&Row),
+) -> Result<(), BenchError> {
+    let ball = |lamps, lights| Case {
+        view: View::Ball,
+        lamps,
+        lights,
+    };
+    let counts = [1, 2, 4, 8, 16, 32].into_iter();
+    let mut cases: Vec<Case> = counts
+        .filter(|n| *n <= MOST_LAMPS)
+        .map(|n| ball(n, 0))
+        .collect();
+    cases.push(Case {
+        view: View::Fisheye,
+        ..ball(1, 0)
+    });
+    cases.push(ball(1, 8));
+    for case in cases {
+        let row = measure(gpu, case, options)?;
+        progress(&row);
+        report.rows.push(row);
+    }
+    Ok(())
+}
+
+fn measure(gpu: &Gpu, case: Case, options: &BenchOptions) -> Result<Row, BenchError> {
+    let (width, height) = options.size.unwrap_or((640, 480));
+    let mut rig = Rig::new(gpu, case, (width, height))?;
+    let mut row = rig.row(case, (width, height));
+    let (mut wall, mut gpu_total) = (Vec::new(), Vec::new());
+    let (mut stages, mut passes) = (Passes::default(), Passes::default());
+    for i in 0..WARM_UP + options.frames.unwrap_or(60) {
+        rig.room.show(i);
+        let start = Instant::now();
+        let light = rig.light(i)?;
+        let lit = start.elapsed();
+        rig.compose(i, &light)?;
+        gpu.wait()?;
+        let all = start.elapsed();
+        if i < WARM_UP {
+            continue;
+        }
+        wall.push(all.as_secs_f64() * 1e3);
+        let times = rig.compositor.pass_times();
+        gpu_total.push(times.iter().map(|(_, ms)| ms).sum());
+        passes.add(&times);
+        let each = rig.estimator.stage_times().times().iter();
+        let mut each: Vec<_> = each
+            .map(|(name, t)| (*name, t.as_secs_f64() * 1e3))
+            .collect();
+        each.extend([
+            ("light", lit.as_secs_f64() * 1e3),
+            ("compose", (all - lit).as_secs_f64() * 1e3),
+        ]);
+        stages.add(&each);
+    }
+    row.fps = 1e3 * wall.len() as f64 / wall.iter().sum::<f64>().max(1e-9);
+    row.wall_ms = Percentiles::of(&wall);
+    row.gpu_ms = Percentiles::of(&gpu_total);
+    (row.stages, row.passes) = (stages.medians(), passes.medians());
+    Ok(row)
+}
+
+/// What is measured.
+struct Rig {
+    room: Room,
+    estimator: EnvironmentEstimator,
+    compositor: Compositor,
+    triangles: usize,
+}
+
+impl Rig {
+    fn new(gpu: &Gpu, case: Case, (width, height): (u32, u32)) -> Result<Self, BenchError> {
+        let room = Room::new(case.view, camera(width, height), case.lamps);
+        let settings = EnvironmentSettings {
+            lights: case.lights,
+            phong: true,
+            ..EnvironmentSettings::default()
+        };
+        let view = room.environment_view();
+        let estimator = EnvironmentEstimator::new(&view, &Response::srgb(), settings, None)?;
+        let settings = CompositorSettings {
+            samples: if gpu.software { 1 } else { 4 },
+            ..CompositorSettings::for_adapter(gpu.software)
+        };
+        let mut compositor = Compositor::new(gpu.clone(), settings, Response::srgb());
+        let scene = room.scene();
+        compositor.set_scene(&scene, &crate::scene::casters(&scene));
+        let parts = scene.virtual_parts.iter();
+        Ok(Self {
+            triangles: parts.map(|p| p.mesh.indices.len() / 3).sum(),
+            room,
+            estimator,
+            compositor,
+        })
+    }
+
+    /// A row without times.
+    fn row(&self, case: Case, (width, height): (u32, u32)) -> Row {
+        Row {
+            case: "lightprobe".to_owned(),
+            width,
+            height,
+            lights: case.lights as u32,
+            refreshed_per_frame: u32::from(case.lights > 0),
+            planes: 0,
+            basis_images: 0,
+            light_changes: true,
+            triangles: self.triangles,
+            lamps: case.lamps as u32,
+            environment: Some(case.view.label()),
+            fps: 0.0,
+            wall_ms: Percentiles::default(),
+            gpu_ms: Percentiles::default(),
+            stages: Vec::<PassTime>::new(),
+            passes: Vec::new(),
+        }
+    }
+
+    fn light(&mut self, i: u32) -> Result<Arc<Lighting>, BenchError> {
+        let pose = self.room.pose(i);
+        let picture: &Picture = self.room.environment_picture();
+        let brackets = [Bracket { picture, ev: 0.0 }];
+        Ok(self.estimator.update(&EnvironmentInput {
+            scene: Some((pose, &self.room.camera)),
+            ..EnvironmentInput::new(&brackets, time(i))
+        })?)
+    }
+
+    fn compose(&mut self, i: u32, light: &Lighting) -> Result<(), BenchError> {
+        self.room.move_lamps(i);
+        self.compositor.compose(&FrameInput {
+            picture: &self.room.picture,
+            camera: &self.room.camera,
+            world_from_camera: Some(self.room.pose(i)),
+            lighting: Some(light),
+            near: None,
+            lamps: &self.room.lamps,
+            shadow_mode: ShadowMode::Ratio,
+            shadow_strength: 1.0,
+            refresh: Refresh::InTurn(1),
+            show_virtual: true,
+            planes: None,
+            exposure: Exposure::Automatic {
+                limits: AutoLimits {
+                    darkest: -3.0,
+                    brightest: 0.0,
+                    key: 0.02,
+                    adaptation_seconds: 0.0,
+                },
+                seconds: f64::from(i) / RATE,
+            },
+        })?;
+        Ok(())
+    }
+}
+
+fn time(i: u32) -> MonotonicTime {
+    MonotonicTime::default().offset_nanos((f64::from(i) / RATE * 1e9) as i64)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used)]
+    use super::*;
+
+    /// The measured case is what it says: the ball is read, the light changes, the lamp
+    /// brightens the picture and the exposure darkens it again.
+    #[test]
+    fn the_case_reads_its_ball_and_darkens_its_picture() {
+        let gpu = Gpu::open(None).unwrap();
+        let case = Case {
+            view: View::Ball,
+            lamps: 1,
+            lights: 0,
+        };
+        let mut rig = Rig::new(&gpu, case, (320, 240)).unwrap();
+        let mut seen = Vec::new();
+        for i in 0..4 {
+            rig.room.show(i);
+            let light = rig.light(i).unwrap();
+            // The first picture's lobes are as whole as all others: nothing is spread over pictures.
+            let (ggx, phong) = (&light.radiance.levels, &light.radiance.phong);
+            assert_eq!((ggx.len(), phong.len()), (5, 4));
+            assert!(ggx.iter().chain(phong).flatten().all(|t| t[1] > 0.01));
+            seen.push(light.irradiance.irradiance(glam::Vec3::Z));
+            rig.compose(i, &light).unwrap();
+        }
+        let truth = rig.room.irradiance(3);
+        let off = (seen[3] - truth) / truth;
+        assert!(off.abs().max_element() < 0.15, "{} {truth}", seen[3]);
+        assert!(seen.is_sorted_by(|a, b| a != b), "{seen:?}");
+        gpu.wait().unwrap();
+        let stops = rig.compositor.exposure().stops;
+        assert!((-3.0..-0.3).contains(&stops), "{stops}");
+    }
+}
