@@ -10,7 +10,8 @@ use super::stage::{Passes, WARM_UP, camera, looking, picture};
 use crate::calibration::Response;
 use crate::compositor::planes::{PlanesChoice, SourceBaker, bake};
 use crate::compositor::{
-    Compositor, CompositorSettings, Exposure, FrameInput, Gpu, GpuError, Refresh, ShadowMode,
+    Compositor, CompositorSettings, Exposure, FrameInput, Gpu, GpuError, LampResponse, Refresh,
+    ShadowMode,
 };
 use crate::environment::geodesic::{FaceLight, FaceSource, GeodesicDome, Membership};
 use crate::environment::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
@@ -91,6 +92,7 @@ fn measure(gpu: &Gpu, case: &Case, options: &BenchOptions) -> Result<Row, GpuErr
             lighting: Some(&lighting),
             near: None,
             lamps: &[],
+            lamp_response: LampResponse::Intrinsic,
             shadow_mode: ShadowMode::Ratio,
             shadow_strength: 1.0,
             refresh: Refresh::UpTo(0),

@@ -13,7 +13,7 @@ use super::{BenchError, BenchOptions};
 use crate::calibration::Response;
 use crate::compositor::exposure::AutoLimits;
 use crate::compositor::{
-    Compositor, CompositorSettings, Exposure, FrameInput, Gpu, Refresh, ShadowMode,
+    Compositor, CompositorSettings, Exposure, FrameInput, Gpu, LampResponse, Refresh, ShadowMode,
 };
 use crate::environment::{
     Bracket, EnvironmentEstimator, EnvironmentInput, EnvironmentSettings, Lighting,
@@ -181,6 +181,7 @@ impl Rig {
             lighting: Some(light),
             near: None,
             lamps: &self.room.lamps,
+            lamp_response: LampResponse::Intrinsic,
             shadow_mode: ShadowMode::Ratio,
             shadow_strength: 1.0,
             refresh: Refresh::InTurn(1),

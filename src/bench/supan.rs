@@ -6,7 +6,8 @@ use super::report::{BenchReport, Percentiles, Row};
 use super::stage::{Passes, WARM_UP, camera, looking, picture};
 use crate::calibration::Response;
 use crate::compositor::{
-    Compositor, CompositorSettings, Exposure, FrameInput, Gpu, GpuError, Refresh, ShadowMode,
+    Compositor, CompositorSettings, Exposure, FrameInput, Gpu, GpuError, LampResponse, Refresh,
+    ShadowMode,
 };
 use crate::environment::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
 use crate::scene::{Material, Mesh, Part, Scene, primitives};
@@ -58,6 +59,7 @@ fn measure(
             lighting: Some(&lighting),
             near: None,
             lamps: &[],
+            lamp_response: LampResponse::Intrinsic,
             shadow_mode: ShadowMode::Ratio,
             shadow_strength: 1.0,
             refresh: Refresh::InTurn(refreshed as usize),

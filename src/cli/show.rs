@@ -6,8 +6,8 @@ use clap::Args;
 use penumbra::calibration::EnvironmentSource;
 use penumbra::compositor::Gpu;
 use penumbra::config::{
-    Config, ExposureChoice, Filtering, LIGHT_COUNTS, LightPlacement, Monitor, SceneChoice,
-    ShadowMode, ShadowTechnique,
+    Config, ExposureChoice, Filtering, LIGHT_COUNTS, LampResponse, LightPlacement, Monitor,
+    SceneChoice, ShadowMode, ShadowTechnique,
 };
 use penumbra::output::window::{self, WindowOptions};
 use penumbra::rig::{Report, RigError, RunOptions, Runner};
@@ -70,6 +70,9 @@ pub struct ShowArgs {
     /// How the environment is filtered for what virtual objects mirror
     #[arg(long, value_enum)]
     reflections: Option<Filtering>,
+    /// How real surfaces answer virtual lamps
+    #[arg(long, value_enum)]
+    lamp_response: Option<LampResponse>,
     /// How virtual objects are lit and shadowed
     #[arg(long, value_enum)]
     technique: Option<Technique>,
@@ -109,6 +112,7 @@ impl ShowArgs {
             config.exposure.choose(choice);
         }
         set(&mut config.shading.reflections, self.reflections);
+        set(&mut config.shading.lamp_response, self.lamp_response);
         if let Some(technique) = self.technique {
             config.shadows.enabled = technique != Technique::ImageBasedLighting;
             if config.shadows.enabled {

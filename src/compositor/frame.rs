@@ -4,6 +4,7 @@ use super::exposure::{ExposedInputs, Exposure};
 use super::gpu_data::{FrameUniform, LightUniform};
 use super::passes::composite::{CompositeInputs, CompositePass};
 use super::passes::lamp_map::LampMapPass;
+use super::passes::lamp_response::LampResponsePass;
 use super::passes::phantom_geometry::PhantomGeometryPass;
 use super::passes::shadow_buffer::{ShadowBufferInputs, ShadowBufferPass};
 use super::passes::shadow_map::ShadowMapPass;
@@ -20,7 +21,7 @@ use crate::calibration::{PinholeCamera, Response};
 use crate::environment::Lighting;
 use crate::picture::Picture;
 use crate::scene::{NearLight, PlacedLamp};
-use glam::{DMat4, DVec4};
+use glam::{DMat4, DVec4, Vec3};
 use penumbra_interface::RigidTransform;
 
 /// How the shadow buffer darkens the real picture.
@@ -31,6 +32,22 @@ pub enum ShadowMode {
     Ratio,
     /// camera − R / π: the paper's eq. 4, right for white surfaces only.
     Subtract,
+}
+
+/// How real surfaces answer lamps.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum LampResponse {
+    /// Picture ÷ estimated irradiance = albedo: the picture is multiplied by
+    /// 1 + lamps / what arrives.
+    #[default]
+    Intrinsic,
+    /// DiVerdi and Höllerer 2004, section 4.2: a blend of N·L and the picture's own relief is
+    /// added.
+    Paper {
+        /// To the brightest physical light, world, times its dominance
+        /// ([`crate::environment::BrightestLight::vector`]).
+        brightest: Vec3,
+    },
 }
 
 /// What a frame is made of.
@@ -47,6 +64,8 @@ pub struct FrameInput<'a> {
     pub near: Option<&'a NearLight>,
     /// Lamps that shine in the picture only; after [`crate::scene::lamps::MOST_LAMPS`] they are left out.
     pub lamps: &'a [PlacedLamp],
+    /// How real surfaces answer them.
+    pub lamp_response: LampResponse,
     /// How shadows combine.
     pub shadow_mode: ShadowMode,
     /// 0 = no shadows, 1 = as strong as the light says.
@@ -66,6 +85,7 @@ pub struct FrameInput<'a> {
 pub struct Pipelines {
     shadow_map: ShadowMapPass,
     lamp_map: LampMapPass,
+    lamp_response: LampResponsePass,
     phantom_geometry: PhantomGeometryPass,
     virtual_geometry: VirtualGeometryPass,
     tiles: TilesPass,
@@ -84,6 +104,7 @@ impl Pipelines {
         Self {
             shadow_map: ShadowMapPass::new(device, frame),
             lamp_map: LampMapPass::new(device),
+            lamp_response: LampResponsePass::new(device, frame, scene, variant),
             phantom_geometry: PhantomGeometryPass::new(device, frame, scene),
             virtual_geometry: VirtualGeometryPass::new(device, frame, scene, variant),
             tiles: TilesPass::new(device, frame, variant),
@@ -99,6 +120,7 @@ pub struct Sized {
     pub(super) targets: Targets,
     tiles: wgpu::BindGroup,
     shadow_buffer: ShadowBufferInputs,
+    lamp_response: wgpu::BindGroup,
     surroundings: SurroundingsInputs,
     composite: CompositeInputs,
     /// In place of the last two, for pictures in another exposure.
@@ -194,6 +216,11 @@ impl Compositor {
         };
         let groups = [frame, shadows, &inputs.surfaces];
         passes.record(encoder, timer, groups, t, unshadowed);
+        // What lamps add to them by the paper's response, if it is wanted.
+        if self.answers {
+            let groups = [frame, &sized.lamp_response];
+            p.lamp_response.record(encoder, timer, groups, scene, t);
+        }
         let ((surroundings, composite), inputs) = match exposed {
             Some((passes, inputs)) => (passes, (&inputs.surroundings, &inputs.composite)),
             None => (
@@ -250,6 +277,8 @@ impl Compositor {
         let size = self.shadow_map_size();
         self.subtract = input.shadow_mode == ShadowMode::Subtract;
         let seen = augmented && input.lighting.is_some() && input.world_from_camera.is_some();
+        self.answers =
+            seen && !input.lamps.is_empty() && input.lamp_response != LampResponse::Intrinsic;
         self.prepare_exposure(input, seen);
         let by_planes = self.prepare_planes(input, augmented)?;
         // Planes need no maps.
@@ -336,6 +365,7 @@ impl Compositor {
         Sized {
             tiles: p.tiles.bind(device, &targets),
             shadow_buffer: p.shadow_buffer.bind(device, maps, &targets),
+            lamp_response: p.lamp_response.bind(device, &targets),
             surroundings: p.surroundings.bind(device, &targets, camera),
             composite: p.composite.bind(device, &targets, camera, &light.gloss),
             exposed: self.exposure.bind(device, &targets, &light.gloss),
@@ -375,9 +405,7 @@ impl Compositor {
             .unwrap_or(nowhere);
         let axis = |v: glam::DVec3| (pose.rotation * v).as_vec3().extend(0.0).to_array();
         let size = (input.picture.width as f32, input.picture.height as f32);
-        let ground = input
-            .lighting
-            .map_or(glam::Vec3::ZERO, |l| l.ground_radiance);
+        let ground = input.lighting.map_or(Vec3::ZERO, |l| l.ground_radiance);
         let (height, has_ground) = match self.scene.ground_height {
             Some(height) => (height as f32, 1.0),
             None => (0.0, 0.0),
@@ -421,6 +449,17 @@ impl Compositor {
             near_high,
             planes_low: [0.0; 4],
             planes_high: [0.0; 4],
+            brightest: match input.lamp_response {
+                LampResponse::Paper { brightest } if self.answers => {
+                    let known = if brightest.is_finite() {
+                        brightest
+                    } else {
+                        Vec3::ZERO
+                    };
+                    known.clamp_length_max(1.0).extend(1.0).to_array()
+                }
+                _ => [0.0; 4],
+            },
         }
     }
 }

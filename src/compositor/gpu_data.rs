@@ -26,6 +26,7 @@ pub struct FrameUniform {
     pub near_high: [f32; 4],
     pub planes_low: [f32; 4],
     pub planes_high: [f32; 4],
+    pub brightest: [f32; 4],
 }
 
 /// Twin of WGSL `Light`.

@@ -30,7 +30,7 @@ mod targets;
 pub mod timing;
 
 pub use exposure::Exposure;
-pub use frame::{FrameInput, ShadowMode};
+pub use frame::{FrameInput, LampResponse, ShadowMode};
 pub use gpu::{Gpu, GpuError};
 pub use passes::present::PresentPass;
 pub use scene_upload::{SceneUploader, UploadedScene};
@@ -100,6 +100,8 @@ pub struct Compositor {
     near_generation: u64,
     refreshed: usize,
     subtract: bool,
+    /// Real surfaces answer lamps in a pass of their own.
+    answers: bool,
     planes: Option<Box<PlanesStage>>,
     exposure: ExposureStation,
 }
@@ -132,6 +134,7 @@ impl Compositor {
             near_generation: 0,
             refreshed: 0,
             subtract: false,
+            answers: false,
             planes: None,
             exposure: ExposureStation::default(),
             gpu,

@@ -216,10 +216,12 @@ fn virtual_uniform(part: &Part) -> VirtualPartUniform {
 fn phantom_uniform(part: &Part) -> PhantomPartUniform {
     let (world_from_part, normal_from_part) = matrices(part.world_from_part);
     let kind = if part.mirror { 2.0 } else { 1.0 };
+    // What is not known is white: a lamp's units hold for white.
+    let [r, g, b] = part.albedo.unwrap_or(Vec3::ONE).to_array();
     PhantomPartUniform {
         world_from_part,
         normal_from_part,
-        kind: [kind, 0.0, 0.0, 0.0],
+        kind: [kind, r, g, b],
     }
 }
 

@@ -16,6 +16,8 @@ const CODES: &str = include_str!("shaders/lib/codes.wgsl");
 const EXPOSED: &str = include_str!("shaders/lib/exposed.wgsl");
 const LIGHT_TEXEL: &str = include_str!("shaders/lib/light_texel.wgsl");
 const LAMPS: &str = include_str!("shaders/lib/lamps.wgsl");
+const LAMP_RESPONSE: &str = include_str!("shaders/lib/lamp_response.wgsl");
+const ANSWERED: &str = include_str!("shaders/lib/answered.wgsl");
 const GLOSS: &str = include_str!("shaders/lib/gloss.wgsl");
 const GLINTS: &str = include_str!("shaders/lib/glints.wgsl");
 const HIGHLIGHTS: &str = include_str!("shaders/lib/highlights.wgsl");
@@ -61,7 +63,7 @@ impl Variant {
 
 /// Every shader of the compositor, complete.
 #[must_use]
-pub fn all(variant: Variant) -> [(&'static str, String); 11] {
+pub fn all(variant: Variant) -> [(&'static str, String); 12] {
     [
         (
             "shadow_map",
@@ -100,6 +102,7 @@ pub fn all(variant: Variant) -> [(&'static str, String); 11] {
                     ARRIVING,
                     VISIBILITY,
                     LAMPS,
+                    LAMP_RESPONSE,
                     include_str!("shaders/shadow_buffer.wgsl"),
                 ]),
                 variant,
@@ -120,8 +123,22 @@ pub fn all(variant: Variant) -> [(&'static str, String); 11] {
                     MARKS,
                     ARRIVING,
                     LAMPS,
+                    LAMP_RESPONSE,
                     include_str!("shaders/lib/planes.wgsl"),
                     include_str!("shaders/planes_shadow.wgsl"),
+                ]),
+                variant,
+            ),
+        ),
+        (
+            "lamp_response",
+            sampled(
+                join(&[
+                    FRAME,
+                    CODES,
+                    LAMPS,
+                    LAMP_RESPONSE,
+                    include_str!("shaders/lamp_response.wgsl"),
                 ]),
                 variant,
             ),
@@ -149,6 +166,7 @@ pub fn all(variant: Variant) -> [(&'static str, String); 11] {
                     FULLSCREEN,
                     CODES,
                     EXPOSED,
+                    ANSWERED,
                     include_str!("shaders/surroundings.wgsl"),
                 ]),
                 variant,
@@ -166,6 +184,7 @@ pub fn all(variant: Variant) -> [(&'static str, String); 11] {
                     LIGHT_TEXEL,
                     CODES,
                     EXPOSED,
+                    ANSWERED,
                     EDGES,
                     BACKGROUND,
                     GLOSS,

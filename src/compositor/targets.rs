@@ -47,6 +47,8 @@ pub struct Targets {
     pub marks: Target,
     /// Factor (or subtrahend) of the real picture.
     pub shadow: Target,
+    /// Linear light that lamps add to the real picture, where it is not part of that factor.
+    pub response: Target,
     /// Irradiance left on virtual surfaces, packed.
     pub light: Target,
     /// Linear shadowed picture, level 0 at half size.
@@ -153,6 +155,7 @@ impl Targets {
             kinds: m.make("kinds", full, format::DEPTH, U::RENDER_ATTACHMENT, 1),
             marks: m.make("marks", coarse, format::DEPTH, U::RENDER_ATTACHMENT, 1),
             shadow: m.make("shadow", coarse, format::LIGHT, drawn, 1),
+            response: m.make("lamp response", full, format::LIGHT, drawn, 1),
             light: m.make("light", coarse, format::LIGHT_TEXEL, drawn, 1),
             surroundings,
             surroundings_levels,

@@ -136,6 +136,27 @@ pub enum ShadowMode {
     Subtract,
 }
 
+/// How real surfaces answer virtual lamps.
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    clap::ValueEnum,
+    serde::Deserialize,
+    serde::Serialize,
+)]
+#[serde(rename_all = "kebab-case")]
+pub enum LampResponse {
+    /// `"intrinsic"`: the picture over the light that arrives is what the surface reflects.
+    #[default]
+    Intrinsic,
+    /// `"paper"`: N·L and the picture's own relief, blended (DiVerdi and Höllerer 2004).
+    Paper,
+}
+
 /// How shadows are found.
 #[derive(
     Clone,

@@ -44,6 +44,10 @@ fn convert(file: ConfigFile, folder: &Path) -> Result<Config> {
         &mut config.shading.bounced_light,
         file.shading.bounced_light,
     );
+    set(
+        &mut config.shading.lamp_response,
+        file.shading.lamp_response,
+    );
     planes(file.planes, folder, &mut config.planes)?;
     exposure(&file.exposure, &mut config.exposure)?;
     set(&mut config.picture.antialias, file.picture.antialias);

@@ -2,9 +2,9 @@
 //! mean is said in `config/rig.toml`.
 
 use super::choice::{
-    Antialias, Clipped, Irradiance, LightPlacement, Monitor, Refresh, ReplayPairing, ReplaySpeed,
-    ShadowMode, ShadowResolution, ShadowTechnique, ToneCurve, Unseen, WhiteBalanceMethod,
-    YuvMatrix, YuvRange,
+    Antialias, Clipped, Irradiance, LampResponse, LightPlacement, Monitor, Refresh, ReplayPairing,
+    ReplaySpeed, ShadowMode, ShadowResolution, ShadowTechnique, ToneCurve, Unseen,
+    WhiteBalanceMethod, YuvMatrix, YuvRange,
 };
 use super::devices::{
     CalibrationFile, CameraFile, ControlChange, ControlValue, FormatName, RecordingFile,
@@ -123,6 +123,7 @@ pub(super) struct Shadows {
 pub(super) struct Shading {
     pub reflections: Option<Filtering>,
     pub bounced_light: Option<bool>,
+    pub lamp_response: Option<LampResponse>,
 }
 
 #[derive(Debug, Default, Deserialize)]

@@ -16,8 +16,8 @@ pub use crate::environment::Filtering;
 pub use crate::picture::YuvEncoding;
 use crate::sync::{Degree, Smoothing};
 pub use choice::{
-    Antialias, Clipped, Irradiance, LightPlacement, Monitor, Refresh, ReplayPairing, ReplaySpeed,
-    SceneChoice, ShadowMode, ShadowResolution, ShadowTechnique, ToneCurve, Unseen,
+    Antialias, Clipped, Irradiance, LampResponse, LightPlacement, Monitor, Refresh, ReplayPairing,
+    ReplaySpeed, SceneChoice, ShadowMode, ShadowResolution, ShadowTechnique, ToneCurve, Unseen,
     WhiteBalanceMethod, YuvMatrix, YuvRange,
 };
 pub use convert::{LIGHT_COUNTS, listen_needs_token};
@@ -156,6 +156,8 @@ pub struct ShadingConfig {
     pub reflections: Filtering,
     /// Whether virtual objects throw light on real things, and those on them.
     pub bounced_light: bool,
+    /// How real surfaces answer virtual lamps.
+    pub lamp_response: LampResponse,
 }
 
 impl Default for ShadingConfig {
@@ -163,6 +165,7 @@ impl Default for ShadingConfig {
         Self {
             reflections: Filtering::default(),
             bounced_light: true,
+            lamp_response: LampResponse::default(),
         }
     }
 }

@@ -14,6 +14,7 @@
 
 pub mod adaptive;
 pub mod box_chain;
+pub mod brightest;
 mod cells;
 mod circle;
 pub mod clipped;
@@ -41,6 +42,7 @@ mod stages;
 mod tracking;
 pub mod view;
 
+pub use brightest::{BrightestFollower, BrightestLight};
 pub use clipped::ClippedEnergy;
 pub use estimator::EnvironmentEstimator;
 pub use hdr::Bracket;

@@ -11,7 +11,9 @@ use super::settings::{compositor_settings, exposure, live_settings};
 use super::source::Source;
 use super::status::Published;
 use super::{RigError, status as published};
-use crate::compositor::{Compositor, Exposure, FrameInput, Gpu, Refresh, ShadowMode};
+use crate::compositor::{Compositor, Exposure, FrameInput, Gpu, LampResponse, Refresh, ShadowMode};
+use crate::config;
+use crate::environment::{BrightestFollower, BrightestLight};
 use crate::output::files::FrameFolder;
 use crate::picture::Picture;
 use crate::scene::lamps::lamps_at;
@@ -48,6 +50,8 @@ pub(super) struct Run {
     light: LightState,
     scenes: Scenes,
     planes: PlanesStation,
+    follower: BrightestFollower,
+    brightest: BrightestLight,
     started: Instant,
     /// Something is on the screen.
     shown: bool,
@@ -87,6 +91,8 @@ impl Run {
             rates: Rates::default(),
             light: LightState::default(),
             planes: PlanesStation::default(),
+            follower: BrightestFollower::default(),
+            brightest: BrightestLight::default(),
             started: Instant::now(),
             shown: false,
             closed: false,
@@ -148,6 +154,7 @@ impl Run {
             planes: self.planes.status(),
             scene: self.scenes.status(),
             exposure: self.compositor.exposure(),
+            brightest: self.brightest,
             stale_after_nanos: runner.config.environment.stale_after_nanos,
         });
         Ok(())
@@ -186,6 +193,7 @@ impl Run {
             lighting: None,
             near: None,
             lamps: &[],
+            lamp_response: LampResponse::Intrinsic,
             shadow_mode: ShadowMode::Ratio,
             shadow_strength: 0.0,
             refresh: Refresh::UpTo(0),
@@ -198,6 +206,10 @@ impl Run {
     }
 
     fn draw(&mut self, runner: &Runner, prepared: &Prepared) -> Result<(), RigError> {
+        if let Some(light) = &prepared.light.lighting {
+            let (generation, seconds) = (light.generation, prepared.seconds);
+            self.brightest = self.follower.follow(generation, &light.lights, seconds);
+        }
         let settings = &self.settings;
         let shadows = settings.technique != Technique::ImageBasedLighting;
         let refresh = runner.config.shadows.refresh_per_frame;
@@ -213,6 +225,12 @@ impl Run {
                 .as_deref()
                 .filter(|_| settings.bounced_light),
             lamps: &lamps,
+            lamp_response: match settings.lamp_response {
+                config::LampResponse::Intrinsic => LampResponse::Intrinsic,
+                config::LampResponse::Paper => LampResponse::Paper {
+                    brightest: self.brightest.vector(),
+                },
+            },
             shadow_mode: match settings.shadow_mode {
                 status::ShadowMode::Ratio => ShadowMode::Ratio,
                 status::ShadowMode::Subtract => ShadowMode::Subtract,

@@ -29,6 +29,7 @@ pub fn live_settings(config: &Config) -> Settings {
         virtual_object_visible: true,
         reflections: config.shading.reflections,
         bounced_light: config.shading.bounced_light,
+        lamp_response: config.shading.lamp_response,
         planes_skip_below: config.planes.skip_below,
         planes_recompute_above: config.planes.recompute_above,
         planes_shading: config.planes.shading,

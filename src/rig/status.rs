@@ -8,6 +8,7 @@ use super::{RigSetup, live_status};
 use crate::calibration::photometry::{MatchStatus, MethodStatus, Provenance};
 use crate::compositor::Gpu;
 use crate::compositor::exposure::ExposureInForce;
+use crate::environment::BrightestLight;
 use crate::status::planes::PlanesStatus;
 use crate::status::snapshot::{
     Adapter, Device, DeviceKind, DeviceState, ExposureStatus, PoseAnswer, SessionState,
@@ -40,6 +41,8 @@ pub struct Published<'a> {
     pub scene: &'a SceneStatus,
     /// The picture's exposure.
     pub exposure: ExposureInForce,
+    /// The brightest light of the real scene, followed smoothly.
+    pub brightest: BrightestLight,
     /// Light older than this is old, nanoseconds.
     pub stale_after_nanos: i64,
 }
@@ -169,11 +172,9 @@ fn lighting(s: &mut Snapshot, p: &Published<'_>) {
     s.lighting.stale = stale.then(|| {
         "the environment camera has been silent: the light is the last that it saw".to_owned()
     });
-    let total = |c: glam::Vec3| c.element_sum();
-    let brightest = sources
-        .iter()
-        .max_by(|a, b| total(a.irradiance).total_cmp(&total(b.irradiance)));
-    s.lighting.dominant_direction = brightest.map(|l| l.direction.as_dvec3().to_array());
+    let direction = p.brightest.direction.as_dvec3();
+    s.lighting.dominant_direction = (p.brightest.dominance > 0.0).then(|| direction.to_array());
+    s.lighting.dominance = Some(f64::from(p.brightest.dominance));
     if let Some(status) = white_balance {
         s.white_balance = in_words(status);
     }

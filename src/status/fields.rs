@@ -163,6 +163,10 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "Unit vector to where most light comes from, world, +Z up; null where unknown.",
     ),
     (
+        "lighting.dominance",
+        "By how much that light outshines what lies elsewhere, as a share of all light: 1 for a sun alone, 0 for two equal lamps and for light from everywhere; null where unknown.",
+    ),
+    (
         "lighting.preview_revision",
         "Counts the pictures at `/environment.png`; 0 = none yet.",
     ),
@@ -401,6 +405,10 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     (
         "settings.bounced_light",
         "Whether virtual objects throw light on real things, and those on them: a red one tints the table.",
+    ),
+    (
+        "settings.lamp_response",
+        "How real surfaces answer virtual lamps: `intrinsic` (lamps multiply the picture) or `paper` (N·L and the picture's own relief, blended, are added).",
     ),
     (
         "settings.planes_skip_below",

@@ -2,7 +2,7 @@
 
 use crate::config::{
     ADAPTATION_SECONDS, BRIGHTEST_STOPS, DARKEST_STOPS, EXPOSURE_KEYS, EXPOSURE_STOPS,
-    ExposureConfig, ExposureMode, Filtering, PlaneShading,
+    ExposureConfig, ExposureMode, Filtering, LampResponse, PlaneShading,
 };
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -70,6 +70,8 @@ pub struct Settings {
     pub reflections: Filtering,
     /// Whether they throw light on real things, and those on them.
     pub bounced_light: bool,
+    /// How real surfaces answer virtual lamps.
+    pub lamp_response: LampResponse,
     /// Planes: lights that give less than this share of all light are left out, 0..=1.
     pub planes_skip_below: f32,
     /// Planes: a light is summed anew when it changes by more than this share of all light,
@@ -103,6 +105,7 @@ impl Default for Settings {
             virtual_object_visible: true,
             reflections: Filtering::default(),
             bounced_light: true,
+            lamp_response: LampResponse::default(),
             planes_skip_below: 0.002,
             planes_recompute_above: 0.01,
             planes_shading: PlaneShading::default(),
@@ -136,6 +139,8 @@ pub struct SettingsChange {
     pub reflections: Option<Filtering>,
     /// See [`Settings::bounced_light`].
     pub bounced_light: Option<bool>,
+    /// See [`Settings::lamp_response`].
+    pub lamp_response: Option<LampResponse>,
     /// See [`Settings::planes_skip_below`].
     pub planes_skip_below: Option<f32>,
     /// See [`Settings::planes_recompute_above`].
@@ -226,6 +231,7 @@ impl SettingsChange {
                 .unwrap_or(settings.virtual_object_visible),
             reflections: self.reflections.unwrap_or(settings.reflections),
             bounced_light: self.bounced_light.unwrap_or(settings.bounced_light),
+            lamp_response: self.lamp_response.unwrap_or(settings.lamp_response),
             planes_skip_below: self.planes_skip_below.unwrap_or(settings.planes_skip_below),
             planes_recompute_above: self
                 .planes_recompute_above
@@ -351,6 +357,7 @@ mod tests {
                 .contains("expected one of `irradiance`, `lights`, `six`")
         );
         assert!(text(r#"{"reflections": "soft"}"#).contains("expected `prefiltered` or `box`"));
+        assert!(text(r#"{"lamp_response": "flat"}"#).contains("expected `intrinsic` or `paper`"));
         assert!(text(r#"{"shadow_strenght": 1}"#).contains("unknown field `shadow_strenght`"));
         assert!(text(r#"{"lights_mode": "random"}"#).contains("expected `grid` or `adaptive`"));
         assert_eq!(

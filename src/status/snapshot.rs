@@ -334,6 +334,8 @@ pub struct LightingStatus {
     pub clipped_fraction: Option<f64>,
     /// Unit vector to where most light comes from, world (+Z up).
     pub dominant_direction: Option<[f64; 3]>,
+    /// By how much that light outshines the others, as a share of all light, 0..=1.
+    pub dominance: Option<f64>,
     /// Counts the previews of the environment; 0 = there is none at `/environment.png`.
     pub preview_revision: u64,
 }

@@ -4,7 +4,7 @@ use glam::{DMat3, DMat4, DQuat, DVec2, DVec3, Vec3};
 use penumbra::calibration::{PinholeCamera, Response};
 use penumbra::compositor::reference::{Reference, ReferencePicture};
 use penumbra::compositor::{
-    Compositor, CompositorSettings, Exposure, FrameInput, Gpu, Refresh, ShadowMode,
+    Compositor, CompositorSettings, Exposure, FrameInput, Gpu, LampResponse, Refresh, ShadowMode,
 };
 use penumbra::environment::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
 use penumbra::picture::Picture;
@@ -42,6 +42,7 @@ pub struct Stage {
     pub show_virtual: bool,
     pub settings: CompositorSettings,
     pub exposure: Exposure,
+    pub lamp_response: LampResponse,
 }
 
 impl Stage {
@@ -73,6 +74,7 @@ impl Stage {
                 soft_samples: 1,
             },
             exposure: Exposure::Camera,
+            lamp_response: LampResponse::Intrinsic,
         }
     }
 
@@ -108,6 +110,7 @@ impl Stage {
             lighting: self.lighting.as_ref(),
             near: self.near.as_ref(),
             lamps: &self.lamps,
+            lamp_response: self.lamp_response,
             shadow_mode: self.mode,
             shadow_strength: self.strength,
             refresh: self.refresh,

@@ -53,7 +53,7 @@ impl Meter {
             &[Slot::Uniform, Slot::StorageWritten],
         );
         let u = Slot::Unfilterable;
-        let picture_layout = compute_layout(device, "metered picture", &[u, Slot::Uniform, u]);
+        let picture_layout = compute_layout(device, "metered picture", &[u, Slot::Uniform, u, u]);
         let layouts = [&own_layout, &picture_layout];
         let buffer = |label, size, usage| {
             device.create_buffer(&wgpu::BufferDescriptor {
@@ -80,12 +80,13 @@ impl Meter {
         }
     }
 
-    /// Binds the camera's picture and the shadow buffer.
+    /// Binds the camera's picture, the shadow buffer and what lamps add apart from it.
     pub fn bind(&self, device: &wgpu::Device, targets: &Targets) -> wgpu::BindGroup {
         let bound = [
             view(&targets.camera.view),
             targets.codes.as_entire_binding(),
             view(&targets.shadow.view),
+            view(&targets.response.view),
         ];
         group(device, "metered picture", &self.picture_layout, &bound)
     }
@@ -129,10 +130,15 @@ impl Meter {
         slot.submitted = Some(None);
     }
 
-    /// How shadows are put into the picture that is measured next.
-    pub fn upload(&self, queue: &wgpu::Queue, subtract: bool, shadow_step: u32) {
+    /// How shadows and lamps are put into the picture that is measured next.
+    pub fn upload(&self, queue: &wgpu::Queue, subtract: bool, shadow_step: u32, apart: bool) {
         let uniform = MeterUniform {
-            how: [u32::from(subtract), shadow_step.ilog2(), 0, 0],
+            how: [
+                u32::from(subtract),
+                shadow_step.ilog2(),
+                u32::from(apart),
+                0,
+            ],
         };
         queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
     }

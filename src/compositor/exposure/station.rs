@@ -207,7 +207,8 @@ impl Compositor {
             .as_ref()
             .filter(|_| self.exposure.measures)
         {
-            meter.upload(queue, self.subtract, self.settings.shadow_step);
+            let (step, apart) = (self.settings.shadow_step, self.answers);
+            meter.upload(queue, self.subtract, step, apart);
         }
     }
 

@@ -39,7 +39,7 @@ impl CompositePass {
         let picture_layout = layout(
             device,
             "composite picture",
-            &[u, Slot::Uniform, u, i, u, i, i, i],
+            &[u, Slot::Uniform, u, i, u, i, i, i, u],
         );
         let surfaces_layout = layout(device, "composite surfaces", &[packed, packed, depth]);
         let light_layout = layout(
@@ -112,6 +112,7 @@ impl CompositePass {
             view(&t.tiles[0].view),
             view(&t.covered.view),
             view(&t.lamp_tiles[1].view),
+            view(&t.response.view),
         ];
         let s = &t.virtual_surface;
         let surfaces = [&s[0], &s[1], &t.virtual_depth].map(|t| view(&t.view));

@@ -3,6 +3,7 @@
 pub mod composite;
 pub mod exposure;
 pub mod lamp_map;
+pub mod lamp_response;
 pub mod phantom_geometry;
 pub mod present;
 pub mod shadow_buffer;

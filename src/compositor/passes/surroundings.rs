@@ -24,7 +24,7 @@ impl SurroundingsPass {
     pub fn new(device: &wgpu::Device, frame: &wgpu::BindGroupLayout, variant: Variant) -> Self {
         let module = shaders::module(device, "surroundings", variant);
         let u = Slot::Unfilterable;
-        let picture_layout = layout(device, "surroundings picture", &[u, Slot::Uniform, u]);
+        let picture_layout = layout(device, "surroundings picture", &[u, Slot::Uniform, u, u]);
         let finer_layout = layout(device, "surroundings level", &[u]);
         let build = |fragment: &str| {
             PipelineSpec {
@@ -66,6 +66,7 @@ impl SurroundingsPass {
                 view(real),
                 targets.codes.as_entire_binding(),
                 view(&targets.shadow.view),
+                view(&targets.response.view),
             ],
         );
         // The first level reads the picture, but the layout wants a finer one: any will do

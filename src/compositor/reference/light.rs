@@ -11,6 +11,8 @@ pub(super) struct OnPhantom {
     pub lost: DVec3,
     /// What arrives in the real scene.
     pub arriving: DVec3,
+    /// What the dome lights alone would, without any shadow.
+    pub open: DVec3,
 }
 
 /// Supan 2006, eq. 3, with `P_i` the share of light i that phantoms let through and `S_i`
@@ -33,11 +35,13 @@ pub(super) fn on_phantom(
     };
     let mut sums = OnPhantom {
         lost: DVec3::ZERO,
+        open: DVec3::ZERO,
         arriving: lighting.ground_radiance.as_dvec3() * (PI * below),
     };
     for (light, reaching) in lighting.lights.iter().zip(reaching) {
         let facing = surface.normal.dot(light.direction.as_dvec3()).max(0.0);
         let received = light.irradiance.as_dvec3() * facing;
+        sums.open += received;
         sums.arriving += received * reaching.past_phantoms;
         sums.lost += received * (reaching.past_phantoms - reaching.past_both);
     }
@@ -45,8 +49,14 @@ pub(super) fn on_phantom(
 }
 
 /// Radiance leaving a diffuse virtual surface: the sky and the compact sources, less what
-/// is hidden of either, and what virtual surfaces throw at one another instead of the sky.
-pub(super) fn of_virtual(surface: &Surface, reaching: &[Reaching], lighting: &Lighting) -> DVec3 {
+/// is hidden of either, what virtual surfaces throw at one another instead of the sky, and the
+/// irradiance from `lamps`.
+pub(super) fn of_virtual(
+    surface: &Surface,
+    reaching: &[Reaching],
+    lighting: &Lighting,
+    lamps: DVec3,
+) -> DVec3 {
     let mut irradiance = lighting
         .irradiance
         .irradiance(surface.normal.as_vec3())
@@ -65,7 +75,7 @@ pub(super) fn of_virtual(surface: &Surface, reaching: &[Reaching], lighting: &Li
     }
     let open = (1.0 - hidden / cells.max(DVec3::splat(1e-9))).clamp(DVec3::ZERO, DVec3::ONE);
     irradiance += cells * (with_bounces(open, surface.diffuse) - open);
-    surface.diffuse * irradiance.max(DVec3::ZERO) / PI + surface.emissive
+    surface.diffuse * (irradiance + lamps).max(DVec3::ZERO) / PI + surface.emissive
 }
 
 /// Jimenez et al. 2016, eq. 10: the open share of the sky with light between surfaces of

@@ -6,12 +6,14 @@
 //! specular reflection and without ground.
 
 pub mod exposure;
+mod lamps;
 mod light;
 mod surface;
 
+pub use lamps::response;
 pub use surface::{Reference, Seen};
 
-use super::{FrameInput, ShadowMode};
+use super::{FrameInput, LampResponse, ShadowMode};
 use crate::calibration::Response;
 use crate::picture::Picture;
 use glam::DVec3;
@@ -52,7 +54,9 @@ impl Reference {
         let mut rgba = Vec::with_capacity(4 * (width * height) as usize);
         for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
             let codes = input.picture.rgb(x, y);
-            let pixel = self.pixel((x, y), exposed[(y * width + x) as usize], input);
+            let video = DVec3::from(response.linear_from_rgb(codes).map(f64::from));
+            let camera = [exposed[(y * width + x) as usize], video];
+            let pixel = self.pixel((x, y), camera, input);
             let shown = if pixel.untouched && factor == 1.0 {
                 codes
             } else {
@@ -73,7 +77,13 @@ impl Reference {
         ReferencePicture { pixels, picture }
     }
 
-    fn pixel(&self, at: (u32, u32), camera: DVec3, input: &FrameInput<'_>) -> ReferencePixel {
+    /// `camera`: the picture in the exposure that is shown, and in its own.
+    fn pixel(
+        &self,
+        at: (u32, u32),
+        [camera, video]: [DVec3; 2],
+        input: &FrameInput<'_>,
+    ) -> ReferencePixel {
         // What is virtual, in the exposure that `camera` is in.
         let factor = f64::from(exposure::factor(input));
         let bare = ReferencePixel {
@@ -90,24 +100,41 @@ impl Reference {
             return bare;
         };
         let reaching = self.reaching(&surface, &lighting.lights);
-        let footprint = surface::footprint(&surface, &reaching);
+        let strength = input.shadow_strength;
+        let shown: &[_] = if input.show_virtual { input.lamps } else { &[] };
+        let lamps = self.lamps(&surface, shown, strength);
+        let footprint = surface::footprint(&surface, &reaching, lamps.iter().map(|l| l.seen));
+        let lit = lamps::irradiance(surface.normal, &lamps);
         if surface.seen == Seen::Virtual {
             return ReferencePixel {
                 seen: Seen::Virtual,
-                linear: light::of_virtual(&surface, &reaching, lighting) * factor,
+                linear: light::of_virtual(&surface, &reaching, lighting, lit) * factor,
                 footprint,
                 normal: surface.normal,
                 untouched: false,
             };
         }
         let sums = light::on_phantom(&surface, &reaching, lighting, self.has_ground);
-        let lost = sums.lost * f64::from(input.shadow_strength);
-        let untouched = !input.show_virtual || surface.mirror || lost == DVec3::ZERO;
+        let lost = sums.lost * f64::from(strength);
+        let untouched =
+            !input.show_virtual || surface.mirror || (lost == DVec3::ZERO && lit == DVec3::ZERO);
+        // Lamps multiply the picture, or are added to it.
+        let apart = lamps::added_by_paper(&surface, &lamps, input.lamp_response, video) * factor;
+        let multiplied = match input.lamp_response {
+            LampResponse::Intrinsic => lit,
+            LampResponse::Paper { .. } => DVec3::ZERO,
+        };
+        let arriving = sums.arriving.max(DVec3::splat(1e-9));
         let linear = match input.shadow_mode {
             _ if untouched => camera,
-            ShadowMode::Ratio => camera * (1.0 - lost / sums.arriving.max(DVec3::splat(1e-9))),
+            ShadowMode::Ratio => {
+                // Where next to nothing arrives, nothing is known of what is reflected.
+                let least = (0.05 * sums.open).max(DVec3::splat(1e-4));
+                camera * (1.0 - lost / arriving + multiplied / arriving.max(least)) + apart
+            }
             ShadowMode::Subtract => {
-                (camera - lost * (factor / std::f64::consts::PI)).max(DVec3::ZERO)
+                let less = (lost - multiplied) * (factor / std::f64::consts::PI);
+                (camera - less).max(DVec3::ZERO) + apart
             }
         };
         ReferencePixel {

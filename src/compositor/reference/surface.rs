@@ -37,11 +37,13 @@ pub struct Reference {
 pub(super) struct Surface {
     pub seen: Seen,
     part: usize,
-    point: Vec3,
+    pub point: Vec3,
     pub normal: DVec3,
     pub diffuse: DVec3,
     pub emissive: DVec3,
     pub mirror: bool,
+    /// What is known of a real surface's colour; white where nothing is.
+    pub albedo: DVec3,
 }
 
 /// How much of a light's disc, 0..=1, a surface sees past the casters.
@@ -132,6 +134,13 @@ impl Reference {
             .collect()
     }
 
+    /// Whether nothing stands between a surface and a point `distance` metres along `to`.
+    pub(super) fn sees(&self, surface: &Surface, to: Vec3, distance: f32) -> bool {
+        let from = surface.point + surface.normal.as_vec3() * LIFT;
+        let free = |rays: &PhantomRays| !rays.is_blocked(from, to, distance);
+        free(&self.phantom_casters) && free(&self.virtual_parts)
+    }
+
     fn share_in_sight(&self, from: Vec3, light: &DomeLight) -> Reaching {
         let (mut real, mut unreal, mut both) = (0, 0, 0);
         for k in 0..self.rays_per_light {
@@ -171,6 +180,7 @@ fn described(seen: Seen, hit: Hit, parts: &[Part]) -> Surface {
         diffuse: DVec3::ZERO,
         emissive: DVec3::ZERO,
         mirror: false,
+        albedo: DVec3::ONE,
     };
     if let Some(part) = parts.get(hit.part) {
         let m = &part.material;
@@ -178,16 +188,22 @@ fn described(seen: Seen, hit: Hit, parts: &[Part]) -> Surface {
         surface.diffuse = m.base_colour.truncate().as_dvec3() * f64::from(1.0 - metallic);
         surface.emissive = m.emissive.as_dvec3();
         surface.mirror = part.mirror;
+        surface.albedo = part.albedo.unwrap_or(Vec3::ONE).as_dvec3();
     }
     surface
 }
 
-pub(super) fn footprint(surface: &Surface, reaching: &[Reaching]) -> u64 {
+pub(super) fn footprint(
+    surface: &Surface,
+    reaching: &[Reaching],
+    lamps: impl Iterator<Item = bool>,
+) -> u64 {
     let mut hasher = DefaultHasher::new();
     (surface.seen, surface.part).hash(&mut hasher);
     for light in reaching {
         let shares = [light.past_phantoms, light.past_virtual, light.past_both];
         shares.map(f64::to_bits).hash(&mut hasher);
     }
+    lamps.for_each(|seen| seen.hash(&mut hasher));
     hasher.finish()
 }

@@ -8,6 +8,7 @@
 @group(1) @binding(5) var phantom_tiles: texture_2d<u32>;
 @group(1) @binding(6) var covered_tiles: texture_2d<u32>;
 @group(1) @binding(7) var virtual_lamps: texture_2d<u32>;
+@group(1) @binding(8) var response: texture_2d<f32>;
 @group(2) @binding(0) var virtual_shape: VIRTUAL_TEXTURE;
 @group(2) @binding(1) var virtual_material: VIRTUAL_TEXTURE;
 @group(2) @binding(2) var virtual_depth: VIRTUAL_DEPTH;
@@ -211,7 +212,8 @@ fn outline(@builtin(position) position: vec4f) -> @location(0) vec4f {
             covered += 1;
         }
     }
-    var linear = shadowed(code.rgb, factor) * (f32(SAMPLES - covered) / f32(SAMPLES));
+    let behind = shadowed(code.rgb, factor) + in_exposure(added_at(pixel));
+    var linear = behind * (f32(SAMPLES - covered) / f32(SAMPLES));
     // Samples on either side of an outline or a crease are lit apart. The condition is at
     // the loop's end, because software drivers run what a loop holds once more than any
     // pixel asks for.

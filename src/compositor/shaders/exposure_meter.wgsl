@@ -1,7 +1,8 @@
 // How bright the camera's picture is, and what virtual things add to it and take from it.
 
 struct Meter {
-    // x: 1 where shadows are subtracted. y: logarithm of the shadow buffer's step.
+    // x: 1 where shadows are subtracted. y: logarithm of the shadow buffer's step. z: 1 where what
+    // lamps add is apart from the shadow buffer.
     how: vec4u,
 }
 
@@ -10,6 +11,7 @@ struct Meter {
 @group(0) @binding(1) var<storage, read_write> partial: array<vec4f>;
 @group(1) @binding(0) var camera: texture_2d<f32>;
 @group(1) @binding(2) var shadow: texture_2d<f32>;
+@group(1) @binding(3) var response: texture_2d<f32>;
 
 const LANES = 64u;
 // Every so many pixels, each way, one is looked at.
@@ -22,7 +24,8 @@ fn looked_at(pixel: vec2u) -> vec4f {
     let s = textureLoad(shadow, pixel >> vec2u(meter.how.y), 0).rgb;
     let change = select(linear * (s - vec3f(1.0)), max(-s, -linear), meter.how.x == 1u);
     let y = luminance(change);
-    return vec4f(luminance(linear), max(y, 0.0), max(-y, 0.0), 1.0);
+    let apart = select(0.0, luminance(textureLoad(response, pixel, 0).rgb), meter.how.z == 1u);
+    return vec4f(luminance(linear), max(y, 0.0) + apart, max(-y, 0.0), 1.0);
 }
 
 // Always in the same order, so that a replay's exposures are always the same.

@@ -4,14 +4,15 @@
 struct PhantomPart {
     world_from_part: mat4x4f,
     normal_from_part: mat4x4f,
-    // x: 1 receives shadows, 2 mirrors.
+    // x: 1 receives shadows, 2 mirrors; the rest is the diffuse reflectance.
     kind: vec4f,
 }
 
 @group(1) @binding(0) var<storage, read> parts: array<PhantomPart>;
 
 struct Varying {
-    @builtin(position) position: vec4f,
+    // `lamp_response` draws the same triangles again and asks for equal depth.
+    @builtin(position) @invariant position: vec4f,
     @location(0) normal: vec3f,
     @location(1) @interpolate(flat) kind: f32,
     @location(2) @interpolate(flat) part: u32,

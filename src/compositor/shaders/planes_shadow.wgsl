@@ -16,7 +16,7 @@ fn phantom_shadow(@builtin(position) at: vec4f) -> @location(0) vec4f {
     // Less the light that virtual objects throw back.
     let kept = dome * max(shares.real - shares.all, vec3f(0.0));
     let lost = (kept - near_irradiance(0.0, world, n)) * frame.params.x;
-    let added = lamp_irradiance(lamps_at(phantom_lamps, pixel), world, n);
+    let added = multiplied_lamps(lamps_at(phantom_lamps, pixel), world, n);
     let open = open_in_real(world, n);
     let arriving = max(open - dome * (1.0 - shares.real), lost);
     let share = arriving.g / max(open.g, 1e-6);

@@ -104,7 +104,7 @@ fn phantom_shadow(@builtin(position) at: vec4f) -> @location(0) vec4f {
     let world = world_at(vec2f(pixel), textureLoad(phantom_depth, pixel, 0));
     // Less the light that virtual objects throw back.
     let lost = (lost_behind_virtual(masks, world, n) - near_irradiance(0.0, world, n)) * frame.params.x;
-    let added = lamp_irradiance(lamps_at(phantom_lamps, pixel), world, n);
+    let added = multiplied_lamps(lamps_at(phantom_lamps, pixel), world, n);
     // At full resolution real shadows are wanted beside virtual ones, too.
     if !FINE & all(lost == vec3f(0.0)) & all(added == vec3f(0.0)) {
         return vec4f(unshadowed, key_with_share(surface.w, -1.0));

@@ -3,6 +3,7 @@
 
 @group(1) @binding(0) var camera: texture_2d<f32>;
 @group(1) @binding(2) var shadow: texture_2d<f32>;
+@group(1) @binding(3) var response: texture_2d<f32>;
 @group(2) @binding(0) var finer: texture_2d<f32>;
 
 fn linear_at(pixel: vec2i) -> vec3f {
@@ -15,7 +16,7 @@ fn linear_at(pixel: vec2i) -> vec3f {
         linear = min(linear / frame.ground.w, vec3f(1.0));
     }
     let s = textureLoad(shadow, at >> vec2u(frame.tiling.z), 0).rgb;
-    return select(linear * s, max(linear - s, vec3f(0.0)), frame.counts.y == 1u);
+    return select(linear * s, max(linear - s, vec3f(0.0)), frame.counts.y == 1u) + added_at(at);
 }
 
 @fragment

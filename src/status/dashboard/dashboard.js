@@ -149,6 +149,7 @@ function environment(s) {
     ['age of the light', age(l.age_ms)],
     ['seen clipped', percent(l.clipped_fraction, 2)],
     ['main light, up', height(l.dominant_direction)],
+    ['outshines others by', percent(l.dominance, 0)],
   ]);
   const now = performance.now();
   if (l.preview_revision === shownRevision || now - shownAt < ENVIRONMENT_MS) return;

@@ -7,6 +7,7 @@ const CONFIRM_MS = 4000;
 const LIGHTS_HINTS = { adaptive: 'Lamps and sun get their own.', grid: 'Evenly, as in the paper.' };
 const SHADOW_HINTS = { ratio: 'Dims the real surface.', subtract: 'Takes light away, as in the paper.' };
 const REFLECTIONS_HINTS = { prefiltered: 'By each material’s lobe.', box: 'Box-filtered maps, as in the paper.' };
+const LAMP_RESPONSE_HINTS = { intrinsic: 'By what they reflect.', paper: 'By N·L and their relief in the picture.' };
 
 const form = $('settings');
 const wishes = new Map(); // setting → { value, since } until /status confirms it
@@ -46,6 +47,7 @@ function show(name, value) {
   }
   if (name === 'lights_mode') put($('lights-hint'), LIGHTS_HINTS[value] ?? '');
   if (name === 'shadow_mode') put($('shadow-hint'), SHADOW_HINTS[value] ?? '');
+  if (name === 'lamp_response') put($('lamp-response-hint'), LAMP_RESPONSE_HINTS[value] ?? '');
   if (name === 'reflections') put($('reflections-hint'), REFLECTIONS_HINTS[value] ?? '');
 }
 

@@ -113,17 +113,19 @@ fn beside_edge(pixel: vec2i) -> Range {
 fn background_at(pixel: vec2i, position: vec4f) -> vec4f {
     let code = textureLoad(camera, pixel, 0);
     let factor = shadow_at(pixel, position);
+    let added = added_at(pixel);
     var range = Range(vec3f(1.0), vec3f(0.0));
     if FINE && frame.counts.y == 0u {
         range = beside_edge(pixel);
     }
     let free = range.low.r > range.high.r;
-    if free && all(factor == vec3f(select(1.0, 0.0, frame.counts.y == 1u))) {
+    let unshadowed = all(factor == vec3f(select(1.0, 0.0, frame.counts.y == 1u)));
+    if free && unshadowed && all(added == vec3f(0.0)) {
         if EXPOSED {
             return encoded(code.rgb);
         }
         return code;
     }
     let linear = shadowed(code.rgb, factor);
-    return encoded(select(clamp(linear, range.low, range.high), linear, free));
+    return encoded(select(clamp(linear, range.low, range.high), linear, free) + in_exposure(added));
 }

@@ -33,6 +33,9 @@ struct Frame {
     // are the technique.
     planes_low: vec4f,
     planes_high: vec4f,
+    // To the brightest light of the real scene, times its dominance; w = 1 where real surfaces
+    // answer lamps as in the paper.
+    brightest: vec4f,
 }
 
 struct Light {

@@ -1,0 +1,48 @@
+// What lamps add to the picture of real surfaces by the paper's response: drawn on the
+// proxies' triangles, as the paper does, with the video projected onto them. Linear, in the
+// scene camera's units and exposure.
+
+struct PhantomPart {
+    world_from_part: mat4x4f,
+    normal_from_part: mat4x4f,
+    // x: 1 receives shadows, 2 mirrors; the rest is the diffuse reflectance.
+    kind: vec4f,
+}
+
+@group(1) @binding(0) var camera: texture_2d<f32>;
+@group(2) @binding(0) var<storage, read> parts: array<PhantomPart>;
+
+struct Varying {
+    @builtin(position) @invariant position: vec4f,
+    @location(0) normal: vec3f,
+    @location(1) world: vec3f,
+    @location(2) @interpolate(flat) kind: vec4f,
+}
+
+@vertex
+fn phantom_vertex(
+    @location(0) position: vec3f,
+    @location(1) normal: vec3f,
+    @builtin(instance_index) i: u32,
+) -> Varying {
+    let world = parts[i].world_from_part * vec4f(position, 1.0);
+    let n = (parts[i].normal_from_part * vec4f(normal, 0.0)).xyz;
+    return Varying(frame.clip_from_world * world, n, world.xyz, parts[i].kind);
+}
+
+@fragment
+fn answer(in: Varying) -> @location(0) vec4f {
+    let n = normalize(in.normal);
+    let video = linear_from_code(textureLoad(camera, vec2i(in.position.xy), 0).rgb);
+    let intensity = dot(video, vec3f(0.2126, 0.7152, 0.0722));
+    var sum = vec3f(0.0);
+    let count = decided_here(lamps.count.x, in.world.x);
+    for (var k = 0u; k < count; k++) {
+        let ray = lamp_ray(k, in.world);
+        let seen = mix(1.0, lamp_visibility(k, in.world, n, max(dot(n, ray.to), 0.0)), frame.params.x);
+        sum += ray.facing * (lamp_response(ray.to, n, intensity) * seen);
+    }
+    let receives = select(0.0, 1.0, in.kind.x == 1.0);
+    // A white surface shows an irradiance of π as 1.
+    return vec4f(in.kind.yzw * sum * (receives / 3.14159265), 1.0);
+}

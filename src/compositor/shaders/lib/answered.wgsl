@@ -1,0 +1,8 @@
+// What the pass `lamp_response` found: linear light that lamps add to a pixel of the real
+// picture, in the scene camera's own exposure; none where the picture is multiplied instead.
+fn added_at(pixel: vec2i) -> vec3f {
+    if !LAMPED {
+        return vec3f(0.0);
+    }
+    return select(vec3f(0.0), textureLoad(response, pixel, 0).rgb, frame.brightest.w > 0.5);
+}
