@@ -7,6 +7,7 @@
 
 use glam::DVec3;
 use penumbra::calibration::Response;
+use penumbra::compositor::exposure::Highlights;
 use penumbra::compositor::reference::exposure::exposed;
 use penumbra::picture::Picture;
 use std::path::{Path, PathBuf};
@@ -54,33 +55,6 @@ fn merged(session: &str, brackets: &[i32], base: &Picture, response: &Response) 
     light
 }
 
-/// The paper's rule: the factor rises from `factor` to 1 with the mean intensity of a region that
-/// grows with what is taken away.
-fn by_paper(base: &Picture, response: &Response, factor: f32) -> Vec<DVec3> {
-    let (width, height) = (base.width as usize, base.height as usize);
-    let linear =
-        |p: &[u8]| DVec3::from(response.linear_from_rgb([p[0], p[1], p[2]]).map(f64::from));
-    let light: Vec<DVec3> = base.rgba.chunks_exact(4).map(linear).collect();
-    let mut sums = vec![0.0; (width + 1) * (height + 1)];
-    for (i, l) in light.iter().enumerate() {
-        let at = (i / width + 1) * (width + 1) + i % width + 1;
-        sums[at] =
-            l.element_sum() / 3.0 + sums[at - 1] + sums[at - width - 1] - sums[at - width - 2];
-    }
-    let reach = (0.5 * (1.0 - factor) * height as f32 / 3.0) as usize;
-    let factor = f64::from(factor);
-    let of_pixel = |(i, l): (usize, &DVec3)| {
-        let (x, y) = (i % width, i / width);
-        let (left, top) = (x.saturating_sub(reach), y.saturating_sub(reach));
-        let (right, bottom) = ((x + reach + 1).min(width), (y + reach + 1).min(height));
-        let at = |x: usize, y: usize| sums[y * (width + 1) + x];
-        let sum = at(right, bottom) - at(left, bottom) - at(right, top) + at(left, top);
-        let mean = sum / ((right - left) * (bottom - top)) as f64;
-        *l * (factor + (1.0 - factor) * mean)
-    };
-    light.iter().enumerate().map(of_pixel).collect()
-}
-
 /// Root of the mean square difference of codes.
 fn error(light: &[DVec3], truth: &[DVec3], pixels: &[bool]) -> f64 {
     let code = |v: f64| 255.0 * f64::from(Response::srgb().encoded_from_linear(v as f32));
@@ -120,11 +94,11 @@ fn clipped_pixels_come_nearer_to_a_really_shorter_exposure_than_by_scaling() {
         for stops in [-1.0_f32, -2.0, -3.0, -4.0] {
             let factor = stops.exp2();
             let shorter: Vec<DVec3> = truth.iter().map(|l| *l * f64::from(factor)).collect();
-            let ours = exposed(&base, &response, factor);
+            let ours = exposed(&base, &response, factor, Highlights::Estimated);
             let linear = |p: &[u8]| response.linear_from_rgb([p[0], p[1], p[2]]);
             let scaled = |p: &[u8]| DVec3::from(linear(p).map(f64::from)) * f64::from(factor);
             let scaled: Vec<DVec3> = pixels.clone().map(scaled).collect();
-            let paper = by_paper(&base, &response, factor);
+            let paper = exposed(&base, &response, factor, Highlights::Paper);
             let row = [&wholly, &partly]
                 .map(|which| [&scaled, &paper, &ours].map(|light| error(light, &shorter, which)));
             let [[a, b, c], [d, e, f]] = row;

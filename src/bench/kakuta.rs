@@ -8,6 +8,7 @@ use super::BenchOptions;
 use super::report::{BenchReport, Percentiles, Row};
 use super::stage::{Passes, WARM_UP, camera, looking, picture};
 use crate::calibration::Response;
+use crate::compositor::exposure::Highlights;
 use crate::compositor::planes::{PlanesChoice, SourceBaker, bake};
 use crate::compositor::{
     Compositor, CompositorSettings, Exposure, FrameInput, Gpu, GpuError, LampResponse, Refresh,
@@ -99,6 +100,7 @@ fn measure(gpu: &Gpu, case: &Case, options: &BenchOptions) -> Result<Row, GpuErr
             show_virtual: true,
             planes: Some(PlanesChoice::default()),
             exposure: Exposure::Camera,
+            highlights: Highlights::default(),
         })?;
         gpu.wait()?;
         if i >= WARM_UP {

@@ -11,7 +11,7 @@ use super::report::{BenchReport, PassTime, Percentiles, Row};
 use super::stage::{Passes, WARM_UP, camera};
 use super::{BenchError, BenchOptions};
 use crate::calibration::Response;
-use crate::compositor::exposure::AutoLimits;
+use crate::compositor::exposure::{AutoLimits, Highlights};
 use crate::compositor::{
     Compositor, CompositorSettings, Exposure, FrameInput, Gpu, LampResponse, Refresh, ShadowMode,
 };
@@ -196,6 +196,7 @@ impl Rig {
                 },
                 seconds: f64::from(i) / RATE,
             },
+            highlights: Highlights::default(),
         })?;
         Ok(())
     }

@@ -5,6 +5,7 @@ use super::BenchOptions;
 use super::report::{BenchReport, Percentiles, Row};
 use super::stage::{Passes, WARM_UP, camera, looking, picture};
 use crate::calibration::Response;
+use crate::compositor::exposure::Highlights;
 use crate::compositor::{
     Compositor, CompositorSettings, Exposure, FrameInput, Gpu, GpuError, LampResponse, Refresh,
     ShadowMode,
@@ -66,6 +67,7 @@ fn measure(
             show_virtual: true,
             planes: None,
             exposure: Exposure::Camera,
+            highlights: Highlights::default(),
         })?;
         gpu.wait()?;
         let elapsed = start.elapsed().as_secs_f64() * 1e3;

@@ -6,8 +6,8 @@ use clap::Args;
 use penumbra::calibration::EnvironmentSource;
 use penumbra::compositor::Gpu;
 use penumbra::config::{
-    Config, ExposureChoice, Filtering, LIGHT_COUNTS, LampResponse, LightPlacement, Monitor,
-    SceneChoice, ShadowMode, ShadowTechnique,
+    Config, ExposureChoice, Filtering, Highlights, LIGHT_COUNTS, LampResponse, LightPlacement,
+    Monitor, SceneChoice, ShadowMode, ShadowTechnique,
 };
 use penumbra::output::window::{self, WindowOptions};
 use penumbra::rig::{Report, RigError, RunOptions, Runner};
@@ -80,6 +80,9 @@ pub struct ShowArgs {
     /// camera's own, from -8 to 3
     #[arg(long, value_name = "off|auto|STOPS", allow_hyphen_values = true)]
     exposure: Option<ExposureChoice>,
+    /// What clipped areas become in a shorter exposure
+    #[arg(long, value_enum)]
+    highlights: Option<Highlights>,
 }
 
 fn light_count(text: &str) -> Result<u32, String> {
@@ -111,6 +114,7 @@ impl ShowArgs {
         if let Some(choice) = self.exposure {
             config.exposure.choose(choice);
         }
+        set(&mut config.exposure.highlights, self.highlights);
         set(&mut config.shading.reflections, self.reflections);
         set(&mut config.shading.lamp_response, self.lamp_response);
         if let Some(technique) = self.technique {

@@ -1,6 +1,6 @@
 //! One frame, top to bottom.
 
-use super::exposure::{ExposedInputs, Exposure};
+use super::exposure::{ExposedInputs, Exposure, Highlights};
 use super::gpu_data::{FrameUniform, LightUniform};
 use super::passes::composite::{CompositeInputs, CompositePass};
 use super::passes::lamp_map::LampMapPass;
@@ -79,6 +79,8 @@ pub struct FrameInput<'a> {
     pub planes: Option<PlanesChoice>,
     /// In which exposure all of it is shown.
     pub exposure: Exposure,
+    /// What clipped areas become in a shorter one.
+    pub highlights: Highlights,
 }
 
 /// All pipelines.

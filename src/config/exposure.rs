@@ -2,6 +2,7 @@
 //! section 4.3).
 
 use super::convert::{Result, set, within};
+pub use crate::compositor::exposure::Highlights;
 use serde::Deserialize;
 use std::ops::RangeInclusive;
 use std::str::FromStr;
@@ -37,6 +38,8 @@ pub struct ExposureConfig {
     pub mode: ExposureMode,
     /// Stops beside the camera's own, for [`ExposureMode::Manual`].
     pub ev: f32,
+    /// What clipped areas become in a shorter exposure.
+    pub highlights: Highlights,
     /// The automatic exposure goes no darker, stops.
     pub darkest_ev: f32,
     /// The automatic exposure goes no brighter, stops.
@@ -52,6 +55,7 @@ impl Default for ExposureConfig {
         Self {
             mode: ExposureMode::Off,
             ev: 0.0,
+            highlights: Highlights::Estimated,
             darkest_ev: -3.0,
             brightest_ev: 1.0,
             key: 0.05,
@@ -109,6 +113,7 @@ impl ExposureConfig {
 pub(super) struct ExposureFile {
     pub mode: Option<ExposureMode>,
     pub ev: Option<f64>,
+    pub highlights: Option<Highlights>,
     pub darkest_ev: Option<f64>,
     pub brightest_ev: Option<f64>,
     pub key: Option<f64>,
@@ -118,6 +123,7 @@ pub(super) struct ExposureFile {
 pub(super) fn exposure(file: &ExposureFile, out: &mut ExposureConfig) -> Result<()> {
     set(&mut out.mode, file.mode);
     set(&mut out.ev, number("ev", file.ev, EXPOSURE_STOPS)?);
+    set(&mut out.highlights, file.highlights);
     let darkest = number("darkest_ev", file.darkest_ev, DARKEST_STOPS)?;
     set(&mut out.darkest_ev, darkest);
     let brightest = number("brightest_ev", file.brightest_ev, BRIGHTEST_STOPS)?;

@@ -28,7 +28,7 @@ pub use devices::{
 pub use error::ConfigError;
 pub use exposure::{
     ADAPTATION_SECONDS, BRIGHTEST_STOPS, DARKEST_STOPS, EXPOSURE_KEYS, EXPOSURE_STOPS,
-    ExposureChoice, ExposureConfig, ExposureMode,
+    ExposureChoice, ExposureConfig, ExposureMode, Highlights,
 };
 pub use planes::{FREQUENCIES, PlaneReceiver, PlaneShading, PlanesConfig, lights_of_dome};
 

@@ -190,8 +190,9 @@ fn planes_take_their_values() {
 #[test]
 fn exposures_take_their_values() {
     let text = "[exposure]\nmode = \"auto\"\nev = -1.5\ndarkest_ev = -2\nbrightest_ev = 0\n\
-        key = 0.2\nadaptation_s = 0\n";
+        key = 0.2\nadaptation_s = 0\nhighlights = \"paper\"\n";
     let expected = ExposureConfig {
+        highlights: Highlights::Paper,
         mode: ExposureMode::Auto,
         ev: -1.5,
         darkest_ev: -2.0,
@@ -203,6 +204,18 @@ fn exposures_take_their_values() {
         Config::from_text(text, "c.toml").unwrap().exposure,
         expected
     );
+}
+
+#[test]
+fn shading_takes_its_values() {
+    let text =
+        "[shading]\nreflections = \"box\"\nbounced_light = false\nlamp_response = \"paper\"\n";
+    let expected = ShadingConfig {
+        reflections: Filtering::Box,
+        bounced_light: false,
+        lamp_response: LampResponse::Paper,
+    };
+    assert_eq!(Config::from_text(text, "c.toml").unwrap().shading, expected);
 }
 
 #[test]

@@ -100,19 +100,21 @@ fn excess(light: &DomeLight, ambient: f32) -> f32 {
 
 /// Median radiance of the cells, by solid angle; 0 where they have none.
 fn ambient_radiance(lights: &[DomeLight]) -> f32 {
-    let mut cells: Vec<(f32, f32)> = lights
-        .iter()
-        .filter(|l| l.kind == LightKind::Cell && l.angular_radius > 0.0 && luminance(l) > 0.0)
-        .map(|l| (luminance(l) / solid_angle(l), solid_angle(l)))
-        .collect();
-    cells.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-    let half = 0.5 * cells.iter().map(|c| c.1).sum::<f32>();
-    let mut below = 0.0;
-    let median = cells.iter().find(|c| {
-        below += c.1;
-        below >= half
-    });
-    median.map_or(0.0, |c| c.0)
+    let cells = || {
+        let lit = |l: &&DomeLight| {
+            l.kind == LightKind::Cell && l.angular_radius > 0.0 && luminance(l) > 0.0
+        };
+        let cells = lights.iter().filter(lit);
+        cells.map(|l| (luminance(l) / solid_angle(l), solid_angle(l)))
+    };
+    let half = 0.5 * cells().map(|c| c.1).sum::<f32>();
+    // Nothing is sorted, so that nothing is allocated: there are hundreds at most.
+    let up_to = |radiance: f32| {
+        let darker = cells().filter(|c| c.0 <= radiance);
+        darker.map(|c| c.1).sum::<f32>()
+    };
+    let upper = cells().map(|c| c.0).filter(|r| up_to(*r) >= half);
+    upper.min_by(f32::total_cmp).unwrap_or(0.0)
 }
 
 fn lobe(d: Vec3, light: &DomeLight) -> f32 {

@@ -11,6 +11,7 @@ use super::settings::{compositor_settings, exposure, live_settings};
 use super::source::Source;
 use super::status::Published;
 use super::{RigError, status as published};
+use crate::compositor::exposure::Highlights;
 use crate::compositor::{Compositor, Exposure, FrameInput, Gpu, LampResponse, Refresh, ShadowMode};
 use crate::config;
 use crate::environment::{BrightestFollower, BrightestLight};
@@ -200,6 +201,7 @@ impl Run {
             show_virtual: false,
             planes: None,
             exposure: Exposure::Camera,
+            highlights: Highlights::default(),
         })?;
         self.shown = true;
         Ok(())
@@ -244,6 +246,7 @@ impl Run {
             show_virtual: settings.virtual_object_visible,
             planes: self.planes.choice(settings, self.scenes.shown()),
             exposure: exposure(settings, prepared.seconds),
+            highlights: settings.exposure_highlights,
         })?;
         self.shown = true;
         Ok(())

@@ -35,6 +35,7 @@ pub fn live_settings(config: &Config) -> Settings {
         planes_shading: config.planes.shading,
         exposure_mode: config.exposure.mode,
         exposure_ev: config.exposure.ev,
+        exposure_highlights: config.exposure.highlights,
         exposure_darkest_ev: config.exposure.darkest_ev,
         exposure_brightest_ev: config.exposure.brightest_ev,
         exposure_key: config.exposure.key,

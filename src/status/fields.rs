@@ -431,6 +431,10 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "With `manual`: stops beside the camera's own exposure, -8 to 3.",
     ),
     (
+        "settings.exposure_highlights",
+        "What clipped areas become in a shorter exposure: `estimated` (by what surrounds them) or `paper` (every pixel's factor rises with the mean around it).",
+    ),
+    (
         "settings.exposure_darkest_ev",
         "With `auto`: no darker than this, stops, -8 to 0.",
     ),

@@ -2,7 +2,7 @@
 
 use crate::config::{
     ADAPTATION_SECONDS, BRIGHTEST_STOPS, DARKEST_STOPS, EXPOSURE_KEYS, EXPOSURE_STOPS,
-    ExposureConfig, ExposureMode, Filtering, LampResponse, PlaneShading,
+    ExposureConfig, ExposureMode, Filtering, Highlights, LampResponse, PlaneShading,
 };
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -83,6 +83,8 @@ pub struct Settings {
     pub exposure_mode: ExposureMode,
     /// By hand: stops beside the camera's own, −8..=3.
     pub exposure_ev: f32,
+    /// What clipped areas become in a shorter exposure.
+    pub exposure_highlights: Highlights,
     /// Automatic: no darker than this, stops, −8..=0.
     pub exposure_darkest_ev: f32,
     /// Automatic: no brighter than this, stops, 0..=3.
@@ -111,6 +113,7 @@ impl Default for Settings {
             planes_shading: PlaneShading::default(),
             exposure_mode: exposure.mode,
             exposure_ev: exposure.ev,
+            exposure_highlights: exposure.highlights,
             exposure_darkest_ev: exposure.darkest_ev,
             exposure_brightest_ev: exposure.brightest_ev,
             exposure_key: exposure.key,
@@ -151,6 +154,8 @@ pub struct SettingsChange {
     pub exposure_mode: Option<ExposureMode>,
     /// See [`Settings::exposure_ev`].
     pub exposure_ev: Option<f32>,
+    /// See [`Settings::exposure_highlights`].
+    pub exposure_highlights: Option<Highlights>,
     /// See [`Settings::exposure_darkest_ev`].
     pub exposure_darkest_ev: Option<f32>,
     /// See [`Settings::exposure_brightest_ev`].
@@ -239,6 +244,9 @@ impl SettingsChange {
             planes_shading: self.planes_shading.unwrap_or(settings.planes_shading),
             exposure_mode: self.exposure_mode.unwrap_or(settings.exposure_mode),
             exposure_ev: self.exposure_ev.unwrap_or(settings.exposure_ev),
+            exposure_highlights: self
+                .exposure_highlights
+                .unwrap_or(settings.exposure_highlights),
             exposure_darkest_ev: self
                 .exposure_darkest_ev
                 .unwrap_or(settings.exposure_darkest_ev),
@@ -371,6 +379,9 @@ mod tests {
         assert!(
             text(r#"{"exposure_mode": "dark"}"#)
                 .contains("expected one of `off`, `manual`, `auto`")
+        );
+        assert!(
+            text(r#"{"exposure_highlights": "kept"}"#).contains("expected `estimated` or `paper`")
         );
         assert!(text(r#"{"exposure_ev": NaN}"#).starts_with("settings: "));
         assert!(text("").starts_with("settings: EOF"));

@@ -5,7 +5,7 @@ use crate::judge::{Rule, assert_like};
 use crate::stage::{Stage, even_sky, flat, lighting, matt, noise, painted, spiral};
 use glam::{DVec3, Vec3};
 use penumbra::calibration::Response;
-use penumbra::compositor::exposure::ExposureInForce;
+use penumbra::compositor::exposure::{ExposureInForce, Highlights};
 use penumbra::compositor::reference::exposure::exposed;
 use penumbra::compositor::{Exposure, ShadowMode};
 use penumbra::picture::Picture;
@@ -245,10 +245,11 @@ fn the_twin_agrees_with_linear_scaling_where_nothing_is_clipped() {
     let mut picture = noise(40, 30);
     picture.rgba.iter_mut().for_each(|v| *v = (*v).min(240));
     let response = Response::srgb();
-    for (pixel, linear) in picture
-        .rgba
-        .chunks_exact(4)
-        .zip(exposed(&picture, &response, 0.25))
+    for (pixel, linear) in
+        picture
+            .rgba
+            .chunks_exact(4)
+            .zip(exposed(&picture, &response, 0.25, Highlights::Estimated))
     {
         let whole = response.linear_from_rgb([pixel[0], pixel[1], pixel[2]]);
         assert_eq!(linear.as_vec3(), Vec3::from(whole) * 0.25);

@@ -22,7 +22,7 @@ const LARGEST: f64 = 4.0;
 /// Greatest mean difference of the whole picture, codes.
 const MEAN: f64 = 0.5;
 
-fn assert_golden(name: &str, ours: &Picture) {
+pub fn assert_golden(name: &str, ours: &Picture) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("tests/golden")
         .join(format!("{name}.png"));
@@ -132,7 +132,7 @@ fn checkered(stage: &Stage) -> Picture {
     }
 }
 
-fn golden_stage() -> Stage {
+pub fn golden_stage() -> Stage {
     let mut stage = Stage::new(160, 120).lit(room());
     stage.picture = checkered(&stage);
     stage

@@ -1,6 +1,7 @@
 //! How real surfaces answer lamps: the paper's response (DiVerdi and Höllerer 2004, section
 //! 4.2) against its twin and closed forms.
 
+use crate::golden::{assert_golden, golden_stage};
 use crate::judge::{Rule, assert_like};
 use crate::stage::{Stage, cell, flat, lighting, looking_from, noise, part, sun};
 use glam::{DVec3, Vec3};
@@ -289,4 +290,20 @@ fn going_there_and_back_leaves_no_trace() {
         brightest: Vec3::ZERO,
     };
     assert!(stage.compose_with(&mut compositor) == wrong);
+}
+
+/// The painted table with a box, two lamps on either side.
+#[test]
+fn golden_lamps_by_the_papers_response() {
+    let mut stage = golden_stage().with_virtual(cuboid(
+        Vec3::new(0.08, 0.08, 0.1),
+        DVec3::new(-0.02, 0.02, 0.0),
+    ));
+    let lights = stage.lighting.as_ref().map(|l| l.lights.clone());
+    stage.lamp_response = by_paper(&lights.unwrap_or_default());
+    stage.lamps = vec![
+        point(Vec3::new(0.3, -0.05, 0.15), Vec3::new(0.06, 0.05, 0.03)),
+        point(Vec3::new(-0.3, -0.05, 0.15), Vec3::new(0.02, 0.04, 0.08)),
+    ];
+    assert_golden("lamp-response", &stage.compose());
 }

@@ -5,6 +5,7 @@
 mod auto_exposure;
 mod baking;
 mod exposure;
+mod exposure_by_paper;
 mod gloss;
 mod golden;
 mod judge;

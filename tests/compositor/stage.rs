@@ -2,6 +2,7 @@
 
 use glam::{DMat3, DMat4, DQuat, DVec2, DVec3, Vec3};
 use penumbra::calibration::{PinholeCamera, Response};
+use penumbra::compositor::exposure::Highlights;
 use penumbra::compositor::reference::{Reference, ReferencePicture};
 use penumbra::compositor::{
     Compositor, CompositorSettings, Exposure, FrameInput, Gpu, LampResponse, Refresh, ShadowMode,
@@ -42,6 +43,7 @@ pub struct Stage {
     pub show_virtual: bool,
     pub settings: CompositorSettings,
     pub exposure: Exposure,
+    pub highlights: Highlights,
     pub lamp_response: LampResponse,
 }
 
@@ -74,6 +76,7 @@ impl Stage {
                 soft_samples: 1,
             },
             exposure: Exposure::Camera,
+            highlights: Highlights::Estimated,
             lamp_response: LampResponse::Intrinsic,
         }
     }
@@ -117,6 +120,7 @@ impl Stage {
             show_virtual: self.show_virtual,
             planes: None,
             exposure: self.exposure,
+            highlights: self.highlights,
         }
     }
 

@@ -11,7 +11,7 @@ use super::super::timing::Timer;
 use super::super::{Compositor, Gpu};
 use super::control::Follower;
 use super::meter::Meter;
-use super::{AutoLimits, Exposure, ExposureInForce, MOST_STOPS, Region};
+use super::{AutoLimits, Exposure, ExposureInForce, Highlights, MOST_STOPS, Region};
 
 /// Everything about exposures. While they are the camera's own it holds nothing and records
 /// nothing.
@@ -23,6 +23,7 @@ pub struct ExposureStation {
     /// The picture that is made next is measured.
     measures: bool,
     passes: Option<Box<ExposedPasses>>,
+    highlights: Highlights,
 }
 
 /// What draws pictures in another exposure.
@@ -84,6 +85,7 @@ impl ExposureStation {
     /// Which exposure comes next. `seen`: virtual things are in the picture.
     fn choose(&mut self, gpu: &Gpu, input: &FrameInput<'_>, seen: bool) {
         self.measures = false;
+        self.highlights = input.highlights;
         match input.exposure {
             // Without anything virtual the picture is the camera's.
             _ if !input.show_virtual => self.fix(0.0),
@@ -131,9 +133,10 @@ impl ExposureStation {
     ) {
         if let Some(passes) = &self.passes {
             let darker = self.in_force.stops < 0.0;
+            let highlights = darker.then_some(self.highlights);
             passes
                 .exposure
-                .record(encoder, timer, &inputs.exposure, targets, darker);
+                .record(encoder, timer, &inputs.exposure, targets, highlights);
         }
     }
 
@@ -197,9 +200,10 @@ impl Compositor {
         {
             let factor = self.exposure.factor();
             let region = Region::for_factor(factor, input.picture.height);
+            let change = (factor, input.highlights);
             passes
                 .exposure
-                .upload(queue, factor, region, &self.response);
+                .upload(queue, change, region, &self.response);
         }
         if let Some(meter) = self
             .exposure

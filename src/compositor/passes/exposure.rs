@@ -3,7 +3,7 @@
 use super::super::bindings::{
     PipelineSpec, Slot, compute_layout, compute_pipeline, group, layout, sampler, view,
 };
-use super::super::exposure::{BLOCK, Region, constants, trust};
+use super::super::exposure::{BLOCK, Highlights, Region, constants, trust};
 use super::super::shaders;
 use super::super::targets::{ENCODING, Target, Targets, format};
 use super::super::timing::Timer;
@@ -35,6 +35,8 @@ pub struct ExposurePass {
     scaled_tiles: wgpu::RenderPipeline,
     highlights: wgpu::RenderPipeline,
     scaled: wgpu::RenderPipeline,
+    /// Everything, by the paper's rule.
+    raised: wgpu::RenderPipeline,
     /// Of the table and of the picture, each for summing and for drawing.
     table_layouts: [wgpu::BindGroupLayout; 2],
     picture_layouts: [wgpu::BindGroupLayout; 2],
@@ -97,6 +99,7 @@ impl ExposurePass {
             scaled_tiles: build("plain_tile", "scaled"),
             highlights: build("clipped_tile", "highlights"),
             scaled: build("cover", "scaled"),
+            raised: build("cover", "raised"),
             table_layouts,
             picture_layouts,
             smooth: device.create_sampler(&wgpu::SamplerDescriptor {
@@ -165,13 +168,24 @@ impl ExposurePass {
     }
 
     /// Which exposure comes next.
-    pub fn upload(&self, queue: &wgpu::Queue, factor: f32, region: Region, response: &Response) {
+    pub fn upload(
+        &self,
+        queue: &wgpu::Queue,
+        (factor, highlights): (f32, Highlights),
+        region: Region,
+        response: &Response,
+    ) {
         let linear = response.linear_from_code();
         // As the shaders read it again from half floats, and encode it.
         let linear = linear.map(|v| f16::from_f32(v * factor).to_f32());
         let uniform = ExposureUniform {
             change: [factor, region.reach as f32, region.share, trust(factor)],
-            near: [region.near as f32, 0.0, 0.0, 0.0],
+            near: [
+                region.near as f32,
+                f32::from(u8::from(highlights == Highlights::Paper)),
+                0.0,
+                0.0,
+            ],
             codes: linear.map(|v| response.encoded_from_linear(tabled(v))),
             linear,
         };
@@ -179,16 +193,16 @@ impl ExposurePass {
     }
 
     /// The exposed picture into `inputs.linear` and, as codes, into the output. What is clipped
-    /// matters only where it is `darker`.
+    /// matters only where it is darker: `highlights` says what becomes of it.
     pub fn record(
         &self,
         encoder: &mut wgpu::CommandEncoder,
         timer: &mut Timer,
         inputs: &ExposureInputs,
         targets: &Targets,
-        darker: bool,
+        highlights: Option<Highlights>,
     ) {
-        if darker {
+        if highlights.is_some() {
             self.record_table(encoder, timer, inputs, 0..self.table.len());
         }
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
@@ -200,8 +214,13 @@ impl ExposurePass {
         for (index, group) in (0..).zip(&inputs.drawing) {
             pass.set_bind_group(index, group, &[]);
         }
-        if !darker {
-            pass.set_pipeline(&self.scaled);
+        let all = match highlights {
+            None => Some(&self.scaled),
+            Some(Highlights::Paper) => Some(&self.raised),
+            Some(Highlights::Estimated) => None,
+        };
+        if let Some(all) = all {
+            pass.set_pipeline(all);
             pass.draw(0..3, 0..1);
             return;
         }

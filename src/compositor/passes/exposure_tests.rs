@@ -52,7 +52,7 @@ fn table_of(picture: &Picture, response: &Response) -> Table {
         .write_texture(camera.as_image_copy(), &picture.rgba, layout, camera.size());
     pass.upload(
         &gpu.queue,
-        0.5,
+        (0.5, Highlights::Estimated),
         Region::for_factor(0.5, picture.height),
         response,
     );

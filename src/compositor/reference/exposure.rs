@@ -1,7 +1,7 @@
 //! The camera's picture in another exposure: sums over whole regions, no table.
 
 use super::super::FrameInput;
-use super::super::exposure::{BLOCK, Exposure, Region, estimate as e, trust};
+use super::super::exposure::{BLOCK, Exposure, Highlights, Region, estimate as e, trust};
 use crate::calibration::Response;
 use crate::picture::Picture;
 use glam::{DVec3, DVec4};
@@ -21,10 +21,18 @@ pub fn factor(input: &FrameInput<'_>) -> f32 {
 /// Linear light of every pixel with all light times `factor`, row by row; above 1 where that is
 /// white.
 #[must_use]
-pub fn exposed(picture: &Picture, response: &Response, factor: f32) -> Vec<DVec3> {
+pub fn exposed(
+    picture: &Picture,
+    response: &Response,
+    factor: f32,
+    highlights: Highlights,
+) -> Vec<DVec3> {
     let region = Region::for_factor(factor, picture.height);
+    if highlights == Highlights::Paper && factor < 1.0 {
+        return by_paper(picture, response, factor, region);
+    }
     let trusted = f64::from(trust(factor));
-    let blocks = Blocks::new(picture, response, region);
+    let blocks = Blocks::new(picture, response, region, around);
     let pixels = (0..picture.height).flat_map(|y| (0..picture.width).map(move |x| (x, y)));
     pixels
         .map(|(x, y)| {
@@ -36,6 +44,23 @@ pub fn exposed(picture: &Picture, response: &Response, factor: f32) -> Vec<DVec3
             }
             let level = level(linear, clipped, blocks.around(x, y));
             (linear + clipped * trusted * (level.max(linear) - linear)) * f64::from(factor)
+        })
+        .collect()
+}
+
+/// The paper's rule: the factor rises from `factor` to 1 with the mean intensity of a region that
+/// grows with what is taken away (DiVerdi and Höllerer 2004, section 4.3).
+fn by_paper(picture: &Picture, response: &Response, factor: f32, region: Region) -> Vec<DVec3> {
+    let blocks = Blocks::new(picture, response, region, |region, _| {
+        DVec4::W * (region.intensity / region.pixels)
+    });
+    let factor = f64::from(factor);
+    let pixels = (0..picture.height).flat_map(|y| (0..picture.width).map(move |x| (x, y)));
+    pixels
+        .map(|(x, y)| {
+            let linear = response.linear_from_rgb(picture.rgb(x, y)).map(f64::from);
+            let mean = blocks.around(x, y).w;
+            DVec3::from(linear) * (factor + (1.0 - factor) * mean)
         })
         .collect()
 }
@@ -68,6 +93,7 @@ struct Sums {
     clipped: f64,
     told: f64,
     told_squared: f64,
+    intensity: f64,
     pixels: f64,
 }
 
@@ -77,6 +103,7 @@ impl Sums {
         self.clipped += other.clipped * weight;
         self.told += other.told * weight;
         self.told_squared += other.told_squared * weight;
+        self.intensity += other.intensity * weight;
         self.pixels += other.pixels * weight;
     }
 
@@ -89,6 +116,7 @@ impl Sums {
             clipped: clipped.max_element(),
             told,
             told_squared: told * y,
+            intensity: linear.element_sum() / 3.0,
             pixels: 1.0,
         }
     }
@@ -133,7 +161,13 @@ struct Blocks {
 }
 
 impl Blocks {
-    fn new(picture: &Picture, response: &Response, region: Region) -> Self {
+    /// `of` makes what is asked for of a region and of what is close by.
+    fn new(
+        picture: &Picture,
+        response: &Response,
+        region: Region,
+        of: impl Fn(&Sums, &Sums) -> DVec4,
+    ) -> Self {
         let across = i64::from(picture.width.div_ceil(BLOCK));
         let down = i64::from(picture.height.div_ceil(BLOCK));
         let mut sums = vec![Sums::default(); (across * down) as usize];
@@ -158,7 +192,7 @@ impl Blocks {
             let mut both = Sums::default();
             both.add(&inside(reach), 1.0 - share);
             both.add(&inside(reach + 1), share);
-            around.push(self::around(&both, &inside(i64::from(region.near))));
+            around.push(of(&both, &inside(i64::from(region.near))));
         }
         Self {
             across,

@@ -49,7 +49,7 @@ impl Reference {
     pub fn compose(&self, input: &FrameInput<'_>, response: &Response) -> ReferencePicture {
         let (width, height) = (input.picture.width, input.picture.height);
         let factor = exposure::factor(input);
-        let exposed = exposure::exposed(input.picture, response, factor);
+        let exposed = exposure::exposed(input.picture, response, factor, input.highlights);
         let mut pixels = Vec::with_capacity((width * height) as usize);
         let mut rgba = Vec::with_capacity(4 * (width * height) as usize);
         for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {

@@ -69,6 +69,17 @@ fn scaled(@builtin(position) position: vec4f) -> Exposed {
     return Exposed(vec4f(linear, 1.0), vec4f(code, 1.0));
 }
 
+// Section 4.3 of the paper: "we adjust the factor by which intensities are scaled, based on the
+// average intensity of surrounding pixels": none of it where all around is black, no darkening
+// where all is white.
+@fragment
+fn raised(@builtin(position) position: vec4f) -> Exposed {
+    let linear = linear_from_code(textureLoad(camera, vec2i(position.xy), 0).rgb);
+    let uv = position.xy / vec2f(textureDimensions(around) << vec2u(BLOCK_LOG));
+    let mean = textureSampleLevel(around, around_sampler, uv, 0.0).a;
+    return exposed(linear * mix(exposure.change.x, 1.0, mean));
+}
+
 // Channels that are clipped have at least the light that their pixel's other channels ask
 // for in the colour of the surroundings; where none tells, what the surroundings say of clipped areas.
 @fragment

@@ -7,9 +7,11 @@
 @group(0) @binding(0) var<uniform> exposure: Exposure;
 // By block: red, green and blue of unclipped pixels, times their luminance; clipped pixels.
 @group(0) @binding(1) var<storage, read_write> colours: array<vec4u>;
-// By block: luminance where any channel tells of it, and its square.
+// By block: luminance where any channel tells of it, and its square; the intensity of all pixels
+// for the paper's rule.
 @group(0) @binding(2) var<storage, read_write> brightness: array<vec2u>;
-// By block: colour of the surroundings, its greatest channel how sure it is; how far above white.
+// By block: colour of the surroundings, its greatest channel how sure it is; how far above white,
+// or, by the paper's rule, mean intensity.
 @group(0) @binding(3) var around: texture_storage_2d_array<rgba16float, write>;
 @group(1) @binding(0) var camera: texture_2d<f32>;
 
@@ -36,7 +38,8 @@ fn sum_blocks(@builtin(global_invocation_id) id: vec3u) {
         let y = luminance(linear);
         let inside = select(0.0, 1.0, all(pixel < size));
         let any_clipped = max(max(c.r, c.g), c.b);
-        let told = inside * (1.0 - min(min(c.r, c.g), c.b)) * y;
+        let intensity = dot(linear, vec3f(1.0 / 3.0));
+        let told = inside * select((1.0 - min(min(c.r, c.g), c.b)) * y, intensity, by_paper());
         colour += inside * vec4f(linear * (y * (1.0 - any_clipped)), any_clipped);
         bright += told * vec2f(1.0, y);
     }
@@ -45,6 +48,10 @@ fn sum_blocks(@builtin(global_invocation_id) id: vec3u) {
         colours[at] = vec4u(round(colour * UNIT));
         brightness[at] = vec2u(round(bright * UNIT));
     }
+}
+
+fn by_paper() -> bool {
+    return exposure.near.y == 1.0;
 }
 
 var<workgroup> totals: array<Sums, LANES>;
@@ -165,7 +172,9 @@ fn look_around(@builtin(global_invocation_id) id: vec3u) {
     let greatest = max(max(colours.r, colours.g), colours.b);
     let gentle = gentleness(near.brightness.x / near.pixels, near_colours.a);
     let above_white = excess(told, far_colours.a) * (1.0 - gentle);
+    let mean = told.x;
     if all(id.xy < blocks) {
-        textureStore(around, id.xy, 0, vec4f(colours / (greatest + FAR_COLOUR * FAINT), above_white));
+        let above = select(above_white, mean, by_paper());
+        textureStore(around, id.xy, 0, vec4f(colours / (greatest + FAR_COLOUR * FAINT), above));
     }
 }

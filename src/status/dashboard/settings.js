@@ -8,6 +8,7 @@ const LIGHTS_HINTS = { adaptive: 'Lamps and sun get their own.', grid: 'Evenly, 
 const SHADOW_HINTS = { ratio: 'Dims the real surface.', subtract: 'Takes light away, as in the paper.' };
 const REFLECTIONS_HINTS = { prefiltered: 'By each material’s lobe.', box: 'Box-filtered maps, as in the paper.' };
 const LAMP_RESPONSE_HINTS = { intrinsic: 'By what they reflect.', paper: 'By N·L and their relief in the picture.' };
+const HIGHLIGHTS_HINTS = { estimated: 'Clipped light, by what surrounds it.', paper: 'Bright regions darken less, as in the paper.' };
 
 const form = $('settings');
 const wishes = new Map(); // setting → { value, since } until /status confirms it
@@ -48,6 +49,7 @@ function show(name, value) {
   if (name === 'lights_mode') put($('lights-hint'), LIGHTS_HINTS[value] ?? '');
   if (name === 'shadow_mode') put($('shadow-hint'), SHADOW_HINTS[value] ?? '');
   if (name === 'lamp_response') put($('lamp-response-hint'), LAMP_RESPONSE_HINTS[value] ?? '');
+  if (name === 'exposure_highlights') put($('highlights-hint'), HIGHLIGHTS_HINTS[value] ?? '');
   if (name === 'reflections') put($('reflections-hint'), REFLECTIONS_HINTS[value] ?? '');
 }
 

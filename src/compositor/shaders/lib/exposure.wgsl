@@ -6,7 +6,8 @@ struct Exposure {
     // way; z: the share of the next ring of blocks that counts, too. w: how much of the estimate
     // of clipped light counts.
     change: vec4f,
-    // x: blocks of what is close by, each way.
+    // x: blocks of what is close by, each way. y: 1 where every pixel's factor rises with the mean of
+    // its region, as in the paper.
     near: vec4f,
     // By the camera's code: linear light in the exposure, as half floats keep it, and its code.
     linear: array<vec4f, 64>,
