@@ -3,7 +3,9 @@
 
 pub mod camera;
 pub mod colour;
+pub mod intrinsics;
 mod json_node;
+pub mod numeric;
 pub mod photometry;
 pub mod response;
 pub mod rig;

@@ -1,0 +1,246 @@
+//! How much the views say: where in the picture corners were seen, to which sides the board
+//! was tilted, and how sure the lens is of each part of the picture.
+
+use super::estimate::{Estimate, ViewEstimate};
+use super::lens::{Lens, LensModel};
+use crate::calibration::numeric::{Matrix, median};
+use glam::{DMat3, DVec2, DVec3};
+
+/// Columns and rows of cells in which corners are counted.
+pub const CELLS: (usize, usize) = (8, 6);
+
+/// Where corners were seen.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Coverage {
+    /// Corners used, by cell, row by row; [`CELLS`].
+    pub corners: Vec<u32>,
+    /// Cells that light can fall on: all but a fisheye's black corners.
+    pub lit: Vec<bool>,
+    /// Share of the lit cells with a corner in them.
+    pub share: f64,
+}
+
+/// To which sides the board was tilted: angles between its normal and the line of sight, the
+/// largest to each side, radians.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Tilt {
+    /// The paper faced leftwards in the picture.
+    pub left: f64,
+    /// Rightwards.
+    pub right: f64,
+    /// Upwards.
+    pub up: f64,
+    /// Downwards.
+    pub down: f64,
+}
+
+/// How far the picture of a direction may be off, 1σ, pixels.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Uncertainty {
+    /// By cell ([`CELLS`]), at its middle; `None` where nothing is seen.
+    pub by_cell: Vec<Option<f64>>,
+    /// In the middle of all.
+    pub median: f64,
+    /// Where it is worst.
+    pub worst: f64,
+}
+
+impl Coverage {
+    /// Of the points that were used.
+    #[must_use]
+    pub fn of(lens: &Lens, views: &[ViewEstimate]) -> Self {
+        let (columns, rows) = CELLS;
+        let size = DVec2::new(f64::from(lens.width), f64::from(lens.height));
+        let mut corners = vec![0_u32; columns * rows];
+        for p in used_points(views) {
+            let at = (p + 0.5) / size * DVec2::new(columns as f64, rows as f64);
+            let (x, y) = (at.x.max(0.0) as usize, at.y.max(0.0) as usize);
+            corners[y.min(rows - 1) * columns + x.min(columns - 1)] += 1;
+        }
+        let radius = lit_radius(lens, views);
+        let lit: Vec<bool> = (0..columns * rows)
+            .map(|i| cell_middle(lens, i).distance(lens.centre) < radius)
+            .collect();
+        let of_lit = corners.iter().zip(&lit).filter(|(_, lit)| **lit);
+        let filled = of_lit.clone().filter(|(n, _)| **n > 0).count();
+        Self {
+            share: filled as f64 / of_lit.count().max(1) as f64,
+            corners,
+            lit,
+        }
+    }
+
+    /// The part of the picture where corners are missed most, in words; `None` if none is.
+    #[must_use]
+    pub fn poorest_part(&self) -> Option<&'static str> {
+        const NAMES: [&str; 9] = [
+            "top left corner",
+            "top",
+            "top right corner",
+            "left side",
+            "middle",
+            "right side",
+            "bottom left corner",
+            "bottom",
+            "bottom right corner",
+        ];
+        let (columns, rows) = CELLS;
+        let share = |part: usize| {
+            let within = |i: usize| {
+                let (x, y) = (i % columns, i / columns);
+                3 * x / columns == part % 3 && 3 * y / rows == part / 3
+            };
+            let cells = (0..columns * rows).filter(|&i| within(i) && self.lit[i]);
+            let filled = cells.clone().filter(|&i| self.corners[i] > 0).count();
+            let all = cells.count();
+            if all == 0 {
+                1.0
+            } else {
+                filled as f64 / all as f64
+            }
+        };
+        let poorest = (0..9).min_by(|&a, &b| share(a).total_cmp(&share(b)))?;
+        (share(poorest) < 0.5).then_some(NAMES[poorest])
+    }
+}
+
+impl Tilt {
+    /// Of the views that were used.
+    #[must_use]
+    pub fn of(views: &[ViewEstimate]) -> Self {
+        let mut tilt = Self::default();
+        for view in views.iter().filter(|v| v.used) {
+            let Some(pose) = view.pose else { continue };
+            let sight = pose.translation.normalize_or(DVec3::Z);
+            // What the front of the paper faces, with what is along the line of sight taken off.
+            let faces = -(pose.rotation * DVec3::Z);
+            let aside = faces - sight * faces.dot(sight);
+            let angle = |component: f64| component.clamp(-1.0, 1.0).asin();
+            tilt.left = tilt.left.max(angle(-aside.x));
+            tilt.right = tilt.right.max(angle(aside.x));
+            tilt.up = tilt.up.max(angle(-aside.y));
+            tilt.down = tilt.down.max(angle(aside.y));
+        }
+        tilt
+    }
+
+    /// The largest, to any side.
+    #[must_use]
+    pub fn largest(&self) -> f64 {
+        self.left.max(self.right).max(self.up).max(self.down)
+    }
+
+    /// The side to which the board was tilted least, if that is little.
+    #[must_use]
+    pub fn poorest_side(&self) -> Option<&'static str> {
+        let sides = [
+            (self.left, "left"),
+            (self.right, "right"),
+            (self.up, "upwards"),
+            (self.down, "downwards"),
+        ];
+        let poorest = sides.into_iter().min_by(|a, b| a.0.total_cmp(&b.0))?;
+        (poorest.0 < 15_f64.to_radians()).then_some(poorest.1)
+    }
+}
+
+impl Uncertainty {
+    // ┌ A lens error that a small turn of the camera undoes does no harm: of the change of    ┐
+    // │ all cells' pixels J Δ by an error Δ of the lens, what turns of the camera R can do is  │
+    // └ taken off, J' = J − R (RᵀR)⁻¹ Rᵀ J; then Σ_pixel = J' Σ J'ᵀ (cf. mrcal, 2021).         ┘
+    /// Of the lens in all parts of the picture.
+    #[must_use]
+    pub fn of(estimate: &Estimate) -> Self {
+        let lens = &estimate.lens;
+        let radius = lit_radius(lens, &estimate.views);
+        let n = estimate.unknowns.count();
+        let mut seen = Vec::new();
+        let mut gathered = vec![DVec2::ZERO; n];
+        for cell in 0..CELLS.0 * CELLS.1 {
+            let pixel = cell_middle(lens, cell);
+            let near = pixel.distance(lens.centre) < radius;
+            let projection = lens
+                .unproject(pixel)
+                .filter(|_| near)
+                .and_then(|ray| Some((ray, lens.project_with_derivatives(ray)?)));
+            if let Some((ray, p)) = projection {
+                estimate.unknowns.gather(&p.by_parameter, &mut gathered);
+                let turns = super::pose::by_pose(&p.by_point, ray);
+                seen.push((cell, gathered.clone(), [turns[0], turns[1], turns[2]]));
+            }
+        }
+        let by_turn = best_turns(&seen, n);
+        let mut by_cell = vec![None; CELLS.0 * CELLS.1];
+        for (cell, by_lens, turns) in &seen {
+            let left = |c: usize| {
+                let undone = by_turn[c];
+                by_lens[c] - turns[0] * undone.x - turns[1] * undone.y - turns[2] * undone.z
+            };
+            let rows: Vec<DVec2> = (0..n).map(left).collect();
+            by_cell[*cell] = Some(deviation(&rows, &estimate.covariance));
+        }
+        let known = || by_cell.iter().copied().flatten();
+        Self {
+            median: median(known()).unwrap_or(f64::INFINITY),
+            worst: known().fold(0.0, f64::max),
+            by_cell,
+        }
+    }
+}
+
+/// For each unknown the turn of the camera that undoes most of its effect.
+fn best_turns(seen: &[(usize, Vec<DVec2>, [DVec2; 3])], n: usize) -> Vec<DVec3> {
+    let mut normal = DMat3::ZERO;
+    let mut right = vec![DVec3::ZERO; n];
+    for (_, by_lens, turns) in seen {
+        for axis in 0..2 {
+            let row = DVec3::new(turns[0][axis], turns[1][axis], turns[2][axis]);
+            normal += DMat3::from_cols(row * row.x, row * row.y, row * row.z);
+            for (slot, by) in right.iter_mut().zip(by_lens) {
+                *slot += row * by[axis];
+            }
+        }
+    }
+    let solvable = normal.determinant().abs() > 1e-9;
+    let inverse = if solvable {
+        normal.inverse()
+    } else {
+        DMat3::ZERO
+    };
+    right.into_iter().map(|r| inverse * r).collect()
+}
+
+/// √(half the trace of J Σ Jᵀ): of one coordinate.
+fn deviation(rows: &[DVec2], covariance: &Matrix) -> f64 {
+    let mut trace = 0.0;
+    for (i, a) in rows.iter().enumerate() {
+        for (j, b) in rows.iter().enumerate() {
+            trace += covariance[(i, j)] * a.dot(*b);
+        }
+    }
+    (0.5 * trace.max(0.0)).sqrt()
+}
+
+/// Radius about the centre within which there is a picture, pixels: all of a pinhole's; of a
+/// fisheye's the inscribed circle, or as far as corners were seen.
+pub(super) fn lit_radius(lens: &Lens, views: &[ViewEstimate]) -> f64 {
+    if lens.model != LensModel::KannalaBrandt {
+        return f64::INFINITY;
+    }
+    let farthest = used_points(views)
+        .map(|p| p.distance(lens.centre))
+        .fold(0.0, f64::max);
+    farthest.max(0.45 * f64::from(lens.width.min(lens.height)))
+}
+
+fn used_points(views: &[ViewEstimate]) -> impl Iterator<Item = DVec2> + '_ {
+    let used = views.iter().filter(|v| v.used);
+    used.flat_map(|v| v.points.iter().filter(|p| p.used).map(|p| p.pixel))
+}
+
+pub(super) fn cell_middle(lens: &Lens, cell: usize) -> DVec2 {
+    let (columns, rows) = CELLS;
+    let at = DVec2::new((cell % columns) as f64 + 0.5, (cell / columns) as f64 + 0.5);
+    let size = DVec2::new(f64::from(lens.width), f64::from(lens.height));
+    at / DVec2::new(columns as f64, rows as f64) * size - 0.5
+}

@@ -1,0 +1,133 @@
+//! Which saddle is the neighbour of which: along each of its four edges, the nearest saddle
+//! to which the edge leads, dark on one side and bright on the other all the way.
+
+use super::Grey;
+use super::saddles::{Saddle, turn};
+use glam::DVec2;
+
+/// For each saddle its neighbour along each of its edges: (saddle, its edge that leads back).
+pub(super) type Links = Vec<[Option<(usize, usize)>; 4]>;
+
+/// A neighbour lies within this angle of the edge's direction at the saddle.
+const CONE: f64 = 0.35;
+/// No square is larger, as a share of the picture's longer side.
+const LARGEST_SQUARE: f64 = 0.35;
+/// Candidates along an edge that are looked at, nearest first.
+const MOST_TRIED: usize = 4;
+
+/// All links on which both ends agree.
+pub(super) fn find(picture: &Grey, saddles: &[Saddle]) -> Links {
+    let index = Buckets::new(picture, saddles);
+    let one_way: Links = (0..saddles.len())
+        .map(|i| std::array::from_fn(|edge| neighbour(picture, saddles, &index, i, edge)))
+        .collect();
+    let agreed = |i: usize, edge: usize| {
+        let (j, back) = one_way[i][edge]?;
+        (one_way[j][back] == Some((i, edge))).then_some((j, back))
+    };
+    (0..saddles.len())
+        .map(|i| std::array::from_fn(|edge| agreed(i, edge)))
+        .collect()
+}
+
+fn neighbour(
+    picture: &Grey,
+    saddles: &[Saddle],
+    index: &Buckets,
+    i: usize,
+    edge: usize,
+) -> Option<(usize, usize)> {
+    let from = &saddles[i];
+    let direction = from.edges[edge];
+    let largest = LARGEST_SQUARE * picture.width.max(picture.height) as f64;
+    let mut candidates: Vec<(f64, usize, usize)> = Vec::new();
+    // Rings of growing size, so that small squares do not pay for large ones.
+    for reach in [largest / 8.0, largest / 2.5, largest] {
+        candidates.clear();
+        index.within(from.at, reach, |j| {
+            let offset = saddles[j].at - from.at;
+            let distance = offset.length();
+            let aside = turn(offset.to_angle() - direction).abs();
+            if j != i
+                && distance > 3.0
+                && distance <= reach
+                && aside < CONE
+                && let Some(back) = edge_towards(&saddles[j], -offset)
+            {
+                candidates.push((distance, j, back));
+            }
+        });
+        candidates.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let found = candidates.iter().take(MOST_TRIED).find(|&&(_, j, _)| {
+            let bright_left = is_bright_after(from, edge);
+            edge_between(picture, from.at, saddles[j].at, bright_left)
+        });
+        if let Some(&(_, j, back)) = found {
+            return (is_bright_after(&saddles[j], back) != is_bright_after(from, edge))
+                .then_some((j, back));
+        }
+    }
+    None
+}
+
+/// The edge of a saddle that leads in a direction.
+pub(super) fn edge_towards(saddle: &Saddle, offset: DVec2) -> Option<usize> {
+    let angle = offset.to_angle();
+    (0..4).find(|&e| turn(saddle.edges[e] - angle).abs() < CONE)
+}
+
+/// The sector that follows an edge in the sense of rising angles is bright.
+fn is_bright_after(saddle: &Saddle, edge: usize) -> bool {
+    saddle.bright_first == edge.is_multiple_of(2)
+}
+
+/// Between two points one side is brighter than the other, at each of several places.
+fn edge_between(picture: &Grey, a: DVec2, b: DVec2, bright_left: bool) -> bool {
+    let along = b - a;
+    // Rising angles turn from +X to +Y; `perp` does too.
+    let aside = along.perp() * 0.2;
+    let aside = aside.clamp_length(1.0, 12.0);
+    let sign = if bright_left { 1.0 } else { -1.0 };
+    [0.2, 0.35, 0.5, 0.65, 0.8].into_iter().all(|t| {
+        let p = a + along * t;
+        sign * (picture.sample(p + aside) - picture.sample(p - aside)) > 2.0
+    })
+}
+
+/// Saddles by the square of the picture in which they lie.
+struct Buckets {
+    size: f64,
+    columns: usize,
+    rows: usize,
+    members: Vec<Vec<usize>>,
+}
+
+impl Buckets {
+    fn new(picture: &Grey, saddles: &[Saddle]) -> Self {
+        let size = 32.0;
+        let columns = picture.width / 32 + 1;
+        let rows = picture.height / 32 + 1;
+        let mut members = vec![Vec::new(); columns * rows];
+        for (i, saddle) in saddles.iter().enumerate() {
+            let (x, y) = ((saddle.at.x / size) as usize, (saddle.at.y / size) as usize);
+            members[y.min(rows - 1) * columns + x.min(columns - 1)].push(i);
+        }
+        Self {
+            size,
+            columns,
+            rows,
+            members,
+        }
+    }
+
+    fn within(&self, at: DVec2, reach: f64, mut visit: impl FnMut(usize)) {
+        let cell = |v: f64, most: usize| ((v / self.size).max(0.0) as usize).min(most - 1);
+        for y in cell(at.y - reach, self.rows)..=cell(at.y + reach, self.rows) {
+            for x in cell(at.x - reach, self.columns)..=cell(at.x + reach, self.columns) {
+                self.members[y * self.columns + x]
+                    .iter()
+                    .for_each(|&i| visit(i));
+            }
+        }
+    }
+}

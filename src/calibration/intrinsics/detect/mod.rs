@@ -1,0 +1,95 @@
+//! Finds a chessboard's inner corners in a grey picture, whole or in part, through any lens.
+//!
+//! Saddles of brightness ([`saddles`]), which of them an edge joins ([`links`]), rows and
+//! columns ([`grid`]), what was missed ([`complete`]), each corner to a fraction of a pixel
+//! ([`refine`]), and which corner of the board each is ([`place`]).
+
+mod complete;
+mod grey;
+mod grid;
+mod links;
+mod place;
+mod refine;
+mod saddles;
+
+pub use grey::Grey;
+pub use place::{ChessSighting, Placement};
+
+use grid::Grid;
+
+/// Corners that make a grid worth refining.
+const LEAST_CORNERS: usize = 9;
+/// Blur before corners are refined, pixels: sharper pictures pull them towards pixels' middles.
+const SMOOTHING: f32 = 1.2;
+/// Pictures longer than this are looked at from half the size on: what is smaller than a
+/// square of five pixels there is nothing to calibrate with.
+const FULL_SIZE: usize = 1400;
+
+/// Why there is no chessboard in a picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum NoChessboard {
+    /// No rows and columns of corners.
+    #[error("no chessboard in the picture")]
+    NotSeen,
+    /// There is one, with more corners than the board has.
+    #[error(
+        "a chessboard with at least {columns}×{rows} inner corners: more than the board given; \
+         count the inner corners (one less than squares) and say so"
+    )]
+    Larger {
+        /// Corners in a row.
+        columns: u32,
+        /// Rows of corners.
+        rows: u32,
+    },
+}
+
+/// The corners of a board of `columns` × `rows` inner corners that are in sight.
+///
+/// # Errors
+/// Nothing that looks like a chessboard, or one that is larger.
+pub fn find_chessboard(
+    picture: &Grey,
+    columns: u32,
+    rows: u32,
+) -> Result<ChessSighting, NoChessboard> {
+    let mut best = Grid::default();
+    let mut level = picture.clone();
+    let mut scale = 1.0;
+    while level.width.max(level.height) > FULL_SIZE {
+        level = level.halved();
+        scale *= 2.0;
+    }
+    let whole = (columns * rows) as usize;
+    for _ in 0..3 {
+        let grid = find_at_one_size(&level, whole);
+        // A coarser level must show more: it shows less exactly.
+        if grid.area() * scale * scale > 1.1 * best.area() {
+            best = grid;
+            best.corners.values_mut().for_each(|p| *p *= scale);
+        }
+        if best.corners.len() >= whole || level.width.min(level.height) < 160 {
+            break;
+        }
+        level = level.halved();
+        scale *= 2.0;
+    }
+    complete::refine_all(&picture.blurred(SMOOTHING), &mut best);
+    if best.corners.len() < LEAST_CORNERS {
+        return Err(NoChessboard::NotSeen);
+    }
+    place::place(best, columns, rows)
+}
+
+fn find_at_one_size(picture: &Grey, whole: usize) -> Grid {
+    let saddles = saddles::find(picture);
+    let links = links::find(picture, &saddles);
+    let mut grid = grid::largest(&saddles, &links);
+    if grid.corners.len() < whole && grid.corners.len() >= LEAST_CORNERS {
+        complete::fill(picture, &mut grid);
+    }
+    grid
+}
+
+#[cfg(test)]
+mod tests;

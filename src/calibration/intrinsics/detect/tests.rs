@@ -1,0 +1,221 @@
+#![allow(clippy::unwrap_used, clippy::panic)]
+use super::*;
+use crate::calibration::intrinsics::drawn::{Draughtsman, pose};
+use crate::calibration::intrinsics::{Board, Lens, LensModel};
+use crate::picture::Picture;
+use glam::{DVec2, DVec3};
+use std::path::{Path, PathBuf};
+
+const BOARD: Board = Board::Chess {
+    columns: 9,
+    rows: 6,
+    square: 0.025,
+};
+
+fn camera() -> Lens {
+    let mut lens = Lens::ideal(
+        LensModel::Brown,
+        (640, 480),
+        DVec2::new(535.0, 537.0),
+        DVec2::new(328.0, 236.0),
+    );
+    lens.coefficients[..4].copy_from_slice(&[-0.27, 0.08, 0.001, -0.0005]);
+    lens
+}
+
+fn fisheye() -> Lens {
+    let mut lens = Lens::ideal(
+        LensModel::KannalaBrandt,
+        (600, 600),
+        DVec2::splat(165.0),
+        DVec2::new(302.0, 297.0),
+    );
+    lens.coefficients[..4].copy_from_slice(&[0.003, 0.001, -0.002, 0.0002]);
+    lens
+}
+
+/// Worst and root-mean-square error of the corners found, pixels.
+fn errors(
+    lens: &Lens,
+    found: &ChessSighting,
+    pose: penumbra_interface::RigidTransform,
+) -> (f64, f64) {
+    let all: Vec<f64> = found
+        .correspondences(0.025)
+        .iter()
+        .map(|c| {
+            let truth = lens
+                .project(pose.transform_point(c.point.extend(0.0)))
+                .unwrap();
+            truth.distance(c.pixel)
+        })
+        .collect();
+    let rms = (all.iter().map(|e| e * e).sum::<f64>() / all.len() as f64).sqrt();
+    (all.iter().fold(0.0, |a: f64, &b| a.max(b)), rms)
+}
+
+#[test]
+fn a_whole_board_is_found_to_a_few_hundredths_of_a_pixel() {
+    let lens = camera();
+    let draughtsman = Draughtsman::new(&lens);
+    for (centre, tilt, turn, blur, noise, most) in [
+        (DVec3::new(0.0, 0.0, 0.4), DVec2::ZERO, 0.0, 0.5, 0.0, 0.03),
+        (
+            DVec3::new(0.02, 0.01, 0.45),
+            DVec2::new(0.5, 0.0),
+            0.3,
+            0.6,
+            2.0,
+            0.05,
+        ),
+        (
+            DVec3::new(-0.03, 0.0, 0.5),
+            DVec2::new(-0.3, 0.7),
+            1.9,
+            0.6,
+            2.0,
+            0.05,
+        ),
+        (
+            DVec3::new(0.0, 0.02, 0.5),
+            DVec2::new(0.2, -0.5),
+            3.0,
+            2.0,
+            3.0,
+            0.07,
+        ),
+        (
+            DVec3::new(0.0, 0.02, 0.9),
+            DVec2::new(0.2, -0.5),
+            3.0,
+            0.8,
+            6.0,
+            0.1,
+        ),
+        (
+            DVec3::new(0.1, 0.05, 1.2),
+            DVec2::new(0.2, -0.3),
+            0.1,
+            0.5,
+            2.0,
+            0.06,
+        ),
+    ] {
+        let pose = pose(&BOARD, centre, tilt, turn);
+        let picture = draughtsman.draw(&BOARD, pose, blur, noise);
+        let found = find_chessboard(&picture, 9, 6).unwrap();
+        assert_eq!(found.placement, Placement::Known);
+        assert_eq!(found.corners.len(), 54);
+        let (worst, rms) = errors(&lens, &found, pose);
+        assert!(
+            rms < most && worst < 4.0 * most,
+            "{centre} {turn}: {rms} {worst}"
+        );
+    }
+}
+
+#[test]
+fn a_board_is_found_through_a_fisheye_beyond_ninety_degrees() {
+    let lens = fisheye();
+    let draughtsman = Draughtsman::new(&lens);
+    for (centre, tilt) in [
+        (DVec3::new(0.0, 0.0, 0.12), DVec2::ZERO),
+        (DVec3::new(0.15, 0.0, 0.1), DVec2::new(0.0, 1.1)),
+        (DVec3::new(-0.05, -0.14, 0.02), DVec2::new(1.3, 0.0)),
+    ] {
+        let pose = pose(&BOARD, centre, tilt, 0.0);
+        let picture = draughtsman.draw(&BOARD, pose, 0.5, 1.0);
+        let found = find_chessboard(&picture, 9, 6).unwrap();
+        assert_eq!(found.corners.len(), 54, "{centre}");
+        let (worst, rms) = errors(&lens, &found, pose);
+        assert!(rms < 0.06 && worst < 0.2, "{centre}: {rms} {worst}");
+    }
+}
+
+#[test]
+fn part_of_a_board_is_part_of_a_board() {
+    let lens = camera();
+    let draughtsman = Draughtsman::new(&lens);
+    let pose = pose(
+        &BOARD,
+        DVec3::new(0.13, 0.08, 0.3),
+        DVec2::new(0.1, 0.3),
+        0.2,
+    );
+    let picture = draughtsman.draw(&BOARD, pose, 0.5, 1.0);
+    let found = find_chessboard(&picture, 9, 6).unwrap();
+    assert_eq!(found.placement, Placement::Unknown);
+    let seen = found.corners.len();
+    assert!((12..54).contains(&seen), "{seen}");
+    // The corners are in order all the same: some shift of the board explains them.
+    let shifts = (0..9).flat_map(|i| (0..6).map(move |j| (i, j)));
+    let best = shifts
+        .map(|(i, j)| {
+            let shift = DVec2::new(f64::from(i), f64::from(j)) * 0.025;
+            let error = |c: &crate::calibration::intrinsics::Correspondence| {
+                let truth = pose.transform_point((c.point + shift).extend(0.0));
+                lens.project(truth).map_or(1e9, |p| p.distance(c.pixel))
+            };
+            found
+                .correspondences(0.025)
+                .iter()
+                .map(error)
+                .fold(0.0, f64::max)
+        })
+        .fold(f64::MAX, f64::min);
+    assert!(best < 0.2, "{best}");
+}
+
+#[test]
+fn a_larger_board_is_named_by_its_size() {
+    let draughtsman = Draughtsman::new(&camera());
+    let pose = pose(&BOARD, DVec3::new(0.0, 0.0, 0.4), DVec2::new(0.2, 0.1), 0.0);
+    let picture = draughtsman.draw(&BOARD, pose, 0.5, 1.0);
+    let larger = NoChessboard::Larger {
+        columns: 9,
+        rows: 6,
+    };
+    assert_eq!(find_chessboard(&picture, 8, 5), Err(larger));
+    assert_eq!(find_chessboard(&picture, 7, 7), Err(larger));
+    let smaller = find_chessboard(&picture, 10, 7).unwrap();
+    assert_eq!(smaller.placement, Placement::Unknown);
+    assert_eq!(smaller.extent, (9, 6));
+}
+
+#[test]
+fn no_board_is_no_board() {
+    let mut random = crate::calibration::intrinsics::drawn::Random::new(7);
+    let mut noise = Grey::from_bytes(320, 240, &[]);
+    noise
+        .data
+        .iter_mut()
+        .for_each(|v| *v = (128.0 + 40.0 * random.normal()) as f32);
+    assert_eq!(find_chessboard(&noise, 9, 6), Err(NoChessboard::NotSeen));
+    for size in [(0, 0), (1, 1), (15, 400), (64, 64)] {
+        let flat = Grey::from_bytes(size.0, size.1, &[]);
+        assert_eq!(find_chessboard(&flat, 9, 6), Err(NoChessboard::NotSeen));
+    }
+}
+
+/// The folder of real data, where it is.
+fn photographs() -> Option<PathBuf> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/calibration");
+    folder.is_dir().then(|| folder.join("opencv_stereo_chess"))
+}
+
+#[test]
+fn every_photograph_of_opencvs_boards_shows_54_corners() {
+    let Some(folder) = photographs() else {
+        eprintln!("skipped: no photographs at ../shared/data/calibration");
+        return;
+    };
+    for side in ["left", "right"] {
+        for n in (1..=14).filter(|n| *n != 10) {
+            let bytes = std::fs::read(folder.join(format!("{side}{n:02}.jpg"))).unwrap();
+            let grey = Grey::from_picture(&Picture::from_file_bytes(&bytes).unwrap());
+            let found = find_chessboard(&grey, 9, 6).unwrap();
+            assert_eq!(found.corners.len(), 54, "{side}{n:02}");
+            assert_eq!(found.placement, Placement::Known, "{side}{n:02}");
+        }
+    }
+}

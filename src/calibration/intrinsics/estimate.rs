@@ -1,0 +1,278 @@
+//! From views of a board to a lens: start, robust search, rejection of outliers, least
+//! squares, uncertainty.
+
+use super::board::View;
+use super::bundle::{Bundle, Loss, State, Unknowns};
+use super::lens::{Lens, LensModel, MOST_PARAMETERS};
+use super::outliers::{drop_views, judge};
+use super::pose::{board_pose, residual};
+use super::start::start;
+use crate::calibration::numeric::{Matrix, root_mean_square};
+use glam::DVec2;
+use penumbra_interface::RigidTransform;
+
+/// What is sought.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Options {
+    /// How the lens departs from its ideal.
+    pub model: LensModel,
+    /// fx = fy, as with nearly every sensor.
+    pub square_pixels: bool,
+}
+
+/// Points in a view without which it is left out.
+pub(super) const LEAST_POINTS: usize = 8;
+/// A lens with all that speaks for and against it.
+#[derive(Clone, Debug)]
+pub struct Estimate {
+    /// The lens.
+    pub lens: Lens,
+    /// 1σ of fx, fy, cx, cy and the coefficients, in order; 0 where fixed.
+    pub sigma: [f64; MOST_PARAMETERS],
+    /// √(mean squared distance) between where corners were seen and where the lens puts
+    /// them, pixels, over all that were used; as OpenCV counts it.
+    pub rms: f64,
+    /// Every view, in the order given.
+    pub views: Vec<ViewEstimate>,
+    /// Of the unknowns.
+    pub(super) covariance: Matrix,
+    pub(super) unknowns: Unknowns,
+}
+
+/// One view under the lens found.
+#[derive(Clone, Debug)]
+pub struct ViewEstimate {
+    /// The view's name.
+    pub name: String,
+    /// `camera_from_board`; `None` if it could not be worked out.
+    pub pose: Option<RigidTransform>,
+    /// Counted in the estimate.
+    pub used: bool,
+    /// √(mean squared distance) over its points that were used, pixels.
+    pub rms: f64,
+    /// Every point.
+    pub points: Vec<PointEstimate>,
+}
+
+/// One point under the lens found.
+#[derive(Clone, Copy, Debug)]
+pub struct PointEstimate {
+    /// Where it was seen.
+    pub pixel: DVec2,
+    /// Where the lens puts it, minus that.
+    pub error: DVec2,
+    /// Counted in the estimate.
+    pub used: bool,
+}
+
+/// The views do not make a lens.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum NoEstimate {
+    /// Fewer views than the unknowns need.
+    #[error(
+        "{usable} usable views of the board; at least 3 are needed, 15 from all sides are good"
+    )]
+    TooFewViews {
+        /// Views with enough points.
+        usable: usize,
+    },
+    /// No lens explains them.
+    #[error(
+        "no lens explains the views: check the board's size and that all pictures are of one camera"
+    )]
+    NoLens,
+    /// A family of lenses explains them equally well.
+    #[error(
+        "the views do not tell the lens: tilt the board by 20 to 45 degrees, in several directions"
+    )]
+    Undetermined,
+}
+
+/// The lens that explains the views best.
+///
+/// # Errors
+/// Too few views, none that agree, or views that leave the lens open.
+pub fn estimate(
+    size: (u32, u32),
+    views: &[View],
+    options: &Options,
+) -> Result<Estimate, NoEstimate> {
+    let mut chosen: Vec<usize> = (0..views.len())
+        .filter(|&i| views[i].points.len() >= LEAST_POINTS)
+        .collect();
+    if chosen.len() < 3 {
+        return Err(NoEstimate::TooFewViews {
+            usable: chosen.len(),
+        });
+    }
+    let usable: Vec<View> = chosen.iter().map(|&i| views[i].clone()).collect();
+    let lens = start(options.model, size, &usable).ok_or(NoEstimate::NoLens)?;
+    let (mut lens, mut poses) = search(&lens, views, &mut chosen, options)?;
+    let mut used: Vec<Vec<bool>> = chosen
+        .iter()
+        .map(|&i| vec![true; views[i].points.len()])
+        .collect();
+    let mut last = None;
+    for _ in 0..5 {
+        let judged = judge(&lens, views, &chosen, &poses, &used);
+        let unchanged = judged == used;
+        if unchanged && last.is_some() {
+            break;
+        }
+        used = judged;
+        drop_views(&mut chosen, &mut poses, &mut used);
+        if chosen.len() < 3 {
+            return Err(NoEstimate::NoLens);
+        }
+        let kept: Vec<&View> = chosen.iter().map(|&i| &views[i]).collect();
+        let bundle = Bundle {
+            views: &kept,
+            used: &used,
+            unknowns: all_unknowns(options),
+            loss: Loss::Squares,
+        };
+        let (state, at) = bundle
+            .minimise(State { lens, poses }, 60)
+            .ok_or(NoEstimate::NoLens)?;
+        (lens, poses) = (state.lens, state.poses);
+        last = Some(at);
+    }
+    let at = last.ok_or(NoEstimate::NoLens)?;
+    let unknowns = all_unknowns(options);
+    let covariance = covariance(&at).ok_or(NoEstimate::Undetermined)?;
+    let sigma = unknowns.by_parameter(|c| covariance[(c, c)].max(0.0).sqrt());
+    Ok(Estimate {
+        rms: (at.cost / at.points.max(1) as f64).sqrt(),
+        views: describe(&lens, views, &chosen, &poses, &used),
+        lens,
+        sigma,
+        covariance,
+        unknowns,
+    })
+}
+
+fn all_unknowns(options: &Options) -> Unknowns {
+    Unknowns::new(
+        options.square_pixels,
+        true,
+        options.model.coefficients().len(),
+    )
+}
+
+/// Robust search in stages: what is told by few views first, so that the coefficients of
+/// high powers start from a lens that is nearly right.
+fn search(
+    start: &Lens,
+    views: &[View],
+    chosen: &mut Vec<usize>,
+    options: &Options,
+) -> Result<(Lens, Vec<RigidTransform>), NoEstimate> {
+    chosen.retain(|&i| board_pose(start, &views[i].points).is_some());
+    let poses = chosen
+        .iter()
+        .filter_map(|&i| board_pose(start, &views[i].points))
+        .collect();
+    let mut state = State {
+        lens: start.clone(),
+        poses,
+    };
+    if chosen.len() < 3 {
+        return Err(NoEstimate::NoLens);
+    }
+    let kept: Vec<&View> = chosen.iter().map(|&i| &views[i]).collect();
+    let used: Vec<Vec<bool>> = kept.iter().map(|v| vec![true; v.points.len()]).collect();
+    let whole = options.model.coefficients().len();
+    let longer = f64::from(start.width.max(start.height));
+    for (scale, unknowns) in [
+        (0.02 * longer, Unknowns::new(true, false, 0)),
+        (0.01 * longer, Unknowns::new(true, false, 1)),
+        (
+            0.005 * longer,
+            Unknowns::new(options.square_pixels, true, 2),
+        ),
+        (1.0, Unknowns::new(options.square_pixels, true, whole)),
+    ] {
+        let bundle = Bundle {
+            views: &kept,
+            used: &used,
+            unknowns,
+            loss: Loss::Cauchy(scale),
+        };
+        let (next, _) = bundle.minimise(state, 60).ok_or(NoEstimate::NoLens)?;
+        state = next;
+    }
+    Ok((state.lens, state.poses))
+}
+
+// ┌ Σ = σ² S⁻¹, σ² = Σ e² / (2 N − unknowns), S the normal matrix without the poses; and   ┐
+// │ Σ' = S⁻¹ (Σ gᵢ gᵢᵀ) S⁻¹ over the views' gradients gᵢ (White 1980, clustered), which     │
+// └ also counts what a view's errors have in common: a bent board, glare, blur.           ┘
+/// Of the unknowns: for each the larger of both variances, with the correlations of the
+/// first.
+fn covariance(at: &super::bundle::Linearised) -> Option<Matrix> {
+    let reduced = at.reduced(0.0)?;
+    let inverse = reduced.matrix.cholesky()?.inverse();
+    let (n, views) = (inverse.rows(), reduced.by_view.len());
+    let freedom = (2.0 * at.points as f64 - (n + 6 * views) as f64).max(1.0);
+    let mut out = inverse.clone().scaled(at.cost / freedom);
+    let mut spread = Matrix::zeros(n, n);
+    for share in &reduced.by_view {
+        spread.add_outer(1.0, share, share);
+    }
+    let clustered = inverse.times(&spread).times(&inverse);
+    // The residuals of few views are smaller than their errors.
+    let small = views as f64 / (views as f64 - 1.0).max(1.0);
+    let widen: Vec<f64> = (0..n)
+        .map(|i| (small * clustered[(i, i)] / out[(i, i)]).max(1.0).sqrt())
+        .collect();
+    for i in 0..n {
+        for j in 0..n {
+            out[(i, j)] *= widen[i] * widen[j];
+        }
+    }
+    (0..n)
+        .all(|i| out[(i, i)].is_finite() && out[(i, i)] >= 0.0)
+        .then_some(out)
+}
+
+fn describe(
+    lens: &Lens,
+    views: &[View],
+    chosen: &[usize],
+    poses: &[RigidTransform],
+    used: &[Vec<bool>],
+) -> Vec<ViewEstimate> {
+    views
+        .iter()
+        .enumerate()
+        .map(|(i, view)| {
+            let kept = chosen.iter().position(|&c| c == i);
+            let pose = kept
+                .map(|k| poses[k])
+                .or_else(|| board_pose(lens, &view.points));
+            let points: Vec<PointEstimate> = view
+                .points
+                .iter()
+                .enumerate()
+                .map(|(j, c)| PointEstimate {
+                    pixel: c.pixel,
+                    error: pose
+                        .and_then(|pose| residual(lens, c, pose))
+                        .map_or(DVec2::ZERO, |r| r.0),
+                    used: kept.is_some_and(|k| used[k][j]),
+                })
+                .collect();
+            let counted = points.iter().filter(|p| p.used || kept.is_none());
+            ViewEstimate {
+                name: view.name.clone(),
+                pose,
+                used: kept.is_some(),
+                rms: root_mean_square(counted.map(|p| p.error.length())),
+                points,
+            }
+        })
+        .collect()
+}
+
+#[cfg(test)]
+pub(super) mod tests;

@@ -1,0 +1,83 @@
+//! The pose of one board through a known lens.
+
+use super::board::Correspondence;
+use super::homography;
+use super::lens::Lens;
+use crate::calibration::numeric::{Normal, minimise};
+use glam::{DQuat, DVec2, DVec3};
+use penumbra_interface::RigidTransform;
+
+/// Residuals beyond this many pixels count less than their square (Huber).
+const HUBER: f64 = 2.0;
+
+/// `camera_from_board` from at least four points: by homography, then to the least
+/// reprojection error. `None` where points lie on a line or rays have no meaning.
+#[must_use]
+pub fn board_pose(lens: &Lens, points: &[Correspondence]) -> Option<RigidTransform> {
+    let start = start(lens, points)?;
+    let minimum = minimise(
+        start,
+        30,
+        |pose| linearise(lens, points, *pose),
+        |pose, step| moved(*pose, step),
+    )?;
+    Some(minimum.state)
+}
+
+/// By homography alone.
+pub(super) fn start(lens: &Lens, points: &[Correspondence]) -> Option<RigidTransform> {
+    let rays: Vec<(DVec2, DVec3)> = points
+        .iter()
+        .filter_map(|c| Some((c.point, lens.unproject(c.pixel)?)))
+        .collect();
+    homography::pose(homography::from_rays(&rays)?)
+}
+
+fn linearise(lens: &Lens, points: &[Correspondence], pose: RigidTransform) -> Option<Normal> {
+    let mut normal = Normal::new(6);
+    for c in points {
+        let (error, by_pose) = residual(lens, c, pose)?;
+        let weight = (HUBER / error.length().max(1e-12)).min(1.0);
+        for axis in 0..2 {
+            normal.add(error[axis], &by_pose.map(|d| d[axis]), weight);
+        }
+        // Huber's cost of the tail, so that steps are judged by what they minimise.
+        let tail = (error.length() - HUBER).max(0.0);
+        normal.cost += HUBER * tail;
+    }
+    Some(normal)
+}
+
+/// Reprojection error and its derivatives by a small turn and shift of the pose.
+pub(super) fn residual(
+    lens: &Lens,
+    c: &Correspondence,
+    pose: RigidTransform,
+) -> Option<(DVec2, [DVec2; 6])> {
+    let arm = pose.rotation * c.point.extend(0.0);
+    let projection = lens.project_with_derivatives(arm + pose.translation)?;
+    Some((
+        projection.pixel - c.pixel,
+        by_pose(&projection.by_point, arm),
+    ))
+}
+
+/// ∂/∂(ω, t) of a projection of exp(ω) arm + t.
+pub(super) fn by_pose(by_point: &[DVec2; 3], arm: DVec3) -> [DVec2; 6] {
+    let along = |v: DVec3| by_point[0] * v.x + by_point[1] * v.y + by_point[2] * v.z;
+    [
+        along(DVec3::X.cross(arm)),
+        along(DVec3::Y.cross(arm)),
+        along(DVec3::Z.cross(arm)),
+        by_point[0],
+        by_point[1],
+        by_point[2],
+    ]
+}
+
+/// The pose after a small turn (about the camera's axes, at the board's origin) and shift.
+pub(super) fn moved(pose: RigidTransform, step: &[f64]) -> RigidTransform {
+    let turn = DQuat::from_scaled_axis(DVec3::new(step[0], step[1], step[2]));
+    let shift = DVec3::new(step[3], step[4], step[5]);
+    RigidTransform::new((turn * pose.rotation).normalize(), pose.translation + shift)
+}

@@ -1,0 +1,103 @@
+//! Start values: a lens from which the search finds its way.
+
+use super::board::{Correspondence, View};
+use super::homography;
+use super::lens::{Lens, LensModel};
+use super::pose::{residual, start as pose_start};
+use crate::calibration::numeric::{Matrix, median, null_vector};
+use glam::{DMat3, DVec2, DVec3};
+
+/// Fields of view across the picture that are tried, degrees.
+const VIEW_ANGLES: [f64; 22] = [
+    6.0, 8.0, 11.0, 15.0, 20.0, 25.0, 30.0, 37.0, 45.0, 53.0, 61.0, 70.0, 80.0, 90.0, 100.0, 115.0,
+    130.0, 145.0, 165.0, 185.0, 205.0, 230.0,
+];
+/// Views that are enough to choose by.
+const VIEWS_LOOKED_AT: usize = 24;
+
+/// The lens without distortion that explains the views best: Zhang's closed form, if the
+/// model is a pinhole and the form has a solution, and a range of focal lengths about the
+/// picture's middle. `None` if no view makes sense in any of them.
+pub(super) fn start(model: LensModel, size: (u32, u32), views: &[View]) -> Option<Lens> {
+    let chosen = spread_over(views);
+    let middle = DVec2::new(f64::from(size.0) - 1.0, f64::from(size.1) - 1.0) * 0.5;
+    let fisheye = model == LensModel::KannalaBrandt;
+    let swept = VIEW_ANGLES
+        .iter()
+        .filter(|angle| fisheye || **angle <= 145.0)
+        .map(|angle| {
+            let half = 0.5 * angle.to_radians();
+            let across = 0.5 * f64::from(size.0.max(size.1));
+            let focal = across / if fisheye { half } else { half.tan() };
+            Lens::ideal(model, size, DVec2::splat(focal), middle)
+        });
+    let closed = (!fisheye)
+        .then(|| zhang(model, size, &chosen, middle))
+        .flatten();
+    closed
+        .into_iter()
+        .chain(swept)
+        .filter_map(|lens| Some((misfit(&lens, &chosen)?, lens)))
+        .min_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, lens)| lens)
+}
+
+fn spread_over(views: &[View]) -> Vec<&View> {
+    let every = views.len().div_ceil(VIEWS_LOOKED_AT).max(1);
+    views.iter().step_by(every).collect()
+}
+
+/// Median over the views of their root-mean-square reprojection error by homography, pixels.
+fn misfit(lens: &Lens, views: &[&View]) -> Option<f64> {
+    let errors = views
+        .iter()
+        .map(|v| view_misfit(lens, &v.points).unwrap_or(f64::INFINITY));
+    median(errors).filter(|m| m.is_finite())
+}
+
+fn view_misfit(lens: &Lens, points: &[Correspondence]) -> Option<f64> {
+    let pose = pose_start(lens, points)?;
+    let mut sum = 0.0;
+    for c in points {
+        sum += residual(lens, c, pose)?.0.length_squared();
+    }
+    Some((sum / points.len().max(1) as f64).sqrt())
+}
+
+// ┌ Of every homography H = [h1 h2 h3] from board to pixels: h1ᵀ ω h2 = 0 and            ┐
+// │ h1ᵀ ω h1 = h2ᵀ ω h2, with ω = K⁻ᵀ K⁻¹ (Zhang 2000). Without skew and with the        │
+// └ principal point in the middle, ω = diag(1/fx², 1/fy², 1): two unknowns.              ┘
+fn zhang(model: LensModel, size: (u32, u32), views: &[&View], middle: DVec2) -> Option<Lens> {
+    let scale = f64::from(size.0.max(size.1));
+    let mut normal = Matrix::zeros(3, 3);
+    for view in views {
+        let pairs: Vec<(DVec2, DVec3)> = view
+            .points
+            .iter()
+            .map(|c| {
+                (
+                    c.point,
+                    ((c.pixel - middle) / scale).extend(1.0).normalize(),
+                )
+            })
+            .collect();
+        let Some(h) = homography::from_rays(&pairs) else {
+            continue;
+        };
+        let DMat3 {
+            x_axis: a,
+            y_axis: b,
+            ..
+        } = h * (1.0 / h.x_axis.length());
+        normal.add_outer(1.0, (a * b).as_ref(), (a * b).as_ref());
+        let difference = a * a - b * b;
+        normal.add_outer(1.0, difference.as_ref(), difference.as_ref());
+    }
+    let omega = null_vector(&normal);
+    let square = DVec2::new(omega[2] / omega[0], omega[2] / omega[1]);
+    let sensible = square.is_finite() && square.min_element() > 1e-3 && square.max_element() < 1e4;
+    sensible.then(|| {
+        let focal = DVec2::new(square.x.sqrt(), square.y.sqrt()) * scale;
+        Lens::ideal(model, size, focal, middle)
+    })
+}
