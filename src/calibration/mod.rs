@@ -3,6 +3,7 @@
 
 pub mod camera;
 pub mod colour;
+pub mod exchange;
 pub mod intrinsics;
 mod json_node;
 pub mod numeric;

@@ -50,6 +50,9 @@ pub enum Finding {
         /// Rows seen.
         rows: u32,
     },
+    /// Pictures of several cameras, or of one in several modes.
+    #[error("the pictures have several sizes; give those of one camera in one mode")]
+    SizesDiffer,
     /// Too few views for a sure result.
     #[error("{used} views were used; take 15 or more")]
     FewViews {

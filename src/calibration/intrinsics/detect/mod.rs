@@ -15,6 +15,7 @@ mod saddles;
 pub use grey::Grey;
 pub use place::{ChessSighting, Placement};
 
+use glam::DVec2;
 use grid::Grid;
 
 /// Corners that make a grid worth refining.
@@ -42,6 +43,14 @@ pub enum NoChessboard {
         /// Rows of corners.
         rows: u32,
     },
+}
+
+/// The corner near a foretold pixel, to a fraction of a pixel, where the next corner is
+/// `pitch` pixels off; `None` if edges do not cross there. For boards whose corners are known
+/// from markers ([`super::tags`]).
+#[must_use]
+pub fn refine_corner(picture: &Grey, foretold: DVec2, pitch: f64) -> Option<DVec2> {
+    refine::refine(picture, foretold, complete::WINDOW * pitch)
 }
 
 /// The corners of a board of `columns` × `rows` inner corners that are in sight.

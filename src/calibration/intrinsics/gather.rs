@@ -1,0 +1,331 @@
+//! Pictures in, a judged lens out: which views are worth keeping, and what is still missing.
+
+use super::board::{Board, Correspondence, View};
+use super::coverage::{Coverage, Tilt, Uncertainty};
+use super::detect::{Grey, NoChessboard, Placement, find_chessboard};
+use super::estimate::{Estimate, Options, estimate};
+use super::verdict::{Finding, Verdict};
+use glam::DVec2;
+use std::collections::BTreeMap;
+
+/// A view is like another when its points are nearer than this share of the picture's width:
+/// a second look from the same place says nothing new, and would count twice.
+const ALIKE: f64 = 0.02;
+/// Views kept; more make the search slow and the lens no better.
+const MOST_VIEWS: usize = 120;
+/// Of the sightings, so many must be of one other size to say that the board is.
+const OTHER_SIZE: f64 = 0.6;
+
+/// What a picture brought.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Offer {
+    /// A new view with so many points.
+    Taken {
+        /// Points found.
+        points: usize,
+    },
+    /// As one that is there.
+    Alike,
+    /// No board, or too little of it.
+    NotSeen,
+    /// A board with more corners than was said.
+    OtherBoard,
+    /// Not the size of the pictures before it.
+    OtherSize,
+}
+
+/// Collects views of one camera.
+#[derive(Clone, Debug)]
+pub struct Gatherer {
+    board: Board,
+    size: Option<(u32, u32)>,
+    views: Vec<View>,
+    pictures: usize,
+    other_size: usize,
+    larger: BTreeMap<(u32, u32), usize>,
+    whole: usize,
+    partial: BTreeMap<(u32, u32), usize>,
+}
+
+/// Everything that is said of a camera's lens in the end.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// Pictures looked at.
+    pub pictures: usize,
+    /// Views that were kept.
+    pub views: usize,
+    /// The lens and what speaks for it; `None` if there is none.
+    pub result: Option<Judged>,
+    /// Good enough, or why not.
+    pub verdict: Verdict,
+}
+
+/// A lens, and how far it can be trusted where.
+#[derive(Clone, Debug)]
+pub struct Judged {
+    /// The lens.
+    pub estimate: Estimate,
+    /// Where corners were seen.
+    pub coverage: Coverage,
+    /// To which sides the board was tilted.
+    pub tilt: Tilt,
+    /// How sure the lens is in each part of the picture.
+    pub uncertainty: Uncertainty,
+}
+
+impl Gatherer {
+    /// Of views of that board.
+    #[must_use]
+    pub const fn new(board: Board) -> Self {
+        Self {
+            board,
+            size: None,
+            views: Vec::new(),
+            pictures: 0,
+            other_size: 0,
+            larger: BTreeMap::new(),
+            whole: 0,
+            partial: BTreeMap::new(),
+        }
+    }
+
+    /// Looks for the board in a picture. Only chessboards are looked for here; what a tag
+    /// detector finds of other boards comes in by [`Self::offer_points`].
+    pub fn offer(&mut self, name: &str, picture: &Grey) -> Offer {
+        let Board::Chess {
+            columns,
+            rows,
+            square,
+        } = self.board
+        else {
+            return self.offer_points(
+                name,
+                (picture.width as u32, picture.height as u32),
+                Vec::new(),
+            );
+        };
+        let found = find_chessboard(picture, columns, rows);
+        let points = match &found {
+            Ok(sighting) => {
+                if sighting.placement == Placement::Unknown {
+                    *self.partial.entry(sighting.extent).or_default() += 1;
+                } else {
+                    self.whole += 1;
+                }
+                sighting.correspondences(square)
+            }
+            Err(NoChessboard::Larger { columns, rows }) => {
+                *self.larger.entry((*columns, *rows)).or_default() += 1;
+                Vec::new()
+            }
+            Err(NoChessboard::NotSeen) => Vec::new(),
+        };
+        let offer = self.offer_points(name, (picture.width as u32, picture.height as u32), points);
+        match (offer, found) {
+            (Offer::NotSeen, Err(NoChessboard::Larger { .. })) => Offer::OtherBoard,
+            (offer, _) => offer,
+        }
+    }
+
+    /// Takes points that were found in a picture of `size`.
+    pub fn offer_points(
+        &mut self,
+        name: &str,
+        size: (u32, u32),
+        points: Vec<Correspondence>,
+    ) -> Offer {
+        self.pictures += 1;
+        if *self.size.get_or_insert(size) != size {
+            self.other_size += 1;
+            return Offer::OtherSize;
+        }
+        if points.len() < super::estimate::LEAST_POINTS {
+            return Offer::NotSeen;
+        }
+        let near = ALIKE * f64::from(size.0);
+        if self
+            .views
+            .iter()
+            .any(|v| distance(&v.points, &points) < near)
+        {
+            return Offer::Alike;
+        }
+        if self.views.len() >= MOST_VIEWS {
+            return Offer::Alike;
+        }
+        let taken = Offer::Taken {
+            points: points.len(),
+        };
+        self.views.push(View {
+            name: name.to_owned(),
+            points,
+        });
+        taken
+    }
+
+    /// Views so far.
+    #[must_use]
+    pub fn views(&self) -> &[View] {
+        &self.views
+    }
+
+    /// The pictures' size, once there was one.
+    #[must_use]
+    pub const fn size(&self) -> Option<(u32, u32)> {
+        self.size
+    }
+
+    /// The lens, judged.
+    #[must_use]
+    pub fn finish(&self, options: &Options) -> Outcome {
+        let (result, verdict) = match self.judged(options) {
+            Ok((judged, verdict)) => (Some(judged), verdict),
+            Err(finding) => (None, Verdict::refused(finding)),
+        };
+        Outcome {
+            pictures: self.pictures,
+            views: self.views.len(),
+            result,
+            verdict,
+        }
+    }
+
+    fn judged(&self, options: &Options) -> Result<(Judged, Verdict), Finding> {
+        self.check_board()?;
+        let size = self.size.unwrap_or_default();
+        let estimate = estimate(size, &self.views, options)?;
+        let coverage = Coverage::of(&estimate.lens, &estimate.views);
+        let tilt = Tilt::of(&estimate.views);
+        let uncertainty = Uncertainty::of(&estimate);
+        let verdict = Verdict::of(&estimate, &coverage, &tilt, &uncertainty);
+        let judged = Judged {
+            estimate,
+            coverage,
+            tilt,
+            uncertainty,
+        };
+        Ok((judged, verdict))
+    }
+
+    /// That the board is the one that was said, and the pictures those of one camera.
+    fn check_board(&self) -> Result<(), Finding> {
+        let pictures = self.pictures;
+        if 2 * self.other_size > pictures {
+            return Err(Finding::SizesDiffer);
+        }
+        let larger: usize = self.larger.values().sum();
+        let partial: usize = self.partial.values().sum();
+        let seen = larger + partial + self.whole;
+        let other = |counts: &BTreeMap<(u32, u32), usize>| {
+            let (&(columns, rows), _) = counts.iter().max_by_key(|(_, n)| **n)?;
+            Some(Finding::OtherBoard { columns, rows })
+        };
+        if larger > self.whole + partial
+            && let Some(finding) = other(&self.larger)
+        {
+            return Err(finding);
+        }
+        // Parts of a board come in all sizes; one size again and again is a smaller board.
+        let commonest = self.partial.values().copied().max().unwrap_or(0);
+        let alike = commonest as f64 >= OTHER_SIZE * seen as f64;
+        if self.whole == 0
+            && commonest >= 3
+            && alike
+            && let Some(finding) = other(&self.partial)
+        {
+            return Err(finding);
+        }
+        if self.views.is_empty() {
+            return Err(Finding::BoardNotSeen { pictures });
+        }
+        Ok(())
+    }
+}
+
+/// Mean distance between the same points of two views, pixels; infinite if fewer than half
+/// of them are in both.
+fn distance(a: &[Correspondence], b: &[Correspondence]) -> f64 {
+    let key = |p: DVec2| ((p.x * 1e5).round() as i64, (p.y * 1e5).round() as i64);
+    let known: BTreeMap<_, DVec2> = a.iter().map(|c| (key(c.point), c.pixel)).collect();
+    let distances: Vec<f64> = b
+        .iter()
+        .filter_map(|c| Some(known.get(&key(c.point))?.distance(c.pixel)))
+        .collect();
+    if 2 * distances.len() < a.len().max(b.len()) {
+        return f64::INFINITY;
+    }
+    distances.iter().sum::<f64>() / distances.len() as f64
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::panic)]
+    use super::*;
+    use crate::calibration::intrinsics::drawn::{Draughtsman, pose};
+    use crate::calibration::intrinsics::estimate::tests::{pinhole, poses};
+    use crate::calibration::intrinsics::{Grade, LensModel};
+    use glam::DVec3;
+
+    const OPTIONS: Options = Options {
+        model: LensModel::Brown,
+        square_pixels: false,
+    };
+
+    fn pictures() -> Vec<Grey> {
+        let board = Board::parse("chess:9x6:0.025").unwrap();
+        let draughtsman = Draughtsman::new(&pinhole());
+        let draw =
+            |&pose: &penumbra_interface::RigidTransform| draughtsman.draw(&board, pose, 0.6, 1.0);
+        poses(5, 0.45, 0.05, 8).iter().map(draw).collect()
+    }
+
+    fn gathered(board: &str, pictures: &[Grey]) -> Gatherer {
+        let mut gatherer = Gatherer::new(Board::parse(board).unwrap());
+        for (i, picture) in pictures.iter().enumerate() {
+            gatherer.offer(&i.to_string(), picture);
+        }
+        gatherer
+    }
+
+    #[test]
+    fn a_board_of_another_size_is_told_by_its_own() {
+        let pictures = pictures();
+        for wrong in ["chess:8x5:0.025", "chess:10x7:0.025", "chess:7x7:0.025"] {
+            let outcome = gathered(wrong, &pictures).finish(&OPTIONS);
+            let other = Finding::OtherBoard {
+                columns: 9,
+                rows: 6,
+            };
+            assert_eq!(outcome.verdict.findings[0].1, other, "{wrong}");
+            assert_eq!(outcome.verdict.grade, Grade::Refused);
+        }
+        let right = gathered("chess:9x6:0.025", &pictures).finish(&OPTIONS);
+        assert!(right.result.is_some(), "{:?}", right.verdict);
+    }
+
+    #[test]
+    fn the_same_view_counts_once() {
+        let board = Board::parse("chess:9x6:0.025").unwrap();
+        let at = pose(&board, DVec3::new(0.0, 0.0, 0.4), DVec2::new(0.3, 0.1), 0.0);
+        let picture = Draughtsman::new(&pinhole()).draw(&board, at, 0.5, 1.0);
+        let mut gatherer = Gatherer::new(board);
+        assert_eq!(gatherer.offer("1", &picture), Offer::Taken { points: 54 });
+        assert_eq!(gatherer.offer("2", &picture), Offer::Alike);
+        let small = Grey::from_bytes(320, 240, &[]);
+        assert_eq!(gatherer.offer("3", &small), Offer::OtherSize);
+        let grey = Grey::from_bytes(640, 480, &[]);
+        assert_eq!(gatherer.offer("4", &grey), Offer::NotSeen);
+        assert_eq!(
+            (gatherer.views().len(), gatherer.size()),
+            (1, Some((640, 480)))
+        );
+    }
+
+    #[test]
+    fn no_board_is_refused() {
+        let outcome =
+            gathered("chess:9x6:0.025", &[Grey::from_bytes(64, 64, &[])]).finish(&OPTIONS);
+        let finding = &outcome.verdict.findings[0].1;
+        assert_eq!(*finding, Finding::BoardNotSeen { pictures: 1 });
+    }
+}
