@@ -4,6 +4,7 @@
 pub mod camera;
 pub mod colour;
 pub mod exchange;
+pub mod fiducial;
 pub mod intrinsics;
 mod json_node;
 pub mod numeric;

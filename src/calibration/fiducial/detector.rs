@@ -1,0 +1,162 @@
+//! Tags in a picture.
+
+use super::contour::Walker;
+use super::edge::{Grey, Lens, refine};
+use super::homography::from_square;
+use super::quad::{is_convex, quad};
+use super::threshold::Black;
+use super::{Family, decode};
+use crate::calibration::{PinholeCamera, Response};
+use crate::picture::Picture;
+use glam::DVec2;
+
+/// Less clear ones are taken for chance. See [`TagSeen::margin`].
+const LEAST_MARGIN: f32 = 0.25;
+
+/// A tag in a picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TagSeen {
+    /// Its family.
+    pub family: Family,
+    /// Its number there.
+    pub id: u32,
+    /// Corners of the black border, clockwise as the tag is read, from the top left; pixels.
+    pub corners: [DVec2; 4],
+    /// How clearly its modules are black or white: 1 as clearly as the borders, 0 not at all.
+    pub margin: f32,
+    /// Bits that were read wrong and put right.
+    pub wrong_bits: u32,
+}
+
+impl TagSeen {
+    /// Pixels squared within the border.
+    #[must_use]
+    pub fn area(&self) -> f64 {
+        let [a, b, c, d] = self.corners;
+        0.5 * (c - a).perp_dot(d - b).abs()
+    }
+}
+
+/// Finds tags. Keeps its buffers from picture to picture.
+pub struct Detector {
+    families: Vec<Family>,
+    linear: Box<[f32; 256]>,
+    grey: Vec<u8>,
+    black: Black,
+    walker: Walker,
+    outline: Vec<DVec2>,
+    quads: Vec<[DVec2; 4]>,
+    seen: Vec<TagSeen>,
+}
+
+impl Detector {
+    /// Finds tags of these families in pictures of a camera with this response.
+    #[must_use]
+    pub fn new(families: &[Family], response: &Response) -> Self {
+        Self {
+            families: families.to_vec(),
+            linear: Box::new(*response.linear_from_code()),
+            grey: Vec::new(),
+            black: Black::default(),
+            walker: Walker::default(),
+            outline: Vec::new(),
+            quads: Vec::new(),
+            seen: Vec::new(),
+        }
+    }
+
+    /// The tags in a picture, each once, by family and number. `camera`, where known, tells how
+    /// the lens bends their sides.
+    pub fn detect(&mut self, picture: &Picture, camera: Option<&PinholeCamera>) -> &[TagSeen] {
+        let mut grey = std::mem::take(&mut self.grey);
+        grey_of(picture, &mut grey);
+        self.detect_grey(
+            &grey,
+            picture.width as usize,
+            picture.height as usize,
+            camera,
+        );
+        self.grey = grey;
+        &self.seen
+    }
+
+    /// The same in a grey picture, `width` pixels in a row. Nothing is found where the size is
+    /// not the picture's, or past 65,000 pixels a side.
+    pub fn detect_grey(
+        &mut self,
+        codes: &[u8],
+        width: usize,
+        height: usize,
+        camera: Option<&PinholeCamera>,
+    ) -> &[TagSeen] {
+        self.seen.clear();
+        if width.max(height) > 65_000 || codes.len() != width * height {
+            return &self.seen;
+        }
+        self.black.decide(codes, width, height);
+        let quads = &mut self.quads;
+        quads.clear();
+        self.walker.walk(&self.black, &mut self.outline, |outline| {
+            quads.extend(quad(outline))
+        });
+        let grey = Grey {
+            width,
+            height,
+            codes,
+            linear: &self.linear,
+        };
+        for corners in &self.quads {
+            let tag = self
+                .families
+                .iter()
+                .find_map(|f| look(&grey, Lens(camera), corners, *f));
+            self.seen.extend(tag);
+        }
+        keep_best(&mut self.seen);
+        &self.seen
+    }
+}
+
+fn look(grey: &Grey, lens: Lens, corners: &[DVec2; 4], family: Family) -> Option<TagSeen> {
+    // Sides too small or too near to something else to be found again stay as they are.
+    let refined = refine(grey, lens, corners, family.modules()).filter(is_convex);
+    let read = |corners: [DVec2; 4]| {
+        let (word, margin) = decode::read(grey, &from_square(1.0, &corners)?, family)?;
+        (margin >= LEAST_MARGIN).then_some((corners, word, margin))
+    };
+    let (found, word, margin) = refined.and_then(read).or_else(|| read(*corners))?;
+    Some(TagSeen {
+        family,
+        id: word.id,
+        corners: std::array::from_fn(|i| found[(i + word.turns) % 4]),
+        margin,
+        wrong_bits: word.wrong,
+    })
+}
+
+/// Of tags that are the same one at the same place the clearest; of the same number at two places
+/// both stay: who knows that a tag is there once only may judge.
+fn keep_best(seen: &mut Vec<TagSeen>) {
+    seen.sort_unstable_by(|a, b| {
+        (a.family, a.id)
+            .cmp(&(b.family, b.id))
+            .then(b.margin.total_cmp(&a.margin))
+    });
+    let middle = |t: &TagSeen| t.corners.iter().sum::<DVec2>() / 4.0;
+    seen.dedup_by(|b, a| {
+        let near = middle(a).distance(middle(b)) < 0.5 * a.area().sqrt();
+        (a.family, a.id) == (b.family, b.id) && near
+    });
+}
+
+/// Luma of a picture: the green counts most, and all three keep noise down.
+pub fn grey_of(picture: &Picture, grey: &mut Vec<u8>) {
+    grey.clear();
+    grey.extend(picture.rgba.chunks_exact(4).map(|p| {
+        let sum = 77 * u32::from(p[0]) + 150 * u32::from(p[1]) + 29 * u32::from(p[2]);
+        (sum >> 8) as u8
+    }));
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,93 @@
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+use super::super::drawn::{camera, picture, tag};
+use super::*;
+use glam::{DQuat, DVec3};
+use penumbra_interface::RigidTransform;
+
+fn detector() -> Detector {
+    Detector::new(&[Family::Tag36h11], &Response::srgb())
+}
+
+/// A drawn tag from the front and from the side, near and far: its number, and its corners to
+/// a twentieth of a pixel on average.
+#[test]
+fn corners_are_found_to_a_twentieth_of_a_pixel() {
+    let camera = camera();
+    let tag = tag(341, 0.06, DVec3::ZERO);
+    let mut offs = Vec::new();
+    for (turn, z) in [(0.0, 0.3), (0.5, 0.4), (-0.8, 0.5), (1.0, 0.6), (0.2, 0.9)] {
+        let rotation = DQuat::from_rotation_z(0.3 + turn) * DQuat::from_rotation_x(turn);
+        let pose = RigidTransform::new(rotation, DVec3::new(0.021, -0.013, z));
+        let codes = picture(&camera, pose, &[tag], 1.0);
+        let mut detector = detector();
+        let seen = detector.detect_grey(&codes, 640, 480, Some(&camera));
+        assert_eq!(seen.len(), 1, "{turn} {z}");
+        assert_eq!((seen[0].id, seen[0].wrong_bits), (341, 0));
+        for (point, pixel) in tag.corners().into_iter().zip(seen[0].corners) {
+            offs.push(
+                camera
+                    .project(pose.transform_point(point))
+                    .unwrap()
+                    .distance(pixel),
+            );
+        }
+    }
+    let rms = (offs.iter().map(|o| o * o).sum::<f64>() / offs.len() as f64).sqrt();
+    let worst = offs.iter().copied().fold(0.0, f64::max);
+    assert!(rms < 0.05 && worst < 0.15, "{rms} {worst}");
+}
+
+#[test]
+fn a_lens_that_bends_sides_does_not_move_corners() {
+    let mut camera = camera();
+    camera.distortion = [-0.35, 0.1, 0.0, 0.0, 0.0];
+    let tag = tag(7, 0.12, DVec3::ZERO);
+    let pose = RigidTransform::new(DQuat::from_rotation_x(0.3), DVec3::new(0.08, 0.05, 0.4));
+    let codes = picture(&camera, pose, &[tag], 0.0);
+    let off = |detector: &mut Detector, camera_known: bool| {
+        let seen = detector.detect_grey(&codes, 640, 480, camera_known.then_some(&camera));
+        assert_eq!(seen.len(), 1);
+        let pairs = tag.corners().into_iter().zip(seen[0].corners);
+        let offs = pairs.map(|(p, c)| camera.project(pose.transform_point(p)).unwrap().distance(c));
+        offs.fold(0.0, f64::max)
+    };
+    let (known, unknown) = (off(&mut detector(), true), off(&mut detector(), false));
+    assert!(known < 0.08 && known < 0.3 * unknown, "{known} {unknown}");
+}
+
+#[test]
+fn nothing_is_found_where_nothing_is() {
+    let mut detector = detector();
+    assert!(
+        detector
+            .detect_grey(&[0; 640 * 480], 640, 480, None)
+            .is_empty()
+    );
+    assert!(detector.detect_grey(&[0; 100], 640, 480, None).is_empty());
+    assert!(detector.detect_grey(&[], 0, 0, None).is_empty());
+    let mut state = 1_u32;
+    let noise: Vec<u8> = (0..640 * 480)
+        .map(|_| {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 24) as u8
+        })
+        .collect();
+    assert!(detector.detect_grey(&noise, 640, 480, None).is_empty());
+}
+
+#[test]
+fn a_tag_is_found_in_every_quarter_turn_and_its_corners_turn_with_it() {
+    let camera = camera();
+    let tag = tag(11, 0.06, DVec3::ZERO);
+    for quarter in 0..4 {
+        let turn = DQuat::from_rotation_z(std::f64::consts::FRAC_PI_2 * f64::from(quarter) + 0.1);
+        let pose = RigidTransform::new(turn, DVec3::new(0.0, 0.0, 0.5));
+        let codes = picture(&camera, pose, &[tag], 0.0);
+        let mut detector = detector();
+        let seen = detector.detect_grey(&codes, 640, 480, None);
+        let first = camera
+            .project(pose.transform_point(tag.corners()[0]))
+            .unwrap();
+        assert!(seen[0].corners[0].distance(first) < 0.2, "{quarter}");
+    }
+}

@@ -1,0 +1,100 @@
+//! Tags that are fixed to one another.
+
+use super::pose::{Match, square};
+use super::{Family, TagSeen};
+use glam::DVec3;
+use penumbra_interface::RigidTransform;
+
+/// A tag at a known place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tag {
+    /// Its family.
+    pub family: Family,
+    /// Its number there.
+    pub id: u32,
+    /// Edge of the black border, metres.
+    pub size: f64,
+    /// Its place in the map's frame: +X right, +Y down as it is read, +Z into the paper.
+    pub map_from_tag: RigidTransform,
+}
+
+impl Tag {
+    /// Its corners, clockwise as it is read, from the top left, in the map's frame, metres.
+    #[must_use]
+    pub fn corners(&self) -> [DVec3; 4] {
+        square(0.5 * self.size).map(|c| self.map_from_tag.transform_point(c))
+    }
+}
+
+/// Tags on one rigid thing, each once.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct TagMap {
+    tags: Vec<Tag>,
+}
+
+/// A map that would contradict itself.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{family} {id} is in the map twice; remove one of them")]
+pub struct TwiceInMap {
+    family: Family,
+    id: u32,
+}
+
+impl TagMap {
+    /// Of these tags.
+    ///
+    /// # Errors
+    /// A number of a family more than once.
+    pub fn new(mut tags: Vec<Tag>) -> Result<Self, TwiceInMap> {
+        tags.sort_unstable_by_key(|t| (t.family, t.id));
+        let twice = tags
+            .windows(2)
+            .find(|w| (w[0].family, w[0].id) == (w[1].family, w[1].id));
+        match twice {
+            Some(w) => Err(TwiceInMap {
+                family: w[0].family,
+                id: w[0].id,
+            }),
+            None => Ok(Self { tags }),
+        }
+    }
+
+    /// All tags, by family and number.
+    #[must_use]
+    pub fn tags(&self) -> &[Tag] {
+        &self.tags
+    }
+
+    /// The tag of that number.
+    #[must_use]
+    pub fn get(&self, family: Family, id: u32) -> Option<&Tag> {
+        let found = self
+            .tags
+            .binary_search_by_key(&(family, id), |t| (t.family, t.id));
+        found.ok().map(|i| &self.tags[i])
+    }
+
+    /// The families that occur, each once.
+    #[must_use]
+    pub fn families(&self) -> Vec<Family> {
+        let mut families: Vec<_> = self.tags.iter().map(|t| t.family).collect();
+        families.dedup();
+        families
+    }
+
+    /// Corners of what is seen of the map. Tags of one number that are seen twice are left out:
+    /// at most one of them can be the map's.
+    pub(super) fn matches(&self, seen: &[TagSeen], out: &mut Vec<Match>) {
+        out.clear();
+        for tag in seen {
+            let same = |t: &&TagSeen| (t.family, t.id) == (tag.family, tag.id);
+            if seen.iter().filter(same).count() > 1 {
+                continue;
+            }
+            if let Some(known) = self.get(tag.family, tag.id) {
+                let corners = known.corners().into_iter().zip(tag.corners);
+                out.extend(corners.map(|(point, pixel)| Match { point, pixel }));
+            }
+        }
+    }
+}

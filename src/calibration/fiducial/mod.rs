@@ -1,0 +1,36 @@
+//! Printed fiducials (AprilTags): where they are in a picture, and where that puts the camera.
+//!
+//! The way of a picture: [`threshold`] makes it black and white, tile by tile; [`contour`] walks
+//! round what is black; [`quad`] keeps outlines of four straight sides; [`edge`] finds these
+//! sides again in linear light, to a twentieth of a pixel; [`decode`] reads the number.
+//! [`Detector`] does all this with buffers that it keeps. [`ippe`] and [`pose`] make corners into
+//! a pose with its covariance; [`Registrar`] does so from picture to picture, with the tags of a
+//! [`TagMap`].
+//!
+//! Corners are pixels, (0, 0) the centre of the top-left one. A tag's own frame has its origin in
+//! the middle, +X to the right and +Y down as it is read, +Z into the paper; corners go clockwise
+//! as it is read, from the top left.
+
+mod codes;
+mod contour;
+mod decode;
+mod detector;
+mod edge;
+mod family;
+mod homography;
+mod ippe;
+mod linear;
+mod map;
+mod pose;
+mod quad;
+mod registrar;
+mod threshold;
+
+pub use detector::{Detector, TagSeen, grey_of};
+pub use family::Family;
+pub use map::{Tag, TagMap};
+pub use pose::{PoseEstimate, refine};
+pub use registrar::{Registered, Registrar, Registration};
+
+#[cfg(test)]
+mod drawn;
