@@ -4,8 +4,8 @@ use crate::exposure::table;
 use crate::stage::{Stage, cell, lighting, noise};
 use glam::Vec3;
 use penumbra::calibration::Response;
-use penumbra::compositor::Exposure;
 use penumbra::compositor::exposure::{AutoLimits, ExposureInForce};
+use penumbra::compositor::{Exposure, LampResponse};
 use penumbra::picture::Picture;
 use penumbra::scene::PlacedLamp;
 
@@ -134,4 +134,34 @@ fn shadows_alone_brighten_a_dark_picture_only_and_within_bounds() {
     // Nothing virtual, nothing changed.
     stage.scene.virtual_parts.clear();
     assert_eq!(settle(&mut stage, key, 1.0).stops, 0.0);
+}
+
+/// What lamps add is measured wherever it is worked out: as a factor, or apart from it.
+#[test]
+fn both_responses_are_measured() {
+    for response in [
+        LampResponse::Intrinsic,
+        LampResponse::Paper {
+            brightest: Vec3::new(0.0, 0.3, 0.4),
+        },
+    ] {
+        let mut stage = lamp_stage(0.3);
+        stage.lamp_response = response;
+        let lit = mean_luminance(&stage.compose());
+        let mut compositor = stage.compositor();
+        for i in 0..4 {
+            stage.exposure = Exposure::Automatic {
+                limits: LIMITS,
+                seconds: f64::from(i) / 30.0,
+            };
+            stage.compose_with(&mut compositor);
+        }
+        let measured = compositor.exposure().brightness.unwrap();
+        let added = lit - mean_luminance(&stage.picture);
+        assert!(added > 0.02, "{added}");
+        assert!(
+            (f64::from(measured.added) / added - 1.0).abs() < 0.03,
+            "{response:?}: {measured:?}, {added}"
+        );
+    }
 }
