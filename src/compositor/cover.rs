@@ -11,7 +11,7 @@ pub type Corners = [DVec3; 8];
 /// Boxes around the virtual parts, and the tiles they cover in this frame.
 #[derive(Debug, Default)]
 pub struct Cover {
-    boxes: Vec<Corners>,
+    boxes: Vec<Option<Corners>>,
     tiles: Vec<u8>,
     across: u32,
     /// First and one past the last covered tile, each way; empty when nothing is covered.
@@ -36,9 +36,16 @@ pub fn corners(positions: impl Iterator<Item = DVec3>, world_from_part: DMat4) -
 }
 
 impl Cover {
-    /// Other objects.
-    pub fn set_boxes(&mut self, boxes: Vec<Corners>) {
+    /// Other objects: a box for each part that has any extent.
+    pub fn set_boxes(&mut self, boxes: Vec<Option<Corners>>) {
         self.boxes = boxes;
+    }
+
+    /// Part `index` stands elsewhere.
+    pub fn set_box(&mut self, index: usize, corners: Corners) {
+        if let Some(slot) = self.boxes.get_mut(index) {
+            *slot = Some(corners);
+        }
     }
 
     /// Finds the tiles of a picture of `size` pixels.
@@ -49,7 +56,7 @@ impl Cover {
         self.tiles.resize((across * down) as usize, 0);
         if visible {
             let size = DVec2::new(f64::from(width), f64::from(height));
-            for corners in &self.boxes {
+            for corners in self.boxes.iter().flatten() {
                 match outline(corners, clip_from_world, size) {
                     Some(outline) => mark(&mut self.tiles, (across, down), &outline),
                     None => self.tiles.fill(1),
@@ -165,7 +172,7 @@ mod tests {
     #[test]
     fn a_box_covers_the_tiles_it_is_seen_in() {
         let mut cover = Cover::default();
-        cover.set_boxes(cube(DVec3::new(0.0, 0.0, 2.0), 0.1).into_iter().collect());
+        cover.set_boxes(vec![cube(DVec3::new(0.0, 0.0, 2.0), 0.1)]);
         cover.update(clip(), (20 * TILE, 20 * TILE), true);
         // 0.1 m at 1.95 m is half a tile each way about the centre: tiles 9 and 10.
         assert_eq!(cover.rectangle(), [9, 9, 2, 2]);
@@ -180,11 +187,11 @@ mod tests {
         let turn = DMat4::from_translation(DVec3::Z * 2.0)
             * DMat4::from_rotation_z(std::f64::consts::FRAC_PI_4);
         let ends = [DVec3::new(-1.0, -0.01, 0.0), DVec3::new(1.0, 0.01, 0.0)];
-        cover.set_boxes(corners(ends.into_iter(), turn).into_iter().collect());
+        cover.set_boxes(vec![corners(ends.into_iter(), turn)]);
         cover.update(clip(), (20 * TILE, 20 * TILE), true);
         let covered = cover.tiles().iter().filter(|t| **t != 0).count();
         assert!((10..60).contains(&covered), "{covered}");
-        cover.set_boxes(cube(DVec3::ZERO, 1.0).into_iter().collect());
+        cover.set_boxes(vec![cube(DVec3::ZERO, 1.0)]);
         cover.update(clip(), (20 * TILE, 20 * TILE), true);
         assert_eq!(cover.rectangle(), [0, 0, 20, 20]);
     }

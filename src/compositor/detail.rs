@@ -23,6 +23,8 @@ pub struct Level {
 pub struct Details {
     levels: Vec<Level>,
     corners: Option<Corners>,
+    /// How much larger it is than the errors were told for.
+    growth: f64,
     chosen: usize,
 }
 
@@ -50,6 +52,7 @@ impl Details {
         Self {
             levels,
             corners,
+            growth: 1.0,
             chosen: 0,
         }
     }
@@ -59,12 +62,22 @@ impl Details {
         self.corners.as_ref()
     }
 
+    /// The part stands elsewhere, or is of another size.
+    pub fn set_corners(&mut self, corners: Corners) {
+        let across = |c: &Corners| c[0].distance(c[7]);
+        let before = self.corners.as_ref().map_or(0.0, across);
+        if before > 0.0 {
+            self.growth *= across(&corners) / before;
+        }
+        self.corners = Some(corners);
+    }
+
     /// Chooses the coarsest level that looks like the finest; `focal` in pixels.
     pub fn choose(&mut self, clip_from_world: DMat4, focal: f64) {
         let nearest = self.corners.iter().flatten().fold(f64::INFINITY, |z, c| {
             z.min((clip_from_world * c.extend(1.0)).w)
         });
-        let pixels_per_metre = focal / nearest.max(1e-3);
+        let pixels_per_metre = self.growth * focal / nearest.max(1e-3);
         self.chosen = self
             .levels
             .iter()

@@ -104,8 +104,8 @@ impl Pipelines {
         variant: Variant,
     ) -> Self {
         Self {
-            shadow_map: ShadowMapPass::new(device, frame),
-            lamp_map: LampMapPass::new(device),
+            shadow_map: ShadowMapPass::new(device, frame, scene),
+            lamp_map: LampMapPass::new(device, scene),
             lamp_response: LampResponsePass::new(device, frame, scene, variant),
             phantom_geometry: PhantomGeometryPass::new(device, frame, scene),
             virtual_geometry: VirtualGeometryPass::new(device, frame, scene, variant),

@@ -17,12 +17,14 @@ mod gpu_data;
 mod lamp_layers;
 mod lamp_maps;
 mod light_maps;
+mod moving;
 mod near_maps;
 mod passes;
 pub mod planes;
 pub mod readback;
 pub mod reference;
 mod scene_buffers;
+mod scene_motion;
 mod scene_upload;
 mod shaders;
 mod shadow_slots;
@@ -171,7 +173,10 @@ impl Compositor {
         self.radiance_generation = None;
         self.near_generation = 0;
         let [virtual_hull, phantom_hull] = scene.hulls;
-        self.slots.set_casters(virtual_hull, phantom_hull);
+        let moving = self.scene.moving.iter();
+        let moving = moving.map(|part| (part.hull.clone(), part.world.as_mat4()));
+        self.slots
+            .set_casters(virtual_hull.with_moving(moving), phantom_hull);
     }
 
     /// Changes the greatest number of dome lights. Every map is drawn anew with the next

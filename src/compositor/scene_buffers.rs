@@ -3,7 +3,9 @@
 use super::bindings::{Slot, group, layout, sampler, view};
 use super::detail::Details;
 use super::gpu_data::{PhantomPartUniform, VirtualPartUniform};
+use super::moving::{CASTER_SHIFT, CasterPlaces, MovingPart};
 use crate::environment::lobes::phong_parameter;
+use crate::scene::motion::still_and_moving;
 use crate::scene::{Material, Part, Scene, SceneTexture};
 use glam::{DMat4, Mat4, Vec3};
 use std::sync::Arc;
@@ -16,11 +18,25 @@ pub struct MeshBuffers {
     pub count: u32,
 }
 
-/// Casters merged in world coordinates: one draw per shadow map.
+/// Casters that stand still, merged in world coordinates: one draw per shadow map.
 pub struct Casters {
     pub mesh: Option<MeshBuffers>,
     /// The same vertices, kept for fitting maps.
     pub positions: Vec<[f32; 3]>,
+}
+
+/// Casters of a set for one map: what stands still, then what moves, each with its number.
+pub fn draw_casters<'a>(
+    pass: &mut wgpu::RenderPass<'_>,
+    meshes: impl Iterator<Item = (u32, &'a MeshBuffers)>,
+    map: u32,
+) {
+    for (number, mesh) in meshes {
+        let instance = map | number << CASTER_SHIFT;
+        pass.set_vertex_buffer(0, mesh.vertices.slice(..));
+        pass.set_index_buffer(mesh.indices.slice(..), wgpu::IndexFormat::Uint32);
+        pass.draw_indexed(0..mesh.count, 0, instance..instance + 1);
+    }
 }
 
 /// One virtual part, ready to draw.
@@ -39,8 +55,13 @@ pub struct SceneBuffers {
     pub phantom_parts: Vec<DrawPart>,
     pub virtual_uniforms: wgpu::BindGroup,
     pub phantom_uniforms: wgpu::BindGroup,
+    /// What stands behind `virtual_uniforms`.
+    pub virtual_buffer: wgpu::Buffer,
     pub virtual_casters: Casters,
     pub phantom_casters: Casters,
+    /// Virtual parts that move, in the order of their indices.
+    pub moving: Vec<MovingPart>,
+    pub caster_places: CasterPlaces,
     /// All phantoms, ground included, as one position-only mesh: hides what is behind.
     pub occluders: Option<MeshBuffers>,
     pub ground_height: Option<f64>,
@@ -89,18 +110,17 @@ impl SceneBuffers {
             .filter(|p| !is_ground(p, scene))
             .cloned()
             .collect();
+        let (still, _) = still_and_moving(casters, &scene.motions);
+        let moving = moving(device, scene, casters);
+        let uniforms: Vec<_> = scene.virtual_parts.iter().map(virtual_uniform).collect();
+        let (virtual_buffer, virtual_uniforms) = storage(device, &layouts.parts, &uniforms);
+        let places = CasterPlaces::contents(&moving);
+        let (buffer, group) = storage(device, &layouts.parts, &places);
         Self {
             virtual_parts: scene.virtual_parts.iter().map(|p| draw(p, true)).collect(),
             phantom_parts: scene.phantom_parts.iter().map(|p| draw(p, false)).collect(),
-            virtual_uniforms: storage(
-                device,
-                &layouts.parts,
-                &scene
-                    .virtual_parts
-                    .iter()
-                    .map(virtual_uniform)
-                    .collect::<Vec<_>>(),
-            ),
+            virtual_uniforms,
+            virtual_buffer,
             phantom_uniforms: storage(
                 device,
                 &layouts.parts,
@@ -109,14 +129,49 @@ impl SceneBuffers {
                     .iter()
                     .map(phantom_uniform)
                     .collect::<Vec<_>>(),
-            ),
-            virtual_casters: merge(device, casters),
+            )
+            .1,
+            virtual_casters: merge(device, still),
             phantom_casters: merge(device, &solid),
+            moving,
+            caster_places: CasterPlaces::new(buffer, group),
             occluders: merge(device, &scene.phantom_parts).mesh,
             ground_height: scene.ground_height,
             has_phong: scene.has_phong(),
         }
     }
+}
+
+impl SceneBuffers {
+    /// All virtual casters with their numbers.
+    pub fn virtual_caster_meshes(&self) -> impl Iterator<Item = (u32, &MeshBuffers)> {
+        let still = self.virtual_casters.mesh.iter().map(|mesh| (0, mesh));
+        let moving = (1..).zip(&self.moving);
+        still.chain(moving.filter_map(|(k, part)| Some((k, part.caster.as_ref()?))))
+    }
+
+    /// All phantom casters with their numbers: none of them moves.
+    pub fn phantom_caster_meshes(&self) -> impl Iterator<Item = (u32, &MeshBuffers)> {
+        self.phantom_casters.mesh.iter().map(|mesh| (0, mesh))
+    }
+}
+
+/// The parts that move, where they stand at first.
+fn moving(device: &wgpu::Device, scene: &Scene, casters: &[Part]) -> Vec<MovingPart> {
+    let movers = scene.motions.parts.iter().filter_map(|mover| {
+        let part = scene.virtual_parts.get(mover.index)?;
+        Some((mover, part, casters.get(mover.index)?))
+    });
+    movers
+        .map(|(mover, part, caster)| {
+            let own = Part {
+                world_from_part: DMat4::IDENTITY,
+                ..caster.clone()
+            };
+            let mesh = merge(device, [&own]).mesh;
+            MovingPart::new(mover.index, mover.motion.clone(), part, caster, mesh)
+        })
+        .collect()
 }
 
 /// The ground shadows nothing above it, and would stretch the phantoms' shadow maps beyond
@@ -132,7 +187,7 @@ pub(super) fn is_ground(part: &Part, scene: &Scene) -> bool {
         .all(|v| (world.transform_point3(v.position.as_dvec3()).z - height).abs() < 1e-6)
 }
 
-fn merge(device: &wgpu::Device, parts: &[Part]) -> Casters {
+fn merge<'a>(device: &wgpu::Device, parts: impl IntoIterator<Item = &'a Part>) -> Casters {
     let mut positions: Vec<[f32; 3]> = Vec::new();
     let mut indices: Vec<u32> = Vec::new();
     for part in parts {
@@ -181,7 +236,7 @@ pub(super) fn placed_indices(part: &Part, indices: &[u32]) -> Vec<u32> {
     indices
 }
 
-fn matrices(world_from_part: DMat4) -> ([[f32; 4]; 4], [[f32; 4]; 4]) {
+pub(super) fn matrices(world_from_part: DMat4) -> ([[f32; 4]; 4], [[f32; 4]; 4]) {
     let world: Mat4 = world_from_part.as_mat4();
     let normal = world_from_part.inverse().transpose().as_mat4();
     let mut normal = normal.to_cols_array_2d();
@@ -229,17 +284,18 @@ fn storage<T: bytemuck::Pod>(
     device: &wgpu::Device,
     layout: &wgpu::BindGroupLayout,
     parts: &[T],
-) -> wgpu::BindGroup {
+) -> (wgpu::Buffer, wgpu::BindGroup) {
     // A binding may not be empty.
     let empty = [T::zeroed()];
     let contents = bytemuck::cast_slice(if parts.is_empty() { &empty } else { parts });
-    let usage = wgpu::BufferUsages::STORAGE;
+    let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST;
     let buffer = device.create_buffer_init(&BufferInitDescriptor {
         label: Some("parts"),
         contents,
         usage,
     });
-    group(device, "parts", layout, &[buffer.as_entire_binding()])
+    let bound = group(device, "parts", layout, &[buffer.as_entire_binding()]);
+    (buffer, bound)
 }
 
 struct MaterialUploader<'a> {

@@ -16,8 +16,8 @@ pub struct SceneUploader {
 /// A scene on the device.
 pub struct UploadedScene {
     pub(super) buffers: SceneBuffers,
-    pub(super) boxes: Vec<Corners>,
-    /// Of virtual casters, and of phantoms.
+    pub(super) boxes: Vec<Option<Corners>>,
+    /// Of virtual casters that stand still, and of phantoms.
     pub(super) hulls: [CasterHull; 2],
 }
 
@@ -29,7 +29,7 @@ impl SceneUploader {
         let Gpu { device, queue, .. } = &self.gpu;
         let buffers = SceneBuffers::upload(device, queue, &self.layouts, scene, casters);
         let details = buffers.virtual_parts.iter().map(|part| &part.details);
-        let boxes = details.filter_map(|d| d.corners().copied()).collect();
+        let boxes = details.map(|d| d.corners().copied()).collect();
         let casters = [&buffers.virtual_casters, &buffers.phantom_casters];
         UploadedScene {
             hulls: casters.map(|c| CasterHull::around(&c.positions)),

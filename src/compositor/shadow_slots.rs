@@ -7,12 +7,14 @@
 
 use super::gpu_data::LightUniform;
 use crate::environment::{DomeLight, LightKind};
-use glam::Vec3;
+use glam::{Mat4, Vec3};
 
 /// Extreme points of a set of casters, enough to fit a map around it from any side.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CasterHull {
     points: Vec<Vec3>,
+    /// Casters that move: where their points begin above, and these in their own frames.
+    moving: Vec<(usize, Vec<Vec3>)>,
 }
 
 /// Directions along which [`CasterHull`] keeps the outermost vertex.
@@ -24,6 +26,16 @@ impl CasterHull {
     /// The outermost of `vertices` (world, metres) along directions spread over the sphere.
     #[must_use]
     pub fn around(vertices: &[[f32; 3]]) -> Self {
+        let keep = Self::outermost(vertices).into_iter();
+        Self {
+            points: keep.map(|i| Vec3::from(vertices[i])).collect(),
+            moving: Vec::new(),
+        }
+    }
+
+    /// Which of `vertices` these are.
+    #[must_use]
+    pub fn outermost(vertices: &[[f32; 3]]) -> Vec<usize> {
         let mut keep: Vec<usize> = fibonacci_sphere(HULL_DIRECTIONS)
             .filter_map(|d| {
                 let along = |i: &usize| Vec3::from(vertices[*i]).dot(d);
@@ -32,8 +44,29 @@ impl CasterHull {
             .collect();
         keep.sort_unstable();
         keep.dedup();
-        Self {
-            points: keep.into_iter().map(|i| Vec3::from(vertices[i])).collect(),
+        keep
+    }
+
+    /// Around casters that move, too: their outermost points, in their own frames, and where
+    /// they are.
+    #[must_use]
+    pub fn with_moving(mut self, moving: impl Iterator<Item = (Vec<Vec3>, Mat4)>) -> Self {
+        for (own, world) in moving {
+            let first = self.points.len();
+            self.points
+                .extend(own.iter().map(|p| world.transform_point3(*p)));
+            self.moving.push((first, own));
+        }
+        self
+    }
+
+    /// The moving caster of this `number` is elsewhere.
+    fn place(&mut self, number: usize, world: Mat4) {
+        if let Some((first, own)) = self.moving.get(number) {
+            let points = self.points.iter_mut().skip(*first);
+            for (point, own) in points.zip(own) {
+                *point = world.transform_point3(*own);
+            }
         }
     }
 
@@ -42,6 +75,7 @@ impl CasterHull {
     pub fn joined(&self, other: &Self) -> Self {
         Self {
             points: [self.points.as_slice(), &other.points].concat(),
+            moving: Vec::new(),
         }
     }
 
@@ -190,6 +224,20 @@ impl ShadowSlots {
         self.casters += 1;
     }
 
+    /// The moving caster of this `number` is elsewhere; [`Self::casters_moved`] follows.
+    pub fn move_caster(&mut self, number: usize, world: Mat4) {
+        self.virtual_hull.place(number, world);
+    }
+
+    /// Some of the casters were moved: every map is out of date.
+    pub fn casters_moved(&mut self) {
+        let virtual_points = &self.virtual_hull.points;
+        if let Some(same) = self.both.points.get_mut(..virtual_points.len()) {
+            same.copy_from_slice(virtual_points);
+        }
+        self.casters += 1;
+    }
+
     /// All casters, and how often they have changed.
     #[must_use]
     pub const fn casters(&self) -> (&CasterHull, u64) {
@@ -238,11 +286,9 @@ impl ShadowSlots {
                 return f32::INFINITY;
             }
             let turned = slot.direction.distance(light.direction);
-            let moved = if slot.casters == self.casters {
-                0.0
-            } else {
-                1.0
-            };
+            // Older maps are the more urgent: where casters move in every picture none is
+            // passed over for ever.
+            let moved = (self.casters - slot.casters) as f32;
             (turned + moved) * light.irradiance.element_sum()
         };
         chosen.extend((0..lights.len()).filter(|i| urgency(*i) > 1e-6));
@@ -381,6 +427,31 @@ mod tests {
         assert_eq!(order[0], 5);
         order.sort_unstable();
         assert_eq!(order, (0..16).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn casters_that_move_take_their_hull_along_and_starve_no_map() {
+        let mut slots = ShadowSlots::default();
+        let own: Vec<Vec3> = cube().into_iter().map(Vec3::from).collect();
+        let moving = std::iter::once((own.clone(), Mat4::IDENTITY));
+        let still = CasterHull::around(&[[5.0, 0.0, 0.0]]).with_moving(moving);
+        slots.set_casters(still, CasterHull::around(&[[0.0, 0.0, -3.0]]));
+        let mut lights: Vec<_> = fibonacci_sphere(8).map(light).collect();
+        lights[5].irradiance *= 3.0;
+        let (mut chosen, mut drawn) = (Vec::new(), [0; 8]);
+        slots.schedule(&lights, 64, Refresh::UpTo(1), &mut chosen);
+        let places = |slots: &ShadowSlots| slots.both.points.as_ptr();
+        let before = places(&slots);
+        for i in 1..=80 {
+            slots.move_caster(0, Mat4::from_translation(Vec3::X * i as f32));
+            slots.casters_moved();
+            slots.schedule(&lights, 64, Refresh::UpTo(1), &mut chosen);
+            chosen.iter().for_each(|i| drawn[*i] += 1);
+        }
+        assert_eq!(slots.both.extent(Vec3::X), Some((0.0, 81.0)));
+        assert_eq!(slots.both.extent(Vec3::Z), Some((-3.0, 1.0)));
+        assert_eq!(places(&slots), before, "nothing is allocated");
+        assert!(drawn.iter().all(|n| *n >= 5) && drawn[5] > 12, "{drawn:?}");
     }
 
     #[test]

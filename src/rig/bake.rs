@@ -123,6 +123,17 @@ pub fn scene_to_bake(
             path: path.to_owned(),
         });
     }
+    if let Some(part) = scene
+        .motions
+        .parts
+        .first()
+        .and_then(|m| scene.virtual_parts.get(m.index))
+    {
+        return Err(RigError::Moves {
+            path: path.to_owned(),
+            part: part.name.clone(),
+        });
+    }
     Ok(scene)
 }
 

@@ -1,6 +1,7 @@
 //! The light at the scene camera's white point: environment pictures, gains and the
 //! ground's radiance become [`Lighting`].
 
+use super::near_light::NearStation;
 use super::prepare::LightState;
 use super::scene_light::{RealLight, SceneLight, hides};
 use super::watch::{GroundWatch, PhantomWatch};
@@ -21,7 +22,7 @@ use crate::calibration::{Response, RigCalibration};
 use crate::config::{Config, Filtering, Unseen, WhiteBalanceMethod};
 use crate::environment::{Bracket, EnvironmentEstimator, EnvironmentInput, Lighting, Placement};
 use crate::picture::{Picture, PictureError, YuvEncoding, decode_into};
-use crate::scene::{Attachments, NearField, casters};
+use crate::scene::{Attachments, casters};
 use crate::sync::EnvironmentSet;
 use glam::{DVec3, Mat3, Quat, Vec3};
 use penumbra_interface::{Exposure, MonotonicTime, RigidTransform};
@@ -45,7 +46,9 @@ pub struct LightStation {
     decoded: Vec<Picture>,
     generation: Option<u64>,
     lighting: Option<Arc<Lighting>>,
-    near: Option<NearField>,
+    near: NearStation,
+    /// Since the session began.
+    seconds: f64,
     since_overlap: u32,
 }
 
@@ -91,7 +94,8 @@ impl LightStation {
             decoded: Vec::new(),
             generation: None,
             lighting: None,
-            near: NearField::new(&setup.scene, &casters(&setup.scene)),
+            near: NearStation::new(&setup.scene, &casters(&setup.scene)),
+            seconds: 0.0,
             since_overlap: 0,
         })
     }
@@ -119,8 +123,9 @@ impl LightStation {
             self.match_cameras(set, scene);
             self.estimate(set, scene)?;
         }
-        if let (Some(near), Some(lighting)) = (&mut self.near, &self.lighting) {
-            near.update(lighting, self.phantoms.radiance(lighting));
+        if let Some(lighting) = &self.lighting {
+            let phantoms = self.phantoms.radiance(lighting);
+            self.near.update(self.seconds, lighting, phantoms);
         }
         Ok(self.lighting.clone())
     }
@@ -266,15 +271,19 @@ impl LightStation {
             real,
         } = scene;
         ground.follow(&self.ground);
-        if let (Some(near), Some(before)) = (&mut near, &self.near) {
-            near.follow(before);
-        }
+        near.follow(&self.near);
         (self.near, self.ground) = (near, ground);
         if let Some(real) = real {
             (self.phantoms, self.rays) = (real.phantoms, real.rays);
             self.estimator = real.estimator.or(self.estimator.take());
         }
         self.set_phong(phong);
+    }
+
+    /// When what is seen next was seen, seconds after the session began: where things are that
+    /// move.
+    pub const fn set_time(&mut self, seconds: f64) {
+        self.seconds = seconds;
     }
 
     /// Changes placement and number of the dome lights.
@@ -319,10 +328,7 @@ impl LightStation {
         let estimator = self.estimator.as_ref();
         LightState {
             lighting: self.lighting.clone(),
-            near: self
-                .near
-                .as_ref()
-                .map(|near| Arc::new(near.light().clone())),
+            near: self.near.light().map(|near| Arc::new(near.clone())),
             white_balance: Some(Arc::new(self.match_status())),
             sources: Arc::new(
                 estimator

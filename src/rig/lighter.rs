@@ -27,6 +27,8 @@ pub(super) struct Seen {
     pub arrived_at: MonotonicTime,
     /// Middle of its exposure.
     pub captured_at: MonotonicTime,
+    /// The same, seconds after the session began.
+    pub seconds: f64,
     /// As the camera reports it.
     pub exposure: Option<Exposure>,
     /// Its pose, if it is known.
@@ -37,10 +39,11 @@ pub(super) struct Seen {
 
 impl Seen {
     /// Of a paired picture; its pose may have been refused.
-    pub fn new(frame: &RigFrame, world_from_camera: Option<RigidTransform>) -> Self {
+    pub fn new(frame: &RigFrame, seconds: f64, world_from_camera: Option<RigidTransform>) -> Self {
         Self {
             arrived_at: frame.scene.arrived_at,
             captured_at: frame.captured_at,
+            seconds,
             exposure: frame.scene.exposure,
             world_from_camera,
             environment: frame.environment.as_ref().map(|e| Arc::clone(&e.set)),
@@ -148,6 +151,7 @@ impl Lighter {
             captured_at: seen.captured_at,
             exposure: seen.exposure,
         };
+        self.light.set_time(seen.seconds);
         let result = self.light.update(seen.environment.as_deref(), &view);
         let generation = self.light.lighting().map(|l| l.generation);
         let changed = generation != self.generation;

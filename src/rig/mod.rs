@@ -14,6 +14,7 @@ pub mod light_report;
 mod lighter;
 mod lights;
 mod live_status;
+mod near_light;
 mod notify;
 mod pace;
 mod planes;
@@ -104,6 +105,18 @@ pub enum RigError {
     NothingVirtual {
         /// The scene.
         path: PathBuf,
+    },
+    /// A bake of what does not stand still.
+    #[error(
+        "{path}: `{part}` moves, and planes are baked for what stands still; take its `keys` and \
+         `animation` away, or use the light dome, which needs no bake",
+        path = path.display()
+    )]
+    Moves {
+        /// The scene.
+        path: PathBuf,
+        /// A part that moves.
+        part: String,
     },
     /// The view of the environment.
     #[error(transparent)]

@@ -104,6 +104,10 @@ impl PlanesStation {
             self.status.state = PlanesState::Off;
             return Ok(true);
         }
+        if let Some(mover) = wanted.motions.parts.first() {
+            self.refuse(wanted, mover.index);
+            return Ok(true);
+        }
         let first = self.in_force.is_none() && self.failed.is_none();
         let wait = first && !runner.source.is_live();
         loop {
@@ -156,6 +160,24 @@ impl PlanesStation {
         force.world_from_bake = motion;
         compositor.move_planes(motion);
         fit
+    }
+
+    /// Planes are baked for what stands still: a scene in which part `index` moves has the dome's
+    /// shadows.
+    fn refuse(&mut self, scene: &Arc<Scene>, index: usize) {
+        self.retire();
+        if !self.has_failed(scene) {
+            let name = scene
+                .virtual_parts
+                .get(index)
+                .map_or("", |p| p.name.as_str());
+            let reason = format!(
+                "`{name}` moves (`keys` or `animation`), and planes are baked for what stands still"
+            );
+            tracing::warn!("shadowing planes: {reason}; the light dome casts the shadows");
+            self.failed = Some((scene.clone(), reason));
+        }
+        self.status.state = self.settled(scene);
     }
 
     fn has_failed(&self, scene: &Arc<Scene>) -> bool {

@@ -279,14 +279,15 @@ impl Worker {
             .setup
             .world_from_camera(&frame)
             .filter(|_| misfit.is_none());
-        let seen = Seen::new(&frame, world_from_camera);
+        let seconds = frame.captured_at.seconds_since(first);
+        let seen = Seen::new(&frame, seconds, world_from_camera);
         if let Some(note) = self.lights.see(&seen, &picture, noted) {
             self.feed.note(seen.arrived_at, note);
         }
         let light = self.lights.in_force();
         Step::Frame(Box::new(Prepared {
             index: frame.index,
-            seconds: frame.captured_at.seconds_since(first),
+            seconds,
             picture,
             world_from_camera,
             light: light.state.clone(),

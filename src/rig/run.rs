@@ -17,7 +17,7 @@ use crate::config;
 use crate::environment::{BrightestFollower, BrightestLight};
 use crate::output::files::FrameFolder;
 use crate::picture::Picture;
-use crate::scene::lamps::lamps_at;
+use crate::scene::PlacedLamp;
 use crate::status::snapshot::SessionState;
 use crate::status::{self, Settings, StageTimes, Technique};
 use crate::sync::{Provenance, RigFrame};
@@ -53,6 +53,8 @@ pub(super) struct Run {
     planes: PlanesStation,
     follower: BrightestFollower,
     brightest: BrightestLight,
+    /// Where they are in the picture at hand.
+    lamps: Vec<PlacedLamp>,
     started: Instant,
     /// Something is on the screen.
     shown: bool,
@@ -94,6 +96,7 @@ impl Run {
             planes: PlanesStation::default(),
             follower: BrightestFollower::default(),
             brightest: BrightestLight::default(),
+            lamps: Vec::new(),
             started: Instant::now(),
             shown: false,
             closed: false,
@@ -215,7 +218,9 @@ impl Run {
         let settings = &self.settings;
         let shadows = settings.technique != Technique::ImageBasedLighting;
         let refresh = runner.config.shadows.refresh_per_frame;
-        let lamps = lamps_at(&self.scenes.shown().lamps, prepared.seconds);
+        let scene = self.scenes.shown();
+        scene.lamps_at(prepared.seconds, &mut self.lamps);
+        self.compositor.set_time(prepared.seconds);
         self.compositor.compose(&FrameInput {
             picture: &prepared.picture,
             camera: &runner.setup.calibration.scene_camera.camera,
@@ -226,7 +231,7 @@ impl Run {
                 .near
                 .as_deref()
                 .filter(|_| settings.bounced_light),
-            lamps: &lamps,
+            lamps: &self.lamps,
             lamp_response: match settings.lamp_response {
                 config::LampResponse::Intrinsic => LampResponse::Intrinsic,
                 config::LampResponse::Paper => LampResponse::Paper {

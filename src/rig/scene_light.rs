@@ -3,6 +3,7 @@
 
 use super::RigError;
 use super::light::placement;
+use super::near_light::NearStation;
 use super::watch::{GroundWatch, PhantomWatch};
 use crate::calibration::RigCalibration;
 use crate::calibration::photometry::raycast::{GROUND, PhantomCaster};
@@ -11,7 +12,7 @@ use crate::config::{Clipped, Config, Irradiance};
 use crate::environment::{
     ClippedEnergy, EnvironmentEstimator, EnvironmentSettings, IrradianceMethod,
 };
-use crate::scene::{NearField, Part, Scene};
+use crate::scene::{Part, Scene};
 use glam::DVec3;
 use std::sync::Arc;
 
@@ -43,7 +44,7 @@ impl RealLight {
 
 /// What depends on the whole scene.
 pub(super) struct SceneLight {
-    pub near: Option<NearField>,
+    pub near: NearStation,
     pub ground: GroundWatch,
     /// Whether anything wants Phong's lobes.
     pub phong: bool,
@@ -70,7 +71,7 @@ impl SceneLight {
             None => Arc::new(PhantomCaster::new(scene)),
         };
         Ok(Self {
-            near: NearField::new(scene, casters),
+            near: NearStation::new(scene, casters),
             ground: GroundWatch::new(rig, scene, rays),
             phong: scene.has_phong(),
             real,

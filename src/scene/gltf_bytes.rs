@@ -14,6 +14,9 @@ pub type Resolver<'r> = dyn Fn(&str) -> Result<Vec<u8>, String> + 'r;
 /// Elements of an accessor that has no buffer view.
 const MOST_IMPLIED: usize = 1 << 20;
 
+/// Files of one model that are watched.
+const MOST_NAMED: usize = 1000;
+
 const DAMAGED: &str = "the file is damaged; export it again";
 
 /// The JSON text and the binary chunk of a `.glb`; a `.gltf` is all JSON (section 4.4 of
@@ -59,6 +62,26 @@ fn chunk<'a>(bytes: &'a [u8], kind: &[u8; 4]) -> Result<(&'a [u8], &'a [u8]), Fa
     Ok((body, rest.get(length as usize..).unwrap_or_default()))
 }
 
+/// The files that a glTF names, by paths relative to itself; none where it cannot be read.
+pub(super) fn named_files(bytes: &[u8]) -> Vec<String> {
+    let root = split(bytes).ok().and_then(|(json, _)| {
+        let text = serde_json::from_slice::<serde_json::Value>(json);
+        text.ok()
+    });
+    let lists = ["buffers", "images"].into_iter().filter_map(|list| {
+        let root = root.as_ref()?;
+        root.get(list)?.as_array()
+    });
+    let uris = lists
+        .flatten()
+        .filter_map(|entry| entry.get("uri")?.as_str());
+    let files = uris.filter(|uri| !uri.starts_with("data:"));
+    files
+        .filter_map(|uri| inside(uri).ok())
+        .take(MOST_NAMED)
+        .collect()
+}
+
 /// What a URI leads to: a data URI's own bytes, or a file the resolver may reach.
 pub(super) fn follow(uri: &str, resolve: &Resolver) -> Result<Vec<u8>, Fault> {
     if let Some(data) = uri.strip_prefix("data:") {
@@ -67,6 +90,11 @@ pub(super) fn follow(uri: &str, resolve: &Resolver) -> Result<Vec<u8>, Fault> {
             .ok_or("a data URI that is not base64; embed the data as base64")?;
         return base64(text).ok_or_else(|| "a data URI with broken base64; export it again".into());
     }
+    resolve(&inside(uri)?).map_err(|e| format!("it refers to `{uri}`: {e}"))
+}
+
+/// The path of a URI that stays within the model's folder.
+fn inside(uri: &str) -> Result<String, Fault> {
     let path = percent_decoded(uri)?;
     let outside = path.contains(':')
         || path.starts_with(['/', '\\'])
@@ -76,7 +104,7 @@ pub(super) fn follow(uri: &str, resolve: &Resolver) -> Result<Vec<u8>, Fault> {
             "it refers to `{uri}`, outside its own folder; put the file beside it"
         ));
     }
-    resolve(&path).map_err(|e| format!("it refers to `{uri}`: {e}"))
+    Ok(path)
 }
 
 fn percent_decoded(uri: &str) -> Result<String, Fault> {

@@ -2,14 +2,17 @@
 //! `.gltf`, in memory or on disk. Converted here, once, from glTF's +Y up to Penumbra's
 //! +Z up.
 //!
-//! Skins, morph targets, cameras and animations are passed over: the mesh is drawn in its rest
-//! shape. Of lights (KHR_lights_punctual) points and spots are read.
+//! Skins, morph targets and cameras are passed over: the mesh is drawn in its rest shape. Lights
+//! (KHR_lights_punctual) are read, and one animation of nodes where it is wanted.
 
 use super::check::{LARGEST_FILE, MOST_TRIANGLES, check_mesh};
-use super::gltf_bytes::{Fault, Resolver, Source};
+use super::gltf_bytes::{Fault, Resolver, Source, named_files};
 use super::gltf_lamp::{ModelLamp, lamp};
 use super::gltf_material::{Look, Materials};
+pub use super::gltf_motion::Playing;
+use super::gltf_motion::{Skeleton, names};
 use super::lamps::MOST_LAMPS;
+use super::motion::Motion;
 use super::normals::{recompute_normals, recompute_tangents, tidy_directions};
 use super::{Material, Mesh, Part, SceneError, Vertex};
 use crate::calibration::rig_json::z_up_from_y_up;
@@ -17,7 +20,7 @@ use glam::{DMat3, DMat4, Mat4, Vec2, Vec3, Vec4};
 use gltf::accessor::Dimensions;
 use gltf::mesh::Mode;
 use std::collections::HashMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Nodes below nodes.
@@ -32,6 +35,14 @@ pub struct Model {
     pub parts: Vec<ModelPart>,
     /// Its lamps.
     pub lamps: Vec<ModelLamp>,
+    /// What becomes of each part in the animation that plays: the model from the part.
+    pub part_motions: Vec<Option<Motion>>,
+    /// The same for each lamp: the model from its node.
+    pub lamp_motions: Vec<Option<Motion>>,
+    /// Names of all animations.
+    pub animations: Vec<String>,
+    /// The animation that was wanted is there.
+    pub plays: bool,
 }
 
 /// One mesh with one material, placed within its model.
@@ -48,6 +59,27 @@ pub struct ModelPart {
 }
 
 impl Model {
+    /// How part `index` moves, or stands, in a world in which the model is at `world_from_model`.
+    pub(super) fn part_motion(&self, index: usize, world_from_model: &Motion) -> Motion {
+        let world = world_from_model.clone();
+        match (self.part_motions.get(index), self.parts.get(index)) {
+            (Some(Some(own)), _) => world.then_all(own),
+            (_, Some(part)) => world.then(part.model_from_part),
+            (_, None) => world,
+        }
+    }
+
+    /// What carries lamp `index` away from where it is at the beginning.
+    pub(super) fn lamp_motion(&self, index: usize, world_from_model: &Motion) -> Motion {
+        let world = world_from_model.clone();
+        let chain = match self.lamp_motions.get(index) {
+            Some(Some(own)) => world.then_all(own),
+            _ => world,
+        };
+        let home = chain.at(0.0).inverse();
+        chain.then(home)
+    }
+
     /// The parts, placed in the world.
     #[must_use]
     pub fn placed(&self, world_from_model: DMat4) -> Vec<Part> {
@@ -65,12 +97,26 @@ impl Model {
     }
 }
 
-/// Reads a glTF file. Files it names must lie in its own folder or below.
+/// Reads a glTF file in its rest pose. Files it names must lie in its own folder or below.
 pub fn load_gltf(path: &Path) -> Result<Model, SceneError> {
+    load_gltf_playing(path, Playing::Nothing)
+}
+
+/// The same with one of its animations.
+pub fn load_gltf_playing(path: &Path, playing: Playing<'_>) -> Result<Model, SceneError> {
     let file = path.display().to_string();
     let folder = path.parent().unwrap_or(Path::new("")).to_owned();
     let bytes = read_file(path)?;
-    load_gltf_bytes(&bytes, &file, &|uri| beside(&folder, uri))
+    load_bytes(&bytes, &file, &|uri| beside(&folder, uri), playing)
+}
+
+/// The files that a glTF file names, whether they are there or not.
+#[must_use]
+pub fn files_of_gltf(path: &Path) -> Vec<PathBuf> {
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let bytes = read_file(path).unwrap_or_default();
+    let named = named_files(&bytes).into_iter();
+    named.map(|name| folder.join(name)).collect()
 }
 
 /// The bytes of a file of reasonable size.
@@ -107,34 +153,59 @@ fn beside(folder: &Path, uri: &str) -> Result<Vec<u8>, Fault> {
 /// Reads a glTF from memory. `file` is its name, for messages; `resolve` finds files it
 /// names by a path relative to itself.
 pub fn load_gltf_bytes(bytes: &[u8], file: &str, resolve: &Resolver) -> Result<Model, SceneError> {
-    read(bytes, file, resolve)
+    load_bytes(bytes, file, resolve, Playing::Nothing)
+}
+
+fn load_bytes(
+    bytes: &[u8],
+    file: &str,
+    resolve: &Resolver,
+    playing: Playing<'_>,
+) -> Result<Model, SceneError> {
+    read(bytes, file, resolve, playing)
         .map_err(|reason| SceneError::broken(file, format!("not a usable glTF: {reason}")))
 }
 
-fn read(bytes: &[u8], file: &str, resolve: &Resolver) -> Result<Model, Fault> {
+fn read(
+    bytes: &[u8],
+    file: &str,
+    resolve: &Resolver,
+    playing: Playing<'_>,
+) -> Result<Model, Fault> {
     let source = Source::open(bytes, resolve)?;
+    let skeleton = Skeleton::read(&source, playing, file)?;
     let mut reader = Reader {
         source: &source,
         materials: Materials::new(&source, resolve, file),
         meshes: HashMap::new(),
-        model: Model::default(),
+        model: Model {
+            animations: names(&source.document),
+            plays: skeleton.found,
+            ..Model::default()
+        },
         triangles: 0,
     };
     for (node, matrix) in placed_nodes(&source.document)? {
+        let motion = skeleton.motion(node.index());
+        let turn = z_up_from_y_up();
+        let matrix = motion
+            .as_ref()
+            .map_or(matrix, |m| turn.transpose() * m.at(0.0) * turn);
         if let Some(light) = node.light() {
             if reader.model.lamps.len() >= MOST_LAMPS {
                 return Err(format!("more than {MOST_LAMPS} lights; take some away"));
             }
-            reader
-                .model
-                .lamps
-                .extend(lamp(&node, &light, matrix, file)?);
+            let model = &mut reader.model;
+            model.lamps.push(lamp(&node, &light, matrix)?);
+            model.lamp_motions.push(motion.clone());
         }
         if let Some(mesh) = node.mesh() {
             if node.skin().is_some() || mesh.weights().is_some() {
                 tracing::warn!(file, node = ?node.name(), "skin or morph weights are passed over: drawn in its rest shape");
             }
             reader.add(&node, &mesh, matrix)?;
+            let count = reader.model.parts.len();
+            reader.model.part_motions.resize(count, motion);
         }
     }
     if reader.model.parts.is_empty() && reader.model.lamps.is_empty() {

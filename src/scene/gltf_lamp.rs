@@ -15,8 +15,10 @@ pub struct ModelLamp {
     /// How it spreads its light. A spot's light falls off linearly with the angle, and not as
     /// the extension has it, with the square of a share of cosines.
     pub kind: VirtualLightKind,
-    /// Linear RGB, candela.
+    /// Linear RGB, candela; of a parallel one such that it has its lux at the model.
     pub candela: Vec3,
+    /// A directional light: a point as far away as [`FAR`], from which light comes all but parallel.
+    pub parallel: bool,
     /// In the model's frame (+Z up), metres.
     pub position: DVec3,
     /// Unit vector along which a spot shines.
@@ -27,7 +29,11 @@ impl ModelLamp {
     /// The lamp in the world, for a camera that shows `white` cd/m² as white.
     #[must_use]
     pub fn placed(&self, world_from_model: DMat4, white: f64) -> VirtualLight {
-        let position = world_from_model.transform_point3(self.position);
+        let mut position = world_from_model.transform_point3(self.position);
+        let along = world_from_model.transform_vector3(self.direction);
+        if self.parallel {
+            position -= along.normalize_or(DVec3::NEG_Z) * FAR;
+        }
         let aim = world_from_model.transform_point3(self.position + self.direction);
         VirtualLight {
             name: self.name.clone(),
@@ -44,25 +50,19 @@ impl ModelLamp {
     }
 }
 
-/// The lamp of a node at `matrix` in glTF's frame; `None` for a light that is infinitely far
-/// away.
+/// How far away a directional light is, metres: over a scene of a metre its light then turns by
+/// a thousandth and fades by two.
+pub const FAR: f64 = 1000.0;
+
+/// The lamp of a node at `matrix` in glTF's frame.
 pub(super) fn lamp(
     node: &gltf::Node<'_>,
     light: &Light<'_>,
     matrix: DMat4,
-    file: &str,
-) -> Result<Option<ModelLamp>, Fault> {
+) -> Result<ModelLamp, Fault> {
     let name = node.name().or(light.name()).unwrap_or("light").to_owned();
     let kind = match light.kind() {
-        Kind::Directional => {
-            tracing::warn!(
-                file,
-                name,
-                "directional lights are passed over: the sun is the camera's"
-            );
-            return Ok(None);
-        }
-        Kind::Point => VirtualLightKind::Point,
+        Kind::Directional | Kind::Point => VirtualLightKind::Point,
         Kind::Spot {
             inner_cone_angle,
             outer_cone_angle,
@@ -78,7 +78,9 @@ pub(super) fn lamp(
             "light `{name}`: expected 0 ≤ innerConeAngle < outerConeAngle ≤ π/2"
         ));
     }
-    let candela = Vec3::from(light.color()) * light.intensity();
+    let parallel = matches!(light.kind(), Kind::Directional);
+    let reach = if parallel { FAR * FAR } else { 1.0 };
+    let candela = Vec3::from(light.color()) * light.intensity() * reach as f32;
     if !candela.is_finite() || candela.min_element() < 0.0 {
         return Err(format!(
             "light `{name}`: expected a colour and an intensity of 0 or more"
@@ -87,11 +89,12 @@ pub(super) fn lamp(
     let turn = z_up_from_y_up();
     let along = matrix.transform_vector3(DVec3::NEG_Z).try_normalize();
     let along = along.ok_or_else(|| format!("light `{name}`: its node has no size"))?;
-    Ok(Some(ModelLamp {
+    Ok(ModelLamp {
         name,
         kind,
         candela,
+        parallel,
         position: turn.transform_point3(matrix.w_axis.truncate()),
         direction: turn.transform_vector3(along),
-    }))
+    })
 }

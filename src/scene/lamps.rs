@@ -79,15 +79,6 @@ fn key_at(keys: &[VirtualLightKey], seconds: f64) -> Option<VirtualLightKey> {
     })
 }
 
-/// All of `lamps` at one instant, without those that are dark.
-#[must_use]
-pub fn lamps_at(lamps: &[VirtualLight], seconds: f64) -> Vec<PlacedLamp> {
-    let placed = lamps.iter().filter_map(|lamp| lamp.at(seconds));
-    placed
-        .filter(|lamp| lamp.intensity.max_element() > 0.0)
-        .collect()
-}
-
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
@@ -144,10 +135,8 @@ mod tests {
     }
 
     #[test]
-    fn dark_lamps_and_lamps_without_keys_are_left_out() {
-        let lamps = [spot(vec![key(0.0, 0.0, 0.0)]), spot(Vec::new())];
-        assert!(lamps_at(&lamps, 0.0).is_empty());
-        assert_eq!(lamps_at(&[spot(vec![key(0.0, 0.0, 1.0)])], 0.0).len(), 1);
+    fn a_lamp_without_keys_is_nowhere() {
+        assert!(spot(Vec::new()).at(0.0).is_none());
     }
 
     #[test]

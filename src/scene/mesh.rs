@@ -1,5 +1,6 @@
 //! Meshes, materials, and the scene that holds them.
 
+use super::motion::Motions;
 use super::planes::ShadowingPlane;
 use crate::calibration::rig_json::VirtualLight;
 use glam::{DMat4, Vec2, Vec3, Vec4};
@@ -150,6 +151,8 @@ pub struct Scene {
     pub lamps: Vec<VirtualLight>,
     /// Shadowing planes that are placed by hand.
     pub planes: Vec<ShadowingPlane>,
+    /// What of it moves; its parts stand here where they are at the beginning.
+    pub motions: Motions,
 }
 
 impl Scene {

@@ -23,6 +23,13 @@
 //! scale = 1.0                      # a number, or one for each axis
 //! # each of these replaces what the file says, and its texture:
 //! material = { base_colour = "#c04020", metallic = 0.0, roughness = 0.4, emissive = [0, 0, 0] }
+//! repeat_s = 6.0                   # it moves: its path begins anew; without it, it stays at the
+//! easing = "smooth"                # end. From key to key "smooth", "linear" or in a "step"
+//! keys = [                         # what a key leaves out is as above
+//!     { at_s = 0.0 },              # angles go on their own: 0 to 360 is a full turn, while
+//!     { at_s = 3.0, position_m = [0.1, 0.0, 0.0], rotation_deg = [390.0, 0.0, 0.0], scale = 1.2 },
+//! ]                                # rotation_wxyz goes the shorter way
+//! # animation = true               # or a name: an animation of a .glb or .gltf, over and over
 //!
 //! [[object]]
 //! shape = "sphere"
@@ -81,11 +88,11 @@
 //! Boxes, cylinders, cones and gates stand on their origin; the others are centred on it.
 
 use super::gate::temple_gate;
-use super::gltf_file::{ModelPart, read_file};
-use super::lamps::MOST_LAMPS;
+use super::gltf_file::{ModelPart, Playing, files_of_gltf, load_gltf_playing, read_file};
+use super::motion::Motions;
 use super::planes::{ShadowingPlane, covered_parts};
 use super::primitives;
-use super::{Attachments, Material, Mesh, Model, Part, Scene, SceneError, load_gltf, load_ply};
+use super::{Attachments, Material, Mesh, Model, Part, Scene, SceneError, load_ply};
 use crate::calibration::RigDocument;
 use crate::calibration::rig_json::{GroundPlane, VirtualLight};
 use crate::config::SceneChoice;
@@ -93,14 +100,17 @@ use crate::config::toml_text::{Fault, TomlText};
 use glam::{DMat4, DVec3, Vec3};
 use lamp::Surroundings;
 use penumbra_interface::RigidTransform;
-use std::collections::HashMap;
+use placed::Placed;
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use typed::{Entry, Ground, Place, SceneFile, Shape};
+use typed::{Entry, Ground, SceneFile, Shape};
 
 mod lamp;
 mod material;
+mod motion;
 mod place;
+mod placed;
 mod plane;
 mod typed;
 
@@ -118,6 +128,8 @@ pub struct SceneAddition {
     pub lamps: Vec<VirtualLight>,
     /// Shadowing planes that are placed by hand.
     pub planes: Vec<ShadowingPlane>,
+    /// What of `objects` and `lamps` moves.
+    pub motions: Motions,
     /// Takes the place of the session's ground.
     pub ground: Option<GroundPlane>,
     /// Whether the session's own phantoms stay.
@@ -144,43 +156,16 @@ impl SceneAddition {
             )));
         }
         let world_from_model = model.to_matrix();
-        let mut objects = Vec::new();
-        let mut places = HashMap::new();
         let white = lamp::white(file.photometry.as_ref()).map_err(located)?;
-        let mut lamps = Vec::new();
-        for (i, entry) in file.object.iter().enumerate() {
-            let at = format!("object[{i}]");
-            refuse_phantom_keys(entry, &at).map_err(located)?;
-            let model = entry.model(&at, folder, text)?;
-            objects.extend(entry.parts(&model, &at, folder, text)?);
-            let place = entry.placement(&at).map_err(located)?;
-            for lamp in &model.lamps {
-                let white = white.ok_or_else(|| located(lamp::without_white(&at)))?;
-                lamps.push(lamp.placed(world_from_model * place, white));
-            }
-            if let Some(name) = &entry.name {
-                places.insert(name.clone(), world_from_model * place);
-            }
+        let mut placed = Placed::default();
+        for entry in file.object.iter().enumerate() {
+            placed.add_object(entry, (folder, text), world_from_model, white)?;
         }
-        for part in &mut objects {
-            part.world_from_part = world_from_model * part.world_from_part;
-        }
+        placed.add_lamps(&file.lamp, white).map_err(located)?;
         let mut phantoms = Vec::new();
         for (i, entry) in file.phantom.iter().enumerate() {
             let at = format!("phantom[{i}]");
             phantoms.extend(entry.phantom_parts(&at, folder, text)?);
-        }
-        if lamps.len() + file.lamp.len() > MOST_LAMPS {
-            let reason = format!("expected at most {MOST_LAMPS} lamps");
-            return Err(located(Fault::new("lamp", reason)));
-        }
-        let surroundings = Surroundings {
-            objects: &places,
-            white,
-        };
-        for (i, l) in file.lamp.iter().enumerate() {
-            let lamp = lamp::lamp(l, &format!("lamp[{i}]"), &surroundings);
-            lamps.push(lamp.map_err(located)?);
         }
         if file.plane.len() > MOST_ENTRIES {
             let reason = format!("expected at most {MOST_ENTRIES} planes");
@@ -196,11 +181,18 @@ impl SceneAddition {
             .map(|g| ground(&g))
             .transpose()
             .map_err(located)?;
+        let Placed {
+            objects,
+            lamps,
+            motions,
+            ..
+        } = placed;
         Ok(Self {
             objects,
             phantoms,
             lamps,
             planes,
+            motions,
             ground,
             session_phantoms: file.session_phantoms.unwrap_or(true),
         })
@@ -217,6 +209,7 @@ impl SceneAddition {
         scene.virtual_parts = self.objects;
         scene.lamps = self.lamps;
         scene.planes = self.planes;
+        scene.motions = self.motions;
         if let Some(ground) = &self.ground {
             scene.phantom_parts.retain(|p| p.name != "ground");
             scene.ground_height = None;
@@ -228,7 +221,8 @@ impl SceneAddition {
     }
 }
 
-/// The scene file at `path` and the files that it names, whether they are there or not.
+/// The scene file at `path`, the files that it names and those that its models name, whether they
+/// are there or not.
 #[must_use]
 pub fn files_of(path: &Path) -> Vec<PathBuf> {
     let mut files = vec![path.to_owned()];
@@ -236,13 +230,16 @@ pub fn files_of(path: &Path) -> Vec<PathBuf> {
     let text = TomlText::read(path);
     if let Ok(file) = text.and_then(|text| text.parse::<SceneFile>()) {
         let entries = || file.object.iter().chain(&file.phantom);
-        let models = entries().filter_map(|entry| entry.file.as_ref());
+        let models = || entries().filter_map(|entry| entry.file.as_ref());
         let materials = entries().filter_map(|entry| entry.material.as_ref());
-        let named = models
+        let named = models()
             .chain(materials.flat_map(|m| m.textures().into_iter().filter_map(|(_, name)| name)));
         files.extend(named.take(MOST_ENTRIES).map(|name| folder.join(name)));
+        let models = models().take(MOST_ENTRIES).map(|name| folder.join(name));
+        files.extend(models.flat_map(|model| files_of_gltf(&model)));
     }
-    files.dedup();
+    let mut known = HashSet::new();
+    files.retain(|file| known.insert(file.clone()));
     files
 }
 
@@ -292,6 +289,12 @@ impl Entry {
                 "goes with [[object]] only; a phantom shows no colour of its own",
             ));
         }
+        if let Some(key) = self.moving_key() {
+            return Err(located(
+                key,
+                "goes with [[object]] only; a phantom stands as still as the real thing",
+            ));
+        }
         let albedo = self.albedo.map(|c| c.0);
         if albedo.is_some_and(|a| a.max_element() > 1.0) {
             return Err(located(
@@ -300,8 +303,11 @@ impl Entry {
             ));
         }
         let model = self.model(at, folder, text)?;
+        let place = self.standing(at, DMat4::IDENTITY);
+        let place = place.map_err(|fault| SceneError::from(text.locate(fault)))?;
         let mut parts = self.parts(&model, at, folder, text)?;
-        for part in &mut parts {
+        for (k, part) in parts.iter_mut().enumerate() {
+            part.world_from_part = model.part_motion(k, &place).at(0.0);
             part.mirror = self.mirror.unwrap_or(false);
             part.albedo = albedo;
         }
@@ -312,10 +318,19 @@ impl Entry {
         let located = |fault: Fault| SceneError::from(text.locate(fault));
         match (&self.file, self.shape) {
             (Some(file), None) => {
+                let playing = self.playing(at).map_err(located)?;
                 let path = self.model_path(at, file, folder).map_err(located)?;
-                load_model(&path)
+                let model = load_model(&path, playing)?;
+                if model.plays || playing == Playing::Nothing {
+                    return Ok(model);
+                }
+                let reason = no_animation(playing, &model.animations);
+                Err(located(Fault::new(format!("{at}.animation"), reason)))
             }
-            (None, Some(shape)) => self.built_in(at, shape).map_err(located),
+            (None, Some(shape)) => {
+                self.playing(at).map_err(located)?;
+                self.built_in(at, shape).map_err(located)
+            }
             _ => {
                 let reason = "expected either `file` or `shape` (plane, box, cylinder, cone, sphere, torus, temple-gate)";
                 Err(located(Fault::new(at, reason)))
@@ -323,7 +338,7 @@ impl Entry {
         }
     }
 
-    /// The parts of its own `model`, placed.
+    /// The parts of its own `model`, not placed yet.
     fn parts(
         &self,
         model: &Model,
@@ -332,8 +347,7 @@ impl Entry {
         text: &TomlText,
     ) -> Result<Vec<Part>, SceneError> {
         let located = |fault: Fault| SceneError::from(text.locate(fault));
-        let placement = self.placement(at).map_err(located)?;
-        let mut parts = model.placed(placement);
+        let mut parts = model.placed(DMat4::IDENTITY);
         let several = parts.len() > 1;
         for part in &mut parts {
             if let Some(name) = &self.name {
@@ -375,24 +389,6 @@ impl Entry {
             ));
         }
         Ok(path)
-    }
-
-    fn placement(&self, at: &str) -> Result<DMat4, Fault> {
-        let place = Place {
-            position_m: self.position_m,
-            rotation_deg: self.rotation_deg,
-            rotation_wxyz: self.rotation_wxyz,
-        };
-        let RigidTransform {
-            rotation,
-            translation,
-        } = place.placement(at)?;
-        let scale = self.scale.map_or(DVec3::ONE, |s| s.0);
-        Ok(DMat4::from_scale_rotation_translation(
-            scale,
-            rotation,
-            translation,
-        ))
     }
 
     fn built_in(&self, at: &str, shape: Shape) -> Result<Model, Fault> {
@@ -476,7 +472,21 @@ impl Entry {
     }
 }
 
-fn load_model(path: &Path) -> Result<Model, SceneError> {
+/// What to say of an animation that a model does not have.
+fn no_animation(playing: Playing<'_>, known: &[String]) -> String {
+    if known.is_empty() {
+        return "the model has no animation; take the key away".to_owned();
+    }
+    let wanted = match playing {
+        Playing::Named(name) => name,
+        Playing::First | Playing::Nothing => "",
+    };
+    let known: Vec<String> = known.iter().take(20).map(|n| format!("\"{n}\"")).collect();
+    let known = known.join(", ");
+    format!("the model has no animation \"{wanted}\"; it has {known}")
+}
+
+fn load_model(path: &Path, playing: Playing<'_>) -> Result<Model, SceneError> {
     let is_ply = path
         .extension()
         .is_some_and(|e| e.eq_ignore_ascii_case("ply"));
@@ -484,7 +494,7 @@ fn load_model(path: &Path) -> Result<Model, SceneError> {
         let file = path.display().to_string();
         return Ok(single(load_ply(&read_file(path)?, &file)?));
     }
-    load_gltf(path)
+    load_gltf_playing(path, playing)
 }
 
 fn single(mesh: Mesh) -> Model {

@@ -89,6 +89,55 @@ fn a_changed_scene_is_shown_and_a_broken_one_is_not() {
     assert_eq!(status["warnings"].as_array().unwrap().len(), 0, "{status}");
 }
 
+/// One triangle of a glTF whose corners lie in a file beside it.
+const MODEL: &str = r#"{"asset": {"version": "2.0"}, "scenes": [{"nodes": [0]}],
+    "nodes": [{"mesh": 0}], "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+    "buffers": [{"byteLength": 36, "uri": "corners.bin"}],
+    "bufferViews": [{"buffer": 0, "byteLength": 36}],
+    "accessors": [{"bufferView": 0, "componentType": 5126, "type": "VEC3", "count": 3,
+        "min": [0, 0, 0], "max": [1, 1, 1]}]}"#;
+
+fn corners(size: f32) -> Vec<u8> {
+    let corners = [0.0, 0.0, 0.0, size, 0.0, 0.0, 0.0, size, 0.0];
+    corners.iter().flat_map(|v| v.to_le_bytes()).collect()
+}
+
+#[test]
+fn files_that_a_model_names_are_watched_and_broken_keys_keep_the_scene() {
+    let desk = Desk::new();
+    desk.put("m.gltf", MODEL);
+    desk.put("corners.bin", corners(0.1));
+    let moving = |at: f64| {
+        let keys = format!("keys = [{{ at_s = 0 }}, {{ at_s = {at}, position_m = [0.1, 0, 0] }}]");
+        format!("[[object]]\nfile = \"m.gltf\"\n{keys}\n")
+    };
+    desk.put("s.toml", moving(2.0));
+    let rig = Running::start(&desk, "--scene s.toml --speed max --technique planes");
+    let status = rig.until("the first picture", |s| {
+        s["frames"]["composed"].as_u64() > Some(0)
+    });
+    // What moves has the dome's shadows, and the status says why.
+    assert_eq!(status["planes"]["state"], "failed", "{status}");
+    let reason = status["planes"]["reason"].to_string();
+    assert!(reason.contains("moves"), "{reason}");
+    desk.put("corners.bin", [corners(0.2), vec![0; 4]].concat());
+    rig.until("the other corners", |s| s["scene"]["loads"] == 1);
+    desk.put("s.toml", moving(0.0));
+    let status = rig.until("the mistake", |s| s["scene"]["reason"].is_string());
+    let reason = status["scene"]["reason"].as_str().unwrap();
+    assert!(
+        reason.starts_with("s.toml:3: `object[0].keys[1].at_s`"),
+        "{reason}"
+    );
+    assert_eq!(status["scene"]["loads"], 1);
+    desk.put(
+        "s.toml",
+        moving(1.0).replace("keys", "animation = \"walk\"\nkeys"),
+    );
+    let unknown = |s: &Value| s["scene"]["reason"].to_string().contains("no animation");
+    rig.until("the unknown animation", unknown);
+}
+
 const TRIANGLE: &str = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\n\
     property float y\nproperty float z\nelement face 1\n\
     property list uchar int vertex_indices\nend_header\n0 0 0\n0.1 0 0\n0 0.1 0\n3 0 1 2\n";

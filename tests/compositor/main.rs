@@ -12,6 +12,7 @@ mod judge;
 mod lamp_cost;
 mod lamp_response;
 mod lamps;
+mod moving;
 mod near_light;
 mod plane_sources;
 mod planes;

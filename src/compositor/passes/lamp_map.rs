@@ -2,7 +2,7 @@
 
 use super::super::bindings::{DepthTest, POSITION_LAYOUT, PipelineSpec, Slot, group, layout};
 use super::super::lamp_maps::LampMaps;
-use super::super::scene_buffers::SceneBuffers;
+use super::super::scene_buffers::{SceneBuffers, SceneLayouts, draw_casters};
 use super::super::{shaders, timing::Timer};
 use super::cleared_depth;
 
@@ -13,14 +13,14 @@ pub struct LampMapPass {
 }
 
 impl LampMapPass {
-    pub fn new(device: &wgpu::Device) -> Self {
+    pub fn new(device: &wgpu::Device, scene: &SceneLayouts) -> Self {
         let module = shaders::module(device, "lamp_map", shaders::Variant::PLAIN);
         // Not the frame's group: the maps are in it, which are drawn here.
         let layout = layout(device, "lamp views", &[Slot::Uniform]);
         let pipeline = PipelineSpec {
             label: "lamp_map",
             module: &module,
-            groups: &[&layout],
+            groups: &[&layout, &scene.parts],
             vertex: "lamp_caster",
             buffers: &[POSITION_LAYOUT],
             fragment: None,
@@ -63,12 +63,9 @@ impl LampMapPass {
             });
             pass.set_pipeline(&self.pipeline);
             pass.set_bind_group(0, &views, &[]);
-            for casters in [&scene.virtual_casters, &scene.phantom_casters] {
-                let Some(mesh) = &casters.mesh else { continue };
-                pass.set_vertex_buffer(0, mesh.vertices.slice(..));
-                pass.set_index_buffer(mesh.indices.slice(..), wgpu::IndexFormat::Uint32);
-                pass.draw_indexed(0..mesh.count, 0, draw.view..draw.view + 1);
-            }
+            pass.set_bind_group(1, &scene.caster_places.group, &[]);
+            draw_casters(&mut pass, scene.virtual_caster_meshes(), draw.view);
+            draw_casters(&mut pass, scene.phantom_caster_meshes(), draw.view);
         }
     }
 }

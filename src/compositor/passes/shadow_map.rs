@@ -1,7 +1,7 @@
 //! Draws casters into the shadow maps of the dome lights chosen for this frame.
 
 use super::super::bindings::{DepthTest, POSITION_LAYOUT, PipelineSpec};
-use super::super::scene_buffers::{MeshBuffers, SceneBuffers};
+use super::super::scene_buffers::{SceneBuffers, SceneLayouts, draw_casters};
 use super::super::targets::format;
 use super::super::{shaders, timing::Timer};
 use super::cleared_depth;
@@ -54,13 +54,13 @@ pub struct ShadowMapPass {
 }
 
 impl ShadowMapPass {
-    pub fn new(device: &wgpu::Device, frame: &wgpu::BindGroupLayout) -> Self {
+    pub fn new(device: &wgpu::Device, frame: &wgpu::BindGroupLayout, scene: &SceneLayouts) -> Self {
         let module = shaders::module(device, "shadow_map", shaders::Variant::PLAIN);
         let build = |vertex: &str| {
             PipelineSpec {
                 label: "shadow_map",
                 module: &module,
-                groups: &[frame],
+                groups: &[frame, &scene.parts],
                 vertex,
                 buffers: &[POSITION_LAYOUT],
                 fragment: None,
@@ -89,43 +89,55 @@ impl ShadowMapPass {
         maps: (&ShadowMaps, &ShadowMaps),
         lights: &[usize],
     ) {
-        let sets = [
-            (&self.virtual_pipeline, &scene.virtual_casters, maps.0),
-            (&self.phantom_pipeline, &scene.phantom_casters, maps.1),
+        let [virtual_maps, phantom_maps] = [maps.0, maps.1];
+        let casts = [
+            scene.virtual_caster_meshes().next().is_some(),
+            scene.phantom_caster_meshes().next().is_some(),
         ];
         // Where nothing casts, no map is ever read.
-        let total = lights.len() * sets.iter().filter(|(_, c, _)| c.mesh.is_some()).count();
+        let total = lights.len() * casts.iter().filter(|c| **c).count();
+        let groups = [frame, &scene.caster_places.group];
         let mut done = 0;
         for light in lights {
-            for (pipeline, casters, maps) in sets {
-                let Some(mesh) = &casters.mesh else { continue };
+            if casts[0] {
                 done += 1;
                 let writes = timer.span("shadow_map", done == 1, done == total);
-                draw(encoder, writes, pipeline, frame, mesh, maps, *light);
+                let mut pass = begin(encoder, writes, virtual_maps, *light);
+                bind(&mut pass, &self.virtual_pipeline, groups);
+                draw_casters(&mut pass, scene.virtual_caster_meshes(), *light as u32);
+            }
+            if casts[1] {
+                done += 1;
+                let writes = timer.span("shadow_map", done == 1, done == total);
+                let mut pass = begin(encoder, writes, phantom_maps, *light);
+                bind(&mut pass, &self.phantom_pipeline, groups);
+                draw_casters(&mut pass, scene.phantom_caster_meshes(), *light as u32);
             }
         }
     }
 }
 
-fn draw(
-    encoder: &mut wgpu::CommandEncoder,
+fn begin<'e>(
+    encoder: &'e mut wgpu::CommandEncoder,
     timestamp_writes: Option<wgpu::RenderPassTimestampWrites<'_>>,
-    pipeline: &wgpu::RenderPipeline,
-    frame: &wgpu::BindGroup,
-    mesh: &MeshBuffers,
     maps: &ShadowMaps,
     light: usize,
-) {
-    let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+) -> wgpu::RenderPass<'e> {
+    encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
         label: Some("shadow_map"),
         depth_stencil_attachment: cleared_depth(&maps.layers[light], 1.0),
         timestamp_writes,
         ..Default::default()
-    });
-    let light = light as u32;
+    })
+}
+
+fn bind(
+    pass: &mut wgpu::RenderPass<'_>,
+    pipeline: &wgpu::RenderPipeline,
+    groups: [&wgpu::BindGroup; 2],
+) {
     pass.set_pipeline(pipeline);
-    pass.set_bind_group(0, frame, &[]);
-    pass.set_vertex_buffer(0, mesh.vertices.slice(..));
-    pass.set_index_buffer(mesh.indices.slice(..), wgpu::IndexFormat::Uint32);
-    pass.draw_indexed(0..mesh.count, 0, light..light + 1);
+    for (group, slot) in groups.into_iter().zip(0..) {
+        pass.set_bind_group(slot, group, &[]);
+    }
 }

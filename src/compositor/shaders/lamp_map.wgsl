@@ -1,4 +1,5 @@
-// Depth of the casters seen from one lamp, in perspective. The view is the instance.
+// Depth of the casters seen from one lamp, in perspective. The instance is the view, and above
+// its lowest twelve bits the caster's number.
 
 struct Views {
     clip_from_world: array<mat4x4f, MAX_LAMP_VIEWS>,
@@ -6,7 +7,10 @@ struct Views {
 
 @group(0) @binding(0) var<uniform> views: Views;
 
+@group(1) @binding(0) var<storage, read> caster_places: array<mat4x4f>;
+
 @vertex
-fn lamp_caster(@location(0) world: vec3f, @builtin(instance_index) i: u32) -> @builtin(position) vec4f {
-    return views.clip_from_world[i] * vec4f(world, 1.0);
+fn lamp_caster(@location(0) own: vec3f, @builtin(instance_index) instance: u32) -> @builtin(position) vec4f {
+    let world = caster_places[instance >> 12u] * vec4f(own, 1.0);
+    return views.clip_from_world[instance & 0xfffu] * world;
 }

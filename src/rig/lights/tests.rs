@@ -136,6 +136,7 @@ fn lighter() -> (Lighter, watch::Sender<Settings>) {
 
 fn seen(number: i64) -> Seen {
     Seen {
+        seconds: 0.0,
         arrived_at: at(number),
         captured_at: at(number),
         exposure: None,

@@ -491,7 +491,7 @@ fn lamps_of_a_model_are_read_where_they_stand() {
     d["extensions"] = json!({"KHR_lights_punctual": {"lights": [
         {"type": "point", "color": [1.0, 0.5, 0.25], "intensity": 40.0},
         {"type": "spot", "intensity": 10.0, "spot": {"innerConeAngle": 0.2, "outerConeAngle": 0.5}},
-        {"type": "directional"}]}});
+        {"type": "directional", "intensity": 30.0}]}});
     let light = |i: usize| json!({"KHR_lights_punctual": {"light": i}});
     // glTF's +Y is up; a spot shines along its own -Z, here turned downwards.
     d["nodes"] = json!([
@@ -503,7 +503,7 @@ fn lamps_of_a_model_are_read_where_they_stand() {
     let read =
         |d: &Value| load_gltf_bytes(&glb(d, &tetrahedron()), "m.glb", &|_| Err("none".into()));
     let model = read(&d).unwrap();
-    assert_eq!((model.parts.len(), model.lamps.len()), (1, 2));
+    assert_eq!((model.parts.len(), model.lamps.len()), (1, 3));
     let place = DMat4::from_translation(DVec3::X * 10.0);
     let bulb = model.lamps[0].placed(place, 20.0).at(0.0).unwrap();
     assert!(bulb.position.distance(Vec3::new(11.0, -3.0, 2.0)) < 1e-6);
@@ -514,6 +514,14 @@ fn lamps_of_a_model_are_read_where_they_stand() {
     let spot = model.lamps[1].placed(place, 20.0).at(0.0).unwrap();
     assert!(spot.direction.distance(Vec3::NEG_Z) < 1e-6, "{spot:?}");
     assert_eq!(spot.intensity, Vec3::splat(0.5));
+    // Along glTF's -Z, which is +Y here, with 30 lux, at any scale.
+    for scale in [1.0, 5.0] {
+        let place = place * DMat4::from_scale(DVec3::splat(scale));
+        let sun = model.lamps[2].placed(place, 20.0).at(0.0).unwrap();
+        let away = Vec3::X * 10.0 - sun.position;
+        assert!(away.normalize().distance(Vec3::Y) < 1e-6, "{away}");
+        assert!((sun.intensity.x / away.length_squared() - 1.5).abs() < 1e-5);
+    }
     for (at, light) in [
         (0, json!({"type": "point", "intensity": -1.0})),
         (0, json!({"type": "beam"})),
@@ -536,4 +544,165 @@ fn lamps_of_a_model_are_read_where_they_stand() {
     assert!(read(&dangling).is_err());
     dangling["extensions"] = json!({});
     assert!(read(&dangling).is_err());
+}
+
+/// The rock with an animation: `output` numbers for each key of `property`, `input` seconds.
+fn animated(property: &str, how: &str, input: &[f32], output: &[f32], shape: &str) -> Vec<u8> {
+    let mut d = document();
+    let mut binary = tetrahedron();
+    let per = if shape == "VEC4" { 4 } else { 3 };
+    for (values, shape, count) in [
+        (input, "SCALAR", input.len()),
+        (output, shape, output.len() / per),
+    ] {
+        let (offset, length) = (binary.len(), 4 * values.len());
+        binary.extend(values.iter().flat_map(|v| v.to_le_bytes()));
+        let views = d["bufferViews"].as_array_mut().unwrap();
+        views.push(json!({"buffer": 0, "byteOffset": offset, "byteLength": length}));
+        let view = views.len() - 1;
+        let accessors = d["accessors"].as_array_mut().unwrap();
+        accessors.push(
+            json!({"bufferView": view, "componentType": 5126, "type": shape,
+            "count": count, "min": [0.0], "max": [9.0]}),
+        );
+    }
+    d["buffers"][0]["byteLength"] = json!(binary.len());
+    // The rock hangs on an arm, one up in glTF's axes, that moves.
+    d["nodes"] = json!([
+        {"name": "arm", "translation": [0.0, 1.0, 0.0], "children": [1]},
+        {"name": "rock", "mesh": 0, "translation": [1.0, 0.0, 0.0]}]);
+    d["animations"] = json!([{"name": "swing",
+        "samplers": [{"input": 2, "output": 3, "interpolation": how}],
+        "channels": [{"sampler": 0, "target": {"node": 0, "path": property}}]}]);
+    glb(&d, &binary)
+}
+
+fn play(bytes: &[u8], playing: Playing<'_>) -> Result<Model, SceneError> {
+    load_bytes(bytes, "rock.glb", &|_| Err("no such file".into()), playing)
+}
+
+fn origin(model: &Model, seconds: f64) -> DVec3 {
+    let motion = model.part_motions[0].as_ref().unwrap();
+    motion.at(seconds).transform_point3(DVec3::ZERO)
+}
+
+#[test]
+fn an_animation_of_a_model_is_where_its_closed_form_is() {
+    // Steps: 1 up, then 3 up, begins anew after 2 s. Y up is Z up here.
+    let steps = [0.0, 1.0, 0.0, 0.0, 3.0, 0.0, 0.0, 3.0, 0.0];
+    let bytes = animated("translation", "STEP", &[0.0, 1.0, 2.0], &steps, "VEC3");
+    let model = play(&bytes, Playing::Named("swing")).unwrap();
+    for (seconds, up) in [(0.5, 1.0), (1.5, 3.0), (2.5, 1.0)] {
+        assert!(origin(&model, seconds).distance(DVec3::new(1.0, 0.0, up)) < 1e-6);
+    }
+    // A quarter turn about glTF's Y, our Z, in 2 s, evenly.
+    let half = std::f32::consts::FRAC_PI_8;
+    let (s, c) = (2.0 * half).sin_cos();
+    let turn = [0.0, 0.0, 0.0, 1.0, 0.0, s, 0.0, c];
+    let bytes = animated("rotation", "LINEAR", &[0.0, 2.0], &turn, "VEC4");
+    let model = play(&bytes, Playing::First).unwrap();
+    for i in 0..20 {
+        let angle = 0.5 * std::f64::consts::FRAC_PI_2 * (0.1 * f64::from(i));
+        let expected = DVec3::new(angle.cos(), angle.sin(), 1.0);
+        let at = origin(&model, 0.1 * f64::from(i));
+        assert!(at.distance(expected) < 1e-6, "{i}: {at} {expected}");
+    }
+    // x = t³ with its slopes as tangents.
+    let cubic = |t: f32| {
+        [
+            [3.0 * t * t, 0.0, 0.0],
+            [t * t * t, 1.0, 0.0],
+            [3.0 * t * t, 0.0, 0.0],
+        ]
+    };
+    let keys = [0.0, 0.5, 2.0];
+    let output: Vec<f32> = keys.iter().flat_map(|t| cubic(*t)).flatten().collect();
+    let bytes = animated("translation", "CUBICSPLINE", &keys, &output, "VEC3");
+    let model = play(&bytes, Playing::First).unwrap();
+    for i in 0..20 {
+        let t = 0.1 * f64::from(i);
+        let x = origin(&model, t).x;
+        assert!((x - 1.0 - t.powi(3)).abs() < 1e-5, "{t}: {x}");
+    }
+}
+
+#[test]
+fn an_animation_that_is_not_wanted_or_not_there_moves_nothing() {
+    let bytes = animated("translation", "LINEAR", &[0.0], &[0.0, 5.0, 0.0], "VEC3");
+    for (playing, plays) in [(Playing::Nothing, true), (Playing::Named("wave"), false)] {
+        let model = play(&bytes, playing).unwrap();
+        assert_eq!(
+            (model.plays, model.part_motions[0].is_none()),
+            (plays, true)
+        );
+        assert_eq!(model.animations, ["swing"]);
+        let at = model.parts[0].model_from_part.w_axis.truncate();
+        assert!(at.distance(DVec3::new(1.0, 0.0, 1.0)) < 1e-6);
+    }
+}
+
+#[test]
+fn broken_animations_are_refused_with_node_and_reason() {
+    let two = [0.0, 1.0];
+    let cases = [
+        (
+            animated("translation", "LINEAR", &[1.0, 0.5], &[0.0; 6], "VEC3"),
+            "do not grow",
+        ),
+        (
+            animated("translation", "LINEAR", &[f32::NAN, 1.0], &[0.0; 6], "VEC3"),
+            "do not grow",
+        ),
+        (
+            animated("translation", "LINEAR", &two, &[f32::INFINITY; 6], "VEC3"),
+            "not finite",
+        ),
+        (
+            animated("translation", "CUBICSPLINE", &two, &[0.0; 6], "VEC3"),
+            "more or fewer",
+        ),
+        (
+            animated("translation", "LINEAR", &two, &[0.0; 8], "VEC4"),
+            "wrong shape",
+        ),
+        (
+            animated("rotation", "LINEAR", &two, &[0.0; 8], "VEC4"),
+            "unit quaternion",
+        ),
+        (
+            animated(
+                "scale",
+                "LINEAR",
+                &two,
+                &[1.0, 1.0, 1.0, 1.0, 0.0, 1.0],
+                "VEC3",
+            ),
+            "nothing",
+        ),
+    ];
+    for (bytes, expected) in cases {
+        let said = play(&bytes, Playing::First).unwrap_err().to_string();
+        assert!(said.contains("animation `swing`: node `arm`"), "{said}");
+        assert!(
+            said.contains(expected) && said.lines().count() == 1,
+            "{said}"
+        );
+        assert!(
+            play(&bytes, Playing::Nothing).is_ok(),
+            "nobody asked for it"
+        );
+    }
+}
+
+#[test]
+fn files_that_a_model_names_are_known_without_being_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("m.gltf");
+    let text = json!({"asset": {"version": "2.0"},
+        "buffers": [{"byteLength": 1, "uri": "far%20away.bin"}, {"byteLength": 1}],
+        "images": [{"uri": "data:image/png;base64,AAAA"}, {"uri": "t.png"}, {"uri": "../x.png"}]});
+    std::fs::write(&path, text.to_string()).unwrap();
+    let expected = ["far away.bin", "t.png"].map(|name| folder.path().join(name));
+    assert_eq!(files_of_gltf(&path), expected);
+    assert!(files_of_gltf(&folder.path().join("none.glb")).is_empty());
 }

@@ -27,6 +27,8 @@ pub const GROUND_SIDE: u32 = 64;
 pub const VOLUME_SIZE: [u32; 3] = [12, 12, 8];
 /// Directions in which visibility is known; one bit each.
 const DIRECTIONS: usize = 128;
+/// Bounces after which light from close by changes no more to be seen.
+const BOUNCES: usize = 3;
 
 /// Light from close by at one state of the light far away, scene camera units.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -303,10 +305,25 @@ impl NearField {
         self.light.generation = before.light.generation;
     }
 
+    /// Whether the light of `lighting` is not found yet.
+    #[must_use]
+    pub fn is_outdated(&self, lighting: &Lighting) -> bool {
+        self.lit_by != Some(lighting.generation)
+    }
+
+    /// Finds the light from close by under `lighting` with [`BOUNCES`] bounces at once, for what
+    /// takes the place of another in the middle of a film.
+    pub fn settle(&mut self, lighting: &Lighting, phantoms: &PhantomRadiance) {
+        for _ in 0..BOUNCES {
+            self.lit_by = None;
+            self.update(lighting, phantoms);
+        }
+    }
+
     /// Finds the light from close by under `lighting`; does nothing where it is the one of
     /// before.
     pub fn update(&mut self, lighting: &Lighting, phantoms: &PhantomRadiance) {
-        if self.lit_by == Some(lighting.generation) {
+        if !self.is_outdated(lighting) {
             return;
         }
         self.lit_by = Some(lighting.generation);

@@ -32,6 +32,10 @@ fn the_documented_example_is_read() {
         .join("\n");
     let scene = read(&text).unwrap();
     assert_eq!((scene.objects.len(), scene.phantoms.len()), (2, 1));
+    assert_eq!(
+        (scene.motions.parts.len(), scene.motions.lamps.len()),
+        (1, 1)
+    );
     let teapot = &scene.objects[0];
     assert_eq!(teapot.name, "teapot");
     assert_eq!(teapot.material.roughness, 0.4);
@@ -513,4 +517,95 @@ fn textures_are_read_from_the_scene_files_folder() {
         assert!(text.starts_with(expected), "{text}\n{expected}");
         assert_eq!(text.lines().count(), 1, "{text}");
     }
+}
+
+fn along(keys: &str) -> String {
+    format!("[[object]]\nname = \"ball\"\nshape = \"sphere\"\nradius_m = 1\n{keys}\n")
+}
+
+#[test]
+fn objects_move_by_keys_and_what_a_key_leaves_out_is_the_objects_own() {
+    let text = along(
+        "position_m = [0, 0, 1]\nscale = 2\nrepeat_s = 4\neasing = \"linear\"\n\
+         keys = [{ at_s = 0 }, { at_s = 2, position_m = [4, 0, 1], rotation_deg = [360, 0, 0] }]\n\
+         [model]\nposition_m = [0, 10, 0]\n\
+         [[lamp]]\nattached_to = \"ball\"\nintensity = [1, 1, 1]\nposition_m = [1, 0, 0]",
+    );
+    let scene = read(&text).unwrap();
+    let motion = &scene.motions.parts[0].motion;
+    assert_eq!(scene.objects[0].world_from_part, motion.at(0.0));
+    let expected = DMat4::from_translation(DVec3::new(2.0, 10.0, 1.0))
+        * DMat4::from_rotation_z(std::f64::consts::PI)
+        * DMat4::from_scale(DVec3::splat(2.0));
+    for seconds in [1.0, 5.0] {
+        assert!(motion.at(seconds).abs_diff_eq(expected, 1e-12));
+    }
+    let (mut scene, lamps) = (scene.onto(Scene::default()), &mut Vec::new());
+    scene.lamps_at(1.0, lamps);
+    // Two metres from the middle, as the object is scaled; behind it, as it is turned.
+    assert!(lamps[0].position.distance(Vec3::new(0.0, 10.0, 1.0)) < 1e-6);
+    scene.place_at(1.0);
+    assert!(
+        scene.virtual_parts[0]
+            .world_from_part
+            .abs_diff_eq(expected, 1e-12)
+    );
+}
+
+#[test]
+fn wrong_keys_of_objects_are_named_with_their_line() {
+    let keys = |keys: &str| along(&format!("keys = [{keys}]"));
+    let phantom = |rest: &str| format!("[[phantom]]\nshape = \"sphere\"\nradius_m = 1\n{rest}");
+    let cases = [
+        (keys("{ at_s = 1 }, { at_s = 1 }"), "object[0].keys[1].at_s"),
+        (keys("{ at_s = nan }"), "from 0 to 1000000"),
+        (keys("{ at_s = -1 }"), "object[0].keys[0].at_s"),
+        (
+            keys("{ position_m = [nan, 0, 0] }"),
+            "object[0].keys[0].position_m",
+        ),
+        (
+            keys("{ rotation_deg = [0, inf, 0] }"),
+            "three finite angles",
+        ),
+        (keys("{ rotation_wxyz = [0, 0, 0, 0] }"), "unit quaternion"),
+        (keys("{ scale = 0 }"), "from 0.0001 to 10000"),
+        (keys("{ scale = [1, -1, 1] }"), "from 0.0001 to 10000"),
+        (keys("{ at = 1 }"), "did you mean"),
+        (
+            keys("{ rotation_deg = [1, 0, 0] }, { at_s = 1, rotation_wxyz = [1, 0, 0, 0] }"),
+            "either all keys",
+        ),
+        (along("easing = \"linear\""), "object[0].easing"),
+        (along("repeat_s = 3"), "goes with `keys`"),
+        (
+            along("repeat_s = 1\nkeys = [{ at_s = 2 }]"),
+            "object[0].repeat_s",
+        ),
+        (
+            along("easing = \"bouncy\"\nkeys = [{}]"),
+            "object[0].easing",
+        ),
+        (along("animation = true"), "object[0].animation"),
+        (along("animation = 3"), "name of an animation"),
+        (phantom("keys = [{ at_s = 0 }]"), "phantom[0].keys"),
+        (phantom("animation = true"), "phantom[0].animation"),
+    ];
+    for (text, expected) in cases {
+        let found = complaint(&text);
+        assert!(found.contains(expected), "{found}");
+        assert!(found.starts_with("s.toml:"), "{found}");
+    }
+}
+
+#[test]
+fn the_bundled_scenes_are_read() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("config");
+    let read = |name: &str| SceneAddition::load(&folder.join(name)).unwrap();
+    assert_eq!(read("lamp.toml").objects.len(), 2);
+    let moving = read("moving.toml");
+    assert_eq!(
+        (moving.motions.parts.len(), moving.motions.lamps.len()),
+        (2, 1)
+    );
 }

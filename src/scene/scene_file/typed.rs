@@ -1,6 +1,7 @@
 //! The scene file as it stands.
 
 use crate::calibration::response::linear_from_srgb;
+use crate::scene::motion::Easing;
 use glam::{DVec3, Vec3};
 use serde::de::{self, Deserialize, Deserializer, SeqAccess, Visitor};
 use std::fmt;
@@ -46,6 +47,28 @@ pub(super) struct Entry {
     pub material: Option<MaterialFile>,
     pub mirror: Option<bool>,
     pub albedo: Option<Colour>,
+    pub keys: Vec<ObjectKeyFile>,
+    pub repeat_s: Option<f64>,
+    pub easing: Option<Easing>,
+    pub animation: Option<AnimationFile>,
+}
+
+/// What is left out is as the object itself says.
+#[derive(Debug, Default, serde::Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct ObjectKeyFile {
+    pub at_s: f64,
+    pub position_m: Option<[f64; 3]>,
+    pub rotation_deg: Option<[f64; 3]>,
+    pub rotation_wxyz: Option<[f64; 4]>,
+    pub scale: Option<Scale>,
+}
+
+/// Whether an animation of the model plays, and which.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum AnimationFile {
+    Plays(bool),
+    Named(String),
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Deserialize)]
@@ -190,6 +213,24 @@ impl<'de> Visitor<'de> for ColourVisitor {
     }
 }
 
+struct AnimationVisitor;
+
+impl Visitor<'_> for AnimationVisitor {
+    type Value = AnimationFile;
+
+    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str("true, false or the name of an animation of the model")
+    }
+
+    fn visit_bool<E: de::Error>(self, plays: bool) -> Result<AnimationFile, E> {
+        Ok(AnimationFile::Plays(plays))
+    }
+
+    fn visit_str<E: de::Error>(self, name: &str) -> Result<AnimationFile, E> {
+        Ok(AnimationFile::Named(name.to_owned()))
+    }
+}
+
 struct ScaleVisitor;
 
 impl<'de> Visitor<'de> for ScaleVisitor {
@@ -241,6 +282,12 @@ impl<'de, V: Visitor<'de>> fmt::Display for Expected<'_, V> {
 impl<'de> Deserialize<'de> for Colour {
     fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
         d.deserialize_any(ColourVisitor)
+    }
+}
+
+impl<'de> Deserialize<'de> for AnimationFile {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        d.deserialize_any(AnimationVisitor)
     }
 }
 

@@ -1,0 +1,354 @@
+//! How parts of a scene move: chains of placements, some of which change with time.
+//!
+//! Time is the session's, as for lamps. Nothing is allocated when a motion is asked where
+//! something is, and the same time gives the same bits.
+
+use super::{Part, PlacedLamp, Scene};
+use glam::{DMat3, DMat4, DQuat, DVec3, EulerRot};
+use std::sync::Arc;
+
+/// Nothing becomes smaller than this share of its size: a normal needs a surface.
+const SMALLEST: f64 = 1e-6;
+
+/// How a value goes from key to key.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Easing {
+    /// `"step"`: it stays as it is until the next key.
+    Step,
+    /// `"linear"`: evenly.
+    Linear,
+    /// `"smooth"`: slowly at both ends, as lamps do.
+    #[default]
+    Smooth,
+    /// glTF's cubic spline: three values a key, tangent in, value, tangent out.
+    #[serde(skip)]
+    Cubic,
+}
+
+/// What can be between two others.
+pub trait Value: Copy {
+    /// From `self` (t = 0) to `to` (t = 1).
+    #[must_use]
+    fn towards(self, to: Self, t: f64) -> Self;
+    /// The sum of four, each times its weight.
+    fn blend(parts: [(Self, f64); 4]) -> Self;
+}
+
+impl Value for DVec3 {
+    fn towards(self, to: Self, t: f64) -> Self {
+        self.lerp(to, t)
+    }
+
+    fn blend(parts: [(Self, f64); 4]) -> Self {
+        parts.into_iter().map(|(v, w)| v * w).sum()
+    }
+}
+
+impl Value for DQuat {
+    /// Along the shorter way.
+    fn towards(self, to: Self, t: f64) -> Self {
+        self.slerp(to, t)
+    }
+
+    fn blend(parts: [(Self, f64); 4]) -> Self {
+        let sum = parts.into_iter().fold(glam::DVec4::ZERO, |sum, (q, w)| {
+            sum + glam::DVec4::from(q) * w
+        });
+        let unit = sum.try_normalize().unwrap_or(glam::DVec4::W);
+        Self::from_vec4(unit)
+    }
+}
+
+/// A value over time; the first key's before it, the last one's after.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Channel<T> {
+    seconds: Vec<f64>,
+    values: Vec<T>,
+    easing: Easing,
+}
+
+impl<T: Value> Channel<T> {
+    /// `seconds` grow from key to key; as many `values`, or three times as many for
+    /// [`Easing::Cubic`]. `None` otherwise, or without keys.
+    #[must_use]
+    pub fn new(seconds: Vec<f64>, values: Vec<T>, easing: Easing) -> Option<Self> {
+        let each = if easing == Easing::Cubic { 3 } else { 1 };
+        let grow = seconds.is_sorted_by(|a, b| a < b) && seconds.iter().all(|s| s.is_finite());
+        let fits = !seconds.is_empty() && values.len() == each * seconds.len();
+        (grow && fits).then_some(Self {
+            seconds,
+            values,
+            easing,
+        })
+    }
+
+    /// Seconds of the last key.
+    #[must_use]
+    pub fn end(&self) -> f64 {
+        self.seconds.last().copied().unwrap_or_default()
+    }
+
+    fn key(&self, k: usize) -> Option<T> {
+        let at = if self.easing == Easing::Cubic {
+            3 * k + 1
+        } else {
+            k
+        };
+        self.values.get(at).copied()
+    }
+
+    /// The value at `seconds`.
+    fn at(&self, seconds: f64) -> Option<T> {
+        let after = self.seconds.partition_point(|s| *s <= seconds);
+        let Some(before) = after.checked_sub(1) else {
+            return self.key(0);
+        };
+        let (Some(&from), Some(&to)) = (self.seconds.get(before), self.seconds.get(after)) else {
+            return self.key(before);
+        };
+        let span = to - from;
+        let t = (seconds - from) / span;
+        let (a, b) = (self.key(before)?, self.key(after)?);
+        Some(match self.easing {
+            Easing::Step => a,
+            Easing::Linear => a.towards(b, t),
+            Easing::Smooth => a.towards(b, t * t * (3.0 - 2.0 * t)),
+            Easing::Cubic => {
+                let out = *self.values.get(3 * before + 2)?;
+                let into = *self.values.get(3 * after)?;
+                hermite([a, out, b, into], t, span)
+            }
+        })
+    }
+}
+
+/// ```text
+/// glTF 2.0, appendix C.4, with h = span:
+///   (2t³ − 3t² + 1) a + h (t³ − 2t² + t) out + (3t² − 2t³) b + h (t³ − t²) into
+/// ```
+fn hermite<T: Value>([a, out, b, into]: [T; 4], t: f64, span: f64) -> T {
+    let (t2, t3) = (t * t, t * t * t);
+    T::blend([
+        (a, 2.0 * t3 - 3.0 * t2 + 1.0),
+        (out, span * (t3 - 2.0 * t2 + t)),
+        (b, 3.0 * t2 - 2.0 * t3),
+        (into, span * (t3 - t2)),
+    ])
+}
+
+/// A rotation over time.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Turning {
+    /// Yaw, pitch and roll about z, y and x, radians, each by itself: a full turn is one.
+    Angles(Channel<DVec3>),
+    /// Quaternions, the shorter way.
+    Quaternions(Channel<DQuat>),
+}
+
+/// A placement T · R · S over time; what has no channel stays at rest.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Track {
+    /// Where it is, turned and scaled without channels.
+    pub rest: (DVec3, DQuat, DVec3),
+    /// Metres, in the frame of what it hangs on.
+    pub position: Option<Channel<DVec3>>,
+    /// Its turn.
+    pub turning: Option<Turning>,
+    /// One factor for each axis.
+    pub scale: Option<Channel<DVec3>>,
+    /// Begins anew after so many seconds.
+    pub repeat: Option<f64>,
+}
+
+impl Track {
+    /// Nothing moves.
+    #[must_use]
+    pub const fn resting(position: DVec3, rotation: DQuat, scale: DVec3) -> Self {
+        Self {
+            rest: (position, rotation, scale),
+            position: None,
+            turning: None,
+            scale: None,
+            repeat: None,
+        }
+    }
+
+    /// Seconds of the last key of all channels.
+    #[must_use]
+    pub fn end(&self) -> f64 {
+        let turning = match &self.turning {
+            Some(Turning::Angles(c)) => c.end(),
+            Some(Turning::Quaternions(c)) => c.end(),
+            None => 0.0,
+        };
+        let end = |c: &Option<Channel<DVec3>>| c.as_ref().map_or(0.0, Channel::end);
+        end(&self.position).max(turning).max(end(&self.scale))
+    }
+
+    fn at(&self, seconds: f64) -> DMat4 {
+        let seconds = match self.repeat {
+            Some(repeat) if repeat > 0.0 => seconds.rem_euclid(repeat),
+            _ => seconds,
+        };
+        let (position, rotation, scale) = self.rest;
+        let value = |c: &Option<Channel<DVec3>>| c.as_ref().and_then(|c| c.at(seconds));
+        let turned = self.turning.as_ref().and_then(|t| match t {
+            Turning::Angles(c) => {
+                let DVec3 { x, y, z } = c.at(seconds)?;
+                Some(DQuat::from_euler(EulerRot::ZYX, x, y, z))
+            }
+            Turning::Quaternions(c) => c.at(seconds),
+        });
+        let size = value(&self.scale).unwrap_or(scale);
+        let floor = scale.abs() * SMALLEST + f64::MIN_POSITIVE;
+        DMat4::from_scale_rotation_translation(
+            size.abs().max(floor).copysign(scale),
+            turned.unwrap_or(rotation),
+            value(&self.position).unwrap_or(position),
+        )
+    }
+}
+
+/// One link of a chain.
+#[derive(Clone, Debug, PartialEq)]
+enum Joint {
+    Still(DMat4),
+    Moving(Arc<Track>),
+}
+
+/// Where something is at any time: a chain of placements, the world's first.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Motion {
+    joints: Vec<Joint>,
+}
+
+impl Motion {
+    /// Hangs a placement that stays on the end of the chain.
+    #[must_use]
+    pub fn then(mut self, place: DMat4) -> Self {
+        match self.joints.last_mut() {
+            Some(Joint::Still(last)) => *last *= place,
+            _ => self.joints.push(Joint::Still(place)),
+        }
+        self
+    }
+
+    /// Hangs one that moves.
+    #[must_use]
+    pub fn then_along(mut self, track: Arc<Track>) -> Self {
+        self.joints.push(Joint::Moving(track));
+        self
+    }
+
+    /// Hangs another chain.
+    #[must_use]
+    pub fn then_all(self, other: &Self) -> Self {
+        other.joints.iter().fold(self, |chain, joint| match joint {
+            Joint::Still(place) => chain.then(*place),
+            Joint::Moving(track) => chain.then_along(track.clone()),
+        })
+    }
+
+    /// Whether anything in it moves.
+    #[must_use]
+    pub fn moves(&self) -> bool {
+        self.joints.iter().any(|j| matches!(j, Joint::Moving(_)))
+    }
+
+    /// From the frame at its end to that at its beginning, `seconds` after the session began.
+    #[must_use]
+    pub fn at(&self, seconds: f64) -> DMat4 {
+        self.joints
+            .iter()
+            .fold(DMat4::IDENTITY, |place, joint| match joint {
+                Joint::Still(next) => place * *next,
+                Joint::Moving(track) => place * track.at(seconds),
+            })
+    }
+}
+
+/// How one of [`Scene::virtual_parts`], or of [`Scene::lamps`], moves.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Mover {
+    /// Which.
+    pub index: usize,
+    /// World from the part's frame; of a lamp, world from the frame that its keys stand in.
+    pub motion: Motion,
+}
+
+/// What moves in a scene.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Motions {
+    /// Parts, in the order of their indices.
+    pub parts: Vec<Mover>,
+    /// Lamps that are carried along, in the order of their indices.
+    pub lamps: Vec<Mover>,
+}
+
+impl Motions {
+    /// Whether no part moves.
+    #[must_use]
+    pub const fn is_empty(&self) -> bool {
+        self.parts.is_empty()
+    }
+}
+
+impl Scene {
+    /// All lamps at one instant, without those that are dark, into `placed` (cleared first).
+    pub fn lamps_at(&self, seconds: f64, placed: &mut Vec<PlacedLamp>) {
+        placed.clear();
+        let mut carried = self.motions.lamps.iter().peekable();
+        for (i, lamp) in self.lamps.iter().enumerate() {
+            let carrier = carried.next_if(|mover| mover.index == i);
+            let Some(lamp) = lamp.at(seconds) else {
+                continue;
+            };
+            if lamp.intensity.max_element() > 0.0 {
+                let place = carrier.map(|mover| mover.motion.at(seconds));
+                placed.push(place.map_or(lamp, |place| carry(&lamp, place)));
+            }
+        }
+    }
+
+    /// Puts what moves where it is at `seconds`.
+    pub fn place_at(&mut self, seconds: f64) {
+        for mover in &self.motions.parts {
+            if let Some(part) = self.virtual_parts.get_mut(mover.index) {
+                part.world_from_part = mover.motion.at(seconds);
+            }
+        }
+    }
+}
+
+/// A lamp that hangs on something at `world_from_carrier`.
+fn carry(lamp: &PlacedLamp, world_from_carrier: DMat4) -> PlacedLamp {
+    let position = world_from_carrier.transform_point3(lamp.position.as_dvec3());
+    let turned = DMat3::from_mat4(world_from_carrier) * lamp.direction.as_dvec3();
+    PlacedLamp {
+        position: position.as_vec3(),
+        direction: turned.normalize_or(DVec3::NEG_Z).as_vec3(),
+        ..*lamp
+    }
+}
+
+/// The parts of `parts` that do not move, and those that do.
+#[must_use]
+pub fn still_and_moving<'a>(
+    parts: &'a [Part],
+    motions: &Motions,
+) -> (Vec<&'a Part>, Vec<&'a Part>) {
+    let mut movers = motions.parts.iter().peekable();
+    let mut split = (Vec::new(), Vec::new());
+    for (i, part) in parts.iter().enumerate() {
+        if movers.next_if(|mover| mover.index == i).is_some() {
+            split.1.push(part);
+        } else {
+            split.0.push(part);
+        }
+    }
+    split
+}
+
+#[cfg(test)]
+mod tests;

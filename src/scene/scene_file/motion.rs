@@ -1,0 +1,202 @@
+//! Objects of a scene file that move: keys of their own, and animations of their models.
+
+use super::Entry;
+use super::typed::{AnimationFile, ObjectKeyFile, Place};
+use crate::config::toml_text::Fault;
+use crate::scene::gltf_file::Playing;
+use crate::scene::motion::{Channel, Easing, Motion, Track, Turning};
+use glam::{DMat4, DQuat, DVec3};
+use penumbra_interface::RigidTransform;
+use std::sync::Arc;
+
+/// Keys of one object.
+const MOST_KEYS: usize = 1000;
+
+/// World from the frame in which lamps that are attached to an object at `world` are given: that
+/// of the object where it stands still, and the object's own where it carries them.
+pub(super) fn lamp_frame(world: &Motion) -> DMat4 {
+    if world.moves() {
+        DMat4::IDENTITY
+    } else {
+        world.at(0.0)
+    }
+}
+
+impl Entry {
+    /// Which animation of its model plays.
+    pub(super) fn playing(&self, at: &str) -> Result<Playing<'_>, Fault> {
+        let playing = match &self.animation {
+            None | Some(AnimationFile::Plays(false)) => return Ok(Playing::Nothing),
+            Some(AnimationFile::Plays(true)) => Playing::First,
+            Some(AnimationFile::Named(name)) => Playing::Named(name),
+        };
+        let file = self.file.as_deref().unwrap_or_default();
+        if [".glb", ".gltf"].iter().any(|end| ends(file, end)) {
+            return Ok(playing);
+        }
+        Err(Fault::new(
+            format!("{at}.animation"),
+            "goes with a `file` that is a .glb or .gltf; use `keys` to move other objects",
+        ))
+    }
+
+    /// Where it stands, or how it moves: the world from its own frame, scaled.
+    pub(super) fn standing(&self, at: &str, world_from_model: DMat4) -> Result<Motion, Fault> {
+        let RigidTransform {
+            rotation,
+            translation,
+        } = self.place().placement(at)?;
+        let scale = self.scale.map_or(DVec3::ONE, |s| s.0);
+        let base = Motion::default().then(world_from_model);
+        let track = self.track(at, Track::resting(translation, rotation, scale))?;
+        Ok(match track {
+            Some(track) => base.then_along(Arc::new(track)),
+            None => base.then(DMat4::from_scale_rotation_translation(
+                scale,
+                rotation,
+                translation,
+            )),
+        })
+    }
+
+    /// Its keys as a track; `None` without keys.
+    fn track(&self, at: &str, rest: Track) -> Result<Option<Track>, Fault> {
+        let wrong = |key: &str, reason: &str| Fault::new(format!("{at}.{key}"), reason);
+        if self.keys.is_empty() {
+            let alone = [
+                ("repeat_s", self.repeat_s.is_some()),
+                ("easing", self.easing.is_some()),
+            ];
+            return match alone.into_iter().find(|(_, given)| *given) {
+                Some((key, _)) => Err(wrong(key, "goes with `keys`")),
+                None => Ok(None),
+            };
+        }
+        if self.keys.len() > MOST_KEYS {
+            let reason = format!("expected at most {MOST_KEYS} keys");
+            return Err(wrong("keys", &reason));
+        }
+        let seconds = self.seconds(at)?;
+        let easing = self.easing.unwrap_or_default();
+        let numbered = || (0..).map(|i| format!("{at}.keys[{i}]")).zip(&self.keys);
+        let places: Vec<RigidTransform> = numbered()
+            .map(|(at, key)| self.key_place(key).placement(&at))
+            .collect::<Result<_, _>>()?;
+        let moves = self.keys.iter().any(|k| k.position_m.is_some());
+        let turns = self
+            .keys
+            .iter()
+            .any(|k| k.rotation_deg.is_some() || k.rotation_wxyz.is_some());
+        let grows = self.keys.iter().any(|k| k.scale.is_some());
+        let positions = places.iter().map(|p| p.translation).collect();
+        let sizes = self
+            .keys
+            .iter()
+            .map(|k| k.scale.map_or(rest.rest.2, |s| s.0));
+        let scale = Channel::new(seconds.clone(), sizes.collect(), easing).filter(|_| grows);
+        Ok(Some(Track {
+            position: Channel::new(seconds.clone(), positions, easing).filter(|_| moves),
+            turning: match turns {
+                true => self.turning(at, &seconds, &places, easing)?,
+                false => None,
+            },
+            scale,
+            repeat: self.repeat(at, seconds.last().copied().unwrap_or_default())?,
+            ..rest
+        }))
+    }
+
+    fn seconds(&self, at: &str) -> Result<Vec<f64>, Fault> {
+        for (i, key) in self.keys.iter().enumerate() {
+            let wrong = |reason: &str| Err(Fault::new(format!("{at}.keys[{i}].at_s"), reason));
+            if !(0.0..=1e6).contains(&key.at_s) {
+                return wrong("expected seconds from 0 to 1000000");
+            }
+            let before = i.checked_sub(1).and_then(|k| self.keys.get(k));
+            if before.is_some_and(|before| before.at_s >= key.at_s) {
+                return wrong("expected more than the key before it: at_s grows from key to key");
+            }
+        }
+        Ok(self.keys.iter().map(|k| k.at_s).collect())
+    }
+
+    fn repeat(&self, at: &str, last: f64) -> Result<Option<f64>, Fault> {
+        match self.repeat_s {
+            Some(s) if !(s.is_finite() && s > 0.0 && s >= last) => Err(Fault::new(
+                format!("{at}.repeat_s"),
+                "expected seconds, not before the last key",
+            )),
+            repeat => Ok(repeat),
+        }
+    }
+
+    /// By angles each for itself, or by quaternions the shorter way.
+    fn turning(
+        &self,
+        at: &str,
+        seconds: &[f64],
+        places: &[RigidTransform],
+        easing: Easing,
+    ) -> Result<Option<Turning>, Fault> {
+        let each = self.keys.iter().map(|k| self.key_place(k));
+        let by_quaternion: Vec<bool> = each.clone().map(|p| p.rotation_wxyz.is_some()).collect();
+        if by_quaternion.iter().all(|q| *q) {
+            let turns: Vec<DQuat> = places.iter().map(|p| p.rotation).collect();
+            let channel = Channel::new(seconds.to_vec(), turns, easing);
+            return Ok(channel.map(Turning::Quaternions));
+        }
+        if let Some(i) = by_quaternion.iter().position(|q| *q) {
+            return Err(Fault::new(
+                format!("{at}.keys[{i}].rotation_wxyz"),
+                "either all keys turn by rotation_wxyz or all by rotation_deg",
+            ));
+        }
+        let angles = each.map(|p| DVec3::from(p.rotation_deg.unwrap_or_default()) * RADIANS);
+        let channel = Channel::new(seconds.to_vec(), angles.collect(), easing);
+        Ok(channel.map(Turning::Angles))
+    }
+
+    /// What a key leaves out is as the object itself says.
+    fn key_place(&self, key: &ObjectKeyFile) -> Place {
+        let own = key.rotation_deg.is_some() || key.rotation_wxyz.is_some();
+        Place {
+            position_m: key.position_m.or(self.position_m),
+            rotation_deg: key.rotation_deg.or(self.rotation_deg.filter(|_| !own)),
+            rotation_wxyz: key.rotation_wxyz.or(self.rotation_wxyz.filter(|_| !own)),
+        }
+    }
+
+    /// Its own place.
+    const fn place(&self) -> Place {
+        Place {
+            position_m: self.position_m,
+            rotation_deg: self.rotation_deg,
+            rotation_wxyz: self.rotation_wxyz,
+        }
+    }
+
+    /// The first key that makes it move, for phantoms, which may not.
+    pub(super) const fn moving_key(&self) -> Option<&'static str> {
+        if !self.keys.is_empty() {
+            Some("keys")
+        } else if self.repeat_s.is_some() {
+            Some("repeat_s")
+        } else if self.easing.is_some() {
+            Some("easing")
+        } else if self.animation.is_some() {
+            Some("animation")
+        } else {
+            None
+        }
+    }
+}
+
+const RADIANS: f64 = std::f64::consts::PI / 180.0;
+
+fn ends(file: &str, end: &str) -> bool {
+    let tail = file
+        .len()
+        .checked_sub(end.len())
+        .and_then(|at| file.get(at..));
+    tail.is_some_and(|tail| tail.eq_ignore_ascii_case(end))
+}

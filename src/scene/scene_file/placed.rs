@@ -1,0 +1,89 @@
+//! What a scene file's objects and lamps come to: parts, lamps, and how they move.
+
+use super::typed::{Entry, LampFile};
+use super::{Surroundings, lamp, motion, refuse_phantom_keys};
+use crate::calibration::rig_json::VirtualLight;
+use crate::config::toml_text::{Fault, TomlText};
+use crate::scene::lamps::MOST_LAMPS;
+use crate::scene::motion::{Motion, Motions, Mover};
+use crate::scene::{Part, SceneError};
+use glam::DMat4;
+use std::collections::HashMap;
+use std::path::Path;
+
+/// See the module.
+#[derive(Default)]
+pub(super) struct Placed {
+    pub objects: Vec<Part>,
+    pub lamps: Vec<VirtualLight>,
+    pub motions: Motions,
+    /// Where the lamps stand in that are attached to the object of a name.
+    frames: HashMap<String, DMat4>,
+    standings: HashMap<String, Motion>,
+}
+
+impl Placed {
+    /// Adds the parts and lamps of entry `index` of the file's objects.
+    pub fn add_object(
+        &mut self,
+        (index, entry): (usize, &Entry),
+        (folder, text): (&Path, &TomlText),
+        world_from_model: DMat4,
+        white: Option<f64>,
+    ) -> Result<(), SceneError> {
+        let located = |fault: Fault| SceneError::from(text.locate(fault));
+        let at = format!("object[{index}]");
+        refuse_phantom_keys(entry, &at).map_err(located)?;
+        let model = entry.model(&at, folder, text)?;
+        let standing = entry.standing(&at, world_from_model).map_err(located)?;
+        let parts = entry.parts(&model, &at, folder, text)?;
+        for (k, mut part) in parts.into_iter().enumerate() {
+            let motion = model.part_motion(k, &standing);
+            part.world_from_part = motion.at(0.0);
+            let number = self.objects.len();
+            self.motions.parts.extend(moving(number, motion));
+            self.objects.push(part);
+        }
+        for (k, lamp) in model.lamps.iter().enumerate() {
+            let white = white.ok_or_else(|| located(lamp::without_white(&at)))?;
+            let motion = model.lamp_motion(k, &standing);
+            self.add(lamp.placed(standing.at(0.0), white), motion);
+        }
+        if let Some(name) = &entry.name {
+            let frame = motion::lamp_frame(&standing);
+            self.frames.insert(name.clone(), frame);
+            self.standings.insert(name.clone(), standing);
+        }
+        Ok(())
+    }
+
+    /// Adds the file's lamps; its objects are all there.
+    pub fn add_lamps(&mut self, lamps: &[LampFile], white: Option<f64>) -> Result<(), Fault> {
+        if self.lamps.len() + lamps.len() > MOST_LAMPS {
+            let reason = format!("expected at most {MOST_LAMPS} lamps");
+            return Err(Fault::new("lamp", reason));
+        }
+        for (i, file) in lamps.iter().enumerate() {
+            let surroundings = Surroundings {
+                objects: &self.frames,
+                white,
+            };
+            let lamp = lamp::lamp(file, &format!("lamp[{i}]"), &surroundings)?;
+            let carrier = file.attached_to.as_ref();
+            let motion = carrier.and_then(|name| self.standings.get(name));
+            self.add(lamp, motion.cloned().unwrap_or_default());
+        }
+        Ok(())
+    }
+
+    fn add(&mut self, lamp: VirtualLight, motion: Motion) {
+        let number = self.lamps.len();
+        self.motions.lamps.extend(moving(number, motion));
+        self.lamps.push(lamp);
+    }
+}
+
+/// Entry `index` of [`Motions`], if it moves.
+fn moving(index: usize, motion: Motion) -> Option<Mover> {
+    motion.moves().then_some(Mover { index, motion })
+}

@@ -1,0 +1,146 @@
+//! Objects that move: at each instant the picture is that of the same objects placed there.
+
+use crate::golden::{assert_golden, golden_stage};
+use crate::judge::{difference, square_differences};
+use crate::stage::Stage;
+use glam::{DVec3, Vec3};
+use penumbra::compositor::{Compositor, Refresh};
+use penumbra::picture::Picture;
+use penumbra::scene::motion::Motions;
+use penumbra::scene::{SceneAddition, primitives};
+
+/// A box that slides and turns, a ring that spins about a slanted axis and grows, a post that
+/// stands still, and a spot that the box carries.
+const SCENE: &str = r##"
+[[object]]
+name = "box"
+shape = "box"
+size_m = [0.07, 0.05, 0.06]
+position_m = [-0.1, -0.04, 0.0]
+material = { base_colour = "#b04030", roughness = 0.5 }
+repeat_s = 4.0
+keys = [
+    { at_s = 0.0 },
+    { at_s = 2.0, position_m = [0.08, -0.05, 0.0], rotation_deg = [120.0, 0.0, 0.0] },
+    { at_s = 4.0 },
+]
+
+[[object]]
+name = "ring"
+shape = "torus"
+radius_m = 0.05
+tube_radius_m = 0.015
+position_m = [0.02, 0.1, 0.08]
+easing = "linear"
+repeat_s = 3.0
+keys = [
+    { at_s = 0.0, rotation_deg = [0.0, 60.0, 0.0] },
+    { at_s = 3.0, rotation_deg = [360.0, 60.0, 0.0], scale = [1.0, 1.0, 1.6] },
+]
+material = { base_colour = "#d8b050", metallic = 1.0, roughness = 0.3 }
+
+[[object]]
+name = "post"
+shape = "cylinder"
+radius_m = 0.012
+height_m = 0.1
+position_m = [0.12, 0.02, 0.0]
+material = { base_colour = "#4080a0" }
+
+[[lamp]]
+attached_to = "box"
+position_m = [0.0, 0.0, 0.14]
+target_m = [0.08, 0.05, 0.0]
+intensity = [0.05, 0.04, 0.02]
+beam_deg = 30
+cutoff_deg = 45
+"##;
+
+fn stage() -> Stage {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("moving.toml");
+    std::fs::write(&path, SCENE).unwrap();
+    let mut stage = golden_stage();
+    // A low sun throws long shadows.
+    let sun = crate::stage::sun(Vec3::new(-0.6, -0.3, 0.7), Vec3::new(1.2, 1.1, 0.9));
+    stage.lighting.as_mut().unwrap().lights[63] = sun;
+    stage.scene = SceneAddition::load(&path).unwrap().onto(stage.scene);
+    let real = crate::stage::part(
+        primitives::cuboid(Vec3::new(0.03, 0.03, 0.05)),
+        DVec3::new(0.0, -0.12, 0.0),
+    );
+    stage.with_phantom(real)
+}
+
+/// Uncoarsened, so that both have the same triangles.
+fn compositor(stage: &Stage) -> Compositor {
+    let response = stage.response.clone();
+    let mut compositor = Compositor::new(crate::stage::gpu(), stage.settings.clone(), response);
+    compositor.set_scene(&stage.scene, &stage.scene.virtual_parts);
+    compositor
+}
+
+/// The picture at `seconds` of a compositor that has shown other instants.
+fn moved(stage: &mut Stage, compositor: &mut Compositor, seconds: f64) -> Picture {
+    stage.scene.lamps_at(seconds, &mut stage.lamps);
+    compositor.set_time(seconds);
+    stage.compose_with(compositor)
+}
+
+/// The same things placed there, in a compositor of their own.
+fn placed(seconds: f64) -> Picture {
+    let mut stage = stage();
+    stage.scene.lamps_at(seconds, &mut stage.lamps);
+    stage.scene.place_at(seconds);
+    stage.scene.motions = Motions::default();
+    stage.compose_with(&mut compositor(&stage))
+}
+
+#[test]
+fn what_moves_looks_and_casts_as_if_it_were_placed_there() {
+    let mut stage = stage();
+    assert_eq!(stage.scene.motions.parts.len(), 2);
+    let mut compositor = compositor(&stage);
+    let first = moved(&mut stage, &mut compositor, 0.0);
+    for seconds in [0.7, 2.0, 5.3] {
+        let (ours, truth) = (moved(&mut stage, &mut compositor, seconds), placed(seconds));
+        let squares = square_differences(&ours, &truth);
+        let worst = squares.iter().map(|s| s.1).fold(0.0, f64::max);
+        let (_, mean) = difference(&ours, &truth);
+        assert!(worst < 1.5 && mean < 0.05, "{seconds} s: {worst} {mean}");
+        let (_, change) = difference(&ours, &first);
+        assert!(change > 1.0, "{seconds} s: nothing has moved ({change})");
+    }
+    let again = moved(&mut stage, &mut compositor, 0.0);
+    assert_eq!(
+        difference(&again, &first).0,
+        0,
+        "the same time, the same bytes"
+    );
+}
+
+#[test]
+fn nothing_is_drawn_anew_for_what_rests() {
+    let mut stage = stage();
+    stage.scene.motions.parts.retain(|mover| mover.index == 0);
+    let mut compositor = compositor(&stage);
+    let lights = stage.lighting.as_ref().map_or(&[][..], |l| &l.lights);
+    let lit = lights.iter().filter(|l| l.irradiance.element_sum() > 0.0);
+    let lights = lit.count();
+    moved(&mut stage, &mut compositor, 2.0);
+    for (seconds, drawn) in [(2.0, 0), (2.1, lights), (2.1, 0)] {
+        moved(&mut stage, &mut compositor, seconds);
+        assert_eq!(compositor.maps_refreshed(), drawn, "{seconds} s");
+    }
+    stage.refresh = Refresh::UpTo(5);
+    moved(&mut stage, &mut compositor, 2.2);
+    assert_eq!(compositor.maps_refreshed(), 5);
+}
+
+#[test]
+fn golden_moving_objects_and_the_lamp_that_one_carries() {
+    let mut stage = stage();
+    let mut compositor = stage.compositor();
+    moved(&mut stage, &mut compositor, 0.4);
+    assert_golden("moving", &moved(&mut stage, &mut compositor, 1.3));
+}
