@@ -49,6 +49,7 @@ impl Room {
             direction: Vec3::NEG_Z,
             intensity: Vec3::ZERO,
             cone: None,
+            area: None,
         };
         Self {
             view,
@@ -126,6 +127,7 @@ impl Room {
                 direction: (Vec3::new(0.03, 0.0, 0.0) - position).normalize(),
                 intensity: Vec3::new(0.25, 0.35, 0.6) / count,
                 cone: Some((0.35, 0.6)),
+                area: None,
             };
         }
     }

@@ -8,10 +8,12 @@ use super::json_node::Node;
 pub use super::json_node::RigJsonError;
 use super::rig::{EnvironmentCamera, EnvironmentView, MirrorSphere, RigCalibration, SceneCamera};
 use super::{PinholeCamera, Response};
+use crate::scene::SceneTexture;
 use crate::scene::lamps::MOST_LAMPS;
 use cameras::{chart, environment_camera, scene_camera, sphere, tracker};
 use glam::{DMat4, DVec2, DVec3, Vec3};
 use penumbra_interface::RigidTransform;
+use std::sync::Arc;
 use things::{ground, marker, object, phantom, virtual_light};
 
 mod cameras;
@@ -99,8 +101,11 @@ pub struct VirtualLight {
     /// How it spreads its light.
     pub kind: VirtualLightKind,
     /// Linear, scene camera units: a white diffuse surface at r metres shows
-    /// `intensity · cos θ / (π r²)`.
+    /// `intensity · cos θ / (π r²)`. Of an area what leaves along its normal, its picture
+    /// included.
     pub intensity: Vec3,
+    /// Of an area only.
+    pub screen: Option<Screen>,
     /// Path in time, eased with smoothstep between keys.
     pub keys: Vec<VirtualLightKey>,
     /// Seconds after which the path begins anew.
@@ -119,6 +124,24 @@ pub enum VirtualLightKind {
         /// Half angle, radians.
         cutoff: f64,
     },
+    /// A rectangle that is equally bright from all sides (Lambert).
+    Area {
+        /// Half of its width and height, metres.
+        half_size: DVec2,
+        /// Its height's direction, world; made perpendicular to where it looks.
+        up: DVec3,
+        /// It shines to both sides.
+        two_sided: bool,
+    },
+}
+
+/// What an area lamp shows.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Screen {
+    /// Colours over the area, upright as seen from in front; without one it is even.
+    pub texture: Option<Arc<SceneTexture>>,
+    /// The area itself is drawn.
+    pub visible: bool,
 }
 
 /// Where a virtual light is at one time.

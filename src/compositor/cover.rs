@@ -48,16 +48,22 @@ impl Cover {
         }
     }
 
-    /// Finds the tiles of a picture of `size` pixels.
-    pub fn update(&mut self, clip_from_world: DMat4, (width, height): (u32, u32), visible: bool) {
+    /// Finds the tiles of a picture of `size` pixels; `more` boxes are of this frame only.
+    pub fn update(
+        &mut self,
+        clip_from_world: DMat4,
+        (width, height): (u32, u32),
+        visible: bool,
+        more: impl Iterator<Item = Corners>,
+    ) {
         let (across, down) = (width.div_ceil(TILE), height.div_ceil(TILE));
         self.across = across;
         self.tiles.clear();
         self.tiles.resize((across * down) as usize, 0);
         if visible {
             let size = DVec2::new(f64::from(width), f64::from(height));
-            for corners in self.boxes.iter().flatten() {
-                match outline(corners, clip_from_world, size) {
+            for corners in self.boxes.iter().flatten().copied().chain(more) {
+                match outline(&corners, clip_from_world, size) {
                     Some(outline) => mark(&mut self.tiles, (across, down), &outline),
                     None => self.tiles.fill(1),
                 }
@@ -173,11 +179,11 @@ mod tests {
     fn a_box_covers_the_tiles_it_is_seen_in() {
         let mut cover = Cover::default();
         cover.set_boxes(vec![cube(DVec3::new(0.0, 0.0, 2.0), 0.1)]);
-        cover.update(clip(), (20 * TILE, 20 * TILE), true);
+        cover.update(clip(), (20 * TILE, 20 * TILE), true, std::iter::empty());
         // 0.1 m at 1.95 m is half a tile each way about the centre: tiles 9 and 10.
         assert_eq!(cover.rectangle(), [9, 9, 2, 2]);
         assert_eq!(cover.tiles().iter().filter(|t| **t != 0).count(), 4);
-        cover.update(clip(), (20 * TILE, 20 * TILE), false);
+        cover.update(clip(), (20 * TILE, 20 * TILE), false, std::iter::empty());
         assert_eq!(cover.rectangle()[2], 0);
     }
 
@@ -188,11 +194,11 @@ mod tests {
             * DMat4::from_rotation_z(std::f64::consts::FRAC_PI_4);
         let ends = [DVec3::new(-1.0, -0.01, 0.0), DVec3::new(1.0, 0.01, 0.0)];
         cover.set_boxes(vec![corners(ends.into_iter(), turn)]);
-        cover.update(clip(), (20 * TILE, 20 * TILE), true);
+        cover.update(clip(), (20 * TILE, 20 * TILE), true, std::iter::empty());
         let covered = cover.tiles().iter().filter(|t| **t != 0).count();
         assert!((10..60).contains(&covered), "{covered}");
         cover.set_boxes(vec![cube(DVec3::ZERO, 1.0)]);
-        cover.update(clip(), (20 * TILE, 20 * TILE), true);
+        cover.update(clip(), (20 * TILE, 20 * TILE), true, std::iter::empty());
         assert_eq!(cover.rectangle(), [0, 0, 20, 20]);
     }
 }

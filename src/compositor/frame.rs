@@ -241,7 +241,7 @@ impl Compositor {
 
     /// Everything that is uploaded.
     fn prepare(&mut self, input: &FrameInput<'_>) -> Result<(), GpuError> {
-        self.fit_variant(!input.lamps.is_empty());
+        self.fit_variant(input.lamps);
         let mut rebind = self.fit_targets(input.picture)?;
         if let Some(lighting) = input.lighting
             && self.radiance_generation != Some(lighting.generation)
@@ -289,6 +289,8 @@ impl Compositor {
             .schedule(mapped, size, input.refresh, &mut self.chosen);
         self.refreshed = self.chosen.len();
         let mut uniform = self.frame_uniform(input, mapped.len(), augmented);
+        let lamps = if seen { input.lamps } else { &[] };
+        self.scene.emitters.place(&self.gpu.queue, lamps);
         self.upload_cover(input, augmented && input.lighting.is_some());
         let stage = self.planes.as_mut().filter(|_| by_planes);
         let lights = stage.map_or(lights, |stage| stage.shade(input, &mut uniform, lights));
@@ -302,9 +304,9 @@ impl Compositor {
         });
         let (device, queue) = (&self.gpu.device, &self.gpu.queue);
         self.light_maps.write_frame(queue, &uniform, each);
-        let lamps = if seen { input.lamps } else { &[] };
+        let (casters, screens) = (slots.casters(), &self.scene.screens);
         self.light_maps
-            .write_lamps(device, queue, lamps, slots.casters(), LAMP_MAPS * size);
+            .write_lamps(device, queue, (lamps, screens), casters, LAMP_MAPS * size);
         Ok(())
     }
 
@@ -314,7 +316,9 @@ impl Compositor {
         let pose = input.world_from_camera.filter(|_| augmented);
         let camera_from_world = pose.map_or(DMat4::IDENTITY, |p| p.inverse().to_matrix());
         let clip_from_world = clip_from_camera(input.camera) * camera_from_world;
-        self.cover.update(clip_from_world, size, pose.is_some());
+        let emitters = self.scene.emitters.boxes();
+        self.cover
+            .update(clip_from_world, size, pose.is_some(), emitters);
         let focal = input.camera.focal.max_element();
         for part in &mut self.scene.virtual_parts {
             part.details.choose(clip_from_world, focal);

@@ -50,6 +50,8 @@ pub struct LampUniform {
     pub right: [f32; 4],
     pub up: [f32; 4],
     pub forward: [f32; 4],
+    pub half_right: [f32; 4],
+    pub half_up: [f32; 4],
 }
 
 /// Twin of WGSL `Lamps`.

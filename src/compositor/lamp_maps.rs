@@ -1,89 +1,26 @@
 //! The lamps on the GPU: their uniforms, and shadow maps seen from them in perspective.
-//!
-//! A lamp outside the casters has one map that fits around them, or around a narrow spot's
-//! cone. A lamp among the casters looks all round with the six faces of a cube.
 
 use super::gpu_data::{LampUniform, LampsUniform};
+use super::lamp_coverage::{Coverage, MOST_VIEWS_EACH, MapAxes, clip, eyes};
 use super::lamp_layers::{Assigned, LampLayers, LampViews};
+use super::lamp_screens::LampScreens;
 use super::shadow_slots::CasterHull;
 use super::targets::format;
 use crate::scene::PlacedLamp;
 use crate::scene::lamps::MOST_LAMPS;
-use glam::{Mat4, Vec3, Vec4};
+use glam::{Mat4, Vec3};
 
-/// Layers that all lamps together may need.
-pub const MOST_VIEWS: usize = 6 * MOST_LAMPS;
+/// Views that all lamps together may need.
+pub const MOST_VIEWS: usize = MOST_VIEWS_EACH * MOST_LAMPS;
 /// Layers at their full size; more of them share the memory of so many, 192 MB at 1024² texels.
 const FULL_LAYERS: usize = 48;
-/// Twin of WGSL `LAMP_NEAR`.
-const NEAR: f32 = 1e-3;
-/// A single map is not made wider than this half angle: its corners would be coarse.
-const WIDEST: f32 = 0.9;
 
-/// What a lamp sees through its maps.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Coverage {
-    /// No casters.
-    Nothing,
-    /// A square pyramid around `forward`, `tangent` wide to each side.
-    One { forward: Vec3, tangent: f32 },
-    /// All round.
-    Cube,
-}
-
-impl Coverage {
-    fn of(lamp: &PlacedLamp, hull: &CasterHull) -> Self {
-        let Some((forward, angle)) = hull.cone_from(lamp.position) else {
-            return Self::Nothing;
-        };
-        let spot = lamp.cone.map(|(_, cutoff)| (lamp.direction, cutoff));
-        let hull = Some((forward, angle + 0.01)).filter(|_| angle.is_finite());
-        let narrowest = [hull, spot]
-            .into_iter()
-            .flatten()
-            .min_by(|a, b| a.1.total_cmp(&b.1));
-        match narrowest {
-            Some((forward, angle)) if angle < WIDEST => Self::One {
-                forward,
-                tangent: angle.tan(),
-            },
-            _ => Self::Cube,
-        }
-    }
-
-    const fn views(&self) -> usize {
-        match self {
-            Self::Nothing => 0,
-            Self::One { .. } => 1,
-            Self::Cube => 6,
-        }
-    }
-
-    /// Right, up, forward and the tangent of the half width of each view. Texels on the
-    /// edge of a cube's face show a little of what lies beyond it.
-    fn axes(&self, size: u32) -> Vec<([Vec3; 3], f32)> {
-        match *self {
-            Self::Nothing => Vec::new(),
-            Self::One { forward, tangent } => {
-                let (right, up) = forward.any_orthonormal_pair();
-                vec![([right, up, forward], tangent)]
-            }
-            Self::Cube => (0..6)
-                .map(|face| {
-                    let axis = |k: usize| Vec3::AXES[(face / 2 + k) % 3];
-                    let forward = if face % 2 == 0 { axis(0) } else { -axis(0) };
-                    ([axis(1), axis(2), forward], 1.0 + 4.0 / size as f32)
-                })
-                .collect(),
-        }
-    }
-}
-
-/// A layer to draw, and its view in the buffer of views.
+/// A layer to draw: `across²` views side by side, row by row, from `view` on in the buffer of views.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LampDraw {
     pub layer: u32,
     pub view: u32,
+    pub across: u32,
 }
 
 /// See the module.
@@ -141,7 +78,7 @@ impl LampMaps {
         &mut self,
         device: &wgpu::Device,
         queue: &wgpu::Queue,
-        lamps: &[PlacedLamp],
+        (lamps, screens): (&[PlacedLamp], &LampScreens),
         (hull, generation): (&CasterHull, u64),
         size: u32,
     ) -> bool {
@@ -160,9 +97,19 @@ impl LampMaps {
         known.clear();
         known.extend_from_slice(lamps);
         let coverages: Vec<_> = lamps.iter().map(|l| Coverage::of(l, hull)).collect();
-        let renewed = self.fit(device, coverages.iter().map(Coverage::views).sum(), size);
-        self.place(queue, lamps, &coverages);
+        let renewed = self.fit(device, coverages.iter().map(Coverage::layers).sum(), size);
+        self.place(queue, (lamps, screens), &coverages);
         renewed
+    }
+
+    /// Texels along a side of a layer.
+    pub const fn size(&self) -> u32 {
+        self.size
+    }
+
+    /// What the uniforms tell is out of date.
+    pub fn forget_uniform(&mut self) {
+        self.known.1 = 0;
     }
 
     /// Makes the maps anew where `needed` layers do not fit. Lamps that go leave theirs behind.
@@ -178,21 +125,48 @@ impl LampMaps {
         true
     }
 
-    fn place(&mut self, queue: &wgpu::Queue, lamps: &[PlacedLamp], coverages: &[Coverage]) {
-        let axes: Vec<_> = coverages.iter().map(|c| c.axes(self.size)).collect();
-        let views = lamps.iter().zip(&axes).map(|(lamp, axes)| LampViews {
-            clips: axes
-                .iter()
-                .map(|(axes, tangent)| clip(lamp.position, axes, *tangent))
-                .collect(),
-            layers: axes.len(),
-        });
-        let views: Vec<_> = views.collect();
+    fn place(
+        &mut self,
+        queue: &wgpu::Queue,
+        (lamps, screens): (&[PlacedLamp], &LampScreens),
+        coverages: &[Coverage],
+    ) {
+        let areas = lamps.iter().filter(|lamp| lamp.area.is_some()).count();
+        let pairs = || lamps.iter().zip(coverages);
+        let across: Vec<_> = pairs().map(|(lamp, c)| c.across(lamp, areas)).collect();
+        let sizes = across.iter().map(|n| self.size / n);
+        let axes: Vec<_> = coverages
+            .iter()
+            .zip(sizes)
+            .map(|(c, s)| c.axes(s))
+            .collect();
+        let views: Vec<_> = (0..lamps.len())
+            .map(|k| {
+                let eyes = || eyes(&lamps[k], across[k]);
+                let clips = axes[k]
+                    .iter()
+                    .flat_map(|a| eyes().map(move |eye| clip(eye, a)));
+                LampViews {
+                    clips: clips.collect(),
+                    layers: axes[k].len(),
+                }
+            })
+            .collect();
         let assigned = self.assigned.assign(views.clone(), self.layers.len());
         let mut uniform = LampsUniform::default();
         uniform.count[0] = lamps.len() as u32;
         for (k, slot) in uniform.each.iter_mut().enumerate().take(lamps.len()) {
-            *slot = lamp_uniform(&lamps[k], &axes[k], assigned[k].first, self.size);
+            *slot = lamp_uniform(
+                &lamps[k],
+                &axes[k],
+                assigned[k].first,
+                self.size / across[k],
+            );
+            if let Some(area) = lamps[k].area {
+                slot.half_right[3] = screens.layer(area.screen) as f32;
+                slot.intensity[3] = across[k] as f32;
+                uniform.count[1] |= 1 << k;
+            }
         }
         queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
         self.list_draws(queue, &views, &assigned);
@@ -201,12 +175,14 @@ impl LampMaps {
     fn list_draws(&mut self, queue: &wgpu::Queue, views: &[LampViews], assigned: &[Assigned]) {
         let mut clips = Vec::new();
         for (views, place) in views.iter().zip(assigned).filter(|(_, place)| place.stale) {
-            for (layer, clip) in (place.first..).zip(&views.clips) {
+            for layer in 0..views.layers {
+                let each = views.clips.len() / views.layers;
                 self.draws.push(LampDraw {
-                    layer: layer as u32,
+                    layer: (place.first + layer) as u32,
                     view: clips.len() as u32,
+                    across: each.isqrt() as u32,
                 });
-                clips.push(*clip);
+                clips.extend_from_slice(&views.clips[layer * each..][..each]);
             }
         }
         if !clips.is_empty() {
@@ -224,12 +200,7 @@ fn size_of_layers(layers: usize, wanted: u32) -> u32 {
     ((wanted as f32 * share) as u32 & !15).max(16)
 }
 
-fn lamp_uniform(
-    lamp: &PlacedLamp,
-    views: &[([Vec3; 3], f32)],
-    layer: usize,
-    size: u32,
-) -> LampUniform {
+fn lamp_uniform(lamp: &PlacedLamp, views: &[MapAxes], layer: usize, size: u32) -> LampUniform {
     let ([right, up, forward], tangent) = views.first().copied().unwrap_or_default();
     // A point is a spot that has not begun to fade at any angle.
     let (beam, cutoff) = lamp.cone.unwrap_or((10.0, 11.0));
@@ -241,19 +212,11 @@ fn lamp_uniform(
         right: with(right, layer as f32),
         up: with(up, tangent),
         forward: with(forward, 2.0 * tangent / size as f32),
+        half_right: with(lamp.area.map_or(Vec3::ZERO, |a| a.half_right), 0.0),
+        half_up: lamp.area.map_or([0.0; 4], |a| {
+            with(a.half_up, f32::from(u8::from(a.two_sided)))
+        }),
     }
-}
-
-/// Reversed depth with the far plane at infinity.
-fn clip(eye: Vec3, [right, up, forward]: &[Vec3; 3], tangent: f32) -> Mat4 {
-    let row = |axis: Vec3| axis.extend(-axis.dot(eye));
-    Mat4::from_cols(
-        row(*right / tangent),
-        row(*up / tangent),
-        Vec4::new(0.0, 0.0, 0.0, NEAR),
-        row(*forward),
-    )
-    .transpose()
 }
 
 fn maps(
@@ -299,7 +262,7 @@ mod tests {
     fn many_layers_take_no_more_memory_than_eight_cubes() {
         let bytes =
             |layers: usize| layers as u64 * u64::from(size_of_layers(layers, 1024)).pow(2) * 4;
-        for layers in 1..=MOST_VIEWS {
+        for layers in 1..=6 * MOST_LAMPS {
             assert!(bytes(layers) <= 192 << 20, "{layers}");
         }
         assert_eq!(size_of_layers(48, 1024), 1024);

@@ -5,6 +5,7 @@ use super::bindings::{Slot, group, layout, sampler, view};
 use super::gloss_maps::GlossMaps;
 use super::gpu_data::{FrameUniform, LightUniform};
 use super::lamp_maps::LampMaps;
+use super::lamp_screens::LampScreens;
 use super::near_maps::NearMaps;
 use super::shaders::MAX_LIGHTS;
 use super::shadow_slots::CasterHull;
@@ -22,6 +23,7 @@ pub struct LightMaps {
     pub gloss: GlossMaps,
     near: NearMaps,
     pub lamps: LampMaps,
+    screens: wgpu::TextureView,
     frame: wgpu::Buffer,
     lights: wgpu::Buffer,
     /// Irradiance by normal of all lights and of the compact ones.
@@ -49,6 +51,7 @@ impl LightMaps {
                 Slot::Uniform,
                 Slot::DepthArray,
                 Slot::Comparison,
+                Slot::Layers,
             ],
         );
         let buffer = |size: usize, usage| {
@@ -69,16 +72,19 @@ impl LightMaps {
             label: Some("table"),
             mag_filter: wgpu::FilterMode::Linear,
             min_filter: wgpu::FilterMode::Linear,
+            mipmap_filter: wgpu::MipmapFilterMode::Linear,
             ..Default::default()
         });
         let near = NearMaps::new(device);
         let lamps = LampMaps::new(device);
+        let screens = no_screens(device);
         let parts = FrameParts {
             buffers: [&frame, &lights],
             tables: &tables,
             smooth: &smooth,
             near: &near,
             lamps: &lamps,
+            screens: &screens,
         };
         let frame_group = parts.group(device, &frame_layout);
         Self {
@@ -87,6 +93,7 @@ impl LightMaps {
             gloss: GlossMaps::new(device),
             near,
             lamps,
+            screens,
             frame,
             lights,
             tables,
@@ -134,20 +141,32 @@ impl LightMaps {
         &mut self,
         device: &wgpu::Device,
         queue: &wgpu::Queue,
-        lamps: &[PlacedLamp],
+        lamps: (&[PlacedLamp], &LampScreens),
         casters: (&CasterHull, u64),
         size: u32,
     ) {
         if self.lamps.write(device, queue, lamps, casters, size) {
-            let parts = FrameParts {
-                buffers: [&self.frame, &self.lights],
-                tables: &self.tables,
-                smooth: &self.smooth,
-                near: &self.near,
-                lamps: &self.lamps,
-            };
-            self.frame_group = parts.group(device, &self.frame_layout);
+            self.regroup(device);
         }
+    }
+
+    /// Binds what the scene's area lamps show.
+    pub fn bind_screens(&mut self, device: &wgpu::Device, screens: &LampScreens) {
+        self.screens = screens.view.clone();
+        self.lamps.forget_uniform();
+        self.regroup(device);
+    }
+
+    fn regroup(&mut self, device: &wgpu::Device) {
+        let parts = FrameParts {
+            buffers: [&self.frame, &self.lights],
+            tables: &self.tables,
+            smooth: &self.smooth,
+            near: &self.near,
+            lamps: &self.lamps,
+            screens: &self.screens,
+        };
+        self.frame_group = parts.group(device, &self.frame_layout);
     }
 
     /// Uploads the light that virtual objects throw onto the real scene.
@@ -163,6 +182,29 @@ struct FrameParts<'a> {
     smooth: &'a wgpu::Sampler,
     near: &'a NearMaps,
     lamps: &'a LampMaps,
+    screens: &'a wgpu::TextureView,
+}
+
+/// Before there is a scene.
+fn no_screens(device: &wgpu::Device) -> wgpu::TextureView {
+    let texture = device.create_texture(&wgpu::TextureDescriptor {
+        label: Some("no lamp screens"),
+        size: wgpu::Extent3d {
+            width: 1,
+            height: 1,
+            depth_or_array_layers: 1,
+        },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: super::targets::format::LIGHT,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING,
+        view_formats: &[],
+    });
+    texture.create_view(&wgpu::TextureViewDescriptor {
+        dimension: Some(wgpu::TextureViewDimension::D2Array),
+        ..Default::default()
+    })
 }
 
 impl FrameParts<'_> {
@@ -182,6 +224,7 @@ impl FrameParts<'_> {
             self.lamps.uniform.as_entire_binding(),
             view(&self.lamps.array),
             sampler(&self.lamps.compare),
+            view(self.screens),
         ];
         group(device, "frame", layout, &resources)
     }

@@ -9,13 +9,16 @@
 mod bindings;
 mod cover;
 mod detail;
+mod emitters;
 pub mod exposure;
 pub mod frame;
 mod gloss_maps;
 pub mod gpu;
 mod gpu_data;
+mod lamp_coverage;
 mod lamp_layers;
 mod lamp_maps;
+mod lamp_screens;
 mod light_maps;
 mod moving;
 mod near_maps;
@@ -39,7 +42,7 @@ pub use scene_upload::{SceneUploader, UploadedScene};
 pub use shadow_slots::Refresh;
 
 use crate::calibration::Response;
-use crate::scene::{Part, Scene};
+use crate::scene::{Part, PlacedLamp, Scene};
 use cover::Cover;
 use exposure::ExposureStation;
 use frame::Pipelines;
@@ -119,6 +122,7 @@ impl Compositor {
             samples: settings.samples,
             soft: settings.soft_samples.max(1),
             lamps: false,
+            areas: false,
             phong: false,
             fine: settings.shadow_step == 1,
             exposed: false,
@@ -169,6 +173,8 @@ impl Compositor {
     pub fn show_scene(&mut self, scene: UploadedScene) {
         self.scene = scene.buffers;
         self.cover.set_boxes(scene.boxes);
+        self.light_maps
+            .bind_screens(&self.gpu.device, &self.scene.screens);
         // Phong's lobes may be wanted now.
         self.radiance_generation = None;
         self.near_generation = 0;
@@ -189,6 +195,7 @@ impl Compositor {
         self.settings.light_budget = lights;
         let device = &self.gpu.device;
         self.light_maps = LightMaps::new(device, lights);
+        self.light_maps.bind_screens(device, &self.scene.screens);
         self.maps = make_maps(device, &self.settings);
         self.slots.forget();
         self.radiance_generation = None;
@@ -228,12 +235,16 @@ impl Compositor {
         self.timer.read(&self.gpu.device)
     }
 
-    /// Compiles the shaders anew when the first lamp or Phong's first lobe comes.
-    fn fit_variant(&mut self, lamps: bool) {
-        let phong = self.scene.has_phong;
-        if (lamps && !self.variant.lamps) || (phong && !self.variant.phong) {
-            self.variant.lamps |= lamps;
-            self.variant.phong |= phong;
+    /// Compiles the shaders anew when the first lamp or area lamp or Phong's first lobe comes.
+    fn fit_variant(&mut self, lamps: &[PlacedLamp]) {
+        let wanted = Variant {
+            lamps: self.variant.lamps || !lamps.is_empty(),
+            areas: self.variant.areas || lamps.iter().any(|lamp| lamp.area.is_some()),
+            phong: self.variant.phong || self.scene.has_phong,
+            ..self.variant
+        };
+        if wanted != self.variant {
+            self.variant = wanted;
             if let Some(planes) = &mut self.planes {
                 planes.forget_pipelines();
             }

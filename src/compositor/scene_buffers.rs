@@ -2,7 +2,9 @@
 
 use super::bindings::{Slot, group, layout, sampler, view};
 use super::detail::Details;
+use super::emitters::Emitters;
 use super::gpu_data::{PhantomPartUniform, VirtualPartUniform};
+use super::lamp_screens::LampScreens;
 use super::moving::{CASTER_SHIFT, CasterPlaces, MovingPart};
 use crate::environment::lobes::phong_parameter;
 use crate::scene::motion::still_and_moving;
@@ -67,6 +69,9 @@ pub struct SceneBuffers {
     pub ground_height: Option<f64>,
     /// Something has Phong's lobe.
     pub has_phong: bool,
+    /// What area lamps show, for their light and for the eye.
+    pub screens: LampScreens,
+    pub emitters: Emitters,
 }
 
 /// Layouts that outlive any scene.
@@ -138,6 +143,8 @@ impl SceneBuffers {
             occluders: merge(device, &scene.phantom_parts).mesh,
             ground_height: scene.ground_height,
             has_phong: scene.has_phong(),
+            screens: LampScreens::new(device, queue, &scene.lamps),
+            emitters: Emitters::new(device, &layouts.parts, &scene.lamps, |m| textures.bind(m)),
         }
     }
 }
@@ -209,7 +216,7 @@ fn merge<'a>(device: &wgpu::Device, parts: impl IntoIterator<Item = &'a Part>) -
     Casters { mesh, positions }
 }
 
-fn vertex_buffer(device: &wgpu::Device, contents: &[u8]) -> wgpu::Buffer {
+pub(super) fn vertex_buffer(device: &wgpu::Device, contents: &[u8]) -> wgpu::Buffer {
     let usage = wgpu::BufferUsages::VERTEX;
     device.create_buffer_init(&BufferInitDescriptor {
         label: Some("vertices"),

@@ -18,6 +18,7 @@ const LIGHT_TEXEL: &str = include_str!("shaders/lib/light_texel.wgsl");
 const LAMPS: &str = include_str!("shaders/lib/lamps.wgsl");
 const LAMP_RESPONSE: &str = include_str!("shaders/lib/lamp_response.wgsl");
 const ANSWERED: &str = include_str!("shaders/lib/answered.wgsl");
+const AREA_LAMPS: &str = include_str!("shaders/lib/area_lamps.wgsl");
 const GLOSS: &str = include_str!("shaders/lib/gloss.wgsl");
 const GLINTS: &str = include_str!("shaders/lib/glints.wgsl");
 const HIGHLIGHTS: &str = include_str!("shaders/lib/highlights.wgsl");
@@ -31,7 +32,7 @@ const VISIBILITY: &str = include_str!("shaders/lib/visibility.wgsl");
 pub const MAX_LIGHTS: u32 = 384;
 
 /// What the shaders' text is made for.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Variant {
     /// Samples a pixel of virtual surfaces.
     pub samples: u32,
@@ -40,6 +41,8 @@ pub struct Variant {
     /// There are lamps. Without them their code is left out: software drivers run a loop's
     /// body once even where there is nothing to go through.
     pub lamps: bool,
+    /// Some of them are rectangles.
+    pub areas: bool,
     /// Something has Phong's lobe.
     pub phong: bool,
     /// The shadow buffer is as fine as the picture: edges of the real scene are looked at
@@ -55,6 +58,7 @@ impl Variant {
         samples: 1,
         soft: 1,
         lamps: false,
+        areas: false,
         phong: false,
         fine: true,
         exposed: false,
@@ -103,6 +107,7 @@ pub fn all(variant: Variant) -> [(&'static str, String); 12] {
                     VISIBILITY,
                     LAMPS,
                     LAMP_RESPONSE,
+                    AREA_LAMPS,
                     include_str!("shaders/shadow_buffer.wgsl"),
                 ]),
                 variant,
@@ -124,6 +129,7 @@ pub fn all(variant: Variant) -> [(&'static str, String); 12] {
                     ARRIVING,
                     LAMPS,
                     LAMP_RESPONSE,
+                    AREA_LAMPS,
                     include_str!("shaders/lib/planes.wgsl"),
                     include_str!("shaders/planes_shadow.wgsl"),
                 ]),
@@ -137,6 +143,7 @@ pub fn all(variant: Variant) -> [(&'static str, String); 12] {
                     FRAME,
                     CODES,
                     LAMPS,
+                    AREA_LAMPS,
                     LAMP_RESPONSE,
                     include_str!("shaders/lamp_response.wgsl"),
                 ]),
@@ -153,6 +160,7 @@ pub fn all(variant: Variant) -> [(&'static str, String); 12] {
                     SURFACE,
                     SAMPLES,
                     LAMPS,
+                    AREA_LAMPS,
                     include_str!("shaders/tiles.wgsl"),
                 ]),
                 variant,
@@ -190,6 +198,7 @@ pub fn all(variant: Variant) -> [(&'static str, String); 12] {
                     GLOSS,
                     GLINTS,
                     LAMPS,
+                    AREA_LAMPS,
                     HIGHLIGHTS,
                     include_str!("shaders/composite.wgsl"),
                 ]),
@@ -230,6 +239,7 @@ fn sampled(text: String, variant: Variant) -> String {
         .replace("SOFT", &variant.soft.to_string())
         .replace("FINE", if variant.fine { "true" } else { "false" })
         .replace("LAMPED", if variant.lamps { "true" } else { "false" })
+        .replace("AREAS", if variant.areas { "true" } else { "false" })
         .replace("PHONG", if variant.phong { "true" } else { "false" })
         .replace("EXPOSED", if variant.exposed { "true" } else { "false" })
 }
@@ -379,6 +389,7 @@ mod tests {
                 samples,
                 soft,
                 lamps,
+                areas: soft > 1,
                 phong: samples > 1,
                 fine: soft > 1,
                 exposed: lamps,

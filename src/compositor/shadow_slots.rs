@@ -100,6 +100,17 @@ impl CasterHull {
         })
     }
 
+    /// Half angle, radians, of the cone about `axis` that holds everything seen from `eye`.
+    pub(super) fn angle_around(&self, eye: Vec3, axis: Vec3) -> f32 {
+        let cosine = |p: &Vec3| (*p - eye).try_normalize().map_or(-1.0, |d| d.dot(axis));
+        self.points
+            .iter()
+            .map(cosine)
+            .fold(1.0, f32::min)
+            .clamp(-1.0, 1.0)
+            .acos()
+    }
+
     /// Least and greatest coordinate along `axis`; `None` without points.
     pub(super) fn extent(&self, axis: Vec3) -> Option<(f32, f32)> {
         self.points

@@ -53,6 +53,7 @@ impl Scenes {
             }
             SceneChoice::Session | SceneChoice::None => None,
         };
+        warn_of(runner, &shown);
         Ok(Self {
             shown,
             next: None,
@@ -94,7 +95,11 @@ impl Scenes {
         {
             compositor.show_scene(next.uploaded);
             self.news.tell_scene(next.light);
-            self.shown = next.scene;
+            let old = std::mem::replace(&mut self.shown, next.scene);
+            runner.status.update(|s| {
+                old.warnings.iter().for_each(|text| s.clear_warning(text));
+            });
+            warn_of(runner, &self.shown);
             self.status.loads += 1;
         }
         if self.turn != planes.turn() {
@@ -124,5 +129,13 @@ impl Scenes {
         if let Some(reason) = self.status.reason.take() {
             runner.status.update(|s| s.clear_warning(&reason));
         }
+    }
+}
+
+/// Tells what of a scene is not as its owner will have wanted it.
+fn warn_of(runner: &Runner, scene: &Scene) {
+    for text in &scene.warnings {
+        tracing::warn!("{text}");
+        runner.status.update(|s| s.warn(text));
     }
 }

@@ -1,6 +1,7 @@
 //! The scene that a session brings with it: phantoms, ground and virtual object from its
 //! attachments.
 
+use super::enclosed;
 use super::gltf_file::load_gltf_bytes;
 use super::primitives;
 use super::{Material, Part, Scene, SceneError, load_ply};
@@ -43,6 +44,12 @@ impl Scene {
             let world_from_model = object.world_from_glb * z_up_from_y_up().transpose();
             scene.virtual_parts = model.placed(world_from_model);
         }
+        scene.warnings = (0..scene.lamps.len())
+            .filter_map(|i| {
+                let place = format!("rig.json: `virtual_lights.lights[{i}].keys`: ");
+                enclosed::warning(&scene, i, &place)
+            })
+            .collect();
         Ok(scene)
     }
 

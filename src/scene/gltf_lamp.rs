@@ -46,6 +46,7 @@ impl ModelLamp {
                 gain: 1.0,
             }],
             repeat: None,
+            screen: None,
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Lamps that exist in the picture only and light what is real as well as what is virtual.
 
 use crate::calibration::rig_json::{VirtualLight, VirtualLightKey, VirtualLightKind};
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 /// More lamps than this are refused where they are read.
 pub const MOST_LAMPS: usize = 32;
@@ -18,6 +18,36 @@ pub struct PlacedLamp {
     pub intensity: Vec3,
     /// Half angles of a spot, radians: full light inside the first, none outside the second.
     pub cone: Option<(f32, f32)>,
+    /// A rectangle in place of a point.
+    pub area: Option<PlacedArea>,
+}
+
+/// Where an area lamp's rectangle is; it looks along the lamp's direction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlacedArea {
+    /// From its middle to the middle of its right edge, as seen from in front; world, metres.
+    pub half_right: Vec3,
+    /// To the middle of its upper edge.
+    pub half_up: Vec3,
+    /// It shines to both sides.
+    pub two_sided: bool,
+    /// Number of its lamp among the scene's, for what it shows.
+    pub screen: usize,
+}
+
+impl PlacedArea {
+    /// Square metres.
+    #[must_use]
+    pub fn size(&self) -> f32 {
+        4.0 * self.half_right.length() * self.half_up.length()
+    }
+
+    /// Around `middle`, counter-clockwise as seen from in front.
+    #[must_use]
+    pub fn corners(&self, middle: Vec3) -> [Vec3; 4] {
+        let (r, u) = (self.half_right, self.half_up);
+        [-r - u, r - u, r + u, u - r].map(|off| middle + off)
+    }
 }
 
 impl PlacedLamp {
@@ -42,16 +72,37 @@ impl VirtualLight {
         };
         let key = key_at(&self.keys, seconds)?;
         let towards = key.target.map(|t| t - key.position);
+        let direction = towards.and_then(DVec3::try_normalize);
+        let direction = direction.unwrap_or(DVec3::NEG_Z);
+        let cone = match self.kind {
+            VirtualLightKind::Spot { beam, cutoff } => Some((beam as f32, cutoff as f32)),
+            VirtualLightKind::Point | VirtualLightKind::Area { .. } => None,
+        };
         Some(PlacedLamp {
             position: key.position.as_vec3(),
-            direction: towards
-                .and_then(glam::DVec3::try_normalize)
-                .map_or(Vec3::NEG_Z, |d| d.as_vec3()),
+            direction: direction.as_vec3(),
             intensity: self.intensity * key.gain as f32,
-            cone: match self.kind {
-                VirtualLightKind::Point => None,
-                VirtualLightKind::Spot { beam, cutoff } => Some((beam as f32, cutoff as f32)),
-            },
+            cone,
+            area: self.area(direction),
+        })
+    }
+
+    fn area(&self, direction: DVec3) -> Option<PlacedArea> {
+        let VirtualLightKind::Area {
+            half_size,
+            up,
+            two_sided,
+        } = self.kind
+        else {
+            return None;
+        };
+        let right = up.cross(direction).try_normalize();
+        let right = right.unwrap_or_else(|| direction.any_orthonormal_vector());
+        Some(PlacedArea {
+            half_right: (right * half_size.x).as_vec3(),
+            half_up: (direction.cross(right) * half_size.y).as_vec3(),
+            two_sided,
+            screen: 0,
         })
     }
 }
@@ -83,7 +134,7 @@ fn key_at(keys: &[VirtualLightKey], seconds: f64) -> Option<VirtualLightKey> {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use glam::DVec3;
+    use crate::scene::Scene;
 
     fn key(seconds: f64, x: f64, gain: f64) -> VirtualLightKey {
         VirtualLightKey {
@@ -104,6 +155,7 @@ mod tests {
             intensity: Vec3::ONE,
             keys,
             repeat: None,
+            screen: None,
         }
     }
 
@@ -152,5 +204,40 @@ mod tests {
         ] {
             assert!((off(angle) - share).abs() < 1e-3, "{angle}: {}", off(angle));
         }
+    }
+
+    #[test]
+    fn an_area_stands_upright_and_looks_at_its_target() {
+        let kind = VirtualLightKind::Area {
+            half_size: glam::DVec2::new(0.4, 0.3),
+            up: DVec3::Z,
+            two_sided: false,
+        };
+        let at = DVec3::new(0.0, 2.0, 1.0);
+        let key = VirtualLightKey {
+            position: at,
+            target: Some(DVec3::new(0.0, 0.0, 1.0)),
+            ..key(0.0, 0.0, 1.0)
+        };
+        let lamp = VirtualLight {
+            kind,
+            ..spot(vec![key])
+        };
+        let dark = spot(Vec::new());
+        let scene = Scene {
+            lamps: vec![dark, lamp],
+            ..Scene::default()
+        };
+        let mut lamps = Vec::new();
+        scene.lamps_at(0.0, &mut lamps);
+        let placed = lamps[0];
+        let area = placed.area.unwrap();
+        // Who stands at the target looks along +Y; +X is to the right.
+        assert!(area.half_right.distance(Vec3::X * 0.4) < 1e-6, "{area:?}");
+        assert!(area.half_up.distance(Vec3::Z * 0.3) < 1e-6, "{area:?}");
+        assert!(area.screen == 1 && (area.size() - 0.48).abs() < 1e-6);
+        let [a, b, c, _] = area.corners(placed.position);
+        let normal = (b - a).cross(c - b).normalize();
+        assert!(normal.distance(placed.direction) < 1e-6, "{normal}");
     }
 }

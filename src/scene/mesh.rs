@@ -153,6 +153,8 @@ pub struct Scene {
     pub planes: Vec<ShadowingPlane>,
     /// What of it moves; its parts stand here where they are at the beginning.
     pub motions: Motions,
+    /// What is to be told about it, where all of it can be shown nevertheless.
+    pub warnings: Vec<String>,
 }
 
 impl Scene {

@@ -3,8 +3,8 @@
 //! Time is the session's, as for lamps. Nothing is allocated when a motion is asked where
 //! something is, and the same time gives the same bits.
 
-use super::{Part, PlacedLamp, Scene};
-use glam::{DMat3, DMat4, DQuat, DVec3, EulerRot};
+use super::{Part, PlacedArea, PlacedLamp, Scene};
+use glam::{DMat3, DMat4, DQuat, DVec3, EulerRot, Vec3};
 use std::sync::Arc;
 
 /// Nothing becomes smaller than this share of its size: a normal needs a surface.
@@ -301,9 +301,12 @@ impl Scene {
         let mut carried = self.motions.lamps.iter().peekable();
         for (i, lamp) in self.lamps.iter().enumerate() {
             let carrier = carried.next_if(|mover| mover.index == i);
-            let Some(lamp) = lamp.at(seconds) else {
+            let Some(mut lamp) = lamp.at(seconds) else {
                 continue;
             };
+            if let Some(area) = &mut lamp.area {
+                area.screen = i;
+            }
             if lamp.intensity.max_element() > 0.0 {
                 let place = carrier.map(|mover| mover.motion.at(seconds));
                 placed.push(place.map_or(lamp, |place| carry(&lamp, place)));
@@ -324,10 +327,18 @@ impl Scene {
 /// A lamp that hangs on something at `world_from_carrier`.
 fn carry(lamp: &PlacedLamp, world_from_carrier: DMat4) -> PlacedLamp {
     let position = world_from_carrier.transform_point3(lamp.position.as_dvec3());
-    let turned = DMat3::from_mat4(world_from_carrier) * lamp.direction.as_dvec3();
+    let axes = DMat3::from_mat4(world_from_carrier);
+    let turned = |v: Vec3| (axes * v.as_dvec3()).normalize_or(DVec3::NEG_Z).as_vec3();
+    // A lamp keeps its size, whatever its carrier's scale.
+    let edge = |half: Vec3| turned(half) * half.length();
     PlacedLamp {
         position: position.as_vec3(),
-        direction: turned.normalize_or(DVec3::NEG_Z).as_vec3(),
+        direction: turned(lamp.direction),
+        area: lamp.area.map(|area| PlacedArea {
+            half_right: edge(area.half_right),
+            half_up: edge(area.half_up),
+            ..area
+        }),
         ..*lamp
     }
 }

@@ -1,5 +1,7 @@
 //! Light in photometric units, and what a camera makes of it.
 
+use super::SceneTexture;
+use crate::calibration::response::linear_from_srgb;
 use glam::Vec3;
 
 /// Luminous shares of Rec.709's primaries.
@@ -14,6 +16,25 @@ const RADIATION: f64 = 1.438_777e7;
 #[must_use]
 pub fn white_of_ev100(ev100: f64) -> f64 {
     WHITE_AT_EV_0 * ev100.exp2()
+}
+
+/// Luminance of a linear Rec.709 colour whose white has 1.
+#[must_use]
+pub fn luminance(colour: Vec3) -> f32 {
+    colour.dot(LUMINANCE)
+}
+
+/// Mean of an sRGB texture, linear.
+#[must_use]
+pub fn mean_colour(texture: &SceneTexture) -> Vec3 {
+    let linear: [f32; 256] = std::array::from_fn(|code| linear_from_srgb(code as f32 / 255.0));
+    let of = |texel: &[u8]| [0, 1, 2].map(|c| f64::from(linear[usize::from(texel[c])]));
+    let sum: glam::DVec3 = texture
+        .rgba
+        .chunks_exact(4)
+        .map(|t| glam::DVec3::from(of(t)))
+        .sum();
+    (sum / (texture.rgba.len() / 4).max(1) as f64).as_vec3()
 }
 
 /// `colour`, linear Rec.709, at a luminance of 1; black stays black.

@@ -67,6 +67,17 @@
 //! candela = 60.0                   # or `lumen` of all its light
 //! kelvin = 2700.0                  # or `colour`
 //!
+//! [[lamp]]                         # a rectangle that shines, and is seen: a screen, a window
+//! kind = "area"                    # else "spot" or "point", which target_m tells
+//! size_m = [0.3, 0.2]              # width and height, whatever it is attached to
+//! position_m = [0.0, 0.3, 0.15]    # its middle
+//! target_m = [0.0, 0.0, 0.0]       # what it faces; or `direction`, along its normal
+//! up = [0.0, 0.0, 1.0]             # of its picture (the default)
+//! nit = 400.0                      # cd/m² of what is white on it; or lumen, candela straight
+//! # texture = "screen.png"         #   ahead, or intensity of all of it. PNG or JPEG, from this
+//! # two_sided = false              #   file's folder
+//! # visible = true                 # false: it shines, and is not seen itself
+//!
 //! [photometry]                     # what the scene camera shows as white, cd/m²; or `ev100`, its
 //! white_cd_m2 = 300.0              # exposure value at ISO 100
 //!
@@ -87,6 +98,7 @@
 //!
 //! Boxes, cylinders, cones and gates stand on their origin; the others are centred on it.
 
+use super::enclosed;
 use super::gate::temple_gate;
 use super::gltf_file::{ModelPart, Playing, files_of_gltf, load_gltf_playing, read_file};
 use super::motion::Motions;
@@ -106,6 +118,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use typed::{Entry, Ground, SceneFile, Shape};
 
+mod area;
 mod lamp;
 mod material;
 mod motion;
@@ -126,6 +139,8 @@ pub struct SceneAddition {
     pub phantoms: Vec<Part>,
     /// Lamps that exist in the picture only.
     pub lamps: Vec<VirtualLight>,
+    /// Where each of them was written down: file, line and key, as a message begins.
+    pub lamp_places: Vec<String>,
     /// Shadowing planes that are placed by hand.
     pub planes: Vec<ShadowingPlane>,
     /// What of `objects` and `lamps` moves.
@@ -161,7 +176,7 @@ impl SceneAddition {
         for entry in file.object.iter().enumerate() {
             placed.add_object(entry, (folder, text), world_from_model, white)?;
         }
-        placed.add_lamps(&file.lamp, white).map_err(located)?;
+        placed.add_lamps(&file.lamp, (folder, text), white)?;
         let mut phantoms = Vec::new();
         for (i, entry) in file.phantom.iter().enumerate() {
             let at = format!("phantom[{i}]");
@@ -184,6 +199,7 @@ impl SceneAddition {
         let Placed {
             objects,
             lamps,
+            lamp_places,
             motions,
             ..
         } = placed;
@@ -191,6 +207,7 @@ impl SceneAddition {
             objects,
             phantoms,
             lamps,
+            lamp_places,
             planes,
             motions,
             ground,
@@ -217,6 +234,10 @@ impl SceneAddition {
         }
         scene.phantom_parts.extend(self.phantoms);
         covered_parts(&mut scene);
+        let places = self.lamp_places.iter().enumerate();
+        scene.warnings = places
+            .filter_map(|(i, place)| enclosed::warning(&scene, i, place))
+            .collect();
         scene
     }
 }
@@ -234,6 +255,7 @@ pub fn files_of(path: &Path) -> Vec<PathBuf> {
         let materials = entries().filter_map(|entry| entry.material.as_ref());
         let named = models()
             .chain(materials.flat_map(|m| m.textures().into_iter().filter_map(|(_, name)| name)));
+        let named = named.chain(file.lamp.iter().filter_map(|lamp| lamp.texture.as_ref()));
         files.extend(named.take(MOST_ENTRIES).map(|name| folder.join(name)));
         let models = models().take(MOST_ENTRIES).map(|name| folder.join(name));
         files.extend(models.flat_map(|model| files_of_gltf(&model)));

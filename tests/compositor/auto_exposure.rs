@@ -15,6 +15,7 @@ fn lamp(intensity: f32) -> PlacedLamp {
         direction: Vec3::NEG_Z,
         intensity: Vec3::splat(intensity),
         cone: None,
+        area: None,
     }
 }
 

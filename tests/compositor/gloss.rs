@@ -221,6 +221,7 @@ fn a_lamps_highlight_is_phongs_lobe() {
             direction: Vec3::NEG_Z,
             intensity: Vec3::splat(0.06),
             cone: None,
+            area: None,
         };
         let mut stage =
             tile(phong(diffuse, exponent)).lit(lighting(vec![cell(Vec3::Z, Vec3::ZERO)], 0.0));

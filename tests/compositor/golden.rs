@@ -5,6 +5,7 @@
 use crate::judge::{keep, square_differences, write};
 use crate::stage::{Stage, painted};
 use glam::{DVec2, DVec3, Vec3};
+use penumbra::calibration::rig_json::{Screen, VirtualLightKind};
 use penumbra::environment::box_chain::box_chain;
 use penumbra::environment::cube::CubeGrid;
 use penumbra::environment::dome::DomeGrid;
@@ -203,6 +204,7 @@ fn golden_in_shorter_exposure() -> Stage {
         direction: Vec3::new(-0.3, 0.3, -1.0).normalize(),
         intensity: Vec3::new(0.5, 0.45, 0.3),
         cone: Some((0.3, 0.6)),
+        area: None,
     }];
     stage
 }
@@ -214,6 +216,63 @@ fn golden_shorter_and_longer_exposure() {
         stage.exposure = penumbra::compositor::Exposure::Stops(stops);
         assert_golden(name, &stage.compose());
     }
+}
+
+/// Orange to the left, blue to the right.
+fn halves() -> Arc<SceneTexture> {
+    let texel = |i: u32| {
+        if i % 64 < 32 {
+            [230, 110, 20, 255]
+        } else {
+            [20, 60, 230, 255]
+        }
+    };
+    Arc::new(SceneTexture {
+        width: 64,
+        height: 64,
+        rgba: (0..64 * 64).flat_map(texel).collect(),
+    })
+}
+
+#[test]
+fn golden_screen_over_a_table() {
+    let mut lamp = crate::area_lamps::area(
+        DVec3::new(0.02, 0.13, 0.09),
+        DVec3::new(0.0, -0.1, 0.03),
+        DVec2::new(0.16, 0.1),
+        Vec3::splat(0.035),
+    );
+    lamp.screen = Some(Screen {
+        texture: Some(halves()),
+        visible: true,
+    });
+    if let VirtualLightKind::Area { up, .. } = &mut lamp.kind {
+        *up = DVec3::Z;
+    }
+    let white = Material {
+        base_colour: Vec3::splat(0.8).extend(1.0),
+        roughness: 0.5,
+        ..Material::default()
+    };
+    let mut stage = golden_stage()
+        .with_virtual(painted(
+            primitives::sphere(0.025, 96, 48),
+            DVec3::new(0.05, 0.0, 0.025),
+            white.clone(),
+        ))
+        .with_virtual(painted(
+            primitives::cuboid(Vec3::new(0.03, 0.03, 0.06)),
+            DVec3::new(-0.04, 0.02, 0.0),
+            white,
+        ))
+        .with_phantom(crate::stage::part(
+            primitives::cuboid(Vec3::new(0.04, 0.02, 0.03)),
+            DVec3::new(0.1, -0.08, 0.0),
+        ));
+    stage.settings.soft_samples = 4;
+    stage.scene.lamps = vec![lamp];
+    stage.scene.lamps_at(0.0, &mut stage.lamps);
+    assert_golden("screen", &stage.compose());
 }
 
 /// A pattern of 4 by 4 knobs, as a normal map.

@@ -3,11 +3,11 @@
 
 use crate::stage::{Stage, cell, flat, lighting, looking_from, part};
 use glam::{DVec3, Vec3};
-use penumbra::scene::{PlacedLamp, primitives};
+use penumbra::scene::{PlacedArea, PlacedLamp, primitives};
 use std::collections::BTreeMap;
 
 /// Composed pictures of each number of lamps; the quickest counts, as others use the machine too.
-const PICTURES: usize = 40;
+const PICTURES: usize = 12;
 
 /// Lamps over the whole of a table, every second one a spot.
 fn lamps(count: usize) -> Vec<PlacedLamp> {
@@ -21,6 +21,7 @@ fn lamps(count: usize) -> Vec<PlacedLamp> {
                 direction: Vec3::NEG_Z,
                 intensity: Vec3::splat(0.6 / count as f32),
                 cone: (i % 2 == 1).then_some((0.3, 0.5)),
+                area: None,
             }
         })
         .collect()
@@ -61,6 +62,21 @@ fn cost(stage: &Stage) -> BTreeMap<&'static str, f64> {
     least
 }
 
+/// Rectangles over the table, each straight down.
+fn areas(count: usize) -> Vec<PlacedLamp> {
+    let area = |mut lamp: PlacedLamp| {
+        lamp.cone = None;
+        lamp.area = Some(PlacedArea {
+            half_right: Vec3::X * 0.1,
+            half_up: Vec3::Y * 0.08,
+            two_sided: false,
+            screen: 0,
+        });
+        lamp
+    };
+    lamps(count).into_iter().map(area).collect()
+}
+
 #[test]
 #[ignore = "prints times, and takes a minute"]
 fn what_lamps_cost_by_their_number() {
@@ -71,9 +87,19 @@ fn what_lamps_cost_by_their_number() {
         "virtual_light",
         "composite",
     ];
-    for step in [4, 1] {
+    type Lamps = fn(usize) -> Vec<PlacedLamp>;
+    let kinds: [(&str, Lamps); 2] = [("lamps", lamps), ("areas", areas)];
+    // As live on a software driver, at its finest, and finest and softest.
+    for (step, soft, (kind, lamps)) in [(4, 1), (1, 1), (1, 4)]
+        .into_iter()
+        .flat_map(|(step, soft)| kinds.map(|kind| (step, soft, kind)))
+    {
         for count in [0, 1, 2, 4, 8, 16, 32] {
+            if step == 1 && count > 8 && kind == "areas" {
+                continue;
+            }
             let mut stage = desk(step);
+            stage.settings.soft_samples = soft;
             stage.lamps = lamps(count);
             let cost = cost(&stage);
             let each = PASSES.map(|p| format!("{p} {:.1}", cost.get(p).unwrap_or(&0.0)));
@@ -83,7 +109,7 @@ fn what_lamps_cost_by_their_number() {
                 .map(|c| c.1)
                 .sum();
             println!(
-                "step {step}, {count} lamps: {sum:.1} ms; {}",
+                "step {step}, {soft} look-ups, {count} {kind}: {sum:.1} ms; {}",
                 each.join(", ")
             );
         }

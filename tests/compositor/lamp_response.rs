@@ -17,6 +17,7 @@ fn point(position: Vec3, intensity: Vec3) -> PlacedLamp {
         direction: Vec3::NEG_Z,
         intensity,
         cone: None,
+        area: None,
     }
 }
 

@@ -2,6 +2,7 @@
 //! truths in closed form, and against a few golden pictures.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+mod area_lamps;
 mod auto_exposure;
 mod baking;
 mod exposure;

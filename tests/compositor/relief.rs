@@ -142,6 +142,7 @@ fn responses(on: &mut Compositor, bumps: Bumps, azimuth: f32, sky: f32) -> [Judg
         direction: -to,
         intensity: Vec3::splat(strength * 1e4),
         cone: None,
+        area: None,
     }];
     let lamp = [sun(to, Vec3::splat(strength))];
     let truth: Vec<f64> = points(&stage)

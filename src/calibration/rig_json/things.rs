@@ -107,6 +107,7 @@ pub(super) fn virtual_light(node: &Node) -> Result<VirtualLight> {
     }
     Ok(VirtualLight {
         repeat: None,
+        screen: None,
         name: name_of(node, "light")?,
         kind,
         intensity: Vec3::from(node.need("intensity", "linear RGB")?.colour()?),

@@ -64,8 +64,13 @@ impl LampMapPass {
             pass.set_pipeline(&self.pipeline);
             pass.set_bind_group(0, &views, &[]);
             pass.set_bind_group(1, &scene.caster_places.group, &[]);
-            draw_casters(&mut pass, scene.virtual_caster_meshes(), draw.view);
-            draw_casters(&mut pass, scene.phantom_caster_meshes(), draw.view);
+            for (tile, view) in (0..draw.across * draw.across).zip(draw.view..) {
+                let side = maps.size() / draw.across;
+                let [x, y] = [tile % draw.across, tile / draw.across].map(|c| (c * side) as f32);
+                pass.set_viewport(x, y, side as f32, side as f32, 0.0, 1.0);
+                draw_casters(&mut pass, scene.virtual_caster_meshes(), view);
+                draw_casters(&mut pass, scene.phantom_caster_meshes(), view);
+            }
         }
     }
 }

@@ -105,6 +105,15 @@ impl VirtualGeometryPass {
             pass.set_index_buffer(level.indices.slice(..), wgpu::IndexFormat::Uint32);
             pass.draw_indexed(0..level.count, 0, instance..instance + 1);
         }
+        // Area lamps, one-sided rectangles with a picture or without.
+        pass.set_bind_group(1, &scene.emitters.uniforms, &[]);
+        pass.set_pipeline(&self.surfaces[0][1]);
+        pass.set_index_buffer(scene.emitters.indices.slice(..), wgpu::IndexFormat::Uint32);
+        for ((vertices, material), instance) in scene.emitters.draws().zip(0..) {
+            pass.set_bind_group(2, material, &[]);
+            pass.set_vertex_buffer(0, vertices.slice(..));
+            pass.draw_indexed(0..6, 0, instance..instance + 1);
+        }
     }
 
     fn record_occluders(

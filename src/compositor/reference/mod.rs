@@ -5,6 +5,7 @@
 //! at them by the ground close by are not in it, so virtual surfaces are judged without
 //! specular reflection and without ground.
 
+pub mod area;
 pub mod exposure;
 mod lamps;
 mod light;

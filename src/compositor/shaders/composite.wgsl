@@ -111,10 +111,11 @@ fn shade(pixel: vec2i, s: i32, own: bool) -> vec3f {
     let table = textureSampleLevel(gloss_table, smooth_sampler, vec2f(n_dot_v, gloss_row(gloss)), 0.0);
     let d = tilted(reflect(-v, n), n, table.z);
     let mirrored = reflected(world, d, table.w, gloss);
-    let specular = (gloss.f0 * table.x + vec3f(gloss.f90 * table.y)) * mirrored;
+    let scale = gloss.f0 * table.x + vec3f(gloss.f90 * table.y);
+    let specular = scale * mirrored;
     let diffuse = base * diffuse_share(shape, properties) * irradiance / PI;
     let sources = glint_highlights(n, v, gloss, table.w);
-    let lamps = lamp_highlights(lamps_at(virtual_lamps, pixel), world, n, v, gloss);
+    let lamps = lamp_highlights(lamps_at(virtual_lamps, pixel), world, n, v, gloss, round_lobe(gloss, scale, d));
     return diffuse + specular + sources + lamps + emissive_of(material);
 }
 

@@ -30,6 +30,16 @@ fn phantom_vertex(
     return Varying(frame.clip_from_world * world, n, world.xyz, parts[i].kind);
 }
 
+// Irradiance facing a lamp's middle, shadows counted.
+fn arriving_from(k: u32, world: vec3f, n: vec3f) -> vec3f {
+    let ray = lamp_ray(k, world);
+    if AREAS && (lamps.count.y >> k & 1u) == 1u {
+        return irradiance_of_area(k, world, ray.to);
+    }
+    let seen = lamp_visibility(k, world, n, max(dot(n, ray.to), 0.0));
+    return ray.facing * mix(1.0, seen, frame.params.x);
+}
+
 @fragment
 fn answer(in: Varying) -> @location(0) vec4f {
     let n = normalize(in.normal);
@@ -38,9 +48,7 @@ fn answer(in: Varying) -> @location(0) vec4f {
     var sum = vec3f(0.0);
     let count = decided_here(lamps.count.x, in.world.x);
     for (var k = 0u; k < count; k++) {
-        let ray = lamp_ray(k, in.world);
-        let seen = mix(1.0, lamp_visibility(k, in.world, n, max(dot(n, ray.to), 0.0)), frame.params.x);
-        sum += ray.facing * (lamp_response(ray.to, n, intensity) * seen);
+        sum += arriving_from(k, in.world, n) * lamp_response(lamp_ray(k, in.world).to, n, intensity);
     }
     let receives = select(0.0, 1.0, in.kind.x == 1.0);
     // A white surface shows an irradiance of π as 1.

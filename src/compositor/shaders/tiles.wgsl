@@ -107,10 +107,10 @@ fn is_on_planes(b: Bounds) -> bool {
         & all(b.low < frame.planes_high.xyz);
 }
 
-// Whether some surface in the box may face a place.
-fn may_face(b: Bounds, place: vec3f) -> bool {
-    let near = place - b.high;
-    let far = place - b.low;
+// Whether some surface in the box may face something within `radius` of a place.
+fn may_face(b: Bounds, place: vec3f, radius: f32) -> bool {
+    let near = place - b.high - vec3f(radius);
+    let far = place - b.low + vec3f(radius);
     let most = max(max(b.normal_low * near, b.normal_low * far), max(b.normal_high * near, b.normal_high * far));
     return most.x + most.y + most.z > 0.0;
 }
@@ -123,7 +123,7 @@ fn lamps_on(b: Bounds) -> u32 {
     var mask = 0u;
     let count = decided_here(lamps.count.x, b.low.x);
     for (var k = 0u; k < count; k++) {
-        let shines = may_face(b, lamps.each[k].position.xyz) && lamp_reaches(k, b.low, b.high);
+        let shines = may_face(b, lamps.each[k].position.xyz, lamp_radius(k)) && lamp_reaches(k, b.low, b.high);
         mask |= select(0u, 1u << k, shines);
     }
     return mask;

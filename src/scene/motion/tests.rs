@@ -119,6 +119,7 @@ fn keys_must_grow_and_fit() {
 #[test]
 fn lamps_go_where_they_are_carried() {
     let lamp = |x: f64, gain: f64| VirtualLight {
+        screen: None,
         name: "spot".into(),
         kind: VirtualLightKind::Spot {
             beam: 0.4,

@@ -1,12 +1,15 @@
 //! Lamps of a scene file.
 
-use super::typed::{Colour, LampFile, LampKeyFile, Photometry};
+use super::area;
+use super::typed::{Colour, LampFile, LampKeyFile, LampKind, Photometry};
 use crate::calibration::rig_json::{VirtualLight, VirtualLightKey, VirtualLightKind};
 use crate::config::toml_text::Fault;
+use crate::scene::SceneTexture;
 use crate::scene::photometric::{black_body, of_unit_luminance, white_of_ev100};
 use glam::{DMat4, DVec3, Vec3};
 use std::collections::HashMap;
 use std::f64::consts::{PI, TAU};
+use std::path::Path;
 
 /// Keys of one lamp.
 const MOST_KEYS: usize = 1000;
@@ -21,6 +24,8 @@ pub(super) struct Surroundings<'a> {
     pub objects: &'a HashMap<String, DMat4>,
     /// Luminance that the scene camera shows as white, cd/m².
     pub white: Option<f64>,
+    /// Where textures are.
+    pub folder: &'a Path,
 }
 
 /// The luminance that the scene camera shows as white, where the file says so.
@@ -65,22 +70,47 @@ pub(super) fn lamp(
         })?,
     };
     let keys = keys(file, at, world_from_lamp)?;
-    let aims = keys.iter().filter(|k| k.target.is_some()).count();
-    let kind = match aims {
-        0 if file.beam_deg.or(file.cutoff_deg).is_some() => {
-            return Err(wrong("target_m", "a spot needs it: x, y, z in metres"));
-        }
-        0 => VirtualLightKind::Point,
-        n if n == keys.len() => spot(file, at)?,
-        _ => return Err(wrong("keys", "either all have a target_m or none has")),
-    };
+    let kind = kind(file, at, &keys, world_from_lamp)?;
+    let screen = area::screen(file, at, kind, surroundings.folder)?;
+    let picture = screen.as_ref().and_then(|s| s.texture.as_deref());
     Ok(VirtualLight {
         name: file.name.clone().unwrap_or_else(|| "lamp".to_owned()),
-        intensity: intensity(file, at, kind, surroundings.white)?,
+        intensity: intensity(file, at, (kind, picture), surroundings.white)?,
         kind,
+        screen,
         repeat: repeat(file, at, &keys)?,
         keys,
     })
+}
+
+/// As it says, or by its other keys.
+fn kind(
+    file: &LampFile,
+    at: &str,
+    keys: &[VirtualLightKey],
+    world_from_lamp: DMat4,
+) -> Result<VirtualLightKind, Fault> {
+    let wrong = |key: &str, reason: &str| Err(Fault::new(format!("{at}.{key}"), reason));
+    let aims = keys.iter().filter(|k| k.target.is_some()).count();
+    let cone = file.beam_deg.map(|_| "beam_deg");
+    let cone = cone.or(file.cutoff_deg.map(|_| "cutoff_deg"));
+    if aims != 0 && aims != keys.len() {
+        return wrong("keys", "either all have a target_m or none has");
+    }
+    match (file.kind, cone) {
+        (Some(LampKind::Area), Some(key)) => wrong(key, "goes with a spot only"),
+        (Some(LampKind::Area), None) => area::kind(file, at, keys, world_from_lamp),
+        (Some(LampKind::Point), Some(key)) => wrong(key, "goes with a spot only"),
+        (Some(LampKind::Point), None) if aims > 0 => wrong(
+            "target_m",
+            "goes with a spot or an area; a point shines all round",
+        ),
+        (Some(LampKind::Spot), _) | (None, Some(_)) if aims == 0 => {
+            wrong("target_m", "a spot needs it: x, y, z in metres")
+        }
+        (Some(LampKind::Point) | None, None) if aims == 0 => Ok(VirtualLightKind::Point),
+        _ => spot(file, at),
+    }
 }
 
 /// The lamp's own place, or its path.
@@ -121,6 +151,7 @@ fn key(
     let position = place("position_m", own.position_m.or(file.position_m))?
         .ok_or_else(|| wrong("position_m", "a lamp needs it: x, y, z in metres"))?;
     let target = place("target_m", own.target_m.or(file.target_m))?;
+    let target = target.or(area::ahead(file, at, position)?);
     if target.is_some_and(|t| t.distance(position) < 1e-6) {
         return Err(wrong("target_m", "expected another place than position_m"));
     }
@@ -171,12 +202,12 @@ fn spot(file: &LampFile, at: &str) -> Result<VirtualLightKind, Fault> {
 fn intensity(
     file: &LampFile,
     at: &str,
-    kind: VirtualLightKind,
+    (kind, picture): (VirtualLightKind, Option<&SceneTexture>),
     white: Option<f64>,
 ) -> Result<Vec3, Fault> {
     let wrong = |key: &str, reason: &str| Fault::new(format!("{at}.{key}"), reason);
-    let (key, typed) = match (file.intensity, file.candela, file.lumen) {
-        (Some(Colour(rgb)), None, None) => {
+    let (key, typed) = match (file.intensity, file.candela, file.lumen, file.nit) {
+        (Some(Colour(rgb)), None, None, None) => {
             let (colour, kelvin) = (file.colour.map(|_| "colour"), file.kelvin.map(|_| "kelvin"));
             return match colour.or(kelvin) {
                 Some(key) => Err(wrong(
@@ -186,10 +217,11 @@ fn intensity(
                 None => Ok(rgb),
             };
         }
-        (None, Some(candela), None) => ("candela", candela),
-        (None, None, Some(lumen)) => ("lumen", lumen),
+        (None, Some(candela), None, None) => ("candela", candela),
+        (None, None, Some(lumen), None) => ("lumen", lumen),
+        (None, None, None, Some(nit)) => ("nit", nit),
         _ => {
-            let reason = "a lamp needs it: three linear numbers; or one of candela and lumen";
+            let reason = "a lamp needs it: three linear numbers; or one of candela, lumen and, for an area, nit";
             return Err(wrong("intensity", reason));
         }
     };
@@ -200,10 +232,10 @@ fn intensity(
         let reason = "needs to know what the camera shows as white: `white_cd_m2` or `ev100` under [photometry]";
         wrong(key, reason)
     })?;
-    let candela = if key == "lumen" {
-        typed / solid_angle(kind)
-    } else {
-        typed
+    let candela = match key {
+        "lumen" => typed / solid_angle(kind),
+        "nit" => typed * area::square_metres(kind) * area::mean_luminance(picture),
+        _ => typed,
     };
     Ok(tint(file, at)? * (candela / white) as f32)
 }
@@ -222,10 +254,12 @@ fn tint(file: &LampFile, at: &str) -> Result<Vec3, Fault> {
     }
 }
 
-/// Lumen per candela, steradians: the sphere, or a spot's cone with its linear edge, ∫ 2π f sin θ dθ.
+/// Lumen per candela, steradians: the sphere, a spot's cone with its linear edge, ∫ 2π f sin θ dθ, or
+/// ∫ cos θ over the sides of an area that shine.
 fn solid_angle(kind: VirtualLightKind) -> f64 {
     match kind {
         VirtualLightKind::Point => 2.0 * TAU,
+        VirtualLightKind::Area { two_sided, .. } => PI * if two_sided { 2.0 } else { 1.0 },
         VirtualLightKind::Spot { beam, cutoff } => {
             let wide = cutoff - beam;
             let edge = if wide > 1e-9 {

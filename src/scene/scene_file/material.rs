@@ -170,7 +170,7 @@ fn textured(out: &mut Material, file: &MaterialFile, at: &str, folder: &Path) ->
     }
 }
 
-fn read_texture(path: &Path) -> Result<SceneTexture, String> {
+pub(super) fn read_texture(path: &Path) -> Result<SceneTexture, String> {
     if !path.is_file() {
         let path = path.display();
         return Err(format!("there is no file {path}; expected a PNG or JPEG"));

@@ -16,6 +16,8 @@ use std::path::Path;
 pub(super) struct Placed {
     pub objects: Vec<Part>,
     pub lamps: Vec<VirtualLight>,
+    /// Where each of them was written down: file, line and key, as a message begins.
+    pub lamp_places: Vec<String>,
     pub motions: Motions,
     /// Where the lamps stand in that are attached to the object of a name.
     frames: HashMap<String, DMat4>,
@@ -48,6 +50,7 @@ impl Placed {
             let white = white.ok_or_else(|| located(lamp::without_white(&at)))?;
             let motion = model.lamp_motion(k, &standing);
             self.add(lamp.placed(standing.at(0.0), white), motion);
+            self.lamp_places.push(begun(text, format!("{at}.file")));
         }
         if let Some(name) = &entry.name {
             let frame = motion::lamp_frame(&standing);
@@ -58,17 +61,27 @@ impl Placed {
     }
 
     /// Adds the file's lamps; its objects are all there.
-    pub fn add_lamps(&mut self, lamps: &[LampFile], white: Option<f64>) -> Result<(), Fault> {
+    pub fn add_lamps(
+        &mut self,
+        lamps: &[LampFile],
+        (folder, text): (&Path, &TomlText),
+        white: Option<f64>,
+    ) -> Result<(), SceneError> {
+        let located = |fault: Fault| SceneError::from(text.locate(fault));
         if self.lamps.len() + lamps.len() > MOST_LAMPS {
             let reason = format!("expected at most {MOST_LAMPS} lamps");
-            return Err(Fault::new("lamp", reason));
+            return Err(located(Fault::new("lamp", reason)));
         }
         for (i, file) in lamps.iter().enumerate() {
             let surroundings = Surroundings {
                 objects: &self.frames,
                 white,
+                folder,
             };
-            let lamp = lamp::lamp(file, &format!("lamp[{i}]"), &surroundings)?;
+            let at = format!("lamp[{i}]");
+            let lamp = lamp::lamp(file, &at, &surroundings).map_err(located)?;
+            let place = begun(text, format!("{at}.position_m"));
+            self.lamp_places.push(place);
             let carrier = file.attached_to.as_ref();
             let motion = carrier.and_then(|name| self.standings.get(name));
             self.add(lamp, motion.cloned().unwrap_or_default());
@@ -81,6 +94,11 @@ impl Placed {
         self.motions.lamps.extend(moving(number, motion));
         self.lamps.push(lamp);
     }
+}
+
+/// File, line and key, as a message begins.
+fn begun(text: &TomlText, key: String) -> String {
+    text.locate(Fault::new(key, "")).to_string()
 }
 
 /// Entry `index` of [`Motions`], if it moves.

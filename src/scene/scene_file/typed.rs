@@ -120,18 +120,34 @@ pub(super) struct Ground {
 #[serde(deny_unknown_fields, default)]
 pub(super) struct LampFile {
     pub name: Option<String>,
+    pub kind: Option<LampKind>,
     pub attached_to: Option<String>,
     pub position_m: Option<[f64; 3]>,
     pub target_m: Option<[f64; 3]>,
+    pub direction: Option<[f64; 3]>,
+    pub up: Option<[f64; 3]>,
+    pub size_m: Option<[f64; 2]>,
+    pub texture: Option<String>,
+    pub two_sided: Option<bool>,
+    pub visible: Option<bool>,
     pub intensity: Option<Colour>,
     pub candela: Option<f64>,
     pub lumen: Option<f64>,
+    pub nit: Option<f64>,
     pub colour: Option<Colour>,
     pub kelvin: Option<f64>,
     pub beam_deg: Option<f64>,
     pub cutoff_deg: Option<f64>,
     pub keys: Vec<LampKeyFile>,
     pub repeat_s: Option<f64>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) enum LampKind {
+    Point,
+    Spot,
+    Area,
 }
 
 /// What is left out is as the lamp itself says.

@@ -19,7 +19,7 @@ struct Glints {
 @group(3) @binding(5) var<uniform> glints: Glints;
 
 // The lobe widened by a source's disc: its peak is the mean over the disc.
-fn widened(g: Gloss, v: vec3f, l: vec3f, radius: f32) -> Gloss {
+fn widened_by_disc(g: Gloss, v: vec3f, l: vec3f, radius: f32) -> Gloss {
     var wide = g;
     let r2 = radius * radius * 0.25;
     if PHONG && g.phong {
@@ -45,7 +45,7 @@ fn glint_highlights(n: vec3f, v: vec3f, gloss: Gloss, level: f32) -> vec3f {
         let l = glints.each[k].direction.xyz;
         let weight = dot(low, glints.each[k].weights[0]) + dot(high, glints.each[k].weights[1]);
         let light = glints.each[k].flux.rgb * (max(dot(n, l), 0.0) * weight);
-        sum += lobe_towards(widened(gloss, v, l, glints.each[k].direction.w), n, v, l) * light;
+        sum += lobe_towards(widened_by_disc(gloss, v, l, glints.each[k].direction.w), n, v, l) * light;
     }
     return sum;
 }

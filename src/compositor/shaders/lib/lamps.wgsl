@@ -5,17 +5,22 @@ struct Lamp {
     position: vec4f,
     // Along which a spot shines; w = half angle outside which it is dark.
     direction: vec4f,
-    // RGB; w = how fast it fades within that angle, 1 / radians.
+    // RGB; w = how fast it fades within that angle, 1 / radians; of an area, into how many cells
+    // it is divided for its shadow, each way.
     intensity: vec4f,
     // Axes of a single map; w = its first layer, tangent of half its width, width of a
     // texel one metre away.
     right: vec4f,
     up: vec4f,
     forward: vec4f,
+    // Of an area, from its middle to its edges; w = layer of its screen (0: plain), 1 where it
+    // shines to both sides.
+    half_right: vec4f,
+    half_up: vec4f,
 }
 
 struct Lamps {
-    // x: number of them.
+    // x: number of them; y: bits of those that are areas.
     count: vec4u,
     each: array<Lamp, MAX_LAMPS>,
 }
@@ -45,10 +50,21 @@ fn lamp_ray(k: u32, world: vec3f) -> LampRay {
     return LampRay(to, lamps.each[k].intensity.rgb * (share / r2));
 }
 
-// 1 where lamp `k` sees the point of a surface with normal `n`, 0 where a caster is
-// between, something between along the shadow's edge.
-fn lamp_visibility(k: u32, world: vec3f, n: vec3f, n_dot_l: f32) -> f32 {
-    let off = world - lamps.each[k].position.xyz;
+// Where a point falls in the maps of a lamp.
+struct OnMap {
+    // −1 to 1 from the left and from below.
+    q: vec2f,
+    // Metres along the view.
+    depth: f32,
+    layer: u32,
+    mapped: bool,
+    // The surface's normal by the view's right, up and forward, and its plane's distance.
+    normal: vec3f,
+    plane: f32,
+}
+
+// Of a point `off` from where lamp `k` looks.
+fn on_map(k: u32, off: vec3f, n: vec3f, n_dot_l: f32) -> OnMap {
     let a = abs(off);
     let cube = lamps.each[k].position.w > 1.5;
     let major = max(a.x, max(a.y, a.z));
@@ -60,15 +76,27 @@ fn lamp_visibility(k: u32, world: vec3f, n: vec3f, n_dot_l: f32) -> f32 {
     let axis = select(select(2u, 1u, a.y >= a.z), 0u, a.x >= a.y && a.x >= a.z);
     let along = select(select(p.z, p.y, axis == 1u), p.x, axis == 0u);
     let next = select(select(p.xy, p.zx, axis == 1u), p.yz, axis == 0u);
-    let alone = vec2f(dot(p, lamps.each[k].right.xyz), dot(p, lamps.each[k].up.xyz));
-    let depth = select(dot(p, lamps.each[k].forward.xyz), abs(along), cube);
+    let n_along = select(select(n.z, n.y, axis == 1u), n.x, axis == 0u) * select(1.0, -1.0, along < 0.0);
+    let n_next = select(select(n.xy, n.zx, axis == 1u), n.yz, axis == 0u);
+    let right = lamps.each[k].right.xyz;
+    let up = lamps.each[k].up.xyz;
+    let forward = lamps.each[k].forward.xyz;
+    let depth = select(dot(p, forward), abs(along), cube);
     let face = select(0u, 2u * axis + select(0u, 1u, along < 0.0), cube);
-    let q = select(alone, next, cube) / (max(depth, LAMP_NEAR) * lamps.each[k].up.w);
-    let uv = vec2f(0.5 + 0.5 * q.x, 0.5 - 0.5 * q.y);
-    let layer = u32(lamps.each[k].right.w) + face;
-    let seen = lamp_seen(uv, layer, LAMP_NEAR / max(depth, LAMP_NEAR));
+    let across = select(vec2f(dot(p, right), dot(p, up)), next, cube);
+    let q = across / (max(depth, LAMP_NEAR) * lamps.each[k].up.w);
     let mapped = lamps.each[k].position.w > 0.5 && depth > LAMP_NEAR && all(abs(q) < vec2f(1.0));
-    return select(1.0, seen, mapped);
+    let normal = select(vec3f(dot(n, right), dot(n, up), dot(n, forward)), vec3f(n_next, n_along), cube);
+    return OnMap(q, depth, u32(lamps.each[k].right.w) + face, mapped, normal, dot(n, p));
+}
+
+// 1 where lamp `k` sees the point of a surface with normal `n`, 0 where a caster is
+// between, something between along the shadow's edge.
+fn lamp_visibility(k: u32, world: vec3f, n: vec3f, n_dot_l: f32) -> f32 {
+    let there = on_map(k, world - lamps.each[k].position.xyz, n, n_dot_l);
+    let uv = vec2f(0.5 + 0.5 * there.q.x, 0.5 - 0.5 * there.q.y);
+    let seen = lamp_seen(uv, there.layer, LAMP_NEAR / max(there.depth, LAMP_NEAR));
+    return select(1.0, seen, there.mapped);
 }
 
 // Four look-ups half a texel around: as wide as a texel's own blur again.
@@ -100,10 +128,22 @@ fn lamp_irradiance(mask: u32, world: vec3f, n: vec3f) -> vec3f {
         return vec3f(0.0);
     }
     var sum = vec3f(0.0);
-    var left = mask;
+    var left = mask & ~lamps.count.y;
     loop {
         let weight = select(0.0, 1.0, left != 0u);
         sum += irradiance_of_lamp(first_lamp(left), world, n) * weight;
+        left &= left - 1u;
+        continuing {
+            break if left == 0u;
+        }
+    }
+    if !AREAS {
+        return sum;
+    }
+    left = mask & lamps.count.y;
+    loop {
+        let weight = select(0.0, 1.0, left != 0u);
+        sum += irradiance_of_area(first_lamp(left), world, n) * weight;
         left &= left - 1u;
         continuing {
             break if left == 0u;
@@ -125,12 +165,18 @@ fn lamps_at(tiles: texture_2d<u32>, pixel: vec2i) -> u32 {
     return textureLoad(tiles, vec2u(pixel) >> vec2u(frame.tiling.w), 0).x;
 }
 
+// Half the diagonal of an area; 0 of other lamps.
+fn lamp_radius(k: u32) -> f32 {
+    return length(lamps.each[k].half_right.xyz) + length(lamps.each[k].half_up.xyz);
+}
+
 // Whether lamp `k` may shine on something in a box: by distance and by a spot's cone.
 fn lamp_reaches(k: u32, low: vec3f, high: vec3f) -> bool {
     let centre = 0.5 * (low + high);
     let radius = 0.5 * distance(low, high);
     let eye = lamps.each[k].position.xyz;
-    let nearest = eye - clamp(eye, low, high);
+    let beside = eye - clamp(eye, low, high);
+    let nearest = beside * max(0.0, 1.0 - lamp_radius(k) / max(length(beside), 1e-6));
     let i = lamps.each[k].intensity.rgb;
     let bright = max(i.x, max(i.y, i.z)) > LAMP_FAINT * dot(nearest, nearest);
     let off = centre - eye;

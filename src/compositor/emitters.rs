@@ -1,0 +1,155 @@
+//! Area lamps as they are seen: rectangles that show their pictures, for as long as they shine.
+//! They cast no shadows: a lamp would stand in its own light.
+
+use super::bindings::group;
+use super::cover::Corners;
+use super::gpu_data::VirtualPartUniform;
+use super::scene_buffers::{index_buffer, vertex_buffer};
+use crate::calibration::rig_json::VirtualLight;
+use crate::scene::photometric::{luminance, mean_colour};
+use crate::scene::{Material, PlacedArea, PlacedLamp, primitives};
+use glam::{Mat4, Vec3, Vec4};
+
+/// How far the dark back of a lamp is behind its front, metres.
+const BACK: f32 = 1e-3;
+/// Reflectance of the back.
+const CASING: f32 = 0.05;
+
+/// A lamp of the scene that can be seen.
+struct Emitter {
+    /// Its number among the scene's lamps.
+    lamp: usize,
+    material: wgpu::BindGroup,
+    /// Mean luminance of its picture, of a white of 1.
+    mean: f32,
+}
+
+/// See the module.
+pub struct Emitters {
+    each: Vec<Emitter>,
+    plain: wgpu::BindGroup,
+    /// Front, then back, whose picture is the other way round.
+    vertices: [wgpu::Buffer; 2],
+    pub indices: wgpu::Buffer,
+    buffer: wgpu::Buffer,
+    pub uniforms: wgpu::BindGroup,
+    shown: Vec<PlacedLamp>,
+    draws: Vec<(usize, usize)>,
+    staging: Vec<VirtualPartUniform>,
+}
+
+impl Emitters {
+    /// Those of `lamps` that are seen; `bind` makes a material's bindings.
+    pub fn new(
+        device: &wgpu::Device,
+        parts: &wgpu::BindGroupLayout,
+        lamps: &[VirtualLight],
+        bind: impl Fn(&Material) -> wgpu::BindGroup,
+    ) -> Self {
+        let each = lamps.iter().enumerate().filter_map(|(lamp, light)| {
+            let screen = light.screen.as_ref().filter(|screen| screen.visible)?;
+            let texture = screen.texture.as_deref();
+            Some(Emitter {
+                lamp,
+                mean: texture.map_or(1.0, |t| luminance(mean_colour(t)).max(1e-6)),
+                material: bind(&Material {
+                    emissive_texture: screen.texture.clone(),
+                    ..Material::default()
+                }),
+            })
+        });
+        let each: Vec<_> = each.collect();
+        let front = primitives::plane(2.0, 2.0);
+        let mut back = front.clone();
+        for vertex in &mut back.vertices {
+            vertex.uv.x = 1.0 - vertex.uv.x;
+        }
+        let buffer = device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("emitters"),
+            size: (2 * each.len().max(1) * size_of::<VirtualPartUniform>()) as u64,
+            usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        let vertices =
+            |mesh: &crate::scene::Mesh| vertex_buffer(device, bytemuck::cast_slice(&mesh.vertices));
+        Self {
+            plain: bind(&Material::default()),
+            vertices: [vertices(&front), vertices(&back)],
+            indices: index_buffer(device, &front.indices),
+            uniforms: group(device, "emitters", parts, &[buffer.as_entire_binding()]),
+            shown: Vec::with_capacity(each.len()),
+            draws: Vec::with_capacity(2 * each.len()),
+            staging: Vec::with_capacity(2 * each.len()),
+            buffer,
+            each,
+        }
+    }
+
+    /// Shows what of `lamps` can be seen.
+    pub fn place(&mut self, queue: &wgpu::Queue, lamps: &[PlacedLamp]) {
+        if self.each.is_empty() {
+            return;
+        }
+        self.shown.clear();
+        self.draws.clear();
+        self.staging.clear();
+        for lamp in lamps {
+            let Some(area) = lamp.area else { continue };
+            let of_lamp = |e: &Emitter| e.lamp == area.screen;
+            let Some(i) = self.each.iter().position(of_lamp) else {
+                continue;
+            };
+            let light = lamp.intensity / (area.size() * self.each[i].mean).max(1e-12);
+            let back = if area.two_sided { light } else { Vec3::ZERO };
+            self.staging.push(uniform(lamp, &area, 1.0, light));
+            self.staging.push(uniform(lamp, &area, -1.0, back));
+            self.draws.extend([(i, 0), (i, 1)]);
+            self.shown.push(*lamp);
+        }
+        if !self.staging.is_empty() {
+            queue.write_buffer(&self.buffer, 0, bytemuck::cast_slice(&self.staging));
+        }
+    }
+
+    /// Boxes around what is shown.
+    pub fn boxes(&self) -> impl Iterator<Item = Corners> {
+        self.shown.iter().filter_map(|lamp| {
+            let corners = lamp.area?.corners(lamp.position);
+            Some(std::array::from_fn(|i| corners[i % 4].as_dvec3()))
+        })
+    }
+
+    /// Vertices and material of each rectangle shown, in the order of their uniforms.
+    pub fn draws(&self) -> impl Iterator<Item = (&wgpu::Buffer, &wgpu::BindGroup)> {
+        self.draws.iter().zip(&self.staging).map(|((i, side), of)| {
+            let dark = of.emissive == [0.0; 4];
+            let material = if dark {
+                &self.plain
+            } else {
+                &self.each[*i].material
+            };
+            (&self.vertices[*side], material)
+        })
+    }
+}
+
+/// A side of the rectangle: 1 = the front, -1 = the back.
+fn uniform(lamp: &PlacedLamp, area: &PlacedArea, side: f32, light: Vec3) -> VirtualPartUniform {
+    let normal = lamp.direction * side;
+    let middle = lamp.position + (side - 1.0) * 0.5 * BACK * lamp.direction;
+    let world = Mat4::from_cols(
+        (area.half_right * side).extend(0.0),
+        area.half_up.extend(0.0),
+        normal.extend(0.0),
+        middle.extend(1.0),
+    );
+    let casing = if light == Vec3::ZERO { CASING } else { 0.0 };
+    VirtualPartUniform {
+        world_from_part: world.to_cols_array_2d(),
+        normal_from_part: world.inverse().transpose().to_cols_array_2d(),
+        base_colour: Vec4::new(casing, casing, casing, 1.0).to_array(),
+        surface: [0.0, 1.0, 0.0, 0.0],
+        emissive: light.extend(0.0).to_array(),
+        phong: [-1.0; 4],
+    }
+}
