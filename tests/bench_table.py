@@ -25,6 +25,8 @@ def row(adapter: str, r: dict) -> str:
     if r["environment"]:
         lamps = f"{r['lamps']} lamp" + "s" * (r["lamps"] != 1)
         size, work = f"{r['case']}, {size}, {r['triangles']:,} triangles", f"{work}; {lamps}, light from the {r['environment']}"
+        if r["processor_ms"]:
+            work += f"; {r['processor_ms']:.0f} ms of processor time"
         longest = [next(p for p in r["stages"] if p["name"] == "light"), *longest]
     cells = [adapter, size, r["lights"], work, f"{r['fps']:.1f}"]
     cells += [f"{r[kind][q]:.2f}" for kind in ("wall_ms", "gpu_ms") for q in ("p50", "p99")]

@@ -127,6 +127,7 @@ fn measure(gpu: &Gpu, case: &Case, options: &BenchOptions) -> Result<Row, GpuErr
         fps: 1e3 / mean,
         wall_ms: Percentiles::of(&wall),
         gpu_ms: Percentiles::of(&gpu_total),
+        processor_ms: None,
         stages: Vec::new(),
         passes: passes.medians(),
     })

@@ -9,7 +9,7 @@
 
 use super::report::{BenchReport, PassTime, Percentiles, Row};
 use super::stage::{Passes, WARM_UP, camera};
-use super::{BenchError, BenchOptions};
+use super::{BenchError, BenchOptions, thread_time};
 use crate::calibration::Response;
 use crate::compositor::exposure::{AutoLimits, Highlights};
 use crate::compositor::{
@@ -74,8 +74,10 @@ fn measure(gpu: &Gpu, case: Case, options: &BenchOptions) -> Result<Row, BenchEr
     let mut row = rig.row(case, (width, height));
     let (mut wall, mut gpu_total) = (Vec::new(), Vec::new());
     let (mut stages, mut passes) = (Passes::default(), Passes::default());
+    let mut processor = Vec::new();
     for i in 0..WARM_UP + options.frames.unwrap_or(60) {
         rig.room.show(i);
+        let before = processor_nanos();
         let start = Instant::now();
         let light = rig.light(i)?;
         let lit = start.elapsed();
@@ -85,6 +87,7 @@ fn measure(gpu: &Gpu, case: Case, options: &BenchOptions) -> Result<Row, BenchEr
         if i < WARM_UP {
             continue;
         }
+        processor.push(processor_nanos().saturating_sub(before) as f64 * 1e-6);
         wall.push(all.as_secs_f64() * 1e3);
         let times = rig.compositor.pass_times();
         gpu_total.push(times.iter().map(|(_, ms)| ms).sum());
@@ -102,6 +105,7 @@ fn measure(gpu: &Gpu, case: Case, options: &BenchOptions) -> Result<Row, BenchEr
     row.fps = 1e3 * wall.len() as f64 / wall.iter().sum::<f64>().max(1e-9);
     row.wall_ms = Percentiles::of(&wall);
     row.gpu_ms = Percentiles::of(&gpu_total);
+    row.processor_ms = Some(Percentiles::of(&processor).p50).filter(|ms| *ms > 0.0);
     (row.stages, row.passes) = (stages.medians(), passes.medians());
     Ok(row)
 }
@@ -157,6 +161,7 @@ impl Rig {
             fps: 0.0,
             wall_ms: Percentiles::default(),
             gpu_ms: Percentiles::default(),
+            processor_ms: None,
             stages: Vec::<PassTime>::new(),
             passes: Vec::new(),
         }
@@ -200,6 +205,11 @@ impl Rig {
         })?;
         Ok(())
     }
+}
+
+/// What all threads of this process have spent; 0 where the system does not tell.
+fn processor_nanos() -> u64 {
+    thread_time::of_this_process().values().sum()
 }
 
 fn time(i: u32) -> MonotonicTime {

@@ -54,6 +54,10 @@ pub struct Row {
     pub wall_ms: Percentiles,
     /// Milliseconds of all passes on the device.
     pub gpu_ms: Percentiles,
+    /// Median milliseconds of processor time that all threads together spend on a picture, a
+    /// software driver's included, where it was measured: what others do on the machine
+    /// meanwhile hardly changes it.
+    pub processor_ms: Option<f64>,
     /// Median milliseconds of the steps on the processor, where they were measured: those of the
     /// light, all of the light, and composing.
     pub stages: Vec<PassTime>,
@@ -200,6 +204,9 @@ impl fmt::Display for Row {
             let lamps = self.lamps;
             write!(f, "\n          {lamps} lamps, light from the {environment}")?;
         }
+        if let Some(ms) = self.processor_ms {
+            write!(f, "\n          {:18} {ms:8.3} ms", "processor time")?;
+        }
         for pass in self.stages.iter().chain(&self.passes) {
             write!(f, "\n          {:18} {:8.3} ms", pass.name, pass.ms)?;
         }
@@ -271,6 +278,7 @@ mod tests {
             fps: 60.0,
             wall_ms: Percentiles::default(),
             gpu_ms: Percentiles::default(),
+            processor_ms: None,
             stages: Vec::new(),
             passes: Vec::new(),
         }

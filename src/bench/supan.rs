@@ -98,6 +98,7 @@ fn measure(
         fps: 1e3 / mean,
         wall_ms: Percentiles::of(&wall),
         gpu_ms: Percentiles::of(&gpu_total),
+        processor_ms: None,
         stages: Vec::new(),
         passes: passes.medians(),
     })

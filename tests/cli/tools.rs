@@ -80,6 +80,7 @@ fn bench_tells_what_a_light_probe_and_lamps_cost_step_by_step() {
     let lamps: Vec<_> = rows.iter().map(|r| r["lamps"].as_u64().unwrap()).collect();
     assert!(lamps.starts_with(&[1, 2, 4, 8]), "{lamps:?}");
     for row in rows {
+        assert!(row["processor_ms"].as_f64() > Some(0.0), "{row}");
         let names = |key: &str| -> Vec<String> {
             let each = row[key].as_array().unwrap().iter();
             each.map(|p| p["name"].as_str().unwrap().to_owned())
