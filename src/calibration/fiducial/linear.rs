@@ -54,17 +54,18 @@ pub(super) fn inverse<const N: usize>(a: &Matrix<N>) -> Option<Matrix<N>> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::needless_range_loop)]
+    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]
     fn the_inverse_inverts_and_a_singular_matrix_has_none() {
         let a = [[4.0, 1.0, -0.5], [1.0, 3.0, 0.25], [-0.5, 0.25, 1.0]];
         let b = inverse(&a).unwrap();
-        for i in 0..3 {
-            for j in 0..3 {
-                let product: f64 = (0..3).map(|k| a[i][k] * b[k][j]).sum();
-                assert!((product - f64::from(u8::from(i == j))).abs() < 1e-12);
+        for (i, row) in a.iter().enumerate() {
+            let product: [f64; 3] =
+                std::array::from_fn(|j| row.iter().zip(&b).map(|(x, other)| x * other[j]).sum());
+            for (j, value) in product.into_iter().enumerate() {
+                assert!((value - f64::from(u8::from(i == j))).abs() < 1e-12);
             }
         }
         assert_eq!(solve(&[[1.0, 2.0], [2.0, 4.0]], &[1.0, 1.0]), None);
