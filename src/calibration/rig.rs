@@ -1,5 +1,6 @@
 //! What the owner of a rig knows about it, once it is true.
 
+use super::fiducial::Family;
 use super::{PinholeCamera, Response};
 use glam::{DVec2, DVec3};
 use penumbra_interface::{MonotonicTime, RigidTransform};
@@ -13,6 +14,8 @@ pub struct RigCalibration {
     pub scene_camera: SceneCamera,
     /// How the environment is seen; `None` where the rig has no view of it.
     pub environment: Option<EnvironmentCamera>,
+    /// What carries the mirrored sphere about, where it does not stand still.
+    pub sphere_marker: Option<SphereMarker>,
     /// The 6-DOF tracker that carries the scene camera.
     pub tracker: Option<TrackerCalibration>,
     /// Pictures of the same colour chart taken by both cameras.
@@ -97,6 +100,19 @@ pub struct MirrorSphere {
     pub reflectance: [f32; 3],
     /// The sphere stands in the scene camera's view too (then it is a phantom as well).
     pub in_scene: bool,
+}
+
+/// A mirrored ball that is fixed to a fiducial, and moves with it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SphereMarker {
+    /// The fiducial's family.
+    pub family: Family,
+    /// Its number there.
+    pub id: u32,
+    /// Edge of its black border, metres.
+    pub size: f64,
+    /// The ball's centre in the fiducial's frame (+X right, +Y down, +Z into the paper), metres.
+    pub centre_in_marker: DVec3,
 }
 
 /// Tracker mounting and timing.

@@ -191,6 +191,7 @@ impl RigDocument {
                     latency_nanos: 0,
                 },
                 environment: None,
+                sphere_marker: None,
                 tracker: None,
                 chart: None,
             },
@@ -275,12 +276,17 @@ fn document(root: &Node) -> Result<RigDocument> {
         .as_ref()
         .and_then(|e| e.find("mirror_sphere"))
         .or_else(|| root.find("mirror_sphere"));
-    let mirror_sphere = sphere_node.map(|n| sphere(&n)).transpose()?;
+    let markers = each(root, "markers", 10_000, marker)?;
+    let placed = sphere_node.map(|n| sphere(&n, &markers)).transpose()?;
+    let (mirror_sphere, sphere_marker) = placed.unzip();
     Ok(RigDocument {
         calibration: RigCalibration {
             name: name_of(root, "rig")?,
             scene_camera: scene_camera(&root.need("scene_camera", "an object")?)?,
-            environment: environment.map(|n| environment_camera(&n)).transpose()?,
+            environment: environment
+                .map(|n| environment_camera(&n, &markers))
+                .transpose()?,
+            sphere_marker: sphere_marker.flatten(),
             tracker: root.find("tracker").map(|n| tracker(&n)).transpose()?,
             chart: root
                 .find("photometric_chart")
@@ -291,7 +297,7 @@ fn document(root: &Node) -> Result<RigDocument> {
         object: root.find("object").map(|n| object(&n)).transpose()?,
         phantoms: each(root, "phantoms", 1000, phantom)?,
         ground: root.find("ground_plane").map(|n| ground(&n)).transpose()?,
-        markers: each(root, "markers", 10_000, marker)?,
+        markers,
         virtual_lights: match root.find("virtual_lights") {
             Some(n) => each(&n, "lights", MOST_LAMPS, virtual_light)?,
             None => Vec::new(),

@@ -4,6 +4,7 @@ use super::devices;
 use super::exposure::exposure;
 use super::file::{self, ConfigFile};
 use super::planes::planes;
+use super::registration::registration;
 use super::toml_text::{Fault, TomlText};
 use super::{
     Config, ConfigError, EnvironmentConfig, OutputConfig, SceneChoice, ShadowConfig, StatusConfig,
@@ -37,6 +38,7 @@ fn convert(file: ConfigFile, folder: &Path) -> Result<Config> {
     config.calibration = file.calibration.from.map(|path| folder.join(path));
     devices::recording(file.recording, folder, &mut config.recording)?;
     environment(file.environment, &mut config.environment)?;
+    registration(&file.registration, &mut config.registration);
     white_balance(&file.white_balance, &mut config.white_balance)?;
     shadows(&file.shadows, &mut config.shadows)?;
     set(&mut config.shading.reflections, file.shading.reflections);

@@ -12,6 +12,7 @@ use super::devices::{
 };
 use super::exposure::ExposureFile;
 use super::planes::PlanesFile;
+use super::registration::RegistrationFile;
 use crate::calibration::EnvironmentSource;
 use crate::environment::Filtering;
 use serde::Deserialize;
@@ -27,6 +28,7 @@ pub(super) struct ConfigFile {
     pub calibration: CalibrationFile,
     pub recording: RecordingFile,
     pub environment: Environment,
+    pub registration: RegistrationFile,
     pub white_balance: WhiteBalance,
     pub shadows: Shadows,
     pub shading: Shading,

@@ -9,6 +9,7 @@ mod error;
 mod exposure;
 mod file;
 mod planes;
+mod registration;
 pub(crate) mod toml_text;
 
 use crate::calibration::EnvironmentSource;
@@ -31,6 +32,7 @@ pub use exposure::{
     ExposureChoice, ExposureConfig, ExposureMode, Highlights,
 };
 pub use planes::{FREQUENCIES, PlaneReceiver, PlaneShading, PlanesConfig, lights_of_dome};
+pub use registration::{PoseSource, RegistrationConfig};
 
 use crate::capture::{CameraSource, TrackerSource};
 use crate::scene::SceneAddition;
@@ -57,6 +59,8 @@ pub struct Config {
     pub recording: RecordingConfig,
     /// The environment and its lights.
     pub environment: EnvironmentConfig,
+    /// What tells where the scene camera is.
+    pub registration: RegistrationConfig,
     /// Match between the cameras.
     pub white_balance: WhiteBalanceConfig,
     /// Shadows of virtual objects.

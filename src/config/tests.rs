@@ -69,6 +69,7 @@ fn rig_toml_names_every_key_even_those_without_default() {
         "scene",
         "scene_camera",
         "environment",
+        "registration",
         "white_balance",
         "shadows",
         "planes",

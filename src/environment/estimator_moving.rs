@@ -1,6 +1,7 @@
 //! A mirrored sphere within the scene camera's own picture (Supan 2006, section III, first
 //! set-up).
 
+use super::super::outline::{Ball, refine};
 use super::*;
 
 /// Pictures between looks at the scene's shadows.
@@ -12,9 +13,7 @@ impl EnvironmentEstimator {
         brackets: &[Bracket],
         input: &EnvironmentInput,
     ) -> Result<Seen, EnvironmentError> {
-        let placed = input
-            .scene
-            .and_then(|scene| PlacedView::new(&self.view, Some(scene), self.settings.parallax));
+        let placed = self.place_ball(brackets, input);
         if let Some(view) = &placed {
             check_sizes(brackets, view.size())?;
             self.look_at_sphere(view, brackets, input);
@@ -40,6 +39,28 @@ impl EnvironmentEstimator {
         take_out(&sources, seen, &mut residual);
         self.stages.done("sources");
         Ok((sources, residual, full))
+    }
+
+    /// The sphere where this picture shows it, with what of its rim may not be trusted left out.
+    fn place_ball(&self, brackets: &[Bracket], input: &EnvironmentInput) -> Option<PlacedView> {
+        let scene = input.scene?;
+        let parallax = self.settings.parallax;
+        let (Some(ball), EnvironmentView::SphereInScene { sphere }) = (input.ball, &self.view)
+        else {
+            return PlacedView::new(&self.view, Some(scene), parallax);
+        };
+        let (world_from_camera, camera) = scene;
+        let camera_from_world = world_from_camera.inverse();
+        let said = Ball {
+            centre: camera_from_world.transform_point(ball.centre_in_world),
+            radius: sphere.radius,
+            sigma: ball.sigma,
+        };
+        let base = brackets.iter().find(|b| b.ev == 0.0)?;
+        let found = refine(base.picture, camera, &said);
+        let mut sphere = sphere.clone();
+        sphere.centre_in_world = world_from_camera.transform_point(found.centre);
+        PlacedView::beside_rim(&sphere, scene, found.sigma, parallax)
     }
 
     /// Takes what the sphere shows in this picture into memory.

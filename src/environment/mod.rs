@@ -31,6 +31,7 @@ pub mod light;
 pub mod lobes;
 mod memory;
 mod mirror;
+pub mod outline;
 pub mod photograph;
 pub mod prefilter;
 pub mod report;
@@ -49,7 +50,7 @@ pub use hdr::Bracket;
 pub use light::{CubeMap, DomeLight, Filtering, Harmonics, LightKind, Lighting};
 pub use report::LightReport;
 pub use settings::{
-    EnvironmentError, EnvironmentInput, EnvironmentSettings, IrradianceMethod, Placement,
+    BallSeen, EnvironmentError, EnvironmentInput, EnvironmentSettings, IrradianceMethod, Placement,
 };
 pub use stages::Stages;
 pub use view::Parallax;

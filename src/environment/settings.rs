@@ -7,7 +7,7 @@ use super::resample::Hidden;
 use super::sources::SourceSettings;
 use super::view::Parallax;
 use crate::calibration::PinholeCamera;
-use glam::{Mat3, Vec3};
+use glam::{DVec3, Mat3, Vec3};
 use penumbra_interface::{MonotonicTime, RigidTransform};
 
 /// Where dome lights are put.
@@ -120,6 +120,15 @@ pub enum EnvironmentError {
     CubeSize(u32),
 }
 
+/// Where the mirrored sphere is, and how well that is known.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BallSeen {
+    /// Its centre, world, metres.
+    pub centre_in_world: DVec3,
+    /// Standard deviation of its picture, each way, pixels.
+    pub sigma: f64,
+}
+
 /// One instant's pictures and what else is known.
 pub struct EnvironmentInput<'a> {
     /// Exposures of the instant, in any order.
@@ -137,6 +146,9 @@ pub struct EnvironmentInput<'a> {
     pub hidden: Option<&'a Hidden<'a>>,
     /// Mean radiance of those phantoms in the scene camera's picture, scene camera units.
     pub hider_radiance: Option<Vec3>,
+    /// Where a sphere in the scene camera's picture is at this instant. Given, it is looked for
+    /// near there; else it is taken to be exactly where the calibration says.
+    pub ball: Option<BallSeen>,
     /// Middle of the exposure.
     pub captured_at: MonotonicTime,
 }
@@ -153,6 +165,7 @@ impl<'a> EnvironmentInput<'a> {
             measured_ground_irradiance: None,
             hidden: None,
             hider_radiance: None,
+            ball: None,
             captured_at,
         }
     }

@@ -11,6 +11,11 @@ use std::ops::Range;
 /// its radius is left out.
 const LEAST_COSINE: f64 = 0.17;
 
+/// Pixels next to a mirrored sphere's rim that are never used, and how many standard deviations of
+/// its place more: what lies behind it is not light that it mirrors.
+const RIM_PIXELS: f64 = 0.6;
+const RIM_SIGMAS: f64 = 3.0;
+
 /// What is known of the room, for light that is seen from one place and needed in another.
 ///
 /// Without it the environment is taken to be infinitely far away (Supan 2006, section IV).
@@ -117,14 +122,51 @@ impl PlacedView {
         }
     }
 
+    /// A sphere in the scene camera's picture, `sigma` pixels (standard deviation) from where it
+    /// is said to be: so wide a rim is left out that no background gets in.
+    #[must_use]
+    pub fn beside_rim(
+        sphere: &MirrorSphere,
+        (world_from_camera, camera): (RigidTransform, &PinholeCamera),
+        sigma: f64,
+        parallax: Option<Parallax>,
+    ) -> Option<Self> {
+        let ball = super::outline::Ball {
+            centre: world_from_camera
+                .inverse()
+                .transform_point(sphere.centre_in_world),
+            radius: sphere.radius,
+            sigma,
+        };
+        // A ray that passes the centre at the share f of the radius meets the sphere at an angle whose
+        // sine is f.
+        let left_out = (RIM_PIXELS + RIM_SIGMAS * sigma) / ball.radius_in_pixels(camera);
+        let used = 1.0 - left_out;
+        if used.is_nan() || used <= 0.2 {
+            return None;
+        }
+        let cosine = (1.0 - used * used).max(0.0).sqrt().max(LEAST_COSINE);
+        Self::mirrored_past(camera, world_from_camera, sphere, parallax, cosine)
+    }
+
     fn mirrored(
         camera: &PinholeCamera,
         world_from_camera: RigidTransform,
         sphere: &MirrorSphere,
         parallax: Option<Parallax>,
     ) -> Option<Self> {
+        Self::mirrored_past(camera, world_from_camera, sphere, parallax, LEAST_COSINE)
+    }
+
+    fn mirrored_past(
+        camera: &PinholeCamera,
+        world_from_camera: RigidTransform,
+        sphere: &MirrorSphere,
+        parallax: Option<Parallax>,
+        least_cosine: f64,
+    ) -> Option<Self> {
         let eye = world_from_camera.translation;
-        let mirror = Mirror::new(eye, sphere.centre_in_world, sphere.radius, LEAST_COSINE)?;
+        let mirror = Mirror::new(eye, sphere.centre_in_world, sphere.radius, least_cosine)?;
         Some(Self {
             size: (camera.width, camera.height),
             optics: Optics::Mirror {

@@ -3,6 +3,7 @@
 
 use super::near_light::NearStation;
 use super::prepare::LightState;
+use super::registration::UNTOLD_SIGMA;
 use super::scene_light::{RealLight, SceneLight, hides};
 use super::watch::{GroundWatch, PhantomWatch};
 use super::{RigError, RigSetup};
@@ -20,7 +21,9 @@ use crate::calibration::photometry::{
 use crate::calibration::rig::EnvironmentView;
 use crate::calibration::{Response, RigCalibration};
 use crate::config::{Config, Filtering, Unseen, WhiteBalanceMethod};
-use crate::environment::{Bracket, EnvironmentEstimator, EnvironmentInput, Lighting, Placement};
+use crate::environment::{
+    BallSeen, Bracket, EnvironmentEstimator, EnvironmentInput, Lighting, Placement,
+};
 use crate::picture::{Picture, PictureError, YuvEncoding, decode_into};
 use crate::scene::{Attachments, casters};
 use crate::sync::EnvironmentSet;
@@ -52,12 +55,25 @@ pub struct LightStation {
     since_overlap: u32,
 }
 
+/// Where a mirrored sphere in the scene camera's picture is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum SphereAt {
+    /// Where the calibration says.
+    Calibrated,
+    /// There.
+    Seen(BallSeen),
+    /// Carried about, and its marker is not seen: this picture shows no light.
+    Lost,
+}
+
 /// What the scene camera saw at the instant that needs light.
 pub struct SceneView<'a> {
     /// Its picture.
     pub picture: &'a Picture,
     /// Its pose, if it is known.
     pub world_from_camera: Option<RigidTransform>,
+    /// Where the mirrored sphere is, where the rig has one in its picture.
+    pub ball: SphereAt,
     /// Middle of its exposure.
     pub captured_at: MonotonicTime,
     /// As the camera reports it.
@@ -149,12 +165,13 @@ impl LightStation {
                 picture: scene.picture,
                 ev: 0.0,
             }],
-            scene: Some((pose, &self.rig.scene_camera.camera)),
+            scene: (scene.ball != SphereAt::Lost).then_some((pose, &self.rig.scene_camera.camera)),
             gains: Mat3::IDENTITY,
             ground_radiance: self.ground.radiance(),
             measured_ground_irradiance: None,
             hidden: Some(&hidden),
             hider_radiance: self.phantoms.mean(),
+            ball: ball(scene, &self.rig),
             captured_at: scene.captured_at,
         })?;
         self.lighting = Some(lighting);
@@ -189,6 +206,7 @@ impl LightStation {
             measured_ground_irradiance: None,
             hidden: None,
             hider_radiance: None,
+            ball: None,
             captured_at: set.captured_at,
         })?;
         self.lighting = Some(lighting);
@@ -354,6 +372,18 @@ impl LightStation {
     /// The estimator, for previews and placement of lights.
     pub const fn estimator(&mut self) -> Option<&mut EnvironmentEstimator> {
         self.estimator.as_mut()
+    }
+}
+
+/// Where the sphere in this picture is looked for.
+fn ball(scene: &SceneView<'_>, rig: &RigCalibration) -> Option<BallSeen> {
+    match (scene.ball, rig.environment.as_ref().map(|e| &e.view)) {
+        (SphereAt::Seen(ball), _) => Some(ball),
+        (SphereAt::Calibrated, Some(EnvironmentView::SphereInScene { sphere })) => Some(BallSeen {
+            centre_in_world: sphere.centre_in_world,
+            sigma: UNTOLD_SIGMA,
+        }),
+        _ => None,
     }
 }
 

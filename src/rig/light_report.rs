@@ -1,7 +1,7 @@
 //! What the rig believes about the light of a session: `penumbra light SESSION`.
 
 use super::feed::{Fed, Feed};
-use super::light::{LightStation, SceneView};
+use super::light::{LightStation, SceneView, SphereAt};
 use super::source::Source;
 use super::{RigError, RigSetup};
 use crate::calibration::photometry::MatchStatus;
@@ -36,6 +36,7 @@ pub fn light_of_session(session: &Session, config: &Config) -> Result<LightRepor
         }
         let pose = setup.world_from_camera(&frame);
         let view = SceneView {
+            ball: SphereAt::Calibrated,
             picture: &picture,
             world_from_camera: pose,
             captured_at: frame.captured_at,

@@ -1,7 +1,7 @@
 //! What a picture of the scene camera and the environment's beside it make of the light,
 //! on whichever thread that happens.
 
-use super::light::{LightStation, SceneView, placement};
+use super::light::{LightStation, SceneView, SphereAt, placement};
 use super::prepare::LightState;
 use super::scene_light::SceneLight;
 use crate::config::LightPlacement;
@@ -33,6 +33,8 @@ pub(super) struct Seen {
     pub exposure: Option<Exposure>,
     /// Its pose, if it is known.
     pub world_from_camera: Option<RigidTransform>,
+    /// Where the mirrored sphere is.
+    pub ball: SphereAt,
     /// The environment, as it was a little before.
     pub environment: Option<Arc<EnvironmentSet>>,
 }
@@ -46,6 +48,7 @@ impl Seen {
             seconds,
             exposure: frame.scene.exposure,
             world_from_camera,
+            ball: SphereAt::Calibrated,
             environment: frame.environment.as_ref().map(|e| Arc::clone(&e.set)),
         }
     }
@@ -148,6 +151,7 @@ impl Lighter {
         let view = SceneView {
             picture,
             world_from_camera: seen.world_from_camera,
+            ball: seen.ball,
             captured_at: seen.captured_at,
             exposure: seen.exposure,
         };

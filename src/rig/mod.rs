@@ -21,6 +21,7 @@ mod planes;
 pub mod prepare;
 mod rates;
 pub mod recorder;
+mod registration;
 mod reload;
 pub mod report;
 mod run;
@@ -41,6 +42,7 @@ pub use runner::{RunOptions, Runner, Screen};
 pub use settings::live_settings;
 pub use source::{Live, RigFiles, Source};
 
+use crate::calibration::fiducial::TagMap;
 use crate::calibration::{RigCalibration, RigDocument};
 use crate::compositor::GpuError;
 use crate::config::{Config, ConfigError};
@@ -86,6 +88,18 @@ pub enum RigError {
     /// Shadowing planes.
     #[error(transparent)]
     Planes(#[from] crate::scene::planes::PlaneError),
+    /// The pose is to come from markers that nobody told of.
+    #[error(
+        "registration.pose = \"markers\", but the calibration lists none; add `markers` to rig.json, or \
+         use \"tracker\""
+    )]
+    NoMarkers,
+    /// Markers that cannot be found.
+    #[error("rig.json: markers: {reason}")]
+    Markers {
+        /// What is wrong with them, and what to do.
+        reason: String,
+    },
     /// Neither a scene nor something that brings one.
     #[error(
         "{path}: expected a scene file (.toml), a model (.glb, .gltf) or a session (.mcap; without \
@@ -196,6 +210,8 @@ pub struct RigSetup {
     pub calibration: RigCalibration,
     /// What is drawn.
     pub scene: Scene,
+    /// Fiducials by which the scene camera's pose is found, instead of a tracker.
+    pub tags: Option<TagMap>,
     /// Somebody has calibrated the rig.
     pub calibrated: bool,
 }
@@ -213,8 +229,15 @@ impl RigSetup {
             .select_environment(config.environment.source, camera_recorded)
             .map_err(SceneError::from)?;
         let scene = Scene::choose(&config.scene, &document, &attachments)?;
+        let tags = registration::wanted_tags(&document.markers, config)?;
+        let mut calibration = calibration(&document, config);
+        if tags.is_some() {
+            // Nothing waits for a tracker that nobody asks.
+            calibration.tracker = None;
+        }
         Ok(Self {
-            calibration: calibration(&document, config),
+            calibration,
+            tags,
             calibrated: source.attachment("rig.json").is_some(),
             scene,
         })
@@ -223,6 +246,9 @@ impl RigSetup {
     /// The scene camera's pose for a paired frame, if the sensor's is known.
     #[must_use]
     pub fn world_from_camera(&self, frame: &RigFrame) -> Option<RigidTransform> {
+        if self.tags.is_some() {
+            return None;
+        }
         let pose = frame.pose.as_ref()?.transmitter_from_sensor;
         let tracker = self.calibration.tracker.as_ref();
         Some(tracker.map_or(pose, |t| t.world_from_scene_camera(pose)))

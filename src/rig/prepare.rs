@@ -4,9 +4,11 @@
 
 use super::feed::{Fed, FedFrame, Feed, FeedCounts};
 use super::light::LightStation;
+use super::light::SphereAt;
 use super::lighter::{Lighter, SceneNews, Seen};
 use super::lights::Lights;
 use super::pace::Pace;
+use super::registration::Station;
 use super::source::Source;
 use super::{RigError, RigSetup, threads};
 use crate::calibration::photometry::MatchStatus;
@@ -16,7 +18,7 @@ use crate::environment::adaptive::CompactSource;
 use crate::environment::{LightKind, Lighting};
 use crate::picture::{Picture, YuvEncoding, decode_into};
 use crate::scene::NearLight;
-use crate::status::Settings;
+use crate::status::{RegistrationStatus, Settings};
 use crate::sync::{PairingConfig, PairingCounts, RigFrame};
 use crossbeam_channel::{Receiver, Sender, bounded};
 use penumbra_interface::{MonotonicTime, RigidTransform};
@@ -39,6 +41,8 @@ pub struct Prepared {
     pub picture: Picture,
     /// The scene camera's pose.
     pub world_from_camera: Option<RigidTransform>,
+    /// Where that pose comes from.
+    pub registration: RegistrationStatus,
     /// Seconds since the recording's first picture.
     pub seconds: f64,
     /// The light, and what is known of it.
@@ -150,6 +154,7 @@ impl Preparation {
         let mut worker = Worker {
             lights: lights(setup, config, source, wished, news)?,
             feed: Feed::new(source, &setup.calibration, pairing, as_live),
+            station: Station::new(setup),
             setup: setup.clone(),
             pairing,
             yuv: config.input.encoding(),
@@ -201,6 +206,8 @@ impl Drop for Preparation {
 
 struct Worker {
     setup: RigSetup,
+    /// Looks for fiducials, where the rig has a use for them.
+    station: Option<Station>,
     lights: Lights,
     feed: Feed,
     pairing: PairingConfig,
@@ -280,7 +287,12 @@ impl Worker {
             .world_from_camera(&frame)
             .filter(|_| misfit.is_none());
         let seconds = frame.captured_at.seconds_since(first);
-        let seen = Seen::new(&frame, seconds, world_from_camera);
+        let (world_from_camera, ball, registration) =
+            self.register(&picture, &frame, world_from_camera, misfit.is_none());
+        let seen = Seen {
+            ball,
+            ..Seen::new(&frame, seconds, world_from_camera)
+        };
         if let Some(note) = self.lights.see(&seen, &picture, noted) {
             self.feed.note(seen.arrived_at, note);
         }
@@ -290,6 +302,7 @@ impl Worker {
             seconds,
             picture,
             world_from_camera,
+            registration,
             light: light.state.clone(),
             decoding,
             lighting: light.took,
@@ -299,6 +312,27 @@ impl Worker {
             counts: self.counts(),
             frame,
         }))
+    }
+
+    /// What fiducials tell of a picture, where they are looked for.
+    fn register(
+        &mut self,
+        picture: &Picture,
+        frame: &RigFrame,
+        tracked: Option<RigidTransform>,
+        fits: bool,
+    ) -> (Option<RigidTransform>, SphereAt, RegistrationStatus) {
+        let Some(station) = self.station.as_mut().filter(|_| fits) else {
+            let status = RegistrationStatus::by_tracker(tracked.is_some());
+            return (tracked, SphereAt::Calibrated, status);
+        };
+        let told = station.look(picture, tracked, frame.captured_at);
+        let ball = match told.ball {
+            Some(ball) => SphereAt::Seen(ball),
+            None if told.ball_lost => SphereAt::Lost,
+            None => SphereAt::Calibrated,
+        };
+        (told.world_from_camera, ball, told.status)
     }
 
     /// A picture of another size than the calibration's is shown as it is: nothing can be put

@@ -18,9 +18,9 @@ use crate::environment::{BrightestFollower, BrightestLight};
 use crate::output::files::FrameFolder;
 use crate::picture::Picture;
 use crate::scene::PlacedLamp;
-use crate::status::snapshot::SessionState;
+use crate::status::snapshot::{RegistrationSource, SessionState};
 use crate::status::{self, Settings, StageTimes, Technique};
-use crate::sync::{Provenance, RigFrame};
+use crate::sync::Provenance;
 use penumbra_interface::{Clock, SystemClock};
 use penumbra_tracker_serial::freed::{FreedSender, Lens, optical_to_studio};
 use std::sync::Arc;
@@ -142,7 +142,7 @@ impl Run {
         }
         self.counts = Some(prepared.counts);
         self.frames.skipped += prepared.passed_over;
-        self.count(&prepared.frame);
+        self.count(prepared);
         let environment = prepared.frame.environment.as_ref();
         let skew = environment.map(|e| e.skew_nanos);
         self.rates.composed(&prepared.counts.feed, skew);
@@ -301,9 +301,11 @@ impl Run {
         }
     }
 
-    fn count(&mut self, frame: &RigFrame) {
+    fn count(&mut self, prepared: &Prepared) {
+        let frame = &prepared.frame;
         self.frames.composed += 1;
         match &frame.pose {
+            None if prepared.registration.source == RegistrationSource::Markers => (),
             None => self.frames.without_pose += 1,
             Some(pose) if pose.provenance == Provenance::Predicted => {
                 self.frames.predicted_pose += 1;

@@ -104,6 +104,7 @@ pub fn publish(p: &Published<'_>) {
             s.warn(warning);
         }
         pairing(s, frame, p.rates);
+        s.registration = p.prepared.registration;
         lighting(s, p);
         match p.source {
             Source::Recorded(_) => {

@@ -94,6 +94,19 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "How the newest pose was found: `exact`, `interpolated`, `predicted` or `none`.",
     ),
     (
+        "registration.source",
+        "What the newest pose was found by: `tracker`, `markers` or `none`.",
+    ),
+    ("registration.markers", "Markers that it was found by."),
+    (
+        "registration.reprojection_px",
+        "Root mean square distance of their corners from where the pose puts them, pixels; null without markers.",
+    ),
+    (
+        "registration.ambiguous",
+        "Whether it was found by one marker whose corners allow two poses, with nothing to choose by.",
+    ),
+    (
         "white_balance.method",
         "Method in force: `chart`, `automatic`, `known-surface`, `grey-world`, `same-camera`, `configured` or `none`.",
     ),

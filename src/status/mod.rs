@@ -27,5 +27,5 @@ pub use preview::environment_preview;
 pub use server::{DEFAULT_LISTEN, StatusError, StatusServer};
 pub use settings::{LightsMode, Settings, SettingsChange, ShadowMode, Technique};
 pub use shared::SharedStatus;
-pub use snapshot::{SceneStatus, Snapshot};
+pub use snapshot::{RegistrationSource, RegistrationStatus, SceneStatus, Snapshot};
 pub use times::{Histogram, RateMeter, StageTimes};

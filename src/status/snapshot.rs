@@ -32,6 +32,8 @@ pub struct Snapshot {
     pub stages: StageTimes,
     /// How the streams were paired.
     pub pairing: Pairing,
+    /// What tells where the scene camera is.
+    pub registration: RegistrationStatus,
     /// The match of the two cameras.
     pub white_balance: WhiteBalance,
     /// The light.
@@ -67,6 +69,7 @@ impl Default for Snapshot {
             frames: Frames::default(),
             stages: StageTimes::default(),
             pairing: Pairing::default(),
+            registration: RegistrationStatus::default(),
             white_balance: WhiteBalance::default(),
             lighting: LightingStatus::default(),
             scene: SceneStatus::default(),
@@ -224,6 +227,59 @@ pub struct Pairing {
     pub environment_skew_p99_ms: Option<f64>,
     /// How the newest pose was found: `exact`, `interpolated`, `predicted` or `none`.
     pub pose: PoseAnswer,
+}
+
+/// What tells where the scene camera is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct RegistrationStatus {
+    /// `tracker`, `markers` or `none`: the newest picture's.
+    pub source: RegistrationSource,
+    /// Markers that its pose was found by.
+    pub markers: u32,
+    /// Root mean square distance of their corners from where the pose puts them, pixels.
+    pub reprojection_px: Option<f64>,
+    /// It was found by one marker whose corners allow two poses, and may be the wrong one.
+    pub ambiguous: bool,
+}
+
+/// What a pose was found by.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum RegistrationSource {
+    /// The tracker.
+    Tracker,
+    /// Markers in the scene camera's picture.
+    Markers,
+    /// Nothing: no pose is known.
+    #[default]
+    None,
+}
+
+impl RegistrationStatus {
+    /// By the tracker, if it told anything.
+    #[must_use]
+    pub fn by_tracker(told: bool) -> Self {
+        Self {
+            source: if told {
+                RegistrationSource::Tracker
+            } else {
+                RegistrationSource::None
+            },
+            ..Self::default()
+        }
+    }
+
+    /// By so many markers, with this root mean square distance of their corners (pixels), and
+    /// whether it is a guess; or by none.
+    #[must_use]
+    pub fn by_markers(found: Option<(usize, f64, bool)>) -> Self {
+        found.map_or_else(Self::default, |(markers, rms, ambiguous)| Self {
+            source: RegistrationSource::Markers,
+            markers: markers as u32,
+            reprojection_px: Some(rms),
+            ambiguous,
+        })
+    }
 }
 
 /// How a pose was found.

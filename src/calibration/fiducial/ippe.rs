@@ -11,6 +11,8 @@
 
 use super::homography::from_square;
 use super::linear::solve;
+use super::pose::{Match, PoseEstimate, refine};
+use super::registrar::CLEAR;
 use crate::calibration::PinholeCamera;
 use glam::{DMat2, DMat3, DQuat, DVec2, DVec3};
 use penumbra_interface::RigidTransform;
@@ -40,6 +42,33 @@ pub(super) fn poses(
         return None;
     };
     Some([a, b])
+}
+
+/// `camera_from_tag` of a tag of this size, metres: of its two poses the one that suits the corners
+/// better, or, where both do, the one nearer to the `last`.
+#[must_use]
+pub fn nearest_pose(
+    camera: &PinholeCamera,
+    corners: &[DVec2; 4],
+    size: f64,
+    last: Option<RigidTransform>,
+) -> Option<RigidTransform> {
+    let points = super::pose::square(0.5 * size);
+    let matches: [_; 4] = std::array::from_fn(|i| Match {
+        point: points[i],
+        pixel: corners[i],
+    });
+    let [a, b] = poses(camera, corners, size)?.map(|start| refine(camera, start, &matches));
+    let (Some(a), Some(b)) = (a, b) else {
+        return Some(a.or(b)?.camera_from_frame);
+    };
+    let (good, other) = if a.rms <= b.rms { (a, b) } else { (b, a) };
+    let turn = |e: &PoseEstimate, last: RigidTransform| {
+        e.camera_from_frame.rotation.angle_between(last.rotation)
+    };
+    let doubtful = other.rms < CLEAR * good.rms.max(0.05);
+    let nearer = last.is_some_and(|last| turn(&other, last) < turn(&good, last));
+    Some(if doubtful && nearer { other } else { good }.camera_from_frame)
 }
 
 fn rotations(jacobian: DMat2, seen: DVec2) -> Option<[DMat3; 2]> {

@@ -28,6 +28,7 @@ mod threshold;
 
 pub use detector::{Detector, TagSeen, grey_of};
 pub use family::Family;
+pub use ippe::nearest_pose;
 pub use map::{Tag, TagMap};
 pub use pose::{PoseEstimate, refine};
 pub use registrar::{Registered, Registrar, Registration};

@@ -8,7 +8,7 @@ use penumbra_interface::{MonotonicTime, RigidTransform};
 
 /// One of the two poses of a single tag is taken for what the corners say where the other is
 /// this many times farther off.
-const CLEAR: f64 = 2.5;
+pub(super) const CLEAR: f64 = 2.5;
 /// Root mean square distance of the corners, pixels, past which tags are not where the map says.
 const MOST_RMS: f64 = 3.0;
 /// Seconds for which the last pose helps to choose between two.

@@ -1,12 +1,12 @@
 //! The cameras, the mirrored ball, the tracker and the chart of a `rig.json`.
 
-use super::{Node, Result};
+use super::{Marker, Node, Result};
 use crate::calibration::rig::{
     EnvironmentCamera, EnvironmentView, FisheyeLens, MirrorSphere, PhotometricChart, SceneCamera,
-    TrackerCalibration,
+    SphereMarker, TrackerCalibration,
 };
 use crate::calibration::{PinholeCamera, Response};
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 
 pub(super) fn scene_camera(node: &Node) -> Result<SceneCamera> {
     Ok(SceneCamera {
@@ -88,7 +88,7 @@ fn latency(node: &Node) -> Result<i64> {
     Ok((seconds * 1e9).round() as i64)
 }
 
-pub(super) fn environment_camera(node: &Node) -> Result<EnvironmentCamera> {
+pub(super) fn environment_camera(node: &Node, markers: &[Marker]) -> Result<EnvironmentCamera> {
     let brackets = match node.find("brackets_ev") {
         Some(list) => list
             .list(16)?
@@ -99,13 +99,13 @@ pub(super) fn environment_camera(node: &Node) -> Result<EnvironmentCamera> {
     };
     Ok(EnvironmentCamera {
         response: response(node)?,
-        view: environment_view(node)?,
+        view: environment_view(node, markers)?,
         latency_nanos: latency(node)?,
         brackets_ev: brackets,
     })
 }
 
-fn environment_view(node: &Node) -> Result<EnvironmentView> {
+fn environment_view(node: &Node, markers: &[Marker]) -> Result<EnvironmentView> {
     let kind = node.need("kind", "\"fisheye\" or \"sphere\"")?;
     let pose = node.need("T_world_cam", "the camera's pose in the world")?;
     let world_from_camera = pose.rigid()?;
@@ -114,11 +114,18 @@ fn environment_view(node: &Node) -> Result<EnvironmentView> {
             lens: fisheye(node)?,
             world_from_camera,
         }),
-        "sphere" => Ok(EnvironmentView::Sphere {
-            camera: pinhole(node)?,
-            world_from_camera,
-            sphere: sphere(&node.need("mirror_sphere", "the mirrored ball")?)?,
-        }),
+        "sphere" => {
+            let ball = node.need("mirror_sphere", "the mirrored ball")?;
+            let (sphere, carried) = sphere(&ball, markers)?;
+            if carried.is_some() {
+                return Err(ball.wrong("at a fixed place before a camera of its own: name a marker that is among `markers`, or give center_world"));
+            }
+            Ok(EnvironmentView::Sphere {
+                camera: pinhole(node)?,
+                world_from_camera,
+                sphere,
+            })
+        }
         _ => Err(kind.wrong("\"fisheye\" or \"sphere\"")),
     }
 }
@@ -152,17 +159,53 @@ fn fisheye(node: &Node) -> Result<FisheyeLens> {
     })
 }
 
-pub(super) fn sphere(node: &Node) -> Result<MirrorSphere> {
+/// The ball, and the marker that carries it, if it moves about. A marker that is among `markers`
+/// stands still, and its ball with it.
+pub(super) fn sphere(
+    node: &Node,
+    markers: &[Marker],
+) -> Result<(MirrorSphere, Option<SphereMarker>)> {
     let reflectance = match node.find("reflectance_rgb") {
         Some(n) => n.colour()?,
         None => [1.0; 3],
     };
-    Ok(MirrorSphere {
-        centre_in_world: node.need("center_world", "x, y, z in metres")?.vector()?,
+    let (centre_in_world, carried) = match node.find("marker") {
+        Some(marker) => beside_marker(&marker, markers)?,
+        None => {
+            let centre = node.need("center_world", "x, y, z in metres, or a `marker`")?;
+            (centre.vector()?, None)
+        }
+    };
+    let sphere = MirrorSphere {
+        centre_in_world,
         radius: node.need("radius", "metres")?.positive()?,
         reflectance,
-        in_scene: flag(node, "in_scene_camera_images")?,
-    })
+        in_scene: carried.is_some() || flag(node, "in_scene_camera_images")?,
+    };
+    Ok((sphere, carried))
+}
+
+fn beside_marker(node: &Node, markers: &[Marker]) -> Result<(DVec3, Option<SphereMarker>)> {
+    let family = node.need("family", "e.g. \"tag36h11\"")?;
+    let name = family.text()?;
+    let id = node.need("id", "a whole number")?.pixels()?;
+    let centre = node.need("center", "x, y, z in the marker's frame, metres")?;
+    let centre_in_marker = centre.vector()?;
+    if let Some(fixed) = markers.iter().find(|m| m.family == name && m.id == id) {
+        let centre = fixed.world_from_marker.transform_point(centre_in_marker);
+        return Ok((centre, None));
+    }
+    let carried = SphereMarker {
+        family: name
+            .parse()
+            .map_err(|_| family.wrong("\"tag36h11\", \"tag25h9\" or \"tag16h5\""))?,
+        id,
+        size: node
+            .need("size_m", "metres, as the marker is not among `markers`")?
+            .positive()?,
+        centre_in_marker,
+    };
+    Ok((DVec3::ZERO, Some(carried)))
 }
 
 pub(super) fn flag(node: &Node, key: &str) -> Result<bool> {

@@ -298,6 +298,44 @@ fn the_view_of_the_environment_follows_the_configuration() {
     );
 }
 
+/// A ball beside a marker that is among `markers` stands still; beside another it is carried about.
+#[test]
+fn a_ball_may_be_placed_beside_a_marker() {
+    let mut value = rig();
+    value.as_object_mut().unwrap().remove("environment_camera");
+    let quarter = json!([
+        [0, -1, 0, 1.0],
+        [1, 0, 0, 2.0],
+        [0, 0, 1, 3.0],
+        [0, 0, 0, 1]
+    ]);
+    value["markers"] = json!([{"family": "tag36h11", "id": 4, "size_m": 0.05,
+        "T_world_marker": {"matrix_row_major": quarter}}]);
+    value["mirror_sphere"] = json!({"radius": 0.035, "marker":
+        {"family": "tag36h11", "id": 4, "center": [0.1, 0.0, -0.035]}});
+    let fixed = parse(&value).unwrap();
+    let centre = fixed.mirror_sphere.unwrap().centre_in_world;
+    assert!(
+        centre.distance(DVec3::new(1.0, 2.1, 2.965)) < 1e-9,
+        "{centre}"
+    );
+    assert_eq!(fixed.calibration.sphere_marker, None);
+    value["mirror_sphere"]["marker"]["id"] = json!(5);
+    let text = parse(&value).unwrap_err().to_string();
+    assert!(text.contains("mirror_sphere.marker.size_m"), "{text}");
+    value["mirror_sphere"]["marker"]["size_m"] = json!(0.04);
+    let mut carried = parse(&value).unwrap();
+    let marker = carried.calibration.sphere_marker.clone().unwrap();
+    assert_eq!((marker.id, marker.size), (5, 0.04));
+    assert_eq!(marker.centre_in_marker, DVec3::new(0.1, 0.0, -0.035));
+    carried
+        .select_environment(EnvironmentSource::SphereInScene, true)
+        .unwrap();
+    value["mirror_sphere"]["marker"]["family"] = json!("tag99");
+    let text = parse(&value).unwrap_err().to_string();
+    assert!(text.contains("mirror_sphere.marker.family"), "{text}");
+}
+
 #[test]
 fn the_truth_rigs_are_read() {
     let truth = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/truth");

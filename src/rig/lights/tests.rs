@@ -118,6 +118,7 @@ fn lighter() -> (Lighter, watch::Sender<Settings>) {
     let setup = RigSetup {
         calibration: RigDocument::uncalibrated(64, 48).calibration,
         scene: Scene::default(),
+        tags: None,
         calibrated: false,
     };
     let station = LightStation::new(&setup, &Config::default(), &|_| None).unwrap();
@@ -137,6 +138,7 @@ fn lighter() -> (Lighter, watch::Sender<Settings>) {
 fn seen(number: i64) -> Seen {
     Seen {
         seconds: 0.0,
+        ball: super::super::light::SphereAt::Calibrated,
         arrived_at: at(number),
         captured_at: at(number),
         exposure: None,

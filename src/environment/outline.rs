@@ -1,0 +1,269 @@
+//! The outline of a mirrored ball in a picture, found again near where a pose says it is (the
+//! jitter of DiVerdi & Höllerer 2004, section 3.3).
+//!
+//! ```text
+//!  Seen from the eye, the ball's rim is the cone of half angle α = asin(R/D) about its centre.
+//!  K rays of it end on pixels p_k with outward normals n_k. A picture that lies beside its
+//!  prediction by d shows its steps of luminance at n_k·d along the normals. First d is the place on a
+//!  grid with the most steps, a strong one counting no more than a few weak ones: what a
+//!  mirror shows has edges, too, but none that runs along the whole rim. Then d is the mean
+//!      (C⁻¹ + I/σ²)⁻¹ C⁻¹ N⁻¹ Σ w_k n_k s_k,    N = Σ w_k n_k n_kᵀ,    C = σ_e² N⁻¹ + σ_c² I
+//!  of the steps' own places s_k and the prediction, whose uncertainty is σ: so a rim that is hardly
+//!  seen, or in part, moves the ball by no more than it knows, and where the pose is good already by
+//!  next to nothing. σ_c stands for what all steps have in common.
+//! ```
+
+use crate::calibration::PinholeCamera;
+use crate::picture::Picture;
+use glam::{DMat2, DVec2, DVec3};
+
+/// Rays along the rim.
+const RAYS: usize = 120;
+/// Places a pixel along a normal.
+const PER_PIXEL: f64 = 4.0;
+/// Most that is searched either way, pixels.
+const FARTHEST: f64 = 6.0;
+/// Places on a normal.
+const PLACES: usize = (2.0 * (FARTHEST + 2.0) * PER_PIXEL) as usize + 1;
+/// A step counts up to this many times the median one.
+const STRONGEST: f32 = 3.0;
+/// Least share of the rays that must show a step at one place.
+const LEAST_SUPPORT: f64 = 0.35;
+/// Least that the best place must have above what an average place has.
+const LEAST_CONTRAST: f64 = 1.25;
+/// What a rim may be off as a whole, pixels: what the mirror shows next to it, and the shadow where the
+/// ball stands, run along it. On desk-marker it is 0.3.
+const COMMON_SIGMA: f64 = 0.3;
+
+/// A ball before a camera.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ball {
+    /// Centre, camera's frame, metres.
+    pub centre: DVec3,
+    /// Radius, metres.
+    pub radius: f64,
+    /// Standard deviation of the centre's picture, each way, pixels.
+    pub sigma: f64,
+}
+
+impl Ball {
+    /// Radius of its picture near the axis, pixels.
+    #[must_use]
+    pub fn radius_in_pixels(&self, camera: &PinholeCamera) -> f64 {
+        let distance = self.centre.length();
+        let tangent = (distance * distance - self.radius * self.radius)
+            .max(1e-12)
+            .sqrt();
+        camera.focal.min_element() * self.radius / tangent
+    }
+}
+
+/// A ray of the rim in the picture.
+#[derive(Clone, Copy)]
+struct Rim {
+    /// Outward, unit vector.
+    normal: DVec2,
+    /// How strong the step is at each place along the normal.
+    steps: Steps,
+}
+
+type Steps = [f32; PLACES];
+
+/// The ball where the picture shows its rim, with a smaller σ. Where too little of the rim is
+/// seen, or its steps do not agree on a place, it stays as it is.
+#[must_use]
+pub fn refine(picture: &Picture, camera: &PinholeCamera, ball: &Ball) -> Ball {
+    try_refine(picture, camera, ball).unwrap_or(*ball)
+}
+
+fn try_refine(picture: &Picture, camera: &PinholeCamera, ball: &Ball) -> Option<Ball> {
+    if picture.rgba.len() < 4 * picture.width as usize * picture.height as usize {
+        return None;
+    }
+    let rims = rims(picture, camera, ball)?;
+    let reach = (3.0 * ball.sigma).clamp(1.0, FARTHEST);
+    let coarse = search(&rims, reach)?;
+    let (shift, sigma) = settle(&rims, coarse, ball.sigma)?;
+    // The prediction was not off by more than it may be.
+    if shift.length() > reach + 0.5 {
+        return None;
+    }
+    let pixel = camera.project(ball.centre)?;
+    let moved = camera.unproject(pixel + shift) * ball.centre.length();
+    Some(Ball {
+        centre: moved,
+        sigma,
+        ..*ball
+    })
+}
+
+fn rims(picture: &Picture, camera: &PinholeCamera, ball: &Ball) -> Option<Vec<Rim>> {
+    let distance = ball.centre.length();
+    let sine = ball.radius / distance;
+    if !(sine > 0.0 && sine < 0.9) {
+        return None;
+    }
+    let axis = ball.centre / distance;
+    let (u, v) = axis.any_orthonormal_pair();
+    let rays = (0..RAYS).filter_map(|k| {
+        let around = DVec2::from_angle(std::f64::consts::TAU * k as f64 / RAYS as f64);
+        let side = u * around.x + v * around.y;
+        let at = |sine: f64| camera.project(axis * (1.0 - sine * sine).sqrt() + side * sine);
+        let rim = at(sine)?;
+        let normal = (at(sine * 1.01)? - rim).normalize_or_zero();
+        Some(Rim {
+            normal,
+            steps: steps(picture, rim, normal)?,
+        })
+    });
+    let rays: Vec<Rim> = rays.collect();
+    (rays.len() as f64 >= LEAST_SUPPORT * RAYS as f64).then_some(rays)
+}
+
+/// How much the colour changes across each place along a normal, codes; `None` where the
+/// normal leaves the picture.
+fn steps(picture: &Picture, rim: DVec2, normal: DVec2) -> Option<Steps> {
+    const HALF: f64 = 0.75;
+    let mut steps = [0.0; PLACES];
+    for (i, step) in steps.iter_mut().enumerate() {
+        let s = place(i);
+        let outer = colour(picture, rim + normal * (s + HALF))?;
+        let inner = colour(picture, rim + normal * (s - HALF))?;
+        *step = (0..3).map(|c| (outer[c] - inner[c]).abs()).sum();
+    }
+    Some(steps)
+}
+
+/// Pixels from the predicted rim.
+fn place(i: usize) -> f64 {
+    i as f64 / PER_PIXEL - (FARTHEST + 2.0)
+}
+
+fn colour(picture: &Picture, p: DVec2) -> Option<[f32; 3]> {
+    let base = p.floor();
+    let inside = base.x >= 0.0
+        && base.y >= 0.0
+        && base.x + 1.0 < f64::from(picture.width)
+        && base.y + 1.0 < f64::from(picture.height);
+    if !inside {
+        return None;
+    }
+    let (x, y, f) = (base.x as u32, base.y as u32, (p - base).as_vec2());
+    let at = |x: u32, y: u32| picture.rgb(x, y).map(f32::from);
+    let (a, b, c, d) = (at(x, y), at(x + 1, y), at(x, y + 1), at(x + 1, y + 1));
+    Some(std::array::from_fn(|i| {
+        let row = |a: f32, b: f32| a + (b - a) * f.x;
+        row(a[i], b[i]) + (row(c[i], d[i]) - row(a[i], b[i])) * f.y
+    }))
+}
+
+/// The shift with the most steps, on a grid of half pixels.
+fn search(rims: &[Rim], reach: f64) -> Option<DVec2> {
+    let typical = median(rims.iter().map(|r| r.steps[PLACES / 2]).collect());
+    // A strong step counts no more than a few usual ones.
+    let cap = STRONGEST * typical.max(4.0);
+    let score = |shift: DVec2| -> f64 {
+        let at = |r: &Rim| f64::from(r.steps[index(r.normal.dot(shift))].min(cap));
+        rims.iter().map(at).sum()
+    };
+    let n = (2.0 * reach).ceil() as i32;
+    let (mut best, mut sum, mut count) = ((f64::MIN, DVec2::ZERO), 0.0, 0.0);
+    for (y, x) in (-n..=n).flat_map(|y| (-n..=n).map(move |x| (y, x))) {
+        let shift = DVec2::new(f64::from(x), f64::from(y)) * 0.5;
+        let found = score(shift);
+        (sum, count) = (sum + found, count + 1.0);
+        if found > best.0 {
+            best = (found, shift);
+        }
+    }
+    (best.0 > LEAST_CONTRAST * sum / count).then_some(best.1)
+}
+
+fn index(s: f64) -> usize {
+    let i = (s + FARTHEST + 2.0) * PER_PIXEL;
+    (i.round().max(0.0) as usize).min(PLACES - 1)
+}
+
+fn median(mut values: Vec<f32>) -> f32 {
+    values.sort_unstable_by(f32::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
+}
+
+/// Where along a normal the step nearest to a place is, and how strong; `None` where there is
+/// none.
+fn nearest_step(rim: &Rim, around: f64) -> Option<(f64, f64)> {
+    let middle = index(around);
+    let near = (PER_PIXEL * 1.25) as usize;
+    let (low, high) = (middle.saturating_sub(near), (middle + near).min(PLACES - 1));
+    let peak = (low..=high).max_by(|a, b| rim.steps[*a].total_cmp(&rim.steps[*b]))?;
+    if peak == low || peak == high || rim.steps[peak] < 8.0 {
+        return None;
+    }
+    // The vertex of the parabola through the peak and what is beside it.
+    let at = |i: usize| f64::from(rim.steps[i]);
+    let (a, b, c) = (at(peak - 1), at(peak), at(peak + 1));
+    let bend = a - 2.0 * b + c;
+    let off = if bend < -1e-9 {
+        (0.5 * (a - c) / bend).clamp(-0.5, 0.5)
+    } else {
+        0.0
+    };
+    Some((place(peak) + off / PER_PIXEL, b))
+}
+
+/// The mean of the steps' places and the prediction, and its standard deviation, pixels.
+fn settle(rims: &[Rim], coarse: DVec2, prior: f64) -> Option<(DVec2, f64)> {
+    let mut shift = coarse;
+    let mut sigma = prior;
+    // Where the rim is looked for; what it says is then weighed against the prediction.
+    let mut looked = coarse;
+    for _ in 0..4 {
+        let found: Vec<(DVec2, f64)> = rims
+            .iter()
+            .filter_map(|r| {
+                let (at, _) = nearest_step(r, r.normal.dot(looked))?;
+                Some((r.normal, at))
+            })
+            .collect();
+        if (found.len() as f64) < LEAST_SUPPORT * RAYS as f64 {
+            return None;
+        }
+        let off = |(n, s): &(DVec2, f64)| s - n.dot(looked);
+        let spread = 1.48 * f64::from(median(found.iter().map(|f| off(f).abs() as f32).collect()));
+        let scale = spread.max(0.1);
+        let (mut normal, mut right) = (DMat2::ZERO, DVec2::ZERO);
+        for f in &found {
+            let weight = tukey(off(f) / (4.0 * scale));
+            normal += DMat2::from_cols(f.0 * f.0.x, f.0 * f.0.y) * weight;
+            right += f.0 * (f.1 * weight);
+        }
+        let (to, of) = fuse(normal, right, scale, prior)?;
+        (shift, sigma) = (to, of);
+        looked = (normal + DMat2::IDENTITY * 1e-3).inverse() * right;
+    }
+    shift.is_finite().then_some((shift, sigma))
+}
+
+/// See the module's head.
+fn fuse(normal: DMat2, right: DVec2, scale: f64, prior: f64) -> Option<(DVec2, f64)> {
+    // Half a rim says little along itself, and none nothing.
+    let normal = normal + DMat2::IDENTITY * 1e-3;
+    let by_rim = normal.inverse();
+    // Neighbouring rays share their pixels and their errors: four count as one.
+    let spread = by_rim * (4.0 * scale * scale);
+    let known = (spread + DMat2::IDENTITY * (COMMON_SIGMA * COMMON_SIGMA)).inverse();
+    let covariance = (known + DMat2::IDENTITY * (1.0 / (prior * prior))).inverse();
+    let shift = covariance * (known * (by_rim * right));
+    let sigma = (0.5 * (covariance.x_axis.x + covariance.y_axis.y)).sqrt();
+    (shift.is_finite() && sigma.is_finite()).then_some((shift, sigma))
+}
+
+/// Tukey's biweight.
+fn tukey(x: f64) -> f64 {
+    let rest = (1.0 - x * x).max(0.0);
+    rest * rest
+}
+
+#[cfg(test)]
+#[path = "outline_tests.rs"]
+mod tests;

@@ -1,0 +1,145 @@
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+use super::*;
+
+fn camera() -> PinholeCamera {
+    PinholeCamera {
+        width: 320,
+        height: 240,
+        focal: DVec2::splat(400.0),
+        centre: DVec2::new(160.3, 118.8),
+        distortion: [0.0; 5],
+    }
+}
+
+fn truth() -> Ball {
+    Ball {
+        centre: DVec3::new(0.03, -0.02, 0.5),
+        radius: 0.045,
+        sigma: 0.0,
+    }
+}
+
+/// A ball that mirrors stripes, before a background of this colour by pixel.
+fn draw(background: impl Fn(f64, f64) -> [f64; 3]) -> Picture {
+    let (camera, ball) = (camera(), truth());
+    let mut rgba = Vec::new();
+    for (y, x) in (0..camera.height).flat_map(|y| (0..camera.width).map(move |x| (y, x))) {
+        let mut sum = [0.0; 3];
+        for k in 0..16 {
+            let at = DVec2::new(
+                f64::from(x) + f64::from(k % 4) / 4.0 - 0.375,
+                f64::from(y) + f64::from(k / 4) / 4.0 - 0.375,
+            );
+            let ray = camera.unproject(at);
+            let along = ray.dot(ball.centre);
+            let inside = ball.radius.powi(2) - (ball.centre.length_squared() - along * along);
+            let shown = if inside > 0.0 {
+                let normal = (ray * (along - inside.sqrt()) - ball.centre) / ball.radius;
+                let seen = ray - 2.0 * ray.dot(normal) * normal;
+                let stripe = (7.0 * seen.x).sin() * (5.0 * seen.y).cos();
+                [
+                    90.0 + 60.0 * stripe,
+                    100.0 - 50.0 * stripe,
+                    110.0 + 30.0 * seen.z,
+                ]
+            } else {
+                background(at.x, at.y)
+            };
+            for c in 0..3 {
+                sum[c] += shown[c] / 16.0;
+            }
+        }
+        rgba.extend(sum.map(|v| v.round().clamp(0.0, 255.0) as u8));
+        rgba.push(255);
+    }
+    Picture {
+        width: camera.width,
+        height: camera.height,
+        rgba,
+    }
+}
+
+/// The true ball as a pose says that is off by so many pixels.
+fn said(off: DVec2, sigma: f64) -> Ball {
+    let pixel = camera().project(truth().centre).unwrap();
+    Ball {
+        centre: camera().unproject(pixel + off) * truth().centre.length(),
+        sigma,
+        ..truth()
+    }
+}
+
+fn off(ball: &Ball) -> f64 {
+    let camera = camera();
+    camera
+        .project(ball.centre)
+        .unwrap()
+        .distance(camera.project(truth().centre).unwrap())
+}
+
+#[test]
+fn the_rim_takes_the_jitter_out_of_the_pose() {
+    let picture = draw(|x, _| [200.0, 170.0 + 0.1 * x, 120.0]);
+    for k in 0..12 {
+        let error = 2.5 * DVec2::from_angle(0.7 * f64::from(k)) * f64::from(k) / 11.0;
+        let found = refine(&picture, &camera(), &said(error, 1.0));
+        // A twelfth of the pose's error stays: its share in the mean.
+        assert!(
+            off(&found) < 0.05 + 0.1 * error.length(),
+            "{error} -> {}",
+            off(&found)
+        );
+        assert!(found.sigma < 0.35 && found.radius == 0.045);
+    }
+}
+
+#[test]
+fn without_a_rim_the_pose_stands() {
+    // The background is what the ball's rim shows: nothing to be seen.
+    let grey = Picture {
+        width: 320,
+        height: 240,
+        rgba: [100, 100, 100, 255].repeat(320 * 240),
+    };
+    let before = said(DVec2::new(0.4, -0.2), 0.5);
+    assert_eq!(refine(&grey, &camera(), &before), before);
+    let mut state = 7_u32;
+    let noise = Picture {
+        rgba: (0..320 * 240)
+            .flat_map(|_| {
+                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                let v = (state >> 24) as u8;
+                [v, v, v, 255]
+            })
+            .collect(),
+        ..grey.clone()
+    };
+    let found = refine(&noise, &camera(), &before);
+    assert!(off(&found) < 1.0, "{}", off(&found));
+    // Cut short, or out of sight.
+    let short = Picture {
+        rgba: vec![0; 5],
+        ..grey.clone()
+    };
+    assert_eq!(refine(&short, &camera(), &before), before);
+    let beside = Ball {
+        centre: DVec3::new(3.0, 0.0, 0.5),
+        ..before
+    };
+    assert_eq!(refine(&grey, &camera(), &beside), beside);
+}
+
+#[test]
+fn half_a_rim_moves_the_ball_along_what_it_knows() {
+    // The lower half melts into its background; the upper one stands out.
+    let picture = draw(|_, y| {
+        if y < 100.0 {
+            [230.0, 220.0, 200.0]
+        } else {
+            [100.0, 100.0, 100.0]
+        }
+    });
+    let before = said(DVec2::new(0.0, 1.2), 0.6);
+    let found = refine(&picture, &camera(), &before);
+    assert!(off(&found) < 0.5, "{}", off(&found));
+}
