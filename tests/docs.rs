@@ -93,7 +93,7 @@ fn settings_in_the_documents_are_read() {
     let blocks = blocks("toml");
     assert!(!blocks.is_empty(), "no TOML block found");
     for (place, block) in blocks {
-        if block.contains("[[object]]") {
+        if block.contains("[[object]]") || block.contains("[[lamp]]") {
             read_scene(&place, &block);
             continue;
         }
