@@ -134,8 +134,9 @@ pub struct Sized {
 /// Distance of the near plane, metres: nearer than any hand-held object is looked at.
 const NEAR: f64 = 0.02;
 
-/// A lamp's maps have so many times the texels of a dome light's, each way: its shadows
-/// have sharp edges, and there are few lamps.
+/// A lamp's maps have so many times the texels of a dome light's, each way, where there is time
+/// for soft shadows, and where areas divide them into views: lamps' shadows have sharp
+/// edges, and there are few. Else as many, which are a picture's pixels across its casters.
 const LAMP_MAPS: u32 = 2;
 
 impl Compositor {
@@ -305,8 +306,11 @@ impl Compositor {
         let (device, queue) = (&self.gpu.device, &self.gpu.queue);
         self.light_maps.write_frame(queue, &uniform, each);
         let (casters, screens) = (slots.casters(), &self.scene.screens);
+        let areas = lamps.iter().any(|lamp| lamp.area.is_some());
+        let fine = areas || self.variant.soft > 1;
+        let lamp_size = if fine { LAMP_MAPS * size } else { size };
         self.light_maps
-            .write_lamps(device, queue, (lamps, screens), casters, LAMP_MAPS * size);
+            .write_lamps(device, queue, (lamps, screens), casters, lamp_size);
         Ok(())
     }
 

@@ -41,11 +41,20 @@ fn glint_highlights(n: vec3f, v: vec3f, gloss: Gloss, level: f32) -> vec3f {
     let high = max(vec4f(1.0) - abs(off - vec4f(4.0)), vec4f(0.0));
     var sum = vec3f(0.0);
     let count = decided_here(glints.count.x, level);
-    for (var k = 0u; k < count; k++) {
+    if count == 0u {
+        return sum;
+    }
+    // It ends with its condition, because software drivers else run its body once more.
+    var k = 0u;
+    loop {
         let l = glints.each[k].direction.xyz;
         let weight = dot(low, glints.each[k].weights[0]) + dot(high, glints.each[k].weights[1]);
         let light = glints.each[k].flux.rgb * (max(dot(n, l), 0.0) * weight);
         sum += lobe_towards(widened_by_disc(gloss, v, l, glints.each[k].direction.w), n, v, l) * light;
+        continuing {
+            k += 1u;
+            break if k >= count;
+        }
     }
     return sum;
 }
