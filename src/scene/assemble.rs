@@ -5,6 +5,7 @@ use super::enclosed;
 use super::gltf_file::load_gltf_bytes;
 use super::primitives;
 use super::{Material, Part, Scene, SceneError, load_ply};
+use crate::calibration::lens_files::apply_lens_files;
 use crate::calibration::rig::MirrorSphere;
 use crate::calibration::rig_json::{GroundPlane, z_up_from_y_up};
 use crate::calibration::{RigCalibration, RigDocument};
@@ -97,10 +98,12 @@ impl Scene {
     }
 }
 
-/// Reads the session's `rig.json`.
+/// Reads the session's `rig.json`, and what was calibrated since.
 pub fn rig_of_session(attachments: &Attachments) -> Result<RigDocument, SceneError> {
     let bytes = attachment(attachments, "rig.json", "holds the rig's calibration")?;
-    Ok(RigDocument::parse(bytes)?)
+    let mut rig = RigDocument::parse(bytes)?;
+    apply_lens_files(&mut rig, attachments)?;
+    Ok(rig)
 }
 
 fn attachment<'a>(

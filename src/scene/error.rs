@@ -1,6 +1,7 @@
 //! What can be wrong with a scene's files.
 
 use crate::calibration::RigJsonError;
+use crate::calibration::record::RecordError;
 use crate::config::ConfigError;
 use thiserror::Error;
 
@@ -36,6 +37,9 @@ pub enum SceneError {
     /// `rig.json` is wrong.
     #[error(transparent)]
     Rig(#[from] RigJsonError),
+    /// A lens's calibration file is wrong.
+    #[error(transparent)]
+    Lens(#[from] RecordError),
     /// A scene file's text is wrong.
     #[error(transparent)]
     File(#[from] ConfigError),

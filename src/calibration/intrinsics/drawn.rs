@@ -148,4 +148,9 @@ impl Random {
         let radius = (-2.0 * self.uniform().max(1e-300).ln()).sqrt();
         radius * (std::f64::consts::TAU * self.uniform()).cos()
     }
+
+    /// Each component standard normal.
+    pub fn normal3(&mut self) -> DVec3 {
+        DVec3::new(self.normal(), self.normal(), self.normal())
+    }
 }

@@ -97,6 +97,17 @@ pub fn estimate(
     views: &[View],
     options: &Options,
 ) -> Result<Estimate, NoEstimate> {
+    estimate_some(size, views, options, options.model.coefficients().len())
+}
+
+/// As [`estimate`], with the model's first `coefficients` only; the others stay zero.
+pub(super) fn estimate_some(
+    size: (u32, u32),
+    views: &[View],
+    options: &Options,
+    coefficients: usize,
+) -> Result<Estimate, NoEstimate> {
+    let unknowns = Unknowns::new(options.square_pixels, true, coefficients);
     let mut chosen: Vec<usize> = (0..views.len())
         .filter(|&i| views[i].points.len() >= LEAST_POINTS)
         .collect();
@@ -107,7 +118,7 @@ pub fn estimate(
     }
     let usable: Vec<View> = chosen.iter().map(|&i| views[i].clone()).collect();
     let lens = start(options.model, size, &usable).ok_or(NoEstimate::NoLens)?;
-    let (mut lens, mut poses) = search(&lens, views, &mut chosen, options)?;
+    let (mut lens, mut poses) = search(&lens, views, &mut chosen, &unknowns, options)?;
     let mut used: Vec<Vec<bool>> = chosen
         .iter()
         .map(|&i| vec![true; views[i].points.len()])
@@ -128,7 +139,7 @@ pub fn estimate(
         let bundle = Bundle {
             views: &kept,
             used: &used,
-            unknowns: all_unknowns(options),
+            unknowns: unknowns.clone(),
             loss: Loss::Squares,
         };
         let (state, at) = bundle
@@ -138,7 +149,6 @@ pub fn estimate(
         last = Some(at);
     }
     let at = last.ok_or(NoEstimate::NoLens)?;
-    let unknowns = all_unknowns(options);
     let covariance = covariance(&at).ok_or(NoEstimate::Undetermined)?;
     let sigma = unknowns.by_parameter(|c| covariance[(c, c)].max(0.0).sqrt());
     Ok(Estimate {
@@ -151,20 +161,13 @@ pub fn estimate(
     })
 }
 
-fn all_unknowns(options: &Options) -> Unknowns {
-    Unknowns::new(
-        options.square_pixels,
-        true,
-        options.model.coefficients().len(),
-    )
-}
-
 /// Robust search in stages: what is told by few views first, so that the coefficients of
 /// high powers start from a lens that is nearly right.
 fn search(
     start: &Lens,
     views: &[View],
     chosen: &mut Vec<usize>,
+    whole: &Unknowns,
     options: &Options,
 ) -> Result<(Lens, Vec<RigidTransform>), NoEstimate> {
     chosen.retain(|&i| board_pose(start, &views[i].points).is_some());
@@ -181,7 +184,6 @@ fn search(
     }
     let kept: Vec<&View> = chosen.iter().map(|&i| &views[i]).collect();
     let used: Vec<Vec<bool>> = kept.iter().map(|v| vec![true; v.points.len()]).collect();
-    let whole = options.model.coefficients().len();
     let longer = f64::from(start.width.max(start.height));
     for (scale, unknowns) in [
         (0.02 * longer, Unknowns::new(true, false, 0)),
@@ -190,7 +192,7 @@ fn search(
             0.005 * longer,
             Unknowns::new(options.square_pixels, true, 2),
         ),
-        (1.0, Unknowns::new(options.square_pixels, true, whole)),
+        (1.0, whole.clone()),
     ] {
         let bundle = Bundle {
             views: &kept,

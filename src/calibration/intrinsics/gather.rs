@@ -3,8 +3,9 @@
 use super::board::{Board, Correspondence, View};
 use super::coverage::{Coverage, Tilt, Uncertainty};
 use super::detect::{Grey, NoChessboard, Placement, find_chessboard};
-use super::estimate::{Estimate, Options, estimate};
-use super::verdict::{Finding, Verdict};
+use super::estimate::{Estimate, Options, estimate_some};
+use super::lens::LensModel;
+use super::verdict::{Finding, Grade, Verdict};
 use glam::DVec2;
 use std::collections::BTreeMap;
 
@@ -15,6 +16,10 @@ const ALIKE: f64 = 0.02;
 const MOST_VIEWS: usize = 120;
 /// Of the sightings, so many must be of one other size to say that the board is.
 const OTHER_SIZE: f64 = 0.6;
+
+/// A lens of fewer coefficients explains the views as well if its error is at most so many
+/// times as large.
+const SIMPLER: f64 = 1.02;
 
 /// What a picture brought.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -192,8 +197,32 @@ impl Gatherer {
 
     fn judged(&self, options: &Options) -> Result<(Judged, Verdict), Finding> {
         self.check_board()?;
+        let all = options.model.coefficients().len();
+        let mut best = self.judged_with(options, all)?;
+        // Coefficients of high powers that the views leave open bend the picture's rim at will.
+        // Without them the lens is surer, if it explains the views as well.
+        for fewer in (fewest_coefficients(options.model)..all).rev() {
+            if best.1.grade < Grade::Refused {
+                break;
+            }
+            let Ok(simpler) = self.judged_with(options, fewer) else {
+                break;
+            };
+            let as_well = simpler.0.estimate.rms <= SIMPLER * best.0.estimate.rms;
+            if as_well && simpler.1.grade < best.1.grade {
+                best = simpler;
+            }
+        }
+        Ok(best)
+    }
+
+    fn judged_with(
+        &self,
+        options: &Options,
+        coefficients: usize,
+    ) -> Result<(Judged, Verdict), Finding> {
         let size = self.size.unwrap_or_default();
-        let estimate = estimate(size, &self.views, options)?;
+        let estimate = estimate_some(size, &self.views, options, coefficients)?;
         let coverage = Coverage::of(&estimate.lens, &estimate.views);
         let tilt = Tilt::of(&estimate.views);
         let uncertainty = Uncertainty::of(&estimate);
@@ -242,6 +271,15 @@ impl Gatherer {
     }
 }
 
+/// Below which the model is another one: k1, k2, p1, p2; k1, k2 of a fisheye.
+const fn fewest_coefficients(model: LensModel) -> usize {
+    match model {
+        LensModel::Brown => 4,
+        LensModel::KannalaBrandt => 2,
+        LensModel::BrownRational => 8,
+    }
+}
+
 /// Mean distance between the same points of two views, pixels; infinite if fewer than half
 /// of them are in both.
 fn distance(a: &[Correspondence], b: &[Correspondence]) -> f64 {
@@ -258,74 +296,4 @@ fn distance(a: &[Correspondence], b: &[Correspondence]) -> f64 {
 }
 
 #[cfg(test)]
-mod tests {
-    #![allow(clippy::unwrap_used, clippy::panic)]
-    use super::*;
-    use crate::calibration::intrinsics::drawn::{Draughtsman, pose};
-    use crate::calibration::intrinsics::estimate::tests::{pinhole, poses};
-    use crate::calibration::intrinsics::{Grade, LensModel};
-    use glam::DVec3;
-
-    const OPTIONS: Options = Options {
-        model: LensModel::Brown,
-        square_pixels: false,
-    };
-
-    fn pictures() -> Vec<Grey> {
-        let board = Board::parse("chess:9x6:0.025").unwrap();
-        let draughtsman = Draughtsman::new(&pinhole());
-        let draw =
-            |&pose: &penumbra_interface::RigidTransform| draughtsman.draw(&board, pose, 0.6, 1.0);
-        poses(5, 0.45, 0.05, 8).iter().map(draw).collect()
-    }
-
-    fn gathered(board: &str, pictures: &[Grey]) -> Gatherer {
-        let mut gatherer = Gatherer::new(Board::parse(board).unwrap());
-        for (i, picture) in pictures.iter().enumerate() {
-            gatherer.offer(&i.to_string(), picture);
-        }
-        gatherer
-    }
-
-    #[test]
-    fn a_board_of_another_size_is_told_by_its_own() {
-        let pictures = pictures();
-        for wrong in ["chess:8x5:0.025", "chess:10x7:0.025", "chess:7x7:0.025"] {
-            let outcome = gathered(wrong, &pictures).finish(&OPTIONS);
-            let other = Finding::OtherBoard {
-                columns: 9,
-                rows: 6,
-            };
-            assert_eq!(outcome.verdict.findings[0].1, other, "{wrong}");
-            assert_eq!(outcome.verdict.grade, Grade::Refused);
-        }
-        let right = gathered("chess:9x6:0.025", &pictures).finish(&OPTIONS);
-        assert!(right.result.is_some(), "{:?}", right.verdict);
-    }
-
-    #[test]
-    fn the_same_view_counts_once() {
-        let board = Board::parse("chess:9x6:0.025").unwrap();
-        let at = pose(&board, DVec3::new(0.0, 0.0, 0.4), DVec2::new(0.3, 0.1), 0.0);
-        let picture = Draughtsman::new(&pinhole()).draw(&board, at, 0.5, 1.0);
-        let mut gatherer = Gatherer::new(board);
-        assert_eq!(gatherer.offer("1", &picture), Offer::Taken { points: 54 });
-        assert_eq!(gatherer.offer("2", &picture), Offer::Alike);
-        let small = Grey::from_bytes(320, 240, &[]);
-        assert_eq!(gatherer.offer("3", &small), Offer::OtherSize);
-        let grey = Grey::from_bytes(640, 480, &[]);
-        assert_eq!(gatherer.offer("4", &grey), Offer::NotSeen);
-        assert_eq!(
-            (gatherer.views().len(), gatherer.size()),
-            (1, Some((640, 480)))
-        );
-    }
-
-    #[test]
-    fn no_board_is_refused() {
-        let outcome =
-            gathered("chess:9x6:0.025", &[Grey::from_bytes(64, 64, &[])]).finish(&OPTIONS);
-        let finding = &outcome.verdict.findings[0].1;
-        assert_eq!(*finding, Finding::BoardNotSeen { pictures: 1 });
-    }
-}
+mod tests;

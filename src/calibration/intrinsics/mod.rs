@@ -10,6 +10,7 @@ mod homography;
 pub mod lens;
 mod outliers;
 mod pose;
+pub mod report;
 mod start;
 pub mod tags;
 pub mod verdict;
@@ -24,4 +25,4 @@ pub use pose::board_pose;
 pub use verdict::{Finding, Grade, Verdict};
 
 #[cfg(test)]
-mod drawn;
+pub(crate) mod drawn;

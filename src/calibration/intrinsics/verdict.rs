@@ -165,7 +165,7 @@ impl Verdict {
         let degrees = tilt.largest().to_degrees();
         find(-degrees, (-20.0, -10.0), Finding::NoTilt { degrees });
         let percent = 100.0 * coverage.share;
-        find(-percent, (-60.0, -20.0), Finding::PoorCoverage { percent });
+        find(-percent, (-70.0, -20.0), Finding::PoorCoverage { percent });
         let lens = &estimate.lens;
         let longer = f64::from(lens.width.max(lens.height));
         let pixels = estimate.rms;
@@ -178,9 +178,17 @@ impl Verdict {
         let percent = 100.0 * estimate.sigma[0].max(estimate.sigma[1]) / lens.focal.min_element();
         find(percent, (0.3, 1.0), Finding::FocalUncertain { percent });
         let pixels = uncertainty.worst;
+        // Beyond the corners that were seen a lens is a guess, which is said; where most of the
+        // picture is one it is refused.
+        let sure_elsewhere = uncertainty.median <= 2.0 * blunt;
+        let limit = if sure_elsewhere {
+            10.0 * blunt
+        } else {
+            2.0 * blunt
+        };
         find(
             pixels,
-            (1.0 * blunt, 4.0 * blunt),
+            (1.0 * blunt, limit),
             Finding::ProjectionUncertain { pixels },
         );
         if let Some(what) = implausible(estimate) {

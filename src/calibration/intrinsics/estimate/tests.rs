@@ -194,7 +194,7 @@ fn lenses_of_every_model_are_recovered_within_their_stated_uncertainty() {
 fn drawn_pictures_give_the_lens_that_drew_them() {
     for (truth, distance, spread) in [(pinhole(), 0.36, 0.33), (fisheye(), 0.13, 0.6)] {
         let draughtsman = Draughtsman::new(&truth);
-        let views: Vec<View> = poses(16, distance, spread, 8)
+        let views: Vec<View> = poses(12, distance, spread, 8)
             .iter()
             .filter_map(|&pose| {
                 let picture = draughtsman.draw(&BOARD, pose, 0.7, 2.0);
@@ -205,7 +205,7 @@ fn drawn_pictures_give_the_lens_that_drew_them() {
                 })
             })
             .collect();
-        assert!(views.len() >= 12, "{}", views.len());
+        assert!(views.len() >= 9, "{}", views.len());
         assert!(
             views.iter().any(|v| v.points.len() < 54),
             "a partial board is among them"

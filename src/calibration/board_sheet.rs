@@ -1,0 +1,250 @@
+//! A board to print, at true scale: PDF for printers, SVG for other programs, PNG for screens.
+//!
+//! Only rectangles: what is drawn is a list of black ones on white paper.
+
+use super::intrinsics::Board;
+use std::fmt::Write;
+use thiserror::Error;
+
+/// Points of PDF in a metre.
+const POINTS: f64 = 72.0 / 0.0254;
+/// White about the pattern, as a share of a square: the squares at the rim need it. With half
+/// a square the usual board of 9×6 corners and 25 mm fits a sheet of A4.
+const MARGIN: f64 = 0.5;
+/// Room below for the ruler and the words, metres.
+const FOOT: f64 = 0.010;
+/// Length of the ruler, metres: to be measured with another ruler.
+const RULER: f64 = 0.1;
+
+/// A black rectangle, metres from the sheet's top left corner.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Black {
+    /// From the left.
+    pub x: f64,
+    /// From the top.
+    pub y: f64,
+    /// Width.
+    pub width: f64,
+    /// Height.
+    pub height: f64,
+}
+
+/// A board laid out on paper.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BoardSheet {
+    /// Metres.
+    pub width: f64,
+    /// Metres.
+    pub height: f64,
+    /// What is black.
+    pub black: Vec<Black>,
+    /// Where the words stand (their foot line), metres.
+    pub words_at: (f64, f64),
+    /// What the board is, for whoever finds the sheet.
+    pub words: String,
+}
+
+/// A board that cannot be drawn.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+pub enum SheetError {
+    /// Its tags' patterns are not known here.
+    #[error("{board}: only chessboards can be drawn; print {tool}")]
+    NoPattern {
+        /// The board.
+        board: String,
+        /// Who draws it.
+        tool: &'static str,
+    },
+    /// A picture too large to make.
+    #[error(
+        "{width}×{height} pixels at {dpi} dots per inch: more than 200 Mpixel; ask for fewer dots, or for a PDF"
+    )]
+    TooLarge {
+        /// Pixels.
+        width: u64,
+        /// Pixels.
+        height: u64,
+        /// Dots per inch.
+        dpi: u32,
+    },
+}
+
+impl BoardSheet {
+    /// Of a chessboard; its first square, top left, is black.
+    ///
+    /// # Errors
+    /// A board with tags.
+    pub fn of(board: &Board) -> Result<Self, SheetError> {
+        let no_pattern = |tool| SheetError::NoPattern {
+            board: board.to_string(),
+            tool,
+        };
+        let (columns, rows, square) = match *board {
+            Board::Chess {
+                columns,
+                rows,
+                square,
+            } => (columns + 1, rows + 1, square),
+            Board::AprilGrid { .. } => return Err(no_pattern("Kalibr's kalibr_create_target_pdf")),
+            Board::Charuco { .. } => return Err(no_pattern("OpenCV's CharucoBoard.generateImage")),
+        };
+        let margin = MARGIN * square;
+        let width = f64::from(columns) * square + 2.0 * margin;
+        let pattern = f64::from(rows) * square;
+        let mut black: Vec<Black> = (0..columns * rows)
+            .map(|i| (i % columns, i / columns))
+            .filter(|(x, y)| (x + y) % 2 == 0)
+            .map(|(x, y)| Black {
+                x: margin + f64::from(x) * square,
+                y: margin + f64::from(y) * square,
+                width: square,
+                height: square,
+            })
+            .collect();
+        // The ruler may stand in the lower margin: it crosses no edge.
+        let foot = pattern + 1.5 * margin;
+        black.extend(ruler(margin, foot, width - 2.0 * margin));
+        Ok(Self {
+            width,
+            height: foot + FOOT,
+            black,
+            words_at: (margin, foot + 0.65 * FOOT),
+            words: format!(
+                "Penumbra --board {board}   print at 100 %, not fitted to the page; \
+                 the line above is {:.0} mm long: measure it",
+                1000.0 * RULER.min(width - 2.0 * margin)
+            ),
+        })
+    }
+
+    /// A PDF of one page of the sheet's own size.
+    #[must_use]
+    pub fn pdf(&self) -> Vec<u8> {
+        let mut drawing = String::from("0 g\n");
+        let height = self.height * POINTS;
+        for b in &self.black {
+            let (x, y) = (b.x * POINTS, height - (b.y + b.height) * POINTS);
+            let (w, h) = (b.width * POINTS, b.height * POINTS);
+            let _ = writeln!(drawing, "{x:.6} {y:.6} {w:.6} {h:.6} re");
+        }
+        let (x, y) = (self.words_at.0 * POINTS, height - self.words_at.1 * POINTS);
+        let _ = write!(
+            drawing,
+            "f\nBT /F1 6 Tf {x:.3} {y:.3} Td ({}) Tj ET\n",
+            self.words
+        );
+        let page = format!(
+            "<< /Type /Page /Parent 2 0 R /MediaBox [0 0 {:.6} {height:.6}] /Contents 4 0 R \
+             /Resources << /Font << /F1 5 0 R >> >> >>",
+            self.width * POINTS
+        );
+        pdf_of(&[
+            // Viewers that honour it do not offer to fit the page.
+            "<< /Type /Catalog /Pages 2 0 R /ViewerPreferences << /PrintScaling /None >> >>"
+                .to_owned(),
+            "<< /Type /Pages /Kids [3 0 R] /Count 1 >>".to_owned(),
+            page,
+            format!(
+                "<< /Length {} >>\nstream\n{drawing}endstream",
+                drawing.len()
+            ),
+            "<< /Type /Font /Subtype /Type1 /BaseFont /Helvetica >>".to_owned(),
+        ])
+    }
+
+    /// An SVG in millimetres.
+    #[must_use]
+    pub fn svg(&self) -> String {
+        let mm = |m: f64| 1000.0 * m;
+        let (w, h) = (mm(self.width), mm(self.height));
+        let mut out = format!(
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{w:.4}mm\" height=\"{h:.4}mm\" \
+             viewBox=\"0 0 {w:.4} {h:.4}\">\n<rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n\
+             <g shape-rendering=\"crispEdges\">\n"
+        );
+        for b in &self.black {
+            let (x, y, w, h) = (mm(b.x), mm(b.y), mm(b.width), mm(b.height));
+            let _ = writeln!(
+                out,
+                "<rect x=\"{x:.4}\" y=\"{y:.4}\" width=\"{w:.4}\" height=\"{h:.4}\"/>"
+            );
+        }
+        let (x, y) = (mm(self.words_at.0), mm(self.words_at.1));
+        let _ = writeln!(
+            out,
+            "</g>\n<text x=\"{x:.3}\" y=\"{y:.3}\" font-size=\"2.1\" font-family=\"sans-serif\">{}</text>\n</svg>",
+            self.words
+        );
+        out
+    }
+
+    /// 8-bit grey pixels with width and height. The words are left out: a raster has no font.
+    ///
+    /// # Errors
+    /// More than 200 Mpixel.
+    pub fn raster(&self, dpi: u32) -> Result<(Vec<u8>, u32, u32), SheetError> {
+        let dots = f64::from(dpi) / 0.0254;
+        let (width, height) = (
+            (self.width * dots).ceil() as u64,
+            (self.height * dots).ceil() as u64,
+        );
+        if width.saturating_mul(height) > 200_000_000 || width == 0 || height == 0 {
+            return Err(SheetError::TooLarge { width, height, dpi });
+        }
+        let (w, h) = (width as usize, height as usize);
+        let mut pixels = vec![255_u8; w * h];
+        for b in &self.black {
+            let edge = |metres: f64, most: usize| ((metres * dots).round() as usize).min(most);
+            let (left, right) = (edge(b.x, w), edge(b.x + b.width, w));
+            for y in edge(b.y, h)..edge(b.y + b.height, h) {
+                pixels[y * w + left..y * w + right].fill(0);
+            }
+        }
+        Ok((pixels, width as u32, height as u32))
+    }
+}
+
+/// A line with ticks every 10 mm.
+fn ruler(x: f64, y: f64, room: f64) -> Vec<Black> {
+    const THIN: f64 = 0.0002;
+    let length = RULER.min(room);
+    let mut out = vec![Black {
+        x,
+        y,
+        width: length,
+        height: THIN,
+    }];
+    let ticks = (length / 0.01 + 1e-9) as u32;
+    out.extend((0..=ticks).map(|i| Black {
+        x: (x + 0.01 * f64::from(i)).min(x + length - THIN),
+        y,
+        width: THIN,
+        height: 0.003,
+    }));
+    out
+}
+
+/// A file of these objects, the first of them the catalogue.
+fn pdf_of(objects: &[String]) -> Vec<u8> {
+    let mut out = b"%PDF-1.4\n".to_vec();
+    let mut places = Vec::new();
+    for (i, object) in objects.iter().enumerate() {
+        places.push(out.len());
+        out.extend(format!("{} 0 obj\n{object}\nendobj\n", i + 1).bytes());
+    }
+    let table = out.len();
+    let count = objects.len() + 1;
+    let mut end = format!("xref\n0 {count}\n0000000000 65535 f \n");
+    for place in places {
+        let _ = writeln!(end, "{place:010} 00000 n ");
+    }
+    let _ = write!(
+        end,
+        "trailer\n<< /Size {count} /Root 1 0 R >>\nstartxref\n{table}\n%%EOF\n"
+    );
+    out.extend(end.bytes());
+    out
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,51 @@
+#![allow(clippy::unwrap_used)]
+use super::*;
+use crate::calibration::intrinsics::drawn::Random;
+use crate::calibration::intrinsics::estimate::tests::{pinhole, poses, seen};
+use crate::calibration::intrinsics::{Board, Gatherer, Options};
+
+#[test]
+fn the_page_shows_what_was_found_and_escapes_names() {
+    let lens = pinhole();
+    let mut gatherer = Gatherer::new(Board::parse("chess:9x6:0.025").unwrap());
+    let views = seen(&lens, &poses(12, 0.4, 0.3, 5), 0.15, &mut Random::new(2));
+    for view in views {
+        gatherer.offer_points("<a&b>", (640, 480), view.points);
+    }
+    let options = Options {
+        model: LensModel::Brown,
+        square_pixels: false,
+    };
+    let outcome = gatherer.finish(&options);
+    let page = html(
+        &outcome,
+        gatherer.views(),
+        "scene camera",
+        &["today".to_owned()],
+    );
+    assert_eq!(page.matches("<svg").count(), page.matches("</svg>").count());
+    assert_eq!(page.matches("<svg").count(), 4 + gatherer.views().len());
+    assert!(page.contains("&lt;a&amp;b&gt;") && !page.contains("<a&b>"));
+    assert!(page.contains("Verdict") && !page.contains("NaN") && !page.contains("inf"));
+    // Without its distortion the lens explains the views much worse.
+    let rms = |caption: &str| -> f64 {
+        let at = page.find(caption).unwrap();
+        let text = &page[at..];
+        let number = text
+            .split(" px RMS")
+            .next()
+            .unwrap()
+            .rsplit(' ')
+            .next()
+            .unwrap();
+        number.parse().unwrap()
+    };
+    assert!(
+        rms("Before:") > 5.0 * rms("After:"),
+        "{} {}",
+        rms("Before:"),
+        rms("After:")
+    );
+    let none = Gatherer::new(Board::parse("chess:9x6:0.025").unwrap()).finish(&options);
+    assert!(html(&none, &[], "x", &[]).contains("refused"));
+}

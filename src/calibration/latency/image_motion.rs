@@ -1,0 +1,138 @@
+//! How much a picture moved since the one before, without knowing what it shows.
+
+use crate::calibration::intrinsics::Grey;
+use crate::calibration::numeric::median;
+use glam::{DMat2, DVec2};
+
+/// Patches across and down.
+const PATCHES: (usize, usize) = (6, 4);
+/// Pictures are halved until they are no longer than this, pixels.
+const LONGEST: usize = 160;
+/// Further halvings at which a motion is looked for first.
+const LEVELS: usize = 3;
+/// Refinements at each size.
+const ITERATIONS: usize = 8;
+/// Least mean square of the weaker gradient, codes per pixel: flat patches tell nothing.
+const TEXTURE: f64 = 0.3;
+/// Patches that must have been followed: of fewer the median is one of them.
+const LEAST_PATCHES: usize = 5;
+
+/// Follows a stream of pictures by the shift of patches (Lucas & Kanade 1981, from coarse to
+/// fine).
+#[derive(Clone, Debug, Default)]
+pub struct ImageMotion {
+    before: Vec<Grey>,
+}
+
+impl ImageMotion {
+    /// The median length of the patches' shifts since the picture before, pixels of a picture
+    /// of full size; `None` of the first one, of another size, and where too few patches
+    /// have texture or can be followed.
+    pub fn next(&mut self, picture: &Grey) -> Option<f64> {
+        let mut level = picture.clone();
+        let mut scale = 1.0;
+        while level.width.max(level.height) > LONGEST {
+            level = level.halved();
+            scale *= 2.0;
+        }
+        let mut levels = vec![level.blurred(0.8)];
+        for _ in 1..LEVELS {
+            let half = levels[levels.len() - 1].halved();
+            levels.push(half);
+        }
+        let before = std::mem::replace(&mut self.before, levels);
+        let same = |a: &Grey, b: &Grey| (a.width, a.height) == (b.width, b.height);
+        if !before.first().is_some_and(|b| same(b, &self.before[0])) {
+            return None;
+        }
+        let shifts = self.shifts(&before);
+        (shifts.len() >= LEAST_PATCHES)
+            .then(|| median(shifts.iter().map(|s| s.length())))
+            .flatten()
+            .map(|m| m * scale)
+    }
+
+    /// Of the patches that could be followed, in pixels of the finest level.
+    fn shifts(&self, before: &[Grey]) -> Vec<DVec2> {
+        let finest = &self.before[0];
+        let cell = DVec2::new(
+            finest.width as f64 / PATCHES.0 as f64,
+            finest.height as f64 / PATCHES.1 as f64,
+        );
+        let patches = (0..PATCHES.0 * PATCHES.1).map(|i| {
+            let at = DVec2::new((i % PATCHES.0) as f64, (i / PATCHES.0) as f64);
+            (at + 0.5) * cell
+        });
+        patches
+            .filter_map(|middle| {
+                let mut shift = DVec2::ZERO;
+                for level in (0..LEVELS).rev() {
+                    let size = 0.5_f64.powi(level as i32);
+                    // Coarse levels see more of the surroundings.
+                    let half =
+                        (0.6 * cell.min_element()).max(5.0) * if level == 0 { 1.0 } else { 0.8 };
+                    let followed = follow(
+                        &before[level],
+                        &self.before[level],
+                        middle * size,
+                        half.min(12.0),
+                        shift * size,
+                    );
+                    match followed {
+                        Some(found) => shift = found / size,
+                        None if level == 0 => return None,
+                        None => {}
+                    }
+                }
+                Some(shift)
+            })
+            .collect()
+    }
+}
+
+/// The shift of a patch of `half` pixels to each side, from a guess.
+fn follow(a: &Grey, b: &Grey, middle: DVec2, half: f64, guess: DVec2) -> Option<DVec2> {
+    let reach = half as i32;
+    let points = || {
+        (-reach..=reach).flat_map(move |y| {
+            (-reach..=reach).map(move |x| middle + DVec2::new(f64::from(x), f64::from(y)))
+        })
+    };
+    let samples: Vec<(DVec2, f64, DVec2)> = points()
+        .filter(|p| a.contains(*p, 1.0))
+        .map(|p| (p, a.sample(p), gradient(a, p)))
+        .collect();
+    let mut normal = DMat2::ZERO;
+    for (_, _, g) in &samples {
+        normal += DMat2::from_cols(*g * g.x, *g * g.y);
+    }
+    // The smaller eigenvalue of the mean.
+    let n = samples.len().max(1) as f64;
+    let (trace, det) = (normal.x_axis.x + normal.y_axis.y, normal.determinant());
+    let weaker = 0.5 * trace - (0.25 * trace * trace - det).max(0.0).sqrt();
+    if weaker / n < TEXTURE {
+        return None;
+    }
+    let inverse = normal.inverse();
+    let mut shift = guess;
+    for _ in 0..ITERATIONS {
+        let mut right = DVec2::ZERO;
+        for (p, value, g) in &samples {
+            right += *g * (value - b.sample(*p + shift));
+        }
+        let step = inverse * right;
+        shift += step;
+        if step.length() < 0.005 {
+            break;
+        }
+    }
+    let lost = (shift - guess).length() > half || !b.contains(middle + shift, 0.0);
+    (!lost).then_some(shift)
+}
+
+fn gradient(g: &Grey, p: DVec2) -> DVec2 {
+    0.5 * DVec2::new(
+        g.sample(p + DVec2::X) - g.sample(p - DVec2::X),
+        g.sample(p + DVec2::Y) - g.sample(p - DVec2::Y),
+    )
+}

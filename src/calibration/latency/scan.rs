@@ -1,0 +1,152 @@
+//! The offset at which the misfit is least, and how sure that is.
+
+/// Steps of the first look, seconds.
+const COARSE: f64 = 0.004;
+/// A second minimum this close to the best in misfit (as a share of the way down) rivals it,
+const RIVAL: f64 = 0.85;
+/// if a rise of this share of the way down parts them.
+const RIDGE: f64 = 0.3;
+
+/// Residuals at one offset.
+pub(super) struct Fit {
+    residuals: Vec<f64>,
+    squares: f64,
+    /// What the squares would be if both motions were unrelated.
+    power: f64,
+}
+
+impl Fit {
+    pub fn new(residuals: Vec<f64>, power: f64) -> Self {
+        Self {
+            squares: residuals.iter().map(|r| r * r).sum(),
+            residuals,
+            power,
+        }
+    }
+}
+
+pub(super) struct Minimum {
+    pub offset: f64,
+    pub sigma: f64,
+    pub correlation: f64,
+    pub at_edge: bool,
+    /// Another offset that fits nearly as well.
+    pub rival: Option<f64>,
+}
+
+/// The minimum of the squares over −`range`..`range` seconds; `dimensions` residuals belong
+/// to one instant. `None` where nothing can be compared.
+pub(super) fn scan(
+    fit: impl Fn(f64) -> Option<Fit>,
+    range: f64,
+    dimensions: usize,
+) -> Option<Minimum> {
+    let steps = (range / COARSE).ceil() as i32;
+    let offset = |i: i32| range * f64::from(i) / f64::from(steps);
+    let looked: Vec<(f64, Fit)> = (-steps..=steps)
+        .filter_map(|i| Some((offset(i), fit(offset(i))?)))
+        .collect();
+    let best =
+        (0..looked.len()).min_by(|&a, &b| looked[a].1.squares.total_cmp(&looked[b].1.squares))?;
+    let at_edge = best == 0 || best + 1 == looked.len();
+    let start = looked[best].0;
+    let (offset, here) = if at_edge {
+        (start, fit(start)?)
+    } else {
+        walk_down(&fit, start)?
+    };
+    let correlation = (1.0 - here.squares / here.power.max(1e-300))
+        .clamp(0.0, 1.0)
+        .sqrt();
+    Some(Minimum {
+        sigma: sigma(&fit, offset, &here, dimensions).unwrap_or(f64::INFINITY),
+        rival: rival(&looked, best),
+        offset,
+        correlation,
+        at_edge,
+    })
+}
+
+/// Golden section between the neighbours of the best step.
+fn walk_down(fit: &impl Fn(f64) -> Option<Fit>, start: f64) -> Option<(f64, Fit)> {
+    const GOLDEN: f64 = 0.618_033_988_749_895;
+    let (mut low, mut high) = (start - COARSE, start + COARSE);
+    let squares = |x: f64| fit(x).map(|f| f.squares);
+    let (mut a, mut b) = (high - GOLDEN * (high - low), low + GOLDEN * (high - low));
+    let (mut at_a, mut at_b) = (squares(a)?, squares(b)?);
+    while high - low > 1e-6 {
+        if at_a < at_b {
+            (high, b, at_b) = (b, a, at_a);
+            a = high - GOLDEN * (high - low);
+            at_a = squares(a)?;
+        } else {
+            (low, a, at_a) = (a, b, at_b);
+            b = low + GOLDEN * (high - low);
+            at_b = squares(b)?;
+        }
+    }
+    let middle = 0.5 * (low + high);
+    Some((middle, fit(middle)?))
+}
+
+// ┌ J(τ) = Σ r²; near its minimum τ₀ − τ ≈ Σ r r' / h with h = J'' / 2, so                    ┐
+// │ σ² = Var(Σ r r') / h². The variance is that of gᵢ = rᵢ rᵢ' with their correlation in      │
+// └ time (Newey & West 1987); r' counts the tracker's noise too, which moves with τ.          ┘
+fn sigma(
+    fit: &impl Fn(f64) -> Option<Fit>,
+    offset: f64,
+    here: &Fit,
+    dimensions: usize,
+) -> Option<f64> {
+    let step = 0.006;
+    let (before, after) = (fit(offset - step)?, fit(offset + step)?);
+    let bend = (before.squares + after.squares - 2.0 * here.squares) / (2.0 * step * step);
+    let slopes = before.residuals.iter().zip(&after.residuals);
+    let products: Vec<f64> = slopes
+        .zip(&here.residuals)
+        .map(|((b, a), r)| r * (a - b) / (2.0 * step))
+        .collect();
+    let instants: Vec<f64> = products
+        .chunks(dimensions)
+        .map(|c| c.iter().sum())
+        .collect();
+    (bend > 0.0).then(|| long_run_variance(&instants).sqrt() / bend)
+}
+
+/// Of the sum of correlated values: Σ over lags of the autocovariance, weighed by a triangle.
+fn long_run_variance(values: &[f64]) -> f64 {
+    let n = values.len();
+    let mean = values.iter().sum::<f64>() / n.max(1) as f64;
+    let lags = (n / 8).clamp(1, 30);
+    let mut sum = 0.0;
+    for lag in 0..lags {
+        let product: f64 = values
+            .iter()
+            .zip(&values[lag.min(n)..])
+            .map(|(a, b)| (a - mean) * (b - mean))
+            .sum();
+        let weight = if lag == 0 {
+            1.0
+        } else {
+            2.0 * (1.0 - lag as f64 / lags as f64)
+        };
+        sum += weight * product;
+    }
+    sum.max(0.0)
+}
+
+/// Another local minimum that is nearly as low.
+fn rival(looked: &[(f64, Fit)], best: usize) -> Option<f64> {
+    let at = |i: usize| looked[i].1.squares;
+    let highest = (0..looked.len()).map(at).fold(0.0, f64::max);
+    let enough = highest - RIVAL * (highest - at(best));
+    (1..looked.len().saturating_sub(1))
+        .filter(|&i| i != best && at(i) <= at(i - 1) && at(i) < at(i + 1))
+        .filter(|&i| at(i) < enough)
+        .filter(|&i| {
+            let between = (i.min(best)..i.max(best)).map(at).fold(0.0, f64::max);
+            between > at(best) + RIDGE * (highest - at(best))
+        })
+        .min_by(|&a, &b| at(a).total_cmp(&at(b)))
+        .map(|i| looked[i].0)
+}

@@ -1,0 +1,154 @@
+//! Calibrated lenses take the place of those that `rig.json` says.
+
+use super::intrinsics::{Lens, LensModel};
+use super::record::{LensRecord, RecordError};
+use super::rig::EnvironmentView;
+use super::{PinholeCamera, RigDocument};
+
+/// The scene camera's, beside `rig.json`.
+pub const SCENE_LENS: &str = "calibration/scene_camera.json";
+/// The environment camera's.
+pub const ENVIRONMENT_LENS: &str = "calibration/environment_camera.json";
+
+/// Puts the lenses of the calibration files that there are into `rig`.
+///
+/// # Errors
+/// A file that cannot be read, was refused when it was made, or does not fit the rig.
+pub fn apply_lens_files<'a>(
+    rig: &mut RigDocument,
+    attachments: &dyn Fn(&str) -> Option<&'a [u8]>,
+) -> Result<(), RecordError> {
+    if let Some(bytes) = attachments(SCENE_LENS) {
+        let lens = usable(SCENE_LENS, bytes)?;
+        let camera = &mut rig.calibration.scene_camera.camera;
+        *camera = pinhole(SCENE_LENS, &lens, Some(camera))?;
+    }
+    if let Some(bytes) = attachments(ENVIRONMENT_LENS) {
+        let lens = usable(ENVIRONMENT_LENS, bytes)?;
+        let Some(environment) = &mut rig.calibration.environment else {
+            return Ok(());
+        };
+        match &mut environment.view {
+            EnvironmentView::Fisheye { lens: fisheye, .. } => {
+                fits(ENVIRONMENT_LENS, &lens, (fisheye.width, fisheye.height))?;
+                if lens.model != LensModel::KannalaBrandt {
+                    return Err(unusable(
+                        ENVIRONMENT_LENS,
+                        "rig.json says a fisheye; calibrate with --model fisheye",
+                    ));
+                }
+                fisheye.focal = (lens.focal.x * lens.focal.y).sqrt();
+                fisheye.centre = lens.centre;
+                fisheye.distortion.copy_from_slice(&lens.coefficients[..4]);
+            }
+            EnvironmentView::Sphere { camera, .. } => {
+                *camera = pinhole(ENVIRONMENT_LENS, &lens, Some(camera))?;
+            }
+            EnvironmentView::SphereInScene { .. } => {}
+        }
+    }
+    Ok(())
+}
+
+fn usable(file: &str, bytes: &[u8]) -> Result<Lens, RecordError> {
+    let record = LensRecord::parse(file, bytes)?;
+    if record
+        .quality
+        .as_ref()
+        .is_some_and(|q| q.verdict == "refused")
+    {
+        return Err(unusable(
+            file,
+            "was refused when it was made; calibrate again, or remove it",
+        ));
+    }
+    record.lens(file)
+}
+
+fn pinhole(
+    file: &str,
+    lens: &Lens,
+    said: Option<&PinholeCamera>,
+) -> Result<PinholeCamera, RecordError> {
+    if let Some(said) = said {
+        fits(file, lens, (said.width, said.height))?;
+    }
+    lens.as_pinhole().ok_or_else(|| {
+        unusable(
+            file,
+            "the compositor draws through Brown-Conrady lenses with k1, k2, p1, p2, k3; calibrate with --model brown",
+        )
+    })
+}
+
+fn fits(file: &str, lens: &Lens, (width, height): (u32, u32)) -> Result<(), RecordError> {
+    if (lens.width, lens.height) == (width, height) {
+        return Ok(());
+    }
+    Err(unusable(
+        file,
+        &format!(
+            "is of pictures of {}×{}, rig.json's are {width}×{height}; calibrate in the mode that is used",
+            lens.width, lens.height
+        ),
+    ))
+}
+
+fn unusable(file: &str, reason: &str) -> RecordError {
+    RecordError::Unusable {
+        file: file.to_owned(),
+        reason: reason.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use glam::DVec2;
+
+    fn file(model: LensModel, size: (u32, u32)) -> Vec<u8> {
+        let mut lens = Lens::ideal(model, size, DVec2::splat(500.0), DVec2::new(321.0, 239.0));
+        lens.coefficients[0] = -0.2;
+        serde_json::to_vec(&LensRecord::of_lens(&lens, "scene", String::new())).unwrap()
+    }
+
+    fn applied(bytes: &[u8]) -> Result<RigDocument, RecordError> {
+        let mut rig = RigDocument::uncalibrated(640, 480);
+        apply_lens_files(&mut rig, &|name| (name == SCENE_LENS).then_some(bytes))?;
+        Ok(rig)
+    }
+
+    #[test]
+    fn a_calibrated_lens_takes_the_place_of_the_one_written_down() {
+        let rig = applied(&file(LensModel::Brown, (640, 480))).unwrap();
+        let camera = &rig.calibration.scene_camera.camera;
+        assert_eq!((camera.focal.x, camera.distortion[0]), (500.0, -0.2));
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused_in_one_line() {
+        let refused = file(LensModel::Brown, (640, 480));
+        let refused = String::from_utf8(refused).unwrap().replacen(
+            "\"sigma\":{}",
+            "\"sigma\":{},\"quality\":{\"verdict\":\"refused\",\"findings\":[],\"rms\":9.0,\
+             \"views\":[1,2],\"corners\":[3,4],\"coverage\":0.1,\"projection_sigma\":[1.0,2.0]}",
+            1,
+        );
+        for (bytes, says) in [
+            (file(LensModel::KannalaBrandt, (640, 480)), "--model brown"),
+            (
+                file(LensModel::Brown, (1280, 960)),
+                "1280×960, rig.json's are 640×480",
+            ),
+            (refused.into_bytes(), "was refused"),
+            (b"{".to_vec(), "line 1"),
+        ] {
+            let error = applied(&bytes).unwrap_err().to_string();
+            assert!(
+                error.starts_with(SCENE_LENS) && error.contains(says),
+                "{error}"
+            );
+        }
+    }
+}
