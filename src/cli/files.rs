@@ -47,18 +47,23 @@ impl JsonFile {
     pub fn write(&self, value: &impl Serialize) -> anyhow::Result<()> {
         let mut text = serde_json::to_string_pretty(value)?;
         text.push('\n');
-        let mut options = OpenOptions::new();
-        // A file that has come meanwhile is somebody else's.
-        options
-            .write(true)
-            .create(true)
-            .truncate(true)
-            .create_new(!self.force);
-        let written = options
-            .open(&self.path)
-            .and_then(|mut file| file.write_all(text.as_bytes()));
-        written.map_err(|e| anyhow::anyhow!("{}: cannot be written ({e})", self.path.display()))
+        write(&self.path, text.as_bytes(), self.force)
     }
+}
+
+/// Writes a file that was [`claim`]ed.
+pub fn write(path: &Path, bytes: &[u8], force: bool) -> anyhow::Result<()> {
+    let mut options = OpenOptions::new();
+    // A file that has come meanwhile is somebody else's.
+    options
+        .write(true)
+        .create(true)
+        .truncate(true)
+        .create_new(!force);
+    let written = options
+        .open(path)
+        .and_then(|mut file| file.write_all(bytes));
+    written.map_err(|e| anyhow::anyhow!("{}: cannot be written ({e})", path.display()))
 }
 
 /// Refuses a folder that holds any of `names` already.

@@ -6,6 +6,7 @@
 
 mod bake;
 mod bench;
+mod calibrate;
 mod check;
 mod devices;
 mod files;
@@ -50,6 +51,8 @@ enum Command {
     Info(check::InfoArgs),
     /// Write what a photograph or a session says about the light
     Light(light::LightArgs),
+    /// Calibrate the rig, step by step
+    Calibrate(calibrate::CalibrateArgs),
     /// Read a configuration and the files it names, and say what it changes
     CheckConfig(check::CheckConfigArgs),
     /// List the cameras, what they offer and what can be set
@@ -85,6 +88,7 @@ fn carry_out(command: Command) -> anyhow::Result<ExitCode> {
         Command::Import(args) => import::run(args),
         Command::Info(args) => check::info(&args),
         Command::Light(args) => light::run(&args),
+        Command::Calibrate(args) => calibrate::run(args),
         Command::CheckConfig(args) => check::check_config(&args),
         Command::Devices(args) => devices::run(&args),
         Command::Doctor(args) => check::doctor(args),

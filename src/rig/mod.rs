@@ -8,6 +8,7 @@
 
 pub mod bake;
 mod baking;
+pub mod calibrate;
 pub mod feed;
 pub mod light;
 pub mod light_report;
@@ -34,6 +35,7 @@ pub mod simulate;
 pub mod source;
 pub mod status;
 pub mod threads;
+pub mod wall_date;
 mod watch;
 
 pub use recorder::Recorder;
@@ -75,6 +77,14 @@ pub enum RigError {
         told: crate::config::TrackerUnits,
         /// What the calibration says, metres.
         metres: f64,
+    },
+    /// Pictures to calibrate from.
+    #[error("{path}: {reason}; name a folder with JPEG or PNG pictures", path = path.display())]
+    Pictures {
+        /// The folder, or a file in it.
+        path: PathBuf,
+        /// What is wrong.
+        reason: String,
     },
     /// Calibration, objects, phantoms.
     #[error(transparent)]

@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod bake;
+mod calibrate;
 mod live;
 mod live_tracker;
 mod program;

@@ -1,4 +1,5 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+use super::super::wall_date::civil;
 use super::*;
 use crate::session::Session;
 use crate::status::Settings;

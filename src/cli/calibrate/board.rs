@@ -1,0 +1,61 @@
+//! `penumbra calibrate board`.
+
+use crate::cli::files::{claim, write};
+use anyhow::bail;
+use clap::Args;
+use image::{ExtendedColorType, ImageEncoder};
+use penumbra::calibration::board_sheet::BoardSheet;
+use penumbra::calibration::intrinsics::Board;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+#[derive(Debug, Args)]
+pub struct BoardArgs {
+    /// Inner corners and square in metres
+    #[arg(long, value_name = "chess:9x6:0.025", default_value = "chess:9x6:0.025", value_parser = Board::parse)]
+    board: Board,
+    /// The sheet: .pdf, .svg or .png
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Dots per inch of a .png
+    #[arg(long, value_name = "N", default_value_t = 300, value_parser = clap::value_parser!(u32).range(20..=4800))]
+    dpi: u32,
+    /// Write over a file that is there
+    #[arg(long)]
+    force: bool,
+}
+
+pub fn run(args: &BoardArgs) -> anyhow::Result<ExitCode> {
+    let kind = args
+        .out
+        .extension()
+        .map(|e| e.to_string_lossy().to_lowercase());
+    let sheet = BoardSheet::of(&args.board)?;
+    claim(&args.out, args.force)?;
+    let bytes = match kind.as_deref() {
+        Some("pdf") => sheet.pdf(),
+        Some("svg") => sheet.svg().into_bytes(),
+        Some("png") => png(&sheet, args.dpi)?,
+        _ => bail!("{}: name a .pdf, .svg or .png file", args.out.display()),
+    };
+    write(&args.out, &bytes, args.force)?;
+    crate::cli::say(format_args!(
+        "{}: {:.0} x {:.0} mm; print at 100 %, measure the line, glue it to something flat",
+        args.out.display(),
+        1000.0 * sheet.width,
+        1000.0 * sheet.height
+    ));
+    Ok(ExitCode::SUCCESS)
+}
+
+fn png(sheet: &BoardSheet, dpi: u32) -> anyhow::Result<Vec<u8>> {
+    let (pixels, width, height) = sheet.raster(dpi)?;
+    let mut bytes = Vec::new();
+    image::codecs::png::PngEncoder::new(&mut bytes).write_image(
+        &pixels,
+        width,
+        height,
+        ExtendedColorType::L8,
+    )?;
+    Ok(bytes)
+}

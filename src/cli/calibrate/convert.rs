@@ -1,0 +1,104 @@
+//! `penumbra calibrate convert`.
+
+use crate::cli::files::{claim, write};
+use anyhow::{Context, anyhow, bail};
+use clap::{Args, ValueEnum};
+use penumbra::calibration::exchange::{self, Dialect, NamedLens};
+use penumbra::calibration::record::LensRecord;
+use penumbra::rig::wall_date::iso_now;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+#[derive(Debug, Args)]
+pub struct ConvertArgs {
+    /// OpenCV's, ROS's or Kalibr's YAML, or Penumbra's JSON
+    #[arg(value_name = "FILE")]
+    from: PathBuf,
+    /// In which format
+    #[arg(long, value_enum)]
+    to: Format,
+    /// Which camera of a file that has several
+    #[arg(long, value_name = "NAME")]
+    name: Option<String>,
+    /// The pictures' size, where the file does not say it
+    #[arg(long, value_name = "WxH", value_parser = size)]
+    size: Option<(u32, u32)>,
+    /// The file to write
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Write over a file that is there
+    #[arg(long)]
+    force: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Format {
+    /// calibration/scene_camera.json
+    Penumbra,
+    /// FileStorage
+    Opencv,
+    /// camera_info
+    Ros,
+    /// camchain
+    Kalibr,
+}
+
+fn size(text: &str) -> Result<(u32, u32), String> {
+    let sides = text.split_once(['x', 'X']);
+    let parsed = sides.and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
+    parsed
+        .filter(|(w, h)| (1..=65_536).contains(w) && (1..=65_536).contains(h))
+        .ok_or_else(|| "expected WIDTHxHEIGHT in pixels, e.g. 640x480".to_owned())
+}
+
+pub fn run(args: &ConvertArgs) -> anyhow::Result<ExitCode> {
+    claim(&args.out, args.force)?;
+    let shown = args.from.display().to_string();
+    let bytes = std::fs::read(&args.from).with_context(|| shown.clone())?;
+    let camera = chosen(lenses(&shown, &bytes, args.size)?, args)?;
+    let text = match args.to {
+        Format::Penumbra => {
+            let record = LensRecord::of_lens(&camera.lens, &camera.name, iso_now());
+            serde_json::to_string_pretty(&LensRecord {
+                source: shown,
+                ..record
+            })? + "\n"
+        }
+        Format::Opencv => exchange::write(Dialect::Opencv, &[camera])?,
+        Format::Ros => exchange::write(Dialect::Ros, &[camera])?,
+        Format::Kalibr => exchange::write(Dialect::Kalibr, &[camera])?,
+    };
+    write(&args.out, text.as_bytes(), args.force)?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn lenses(shown: &str, bytes: &[u8], size: Option<(u32, u32)>) -> anyhow::Result<Vec<NamedLens>> {
+    if Path::new(shown)
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("json"))
+    {
+        let record = LensRecord::parse(shown, bytes)?;
+        let lens = record.lens(shown)?;
+        return Ok(vec![NamedLens {
+            name: record.camera,
+            lens,
+        }]);
+    }
+    let text = std::str::from_utf8(bytes).map_err(|_| anyhow!("{shown}: is no text"))?;
+    exchange::read(text, size).map_err(|e| anyhow!("{shown}: {e}"))
+}
+
+fn chosen(mut cameras: Vec<NamedLens>, args: &ConvertArgs) -> anyhow::Result<NamedLens> {
+    let names: Vec<String> = cameras.iter().map(|c| c.name.clone()).collect();
+    if let Some(name) = &args.name {
+        cameras.retain(|c| c.name == *name);
+    }
+    match (cameras.pop(), cameras.is_empty()) {
+        (Some(camera), true) => Ok(camera),
+        _ => bail!(
+            "{}: choose one camera with --name: {}",
+            args.from.display(),
+            names.join(", ")
+        ),
+    }
+}

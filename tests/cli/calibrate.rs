@@ -1,0 +1,164 @@
+//! `penumbra calibrate`.
+
+use crate::program::{Desk, text};
+use glam::{DQuat, DVec2, DVec3};
+use penumbra::calibration::intrinsics::{Lens, LensModel};
+use penumbra_interface::RigidTransform;
+
+/// A webcam of a quarter of VGA.
+fn lens() -> Lens {
+    let size = (320, 240);
+    let (focal, centre) = (DVec2::splat(270.0), DVec2::new(163.0, 118.0));
+    let mut lens = Lens::ideal(LensModel::Brown, size, focal, centre);
+    lens.coefficients[0] = -0.15;
+    lens
+}
+
+/// A board of 8×6 squares of 30 mm, of which the corners number 7×5.
+fn brightness(p: DVec2) -> f64 {
+    let (x, y) = (p.x / 0.03, p.y / 0.03);
+    let inside = |v: f64, most: f64| (0.0..most).contains(&v);
+    if !inside(x, 8.0) || !inside(y, 6.0) {
+        return if inside(x + 1.0, 10.0) && inside(y + 1.0, 8.0) {
+            220.0
+        } else {
+            110.0
+        };
+    }
+    if (x.floor() + y.floor()) % 2.0 == 0.0 {
+        25.0
+    } else {
+        220.0
+    }
+}
+
+/// PNG of what the lens sees of it.
+fn picture(lens: &Lens, pose: RigidTransform) -> Vec<u8> {
+    let board_from_camera = pose.inverse();
+    let eye = board_from_camera.translation;
+    let mut pixels = Vec::new();
+    for i in 0..lens.width * lens.height {
+        let mut sum = 0.0;
+        for k in 0..9 {
+            let within = DVec2::new(f64::from(k % 3) - 1.0, f64::from(k / 3) - 1.0) / 3.0;
+            let pixel = DVec2::new(f64::from(i % lens.width), f64::from(i / lens.width)) + within;
+            let ray = board_from_camera.rotation * lens.unproject(pixel).unwrap();
+            let t = -eye.z / ray.z;
+            sum += if t > 0.0 {
+                brightness((eye + ray * t).truncate())
+            } else {
+                110.0
+            };
+        }
+        pixels.push((sum / 9.0) as u8);
+    }
+    let grey = image::GrayImage::from_raw(lens.width, lens.height, pixels).unwrap();
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    grey.write_to(&mut bytes, image::ImageFormat::Png).unwrap();
+    bytes.into_inner()
+}
+
+/// Sixteen pictures from all sides.
+fn photographed() -> Desk {
+    let desk = Desk::new();
+    for i in 0..16 {
+        let (a, b) = (f64::from(i % 4) / 1.5 - 1.0, f64::from(i / 4) / 1.5 - 1.0);
+        let tilt = DQuat::from_rotation_x(0.55 * b) * DQuat::from_rotation_y(-0.55 * a);
+        let turned = tilt * DQuat::from_rotation_z(0.2 * a * b + 0.1);
+        let middle = DVec3::new(0.12, 0.09, 0.0);
+        let at = DVec3::new(0.085 * a, 0.065 * b, 0.42 + 0.04 * a);
+        let pose = RigidTransform::new(turned, at - turned * middle);
+        desk.put(&format!("pictures/{i:02}.png"), picture(&lens(), pose));
+    }
+    desk
+}
+
+#[test]
+fn pictures_of_a_board_become_a_calibration_and_a_report() {
+    let desk = photographed();
+    let arguments = "calibrate intrinsics --pictures pictures --board chess:7x5:0.03 \
+                     --device webcam --serial A1 --out scene_camera.json";
+    let said = desk.works(arguments);
+    assert!(
+        said.contains("px RMS") && said.contains("16 pictures"),
+        "{said}"
+    );
+    let found = desk.json("scene_camera.json");
+    let focal = found["focal"][0].as_f64().unwrap();
+    assert!((focal / 270.0 - 1.0).abs() < 0.005, "{focal}");
+    let sigma = found["sigma"]["fx"].as_f64().unwrap();
+    assert!(
+        sigma > 0.0 && (focal - 270.0).abs() < 5.0 * sigma,
+        "{focal} ± {sigma}"
+    );
+    assert_eq!(found["device"]["serial"], "A1");
+    assert!(found["date"].as_str().unwrap().ends_with('Z'));
+    assert_ne!(found["quality"]["verdict"], "refused");
+    let page = text(&desk.read("scene_camera.html"));
+    assert!(page.contains("<svg") && page.contains("Before and after"));
+    let again = desk.run(arguments);
+    assert!(text(&again.stderr).contains("exists already"));
+
+    // To each other program and back.
+    desk.works("calibrate convert scene_camera.json --to opencv --out a.yml");
+    desk.works("calibrate convert a.yml --to ros --out b.yaml");
+    desk.works("calibrate convert b.yaml --to penumbra --out c.json");
+    for key in ["focal", "centre", "distortion", "image_size"] {
+        assert_eq!(desk.json("c.json")[key], found[key], "{key}");
+    }
+}
+
+#[test]
+fn a_wrong_board_writes_no_calibration() {
+    let desk = photographed();
+    for (board, says) in [
+        ("chess:8x5:0.03", "has 7×5 inner corners"),
+        ("chess:6x4:0.03", "has 7×5 inner corners"),
+        ("charuco:8x6:0.03:0.02", "only chessboards"),
+    ] {
+        let output = desk.run(&format!(
+            "calibrate intrinsics --pictures pictures --board {board} --out a.json --force"
+        ));
+        let said = text(&output.stderr);
+        assert!(!output.status.success() && said.contains(says), "{said}");
+        assert_eq!(said.lines().count(), 1, "{said}");
+        assert!(!desk.path("a.json").exists());
+    }
+}
+
+#[test]
+fn a_board_is_printed_at_true_scale() {
+    let desk = Desk::new();
+    let said = desk.works("calibrate board --board chess:9x6:0.025 --out board.pdf");
+    assert!(said.contains("275 x 204 mm"), "{said}");
+    assert!(desk.read("board.pdf").starts_with(b"%PDF-1.4"));
+    desk.works("calibrate board --out board.svg");
+    desk.works("calibrate board --out board.png --dpi 100");
+    assert!(desk.read("board.png").starts_with(b"\x89PNG"));
+    for (arguments, says) in [
+        ("--out board.gif", "name a .pdf, .svg or .png"),
+        ("--out board.pdf", "exists already"),
+        (
+            "--board aprilgrid:6x6:0.088:0.3 --out a.pdf",
+            "only chessboards",
+        ),
+        ("--board chess:9x6:25 --out a.pdf", "25 mm is 0.025"),
+    ] {
+        let output = desk.run(&format!("calibrate board {arguments}"));
+        let said = text(&output.stderr);
+        assert!(!output.status.success() && said.contains(says), "{said}");
+    }
+}
+
+#[test]
+fn a_session_without_a_board_is_refused_by_its_reason() {
+    let desk = Desk::new();
+    let output =
+        desk.run("calibrate intrinsics --session DESK --board chess:9x6:0.025 --out a.json");
+    let said = text(&output.stderr);
+    assert!(
+        !output.status.success() && said.contains("shows the board"),
+        "{said}"
+    );
+    assert!(!desk.path("a.json").exists() && desk.path("a.html").exists());
+}
