@@ -86,6 +86,39 @@ fn a_pinholes_pictures_fit_a_fisheyes_model_too() {
     assert!(found.rms < 0.2 && (found.lens.focal.x / 533.4 - 1.0).abs() < 0.005);
 }
 
+/// Fifteen photographs of a board of 8×6 corners through a real fisheye. The published centre
+/// (of another model) is (543.99, 377.65); OpenCV 5.0 (`fisheye::calibrate`, half width 7) finds
+/// f 337.01 and 336.68, centre (543.55, 377.68), and is left with 0.579 px.
+#[test]
+fn a_real_fisheye_is_found_as_published() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../shared/data/probes-fisheye/fisheye/ocam_fisheye1");
+    if !folder.is_dir() {
+        eprintln!("skipped: no photographs at ../shared/data/probes-fisheye");
+        return;
+    }
+    let view = |n: u32| {
+        let name = format!("Fisheye1_{n}.jpg");
+        let bytes = std::fs::read(folder.join(&name)).unwrap();
+        let grey = Grey::from_picture(&Picture::from_file_bytes(&bytes).unwrap());
+        let found = find_chessboard(&grey, 8, 6).unwrap();
+        assert!(found.corners.len() >= 46, "{name}");
+        let points = found.correspondences(0.0325);
+        View { name, points }
+    };
+    let views: Vec<View> = (1..=15).map(view).collect();
+    let options = Options {
+        model: LensModel::KannalaBrandt,
+        square_pixels: false,
+    };
+    let found = estimate((1032, 778), &views, &options).unwrap();
+    assert!(found.rms < 0.579, "{}", found.rms);
+    let off = found.lens.focal / DVec2::new(337.01, 336.68) - 1.0;
+    assert!(off.abs().max_element() < 0.005, "{off}");
+    let from_published = found.lens.centre.distance(DVec2::new(543.986, 377.649));
+    assert!(from_published < 1.0, "{:?}", found.lens.centre);
+}
+
 /// Poses that fill the picture and tilt to all sides.
 pub(crate) fn poses(count: usize, distance: f64, spread: f64, seed: u64) -> Vec<RigidTransform> {
     let mut random = Random::new(seed);
