@@ -13,6 +13,7 @@ mod judge;
 mod lamp_cost;
 mod lamp_response;
 mod lamps;
+mod light_probe;
 mod moving;
 mod near_light;
 mod plane_sources;
