@@ -9,6 +9,7 @@ use super::hdr::{Bracket, BracketMerger, scales};
 use super::light::{DomeLight, Harmonics, Lighting};
 use super::memory::DirectionMemory;
 use super::prefilter::Prefilter;
+use super::probe::LastBall;
 use super::resample::{GatherTable, Hidden, PixelDirections, inpaint};
 use super::settings::{
     EnvironmentError, EnvironmentInput, EnvironmentSettings, IrradianceMethod, Placement,
@@ -70,6 +71,11 @@ pub struct EnvironmentEstimator {
     /// The measured cube, environment camera units, and how much of each texel is seen.
     measured: Vec<Vec3>,
     coverage: Vec<f32>,
+    /// How far the texels of the newest picture of a sphere in the scene are to be believed, and
+    /// which of its pixels are clipped.
+    confidence: Vec<f32>,
+    marks: Vec<bool>,
+    last_ball: LastBall,
     generation: u64,
     /// How many times brighter than white clipped pixels are, by the scene's shadows.
     shadow_factor: Option<f32>,
@@ -128,6 +134,9 @@ impl EnvironmentEstimator {
             clipped: Vec::new(),
             measured: vec![Vec3::ZERO; grid.directions.len()],
             coverage: vec![0.0; grid.directions.len()],
+            confidence: Vec::new(),
+            marks: Vec::new(),
+            last_ball: LastBall::default(),
             generation: 0,
             shadow_factor: None,
             neighbours: grid.neighbours(),

@@ -1,11 +1,19 @@
 //! A mirrored sphere within the scene camera's own picture (Supan 2006, section III, first
 //! set-up).
 
+use super::super::memory::{Glance, confidence};
 use super::super::outline::{Ball, refine};
 use super::*;
 
 /// Pictures between looks at the scene's shadows.
 const SHADOW_INTERVAL: u64 = 8;
+
+/// The sphere in a picture.
+struct PlacedBall {
+    view: PlacedView,
+    /// How far its rim moved it, pixels.
+    rim_shift: Option<f64>,
+}
 
 impl EnvironmentEstimator {
     pub(super) fn see_moving(
@@ -13,10 +21,11 @@ impl EnvironmentEstimator {
         brackets: &[Bracket],
         input: &EnvironmentInput,
     ) -> Result<Seen, EnvironmentError> {
-        let placed = self.place_ball(brackets, input);
-        if let Some(view) = &placed {
-            check_sizes(brackets, view.size())?;
-            self.look_at_sphere(view, brackets, input);
+        if let Some(placed) = self.place_ball(brackets, input) {
+            check_sizes(brackets, placed.view.size())?;
+            if self.look_at_sphere(&placed.view, brackets, input) {
+                self.last_ball.seen(input.captured_at, placed.rim_shift);
+            }
         }
         self.stages.done("gather");
         let View::Moving(memory) = &mut self.placed else {
@@ -42,12 +51,16 @@ impl EnvironmentEstimator {
     }
 
     /// The sphere where this picture shows it, with what of its rim may not be trusted left out.
-    fn place_ball(&self, brackets: &[Bracket], input: &EnvironmentInput) -> Option<PlacedView> {
+    fn place_ball(&self, brackets: &[Bracket], input: &EnvironmentInput) -> Option<PlacedBall> {
         let scene = input.scene?;
         let parallax = self.settings.parallax;
         let (Some(ball), EnvironmentView::SphereInScene { sphere }) = (input.ball, &self.view)
         else {
-            return PlacedView::new(&self.view, Some(scene), parallax);
+            let view = PlacedView::new(&self.view, Some(scene), parallax)?;
+            return Some(PlacedBall {
+                view,
+                rim_shift: None,
+            });
         };
         let (world_from_camera, camera) = scene;
         let camera_from_world = world_from_camera.inverse();
@@ -60,16 +73,21 @@ impl EnvironmentEstimator {
         let found = refine(base.picture, camera, &said);
         let mut sphere = sphere.clone();
         sphere.centre_in_world = world_from_camera.transform_point(found.centre);
-        PlacedView::beside_rim(&sphere, scene, found.sigma, parallax)
+        let pixel = |ball: &Ball| camera.project(ball.centre);
+        let shift = pixel(&said).zip(pixel(&found));
+        Some(PlacedBall {
+            view: PlacedView::beside_rim(&sphere, scene, found.sigma, parallax)?,
+            rim_shift: shift.map(|(said, found)| said.distance(found)),
+        })
     }
 
-    /// Takes what the sphere shows in this picture into memory.
+    /// Takes what the sphere shows in this picture into memory; whether it shows anything.
     fn look_at_sphere(
         &mut self,
         view: &PlacedView,
         brackets: &[Bracket],
         input: &EnvironmentInput,
-    ) {
+    ) -> bool {
         let pixels = PixelDirections::around_mirror(view, input.hidden);
         let (radiance, clipped) = (&mut self.radiance, &mut self.clipped);
         merge(
@@ -93,9 +111,27 @@ impl EnvironmentEstimator {
         let samples = view.samples_for(self.grid.size);
         let table = GatherTable::new(view, &pixels.solid_angles, self.grid.size, samples);
         table.apply(&self.radiance, &mut self.measured);
-        if let View::Moving(memory) = &mut self.placed {
-            let seconds = self.settings.memory_seconds;
-            memory.remember(&self.measured, &table.coverage, input.captured_at, seconds);
+        self.judge(view, &table);
+        let View::Moving(memory) = &mut self.placed else {
+            return false;
+        };
+        let seen = Glance {
+            radiance: &self.measured,
+            coverage: &table.coverage,
+            confidence: &self.confidence,
+        };
+        memory.remember(&seen, input.captured_at, self.settings.memory_seconds)
+    }
+
+    /// How far each texel of this picture is to be believed.
+    fn judge(&mut self, view: &PlacedView, table: &GatherTable) {
+        table.shares(&self.clipped, &mut self.marks, &mut self.confidence);
+        let rows = self.confidence.iter_mut().zip(&table.coverage);
+        for ((clipped, &covered), (d, &w)) in
+            rows.zip(self.grid.directions.iter().zip(&self.grid.solid_angles))
+        {
+            let stretch = view.stretch(d.as_dvec3()).filter(|_| covered > 0.0);
+            *clipped = stretch.map_or(0.0, |s| confidence(w, s as f32, *clipped));
         }
     }
 

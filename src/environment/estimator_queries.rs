@@ -107,4 +107,14 @@ impl EnvironmentEstimator {
             View::Moving(memory) => memory.oldest_seconds(now),
         }
     }
+
+    /// What a sphere in the scene camera's picture has shown; `None` for other views.
+    pub(in crate::environment) const fn remembered(
+        &self,
+    ) -> Option<(&DirectionMemory, &CubeGrid, &LastBall)> {
+        match &self.placed {
+            View::Fixed(_) => None,
+            View::Moving(memory) => Some((memory, &self.grid, &self.last_ball)),
+        }
+    }
 }

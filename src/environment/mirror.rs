@@ -99,6 +99,21 @@ impl Mirror {
         (psi <= limit).then_some(Reflection { point, direction })
     }
 
+    /// Cosine of incidence under which the eye sees light from a direction, and from how far,
+    /// metres. The normal halves the angle between the light and the eye; which way the eye
+    /// lies depends on the point, by R/D at most.
+    pub fn incidence(&self, direction: DVec3) -> (f64, f64) {
+        let (mut to_eye, mut cosine, mut distance) = (self.axis, 0.0, self.distance);
+        for _ in 0..3 {
+            let normal = (to_eye + direction).normalize_or_zero();
+            let way = self.eye - self.centre - normal * self.radius;
+            distance = way.length();
+            to_eye = way / distance;
+            cosine = to_eye.dot(normal);
+        }
+        (cosine, distance)
+    }
+
     /// The point of the sphere in which the eye sees light from a direction.
     pub fn point_showing(&self, direction: DVec3) -> Option<DVec3> {
         let along = direction.dot(self.axis);
@@ -170,6 +185,22 @@ mod tests {
     fn a_far_sphere_doubles_the_angle_of_its_normal() {
         assert!((psi(0.5, 1e-9) - 1.0).abs() < 1e-6);
         assert!(Mirror::new(DVec3::ZERO, DVec3::X * 0.05, 0.1, 0.1).is_none());
+    }
+
+    #[test]
+    fn light_that_meets_the_mirror_more_flatly_is_told_so() {
+        let eye = DVec3::new(0.0, -1.0, 0.0);
+        let mirror = Mirror::new(eye, DVec3::ZERO, 0.1, 0.1).unwrap();
+        for ray in [0.0, 0.03, 0.06, 0.09, 0.097_f64] {
+            let ray = DVec3::new(ray.sin(), ray.cos(), 0.0);
+            let seen = mirror.reflect(ray).unwrap();
+            let (cosine, distance) = mirror.incidence(seen.direction);
+            let exact = -ray.dot(seen.point) / 0.1;
+            assert!((cosine - exact).abs() < 2e-3, "{cosine} {exact}");
+            assert!((distance - seen.point.distance(eye)).abs() < 1e-3);
+        }
+        // What the ball itself hides.
+        assert!(mirror.incidence(DVec3::Y).0 <= 0.0);
     }
 
     proptest! {

@@ -34,6 +34,7 @@ mod mirror;
 pub mod outline;
 pub mod photograph;
 pub mod prefilter;
+mod probe;
 pub mod report;
 pub mod resample;
 pub mod settings;
@@ -48,6 +49,7 @@ pub use clipped::ClippedEnergy;
 pub use estimator::EnvironmentEstimator;
 pub use hdr::Bracket;
 pub use light::{CubeMap, DomeLight, Filtering, Harmonics, LightKind, Lighting};
+pub use probe::ProbeMap;
 pub use report::LightReport;
 pub use settings::{
     BallSeen, EnvironmentError, EnvironmentInput, EnvironmentSettings, IrradianceMethod, Placement,

@@ -157,6 +157,26 @@ impl GatherTable {
         self.coverage.push(covered);
     }
 
+    /// Part of each texel that comes from the given pixels, 0..=1, into `shares`.
+    pub fn shares(&self, pixels: &[u32], marks: &mut Vec<bool>, shares: &mut Vec<f32>) {
+        shares.clear();
+        marks.clear();
+        let Some(&last) = pixels.iter().max() else {
+            shares.resize(self.coverage.len(), 0.0);
+            return;
+        };
+        marks.resize(last as usize + 1, false);
+        pixels.iter().for_each(|&i| marks[i as usize] = true);
+        let marked = |i: u32| marks.get(i as usize) == Some(&true);
+        shares.extend(self.starts.windows(2).map(|range| {
+            self.entries[range[0] as usize..range[1] as usize]
+                .iter()
+                .filter(|(i, _)| marked(*i))
+                .map(|(_, w)| w)
+                .sum::<f32>()
+        }));
+    }
+
     /// Texel values from pixel values; zero where nothing is seen.
     pub fn apply(&self, pixels: &[Vec3], texels: &mut Vec<Vec3>) {
         texels.clear();

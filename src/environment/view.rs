@@ -227,6 +227,21 @@ impl PlacedView {
         }
     }
 
+    /// Radians of light that a pixel of a mirrored sphere shows across its rim, where it shows
+    /// `direction` (any parallax aside): 2 t / (f R cos i) at the distance t under the angle of
+    /// incidence i. A pixel near the rim is a long, thin strip of directions. `None` for a
+    /// fisheye, and where the sphere hides the direction.
+    #[must_use]
+    pub fn stretch(&self, direction: DVec3) -> Option<f64> {
+        let Optics::Mirror { camera, mirror } = &self.optics else {
+            return None;
+        };
+        let (cosine, distance) = mirror.incidence(direction);
+        let (_, radius) = mirror.ball();
+        let across = camera.focal.min_element() * radius * cosine;
+        (cosine > 1e-3).then(|| 2.0 * distance / across)
+    }
+
     /// Samples a side that a cube of `size` texels needs of a mirror: a pixel in the middle
     /// of a ball of r pixels spans 2/r radians, a texel 2/size.
     #[must_use]
@@ -319,6 +334,30 @@ mod tests {
     use super::*;
     use glam::DMat3;
     use proptest::prelude::*;
+
+    #[test]
+    fn a_pixel_near_the_rim_shows_a_long_strip() {
+        let view = PlacedView::new(&sphere_view(), None, None).unwrap();
+        let (centre, _) = view.ball().unwrap();
+        let middle = view
+            .pixel((view.world_from_camera.translation - centre).normalize())
+            .unwrap();
+        let mut last = 0.0;
+        for away in [0.0, 40.0, 80.0, 120.0, 160.0] {
+            let at = middle + DVec2::X * away;
+            let Some(direction) = view.direction(at) else {
+                break;
+            };
+            let next = view.direction(at + DVec2::X * 0.01).unwrap();
+            let told = view.stretch(direction).unwrap();
+            let exact = direction.angle_between(next) / 0.01;
+            // The ray's own turn and the slant of the picture's plane are left out.
+            assert!((told / exact - 1.0).abs() < 0.12, "{away}: {told} {exact}");
+            assert!(told > last);
+            last = told;
+        }
+        assert!(last > 0.0);
+    }
 
     fn sphere_view() -> EnvironmentView {
         let forward = DVec3::new(-0.43, 0.66, -0.61).normalize();
