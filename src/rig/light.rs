@@ -354,6 +354,7 @@ impl LightStation {
                     .unwrap_or_default(),
             ),
             clipped: estimator.map_or(0.0, EnvironmentEstimator::clipped_share),
+            probe: estimator.and_then(EnvironmentEstimator::probe_map),
         }
     }
 

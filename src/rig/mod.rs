@@ -20,6 +20,7 @@ mod notify;
 mod pace;
 mod planes;
 pub mod prepare;
+mod probe_status;
 mod rates;
 pub mod recorder;
 mod registration;

@@ -15,7 +15,7 @@ use crate::calibration::photometry::MatchStatus;
 use crate::capture::TrackerSource;
 use crate::config::{Config, ReplayPairing};
 use crate::environment::adaptive::CompactSource;
-use crate::environment::{LightKind, Lighting};
+use crate::environment::{LightKind, Lighting, ProbeMap};
 use crate::picture::{Picture, YuvEncoding, decode_into};
 use crate::scene::NearLight;
 use crate::status::{RegistrationStatus, Settings};
@@ -74,6 +74,8 @@ pub struct LightState {
     pub sources: Arc<Vec<CompactSource>>,
     /// Share of the sphere that every exposure clips.
     pub clipped: f32,
+    /// What a mirrored sphere in the scene camera's picture has shown, where there is one.
+    pub probe: Option<ProbeMap>,
 }
 
 impl LightState {

@@ -160,3 +160,6 @@ pub(super) fn wanted_tags(markers: &[Marker], config: &Config) -> Result<Option<
     })?;
     Ok(Some(map))
 }
+
+#[cfg(test)]
+mod tests;

@@ -4,7 +4,7 @@ use super::prepare::{LightState, Prepared};
 use super::rates::Rates;
 use super::report::FrameCounts;
 use super::source::Source;
-use super::{RigSetup, live_status};
+use super::{RigSetup, live_status, probe_status};
 use crate::calibration::photometry::{MatchStatus, MethodStatus, Provenance};
 use crate::compositor::Gpu;
 use crate::compositor::exposure::ExposureInForce;
@@ -156,6 +156,7 @@ fn lighting(s: &mut Snapshot, p: &Published<'_>) {
         white_balance,
         sources,
         clipped,
+        probe: map,
         ..
     } = &p.prepared.light;
     let (dome_lights, compact_lights) = p.prepared.light.count();
@@ -170,9 +171,13 @@ fn lighting(s: &mut Snapshot, p: &Published<'_>) {
         .seconds_since(lighting.captured_at);
     s.lighting.age_ms = Some(age * 1e3);
     let stale = age * 1e9 > p.stale_after_nanos as f64;
-    s.lighting.stale = stale.then(|| {
-        "the environment camera has been silent: the light is the last that it saw".to_owned()
-    });
+    s.lighting.probe = map.map(|map| probe_status::probe(&map, p.prepared.frame.captured_at));
+    s.lighting.stale = match &s.lighting.probe {
+        Some(probe) => probe_status::stale(probe, p.stale_after_nanos),
+        None => stale.then(|| {
+            "the environment camera has been silent: the light is the last that it saw".to_owned()
+        }),
+    };
     let direction = p.brightest.direction.as_dvec3();
     s.lighting.dominant_direction = (p.brightest.dominance > 0.0).then(|| direction.to_array());
     s.lighting.dominance = Some(f64::from(p.brightest.dominance));

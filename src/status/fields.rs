@@ -180,6 +180,26 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "By how much that light outshines what lies elsewhere, as a share of all light: 1 for a sun alone, 0 for two equal lamps and for light from everywhere; null where unknown.",
     ),
     (
+        "lighting.probe.coverage",
+        "Share of all directions that the mirrored ball in the scene camera's picture has shown so far, 0 to 1; `probe` is null where the light is seen otherwise.",
+    ),
+    (
+        "lighting.probe.coverage_above",
+        "The same of the directions above the horizon.",
+    ),
+    (
+        "lighting.probe.map_age_s",
+        "Time since they were seen last, on average, s; null before the first.",
+    ),
+    (
+        "lighting.probe.ball_age_s",
+        "Time since the ball was seen, s: it grows while the ball, its marker or the pose is out of sight; null before it was seen.",
+    ),
+    (
+        "lighting.probe.rim_shift_px",
+        "How far its rim in the picture moved the ball then from where the pose puts it, pixels; null where it was not looked for.",
+    ),
+    (
         "lighting.preview_revision",
         "Counts the pictures at `/environment.png`; 0 = none yet.",
     ),
@@ -495,6 +515,7 @@ mod tests {
             ..Device::new("a", DeviceKind::Tracker)
         }];
         s.warn("a");
+        s.lighting.probe = Some(crate::status::ProbeStatus::default());
         s.lighting.dominant_direction = Some([0.0, 0.0, 1.0]);
         let (method, rgb) = (WhiteBalanceMethod::Chart, [1.0; 3]);
         let b = &mut s.white_balance;

@@ -1,6 +1,7 @@
 //! The snapshot in Prometheus' text exposition format, version 0.0.4.
 
 use super::health::health;
+use super::probe::ProbeStatus;
 use super::snapshot::Snapshot;
 use super::times::{Histogram, Stage};
 use std::fmt::{Display, Write as _};
@@ -21,6 +22,7 @@ pub fn metrics(snapshot: &Snapshot) -> String {
     frames(&mut page, snapshot);
     stages(&mut page, snapshot.stages.stages());
     pairing(&mut page, snapshot);
+    registration(&mut page, snapshot);
     white_balance(&mut page, snapshot);
     lighting(&mut page, snapshot);
     planes(&mut page, snapshot);
@@ -193,6 +195,60 @@ fn lighting(page: &mut Page, s: &Snapshot) {
         "penumbra_environment_clipped_ratio",
         "Share of the environment seen clipped.",
         l.clipped_fraction,
+    );
+    if let Some(map) = &l.probe {
+        probe(page, map);
+    }
+}
+
+fn probe(page: &mut Page, map: &ProbeStatus) {
+    page.one(
+        "penumbra_probe_coverage_ratio",
+        "gauge",
+        "Share of all directions that the mirrored ball has shown.",
+        map.coverage,
+    );
+    page.one(
+        "penumbra_probe_coverage_above_ratio",
+        "gauge",
+        "Share of the directions above the horizon that it has shown.",
+        map.coverage_above,
+    );
+    page.some(
+        "penumbra_probe_map_age_seconds",
+        "Time since they were seen last, on average.",
+        map.map_age_s,
+    );
+    page.some(
+        "penumbra_probe_ball_age_seconds",
+        "Time since the ball was seen.",
+        map.ball_age_s,
+    );
+    page.some(
+        "penumbra_probe_rim_shift_pixels",
+        "How far its rim moved the ball from where the pose puts it.",
+        map.rim_shift_px,
+    );
+}
+
+fn registration(page: &mut Page, s: &Snapshot) {
+    let r = &s.registration;
+    page.one(
+        "penumbra_registration_markers",
+        "gauge",
+        "Markers that the newest pose was found by.",
+        r.markers,
+    );
+    page.one(
+        "penumbra_registration_ambiguous",
+        "gauge",
+        "1 while one marker allows two poses, and nothing tells which.",
+        u8::from(r.ambiguous),
+    );
+    page.some(
+        "penumbra_registration_reprojection_pixels",
+        "Distance of the markers' corners from where the pose puts them, root mean square.",
+        r.reprojection_px,
     );
 }
 

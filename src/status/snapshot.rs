@@ -5,6 +5,7 @@
 //! are not finite appear as `null`.
 
 use super::planes::PlanesStatus;
+use super::probe::ProbeStatus;
 use super::recording::Recording;
 use super::settings::Settings;
 use super::times::StageTimes;
@@ -392,6 +393,9 @@ pub struct LightingStatus {
     pub dominant_direction: Option<[f64; 3]>,
     /// By how much that light outshines the others, as a share of all light, 0..=1.
     pub dominance: Option<f64>,
+    /// What a mirrored sphere in the scene camera's picture has shown; `None` where the light is
+    /// seen otherwise.
+    pub probe: Option<ProbeStatus>,
     /// Counts the previews of the environment; 0 = there is none at `/environment.png`.
     pub preview_revision: u64,
 }

@@ -34,4 +34,4 @@ pub use pose::{PoseEstimate, refine};
 pub use registrar::{Registered, Registrar, Registration};
 
 #[cfg(test)]
-mod drawn;
+pub(crate) mod drawn;

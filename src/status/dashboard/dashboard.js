@@ -151,6 +151,7 @@ function environment(s) {
     ['main light, up', height(l.dominant_direction)],
     ['outshines others by', percent(l.dominance, 0)],
   ]);
+  probe(s);
   const now = performance.now();
   if (l.preview_revision === shownRevision || now - shownAt < ENVIRONMENT_MS) return;
   [shownRevision, shownAt] = [l.preview_revision, now];
@@ -162,6 +163,24 @@ function environment(s) {
   };
   next.src = `/environment.png?revision=${l.preview_revision}`;
   $('environment').alt = `Map of the light from all directions with ${l.dome_lights} dome lights drawn on it`;
+}
+
+/** What the mirrored ball in the scene camera's picture has shown, and the pose that it is found by. */
+function probe({ lighting, registration: r }) {
+  const seen = lighting.probe;
+  $('probe-facts').hidden = !seen && r.source !== 'markers';
+  const ms = (seconds) => (seconds === null ? NaN : seconds * 1000);
+  const pixels = (x) => (x === null ? '–' : `${x.toFixed(2)} px`);
+  facts($('probe-facts'), [
+    ['pose by', r.source === 'markers' ? `${whole(r.markers)} marker${r.markers === 1 ? '' : 's'}` : r.source],
+    ['corners off by', pixels(r.reprojection_px) + (r.ambiguous ? ', two poses fit' : '')],
+    ...(seen ? [
+      ['ball has shown', `${percent(seen.coverage, 0)}, above ${percent(seen.coverage_above, 0)}`],
+      ['seen on average', `${age(ms(seen.map_age_s))} ago`],
+      ['ball last seen', `${age(ms(seen.ball_age_s))} ago`],
+      ['rim moved it by', pixels(seen.rim_shift_px)],
+    ] : []),
+  ]);
 }
 
 /** Degrees above the horizon. */

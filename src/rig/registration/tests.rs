@@ -1,0 +1,117 @@
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+use super::*;
+use crate::calibration::Response;
+use crate::calibration::fiducial::drawn;
+use crate::status::RegistrationSource;
+use glam::DQuat;
+
+const CARRIER: u32 = 7;
+const SIZE: f64 = 0.06;
+/// Of the ball in the frame of the marker that carries it.
+const BESIDE: DVec3 = DVec3::new(0.08, 0.0, -0.035);
+
+/// Half a metre before the map, from aside.
+fn camera_from_map() -> RigidTransform {
+    RigidTransform::new(
+        DQuat::from_euler(glam::EulerRot::XYZ, 0.35, -0.2, 0.1),
+        DVec3::new(0.02, -0.03, 0.5),
+    )
+}
+
+fn station(map: Option<TagMap>, ball: Option<DVec3>, carried: bool) -> Station {
+    let marker = SphereMarker {
+        family: Family::Tag36h11,
+        id: CARRIER,
+        size: SIZE,
+        centre_in_marker: BESIDE,
+    };
+    Station {
+        detector: Detector::new(&[Family::Tag36h11], &Response::srgb()),
+        camera: drawn::camera(),
+        registrar: map.map(Registrar::new),
+        probe: carried.then_some(Probe { marker, last: None }),
+        ball,
+    }
+}
+
+fn picture(tags: &[Tag]) -> Picture {
+    let camera = drawn::camera();
+    let codes = drawn::picture(&camera, camera_from_map(), tags, 1.0);
+    Picture {
+        width: camera.width,
+        height: camera.height,
+        rgba: codes.iter().flat_map(|&c| [c, c, c, 255]).collect(),
+    }
+}
+
+fn at(k: i64) -> MonotonicTime {
+    MonotonicTime::from_nanos(k * 33_000_000)
+}
+
+#[test]
+fn a_ball_beside_a_marker_is_told_with_the_poses_uncertainty_and_not_without_it() {
+    let tags = [drawn::tag(3, SIZE, DVec3::ZERO)];
+    let map = TagMap::new(tags.to_vec()).unwrap();
+    let mut station = station(Some(map), Some(BESIDE), false);
+    let told = station.look(&picture(&tags), None, at(0));
+    let ball = told.ball.unwrap();
+    assert_eq!(ball.centre_in_world, BESIDE);
+    assert!((0.01..2.0).contains(&ball.sigma), "{}", ball.sigma);
+    let camera = drawn::camera();
+    let place = |world_from_camera: RigidTransform| {
+        let centre = world_from_camera.inverse().transform_point(BESIDE);
+        camera.project(centre).unwrap()
+    };
+    let off = place(told.world_from_camera.unwrap()).distance(place(camera_from_map().inverse()));
+    assert!(
+        off < 4.0 * ball.sigma + 0.3,
+        "{off} px, said {}",
+        ball.sigma
+    );
+    assert_eq!(told.status.source, RegistrationSource::Markers);
+    // Hidden: no pose, so no light is taken from this picture, and the ball is not lost for good.
+    let hidden = station.look(&picture(&[]), None, at(1));
+    assert!(hidden.world_from_camera.is_none() && hidden.ball.is_none() && !hidden.ball_lost);
+    assert_eq!(hidden.status.source, RegistrationSource::None);
+    let back = station.look(&picture(&tags), None, at(2));
+    assert!(back.ball.is_some());
+}
+
+#[test]
+fn a_carried_ball_goes_where_its_marker_goes_and_is_lost_with_it() {
+    let mut station = station(None, None, true);
+    let tracked = Some(camera_from_map().inverse());
+    for (k, place) in [DVec3::ZERO, DVec3::new(-0.06, 0.05, 0.0)]
+        .into_iter()
+        .enumerate()
+    {
+        let seen = picture(&[drawn::tag(CARRIER, SIZE, place)]);
+        let told = station.look(&seen, tracked, at(k as i64));
+        let off = told.ball.unwrap().centre_in_world.distance(place + BESIDE);
+        // A degree of the marker's tilt is 1.5 mm at the ball.
+        assert!(off < 0.006, "{off} m");
+        assert!(!told.ball_lost && told.status.source == RegistrationSource::Tracker);
+    }
+    let hidden = station.look(&picture(&[]), tracked, at(2));
+    assert!(hidden.ball_lost && hidden.ball.is_none());
+    assert_eq!(hidden.world_from_camera, tracked);
+    // Of two with its number neither is believed.
+    let twice = [
+        drawn::tag(CARRIER, SIZE, DVec3::new(-0.08, 0.0, 0.0)),
+        drawn::tag(CARRIER, SIZE, DVec3::new(0.08, 0.0, 0.0)),
+    ];
+    assert!(station.look(&picture(&twice), tracked, at(3)).ball_lost);
+    let back = station.look(
+        &picture(&[drawn::tag(CARRIER, SIZE, DVec3::ZERO)]),
+        tracked,
+        at(4),
+    );
+    assert!(!back.ball_lost);
+    // Without the camera's pose the marker tells nothing of the world.
+    let adrift = station.look(
+        &picture(&[drawn::tag(CARRIER, SIZE, DVec3::ZERO)]),
+        None,
+        at(5),
+    );
+    assert!(adrift.ball.is_none() && adrift.ball_lost);
+}
