@@ -188,7 +188,7 @@ fn the_record_button_records_a_live_rig() {
     browser.wait_for("document.getElementById('record').textContent === 'Stop recording'");
     browser.wait_for(&format!("{MEGABYTES} > 0.2"));
     let earlier = browser.evaluate(MEGABYTES).as_f64().unwrap();
-    browser.wait_for(&format!("{MEGABYTES} > {earlier} + 0.5"));
+    browser.wait_for(&format!("{MEGABYTES} > {earlier} + 1.0"));
     // Ten minutes at most, as the configuration says; or less, where the disk is fuller.
     let facts = browser.evaluate("document.getElementById('recording-facts').textContent");
     let facts = facts.as_str().unwrap();

@@ -17,7 +17,7 @@ pub struct ModelLamp {
     pub kind: VirtualLightKind,
     /// Linear RGB, candela; of a parallel one such that it has its lux at the model.
     pub candela: Vec3,
-    /// A directional light: a point as far away as [`FAR`], from which light comes all but parallel.
+    /// A directional light: a point as far away as `FAR`, from which light comes all but parallel.
     pub parallel: bool,
     /// In the model's frame (+Z up), metres.
     pub position: DVec3,

@@ -284,7 +284,7 @@ fn the_running_rig_records_when_it_is_asked_to() {
         r#"{"record": true, "file": "a.mcap"}"#,
     );
     assert!(begun.starts_with("HTTP/1.1 202"), "{begun}");
-    let line = format!("record b.mcap --while-running --listen {address} --duration 1");
+    let line = format!("record b.mcap --while-running --listen {address} --duration 3");
     assert!(desk.refuses(&line).contains("a.mcap is being recorded"));
     until("it grows", || {
         let recording = status(&address)["recording"].clone();

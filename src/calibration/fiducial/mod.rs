@@ -1,9 +1,9 @@
 //! Printed fiducials (AprilTags): where they are in a picture, and where that puts the camera.
 //!
-//! The way of a picture: [`threshold`] makes it black and white, tile by tile; [`contour`] walks
-//! round what is black; [`quad`] keeps outlines of four straight sides; [`edge`] finds these
-//! sides again in linear light, to a twentieth of a pixel; [`decode`] reads the number.
-//! [`Detector`] does all this with buffers that it keeps. [`ippe`] and [`pose`] make corners into
+//! The way of a picture: `threshold` makes it black and white, tile by tile; `contour` walks
+//! round what is black; `quad` keeps outlines of four straight sides; `edge` finds these
+//! sides again in linear light, to a twentieth of a pixel; `decode` reads the number.
+//! [`Detector`] does all this with buffers that it keeps. `ippe` and `pose` make corners into
 //! a pose with its covariance; [`Registrar`] does so from picture to picture, with the tags of a
 //! [`TagMap`].
 //!

@@ -5,8 +5,8 @@
 //!
 //! > `world_from_camera` = `world_from_transmitter` · `transmitter_from_sensor` · `sensor_from_camera`
 //!
-//! with the first and last factor on the right unknown. [`relative`] solves the motion form
-//! A X = X B in closed form, [`consensus`] does so on the pairs that agree, [`refine`] brings
+//! with the first and last factor on the right unknown. `relative` solves the motion form
+//! A X = X B in closed form, `consensus` does so on the pairs that agree, `refine` brings
 //! all pairs to the least error, with uncertainty.
 
 mod closed;

@@ -311,7 +311,7 @@ impl NearField {
         self.lit_by != Some(lighting.generation)
     }
 
-    /// Finds the light from close by under `lighting` with [`BOUNCES`] bounces at once, for what
+    /// Finds the light from close by under `lighting` with `BOUNCES` bounces at once, for what
     /// takes the place of another in the middle of a film.
     pub fn settle(&mut self, lighting: &Lighting, phantoms: &PhantomRadiance) {
         for _ in 0..BOUNCES {

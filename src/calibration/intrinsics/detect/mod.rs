@@ -1,8 +1,8 @@
 //! Finds a chessboard's inner corners in a grey picture, whole or in part, through any lens.
 //!
-//! Saddles of brightness ([`saddles`]), which of them an edge joins ([`links`]), rows and
-//! columns ([`grid`]), what was missed ([`complete`]), each corner to a fraction of a pixel
-//! ([`refine`]), and which corner of the board each is ([`place`]).
+//! Saddles of brightness (`saddles`), which of them an edge joins (`links`), rows and
+//! columns (`grid`), what was missed (`complete`), each corner to a fraction of a pixel
+//! (`refine`), and which corner of the board each is (`place`).
 
 mod complete;
 mod grey;
