@@ -5,7 +5,8 @@
 //!
 //! Light and picture are made one after the other, which no rig does: what is measured is
 //! all of the work. Rows differ in the number of lamps; two more have an environment camera in
-//! place of the ball, and eight dome lights, whose shadows the paper has not.
+//! place of the ball, and eight dome lights, whose shadows the paper has not. In the last the
+//! light is made while the picture before is drawn.
 
 use super::report::{BenchReport, PassTime, Percentiles, Row};
 use super::stage::{Passes, WARM_UP, camera};
@@ -21,10 +22,12 @@ use crate::environment::{
 use crate::picture::Picture;
 use crate::scene::lamps::MOST_LAMPS;
 use penumbra_interface::MonotonicTime;
-use room::{Room, View};
+use room::{Room, Stills, View};
 use std::sync::Arc;
 use std::time::Instant;
 
+#[path = "lightprobe_at_once.rs"]
+mod at_once;
 #[path = "lightprobe_room.rs"]
 mod room;
 
@@ -65,6 +68,9 @@ pub(super) fn run(
         progress(&row);
         report.rows.push(row);
     }
+    let row = at_once::measure(gpu, ball(1, 0), options)?;
+    progress(&row);
+    report.rows.push(row);
     Ok(())
 }
 
@@ -118,16 +124,26 @@ struct Rig {
     triangles: usize,
 }
 
+/// Whoever reads the light of a room.
+fn estimator(room: &Room, lights: usize) -> Result<EnvironmentEstimator, BenchError> {
+    let settings = EnvironmentSettings {
+        lights,
+        phong: true,
+        ..EnvironmentSettings::default()
+    };
+    let view = room.environment_view();
+    Ok(EnvironmentEstimator::new(
+        &view,
+        &Response::srgb(),
+        settings,
+        None,
+    )?)
+}
+
 impl Rig {
     fn new(gpu: &Gpu, case: Case, (width, height): (u32, u32)) -> Result<Self, BenchError> {
         let room = Room::new(case.view, camera(width, height), case.lamps);
-        let settings = EnvironmentSettings {
-            lights: case.lights,
-            phong: true,
-            ..EnvironmentSettings::default()
-        };
-        let view = room.environment_view();
-        let estimator = EnvironmentEstimator::new(&view, &Response::srgb(), settings, None)?;
+        let estimator = estimator(&room, case.lights)?;
         let settings = CompositorSettings {
             samples: if gpu.software { 1 } else { 4 },
             ..CompositorSettings::for_adapter(gpu.software)

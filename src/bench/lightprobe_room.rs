@@ -33,6 +33,9 @@ impl View {
     }
 }
 
+/// Where the camera was, and what it saw.
+pub(super) type Stills = Vec<(RigidTransform, Picture)>;
+
 /// See the module.
 pub(super) struct Room {
     view: View,
@@ -107,6 +110,15 @@ impl Room {
                 rgba.copy_from_slice(&code(radiance(direction.as_vec3(), i)));
             }
         }
+    }
+
+    /// Poses and pictures of the first `count` instants.
+    pub fn stills(&mut self, count: u32) -> Stills {
+        let still = |i| {
+            self.show(i);
+            (self.pose(i), self.environment_picture().clone())
+        };
+        (0..count).map(still).collect()
     }
 
     /// The camera walks slowly round the table and looks down at it.

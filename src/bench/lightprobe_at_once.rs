@@ -1,0 +1,85 @@
+//! The light on a thread of its own while the picture before is drawn, as a rig does it: each
+//! picture is still drawn in the light of its own instant.
+
+use super::{BenchError, BenchOptions, Case, Gpu, Passes, Percentiles, Rig, Row, Stills, WARM_UP};
+use super::{estimator, processor_nanos, time};
+use crate::calibration::PinholeCamera;
+use crate::environment::{Bracket, EnvironmentEstimator, EnvironmentInput, Lighting};
+use crate::rig::threads;
+use std::sync::Arc;
+use std::sync::mpsc::{SyncSender, sync_channel};
+use std::time::Instant;
+
+/// Pictures that are drawn beforehand, and shown over and over.
+const STILLS: u32 = 30;
+
+/// What is read of each instant.
+struct Reader {
+    estimator: EnvironmentEstimator,
+    camera: PinholeCamera,
+    stills: Arc<Stills>,
+}
+
+impl Reader {
+    fn light(&mut self, i: u32) -> Result<Arc<Lighting>, BenchError> {
+        let (pose, picture) = &self.stills[(i % STILLS) as usize];
+        let brackets = [Bracket { picture, ev: 0.0 }];
+        Ok(self.estimator.update(&EnvironmentInput {
+            scene: Some((*pose, &self.camera)),
+            ..EnvironmentInput::new(&brackets, time(i))
+        })?)
+    }
+
+    /// Goes on for as long as somebody listens: a thread that has ended is counted no more.
+    fn run(mut self, lights: &SyncSender<Result<Arc<Lighting>, BenchError>>) {
+        let mut all = (0..).map(|i| self.light(i));
+        while let Some(light) = all.next()
+            && lights.send(light).is_ok()
+        {}
+    }
+}
+
+pub(super) fn measure(gpu: &Gpu, case: Case, options: &BenchOptions) -> Result<Row, BenchError> {
+    let size = options.size.unwrap_or((640, 480));
+    let mut rig = Rig::new(gpu, case, size)?;
+    let mut row = rig.row(case, size);
+    row.environment = Some("mirrored ball in the picture, both at once");
+    let stills = Arc::new(rig.room.stills(STILLS));
+    let count = WARM_UP + options.frames.unwrap_or(60);
+    let (send, lights) = sync_channel(1);
+    let reader = Reader {
+        estimator: estimator(&rig.room, case.lights)?,
+        camera: rig.room.camera.clone(),
+        stills: stills.clone(),
+    };
+    let thread = threads::spawn("light", move || reader.run(&send))
+        .map_err(|source| BenchError::Thread { source })?;
+    let (mut wall, mut gpu_total, mut passes) = (Vec::new(), Vec::new(), Passes::default());
+    let (mut before, mut start) = (0, Instant::now());
+    for i in 0..count {
+        let Ok(light) = lights.recv() else { break };
+        rig.room
+            .picture
+            .clone_from(&stills[(i % STILLS) as usize].1);
+        rig.compose(i, &*light?)?;
+        gpu.wait()?;
+        if i >= WARM_UP {
+            wall.push(start.elapsed().as_secs_f64() * 1e3);
+            let times = rig.compositor.pass_times();
+            gpu_total.push(times.iter().map(|(_, ms)| ms).sum());
+            passes.add(&times);
+        } else {
+            before = processor_nanos();
+        }
+        start = Instant::now();
+    }
+    let spent = processor_nanos().saturating_sub(before) as f64 * 1e-6;
+    drop(lights);
+    let _ = thread.join();
+    row.fps = 1e3 * wall.len() as f64 / wall.iter().sum::<f64>().max(1e-9);
+    row.wall_ms = Percentiles::of(&wall);
+    row.gpu_ms = Percentiles::of(&gpu_total);
+    row.processor_ms = Some(spent / wall.len().max(1) as f64).filter(|ms| *ms > 0.0);
+    row.passes = passes.medians();
+    Ok(row)
+}
