@@ -22,7 +22,7 @@ UNPACKED := if [ -f target/packages/env ]; then . target/packages/env; fi;
 # A window needs a display; without one the picture is in the browser.
 WINDOW := $(if $(DISPLAY)$(WAYLAND_DISPLAY),,--headless)
 
-.PHONY: help demo demo-temple demo-lamp build test lint unit advisories bench bench-table fidelity soak fuzz fmt packages-demo packages-test toolchain clean install uninstall test-devices
+.PHONY: help demo demo-temple demo-lamp build test lint unit advisories bench bench-table fidelity calibration soak fuzz fmt packages-demo packages-test toolchain clean install uninstall test-devices
 
 help: ## This list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -64,6 +64,9 @@ bench-table: build ## The papers' rows, put into ARCHITECTURE.md
 
 fidelity: build ## Judge the pictures by path-traced truth; ARGS="--sessions desk --every 4"
 	@$(UNPACKED) python3 tests/fidelity.py --penumbra $(PENUMBRA) --truth $(TRUTH) $(ARGS)
+
+calibration: build ## Judge calibration and registration by known figures; ARGS="--simulated DIR --only intrinsics"
+	@$(UNPACKED) python3 tests/calibration.py --penumbra $(PENUMBRA) --truth $(TRUTH) $(ARGS)
 
 soak: build ## Long: 10,000 frames of a looped replay must leave memory flat
 	@$(UNPACKED) python3 tests/soak.py $(PENUMBRA) $(SESSION) $(ARGS)

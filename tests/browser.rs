@@ -229,6 +229,98 @@ fn the_record_button_records_a_live_rig() {
     );
 }
 
+/// A live rig whose camera sees a board; its files are in `folder`.
+fn sees_a_board(folder: &Path) -> (Program, String) {
+    let session = folder.join("board.mcap");
+    support::board::record(&session);
+    std::fs::create_dir(folder.join("files")).unwrap();
+    let text = format!(
+        "[scene_camera]\ndevice = \"replay:{}\"\n[calibration]\nfrom = \"files\"\n",
+        session.display()
+    );
+    let config = folder.join("rig.toml");
+    std::fs::write(&config, text).unwrap();
+    Program::start(&["run", "--config", config.to_str().unwrap()])
+}
+
+#[test]
+fn a_lens_is_calibrated_on_the_page() {
+    let Some(mut browser) = browser("a_lens_is_calibrated_on_the_page") else {
+        return;
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let (_program, address) = sees_a_board(folder.path());
+    browser.resize(1280, 900);
+    browser.open(&address);
+    browser.wait_for("document.getElementById('calibrate-start').checkVisibility()");
+    browser.evaluate("document.getElementById('calibrate-card').scrollIntoView()");
+    keep("calibrate-form.png", &browser.screenshot(false));
+    // A board that is none is refused where it was typed.
+    let type_board = |browser: &mut Chromium, board: &str| {
+        browser.evaluate(&format!(
+            "document.querySelector('[name=board]').value = '{board}'"
+        ));
+        browser.evaluate("document.getElementById('calibrate-start').click()");
+    };
+    let text = |id: &str| format!("document.getElementById('{id}').textContent");
+    type_board(&mut browser, "soup");
+    browser.wait_for(&format!(
+        "{}.includes('board `soup`')",
+        text("calibrate-trouble")
+    ));
+    // The browser notes the refusal too.
+    let refused = browser.complaints().len();
+    type_board(&mut browser, support::board::BOARD);
+    browser.wait_for("document.getElementById('calibrate-finish').checkVisibility()");
+    browser.wait_for("document.getElementById('calibrate-picture').naturalWidth === 320");
+    browser.wait_for(
+        "document.querySelector('#calibrate-marks path').getAttribute('d').split('M').length > 20",
+    );
+    browser.wait_for("document.getElementById('calibrate-share').value > 0.2");
+    browser.wait_for(&format!("{} !== ''", text("calibrate-hint")));
+    keep("calibrate.png", &browser.screenshot(false));
+    // Opened anew in the middle, the page shows the middle.
+    browser.open(&address);
+    browser.wait_for("document.getElementById('calibrate-finish').checkVisibility()");
+    browser.wait_for("document.getElementById('calibrate-share').value > 0.2");
+    browser.wait_for("document.getElementById('calibrate-picture').naturalWidth === 320");
+    browser.wait_for("document.getElementById('calibrate-result').checkVisibility()");
+    let verdict = browser.evaluate(&text("calibrate-verdict"));
+    assert!(
+        matches!(verdict.as_str(), Some("good" | "usable")),
+        "{verdict}"
+    );
+    let file = browser.evaluate(&text("calibrate-files"));
+    assert!(
+        file.as_str()
+            .unwrap()
+            .contains("calibration/scene_camera.json"),
+        "{file}"
+    );
+    browser.wait_for(&format!("{}.includes('px RMS')", text("calibrate-figures")));
+    browser.evaluate("document.getElementById('calibrate-card').scrollIntoView()");
+    keep("calibrate-result.png", &browser.screenshot(false));
+    let report = browser.evaluate("document.getElementById('calibrate-report').href");
+    assert_eq!(
+        browser.complaints().len(),
+        refused,
+        "{:?}",
+        browser.complaints()
+    );
+    browser.open(report.as_str().unwrap());
+    browser.wait_for("document.querySelector('h1').textContent === 'Lens of the scene camera'");
+    // Its own style is in force, and no script is.
+    browser
+        .wait_for("getComputedStyle(document.querySelector('h2 span')).color !== 'rgb(0, 0, 0)'");
+    keep("calibrate-report.png", &browser.screenshot(false));
+    assert!(
+        folder
+            .path()
+            .join("files/calibration/scene_camera.json")
+            .exists()
+    );
+}
+
 #[test]
 fn it_fits_a_telephone() {
     let Some(mut browser) = browser("it_fits_a_telephone") else {

@@ -256,6 +256,7 @@ fn run_overlap(session: &Session) -> OverlapRun {
                 response: &environment.response,
             },
             environment_view: &environment.view,
+            vignetting: [None; 2],
         };
         let started = std::time::Instant::now();
         let pairs = gather_pairs(

@@ -2,6 +2,9 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use penumbra::picture::Picture;
+use penumbra::status::calibration::{
+    Calibration, CalibrationControl, CalibrationRefusal, CalibrationWish,
+};
 use penumbra::status::recording::{Recording, RecordingControl, RecordingRefusal, RecordingWish};
 use penumbra::status::snapshot::SessionState;
 use penumbra::status::{Settings, SharedStatus, StatusError, StatusServer};
@@ -156,8 +159,14 @@ fn the_page_needs_nothing_from_elsewhere_and_all_it_names_is_there() {
     assert_eq!(page.header("x-content-type-options"), "nosniff");
     let html = page.text();
     assert!(!html.contains("://"), "something from elsewhere");
-    let scripts =
-        ["dashboard.js", "charts.js", "settings.js", "text.js"].map(|f| format!("/dashboard/{f}"));
+    let scripts = [
+        "dashboard.js",
+        "calibrate.js",
+        "charts.js",
+        "settings.js",
+        "text.js",
+    ]
+    .map(|f| format!("/dashboard/{f}"));
     let named = html
         .split('"')
         .filter(|s| s.starts_with("/dashboard/"))
@@ -480,6 +489,112 @@ fn a_wish_to_record_reaches_the_recorder_unless_it_is_none_or_comes_from_elsewhe
 }
 
 // ── who may ask ─────────────────────────────────────────────────────────────────────────
+
+/// Begins whatever is wished, once, and has a report.
+#[derive(Default)]
+struct Calibrating(std::sync::Mutex<Option<String>>);
+
+impl CalibrationControl for Calibrating {
+    fn view(&self) -> Calibration {
+        Calibration {
+            step: self.0.lock().unwrap().clone().unwrap_or_default(),
+            ..Calibration::default()
+        }
+    }
+
+    fn start(&self, wish: &CalibrationWish) -> Result<(), CalibrationRefusal> {
+        let mut step = self.0.lock().unwrap();
+        match &*step {
+            Some(step) => Err(CalibrationRefusal::Busy { step: step.clone() }),
+            None => {
+                *step = Some(wish.step.clone());
+                Ok(())
+            }
+        }
+    }
+
+    fn finish(&self) -> Result<(), CalibrationRefusal> {
+        let ended = self.0.lock().unwrap().take();
+        ended.map(drop).ok_or(CalibrationRefusal::NotRunning)
+    }
+
+    fn abort(&self) -> Result<(), CalibrationRefusal> {
+        self.finish()
+    }
+
+    fn picture(&self, revision: Option<u64>) -> Option<bytes::Bytes> {
+        revision.map(|r| bytes::Bytes::from(format!("jpeg {r}")))
+    }
+
+    fn report(&self) -> Option<String> {
+        Some("<h1>Report</h1>".to_owned())
+    }
+}
+
+#[test]
+fn a_calibration_is_begun_and_ended_by_our_own_page_alone() {
+    let server = Server::start(None);
+    let json = "Content-Type: application/json";
+    let post = |server: &Server, path: &str, headers: &[&str], body: &str| {
+        server.request(&format!("POST /calibration/{path}"), headers, body)
+    };
+    let wish = r#"{"step": "intrinsics"}"#;
+    assert_eq!(server.get("/calibration").json()["state"], "unavailable");
+    let nobody = post(&server, "start", &[json], wish);
+    assert_eq!(nobody.status, 409);
+    assert!(nobody.text().contains("penumbra run"), "{}", nobody.text());
+    assert_eq!(server.get("/calibration/report").status, 404);
+
+    server.shared.set_calibrator(Arc::<Calibrating>::default());
+    assert_eq!(post(&server, "finish", &[json], "{}").status, 409);
+    assert_eq!(post(&server, "start", &[], wish).status, 415);
+    let form = "Content-Type: application/x-www-form-urlencoded";
+    assert_eq!(post(&server, "start", &[form], wish).status, 415);
+    let elsewhere = "Origin: http://evil.example";
+    assert_eq!(post(&server, "start", &[json, elsewhere], wish).status, 403);
+    assert_eq!(post(&server, "start", &[json], "{}").status, 422);
+    assert_eq!(
+        post(&server, "start", &[json], &"x".repeat(20_000)).status,
+        413
+    );
+    assert_eq!(server.get("/calibration").json()["step"], "");
+    let begun = post(&server, "start", &[json], wish);
+    assert_eq!(
+        (begun.status, &begun.json()["step"]),
+        (202, &"intrinsics".into())
+    );
+    let again = post(&server, "start", &[json], wish);
+    assert_eq!(again.status, 409);
+    assert!(again.text().contains("`intrinsics` is under way"));
+    assert_eq!(post(&server, "abort", &[json], "{}").status, 202);
+    assert_eq!(server.get("/calibration/start").status, 405);
+
+    assert_eq!(
+        server.get("/calibration/picture.jpg?revision=7").body,
+        b"jpeg 7"
+    );
+    for none in ["", "?revision=-1", "?revision=x&y", "?x=1"] {
+        let path = format!("/calibration/picture.jpg{none}");
+        assert_eq!(server.get(&path).status, 404, "{none}");
+    }
+    // A report styles itself; what a device has called itself in it cannot do anything.
+    let report = server.get("/calibration/report");
+    let policy = report.header("content-security-policy");
+    assert!(
+        policy.contains("sandbox") && !policy.contains("script-src"),
+        "{policy}"
+    );
+    assert_eq!(report.head.matches("content-security-policy").count(), 1);
+    assert_eq!(report.header("x-frame-options"), "deny");
+
+    let guarded = Server::start(Some("0123456789ab"));
+    guarded.shared.set_calibrator(Arc::<Calibrating>::default());
+    assert_eq!(guarded.get("/calibration").status, 401);
+    let wrong = "Authorization: Bearer 0123456789ac";
+    assert_eq!(post(&guarded, "start", &[json, wrong], wish).status, 401);
+    let right = "Authorization: Bearer 0123456789ab";
+    assert_eq!(post(&guarded, "start", &[json, right], wish).status, 202);
+}
 
 #[test]
 fn a_name_that_somebody_else_could_point_here_is_refused() {

@@ -2,6 +2,8 @@
 //!
 //! Only rectangles: what is drawn is a list of black ones on white paper.
 
+pub(crate) mod pattern;
+
 use super::intrinsics::Board;
 use std::fmt::Write;
 use thiserror::Error;
@@ -47,14 +49,6 @@ pub struct BoardSheet {
 /// A board that cannot be drawn.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum SheetError {
-    /// Its tags' patterns are not known here.
-    #[error("{board}: only chessboards can be drawn; print {tool}")]
-    NoPattern {
-        /// The board.
-        board: String,
-        /// Who draws it.
-        tool: &'static str,
-    },
     /// A picture too large to make.
     #[error(
         "{width}×{height} pixels at {dpi} dots per inch: more than 200 Mpixel; ask for fewer dots, or for a PDF"
@@ -70,41 +64,23 @@ pub enum SheetError {
 }
 
 impl BoardSheet {
-    /// Of a chessboard; its first square, top left, is black.
-    ///
-    /// # Errors
-    /// A board with tags.
-    pub fn of(board: &Board) -> Result<Self, SheetError> {
-        let no_pattern = |tool| SheetError::NoPattern {
-            board: board.to_string(),
-            tool,
+    /// Of a board. A chessboard's first square, top left, is black, as is a ChArUco board's
+    /// (as OpenCV draws them since 4.6).
+    #[must_use]
+    pub fn of(board: &Board) -> Self {
+        let pattern = pattern::of(board);
+        let margin = MARGIN * pattern.rim;
+        let width = pattern.width + 2.0 * margin;
+        let shift = |b: &Black| Black {
+            x: b.x + margin,
+            y: b.y + margin,
+            ..*b
         };
-        let (columns, rows, square) = match *board {
-            Board::Chess {
-                columns,
-                rows,
-                square,
-            } => (columns + 1, rows + 1, square),
-            Board::AprilGrid { .. } => return Err(no_pattern("Kalibr's kalibr_create_target_pdf")),
-            Board::Charuco { .. } => return Err(no_pattern("OpenCV's CharucoBoard.generateImage")),
-        };
-        let margin = MARGIN * square;
-        let width = f64::from(columns) * square + 2.0 * margin;
-        let pattern = f64::from(rows) * square;
-        let mut black: Vec<Black> = (0..columns * rows)
-            .map(|i| (i % columns, i / columns))
-            .filter(|(x, y)| (x + y) % 2 == 0)
-            .map(|(x, y)| Black {
-                x: margin + f64::from(x) * square,
-                y: margin + f64::from(y) * square,
-                width: square,
-                height: square,
-            })
-            .collect();
+        let mut black: Vec<Black> = pattern.black.iter().map(shift).collect();
         // The ruler may stand in the lower margin: it crosses no edge.
-        let foot = pattern + 1.5 * margin;
+        let foot = pattern.height + 1.5 * margin;
         black.extend(ruler(margin, foot, width - 2.0 * margin));
-        Ok(Self {
+        Self {
             width,
             height: foot + FOOT,
             black,
@@ -114,7 +90,7 @@ impl BoardSheet {
                  the line above is {:.0} mm long: measure it",
                 1000.0 * RULER.min(width - 2.0 * margin)
             ),
-        })
+        }
     }
 
     /// A PDF of one page of the sheet's own size.

@@ -19,12 +19,12 @@ pub fn apply_lens_files<'a>(
     attachments: &dyn Fn(&str) -> Option<&'a [u8]>,
 ) -> Result<(), RecordError> {
     if let Some(bytes) = attachments(SCENE_LENS) {
-        let lens = usable(SCENE_LENS, bytes)?;
+        let (lens, _) = usable(SCENE_LENS, bytes)?;
         let camera = &mut rig.calibration.scene_camera.camera;
         *camera = pinhole(SCENE_LENS, &lens, Some(camera))?;
     }
     if let Some(bytes) = attachments(ENVIRONMENT_LENS) {
-        let lens = usable(ENVIRONMENT_LENS, bytes)?;
+        let (lens, known) = usable(ENVIRONMENT_LENS, bytes)?;
         let Some(environment) = &mut rig.calibration.environment else {
             return Ok(());
         };
@@ -40,6 +40,8 @@ pub fn apply_lens_files<'a>(
                 fisheye.focal = (lens.focal.x * lens.focal.y).sqrt();
                 fisheye.centre = lens.centre;
                 fisheye.distortion.copy_from_slice(&lens.coefficients[..4]);
+                // Farther out the lens is a guess; that the picture ends earlier rig.json says.
+                fisheye.max_theta = known.map_or(fisheye.max_theta, |k| k.min(fisheye.max_theta));
             }
             EnvironmentView::Sphere { camera, .. } => {
                 *camera = pinhole(ENVIRONMENT_LENS, &lens, Some(camera))?;
@@ -50,7 +52,19 @@ pub fn apply_lens_files<'a>(
     Ok(())
 }
 
-fn usable(file: &str, bytes: &[u8]) -> Result<Lens, RecordError> {
+/// The size of the pictures that the scene camera was calibrated with, if it was.
+///
+/// # Errors
+/// The file cannot be read.
+pub fn size_of_lens<'a>(
+    attachments: &dyn Fn(&str) -> Option<&'a [u8]>,
+) -> Result<Option<(u32, u32)>, RecordError> {
+    let lens = attachments(SCENE_LENS).map(|bytes| usable(SCENE_LENS, bytes));
+    Ok(lens.transpose()?.map(|(lens, _)| (lens.width, lens.height)))
+}
+
+/// The lens, and the angle up to which it is known.
+fn usable(file: &str, bytes: &[u8]) -> Result<(Lens, Option<f64>), RecordError> {
     let record = LensRecord::parse(file, bytes)?;
     if record
         .quality
@@ -62,7 +76,7 @@ fn usable(file: &str, bytes: &[u8]) -> Result<Lens, RecordError> {
             "was refused when it was made; calibrate again, or remove it",
         ));
     }
-    record.lens(file)
+    Ok((record.lens(file)?, record.max_theta))
 }
 
 fn pinhole(
@@ -107,6 +121,15 @@ mod tests {
     use super::*;
     use glam::DVec2;
 
+    const FISHEYE: &str = r#"{
+        "scene_camera": {"image_size": [640, 480],
+                         "K": [[700.0, 0, 320.0], [0, 701.0, 240.0], [0, 0, 1]]},
+        "environment_camera": {
+            "kind": "fisheye", "image_size": [600, 600],
+            "T_world_cam": {"position": [0, 0, 0], "quaternion_wxyz": [1, 0, 0, 0]},
+            "projection": {"model": "equidistant", "f": 165.0, "cx": 299.5, "cy": 299.5,
+                           "max_theta_rad": 1.5}}}"#;
+
     fn file(model: LensModel, size: (u32, u32)) -> Vec<u8> {
         let mut lens = Lens::ideal(model, size, DVec2::splat(500.0), DVec2::new(321.0, 239.0));
         lens.coefficients[0] = -0.2;
@@ -124,6 +147,37 @@ mod tests {
         let rig = applied(&file(LensModel::Brown, (640, 480))).unwrap();
         let camera = &rig.calibration.scene_camera.camera;
         assert_eq!((camera.focal.x, camera.distortion[0]), (500.0, -0.2));
+    }
+
+    #[test]
+    fn a_fisheye_is_used_as_far_out_as_it_is_known() {
+        let (size, focal) = ((600, 600), DVec2::splat(165.0));
+        let lens = Lens::ideal(LensModel::KannalaBrandt, size, focal, DVec2::splat(299.5));
+        let record = |max_theta| {
+            let record = LensRecord::of_lens(&lens, "environment", String::new());
+            serde_json::to_vec(&LensRecord {
+                max_theta,
+                ..record
+            })
+            .unwrap()
+        };
+        let applied = |bytes: &[u8]| -> Result<f64, RecordError> {
+            let mut rig = RigDocument::parse(FISHEYE.as_bytes()).unwrap();
+            apply_lens_files(&mut rig, &|name| {
+                (name == ENVIRONMENT_LENS).then_some(bytes)
+            })?;
+            match rig.calibration.environment.map(|e| e.view) {
+                Some(EnvironmentView::Fisheye { lens, .. }) => Ok(lens.max_theta),
+                _ => unreachable!(),
+            }
+        };
+        let said = applied(&record(None)).unwrap();
+        assert_eq!(applied(&record(Some(said - 0.2))).unwrap(), said - 0.2);
+        assert_eq!(applied(&record(Some(said + 0.2))).unwrap(), said);
+        for wrong in [0.0, -1.0, 4.0] {
+            let error = applied(&record(Some(wrong))).unwrap_err().to_string();
+            assert!(error.contains("max_theta"), "{error}");
+        }
     }
 
     #[test]

@@ -48,6 +48,9 @@ pub struct LensRecord {
     pub centre: [f64; 2],
     /// k1, ... by name.
     pub distortion: BTreeMap<String, f64>,
+    /// The angle from the axis up to which a fisheye is known, radians.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub max_theta: Option<f64>,
     /// Of fx, fy, cx, cy and the coefficients by name.
     #[serde(default)]
     pub sigma: BTreeMap<String, f64>,
@@ -149,6 +152,7 @@ impl LensRecord {
             focal: lens.focal.to_array(),
             centre: lens.centre.to_array(),
             distortion: named(&lens.coefficients),
+            max_theta: judged.rim.map(|rim| rim.known),
             sigma,
             quality: Some(QualityRecord {
                 verdict: outcome.verdict.grade.name().to_owned(),
@@ -187,6 +191,7 @@ impl LensRecord {
             focal: lens.focal.to_array(),
             centre: lens.centre.to_array(),
             distortion: pairs.map(|(n, v)| ((*n).to_owned(), v)).collect(),
+            max_theta: None,
             sigma: BTreeMap::new(),
             quality: None,
         }
@@ -241,6 +246,12 @@ impl LensRecord {
         }
         if !centre.is_finite() || centre.abs().max_element() > LARGEST {
             return Err(wrong("centre", "[cx, cy] in pixels"));
+        }
+        if self
+            .max_theta
+            .is_some_and(|t| !(t > 0.0 && t <= std::f64::consts::PI))
+        {
+            return Err(wrong("max_theta", "radians, above 0 and at most pi"));
         }
         let mut lens = Lens::ideal(model, (width, height), focal, centre);
         let names = model.coefficients();

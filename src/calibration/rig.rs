@@ -1,9 +1,13 @@
 //! What the owner of a rig knows about it, once it is true.
 
 use super::fiducial::Family;
+use super::photometric::vignetting::Vignetting;
+use super::photometry::CalibratedGains;
+use super::tracked::field::TrackerField;
 use super::{PinholeCamera, Response};
 use glam::{DVec2, DVec3};
 use penumbra_interface::{MonotonicTime, RigidTransform};
+use std::sync::Arc;
 
 /// Geometry and photometry of one rig. World: right-handed, metres, +Z up.
 #[derive(Clone, Debug)]
@@ -20,6 +24,8 @@ pub struct RigCalibration {
     pub tracker: Option<TrackerCalibration>,
     /// Pictures of the same colour chart taken by both cameras.
     pub chart: Option<PhotometricChart>,
+    /// Gains between the cameras as the photometric step found them.
+    pub gains: Option<CalibratedGains>,
 }
 
 /// The scene camera.
@@ -29,6 +35,8 @@ pub struct SceneCamera {
     pub camera: PinholeCamera,
     /// Tone curve.
     pub response: Response,
+    /// How bright the picture is towards its edge; `None` for evenly bright.
+    pub vignetting: Option<Vignetting>,
     /// Time from the middle of the exposure to the driver's stamp, nanoseconds.
     pub latency_nanos: i64,
 }
@@ -38,6 +46,8 @@ pub struct SceneCamera {
 pub struct EnvironmentCamera {
     /// Tone curve.
     pub response: Response,
+    /// How bright the picture is towards its edge; `None` for evenly bright.
+    pub vignetting: Option<Vignetting>,
     /// Geometry of the view.
     pub view: EnvironmentView,
     /// Time from the middle of the exposure to the driver's stamp, nanoseconds.
@@ -126,16 +136,22 @@ pub struct TrackerCalibration {
     pub latency_nanos: i64,
     /// Metres per unit of the recorded position (0.0254 for inches).
     pub metres_per_unit: f64,
+    /// How the tracker's space is bent, where that was learnt.
+    pub field: Option<Arc<TrackerField>>,
 }
 
 impl TrackerCalibration {
-    /// `world_from_scene_camera` for a tracker reading.
+    /// `world_from_scene_camera` for a tracker reading, its distortion corrected.
     #[must_use]
     pub fn world_from_scene_camera(
         &self,
         transmitter_from_sensor: RigidTransform,
     ) -> RigidTransform {
-        self.world_from_transmitter * transmitter_from_sensor * self.sensor_from_scene_camera
+        let straight = match &self.field {
+            Some(field) => field.correct(transmitter_from_sensor),
+            None => transmitter_from_sensor,
+        };
+        self.world_from_transmitter * straight * self.sensor_from_scene_camera
     }
 
     /// When a record that arrived at `arrived_at` was measured.

@@ -4,6 +4,7 @@
 //! `T_a_b` in the file maps coordinates in b to a, as `a_from_b` does here. Unknown keys
 //! are passed over, because the file also carries notes for other tools.
 
+use super::fiducial::{Tag, UnknownFamily};
 use super::json_node::Node;
 pub use super::json_node::RigJsonError;
 use super::rig::{EnvironmentCamera, EnvironmentView, MirrorSphere, RigCalibration, SceneCamera};
@@ -91,6 +92,21 @@ pub struct Marker {
     pub size: f64,
     /// Pose in the world: +Z into the paper.
     pub world_from_marker: RigidTransform,
+}
+
+impl Marker {
+    /// As the registration has it.
+    ///
+    /// # Errors
+    /// A family that is not known.
+    pub fn tag(&self) -> std::result::Result<Tag, UnknownFamily> {
+        Ok(Tag {
+            family: self.family.parse()?,
+            id: self.id,
+            size: self.size,
+            map_from_tag: self.world_from_marker,
+        })
+    }
 }
 
 /// A lamp that exists in the picture only.
@@ -188,12 +204,14 @@ impl RigDocument {
                         distortion: [0.0; 5],
                     },
                     response: Response::srgb(),
+                    vignetting: None,
                     latency_nanos: 0,
                 },
                 environment: None,
                 sphere_marker: None,
                 tracker: None,
                 chart: None,
+                gains: None,
             },
             mirror_sphere: None,
             object: None,
@@ -257,6 +275,7 @@ impl RigDocument {
         let sphere = self.mirror_sphere.clone().filter(|s| s.in_scene)?;
         Some(EnvironmentCamera {
             response: self.calibration.scene_camera.response.clone(),
+            vignetting: self.calibration.scene_camera.vignetting,
             view: EnvironmentView::SphereInScene { sphere },
             latency_nanos: self.calibration.scene_camera.latency_nanos,
             brackets_ev: Vec::new(),
@@ -292,6 +311,7 @@ fn document(root: &Node) -> Result<RigDocument> {
                 .find("photometric_chart")
                 .map(|n| chart(&n))
                 .transpose()?,
+            gains: None,
         },
         mirror_sphere,
         object: root.find("object").map(|n| object(&n)).transpose()?,

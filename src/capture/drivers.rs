@@ -35,6 +35,18 @@ pub(super) fn open_camera(
     })
 }
 
+/// The own name and the serial number of the system's camera of that identity.
+#[cfg(target_os = "linux")]
+pub(super) fn camera_name_and_serial(identity: &str) -> Option<(String, Option<String>)> {
+    penumbra_camera_v4l2::name_and_serial(identity)
+}
+
+/// Nobody knows more than its identity.
+#[cfg(not(target_os = "linux"))]
+pub(super) const fn camera_name_and_serial(_: &str) -> Option<(String, Option<String>)> {
+    None
+}
+
 /// Opens a tracker and holds its dialogue.
 pub(super) fn open_tracker(config: &TrackerConfig) -> Result<Box<dyn Tracker>, DeviceError> {
     let port = PortName::parse(&config.device).map_err(|reason| DeviceError::Refused {

@@ -1,5 +1,6 @@
 //! Where everything that arrives gets its place in one order.
 
+use super::tap::Tap;
 use crate::session::SessionEvent;
 use crossbeam_channel::{Sender, TrySendError};
 use penumbra_interface::{Clock, MonotonicTime};
@@ -57,6 +58,7 @@ struct State {
     live: bool,
     waiting: Waiting,
     recorder: Option<Inlet>,
+    tap: Option<Tap>,
     counts: HubCounts,
     ended: bool,
 }
@@ -107,6 +109,9 @@ impl Hub {
         let mut state = self.lock();
         if let Some(recorder) = &state.recorder {
             recorder.offer(&event);
+        }
+        if let Some(tap) = &state.tap {
+            tap.offer(&event);
         }
         if state.live && !state.ended {
             state.push(event);
@@ -162,9 +167,19 @@ impl Hub {
         self.lock().recorder = recorder;
     }
 
+    /// From here on what it wants goes to this tap too; `None` ends that.
+    pub fn set_tap(&self, tap: Option<Tap>) {
+        let mut state = self.lock();
+        // After the end nothing would ever close it.
+        state.tap = tap.filter(|_| !state.ended);
+    }
+
     /// Nothing will come any more; what waits can still be taken.
     pub fn end(&self) {
-        self.lock().ended = true;
+        let mut state = self.lock();
+        state.ended = true;
+        state.tap = None;
+        drop(state);
         self.arrived.notify_all();
     }
 

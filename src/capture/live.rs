@@ -1,5 +1,6 @@
 //! All devices of a rig, each supervised on a thread of its own.
 
+use super::drivers::camera_name_and_serial;
 use super::source::{Recordings, patience};
 use super::{
     Account, Board, CameraSource, Condition, Hub, Limits, LiveTime, Sink, TrackerSource, supervise,
@@ -24,6 +25,7 @@ pub struct Devices {
 }
 
 /// One supervised device.
+#[derive(Clone)]
 pub struct LiveDevice {
     /// What it is for.
     pub kind: DeviceKind,
@@ -37,6 +39,19 @@ impl LiveDevice {
     #[must_use]
     pub fn condition(&self) -> Condition {
         self.board.condition()
+    }
+
+    /// Its own name, or what comes nearest to it, and its serial number; as far as it has been
+    /// open and they are known.
+    #[must_use]
+    pub fn name_and_serial(&self) -> Option<(String, Option<String>)> {
+        match self.condition().account {
+            Account::None => None,
+            Account::Camera(report) => {
+                Some(camera_name_and_serial(&report.identity).unwrap_or((report.identity, None)))
+            }
+            Account::Tracker(report) => Some((report.said.unwrap_or(report.identity), None)),
+        }
     }
 }
 

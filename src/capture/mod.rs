@@ -14,6 +14,7 @@ mod live;
 mod maker;
 pub mod source;
 pub mod supervisor;
+pub mod tap;
 pub mod time;
 
 pub use board::{Board, Condition, DeviceState};

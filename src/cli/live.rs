@@ -2,6 +2,7 @@
 
 use super::show::{ShowArgs, address, in_words, show, status_server};
 use clap::Args;
+use penumbra::rig::calibrate::Calibrator;
 use penumbra::rig::service::Service;
 use penumbra::rig::{Live, Recorder, Runner, Source, live_settings};
 use penumbra::status::SharedStatus;
@@ -35,6 +36,7 @@ pub fn run(args: &RunArgs) -> anyhow::Result<ExitCode> {
         status.clone(),
     );
     status.set_recorder(recorder.clone());
+    status.set_calibrator(Calibrator::new(&live, &config));
     let options = args.show.options();
     let source = Source::Live(live);
     let runner = Runner::new(source, config.clone(), options, status, shutdown.clone())?;

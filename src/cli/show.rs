@@ -31,6 +31,9 @@ pub struct ShowArgs {
     /// Write every frame as a PNG named by its number
     #[arg(long, value_name = "DIR")]
     frames_out: Option<PathBuf>,
+    /// Write the camera's pose at each picture, what it comes from and its error
+    #[arg(long, value_name = "FILE.csv")]
+    poses_out: Option<PathBuf>,
     /// Write at the end what happened: counts, times, white balance
     #[arg(long, value_name = "FILE.json")]
     report: Option<PathBuf>,
@@ -140,10 +143,11 @@ impl ShowArgs {
     }
 
     /// What was asked for beyond the configuration.
-    pub const fn options(&self) -> RunOptions {
+    pub fn options(&self) -> RunOptions {
         RunOptions {
             frame_limit: self.frames,
             force: self.force,
+            poses: self.poses_out.clone(),
         }
     }
 

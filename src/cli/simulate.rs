@@ -1,7 +1,11 @@
 //! `penumbra simulate`.
 
+use crate::cli::calibrate::progress_bar;
+use crate::cli::files::{JsonFile, claim};
 use anyhow::anyhow;
 use clap::{Args, Subcommand};
+use penumbra::calibration::rehearsal::{Rehearsal, RehearsalOptions};
+use penumbra::rig::calibrate::rehearse;
 use penumbra::rig::simulate::{SimulateOptions, SimulatedPlace, SimulatedSource, simulate};
 use penumbra_synthetic::Faults;
 use std::net::SocketAddr;
@@ -18,6 +22,23 @@ pub struct SimulateArgs {
 enum SimulatedDevice {
     /// A tracker that answers commands and streams as the real one does, until Ctrl-C
     Tracker(TrackerArgs),
+    /// A whole rig before tags or a board: a recording to try `calibrate` on, with its truth
+    Session(Box<SessionArgs>),
+}
+
+#[derive(Debug, Args)]
+struct SessionArgs {
+    #[command(flatten)]
+    rig: RehearsalOptions,
+    /// The recording
+    #[arg(long, value_name = "SESSION.mcap")]
+    out: PathBuf,
+    /// What is true of the rig: mounting, latency, tags, the pose of every picture
+    #[arg(long, value_name = "FILE.json")]
+    truth: Option<PathBuf>,
+    /// Write over files that are there
+    #[arg(long)]
+    force: bool,
 }
 
 #[derive(Debug, Args)]
@@ -52,7 +73,10 @@ struct TrackerArgs {
 }
 
 pub fn run(args: SimulateArgs) -> anyhow::Result<ExitCode> {
-    let SimulatedDevice::Tracker(args) = args.device;
+    let args = match args.device {
+        SimulatedDevice::Tracker(args) => args,
+        SimulatedDevice::Session(args) => return session(*args),
+    };
     let options = SimulateOptions {
         faults: Faults::parse(&args.faults).map_err(|e| anyhow!("--faults: {e}"))?,
         source: match args.session {
@@ -77,4 +101,25 @@ fn rate(text: &str) -> Result<f64, String> {
         Ok(rate) if (0.1..=10_000.0).contains(&rate) => Ok(rate),
         _ => Err("a number of records a second, 0.1 to 10000".to_owned()),
     }
+}
+
+fn session(args: SessionArgs) -> anyhow::Result<ExitCode> {
+    claim(&args.out, args.force)?;
+    let truth = args.truth.as_ref();
+    let truth = truth
+        .map(|path| JsonFile::claim(path, args.force))
+        .transpose()?;
+    if args.force && args.out.is_file() {
+        std::fs::remove_file(&args.out)?;
+    }
+    let bar = progress_bar();
+    let rehearsal = Rehearsal::new(args.rig);
+    let told = |share: f64| bar.set_position((1000.0 * share) as u64);
+    let found = rehearse(&rehearsal, &args.out, told)?;
+    bar.finish_and_clear();
+    if let Some(file) = truth {
+        file.write(&found)?;
+    }
+    crate::cli::say(format_args!("{}", args.out.display()));
+    Ok(ExitCode::SUCCESS)
 }

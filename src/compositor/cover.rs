@@ -16,6 +16,8 @@ pub struct Cover {
     across: u32,
     /// First and one past the last covered tile, each way; empty when nothing is covered.
     bounds: [[u32; 2]; 2],
+    /// Pixels that things may be off where they are projected to.
+    margin: f64,
 }
 
 /// The box of `positions` (its own frame) placed in the world.
@@ -48,6 +50,11 @@ impl Cover {
         }
     }
 
+    /// Things may lie so many pixels beside where they are projected to.
+    pub const fn set_margin(&mut self, pixels: f64) {
+        self.margin = pixels;
+    }
+
     /// Finds the tiles of a picture of `size` pixels; `more` boxes are of this frame only.
     pub fn update(
         &mut self,
@@ -64,7 +71,7 @@ impl Cover {
             let size = DVec2::new(f64::from(width), f64::from(height));
             for corners in self.boxes.iter().flatten().copied().chain(more) {
                 match outline(&corners, clip_from_world, size) {
-                    Some(outline) => mark(&mut self.tiles, (across, down), &outline),
+                    Some(outline) => mark(&mut self.tiles, (across, down), &outline, self.margin),
                     None => self.tiles.fill(1),
                 }
             }
@@ -100,7 +107,7 @@ fn outline(corners: &Corners, clip_from_world: DMat4, size: DVec2) -> Option<[DV
 
 /// Marks the tiles that the convex hull of `outline` touches: those that no line through
 /// two of its points separates from it.
-fn mark(tiles: &mut [u8], (across, down): (u32, u32), outline: &[DVec2; 8]) {
+fn mark(tiles: &mut [u8], (across, down): (u32, u32), outline: &[DVec2; 8], margin: f64) {
     let side = f64::from(TILE);
     let low = outline
         .iter()
@@ -113,17 +120,18 @@ fn mark(tiles: &mut [u8], (across, down): (u32, u32), outline: &[DVec2; 8]) {
         .reduce(DVec2::max)
         .unwrap_or_default();
     // A pixel more all round: surfaces reach half a pixel beyond their edge's centre.
+    let more = 1.0 + margin;
     let range = |lo: f64, hi: f64, count: u32| {
         let last = f64::from(count);
-        let from = ((lo - 1.0) / side).floor().clamp(0.0, last) as u32;
-        from..((hi + 1.0) / side).ceil().clamp(0.0, last) as u32
+        let from = ((lo - more) / side).floor().clamp(0.0, last) as u32;
+        from..((hi + more) / side).ceil().clamp(0.0, last) as u32
     };
     let edges = hull_edges(outline);
     for y in range(low.y, high.y, down) {
         for x in range(low.x, high.x, across) {
             let centre = (DVec2::new(f64::from(x), f64::from(y)) + 0.5) * side;
             let apart = edges.iter().flatten().any(|(normal, offset)| {
-                let reach = (side * 0.5 + 1.0) * (normal.x.abs() + normal.y.abs());
+                let reach = (side * 0.5 + more) * (normal.x.abs() + normal.y.abs());
                 normal.dot(centre) - offset > reach
             });
             if !apart {

@@ -17,7 +17,7 @@ use super::scene_buffers::SceneLayouts;
 use super::shaders::Variant;
 use super::targets::{ENCODING, TILE, Targets};
 use super::{Compositor, GpuError, Refresh};
-use crate::calibration::{PinholeCamera, Response};
+use crate::calibration::{PinholeCamera, Response, RollingShutter};
 use crate::environment::Lighting;
 use crate::picture::Picture;
 use crate::scene::{NearLight, PlacedLamp};
@@ -107,7 +107,7 @@ impl Pipelines {
             shadow_map: ShadowMapPass::new(device, frame, scene),
             lamp_map: LampMapPass::new(device, scene),
             lamp_response: LampResponsePass::new(device, frame, scene, variant),
-            phantom_geometry: PhantomGeometryPass::new(device, frame, scene),
+            phantom_geometry: PhantomGeometryPass::new(device, frame, scene, variant),
             virtual_geometry: VirtualGeometryPass::new(device, frame, scene, variant),
             tiles: TilesPass::new(device, frame, variant),
             shadow_buffer: ShadowBufferPass::new(device, frame, variant),
@@ -128,6 +128,7 @@ pub struct Sized {
     /// In place of the last two, for pictures in another exposure.
     exposed: Option<ExposedInputs>,
     metered: Option<wgpu::BindGroup>,
+    lens: Option<wgpu::BindGroup>,
     readback: Readback,
 }
 
@@ -145,7 +146,18 @@ impl Compositor {
     /// # Errors
     /// The picture is too large for the device.
     pub fn compose(&mut self, input: &FrameInput<'_>) -> Result<(), GpuError> {
-        self.prepare(input)?;
+        self.fit_lens(input.camera);
+        match self.lens.clone() {
+            None => self.prepare(input, input.picture)?,
+            Some(lens) => {
+                let straight = FrameInput {
+                    picture: &lens.blank,
+                    camera: &lens.straight,
+                    ..*input
+                };
+                self.prepare(&straight, input.picture)?;
+            }
+        }
         let Some(sized) = self.sized.take() else {
             return Ok(());
         };
@@ -155,9 +167,9 @@ impl Compositor {
         let mut encoder = self.gpu.device.create_command_encoder(&descriptor);
         self.timer.begin_frame();
         self.record(&mut encoder, &sized);
-        sized
-            .readback
-            .record(&mut encoder, &sized.targets.output.texture);
+        let bent = self.lens.as_ref().and_then(|lens| lens.output());
+        let output = bent.unwrap_or(&sized.targets.output);
+        sized.readback.record(&mut encoder, &output.texture);
         self.timer.end_frame(&mut encoder);
         let submitted = self.gpu.queue.submit([encoder.finish()]);
         self.exposure.submitted(&submitted);
@@ -187,6 +199,10 @@ impl Compositor {
         let (scene, t) = (&self.scene, &sized.targets);
         // The camera's picture as another exposure shows it, where one is wanted.
         let exposed = self.exposure.passes().zip(sized.exposed.as_ref());
+        // A bent picture made straight.
+        if let Some(lens) = &self.lens {
+            lens.record_in(encoder, timer, t);
+        }
         if let Some((_, inputs)) = exposed {
             self.exposure.record(encoder, timer, inputs, t);
         }
@@ -235,13 +251,17 @@ impl Compositor {
         surroundings.record(encoder, timer, frame, inputs.0, t);
         // The picture.
         composite.record(encoder, timer, frame, inputs.1, t);
+        // Bent again, as the camera sees.
+        if let Some(lens) = &self.lens {
+            lens.record_out(encoder, timer, sized.lens.as_ref(), exposed.is_some());
+        }
         // How much light virtual lights bring, for the exposure of pictures to come.
         self.exposure
             .record_meter(encoder, timer, sized.metered.as_ref());
     }
 
-    /// Everything that is uploaded.
-    fn prepare(&mut self, input: &FrameInput<'_>) -> Result<(), GpuError> {
+    /// Everything that is uploaded; `picture` as the camera took it.
+    fn prepare(&mut self, input: &FrameInput<'_>, picture: &Picture) -> Result<(), GpuError> {
         self.fit_variant(input.lamps);
         let mut rebind = self.fit_targets(input.picture)?;
         if let Some(lighting) = input.lighting
@@ -265,7 +285,7 @@ impl Compositor {
             self.light_maps.write_near(&self.gpu.queue, near);
             self.near_generation = near.generation;
         }
-        self.upload_picture(input.picture);
+        self.upload_picture(picture);
         self.upload_frame(input)
     }
 
@@ -314,6 +334,41 @@ impl Compositor {
         Ok(())
     }
 
+    /// Motion from one row of the camera's own picture to the next, and which row shows what:
+    /// `turning`, `moving`, `bending`, `rows` of the shaders' frame. `camera` is that of the straight
+    /// picture where the lens bends.
+    fn rolling_uniform(&self, camera: &PinholeCamera) -> [[f32; 4]; 4] {
+        let Some(rolling) = self.rolling else {
+            return [[0.0; 4]; 4];
+        };
+        let lens = self.lens.as_ref();
+        let own = lens.map_or(camera, |lens| &lens.camera);
+        let reach = lens.map_or(f64::from(f32::MAX), |lens| lens.reach);
+        let [k1, k2, p1, p2, k3] = own.distortion;
+        [
+            rolling
+                .turn_per_row
+                .extend(RollingShutter::middle_row(own))
+                .to_array(),
+            rolling.shift_per_row.extend(0.0).to_array(),
+            [k1, k2, k3, p1],
+            [p2, own.focal.y, own.centre.y, reach],
+        ]
+        .map(|row| row.map(|v| v as f32))
+    }
+
+    /// Pixels by which a rolling shutter moves anything that is half a metre away or more;
+    /// tiles are found without it.
+    fn rolling_margin(&self, camera: &PinholeCamera) -> f64 {
+        let Some(rolling) = self.rolling else {
+            return 0.0;
+        };
+        let own = self.lens.as_ref().map_or(camera, |lens| &lens.camera);
+        let rows = f64::from(own.height);
+        let way = rolling.turn_per_row.length() + rolling.shift_per_row.length();
+        2.0 * camera.focal.max_element() * rows * way
+    }
+
     /// Tells the tiles that virtual objects lie in.
     fn upload_cover(&mut self, input: &FrameInput<'_>, augmented: bool) {
         let size = (input.picture.width, input.picture.height);
@@ -321,6 +376,7 @@ impl Compositor {
         let camera_from_world = pose.map_or(DMat4::IDENTITY, |p| p.inverse().to_matrix());
         let clip_from_world = clip_from_camera(input.camera) * camera_from_world;
         let emitters = self.scene.emitters.boxes();
+        self.cover.set_margin(self.rolling_margin(input.camera));
         self.cover
             .update(clip_from_world, size, pose.is_some(), emitters);
         let focal = input.camera.focal.max_element();
@@ -342,7 +398,8 @@ impl Compositor {
 
     fn fit_targets(&mut self, picture: &Picture) -> Result<bool, GpuError> {
         let size = (picture.width, picture.height);
-        if self.size() == Some(size) {
+        let sized = self.sized.as_ref().map(|s| &s.targets);
+        if sized.is_some_and(|t| (t.width, t.height) == size) {
             return Ok(false);
         }
         let largest = self.gpu.device.limits().max_texture_dimension_2d;
@@ -380,22 +437,36 @@ impl Compositor {
             composite: p.composite.bind(device, &targets, camera, &light.gloss),
             exposed: self.exposure.bind(device, &targets, &light.gloss),
             metered: self.exposure.bind_meter(device, &targets),
-            readback: Readback::new(device, targets.width, targets.height),
+            lens: self
+                .lens
+                .as_ref()
+                .and_then(|lens| lens.bind(device, &targets)),
+            readback: {
+                let straight = (targets.width, targets.height);
+                let lens = self.lens.as_ref();
+                let (width, height) = lens.map_or(straight, |lens| lens.size());
+                Readback::new(device, width, height)
+            },
             targets,
         }
     }
 
     fn upload_picture(&self, picture: &Picture) {
         let Some(sized) = &self.sized else { return };
+        let straight = &sized.targets.camera.texture;
+        let texture = self
+            .lens
+            .as_ref()
+            .map_or(straight, |lens| &lens.raw.texture);
         self.gpu.queue.write_texture(
-            sized.targets.camera.texture.as_image_copy(),
+            texture.as_image_copy(),
             &picture.rgba,
             wgpu::TexelCopyBufferLayout {
                 offset: 0,
                 bytes_per_row: Some(4 * picture.width),
                 rows_per_image: None,
             },
-            sized.targets.camera.texture.size(),
+            texture.size(),
         );
     }
 
@@ -428,7 +499,12 @@ impl Compositor {
         let near = input.near.filter(|near| near.generation != 0 && visible);
         let near_low = near.map_or([0.0; 4], |n| n.low.extend(1.0).to_array());
         let near_high = near.map_or([1.0; 4], |n| n.high.extend(0.0).to_array());
+        let [turning, moving, bending, rows] = self.rolling_uniform(camera);
         FrameUniform {
+            turning,
+            moving,
+            bending,
+            rows,
             right: axis(glam::DVec3::X),
             down: axis(glam::DVec3::Y),
             forward: axis(glam::DVec3::Z),

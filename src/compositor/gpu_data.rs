@@ -27,6 +27,10 @@ pub struct FrameUniform {
     pub planes_low: [f32; 4],
     pub planes_high: [f32; 4],
     pub brightest: [f32; 4],
+    pub turning: [f32; 4],
+    pub moving: [f32; 4],
+    pub bending: [f32; 4],
+    pub rows: [f32; 4],
 }
 
 /// Twin of WGSL `Light`.

@@ -19,6 +19,7 @@ mod lamp_coverage;
 mod lamp_layers;
 mod lamp_maps;
 mod lamp_screens;
+mod lens;
 mod light_maps;
 mod moving;
 mod near_maps;
@@ -37,21 +38,24 @@ pub mod timing;
 pub use exposure::Exposure;
 pub use frame::{FrameInput, LampResponse, ShadowMode};
 pub use gpu::{Gpu, GpuError};
+pub use lens::LensOutput;
 pub use passes::present::PresentPass;
 pub use scene_upload::{SceneUploader, UploadedScene};
 pub use shadow_slots::Refresh;
 
-use crate::calibration::Response;
+use crate::calibration::{Response, RollingShutter};
 use crate::scene::{Part, PlacedLamp, Scene};
 use cover::Cover;
 use exposure::ExposureStation;
 use frame::Pipelines;
+use lens::LensStage;
 use light_maps::LightMaps;
 use passes::shadow_map::ShadowMaps;
 use planes::PlanesStage;
 use scene_buffers::{SceneBuffers, SceneLayouts};
 use shaders::{MAX_LIGHTS, Variant};
 use shadow_slots::ShadowSlots;
+use std::sync::Arc;
 use targets::Targets;
 use timing::Timer;
 
@@ -109,6 +113,10 @@ pub struct Compositor {
     answers: bool,
     planes: Option<Box<PlanesStage>>,
     exposure: ExposureStation,
+    /// Where the camera's lens bends straight lines.
+    lens: Option<Arc<LensStage>>,
+    lens_output: LensOutput,
+    rolling: Option<RollingShutter>,
 }
 
 impl Compositor {
@@ -126,6 +134,7 @@ impl Compositor {
             phong: false,
             fine: settings.shadow_step == 1,
             exposed: false,
+            rolling: false,
         };
         let pipelines = Pipelines::new(device, &light_maps.frame_layout, &layouts, variant);
         Self {
@@ -143,6 +152,9 @@ impl Compositor {
             answers: false,
             planes: None,
             exposure: ExposureStation::default(),
+            lens: None,
+            lens_output: LensOutput::Camera,
+            rolling: None,
             gpu,
             settings,
             pipelines,
@@ -206,15 +218,17 @@ impl Compositor {
     /// Size of the pictures made so far.
     #[must_use]
     pub fn size(&self) -> Option<(u32, u32)> {
-        self.sized
-            .as_ref()
-            .map(|s| (s.targets.width, s.targets.height))
+        let sized = self.sized.as_ref()?;
+        let straight = (sized.targets.width, sized.targets.height);
+        Some(self.lens.as_ref().map_or(straight, |lens| lens.size()))
     }
 
     /// The finished picture, for showing it.
     #[must_use]
     pub fn output(&self) -> Option<&wgpu::TextureView> {
-        self.sized.as_ref().map(|s| &s.targets.output.view)
+        let sized = self.sized.as_ref()?;
+        let bent = self.lens.as_ref().and_then(|lens| lens.output());
+        Some(&bent.unwrap_or(&sized.targets.output).view)
     }
 
     /// The device.
@@ -235,12 +249,19 @@ impl Compositor {
         self.timer.read(&self.gpu.device)
     }
 
+    /// How the camera moves while it reads the pictures to come, where its rows are read one
+    /// after the other. The pose is that of the middle row.
+    pub const fn set_rolling(&mut self, rolling: Option<RollingShutter>) {
+        self.rolling = rolling;
+    }
+
     /// Compiles the shaders anew when the first lamp or area lamp or Phong's first lobe comes.
     fn fit_variant(&mut self, lamps: &[PlacedLamp]) {
         let wanted = Variant {
             lamps: self.variant.lamps || !lamps.is_empty(),
             areas: self.variant.areas || lamps.iter().any(|lamp| lamp.area.is_some()),
             phong: self.variant.phong || self.scene.has_phong,
+            rolling: self.variant.rolling || self.rolling.is_some(),
             ..self.variant
         };
         if wanted != self.variant {

@@ -50,6 +50,8 @@ pub struct Variant {
     pub fine: bool,
     /// The picture comes in another exposure than the camera's, and linear.
     pub exposed: bool,
+    /// The camera's rows are read one after the other.
+    pub rolling: bool,
 }
 
 impl Variant {
@@ -62,12 +64,18 @@ impl Variant {
         phong: false,
         fine: true,
         exposed: false,
+        rolling: false,
     };
 }
 
 /// Every shader of the compositor, complete.
 #[must_use]
-pub fn all(variant: Variant) -> [(&'static str, String); 12] {
+pub fn all(variant: Variant) -> [(&'static str, String); 13] {
+    let rolling = if variant.rolling { "true" } else { "false" };
+    texts(variant).map(|(name, text)| (name, text.replace("ROLLING", rolling)))
+}
+
+fn texts(variant: Variant) -> [(&'static str, String); 13] {
     [
         (
             "shadow_map",
@@ -208,6 +216,19 @@ pub fn all(variant: Variant) -> [(&'static str, String); 12] {
         (
             "present",
             join(&[FULLSCREEN, include_str!("shaders/present.wgsl")]),
+        ),
+        (
+            "lens",
+            sampled(
+                join(&[
+                    FULLSCREEN,
+                    NORMAL,
+                    SURFACE,
+                    CODES,
+                    include_str!("shaders/lens.wgsl"),
+                ]),
+                variant,
+            ),
         ),
         ("luminance", join(&[include_str!("shaders/luminance.wgsl")])),
     ]
@@ -393,6 +414,7 @@ mod tests {
                 phong: samples > 1,
                 fine: soft > 1,
                 exposed: lamps,
+                rolling: samples > 1,
             });
             let summing = [true, false];
             let planes = summing.map(|real| {

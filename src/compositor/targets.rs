@@ -140,7 +140,7 @@ impl Targets {
         Self {
             width,
             height,
-            camera: m.make("camera", full, format::CAMERA, uploaded | U::COPY_SRC, 1),
+            camera: m.make("camera", full, format::CAMERA, drawn | copied, 1),
             codes: device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some("codes"),
                 size: 4 * u64::from(256 + ENCODING),

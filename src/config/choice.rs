@@ -27,6 +27,19 @@ pub enum LightPlacement {
     Grid,
 }
 
+/// What is done about a tracker's latency that is measured while the rig runs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum FollowLatency {
+    /// `"off"`: it is not measured.
+    Off,
+    /// `"tell"`: the status tells it beside the calibrated one, and warns where they differ.
+    #[default]
+    Tell,
+    /// `"apply"`: it takes the calibrated one's place, slowly, once it is sure.
+    Apply,
+}
+
 /// What is done about sources that even the darkest exposure clips.
 #[derive(
     Clone,

@@ -38,7 +38,7 @@ fn convert(file: ConfigFile, folder: &Path) -> Result<Config> {
     config.calibration = file.calibration.from.map(|path| folder.join(path));
     devices::recording(file.recording, folder, &mut config.recording)?;
     environment(file.environment, &mut config.environment)?;
-    registration(&file.registration, &mut config.registration);
+    registration(&file.registration, &mut config.registration)?;
     white_balance(&file.white_balance, &mut config.white_balance)?;
     shadows(&file.shadows, &mut config.shadows)?;
     set(&mut config.shading.reflections, file.shading.reflections);
@@ -236,6 +236,7 @@ fn sync(file: &file::Sync, out: &mut SyncConfig) -> Result<()> {
     )?;
     out.tracker_latency_nanos =
         millis("sync.tracker_latency_ms", file.tracker_latency_ms, latency)?;
+    set(&mut out.follow_latency, file.follow_latency);
     let smoothing = millis(
         "sync.pose_smoothing_ms",
         file.pose_smoothing_ms,

@@ -2,8 +2,8 @@
 //! mean is said in `config/rig.toml`.
 
 use super::choice::{
-    Antialias, Clipped, Irradiance, LampResponse, LightPlacement, Monitor, Refresh, ReplayPairing,
-    ReplaySpeed, ShadowMode, ShadowResolution, ShadowTechnique, ToneCurve, Unseen,
+    Antialias, Clipped, FollowLatency, Irradiance, LampResponse, LightPlacement, Monitor, Refresh,
+    ReplayPairing, ReplaySpeed, ShadowMode, ShadowResolution, ShadowTechnique, ToneCurve, Unseen,
     WhiteBalanceMethod, YuvMatrix, YuvRange,
 };
 use super::devices::{
@@ -140,6 +140,7 @@ pub(super) struct Sync {
     pub scene_camera_latency_ms: Option<f64>,
     pub environment_camera_latency_ms: Option<f64>,
     pub tracker_latency_ms: Option<f64>,
+    pub follow_latency: Option<FollowLatency>,
     pub pose_smoothing_ms: Option<f64>,
     pub longest_prediction_ms: Option<f64>,
     pub longest_wait_ms: Option<f64>,

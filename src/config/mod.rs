@@ -17,9 +17,9 @@ pub use crate::environment::Filtering;
 pub use crate::picture::YuvEncoding;
 use crate::sync::{Degree, Smoothing};
 pub use choice::{
-    Antialias, Clipped, Irradiance, LampResponse, LightPlacement, Monitor, Refresh, ReplayPairing,
-    ReplaySpeed, SceneChoice, ShadowMode, ShadowResolution, ShadowTechnique, ToneCurve, Unseen,
-    WhiteBalanceMethod, YuvMatrix, YuvRange,
+    Antialias, Clipped, FollowLatency, Irradiance, LampResponse, LightPlacement, Monitor, Refresh,
+    ReplayPairing, ReplaySpeed, SceneChoice, ShadowMode, ShadowResolution, ShadowTechnique,
+    ToneCurve, Unseen, WhiteBalanceMethod, YuvMatrix, YuvRange,
 };
 pub use convert::{LIGHT_COUNTS, listen_needs_token};
 pub use devices::{
@@ -32,7 +32,7 @@ pub use exposure::{
     ExposureChoice, ExposureConfig, ExposureMode, Highlights,
 };
 pub use planes::{FREQUENCIES, PlaneReceiver, PlaneShading, PlanesConfig, lights_of_dome};
-pub use registration::{PoseSource, RegistrationConfig};
+pub use registration::{Distortion, PoseSource, RegistrationConfig};
 
 use crate::capture::{CameraSource, TrackerSource};
 use crate::scene::SceneAddition;
@@ -190,6 +190,8 @@ pub struct SyncConfig {
     pub environment_camera_latency_nanos: Option<i64>,
     /// Overrides the calibration's, nanoseconds.
     pub tracker_latency_nanos: Option<i64>,
+    /// Whether that is measured while the rig runs.
+    pub follow_latency: FollowLatency,
     /// Half the widest window over which poses are smoothed, nanoseconds; 0 = none.
     pub pose_smoothing_nanos: i64,
     /// A pose is predicted at most so far, nanoseconds.
@@ -352,6 +354,7 @@ impl Default for SyncConfig {
             scene_camera_latency_nanos: None,
             environment_camera_latency_nanos: None,
             tracker_latency_nanos: None,
+            follow_latency: FollowLatency::Tell,
             pose_smoothing_nanos: 100_000_000,
             longest_prediction_nanos: 50_000_000,
             longest_wait_nanos: 20_000_000,

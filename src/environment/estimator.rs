@@ -19,6 +19,7 @@ use super::sources::{LUMINANCE, Layout, SampleGrid, Source, SourceFinder, Source
 use super::stages::Stages;
 use super::view::PlacedView;
 use crate::calibration::Response;
+use crate::calibration::photometric::vignetting::Vignetting;
 use crate::calibration::rig::EnvironmentView;
 use faces::{FaceTable, Filling};
 use glam::{Mat3, Vec3};
@@ -148,6 +149,11 @@ impl EnvironmentEstimator {
         };
         estimator.lay_faces(glam::Quat::IDENTITY);
         Ok(estimator)
+    }
+
+    /// Undoes the camera's fall-off towards the edge of its pictures of `size`.
+    pub fn set_vignetting(&mut self, vignetting: &Vignetting, size: (u32, u32)) {
+        self.merger.set_corrections(vignetting.corrections(size));
     }
 
     /// Settings in force.

@@ -33,6 +33,8 @@ pub struct Bracket<'a> {
 pub struct BracketMerger {
     linear_from_code: [f32; 256],
     share_of_longer: [f32; 256],
+    /// What each pixel is multiplied by; empty for an even picture.
+    corrections: Vec<f32>,
 }
 
 impl BracketMerger {
@@ -44,13 +46,21 @@ impl BracketMerger {
             share_of_longer: std::array::from_fn(|code| {
                 1.0 - ((code as f32 - FADE_FROM) / (CLIPPED - FADE_FROM)).clamp(0.0, 1.0)
             }),
+            corrections: Vec::new(),
         }
+    }
+
+    /// Undoes a fall-off towards the edge: `corrections` holds one factor a pixel, row-major
+    /// ([`Vignetting::corrections`](crate::calibration::photometric::vignetting::Vignetting)).
+    pub fn set_corrections(&mut self, corrections: Vec<f32>) {
+        self.corrections = corrections;
     }
 
     /// Linear value of pixel `i` (row-major) and whether even the shortest exposure clips
     /// it. `brackets` must be sorted from long to short; their pictures have pixel `i`.
     #[must_use]
     pub fn pixel(&self, brackets: &[Bracket], scales: &[f32], i: usize) -> (Vec3, bool) {
+        let even = self.corrections.get(i).copied().unwrap_or(1.0);
         let mut value = Vec3::ZERO;
         let mut rest = 1.0;
         for (k, (bracket, &scale)) in brackets.iter().zip(scales).enumerate() {
@@ -69,13 +79,13 @@ impl BracketMerger {
                 // overwhelms the sensor takes all three with it.
                 let bottom = codes.iter().copied().min().unwrap_or(0);
                 let clipped = f32::from(top) >= CLIPPED && f32::from(bottom) >= NEARLY_CLIPPED;
-                return (value, clipped);
+                return (value * even, clipped);
             }
             if rest <= 0.0 {
                 break;
             }
         }
-        (value, false)
+        (value * even, false)
     }
 
     fn linear(&self, codes: &[u8]) -> Vec3 {
@@ -125,6 +135,22 @@ mod tests {
             .collect();
         let mean = values.iter().map(|(v, _)| v.x).sum::<f32>() / noise.len() as f32;
         (mean, values.iter().any(|v| v.1))
+    }
+
+    #[test]
+    fn a_fall_off_is_undone_pixel_by_pixel() {
+        let picture = flat(0.25, &[0, 0, 0]);
+        let brackets = [Bracket {
+            picture: &picture,
+            ev: 0.0,
+        }];
+        let mut merger = BracketMerger::new(&Response::srgb());
+        let (before, _) = merger.pixel(&brackets, &[1.0], 2);
+        merger.set_corrections(vec![1.0, 1.25, 2.0]);
+        let after: Vec<Vec3> = (0..3)
+            .map(|i| merger.pixel(&brackets, &[1.0], i).0)
+            .collect();
+        assert_eq!(after, [before, before * 1.25, before * 2.0]);
     }
 
     #[test]

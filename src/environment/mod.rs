@@ -45,6 +45,7 @@ mod tracking;
 pub mod view;
 
 pub use brightest::{BrightestFollower, BrightestLight};
+pub use circle::ball_outline;
 pub use clipped::ClippedEnergy;
 pub use estimator::EnvironmentEstimator;
 pub use hdr::Bracket;

@@ -4,13 +4,15 @@
 //! pictures comes after it, and both are written into a recording. So a replay pairs as the
 //! live rig did, and knows which pictures its light has seen.
 
+use super::latency_watch::{LatencyState, LatencyWatch};
 use super::source::Source;
 use crate::calibration::RigCalibration;
 use crate::calibration::rig::EnvironmentView;
 use crate::capture::{Hub, Taken};
+use crate::picture::Picture;
 use crate::session::{Events, LightNote, Session, SessionError, SessionEvent};
 use crate::sync::{Pairing, PairingConfig, PairingCounts, RigFrame};
-use penumbra_interface::{Clock, MonotonicTime, PoseSample, SystemClock};
+use penumbra_interface::{Clock, MonotonicTime, PoseSample, RigidTransform, SystemClock};
 use penumbra_tracker_serial::{AnyDecoder, Counters, Format};
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -32,6 +34,7 @@ pub struct Feed {
     sphere_in_scene: bool,
     counts: FeedCounts,
     tracker: Counters,
+    watch: Option<LatencyWatch>,
 }
 
 enum Origin {
@@ -120,6 +123,40 @@ impl Feed {
             origin,
             counts: FeedCounts::default(),
             tracker: Counters::default(),
+            watch: None,
+        }
+    }
+
+    /// With somebody who is told the tracker's readings, to measure its latency.
+    #[must_use]
+    pub(super) fn watched_by(mut self, watch: Option<LatencyWatch>) -> Self {
+        self.watch = watch;
+        self
+    }
+
+    /// Shows the scene camera's picture to whoever measures the latency, and lets what is
+    /// measured come into force where that is wished.
+    pub(super) fn watch_picture(
+        &mut self,
+        captured_at: MonotonicTime,
+        picture: &Picture,
+        by_markers: Option<RigidTransform>,
+    ) {
+        if let Some(watch) = &mut self.watch {
+            watch.look(captured_at, picture, by_markers);
+            if let Some(latency) = watch.wished_latency() {
+                self.pairing.wish_tracker_latency(latency);
+            }
+        }
+    }
+
+    /// What was measured of the tracker's latency; all that is known once a recording is over.
+    pub(super) fn latency(&mut self, over: bool) -> LatencyState {
+        let watch = self.watch.as_mut();
+        let followed = watch.map(|w| if over { w.finish() } else { w.known() });
+        LatencyState {
+            in_force_nanos: self.pairing.tracker_latency(),
+            followed,
         }
     }
 
@@ -132,6 +169,9 @@ impl Feed {
         }
         self.retire_decoder();
         self.pairing = Pairing::new(self.origin.with_recorded_poses(config));
+        if let Some(watch) = &mut self.watch {
+            watch.restart();
+        }
     }
 
     /// The next picture of the scene camera with what belongs to it.
@@ -238,6 +278,9 @@ impl Feed {
             SessionEvent::Pose(sample) => {
                 self.counts.poses += 1;
                 self.pairing.push_pose(&sample);
+                if let Some(watch) = &mut self.watch {
+                    watch.reading(&sample);
+                }
             }
             SessionEvent::Tick(_) => (),
             // A note about what was paired before, not an arrival.
@@ -260,9 +303,13 @@ impl Feed {
             return;
         };
         let (pairing, counts) = (&mut self.pairing, &mut self.counts);
+        let watch = &mut self.watch;
         decoder.push(bytes, arrived_at, |sample: PoseSample| {
             counts.poses += 1;
             pairing.push_pose(&sample);
+            if let Some(watch) = watch {
+                watch.reading(&sample);
+            }
         });
     }
 
@@ -364,7 +411,7 @@ pub fn is_sphere_in_scene(rig: &RigCalibration) -> bool {
 
 /// What reads the bytes. A protocol that nobody knows is read as a FASTRAK's default; the
 /// decoder counts what it cannot read.
-fn decoder_for(protocol: &str, metres_per_unit: Option<f64>) -> AnyDecoder {
+pub(super) fn decoder_for(protocol: &str, metres_per_unit: Option<f64>) -> AnyDecoder {
     let decoder =
         AnyDecoder::for_protocol(protocol).unwrap_or_else(|| AnyDecoder::new(Format::default()));
     match metres_per_unit {

@@ -98,6 +98,9 @@ impl LightStation {
         {
             photometry.set_chart(chart);
         }
+        if let Some(gains) = rig.gains.filter(|_| !same_camera) {
+            photometry.set_calibrated(gains);
+        }
         Ok(Self {
             estimator,
             photometry,
@@ -240,6 +243,7 @@ impl LightStation {
                 response: &environment.response,
             },
             environment_view: &environment.view,
+            vignetting: [self.rig.scene_camera.vignetting, environment.vignetting],
         };
         let rays = &self.rays;
         let cast = |o: DVec3, d: DVec3| rays.cast(o, d);
@@ -426,9 +430,10 @@ fn photometry_settings(config: &Config) -> PhotometrySettings {
     }
 }
 
-type ChartResult = Result<ChartMatch, ChartError>;
+pub(super) type ChartResult = Result<ChartMatch, ChartError>;
 
-fn chart_match(
+/// What the calibration's pictures of a colour chart say, where it has any.
+pub(super) fn chart_match(
     rig: &RigCalibration,
     files: &Attachments,
     matrix: bool,

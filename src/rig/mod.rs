@@ -10,6 +10,8 @@ pub mod bake;
 mod baking;
 pub mod calibrate;
 pub mod feed;
+mod latency_status;
+mod latency_watch;
 pub mod light;
 pub mod light_report;
 mod lighter;
@@ -19,6 +21,7 @@ mod near_light;
 mod notify;
 mod pace;
 mod planes;
+mod poses;
 pub mod prepare;
 mod probe_status;
 mod rates;
@@ -46,9 +49,10 @@ pub use settings::live_settings;
 pub use source::{Live, RigFiles, Source};
 
 use crate::calibration::fiducial::TagMap;
+use crate::calibration::lens_files::SCENE_LENS;
 use crate::calibration::{RigCalibration, RigDocument};
 use crate::compositor::GpuError;
-use crate::config::{Config, ConfigError};
+use crate::config::{Config, ConfigError, PoseSource};
 use crate::environment::EnvironmentError;
 use crate::picture::PictureError;
 use crate::scene::{Scene, SceneError};
@@ -87,6 +91,21 @@ pub enum RigError {
         /// What is wrong.
         reason: String,
     },
+    /// A step of calibration that cannot be begun.
+    #[error(transparent)]
+    Calibration {
+        /// Why.
+        refusal: crate::status::calibration::CalibrationRefusal,
+    },
+    /// A calibration has no place among the rig's files.
+    #[error(
+        "{reason}, so a calibration has no place; set [calibration] from = \"FOLDER\" to a folder \
+         of the rig's files"
+    )]
+    NoCalibrationFolder {
+        /// What is there instead.
+        reason: String,
+    },
     /// Calibration, objects, phantoms.
     #[error(transparent)]
     Scene(#[from] SceneError),
@@ -101,10 +120,19 @@ pub enum RigError {
     Planes(#[from] crate::scene::planes::PlaneError),
     /// The pose is to come from markers that nobody told of.
     #[error(
-        "registration.pose = \"markers\", but the calibration lists none; add `markers` to rig.json, or \
-         use \"tracker\""
+        "registration.pose = \"{wanted}\", but the calibration lists no markers; add `markers` to \
+         rig.json, or use \"tracker\""
     )]
-    NoMarkers,
+    NoMarkers {
+        /// What the configuration says.
+        wanted: &'static str,
+    },
+    /// A check without markers.
+    #[error(
+        "the rig has no markers to check it by; print some, fix them, and run `penumbra calibrate map`, or \
+         list them in rig.json"
+    )]
+    NothingToCheckBy,
     /// Markers that cannot be found.
     #[error("rig.json: markers: {reason}")]
     Markers {
@@ -157,6 +185,12 @@ pub enum RigError {
     /// The status endpoint.
     #[error(transparent)]
     Status(#[from] crate::status::StatusError),
+    /// The poses' file is there already.
+    #[error("{path}: is there already; name another file or pass --force", path = path.display())]
+    PosesThere {
+        /// The file.
+        path: PathBuf,
+    },
     /// A file could not be written.
     #[error("{path}: {source}; free space, or name another folder", path = path.display())]
     Write {
@@ -221,7 +255,9 @@ pub struct RigSetup {
     pub calibration: RigCalibration,
     /// What is drawn.
     pub scene: Scene,
-    /// Fiducials by which the scene camera's pose is found, instead of a tracker.
+    /// What tells the scene camera's pose; never [`PoseSource::Auto`].
+    pub pose: PoseSource,
+    /// Fiducials by which it is found, instead of a tracker or beside one.
     pub tags: Option<TagMap>,
     /// Somebody has calibrated the rig.
     pub calibrated: bool,
@@ -240,16 +276,21 @@ impl RigSetup {
             .select_environment(config.environment.source, camera_recorded)
             .map_err(SceneError::from)?;
         let scene = Scene::choose(&config.scene, &document, &attachments)?;
-        let tags = registration::wanted_tags(&document.markers, config)?;
         let mut calibration = calibration(&document, config);
-        if tags.is_some() {
+        let tracker = calibration.tracker.is_some();
+        let pose = registration::pose_source(&document.markers, tracker, config)?;
+        let tags = registration::wanted_tags(&document.markers, pose)?;
+        if pose == PoseSource::Markers {
             // Nothing waits for a tracker that nobody asks.
             calibration.tracker = None;
         }
         Ok(Self {
             calibration,
+            pose,
             tags,
-            calibrated: source.attachment("rig.json").is_some(),
+            calibrated: ["rig.json", SCENE_LENS]
+                .iter()
+                .any(|file| source.attachment(file).is_some()),
             scene,
         })
     }
@@ -257,12 +298,27 @@ impl RigSetup {
     /// The scene camera's pose for a paired frame, if the sensor's is known.
     #[must_use]
     pub fn world_from_camera(&self, frame: &RigFrame) -> Option<RigidTransform> {
-        if self.tags.is_some() {
+        if self.pose == PoseSource::Markers {
             return None;
         }
         let pose = frame.pose.as_ref()?.transmitter_from_sensor;
         let tracker = self.calibration.tracker.as_ref();
         Some(tracker.map_or(pose, |t| t.world_from_scene_camera(pose)))
+    }
+}
+
+/// Noise of a pose by a tracker that tells none: metres, radians.
+const TRACKER_NOISE: [f64; 2] = [2e-4, 3e-4];
+
+impl RigSetup {
+    /// Standard deviations, along an axis, of the noise of the scene camera's pose by the
+    /// tracker: metres, radians. The camera stands off the sensor, so that the sensor's turn
+    /// moves it.
+    pub(crate) fn tracker_noise(&self, frame: &RigFrame) -> Option<[f64; 2]> {
+        let [metres, radians] = frame.pose.as_ref()?.sigma?;
+        let tracker = self.calibration.tracker.as_ref();
+        let lever = tracker.map_or(0.0, |t| t.sensor_from_scene_camera.translation.length());
+        Some([metres.hypot(radians * lever), radians].map(|all| all / 3.0_f64.sqrt()))
     }
 }
 

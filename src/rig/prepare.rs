@@ -3,14 +3,18 @@
 //! waits for it, so the same recording gives the same pictures.
 
 use super::feed::{Fed, FedFrame, Feed, FeedCounts};
+pub use super::latency_watch::LatencyState;
+use super::latency_watch::LatencyWatch;
 use super::light::LightStation;
 use super::light::SphereAt;
 use super::lighter::{Lighter, SceneNews, Seen};
 use super::lights::Lights;
 use super::pace::Pace;
-use super::registration::Station;
+use super::registration::{ByTracker, Station};
 use super::source::Source;
-use super::{RigError, RigSetup, threads};
+use super::{RigError, RigSetup, TRACKER_NOISE, threads};
+use crate::calibration::RollingShutter;
+use crate::calibration::fusion::Tracked;
 use crate::calibration::photometry::MatchStatus;
 use crate::capture::TrackerSource;
 use crate::config::{Config, ReplayPairing};
@@ -21,6 +25,7 @@ use crate::scene::NearLight;
 use crate::status::{RegistrationStatus, Settings};
 use crate::sync::{PairingConfig, PairingCounts, RigFrame};
 use crossbeam_channel::{Receiver, Sender, bounded};
+use glam::DVec3;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -28,6 +33,10 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use tokio::sync::watch;
 
+/// Pictures further apart than this do not tell how the camera moves, seconds.
+const LONGEST_STEP: f64 = 0.2;
+/// Half the time over which a tracker tells it, nanoseconds: longer than a picture is read.
+const MOTION_NANOS: i64 = 10_000_000;
 /// Frames that may wait for the compositor.
 const AHEAD: usize = 1;
 
@@ -43,6 +52,11 @@ pub struct Prepared {
     pub world_from_camera: Option<RigidTransform>,
     /// Where that pose comes from.
     pub registration: RegistrationStatus,
+    /// How the camera moved while it read the picture, where its shutter rolls.
+    pub rolling: Option<RollingShutter>,
+    /// Error of the tracker's own pose at this instant: millimetres, degrees, and pixels amid
+    /// the virtual objects.
+    pub tracker_sigma: Option<[f64; 3]>,
     /// Seconds since the recording's first picture.
     pub seconds: f64,
     /// The light, and what is known of it.
@@ -111,6 +125,8 @@ pub struct Counts {
     pub pairing: PairingCounts,
     /// Tracker bytes that belonged to no record.
     pub skipped_tracker_bytes: u64,
+    /// The tracker's latency.
+    pub latency: LatencyState,
 }
 
 /// The thread, and the way to it. Dropping it ends the thread.
@@ -155,8 +171,12 @@ impl Preparation {
         let (wants, wanted) = bounded(1);
         let mut worker = Worker {
             lights: lights(setup, config, source, wished, news)?,
-            feed: Feed::new(source, &setup.calibration, pairing, as_live),
-            station: Station::new(setup),
+            feed: Feed::new(source, &setup.calibration, pairing, as_live)
+                .watched_by(LatencyWatch::start(setup, config, source, pairing.station)?),
+            station: Station::new(setup, config.registration.row_seconds),
+            row_seconds: config.registration.row_seconds,
+            last_pose: None,
+            middle: super::registration::middle(&setup.scene, setup.tags.as_ref()),
             setup: setup.clone(),
             pairing,
             yuv: config.input.encoding(),
@@ -210,6 +230,12 @@ struct Worker {
     setup: RigSetup,
     /// Looks for fiducials, where the rig has a use for them.
     station: Option<Station>,
+    /// What the virtual objects stand about, world, metres.
+    middle: DVec3,
+    /// From one row of the scene camera to the next.
+    row_seconds: f64,
+    /// The picture before, where its pose tells how the camera moves.
+    last_pose: Option<(MonotonicTime, RigidTransform)>,
     lights: Lights,
     feed: Feed,
     pairing: PairingConfig,
@@ -248,7 +274,10 @@ impl Worker {
                     return;
                 }
             }
-            let counts = self.counts();
+            let counts = Counts {
+                latency: self.feed.latency(true),
+                ..self.counts()
+            };
             let over = self.steps.send(Step::End(Box::new(counts))).is_err();
             if over || !self.repeat || counts.feed.scene_frames == 0 {
                 return;
@@ -257,11 +286,12 @@ impl Worker {
         }
     }
 
-    fn counts(&self) -> Counts {
+    fn counts(&mut self) -> Counts {
         Counts {
             feed: self.feed.counts(),
             pairing: self.feed.pairing_counts(),
             skipped_tracker_bytes: self.feed.tracker_counters().skipped_bytes,
+            latency: self.feed.latency(false),
         }
     }
 
@@ -291,6 +321,8 @@ impl Worker {
         let seconds = frame.captured_at.seconds_since(first);
         let (world_from_camera, ball, registration) =
             self.register(&picture, &frame, world_from_camera, misfit.is_none());
+        let rolling = self.rolling(&frame, world_from_camera);
+        let tracker_sigma = self.tracker_sigma(&frame, world_from_camera);
         let seen = Seen {
             ball,
             ..Seen::new(&frame, seconds, world_from_camera)
@@ -298,6 +330,7 @@ impl Worker {
         if let Some(note) = self.lights.see(&seen, &picture, noted) {
             self.feed.note(seen.arrived_at, note);
         }
+        let counts = self.counts();
         let light = self.lights.in_force();
         Step::Frame(Box::new(Prepared {
             index: frame.index,
@@ -305,13 +338,15 @@ impl Worker {
             picture,
             world_from_camera,
             registration,
+            rolling,
+            tracker_sigma,
             light: light.state.clone(),
             decoding,
             lighting: light.took,
             preview: light.preview.take(),
             warning: misfit.or(light.unseen.take()),
             passed_over,
-            counts: self.counts(),
+            counts,
             frame,
         }))
     }
@@ -324,17 +359,68 @@ impl Worker {
         tracked: Option<RigidTransform>,
         fits: bool,
     ) -> (Option<RigidTransform>, SphereAt, RegistrationStatus) {
+        let motion = self.tracked_motion(frame);
         let Some(station) = self.station.as_mut().filter(|_| fits) else {
+            if fits {
+                self.feed.watch_picture(frame.captured_at, picture, None);
+            }
             let status = RegistrationStatus::by_tracker(tracked.is_some());
             return (tracked, SphereAt::Calibrated, status);
         };
-        let told = station.look(picture, tracked, frame.captured_at);
+        let tracked = tracked.map(|world_from_camera| Tracked {
+            world_from_camera,
+            noise: self.setup.tracker_noise(frame).unwrap_or(TRACKER_NOISE),
+        });
+        let by_tracker = ByTracker {
+            pose: tracked,
+            motion,
+        };
+        let told = station.look(picture, by_tracker, frame.captured_at);
+        self.feed
+            .watch_picture(frame.captured_at, picture, told.by_markers);
         let ball = match told.ball {
             Some(ball) => SphereAt::Seen(ball),
             None if told.ball_lost => SphereAt::Lost,
             None => SphereAt::Calibrated,
         };
         (told.world_from_camera, ball, told.status)
+    }
+
+    /// How the camera moved: by the tracker, else since the picture before.
+    fn rolling(
+        &mut self,
+        frame: &RigFrame,
+        pose: Option<RigidTransform>,
+    ) -> Option<RollingShutter> {
+        if self.row_seconds == 0.0 {
+            return None;
+        }
+        let last = std::mem::replace(&mut self.last_pose, pose.map(|p| (frame.captured_at, p)));
+        if let Some(motion) = self.tracked_motion(frame) {
+            return Some(motion);
+        }
+        let (then, before) = last?;
+        let seconds = frame.captured_at.seconds_since(then);
+        let near = (1e-3..LONGEST_STEP).contains(&seconds);
+        near.then(|| RollingShutter::between(&before, &pose?, seconds, self.row_seconds))?
+    }
+
+    /// How the camera moved, by the tracker.
+    fn tracked_motion(&self, frame: &RigFrame) -> Option<RollingShutter> {
+        let (before, after, seconds) = frame.motion?;
+        let tracker = self.setup.calibration.tracker.as_ref()?;
+        let [before, after] = [before, after].map(|p| tracker.world_from_scene_camera(p));
+        RollingShutter::between(&before, &after, seconds, self.row_seconds)
+    }
+
+    /// See [`Prepared::tracker_sigma`].
+    fn tracker_sigma(&self, frame: &RigFrame, pose: Option<RigidTransform>) -> Option<[f64; 3]> {
+        let [metres, radians] = self.setup.tracker_noise(frame)?;
+        let camera = &self.setup.calibration.scene_camera.camera;
+        let z = pose?.inverse().transform_point(self.middle).z.abs();
+        let pixels = camera.focal.x * (metres / z.clamp(0.1, 10.0)).hypot(radians);
+        let all = 3.0_f64.sqrt();
+        Some([1e3 * metres * all, radians.to_degrees() * all, pixels])
     }
 
     /// A picture of another size than the calibration's is shown as it is: nothing can be put
@@ -383,6 +469,9 @@ fn pairing(config: &Config, setup: &RigSetup, as_live: bool) -> PairingConfig {
     let mut pairing = PairingConfig::for_rig(&setup.calibration);
     pairing.history.max_prediction_nanos = config.sync.longest_prediction_nanos;
     pairing.history.smoothing = config.sync.smoothing();
+    if config.registration.row_seconds != 0.0 {
+        pairing.motion_nanos = MOTION_NANOS;
+    }
     if let (Some(station), Some(TrackerSource::System(tracker))) =
         (&mut pairing.station, &config.tracker)
     {

@@ -1,16 +1,19 @@
 //! Where the scene camera is, and the mirrored sphere, by the fiducials in its picture.
 
 use super::{RigError, RigSetup};
-use crate::calibration::PinholeCamera;
 use crate::calibration::fiducial::{
-    Detector, Family, Registrar, Registration, Tag, TagMap, TagSeen, nearest_pose,
+    Detector, Expectation, Family, Registered, Registrar, Registration, Tag, TagMap, TagSeen,
+    UnknownFamily, nearest_pose,
 };
+use crate::calibration::fusion::{Fused, Fusion, PoseSigma, Source, Tracked, Verdict};
 use crate::calibration::rig::{EnvironmentView, SphereMarker};
 use crate::calibration::rig_json::Marker;
+use crate::calibration::{PinholeCamera, RollingShutter};
 use crate::config::{Config, PoseSource};
 use crate::environment::BallSeen;
 use crate::picture::Picture;
-use crate::status::RegistrationStatus;
+use crate::scene::Scene;
+use crate::status::{RegistrationSource, RegistrationStatus};
 use glam::DVec3;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 
@@ -22,8 +25,14 @@ pub(super) const UNTOLD_SIGMA: f64 = 0.5;
 pub(super) struct Station {
     detector: Detector,
     camera: PinholeCamera,
+    /// From one row of it to the next.
+    row_seconds: f64,
     /// Where they tell the pose.
     registrar: Option<Registrar>,
+    /// Where they tell it together with the tracker.
+    fusion: Option<Fusion>,
+    /// Poses by markers that were not believed.
+    rejected: u64,
     /// Where one carries the mirrored sphere.
     probe: Option<Probe>,
     /// Centre of a sphere that stands still.
@@ -36,10 +45,21 @@ struct Probe {
     last: Option<RigidTransform>,
 }
 
+/// What the tracker tells of a picture.
+#[derive(Clone, Copy, Default)]
+pub(super) struct ByTracker {
+    /// The camera's pose.
+    pub pose: Option<Tracked>,
+    /// How it moved while the picture was read.
+    pub motion: Option<RollingShutter>,
+}
+
 /// What a picture told.
 pub(super) struct Told {
     /// The scene camera's pose.
     pub world_from_camera: Option<RigidTransform>,
+    /// The same by markers alone, however it is used.
+    pub by_markers: Option<RigidTransform>,
     /// The mirrored sphere, where this picture tells more of it than the calibration.
     pub ball: Option<BallSeen>,
     /// The sphere is carried about, and this picture does not show where.
@@ -50,7 +70,7 @@ pub(super) struct Told {
 
 impl Station {
     /// Of a rig that wants it; `None` where nothing is to be looked for.
-    pub fn new(setup: &RigSetup) -> Option<Self> {
+    pub fn new(setup: &RigSetup, row_seconds: f64) -> Option<Self> {
         let rig = &setup.calibration;
         let probe = rig.sphere_marker.clone();
         if setup.tags.is_none() && probe.is_none() {
@@ -67,40 +87,65 @@ impl Station {
         Some(Self {
             detector: Detector::new(&families, &rig.scene_camera.response),
             camera: rig.scene_camera.camera.clone(),
+            row_seconds,
+            fusion: (setup.pose == PoseSource::Hybrid).then(|| {
+                let middle = middle(&setup.scene, setup.tags.as_ref());
+                Fusion::new(rig.scene_camera.camera.clone(), middle)
+            }),
+            rejected: 0,
             registrar: setup.tags.clone().map(Registrar::new),
             ball: ball.filter(|_| probe.is_none()),
             probe: probe.map(|marker| Probe { marker, last: None }),
         })
     }
 
-    /// What a picture tells; `tracked` is the pose by the tracker.
-    pub fn look(
-        &mut self,
-        picture: &Picture,
-        tracked: Option<RigidTransform>,
-        at: MonotonicTime,
-    ) -> Told {
+    /// What a picture tells.
+    pub fn look(&mut self, picture: &Picture, by: ByTracker, at: MonotonicTime) -> Told {
+        let tracked = by.pose;
         let seen = self.detector.detect(picture, Some(&self.camera));
+        let by_tracker = tracked.map(|t| t.world_from_camera);
         let mut told = Told {
-            world_from_camera: tracked,
+            world_from_camera: by_tracker,
+            by_markers: None,
             ball: None,
             ball_lost: self.probe.is_some(),
             status: RegistrationStatus::by_tracker(tracked.is_some()),
         };
         if let Some(registrar) = &mut self.registrar {
-            let found = registrar.register(&self.camera, seen, at);
-            told.world_from_camera = found.map(|f| f.map_from_camera);
-            told.status = RegistrationStatus::by_markers(found.map(|f| {
-                let tags = match f.how {
-                    Registration::Map { tags } => tags,
-                    _ => 1,
-                };
-                (tags, f.estimate.rms, f.how == Registration::TagGuessed)
-            }));
-            told.ball = found.zip(self.ball).map(|(f, centre)| BallSeen {
-                centre_in_world: centre,
-                sigma: f.estimate.sigma_at(&self.camera, centre),
-            });
+            let expected = Expectation {
+                pose: self.fusion.as_ref().and_then(|f| f.expected(by_tracker)),
+                motion: by.motion,
+                row_seconds: self.row_seconds,
+            };
+            let found = registrar.register_near(&self.camera, seen, at, &expected);
+            let sure = |f: &&Registered| f.how != Registration::TagGuessed;
+            told.by_markers = found.as_ref().filter(sure).map(|f| f.map_from_camera);
+            (told.world_from_camera, told.status) = match &mut self.fusion {
+                None => (found.map(|f| f.map_from_camera), by_markers(found.as_ref())),
+                Some(fusion) => {
+                    // A guess corrects nothing; alone it is better than no pose.
+                    let sure =
+                        |f: &&Registered| tracked.is_none() || f.how != Registration::TagGuessed;
+                    let sure = found.as_ref().filter(sure);
+                    let fused = fusion.step(at, tracked, sure.map(|f| &f.estimate));
+                    let rejected = fused.is_some_and(|f| f.verdict == Verdict::Rejected);
+                    self.rejected += u64::from(rejected);
+                    let status = by_both(fused.as_ref(), sure, self.rejected);
+                    (fused.map(|f| f.world_from_camera), status)
+                }
+            };
+            told.ball = told
+                .world_from_camera
+                .zip(self.ball)
+                .map(|(_, centre)| BallSeen {
+                    centre_in_world: centre,
+                    sigma: match (found, told.status.sigma_px) {
+                        (Some(f), _) if self.fusion.is_none() => {
+                            f.estimate.sigma_at(&self.camera, centre)
+                        }
+                        (_, sigma) => sigma.unwrap_or(UNTOLD_SIGMA),
+                    },
+                });
         }
         if let (Some(probe), Some(pose)) = (&mut self.probe, told.world_from_camera) {
             let centre = probe.find(&self.camera, seen);
@@ -112,6 +157,72 @@ impl Station {
         }
         told
     }
+}
+
+/// For the status: a pose by markers alone.
+fn by_markers(found: Option<&Registered>) -> RegistrationStatus {
+    RegistrationStatus::by_markers(found.map(|f| {
+        let guessed = f.how == Registration::TagGuessed;
+        (tags_of(f), f.estimate.rms, guessed)
+    }))
+}
+
+fn tags_of(found: &Registered) -> usize {
+    match found.how {
+        Registration::Map { tags } => tags,
+        _ => 1,
+    }
+}
+
+/// For the status: a pose by tracker and markers.
+fn by_both(fused: Option<&Fused>, found: Option<&Registered>, rejected: u64) -> RegistrationStatus {
+    let with_count = |status| RegistrationStatus { rejected, ..status };
+    let Some(fused) = fused else {
+        return with_count(RegistrationStatus::default());
+    };
+    let status = RegistrationStatus {
+        source: match fused.source {
+            Source::Tracker => RegistrationSource::Tracker,
+            Source::Corrected { .. } => RegistrationSource::Hybrid,
+            Source::Markers => RegistrationSource::Markers,
+        },
+        corrected_ago_s: match fused.source {
+            Source::Corrected { age } => Some(age),
+            Source::Tracker | Source::Markers => None,
+        },
+        correction_mm: fused.correction.map(|[metres, _]| metres * 1e3),
+        correction_deg: fused.correction.map(|[_, radians]| radians.to_degrees()),
+        settling_px: Some(fused.behind),
+        ..by_markers(found)
+    };
+    let told = fused.sigma.map(
+        |PoseSigma {
+             metres,
+             radians,
+             pixels,
+         }| status.with_sigma([metres, radians, pixels]),
+    );
+    with_count(told.unwrap_or(status))
+}
+
+/// What the virtual objects stand about, else the markers; world, metres.
+pub(super) fn middle(scene: &Scene, tags: Option<&TagMap>) -> DVec3 {
+    let points = scene.virtual_parts.iter().flat_map(|part| {
+        let placed =
+            |v: &crate::scene::Vertex| part.world_from_part.transform_point3(v.position.as_dvec3());
+        part.mesh.vertices.iter().map(placed)
+    });
+    let box_of = |points: &mut dyn Iterator<Item = DVec3>| {
+        points.fold(None, |bounds: Option<(DVec3, DVec3)>, p| {
+            let (low, high) = bounds.unwrap_or((p, p));
+            Some((low.min(p), high.max(p)))
+        })
+    };
+    let mut points = points;
+    let tags = tags.into_iter().flat_map(|map| map.tags());
+    let mut corners = tags.flat_map(Tag::corners);
+    let bounds = box_of(&mut points).or_else(|| box_of(&mut corners));
+    bounds.map_or(DVec3::ZERO, |(low, high)| 0.5 * (low + high))
 }
 
 impl Probe {
@@ -135,30 +246,51 @@ impl Probe {
     }
 }
 
-/// The map of the calibration's markers, where the configuration wants the pose by them.
-pub(super) fn wanted_tags(markers: &[Marker], config: &Config) -> Result<Option<TagMap>, RigError> {
-    if config.registration.pose == PoseSource::Tracker {
+/// What tells the pose: what the configuration wants, or by itself what the calibration lists.
+pub(super) fn pose_source(
+    markers: &[Marker],
+    tracker: bool,
+    config: &Config,
+) -> Result<PoseSource, RigError> {
+    let wanted = match config.registration.pose {
+        PoseSource::Auto if markers.is_empty() => PoseSource::Tracker,
+        PoseSource::Auto if tracker => PoseSource::Hybrid,
+        PoseSource::Auto => PoseSource::Markers,
+        wanted => wanted,
+    };
+    if markers.is_empty() && wanted != PoseSource::Tracker {
+        return Err(RigError::NoMarkers {
+            wanted: if wanted == PoseSource::Hybrid {
+                "hybrid"
+            } else {
+                "markers"
+            },
+        });
+    }
+    Ok(wanted)
+}
+
+/// The map of the calibration's markers, where the pose is to come by them.
+pub(super) fn wanted_tags(
+    markers: &[Marker],
+    pose: PoseSource,
+) -> Result<Option<TagMap>, RigError> {
+    if pose == PoseSource::Tracker {
         return Ok(None);
     }
-    if markers.is_empty() {
-        return Err(RigError::NoMarkers);
-    }
-    let tag = |m: &Marker| {
-        let family = m.family.parse().map_err(|e| RigError::Markers {
-            reason: format!("{e}"),
-        })?;
-        Ok(Tag {
-            family,
-            id: m.id,
-            size: m.size,
-            map_from_tag: m.world_from_marker,
-        })
-    };
-    let tags = markers.iter().map(tag).collect::<Result<_, RigError>>()?;
-    let map = TagMap::new(tags).map_err(|e| RigError::Markers {
+    tag_map(markers).map(Some)
+}
+
+/// The map of a calibration's markers.
+pub(super) fn tag_map(markers: &[Marker]) -> Result<TagMap, RigError> {
+    let unknown = |e: UnknownFamily| RigError::Markers {
         reason: e.to_string(),
-    })?;
-    Ok(Some(map))
+    };
+    let tags = markers.iter().map(Marker::tag).collect::<Result<_, _>>();
+    let tags = tags.map_err(unknown)?;
+    TagMap::new(tags).map_err(|e| RigError::Markers {
+        reason: e.to_string(),
+    })
 }
 
 #[cfg(test)]

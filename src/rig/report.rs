@@ -24,6 +24,8 @@ pub struct Report {
     pub inputs: InputCounts,
     /// Environment picture's age at the scene picture's exposure, milliseconds.
     pub skew_ms: Skew,
+    /// The tracker's latency; null where nobody measured it.
+    pub tracker_latency: Option<LatencyReport>,
     /// How the cameras were matched; null without an environment camera.
     pub white_balance: Option<MatchStatus>,
     /// Dome lights in the last frame, and those of compact sources among them.
@@ -34,6 +36,21 @@ pub struct Report {
     pub stages: StageTimes,
     /// Seconds from the first frame to the last.
     pub wall_seconds: f64,
+}
+
+/// The tracker's latency, milliseconds.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct LatencyReport {
+    /// In force at the end.
+    pub in_force_ms: f64,
+    /// As measured in the end; null where nothing told it.
+    pub measured_ms: Option<f64>,
+    /// 1σ of that.
+    pub sigma_ms: Option<f64>,
+    /// By `poses` or `image motion`.
+    pub by: Option<&'static str>,
+    /// Why the last seconds do not tell.
+    pub note: Option<String>,
 }
 
 /// What became of the scene camera's pictures.

@@ -2,7 +2,8 @@
 
 use super::lighter::SceneNews;
 use super::planes::PlanesStation;
-use super::prepare::{Counts, LightState, Prepared};
+use super::poses::PoseFile;
+use super::prepare::{Counts, LatencyState, LightState, Prepared};
 use super::rates::Rates;
 use super::report::{FrameCounts, InputCounts, Report, SkewMeter};
 use super::runner::{Runner, Screen};
@@ -12,8 +13,10 @@ use super::source::Source;
 use super::status::Published;
 use super::{RigError, status as published};
 use crate::compositor::exposure::Highlights;
-use crate::compositor::{Compositor, Exposure, FrameInput, Gpu, LampResponse, Refresh, ShadowMode};
-use crate::config;
+use crate::compositor::{
+    Compositor, Exposure, FrameInput, Gpu, LampResponse, LensOutput, Refresh, ShadowMode,
+};
+use crate::config::{self, Distortion};
 use crate::environment::{BrightestFollower, BrightestLight};
 use crate::output::files::FrameFolder;
 use crate::picture::Picture;
@@ -32,6 +35,8 @@ pub(super) struct Outlets {
     pub folder: Option<FrameFolder>,
     /// Who is told the scene camera's poses.
     pub pose_out: Option<FreedSender>,
+    /// Where they are written.
+    pub poses: Option<PoseFile>,
 }
 
 /// The state of a run.
@@ -40,12 +45,14 @@ pub(super) struct Run {
     screen: Option<Box<dyn Screen>>,
     folder: Option<FrameFolder>,
     pose_out: Option<FreedSender>,
+    poses: Option<PoseFile>,
     settings: Settings,
     wished: tokio::sync::watch::Receiver<Settings>,
     stages: StageTimes,
     pub frames: FrameCounts,
     inputs: InputCounts,
     counts: Option<Counts>,
+    latency: LatencyState,
     skew: SkewMeter,
     rates: Rates,
     light: LightState,
@@ -72,11 +79,16 @@ impl Run {
         let settings = compositor_settings(config, runner.source.is_live(), gpu.software);
         let response = setup.calibration.scene_camera.response.clone();
         let mut compositor = Compositor::new(gpu, settings, response);
+        compositor.set_lens_output(match config.registration.distortion {
+            Distortion::Camera => LensOutput::Camera,
+            Distortion::Undistorted => LensOutput::Undistorted,
+        });
         let scenes = Scenes::new(runner, &mut compositor, news)?;
         let Outlets {
             screen,
             folder,
             pose_out,
+            poses,
         } = outlets;
         Ok(Self {
             compositor,
@@ -84,12 +96,14 @@ impl Run {
             screen,
             folder,
             pose_out,
+            poses,
             settings: live_settings(config),
             wished: runner.status.settings_receiver(),
             stages: StageTimes::default(),
             frames: FrameCounts::default(),
             inputs: InputCounts::default(),
             counts: None,
+            latency: LatencyState::default(),
             skew: SkewMeter::default(),
             rates: Rates::default(),
             light: LightState::default(),
@@ -127,6 +141,9 @@ impl Run {
         self.stages.record("composite", begun.elapsed());
         self.deliver(runner, prepared.index)?;
         self.tell_pose(prepared);
+        if let Some(poses) = &mut self.poses {
+            poses.write(prepared)?;
+        }
         for (pass, millis) in self.compositor.pass_times() {
             let time = Duration::from_secs_f64(millis * 1e-3);
             self.stages.record_gpu(pass, time);
@@ -221,6 +238,7 @@ impl Run {
         let scene = self.scenes.shown();
         scene.lamps_at(prepared.seconds, &mut self.lamps);
         self.compositor.set_time(prepared.seconds);
+        self.compositor.set_rolling(prepared.rolling);
         self.compositor.compose(&FrameInput {
             picture: &prepared.picture,
             camera: &runner.setup.calibration.scene_camera.camera,
@@ -326,6 +344,7 @@ impl Run {
 
     /// Pairing counts are of one loop, the others of all.
     fn add(&mut self, counts: &Counts) {
+        self.latency = counts.latency;
         self.inputs.take(&counts.pairing);
         self.frames.in_session = counts.feed.scene_frames;
         self.inputs.environment_frames = counts.feed.environment_frames;
@@ -357,6 +376,9 @@ impl Run {
         if let Some(folder) = self.folder {
             folder.finish()?;
         }
+        if let Some(poses) = self.poses {
+            poses.finish()?;
+        }
         let (width, height) = self.compositor.size().unwrap_or_default();
         let (lights, compact_lights) = self.light.count();
         Ok(Report {
@@ -368,6 +390,7 @@ impl Run {
             frames: self.frames,
             inputs: self.inputs,
             skew_ms: self.skew.skew(),
+            tracker_latency: super::latency_status::report(&self.latency),
             white_balance: self.light.white_balance.map(|status| (*status).clone()),
             lights,
             compact_lights,

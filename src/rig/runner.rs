@@ -3,6 +3,7 @@
 
 use super::lighter::SceneNews;
 use super::notify::Notifier;
+use super::poses::PoseFile;
 use super::prepare::{Preparation, Step};
 use super::report::Report;
 use super::run::{Outlets, Run};
@@ -14,6 +15,7 @@ use crate::output::files::FrameFolder;
 use crate::status::SharedStatus;
 use penumbra_tracker_serial::freed::FreedSender;
 use std::net::SocketAddr;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -24,6 +26,8 @@ pub struct RunOptions {
     pub frame_limit: Option<u64>,
     /// Write over frames that are there.
     pub force: bool,
+    /// Write the pose of each picture into this file.
+    pub poses: Option<PathBuf>,
 }
 
 /// Shows finished pictures; a window, or nothing.
@@ -84,6 +88,9 @@ impl Runner {
             })?),
             None => None,
         };
+        let poses = self.options.poses.as_deref();
+        let poses = poses.map(|path| PoseFile::create(path, self.options.force));
+        let poses = poses.transpose()?;
         let pose_out = self.config.output.freed.map(pose_sender).transpose()?;
         let news = SceneNews::default();
         let preparation = Preparation::start_with(
@@ -104,6 +111,7 @@ impl Runner {
             screen,
             folder,
             pose_out,
+            poses,
         };
         let mut run = Run::new(&self, gpu, outlets, news)?;
         while !run.over(&self) {

@@ -138,10 +138,18 @@ fn estimator(
         EnvironmentView::Fisheye { .. } => Some(&hidden),
         _ => None,
     };
-    Ok(Some(EnvironmentEstimator::new(
-        &environment.view,
-        &environment.response,
-        settings,
-        hidden,
-    )?))
+    let mut estimator =
+        EnvironmentEstimator::new(&environment.view, &environment.response, settings, hidden)?;
+    if let Some(vignetting) = &environment.vignetting {
+        let size = match &environment.view {
+            EnvironmentView::Fisheye { lens, .. } => (lens.width, lens.height),
+            EnvironmentView::Sphere { camera, .. } => (camera.width, camera.height),
+            EnvironmentView::SphereInScene { .. } => {
+                let camera = &rig.scene_camera.camera;
+                (camera.width, camera.height)
+            }
+        };
+        estimator.set_vignetting(vignetting, size);
+    }
+    Ok(Some(estimator))
 }

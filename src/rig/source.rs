@@ -4,11 +4,11 @@ use super::RigError;
 use crate::calibration::RigDocument;
 use crate::capture::{Capture, Devices, Hub, LiveDevice, TrackerSource};
 use crate::config::{Config, TrackerUnits};
-use crate::scene::rig_of_session;
+use crate::scene::{rig_of_session, rig_without_document};
 use crate::session::{Attachment, Session, import};
 use penumbra_interface::{MonotonicTime, SystemClock};
 use std::path::Path;
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, OnceLock, Weak};
 
 /// Size of the picture of a camera that nobody has said anything about, pixels.
 const USUAL_SIZE: (u32, u32) = (640, 480);
@@ -35,6 +35,22 @@ pub struct Live {
     pub files: Arc<RigFiles>,
 }
 
+/// Looks at devices as long as somebody else keeps them open.
+#[derive(Clone, Default)]
+pub struct Onlooker(Weak<OnceLock<Capture>>);
+
+impl Onlooker {
+    /// The devices; none before they are opened and after they are closed.
+    #[must_use]
+    pub fn devices(&self) -> Vec<LiveDevice> {
+        let capture = self.0.upgrade();
+        let devices = capture
+            .as_ref()
+            .and_then(|c| Some(c.get()?.devices().to_vec()));
+        devices.unwrap_or_default()
+    }
+}
+
 /// The files that say what a rig is: those that a session carries as attachments.
 #[derive(Clone, Debug, Default)]
 pub struct RigFiles(Vec<Attachment>);
@@ -48,14 +64,25 @@ impl RigFiles {
         let Some(path) = &config.calibration else {
             return Ok(Self::default());
         };
-        Self::from_path(path)
+        Self::at(path)
     }
 
-    fn from_path(path: &Path) -> Result<Self, RigError> {
+    /// Of a folder or a session.
+    ///
+    /// # Errors
+    /// As [`RigFiles::load`].
+    pub fn at(path: &Path) -> Result<Self, RigError> {
         if path.is_file() {
             return Ok(Self(Session::open(path)?.attachments().to_vec()));
         }
         Ok(Self(import::attachments_in(path)?))
+    }
+
+    /// These, and `newer` ones before those of the same name.
+    #[must_use]
+    pub fn with(mut self, newer: Self) -> Self {
+        self.0.extend(newer.0);
+        self
     }
 
     /// A file's bytes.
@@ -63,6 +90,18 @@ impl RigFiles {
     pub fn get(&self, name: &str) -> Option<&[u8]> {
         let found = self.0.iter().rev().find(|file| file.name == name)?;
         Some(&found.data)
+    }
+
+    /// What they say of the rig; without a `rig.json`, what was calibrated of it, and guesses.
+    ///
+    /// # Errors
+    /// A file that cannot be read.
+    pub fn document(&self, config: &Config) -> Result<RigDocument, RigError> {
+        let attachments = |name: &str| self.get(name);
+        Ok(match self.get("rig.json") {
+            Some(_) => rig_of_session(&attachments)?,
+            None => rig_without_document(wanted_size(config), &attachments)?,
+        })
     }
 
     /// All of them.
@@ -104,6 +143,12 @@ impl Live {
         Ok(())
     }
 
+    /// The devices, for somebody who must not keep them open.
+    #[must_use]
+    pub fn onlooker(&self) -> Onlooker {
+        Onlooker(Arc::downgrade(&self.capture))
+    }
+
     /// What is known of the devices.
     #[must_use]
     pub fn supervised(&self) -> &[LiveDevice] {
@@ -121,14 +166,8 @@ pub(super) fn tracker(
     let Some(TrackerSource::System(tracker)) = &mut source else {
         return Ok(source);
     };
-    let attachments = |name: &str| files.get(name);
-    let metres = match files.get("rig.json") {
-        Some(_) => rig_of_session(&attachments)?
-            .calibration
-            .tracker
-            .map(|t| t.metres_per_unit),
-        None => None,
-    };
+    let document = files.document(config)?;
+    let metres = document.calibration.tracker.map(|t| t.metres_per_unit);
     match (tracker.units, metres) {
         (Some(told), Some(metres)) if (told.metres() - metres).abs() > 1e-6 => {
             return Err(RigError::Units { told, metres });
@@ -151,13 +190,9 @@ impl Source {
 
     /// What the rig's owner wrote down about it. A live rig may do without.
     pub(super) fn document(&self, config: &Config) -> Result<RigDocument, RigError> {
-        let attachments = |name: &str| self.attachment(name);
         match self {
-            Self::Live(live) if live.files.get("rig.json").is_none() => {
-                let (width, height) = wanted_size(config);
-                Ok(RigDocument::uncalibrated(width, height))
-            }
-            _ => Ok(rig_of_session(&attachments)?),
+            Self::Live(live) => live.files.document(config),
+            Self::Recorded(session) => Ok(rig_of_session(&|name: &str| session.attachment(name))?),
         }
     }
 

@@ -4,7 +4,7 @@ use super::prepare::{LightState, Prepared};
 use super::rates::Rates;
 use super::report::FrameCounts;
 use super::source::Source;
-use super::{RigSetup, live_status, probe_status};
+use super::{RigSetup, latency_status, live_status, probe_status};
 use crate::calibration::photometry::{MatchStatus, MethodStatus, Provenance};
 use crate::compositor::Gpu;
 use crate::compositor::exposure::ExposureInForce;
@@ -104,6 +104,11 @@ pub fn publish(p: &Published<'_>) {
             s.warn(warning);
         }
         pairing(s, frame, p.rates);
+        latency_status::publish(s, p.prepared);
+        let sigma = p.prepared.tracker_sigma;
+        s.pairing.pose_sigma_mm = sigma.map(|[mm, ..]| mm);
+        s.pairing.pose_sigma_deg = sigma.map(|[_, degrees, _]| degrees);
+        s.pairing.pose_sigma_px = sigma.map(|[.., pixels]| pixels);
         s.registration = p.prepared.registration;
         lighting(s, p);
         match p.source {
@@ -142,12 +147,17 @@ fn pairing(s: &mut Snapshot, frame: &RigFrame, rates: &Rates) {
         .as_ref()
         .map(|e| e.skew_nanos as f64 * 1e-6);
     s.pairing.pose_skew_ms = frame.pose.as_ref().map(|pose| pose.age_nanos as f64 * 1e-6);
-    s.pairing.pose = match frame.pose.as_ref().map(|pose| pose.provenance) {
+    s.pairing.pose = answer(frame.pose.as_ref());
+}
+
+/// How a pose was found, in the status' words.
+pub(super) fn answer(pose: Option<&sync::PoseAt>) -> PoseAnswer {
+    match pose.map(|pose| pose.provenance) {
         None => PoseAnswer::None,
         Some(sync::Provenance::Exact) => PoseAnswer::Exact,
         Some(sync::Provenance::Interpolated) => PoseAnswer::Interpolated,
         Some(sync::Provenance::Predicted) => PoseAnswer::Predicted,
-    };
+    }
 }
 
 fn lighting(s: &mut Snapshot, p: &Published<'_>) {
@@ -243,7 +253,8 @@ fn white(status: &MatchStatus) -> Option<WhiteMatch> {
 
 const fn method(provenance: Provenance) -> WhiteBalanceMethod {
     match provenance {
-        Provenance::Chart => WhiteBalanceMethod::Chart,
+        // Both rest on what was photographed before.
+        Provenance::Calibrated | Provenance::Chart => WhiteBalanceMethod::Chart,
         Provenance::Overlap => WhiteBalanceMethod::Automatic,
         Provenance::Reflectance => WhiteBalanceMethod::KnownSurface,
         Provenance::SameCamera => WhiteBalanceMethod::SameCamera,

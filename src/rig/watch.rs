@@ -1,6 +1,7 @@
 //! What the scene camera's picture tells of the real surfaces around the virtual objects.
 
 use super::light::SceneView;
+use crate::calibration::photometric::vignetting::Vignetting;
 use crate::calibration::photometry::raycast::PhantomCaster;
 use crate::calibration::{PinholeCamera, Response, RigCalibration};
 use crate::environment::{LightKind, Lighting};
@@ -19,6 +20,7 @@ pub(super) struct GroundWatch {
     rays: Arc<PhantomCaster>,
     camera: PinholeCamera,
     response: Response,
+    vignetting: Option<Vignetting>,
     radiance: Option<Vec3>,
 }
 
@@ -26,6 +28,11 @@ pub(super) struct GroundWatch {
 const GROUND_POINTS: usize = 24;
 /// Share of a new look in the running mean.
 const GROUND_SHARE: f32 = 0.1;
+
+/// How bright the scene camera shows a pixel, 1 in the centre.
+fn evenness(vignetting: Option<Vignetting>, pixel: DVec2) -> f32 {
+    vignetting.map_or(1.0, |v| v.at(pixel) as f32)
+}
 
 impl GroundWatch {
     pub(super) fn new(rig: &RigCalibration, scene: &Scene, rays: Arc<PhantomCaster>) -> Self {
@@ -39,6 +46,7 @@ impl GroundWatch {
             rays,
             camera: scene_camera.camera.clone(),
             response: scene_camera.response.clone(),
+            vignetting: scene_camera.vignetting,
             radiance: None,
         }
     }
@@ -87,10 +95,8 @@ impl GroundWatch {
                 .cast(pose.translation, to_point)
                 .is_none_or(|hit| hit.distance > 0.999);
         clear.then(|| {
-            Vec3::from(
-                self.response
-                    .linear_from_rgb(picture.rgb(x as u32, y as u32)),
-            )
+            let codes = picture.rgb(x as u32, y as u32);
+            Vec3::from(self.response.linear_from_rgb(codes)) / evenness(self.vignetting, pixel)
         })
     }
 
@@ -132,6 +138,7 @@ pub(super) struct PhantomWatch {
     rays: PhantomRays,
     camera: PinholeCamera,
     response: Response,
+    vignetting: Option<Vignetting>,
     /// By part and side: mean radiance and how much was seen.
     seen: Vec<[(Vec3, f32); 6]>,
     parts: Vec<Part>,
@@ -153,6 +160,7 @@ impl PhantomWatch {
             rays: PhantomRays::from_parts(&parts),
             camera: scene_camera.camera.clone(),
             response: scene_camera.response.clone(),
+            vignetting: scene_camera.vignetting,
             seen: vec![[(Vec3::ZERO, 0.0); 6]; parts.len()],
             radiance: vec![[Vec3::ZERO; 6]; parts.len()],
             parts,
@@ -175,7 +183,8 @@ impl PhantomWatch {
                 let ray = (pose.rotation * self.camera.unproject(pixel)).as_vec3();
                 if let Some(hit) = self.rays.hit(eye, ray) {
                     let codes = scene.picture.rgb(x, y);
-                    let colour = Vec3::from(self.response.linear_from_rgb(codes));
+                    let colour = Vec3::from(self.response.linear_from_rgb(codes))
+                        / evenness(self.vignetting, pixel);
                     self.note(hit.part, side_of(hit.normal), colour);
                 }
             }

@@ -5,9 +5,14 @@ use super::enclosed;
 use super::gltf_file::load_gltf_bytes;
 use super::primitives;
 use super::{Material, Part, Scene, SceneError, load_ply};
-use crate::calibration::lens_files::apply_lens_files;
+use crate::calibration::environment_file::apply_environment_file;
+use crate::calibration::latency_file::apply_latency_file;
+use crate::calibration::lens_files::{apply_lens_files, size_of_lens};
+use crate::calibration::markers_file::apply_markers_file;
+use crate::calibration::photometric_file::apply_photometric_file;
 use crate::calibration::rig::MirrorSphere;
 use crate::calibration::rig_json::{GroundPlane, z_up_from_y_up};
+use crate::calibration::tracker_file::apply_tracker_file;
 use crate::calibration::{RigCalibration, RigDocument};
 use glam::{DMat4, DQuat, DVec3, Vec3};
 use std::sync::Arc;
@@ -101,8 +106,31 @@ impl Scene {
 /// Reads the session's `rig.json`, and what was calibrated since.
 pub fn rig_of_session(attachments: &Attachments) -> Result<RigDocument, SceneError> {
     let bytes = attachment(attachments, "rig.json", "holds the rig's calibration")?;
-    let mut rig = RigDocument::parse(bytes)?;
+    calibrated(RigDocument::parse(bytes)?, attachments)
+}
+
+/// A rig that nobody has written a `rig.json` for: what was calibrated of it, and guesses for
+/// the rest. Its scene camera's pictures are of `usual_size` where no calibration says theirs.
+///
+/// # Errors
+/// A calibration file that cannot be read or used.
+pub fn rig_without_document(
+    usual_size: (u32, u32),
+    attachments: &Attachments,
+) -> Result<RigDocument, SceneError> {
+    let (width, height) = size_of_lens(attachments)?.unwrap_or(usual_size);
+    calibrated(RigDocument::uncalibrated(width, height), attachments)
+}
+
+/// With what was calibrated since, in files of its own.
+fn calibrated(mut rig: RigDocument, attachments: &Attachments) -> Result<RigDocument, SceneError> {
+    // It may bring the environment camera itself, whose lens may have been calibrated.
+    apply_environment_file(&mut rig, attachments)?;
     apply_lens_files(&mut rig, attachments)?;
+    apply_photometric_file(&mut rig, attachments)?;
+    apply_markers_file(&mut rig, attachments)?;
+    apply_tracker_file(&mut rig, attachments)?;
+    apply_latency_file(&mut rig, attachments)?;
     Ok(rig)
 }
 
@@ -258,6 +286,29 @@ mod tests {
                 );
             }
         }
+    }
+
+    #[test]
+    fn a_calibrated_lens_counts_without_a_document_and_says_the_size() {
+        use crate::calibration::intrinsics::{Lens, LensModel};
+        use crate::calibration::record::LensRecord;
+        use glam::DVec2;
+        let lens = Lens::ideal(
+            LensModel::Brown,
+            (800, 600),
+            DVec2::splat(700.0),
+            DVec2::new(401.0, 299.0),
+        );
+        let record = LensRecord::of_lens(&lens, "scene", String::new());
+        let bytes = serde_json::to_vec(&record).unwrap();
+        let file = |name: &str| (name == "calibration/scene_camera.json").then_some(&bytes[..]);
+        let rig = rig_without_document((640, 480), &file).unwrap();
+        let camera = rig.calibration.scene_camera.camera;
+        assert_eq!((camera.width, camera.focal.x), (800, 700.0));
+        let none = rig_without_document((640, 480), &|_| None).unwrap();
+        assert_eq!(none.calibration.scene_camera.camera.width, 640);
+        let broken = rig_without_document((640, 480), &|_| Some(b"{")).unwrap_err();
+        assert!(broken.to_string().contains("scene_camera.json: line 1"));
     }
 
     #[test]

@@ -26,7 +26,7 @@ pub mod raycast;
 pub mod scene_file;
 pub mod simplify;
 
-pub use assemble::{Attachments, rig_of_session};
+pub use assemble::{Attachments, rig_of_session, rig_without_document};
 pub use casters::{casters, casters_within};
 pub use change::Change;
 pub use detail::coarser;

@@ -94,10 +94,49 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "How the newest pose was found: `exact`, `interpolated`, `predicted` or `none`.",
     ),
     (
-        "registration.source",
-        "What the newest pose was found by: `tracker`, `markers` or `none`.",
+        "pairing.pose_sigma_mm",
+        "Standard deviation of the tracked camera's place at that instant by the tracker's noise and, if predicted, by how far predictions as long were off lately; over all axes, mm.",
     ),
-    ("registration.markers", "Markers that it was found by."),
+    (
+        "pairing.pose_sigma_deg",
+        "The same of its direction, degrees.",
+    ),
+    (
+        "pairing.pose_sigma_px",
+        "The same of the picture of a point amid the virtual objects, pixels.",
+    ),
+    (
+        "pairing.tracker_latency_ms",
+        "The tracker's latency that poses are found by, ms; null without a tracker.",
+    ),
+    (
+        "pairing.tracker_latency_measured_ms",
+        "The tracker's latency as measured while the rig ran, from how tracker and pictures turned in the last 20 s, ms; null while nothing has told it.",
+    ),
+    (
+        "pairing.tracker_latency_sigma_ms",
+        "Standard deviation of the measured latency, ms; it grows while the rig rests.",
+    ),
+    (
+        "pairing.tracker_latency_by",
+        "What measured it: `poses` (by markers) or `image motion`.",
+    ),
+    (
+        "pairing.tracker_latency_ago_s",
+        "Seconds since it was last measured.",
+    ),
+    (
+        "pairing.tracker_latency_note",
+        "Why the newest seconds do not tell the latency, and what to do; null where they do.",
+    ),
+    (
+        "registration.source",
+        "What the newest pose was found by: `tracker`, `markers`, `hybrid` (the tracker, corrected by markers) or `none`.",
+    ),
+    (
+        "registration.markers",
+        "Markers that it was found or corrected by.",
+    ),
     (
         "registration.reprojection_px",
         "Root mean square distance of their corners from where the pose puts them, pixels; null without markers.",
@@ -105,6 +144,38 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     (
         "registration.ambiguous",
         "Whether it was found by one marker whose corners allow two poses, with nothing to choose by.",
+    ),
+    (
+        "registration.corrected_ago_s",
+        "Seconds since markers last corrected the tracker; null where they never did.",
+    ),
+    (
+        "registration.correction_mm",
+        "By how much they correct the camera's place, mm.",
+    ),
+    (
+        "registration.correction_deg",
+        "By how much they correct its direction, degrees.",
+    ),
+    (
+        "registration.rejected",
+        "Poses by markers that could not be by what was known, since the start.",
+    ),
+    (
+        "registration.settling_px",
+        "How far virtual objects still slide to where they are known to belong, pixels.",
+    ),
+    (
+        "registration.sigma_mm",
+        "Standard deviation of the camera's place, over all axes, mm; null where nothing tells it.",
+    ),
+    (
+        "registration.sigma_deg",
+        "Standard deviation of its direction, degrees.",
+    ),
+    (
+        "registration.sigma_px",
+        "Standard deviation of the picture of a point amid the virtual objects, pixels.",
     ),
     (
         "white_balance.method",

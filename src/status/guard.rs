@@ -66,9 +66,9 @@ pub async fn guard(
         Err(answer) => *answer,
     };
     for (name, value) in SECURITY_HEADERS {
-        response
-            .headers_mut()
-            .insert(name, HeaderValue::from_static(value));
+        // A page that needs other rights brings its own.
+        let entry = response.headers_mut().entry(name);
+        entry.or_insert(HeaderValue::from_static(value));
     }
     response
 }

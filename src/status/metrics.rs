@@ -250,6 +250,67 @@ fn registration(page: &mut Page, s: &Snapshot) {
         "Distance of the markers' corners from where the pose puts them, root mean square.",
         r.reprojection_px,
     );
+    page.one(
+        "penumbra_registration_rejected_total",
+        "counter",
+        "Poses by markers that could not be by what was known.",
+        r.rejected,
+    );
+    let figures = [
+        (
+            "penumbra_registration_corrected_seconds",
+            "Since markers last corrected the tracker.",
+            r.corrected_ago_s,
+        ),
+        (
+            "penumbra_registration_settling_pixels",
+            "How far virtual objects still slide to where they belong.",
+            r.settling_px,
+        ),
+        (
+            "penumbra_registration_sigma_millimetres",
+            "Standard deviation of the camera's place.",
+            r.sigma_mm,
+        ),
+        (
+            "penumbra_registration_sigma_degrees",
+            "Standard deviation of the camera's direction.",
+            r.sigma_deg,
+        ),
+        (
+            "penumbra_registration_sigma_pixels",
+            "Standard deviation of the picture of a point amid the virtual objects.",
+            r.sigma_px,
+        ),
+    ];
+    for (name, help, value) in figures {
+        page.some(name, help, value);
+    }
+    let latencies = [
+        (
+            "penumbra_tracker_latency_seconds",
+            "The tracker's latency that poses are found by.",
+            s.pairing.tracker_latency_ms,
+        ),
+        (
+            "penumbra_tracker_latency_measured_seconds",
+            "The tracker's latency as measured while the rig ran.",
+            s.pairing.tracker_latency_measured_ms,
+        ),
+        (
+            "penumbra_tracker_latency_sigma_seconds",
+            "Standard deviation of the measured latency.",
+            s.pairing.tracker_latency_sigma_ms,
+        ),
+    ];
+    for (name, help, millis) in latencies {
+        page.some(name, help, millis.map(|ms| ms * 1e-3));
+    }
+    page.some(
+        "penumbra_pose_sigma_pixels",
+        "By the tracker's noise and prediction: standard deviation of the picture of a point amid the virtual objects.",
+        s.pairing.pose_sigma_px,
+    );
 }
 
 fn planes(page: &mut Page, s: &Snapshot) {

@@ -2,10 +2,12 @@
 //!
 //! The rig writes a [`SharedStatus`]; [`StatusServer`] reads it. [`snapshot`] is the data,
 //! [`times`] the histograms in it, [`settings`] what can be changed live. The server is
-//! [`server`] (socket and limits), `routes` (who answers what), `guard` (who may ask),
+//! [`server`] (socket and limits), `routes` and `calibration_routes` (who answers what), `guard` (who may ask),
 //! [`metrics`] and [`health`] (the snapshot in other words), [`preview`] (the light as a
 //! picture), and the dashboard page.
 
+pub mod calibration;
+mod calibration_routes;
 pub mod fields;
 mod guard;
 pub mod health;

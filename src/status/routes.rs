@@ -1,5 +1,6 @@
 //! Who answers what.
 
+use super::calibration_routes;
 use super::guard::{self, Token};
 use super::health::health;
 use super::metrics::{METRICS_CONTENT_TYPE, metrics};
@@ -41,7 +42,7 @@ const MAX_BODY: usize = 16 * 1024;
 /// What the answers are made of.
 #[derive(Clone)]
 pub struct App {
-    shared: Arc<SharedStatus>,
+    pub(super) shared: Arc<SharedStatus>,
     parts: watch::Sender<Option<Bytes>>,
     encoder: Arc<std::sync::Mutex<JpegEncoder>>,
     streams: Arc<Semaphore>,
@@ -134,6 +135,7 @@ pub fn router(app: App, token: Option<Arc<Token>>) -> Router {
         .route("/healthz", get(healthz))
         .route("/settings", post(settings))
         .route("/recording", post(recording))
+        .merge(calibration_routes::routes())
         .route("/stream.mjpeg", get(stream))
         .route("/snapshot.png", get(snapshot_png))
         .route("/environment.png", get(environment_png))
@@ -144,13 +146,13 @@ pub fn router(app: App, token: Option<Arc<Token>>) -> Router {
 }
 
 const NOT_FOUND: &str = "not here; there are / /status /metrics /healthz /settings \
-    /recording /stream.mjpeg /snapshot.png /environment.png /whitebalance.json\n";
+    /recording /calibration /stream.mjpeg /snapshot.png /environment.png /whitebalance.json\n";
 
 async fn not_found() -> Response {
     (StatusCode::NOT_FOUND, NOT_FOUND).into_response()
 }
 
-const HTML: &str = "text/html; charset=utf-8";
+pub(super) const HTML: &str = "text/html; charset=utf-8";
 const CSS: &str = "text/css; charset=utf-8";
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 
@@ -163,6 +165,8 @@ async fn dashboard_file(Path(file): Path<String>) -> Response {
     match file.as_str() {
         "dashboard.css" => asset(CSS, include_str!("dashboard/dashboard.css")).await,
         "dashboard.js" => asset(SCRIPT, include_str!("dashboard/dashboard.js")).await,
+        "calibrate.js" => asset(SCRIPT, include_str!("dashboard/calibrate.js")).await,
+        "calibrate.css" => asset(CSS, include_str!("dashboard/calibrate.css")).await,
         "charts.js" => asset(SCRIPT, include_str!("dashboard/charts.js")).await,
         "exposure.js" => asset(SCRIPT, include_str!("dashboard/exposure.js")).await,
         "planes.js" => asset(SCRIPT, include_str!("dashboard/planes.js")).await,
@@ -228,14 +232,14 @@ async fn recording(State(app): State<App>, headers: HeaderMap, body: Bytes) -> R
     }
 }
 
-fn is_json(headers: &HeaderMap) -> bool {
+pub(super) fn is_json(headers: &HeaderMap) -> bool {
     let content_type = headers
         .get(header::CONTENT_TYPE)
         .and_then(|v| v.to_str().ok());
     content_type.is_some_and(|t| t.starts_with("application/json"))
 }
 
-fn problem(status: StatusCode, text: &str) -> Response {
+pub(super) fn problem(status: StatusCode, text: &str) -> Response {
     (status, Json(json!({ "error": text }))).into_response()
 }
 

@@ -1,5 +1,6 @@
 //! What the rig writes and the server reads.
 
+use super::calibration::CalibrationControl;
 use super::recording::{Recording, RecordingControl, RecordingRefusal, RecordingWish};
 use super::settings::{Settings, SettingsChange, SettingsError};
 use super::snapshot::Snapshot;
@@ -22,6 +23,7 @@ pub struct SharedStatus {
     watchers: watch::Sender<u32>,
     askers: AtomicU32,
     recorder: OnceLock<Arc<dyn RecordingControl>>,
+    calibrator: OnceLock<Arc<dyn CalibrationControl>>,
 }
 
 #[derive(Default)]
@@ -58,6 +60,7 @@ impl SharedStatus {
             watchers: watch::Sender::new(0),
             askers: AtomicU32::new(0),
             recorder: OnceLock::new(),
+            calibrator: OnceLock::new(),
         })
     }
 
@@ -148,6 +151,17 @@ impl SharedStatus {
     pub fn record(&self, wish: &RecordingWish) -> Result<Recording, RecordingRefusal> {
         let recorder = self.recorder.get().ok_or(RecordingRefusal::Unavailable)?;
         recorder.carry_out(wish)
+    }
+
+    /// From here on wishes to calibrate are carried out by `calibrator`. The first one stays.
+    pub fn set_calibrator(&self, calibrator: Arc<dyn CalibrationControl>) {
+        let _ = self.calibrator.set(calibrator);
+    }
+
+    /// Who calibrates; nobody where a recording plays.
+    #[must_use]
+    pub fn calibrator(&self) -> Option<Arc<dyn CalibrationControl>> {
+        self.calibrator.get().cloned()
     }
 
     /// The composited pictures as they come; the newest wins.

@@ -228,19 +228,53 @@ pub struct Pairing {
     pub environment_skew_p99_ms: Option<f64>,
     /// How the newest pose was found: `exact`, `interpolated`, `predicted` or `none`.
     pub pose: PoseAnswer,
+    /// Standard deviation of the tracked camera's place by noise and prediction, millimetres.
+    pub pose_sigma_mm: Option<f64>,
+    /// Of its direction, degrees.
+    pub pose_sigma_deg: Option<f64>,
+    /// Of the picture of a point amid the virtual objects, pixels.
+    pub pose_sigma_px: Option<f64>,
+    /// The tracker's latency in force, milliseconds.
+    pub tracker_latency_ms: Option<f64>,
+    /// As it was measured while the rig ran.
+    pub tracker_latency_measured_ms: Option<f64>,
+    /// Standard deviation of that.
+    pub tracker_latency_sigma_ms: Option<f64>,
+    /// By what: `poses` or `image motion`.
+    pub tracker_latency_by: Option<&'static str>,
+    /// Seconds since then.
+    pub tracker_latency_ago_s: Option<f64>,
+    /// Why the newest seconds do not tell.
+    pub tracker_latency_note: Option<String>,
 }
 
 /// What tells where the scene camera is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct RegistrationStatus {
-    /// `tracker`, `markers` or `none`: the newest picture's.
+    /// The newest picture's: see [`RegistrationSource`].
     pub source: RegistrationSource,
-    /// Markers that its pose was found by.
+    /// Markers that its pose was found by, or corrected by.
     pub markers: u32,
     /// Root mean square distance of their corners from where the pose puts them, pixels.
     pub reprojection_px: Option<f64>,
     /// It was found by one marker whose corners allow two poses, and may be the wrong one.
     pub ambiguous: bool,
+    /// Seconds since markers last corrected the tracker.
+    pub corrected_ago_s: Option<f64>,
+    /// By how much they correct it: at the camera, millimetres.
+    pub correction_mm: Option<f64>,
+    /// And its direction, degrees.
+    pub correction_deg: Option<f64>,
+    /// Poses by markers that could not be, by what was known, since the start.
+    pub rejected: u64,
+    /// How far what is drawn still has to slide to where it is known to belong, pixels.
+    pub settling_px: Option<f64>,
+    /// Standard deviation of the camera's place, over all axes, millimetres.
+    pub sigma_mm: Option<f64>,
+    /// Of its direction, degrees.
+    pub sigma_deg: Option<f64>,
+    /// Of the picture of a point amid the virtual objects, along an axis, pixels.
+    pub sigma_px: Option<f64>,
 }
 
 /// What a pose was found by.
@@ -251,9 +285,24 @@ pub enum RegistrationSource {
     Tracker,
     /// Markers in the scene camera's picture.
     Markers,
+    /// The tracker, corrected by markers in this picture or earlier ones.
+    Hybrid,
     /// Nothing: no pose is known.
     #[default]
     None,
+}
+
+impl RegistrationSource {
+    /// As it stands in the status and in files.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Tracker => "tracker",
+            Self::Markers => "markers",
+            Self::Hybrid => "hybrid",
+            Self::None => "none",
+        }
+    }
 }
 
 impl RegistrationStatus {
@@ -279,7 +328,19 @@ impl RegistrationStatus {
             markers: markers as u32,
             reprojection_px: Some(rms),
             ambiguous,
+            ..Self::default()
         })
+    }
+
+    /// With the pose's standard deviations: metres, radians, pixels.
+    #[must_use]
+    pub fn with_sigma(self, [metres, radians, pixels]: [f64; 3]) -> Self {
+        Self {
+            sigma_mm: Some(metres * 1e3),
+            sigma_deg: Some(radians.to_degrees()),
+            sigma_px: Some(pixels),
+            ..self
+        }
     }
 }
 
@@ -296,6 +357,19 @@ pub enum PoseAnswer {
     /// Not known.
     #[default]
     None,
+}
+
+impl PoseAnswer {
+    /// As it stands in the status and in files.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Exact => "exact",
+            Self::Interpolated => "interpolated",
+            Self::Predicted => "predicted",
+            Self::None => "none",
+        }
+    }
 }
 
 /// Ways of finding the gains between the cameras.

@@ -76,6 +76,11 @@ pub struct PoseAt {
     pub provenance: Provenance,
     /// Nanoseconds between the instant and the nearest reading.
     pub age_nanos: i64,
+    /// Standard deviations over all axes, metres and radians: of a pose between readings by
+    /// their noise, of a predicted one by how far predictions as long were off lately. `None`
+    /// until there are enough readings to tell. What the tracker is off by all the time is not
+    /// in it.
+    pub sigma: Option<[f64; 2]>,
 }
 
 /// What became of a reading.
@@ -107,8 +112,11 @@ const SLACK: (f64, f64) = (0.01, 0.02);
 const FEWEST_ON_A_SIDE: usize = 2;
 /// Standard deviations by which a wider window may disagree.
 const AGREEMENT: f64 = 2.0;
-/// Readings before the newest that a prediction is drawn from, nanoseconds.
-const PREDICTION_WINDOW_NANOS: i64 = 60_000_000;
+/// Readings before the newest that a prediction is drawn from, nanoseconds: those that a line
+/// is laid through, and those for a parabola.
+const PREDICTION_WINDOWS_NANOS: [i64; 2] = [60_000_000, 160_000_000];
+/// Readings that the parabola needs, or it follows their noise.
+const FEWEST_FOR_PARABOLA: usize = 8;
 
 /// The recent readings of one station, in order of time. Does not allocate after `new`.
 #[derive(Clone, Debug)]
@@ -117,6 +125,7 @@ pub struct PoseHistory {
     samples: VecDeque<Sample>,
     suspect: Option<Sample>,
     agreeing: u32,
+    errors: PredictionErrors,
 }
 
 impl PoseHistory {
@@ -128,6 +137,7 @@ impl PoseHistory {
             samples: VecDeque::with_capacity(config.capacity.max(2)),
             suspect: None,
             agreeing: 0,
+            errors: PredictionErrors::default(),
         }
     }
 
@@ -175,6 +185,7 @@ impl PoseHistory {
             return Pushed::Late;
         }
         if self.possible(&newest, &sample) {
+            self.learn(&sample);
             return self.keep(sample, Pushed::Kept);
         }
         self.doubt(sample)
@@ -192,6 +203,26 @@ impl PoseHistory {
         }
         self.clear();
         self.keep(sample, Pushed::Restarted)
+    }
+
+    /// Sees how far predictions of this reading would have been off.
+    fn learn(&mut self, sample: &Sample) {
+        for (k, horizon) in HORIZONS_NANOS.into_iter().enumerate() {
+            let until = sample.measured_at.offset_nanos(-horizon);
+            let after = self.samples.partition_point(|s| s.measured_at <= until);
+            let Some(last) = after.checked_sub(1).and_then(|i| self.samples.get(i)) else {
+                continue;
+            };
+            let ahead = sample.measured_at.nanos_since(last.measured_at);
+            // Across a gap it would be the error of a longer prediction.
+            if ahead > horizon + horizon / 2 + 5_000_000 {
+                continue;
+            }
+            let predicted = self.drawn_on(sample.measured_at, after, last);
+            let moved = predicted.translation.distance(sample.pose.translation);
+            self.errors
+                .add(k, ahead, [moved, angle(&predicted, &sample.pose)]);
+        }
     }
 
     fn keep(&mut self, sample: Sample, outcome: Pushed) -> Pushed {
@@ -254,9 +285,12 @@ impl PoseHistory {
         let before = time.nanos_since(previous.measured_at);
         let after = next.measured_at.nanos_since(time);
         PoseAt {
-            transmitter_from_sensor: smoothed.unwrap_or_else(|| interpolate(time, previous, next)),
+            transmitter_from_sensor: smoothed
+                .map_or_else(|| interpolate(time, previous, next), |(fit, _)| fit.pose),
             provenance,
             age_nanos: before.min(after),
+            sigma: smoothed
+                .map(|(fit, noise)| noise.map(|variance| (fit.noise_gain * variance).sqrt())),
         }
     }
 
@@ -272,7 +306,7 @@ impl PoseHistory {
         half_window: i64,
         degree: Degree,
         near: &Sample,
-    ) -> Option<RigidTransform> {
+    ) -> Option<(Fit, [f64; 2])> {
         let widest = self.samples_within(time, half_window);
         let noise = noise_variance(widest.map(|sample| &sample.pose))?;
         let mut best: Option<Fit> = None;
@@ -284,7 +318,7 @@ impl PoseHistory {
                 (_, None) => {}
             }
         }
-        best.map(|fit| fit.pose)
+        best.map(|fit| (fit, noise))
     }
 
     /// Least squares over one window. At the newest end, where readings are on one side
@@ -329,29 +363,110 @@ impl PoseHistory {
         self.samples.range(first..last.max(first))
     }
 
-    /// A line through the last readings before index `after`, drawn on to `time`.
+    /// The motion before index `after`, drawn on to `time`.
     fn predict(&self, time: MonotonicTime, after: usize) -> Option<PoseAt> {
         let last = self.samples.get(after.checked_sub(1)?)?;
         let age_nanos = time.nanos_since(last.measured_at);
         if age_nanos > self.config.max_prediction_nanos {
             return None;
         }
-        let start = last.measured_at.offset_nanos(-PREDICTION_WINDOW_NANOS);
-        let first = self.samples.partition_point(|s| s.measured_at < start);
-        let readings = self
-            .samples
-            .range(first.min(after)..after)
-            .map(|sample| Reading {
+        Some(PoseAt {
+            transmitter_from_sensor: self.drawn_on(time, after, last),
+            provenance: Provenance::Predicted,
+            age_nanos,
+            sigma: self.errors.at(age_nanos),
+        })
+    }
+
+    /// Half way between a line through the last readings before index `after` and a parabola
+    /// through more of them. A line lags behind where the motion bends, a parabola overshoots:
+    /// their errors are of opposite sign, and the middle was better than either on every
+    /// tracker's log at hand, by 4 to 30 % than the line.
+    fn drawn_on(&self, time: MonotonicTime, after: usize, last: &Sample) -> RigidTransform {
+        let fit = |window: i64, degree: Degree, fewest: usize| {
+            let start = last.measured_at.offset_nanos(-window);
+            let first = self.samples.partition_point(|s| s.measured_at < start);
+            let first = first.min(after);
+            let readings = self.samples.range(first..after).map(|sample| Reading {
                 time: sample.measured_at.seconds_since(time),
                 weight: 1.0,
                 pose: sample.pose,
             });
-        let drawn_on = value_at_zero(readings, Degree::Linear, last.pose.rotation);
-        Some(PoseAt {
-            transmitter_from_sensor: drawn_on.map_or(last.pose, |fit| fit.pose),
-            provenance: Provenance::Predicted,
-            age_nanos,
-        })
+            (after - first >= fewest)
+                .then(|| value_at_zero(readings, degree, last.pose.rotation))
+                .flatten()
+                .map(|fit| fit.pose)
+        };
+        let [short, long] = PREDICTION_WINDOWS_NANOS;
+        let line = fit(short, Degree::Linear, 0);
+        let parabola = fit(long, Degree::Quadratic, FEWEST_FOR_PARABOLA);
+        match (line, parabola) {
+            (Some(a), Some(b)) => RigidTransform::new(
+                a.rotation.slerp(b.rotation, 0.5),
+                a.translation.lerp(b.translation, 0.5),
+            ),
+            (Some(line), None) => line,
+            _ => last.pose,
+        }
+    }
+}
+
+/// Lengths of prediction whose errors are followed, nanoseconds.
+const HORIZONS_NANOS: [i64; 5] = [5_000_000, 10_000_000, 20_000_000, 40_000_000, 80_000_000];
+/// Readings after which an error counts only 37 %: a second or two.
+const FORGETTING: f64 = 200.0;
+/// Errors that tell nothing yet.
+const FEWEST_ERRORS: f64 = 20.0;
+
+/// How far predictions were off lately, by their length.
+#[derive(Clone, Debug, Default)]
+struct PredictionErrors {
+    bins: [ErrorBin; HORIZONS_NANOS.len()],
+}
+
+/// Sums of one length.
+#[derive(Clone, Copy, Debug, Default)]
+struct ErrorBin {
+    weight: f64,
+    /// Of their lengths, seconds.
+    ahead: f64,
+    /// Of squared errors, metres² and radians².
+    squares: [f64; 2],
+}
+
+impl PredictionErrors {
+    fn add(&mut self, bin: usize, ahead_nanos: i64, off: [f64; 2]) {
+        let keep = 1.0 - 1.0 / FORGETTING;
+        let bin = &mut self.bins[bin];
+        bin.weight = bin.weight * keep + 1.0;
+        bin.ahead = bin.ahead * keep + ahead_nanos as f64 * 1e-9;
+        for (sum, off) in bin.squares.iter_mut().zip(off) {
+            *sum = *sum * keep + off * off;
+        }
+    }
+
+    /// Root mean square error of a prediction of this length, between those that are known.
+    /// The readings' own noise is in it.
+    fn at(&self, ahead_nanos: i64) -> Option<[f64; 2]> {
+        let wanted = ahead_nanos as f64 * 1e-9;
+        let known = self.bins.iter().filter(|b| b.weight >= FEWEST_ERRORS);
+        let mut points = known.map(|b| (b.ahead / b.weight, b.squares.map(|s| s / b.weight)));
+        let mut below = points.next()?;
+        // A prediction of no length would be as wrong as the shortest at most.
+        if wanted <= below.0 {
+            return Some(below.1.map(f64::sqrt));
+        }
+        for above in points {
+            if wanted <= above.0 {
+                let share = (wanted - below.0) / (above.0 - below.0).max(1e-9);
+                let mixed = [0, 1].map(|k| below.1[k] + share * (above.1[k] - below.1[k]));
+                return Some(mixed.map(f64::sqrt));
+            }
+            below = above;
+        }
+        // Longer than any: as if by a missed acceleration.
+        let grown = (wanted / below.0.max(1e-3)).powi(2);
+        Some(below.1.map(|square| square.sqrt() * grown))
     }
 }
 

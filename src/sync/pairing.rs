@@ -3,7 +3,7 @@
 use super::brackets::{EnvironmentSet, Gathering};
 use super::history::{HistoryConfig, PoseAt, PoseHistory, Provenance, Pushed, Smoothing};
 use crate::calibration::RigCalibration;
-use penumbra_interface::{Frame, MonotonicTime, PoseSample};
+use penumbra_interface::{Frame, MonotonicTime, PoseSample, RigidTransform};
 use serde::Serialize;
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -36,6 +36,9 @@ pub struct PairingConfig {
     pub first_view_wait_nanos: i64,
     /// A tracker that said nothing for so long is not waited for.
     pub silent_after_nanos: i64,
+    /// Half the time about the exposure over which the sensor's motion is told, nanoseconds; 0
+    /// where nobody asks.
+    pub motion_nanos: i64,
     /// What is kept and believed of the tracker.
     pub history: HistoryConfig,
 }
@@ -53,6 +56,7 @@ impl Default for PairingConfig {
             max_wait_nanos: 50_000_000,
             first_view_wait_nanos: 0,
             silent_after_nanos: 250_000_000,
+            motion_nanos: 0,
             history: HistoryConfig::default(),
         }
     }
@@ -104,6 +108,8 @@ pub struct RigFrame {
     pub environment: Option<PairedEnvironment>,
     /// The sensor's pose at `captured_at`, if it is known.
     pub pose: Option<PoseAt>,
+    /// Its poses a little before and after, if asked for, and the seconds between.
+    pub motion: Option<(RigidTransform, RigidTransform, f64)>,
 }
 
 /// The environment as it was a little before.
@@ -151,6 +157,9 @@ pub struct PairingCounts {
 
 /// Pictures that wait at most.
 const WAITING: usize = 16;
+/// The tracker's latency follows what is wished by a millisecond a second, so that nothing
+/// jumps: one part in so many.
+const LATENCY_SLEW: i64 = 1000;
 /// Arrivals may be out of order by so much; more is another time.
 const JUMP_BACK_NANOS: i64 = 500_000_000;
 
@@ -168,6 +177,8 @@ pub struct Pairing {
     /// Last word of the tracker, or the beginning.
     heard_at: MonotonicTime,
     counts: PairingCounts,
+    /// What the tracker's latency moves to.
+    wished_latency: i64,
 }
 
 impl Pairing {
@@ -183,7 +194,26 @@ impl Pairing {
             now: None,
             heard_at: MonotonicTime::default(),
             counts: PairingCounts::default(),
+            wished_latency: config.tracker_latency_nanos,
         }
+    }
+
+    /// Lets the tracker's latency move there, a millisecond a second, for the readings to come.
+    pub const fn wish_tracker_latency(&mut self, nanos: i64) {
+        self.wished_latency = nanos;
+    }
+
+    /// The tracker's latency that is in force, nanoseconds.
+    #[must_use]
+    pub const fn tracker_latency(&self) -> i64 {
+        self.config.tracker_latency_nanos
+    }
+
+    /// Towards what is wished, after so long.
+    fn slew_latency(&mut self, passed_nanos: i64) {
+        let most = passed_nanos.clamp(0, self.config.silent_after_nanos.max(0)) / LATENCY_SLEW;
+        let latency = &mut self.config.tracker_latency_nanos;
+        *latency += (self.wished_latency - *latency).clamp(-most, most);
     }
 
     /// What happened so far.
@@ -215,6 +245,7 @@ impl Pairing {
             captured_at,
             environment: None,
             pose: None,
+            motion: None,
         });
         self.counts.scene_frames += 1;
         if self.waiting.len() > WAITING {
@@ -243,6 +274,7 @@ impl Pairing {
             self.counts.other_stations += 1;
             return;
         }
+        self.slew_latency(sample.arrived_at.nanos_since(self.heard_at));
         self.heard_at = sample.arrived_at;
         let latency = self.config.tracker_latency_nanos;
         let measured_at = sample.arrived_at.offset_nanos(latency.saturating_neg());
@@ -351,6 +383,7 @@ impl Pairing {
         let (captured_at, now) = (frame.captured_at, self.now.unwrap_or_default());
         if frame.pose.is_none() {
             frame.pose = self.history.at(captured_at);
+            frame.motion = motion(&self.history, captured_at, self.config.motion_nanos);
         }
         if frame.environment.is_none() {
             let patience = self.config.first_view_wait_nanos;
@@ -381,6 +414,26 @@ impl Pairing {
         self.counts.waited_out += u64::from(in_vain);
         let early = frame.environment.as_ref().is_some_and(|e| e.skew_nanos < 0);
         self.counts.before_first_view += u64::from(early);
+    }
+}
+
+/// Poses on both sides of an instant, or before it where nothing later is known.
+fn motion(
+    history: &PoseHistory,
+    at: MonotonicTime,
+    half: i64,
+) -> Option<(RigidTransform, RigidTransform, f64)> {
+    if half <= 0 {
+        return None;
+    }
+    let pose = |nanos: i64| {
+        let found = history.at(at.offset_nanos(nanos))?;
+        Some(found.transmitter_from_sensor)
+    };
+    let seconds = half as f64 * 2e-9;
+    match (pose(-half), pose(half)) {
+        (Some(before), Some(after)) => Some((before, after, seconds)),
+        _ => Some((pose(-2 * half)?, pose(0)?, seconds)),
     }
 }
 

@@ -114,7 +114,7 @@ fn a_wrong_board_writes_no_calibration() {
     for (board, says) in [
         ("chess:8x5:0.03", "has 7×5 inner corners"),
         ("chess:6x4:0.03", "has 7×5 inner corners"),
-        ("charuco:8x6:0.03:0.02", "only chessboards"),
+        ("charuco:8x6:0.03:0.02", "shows the board"),
     ] {
         let output = desk.run(&format!(
             "calibrate intrinsics --pictures pictures --board {board} --out a.json --force"
@@ -133,14 +133,16 @@ fn a_board_is_printed_at_true_scale() {
     assert!(said.contains("275 x 204 mm"), "{said}");
     assert!(desk.read("board.pdf").starts_with(b"%PDF-1.4"));
     desk.works("calibrate board --out board.svg");
+    desk.works("calibrate board --board aprilgrid:6x6:0.03:0.3 --out tags.pdf");
+    desk.works("calibrate board --board charuco:8x5:0.03:0.022:6x6_250 --out markers.svg");
     desk.works("calibrate board --out board.png --dpi 100");
     assert!(desk.read("board.png").starts_with(b"\x89PNG"));
     for (arguments, says) in [
         ("--out board.gif", "name a .pdf, .svg or .png"),
         ("--out board.pdf", "exists already"),
         (
-            "--board aprilgrid:6x6:0.088:0.3 --out a.pdf",
-            "only chessboards",
+            "--board charuco:8x5:0.03:0.02:9x9_50 --out a.pdf",
+            "no family of tags",
         ),
         ("--board chess:9x6:25 --out a.pdf", "25 mm is 0.025"),
     ] {
@@ -161,4 +163,23 @@ fn a_session_without_a_board_is_refused_by_its_reason() {
         "{said}"
     );
     assert!(!desk.path("a.json").exists() && desk.path("a.html").exists());
+}
+
+#[test]
+fn tags_on_a_printed_board_are_told_with_their_corners() {
+    let desk = Desk::new();
+    std::fs::create_dir(desk.path("sheets")).unwrap();
+    desk.works("calibrate board --board aprilgrid:3x2:0.03:0.3 --out sheets/tags.png --dpi 100");
+    let said = desk.works("calibrate tags --pictures sheets --family kalibr36h11 --out tags.csv");
+    assert!(said.contains("tags.png: 6 tags"), "{said}");
+    let table = text(&desk.read("tags.csv"));
+    assert_eq!(table.lines().count(), 7, "{table}");
+    // Its lower left tag has number 0; the sheet's margin is 4.5 mm, the squares' edge 9 mm.
+    let first = table.lines().nth(1).unwrap();
+    let fields: Vec<&str> = first.split(',').collect();
+    assert_eq!((fields[1], fields[2]), ("kalibr36h11", "0"));
+    let x: f64 = fields[3].parse().unwrap();
+    assert!((x - (0.0135 / 0.0254 * 100.0 - 0.5)).abs() < 1.0, "{first}");
+    let output = desk.run("calibrate tags --pictures sheets --family 9x9_50 --out b.csv");
+    assert!(text(&output.stderr).contains("no family of tags"));
 }

@@ -58,7 +58,16 @@ impl Running {
         (running, address)
     }
 
-    fn signal(&self, signal: &str) {
+    /// One that was started elsewhere.
+    pub const fn of(child: Child) -> Self {
+        Self(child)
+    }
+
+    pub fn stdout(&mut self) -> std::process::ChildStdout {
+        self.0.stdout.take().unwrap()
+    }
+
+    pub fn signal(&self, signal: &str) {
         let id = self.0.id().to_string();
         let sent = Command::new("kill").args([signal, &id]).status().unwrap();
         assert!(sent.success());
@@ -82,7 +91,7 @@ pub fn status(address: &str) -> Value {
     serde_json::from_str(answer.split_once("\r\n\r\n").unwrap().1).unwrap()
 }
 
-fn post(address: &str, path: &str, body: &str) -> String {
+pub fn post(address: &str, path: &str, body: &str) -> String {
     let mut stream = TcpStream::connect(address).unwrap();
     write!(
         stream,

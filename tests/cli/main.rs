@@ -4,7 +4,11 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod bake;
+#[path = "../support/board.rs"]
+mod board;
 mod calibrate;
+mod calibrate_live;
+mod calibrate_motion;
 mod live;
 mod live_tracker;
 mod program;
@@ -13,6 +17,7 @@ mod reload;
 mod replay;
 mod service;
 mod sessions;
+mod setups;
 mod simulate;
 mod tools;
 mod window;

@@ -50,6 +50,20 @@ impl Place {
     }
 }
 
+/// The own name and the serial number of the camera that calls itself `identity`
+/// ([`penumbra_interface::CameraReport::identity`]), as the system knows them without opening it.
+#[must_use]
+pub fn name_and_serial(identity: &str) -> Option<(String, Option<String>)> {
+    known_as(identity, &Roots::default())
+}
+
+fn known_as(identity: &str, roots: &Roots) -> Option<(String, Option<String>)> {
+    let mut places = all(roots).into_iter();
+    let place = places.find(|place| place.identity(None) == identity)?;
+    let serial = place.usb.and_then(|usb| usb.serial);
+    (!place.name.is_empty()).then_some((place.name, serial))
+}
+
 fn usb_name(usb: &UsbIdentity) -> String {
     let serial = usb.serial.as_ref().map(|serial| format!(":{serial}"));
     format!(

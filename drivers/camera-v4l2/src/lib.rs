@@ -34,5 +34,6 @@ mod trouble;
 mod video;
 
 pub use camera::open;
+pub use identity::name_and_serial;
 pub use list::list_cameras;
 pub use penumbra_interface::{BracketSettings, CameraInfo, CameraSettings, OnChange};

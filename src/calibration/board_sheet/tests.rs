@@ -2,9 +2,10 @@
 use super::*;
 use crate::calibration::intrinsics::Grey;
 use crate::calibration::intrinsics::detect::{Placement, find_chessboard};
+use crate::calibration::intrinsics::tag_finder::TagFinder;
 
 fn sheet() -> BoardSheet {
-    BoardSheet::of(&Board::parse("chess:9x6:0.025").unwrap()).unwrap()
+    BoardSheet::of(&Board::parse("chess:9x6:0.025").unwrap())
 }
 
 #[test]
@@ -62,13 +63,6 @@ fn the_pdf_says_its_size_and_its_table_is_right() {
 
 #[test]
 fn what_cannot_be_drawn_is_said() {
-    let tags = Board::parse("aprilgrid:6x6:0.088:0.3").unwrap();
-    assert!(
-        BoardSheet::of(&tags)
-            .unwrap_err()
-            .to_string()
-            .contains("kalibr_create_target_pdf")
-    );
     assert!(matches!(
         sheet().raster(100_000),
         Err(SheetError::TooLarge { .. })
@@ -77,6 +71,36 @@ fn what_cannot_be_drawn_is_said() {
         sheet().raster(0),
         Err(SheetError::TooLarge { .. })
     ));
-    let small = BoardSheet::of(&Board::parse("chess:3x3:0.005").unwrap()).unwrap();
+    let small = BoardSheet::of(&Board::parse("chess:3x3:0.005").unwrap());
     assert!(small.words.contains("20 mm long"));
+}
+
+/// Drawn, looked at, and every point where it was drawn.
+#[test]
+fn boards_of_tags_are_found_where_they_were_drawn() {
+    for (text, tags, first) in [
+        (
+            "aprilgrid:3x2:0.03:0.3",
+            6,
+            (0.5 * 0.009 + 0.009, 0.5 * 0.009 + 0.009),
+        ),
+        ("charuco:5x4:0.02:0.015:5x5_100", 10, (0.01, 0.01)),
+        ("charuco:4x5:0.02:0.014:aruco_original", 10, (0.01, 0.01)),
+        ("charuco:4x5:0.03:0.024:tag36h11", 10, (0.015, 0.015)),
+    ] {
+        let board = Board::parse(text).unwrap();
+        let (pixels, width, height) = BoardSheet::of(&board).raster(200).unwrap();
+        let picture = Grey::from_bytes(width as usize, height as usize, &pixels);
+        let seen = TagFinder::new(&board).unwrap().find(&picture);
+        assert_eq!(
+            (seen.tags, seen.points.len()),
+            (tags, board.point_count()),
+            "{text}"
+        );
+        let dots = 200.0 / 0.0254;
+        for c in seen.points {
+            let drawn = (c.point + glam::DVec2::from(first)) * dots - 0.5;
+            assert!(c.pixel.distance(drawn) < 0.8, "{text} {} {drawn}", c.pixel);
+        }
+    }
 }

@@ -2,6 +2,36 @@
 //! University of Michigan): facts about printed tags, which cannot be chosen otherwise. Bits in the
 //! order of that version's layout, first bit highest.
 
+mod aruco4;
+mod aruco5;
+mod aruco6;
+mod aruco7;
+mod mip;
+
+pub(super) use aruco4::ARUCO_4X4;
+pub(super) use aruco5::ARUCO_5X5;
+pub(super) use aruco6::ARUCO_6X6;
+pub(super) use aruco7::ARUCO_7X7;
+pub(super) use mip::MIP_36H12;
+
+/// Words of the first ArUco: each row of 5 modules says two bits of the number.
+pub(super) static ARUCO_ORIGINAL: [u64; 1024] = original();
+
+const fn original() -> [u64; 1024] {
+    const ROWS: [u64; 4] = [0b10000, 0b10111, 0b01001, 0b01110];
+    let mut words = [0; 1024];
+    let mut id = 0;
+    while id < words.len() {
+        let mut row = 0;
+        while row < 5 {
+            words[id] = (words[id] << 5) | ROWS[(id >> (2 * (4 - row))) & 3];
+            row += 1;
+        }
+        id += 1;
+    }
+    words
+}
+
 /// Code words of tag36h11, by number.
 #[rustfmt::skip]
 pub(super) const TAG36H11: [u64; 587] = [

@@ -127,7 +127,7 @@ mod tests {
             .flat_map(|row| row.bytes().map(|b| if b == b'#' { 0 } else { 200 }))
             .collect();
         let mut black = Black::default();
-        black.decide(&grey, width, height);
+        black.decide(&grey, (width, height), 128);
         let mut all = Vec::new();
         Walker::default().walk(&black, &mut Vec::new(), |o| all.push(o.to_vec()));
         all

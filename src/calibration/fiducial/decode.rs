@@ -27,11 +27,19 @@ impl Shade {
 /// Reads a tag; the map is from ±1 within the black border to pixels. Also how clearly it
 /// stood out: 1 where every module is as black or white as the borders.
 pub(super) fn read(grey: &Grey, map: &DMat3, family: Family) -> Option<(Word, f32)> {
+    let (word, margin) = bits(grey, map, family)?;
+    Some((family.look_up(word)?, margin))
+}
+
+/// The same before it is known whether the family has such a word.
+pub(super) fn bits(grey: &Grey, map: &DMat3, family: Family) -> Option<(u64, f32)> {
     let n = family.modules();
     let module = 2.0 / f64::from(n);
     let white = ring(grey, map, -0.5 * module - 1.0, n)?;
     let black = ring(grey, map, 0.5 * module - 1.0, n)?;
-    if white.middle - black.middle < LEAST_CONTRAST || !has_border(grey, map, n, white, black) {
+    let contrast = white.middle - black.middle;
+    let bordered = || (0..family.border()).all(|r| has_border(grey, map, (n, r), white, black));
+    if contrast < LEAST_CONTRAST || !bordered() {
         return None;
     }
     let (mut word, mut clear) = (0, 0.0);
@@ -43,8 +51,7 @@ pub(super) fn read(grey: &Grey, map: &DMat3, family: Family) -> Option<(Word, f3
         word = (word << 1) | u64::from(level > 0.5);
         clear += (2.0 * (level - 0.5).abs()).min(1.0);
     }
-    let found = family.look_up(word)?;
-    Some((found, (clear / f64::from(family.bits())) as f32))
+    Some((word, (clear / f64::from(family.bits())) as f32))
 }
 
 /// Middles of the modules round a square whose middles lie at ±`at`, but for its corners.
@@ -87,12 +94,20 @@ fn ring(grey: &Grey, map: &DMat3, at: f64, n: u32) -> Option<Shade> {
     Some(shade)
 }
 
-fn has_border(grey: &Grey, map: &DMat3, n: u32, white: Shade, black: Shade) -> bool {
+/// The border's ring `within` modules from its outside is black.
+fn has_border(
+    grey: &Grey,
+    map: &DMat3,
+    (n, within): (u32, u32),
+    white: Shade,
+    black: Shade,
+) -> bool {
     let module = 2.0 / f64::from(n);
+    let at = (f64::from(within) + 0.5) * module - 1.0;
     let is_white = |p: &DVec2| {
         let middle = 0.5 * (white.at(*p) + black.at(*p));
         grey.at(apply(map, *p)).is_none_or(|v| v > middle)
     };
-    let bad = round(0.5 * module - 1.0, n).filter(is_white).count();
+    let bad = round(at, n).filter(is_white).count();
     bad as f64 <= MOST_WHITE_BORDER * f64::from(4 * n)
 }

@@ -10,6 +10,18 @@ use crate::calibration::{PinholeCamera, Response};
 use crate::picture::Picture;
 use glam::DVec2;
 
+/// Below this share of 256 of the way from dark to bright a pixel is black. Half of it puts
+/// outlines where edges are.
+const HALF: u8 = 128;
+/// For tags whose corners touch black squares: half of the way would join them as soon as
+/// the picture is the least blurred.
+const APART: u8 = 77;
+/// Outlines that are looked at closely, the largest first: a picture full of texture must not
+/// hold up the frame that it belongs to.
+const MOST_CANDIDATES: usize = 400;
+/// Bits that may be wrong where it is known which tag there must be: chance would get half of
+/// at least 16 wrong.
+const FORETOLD_WRONG: u32 = 3;
 /// Less clear ones are taken for chance. See [`TagSeen::margin`].
 const LEAST_MARGIN: f32 = 0.25;
 
@@ -38,6 +50,7 @@ impl TagSeen {
 }
 
 /// Finds tags. Keeps its buffers from picture to picture.
+#[derive(Clone, Debug)]
 pub struct Detector {
     families: Vec<Family>,
     linear: Box<[f32; 256]>,
@@ -47,6 +60,8 @@ pub struct Detector {
     outline: Vec<DVec2>,
     quads: Vec<[DVec2; 4]>,
     seen: Vec<TagSeen>,
+    most: usize,
+    touching: bool,
 }
 
 impl Detector {
@@ -62,7 +77,25 @@ impl Detector {
             outline: Vec::new(),
             quads: Vec::new(),
             seen: Vec::new(),
+            most: MOST_CANDIDATES,
+            touching: false,
         }
+    }
+
+    /// Looks at no more than the `most` largest outlines of a picture, where more tags than
+    /// usual are expected.
+    #[must_use]
+    pub const fn with_most_candidates(mut self, most: usize) -> Self {
+        self.most = most;
+        self
+    }
+
+    /// Tags whose corners touch black squares, as an AprilGrid's do. Kalibr's are always taken
+    /// for such.
+    #[must_use]
+    pub const fn with_touching_corners(mut self) -> Self {
+        self.touching = true;
+        self
     }
 
     /// The tags in a picture, each once, by family and number. `camera`, where known, tells how
@@ -93,27 +126,70 @@ impl Detector {
         if width.max(height) > 65_000 || codes.len() != width * height {
             return &self.seen;
         }
-        self.black.decide(codes, width, height);
-        let quads = &mut self.quads;
-        quads.clear();
-        self.walker.walk(&self.black, &mut self.outline, |outline| {
-            quads.extend(quad(outline))
-        });
         let grey = Grey {
             width,
             height,
             codes,
             linear: &self.linear,
         };
-        for corners in &self.quads {
-            let tag = self
-                .families
-                .iter()
-                .find_map(|f| look(&grey, Lens(camera), corners, *f));
-            self.seen.extend(tag);
+        for share in [HALF, APART] {
+            let touching = self.touching;
+            let looked_for = |f: &&Family| (share == APART) == (touching || f.border() > 1);
+            if !self.families.iter().any(|f| looked_for(&f)) {
+                continue;
+            }
+            self.black.decide(codes, (width, height), share);
+            let quads = &mut self.quads;
+            quads.clear();
+            self.walker.walk(&self.black, &mut self.outline, |outline| {
+                quads.extend(quad(outline))
+            });
+            keep_largest(quads, self.most);
+            for corners in quads.iter() {
+                let mut families = self.families.iter().filter(looked_for);
+                let tag = families.find_map(|f| look(&grey, Lens(camera), corners, *f));
+                self.seen.extend(tag);
+            }
         }
         keep_best(&mut self.seen);
         &self.seen
+    }
+}
+
+/// Whether the tag of that number is at `corners`, which other tags foretold; then as it is
+/// read there. `codes` are a picture of that width and height in the encoding of `response`.
+#[must_use]
+pub fn confirm(
+    (codes, (width, height)): (&[u8], (usize, usize)),
+    response: &Response,
+    corners: [DVec2; 4],
+    (family, id): (Family, u32),
+) -> Option<TagSeen> {
+    let grey = Grey {
+        width,
+        height,
+        codes,
+        linear: response.linear_from_code(),
+    };
+    if codes.len() != width * height || !is_convex(&corners) {
+        return None;
+    }
+    let (word, margin) = decode::bits(&grey, &from_square(1.0, &corners)?, family)?;
+    let wrong_bits = family.wrong_bits(word, id)?;
+    (margin >= LEAST_MARGIN && wrong_bits <= FORETOLD_WRONG).then_some(TagSeen {
+        family,
+        id,
+        corners,
+        margin,
+        wrong_bits,
+    })
+}
+
+fn keep_largest(quads: &mut Vec<[DVec2; 4]>, most: usize) {
+    let area = |[a, b, c, d]: &[DVec2; 4]| (*c - *a).perp_dot(*d - *b).abs();
+    if quads.len() > most && most > 0 {
+        quads.select_nth_unstable_by(most - 1, |a, b| area(b).total_cmp(&area(a)));
+        quads.truncate(most);
     }
 }
 

@@ -28,13 +28,7 @@ fn paint(tag: &Tag, p: DVec2) -> Option<f64> {
     if x < 0 || y < 0 || x > last || y > last {
         return Some(0.8);
     }
-    let bit = (0..tag.family.bits()).find(|b| {
-        let (bx, by) = tag.family.module(*b);
-        (i64::from(bx), i64::from(by)) == (x, y)
-    });
-    let bits = tag.family.bits();
-    let word = tag.family.words()[tag.id as usize];
-    let white = bit.is_some_and(|b| (word >> (bits - 1 - b)) & 1 == 1);
+    let white = tag.family.is_white(tag.id, x as u32, y as u32);
     Some(if white { 0.8 } else { 0.05 })
 }
 
@@ -45,9 +39,18 @@ pub fn picture(
     tags: &[Tag],
     noise: f64,
 ) -> Vec<u8> {
-    const SUB: u32 = 6;
+    let still = camera_from_map.inverse();
+    rolling_picture(camera, |_| still, tags, noise)
+}
+
+/// The same by a rolling shutter: `map_from_camera` is the pose when a row is read.
+pub fn rolling_picture(
+    camera: &PinholeCamera,
+    map_from_camera: impl Fn(f64) -> RigidTransform,
+    tags: &[Tag],
+    noise: f64,
+) -> Vec<u8> {
     let response = Response::srgb();
-    let map_from_camera = camera_from_map.inverse();
     let mut random = 0x2545_f491_4f6c_dd1d_u64;
     let mut normal = || {
         let mut sum = 0.0;
@@ -59,7 +62,7 @@ pub fn picture(
         }
         sum - 6.0
     };
-    let light = |pixel: DVec2| {
+    let light = |pixel: DVec2, map_from_camera: &RigidTransform| {
         let ray = map_from_camera.rotation * camera.unproject(pixel);
         let shown = tags.iter().find_map(|tag| {
             let tag_from_map = tag.map_from_tag.inverse();
@@ -72,18 +75,34 @@ pub fn picture(
         shown.unwrap_or(0.35)
     };
     let mut codes = Vec::new();
+    let mut pose = map_from_camera(0.0);
     for (y, x) in (0..camera.height).flat_map(|y| (0..camera.width).map(move |x| (y, x))) {
-        let mut sum = 0.0;
-        for k in 0..SUB * SUB {
-            let sub = DVec2::new(f64::from(k % SUB), f64::from(k / SUB));
-            let at = (sub + 0.5) / f64::from(SUB) - 0.5;
-            sum += light(DVec2::new(f64::from(x), f64::from(y)) + at);
+        let middle = DVec2::new(f64::from(x), f64::from(y));
+        if x == 0 {
+            pose = map_from_camera(middle.y);
         }
-        let code =
-            f64::from(response.encoded_from_linear((sum / f64::from(SUB * SUB)) as f32)) * 255.0;
+        let shown = mean_over_square(middle, &|pixel| light(pixel, &pose));
+        let code = f64::from(response.encoded_from_linear(shown as f32)) * 255.0;
         codes.push((code + noise * normal()).round().clamp(0.0, 255.0) as u8);
     }
     codes
+}
+
+/// The mean over a pixel's square. Where corners and middle are alike nothing smaller is between.
+fn mean_over_square(middle: DVec2, light: &impl Fn(DVec2) -> f64) -> f64 {
+    const SUB: u32 = 6;
+    let corners = [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)];
+    let flat = light(middle);
+    if corners
+        .iter()
+        .all(|&c| light(middle + DVec2::from(c)) == flat)
+    {
+        return flat;
+    }
+    let sub = |k: u32| DVec2::new(f64::from(k % SUB), f64::from(k / SUB));
+    let at = |k: u32| middle + (sub(k) + 0.5) / f64::from(SUB) - 0.5;
+    let all = (0..SUB * SUB).map(|k| light(at(k)));
+    all.sum::<f64>() / f64::from(SUB * SUB)
 }
 
 /// A tag at a place of the map.

@@ -1,10 +1,14 @@
 //! The families of tags: how many modules, which words.
 
-use super::codes::{TAG16H5, TAG25H9, TAG36H11};
+use super::codes::{
+    ARUCO_4X4, ARUCO_5X5, ARUCO_6X6, ARUCO_7X7, ARUCO_ORIGINAL, MIP_36H12, TAG16H5, TAG25H9,
+    TAG36H11,
+};
 use std::fmt;
 use std::str::FromStr;
 
-/// A family of AprilTags. All have a black border of one module within a white one.
+/// A family of square tags: AprilTags and the dictionaries of ArUco markers. All have a black
+/// border of one module within a white one, but for [`Family::Kalibr36h11`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Family {
     /// 587 tags of 36 bits, any two at least 11 bits apart. The one to use.
@@ -13,6 +17,29 @@ pub enum Family {
     Tag25h9,
     /// 30 tags of 16 bits, at least 5 apart: found where no tag is more often than the others.
     Tag16h5,
+    /// Those of 36h11 with a black border of two modules: an AprilGrid's (Kalibr).
+    Kalibr36h11,
+    /// So many ArUco markers of 4×4 bits; OpenCV has 50, 100, 250 or 1000.
+    Aruco4x4(u16),
+    /// Of 5×5 bits.
+    Aruco5x5(u16),
+    /// Of 6×6 bits.
+    Aruco6x6(u16),
+    /// Of 7×7 bits.
+    Aruco7x7(u16),
+    /// The 1024 markers of the first ArUco, each row one of four words of 5 bits.
+    ArucoOriginal,
+    /// 250 markers of 36 bits, at least 12 apart.
+    ArucoMip36h12,
+}
+
+/// In which order a word's bits go over the modules.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Layout {
+    /// Along a quarter of the square and round (AprilTag 3).
+    Quarters,
+    /// Row by row (ArUco).
+    Rows,
 }
 
 /// A word that was read, put right.
@@ -27,30 +54,70 @@ pub(super) struct Word {
 }
 
 impl Family {
-    /// All that are known.
-    pub const ALL: [Self; 3] = [Self::Tag36h11, Self::Tag25h9, Self::Tag16h5];
+    /// All that are known; of the dictionaries of one size the largest, whose beginnings the
+    /// others are.
+    pub const ALL: [Self; 10] = [
+        Self::Tag36h11,
+        Self::Tag25h9,
+        Self::Tag16h5,
+        Self::Kalibr36h11,
+        Self::Aruco4x4(1000),
+        Self::Aruco5x5(1000),
+        Self::Aruco6x6(1000),
+        Self::Aruco7x7(1000),
+        Self::ArucoOriginal,
+        Self::ArucoMip36h12,
+    ];
+
+    /// Modules along a side of the word.
+    const fn side(self) -> u32 {
+        match self {
+            Self::Tag16h5 | Self::Aruco4x4(_) => 4,
+            Self::Tag25h9 | Self::Aruco5x5(_) | Self::ArucoOriginal => 5,
+            Self::Aruco7x7(_) => 7,
+            Self::Tag36h11 | Self::Kalibr36h11 | Self::Aruco6x6(_) | Self::ArucoMip36h12 => 6,
+        }
+    }
+
+    /// Width of the black border, modules.
+    #[must_use]
+    pub const fn border(self) -> u32 {
+        if matches!(self, Self::Kalibr36h11) {
+            2
+        } else {
+            1
+        }
+    }
 
     /// Modules across the black border.
     #[must_use]
     pub const fn modules(self) -> u32 {
-        match self {
-            Self::Tag36h11 => 8,
-            Self::Tag25h9 => 7,
-            Self::Tag16h5 => 6,
-        }
+        self.side() + 2 * self.border()
     }
 
     /// Bits of a word.
     pub(super) const fn bits(self) -> u32 {
-        let side = self.modules() - 2;
-        side * side
+        self.side() * self.side()
     }
 
-    pub(super) const fn words(self) -> &'static [u64] {
+    /// How many tags there are.
+    #[must_use]
+    pub fn count(self) -> u32 {
+        self.words().len() as u32
+    }
+
+    pub(super) fn words(self) -> &'static [u64] {
+        let first = |all: &'static [u64], count: u16| &all[..all.len().min(usize::from(count))];
         match self {
-            Self::Tag36h11 => &TAG36H11,
+            Self::Tag36h11 | Self::Kalibr36h11 => &TAG36H11,
             Self::Tag25h9 => &TAG25H9,
             Self::Tag16h5 => &TAG16H5,
+            Self::Aruco4x4(n) => first(&ARUCO_4X4, n),
+            Self::Aruco5x5(n) => first(&ARUCO_5X5, n),
+            Self::Aruco6x6(n) => first(&ARUCO_6X6, n),
+            Self::Aruco7x7(n) => first(&ARUCO_7X7, n),
+            Self::ArucoOriginal => &ARUCO_ORIGINAL,
+            Self::ArucoMip36h12 => &MIP_36H12,
         }
     }
 
@@ -58,44 +125,66 @@ impl Family {
     /// likelier that something is taken for a tag.
     const fn most_wrong(self) -> u32 {
         match self {
-            Self::Tag36h11 => 2,
-            Self::Tag25h9 => 1,
-            Self::Tag16h5 => 0,
+            Self::Tag36h11 | Self::Kalibr36h11 | Self::Aruco6x6(_) | Self::ArucoMip36h12 => 2,
+            Self::Aruco7x7(_) => 3,
+            Self::Tag25h9 | Self::Aruco5x5(_) => 1,
+            Self::Tag16h5 | Self::Aruco4x4(_) | Self::ArucoOriginal => 0,
         }
     }
 
-    /// Column and row of a bit's module, from (1, 1) within the border. Version 3 of AprilTag
-    /// goes along a quarter of the square and round, so that a quarter turn of the tag
-    /// rotates its word.
+    const fn layout(self) -> Layout {
+        match self {
+            Self::Tag36h11 | Self::Tag25h9 | Self::Tag16h5 | Self::Kalibr36h11 => Layout::Quarters,
+            _ => Layout::Rows,
+        }
+    }
+
+    /// Column and row of a bit's module, counted from the black border's own.
     pub(super) const fn module(self, bit: u32) -> (u32, u32) {
-        let last = self.modules() - 1;
-        let quarter = self.bits() / 4;
-        let (mut turns, mut rest) = (bit / quarter, bit % quarter);
-        if turns == 4 {
-            // An odd square's middle.
-            return (last / 2, last / 2);
-        }
-        let mut ring = 1;
-        while rest >= last - 2 * ring {
-            rest -= last - 2 * ring;
-            ring += 1;
-        }
-        let (mut x, mut y) = (ring + rest, ring);
-        while turns > 0 {
-            (x, y) = (last - y, x);
-            turns -= 1;
-        }
-        (x, y)
+        let (x, y) = match self.layout() {
+            Layout::Rows => (bit % self.side(), bit / self.side()),
+            Layout::Quarters => in_quarters(self.side(), bit),
+        };
+        (x + self.border(), y + self.border())
+    }
+
+    /// True where a tag's module is white; outside of its word all is black.
+    #[must_use]
+    pub fn is_white(self, id: u32, column: u32, row: u32) -> bool {
+        let word = self.words().get(id as usize).copied().unwrap_or(0);
+        let bits = self.bits();
+        (0..bits)
+            .any(|bit| self.module(bit) == (column, row) && (word >> (bits - 1 - bit)) & 1 == 1)
     }
 
     /// The word of the same tag after a quarter turn.
-    const fn turned(self, word: u64) -> u64 {
-        let (bits, odd) = (self.bits(), self.bits() % 4);
-        let (round, quarter) = (bits - odd, bits / 4);
-        let middle = word & ((1 << odd) - 1);
-        let ring = word >> odd;
-        let ring = (ring << quarter) | (ring >> (round - quarter));
-        ((ring & ((1 << round) - 1)) << odd) | middle
+    fn turned(self, word: u64) -> u64 {
+        let bits = self.bits();
+        match self.layout() {
+            Layout::Quarters => {
+                let odd = bits % 4;
+                let (round, quarter) = (bits - odd, bits / 4);
+                let middle = word & ((1 << odd) - 1);
+                let ring = word >> odd;
+                let ring = (ring << quarter) | (ring >> (round - quarter));
+                ((ring & ((1 << round) - 1)) << odd) | middle
+            }
+            Layout::Rows => {
+                let side = self.side();
+                (0..bits).fold(0, |turned, bit| {
+                    let (x, y) = (bit % side, bit / side);
+                    let from = x * side + side - 1 - y;
+                    (turned << 1) | ((word >> (bits - 1 - from)) & 1)
+                })
+            }
+        }
+    }
+
+    /// In how many bits an upright tag's word differs from what was read; `None` if there is no
+    /// such tag.
+    pub(super) fn wrong_bits(self, read: u64, id: u32) -> Option<u32> {
+        let word = self.words().get(id as usize)?;
+        Some((word ^ read).count_ones())
     }
 
     /// The tag whose word was read, if it is one.
@@ -120,88 +209,77 @@ impl Family {
     }
 }
 
+/// Version 3 of AprilTag goes along a quarter of the square and round, so that a quarter turn
+/// of the tag rotates its word.
+const fn in_quarters(side: u32, bit: u32) -> (u32, u32) {
+    let quarter = side * side / 4;
+    let (mut turns, mut rest) = (bit / quarter, bit % quarter);
+    if turns == 4 {
+        // An odd square's middle.
+        return (side / 2, side / 2);
+    }
+    let mut ring = 0;
+    while rest >= side - 1 - 2 * ring {
+        rest -= side - 1 - 2 * ring;
+        ring += 1;
+    }
+    let (mut x, mut y) = (ring + rest, ring);
+    while turns > 0 {
+        (x, y) = (side - 1 - y, x);
+        turns -= 1;
+    }
+    (x, y)
+}
+
 /// No such family.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("`{0}` is no family of tags that is known; use tag36h11, tag25h9 or tag16h5")]
+#[error(
+    "`{0}` is no family of tags that is known; use tag36h11, tag25h9, tag16h5, 4x4_50 (100, 250, \
+     1000; also 5x5, 6x6, 7x7), aruco_original or aruco_mip_36h12"
+)]
 pub struct UnknownFamily(String);
 
 impl FromStr for Family {
     type Err = UnknownFamily;
 
+    /// As [`Self`] is displayed, or as OpenCV spells it: `DICT_4X4_50`, `DICT_APRILTAG_36h11`.
     fn from_str(name: &str) -> Result<Self, UnknownFamily> {
-        let known = Self::ALL.into_iter().find(|f| f.to_string() == name);
-        known.ok_or_else(|| UnknownFamily(name.to_owned()))
+        let low = name.to_ascii_lowercase();
+        let plain = low.strip_prefix("dict_").unwrap_or(&low);
+        let tag = plain.strip_prefix("apriltag_").map(|t| format!("tag{t}"));
+        let plain = tag.as_deref().unwrap_or(plain);
+        let sizes = [50, 100, 250, 1000].into_iter().flat_map(|n| {
+            [
+                Self::Aruco4x4(n),
+                Self::Aruco5x5(n),
+                Self::Aruco6x6(n),
+                Self::Aruco7x7(n),
+            ]
+        });
+        let known = Self::ALL.into_iter().chain(sizes);
+        known
+            .into_iter()
+            .find(|f| f.to_string() == plain)
+            .ok_or_else(|| UnknownFamily(name.to_owned()))
     }
 }
 
 impl fmt::Display for Family {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Tag36h11 => "tag36h11",
-            Self::Tag25h9 => "tag25h9",
-            Self::Tag16h5 => "tag16h5",
-        })
+        match self {
+            Self::Tag36h11 => f.write_str("tag36h11"),
+            Self::Tag25h9 => f.write_str("tag25h9"),
+            Self::Tag16h5 => f.write_str("tag16h5"),
+            Self::Kalibr36h11 => f.write_str("kalibr36h11"),
+            Self::Aruco4x4(n) => write!(f, "4x4_{n}"),
+            Self::Aruco5x5(n) => write!(f, "5x5_{n}"),
+            Self::Aruco6x6(n) => write!(f, "6x6_{n}"),
+            Self::Aruco7x7(n) => write!(f, "7x7_{n}"),
+            Self::ArucoOriginal => f.write_str("aruco_original"),
+            Self::ArucoMip36h12 => f.write_str("aruco_mip_36h12"),
+        }
     }
 }
 
 #[cfg(test)]
-mod tests {
-    #![allow(clippy::unwrap_used)]
-    use super::*;
-    use std::collections::HashSet;
-
-    #[test]
-    fn every_bit_has_a_module_of_its_own() {
-        for family in Family::ALL {
-            let all: HashSet<_> = (0..family.bits()).map(|b| family.module(b)).collect();
-            assert_eq!(all.len() as u32, family.bits());
-            let side = 1..family.modules() - 1;
-            assert!(
-                all.iter()
-                    .all(|(x, y)| side.contains(x) && side.contains(y))
-            );
-        }
-        // As AprilTag's own tables have them.
-        assert_eq!(Family::Tag36h11.module(8), (3, 3));
-        assert_eq!(Family::Tag36h11.module(9), (6, 1));
-        assert_eq!(Family::Tag36h11.module(35), (3, 4));
-        assert_eq!(Family::Tag25h9.module(24), (3, 3));
-        assert_eq!(Family::Tag16h5.module(15), (2, 3));
-    }
-
-    #[test]
-    fn words_are_as_far_apart_as_the_familys_name_says_however_they_are_turned() {
-        for (family, apart) in [
-            (Family::Tag36h11, 11),
-            (Family::Tag25h9, 9),
-            (Family::Tag16h5, 5),
-        ] {
-            let words = family.words();
-            for (i, word) in words.iter().enumerate() {
-                let mut turned = *word;
-                for turn in 0..4 {
-                    let others = words
-                        .iter()
-                        .enumerate()
-                        .filter(|(k, _)| turn > 0 || *k != i);
-                    let nearest = others.map(|(_, w)| (w ^ turned).count_ones()).min();
-                    assert!(nearest.unwrap() >= apart, "{family} {i} {turn}");
-                    turned = family.turned(turned);
-                }
-                assert_eq!(turned, *word);
-            }
-        }
-    }
-
-    #[test]
-    fn a_word_with_wrong_bits_is_put_right_and_noise_is_no_tag() {
-        let family = Family::Tag36h11;
-        let word = family.words()[341] ^ 0b10_0000_0001;
-        let found = family.look_up(word).unwrap();
-        assert_eq!((found.id, found.wrong, found.turns), (341, 2, 0));
-        assert_eq!(family.look_up(family.words()[341] ^ 0b111), None);
-        assert_eq!(family.look_up(0), None);
-        assert_eq!("tag25h9".parse::<Family>().unwrap(), Family::Tag25h9);
-        assert!("tag36h10".parse::<Family>().is_err());
-    }
-}
+mod tests;

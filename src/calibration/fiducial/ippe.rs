@@ -44,6 +44,25 @@ pub(super) fn poses(
     Some([a, b])
 }
 
+/// Both `camera_from_tag` of a tag of this size, metres, each to the least reprojection error, the
+/// better first; the other only where its corners fit nearly as well.
+#[must_use]
+pub fn both_poses(camera: &PinholeCamera, corners: &[DVec2; 4], size: f64) -> Vec<RigidTransform> {
+    let points = super::pose::square(0.5 * size);
+    let matches: [_; 4] = std::array::from_fn(|i| Match {
+        point: points[i],
+        pixel: corners[i],
+    });
+    let starts = poses(camera, corners, size).into_iter().flatten();
+    let mut found: Vec<PoseEstimate> = starts
+        .filter_map(|start| refine(camera, start, &matches))
+        .collect();
+    found.sort_by(|a, b| a.rms.total_cmp(&b.rms));
+    let best = found.first().map_or(0.0, |f| f.rms);
+    found.retain(|f| f.rms <= 2.0 * CLEAR * best.max(0.05));
+    found.iter().map(|f| f.camera_from_frame).collect()
+}
+
 /// `camera_from_tag` of a tag of this size, metres: of its two poses the one that suits the corners
 /// better, or, where both do, the one nearer to the `last`.
 #[must_use]

@@ -1,4 +1,4 @@
-//! Printed fiducials (AprilTags): where they are in a picture, and where that puts the camera.
+//! Printed fiducials (AprilTags, ArUco markers): where they are in a picture, and where that puts the camera.
 //!
 //! The way of a picture: `threshold` makes it black and white, tile by tile; `contour` walks
 //! round what is black; `quad` keeps outlines of four straight sides; `edge` finds these
@@ -19,19 +19,19 @@ mod edge;
 mod family;
 mod homography;
 mod ippe;
-mod linear;
+pub(crate) mod linear;
 mod map;
 mod pose;
 mod quad;
 mod registrar;
 mod threshold;
 
-pub use detector::{Detector, TagSeen, grey_of};
-pub use family::Family;
-pub use ippe::nearest_pose;
-pub use map::{Tag, TagMap};
-pub use pose::{PoseEstimate, refine};
-pub use registrar::{Registered, Registrar, Registration};
+pub use detector::{Detector, TagSeen, confirm, grey_of};
+pub use family::{Family, UnknownFamily};
+pub use ippe::{both_poses, nearest_pose};
+pub use map::{Tag, TagMap, TwiceInMap};
+pub use pose::{Match, PoseEstimate, refine};
+pub use registrar::{Expectation, Registered, Registrar, Registration};
 
 #[cfg(test)]
 pub(crate) mod drawn;

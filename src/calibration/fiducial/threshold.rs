@@ -21,8 +21,10 @@ pub(super) struct Black {
 }
 
 impl Black {
-    /// Decides on every pixel. `grey` has `width` pixels in a row.
-    pub fn decide(&mut self, grey: &[u8], width: usize, height: usize) {
+    /// Decides on every pixel. `grey` has `width` pixels in a row. What is below `share` of 256
+    /// of the way from the darkest to the brightest is black: half of it for tags that stand
+    /// alone.
+    pub fn decide(&mut self, grey: &[u8], (width, height): (usize, usize), share: u8) {
         (self.width, self.height) = (width, height);
         self.pixels.clear();
         self.pixels.resize((width + 2) * (height + 2), false);
@@ -38,7 +40,9 @@ impl Black {
             let out = &mut self.pixels[(y + 1) * (width + 2) + 1..][..width];
             for (x, (pixel, out)) in row.iter().zip(out).enumerate() {
                 let (low, high) = tiles[(x / TILE).min(across - 1)];
-                *out = high - low >= LEAST_CONTRAST && *pixel <= low + (high - low) / 2;
+                let range = high - low;
+                let reach = (u16::from(range) * u16::from(share) / 256) as u8;
+                *out = range >= LEAST_CONTRAST && *pixel <= low + reach;
             }
         }
     }
@@ -92,18 +96,18 @@ mod tests {
         };
         let grey: Vec<u8> = (0..w * h).map(|i| at(i % w, i / w)).collect();
         let mut black = Black::default();
-        black.decide(&grey, w, h);
+        black.decide(&grey, (w, h), 128);
         let is = |x: usize, y: usize| black.pixels[(y + 1) * (w + 2) + x + 1];
         assert!((0..w).all(|x| is(x, 12) && is(x, 19) && !is(x, 11) && !is(x, 20)));
         let noise: Vec<u8> = (0..w * h).map(|i| 100 + (i * 7919 % 13) as u8).collect();
-        black.decide(&noise, w, h);
+        black.decide(&noise, (w, h), 128);
         assert!(black.pixels.iter().all(|b| !b));
     }
 
     #[test]
     fn a_picture_smaller_than_a_tile_has_nothing_black() {
         let mut black = Black::default();
-        black.decide(&[0, 255, 0, 255], 2, 2);
+        black.decide(&[0, 255, 0, 255], (2, 2), 128);
         assert!(black.pixels.iter().all(|b| !b));
     }
 }

@@ -3,6 +3,7 @@
 //! Board frame: +X along a row, +Y down the columns, +Z into the paper, the origin at the
 //! first corner; metres. So a board seen upright from the front has the camera's own axes.
 
+use crate::calibration::fiducial::{Family, UnknownFamily};
 use glam::DVec2;
 use thiserror::Error;
 
@@ -18,7 +19,7 @@ pub enum Board {
         /// Edge of a square, metres.
         square: f64,
     },
-    /// Kalibr's grid of AprilTags 36h11; black squares join the tags' corners.
+    /// Kalibr's grid of AprilTags; black squares join the tags' corners.
     AprilGrid {
         /// Tags in a row.
         columns: u32,
@@ -28,6 +29,8 @@ pub enum Board {
         tag: f64,
         /// Gap between tags as a share of `tag` (Kalibr's tagSpacing).
         gap: f64,
+        /// Which tags, from number 0 on.
+        family: Family,
     },
     /// A chessboard with markers in its white squares (OpenCV's `CharucoBoard`).
     Charuco {
@@ -39,6 +42,8 @@ pub enum Board {
         square: f64,
         /// Edge of a marker, metres.
         marker: f64,
+        /// Which markers, from number 0 on.
+        family: Family,
     },
 }
 
@@ -49,11 +54,20 @@ pub enum BoardError {
     #[error(
         "board `{text}`: write chess:COLUMNSxROWS:SQUARE (inner corners, metres), \
          aprilgrid:COLUMNSxROWS:TAG:GAP (metres, share of the tag) or \
-         charuco:COLUMNSxROWS:SQUARE:MARKER (squares, metres), e.g. chess:9x6:0.025"
+         charuco:COLUMNSxROWS:SQUARE:MARKER:DICTIONARY (squares, metres), e.g. chess:9x6:0.025 \
+         or charuco:8x5:0.03:0.022:4x4_50"
     )]
     Unreadable {
         /// As typed.
         text: String,
+    },
+    /// No such tags.
+    #[error("board `{text}`: {reason}")]
+    Tags {
+        /// As typed.
+        text: String,
+        /// Which are known.
+        reason: UnknownFamily,
     },
     /// A number that no board can have.
     #[error("board `{text}`: {reason}")]
@@ -83,11 +97,9 @@ impl Board {
         let (columns, rows) = counts.ok_or_else(unreadable)?;
         let columns: u32 = columns.trim().parse().map_err(|_| unreadable())?;
         let rows: u32 = rows.trim().parse().map_err(|_| unreadable())?;
-        let lengths: Vec<f64> = parts
-            .map(|p| p.trim().parse().map_err(|_| unreadable()))
-            .collect::<Result<_, _>>()?;
+        let (lengths, family) = lengths_and_family(text, parts)?;
         let board = match (kind, lengths.as_slice()) {
-            ("chess", &[square]) => Self::Chess {
+            ("chess", &[square]) if family.is_none() => Self::Chess {
                 columns,
                 rows,
                 square,
@@ -97,12 +109,14 @@ impl Board {
                 rows,
                 tag,
                 gap,
+                family: family.unwrap_or(Family::Kalibr36h11),
             },
             ("charuco", &[square, marker]) => Self::Charuco {
                 columns,
                 rows,
                 square,
                 marker,
+                family: family.unwrap_or(usual_dictionary(columns.saturating_mul(rows) / 2)),
             },
             _ => return Err(unreadable()),
         };
@@ -142,6 +156,10 @@ impl Board {
         if !(edge > 0.0 && edge <= 2.0) {
             return Err("sizes are in metres, above 0 and at most 2 (25 mm is 0.025)");
         }
+        let numbers = self.family().map_or(0, Family::count);
+        if self.tag_count() > numbers && self.family().is_some() {
+            return Err("there are more tags on it than in its dictionary; name a larger one");
+        }
         match *self {
             Self::AprilGrid { gap, .. } if !(gap > 0.0 && gap < 2.0) => {
                 Err("the gap is a share of the tag, above 0 and below 2 (Kalibr's is 0.3)")
@@ -150,6 +168,38 @@ impl Board {
                 Err("the marker must be smaller than its square")
             }
             _ => Ok(()),
+        }
+    }
+
+    /// Its tags' family; a chessboard has none.
+    #[must_use]
+    pub const fn family(&self) -> Option<Family> {
+        match *self {
+            Self::Chess { .. } => None,
+            Self::AprilGrid { family, .. } | Self::Charuco { family, .. } => Some(family),
+        }
+    }
+
+    /// Its tags stand on their heads: OpenCV has the words of AprilTags turned by half a turn, and
+    /// so draws them on its boards.
+    #[must_use]
+    pub const fn has_turned_tags(&self) -> bool {
+        matches!(
+            self,
+            Self::Charuco {
+                family: Family::Tag36h11 | Family::Tag25h9 | Family::Tag16h5 | Family::Kalibr36h11,
+                ..
+            }
+        )
+    }
+
+    /// How many tags are on it.
+    #[must_use]
+    pub const fn tag_count(&self) -> u32 {
+        match *self {
+            Self::Chess { .. } => 0,
+            Self::AprilGrid { columns, rows, .. } => columns * rows,
+            Self::Charuco { columns, rows, .. } => columns * rows / 2,
         }
     }
 
@@ -173,6 +223,33 @@ impl Board {
     }
 }
 
+/// The numbers behind the counts, and the tags' name if the last is none.
+fn lengths_and_family<'a>(
+    text: &str,
+    parts: impl Iterator<Item = &'a str>,
+) -> Result<(Vec<f64>, Option<Family>), BoardError> {
+    let mut parts: Vec<&str> = parts.map(str::trim).collect();
+    let named = parts.len() == 3;
+    let family = parts.pop_if(|_| named).map(str::parse).transpose();
+    let family = family.map_err(|reason| BoardError::Tags {
+        text: text.to_owned(),
+        reason,
+    })?;
+    let lengths = parts.iter().map(|p| p.parse()).collect::<Result<_, _>>();
+    lengths
+        .map(|lengths| (lengths, family))
+        .map_err(|_| BoardError::Unreadable {
+            text: text.to_owned(),
+        })
+}
+
+/// OpenCV's smallest dictionary of 4×4 bits with so many markers.
+fn usual_dictionary(markers: u32) -> Family {
+    let sizes = [50, 100, 250].into_iter();
+    let enough = |n: &u16| u32::from(*n) >= markers;
+    Family::Aruco4x4({ sizes }.find(enough).unwrap_or(1000))
+}
+
 impl std::fmt::Display for Board {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
@@ -186,16 +263,22 @@ impl std::fmt::Display for Board {
                 rows,
                 tag,
                 gap,
+                family,
             } => {
-                write!(f, "aprilgrid:{columns}x{rows}:{tag}:{gap}")
+                write!(f, "aprilgrid:{columns}x{rows}:{tag}:{gap}")?;
+                match family {
+                    Family::Kalibr36h11 => Ok(()),
+                    other => write!(f, ":{other}"),
+                }
             }
             Self::Charuco {
                 columns,
                 rows,
                 square,
                 marker,
+                family,
             } => {
-                write!(f, "charuco:{columns}x{rows}:{square}:{marker}")
+                write!(f, "charuco:{columns}x{rows}:{square}:{marker}:{family}")
             }
         }
     }
@@ -220,46 +303,4 @@ pub struct View {
 }
 
 #[cfg(test)]
-mod tests {
-    #![allow(clippy::unwrap_used)]
-    use super::*;
-
-    #[test]
-    fn boards_are_read_as_they_are_written() {
-        for text in [
-            "chess:9x6:0.025",
-            "aprilgrid:6x6:0.088:0.3",
-            "charuco:8x5:0.03:0.022",
-        ] {
-            assert_eq!(Board::parse(text).unwrap().to_string(), text);
-        }
-        assert_eq!(Board::parse("chess:9x6:0.025").unwrap().point_count(), 54);
-        assert_eq!(
-            Board::parse("charuco:8x5:0.03:0.022")
-                .unwrap()
-                .point_count(),
-            28
-        );
-    }
-
-    #[test]
-    fn what_is_no_board_is_told_in_one_line() {
-        for (text, says) in [
-            ("", "write chess:"),
-            ("chess", "write chess:"),
-            ("chess:9x6", "write chess:"),
-            ("chess:9by6:0.02", "write chess:"),
-            ("chess:9x6:25", "metres"),
-            ("chess:9x6:-0.1", "metres"),
-            ("chess:9x6:nan", "metres"),
-            ("chess:1x6:0.02", "3 to 100"),
-            ("chess:9x4000000000:0.02", "3 to 100"),
-            ("aprilgrid:6x6:0.088:3", "gap"),
-            ("charuco:6x6:0.03:0.03", "marker"),
-            ("circles:6x6:0.03", "write chess:"),
-        ] {
-            let error = Board::parse(text).unwrap_err().to_string();
-            assert!(error.contains(says) && !error.contains('\n'), "{error}");
-        }
-    }
-}
+mod tests;

@@ -3,6 +3,7 @@
 
 use super::estimate::{Estimate, ViewEstimate};
 use super::lens::{Lens, LensModel};
+use super::rim::Light;
 use crate::calibration::numeric::{Matrix, median};
 use glam::{DMat3, DVec2, DVec3};
 
@@ -46,9 +47,9 @@ pub struct Uncertainty {
 }
 
 impl Coverage {
-    /// Of the points that were used.
+    /// Of the points that were used. `light` tells where a fisheye's picture ends.
     #[must_use]
-    pub fn of(lens: &Lens, views: &[ViewEstimate]) -> Self {
+    pub fn of(lens: &Lens, views: &[ViewEstimate], light: &Light) -> Self {
         let (columns, rows) = CELLS;
         let size = DVec2::new(f64::from(lens.width), f64::from(lens.height));
         let mut corners = vec![0_u32; columns * rows];
@@ -59,7 +60,14 @@ impl Coverage {
         }
         let radius = lit_radius(lens, views);
         let lit: Vec<bool> = (0..columns * rows)
-            .map(|i| cell_middle(lens, i).distance(lens.centre) < radius)
+            .map(|i| {
+                let middle = cell_middle(lens, i);
+                let by_light = light.falls_on((middle + 0.5) / size);
+                let fisheye = lens.model == LensModel::KannalaBrandt;
+                by_light
+                    .filter(|_| fisheye)
+                    .unwrap_or_else(|| middle.distance(lens.centre) < radius)
+            })
             .collect();
         let of_lit = corners.iter().zip(&lit).filter(|(_, lit)| **lit);
         let filled = of_lit.clone().filter(|(n, _)| **n > 0).count();
@@ -211,7 +219,7 @@ fn best_turns(seen: &[(usize, Vec<DVec2>, [DVec2; 3])], n: usize) -> Vec<DVec3> 
 }
 
 /// √(half the trace of J Σ Jᵀ): of one coordinate.
-fn deviation(rows: &[DVec2], covariance: &Matrix) -> f64 {
+pub(super) fn deviation(rows: &[DVec2], covariance: &Matrix) -> f64 {
     let mut trace = 0.0;
     for (i, a) in rows.iter().enumerate() {
         for (j, b) in rows.iter().enumerate() {

@@ -1,8 +1,11 @@
 //! Boards as a known camera would see them, for tests.
 
 use super::{Board, Grey, Lens};
+use crate::calibration::board_sheet::{Black, pattern};
 use glam::{DQuat, DVec2, DVec3};
 use penumbra_interface::RigidTransform;
+
+pub(crate) use crate::calibration::rehearsal::Random;
 
 /// Samples to each side within a pixel.
 const SAMPLES: u32 = 3;
@@ -35,17 +38,9 @@ impl Draughtsman {
 
     /// The board on a grey wall, blurred by `blur` pixels, with noise of `noise` codes.
     pub fn draw(&self, board: &Board, pose: RigidTransform, blur: f32, noise: f64) -> Grey {
-        let Board::Chess {
-            columns,
-            rows,
-            square,
-        } = *board
-        else {
-            return Grey::from_bytes(self.width as usize, self.height as usize, &[]);
-        };
         let board_from_camera = pose.inverse();
         let origin = board_from_camera.translation;
-        let squares = (f64::from(columns) + 1.0, f64::from(rows) + 1.0);
+        let paint = Paint::of(board);
         let brightness = |ray: Option<DVec3>| {
             let Some(ray) = ray else { return 10.0 };
             let ray = board_from_camera.rotation * ray;
@@ -53,19 +48,8 @@ impl Draughtsman {
             if t.is_nan() || t <= 0.0 {
                 return 90.0;
             }
-            // In squares from the board's outer corner; its first square is dark.
-            let p = (origin + ray * t).truncate() / square + 1.0;
-            let margin = 0.7;
-            let (x, y) = (p.x, p.y);
-            if x < -margin || y < -margin || x > squares.0 + margin || y > squares.1 + margin {
-                90.0
-            } else if x < 0.0 || y < 0.0 || x > squares.0 || y > squares.1 {
-                215.0
-            } else {
-                // An edge falls between samples: each stands for its surroundings.
-                let width = t * self.spacing / square;
-                122.5 - 92.5 * wave(x, width) * wave(y, width)
-            }
+            let width = t * self.spacing;
+            paint.at((origin + ray * t).truncate(), width)
         };
         let mut sharp = Grey::from_bytes(self.width as usize, self.height as usize, &[]);
         let wide = self.width * SAMPLES;
@@ -96,6 +80,112 @@ impl Draughtsman {
     }
 }
 
+/// Parts of a board across and down.
+const BINS: f64 = 60.0;
+
+/// The rectangles that reach into each part of a board, or nearly.
+fn bins(black: &[Black], size: DVec2) -> Vec<Vec<usize>> {
+    let n = BINS as usize;
+    let mut bins = vec![Vec::new(); n * n];
+    for (i, b) in black.iter().enumerate() {
+        let low = DVec2::new(b.x, b.y) / size * BINS - 1.0;
+        let high = DVec2::new(b.x + b.width, b.y + b.height) / size * BINS + 1.0;
+        let last = DVec2::splat(BINS - 1.0);
+        let (low, high) = (low.clamp(DVec2::ZERO, last), high.clamp(DVec2::ZERO, last));
+        for y in low.y as usize..=high.y as usize {
+            for x in low.x as usize..=high.x as usize {
+                bins[y * n + x].push(i);
+            }
+        }
+    }
+    bins
+}
+
+/// What a board looks like.
+enum Paint {
+    Chess {
+        squares: DVec2,
+        square: f64,
+    },
+    Sheet {
+        black: Vec<Black>,
+        /// Which of them are near, by part of the board, [`BINS`]² parts.
+        bins: Vec<Vec<usize>>,
+        size: DVec2,
+        origin: DVec2,
+    },
+}
+
+impl Paint {
+    fn of(board: &Board) -> Self {
+        match *board {
+            Board::Chess {
+                columns,
+                rows,
+                square,
+            } => Self::Chess {
+                squares: DVec2::new(f64::from(columns) + 1.0, f64::from(rows) + 1.0),
+                square,
+            },
+            _ => {
+                let pattern = pattern::of(board);
+                let size = DVec2::new(pattern.width, pattern.height);
+                Self::Sheet {
+                    bins: bins(&pattern.black, size),
+                    black: pattern.black,
+                    size,
+                    origin: DVec2::splat(match *board {
+                        Board::AprilGrid { tag, gap, .. } => tag * gap,
+                        _ => 0.0,
+                    }),
+                }
+            }
+        }
+    }
+
+    /// Brightness at a place of the board; `width` is a sample's, metres.
+    fn at(&self, p: DVec2, width: f64) -> f64 {
+        match self {
+            Self::Chess { squares, square } => {
+                // In squares from the board's outer corner; its first square is dark.
+                let p = p / square + 1.0;
+                let off = (p - *squares).max(-p).max_element();
+                if off > 0.7 {
+                    90.0
+                } else if off > 0.0 {
+                    215.0
+                } else {
+                    // An edge falls between samples: each stands for its surroundings.
+                    let width = width / square;
+                    122.5 - 92.5 * wave(p.x, width) * wave(p.y, width)
+                }
+            }
+            Self::Sheet {
+                black,
+                bins,
+                size,
+                origin,
+            } => {
+                let p = p + *origin;
+                let off = (p - *size).max(-p).max_element();
+                if off > 0.02 {
+                    return 90.0;
+                }
+                let within = |v: f64, from: f64, wide: f64| {
+                    ((v - from).min(from + wide - v) / width + 0.5).clamp(0.0, 1.0)
+                };
+                let bin = (p / *size * BINS).clamp(DVec2::ZERO, DVec2::splat(BINS - 1.0));
+                let near = &bins[bin.y as usize * BINS as usize + bin.x as usize];
+                let covered = near
+                    .iter()
+                    .map(|i| &black[*i])
+                    .map(|b| within(p.x, b.x, b.width) * within(p.y, b.y, b.height));
+                215.0 - 185.0 * covered.sum::<f64>().min(1.0)
+            }
+        }
+    }
+}
+
 /// 1 in even squares, −1 in odd ones, a ramp of this width between them.
 fn wave(x: f64, width: f64) -> f64 {
     let sign = if x.rem_euclid(2.0) < 1.0 { 1.0 } else { -1.0 };
@@ -106,51 +196,32 @@ fn wave(x: f64, width: f64) -> f64 {
 /// A board whose middle stands at `centre` (camera frame, metres), tilted by angles about X
 /// and Y and turned about Z, radians.
 pub(crate) fn pose(board: &Board, centre: DVec3, tilt: DVec2, turn: f64) -> RigidTransform {
-    let Board::Chess {
-        columns,
-        rows,
-        square,
-    } = *board
-    else {
-        return RigidTransform::IDENTITY;
-    };
     let rotation = DQuat::from_rotation_x(tilt.x)
         * DQuat::from_rotation_y(tilt.y)
         * DQuat::from_rotation_z(turn);
-    let middle = DVec3::new(f64::from(columns) - 1.0, f64::from(rows) - 1.0, 0.0) * 0.5 * square;
+    let middle = match *board {
+        Board::Chess {
+            columns,
+            rows,
+            square,
+        } => DVec2::new(f64::from(columns) - 1.0, f64::from(rows) - 1.0) * 0.5 * square,
+        Board::Charuco {
+            columns,
+            rows,
+            square,
+            ..
+        } => DVec2::new(f64::from(columns), f64::from(rows)) * 0.5 * square,
+        Board::AprilGrid {
+            columns,
+            rows,
+            tag,
+            gap,
+            ..
+        } => {
+            let tags = DVec2::new(f64::from(columns), f64::from(rows));
+            (tags * (1.0 + gap) - gap) * 0.5 * tag
+        }
+    };
+    let middle = middle.extend(0.0);
     RigidTransform::new(rotation, centre - rotation * middle)
-}
-
-/// Numbers that are the same in every run (SplitMix64).
-pub(crate) struct Random(u64);
-
-impl Random {
-    pub const fn new(seed: u64) -> Self {
-        Self(seed)
-    }
-
-    /// From 0 to 1.
-    pub fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
-    /// Between two values.
-    pub fn between(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * self.uniform()
-    }
-
-    /// Standard normal (Box & Muller).
-    pub fn normal(&mut self) -> f64 {
-        let radius = (-2.0 * self.uniform().max(1e-300).ln()).sqrt();
-        radius * (std::f64::consts::TAU * self.uniform()).cos()
-    }
-
-    /// Each component standard normal.
-    pub fn normal3(&mut self) -> DVec3 {
-        DVec3::new(self.normal(), self.normal(), self.normal())
-    }
 }

@@ -2,10 +2,14 @@
 
 use super::board::{Board, Correspondence, View};
 use super::coverage::{Coverage, Tilt, Uncertainty};
-use super::detect::{Grey, NoChessboard, Placement, find_chessboard};
+use super::detect::{Grey, NoChessboard, find_chessboard};
 use super::estimate::{Estimate, Options, estimate_some};
+use super::evidence::{ChessEvidence, TagEvidence};
+use super::finding::Finding;
 use super::lens::LensModel;
-use super::verdict::{Finding, Grade, Verdict};
+use super::rim::{Light, Rim};
+use super::tag_finder::TagFinder;
+use super::verdict::{Grade, Verdict};
 use glam::DVec2;
 use std::collections::BTreeMap;
 
@@ -14,8 +18,8 @@ use std::collections::BTreeMap;
 const ALIKE: f64 = 0.02;
 /// Views kept; more make the search slow and the lens no better.
 const MOST_VIEWS: usize = 120;
-/// Of the sightings, so many must be of one other size to say that the board is.
-const OTHER_SIZE: f64 = 0.6;
+/// Light from beyond so many times the angle at which corners were seen is worth a word.
+const RIM: f64 = 1.05;
 
 /// A lens of fewer coefficients explains the views as well if its error is at most so many
 /// times as large.
@@ -47,9 +51,11 @@ pub struct Gatherer {
     views: Vec<View>,
     pictures: usize,
     other_size: usize,
-    larger: BTreeMap<(u32, u32), usize>,
-    whole: usize,
-    partial: BTreeMap<(u32, u32), usize>,
+    chess: ChessEvidence,
+    finder: Option<TagFinder>,
+    light: Light,
+    marks: Vec<DVec2>,
+    tags: TagEvidence,
 }
 
 /// Everything that is said of a camera's lens in the end.
@@ -76,56 +82,55 @@ pub struct Judged {
     pub tilt: Tilt,
     /// How sure the lens is in each part of the picture.
     pub uncertainty: Uncertainty,
+    /// How far out a fisheye is known.
+    pub rim: Option<Rim>,
 }
 
 impl Gatherer {
     /// Of views of that board.
     #[must_use]
-    pub const fn new(board: Board) -> Self {
+    pub fn new(board: Board) -> Self {
         Self {
             board,
             size: None,
             views: Vec::new(),
             pictures: 0,
             other_size: 0,
-            larger: BTreeMap::new(),
-            whole: 0,
-            partial: BTreeMap::new(),
+            chess: ChessEvidence::default(),
+            finder: TagFinder::new(&board),
+            light: Light::default(),
+            marks: Vec::new(),
+            tags: TagEvidence::default(),
         }
     }
 
-    /// Looks for the board in a picture. Only chessboards are looked for here; what a tag
-    /// detector finds of other boards comes in by [`Self::offer_points`].
+    /// Looks for the board in a picture.
     pub fn offer(&mut self, name: &str, picture: &Grey) -> Offer {
+        let size = (picture.width as u32, picture.height as u32);
+        if self.size.is_none_or(|known| known == size) {
+            self.light.look(picture);
+        }
+        if let Some(finder) = &mut self.finder {
+            let seen = finder.find(picture);
+            self.tags.note(&seen);
+            let offer = self.offer_points(name, size, seen.points);
+            let other = seen.contradicts || seen.other_family.is_some();
+            return if other { Offer::OtherBoard } else { offer };
+        }
         let Board::Chess {
             columns,
             rows,
             square,
         } = self.board
         else {
-            return self.offer_points(
-                name,
-                (picture.width as u32, picture.height as u32),
-                Vec::new(),
-            );
+            return Offer::NotSeen;
         };
         let found = find_chessboard(picture, columns, rows);
-        let points = match &found {
-            Ok(sighting) => {
-                if sighting.placement == Placement::Unknown {
-                    *self.partial.entry(sighting.extent).or_default() += 1;
-                } else {
-                    self.whole += 1;
-                }
-                sighting.correspondences(square)
-            }
-            Err(NoChessboard::Larger { columns, rows }) => {
-                *self.larger.entry((*columns, *rows)).or_default() += 1;
-                Vec::new()
-            }
-            Err(NoChessboard::NotSeen) => Vec::new(),
-        };
-        let offer = self.offer_points(name, (picture.width as u32, picture.height as u32), points);
+        self.chess.note(&found);
+        let points = found
+            .as_ref()
+            .map_or_else(|_| Vec::new(), |sighting| sighting.correspondences(square));
+        let offer = self.offer_points(name, size, points);
         match (offer, found) {
             (Offer::NotSeen, Err(NoChessboard::Larger { .. })) => Offer::OtherBoard,
             (offer, _) => offer,
@@ -140,6 +145,8 @@ impl Gatherer {
         points: Vec<Correspondence>,
     ) -> Offer {
         self.pictures += 1;
+        self.marks.clear();
+        self.marks.extend(points.iter().map(|c| c.pixel));
         if *self.size.get_or_insert(size) != size {
             self.other_size += 1;
             return Offer::OtherSize;
@@ -172,6 +179,19 @@ impl Gatherer {
     #[must_use]
     pub fn views(&self) -> &[View] {
         &self.views
+    }
+
+    /// What was found in the last picture, pixels.
+    #[must_use]
+    pub fn marks(&self) -> &[DVec2] {
+        &self.marks
+    }
+
+    /// The lens as the views so far have it, to know what is missing.
+    #[must_use]
+    pub fn so_far(&self, options: &Options) -> Option<(Judged, Verdict)> {
+        let all = options.model.coefficients().len();
+        self.judged_with(options, all).ok()
     }
 
     /// The pictures' size, once there was one.
@@ -223,11 +243,22 @@ impl Gatherer {
     ) -> Result<(Judged, Verdict), Finding> {
         let size = self.size.unwrap_or_default();
         let estimate = estimate_some(size, &self.views, options, coefficients)?;
-        let coverage = Coverage::of(&estimate.lens, &estimate.views);
+        let coverage = Coverage::of(&estimate.lens, &estimate.views, &self.light);
         let tilt = Tilt::of(&estimate.views);
         let uncertainty = Uncertainty::of(&estimate);
-        let verdict = Verdict::of(&estimate, &coverage, &tilt, &uncertainty);
+        let rim = Rim::of(&estimate, &self.light);
+        let mut verdict = Verdict::of(&estimate, &coverage, &tilt, &uncertainty);
+        if let Some((rim, lit)) = rim.and_then(|rim| Some((rim, rim.lit?)))
+            && lit > rim.known.max(RIM * rim.seen)
+        {
+            let [seen, lit, known] = [rim.seen, lit, rim.known].map(f64::to_degrees);
+            verdict.add(Grade::Usable, Finding::RimUnseen { seen, lit, known });
+        }
+        if let Some(doubt) = self.tags.doubt() {
+            verdict.add(Grade::Usable, doubt);
+        }
         let judged = Judged {
+            rim,
             estimate,
             coverage,
             tilt,
@@ -242,28 +273,8 @@ impl Gatherer {
         if 2 * self.other_size > pictures {
             return Err(Finding::SizesDiffer);
         }
-        let larger: usize = self.larger.values().sum();
-        let partial: usize = self.partial.values().sum();
-        let seen = larger + partial + self.whole;
-        let other = |counts: &BTreeMap<(u32, u32), usize>| {
-            let (&(columns, rows), _) = counts.iter().max_by_key(|(_, n)| **n)?;
-            Some(Finding::OtherBoard { columns, rows })
-        };
-        if larger > self.whole + partial
-            && let Some(finding) = other(&self.larger)
-        {
-            return Err(finding);
-        }
-        // Parts of a board come in all sizes; one size again and again is a smaller board.
-        let commonest = self.partial.values().copied().max().unwrap_or(0);
-        let alike = commonest as f64 >= OTHER_SIZE * seen as f64;
-        if self.whole == 0
-            && commonest >= 3
-            && alike
-            && let Some(finding) = other(&self.partial)
-        {
-            return Err(finding);
-        }
+        self.tags.check(&self.board)?;
+        self.chess.check()?;
         if self.views.is_empty() {
             return Err(Finding::BoardNotSeen { pictures });
         }

@@ -9,7 +9,7 @@ use penumbra_interface::RigidTransform;
 ///
 /// ray × H (x, y, 1) = 0 is linear in H (Hartley & Zisserman 4.1) and holds for rays in any
 /// direction, beyond 90° from the axis too.
-pub(super) fn from_rays(pairs: &[(DVec2, DVec3)]) -> Option<DMat3> {
+pub(crate) fn from_rays(pairs: &[(DVec2, DVec3)]) -> Option<DMat3> {
     if pairs.len() < 4 {
         return None;
     }
@@ -40,6 +40,22 @@ pub(super) fn from_rays(pairs: &[(DVec2, DVec3)]) -> Option<DMat3> {
     let before = |&(point, ray): &(DVec2, DVec3)| ray.dot(h * point.extend(1.0)).signum();
     let sign = pairs.iter().map(before).sum::<f64>().signum();
     (h.determinant().abs() > 1e-300 && h.is_finite()).then(|| h * sign)
+}
+
+/// H of (pixel, 1) ∝ H (x, y, 1), by least squares in coordinates about the pixels' middle
+/// (Hartley & Zisserman 4.4): in the picture's own the noise would be weighed unevenly.
+pub(super) fn from_pixels(pairs: &[(DVec2, DVec2)]) -> Option<DMat3> {
+    let (middle, scale) = normalisation(pairs.iter().map(|p| p.1))?;
+    let near: Vec<(DVec2, DVec3)> = pairs
+        .iter()
+        .map(|(point, pixel)| (*point, ((*pixel - middle) * scale).extend(1.0)))
+        .collect();
+    let back = DMat3::from_cols(
+        DVec3::new(1.0 / scale, 0.0, 0.0),
+        DVec3::new(0.0, 1.0 / scale, 0.0),
+        middle.extend(1.0),
+    );
+    Some(back * from_rays(&near)?)
 }
 
 /// The middle of the points and one over their spread.

@@ -2,27 +2,38 @@
 
 pub mod board;
 mod bundle;
+pub mod contradictions;
 pub mod coverage;
 pub mod detect;
 mod estimate;
+mod evidence;
+mod finding;
 pub mod gather;
-mod homography;
+pub(crate) mod homography;
+pub mod layout;
 pub mod lens;
 mod outliers;
 mod pose;
 pub mod report;
+pub mod rim;
 mod start;
+pub mod step;
+pub mod tag_finder;
 pub mod tags;
 pub mod verdict;
 
 pub use board::{Board, BoardError, Correspondence, View};
+pub use contradictions::SaidLenses;
 pub use coverage::{Coverage, Tilt, Uncertainty};
 pub use detect::Grey;
 pub use estimate::{Estimate, NoEstimate, Options, PointEstimate, ViewEstimate, estimate};
+pub use finding::Finding;
 pub use gather::{Gatherer, Judged, Offer, Outcome};
 pub use lens::{Lens, LensModel};
 pub use pose::board_pose;
-pub use verdict::{Finding, Grade, Verdict};
+pub use rim::{Light, Rim};
+pub use step::IntrinsicsStep;
+pub use verdict::{Grade, Verdict};
 
 #[cfg(test)]
 pub(crate) mod drawn;

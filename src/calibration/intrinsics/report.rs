@@ -7,29 +7,26 @@ use super::gather::{Judged, Outcome};
 use super::lens::{Lens, LensModel};
 use super::pose::{board_pose, residual};
 use crate::calibration::numeric::root_mean_square;
+use crate::calibration::report::{Page, Plot};
+use crate::calibration::step::Finished;
 use glam::DVec2;
 use std::fmt::Write;
 
 /// How much longer than the picture's errors the lines are that show them.
 const MAGNIFIED: f64 = 40.0;
 
-/// The page. `title` names the camera, `lines` are facts for its head (date, source, board);
+/// The page. `title` names the camera, `facts` are for its head (date, source, board);
 /// `views` are those that were given to the estimate.
 #[must_use]
-pub fn html(outcome: &Outcome, views: &[View], title: &str, lines: &[String]) -> String {
-    let mut page = format!(
-        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>{0}</title>\n\
-         <style>body{{font:15px/1.4 sans-serif;max-width:60em;margin:2em auto;padding:0 1em}}\
-         svg{{width:100%;height:auto;background:#f4f4f4}}figure{{margin:1.5em 0}}\
-         table{{border-collapse:collapse}}td,th{{padding:.15em .8em;text-align:right}}\
-         .good{{color:#186a3b}}.usable{{color:#9a6700}}.refused{{color:#b42318}}\
-         .two{{display:grid;grid-template-columns:1fr 1fr;gap:1em}}</style></head><body>\n<h1>{0}</h1>\n",
-        escaped(title)
-    );
-    for line in lines {
-        let _ = writeln!(page, "<div>{}</div>", escaped(line));
-    }
-    verdict(&mut page, outcome);
+pub fn page(
+    found: &Finished,
+    outcome: &Outcome,
+    views: &[View],
+    title: &str,
+    facts: &[String],
+) -> String {
+    let mut page = Page::new(title, facts);
+    page.verdict(found);
     if let Some(judged) = &outcome.result {
         parameters(&mut page, judged);
         coverage(&mut page, judged);
@@ -37,62 +34,75 @@ pub fn html(outcome: &Outcome, views: &[View], title: &str, lines: &[String]) ->
         scatter(&mut page, judged);
         by_view(&mut page, judged);
     }
-    page.push_str("</body></html>\n");
-    page
+    page.finish()
 }
 
-fn verdict(page: &mut String, outcome: &Outcome) {
-    let grade = outcome.verdict.grade.name();
-    let _ = writeln!(
-        page,
-        "<h2>Verdict: <span class=\"{grade}\">{grade}</span></h2>"
-    );
-    let _ = writeln!(
-        page,
-        "<p>{} pictures, {} views kept.</p><ul>",
-        outcome.pictures, outcome.views
-    );
-    for (grade, finding) in &outcome.verdict.findings {
-        let text = escaped(&finding.to_string());
-        let _ = writeln!(page, "<li class=\"{}\">{text}</li>", grade.name());
-    }
-    for hint in &outcome.verdict.hints {
-        let _ = writeln!(page, "<li>Next: {}</li>", escaped(hint));
-    }
-    page.push_str("</ul>\n");
-}
-
-fn parameters(page: &mut String, judged: &Judged) {
-    let estimate = &judged.estimate;
+/// The figures with their uncertainty, a line each.
+#[must_use]
+pub fn lines(judged: &Judged) -> Vec<String> {
+    let (estimate, sigma) = (&judged.estimate, &judged.estimate.sigma);
     let lens = &estimate.lens;
-    let _ = writeln!(
-        page,
-        "<h2>Lens</h2><p>{}, {}×{}; reprojection error {:.3} px RMS.</p>\n<table><tr><th></th><th>value</th><th>1σ</th></tr>",
-        lens.model.name(),
-        lens.width,
-        lens.height,
-        estimate.rms
-    );
+    let names = lens.model.coefficients();
+    let coefficients: Vec<String> = names
+        .iter()
+        .zip(lens.coefficients)
+        .zip(&sigma[4..])
+        .map(|((name, value), sigma)| format!("{name} {value:.5} ± {sigma:.5}"))
+        .collect();
+    let mut lines = vec![
+        format!(
+            "reprojection {:.3} px RMS; f {:.2} ± {:.2}, {:.2} ± {:.2} px; centre {:.2} ± {:.2}, {:.2} ± {:.2} px",
+            estimate.rms,
+            lens.focal.x,
+            sigma[0],
+            lens.focal.y,
+            sigma[1],
+            lens.centre.x,
+            sigma[2],
+            lens.centre.y,
+            sigma[3]
+        ),
+        coefficients.join(", "),
+        format!(
+            "corners in {:.0} % of the picture; a direction's picture is known to {:.2} px in the middle of all, {:.2} px at worst (1σ)",
+            100.0 * judged.coverage.share,
+            judged.uncertainty.median,
+            judged.uncertainty.worst
+        ),
+    ];
+    lines.extend(judged.rim.map(|rim| {
+        format!(
+            "corners seen up to {:.1}° from the axis, the lens is known to {:.1}°",
+            rim.seen.to_degrees(),
+            rim.known.to_degrees()
+        )
+    }));
+    lines
+}
+
+fn parameters(page: &mut Page, judged: &Judged) {
+    let lens = &judged.estimate.lens;
+    page.heading("Lens");
+    let row = |cells: [String; 3]| cells.to_vec();
+    let mut rows = vec![row([lens.model.name(), "value", "1σ"].map(str::to_owned))];
     let names = ["fx", "fy", "cx", "cy"];
     let names = names.iter().chain(lens.model.coefficients());
-    for ((name, value), sigma) in names.zip(lens.parameters()).zip(estimate.sigma) {
-        let _ = writeln!(
-            page,
-            "<tr><td>{name}</td><td>{value:.6}</td><td>{sigma:.6}</td></tr>"
-        );
+    for ((name, value), sigma) in names.zip(lens.parameters()).zip(judged.estimate.sigma) {
+        let name = (*name).to_owned();
+        rows.push(row([name, format!("{value:.6}"), format!("{sigma:.6}")]));
     }
-    page.push_str("</table>\n");
+    page.table(&rows);
 }
 
 /// Opens a drawing in the picture's pixels.
-fn open(page: &mut String, lens: &Lens) {
-    let _ = writeln!(page, "<svg viewBox=\"0 0 {} {}\">", lens.width, lens.height);
+fn open(lens: &Lens) -> String {
+    format!("<svg viewBox=\"0 0 {} {}\">", lens.width, lens.height)
 }
 
-fn coverage(page: &mut String, judged: &Judged) {
+fn coverage(page: &mut Page, judged: &Judged) {
     let lens = &judged.estimate.lens;
-    page.push_str("<h2>Coverage</h2><figure>");
-    open(page, lens);
+    page.heading("Coverage");
+    let mut svg = open(lens);
     let (columns, rows) = CELLS;
     let cell = DVec2::new(
         f64::from(lens.width) / columns as f64,
@@ -104,7 +114,7 @@ fn coverage(page: &mut String, judged: &Judged) {
         // Green below 0.2 px, red above 2.
         let hue = (120.0 - 120.0 * (sigma / 0.2).log10()).clamp(0.0, 120.0);
         let _ = writeln!(
-            page,
+            svg,
             "<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{:.1}\" height=\"{:.1}\" fill=\"hsl({hue:.0} 60% 80%)\"/>\
              <text x=\"{:.1}\" y=\"{:.1}\" font-size=\"{:.1}\" fill=\"#555\">{sigma:.2}</text>",
             cell.x,
@@ -116,19 +126,20 @@ fn coverage(page: &mut String, judged: &Judged) {
     }
     for view in judged.estimate.views.iter().filter(|v| v.used) {
         for p in view.points.iter().filter(|p| p.used) {
-            dot(page, p.pixel, lens, "#246");
+            dot(&mut svg, p.pixel, lens, "#246");
         }
     }
-    let _ = writeln!(
-        page,
-        "</svg><figcaption>Corners that were used, in {:.0} % of the picture. Colour and figures: how far, 1σ in pixels, \
-         the picture of a direction may be off there. The board faced left by {:.0}°, right {:.0}°, up {:.0}°, down {:.0}°.</figcaption></figure>",
+    svg.push_str("</svg>");
+    let caption = format!(
+        "Corners that were used, in {:.0} % of the picture. Colour and figures: how far, 1σ in pixels, \
+         the picture of a direction may be off there. The board faced left by {:.0}°, right {:.0}°, up {:.0}°, down {:.0}°.",
         100.0 * judged.coverage.share,
         judged.tilt.left.to_degrees(),
         judged.tilt.right.to_degrees(),
         judged.tilt.up.to_degrees(),
         judged.tilt.down.to_degrees()
     );
+    page.figure(&svg, &caption);
 }
 
 fn dot(page: &mut String, p: DVec2, lens: &Lens, colour: &str) {
@@ -141,7 +152,7 @@ fn dot(page: &mut String, p: DVec2, lens: &Lens, colour: &str) {
 }
 
 /// The errors of the lens without distortion, and of the one found.
-fn before_and_after(page: &mut String, judged: &Judged, views: &[View]) {
+fn before_and_after(page: &mut Page, judged: &Judged, views: &[View]) {
     let lens = &judged.estimate.lens;
     let mut plain = lens.clone();
     plain.coefficients = [0.0; 8];
@@ -162,113 +173,99 @@ fn before_and_after(page: &mut String, judged: &Judged, views: &[View]) {
         .iter()
         .flat_map(|v| v.points.iter().filter(|p| p.used));
     let after: Vec<(DVec2, DVec2)> = used.map(|p| (p.pixel, p.error)).collect();
-    page.push_str("<h2>Before and after</h2><div class=\"two\">\n");
     let ideal = if lens.model == LensModel::KannalaBrandt {
         "an equidistant lens"
     } else {
         "a lens without distortion"
     };
-    errors(
-        page,
-        lens,
-        &before,
-        &format!("Before: {ideal} with the same focal length"),
-    );
-    errors(page, lens, &after, "After: the lens found");
-    page.push_str("</div>\n");
+    page.heading("Before and after");
+    let before_caption = format!("Before: {ideal} with the same focal length");
+    page.side_by_side(&[
+        errors(lens, &before, &before_caption),
+        errors(lens, &after, "After: the lens found"),
+    ]);
 }
 
-fn errors(page: &mut String, lens: &Lens, errors: &[(DVec2, DVec2)], caption: &str) {
+/// A drawing of errors, and what is seen there.
+fn errors(lens: &Lens, errors: &[(DVec2, DVec2)], caption: &str) -> (String, String) {
     let rms = root_mean_square(errors.iter().map(|(_, e)| e.length()));
     // Large errors are shown less magnified: lines over the whole picture show nothing.
     let times = MAGNIFIED
         .min(0.06 * f64::from(lens.width) / rms.max(1e-6))
         .max(1.0);
-    page.push_str("<figure>");
-    open(page, lens);
+    let mut svg = open(lens);
     let thin = f64::from(lens.width) / 700.0;
     for (p, e) in errors {
         let q = *p + *e * times;
         let _ = write!(
-            page,
+            svg,
             "<line x1=\"{:.1}\" y1=\"{:.1}\" x2=\"{:.1}\" y2=\"{:.1}\" stroke=\"#b42318\" stroke-width=\"{thin:.2}\"/>",
             p.x, p.y, q.x, q.y
         );
     }
-    let _ = writeln!(
-        page,
-        "</svg><figcaption>{}: {rms:.3} px RMS; lines {times:.0} times as long.</figcaption></figure>",
-        escaped(caption)
-    );
+    svg.push_str("</svg>");
+    let caption = format!("{caption}: {rms:.3} px RMS; lines {times:.0} times as long.");
+    (svg, caption)
 }
 
 /// Errors about their origin: round if nothing is systematic.
-fn scatter(page: &mut String, judged: &Judged) {
+fn scatter(page: &mut Page, judged: &Judged) {
     let rms = judged.estimate.rms.max(1e-6);
     let reach = 4.0 * rms;
-    let _ = writeln!(
-        page,
-        "<h2>Residuals</h2><figure style=\"max-width:24em\"><svg viewBox=\"-100 -100 200 200\">\
+    let mut svg = String::from(
+        "<svg viewBox=\"-100 -100 200 200\" style=\"max-width:24em\">\
          <path d=\"M-100 0H100M0 -100V100\" stroke=\"#aaa\" stroke-width=\".5\"/>\
-         <circle r=\"25\" fill=\"none\" stroke=\"#888\" stroke-width=\".5\"/>"
+         <circle r=\"25\" fill=\"none\" stroke=\"#888\" stroke-width=\".5\"/>",
     );
-    for point in judged
-        .estimate
-        .views
-        .iter()
-        .filter(|v| v.used)
-        .flat_map(|v| &v.points)
-    {
+    let views = judged.estimate.views.iter().filter(|v| v.used);
+    for point in views.flat_map(|v| &v.points) {
         let p = (point.error / reach * 100.0).clamp(DVec2::splat(-99.0), DVec2::splat(99.0));
         let colour = if point.used { "#246" } else { "#b42318" };
         let _ = write!(
-            page,
+            svg,
             "<circle cx=\"{:.1}\" cy=\"{:.1}\" r=\".9\" fill=\"{colour}\"/>",
             p.x, p.y
         );
     }
-    let _ = writeln!(
-        page,
-        "</svg><figcaption>Each corner's error; the circle is the RMS of {rms:.3} px, red ones were left out.</figcaption></figure>"
+    svg.push_str("</svg>");
+    page.heading("Residuals");
+    let caption = format!(
+        "Each corner's error; the circle is the RMS of {rms:.3} px, red ones were left out."
     );
+    page.figure(&svg, &caption);
 }
 
-fn by_view(page: &mut String, judged: &Judged) {
-    page.push_str("<h2>Views</h2><table><tr><th>view</th><th>corners used</th><th>RMS px</th><th></th></tr>\n");
-    let most = judged
-        .estimate
-        .views
-        .iter()
-        .map(|v| v.rms)
-        .fold(1e-6, f64::max);
-    for view in &judged.estimate.views {
-        view_row(page, view, most);
-    }
-    page.push_str("</table>\n");
-}
-
-fn view_row(page: &mut String, view: &ViewEstimate, most: f64) {
-    let used = view.points.iter().filter(|p| p.used).count();
-    let (colour, note) = if view.used {
-        ("#246", "")
-    } else {
-        ("#b42318", " left out")
+fn by_view(page: &mut Page, judged: &Judged) {
+    let views = &judged.estimate.views;
+    page.heading("Views");
+    let points = |used: bool| -> Vec<(f64, f64)> {
+        let all = views.iter().enumerate().filter(|(_, v)| v.used == used);
+        all.map(|(i, v)| (i as f64 + 1.0, v.rms)).collect()
     };
-    let _ = writeln!(
-        page,
-        "<tr><td>{}{note}</td><td>{used} / {}</td><td>{:.3}</td><td style=\"text-align:left\">\
-         <svg viewBox=\"0 0 100 6\" style=\"width:14em\"><rect width=\"{:.1}\" height=\"6\" fill=\"{colour}\"/></svg></td></tr>",
-        escaped(&view.name),
-        view.points.len(),
-        view.rms,
-        100.0 * view.rms / most
-    );
+    let plot = Plot {
+        x: "view".to_owned(),
+        y: "RMS, px".to_owned(),
+        series: vec![
+            ("used".to_owned(), points(true), false),
+            ("left out".to_owned(), points(false), false),
+        ],
+    };
+    page.plot(&plot, "Reprojection error by view.");
+    let head = ["view", "corners used", "of", "RMS px", ""].map(str::to_owned);
+    let rows = std::iter::once(head.to_vec()).chain(views.iter().map(row));
+    page.table(&rows.collect::<Vec<_>>());
 }
 
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
+fn row(view: &ViewEstimate) -> Vec<String> {
+    let used = view.points.iter().filter(|p| p.used).count();
+    let note = if view.used { "" } else { "left out" };
+    vec![
+        view.name.clone(),
+        used.to_string(),
+        view.points.len().to_string(),
+        format!("{:.3}", view.rms),
+        note.to_owned(),
+    ]
 }
 
 #[cfg(test)]

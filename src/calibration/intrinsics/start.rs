@@ -97,7 +97,9 @@ fn zhang(model: LensModel, size: (u32, u32), views: &[&View], middle: DVec2) -> 
     let square = DVec2::new(omega[2] / omega[0], omega[2] / omega[1]);
     let sensible = square.is_finite() && square.min_element() > 1e-3 && square.max_element() < 1e4;
     sensible.then(|| {
-        let focal = DVec2::new(square.x.sqrt(), square.y.sqrt()) * scale;
-        Lens::ideal(model, size, focal, middle)
+        // One for both axes: where pixels are square both change by the same steps from here on, and
+        // would keep what this rough form has put between them.
+        let focal = (square.x * square.y).powf(0.25) * scale;
+        Lens::ideal(model, size, DVec2::splat(focal), middle)
     })
 }

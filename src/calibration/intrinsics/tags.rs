@@ -3,7 +3,16 @@
 
 use super::board::{Board, Correspondence};
 use super::homography;
-use glam::{DVec2, DVec3};
+use super::layout::Layout;
+use crate::calibration::fiducial::Family;
+use glam::DVec2;
+
+/// No window reaches farther than this share of the way to the next corner.
+const WINDOW: f64 = 0.55;
+/// Least radius in which a corner alone can be seen, pixels.
+const LEAST_WINDOW: f64 = 2.0;
+/// A corner may be off from where it was foretold by this share of the way to the next.
+const OFF: f64 = 0.25;
 
 /// A tag in a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -15,108 +24,174 @@ pub struct SeenTag {
     pub corners: [DVec2; 4],
 }
 
-/// The points of `board` that the tags show. On an AprilGrid these are the tags' corners. On
-/// a ChArUco board they are the chessboard's corners between the markers, foretold from the
-/// markers next to them and brought to the true corner by `refine`: (foretold pixel, distance
-/// to the nearest other corner in pixels) to the corner, `None` where there is none. Tags
-/// that are not on the board are passed over; a chessboard has none.
+/// How closely a corner may be looked at.
+#[derive(Clone, Copy)]
+struct Room {
+    /// Radius about it that no other edge enters, or only evenly from both sides, pixels.
+    window: f64,
+    /// How far it may be from where it was foretold, pixels.
+    off: f64,
+}
+
+/// The points of `board` that the tags show, whose numbers go over it as `layout` says. On an
+/// AprilGrid these are the tags' corners, where black squares meet. On a ChArUco board they are
+/// the chessboard's corners between the markers, foretold from the markers next to them. Both
+/// are brought to the true corner by `refine`: (foretold pixel, radius of the window in pixels)
+/// to the corner, `None` where there is none. Tags that are not on the board are passed over; a
+/// chessboard has none.
 #[must_use]
 pub fn correspondences(
     board: &Board,
+    layout: Layout,
     tags: &[SeenTag],
     refine: impl Fn(DVec2, f64) -> Option<DVec2>,
 ) -> Vec<Correspondence> {
+    let refined = |point: DVec2, foretold: DVec2, room: Room| {
+        // What is smaller would be drawn to the edges beside it.
+        let pixel = refine(foretold, room.window).filter(|_| room.window > LEAST_WINDOW)?;
+        (pixel.distance(foretold) < room.off).then_some(Correspondence { point, pixel })
+    };
+    let known = tags
+        .iter()
+        .flat_map(|tag| on_board(board, layout, tag).map(move |c| (c, tag)));
     match *board {
         Board::Chess { .. } => Vec::new(),
-        Board::AprilGrid { .. } => tags.iter().flat_map(|tag| on_board(board, tag)).collect(),
+        Board::AprilGrid { gap, family, .. } => known
+            .filter_map(|(c, tag)| refined(c.point, c.pixel, room_at_tag(tag, gap, family)))
+            .collect(),
         Board::Charuco {
             columns,
             rows,
             square,
-            ..
+            marker,
+            family,
         } => {
-            let known: Vec<Correspondence> =
-                tags.iter().flat_map(|tag| on_board(board, tag)).collect();
+            let known: Vec<Correspondence> = known.map(|(c, _)| c).collect();
+            // Into the markers' borders: they look the same from both sides, and pull it nowhere.
+            let border = marker * f64::from(family.border()) / f64::from(family.modules());
+            let clear = (0.5 * (square - marker) + 0.5 * border) / square;
             (1..columns * rows)
                 .map(|i| (i % columns, i / columns))
                 .filter(|&(x, y)| x > 0 && y > 0)
                 .filter_map(|(x, y)| {
                     let point = DVec2::new(f64::from(x), f64::from(y)) * square;
                     let (foretold, pitch) = foretell(&known, point, square)?;
-                    let pixel = refine(foretold, pitch)?;
-                    (pixel.distance(foretold) < 0.25 * pitch)
-                        .then_some(Correspondence { point, pixel })
+                    let room = Room {
+                        window: clear.min(WINDOW) * pitch,
+                        off: OFF * pitch,
+                    };
+                    refined(point, foretold, room)
                 })
                 .collect()
         }
     }
 }
 
-/// The tag's corners, where the board has it.
-fn on_board(board: &Board, tag: &SeenTag) -> Vec<Correspondence> {
-    let (corner, size) = match *board {
-        // Kalibr counts from the lower left, row by row upwards; its board frame is turned to
-        // ours, whose rows run downwards.
-        Board::AprilGrid {
-            columns,
-            rows,
-            tag: size,
-            gap,
-        } if tag.id < columns * rows => {
-            let (x, y) = (tag.id % columns, rows - 1 - tag.id / columns);
-            let pitch = size * (1.0 + gap);
-            (DVec2::new(f64::from(x), f64::from(y)) * pitch, size)
-        }
-        // OpenCV puts markers into the white squares, row by row from the top left square,
-        // which is black.
-        Board::Charuco {
-            columns,
-            rows,
-            square,
-            marker,
-        } => {
-            let white = (0..columns * rows)
-                .map(|i| (i % columns, i / columns))
-                .filter(|(x, y)| (x + y) % 2 == 1)
-                .nth(tag.id as usize);
-            let Some((x, y)) = white else {
-                return Vec::new();
-            };
-            let inset = 0.5 * (square - marker);
-            (
-                DVec2::new(f64::from(x), f64::from(y)) * square + inset,
-                marker,
-            )
-        }
-        _ => return Vec::new(),
-    };
-    let around = [DVec2::ZERO, DVec2::X, DVec2::ONE, DVec2::Y];
-    around
+/// A tag's corner on an AprilGrid: up to the tag's own word and to the far edges of the black
+/// square that it touches.
+fn room_at_tag(tag: &SeenTag, gap: f64, family: Family) -> Room {
+    let [a, b, c, d] = tag.corners;
+    let longest = [b - a, c - b, d - c, a - d]
         .iter()
-        .zip(tag.corners)
-        .map(|(step, pixel)| Correspondence {
-            point: corner + *step * size,
-            pixel,
-        })
-        .collect()
+        .map(|side| side.length())
+        .fold(1e-9, f64::max);
+    // Where a tag is foreshortened much less than its width.
+    let depth = 0.5 * (c - a).perp_dot(d - b).abs() / longest;
+    let border = f64::from(family.border()) / f64::from(family.modules());
+    Room {
+        window: depth * (0.9 * border).min(0.7 * gap),
+        off: (0.1 * depth).max(1.5),
+    }
 }
 
-/// Where a point should be by the markers next to it, and how far apart corners are there,
+/// The tag's corners, where the board has it.
+fn on_board(
+    board: &Board,
+    layout: Layout,
+    tag: &SeenTag,
+) -> impl Iterator<Item = Correspondence> + use<> {
+    let (pitch, inset, size) = match *board {
+        Board::Chess { square, .. } => (square, 0.0, square),
+        Board::AprilGrid { tag, gap, .. } => (tag * (1.0 + gap), 0.0, tag),
+        Board::Charuco { square, marker, .. } => (square, 0.5 * (square - marker), marker),
+    };
+    let around = [DVec2::ZERO, DVec2::X, DVec2::ONE, DVec2::Y];
+    let pairs = around.into_iter().zip(tag.corners);
+    layout.cell(tag.id).into_iter().flat_map(move |cell| {
+        let corner = cell.as_dvec2() * pitch + inset;
+        pairs.clone().map(move |(step, pixel)| Correspondence {
+            point: corner + step * size,
+            pixel,
+        })
+    })
+}
+
+/// Tags that were not seen, beside those that were: where they must be. On an AprilGrid their
+/// corners are brought to where black squares meet, as in [`correspondences`].
+pub(super) fn neighbours_foretold(
+    board: &Board,
+    layout: Layout,
+    tags: &[SeenTag],
+    refine: impl Fn(DVec2, f64) -> Option<DVec2>,
+) -> Vec<SeenTag> {
+    let missing = (0..board.tag_count()).filter(|id| tags.iter().all(|tag| tag.id != *id));
+    let foretold = missing.filter_map(|id| {
+        let cell = layout.cell(id)?;
+        let within = |steps: i32| -> Vec<(DVec2, DVec2)> {
+            let beside = |tag: &&SeenTag| {
+                let other = layout.cell(tag.id);
+                other.is_some_and(|other| (other - cell).abs().max_element() <= steps)
+            };
+            let near = tags.iter().filter(beside);
+            let points = near.flat_map(|tag| on_board(board, layout, tag));
+            points.map(|c| (c.point, c.pixel)).collect()
+        };
+        // The lens bends what is farther off, and one tag alone foretells too little.
+        let known = (1..=2).map(within).find(|known| known.len() >= 8)?;
+        let h = homography::from_pixels(&known)?;
+        let blank = SeenTag {
+            id,
+            corners: [DVec2::ZERO; 4],
+        };
+        let mut corners = [DVec2::ZERO; 4];
+        for (corner, c) in corners.iter_mut().zip(on_board(board, layout, &blank)) {
+            let image = h * c.point.extend(1.0);
+            *corner = image.truncate() / image.z;
+        }
+        let tag = SeenTag { id, corners };
+        corners.iter().all(|c| c.is_finite()).then(|| match *board {
+            Board::AprilGrid { gap, family, .. } => {
+                let window = room_at_tag(&tag, gap, family).window;
+                let found = |c: DVec2| refine(c, window).unwrap_or(c);
+                SeenTag {
+                    id,
+                    corners: corners.map(found),
+                }
+            }
+            _ => tag,
+        })
+    });
+    foretold.collect()
+}
+
+/// Where a point should be by the markers next to it, and how far apart rows are there,
 /// pixels. Markers farther off would bring the lens's distortion in.
 fn foretell(known: &[Correspondence], point: DVec2, square: f64) -> Option<(DVec2, f64)> {
-    let near: Vec<(DVec2, DVec3)> = known
+    let near: Vec<(DVec2, DVec2)> = known
         .iter()
         .filter(|c| (c.point - point).abs().max_element() < 1.05 * square)
-        .map(|c| (c.point - point, c.pixel.extend(1.0)))
+        .map(|c| (c.point - point, c.pixel))
         .collect();
-    let h = homography::from_rays(&near)?;
+    let h = homography::from_pixels(&near)?;
     let at = |p: DVec2| {
         let image = h * p.extend(1.0);
         (image.z.abs() > 1e-12).then(|| image.truncate() / image.z)
     };
     let here = at(DVec2::ZERO)?;
-    let apart = |step: DVec2| Some(at(step)?.distance(here));
-    let pitch = apart(DVec2::X * square)?.min(apart(DVec2::Y * square)?);
+    let step = |by: DVec2| Some(at(by)? - here);
+    let (u, v) = (step(DVec2::X * square)?, step(DVec2::Y * square)?);
+    // At a slant the next row is nearer than its corners are.
+    let pitch = u.perp_dot(v).abs() / u.length().max(v.length()).max(1e-9);
     Some((here, pitch))
 }
 
@@ -150,7 +225,8 @@ mod tests {
             tag(1, DVec2::new(0.05, 0.05), 0.04),
             tag(9, DVec2::ZERO, 0.04),
         ];
-        let points = correspondences(&board, &tags, |p, _| Some(p));
+        let layout = Layout::of(&board).unwrap();
+        let points = correspondences(&board, layout, &tags, |p, _| Some(p));
         assert_eq!(points.len(), 4);
         assert!(points[2].point.distance(DVec2::new(0.09, 0.09)) < 1e-12);
         assert!(points[2].pixel.distance(seen(points[2].point)) < 1e-9);
@@ -165,7 +241,8 @@ mod tests {
             tag(0, corner(1.0, 0.0), 0.02),
             tag(2, corner(0.0, 1.0), 0.02),
         ];
-        let points = correspondences(&board, &tags, |p, _| Some(p));
+        let layout = Layout::of(&board).unwrap();
+        let points = correspondences(&board, layout, &tags, |p, _| Some(p));
         let first = points
             .iter()
             .find(|c| c.point == DVec2::splat(0.03))
@@ -176,8 +253,8 @@ mod tests {
                 .iter()
                 .all(|c| c.pixel.distance(seen(c.point)) < 1e-6)
         );
-        assert!(correspondences(&board, &tags, |_, _| None).is_empty());
-        let far = correspondences(&board, &tags, |p, pitch| Some(p + pitch));
+        assert!(correspondences(&board, layout, &tags, |_, _| None).is_empty());
+        let far = correspondences(&board, layout, &tags, |p, window| Some(p + window));
         assert!(far.is_empty());
     }
 }

@@ -1,9 +1,9 @@
 //! Is it good enough, why not, and what to do about it.
 
 use super::coverage::{Coverage, Tilt, Uncertainty, lit_radius};
-use super::estimate::{Estimate, NoEstimate};
+use super::estimate::Estimate;
+use super::finding::Finding;
 use super::lens::LensModel;
-use thiserror::Error;
 
 /// What a calibration may be used for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -26,91 +26,6 @@ impl Grade {
             Self::Refused => "refused",
         }
     }
-}
-
-/// Something that speaks against a calibration. Each text says what was found and what to do.
-#[derive(Clone, Debug, Error, PartialEq)]
-pub enum Finding {
-    /// There is no lens at all.
-    #[error(transparent)]
-    NoLens(#[from] NoEstimate),
-    /// No picture shows the board.
-    #[error("none of {pictures} pictures shows the board; check --board, light and focus")]
-    BoardNotSeen {
-        /// Pictures looked at.
-        pictures: usize,
-    },
-    /// The board has another number of corners than was said.
-    #[error(
-        "the board in the pictures has {columns}×{rows} inner corners, not as said; give its true size with --board"
-    )]
-    OtherBoard {
-        /// Seen in a row.
-        columns: u32,
-        /// Rows seen.
-        rows: u32,
-    },
-    /// Pictures of several cameras, or of one in several modes.
-    #[error("the pictures have several sizes; give those of one camera in one mode")]
-    SizesDiffer,
-    /// Too few views for a sure result.
-    #[error("{used} views were used; take 15 or more")]
-    FewViews {
-        /// That agree.
-        used: usize,
-    },
-    /// Many views contradict the others.
-    #[error(
-        "{rejected} of {views} views contradict the others: motion blur, a bent board, or two cameras mixed"
-    )]
-    ViewsDisagree {
-        /// Left out.
-        rejected: usize,
-        /// Of so many.
-        views: usize,
-    },
-    /// The board was held parallel to the picture.
-    #[error("the board was tilted by {degrees:.0}° at most; tilt it by 20° to 45° to all sides")]
-    NoTilt {
-        /// The largest angle.
-        degrees: f64,
-    },
-    /// Parts of the picture without corners.
-    #[error("corners cover {percent:.0} % of the picture; hold the board into every part of it")]
-    PoorCoverage {
-        /// Of the picture's cells.
-        percent: f64,
-    },
-    /// Corners are not where the lens puts them.
-    #[error(
-        "reprojection error is {pixels:.2} px; a flat board, sharp pictures and no motion give 0.1 to 0.4 px"
-    )]
-    LargeResiduals {
-        /// Root mean square.
-        pixels: f64,
-    },
-    /// The focal length is not sure.
-    #[error(
-        "the focal length is known to {percent:.2} % only; tilt the board more, and fill the picture with it"
-    )]
-    FocalUncertain {
-        /// 1σ.
-        percent: f64,
-    },
-    /// Somewhere in the picture the lens is not sure.
-    #[error(
-        "somewhere in the picture the lens is known to {pixels:.1} px only; show the board there"
-    )]
-    ProjectionUncertain {
-        /// 1σ at the worst place.
-        pixels: f64,
-    },
-    /// A lens that no camera has.
-    #[error("the lens found is no camera's ({what}); check the board's size, and take more views")]
-    Implausible {
-        /// What is wrong with it.
-        what: &'static str,
-    },
 }
 
 /// A grade with its reasons.
@@ -200,6 +115,15 @@ impl Verdict {
             findings,
             hints: hints(coverage, tilt, used),
         }
+    }
+}
+
+impl Verdict {
+    /// One more finding; the grade follows.
+    pub fn add(&mut self, grade: Grade, finding: Finding) {
+        self.findings.push((grade, finding));
+        self.findings.sort_by_key(|f| std::cmp::Reverse(f.0));
+        self.grade = self.grade.max(grade);
     }
 }
 

@@ -5,6 +5,7 @@
 //! have poses (markers, a board); [`from_motion`] compares amounts where they have only a flow
 //! ([`ImageMotion`]). Drift is followed by asking again for the last few seconds.
 
+pub mod follow;
 mod image_motion;
 mod scan;
 mod track;
@@ -74,6 +75,9 @@ pub enum LatencyError {
         /// Correlation at best.
         percent: f64,
     },
+    /// The tracker hardly turned.
+    #[error("the rig rests, and only turning tells; turn it briskly to and fro")]
+    AtRest,
     /// The best offset is the largest one tried.
     #[error("the clocks differ by more than {seconds:.2} s; check the stamps")]
     OutOfRange {

@@ -191,6 +191,15 @@ impl Cholesky {
         x
     }
 
+    /// ln det A.
+    #[must_use]
+    pub fn log_determinant(&self) -> f64 {
+        let terms = self.scale.iter().enumerate();
+        terms
+            .map(|(i, s)| 2.0 * (self.lower[(i, i)] / s).ln())
+            .sum()
+    }
+
     /// A⁻¹.
     #[must_use]
     pub fn inverse(&self) -> Matrix {
@@ -229,6 +238,8 @@ mod tests {
         for (x, t) in x.iter().zip(truth) {
             assert!((x / t - 1.0).abs() < 1e-8, "{x} {t}");
         }
+        let three = Matrix::identity(3).scaled(2.0).cholesky().unwrap();
+        assert!((three.log_determinant() - 8f64.ln()).abs() < 1e-12);
         let one = a.times(&a.cholesky().unwrap().inverse());
         assert!((one[(0, 0)] - 1.0).abs() < 1e-8 && one[(0, 1)].abs() < 1e-4);
     }

@@ -90,9 +90,20 @@ pub fn match_chart(
     let scene = read_patches(&chart.patches, scene, "scene")?;
     let environment = read_patches(&chart.patches, environment, "environment")?;
     let patches: Vec<(Patch, Patch)> = scene.into_iter().zip(environment).collect();
+    match_patches(&patches, want_matrix)
+}
+
+/// The same of patches that have been read: (scene, environment) of each.
+///
+/// # Errors
+/// Fewer than three are well exposed in both.
+pub fn match_patches(
+    patches: &[(Patch, Patch)],
+    want_matrix: bool,
+) -> Result<ChartMatch, ChartError> {
     let mut channels = [const { None::<RobustMean> }; 3];
     for (c, slot) in channels.iter_mut().enumerate() {
-        *slot = Some(match_channel(&patches, c)?);
+        *slot = Some(match_channel(patches, c)?);
     }
     let channels = channels.map(|mean| mean.unwrap_or(UNKNOWN));
     let of = |f: fn(&RobustMean) -> f64| DVec3::from_array([0, 1, 2].map(|c| f(&channels[c])));
@@ -167,13 +178,18 @@ fn colour_pair((scene, environment): &(Patch, Patch)) -> Option<ColourPair> {
 }
 
 /// What a patch reads in each channel; `None` where it is too dark or clipped.
-#[derive(Clone, Copy, Debug)]
-struct Patch([Option<Reading>; 3]);
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Patch(pub [Option<Reading>; 3]);
 
-#[derive(Clone, Copy, Debug)]
-struct Reading {
-    mean: f64,
-    variance_of_mean: f64,
+/// Linear values of an even surface's pixels in one channel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reading {
+    /// Their mean.
+    pub mean: f64,
+    /// Its error, squared.
+    pub variance_of_mean: f64,
+    /// One pixel's.
+    pub variance: f64,
 }
 
 impl Reading {
@@ -208,21 +224,27 @@ fn read_patches(
 
 fn read_channel(photograph: Photograph, rect: [u32; 4], channel: usize) -> Option<Reading> {
     let codes = inner_codes(photograph.picture, rect, channel);
+    read_codes(&codes, photograph.response)
+}
+
+/// Mean of an even surface's pixels, dust left out; `None` where it is clipped or too dark.
+#[must_use]
+pub fn read_codes(codes: &[u8], response: &Response) -> Option<Reading> {
     let clipped = codes.iter().filter(|&&code| code >= SATURATED).count();
     if codes.is_empty() || clipped as f64 > MAX_CLIPPED * codes.len() as f64 {
         return None;
     }
-    let table = photograph.response.linear_from_code();
+    let table = response.linear_from_code();
     let mut linear: Vec<f64> = codes
         .iter()
         .map(|&code| f64::from(table[usize::from(code)]))
         .collect();
     linear.sort_by(f64::total_cmp);
-    let kept = without_dust(&linear, photograph.response);
+    let kept = without_dust(&linear, response);
     let n = kept.len() as f64;
     let mean = kept.iter().sum::<f64>() / n;
     let variance = kept.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / n;
-    let step = f64::from(photograph.response.step(codes[codes.len() / 2]));
+    let step = f64::from(response.step(codes[codes.len() / 2]));
     // Without noise to dither it, quantisation does not average out.
     let quantisation = if variance < 0.25 * step * step {
         step * step / 12.0
@@ -232,6 +254,7 @@ fn read_channel(photograph: Photograph, rect: [u32; 4], channel: usize) -> Optio
     (mean > MIN_SIGNAL_TO_NOISE * variance.sqrt() && mean > 2.0 * step).then_some(Reading {
         mean,
         variance_of_mean: variance / n + quantisation,
+        variance,
     })
 }
 

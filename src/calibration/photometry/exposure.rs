@@ -18,6 +18,19 @@ struct Reported {
 }
 
 impl ExposureRatio {
+    /// With gains that hold for these shutter times × gains, seconds.
+    #[must_use]
+    pub fn at(scene: f64, environment: f64) -> Self {
+        let reported = |seconds: f64| Reported {
+            reference: Some(1e6 * seconds),
+            latest: None,
+        };
+        Self {
+            scene: reported(scene),
+            environment: reported(environment),
+        }
+    }
+
     /// Takes what both frames report; a camera that reports nothing, or nonsense, is taken
     /// to stay as it was.
     pub fn update(&mut self, scene: Option<Exposure>, environment: Option<Exposure>) {

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum MatchMethod {
-    /// The best that is available: chart, overlap, reflectance, grey world.
+    /// The best that is available: calibration, chart, overlap, reflectance, grey world.
     #[default]
     Auto,
     /// The two pictures of a chart.
@@ -32,6 +32,8 @@ pub enum Provenance {
     SameCamera,
     /// The config.
     Fixed,
+    /// The photometric step of calibration, followed where the live picture contradicts it.
+    Calibrated,
     /// The two pictures of a chart.
     Chart,
     /// What both cameras see.
@@ -56,18 +58,60 @@ pub struct PhotometrySettings {
     pub matrix: bool,
 }
 
+/// Gains that the photometric step of calibration found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CalibratedGains {
+    /// The gains.
+    pub estimate: GainEstimate,
+    /// `scene = matrix × environment`, where the cameras differ by more than gains.
+    pub matrix: Option<DMat3>,
+    /// Exposure time × gain of scene and environment camera that they hold for, seconds; `None`
+    /// where the cameras do not say.
+    pub exposures: Option<[f64; 2]>,
+}
+
+impl GainEstimate {
+    /// Calibrated gains in the light of what both cameras see now. Where `live` agrees within
+    /// what both allow, the two are weighed by their variances; where it does not, the calibration
+    /// is old (a white balance turned, an exposure changed): its variance is raised by how far it
+    /// is out of bounds, so that the live picture takes over without a jump.
+    #[must_use]
+    fn followed_by(&self, live: &Self) -> Self {
+        let mut fused = *self;
+        for c in 0..3 {
+            let difference = (live.gains[c] / self.gains[c]).ln();
+            let own = self.relative_sd[c].powi(2);
+            let theirs = live.relative_sd[c].max(LIVE_FLOOR).powi(2);
+            let allowed = DRIFT_SIGMAS * (own + theirs).sqrt();
+            let beyond = (difference.abs() - allowed).max(0.0);
+            let own = own + beyond * beyond;
+            let weight = own / (own + theirs);
+            fused.gains[c] = self.gains[c] * (weight * difference).exp();
+            fused.relative_sd[c] = (own * theirs / (own + theirs)).sqrt();
+        }
+        fused
+    }
+}
+
 /// Everything known of the match between the two cameras, and the decision.
 #[derive(Clone, Debug)]
 pub struct PhotometricMatch {
     settings: PhotometrySettings,
     same_camera: bool,
     exposures: ExposureRatio,
+    calibrated: Option<CalibratedGains>,
     chart: Option<Result<ChartMatch, ChartError>>,
     overlap: GainTracker,
     reflectance: Option<GainEstimate>,
     grey_world: Option<GainEstimate>,
 }
 
+/// What the overlap's standard error does not hold: surfaces that are not matt, pictures of
+/// different instants.
+const LIVE_FLOOR: f64 = 0.015;
+/// Beyond so many standard errors of their difference, calibration and live picture contradict
+/// each other.
+const DRIFT_SIGMAS: f64 = 3.0;
 /// How much of a new reflectance estimate is taken over at each update.
 const REFLECTANCE_SHARE: f64 = 0.2;
 /// Two ways disagree where they differ by more than this (relative) …
@@ -83,6 +127,7 @@ impl PhotometricMatch {
             settings,
             same_camera,
             exposures: ExposureRatio::default(),
+            calibrated: None,
             chart: None,
             overlap: GainTracker::new(SmoothingOptions::default()),
             reflectance: None,
@@ -99,6 +144,23 @@ impl PhotometricMatch {
     /// chart's photographs.
     pub fn set_chart(&mut self, chart: Result<ChartMatch, ChartError>) {
         self.chart = Some(chart);
+    }
+
+    /// Takes what calibration found.
+    pub fn set_calibrated(&mut self, gains: CalibratedGains) {
+        if let Some([scene, environment]) = gains.exposures {
+            self.exposures = ExposureRatio::at(scene, environment);
+        }
+        self.calibrated = Some(gains);
+    }
+
+    /// Calibrated gains, followed by what is seen.
+    fn calibrated_now(&self) -> Option<GainEstimate> {
+        let estimate = self.calibrated?.estimate;
+        Some(match self.overlap.estimate() {
+            Some(live) => estimate.followed_by(&live),
+            None => estimate,
+        })
     }
 
     /// Takes what the two cameras report of the frames now in use.
@@ -156,10 +218,20 @@ impl PhotometricMatch {
         }
     }
 
-    /// The chart's matrix, if it is in force.
+    /// The chart's or the calibration's matrix, if it is in force.
     fn matrix(&self) -> Option<DMat3> {
-        let wanted = self.settings.matrix && self.in_force().0 == Provenance::Chart;
-        self.chart_match().filter(|_| wanted)?.matrix
+        if !self.settings.matrix {
+            return None;
+        }
+        match self.in_force() {
+            (Provenance::Chart, _) => self.chart_match()?.matrix,
+            (Provenance::Calibrated, now) => {
+                let found = self.calibrated?;
+                let drift = now.gains / found.estimate.gains;
+                Some(DMat3::from_diagonal(drift) * found.matrix?)
+            }
+            _ => None,
+        }
     }
 
     fn factor(&self) -> f64 {
@@ -212,6 +284,7 @@ impl PhotometricMatch {
                 self.same_camera.then_some(exact(DVec3::ONE)),
             ),
             (Provenance::Fixed, fixed.map(exact)),
+            (Provenance::Calibrated, self.calibrated_now()),
             (Provenance::Chart, self.chart_match().map(|c| c.estimate)),
             (Provenance::Overlap, self.overlap.estimate()),
             (Provenance::Reflectance, self.reflectance),

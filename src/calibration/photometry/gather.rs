@@ -4,6 +4,7 @@ use super::chart::Photograph;
 use super::raycast::SurfaceHit;
 use super::view::{EnvironmentRay, environment_ray, mirror, picture_size};
 use crate::calibration::PinholeCamera;
+use crate::calibration::photometric::vignetting::Vignetting;
 use crate::calibration::rig::EnvironmentView;
 use crate::picture::Picture;
 use glam::{DVec2, DVec3};
@@ -36,6 +37,8 @@ pub struct Overlap<'a> {
     pub environment: Photograph<'a>,
     /// Geometry of the environment camera's view.
     pub environment_view: &'a EnvironmentView,
+    /// How scene and environment camera fall off towards their pictures' edges.
+    pub vignetting: [Option<Vignetting>; 2],
 }
 
 /// How densely and how strictly to look.
@@ -119,6 +122,7 @@ fn pair_at(
     y: u32,
 ) -> Option<PhotometricPair> {
     let quad = Quad::trace(overlap, cast, options, x, y)?;
+    let here = DVec2::new(f64::from(x), f64::from(y));
     let environment = read_block(overlap.environment, options.block, x, y);
     let scene = read_quad(overlap.scene, &quad);
     let variance = DVec3::from_array([0, 1, 2].map(|c| {
@@ -131,11 +135,17 @@ fn pair_at(
         .cmplt(DVec3::INFINITY)
         .any()
         .then(|| PhotometricPair {
-            scene: scene.means(),
-            environment: environment.means() / quad.attenuation,
+            scene: scene.means() / even(overlap.vignetting[0], quad.centre()),
+            environment: environment.means()
+                / (quad.attenuation * even(overlap.vignetting[1], here)),
             variance,
             cluster: cell ^ quad.surface.wrapping_mul(0x9E37_79B1),
         })
+}
+
+/// How bright a camera shows a pixel, 1 in the centre.
+fn even(vignetting: Option<Vignetting>, pixel: DVec2) -> f64 {
+    vignetting.map_or(1.0, |v| v.at(pixel))
 }
 
 fn variance_of_log_ratio(scene: &Channel, environment: &Channel, options: &GatherOptions) -> f64 {

@@ -20,7 +20,8 @@ mod view;
 
 pub use exposure::ExposureRatio;
 pub use fusion::{
-    MatchMethod, MatchStatus, MethodStatus, PhotometricMatch, PhotometrySettings, Provenance,
+    CalibratedGains, MatchMethod, MatchStatus, MethodStatus, PhotometricMatch, PhotometrySettings,
+    Provenance,
 };
 
 use super::colour::delta_e_of_gain_error;

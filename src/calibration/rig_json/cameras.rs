@@ -12,6 +12,7 @@ pub(super) fn scene_camera(node: &Node) -> Result<SceneCamera> {
     Ok(SceneCamera {
         camera: pinhole(node)?,
         response: response(node)?,
+        vignetting: None,
         latency_nanos: latency(node)?,
     })
 }
@@ -99,6 +100,7 @@ pub(super) fn environment_camera(node: &Node, markers: &[Marker]) -> Result<Envi
     };
     Ok(EnvironmentCamera {
         response: response(node)?,
+        vignetting: None,
         view: environment_view(node, markers)?,
         latency_nanos: latency(node)?,
         brackets_ev: brackets,
@@ -229,6 +231,7 @@ pub(super) fn tracker(node: &Node) -> Result<TrackerCalibration> {
             // A FASTRAK sends inches unless it is told otherwise.
             None => 0.0254,
         },
+        field: None,
     })
 }
 

@@ -11,8 +11,10 @@ use std::process::ExitCode;
 
 #[derive(Debug, Args)]
 pub struct BoardArgs {
-    /// Inner corners and square in metres
-    #[arg(long, value_name = "chess:9x6:0.025", default_value = "chess:9x6:0.025", value_parser = Board::parse)]
+    /// chess:9x6:0.025 (inner corners, square in metres), aprilgrid:6x6:0.03:0.3 (tags, tag in
+    /// metres, gap as a share of it) or charuco:8x5:0.03:0.022:4x4_50 (squares, square and marker
+    /// in metres, dictionary)
+    #[arg(long, value_name = "BOARD", default_value = "chess:9x6:0.025", value_parser = Board::parse)]
     board: Board,
     /// The sheet: .pdf, .svg or .png
     #[arg(long, value_name = "FILE")]
@@ -30,7 +32,7 @@ pub fn run(args: &BoardArgs) -> anyhow::Result<ExitCode> {
         .out
         .extension()
         .map(|e| e.to_string_lossy().to_lowercase());
-    let sheet = BoardSheet::of(&args.board)?;
+    let sheet = BoardSheet::of(&args.board);
     claim(&args.out, args.force)?;
     let bytes = match kind.as_deref() {
         Some("pdf") => sheet.pdf(),

@@ -12,8 +12,13 @@ pub struct PhantomGeometryPass {
 }
 
 impl PhantomGeometryPass {
-    pub fn new(device: &wgpu::Device, frame: &wgpu::BindGroupLayout, scene: &SceneLayouts) -> Self {
-        let module = shaders::module(device, "phantom_geometry", shaders::Variant::PLAIN);
+    pub fn new(
+        device: &wgpu::Device,
+        frame: &wgpu::BindGroupLayout,
+        scene: &SceneLayouts,
+        variant: shaders::Variant,
+    ) -> Self {
+        let module = shaders::module(device, "phantom_geometry", variant);
         let pipeline = PipelineSpec {
             label: "phantom_geometry",
             module: &module,

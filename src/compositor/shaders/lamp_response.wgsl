@@ -27,7 +27,7 @@ fn phantom_vertex(
 ) -> Varying {
     let world = parts[i].world_from_part * vec4f(position, 1.0);
     let n = (parts[i].normal_from_part * vec4f(normal, 0.0)).xyz;
-    return Varying(frame.clip_from_world * world, n, world.xyz, parts[i].kind);
+    return Varying(clip_of(world), n, world.xyz, parts[i].kind);
 }
 
 // Irradiance facing a lamp's middle, shadows counted.

@@ -26,7 +26,7 @@ fn phantom_vertex(
 ) -> Varying {
     let world = parts[i].world_from_part * vec4f(position, 1.0);
     let n = (parts[i].normal_from_part * vec4f(normal, 0.0)).xyz;
-    return Varying(frame.clip_from_world * world, n, parts[i].kind.x, i);
+    return Varying(clip_of(world), n, parts[i].kind.x, i);
 }
 
 // A number that neighbouring pixels of one smooth surface share: part and dominant axis of

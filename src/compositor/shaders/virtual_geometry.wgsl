@@ -45,7 +45,7 @@ fn virtual_vertex(
     let n = (parts[i].normal_from_part * vec4f(normal, 0.0)).xyz;
     let t = (parts[i].world_from_part * vec4f(tangent.xyz, 0.0)).xyz;
     let side = tangent.w * parts[i].normal_from_part[3].w;
-    return Varying(frame.clip_from_world * world, n, uv, vec4f(t, side), i);
+    return Varying(clip_of(world), n, uv, vec4f(t, side), i);
 }
 
 // Without textures, and with nothing cut away.
@@ -63,12 +63,12 @@ fn plain_vertex(
 ) -> PlainVarying {
     let world = parts[i].world_from_part * vec4f(position, 1.0);
     let n = (parts[i].normal_from_part * vec4f(normal, 0.0)).xyz;
-    return PlainVarying(frame.clip_from_world * world, n, i);
+    return PlainVarying(clip_of(world), n, i);
 }
 
 @vertex
 fn occluder_vertex(@location(0) world: vec3f) -> @builtin(position) vec4f {
-    return frame.clip_from_world * vec4f(world, 1.0);
+    return clip_of(vec4f(world, 1.0));
 }
 
 fn bent(in: Varying, scale: f32) -> vec3f {

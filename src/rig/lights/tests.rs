@@ -116,6 +116,7 @@ fn a_recording_of_a_running_rig_falls_into_step() {
 /// A rig of one camera: the light's thread has something to do and finds no light.
 fn lighter() -> (Lighter, watch::Sender<Settings>) {
     let setup = RigSetup {
+        pose: crate::config::PoseSource::Tracker,
         calibration: RigDocument::uncalibrated(64, 48).calibration,
         scene: Scene::default(),
         tags: None,

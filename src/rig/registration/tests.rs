@@ -5,8 +5,14 @@ use crate::calibration::fiducial::drawn;
 use crate::status::RegistrationSource;
 use glam::DQuat;
 
+mod rolling;
+
 const CARRIER: u32 = 7;
 const SIZE: f64 = 0.06;
+const UNTRACKED: ByTracker = ByTracker {
+    pose: None,
+    motion: None,
+};
 /// Of the ball in the frame of the marker that carries it.
 const BESIDE: DVec3 = DVec3::new(0.08, 0.0, -0.035);
 
@@ -28,7 +34,10 @@ fn station(map: Option<TagMap>, ball: Option<DVec3>, carried: bool) -> Station {
     Station {
         detector: Detector::new(&[Family::Tag36h11], &Response::srgb()),
         camera: drawn::camera(),
+        row_seconds: 0.0,
         registrar: map.map(Registrar::new),
+        fusion: None,
+        rejected: 0,
         probe: carried.then_some(Probe { marker, last: None }),
         ball,
     }
@@ -53,7 +62,7 @@ fn a_ball_beside_a_marker_is_told_with_the_poses_uncertainty_and_not_without_it(
     let tags = [drawn::tag(3, SIZE, DVec3::ZERO)];
     let map = TagMap::new(tags.to_vec()).unwrap();
     let mut station = station(Some(map), Some(BESIDE), false);
-    let told = station.look(&picture(&tags), None, at(0));
+    let told = station.look(&picture(&tags), UNTRACKED, at(0));
     let ball = told.ball.unwrap();
     assert_eq!(ball.centre_in_world, BESIDE);
     assert!((0.01..2.0).contains(&ball.sigma), "{}", ball.sigma);
@@ -70,17 +79,23 @@ fn a_ball_beside_a_marker_is_told_with_the_poses_uncertainty_and_not_without_it(
     );
     assert_eq!(told.status.source, RegistrationSource::Markers);
     // Hidden: no pose, so no light is taken from this picture, and the ball is not lost for good.
-    let hidden = station.look(&picture(&[]), None, at(1));
+    let hidden = station.look(&picture(&[]), UNTRACKED, at(1));
     assert!(hidden.world_from_camera.is_none() && hidden.ball.is_none() && !hidden.ball_lost);
     assert_eq!(hidden.status.source, RegistrationSource::None);
-    let back = station.look(&picture(&tags), None, at(2));
+    let back = station.look(&picture(&tags), UNTRACKED, at(2));
     assert!(back.ball.is_some());
 }
 
 #[test]
 fn a_carried_ball_goes_where_its_marker_goes_and_is_lost_with_it() {
     let mut station = station(None, None, true);
-    let tracked = Some(camera_from_map().inverse());
+    let tracked = ByTracker {
+        pose: Some(Tracked {
+            world_from_camera: camera_from_map().inverse(),
+            noise: [0.0; 2],
+        }),
+        motion: None,
+    };
     for (k, place) in [DVec3::ZERO, DVec3::new(-0.06, 0.05, 0.0)]
         .into_iter()
         .enumerate()
@@ -94,7 +109,10 @@ fn a_carried_ball_goes_where_its_marker_goes_and_is_lost_with_it() {
     }
     let hidden = station.look(&picture(&[]), tracked, at(2));
     assert!(hidden.ball_lost && hidden.ball.is_none());
-    assert_eq!(hidden.world_from_camera, tracked);
+    assert_eq!(
+        hidden.world_from_camera,
+        tracked.pose.map(|t| t.world_from_camera)
+    );
     // Of two with its number neither is believed.
     let twice = [
         drawn::tag(CARRIER, SIZE, DVec3::new(-0.08, 0.0, 0.0)),
@@ -110,7 +128,7 @@ fn a_carried_ball_goes_where_its_marker_goes_and_is_lost_with_it() {
     // Without the camera's pose the marker tells nothing of the world.
     let adrift = station.look(
         &picture(&[drawn::tag(CARRIER, SIZE, DVec3::ZERO)]),
-        None,
+        UNTRACKED,
         at(5),
     );
     assert!(adrift.ball.is_none() && adrift.ball_lost);

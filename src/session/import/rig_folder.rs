@@ -40,12 +40,30 @@ pub(super) fn attachments(folder: &Folder) -> Result<Vec<(String, PathBuf)>, Imp
         files.push(PathBuf::from(RIG));
     }
     for name in ATTACHED_FOLDERS {
-        files.extend(folder.files_below(name)?);
+        let below = folder.files_below(name)?;
+        files.extend(below.into_iter().filter(|file| !is_leftover(file)));
     }
     Ok(files
         .into_iter()
         .map(|file| (slashed(&file), file))
         .collect())
+}
+
+/// What calibrating leaves beside the calibrations: pages for people, earlier calibrations
+/// (`tracker.20261121T120203Z.json`), files that were not finished.
+fn is_leftover(file: &Path) -> bool {
+    if !file.starts_with("calibration") {
+        return false;
+    }
+    let name = file.file_name().unwrap_or_default().to_string_lossy();
+    let is_dated = |stem: &str| {
+        let date = stem.rsplit_once('.').map_or("", |(_, date)| date);
+        let (day, time) = date.split_once('T').unwrap_or_default();
+        let digits = |text: &str| text.bytes().take_while(u8::is_ascii_digit).count();
+        digits(day) == 8 && day.len() == 8 && digits(time) == 6 && time[6..].starts_with('Z')
+    };
+    let is_earlier = name.strip_suffix(".json").is_some_and(is_dated);
+    is_earlier || name.ends_with(".html") || name.starts_with('.')
 }
 
 /// A relative path with `/`, whatever the system writes.
@@ -260,4 +278,34 @@ fn rigid(rows: &Value) -> Option<RigidTransform> {
     let pose = RigidTransform::from_matrix(matrix);
     let is_rotation = (matrix.determinant() - 1.0).abs() < 1e-3;
     (is_rotation && pose.translation.cmpgt(DVec3::splat(f64::MIN)).all()).then_some(pose)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_calibrating_leaves_beside_calibrations_is_not_carried_along() {
+        for left in [
+            "calibration/tracker.html",
+            "calibration/tracker.refused.html",
+            "calibration/tracker.20261121T120203Z.json",
+            "calibration/tracker.20261121T120203Z-2.json",
+            "calibration/checks/20261121-120203.html",
+            "calibration/.tracker.json.part",
+        ] {
+            assert!(is_leftover(Path::new(left)), "{left}");
+        }
+        for carried in [
+            "rig.json",
+            "object/a.20261121T120203Z.json",
+            "object/page.html",
+            "calibration/tracker.json",
+            "calibration/my.lens.json",
+            "calibration/checks/20261121-120203.json",
+            "calibration/scene_chart.jpg",
+        ] {
+            assert!(!is_leftover(Path::new(carried)), "{carried}");
+        }
+    }
 }

@@ -2,6 +2,7 @@
 // its own except the history that the charts draw and the wishes that the rig has not
 // confirmed yet.
 
+import { calibrate } from './calibrate.js';
 import { COOL, LIGHT, remember, spark } from './charts.js';
 import { exposure } from './exposure.js';
 import { planes } from './planes.js';
@@ -165,14 +166,24 @@ function environment(s) {
   $('environment').alt = `Map of the light from all directions with ${l.dome_lights} dome lights drawn on it`;
 }
 
+/** What a pose comes from, in words. */
+function poseBy(r) {
+  const markers = `${whole(r.markers)} marker${r.markers === 1 ? '' : 's'}`;
+  if (r.source === 'markers') return markers;
+  if (r.source !== 'hybrid') return r.source;
+  return `tracker, corrected by markers ${r.corrected_ago_s < 0.2 ? 'now' : `${r.corrected_ago_s.toFixed(1)} s ago`}`;
+}
+
 /** What the mirrored ball in the scene camera's picture has shown, and the pose that it is found by. */
 function probe({ lighting, registration: r }) {
   const seen = lighting.probe;
-  $('probe-facts').hidden = !seen && r.source !== 'markers';
+  $('probe-facts').hidden = !seen && r.source !== 'markers' && r.sigma_px === null;
   const ms = (seconds) => (seconds === null ? NaN : seconds * 1000);
   const pixels = (x) => (x === null ? '–' : `${x.toFixed(2)} px`);
   facts($('probe-facts'), [
-    ['pose by', r.source === 'markers' ? `${whole(r.markers)} marker${r.markers === 1 ? '' : 's'}` : r.source],
+    ['pose by', poseBy(r)],
+    ...(r.sigma_px === null ? [] : [['pose good to', `${r.sigma_px.toFixed(2)} px, ${r.sigma_mm.toFixed(1)} mm, ${r.sigma_deg.toFixed(2)}°`]]),
+    ...(r.correction_mm === null ? [] : [['tracker off by', `${r.correction_mm.toFixed(1)} mm, ${r.correction_deg.toFixed(2)}°`]]),
     ['corners off by', pixels(r.reprojection_px) + (r.ambiguous ? ', two poses fit' : '')],
     ...(seen ? [
       ['ball has shown', `${percent(seen.coverage, 0)}, above ${percent(seen.coverage_above, 0)}`],
@@ -252,10 +263,12 @@ function timing(s) {
   const p = s.pairing;
   put($('timing-facts'), p.environment_skew_ms === null ? '' :
     `light ${age(p.environment_skew_ms)} before the picture, pose ${p.pose}`);
+  const measured = p.tracker_latency_measured_ms === null ? [] : [['tracker latency measured',
+    `${millis(p.tracker_latency_measured_ms)} ± ${number(p.tracker_latency_sigma_ms)} (in force ${millis(p.tracker_latency_ms)})`]];
   facts($('frame-facts'), [
     ['frames arrived', whole(s.frames.arrived)], ['composited', whole(s.frames.composed)],
     ['skipped', whole(s.frames.skipped)], ['without pose', whole(s.frames.without_pose)],
-    ['watching', whole(s.stream.viewers)],
+    ['watching', whole(s.stream.viewers)], ...measured,
     ...(s.session.progress === null ? [] : [['played', percent(s.session.progress, 0)], ['rounds', whole(s.session.loops)]]),
   ]);
 }
@@ -339,3 +352,4 @@ async function poll() {
 }
 
 poll();
+calibrate();

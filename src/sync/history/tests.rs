@@ -186,3 +186,75 @@ fn the_history_is_bounded() {
     assert_eq!(history.len(), 16);
     assert_eq!(history.at(at(50)), None);
 }
+
+/// A hand's motion: metres and radians that bend all the time.
+fn by_hand(seconds: f64) -> RigidTransform {
+    let swing = |rate: f64, phase: f64| (rate * seconds + phase).sin();
+    RigidTransform::new(
+        DQuat::from_scaled_axis(DVec3::new(swing(3.1, 0.0), swing(2.3, 1.0), 0.5) * 0.3),
+        DVec3::new(swing(2.9, 0.4), swing(4.1, 0.2), swing(3.3, 2.0)) * 0.1,
+    )
+}
+
+#[test]
+fn the_stated_error_of_a_prediction_is_the_error_it_makes() {
+    use crate::calibration::intrinsics::drawn::Random;
+    let mut random = Random::new(8);
+    let mut history = PoseHistory::new(HistoryConfig::default());
+    let at = |seconds: f64| MonotonicTime::from_nanos((seconds * 1e9) as i64 + 1_000_000_000);
+    let (mut sums, mut stated, mut lines) = ([0.0; 2], [0.0; 2], 0.0);
+    for k in 0..2400 {
+        let t = f64::from(k) / 120.0;
+        let pose = by_hand(t);
+        let noisy = RigidTransform::new(
+            (DQuat::from_scaled_axis(random.normal3() * 3e-4) * pose.rotation).normalize(),
+            pose.translation + random.normal3() * 2e-4,
+        );
+        history.push(at(t), noisy);
+        if k < 400 {
+            continue;
+        }
+        for (bin, ahead) in [0.015, 0.045].into_iter().enumerate() {
+            let predicted = history.at(at(t + ahead)).unwrap();
+            assert_eq!(predicted.provenance, Provenance::Predicted);
+            let truth = by_hand(t + ahead);
+            let off = predicted.transmitter_from_sensor.translation;
+            sums[bin] += off.distance_squared(truth.translation);
+            stated[bin] += predicted.sigma.unwrap()[0].powi(2);
+        }
+        lines += 1.0;
+    }
+    for (made, told) in sums.iter().zip(stated) {
+        let (made, told) = ((made / lines).sqrt(), (told / lines).sqrt());
+        println!(
+            "error made {:.3} mm, stated {:.3} mm",
+            made * 1e3,
+            told * 1e3
+        );
+        assert!((0.8..1.6).contains(&(told / made)), "{told} for {made}");
+    }
+}
+
+#[test]
+fn a_pose_between_readings_states_their_noise() {
+    use crate::calibration::intrinsics::drawn::Random;
+    let mut random = Random::new(9);
+    let mut history = PoseHistory::new(HistoryConfig::default());
+    let at = |seconds: f64| MonotonicTime::from_nanos((seconds * 1e9) as i64 + 1_000_000_000);
+    for k in 0..240 {
+        let t = f64::from(k) / 120.0;
+        let mut pose = by_hand(t * 0.2);
+        pose.translation += random.normal3() * 2e-4;
+        history.push(at(t), pose);
+    }
+    let (mut made, mut told) = (0.0, 0.0);
+    for k in 30..200 {
+        let t = f64::from(k) / 120.0 + 0.004;
+        let pose = history.at(at(t)).unwrap();
+        let off = pose.transmitter_from_sensor.translation;
+        made += off.distance_squared(by_hand(t * 0.2).translation);
+        told += pose.sigma.unwrap()[0].powi(2);
+    }
+    let ratio = (told / made).sqrt();
+    assert!((0.6..1.6).contains(&ratio), "{ratio}");
+}

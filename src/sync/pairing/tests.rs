@@ -368,3 +368,27 @@ fn the_deadline_is_when_a_wait_is_over_though_nothing_more_arrives() {
     assert!(due <= at(120), "it need not wait at all");
     assert_eq!(pairing.pop().unwrap().index, 2, "one was passed over");
 }
+
+#[test]
+fn a_wished_latency_is_reached_by_a_millisecond_a_second_without_a_jump() {
+    let mut pairing = pairing(|config| config.tracker_latency_nanos = 20 * MILLI);
+    pairing.push_pose(&reading(0));
+    pairing.wish_tracker_latency(5 * MILLI);
+    let mut last = None;
+    for millis in (8..=30_000).step_by(8) {
+        let before = pairing.tracker_latency();
+        pairing.push_pose(&reading(millis));
+        let moved = before - pairing.tracker_latency();
+        assert!((0..=8_000).contains(&moved), "{moved}");
+        if millis == 10_000 {
+            last = Some(pairing.tracker_latency());
+        }
+    }
+    assert!((last.unwrap() - 10 * MILLI).abs() < 10_000, "{last:?}");
+    assert_eq!(pairing.tracker_latency(), 5 * MILLI);
+    assert_eq!(pairing.counts().rejected_poses, 0);
+    // After a silence it does not leap.
+    pairing.wish_tracker_latency(15 * MILLI);
+    pairing.push_pose(&reading(90_000));
+    assert!(pairing.tracker_latency() < 6 * MILLI);
+}

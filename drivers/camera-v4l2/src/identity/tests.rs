@@ -206,3 +206,14 @@ fn a_machine_without_cameras_or_sysfs_has_none() {
         "any camera: not there; plug it in or name another one"
     );
 }
+
+#[test]
+fn a_cameras_own_name_and_serial_number_are_known_by_its_identity() {
+    let (_root, roots) = machine();
+    let known = |identity: &str| known_as(identity, &roots);
+    let first = known("usb-046d_C270_AAA:1-video-index0");
+    assert_eq!(first, Some(("Camera video0".into(), Some("AAA:1".into()))));
+    let second = known("usb:046d:0825:BBB");
+    assert_eq!(second, Some(("Camera video2".into(), Some("BBB".into()))));
+    assert_eq!(known("/dev/nowhere"), None);
+}

@@ -91,3 +91,38 @@ fn a_tag_is_found_in_every_quarter_turn_and_its_corners_turn_with_it() {
         assert!(seen[0].corners[0].distance(first) < 0.2, "{quarter}");
     }
 }
+
+/// A field of small squares with a tag before it.
+fn texture(width: usize, height: usize, tag: &[u8]) -> Vec<u8> {
+    let mut codes: Vec<u8> = (0..width * height)
+        .map(|i| {
+            let (x, y) = (i % width, i / width);
+            if x % 16 < 11 && y % 16 < 11 { 30 } else { 210 }
+        })
+        .collect();
+    for (y, row) in tag.chunks_exact(640).enumerate().skip(100).take(280) {
+        codes[y * width + 180..y * width + 460].copy_from_slice(&row[180..460]);
+    }
+    codes
+}
+
+#[test]
+fn in_a_picture_full_of_texture_the_largest_outlines_are_looked_at() {
+    let pose = RigidTransform::new(DQuat::from_rotation_x(0.2), DVec3::new(0.0, 0.0, 0.3));
+    let tag = picture(&camera(), pose, &[tag(5, 0.06, DVec3::ZERO)], 1.0);
+    let codes = texture(1920, 1080, &tag);
+    let mut detector = detector();
+    let looked = |detector: &mut Detector| {
+        let start = std::time::Instant::now();
+        let seen = detector.detect_grey(&codes, 1920, 1080, None);
+        let ids: Vec<u32> = seen.iter().map(|t| t.id).collect();
+        (ids, start.elapsed().as_secs_f64() * 1e3)
+    };
+    let (ids, capped) = looked(&mut detector);
+    assert_eq!(ids, [5]);
+    let mut all = detector.with_most_candidates(100_000);
+    let (ids, uncapped) = looked(&mut all);
+    assert_eq!(ids, [5]);
+    println!("{capped:.1} ms with the cap, {uncapped:.1} ms without");
+    assert!(capped < uncapped, "{capped} {uncapped}");
+}

@@ -8,7 +8,7 @@ use glam::DVec2;
 
 /// A window reaches over this share of the way to the nearest corner: in perspective the next
 /// corner's edges are nearer than that corner.
-pub(super) const WINDOW: f64 = 0.55;
+const WINDOW: f64 = 0.55;
 /// A missed corner has at least this share of its neighbours' contrast: beside the board
 /// there is texture too.
 const CONTRAST: f64 = 0.4;

@@ -11,6 +11,7 @@ mod links;
 mod place;
 mod refine;
 mod saddles;
+mod symmetry;
 
 pub use grey::Grey;
 pub use place::{ChessSighting, Placement};
@@ -21,7 +22,9 @@ use grid::Grid;
 /// Corners that make a grid worth refining.
 const LEAST_CORNERS: usize = 9;
 /// Blur before corners are refined, pixels: sharper pictures pull them towards pixels' middles.
-const SMOOTHING: f32 = 1.2;
+pub(super) const SMOOTHING: f32 = 1.2;
+/// Of a corner's surroundings, so much may differ from what lies opposite.
+const MOST_UNEVEN: f64 = 0.1;
 /// Pictures longer than this are looked at from half the size on: what is smaller than a
 /// square of five pixels there is nothing to calibrate with.
 const FULL_SIZE: usize = 1400;
@@ -45,12 +48,18 @@ pub enum NoChessboard {
     },
 }
 
-/// The corner near a foretold pixel, to a fraction of a pixel, where the next corner is
-/// `pitch` pixels off; `None` if edges do not cross there. For boards whose corners are known
-/// from markers ([`super::tags`]).
+/// The corner near a foretold pixel, to a fraction of a pixel, through a window of that radius,
+/// which the next corner's edges should not enter; `None` if edges do not cross there, or if what
+/// lies on one side of them does not go on opposite: something is before the board, or other edges
+/// are so near that they would pull the corner. For boards whose corners are known from markers
+/// ([`super::tags`]).
 #[must_use]
-pub fn refine_corner(picture: &Grey, foretold: DVec2, pitch: f64) -> Option<DVec2> {
-    refine::refine(picture, foretold, complete::WINDOW * pitch)
+pub fn refine_corner(picture: &Grey, foretold: DVec2, window: f64) -> Option<DVec2> {
+    let crossing = refine::refine(picture, foretold, window);
+    let starts = crossing.into_iter().chain([foretold]);
+    let found = starts.filter_map(|start| symmetry::centre(picture, start, window));
+    let best = found.min_by(|a, b| a.unevenness.total_cmp(&b.unevenness))?;
+    (best.unevenness < MOST_UNEVEN).then_some(best.at)
 }
 
 /// The corners of a board of `columns` × `rows` inner corners that are in sight.

@@ -4,7 +4,7 @@ use super::Grey;
 use glam::{DMat2, DVec2};
 
 /// Smallest and largest radius of the window, pixels.
-const WINDOW: (f64, f64) = (3.0, 14.0);
+pub(super) const WINDOW: (f64, f64) = (3.0, 14.0);
 
 // ┌ Every gradient g(p) near a corner q is across an edge through q: g · (p − q) = 0.   ┐
 // │ (Σ w g gᵀ) q = Σ w g gᵀ p,  w = (1 − |p − q|² / R²)²                                │

@@ -121,6 +121,16 @@ fn a_real_fisheye_is_found_as_published() {
 
 /// Poses that fill the picture and tilt to all sides.
 pub(crate) fn poses(count: usize, distance: f64, spread: f64, seed: u64) -> Vec<RigidTransform> {
+    poses_of(&BOARD, count, (distance, spread), seed)
+}
+
+/// The same of any board.
+pub(crate) fn poses_of(
+    board: &Board,
+    count: usize,
+    (distance, spread): (f64, f64),
+    seed: u64,
+) -> Vec<RigidTransform> {
     let mut random = Random::new(seed);
     (0..count)
         .map(|_| {
@@ -131,7 +141,7 @@ pub(crate) fn poses(count: usize, distance: f64, spread: f64, seed: u64) -> Vec<
                 z,
             );
             let tilt = DVec2::new(random.between(-0.7, 0.7), random.between(-0.7, 0.7));
-            pose(&BOARD, centre, tilt, random.between(-0.6, 0.6))
+            pose(board, centre, tilt, random.between(-0.6, 0.6))
         })
         .collect()
 }
@@ -219,6 +229,26 @@ fn lenses_of_every_model_are_recovered_within_their_stated_uncertainty() {
                 );
             }
         }
+    }
+}
+
+/// A board seen from one side only tells Zhang's form little; what that makes of it must not stay.
+#[test]
+fn square_pixels_have_one_focal_length() {
+    let mut random = Random::new(5);
+    let options = Options {
+        model: LensModel::Brown,
+        square_pixels: true,
+    };
+    let truth = pinhole();
+    let truth = Lens {
+        focal: DVec2::splat(truth.focal.x),
+        ..truth
+    };
+    for seed in 0..4 {
+        let views = seen(&truth, &poses(12, 0.4, 0.12, seed), 0.3, &mut random);
+        let found = estimate((truth.width, truth.height), &views, &options).unwrap();
+        assert_eq!(found.lens.focal.x, found.lens.focal.y);
     }
 }
 

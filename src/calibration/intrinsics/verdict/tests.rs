@@ -3,7 +3,7 @@ use super::*;
 use crate::calibration::intrinsics::coverage::cell_middle;
 use crate::calibration::intrinsics::drawn::{Random, pose};
 use crate::calibration::intrinsics::estimate::tests::{fisheye, pinhole, poses, seen};
-use crate::calibration::intrinsics::{Board, Lens, Options, View, estimate};
+use crate::calibration::intrinsics::{Board, Lens, Light, NoEstimate, Options, View, estimate};
 use crate::calibration::numeric::{Normal, minimise};
 use glam::{DQuat, DVec2, DVec3};
 
@@ -19,7 +19,7 @@ fn judged(lens: &Lens, views: &[View]) -> Result<(Estimate, Verdict), NoEstimate
         square_pixels: false,
     };
     let found = estimate((lens.width, lens.height), views, &options)?;
-    let coverage = Coverage::of(&found.lens, &found.views);
+    let coverage = Coverage::of(&found.lens, &found.views, &Light::default());
     let uncertainty = Uncertainty::of(&found);
     let verdict = Verdict::of(&found, &coverage, &Tilt::of(&found.views), &uncertainty);
     Ok((found, verdict))

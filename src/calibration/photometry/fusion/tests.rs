@@ -186,3 +186,50 @@ fn a_bad_chart_leaves_a_notice_and_the_status_is_plain_json() {
     assert_eq!(json["in_force"], "overlap");
     assert_eq!(json["wanted"], "auto");
 }
+
+fn calibrated(gains: DVec3, exposures: Option<[f64; 2]>) -> CalibratedGains {
+    CalibratedGains {
+        estimate: known(gains, 0.004),
+        matrix: None,
+        exposures,
+    }
+}
+
+#[test]
+fn calibrated_gains_are_not_overruled_by_worse_evidence_but_drift_is_followed() {
+    let mut matched = with(MatchMethod::Auto);
+    matched.set_calibrated(calibrated(GAINS, None));
+    matched.set_chart(chart(1.03 * GAINS));
+    assert_eq!(matched.in_force().0, Provenance::Calibrated);
+    assert_eq!(matched.gains(), GAINS);
+    // Three per cent from the overlap are within what both allow: the calibration prevails.
+    for _ in 0..40 {
+        matched.update_overlap(overlap(1.03 * GAINS), NOW, NOW);
+    }
+    let off = matched.gains() / GAINS - 1.0;
+    assert!(off.abs().max_element() < 0.005, "{off}");
+    // Somebody turned the white balance.
+    let turned = GAINS * DVec3::new(1.3, 1.0, 0.8);
+    let mut matched = with(MatchMethod::Auto);
+    matched.set_calibrated(calibrated(GAINS, None));
+    for _ in 0..40 {
+        matched.update_overlap(overlap(turned), NOW, NOW);
+    }
+    let off = matched.gains() / turned - 1.0;
+    assert!(off.abs().max_element() < 0.02, "{off}");
+    assert!(matched.in_force().1.relative_sd.x < 0.02);
+}
+
+#[test]
+fn calibrated_gains_hold_for_the_exposures_of_their_day() {
+    let mut matched = with(MatchMethod::Auto);
+    matched.set_calibrated(calibrated(GAINS, Some([0.01, 0.002])));
+    let exposure = |micros| {
+        Some(Exposure {
+            exposure_micros: micros,
+            gain: 1.0,
+        })
+    };
+    matched.set_exposures(exposure(20_000.0), exposure(2_000.0));
+    assert!((matched.gains() / GAINS - 2.0).abs().max_element() < 1e-12);
+}

@@ -115,6 +115,7 @@ impl Rig {
                 response: &self.response,
             },
             environment_view: &self.view,
+            vignetting: [None; 2],
         };
         gather_pairs(&overlap, &ground_only(0.0), &GatherOptions::default())
     }

@@ -36,6 +36,16 @@ struct Frame {
     // To the brightest light of the real scene, times its dominance; w = 1 where real surfaces
     // answer lamps as in the paper.
     brightest: vec4f,
+    // A rolling shutter: rotation vector of the camera from one of its own rows to the next, in its
+    // own axes; w = the row that the pose is of.
+    turning: vec4f,
+    // Its way from one row to the next, likewise, metres.
+    moving: vec4f,
+    // Which row that is behind a lens that bends: k1, k2, k3, p1 of the camera's own picture.
+    bending: vec4f,
+    // p2, focal length and principal point down, pixels of that picture, and the squared tangent
+    // up to which the lens' polynomial holds.
+    rows: vec4f,
 }
 
 struct Light {
@@ -81,9 +91,31 @@ fn ray_through(pixel: vec2f) -> vec3f {
     return frame.right.xyz * p.x + frame.down.xyz * p.y + frame.forward.xyz;
 }
 
+// Row of the camera's own picture, bent by its lens, that shows the direction (p, 1).
+fn row_of(p: vec2f) -> f32 {
+    let k = frame.bending;
+    let past = sqrt(max(dot(p, p) / frame.rows.w, 1.0));
+    let q = p / past;
+    let r2 = dot(q, q);
+    let radial = 1.0 + r2 * (k.x + r2 * (k.y + r2 * k.z));
+    let y = q.y * radial + k.w * (r2 + 2.0 * q.y * q.y) + 2.0 * frame.rows.x * q.x * q.y;
+    return y * past * frame.rows.y + frame.rows.z;
+}
+
+// How far a point of the camera's frame goes before `row` is read.
+fn rolled(p: vec3f, row: f32) -> vec3f {
+    return (row - frame.turning.w) * (frame.moving.xyz + cross(frame.turning.xyz, p));
+}
+
 // Reversed depth with the far plane at infinity: depth = near / z.
 fn world_at(pixel: vec2f, depth: f32) -> vec3f {
-    return frame.eye.xyz + ray_through(pixel) * (frame.eye.w / depth);
+    if !ROLLING {
+        return frame.eye.xyz + ray_through(pixel) * (frame.eye.w / depth);
+    }
+    let shown = (pixel - frame.intrinsics.zw) / frame.intrinsics.xy;
+    let q = vec3f(shown, 1.0) * (frame.eye.w / depth);
+    let p = q + rolled(q, row_of(shown));
+    return frame.eye.xyz + frame.right.xyz * p.x + frame.down.xyz * p.y + frame.forward.xyz * p.z;
 }
 
 fn pixel_of(world: vec3f) -> vec3f {
@@ -91,6 +123,26 @@ fn pixel_of(world: vec3f) -> vec3f {
     let z = dot(d, frame.forward.xyz);
     let p = vec2f(dot(d, frame.right.xyz), dot(d, frame.down.xyz)) / max(z, 1e-6);
     return vec3f(p * frame.intrinsics.xy + frame.intrinsics.zw, z);
+}
+
+// Where a point of the world is drawn. Under a rolling shutter it is seen by the row that its
+// own picture lies in: a fixed point, found in three rounds.
+fn clip_of(world: vec4f) -> vec4f {
+    if !ROLLING {
+        return frame.clip_from_world * world;
+    }
+    let d = world.xyz - frame.eye.xyz;
+    let p = vec3f(dot(d, frame.right.xyz), dot(d, frame.down.xyz), dot(d, frame.forward.xyz));
+    let last = 2.0 * frame.turning.w;
+    var q = p;
+    for (var k = 0; k < 3; k++) {
+        let row = row_of(q.xy / max(q.z, frame.eye.w));
+        q = p - rolled(p, clamp(row, -last, 2.0 * last));
+    }
+    let scale = 2.0 * frame.intrinsics.xy * frame.size.zw;
+    let shift = 2.0 * (frame.intrinsics.zw + vec2f(0.5)) * frame.size.zw - vec2f(1.0);
+    let xy = (scale * q.xy + shift * q.z) * vec2f(1.0, -1.0);
+    return vec4f(xy, frame.eye.w, q.z);
 }
 
 fn sky_irradiance(n: vec3f) -> vec3f {

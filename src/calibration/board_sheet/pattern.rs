@@ -1,0 +1,143 @@
+//! What is black on a board, whatever sheet it is put on.
+
+use super::Black;
+use crate::calibration::fiducial::Family;
+use crate::calibration::intrinsics::Board;
+use crate::calibration::intrinsics::layout::Layout;
+
+/// A board's black rectangles, metres from its top left corner.
+pub(crate) struct Pattern {
+    pub width: f64,
+    pub height: f64,
+    /// Edge of the squares at its rim: their white surroundings must be in proportion.
+    pub rim: f64,
+    pub black: Vec<Black>,
+}
+
+pub(crate) fn of(board: &Board) -> Pattern {
+    match *board {
+        Board::Chess {
+            columns,
+            rows,
+            square,
+        } => chess(columns + 1, rows + 1, square),
+        Board::AprilGrid {
+            columns,
+            rows,
+            tag,
+            gap,
+            family,
+        } => april_grid(board, (columns, rows), (tag, gap * tag), family),
+        Board::Charuco {
+            columns,
+            rows,
+            square,
+            marker,
+            family,
+        } => {
+            let mut pattern = chess(columns, rows, square);
+            let inset = 0.5 * (square - marker);
+            let at =
+                |x: i32, y: i32| (f64::from(x) * square + inset, f64::from(y) * square + inset);
+            pattern.add_tags(board, family, marker, at);
+            pattern
+        }
+    }
+}
+
+/// Black squares where column and row add to an even number.
+fn chess(columns: u32, rows: u32, square: f64) -> Pattern {
+    let all = (0..columns * rows).map(|i| (i % columns, i / columns));
+    let black = all.filter(|(x, y)| (x + y) % 2 == 0);
+    Pattern {
+        width: f64::from(columns) * square,
+        height: f64::from(rows) * square,
+        rim: square,
+        black: black
+            .map(|(x, y)| filled(f64::from(x) * square, f64::from(y) * square, square))
+            .collect(),
+    }
+}
+
+/// Tags, and black squares in the corners of the gaps between and around them (Kalibr).
+fn april_grid(
+    board: &Board,
+    (columns, rows): (u32, u32),
+    (tag, gap): (f64, f64),
+    family: Family,
+) -> Pattern {
+    let pitch = tag + gap;
+    let corners = (0..(columns + 1) * (rows + 1)).map(|i| (i % (columns + 1), i / (columns + 1)));
+    let mut pattern = Pattern {
+        width: f64::from(columns) * pitch + gap,
+        height: f64::from(rows) * pitch + gap,
+        rim: gap,
+        black: corners
+            .map(|(x, y)| filled(f64::from(x) * pitch, f64::from(y) * pitch, gap))
+            .collect(),
+    };
+    let at = |x: i32, y: i32| (f64::from(x) * pitch + gap, f64::from(y) * pitch + gap);
+    pattern.add_tags(board, family, tag, at);
+    pattern
+}
+
+const fn filled(x: f64, y: f64, edge: f64) -> Black {
+    Black {
+        x,
+        y,
+        width: edge,
+        height: edge,
+    }
+}
+
+impl Pattern {
+    /// Every tag of the board, whose border's top left corner is `at` its column and row.
+    fn add_tags(
+        &mut self,
+        board: &Board,
+        family: Family,
+        size: f64,
+        at: impl Fn(i32, i32) -> (f64, f64),
+    ) {
+        let Some(layout) = Layout::of(board) else {
+            return;
+        };
+        for id in 0..board.tag_count() {
+            if let Some(cell) = layout.cell(id) {
+                let (x, y) = at(cell.x, cell.y);
+                self.add_tag((family, id), board.has_turned_tags(), size, (x, y));
+            }
+        }
+    }
+
+    /// Its black modules, those in a row that touch as one rectangle.
+    fn add_tag(
+        &mut self,
+        (family, id): (Family, u32),
+        turned: bool,
+        size: f64,
+        (left, top): (f64, f64),
+    ) {
+        let n = family.modules();
+        let is_white = |x: u32, y: u32| match turned {
+            true => family.is_white(id, n - 1 - x, n - 1 - y),
+            false => family.is_white(id, x, y),
+        };
+        let module = size / f64::from(n);
+        for row in 0..n {
+            let mut column = 0;
+            while column < n {
+                let run = (column..n).take_while(|&x| !is_white(x, row)).count() as u32;
+                if run > 0 {
+                    self.black.push(Black {
+                        x: left + f64::from(column) * module,
+                        y: top + f64::from(row) * module,
+                        width: f64::from(run) * module,
+                        height: module,
+                    });
+                }
+                column += run + 1;
+            }
+        }
+    }
+}

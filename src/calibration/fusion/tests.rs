@@ -1,0 +1,280 @@
+#![allow(clippy::unwrap_used)]
+use super::following::{AT_REST, OF_MOTION};
+use super::*;
+use crate::calibration::fiducial::{Match, drawn, refine};
+use crate::calibration::intrinsics::drawn::Random;
+
+const RATE: f64 = 30.0;
+/// What is looked at.
+const MIDDLE: DVec3 = DVec3::new(0.05, 0.03, 0.04);
+
+/// A hand-held camera that goes about, rests, and goes on.
+fn truth(seconds: f64) -> RigidTransform {
+    // Rests for a second of every four.
+    let phase = (seconds / 4.0).floor() * 3.0 + (seconds % 4.0).min(3.0);
+    let eye = DVec3::new(
+        0.35 * (0.7 * phase).cos(),
+        -0.5 + 0.1 * (1.1 * phase).sin(),
+        0.45 + 0.08 * (0.9 * phase).sin(),
+    );
+    let forward = (MIDDLE + DVec3::new(0.02 * (1.7 * phase).sin(), 0.0, 0.0) - eye).normalize();
+    let right = forward.cross(DVec3::Z).normalize();
+    let axes = DMat3::from_cols(right, forward.cross(right), forward);
+    RigidTransform::new(DQuat::from_mat3(&axes), eye)
+}
+
+/// What an electromagnetic tracker is off by: a field bent by a metal table, and drift.
+fn bent(pose: RigidTransform, seconds: f64, strength: f64) -> RigidTransform {
+    let x = pose.translation;
+    let bend = DVec3::new(
+        0.006 * (4.0 * x.x).sin() + 0.004 * x.z,
+        0.005 * (3.0 * x.y).cos(),
+        0.007 * (3.5 * x.x).sin(),
+    );
+    let turn = DVec3::new(
+        0.010 * (3.0 * x.x).sin(),
+        0.008 * (2.0 * x.y).cos(),
+        0.006 * (4.0 * x.x).cos(),
+    );
+    let drift = 1e-4 * seconds;
+    nudged(
+        pose,
+        (turn + DVec3::splat(drift)) * strength,
+        (bend + DVec3::splat(drift)) * strength,
+    )
+}
+
+const NOISE: [f64; 2] = [2e-4, 3e-4];
+
+fn tracked(pose: RigidTransform, random: &mut Random) -> Tracked {
+    Tracked {
+        world_from_camera: nudged(
+            pose,
+            random.normal3() * NOISE[1],
+            random.normal3() * NOISE[0],
+        ),
+        noise: NOISE,
+    }
+}
+
+/// What corners of two tags beside the object, each with noise of so many pixels, say.
+fn marked(pose: RigidTransform, pixels: f64, random: &mut Random) -> Option<PoseEstimate> {
+    let camera = drawn::camera();
+    let from_world = pose.inverse();
+    let tags = [DVec3::new(-0.08, 0.0, 0.0), DVec3::new(0.12, 0.1, 0.0)];
+    let mut matches = Vec::new();
+    for (tag, corner) in tags.iter().flat_map(|t| (0..4).map(move |c| (t, c))) {
+        let (x, y) = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)][corner];
+        let point = *tag + DVec3::new(0.03 * x, 0.03 * y, 0.0);
+        let noise = random.normal3().truncate() * pixels;
+        let pixel = camera.project(from_world.transform_point(point))? + noise;
+        matches.push(Match { point, pixel });
+    }
+    refine(&camera, from_world, &matches)
+}
+
+/// Where corners of the object's box are drawn, against where they belong, pixels.
+fn errors(drawn: RigidTransform, truth: RigidTransform) -> [glam::DVec2; 8] {
+    let camera = drawn::camera();
+    std::array::from_fn(|i| {
+        let sign = |bit: usize| if i >> bit & 1 == 1 { 0.05 } else { -0.05 };
+        let p = MIDDLE + DVec3::new(sign(0), sign(1), sign(2));
+        let place = |pose: RigidTransform| {
+            let there = pose.inverse().transform_point(p);
+            camera.project(there).unwrap()
+        };
+        place(drawn) - place(truth)
+    })
+}
+
+/// Root mean square error, and the largest change of it from one picture to the next that the
+/// bound on sliding does not explain.
+#[derive(Debug, Default)]
+struct Account {
+    squares: f64,
+    count: f64,
+    worst: f64,
+    jump: f64,
+    /// Of (error / stated sigma)².
+    honesty: f64,
+    stated: f64,
+    rejected: u32,
+}
+
+impl Account {
+    fn rms(&self) -> f64 {
+        (self.squares / self.count).sqrt()
+    }
+}
+
+/// `strength` of the tracker's bending; which pictures show markers, and whether the tracker
+/// speaks then.
+fn run(
+    seconds: std::ops::Range<f64>,
+    strength: f64,
+    shows: impl Fn(f64, &mut Random) -> (bool, bool),
+    outliers: f64,
+) -> Account {
+    let mut random = Random::new(11);
+    let mut fusion = Fusion::new(drawn::camera(), MIDDLE);
+    let mut account = Account::default();
+    let mut last: Option<([glam::DVec2; 8], RigidTransform)> = None;
+    let frames = (seconds.end * RATE) as i64;
+    for k in 0..frames {
+        let t = k as f64 / RATE;
+        let pose = truth(t);
+        let (shown, speaks) = shows(t, &mut random);
+        let by_tracker = tracked(bent(pose, t, strength), &mut random);
+        let mut seen = marked(pose, 0.15, &mut random).filter(|_| shown);
+        if random.uniform() < outliers
+            && let Some(seen) = &mut seen
+        {
+            // The other pose of a single marker, or a marker that was moved.
+            let wrong = nudged(pose, random.normal3() * 0.2, random.normal3() * 0.05);
+            seen.camera_from_frame = wrong.inverse();
+        }
+        let at = MonotonicTime::from_nanos((t * 1e9) as i64);
+        let fused = fusion.step(at, speaks.then_some(by_tracker), seen.as_ref());
+        let Some(fused) = fused else {
+            last = None;
+            continue;
+        };
+        account.rejected += u32::from(fused.verdict == Verdict::Rejected);
+        let off = errors(fused.world_from_camera, pose);
+        if t >= seconds.start {
+            for e in off {
+                account.squares += e.length_squared();
+                account.count += 1.0;
+                account.worst = account.worst.max(e.length());
+            }
+            if let Some(sigma) = fused.sigma {
+                let mean = off.iter().map(|e| e.length_squared()).sum::<f64>() / 16.0;
+                account.honesty += mean / sigma.pixels.powi(2);
+                account.stated += 1.0;
+            }
+        }
+        if let Some((before, from)) = last {
+            let camera = drawn::camera();
+            let motion = apart_pixels(&camera, from, pose, 0.6);
+            let slid = off.iter().zip(before).map(|(a, b)| (*a - b).length());
+            let slid = slid.fold(0.0, f64::max);
+            account.jump = account.jump.max(slid - OF_MOTION * motion);
+        }
+        last = Some((off, pose));
+    }
+    account
+}
+
+#[test]
+fn markers_take_a_bent_fields_error_away() {
+    let alone = run(2.0..40.0, 1.0, |_, _| (false, true), 0.0);
+    let both = run(2.0..40.0, 1.0, |_, _| (true, true), 0.0);
+    println!(
+        "tracker alone {:.2} px, with markers {both:?} {:.3} px",
+        alone.rms(),
+        both.rms()
+    );
+    assert!(alone.rms() > 3.0, "{}", alone.rms());
+    assert!(
+        both.rms() < 0.5 && both.worst < 2.0,
+        "{} {}",
+        both.rms(),
+        both.worst
+    );
+    let honesty = (both.honesty / both.stated).sqrt();
+    assert!((0.5..1.5).contains(&honesty), "{honesty}");
+}
+
+#[test]
+fn nothing_jumps_where_markers_come_and_go() {
+    // Markers for a third of the time, from the third second.
+    let shows =
+        |t: f64, random: &mut Random| (t > 3.0 && t % 3.0 < 1.0 && random.uniform() < 0.8, true);
+    let alone = run(8.0..60.0, 0.4, |_, _| (false, true), 0.0);
+    let account = run(8.0..60.0, 0.4, shows, 0.0);
+    println!(
+        "alone {:.2} px, coming and going {account:?} {:.3} px",
+        alone.rms(),
+        account.rms()
+    );
+    // The tracker's own noise moves things too: 3 sigma of two pictures.
+    assert!(account.jump < AT_REST / RATE + 2.0, "{}", account.jump);
+    assert!(account.rms() < 0.7 * alone.rms(), "{}", account.rms());
+}
+
+#[test]
+fn wrong_poses_are_kept_out() {
+    let account = run(2.0..40.0, 1.0, |_, _| (true, true), 0.1);
+    println!("outliers {account:?} {:.3} px", account.rms());
+    assert!(account.rejected > 60, "{}", account.rejected);
+    assert!(
+        account.rms() < 0.6 && account.worst < 3.0,
+        "{} {}",
+        account.rms(),
+        account.worst
+    );
+}
+
+#[test]
+fn either_source_suffices_while_the_other_is_silent() {
+    // The tracker pauses in every fifth second, the markers in every seventh.
+    let shows = |t: f64, _: &mut Random| (t % 7.0 < 6.0, t % 5.0 < 4.0);
+    let account = run(2.0..70.0, 0.3, shows, 0.0);
+    println!("either {account:?} {:.3} px", account.rms());
+    assert!(account.rms() < 1.0, "{}", account.rms());
+    assert!(account.jump < AT_REST / RATE + 2.0, "{}", account.jump);
+}
+
+#[test]
+fn what_was_known_wrongly_is_overruled_and_slides_into_place() {
+    let camera = drawn::camera();
+    let mut fusion = Fusion::new(camera.clone(), MIDDLE);
+    let mut random = Random::new(3);
+    let pose = truth(3.5);
+    let mut before: Option<RigidTransform> = None;
+    let mut overruled = 0;
+    for k in 0..600 {
+        // The transmitter is knocked over at picture 100.
+        let knock = if k < 100 { 0.0 } else { 0.02 };
+        let bumped = nudged(pose, DVec3::Z * knock, DVec3::X * knock);
+        let seen = marked(pose, 0.1, &mut random).unwrap();
+        let at = MonotonicTime::from_nanos(i64::from(k) * 33_333_333);
+        let clean = Tracked {
+            world_from_camera: bumped,
+            noise: [1e-5; 2],
+        };
+        let fused = fusion.step(at, Some(clean), Some(&seen)).unwrap();
+        overruled += u32::from(fused.verdict == Verdict::Overruled);
+        if let Some(before) = before
+            && k != 100
+        {
+            let step = apart_pixels(&camera, before, fused.world_from_camera, 0.6);
+            assert!(step < 1.6 * AT_REST / RATE, "{k}: {step} px");
+        }
+        before = Some(fused.world_from_camera);
+    }
+    assert_eq!(overruled, 1);
+    let off = errors(before.unwrap(), pose)[0].length();
+    assert!(off < 0.4, "{off} px");
+}
+
+#[test]
+fn a_tracker_that_was_never_compared_states_no_error_and_is_left_alone() {
+    let mut fusion = Fusion::new(drawn::camera(), MIDDLE);
+    let pose = truth(1.0);
+    let clean = Tracked {
+        world_from_camera: pose,
+        noise: NOISE,
+    };
+    let fused = fusion
+        .step(MonotonicTime::from_nanos(0), Some(clean), None)
+        .unwrap();
+    assert_eq!(fused.source, Source::Tracker);
+    assert_eq!(fused.sigma, None);
+    assert!(errors(fused.world_from_camera, pose)[0].length() < 1e-9);
+    assert!(
+        fusion
+            .step(MonotonicTime::from_nanos(1), None, None)
+            .is_none()
+    );
+}

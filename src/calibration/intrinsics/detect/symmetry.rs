@@ -1,0 +1,140 @@
+//! A corner of a board of tags: what lies round it is the same seen from the other side.
+
+use super::Grey;
+use super::refine::WINDOW;
+use glam::{DMat2, DVec2};
+
+/// Half the distance over which a gradient is taken, pixels.
+const BESIDE: f64 = 0.5;
+/// Steps at most, and the step that is none, pixels.
+const STEPS: (usize, f64) = (20, 1e-3);
+
+/// The centre of symmetry of brightness and how much is left of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Centre {
+    /// Pixel.
+    pub at: DVec2,
+    /// How much what lies round it differs from what lies opposite, by variance: 0 where edges
+    /// cross and nothing else is near, 1 where one side says nothing of the other.
+    pub unevenness: f64,
+}
+
+/// Sums over the pairs of opposite places in a window.
+#[derive(Default)]
+struct Sums {
+    normal: DMat2,
+    right: DVec2,
+    odd: f64,
+    weights: f64,
+    sum: f64,
+    squares: f64,
+}
+
+/// The place c near `start` that makes Σ w (I(c + d) − I(c − d))² least over a window of `radius`
+/// pixels (Gauss–Newton). A crossing of edges alone is such a place, and so is one with the borders
+/// of markers on both sides, which Förstner's operator takes for edges of the crossing where squares
+/// are small. Affine maps keep it. `None` if nothing fixes it or it lies beyond the window.
+pub(super) fn centre(picture: &Grey, start: DVec2, radius: f64) -> Option<Centre> {
+    let radius = radius.clamp(WINDOW.0, WINDOW.1);
+    let mut at = start;
+    for _ in 0..STEPS.0 {
+        if !picture.contains(at, radius.min(4.0)) || at.distance(start) > radius {
+            return None;
+        }
+        let sums = sums(picture, at, radius);
+        let trace = sums.normal.x_axis.x + sums.normal.y_axis.y;
+        // One edge alone fixes nothing along itself.
+        if sums.normal.determinant() <= 1e-3 * trace * trace {
+            return None;
+        }
+        let step = sums.normal.inverse() * -sums.right;
+        at += step.clamp_length_max(0.3 * radius);
+        if step.length() < STEPS.1 {
+            break;
+        }
+    }
+    let sums = sums(picture, at, radius);
+    let variance = sums.squares - sums.sum * sums.sum / sums.weights.max(1e-12);
+    let unevenness = sums.odd / variance.max(1e-12);
+    Some(Centre { at, unevenness })
+}
+
+fn sums(picture: &Grey, at: DVec2, radius: f64) -> Sums {
+    let reach = radius.floor() as i32;
+    let mut sums = Sums::default();
+    for y in 0..=reach {
+        for x in -reach..=reach {
+            let offset = DVec2::new(f64::from(x), f64::from(y));
+            let inside = 1.0 - offset.length_squared() / (radius * radius);
+            // Each pair once.
+            if inside > 0.0 && (y > 0 || x > 0) {
+                add(
+                    &mut sums,
+                    picture,
+                    (at + offset, at - offset),
+                    inside * inside,
+                );
+            }
+        }
+    }
+    sums
+}
+
+fn add(sums: &mut Sums, picture: &Grey, (one, other): (DVec2, DVec2), weight: f64) {
+    let (a, b) = (picture.sample(one), picture.sample(other));
+    let slope = gradient(picture, one) - gradient(picture, other);
+    sums.normal += DMat2::from_cols(slope * slope.x, slope * slope.y) * weight;
+    sums.right += slope * (weight * (a - b));
+    sums.odd += weight * (a - b).powi(2);
+    sums.weights += 2.0 * weight;
+    sums.sum += weight * (a + b);
+    sums.squares += weight * (a * a + b * b);
+}
+
+fn gradient(picture: &Grey, p: DVec2) -> DVec2 {
+    let along = |by: DVec2| (picture.sample(p + by) - picture.sample(p - by)) / (2.0 * BESIDE);
+    DVec2::new(along(DVec2::X * BESIDE), along(DVec2::Y * BESIDE))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    /// Two edges that cross at `at`, with dark strips on both sides as of markers, or a lid over
+    /// what is right of `lid`.
+    fn drawn(at: DVec2, strips: bool, lid: f64) -> Grey {
+        let soft = |v: f64| (v + 0.5).clamp(0.0, 1.0);
+        let mut picture = Grey::from_bytes(40, 40, &[]);
+        for y in 0..40 {
+            for x in 0..40 {
+                let d = DVec2::new(x as f64, y as f64) - at;
+                let (u, v) = (d.x + 0.2 * d.y, d.y - 0.1 * d.x);
+                let white = soft(u) * soft(v) + soft(-u) * soft(-v);
+                let marker = |u: f64, v: f64| soft(u - 3.0) * soft(v - 3.0);
+                let marked = if strips {
+                    marker(u, v) + marker(-u, -v)
+                } else {
+                    0.0
+                };
+                let value = 30.0 + 180.0 * (white - marked).clamp(0.0, 1.0);
+                let value = if x as f64 > lid { 120.0 } else { value };
+                picture.data[y * 40 + x] = value as f32;
+            }
+        }
+        picture.blurred(1.3)
+    }
+
+    #[test]
+    fn markers_on_both_sides_pull_a_corner_nowhere_and_a_lid_is_told() {
+        for strips in [false, true] {
+            let at = DVec2::new(19.3, 20.6);
+            let picture = drawn(at, strips, 100.0);
+            let found = centre(&picture, at + DVec2::new(0.9, -0.6), 5.0).unwrap();
+            assert!(found.at.distance(at) < 0.04, "{found:?}");
+            assert!(found.unevenness < 0.01, "{found:?}");
+            let lidded = centre(&drawn(at, strips, 21.0), at, 5.0);
+            assert!(lidded.is_none_or(|c| c.unevenness > 0.1), "{lidded:?}");
+        }
+    }
+}

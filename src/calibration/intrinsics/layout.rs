@@ -1,0 +1,205 @@
+//! Which tag lies beside which: whether the board in a picture is the one that was said.
+
+use super::board::Board;
+use super::homography;
+use super::tags::SeenTag;
+use glam::{DMat3, DVec2, IVec2};
+
+/// Tags farther apart than so many steps say nothing of one another: the lens bends.
+const FARTHEST: i32 = 2;
+/// A tag lies on a step of the grid to this share of it.
+const ON_GRID: f64 = 0.25;
+/// Of the neighbours, so many must lie as the board says.
+const AGREED: f64 = 0.75;
+/// No other board of more columns is thought of.
+const MOST_COLUMNS: u32 = 40;
+
+/// How tags' numbers go over a board's cells.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Layout {
+    /// Cells in a row: tags, or squares of a ChArUco board.
+    pub columns: u32,
+    /// Rows of cells.
+    pub rows: u32,
+    /// Of a ChArUco board: the square at the top left is white and has the first marker, as
+    /// OpenCV before 4.6 drew boards with an even number of rows.
+    pub white_first: bool,
+    every_cell: bool,
+}
+
+impl Layout {
+    /// As the board says; a chessboard has none.
+    #[must_use]
+    pub const fn of(board: &Board) -> Option<Self> {
+        let (columns, rows, every_cell) = match *board {
+            Board::Chess { .. } => return None,
+            Board::AprilGrid { columns, rows, .. } => (columns, rows, true),
+            Board::Charuco { columns, rows, .. } => (columns, rows, false),
+        };
+        Some(Self {
+            columns,
+            rows,
+            white_first: false,
+            every_cell,
+        })
+    }
+
+    /// The other way of drawing it, if there is one.
+    #[must_use]
+    pub fn other_way(self) -> Option<Self> {
+        (!self.every_cell && self.rows.is_multiple_of(2)).then_some(Self {
+            white_first: !self.white_first,
+            ..self
+        })
+    }
+
+    /// Column and row, from the top left, of a tag's cell; `None` where it is not on the board.
+    #[must_use]
+    pub fn cell(self, id: u32) -> Option<IVec2> {
+        let cell = self.unbounded(id);
+        (cell.y >= 0 && cell.y < self.rows as i32).then_some(cell)
+    }
+
+    fn unbounded(self, id: u32) -> IVec2 {
+        let (columns, rows, id) = (self.columns as i32, self.rows as i32, id as i32);
+        if self.every_cell {
+            // Kalibr counts from the lower left, row by row upwards.
+            return IVec2::new(id % columns, rows - 1 - id / columns);
+        }
+        // OpenCV counts the white squares row by row from the top left.
+        let first = i32::from(!self.white_first);
+        let two_rows = columns;
+        let (pair, mut rest) = (id / two_rows, id % two_rows);
+        let in_first_row = (columns + 1 - first) / 2;
+        let (mut row, mut start) = (2 * pair, first);
+        if rest >= in_first_row {
+            rest -= in_first_row;
+            (row, start) = (row + 1, 1 - first);
+        }
+        IVec2::new(start + 2 * rest, row)
+    }
+}
+
+/// What the tags of a picture say of the board.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Fit {
+    /// The layout that they have: the one said, or the other way of drawing it.
+    pub layout: Layout,
+    /// Pairs of neighbours that tell; without any nothing is known.
+    pub pairs: usize,
+    /// Where most pairs contradict what was said: in how many columns they would agree.
+    pub other_columns: Option<u32>,
+    /// They contradict it.
+    pub contradicts: bool,
+    /// Tags that lie as the layout says, or of which nothing is known.
+    pub tags: Vec<SeenTag>,
+}
+
+/// One tag as seen from another, in steps of the grid.
+struct Pair {
+    from: usize,
+    to: usize,
+    step: IVec2,
+}
+
+/// Which of the ways in which `board` may have been drawn the tags have. `usual` decides where
+/// they do not tell.
+#[must_use]
+pub fn fit(board: &Board, tags: &[SeenTag], usual: Layout) -> Fit {
+    let pairs = pairs(board, tags);
+    let share = |layout: Layout| {
+        let agreed = pairs.iter().filter(|p| agrees(layout, tags, p)).count();
+        agreed as f64 / pairs.len().max(1) as f64
+    };
+    let mut layout = usual;
+    if let Some(other) = usual.other_way()
+        && share(other) > share(usual)
+    {
+        layout = other;
+    }
+    let contradicts = pairs.len() >= 3 && share(layout) < AGREED;
+    let other_columns = contradicts.then(|| best_columns(layout, &share)).flatten();
+    Fit {
+        layout,
+        pairs: pairs.len(),
+        other_columns,
+        contradicts,
+        tags: trusted(layout, tags, &pairs),
+    }
+}
+
+fn agrees(layout: Layout, tags: &[SeenTag], pair: &Pair) -> bool {
+    let cell = |i: usize| layout.unbounded(tags[i].id);
+    cell(pair.to) - cell(pair.from) == pair.step
+}
+
+fn best_columns(said: Layout, share: &impl Fn(Layout) -> f64) -> Option<u32> {
+    let candidates = (1..=MOST_COLUMNS).flat_map(|columns| {
+        let one = Layout { columns, ..said };
+        let other = Layout {
+            white_first: !said.white_first && !said.every_cell,
+            ..one
+        };
+        [one, other].map(|layout| (share(layout), columns))
+    });
+    let best = candidates.max_by(|a, b| a.0.total_cmp(&b.0))?;
+    (best.0 >= AGREED).then_some(best.1)
+}
+
+/// All but those that most of their neighbours contradict, and those beside the board; of a
+/// number that is there twice the first.
+fn trusted(layout: Layout, tags: &[SeenTag], pairs: &[Pair]) -> Vec<SeenTag> {
+    let mut votes = vec![0_i32; tags.len()];
+    for pair in pairs {
+        let vote = if agrees(layout, tags, pair) { 1 } else { -1 };
+        votes[pair.from] += vote;
+        votes[pair.to] += vote;
+    }
+    let mut out: Vec<SeenTag> = Vec::new();
+    for (tag, _) in tags.iter().zip(&votes).filter(|(_, votes)| **votes >= 0) {
+        let fresh = out.iter().all(|known| known.id != tag.id);
+        if fresh && layout.cell(tag.id).is_some() {
+            out.push(*tag);
+        }
+    }
+    out
+}
+
+/// Each tag's homography tells where others near it lie, whatever their numbers.
+fn pairs(board: &Board, tags: &[SeenTag]) -> Vec<Pair> {
+    let step = match *board {
+        Board::Chess { .. } => return Vec::new(),
+        Board::AprilGrid { gap, .. } => 1.0 + gap,
+        Board::Charuco { square, marker, .. } => square / marker,
+    };
+    let mut out = Vec::new();
+    for (from, tag) in tags.iter().enumerate() {
+        let Some(tag_from_picture) = tag_from_picture(tag) else {
+            continue;
+        };
+        for (to, other) in tags.iter().enumerate().filter(|(to, _)| *to != from) {
+            let middle = other.corners.iter().sum::<DVec2>() / 4.0;
+            let seen = tag_from_picture * middle.extend(1.0);
+            let at = seen.truncate() / seen.z / step;
+            let whole = at.round();
+            let near = whole.abs().max_element() <= f64::from(FARTHEST) && whole != DVec2::ZERO;
+            if near && at.distance(whole) < ON_GRID {
+                let step = whole.as_ivec2();
+                out.push(Pair { from, to, step });
+            }
+        }
+    }
+    out
+}
+
+/// From pixels to the tag's own frame: its edge is 1, its middle the origin.
+fn tag_from_picture(tag: &SeenTag) -> Option<DMat3> {
+    let around = [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)].map(DVec2::from);
+    let pairs: Vec<_> = around.into_iter().zip(tag.corners).collect();
+    let picture_from_tag = homography::from_pixels(&pairs)?;
+    let inverse = picture_from_tag.inverse();
+    inverse.is_finite().then_some(inverse)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,200 @@
+//! How far out a fisheye's lens is known, and how far out light falls.
+
+use super::coverage::deviation;
+use super::detect::Grey;
+use super::estimate::Estimate;
+use super::lens::{Lens, LensModel};
+use glam::{DVec2, DVec3};
+use std::f64::consts::{PI, TAU};
+
+/// Columns and rows of the parts in which light is looked for.
+const PARTS: (usize, usize) = (64, 48);
+/// Of the brightest part, so much is light and not the lens's black rim.
+const LIT: f32 = 0.12;
+/// No part is lit below this code.
+const LEAST_LIGHT: f32 = 12.0;
+/// A direction is known while its picture is to this, 1σ, pixels of a picture of 1280.
+const KNOWN: f64 = 3.0;
+/// Steps outwards, radians.
+const STEP: f64 = 0.5 * PI / 180.0;
+
+/// Where in the pictures light falls at all: how bright each part was at its brightest.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Light {
+    brightest: Vec<f32>,
+}
+
+impl Light {
+    /// Looks at one more picture, always of the same size.
+    pub fn look(&mut self, picture: &Grey) {
+        let (columns, rows) = PARTS;
+        if picture.width < columns || picture.height < rows {
+            return;
+        }
+        self.brightest.resize(columns * rows, 0.0);
+        for (i, brightest) in self.brightest.iter_mut().enumerate() {
+            let across = |k: usize| k * picture.width / columns;
+            let down = |k: usize| k * picture.height / rows;
+            let (x, y) = (i % columns, i / columns);
+            let (left, right) = (across(x), across(x + 1));
+            let lines = down(y)..down(y + 1);
+            let count = (lines.len() * (right - left)) as f32;
+            let rows = lines.map(|y| &picture.data[y * picture.width..]);
+            let sum: f32 = rows.map(|row| row[left..right].iter().sum::<f32>()).sum();
+            *brightest = brightest.max(sum / count);
+        }
+    }
+
+    /// Whether light falls on a place, given as a share of the picture's width and height;
+    /// `None` if no picture was looked at.
+    #[must_use]
+    pub fn falls_on(&self, place: DVec2) -> Option<bool> {
+        let (columns, rows) = PARTS;
+        let part = |share: f64, n: usize| ((share * n as f64).max(0.0) as usize).min(n - 1);
+        let at = part(place.y, rows) * columns + part(place.x, columns);
+        Some(*self.brightest.get(at)? > self.least())
+    }
+
+    fn least(&self) -> f32 {
+        let most = self.brightest.iter().copied().fold(0.0, f32::max);
+        (LIT * most).max(LEAST_LIGHT)
+    }
+
+    /// The largest angle from the axis from which light comes, as far as `lens` tells; the
+    /// outermost hundredth of it may be glare.
+    fn widest(&self, lens: &Lens) -> Option<f64> {
+        let (columns, rows) = PARTS;
+        let size = lens.last_pixel() + 1.0;
+        let angle = |i: usize| {
+            let at = DVec2::new((i % columns) as f64 + 0.5, (i / columns) as f64 + 0.5);
+            let share = at / DVec2::new(columns as f64, rows as f64);
+            angle_of(lens, share * size - 0.5)
+        };
+        let lit = (0..self.brightest.len()).filter(|&i| self.brightest[i] > self.least());
+        let mut angles: Vec<f64> = lit.filter_map(angle).collect();
+        angles.sort_unstable_by(f64::total_cmp);
+        angles
+            .get(angles.len().saturating_sub(1 + angles.len() / 100))
+            .copied()
+    }
+}
+
+/// Angles from a fisheye's axis, radians.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rim {
+    /// The farthest at which corners were seen.
+    pub seen: f64,
+    /// The farthest to which the lens follows from them: its picture still moves outwards, and
+    /// is known to three pixels.
+    pub known: f64,
+    /// The farthest from which light comes, where pictures were looked at.
+    pub lit: Option<f64>,
+}
+
+impl Rim {
+    /// Of an estimate; `None` for lenses that are no fisheyes.
+    #[must_use]
+    pub fn of(estimate: &Estimate, light: &Light) -> Option<Self> {
+        let lens = &estimate.lens;
+        if lens.model != LensModel::KannalaBrandt {
+            return None;
+        }
+        let used = estimate.views.iter().filter(|v| v.used);
+        let points = used.flat_map(|v| v.points.iter().filter(|p| p.used));
+        let seen = points.filter_map(|p| angle_of(lens, p.pixel));
+        let seen = seen.fold(0.0, f64::max);
+        Some(Self {
+            seen,
+            known: known(estimate, seen),
+            lit: light.widest(lens),
+        })
+    }
+}
+
+/// Between the axis and the ray that a pixel sees.
+fn angle_of(lens: &Lens, pixel: DVec2) -> Option<f64> {
+    Some(lens.unproject(pixel)?.angle_between(DVec3::Z))
+}
+
+/// From `seen` outwards as long as the lens is sure.
+fn known(estimate: &Estimate, seen: f64) -> f64 {
+    let lens = &estimate.lens;
+    let limit = KNOWN * (f64::from(lens.width.max(lens.height)) / 1280.0).max(1.0);
+    let mut gathered = vec![DVec2::ZERO; estimate.unknowns.count()];
+    let mut sure = |theta: f64, turn: f64| {
+        let (out, along) = theta.sin_cos();
+        let ray = (DVec2::from_angle(turn) * out).extend(along);
+        let Some(p) = lens.project_with_derivatives(ray) else {
+            return false;
+        };
+        estimate.unknowns.gather(&p.by_parameter, &mut gathered);
+        let (out, along) = (theta - STEP).sin_cos();
+        let nearer = lens.project((DVec2::from_angle(turn) * out).extend(along));
+        let outwards =
+            nearer.is_some_and(|q| q.distance(lens.centre) < p.pixel.distance(lens.centre));
+        outwards && deviation(&gathered, &estimate.covariance) <= limit
+    };
+    let mut theta = seen;
+    while theta + STEP < PI && (0..8).all(|k| sure(theta + STEP, f64::from(k) * TAU / 8.0)) {
+        theta += STEP;
+    }
+    theta
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::calibration::intrinsics::drawn::Random;
+    use crate::calibration::intrinsics::estimate::tests::{fisheye, poses, seen};
+    use crate::calibration::intrinsics::{Options, estimate};
+
+    fn found(distance: f64, spread: f64) -> Estimate {
+        let lens = fisheye();
+        let views = seen(
+            &lens,
+            &poses(30, distance, spread, 5),
+            0.15,
+            &mut Random::new(3),
+        );
+        let options = Options {
+            model: LensModel::KannalaBrandt,
+            square_pixels: true,
+        };
+        estimate((lens.width, lens.height), &views, &options).unwrap()
+    }
+
+    #[test]
+    fn what_was_seen_at_the_rim_is_known_and_a_little_beyond() {
+        let wide = Rim::of(&found(0.12, 0.9), &Light::default()).unwrap();
+        let narrow = Rim::of(&found(0.4, 0.2), &Light::default()).unwrap();
+        assert!(wide.seen > narrow.seen + 0.3, "{wide:?} {narrow:?}");
+        for rim in [wide, narrow] {
+            assert!(rim.known >= rim.seen && rim.lit.is_none(), "{rim:?}");
+        }
+    }
+
+    #[test]
+    fn light_is_told_from_the_black_rim() {
+        let lens = fisheye();
+        let (w, h) = (lens.width as usize, lens.height as usize);
+        let radius = 0.45 * h as f64;
+        let code = |i: usize| {
+            let p = DVec2::new((i % w) as f64, (i / w) as f64);
+            if p.distance(lens.centre) < radius {
+                90
+            } else {
+                6
+            }
+        };
+        let bytes: Vec<u8> = (0..w * h).map(code).collect();
+        let mut light = Light::default();
+        assert_eq!(light.falls_on(DVec2::splat(0.5)), None);
+        light.look(&Grey::from_bytes(w, h, &bytes));
+        assert_eq!(light.falls_on(DVec2::splat(0.5)), Some(true));
+        assert_eq!(light.falls_on(DVec2::ZERO), Some(false));
+        let at_rim = angle_of(&lens, lens.centre + DVec2::X * radius).unwrap();
+        let widest = light.widest(&lens).unwrap();
+        assert!((widest - at_rim).abs() < 0.1, "{widest} {at_rim}");
+    }
+}

@@ -1,0 +1,102 @@
+#![allow(clippy::unwrap_used, clippy::panic)]
+use super::*;
+use crate::calibration::intrinsics::LensModel;
+use crate::calibration::intrinsics::drawn::Draughtsman;
+use crate::calibration::intrinsics::estimate::tests::{pinhole, poses_of};
+use crate::calibration::step::ShownPicture;
+use penumbra_interface::MonotonicTime;
+
+const OPTIONS: Options = Options {
+    model: LensModel::Brown,
+    square_pixels: true,
+};
+
+fn step(board: &str) -> IntrinsicsStep {
+    let board = Board::parse(board).unwrap();
+    IntrinsicsStep::new(Eye::Scene, board, OPTIONS, SaidLenses::default())
+}
+
+fn picture(grey: &Grey) -> Picture {
+    let rgba = grey.data.iter().flat_map(|v| {
+        let code = *v as u8;
+        [code, code, code, 255]
+    });
+    Picture {
+        width: grey.width as u32,
+        height: grey.height as u32,
+        rgba: rgba.collect(),
+    }
+}
+
+fn made() -> Made {
+    Made {
+        date: "2026-01-02T03:04:05Z".to_owned(),
+        source: "a.mcap".to_owned(),
+        device: Some("webcam".to_owned()),
+        serial: Some("A1".to_owned()),
+    }
+}
+
+/// Drawn pictures of a ChArUco board, partly out of the picture, become a lens; meanwhile is
+/// told what to do.
+#[test]
+fn a_board_held_before_the_camera_becomes_a_lens() {
+    let lens = pinhole();
+    let board = Board::parse("charuco:9x6:0.03:0.022:5x5_50").unwrap();
+    let draughtsman = Draughtsman::new(&lens);
+    let poses = poses_of(&board, 16, (0.4, 0.25), 5);
+    let mut step = step("charuco:9x6:0.03:0.022:5x5_50");
+    assert!(step.wants().scene && !step.wants().environment && !step.wants().poses);
+    let mut hints = Vec::new();
+    for (i, pose) in poses.iter().enumerate() {
+        let picture = picture(&draughtsman.draw(&board, *pose, 0.6, 1.0));
+        step.look(&Shown::Picture(ShownPicture {
+            eye: Eye::Scene,
+            picture: &picture,
+            captured_at: MonotonicTime::from_nanos(0),
+            bracket_ev: 0.0,
+            exposure: None,
+            seconds: i as f64,
+        }));
+        let progress = step.progress();
+        assert!(
+            !progress.marks.is_empty() && progress.eye == Some(Eye::Scene),
+            "{i}"
+        );
+        hints.push(progress.hint);
+    }
+    assert!(
+        hints[0].contains("tilted") && hints.iter().any(|h| h.contains("cover the")),
+        "{hints:?}"
+    );
+    assert!(step.progress().share > 0.8, "{:?}", step.progress());
+    let corners = step.corners();
+    let (head, first) = corners.split_once('\n').unwrap();
+    assert!(
+        head.starts_with("view,board_x_m") && first.starts_with("0.00 s,0.0"),
+        "{first}"
+    );
+    let found = step.finish(&made());
+    assert_ne!(found.grade, Grade::Refused, "{:?}", found.findings);
+    let record = LensRecord::parse("a", found.file.unwrap().as_bytes()).unwrap();
+    let off = (record.focal[0] / lens.focal.x - 1.0).abs();
+    assert!(off < 0.005, "{:?} {}", record.focal, lens.focal);
+    assert_eq!(record.device.unwrap().serial.as_deref(), Some("A1"));
+    assert!(found.page.contains("Lens of the scene camera") && found.page.contains("Next: "));
+}
+
+#[test]
+fn nothing_to_see_is_told_and_refused() {
+    let mut step = step("charuco:9x6:0.03:0.022");
+    assert_eq!(step.progress().share, 0.0);
+    let black = picture(&Grey::from_bytes(640, 480, &[]));
+    step.look_at("1", &black);
+    assert!(step.progress().hint.starts_with("show the board"));
+    let found = step.finish(&made());
+    assert_eq!((found.grade, found.file), (Grade::Refused, None));
+    assert!(
+        found.findings[0].1.contains("none of 1 pictures"),
+        "{:?}",
+        found.findings
+    );
+}

@@ -1,0 +1,164 @@
+#![allow(clippy::unwrap_used, clippy::panic)]
+use super::*;
+use crate::calibration::intrinsics::drawn::Random;
+use glam::DVec3;
+
+/// A hand that turns a rig unevenly, at seconds.
+fn hand(t: f64) -> DQuat {
+    let swing = DVec3::new(
+        0.25 * (2.9 * t).sin() + 0.1 * (5.3 * t + 1.0).sin(),
+        0.3 * (2.1 * t + 0.5).sin() + 0.08 * (6.1 * t).sin(),
+        0.15 * (1.3 * t).sin(),
+    );
+    DQuat::from_scaled_axis(swing)
+}
+
+fn stamp(seconds: f64) -> MonotonicTime {
+    MonotonicTime::from_nanos(((1000.0 + seconds) * 1e9) as i64)
+}
+
+/// A rig with a clock and a hand of its own.
+struct Rig<O: Fn(f64) -> f64, H: Fn(f64) -> DQuat> {
+    follower: Follower,
+    offset: O,
+    hand: H,
+    random: Random,
+}
+
+impl<O: Fn(f64) -> f64, H: Fn(f64) -> DQuat> Rig<O, H> {
+    fn new(offset: O, hand: H) -> Self {
+        Self {
+            follower: Follower::default(),
+            offset,
+            hand,
+            random: Random::new(7),
+        }
+    }
+
+    /// Lets it run, and says what was known after each asking.
+    fn run(&mut self, from: f64, to: f64) -> Vec<(f64, Followed)> {
+        let mount = DQuat::from_euler(glam::EulerRot::XYZ, 1.2, -0.4, 2.0);
+        let mut known = Vec::new();
+        for i in (from * 60.0) as i32..(to * 60.0) as i32 {
+            let t = f64::from(i) / 60.0;
+            let shaken = DQuat::from_scaled_axis(self.random.normal3() * 0.002);
+            let reading = shaken * (self.hand)(t);
+            self.follower.reading(stamp(t + (self.offset)(t)), reading);
+            if i % 4 != 0 {
+                continue;
+            }
+            let shaken = DQuat::from_scaled_axis(self.random.normal3() * 0.002);
+            let pose = (self.hand)(t + 0.003) * mount * shaken;
+            self.follower.pose(stamp(t + 0.003), pose);
+            if self.follower.due() {
+                known.push((t, self.follower.estimate()));
+            }
+        }
+        known
+    }
+}
+
+#[test]
+fn a_drift_of_a_millisecond_a_minute_is_followed() {
+    let offset = |t: f64| 0.012 + 1e-3 * t / 60.0;
+    let mut rig = Rig::new(offset, hand);
+    let known = rig.run(0.0, 180.0);
+    assert!(known.len() > 30, "{}", known.len());
+    for (t, followed) in &known[3..] {
+        let found = followed.measured.unwrap();
+        let off = found.seconds - offset(*t);
+        assert!(
+            off.abs() < 1e-3 && off.abs() < 3.0 * found.sigma,
+            "{t}: {off} {found:?}"
+        );
+        assert!(found.sigma < 2e-3 && found.by == Means::Poses, "{found:?}");
+    }
+}
+
+#[test]
+fn rest_tells_nothing_and_what_was_known_grows_old() {
+    let still = |t: f64| hand(t.min(30.0));
+    let mut rig = Rig::new(|_| 0.02, still);
+    rig.run(0.0, 30.0);
+    let known = rig.run(30.0, 330.0);
+    let (first, last) = (known[5].1, known[known.len() - 1].1);
+    assert_eq!(last.refusal, Some(LatencyError::AtRest));
+    let [first, last] = [first, last].map(|f| f.measured.unwrap());
+    assert!((last.seconds - 0.02).abs() < 1e-3, "{last:?}");
+    assert!(
+        last.sigma > 1.5 * first.sigma && last.sigma > 1.8e-3,
+        "{last:?}"
+    );
+    assert_eq!(last.at, first.at);
+}
+
+#[test]
+fn motion_that_repeats_itself_is_refused() {
+    let again = |t: f64| {
+        let swing = DVec3::new(1.0, 0.4, 0.2) * 0.25 * (t * std::f64::consts::TAU / 0.22).sin();
+        DQuat::from_scaled_axis(swing)
+    };
+    let mut rig = Rig::new(|_| 0.02, again);
+    let known = rig.run(0.0, 25.0);
+    for (_, followed) in &known {
+        assert_eq!(followed.measured, None);
+    }
+    let (_, last) = known[known.len() - 1];
+    assert!(
+        matches!(last.refusal, Some(LatencyError::Ambiguous { .. })),
+        "{last:?}"
+    );
+}
+
+fn offset(seconds: f64) -> ClockOffset {
+    ClockOffset {
+        seconds,
+        sigma: 5e-4,
+        correlation: 0.99,
+        samples: 300,
+    }
+}
+
+#[test]
+fn a_wrong_window_is_not_believed_but_a_clock_set_anew_is() {
+    let mut walk = Walk::default();
+    for _ in 0..8 {
+        walk.wait(EVERY);
+        assert!(walk.take(&offset(0.010), 5e-4, 0.25));
+    }
+    walk.wait(EVERY);
+    assert!(!walk.take(&offset(0.050), 5e-4, 0.25));
+    assert!(walk.take(&offset(0.0102), 5e-4, 0.25));
+    let (x, _) = walk.offset.unwrap();
+    assert!((x - 0.010).abs() < 3e-4, "{x}");
+    // As many as a window and more say otherwise.
+    let believed = (0..OTHERWISE).filter(|_| {
+        walk.wait(EVERY);
+        walk.take(&offset(0.050), 5e-4, 0.25)
+    });
+    assert_eq!(believed.count(), 1);
+    let (x, _) = walk.offset.unwrap();
+    assert!((x - 0.050).abs() < 1e-9, "{x}");
+}
+
+#[test]
+fn overlapping_windows_are_not_told_twice() {
+    let mut walk = Walk::default();
+    for _ in 0..4 {
+        assert!(walk.take(&offset(0.010), 5e-4, 0.25));
+    }
+    let (_, variance) = walk.offset.unwrap();
+    // The first window whole, and three quarters of another.
+    let expected = 5e-4 * 5e-4 / 1.75;
+    assert!((variance / expected - 1.0).abs() < 1e-6, "{variance}");
+}
+
+#[test]
+fn stamps_that_go_back_and_readings_that_are_none_are_left_out() {
+    let mut follower = Follower::default();
+    follower.reading(stamp(1.0), DQuat::IDENTITY);
+    follower.reading(stamp(0.5), DQuat::IDENTITY);
+    follower.reading(stamp(2.0), DQuat::from_xyzw(f64::NAN, 0.0, 0.0, 1.0));
+    assert_eq!(follower.readings.len(), 1);
+    assert_eq!(follower.estimate(), Followed::default());
+}

@@ -1,0 +1,298 @@
+//! What the photometric step found takes the place of what `rig.json` says of colour and
+//! brightness.
+
+use super::head::{Head, parse};
+use super::photometric::vignetting::Vignetting;
+use super::photometry::{CalibratedGains, GainEstimate};
+use super::record::RecordError;
+use super::rig::EnvironmentView;
+use super::{Response, RigDocument};
+use glam::{DMat3, DVec2, DVec3};
+use serde::{Deserialize, Serialize};
+
+/// Beside `rig.json`.
+pub const PHOTOMETRIC: &str = "calibration/photometric.json";
+/// The step's name.
+pub const STEP: &str = "photometric";
+
+/// The file.
+#[derive(Clone, Debug, Deserialize, Serialize)]
+pub struct PhotometricRecord {
+    /// Of which step, when, how good.
+    #[serde(flatten)]
+    pub head: Head,
+    /// The scene camera.
+    #[serde(default, skip_serializing_if = "CameraRecord::is_empty")]
+    pub scene_camera: CameraRecord,
+    /// The environment camera.
+    #[serde(default, skip_serializing_if = "CameraRecord::is_empty")]
+    pub environment_camera: CameraRecord,
+    /// Between them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub gains: Option<GainsRecord>,
+}
+
+/// What was found of one camera; what was not keeps the word of `rig.json`.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
+pub struct CameraRecord {
+    /// Tone curve.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub response: Option<ResponseRecord>,
+    /// How bright the picture is towards its edge.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub vignetting: Option<VignettingRecord>,
+    /// Noise of one pixel.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub noise: Option<NoiseRecord>,
+}
+
+impl CameraRecord {
+    fn is_empty(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+/// A tone curve.
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+pub struct ResponseRecord {
+    /// 256 ascending values, 0 to 1.
+    pub linear_from_code: Vec<f32>,
+    /// Standard error of each, relative to it.
+    #[serde(default)]
+    pub relative_sigma: Vec<f32>,
+}
+
+/// 1 + k1 ρ² + k2 ρ⁴ + k3 ρ⁶, ρ the distance from `centre` in units of `radius`.
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+pub struct VignettingRecord {
+    /// Pixels of the pictures that it is of.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Pixels.
+    pub centre: [f64; 2],
+    /// Pixels.
+    pub radius: f64,
+    /// k1, k2, k3.
+    pub coefficients: [f64; 3],
+    /// Their standard errors.
+    pub sigma: [f64; 3],
+}
+
+/// Variance of a pixel = read + shot × value, linear, full scale 1.
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+pub struct NoiseRecord {
+    /// Variance in the dark, per channel.
+    pub read: [f64; 3],
+    /// Its standard error.
+    pub read_sigma: [f64; 3],
+    /// Variance by value, per channel.
+    pub shot: [f64; 3],
+    /// Its standard error.
+    pub shot_sigma: [f64; 3],
+}
+
+/// scene = rgb × environment, linear.
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+pub struct GainsRecord {
+    /// Per channel.
+    pub rgb: [f64; 3],
+    /// Standard error of each, relative.
+    pub relative_sigma: [f64; 3],
+    /// "chart", "grey card" or "overlap".
+    pub method: String,
+    /// Exposure time × gain of scene and environment camera when it was found, seconds, where
+    /// the cameras say it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub exposures: Option<[f64; 2]>,
+    /// scene = matrix × environment, rows, where the cameras differ by more than gains.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub matrix: Option<[[f64; 3]; 3]>,
+}
+
+/// Puts what was calibrated into `rig`, if there is such a file.
+///
+/// # Errors
+/// A file that cannot be read, was refused when it was made, or holds what no camera can have.
+pub fn apply_photometric_file<'a>(
+    rig: &mut RigDocument,
+    attachments: &dyn Fn(&str) -> Option<&'a [u8]>,
+) -> Result<(), RecordError> {
+    let Some(bytes) = attachments(PHOTOMETRIC) else {
+        return Ok(());
+    };
+    let record: PhotometricRecord = parse(PHOTOMETRIC, bytes)?;
+    record.head.check(PHOTOMETRIC, STEP)?;
+    let rig = &mut rig.calibration;
+    if let Some(response) = response(&record.scene_camera)? {
+        rig.scene_camera.response = response;
+    }
+    if let Some(environment) = &mut rig.environment {
+        if let Some(response) = response(&record.environment_camera)? {
+            environment.response = response;
+        }
+        let size = match &environment.view {
+            EnvironmentView::Fisheye { lens, .. } => Some((lens.width, lens.height)),
+            EnvironmentView::Sphere { camera, .. } => Some((camera.width, camera.height)),
+            EnvironmentView::SphereInScene { .. } => None,
+        };
+        environment.vignetting = vignetting(&record.environment_camera, size)?;
+    }
+    let camera = &rig.scene_camera.camera;
+    let size = Some((camera.width, camera.height));
+    rig.scene_camera.vignetting = vignetting(&record.scene_camera, size)?;
+    // A sphere in the scene camera's picture is seen by that camera.
+    if let Some(environment) = &mut rig.environment
+        && matches!(environment.view, EnvironmentView::SphereInScene { .. })
+    {
+        environment.response = rig.scene_camera.response.clone();
+        environment.vignetting = rig.scene_camera.vignetting;
+    }
+    rig.gains = record.gains.as_ref().map(gains).transpose()?;
+    Ok(())
+}
+
+fn response(camera: &CameraRecord) -> Result<Option<Response>, RecordError> {
+    let Some(record) = &camera.response else {
+        return Ok(None);
+    };
+    Response::from_table(&record.linear_from_code)
+        .map(Some)
+        .map_err(|e| unusable(&e.to_string()))
+}
+
+fn vignetting(
+    camera: &CameraRecord,
+    size: Option<(u32, u32)>,
+) -> Result<Option<Vignetting>, RecordError> {
+    let (Some(record), Some(size)) = (&camera.vignetting, size) else {
+        return Ok(None);
+    };
+    if (record.width, record.height) != size {
+        return Err(unusable(&format!(
+            "its vignetting is of pictures of {}×{}, rig.json's are {}×{}; calibrate in the mode \
+             that is used",
+            record.width, record.height, size.0, size.1
+        )));
+    }
+    let found = Vignetting {
+        centre: DVec2::from_array(record.centre),
+        radius: record.radius,
+        coefficients: record.coefficients,
+        sigma: record.sigma,
+    };
+    found
+        .is_possible(size)
+        .then_some(Some(found))
+        .ok_or_else(|| {
+            unusable("no lens has its vignetting (0.02 to 2 over the picture); calibrate again")
+        })
+}
+
+fn gains(record: &GainsRecord) -> Result<CalibratedGains, RecordError> {
+    let estimate = GainEstimate {
+        gains: DVec3::from_array(record.rgb),
+        relative_sd: DVec3::from_array(record.relative_sigma),
+    };
+    let matrix = record
+        .matrix
+        .map(|rows| DMat3::from_cols_array_2d(&rows).transpose());
+    let range = 1e-6..1e6;
+    let sane = record.rgb.iter().all(|g| range.contains(g))
+        && record
+            .relative_sigma
+            .iter()
+            .all(|s| (0.0..10.0).contains(s))
+        && record
+            .exposures
+            .iter()
+            .flatten()
+            .all(|e| (1e-9..1e6).contains(e))
+        && matrix.is_none_or(|m| m.is_finite());
+    if !sane {
+        return Err(unusable(
+            "its gains are not positive numbers; calibrate again",
+        ));
+    }
+    Ok(CalibratedGains {
+        estimate,
+        matrix,
+        exposures: record.exposures,
+    })
+}
+
+fn unusable(reason: &str) -> RecordError {
+    RecordError::Unusable {
+        file: PHOTOMETRIC.to_owned(),
+        reason: reason.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::calibration::PinholeCamera;
+
+    const HEAD: &str = "\"penumbra_calibration\":1,\"step\":\"photometric\",\"date\":\"\",\
+                        \"verdict\":\"good\"";
+
+    fn applied(rest: &str) -> Result<RigDocument, String> {
+        let bytes = format!("{{{HEAD},{rest}}}").into_bytes();
+        let mut rig = RigDocument::uncalibrated(640, 480);
+        apply_photometric_file(&mut rig, &|name| {
+            (name == PHOTOMETRIC).then_some(bytes.as_slice())
+        })
+        .map_err(|e| e.to_string())?;
+        Ok(rig)
+    }
+
+    #[test]
+    fn what_was_calibrated_takes_the_place_of_what_was_written_down() {
+        let table: Vec<String> = (0..256)
+            .map(|i| format!("{}", f64::from(i) / 255.0))
+            .collect();
+        let rig = applied(&format!(
+            "\"scene_camera\":{{\"response\":{{\"linear_from_code\":[{}]}}}},\
+             \"gains\":{{\"rgb\":[1.5,1,2],\"relative_sigma\":[0.01,0.01,0.02],\"method\":\"chart\"}}",
+            table.join(",")
+        ))
+        .unwrap();
+        let camera: &PinholeCamera = &rig.calibration.scene_camera.camera;
+        assert_eq!(camera.width, 640);
+        let code = rig.calibration.scene_camera.response.code_from_linear(0.5);
+        assert_eq!(code, 128);
+        let gains = rig.calibration.gains.unwrap();
+        assert_eq!(gains.estimate.gains, DVec3::new(1.5, 1.0, 2.0));
+    }
+
+    #[test]
+    fn what_no_camera_can_have_is_refused_in_one_line() {
+        for (rest, says) in [
+            (
+                "\"scene_camera\":{\"response\":{\"linear_from_code\":[0,1]}}",
+                "has 2 values",
+            ),
+            (
+                "\"gains\":{\"rgb\":[1,-1,1],\"relative_sigma\":[0,0,0],\"method\":\"chart\"}",
+                "positive",
+            ),
+            (
+                "\"scene_camera\":{\"vignetting\":{\"width\":64,\"height\":48,\"centre\":[32,24],\
+                 \"radius\":40,\"coefficients\":[-0.2,0,0],\"sigma\":[0,0,0]}}",
+                "64×48, rig.json's are 640×480",
+            ),
+            (
+                "\"scene_camera\":{\"vignetting\":{\"width\":640,\"height\":480,\"centre\":[320,240],\
+                 \"radius\":400,\"coefficients\":[-3,0,0],\"sigma\":[0,0,0]}}",
+                "no lens",
+            ),
+        ] {
+            let error = applied(rest).unwrap_err();
+            assert!(
+                error.starts_with(PHOTOMETRIC) && error.contains(says),
+                "{error}"
+            );
+        }
+    }
+}

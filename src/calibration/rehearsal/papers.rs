@@ -1,0 +1,105 @@
+//! What the owner of a rehearsal's rig knows of it, and what only the judge does.
+
+use super::{EnvironmentMount, Rehearsal};
+use crate::calibration::intrinsics::Lens;
+use penumbra_interface::RigidTransform;
+use serde_json::{Value, json};
+
+/// One picture's truth.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FrameTruth {
+    /// The driver's stamp, nanoseconds.
+    pub stamp: i64,
+    /// Middle of the exposure, nanoseconds.
+    pub captured: i64,
+    /// Where the camera was.
+    pub world_from_camera: RigidTransform,
+}
+
+fn pose(pose: RigidTransform) -> Value {
+    let rows = pose.to_matrix().transpose().to_cols_array_2d();
+    json!({ "matrix_row_major": rows })
+}
+
+fn pinhole(lens: &Lens) -> Value {
+    json!({
+        "image_size": [lens.width, lens.height],
+        "K": [[lens.focal.x, 0.0, lens.centre.x], [0.0, lens.focal.y, lens.centre.y], [0.0, 0.0, 1.0]],
+        "lens_distortion": &lens.coefficients[..5],
+    })
+}
+
+impl Rehearsal {
+    /// `rig.json`: lenses, and what the options say is known.
+    #[must_use]
+    pub fn rig_json(&self) -> Value {
+        let known = self.options.known_tracker;
+        let said = |p: RigidTransform| pose(if known { p } else { RigidTransform::IDENTITY });
+        let mut rig = json!({
+            "name": format!("rehearsal {}", self.options.seed),
+            "scene_camera": pinhole(self.scene.lens()),
+            "tracker": {
+                "T_world_source": said(self.world_from_transmitter),
+                "T_sensor_cam": said(self.sensor_from_camera),
+                "latency_s": if known { self.options.tracker_latency } else { 0.0 },
+                "fastrak": { "units": "centimetres" },
+            },
+        });
+        rig["scene_camera"]["latency_s"] = json!(self.options.camera_latency);
+        if self.options.known_markers {
+            rig["markers"] = self.markers();
+        }
+        if let Some(eye) = &self.environment {
+            rig["environment_camera"] = self.environment_json(eye.lens());
+        }
+        rig
+    }
+
+    fn environment_json(&self, lens: &Lens) -> Value {
+        json!({
+            "kind": "fisheye",
+            "image_size": [lens.width, lens.height],
+            "projection": {
+                "model": "equidistant", "f": lens.focal.x,
+                "cx": lens.centre.x, "cy": lens.centre.y, "max_theta_rad": 1.55,
+            },
+            "T_world_cam": pose(self.world_from_environment(0.0)),
+        })
+    }
+
+    fn markers(&self) -> Value {
+        let marker = |t: &crate::calibration::fiducial::Tag| {
+            json!({
+                "family": t.family.to_string(), "id": t.id, "size_m": t.size,
+                "T_world_marker": pose(t.map_from_tag),
+            })
+        };
+        self.tags.iter().map(marker).collect()
+    }
+
+    /// Everything that is true, for the judge.
+    #[must_use]
+    pub fn truth_json(&self, frames: &[FrameTruth]) -> Value {
+        let frames: Vec<Value> = frames
+            .iter()
+            .map(|f| {
+                json!({
+                    "timestamp_ns": f.stamp, "capture_ns": f.captured,
+                    "T_world_cam": pose(f.world_from_camera),
+                })
+            })
+            .collect();
+        json!({
+            "seed": self.options.seed,
+            "scene_camera": pinhole(self.scene.lens()),
+            "scene_camera_latency_s": self.options.camera_latency,
+            "tracker_latency_s": self.options.tracker_latency,
+            "T_world_source": pose(self.world_from_transmitter),
+            "T_sensor_cam": pose(self.sensor_from_camera),
+            "markers": self.markers(),
+            "environment_camera": (self.options.environment != EnvironmentMount::None)
+                .then(|| pose(self.environment_pose)),
+            "frames": frames,
+        })
+    }
+}

@@ -1,0 +1,67 @@
+//! A cone that steps of brightness run along, roughly.
+
+use super::super::PinholeCamera;
+use super::super::numeric::median_absolute;
+use super::ball::{RoughBall, off, shape};
+use super::rays::{Dice, Step};
+use glam::{DMat3, DVec3};
+
+/// Triples of steps that are tried.
+const TRIES: usize = 8000;
+
+/// The cone with the most steps on it, one a ray.
+pub(super) fn sample(
+    all: &[Step],
+    camera: &PinholeCamera,
+    rough: &RoughBall,
+    near: f64,
+) -> Option<DVec3> {
+    let bearings: Vec<DVec3> = all.iter().map(|s| camera.unproject(s.at)).collect();
+    let focal = camera.focal.min_element();
+    let usual = median_absolute(all.iter().map(|s| s.height)).max(1.0);
+    let click = camera.unproject(rough.centre);
+    let mut dice = Dice::new();
+    let (mut best, mut most) = (None, 0.0);
+    for _ in 0..TRIES {
+        let pick: [usize; 3] = std::array::from_fn(|_| dice.below(all.len()));
+        let [Some(a), Some(b), Some(c)] = pick.map(|i| bearings.get(i).copied()) else {
+            return None;
+        };
+        let matrix = DMat3::from_cols(a, b, c).transpose();
+        if matrix.determinant().abs() < 1e-9 {
+            continue;
+        }
+        let x = matrix.inverse() * DVec3::ONE;
+        let Some((axis, half)) = shape(x) else {
+            continue;
+        };
+        let size = half * focal;
+        let apart = axis.angle_between(click);
+        let fits = match rough.radius {
+            Some(r) => (0.8 * r..1.25 * r).contains(&size) && apart * focal < 0.3 * r,
+            None => size > 3.0 * near && apart < half,
+        };
+        if !fits || half > 1.2 {
+            continue;
+        }
+        let votes = votes(all, &bearings, x, focal, 0.5 * near, usual);
+        if votes > most {
+            (most, best) = (votes, Some(x));
+        }
+    }
+    best
+}
+
+fn votes(all: &[Step], bearings: &[DVec3], x: DVec3, focal: f64, near: f64, usual: f64) -> f64 {
+    let (mut sum, mut ray, mut most) = (0.0, usize::MAX, 0.0_f64);
+    for (step, bearing) in all.iter().zip(bearings) {
+        if step.ray != ray {
+            sum += most;
+            (ray, most) = (step.ray, 0.0);
+        }
+        if off(x, *bearing, focal).abs() < near {
+            most = most.max((step.height / (2.0 * usual)).min(1.0).sqrt());
+        }
+    }
+    sum + most
+}

@@ -1,0 +1,285 @@
+//! The image circle of a fisheye: where its picture ends and the black around it begins.
+//!
+//! ```text
+//!  Rays from the middle of the frame meet steps from bright to dark; three steps make a circle, and
+//!  the circle with the most steps on it, one a ray, is taken (RANSAC, Fischler & Bolles 1981):
+//!  edges of things within the picture make no circle together, flare and dark stretches of the
+//!  edge leave the rest of it. Then each ray says in linear light where its step is,
+//!      r(φ) = R − reach + ∫ (I(r) − I_out)/(I_in − I_out) dr,
+//!  whatever the blur, and by robust least squares
+//!      r(φ) = R + x cos φ + y sin φ + a cos 2φ + b sin 2φ.
+//!  x, y move the middle, until they are nothing; a, b tell a picture that is stretched.
+//! ```
+
+use super::super::intrinsics::Grey;
+use super::super::numeric::{Matrix, median, median_absolute};
+use super::circle_search::search;
+use super::rays::{RAYS, shrunk, side, tukey};
+use glam::DVec2;
+
+/// Longest side at which the circle is searched.
+const SEARCH_SIDE: usize = 640;
+/// Least share of the rays whose end of the circle lies within the frame that must show it.
+const LEAST_SHARE: f64 = 0.3;
+/// Least share of these beyond which the picture must be even.
+const LEAST_EVEN: f64 = 0.65;
+/// Neighbouring rays share pixels and noise: so many count as one.
+const ALIKE: f64 = 4.0;
+
+/// Rays over which a soft edge may be moved together, and by what share of its width.
+const STRETCH: f64 = 60.0;
+const SHIFT: f64 = 0.1;
+
+/// The circle, pixels.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ImageCircle {
+    /// Middle.
+    pub centre: DVec2,
+    /// Radius, where the light is half of what it is inside.
+    pub radius: f64,
+    /// Standard deviation of the middle, right and down.
+    pub centre_sigma: DVec2,
+    /// Of the radius: of the fit, and what an edge this soft leaves open.
+    pub radius_sigma: f64,
+    /// How much wider than high it is, as a share of the radius, and its standard deviation.
+    pub stretch: (f64, f64),
+    /// Width of the edge from 10 to 90 %.
+    pub softness: f64,
+    /// Robust spread of the edge about the circle.
+    pub spread: f64,
+    /// Share of all directions in which the edge was seen.
+    pub seen: f64,
+    /// The edge, as it was seen.
+    pub edge: Vec<DVec2>,
+}
+
+/// There is no image circle.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum NoCircle {
+    /// Nothing falls from bright to dark along a circle.
+    #[error(
+        "no image circle found: the picture's light nowhere ends in an arc; are the cameras swapped? A lens whose circle is larger than the frame needs `calibrate intrinsics --camera environment` instead"
+    )]
+    None,
+    /// A circle, but what is outside of it is a picture too.
+    #[error(
+        "no image circle found: the roundest edge has picture beyond it in {beyond:.0} % of the directions; are the cameras swapped, or does the camera look at a mirrored sphere (--kind sphere)?"
+    )]
+    PictureBeyond {
+        /// Share of the edge, percent.
+        beyond: f64,
+    },
+    /// Too little of it is seen.
+    #[error(
+        "of the image circle only {seen:.0} % of the way round is seen; record where there is light in all directions"
+    )]
+    TooLittle {
+        /// Share of all directions, percent.
+        seen: f64,
+    },
+}
+
+/// Finds the circle. `codes` is the picture as encoded, `linear` the same in linear light.
+///
+/// # Errors
+/// [`NoCircle`].
+pub fn image_circle(codes: &Grey, linear: &Grey) -> Result<ImageCircle, NoCircle> {
+    if codes.width.min(codes.height) < 32 || linear.data.len() != codes.data.len() {
+        return Err(NoCircle::None);
+    }
+    let (small, times) = shrunk(codes, SEARCH_SIDE);
+    let scale = f64::from(1_u32 << times);
+    let (centre, radius) = search(&small).ok_or(NoCircle::None)?;
+    let mut fit = Fit {
+        centre: centre * scale,
+        radius: radius * scale,
+        ..Fit::default()
+    };
+    let mut reach = (4.0 * scale).max(4.0);
+    for _ in 0..6 {
+        fit = refine(linear, &fit, reach).ok_or(NoCircle::None)?;
+        reach = (2.0 * fit.softness).clamp(3.0, (0.05 * fit.radius).max(6.0));
+    }
+    judge(codes, &fit, reach)
+}
+
+#[derive(Clone, Debug, Default)]
+struct Fit {
+    centre: DVec2,
+    radius: f64,
+    /// Of x, y, R, a, b.
+    sigma: [f64; 5],
+    second: DVec2,
+    softness: f64,
+    spread: f64,
+    /// Ray, place of the step, light inside and outside.
+    edge: Vec<(usize, DVec2)>,
+    visible: usize,
+}
+
+/// See the module's head.
+fn refine(linear: &Grey, from: &Fit, reach: f64) -> Option<Fit> {
+    let mut seen = Vec::with_capacity(RAYS);
+    let mut widths = Vec::with_capacity(RAYS);
+    let mut visible = 0;
+    for ray in 0..RAYS {
+        let at = from.centre + side(ray) * from.radius;
+        let out = side(ray) * reach;
+        if !linear.contains(at + out, 0.0) || !linear.contains(at - out, 0.0) {
+            continue;
+        }
+        visible += 1;
+        if let Some((off, width)) = fall(linear, at, side(ray), reach) {
+            seen.push((ray, off));
+            widths.push(width);
+        }
+    }
+    if seen.len() < 30 {
+        return None;
+    }
+    let softness = median(widths).unwrap_or(0.0);
+    let typical = median(seen.iter().map(|s| s.1)).unwrap_or(0.0);
+    let mut solved = [0.0, 0.0, typical, 0.0, 0.0];
+    let mut answer = None;
+    for _ in 0..8 {
+        let off = |s: &(usize, f64)| s.1 - predicted(&solved, s.0);
+        let spread = (1.4826 * median_absolute(seen.iter().map(off))).max(0.02);
+        let (next, sigma) = solve(&seen, &off, (spread, softness))?;
+        solved = next;
+        answer = Some((spread, sigma));
+    }
+    let (spread, sigma) = answer?;
+    let near = |s: &&(usize, f64)| (s.1 - predicted(&solved, s.0)).abs() < 4.0 * spread.max(0.25);
+    let place = |s: &(usize, f64)| (s.0, from.centre + side(s.0) * (from.radius + s.1));
+    Some(Fit {
+        centre: from.centre + DVec2::new(solved[0], solved[1]),
+        radius: from.radius + solved[2],
+        sigma,
+        second: DVec2::new(solved[3], solved[4]),
+        softness,
+        spread,
+        edge: seen.iter().filter(near).map(place).collect(),
+        visible,
+    })
+}
+
+fn row(ray: usize) -> [f64; 5] {
+    let s = side(ray);
+    [s.x, s.y, 1.0, s.x * s.x - s.y * s.y, 2.0 * s.x * s.y]
+}
+
+fn predicted(solved: &[f64; 5], ray: usize) -> f64 {
+    row(ray).iter().zip(solved).map(|(a, b)| a * b).sum()
+}
+
+/// One robust round: the unknowns and their standard deviations.
+fn solve(
+    seen: &[(usize, f64)],
+    off: &dyn Fn(&(usize, f64)) -> f64,
+    (spread, softness): (f64, f64),
+) -> Option<([f64; 5], [f64; 5])> {
+    let (mut normal, mut right) = (Matrix::zeros(5, 5), [0.0; 5]);
+    for s in seen {
+        let weight = tukey(off(s) / (4.7 * spread));
+        let row = row(s.0);
+        normal.add_outer(weight, &row, &row);
+        for (slot, r) in right.iter_mut().zip(row) {
+            *slot += weight * r * s.1;
+        }
+    }
+    // An arc alone tells a stretch from a shift badly: without evidence there is none.
+    for i in 3..5 {
+        normal[(i, i)] += ALIKE;
+    }
+    let factor = normal.cholesky()?;
+    let solved = factor.solve(&right);
+    let inverse = factor.inverse();
+    // What lies before a soft edge moves it along whole stretches.
+    let open = (ALIKE.sqrt() * spread).hypot(STRETCH.sqrt() * SHIFT * softness);
+    let sigma = std::array::from_fn(|i| open * inverse[(i, i)].sqrt());
+    Some((std::array::from_fn(|i| solved[i]), sigma))
+}
+
+/// Where light falls to half, pixels outwards from `at`, and the width of the fall.
+fn fall(linear: &Grey, at: DVec2, out: DVec2, reach: f64) -> Option<(f64, f64)> {
+    const SPACING: f64 = 0.25;
+    let n = (2.0 * reach / SPACING) as usize;
+    let value = |k: usize| linear.sample(at + out * ((k as f64 + 0.5) * SPACING - reach));
+    let values: Vec<f64> = (0..n).map(value).collect();
+    let end = (n / 6).max(1);
+    let (inside, outside) = (
+        median(values[..end].iter().copied())?,
+        median(values[n - end..].iter().copied())?,
+    );
+    let fall = inside - outside;
+    if fall < 0.08 || inside < 1.3 * outside {
+        return None;
+    }
+    let share = |v: &f64| (v - outside) / fall;
+    let area: f64 = values.iter().map(share).sum::<f64>() * SPACING;
+    let off = area - reach;
+    let within = |v: &&f64| (0.1..0.9).contains(&share(v));
+    let width = values.iter().filter(within).count() as f64 * SPACING;
+    (off.abs() < 0.75 * reach).then_some((off, width))
+}
+
+fn judge(codes: &Grey, fit: &Fit, reach: f64) -> Result<ImageCircle, NoCircle> {
+    let share = fit.edge.len() as f64 / fit.visible.max(1) as f64;
+    let seen = fit.edge.len() as f64 / RAYS as f64;
+    if share < LEAST_SHARE || fit.spread > 0.03 * fit.radius {
+        return Err(NoCircle::None);
+    }
+    let even = fit
+        .edge
+        .iter()
+        .filter(|(ray, at)| is_even(codes, *at, side(*ray), reach));
+    let even = even.count() as f64 / fit.edge.len().max(1) as f64;
+    if even < LEAST_EVEN {
+        return Err(NoCircle::PictureBeyond {
+            beyond: 100.0 * (1.0 - even),
+        });
+    }
+    let centre_sigma = DVec2::new(fit.sigma[0], fit.sigma[1]);
+    if seen < 0.15 || centre_sigma.max_element() > 0.01 * fit.radius {
+        return Err(NoCircle::TooLittle { seen: 100.0 * seen });
+    }
+    Ok(ImageCircle {
+        centre: fit.centre,
+        radius: fit.radius,
+        centre_sigma,
+        // Where along a soft edge the picture ends is a matter of words: a quarter of it.
+        radius_sigma: fit.sigma[2].hypot(0.25 * fit.softness.max(0.2)),
+        stretch: (
+            2.0 * fit.second.x / fit.radius,
+            2.0 * fit.sigma[3] / fit.radius,
+        ),
+        softness: fit.softness,
+        spread: fit.spread,
+        seen,
+        edge: fit.edge.iter().map(|e| e.1).collect(),
+    })
+}
+
+/// Beyond the edge there is nothing to be seen: codes change little compared with the edge itself.
+fn is_even(codes: &Grey, at: DVec2, out: DVec2, reach: f64) -> bool {
+    let inside = codes.sample(at - out * reach);
+    let mut beyond = [0.0; 12];
+    let mut n = 0;
+    for slot in &mut beyond {
+        let p = at + out * (reach + 2.0 * n as f64);
+        if !codes.contains(p, 0.0) {
+            break;
+        }
+        *slot = codes.sample(p);
+        n += 1;
+    }
+    let beyond = &beyond[..n];
+    let (low, high) = beyond
+        .iter()
+        .fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(*v), h.max(*v)));
+    n < 2 || high - low < (0.3 * (inside - low)).max(4.0) && high < inside
+}
+
+#[cfg(test)]
+#[path = "circle_tests.rs"]
+mod tests;

@@ -1,0 +1,53 @@
+//! Which way a pixel of the environment camera looks.
+
+use super::super::PinholeCamera;
+use super::super::rig::FisheyeLens;
+use glam::{DVec2, DVec3};
+
+/// The environment camera's lens.
+#[derive(Clone, Debug, PartialEq)]
+pub enum View {
+    /// A fisheye.
+    Fisheye(FisheyeLens),
+    /// One that looks at a mirrored sphere.
+    Pinhole(PinholeCamera),
+}
+
+impl View {
+    /// Unit vector in the camera's frame; `None` outside the field of view.
+    #[must_use]
+    pub fn bearing(&self, pixel: DVec2) -> Option<DVec3> {
+        let bearing = match self {
+            Self::Fisheye(lens) => lens.unproject(pixel)?,
+            Self::Pinhole(camera) => camera.unproject(pixel),
+        };
+        bearing.is_finite().then_some(bearing)
+    }
+
+    /// Pixel of a direction in the camera's frame.
+    #[must_use]
+    pub fn pixel(&self, direction: DVec3) -> Option<DVec2> {
+        match self {
+            Self::Fisheye(lens) => lens.project(direction),
+            Self::Pinhole(camera) => camera.project(direction),
+        }
+    }
+
+    /// Pixels a radian, in the middle.
+    #[must_use]
+    pub fn focal(&self) -> f64 {
+        match self {
+            Self::Fisheye(lens) => lens.focal,
+            Self::Pinhole(camera) => camera.focal.min_element(),
+        }
+    }
+
+    /// Width and height of its pictures.
+    #[must_use]
+    pub const fn size(&self) -> (u32, u32) {
+        match self {
+            Self::Fisheye(lens) => (lens.width, lens.height),
+            Self::Pinhole(camera) => (camera.width, camera.height),
+        }
+    }
+}

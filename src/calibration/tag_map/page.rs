@@ -1,0 +1,109 @@
+//! What the step `map` says and shows.
+
+use super::build::{Built, Mapped};
+use super::start::square;
+use super::step::MapStep;
+use crate::calibration::report::{Page, Plot};
+use crate::calibration::step::{Finished, Made};
+
+impl MapStep {
+    pub(super) fn page(&self, made: &Made, found: &Finished, built: Option<&Built>) -> String {
+        let facts = [
+            format!("{}, from {}", made.date, made.source),
+            format!(
+                "{} pictures, {} views of several tags",
+                self.pictures,
+                self.views.len()
+            ),
+        ];
+        let mut page = Page::new("Map of tags", &facts);
+        page.verdict(found);
+        let Some(built) = built else {
+            return page.finish();
+        };
+        let head = [
+            "tag",
+            "size, mm",
+            "x, mm",
+            "y, mm",
+            "z, mm",
+            "± mm",
+            "± degrees",
+            "sightings",
+            "px",
+        ];
+        let mut rows = vec![head.map(str::to_owned).to_vec()];
+        rows.extend(built.tags.iter().map(|t| {
+            let p = t.pose.translation * 1e3;
+            vec![
+                t.seen.name(),
+                format!("{:.1}", 1e3 * t.seen.size),
+                format!("{:.2}", p.x),
+                format!("{:.2}", p.y),
+                format!("{:.2}", p.z),
+                format!("{:.2}", 1e3 * t.sigma.1.max_element()),
+                format!("{:.3}", t.sigma.0.max_element().to_degrees()),
+                format!("{} of {}", t.sights.0, t.sights.1),
+                format!("{:.2}", t.rms),
+            ]
+        }));
+        page.table(&rows);
+        let outline = |t: &Mapped| {
+            let corners = square(t.seen.size).map(|c| t.pose.transform_point(c));
+            let closed = corners.into_iter().chain([corners[0]]);
+            let points = closed.map(|c| (c.x, c.y)).collect();
+            (t.seen.id.to_string(), points, true)
+        };
+        let plot = Plot {
+            x: "x, m".to_owned(),
+            y: "y, m".to_owned(),
+            series: built.tags.iter().map(outline).collect(),
+        };
+        page.plot(&plot, "The map from above (axes are not to one scale)");
+        let errors = built
+            .view_rms
+            .iter()
+            .enumerate()
+            .map(|(i, e)| (i as f64, *e));
+        let plot = Plot {
+            x: "view".to_owned(),
+            y: "reprojection error, px RMS".to_owned(),
+            series: vec![("views".to_owned(), errors.collect(), false)],
+        };
+        page.plot(&plot, "What is left");
+        page.finish()
+    }
+}
+
+/// Figures, a line each.
+pub(super) fn lines(built: &Built) -> Vec<String> {
+    let mut lines = vec![format!(
+        "{} tags by {} of {} views; reprojection {:.3} px RMS",
+        built.tags.len(),
+        built.views.0,
+        built.views.1,
+        built.rms
+    )];
+    lines.extend(built.tags.iter().map(|t| {
+        let p = t.pose.translation * 1e3;
+        let sure = if t.seen.fixed {
+            "kept".to_owned()
+        } else {
+            format!(
+                "± {:.2} mm, {:.3} degrees",
+                1e3 * t.sigma.1.max_element(),
+                t.sigma.0.max_element().to_degrees()
+            )
+        };
+        format!(
+            "{}: {:.2}, {:.2}, {:.2} mm, {sure}; {} of {} sightings",
+            t.seen.name(),
+            p.x,
+            p.y,
+            p.z,
+            t.sights.0,
+            t.sights.1
+        )
+    }));
+    lines
+}

@@ -1,0 +1,200 @@
+//! `calibration/tracker.json`: what the step `tracker` found, in the place of what `rig.json`
+//! says.
+
+use super::RigDocument;
+use super::head::{self, Head};
+use super::latency_file::OffsetRecord;
+use super::record::RecordError;
+use super::rig::TrackerCalibration;
+use super::tracked::field::{Grid, TrackerField};
+use glam::{DQuat, DVec3};
+use penumbra_interface::RigidTransform;
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+
+/// Beside `rig.json`.
+pub const TRACKER: &str = "calibration/tracker.json";
+/// No place is farther away, metres.
+const LARGEST: f64 = 1000.0;
+/// No correction is larger, metres and radians.
+const LARGEST_CORRECTION: f64 = 2.0;
+
+/// The file.
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+pub struct TrackerRecord {
+    /// When, from what, how good.
+    #[serde(flatten)]
+    pub head: Head,
+    /// The transmitter's pose in the world.
+    pub world_from_transmitter: PoseRecord,
+    /// The scene camera's pose on the sensor.
+    pub sensor_from_scene_camera: PoseRecord,
+    /// Metres per unit of what the tracker sends.
+    pub metres_per_unit: f64,
+    /// The offset of the clocks with which both were found.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tracker_minus_scene: Option<OffsetRecord>,
+    /// Root mean square of what is left: metres and radians.
+    #[serde(default)]
+    pub residual: [f64; 2],
+    /// Pairs of poses used, and all.
+    #[serde(default)]
+    pub pairs: [usize; 2],
+    /// How the tracker's space is bent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub distortion: Option<FieldRecord>,
+}
+
+/// A pose and how sure it is.
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+pub struct PoseRecord {
+    /// Metres.
+    pub position: [f64; 3],
+    /// w, x, y, z.
+    pub quaternion_wxyz: [f64; 4],
+    /// 1σ, metres.
+    #[serde(default)]
+    pub position_sigma: [f64; 3],
+    /// 1σ about the axes, radians.
+    #[serde(default)]
+    pub rotation_sigma: [f64; 3],
+}
+
+/// A map of corrections; see [`TrackerField`].
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+pub struct FieldRecord {
+    /// Least corner of the volume, transmitter's frame, metres.
+    pub low: [f64; 3],
+    /// Edge of a cell, metres.
+    pub spacing: f64,
+    /// Cells along each axis.
+    pub cells: [usize; 3],
+    /// By control point, x fastest, metres.
+    pub shift: Vec<[f64; 3]>,
+    /// Rotation vectors, likewise.
+    pub turn: Vec<[f64; 3]>,
+    /// Of what was held out, without and with the map: root mean square, metres.
+    #[serde(default)]
+    pub held_out_position: [f64; 2],
+    /// And radians.
+    #[serde(default)]
+    pub held_out_rotation: [f64; 2],
+}
+
+impl PoseRecord {
+    /// Of a pose with its deviations (rotation, translation).
+    #[must_use]
+    pub fn new(pose: RigidTransform, (turn, shift): (DVec3, DVec3)) -> Self {
+        let q = pose.rotation;
+        Self {
+            position: pose.translation.to_array(),
+            quaternion_wxyz: [q.w, q.x, q.y, q.z],
+            position_sigma: shift.to_array(),
+            rotation_sigma: turn.to_array(),
+        }
+    }
+
+    /// The pose; `file` is for complaints.
+    ///
+    /// # Errors
+    /// Numbers that make no pose.
+    pub fn pose(&self, file: &str) -> Result<RigidTransform, RecordError> {
+        let wrong = |key, expected| RecordError::Wrong {
+            file: file.to_owned(),
+            key,
+            expected,
+        };
+        let place = DVec3::from(self.position);
+        if !place.is_finite() || place.abs().max_element() > LARGEST {
+            return Err(wrong("position", "x, y, z in metres"));
+        }
+        let [w, x, y, z] = self.quaternion_wxyz;
+        let rotation = DQuat::from_xyzw(x, y, z, w);
+        if !rotation.is_finite() || (rotation.length() - 1.0).abs() > 1e-3 {
+            return Err(wrong("quaternion_wxyz", "w, x, y, z of length 1"));
+        }
+        Ok(RigidTransform::new(rotation.normalize(), place))
+    }
+}
+
+impl FieldRecord {
+    /// Of a field.
+    #[must_use]
+    pub fn of(field: &TrackerField) -> Self {
+        let grid = field.grid();
+        Self {
+            low: grid.low.to_array(),
+            spacing: grid.spacing,
+            cells: grid.cells,
+            shift: field.values().iter().map(|v| v.0.to_array()).collect(),
+            turn: field.values().iter().map(|v| v.1.to_array()).collect(),
+            held_out_position: [0.0; 2],
+            held_out_rotation: [0.0; 2],
+        }
+    }
+
+    /// The field; `file` is for complaints.
+    ///
+    /// # Errors
+    /// Numbers that make none.
+    pub fn field(&self, file: &str) -> Result<TrackerField, RecordError> {
+        let values = self.shift.iter().zip(&self.turn);
+        let values: Vec<_> = values
+            .map(|(s, t)| (DVec3::from(*s), DVec3::from(*t)))
+            .collect();
+        let small = |v: &DVec3| v.is_finite() && v.length() <= LARGEST_CORRECTION;
+        let grid = Grid {
+            low: DVec3::from(self.low),
+            spacing: self.spacing,
+            cells: self.cells,
+        };
+        let sound = grid.low.is_finite()
+            && (1e-3..=10.0).contains(&grid.spacing)
+            && self.shift.len() == self.turn.len()
+            && values.iter().all(|(s, t)| small(s) && small(t));
+        let field = sound.then(|| TrackerField::new(grid, values)).flatten();
+        field.ok_or_else(|| RecordError::Wrong {
+            file: file.to_owned(),
+            key: "distortion",
+            expected: "a grid with a shift and a turn for each of its control points",
+        })
+    }
+}
+
+/// Puts what `calibration/tracker.json`, if there is one, says of the tracker into `rig`.
+///
+/// # Errors
+/// A file that cannot be read, or was refused when it was made.
+pub fn apply_tracker_file<'a>(
+    rig: &mut RigDocument,
+    attachments: &dyn Fn(&str) -> Option<&'a [u8]>,
+) -> Result<(), RecordError> {
+    let Some(bytes) = attachments(TRACKER) else {
+        return Ok(());
+    };
+    let record: TrackerRecord = head::parse(TRACKER, bytes)?;
+    record.head.check(TRACKER, "tracker")?;
+    if !(record.metres_per_unit > 0.0 && record.metres_per_unit <= 1000.0) {
+        return Err(RecordError::Wrong {
+            file: TRACKER.to_owned(),
+            key: "metres_per_unit",
+            expected: "above 0",
+        });
+    }
+    let rig = &mut rig.calibration;
+    let offset = record.tracker_minus_scene.as_ref();
+    let latency_nanos = match (offset.map(|o| o.nanos(TRACKER)).transpose()?, &rig.tracker) {
+        (Some(offset), _) => rig.scene_camera.latency_nanos.saturating_add(offset),
+        (None, Some(said)) => said.latency_nanos,
+        (None, None) => 0,
+    };
+    let field = record.distortion.as_ref();
+    rig.tracker = Some(TrackerCalibration {
+        world_from_transmitter: record.world_from_transmitter.pose(TRACKER)?,
+        sensor_from_scene_camera: record.sensor_from_scene_camera.pose(TRACKER)?,
+        latency_nanos,
+        metres_per_unit: record.metres_per_unit,
+        field: field.map(|f| f.field(TRACKER)).transpose()?.map(Arc::new),
+    });
+    Ok(())
+}

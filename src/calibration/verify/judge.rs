@@ -1,0 +1,275 @@
+//! What the figures of a check mean.
+
+use super::colour::Colours;
+use super::reprojection::Reprojection;
+use crate::calibration::intrinsics::Grade;
+use crate::calibration::latency::{ClockOffset, LatencyError};
+use crate::calibration::photometry::Provenance;
+
+/// Root mean square up to which markers are where they should be, pixels: good, usable.
+const REPROJECTION: [f64; 2] = [1.0, 3.0];
+/// Fewest corners of a verdict.
+const LEAST_CORNERS: usize = 80;
+/// Median CIEDE2000: hardly to be seen side by side, and plainly.
+const COLOUR: [f64; 2] = [2.0, 5.0];
+/// Milliseconds of delay beside the calibrated one; a turn of 60 degrees a second moves a
+/// usual picture by half a pixel in one.
+const LATENCY: [f64; 2] = [2.0, 8.0];
+
+/// What was measured.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Measured {
+    /// Markers, by tracker.
+    pub tracked: Option<Reprojection>,
+    /// Markers, each by the others.
+    pub among: Option<Reprojection>,
+    /// The rig has a tracker.
+    pub has_tracker: bool,
+    /// The rig has an environment camera of its own.
+    pub has_environment: bool,
+    /// Colours.
+    pub colours: Option<Colours>,
+    /// Clock offset.
+    pub latency: Option<Result<ClockOffset, LatencyError>>,
+    /// The calibrated one, seconds.
+    pub calibrated_offset: f64,
+}
+
+/// Lines, findings, grade.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Judgement {
+    /// Figures.
+    pub lines: Vec<String>,
+    /// What speaks against it.
+    pub findings: Vec<(Grade, String)>,
+}
+
+impl Judgement {
+    /// Of what was measured.
+    #[must_use]
+    pub fn of(measured: &Measured) -> Self {
+        let mut judgement = Self::default();
+        judgement.reprojection(measured);
+        judgement.colour(measured);
+        judgement.latency(measured);
+        judgement.findings.sort_by_key(|f| std::cmp::Reverse(f.0));
+        judgement
+    }
+
+    /// The worst of all.
+    #[must_use]
+    pub fn grade(&self) -> Grade {
+        self.findings
+            .iter()
+            .map(|f| f.0)
+            .max()
+            .unwrap_or(Grade::Good)
+    }
+
+    fn reprojection(&mut self, measured: &Measured) {
+        let (found, by, what) = if measured.has_tracker {
+            (
+                measured.tracked,
+                "tracker",
+                "calibrate tracker and latency again; if the mean is far off, something was moved",
+            )
+        } else {
+            (
+                measured.among,
+                "the other markers",
+                "calibrate the map and the lens again; look for a marker that was moved",
+            )
+        };
+        let Some(r) = found.filter(|r| r.corners >= LEAST_CORNERS) else {
+            let corners = found.map_or(0, |r| r.corners);
+            self.findings.push((
+                Grade::Refused,
+                format!(
+                    "{corners} corners of known markers were seen with a pose by {by}, {LEAST_CORNERS} are \
+                     needed: show the scene camera the rig's markers for a minute"
+                ),
+            ));
+            return;
+        };
+        self.lines.push(format!(
+            "markers by {by}: {:.2} ± {:.2} px RMS (median {:.2}, worst {:.1}; mean {:+.2}, {:+.2}; {} corners)",
+            r.rms, r.sigma, r.median, r.worst, r.mean.x, r.mean.y, r.corners
+        ));
+        self.judge(r.rms, REPROJECTION, || {
+            format!("markers are {:.2} px RMS beside their place; {what}", r.rms)
+        });
+        if measured.has_tracker
+            && let Some(among) = measured.among
+        {
+            self.lines.push(format!(
+                "markers by one another: {:.2} ± {:.2} px RMS ({} corners)",
+                among.rms, among.sigma, among.corners
+            ));
+            self.judge(among.rms, REPROJECTION, || {
+                format!(
+                    "markers are {:.2} px RMS beside where the others say; calibrate the map and the lens again",
+                    among.rms
+                )
+            });
+        }
+    }
+
+    fn colour(&mut self, measured: &Measured) {
+        if !measured.has_environment {
+            self.lines
+                .push("colour: one camera, nothing to compare".to_owned());
+            return;
+        }
+        let Some(c) = measured.colours else {
+            self.findings.push((
+                Grade::Usable,
+                "colours were not compared: both cameras must see the same bright, matt surfaces of the \
+                 ground or of phantoms; turn the rig towards them"
+                    .to_owned(),
+            ));
+            return;
+        };
+        let by = match c.by {
+            Provenance::Calibrated => "the calibration",
+            Provenance::Chart => "the colour chart",
+            Provenance::Overlap => "what both saw before",
+            Provenance::Reflectance => "known surfaces",
+            Provenance::Fixed => "the configuration",
+            Provenance::SameCamera | Provenance::GreyWorld | Provenance::Unknown => "nothing",
+        };
+        self.lines.push(format!(
+            "colour by {by}: ΔE2000 {:.2} in the median, 9 of 10 under {:.2} ({} surfaces at {} moments)",
+            c.delta_e, c.ninth, c.counts.0, c.counts.1
+        ));
+        self.judge(c.delta_e, COLOUR, || {
+            format!(
+                "the cameras' colours differ by ΔE2000 {:.1}; calibrate photometric again, in this light",
+                c.delta_e
+            )
+        });
+    }
+
+    fn latency(&mut self, measured: &Measured) {
+        match &measured.latency {
+            Some(Ok(found)) => {
+                let off = 1e3 * (found.seconds - measured.calibrated_offset);
+                self.lines.push(format!(
+                    "latency: {:.2} ± {:.2} ms ({off:+.2} ms beside the calibrated; {} turns)",
+                    1e3 * found.seconds,
+                    1e3 * found.sigma,
+                    found.samples
+                ));
+                // What noise alone may do is no fault.
+                self.judge(off.abs() - 2e3 * found.sigma, LATENCY, || {
+                    format!("tracker and camera are {off:+.1} ms apart; calibrate latency again")
+                });
+            }
+            Some(Err(error)) => self
+                .findings
+                .push((Grade::Usable, format!("latency was not measured: {error}"))),
+            None if measured.has_tracker => self.findings.push((
+                Grade::Usable,
+                "latency was not measured: nothing came from the tracker".to_owned(),
+            )),
+            None => (),
+        }
+    }
+
+    fn judge(&mut self, value: f64, [good, usable]: [f64; 2], finding: impl Fn() -> String) {
+        if value > good || value.is_nan() {
+            let grade = if value <= usable {
+                Grade::Usable
+            } else {
+                Grade::Refused
+            };
+            self.findings.push((grade, finding()));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec2;
+
+    fn reprojection(rms: f64) -> Reprojection {
+        Reprojection {
+            rms,
+            sigma: 0.1 * rms,
+            median: rms,
+            worst: 2.0 * rms,
+            mean: DVec2::ZERO,
+            corners: 400,
+        }
+    }
+
+    fn measured() -> Measured {
+        Measured {
+            tracked: Some(reprojection(0.6)),
+            among: Some(reprojection(0.2)),
+            has_tracker: true,
+            has_environment: true,
+            colours: Some(Colours {
+                delta_e: 1.2,
+                ninth: 3.0,
+                counts: (500, 20),
+                by: Provenance::Chart,
+            }),
+            latency: Some(Ok(ClockOffset {
+                seconds: 0.009,
+                sigma: 0.0004,
+                correlation: 0.99,
+                samples: 300,
+            })),
+            calibrated_offset: 0.008,
+        }
+    }
+
+    #[test]
+    fn a_rig_that_is_right_is_good() {
+        let judgement = Judgement::of(&measured());
+        assert_eq!(judgement.grade(), Grade::Good, "{judgement:?}");
+        assert_eq!(judgement.lines.len(), 4);
+    }
+
+    #[test]
+    fn each_figure_that_is_off_tells_what_to_do() {
+        type Spoil = fn(&mut Measured);
+        let cases: [(Spoil, Grade, &str); 6] = [
+            (
+                |m| m.tracked = Some(reprojection(2.0)),
+                Grade::Usable,
+                "calibrate tracker",
+            ),
+            (
+                |m| m.tracked = None,
+                Grade::Refused,
+                "show the scene camera",
+            ),
+            (
+                |m| m.among = Some(reprojection(9.0)),
+                Grade::Refused,
+                "calibrate the map",
+            ),
+            (|m| m.colours = None, Grade::Usable, "turn the rig"),
+            (
+                |m| m.calibrated_offset = 0.03,
+                Grade::Refused,
+                "calibrate latency",
+            ),
+            (
+                |m| m.latency = None,
+                Grade::Usable,
+                "nothing came from the tracker",
+            ),
+        ];
+        for (spoil, grade, says) in cases {
+            let mut m = measured();
+            spoil(&mut m);
+            let judgement = Judgement::of(&m);
+            assert_eq!(judgement.grade(), grade, "{says}");
+            let all = judgement.findings.iter().any(|f| f.1.contains(says));
+            assert!(all, "{says}: {:?}", judgement.findings);
+        }
+    }
+}

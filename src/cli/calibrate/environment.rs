@@ -1,0 +1,131 @@
+//! `penumbra calibrate environment`.
+
+use super::from::FromArgs;
+use anyhow::{Context, bail};
+use clap::{Args, ValueEnum};
+use glam::{DVec2, DVec3};
+use penumbra::calibration::fiducial::Family;
+use penumbra::calibration::lens_files::ENVIRONMENT_LENS;
+use penumbra::calibration::record::LensRecord;
+use penumbra::calibration::surround::{Asked, EnvironmentStep, Kind, KnownRig, RoughBall, pairs};
+use penumbra::session::Session;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+#[derive(Debug, Args)]
+pub struct EnvironmentArgs {
+    #[command(flatten)]
+    from: FromArgs,
+    /// How the environment is seen; without it as rig.json says, else through a fisheye
+    #[arg(long, value_enum)]
+    kind: Option<SeenBy>,
+    /// The fisheye's field of view; without it as rig.json says, else 180
+    #[arg(long, value_name = "DEGREES", value_parser = degrees)]
+    fov: Option<f64>,
+    /// A place on the sphere in the environment camera's picture, and its radius, pixels
+    #[arg(long, value_name = "X,Y[,RADIUS]", value_parser = click)]
+    click: Option<RoughBall>,
+    /// What was clicked on in the environment camera's picture: lines `x, y, point, X, Y, Z` (world,
+    /// metres), `x, y, towards, X, Y, Z` (direction) or `x, y, scene, U, V, SECONDS`
+    #[arg(long, value_name = "FILE.csv")]
+    click_pairs: Option<PathBuf>,
+    /// Where the environment camera stands, world, metres; then only its orientation is sought
+    #[arg(long, value_name = "X,Y,Z", value_parser = place, allow_hyphen_values = true)]
+    at: Option<DVec3>,
+    /// Markers of this family that stand still before both cameras, at places that are not in
+    /// rig.json
+    #[arg(long, value_name = "tag36h11")]
+    family: Vec<Family>,
+    /// By how much rig.json's orientation may be off
+    #[arg(long, value_name = "DEGREES", value_parser = degrees)]
+    rough: Option<f64>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum SeenBy {
+    Fisheye,
+    Sphere,
+}
+
+fn numbers(text: &str) -> Result<Vec<f64>, String> {
+    let number = |t: &str| match t.trim().parse::<f64>() {
+        Ok(v) if v.is_finite() => Ok(v),
+        _ => Err(format!("`{t}` is no number")),
+    };
+    text.split(',').map(number).collect()
+}
+
+fn degrees(text: &str) -> Result<f64, String> {
+    match numbers(text)?[..] {
+        [d] if d > 0.0 && d <= 360.0 => Ok(d.to_radians()),
+        _ => Err("degrees, above 0 and at most 360".to_owned()),
+    }
+}
+
+fn click(text: &str) -> Result<RoughBall, String> {
+    match numbers(text)?[..] {
+        [x, y] => Ok(RoughBall {
+            centre: DVec2::new(x, y),
+            radius: None,
+        }),
+        [x, y, r] if r > 2.0 => Ok(RoughBall {
+            centre: DVec2::new(x, y),
+            radius: Some(r),
+        }),
+        _ => Err("X,Y or X,Y,RADIUS in pixels".to_owned()),
+    }
+}
+
+fn place(text: &str) -> Result<DVec3, String> {
+    match numbers(text)?[..] {
+        [x, y, z] => Ok(DVec3::new(x, y, z)),
+        _ => Err("X,Y,Z in metres".to_owned()),
+    }
+}
+
+pub fn run(args: &EnvironmentArgs) -> anyhow::Result<ExitCode> {
+    let known = known(args)?;
+    let asked = Asked {
+        kind: args.kind.map(|k| match k {
+            SeenBy::Fisheye => Kind::Fisheye,
+            SeenBy::Sphere => Kind::Sphere,
+        }),
+        fov: args.fov,
+        click: args.click,
+        pairs: clicked(args)?,
+        at: args.at,
+        families: args.family.clone(),
+        rough: args.rough,
+    };
+    let mut step = EnvironmentStep::new(known, asked)?;
+    args.from.carry_out(&mut step)
+}
+
+fn known(args: &EnvironmentArgs) -> anyhow::Result<KnownRig> {
+    if let Some(path) = &args.from.session
+        && !Session::open(path)?.has_environment()
+    {
+        bail!(
+            "{}: has no pictures of an environment camera",
+            path.display()
+        );
+    }
+    let files = args.from.files()?;
+    let lens = match files.get(ENVIRONMENT_LENS) {
+        Some(bytes) => Some(LensRecord::parse(ENVIRONMENT_LENS, bytes)?.lens(ENVIRONMENT_LENS)?),
+        None => None,
+    };
+    Ok(KnownRig {
+        rig: args.from.rig()?,
+        lens,
+    })
+}
+
+fn clicked(args: &EnvironmentArgs) -> anyhow::Result<Vec<penumbra::calibration::surround::Pair>> {
+    let Some(path) = &args.click_pairs else {
+        return Ok(Vec::new());
+    };
+    let name = path.display().to_string();
+    let text = std::fs::read_to_string(path).with_context(|| name.clone())?;
+    pairs(&text).with_context(|| name)
+}

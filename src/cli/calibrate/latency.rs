@@ -1,0 +1,45 @@
+//! `penumbra calibrate latency`.
+
+use super::from::FromArgs;
+use super::landmarks::{board_of, tags_of};
+use clap::Args;
+use penumbra::calibration::intrinsics::Board;
+use penumbra::calibration::tracked::{Landmarks, LatencyOptions, LatencyStep};
+use std::process::ExitCode;
+
+#[derive(Debug, Args)]
+pub struct LatencyArgs {
+    #[command(flatten)]
+    from: FromArgs,
+    /// A chessboard that stands still before the camera, in the place of the rig's markers
+    #[arg(long, value_name = "chess:9x6:0.025", value_parser = Board::parse)]
+    board: Option<Board>,
+    /// The tracker's station that is on the rig
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    station: u8,
+    /// Largest offset that is tried, seconds
+    #[arg(long, value_name = "SECONDS", default_value_t = 0.25, value_parser = range)]
+    range: f64,
+}
+
+fn range(text: &str) -> Result<f64, String> {
+    let seconds = text
+        .parse::<f64>()
+        .ok()
+        .filter(|s| (0.02..=2.0).contains(s));
+    seconds.ok_or_else(|| "expected seconds from 0.02 to 2".to_owned())
+}
+
+pub fn run(args: &LatencyArgs) -> anyhow::Result<ExitCode> {
+    let rig = args.from.rig()?;
+    let landmarks = match args.board {
+        Some(board) => Some(board_of(board)?),
+        None => tags_of(&rig.markers)?.map(Landmarks::Tags),
+    };
+    let options = LatencyOptions {
+        range: args.range,
+        station: args.station,
+    };
+    let mut step = LatencyStep::new(&rig.calibration, landmarks, options);
+    args.from.carry_out(&mut step)
+}

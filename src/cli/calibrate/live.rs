@@ -1,0 +1,208 @@
+//! A step of calibration on the live rig: the configured devices, a progress bar, the picture in
+//! a browser, and an end at Enter or Ctrl-C.
+
+use super::from::progress_bar;
+use crate::cli::show::{address, status_server};
+use anyhow::bail;
+use clap::Args;
+use indicatif::ProgressBar;
+use penumbra::calibration::step::{Finished, Made, Step};
+use penumbra::config::Config;
+use penumbra::rig::calibrate::live::{EndedBy, LiveShow, Moment, Wish};
+use penumbra::rig::calibrate::steps::title_of;
+use penumbra::rig::calibrate::{Showcase, devices};
+use penumbra::rig::service::Service;
+use penumbra::rig::{Live, live_settings, threads};
+use penumbra::status::snapshot::SessionState;
+use penumbra::status::{SharedStatus, StatusServer};
+use std::collections::BTreeMap;
+use std::io::IsTerminal;
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+/// How often it is looked whether somebody has lost patience.
+const LOOK_EVERY: Duration = Duration::from_millis(50);
+/// What shells expect of a program that Ctrl-C has ended.
+const INTERRUPTED: i32 = 130;
+
+#[derive(Clone, Debug, Default, Args)]
+pub struct LiveArgs {
+    /// Live: end after so many seconds; without it when there is enough, at Enter or at Ctrl-C
+    #[arg(long, value_name = "SECONDS", value_parser = seconds, conflicts_with = "session")]
+    seconds: Option<f64>,
+    /// Live: where the status page with the picture is; port 0 takes any free one
+    #[arg(long, value_name = "ADDR:PORT", conflicts_with = "session")]
+    listen: Option<SocketAddr>,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    let seconds = text.parse().ok().filter(|s| (1.0..=7200.0).contains(s));
+    seconds.ok_or_else(|| "expected a number of seconds from 1 to 7200".to_owned())
+}
+
+/// What ends a step.
+#[derive(Clone, Default)]
+struct Ends {
+    /// SIGINT or SIGTERM has come.
+    signal: Arc<AtomicBool>,
+    /// Enter was pressed.
+    entered: Arc<AtomicBool>,
+}
+
+impl Ends {
+    /// Once for each time.
+    fn asked(&self) -> bool {
+        let take = |flag: &AtomicBool| flag.swap(false, Ordering::Relaxed);
+        take(&self.signal) | take(&self.entered)
+    }
+
+    /// The thread is not joined: nothing ends a wait for somebody's key but the program's end.
+    fn listen_for_enter(&self) {
+        let entered = Arc::clone(&self.entered);
+        let _ = threads::spawn("enter", move || {
+            let read = std::io::stdin().read_line(&mut String::new());
+            // Nothing at all means that nobody is there, not that somebody has pressed it.
+            entered.store(read.is_ok_and(|bytes| bytes > 0), Ordering::Relaxed);
+        });
+    }
+}
+
+/// Shows `step` what the configured devices deliver and lets it conclude. `noted` is what the
+/// user says of the device.
+pub fn carry_out(
+    step: &mut dyn Step,
+    config: &Config,
+    args: &LiveArgs,
+    noted: (Option<&String>, Option<&String>),
+) -> anyhow::Result<Finished> {
+    let mut config = config.clone();
+    config.status.listen = args.listen.unwrap_or(config.status.listen);
+    let live = Live::new(&config, false)?;
+    let wants = step.wants();
+    if let Some(reason) = devices::lacking(&wants, &live.devices) {
+        bail!("{reason}");
+    }
+    let showcase = Showcase::new(Vec::new());
+    showcase.begin(step.name(), title_of(step.name()), BTreeMap::new());
+    let server = server(&config, args, &showcase)?;
+    let address = address(server.as_ref(), &config);
+    let ends = Ends::default();
+    let service = Service::start(server, ends.signal.clone())?;
+    address.into_iter().for_each(crate::cli::say);
+    ends.listen_for_enter();
+    live.open()?;
+    let ended = show(step, &config, args, (&live, &showcase, &ends));
+    if ended == EndedBy::Aborted {
+        bail!("aborted; nothing was written");
+    }
+    let devices = live.supervised();
+    if let Some(trouble) = devices::trouble(&wants, devices)
+        && devices.iter().all(|d| d.condition().received == 0)
+    {
+        bail!("nothing was delivered: {trouble}");
+    }
+    showcase.evaluate();
+    let made = devices::made(&wants, devices);
+    let made = Made {
+        device: noted.0.cloned().or(made.device),
+        serial: noted.1.cloned().or(made.serial),
+        ..made
+    };
+    let found = evaluate(step, &made, &ends)?;
+    drop((live, service));
+    Ok(found)
+}
+
+/// The page on which the picture can be seen. A port that is taken ends the program only where
+/// one was asked for.
+fn server(
+    config: &Config,
+    args: &LiveArgs,
+    showcase: &Arc<Showcase>,
+) -> anyhow::Result<Option<StatusServer>> {
+    let status = SharedStatus::new(live_settings(config));
+    status.set_calibrator(showcase.clone());
+    status.update(|s| {
+        "calibration".clone_into(&mut s.session.name);
+        s.session.state = SessionState::Live;
+        "A step of calibration; nothing is composed meanwhile.".clone_into(&mut s.session.sentence);
+    });
+    match status_server(config, &status) {
+        Ok(server) => Ok(Some(server)),
+        Err(error) if args.listen.is_none() => {
+            crate::cli::warn(format_args!("no status page: {error}"));
+            Ok(None)
+        }
+        Err(error) => Err(error.into()),
+    }
+}
+
+fn show(
+    step: &mut dyn Step,
+    config: &Config,
+    args: &LiveArgs,
+    (live, showcase, ends): (&Live, &Showcase, &Ends),
+) -> EndedBy {
+    let tracker = live.files.document(config).ok();
+    let tracker = tracker.and_then(|rig| rig.calibration.tracker);
+    let wants = step.wants();
+    let bar = progress_bar();
+    if std::io::stderr().is_terminal() {
+        crate::cli::say("Enter or Ctrl-C ends it and works it out; Ctrl-C again aborts");
+    }
+    let shown = LiveShow {
+        hub: &live.hub,
+        config,
+        metres_per_unit: tracker.map(|t| t.metres_per_unit),
+        longest: args.seconds.map(Duration::from_secs_f64),
+    };
+    let ended = shown.show(step, &mut |moment| {
+        let trouble = devices::trouble(&wants, live.supervised());
+        tell(&bar, moment, trouble.as_deref());
+        match showcase.tell(moment, trouble) {
+            Wish::GoOn if ends.asked() => Wish::Finish,
+            wish => wish,
+        }
+    });
+    bar.finish_and_clear();
+    ended
+}
+
+fn tell(bar: &ProgressBar, moment: &Moment, trouble: Option<&str>) {
+    let progress = moment.progress;
+    bar.set_position((1000.0 * progress.share) as u64);
+    let next = trouble.unwrap_or(&progress.hint);
+    let parts = [progress.message.as_str(), next];
+    let said: Vec<&str> = parts.into_iter().filter(|p| !p.is_empty()).collect();
+    bar.set_message(said.join("; "));
+}
+
+/// A signal meanwhile ends the program: nothing has been written, and a step that concludes
+/// cannot be interrupted.
+fn evaluate(step: &mut dyn Step, made: &Made, ends: &Ends) -> anyhow::Result<Finished> {
+    let done = Arc::new(AtomicBool::new(false));
+    let (watched, signal) = (Arc::clone(&done), Arc::clone(&ends.signal));
+    let watcher = threads::spawn("abort", move || {
+        while !watched.load(Ordering::Relaxed) {
+            if signal.load(Ordering::Relaxed) {
+                crate::cli::complain(&anyhow::anyhow!("aborted; nothing was written"));
+                leave();
+            }
+            std::thread::sleep(LOOK_EVERY);
+        }
+    })?;
+    let found = step.finish(made);
+    done.store(true, Ordering::Relaxed);
+    let _ = watcher.join();
+    Ok(found)
+}
+
+#[expect(
+    clippy::disallowed_methods,
+    reason = "no file is open, and the step's thread cannot be interrupted"
+)]
+fn leave() {
+    std::process::exit(INTERRUPTED);
+}

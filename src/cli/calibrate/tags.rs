@@ -1,0 +1,60 @@
+//! `penumbra calibrate tags`.
+
+use crate::cli::files::{claim, write};
+use clap::Args;
+use penumbra::calibration::Response;
+use penumbra::calibration::fiducial::{Detector, Family};
+use penumbra::rig::calibrate::{Looked, pictures_of_folder};
+use std::fmt::Write;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Outlines looked at in a picture: here nothing waits.
+const MOST_CANDIDATES: usize = 20_000;
+
+#[derive(Debug, Args)]
+pub struct TagsArgs {
+    /// A folder of pictures (JPEG, PNG)
+    #[arg(long, value_name = "DIR")]
+    pictures: PathBuf,
+    /// Which tags: tag36h11, tag25h9, tag16h5, kalibr36h11 (with Kalibr's border), 4x4_50 to
+    /// 7x7_1000, aruco_original, aruco_mip_36h12
+    #[arg(
+        long,
+        value_name = "NAME",
+        default_value = "tag36h11",
+        value_delimiter = ','
+    )]
+    family: Vec<Family>,
+    /// A line for each tag: picture, family, number, corners clockwise from the top left (pixels),
+    /// clearness from 0 to 1, bits put right
+    #[arg(long, value_name = "FILE.csv")]
+    out: PathBuf,
+    /// Write over a file that is there
+    #[arg(long)]
+    force: bool,
+}
+
+pub fn run(args: &TagsArgs) -> anyhow::Result<ExitCode> {
+    claim(&args.out, args.force)?;
+    let mut detector =
+        Detector::new(&args.family, &Response::srgb()).with_most_candidates(MOST_CANDIDATES);
+    let mut table = String::from("picture,family,id,x0,y0,x1,y1,x2,y2,x3,y3,margin,wrong_bits\n");
+    let damaged = pictures_of_folder(&args.pictures, |looked: Looked| {
+        let seen = detector.detect(looked.picture, None);
+        let name = looked.name.replace([',', '\n', '\r'], " ");
+        crate::cli::say(format_args!("{name}: {} tags", seen.len()));
+        for tag in seen {
+            let _ = write!(table, "{name},{},{}", tag.family, tag.id);
+            for c in tag.corners {
+                let _ = write!(table, ",{:.4},{:.4}", c.x, c.y);
+            }
+            let _ = writeln!(table, ",{:.3},{}", tag.margin, tag.wrong_bits);
+        }
+    })?;
+    if damaged > 0 {
+        crate::cli::warn(format_args!("{damaged} damaged pictures were passed over"));
+    }
+    write(&args.out, table.as_bytes(), args.force)?;
+    Ok(ExitCode::SUCCESS)
+}

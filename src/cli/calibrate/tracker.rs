@@ -1,0 +1,62 @@
+//! `penumbra calibrate tracker`.
+
+use super::from::FromArgs;
+use super::landmarks::{board_of, tags_of};
+use anyhow::bail;
+use clap::Args;
+use penumbra::calibration::intrinsics::Board;
+use penumbra::calibration::tracked::{Landmarks, LatencyChoice, MountingOptions, MountingStep};
+use std::process::ExitCode;
+
+#[derive(Debug, Args)]
+pub struct TrackerArgs {
+    #[command(flatten)]
+    from: FromArgs,
+    /// A chessboard that stands still before the camera, in the place of the rig's markers: the
+    /// world begins at its first corner, +Z out of the paper
+    #[arg(long, value_name = "chess:9x6:0.025", value_parser = Board::parse)]
+    board: Option<Board>,
+    /// The tracker's station that is on the rig
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    station: u8,
+    /// The tracker's latency: estimated here, the calibration's, or seconds
+    #[arg(long, value_name = "estimate|calibration|SECONDS", default_value = "estimate", value_parser = latency)]
+    latency: LatencyChoice,
+    /// Learn how metal bends the tracker's space, and correct it if that helps
+    #[arg(long)]
+    distortion: bool,
+}
+
+fn latency(text: &str) -> Result<LatencyChoice, String> {
+    match text {
+        "estimate" => Ok(LatencyChoice::Estimate),
+        "calibration" => Ok(LatencyChoice::Calibration),
+        _ => text
+            .parse::<f64>()
+            .ok()
+            .filter(|s| s.abs() <= 2.0)
+            .map(LatencyChoice::Seconds)
+            .ok_or_else(|| "expected `estimate`, `calibration` or seconds".to_owned()),
+    }
+}
+
+pub fn run(args: &TrackerArgs) -> anyhow::Result<ExitCode> {
+    let rig = args.from.rig()?;
+    let landmarks = match args.board {
+        Some(board) => board_of(board)?,
+        None => match tags_of(&rig.markers)? {
+            Some(tags) => Landmarks::Tags(tags),
+            None => bail!(
+                "the rig knows no markers; run `calibrate map` and put calibration/markers.json beside rig.json, or name a --board"
+            ),
+        },
+    };
+    let options = MountingOptions {
+        station: args.station,
+        latency: args.latency,
+        distortion: args.distortion,
+        world_is_board: args.board.is_some(),
+    };
+    let mut step = MountingStep::new(&rig.calibration, landmarks, options);
+    args.from.carry_out(&mut step)
+}

@@ -1,0 +1,104 @@
+// Between the camera's picture, bent by its lens, and the straight one that virtual objects
+// are drawn into.
+
+// The camera's picture.
+@group(0) @binding(0) var camera: texture_2d<f32>;
+// Where each pixel lies in the other picture, pixels.
+@group(0) @binding(1) var places: texture_2d<f32>;
+// The straight picture: as the camera saw it, and composed.
+@group(1) @binding(0) var before: texture_2d<f32>;
+@group(1) @binding(2) var after: texture_2d<f32>;
+@group(1) @binding(3) var virtual_shape: VIRTUAL_TEXTURE;
+
+// Catmull and Rom's weights (1974) of four neighbours, `t` past the second.
+fn cubic(t: f32) -> vec4f {
+    let t2 = t * t;
+    let t3 = t2 * t;
+    return 0.5 * vec4f(2.0 * t2 - t - t3, 2.0 - 5.0 * t2 + 3.0 * t3, t + 4.0 * t2 - 3.0 * t3, t3 - t2);
+}
+
+// The camera's picture without its lens' distortion.
+@fragment
+fn straightened(@builtin(position) position: vec4f) -> @location(0) vec4f {
+    let at = textureLoad(places, vec2i(position.xy), 0).xy;
+    let corner = floor(at);
+    let across = cubic(at.x - corner.x);
+    let down = cubic(at.y - corner.y);
+    let last = vec2i(textureDimensions(camera)) - vec2i(1);
+    var sum = vec3f(0.0);
+    for (var y = 0; y < 4; y++) {
+        for (var x = 0; x < 4; x++) {
+            let pixel = clamp(vec2i(corner) + vec2i(x - 1, y - 1), vec2i(0), last);
+            sum += textureLoad(camera, pixel, 0).rgb * (across[x] * down[y]);
+        }
+    }
+    return vec4f(clamp(sum, vec3f(0.0), vec3f(1.0)), 1.0);
+}
+
+// Share of a straight pixel that virtual surfaces cover.
+fn coverage(pixel: vec2i) -> f32 {
+    var covered = 0;
+    for (var s = 0; s < SAMPLES; s++) {
+        covered += select(0, 1, is_surface(textureLoad(virtual_shape, pixel, s)));
+    }
+    return f32(covered) / f32(SAMPLES);
+}
+
+// Linear, by the four nearest pixels.
+struct Straight {
+    before: vec3f,
+    after: vec3f,
+    covered: f32,
+    same: bool,
+}
+
+fn straight_at(at: vec2f) -> Straight {
+    let corner = floor(at);
+    let part = at - corner;
+    let last = vec2i(textureDimensions(after)) - vec2i(1);
+    var found = Straight(vec3f(0.0), vec3f(0.0), 0.0, true);
+    for (var k = 0; k < 4; k++) {
+        let o = vec2i(k & 1, k >> 1u);
+        let pixel = clamp(vec2i(corner) + o, vec2i(0), last);
+        let weights = mix(vec2f(1.0) - part, part, vec2f(o));
+        let w = weights.x * weights.y;
+        let b = textureLoad(before, pixel, 0).rgb;
+        let a = textureLoad(after, pixel, 0).rgb;
+        found.before += w * linear_from_code(b);
+        found.after += w * linear_from_code(a);
+        found.covered += w * coverage(pixel);
+        found.same &= all(a == b);
+    }
+    return found;
+}
+
+fn is_outside(at: vec2f) -> bool {
+    return any(at < vec2f(-0.5)) | any(at > vec2f(textureDimensions(after)) - vec2f(0.5));
+}
+
+// The composed picture, bent like the camera's. What is not changed is the camera's, bit for
+// bit; what shadows darken keeps the camera's own detail, sharper than the straight picture's.
+@fragment
+fn bent(@builtin(position) position: vec4f) -> @location(0) vec4f {
+    let pixel = vec2i(position.xy);
+    let own = textureLoad(camera, pixel, 0);
+    let at = textureLoad(places, pixel, 0).xy;
+    if is_outside(at) {
+        return own;
+    }
+    let straight = straight_at(at);
+    if straight.same {
+        return own;
+    }
+    let darker = clamp(straight.after / max(straight.before, vec3f(1e-4)), vec3f(0.0), vec3f(1.5));
+    let detail = (linear_from_code(own.rgb) - straight.before) * mix(darker, vec3f(1.0), straight.covered);
+    let colour = straight.after + (1.0 - straight.covered) * detail;
+    return vec4f(code_from_linear(colour), 1.0);
+}
+
+// The same in another exposure, where nothing is the camera's.
+@fragment
+fn bent_exposed(@builtin(position) position: vec4f) -> @location(0) vec4f {
+    let at = textureLoad(places, vec2i(position.xy), 0).xy;
+    return vec4f(code_from_linear(straight_at(at).after), 1.0);
+}

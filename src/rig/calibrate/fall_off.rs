@@ -1,0 +1,208 @@
+//! How a camera's pictures fall off towards their edge, from surfaces that it sees now here, now
+//! there while it moves.
+
+use crate::calibration::PinholeCamera;
+use crate::calibration::photometric::vignetting::{self, Fit, Reading};
+use crate::calibration::photometry::chart::{Photograph, read_codes};
+use crate::calibration::photometry::raycast::PhantomCaster;
+use glam::DVec2;
+use glam::DVec3;
+use penumbra_interface::RigidTransform;
+
+/// Places asked for in a new picture, each way.
+const GRID: (u32, u32) = (16, 12);
+/// Half the side of the block that is read, pixels.
+const HALF: f64 = 3.0;
+/// How much a matt surface's look changes with the side that it is seen from, relative.
+const MATTNESS: f64 = 0.02;
+/// A block with more spread is no even surface, relative.
+const CONTRAST: f64 = 0.10;
+/// Places that are followed at most.
+const MOST: usize = 1200;
+
+/// Share of readings that must fit, what they may leave, relative, and how sure the edge must be.
+const MOST_AGREE: f64 = 0.8;
+const CONTRADICT: f64 = 0.03;
+const UNSURE: f64 = 0.015;
+
+/// Points of real surfaces and what they looked like.
+#[derive(Debug, Default)]
+pub(super) struct FallOff {
+    points: Vec<DVec3>,
+    readings: Vec<Reading>,
+    pictures: usize,
+}
+
+impl FallOff {
+    /// Takes a picture and where it was taken from.
+    pub fn look(
+        &mut self,
+        photograph: Photograph,
+        camera: &PinholeCamera,
+        world_from_camera: RigidTransform,
+        rays: &PhantomCaster,
+    ) {
+        if (photograph.picture.width, photograph.picture.height) != (camera.width, camera.height) {
+            return;
+        }
+        self.add_points(camera, world_from_camera, rays);
+        let camera_from_world = world_from_camera.inverse();
+        let (centre, radius) =
+            vignetting::frame((camera.width, camera.height), Some(camera.centre));
+        for (group, point) in self.points.iter().enumerate() {
+            let Some(pixel) = camera.project(camera_from_world.transform_point(*point)) else {
+                continue;
+            };
+            if !visible(rays, world_from_camera.translation, *point) {
+                continue;
+            }
+            let Some((log, variance)) = read(photograph, pixel) else {
+                continue;
+            };
+            self.readings.push(Reading {
+                group,
+                picture: self.pictures,
+                q: (pixel - centre).length_squared() / (radius * radius),
+                log,
+                variance: variance + MATTNESS * MATTNESS,
+            });
+        }
+        self.pictures += 1;
+    }
+
+    /// New places where the picture shows surfaces.
+    fn add_points(
+        &mut self,
+        camera: &PinholeCamera,
+        world_from_camera: RigidTransform,
+        rays: &PhantomCaster,
+    ) {
+        if self.points.len() >= MOST {
+            return;
+        }
+        for j in 0..GRID.1 {
+            for i in 0..GRID.0 {
+                let share = |k: u32, n: u32| (f64::from(k) + 0.5) / f64::from(n);
+                let pixel = DVec2::new(
+                    share(i, GRID.0) * f64::from(camera.width),
+                    share(j, GRID.1) * f64::from(camera.height),
+                );
+                let direction = world_from_camera.rotation * camera.unproject(pixel);
+                let hit = rays.cast(world_from_camera.translation, direction);
+                if let Some(hit) = hit.filter(|hit| !hit.mirror) {
+                    self.points.push(hit.point);
+                }
+            }
+        }
+    }
+
+    /// What they say; nothing where light changed from place to place, surfaces shine or poses
+    /// are wrong, which shows as readings that contradict each other.
+    pub fn fit(&self) -> Option<Fit> {
+        vignetting::fit(&self.readings)
+            .filter(|f| f.used > MOST_AGREE && f.rms < CONTRADICT && f.edge_sigma < UNSURE)
+    }
+}
+
+fn visible(rays: &PhantomCaster, eye: DVec3, point: DVec3) -> bool {
+    let (direction, distance) = (point - eye).normalize_and_length();
+    rays.cast(eye, direction)
+        .is_some_and(|hit| (hit.distance - distance).abs() < 0.002 + 0.005 * distance)
+}
+
+/// Logarithm of the green about a pixel, and its variance.
+fn read(photograph: Photograph, pixel: DVec2) -> Option<(f64, f64)> {
+    let picture = photograph.picture;
+    let (low, high) = (pixel - HALF, pixel + HALF);
+    let inside = low.x >= 0.0
+        && low.y >= 0.0
+        && high.x < f64::from(picture.width) - 1.0
+        && high.y < f64::from(picture.height) - 1.0;
+    if !inside {
+        return None;
+    }
+    let rows = low.y.round() as u32..=high.y.round() as u32;
+    let columns = low.x.round() as u32..=high.x.round() as u32;
+    let codes: Vec<u8> = rows
+        .flat_map(|y| columns.clone().map(move |x| (x, y)))
+        .map(|(x, y)| picture.rgb(x, y)[1])
+        .collect();
+    let reading = read_codes(&codes, photograph.response)?;
+    let square = reading.mean * reading.mean;
+    (reading.variance < CONTRAST * CONTRAST * square)
+        .then(|| (reading.mean.ln(), reading.variance_of_mean / square))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::calibration::Response;
+    use crate::calibration::photometric::vignetting::Vignetting;
+    use crate::picture::Picture;
+    use crate::scene::Scene;
+    use glam::{DMat3, DQuat};
+
+    /// A table with a soft pattern on it, from above, through a lens that falls off.
+    fn picture(camera: &PinholeCamera, pose: RigidTransform, k: [f64; 3]) -> Picture {
+        let (centre, radius) =
+            vignetting::frame((camera.width, camera.height), Some(camera.centre));
+        let lens = Vignetting {
+            centre,
+            radius,
+            coefficients: k,
+            sigma: [0.0; 3],
+        };
+        let mut rgba = Vec::new();
+        for y in 0..camera.height {
+            for x in 0..camera.width {
+                let pixel = DVec2::new(f64::from(x), f64::from(y));
+                let ray = pose.rotation * camera.unproject(pixel);
+                let p = pose.translation - ray * (pose.translation.z / ray.z);
+                let albedo = 0.4 + 0.15 * (3.0 * p.x).sin() * (2.0 * p.y).cos();
+                let code = Response::srgb().code_from_linear((albedo * lens.at(pixel)) as f32);
+                rgba.extend([code, code, code, 255]);
+            }
+        }
+        Picture {
+            width: camera.width,
+            height: camera.height,
+            rgba,
+        }
+    }
+
+    #[test]
+    fn a_moving_camera_tells_its_own_fall_off() {
+        let camera = PinholeCamera {
+            width: 320,
+            height: 240,
+            focal: DVec2::splat(300.0),
+            centre: DVec2::new(160.0, 121.0),
+            distortion: [0.0; 5],
+        };
+        let scene = Scene {
+            ground_height: Some(0.0),
+            ..Scene::default()
+        };
+        let rays = PhantomCaster::new(&scene);
+        let down = DQuat::from_mat3(&DMat3::from_cols(DVec3::X, DVec3::NEG_Y, DVec3::NEG_Z));
+        for k in [[-0.35, 0.0, 0.0], [0.0; 3]] {
+            let mut fall_off = FallOff::default();
+            for i in 0..10 {
+                let t = f64::from(i);
+                let at = DVec3::new(0.25 * (1.3 * t).sin(), 0.2 * (0.9 * t).cos(), 1.0);
+                let pose = RigidTransform::new(down, at);
+                let picture = picture(&camera, pose, k);
+                let photograph = Photograph {
+                    picture: &picture,
+                    response: &Response::srgb(),
+                };
+                fall_off.look(photograph, &camera, pose, &rays);
+            }
+            let found = fall_off.fit().unwrap();
+            let truth = 1.0 + k[0] * found.farthest;
+            assert!((found.edge() - truth).abs() < 0.01, "{found:?}");
+        }
+        assert_eq!(FallOff::default().fit(), None);
+    }
+}

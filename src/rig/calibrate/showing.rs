@@ -1,0 +1,111 @@
+//! How a step of calibration is shown what there is, wherever it comes from.
+
+use crate::calibration::step::{Eye, Shown, ShownPicture, Step};
+use crate::config::Config;
+use crate::picture::{Picture, decode_into};
+use crate::rig::feed::decoder_for;
+use crate::session::SessionEvent;
+use penumbra_interface::{Frame, MonotonicTime};
+use penumbra_tracker_serial::AnyDecoder;
+use std::sync::Arc;
+
+/// Decodes what was recorded or delivered, and shows it to a step in the order of arrival.
+pub(super) struct Showing {
+    start: MonotonicTime,
+    /// When the next picture of a camera and bracket is due.
+    next: Vec<((Eye, i64), f64)>,
+    picture: Picture,
+    tracker: Option<(Arc<str>, AnyDecoder)>,
+    metres_per_unit: Option<f64>,
+    /// Pictures that could not be decoded, and stretches that could not be read.
+    pub damaged: usize,
+}
+
+impl Showing {
+    /// Nothing was shown yet. Seconds count from `start`; `metres_per_unit` is the tracker's,
+    /// where the calibration says it.
+    pub fn new(start: MonotonicTime, metres_per_unit: Option<f64>) -> Self {
+        Self {
+            start,
+            next: Vec::new(),
+            picture: Picture::default(),
+            tracker: None,
+            metres_per_unit,
+            damaged: 0,
+        }
+    }
+
+    /// The picture that was shown last.
+    pub const fn picture(&self) -> &Picture {
+        &self.picture
+    }
+
+    /// Whose picture it was, if it was one and was shown.
+    pub fn show(
+        &mut self,
+        event: SessionEvent,
+        config: &Config,
+        step: &mut dyn Step,
+    ) -> Option<Eye> {
+        let wants = step.wants();
+        let (eye, frame) = match event {
+            SessionEvent::Scene(frame) if wants.scene => (Eye::Scene, frame),
+            SessionEvent::Environment(frame) if wants.environment => (Eye::Environment, frame),
+            SessionEvent::TrackerBytes {
+                protocol,
+                bytes,
+                arrived_at,
+            } if wants.poses => {
+                self.decoder(&protocol).push(&bytes, arrived_at, |sample| {
+                    step.look(&Shown::Pose(&sample))
+                });
+                return None;
+            }
+            SessionEvent::Pose(sample) if wants.poses => {
+                step.look(&Shown::Pose(&sample));
+                return None;
+            }
+            _ => return None,
+        };
+        if frame.bracket_ev != 0.0 && !wants.brackets || !self.is_due(eye, &frame, wants.spacing) {
+            return None;
+        }
+        if decode_into(&frame, &config.input.encoding(), &mut self.picture).is_err() {
+            self.damaged += 1;
+            return None;
+        }
+        step.look(&Shown::Picture(ShownPicture {
+            eye,
+            picture: &self.picture,
+            captured_at: frame.captured_at,
+            bracket_ev: frame.bracket_ev,
+            exposure: frame.exposure.map(|e| 1e-6 * e.exposure_micros * e.gain),
+            seconds: frame.arrived_at.seconds_since(self.start),
+        }));
+        Some(eye)
+    }
+
+    fn is_due(&mut self, eye: Eye, frame: &Frame, spacing: f64) -> bool {
+        let key = (eye, (100.0 * frame.bracket_ev).round() as i64);
+        let at = frame.arrived_at.seconds_since(self.start);
+        let known = self.next.iter().position(|(k, _)| *k == key);
+        let i = known.unwrap_or_else(|| {
+            self.next.push((key, f64::MIN));
+            self.next.len() - 1
+        });
+        let due = at >= self.next[i].1;
+        if due {
+            self.next[i].1 = at + spacing;
+        }
+        due
+    }
+
+    fn decoder(&mut self, protocol: &Arc<str>) -> &mut AnyDecoder {
+        let known = self.tracker.take().filter(|(known, _)| known == protocol);
+        let (_, decoder) = self.tracker.insert(known.unwrap_or_else(|| {
+            let decoder = decoder_for(protocol, self.metres_per_unit);
+            (Arc::clone(protocol), decoder)
+        }));
+        decoder
+    }
+}

@@ -1,0 +1,66 @@
+//! Sets up the check of a rig from its files.
+
+use super::steps::{Known as RigKnown, ParameterError, Parameters, StepKind, station};
+use crate::calibration::RigDocument;
+use crate::calibration::photometry::raycast::PhantomCaster;
+use crate::calibration::photometry::{PhotometricMatch, PhotometrySettings};
+use crate::calibration::rig::EnvironmentView;
+use crate::calibration::step::Step;
+use crate::calibration::verify::{Known, Verify};
+use crate::config::Config;
+use crate::rig::{RigError, light, registration};
+use crate::scene::{Attachments, Scene};
+
+/// As the dashboard shows it.
+pub(super) const KIND: StepKind = StepKind {
+    name: "verify",
+    title: "Check of the rig",
+    about: "Turn the rig briskly to and fro for a minute, its markers in view, and let both cameras \
+            see the same bright, matt surfaces.",
+    parameters: &[],
+    make,
+};
+
+fn make(_: &Parameters, known: &RigKnown) -> Result<Box<dyn Step>, ParameterError> {
+    let files = |name: &str| known.files.get(name);
+    let step = verify_step(known.document.clone(), &files, &known.config);
+    step.map(|step| Box::new(step) as Box<dyn Step>)
+        .map_err(|error| ParameterError::Rig {
+            reason: error.to_string(),
+        })
+}
+
+/// The check of the rig that `document` and `files` describe.
+///
+/// # Errors
+/// No markers, or such as cannot be found; a phantom or a picture of a chart that cannot be read.
+pub fn verify_step(
+    document: RigDocument,
+    files: &Attachments,
+    config: &Config,
+) -> Result<Verify, RigError> {
+    let rig = &document.calibration;
+    if document.markers.is_empty() {
+        return Err(RigError::NothingToCheckBy);
+    }
+    let map = registration::tag_map(&document.markers)?;
+    let scene = Scene::phantoms_of_rig(&document, files)?;
+    let same_camera = rig
+        .environment
+        .as_ref()
+        .is_some_and(|e| matches!(e.view, EnvironmentView::SphereInScene { .. }));
+    let mut photometry = PhotometricMatch::new(PhotometrySettings::default(), same_camera);
+    if !same_camera && let Some(chart) = light::chart_match(rig, files, false)? {
+        photometry.set_chart(chart);
+    }
+    if let Some(gains) = rig.gains.filter(|_| !same_camera) {
+        photometry.set_calibrated(gains);
+    }
+    let known = Known {
+        caster: Some(PhantomCaster::new(&scene)),
+        map,
+        station: station(config),
+        rig: document,
+    };
+    Ok(Verify::new(known, photometry))
+}

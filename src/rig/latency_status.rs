@@ -1,0 +1,134 @@
+//! What the status and the report say of the tracker's latency.
+
+use super::prepare::{LatencyState, Prepared};
+use super::report::LatencyReport;
+use crate::status::Snapshot;
+
+/// What is measured contradicts what is in force where it is off by so many σ,
+const CONTRADICTS_SIGMA: f64 = 3.0;
+/// and by so many milliseconds.
+const CONTRADICTS_MS: f64 = 4.0;
+/// What is said then.
+const WARNING: &str = "the tracker's latency is another than the one in force (see \
+    pairing.tracker_latency_measured_ms), so virtual objects lag or lead in motion; run `penumbra \
+    calibrate latency`, or set [sync] follow_latency = \"apply\"";
+
+/// Writes it into the status.
+pub(super) fn publish(s: &mut Snapshot, prepared: &Prepared) {
+    let state = &prepared.counts.latency;
+    let Some(followed) = &state.followed else {
+        return;
+    };
+    let measured = followed.measured;
+    let now = prepared.frame.captured_at;
+    let p = &mut s.pairing;
+    p.tracker_latency_ms = Some(in_force_ms(state));
+    p.tracker_latency_measured_ms = measured.map(|m| m.seconds * 1e3);
+    p.tracker_latency_sigma_ms = measured.map(|m| m.sigma * 1e3);
+    p.tracker_latency_by = measured.map(|m| m.by.name());
+    p.tracker_latency_ago_s = measured.map(|m| now.seconds_since(m.at).max(0.0));
+    // The text is as long-lived as its cause: it is made anew once in some seconds at most.
+    match followed.refusal {
+        None => p.tracker_latency_note = None,
+        Some(refusal) if !says(p.tracker_latency_note.as_deref(), &refusal) => {
+            p.tracker_latency_note = Some(refusal.to_string());
+        }
+        Some(_) => (),
+    }
+    let warned = s.warnings.iter().any(|w| w.text == WARNING);
+    match (contradicts(state), warned) {
+        (true, false) => s.warn(WARNING),
+        (false, true) => s.clear_warning(WARNING),
+        _ => (),
+    }
+}
+
+/// For the report; `None` where nobody measured.
+pub(super) fn report(state: &LatencyState) -> Option<LatencyReport> {
+    let followed = state.followed?;
+    let measured = followed.measured;
+    Some(LatencyReport {
+        in_force_ms: in_force_ms(state),
+        measured_ms: measured.map(|m| m.seconds * 1e3),
+        sigma_ms: measured.map(|m| m.sigma * 1e3),
+        by: measured.map(|m| m.by.name()),
+        note: followed.refusal.map(|refusal| refusal.to_string()),
+    })
+}
+
+fn in_force_ms(state: &LatencyState) -> f64 {
+    state.in_force_nanos as f64 * 1e-6
+}
+
+fn contradicts(state: &LatencyState) -> bool {
+    let measured = state.followed.and_then(|f| f.measured);
+    measured.is_some_and(|m| {
+        let off = (m.seconds * 1e3 - in_force_ms(state)).abs();
+        off > CONTRADICTS_MS && off > CONTRADICTS_SIGMA * m.sigma * 1e3
+    })
+}
+
+/// Whether `text` is what `what` says, without writing it down.
+fn says(text: Option<&str>, what: &impl std::fmt::Display) -> bool {
+    use std::fmt::Write;
+    /// What is left to be said.
+    struct Rest<'a>(&'a str);
+    impl Write for Rest<'_> {
+        fn write_str(&mut self, said: &str) -> std::fmt::Result {
+            self.0 = self.0.strip_prefix(said).ok_or(std::fmt::Error)?;
+            Ok(())
+        }
+    }
+    let mut rest = Rest(text.unwrap_or_default());
+    text.is_some() && write!(rest, "{what}").is_ok() && rest.0.is_empty()
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::calibration::latency::LatencyError;
+    use crate::calibration::latency::follow::{Followed, Means, Measured};
+    use penumbra_interface::MonotonicTime;
+
+    fn state(in_force_ms: i64, measured_ms: f64, sigma_ms: f64) -> LatencyState {
+        LatencyState {
+            in_force_nanos: in_force_ms * 1_000_000,
+            followed: Some(Followed {
+                measured: Some(Measured {
+                    seconds: measured_ms * 1e-3,
+                    sigma: sigma_ms * 1e-3,
+                    by: Means::Poses,
+                    at: MonotonicTime::default(),
+                }),
+                refusal: Some(LatencyError::AtRest),
+            }),
+        }
+    }
+
+    #[test]
+    fn only_what_is_sure_and_large_contradicts() {
+        assert!(contradicts(&state(20, 35.0, 0.6)));
+        assert!(contradicts(&state(35, 20.0, 0.6)));
+        assert!(!contradicts(&state(20, 23.5, 0.1)));
+        assert!(!contradicts(&state(20, 35.0, 6.0)));
+        assert!(!contradicts(&LatencyState::default()));
+    }
+
+    #[test]
+    fn the_report_has_what_was_measured() {
+        let report = report(&state(20, 35.0, 0.6)).unwrap();
+        assert_eq!(report.in_force_ms, 20.0);
+        assert!((report.measured_ms.unwrap() - 35.0).abs() < 1e-9);
+        assert!(report.note.unwrap().contains("rests"));
+        assert_eq!(super::report(&LatencyState::default()), None);
+    }
+
+    #[test]
+    fn a_text_is_compared_as_it_is_written() {
+        assert!(says(Some("a 1.5 b"), &format_args!("a {:.1} b", 1.5)));
+        assert!(!says(Some("a 1.5 b"), &format_args!("a {:.1}", 1.5)));
+        assert!(!says(Some("a"), &format_args!("a {:.1}", 1.5)));
+        assert!(!says(None, &""));
+    }
+}

@@ -1,0 +1,209 @@
+// Calibration: asks /calibration how it goes, shows what the step looks at with what it found in
+// it, and passes wishes on. The truth is the server's: a page that is opened in the middle shows
+// the middle.
+
+import { $, duration, facts, flag, make, percent, pill, put, refill, whole } from './text.js';
+
+const BUSY_MS = 250;
+const IDLE_MS = 2000;
+const MARK = 4; // half of a cross, in pixels of a picture of 640
+
+const STATES = {
+  unavailable: ['live only', 'idle'], idle: ['ready', 'idle'], running: ['looking on', 'warn'],
+  evaluating: ['working it out', 'warn'], finished: ['finished', 'good'], failed: ['failed', 'bad'],
+};
+const VERDICTS = { good: 'good', usable: 'warn', refused: 'bad' };
+
+let view = null;
+let timer = 0;
+let revision = 0;
+let loading = false;
+
+const busy = () => ['running', 'evaluating'].includes(view?.state);
+
+// ── what can be started ─────────────────────────────────────────────────────────────────
+
+/** One row of the form. */
+function field(parameter) {
+  const row = make('label', 'row');
+  const label = make('span', 'label', parameter.label);
+  if (parameter.hint) label.append(make('small', '', parameter.hint));
+  const input = make(parameter.choices.length ? 'select' : 'input');
+  if (parameter.choices.length) {
+    parameter.choices.forEach(([value, text]) => input.append(new Option(text, value)));
+  } else {
+    input.type = 'text';
+    input.maxLength = 200;
+    input.spellcheck = false;
+  }
+  input.name = parameter.name;
+  const before = view.step === chosen()?.name ? view.parameters[parameter.name] : null;
+  input.value = before ?? parameter.default;
+  row.append(label, input);
+  return row;
+}
+
+const chosen = () => view?.steps.find((step) => step.name === $('calibrate-step').value);
+
+function form() {
+  const select = $('calibrate-step');
+  const before = select.value;
+  refill(select, view.steps.map((step) => [step.title, step.name]), ([title, name]) => new Option(title, name));
+  if (!before && view.step) select.value = view.step;
+  const step = chosen();
+  put($('calibrate-about'), step?.about ?? '');
+  refill($('calibrate-parameters'), step?.parameters ?? [], field);
+}
+
+function wish() {
+  const parameters = {};
+  $('calibrate-parameters').querySelectorAll('[name]').forEach((input) => { parameters[input.name] = input.value; });
+  const seconds = $('calibrate-seconds').valueAsNumber;
+  return { step: chosen()?.name ?? '', parameters, seconds: Number.isFinite(seconds) ? seconds : null };
+}
+
+// ── how it goes ─────────────────────────────────────────────────────────────────────────
+
+function run() {
+  const evaluating = view.state === 'evaluating';
+  put($('calibrate-title'), view.title);
+  const bar = $('calibrate-share');
+  if (evaluating) bar.removeAttribute('value');
+  else bar.value = view.share;
+  put($('calibrate-percent'), evaluating ? '' : percent(view.share, 0));
+  put($('calibrate-message'), view.message);
+  put($('calibrate-hint'), evaluating ? '' : hint(view.hint));
+  flag($('calibrate-waits'), view.trouble);
+  facts($('calibrate-facts'), [
+    ['so far', duration(view.seconds)],
+    ['pictures shown', whole(view.pictures)],
+    ...(view.passed_over ? [['passed over', whole(view.passed_over)]] : []),
+    ...(view.damaged ? [['damaged', whole(view.damaged)]] : []),
+    ...(view.readings_lost ? [['readings lost', whole(view.readings_lost)]] : []),
+  ]);
+  $('calibrate-finish').disabled = evaluating;
+}
+
+const hint = (text) => text.replace(/^./, (c) => c.toUpperCase());
+
+function result() {
+  const r = busy() ? null : view.result;
+  $('calibrate-result').hidden = !r;
+  if (!r) return;
+  put($('calibrate-of'), view.title);
+  pill($('calibrate-verdict'), r.verdict, VERDICTS[r.verdict] ?? 'idle');
+  $('calibrate-report').hidden = !r.report;
+  refill($('calibrate-figures'), r.lines, (line) => make('li', '', line));
+  const findings = r.findings.map(({ grade, text }) => [grade, VERDICTS[grade], text]);
+  const next = r.hints.map((text) => ['next', 'idle', hint(text)]);
+  refill($('calibrate-findings'), [...findings, ...next], ([word, tone, text]) => {
+    const item = make('li');
+    const badge = make('span', 'pill', word);
+    badge.dataset.tone = tone ?? 'idle';
+    item.append(badge, make('span', '', text));
+    return item;
+  });
+  const files = [['Written to', r.file], ['The one before is kept as', r.backup]].filter(([, file]) => file);
+  refill($('calibrate-files'), files, ([what, file]) => make('li', '', `${what} ${file}`));
+}
+
+/** Crosses over what was found, in the picture's pixels. */
+function marks({ width, height, marks: found }) {
+  const svg = $('calibrate-marks');
+  svg.setAttribute('viewBox', `0 0 ${width} ${height}`);
+  const size = (MARK * Math.max(width, height)) / 640;
+  const cross = ([x, y]) => `M${x + 0.5 - size} ${y + 0.5}h${2 * size}M${x + 0.5} ${y + 0.5 - size}v${2 * size}`;
+  const path = found.map(cross).join('');
+  svg.querySelectorAll('path').forEach((element) => element.setAttribute('d', path));
+}
+
+/** The picture and what was found in it change together. */
+function picture() {
+  const shown = view.picture;
+  const note = $('calibrate-note');
+  note.hidden = Boolean(shown) && revision > 0;
+  $('calibrate-screen').hidden = !shown && !busy();
+  if (!shown) {
+    revision = 0;
+    $('calibrate-picture').hidden = true;
+    marks({ width: 1, height: 1, marks: [] });
+    return;
+  }
+  if (shown.revision === revision || loading || document.hidden) return;
+  const next = new Image();
+  loading = true;
+  next.onload = () => {
+    loading = false;
+    revision = shown.revision;
+    const image = $('calibrate-picture');
+    image.src = next.src;
+    image.alt = `What the ${shown.eye} camera shows, with ${shown.marks.length} points found in it`;
+    image.hidden = false;
+    note.hidden = true;
+    $('calibrate-screen').style.aspectRatio = `${shown.width} / ${shown.height}`;
+    marks(shown);
+  };
+  next.onerror = () => { loading = false; };
+  next.src = `/calibration/picture.jpg?revision=${shown.revision}`;
+}
+
+function render() {
+  $('calibrate-card').hidden = false;
+  const [word, tone] = STATES[view.state] ?? [view.state, 'idle'];
+  const verdict = view.state === 'finished' ? view.result?.verdict : null;
+  pill($('calibrate-pill'), word, VERDICTS[verdict] ?? tone);
+  const failed = view.state === 'failed';
+  put($('calibrate-sentence'), failed || busy() ? '' : view.sentence);
+  $('calibrate-body').hidden = view.state === 'unavailable';
+  if (view.state === 'unavailable') return;
+  $('calibrate-form').hidden = busy() || !view.steps.length;
+  $('calibrate-run').hidden = !busy();
+  if (failed) flag($('calibrate-trouble'), view.sentence);
+  if (busy()) run();
+  else form();
+  result();
+  picture();
+}
+
+// ── asking ──────────────────────────────────────────────────────────────────────────────
+
+async function ask() {
+  clearTimeout(timer);
+  // Where nobody answers, the page says so already.
+  if (document.body.dataset.link === 'up') {
+    try {
+      const response = await fetch('/calibration', { signal: AbortSignal.timeout(5000) });
+      if (response.ok) { view = await response.json(); render(); }
+    } catch { /* the next one may come */ }
+  }
+  clearTimeout(timer);
+  timer = setTimeout(ask, busy() && !document.hidden ? BUSY_MS : view ? IDLE_MS : BUSY_MS);
+}
+
+/** Passes a wish on; what speaks against it is shown. */
+async function send(what, body) {
+  flag($('calibrate-trouble'), '');
+  try {
+    const response = await fetch(`/calibration/${what}`, {
+      method: 'POST',
+      headers: { 'Content-Type': 'application/json' },
+      body: JSON.stringify(body),
+    });
+    const answer = await response.json().catch(() => ({}));
+    if (!response.ok) throw new Error(answer.error ?? `Penumbra answers with an error (${response.status}).`);
+    view = answer;
+    render();
+  } catch (error) {
+    flag($('calibrate-trouble'), error.message.replace(/^calibration: /, ''));
+  }
+  ask();
+}
+
+/** Begins to ask. */
+export function calibrate() {
+  $('calibrate-form').addEventListener('submit', (event) => { event.preventDefault(); send('start', wish()); });
+  $('calibrate-step').addEventListener('change', form);
+  $('calibrate-finish').addEventListener('click', () => send('finish', {}));
+  $('calibrate-abort').addEventListener('click', () => send('abort', {}));
+  ask();
+}

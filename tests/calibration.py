@@ -1,0 +1,457 @@
+#!/usr/bin/env python3
+"""Judge calibration and registration by what is known from elsewhere, and print the table of figures.
+
+Every figure comes from the program itself (`penumbra calibrate ...`, `penumbra replay`), run on
+pictures and recordings that others made (--data), on path-traced rigs with known truth (--truth,
+and --simulated, made by tests/rigsim_calibration.py). The program never gets the truth.
+
+    tests/calibration.py                               all that there is data for
+    tests/calibration.py --only intrinsics,hand-eye    some of it
+    tests/calibration.py --simulated DIR --write       with simulated rigs; into ARCHITECTURE.md
+
+Ends with 0 when every bar is reached, 1 when one is missed, 2 when something failed. What has no
+data says SKIPPED by name.
+"""
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from fidelity import blind_view, write_between
+from python_env import ROOT, TARGET, Unavailable, run_with
+
+REQUIREMENTS = Path(__file__).with_name("requirements-calibration.txt")
+PACKAGES = ["numpy", "cv2"]
+
+
+class Failed(Exception):
+    """A run failed; the text says which and where its output is."""
+
+
+class Skipped(Exception):
+    """There is no data for it."""
+
+
+@dataclass
+class Row:
+    """One figure beside what it is judged by."""
+
+    what: str
+    figure: str
+    reached: float
+    allowed: float
+    unit: str
+    by: str
+
+    @property
+    def passed(self) -> bool:
+        return self.reached <= self.allowed
+
+
+class Judge:
+    """Runs the program in a folder of its own."""
+
+    def __init__(self, a: argparse.Namespace) -> None:
+        self.a, self.penumbra = a, str(a.penumbra)
+
+    def folder(self, name: str) -> Path:
+        folder = self.a.out / name
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
+        return folder
+
+    def run(self, work: Path, *arguments: object, refused: bool = False) -> str:
+        """What the program said; `refused` expects it to refuse."""
+        command = [self.penumbra, *map(str, arguments)]
+        done = subprocess.run(command, capture_output=True, text=True, cwd=work)
+        said = done.stdout + done.stderr
+        with (work / "log.txt").open("a") as log:
+            log.write(f"\n$ {' '.join(command)}\n{said}")
+        if (done.returncode != 0) != refused:
+            last = next((line for line in reversed(said.splitlines()) if line.strip()), "")
+            raise Failed(f"{' '.join(map(str, arguments[:2]))} ended with {done.returncode}: {last} (see {work / 'log.txt'})")
+        return said
+
+    def calibrate(self, work: Path, step: str, out: str, *arguments: object) -> dict:
+        """The calibration file that a step wrote."""
+        path = work / out
+        self.run(work, "calibrate", step, "--out", path, "--force", *arguments)
+        return json.loads(path.read_text())
+
+    def imported(self, work: Path, session: Path) -> Path:
+        """A session's folder without the judge's files, as a recording."""
+        view = blind_view(session, work / "rig")
+        mcap = work / "session.mcap"
+        self.run(work, "import", view, mcap, "--force")
+        return mcap
+
+    def data(self, path: str) -> Path:
+        found = self.a.data / path
+        if not found.exists():
+            raise Skipped(f"{found} is missing")
+        return found
+
+
+# ----------------------------------------------------------------------------- intrinsics
+
+
+def opencv_chess(files: list[Path], board: tuple[int, int], fisheye: bool = False) -> float:
+    """OpenCV's own reprojection RMS on the same pictures, by its usual recipe, outlying views left out."""
+    import cv2
+    import numpy as np
+    points = np.zeros((board[0] * board[1], 3), np.float32)
+    points[:, :2] = np.mgrid[0:board[0], 0:board[1]].T.reshape(-1, 2)
+    objects, pictures, size = [], [], None
+    for file in files:
+        grey = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+        found, corners = cv2.findChessboardCorners(grey, board)
+        if not found:
+            continue
+        size = grey.shape[::-1]
+        corners = cv2.cornerSubPix(grey, corners.astype(np.float32), (11, 11), (-1, -1), (3, 30, 1e-3))
+        objects.append(points)
+        pictures.append(corners)
+    if fisheye:
+        # OpenCV 5 has moved the flags.
+        flags = sum(getattr(cv2.fisheye, n, None) or getattr(cv2, n) for n in ("CALIB_USE_INTRINSIC_GUESS", "CALIB_RECOMPUTE_EXTRINSIC", "CALIB_FIX_SKEW"))
+        K = np.array([[size[0] / 3, 0, size[0] / 2], [0, size[0] / 3, size[1] / 2], [0, 0, 1]])
+        rms, *_ = cv2.fisheye.calibrate(
+            [o[None].astype(np.float64) for o in objects], [p.reshape(1, -1, 2).astype(np.float64) for p in pictures],
+            size, K, np.zeros((4, 1)), flags=flags, criteria=(3, 100, 1e-9))
+    else:
+        per_view = cv2.calibrateCameraExtended(objects, pictures, size, np.eye(3), np.zeros(5))[-1].ravel()
+        # Our program leaves blurred views out; so must its rival.
+        kept = np.flatnonzero(per_view < 3 * np.median(per_view))
+        rms, *_ = cv2.calibrateCamera([objects[i] for i in kept], [pictures[i] for i in kept], size, np.eye(3), np.zeros(5))
+    return float(rms)
+
+
+def published_focal(file: Path, matrix: str) -> float:
+    """fx of a camera matrix in an OpenCV file; cv2 does not read those of its first versions."""
+    after = file.read_text().partition(f"{matrix}:")[2].partition("data: [")[2]
+    return float(after.split(",")[0])
+
+
+def linked(work: Path, files: list[Path]) -> Path:
+    folder = work / "pictures"
+    folder.mkdir()
+    for file in files:
+        shutil.copyfile(file, folder / file.name)
+    return folder
+
+
+def chess(j: Judge) -> Iterator[Row]:
+    folder = j.data("calibration/opencv_stereo_chess")
+    published = {
+        "left": ("left_intrinsics.yml", "camera_matrix", "published"),
+        "right": ("intrinsics.yml", "M2", "published, one focal length for both cameras"),
+    }
+    for side in published:
+        files = sorted(folder.glob(f"{side}[0-9]*.jpg"))
+        work = j.folder(f"chess-{side}")
+        lens = j.calibrate(work, "intrinsics", "lens.json", "--pictures", linked(work, files), "--board", "chess:9x6:0.025")
+        rms = opencv_chess(files, (9, 6))
+        yield Row(f"chessboard, {side}", "reprojection", lens["quality"]["rms"], rms, "px RMS", "OpenCV on the same pictures")
+        file, matrix, by = published[side]
+        off = 100 * abs(lens["focal"][0] / published_focal(folder / file, matrix) - 1)
+        yield Row(f"chessboard, {side}", "focal length", off, 0.5, "%", by)
+
+
+def fisheye_chess(j: Judge) -> Iterator[Row]:
+    files = sorted(j.data("probes-fisheye/fisheye/ocam_fisheye1").glob("Fisheye1_*.jpg"))
+    work = j.folder("chess-fisheye")
+    lens = j.calibrate(work, "intrinsics", "lens.json", "--pictures", linked(work, files), "--board", "chess:8x6:0.0325", "--model", "fisheye", "--free-aspect")
+    rms = opencv_chess(files, (8, 6), fisheye=True)
+    yield Row("fisheye chessboard", "reprojection", lens["quality"]["rms"], rms, "px RMS", "OpenCV on the same pictures")
+
+
+def simulated(j: Judge, pattern: str) -> list[Path]:
+    found = sorted(j.a.simulated.glob(f"{pattern}*/truth_rig.json")) if j.a.simulated else []
+    if not found:
+        raise Skipped(f"no rigs {pattern}* (--simulated; made by tests/rigsim_calibration.py)")
+    return [path.parent for path in found]
+
+
+def simulated_lens(j: Judge) -> Iterator[Row]:
+    import numpy as np
+    for session in simulated(j, "board"):
+        truth = json.loads((session / "truth_rig.json").read_text())["scene_camera"]
+        work = j.folder(session.name)
+        mcap = j.imported(work, session)
+        board = json.loads((session / "board.json").read_text())["board"]
+        lens = j.calibrate(work, "intrinsics", "lens.json", "--session", mcap, "--board", board)
+        K = np.array(truth["K"])
+        off = 100 * max(abs(lens["focal"][0] / K[0, 0] - 1), abs(lens["focal"][1] / K[1, 1] - 1))
+        yield Row(f"{session.name} ({board})", "focal length", off, 0.5, "%", "truth")
+        # What the program says of itself must hold: three of its own standard deviations.
+        allowed = 3 * lens["quality"]["projection_sigma"][1]
+        yield Row(f"{session.name} ({board})", "all of the lens", lens_error(lens, truth), allowed, "px, 95th percentile", "truth; 3σ of the program's own")
+
+
+def lens_error(lens: dict, truth: dict) -> float:
+    """Where both lenses put the same directions, over the whole picture, less a turn of the camera."""
+    import cv2
+    import numpy as np
+    w, h = lens["image_size"]
+    u, v = np.meshgrid(np.linspace(0, w - 1, 33), np.linspace(0, h - 1, 25))
+    pixels = np.stack([u.ravel(), v.ravel()], -1)
+    names = ("k1", "k2", "p1", "p2", "k3")
+    k = lambda d: np.array([d.get(n, 0.0) for n in names])
+    found_K = np.array([[lens["focal"][0], 0, lens["centre"][0]], [0, lens["focal"][1], lens["centre"][1]], [0, 0, 1.0]])
+    true_K, true_k = np.array(truth["K"]), k(truth["lens_distortion"])
+
+    def rays(K: np.ndarray, d: np.ndarray) -> np.ndarray:
+        """Directions of the pixels, z = 1, by fixed point (Brown 1966)."""
+        seen = (pixels - K[:2, 2]) / K[[0, 1], [0, 1]]
+        k1, k2, p1, p2, k3 = d
+        found = seen
+        for _ in range(60):
+            x, y = found.T
+            r2 = x * x + y * y
+            radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+            bent = np.stack([2 * p1 * x * y + p2 * (r2 + 2 * x * x), p1 * (r2 + 2 * y * y) + 2 * p2 * x * y], -1)
+            found = (seen - bent) / radial[:, None]
+        return found
+
+    unit = lambda p: np.pad(p, ((0, 0), (0, 1)), constant_values=1) / np.hypot(1, np.linalg.norm(p, axis=1))[:, None]
+    found, true = unit(rays(found_K, k(lens["distortion"]))), unit(rays(true_K, true_k))
+    left, _, right = np.linalg.svd(found.T @ true)
+    turn = (left @ np.diag([1, 1, np.sign(np.linalg.det(left @ right))]) @ right).T
+    turned = found @ turn.T
+    back, _ = cv2.projectPoints(turned, np.zeros(3), np.zeros(3), true_K, true_k)
+    return float(np.percentile(np.linalg.norm(back[:, 0] - pixels, axis=1), 95))
+
+
+# ----------------------------------------------------------------------------- tracker, latency, map
+
+
+def pose(record: dict) -> tuple:
+    """(rotation matrix, position) of a pose in a calibration file or a rig.json."""
+    import numpy as np
+    if "matrix_row_major" in record and "position_sigma" not in record:
+        T = np.array(record["matrix_row_major"])
+        return T[:3, :3], T[:3, 3]
+    w, x, y, z = record["quaternion_wxyz"]
+    R = np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                  [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                  [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]])
+    return R, np.array(record["position"])
+
+
+def apart(found: dict, true: dict) -> tuple[float, float]:
+    """Millimetres and degrees between two poses."""
+    import numpy as np
+    (R, t), (S, u) = pose(found), pose(true)
+    turn = math.degrees(math.acos(min(1.0, max(-1.0, (np.trace(R.T @ S) - 1) / 2))))
+    return 1e3 * float(np.linalg.norm(t - u)), turn
+
+
+def truth_of(session: Path) -> dict:
+    return json.loads((session / "truth_rig.json").read_text())
+
+
+def waved(j: Judge) -> Iterator[Row]:
+    """Straight space: mounting, latency, and the whole rig checked with what was found."""
+    for session in simulated(j, "waved"):
+        truth, work = truth_of(session)["tracker"], j.folder(session.name)
+        mcap = j.imported(work, session)
+        calibration = work / "rig/calibration"
+        calibration.mkdir()
+        metal = json.loads((session / "made.json").read_text())["metal"] > 0 if (session / "made.json").exists() else False
+        extra = ["--distortion"] if metal else []
+        latency = j.calibrate(work, "latency", "rig/calibration/latency.json", "--session", mcap)["tracker_minus_scene"]
+        yield Row(session.name, "latency", 1e3 * abs(latency["seconds"] - truth["latency_s"]), 2.0, "ms", "truth")
+        tracker = j.calibrate(work, "tracker", "rig/calibration/tracker.json", "--session", mcap, *extra)
+        if not metal:
+            for key, true, name in (("sensor_from_scene_camera", "T_sensor_cam", "camera on sensor"),
+                                    ("world_from_transmitter", "T_world_source", "transmitter in world")):
+                mm, degrees = apart(tracker[key], truth[true])
+                yield Row(session.name, f"{name}, place", mm, 1.0, "mm", "truth")
+                yield Row(session.name, f"{name}, direction", degrees, 0.1, "degrees", "truth")
+        whole = work / "whole.mcap"
+        j.run(work, "import", work / "rig", whole, "--force")
+        check = j.calibrate(work, "verify", "check.json", "--session", whole)
+        bent = ", the tracker's space bent" if metal else ""
+        yield Row(session.name, f"markers by the tracker alone{bent}", check["reprojection_px"], 1.0, "px RMS", "markers")
+
+
+def true_poses(session: Path):
+    """camera_truth.csv as a function of capture time, nanoseconds -> (rotation, position)."""
+    import numpy as np
+    table = np.loadtxt(session / "camera_truth.csv", delimiter=",", skiprows=1)
+    times, places, turns = table[:, 0], table[:, 1:4], table[:, 4:8]
+    turns = turns * np.where(np.cumprod(np.r_[1, np.sign((turns[1:] * turns[:-1]).sum(1))]) < 0, -1, 1)[:, None]
+
+    def at(ns: float) -> tuple:
+        # Readings are 8 ms apart: the line between two is off by less than a hundredth of a millimetre.
+        q = np.array([np.interp(ns, times, turns[:, k]) for k in range(4)])
+        place = np.array([np.interp(ns, times, places[:, k]) for k in range(3)])
+        return pose({"quaternion_wxyz": q / np.linalg.norm(q), "position": place})
+
+    return at
+
+
+def registration(j: Judge) -> Iterator[Row]:
+    """The composed object beside where the truth has it: corners of a box about it, in each picture."""
+    import csv
+    import cv2
+    import numpy as np
+    for session in simulated(j, "waved"):
+        truth, whole = truth_of(session), j.a.out / session.name / "whole.mcap"
+        if not whole.exists():
+            raise Skipped("no calibrated rigs; judge `tracker` before")
+        K = np.array(truth["scene_camera"]["K"])
+        bent = np.array([truth["scene_camera"]["lens_distortion"][k] for k in ("k1", "k2", "p1", "p2", "k3")])
+        R, t = pose(truth["object"]["T_world_object"])
+        box = np.array([[x, y, z] for x in (-0.07, 0.07) for y in (-0.07, 0.07) for z in (0, 0.11)]) @ R.T + t
+        at = true_poses(session)
+        for how in ("tracker", "markers", "hybrid"):
+            work = j.folder(f"{session.name}-{how}")
+            (work / "c.toml").write_text(f'[registration]\npose = "{how}"\n')
+            j.run(work, "replay", whole, "--config", "c.toml", "--headless", "--listen", "127.0.0.1:0", "--speed", "max", "--poses-out", "poses.csv")
+            off = []
+            for row in csv.DictReader((work / "poses.csv").open()):
+                if not row["x"]:
+                    continue
+                found = pose({"quaternion_wxyz": [float(row[k]) for k in ("qw", "qx", "qy", "qz")], "position": [float(row[k]) for k in "xyz"]})
+                place = lambda p: cv2.projectPoints((box - p[1]) @ p[0], np.zeros(3), np.zeros(3), K, bent)[0][:, 0]
+                off.append(np.linalg.norm(place(found) - place(at(float(row["captured_ns"]))), axis=1))
+            rms = float(np.sqrt(np.mean(np.square(off))))
+            yield Row(session.name, f"object by {how}, {len(off)} pictures", rms, 1.0, "px RMS", "truth")
+
+
+def tag_map(j: Judge) -> Iterator[Row]:
+    import numpy as np
+    for session in simulated(j, "waved"):
+        work = j.folder(f"{session.name}-map")
+        true = {m["id"]: m for m in json.loads((session / "rig.json").read_text())["markers"]}
+        view = blind_view(session, work / "rig")
+        rig = json.loads((view / "rig.json").read_text())
+        size = rig.pop("markers")[0]["size_m"]
+        (view / "rig.json").write_text(json.dumps(rig))
+        mcap = work / "session.mcap"
+        j.run(work, "import", view, mcap, "--force")
+        found = j.calibrate(work, "map", "markers.json", "--session", mcap, "--size", size, "--origin", 0)
+        found = {m["id"]: m["pose"] for m in found["markers"]}
+        worst = [0.0, 0.0]
+        R0, t0 = pose(true[0]["T_world_marker"])
+        F0, f0 = pose(found[0])
+        for id, marker in true.items():
+            # One that stands behind the box, as seen from all sides that there are.
+            if id not in found:
+                continue
+            (R, t), (F, f) = pose(marker["T_world_marker"]), pose(found[id])
+            turn = (R0.T @ R).T @ (F0.T @ F)
+            worst[0] = max(worst[0], 1e3 * float(np.linalg.norm(R0.T @ (t - t0) - F0.T @ (f - f0))))
+            worst[1] = max(worst[1], math.degrees(math.acos(min(1.0, (np.trace(turn) - 1) / 2))))
+        yield Row(f"{session.name}, {len(found)} of {len(true)} tags", "map, worst place", worst[0], 1.0, "mm", "truth")
+        yield Row(f"{session.name}, {len(found)} of {len(true)} tags", "map, worst direction", worst[1], 0.5, "degrees", "truth")
+
+
+def environment(j: Judge) -> Iterator[Row]:
+    """An environment camera that rig.json has five degrees off, by the tags that it sees."""
+    for session in simulated(j, "fisheye"):
+        work = j.folder(session.name)
+        mcap = j.imported(work, session)
+        found = j.calibrate(work, "environment", "environment.json", "--session", mcap)
+        mm, degrees = apart(found["T_world_cam"], truth_of(session)["environment_camera"]["T_world_cam"])
+        yield Row(session.name, f"environment camera's direction by {found['by']}", degrees, 0.5, "degrees", "truth")
+        yield Row(session.name, f"its place by {found['by']}", mm, 10.0, "mm", "truth")
+
+
+# ----------------------------------------------------------------------------- colour
+
+
+def white_balance(j: Judge) -> Iterator[Row]:
+    for session in sorted(path.parent for path in j.a.truth.glob("*/truth_rig.json")):
+        truth = truth_of(session)
+        if "environment_camera" not in truth:
+            continue
+        work = j.folder(f"{session.name}-photometric")
+        mcap = j.imported(work, session)
+        found = j.calibrate(work, "photometric", "photometric.json", "--session", mcap)
+        total = [truth[c]["response_truth"]["total_gain_rgb"] for c in ("scene_camera", "environment_camera")]
+        off = [100 * abs(g / (s / e) - 1) for g, s, e in zip(found["gains"]["rgb"], *total)]
+        yield Row(session.name, f"white balance by {found['gains']['method']}", max(off), 2.0, "%, worst channel", "truth")
+
+
+# ----------------------------------------------------------------------------- the table
+
+TASKS: dict[str, list[Callable[[Judge], Iterator[Row]]]] = {
+    "intrinsics": [chess, fisheye_chess, simulated_lens],
+    "tracker": [waved, tag_map],
+    "registration": [registration],
+    "environment": [environment],
+    "colour": [white_balance],
+}
+
+
+def table(rows: list[Row]) -> str:
+    lines = ["| on | figure | reached | allowed | | judged by |", "|---|---|---|---|---|---|"]
+    for r in rows:
+        mark = "" if r.passed else " **FAIL**"
+        lines.append(f"| {r.what} | {r.figure} | {r.reached:.3f} {r.unit} | {r.allowed:.3f} |{mark} | {r.by} |")
+    return "\n".join(lines)
+
+
+def options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=Path, default=ROOT / "../shared/data", help="pictures and calibrations of others")
+    parser.add_argument("--truth", type=Path, default=ROOT / "../shared/truth", help="path-traced rigs")
+    parser.add_argument("--simulated", type=Path, help="folder of rigs of tests/rigsim_calibration.py")
+    parser.add_argument("--only", help=f"of {', '.join(TASKS)}; comma-separated")
+    parser.add_argument("--penumbra", type=Path, help="the program (default: the release build)")
+    parser.add_argument("--write", action="store_true", help="put the table into ARCHITECTURE.md")
+    parser.add_argument("--out", type=Path, default=TARGET / "calibration", help="files of the runs, table.md")
+    a = parser.parse_args()
+    a.data, a.truth, a.out = a.data.resolve(), a.truth.resolve(), a.out.resolve()
+    a.simulated = a.simulated.resolve() if a.simulated else None
+    a.penumbra = (a.penumbra or TARGET / "release/penumbra").resolve()
+    return a
+
+
+def main() -> int:
+    a = options()
+    try:
+        run_with(PACKAGES, REQUIREMENTS)
+    except Unavailable as error:
+        print(error, file=sys.stderr)
+        return 2
+    wanted = a.only.split(",") if a.only else list(TASKS)
+    if unknown := set(wanted) - set(TASKS):
+        print(f"--only: no {', '.join(sorted(unknown))}; there are {', '.join(TASKS)}", file=sys.stderr)
+        return 2
+    if not a.penumbra.exists():
+        print(f"{a.penumbra} is missing; run `make build`", file=sys.stderr)
+        return 2
+    judge, rows, failed = Judge(a), [], 0
+    for task in (task for name in wanted for task in TASKS[name]):
+        try:
+            for row in task(judge):
+                rows.append(row)
+                print(f"{row.what}: {row.figure} {row.reached:.3f} {row.unit} (allowed {row.allowed:.3f})", file=sys.stderr)
+        except Skipped as reason:
+            print(f"SKIPPED {task.__name__}: {reason}")
+        except (Failed, OSError, KeyError, ValueError) as error:
+            failed += 1
+            print(f"FAILED {task.__name__}: {error}", file=sys.stderr)
+    text = table(rows)
+    a.out.mkdir(parents=True, exist_ok=True)
+    (a.out / "table.md").write_text(text + "\n")
+    print(text)
+    missed = sum(not r.passed for r in rows)
+    if a.write and not failed:
+        write_between(ROOT / "ARCHITECTURE.md", "calibration", text)
+    print(f"\n{len(rows)} figures, {missed} miss their bar, {failed} runs failed; {a.out / 'table.md'}")
+    return 2 if failed or not rows else 1 if missed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,175 @@
+//! `penumbra calibrate` on a live rig: by the command line, and over HTTP beside a running one.
+
+use crate::board;
+use crate::live::{Running, post, until};
+use crate::program::{Desk, text};
+use crate::service::get;
+use serde_json::{Value, json};
+use std::io::{BufRead, BufReader, Read, Write};
+use std::process::Stdio;
+
+/// A rig whose scene camera sees a board, and whose files are in a folder.
+fn rig() -> Desk {
+    let desk = Desk::new();
+    board::record(&desk.path("board.mcap"));
+    desk.put("files/note.txt", "the rig's files");
+    desk.put(
+        "rig.toml",
+        "[scene_camera]\ndevice = \"replay:board.mcap\"\n[calibration]\nfrom = \"files\"\n",
+    );
+    desk
+}
+
+const LINE: &str = "calibrate intrinsics --config rig.toml --listen 127.0.0.1:0 --board";
+
+fn focal(desk: &Desk, file: &str) -> f64 {
+    desk.json(file)["focal"][0].as_f64().unwrap()
+}
+
+#[test]
+fn a_live_cameras_lens_goes_among_the_rigs_files_and_counts_without_a_rig_json() {
+    let desk = rig();
+    let said = desk.works(&format!("{LINE} {} --seconds 40", board::BOARD));
+    assert!(
+        said.contains("px RMS") && said.contains("calibration: "),
+        "{said}"
+    );
+    let file = "files/calibration/scene_camera.json";
+    let found = desk.json(file);
+    let off = focal(&desk, file) / board::FOCAL - 1.0;
+    assert!(off.abs() < 0.01, "{off}");
+    assert_eq!(found["source"], "live");
+    assert_eq!(found["device"]["name"], "replay:board.mcap");
+    assert!(desk.path("files/calibration/scene_camera.html").exists());
+    // Nothing is lost by doing it again, and the camera's size is known from the lens.
+    let said = desk.works(&format!("{LINE} {} --seconds 40", board::BOARD));
+    assert!(said.contains("the one before: "), "{said}");
+    assert_eq!(desk.names("files/calibration").len(), 4);
+    let said = desk.works(
+        "run --config rig.toml --headless --listen 127.0.0.1:0 --frames 2 --frames-out frames",
+    );
+    assert!(said.contains("2 frames composed"), "{said}");
+    let png = desk.read(format!("frames/{}", desk.names("frames")[0]));
+    let frame = image::load_from_memory(&png).unwrap();
+    assert_eq!((frame.width(), frame.height()), (320, 240));
+}
+
+#[cfg(unix)]
+#[test]
+fn a_signal_or_enter_ends_it_with_a_verdict() {
+    let desk = rig();
+    let line = format!("{LINE} {} --out lens.json --force", board::BOARD);
+    for way in ["-INT", "Enter"] {
+        let mut command = desk.command(&line.split(' ').collect::<Vec<_>>());
+        let command = command.stdin(Stdio::piped()).stdout(Stdio::piped());
+        let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
+        let mut keys = child.stdin.take().unwrap();
+        let mut running = Running::of(child);
+        let mut out = BufReader::new(running.stdout());
+        let mut said = String::new();
+        out.read_line(&mut said).unwrap();
+        let address = said.trim_end().strip_prefix("status page: http://");
+        let address = address.unwrap().trim_end_matches('/').to_owned();
+        until("a view", || {
+            let message = calibration(&address)["message"].clone();
+            message
+                .as_str()
+                .is_some_and(|m| !m.starts_with('0') && m.contains("views"))
+        });
+        let refused = post(&address, "/calibration/start", r#"{"step": "intrinsics"}"#);
+        assert!(refused.contains("one step alone"), "{refused}");
+        if way == "Enter" {
+            keys.write_all(b"\n").unwrap();
+        } else {
+            running.signal(way);
+        }
+        let mut rest = String::new();
+        out.read_to_string(&mut rest).unwrap();
+        // So early it may be refused; there is a verdict and a page either way.
+        assert!(rest.contains("report: lens.html"), "{way}: {rest}");
+    }
+}
+
+#[test]
+fn what_cannot_be_calibrated_is_refused_before_the_devices_are_opened() {
+    let desk = rig();
+    desk.put(
+        "bare.toml",
+        "[scene_camera]\ndevice = \"replay:board.mcap\"\n",
+    );
+    for (line, says) in [
+        (
+            "--config bare.toml --board chess:7x5:0.03",
+            "or name a file with --out",
+        ),
+        (
+            "--config rig.toml --camera environment --board chess:7x5:0.03",
+            "no environment camera",
+        ),
+        (
+            "--config rig.toml --board charuco:8x6:0.03:0.04:4x4_50",
+            "marker",
+        ),
+        (
+            "--session board.mcap --config rig.toml --board chess:7x5:0.03",
+            "--out FILE.json",
+        ),
+    ] {
+        let output = desk.run(&format!("calibrate intrinsics {line}"));
+        let said = text(&output.stderr);
+        assert!(!output.status.success() && said.contains(says), "{said}");
+    }
+}
+
+fn calibration(address: &str) -> Value {
+    let answer = get(address, "/calibration");
+    serde_json::from_str(answer.split_once("\r\n\r\n").unwrap().1).unwrap()
+}
+
+#[cfg(unix)]
+#[test]
+fn a_running_rig_is_calibrated_over_http() {
+    let desk = rig();
+    let (rig, address) = Running::rig(&desk, &["--light-count", "8"]);
+    let idle = calibration(&address);
+    assert_eq!(idle["state"], "idle");
+    assert_eq!(idle["steps"][0]["name"], "intrinsics");
+    assert!(get(&address, "/calibration/report").starts_with("HTTP/1.1 404"));
+    assert!(get(&address, "/calibration/picture.jpg").starts_with("HTTP/1.1 404"));
+    let none = post(&address, "/calibration/finish", "{}");
+    assert!(
+        none.starts_with("HTTP/1.1 409") && none.contains("nothing is under way"),
+        "{none}"
+    );
+    let wrong = json!({"step": "intrinsics", "parameters": {"board": "9x6"}}).to_string();
+    let wrong = post(&address, "/calibration/start", &wrong);
+    assert!(
+        wrong.starts_with("HTTP/1.1 422") && wrong.contains("chess:COLUMNSxROWS"),
+        "{wrong}"
+    );
+
+    let wish = json!({"step": "intrinsics", "parameters": {"board": board::BOARD}}).to_string();
+    let begun = post(&address, "/calibration/start", &wish);
+    assert!(
+        begun.starts_with("HTTP/1.1 202") && begun.contains("\"running\""),
+        "{begun}"
+    );
+    let again = post(&address, "/calibration/start", &wish);
+    assert!(again.starts_with("HTTP/1.1 409") && again.contains("`intrinsics` is under way"));
+    until("a picture with marks", || {
+        let marks = calibration(&address)["picture"]["marks"].clone();
+        marks.as_array().is_some_and(|marks| marks.len() >= 20)
+    });
+    assert!(get(&address, "/calibration/picture.jpg?revision=1").contains("image/jpeg"));
+    until("it has enough", || {
+        calibration(&address)["state"] == "finished"
+    });
+    let view = calibration(&address);
+    assert_ne!(view["result"]["verdict"], "refused", "{view}");
+    let off = focal(&desk, "files/calibration/scene_camera.json") / board::FOCAL - 1.0;
+    assert!(off.abs() < 0.01, "{off}");
+    let report = get(&address, "/calibration/report");
+    assert!(report.contains("Lens of the scene camera"), "{report}");
+    assert!(report.contains("sandbox") && !report.contains("script-src 'self'"));
+    rig.end();
+}

@@ -1,0 +1,79 @@
+//! `penumbra calibrate map`, `latency` and `tracker` on recordings of rigs that are not there.
+
+use crate::program::{Desk, text};
+use serde_json::Value;
+
+fn vector(value: &Value) -> Vec<f64> {
+    let numbers = value.as_array().unwrap().iter();
+    numbers.map(|n| n.as_f64().unwrap()).collect()
+}
+
+fn distance(a: &[f64], b: &[f64]) -> f64 {
+    let squares = a.iter().zip(b).map(|(a, b)| (a - b).powi(2));
+    squares.sum::<f64>().sqrt()
+}
+
+/// The last column of a matrix by rows.
+fn place(matrix: &Value) -> Vec<f64> {
+    let rows = matrix["matrix_row_major"].as_array().unwrap();
+    rows[..3].iter().map(|r| r[3].as_f64().unwrap()).collect()
+}
+
+#[test]
+fn map_tracker_and_latency_of_a_rig_follow_from_one_recording() {
+    let desk = Desk::new();
+    desk.works(
+        "simulate session --seconds 9 --rate 24 --size 400x300 --tags 5 --seed 4 \
+         --out a.mcap --truth truth.json",
+    );
+    let truth = desk.json("truth.json");
+    desk.put("rig/calibration/note.txt", "");
+
+    let output = desk.run("calibrate map --session a.mcap --out map.json");
+    let said = text(&output.stderr);
+    assert!(
+        !output.status.success() && said.contains("--size METRES"),
+        "{said}"
+    );
+    let said =
+        desk.works("calibrate map --session a.mcap --size 0.08 --out rig/calibration/markers.json");
+    assert!(said.contains("5 tags"), "{said}");
+    let map = desk.json("rig/calibration/markers.json");
+    for (found, truth) in map["markers"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .zip(truth["markers"].as_array().unwrap())
+    {
+        let off = distance(
+            &vector(&found["pose"]["position"]),
+            &place(&truth["T_world_marker"]),
+        );
+        assert!(off < 0.0015, "{off} m: {found}");
+    }
+
+    let output = desk.run("calibrate tracker --session a.mcap --out b.json");
+    let said = text(&output.stderr);
+    assert!(
+        !output.status.success() && said.contains("calibrate map"),
+        "{said}"
+    );
+    desk.works("calibrate tracker --session a.mcap --rig rig --out rig/calibration/tracker.json");
+    let tracker = desk.json("rig/calibration/tracker.json");
+    let found = vector(&tracker["sensor_from_scene_camera"]["position"]);
+    let off = distance(&found, &place(&truth["T_sensor_cam"]));
+    assert!(off < 0.003, "{off} m");
+
+    let said = desk
+        .works("calibrate latency --session a.mcap --rig rig --out rig/calibration/latency.json");
+    assert!(said.contains("by poses"), "{said}");
+    let latency = desk.json("rig/calibration/latency.json");
+    let off = latency["tracker_minus_scene"]["seconds"].as_f64().unwrap() - 0.0173;
+    assert!(off.abs() < 0.002, "{off} s");
+    let page = text(&desk.read("rig/calibration/latency.html"));
+    assert!(page.contains("Which offset fits") && page.contains("<svg"));
+
+    // The rig that carries these files can be used at once.
+    let said = desk.works("calibrate latency --session a.mcap --rig rig --out c.json");
+    assert!(said.contains("good"), "{said}");
+}
