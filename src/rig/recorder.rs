@@ -80,7 +80,7 @@ impl Recorder {
         let configured = configured.map(|nanos| Duration::from_nanos(nanos.unsigned_abs()));
         let writer = SessionWriter::create(path)?;
         let (events, waiting) = bounded(WAITING);
-        let job = Job {
+        let mut job = Job {
             writer,
             waiting,
             waiting_bytes: Arc::default(),
@@ -101,10 +101,18 @@ impl Recorder {
         };
         let stop = Arc::clone(&job.stop);
         let inlet = Inlet::new(events, job.waiting_bytes.clone(), job.dropped.clone());
+        // Before anybody is told that it has begun: who asks then is not to hear of the one
+        // before.
+        job.publish();
         self.hub.set_recorder(Some(inlet));
         let thread = threads::spawn("record", move || job.run()).map_err(|source| {
             self.hub.set_recorder(None);
-            RigError::Thread { source }
+            let error = RigError::Thread { source };
+            self.status.update(|s| {
+                s.recording.state = RecordingState::Failed;
+                s.recording.sentence = error.to_string();
+            });
+            error
         })?;
         *running = Some(Running {
             path: path.to_owned(),
@@ -216,7 +224,6 @@ impl Job {
         for file in self.files.all() {
             self.writer.attach(&file.name, &file.data)?;
         }
-        self.publish();
         loop {
             if self.stop.load(Ordering::Relaxed) {
                 return Ok(End::Asked("Finished."));

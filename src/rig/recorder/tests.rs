@@ -76,6 +76,21 @@ fn what_goes_through_the_hub_is_in_the_file_and_the_file_is_never_overwritten() 
 }
 
 #[test]
+fn status_tells_of_a_recording_as_soon_as_it_has_begun() {
+    let folder = tempfile::tempdir().unwrap();
+    let (_hub, status, recorder) = recorder(folder.path(), 0);
+    for name in ["a.mcap", "b.mcap", "c.mcap"] {
+        let path = folder.path().join(name);
+        recorder.start(&path, None).unwrap();
+        let recording = status.snapshot().recording;
+        assert_eq!(recording.state, RecordingState::Recording);
+        assert_eq!(recording.file, Some(path.display().to_string()));
+        let ended = recorder.stop().unwrap();
+        assert_eq!(ended.state, RecordingState::Finished);
+    }
+}
+
+#[test]
 fn a_recording_grows_on_the_disk_while_it_is_made() {
     let folder = tempfile::tempdir().unwrap();
     let (hub, status, recorder) = recorder(folder.path(), 0);
