@@ -129,6 +129,7 @@ pub struct Sized {
     exposed: Option<ExposedInputs>,
     metered: Option<wgpu::BindGroup>,
     lens: Option<wgpu::BindGroup>,
+    reproject: Option<wgpu::BindGroup>,
     readback: Readback,
 }
 
@@ -147,6 +148,7 @@ impl Compositor {
     /// The picture is too large for the device.
     pub fn compose(&mut self, input: &FrameInput<'_>) -> Result<(), GpuError> {
         self.fit_lens(input.camera);
+        self.fit_reprojection(input);
         match self.lens.clone() {
             None => self.prepare(input, input.picture)?,
             Some(lens) => {
@@ -167,8 +169,7 @@ impl Compositor {
         let mut encoder = self.gpu.device.create_command_encoder(&descriptor);
         self.timer.begin_frame();
         self.record(&mut encoder, &sized);
-        let bent = self.lens.as_ref().and_then(|lens| lens.output());
-        let output = bent.unwrap_or(&sized.targets.output);
+        let output = self.finished(&sized);
         sized.readback.record(&mut encoder, &output.texture);
         self.timer.end_frame(&mut encoder);
         let submitted = self.gpu.queue.submit([encoder.finish()]);
@@ -254,6 +255,14 @@ impl Compositor {
         // Bent again, as the camera sees.
         if let Some(lens) = &self.lens {
             lens.record_out(encoder, timer, sized.lens.as_ref(), exposed.is_some());
+        }
+        // Turned to where it is seen from.
+        let turned = self
+            .reproject
+            .as_ref()
+            .filter(|_| self.reprojection.is_some());
+        if let Some((stage, inputs)) = turned.zip(sized.reproject.as_ref()) {
+            stage.record(encoder, timer, inputs);
         }
         // How much light virtual lights bring, for the exposure of pictures to come.
         self.exposure
@@ -441,6 +450,10 @@ impl Compositor {
                 .lens
                 .as_ref()
                 .and_then(|lens| lens.bind(device, &targets)),
+            reproject: self
+                .reproject
+                .as_ref()
+                .map(|stage| stage.bind(device, &self.unturned(&targets).view)),
             readback: {
                 let straight = (targets.width, targets.height);
                 let lens = self.lens.as_ref();

@@ -314,8 +314,18 @@ fn probes(camera: &PinholeCamera) -> impl Iterator<Item = DVec2> {
     grid.map(move |(x, y)| DVec2::new(share(x), share(y)) * size - 0.5)
 }
 
+/// The direction that each pixel of a camera shows, on the plane z = 1.
+pub(super) fn direction_places(
+    gpu: (&wgpu::Device, &wgpu::Queue),
+    camera: &PinholeCamera,
+) -> Target {
+    upload(gpu, camera, |pixel| {
+        ideal(camera, pixel).map_or(NOWHERE, |p| p.as_vec2().to_array())
+    })
+}
+
 /// Squared tangent of the farthest direction that a picture shows: past it the model may fold.
-fn reach(camera: &PinholeCamera) -> f64 {
+pub(super) fn reach(camera: &PinholeCamera) -> f64 {
     let shown = probes(camera).filter_map(|pixel| ideal(camera, pixel));
     shown.map(DVec2::length_squared).fold(1e-6, f64::max)
 }

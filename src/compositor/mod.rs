@@ -27,6 +27,7 @@ mod passes;
 pub mod planes;
 pub mod readback;
 pub mod reference;
+mod reproject;
 mod scene_buffers;
 mod scene_motion;
 mod scene_upload;
@@ -40,6 +41,7 @@ pub use frame::{FrameInput, LampResponse, ShadowMode};
 pub use gpu::{Gpu, GpuError};
 pub use lens::LensOutput;
 pub use passes::present::PresentPass;
+pub use reproject::Reprojection;
 pub use scene_upload::{SceneUploader, UploadedScene};
 pub use shadow_slots::Refresh;
 
@@ -52,11 +54,12 @@ use lens::LensStage;
 use light_maps::LightMaps;
 use passes::shadow_map::ShadowMaps;
 use planes::PlanesStage;
+use reproject::ReprojectStage;
 use scene_buffers::{SceneBuffers, SceneLayouts};
 use shaders::{MAX_LIGHTS, Variant};
 use shadow_slots::ShadowSlots;
 use std::sync::Arc;
-use targets::Targets;
+use targets::{Target, Targets};
 use timing::Timer;
 
 /// What is chosen before the first frame.
@@ -117,6 +120,9 @@ pub struct Compositor {
     lens: Option<Arc<LensStage>>,
     lens_output: LensOutput,
     rolling: Option<RollingShutter>,
+    /// Where pictures are turned to the eye they are shown to, and what does it.
+    reprojection: Option<Reprojection>,
+    reproject: Option<Box<ReprojectStage>>,
 }
 
 impl Compositor {
@@ -155,6 +161,8 @@ impl Compositor {
             lens: None,
             lens_output: LensOutput::Camera,
             rolling: None,
+            reprojection: None,
+            reproject: None,
             gpu,
             settings,
             pipelines,
@@ -226,9 +234,22 @@ impl Compositor {
     /// The finished picture, for showing it.
     #[must_use]
     pub fn output(&self) -> Option<&wgpu::TextureView> {
-        let sized = self.sized.as_ref()?;
+        Some(&self.finished(self.sized.as_ref()?).view)
+    }
+
+    /// The last of the stages that there are.
+    fn finished<'a>(&'a self, sized: &'a frame::Sized) -> &'a Target {
+        let turned = self
+            .reproject
+            .as_ref()
+            .filter(|_| self.reprojection.is_some());
+        turned.map_or_else(|| self.unturned(&sized.targets), |stage| &stage.output)
+    }
+
+    /// The picture for the instant that it was taken at.
+    fn unturned<'a>(&'a self, targets: &'a Targets) -> &'a Target {
         let bent = self.lens.as_ref().and_then(|lens| lens.output());
-        Some(&bent.unwrap_or(&sized.targets.output).view)
+        bent.unwrap_or(&targets.output)
     }
 
     /// The device.

@@ -13,6 +13,7 @@ const TILES: &str = include_str!("shaders/lib/tiles.wgsl");
 const SURFACE: &str = include_str!("shaders/lib/surface.wgsl");
 const SAMPLES: &str = include_str!("shaders/lib/samples.wgsl");
 const CODES: &str = include_str!("shaders/lib/codes.wgsl");
+const CUBIC: &str = include_str!("shaders/lib/cubic.wgsl");
 const EXPOSED: &str = include_str!("shaders/lib/exposed.wgsl");
 const LIGHT_TEXEL: &str = include_str!("shaders/lib/light_texel.wgsl");
 const LAMPS: &str = include_str!("shaders/lib/lamps.wgsl");
@@ -70,12 +71,12 @@ impl Variant {
 
 /// Every shader of the compositor, complete.
 #[must_use]
-pub fn all(variant: Variant) -> [(&'static str, String); 13] {
+pub fn all(variant: Variant) -> [(&'static str, String); 14] {
     let rolling = if variant.rolling { "true" } else { "false" };
     texts(variant).map(|(name, text)| (name, text.replace("ROLLING", rolling)))
 }
 
-fn texts(variant: Variant) -> [(&'static str, String); 13] {
+fn texts(variant: Variant) -> [(&'static str, String); 14] {
     [
         (
             "shadow_map",
@@ -218,6 +219,10 @@ fn texts(variant: Variant) -> [(&'static str, String); 13] {
             join(&[FULLSCREEN, include_str!("shaders/present.wgsl")]),
         ),
         (
+            "reproject",
+            join(&[FULLSCREEN, CUBIC, include_str!("shaders/reproject.wgsl")]),
+        ),
+        (
             "lens",
             sampled(
                 join(&[
@@ -225,6 +230,7 @@ fn texts(variant: Variant) -> [(&'static str, String); 13] {
                     NORMAL,
                     SURFACE,
                     CODES,
+                    CUBIC,
                     include_str!("shaders/lens.wgsl"),
                 ]),
                 variant,

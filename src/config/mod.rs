@@ -32,7 +32,7 @@ pub use exposure::{
     ExposureChoice, ExposureConfig, ExposureMode, Highlights,
 };
 pub use planes::{FREQUENCIES, PlaneReceiver, PlaneShading, PlanesConfig, lights_of_dome};
-pub use registration::{Distortion, PoseSource, RegistrationConfig};
+pub use registration::{Distortion, PoseSource, Predict, RegistrationConfig};
 
 use crate::capture::{CameraSource, TrackerSource};
 use crate::scene::SceneAddition;

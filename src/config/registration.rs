@@ -40,8 +40,20 @@ pub enum Distortion {
     Undistorted,
 }
 
+/// For which instant pictures are shown.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Predict {
+    /// `"picture"`: that at which they were taken.
+    #[default]
+    Picture,
+    /// `"display"`: that at which they are seen. The finished picture, real and virtual, is
+    /// turned to where the camera will be by then.
+    Display,
+}
+
 /// `[registration]`
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RegistrationConfig {
     /// What tells where the scene camera is.
     pub pose: PoseSource,
@@ -49,6 +61,22 @@ pub struct RegistrationConfig {
     pub distortion: Distortion,
     /// Seconds from one row of the scene camera's picture to the next; 0 for a global shutter.
     pub row_seconds: f64,
+    /// For which instant pictures are shown.
+    pub predict: Predict,
+    /// From handing a picture to the window until it is seen, nanoseconds.
+    pub display_delay_nanos: i64,
+}
+
+impl Default for RegistrationConfig {
+    fn default() -> Self {
+        Self {
+            pose: PoseSource::default(),
+            distortion: Distortion::default(),
+            row_seconds: 0.0,
+            predict: Predict::default(),
+            display_delay_nanos: 15_000_000,
+        }
+    }
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -57,14 +85,29 @@ pub(super) struct RegistrationFile {
     pub pose: Option<PoseSource>,
     pub distortion: Option<Distortion>,
     pub row_time_micros: Option<f64>,
+    pub predict: Option<Predict>,
+    pub display_delay_ms: Option<f64>,
 }
 
 /// Slower than any shutter: a second for a thousand rows.
 const SLOWEST_ROW_MICROS: f64 = 1000.0;
+/// Slower than any monitor that anybody looks through.
+const LONGEST_DELAY_MS: f64 = 200.0;
 
 pub(super) fn registration(file: &RegistrationFile, out: &mut RegistrationConfig) -> Result<()> {
     set(&mut out.pose, file.pose);
     set(&mut out.distortion, file.distortion);
+    set(&mut out.predict, file.predict);
+    if let Some(ms) = file.display_delay_ms {
+        if !(0.0..=LONGEST_DELAY_MS).contains(&ms) {
+            let reason = format!(
+                "expected 0 to {LONGEST_DELAY_MS} milliseconds, found {ms}; a monitor takes half a \
+                 refresh and a little more"
+            );
+            return Err(Fault::new("registration.display_delay_ms", reason));
+        }
+        out.display_delay_nanos = (ms * 1e6).round() as i64;
+    }
     if let Some(micros) = file.row_time_micros {
         if micros.is_nan() || micros.abs() > SLOWEST_ROW_MICROS {
             let reason = format!(

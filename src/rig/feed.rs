@@ -11,7 +11,7 @@ use crate::calibration::rig::EnvironmentView;
 use crate::capture::{Hub, Taken};
 use crate::picture::Picture;
 use crate::session::{Events, LightNote, Session, SessionError, SessionEvent};
-use crate::sync::{Pairing, PairingConfig, PairingCounts, RigFrame};
+use crate::sync::{Pairing, PairingConfig, PairingCounts, PoseHistory, RigFrame};
 use penumbra_interface::{Clock, MonotonicTime, PoseSample, RigidTransform, SystemClock};
 use penumbra_tracker_serial::{AnyDecoder, Counters, Format};
 use std::collections::VecDeque;
@@ -148,6 +148,11 @@ impl Feed {
                 self.pairing.wish_tracker_latency(latency);
             }
         }
+    }
+
+    /// The tracker's readings.
+    pub(super) const fn history(&self) -> &PoseHistory {
+        self.pairing.history()
     }
 
     /// What was measured of the tracker's latency; all that is known once a recording is over.

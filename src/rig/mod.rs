@@ -9,6 +9,7 @@
 pub mod bake;
 mod baking;
 pub mod calibrate;
+pub mod display;
 pub mod feed;
 mod latency_status;
 mod latency_watch;
@@ -58,7 +59,7 @@ use crate::picture::PictureError;
 use crate::scene::{Scene, SceneError};
 use crate::session::SessionError;
 use crate::session::import::ImportError;
-use crate::sync::RigFrame;
+use crate::sync::{PoseAt, RigFrame};
 use penumbra_interface::RigidTransform;
 use std::path::PathBuf;
 use thiserror::Error;
@@ -301,9 +302,14 @@ impl RigSetup {
         if self.pose == PoseSource::Markers {
             return None;
         }
-        let pose = frame.pose.as_ref()?.transmitter_from_sensor;
+        Some(self.camera_of(frame.pose.as_ref()?.transmitter_from_sensor))
+    }
+
+    /// The scene camera's pose, the tracker's sensor being there.
+    pub(crate) fn camera_of(&self, transmitter_from_sensor: RigidTransform) -> RigidTransform {
         let tracker = self.calibration.tracker.as_ref();
-        Some(tracker.map_or(pose, |t| t.world_from_scene_camera(pose)))
+        let sensor = transmitter_from_sensor;
+        tracker.map_or(sensor, |t| t.world_from_scene_camera(sensor))
     }
 }
 
@@ -312,13 +318,19 @@ const TRACKER_NOISE: [f64; 2] = [2e-4, 3e-4];
 
 impl RigSetup {
     /// Standard deviations, along an axis, of the noise of the scene camera's pose by the
-    /// tracker: metres, radians. The camera stands off the sensor, so that the sensor's turn
-    /// moves it.
+    /// tracker: metres, radians.
     pub(crate) fn tracker_noise(&self, frame: &RigFrame) -> Option<[f64; 2]> {
-        let [metres, radians] = frame.pose.as_ref()?.sigma?;
+        let over_all = self.camera_noise(frame.pose.as_ref()?)?;
+        Some(over_all.map(|all| all / 3.0_f64.sqrt()))
+    }
+
+    /// Standard deviations over all axes of the scene camera's pose by one of the tracker:
+    /// metres, radians. The camera stands off the sensor, so that the sensor's turn moves it.
+    pub(crate) fn camera_noise(&self, pose: &PoseAt) -> Option<[f64; 2]> {
+        let [metres, radians] = pose.sigma?;
         let tracker = self.calibration.tracker.as_ref();
         let lever = tracker.map_or(0.0, |t| t.sensor_from_scene_camera.translation.length());
-        Some([metres.hypot(radians * lever), radians].map(|all| all / 3.0_f64.sqrt()))
+        Some([metres.hypot(radians * lever), radians])
     }
 }
 

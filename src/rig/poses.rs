@@ -2,14 +2,17 @@
 
 use super::RigError;
 use super::prepare::Prepared;
+use penumbra_interface::RigidTransform;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 /// What the columns are: `world_from_camera` (metres, OpenCV's axes; a unit quaternion), empty
-/// where no pose is known.
-const HEADER: &str =
-    "picture,captured_ns,x,y,z,qw,qx,qy,qz,source,answer,sigma_mm,sigma_deg,sigma_px";
+/// where no pose is known; then the same for the instant that the picture is seen at, empty
+/// where it is not shown for that.
+const HEADER: &str = "picture,captured_ns,x,y,z,qw,qx,qy,qz,source,answer,sigma_mm,sigma_deg,\
+                      sigma_px,shown_ns,shown_x,shown_y,shown_z,shown_qw,shown_qx,shown_qy,\
+                      shown_qz,shown_sigma_mm,shown_sigma_deg,shown_sigma_px";
 
 /// A CSV file of poses.
 pub(super) struct PoseFile {
@@ -48,28 +51,18 @@ impl PoseFile {
         let answer = super::status::answer(frame.pose.as_ref()).name();
         self.put(|file| {
             write!(file, "{},{}", prepared.index, frame.captured_at.as_nanos())?;
-            match prepared.world_from_camera {
-                Some(pose) => {
-                    let (p, q) = (pose.translation, pose.rotation);
-                    write!(
-                        file,
-                        ",{},{},{},{},{},{},{}",
-                        p.x, p.y, p.z, q.w, q.x, q.y, q.z
-                    )?;
-                }
-                None => write!(file, ",,,,,,,")?,
-            }
+            write_pose(file, prepared.world_from_camera)?;
             write!(file, ",{},{answer}", registration.source.name())?;
-            for sigma in [
-                registration.sigma_mm,
-                registration.sigma_deg,
-                registration.sigma_px,
-            ] {
-                match sigma {
-                    Some(sigma) => write!(file, ",{sigma:.5}")?,
-                    None => write!(file, ",")?,
-                }
+            let r = registration;
+            write_sigmas(file, [r.sigma_mm, r.sigma_deg, r.sigma_px])?;
+            match prepared.shown {
+                Some(shown) => write!(file, ",{}", shown.at.as_nanos())?,
+                None => write!(file, ",")?,
             }
+            let display = registration.display.unwrap_or_default();
+            write_pose(file, prepared.shown.map(|s| s.world_from_camera))?;
+            let sigmas = [display.sigma_mm, display.sigma_deg, display.sigma_px];
+            write_sigmas(file, sigmas)?;
             writeln!(file)
         })
     }
@@ -91,4 +84,23 @@ impl PoseFile {
             source,
         })
     }
+}
+
+fn write_pose(file: &mut impl Write, pose: Option<RigidTransform>) -> std::io::Result<()> {
+    let Some(pose) = pose else {
+        return write!(file, ",,,,,,,");
+    };
+    let (p, q) = (pose.translation, pose.rotation);
+    let [x, y, z] = p.to_array();
+    write!(file, ",{x},{y},{z},{},{},{},{}", q.w, q.x, q.y, q.z)
+}
+
+fn write_sigmas(file: &mut impl Write, sigmas: [Option<f64>; 3]) -> std::io::Result<()> {
+    for sigma in sigmas {
+        match sigma {
+            Some(sigma) => write!(file, ",{sigma:.5}")?,
+            None => write!(file, ",")?,
+        }
+    }
+    Ok(())
 }

@@ -2,6 +2,7 @@
 //! become pictures, environment pictures become light. The way through is the same whoever
 //! waits for it, so the same recording gives the same pictures.
 
+use super::display::{Display, Handing, Shown};
 use super::feed::{Fed, FedFrame, Feed, FeedCounts};
 pub use super::latency_watch::LatencyState;
 use super::latency_watch::LatencyWatch;
@@ -17,7 +18,7 @@ use crate::calibration::RollingShutter;
 use crate::calibration::fusion::Tracked;
 use crate::calibration::photometry::MatchStatus;
 use crate::capture::TrackerSource;
-use crate::config::{Config, ReplayPairing};
+use crate::config::{Config, Predict, ReplayPairing};
 use crate::environment::adaptive::CompactSource;
 use crate::environment::{LightKind, Lighting, ProbeMap};
 use crate::picture::{Picture, YuvEncoding, decode_into};
@@ -54,6 +55,8 @@ pub struct Prepared {
     pub registration: RegistrationStatus,
     /// How the camera moved while it read the picture, where its shutter rolls.
     pub rolling: Option<RollingShutter>,
+    /// Where it will be when the picture is seen, if it is to be shown for that instant.
+    pub shown: Option<Shown>,
     /// Error of the tracker's own pose at this instant: millimetres, degrees, and pixels amid
     /// the virtual objects.
     pub tracker_sigma: Option<[f64; 3]>,
@@ -129,6 +132,16 @@ pub struct Counts {
     pub latency: LatencyState,
 }
 
+/// What the preparation is told while it runs.
+pub(super) struct Told {
+    /// Settings that are wished.
+    pub wished: watch::Receiver<Settings>,
+    /// Scenes that have changed.
+    pub news: SceneNews,
+    /// How long pictures take to the window.
+    pub handing: Arc<Handing>,
+}
+
 /// The thread, and the way to it. Dropping it ends the thread.
 pub struct Preparation {
     steps: Option<Receiver<Step>>,
@@ -150,33 +163,47 @@ impl Preparation {
         wished: watch::Receiver<Settings>,
         stop: Arc<AtomicBool>,
     ) -> Result<Self, RigError> {
-        let news = SceneNews::default();
-        Self::start_with(setup, config, source, wished, news, stop)
+        let told = Told {
+            wished,
+            news: SceneNews::default(),
+            handing: Arc::default(),
+        };
+        Self::start_with(setup, config, source, told, stop)
     }
 
-    /// The same; `news` will tell of changed scenes.
+    /// The same, told of more while it runs.
     pub(super) fn start_with(
         setup: &RigSetup,
         config: &Config,
         source: &Source,
-        wished: watch::Receiver<Settings>,
-        news: SceneNews,
+        told: Told,
         stop: Arc<AtomicBool>,
     ) -> Result<Self, RigError> {
+        let Told {
+            wished,
+            news,
+            handing,
+        } = told;
         let as_live = as_live(config, source);
         let pairing = pairing(config, setup, as_live);
         let ahead = if source.is_live() { 0 } else { AHEAD };
         let (steps_in, steps) = bounded(ahead);
         let (spare, spares) = bounded(AHEAD + 2);
         let (wants, wanted) = bounded(1);
+        let registration = &config.registration;
+        let middle = super::registration::middle(&setup.scene, setup.tags.as_ref());
         let mut worker = Worker {
+            display: (registration.predict == Predict::Display).then(|| {
+                let handing = source.is_live().then_some(handing);
+                Display::new(setup, registration, middle, handing)
+            }),
             lights: lights(setup, config, source, wished, news)?,
             feed: Feed::new(source, &setup.calibration, pairing, as_live)
                 .watched_by(LatencyWatch::start(setup, config, source, pairing.station)?),
-            station: Station::new(setup, config.registration.row_seconds),
-            row_seconds: config.registration.row_seconds,
+            station: Station::new(setup, registration.row_seconds),
+            row_seconds: registration.row_seconds,
             last_pose: None,
-            middle: super::registration::middle(&setup.scene, setup.tags.as_ref()),
+            middle,
             setup: setup.clone(),
             pairing,
             yuv: config.input.encoding(),
@@ -230,6 +257,8 @@ struct Worker {
     setup: RigSetup,
     /// Looks for fiducials, where the rig has a use for them.
     station: Option<Station>,
+    /// Looks ahead to when a picture is seen, where that is wished.
+    display: Option<Display>,
     /// What the virtual objects stand about, world, metres.
     middle: DVec3,
     /// From one row of the scene camera to the next.
@@ -319,8 +348,13 @@ impl Worker {
             .world_from_camera(&frame)
             .filter(|_| misfit.is_none());
         let seconds = frame.captured_at.seconds_since(first);
-        let (world_from_camera, ball, registration) =
+        let (world_from_camera, ball, mut registration) =
             self.register(&picture, &frame, world_from_camera, misfit.is_none());
+        let shown = self.display.as_mut().and_then(|display| {
+            let (setup, feed) = (&self.setup, &self.feed);
+            display.look(setup, feed, &frame, world_from_camera, &registration)
+        });
+        registration.display = shown.map(|shown| shown.status);
         let rolling = self.rolling(&frame, world_from_camera);
         let tracker_sigma = self.tracker_sigma(&frame, world_from_camera);
         let seen = Seen {
@@ -339,6 +373,7 @@ impl Worker {
             world_from_camera,
             registration,
             rolling,
+            shown,
             tracker_sigma,
             light: light.state.clone(),
             decoding,

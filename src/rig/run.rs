@@ -1,5 +1,6 @@
 //! One run: each frame from its picture and its light to the outputs, and the counts.
 
+use super::display::Handing;
 use super::lighter::SceneNews;
 use super::planes::PlanesStation;
 use super::poses::PoseFile;
@@ -21,7 +22,8 @@ use crate::environment::{BrightestFollower, BrightestLight};
 use crate::output::files::FrameFolder;
 use crate::picture::Picture;
 use crate::scene::PlacedLamp;
-use crate::status::snapshot::{RegistrationSource, SessionState};
+use crate::status::RegistrationSource;
+use crate::status::snapshot::SessionState;
 use crate::status::{self, Settings, StageTimes, Technique};
 use crate::sync::Provenance;
 use penumbra_interface::{Clock, SystemClock};
@@ -37,6 +39,8 @@ pub(super) struct Outlets {
     pub pose_out: Option<FreedSender>,
     /// Where they are written.
     pub poses: Option<PoseFile>,
+    /// Told how long pictures take to them.
+    pub handing: Arc<Handing>,
 }
 
 /// The state of a run.
@@ -46,6 +50,7 @@ pub(super) struct Run {
     folder: Option<FrameFolder>,
     pose_out: Option<FreedSender>,
     poses: Option<PoseFile>,
+    handing: Arc<Handing>,
     settings: Settings,
     wished: tokio::sync::watch::Receiver<Settings>,
     stages: StageTimes,
@@ -89,6 +94,7 @@ impl Run {
             folder,
             pose_out,
             poses,
+            handing,
         } = outlets;
         Ok(Self {
             compositor,
@@ -97,6 +103,7 @@ impl Run {
             folder,
             pose_out,
             poses,
+            handing,
             settings: live_settings(config),
             wished: runner.status.settings_receiver(),
             stages: StageTimes::default(),
@@ -139,7 +146,7 @@ impl Run {
         )?;
         self.draw(runner, prepared)?;
         self.stages.record("composite", begun.elapsed());
-        self.deliver(runner, prepared.index)?;
+        self.deliver(runner, prepared)?;
         self.tell_pose(prepared);
         if let Some(poses) = &mut self.poses {
             poses.write(prepared)?;
@@ -239,6 +246,8 @@ impl Run {
         scene.lamps_at(prepared.seconds, &mut self.lamps);
         self.compositor.set_time(prepared.seconds);
         self.compositor.set_rolling(prepared.rolling);
+        let turned = prepared.shown.map(|shown| shown.reprojection);
+        self.compositor.set_reprojection(turned);
         self.compositor.compose(&FrameInput {
             picture: &prepared.picture,
             camera: &runner.setup.calibration.scene_camera.camera,
@@ -276,11 +285,13 @@ impl Run {
     }
 
     /// The picture to the window, the folder and whoever watches.
-    fn deliver(&mut self, runner: &Runner, index: u64) -> Result<(), RigError> {
+    fn deliver(&mut self, runner: &Runner, prepared: &Prepared) -> Result<(), RigError> {
         let begun = Instant::now();
         if let Some(screen) = &mut self.screen {
             self.closed = !screen.show(&self.compositor);
         }
+        let arrived_at = prepared.frame.scene.arrived_at;
+        self.handing.add(SystemClock.now().nanos_since(arrived_at));
         let watched = runner.status.wants_picture();
         if let Some(folder) = &self.folder {
             let mut picture = folder.spare();
@@ -288,7 +299,7 @@ impl Run {
             if watched {
                 runner.status.publish_picture(Arc::new(picture.clone()));
             }
-            folder.write(index, picture);
+            folder.write(prepared.index, picture);
         } else if watched {
             self.publish_picture(runner)?;
         } else {

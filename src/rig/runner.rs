@@ -1,10 +1,11 @@
 //! Lets frames flow through the compositor to the outputs: those of a recording, or those
 //! of a live rig.
 
+use super::display::Handing;
 use super::lighter::SceneNews;
 use super::notify::Notifier;
 use super::poses::PoseFile;
-use super::prepare::{Preparation, Step};
+use super::prepare::{Preparation, Step, Told};
 use super::report::Report;
 use super::run::{Outlets, Run};
 use super::source::Source;
@@ -93,14 +94,15 @@ impl Runner {
         let poses = poses.transpose()?;
         let pose_out = self.config.output.freed.map(pose_sender).transpose()?;
         let news = SceneNews::default();
-        let preparation = Preparation::start_with(
-            &self.setup,
-            &self.config,
-            &self.source,
-            self.status.settings_receiver(),
-            news.clone(),
-            self.shutdown.clone(),
-        )?;
+        let handing = Arc::<Handing>::default();
+        let told = Told {
+            wished: self.status.settings_receiver(),
+            news: news.clone(),
+            handing: handing.clone(),
+        };
+        let stop = self.shutdown.clone();
+        let preparation =
+            Preparation::start_with(&self.setup, &self.config, &self.source, told, stop)?;
         // Only now is there somebody to take what they deliver.
         if let Source::Live(live) = &self.source {
             live.open()?;
@@ -112,6 +114,7 @@ impl Runner {
             folder,
             pose_out,
             poses,
+            handing,
         };
         let mut run = Run::new(&self, gpu, outlets, news)?;
         while !run.over(&self) {

@@ -178,6 +178,26 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "Standard deviation of the picture of a point amid the virtual objects, pixels.",
     ),
     (
+        "registration.display.ahead_ms",
+        "From the middle of the exposure until the picture is seen, where it is shown for that instant; `display` is null where not.",
+    ),
+    (
+        "registration.display.moved_px",
+        "How far the camera's motion until then moves the virtual objects, pixels.",
+    ),
+    (
+        "registration.display.sigma_mm",
+        "Standard deviation of the camera's place as expected then, over all axes, mm; null until predictions have come true.",
+    ),
+    (
+        "registration.display.sigma_deg",
+        "Standard deviation of its direction then, degrees.",
+    ),
+    (
+        "registration.display.sigma_px",
+        "Standard deviation of the picture of a point amid the virtual objects then, pixels.",
+    ),
+    (
         "white_balance.method",
         "Method in force: `chart`, `automatic`, `known-surface`, `grey-world`, `same-camera`, `configured` or `none`.",
     ),

@@ -282,6 +282,21 @@ fn registration(page: &mut Page, s: &Snapshot) {
             "Standard deviation of the picture of a point amid the virtual objects.",
             r.sigma_px,
         ),
+        (
+            "penumbra_display_ahead_seconds",
+            "From the exposure until the picture is seen.",
+            r.display.map(|d| 1e-3 * d.ahead_ms),
+        ),
+        (
+            "penumbra_display_moved_pixels",
+            "How far the camera's motion until then moves the virtual objects.",
+            r.display.map(|d| d.moved_px),
+        ),
+        (
+            "penumbra_display_sigma_pixels",
+            "Standard deviation of their picture then.",
+            r.display.and_then(|d| d.sigma_px),
+        ),
     ];
     for (name, help, value) in figures {
         page.some(name, help, value);

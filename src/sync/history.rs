@@ -259,12 +259,28 @@ impl PoseHistory {
                 if gap <= self.config.max_gap_nanos {
                     Some(self.between(time, previous, next, Provenance::Interpolated))
                 } else {
-                    self.predict(time, after)
+                    self.predict(time, after, self.config.max_prediction_nanos)
                 }
             }
-            (Some(_), None) => self.predict(time, after),
+            (Some(_), None) => self.predict(time, after, self.config.max_prediction_nanos),
             (None, _) => None,
         }
+    }
+
+    /// The pose at an instant as it was expected when `known` was the newest reading: later ones
+    /// count for nothing. `None` if that is more than `longest_nanos` before the instant.
+    #[must_use]
+    pub fn expected(
+        &self,
+        time: MonotonicTime,
+        known: MonotonicTime,
+        longest_nanos: i64,
+    ) -> Option<PoseAt> {
+        if time <= known {
+            return self.at(time);
+        }
+        let after = self.samples.partition_point(|s| s.measured_at <= known);
+        self.predict(time, after, longest_nanos)
     }
 
     /// Smoothed where asked for and possible, else on the line between the neighbours.
@@ -364,10 +380,10 @@ impl PoseHistory {
     }
 
     /// The motion before index `after`, drawn on to `time`.
-    fn predict(&self, time: MonotonicTime, after: usize) -> Option<PoseAt> {
+    fn predict(&self, time: MonotonicTime, after: usize, longest_nanos: i64) -> Option<PoseAt> {
         let last = self.samples.get(after.checked_sub(1)?)?;
         let age_nanos = time.nanos_since(last.measured_at);
-        if age_nanos > self.config.max_prediction_nanos {
+        if age_nanos > longest_nanos {
             return None;
         }
         Some(PoseAt {
@@ -412,7 +428,14 @@ impl PoseHistory {
 }
 
 /// Lengths of prediction whose errors are followed, nanoseconds.
-const HORIZONS_NANOS: [i64; 5] = [5_000_000, 10_000_000, 20_000_000, 40_000_000, 80_000_000];
+const HORIZONS_NANOS: [i64; 6] = [
+    5_000_000,
+    10_000_000,
+    20_000_000,
+    40_000_000,
+    80_000_000,
+    160_000_000,
+];
 /// Readings after which an error counts only 37 %: a second or two.
 const FORGETTING: f64 = 200.0;
 /// Errors that tell nothing yet.

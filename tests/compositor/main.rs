@@ -22,6 +22,7 @@ mod planes;
 mod present;
 mod real_edges;
 mod relief;
+mod reproject;
 mod rolling;
 mod settings;
 mod shadows;

@@ -10,29 +10,11 @@
 @group(1) @binding(2) var after: texture_2d<f32>;
 @group(1) @binding(3) var virtual_shape: VIRTUAL_TEXTURE;
 
-// Catmull and Rom's weights (1974) of four neighbours, `t` past the second.
-fn cubic(t: f32) -> vec4f {
-    let t2 = t * t;
-    let t3 = t2 * t;
-    return 0.5 * vec4f(2.0 * t2 - t - t3, 2.0 - 5.0 * t2 + 3.0 * t3, t + 4.0 * t2 - 3.0 * t3, t3 - t2);
-}
-
 // The camera's picture without its lens' distortion.
 @fragment
 fn straightened(@builtin(position) position: vec4f) -> @location(0) vec4f {
     let at = textureLoad(places, vec2i(position.xy), 0).xy;
-    let corner = floor(at);
-    let across = cubic(at.x - corner.x);
-    let down = cubic(at.y - corner.y);
-    let last = vec2i(textureDimensions(camera)) - vec2i(1);
-    var sum = vec3f(0.0);
-    for (var y = 0; y < 4; y++) {
-        for (var x = 0; x < 4; x++) {
-            let pixel = clamp(vec2i(corner) + vec2i(x - 1, y - 1), vec2i(0), last);
-            sum += textureLoad(camera, pixel, 0).rgb * (across[x] * down[y]);
-        }
-    }
-    return vec4f(clamp(sum, vec3f(0.0), vec3f(1.0)), 1.0);
+    return vec4f(smooth_at(camera, at), 1.0);
 }
 
 // Share of a straight pixel that virtual surfaces cover.

@@ -177,13 +177,14 @@ function poseBy(r) {
 /** What the mirrored ball in the scene camera's picture has shown, and the pose that it is found by. */
 function probe({ lighting, registration: r }) {
   const seen = lighting.probe;
-  $('probe-facts').hidden = !seen && r.source !== 'markers' && r.sigma_px === null;
+  $('probe-facts').hidden = !seen && r.source !== 'markers' && r.sigma_px === null && r.display === null;
   const ms = (seconds) => (seconds === null ? NaN : seconds * 1000);
   const pixels = (x) => (x === null ? '–' : `${x.toFixed(2)} px`);
   facts($('probe-facts'), [
     ['pose by', poseBy(r)],
     ...(r.sigma_px === null ? [] : [['pose good to', `${r.sigma_px.toFixed(2)} px, ${r.sigma_mm.toFixed(1)} mm, ${r.sigma_deg.toFixed(2)}°`]]),
     ...(r.correction_mm === null ? [] : [['tracker off by', `${r.correction_mm.toFixed(1)} mm, ${r.correction_deg.toFixed(2)}°`]]),
+    ...(r.display === null ? [] : [['shown for', `${r.display.ahead_ms.toFixed(0)} ms later, moved ${pixels(r.display.moved_px)}, good to ${pixels(r.display.sigma_px)}`]]),
     ['corners off by', pixels(r.reprojection_px) + (r.ambiguous ? ', two poses fit' : '')],
     ...(seen ? [
       ['ball has shown', `${percent(seen.coverage, 0)}, above ${percent(seen.coverage_above, 0)}`],
