@@ -24,34 +24,86 @@ impl Shade {
     }
 }
 
+/// Most modules a side, the white ones round the border among them.
+const MOST_SIDE: usize = 12;
+/// How much of what a module has above its neighbours is put on top of it where a tag cannot be
+/// read as it is: blur took about as much from a module of two pixels. As in the AprilTag library.
+const SHARPENING: f64 = 0.25;
+
 /// Reads a tag; the map is from ±1 within the black border to pixels. Also how clearly it
 /// stood out: 1 where every module is as black or white as the borders.
 pub(super) fn read(grey: &Grey, map: &DMat3, family: Family) -> Option<(Word, f32)> {
-    let (word, margin) = bits(grey, map, family)?;
-    Some((family.look_up(word)?, margin))
+    let levels = Levels::of(grey, map, family)?;
+    let word = |sharpening: f64| family.look_up(levels.word(family, sharpening));
+    Some((
+        word(0.0).or_else(|| word(SHARPENING))?,
+        levels.margin(family),
+    ))
 }
 
 /// The same before it is known whether the family has such a word.
 pub(super) fn bits(grey: &Grey, map: &DMat3, family: Family) -> Option<(u64, f32)> {
-    let n = family.modules();
-    let module = 2.0 / f64::from(n);
-    let white = ring(grey, map, -0.5 * module - 1.0, n)?;
-    let black = ring(grey, map, 0.5 * module - 1.0, n)?;
-    let contrast = white.middle - black.middle;
-    let bordered = || (0..family.border()).all(|r| has_border(grey, map, (n, r), white, black));
-    if contrast < LEAST_CONTRAST || !bordered() {
-        return None;
+    let levels = Levels::of(grey, map, family)?;
+    Some((levels.word(family, 0.0), levels.margin(family)))
+}
+
+/// Light in the middles of all modules and of the white ones round them, row after row: 0 as black
+/// as the border, 1 as white as what is round it.
+struct Levels {
+    side: usize,
+    each: [f64; MOST_SIDE * MOST_SIDE],
+}
+
+impl Levels {
+    /// `None` where no such border is.
+    fn of(grey: &Grey, map: &DMat3, family: Family) -> Option<Self> {
+        let n = family.modules();
+        let module = 2.0 / f64::from(n);
+        let white = ring(grey, map, -0.5 * module - 1.0, n)?;
+        let black = ring(grey, map, 0.5 * module - 1.0, n)?;
+        let contrast = white.middle - black.middle;
+        let bordered = || (0..family.border()).all(|r| has_border(grey, map, (n, r), white, black));
+        let side = n as usize + 2;
+        if contrast < LEAST_CONTRAST || side > MOST_SIDE || !bordered() {
+            return None;
+        }
+        let mut each = [1.0; MOST_SIDE * MOST_SIDE];
+        for (i, level) in each[..side * side].iter_mut().enumerate() {
+            let place = DVec2::new((i % side) as f64, (i / side) as f64);
+            let p = module * (place - 0.5) - 1.0;
+            let (low, high) = (black.at(p), white.at(p));
+            match grey.at(apply(map, p)) {
+                Some(value) => *level = (value - low) / (high - low).max(1e-6),
+                None if p.abs().max_element() < 1.0 => return None,
+                // White beyond the picture's edge is taken for granted.
+                None => (),
+            }
+        }
+        Some(Self { side, each })
     }
-    let (mut word, mut clear) = (0, 0.0);
-    for bit in 0..family.bits() {
+
+    /// Where a bit's module stands among all.
+    fn place(&self, family: Family, bit: u32) -> usize {
         let (x, y) = family.module(bit);
-        let p = module * (DVec2::new(f64::from(x), f64::from(y)) + 0.5) - 1.0;
-        let (low, high) = (black.at(p), white.at(p));
-        let level = (grey.at(apply(map, p))? - low) / (high - low).max(1e-6);
-        word = (word << 1) | u64::from(level > 0.5);
-        clear += (2.0 * (level - 0.5).abs()).min(1.0);
+        (y as usize + 1) * self.side + x as usize + 1
     }
-    Some((word, (clear / f64::from(family.bits())) as f32))
+
+    /// Bits by what is lighter than half.
+    fn word(&self, family: Family, sharpening: f64) -> u64 {
+        (0..family.bits()).fold(0, |word, bit| {
+            let i = self.place(family, bit);
+            let round = [i - 1, i + 1, i - self.side, i + self.side].map(|k| self.each[k]);
+            let above = 4.0 * self.each[i] - round.iter().sum::<f64>();
+            (word << 1) | u64::from(self.each[i] + sharpening * above > 0.5)
+        })
+    }
+
+    /// How clearly black and white stand apart.
+    fn margin(&self, family: Family) -> f32 {
+        let clear = |bit| (2.0 * (self.each[self.place(family, bit)] - 0.5).abs()).min(1.0);
+        let sum: f64 = (0..family.bits()).map(clear).sum();
+        (sum / f64::from(family.bits())) as f32
+    }
 }
 
 /// Middles of the modules round a square whose middles lie at ±`at`, but for its corners.
