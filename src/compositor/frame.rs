@@ -1,7 +1,7 @@
 //! One frame, top to bottom.
 
 use super::exposure::{ExposedInputs, Exposure, Highlights};
-use super::gpu_data::{FrameUniform, LightUniform};
+use super::gpu_data::LightUniform;
 use super::passes::composite::{CompositeInputs, CompositePass};
 use super::passes::lamp_map::LampMapPass;
 use super::passes::lamp_response::LampResponsePass;
@@ -15,9 +15,9 @@ use super::planes::PlanesChoice;
 use super::readback::Readback;
 use super::scene_buffers::SceneLayouts;
 use super::shaders::Variant;
-use super::targets::{ENCODING, TILE, Targets};
+use super::targets::{ENCODING, Targets};
 use super::{Compositor, GpuError, Refresh};
-use crate::calibration::{PinholeCamera, Response, RollingShutter};
+use crate::calibration::{PinholeCamera, Response};
 use crate::environment::Lighting;
 use crate::picture::Picture;
 use crate::scene::{NearLight, PlacedLamp};
@@ -134,7 +134,7 @@ pub struct Sized {
 }
 
 /// Distance of the near plane, metres: nearer than any hand-held object is looked at.
-const NEAR: f64 = 0.02;
+pub(super) const NEAR: f64 = 0.02;
 
 /// A lamp's maps have so many times the texels of a dome light's, each way, where there is time
 /// for soft shadows, and where areas divide them into views: lamps' shadows have sharp
@@ -343,36 +343,13 @@ impl Compositor {
         Ok(())
     }
 
-    /// Motion from one row of the camera's own picture to the next, and which row shows what:
-    /// `turning`, `moving`, `bending`, `rows` of the shaders' frame. `camera` is that of the straight
-    /// picture where the lens bends.
-    fn rolling_uniform(&self, camera: &PinholeCamera) -> [[f32; 4]; 4] {
-        let Some(rolling) = self.rolling else {
-            return [[0.0; 4]; 4];
-        };
-        let lens = self.lens.as_ref();
-        let own = lens.map_or(camera, |lens| &lens.camera);
-        let reach = lens.map_or(f64::from(f32::MAX), |lens| lens.reach);
-        let [k1, k2, p1, p2, k3] = own.distortion;
-        [
-            rolling
-                .turn_per_row
-                .extend(RollingShutter::middle_row(own))
-                .to_array(),
-            rolling.shift_per_row.extend(0.0).to_array(),
-            [k1, k2, k3, p1],
-            [p2, own.focal.y, own.centre.y, reach],
-        ]
-        .map(|row| row.map(|v| v as f32))
-    }
-
     /// Pixels by which a rolling shutter moves anything that is half a metre away or more;
     /// tiles are found without it.
     fn rolling_margin(&self, camera: &PinholeCamera) -> f64 {
         let Some(rolling) = self.rolling else {
             return 0.0;
         };
-        let own = self.lens.as_ref().map_or(camera, |lens| &lens.camera);
+        let own = self.own_camera(camera);
         let rows = f64::from(own.height);
         let way = rolling.turn_per_row.length() + rolling.shift_per_row.length();
         2.0 * camera.focal.max_element() * rows * way
@@ -481,85 +458,6 @@ impl Compositor {
             },
             texture.size(),
         );
-    }
-
-    fn frame_uniform(
-        &self,
-        input: &FrameInput<'_>,
-        lights: usize,
-        augmented: bool,
-    ) -> FrameUniform {
-        let camera = input.camera;
-        // Without a pose or light the camera looks away from everything.
-        let nowhere = RigidTransform::new(glam::DQuat::IDENTITY, glam::DVec3::splat(1e6));
-        let visible = augmented && input.lighting.is_some();
-        let pose = input
-            .world_from_camera
-            .filter(|_| visible)
-            .unwrap_or(nowhere);
-        let axis = |v: glam::DVec3| (pose.rotation * v).as_vec3().extend(0.0).to_array();
-        let size = (input.picture.width as f32, input.picture.height as f32);
-        let ground = input.lighting.map_or(Vec3::ZERO, |l| l.ground_radiance);
-        let (height, has_ground) = match self.scene.ground_height {
-            Some(height) => (height as f32, 1.0),
-            None => (0.0, 0.0),
-        };
-        let mips = self
-            .sized
-            .as_ref()
-            .map_or(1, |s| s.targets.surroundings_levels.len());
-        let [f, c] = [camera.focal, camera.centre];
-        let near = input.near.filter(|near| near.generation != 0 && visible);
-        let near_low = near.map_or([0.0; 4], |n| n.low.extend(1.0).to_array());
-        let near_high = near.map_or([1.0; 4], |n| n.high.extend(0.0).to_array());
-        let [turning, moving, bending, rows] = self.rolling_uniform(camera);
-        FrameUniform {
-            turning,
-            moving,
-            bending,
-            rows,
-            right: axis(glam::DVec3::X),
-            down: axis(glam::DVec3::Y),
-            forward: axis(glam::DVec3::Z),
-            eye: pose.translation.as_vec3().extend(NEAR as f32).to_array(),
-            intrinsics: [f.x as f32, f.y as f32, c.x as f32, c.y as f32],
-            size: [size.0, size.1, 1.0 / size.0, 1.0 / size.1],
-            clip_from_world: (clip_from_camera(camera) * pose.inverse().to_matrix())
-                .as_mat4()
-                .to_cols_array_2d(),
-            harmonics: input.lighting.map_or([[0.0; 4]; 9], |l| {
-                l.irradiance.coefficients.map(|c| c.extend(0.0).to_array())
-            }),
-            counts: [
-                lights as u32,
-                u32::from(input.shadow_mode == ShadowMode::Subtract),
-                self.settings.shadow_step,
-                self.light_maps.gloss.highest_level(),
-            ],
-            params: [input.shadow_strength, height, has_ground, (mips - 1) as f32],
-            ground: ground.extend(self.exposure.factor()).to_array(),
-            tiling: [
-                (lights as u32).div_ceil(64).max(1),
-                TILE,
-                self.settings.shadow_step.ilog2(),
-                TILE.ilog2(),
-            ],
-            near_low,
-            near_high,
-            planes_low: [0.0; 4],
-            planes_high: [0.0; 4],
-            brightest: match input.lamp_response {
-                LampResponse::Paper { brightest } if self.answers => {
-                    let known = if brightest.is_finite() {
-                        brightest
-                    } else {
-                        Vec3::ZERO
-                    };
-                    known.clamp_length_max(1.0).extend(1.0).to_array()
-                }
-                _ => [0.0; 4],
-            },
-        }
     }
 }
 

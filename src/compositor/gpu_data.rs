@@ -31,6 +31,8 @@ pub struct FrameUniform {
     pub moving: [f32; 4],
     pub bending: [f32; 4],
     pub rows: [f32; 4],
+    pub fading: [f32; 4],
+    pub fading_from: [f32; 4],
 }
 
 /// Twin of WGSL `Light`.

@@ -12,6 +12,7 @@ mod detail;
 mod emitters;
 pub mod exposure;
 pub mod frame;
+mod frame_uniform;
 mod gloss_maps;
 pub mod gpu;
 mod gpu_data;
@@ -45,6 +46,7 @@ pub use reproject::Reprojection;
 pub use scene_upload::{SceneUploader, UploadedScene};
 pub use shadow_slots::Refresh;
 
+use crate::calibration::photometric::vignetting::Vignetting;
 use crate::calibration::{Response, RollingShutter};
 use crate::scene::{Part, PlacedLamp, Scene};
 use cover::Cover;
@@ -120,6 +122,7 @@ pub struct Compositor {
     lens: Option<Arc<LensStage>>,
     lens_output: LensOutput,
     rolling: Option<RollingShutter>,
+    fading: Option<Vignetting>,
     /// Where pictures are turned to the eye they are shown to, and what does it.
     reprojection: Option<Reprojection>,
     reproject: Option<Box<ReprojectStage>>,
@@ -141,6 +144,7 @@ impl Compositor {
             fine: settings.shadow_step == 1,
             exposed: false,
             rolling: false,
+            fading: false,
         };
         let pipelines = Pipelines::new(device, &light_maps.frame_layout, &layouts, variant);
         Self {
@@ -161,6 +165,7 @@ impl Compositor {
             lens: None,
             lens_output: LensOutput::Camera,
             rolling: None,
+            fading: None,
             reprojection: None,
             reproject: None,
             gpu,
@@ -276,6 +281,11 @@ impl Compositor {
         self.rolling = rolling;
     }
 
+    /// How the camera's picture fades towards its edge: virtual objects fade alike.
+    pub const fn set_fading(&mut self, fading: Option<Vignetting>) {
+        self.fading = fading;
+    }
+
     /// Compiles the shaders anew when the first lamp or area lamp or Phong's first lobe comes.
     fn fit_variant(&mut self, lamps: &[PlacedLamp]) {
         let wanted = Variant {
@@ -283,6 +293,7 @@ impl Compositor {
             areas: self.variant.areas || lamps.iter().any(|lamp| lamp.area.is_some()),
             phong: self.variant.phong || self.scene.has_phong,
             rolling: self.variant.rolling || self.rolling.is_some(),
+            fading: self.variant.fading || self.fading.is_some(),
             ..self.variant
         };
         if wanted != self.variant {

@@ -53,6 +53,8 @@ pub struct Variant {
     pub exposed: bool,
     /// The camera's rows are read one after the other.
     pub rolling: bool,
+    /// The camera's picture fades towards its edge.
+    pub fading: bool,
 }
 
 impl Variant {
@@ -66,6 +68,7 @@ impl Variant {
         fine: true,
         exposed: false,
         rolling: false,
+        fading: false,
     };
 }
 
@@ -73,7 +76,11 @@ impl Variant {
 #[must_use]
 pub fn all(variant: Variant) -> [(&'static str, String); 14] {
     let rolling = if variant.rolling { "true" } else { "false" };
-    texts(variant).map(|(name, text)| (name, text.replace("ROLLING", rolling)))
+    let fading = if variant.fading { "true" } else { "false" };
+    texts(variant).map(|(name, text)| {
+        let text = text.replace("ROLLING", rolling);
+        (name, text.replace("FADING", fading))
+    })
 }
 
 fn texts(variant: Variant) -> [(&'static str, String); 14] {
@@ -421,6 +428,7 @@ mod tests {
                 fine: soft > 1,
                 exposed: lamps,
                 rolling: samples > 1,
+                fading: samples > 1,
             });
             let summing = [true, false];
             let planes = summing.map(|real| {

@@ -88,6 +88,7 @@ impl Run {
             Distortion::Camera => LensOutput::Camera,
             Distortion::Undistorted => LensOutput::Undistorted,
         });
+        compositor.set_fading(setup.calibration.scene_camera.vignetting);
         let scenes = Scenes::new(runner, &mut compositor, news)?;
         let Outlets {
             screen,

@@ -7,6 +7,7 @@ mod auto_exposure;
 mod baking;
 mod exposure;
 mod exposure_by_paper;
+mod fading;
 mod gloss;
 mod golden;
 mod judge;

@@ -196,7 +196,8 @@ fn background(@builtin(position) position: vec4f) -> Background {
 // Pixels that show one virtual surface.
 @fragment
 fn whole(@builtin(position) position: vec4f) -> @location(0) vec4f {
-    return encoded(in_exposure(shade(vec2i(position.xy), 0, true)));
+    let pixel = vec2i(position.xy);
+    return encoded(in_exposure(shade(pixel, 0, true)) * brightness_at(vec2f(pixel)));
 }
 
 // Pixels of which virtual objects cover a part, or show several surfaces.
@@ -213,7 +214,7 @@ fn outline(@builtin(position) position: vec4f) -> @location(0) vec4f {
             covered += 1;
         }
     }
-    let behind = shadowed(code.rgb, factor) + in_exposure(added_at(pixel));
+    let behind = shadowed(code.rgb, factor, pixel) + in_exposure(added_at(pixel));
     var linear = behind * (f32(SAMPLES - covered) / f32(SAMPLES));
     // Samples on either side of an outline or a crease are lit apart. The condition is at
     // the loop's end, because software drivers run what a loop holds once more than any
@@ -231,7 +232,8 @@ fn outline(@builtin(position) position: vec4f) -> @location(0) vec4f {
                 }
             }
         }
-        linear += in_exposure(shade(pixel, first, first == of_pixel)) * (f32(alike) / f32(SAMPLES));
+        let shown = in_exposure(shade(pixel, first, first == of_pixel)) * brightness_at(vec2f(pixel));
+        linear += shown * (f32(alike) / f32(SAMPLES));
         covered -= alike;
         first = other;
         continuing {

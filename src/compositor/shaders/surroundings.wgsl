@@ -1,4 +1,5 @@
-// The real picture as virtual objects reflect it: linear, with the virtual shadows on it,
+// The real picture as virtual objects reflect it: linear, as bright everywhere as in its middle,
+// with the virtual shadows on it,
 // halved again and again.
 
 @group(1) @binding(0) var camera: texture_2d<f32>;
@@ -16,7 +17,9 @@ fn linear_at(pixel: vec2i) -> vec3f {
         linear = min(linear / frame.ground.w, vec3f(1.0));
     }
     let s = textureLoad(shadow, at >> vec2u(frame.tiling.z), 0).rgb;
-    return select(linear * s, max(linear - s, vec3f(0.0)), frame.counts.y == 1u) + added_at(at);
+    let brightness = brightness_at(vec2f(at));
+    let behind = select(linear * s, max(linear - s * brightness, vec3f(0.0)), frame.counts.y == 1u);
+    return (behind + added_at(at)) / brightness;
 }
 
 @fragment

@@ -4,5 +4,6 @@ fn added_at(pixel: vec2i) -> vec3f {
     if !LAMPED {
         return vec3f(0.0);
     }
-    return select(vec3f(0.0), textureLoad(response, pixel, 0).rgb, frame.brightest.w > 0.5);
+    let added = textureLoad(response, pixel, 0).rgb * brightness_at(vec2f(pixel));
+    return select(vec3f(0.0), added, frame.brightest.w > 0.5);
 }

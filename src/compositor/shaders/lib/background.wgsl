@@ -42,9 +42,10 @@ fn shadow_at(pixel: vec2i, position: vec4f) -> vec3f {
     return select(vec3f(select(1.0, 0.0, frame.counts.y == 1u)), sum / weight, surface.z == 1.0);
 }
 
-fn shadowed(code: vec3f, factor: vec3f) -> vec3f {
+fn shadowed(code: vec3f, factor: vec3f, pixel: vec2i) -> vec3f {
     let linear = linear_of(code);
-    return select(linear * factor, max(linear - in_exposure(factor), vec3f(0.0)), frame.counts.y == 1u);
+    let lacking = in_exposure(factor) * brightness_at(vec2f(pixel));
+    return select(linear * factor, max(linear - lacking, vec3f(0.0)), frame.counts.y == 1u);
 }
 
 // The range of what is shown on both sides of a real edge near `pixel`; empty (low > high)
@@ -126,6 +127,6 @@ fn background_at(pixel: vec2i, position: vec4f) -> vec4f {
         }
         return code;
     }
-    let linear = shadowed(code.rgb, factor);
+    let linear = shadowed(code.rgb, factor, pixel);
     return encoded(select(clamp(linear, range.low, range.high), linear, free) + in_exposure(added));
 }

@@ -46,6 +46,10 @@ struct Frame {
     // p2, focal length and principal point down, pixels of that picture, and the squared tangent
     // up to which the lens' polynomial holds.
     rows: vec4f,
+    // How the camera's own picture fades towards its edge: k1, k2, k3 about a middle; w = 1 / radius².
+    fading: vec4f,
+    // Focal lengths of that picture, and its principal point seen from that middle, pixels.
+    fading_from: vec4f,
 }
 
 struct Light {
@@ -91,15 +95,33 @@ fn ray_through(pixel: vec2f) -> vec3f {
     return frame.right.xyz * p.x + frame.down.xyz * p.y + frame.forward.xyz;
 }
 
-// Row of the camera's own picture, bent by its lens, that shows the direction (p, 1).
-fn row_of(p: vec2f) -> f32 {
+// Where the camera's own lens puts the direction (p, 1), on the plane z = 1; straight on past
+// what its polynomial holds for.
+fn lens_bent(p: vec2f) -> vec2f {
     let k = frame.bending;
     let past = sqrt(max(dot(p, p) / frame.rows.w, 1.0));
     let q = p / past;
     let r2 = dot(q, q);
     let radial = 1.0 + r2 * (k.x + r2 * (k.y + r2 * k.z));
-    let y = q.y * radial + k.w * (r2 + 2.0 * q.y * q.y) + 2.0 * frame.rows.x * q.x * q.y;
-    return y * past * frame.rows.y + frame.rows.z;
+    let tangential = vec2f(k.w, frame.rows.x);
+    let aside = 2.0 * tangential * q.x * q.y + tangential.yx * (vec2f(r2) + 2.0 * q * q);
+    return (q * radial + aside) * past;
+}
+
+// Row of the camera's own picture, bent by its lens, that shows the direction (p, 1).
+fn row_of(p: vec2f) -> f32 {
+    return lens_bent(p).y * frame.rows.y + frame.rows.z;
+}
+
+// Share of the light in a pixel's direction that the camera shows there: less towards the edge.
+fn brightness_at(pixel: vec2f) -> f32 {
+    if !FADING {
+        return 1.0;
+    }
+    let p = (pixel - frame.intrinsics.zw) / frame.intrinsics.xy;
+    let away = lens_bent(p) * frame.fading_from.xy + frame.fading_from.zw;
+    let q = dot(away, away) * frame.fading.w;
+    return clamp(1.0 + q * (frame.fading.x + q * (frame.fading.y + q * frame.fading.z)), 0.02, 2.0);
 }
 
 // How far a point of the camera's frame goes before `row` is read.
