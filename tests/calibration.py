@@ -298,33 +298,122 @@ def true_poses(session: Path):
     return at
 
 
+class Registered:
+    """A replay's poses beside the true ones, in the picture: corners of a box about the object, pixels."""
+
+    def __init__(self, j: Judge, work: Path, whole: Path, how: str, scene_camera: dict, box, at: Callable, predict: str = "picture") -> None:
+        import csv
+        import numpy as np
+        self.K = np.array(scene_camera["K"])
+        bent = scene_camera["lens_distortion"]
+        self.bent = np.array([bent[k] for k in ("k1", "k2", "p1", "p2", "k3")] if isinstance(bent, dict) else bent)
+        self.box, self.at = np.array(box), at
+        (work / "c.toml").write_text(f'[registration]\npose = "{how}"\npredict = "{predict}"\n')
+        j.run(work, "replay", whole, "--config", "c.toml", "--headless", "--listen", "127.0.0.1:0", "--speed", "max", "--poses-out", "poses.csv")
+        self.rows = [row for row in csv.DictReader((work / "poses.csv").open()) if row["x"]]
+
+    def places(self, p: tuple):
+        import cv2
+        import numpy as np
+        return cv2.projectPoints((self.box - p[1]) @ p[0], np.zeros(3), np.zeros(3), self.K, self.bent)[0][:, 0]
+
+    def told(self, row: dict, prefix: str = "") -> tuple:
+        return pose({"quaternion_wxyz": [float(row[prefix + k]) for k in ("qw", "qx", "qy", "qz")], "position": [float(row[prefix + k]) for k in "xyz"]})
+
+    def off(self, row: dict, prefix: str, nanos: float):
+        import numpy as np
+        return np.linalg.norm(self.places(self.told(row, prefix)) - self.places(self.at(nanos)), axis=1)
+
+    def as_taken(self) -> float:
+        import numpy as np
+        return float(np.sqrt(np.mean([self.off(row, "", float(row["captured_ns"])) ** 2 for row in self.rows])))
+
+    def as_seen(self, what: str, how: str, until: float) -> Iterator[Row]:
+        """The object where it is when the picture is seen; `until` is the last instant that the truth tells."""
+        import numpy as np
+        rows = [row for row in self.rows if row["shown_x"] and row["shown_sigma_px"] and float(row["shown_ns"]) <= until]
+        rms = lambda x: float(np.sqrt(np.mean(np.square(x))))
+        shown = [self.off(row, "shown_", float(row["shown_ns"])) for row in rows]
+        behind = rms([self.off(row, "", float(row["shown_ns"])) for row in rows])
+        told = rms([float(row["shown_sigma_px"]) for row in rows]) * math.sqrt(2)
+        ahead = 1e-6 * float(np.median([float(row["shown_ns"]) - float(row["captured_ns"]) for row in rows]))
+        yield Row(what, f"object by {how} as it is seen {ahead:.0f} ms later, {len(rows)} pictures", rms(shown), 0.5 * behind, "px RMS", f"truth; half of what it is off unpredicted ({behind:.2f})")
+        yield Row(what, "that error beside the one that is told", rms(shown) / told, 1.25, "times", f"truth ({told:.2f} px told)")
+
+
 def registration(j: Judge) -> Iterator[Row]:
     """The composed object beside where the truth has it: corners of a box about it, in each picture."""
-    import csv
-    import cv2
     import numpy as np
     for session in simulated(j, "waved"):
         truth, whole = truth_of(session), j.a.out / session.name / "whole.mcap"
         if not whole.exists():
             raise Skipped("no calibrated rigs; judge `tracker` before")
-        K = np.array(truth["scene_camera"]["K"])
-        bent = np.array([truth["scene_camera"]["lens_distortion"][k] for k in ("k1", "k2", "p1", "p2", "k3")])
         R, t = pose(truth["object"]["T_world_object"])
-        box = np.array([[x, y, z] for x in (-0.07, 0.07) for y in (-0.07, 0.07) for z in (0, 0.11)]) @ R.T + t
+        box = np.array(BOX) @ R.T + t
         at = true_poses(session)
         for how in ("tracker", "markers", "hybrid"):
             work = j.folder(f"{session.name}-{how}")
-            (work / "c.toml").write_text(f'[registration]\npose = "{how}"\n')
-            j.run(work, "replay", whole, "--config", "c.toml", "--headless", "--listen", "127.0.0.1:0", "--speed", "max", "--poses-out", "poses.csv")
-            off = []
-            for row in csv.DictReader((work / "poses.csv").open()):
-                if not row["x"]:
-                    continue
-                found = pose({"quaternion_wxyz": [float(row[k]) for k in ("qw", "qx", "qy", "qz")], "position": [float(row[k]) for k in "xyz"]})
-                place = lambda p: cv2.projectPoints((box - p[1]) @ p[0], np.zeros(3), np.zeros(3), K, bent)[0][:, 0]
-                off.append(np.linalg.norm(place(found) - place(at(float(row["captured_ns"]))), axis=1))
-            rms = float(np.sqrt(np.mean(np.square(off))))
-            yield Row(session.name, f"object by {how}, {len(off)} pictures", rms, 1.0, "px RMS", "truth")
+            found = Registered(j, work, whole, how, truth["scene_camera"], box, at)
+            yield Row(session.name, f"object by {how}, {len(found.rows)} pictures", found.as_taken(), 1.0, "px RMS", "truth")
+        work = j.folder(f"{session.name}-display")
+        found = Registered(j, work, whole, "hybrid", truth["scene_camera"], box, at, "display")
+        yield from found.as_seen(session.name, "hybrid", np.inf)
+
+
+#: Rigs that the program draws itself, in seconds: what is asked of `simulate session` beyond its seed.
+DRAWN = {
+    1: [],
+    2: ["--gaps", "0.03", "--jumps", "0.005", "--blur", "1.0"],
+    3: ["--motion", "slow", "--camera-latency", "0.021", "--tracker-latency", "0.006", "--noise", "4"],
+}
+
+
+def drawn(j: Judge) -> Iterator[Row]:
+    """Whole rigs that the program draws before tags: mounting, latency, and the object by all that was known."""
+    import numpy as np
+    for seed, options in DRAWN.items():
+        what, work = " ".join([f"drawn rig {seed}", *options]), j.folder(f"drawn-{seed}")
+        make = lambda name, *more: j.run(work, "simulate", "session", "--seed", seed, "--seconds", 12, *options, "--known-markers", *more, "--out", f"{name}.mcap", "--truth", f"{name}.json")
+        make("blind")
+        truth = json.loads((work / "blind.json").read_text())
+        latency = j.calibrate(work, "latency", "latency.json", "--session", "blind.mcap")["tracker_minus_scene"]
+        true = truth["tracker_latency_s"] - truth["scene_camera_latency_s"]
+        yield Row(what, "latency", 1e3 * abs(latency["seconds"] - true), 2.0, "ms", "truth")
+        tracker = j.calibrate(work, "tracker", "tracker.json", "--session", "blind.mcap")
+        for key, true, name in (("sensor_from_scene_camera", "T_sensor_cam", "camera on sensor"),
+                                ("world_from_transmitter", "T_world_source", "transmitter in world")):
+            mm, degrees = apart(tracker[key], truth[true])
+            yield Row(what, f"{name}, place", mm, 1.0, "mm", "truth")
+            yield Row(what, f"{name}, direction", degrees, 0.1, "degrees", "truth")
+        make("known", "--known-tracker")
+        truth = json.loads((work / "known.json").read_text())
+        times = np.array([f["capture_ns"] for f in truth["frames"]], float)
+        for how, bar in (("tracker", 1.0), ("hybrid", 1.0)):
+            folder = j.folder(f"drawn-{seed}-{how}")
+            found = Registered(j, folder, work / "known.mcap", how, truth["scene_camera"], BOX, drawn_poses(truth), "display")
+            yield Row(what, f"object by {how}, {len(found.rows)} pictures", found.as_taken(), bar, "px RMS", "truth")
+            yield from found.as_seen(what, how, times[-1])
+
+
+#: Corners of what an object would fill, world, metres.
+BOX = [[x, y, z] for x in (-0.07, 0.07) for y in (-0.07, 0.07) for z in (0, 0.11)]
+
+
+def drawn_poses(truth: dict) -> Callable:
+    """The truth of a drawn rig as a function of time: a cubic through four pictures' poses."""
+    import numpy as np
+    frames = [(f["capture_ns"], *pose(f["T_world_cam"])) for f in truth["frames"]]
+    times = np.array([f[0] for f in frames], float)
+
+    def at(ns: float) -> tuple:
+        first = int(np.clip(np.searchsorted(times, ns) - 2, 0, len(times) - 4))
+        t = times[first:first + 4]
+        weight = [np.prod([(ns - t[b]) / (t[a] - t[b]) for b in range(4) if b != a]) for a in range(4)]
+        R = sum(w * frames[first + a][1] for a, w in enumerate(weight))
+        left, _, right = np.linalg.svd(R)
+        return left @ right, sum(w * frames[first + a][2] for a, w in enumerate(weight))
+
+    return at
 
 
 def tag_map(j: Judge) -> Iterator[Row]:
@@ -366,7 +455,118 @@ def environment(j: Judge) -> Iterator[Row]:
         yield Row(session.name, f"its place by {found['by']}", mm, 10.0, "mm", "truth")
 
 
+# ----------------------------------------------------------------------------- tags
+
+
+def tags_of(j: Judge, name: str, files: list[Path], family: str) -> dict[tuple[str, str], list]:
+    """(picture, number) -> the tags found: corners clockwise from the top left."""
+    import csv
+    work = j.folder(name)
+    j.run(work, "calibrate", "tags", "--pictures", linked(work, files), "--family", family, "--out", "tags.csv")
+    found: dict[tuple[str, str], list] = {}
+    for row in csv.DictReader((work / "tags.csv").open()):
+        corners = [[float(row[f"{axis}{k}"]) for axis in "xy"] for k in range(4)]
+        found.setdefault((row["picture"], row["id"]), []).append(corners)
+    return found
+
+
+def aruco(j: Judge) -> Iterator[Row]:
+    """OpenCV's own test pictures: all that it expects is found, and corners lie nearer to their board's plane than its own."""
+    import cv2
+    import numpy as np
+    file = j.data("calibration/aruco_photos/expected_corners.json")
+    expected = json.loads(file.read_text())
+    found = {}
+    for name in (n for n in expected if n.endswith(".jpg")):
+        tags = tags_of(j, f"tags-{Path(name).stem}", [file.with_name(name)], "6x6_250")
+        found[name] = {int(number): np.array(corners[0]) for (_, number), corners in tags.items()}
+        missing = sum(int(number) not in found[name] for number in expected[name])
+        yield Row(f"{name}, {len(expected[name])} markers", "not found", missing, 0, "markers", "OpenCV's expected ones")
+    name = "chocclusion_original.jpg"
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_6X6_250)
+    board = cv2.aruco.CharucoBoard((5, 7), 0.04, 0.02, dictionary)
+    places = {int(i): np.array(o)[:, :2].astype(float) for i, o in zip(np.ravel(board.getIds()), board.getObjPoints())}
+
+    def off_plane(markers: dict) -> float:
+        shared = [i for i in markers if i in places and i in found[name]]
+        there, seen = (np.concatenate([which[i] for i in shared]) for which in (places, markers))
+        H, _ = cv2.findHomography(there, seen, 0)
+        return float(np.sqrt(np.mean(np.sum((cv2.perspectiveTransform(there[None], H)[0] - seen) ** 2, axis=1))))
+
+    theirs = []
+    for refinement in range(4):
+        parameters = cv2.aruco.DetectorParameters()
+        parameters.cornerRefinementMethod = refinement
+        grey = cv2.imread(str(file.with_name(name)), cv2.IMREAD_GRAYSCALE)
+        corners, ids, _ = cv2.aruco.ArucoDetector(dictionary, parameters).detectMarkers(grey)
+        theirs.append(off_plane({int(i): c[0].astype(float) for i, c in zip(ids.ravel(), corners)}))
+    yield Row(name, "corners off their board's plane", off_plane(found[name]), min(theirs), "px RMS", "the best of OpenCV's four refinements")
+
+
+#: Of the tags that its authors expect, what their library (C 3.2) itself does not find.
+LIBRARY_MISSES = {"34085369442_304b6bafd9_c": 2}
+
+
+def apriltags(j: Judge) -> Iterator[Row]:
+    """Photographs full of small tags, and what the AprilTag library's authors expect in them."""
+    import re
+    import numpy as np
+    folder = j.data("calibration/apriltag_nasa")
+    for file in sorted(folder.glob("*.jpg")):
+        found = tags_of(j, f"tags-{file.stem}", [file], "tag36h11")
+        there = {number: [np.array(c) for c in each] for (_, number), each in found.items()}
+        lines = [line for line in file.with_suffix(".txt").read_text().splitlines() if line.strip()]
+        missing, off = 0, []
+        for line in lines:
+            numbers = [float(n) for n in re.findall(r"[-\d.]+", line)]
+            # Their pixels begin at 0, ours have their middle there.
+            corners = np.array(numbers[1:9]).reshape(4, 2) - 0.5
+            near = [c for c in there.get(str(int(numbers[0])), []) if np.linalg.norm(c.mean(0) - corners.mean(0)) < 4]
+            if not near:
+                missing += 1
+                continue
+            # They name the corners from another one on, and the other way round.
+            ways = [np.roll(way, k, 0) for way in (near[0], near[0][::-1]) for k in range(4)]
+            off += list(min((np.linalg.norm(way - corners, axis=1) for way in ways), key=np.sum))
+        what = f"{file.name}, {len(lines)} tags"
+        yield Row(what, "not found", missing, LIBRARY_MISSES.get(file.stem, 0), "tags", "the AprilTag library (C 3.2, in full size)")
+        if off:
+            yield Row(what, "corners", float(np.sqrt(np.mean(np.square(off)))), 1.0, "px RMS", "the AprilTag library's")
+
+
+def grids(j: Judge) -> Iterator[Row]:
+    """Kalibr's boards as two published data sets photographed them."""
+    for name, path in (("EuRoC", "calibration/aprilgrid/EuRoC.png"), ("TUM VI, fisheye", "probes-fisheye/fisheye/tumvi_aprilgrid/TUM_VI.png")):
+        found = tags_of(j, f"tags-{name.split(',')[0].replace(' ', '')}", [j.data(path)], "kalibr36h11")
+        on_board = {number for _, number in found if int(number) < 36}
+        yield Row(f"AprilGrid of {name}", "not found of 36", 36 - len(on_board), 0, "tags", "the board")
+
+
 # ----------------------------------------------------------------------------- colour
+
+
+#: Linear gains that a photograph gets, as if another camera had taken it.
+OTHER_CAMERA = (0.62, 0.8, 0.95)
+
+
+def charts(j: Judge) -> Iterator[Row]:
+    """Photographs of ColorCheckers, and the same in another white point: the gains back are known."""
+    import cv2
+    import numpy as np
+    folder = j.data("colorchecker")
+    photographs = sorted(folder.glob("arcu/*.jpg")) + sorted(folder.glob("macduff/*.jpg"))
+    worst = 0.0
+    for file in photographs:
+        work = j.folder(f"chart-{file.stem}")
+        code = cv2.imread(str(file), cv2.IMREAD_COLOR)[:, :, ::-1] / 255.0
+        linear = np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4) * OTHER_CAMERA
+        code = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+        other = work / "other.png"
+        cv2.imwrite(str(other), (255 * code[:, :, ::-1]).round().astype(np.uint8))
+        found = j.calibrate(work, "photometric", "photometric.json", "--scene-picture", file, "--environment-picture", other)
+        off = [100 * abs(g * o - 1) for g, o in zip(found["gains"]["rgb"], OTHER_CAMERA)]
+        worst = max(worst, *off)
+    yield Row(f"{len(photographs)} photographs of ColorCheckers", "white balance, worst of all", worst, 2.0, "%, worst channel", "known gains")
 
 
 def white_balance(j: Judge) -> Iterator[Row]:
@@ -386,10 +586,11 @@ def white_balance(j: Judge) -> Iterator[Row]:
 
 TASKS: dict[str, list[Callable[[Judge], Iterator[Row]]]] = {
     "intrinsics": [chess, fisheye_chess, simulated_lens],
-    "tracker": [waved, tag_map],
+    "tracker": [drawn, waved, tag_map],
     "registration": [registration],
     "environment": [environment],
-    "colour": [white_balance],
+    "tags": [aruco, apriltags, grids],
+    "colour": [white_balance, charts],
 }
 
 
