@@ -607,6 +607,7 @@ mod tests {
         }];
         s.warn("a");
         s.lighting.probe = Some(crate::status::ProbeStatus::default());
+        s.registration.display = Some(crate::status::DisplayStatus::default());
         s.lighting.dominant_direction = Some([0.0, 0.0, 1.0]);
         let (method, rgb) = (WhiteBalanceMethod::Chart, [1.0; 3]);
         let b = &mut s.white_balance;

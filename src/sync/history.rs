@@ -481,9 +481,10 @@ impl PredictionErrors {
         }
         for above in points {
             if wanted <= above.0 {
-                let share = (wanted - below.0) / (above.0 - below.0).max(1e-9);
-                let mixed = [0, 1].map(|k| below.1[k] + share * (above.1[k] - below.1[k]));
-                return Some(mixed.map(f64::sqrt));
+                // Errors grow as a power of the time: a line between two would lie above them.
+                let share = (wanted / below.0).ln() / (above.0 / below.0).ln().max(1e-9);
+                let mixed = |k: usize| below.1[k].powf(1.0 - share) * above.1[k].powf(share);
+                return Some([mixed(0).sqrt(), mixed(1).sqrt()]);
             }
             below = above;
         }

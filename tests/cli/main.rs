@@ -9,6 +9,7 @@ mod board;
 mod calibrate;
 mod calibrate_live;
 mod calibrate_motion;
+mod display;
 mod live;
 mod live_tracker;
 mod program;

@@ -202,7 +202,7 @@ fn the_stated_error_of_a_prediction_is_the_error_it_makes() {
     let mut random = Random::new(8);
     let mut history = PoseHistory::new(HistoryConfig::default());
     let at = |seconds: f64| MonotonicTime::from_nanos((seconds * 1e9) as i64 + 1_000_000_000);
-    let (mut sums, mut stated, mut lines) = ([0.0; 2], [0.0; 2], 0.0);
+    let (mut sums, mut stated, mut lines) = ([0.0; 3], [0.0; 3], 0.0);
     for k in 0..2400 {
         let t = f64::from(k) / 120.0;
         let pose = by_hand(t);
@@ -214,8 +214,9 @@ fn the_stated_error_of_a_prediction_is_the_error_it_makes() {
         if k < 400 {
             continue;
         }
-        for (bin, ahead) in [0.015, 0.045].into_iter().enumerate() {
-            let predicted = history.at(at(t + ahead)).unwrap();
+        for (bin, ahead) in [0.015, 0.055, 0.11].into_iter().enumerate() {
+            let predicted = history.expected(at(t + ahead), at(t), 200_000_000);
+            let predicted = predicted.unwrap();
             assert_eq!(predicted.provenance, Provenance::Predicted);
             let truth = by_hand(t + ahead);
             let off = predicted.transmitter_from_sensor.translation;
@@ -233,6 +234,34 @@ fn the_stated_error_of_a_prediction_is_the_error_it_makes() {
         );
         assert!((0.8..1.6).contains(&(told / made)), "{told} for {made}");
     }
+}
+
+#[test]
+fn what_was_expected_does_not_know_what_came_later() {
+    let config = config(Smoothing::None);
+    let every = |range: std::ops::Range<i64>| range.map(|k| 8 * k);
+    let mut whole = PoseHistory::new(config);
+    let mut until = PoseHistory::new(config);
+    for millis in every(0..100) {
+        whole.push(at(millis), by_hand(millis as f64 * 1e-3));
+    }
+    for millis in every(0..51) {
+        until.push(at(millis), by_hand(millis as f64 * 1e-3));
+    }
+    let (time, longest) = (at(440), 250_000_000);
+    let expected = whole.expected(time, at(400), longest).unwrap();
+    assert_eq!(expected.provenance, Provenance::Predicted);
+    assert_eq!(expected.age_nanos, 40_000_000);
+    let then = until.at(time).unwrap();
+    assert_near(
+        expected.transmitter_from_sensor,
+        then.transmitter_from_sensor,
+    );
+    let now = whole.at(time).unwrap();
+    assert_eq!(now.provenance, Provenance::Exact);
+    assert_eq!(whole.expected(time, time, longest), Some(now));
+    assert_eq!(whole.expected(time, at(400), 30_000_000), None);
+    assert_eq!(whole.expected(time, at(-5), longest), None);
 }
 
 #[test]

@@ -1,0 +1,113 @@
+//! Pictures shown for the instant at which they are seen.
+
+use crate::live::{Running, status, until};
+use crate::program::{Desk, desk_session};
+use glam::{DQuat, DVec3};
+
+/// Time in seconds, and a pose.
+type Posed = (f64, DVec3, DQuat);
+
+/// Poses of the pictures as they were taken, and as they are expected when they are seen.
+fn poses(csv: &str) -> Vec<(Posed, Option<Posed>)> {
+    let mut lines = csv.lines();
+    let names: Vec<&str> = lines.next().unwrap().split(',').collect();
+    let column = |name: &str| names.iter().position(|n| *n == name).unwrap();
+    let posed = |cells: &[&str], time: &str, prefix: &str| -> Option<Posed> {
+        let number = |name: &str| cells[column(name)].parse::<f64>().ok();
+        let of = |name: &str| number(&format!("{prefix}{name}"));
+        Some((
+            number(time)? * 1e-9,
+            DVec3::new(of("x")?, of("y")?, of("z")?),
+            DQuat::from_xyzw(of("qx")?, of("qy")?, of("qz")?, of("qw")?),
+        ))
+    };
+    let each = lines.map(|line| {
+        let cells: Vec<&str> = line.split(',').collect();
+        let taken = posed(&cells, "captured_ns", "").unwrap();
+        (taken, posed(&cells, "shown_ns", "shown_"))
+    });
+    each.collect()
+}
+
+/// Metres and radians between where the camera is expected, and was when the picture was taken, and
+/// where later pictures say that it was: root mean squares.
+fn off(poses: &[(Posed, Option<Posed>)]) -> [[f64; 2]; 2] {
+    let mut sums = [[0.0; 2]; 2];
+    let mut count = 0.0;
+    for (taken, shown) in poses {
+        let Some(shown) = shown else { continue };
+        let pairs = poses.windows(2);
+        let mut around = pairs.filter(|p| p[0].0.0 <= shown.0 && shown.0 < p[1].0.0);
+        let Some([(a, _), (b, _)]) = around.next() else {
+            continue;
+        };
+        let share = (shown.0 - a.0) / (b.0 - a.0);
+        let truth = (a.1.lerp(b.1, share), a.2.slerp(b.2, share));
+        for (sum, told) in sums.iter_mut().zip([shown, taken]) {
+            sum[0] += told.1.distance_squared(truth.0);
+            sum[1] += told.2.angle_between(truth.1).powi(2);
+        }
+        count += 1.0;
+    }
+    assert!(count > 20.0, "{count}");
+    sums.map(|sum| sum.map(|s: f64| (s / count).sqrt()))
+}
+
+#[test]
+fn a_replay_shows_pictures_as_the_camera_stands_when_they_are_seen() {
+    let desk = Desk::new();
+    let session = desk_session().display().to_string();
+    desk.put(
+        "on.toml",
+        "[registration]\npredict = \"display\"\ndisplay_delay_ms = 30\n",
+    );
+    desk.put("off.toml", "");
+    let run = |name: &str| {
+        desk.works(&format!(
+            "replay {session} --config {name}.toml --headless --listen 127.0.0.1:0 --speed max \
+             --poses-out {name}.csv --frames 40 --frames-out {name}"
+        ));
+        let csv = std::fs::read_to_string(desk.path(&format!("{name}.csv"))).unwrap();
+        poses(&csv)
+    };
+    let (with, without) = (run("on"), run("off"));
+    assert!(without.iter().all(|(_, shown)| shown.is_none()));
+    for ((taken, shown), (plain, _)) in with.iter().zip(&without) {
+        assert_eq!(taken, plain);
+        let ahead = shown.unwrap().0 - taken.0;
+        assert!((0.0299..0.12).contains(&ahead), "{ahead}");
+    }
+    let [expected, late] = off(&with);
+    println!("expected {expected:?}, without {late:?}");
+    assert!(
+        (0..2).all(|k| expected[k] < 0.5 * late[k]),
+        "{expected:?} {late:?}"
+    );
+    let picture = |name: &str| {
+        let mut files: Vec<_> = std::fs::read_dir(desk.path(name)).unwrap().collect();
+        files.sort_by_key(|f| f.as_ref().unwrap().file_name());
+        std::fs::read(files[20].as_ref().unwrap().path()).unwrap()
+    };
+    assert_ne!(picture("on"), picture("off"));
+}
+
+#[test]
+fn a_live_rig_tells_how_far_ahead_it_shows_its_pictures() {
+    let desk = Desk::new();
+    let session = desk_session().display().to_string();
+    let devices = ["scene_camera", "environment_camera", "tracker"]
+        .map(|device| format!("[{device}]\ndevice = \"replay:{session}\"\n"));
+    let rest = format!(
+        "[calibration]\nfrom = \"{session}\"\n[environment]\nlight_count = 8\n[registration]\npredict \
+         = \"display\"\n"
+    );
+    desk.put("rig.toml", devices.concat() + &rest);
+    let (rig, address) = Running::rig(&desk, &[]);
+    until("the error is told", || {
+        let display = status(&address)["registration"]["display"].clone();
+        let ahead = display["ahead_ms"].as_f64().unwrap_or(0.0);
+        // Arrival to window is measured, and comes on top of the configured 15.
+        ahead > 15.5 && ahead < 2000.0 && display["sigma_px"].as_f64() > Some(0.0)
+    });
+    rig.end();
+}
