@@ -377,14 +377,18 @@ def drawn(j: Judge) -> Iterator[Row]:
         make("blind")
         truth = json.loads((work / "blind.json").read_text())
         latency = j.calibrate(work, "latency", "latency.json", "--session", "blind.mcap")["tracker_minus_scene"]
-        true = truth["tracker_latency_s"] - truth["scene_camera_latency_s"]
-        yield Row(what, "latency", 1e3 * abs(latency["seconds"] - true), 2.0, "ms", "truth")
+        true_offset = truth["tracker_latency_s"] - truth["scene_camera_latency_s"]
+        yield Row(what, f"latency by {latency['by']}", 1e3 * abs(latency["seconds"] - true_offset), 2.0, "ms", "truth")
         tracker = j.calibrate(work, "tracker", "tracker.json", "--session", "blind.mcap")
         for key, true, name in (("sensor_from_scene_camera", "T_sensor_cam", "camera on sensor"),
                                 ("world_from_transmitter", "T_world_source", "transmitter in world")):
             mm, degrees = apart(tracker[key], truth[true])
             yield Row(what, f"{name}, place", mm, 1.0, "mm", "truth")
             yield Row(what, f"{name}, direction", degrees, 0.1, "degrees", "truth")
+        if "slow" not in options:
+            j.run(work, "simulate", "session", "--seed", seed, "--seconds", 20, *options, "--out", "unmarked.mcap", "--truth", "unmarked.json")
+            latency = j.calibrate(work, "latency", "unmarked-latency.json", "--session", "unmarked.mcap")["tracker_minus_scene"]
+            yield Row(what, f"latency by {latency['by']}", 1e3 * abs(latency["seconds"] - true_offset), 2.0, "ms", "truth")
         make("known", "--known-tracker")
         truth = json.loads((work / "known.json").read_text())
         times = np.array([f["capture_ns"] for f in truth["frames"]], float)

@@ -40,7 +40,7 @@ pub struct LatencyState {
 
 /// What the thread is told.
 enum Fact {
-    Reading(MonotonicTime, DQuat),
+    Reading(MonotonicTime, RigidTransform),
     Pose(MonotonicTime, DQuat),
     Picture(MonotonicTime, Grey),
     /// Another loop begins.
@@ -104,8 +104,8 @@ impl LatencyWatch {
     /// A reading of the tracker arrived.
     pub fn reading(&mut self, sample: &PoseSample) {
         if self.station == Some(sample.station) {
-            let rotation = sample.transmitter_from_sensor.rotation;
-            self.tell(Fact::Reading(sample.arrived_at, rotation));
+            let pose = sample.transmitter_from_sensor;
+            self.tell(Fact::Reading(sample.arrived_at, pose));
         }
     }
 
@@ -253,7 +253,7 @@ impl Watcher {
     /// Whether something else is known now.
     fn take(&mut self, fact: Fact) -> bool {
         match fact {
-            Fact::Reading(at, rotation) => self.follower.reading(at, rotation),
+            Fact::Reading(at, pose) => self.follower.reading(at, pose),
             Fact::Pose(at, rotation) => self.follower.pose(at, rotation),
             Fact::Picture(at, small) => {
                 self.follower.picture(at, &small);

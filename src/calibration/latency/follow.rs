@@ -6,7 +6,7 @@ use super::{
 };
 use crate::calibration::intrinsics::Grey;
 use glam::DQuat;
-use penumbra_interface::MonotonicTime;
+use penumbra_interface::{MonotonicTime, RigidTransform};
 use std::collections::VecDeque;
 
 /// Seconds that are asked at a time.
@@ -87,7 +87,7 @@ pub struct Followed {
 #[derive(Clone, Debug, Default)]
 pub struct Follower {
     zero: Option<MonotonicTime>,
-    readings: VecDeque<(f64, DQuat)>,
+    readings: VecDeque<(f64, RigidTransform)>,
     turns: VecDeque<CameraTurn>,
     motions: VecDeque<CameraMotion>,
     flow: ImageMotion,
@@ -103,9 +103,13 @@ pub struct Follower {
 
 impl Follower {
     /// The tracker said so.
-    pub fn reading(&mut self, arrived_at: MonotonicTime, transmitter_from_sensor: DQuat) {
+    pub fn reading(&mut self, arrived_at: MonotonicTime, transmitter_from_sensor: RigidTransform) {
         let at = self.seconds(arrived_at);
-        if transmitter_from_sensor.is_finite() {
+        let RigidTransform {
+            rotation,
+            translation,
+        } = transmitter_from_sensor;
+        if rotation.is_finite() && translation.is_finite() {
             keep(&mut self.readings, (at, transmitter_from_sensor), |r| r.0);
         }
     }
@@ -128,14 +132,12 @@ impl Follower {
     /// A picture without a pose; small ones are enough.
     pub fn picture(&mut self, captured_at: MonotonicTime, picture: &Grey) {
         let to = self.seen(captured_at);
-        let amount = self.flow.next(picture);
+        let flow = self.flow.next(picture);
         let before = self.last_picture.replace(to);
-        if let (Some(amount), Some(from)) = (amount, before)
+        if let (Some(flow), Some(from)) = (flow, before)
             && neighbours(from, to)
         {
-            keep(&mut self.motions, CameraMotion { from, to, amount }, |m| {
-                m.to
-            });
+            keep(&mut self.motions, CameraMotion { from, to, flow }, |m| m.to);
         }
     }
 
@@ -185,7 +187,7 @@ impl Follower {
         if self.rests() {
             return Err(LatencyError::AtRest);
         }
-        let track = TrackerTrack::new(self.readings.iter().copied(), SMOOTHING);
+        let track = TrackerTrack::of_poses(self.readings.iter().copied(), SMOOTHING);
         let turns: Vec<CameraTurn> = self.turns.iter().copied().collect();
         let motions: Vec<CameraMotion> = self.motions.iter().copied().collect();
         let poses = from_rotations(&track, &turns, RANGE).map(|found| (found, Means::Poses));
@@ -203,12 +205,12 @@ impl Follower {
         let Some((_, first)) = self.readings.front() else {
             return false;
         };
-        let angle = |q: &DQuat| {
-            super::shortest(first.inverse() * *q)
+        let angle = |pose: &RigidTransform| {
+            super::shortest(first.rotation.inverse() * pose.rotation)
                 .to_scaled_axis()
                 .length()
         };
-        self.readings.iter().all(|(_, q)| angle(q) < RESTING)
+        self.readings.iter().all(|(_, pose)| angle(pose) < RESTING)
     }
 
     fn trim(&mut self) {

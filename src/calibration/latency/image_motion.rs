@@ -17,6 +17,22 @@ const TEXTURE: f64 = 0.3;
 /// Patches that must have been followed: of fewer the median is one of them.
 const LEAST_PATCHES: usize = 5;
 
+/// Rounds of weighing patches by how well they follow the whole.
+const ROUNDS: usize = 6;
+
+/// How a picture moved as a whole since the one before: shift, turn and growth about its middle.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Flow {
+    /// Median length of the patches' shifts, pixels of the full picture.
+    pub length: f64,
+    /// Shift of the middle, in the same pixels.
+    pub shift: DVec2,
+    /// Growth, as a share.
+    pub growth: f64,
+    /// Turn, radians.
+    pub turn: f64,
+}
+
 /// Follows a stream of pictures by the shift of patches (Lucas & Kanade 1981, from coarse to
 /// fine).
 #[derive(Clone, Debug, Default)]
@@ -25,10 +41,9 @@ pub struct ImageMotion {
 }
 
 impl ImageMotion {
-    /// The median length of the patches' shifts since the picture before, pixels of a picture
-    /// of full size; `None` of the first one, of another size, and where too few patches
-    /// have texture or can be followed.
-    pub fn next(&mut self, picture: &Grey) -> Option<f64> {
+    /// What moved since the picture before; `None` of the first one, of another size, and where
+    /// too few patches have texture or can be followed.
+    pub fn next(&mut self, picture: &Grey) -> Option<Flow> {
         let mut level = picture.clone();
         let mut scale = 1.0;
         while level.width.max(level.height) > LONGEST {
@@ -46,14 +61,22 @@ impl ImageMotion {
             return None;
         }
         let shifts = self.shifts(&before);
-        (shifts.len() >= LEAST_PATCHES)
-            .then(|| median(shifts.iter().map(|s| s.length())))
-            .flatten()
-            .map(|m| m * scale)
+        if shifts.len() < LEAST_PATCHES {
+            return None;
+        }
+        let length = median(shifts.iter().map(|s| s.1.length()))?;
+        let (shift, growth, turn) = whole(&shifts)?;
+        Some(Flow {
+            length: length * scale,
+            shift: shift * scale,
+            growth,
+            turn,
+        })
     }
 
-    /// Of the patches that could be followed, in pixels of the finest level.
-    fn shifts(&self, before: &[Grey]) -> Vec<DVec2> {
+    /// Places from the picture's middle and shifts of the patches that could be followed, in
+    /// pixels of the finest level.
+    fn shifts(&self, before: &[Grey]) -> Vec<(DVec2, DVec2)> {
         let finest = &self.before[0];
         let cell = DVec2::new(
             finest.width as f64 / PATCHES.0 as f64,
@@ -84,10 +107,43 @@ impl ImageMotion {
                         None => {}
                     }
                 }
-                Some(shift)
+                let from_middle =
+                    middle - 0.5 * DVec2::new(PATCHES.0 as f64, PATCHES.1 as f64) * cell;
+                Some((from_middle, shift))
             })
             .collect()
     }
+}
+
+// ┌ A patch at p shifts by t + g p + a p⊥: least squares for t, g, a, with weights 1 / (1 + r²/m²) ┐
+// └ (Cauchy's), m = the median of |r|: patches on what stands nearer must not turn the whole.      ┘
+fn whole(shifts: &[(DVec2, DVec2)]) -> Option<(DVec2, f64, f64)> {
+    let mut weights = vec![1.0; shifts.len()];
+    let mut found = (DVec2::ZERO, 0.0, 0.0);
+    for _ in 0..ROUNDS {
+        let sum: f64 = weights.iter().sum();
+        let each = || shifts.iter().zip(&weights);
+        let middle = each().map(|((p, _), w)| *p * *w).sum::<DVec2>() / sum;
+        let mean = each().map(|((_, s), w)| *s * *w).sum::<DVec2>() / sum;
+        let (mut along, mut across, mut spread) = (0.0, 0.0, 0.0);
+        for ((p, s), w) in each() {
+            let (p, s) = (*p - middle, *s - mean);
+            along += w * p.dot(s);
+            across += w * p.perp_dot(s);
+            spread += w * p.length_squared();
+        }
+        if spread <= 0.0 {
+            return None;
+        }
+        let (growth, turn) = (along / spread, across / spread);
+        found = (mean - growth * middle - turn * middle.perp(), growth, turn);
+        let off = |(p, s): &(DVec2, DVec2)| (*s - found.0 - growth * *p - turn * p.perp()).length();
+        let usual = median(shifts.iter().map(off))?.max(1e-3);
+        for (weight, patch) in weights.iter_mut().zip(shifts) {
+            *weight = 1.0 / (1.0 + (off(patch) / usual).powi(2));
+        }
+    }
+    Some(found)
 }
 
 /// The shift of a patch of `half` pixels to each side, from a guess.

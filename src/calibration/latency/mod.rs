@@ -2,19 +2,23 @@
 //!
 //! A turn between two pictures is what the tracker saw between the same two instants, which
 //! its clock calls later by the offset. [`from_rotations`] compares rotations where pictures
-//! have poses (markers, a board); [`from_motion`] compares amounts where they have only a flow
-//! ([`ImageMotion`]). Drift is followed by asking again for the last few seconds.
+//! have poses (markers, a board); [`from_motion`] compares all of the tracker's motion with the flow
+//! of pictures that have none ([`ImageMotion`]). Drift is followed by asking again for the last few seconds.
 
+mod flow;
 pub mod follow;
 mod image_motion;
+mod jumps;
 mod scan;
 mod track;
 
-pub use image_motion::ImageMotion;
+pub use flow::from_motion;
+pub use image_motion::{Flow, ImageMotion};
+pub(crate) use jumps::without_jumps;
 pub use track::TrackerTrack;
 
 use crate::calibration::hand_eye::best_rotation;
-use glam::{DQuat, DVec3};
+use glam::DQuat;
 use scan::{Fit, scan};
 use thiserror::Error;
 
@@ -43,15 +47,15 @@ pub struct CameraTurn {
     pub rotation: DQuat,
 }
 
-/// How much the picture moved between two pictures, in any unit.
+/// How the picture moved between two pictures.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraMotion {
     /// Stamp of the first, seconds.
     pub from: f64,
     /// Stamp of the second, seconds.
     pub to: f64,
-    /// At least 0.
-    pub amount: f64,
+    /// It.
+    pub flow: Flow,
 }
 
 /// The motions do not tell. Each text says what to do.
@@ -107,6 +111,8 @@ const LEAST: usize = 40;
 /// Turns are compared over so many seconds: over one frame they are hardly larger than the
 /// tracker's noise.
 const SPAN: f64 = 0.25;
+/// A rough offset is off by no more than this, seconds.
+const AROUND: f64 = 0.015;
 /// Least correlation.
 const ALIKE: f64 = 0.5;
 /// Largest 1σ, seconds.
@@ -123,78 +129,28 @@ pub fn from_rotations(
 ) -> Result<ClockOffset, LatencyError> {
     let turns = chained(turns);
     let spans: Vec<(f64, f64)> = turns.iter().map(|t| (t.from, t.to)).collect();
-    let kept = within(track, &spans, range)?;
-    let seen: Vec<(f64, f64, DVec3)> = kept
-        .iter()
-        .map(|&i| {
-            let t = &turns[i];
-            (t.from, t.to, shortest(t.rotation).to_scaled_axis())
-        })
-        .collect();
-    let fit = |offset: f64| -> Option<Fit> {
-        let mut by_tracker = Vec::with_capacity(seen.len());
-        for &(from, to, _) in &seen {
-            let turn = track.at(from + offset)?.inverse() * track.at(to + offset)?;
-            by_tracker.push(shortest(turn).to_scaled_axis());
-        }
-        let pairs = by_tracker.iter().copied().zip(seen.iter().map(|s| s.2));
-        let rotation = best_rotation(pairs)?;
-        let residuals = by_tracker
-            .iter()
-            .zip(&seen)
-            .flat_map(|(a, s)| (*a - rotation * s.2).to_array())
-            .collect();
-        let power = by_tracker.iter().map(|a| a.length_squared()).sum::<f64>();
-        let power = power + seen.iter().map(|s| s.2.length_squared()).sum::<f64>();
-        Some(Fit::new(residuals, 0.5 * power))
-    };
-    settle(scan(fit, range, 3), range, &spans, &kept)
+    let all = within(track, &spans, range)?;
+    let rough = scan(|offset| fit(track, &turns, &all, offset), range, 3);
+    let kept = covered(track, &spans, all, rough.map_or(0.0, |r| r.offset))?;
+    let found = scan(|offset| fit(track, &turns, &kept, offset), range, 3);
+    settle(found, range, independent(&spans, &kept), (3.0, kept.len()))
 }
 
-/// From amounts of motion, whatever their unit: the tracker's turn times a factor plus a
-/// floor (noise makes stillness look like motion) is fitted at each offset.
-///
-/// # Errors
-/// As [`from_rotations`].
-pub fn from_motion(
-    track: &TrackerTrack,
-    motions: &[CameraMotion],
-    range: f64,
-) -> Result<ClockOffset, LatencyError> {
-    let spans: Vec<(f64, f64)> = motions.iter().map(|m| (m.from, m.to)).collect();
-    let kept = within(track, &spans, range)?;
-    let seen: Vec<CameraMotion> = kept.iter().map(|&i| motions[i]).collect();
-    // Both are summed over the same few pictures, which moves neither in time.
-    let length = seen.iter().map(|m| m.to - m.from).sum::<f64>() / seen.len() as f64;
-    let together = ((SPAN / length) as usize).clamp(1, seen.len() / 4);
-    let each: Vec<f64> = seen.iter().map(|m| m.amount).collect();
-    let amounts = summed(&each, together);
-    let mean = amounts.iter().sum::<f64>() / amounts.len() as f64;
-    let fit = |offset: f64| -> Option<Fit> {
-        let mut turns = Vec::with_capacity(seen.len());
-        for m in &seen {
-            let turn = track.at(m.from + offset)?.inverse() * track.at(m.to + offset)?;
-            turns.push(shortest(turn).to_scaled_axis().length());
-        }
-        let turns = summed(&turns, together);
-        let n = turns.len() as f64;
-        let middle = turns.iter().sum::<f64>() / n;
-        let (mut across, mut own, mut power) = (0.0, 0.0, 0.0);
-        for (turn, amount) in turns.iter().zip(&amounts) {
-            across += (turn - middle) * (amount - mean);
-            own += (turn - middle).powi(2);
-            power += (amount - mean).powi(2);
-        }
-        // More turn is more flow: a falling line fits by accident.
-        let slope = (across / own.max(1e-300)).max(0.0);
-        let residuals = turns
-            .iter()
-            .zip(&amounts)
-            .map(|(turn, amount)| (amount - mean) - slope * (turn - middle))
-            .collect();
-        Some(Fit::new(residuals, power))
-    };
-    settle(scan(fit, range, 1), range, &spans, &kept)
+/// What is left between both at an offset, the camera's mounting fitted.
+fn fit(track: &TrackerTrack, turns: &[CameraTurn], kept: &[usize], offset: f64) -> Option<Fit> {
+    let (mut by_tracker, mut seen) = (Vec::new(), Vec::new());
+    for turn in kept.iter().map(|&i| &turns[i]) {
+        let tracked = track.at(turn.from + offset)?.inverse() * track.at(turn.to + offset)?;
+        by_tracker.push(shortest(tracked).to_scaled_axis());
+        seen.push(shortest(turn.rotation).to_scaled_axis());
+    }
+    let pairs = || by_tracker.iter().copied().zip(seen.iter().copied());
+    let rotation = best_rotation(pairs())?;
+    let residuals = pairs().flat_map(|(a, b)| (a - rotation * b).to_array());
+    let power: f64 = pairs()
+        .map(|(a, b)| a.length_squared() + b.length_squared())
+        .sum();
+    Some(Fit::new(residuals.collect(), 0.5 * power))
 }
 
 /// Each turn and those that follow it without a gap, up to [`SPAN`].
@@ -212,11 +168,6 @@ fn chained(turns: &[CameraTurn]) -> Vec<CameraTurn> {
             whole
         })
         .collect()
-}
-
-/// Sums of so many neighbours.
-fn summed(values: &[f64], together: usize) -> Vec<f64> {
-    values.windows(together).map(|w| w.iter().sum()).collect()
 }
 
 /// Which spans lie within the track at every offset.
@@ -241,16 +192,39 @@ fn within(
     Ok(kept)
 }
 
+/// Of those the ones at whose ends the tracker spoke, at about that offset.
+fn covered(
+    track: &TrackerTrack,
+    spans: &[(f64, f64)],
+    mut kept: Vec<usize>,
+    offset: f64,
+) -> Result<Vec<usize>, LatencyError> {
+    let there = |time: f64| {
+        let about = [-AROUND, 0.0, AROUND];
+        about.iter().all(|d| track.covers(time + offset + d))
+    };
+    kept.retain(|&i| there(spans[i].0) && there(spans[i].1));
+    if kept.len() < LEAST {
+        return Err(LatencyError::TooShort {
+            samples: kept.len(),
+            least: LEAST,
+        });
+    }
+    Ok(kept)
+}
+
 fn settle(
     found: Option<scan::Minimum>,
     range: f64,
-    spans: &[(f64, f64)],
-    kept: &[usize],
+    independent: f64,
+    (fitted, samples): (f64, usize),
 ) -> Result<ClockOffset, LatencyError> {
     let Some(mut found) = found else {
         return Err(LatencyError::NotAlike { percent: 0.0 });
     };
-    found.sigma *= of_few(spans, kept);
+    // How much wider the result of a short record is than its own scatter says.
+    let of_few = independent / (independent - fitted).max(0.1);
+    found.sigma *= of_few.max(1.0).sqrt();
     if found.correlation < ALIKE {
         return Err(LatencyError::NotAlike {
             percent: 100.0 * found.correlation,
@@ -274,16 +248,14 @@ fn settle(
         seconds: found.offset,
         sigma: found.sigma,
         correlation: found.correlation,
-        samples: kept.len(),
+        samples,
     })
 }
 
-/// How much wider the result of a short record is than its own scatter says: so many spans
-/// are independent, and three numbers (a rotation, or a line and the offset) are fitted.
-fn of_few(spans: &[(f64, f64)], kept: &[usize]) -> f64 {
+/// How many spans tell something of their own.
+fn independent(spans: &[(f64, f64)], kept: &[usize]) -> f64 {
     let length: f64 = kept.windows(2).map(|w| spans[w[1]].0 - spans[w[0]].0).sum();
-    let independent = length / SPAN;
-    (independent / (independent - 3.0).max(0.1)).max(1.0).sqrt()
+    length / SPAN
 }
 
 fn shortest(q: DQuat) -> DQuat {

@@ -8,8 +8,8 @@ use crate::calibration::head::Head;
 use crate::calibration::intrinsics::{Grade, Grey};
 use crate::calibration::latency::follow::Means;
 use crate::calibration::latency::{
-    CameraMotion, CameraTurn, ClockOffset, ImageMotion, LatencyError, TrackerTrack, from_motion,
-    from_rotations,
+    CameraMotion, CameraTurn, ClockOffset, Flow, ImageMotion, LatencyError, TrackerTrack,
+    from_motion, from_rotations,
 };
 use crate::calibration::latency_file::{LatencyRecord, OffsetRecord};
 use crate::calibration::numeric::median;
@@ -49,7 +49,7 @@ pub(super) struct Watched {
     flow: ImageMotion,
     last: Option<MonotonicTime>,
     /// By the pictures themselves.
-    pub motions: Vec<(MonotonicTime, MonotonicTime, f64)>,
+    pub motions: Vec<(MonotonicTime, MonotonicTime, Flow)>,
     pub pictures: usize,
 }
 
@@ -66,16 +66,16 @@ impl Watched {
     }
 
     pub fn motions(&self, zero: MonotonicTime) -> Vec<CameraMotion> {
-        let motion = |(from, to, amount): &(MonotonicTime, MonotonicTime, f64)| CameraMotion {
+        let motion = |(from, to, flow): &(MonotonicTime, MonotonicTime, Flow)| CameraMotion {
             from: from.seconds_since(zero),
             to: to.seconds_since(zero),
-            amount: *amount,
+            flow: *flow,
         };
         self.motions.iter().map(motion).collect()
     }
 
     fn stands_still(&self) -> bool {
-        let moved = self.motions.iter().filter(|m| m.2 > STILL).count();
+        let moved = self.motions.iter().filter(|m| m.2.length > STILL).count();
         10 * moved < self.motions.len()
     }
 }

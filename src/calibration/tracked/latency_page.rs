@@ -24,15 +24,15 @@ impl LatencyStep {
         page.verdict(found);
         if let (Some(zero), Some(track)) = (self.zero, self.track()) {
             let scene = offsets.and_then(|o| o.scene.as_ref().ok());
-            let by_poses: Vec<CameraMotion> = turns(&self.sightings, zero)
+            let by_poses: Vec<Amount> = turns(&self.sightings, zero)
                 .iter()
-                .map(|t| CameraMotion {
+                .map(|t| Amount {
                     from: t.from,
                     to: t.to,
                     amount: t.rotation.to_scaled_axis().length(),
                 })
                 .collect();
-            let by_flow = self.scene.motions(zero);
+            let by_flow = amounts(&self.scene.motions(zero));
             let shown = match scene {
                 Some((_, Means::Poses)) => &by_poses,
                 _ => &by_flow,
@@ -42,7 +42,7 @@ impl LatencyStep {
             if self.environment.pictures > 0 {
                 let found = offsets.and_then(|o| o.environment.as_ref()?.as_ref().ok());
                 let offset = found.map_or(0.0, |f| f.seconds);
-                let motions = self.environment.motions(zero);
+                let motions = amounts(&self.environment.motions(zero));
                 self.draw(&mut page, "environment camera", &track, &motions, offset);
             }
         }
@@ -54,7 +54,7 @@ impl LatencyStep {
         page: &mut Page,
         camera: &str,
         track: &TrackerTrack,
-        seen: &[CameraMotion],
+        seen: &[Amount],
         offset: f64,
     ) {
         page.heading(camera);
@@ -90,9 +90,25 @@ impl LatencyStep {
     }
 }
 
+/// How much moved between two pictures, in any unit; seconds.
+struct Amount {
+    from: f64,
+    to: f64,
+    amount: f64,
+}
+
+fn amounts(motions: &[CameraMotion]) -> Vec<Amount> {
+    let amount = |m: &CameraMotion| Amount {
+        from: m.from,
+        to: m.to,
+        amount: m.flow.length,
+    };
+    motions.iter().map(amount).collect()
+}
+
 /// Time, speed by the tracker, amount by the camera.
-fn speeds(track: &TrackerTrack, seen: &[CameraMotion], offset: f64) -> Vec<(f64, f64, f64)> {
-    let one = |m: &CameraMotion| {
+fn speeds(track: &TrackerTrack, seen: &[Amount], offset: f64) -> Vec<(f64, f64, f64)> {
+    let one = |m: &Amount| {
         let turn = track.at(m.from + offset)?.inverse() * track.at(m.to + offset)?;
         let span = (m.to - m.from).max(1e-9);
         let angle = 2.0 * turn.xyz().length().atan2(turn.w.abs());

@@ -1,8 +1,7 @@
 //! What the tracker said, in the order of arrival.
 
-use crate::calibration::latency::TrackerTrack;
+use crate::calibration::latency::{TrackerTrack, without_jumps};
 use crate::sync::{HistoryConfig, PoseHistory, Provenance};
-use glam::DQuat;
 use penumbra_interface::{MonotonicTime, PoseSample, RigidTransform};
 use std::collections::BTreeSet;
 
@@ -69,17 +68,16 @@ impl Readings {
         ))
     }
 
-    /// The orientation by time, seconds after `zero`.
+    /// The pose by time, seconds after `zero`.
     #[must_use]
     pub fn track(&self, zero: MonotonicTime) -> TrackerTrack {
-        let rotations = self
-            .kept
-            .iter()
-            .map(|(at, pose)| (at.seconds_since(zero), pose.rotation));
-        TrackerTrack::new(rotations.collect::<Vec<(f64, DQuat)>>(), SMOOTHING)
+        let poses = self.kept.iter();
+        let poses = poses.map(|(at, pose)| (at.seconds_since(zero), *pose));
+        TrackerTrack::of_poses(poses, SMOOTHING)
     }
 
-    /// As the running rig keeps them: what jumps impossibly is left out, noise is smoothed.
+    /// As the running rig keeps them, noise is smoothed; but without readings that the next ones
+    /// contradict.
     #[must_use]
     pub fn history(&self) -> PoseHistory {
         let mut history = PoseHistory::new(HistoryConfig {
@@ -88,8 +86,13 @@ impl Readings {
             jump_back_nanos: i64::MAX,
             ..HistoryConfig::default()
         });
-        for (at, pose) in &self.kept {
-            history.push(*at, *pose);
+        let Some(first) = self.kept.first().map(|k| k.0) else {
+            return history;
+        };
+        let seconds =
+            |(at, pose): &(MonotonicTime, RigidTransform)| (at.seconds_since(first), *pose);
+        for (at, pose) in without_jumps(self.kept.iter().map(seconds).collect()) {
+            history.push(first.offset_nanos((at * 1e9).round() as i64), pose);
         }
         history
     }

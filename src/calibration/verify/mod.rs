@@ -127,13 +127,13 @@ impl Verify {
         if let Some(pose) = tracked.or(by_markers) {
             self.colours.scene(&self.known, shown, pose);
         }
-        if let Some(amount) = self.motion.next(&Grey::from_picture(shown.picture))
+        if let Some(flow) = self.motion.next(&Grey::from_picture(shown.picture))
             && let Some(last) = self.moments.last()
         {
             self.motions.push(CameraMotion {
                 from: last.seconds,
                 to: seconds,
-                amount,
+                flow,
             });
         }
         self.progress.marks = tags.iter().flat_map(|t| t.corners).collect();
@@ -201,8 +201,8 @@ impl Verify {
             return None;
         }
         let readings = self.readings.iter();
-        let readings = readings.map(|(at, pose)| (at.seconds_since(first), pose.rotation));
-        let track = TrackerTrack::new(readings, SMOOTHING);
+        let readings = readings.map(|(at, pose)| (at.seconds_since(first), *pose));
+        let track = TrackerTrack::of_poses(readings, SMOOTHING);
         let turns: Vec<CameraTurn> = self
             .moments
             .windows(2)
