@@ -67,7 +67,7 @@ fn a_replay_shows_pictures_as_the_camera_stands_when_they_are_seen() {
             "replay {session} --config {name}.toml --headless --listen 127.0.0.1:0 --speed max \
              --poses-out {name}.csv --frames 40 --frames-out {name}"
         ));
-        let csv = std::fs::read_to_string(desk.path(&format!("{name}.csv"))).unwrap();
+        let csv = std::fs::read_to_string(desk.path(format!("{name}.csv"))).unwrap();
         poses(&csv)
     };
     let (with, without) = (run("on"), run("off"));

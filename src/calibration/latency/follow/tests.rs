@@ -20,7 +20,7 @@ fn stamp(seconds: f64) -> MonotonicTime {
 /// A rig with a clock and a hand of its own.
 /// It stays where it is.
 fn still(rotation: DQuat) -> RigidTransform {
-    RigidTransform::new(rotation, glam::DVec3::ZERO)
+    RigidTransform::new(rotation, DVec3::ZERO)
 }
 
 struct Rig<O: Fn(f64) -> f64, H: Fn(f64) -> DQuat> {
