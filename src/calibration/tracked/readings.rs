@@ -1,7 +1,7 @@
 //! What the tracker said, in the order of arrival.
 
 use crate::calibration::latency::{TrackerTrack, without_jumps};
-use crate::sync::{HistoryConfig, PoseHistory, Provenance};
+use crate::sync::{Degree, HistoryConfig, PoseHistory, Provenance, Smoothing};
 use penumbra_interface::{MonotonicTime, PoseSample, RigidTransform};
 use std::collections::BTreeSet;
 
@@ -9,6 +9,8 @@ use std::collections::BTreeSet;
 const MOST: usize = 1_000_000;
 /// Rotations are smoothed over so many seconds to either side.
 const SMOOTHING: f64 = 0.02;
+/// And poses for pairs over so much, nanoseconds.
+const NARROW_NANOS: i64 = 35_000_000;
 
 /// Of one station.
 #[derive(Clone, Debug)]
@@ -76,14 +78,20 @@ impl Readings {
         TrackerTrack::of_poses(poses, SMOOTHING)
     }
 
-    /// As the running rig keeps them, noise is smoothed; but without readings that the next ones
-    /// contradict.
+    /// As the running rig keeps them, but without readings that the next ones contradict, and
+    /// smoothed less.
     #[must_use]
     pub fn history(&self) -> PoseHistory {
         let mut history = PoseHistory::new(HistoryConfig {
             capacity: self.kept.len().max(2),
             // A recording is one stretch of time.
             jump_back_nanos: i64::MAX,
+            // Hundreds of pairs take the noise away; what a wider window bends straight they would
+            // not.
+            smoothing: Smoothing::Local {
+                half_window_nanos: NARROW_NANOS,
+                degree: Degree::Quadratic,
+            },
             ..HistoryConfig::default()
         });
         let Some(first) = self.kept.first().map(|k| k.0) else {
