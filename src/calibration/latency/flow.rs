@@ -53,7 +53,8 @@ pub fn from_motion(
     }
     // First all numbers as they vary, then by what is left of them, without what jumped.
     let all = Compared::new(track, motions, &kept, length);
-    let rough = scan(|offset| all.fit(offset, &all.spread()), range, NUMBERS);
+    let spread = all.spread();
+    let rough = scan(|offset| all.fit(offset, &spread), range, NUMBERS);
     let rough = rough.ok_or(LatencyError::NotAlike { percent: 0.0 })?;
     let (noise, jumped) = all
         .noise(rough.offset)
