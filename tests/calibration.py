@@ -280,6 +280,20 @@ def waved(j: Judge) -> Iterator[Row]:
         check = j.calibrate(work, "verify", "check.json", "--session", whole)
         bent = ", the tracker's space bent" if metal else ""
         yield Row(session.name, f"markers by the tracker alone{bent}", check["reprojection_px"], 1.0, "px RMS", "markers")
+        latency = without_markers(j, work)
+        yield Row(session.name, f"latency by {latency['by']}, mounting known", 1e3 * abs(latency["seconds"] - truth["latency_s"]), 2.0, "ms", "truth")
+
+
+def without_markers(j: Judge, work: Path) -> dict:
+    """The latency once more, by the mounting that was found, nothing known of the tags."""
+    rig = work / "unmarked"
+    shutil.copytree(work / "rig", rig)
+    (rig / "calibration/latency.json").unlink()
+    known = json.loads((rig / "rig.json").read_text())
+    known.pop("markers")
+    (rig / "rig.json").write_text(json.dumps(known))
+    j.run(work, "import", rig, "unmarked.mcap", "--force")
+    return j.calibrate(work, "latency", "unmarked-latency.json", "--session", "unmarked.mcap")["tracker_minus_scene"]
 
 
 def true_poses(session: Path):

@@ -10,6 +10,7 @@ mod shrink;
 use super::source::Source;
 use super::{RigError, RigSetup, threads};
 use crate::calibration::intrinsics::Grey;
+use crate::calibration::latency::Mounted;
 use crate::calibration::latency::follow::{Followed, Follower};
 use crate::config::{Config, FollowLatency};
 use crate::picture::Picture;
@@ -88,10 +89,11 @@ impl LatencyWatch {
             return Ok(None);
         }
         let apply = wanted == FollowLatency::Apply;
+        let watcher = Watcher::of(Mounted::scene_camera(&setup.calibration));
         let way = if apply && !source.is_live() {
-            Way::Inline(Box::default())
+            Way::Inline(Box::new(watcher))
         } else {
-            Way::Beside(Beside::start(!source.is_live())?)
+            Way::Beside(Beside::start(watcher, !source.is_live())?)
         };
         Ok(Some(Self {
             station,
@@ -185,7 +187,7 @@ impl LatencyWatch {
 }
 
 impl Beside {
-    fn start(lossless: bool) -> Result<Self, RigError> {
+    fn start(mut watcher: Watcher, lossless: bool) -> Result<Self, RigError> {
         let (facts, told) = bounded::<Fact>(WAITING);
         let (spare, spares) = bounded(PICTURES);
         for _ in 0..PICTURES {
@@ -195,7 +197,6 @@ impl Beside {
         let known = Arc::new(Mutex::new(Followed::default()));
         let shared = Arc::clone(&known);
         let job = move || {
-            let mut watcher = Watcher::default();
             for fact in told {
                 let finish = matches!(fact, Fact::Finish);
                 if watcher.take(fact) {
@@ -250,6 +251,13 @@ struct Watcher {
 }
 
 impl Watcher {
+    fn of(mounted: Option<Mounted>) -> Self {
+        Self {
+            follower: Follower::new(mounted),
+            spare: None,
+        }
+    }
+
     /// Whether something else is known now.
     fn take(&mut self, fact: Fact) -> bool {
         match fact {
@@ -259,7 +267,7 @@ impl Watcher {
                 self.follower.picture(at, &small);
                 self.spare = Some(small);
             }
-            Fact::Restart => self.follower = Follower::default(),
+            Fact::Restart => self.follower.restart(),
             Fact::Finish => {
                 self.follower.estimate();
                 return true;

@@ -28,6 +28,9 @@ const FEWEST: f64 = 30.0;
 const TOGETHER: f64 = 0.13;
 /// Motions whose rest is so many times the usual are passed over: a picture that jumped.
 const OUTLYING: f64 = 6.0;
+/// If even the worst offset leaves no more than this share, the factors make up for any offset: to and
+/// fro at one pace is as good as to and fro some time later, with other factors.
+const ANY: f64 = 0.03;
 /// What is added to the factors' normal equations, as a share: motion about one axis leaves the others
 /// open.
 const RIDGE: f64 = 1e-9;
@@ -64,6 +67,9 @@ pub fn from_motion(
     let kept = covered(track, &spans, steady.collect(), rough.offset)?;
     let steady = Compared::new(track, motions, &kept, length);
     let found = scan(|offset| steady.fit(offset, &noise), range, NUMBERS);
+    if found.as_ref().is_some_and(|f| f.worst < ANY) {
+        return Err(LatencyError::AnyOffset);
+    }
     let fitted = (FACTORS + 1) as f64;
     settle(found, range, alone * SPAN / TOGETHER, (fitted, kept.len()))
 }

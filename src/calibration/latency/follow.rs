@@ -1,8 +1,8 @@
 //! The offset while the rig runs: asked again of the last seconds, and followed.
 
 use super::{
-    CameraMotion, CameraTurn, ClockOffset, ImageMotion, LatencyError, TrackerTrack, from_motion,
-    from_rotations,
+    CameraMotion, CameraTurn, ClockOffset, ImageMotion, LatencyError, Mounted, TrackerTrack,
+    from_motion, from_patches, from_rotations,
 };
 use crate::calibration::intrinsics::Grey;
 use glam::DQuat;
@@ -37,8 +37,10 @@ const MOST: usize = 20_000;
 pub enum Means {
     /// Poses by tags or a board.
     Poses,
-    /// The pictures' own motion.
+    /// The pictures' own motion, as a whole.
     Flow,
+    /// The same, patch by patch, the camera's mounting known.
+    Patches,
 }
 
 impl Means {
@@ -47,7 +49,7 @@ impl Means {
     pub const fn name(self) -> &'static str {
         match self {
             Self::Poses => "poses",
-            Self::Flow => "image motion",
+            Self::Flow | Self::Patches => "image motion",
         }
     }
 
@@ -56,6 +58,7 @@ impl Means {
         match self {
             Self::Poses => 5e-4,
             Self::Flow => 2e-3,
+            Self::Patches => 1e-3,
         }
     }
 }
@@ -86,6 +89,7 @@ pub struct Followed {
 /// [`Self::estimate`] whenever [`Self::due`].
 #[derive(Clone, Debug, Default)]
 pub struct Follower {
+    mounted: Option<Mounted>,
     zero: Option<MonotonicTime>,
     readings: VecDeque<(f64, RigidTransform)>,
     turns: VecDeque<CameraTurn>,
@@ -102,6 +106,20 @@ pub struct Follower {
 }
 
 impl Follower {
+    /// Of a camera whose place on the sensor may be known.
+    #[must_use]
+    pub fn new(mounted: Option<Mounted>) -> Self {
+        Self {
+            mounted,
+            ..Self::default()
+        }
+    }
+
+    /// Time begins anew.
+    pub fn restart(&mut self) {
+        *self = Self::new(self.mounted.take());
+    }
+
     /// The tracker said so.
     pub fn reading(&mut self, arrived_at: MonotonicTime, transmitter_from_sensor: RigidTransform) {
         let at = self.seconds(arrived_at);
@@ -192,7 +210,7 @@ impl Follower {
         let motions: Vec<CameraMotion> = self.motions.iter().copied().collect();
         let poses = from_rotations(&track, &turns, RANGE).map(|found| (found, Means::Poses));
         poses.or_else(|refusal| {
-            let flow = from_motion(&track, &motions, RANGE).map(|found| (found, Means::Flow));
+            let flow = by_motion(&track, &motions, self.mounted.as_ref(), RANGE);
             // What is said of poses says more, where there are enough of them.
             flow.map_err(|of_flow| match refusal {
                 LatencyError::TooShort { .. } => of_flow,
@@ -228,6 +246,32 @@ impl Follower {
 
     fn seconds(&mut self, at: MonotonicTime) -> f64 {
         at.seconds_since(*self.zero.get_or_insert(at))
+    }
+}
+
+/// By the pictures' own motion: with the camera's mounting, if it is known and does not contradict what
+/// is found without.
+///
+/// # Errors
+/// As [`super::from_rotations`].
+pub fn by_motion(
+    track: &TrackerTrack,
+    motions: &[CameraMotion],
+    mounted: Option<&Mounted>,
+    range: f64,
+) -> Result<(ClockOffset, Means), LatencyError> {
+    let whole = from_motion(track, motions, range).map(|found| (found, Means::Flow));
+    let patches = mounted.and_then(|m| from_patches(track, motions, m, range).ok());
+    let patches = patches.map(|found| (found, Means::Patches));
+    let sigma = |(found, means): &(ClockOffset, Means)| found.sigma.hypot(means.systematic());
+    match (whole, patches) {
+        (Ok(whole), Some(patches)) => {
+            let apart = (whole.0.seconds - patches.0.seconds).abs();
+            let agree = apart < GATE * sigma(&whole).hypot(sigma(&patches));
+            let finer = agree && sigma(&patches) < sigma(&whole);
+            Ok(if finer { patches } else { whole })
+        }
+        (whole, patches) => whole.or_else(|why| patches.ok_or(why)),
     }
 }
 

@@ -6,6 +6,8 @@ use glam::{DMat2, DVec2};
 
 /// Patches across and down.
 const PATCHES: (usize, usize) = (6, 4);
+/// All of them.
+pub const MOST_PATCHES: usize = PATCHES.0 * PATCHES.1;
 /// Pictures are halved until they are no longer than this, pixels.
 const LONGEST: usize = 160;
 /// Further halvings at which a motion is looked for first.
@@ -31,6 +33,18 @@ pub struct Flow {
     pub growth: f64,
     /// Turn, radians.
     pub turn: f64,
+    /// The patches that could be followed.
+    pub patches: [Option<Patch>; MOST_PATCHES],
+}
+
+/// A patch of the picture in both pictures: its middle, as a share of width and height from the
+/// picture's upper left corner, so that a smaller copy says the same.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Patch {
+    /// In the picture before.
+    pub from: DVec2,
+    /// In this one.
+    pub to: DVec2,
 }
 
 /// Follows a stream of pictures by the shift of patches (Lucas & Kanade 1981, from coarse to
@@ -60,7 +74,16 @@ impl ImageMotion {
         if !before.first().is_some_and(|b| same(b, &self.before[0])) {
             return None;
         }
-        let shifts = self.shifts(&before);
+        let finest = &self.before[0];
+        let size = DVec2::new(finest.width as f64, finest.height as f64);
+        let cell = size / DVec2::new(PATCHES.0 as f64, PATCHES.1 as f64);
+        let followed: [Option<(DVec2, DVec2)>; MOST_PATCHES] = std::array::from_fn(|i| {
+            let at = DVec2::new((i % PATCHES.0) as f64, (i / PATCHES.0) as f64);
+            let middle = (at + 0.5) * cell;
+            Some((middle, self.shift(&before, middle, cell.min_element())?))
+        });
+        let each = followed.iter().flatten();
+        let shifts: Vec<_> = each.map(|(at, by)| (*at - 0.5 * size, *by)).collect();
         if shifts.len() < LEAST_PATCHES {
             return None;
         }
@@ -71,47 +94,37 @@ impl ImageMotion {
             shift: shift * scale,
             growth,
             turn,
+            patches: followed.map(|patch| {
+                let (at, by) = patch?;
+                Some(Patch {
+                    from: (at + 0.5) / size,
+                    to: (at + by + 0.5) / size,
+                })
+            }),
         })
     }
 
-    /// Places from the picture's middle and shifts of the patches that could be followed, in
-    /// pixels of the finest level.
-    fn shifts(&self, before: &[Grey]) -> Vec<(DVec2, DVec2)> {
-        let finest = &self.before[0];
-        let cell = DVec2::new(
-            finest.width as f64 / PATCHES.0 as f64,
-            finest.height as f64 / PATCHES.1 as f64,
-        );
-        let patches = (0..PATCHES.0 * PATCHES.1).map(|i| {
-            let at = DVec2::new((i % PATCHES.0) as f64, (i / PATCHES.0) as f64);
-            (at + 0.5) * cell
-        });
-        patches
-            .filter_map(|middle| {
-                let mut shift = DVec2::ZERO;
-                for level in (0..LEVELS).rev() {
-                    let size = 0.5_f64.powi(level as i32);
-                    // Coarse levels see more of the surroundings.
-                    let half =
-                        (0.6 * cell.min_element()).max(5.0) * if level == 0 { 1.0 } else { 0.8 };
-                    let followed = follow(
-                        &before[level],
-                        &self.before[level],
-                        middle * size,
-                        half.min(12.0),
-                        shift * size,
-                    );
-                    match followed {
-                        Some(found) => shift = found / size,
-                        None if level == 0 => return None,
-                        None => {}
-                    }
-                }
-                let from_middle =
-                    middle - 0.5 * DVec2::new(PATCHES.0 as f64, PATCHES.1 as f64) * cell;
-                Some((from_middle, shift))
-            })
-            .collect()
+    /// How the patch about a place moved, in pixels of the finest level, if it could be followed.
+    fn shift(&self, before: &[Grey], middle: DVec2, cell: f64) -> Option<DVec2> {
+        let mut shift = DVec2::ZERO;
+        for level in (0..LEVELS).rev() {
+            let size = 0.5_f64.powi(level as i32);
+            // Coarse levels see more of the surroundings.
+            let half = (0.6 * cell).max(5.0) * if level == 0 { 1.0 } else { 0.8 };
+            let followed = follow(
+                &before[level],
+                &self.before[level],
+                middle * size,
+                half.min(12.0),
+                shift * size,
+            );
+            match followed {
+                Some(found) => shift = found / size,
+                None if level == 0 => return None,
+                None => {}
+            }
+        }
+        Some(shift)
     }
 }
 

@@ -2,19 +2,22 @@
 //!
 //! A turn between two pictures is what the tracker saw between the same two instants, which
 //! its clock calls later by the offset. [`from_rotations`] compares rotations where pictures
-//! have poses (markers, a board); [`from_motion`] compares all of the tracker's motion with the flow
-//! of pictures that have none ([`ImageMotion`]). Drift is followed by asking again for the last few seconds.
+//! have poses (markers, a board); where they have none, their flow ([`ImageMotion`]) is compared:
+//! patch by patch with the camera's motion if its mounting is known ([`from_patches`]), else with all
+//! of the tracker's motion as a whole ([`from_motion`]). Drift is followed by asking again for the last few seconds.
 
 mod flow;
 pub mod follow;
 mod image_motion;
 mod jumps;
+mod mounted;
 mod scan;
 mod track;
 
 pub use flow::from_motion;
-pub use image_motion::{Flow, ImageMotion};
+pub use image_motion::{Flow, ImageMotion, MOST_PATCHES, Patch};
 pub(crate) use jumps::without_jumps;
+pub use mounted::{Mounted, from_patches};
 pub use track::TrackerTrack;
 
 use crate::calibration::hand_eye::best_rotation;
@@ -98,6 +101,11 @@ pub enum LatencyError {
         /// The next best.
         second: f64,
     },
+    /// The motion fits at any offset.
+    #[error(
+        "the motion fits at any offset, as it is slow or goes to and fro at one pace; turn the rig briskly and unevenly"
+    )]
+    AnyOffset,
     /// It is not sure enough.
     #[error("the offset is known to {millis:.1} ms only; turn the rig more briskly, and longer")]
     Uncertain {

@@ -7,6 +7,9 @@ const RIVAL: f64 = 0.85;
 /// if a rise of this share of the way down parts them.
 const RIDGE: f64 = 0.3;
 
+/// How far from the minimum its bend is looked at, seconds.
+const BENDS: [f64; 4] = [0.006, 0.012, 0.024, 0.048];
+
 /// Residuals at one offset.
 pub(super) struct Fit {
     residuals: Vec<f64>,
@@ -32,6 +35,9 @@ pub(super) struct Minimum {
     pub at_edge: bool,
     /// Another offset that fits nearly as well.
     pub rival: Option<f64>,
+    /// What the squares are at the worst offset, as a share of what they would be if both motions were
+    /// unrelated.
+    pub worst: f64,
 }
 
 /// The minimum of the squares over −`range`..`range` seconds; `dimensions` residuals belong
@@ -61,6 +67,7 @@ pub(super) fn scan(
     Some(Minimum {
         sigma: sigma(&fit, offset, &here, dimensions).unwrap_or(f64::INFINITY),
         rival: rival(&looked, best),
+        worst: looked.iter().map(|l| l.1.squares).fold(0.0, f64::max) / here.power.max(1e-300),
         offset,
         correlation,
         at_edge,
@@ -91,16 +98,25 @@ fn walk_down(fit: &impl Fn(f64) -> Option<Fit>, start: f64) -> Option<(f64, Fit)
 
 // ┌ J(τ) = Σ r²; near its minimum τ₀ − τ ≈ Σ r r' / h with h = J'' / 2, so                    ┐
 // │ σ² = Var(Σ r r') / h². The variance is that of gᵢ = rᵢ rᵢ' with their correlation in      │
-// └ time (Newey & West 1987); r' counts the tracker's noise too, which moves with τ.          ┘
+// │ time (Newey & West 1987); r' counts the tracker's noise too, which moves with τ. That     │
+// │ noise makes J wavy, and the least J lies in a wave's trough, which is bent more than what │
+// └ the motions make: h is the least of those seen from near and from far.                    ┘
 fn sigma(
     fit: &impl Fn(f64) -> Option<Fit>,
     offset: f64,
     here: &Fit,
     dimensions: usize,
 ) -> Option<f64> {
-    let step = 0.006;
+    let step = BENDS[0];
     let (before, after) = (fit(offset - step)?, fit(offset + step)?);
-    let bend = (before.squares + after.squares - 2.0 * here.squares) / (2.0 * step * step);
+    let bent = |step: f64, before: f64, after: f64| {
+        (before + after - 2.0 * here.squares) / (2.0 * step * step)
+    };
+    let mut bend = bent(step, before.squares, after.squares);
+    for step in &BENDS[1..] {
+        let (before, after) = (fit(offset - step)?, fit(offset + step)?);
+        bend = bend.min(bent(*step, before.squares, after.squares));
+    }
     let slopes = before.residuals.iter().zip(&after.residuals);
     let products: Vec<f64> = slopes
         .zip(&here.residuals)

@@ -1,5 +1,7 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
+use super::follow::by_motion;
 use super::*;
+use crate::calibration::PinholeCamera;
 use crate::calibration::intrinsics::Grey;
 use crate::calibration::intrinsics::drawn::Random;
 use crate::picture::Picture;
@@ -74,10 +76,11 @@ fn circling(t: f64) -> RigidTransform {
 }
 
 /// The flow of its pictures.
-fn flows(seconds: f64, random: &mut Random) -> Vec<CameraMotion> {
-    (1..(30.0 * seconds) as i32)
+fn flows(seconds: f64, rate: f64, random: &mut Random) -> Vec<CameraMotion> {
+    let mut shaken = Random::new(8);
+    (1..(rate * seconds) as i32)
         .map(|i| {
-            let (from, to) = (0.011 + f64::from(i - 1) / 30.0, 0.011 + f64::from(i) / 30.0);
+            let (from, to) = (0.011 + f64::from(i - 1) / rate, 0.011 + f64::from(i) / rate);
             let back = circling(from).inverse() * circling(to);
             let shown = |p: DVec3| 700.0 * p.truncate() / p.z;
             let moved = |p: DVec3| shown(back.inverse().transform_point(p)) - shown(p);
@@ -86,6 +89,19 @@ fn flows(seconds: f64, random: &mut Random) -> Vec<CameraMotion> {
             let at = |x: f64, y: f64| DVec3::new(x * depth, y * depth, depth);
             let (left, right) = (moved(at(-0.3, 0.0)), moved(at(0.3, 0.0)));
             let noise = DVec2::new(random.normal(), random.normal()) * 0.3;
+            let patches = std::array::from_fn(|k| {
+                let place =
+                    DVec2::new((k % 6) as f64 + 0.5, (k / 6) as f64 + 0.5) / DVec2::new(6.0, 4.0);
+                // Something stands near, something is far.
+                let away = depth * [1.0, 0.6, 1.0, 3.0, 1.0][(k * 7 + 3 * i as usize) % 5];
+                let middle = (place - 0.5) * DVec2::new(640.0, 480.0) / 700.0;
+                let shift = moved((middle * away).extend(away));
+                let noise = DVec2::new(shaken.normal(), shaken.normal()) * 0.3;
+                (k % 4 != 3).then(|| Patch {
+                    from: place,
+                    to: place + (shift + noise) / DVec2::new(640.0, 480.0),
+                })
+            });
             CameraMotion {
                 from,
                 to,
@@ -94,18 +110,23 @@ fn flows(seconds: f64, random: &mut Random) -> Vec<CameraMotion> {
                     shift: moved(at(0.0, 0.0)) + noise,
                     growth: (right.x - left.x) / 420.0 + 5e-4 * random.normal(),
                     turn: (right.y - left.y) / 420.0 + 5e-4 * random.normal(),
+                    patches,
                 },
             }
         })
         .collect()
 }
 
-/// The tracker of that rig, which sits on it anyhow.
-fn circling_track(seconds: f64, random: &mut Random) -> TrackerTrack {
-    let sensor = RigidTransform::new(
+fn camera_from_sensor() -> RigidTransform {
+    RigidTransform::new(
         DQuat::from_euler(glam::EulerRot::XYZ, 0.3, 2.0, -1.0),
         DVec3::new(0.04, 0.01, -0.06),
-    );
+    )
+}
+
+/// The tracker of that rig, which sits on it anyhow.
+fn circling_track(seconds: f64, random: &mut Random) -> TrackerTrack {
+    let sensor = camera_from_sensor();
     let readings = (0..(120.0 * seconds) as i32).map(|i| {
         let t = f64::from(i) / 120.0;
         let pose = circling(t - OFFSET) * sensor;
@@ -121,7 +142,7 @@ fn the_flow_of_a_camera_that_circles_its_subject_tells_it_to_two_milliseconds() 
     let mut random = Random::new(2);
     for _ in 0..5 {
         let track = circling_track(20.0, &mut random);
-        let mut flows = flows(20.0, &mut random);
+        let mut flows = flows(20.0, 30.0, &mut random);
         // Pictures that jump, as by a hand before the camera.
         for i in [50, 51, 200, 333] {
             flows[i].flow.shift += DVec2::new(80.0, -30.0);
@@ -137,11 +158,91 @@ fn the_flow_of_a_camera_that_circles_its_subject_tells_it_to_two_milliseconds() 
     }
 }
 
+fn mounted(off: DQuat) -> Mounted {
+    let camera = PinholeCamera {
+        width: 640,
+        height: 480,
+        focal: DVec2::splat(700.0),
+        centre: DVec2::new(319.5, 239.5),
+        distortion: [0.0; 5],
+    };
+    let turned = RigidTransform::new(off, DVec3::ZERO);
+    Mounted::new(camera, camera_from_sensor().inverse() * turned)
+}
+
+#[test]
+fn patches_tell_it_where_the_mounting_is_known_and_are_not_believed_where_it_is_wrong() {
+    let mut random = Random::new(3);
+    for _ in 0..5 {
+        let track = circling_track(20.0, &mut random);
+        // As a rig that runs looks at its pictures.
+        let mut flows = flows(20.0, 15.0, &mut random);
+        for i in [50, 51, 200, 233] {
+            for patch in flows[i].flow.patches.iter_mut().flatten() {
+                patch.to += DVec2::new(0.1, -0.05);
+            }
+        }
+        let right = mounted(DQuat::IDENTITY);
+        let found = from_patches(&track, &flows, &right, 0.25).unwrap();
+        let off = found.seconds - OFFSET;
+        println!("off by {:.2} ms, {found:?}", 1e3 * off);
+        assert!(
+            off.abs() < 0.003 && off.abs() < 4.0 * found.sigma,
+            "{off} {found:?}"
+        );
+        assert!(found.sigma < 0.005, "{found:?}");
+        // Of both ways the surer one counts, and never a wrong mounting's.
+        let (found, _) = by_motion(&track, &flows, Some(&right), 0.25).unwrap();
+        assert!((found.seconds - OFFSET).abs() < 0.003, "{found:?}");
+        let wrong = mounted(DQuat::from_rotation_z(1.2));
+        let (found, means) = by_motion(&track, &flows, Some(&wrong), 0.25).unwrap();
+        assert!(
+            (found.seconds - OFFSET).abs() < 0.003,
+            "{found:?} {means:?}"
+        );
+    }
+}
+
+/// Two ways of moving, a quarter of a period apart, make up for any offset.
+#[test]
+fn to_and_fro_at_one_pace_is_refused() {
+    let swing = |t: f64| {
+        let turn = DQuat::from_rotation_y(0.2 * (9.0 * t).sin());
+        RigidTransform::new(turn, DVec3::X * 0.1 * (9.0 * t).cos())
+    };
+    let mut random = Random::new(9);
+    let readings = (0..2400).map(|i| {
+        let t = f64::from(i) / 120.0;
+        let pose = swing(t - OFFSET);
+        let place = pose.translation + random.normal3() * 1e-4;
+        (t, RigidTransform::new(pose.rotation, place))
+    });
+    let track = TrackerTrack::of_poses(readings.collect::<Vec<_>>(), 0.02);
+    let motion = |i: i32| {
+        let (from, to) = (f64::from(i - 1) / 30.0, f64::from(i) / 30.0);
+        let back = swing(from).inverse() * swing(to);
+        let turn = back.rotation.to_scaled_axis();
+        let shift = DVec2::new(-700.0 * turn.y - 500.0 * back.translation.x, 0.0);
+        CameraMotion {
+            from,
+            to,
+            flow: Flow {
+                length: shift.length(),
+                shift,
+                ..Flow::default()
+            },
+        }
+    };
+    let motions: Vec<CameraMotion> = (1..600).map(motion).collect();
+    let found = from_motion(&track, &motions, 0.25);
+    assert_eq!(found, Err(LatencyError::AnyOffset));
+}
+
 #[test]
 fn a_short_flow_and_one_of_something_else_are_refused() {
     let mut random = Random::new(6);
     let track = circling_track(20.0, &mut random);
-    let flows = flows(20.0, &mut random);
+    let flows = flows(20.0, 30.0, &mut random);
     let short = from_motion(&track, &flows[..100], 0.25);
     assert!(
         matches!(short, Err(LatencyError::TooShort { .. })),

@@ -6,9 +6,9 @@ use super::surveyor::{Landmarks, Sighting, Surveyor};
 use crate::calibration::RigCalibration;
 use crate::calibration::head::Head;
 use crate::calibration::intrinsics::{Grade, Grey};
-use crate::calibration::latency::follow::Means;
+use crate::calibration::latency::follow::{Means, by_motion};
 use crate::calibration::latency::{
-    CameraMotion, CameraTurn, ClockOffset, Flow, ImageMotion, LatencyError, TrackerTrack,
+    CameraMotion, CameraTurn, ClockOffset, Flow, ImageMotion, LatencyError, Mounted, TrackerTrack,
     from_motion, from_rotations,
 };
 use crate::calibration::latency_file::{LatencyRecord, OffsetRecord};
@@ -173,13 +173,11 @@ impl LatencyStep {
         let (zero, track) = (self.zero?, self.track()?);
         let range = self.options.range;
         let poses = from_rotations(&track, &turns(&self.sightings, zero), range);
-        let flow = from_motion(&track, &self.scene.motions(zero), range);
+        let mounted = Mounted::scene_camera(&self.rig);
+        let flow = by_motion(&track, &self.scene.motions(zero), mounted.as_ref(), range);
         let (scene, check) = match (poses, flow) {
-            (Ok(poses), flow) => (
-                Ok((poses, Means::Poses)),
-                flow.ok().map(|f| (f, Means::Flow)),
-            ),
-            (Err(_), Ok(flow)) => (Ok((flow, Means::Flow)), None),
+            (Ok(poses), flow) => (Ok((poses, Means::Poses)), flow.ok()),
+            (Err(_), Ok(flow)) => (Ok(flow), None),
             // What is said of poses says more, where there are enough of them.
             (Err(poses), Err(flow)) => {
                 let seen = !matches!(poses, LatencyError::TooShort { .. });

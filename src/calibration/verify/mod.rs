@@ -16,8 +16,8 @@ use super::RigDocument;
 use super::fiducial::{Detector, Registrar, Registration, TagMap, TagSeen};
 use super::intrinsics::Grey;
 use super::latency::{
-    CameraMotion, CameraTurn, ClockOffset, ImageMotion, LatencyError, TrackerTrack, from_motion,
-    from_rotations,
+    CameraMotion, CameraTurn, ClockOffset, ImageMotion, LatencyError, Mounted, TrackerTrack,
+    follow::by_motion, from_rotations,
 };
 use super::photometry::PhotometricMatch;
 use super::photometry::raycast::PhantomCaster;
@@ -216,7 +216,9 @@ impl Verify {
             })
             .collect();
         let by_turns = from_rotations(&track, &turns, RANGE);
-        Some(by_turns.or_else(|error| from_motion(&track, &self.motions, RANGE).map_err(|_| error)))
+        let mounted = Mounted::scene_camera(&self.known.rig.calibration);
+        let by_motion = || by_motion(&track, &self.motions, mounted.as_ref(), RANGE);
+        Some(by_turns.or_else(|error| by_motion().map(|(found, _)| found).map_err(|_| error)))
     }
 
     fn measured(&self, tracked: &[Off], among: &[Off]) -> Measured {

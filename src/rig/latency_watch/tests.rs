@@ -71,7 +71,7 @@ fn watch(way: Way, apply: bool) -> LatencyWatch {
 
 #[test]
 fn beside_and_inline_the_same_is_found_and_only_where_wished_it_comes_into_force() {
-    let beside = || Way::Beside(Beside::start(true).unwrap());
+    let beside = || Way::Beside(Beside::start(Watcher::default(), true).unwrap());
     let (told, by_thread) = watched(watch(beside(), false));
     let (applied, inline) = watched(watch(Way::Inline(Box::default()), true));
     assert_eq!(by_thread, inline);
@@ -88,7 +88,10 @@ fn beside_and_inline_the_same_is_found_and_only_where_wished_it_comes_into_force
 
 #[test]
 fn a_live_rig_drops_what_its_thread_cannot_take() {
-    let mut live = watch(Way::Beside(Beside::start(false).unwrap()), false);
+    let mut live = watch(
+        Way::Beside(Beside::start(Watcher::default(), false).unwrap()),
+        false,
+    );
     let textured = picture(160, 120, |x, y| (x * 7 + y * 13) as u8);
     for i in 0..200 {
         let at = MonotonicTime::from_nanos(i * 70_000_000);
