@@ -1,6 +1,6 @@
 //! The pose at an instant, by local least squares through noisy readings.
 
-use glam::{DMat3, DQuat, DVec3};
+use glam::{DMat4, DQuat, DVec3, DVec4};
 use penumbra_interface::RigidTransform;
 
 /// Degree of the polynomial in time.
@@ -10,6 +10,8 @@ pub enum Degree {
     Linear,
     /// Even acceleration within the window.
     Quadratic,
+    /// Acceleration that changes evenly.
+    Cubic,
 }
 
 /// A reading near the instant asked for.
@@ -36,9 +38,9 @@ pub(super) struct Fit {
 /// (Savitzky and Golay's idea, for uneven times). Rotations are fitted as rotation vectors
 /// from `reference`, which must be near them all.
 ///
-/// With basis φ(t) = (1, t, t²) and moments A = Σ wᵢ φ(tᵢ) φ(tᵢ)ᵀ the value at 0 is
+/// With basis φ(t) = (1, t, t², …) and moments A = Σ wᵢ φ(tᵢ) φ(tᵢ)ᵀ the value at 0 is
 ///
-/// > Σ wᵢ (c · φ(tᵢ)) yᵢ   where   A c = φ(0) = (1, 0, 0)
+/// > Σ wᵢ (c · φ(tᵢ)) yᵢ   where   A c = φ(0)
 ///
 /// so position and rotation share the coefficients c. `None` if the readings do not
 /// determine the polynomial.
@@ -47,16 +49,19 @@ pub(super) fn value_at_zero(
     degree: Degree,
     reference: DQuat,
 ) -> Option<Fit> {
-    // Times in units of the farthest reading keep A well conditioned.
-    let scale = readings.clone().map(|r| r.time.abs()).fold(0.0, f64::max);
+    // Times from the middle of the readings, in units of half their span, keep A well
+    // conditioned, however far off the instant lies.
+    let times = readings.clone().map(|r| r.time);
+    let (first, last) = times.fold((f64::MAX, f64::MIN), |(a, b), t| (a.min(t), b.max(t)));
+    let (middle, scale) = (0.5 * (first + last), 0.5 * (last - first));
     if scale <= 0.0 {
         return None;
     }
-    let basis = |time: f64| DVec3::new(1.0, time / scale, (time / scale).powi(2));
-    let coefficients = match degree {
-        Degree::Linear => solve_linear(readings.clone(), basis)?,
-        Degree::Quadratic => solve_quadratic(readings.clone(), basis)?,
+    let basis = |time: f64| {
+        let t = (time - middle) / scale;
+        DVec4::new(1.0, t, t * t, t * t * t)
     };
+    let coefficients = solve(readings.clone(), degree, basis)?;
     let mut translation = DVec3::ZERO;
     let mut turn = DVec3::ZERO;
     let mut noise_gain = 0.0;
@@ -75,34 +80,40 @@ pub(super) fn value_at_zero(
 /// Below this the readings stand too close together to tell the polynomial's terms apart.
 const SMALLEST_DETERMINANT: f64 = 1e-9;
 
-fn solve_linear(
+/// c of A c = φ(0), for as many terms as `degree` has.
+fn solve(
     readings: impl Iterator<Item = Reading>,
-    basis: impl Fn(f64) -> DVec3,
-) -> Option<DVec3> {
-    let (mut s0, mut s1, mut s2) = (0.0, 0.0, 0.0);
+    degree: Degree,
+    basis: impl Fn(f64) -> DVec4,
+) -> Option<DVec4> {
+    let mut a = DMat4::ZERO;
     for reading in readings {
         let phi = basis(reading.time);
-        s0 += reading.weight;
-        s1 += reading.weight * phi.y;
-        s2 += reading.weight * phi.z;
+        let weighted = reading.weight * phi;
+        a += DMat4::from_cols(
+            weighted * phi.x,
+            weighted * phi.y,
+            weighted * phi.z,
+            weighted * phi.w,
+        );
     }
-    let determinant = s0 * s2 - s1 * s1;
-    (determinant > SMALLEST_DETERMINANT * s0 * s0).then(|| DVec3::new(s2, -s1, 0.0) / determinant)
-}
-
-fn solve_quadratic(
-    readings: impl Iterator<Item = Reading>,
-    basis: impl Fn(f64) -> DVec3,
-) -> Option<DVec3> {
-    let mut moments = DMat3::ZERO;
-    for reading in readings {
-        let phi = basis(reading.time);
-        let weighted = phi * reading.weight;
-        moments += DMat3::from_cols(weighted * phi.x, weighted * phi.y, weighted * phi.z);
+    let (at, s0) = (basis(0.0), a.x_axis.x);
+    // Terms that are not asked for: an identity in their place, and nothing to find.
+    let terms = match degree {
+        Degree::Linear => 2,
+        Degree::Quadratic => 3,
+        Degree::Cubic => 4,
+    };
+    let mut wanted = at;
+    for k in terms..4 {
+        for j in 0..4 {
+            a.col_mut(k)[j] = 0.0;
+            a.col_mut(j)[k] = 0.0;
+        }
+        a.col_mut(k)[k] = s0;
+        wanted[k] = 0.0;
     }
-    let s0 = moments.x_axis.x;
-    (moments.determinant() > SMALLEST_DETERMINANT * s0.powi(3))
-        .then(|| moments.inverse() * DVec3::X)
+    (a.determinant() > SMALLEST_DETERMINANT * s0.powi(4)).then(|| a.inverse() * wanted)
 }
 
 /// Variance of one reading's noise, metres² and radians², from the third differences of

@@ -1,6 +1,11 @@
 //! Where a tracked sensor was, is, and will be in a moment.
+//!
+//! Here is what was: readings, and poses between them. `forecast` draws the motion on.
+
+mod forecast;
 
 use super::fit::{Degree, Fit, Reading, noise_variance, value_at_zero};
+use forecast::ErrorHistory;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use std::collections::VecDeque;
 
@@ -112,12 +117,6 @@ const SLACK: (f64, f64) = (0.01, 0.02);
 const FEWEST_ON_A_SIDE: usize = 2;
 /// Standard deviations by which a wider window may disagree.
 const AGREEMENT: f64 = 2.0;
-/// Readings before the newest that a prediction is drawn from, nanoseconds: those that a line
-/// is laid through, and those for a parabola.
-const PREDICTION_WINDOWS_NANOS: [i64; 2] = [60_000_000, 160_000_000];
-/// Readings that the parabola needs, or it follows their noise.
-const FEWEST_FOR_PARABOLA: usize = 8;
-
 /// The recent readings of one station, in order of time. Does not allocate after `new`.
 #[derive(Clone, Debug)]
 pub struct PoseHistory {
@@ -125,7 +124,7 @@ pub struct PoseHistory {
     samples: VecDeque<Sample>,
     suspect: Option<Sample>,
     agreeing: u32,
-    errors: PredictionErrors,
+    errors: ErrorHistory,
 }
 
 impl PoseHistory {
@@ -137,7 +136,7 @@ impl PoseHistory {
             samples: VecDeque::with_capacity(config.capacity.max(2)),
             suspect: None,
             agreeing: 0,
-            errors: PredictionErrors::default(),
+            errors: ErrorHistory::default(),
         }
     }
 
@@ -159,11 +158,19 @@ impl PoseHistory {
         self.samples.back().map(|sample| sample.measured_at)
     }
 
+    /// When the first reading at or after an instant was taken.
+    #[must_use]
+    pub fn first_since(&self, time: MonotonicTime) -> Option<MonotonicTime> {
+        let before = self.samples.partition_point(|s| s.measured_at < time);
+        self.samples.get(before).map(|sample| sample.measured_at)
+    }
+
     /// Forgets everything.
     pub fn clear(&mut self) {
         self.samples.clear();
         self.suspect = None;
         self.agreeing = 0;
+        self.errors.restart();
     }
 
     /// Takes a reading.
@@ -203,26 +210,6 @@ impl PoseHistory {
         }
         self.clear();
         self.keep(sample, Pushed::Restarted)
-    }
-
-    /// Sees how far predictions of this reading would have been off.
-    fn learn(&mut self, sample: &Sample) {
-        for (k, horizon) in HORIZONS_NANOS.into_iter().enumerate() {
-            let until = sample.measured_at.offset_nanos(-horizon);
-            let after = self.samples.partition_point(|s| s.measured_at <= until);
-            let Some(last) = after.checked_sub(1).and_then(|i| self.samples.get(i)) else {
-                continue;
-            };
-            let ahead = sample.measured_at.nanos_since(last.measured_at);
-            // Across a gap it would be the error of a longer prediction.
-            if ahead > horizon + horizon / 2 + 5_000_000 {
-                continue;
-            }
-            let predicted = self.drawn_on(sample.measured_at, after, last);
-            let moved = predicted.translation.distance(sample.pose.translation);
-            self.errors
-                .add(k, ahead, [moved, angle(&predicted, &sample.pose)]);
-        }
     }
 
     fn keep(&mut self, sample: Sample, outcome: Pushed) -> Pushed {
@@ -377,120 +364,6 @@ impl PoseHistory {
         let first = self.samples.partition_point(|s| s.measured_at < start);
         let last = self.samples.partition_point(|s| s.measured_at <= end);
         self.samples.range(first..last.max(first))
-    }
-
-    /// The motion before index `after`, drawn on to `time`.
-    fn predict(&self, time: MonotonicTime, after: usize, longest_nanos: i64) -> Option<PoseAt> {
-        let last = self.samples.get(after.checked_sub(1)?)?;
-        let age_nanos = time.nanos_since(last.measured_at);
-        if age_nanos > longest_nanos {
-            return None;
-        }
-        Some(PoseAt {
-            transmitter_from_sensor: self.drawn_on(time, after, last),
-            provenance: Provenance::Predicted,
-            age_nanos,
-            sigma: self.errors.at(age_nanos),
-        })
-    }
-
-    /// Half way between a line through the last readings before index `after` and a parabola
-    /// through more of them. A line lags behind where the motion bends, a parabola overshoots:
-    /// their errors are of opposite sign, and the middle was better than either on every
-    /// tracker's log at hand, by 4 to 30 % than the line.
-    fn drawn_on(&self, time: MonotonicTime, after: usize, last: &Sample) -> RigidTransform {
-        let fit = |window: i64, degree: Degree, fewest: usize| {
-            let start = last.measured_at.offset_nanos(-window);
-            let first = self.samples.partition_point(|s| s.measured_at < start);
-            let first = first.min(after);
-            let readings = self.samples.range(first..after).map(|sample| Reading {
-                time: sample.measured_at.seconds_since(time),
-                weight: 1.0,
-                pose: sample.pose,
-            });
-            (after - first >= fewest)
-                .then(|| value_at_zero(readings, degree, last.pose.rotation))
-                .flatten()
-                .map(|fit| fit.pose)
-        };
-        let [short, long] = PREDICTION_WINDOWS_NANOS;
-        let line = fit(short, Degree::Linear, 0);
-        let parabola = fit(long, Degree::Quadratic, FEWEST_FOR_PARABOLA);
-        match (line, parabola) {
-            (Some(a), Some(b)) => RigidTransform::new(
-                a.rotation.slerp(b.rotation, 0.5),
-                a.translation.lerp(b.translation, 0.5),
-            ),
-            (Some(line), None) => line,
-            _ => last.pose,
-        }
-    }
-}
-
-/// Lengths of prediction whose errors are followed, nanoseconds.
-const HORIZONS_NANOS: [i64; 6] = [
-    5_000_000,
-    10_000_000,
-    20_000_000,
-    40_000_000,
-    80_000_000,
-    160_000_000,
-];
-/// Readings after which an error counts only 37 %: a second or two.
-const FORGETTING: f64 = 200.0;
-/// Errors that tell nothing yet.
-const FEWEST_ERRORS: f64 = 20.0;
-
-/// How far predictions were off lately, by their length.
-#[derive(Clone, Debug, Default)]
-struct PredictionErrors {
-    bins: [ErrorBin; HORIZONS_NANOS.len()],
-}
-
-/// Sums of one length.
-#[derive(Clone, Copy, Debug, Default)]
-struct ErrorBin {
-    weight: f64,
-    /// Of their lengths, seconds.
-    ahead: f64,
-    /// Of squared errors, metres² and radians².
-    squares: [f64; 2],
-}
-
-impl PredictionErrors {
-    fn add(&mut self, bin: usize, ahead_nanos: i64, off: [f64; 2]) {
-        let keep = 1.0 - 1.0 / FORGETTING;
-        let bin = &mut self.bins[bin];
-        bin.weight = bin.weight * keep + 1.0;
-        bin.ahead = bin.ahead * keep + ahead_nanos as f64 * 1e-9;
-        for (sum, off) in bin.squares.iter_mut().zip(off) {
-            *sum = *sum * keep + off * off;
-        }
-    }
-
-    /// Root mean square error of a prediction of this length, between those that are known.
-    /// The readings' own noise is in it.
-    fn at(&self, ahead_nanos: i64) -> Option<[f64; 2]> {
-        let wanted = ahead_nanos as f64 * 1e-9;
-        let known = self.bins.iter().filter(|b| b.weight >= FEWEST_ERRORS);
-        let mut points = known.map(|b| (b.ahead / b.weight, b.squares.map(|s| s / b.weight)));
-        let mut below = points.next()?;
-        // A prediction of no length would be as wrong as the shortest at most.
-        if wanted <= below.0 {
-            return Some(below.1.map(f64::sqrt));
-        }
-        for above in points {
-            if wanted <= above.0 {
-                // Errors grow as a power of the time: a line between two would lie above them.
-                let share = (wanted / below.0).ln() / (above.0 / below.0).ln().max(1e-9);
-                let mixed = |k: usize| below.1[k].powf(1.0 - share) * above.1[k].powf(share);
-                return Some([mixed(0).sqrt(), mixed(1).sqrt()]);
-            }
-            below = above;
-        }
-        // Longer than any: as if by a missed acceleration.
-        let grown = (wanted / below.0.max(1e-3)).powi(2);
-        Some(below.1.map(|square| square.sqrt() * grown))
     }
 }
 
