@@ -369,9 +369,10 @@ def registration(j: Judge) -> Iterator[Row]:
             work = j.folder(f"{session.name}-{how}")
             found = Registered(j, work, whole, how, truth["scene_camera"], box, at)
             yield Row(session.name, f"object by {how}, {len(found.rows)} pictures", found.as_taken(), 1.0, "px RMS", "truth")
-        work = j.folder(f"{session.name}-display")
-        found = Registered(j, work, whole, "hybrid", truth["scene_camera"], box, at, "display")
-        yield from found.as_seen(session.name, "hybrid", np.inf)
+        for how in ("markers", "hybrid"):
+            work = j.folder(f"{session.name}-{how}-display")
+            found = Registered(j, work, whole, how, truth["scene_camera"], box, at, "display")
+            yield from found.as_seen(session.name, how, np.inf)
 
 
 #: Rigs that the program draws itself, in seconds: what is asked of `simulate session` beyond its seed.

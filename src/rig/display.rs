@@ -9,7 +9,7 @@ use super::RigSetup;
 use super::feed::Feed;
 use crate::calibration::PinholeCamera;
 use crate::compositor::Reprojection;
-use crate::config::RegistrationConfig;
+use crate::config::Config;
 use crate::status::{DisplayStatus, RegistrationStatus};
 use crate::sync::{HistoryConfig, PoseAt, PoseHistory, RigFrame};
 use glam::{DQuat, DVec3};
@@ -52,11 +52,12 @@ impl Handing {
 pub(super) struct Display {
     /// From being handed over until that.
     delay_nanos: i64,
-    /// From arrival to being handed over. Pictures of a recording need no time, so that they
-    /// come out alike wherever it is played.
+    /// From arrival to being handed over. Pictures of a recording need no time but that for
+    /// which a live rig would have waited for the tracker, so that they come out alike wherever
+    /// it is played.
     handing: Option<Arc<Handing>>,
-    /// Readings of the tracker before a recorded picture's arrival were known by then.
-    tracker_latency_nanos: i64,
+    /// A live rig waits for the tracker no longer.
+    longest_wait_nanos: i64,
     /// The camera's poses as its pictures were registered.
     seen: PoseHistory,
     camera: PinholeCamera,
@@ -81,15 +82,15 @@ impl Display {
     /// Of a rig; `handing` where it is live.
     pub fn new(
         setup: &RigSetup,
-        config: &RegistrationConfig,
+        config: &Config,
         middle: DVec3,
         handing: Option<Arc<Handing>>,
     ) -> Self {
         let rig = &setup.calibration;
         Self {
-            delay_nanos: config.display_delay_nanos,
+            delay_nanos: config.registration.display_delay_nanos,
             handing,
-            tracker_latency_nanos: rig.tracker.as_ref().map_or(0, |t| t.latency_nanos),
+            longest_wait_nanos: config.sync.longest_wait_nanos,
             seen: PoseHistory::new(HistoryConfig {
                 capacity: KEPT,
                 ..HistoryConfig::default()
@@ -110,11 +111,10 @@ impl Display {
     ) -> Option<Shown> {
         let registered = registered?;
         self.seen.push(frame.captured_at, registered);
-        let handing = self.handing.as_ref().map_or(0, |h| h.nanos());
-        let arrived_at = frame.scene.arrived_at;
-        let at = arrived_at.offset_nanos(handing + self.delay_nanos);
+        let (known, handed_at) = self.knowledge(feed, frame);
+        let at = handed_at.offset_nanos(self.delay_nanos);
         let (motion, noise) = self
-            .tracked(setup, feed, frame, at)
+            .tracked(setup, feed, frame, (known, at))
             .or_else(|| self.drawn_on(frame.captured_at, registered, at))?;
         let camera_from_eye = believed(motion, noise);
         let turn = 2.0 * camera_from_eye.rotation.w.abs().min(1.0).acos();
@@ -154,23 +154,34 @@ impl Display {
         })
     }
 
-    /// The tracker's motion from the exposure until `at`, as the camera makes it, and its
-    /// error: metres and radians over all axes.
+    /// The tracker's newest reading that counts for a picture, and when the picture is handed
+    /// over.
+    fn knowledge(&self, feed: &Feed, frame: &RigFrame) -> (MonotonicTime, MonotonicTime) {
+        let (history, arrived_at) = (feed.history(), frame.scene.arrived_at);
+        if let Some(handing) = &self.handing {
+            let known = history.newest().unwrap_or(frame.captured_at);
+            return (known, arrived_at.offset_nanos(handing.nanos()));
+        }
+        let latency = feed.tracker_latency();
+        let waited = frame.pose.and_then(|_| {
+            let next = history.first_since(frame.captured_at)?;
+            Some(next.offset_nanos(latency).nanos_since(arrived_at))
+        });
+        let waited = waited.unwrap_or(0).clamp(0, self.longest_wait_nanos);
+        let handed_at = arrived_at.offset_nanos(waited);
+        (handed_at.offset_nanos(-latency), handed_at)
+    }
+
+    /// The tracker's motion from the exposure until an instant, as the camera makes it, by the
+    /// readings up to `known`, and its error: metres and radians over all axes.
     fn tracked(
         &self,
         setup: &RigSetup,
         feed: &Feed,
         frame: &RigFrame,
-        at: MonotonicTime,
+        (known, at): (MonotonicTime, MonotonicTime),
     ) -> Option<(RigidTransform, Option<[f64; 2]>)> {
         let now = setup.camera_of(frame.pose.as_ref()?.transmitter_from_sensor);
-        let known = match &self.handing {
-            Some(_) => feed.history().newest()?,
-            None => {
-                let arrived_at = frame.scene.arrived_at;
-                arrived_at.offset_nanos(-self.tracker_latency_nanos)
-            }
-        };
         let then = feed.history().expected(at, known, LONGEST_NANOS)?;
         let noise = setup.camera_noise(&then);
         let then = setup.camera_of(then.transmitter_from_sensor);

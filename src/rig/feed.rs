@@ -155,6 +155,11 @@ impl Feed {
         self.pairing.history()
     }
 
+    /// From their measurement to their arrival, nanoseconds.
+    pub(super) const fn tracker_latency(&self) -> i64 {
+        self.pairing.tracker_latency()
+    }
+
     /// What was measured of the tracker's latency; all that is known once a recording is over.
     pub(super) fn latency(&mut self, over: bool) -> LatencyState {
         let watch = self.watch.as_mut();

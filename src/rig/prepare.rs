@@ -195,7 +195,7 @@ impl Preparation {
         let mut worker = Worker {
             display: (registration.predict == Predict::Display).then(|| {
                 let handing = source.is_live().then_some(handing);
-                Display::new(setup, registration, middle, handing)
+                Display::new(setup, config, middle, handing)
             }),
             lights: lights(setup, config, source, wished, news)?,
             feed: Feed::new(source, &setup.calibration, pairing, as_live)

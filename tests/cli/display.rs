@@ -91,6 +91,41 @@ fn a_replay_shows_pictures_as_the_camera_stands_when_they_are_seen() {
     assert_ne!(picture("on"), picture("off"));
 }
 
+/// A picture arrives 18 ms after its exposure, the tracker's reading that belongs to it 40 ms. A live
+/// rig waits 20 ms for it, hands the picture over without, and it is seen 15 ms later.
+#[test]
+fn a_recorded_rig_with_a_late_tracker_is_shown_after_the_wait_for_it() {
+    let desk = Desk::new();
+    desk.works(
+        "simulate session --seed 5 --seconds 3 --known-tracker --camera-latency 0 \
+         --tracker-latency 0.04 --out late.mcap",
+    );
+    desk.put(
+        "c.toml",
+        "[registration]\npose = \"tracker\"\npredict = \"display\"\n[sync]\nlongest_wait_ms = 20\n",
+    );
+    desk.works(
+        "replay late.mcap --config c.toml --headless --listen 127.0.0.1:0 --speed max --poses-out p.csv",
+    );
+    let poses = poses(&std::fs::read_to_string(desk.path("p.csv")).unwrap());
+    let shown = poses
+        .iter()
+        .filter_map(|(taken, shown)| Some((taken.0, shown.as_ref()?.0)));
+    let ahead: Vec<f64> = shown.map(|(taken, shown)| shown - taken).collect();
+    assert!(ahead.len() > 60, "{}", ahead.len());
+    let (least, most) = ahead
+        .iter()
+        .fold((1.0_f64, 0.0_f64), |(a, b), s| (a.min(*s), b.max(*s)));
+    assert!(0.051 < least && most < 0.056, "{least} to {most}");
+    // The first second learns how the hand moves.
+    let [expected, late] = off(&poses[30..]);
+    println!("expected {expected:?}, without {late:?}");
+    assert!(
+        (0..2).all(|k| expected[k] < 0.5 * late[k]),
+        "{expected:?} {late:?}"
+    );
+}
+
 #[test]
 fn a_live_rig_tells_how_far_ahead_it_shows_its_pictures() {
     let desk = Desk::new();
