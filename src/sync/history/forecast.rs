@@ -107,7 +107,12 @@ impl PoseHistory {
 
     /// What each way says of `time`, by the readings before index `after`: a way that has too
     /// few says what the one before it says, the first that all stays where it was.
-    fn ways(&self, time: MonotonicTime, after: usize, last: &Sample) -> [RigidTransform; 3] {
+    pub(super) fn ways(
+        &self,
+        time: MonotonicTime,
+        after: usize,
+        last: &Sample,
+    ) -> [RigidTransform; 3] {
         let mut before = last.pose;
         WAYS.map(|way| {
             if let Some(pose) = self.by_way(&way, time, after, last) {
@@ -331,7 +336,7 @@ fn least_variance(products: &DMat3) -> DVec3 {
 
 impl PredictionErrors {
     /// The known lengths on both sides of this one, and how far from the first to the second
-    /// it lies, by ratios; beyond the longest more than 1.
+    /// it lies, by ratios. Both are the shortest before it, and the longest beyond.
     fn around(&self, ahead_nanos: i64) -> Option<(&ErrorBin, &ErrorBin, f64)> {
         let wanted = (ahead_nanos as f64 * 1e-9).max(1e-9);
         let mut known = self.bins.iter().filter(|bin| bin.known());

@@ -4,6 +4,8 @@ use super::*;
 use glam::{DQuat, DVec3};
 use proptest::prelude::*;
 
+mod logs;
+
 const MILLI: i64 = 1_000_000;
 
 fn at(millis: i64) -> MonotonicTime {
