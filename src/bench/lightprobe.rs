@@ -26,9 +26,7 @@ use room::{Room, Stills, View};
 use std::sync::Arc;
 use std::time::Instant;
 
-#[path = "lightprobe_at_once.rs"]
 mod at_once;
-#[path = "lightprobe_room.rs"]
 mod room;
 
 /// Pictures a second of the camera.

@@ -494,15 +494,10 @@ fn smoothstep(low: f32, high: f32, x: f32) -> f32 {
     t * t * (3.0 - 2.0 * t)
 }
 
-#[path = "estimator_faces.rs"]
 mod faces;
-#[path = "estimator_glossy.rs"]
 mod glossy;
-#[path = "estimator_moving.rs"]
 mod moving;
-#[path = "estimator_queries.rs"]
 mod queries;
 
 #[cfg(test)]
-#[path = "estimator_tests.rs"]
 mod tests;

@@ -167,5 +167,4 @@ impl DirectionMemory {
 }
 
 #[cfg(test)]
-#[path = "memory_tests.rs"]
 mod tests;

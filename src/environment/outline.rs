@@ -265,5 +265,4 @@ fn tukey(x: f64) -> f64 {
 }
 
 #[cfg(test)]
-#[path = "outline_tests.rs"]
 mod tests;

@@ -258,5 +258,4 @@ pub fn read_picture(path: &Path) -> Result<Picture, PhotographError> {
 }
 
 #[cfg(test)]
-#[path = "photograph_tests.rs"]
 mod tests;

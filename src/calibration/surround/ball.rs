@@ -302,5 +302,4 @@ fn peak(
 }
 
 #[cfg(test)]
-#[path = "ball_tests.rs"]
 mod tests;

@@ -263,5 +263,4 @@ fn depth_sigma(rays: &[Ray], point: DVec3, eye: DVec3, typical: f64) -> f64 {
 }
 
 #[cfg(test)]
-#[path = "beams_tests.rs"]
 mod tests;

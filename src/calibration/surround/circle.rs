@@ -281,5 +281,4 @@ fn is_even(codes: &Grey, at: DVec2, out: DVec2, reach: f64) -> bool {
 }
 
 #[cfg(test)]
-#[path = "circle_tests.rs"]
 mod tests;

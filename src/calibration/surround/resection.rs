@@ -291,5 +291,4 @@ fn conclude(
 }
 
 #[cfg(test)]
-#[path = "resection_tests.rs"]
 mod tests;

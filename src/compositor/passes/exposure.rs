@@ -268,5 +268,4 @@ fn tabled(linear: f32) -> f32 {
 }
 
 #[cfg(test)]
-#[path = "exposure_tests.rs"]
 mod tests;

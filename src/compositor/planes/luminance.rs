@@ -294,5 +294,4 @@ fn check(limits: &wgpu::Limits, light: &FaceLight) -> Result<(), LuminanceError>
 }
 
 #[cfg(test)]
-#[path = "luminance_tests.rs"]
 mod tests;

@@ -265,5 +265,4 @@ fn disc(middle: Vec3, radius: f32, count: usize) -> impl Iterator<Item = Vec3> {
 }
 
 #[cfg(test)]
-#[path = "source_slots_tests.rs"]
 mod tests;

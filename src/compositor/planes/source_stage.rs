@@ -178,5 +178,4 @@ impl SourceLights {
 }
 
 #[cfg(test)]
-#[path = "source_stage_tests.rs"]
 mod tests;

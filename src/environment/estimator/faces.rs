@@ -237,5 +237,4 @@ impl EnvironmentEstimator {
 }
 
 #[cfg(test)]
-#[path = "estimator_faces_tests.rs"]
 mod tests;
