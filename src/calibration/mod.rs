@@ -16,7 +16,6 @@ pub mod latency;
 pub mod latency_file;
 pub mod lens_files;
 pub mod markers_file;
-pub mod numeric;
 pub mod photometric;
 pub mod photometric_file;
 pub mod photometry;

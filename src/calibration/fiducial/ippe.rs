@@ -10,12 +10,12 @@
 //! ```
 
 use super::homography::from_square;
-use super::linear::solve;
 use super::pose::{Match, PoseEstimate, refine};
 use super::registrar::CLEAR;
 use crate::calibration::PinholeCamera;
 use glam::{DMat2, DMat3, DQuat, DVec2, DVec3};
 use penumbra_interface::RigidTransform;
+use penumbra_numerics::fixed_size::solve;
 
 /// Both `camera_from_tag` of a tag of this size (metres), in no order; `None` where
 /// the corners are no picture of a square.

@@ -19,7 +19,6 @@ mod edge;
 mod family;
 mod homography;
 mod ippe;
-pub(crate) mod linear;
 mod map;
 mod pose;
 mod quad;

@@ -1,9 +1,9 @@
 //! A pose from corners: robust least squares, with its covariance.
 
-use super::linear::{Matrix, inverse, solve};
 use crate::calibration::PinholeCamera;
 use glam::{DQuat, DVec2, DVec3};
 use penumbra_interface::RigidTransform;
+use penumbra_numerics::fixed_size::{Matrix, inverse, solve};
 
 /// Corners that are farther off than this count less (Huber 1964), pixels.
 const HUBER: f64 = 0.5;

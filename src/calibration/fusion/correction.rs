@@ -9,9 +9,9 @@
 
 use super::{Tracked, difference, matrix, nudged};
 use crate::calibration::fiducial::PoseEstimate;
-use crate::calibration::fiducial::linear::{Matrix, inverse};
 use glam::{DMat3, DVec3};
 use penumbra_interface::RigidTransform;
+use penumbra_numerics::fixed_size::{Matrix, inverse};
 
 /// Before any marker was seen: rotation (radians), place (metres).
 const UNKNOWN: [f64; 2] = [0.2, 0.2];

@@ -11,13 +11,13 @@ mod following;
 
 use super::PinholeCamera;
 use super::fiducial::PoseEstimate;
-use super::fiducial::linear::Matrix;
 use correction::Correction;
 pub use correction::Verdict;
 use following::Following;
 pub use following::apart_pixels;
 use glam::{DMat3, DQuat, DVec3};
 use penumbra_interface::{MonotonicTime, RigidTransform};
+use penumbra_numerics::fixed_size::Matrix;
 
 /// Longer without any pose, and what comes next is drawn where it belongs at once, seconds.
 const PAUSE: f64 = 0.5;

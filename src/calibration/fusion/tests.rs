@@ -2,7 +2,7 @@
 use super::following::{AT_REST, OF_MOTION};
 use super::*;
 use crate::calibration::fiducial::{Match, drawn, refine};
-use crate::calibration::intrinsics::drawn::Random;
+use penumbra_numerics::Random;
 
 const RATE: f64 = 30.0;
 /// What is looked at.

@@ -1,9 +1,9 @@
 //! A X = X B in closed form, and by consensus.
 
 use super::{LEAST, Mounting, PosePair, middle};
-use crate::calibration::numeric::{Matrix, symmetric_eigen};
 use glam::{DMat3, DQuat, DVec3};
 use penumbra_interface::RigidTransform;
+use penumbra_numerics::{Matrix, symmetric_eigen};
 
 /// Motions that are looked at.
 const MOST_MOTIONS: usize = 600;

@@ -14,9 +14,9 @@ mod refine;
 
 pub(super) use closed::best_rotation;
 
-use crate::calibration::numeric::median;
 use glam::DVec3;
 use penumbra_interface::RigidTransform;
+use penumbra_numerics::median;
 use thiserror::Error;
 
 /// The same instant seen by both.

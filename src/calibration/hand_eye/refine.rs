@@ -1,9 +1,9 @@
 //! All pairs to the least error, and how sure the result is.
 
 use super::{HandEye, Mounting, PosePair, middle};
-use crate::calibration::numeric::{Matrix, Normal, minimise, root_mean_square};
 use glam::{DMat3, DQuat, DVec3};
 use penumbra_interface::RigidTransform;
+use penumbra_numerics::{Matrix, Normal, minimise, root_mean_square};
 
 /// A pair departs when it is so many standard deviations off.
 const SIGMAS: f64 = 4.0;

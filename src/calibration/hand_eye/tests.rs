@@ -1,7 +1,7 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 use super::*;
-use crate::calibration::intrinsics::drawn::Random;
 use glam::DQuat;
+use penumbra_numerics::Random;
 
 fn truth() -> Mounting {
     Mounting {

@@ -3,9 +3,9 @@
 use super::board::View;
 use super::lens::{Lens, MOST_PARAMETERS};
 use super::pose::{by_pose, moved};
-use crate::calibration::numeric::Matrix;
 use glam::DVec2;
 use penumbra_interface::RigidTransform;
+use penumbra_numerics::Matrix;
 
 /// Damping beyond which no step helps any more.
 const MOST_DAMPING: f64 = 1e10;

@@ -121,9 +121,9 @@ pub fn contradictions(
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use crate::calibration::intrinsics::drawn::Random;
     use crate::calibration::intrinsics::estimate::tests::{pinhole, poses, seen};
     use crate::calibration::intrinsics::{Board, Gatherer};
+    use penumbra_numerics::Random;
 
     #[test]
     fn swapped_cameras_other_modes_and_other_lenses_are_told() {

@@ -4,8 +4,8 @@
 use super::estimate::{Estimate, ViewEstimate};
 use super::lens::{Lens, LensModel};
 use super::rim::Light;
-use crate::calibration::numeric::{Matrix, median};
 use glam::{DMat3, DVec2, DVec3};
+use penumbra_numerics::{Matrix, median};
 
 /// Columns and rows of cells in which corners are counted.
 pub const CELLS: (usize, usize) = (8, 6);

@@ -5,7 +5,7 @@ use crate::calibration::board_sheet::{Black, pattern};
 use glam::{DQuat, DVec2, DVec3};
 use penumbra_interface::RigidTransform;
 
-pub(crate) use crate::calibration::rehearsal::Random;
+pub(crate) use penumbra_numerics::Random;
 
 /// Samples to each side within a pixel.
 const SAMPLES: u32 = 3;

@@ -7,9 +7,9 @@ use super::lens::{Lens, LensModel, MOST_PARAMETERS};
 use super::outliers::{drop_views, judge};
 use super::pose::{board_pose, residual};
 use super::start::start;
-use crate::calibration::numeric::{Matrix, root_mean_square};
 use glam::DVec2;
 use penumbra_interface::RigidTransform;
+use penumbra_numerics::{Matrix, root_mean_square};
 
 /// What is sought.
 #[derive(Clone, Copy, Debug, PartialEq)]

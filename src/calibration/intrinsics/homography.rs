@@ -1,8 +1,8 @@
 //! From points of a plane to the rays under which they are seen.
 
-use crate::calibration::numeric::{Matrix, null_vector};
 use glam::{DMat3, DVec2, DVec3};
 use penumbra_interface::RigidTransform;
+use penumbra_numerics::{Matrix, null_vector};
 
 /// H of ray ∝ H (x, y, 1), by least squares over all pairs; its sign puts the points before
 /// the rays' origin. `None` from fewer than four, or from points on one line.

@@ -4,9 +4,9 @@ use super::board::View;
 use super::estimate::LEAST_POINTS;
 use super::lens::Lens;
 use super::pose::residual;
-use crate::calibration::numeric::median;
 use glam::DVec2;
 use penumbra_interface::RigidTransform;
+use penumbra_numerics::median;
 
 /// A corner's error beyond so many standard deviations is an outlier.
 const CORNER_SIGMAS: f64 = 5.0;

@@ -3,9 +3,9 @@
 use super::board::Correspondence;
 use super::homography;
 use super::lens::Lens;
-use crate::calibration::numeric::{Normal, minimise};
 use glam::{DQuat, DVec2, DVec3};
 use penumbra_interface::RigidTransform;
+use penumbra_numerics::{Normal, minimise};
 
 /// Residuals beyond this many pixels count less than their square (Huber).
 const HUBER: f64 = 2.0;

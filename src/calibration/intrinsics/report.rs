@@ -6,10 +6,10 @@ use super::estimate::ViewEstimate;
 use super::gather::{Judged, Outcome};
 use super::lens::{Lens, LensModel};
 use super::pose::{board_pose, residual};
-use crate::calibration::numeric::root_mean_square;
 use crate::calibration::report::{Page, Plot};
 use crate::calibration::step::Finished;
 use glam::DVec2;
+use penumbra_numerics::root_mean_square;
 use std::fmt::Write;
 
 /// How much longer than the picture's errors the lines are that show them.

@@ -4,8 +4,8 @@ use super::board::{Correspondence, View};
 use super::homography;
 use super::lens::{Lens, LensModel};
 use super::pose::{residual, start as pose_start};
-use crate::calibration::numeric::{Matrix, median, null_vector};
 use glam::{DMat3, DVec2, DVec3};
+use penumbra_numerics::{Matrix, median, null_vector};
 
 /// Fields of view across the picture that are tried, degrees.
 const VIEW_ANGLES: [f64; 22] = [

@@ -12,8 +12,8 @@ use super::{
     CameraMotion, ClockOffset, LatencyError, SPAN, TrackerTrack, covered, independent, settle,
     shortest, within,
 };
-use crate::calibration::numeric::{Matrix, median_absolute};
 use glam::DVec3;
+use penumbra_numerics::{Matrix, median_absolute};
 
 /// Numbers of a flow.
 const NUMBERS: usize = 4;

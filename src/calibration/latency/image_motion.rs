@@ -1,8 +1,8 @@
 //! How much a picture moved since the one before, without knowing what it shows.
 
 use crate::calibration::intrinsics::Grey;
-use crate::calibration::numeric::median;
 use glam::{DMat2, DVec2};
+use penumbra_numerics::median;
 
 /// Patches across and down.
 const PATCHES: (usize, usize) = (6, 4);

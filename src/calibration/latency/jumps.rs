@@ -1,7 +1,7 @@
 //! A tracker's readings that are far off for a moment: a bit that flipped, a flash of metal.
 
-use crate::calibration::numeric::median;
 use penumbra_interface::RigidTransform;
+use penumbra_numerics::median;
 
 /// A jump is off by so many times the usual,
 const JUMP: f64 = 8.0;
@@ -60,8 +60,8 @@ fn off(readings: &[(f64, RigidTransform)], i: usize) -> [f64; 2] {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use crate::calibration::intrinsics::drawn::Random;
     use glam::{DQuat, DVec3};
+    use penumbra_numerics::Random;
 
     #[test]
     fn jumps_are_left_out_and_motion_is_not() {

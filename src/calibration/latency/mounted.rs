@@ -20,9 +20,9 @@ use super::{
 use crate::calibration::PinholeCamera;
 use crate::calibration::RigCalibration;
 use crate::calibration::latency::image_motion::MOST_PATCHES;
-use crate::calibration::numeric::median_absolute;
 use glam::{DVec2, DVec3};
 use penumbra_interface::RigidTransform;
+use penumbra_numerics::median_absolute;
 
 /// Residuals of a pair of pictures: each patch's along b and across it.
 const NUMBERS: usize = 2 * MOST_PATCHES;

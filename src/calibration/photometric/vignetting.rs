@@ -1,7 +1,7 @@
 //! Fall-off of brightness towards a picture's edge.
 
-use crate::calibration::numeric::Matrix;
 use glam::DVec2;
+use penumbra_numerics::Matrix;
 
 /// 1 + k1 ρ² + k2 ρ⁴ + k3 ρ⁶ about the lens's centre (Goldman, PAMI 32(12), 2010, eq. 2).
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -10,7 +10,6 @@ mod motion;
 mod options;
 mod panel;
 mod papers;
-mod random;
 mod room;
 mod tracker;
 
@@ -19,7 +18,7 @@ pub use motion::{Hand, Motion};
 pub use options::{EnvironmentMount, RehearsalOptions};
 pub use panel::Panel;
 pub use papers::FrameTruth;
-pub use random::Random;
+pub use penumbra_numerics::Random;
 pub use room::Room;
 pub use tracker::{Metal, fastrak_record};
 

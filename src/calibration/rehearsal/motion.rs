@@ -1,8 +1,8 @@
 //! How a hand moves a rehearsal's rig.
 
-use super::random::Random;
 use glam::{DMat3, DQuat, DVec3};
 use penumbra_interface::RigidTransform;
+use penumbra_numerics::Random;
 
 /// What kind of motion.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]

@@ -1,8 +1,8 @@
 //! A room with a desk's worth of texture on every wall.
 
 use super::panel::Panel;
-use super::random::Random;
 use glam::DVec3;
+use penumbra_numerics::Random;
 
 /// Points to a side of the texture's tile, and its size, metres.
 const TILE: usize = 256;

@@ -1,8 +1,8 @@
 //! A rehearsal's tracker: what an electromagnetic one makes of where its sensor is.
 
-use super::random::Random;
 use glam::{DQuat, DVec3, EulerRot};
 use penumbra_interface::RigidTransform;
+use penumbra_numerics::Random;
 
 /// Metal near the transmitter bends its field, as induced dipoles do (Nixon et al., "The
 /// effects of metals and interfering fields on electromagnetic trackers", Presence 1998).

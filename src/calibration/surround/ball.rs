@@ -13,10 +13,10 @@
 
 use super::super::PinholeCamera;
 use super::super::intrinsics::Grey;
-use super::super::numeric::{Matrix, median_absolute};
 use super::ball_search::sample;
 use super::rays::{RAYS, Search, noise, side, steps, tukey};
 use glam::{DVec2, DVec3};
+use penumbra_numerics::{Matrix, median_absolute};
 
 /// Least share of the outline within the frame that must show a step.
 const LEAST_SHARE: f64 = 0.4;

@@ -1,10 +1,10 @@
 //! A cone that steps of brightness run along, roughly.
 
 use super::super::PinholeCamera;
-use super::super::numeric::median_absolute;
 use super::ball::{RoughBall, off, shape};
 use super::rays::{Dice, Step};
 use glam::{DMat3, DVec3};
+use penumbra_numerics::median_absolute;
 
 /// Triples of steps that are tried.
 const TRIES: usize = 8000;

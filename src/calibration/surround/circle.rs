@@ -12,10 +12,10 @@
 //! ```
 
 use super::super::intrinsics::Grey;
-use super::super::numeric::{Matrix, median, median_absolute};
 use super::circle_search::search;
 use super::rays::{RAYS, shrunk, side, tukey};
 use glam::DVec2;
+use penumbra_numerics::{Matrix, median, median_absolute};
 
 /// Longest side at which the circle is searched.
 const SEARCH_SIDE: usize = 640;

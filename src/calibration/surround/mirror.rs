@@ -7,11 +7,11 @@
 //! and the turn is found by which their middles fall together.
 
 use super::super::PinholeCamera;
-use super::super::numeric::{Normal, median_absolute, minimise};
 use super::beams::LEAST_COSINE;
 use super::bright::Light;
 use super::rays::tukey;
 use glam::{DQuat, DVec2, DVec3};
+use penumbra_numerics::{Normal, median_absolute, minimise};
 
 /// Samples of a light that are foretold.
 const MOST_SAMPLES: usize = 150;

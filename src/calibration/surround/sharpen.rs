@@ -1,10 +1,10 @@
 //! The pose that suits sights best, from a start.
 
-use super::super::numeric::{Normal, median_absolute, minimise};
 use super::rays::tukey;
 use super::resection::{OUTLIER, Sight, Target, Unknowns, off, place_of};
 use glam::{DQuat, DVec3};
 use penumbra_interface::RigidTransform;
+use penumbra_numerics::{Normal, median_absolute, minimise};
 
 /// Rows of a sight: how its two errors across the bearing change with the unknowns.
 fn rows(seen: &Sight, pose: &RigidTransform, unknowns: Unknowns) -> [(f64, Vec<f64>); 2] {

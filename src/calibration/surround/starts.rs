@@ -1,10 +1,10 @@
 //! Where to begin the search for a pose: places about the points, and turns by two sights.
 
-use super::super::numeric::{Matrix, symmetric_eigen};
 use super::rays::Dice;
 use super::resection::{Sight, Target, Unknowns, direction, off, place_of};
 use glam::{DQuat, DVec3};
 use penumbra_interface::RigidTransform;
+use penumbra_numerics::{Matrix, symmetric_eigen};
 
 /// Good starts, one at least for each turn that suits.
 pub(super) fn starts(

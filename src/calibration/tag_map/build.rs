@@ -6,9 +6,9 @@ use super::{Seen, View};
 use crate::calibration::PinholeCamera;
 use crate::calibration::hand_eye::best_rotation;
 use crate::calibration::intrinsics::{Grade, Lens};
-use crate::calibration::numeric::{median, root_mean_square};
 use glam::DVec3;
 use penumbra_interface::RigidTransform;
+use penumbra_numerics::{median, root_mean_square};
 
 /// A sighting is left out when it is so many times the usual distance off, and at least so far,
 /// pixels.

@@ -6,7 +6,7 @@
 //! ```
 
 use super::bundle::OF_TAG;
-use crate::calibration::numeric::Matrix;
+use penumbra_numerics::Matrix;
 
 type SixBySeven = [[f64; OF_TAG]; 6];
 

@@ -6,10 +6,11 @@ use crate::calibration::RigDocument;
 use crate::calibration::fiducial::{Family, Tag, TagSeen};
 use crate::calibration::intrinsics::Grade;
 use crate::calibration::markers_file::{MARKERS, apply_markers_file};
-use crate::calibration::rehearsal::{Random, Rehearsal, RehearsalOptions};
+use crate::calibration::rehearsal::{Rehearsal, RehearsalOptions};
 use crate::calibration::step::{Finished, Made, Step};
 use glam::{DQuat, DVec2};
 use penumbra_interface::RigidTransform;
+use penumbra_numerics::Random;
 use std::collections::BTreeMap;
 
 fn options() -> MapOptions {

@@ -12,9 +12,9 @@ use crate::calibration::latency::{
     from_motion, from_rotations,
 };
 use crate::calibration::latency_file::{LatencyRecord, OffsetRecord};
-use crate::calibration::numeric::median;
 use crate::calibration::step::{Eye, Finished, Made, Progress, Shown, ShownPicture, Step, Wants};
 use penumbra_interface::MonotonicTime;
+use penumbra_numerics::median;
 
 /// Pictures farther apart are no neighbours, seconds.
 pub(super) const NEIGHBOURS: f64 = 0.15;

@@ -3,12 +3,12 @@
 use crate::calibration::fiducial::{Detector, Registrar, Registration, TagMap, TagSeen};
 use crate::calibration::intrinsics::detect::{Placement, find_chessboard};
 use crate::calibration::intrinsics::{Board, Correspondence, Grey, Lens, board_pose};
-use crate::calibration::numeric::root_mean_square;
 use crate::calibration::rehearsal::lying;
 use crate::calibration::{PinholeCamera, RigCalibration};
 use crate::picture::Picture;
 use glam::{DVec2, DVec3};
 use penumbra_interface::{MonotonicTime, RigidTransform};
+use penumbra_numerics::root_mean_square;
 
 /// A board whose corners lie farther from where its pose puts them is not seen well enough, pixels.
 const MOST_RMS: f64 = 2.0;

@@ -3,7 +3,6 @@
 
 use super::Known;
 use crate::calibration::colour::delta_e_linear;
-use crate::calibration::numeric::median;
 use crate::calibration::photometry::chart::Photograph;
 use crate::calibration::photometry::gather::{
     GatherOptions, Overlap, PhotometricPair, gather_pairs,
@@ -14,6 +13,7 @@ use crate::calibration::step::ShownPicture;
 use crate::picture::Picture;
 use glam::DVec3;
 use penumbra_interface::{Exposure, MonotonicTime, RigidTransform};
+use penumbra_numerics::median;
 
 /// The environment's picture may be so much older than the scene's, seconds.
 const TOGETHER: f64 = 0.2;

@@ -2,9 +2,9 @@
 
 use crate::calibration::PinholeCamera;
 use crate::calibration::fiducial::{Registrar, TagMap, TagSeen};
-use crate::calibration::numeric::{median, root_mean_square};
 use glam::DVec2;
 use penumbra_interface::{MonotonicTime, RigidTransform};
+use penumbra_numerics::{median, root_mean_square};
 
 /// Nothing counts as farther off, pixels.
 const FARTHEST: f64 = 1e4;

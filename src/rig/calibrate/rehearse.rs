@@ -1,10 +1,11 @@
 //! Writes the recording of a rehearsal.
 
-use crate::calibration::rehearsal::{FrameTruth, Random, Rehearsal, fastrak_record};
+use crate::calibration::rehearsal::{FrameTruth, Rehearsal, fastrak_record};
 use crate::output::stream::{EncodeError, JpegEncoder};
 use crate::picture::Picture;
 use crate::session::{Camera, SessionError, SessionWriter};
 use penumbra_interface::{Frame, MonotonicTime, PixelFormat};
+use penumbra_numerics::Random;
 use serde_json::Value;
 use std::path::Path;
 use thiserror::Error;

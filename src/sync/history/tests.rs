@@ -206,7 +206,7 @@ fn the_stated_error_of_a_prediction_is_the_error_it_makes() {
 }
 
 fn stated_beside_made(rate: f64) {
-    use crate::calibration::intrinsics::drawn::Random;
+    use penumbra_numerics::Random;
     let mut random = Random::new(8);
     let mut history = PoseHistory::new(HistoryConfig::default());
     let at = |seconds: f64| MonotonicTime::from_nanos((seconds * 1e9) as i64 + 1_000_000_000);
@@ -274,7 +274,7 @@ fn what_was_expected_does_not_know_what_came_later() {
 
 #[test]
 fn a_pose_between_readings_states_their_noise() {
-    use crate::calibration::intrinsics::drawn::Random;
+    use penumbra_numerics::Random;
     let mut random = Random::new(9);
     let mut history = PoseHistory::new(HistoryConfig::default());
     let at = |seconds: f64| MonotonicTime::from_nanos((seconds * 1e9) as i64 + 1_000_000_000);
@@ -299,7 +299,7 @@ fn a_pose_between_readings_states_their_noise() {
 /// A hand that swings at `rate` radians a second and `reach` metres, read 120 times a second
 /// with 0.3 mm of noise: RMS error of predictions 40 ms ahead, metres.
 fn error_ahead(rate: f64, reach: f64) -> f64 {
-    use crate::calibration::intrinsics::drawn::Random;
+    use penumbra_numerics::Random;
     let mut random = Random::new(3);
     let mut history = PoseHistory::new(HistoryConfig::default());
     let at = |seconds: f64| MonotonicTime::from_nanos((seconds * 1e9) as i64 + 1_000_000_000);

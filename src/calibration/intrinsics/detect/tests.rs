@@ -184,7 +184,7 @@ fn a_larger_board_is_named_by_its_size() {
 
 #[test]
 fn no_board_is_no_board() {
-    let mut random = crate::calibration::intrinsics::drawn::Random::new(7);
+    let mut random = penumbra_numerics::Random::new(7);
     let mut noise = Grey::from_bytes(320, 240, &[]);
     noise
         .data

@@ -1,10 +1,11 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 use super::*;
 use crate::calibration::intrinsics::detect::{Grey, find_chessboard};
-use crate::calibration::intrinsics::drawn::{Draughtsman, Random, pose};
+use crate::calibration::intrinsics::drawn::{Draughtsman, pose};
 use crate::calibration::intrinsics::{Board, Correspondence};
 use crate::picture::Picture;
 use glam::DVec3;
+use penumbra_numerics::Random;
 use std::path::Path;
 
 const BOARD: Board = Board::Chess {

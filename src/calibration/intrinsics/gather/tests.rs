@@ -1,10 +1,10 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 use super::*;
-use crate::calibration::intrinsics::drawn::Random;
 use crate::calibration::intrinsics::drawn::{Draughtsman, pose};
 use crate::calibration::intrinsics::estimate::tests::{pinhole, poses, seen};
 use crate::calibration::intrinsics::{Grade, LensModel};
 use glam::DVec3;
+use penumbra_numerics::Random;
 
 const OPTIONS: Options = Options {
     model: LensModel::Brown,

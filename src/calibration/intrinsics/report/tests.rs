@@ -1,8 +1,8 @@
 #![allow(clippy::unwrap_used)]
 use super::*;
-use crate::calibration::intrinsics::drawn::Random;
 use crate::calibration::intrinsics::estimate::tests::{pinhole, poses, seen};
 use crate::calibration::intrinsics::{Board, Gatherer, Options};
+use penumbra_numerics::Random;
 
 #[test]
 fn the_page_shows_what_was_found_and_escapes_names() {

@@ -37,7 +37,7 @@ fn an_april_grid_is_found_through_a_fisheye() {
         let seen = TagFinder::new(&grid).unwrap().find(&picture);
         let (rms, worst) = off(&lens, at, &seen.points);
         let each = seen.points.iter().map(|c| off(&lens, at, &[*c]).0);
-        let middle = crate::calibration::numeric::median(each).unwrap();
+        let middle = penumbra_numerics::median(each).unwrap();
         println!(
             "{} tags, {} corners: {middle} {rms} {worst}",
             seen.tags,

@@ -1,11 +1,12 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 use super::*;
 use crate::calibration::intrinsics::coverage::cell_middle;
-use crate::calibration::intrinsics::drawn::{Random, pose};
+use crate::calibration::intrinsics::drawn::pose;
 use crate::calibration::intrinsics::estimate::tests::{fisheye, pinhole, poses, seen};
 use crate::calibration::intrinsics::{Board, Lens, Light, NoEstimate, Options, View, estimate};
-use crate::calibration::numeric::{Normal, minimise};
 use glam::{DQuat, DVec2, DVec3};
+use penumbra_numerics::Random;
+use penumbra_numerics::{Normal, minimise};
 
 const BOARD: Board = Board::Chess {
     columns: 9,

@@ -1,7 +1,7 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 use super::*;
-use crate::calibration::intrinsics::drawn::Random;
 use glam::DVec3;
+use penumbra_numerics::Random;
 
 /// A hand that turns a rig unevenly, at seconds.
 fn hand(t: f64) -> DQuat {

@@ -14,7 +14,7 @@ mod solve;
 pub use gather::{Sample, SeriesGatherer};
 
 use crate::calibration::Response;
-use crate::calibration::numeric::median;
+use penumbra_numerics::median;
 use solve::Problem;
 use thiserror::Error;
 

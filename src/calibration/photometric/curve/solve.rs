@@ -2,7 +2,7 @@
 
 use super::{ANCHOR, Curve, Sample, SeriesGatherer};
 use crate::calibration::Response;
-use crate::calibration::numeric::{Matrix, median_absolute};
+use penumbra_numerics::{Matrix, median_absolute};
 
 /// Codes between which p is linear in ln z; below the first it is constant.
 const KNOTS: [f64; 15] = [

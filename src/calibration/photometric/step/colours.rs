@@ -1,9 +1,9 @@
 //! How true one camera's colours of a chart are.
 
 use crate::calibration::colour::delta_e_linear;
-use crate::calibration::numeric::Normal;
 use crate::calibration::photometry::chart::Patch;
 use glam::{DMat3, DVec3};
+use penumbra_numerics::Normal;
 
 /// Differences between what a camera shows of a chart and what it is, CIEDE2000, by patch; none
 /// where a patch is clipped or too dark.

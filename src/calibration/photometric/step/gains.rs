@@ -225,7 +225,7 @@ type Slope = ([f64; 3], f64, [f64; 3]);
 /// ln (measured / reference) = a + b column + c row of one channel by least squares; of the patches
 /// that are bright enough for stray light not to count.
 fn slope(patches: &[Patch], reference: &[DVec3; 24], c: usize) -> Option<Slope> {
-    let mut normal = crate::calibration::numeric::Normal::new(3);
+    let mut normal = penumbra_numerics::Normal::new(3);
     let mut rows = Vec::new();
     for (i, patch) in patches.iter().enumerate() {
         let Some(reading) = patch.0[c].filter(|_| reference[i][c] > 0.08) else {
@@ -244,7 +244,7 @@ fn slope(patches: &[Patch], reference: &[DVec3; 24], c: usize) -> Option<Slope> 
     let factor = normal.hessian.cholesky()?;
     let (x, inverse) = (factor.solve(&right), factor.inverse());
     let left = |(row, value): &([f64; 3], f64)| value - (0..3).map(|k| row[k] * x[k]).sum::<f64>();
-    let rms = crate::calibration::numeric::root_mean_square(rows.iter().map(left));
+    let rms = penumbra_numerics::root_mean_square(rows.iter().map(left));
     let errors = [0, 1, 2].map(|k| rms * inverse[(k, k)].sqrt());
     Some(([x[0], x[1], x[2]], rms, errors))
 }

@@ -1,7 +1,7 @@
 //! How far predictions were off on trackers' logs: the table in ARCHITECTURE.md.
 
 use super::*;
-use crate::calibration::intrinsics::drawn::Random;
+use penumbra_numerics::Random;
 use std::path::{Path, PathBuf};
 
 /// `tracker.csv` of a session, or a trajectory as TUM writes it (by motion capture: 0.3 mm of noise

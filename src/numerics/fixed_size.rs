@@ -1,7 +1,7 @@
 //! Small symmetric systems.
 
 /// A symmetric matrix, row by row.
-pub(crate) type Matrix<const N: usize> = [[f64; N]; N];
+pub type Matrix<const N: usize> = [[f64; N]; N];
 
 /// Lower factor of a positive definite matrix; `None` where it is not.
 fn cholesky<const N: usize>(a: &Matrix<N>) -> Option<Matrix<N>> {
@@ -24,7 +24,7 @@ fn cholesky<const N: usize>(a: &Matrix<N>) -> Option<Matrix<N>> {
 }
 
 /// x with A x = b.
-pub(crate) fn solve<const N: usize>(a: &Matrix<N>, b: &[f64; N]) -> Option<[f64; N]> {
+pub fn solve<const N: usize>(a: &Matrix<N>, b: &[f64; N]) -> Option<[f64; N]> {
     let l = cholesky(a)?;
     let mut x = *b;
     for i in 0..N {
@@ -39,7 +39,7 @@ pub(crate) fn solve<const N: usize>(a: &Matrix<N>, b: &[f64; N]) -> Option<[f64;
 }
 
 /// The inverse.
-pub(crate) fn inverse<const N: usize>(a: &Matrix<N>) -> Option<Matrix<N>> {
+pub fn inverse<const N: usize>(a: &Matrix<N>) -> Option<Matrix<N>> {
     let mut out = [[0.0; N]; N];
     for i in 0..N {
         let mut unit = [0.0; N];

@@ -1,0 +1,15 @@
+//! Small dense linear algebra, nonlinear least squares, robust statistics and reproducible
+//! random numbers, in double precision, for estimators with a dozen unknowns.
+
+mod eigen;
+pub mod fixed_size;
+mod levenberg_marquardt;
+mod matrix;
+mod random;
+mod statistics;
+
+pub use eigen::{null_vector, symmetric_eigen};
+pub use levenberg_marquardt::{Minimum, Normal, minimise};
+pub use matrix::{Cholesky, Matrix};
+pub use random::Random;
+pub use statistics::{median, median_absolute, root_mean_square};
