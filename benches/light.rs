@@ -6,7 +6,7 @@
 use criterion::{Criterion, criterion_group, criterion_main};
 use glam::{DQuat, DVec2, DVec3, Vec3};
 use penumbra::calibration::Response;
-use penumbra::calibration::rig::{EnvironmentView, FisheyeLens};
+use penumbra::calibration::environment_view::{EnvironmentView, FisheyeLens};
 use penumbra::environment::box_chain::box_chain;
 use penumbra::environment::cube::CubeGrid;
 use penumbra::environment::prefilter::Prefilter;

@@ -7,6 +7,7 @@
 
 use glam::{DQuat, DVec2, DVec3};
 use penumbra::calibration::Response;
+use penumbra::calibration::environment_view::{EnvironmentView, FisheyeLens};
 use penumbra::calibration::photometry::chart::{ChartMatch, Photograph, match_chart};
 use penumbra::calibration::photometry::gather::{GatherOptions, Overlap, gather_pairs};
 use penumbra::calibration::photometry::overlap::{
@@ -19,7 +20,7 @@ use penumbra::calibration::photometry::reflectance::{
 use penumbra::calibration::photometry::{
     GainEstimate, PhotometricMatch, PhotometrySettings, Provenance,
 };
-use penumbra::calibration::rig::{EnvironmentCamera, EnvironmentView, FisheyeLens};
+use penumbra::calibration::rig::EnvironmentCamera;
 use penumbra::calibration::rig_json::RigDocument;
 use penumbra::picture::{Picture, YuvEncoding};
 use penumbra::scene::mesh::Scene;

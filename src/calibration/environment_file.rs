@@ -3,8 +3,9 @@
 
 use super::head::{Head, parse};
 use super::record::RecordError;
-use super::rig::{EnvironmentCamera, EnvironmentView, FisheyeLens};
+use super::rig::EnvironmentCamera;
 use super::{PinholeCamera, Response, RigDocument};
+use crate::calibration::environment_view::{EnvironmentView, FisheyeLens};
 use glam::{DQuat, DVec2, DVec3};
 use penumbra_interface::RigidTransform;
 use serde::{Deserialize, Serialize};

@@ -2,8 +2,8 @@
 
 use super::intrinsics::{Lens, LensModel};
 use super::record::{LensRecord, RecordError};
-use super::rig::EnvironmentView;
 use super::{PinholeCamera, RigDocument};
+use crate::calibration::environment_view::EnvironmentView;
 
 /// The scene camera's, beside `rig.json`.
 pub const SCENE_LENS: &str = "calibration/scene_camera.json";

@@ -5,6 +5,7 @@ pub mod board_sheet;
 pub mod camera;
 pub mod colour;
 pub mod environment_file;
+pub mod environment_view;
 pub mod exchange;
 pub mod fiducial;
 pub mod fusion;

@@ -5,8 +5,8 @@ use super::head::{Head, parse};
 use super::photometric::vignetting::Vignetting;
 use super::photometry::{CalibratedGains, GainEstimate};
 use super::record::RecordError;
-use super::rig::EnvironmentView;
 use super::{Response, RigDocument};
+use crate::calibration::environment_view::EnvironmentView;
 use glam::{DMat3, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 

@@ -7,8 +7,9 @@
 use super::fiducial::{Tag, UnknownFamily};
 use super::json_node::Node;
 pub use super::json_node::RigJsonError;
-use super::rig::{EnvironmentCamera, EnvironmentView, MirrorSphere, RigCalibration, SceneCamera};
+use super::rig::{EnvironmentCamera, RigCalibration, SceneCamera};
 use super::{PinholeCamera, Response};
+use crate::calibration::environment_view::{EnvironmentView, MirrorSphere};
 use crate::scene::SceneTexture;
 use crate::scene::lamps::MOST_LAMPS;
 use cameras::{chart, environment_camera, scene_camera, sphere, tracker};

@@ -19,8 +19,8 @@ use super::sources::{LUMINANCE, Layout, SampleGrid, Source, SourceFinder, Source
 use super::stages::Stages;
 use super::view::PlacedView;
 use crate::calibration::Response;
+use crate::calibration::environment_view::EnvironmentView;
 use crate::calibration::photometric::vignetting::Vignetting;
-use crate::calibration::rig::EnvironmentView;
 use faces::{FaceTable, Filling};
 use glam::{Mat3, Vec3};
 use penumbra_interface::MonotonicTime;

@@ -1,7 +1,7 @@
 //! Light from a single photograph: through a fisheye, or of a mirrored ball.
 
 use super::circle::{Circle, ball_outline, fisheye_circle};
-use crate::calibration::rig::{EnvironmentView, FisheyeLens, MirrorSphere};
+use crate::calibration::environment_view::{EnvironmentView, FisheyeLens, MirrorSphere};
 use crate::calibration::{PinholeCamera, Response};
 use crate::picture::Picture;
 use glam::{DMat3, DQuat, DVec2, DVec3};

@@ -11,7 +11,7 @@ use super::photograph::{PhotographCalibration, PhotographError, PhotographKind, 
 use super::settings::{EnvironmentError, EnvironmentInput, EnvironmentSettings};
 use super::sources::{LUMINANCE, SourceSettings};
 use super::view::PlacedView;
-use crate::calibration::rig::EnvironmentView;
+use crate::calibration::environment_view::EnvironmentView;
 use crate::calibration::{PinholeCamera, Response};
 use crate::picture::Picture;
 use glam::{DVec2, Mat3, Vec3};

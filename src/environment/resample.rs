@@ -342,7 +342,7 @@ fn push(side: usize, level: &[(Vec3, f32)], coarse: &[Vec3]) -> Vec<Vec3> {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use crate::calibration::rig::{EnvironmentView, FisheyeLens};
+    use crate::calibration::environment_view::{EnvironmentView, FisheyeLens};
     use penumbra_interface::RigidTransform;
 
     pub(super) fn fisheye() -> PlacedView {

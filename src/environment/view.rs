@@ -2,7 +2,7 @@
 
 use super::mirror::Mirror;
 use crate::calibration::PinholeCamera;
-use crate::calibration::rig::{EnvironmentView, FisheyeLens, MirrorSphere};
+use crate::calibration::environment_view::{EnvironmentView, FisheyeLens, MirrorSphere};
 use glam::{DVec2, DVec3};
 use penumbra_interface::RigidTransform;
 use std::ops::Range;

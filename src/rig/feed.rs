@@ -7,7 +7,7 @@
 use super::latency_watch::{LatencyState, LatencyWatch};
 use super::source::Source;
 use crate::calibration::RigCalibration;
-use crate::calibration::rig::EnvironmentView;
+use crate::calibration::environment_view::EnvironmentView;
 use crate::capture::{Hub, Taken};
 use crate::picture::Picture;
 use crate::session::{Events, LightNote, Session, SessionError, SessionEvent};

@@ -7,6 +7,7 @@ use super::registration::UNTOLD_SIGMA;
 use super::scene_light::{RealLight, SceneLight, hides};
 use super::watch::{GroundWatch, PhantomWatch};
 use super::{RigError, RigSetup};
+use crate::calibration::environment_view::EnvironmentView;
 use crate::calibration::photometry::chart::{ChartError, ChartMatch, Photograph, match_chart};
 use crate::calibration::photometry::gather::{GatherOptions, Overlap, gather_pairs};
 use crate::calibration::photometry::overlap::estimate_overlap;
@@ -18,7 +19,6 @@ use crate::calibration::photometry::reflectance::{
 use crate::calibration::photometry::{
     MatchMethod, MatchStatus, PhotometricMatch, PhotometrySettings,
 };
-use crate::calibration::rig::EnvironmentView;
 use crate::calibration::{Response, RigCalibration};
 use crate::config::{Config, Filtering, Unseen, WhiteBalanceMethod};
 use crate::environment::{

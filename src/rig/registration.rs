@@ -1,12 +1,13 @@
 //! Where the scene camera is, and the mirrored sphere, by the fiducials in its picture.
 
 use super::{RigError, RigSetup};
+use crate::calibration::environment_view::EnvironmentView;
 use crate::calibration::fiducial::{
     Detector, Expectation, Family, Registered, Registrar, Registration, Tag, TagMap, TagSeen,
     UnknownFamily, nearest_pose,
 };
 use crate::calibration::fusion::{Fused, Fusion, PoseSigma, Source, Tracked, Verdict};
-use crate::calibration::rig::{EnvironmentView, SphereMarker};
+use crate::calibration::rig::SphereMarker;
 use crate::calibration::rig_json::Marker;
 use crate::calibration::{PinholeCamera, RollingShutter};
 use crate::config::{Config, PoseSource};

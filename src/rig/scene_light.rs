@@ -6,8 +6,8 @@ use super::light::placement;
 use super::near_light::NearStation;
 use super::watch::{GroundWatch, PhantomWatch};
 use crate::calibration::RigCalibration;
+use crate::calibration::environment_view::EnvironmentView;
 use crate::calibration::photometry::raycast::{GROUND, PhantomCaster};
-use crate::calibration::rig::EnvironmentView;
 use crate::config::{Clipped, Config, Irradiance};
 use crate::environment::{
     ClippedEnergy, EnvironmentEstimator, EnvironmentSettings, IrradianceMethod,

@@ -4,7 +4,7 @@ use crate::golden::assert_golden;
 use crate::stage::{Stage, painted, part, sun};
 use glam::{DVec2, DVec3, Vec3};
 use penumbra::calibration::Response;
-use penumbra::calibration::rig::{EnvironmentView, MirrorSphere};
+use penumbra::calibration::environment_view::{EnvironmentView, MirrorSphere};
 use penumbra::environment::{
     BallSeen, Bracket, EnvironmentEstimator, EnvironmentInput, EnvironmentSettings, Lighting,
 };

@@ -2,7 +2,7 @@
 
 use crate::bench::stage::{self, looking};
 use crate::calibration::PinholeCamera;
-use crate::calibration::rig::{EnvironmentView, FisheyeLens, MirrorSphere};
+use crate::calibration::environment_view::{EnvironmentView, FisheyeLens, MirrorSphere};
 use crate::environment::view::PlacedView;
 use crate::picture::Picture;
 use crate::scene::{Material, Mesh, Part, Phong, PlacedLamp, Scene, primitives};

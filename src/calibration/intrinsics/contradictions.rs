@@ -7,7 +7,7 @@ use super::gather::Outcome;
 use super::lens::LensModel;
 use super::verdict::Grade;
 use crate::calibration::RigDocument;
-use crate::calibration::rig::EnvironmentView;
+use crate::calibration::environment_view::EnvironmentView;
 use crate::calibration::step::Eye;
 
 /// Focal lengths that differ by less than this share may be of one lens.

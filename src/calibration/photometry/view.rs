@@ -1,7 +1,7 @@
 //! The environment camera's rays, from its pixels to where they end.
 
 use super::raycast::sphere_hit;
-use crate::calibration::rig::{EnvironmentView, FisheyeLens, MirrorSphere};
+use crate::calibration::environment_view::{EnvironmentView, FisheyeLens, MirrorSphere};
 use glam::{DVec2, DVec3};
 use penumbra_interface::RigidTransform;
 

@@ -1,9 +1,9 @@
 //! The cameras, the mirrored ball, the tracker and the chart of a `rig.json`.
 
 use super::{Marker, Node, Result};
+use crate::calibration::environment_view::{EnvironmentView, FisheyeLens, MirrorSphere};
 use crate::calibration::rig::{
-    EnvironmentCamera, EnvironmentView, FisheyeLens, MirrorSphere, PhotometricChart, SceneCamera,
-    SphereMarker, TrackerCalibration,
+    EnvironmentCamera, PhotometricChart, SceneCamera, SphereMarker, TrackerCalibration,
 };
 use crate::calibration::{PinholeCamera, Response};
 use glam::{DVec2, DVec3};

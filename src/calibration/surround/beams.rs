@@ -2,10 +2,10 @@
 //! where they are not at infinity.
 
 use super::super::PinholeCamera;
-use super::super::rig::MirrorSphere;
 use super::bright::{Bright, Light};
 use super::resection::Target;
 use super::turn::Beam;
+use crate::calibration::environment_view::MirrorSphere;
 use glam::{DMat3, DVec2, DVec3};
 use penumbra_interface::RigidTransform;
 

@@ -3,13 +3,13 @@
 
 use super::super::environment_file::CircleLens;
 use super::super::intrinsics::{Grade, Grey, LensModel};
-use super::super::rig::{EnvironmentView, FisheyeLens};
 use super::ball::{Outline, RoughBall, outline};
 use super::circle::{ImageCircle, image_circle};
 use super::rays::{RAYS, side};
 use super::solve::Said;
 use super::step::{EnvironmentStep, Kind};
 use super::view::View;
+use crate::calibration::environment_view::{EnvironmentView, FisheyeLens};
 use crate::environment::ball_outline;
 use glam::{DVec2, DVec3};
 

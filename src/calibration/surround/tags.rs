@@ -4,8 +4,8 @@
 use super::super::Response;
 use super::super::fiducial::{Detector, Family, TagSeen};
 use super::super::intrinsics::Grey;
-use super::super::rig::FisheyeLens;
 use super::view::View;
+use crate::calibration::environment_view::FisheyeLens;
 use glam::{DMat3, DVec2, DVec3};
 
 /// Half of a view's angle: wide enough for a tag that lies between two.

@@ -1,7 +1,7 @@
 //! Which way a pixel of the environment camera looks.
 
 use super::super::PinholeCamera;
-use super::super::rig::FisheyeLens;
+use crate::calibration::environment_view::FisheyeLens;
 use glam::{DVec2, DVec3};
 
 /// The environment camera's lens.

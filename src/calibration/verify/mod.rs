@@ -21,8 +21,8 @@ use super::latency::{
 };
 use super::photometry::PhotometricMatch;
 use super::photometry::raycast::PhantomCaster;
-use super::rig::EnvironmentView;
 use super::step::{Eye, Finished, Made, Progress, Shown, ShownPicture, Step, Wants};
+use crate::calibration::environment_view::EnvironmentView;
 use crate::sync::{HistoryConfig, PoseHistory};
 use colour::Comparison;
 use penumbra_interface::{MonotonicTime, PoseSample, RigidTransform};

@@ -3,8 +3,8 @@
 
 use super::*;
 use crate::calibration::PinholeCamera;
+use crate::calibration::environment_view::{FisheyeLens, MirrorSphere};
 use crate::calibration::response::srgb_from_linear;
-use crate::calibration::rig::{FisheyeLens, MirrorSphere};
 use crate::environment::cube::sample;
 use crate::environment::{BallSeen, LightKind};
 use crate::picture::Picture;

@@ -1,7 +1,7 @@
 #![allow(clippy::unwrap_used)]
 
 use super::*;
-use crate::calibration::rig::{EnvironmentView, FisheyeLens};
+use crate::calibration::environment_view::{EnvironmentView, FisheyeLens};
 use crate::environment::cube::CubeGrid;
 use crate::environment::resample::PixelDirections;
 use crate::environment::view::PlacedView;

@@ -2,13 +2,14 @@
 
 use super::fall_off::FallOff;
 use crate::calibration::RigDocument;
+use crate::calibration::environment_view::EnvironmentView;
 use crate::calibration::photometric::vignetting::Fit;
 use crate::calibration::photometry::GainEstimate;
 use crate::calibration::photometry::chart::Photograph;
 use crate::calibration::photometry::gather::{GatherOptions, Overlap, gather_pairs};
 use crate::calibration::photometry::overlap::estimate_overlap;
 use crate::calibration::photometry::raycast::PhantomCaster;
-use crate::calibration::rig::{EnvironmentView, TrackerCalibration};
+use crate::calibration::rig::TrackerCalibration;
 use crate::config::Config;
 use crate::picture::{Picture, decode_into};
 use crate::rig::feed::decoder_for;

@@ -2,8 +2,8 @@
 
 use super::steps::{Known, ParameterError, Parameters, StepKind};
 use crate::calibration::RigCalibration;
+use crate::calibration::environment_view::EnvironmentView;
 use crate::calibration::photometric::step::{Options, Photometric};
-use crate::calibration::rig::EnvironmentView;
 use crate::calibration::step::Step;
 use crate::config::Config;
 

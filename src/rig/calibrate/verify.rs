@@ -2,9 +2,9 @@
 
 use super::steps::{Known as RigKnown, ParameterError, Parameters, StepKind, station};
 use crate::calibration::RigDocument;
+use crate::calibration::environment_view::EnvironmentView;
 use crate::calibration::photometry::raycast::PhantomCaster;
 use crate::calibration::photometry::{PhotometricMatch, PhotometrySettings};
-use crate::calibration::rig::EnvironmentView;
 use crate::calibration::step::Step;
 use crate::calibration::verify::{Known, Verify};
 use crate::config::Config;

@@ -2,9 +2,9 @@
 
 use super::*;
 use crate::calibration::Response;
+use crate::calibration::environment_view::{FisheyeLens, MirrorSphere};
 use crate::calibration::photometry::overlap::{Shortage, estimate_overlap};
 use crate::calibration::photometry::raycast::{ground_only, sphere_hit};
-use crate::calibration::rig::{FisheyeLens, MirrorSphere};
 use glam::{DMat3, DQuat};
 
 const GAINS: DVec3 = DVec3::new(3.0, 2.5, 4.0);

@@ -1,8 +1,8 @@
 #![allow(clippy::unwrap_used)]
-use super::super::super::rig::FisheyeLens;
 use super::super::rays::Dice;
 use super::super::view::View;
 use super::*;
+use crate::calibration::environment_view::FisheyeLens;
 use glam::DVec2;
 
 fn view() -> View {

@@ -1,0 +1,61 @@
+//! How a rig sees its environment: through a fisheye lens, or in a mirrored sphere.
+
+use super::PinholeCamera;
+use glam::{DVec2, DVec3};
+use penumbra_interface::RigidTransform;
+
+/// The three ways of seeing the environment (Supan 2006, section III).
+#[derive(Clone, Debug)]
+pub enum EnvironmentView {
+    /// A camera behind an equidistant fisheye lens.
+    Fisheye {
+        /// The lens.
+        lens: FisheyeLens,
+        /// Pose of the camera (optical frame) in the world.
+        world_from_camera: RigidTransform,
+    },
+    /// A camera of its own that looks at a mirrored sphere.
+    Sphere {
+        /// The camera's intrinsics.
+        camera: PinholeCamera,
+        /// Pose of that camera in the world.
+        world_from_camera: RigidTransform,
+        /// The sphere.
+        sphere: MirrorSphere,
+    },
+    /// A mirrored sphere within the scene camera's own picture.
+    SphereInScene {
+        /// The sphere.
+        sphere: MirrorSphere,
+    },
+}
+
+/// Kannala–Brandt fisheye: r = f · (θ + k1 θ³ + k2 θ⁵ + k3 θ⁷ + k4 θ⁹).
+#[derive(Clone, Debug, PartialEq)]
+pub struct FisheyeLens {
+    /// Pixels in a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Pixels per radian at the axis.
+    pub focal: f64,
+    /// Image of the optical axis, pixels.
+    pub centre: DVec2,
+    /// k1..k4; zero for the ideal equidistant lens.
+    pub distortion: [f64; 4],
+    /// Half the field of view, radians.
+    pub max_theta: f64,
+}
+
+/// A mirrored ball fixed in the world.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MirrorSphere {
+    /// Centre, metres.
+    pub centre_in_world: DVec3,
+    /// Radius, metres.
+    pub radius: f64,
+    /// Linear reflectance per channel.
+    pub reflectance: [f32; 3],
+    /// The sphere stands in the scene camera's view too (then it is a phantom as well).
+    pub in_scene: bool,
+}
