@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use penumbra::scene::Scene;
+use penumbra::calibration::RigDocument;
 use penumbra::session::{Session, SessionEvent};
 use std::path::PathBuf;
 
@@ -52,7 +52,10 @@ fn every_stream_is_in_them() {
 fn their_rigs_objects_and_phantoms_are_read() {
     for (name, _) in SESSIONS {
         let session = open(name);
-        let (rig, scene) = Scene::from_session(&|name| session.attachment(name)).unwrap();
+        let find = |name: &str| session.attachment(name);
+        let rig = RigDocument::of_session(&find).unwrap();
+        let scene = rig.scene(&find).unwrap();
+        let rig = rig.calibration;
         assert!(rig.environment.is_some() && rig.tracker.is_some() && rig.chart.is_some());
         assert!(!scene.virtual_parts.is_empty(), "{name}");
         assert!(scene.phantom_parts.len() >= 2, "{name}");

@@ -63,7 +63,7 @@ impl Session {
             .iter()
             .map(|p| (p.file.clone(), std::fs::read(folder.join(&p.file)).unwrap()))
             .collect();
-        let scene = Scene::phantoms_of_rig(&rig, &|file| meshes.get(file).map(Vec::as_slice));
+        let scene = rig.phantom_scene(&|file| meshes.get(file).map(Vec::as_slice));
         let judge: serde_json::Value =
             serde_json::from_slice(&std::fs::read(folder.join("truth_rig.json")).unwrap()).unwrap();
         let gain = |camera: &str| vector(&judge[camera]["response_truth"]["total_gain_rgb"]);

@@ -10,12 +10,11 @@ pub use super::json_node::RigJsonError;
 use super::rig::{EnvironmentCamera, RigCalibration, SceneCamera};
 use super::{PinholeCamera, Response};
 use crate::calibration::environment_view::{EnvironmentView, MirrorSphere};
-use crate::scene::SceneTexture;
 use crate::scene::lamps::MOST_LAMPS;
+use crate::scene::{GroundPlane, VirtualLight};
 use cameras::{chart, environment_camera, scene_camera, sphere, tracker};
-use glam::{DMat4, DVec2, DVec3, Vec3};
+use glam::{DMat4, DVec2, Vec3};
 use penumbra_interface::RigidTransform;
-use std::sync::Arc;
 use things::{ground, marker, object, phantom, virtual_light};
 
 mod cameras;
@@ -69,19 +68,6 @@ pub struct PhantomPlacement {
     pub albedo: Option<Vec3>,
 }
 
-/// A large plane `normal · p = offset`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct GroundPlane {
-    /// Unit normal, world.
-    pub normal: DVec3,
-    /// Metres along the normal.
-    pub offset: f64,
-    /// Edge of the square that is drawn, metres.
-    pub size: f64,
-    /// Linear diffuse reflectance, where known.
-    pub albedo: Option<Vec3>,
-}
-
 /// A printed fiducial.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Marker {
@@ -108,70 +94,6 @@ impl Marker {
             map_from_tag: self.world_from_marker,
         })
     }
-}
-
-/// A lamp that exists in the picture only.
-#[derive(Clone, Debug, PartialEq)]
-pub struct VirtualLight {
-    /// For messages.
-    pub name: String,
-    /// How it spreads its light.
-    pub kind: VirtualLightKind,
-    /// Linear, scene camera units: a white diffuse surface at r metres shows
-    /// `intensity · cos θ / (π r²)`. Of an area what leaves along its normal, its picture
-    /// included.
-    pub intensity: Vec3,
-    /// Of an area only.
-    pub screen: Option<Screen>,
-    /// Path in time, eased with smoothstep between keys.
-    pub keys: Vec<VirtualLightKey>,
-    /// Seconds after which the path begins anew.
-    pub repeat: Option<f64>,
-}
-
-/// How a virtual light spreads.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum VirtualLightKind {
-    /// The same in all directions.
-    Point,
-    /// Full inside `beam`, falling linearly in angle to zero at `cutoff`.
-    Spot {
-        /// Half angle, radians.
-        beam: f64,
-        /// Half angle, radians.
-        cutoff: f64,
-    },
-    /// A rectangle that is equally bright from all sides (Lambert).
-    Area {
-        /// Half of its width and height, metres.
-        half_size: DVec2,
-        /// Its height's direction, world; made perpendicular to where it looks.
-        up: DVec3,
-        /// It shines to both sides.
-        two_sided: bool,
-    },
-}
-
-/// What an area lamp shows.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Screen {
-    /// Colours over the area, upright as seen from in front; without one it is even.
-    pub texture: Option<Arc<SceneTexture>>,
-    /// The area itself is drawn.
-    pub visible: bool,
-}
-
-/// Where a virtual light is at one time.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct VirtualLightKey {
-    /// Seconds from the session's start.
-    pub seconds: f64,
-    /// World, metres.
-    pub position: DVec3,
-    /// What a spot points at, world.
-    pub target: Option<DVec3>,
-    /// Multiplies the intensity.
-    pub gain: f64,
 }
 
 /// Which of a rig's views of the environment is used.
@@ -336,17 +258,6 @@ fn each<T>(node: &Node, key: &str, most: usize, read: fn(&Node) -> Result<T>) ->
 fn name_of(node: &Node, default: &str) -> Result<String> {
     node.find("name")
         .map_or(Ok(default.to_owned()), |n| n.text().map(str::to_owned))
-}
-
-/// glTF's +Y-up coordinates to Penumbra's +Z-up: x stays, y becomes z, z becomes −y.
-#[must_use]
-pub fn z_up_from_y_up() -> DMat4 {
-    DMat4::from_cols_array_2d(&[
-        [1.0, 0.0, 0.0, 0.0],
-        [0.0, 0.0, 1.0, 0.0],
-        [0.0, -1.0, 0.0, 0.0],
-        [0.0, 0.0, 0.0, 1.0],
-    ])
 }
 
 #[cfg(test)]

@@ -7,10 +7,11 @@ use penumbra::calibration::EnvironmentSource;
 use penumbra::compositor::Gpu;
 use penumbra::config::{
     Config, ExposureChoice, Filtering, Highlights, LIGHT_COUNTS, LampResponse, LightPlacement,
-    Monitor, SceneChoice, ShadowMode, ShadowTechnique,
+    Monitor, ShadowMode, ShadowTechnique,
 };
 use penumbra::output::window::{self, WindowOptions};
 use penumbra::rig::{Report, RigError, RunOptions, Runner};
+use penumbra::scene::SceneChoice;
 use penumbra::status::{SharedStatus, StatusError, StatusServer, Technique};
 use std::net::SocketAddr;
 use std::path::PathBuf;

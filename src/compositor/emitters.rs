@@ -5,7 +5,7 @@ use super::bindings::group;
 use super::cover::Corners;
 use super::gpu_data::VirtualPartUniform;
 use super::scene_buffers::{index_buffer, vertex_buffer};
-use crate::calibration::rig_json::VirtualLight;
+use crate::scene::VirtualLight;
 use crate::scene::photometric::{luminance, mean_colour};
 use crate::scene::{Material, PlacedArea, PlacedLamp, primitives};
 use glam::{Mat4, Vec3, Vec4};

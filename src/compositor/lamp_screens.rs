@@ -2,8 +2,8 @@
 
 use super::light_maps::half_texel;
 use crate::calibration::response::linear_from_srgb;
-use crate::calibration::rig_json::VirtualLight;
 use crate::scene::SceneTexture;
+use crate::scene::VirtualLight;
 use crate::scene::photometric::{luminance, mean_colour};
 use glam::Vec3;
 

@@ -3,7 +3,6 @@
 use crate::calibration::{EnvironmentSource, Response};
 use serde::de::{self, Deserialize, Deserializer, Visitor};
 use std::fmt;
-use std::path::PathBuf;
 use std::str::FromStr;
 
 /// How the dome lights are placed.
@@ -363,30 +362,6 @@ impl ToneCurve {
             Self::Srgb => Response::srgb(),
             Self::Linear => Response::linear(),
             Self::Gamma(gamma) => Response::gamma(gamma),
-        }
-    }
-}
-
-/// What is composited in.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub enum SceneChoice {
-    /// `"session"`: the object that the session brings.
-    #[default]
-    Session,
-    /// `"none"`: nothing virtual; phantoms stay.
-    None,
-    /// A scene file.
-    File(PathBuf),
-}
-
-impl SceneChoice {
-    /// From the command line or the configuration: `none`, `session`, or a path.
-    #[must_use]
-    pub fn from_text(text: &str) -> Self {
-        match text {
-            "none" => Self::None,
-            "session" => Self::Session,
-            path => Self::File(path.into()),
         }
     }
 }

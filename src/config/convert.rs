@@ -7,9 +7,10 @@ use super::planes::planes;
 use super::registration::registration;
 use super::toml_text::{Fault, TomlText};
 use super::{
-    Config, ConfigError, EnvironmentConfig, OutputConfig, SceneChoice, ShadowConfig, StatusConfig,
-    SyncConfig, WhiteBalanceConfig, WhiteBalanceMethod,
+    Config, ConfigError, EnvironmentConfig, OutputConfig, ShadowConfig, StatusConfig, SyncConfig,
+    WhiteBalanceConfig, WhiteBalanceMethod,
 };
+use crate::scene::SceneChoice;
 use std::net::SocketAddr;
 use std::ops::RangeInclusive;
 use std::path::Path;

@@ -15,11 +15,12 @@ pub(crate) mod toml_text;
 use crate::calibration::EnvironmentSource;
 pub use crate::environment::Filtering;
 pub use crate::picture::YuvEncoding;
+pub use crate::scene::SceneChoice;
 use crate::sync::{Degree, Smoothing};
 pub use choice::{
     Antialias, Clipped, FollowLatency, Irradiance, LampResponse, LightPlacement, Monitor, Refresh,
-    ReplayPairing, ReplaySpeed, SceneChoice, ShadowMode, ShadowResolution, ShadowTechnique,
-    ToneCurve, Unseen, WhiteBalanceMethod, YuvMatrix, YuvRange,
+    ReplayPairing, ReplaySpeed, ShadowMode, ShadowResolution, ShadowTechnique, ToneCurve, Unseen,
+    WhiteBalanceMethod, YuvMatrix, YuvRange,
 };
 pub use convert::{LIGHT_COUNTS, listen_needs_token};
 pub use devices::{

@@ -4,7 +4,8 @@
 use super::{RigError, RigSetup, Source};
 use crate::compositor::Gpu;
 use crate::compositor::planes::{Progress, bake, mend};
-use crate::config::{Config, PlanesConfig, SceneChoice};
+use crate::config::{Config, PlanesConfig};
+use crate::scene::SceneChoice;
 use crate::scene::planes::Bake;
 use crate::scene::planes::generate::{PlaneSettings, generate};
 use crate::scene::planes::renew::renew;

@@ -7,6 +7,7 @@ use super::registration::UNTOLD_SIGMA;
 use super::scene_light::{RealLight, SceneLight, hides};
 use super::watch::{GroundWatch, PhantomWatch};
 use super::{RigError, RigSetup};
+use crate::calibration::Attachments;
 use crate::calibration::environment_view::EnvironmentView;
 use crate::calibration::photometry::chart::{ChartError, ChartMatch, Photograph, match_chart};
 use crate::calibration::photometry::gather::{GatherOptions, Overlap, gather_pairs};
@@ -25,7 +26,7 @@ use crate::environment::{
     BallSeen, Bracket, EnvironmentEstimator, EnvironmentInput, Lighting, Placement,
 };
 use crate::picture::{Picture, PictureError, YuvEncoding, decode_into};
-use crate::scene::{Attachments, casters};
+use crate::scene::casters;
 use crate::sync::EnvironmentSet;
 use glam::{DVec3, Mat3, Quat, Vec3};
 use penumbra_interface::{Exposure, MonotonicTime, RigidTransform};

@@ -51,7 +51,7 @@ pub use source::{Live, RigFiles, Source};
 
 use crate::calibration::fiducial::TagMap;
 use crate::calibration::lens_files::SCENE_LENS;
-use crate::calibration::{RigCalibration, RigDocument};
+use crate::calibration::{RigCalibration, RigDocument, RigFilesError};
 use crate::compositor::GpuError;
 use crate::config::{Config, ConfigError, PoseSource};
 use crate::environment::EnvironmentError;
@@ -73,6 +73,9 @@ pub enum RigError {
     /// The folder with the rig's files.
     #[error(transparent)]
     Files(#[from] ImportError),
+    /// What is known of the rig cannot be used.
+    #[error(transparent)]
+    RigFiles(#[from] RigFilesError),
     /// The tracker would be told another unit than it was calibrated in.
     #[error(
         "tracker.units: {told:?}, but by the calibration a unit is {metres} m; remove `units`, or \
@@ -275,8 +278,8 @@ impl RigSetup {
         let camera_recorded = source.has_environment();
         document
             .select_environment(config.environment.source, camera_recorded)
-            .map_err(SceneError::from)?;
-        let scene = Scene::choose(&config.scene, &document, &attachments)?;
+            .map_err(RigFilesError::from)?;
+        let scene = document.chosen_scene(&config.scene, &attachments)?;
         let mut calibration = calibration(&document, config);
         let tracker = calibration.tracker.is_some();
         let pose = registration::pose_source(&document.markers, tracker, config)?;

@@ -4,7 +4,6 @@ use super::RigError;
 use crate::calibration::RigDocument;
 use crate::capture::{Capture, Devices, Hub, LiveDevice, TrackerSource};
 use crate::config::{Config, TrackerUnits};
-use crate::scene::{rig_of_session, rig_without_document};
 use crate::session::{Attachment, Session, import};
 use penumbra_interface::{MonotonicTime, SystemClock};
 use std::path::Path;
@@ -99,8 +98,8 @@ impl RigFiles {
     pub fn document(&self, config: &Config) -> Result<RigDocument, RigError> {
         let attachments = |name: &str| self.get(name);
         Ok(match self.get("rig.json") {
-            Some(_) => rig_of_session(&attachments)?,
-            None => rig_without_document(wanted_size(config), &attachments)?,
+            Some(_) => RigDocument::of_session(&attachments)?,
+            None => RigDocument::without_rig_json(wanted_size(config), &attachments)?,
         })
     }
 
@@ -192,7 +191,9 @@ impl Source {
     pub(super) fn document(&self, config: &Config) -> Result<RigDocument, RigError> {
         match self {
             Self::Live(live) => live.files.document(config),
-            Self::Recorded(session) => Ok(rig_of_session(&|name: &str| session.attachment(name))?),
+            Self::Recorded(session) => Ok(RigDocument::of_session(&|name: &str| {
+                session.attachment(name)
+            })?),
         }
     }
 

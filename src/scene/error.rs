@@ -1,7 +1,5 @@
 //! What can be wrong with a scene's files.
 
-use crate::calibration::RigJsonError;
-use crate::calibration::record::RecordError;
 use crate::config::ConfigError;
 use thiserror::Error;
 
@@ -16,16 +14,6 @@ pub enum SceneError {
         /// What the system said.
         reason: String,
     },
-    /// A session lacks an attachment.
-    #[error(
-        "the session has no attachment {file}, which {wanted_by}; import it again from a complete folder"
-    )]
-    NoAttachment {
-        /// Name of the attachment.
-        file: String,
-        /// Who asks for it.
-        wanted_by: String,
-    },
     /// A file is damaged, too large, or uses what Penumbra does not know.
     #[error("{file}: {reason}")]
     Broken {
@@ -34,12 +22,6 @@ pub enum SceneError {
         /// What is wrong and what to do.
         reason: String,
     },
-    /// `rig.json` is wrong.
-    #[error(transparent)]
-    Rig(#[from] RigJsonError),
-    /// A lens's calibration file is wrong.
-    #[error(transparent)]
-    Lens(#[from] RecordError),
     /// A scene file's text is wrong.
     #[error(transparent)]
     File(#[from] ConfigError),

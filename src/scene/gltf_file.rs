@@ -15,7 +15,6 @@ use super::lamps::MOST_LAMPS;
 use super::motion::Motion;
 use super::normals::{recompute_normals, recompute_tangents, tidy_directions};
 use super::{Material, Mesh, Part, SceneError, Vertex};
-use crate::calibration::rig_json::z_up_from_y_up;
 use glam::{DMat3, DMat4, Mat4, Vec2, Vec3, Vec4};
 use gltf::accessor::Dimensions;
 use gltf::mesh::Mode;
@@ -439,6 +438,17 @@ fn as_triangles(mode: Mode, indices: Vec<u32>) -> Vec<u32> {
             indices
         }
     }
+}
+
+/// glTF's +Y-up coordinates to Penumbra's +Z-up: x stays, y becomes z, z becomes −y.
+#[must_use]
+pub fn z_up_from_y_up() -> DMat4 {
+    DMat4::from_cols_array_2d(&[
+        [1.0, 0.0, 0.0, 0.0],
+        [0.0, 0.0, 1.0, 0.0],
+        [0.0, -1.0, 0.0, 0.0],
+        [0.0, 0.0, 0.0, 1.0],
+    ])
 }
 
 #[cfg(test)]

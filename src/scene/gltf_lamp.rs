@@ -1,9 +1,8 @@
 //! Lights of glTF files: KHR_lights_punctual.
 
 use super::gltf_bytes::Fault;
-use crate::calibration::rig_json::{
-    VirtualLight, VirtualLightKey, VirtualLightKind, z_up_from_y_up,
-};
+use crate::scene::gltf_file::z_up_from_y_up;
+use crate::scene::{VirtualLight, VirtualLightKey, VirtualLightKind};
 use glam::{DMat4, DVec3, Vec3};
 use gltf::khr_lights_punctual::{Kind, Light};
 

@@ -1,6 +1,6 @@
 //! Lamps that exist in the picture only and light what is real as well as what is virtual.
 
-use crate::calibration::rig_json::{VirtualLight, VirtualLightKey, VirtualLightKind};
+use crate::scene::{VirtualLight, VirtualLightKey, VirtualLightKind};
 use glam::{DVec3, Vec3};
 
 /// More lamps than this are refused where they are read.

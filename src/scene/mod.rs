@@ -1,9 +1,9 @@
 //! What is virtual, and the proxies of what is real. Plain data; no wgpu.
 
-pub mod assemble;
 mod casters;
 pub mod change;
 mod check;
+mod choice;
 pub mod detail;
 pub mod enclosed;
 pub mod error;
@@ -13,6 +13,7 @@ pub mod gltf_file;
 mod gltf_lamp;
 mod gltf_material;
 mod gltf_motion;
+mod ground_plane;
 pub mod lamps;
 pub mod mesh;
 pub mod motion;
@@ -25,15 +26,17 @@ pub mod primitives;
 pub mod raycast;
 pub mod scene_file;
 pub mod simplify;
+mod virtual_light;
 
-pub use assemble::{Attachments, rig_of_session, rig_without_document};
 pub use casters::{casters, casters_within};
 pub use change::Change;
+pub use choice::SceneChoice;
 pub use detail::coarser;
 pub use error::SceneError;
 pub use gltf_bytes::Resolver;
 pub use gltf_file::{Model, Playing, load_gltf, load_gltf_bytes};
 pub use gltf_lamp::ModelLamp;
+pub use ground_plane::GroundPlane;
 pub use lamps::{PlacedArea, PlacedLamp};
 pub use mesh::{Material, Mesh, Part, Phong, Scene, SceneTexture, Vertex};
 pub use motion::{Motion, Motions, Mover};
@@ -42,3 +45,4 @@ pub use ply::load_ply;
 pub use raycast::{Hit, PhantomRays};
 pub use scene_file::SceneAddition;
 pub use simplify::simplify_for_casting;
+pub use virtual_light::{Screen, VirtualLight, VirtualLightKey, VirtualLightKind};

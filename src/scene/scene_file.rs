@@ -104,11 +104,10 @@ use super::gltf_file::{ModelPart, Playing, files_of_gltf, load_gltf_playing, rea
 use super::motion::Motions;
 use super::planes::{ShadowingPlane, covered_parts};
 use super::primitives;
-use super::{Attachments, Material, Mesh, Model, Part, Scene, SceneError, load_ply};
-use crate::calibration::RigDocument;
-use crate::calibration::rig_json::{GroundPlane, VirtualLight};
-use crate::config::SceneChoice;
+use super::{Material, Mesh, Model, Part, Scene, SceneError, load_ply};
 use crate::config::toml_text::{Fault, TomlText};
+use crate::scene::GroundPlane;
+use crate::scene::VirtualLight;
 use glam::{DMat4, DVec3, Vec3};
 use lamp::Surroundings;
 use penumbra_interface::RigidTransform;
@@ -263,24 +262,6 @@ pub fn files_of(path: &Path) -> Vec<PathBuf> {
     let mut known = HashSet::new();
     files.retain(|file| known.insert(file.clone()));
     files
-}
-
-impl Scene {
-    /// The scene that `choice` asks for, over the phantoms of a session.
-    pub fn choose(
-        choice: &SceneChoice,
-        rig: &RigDocument,
-        attachments: &Attachments,
-    ) -> Result<Self, SceneError> {
-        match choice {
-            SceneChoice::Session => Self::of_rig(rig, attachments),
-            SceneChoice::None => Self::phantoms_of_rig(rig, attachments),
-            SceneChoice::File(path) => {
-                let addition = SceneAddition::load(path)?;
-                Ok(addition.onto(Self::phantoms_of_rig(rig, attachments)?))
-            }
-        }
-    }
 }
 
 fn refuse_phantom_keys(entry: &Entry, at: &str) -> Result<(), Fault> {

@@ -5,7 +5,6 @@
 use crate::judge::{keep, square_differences, write};
 use crate::stage::{Stage, painted};
 use glam::{DVec2, DVec3, Vec3};
-use penumbra::calibration::rig_json::{Screen, VirtualLightKind};
 use penumbra::environment::box_chain::box_chain;
 use penumbra::environment::cube::CubeGrid;
 use penumbra::environment::dome::DomeGrid;
@@ -13,6 +12,7 @@ use penumbra::environment::harmonics::HarmonicsTable;
 use penumbra::environment::prefilter::Prefilter;
 use penumbra::environment::{DomeLight, LightKind, Lighting};
 use penumbra::picture::Picture;
+use penumbra::scene::virtual_light::{Screen, VirtualLightKind};
 use penumbra::scene::{Material, Phong, SceneTexture, primitives};
 use penumbra_interface::MonotonicTime;
 use std::path::Path;

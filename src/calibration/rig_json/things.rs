@@ -2,10 +2,10 @@
 //! virtual lights.
 
 use super::cameras::flag;
-use super::{
-    GroundPlane, Marker, Node, ObjectPlacement, PhantomPlacement, Result, VirtualLight,
-    VirtualLightKey, VirtualLightKind, name_of, z_up_from_y_up,
-};
+use super::{Marker, Node, ObjectPlacement, PhantomPlacement, Result, name_of};
+use crate::scene::GroundPlane;
+use crate::scene::gltf_file::z_up_from_y_up;
+use crate::scene::{VirtualLight, VirtualLightKey, VirtualLightKind};
 use glam::{DMat4, DVec3, Vec3};
 
 pub(super) fn object(node: &Node) -> Result<ObjectPlacement> {

@@ -15,7 +15,6 @@ use penumbra::rig::calibrate::files::{calibration_folder, prepare, write_calibra
 use penumbra::rig::calibrate::steps::{Known, file_of};
 use penumbra::rig::calibrate::{Written, show_session};
 use penumbra::rig::wall_date::iso_now;
-use penumbra::scene::rig_of_session;
 use penumbra::session::Session;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -76,7 +75,7 @@ impl FromArgs {
             return self.to.rig();
         }
         let files = self.files()?;
-        Ok(rig_of_session(&|name: &str| files.get(name))?)
+        Ok(RigDocument::of_session(&|name: &str| files.get(name))?)
     }
 
     /// The rig's files: those that the recording carries, or those of the configuration.

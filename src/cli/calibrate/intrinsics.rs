@@ -8,7 +8,6 @@ use penumbra::calibration::RigDocument;
 use penumbra::calibration::intrinsics::{Board, IntrinsicsStep, LensModel, Options, SaidLenses};
 use penumbra::calibration::step::{Eye, Step};
 use penumbra::rig::calibrate::{Looked, pictures_of_folder};
-use penumbra::scene::rig_of_session;
 use penumbra::session::Session;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -97,7 +96,7 @@ impl IntrinsicsArgs {
             );
         }
         // Without a rig.json there is nothing to contradict.
-        let rig: Option<RigDocument> = rig_of_session(&|name: &str| session.attachment(name)).ok();
+        let rig = RigDocument::of_session(&|name: &str| session.attachment(name)).ok();
         let said = rig
             .as_ref()
             .map_or_else(SaidLenses::default, SaidLenses::of);

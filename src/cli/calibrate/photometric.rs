@@ -12,7 +12,6 @@ use penumbra::calibration::step::{Eye, Progress, Shown, ShownPicture, Step as _}
 use penumbra::config::Config;
 use penumbra::picture::Picture;
 use penumbra::rig::calibrate::{photometric_options, seen_by_both, show_session};
-use penumbra::scene::rig_of_session;
 use penumbra::session::Session;
 use penumbra_interface::MonotonicTime;
 use std::path::PathBuf;
@@ -147,7 +146,7 @@ impl PhotometricArgs {
 
 fn rig(args: &PhotometricArgs, session: Option<&Session>) -> anyhow::Result<Option<RigDocument>> {
     if let Some(session) = session {
-        return Ok(rig_of_session(&|name: &str| session.attachment(name)).ok());
+        return Ok(RigDocument::of_session(&|name: &str| session.attachment(name)).ok());
     }
     let Some(path) = &args.rig else {
         // Pictures by themselves are of no rig that is known.

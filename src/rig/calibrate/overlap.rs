@@ -13,7 +13,6 @@ use crate::calibration::rig::TrackerCalibration;
 use crate::config::Config;
 use crate::picture::{Picture, decode_into};
 use crate::rig::feed::decoder_for;
-use crate::scene::Scene;
 use crate::session::{Session, SessionEvent};
 use crate::sync::{HistoryConfig, PoseHistory};
 use glam::DVec3;
@@ -39,7 +38,7 @@ pub struct SeenByBoth {
 #[must_use]
 pub fn seen_by_both(session: &Session, config: &Config, rig: &RigDocument) -> Option<SeenByBoth> {
     rig.calibration.environment.as_ref()?;
-    let scene = Scene::phantoms_of_rig(rig, &|name| session.attachment(name)).ok()?;
+    let scene = rig.phantom_scene(&|name| session.attachment(name)).ok()?;
     let (start, end) = session.span()?;
     let mut watch = Watch {
         config,

@@ -1,6 +1,7 @@
 //! Sets up the check of a rig from its files.
 
 use super::steps::{Known as RigKnown, ParameterError, Parameters, StepKind, station};
+use crate::calibration::Attachments;
 use crate::calibration::RigDocument;
 use crate::calibration::environment_view::EnvironmentView;
 use crate::calibration::photometry::raycast::PhantomCaster;
@@ -9,7 +10,6 @@ use crate::calibration::step::Step;
 use crate::calibration::verify::{Known, Verify};
 use crate::config::Config;
 use crate::rig::{RigError, light, registration};
-use crate::scene::{Attachments, Scene};
 
 /// As the dashboard shows it.
 pub(super) const KIND: StepKind = StepKind {
@@ -44,7 +44,7 @@ pub fn verify_step(
         return Err(RigError::NothingToCheckBy);
     }
     let map = registration::tag_map(&document.markers)?;
-    let scene = Scene::phantoms_of_rig(&document, files)?;
+    let scene = document.phantom_scene(files)?;
     let same_camera = rig
         .environment
         .as_ref()

@@ -2,8 +2,8 @@
 
 use super::typed::{Entry, LampFile};
 use super::{Surroundings, lamp, motion, refuse_phantom_keys};
-use crate::calibration::rig_json::VirtualLight;
 use crate::config::toml_text::{Fault, TomlText};
+use crate::scene::VirtualLight;
 use crate::scene::lamps::MOST_LAMPS;
 use crate::scene::motion::{Motion, Motions, Mover};
 use crate::scene::{Part, SceneError};

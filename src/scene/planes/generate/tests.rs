@@ -147,7 +147,12 @@ fn session(name: &str) -> Option<Scene> {
         }
     }
     let find = |n: &str| files.get(n).map(Vec::as_slice);
-    Some(Scene::from_session(&find).unwrap().1)
+    Some(
+        crate::calibration::RigDocument::of_session(&find)
+            .unwrap()
+            .scene(&find)
+            .unwrap(),
+    )
 }
 
 #[test]

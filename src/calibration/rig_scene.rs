@@ -1,39 +1,100 @@
-//! The scene that a session brings with it: phantoms, ground and virtual object from its
-//! attachments.
+//! What a rig's files describe together: `rig.json`, the calibration files beside it, and the
+//! scene of phantoms, ground and virtual object that they place.
 
-use super::enclosed;
-use super::gltf_file::load_gltf_bytes;
-use super::primitives;
-use super::{Material, Part, Scene, SceneError, load_ply};
-use crate::calibration::environment_file::apply_environment_file;
-use crate::calibration::environment_view::MirrorSphere;
-use crate::calibration::latency_file::apply_latency_file;
-use crate::calibration::lens_files::{apply_lens_files, size_of_lens};
-use crate::calibration::markers_file::apply_markers_file;
-use crate::calibration::photometric_file::apply_photometric_file;
-use crate::calibration::rig_json::{GroundPlane, z_up_from_y_up};
-use crate::calibration::tracker_file::apply_tracker_file;
-use crate::calibration::{RigCalibration, RigDocument};
-use glam::{DMat4, DQuat, DVec3, Vec3};
+use super::environment_file::apply_environment_file;
+use super::environment_view::MirrorSphere;
+use super::latency_file::apply_latency_file;
+use super::lens_files::{apply_lens_files, size_of_lens};
+use super::markers_file::apply_markers_file;
+use super::photometric_file::apply_photometric_file;
+use super::record::RecordError;
+use super::tracker_file::apply_tracker_file;
+use super::{RigDocument, RigJsonError};
+use crate::scene::gltf_file::{load_gltf_bytes, z_up_from_y_up};
+use crate::scene::{Material, Part, Scene, SceneAddition, SceneChoice, SceneError};
+use crate::scene::{enclosed, load_ply, primitives};
+use glam::{DMat4, Vec3};
 use std::sync::Arc;
+use thiserror::Error;
 
 /// Finds an attachment's bytes by its name (`rig.json`, `object/object.glb`).
 pub type Attachments<'a> = dyn Fn(&str) -> Option<&'a [u8]> + 'a;
 
-impl Scene {
-    /// Calibration and scene of a session.
-    pub fn from_session(attachments: &Attachments) -> Result<(RigCalibration, Self), SceneError> {
-        let rig = rig_of_session(attachments)?;
-        let scene = Self::of_rig(&rig, attachments)?;
-        Ok((rig.calibration, scene))
+/// The files of a rig cannot be used.
+#[derive(Debug, Error)]
+pub enum RigFilesError {
+    /// A session lacks an attachment.
+    #[error(
+        "the session has no attachment {file}, which {wanted_by}; import it again from a complete folder"
+    )]
+    NoAttachment {
+        /// Name of the attachment.
+        file: String,
+        /// What names the attachment.
+        wanted_by: &'static str,
+    },
+    /// `rig.json` is wrong.
+    #[error(transparent)]
+    Document(#[from] RigJsonError),
+    /// A calibration file beside it is wrong.
+    #[error(transparent)]
+    Calibration(#[from] RecordError),
+    /// A model, or the scene file, cannot be used.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+}
+
+impl RigDocument {
+    /// Reads a session's `rig.json` and the calibration files beside it, which take precedence.
+    ///
+    /// # Errors
+    /// There is no `rig.json`, or a file cannot be used.
+    pub fn of_session(attachments: &Attachments) -> Result<Self, RigFilesError> {
+        let bytes = attachment(attachments, "rig.json", "holds the rig's calibration")?;
+        calibrated(Self::parse(bytes)?, attachments)
     }
 
-    /// The scene that `rig` describes: phantoms, and the session's own virtual object
-    /// and lamps.
-    pub fn of_rig(rig: &RigDocument, attachments: &Attachments) -> Result<Self, SceneError> {
-        let mut scene = Self::phantoms_of_rig(rig, attachments)?;
-        scene.lamps.clone_from(&rig.virtual_lights);
-        if let Some(object) = &rig.object {
+    /// A rig without a `rig.json`: its calibration files, and defaults for the rest. The scene
+    /// camera's pictures are taken to be of `usual_size` (width, height in pixels) unless a
+    /// calibration file states their size.
+    ///
+    /// # Errors
+    /// A calibration file cannot be used.
+    pub fn without_rig_json(
+        usual_size: (u32, u32),
+        attachments: &Attachments,
+    ) -> Result<Self, RigFilesError> {
+        let (width, height) = size_of_lens(attachments)?.unwrap_or(usual_size);
+        calibrated(Self::uncalibrated(width, height), attachments)
+    }
+
+    /// The scene that `choice` asks for, over the rig's phantoms.
+    ///
+    /// # Errors
+    /// A file that the rig or the scene names is missing or cannot be used.
+    pub fn chosen_scene(
+        &self,
+        choice: &SceneChoice,
+        attachments: &Attachments,
+    ) -> Result<Scene, RigFilesError> {
+        match choice {
+            SceneChoice::Session => self.scene(attachments),
+            SceneChoice::None => self.phantom_scene(attachments),
+            SceneChoice::File(path) => {
+                let addition = SceneAddition::load(path)?;
+                Ok(addition.onto(self.phantom_scene(attachments)?))
+            }
+        }
+    }
+
+    /// The scene that the rig itself describes: phantoms, ground, virtual object and lamps.
+    ///
+    /// # Errors
+    /// A file that the rig names is missing or cannot be used.
+    pub fn scene(&self, attachments: &Attachments) -> Result<Scene, RigFilesError> {
+        let mut scene = self.phantom_scene(attachments)?;
+        scene.lamps.clone_from(&self.virtual_lights);
+        if let Some(object) = &self.object {
             let bytes = attachment(attachments, &object.file, "object.glb in rig.json names")?;
             let folder = object
                 .file
@@ -45,7 +106,7 @@ impl Scene {
                     .map(<[u8]>::to_vec)
                     .ok_or_else(|| "the session has no such attachment".into())
             })?;
-            // The loader has turned the coordinates +Z up already; T_world_glb wants them
+            // The loader has turned the coordinates +Z up already; T_world_glb expects them
             // as they are in the file.
             let world_from_model = object.world_from_glb * z_up_from_y_up().transpose();
             scene.virtual_parts = model.placed(world_from_model);
@@ -59,16 +120,16 @@ impl Scene {
         Ok(scene)
     }
 
-    /// As [`Scene::of_rig`], with nothing virtual.
-    pub fn phantoms_of_rig(
-        rig: &RigDocument,
-        attachments: &Attachments,
-    ) -> Result<Self, SceneError> {
-        let mut scene = Self::default();
-        if let Some(ground) = &rig.ground {
+    /// As [`Self::scene`], with nothing virtual.
+    ///
+    /// # Errors
+    /// A file that the rig names is missing or cannot be used.
+    pub fn phantom_scene(&self, attachments: &Attachments) -> Result<Scene, RigFilesError> {
+        let mut scene = Scene::default();
+        if let Some(ground) = &self.ground {
             scene.add_ground(ground);
         }
-        for phantom in &rig.phantoms {
+        for phantom in &self.phantoms {
             let bytes = attachment(attachments, &phantom.file, "phantoms in rig.json names")?;
             let mesh = load_ply(bytes, &phantom.file)?;
             scene.phantom_parts.push(Part {
@@ -80,51 +141,19 @@ impl Scene {
                 albedo: phantom.albedo,
             });
         }
-        if let Some(sphere) = rig.mirror_sphere.as_ref().filter(|s| s.in_scene) {
+        if let Some(sphere) = self.mirror_sphere.as_ref().filter(|s| s.in_scene) {
             scene.phantom_parts.push(mirror_phantom(sphere));
         }
         Ok(scene)
     }
-
-    /// A square phantom; a level one also sets [`Scene::ground_height`].
-    pub(super) fn add_ground(&mut self, ground: &GroundPlane) {
-        let turn = DQuat::from_rotation_arc(DVec3::Z, ground.normal);
-        if ground.normal.z > 0.999_999 {
-            self.ground_height = Some(ground.offset / ground.normal.z);
-        }
-        self.phantom_parts.push(Part {
-            name: "ground".into(),
-            mesh: Arc::new(primitives::plane(ground.size as f32, ground.size as f32)),
-            material: Arc::new(Material::default()),
-            world_from_part: DMat4::from_rotation_translation(turn, ground.normal * ground.offset),
-            mirror: false,
-            albedo: ground.albedo,
-        });
-    }
 }
 
-/// Reads the session's `rig.json`, and what was calibrated since.
-pub fn rig_of_session(attachments: &Attachments) -> Result<RigDocument, SceneError> {
-    let bytes = attachment(attachments, "rig.json", "holds the rig's calibration")?;
-    calibrated(RigDocument::parse(bytes)?, attachments)
-}
-
-/// A rig that nobody has written a `rig.json` for: what was calibrated of it, and guesses for
-/// the rest. Its scene camera's pictures are of `usual_size` where no calibration says theirs.
-///
-/// # Errors
-/// A calibration file that cannot be read or used.
-pub fn rig_without_document(
-    usual_size: (u32, u32),
+/// Applies the calibration files, which take precedence over `rig.json`.
+fn calibrated(
+    mut rig: RigDocument,
     attachments: &Attachments,
-) -> Result<RigDocument, SceneError> {
-    let (width, height) = size_of_lens(attachments)?.unwrap_or(usual_size);
-    calibrated(RigDocument::uncalibrated(width, height), attachments)
-}
-
-/// With what was calibrated since, in files of its own.
-fn calibrated(mut rig: RigDocument, attachments: &Attachments) -> Result<RigDocument, SceneError> {
-    // It may bring the environment camera itself, whose lens may have been calibrated.
+) -> Result<RigDocument, RigFilesError> {
+    // First: it may add the environment camera, whose lens has a file of its own.
     apply_environment_file(&mut rig, attachments)?;
     apply_lens_files(&mut rig, attachments)?;
     apply_photometric_file(&mut rig, attachments)?;
@@ -137,11 +166,11 @@ fn calibrated(mut rig: RigDocument, attachments: &Attachments) -> Result<RigDocu
 fn attachment<'a>(
     attachments: &Attachments<'a>,
     name: &str,
-    wanted_by: &str,
-) -> Result<&'a [u8], SceneError> {
-    attachments(name).ok_or_else(|| SceneError::NoAttachment {
+    wanted_by: &'static str,
+) -> Result<&'a [u8], RigFilesError> {
+    attachments(name).ok_or_else(|| RigFilesError::NoAttachment {
         file: name.to_owned(),
-        wanted_by: wanted_by.to_owned(),
+        wanted_by,
     })
 }
 
@@ -166,6 +195,7 @@ mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
     use crate::scene::Mesh;
+    use glam::DVec3;
     use std::collections::HashMap;
     use std::path::{Path, PathBuf};
 
@@ -217,7 +247,10 @@ mod tests {
         for name in TRUTH {
             let files = attachments_of(&truth.join(name));
             let find = |n: &str| files.get(n).map(Vec::as_slice);
-            let (_, scene) = Scene::from_session(&find).unwrap();
+            let scene = RigDocument::of_session(&find)
+                .unwrap()
+                .scene(&find)
+                .unwrap();
             let json: serde_json::Value = serde_json::from_slice(&files["rig.json"]).unwrap();
             let rows = &json["object"]["T_world_object"]["matrix_row_major"];
             let cell = |i: usize| rows[i / 4][i % 4].as_f64().unwrap();
@@ -257,8 +290,8 @@ mod tests {
         for name in TRUTH {
             let files = attachments_of(&truth.join(name));
             let find = |n: &str| files.get(n).map(Vec::as_slice);
-            let rig = rig_of_session(&find).unwrap();
-            let scene = Scene::phantoms_of_rig(&rig, &find).unwrap();
+            let rig = RigDocument::of_session(&find).unwrap();
+            let scene = rig.phantom_scene(&find).unwrap();
             assert!(scene.virtual_parts.is_empty());
             assert_eq!(scene.ground_height, Some(0.0));
             let mirrors: Vec<_> = scene.phantom_parts.iter().filter(|p| p.mirror).collect();
@@ -302,18 +335,18 @@ mod tests {
         let record = LensRecord::of_lens(&lens, "scene", String::new());
         let bytes = serde_json::to_vec(&record).unwrap();
         let file = |name: &str| (name == "calibration/scene_camera.json").then_some(&bytes[..]);
-        let rig = rig_without_document((640, 480), &file).unwrap();
+        let rig = RigDocument::without_rig_json((640, 480), &file).unwrap();
         let camera = rig.calibration.scene_camera.camera;
         assert_eq!((camera.width, camera.focal.x), (800, 700.0));
-        let none = rig_without_document((640, 480), &|_| None).unwrap();
+        let none = RigDocument::without_rig_json((640, 480), &|_| None).unwrap();
         assert_eq!(none.calibration.scene_camera.camera.width, 640);
-        let broken = rig_without_document((640, 480), &|_| Some(b"{")).unwrap_err();
+        let broken = RigDocument::without_rig_json((640, 480), &|_| Some(b"{")).unwrap_err();
         assert!(broken.to_string().contains("scene_camera.json: line 1"));
     }
 
     #[test]
     fn a_session_without_calibration_says_so() {
-        let error = Scene::from_session(&|_| None).unwrap_err().to_string();
+        let error = RigDocument::of_session(&|_| None).unwrap_err().to_string();
         assert!(
             error.contains("rig.json") && error.contains("import"),
             "{error}"

@@ -1,0 +1,36 @@
+//! The plane that everything stands on.
+
+use super::{Material, Part, Scene, primitives};
+use glam::{DMat4, DQuat, DVec3, Vec3};
+use std::sync::Arc;
+
+/// A large plane `normal · p = offset`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GroundPlane {
+    /// Unit normal, world.
+    pub normal: DVec3,
+    /// Metres along the normal.
+    pub offset: f64,
+    /// Edge of the square that is drawn, metres.
+    pub size: f64,
+    /// Linear diffuse reflectance, where known.
+    pub albedo: Option<Vec3>,
+}
+
+impl Scene {
+    /// A square phantom; a level one also sets [`Scene::ground_height`].
+    pub fn add_ground(&mut self, ground: &GroundPlane) {
+        let turn = DQuat::from_rotation_arc(DVec3::Z, ground.normal);
+        if ground.normal.z > 0.999_999 {
+            self.ground_height = Some(ground.offset / ground.normal.z);
+        }
+        self.phantom_parts.push(Part {
+            name: "ground".into(),
+            mesh: Arc::new(primitives::plane(ground.size as f32, ground.size as f32)),
+            material: Arc::new(Material::default()),
+            world_from_part: DMat4::from_rotation_translation(turn, ground.normal * ground.offset),
+            mirror: false,
+            albedo: ground.albedo,
+        });
+    }
+}
