@@ -7,9 +7,9 @@
 
 use glam::DVec3;
 use penumbra::calibration::Response;
-use penumbra::compositor::exposure::Highlights;
 use penumbra::compositor::reference::exposure::exposed;
 use penumbra::picture::Picture;
+use penumbra::scene::Highlights;
 use std::path::{Path, PathBuf};
 
 /// Sessions and the stops of their brackets.

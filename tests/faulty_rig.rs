@@ -3,15 +3,18 @@
 //! taken back within two seconds.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use penumbra::capture::source::Recordings;
-use penumbra::capture::{CameraSource, Maker, TrackerSource};
+use penumbra::capture::source::{Recordings, open_camera, open_tracker};
 use penumbra::compositor::Gpu;
 use penumbra::config::Config;
-use penumbra::rig::{Live, Report, RigError, RunOptions, Runner, Source, live_settings, threads};
+use penumbra::config::{CameraSource, TrackerSource};
+use penumbra::rig::{Live, Report, RigError, RunOptions, Runner, Source, live_settings};
 use penumbra::session::Camera as Stream;
 use penumbra::status::SharedStatus;
-use penumbra::status::snapshot::{Device, DeviceKind, DeviceState, Snapshot};
+use penumbra::status::snapshot::{Device, DeviceState, Snapshot};
 use penumbra_faulty::{Fault, FaultyCamera, FaultyTracker, Plan};
+use penumbra_interface::DeviceFactory;
+use penumbra_interface::DeviceKind;
+use penumbra_interface::threads;
 use penumbra_interface::{Camera, DeviceError, Tracker};
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
@@ -61,18 +64,18 @@ fn session() -> PathBuf {
 
 fn camera(stream: Stream, recordings: &Recordings, trouble: &Trouble) -> CameraSource {
     let (recordings, trouble) = (recordings.clone(), trouble.clone());
-    CameraSource::Made(Maker::new(trouble.name, move |clock| {
+    CameraSource::Custom(DeviceFactory::new(trouble.name, move |clock| {
         let plan = trouble.plan()?;
-        let inner = CameraSource::Replay(session()).open(stream, &recordings, clock)?;
+        let inner = open_camera(&CameraSource::Replay(session()), stream, &recordings, clock)?;
         Ok(Box::new(FaultyCamera::new(inner, plan)) as Box<dyn Camera>)
     }))
 }
 
 fn tracker(recordings: &Recordings, trouble: &Trouble) -> TrackerSource {
     let (recordings, trouble) = (recordings.clone(), trouble.clone());
-    TrackerSource::Made(Maker::new(trouble.name, move |clock| {
+    TrackerSource::Custom(DeviceFactory::new(trouble.name, move |clock| {
         let plan = trouble.plan()?;
-        let inner = TrackerSource::Replay(session()).open(&recordings, clock)?;
+        let inner = open_tracker(&TrackerSource::Replay(session()), &recordings, clock)?;
         Ok(Box::new(FaultyTracker::new(inner, plan)) as Box<dyn Tracker>)
     }))
 }

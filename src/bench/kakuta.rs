@@ -8,7 +8,6 @@ use super::BenchOptions;
 use super::report::{BenchReport, Percentiles, Row};
 use super::stage::{Passes, WARM_UP, camera, looking, picture};
 use crate::calibration::Response;
-use crate::compositor::exposure::Highlights;
 use crate::compositor::planes::{PlanesChoice, SourceBaker, bake};
 use crate::compositor::{
     Compositor, CompositorSettings, Exposure, FrameInput, Gpu, GpuError, LampResponse, Refresh,
@@ -16,6 +15,7 @@ use crate::compositor::{
 };
 use crate::environment::geodesic::{FaceLight, FaceSource, GeodesicDome, Membership};
 use crate::environment::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
+use crate::scene::Highlights;
 use crate::scene::gate::temple_gate;
 use crate::scene::planes::{Bake, BakeSettings, PlaneSettings, generate};
 use crate::scene::{Material, Part, Scene, primitives};

@@ -12,7 +12,7 @@ use super::report::{BenchReport, PassTime, Percentiles, Row};
 use super::stage::{Passes, WARM_UP, camera};
 use super::{BenchError, BenchOptions, thread_time};
 use crate::calibration::Response;
-use crate::compositor::exposure::{AutoLimits, Highlights};
+use crate::compositor::exposure::AutoLimits;
 use crate::compositor::{
     Compositor, CompositorSettings, Exposure, FrameInput, Gpu, LampResponse, Refresh, ShadowMode,
 };
@@ -20,6 +20,7 @@ use crate::environment::{
     Bracket, EnvironmentEstimator, EnvironmentInput, EnvironmentSettings, Lighting,
 };
 use crate::picture::Picture;
+use crate::scene::Highlights;
 use crate::scene::lamps::MOST_LAMPS;
 use penumbra_interface::MonotonicTime;
 use room::{Room, Stills, View};

@@ -8,8 +8,8 @@ pub(super) use at_pty::PlayedTracker;
 #[cfg(unix)]
 mod at_pty {
     use super::BenchError;
-    use crate::rig::threads;
     use penumbra_interface::SystemClock;
+    use penumbra_interface::threads;
     use penumbra_synthetic::{Faults, Pty, SimulatedTracker, Source, Trajectory, serve};
     use std::sync::Arc;
     use std::sync::atomic::{AtomicBool, Ordering};

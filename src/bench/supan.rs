@@ -5,12 +5,12 @@ use super::BenchOptions;
 use super::report::{BenchReport, Percentiles, Row};
 use super::stage::{Passes, WARM_UP, camera, looking, picture};
 use crate::calibration::Response;
-use crate::compositor::exposure::Highlights;
 use crate::compositor::{
     Compositor, CompositorSettings, Exposure, FrameInput, Gpu, GpuError, LampResponse, Refresh,
     ShadowMode,
 };
 use crate::environment::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
+use crate::scene::Highlights;
 use crate::scene::{Material, Mesh, Part, Scene, primitives};
 use glam::{DMat4, DVec3, Vec3, Vec4};
 use penumbra_interface::{MonotonicTime, RigidTransform};

@@ -56,8 +56,8 @@ mod tests {
     #[test]
     fn a_thread_that_works_costs_and_one_that_waits_does_not() {
         let (told, hears) = crossbeam_channel::bounded::<()>(0);
-        let idle = crate::rig::threads::spawn("idle-thread", move || hears.recv()).unwrap();
-        let busy = crate::rig::threads::spawn("busy-thread", || {
+        let idle = penumbra_interface::threads::spawn("idle-thread", move || hears.recv()).unwrap();
+        let busy = penumbra_interface::threads::spawn("busy-thread", || {
             let before = of_this_process();
             let begun = Instant::now();
             while begun.elapsed() < Duration::from_millis(60) {

@@ -1,13 +1,12 @@
 //! All devices of a rig, each supervised on a thread of its own.
 
 use super::drivers::camera_name_and_serial;
-use super::source::{Recordings, patience};
-use super::{
-    Account, Board, CameraSource, Condition, Hub, Limits, LiveTime, Sink, TrackerSource, supervise,
-};
-use crate::rig::threads;
+use super::source::{Recordings, open_camera, open_tracker, patience};
+use super::{Account, Board, Condition, Hub, Limits, LiveTime, Sink, supervise};
+use crate::config::{CameraSource, TrackerSource};
 use crate::session::{Camera as Stream, SessionEvent};
-use crate::status::snapshot::DeviceKind;
+use penumbra_interface::DeviceKind;
+use penumbra_interface::threads;
 use penumbra_interface::{Clock, Frame, SystemClock, TrackerBytes};
 use std::io;
 use std::sync::Arc;
@@ -112,7 +111,7 @@ impl Capture {
         let limits = limits(matches!(source, CameraSource::Replay(_)));
         self.threads.push(threads::spawn(thread, move || {
             let clock: Arc<dyn Clock> = Arc::new(SystemClock);
-            let mut open = || source.open(stream, &recordings, &clock);
+            let mut open = || open_camera(&source, stream, &recordings, &clock);
             let mut sink = CameraSink { stream, hub };
             supervise(&name, &mut open, &mut sink, (&board, &*time, limits));
         })?);
@@ -125,7 +124,7 @@ impl Capture {
         let limits = limits(matches!(source, TrackerSource::Replay(_)));
         self.threads.push(threads::spawn("tracker", move || {
             let clock: Arc<dyn Clock> = Arc::new(SystemClock);
-            let mut open = || source.open(&recordings, &clock);
+            let mut open = || open_tracker(&source, &recordings, &clock);
             let mut sink = TrackerSink {
                 protocol: Arc::from(""),
                 hub,

@@ -11,17 +11,15 @@ pub mod board;
 mod drivers;
 pub mod hub;
 mod live;
-mod maker;
 pub mod source;
 pub mod supervisor;
 pub mod tap;
 pub mod time;
 
+pub use crate::config::{CameraSource, TrackerSource};
 pub use board::{Board, Condition, DeviceState};
 pub use hub::{Hub, HubCounts, Taken};
 pub use live::{Capture, Devices, LiveDevice};
-pub use maker::Maker;
-pub use source::{CameraSource, TrackerSource};
 pub use supervisor::{Account, Device, Limits, Sink, supervise};
 pub use time::{LiveTime, Timekeeper};
 

@@ -8,7 +8,7 @@ use penumbra::rig::service::Service;
 use penumbra::rig::{Live, Recorder, live_settings};
 use penumbra::status::SharedStatus;
 use penumbra::status::recording::{Recording, RecordingState, RecordingWish};
-use penumbra::status::snapshot::DeviceKind;
+use penumbra_interface::DeviceKind;
 use serde_json::Value;
 use std::io::{IsTerminal, Read, Write};
 use std::net::{SocketAddr, TcpStream};

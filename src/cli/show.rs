@@ -6,11 +6,12 @@ use clap::Args;
 use penumbra::calibration::EnvironmentSource;
 use penumbra::compositor::Gpu;
 use penumbra::config::{
-    Config, ExposureChoice, Filtering, Highlights, LIGHT_COUNTS, LampResponse, LightPlacement,
-    Monitor, ShadowMode, ShadowTechnique,
+    Config, ExposureChoice, Filtering, LIGHT_COUNTS, LampResponse, LightPlacement, Monitor,
+    ShadowMode, ShadowTechnique,
 };
 use penumbra::output::window::{self, WindowOptions};
 use penumbra::rig::{Report, RigError, RunOptions, Runner};
+use penumbra::scene::Highlights;
 use penumbra::scene::SceneChoice;
 use penumbra::status::{SharedStatus, StatusError, StatusServer, Technique};
 use std::net::SocketAddr;

@@ -1,6 +1,6 @@
 //! One frame, top to bottom.
 
-use super::exposure::{ExposedInputs, Exposure, Highlights};
+use super::exposure::{ExposedInputs, Exposure};
 use super::gpu_data::LightUniform;
 use super::passes::composite::{CompositeInputs, CompositePass};
 use super::passes::lamp_map::LampMapPass;
@@ -20,6 +20,7 @@ use super::{Compositor, GpuError, Refresh};
 use crate::calibration::{PinholeCamera, Response};
 use crate::environment::Lighting;
 use crate::picture::Picture;
+use crate::scene::Highlights;
 use crate::scene::{NearLight, PlacedLamp};
 use glam::{DMat4, DVec4, Vec3};
 use penumbra_interface::RigidTransform;

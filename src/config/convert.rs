@@ -284,7 +284,7 @@ fn status(file: file::Status, out: &mut StatusConfig) -> Result<()> {
         })?;
     }
     if let Some(token) = file.token {
-        if !crate::status::is_token(&token) {
+        if !crate::config::token::is_token(&token) {
             return Err(Fault::new(
                 "status.token",
                 "expected 12 to 256 letters, digits or -._~",

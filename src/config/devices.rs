@@ -2,8 +2,8 @@
 
 use super::convert::{Result, millis, set, within};
 use super::toml_text::Fault;
-use crate::capture::source::REPLAY_PREFIX;
-use crate::capture::{CameraSource, TrackerSource};
+use crate::config::REPLAY_PREFIX;
+use crate::config::{CameraSource, TrackerSource};
 use penumbra_interface::{BayerPattern, BracketSettings, CameraSettings, OnChange, PixelFormat};
 use penumbra_tracker_serial::{AnyDecoder, PROTOCOLS, PortName};
 use serde::de::{self, Deserializer, Visitor};

@@ -2,7 +2,7 @@
 //! section 4.3).
 
 use super::convert::{Result, set, within};
-pub use crate::compositor::exposure::Highlights;
+pub use crate::scene::Highlights;
 use serde::Deserialize;
 use std::ops::RangeInclusive;
 use std::str::FromStr;

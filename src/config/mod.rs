@@ -4,17 +4,20 @@
 
 mod choice;
 mod convert;
+pub(crate) mod device_source;
 mod devices;
 mod error;
 mod exposure;
 mod file;
 mod planes;
 mod registration;
+pub mod token;
 pub(crate) mod toml_text;
 
 use crate::calibration::EnvironmentSource;
 pub use crate::environment::Filtering;
 pub use crate::picture::YuvEncoding;
+pub use crate::scene::Highlights;
 pub use crate::scene::SceneChoice;
 use crate::sync::{Degree, Smoothing};
 pub use choice::{
@@ -23,6 +26,7 @@ pub use choice::{
     WhiteBalanceMethod, YuvMatrix, YuvRange,
 };
 pub use convert::{LIGHT_COUNTS, listen_needs_token};
+pub use device_source::{CameraSource, REPLAY_PREFIX, TrackerSource};
 pub use devices::{
     ControlChange, ControlValue, FormatName, Hemisphere, RecordingConfig, TrackerConfig,
     TrackerUnits,
@@ -30,12 +34,11 @@ pub use devices::{
 pub use error::ConfigError;
 pub use exposure::{
     ADAPTATION_SECONDS, BRIGHTEST_STOPS, DARKEST_STOPS, EXPOSURE_KEYS, EXPOSURE_STOPS,
-    ExposureChoice, ExposureConfig, ExposureMode, Highlights,
+    ExposureChoice, ExposureConfig, ExposureMode,
 };
 pub use planes::{FREQUENCIES, PlaneReceiver, PlaneShading, PlanesConfig, lights_of_dome};
 pub use registration::{Distortion, PoseSource, Predict, RegistrationConfig};
 
-use crate::capture::{CameraSource, TrackerSource};
 use crate::scene::SceneAddition;
 use penumbra_interface::CameraSettings;
 use std::fmt;

@@ -1,8 +1,9 @@
 //! Frames as PNG files, written by a thread of their own.
 
+use super::OutputError;
 use crate::picture::Picture;
-use crate::rig::RigError;
 use crossbeam_channel::{Receiver, Sender, bounded};
+use penumbra_interface::threads;
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
@@ -16,7 +17,7 @@ const WAITING: usize = 4;
 pub struct FrameFolder {
     sender: Option<Sender<(u64, Picture)>>,
     spare: Receiver<Picture>,
-    writer: Option<JoinHandle<Result<u64, RigError>>>,
+    writer: Option<JoinHandle<Result<u64, OutputError>>>,
 }
 
 impl FrameFolder {
@@ -24,14 +25,8 @@ impl FrameFolder {
     ///
     /// # Errors
     /// It cannot be made, or holds pictures already and `force` is not given.
-    pub fn create(
-        path: &Path,
-        force: bool,
-        spawn: impl FnOnce(
-            Box<dyn FnOnce() -> Result<u64, RigError> + Send>,
-        ) -> std::io::Result<JoinHandle<Result<u64, RigError>>>,
-    ) -> Result<Self, RigError> {
-        let failed = |source| RigError::Write {
+    pub fn create(path: &Path, force: bool) -> Result<Self, OutputError> {
+        let failed = |source| OutputError::Write {
             path: path.to_owned(),
             source,
         };
@@ -41,14 +36,14 @@ impl FrameFolder {
             .flatten()
             .any(|entry| entry.path().extension().is_some_and(|e| e == "png"));
         if occupied && !force {
-            return Err(RigError::Occupied {
+            return Err(OutputError::Occupied {
                 path: path.to_owned(),
             });
         }
         let (sender, incoming) = bounded::<(u64, Picture)>(WAITING);
         let (give_back, spare) = bounded(WAITING + 1);
         let folder = path.to_owned();
-        let writer = spawn(Box::new(move || {
+        let writer = threads::spawn("files", move || {
             let mut written = 0;
             for (index, picture) in incoming {
                 write_png(&folder.join(format!("{index:05}.png")), &picture)?;
@@ -57,7 +52,7 @@ impl FrameFolder {
                 let _ = give_back.try_send(picture);
             }
             Ok(written)
-        }))
+        })
         .map_err(failed)?;
         Ok(Self {
             sender: Some(sender),
@@ -84,7 +79,7 @@ impl FrameFolder {
     ///
     /// # Errors
     /// A file could not be written.
-    pub fn finish(mut self) -> Result<u64, RigError> {
+    pub fn finish(mut self) -> Result<u64, OutputError> {
         self.sender = None;
         match self.writer.take().map(JoinHandle::join) {
             Some(Ok(result)) => result,
@@ -103,8 +98,8 @@ impl FrameFolder {
 ///
 /// # Errors
 /// The file cannot be written.
-pub fn write_png(path: &Path, picture: &Picture) -> Result<(), RigError> {
-    let failed = |source: std::io::Error| RigError::Write {
+pub fn write_png(path: &Path, picture: &Picture) -> Result<(), OutputError> {
+    let failed = |source: std::io::Error| OutputError::Write {
         path: PathBuf::from(path),
         source,
     };

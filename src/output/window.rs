@@ -1,11 +1,12 @@
 //! The picture in a window. The window has the main thread, as window systems want it;
 //! the frames are made on a thread of their own and never wait for an event.
 
+use super::OutputError;
 use super::surface::{Place, SurfaceScreen};
 use crate::compositor::Gpu;
 use crate::config::Monitor;
-use crate::rig::Screen;
-use crate::rig::{RigError, threads};
+use crate::output::Screen;
+use penumbra_interface::threads;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -47,7 +48,7 @@ type Job<R> = Box<dyn FnOnce(Gpu, Box<dyn Screen>) -> R + Send>;
 pub fn run<R: Send + 'static>(
     options: WindowOptions,
     job: impl FnOnce(Gpu, Box<dyn Screen>) -> R + Send + 'static,
-) -> Result<R, RigError> {
+) -> Result<R, OutputError> {
     let events = event_loop()?;
     events.set_control_flow(ControlFlow::Wait);
     let mut app = App {
@@ -64,7 +65,7 @@ pub fn run<R: Send + 'static>(
 
 /// The window system. Where one of its libraries is missing, winit panics instead of
 /// saying so; that, too, is no more than a reason to go without a window.
-fn event_loop() -> Result<EventLoop<Done>, RigError> {
+fn event_loop() -> Result<EventLoop<Done>, OutputError> {
     let usual = std::panic::take_hook();
     std::panic::set_hook(Box::new(|_| ()));
     let made = catch_unwind(AssertUnwindSafe(|| EventLoop::with_user_event().build()));
@@ -83,14 +84,14 @@ fn event_loop() -> Result<EventLoop<Done>, RigError> {
 
 /// winit tells the user where in its sources it gave up; only what it says after that is
 /// of use to them.
-fn unavailable(error: &EventLoopError) -> RigError {
+fn unavailable(error: &EventLoopError) -> OutputError {
     let text = error.to_string();
     let last = text.rsplit(": ").next().unwrap_or(&text);
     refused(last.trim_end_matches('.'))
 }
 
-fn refused(reason: impl std::fmt::Display) -> RigError {
-    RigError::Window {
+fn refused(reason: impl std::fmt::Display) -> OutputError {
+    OutputError::Window {
         reason: reason.to_string(),
     }
 }
@@ -114,13 +115,13 @@ enum Outcome<R> {
     /// The window system has not called yet.
     Unopened,
     /// There will be no window.
-    Failed(RigError),
+    Failed(OutputError),
     /// Frames are being made.
     Running(JoinHandle<R>),
 }
 
 impl<R> Outcome<R> {
-    fn into_result(self) -> Result<R, RigError> {
+    fn into_result(self) -> Result<R, OutputError> {
         match self {
             Self::Unopened => Err(refused("the window system ended before it began")),
             Self::Failed(error) => Err(error),
@@ -167,7 +168,11 @@ impl<R: Send + 'static> ApplicationHandler<Done> for App<R> {
 }
 
 impl<R: Send + 'static> App<R> {
-    fn open(&mut self, events: &ActiveEventLoop, job: Job<R>) -> Result<JoinHandle<R>, RigError> {
+    fn open(
+        &mut self,
+        events: &ActiveEventLoop,
+        job: Job<R>,
+    ) -> Result<JoinHandle<R>, OutputError> {
         let monitor = chosen(self.options.monitor.as_ref(), events)?;
         let attributes = attributes(&self.options, monitor.or_else(|| events.primary_monitor()));
         let window = Arc::new(events.create_window(attributes).map_err(refused)?);
@@ -218,9 +223,9 @@ impl<R: Send + 'static> App<R> {
 }
 
 /// Why a window takes no picture: there is no driver at all, or none for windows.
-fn no_surface(adapter: Option<&str>) -> RigError {
+fn no_surface(adapter: Option<&str>) -> OutputError {
     let drawn = Gpu::open(adapter);
-    drawn.map_or_else(RigError::from, |_| {
+    drawn.map_or_else(OutputError::from, |_| {
         refused("no graphics driver here can draw in a window")
     })
 }
@@ -229,7 +234,7 @@ fn no_surface(adapter: Option<&str>) -> RigError {
 fn chosen(
     wanted: Option<&Monitor>,
     events: &ActiveEventLoop,
-) -> Result<Option<MonitorHandle>, RigError> {
+) -> Result<Option<MonitorHandle>, OutputError> {
     let Some(wanted) = wanted else {
         return Ok(None);
     };

@@ -1,7 +1,7 @@
 //! A bake in the making, on a thread of its own.
 
+use super::RigError;
 use super::bake::{BakePlan, bake_changes};
-use super::{RigError, threads};
 use crate::compositor::planes::{PlanesStage, Progress, SourceBaker};
 use crate::compositor::{Gpu, GpuError};
 use crate::config::PlanesConfig;
@@ -10,6 +10,7 @@ use crate::scene::planes::Bake;
 use crate::scene::planes::store::{self, StoreError};
 use crate::status::planes::PlanesState;
 use crossbeam_channel::{Receiver, bounded};
+use penumbra_interface::threads;
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::Arc;
@@ -74,7 +75,7 @@ impl Baking {
             // Nobody waits any more where the rig has ended.
             let _ = send.send(obtain(&gpu, &target, &config, before, &mut progress));
         };
-        let thread = threads::spawn_patient("bake", job);
+        let thread = threads::spawn_background("bake", job);
         let thread = thread.map_err(|source| RigError::Thread { source })?;
         Ok(Self {
             scene: scene.clone(),

@@ -8,7 +8,7 @@
 mod shrink;
 
 use super::source::Source;
-use super::{RigError, RigSetup, threads};
+use super::{RigError, RigSetup};
 use crate::calibration::intrinsics::Grey;
 use crate::calibration::latency::Mounted;
 use crate::calibration::latency::follow::{Followed, Follower};
@@ -16,6 +16,7 @@ use crate::config::{Config, FollowLatency};
 use crate::picture::Picture;
 use crossbeam_channel::{Receiver, Sender, bounded};
 use glam::DQuat;
+use penumbra_interface::threads;
 use penumbra_interface::{MonotonicTime, PoseSample, RigidTransform};
 use shrink::shrink;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -211,7 +212,7 @@ impl Beside {
                 }
             }
         };
-        let thread = threads::spawn_patient("latency", job);
+        let thread = threads::spawn_background("latency", job);
         Ok(Self {
             facts: Some(facts),
             spares,

@@ -9,7 +9,6 @@ use crate::config::Config;
 use crate::environment::{LightReport, Lighting};
 use crate::picture::{Picture, decode_into};
 use crate::session::Session;
-use crate::sync::PairingConfig;
 use glam::{DMat3, DVec3, Mat3};
 use penumbra_interface::RigidTransform;
 use std::sync::Arc;
@@ -23,7 +22,7 @@ pub fn light_of_session(session: &Session, config: &Config) -> Result<LightRepor
     let source = Source::Recorded(session.clone());
     let setup = RigSetup::read(&source, config)?;
     let mut station = LightStation::new(&setup, config, &|name| session.attachment(name))?;
-    let pairing = PairingConfig::for_rig(&setup.calibration).with_full_windows();
+    let pairing = super::settings::pairing_config(&setup.calibration).with_full_windows();
     let mut feed = Feed::new(&source, &setup.calibration, pairing, false);
     let none = || RigError::NoLight {
         path: session.path().to_owned(),

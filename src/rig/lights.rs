@@ -12,11 +12,11 @@ use super::RigError;
 use super::feed::Noted;
 use super::lighter::{Lighter, Seen, WorkedOut};
 use super::prepare::LightState;
-use super::threads;
 use crate::picture::Picture;
 use crate::session::LightNote;
 use crossbeam_channel::{Receiver, Sender, bounded};
 use penumbra_interface::MonotonicTime;
+use penumbra_interface::threads;
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -188,7 +188,7 @@ impl Beside {
                 }
             }
         };
-        let thread = threads::spawn_patient("light", job);
+        let thread = threads::spawn_background("light", job);
         Ok(Self {
             errands: Some(errands),
             finished,

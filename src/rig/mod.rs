@@ -39,13 +39,13 @@ mod settings;
 pub mod simulate;
 pub mod source;
 pub mod status;
-pub mod threads;
 pub mod wall_date;
 mod watch;
 
+pub use crate::output::Screen;
 pub use recorder::Recorder;
 pub use report::Report;
-pub use runner::{RunOptions, Runner, Screen};
+pub use runner::{RunOptions, Runner};
 pub use settings::live_settings;
 pub use source::{Live, RigFiles, Source};
 
@@ -55,6 +55,7 @@ use crate::calibration::{RigCalibration, RigDocument, RigFilesError};
 use crate::compositor::GpuError;
 use crate::config::{Config, ConfigError, PoseSource};
 use crate::environment::EnvironmentError;
+use crate::output::OutputError;
 use crate::picture::PictureError;
 use crate::scene::{Scene, SceneError};
 use crate::session::SessionError;
@@ -119,6 +120,9 @@ pub enum RigError {
     /// The graphics device.
     #[error(transparent)]
     Gpu(#[from] GpuError),
+    /// A window or a folder of frames.
+    #[error(transparent)]
+    Output(#[from] OutputError),
     /// Shadowing planes.
     #[error(transparent)]
     Planes(#[from] crate::scene::planes::PlaneError),
@@ -195,20 +199,6 @@ pub enum RigError {
         /// The file.
         path: PathBuf,
     },
-    /// A file could not be written.
-    #[error("{path}: {source}; free space, or name another folder", path = path.display())]
-    Write {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
-    /// The folder for frames holds frames already.
-    #[error("{path}: holds pictures already; name another folder or pass --force", path = path.display())]
-    Occupied {
-        /// The folder.
-        path: PathBuf,
-    },
     /// The poses' receiver cannot be reached.
     #[error("output.freed: {receiver}: {source}; name another address")]
     Freed {
@@ -216,12 +206,6 @@ pub enum RigError {
         receiver: std::net::SocketAddr,
         /// What the system said.
         source: std::io::Error,
-    },
-    /// No window could be opened.
-    #[error("no window: {reason}; run with --headless to do without")]
-    Window {
-        /// What the window system said.
-        reason: String,
     },
     /// One recording at a time.
     #[error("{path}: is being recorded; end that first", path = path.display())]

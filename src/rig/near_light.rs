@@ -5,10 +5,10 @@
 //! [`PERIOD`] after it was begun, waited for if need be: by the session's time alone, so that
 //! a replay is always the same.
 
-use super::threads;
 use crate::environment::Lighting;
 use crate::scene::{NearField, NearLight, Part, PhantomRadiance, Scene};
 use glam::{DMat4, DVec3};
+use penumbra_interface::threads;
 use std::thread::JoinHandle;
 
 /// Seconds from one light to the next.
@@ -121,7 +121,7 @@ impl Moving {
         }
         let (scene, casters) = (self.scene.clone(), self.casters.clone());
         let find = move || NearField::new(&scene, &casters);
-        let finding = threads::spawn_patient("near light", find);
+        let finding = threads::spawn_background("near light", find);
         // Where the system has no thread, what was found stays.
         finding.ok().map(|finding| Next {
             begun: seconds,

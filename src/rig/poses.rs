@@ -2,6 +2,7 @@
 
 use super::RigError;
 use super::prepare::Prepared;
+use crate::rig::OutputError;
 use penumbra_interface::RigidTransform;
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -29,7 +30,7 @@ impl PoseFile {
         if !force && path.exists() {
             return Err(RigError::PosesThere { path: path.into() });
         }
-        let file = File::create(path).map_err(|source| RigError::Write {
+        let file = File::create(path).map_err(|source| OutputError::Write {
             path: path.into(),
             source,
         })?;
@@ -79,10 +80,10 @@ impl PoseFile {
         &mut self,
         what: impl FnOnce(&mut BufWriter<File>) -> std::io::Result<()>,
     ) -> Result<(), RigError> {
-        what(&mut self.file).map_err(|source| RigError::Write {
+        Ok(what(&mut self.file).map_err(|source| OutputError::Write {
             path: self.path.clone(),
             source,
-        })
+        })?)
     }
 }
 

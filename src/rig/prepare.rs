@@ -13,20 +13,22 @@ use super::lights::Lights;
 use super::pace::Pace;
 use super::registration::{ByTracker, Station};
 use super::source::Source;
-use super::{RigError, RigSetup, TRACKER_NOISE, threads};
+use super::{RigError, RigSetup, TRACKER_NOISE};
 use crate::calibration::RollingShutter;
 use crate::calibration::fusion::Tracked;
 use crate::calibration::photometry::MatchStatus;
-use crate::capture::TrackerSource;
+use crate::config::TrackerSource;
 use crate::config::{Config, Predict, ReplayPairing};
 use crate::environment::adaptive::CompactSource;
 use crate::environment::{LightKind, Lighting, ProbeMap};
 use crate::picture::{Picture, YuvEncoding, decode_into};
+use crate::rig::settings::pairing_config;
 use crate::scene::NearLight;
 use crate::status::{RegistrationStatus, Settings};
 use crate::sync::{PairingConfig, PairingCounts, RigFrame};
 use crossbeam_channel::{Receiver, Sender, bounded};
 use glam::DVec3;
+use penumbra_interface::threads;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -501,7 +503,7 @@ fn as_live(config: &Config, source: &Source) -> bool {
 }
 
 fn pairing(config: &Config, setup: &RigSetup, as_live: bool) -> PairingConfig {
-    let mut pairing = PairingConfig::for_rig(&setup.calibration);
+    let mut pairing = pairing_config(&setup.calibration);
     pairing.history.max_prediction_nanos = config.sync.longest_prediction_nanos;
     pairing.history.smoothing = config.sync.smoothing();
     if config.registration.row_seconds != 0.0 {

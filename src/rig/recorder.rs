@@ -1,9 +1,9 @@
 //! Writes what arrives into a session, on a thread of its own. Nobody ever waits for it:
 //! what it cannot take in time is dropped and counted.
 
+use super::RigError;
 use super::source::RigFiles;
 use super::wall_date::utc_now;
-use super::{RigError, threads};
 use crate::capture::Hub;
 use crate::capture::hub::Inlet;
 use crate::config::RecordingConfig;
@@ -13,6 +13,7 @@ use crate::status::recording::{
     Recording, RecordingControl, RecordingRefusal, RecordingState, RecordingWish,
 };
 use crossbeam_channel::{Receiver, RecvTimeoutError, bounded};
+use penumbra_interface::threads;
 use penumbra_interface::{Clock, MonotonicTime, SystemClock};
 use std::fs::File;
 use std::io::BufWriter;

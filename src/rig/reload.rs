@@ -1,14 +1,15 @@
 //! Watches the scene file and the models that it names, and makes a changed scene ready beside
 //! the frame path. A scene that cannot be read leaves the one that is shown.
 
+use super::RigError;
 use super::scene_light::SceneLight;
-use super::{RigError, threads};
 use crate::calibration::RigCalibration;
 use crate::compositor::{SceneUploader, UploadedScene};
 use crate::config::Config;
 use crate::scene::scene_file::files_of;
 use crate::scene::{Scene, SceneAddition, casters};
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
+use penumbra_interface::threads;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::thread::JoinHandle;
@@ -69,7 +70,7 @@ impl Reload {
         let (tell, news) = bounded(1);
         let (stop, stopped) = bounded(1);
         let mut watch = Watch::new(origin);
-        let thread = threads::spawn_patient("scene", move || {
+        let thread = threads::spawn_background("scene", move || {
             while stopped.recv_timeout(LOOK_EVERY) == Err(RecvTimeoutError::Timeout) {
                 if let Some(news) = watch.look()
                     && tell.send(news).is_err()

@@ -7,20 +7,21 @@ use super::poses::PoseFile;
 use super::prepare::{Counts, LatencyState, LightState, Prepared};
 use super::rates::Rates;
 use super::report::{FrameCounts, InputCounts, Report, SkewMeter};
-use super::runner::{Runner, Screen};
+use super::runner::Runner;
 use super::scenes::Scenes;
 use super::settings::{compositor_settings, exposure, live_settings};
 use super::source::Source;
 use super::status::Published;
 use super::{RigError, status as published};
-use crate::compositor::exposure::Highlights;
 use crate::compositor::{
     Compositor, Exposure, FrameInput, Gpu, LampResponse, LensOutput, Refresh, ShadowMode,
 };
 use crate::config::{self, Distortion};
 use crate::environment::{BrightestFollower, BrightestLight};
+use crate::output::Screen;
 use crate::output::files::FrameFolder;
 use crate::picture::Picture;
+use crate::scene::Highlights;
 use crate::scene::PlacedLamp;
 use crate::status::RegistrationSource;
 use crate::status::snapshot::SessionState;

@@ -10,9 +10,10 @@ use super::report::Report;
 use super::run::{Outlets, Run};
 use super::source::Source;
 use super::{RigError, RigSetup};
-use crate::compositor::{Compositor, Gpu};
+use crate::compositor::Gpu;
 use crate::config::Config;
 use crate::output::files::FrameFolder;
+use crate::rig::Screen;
 use crate::status::SharedStatus;
 use penumbra_tracker_serial::freed::FreedSender;
 use std::net::SocketAddr;
@@ -29,12 +30,6 @@ pub struct RunOptions {
     pub force: bool,
     /// Write the pose of each picture into this file.
     pub poses: Option<PathBuf>,
-}
-
-/// Shows finished pictures; a window, or nothing.
-pub trait Screen: Send {
-    /// A picture is finished on the device. False: the user has closed the window.
-    fn show(&mut self, compositor: &Compositor) -> bool;
 }
 
 /// Everything that a run needs.
@@ -84,9 +79,7 @@ impl Runner {
     /// See [`RigError`]. A damaged picture is counted and left out.
     pub fn run(self, gpu: Gpu, screen: Option<Box<dyn Screen>>) -> Result<Report, RigError> {
         let folder = match &self.config.output.frames {
-            Some(path) => Some(FrameFolder::create(path, self.options.force, |job| {
-                super::threads::spawn("files", job)
-            })?),
+            Some(path) => Some(FrameFolder::create(path, self.options.force)?),
             None => None,
         };
         let poses = self.options.poses.as_deref();

@@ -2,7 +2,8 @@
 
 use super::RigError;
 use crate::calibration::RigDocument;
-use crate::capture::{Capture, Devices, Hub, LiveDevice, TrackerSource};
+use crate::capture::{Capture, Devices, Hub, LiveDevice};
+use crate::config::TrackerSource;
 use crate::config::{Config, TrackerUnits};
 use crate::session::{Attachment, Session, import};
 use penumbra_interface::{MonotonicTime, SystemClock};
@@ -236,7 +237,7 @@ impl Source {
 
 fn wanted_size(config: &Config) -> (u32, u32) {
     match &config.scene_camera.source {
-        crate::capture::CameraSource::System(s) if s.width > 0 && s.height > 0 => {
+        crate::config::CameraSource::System(s) if s.width > 0 && s.height > 0 => {
             (s.width, s.height)
         }
         _ => USUAL_SIZE,

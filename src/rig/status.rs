@@ -11,11 +11,12 @@ use crate::compositor::exposure::ExposureInForce;
 use crate::environment::BrightestLight;
 use crate::status::planes::PlanesStatus;
 use crate::status::snapshot::{
-    Adapter, Device, DeviceKind, DeviceState, ExposureStatus, PoseAnswer, SessionState,
-    WhiteBalance, WhiteBalanceEstimate, WhiteBalanceMethod, WhiteMatch,
+    Adapter, Device, DeviceState, ExposureStatus, PoseAnswer, SessionState, WhiteBalance,
+    WhiteBalanceEstimate, WhiteBalanceMethod, WhiteMatch,
 };
 use crate::status::{SceneStatus, Settings, SharedStatus, Snapshot, StageTimes};
 use crate::sync::{self, RigFrame};
+use penumbra_interface::DeviceKind;
 
 /// Everything that a frame changes in the status.
 pub struct Published<'a> {

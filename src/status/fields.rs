@@ -589,8 +589,9 @@ mod tests {
     use super::*;
     use crate::status::Snapshot;
     use crate::status::snapshot::{
-        Control, Device, DeviceKind, WhiteBalanceEstimate, WhiteBalanceMethod, WhiteMatch,
+        Control, Device, WhiteBalanceEstimate, WhiteBalanceMethod, WhiteMatch,
     };
+    use penumbra_interface::DeviceKind;
     use serde_json::Value;
     use std::collections::BTreeSet;
     use std::fmt::Write as _;

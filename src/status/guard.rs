@@ -1,6 +1,7 @@
 //! Who may ask: the server listens on the rig's own machine, and a page from elsewhere in
 //! the same browser must neither see the picture nor change a setting.
 
+use crate::status::is_token;
 use axum::extract::{Request, State};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, Uri, header};
 use axum::middleware::Next;
@@ -12,11 +13,6 @@ use std::time::Duration;
 
 /// Name of the cookie that carries the token after the first visit.
 const COOKIE: &str = "penumbra_token";
-/// What a token may be: nothing that would need quoting in an address or a cookie.
-const TOKEN_EXTRA: &str = "-._~";
-/// Shorter ones can be guessed.
-const MIN_TOKEN: usize = 12;
-const MAX_TOKEN: usize = 256;
 /// How long a request may take to arrive and be answered, the stream's pictures apart.
 const ANSWER_LIMIT: Duration = Duration::from_secs(10);
 
@@ -39,13 +35,6 @@ impl Token {
             .fold(0, |d, (a, b)| d | (a ^ b));
         self.0.len() == other.len() && differences == 0
     }
-}
-
-/// Whether a text cannot be guessed and needs no quoting, as a token must be.
-#[must_use]
-pub fn is_token(text: &str) -> bool {
-    let fit = |c: char| c.is_ascii_alphanumeric() || TOKEN_EXTRA.contains(c);
-    (MIN_TOKEN..=MAX_TOKEN).contains(&text.len()) && text.chars().all(fit)
 }
 
 /// A token never reaches a log.

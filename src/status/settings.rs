@@ -2,8 +2,9 @@
 
 use crate::config::{
     ADAPTATION_SECONDS, BRIGHTEST_STOPS, DARKEST_STOPS, EXPOSURE_KEYS, EXPOSURE_STOPS,
-    ExposureConfig, ExposureMode, Filtering, Highlights, LampResponse, PlaneShading,
+    ExposureConfig, ExposureMode, Filtering, LampResponse, PlaneShading,
 };
+use crate::scene::Highlights;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 

@@ -321,7 +321,7 @@ mod tests {
         let (shared, _) = shared();
         let writer = Arc::clone(&shared);
         let job = move || writer.update(|_| panic!("on purpose"));
-        let thread = crate::rig::threads::spawn("panics", job).unwrap();
+        let thread = penumbra_interface::threads::spawn("panics", job).unwrap();
         thread.join().unwrap_err();
         shared.update(|s| s.frames.composed = 3);
         assert_eq!(shared.snapshot().frames.composed, 3);

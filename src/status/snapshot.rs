@@ -10,6 +10,7 @@ use super::recording::Recording;
 use super::registration::RegistrationStatus;
 use super::settings::Settings;
 use super::times::StageTimes;
+use penumbra_interface::DeviceKind;
 use serde::Serialize;
 
 /// Version of the JSON. It changes when a field changes its meaning or goes away, not
@@ -392,30 +393,6 @@ pub struct ExposureStatus {
     pub added: Option<f32>,
     /// What virtual shadows take from it.
     pub taken: Option<f32>,
-}
-
-/// What a device is for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum DeviceKind {
-    /// Its picture is augmented.
-    SceneCamera,
-    /// It sees the light.
-    EnvironmentCamera,
-    /// It says where the scene camera is.
-    Tracker,
-}
-
-impl DeviceKind {
-    /// As it stands in `/status` and as a metric label.
-    #[must_use]
-    pub const fn label(self) -> &'static str {
-        match self {
-            Self::SceneCamera => "scene-camera",
-            Self::EnvironmentCamera => "environment-camera",
-            Self::Tracker => "tracker",
-        }
-    }
 }
 
 /// What a device is doing.

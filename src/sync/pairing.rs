@@ -2,7 +2,6 @@
 
 use super::brackets::{EnvironmentSet, Gathering};
 use super::history::{HistoryConfig, PoseAt, PoseHistory, Provenance, Pushed, Smoothing};
-use crate::calibration::RigCalibration;
 use penumbra_interface::{Frame, MonotonicTime, PoseSample, RigidTransform};
 use serde::Serialize;
 use std::collections::VecDeque;
@@ -63,21 +62,6 @@ impl Default for PairingConfig {
 }
 
 impl PairingConfig {
-    /// Latencies and brackets of a rig.
-    #[must_use]
-    pub fn for_rig(rig: &RigCalibration) -> Self {
-        let environment = rig.environment.as_ref();
-        let tracker = rig.tracker.as_ref();
-        Self {
-            scene_latency_nanos: rig.scene_camera.latency_nanos,
-            environment_latency_nanos: environment.map_or(0, |e| e.latency_nanos),
-            tracker_latency_nanos: tracker.map_or(0, |t| t.latency_nanos),
-            brackets: environment.map_or(0, |e| e.brackets_ev.len()),
-            station: tracker.map(|_| 1),
-            ..Self::default()
-        }
-    }
-
     /// For a recording, where waiting costs nothing: a picture waits until the smoothing
     /// window is full on both sides, and the first pictures for the first view.
     #[must_use]

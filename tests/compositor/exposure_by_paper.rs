@@ -4,8 +4,8 @@
 use crate::stage::{Stage, flat, noise, sun};
 use glam::Vec3;
 use penumbra::compositor::Exposure;
-use penumbra::compositor::exposure::Highlights;
 use penumbra::picture::Picture;
+use penumbra::scene::Highlights;
 use penumbra::scene::primitives;
 
 /// A table under one sun, in another exposure by the paper's rule.

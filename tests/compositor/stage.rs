@@ -2,13 +2,13 @@
 
 use glam::{DMat3, DMat4, DQuat, DVec2, DVec3, Vec3};
 use penumbra::calibration::{PinholeCamera, Response};
-use penumbra::compositor::exposure::Highlights;
 use penumbra::compositor::reference::{Reference, ReferencePicture};
 use penumbra::compositor::{
     Compositor, CompositorSettings, Exposure, FrameInput, Gpu, LampResponse, Refresh, ShadowMode,
 };
 use penumbra::environment::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
 use penumbra::picture::Picture;
+use penumbra::scene::Highlights;
 use penumbra::scene::{Material, Mesh, NearLight, Part, PlacedLamp, Scene, casters, primitives};
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use std::f32::consts::PI;

@@ -77,7 +77,7 @@ impl Chromium {
                 }
             }
         };
-        penumbra::rig::threads::spawn("devtools", listen).expect("a thread");
+        penumbra_interface::threads::spawn("devtools", listen).expect("a thread");
         let mut browser = Self {
             process,
             requests,

@@ -6,12 +6,13 @@ use penumbra::environment::{DomeLight, LightKind};
 use penumbra::picture::Picture;
 use penumbra::status::planes::{PlanesState, PlanesStatus};
 use penumbra::status::snapshot::{
-    Device, DeviceKind, DeviceState, PoseAnswer, Resolution, SessionState, WhiteBalanceEstimate,
+    Device, DeviceState, PoseAnswer, Resolution, SessionState, WhiteBalanceEstimate,
     WhiteBalanceMethod, WhiteMatch,
 };
 use penumbra::status::{
     Settings, SharedStatus, Snapshot, StatusServer, Technique, environment_preview,
 };
+use penumbra_interface::DeviceKind;
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -45,7 +46,7 @@ impl Show {
         runtime.spawn(server.serve(std::future::pending()));
         let stop = Arc::new(AtomicBool::new(false));
         let fed = (Arc::clone(&shared), Arc::clone(&stop));
-        let feeder = penumbra::rig::threads::spawn("feeder", move || feed(&fed.0, &fed.1))
+        let feeder = penumbra_interface::threads::spawn("feeder", move || feed(&fed.0, &fed.1))
             .expect("a thread");
         Self {
             address,

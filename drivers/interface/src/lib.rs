@@ -6,11 +6,14 @@
 //! does I/O, and nothing here knows of the GPU.
 
 mod camera;
+mod device_factory;
+mod device_kind;
 mod error;
 mod frame;
 mod info;
 mod pose;
 mod settings;
+pub mod threads;
 mod time;
 mod tracker;
 
@@ -18,6 +21,8 @@ pub use camera::{
     Camera, CameraCounters, CameraReport, ControlReport, ControlStanding, ControlsInForce,
     StampSource, StreamMode, middle_of_exposure,
 };
+pub use device_factory::DeviceFactory;
+pub use device_kind::DeviceKind;
 pub use error::{DeviceError, Recovery};
 pub use frame::{BayerPattern, Exposure, Frame, PixelFormat};
 pub use info::{CameraControl, CameraFormat, CameraInfo, CameraSize, SizeSteps, UsbIdentity};

@@ -5,7 +5,7 @@ use super::{BenchError, BenchOptions, Case, Gpu, Passes, Percentiles, Rig, Row, 
 use super::{estimator, processor_nanos, time};
 use crate::calibration::PinholeCamera;
 use crate::environment::{Bracket, EnvironmentEstimator, EnvironmentInput, Lighting};
-use crate::rig::threads;
+use penumbra_interface::threads;
 use std::sync::Arc;
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::time::Instant;

@@ -29,27 +29,6 @@ pub enum Exposure {
     },
 }
 
-/// What clipped areas become in a shorter exposure.
-#[derive(
-    Clone,
-    Copy,
-    Debug,
-    Default,
-    PartialEq,
-    Eq,
-    clap::ValueEnum,
-    serde::Deserialize,
-    serde::Serialize,
-)]
-#[serde(rename_all = "kebab-case")]
-pub enum Highlights {
-    /// `"estimated"`: how far above white they are is told by what surrounds them.
-    #[default]
-    Estimated,
-    /// `"paper"`: every pixel's factor rises with the mean intensity of the region around it.
-    Paper,
-}
-
 /// The exposure of the newest picture, and why.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ExposureInForce {

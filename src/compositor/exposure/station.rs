@@ -11,7 +11,8 @@ use super::super::timing::Timer;
 use super::super::{Compositor, Gpu};
 use super::control::Follower;
 use super::meter::Meter;
-use super::{AutoLimits, Exposure, ExposureInForce, Highlights, MOST_STOPS, Region};
+use super::{AutoLimits, Exposure, ExposureInForce, MOST_STOPS, Region};
+use crate::scene::Highlights;
 
 /// Everything about exposures. While they are the camera's own it holds nothing and records
 /// nothing.

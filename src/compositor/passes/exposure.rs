@@ -3,12 +3,13 @@
 use super::super::bindings::{
     PipelineSpec, Slot, compute_layout, compute_pipeline, group, layout, sampler, view,
 };
-use super::super::exposure::{BLOCK, Highlights, Region, constants, trust};
+use super::super::exposure::{BLOCK, Region, constants, trust};
 use super::super::shaders;
 use super::super::targets::{ENCODING, Target, Targets, format};
 use super::super::timing::Timer;
 use super::cleared;
 use crate::calibration::Response;
+use crate::scene::Highlights;
 use half::f16;
 use std::ops::Range;
 use wgpu::BufferUsages as Usage;

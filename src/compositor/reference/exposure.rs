@@ -1,9 +1,10 @@
 //! The camera's picture in another exposure: sums over whole regions, no table.
 
 use super::super::FrameInput;
-use super::super::exposure::{BLOCK, Exposure, Highlights, Region, estimate as e, trust};
+use super::super::exposure::{BLOCK, Exposure, Region, estimate as e, trust};
 use crate::calibration::Response;
 use crate::picture::Picture;
+use crate::scene::Highlights;
 use glam::{DVec3, DVec4};
 
 const LUMINANCE: DVec3 = DVec3::new(0.2126, 0.7152, 0.0722);

@@ -10,11 +10,12 @@ use crate::calibration::step::Step;
 use crate::capture::{Devices, Hub};
 use crate::config::Config;
 use crate::rig::source::Onlooker;
-use crate::rig::{Live, RigError, threads};
+use crate::rig::{Live, RigError};
 use crate::status::calibration::{
     Calibration, CalibrationControl, CalibrationRefusal, CalibrationWish,
 };
 use bytes::Bytes;
+use penumbra_interface::threads;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -108,7 +109,7 @@ impl CalibrationControl for Calibrator {
             parameters,
         } = made;
         self.showcase.begin(step.name(), title, parameters.to_map());
-        let started = threads::spawn_patient("calibrate", move || job.run(step));
+        let started = threads::spawn_background("calibrate", move || job.run(step));
         *thread = Some(started.map_err(|source| {
             let error = RigError::Thread { source }.to_string();
             self.showcase.fail(&error);

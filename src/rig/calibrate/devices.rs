@@ -3,7 +3,7 @@
 use crate::calibration::step::{Made, Wants};
 use crate::capture::{Devices, LiveDevice};
 use crate::rig::wall_date::iso_now;
-use crate::status::snapshot::DeviceKind;
+use penumbra_interface::DeviceKind;
 
 /// Why a step cannot have anything of what it wants from these devices, and what to do. Only one
 /// of the cameras that it wants is insisted on, and a tracker where it wants no camera: what it
@@ -73,7 +73,7 @@ pub fn made(wants: &Wants, devices: &[LiveDevice]) -> Made {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::capture::CameraSource;
+    use crate::config::CameraSource;
 
     const NOTHING: Wants = Wants {
         scene: false,

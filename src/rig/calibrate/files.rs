@@ -4,6 +4,7 @@ use super::showcase::Written;
 use crate::calibration::intrinsics::Grade;
 use crate::calibration::step::Finished;
 use crate::config::Config;
+use crate::rig::OutputError;
 use crate::rig::RigError;
 use crate::rig::wall_date::utc_now;
 use std::fs::{self, File};
@@ -130,10 +131,10 @@ fn keep(path: &Path, date: &str) -> Result<Option<PathBuf>, RigError> {
 }
 
 fn failed(path: &Path, source: std::io::Error) -> RigError {
-    RigError::Write {
+    RigError::Output(OutputError::Write {
         path: path.to_owned(),
         source,
-    }
+    })
 }
 
 /// `20261121T120203Z`.

@@ -4,7 +4,8 @@
 use super::*;
 use crate::calibration::intrinsics::Grade;
 use crate::calibration::step::{Eye, Finished, Made as By, Progress, Shown, Wants};
-use crate::capture::CameraSource;
+use crate::capture::source::open_camera;
+use crate::config::CameraSource;
 use crate::session::{Camera, SessionWriter};
 use crate::status::calibration::CalibrationState;
 use glam::DVec2;
@@ -299,8 +300,9 @@ fn a_camera_that_is_away_is_told_and_awaited() {
 
 #[test]
 fn a_camera_that_is_unplugged_in_the_middle_is_waited_for() {
-    use crate::capture::{Maker, source::Recordings};
+    use crate::capture::source::Recordings;
     use penumbra_faulty::{Fault, FaultyCamera, Plan};
+    use penumbra_interface::DeviceFactory;
     use penumbra_interface::{Camera as Driver, DeviceError};
     use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
     let folder = tempfile::tempdir().unwrap();
@@ -311,13 +313,13 @@ fn a_camera_that_is_unplugged_in_the_middle_is_waited_for() {
     };
     let (opened, plugged) = (AtomicU32::new(0), Arc::new(AtomicBool::new(false)));
     let is_there = Arc::clone(&plugged);
-    let maker = Maker::new("the camera", move |clock| {
+    let maker = DeviceFactory::new("the camera", move |clock| {
         let first = opened.fetch_add(1, Ordering::Relaxed) == 0;
         if !first && !is_there.load(Ordering::Relaxed) {
             return Err(gone());
         }
         let source = CameraSource::Replay(path.clone());
-        let inner = source.open(Camera::Scene, &Recordings::default(), clock)?;
+        let inner = open_camera(&source, Camera::Scene, &Recordings::default(), clock)?;
         let plan = if first {
             Plan::new([
                 (3, Fault::CutShort { share: 0.5 }),
@@ -328,7 +330,7 @@ fn a_camera_that_is_unplugged_in_the_middle_is_waited_for() {
         };
         Ok(Box::new(FaultyCamera::new(inner, plan)) as Box<dyn Driver>)
     });
-    let bench = Bench::on(folder, Habit::Greedy, CameraSource::Made(maker));
+    let bench = Bench::on(folder, Habit::Greedy, CameraSource::Custom(maker));
     bench.start().unwrap();
     let view = bench.until("it says so", |v| v.trouble.is_some());
     assert!(
