@@ -2,10 +2,10 @@
 //! `rig.json` says.
 
 use super::head::{Head, parse};
-use super::record::RecordError;
 use super::rig::EnvironmentCamera;
 use super::{PinholeCamera, Response, RigDocument};
 use crate::calibration::environment_view::{EnvironmentView, FisheyeLens};
+use crate::calibration::head::RecordError;
 use glam::{DQuat, DVec2, DVec3};
 use penumbra_interface::RigidTransform;
 use serde::{Deserialize, Serialize};

@@ -1,13 +1,11 @@
 //! What every calibration file begins with.
 
-use super::intrinsics::Grade;
-use super::record::{DeviceRecord, RecordError};
-use super::step::{Finished, Made};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
+use thiserror::Error;
 
 /// Version of the format.
-const VERSION: u32 = 1;
+pub const VERSION: u32 = 1;
 /// No such file is larger, bytes.
 const LARGEST_FILE: usize = 16 << 20;
 
@@ -34,24 +32,75 @@ pub struct Head {
     pub findings: Vec<String>,
 }
 
-impl Head {
-    /// Of what a step has found.
+/// The camera itself.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize, Serialize)]
+pub struct DeviceRecord {
+    /// As it calls itself.
+    pub name: String,
+    /// Its serial number, if it has one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub serial: Option<String>,
+}
+
+/// What a calibration may be used for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Grade {
+    /// For everything.
+    Good,
+    /// It can be used; something would make it better.
+    Usable,
+    /// Not to be used: it may be wrong.
+    Refused,
+}
+
+impl Grade {
+    /// As files and reports spell it.
     #[must_use]
-    pub fn of(step: &str, made: &Made, found: &Finished) -> Self {
-        Self {
-            penumbra_calibration: VERSION,
-            step: step.to_owned(),
-            date: made.date.clone(),
-            source: made.source.clone(),
-            device: made.device.as_ref().map(|name| DeviceRecord {
-                name: name.clone(),
-                serial: made.serial.clone(),
-            }),
-            verdict: found.grade.name().to_owned(),
-            findings: found.findings.iter().map(|f| f.1.clone()).collect(),
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Good => "good",
+            Self::Usable => "usable",
+            Self::Refused => "refused",
         }
     }
+}
 
+/// A calibration file that cannot be used.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+pub enum RecordError {
+    /// Not JSON, or not of this form.
+    #[error("{file}: line {line}, column {column}: {reason}; calibrate again, or mend the JSON")]
+    NotJson {
+        /// Its name.
+        file: String,
+        /// From 1.
+        line: usize,
+        /// From 1.
+        column: usize,
+        /// The parser's words.
+        reason: String,
+    },
+    /// A value that makes no sense.
+    #[error("{file}: `{key}` must be {expected}")]
+    Wrong {
+        /// Its name.
+        file: String,
+        /// The key.
+        key: &'static str,
+        /// What the value should be.
+        expected: &'static str,
+    },
+    /// The rig cannot use it.
+    #[error("{file}: {reason}")]
+    Unusable {
+        /// Its name.
+        file: String,
+        /// Why, and what to do.
+        reason: String,
+    },
+}
+
+impl Head {
     /// Whether `file` can be used for `step`.
     ///
     /// # Errors

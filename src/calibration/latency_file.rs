@@ -7,7 +7,7 @@
 
 use super::RigDocument;
 use super::head::{self, Head};
-use super::record::RecordError;
+use crate::calibration::head::RecordError;
 use serde::{Deserialize, Serialize};
 
 /// Beside `rig.json`.

@@ -1,9 +1,10 @@
 //! Calibrated lenses take the place of those that `rig.json` says.
 
 use super::intrinsics::{Lens, LensModel};
-use super::record::{LensRecord, RecordError};
+use super::record::LensRecord;
 use super::{PinholeCamera, RigDocument};
 use crate::calibration::environment_view::EnvironmentView;
+use crate::calibration::head::RecordError;
 
 /// The scene camera's, beside `rig.json`.
 pub const SCENE_LENS: &str = "calibration/scene_camera.json";

@@ -4,9 +4,9 @@
 use super::RigDocument;
 use super::fiducial::Family;
 use super::head::{self, Head};
-use super::record::RecordError;
 use super::rig_json::Marker;
 use super::tracker_file::PoseRecord;
+use crate::calibration::head::RecordError;
 use serde::{Deserialize, Serialize};
 
 /// Beside `rig.json`.

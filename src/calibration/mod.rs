@@ -34,6 +34,7 @@ pub mod tag_map;
 pub mod tracked;
 pub mod tracker_file;
 pub mod verify;
+pub mod vignetting;
 
 pub use camera::PinholeCamera;
 pub use response::Response;

@@ -2,11 +2,11 @@
 //! brightness.
 
 use super::head::{Head, parse};
-use super::photometric::vignetting::Vignetting;
 use super::photometry::{CalibratedGains, GainEstimate};
-use super::record::RecordError;
 use super::{Response, RigDocument};
 use crate::calibration::environment_view::EnvironmentView;
+use crate::calibration::head::RecordError;
+use crate::calibration::vignetting::Vignetting;
 use glam::{DMat3, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 

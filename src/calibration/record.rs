@@ -4,11 +4,12 @@
 //! `calibration/scene_camera.json` and `calibration/environment_camera.json` beside a
 //! `rig.json` take the place of the lens that `rig.json` says; a recording carries them.
 
-use super::intrinsics::{Lens, LensModel, Outcome};
+use super::intrinsics::{Lens, LensModel};
+use crate::calibration::head::DeviceRecord;
+use crate::calibration::head::RecordError;
 use glam::DVec2;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use thiserror::Error;
 
 /// Version of the format that is written; older ones can be read.
 const VERSION: u32 = 1;
@@ -59,16 +60,6 @@ pub struct LensRecord {
     pub quality: Option<QualityRecord>,
 }
 
-/// The camera itself.
-#[derive(Clone, Debug, PartialEq, Eq, Deserialize, Serialize)]
-pub struct DeviceRecord {
-    /// As it calls itself.
-    pub name: String,
-    /// Its serial number, if it has one.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub serial: Option<String>,
-}
-
 /// What speaks for and against it.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 pub struct QualityRecord {
@@ -88,92 +79,7 @@ pub struct QualityRecord {
     pub projection_sigma: [f64; 2],
 }
 
-/// A calibration file that cannot be used.
-#[derive(Clone, Debug, Error, PartialEq, Eq)]
-pub enum RecordError {
-    /// Not JSON, or not of this form.
-    #[error("{file}: line {line}, column {column}: {reason}; calibrate again, or mend the JSON")]
-    NotJson {
-        /// Its name.
-        file: String,
-        /// From 1.
-        line: usize,
-        /// From 1.
-        column: usize,
-        /// The parser's words.
-        reason: String,
-    },
-    /// A value that makes no sense.
-    #[error("{file}: `{key}` must be {expected}")]
-    Wrong {
-        /// Its name.
-        file: String,
-        /// The key.
-        key: &'static str,
-        /// What the value should be.
-        expected: &'static str,
-    },
-    /// The rig cannot use it.
-    #[error("{file}: {reason}")]
-    Unusable {
-        /// Its name.
-        file: String,
-        /// Why, and what to do.
-        reason: String,
-    },
-}
-
 impl LensRecord {
-    /// Of an outcome; `None` if it has no lens.
-    #[must_use]
-    pub fn of(outcome: &Outcome, camera: &str, board: &str, date: String) -> Option<Self> {
-        let judged = outcome.result.as_ref()?;
-        let estimate = &judged.estimate;
-        let lens = &estimate.lens;
-        let names = lens.model.coefficients();
-        let named = |values: &[f64]| -> BTreeMap<String, f64> {
-            let pairs = names.iter().zip(values);
-            pairs.map(|(name, v)| ((*name).to_owned(), *v)).collect()
-        };
-        let mut sigma = named(&estimate.sigma[4..]);
-        for (name, value) in ["fx", "fy", "cx", "cy"].iter().zip(estimate.sigma) {
-            sigma.insert((*name).to_owned(), value);
-        }
-        let points = || estimate.views.iter().flat_map(|v| &v.points);
-        Some(Self {
-            penumbra_calibration: VERSION,
-            camera: camera.to_owned(),
-            date,
-            device: None,
-            source: String::new(),
-            board: board.to_owned(),
-            model: lens.model.name().to_owned(),
-            image_size: [lens.width, lens.height],
-            focal: lens.focal.to_array(),
-            centre: lens.centre.to_array(),
-            distortion: named(&lens.coefficients),
-            max_theta: judged.rim.map(|rim| rim.known),
-            sigma,
-            quality: Some(QualityRecord {
-                verdict: outcome.verdict.grade.name().to_owned(),
-                findings: outcome
-                    .verdict
-                    .findings
-                    .iter()
-                    .map(|f| f.1.to_string())
-                    .collect(),
-                rms: estimate.rms,
-                views: [
-                    estimate.views.iter().filter(|v| v.used).count(),
-                    estimate.views.len(),
-                ],
-                corners: [points().filter(|p| p.used).count(), points().count()],
-                coverage: judged.coverage.share,
-                projection_sigma: [judged.uncertainty.median, judged.uncertainty.worst],
-            }),
-        })
-    }
-
     /// Of a lens that other programs found.
     #[must_use]
     pub fn of_lens(lens: &Lens, camera: &str, date: String) -> Self {

@@ -2,10 +2,10 @@
 
 use super::environment_view::EnvironmentView;
 use super::fiducial::Family;
-use super::photometric::vignetting::Vignetting;
 use super::photometry::CalibratedGains;
 use super::tracked::field::TrackerField;
 use super::{PinholeCamera, Response};
+use crate::calibration::vignetting::Vignetting;
 use glam::DVec3;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use std::sync::Arc;

@@ -3,7 +3,10 @@
 //! how far it is and what to do next, and in the end what was found and whether that is good
 //! enough.
 
-use super::intrinsics::Grade;
+use crate::calibration::head::DeviceRecord;
+use crate::calibration::head::Grade;
+use crate::calibration::head::Head;
+use crate::calibration::head::VERSION;
 use crate::picture::Picture;
 use glam::DVec2;
 use penumbra_interface::{MonotonicTime, PoseSample};
@@ -99,6 +102,25 @@ pub struct Finished {
     pub page: String,
     /// The calibration, as JSON; none if it was refused.
     pub file: Option<String>,
+}
+
+impl Finished {
+    /// The header of the calibration file that `step` writes.
+    #[must_use]
+    pub fn header(&self, step: &str, made: &Made) -> Head {
+        Head {
+            penumbra_calibration: VERSION,
+            step: step.to_owned(),
+            date: made.date.clone(),
+            source: made.source.clone(),
+            device: made.device.as_ref().map(|name| DeviceRecord {
+                name: name.clone(),
+                serial: made.serial.clone(),
+            }),
+            verdict: self.grade.name().to_owned(),
+            findings: self.findings.iter().map(|f| f.1.clone()).collect(),
+        }
+    }
 }
 
 /// Who asks, when, of what; goes into file and report.

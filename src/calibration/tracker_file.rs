@@ -4,9 +4,9 @@
 use super::RigDocument;
 use super::head::{self, Head};
 use super::latency_file::OffsetRecord;
-use super::record::RecordError;
 use super::rig::TrackerCalibration;
 use super::tracked::field::{Grid, TrackerField};
+use crate::calibration::head::RecordError;
 use glam::{DQuat, DVec3};
 use penumbra_interface::RigidTransform;
 use serde::{Deserialize, Serialize};

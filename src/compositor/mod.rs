@@ -46,7 +46,7 @@ pub use reproject::Reprojection;
 pub use scene_upload::{SceneUploader, UploadedScene};
 pub use shadow_slots::Refresh;
 
-use crate::calibration::photometric::vignetting::Vignetting;
+use crate::calibration::vignetting::Vignetting;
 use crate::calibration::{Response, RollingShutter};
 use crate::scene::{Part, PlacedLamp, Scene};
 use cover::Cover;

@@ -20,7 +20,7 @@ use super::stages::Stages;
 use super::view::PlacedView;
 use crate::calibration::Response;
 use crate::calibration::environment_view::EnvironmentView;
-use crate::calibration::photometric::vignetting::Vignetting;
+use crate::calibration::vignetting::Vignetting;
 use faces::{FaceTable, Filling};
 use glam::{Mat3, Vec3};
 use penumbra_interface::MonotonicTime;

@@ -51,7 +51,7 @@ impl BracketMerger {
     }
 
     /// Undoes a fall-off towards the edge: `corrections` holds one factor a pixel, row-major
-    /// ([`Vignetting::corrections`](crate::calibration::photometric::vignetting::Vignetting)).
+    /// ([`Vignetting::corrections`](crate::calibration::vignetting::Vignetting)).
     pub fn set_corrections(&mut self, corrections: Vec<f32>) {
         self.corrections = corrections;
     }

@@ -99,6 +99,21 @@ pub(super) fn compositor_settings(
     }
 }
 
+/// How the streams of `rig` are paired: its latencies and brackets, and defaults for the rest.
+#[must_use]
+pub fn pairing_config(rig: &RigCalibration) -> PairingConfig {
+    let environment = rig.environment.as_ref();
+    let tracker = rig.tracker.as_ref();
+    PairingConfig {
+        scene_latency_nanos: rig.scene_camera.latency_nanos,
+        environment_latency_nanos: environment.map_or(0, |e| e.latency_nanos),
+        tracker_latency_nanos: tracker.map_or(0, |t| t.latency_nanos),
+        brackets: environment.map_or(0, |e| e.brackets_ev.len()),
+        station: tracker.map(|_| 1),
+        ..PairingConfig::default()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
@@ -119,20 +134,5 @@ mod tests {
         assert_eq!(technique(planes), Technique::ShadowingPlanes);
         let none = format!("{planes}enabled = false\n");
         assert_eq!(technique(&none), Technique::ImageBasedLighting);
-    }
-}
-
-/// How the streams of `rig` are paired: its latencies and brackets, and defaults for the rest.
-#[must_use]
-pub fn pairing_config(rig: &RigCalibration) -> PairingConfig {
-    let environment = rig.environment.as_ref();
-    let tracker = rig.tracker.as_ref();
-    PairingConfig {
-        scene_latency_nanos: rig.scene_camera.latency_nanos,
-        environment_latency_nanos: environment.map_or(0, |e| e.latency_nanos),
-        tracker_latency_nanos: tracker.map_or(0, |t| t.latency_nanos),
-        brackets: environment.map_or(0, |e| e.brackets_ev.len()),
-        station: tracker.map(|_| 1),
-        ..PairingConfig::default()
     }
 }

@@ -1,8 +1,8 @@
 //! What the scene camera's picture tells of the real surfaces around the virtual objects.
 
 use super::light::SceneView;
-use crate::calibration::photometric::vignetting::Vignetting;
 use crate::calibration::photometry::raycast::PhantomCaster;
+use crate::calibration::vignetting::Vignetting;
 use crate::calibration::{PinholeCamera, Response, RigCalibration};
 use crate::environment::{LightKind, Lighting};
 use crate::picture::Picture;

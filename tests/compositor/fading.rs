@@ -2,7 +2,7 @@
 
 use crate::stage::{Stage, flat, lighting, looking_from, matt, painted, spiral};
 use glam::{DVec2, DVec3, Vec3};
-use penumbra::calibration::photometric::vignetting::Vignetting;
+use penumbra::calibration::vignetting::Vignetting;
 use penumbra::calibration::{PinholeCamera, Response};
 use penumbra::compositor::{LensOutput, ShadowMode};
 use penumbra::picture::Picture;

@@ -5,9 +5,9 @@ use super::estimate::Options;
 use super::finding::Finding;
 use super::gather::Outcome;
 use super::lens::LensModel;
-use super::verdict::Grade;
 use crate::calibration::RigDocument;
 use crate::calibration::environment_view::EnvironmentView;
+use crate::calibration::head::Grade;
 use crate::calibration::step::Eye;
 
 /// Focal lengths that differ by less than this share may be of one lens.

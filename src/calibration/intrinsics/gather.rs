@@ -9,7 +9,11 @@ use super::finding::Finding;
 use super::lens::LensModel;
 use super::rim::{Light, Rim};
 use super::tag_finder::TagFinder;
-use super::verdict::{Grade, Verdict};
+use super::verdict::Verdict;
+use crate::calibration::head::Grade;
+use crate::calibration::head::VERSION;
+use crate::calibration::record::LensRecord;
+use crate::calibration::record::QualityRecord;
 use glam::DVec2;
 use std::collections::BTreeMap;
 
@@ -69,6 +73,58 @@ pub struct Outcome {
     pub result: Option<Judged>,
     /// Good enough, or why not.
     pub verdict: Verdict,
+}
+
+impl Outcome {
+    /// The calibration file of the lens; `None` if no lens was found.
+    #[must_use]
+    pub fn record(&self, camera: &str, board: &str, date: String) -> Option<LensRecord> {
+        let judged = self.result.as_ref()?;
+        let estimate = &judged.estimate;
+        let lens = &estimate.lens;
+        let names = lens.model.coefficients();
+        let named = |values: &[f64]| -> BTreeMap<String, f64> {
+            let pairs = names.iter().zip(values);
+            pairs.map(|(name, v)| ((*name).to_owned(), *v)).collect()
+        };
+        let mut sigma = named(&estimate.sigma[4..]);
+        for (name, value) in ["fx", "fy", "cx", "cy"].iter().zip(estimate.sigma) {
+            sigma.insert((*name).to_owned(), value);
+        }
+        let points = || estimate.views.iter().flat_map(|v| &v.points);
+        Some(LensRecord {
+            penumbra_calibration: VERSION,
+            camera: camera.to_owned(),
+            date,
+            device: None,
+            source: String::new(),
+            board: board.to_owned(),
+            model: lens.model.name().to_owned(),
+            image_size: [lens.width, lens.height],
+            focal: lens.focal.to_array(),
+            centre: lens.centre.to_array(),
+            distortion: named(&lens.coefficients),
+            max_theta: judged.rim.map(|rim| rim.known),
+            sigma,
+            quality: Some(QualityRecord {
+                verdict: self.verdict.grade.name().to_owned(),
+                findings: self
+                    .verdict
+                    .findings
+                    .iter()
+                    .map(|f| f.1.to_string())
+                    .collect(),
+                rms: estimate.rms,
+                views: [
+                    estimate.views.iter().filter(|v| v.used).count(),
+                    estimate.views.len(),
+                ],
+                corners: [points().filter(|p| p.used).count(), points().count()],
+                coverage: judged.coverage.share,
+                projection_sigma: [judged.uncertainty.median, judged.uncertainty.worst],
+            }),
+        })
+    }
 }
 
 /// A lens, and how far it can be trusted where.

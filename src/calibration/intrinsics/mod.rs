@@ -22,6 +22,7 @@ pub mod tag_finder;
 pub mod tags;
 pub mod verdict;
 
+pub use crate::calibration::head::Grade;
 pub use board::{Board, BoardError, Correspondence, View};
 pub use contradictions::SaidLenses;
 pub use coverage::{Coverage, Tilt, Uncertainty};
@@ -33,7 +34,7 @@ pub use lens::{Lens, LensModel};
 pub use pose::board_pose;
 pub use rim::{Light, Rim};
 pub use step::IntrinsicsStep;
-pub use verdict::{Grade, Verdict};
+pub use verdict::Verdict;
 
 #[cfg(test)]
 pub(crate) mod drawn;

@@ -6,8 +6,10 @@ use super::detect::Grey;
 use super::estimate::Options;
 use super::gather::{Gatherer, Judged, Offer, Outcome};
 use super::report;
-use super::verdict::{Grade, Verdict};
-use crate::calibration::record::{DeviceRecord, LensRecord};
+use super::verdict::Verdict;
+use crate::calibration::head::DeviceRecord;
+use crate::calibration::head::Grade;
+use crate::calibration::record::LensRecord;
 use crate::calibration::step::{Eye, Finished, Made, Progress, Shown, Step, Wants};
 use crate::picture::Picture;
 use std::fmt::Write;
@@ -174,7 +176,7 @@ impl IntrinsicsStep {
             return None;
         }
         let board = self.board.to_string();
-        let record = LensRecord::of(outcome, self.eye.name(), &board, made.date.clone())?;
+        let record = outcome.record(self.eye.name(), &board, made.date.clone())?;
         let quality = record.quality.map(|mut quality| {
             let worst = findings.first().map_or(Grade::Good, |f| f.0);
             worst.name().clone_into(&mut quality.verdict);

@@ -4,29 +4,7 @@ use super::coverage::{Coverage, Tilt, Uncertainty, lit_radius};
 use super::estimate::Estimate;
 use super::finding::Finding;
 use super::lens::LensModel;
-
-/// What a calibration may be used for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Grade {
-    /// For everything.
-    Good,
-    /// It can be used; something would make it better.
-    Usable,
-    /// Not to be used: it may be wrong.
-    Refused,
-}
-
-impl Grade {
-    /// As files and reports spell it.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Good => "good",
-            Self::Usable => "usable",
-            Self::Refused => "refused",
-        }
-    }
-}
+use crate::calibration::intrinsics::Grade;
 
 /// A grade with its reasons.
 #[derive(Clone, Debug, PartialEq)]

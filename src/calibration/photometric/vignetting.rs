@@ -1,66 +1,7 @@
-//! Fall-off of brightness towards a picture's edge.
+//! Fits vignetting to readings of surfaces of unknown brightness.
 
-use glam::DVec2;
+use crate::calibration::vignetting::polynomial;
 use penumbra_numerics::Matrix;
-
-/// 1 + k1 ρ² + k2 ρ⁴ + k3 ρ⁶ about the lens's centre (Goldman, PAMI 32(12), 2010, eq. 2).
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Vignetting {
-    /// Pixels.
-    pub centre: DVec2,
-    /// Where ρ is 1, pixels.
-    pub radius: f64,
-    /// k1, k2, k3.
-    pub coefficients: [f64; 3],
-    /// Their standard errors.
-    pub sigma: [f64; 3],
-}
-
-impl Vignetting {
-    /// How bright a pixel is, 1 in the centre.
-    #[must_use]
-    pub fn at(&self, pixel: DVec2) -> f64 {
-        polynomial(
-            &self.coefficients,
-            (pixel - self.centre).length_squared() / (self.radius * self.radius),
-        )
-    }
-
-    /// Whether it stays within 0.02 and 2 over a picture of that size.
-    #[must_use]
-    pub fn is_possible(&self, (width, height): (u32, u32)) -> bool {
-        let corner = DVec2::new(f64::from(width), f64::from(height));
-        let sane = self.radius > 0.0 && self.centre.is_finite();
-        let farthest = [DVec2::ZERO, corner, corner * DVec2::X, corner * DVec2::Y]
-            .map(|p| p.distance(self.centre))
-            .into_iter()
-            .fold(0.0, f64::max);
-        let steps = (0..=64).map(|i| f64::from(i) / 64.0 * farthest / self.radius);
-        sane && steps
-            .map(|rho| polynomial(&self.coefficients, rho * rho))
-            .all(|v| (0.02..2.0).contains(&v))
-    }
-
-    /// What every pixel's linear value is to be multiplied by, row after row.
-    #[must_use]
-    pub fn corrections(&self, (width, height): (u32, u32)) -> Vec<f32> {
-        let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
-        pixels
-            .map(|(x, y)| (1.0 / self.at(DVec2::new(f64::from(x), f64::from(y)))) as f32)
-            .collect()
-    }
-}
-
-/// Centre and radius of the fall-off: the lens's axis, or the picture's middle; half a diagonal.
-#[must_use]
-pub fn frame((width, height): (u32, u32), centre: Option<DVec2>) -> (DVec2, f64) {
-    let size = DVec2::new(f64::from(width), f64::from(height));
-    (centre.unwrap_or(0.5 * (size - 1.0)), 0.5 * size.length())
-}
-
-fn polynomial(k: &[f64; 3], q: f64) -> f64 {
-    1.0 + q * (k[0] + q * (k[1] + q * k[2]))
-}
 
 /// One reading of a thing whose brightness is unknown but the same wherever in the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -5,7 +5,7 @@ use super::raycast::SurfaceHit;
 use super::view::{EnvironmentRay, environment_ray, mirror, picture_size};
 use crate::calibration::PinholeCamera;
 use crate::calibration::environment_view::EnvironmentView;
-use crate::calibration::photometric::vignetting::Vignetting;
+use crate::calibration::vignetting::Vignetting;
 use crate::picture::Picture;
 use glam::{DVec2, DVec3};
 use penumbra_interface::RigidTransform;

@@ -2,7 +2,6 @@
 
 use super::super::environment_file::{EnvironmentRecord, PoseRecord, STEP, SphereRecord};
 use super::super::head::Head;
-use super::super::intrinsics::Grade;
 use super::super::step::{Finished, Made};
 use super::optics::{Optics, optics};
 use super::page::{Drawn, page};
@@ -11,6 +10,7 @@ use super::sights::{By, Marked};
 use super::step::{EnvironmentStep, Kind};
 use super::verdict::judge;
 use super::view::View;
+use crate::calibration::head::Grade;
 use glam::{DQuat, DVec3};
 use penumbra_interface::RigidTransform;
 
@@ -74,7 +74,7 @@ pub(super) fn finish(step: &EnvironmentStep, made: &Made) -> Finished {
         file: None,
     };
     if let (Some(optics), Some(stand)) = (&optics, &stand) {
-        let head = Head::of(STEP, made, &found);
+        let head = found.header(STEP, made);
         let record = record(step, head, optics, stand);
         found.file = serde_json::to_string_pretty(&record)
             .ok()

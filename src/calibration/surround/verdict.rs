@@ -1,10 +1,10 @@
 //! How good a pose is.
 
-use super::super::intrinsics::Grade;
 use super::resection::Placed;
 use super::sights::{By, Marked};
 use super::solve::Said;
 use super::step::EnvironmentStep;
+use crate::calibration::head::Grade;
 
 /// Standard deviation of the orientation up to which it is good, and up to which it can be used,
 /// degrees.

@@ -5,8 +5,8 @@ use super::page::lines;
 use super::{Seen, Sight, View};
 use crate::calibration::RigCalibration;
 use crate::calibration::fiducial::{Detector, Family, TagSeen};
+use crate::calibration::head::Grade;
 use crate::calibration::head::Head;
-use crate::calibration::intrinsics::Grade;
 use crate::calibration::markers_file::{MarkerRecord, MarkersRecord};
 use crate::calibration::rehearsal::lying;
 use crate::calibration::rig_json::Marker;
@@ -354,7 +354,7 @@ impl Step for MapStep {
         };
         found.page = self.page(made, &found, built.as_ref().ok());
         if let (Ok(built), true) = (&built, grade != Grade::Refused) {
-            let record = self.record(built, Head::of("map", made, &found));
+            let record = self.record(built, found.header("map", made));
             found.file = serde_json::to_string_pretty(&record).ok();
         }
         found

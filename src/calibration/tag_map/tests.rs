@@ -4,7 +4,7 @@
 use super::step::{MapOptions, MapStep};
 use crate::calibration::RigDocument;
 use crate::calibration::fiducial::{Family, Tag, TagSeen};
-use crate::calibration::intrinsics::Grade;
+use crate::calibration::head::Grade;
 use crate::calibration::markers_file::{MARKERS, apply_markers_file};
 use crate::calibration::rehearsal::{Rehearsal, RehearsalOptions};
 use crate::calibration::step::{Finished, Made, Step};

@@ -4,8 +4,9 @@ use super::graded;
 use super::readings::Readings;
 use super::surveyor::{Landmarks, Sighting, Surveyor};
 use crate::calibration::RigCalibration;
+use crate::calibration::head::Grade;
 use crate::calibration::head::Head;
-use crate::calibration::intrinsics::{Grade, Grey};
+use crate::calibration::intrinsics::Grey;
 use crate::calibration::latency::follow::{Means, by_motion};
 use crate::calibration::latency::{
     CameraMotion, CameraTurn, ClockOffset, Flow, ImageMotion, LatencyError, Mounted, TrackerTrack,
@@ -282,7 +283,7 @@ impl Step for LatencyStep {
         };
         found.page = self.page(made, &found, offsets.as_ref());
         if grade != Grade::Refused {
-            let head = Head::of("latency", made, &found);
+            let head = found.header("latency", made);
             let record = offsets.and_then(|o| self.record(&o, head));
             found.file = record.and_then(|r| serde_json::to_string_pretty(&r).ok());
         }

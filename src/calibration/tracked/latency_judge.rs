@@ -2,7 +2,7 @@
 
 use super::Findings;
 use super::latency::{LatencyStep, Offsets};
-use crate::calibration::intrinsics::Grade;
+use crate::calibration::head::Grade;
 use crate::calibration::latency::ClockOffset;
 
 /// An offset is good up to this uncertainty, and of use up to that, seconds.

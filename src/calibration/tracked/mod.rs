@@ -21,7 +21,7 @@ pub use mounting::{LatencyChoice, MountingOptions, MountingStep};
 pub use readings::Readings;
 pub use surveyor::{Landmarks, Sighting, Surveyor};
 
-use super::intrinsics::Grade;
+use crate::calibration::head::Grade;
 
 /// Findings with what each makes of the grade.
 type Findings = Vec<(Grade, String)>;

@@ -9,8 +9,8 @@ use super::readings::{Readings, between};
 use super::surveyor::{Landmarks, Sighting, Surveyor};
 use crate::calibration::RigCalibration;
 use crate::calibration::hand_eye::{HandEye, PosePair, hand_eye};
+use crate::calibration::head::Grade;
 use crate::calibration::head::Head;
-use crate::calibration::intrinsics::Grade;
 use crate::calibration::latency::{LatencyError, from_rotations};
 use crate::calibration::latency_file::OffsetRecord;
 use crate::calibration::step::{Eye, Finished, Made, Progress, Shown, Step, Wants};
@@ -308,7 +308,7 @@ impl Step for MountingStep {
         };
         found.page = self.page(made, &found, mounted.as_ref().ok());
         if let (Ok(mounted), true) = (&mounted, grade != Grade::Refused) {
-            let record = self.record(mounted, Head::of("tracker", made, &found));
+            let record = self.record(mounted, found.header("tracker", made));
             found.file = serde_json::to_string_pretty(&record).ok();
         }
         found

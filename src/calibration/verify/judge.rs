@@ -2,7 +2,7 @@
 
 use super::colour::Colours;
 use super::reprojection::Reprojection;
-use crate::calibration::intrinsics::Grade;
+use crate::calibration::head::Grade;
 use crate::calibration::latency::{ClockOffset, LatencyError};
 use crate::calibration::photometry::Provenance;
 

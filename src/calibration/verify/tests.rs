@@ -3,7 +3,7 @@
 
 use super::*;
 use crate::calibration::fiducial::drawn::{picture, tag};
-use crate::calibration::intrinsics::Grade;
+use crate::calibration::head::Grade;
 use crate::calibration::photometry::PhotometrySettings;
 use crate::calibration::rig::TrackerCalibration;
 use crate::calibration::rig_json::Marker;

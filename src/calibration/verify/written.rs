@@ -29,7 +29,7 @@ pub(super) fn file(made: &Made, found: &Finished, measured: &Measured) -> Option
         measured.among
     };
     let record = Record {
-        head: Head::of("verify", made, found),
+        head: found.header("verify", made),
         figures: found.lines.clone(),
         reprojection_px: reprojection.map(|r| r.rms),
         reprojection_sigma_px: reprojection.map(|r| r.sigma),

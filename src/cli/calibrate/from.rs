@@ -7,7 +7,7 @@ use anyhow::{anyhow, bail};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use penumbra::calibration::RigDocument;
-use penumbra::calibration::intrinsics::Grade;
+use penumbra::calibration::head::Grade;
 use penumbra::calibration::step::{Finished, Made, Progress, Step};
 use penumbra::config::Config;
 use penumbra::rig::RigFiles;

@@ -5,6 +5,7 @@ use crate::calibration::PinholeCamera;
 use crate::calibration::photometric::vignetting::{self, Fit, Reading};
 use crate::calibration::photometry::chart::{Photograph, read_codes};
 use crate::calibration::photometry::raycast::PhantomCaster;
+use crate::calibration::vignetting::frame;
 use glam::DVec2;
 use glam::DVec3;
 use penumbra_interface::RigidTransform;
@@ -47,8 +48,7 @@ impl FallOff {
         }
         self.add_points(camera, world_from_camera, rays);
         let camera_from_world = world_from_camera.inverse();
-        let (centre, radius) =
-            vignetting::frame((camera.width, camera.height), Some(camera.centre));
+        let (centre, radius) = frame((camera.width, camera.height), Some(camera.centre));
         for (group, point) in self.points.iter().enumerate() {
             let Some(pixel) = camera.project(camera_from_world.transform_point(*point)) else {
                 continue;
@@ -138,15 +138,15 @@ mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::calibration::Response;
-    use crate::calibration::photometric::vignetting::Vignetting;
+    use crate::calibration::vignetting::Vignetting;
+
     use crate::picture::Picture;
     use crate::scene::Scene;
     use glam::{DMat3, DQuat};
 
     /// A table with a soft pattern on it, from above, through a lens that falls off.
     fn picture(camera: &PinholeCamera, pose: RigidTransform, k: [f64; 3]) -> Picture {
-        let (centre, radius) =
-            vignetting::frame((camera.width, camera.height), Some(camera.centre));
+        let (centre, radius) = frame((camera.width, camera.height), Some(camera.centre));
         let lens = Vignetting {
             centre,
             radius,

@@ -1,7 +1,7 @@
 //! Where calibrations go among the files of a rig: nothing that is there is lost.
 
 use super::showcase::Written;
-use crate::calibration::intrinsics::Grade;
+use crate::calibration::head::Grade;
 use crate::calibration::step::Finished;
 use crate::config::Config;
 use crate::rig::OutputError;

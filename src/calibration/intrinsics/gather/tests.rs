@@ -1,8 +1,9 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 use super::*;
+use crate::calibration::head::Grade;
+use crate::calibration::intrinsics::LensModel;
 use crate::calibration::intrinsics::drawn::{Draughtsman, pose};
 use crate::calibration::intrinsics::estimate::tests::{pinhole, poses, seen};
-use crate::calibration::intrinsics::{Grade, LensModel};
 use glam::DVec3;
 use penumbra_numerics::Random;
 

@@ -1,8 +1,9 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 use super::*;
+use crate::calibration::head::Grade;
 use crate::calibration::intrinsics::drawn::{Draughtsman, pose};
 use crate::calibration::intrinsics::estimate::tests::{fisheye, pinhole, poses_of};
-use crate::calibration::intrinsics::{Finding, Gatherer, Grade, Lens, LensModel, Offer, Options};
+use crate::calibration::intrinsics::{Finding, Gatherer, Lens, LensModel, Offer, Options};
 use glam::DVec3;
 use penumbra_interface::RigidTransform;
 

@@ -1,5 +1,6 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 use super::*;
+use crate::calibration::intrinsics::Grade;
 use crate::calibration::intrinsics::coverage::cell_middle;
 use crate::calibration::intrinsics::drawn::pose;
 use crate::calibration::intrinsics::estimate::tests::{fisheye, pinhole, poses, seen};

@@ -7,6 +7,7 @@ use crate::calibration::photometric::noise::NoiseGatherer;
 use crate::calibration::photometric::vignetting::{self, Reading};
 use crate::calibration::photometry::chart::{Patch, read_codes};
 use crate::calibration::step::ShownPicture;
+use crate::calibration::vignetting::frame;
 use crate::picture::Picture;
 use glam::DVec2;
 
@@ -150,7 +151,7 @@ impl EyeState {
     pub fn add_flat(&mut self, picture: &Picture, response: &Response, centre: Option<DVec2>) {
         const BLOCK: u32 = 8;
         self.size = (picture.width, picture.height);
-        let (centre, radius) = vignetting::frame(self.size, centre);
+        let (centre, radius) = frame(self.size, centre);
         let group = self.flat_pictures;
         self.flat_pictures += 1;
         let step = (picture.width / 48).max(BLOCK);

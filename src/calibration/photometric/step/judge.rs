@@ -5,7 +5,7 @@ use super::gains::Gains;
 use super::judge_cameras;
 use super::{CameraFound, EYES, Options};
 use crate::calibration::Response;
-use crate::calibration::intrinsics::Grade;
+use crate::calibration::head::Grade;
 use crate::calibration::photometric::curve::{Curve, NoCurve};
 use crate::calibration::photometric::vignetting::Fit;
 use crate::calibration::step::{Finished, Progress};

@@ -5,7 +5,7 @@ use super::eye::EyeState;
 use super::gains::says;
 use super::judge::{Verdict, falls_off};
 use super::{CameraFound, EYES, Options};
-use crate::calibration::intrinsics::Grade;
+use crate::calibration::head::Grade;
 use crate::calibration::photometric::curve::{Curve, NoCurve};
 
 /// Slope of light over the chart from which it is uneven, and mixed; what may be left of patches.

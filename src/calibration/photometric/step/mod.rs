@@ -8,6 +8,7 @@ mod judge;
 mod judge_cameras;
 mod page;
 
+use crate::calibration::vignetting::frame;
 pub use eye::ChartSeen;
 
 use super::curve;
@@ -15,8 +16,7 @@ use super::noise::Noise;
 use super::reference::Edition;
 use super::vignetting;
 use crate::calibration::Response;
-use crate::calibration::head::Head;
-use crate::calibration::intrinsics::Grade;
+use crate::calibration::head::Grade;
 use crate::calibration::photometric_file::{
     CameraRecord, GainsRecord, NoiseRecord, PhotometricRecord, ResponseRecord, STEP,
     VignettingRecord,
@@ -201,7 +201,7 @@ impl Photometric {
     ) -> PhotometricRecord {
         let [scene, environment] = [0, 1].map(|i| self.camera_record(i, &cameras[i]));
         PhotometricRecord {
-            head: Head::of(STEP, made, found),
+            head: found.header(STEP, made),
             scene_camera: scene,
             environment_camera: environment,
             gains: gains.best().map(|(method, estimate)| GainsRecord {
@@ -236,7 +236,7 @@ impl Photometric {
         CameraRecord {
             response,
             vignetting: vignetting.map(|(f, _)| {
-                let (centre, radius) = vignetting::frame(camera.size, self.options.centres[i]);
+                let (centre, radius) = frame(camera.size, self.options.centres[i]);
                 VignettingRecord {
                     width: camera.size.0,
                     height: camera.size.1,

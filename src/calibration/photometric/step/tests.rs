@@ -5,6 +5,7 @@ use crate::calibration::RigDocument;
 use crate::calibration::photometric::drawn::Drawn;
 use crate::calibration::photometric_file::{PHOTOMETRIC, apply_photometric_file};
 use crate::calibration::step::ShownPicture;
+use crate::calibration::vignetting::frame;
 use glam::DVec3;
 use penumbra_interface::MonotonicTime;
 
@@ -217,7 +218,7 @@ fn a_white_wall_tells_the_fall_off_and_only_it_is_taken_over() {
             height: 480,
             rgba: Vec::new(),
         };
-        let (centre, radius) = vignetting::frame((640, 480), None);
+        let (centre, radius) = frame((640, 480), None);
         for i in 0..640 * 480 {
             let p = DVec2::new(f64::from(i % 640), f64::from(i / 640));
             let q = (p - centre).length_squared() / (radius * radius);

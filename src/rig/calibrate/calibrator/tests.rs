@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use super::*;
-use crate::calibration::intrinsics::Grade;
+use crate::calibration::head::Grade;
 use crate::calibration::step::{Eye, Finished, Made as By, Progress, Shown, Wants};
 use crate::capture::source::open_camera;
 use crate::config::CameraSource;
