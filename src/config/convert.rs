@@ -5,12 +5,13 @@ use super::exposure::exposure;
 use super::file::{self, ConfigFile};
 use super::planes::planes;
 use super::registration::registration;
-use super::toml_text::{Fault, TomlText};
 use super::{
-    Config, ConfigError, EnvironmentConfig, OutputConfig, ShadowConfig, StatusConfig, SyncConfig,
+    Config, EnvironmentConfig, OutputConfig, ShadowConfig, StatusConfig, SyncConfig,
     WhiteBalanceConfig, WhiteBalanceMethod,
 };
 use crate::scene::SceneChoice;
+use penumbra_strict_toml::TomlError;
+use penumbra_strict_toml::{Fault, TomlText};
 use std::net::SocketAddr;
 use std::ops::RangeInclusive;
 use std::path::Path;
@@ -20,7 +21,7 @@ pub const LIGHT_COUNTS: [u32; 7] = [0, 8, 24, 48, 64, 96, 384];
 
 pub(super) type Result<T> = std::result::Result<T, Fault>;
 
-pub(super) fn config(text: &TomlText, folder: &Path) -> std::result::Result<Config, ConfigError> {
+pub(super) fn config(text: &TomlText, folder: &Path) -> std::result::Result<Config, TomlError> {
     let file: ConfigFile = text.parse()?;
     convert(file, folder).map_err(|fault| text.locate(fault))
 }
@@ -322,7 +323,7 @@ pub fn listen_needs_token(listen: SocketAddr, token: Option<&str>) -> bool {
 }
 
 /// The settings in a file that differ from those in `config/rig.toml`.
-pub(super) fn changed_keys(text: &TomlText) -> std::result::Result<Vec<String>, ConfigError> {
+pub(super) fn changed_keys(text: &TomlText) -> std::result::Result<Vec<String>, TomlError> {
     let defaults: toml::Table = TomlText::new("rig.toml", DEFAULTS).parse()?;
     let given: toml::Table = text.parse()?;
     let mut out = Vec::new();

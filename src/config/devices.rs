@@ -1,10 +1,10 @@
 //! Settings of the devices: what is typed, what is true, and the way from one to the other.
 
 use super::convert::{Result, millis, set, within};
-use super::toml_text::Fault;
 use crate::config::REPLAY_PREFIX;
 use crate::config::{CameraSource, TrackerSource};
 use penumbra_interface::{BayerPattern, BracketSettings, CameraSettings, OnChange, PixelFormat};
+use penumbra_strict_toml::Fault;
 use penumbra_tracker_serial::{AnyDecoder, PROTOCOLS, PortName};
 use serde::de::{self, Deserializer, Visitor};
 use serde::{Deserialize, Serialize};

@@ -1,56 +1,16 @@
-//! What can be wrong with a configuration or scene file, by file, line and key.
+//! What can be wrong with a configuration.
 
+use crate::scene::SceneError;
+use penumbra_strict_toml::TomlError;
 use thiserror::Error;
 
-/// A TOML file cannot be used.
-#[derive(Clone, Debug, Error, PartialEq, Eq)]
+/// A configuration cannot be used.
+#[derive(Debug, Error)]
 pub enum ConfigError {
-    /// The operating system refused to read it.
-    #[error("{file}: cannot be read ({reason}); check the path and the permissions")]
-    Unreadable {
-        /// Path.
-        file: String,
-        /// What the system said.
-        reason: String,
-    },
-    /// It is no TOML.
-    #[error("{file}:{line}: not TOML: {reason}")]
-    Syntax {
-        /// Path.
-        file: String,
-        /// From 1.
-        line: usize,
-        /// The parser's words.
-        reason: String,
-    },
-    /// A key that means nothing here.
-    #[error("{file}:{line}: unknown key `{key}`; {hint}")]
-    UnknownKey {
-        /// Path.
-        file: String,
-        /// From 1.
-        line: usize,
-        /// Dotted path of the key.
-        key: String,
-        /// What was probably meant.
-        hint: String,
-    },
-    /// A value of the wrong type or outside its range.
-    #[error("{file}:{line}: `{key}`: {reason}")]
-    Value {
-        /// Path.
-        file: String,
-        /// From 1.
-        line: usize,
-        /// Dotted path of the key.
-        key: String,
-        /// What is expected there.
-        reason: String,
-    },
-    /// The scene file that the configuration names is wrong.
-    #[error("{reason}")]
-    Scene {
-        /// What and where.
-        reason: String,
-    },
+    /// Its own text is wrong.
+    #[error(transparent)]
+    Toml(#[from] TomlError),
+    /// The scene file that it names is wrong.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
 }

@@ -12,7 +12,6 @@ mod file;
 mod planes;
 mod registration;
 pub mod token;
-pub(crate) mod toml_text;
 
 use crate::calibration::EnvironmentSource;
 pub use crate::environment::Filtering;
@@ -41,10 +40,10 @@ pub use registration::{Distortion, PoseSource, Predict, RegistrationConfig};
 
 use crate::scene::SceneAddition;
 use penumbra_interface::CameraSettings;
+use penumbra_strict_toml::TomlText;
 use std::fmt;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
-use toml_text::TomlText;
 
 /// Every setting, as it is in force.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -392,12 +391,15 @@ impl Config {
     /// Reads a configuration file. Paths in it are taken from the file's own folder.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
         let text = TomlText::read(path)?;
-        convert::config(&text, path.parent().unwrap_or(Path::new("")))
+        Ok(convert::config(
+            &text,
+            path.parent().unwrap_or(Path::new("")),
+        )?)
     }
 
     /// Reads a configuration from memory; `name` is for messages.
     pub fn from_text(text: &str, name: &str) -> Result<Self, ConfigError> {
-        convert::config(&TomlText::new(name, text), Path::new(""))
+        Ok(convert::config(&TomlText::new(name, text), Path::new(""))?)
     }
 }
 
@@ -426,9 +428,7 @@ pub fn check_config(path: &Path) -> Result<Summary, ConfigError> {
     let config = convert::config(&text, path.parent().unwrap_or(Path::new("")))?;
     let changed = convert::changed_keys(&text)?;
     if let SceneChoice::File(scene) = &config.scene {
-        SceneAddition::load(scene).map_err(|e| ConfigError::Scene {
-            reason: e.to_string(),
-        })?;
+        SceneAddition::load(scene)?;
     }
     Ok(Summary { changed, config })
 }

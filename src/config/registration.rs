@@ -1,7 +1,7 @@
 //! `[registration]`: what tells where the scene camera is.
 
 use super::convert::{Result, set};
-use super::toml_text::Fault;
+use penumbra_strict_toml::Fault;
 use serde::Deserialize;
 
 /// What tells where the scene camera is.

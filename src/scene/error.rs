@@ -1,6 +1,6 @@
 //! What can be wrong with a scene's files.
 
-use crate::config::ConfigError;
+use penumbra_strict_toml::TomlError;
 use thiserror::Error;
 
 /// A scene, or a file it is made of, cannot be used.
@@ -24,7 +24,7 @@ pub enum SceneError {
     },
     /// A scene file's text is wrong.
     #[error(transparent)]
-    File(#[from] ConfigError),
+    File(#[from] TomlError),
 }
 
 impl SceneError {

@@ -2,11 +2,11 @@
 
 use super::material::read_texture;
 use super::typed::{LampFile, LampKind};
-use crate::config::toml_text::Fault;
 use crate::scene::SceneTexture;
 use crate::scene::photometric::mean_colour;
 use crate::scene::{Screen, VirtualLightKey, VirtualLightKind};
 use glam::{DMat4, DVec2, DVec3};
+use penumbra_strict_toml::Fault;
 use std::path::Path;
 use std::sync::Arc;
 

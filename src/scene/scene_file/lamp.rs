@@ -2,11 +2,11 @@
 
 use super::area;
 use super::typed::{Colour, LampFile, LampKeyFile, LampKind, Photometry};
-use crate::config::toml_text::Fault;
 use crate::scene::SceneTexture;
 use crate::scene::photometric::{black_body, of_unit_luminance, white_of_ev100};
 use crate::scene::{VirtualLight, VirtualLightKey, VirtualLightKind};
 use glam::{DMat4, DVec3, Vec3};
+use penumbra_strict_toml::Fault;
 use std::collections::HashMap;
 use std::f64::consts::{PI, TAU};
 use std::path::Path;

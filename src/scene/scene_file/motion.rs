@@ -2,11 +2,11 @@
 
 use super::Entry;
 use super::typed::{AnimationFile, ObjectKeyFile, Place};
-use crate::config::toml_text::Fault;
 use crate::scene::gltf_file::Playing;
 use crate::scene::motion::{Channel, Easing, Motion, Track, Turning};
 use glam::{DMat4, DQuat, DVec3};
 use penumbra_interface::RigidTransform;
+use penumbra_strict_toml::Fault;
 use std::sync::Arc;
 
 /// Keys of one object.

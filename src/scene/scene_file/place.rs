@@ -1,9 +1,9 @@
 //! Where things stand.
 
 use super::typed::Place;
-use crate::config::toml_text::Fault;
 use glam::{DQuat, DVec3, EulerRot};
 use penumbra_interface::RigidTransform;
+use penumbra_strict_toml::Fault;
 
 /// Metres.
 const FARTHEST: f64 = 1e5;

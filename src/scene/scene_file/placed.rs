@@ -2,12 +2,12 @@
 
 use super::typed::{Entry, LampFile};
 use super::{Surroundings, lamp, motion, refuse_phantom_keys};
-use crate::config::toml_text::{Fault, TomlText};
 use crate::scene::VirtualLight;
 use crate::scene::lamps::MOST_LAMPS;
 use crate::scene::motion::{Motion, Motions, Mover};
 use crate::scene::{Part, SceneError};
 use glam::DMat4;
+use penumbra_strict_toml::{Fault, TomlText};
 use std::collections::HashMap;
 use std::path::Path;
 

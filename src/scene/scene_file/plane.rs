@@ -1,9 +1,9 @@
 //! Shadowing planes that are placed by hand.
 
 use super::typed::{PlaneFile, PlaneLayer, PlaneReceiver};
-use crate::config::toml_text::Fault;
 use crate::scene::planes::{Layer, Receiver, ShadowingPlane};
 use glam::{DVec2, DVec3};
+use penumbra_strict_toml::Fault;
 
 /// Metres.
 const FARTHEST: f64 = 1e5;

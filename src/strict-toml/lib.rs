@@ -1,26 +1,32 @@
 //! TOML read so that every complaint names file, line and key, and unknown keys get a
 //! suggestion.
 
-use super::ConfigError;
+mod error;
+
+pub use error::TomlError;
 use serde::de::DeserializeOwned;
 use std::path::Path;
 use toml::de::{DeTable, DeValue};
 
 /// A file's text and its name.
-pub(crate) struct TomlText {
+pub struct TomlText {
+    /// Path, for messages.
     pub file: String,
     text: String,
 }
 
 /// A value that is wrong although its type is right: dotted key and what is expected.
 #[derive(Debug)]
-pub(crate) struct Fault {
+pub struct Fault {
+    /// Dotted path of the key, such as `object[1].scale`.
     pub key: String,
+    /// What is expected there.
     pub reason: String,
 }
 
 impl Fault {
-    pub(crate) fn new(key: impl Into<String>, reason: impl Into<String>) -> Self {
+    /// A fault at a dotted key.
+    pub fn new(key: impl Into<String>, reason: impl Into<String>) -> Self {
         Self {
             key: key.into(),
             reason: reason.into(),
@@ -43,16 +49,21 @@ const UNITS: [(&str, &str); 5] = [
 const LARGEST: u64 = 4 << 20;
 
 impl TomlText {
-    pub(crate) fn new(file: impl Into<String>, text: impl Into<String>) -> Self {
+    /// A text and the name under which messages speak of it.
+    pub fn new(file: impl Into<String>, text: impl Into<String>) -> Self {
         Self {
             file: file.into(),
             text: text.into(),
         }
     }
 
-    pub(crate) fn read(path: &Path) -> Result<Self, ConfigError> {
+    /// Reads a file of at most 4 MiB.
+    ///
+    /// # Errors
+    /// The file cannot be read or is too large.
+    pub fn read(path: &Path) -> Result<Self, TomlError> {
         let file = path.display().to_string();
-        let refuse = |reason: String| ConfigError::Unreadable {
+        let refuse = |reason: String| TomlError::Unreadable {
             file: file.clone(),
             reason,
         };
@@ -65,13 +76,16 @@ impl TomlText {
     }
 
     /// The file's content as a `T`.
-    pub(crate) fn parse<T: DeserializeOwned>(&self) -> Result<T, ConfigError> {
+    ///
+    /// # Errors
+    /// Not TOML, an unknown key, or a value of the wrong type; with file, line and key.
+    pub fn parse<T: DeserializeOwned>(&self) -> Result<T, TomlError> {
         toml::from_str(&self.text).map_err(|e| self.explain(&e))
     }
 
     /// A [`Fault`] with its file and line.
-    pub(crate) fn locate(&self, fault: Fault) -> ConfigError {
-        ConfigError::Value {
+    pub fn locate(&self, fault: Fault) -> TomlError {
+        TomlError::Value {
             file: self.file.clone(),
             line: self.line_of(&fault.key),
             key: fault.key,
@@ -79,13 +93,13 @@ impl TomlText {
         }
     }
 
-    fn explain(&self, error: &toml::de::Error) -> ConfigError {
+    fn explain(&self, error: &toml::de::Error) -> TomlError {
         let at = error.span().map_or(0, |s| s.start);
         let (file, line) = (self.file.clone(), self.line_at(at));
         let message = error.message();
         let Ok(table) = DeTable::parse(&self.text) else {
             let reason = message.lines().collect::<Vec<_>>().join("; ");
-            return ConfigError::Syntax { file, line, reason };
+            return TomlError::Syntax { file, line, reason };
         };
         let mut path = Vec::new();
         path_at(table.get_ref(), at, &mut path);
@@ -104,7 +118,7 @@ impl TomlText {
                 format!("{key}.{unknown}")
             };
             let hint = suggestion(unknown, &known);
-            return ConfigError::UnknownKey {
+            return TomlError::UnknownKey {
                 file,
                 line,
                 key,
@@ -112,7 +126,7 @@ impl TomlText {
             };
         }
         let reason = friendly(message, path.last().map_or("", String::as_str));
-        ConfigError::Value {
+        TomlError::Value {
             file,
             line,
             key,
