@@ -4,8 +4,8 @@
 #![allow(missing_docs, clippy::expect_used)]
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use penumbra::picture::{Picture, YuvEncoding, decode_into};
 use penumbra_interface::{BayerPattern, Frame, MonotonicTime, PixelFormat};
+use penumbra_picture::{Picture, YuvEncoding, decode_into};
 use std::hint::black_box;
 
 const WIDTH: usize = 1920;

@@ -13,8 +13,8 @@ use penumbra::environment::prefilter::Prefilter;
 use penumbra::environment::{
     Bracket, EnvironmentEstimator, EnvironmentInput, EnvironmentSettings, Filtering,
 };
-use penumbra::picture::Picture;
 use penumbra_interface::{MonotonicTime, RigidTransform};
+use penumbra_picture::Picture;
 use std::hint::black_box;
 
 /// The default of `[environment] cube_size`, and the size of the paper's probe.

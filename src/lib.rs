@@ -18,7 +18,6 @@ pub mod config;
 pub mod doctor;
 pub mod environment;
 pub mod output;
-pub mod picture;
 pub mod rig;
 pub mod scene;
 pub mod session;

@@ -8,8 +8,8 @@
 use glam::DVec3;
 use penumbra::calibration::Response;
 use penumbra::compositor::reference::exposure::exposed;
-use penumbra::picture::Picture;
 use penumbra::scene::Highlights;
+use penumbra_picture::Picture;
 use std::path::{Path, PathBuf};
 
 /// Sessions and the stops of their brackets.

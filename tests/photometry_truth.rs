@@ -22,9 +22,9 @@ use penumbra::calibration::photometry::{
 };
 use penumbra::calibration::rig::EnvironmentCamera;
 use penumbra::calibration::rig_json::RigDocument;
-use penumbra::picture::{Picture, YuvEncoding};
 use penumbra::scene::mesh::Scene;
 use penumbra_interface::{Frame, MonotonicTime, PixelFormat, RigidTransform};
+use penumbra_picture::{Picture, YuvEncoding};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 

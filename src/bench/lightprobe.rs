@@ -19,10 +19,10 @@ use crate::compositor::{
 use crate::environment::{
     Bracket, EnvironmentEstimator, EnvironmentInput, EnvironmentSettings, Lighting,
 };
-use crate::picture::Picture;
 use crate::scene::Highlights;
 use crate::scene::lamps::MOST_LAMPS;
 use penumbra_interface::MonotonicTime;
+use penumbra_picture::Picture;
 use room::{Room, Stills, View};
 use std::sync::Arc;
 use std::time::Instant;

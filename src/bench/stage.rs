@@ -2,9 +2,9 @@
 
 use super::report::{PassTime, Percentiles};
 use crate::calibration::PinholeCamera;
-use crate::picture::Picture;
 use glam::{DQuat, DVec2, DVec3};
 use penumbra_interface::RigidTransform;
+use penumbra_picture::Picture;
 
 /// Frames before anything is measured: drivers compile and caches fill.
 pub(super) const WARM_UP: u32 = 5;

@@ -7,9 +7,9 @@ use crate::calibration::head::DeviceRecord;
 use crate::calibration::head::Grade;
 use crate::calibration::head::Head;
 use crate::calibration::head::VERSION;
-use crate::picture::Picture;
 use glam::DVec2;
 use penumbra_interface::{MonotonicTime, PoseSample};
+use penumbra_picture::Picture;
 
 /// Which camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -19,11 +19,11 @@ use super::targets::{ENCODING, Targets};
 use super::{Compositor, GpuError, Refresh};
 use crate::calibration::{PinholeCamera, Response};
 use crate::environment::Lighting;
-use crate::picture::Picture;
 use crate::scene::Highlights;
 use crate::scene::{NearLight, PlacedLamp};
 use glam::{DMat4, DVec4, Vec3};
 use penumbra_interface::RigidTransform;
+use penumbra_picture::Picture;
 
 /// How the shadow buffer darkens the real picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -13,8 +13,8 @@ use super::shaders::{self, Variant};
 use super::targets::{Target, Targets, format};
 use super::timing::Timer;
 use crate::calibration::PinholeCamera;
-use crate::picture::Picture;
 use glam::{DVec2, DVec3};
+use penumbra_picture::Picture;
 use wgpu::TextureUsages as U;
 
 /// The straight picture is at most so many times the camera's, each way: a lens that bends

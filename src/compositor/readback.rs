@@ -1,7 +1,7 @@
 //! The finished picture back in memory.
 
 use super::{Compositor, GpuError};
-use crate::picture::Picture;
+use penumbra_picture::Picture;
 
 /// A buffer that a picture is copied into; made once per size.
 pub struct Readback {

@@ -15,7 +15,6 @@ pub mod token;
 
 use crate::calibration::EnvironmentSource;
 pub use crate::environment::Filtering;
-pub use crate::picture::YuvEncoding;
 pub use crate::scene::Highlights;
 pub use crate::scene::SceneChoice;
 use crate::sync::{Degree, Smoothing};
@@ -35,6 +34,7 @@ pub use exposure::{
     ADAPTATION_SECONDS, BRIGHTEST_STOPS, DARKEST_STOPS, EXPOSURE_KEYS, EXPOSURE_STOPS,
     ExposureChoice, ExposureConfig, ExposureMode,
 };
+pub use penumbra_picture::YuvEncoding;
 pub use planes::{FREQUENCIES, PlaneReceiver, PlaneShading, PlanesConfig, lights_of_dome};
 pub use registration::{Distortion, PoseSource, Predict, RegistrationConfig};
 
@@ -230,7 +230,7 @@ impl InputConfig {
     /// The same for the decoder.
     #[must_use]
     pub const fn encoding(self) -> YuvEncoding {
-        use crate::picture::{YuvMatrix as Matrix, YuvRange as Range};
+        use penumbra_picture::{YuvMatrix as Matrix, YuvRange as Range};
         YuvEncoding {
             matrix: match self.yuv_matrix {
                 YuvMatrix::Bt601 => Matrix::Bt601,

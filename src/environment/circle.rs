@@ -1,7 +1,7 @@
 //! Finds the circle of a fisheye picture or the outline of a mirrored ball.
 
-use crate::picture::Picture;
 use glam::DVec2;
+use penumbra_picture::Picture;
 
 /// A circle in a picture, pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -4,8 +4,8 @@ use super::light::{DomeLight, LightKind, Lighting};
 use super::sources::LUMINANCE;
 use super::{CubeMap, cube};
 use crate::calibration::response::srgb_from_linear;
-use crate::picture::Picture;
 use glam::Vec3;
+use penumbra_picture::Picture;
 use std::f32::consts::PI;
 
 /// Linear radiance by longitude and latitude: φ = 2π (½ − (u + ½)/W) from +X towards +Y,

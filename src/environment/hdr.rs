@@ -1,8 +1,8 @@
 //! Bracketed 8-bit pictures become one linear picture.
 
 use crate::calibration::Response;
-use crate::picture::Picture;
 use glam::Vec3;
+use penumbra_picture::Picture;
 
 /// Codes from which a pixel counts less and less, and is not used at all. Compression and
 /// noise carry a saturated 255 down to about 250.

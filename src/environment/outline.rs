@@ -14,8 +14,8 @@
 //! ```
 
 use crate::calibration::PinholeCamera;
-use crate::picture::Picture;
 use glam::{DMat2, DVec2, DVec3};
+use penumbra_picture::Picture;
 
 /// Rays along the rim.
 const RAYS: usize = 120;

@@ -3,9 +3,9 @@
 use super::circle::{Circle, ball_outline, fisheye_circle};
 use crate::calibration::environment_view::{EnvironmentView, FisheyeLens, MirrorSphere};
 use crate::calibration::{PinholeCamera, Response};
-use crate::picture::Picture;
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use penumbra_interface::RigidTransform;
+use penumbra_picture::Picture;
 use serde::Deserialize;
 use std::f64::consts::PI;
 use std::path::{Path, PathBuf};

@@ -1,9 +1,9 @@
 //! Frames as PNG files, written by a thread of their own.
 
 use super::OutputError;
-use crate::picture::Picture;
 use crossbeam_channel::{Receiver, Sender, bounded};
 use penumbra_interface::threads;
+use penumbra_picture::Picture;
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};

@@ -1,7 +1,7 @@
 //! The picture for browsers: JPEG, and the framing of an endless row of them.
 
-use crate::picture::Picture;
 use bytes::{BufMut, Bytes, BytesMut};
+use penumbra_picture::Picture;
 use std::io::Write as _;
 use thiserror::Error;
 use turbojpeg::{Compressor, Image, PixelFormat, Subsamp};

@@ -499,7 +499,7 @@ fn a_mosaic_with_padded_rows_and_one_that_is_cut_short() {
 /// Broken files that others found; see `tests/fixtures/jpeg/ORIGIN.md`.
 #[test]
 fn broken_jpegs_of_others_are_refused_and_crash_nothing() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/jpeg");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/fixtures/jpeg");
     let mut sizes = BTreeMap::new();
     for entry in std::fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();

@@ -25,11 +25,11 @@ use crate::config::{Config, Filtering, Unseen, WhiteBalanceMethod};
 use crate::environment::{
     BallSeen, Bracket, EnvironmentEstimator, EnvironmentInput, Lighting, Placement,
 };
-use crate::picture::{Picture, PictureError, YuvEncoding, decode_into};
 use crate::scene::casters;
 use crate::sync::EnvironmentSet;
 use glam::{DVec3, Mat3, Quat, Vec3};
 use penumbra_interface::{Exposure, MonotonicTime, RigidTransform};
+use penumbra_picture::{Picture, PictureError, YuvEncoding, decode_into};
 use std::sync::Arc;
 
 /// Environment pictures from one comparison of the cameras to the next.

@@ -56,12 +56,12 @@ use crate::compositor::GpuError;
 use crate::config::{Config, ConfigError, PoseSource};
 use crate::environment::EnvironmentError;
 use crate::output::OutputError;
-use crate::picture::PictureError;
 use crate::scene::{Scene, SceneError};
 use crate::session::SessionError;
 use crate::session::import::ImportError;
 use crate::sync::{PoseAt, RigFrame};
 use penumbra_interface::RigidTransform;
+use penumbra_picture::PictureError;
 use std::path::PathBuf;
 use thiserror::Error;
 

@@ -12,11 +12,11 @@ use crate::calibration::rig_json::Marker;
 use crate::calibration::{PinholeCamera, RollingShutter};
 use crate::config::{Config, PoseSource};
 use crate::environment::BallSeen;
-use crate::picture::Picture;
 use crate::scene::Scene;
 use crate::status::{RegistrationSource, RegistrationStatus};
 use glam::DVec3;
 use penumbra_interface::{MonotonicTime, RigidTransform};
+use penumbra_picture::Picture;
 
 /// Standard deviation of a sphere's picture by a tracker's pose or a marker of its own, pixels:
 /// neither tells its own.

@@ -5,11 +5,11 @@ use crate::calibration::photometry::raycast::PhantomCaster;
 use crate::calibration::vignetting::Vignetting;
 use crate::calibration::{PinholeCamera, Response, RigCalibration};
 use crate::environment::{LightKind, Lighting};
-use crate::picture::Picture;
 use crate::scene::near_field::{AXES, PhantomRadiance, side_of, solid_phantoms};
 use crate::scene::{Part, PhantomRays, Scene};
 use glam::{DVec2, Vec3};
 use penumbra_interface::RigidTransform;
+use penumbra_picture::Picture;
 use std::f32::consts::PI;
 use std::sync::Arc;
 

@@ -2,8 +2,8 @@
 
 use crate::calibration::response::srgb_from_linear;
 use crate::environment::{DomeLight, LightKind};
-use crate::picture::Picture;
 use glam::{Vec2, Vec3};
+use penumbra_picture::Picture;
 use std::f32::consts::{FRAC_PI_2, PI};
 
 /// Share of the picture that may be brighter than the picture can show.

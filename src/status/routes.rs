@@ -11,7 +11,6 @@ use super::snapshot::{Snapshot, WhiteBalance};
 use crate::output::stream::{
     EncodeError, JpegEncoder, STREAM_CONTENT_TYPE, encode_png, stream_part, stream_preamble,
 };
-use crate::picture::Picture;
 use axum::body::{Body, Bytes};
 use axum::extract::{DefaultBodyLimit, Path, State};
 use axum::http::{HeaderMap, StatusCode, header};
@@ -19,6 +18,7 @@ use axum::middleware::from_fn_with_state;
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
 use axum::{Json, Router};
+use penumbra_picture::Picture;
 use serde_json::json;
 use std::convert::Infallible;
 use std::sync::Arc;

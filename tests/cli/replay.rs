@@ -2,7 +2,7 @@
 
 use crate::program::{Desk, desk_session, text};
 use crate::sessions::{put_rig_folder, put_tum_folder, scene_frames};
-use penumbra::picture::{Picture, YuvEncoding};
+use penumbra_picture::{Picture, YuvEncoding};
 
 const QUIET: &str = "--headless --speed max --listen 127.0.0.1:0";
 

@@ -7,9 +7,9 @@ use crate::program::Desk;
 use glam::{DMat3, DVec2, DVec3};
 use penumbra::calibration::Response;
 use penumbra::calibration::fiducial::Family;
-use penumbra::picture::Picture;
 use penumbra::session::{Camera, SessionWriter};
 use penumbra_interface::{Frame, MonotonicTime, PixelFormat};
+use penumbra_picture::Picture;
 use serde_json::{Value, json};
 
 const BALL: DVec3 = DVec3::new(0.13, 0.07, 0.04);

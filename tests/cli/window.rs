@@ -2,7 +2,7 @@
 
 use crate::program::{Desk, text};
 use crate::sessions::scene_frames;
-use penumbra::picture::{Picture, YuvEncoding};
+use penumbra_picture::{Picture, YuvEncoding};
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};

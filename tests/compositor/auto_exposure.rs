@@ -6,8 +6,8 @@ use glam::Vec3;
 use penumbra::calibration::Response;
 use penumbra::compositor::exposure::{AutoLimits, ExposureInForce};
 use penumbra::compositor::{Exposure, LampResponse};
-use penumbra::picture::Picture;
 use penumbra::scene::PlacedLamp;
+use penumbra_picture::Picture;
 
 fn lamp(intensity: f32) -> PlacedLamp {
     PlacedLamp {

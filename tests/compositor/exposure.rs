@@ -8,9 +8,9 @@ use penumbra::calibration::Response;
 use penumbra::compositor::exposure::ExposureInForce;
 use penumbra::compositor::reference::exposure::exposed;
 use penumbra::compositor::{Exposure, ShadowMode};
-use penumbra::picture::Picture;
 use penumbra::scene::Highlights;
 use penumbra::scene::{Material, Part, primitives};
+use penumbra_picture::Picture;
 
 fn cube() -> Part {
     painted(

@@ -5,8 +5,8 @@ use glam::{DVec2, DVec3, Vec3};
 use penumbra::calibration::vignetting::Vignetting;
 use penumbra::calibration::{PinholeCamera, Response};
 use penumbra::compositor::{LensOutput, ShadowMode};
-use penumbra::picture::Picture;
 use penumbra::scene::primitives;
+use penumbra_picture::Picture;
 
 const SIZE: (u32, u32) = (320, 240);
 const FADING: Vignetting = Vignetting {

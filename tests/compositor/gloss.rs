@@ -10,8 +10,8 @@ use penumbra::environment::glints::{excesses, mirrored};
 use penumbra::environment::lobes::{Family, Levels, phong_parameter, tilted, widths};
 use penumbra::environment::prefilter::{Prefilter, gathered, level_count};
 use penumbra::environment::{CubeMap, Lighting};
-use penumbra::picture::Picture;
 use penumbra::scene::{Material, Part, Phong, PlacedLamp, SceneTexture, primitives};
+use penumbra_picture::Picture;
 use std::f32::consts::PI;
 use std::sync::Arc;
 

@@ -11,10 +11,10 @@ use penumbra::environment::dome::DomeGrid;
 use penumbra::environment::harmonics::HarmonicsTable;
 use penumbra::environment::prefilter::Prefilter;
 use penumbra::environment::{DomeLight, LightKind, Lighting};
-use penumbra::picture::Picture;
 use penumbra::scene::{Material, Phong, SceneTexture, primitives};
 use penumbra::scene::{Screen, VirtualLightKind};
 use penumbra_interface::MonotonicTime;
+use penumbra_picture::Picture;
 use std::path::Path;
 use std::sync::Arc;
 

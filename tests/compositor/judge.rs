@@ -1,7 +1,7 @@
 //! Comparing pictures.
 
 use penumbra::compositor::reference::{ReferencePicture, ReferencePixel, Seen};
-use penumbra::picture::Picture;
+use penumbra_picture::Picture;
 use std::path::PathBuf;
 
 /// Pixels within `reach` of (`x`, `y`), inside the picture.

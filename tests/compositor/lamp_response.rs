@@ -7,8 +7,8 @@ use crate::stage::{Stage, cell, flat, lighting, looking_from, noise, part, sun};
 use glam::{DVec3, Vec3};
 use penumbra::compositor::{Exposure, LampResponse, ShadowMode};
 use penumbra::environment::{BrightestLight, DomeLight};
-use penumbra::picture::Picture;
 use penumbra::scene::{Part, PlacedLamp, primitives};
+use penumbra_picture::Picture;
 use std::f32::consts::PI;
 
 fn point(position: Vec3, intensity: Vec3) -> PlacedLamp {

@@ -3,8 +3,8 @@
 use crate::stage::{Stage, cell, flat, lighting, looking_from, noise, painted, part};
 use glam::{DVec3, Vec3, Vec4};
 use penumbra::compositor::{CompositorSettings, ShadowMode};
-use penumbra::picture::Picture;
 use penumbra::scene::{Material, Part, PlacedLamp, primitives};
+use penumbra_picture::Picture;
 use std::f32::consts::PI;
 
 /// What arrives on the table without lamps.

@@ -5,8 +5,8 @@ use crate::stage::{Stage, flat, lighting, looking_from, noise, painted, spiral};
 use glam::{DVec2, DVec3, Vec3, Vec4};
 use penumbra::calibration::{PinholeCamera, Response};
 use penumbra::compositor::LensOutput;
-use penumbra::picture::Picture;
 use penumbra::scene::{Material, primitives};
+use penumbra_picture::Picture;
 
 /// Barrel, pincushion, a wide lens with tangential terms, one that bends back, a strong pincushion,
 /// and one with all terms.

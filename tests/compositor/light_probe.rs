@@ -8,9 +8,9 @@ use penumbra::calibration::environment_view::{EnvironmentView, MirrorSphere};
 use penumbra::environment::{
     BallSeen, Bracket, EnvironmentEstimator, EnvironmentInput, EnvironmentSettings, Lighting,
 };
-use penumbra::picture::Picture;
 use penumbra::scene::{Material, NearField, casters, primitives};
 use penumbra_interface::MonotonicTime;
+use penumbra_picture::Picture;
 
 const BALL: DVec3 = DVec3::new(-0.1, 0.03, 0.05);
 const RADIUS: f64 = 0.05;

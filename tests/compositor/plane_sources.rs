@@ -9,7 +9,7 @@ use penumbra::compositor::Compositor;
 use penumbra::compositor::planes::{PlaneWork, SourceBaker};
 use penumbra::environment::Lighting;
 use penumbra::environment::geodesic::{Face, FaceLight, FaceSource, GeodesicDome};
-use penumbra::picture::Picture;
+use penumbra_picture::Picture;
 use std::sync::Arc;
 
 const STRENGTH: Vec3 = Vec3::new(1.6, 1.5, 1.2);

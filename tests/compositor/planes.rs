@@ -7,13 +7,13 @@ use penumbra::compositor::planes::{PlaneWork, PlanesChoice, Shading, Thresholds,
 use penumbra::compositor::{Compositor, FrameInput, GpuError};
 use penumbra::environment::Lighting;
 use penumbra::environment::geodesic::{FaceLight, GeodesicDome, Membership};
-use penumbra::picture::Picture;
 use penumbra::scene::planes::renew::renew;
 use penumbra::scene::planes::{
     Bake, BakeSettings, Image, Layer, PlaneSettings, Receiver, ShadowingPlane, generate,
 };
 use penumbra::scene::{Part, Scene, primitives};
 use penumbra_interface::RigidTransform;
+use penumbra_picture::Picture;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 

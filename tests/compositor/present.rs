@@ -2,7 +2,7 @@
 
 use crate::stage::{Stage, gpu, noise};
 use penumbra::compositor::PresentPass;
-use penumbra::picture::Picture;
+use penumbra_picture::Picture;
 use wgpu::{TextureFormat, TextureUsages};
 
 /// What a surface of `format` and size shows of `picture`, as the bytes in it.

@@ -7,8 +7,8 @@ use crate::stage::{Stage, cell, lighting, looking_from, sun};
 use glam::{DVec2, DVec3, Vec3};
 use penumbra::compositor::{Compositor, LampResponse};
 use penumbra::environment::{BrightestLight, DomeLight};
-use penumbra::picture::Picture;
 use penumbra::scene::PlacedLamp;
+use penumbra_picture::Picture;
 use std::f32::consts::PI;
 
 const WIDTH: u32 = 128;

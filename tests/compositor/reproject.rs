@@ -4,9 +4,9 @@ use crate::stage::{Stage, camera, flat, lighting, looking_from, matt, painted, s
 use glam::{DQuat, DVec2, DVec3, Vec3};
 use penumbra::calibration::PinholeCamera;
 use penumbra::compositor::{LensOutput, Reprojection};
-use penumbra::picture::Picture;
 use penumbra::scene::primitives;
 use penumbra_interface::RigidTransform;
+use penumbra_picture::Picture;
 
 const SIZE: (u32, u32) = (320, 240);
 

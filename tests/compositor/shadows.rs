@@ -9,8 +9,8 @@ use penumbra::compositor::reference::Seen;
 use penumbra::environment::DomeLight;
 use penumbra::environment::cube::CubeGrid;
 use penumbra::environment::dome::DomeGrid;
-use penumbra::picture::Picture;
 use penumbra::scene::{Part, primitives};
+use penumbra_picture::Picture;
 use std::f32::consts::PI;
 
 fn cube(side: f32, at: DVec3) -> Part {

@@ -4,8 +4,8 @@
 use crate::stage::painted;
 use glam::{DMat4, DVec2, DVec3, Vec3, Vec4};
 use penumbra::calibration::Response;
-use penumbra::picture::Picture;
 use penumbra::scene::{Material, Part, SceneTexture, primitives};
+use penumbra_picture::Picture;
 use std::f64::consts::PI;
 use std::sync::Arc;
 

@@ -5,8 +5,8 @@ use crate::stage::{Stage, lighting, matt, painted, part, sun};
 use glam::{DVec3, Vec3};
 use penumbra::compositor::reference::{ReferencePicture, Seen};
 use penumbra::environment::DomeLight;
-use penumbra::picture::Picture;
 use penumbra::scene::primitives;
+use penumbra_picture::Picture;
 
 /// A lamp that one sees as a disc of `radius`, radians.
 fn lamp(direction: Vec3, irradiance: f32, radius: f32) -> DomeLight {

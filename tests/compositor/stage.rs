@@ -7,10 +7,10 @@ use penumbra::compositor::{
     Compositor, CompositorSettings, Exposure, FrameInput, Gpu, LampResponse, Refresh, ShadowMode,
 };
 use penumbra::environment::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
-use penumbra::picture::Picture;
 use penumbra::scene::Highlights;
 use penumbra::scene::{Material, Mesh, NearLight, Part, PlacedLamp, Scene, casters, primitives};
 use penumbra_interface::{MonotonicTime, RigidTransform};
+use penumbra_picture::Picture;
 use std::f32::consts::PI;
 use std::sync::{Arc, OnceLock};
 

@@ -8,8 +8,8 @@ use glam::{DMat4, DVec3, Vec3, Vec4};
 use penumbra::calibration::Response;
 use penumbra::compositor::reference::ReferencePicture;
 use penumbra::environment::cube::locate;
-use penumbra::picture::Picture;
 use penumbra::scene::{Material, Part, SceneTexture, primitives};
+use penumbra_picture::Picture;
 use std::sync::Arc;
 
 const RULE: Rule = Rule {

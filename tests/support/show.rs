@@ -3,7 +3,6 @@
 use glam::Vec3;
 use penumbra::config::ExposureMode;
 use penumbra::environment::{DomeLight, LightKind};
-use penumbra::picture::Picture;
 use penumbra::status::planes::{PlanesState, PlanesStatus};
 use penumbra::status::snapshot::{
     Device, DeviceState, PoseAnswer, Resolution, SessionState, WhiteBalanceEstimate,
@@ -13,6 +12,7 @@ use penumbra::status::{
     Settings, SharedStatus, Snapshot, StatusServer, Technique, environment_preview,
 };
 use penumbra_interface::DeviceKind;
+use penumbra_picture::Picture;
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -7,8 +7,8 @@ use super::quad::{is_convex, quad};
 use super::threshold::Black;
 use super::{Family, decode};
 use crate::calibration::{PinholeCamera, Response};
-use crate::picture::Picture;
 use glam::DVec2;
+use penumbra_picture::Picture;
 
 /// Below this share of 256 of the way from dark to bright a pixel is black. Half of it puts
 /// outlines where edges are.

@@ -11,7 +11,7 @@ use crate::calibration::head::DeviceRecord;
 use crate::calibration::head::Grade;
 use crate::calibration::record::LensRecord;
 use crate::calibration::step::{Eye, Finished, Made, Progress, Shown, Step, Wants};
-use crate::picture::Picture;
+use penumbra_picture::Picture;
 use std::fmt::Write;
 
 /// Pictures nearer in time show the board in the same place, seconds.

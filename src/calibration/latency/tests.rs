@@ -3,10 +3,10 @@ use super::follow::by_motion;
 use super::*;
 use crate::calibration::PinholeCamera;
 use crate::calibration::intrinsics::Grey;
-use crate::picture::Picture;
 use glam::{DVec2, DVec3};
 use penumbra_interface::RigidTransform;
 use penumbra_numerics::Random;
+use penumbra_picture::Picture;
 use std::path::{Path, PathBuf};
 
 /// A hand that turns a rig to and fro, at seconds.

@@ -2,8 +2,8 @@
 
 use super::reference::{COLUMNS, Edition, ROWS};
 use crate::calibration::Response;
-use crate::picture::Picture;
 use glam::{DMat3, DVec2, DVec3};
+use penumbra_picture::Picture;
 
 /// How a chart is drawn.
 #[derive(Clone, Debug)]

@@ -1,7 +1,7 @@
 //! A camera's noise: shot and read noise of its linear values, from pairs of pictures at rest.
 
 use crate::calibration::Response;
-use crate::picture::Picture;
+use penumbra_picture::Picture;
 
 /// Codes in one bin.
 const BIN: usize = 8;

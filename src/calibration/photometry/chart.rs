@@ -6,8 +6,8 @@ use super::robust::{LogRatio, RobustMean, robust_mean};
 use crate::calibration::Response;
 use crate::calibration::colour::delta_e_linear;
 use crate::calibration::rig::PhotometricChart;
-use crate::picture::Picture;
 use glam::{DMat3, DVec3};
+use penumbra_picture::Picture;
 use thiserror::Error;
 
 /// A picture and how its codes are to be read.

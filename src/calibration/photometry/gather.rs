@@ -6,9 +6,9 @@ use super::view::{EnvironmentRay, environment_ray, mirror, picture_size};
 use crate::calibration::PinholeCamera;
 use crate::calibration::environment_view::EnvironmentView;
 use crate::calibration::vignetting::Vignetting;
-use crate::picture::Picture;
 use glam::{DVec2, DVec3};
 use penumbra_interface::RigidTransform;
+use penumbra_picture::Picture;
 
 /// One patch of a real surface in both pictures, linear, the mirror's loss undone.
 #[derive(Clone, Copy, Debug, PartialEq)]

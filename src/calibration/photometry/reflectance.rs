@@ -309,10 +309,10 @@ mod tests {
     #[test]
     fn a_grey_ground_is_read_from_the_picture() {
         use crate::calibration::Response;
-        use crate::picture::Picture;
         use crate::scene::mesh::{Material, Part, Scene};
         use crate::scene::primitives;
         use glam::{DMat4, DQuat};
+        use penumbra_picture::Picture;
         let ground = Part {
             name: "card".into(),
             mesh: Arc::new(primitives::plane(4.0, 4.0)),

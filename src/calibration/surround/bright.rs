@@ -7,8 +7,8 @@
 
 use super::super::Response;
 use super::super::intrinsics::Grey;
-use crate::picture::Picture;
 use glam::{DVec2, DVec3};
+use penumbra_picture::Picture;
 
 /// A picture with more bright pixels than this share has no lights.
 const MOST_SHARE: f64 = 0.2;

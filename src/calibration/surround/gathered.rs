@@ -5,9 +5,9 @@ use super::super::Response;
 use super::super::fiducial::TagSeen;
 use super::super::intrinsics::Grey;
 use super::bright::Bright;
-use crate::picture::Picture;
 use crate::sync::{HistoryConfig, PoseHistory};
 use penumbra_interface::{MonotonicTime, RigidTransform};
+use penumbra_picture::Picture;
 
 /// Bright pixels are kept of so many pictures.
 const MOST_BRIGHT: usize = 60;

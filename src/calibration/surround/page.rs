@@ -5,10 +5,10 @@ use super::super::step::{Finished, Made};
 use super::optics::Optics;
 use super::solve::Stand;
 use super::view::View;
-use crate::picture::Picture;
 use glam::DVec2;
 use image::codecs::jpeg::JpegEncoder;
 use image::{DynamicImage, RgbaImage};
+use penumbra_picture::Picture;
 use std::fmt::Write;
 
 /// What is drawn.

@@ -5,10 +5,10 @@ use crate::calibration::intrinsics::detect::{Placement, find_chessboard};
 use crate::calibration::intrinsics::{Board, Correspondence, Grey, Lens, board_pose};
 use crate::calibration::rehearsal::lying;
 use crate::calibration::{PinholeCamera, RigCalibration};
-use crate::picture::Picture;
 use glam::{DVec2, DVec3};
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_numerics::root_mean_square;
+use penumbra_picture::Picture;
 
 /// A board whose corners lie farther from where its pose puts them is not seen well enough, pixels.
 const MOST_RMS: f64 = 2.0;

@@ -10,10 +10,10 @@ use crate::calibration::photometry::gather::{
 use crate::calibration::photometry::overlap::estimate_overlap;
 use crate::calibration::photometry::{PhotometricMatch, Provenance};
 use crate::calibration::step::ShownPicture;
-use crate::picture::Picture;
 use glam::DVec3;
 use penumbra_interface::{Exposure, MonotonicTime, RigidTransform};
 use penumbra_numerics::median;
+use penumbra_picture::Picture;
 
 /// The environment's picture may be so much older than the scene's, seconds.
 const TOGETHER: f64 = 0.2;

@@ -7,8 +7,8 @@ use crate::calibration::head::Grade;
 use crate::calibration::photometry::PhotometrySettings;
 use crate::calibration::rig::TrackerCalibration;
 use crate::calibration::rig_json::Marker;
-use crate::picture::Picture;
 use glam::{DQuat, DVec2, DVec3, EulerRot};
+use penumbra_picture::Picture;
 
 const LATENCY: f64 = 0.02;
 

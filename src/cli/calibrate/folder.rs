@@ -1,7 +1,7 @@
 //! Pictures from files.
 
 use anyhow::{Context as _, bail};
-use penumbra::picture::Picture;
+use penumbra_picture::Picture;
 use std::path::{Path, PathBuf};
 
 /// A folder's pictures, in the order of their names.

@@ -10,10 +10,10 @@ use penumbra::calibration::photometric::reference::Edition;
 use penumbra::calibration::photometric::step::{Options, Photometric};
 use penumbra::calibration::step::{Eye, Progress, Shown, ShownPicture, Step as _};
 use penumbra::config::Config;
-use penumbra::picture::Picture;
 use penumbra::rig::calibrate::{photometric_options, seen_by_both, show_session};
 use penumbra::session::Session;
 use penumbra_interface::MonotonicTime;
+use penumbra_picture::Picture;
 use std::path::PathBuf;
 use std::process::ExitCode;
 

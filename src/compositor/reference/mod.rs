@@ -16,8 +16,8 @@ pub use surface::{Reference, Seen};
 
 use super::{FrameInput, LampResponse, ShadowMode};
 use crate::calibration::Response;
-use crate::picture::Picture;
 use glam::DVec3;
+use penumbra_picture::Picture;
 
 /// One pixel as it should be.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -7,9 +7,9 @@ use crate::calibration::environment_view::{FisheyeLens, MirrorSphere};
 use crate::calibration::response::srgb_from_linear;
 use crate::environment::cube::sample;
 use crate::environment::{BallSeen, LightKind};
-use crate::picture::Picture;
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use penumbra_interface::RigidTransform;
+use penumbra_picture::Picture;
 use std::f32::consts::PI;
 
 const EVS: [f64; 4] = [0.0, -5.0, -10.0, -15.0];

@@ -5,8 +5,8 @@ use crate::calibration::step::{Eye, Progress, Step, Wants};
 use crate::capture::Hub;
 use crate::capture::tap::{Tap, TapEnd, Tapped, Wanted};
 use crate::config::Config;
-use crate::picture::Picture;
 use penumbra_interface::{Clock, MonotonicTime, SystemClock};
+use penumbra_picture::Picture;
 use std::time::Duration;
 
 /// How often it is told how it goes, and a wish is heard, while no picture comes.

@@ -11,12 +11,12 @@ use crate::calibration::photometry::overlap::estimate_overlap;
 use crate::calibration::photometry::raycast::PhantomCaster;
 use crate::calibration::rig::TrackerCalibration;
 use crate::config::Config;
-use crate::picture::{Picture, decode_into};
 use crate::rig::feed::decoder_for;
 use crate::session::{Session, SessionEvent};
 use crate::sync::{HistoryConfig, PoseHistory};
 use glam::DVec3;
 use penumbra_interface::{Frame, MonotonicTime, RigidTransform};
+use penumbra_picture::{Picture, decode_into};
 use std::sync::Arc;
 
 /// Pairs of pictures that are compared.

@@ -1,7 +1,7 @@
 //! Pictures of a folder to calibrate from.
 
-use crate::picture::Picture;
 use crate::rig::RigError;
+use penumbra_picture::Picture;
 use std::path::{Path, PathBuf};
 
 /// One picture on its way to an estimator.

@@ -1,7 +1,7 @@
 //! Small grey copies of pictures.
 
 use crate::calibration::intrinsics::Grey;
-use crate::picture::Picture;
+use penumbra_picture::Picture;
 
 /// Small pictures are no longer than this, pixels,
 const LONGEST: usize = 160;

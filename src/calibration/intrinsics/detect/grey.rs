@@ -1,7 +1,7 @@
 //! A grey picture in floating point.
 
-use crate::picture::Picture;
 use glam::DVec2;
+use penumbra_picture::Picture;
 
 /// Brightness by pixel, 0 to 255, rows tightly packed.
 #[derive(Clone, Debug, PartialEq)]

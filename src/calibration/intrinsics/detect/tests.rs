@@ -2,8 +2,8 @@
 use super::*;
 use crate::calibration::intrinsics::drawn::{Draughtsman, pose};
 use crate::calibration::intrinsics::{Board, Lens, LensModel};
-use crate::picture::Picture;
 use glam::{DVec2, DVec3};
+use penumbra_picture::Picture;
 use std::path::{Path, PathBuf};
 
 const BOARD: Board = Board::Chess {

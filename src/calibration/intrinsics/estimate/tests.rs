@@ -3,9 +3,9 @@ use super::*;
 use crate::calibration::intrinsics::detect::{Grey, find_chessboard};
 use crate::calibration::intrinsics::drawn::{Draughtsman, pose};
 use crate::calibration::intrinsics::{Board, Correspondence};
-use crate::picture::Picture;
 use glam::DVec3;
 use penumbra_numerics::Random;
+use penumbra_picture::Picture;
 use std::path::Path;
 
 const BOARD: Board = Board::Chess {

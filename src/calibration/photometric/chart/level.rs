@@ -1,7 +1,7 @@
 //! A picture made small, so that a chart's patches have a handful of pixels each.
 
-use crate::picture::Picture;
 use glam::DVec2;
+use penumbra_picture::Picture;
 
 /// One level of a pyramid: means of blocks of pixels.
 #[derive(Clone, Debug)]

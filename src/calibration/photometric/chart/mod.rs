@@ -12,11 +12,11 @@ mod level;
 pub mod patches;
 mod place;
 
-use crate::picture::Picture;
 use blobs::blobs;
 use glam::{DMat3, DVec2};
 use lattice::{Lattice, apply};
 use level::Level;
+use penumbra_picture::Picture;
 use place::{Placement, place};
 
 /// A chart in a picture.

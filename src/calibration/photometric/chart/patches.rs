@@ -3,8 +3,8 @@
 use super::FoundChart;
 use crate::calibration::Response;
 use crate::calibration::photometry::chart::{Patch, read_codes};
-use crate::picture::Picture;
 use glam::DVec2;
+use penumbra_picture::Picture;
 
 /// Half of the part of a patch that is read, in pitches: patches are 0.8 to 0.9 of a pitch wide.
 const HALF: f64 = 0.24;

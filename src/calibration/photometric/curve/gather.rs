@@ -1,6 +1,6 @@
 //! The same place in pictures of different exposure.
 
-use crate::picture::Picture;
+use penumbra_picture::Picture;
 
 /// Side of the block whose mean is compared, pixels.
 const BLOCK: usize = 5;

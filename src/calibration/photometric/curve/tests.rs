@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::calibration::photometric::drawn::normal;
-use crate::picture::Picture;
+use penumbra_picture::Picture;
 
 /// A scene of even patches from black to ten times white, under an exposure.
 fn picture(response: &Response, exposure: f64, noise: f64, seed: u64) -> Picture {

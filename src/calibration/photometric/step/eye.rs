@@ -8,8 +8,8 @@ use crate::calibration::photometric::vignetting::{self, Reading};
 use crate::calibration::photometry::chart::{Patch, read_codes};
 use crate::calibration::step::ShownPicture;
 use crate::calibration::vignetting::frame;
-use crate::picture::Picture;
 use glam::DVec2;
+use penumbra_picture::Picture;
 
 /// A chart as a camera has shown it.
 #[derive(Clone, Debug)]

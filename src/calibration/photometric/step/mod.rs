@@ -23,9 +23,9 @@ use crate::calibration::photometric_file::{
 };
 use crate::calibration::photometry::GainEstimate;
 use crate::calibration::step::{Eye, Finished, Made, Progress, Shown, Step, Wants};
-use crate::picture::Picture;
 use eye::EyeState;
 use glam::DVec2;
+use penumbra_picture::Picture;
 
 /// What is known before, and wanted.
 #[derive(Clone, Debug)]

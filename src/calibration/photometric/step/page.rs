@@ -9,8 +9,8 @@ use crate::calibration::photometric::reference::NAMES;
 use crate::calibration::photometry::chart::Patch;
 use crate::calibration::report::{Page, Plot};
 use crate::calibration::step::{Finished, Made};
-use crate::picture::Picture;
 use glam::{DMat3, DVec3};
+use penumbra_picture::Picture;
 use std::fmt::Write;
 
 pub(super) fn page(

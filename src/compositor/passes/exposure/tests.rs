@@ -3,7 +3,7 @@
 
 use super::*;
 use crate::compositor::{Gpu, frame};
-use crate::picture::Picture;
+use penumbra_picture::Picture;
 
 fn gpu() -> Gpu {
     Gpu::open(Some("llvmpipe")).expect("a Vulkan driver; `make test` installs a software one")
