@@ -6,9 +6,9 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
 
 use glam::DVec3;
-use penumbra::calibration::Response;
 use penumbra::compositor::reference::exposure::exposed;
 use penumbra::scene::Highlights;
+use penumbra_camera::Response;
 use penumbra_picture::Picture;
 use std::path::{Path, PathBuf};
 

@@ -6,8 +6,6 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
 
 use glam::{DQuat, DVec2, DVec3};
-use penumbra::calibration::Response;
-use penumbra::calibration::environment_view::{EnvironmentView, FisheyeLens};
 use penumbra::calibration::photometry::chart::{ChartMatch, Photograph, match_chart};
 use penumbra::calibration::photometry::gather::{GatherOptions, Overlap, gather_pairs};
 use penumbra::calibration::photometry::overlap::{
@@ -23,6 +21,8 @@ use penumbra::calibration::photometry::{
 use penumbra::calibration::rig::EnvironmentCamera;
 use penumbra::calibration::rig_json::RigDocument;
 use penumbra::scene::mesh::Scene;
+use penumbra_camera::Response;
+use penumbra_camera::{EnvironmentView, FisheyeLens};
 use penumbra_interface::{Frame, MonotonicTime, PixelFormat, RigidTransform};
 use penumbra_picture::{Picture, YuvEncoding};
 use std::collections::HashMap;

@@ -7,7 +7,6 @@
 use super::BenchOptions;
 use super::report::{BenchReport, Percentiles, Row};
 use super::stage::{Passes, WARM_UP, camera, looking, picture};
-use crate::calibration::Response;
 use crate::compositor::planes::{PlanesChoice, SourceBaker, bake};
 use crate::compositor::{
     Compositor, CompositorSettings, Exposure, FrameInput, Gpu, GpuError, LampResponse, Refresh,
@@ -20,6 +19,7 @@ use crate::scene::gate::temple_gate;
 use crate::scene::planes::{Bake, BakeSettings, PlaneSettings, generate};
 use crate::scene::{Material, Part, Scene, primitives};
 use glam::{DMat4, DVec3, Vec3};
+use penumbra_camera::Response;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use std::f32::consts::PI;
 use std::ops::ControlFlow;

@@ -11,7 +11,6 @@
 use super::report::{BenchReport, PassTime, Percentiles, Row};
 use super::stage::{Passes, WARM_UP, camera};
 use super::{BenchError, BenchOptions, thread_time};
-use crate::calibration::Response;
 use crate::compositor::exposure::AutoLimits;
 use crate::compositor::{
     Compositor, CompositorSettings, Exposure, FrameInput, Gpu, LampResponse, Refresh, ShadowMode,
@@ -21,6 +20,7 @@ use crate::environment::{
 };
 use crate::scene::Highlights;
 use crate::scene::lamps::MOST_LAMPS;
+use penumbra_camera::Response;
 use penumbra_interface::MonotonicTime;
 use penumbra_picture::Picture;
 use room::{Room, Stills, View};

@@ -1,8 +1,8 @@
 //! What the cases share: a picture, a camera, times of passes.
 
 use super::report::{PassTime, Percentiles};
-use crate::calibration::PinholeCamera;
 use glam::{DQuat, DVec2, DVec3};
+use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;
 use penumbra_picture::Picture;
 

@@ -4,7 +4,6 @@
 use super::BenchOptions;
 use super::report::{BenchReport, Percentiles, Row};
 use super::stage::{Passes, WARM_UP, camera, looking, picture};
-use crate::calibration::Response;
 use crate::compositor::{
     Compositor, CompositorSettings, Exposure, FrameInput, Gpu, GpuError, LampResponse, Refresh,
     ShadowMode,
@@ -13,6 +12,7 @@ use crate::environment::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
 use crate::scene::Highlights;
 use crate::scene::{Material, Mesh, Part, Scene, primitives};
 use glam::{DMat4, DVec3, Vec3, Vec4};
+use penumbra_camera::Response;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use std::sync::Arc;
 use std::time::Instant;

@@ -1,12 +1,13 @@
 //! `calibration/environment.json`: where the environment camera stands, in place of what
 //! `rig.json` says.
 
+use super::RigDocument;
 use super::head::{Head, parse};
 use super::rig::EnvironmentCamera;
-use super::{PinholeCamera, Response, RigDocument};
-use crate::calibration::environment_view::{EnvironmentView, FisheyeLens};
 use crate::calibration::head::RecordError;
 use glam::{DQuat, DVec2, DVec3};
+use penumbra_camera::{EnvironmentView, FisheyeLens};
+use penumbra_camera::{PinholeCamera, Response};
 use penumbra_interface::RigidTransform;
 use serde::{Deserialize, Serialize};
 

@@ -1,10 +1,11 @@
 //! Calibrated lenses take the place of those that `rig.json` says.
 
-use super::intrinsics::{Lens, LensModel};
+use super::RigDocument;
 use super::record::LensRecord;
-use super::{PinholeCamera, RigDocument};
-use crate::calibration::environment_view::EnvironmentView;
 use crate::calibration::head::RecordError;
+use penumbra_camera::EnvironmentView;
+use penumbra_camera::PinholeCamera;
+use penumbra_camera::{Lens, LensModel};
 
 /// The scene camera's, beside `rig.json`.
 pub const SCENE_LENS: &str = "calibration/scene_camera.json";

@@ -2,10 +2,8 @@
 //! and plain data; no I/O, no GPU.
 
 pub mod board_sheet;
-pub mod camera;
 pub mod colour;
 pub mod environment_file;
-pub mod environment_view;
 pub mod exchange;
 pub mod fiducial;
 pub mod fusion;
@@ -23,22 +21,19 @@ pub mod photometry;
 pub mod record;
 pub mod rehearsal;
 pub mod report;
-pub mod response;
 pub mod rig;
 pub mod rig_json;
 pub mod rig_scene;
-pub mod rolling;
 pub mod step;
 pub mod surround;
 pub mod tag_map;
 pub mod tracked;
 pub mod tracker_file;
 pub mod verify;
-pub mod vignetting;
 
-pub use camera::PinholeCamera;
-pub use response::Response;
+pub use penumbra_camera::PinholeCamera;
+pub use penumbra_camera::Response;
+pub use penumbra_camera::RollingShutter;
 pub use rig::RigCalibration;
 pub use rig_json::{EnvironmentSource, RigDocument, RigJsonError};
 pub use rig_scene::{Attachments, RigFilesError};
-pub use rolling::RollingShutter;

@@ -1,13 +1,14 @@
 //! What the photometric step found takes the place of what `rig.json` says of colour and
 //! brightness.
 
+use super::RigDocument;
 use super::head::{Head, parse};
 use super::photometry::{CalibratedGains, GainEstimate};
-use super::{Response, RigDocument};
-use crate::calibration::environment_view::EnvironmentView;
 use crate::calibration::head::RecordError;
-use crate::calibration::vignetting::Vignetting;
 use glam::{DMat3, DVec2, DVec3};
+use penumbra_camera::EnvironmentView;
+use penumbra_camera::Response;
+use penumbra_camera::Vignetting;
 use serde::{Deserialize, Serialize};
 
 /// Beside `rig.json`.
@@ -232,7 +233,7 @@ fn unusable(reason: &str) -> RecordError {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use crate::calibration::PinholeCamera;
+    use penumbra_camera::PinholeCamera;
 
     const HEAD: &str = "\"penumbra_calibration\":1,\"step\":\"photometric\",\"date\":\"\",\
                         \"verdict\":\"good\"";

@@ -4,10 +4,10 @@
 //! `calibration/scene_camera.json` and `calibration/environment_camera.json` beside a
 //! `rig.json` take the place of the lens that `rig.json` says; a recording carries them.
 
-use super::intrinsics::{Lens, LensModel};
 use crate::calibration::head::DeviceRecord;
 use crate::calibration::head::RecordError;
 use glam::DVec2;
+use penumbra_camera::{Lens, LensModel};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 

@@ -2,7 +2,6 @@
 //! scene of phantoms, ground and virtual object that they place.
 
 use super::environment_file::apply_environment_file;
-use super::environment_view::MirrorSphere;
 use super::latency_file::apply_latency_file;
 use super::lens_files::{apply_lens_files, size_of_lens};
 use super::markers_file::apply_markers_file;
@@ -14,6 +13,7 @@ use crate::scene::gltf_file::{load_gltf_bytes, z_up_from_y_up};
 use crate::scene::{Material, Part, Scene, SceneAddition, SceneChoice, SceneError};
 use crate::scene::{enclosed, load_ply, primitives};
 use glam::{DMat4, Vec3};
+use penumbra_camera::MirrorSphere;
 use std::sync::Arc;
 use thiserror::Error;
 
@@ -323,9 +323,9 @@ mod tests {
 
     #[test]
     fn a_calibrated_lens_counts_without_a_document_and_says_the_size() {
-        use crate::calibration::intrinsics::{Lens, LensModel};
         use crate::calibration::record::LensRecord;
         use glam::DVec2;
+        use penumbra_camera::{Lens, LensModel};
         let lens = Lens::ideal(
             LensModel::Brown,
             (800, 600),

@@ -17,11 +17,11 @@ use super::scene_buffers::SceneLayouts;
 use super::shaders::Variant;
 use super::targets::{ENCODING, Targets};
 use super::{Compositor, GpuError, Refresh};
-use crate::calibration::{PinholeCamera, Response};
 use crate::environment::Lighting;
 use crate::scene::Highlights;
 use crate::scene::{NearLight, PlacedLamp};
 use glam::{DMat4, DVec4, Vec3};
+use penumbra_camera::{PinholeCamera, Response};
 use penumbra_interface::RigidTransform;
 use penumbra_picture::Picture;
 

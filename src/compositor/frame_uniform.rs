@@ -4,8 +4,8 @@ use super::Compositor;
 use super::frame::{FrameInput, LampResponse, NEAR, ShadowMode, clip_from_camera};
 use super::gpu_data::FrameUniform;
 use super::targets::TILE;
-use crate::calibration::{PinholeCamera, RollingShutter};
 use glam::{DVec4, Vec3};
+use penumbra_camera::{PinholeCamera, RollingShutter};
 use penumbra_interface::RigidTransform;
 
 impl Compositor {

@@ -12,8 +12,8 @@ use super::passes::cover;
 use super::shaders::{self, Variant};
 use super::targets::{Target, Targets, format};
 use super::timing::Timer;
-use crate::calibration::PinholeCamera;
 use glam::{DVec2, DVec3};
+use penumbra_camera::PinholeCamera;
 use penumbra_picture::Picture;
 use wgpu::TextureUsages as U;
 

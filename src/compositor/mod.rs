@@ -46,8 +46,6 @@ pub use reproject::Reprojection;
 pub use scene_upload::{SceneUploader, UploadedScene};
 pub use shadow_slots::Refresh;
 
-use crate::calibration::vignetting::Vignetting;
-use crate::calibration::{Response, RollingShutter};
 use crate::scene::{Part, PlacedLamp, Scene};
 use cover::Cover;
 use exposure::ExposureStation;
@@ -55,6 +53,8 @@ use frame::Pipelines;
 use lens::LensStage;
 use light_maps::LightMaps;
 use passes::shadow_map::ShadowMaps;
+use penumbra_camera::Vignetting;
+use penumbra_camera::{Response, RollingShutter};
 use planes::PlanesStage;
 use reproject::ReprojectStage;
 use scene_buffers::{SceneBuffers, SceneLayouts};

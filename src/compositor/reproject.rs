@@ -16,8 +16,8 @@ use super::shaders::{self, Variant};
 use super::targets::{Target, format};
 use super::timing::Timer;
 use super::{LensOutput, frame::FrameInput};
-use crate::calibration::PinholeCamera;
 use glam::{DMat3, DVec3};
+use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;
 use wgpu::TextureUsages as U;
 

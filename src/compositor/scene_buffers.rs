@@ -405,7 +405,7 @@ fn mip_chain(texture: &SceneTexture, srgb: bool) -> Vec<Vec<u8>> {
 }
 
 fn box_of_four(rgba: &[u8], (w, h): (u32, u32), (x, y): (u32, u32), srgb: bool) -> [u8; 4] {
-    use crate::calibration::response::{linear_from_srgb, srgb_from_linear};
+    use penumbra_camera::{linear_from_srgb, srgb_from_linear};
     let corners = [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)];
     std::array::from_fn(|c| {
         let decode = srgb && c < 3;

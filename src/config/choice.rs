@@ -1,6 +1,7 @@
 //! The alternatives that settings choose from, spelled in TOML as in their doc comments.
 
-use crate::calibration::{EnvironmentSource, Response};
+use crate::calibration::EnvironmentSource;
+use penumbra_camera::Response;
 use serde::de::{self, Deserialize, Deserializer, Visitor};
 use std::fmt;
 use std::str::FromStr;

@@ -3,8 +3,8 @@
 use super::light::{DomeLight, LightKind, Lighting};
 use super::sources::LUMINANCE;
 use super::{CubeMap, cube};
-use crate::calibration::response::srgb_from_linear;
 use glam::Vec3;
+use penumbra_camera::srgb_from_linear;
 use penumbra_picture::Picture;
 use std::f32::consts::PI;
 

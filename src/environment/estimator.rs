@@ -17,12 +17,12 @@ use super::settings::{
 use super::shadow_ratio::{Ground, clipped_factor};
 use super::sources::{LUMINANCE, Layout, SampleGrid, Source, SourceFinder, SourceSettings};
 use super::stages::Stages;
-use super::view::PlacedView;
-use crate::calibration::Response;
-use crate::calibration::environment_view::EnvironmentView;
-use crate::calibration::vignetting::Vignetting;
 use faces::{FaceTable, Filling};
 use glam::{Mat3, Vec3};
+use penumbra_camera::EnvironmentView;
+use penumbra_camera::PlacedView;
+use penumbra_camera::Response;
+use penumbra_camera::Vignetting;
 use penumbra_interface::MonotonicTime;
 use std::sync::Arc;
 

@@ -1,7 +1,7 @@
 //! Bracketed 8-bit pictures become one linear picture.
 
-use crate::calibration::Response;
 use glam::Vec3;
+use penumbra_camera::Response;
 use penumbra_picture::Picture;
 
 /// Codes from which a pixel counts less and less, and is not used at all. Compression and
@@ -51,7 +51,7 @@ impl BracketMerger {
     }
 
     /// Undoes a fall-off towards the edge: `corrections` holds one factor a pixel, row-major
-    /// ([`Vignetting::corrections`](crate::calibration::vignetting::Vignetting)).
+    /// ([`Vignetting::corrections`](penumbra_camera::Vignetting)).
     pub fn set_corrections(&mut self, corrections: Vec<f32>) {
         self.corrections = corrections;
     }
@@ -103,7 +103,7 @@ pub fn scales(brackets: &[Bracket]) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::response::srgb_from_linear;
+    use penumbra_camera::srgb_from_linear;
 
     fn flat(linear: f32, noise: &[i32]) -> Picture {
         let code = (srgb_from_linear(linear) * 255.0).round() as i32;

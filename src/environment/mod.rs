@@ -22,7 +22,6 @@ pub mod cube;
 pub mod dome;
 pub mod equirect;
 pub mod estimator;
-mod fisheye;
 pub mod geodesic;
 pub mod glints;
 pub mod harmonics;
@@ -30,7 +29,6 @@ pub mod hdr;
 pub mod light;
 pub mod lobes;
 mod memory;
-mod mirror;
 pub mod outline;
 pub mod photograph;
 pub mod prefilter;
@@ -42,7 +40,6 @@ mod shadow_ratio;
 pub mod sources;
 mod stages;
 mod tracking;
-pub mod view;
 
 pub use brightest::{BrightestFollower, BrightestLight};
 pub use circle::ball_outline;
@@ -50,10 +47,10 @@ pub use clipped::ClippedEnergy;
 pub use estimator::EnvironmentEstimator;
 pub use hdr::Bracket;
 pub use light::{CubeMap, DomeLight, Filtering, Harmonics, LightKind, Lighting};
+pub use penumbra_camera::Parallax;
 pub use probe::ProbeMap;
 pub use report::LightReport;
 pub use settings::{
     BallSeen, EnvironmentError, EnvironmentInput, EnvironmentSettings, IrradianceMethod, Placement,
 };
 pub use stages::Stages;
-pub use view::Parallax;

@@ -13,8 +13,9 @@
 //!  next to nothing. σ_c stands for what all steps have in common.
 //! ```
 
-use crate::calibration::PinholeCamera;
-use glam::{DMat2, DVec2, DVec3};
+use glam::{DMat2, DVec2};
+use penumbra_camera::Ball;
+use penumbra_camera::PinholeCamera;
 use penumbra_picture::Picture;
 
 /// Rays along the rim.
@@ -34,29 +35,6 @@ const LEAST_CONTRAST: f64 = 1.25;
 /// What a rim may be off as a whole, pixels: what the mirror shows next to it, and the shadow where the
 /// ball stands, run along it. On desk-marker it is 0.3.
 const COMMON_SIGMA: f64 = 0.3;
-
-/// A ball before a camera.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Ball {
-    /// Centre, camera's frame, metres.
-    pub centre: DVec3,
-    /// Radius, metres.
-    pub radius: f64,
-    /// Standard deviation of the centre's picture, each way, pixels.
-    pub sigma: f64,
-}
-
-impl Ball {
-    /// Radius of its picture near the axis, pixels.
-    #[must_use]
-    pub fn radius_in_pixels(&self, camera: &PinholeCamera) -> f64 {
-        let distance = self.centre.length();
-        let tangent = (distance * distance - self.radius * self.radius)
-            .max(1e-12)
-            .sqrt();
-        camera.focal.min_element() * self.radius / tangent
-    }
-}
 
 /// A ray of the rim in the picture.
 #[derive(Clone, Copy)]

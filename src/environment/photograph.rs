@@ -1,9 +1,9 @@
 //! Light from a single photograph: through a fisheye, or of a mirrored ball.
 
 use super::circle::{Circle, ball_outline, fisheye_circle};
-use crate::calibration::environment_view::{EnvironmentView, FisheyeLens, MirrorSphere};
-use crate::calibration::{PinholeCamera, Response};
 use glam::{DMat3, DQuat, DVec2, DVec3};
+use penumbra_camera::{EnvironmentView, FisheyeLens, MirrorSphere};
+use penumbra_camera::{PinholeCamera, Response};
 use penumbra_interface::RigidTransform;
 use penumbra_picture::Picture;
 use serde::Deserialize;

@@ -1,8 +1,8 @@
 //! From the picture's pixels to the cube's texels, without losing or gaining energy.
 
 use super::cube::{CubeGrid, face_direction};
-use super::view::PlacedView;
 use glam::{DVec2, DVec3, Vec3};
+use penumbra_camera::PlacedView;
 use std::ops::Range;
 
 /// Tells which rays (origin, direction; world) end on a proxy of a real object.
@@ -342,7 +342,7 @@ fn push(side: usize, level: &[(Vec3, f32)], coarse: &[Vec3]) -> Vec<Vec3> {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use crate::calibration::environment_view::{EnvironmentView, FisheyeLens};
+    use penumbra_camera::{EnvironmentView, FisheyeLens};
     use penumbra_interface::RigidTransform;
 
     pub(super) fn fisheye() -> PlacedView {

@@ -5,9 +5,9 @@ use super::hdr::Bracket;
 use super::light::Filtering;
 use super::resample::Hidden;
 use super::sources::SourceSettings;
-use super::view::Parallax;
-use crate::calibration::PinholeCamera;
 use glam::{DVec3, Mat3, Vec3};
+use penumbra_camera::Parallax;
+use penumbra_camera::PinholeCamera;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 
 /// Where dome lights are put.

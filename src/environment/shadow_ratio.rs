@@ -15,9 +15,9 @@
 use super::cube::texel_of;
 use super::resample::{Hidden, PixelDirections};
 use super::sources::LUMINANCE;
-use super::view::PlacedView;
-use crate::calibration::PinholeCamera;
 use glam::{DVec2, DVec3, Vec3};
+use penumbra_camera::PinholeCamera;
+use penumbra_camera::PlacedView;
 use penumbra_interface::RigidTransform;
 
 /// Pixels between the points of the ground that are looked at.

@@ -7,12 +7,12 @@
 
 use super::RigSetup;
 use super::feed::Feed;
-use crate::calibration::PinholeCamera;
 use crate::compositor::Reprojection;
 use crate::config::Config;
 use crate::status::{DisplayStatus, RegistrationStatus};
 use crate::sync::{HistoryConfig, PoseAt, PoseHistory, RigFrame};
 use glam::{DQuat, DVec3};
+use penumbra_camera::PinholeCamera;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};

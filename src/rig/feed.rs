@@ -7,10 +7,10 @@
 use super::latency_watch::{LatencyState, LatencyWatch};
 use super::source::Source;
 use crate::calibration::RigCalibration;
-use crate::calibration::environment_view::EnvironmentView;
 use crate::capture::{Hub, Taken};
 use crate::session::{Events, LightNote, Session, SessionError, SessionEvent};
 use crate::sync::{Pairing, PairingConfig, PairingCounts, PoseHistory, RigFrame};
+use penumbra_camera::EnvironmentView;
 use penumbra_interface::{Clock, MonotonicTime, PoseSample, RigidTransform, SystemClock};
 use penumbra_picture::Picture;
 use penumbra_tracker_serial::{AnyDecoder, Counters, Format};

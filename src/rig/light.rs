@@ -8,7 +8,7 @@ use super::scene_light::{RealLight, SceneLight, hides};
 use super::watch::{GroundWatch, PhantomWatch};
 use super::{RigError, RigSetup};
 use crate::calibration::Attachments;
-use crate::calibration::environment_view::EnvironmentView;
+use crate::calibration::RigCalibration;
 use crate::calibration::photometry::chart::{ChartError, ChartMatch, Photograph, match_chart};
 use crate::calibration::photometry::gather::{GatherOptions, Overlap, gather_pairs};
 use crate::calibration::photometry::overlap::estimate_overlap;
@@ -20,7 +20,6 @@ use crate::calibration::photometry::reflectance::{
 use crate::calibration::photometry::{
     MatchMethod, MatchStatus, PhotometricMatch, PhotometrySettings,
 };
-use crate::calibration::{Response, RigCalibration};
 use crate::config::{Config, Filtering, Unseen, WhiteBalanceMethod};
 use crate::environment::{
     BallSeen, Bracket, EnvironmentEstimator, EnvironmentInput, Lighting, Placement,
@@ -28,6 +27,8 @@ use crate::environment::{
 use crate::scene::casters;
 use crate::sync::EnvironmentSet;
 use glam::{DVec3, Mat3, Quat, Vec3};
+use penumbra_camera::EnvironmentView;
+use penumbra_camera::Response;
 use penumbra_interface::{Exposure, MonotonicTime, RigidTransform};
 use penumbra_picture::{Picture, PictureError, YuvEncoding, decode_into};
 use std::sync::Arc;

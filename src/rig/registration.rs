@@ -1,7 +1,6 @@
 //! Where the scene camera is, and the mirrored sphere, by the fiducials in its picture.
 
 use super::{RigError, RigSetup};
-use crate::calibration::environment_view::EnvironmentView;
 use crate::calibration::fiducial::{
     Detector, Expectation, Family, Registered, Registrar, Registration, Tag, TagMap, TagSeen,
     UnknownFamily, nearest_pose,
@@ -9,12 +8,13 @@ use crate::calibration::fiducial::{
 use crate::calibration::fusion::{Fused, Fusion, PoseSigma, Source, Tracked, Verdict};
 use crate::calibration::rig::SphereMarker;
 use crate::calibration::rig_json::Marker;
-use crate::calibration::{PinholeCamera, RollingShutter};
 use crate::config::{Config, PoseSource};
 use crate::environment::BallSeen;
 use crate::scene::Scene;
 use crate::status::{RegistrationSource, RegistrationStatus};
 use glam::DVec3;
+use penumbra_camera::EnvironmentView;
+use penumbra_camera::{PinholeCamera, RollingShutter};
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_picture::Picture;
 

@@ -6,7 +6,6 @@ use super::light::placement;
 use super::near_light::NearStation;
 use super::watch::{GroundWatch, PhantomWatch};
 use crate::calibration::RigCalibration;
-use crate::calibration::environment_view::EnvironmentView;
 use crate::calibration::photometry::raycast::{GROUND, PhantomCaster};
 use crate::config::{Clipped, Config, Irradiance};
 use crate::environment::{
@@ -14,6 +13,7 @@ use crate::environment::{
 };
 use crate::scene::{Part, Scene};
 use glam::DVec3;
+use penumbra_camera::EnvironmentView;
 use std::sync::Arc;
 
 /// What depends on real things alone.

@@ -1,8 +1,8 @@
 //! Light in photometric units, and what a camera makes of it.
 
 use super::SceneTexture;
-use crate::calibration::response::linear_from_srgb;
 use glam::Vec3;
+use penumbra_camera::linear_from_srgb;
 
 /// Luminous shares of Rec.709's primaries.
 const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);

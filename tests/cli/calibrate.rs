@@ -2,7 +2,7 @@
 
 use crate::program::{Desk, text};
 use glam::{DQuat, DVec2, DVec3};
-use penumbra::calibration::intrinsics::{Lens, LensModel};
+use penumbra_camera::{Lens, LensModel};
 use penumbra_interface::RigidTransform;
 
 /// A webcam of a quarter of VGA.

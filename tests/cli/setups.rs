@@ -5,9 +5,9 @@
 
 use crate::program::Desk;
 use glam::{DMat3, DVec2, DVec3};
-use penumbra::calibration::Response;
 use penumbra::calibration::fiducial::Family;
 use penumbra::session::{Camera, SessionWriter};
+use penumbra_camera::Response;
 use penumbra_interface::{Frame, MonotonicTime, PixelFormat};
 use penumbra_picture::Picture;
 use serde_json::{Value, json};

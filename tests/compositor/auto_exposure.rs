@@ -3,10 +3,10 @@
 use crate::exposure::table;
 use crate::stage::{Stage, cell, lighting, noise};
 use glam::Vec3;
-use penumbra::calibration::Response;
 use penumbra::compositor::exposure::{AutoLimits, ExposureInForce};
 use penumbra::compositor::{Exposure, LampResponse};
 use penumbra::scene::PlacedLamp;
+use penumbra_camera::Response;
 use penumbra_picture::Picture;
 
 fn lamp(intensity: f32) -> PlacedLamp {

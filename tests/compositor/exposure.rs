@@ -4,12 +4,12 @@
 use crate::judge::{Rule, assert_like};
 use crate::stage::{Stage, even_sky, flat, lighting, matt, noise, painted, spiral};
 use glam::{DVec3, Vec3};
-use penumbra::calibration::Response;
 use penumbra::compositor::exposure::ExposureInForce;
 use penumbra::compositor::reference::exposure::exposed;
 use penumbra::compositor::{Exposure, ShadowMode};
 use penumbra::scene::Highlights;
 use penumbra::scene::{Material, Part, primitives};
+use penumbra_camera::Response;
 use penumbra_picture::Picture;
 
 fn cube() -> Part {

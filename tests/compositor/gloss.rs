@@ -3,7 +3,6 @@
 use crate::judge::virtual_inside;
 use crate::stage::{Stage, cell, even_sky, lighting, looking_from, painted};
 use glam::{DMat4, DQuat, DVec2, DVec3, Vec3};
-use penumbra::calibration::Response;
 use penumbra::environment::box_chain::{box_chain, box_level};
 use penumbra::environment::cube::CubeGrid;
 use penumbra::environment::glints::{excesses, mirrored};
@@ -11,6 +10,7 @@ use penumbra::environment::lobes::{Family, Levels, phong_parameter, tilted, widt
 use penumbra::environment::prefilter::{Prefilter, gathered, level_count};
 use penumbra::environment::{CubeMap, Lighting};
 use penumbra::scene::{Material, Part, Phong, PlacedLamp, SceneTexture, primitives};
+use penumbra_camera::Response;
 use penumbra_picture::Picture;
 use std::f32::consts::PI;
 use std::sync::Arc;

@@ -3,12 +3,12 @@
 use crate::golden::assert_golden;
 use crate::stage::{Stage, painted, part, sun};
 use glam::{DVec2, DVec3, Vec3};
-use penumbra::calibration::Response;
-use penumbra::calibration::environment_view::{EnvironmentView, MirrorSphere};
 use penumbra::environment::{
     BallSeen, Bracket, EnvironmentEstimator, EnvironmentInput, EnvironmentSettings, Lighting,
 };
 use penumbra::scene::{Material, NearField, casters, primitives};
+use penumbra_camera::Response;
+use penumbra_camera::{EnvironmentView, MirrorSphere};
 use penumbra_interface::MonotonicTime;
 use penumbra_picture::Picture;
 

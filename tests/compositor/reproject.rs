@@ -2,9 +2,9 @@
 
 use crate::stage::{Stage, camera, flat, lighting, looking_from, matt, painted, spiral};
 use glam::{DQuat, DVec2, DVec3, Vec3};
-use penumbra::calibration::PinholeCamera;
 use penumbra::compositor::{LensOutput, Reprojection};
 use penumbra::scene::primitives;
+use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;
 use penumbra_picture::Picture;
 

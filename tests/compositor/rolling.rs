@@ -3,7 +3,7 @@
 use crate::soft_dots;
 use crate::stage::{Stage, flat, lighting, looking_from, spiral};
 use glam::{DQuat, DVec2, DVec3};
-use penumbra::calibration::{PinholeCamera, RollingShutter};
+use penumbra_camera::{PinholeCamera, RollingShutter};
 use penumbra_interface::RigidTransform;
 
 const SIZE: (u32, u32) = (320, 240);

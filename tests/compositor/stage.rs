@@ -1,7 +1,6 @@
 //! Small hand-built scenes under hand-built light, composed by the GPU and by the twin.
 
 use glam::{DMat3, DMat4, DQuat, DVec2, DVec3, Vec3};
-use penumbra::calibration::{PinholeCamera, Response};
 use penumbra::compositor::reference::{Reference, ReferencePicture};
 use penumbra::compositor::{
     Compositor, CompositorSettings, Exposure, FrameInput, Gpu, LampResponse, Refresh, ShadowMode,
@@ -9,6 +8,7 @@ use penumbra::compositor::{
 use penumbra::environment::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
 use penumbra::scene::Highlights;
 use penumbra::scene::{Material, Mesh, NearLight, Part, PlacedLamp, Scene, casters, primitives};
+use penumbra_camera::{PinholeCamera, Response};
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_picture::Picture;
 use std::f32::consts::PI;

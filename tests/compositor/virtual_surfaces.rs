@@ -5,10 +5,10 @@ use crate::stage::{
     Stage, cell, even_sky, flat, lighting, looking_from, matt, painted, part, spiral, sun,
 };
 use glam::{DMat4, DVec3, Vec3, Vec4};
-use penumbra::calibration::Response;
 use penumbra::compositor::reference::ReferencePicture;
 use penumbra::environment::cube::locate;
 use penumbra::scene::{Material, Part, SceneTexture, primitives};
+use penumbra_camera::Response;
 use penumbra_picture::Picture;
 use std::sync::Arc;
 

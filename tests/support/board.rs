@@ -1,8 +1,8 @@
 //! A chessboard that is held before a camera: a session, to be played as a live device.
 
 use glam::{DQuat, DVec2, DVec3};
-use penumbra::calibration::intrinsics::{Lens, LensModel};
 use penumbra::session::{Camera, SessionWriter};
+use penumbra_camera::{Lens, LensModel};
 use penumbra_interface::{Frame, MonotonicTime, PixelFormat, RigidTransform};
 use std::path::Path;
 

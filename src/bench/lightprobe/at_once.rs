@@ -3,8 +3,8 @@
 
 use super::{BenchError, BenchOptions, Case, Gpu, Passes, Percentiles, Rig, Row, Stills, WARM_UP};
 use super::{estimator, processor_nanos, time};
-use crate::calibration::PinholeCamera;
 use crate::environment::{Bracket, EnvironmentEstimator, EnvironmentInput, Lighting};
+use penumbra_camera::PinholeCamera;
 use penumbra_interface::threads;
 use std::sync::Arc;
 use std::sync::mpsc::{SyncSender, sync_channel};

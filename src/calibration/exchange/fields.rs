@@ -2,8 +2,8 @@
 
 use super::yaml::{Kind, Value};
 use super::{ExchangeError, Result};
-use crate::calibration::intrinsics::{Lens, LensModel};
 use glam::DVec2;
+use penumbra_camera::{Lens, LensModel};
 
 /// No parameter of a camera is larger.
 const LARGEST: f64 = 1e6;

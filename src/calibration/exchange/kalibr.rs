@@ -2,8 +2,8 @@
 
 use super::fields::Fields;
 use super::{ExchangeError, NamedLens, Result, numbers, with_coefficients};
-use crate::calibration::intrinsics::{Lens, LensModel};
 use glam::DVec2;
+use penumbra_camera::{Lens, LensModel};
 use std::fmt::Write;
 
 pub(super) fn read(root: &Fields) -> Result<Vec<NamedLens>> {

@@ -7,8 +7,8 @@ mod opencv;
 mod ros;
 mod yaml;
 
-use super::intrinsics::{Lens, LensModel};
 use fields::Fields;
+use penumbra_camera::{Lens, LensModel};
 use thiserror::Error;
 
 /// Whose file it is.

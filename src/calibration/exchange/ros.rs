@@ -2,7 +2,7 @@
 
 use super::fields::Fields;
 use super::{NamedLens, Result, camera_matrix, numbers, with_coefficients};
-use crate::calibration::intrinsics::LensModel;
+use penumbra_camera::LensModel;
 use std::fmt::Write;
 
 /// ROS's names of the models.

@@ -6,8 +6,8 @@ use super::homography::from_square;
 use super::quad::{is_convex, quad};
 use super::threshold::Black;
 use super::{Family, decode};
-use crate::calibration::{PinholeCamera, Response};
 use glam::DVec2;
+use penumbra_camera::{PinholeCamera, Response};
 use penumbra_picture::Picture;
 
 /// Below this share of 256 of the way from dark to bright a pixel is black. Half of it puts

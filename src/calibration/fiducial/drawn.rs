@@ -1,8 +1,8 @@
 //! Drawn pictures of tags, for tests: every pixel the mean over its square, in linear light.
 
 use super::{Family, Tag};
-use crate::calibration::{PinholeCamera, Response};
 use glam::{DVec2, DVec3};
+use penumbra_camera::{PinholeCamera, Response};
 use penumbra_interface::RigidTransform;
 
 /// A usual camera of 640×480.

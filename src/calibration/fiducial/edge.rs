@@ -9,8 +9,8 @@
 //! ```
 
 use super::quad::intersection;
-use crate::calibration::PinholeCamera;
 use glam::DVec2;
+use penumbra_camera::PinholeCamera;
 
 /// Samples a pixel across a side.
 const PER_PIXEL: f64 = 4.0;

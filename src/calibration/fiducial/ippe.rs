@@ -12,8 +12,8 @@
 use super::homography::from_square;
 use super::pose::{Match, PoseEstimate, refine};
 use super::registrar::CLEAR;
-use crate::calibration::PinholeCamera;
 use glam::{DMat2, DMat3, DQuat, DVec2, DVec3};
+use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;
 use penumbra_numerics::fixed_size::solve;
 

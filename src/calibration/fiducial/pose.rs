@@ -1,7 +1,7 @@
 //! A pose from corners: robust least squares, with its covariance.
 
-use crate::calibration::PinholeCamera;
 use glam::{DQuat, DVec2, DVec3};
+use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;
 use penumbra_numerics::fixed_size::{Matrix, inverse, solve};
 

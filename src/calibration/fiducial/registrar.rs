@@ -3,8 +3,8 @@
 use super::ippe::poses;
 use super::pose::{Match, PoseEstimate, refine};
 use super::{TagMap, TagSeen};
-use crate::calibration::{PinholeCamera, RollingShutter};
 use glam::DVec2;
+use penumbra_camera::{PinholeCamera, RollingShutter};
 use penumbra_interface::{MonotonicTime, RigidTransform};
 
 /// One of the two poses of a single tag is taken for what the corners say where the other is

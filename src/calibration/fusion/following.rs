@@ -1,8 +1,8 @@
 //! What is drawn follows what is known, without a jump.
 
 use super::{difference, nudged};
-use crate::calibration::PinholeCamera;
 use glam::{DVec2, DVec3};
+use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;
 
 /// Pixels a second by which what is drawn may slide while the camera is at rest.

@@ -1,9 +1,9 @@
 //! Lens and all board poses at once: least squares over every reprojection error.
 
 use super::board::View;
-use super::lens::{Lens, MOST_PARAMETERS};
 use super::pose::{by_pose, moved};
 use glam::DVec2;
+use penumbra_camera::{Lens, MOST_PARAMETERS};
 use penumbra_interface::RigidTransform;
 use penumbra_numerics::Matrix;
 

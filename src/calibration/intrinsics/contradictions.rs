@@ -4,11 +4,11 @@
 use super::estimate::Options;
 use super::finding::Finding;
 use super::gather::Outcome;
-use super::lens::LensModel;
 use crate::calibration::RigDocument;
-use crate::calibration::environment_view::EnvironmentView;
 use crate::calibration::head::Grade;
 use crate::calibration::step::Eye;
+use penumbra_camera::EnvironmentView;
+use penumbra_camera::LensModel;
 
 /// Focal lengths that differ by less than this share may be of one lens.
 const SAME_LENS: f64 = 0.03;
@@ -39,7 +39,7 @@ impl SaidLenses {
     /// Of a rig.
     #[must_use]
     pub fn of(rig: &RigDocument) -> Self {
-        let pinhole = |camera: &crate::calibration::PinholeCamera| SaidLens {
+        let pinhole = |camera: &penumbra_camera::PinholeCamera| SaidLens {
             size: (camera.width, camera.height),
             focal: camera.focal.x,
             fisheye: false,

@@ -2,9 +2,9 @@
 //! was tilted, and how sure the lens is of each part of the picture.
 
 use super::estimate::{Estimate, ViewEstimate};
-use super::lens::{Lens, LensModel};
 use super::rim::Light;
 use glam::{DMat3, DVec2, DVec3};
+use penumbra_camera::{Lens, LensModel};
 use penumbra_numerics::{Matrix, median};
 
 /// Columns and rows of cells in which corners are counted.

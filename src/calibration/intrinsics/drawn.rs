@@ -1,8 +1,9 @@
 //! Boards as a known camera would see them, for tests.
 
-use super::{Board, Grey, Lens};
+use super::{Board, Grey};
 use crate::calibration::board_sheet::{Black, pattern};
 use glam::{DQuat, DVec2, DVec3};
+use penumbra_camera::Lens;
 use penumbra_interface::RigidTransform;
 
 pub(crate) use penumbra_numerics::Random;

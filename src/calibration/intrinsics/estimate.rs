@@ -3,11 +3,11 @@
 
 use super::board::View;
 use super::bundle::{Bundle, Loss, State, Unknowns};
-use super::lens::{Lens, LensModel, MOST_PARAMETERS};
 use super::outliers::{drop_views, judge};
 use super::pose::{board_pose, residual};
 use super::start::start;
 use glam::DVec2;
+use penumbra_camera::{Lens, LensModel, MOST_PARAMETERS};
 use penumbra_interface::RigidTransform;
 use penumbra_numerics::{Matrix, root_mean_square};
 

@@ -6,7 +6,6 @@ use super::detect::{Grey, NoChessboard, find_chessboard};
 use super::estimate::{Estimate, Options, estimate_some};
 use super::evidence::{ChessEvidence, TagEvidence};
 use super::finding::Finding;
-use super::lens::LensModel;
 use super::rim::{Light, Rim};
 use super::tag_finder::TagFinder;
 use super::verdict::Verdict;
@@ -15,6 +14,7 @@ use crate::calibration::head::VERSION;
 use crate::calibration::record::LensRecord;
 use crate::calibration::record::QualityRecord;
 use glam::DVec2;
+use penumbra_camera::LensModel;
 use std::collections::BTreeMap;
 
 /// A view is like another when its points are nearer than this share of the picture's width:

@@ -2,9 +2,9 @@
 
 use super::board::View;
 use super::estimate::LEAST_POINTS;
-use super::lens::Lens;
 use super::pose::residual;
 use glam::DVec2;
+use penumbra_camera::Lens;
 use penumbra_interface::RigidTransform;
 use penumbra_numerics::median;
 

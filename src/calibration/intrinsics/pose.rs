@@ -2,8 +2,8 @@
 
 use super::board::Correspondence;
 use super::homography;
-use super::lens::Lens;
 use glam::{DQuat, DVec2, DVec3};
+use penumbra_camera::Lens;
 use penumbra_interface::RigidTransform;
 use penumbra_numerics::{Normal, minimise};
 

@@ -4,11 +4,11 @@ use super::board::View;
 use super::coverage::CELLS;
 use super::estimate::ViewEstimate;
 use super::gather::{Judged, Outcome};
-use super::lens::{Lens, LensModel};
 use super::pose::{board_pose, residual};
 use crate::calibration::report::{Page, Plot};
 use crate::calibration::step::Finished;
 use glam::DVec2;
+use penumbra_camera::{Lens, LensModel};
 use penumbra_numerics::root_mean_square;
 use std::fmt::Write;
 

@@ -3,8 +3,8 @@
 use super::coverage::deviation;
 use super::detect::Grey;
 use super::estimate::Estimate;
-use super::lens::{Lens, LensModel};
 use glam::{DVec2, DVec3};
+use penumbra_camera::{Lens, LensModel};
 use std::f64::consts::{PI, TAU};
 
 /// Columns and rows of the parts in which light is looked for.

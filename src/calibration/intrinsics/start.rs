@@ -2,9 +2,9 @@
 
 use super::board::{Correspondence, View};
 use super::homography;
-use super::lens::{Lens, LensModel};
 use super::pose::{residual, start as pose_start};
 use glam::{DMat3, DVec2, DVec3};
+use penumbra_camera::{Lens, LensModel};
 use penumbra_numerics::{Matrix, median, null_vector};
 
 /// Fields of view across the picture that are tried, degrees.

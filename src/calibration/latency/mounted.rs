@@ -17,10 +17,10 @@ use super::scan::{Fit, scan};
 use super::{
     CameraMotion, ClockOffset, LatencyError, TrackerTrack, covered, independent, settle, within,
 };
-use crate::calibration::PinholeCamera;
 use crate::calibration::RigCalibration;
 use crate::calibration::latency::image_motion::MOST_PATCHES;
 use glam::{DVec2, DVec3};
+use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;
 use penumbra_numerics::median_absolute;
 

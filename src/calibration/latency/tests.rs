@@ -1,9 +1,9 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 use super::follow::by_motion;
 use super::*;
-use crate::calibration::PinholeCamera;
 use crate::calibration::intrinsics::Grey;
 use glam::{DVec2, DVec3};
+use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;
 use penumbra_numerics::Random;
 use penumbra_picture::Picture;

@@ -1,8 +1,8 @@
 //! Charts as a known camera would see them, for tests.
 
 use super::reference::{COLUMNS, Edition, ROWS};
-use crate::calibration::Response;
 use glam::{DMat3, DVec2, DVec3};
+use penumbra_camera::Response;
 use penumbra_picture::Picture;
 
 /// How a chart is drawn.

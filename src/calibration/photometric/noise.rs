@@ -1,6 +1,6 @@
 //! A camera's noise: shot and read noise of its linear values, from pairs of pictures at rest.
 
-use crate::calibration::Response;
+use penumbra_camera::Response;
 use penumbra_picture::Picture;
 
 /// Codes in one bin.

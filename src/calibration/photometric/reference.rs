@@ -130,7 +130,7 @@ fn xyz_d50(lab: DVec3) -> DVec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::response::srgb_from_linear;
+    use penumbra_camera::srgb_from_linear;
 
     /// 8-bit sRGB of both editions as T. Kuyper's macduff (public domain) lists them:
     /// ColorChecker_2005.csv, xrite_post-2014.csv.

@@ -1,6 +1,6 @@
 //! Fits vignetting to readings of surfaces of unknown brightness.
 
-use crate::calibration::vignetting::polynomial;
+use penumbra_camera::vignetting::polynomial;
 use penumbra_numerics::Matrix;
 
 /// One reading of a thing whose brightness is unknown but the same wherever in the picture.

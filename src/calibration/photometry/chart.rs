@@ -3,10 +3,10 @@
 use super::GainEstimate;
 use super::matrix::{self, ColourPair};
 use super::robust::{LogRatio, RobustMean, robust_mean};
-use crate::calibration::Response;
 use crate::calibration::colour::delta_e_linear;
 use crate::calibration::rig::PhotometricChart;
 use glam::{DMat3, DVec3};
+use penumbra_camera::Response;
 use penumbra_picture::Picture;
 use thiserror::Error;
 

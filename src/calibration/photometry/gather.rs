@@ -3,10 +3,10 @@
 use super::chart::Photograph;
 use super::raycast::SurfaceHit;
 use super::view::{EnvironmentRay, environment_ray, mirror, picture_size};
-use crate::calibration::PinholeCamera;
-use crate::calibration::environment_view::EnvironmentView;
-use crate::calibration::vignetting::Vignetting;
 use glam::{DVec2, DVec3};
+use penumbra_camera::EnvironmentView;
+use penumbra_camera::PinholeCamera;
+use penumbra_camera::Vignetting;
 use penumbra_interface::RigidTransform;
 use penumbra_picture::Picture;
 

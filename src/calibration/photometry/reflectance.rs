@@ -4,9 +4,9 @@ use super::GainEstimate;
 use super::chart::Photograph;
 use super::raycast::{PhantomCaster, SurfaceHit};
 use super::robust::{LogRatio, RobustMean, robust_mean};
-use crate::calibration::PinholeCamera;
 use crate::environment::light::{LightKind, Lighting};
 use glam::{DVec2, DVec3, Vec3};
+use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;
 use std::f64::consts::PI;
 
@@ -308,10 +308,10 @@ mod tests {
 
     #[test]
     fn a_grey_ground_is_read_from_the_picture() {
-        use crate::calibration::Response;
         use crate::scene::mesh::{Material, Part, Scene};
         use crate::scene::primitives;
         use glam::{DMat4, DQuat};
+        use penumbra_camera::Response;
         use penumbra_picture::Picture;
         let ground = Part {
             name: "card".into(),

@@ -1,8 +1,8 @@
 //! The environment camera's rays, from its pixels to where they end.
 
 use super::raycast::sphere_hit;
-use crate::calibration::environment_view::{EnvironmentView, FisheyeLens, MirrorSphere};
 use glam::{DVec2, DVec3};
+use penumbra_camera::{EnvironmentView, FisheyeLens, MirrorSphere};
 use penumbra_interface::RigidTransform;
 
 /// The way of a pixel of the environment camera, after its mirror if there is one.
@@ -122,7 +122,7 @@ mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
     use super::*;
-    use crate::calibration::PinholeCamera;
+    use penumbra_camera::PinholeCamera;
     use proptest::prelude::*;
 
     fn lens(distortion: [f64; 4]) -> FisheyeLens {

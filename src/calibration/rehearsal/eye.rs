@@ -6,8 +6,8 @@
 
 use super::panel::Panel;
 use super::room::Room;
-use crate::calibration::intrinsics::Lens;
 use glam::{DMat3, DVec2, DVec3};
+use penumbra_camera::Lens;
 use penumbra_interface::RigidTransform;
 
 /// Rays to each side of a pixel that an edge crosses.

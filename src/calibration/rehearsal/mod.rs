@@ -22,10 +22,11 @@ pub use penumbra_numerics::Random;
 pub use room::Room;
 pub use tracker::{Metal, fastrak_record};
 
-use crate::calibration::Response;
 use crate::calibration::fiducial::{Family, Tag};
-use crate::calibration::intrinsics::{Board, Grey, Lens, LensModel};
+use crate::calibration::intrinsics::{Board, Grey};
 use glam::{DQuat, DVec2, DVec3, EulerRot};
+use penumbra_camera::Response;
+use penumbra_camera::{Lens, LensModel};
 use penumbra_interface::RigidTransform;
 use std::f64::consts::{FRAC_PI_2, PI};
 

@@ -1,7 +1,7 @@
 //! What the owner of a rehearsal's rig knows of it, and what only the judge does.
 
 use super::{EnvironmentMount, Rehearsal};
-use crate::calibration::intrinsics::Lens;
+use penumbra_camera::Lens;
 use penumbra_interface::RigidTransform;
 use serde_json::{Value, json};
 

@@ -1,12 +1,12 @@
 //! The cameras, the mirrored ball, the tracker and the chart of a `rig.json`.
 
 use super::{Marker, Node, Result};
-use crate::calibration::environment_view::{EnvironmentView, FisheyeLens, MirrorSphere};
 use crate::calibration::rig::{
     EnvironmentCamera, PhotometricChart, SceneCamera, SphereMarker, TrackerCalibration,
 };
-use crate::calibration::{PinholeCamera, Response};
 use glam::{DVec2, DVec3};
+use penumbra_camera::{EnvironmentView, FisheyeLens, MirrorSphere};
+use penumbra_camera::{PinholeCamera, Response};
 
 pub(super) fn scene_camera(node: &Node) -> Result<SceneCamera> {
     Ok(SceneCamera {

@@ -1,9 +1,9 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
-use crate::calibration::Response;
 use crate::scene::VirtualLightKind;
 use glam::DVec2;
 use glam::DVec3;
+use penumbra_camera::Response;
 use proptest::prelude::*;
 use serde_json::{Value, json};
 

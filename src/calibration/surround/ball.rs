@@ -11,11 +11,11 @@
 //! What the ball mirrors has edges, too, and at the rim it shows nearly what stands behind it. So a
 //! weak step counts nearly as much as a strong one, if they run along the whole outline.
 
-use super::super::PinholeCamera;
 use super::super::intrinsics::Grey;
 use super::ball_search::sample;
 use super::rays::{RAYS, Search, noise, side, steps, tukey};
 use glam::{DVec2, DVec3};
+use penumbra_camera::PinholeCamera;
 use penumbra_numerics::{Matrix, median_absolute};
 
 /// Least share of the outline within the frame that must show a step.

@@ -1,9 +1,9 @@
 //! A cone that steps of brightness run along, roughly.
 
-use super::super::PinholeCamera;
 use super::ball::{RoughBall, off, shape};
 use super::rays::{Dice, Step};
 use glam::{DMat3, DVec3};
+use penumbra_camera::PinholeCamera;
 use penumbra_numerics::median_absolute;
 
 /// Triples of steps that are tried.

@@ -1,12 +1,12 @@
 //! The lights of both cameras as directions: seen again and again, seen in the mirror, and from
 //! where they are not at infinity.
 
-use super::super::PinholeCamera;
 use super::bright::{Bright, Light};
 use super::resection::Target;
 use super::turn::Beam;
-use crate::calibration::environment_view::MirrorSphere;
 use glam::{DMat3, DVec2, DVec3};
+use penumbra_camera::MirrorSphere;
+use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;
 
 /// Share of the pictures in which a light must be seen.

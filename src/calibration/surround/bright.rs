@@ -5,9 +5,9 @@
 //! with the solid angle as weight, so that a window has the same one through any lens and in any
 //! mirror. Panes of one window make one light.
 
-use super::super::Response;
 use super::super::intrinsics::Grey;
 use glam::{DVec2, DVec3};
+use penumbra_camera::Response;
 use penumbra_picture::Picture;
 
 /// A picture with more bright pixels than this share has no lights.

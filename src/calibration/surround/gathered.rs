@@ -1,11 +1,11 @@
 //! What the step has been shown: the environment camera's pictures laid one over the other, what is
 //! bright in them, and what the scene camera saw from where.
 
-use super::super::Response;
 use super::super::fiducial::TagSeen;
 use super::super::intrinsics::Grey;
 use super::bright::Bright;
 use crate::sync::{HistoryConfig, PoseHistory};
+use penumbra_camera::Response;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_picture::Picture;
 

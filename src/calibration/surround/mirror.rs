@@ -6,11 +6,11 @@
 //! what the larger picture shows is foretold in the smaller one, pixels are compared with pixels,
 //! and the turn is found by which their middles fall together.
 
-use super::super::PinholeCamera;
 use super::beams::LEAST_COSINE;
 use super::bright::Light;
 use super::rays::tukey;
 use glam::{DQuat, DVec2, DVec3};
+use penumbra_camera::PinholeCamera;
 use penumbra_numerics::{Normal, median_absolute, minimise};
 
 /// Samples of a light that are foretold.

@@ -2,17 +2,18 @@
 //! whose outline is.
 
 use super::super::environment_file::CircleLens;
-use super::super::intrinsics::{Grey, LensModel};
+use super::super::intrinsics::Grey;
 use super::ball::{Outline, RoughBall, outline};
 use super::circle::{ImageCircle, image_circle};
 use super::rays::{RAYS, side};
 use super::solve::Said;
 use super::step::{EnvironmentStep, Kind};
 use super::view::View;
-use crate::calibration::environment_view::{EnvironmentView, FisheyeLens};
 use crate::calibration::head::Grade;
 use crate::environment::ball_outline;
 use glam::{DVec2, DVec3};
+use penumbra_camera::LensModel;
+use penumbra_camera::{EnvironmentView, FisheyeLens};
 
 /// What was found of it.
 #[derive(Clone, Debug)]

@@ -2,17 +2,17 @@
 
 use super::super::environment_file::STEP;
 use super::super::fiducial::{Detector, Family, Registrar, TagMap};
-use super::super::intrinsics::Lens;
 use super::super::rig_json::{Marker, RigDocument};
 use super::super::step::{Eye, Finished, Made, Progress, Shown, ShownPicture, Step, Wants};
-use super::super::{PinholeCamera, Response};
 use super::ball::RoughBall;
 use super::bright::Bright;
 use super::gathered::{Gathered, SceneView};
 use super::pairs::Pair;
 use super::solve;
-use crate::calibration::environment_view::EnvironmentView;
 use glam::{DVec2, DVec3};
+use penumbra_camera::EnvironmentView;
+use penumbra_camera::Lens;
+use penumbra_camera::{PinholeCamera, Response};
 use penumbra_interface::RigidTransform;
 
 /// Pictures of the environment camera that are enough.

@@ -1,8 +1,8 @@
 //! Which way a pixel of the environment camera looks.
 
-use super::super::PinholeCamera;
-use crate::calibration::environment_view::FisheyeLens;
 use glam::{DVec2, DVec3};
+use penumbra_camera::FisheyeLens;
+use penumbra_camera::PinholeCamera;
 
 /// The environment camera's lens.
 #[derive(Clone, Debug, PartialEq)]

@@ -3,11 +3,11 @@
 use super::bundle::{Bundle, OF_TAG};
 use super::start::{square, start};
 use super::{Seen, View};
-use crate::calibration::PinholeCamera;
 use crate::calibration::hand_eye::best_rotation;
 use crate::calibration::head::Grade;
-use crate::calibration::intrinsics::Lens;
 use glam::DVec3;
+use penumbra_camera::Lens;
+use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;
 use penumbra_numerics::{median, root_mean_square};
 

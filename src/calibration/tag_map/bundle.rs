@@ -4,8 +4,8 @@
 use super::schur::{Block, Reduced};
 use super::start::square;
 use super::{Seen, View};
-use crate::calibration::intrinsics::Lens;
 use glam::{DQuat, DVec2, DVec3};
+use penumbra_camera::Lens;
 use penumbra_interface::RigidTransform;
 
 /// Reprojection errors beyond this count less than their square (Huber 1964), pixels.

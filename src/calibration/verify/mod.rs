@@ -22,9 +22,9 @@ use super::latency::{
 use super::photometry::PhotometricMatch;
 use super::photometry::raycast::PhantomCaster;
 use super::step::{Eye, Finished, Made, Progress, Shown, ShownPicture, Step, Wants};
-use crate::calibration::environment_view::EnvironmentView;
 use crate::sync::{HistoryConfig, PoseHistory};
 use colour::Comparison;
+use penumbra_camera::EnvironmentView;
 use penumbra_interface::{MonotonicTime, PoseSample, RigidTransform};
 
 /// What the check is meant to take, seconds.

@@ -1,8 +1,8 @@
 //! How far from their pictures the calibration puts the markers.
 
-use crate::calibration::PinholeCamera;
 use crate::calibration::fiducial::{Registrar, TagMap, TagSeen};
 use glam::DVec2;
+use penumbra_camera::PinholeCamera;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_numerics::{median, root_mean_square};
 

@@ -5,10 +5,11 @@ use crate::cli::files::{claim, write};
 use anyhow::bail;
 use clap::{Args, ValueEnum};
 use penumbra::calibration::RigDocument;
-use penumbra::calibration::intrinsics::{Board, IntrinsicsStep, LensModel, Options, SaidLenses};
+use penumbra::calibration::intrinsics::{Board, IntrinsicsStep, Options, SaidLenses};
 use penumbra::calibration::step::{Eye, Step};
 use penumbra::rig::calibrate::{Looked, pictures_of_folder};
 use penumbra::session::Session;
+use penumbra_camera::LensModel;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 

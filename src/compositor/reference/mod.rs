@@ -15,8 +15,8 @@ pub use lamps::response;
 pub use surface::{Reference, Seen};
 
 use super::{FrameInput, LampResponse, ShadowMode};
-use crate::calibration::Response;
 use glam::DVec3;
+use penumbra_camera::Response;
 use penumbra_picture::Picture;
 
 /// One pixel as it should be.

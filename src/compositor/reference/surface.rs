@@ -1,10 +1,10 @@
 //! What a pixel shows, and which lights reach it.
 
 use super::super::scene_buffers::is_ground;
-use crate::calibration::PinholeCamera;
 use crate::environment::DomeLight;
 use crate::scene::{Hit, Part, PhantomRays, Scene};
 use glam::{DVec2, DVec3, Vec3};
+use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;
 use std::hash::{DefaultHasher, Hash, Hasher};
 

@@ -2,8 +2,9 @@
 //! set-up).
 
 use super::super::memory::{Glance, confidence};
-use super::super::outline::{Ball, refine};
+use super::super::outline::refine;
 use super::*;
+use penumbra_camera::Ball;
 
 /// Pictures between looks at the scene's shadows.
 const SHADOW_INTERVAL: u64 = 8;

@@ -2,12 +2,12 @@
 //! Closed-form truths of the whole way from pictures to light.
 
 use super::*;
-use crate::calibration::PinholeCamera;
-use crate::calibration::environment_view::{FisheyeLens, MirrorSphere};
-use crate::calibration::response::srgb_from_linear;
 use crate::environment::cube::sample;
 use crate::environment::{BallSeen, LightKind};
 use glam::{DMat3, DQuat, DVec2, DVec3};
+use penumbra_camera::PinholeCamera;
+use penumbra_camera::srgb_from_linear;
+use penumbra_camera::{FisheyeLens, MirrorSphere};
 use penumbra_interface::RigidTransform;
 use penumbra_picture::Picture;
 use std::f32::consts::PI;

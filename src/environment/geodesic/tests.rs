@@ -1,11 +1,11 @@
 #![allow(clippy::unwrap_used)]
 
 use super::*;
-use crate::calibration::environment_view::{EnvironmentView, FisheyeLens};
 use crate::environment::cube::CubeGrid;
 use crate::environment::resample::PixelDirections;
-use crate::environment::view::PlacedView;
 use glam::{DVec2, Quat};
+use penumbra_camera::PlacedView;
+use penumbra_camera::{EnvironmentView, FisheyeLens};
 use penumbra_interface::RigidTransform;
 use proptest::prelude::*;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};

@@ -1,5 +1,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
+use glam::DVec3;
+use penumbra_camera::Ball;
 
 fn camera() -> PinholeCamera {
     PinholeCamera {

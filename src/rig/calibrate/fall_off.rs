@@ -1,13 +1,13 @@
 //! How a camera's pictures fall off towards their edge, from surfaces that it sees now here, now
 //! there while it moves.
 
-use crate::calibration::PinholeCamera;
 use crate::calibration::photometric::vignetting::{self, Fit, Reading};
 use crate::calibration::photometry::chart::{Photograph, read_codes};
 use crate::calibration::photometry::raycast::PhantomCaster;
-use crate::calibration::vignetting::frame;
 use glam::DVec2;
 use glam::DVec3;
+use penumbra_camera::PinholeCamera;
+use penumbra_camera::vignetting::frame;
 use penumbra_interface::RigidTransform;
 
 /// Places asked for in a new picture, each way.
@@ -137,8 +137,8 @@ fn read(photograph: Photograph, pixel: DVec2) -> Option<(f64, f64)> {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use crate::calibration::Response;
-    use crate::calibration::vignetting::Vignetting;
+    use penumbra_camera::Response;
+    use penumbra_camera::Vignetting;
 
     use crate::scene::Scene;
     use glam::{DMat3, DQuat};

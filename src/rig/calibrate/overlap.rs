@@ -2,7 +2,6 @@
 
 use super::fall_off::FallOff;
 use crate::calibration::RigDocument;
-use crate::calibration::environment_view::EnvironmentView;
 use crate::calibration::photometric::vignetting::Fit;
 use crate::calibration::photometry::GainEstimate;
 use crate::calibration::photometry::chart::Photograph;
@@ -15,6 +14,7 @@ use crate::rig::feed::decoder_for;
 use crate::session::{Session, SessionEvent};
 use crate::sync::{HistoryConfig, PoseHistory};
 use glam::DVec3;
+use penumbra_camera::EnvironmentView;
 use penumbra_interface::{Frame, MonotonicTime, RigidTransform};
 use penumbra_picture::{Picture, decode_into};
 use std::sync::Arc;

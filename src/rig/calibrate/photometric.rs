@@ -2,10 +2,10 @@
 
 use super::steps::{Known, ParameterError, Parameters, StepKind};
 use crate::calibration::RigCalibration;
-use crate::calibration::environment_view::EnvironmentView;
 use crate::calibration::photometric::step::{Options, Photometric};
 use crate::calibration::step::Step;
 use crate::config::Config;
+use penumbra_camera::EnvironmentView;
 
 /// As the dashboard shows it.
 pub(super) const KIND: StepKind = StepKind {

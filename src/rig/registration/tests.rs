@@ -1,9 +1,9 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
-use crate::calibration::Response;
 use crate::calibration::fiducial::drawn;
 use crate::status::RegistrationSource;
 use glam::DQuat;
+use penumbra_camera::Response;
 
 mod rolling;
 

@@ -11,8 +11,8 @@ mod solids;
 
 use super::Material;
 use super::gltf_file::{Model, ModelPart};
-use crate::calibration::response::linear_from_srgb;
 use glam::{DMat4, Vec3};
+use penumbra_camera::linear_from_srgb;
 use solids::Solids;
 use std::sync::Arc;
 

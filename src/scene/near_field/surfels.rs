@@ -71,7 +71,7 @@ impl Surface {
 fn mean_colour(texture: &SceneTexture) -> Vec3 {
     let texels = texture.rgba.len() / 4;
     let step = (texels / 4096).max(1);
-    let linear = |c: u8| crate::calibration::response::linear_from_srgb(f32::from(c) / 255.0);
+    let linear = |c: u8| penumbra_camera::linear_from_srgb(f32::from(c) / 255.0);
     let colours = texture.rgba.chunks_exact(4).step_by(step);
     let (sum, count) = colours.fold((Vec3::ZERO, 0.0f32), |(sum, n), c| {
         (

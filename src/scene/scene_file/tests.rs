@@ -1,7 +1,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
-use crate::calibration::response::linear_from_srgb;
 use crate::scene::planes::{Layer, Receiver};
+use penumbra_camera::linear_from_srgb;
 
 mod lamps;
 

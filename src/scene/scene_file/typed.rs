@@ -1,8 +1,8 @@
 //! The scene file as it stands.
 
-use crate::calibration::response::linear_from_srgb;
 use crate::scene::motion::Easing;
 use glam::{DVec3, Vec3};
+use penumbra_camera::linear_from_srgb;
 use serde::de::{self, Deserialize, Deserializer, SeqAccess, Visitor};
 use std::fmt;
 

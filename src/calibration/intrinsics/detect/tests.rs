@@ -1,8 +1,9 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 use super::*;
+use crate::calibration::intrinsics::Board;
 use crate::calibration::intrinsics::drawn::{Draughtsman, pose};
-use crate::calibration::intrinsics::{Board, Lens, LensModel};
 use glam::{DVec2, DVec3};
+use penumbra_camera::{Lens, LensModel};
 use penumbra_picture::Picture;
 use std::path::{Path, PathBuf};
 

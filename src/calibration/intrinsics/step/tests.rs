@@ -1,9 +1,9 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 use super::*;
-use crate::calibration::intrinsics::LensModel;
 use crate::calibration::intrinsics::drawn::Draughtsman;
 use crate::calibration::intrinsics::estimate::tests::{pinhole, poses_of};
 use crate::calibration::step::ShownPicture;
+use penumbra_camera::LensModel;
 use penumbra_interface::MonotonicTime;
 
 const OPTIONS: Options = Options {

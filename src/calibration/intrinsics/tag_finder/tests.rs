@@ -3,8 +3,9 @@ use super::*;
 use crate::calibration::head::Grade;
 use crate::calibration::intrinsics::drawn::{Draughtsman, pose};
 use crate::calibration::intrinsics::estimate::tests::{fisheye, pinhole, poses_of};
-use crate::calibration::intrinsics::{Finding, Gatherer, Lens, LensModel, Offer, Options};
+use crate::calibration::intrinsics::{Finding, Gatherer, Offer, Options};
 use glam::DVec3;
+use penumbra_camera::{Lens, LensModel};
 use penumbra_interface::RigidTransform;
 
 fn board(text: &str) -> Board {

@@ -4,8 +4,9 @@ use crate::calibration::intrinsics::Grade;
 use crate::calibration::intrinsics::coverage::cell_middle;
 use crate::calibration::intrinsics::drawn::pose;
 use crate::calibration::intrinsics::estimate::tests::{fisheye, pinhole, poses, seen};
-use crate::calibration::intrinsics::{Board, Lens, Light, NoEstimate, Options, View, estimate};
+use crate::calibration::intrinsics::{Board, Light, NoEstimate, Options, View, estimate};
 use glam::{DQuat, DVec2, DVec3};
+use penumbra_camera::Lens;
 use penumbra_numerics::Random;
 use penumbra_numerics::{Normal, minimise};
 

@@ -1,9 +1,9 @@
 //! What a chart's patches read.
 
 use super::FoundChart;
-use crate::calibration::Response;
 use crate::calibration::photometry::chart::{Patch, read_codes};
 use glam::DVec2;
+use penumbra_camera::Response;
 use penumbra_picture::Picture;
 
 /// Half of the part of a patch that is read, in pitches: patches are 0.8 to 0.9 of a pitch wide.

@@ -3,8 +3,8 @@
 use super::lattice::{Lattice, bounds};
 use super::level::Level;
 use crate::calibration::photometric::reference::{COLUMNS, Edition, ROWS};
-use crate::calibration::response::linear_from_srgb;
 use glam::{DMat3, DVec2, DVec3, IVec2};
+use penumbra_camera::linear_from_srgb;
 
 /// A way to lay the chart's columns and rows over the lattice.
 #[derive(Clone, Copy, Debug)]

@@ -1,9 +1,9 @@
 #![allow(clippy::unwrap_used)]
 
 use super::*;
-use crate::calibration::Response;
 use crate::calibration::photometric::drawn::Drawn;
 use glam::DVec3;
+use penumbra_camera::Response;
 
 const UPRIGHT: [(f64, f64); 4] = [
     (120.0, 90.0),

@@ -13,7 +13,7 @@ mod solve;
 
 pub use gather::{Sample, SeriesGatherer};
 
-use crate::calibration::Response;
+use penumbra_camera::Response;
 use penumbra_numerics::median;
 use solve::Problem;
 use thiserror::Error;

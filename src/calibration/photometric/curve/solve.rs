@@ -1,7 +1,7 @@
 //! The exponents and the exposures that explain all samples best.
 
 use super::{ANCHOR, Curve, Sample, SeriesGatherer};
-use crate::calibration::Response;
+use penumbra_camera::Response;
 use penumbra_numerics::{Matrix, median_absolute};
 
 /// Codes between which p is linear in ln z; below the first it is constant.

@@ -1,14 +1,14 @@
 //! What one camera has shown.
 
-use crate::calibration::Response;
 use crate::calibration::photometric::chart::{FoundChart, find_charts};
 use crate::calibration::photometric::curve::SeriesGatherer;
 use crate::calibration::photometric::noise::NoiseGatherer;
 use crate::calibration::photometric::vignetting::{self, Reading};
 use crate::calibration::photometry::chart::{Patch, read_codes};
 use crate::calibration::step::ShownPicture;
-use crate::calibration::vignetting::frame;
 use glam::DVec2;
+use penumbra_camera::Response;
+use penumbra_camera::vignetting::frame;
 use penumbra_picture::Picture;
 
 /// A chart as a camera has shown it.

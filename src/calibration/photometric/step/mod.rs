@@ -8,14 +8,13 @@ mod judge;
 mod judge_cameras;
 mod page;
 
-use crate::calibration::vignetting::frame;
 pub use eye::ChartSeen;
+use penumbra_camera::vignetting::frame;
 
 use super::curve;
 use super::noise::Noise;
 use super::reference::Edition;
 use super::vignetting;
-use crate::calibration::Response;
 use crate::calibration::head::Grade;
 use crate::calibration::photometric_file::{
     CameraRecord, GainsRecord, NoiseRecord, PhotometricRecord, ResponseRecord, STEP,
@@ -25,6 +24,7 @@ use crate::calibration::photometry::GainEstimate;
 use crate::calibration::step::{Eye, Finished, Made, Progress, Shown, Step, Wants};
 use eye::EyeState;
 use glam::DVec2;
+use penumbra_camera::Response;
 use penumbra_picture::Picture;
 
 /// What is known before, and wanted.

@@ -5,8 +5,8 @@ use crate::calibration::RigDocument;
 use crate::calibration::photometric::drawn::Drawn;
 use crate::calibration::photometric_file::{PHOTOMETRIC, apply_photometric_file};
 use crate::calibration::step::ShownPicture;
-use crate::calibration::vignetting::frame;
 use glam::DVec3;
+use penumbra_camera::vignetting::frame;
 use penumbra_interface::MonotonicTime;
 
 const SCENE: [(f64, f64); 4] = [

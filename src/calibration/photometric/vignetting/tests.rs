@@ -2,9 +2,9 @@
 
 use super::*;
 use crate::calibration::photometric::drawn::normal;
-use crate::calibration::vignetting::Vignetting;
-use crate::calibration::vignetting::polynomial;
 use glam::DVec2;
+use penumbra_camera::Vignetting;
+use penumbra_camera::vignetting::polynomial;
 
 fn readings(k: [f64; 3], groups: usize, each: usize, noise: f64) -> Vec<Reading> {
     (0..groups * each)

@@ -1,11 +1,11 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use super::*;
-use crate::calibration::Response;
-use crate::calibration::environment_view::{FisheyeLens, MirrorSphere};
 use crate::calibration::photometry::overlap::{Shortage, estimate_overlap};
 use crate::calibration::photometry::raycast::{ground_only, sphere_hit};
 use glam::{DMat3, DQuat};
+use penumbra_camera::Response;
+use penumbra_camera::{FisheyeLens, MirrorSphere};
 
 const GAINS: DVec3 = DVec3::new(3.0, 2.5, 4.0);
 

@@ -2,8 +2,8 @@
 use super::super::rays::Dice;
 use super::super::view::View;
 use super::*;
-use crate::calibration::environment_view::FisheyeLens;
 use glam::DVec2;
+use penumbra_camera::FisheyeLens;
 
 fn view() -> View {
     View::Fisheye(FisheyeLens {

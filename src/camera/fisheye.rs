@@ -1,6 +1,6 @@
 //! The Kannala–Brandt fisheye (Kannala & Brandt 2006; OpenCV's `fisheye` model).
 
-use crate::calibration::environment_view::FisheyeLens;
+use crate::FisheyeLens;
 use glam::{DVec2, DVec3};
 
 impl FisheyeLens {

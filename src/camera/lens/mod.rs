@@ -3,10 +3,7 @@
 //! Camera frame: OpenCV optical (+X right, +Y down, +Z forward); pixel (0, 0) is the centre
 //! of the top-left pixel.
 
-mod brown;
-mod kannala;
-
-use crate::calibration::PinholeCamera;
+use crate::PinholeCamera;
 use glam::{DMat2, DVec2, DVec3};
 
 /// How a lens departs from its ideal.
@@ -167,15 +164,15 @@ impl Lens {
     pub fn unproject(&self, pixel: DVec2) -> Option<DVec3> {
         let distorted = (pixel - self.centre) / self.focal;
         match self.model {
-            LensModel::KannalaBrandt => kannala::undistort(&self.coefficients, distorted),
-            _ => brown::undistort(&self.coefficients, distorted),
+            LensModel::KannalaBrandt => kannala_brandt::undistort(&self.coefficients, distorted),
+            _ => brown_conrady::undistort(&self.coefficients, distorted),
         }
     }
 
     fn distorted(&self, point: DVec3) -> Option<Distorted> {
         match self.model {
-            LensModel::KannalaBrandt => kannala::distort(&self.coefficients, point),
-            _ => brown::distort(&self.coefficients, point),
+            LensModel::KannalaBrandt => kannala_brandt::distort(&self.coefficients, point),
+            _ => brown_conrady::distort(&self.coefficients, point),
         }
     }
 
@@ -233,5 +230,7 @@ fn newton_step(by_x: DVec2, by_y: DVec2, error: DVec2) -> Option<DVec2> {
     (jacobian.determinant() > 1e-6).then(|| jacobian.inverse() * error)
 }
 
+mod brown_conrady;
+mod kannala_brandt;
 #[cfg(test)]
 mod tests;

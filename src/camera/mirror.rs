@@ -10,6 +10,7 @@
 //!  (Alhazen's problem) has no useful closed form and is tabulated.
 //! ```
 
+use crate::PinholeCamera;
 use glam::DVec3;
 use std::f64::consts::TAU;
 
@@ -165,6 +166,29 @@ fn bisect(mut low: f64, mut high: f64, below: impl Fn(f64) -> bool) -> f64 {
         }
     }
     0.5 * (low + high)
+}
+
+/// A ball before a camera.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ball {
+    /// Centre, camera's frame, metres.
+    pub centre: DVec3,
+    /// Radius, metres.
+    pub radius: f64,
+    /// Standard deviation of the centre's picture, each way, pixels.
+    pub sigma: f64,
+}
+
+impl Ball {
+    /// Radius of its picture near the axis, pixels.
+    #[must_use]
+    pub fn radius_in_pixels(&self, camera: &PinholeCamera) -> f64 {
+        let distance = self.centre.length();
+        let tangent = (distance * distance - self.radius * self.radius)
+            .max(1e-12)
+            .sqrt();
+        camera.focal.min_element() * self.radius / tangent
+    }
 }
 
 #[cfg(test)]

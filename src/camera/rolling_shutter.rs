@@ -1,6 +1,6 @@
 //! A rolling shutter: rows of a picture are read one after the other, while the camera moves.
 
-use super::PinholeCamera;
+use crate::PinholeCamera;
 use glam::{DVec2, DVec3};
 use penumbra_interface::RigidTransform;
 

@@ -1,6 +1,6 @@
 //! How a rig sees its environment: through a fisheye lens, or in a mirrored sphere.
 
-use super::PinholeCamera;
+use crate::PinholeCamera;
 use glam::{DVec2, DVec3};
 use penumbra_interface::RigidTransform;
 

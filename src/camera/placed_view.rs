@@ -1,8 +1,8 @@
 //! Where each direction of the world stands in the environment camera's picture.
 
 use super::mirror::Mirror;
-use crate::calibration::PinholeCamera;
-use crate::calibration::environment_view::{EnvironmentView, FisheyeLens, MirrorSphere};
+use crate::PinholeCamera;
+use crate::{EnvironmentView, FisheyeLens, MirrorSphere};
 use glam::{DVec2, DVec3};
 use penumbra_interface::RigidTransform;
 use std::ops::Range;
@@ -131,7 +131,7 @@ impl PlacedView {
         sigma: f64,
         parallax: Option<Parallax>,
     ) -> Option<Self> {
-        let ball = super::outline::Ball {
+        let ball = crate::mirror::Ball {
             centre: world_from_camera
                 .inverse()
                 .transform_point(sphere.centre_in_world),
@@ -420,15 +420,16 @@ mod tests {
     #[test]
     fn most_of_the_sphere_of_directions_is_seen() {
         let placed = PlacedView::new(&sphere_view(), None, None).unwrap();
-        let grid = super::super::cube::CubeGrid::new(16);
-        let seen: f32 = grid
-            .directions
-            .iter()
-            .zip(&grid.solid_angles)
-            .filter(|(d, _)| placed.pixel(d.as_dvec3()).is_some())
-            .map(|(_, w)| w)
-            .sum();
-        assert!(seen > 0.95 * 4.0 * std::f32::consts::PI, "{seen} sr");
+        // A Fibonacci lattice: directions that each stand for the same solid angle.
+        let (count, turn) = (4000, std::f64::consts::PI * (3.0 - 5.0_f64.sqrt()));
+        let seen = (0..count).filter(|&i| {
+            let z = 1.0 - (2.0 * f64::from(i) + 1.0) / f64::from(count);
+            let (sin, cos) = (f64::from(i) * turn).sin_cos();
+            let r = (1.0 - z * z).sqrt();
+            placed.pixel(DVec3::new(r * cos, r * sin, z)).is_some()
+        });
+        let share = seen.count() as f64 / f64::from(count);
+        assert!(share > 0.95, "{share} of all directions");
     }
 
     #[test]
