@@ -5,8 +5,8 @@
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use glam::{DQuat, DVec3};
-use penumbra::sync::{HistoryConfig, PoseHistory};
 use penumbra_interface::{MonotonicTime, RigidTransform};
+use penumbra_sync::{HistoryConfig, PoseHistory};
 use std::hint::black_box;
 
 /// A hand's motion at an instant, seconds.

@@ -22,4 +22,3 @@ pub mod rig;
 pub mod scene;
 pub mod session;
 pub mod status;
-pub mod sync;

@@ -17,7 +17,6 @@ use crate::calibration::EnvironmentSource;
 pub use crate::environment::Filtering;
 pub use crate::scene::Highlights;
 pub use crate::scene::SceneChoice;
-use crate::sync::{Degree, Smoothing};
 pub use choice::{
     Antialias, Clipped, FollowLatency, Irradiance, LampResponse, LightPlacement, Monitor, Refresh,
     ReplayPairing, ReplaySpeed, ShadowMode, ShadowResolution, ShadowTechnique, ToneCurve, Unseen,
@@ -35,6 +34,7 @@ pub use exposure::{
     ExposureChoice, ExposureConfig, ExposureMode,
 };
 pub use penumbra_picture::YuvEncoding;
+use penumbra_sync::{Degree, Smoothing};
 pub use planes::{FREQUENCIES, PlaneReceiver, PlaneShading, PlanesConfig, lights_of_dome};
 pub use registration::{Distortion, PoseSource, Predict, RegistrationConfig};
 

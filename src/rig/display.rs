@@ -10,10 +10,10 @@ use super::feed::Feed;
 use crate::compositor::Reprojection;
 use crate::config::Config;
 use crate::status::{DisplayStatus, RegistrationStatus};
-use crate::sync::{HistoryConfig, PoseAt, PoseHistory, RigFrame};
 use glam::{DQuat, DVec3};
 use penumbra_camera::PinholeCamera;
 use penumbra_interface::{MonotonicTime, RigidTransform};
+use penumbra_sync::{HistoryConfig, PoseAt, PoseHistory, RigFrame};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
 

@@ -25,12 +25,12 @@ use crate::environment::{
     BallSeen, Bracket, EnvironmentEstimator, EnvironmentInput, Lighting, Placement,
 };
 use crate::scene::casters;
-use crate::sync::EnvironmentSet;
 use glam::{DVec3, Mat3, Quat, Vec3};
 use penumbra_camera::EnvironmentView;
 use penumbra_camera::Response;
 use penumbra_interface::{Exposure, MonotonicTime, RigidTransform};
 use penumbra_picture::{Picture, PictureError, YuvEncoding, decode_into};
+use penumbra_sync::EnvironmentSet;
 use std::sync::Arc;
 
 /// Environment pictures from one comparison of the cameras to the next.

@@ -59,9 +59,9 @@ use crate::output::OutputError;
 use crate::scene::{Scene, SceneError};
 use crate::session::SessionError;
 use crate::session::import::ImportError;
-use crate::sync::{PoseAt, RigFrame};
 use penumbra_interface::RigidTransform;
 use penumbra_picture::PictureError;
+use penumbra_sync::{PoseAt, RigFrame};
 use std::path::PathBuf;
 use thiserror::Error;
 

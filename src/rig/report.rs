@@ -2,7 +2,7 @@
 
 use crate::calibration::photometry::MatchStatus;
 use crate::status::StageTimes;
-use crate::sync::PairingCounts;
+use penumbra_sync::PairingCounts;
 use serde::Serialize;
 
 /// The report of one replay.

@@ -7,7 +7,7 @@ use crate::config::{
     Antialias, Config, ExposureMode, LightPlacement, ReplaySpeed, ShadowResolution, ShadowTechnique,
 };
 use crate::status::{self, LightsMode, Settings, Technique};
-use crate::sync::PairingConfig;
+use penumbra_sync::PairingConfig;
 
 /// The settings that the dashboard may change, as the configuration has them.
 #[must_use]

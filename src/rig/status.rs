@@ -15,8 +15,9 @@ use crate::status::snapshot::{
     WhiteBalanceEstimate, WhiteBalanceMethod, WhiteMatch,
 };
 use crate::status::{SceneStatus, Settings, SharedStatus, Snapshot, StageTimes};
-use crate::sync::{self, RigFrame};
 use penumbra_interface::DeviceKind;
+use penumbra_sync as sync;
+use penumbra_sync::RigFrame;
 
 /// Everything that a frame changes in the status.
 pub struct Published<'a> {

@@ -4,10 +4,10 @@
 use super::super::fiducial::TagSeen;
 use super::super::intrinsics::Grey;
 use super::bright::Bright;
-use crate::sync::{HistoryConfig, PoseHistory};
 use penumbra_camera::Response;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_picture::Picture;
+use penumbra_sync::{HistoryConfig, PoseHistory};
 
 /// Bright pixels are kept of so many pictures.
 const MOST_BRIGHT: usize = 60;

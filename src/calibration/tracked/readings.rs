@@ -1,8 +1,8 @@
 //! What the tracker said, in the order of arrival.
 
 use crate::calibration::latency::{TrackerTrack, without_jumps};
-use crate::sync::{Degree, HistoryConfig, PoseHistory, Provenance, Smoothing};
 use penumbra_interface::{MonotonicTime, PoseSample, RigidTransform};
+use penumbra_sync::{Degree, HistoryConfig, PoseHistory, Provenance, Smoothing};
 use std::collections::BTreeSet;
 
 /// Readings kept: an hour of the fastest tracker.

@@ -22,10 +22,10 @@ use super::latency::{
 use super::photometry::PhotometricMatch;
 use super::photometry::raycast::PhantomCaster;
 use super::step::{Eye, Finished, Made, Progress, Shown, ShownPicture, Step, Wants};
-use crate::sync::{HistoryConfig, PoseHistory};
 use colour::Comparison;
 use penumbra_camera::EnvironmentView;
 use penumbra_interface::{MonotonicTime, PoseSample, RigidTransform};
+use penumbra_sync::{HistoryConfig, PoseHistory};
 
 /// What the check is meant to take, seconds.
 const LENGTH: f64 = 60.0;

@@ -12,11 +12,11 @@ use crate::calibration::rig::TrackerCalibration;
 use crate::config::Config;
 use crate::rig::feed::decoder_for;
 use crate::session::{Session, SessionEvent};
-use crate::sync::{HistoryConfig, PoseHistory};
 use glam::DVec3;
 use penumbra_camera::EnvironmentView;
 use penumbra_interface::{Frame, MonotonicTime, RigidTransform};
 use penumbra_picture::{Picture, decode_into};
+use penumbra_sync::{HistoryConfig, PoseHistory};
 use std::sync::Arc;
 
 /// Pairs of pictures that are compared.

@@ -3,7 +3,7 @@
 
 use super::*;
 use crate::session::{Session, SessionEvent, describe};
-use crate::sync::{Pairing, PairingConfig, Provenance};
+use penumbra_sync::{Pairing, PairingConfig, Provenance};
 use penumbra_tracker_serial::fastrak::{Decoder, Format};
 use std::path::Path;
 use tempfile::TempDir;

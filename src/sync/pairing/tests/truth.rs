@@ -15,7 +15,7 @@ const NAMES: [&str; 5] = [
 ];
 
 fn truth_folder() -> Option<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/truth");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/truth");
     folder.is_dir().then_some(folder)
 }
 
@@ -139,7 +139,7 @@ fn mean_and_max(errors: &[(f64, f64)]) -> [f64; 4] {
 fn smoothing_halves_the_pose_error_of_the_recordings() {
     let Some(truth) = truth_folder() else {
         eprintln!(
-            "SKIPPED smoothing_halves_the_pose_error_of_the_recordings: ../shared is missing"
+            "SKIPPED smoothing_halves_the_pose_error_of_the_recordings: ../../../shared is missing"
         );
         return;
     };
