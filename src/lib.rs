@@ -20,5 +20,4 @@ pub mod environment;
 pub mod output;
 pub mod rig;
 pub mod scene;
-pub mod session;
 pub mod status;

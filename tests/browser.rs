@@ -3,8 +3,8 @@
 
 mod support;
 
-use penumbra::session::{Session, SessionEvent};
 use penumbra::status::LightsMode;
+use penumbra_session::{Session, SessionEvent};
 use serde_json::Value;
 use std::io::{BufRead, BufReader};
 use std::path::Path;

@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use penumbra::calibration::RigDocument;
-use penumbra::session::{Session, SessionEvent};
+use penumbra_session::{Session, SessionEvent};
 use std::path::PathBuf;
 
 /// Names and how many bytes they may have.

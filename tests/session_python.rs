@@ -3,8 +3,8 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use glam::{DQuat, DVec3};
-use penumbra::session::{Camera, SessionWriter};
 use penumbra_interface::{Exposure, Frame, MonotonicTime, PixelFormat, PoseSample, RigidTransform};
+use penumbra_session::{Camera, SessionWriter};
 use std::path::Path;
 use std::process::Command;
 

@@ -1,8 +1,8 @@
 //! A second of two cameras that were never there, for replay.
 
 use super::BenchError;
-use crate::session::{Camera, SessionWriter};
 use penumbra_interface::{Frame, MonotonicTime, PixelFormat};
+use penumbra_session::{Camera, SessionWriter};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 

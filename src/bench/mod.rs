@@ -18,7 +18,7 @@ pub use report::{BenchReport, CaptureRow, DeviceTally, PassTime, Percentiles, Ro
 use crate::compositor::{Gpu, GpuError};
 use crate::environment::EnvironmentError;
 use crate::rig::RigError;
-use crate::session::SessionError;
+use penumbra_session::SessionError;
 use std::io;
 use std::path::{Path, PathBuf};
 use thiserror::Error;

@@ -1,9 +1,9 @@
 //! Where everything that arrives gets its place in one order.
 
 use super::tap::Tap;
-use crate::session::SessionEvent;
 use crossbeam_channel::{Sender, TrySendError};
 use penumbra_interface::{Clock, MonotonicTime};
+use penumbra_session::SessionEvent;
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};

@@ -1,7 +1,7 @@
 //! A way for somebody who looks on: what devices deliver goes there too, and nobody waits.
 
-use crate::session::SessionEvent;
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
+use penumbra_session::SessionEvent;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::time::Duration;

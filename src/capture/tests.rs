@@ -1,12 +1,12 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
-use crate::session::SessionEvent;
 use bytes::Bytes;
 use penumbra_faulty::{Fault, FaultyTracker, Plan};
 use penumbra_interface::{
     Clock, DeviceError, Frame, MonotonicTime, PixelFormat, SystemClock, Tracker, TrackerBytes,
     TrackerReport,
 };
+use penumbra_session::SessionEvent;
 use std::cell::RefCell;
 use std::rc::Rc;
 use std::sync::Arc;

@@ -3,7 +3,7 @@
 use clap::Args;
 use penumbra::config::check_config as read_and_check;
 use penumbra::doctor::{DoctorOptions, State, examine};
-use penumbra::session::{Session, describe};
+use penumbra_session::{Session, describe};
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::process::ExitCode;

@@ -1,7 +1,8 @@
 //! `penumbra import`.
 
 use clap::Args;
-use penumbra::session::import::{self, ImportSummary};
+use penumbra_session::import;
+use penumbra_session::import::ImportSummary;
 use std::path::PathBuf;
 use std::process::ExitCode;
 

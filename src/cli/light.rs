@@ -7,7 +7,7 @@ use penumbra::config::Config;
 use penumbra::environment::LightReport;
 use penumbra::environment::photograph::PhotographKind;
 use penumbra::rig::light_report::light_of_session;
-use penumbra::session::Session;
+use penumbra_session::Session;
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};

@@ -11,8 +11,8 @@ use crate::scene::planes::generate::{PlaneSettings, generate};
 use crate::scene::planes::renew::renew;
 use crate::scene::planes::store::{cache_path, default_cache_folder, key};
 use crate::scene::{Scene, SceneAddition, load_gltf};
-use crate::session::Session;
 use glam::DMat4;
+use penumbra_session::Session;
 use std::path::{Path, PathBuf};
 
 /// What is to be baked, before anything is drawn.

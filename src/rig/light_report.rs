@@ -7,10 +7,10 @@ use super::{RigError, RigSetup};
 use crate::calibration::photometry::MatchStatus;
 use crate::config::Config;
 use crate::environment::{LightReport, Lighting};
-use crate::session::Session;
 use glam::{DMat3, DVec3, Mat3};
 use penumbra_interface::RigidTransform;
 use penumbra_picture::{Picture, decode_into};
+use penumbra_session::Session;
 use std::sync::Arc;
 
 /// The light of the first instant at which the whole environment was seen, through the

@@ -7,7 +7,6 @@ use super::wall_date::utc_now;
 use crate::capture::Hub;
 use crate::capture::hub::Inlet;
 use crate::config::RecordingConfig;
-use crate::session::{SessionError, SessionEvent, SessionWriter};
 use crate::status::SharedStatus;
 use crate::status::recording::{
     Recording, RecordingControl, RecordingRefusal, RecordingState, RecordingWish,
@@ -15,6 +14,7 @@ use crate::status::recording::{
 use crossbeam_channel::{Receiver, RecvTimeoutError, bounded};
 use penumbra_interface::threads;
 use penumbra_interface::{Clock, MonotonicTime, SystemClock};
+use penumbra_session::{SessionError, SessionEvent, SessionWriter};
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};

@@ -2,8 +2,8 @@
 //! datagrams, which the live rig cannot tell from one that is plugged in.
 
 use super::service::Service;
-use crate::session::{Session, SessionError, SessionEvent};
 use penumbra_interface::SystemClock;
+use penumbra_session::{Session, SessionError, SessionEvent};
 #[cfg(unix)]
 use penumbra_synthetic::Pty;
 use penumbra_synthetic::{

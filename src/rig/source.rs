@@ -5,8 +5,8 @@ use crate::calibration::RigDocument;
 use crate::capture::{Capture, Devices, Hub, LiveDevice};
 use crate::config::TrackerSource;
 use crate::config::{Config, TrackerUnits};
-use crate::session::{Attachment, Session, import};
 use penumbra_interface::{MonotonicTime, SystemClock};
+use penumbra_session::{Attachment, Session, import};
 use std::path::Path;
 use std::sync::{Arc, OnceLock, Weak};
 

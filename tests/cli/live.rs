@@ -2,8 +2,8 @@
 
 use crate::program::{Desk, desk_session, text};
 use crate::service::get;
-use penumbra::session::{Session, SessionEvent};
 use penumbra_interface::{Clock, SystemClock};
+use penumbra_session::{Session, SessionEvent};
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;

@@ -2,7 +2,7 @@
 
 use crate::program::{Desk, desk_session};
 use crate::sessions::{put_foreign, put_session};
-use penumbra::session::Session;
+use penumbra_session::Session;
 use std::net::TcpListener;
 
 /// Quick to refuse: no window, no port that another test may have.

@@ -1,8 +1,8 @@
 //! Sessions and folders made from the bundled one.
 
 use crate::program::{Desk, desk_session};
-use penumbra::session::{Camera, Session, SessionEvent, SessionWriter};
 use penumbra_interface::Frame;
+use penumbra_session::{Camera, Session, SessionEvent, SessionWriter};
 use std::fmt::Write;
 
 /// The first pictures of the bundled session's scene camera.

@@ -6,10 +6,10 @@
 use crate::program::Desk;
 use glam::{DMat3, DVec2, DVec3};
 use penumbra::calibration::fiducial::Family;
-use penumbra::session::{Camera, SessionWriter};
 use penumbra_camera::Response;
 use penumbra_interface::{Frame, MonotonicTime, PixelFormat};
 use penumbra_picture::Picture;
+use penumbra_session::{Camera, SessionWriter};
 use serde_json::{Value, json};
 
 const BALL: DVec3 = DVec3::new(0.13, 0.07, 0.04);

@@ -1,9 +1,9 @@
 //! A chessboard that is held before a camera: a session, to be played as a live device.
 
 use glam::{DQuat, DVec2, DVec3};
-use penumbra::session::{Camera, SessionWriter};
 use penumbra_camera::{Lens, LensModel};
 use penumbra_interface::{Frame, MonotonicTime, PixelFormat, RigidTransform};
+use penumbra_session::{Camera, SessionWriter};
 use std::path::Path;
 
 /// What to call the board: 7×5 inner corners, squares of 30 mm.

@@ -8,7 +8,7 @@ use penumbra::calibration::fiducial::Family;
 use penumbra::calibration::lens_files::ENVIRONMENT_LENS;
 use penumbra::calibration::record::LensRecord;
 use penumbra::calibration::surround::{Asked, EnvironmentStep, Kind, KnownRig, RoughBall, pairs};
-use penumbra::session::Session;
+use penumbra_session::Session;
 use std::path::PathBuf;
 use std::process::ExitCode;
 

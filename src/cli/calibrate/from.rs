@@ -15,7 +15,7 @@ use penumbra::rig::calibrate::files::{calibration_folder, prepare, write_calibra
 use penumbra::rig::calibrate::steps::{Known, file_of};
 use penumbra::rig::calibrate::{Written, show_session};
 use penumbra::rig::wall_date::iso_now;
-use penumbra::session::Session;
+use penumbra_session::Session;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 

@@ -8,8 +8,8 @@ use penumbra::calibration::RigDocument;
 use penumbra::calibration::intrinsics::{Board, IntrinsicsStep, Options, SaidLenses};
 use penumbra::calibration::step::{Eye, Step};
 use penumbra::rig::calibrate::{Looked, pictures_of_folder};
-use penumbra::session::Session;
 use penumbra_camera::LensModel;
+use penumbra_session::Session;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 

@@ -11,9 +11,9 @@ use penumbra::calibration::photometric::step::{Options, Photometric};
 use penumbra::calibration::step::{Eye, Progress, Shown, ShownPicture, Step as _};
 use penumbra::config::Config;
 use penumbra::rig::calibrate::{photometric_options, seen_by_both, show_session};
-use penumbra::session::Session;
 use penumbra_interface::MonotonicTime;
 use penumbra_picture::Picture;
+use penumbra_session::Session;
 use std::path::PathBuf;
 use std::process::ExitCode;
 

@@ -11,11 +11,11 @@ use crate::calibration::photometry::raycast::PhantomCaster;
 use crate::calibration::rig::TrackerCalibration;
 use crate::config::Config;
 use crate::rig::feed::decoder_for;
-use crate::session::{Session, SessionEvent};
 use glam::DVec3;
 use penumbra_camera::EnvironmentView;
 use penumbra_interface::{Frame, MonotonicTime, RigidTransform};
 use penumbra_picture::{Picture, decode_into};
+use penumbra_session::{Session, SessionEvent};
 use penumbra_sync::{HistoryConfig, PoseHistory};
 use std::sync::Arc;
 

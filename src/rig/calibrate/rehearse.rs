@@ -2,10 +2,10 @@
 
 use crate::calibration::rehearsal::{FrameTruth, Rehearsal, fastrak_record};
 use crate::output::stream::{EncodeError, JpegEncoder};
-use crate::session::{Camera, SessionError, SessionWriter};
 use penumbra_interface::{Frame, MonotonicTime, PixelFormat};
 use penumbra_numerics::Random;
 use penumbra_picture::Picture;
+use penumbra_session::{Camera, SessionError, SessionWriter};
 use serde_json::Value;
 use std::path::Path;
 use thiserror::Error;

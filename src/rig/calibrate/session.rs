@@ -4,7 +4,7 @@ use super::showing::Showing;
 use crate::calibration::step::{Progress, Step};
 use crate::config::Config;
 use crate::rig::RigError;
-use crate::session::Session;
+use penumbra_session::Session;
 
 /// Shows `step` everything in `session` that it wants, in the order of arrival, and `told` how
 /// far it is after each picture (share of the session, progress); returns how many pictures and

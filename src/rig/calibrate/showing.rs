@@ -3,9 +3,9 @@
 use crate::calibration::step::{Eye, Shown, ShownPicture, Step};
 use crate::config::Config;
 use crate::rig::feed::decoder_for;
-use crate::session::SessionEvent;
 use penumbra_interface::{Frame, MonotonicTime};
 use penumbra_picture::{Picture, decode_into};
+use penumbra_session::SessionEvent;
 use penumbra_tracker_serial::AnyDecoder;
 use std::sync::Arc;
 

@@ -1,6 +1,6 @@
 //! What can be wrong with a folder. Each text is one line: what, where, what to do.
 
-use crate::session::SessionError;
+use crate::SessionError;
 use std::io;
 use std::path::{Path, PathBuf};
 use thiserror::Error;

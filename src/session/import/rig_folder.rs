@@ -2,7 +2,7 @@
 
 use super::folder::Folder;
 use super::{Camera, ImportError, Item, Plan};
-use crate::session::messages;
+use crate::messages;
 use glam::{DMat4, DVec3};
 use penumbra_interface::{MonotonicTime, PoseSample, RigidTransform};
 use penumbra_tracker_serial::fastrak::{Decoder, Format, METRES_PER_CENTIMETRE, METRES_PER_INCH};

@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use super::*;
-use crate::session::{Session, SessionEvent, describe};
+use crate::{Session, SessionEvent, describe};
 use penumbra_sync::{Pairing, PairingConfig, Provenance};
 use penumbra_tracker_serial::fastrak::{Decoder, Format};
 use std::path::Path;
@@ -281,7 +281,7 @@ fn the_tum_layout_becomes_a_session() {
 /// bytes, and every frame paired with a pose and a whole view of the environment.
 #[test]
 fn the_truth_recordings_import_whole() {
-    let truth = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/truth");
+    let truth = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/truth");
     if !truth.is_dir() {
         eprintln!("SKIPPED the_truth_recordings_import_whole: ../shared is missing");
         return;

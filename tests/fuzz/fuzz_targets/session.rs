@@ -3,13 +3,8 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use session::Session;
+use penumbra_session::Session;
 use std::io::Write;
-
-/// The module itself, not the crate: it needs nothing else of the program.
-#[allow(dead_code, unused_imports, reason = "only reading is fuzzed")]
-#[path = "../../../src/session/mod.rs"]
-mod session;
 
 fuzz_target!(|data: &[u8]| {
     let Ok(mut file) = tempfile::NamedTempFile::new() else {

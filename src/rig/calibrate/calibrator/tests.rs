@@ -6,10 +6,10 @@ use crate::calibration::head::Grade;
 use crate::calibration::step::{Eye, Finished, Made as By, Progress, Shown, Wants};
 use crate::capture::source::open_camera;
 use crate::config::CameraSource;
-use crate::session::{Camera, SessionWriter};
 use crate::status::calibration::CalibrationState;
 use glam::DVec2;
 use penumbra_interface::{Frame, MonotonicTime, PixelFormat};
+use penumbra_session::{Camera, SessionWriter};
 use std::path::Path;
 use std::time::Instant;
 

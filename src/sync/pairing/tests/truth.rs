@@ -139,7 +139,7 @@ fn mean_and_max(errors: &[(f64, f64)]) -> [f64; 4] {
 fn smoothing_halves_the_pose_error_of_the_recordings() {
     let Some(truth) = truth_folder() else {
         eprintln!(
-            "SKIPPED smoothing_halves_the_pose_error_of_the_recordings: ../../../shared is missing"
+            "SKIPPED smoothing_halves_the_pose_error_of_the_recordings: ../shared is missing"
         );
         return;
     };
