@@ -5,15 +5,15 @@
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use glam::{DQuat, DVec2, DVec3, Vec3};
-use penumbra::environment::box_chain::box_chain;
-use penumbra::environment::cube::CubeGrid;
-use penumbra::environment::prefilter::Prefilter;
-use penumbra::environment::{
-    Bracket, EnvironmentEstimator, EnvironmentInput, EnvironmentSettings, Filtering,
-};
 use penumbra_camera::Response;
 use penumbra_camera::{EnvironmentView, FisheyeLens};
 use penumbra_interface::{MonotonicTime, RigidTransform};
+use penumbra_lighting::box_chain::box_chain;
+use penumbra_lighting::cube::CubeGrid;
+use penumbra_lighting::prefilter::Prefilter;
+use penumbra_lighting::{
+    Bracket, EnvironmentEstimator, EnvironmentInput, EnvironmentSettings, Filtering,
+};
 use penumbra_picture::Picture;
 use std::hint::black_box;
 

@@ -16,7 +16,6 @@ pub mod capture;
 pub mod compositor;
 pub mod config;
 pub mod doctor;
-pub mod environment;
 pub mod output;
 pub mod rig;
 pub mod scene;

@@ -12,8 +12,6 @@ use crate::compositor::{
     Compositor, CompositorSettings, Exposure, FrameInput, Gpu, GpuError, LampResponse, Refresh,
     ShadowMode,
 };
-use crate::environment::geodesic::{FaceLight, FaceSource, GeodesicDome, Membership};
-use crate::environment::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
 use crate::scene::Highlights;
 use crate::scene::gate::temple_gate;
 use crate::scene::planes::{Bake, BakeSettings, PlaneSettings, generate};
@@ -21,6 +19,8 @@ use crate::scene::{Material, Part, Scene, primitives};
 use glam::{DMat4, DVec3, Vec3};
 use penumbra_camera::Response;
 use penumbra_interface::{MonotonicTime, RigidTransform};
+use penumbra_lighting::geodesic::{FaceLight, FaceSource, GeodesicDome, Membership};
+use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
 use std::f32::consts::PI;
 use std::ops::ControlFlow;
 use std::sync::Arc;

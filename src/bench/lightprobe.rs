@@ -15,13 +15,13 @@ use crate::compositor::exposure::AutoLimits;
 use crate::compositor::{
     Compositor, CompositorSettings, Exposure, FrameInput, Gpu, LampResponse, Refresh, ShadowMode,
 };
-use crate::environment::{
-    Bracket, EnvironmentEstimator, EnvironmentInput, EnvironmentSettings, Lighting,
-};
 use crate::scene::Highlights;
 use crate::scene::lamps::MOST_LAMPS;
 use penumbra_camera::Response;
 use penumbra_interface::MonotonicTime;
+use penumbra_lighting::{
+    Bracket, EnvironmentEstimator, EnvironmentInput, EnvironmentSettings, Lighting,
+};
 use penumbra_picture::Picture;
 use room::{Room, Stills, View};
 use std::sync::Arc;

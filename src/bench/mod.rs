@@ -16,8 +16,8 @@ pub use live::LiveRow;
 pub use report::{BenchReport, CaptureRow, DeviceTally, PassTime, Percentiles, Row, ThreadCost};
 
 use crate::compositor::{Gpu, GpuError};
-use crate::environment::EnvironmentError;
 use crate::rig::RigError;
+use penumbra_lighting::EnvironmentError;
 use penumbra_session::SessionError;
 use std::io;
 use std::path::{Path, PathBuf};

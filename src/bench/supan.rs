@@ -8,12 +8,12 @@ use crate::compositor::{
     Compositor, CompositorSettings, Exposure, FrameInput, Gpu, GpuError, LampResponse, Refresh,
     ShadowMode,
 };
-use crate::environment::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
 use crate::scene::Highlights;
 use crate::scene::{Material, Mesh, Part, Scene, primitives};
 use glam::{DMat4, DVec3, Vec3, Vec4};
 use penumbra_camera::Response;
 use penumbra_interface::{MonotonicTime, RigidTransform};
+use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
 use std::sync::Arc;
 use std::time::Instant;
 

@@ -6,14 +6,15 @@ use clap::Args;
 use penumbra::calibration::EnvironmentSource;
 use penumbra::compositor::Gpu;
 use penumbra::config::{
-    Config, ExposureChoice, Filtering, LIGHT_COUNTS, LampResponse, LightPlacement, Monitor,
-    ShadowMode, ShadowTechnique,
+    Config, ExposureChoice, LIGHT_COUNTS, LampResponse, LightPlacement, Monitor, ShadowMode,
+    ShadowTechnique,
 };
 use penumbra::output::window::{self, WindowOptions};
 use penumbra::rig::{Report, RigError, RunOptions, Runner};
 use penumbra::scene::Highlights;
 use penumbra::scene::SceneChoice;
 use penumbra::status::{SharedStatus, StatusError, StatusServer, Technique};
+use penumbra_lighting::Filtering;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;

@@ -17,12 +17,12 @@ use super::scene_buffers::SceneLayouts;
 use super::shaders::Variant;
 use super::targets::{ENCODING, Targets};
 use super::{Compositor, GpuError, Refresh};
-use crate::environment::Lighting;
 use crate::scene::Highlights;
 use crate::scene::{NearLight, PlacedLamp};
 use glam::{DMat4, DVec4, Vec3};
 use penumbra_camera::{PinholeCamera, Response};
 use penumbra_interface::RigidTransform;
+use penumbra_lighting::Lighting;
 use penumbra_picture::Picture;
 
 /// How the shadow buffer darkens the real picture.
@@ -46,7 +46,7 @@ pub enum LampResponse {
     /// added.
     Paper {
         /// To the brightest physical light, world, times its dominance
-        /// ([`crate::environment::BrightestLight::vector`]).
+        /// ([`penumbra_lighting::BrightestLight::vector`]).
         brightest: Vec3,
     },
 }

@@ -3,10 +3,10 @@
 
 use super::gpu_data::GlintsUniform;
 use super::light_maps::{half_texel, write_level};
-use crate::environment::box_chain::box_level;
-use crate::environment::lobes::{Family, Levels};
-use crate::environment::{CubeMap, Filtering};
 use half::f16;
+use penumbra_lighting::box_chain::box_level;
+use penumbra_lighting::lobes::{Family, Levels};
+use penumbra_lighting::{CubeMap, Filtering};
 use std::sync::LazyLock;
 
 /// Columns of the table: n·v.

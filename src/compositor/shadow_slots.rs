@@ -6,8 +6,8 @@
 //! the direction its map was drawn with until then.
 
 use super::gpu_data::LightUniform;
-use crate::environment::{DomeLight, LightKind};
 use glam::{Mat4, Vec3};
+use penumbra_lighting::{DomeLight, LightKind};
 
 /// Extreme points of a set of casters, enough to fit a map around it from any side.
 #[derive(Clone, Debug, Default, PartialEq)]

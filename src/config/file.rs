@@ -14,7 +14,7 @@ use super::exposure::ExposureFile;
 use super::planes::PlanesFile;
 use super::registration::RegistrationFile;
 use crate::calibration::EnvironmentSource;
-use crate::environment::Filtering;
+use penumbra_lighting::Filtering;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 

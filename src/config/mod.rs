@@ -14,7 +14,6 @@ mod registration;
 pub mod token;
 
 use crate::calibration::EnvironmentSource;
-pub use crate::environment::Filtering;
 pub use crate::scene::Highlights;
 pub use crate::scene::SceneChoice;
 pub use choice::{
@@ -33,6 +32,7 @@ pub use exposure::{
     ADAPTATION_SECONDS, BRIGHTEST_STOPS, DARKEST_STOPS, EXPOSURE_KEYS, EXPOSURE_STOPS,
     ExposureChoice, ExposureConfig, ExposureMode,
 };
+pub use penumbra_lighting::Filtering;
 pub use penumbra_picture::YuvEncoding;
 use penumbra_sync::{Degree, Smoothing};
 pub use planes::{FREQUENCIES, PlaneReceiver, PlaneShading, PlanesConfig, lights_of_dome};

@@ -20,15 +20,16 @@ use crate::calibration::photometry::reflectance::{
 use crate::calibration::photometry::{
     MatchMethod, MatchStatus, PhotometricMatch, PhotometrySettings,
 };
-use crate::config::{Config, Filtering, Unseen, WhiteBalanceMethod};
-use crate::environment::{
-    BallSeen, Bracket, EnvironmentEstimator, EnvironmentInput, Lighting, Placement,
-};
+use crate::config::{Config, Unseen, WhiteBalanceMethod};
 use crate::scene::casters;
 use glam::{DVec3, Mat3, Quat, Vec3};
 use penumbra_camera::EnvironmentView;
 use penumbra_camera::Response;
 use penumbra_interface::{Exposure, MonotonicTime, RigidTransform};
+use penumbra_lighting::Filtering;
+use penumbra_lighting::{
+    BallSeen, Bracket, EnvironmentEstimator, EnvironmentInput, Lighting, Placement,
+};
 use penumbra_picture::{Picture, PictureError, YuvEncoding, decode_into};
 use penumbra_sync::EnvironmentSet;
 use std::sync::Arc;

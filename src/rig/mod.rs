@@ -54,10 +54,10 @@ use crate::calibration::lens_files::SCENE_LENS;
 use crate::calibration::{RigCalibration, RigDocument, RigFilesError};
 use crate::compositor::GpuError;
 use crate::config::{Config, ConfigError, PoseSource};
-use crate::environment::EnvironmentError;
 use crate::output::OutputError;
 use crate::scene::{Scene, SceneError};
 use penumbra_interface::RigidTransform;
+use penumbra_lighting::EnvironmentError;
 use penumbra_picture::PictureError;
 use penumbra_session::SessionError;
 use penumbra_session::import::ImportError;
@@ -221,7 +221,7 @@ pub enum RigError {
     },
     /// The light could not be told of.
     #[error(transparent)]
-    LightReport(#[from] crate::environment::report::LightReportError),
+    LightReport(#[from] penumbra_lighting::report::LightReportError),
     /// The system has no more threads.
     #[error("no thread to be had: {source}; end other programs")]
     Thread {

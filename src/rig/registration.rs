@@ -9,13 +9,13 @@ use crate::calibration::fusion::{Fused, Fusion, PoseSigma, Source, Tracked, Verd
 use crate::calibration::rig::SphereMarker;
 use crate::calibration::rig_json::Marker;
 use crate::config::{Config, PoseSource};
-use crate::environment::BallSeen;
 use crate::scene::Scene;
 use crate::status::{RegistrationSource, RegistrationStatus};
 use glam::DVec3;
 use penumbra_camera::EnvironmentView;
 use penumbra_camera::{PinholeCamera, RollingShutter};
 use penumbra_interface::{MonotonicTime, RigidTransform};
+use penumbra_lighting::BallSeen;
 use penumbra_picture::Picture;
 
 /// Standard deviation of a sphere's picture by a tracker's pose or a marker of its own, pixels:

@@ -17,7 +17,6 @@ use crate::compositor::{
     Compositor, Exposure, FrameInput, Gpu, LampResponse, LensOutput, Refresh, ShadowMode,
 };
 use crate::config::{self, Distortion};
-use crate::environment::{BrightestFollower, BrightestLight};
 use crate::output::Screen;
 use crate::output::files::FrameFolder;
 use crate::scene::Highlights;
@@ -26,6 +25,7 @@ use crate::status::RegistrationSource;
 use crate::status::snapshot::SessionState;
 use crate::status::{self, Settings, StageTimes, Technique};
 use penumbra_interface::{Clock, SystemClock};
+use penumbra_lighting::{BrightestFollower, BrightestLight};
 use penumbra_picture::Picture;
 use penumbra_sync::Provenance;
 use penumbra_tracker_serial::freed::{FreedSender, Lens, optical_to_studio};

@@ -8,12 +8,12 @@ use super::watch::{GroundWatch, PhantomWatch};
 use crate::calibration::RigCalibration;
 use crate::calibration::photometry::raycast::{GROUND, PhantomCaster};
 use crate::config::{Clipped, Config, Irradiance};
-use crate::environment::{
-    ClippedEnergy, EnvironmentEstimator, EnvironmentSettings, IrradianceMethod,
-};
 use crate::scene::{Part, Scene};
 use glam::DVec3;
 use penumbra_camera::EnvironmentView;
+use penumbra_lighting::{
+    ClippedEnergy, EnvironmentEstimator, EnvironmentSettings, IrradianceMethod,
+};
 use std::sync::Arc;
 
 /// What depends on real things alone.
@@ -133,7 +133,7 @@ fn estimator(
         ..EnvironmentSettings::default()
     };
     let hidden = |o: DVec3, d: DVec3| hides(rays, o, d);
-    let hidden: Option<&crate::environment::resample::Hidden<'_>> = match environment.view {
+    let hidden: Option<&penumbra_lighting::resample::Hidden<'_>> = match environment.view {
         // The camera stands among the phantoms; what they hide is not the environment.
         EnvironmentView::Fisheye { .. } => Some(&hidden),
         _ => None,

@@ -8,7 +8,6 @@ use super::{RigSetup, latency_status, live_status, probe_status};
 use crate::calibration::photometry::{MatchStatus, MethodStatus, Provenance};
 use crate::compositor::Gpu;
 use crate::compositor::exposure::ExposureInForce;
-use crate::environment::BrightestLight;
 use crate::status::planes::PlanesStatus;
 use crate::status::snapshot::{
     Adapter, Device, DeviceState, ExposureStatus, PoseAnswer, SessionState, WhiteBalance,
@@ -16,6 +15,7 @@ use crate::status::snapshot::{
 };
 use crate::status::{SceneStatus, Settings, SharedStatus, Snapshot, StageTimes};
 use penumbra_interface::DeviceKind;
+use penumbra_lighting::BrightestLight;
 use penumbra_sync as sync;
 use penumbra_sync::RigFrame;
 

@@ -1,8 +1,8 @@
 //! The light around the scene as a picture for people.
 
-use crate::environment::{DomeLight, LightKind};
 use glam::{Vec2, Vec3};
 use penumbra_camera::srgb_from_linear;
+use penumbra_lighting::{DomeLight, LightKind};
 use penumbra_picture::Picture;
 use std::f32::consts::{FRAC_PI_2, PI};
 

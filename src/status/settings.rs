@@ -2,9 +2,10 @@
 
 use crate::config::{
     ADAPTATION_SECONDS, BRIGHTEST_STOPS, DARKEST_STOPS, EXPOSURE_KEYS, EXPOSURE_STOPS,
-    ExposureConfig, ExposureMode, Filtering, LampResponse, PlaneShading,
+    ExposureConfig, ExposureMode, LampResponse, PlaneShading,
 };
 use crate::scene::Highlights;
+use penumbra_lighting::Filtering;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 

@@ -6,8 +6,8 @@ use crate::judge::{Rule, assert_like};
 use crate::stage::{Stage, cell, flat, lighting, looking_from, noise, part, sun};
 use glam::{DVec3, Vec3};
 use penumbra::compositor::{Exposure, LampResponse, ShadowMode};
-use penumbra::environment::{BrightestLight, DomeLight};
 use penumbra::scene::{Part, PlacedLamp, primitives};
+use penumbra_lighting::{BrightestLight, DomeLight};
 use penumbra_picture::Picture;
 use std::f32::consts::PI;
 

@@ -3,13 +3,13 @@
 use crate::golden::assert_golden;
 use crate::stage::{Stage, painted, part, sun};
 use glam::{DVec2, DVec3, Vec3};
-use penumbra::environment::{
-    BallSeen, Bracket, EnvironmentEstimator, EnvironmentInput, EnvironmentSettings, Lighting,
-};
 use penumbra::scene::{Material, NearField, casters, primitives};
 use penumbra_camera::Response;
 use penumbra_camera::{EnvironmentView, MirrorSphere};
 use penumbra_interface::MonotonicTime;
+use penumbra_lighting::{
+    BallSeen, Bracket, EnvironmentEstimator, EnvironmentInput, EnvironmentSettings, Lighting,
+};
 use penumbra_picture::Picture;
 
 const BALL: DVec3 = DVec3::new(-0.1, 0.03, 0.05);

@@ -7,8 +7,8 @@ use crate::stage::{Stage, gpu, sun};
 use glam::{Quat, Vec3};
 use penumbra::compositor::Compositor;
 use penumbra::compositor::planes::{PlaneWork, SourceBaker};
-use penumbra::environment::Lighting;
-use penumbra::environment::geodesic::{Face, FaceLight, FaceSource, GeodesicDome};
+use penumbra_lighting::Lighting;
+use penumbra_lighting::geodesic::{Face, FaceLight, FaceSource, GeodesicDome};
 use penumbra_picture::Picture;
 use std::sync::Arc;
 

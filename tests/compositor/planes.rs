@@ -5,14 +5,14 @@ use crate::stage::{Stage, gpu, lighting, part, sun};
 use glam::{DQuat, DVec2, DVec3, Vec3};
 use penumbra::compositor::planes::{PlaneWork, PlanesChoice, Shading, Thresholds, bake, mend};
 use penumbra::compositor::{Compositor, FrameInput, GpuError};
-use penumbra::environment::Lighting;
-use penumbra::environment::geodesic::{FaceLight, GeodesicDome, Membership};
 use penumbra::scene::planes::renew::renew;
 use penumbra::scene::planes::{
     Bake, BakeSettings, Image, Layer, PlaneSettings, Receiver, ShadowingPlane, generate,
 };
 use penumbra::scene::{Part, Scene, primitives};
 use penumbra_interface::RigidTransform;
+use penumbra_lighting::Lighting;
+use penumbra_lighting::geodesic::{FaceLight, GeodesicDome, Membership};
 use penumbra_picture::Picture;
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -47,7 +47,7 @@ pub fn lit_by(luminance: &[Vec3], generation: u64) -> Lighting {
 /// A sky, bluer to one side, with a sun in one face.
 fn sky() -> Vec<Vec3> {
     let dome = GeodesicDome::new(2).unwrap();
-    let of = |(i, f): (usize, &penumbra::environment::geodesic::Face)| {
+    let of = |(i, f): (usize, &penumbra_lighting::geodesic::Face)| {
         let sky = Vec3::new(0.8, 0.9, 1.0) * (0.04 + 0.02 * f.centre.x);
         sky + if i == 7 {
             Vec3::new(1.2, 1.1, 0.9)

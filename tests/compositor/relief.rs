@@ -6,8 +6,8 @@
 use crate::stage::{Stage, cell, lighting, looking_from, sun};
 use glam::{DVec2, DVec3, Vec3};
 use penumbra::compositor::{Compositor, LampResponse};
-use penumbra::environment::{BrightestLight, DomeLight};
 use penumbra::scene::PlacedLamp;
+use penumbra_lighting::{BrightestLight, DomeLight};
 use penumbra_picture::Picture;
 use std::f32::consts::PI;
 

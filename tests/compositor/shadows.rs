@@ -5,11 +5,11 @@ use crate::stage::{Stage, cell, flat, lighting, looking_from, part, spiral, sun}
 use glam::{DMat4, DVec3, Vec3};
 use penumbra::compositor::ShadowMode;
 use penumbra::compositor::reference::Seen;
-use penumbra::environment::DomeLight;
-use penumbra::environment::cube::CubeGrid;
-use penumbra::environment::dome::DomeGrid;
 use penumbra::scene::{Part, primitives};
 use penumbra_camera::Response;
+use penumbra_lighting::DomeLight;
+use penumbra_lighting::cube::CubeGrid;
+use penumbra_lighting::dome::DomeGrid;
 use penumbra_picture::Picture;
 use std::f32::consts::PI;
 

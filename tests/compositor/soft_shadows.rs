@@ -4,8 +4,8 @@ use crate::judge::{away_from_edges, keep, square_differences};
 use crate::stage::{Stage, lighting, matt, painted, part, sun};
 use glam::{DVec3, Vec3};
 use penumbra::compositor::reference::{ReferencePicture, Seen};
-use penumbra::environment::DomeLight;
 use penumbra::scene::primitives;
+use penumbra_lighting::DomeLight;
 use penumbra_picture::Picture;
 
 /// A lamp that one sees as a disc of `radius`, radians.

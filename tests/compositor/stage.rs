@@ -5,11 +5,11 @@ use penumbra::compositor::reference::{Reference, ReferencePicture};
 use penumbra::compositor::{
     Compositor, CompositorSettings, Exposure, FrameInput, Gpu, LampResponse, Refresh, ShadowMode,
 };
-use penumbra::environment::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
 use penumbra::scene::Highlights;
 use penumbra::scene::{Material, Mesh, NearLight, Part, PlacedLamp, Scene, casters, primitives};
 use penumbra_camera::{PinholeCamera, Response};
 use penumbra_interface::{MonotonicTime, RigidTransform};
+use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
 use penumbra_picture::Picture;
 use std::f32::consts::PI;
 use std::sync::{Arc, OnceLock};

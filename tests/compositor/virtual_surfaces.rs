@@ -6,9 +6,9 @@ use crate::stage::{
 };
 use glam::{DMat4, DVec3, Vec3, Vec4};
 use penumbra::compositor::reference::ReferencePicture;
-use penumbra::environment::cube::locate;
 use penumbra::scene::{Material, Part, SceneTexture, primitives};
 use penumbra_camera::Response;
+use penumbra_lighting::cube::locate;
 use penumbra_picture::Picture;
 use std::sync::Arc;
 

@@ -1,12 +1,12 @@
 //! What glossy surfaces mirror, by plain sums over all texels of a map.
 
 use glam::Vec3;
-use penumbra::environment::CubeMap;
-use penumbra::environment::box_chain::box_level;
-use penumbra::environment::cube::{CubeGrid, face_direction};
-use penumbra::environment::glints::mirrored;
-use penumbra::environment::lobes::{Family, Levels, own_width, phong_exponent, tilted};
-use penumbra::environment::prefilter::gathered;
+use penumbra_lighting::CubeMap;
+use penumbra_lighting::box_chain::box_level;
+use penumbra_lighting::cube::{CubeGrid, face_direction};
+use penumbra_lighting::glints::mirrored;
+use penumbra_lighting::lobes::{Family, Levels, own_width, phong_exponent, tilted};
+use penumbra_lighting::prefilter::gathered;
 
 /// A surface and who looks at it.
 #[derive(Clone, Copy, Debug)]

@@ -1,7 +1,7 @@
 //! Maps to light things with.
 
 use glam::Vec3;
-use penumbra::environment::cube::{CubeGrid, face_direction};
+use penumbra_lighting::cube::{CubeGrid, face_direction};
 use std::f32::consts::PI;
 use std::path::Path;
 

@@ -2,7 +2,6 @@
 
 use glam::Vec3;
 use penumbra::config::ExposureMode;
-use penumbra::environment::{DomeLight, LightKind};
 use penumbra::status::planes::{PlanesState, PlanesStatus};
 use penumbra::status::snapshot::{
     Device, DeviceState, PoseAnswer, Resolution, SessionState, WhiteBalanceEstimate,
@@ -12,6 +11,7 @@ use penumbra::status::{
     Settings, SharedStatus, Snapshot, StatusServer, Technique, environment_preview,
 };
 use penumbra_interface::DeviceKind;
+use penumbra_lighting::{DomeLight, LightKind};
 use penumbra_picture::Picture;
 use std::net::SocketAddr;
 use std::sync::Arc;

@@ -3,9 +3,9 @@
 
 use super::{BenchError, BenchOptions, Case, Gpu, Passes, Percentiles, Rig, Row, Stills, WARM_UP};
 use super::{estimator, processor_nanos, time};
-use crate::environment::{Bracket, EnvironmentEstimator, EnvironmentInput, Lighting};
 use penumbra_camera::PinholeCamera;
 use penumbra_interface::threads;
+use penumbra_lighting::{Bracket, EnvironmentEstimator, EnvironmentInput, Lighting};
 use std::sync::Arc;
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::time::Instant;

@@ -185,7 +185,7 @@ impl Room {
     /// Irradiance of the table by the room, by plain summation.
     #[cfg(test)]
     pub fn irradiance(&self, i: u32) -> Vec3 {
-        let grid = crate::environment::cube::CubeGrid::new(128);
+        let grid = penumbra_lighting::cube::CubeGrid::new(128);
         let each = grid.directions.iter().zip(&grid.solid_angles);
         each.map(|(d, w)| radiance(*d, i) * (w * d.z.max(0.0)))
             .sum()

@@ -4,10 +4,10 @@ use super::GainEstimate;
 use super::chart::Photograph;
 use super::raycast::{PhantomCaster, SurfaceHit};
 use super::robust::{LogRatio, RobustMean, robust_mean};
-use crate::environment::light::{LightKind, Lighting};
 use glam::{DVec2, DVec3, Vec3};
 use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;
+use penumbra_lighting::{LightKind, Lighting};
 use std::f64::consts::PI;
 
 /// A diffuse surface in the scene camera's picture, of which albedo and light are known.
@@ -227,8 +227,8 @@ mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
     use super::*;
-    use crate::environment::light::{CubeMap, DomeLight, Harmonics};
     use penumbra_interface::MonotonicTime;
+    use penumbra_lighting::{CubeMap, DomeLight, Harmonics};
     use std::sync::Arc;
 
     fn surfaces(gains: DVec3, albedo: DVec3) -> Vec<KnownSurface> {

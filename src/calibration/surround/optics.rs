@@ -10,10 +10,10 @@ use super::solve::Said;
 use super::step::{EnvironmentStep, Kind};
 use super::view::View;
 use crate::calibration::head::Grade;
-use crate::environment::ball_outline;
 use glam::{DVec2, DVec3};
 use penumbra_camera::LensModel;
 use penumbra_camera::{EnvironmentView, FisheyeLens};
+use penumbra_lighting::ball_outline;
 
 /// What was found of it.
 #[derive(Clone, Debug)]

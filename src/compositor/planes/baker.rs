@@ -9,12 +9,12 @@ use super::bake_scene::{BakeCasters, BakeScene, receiver_mesh};
 use super::compute::{buffer_of, storage};
 use super::readback::read_buffer;
 use super::receiver::{receiver_image, words};
-use crate::environment::geodesic::{Face, GeodesicDome};
 use crate::scene::Scene;
 use crate::scene::planes::{
     Bake, BakeSettings, Basis, Image, Layer, Receiver, ReceiverImage, ShadowingPlane,
 };
 use glam::{DVec3, Vec3};
+use penumbra_lighting::geodesic::{Face, GeodesicDome};
 use std::ops::ControlFlow;
 use wgpu::BufferUsages as U;
 

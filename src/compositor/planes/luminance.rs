@@ -9,8 +9,8 @@ use crate::compositor::Gpu;
 use crate::compositor::bindings::{Slot, compute_layout, compute_pipeline, group};
 use crate::compositor::shaders::{Variant, module};
 use crate::compositor::timing::Timer;
-use crate::environment::geodesic::{FaceLight, Membership, sum_faces_into};
 use glam::Vec3;
+use penumbra_lighting::geodesic::{FaceLight, Membership, sum_faces_into};
 use std::mem::size_of;
 use std::sync::Arc;
 use wgpu::BufferUsages as Usage;
@@ -139,7 +139,7 @@ impl LuminancePass {
     }
 
     /// Takes over what changed: the table when it is another one, radiance when `generation`
-    /// is (that of the [`crate::environment::Lighting`] it belongs to).
+    /// is (that of the [`penumbra_lighting::Lighting`] it belongs to).
     ///
     /// # Errors
     /// More pixels than the device can bind; what was there before stays.

@@ -2,8 +2,8 @@
 //! are counted, no clock is asked, so that a replay is always the same.
 
 use super::SOURCES;
-use crate::environment::geodesic::FaceSource;
 use glam::{Quat, Vec2, Vec3};
+use penumbra_lighting::geodesic::FaceSource;
 
 /// Images are drawn anew when their source has moved by more than this, radians (0.25°): five
 /// metres above the ground that is two centimetres.

@@ -9,8 +9,8 @@ use super::source_drawing::{Drawing, SourceOutput};
 use super::source_images::{SOURCE_LIGHTS, SourceBaker};
 use super::source_slots::SourceSlots;
 use super::synthesis::SourceTargets;
-use crate::environment::geodesic::FaceLight;
 use glam::Quat;
+use penumbra_lighting::geodesic::FaceLight;
 use wgpu::BufferUsages as U;
 
 /// What has been done for sources so far.

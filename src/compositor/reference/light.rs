@@ -1,8 +1,8 @@
 //! Sums over the dome lights.
 
 use super::surface::{Reaching, Surface};
-use crate::environment::{LightKind, Lighting};
 use glam::DVec3;
+use penumbra_lighting::{LightKind, Lighting};
 use std::f64::consts::PI;
 
 /// Light on a real surface.

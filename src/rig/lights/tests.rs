@@ -2,12 +2,12 @@
 use super::*;
 use crate::calibration::RigDocument;
 use crate::config::Config;
-use crate::environment::{CubeMap, Harmonics, Lighting};
 use crate::rig::RigSetup;
 use crate::rig::light::LightStation;
 use crate::rig::lighter::SceneNews;
 use crate::scene::Scene;
 use crate::status::{Settings, Technique};
+use penumbra_lighting::{CubeMap, Harmonics, Lighting};
 use std::time::Instant;
 use tokio::sync::watch;
 

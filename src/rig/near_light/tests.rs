@@ -1,10 +1,10 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
-use crate::environment::{CubeMap, DomeLight, Harmonics, LightKind};
 use crate::scene::motion::{Channel, Easing, Track};
 use crate::scene::{Material, Motion, Mover, casters, primitives};
 use glam::{DQuat, Vec3};
 use penumbra_interface::MonotonicTime;
+use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind};
 use std::sync::Arc;
 use std::time::Instant;
 

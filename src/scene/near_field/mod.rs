@@ -13,9 +13,9 @@ mod sides;
 mod surfels;
 
 use super::{Part, PhantomRays, Scene};
-use crate::environment::Lighting;
-use crate::environment::glints::Whole;
 use glam::Vec3;
+use penumbra_lighting::Lighting;
+use penumbra_lighting::glints::Whole;
 use receivers::{GroundGrid, Volume};
 use sides::Sides;
 use std::f32::consts::PI;
@@ -388,10 +388,10 @@ impl Light<'_> {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::environment::{CubeMap, Harmonics, Lighting};
     use crate::scene::{Material, casters, primitives};
     use glam::DMat4;
     use penumbra_interface::MonotonicTime;
+    use penumbra_lighting::{CubeMap, Harmonics, Lighting};
     use std::sync::Arc;
 
     fn field(size: f32) -> NearField {

@@ -3,9 +3,10 @@
 use super::receivers::GroundGrid;
 use super::sides::Sides;
 use super::{Directions, Light, Met, Obstacles, Region};
-use crate::environment::lobes::{self, Family};
 use crate::scene::{Hit, Material, Part, SceneTexture};
 use glam::Vec3;
+use penumbra_lighting::lobes;
+use penumbra_lighting::lobes::Family;
 use std::f32::consts::PI;
 
 /// Points on all objects together.

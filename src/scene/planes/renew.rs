@@ -5,10 +5,10 @@
 use super::generate::{Kept, PlaneError, PlaneSettings, generate_beside};
 use super::surface::bounds;
 use super::{Bake, Layer, ShadowingPlane};
-use crate::environment::geodesic::{Face, GeodesicDome};
 use crate::scene::change::is_same;
 use crate::scene::{Part, Scene};
 use glam::DVec3;
+use penumbra_lighting::geodesic::{Face, GeodesicDome};
 
 /// A bake that is to be mended.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,12 +1,12 @@
 //! Materials of a scene file, over those of the object's own file.
 
 use super::typed::{Colour, MaterialFile, PhongFile};
-use crate::environment::lobes::LARGEST_EXPONENT;
 use crate::scene::gltf_file::read_file;
 use crate::scene::gltf_material::decode;
 use crate::scene::normals::recompute_tangents;
 use crate::scene::{Material, Mesh, Part, Phong, SceneTexture};
 use glam::{Vec2, Vec3};
+use penumbra_lighting::lobes::LARGEST_EXPONENT;
 use penumbra_strict_toml::Fault;
 use std::path::Path;
 use std::sync::Arc;

@@ -2,9 +2,9 @@
 
 use super::*;
 use crate::compositor::Gpu;
-use crate::environment::cube::CubeGrid;
-use crate::environment::geodesic::{GeodesicDome, sum_faces};
 use glam::Vec3;
+use penumbra_lighting::cube::CubeGrid;
+use penumbra_lighting::geodesic::{GeodesicDome, sum_faces};
 
 /// The software driver; `PENUMBRA_TEST_ADAPTER` names another.
 fn gpu() -> Gpu {

@@ -4,8 +4,8 @@ use super::super::compute::storage;
 use super::super::readback::read_buffer;
 use super::*;
 use crate::compositor::Gpu;
-use crate::environment::geodesic::FaceSource;
 use glam::Vec3;
+use penumbra_lighting::geodesic::FaceSource;
 
 const FACES: usize = 40;
 

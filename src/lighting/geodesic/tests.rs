@@ -1,8 +1,8 @@
 #![allow(clippy::unwrap_used)]
 
 use super::*;
-use crate::environment::cube::CubeGrid;
-use crate::environment::resample::PixelDirections;
+use crate::cube::CubeGrid;
+use crate::resample::PixelDirections;
 use glam::{DVec2, Quat};
 use penumbra_camera::PlacedView;
 use penumbra_camera::{EnvironmentView, FisheyeLens};

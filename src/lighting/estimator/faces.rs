@@ -1,7 +1,7 @@
 //! What the luminance parameters of shadowing planes are summed from.
 
 use super::*;
-use crate::environment::geodesic::{FaceLight, FaceOfPixel, FaceSource, GeodesicDome, Membership};
+use crate::geodesic::{FaceLight, FaceOfPixel, FaceSource, GeodesicDome, Membership};
 use glam::Quat;
 
 /// States that may be in use at once: with the compositor, on the way to it, in the making.

@@ -79,7 +79,7 @@ mod tests {
     #![allow(clippy::unwrap_used)]
     use super::super::GeodesicDome;
     use super::*;
-    use crate::environment::cube::CubeGrid;
+    use crate::cube::CubeGrid;
 
     #[test]
     fn each_pixel_is_found_in_its_face() {

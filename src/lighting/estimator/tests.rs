@@ -2,8 +2,8 @@
 //! Closed-form truths of the whole way from pictures to light.
 
 use super::*;
-use crate::environment::cube::sample;
-use crate::environment::{BallSeen, LightKind};
+use crate::cube::sample;
+use crate::{BallSeen, LightKind};
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use penumbra_camera::PinholeCamera;
 use penumbra_camera::srgb_from_linear;
@@ -547,7 +547,7 @@ fn shadows_in_the_scene_tell_how_bright_a_clipped_lamp_is() {
     let hidden = |o: DVec3, d: DVec3| meets(o, d, DVec3::new(-0.1, 0.05, 0.06), 0.06);
     let in_shadow =
         |p: DVec3, d: DVec3| hidden(p, d) || meets(p, d, mirror.centre_in_world, mirror.radius);
-    let (u, v) = crate::environment::cube::tangent_frame(lamp);
+    let (u, v) = crate::cube::tangent_frame(lamp);
     let lamp_part: Vec<DVec3> = (0..32)
         .map(|k| {
             let (r, a) = (((k as f32 + 0.5) / 32.0).sqrt() * 0.15, k as f32 * 2.4);

@@ -47,7 +47,6 @@ pub use clipped::ClippedEnergy;
 pub use estimator::EnvironmentEstimator;
 pub use hdr::Bracket;
 pub use light::{CubeMap, DomeLight, Filtering, Harmonics, LightKind, Lighting};
-pub use penumbra_camera::Parallax;
 pub use probe::ProbeMap;
 pub use report::LightReport;
 pub use settings::{

@@ -109,9 +109,7 @@ impl EnvironmentEstimator {
     }
 
     /// What a sphere in the scene camera's picture has shown; `None` for other views.
-    pub(in crate::environment) const fn remembered(
-        &self,
-    ) -> Option<(&DirectionMemory, &CubeGrid, &LastBall)> {
+    pub(crate) const fn remembered(&self) -> Option<(&DirectionMemory, &CubeGrid, &LastBall)> {
         match &self.placed {
             View::Fixed(_) => None,
             View::Moving(memory) => Some((memory, &self.grid, &self.last_ball)),

@@ -2,7 +2,7 @@
 
 use super::super::tests::{Rig, fisheye, photograph, sphere};
 use super::*;
-use crate::environment::geodesic::sum_faces;
+use crate::geodesic::sum_faces;
 
 fn with_faces(frequency: u32) -> EnvironmentSettings {
     EnvironmentSettings {

@@ -1,9 +1,9 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-//! Real photographs with published light directions, in `../shared`.
+//! Real photographs with published light directions, in `../../../shared`.
 
 use super::*;
-use crate::environment::report::{dominant_direction, photograph_settings};
-use crate::environment::{Bracket, EnvironmentEstimator, EnvironmentInput, LightReport};
+use crate::report::{dominant_direction, photograph_settings};
+use crate::{Bracket, EnvironmentEstimator, EnvironmentInput, LightReport};
 use glam::Vec3;
 use penumbra_interface::MonotonicTime;
 
@@ -28,7 +28,7 @@ impl Estimator {
 /// A folder of the shared data, or nothing and a loud word.
 fn shared(test: &str, folder: &str) -> Option<PathBuf> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../shared/data")
+        .join("../../../shared/data")
         .join(folder);
     if path.is_dir() {
         return Some(path);
