@@ -18,5 +18,4 @@ pub mod config;
 pub mod doctor;
 pub mod output;
 pub mod rig;
-pub mod scene;
 pub mod status;

@@ -4,7 +4,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use penumbra::config::Config;
-use penumbra::scene::SceneAddition;
+use penumbra_scene::SceneAddition;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 

@@ -7,9 +7,9 @@
 
 use glam::DVec3;
 use penumbra::compositor::reference::exposure::exposed;
-use penumbra::scene::Highlights;
 use penumbra_camera::Response;
 use penumbra_picture::Picture;
+use penumbra_scene::Highlights;
 use std::path::{Path, PathBuf};
 
 /// Sessions and the stops of their brackets.

@@ -20,11 +20,11 @@ use penumbra::calibration::photometry::{
 };
 use penumbra::calibration::rig::EnvironmentCamera;
 use penumbra::calibration::rig_json::RigDocument;
-use penumbra::scene::mesh::Scene;
 use penumbra_camera::Response;
 use penumbra_camera::{EnvironmentView, FisheyeLens};
 use penumbra_interface::{Frame, MonotonicTime, PixelFormat, RigidTransform};
 use penumbra_picture::{Picture, YuvEncoding};
+use penumbra_scene::Scene;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 

@@ -12,15 +12,15 @@ use crate::compositor::{
     Compositor, CompositorSettings, Exposure, FrameInput, Gpu, GpuError, LampResponse, Refresh,
     ShadowMode,
 };
-use crate::scene::Highlights;
-use crate::scene::gate::temple_gate;
-use crate::scene::planes::{Bake, BakeSettings, PlaneSettings, generate};
-use crate::scene::{Material, Part, Scene, primitives};
 use glam::{DMat4, DVec3, Vec3};
 use penumbra_camera::Response;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_lighting::geodesic::{FaceLight, FaceSource, GeodesicDome, Membership};
 use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
+use penumbra_scene::Highlights;
+use penumbra_scene::gate::temple_gate;
+use penumbra_scene::planes::{Bake, BakeSettings, PlaneSettings, generate};
+use penumbra_scene::{Material, Part, Scene, primitives};
 use std::f32::consts::PI;
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -77,7 +77,7 @@ fn measure(gpu: &Gpu, case: &Case, options: &BenchOptions) -> Result<Row, GpuErr
         ..CompositorSettings::for_adapter(gpu.software)
     };
     let mut compositor = Compositor::new(gpu.clone(), settings, Response::srgb());
-    compositor.set_scene(&scene, &crate::scene::casters(&scene));
+    compositor.set_scene(&scene, &penumbra_scene::casters(&scene));
     let sources = SourceBaker::new(gpu, &scene, &bake)?;
     compositor.set_bake_with_sources(Some(&bake), Some(sources))?;
     let mut sky = Sky::new();

@@ -15,14 +15,14 @@ use crate::compositor::exposure::AutoLimits;
 use crate::compositor::{
     Compositor, CompositorSettings, Exposure, FrameInput, Gpu, LampResponse, Refresh, ShadowMode,
 };
-use crate::scene::Highlights;
-use crate::scene::lamps::MOST_LAMPS;
 use penumbra_camera::Response;
 use penumbra_interface::MonotonicTime;
 use penumbra_lighting::{
     Bracket, EnvironmentEstimator, EnvironmentInput, EnvironmentSettings, Lighting,
 };
 use penumbra_picture::Picture;
+use penumbra_scene::Highlights;
+use penumbra_scene::lamps::MOST_LAMPS;
 use room::{Room, Stills, View};
 use std::sync::Arc;
 use std::time::Instant;
@@ -149,7 +149,7 @@ impl Rig {
         };
         let mut compositor = Compositor::new(gpu.clone(), settings, Response::srgb());
         let scene = room.scene();
-        compositor.set_scene(&scene, &crate::scene::casters(&scene));
+        compositor.set_scene(&scene, &penumbra_scene::casters(&scene));
         let parts = scene.virtual_parts.iter();
         Ok(Self {
             triangles: parts.map(|p| p.mesh.indices.len() / 3).sum(),

@@ -8,12 +8,12 @@ use crate::compositor::{
     Compositor, CompositorSettings, Exposure, FrameInput, Gpu, GpuError, LampResponse, Refresh,
     ShadowMode,
 };
-use crate::scene::Highlights;
-use crate::scene::{Material, Mesh, Part, Scene, primitives};
 use glam::{DMat4, DVec3, Vec3, Vec4};
 use penumbra_camera::Response;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
+use penumbra_scene::Highlights;
+use penumbra_scene::{Material, Mesh, Part, Scene, primitives};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -45,7 +45,7 @@ fn measure(
         CompositorSettings::for_adapter(gpu.software),
         Response::srgb(),
     );
-    compositor.set_scene(&scene, &crate::scene::casters(&scene));
+    compositor.set_scene(&scene, &penumbra_scene::casters(&scene));
     let lighting = lighting(lights);
     let picture = picture(width, height);
     let camera = camera(width, height);

@@ -8,13 +8,13 @@ use super::fiducial::{Tag, UnknownFamily};
 use super::json_node::Node;
 pub use super::json_node::RigJsonError;
 use super::rig::{EnvironmentCamera, RigCalibration, SceneCamera};
-use crate::scene::lamps::MOST_LAMPS;
-use crate::scene::{GroundPlane, VirtualLight};
 use cameras::{chart, environment_camera, scene_camera, sphere, tracker};
 use glam::{DMat4, DVec2, Vec3};
 use penumbra_camera::{EnvironmentView, MirrorSphere};
 use penumbra_camera::{PinholeCamera, Response};
 use penumbra_interface::RigidTransform;
+use penumbra_scene::lamps::MOST_LAMPS;
+use penumbra_scene::{GroundPlane, VirtualLight};
 use things::{ground, marker, object, phantom, virtual_light};
 
 mod cameras;

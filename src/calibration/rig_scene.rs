@@ -9,11 +9,12 @@ use super::photometric_file::apply_photometric_file;
 use super::tracker_file::apply_tracker_file;
 use super::{RigDocument, RigJsonError};
 use crate::calibration::head::RecordError;
-use crate::scene::gltf_file::{load_gltf_bytes, z_up_from_y_up};
-use crate::scene::{Material, Part, Scene, SceneAddition, SceneChoice, SceneError};
-use crate::scene::{enclosed, load_ply, primitives};
 use glam::{DMat4, Vec3};
 use penumbra_camera::MirrorSphere;
+use penumbra_scene::gltf_file::z_up_from_y_up;
+use penumbra_scene::load_gltf_bytes;
+use penumbra_scene::{Material, Part, Scene, SceneAddition, SceneChoice, SceneError};
+use penumbra_scene::{enclosed, load_ply, primitives};
 use std::sync::Arc;
 use thiserror::Error;
 
@@ -194,8 +195,8 @@ fn mirror_phantom(sphere: &MirrorSphere) -> Part {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::scene::Mesh;
     use glam::DVec3;
+    use penumbra_scene::Mesh;
     use std::collections::HashMap;
     use std::path::{Path, PathBuf};
 

@@ -11,10 +11,10 @@ use penumbra::config::{
 };
 use penumbra::output::window::{self, WindowOptions};
 use penumbra::rig::{Report, RigError, RunOptions, Runner};
-use penumbra::scene::Highlights;
-use penumbra::scene::SceneChoice;
 use penumbra::status::{SharedStatus, StatusError, StatusServer, Technique};
 use penumbra_lighting::Filtering;
+use penumbra_scene::Highlights;
+use penumbra_scene::SceneChoice;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;

@@ -297,9 +297,9 @@ impl PipelineSpec<'_> {
     }
 }
 
-/// Vertex buffer of [`crate::scene::Vertex`].
+/// Vertex buffer of [`penumbra_scene::Vertex`].
 pub const VERTEX_LAYOUT: wgpu::VertexBufferLayout<'static> = wgpu::VertexBufferLayout {
-    array_stride: size_of::<crate::scene::Vertex>() as u64,
+    array_stride: size_of::<penumbra_scene::Vertex>() as u64,
     step_mode: wgpu::VertexStepMode::Vertex,
     attributes: &wgpu::vertex_attr_array![0 => Float32x3, 1 => Float32x3, 2 => Float32x2, 3 => Float32x4],
 };

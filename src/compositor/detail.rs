@@ -3,8 +3,8 @@
 
 use super::cover::{Corners, corners};
 use super::scene_buffers::{index_buffer, placed_indices};
-use crate::scene::{Part, coarser};
 use glam::{DMat3, DMat4};
+use penumbra_scene::{Part, coarser};
 
 /// Errors of the coarser levels, in extents of the part.
 const ERRORS: [f64; 2] = [1.0 / 5000.0, 1.0 / 1250.0];

@@ -5,10 +5,10 @@ use super::bindings::group;
 use super::cover::Corners;
 use super::gpu_data::VirtualPartUniform;
 use super::scene_buffers::{index_buffer, vertex_buffer};
-use crate::scene::VirtualLight;
-use crate::scene::photometric::{luminance, mean_colour};
-use crate::scene::{Material, PlacedArea, PlacedLamp, primitives};
 use glam::{Mat4, Vec3, Vec4};
+use penumbra_scene::VirtualLight;
+use penumbra_scene::photometric::{luminance, mean_colour};
+use penumbra_scene::{Material, PlacedArea, PlacedLamp, primitives};
 
 /// How far the dark back of a lamp is behind its front, metres.
 const BACK: f32 = 1e-3;
@@ -70,8 +70,9 @@ impl Emitters {
             usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
             mapped_at_creation: false,
         });
-        let vertices =
-            |mesh: &crate::scene::Mesh| vertex_buffer(device, bytemuck::cast_slice(&mesh.vertices));
+        let vertices = |mesh: &penumbra_scene::Mesh| {
+            vertex_buffer(device, bytemuck::cast_slice(&mesh.vertices))
+        };
         Self {
             plain: bind(&Material::default()),
             vertices: [vertices(&front), vertices(&back)],

@@ -17,13 +17,13 @@ use super::scene_buffers::SceneLayouts;
 use super::shaders::Variant;
 use super::targets::{ENCODING, Targets};
 use super::{Compositor, GpuError, Refresh};
-use crate::scene::Highlights;
-use crate::scene::{NearLight, PlacedLamp};
 use glam::{DMat4, DVec4, Vec3};
 use penumbra_camera::{PinholeCamera, Response};
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::Lighting;
 use penumbra_picture::Picture;
+use penumbra_scene::Highlights;
+use penumbra_scene::{NearLight, PlacedLamp};
 
 /// How the shadow buffer darkens the real picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -63,7 +63,7 @@ pub struct FrameInput<'a> {
     pub lighting: Option<&'a Lighting>,
     /// What virtual objects throw back onto the real scene under that light, if it is known.
     pub near: Option<&'a NearLight>,
-    /// Lamps that shine in the picture only; after [`crate::scene::lamps::MOST_LAMPS`] they are left out.
+    /// Lamps that shine in the picture only; after [`penumbra_scene::lamps::MOST_LAMPS`] they are left out.
     pub lamps: &'a [PlacedLamp],
     /// How real surfaces answer them.
     pub lamp_response: LampResponse,

@@ -2,9 +2,9 @@
 //! `shaders/lib/lamps.wgsl`, `shaders/lib/glints.wgsl`, `shaders/phantom_geometry.wgsl` and
 //! `shaders/virtual_geometry.wgsl`.
 
-use crate::scene::lamps::MOST_LAMPS;
 use bytemuck::{Pod, Zeroable};
 use penumbra_lighting::glints::{Glint, MOST_GLINTS, MOST_LEVELS};
+use penumbra_scene::lamps::MOST_LAMPS;
 
 /// Twin of WGSL `Frame`.
 #[repr(C)]

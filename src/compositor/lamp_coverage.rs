@@ -5,8 +5,8 @@
 //! looks from several places, whose views share each map like tiles.
 
 use super::shadow_slots::CasterHull;
-use crate::scene::{PlacedArea, PlacedLamp};
 use glam::{Mat4, Vec3, Vec4};
+use penumbra_scene::{PlacedArea, PlacedLamp};
 
 /// Twin of WGSL `LAMP_NEAR`.
 const NEAR: f32 = 1e-3;

@@ -6,9 +6,9 @@ use super::lamp_layers::{Assigned, LampLayers, LampViews};
 use super::lamp_screens::LampScreens;
 use super::shadow_slots::CasterHull;
 use super::targets::format;
-use crate::scene::PlacedLamp;
-use crate::scene::lamps::MOST_LAMPS;
 use glam::{Mat4, Vec3};
+use penumbra_scene::PlacedLamp;
+use penumbra_scene::lamps::MOST_LAMPS;
 
 /// Views that all lamps together may need.
 pub const MOST_VIEWS: usize = MOST_VIEWS_EACH * MOST_LAMPS;

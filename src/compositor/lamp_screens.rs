@@ -1,11 +1,11 @@
 //! What area lamps show, as their light is worked out from: small pictures with all their levels.
 
 use super::light_maps::half_texel;
-use crate::scene::SceneTexture;
-use crate::scene::VirtualLight;
-use crate::scene::photometric::{luminance, mean_colour};
 use glam::Vec3;
 use penumbra_camera::linear_from_srgb;
+use penumbra_scene::SceneTexture;
+use penumbra_scene::VirtualLight;
+use penumbra_scene::photometric::{luminance, mean_colour};
 
 /// Texels a side: light is never told finer than that.
 const SIDE: u32 = 64;

@@ -9,9 +9,9 @@ use super::lamp_screens::LampScreens;
 use super::near_maps::NearMaps;
 use super::shaders::MAX_LIGHTS;
 use super::shadow_slots::CasterHull;
-use crate::scene::{NearLight, PlacedLamp};
 use glam::Vec3;
 use half::f16;
+use penumbra_scene::{NearLight, PlacedLamp};
 
 /// Side of the tables of irradiance by normal.
 const BY_NORMAL: u32 = 33;

@@ -46,7 +46,6 @@ pub use reproject::Reprojection;
 pub use scene_upload::{SceneUploader, UploadedScene};
 pub use shadow_slots::Refresh;
 
-use crate::scene::{Part, PlacedLamp, Scene};
 use cover::Cover;
 use exposure::ExposureStation;
 use frame::Pipelines;
@@ -55,6 +54,7 @@ use light_maps::LightMaps;
 use passes::shadow_map::ShadowMaps;
 use penumbra_camera::Vignetting;
 use penumbra_camera::{Response, RollingShutter};
+use penumbra_scene::{Part, PlacedLamp, Scene};
 use planes::PlanesStage;
 use reproject::ReprojectStage;
 use scene_buffers::{SceneBuffers, SceneLayouts};

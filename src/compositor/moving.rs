@@ -4,8 +4,8 @@ use super::cover::Corners;
 use super::gpu_data::VirtualPartUniform;
 use super::scene_buffers::{MeshBuffers, matrices};
 use super::shadow_slots::CasterHull;
-use crate::scene::{Motion, Part};
 use glam::{DMat4, DVec3, Mat4, Vec3};
+use penumbra_scene::{Motion, Part};
 use std::mem::offset_of;
 
 /// A moving part.

@@ -1,9 +1,9 @@
 //! Light from close by, on the GPU.
 
 use super::light_maps::half_texel;
-use crate::scene::NearLight;
-use crate::scene::near_field::{GROUND_SIDE, VOLUME_SIZE};
 use half::f16;
+use penumbra_scene::NearLight;
+use penumbra_scene::near_field::{GROUND_SIDE, VOLUME_SIZE};
 
 /// Three pictures of the ground side by side (what virtual objects change, what phantoms
 /// throw without them and with them), and three times six volumes.

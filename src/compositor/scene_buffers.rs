@@ -6,10 +6,10 @@ use super::emitters::Emitters;
 use super::gpu_data::{PhantomPartUniform, VirtualPartUniform};
 use super::lamp_screens::LampScreens;
 use super::moving::{CASTER_SHIFT, CasterPlaces, MovingPart};
-use crate::scene::motion::still_and_moving;
-use crate::scene::{Material, Part, Scene, SceneTexture};
 use glam::{DMat4, Mat4, Vec3};
 use penumbra_lighting::lobes::phong_parameter;
+use penumbra_scene::motion::still_and_moving;
+use penumbra_scene::{Material, Part, Scene, SceneTexture};
 use std::sync::Arc;
 use wgpu::util::{BufferInitDescriptor, DeviceExt, TextureDataOrder};
 

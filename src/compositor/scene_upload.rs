@@ -4,7 +4,7 @@ use super::cover::Corners;
 use super::gpu::Gpu;
 use super::scene_buffers::{SceneBuffers, SceneLayouts};
 use super::shadow_slots::CasterHull;
-use crate::scene::{Part, Scene};
+use penumbra_scene::{Part, Scene};
 
 /// Makes scenes ready for [`super::Compositor::show_scene`]; belongs to its compositor.
 #[derive(Clone)]

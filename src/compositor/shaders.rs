@@ -2,8 +2,8 @@
 
 use super::lamp_maps::MOST_VIEWS;
 use super::targets::ENCODING;
-use crate::scene::lamps::MOST_LAMPS;
 use penumbra_lighting::glints::MOST_GLINTS;
+use penumbra_scene::lamps::MOST_LAMPS;
 use std::borrow::Cow;
 
 const FRAME: &str = include_str!("shaders/lib/frame.wgsl");

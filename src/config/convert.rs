@@ -9,7 +9,7 @@ use super::{
     Config, EnvironmentConfig, OutputConfig, ShadowConfig, StatusConfig, SyncConfig,
     WhiteBalanceConfig, WhiteBalanceMethod,
 };
-use crate::scene::SceneChoice;
+use penumbra_scene::SceneChoice;
 use penumbra_strict_toml::TomlError;
 use penumbra_strict_toml::{Fault, TomlText};
 use std::net::SocketAddr;

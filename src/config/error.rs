@@ -1,6 +1,6 @@
 //! What can be wrong with a configuration.
 
-use crate::scene::SceneError;
+use penumbra_scene::SceneError;
 use penumbra_strict_toml::TomlError;
 use thiserror::Error;
 

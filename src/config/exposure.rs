@@ -2,7 +2,7 @@
 //! section 4.3).
 
 use super::convert::{Result, set, within};
-pub use crate::scene::Highlights;
+pub use penumbra_scene::Highlights;
 use serde::Deserialize;
 use std::ops::RangeInclusive;
 use std::str::FromStr;

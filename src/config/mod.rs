@@ -14,8 +14,6 @@ mod registration;
 pub mod token;
 
 use crate::calibration::EnvironmentSource;
-pub use crate::scene::Highlights;
-pub use crate::scene::SceneChoice;
 pub use choice::{
     Antialias, Clipped, FollowLatency, Irradiance, LampResponse, LightPlacement, Monitor, Refresh,
     ReplayPairing, ReplaySpeed, ShadowMode, ShadowResolution, ShadowTechnique, ToneCurve, Unseen,
@@ -34,12 +32,14 @@ pub use exposure::{
 };
 pub use penumbra_lighting::Filtering;
 pub use penumbra_picture::YuvEncoding;
+pub use penumbra_scene::Highlights;
+pub use penumbra_scene::SceneChoice;
 use penumbra_sync::{Degree, Smoothing};
 pub use planes::{FREQUENCIES, PlaneReceiver, PlaneShading, PlanesConfig, lights_of_dome};
 pub use registration::{Distortion, PoseSource, Predict, RegistrationConfig};
 
-use crate::scene::SceneAddition;
 use penumbra_interface::CameraSettings;
+use penumbra_scene::SceneAddition;
 use penumbra_strict_toml::TomlText;
 use std::fmt;
 use std::net::{Ipv4Addr, SocketAddr};

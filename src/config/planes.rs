@@ -1,7 +1,7 @@
 //! `[planes]`: shadowing planes and what is baked onto them (Kakuta et al. 2004, 2007).
 
 use super::convert::{Result, set, whole, within};
-use crate::scene::planes::{BakeSettings, Receiver};
+use penumbra_scene::planes::{BakeSettings, Receiver};
 use penumbra_strict_toml::Fault;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};

@@ -118,6 +118,21 @@ fn the_shipped_files_are_read() {
 }
 
 #[test]
+fn a_configuration_is_checked_with_the_scene_that_it_names() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("b.glb"), "glTF nonsense").unwrap();
+    std::fs::write(
+        folder.path().join("scene.toml"),
+        "[[object]]\nfile = \"b.glb\"\n",
+    )
+    .unwrap();
+    let config = folder.path().join("rig.toml");
+    std::fs::write(&config, "[scene]\nfile = \"scene.toml\"\n").unwrap();
+    let text = check_config(&config).unwrap_err().to_string();
+    assert!(text.contains("b.glb: not a usable glTF"), "{text}");
+}
+
+#[test]
 fn the_summary_lists_what_differs() {
     assert!(
         check_config(&shipped("rig.toml"))

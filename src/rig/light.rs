@@ -21,7 +21,6 @@ use crate::calibration::photometry::{
     MatchMethod, MatchStatus, PhotometricMatch, PhotometrySettings,
 };
 use crate::config::{Config, Unseen, WhiteBalanceMethod};
-use crate::scene::casters;
 use glam::{DVec3, Mat3, Quat, Vec3};
 use penumbra_camera::EnvironmentView;
 use penumbra_camera::Response;
@@ -31,6 +30,7 @@ use penumbra_lighting::{
     BallSeen, Bracket, EnvironmentEstimator, EnvironmentInput, Lighting, Placement,
 };
 use penumbra_picture::{Picture, PictureError, YuvEncoding, decode_into};
+use penumbra_scene::casters;
 use penumbra_sync::EnvironmentSet;
 use std::sync::Arc;
 

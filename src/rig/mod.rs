@@ -55,10 +55,10 @@ use crate::calibration::{RigCalibration, RigDocument, RigFilesError};
 use crate::compositor::GpuError;
 use crate::config::{Config, ConfigError, PoseSource};
 use crate::output::OutputError;
-use crate::scene::{Scene, SceneError};
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::EnvironmentError;
 use penumbra_picture::PictureError;
+use penumbra_scene::{Scene, SceneError};
 use penumbra_session::SessionError;
 use penumbra_session::import::ImportError;
 use penumbra_sync::{PoseAt, RigFrame};
@@ -125,7 +125,7 @@ pub enum RigError {
     Output(#[from] OutputError),
     /// Shadowing planes.
     #[error(transparent)]
-    Planes(#[from] crate::scene::planes::PlaneError),
+    Planes(#[from] penumbra_scene::planes::PlaneError),
     /// The pose is to come from markers that nobody told of.
     #[error(
         "registration.pose = \"{wanted}\", but the calibration lists no markers; add `markers` to \

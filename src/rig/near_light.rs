@@ -5,10 +5,10 @@
 //! [`PERIOD`] after it was begun, waited for if need be: by the session's time alone, so that
 //! a replay is always the same.
 
-use crate::scene::{NearField, NearLight, Part, PhantomRadiance, Scene};
 use glam::{DMat4, DVec3};
 use penumbra_interface::threads;
 use penumbra_lighting::Lighting;
+use penumbra_scene::{NearField, NearLight, Part, PhantomRadiance, Scene};
 use std::thread::JoinHandle;
 
 /// Seconds from one light to the next.

@@ -9,7 +9,6 @@ use crate::calibration::fusion::{Fused, Fusion, PoseSigma, Source, Tracked, Verd
 use crate::calibration::rig::SphereMarker;
 use crate::calibration::rig_json::Marker;
 use crate::config::{Config, PoseSource};
-use crate::scene::Scene;
 use crate::status::{RegistrationSource, RegistrationStatus};
 use glam::DVec3;
 use penumbra_camera::EnvironmentView;
@@ -17,6 +16,7 @@ use penumbra_camera::{PinholeCamera, RollingShutter};
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_lighting::BallSeen;
 use penumbra_picture::Picture;
+use penumbra_scene::Scene;
 
 /// Standard deviation of a sphere's picture by a tracker's pose or a marker of its own, pixels:
 /// neither tells its own.
@@ -209,8 +209,9 @@ fn by_both(fused: Option<&Fused>, found: Option<&Registered>, rejected: u64) -> 
 /// What the virtual objects stand about, else the markers; world, metres.
 pub(super) fn middle(scene: &Scene, tags: Option<&TagMap>) -> DVec3 {
     let points = scene.virtual_parts.iter().flat_map(|part| {
-        let placed =
-            |v: &crate::scene::Vertex| part.world_from_part.transform_point3(v.position.as_dvec3());
+        let placed = |v: &penumbra_scene::Vertex| {
+            part.world_from_part.transform_point3(v.position.as_dvec3())
+        };
         part.mesh.vertices.iter().map(placed)
     });
     let box_of = |points: &mut dyn Iterator<Item = DVec3>| {

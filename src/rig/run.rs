@@ -19,14 +19,14 @@ use crate::compositor::{
 use crate::config::{self, Distortion};
 use crate::output::Screen;
 use crate::output::files::FrameFolder;
-use crate::scene::Highlights;
-use crate::scene::PlacedLamp;
 use crate::status::RegistrationSource;
 use crate::status::snapshot::SessionState;
 use crate::status::{self, Settings, StageTimes, Technique};
 use penumbra_interface::{Clock, SystemClock};
 use penumbra_lighting::{BrightestFollower, BrightestLight};
 use penumbra_picture::Picture;
+use penumbra_scene::Highlights;
+use penumbra_scene::PlacedLamp;
 use penumbra_sync::Provenance;
 use penumbra_tracker_serial::freed::{FreedSender, Lens, optical_to_studio};
 use std::sync::Arc;

@@ -8,12 +8,12 @@ use super::watch::{GroundWatch, PhantomWatch};
 use crate::calibration::RigCalibration;
 use crate::calibration::photometry::raycast::{GROUND, PhantomCaster};
 use crate::config::{Clipped, Config, Irradiance};
-use crate::scene::{Part, Scene};
 use glam::DVec3;
 use penumbra_camera::EnvironmentView;
 use penumbra_lighting::{
     ClippedEnergy, EnvironmentEstimator, EnvironmentSettings, IrradianceMethod,
 };
+use penumbra_scene::{Part, Scene};
 use std::sync::Arc;
 
 /// What depends on real things alone.
@@ -62,7 +62,7 @@ impl SceneLight {
     ) -> Result<Self, RigError> {
         let other_ground = before.ground_height != scene.ground_height;
         let same = !other_ground
-            && crate::scene::change::same_parts(&before.phantom_parts, &scene.phantom_parts);
+            && penumbra_scene::change::same_parts(&before.phantom_parts, &scene.phantom_parts);
         let real =
             (!same).then(|| RealLight::new(rig, scene, config, other_ground || stands_among(rig)));
         let real = real.transpose()?;

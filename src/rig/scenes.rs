@@ -8,10 +8,10 @@ use super::reload::{Loaded, News, Origin, Reload};
 use super::runner::Runner;
 use crate::compositor::Compositor;
 use crate::config::Config;
-use crate::scene::Scene;
-use crate::scene::SceneChoice;
 use crate::status::{SceneStatus, Settings};
 use glam::DQuat;
+use penumbra_scene::Scene;
+use penumbra_scene::SceneChoice;
 use std::sync::Arc;
 
 /// See the module.
@@ -33,7 +33,7 @@ impl Scenes {
         news: SceneNews,
     ) -> Result<Self, RigError> {
         let scene = &runner.setup.scene;
-        compositor.set_scene(scene, &crate::scene::casters(scene));
+        compositor.set_scene(scene, &penumbra_scene::casters(scene));
         let shown = Arc::new(scene.clone());
         let mut status = SceneStatus::default();
         let reload = match &runner.config.scene {

@@ -3,14 +3,15 @@
 use super::light::SceneView;
 use crate::calibration::RigCalibration;
 use crate::calibration::photometry::raycast::PhantomCaster;
-use crate::scene::near_field::{AXES, PhantomRadiance, side_of, solid_phantoms};
-use crate::scene::{Part, PhantomRays, Scene};
 use glam::{DVec2, Vec3};
 use penumbra_camera::Vignetting;
 use penumbra_camera::{PinholeCamera, Response};
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::{LightKind, Lighting};
 use penumbra_picture::Picture;
+use penumbra_scene::PhantomRadiance;
+use penumbra_scene::near_field::{AXES, side_of, solid_phantoms};
+use penumbra_scene::{Part, PhantomRays, Scene};
 use std::f32::consts::PI;
 use std::sync::Arc;
 

@@ -58,7 +58,7 @@ fn extent(parts: &[Part]) -> Option<f64> {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::scene::{Material, primitives};
+    use crate::{Material, primitives};
     use glam::DMat4;
 
     fn scene(scale: f64) -> Scene {

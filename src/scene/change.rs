@@ -138,7 +138,7 @@ fn same_planes(old: &Scene, new: &Scene, motion: RigidTransform) -> bool {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::scene::{Material, primitives};
+    use crate::{Material, primitives};
     use glam::{Vec3, Vec4};
 
     fn part(place: DMat4) -> Part {

@@ -49,7 +49,7 @@ pub fn coarser(mesh: &Mesh, max_error_m: f32, textured: bool) -> Option<Vec<u32>
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::coarser;
-    use crate::scene::primitives;
+    use crate::primitives;
     use glam::Vec2;
 
     #[test]

@@ -75,9 +75,9 @@ fn winds_around(part: &Part, point: DVec3) -> bool {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::scene::motion::{Motion, Mover};
-    use crate::scene::{Material, Mesh, primitives};
-    use crate::scene::{VirtualLight, VirtualLightKey, VirtualLightKind};
+    use crate::{Material, Mesh, primitives};
+    use crate::{Motion, Mover};
+    use crate::{VirtualLight, VirtualLightKey, VirtualLightKind};
     use glam::Vec3;
     use std::sync::Arc;
 

@@ -1,8 +1,8 @@
 //! Lights of glTF files: KHR_lights_punctual.
 
 use super::gltf_bytes::Fault;
-use crate::scene::gltf_file::z_up_from_y_up;
-use crate::scene::{VirtualLight, VirtualLightKey, VirtualLightKind};
+use crate::gltf_file::z_up_from_y_up;
+use crate::{VirtualLight, VirtualLightKey, VirtualLightKind};
 use glam::{DMat4, DVec3, Vec3};
 use gltf::khr_lights_punctual::{Kind, Light};
 

@@ -3,7 +3,7 @@
 
 use super::gltf_bytes::{Fault, Source};
 use super::motion::{Channel, Easing, Motion, Track, Turning};
-use crate::scene::gltf_file::z_up_from_y_up;
+use crate::gltf_file::z_up_from_y_up;
 use glam::{DMat4, DQuat, DVec3, Mat4};
 use gltf::accessor::Dimensions;
 use gltf::animation::{Interpolation, Property};

@@ -1,6 +1,6 @@
 //! Lamps that exist in the picture only and light what is real as well as what is virtual.
 
-use crate::scene::{VirtualLight, VirtualLightKey, VirtualLightKind};
+use crate::{VirtualLight, VirtualLightKey, VirtualLightKind};
 use glam::{DVec3, Vec3};
 
 /// More lamps than this are refused where they are read.
@@ -134,7 +134,7 @@ fn key_at(keys: &[VirtualLightKey], seconds: f64) -> Option<VirtualLightKey> {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::scene::Scene;
+    use crate::Scene;
 
     fn key(seconds: f64, x: f64, gain: f64) -> VirtualLightKey {
         VirtualLightKey {

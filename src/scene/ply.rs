@@ -338,7 +338,7 @@ fn read_polygon(
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::scene::check::triangles;
+    use crate::check::triangles;
     use proptest::prelude::*;
 
     const ASCII: &str = "ply\nformat ascii 1.0\ncomment a square of two halves\n\

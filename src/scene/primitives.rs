@@ -180,7 +180,7 @@ fn disc(mesh: &mut Mesh, radius: f32, z: f32, up: bool, segments: u32) {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::scene::check::{check_mesh, triangles};
+    use crate::check::{check_mesh, triangles};
     use std::collections::HashMap;
 
     fn signed_volume(mesh: &Mesh) -> f64 {
@@ -275,7 +275,7 @@ mod tests {
     fn uv_tangents_of_the_plane_follow_the_picture() {
         let mut mesh = plane(1.0, 1.0);
         let own: Vec<_> = mesh.vertices.iter().map(|v| v.tangent).collect();
-        crate::scene::normals::recompute_tangents(&mut mesh);
+        crate::normals::recompute_tangents(&mut mesh);
         for (v, own) in mesh.vertices.iter().zip(own) {
             assert!((v.tangent - own).length() < 1e-6, "{} {own}", v.tangent);
         }

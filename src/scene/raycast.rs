@@ -340,7 +340,7 @@ impl Ray {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::scene::{Material, Mesh, primitives};
+    use crate::{Material, Mesh, primitives};
     use glam::DVec3;
     use proptest::prelude::*;
     use std::sync::Arc;

@@ -121,8 +121,8 @@ fn compact(positions: &[[f32; 3]], indices: &[u32]) -> Mesh {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::scene::check::{check_mesh, triangles};
-    use crate::scene::{Material, load_gltf, primitives};
+    use crate::check::{check_mesh, triangles};
+    use crate::{Material, load_gltf, primitives};
     use glam::{DMat4, DVec3};
     use std::sync::Arc;
 
@@ -209,7 +209,7 @@ mod tests {
 
     #[test]
     fn the_truth_objects_keep_their_shape() {
-        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/truth");
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/truth");
         if !path.is_dir() {
             eprintln!("SKIPPED the_truth_objects_keep_their_shape: ../shared is missing");
             return;

@@ -4,8 +4,8 @@ use crate::config::{
     ADAPTATION_SECONDS, BRIGHTEST_STOPS, DARKEST_STOPS, EXPOSURE_KEYS, EXPOSURE_STOPS,
     ExposureConfig, ExposureMode, LampResponse, PlaneShading,
 };
-use crate::scene::Highlights;
 use penumbra_lighting::Filtering;
+use penumbra_scene::Highlights;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 

@@ -5,9 +5,9 @@ use crate::stage::{Stage, cell, lighting, noise};
 use glam::Vec3;
 use penumbra::compositor::exposure::{AutoLimits, ExposureInForce};
 use penumbra::compositor::{Exposure, LampResponse};
-use penumbra::scene::PlacedLamp;
 use penumbra_camera::Response;
 use penumbra_picture::Picture;
+use penumbra_scene::PlacedLamp;
 
 fn lamp(intensity: f32) -> PlacedLamp {
     PlacedLamp {

@@ -3,11 +3,11 @@
 use crate::stage::{gpu, part};
 use glam::{DVec2, DVec3, Vec3};
 use penumbra::compositor::planes::bake;
-use penumbra::scene::planes::{
+use penumbra_lighting::geodesic::GeodesicDome;
+use penumbra_scene::planes::{
     Bake, BakeSettings, Image, Layer, Receiver, ReceiverImage, ShadowingPlane,
 };
-use penumbra::scene::{Scene, primitives};
-use penumbra_lighting::geodesic::GeodesicDome;
+use penumbra_scene::{Scene, primitives};
 use std::ops::ControlFlow;
 
 const SIDE: u32 = 128;

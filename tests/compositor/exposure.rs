@@ -7,10 +7,10 @@ use glam::{DVec3, Vec3};
 use penumbra::compositor::exposure::ExposureInForce;
 use penumbra::compositor::reference::exposure::exposed;
 use penumbra::compositor::{Exposure, ShadowMode};
-use penumbra::scene::Highlights;
-use penumbra::scene::{Material, Part, primitives};
 use penumbra_camera::Response;
 use penumbra_picture::Picture;
+use penumbra_scene::Highlights;
+use penumbra_scene::{Material, Part, primitives};
 
 fn cube() -> Part {
     painted(

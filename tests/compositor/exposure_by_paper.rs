@@ -4,9 +4,9 @@
 use crate::stage::{Stage, flat, noise, sun};
 use glam::Vec3;
 use penumbra::compositor::Exposure;
-use penumbra::scene::Highlights;
-use penumbra::scene::primitives;
 use penumbra_picture::Picture;
+use penumbra_scene::Highlights;
+use penumbra_scene::primitives;
 
 /// A table under one sun, in another exposure by the paper's rule.
 fn shown(picture: Picture, stops: f32) -> Stage {

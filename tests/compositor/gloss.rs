@@ -3,7 +3,6 @@
 use crate::judge::virtual_inside;
 use crate::stage::{Stage, cell, even_sky, lighting, looking_from, painted};
 use glam::{DMat4, DQuat, DVec2, DVec3, Vec3};
-use penumbra::scene::{Material, Part, Phong, PlacedLamp, SceneTexture, primitives};
 use penumbra_camera::Response;
 use penumbra_lighting::box_chain::{box_chain, box_level};
 use penumbra_lighting::cube::CubeGrid;
@@ -12,6 +11,7 @@ use penumbra_lighting::lobes::{Family, Levels, phong_parameter, tilted, widths};
 use penumbra_lighting::prefilter::{Prefilter, gathered, level_count};
 use penumbra_lighting::{CubeMap, Lighting};
 use penumbra_picture::Picture;
+use penumbra_scene::{Material, Part, Phong, PlacedLamp, SceneTexture, primitives};
 use std::f32::consts::PI;
 use std::sync::Arc;
 
@@ -340,10 +340,10 @@ fn phongs_lobe_comes_and_goes_with_the_scene() {
     let mut compositor = stage.compositor();
     let first = stage.compose_with(&mut compositor);
     stage.scene.virtual_parts[0].material = Arc::new(phong(Vec3::ZERO, 50.0));
-    compositor.set_scene(&stage.scene, &penumbra::scene::casters(&stage.scene));
+    compositor.set_scene(&stage.scene, &penumbra_scene::casters(&stage.scene));
     assert!(stage.compose_with(&mut compositor) == stage.compose());
     stage.scene.virtual_parts[0].material = Arc::new(metal(0.3));
-    compositor.set_scene(&stage.scene, &penumbra::scene::casters(&stage.scene));
+    compositor.set_scene(&stage.scene, &penumbra_scene::casters(&stage.scene));
     assert!(stage.compose_with(&mut compositor) == first);
 }
 

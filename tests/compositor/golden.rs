@@ -5,8 +5,6 @@
 use crate::judge::{keep, square_differences, write};
 use crate::stage::{Stage, painted};
 use glam::{DVec2, DVec3, Vec3};
-use penumbra::scene::{Material, Phong, SceneTexture, primitives};
-use penumbra::scene::{Screen, VirtualLightKind};
 use penumbra_interface::MonotonicTime;
 use penumbra_lighting::box_chain::box_chain;
 use penumbra_lighting::cube::CubeGrid;
@@ -15,6 +13,8 @@ use penumbra_lighting::harmonics::HarmonicsTable;
 use penumbra_lighting::prefilter::Prefilter;
 use penumbra_lighting::{DomeLight, LightKind, Lighting};
 use penumbra_picture::Picture;
+use penumbra_scene::{Material, Phong, SceneTexture, primitives};
+use penumbra_scene::{Screen, VirtualLightKind};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -199,7 +199,7 @@ fn golden_in_shorter_exposure() -> Stage {
         let codes = (Vec3::from(linear) * (1.0 + glow * 2.0) + glow * 0.4).to_array();
         pixel[..3].copy_from_slice(&codes.map(|v| stage.response.code_from_linear(v)));
     }
-    stage.lamps = vec![penumbra::scene::PlacedLamp {
+    stage.lamps = vec![penumbra_scene::PlacedLamp {
         position: Vec3::new(0.12, -0.1, 0.25),
         direction: Vec3::new(-0.3, 0.3, -1.0).normalize(),
         intensity: Vec3::new(0.5, 0.45, 0.3),

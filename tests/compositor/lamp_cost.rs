@@ -3,7 +3,7 @@
 
 use crate::stage::{Stage, cell, flat, lighting, looking_from, part};
 use glam::{DVec3, Vec3};
-use penumbra::scene::{PlacedArea, PlacedLamp, primitives};
+use penumbra_scene::{PlacedArea, PlacedLamp, primitives};
 use std::collections::BTreeMap;
 
 /// Composed pictures of each number of lamps; the quickest counts, as others use the machine too.

@@ -6,9 +6,9 @@ use crate::judge::{Rule, assert_like};
 use crate::stage::{Stage, cell, flat, lighting, looking_from, noise, part, sun};
 use glam::{DVec3, Vec3};
 use penumbra::compositor::{Exposure, LampResponse, ShadowMode};
-use penumbra::scene::{Part, PlacedLamp, primitives};
 use penumbra_lighting::{BrightestLight, DomeLight};
 use penumbra_picture::Picture;
+use penumbra_scene::{Part, PlacedLamp, primitives};
 use std::f32::consts::PI;
 
 fn point(position: Vec3, intensity: Vec3) -> PlacedLamp {

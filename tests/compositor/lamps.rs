@@ -3,8 +3,8 @@
 use crate::stage::{Stage, cell, flat, lighting, looking_from, noise, painted, part};
 use glam::{DVec3, Vec3, Vec4};
 use penumbra::compositor::{CompositorSettings, ShadowMode};
-use penumbra::scene::{Material, Part, PlacedLamp, primitives};
 use penumbra_picture::Picture;
+use penumbra_scene::{Material, Part, PlacedLamp, primitives};
 use std::f32::consts::PI;
 
 /// What arrives on the table without lamps.
@@ -268,7 +268,7 @@ fn a_moved_lamp_and_moved_casters_are_drawn_again() {
     let second = stage.compose_with(&mut compositor);
     assert!(second == stage.compose() && second != first);
     stage.scene.virtual_parts = vec![cube(0.1)];
-    compositor.set_scene(&stage.scene, &penumbra::scene::casters(&stage.scene));
+    compositor.set_scene(&stage.scene, &penumbra_scene::casters(&stage.scene));
     assert!(stage.compose_with(&mut compositor) == stage.compose());
     compositor.set_light_budget(4);
     stage.settings = CompositorSettings {

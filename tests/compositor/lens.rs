@@ -4,9 +4,9 @@ use crate::soft_dots;
 use crate::stage::{Stage, flat, lighting, looking_from, noise, painted, spiral};
 use glam::{DVec2, DVec3, Vec3, Vec4};
 use penumbra::compositor::LensOutput;
-use penumbra::scene::{Material, primitives};
 use penumbra_camera::{PinholeCamera, Response};
 use penumbra_picture::Picture;
+use penumbra_scene::{Material, primitives};
 
 /// Barrel, pincushion, a wide lens with tangential terms, one that bends back, a strong pincushion,
 /// and one with all terms.

@@ -3,7 +3,6 @@
 use crate::golden::assert_golden;
 use crate::stage::{Stage, painted, part, sun};
 use glam::{DVec2, DVec3, Vec3};
-use penumbra::scene::{Material, NearField, casters, primitives};
 use penumbra_camera::Response;
 use penumbra_camera::{EnvironmentView, MirrorSphere};
 use penumbra_interface::MonotonicTime;
@@ -11,6 +10,7 @@ use penumbra_lighting::{
     BallSeen, Bracket, EnvironmentEstimator, EnvironmentInput, EnvironmentSettings, Lighting,
 };
 use penumbra_picture::Picture;
+use penumbra_scene::{Material, NearField, casters, primitives};
 
 const BALL: DVec3 = DVec3::new(-0.1, 0.03, 0.05);
 const RADIUS: f64 = 0.05;

@@ -5,9 +5,9 @@ use crate::judge::{difference, square_differences};
 use crate::stage::Stage;
 use glam::{DVec3, Vec3};
 use penumbra::compositor::{Compositor, Refresh};
-use penumbra::scene::motion::Motions;
-use penumbra::scene::{SceneAddition, primitives};
 use penumbra_picture::Picture;
+use penumbra_scene::Motions;
+use penumbra_scene::{SceneAddition, primitives};
 
 /// A box that slides and turns, a ring that spins about a slanted axis and grows, a post that
 /// stands still, and a spot that the box carries.

@@ -3,8 +3,8 @@
 use crate::stage::{Stage, cell, lighting, part, sun};
 use glam::{DVec3, Vec3};
 use penumbra::compositor::ShadowMode;
-use penumbra::scene::near_field::{GROUND_SIDE, Irradiance, VOLUME_SIZE};
-use penumbra::scene::{NearLight, primitives};
+use penumbra_scene::near_field::{GROUND_SIDE, Irradiance, VOLUME_SIZE};
+use penumbra_scene::{NearLight, primitives};
 use std::f32::consts::PI;
 
 /// The same irradiance everywhere in a region of half a metre.

@@ -5,15 +5,15 @@ use crate::stage::{Stage, gpu, lighting, part, sun};
 use glam::{DQuat, DVec2, DVec3, Vec3};
 use penumbra::compositor::planes::{PlaneWork, PlanesChoice, Shading, Thresholds, bake, mend};
 use penumbra::compositor::{Compositor, FrameInput, GpuError};
-use penumbra::scene::planes::renew::renew;
-use penumbra::scene::planes::{
-    Bake, BakeSettings, Image, Layer, PlaneSettings, Receiver, ShadowingPlane, generate,
-};
-use penumbra::scene::{Part, Scene, primitives};
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::Lighting;
 use penumbra_lighting::geodesic::{FaceLight, GeodesicDome, Membership};
 use penumbra_picture::Picture;
+use penumbra_scene::planes::renew::renew;
+use penumbra_scene::planes::{
+    Bake, BakeSettings, Image, Layer, PlaneSettings, Receiver, ShadowingPlane, generate,
+};
+use penumbra_scene::{Part, Scene, primitives};
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
@@ -352,7 +352,7 @@ fn a_moved_model_takes_its_bake_along() {
     }
     let mut moved = compositor(&before, planes());
     let (expected, _) = compose(&mut moved, &before, EXACT);
-    moved.set_scene(&after.scene, &penumbra::scene::casters(&after.scene));
+    moved.set_scene(&after.scene, &penumbra_scene::casters(&after.scene));
     moved.move_planes(motion);
     let (picture, work) = compose(&mut moved, &after, EXACT);
     assert_eq!(work.images, 0, "what was summed before still holds");

@@ -2,7 +2,7 @@
 
 use crate::stage::{Stage, cell, lighting, looking_from, part, sun};
 use glam::{DVec3, Vec3};
-use penumbra::scene::primitives;
+use penumbra_scene::primitives;
 
 const SUN: f32 = 2.0;
 const SKY: f32 = 1.0;

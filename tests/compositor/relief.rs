@@ -6,9 +6,9 @@
 use crate::stage::{Stage, cell, lighting, looking_from, sun};
 use glam::{DVec2, DVec3, Vec3};
 use penumbra::compositor::{Compositor, LampResponse};
-use penumbra::scene::PlacedLamp;
 use penumbra_lighting::{BrightestLight, DomeLight};
 use penumbra_picture::Picture;
+use penumbra_scene::PlacedLamp;
 use std::f32::consts::PI;
 
 const WIDTH: u32 = 128;

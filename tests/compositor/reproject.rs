@@ -3,10 +3,10 @@
 use crate::stage::{Stage, camera, flat, lighting, looking_from, matt, painted, spiral};
 use glam::{DQuat, DVec2, DVec3, Vec3};
 use penumbra::compositor::{LensOutput, Reprojection};
-use penumbra::scene::primitives;
 use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;
 use penumbra_picture::Picture;
+use penumbra_scene::primitives;
 
 const SIZE: (u32, u32) = (320, 240);
 

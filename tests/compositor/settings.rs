@@ -5,10 +5,10 @@ use crate::judge::{Rule, assert_like, difference};
 use crate::stage::{Stage, cell, lighting, part, spiral, sun};
 use glam::{DVec3, Vec3};
 use penumbra::compositor::Refresh;
-use penumbra::scene::{Part, primitives};
 use penumbra_lighting::DomeLight;
 use penumbra_lighting::cube::CubeGrid;
 use penumbra_lighting::dome::DomeGrid;
+use penumbra_scene::{Part, primitives};
 
 fn cube(side: f32, at: DVec3) -> Part {
     part(primitives::cuboid(Vec3::splat(side)), at)

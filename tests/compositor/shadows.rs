@@ -5,12 +5,12 @@ use crate::stage::{Stage, cell, flat, lighting, looking_from, part, spiral, sun}
 use glam::{DMat4, DVec3, Vec3};
 use penumbra::compositor::ShadowMode;
 use penumbra::compositor::reference::Seen;
-use penumbra::scene::{Part, primitives};
 use penumbra_camera::Response;
 use penumbra_lighting::DomeLight;
 use penumbra_lighting::cube::CubeGrid;
 use penumbra_lighting::dome::DomeGrid;
 use penumbra_picture::Picture;
+use penumbra_scene::{Part, primitives};
 use std::f32::consts::PI;
 
 fn cube(side: f32, at: DVec3) -> Part {

@@ -3,9 +3,9 @@
 
 use crate::stage::painted;
 use glam::{DMat4, DVec2, DVec3, Vec3, Vec4};
-use penumbra::scene::{Material, Part, SceneTexture, primitives};
 use penumbra_camera::Response;
 use penumbra_picture::Picture;
+use penumbra_scene::{Material, Part, SceneTexture, primitives};
 use std::f64::consts::PI;
 use std::sync::Arc;
 

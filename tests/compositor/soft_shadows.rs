@@ -4,9 +4,9 @@ use crate::judge::{away_from_edges, keep, square_differences};
 use crate::stage::{Stage, lighting, matt, painted, part, sun};
 use glam::{DVec3, Vec3};
 use penumbra::compositor::reference::{ReferencePicture, Seen};
-use penumbra::scene::primitives;
 use penumbra_lighting::DomeLight;
 use penumbra_picture::Picture;
+use penumbra_scene::primitives;
 
 /// A lamp that one sees as a disc of `radius`, radians.
 fn lamp(direction: Vec3, irradiance: f32, radius: f32) -> DomeLight {

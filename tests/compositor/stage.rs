@@ -5,12 +5,12 @@ use penumbra::compositor::reference::{Reference, ReferencePicture};
 use penumbra::compositor::{
     Compositor, CompositorSettings, Exposure, FrameInput, Gpu, LampResponse, Refresh, ShadowMode,
 };
-use penumbra::scene::Highlights;
-use penumbra::scene::{Material, Mesh, NearLight, Part, PlacedLamp, Scene, casters, primitives};
 use penumbra_camera::{PinholeCamera, Response};
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
 use penumbra_picture::Picture;
+use penumbra_scene::Highlights;
+use penumbra_scene::{Material, Mesh, NearLight, Part, PlacedLamp, Scene, casters, primitives};
 use std::f32::consts::PI;
 use std::sync::{Arc, OnceLock};
 

@@ -6,10 +6,10 @@ use crate::stage::{
 };
 use glam::{DMat4, DVec3, Vec3, Vec4};
 use penumbra::compositor::reference::ReferencePicture;
-use penumbra::scene::{Material, Part, SceneTexture, primitives};
 use penumbra_camera::Response;
 use penumbra_lighting::cube::locate;
 use penumbra_picture::Picture;
+use penumbra_scene::{Material, Part, SceneTexture, primitives};
 use std::sync::Arc;
 
 const RULE: Rule = Rule {

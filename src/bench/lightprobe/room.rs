@@ -1,13 +1,13 @@
 //! What the case looks at: a table with a mirrored ball, in a room whose light changes.
 
 use crate::bench::stage::{self, looking};
-use crate::scene::{Material, Mesh, Part, Phong, PlacedLamp, Scene, primitives};
 use glam::{DMat4, DQuat, DVec2, DVec3, Vec3, Vec4};
 use penumbra_camera::PinholeCamera;
 use penumbra_camera::PlacedView;
 use penumbra_camera::{EnvironmentView, FisheyeLens, MirrorSphere};
 use penumbra_interface::RigidTransform;
 use penumbra_picture::Picture;
+use penumbra_scene::{Material, Mesh, Part, Phong, PlacedLamp, Scene, primitives};
 use std::f64::consts::FRAC_PI_2;
 use std::sync::Arc;
 

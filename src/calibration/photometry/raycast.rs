@@ -1,7 +1,7 @@
 //! Which real surface a ray meets first: the ground and the phantom objects.
 
-use crate::scene::mesh::{Part, Scene};
 use glam::DVec3;
+use penumbra_scene::{Part, Scene};
 
 /// Where a ray meets a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -209,8 +209,8 @@ mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
     use super::*;
-    use crate::scene::mesh::{Material, Mesh, Vertex};
     use glam::{DMat4, Vec2, Vec3, Vec4};
+    use penumbra_scene::{Material, Mesh, Vertex};
     use std::sync::Arc;
 
     /// A square of side 2 about the origin, in z = 0, moved by `world_from_part`.
@@ -278,7 +278,7 @@ mod tests {
     #[test]
     fn a_meshed_ball_is_met_as_a_sphere() {
         let mut ball = square(DMat4::from_translation(DVec3::new(0.0, 0.0, 3.0)), true);
-        ball.mesh = Arc::new(crate::scene::primitives::sphere(0.5, 48, 24));
+        ball.mesh = Arc::new(penumbra_scene::primitives::sphere(0.5, 48, 24));
         let scene = Scene {
             phantom_parts: vec![ball],
             ..Scene::default()

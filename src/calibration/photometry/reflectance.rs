@@ -308,11 +308,11 @@ mod tests {
 
     #[test]
     fn a_grey_ground_is_read_from_the_picture() {
-        use crate::scene::mesh::{Material, Part, Scene};
-        use crate::scene::primitives;
         use glam::{DMat4, DQuat};
         use penumbra_camera::Response;
         use penumbra_picture::Picture;
+        use penumbra_scene::primitives;
+        use penumbra_scene::{Material, Part, Scene};
         let ground = Part {
             name: "card".into(),
             mesh: Arc::new(primitives::plane(4.0, 4.0)),

@@ -1,9 +1,9 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
-use crate::scene::VirtualLightKind;
 use glam::DVec2;
 use glam::DVec3;
 use penumbra_camera::Response;
+use penumbra_scene::VirtualLightKind;
 use proptest::prelude::*;
 use serde_json::{Value, json};
 

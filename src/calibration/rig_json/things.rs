@@ -3,10 +3,10 @@
 
 use super::cameras::flag;
 use super::{Marker, Node, ObjectPlacement, PhantomPlacement, Result, name_of};
-use crate::scene::GroundPlane;
-use crate::scene::gltf_file::z_up_from_y_up;
-use crate::scene::{VirtualLight, VirtualLightKey, VirtualLightKind};
 use glam::{DMat4, DVec3, Vec3};
+use penumbra_scene::GroundPlane;
+use penumbra_scene::gltf_file::z_up_from_y_up;
+use penumbra_scene::{VirtualLight, VirtualLightKey, VirtualLightKind};
 
 pub(super) fn object(node: &Node) -> Result<ObjectPlacement> {
     let world_from_glb = match node.find("T_world_glb") {

@@ -12,7 +12,7 @@ use super::super::{Compositor, Gpu};
 use super::control::Follower;
 use super::meter::Meter;
 use super::{AutoLimits, Exposure, ExposureInForce, MOST_STOPS, Region};
-use crate::scene::Highlights;
+use penumbra_scene::Highlights;
 
 /// Everything about exposures. While they are the camera's own it holds nothing and records
 /// nothing.

@@ -2,7 +2,7 @@
 
 use super::super::{Gpu, GpuError};
 use super::source_images::image_count;
-use crate::scene::planes::Bake;
+use penumbra_scene::planes::Bake;
 
 /// All stored images in one texture, four texels of a row in one.
 pub(super) struct Atlas {

@@ -4,9 +4,9 @@
 use super::super::scene_buffers::{MeshBuffers, index_buffer, is_ground};
 use super::super::shadow_slots::CasterHull;
 use super::compute::storage;
-use crate::scene::planes::{Layer, Receiver, ShadowingPlane};
-use crate::scene::{Part, Scene, casters_within};
 use bytemuck::{Pod, Zeroable};
+use penumbra_scene::planes::{Layer, Receiver, ShadowingPlane};
+use penumbra_scene::{Part, Scene, casters_within};
 use wgpu::util::{BufferInitDescriptor, DeviceExt};
 
 /// Casters may be simplified by so many texels of the maps.
@@ -89,8 +89,9 @@ fn extent(parts: &[Part]) -> f32 {
 
 fn positions(parts: &[Part]) -> Vec<[f32; 3]> {
     let of = |part: &Part| -> Vec<[f32; 3]> {
-        let world =
-            |v: &crate::scene::Vertex| part.world_from_part.transform_point3(v.position.as_dvec3());
+        let world = |v: &penumbra_scene::Vertex| {
+            part.world_from_part.transform_point3(v.position.as_dvec3())
+        };
         part.mesh
             .vertices
             .iter()

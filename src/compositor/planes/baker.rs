@@ -9,12 +9,12 @@ use super::bake_scene::{BakeCasters, BakeScene, receiver_mesh};
 use super::compute::{buffer_of, storage};
 use super::readback::read_buffer;
 use super::receiver::{receiver_image, words};
-use crate::scene::Scene;
-use crate::scene::planes::{
-    Bake, BakeSettings, Basis, Image, Layer, Receiver, ReceiverImage, ShadowingPlane,
-};
 use glam::{DVec3, Vec3};
 use penumbra_lighting::geodesic::{Face, GeodesicDome};
+use penumbra_scene::Scene;
+use penumbra_scene::planes::{
+    Bake, BakeSettings, Basis, Image, Layer, Receiver, ReceiverImage, ShadowingPlane,
+};
 use std::ops::ControlFlow;
 use wgpu::BufferUsages as U;
 
@@ -145,7 +145,7 @@ impl<'a> Baker<'a> {
         planes: &[ShadowingPlane],
     ) -> Result<Vec<ReceiverImage>, GpuError> {
         let device = &self.gpu.device;
-        let meshes = |parts: &[crate::scene::Part]| -> Vec<Option<MeshBuffers>> {
+        let meshes = |parts: &[penumbra_scene::Part]| -> Vec<Option<MeshBuffers>> {
             parts.iter().map(|p| receiver_mesh(device, p)).collect()
         };
         let (virtual_meshes, phantom_meshes) =

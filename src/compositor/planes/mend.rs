@@ -2,9 +2,9 @@
 
 use super::super::{Gpu, GpuError};
 use super::baker::{Baker, Progress, faces, tell};
-use crate::scene::Scene;
-use crate::scene::planes::renew::Renewal;
-use crate::scene::planes::{Bake, Basis, Image, ReceiverImage, ShadowingPlane};
+use penumbra_scene::Scene;
+use penumbra_scene::planes::renew::Renewal;
+use penumbra_scene::planes::{Bake, Basis, Image, ReceiverImage, ShadowingPlane};
 
 /// Bakes what `renewal` asks for, and takes the rest from `old`. The key is left zero.
 ///

@@ -1,6 +1,6 @@
 //! A plane's receiver image, from what its camera drew.
 
-use crate::scene::planes::ReceiverImage;
+use penumbra_scene::planes::ReceiverImage;
 
 /// How far surfaces are continued beyond their outlines, texels: bilinear look-ups beside an
 /// outline must not mix with what is not there.

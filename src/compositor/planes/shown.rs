@@ -1,9 +1,9 @@
 //! Which planes the picture shows: those that face the viewer and lie in it.
 
-use crate::scene::planes::{Bake, Layer, Receiver, ShadowingPlane};
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat4, DVec3, DVec4};
 use penumbra_interface::RigidTransform;
+use penumbra_scene::planes::{Bake, Layer, Receiver, ShadowingPlane};
 
 /// Twin of WGSL `ShownPlane` in `lib/planes.wgsl`.
 #[repr(C)]

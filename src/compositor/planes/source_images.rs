@@ -12,9 +12,9 @@ use super::compute::{buffer_of, storage};
 use super::receiver::words;
 use super::source_drawing::{Images, SourceOutput};
 use super::synthesis::SourceTargets;
-use crate::scene::Scene;
-use crate::scene::planes::{Bake, Layer};
 use glam::Vec3;
+use penumbra_scene::Scene;
+use penumbra_scene::planes::{Bake, Layer};
 use wgpu::BufferUsages as U;
 
 /// Texels along a side of a direction's maps, half of the bake's: they are drawn between two

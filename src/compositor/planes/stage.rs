@@ -9,11 +9,11 @@ use super::luminance::LuminancePass;
 use super::source_images::SourceBaker;
 use super::source_stage::SourceStage;
 use super::synthesis::{PlaneWork, Synthesis, SynthesisPasses, Thresholds};
-use crate::scene::planes::{Bake, ShadowingPlane};
 use glam::Vec3;
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::geodesic::{GeodesicDome, sum_faces};
 use penumbra_lighting::{DomeLight, LightKind};
+use penumbra_scene::planes::{Bake, ShadowingPlane};
 
 /// What virtual objects are shaded by, before shadows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -12,11 +12,11 @@ use super::receiver::words;
 use super::shown::{ShownPlane, ShownPlanes};
 use super::source_images::SOURCE_LIGHTS;
 use crate::compositor::GpuError;
-use crate::scene::planes::{Bake, Basis, Image, Layer, Receiver, ShadowingPlane};
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat4, DVec3};
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::geodesic::GeodesicDome;
+use penumbra_scene::planes::{Bake, Basis, Image, Layer, Receiver, ShadowingPlane};
 use wgpu::BufferUsages as U;
 
 /// When sums are made anew. All are shares of all the light that a plane gets.

@@ -2,10 +2,10 @@
 
 use super::super::FrameInput;
 use super::super::exposure::{BLOCK, Exposure, Region, estimate as e, trust};
-use crate::scene::Highlights;
 use glam::{DVec3, DVec4};
 use penumbra_camera::Response;
 use penumbra_picture::Picture;
+use penumbra_scene::Highlights;
 
 const LUMINANCE: DVec3 = DVec3::new(0.2126, 0.7152, 0.0722);
 

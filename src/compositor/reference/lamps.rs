@@ -2,8 +2,8 @@
 
 use super::surface::{Reference, Surface};
 use crate::compositor::LampResponse;
-use crate::scene::PlacedLamp;
 use glam::DVec3;
+use penumbra_scene::PlacedLamp;
 use std::f64::consts::PI;
 
 /// A lamp as a surface has it.

@@ -1,11 +1,11 @@
 //! What a pixel shows, and which lights reach it.
 
 use super::super::scene_buffers::is_ground;
-use crate::scene::{Hit, Part, PhantomRays, Scene};
 use glam::{DVec2, DVec3, Vec3};
 use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::DomeLight;
+use penumbra_scene::{Hit, Part, PhantomRays, Scene};
 use std::hash::{DefaultHasher, Hash, Hasher};
 
 /// A shadow ray starts so far above its surface, metres: past the rounding of `f32` at

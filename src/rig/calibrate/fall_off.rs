@@ -140,9 +140,9 @@ mod tests {
     use penumbra_camera::Response;
     use penumbra_camera::Vignetting;
 
-    use crate::scene::Scene;
     use glam::{DMat3, DQuat};
     use penumbra_picture::Picture;
+    use penumbra_scene::Scene;
 
     /// A table with a soft pattern on it, from above, through a lens that falls off.
     fn picture(camera: &PinholeCamera, pose: RigidTransform, k: [f64; 3]) -> Picture {

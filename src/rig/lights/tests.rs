@@ -5,9 +5,9 @@ use crate::config::Config;
 use crate::rig::RigSetup;
 use crate::rig::light::LightStation;
 use crate::rig::lighter::SceneNews;
-use crate::scene::Scene;
 use crate::status::{Settings, Technique};
 use penumbra_lighting::{CubeMap, Harmonics, Lighting};
+use penumbra_scene::Scene;
 use std::time::Instant;
 use tokio::sync::watch;
 

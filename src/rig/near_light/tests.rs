@@ -1,10 +1,10 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
-use crate::scene::motion::{Channel, Easing, Track};
-use crate::scene::{Material, Motion, Mover, casters, primitives};
 use glam::{DQuat, Vec3};
 use penumbra_interface::MonotonicTime;
 use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind};
+use penumbra_scene::motion::{Channel, Easing, Track};
+use penumbra_scene::{Material, Motion, Mover, casters, primitives};
 use std::sync::Arc;
 use std::time::Instant;
 

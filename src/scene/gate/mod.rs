@@ -85,7 +85,7 @@ fn material(srgb: u32, roughness: f32) -> Material {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::scene::check::{check_mesh, triangles};
+    use crate::check::{check_mesh, triangles};
     use std::collections::HashMap;
 
     fn count(model: &Model) -> usize {

@@ -74,7 +74,7 @@ fn complaint(document: &Value) -> String {
 }
 
 fn volume(mesh: &Mesh) -> f32 {
-    crate::scene::check::triangles(mesh)
+    crate::check::triangles(mesh)
         .map(|[a, b, c]| a.dot(b.cross(c)) / 6.0)
         .sum()
 }
@@ -422,7 +422,7 @@ fn replace_nth_leaf(value: &mut Value, left: &mut usize, with: &Value) {
 
 /// A published model, unless ../shared is missing.
 fn published(test: &str, file: &str) -> Option<Model> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/models");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/models");
     if !folder.is_dir() {
         eprintln!("SKIPPED {test}: ../shared is missing");
         return None;

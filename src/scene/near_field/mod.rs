@@ -388,7 +388,7 @@ impl Light<'_> {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::scene::{Material, casters, primitives};
+    use crate::{Material, casters, primitives};
     use glam::DMat4;
     use penumbra_interface::MonotonicTime;
     use penumbra_lighting::{CubeMap, Harmonics, Lighting};

@@ -5,7 +5,7 @@
 use super::receivers::GroundGrid;
 use super::surfels::{Surfels, point_in, world_triangles};
 use super::{Directions, Light, Met, Obstacles, Region, side_of};
-use crate::scene::Part;
+use crate::Part;
 use glam::Vec3;
 
 /// Points on each side of a phantom.

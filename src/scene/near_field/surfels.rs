@@ -3,7 +3,7 @@
 use super::receivers::GroundGrid;
 use super::sides::Sides;
 use super::{Directions, Light, Met, Obstacles, Region};
-use crate::scene::{Hit, Material, Part, SceneTexture};
+use crate::{Hit, Material, Part, SceneTexture};
 use glam::Vec3;
 use penumbra_lighting::lobes;
 use penumbra_lighting::lobes::Family;

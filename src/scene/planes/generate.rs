@@ -5,8 +5,8 @@ use super::clusters::divide;
 use super::ground::Ground;
 use super::surface::{Fragment, Surface};
 use super::{Layer, Receiver, ShadowingPlane};
-use crate::scene::raycast::PhantomRays;
-use crate::scene::{Part, Scene};
+use crate::PhantomRays;
+use crate::{Part, Scene};
 use glam::DVec3;
 use thiserror::Error;
 

@@ -1,12 +1,12 @@
 //! What planes that are placed by hand cover.
 
 use super::{Layer, ShadowingPlane};
-use crate::scene::{Part, Scene};
+use crate::{Part, Scene};
 use glam::{DVec2, DVec3};
 
 /// Fills in [`ShadowingPlane::parts`] of the scene's own planes, and puts those of the real
 /// layer first.
-pub(in crate::scene) fn covered_parts(scene: &mut Scene) {
+pub(crate) fn covered_parts(scene: &mut Scene) {
     let mut planes = std::mem::take(&mut scene.planes);
     for plane in &mut planes {
         let parts = match plane.layer {
@@ -26,7 +26,7 @@ pub(in crate::scene) fn covered_parts(scene: &mut Scene) {
 /// Whether the bounding box of `part`, along the plane's axes, meets the slab behind it.
 fn reaches(plane: &ShadowingPlane, part: &Part) -> bool {
     let normal = plane.normal();
-    let place = |v: &crate::scene::Vertex| {
+    let place = |v: &crate::Vertex| {
         let from = part.world_from_part.transform_point3(v.position.as_dvec3()) - plane.centre;
         DVec3::new(from.dot(plane.right), from.dot(plane.up), -from.dot(normal))
     };

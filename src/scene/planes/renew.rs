@@ -5,8 +5,8 @@
 use super::generate::{Kept, PlaneError, PlaneSettings, generate_beside};
 use super::surface::bounds;
 use super::{Bake, Layer, ShadowingPlane};
-use crate::scene::change::is_same;
-use crate::scene::{Part, Scene};
+use crate::change::is_same;
+use crate::{Part, Scene};
 use glam::DVec3;
 use penumbra_lighting::geodesic::{Face, GeodesicDome};
 
@@ -167,7 +167,7 @@ struct Extent {
 impl Extent {
     fn around(part: &Part) -> Self {
         let place =
-            |v: &crate::scene::Vertex| part.world_from_part.transform_point3(v.position.as_dvec3());
+            |v: &crate::Vertex| part.world_from_part.transform_point3(v.position.as_dvec3());
         let (low, high) = bounds(part.mesh.vertices.iter().map(place));
         Self { low, high }
     }

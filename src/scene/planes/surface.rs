@@ -2,9 +2,9 @@
 //! or not.
 
 use super::PlaneError;
-use crate::scene::Part;
-use crate::scene::check::triangles;
-use crate::scene::raycast::PhantomRays;
+use crate::Part;
+use crate::PhantomRays;
+use crate::check::triangles;
 use glam::{DMat3, DVec3, Vec3};
 
 /// Triangles of one part beyond which it is simplified first.

@@ -2,9 +2,9 @@
 
 use super::material::read_texture;
 use super::typed::{LampFile, LampKind};
-use crate::scene::SceneTexture;
-use crate::scene::photometric::mean_colour;
-use crate::scene::{Screen, VirtualLightKey, VirtualLightKind};
+use crate::SceneTexture;
+use crate::photometric::mean_colour;
+use crate::{Screen, VirtualLightKey, VirtualLightKind};
 use glam::{DMat4, DVec2, DVec3};
 use penumbra_strict_toml::Fault;
 use std::path::Path;
@@ -119,6 +119,6 @@ pub(super) fn square_metres(kind: VirtualLightKind) -> f64 {
 /// Of what an area shows, where its white is 1.
 pub(super) fn mean_luminance(picture: Option<&SceneTexture>) -> f64 {
     picture.map_or(1.0, |p| {
-        f64::from(crate::scene::photometric::luminance(mean_colour(p)))
+        f64::from(crate::photometric::luminance(mean_colour(p)))
     })
 }

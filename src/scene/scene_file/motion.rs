@@ -2,8 +2,9 @@
 
 use super::Entry;
 use super::typed::{AnimationFile, ObjectKeyFile, Place};
-use crate::scene::gltf_file::Playing;
-use crate::scene::motion::{Channel, Easing, Motion, Track, Turning};
+use crate::Motion;
+use crate::Playing;
+use crate::motion::{Channel, Easing, Track, Turning};
 use glam::{DMat4, DQuat, DVec3};
 use penumbra_interface::RigidTransform;
 use penumbra_strict_toml::Fault;

@@ -2,10 +2,10 @@
 
 use super::typed::{Entry, LampFile};
 use super::{Surroundings, lamp, motion, refuse_phantom_keys};
-use crate::scene::VirtualLight;
-use crate::scene::lamps::MOST_LAMPS;
-use crate::scene::motion::{Motion, Motions, Mover};
-use crate::scene::{Part, SceneError};
+use crate::VirtualLight;
+use crate::lamps::MOST_LAMPS;
+use crate::{Motion, Motions, Mover};
+use crate::{Part, SceneError};
 use glam::DMat4;
 use penumbra_strict_toml::{Fault, TomlText};
 use std::collections::HashMap;

@@ -1,7 +1,7 @@
 //! Shadowing planes that are placed by hand.
 
 use super::typed::{PlaneFile, PlaneLayer, PlaneReceiver};
-use crate::scene::planes::{Layer, Receiver, ShadowingPlane};
+use crate::planes::{Layer, Receiver, ShadowingPlane};
 use glam::{DVec2, DVec3};
 use penumbra_strict_toml::Fault;
 

@@ -1,6 +1,6 @@
 //! The scene file as it stands.
 
-use crate::scene::motion::Easing;
+use crate::motion::Easing;
 use glam::{DVec3, Vec3};
 use penumbra_camera::linear_from_srgb;
 use serde::de::{self, Deserialize, Deserializer, SeqAccess, Visitor};

@@ -2,11 +2,11 @@
 //! Planes of real and of damaged models.
 
 use super::*;
-use crate::scene::gate::temple_gate;
-use crate::scene::planes::depth::seen_from;
-use crate::scene::{Material, Mesh, primitives};
+use crate::gate::temple_gate;
+use crate::planes::depth::seen_from;
+use crate::{Material, Mesh, primitives};
 use glam::{DMat4, DVec2, Vec3};
-use std::collections::{HashMap, HashSet};
+use std::collections::HashSet;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -121,38 +121,39 @@ pub(super) fn are_sound(planes: &[ShadowingPlane], most: usize) {
     }
 }
 
-/// A scene with the session's phantoms and its object.
+/// The phantoms, the mirrored ball and the object of a recorded rig.
 fn session(name: &str) -> Option<Scene> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../shared/truth")
+        .join("../../../shared/truth")
         .join(name);
     if !folder.is_dir() {
-        eprintln!("SKIPPED {name}: ../shared/truth is missing");
+        eprintln!("SKIPPED {name}: ../../../shared/truth is missing");
         return None;
     }
-    let mut files = HashMap::new();
-    for below in ["", "object", "phantoms"] {
-        for entry in std::fs::read_dir(folder.join(below)).unwrap().flatten() {
-            let wanted =
-                ["json", "glb", "ply"].map(|e| entry.path().extension().is_some_and(|x| x == e));
-            if wanted.contains(&true) {
-                let name = entry.file_name().into_string().unwrap();
-                let name = if below.is_empty() {
-                    name
-                } else {
-                    format!("{below}/{name}")
-                };
-                files.insert(name, std::fs::read(entry.path()).unwrap());
-            }
-        }
+    let rig = std::fs::read(folder.join("rig.json")).unwrap();
+    let rig: serde_json::Value = serde_json::from_slice(&rig).unwrap();
+    let rows = &rig["object"]["T_world_object"]["matrix_row_major"];
+    let cell = |i: usize| rows[i / 4][i % 4].as_f64().unwrap();
+    let world_from_object = DMat4::from_cols_array(&std::array::from_fn(cell)).transpose();
+    let object = crate::load_gltf(&folder.join("object/object.glb")).unwrap();
+    let mut scene = scene(object.placed(world_from_object));
+    for phantom in rig["phantoms"].as_array().unwrap() {
+        let file = phantom["ply"].as_str().unwrap();
+        let bytes = std::fs::read(folder.join(file)).unwrap();
+        let mesh = crate::load_ply(&bytes, file).unwrap();
+        scene.phantom_parts.push(part(file, mesh, DVec3::ZERO));
     }
-    let find = |n: &str| files.get(n).map(Vec::as_slice);
-    Some(
-        crate::calibration::RigDocument::of_session(&find)
-            .unwrap()
-            .scene(&find)
-            .unwrap(),
-    )
+    let ball = &rig["environment_camera"]["mirror_sphere"];
+    if let (Some(centre), Some(radius)) = (ball["center_world"].as_array(), ball["radius"].as_f64())
+    {
+        let centre = DVec3::from_slice(&[0, 1, 2].map(|i| centre[i].as_f64().unwrap()));
+        let mesh = primitives::sphere(radius as f32, 96, 48);
+        scene.phantom_parts.push(Part {
+            mirror: true,
+            ..part("ball", mesh, centre)
+        });
+    }
+    Some(scene)
 }
 
 #[test]
@@ -175,14 +176,13 @@ fn the_sessions_objects_are_covered() {
 
 #[test]
 fn the_torii_are_covered() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/models/torii/scene.gltf");
+    let path =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/models/torii/scene.gltf");
     if !path.is_file() {
-        eprintln!("SKIPPED the_torii_are_covered: ../shared/data/models/torii is missing");
+        eprintln!("SKIPPED the_torii_are_covered: ../../../shared/data/models/torii is missing");
         return;
     }
-    let parts = crate::scene::load_gltf(&path)
-        .unwrap()
-        .placed(DMat4::IDENTITY);
+    let parts = crate::load_gltf(&path).unwrap().placed(DMat4::IDENTITY);
     check("torii", &scene(parts));
 }
 

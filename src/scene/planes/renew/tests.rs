@@ -1,8 +1,8 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
-use crate::scene::planes::generate::generate;
-use crate::scene::planes::{BakeSettings, Basis, Image, Receiver, ReceiverImage};
-use crate::scene::{Material, primitives};
+use crate::planes::generate;
+use crate::planes::{BakeSettings, Basis, Image, Receiver, ReceiverImage};
+use crate::{Material, primitives};
 use glam::{DMat4, DVec2, Vec3};
 use std::sync::Arc;
 

@@ -1,7 +1,7 @@
 //! Where bakes are kept between runs.
 
 use super::{LARGEST_FILE, StoreError, from_bytes, to_bytes};
-use crate::scene::planes::Bake;
+use crate::planes::Bake;
 use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions};
 use std::io::{ErrorKind, Read, Write};

@@ -1,6 +1,6 @@
 //! What is in a bake's file, unpacked, and what must be true of it.
 
-use crate::scene::planes::{
+use crate::planes::{
     Bake, BakeSettings, Basis, Image, Layer, Receiver, ReceiverImage, ShadowingPlane,
 };
 use glam::{DVec2, DVec3};
