@@ -2,11 +2,11 @@
 //! those that `rig.json` says.
 
 use super::RigDocument;
-use super::fiducial::Family;
 use super::head::{self, Head};
 use super::rig_json::Marker;
 use super::tracker_file::PoseRecord;
 use crate::calibration::head::RecordError;
+use penumbra_fiducials::Family;
 use serde::{Deserialize, Serialize};
 
 /// Beside `rig.json`.

@@ -5,7 +5,6 @@ pub mod board_sheet;
 pub mod colour;
 pub mod environment_file;
 pub mod exchange;
-pub mod fiducial;
 pub mod fusion;
 pub mod hand_eye;
 pub mod head;

@@ -1,12 +1,12 @@
 //! What the owner of a rig knows about it, once it is true.
 
-use super::fiducial::Family;
 use super::photometry::CalibratedGains;
 use super::tracked::field::TrackerField;
 use glam::DVec3;
 use penumbra_camera::EnvironmentView;
 use penumbra_camera::Vignetting;
 use penumbra_camera::{PinholeCamera, Response};
+use penumbra_fiducials::Family;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use std::sync::Arc;
 

@@ -4,7 +4,6 @@
 //! `T_a_b` in the file maps coordinates in b to a, as `a_from_b` does here. Unknown keys
 //! are passed over, because the file also carries notes for other tools.
 
-use super::fiducial::{Tag, UnknownFamily};
 use super::json_node::Node;
 pub use super::json_node::RigJsonError;
 use super::rig::{EnvironmentCamera, RigCalibration, SceneCamera};
@@ -12,6 +11,7 @@ use cameras::{chart, environment_camera, scene_camera, sphere, tracker};
 use glam::{DMat4, DVec2, Vec3};
 use penumbra_camera::{EnvironmentView, MirrorSphere};
 use penumbra_camera::{PinholeCamera, Response};
+use penumbra_fiducials::{Tag, UnknownFamily};
 use penumbra_interface::RigidTransform;
 use penumbra_scene::lamps::MOST_LAMPS;
 use penumbra_scene::{GroundPlane, VirtualLight};

@@ -49,12 +49,12 @@ pub use runner::{RunOptions, Runner};
 pub use settings::live_settings;
 pub use source::{Live, RigFiles, Source};
 
-use crate::calibration::fiducial::TagMap;
 use crate::calibration::lens_files::SCENE_LENS;
 use crate::calibration::{RigCalibration, RigDocument, RigFilesError};
 use crate::compositor::GpuError;
 use crate::config::{Config, ConfigError, PoseSource};
 use crate::output::OutputError;
+use penumbra_fiducials::TagMap;
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::EnvironmentError;
 use penumbra_picture::PictureError;

@@ -1,10 +1,6 @@
 //! Where the scene camera is, and the mirrored sphere, by the fiducials in its picture.
 
 use super::{RigError, RigSetup};
-use crate::calibration::fiducial::{
-    Detector, Expectation, Family, Registered, Registrar, Registration, Tag, TagMap, TagSeen,
-    UnknownFamily, nearest_pose,
-};
 use crate::calibration::fusion::{Fused, Fusion, PoseSigma, Source, Tracked, Verdict};
 use crate::calibration::rig::SphereMarker;
 use crate::calibration::rig_json::Marker;
@@ -13,6 +9,10 @@ use crate::status::{RegistrationSource, RegistrationStatus};
 use glam::DVec3;
 use penumbra_camera::EnvironmentView;
 use penumbra_camera::{PinholeCamera, RollingShutter};
+use penumbra_fiducials::{
+    Detector, Expectation, Family, Registered, Registrar, Registration, Tag, TagMap, TagSeen,
+    UnknownFamily, nearest_pose,
+};
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_lighting::BallSeen;
 use penumbra_picture::Picture;

@@ -5,8 +5,8 @@
 
 use crate::program::Desk;
 use glam::{DMat3, DVec2, DVec3};
-use penumbra::calibration::fiducial::Family;
 use penumbra_camera::Response;
+use penumbra_fiducials::Family;
 use penumbra_interface::{Frame, MonotonicTime, PixelFormat};
 use penumbra_picture::Picture;
 use penumbra_session::{Camera, SessionWriter};

@@ -1,9 +1,9 @@
 //! What is black on a board, whatever sheet it is put on.
 
 use super::Black;
-use crate::calibration::fiducial::Family;
 use crate::calibration::intrinsics::Board;
 use crate::calibration::intrinsics::layout::Layout;
+use penumbra_fiducials::Family;
 
 /// A board's black rectangles, metres from its top left corner.
 pub(crate) struct Pattern {

@@ -8,8 +8,8 @@
 //! bent differently elsewhere: the covariance grows with time, way and turn.
 
 use super::{Tracked, difference, matrix, nudged};
-use crate::calibration::fiducial::PoseEstimate;
 use glam::{DMat3, DVec3};
+use penumbra_fiducials::PoseEstimate;
 use penumbra_interface::RigidTransform;
 use penumbra_numerics::fixed_size::{Matrix, inverse};
 

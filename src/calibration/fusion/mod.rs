@@ -9,13 +9,13 @@
 mod correction;
 mod following;
 
-use super::fiducial::PoseEstimate;
 use correction::Correction;
 pub use correction::Verdict;
 use following::Following;
 pub use following::apart_pixels;
 use glam::{DMat3, DQuat, DVec3};
 use penumbra_camera::PinholeCamera;
+use penumbra_fiducials::PoseEstimate;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_numerics::fixed_size::Matrix;
 

@@ -1,7 +1,7 @@
 #![allow(clippy::unwrap_used)]
 use super::following::{AT_REST, OF_MOTION};
 use super::*;
-use crate::calibration::fiducial::{Match, drawn, refine};
+use penumbra_fiducials::{Match, refine, synthetic};
 use penumbra_numerics::Random;
 
 const RATE: f64 = 30.0;
@@ -59,7 +59,7 @@ fn tracked(pose: RigidTransform, random: &mut Random) -> Tracked {
 
 /// What corners of two tags beside the object, each with noise of so many pixels, say.
 fn marked(pose: RigidTransform, pixels: f64, random: &mut Random) -> Option<PoseEstimate> {
-    let camera = drawn::camera();
+    let camera = synthetic::camera();
     let from_world = pose.inverse();
     let tags = [DVec3::new(-0.08, 0.0, 0.0), DVec3::new(0.12, 0.1, 0.0)];
     let mut matches = Vec::new();
@@ -75,7 +75,7 @@ fn marked(pose: RigidTransform, pixels: f64, random: &mut Random) -> Option<Pose
 
 /// Where corners of the object's box are drawn, against where they belong, pixels.
 fn errors(drawn: RigidTransform, truth: RigidTransform) -> [glam::DVec2; 8] {
-    let camera = drawn::camera();
+    let camera = synthetic::camera();
     std::array::from_fn(|i| {
         let sign = |bit: usize| if i >> bit & 1 == 1 { 0.05 } else { -0.05 };
         let p = MIDDLE + DVec3::new(sign(0), sign(1), sign(2));
@@ -116,7 +116,7 @@ fn run(
     outliers: f64,
 ) -> Account {
     let mut random = Random::new(11);
-    let mut fusion = Fusion::new(drawn::camera(), MIDDLE);
+    let mut fusion = Fusion::new(synthetic::camera(), MIDDLE);
     let mut account = Account::default();
     let mut last: Option<([glam::DVec2; 8], RigidTransform)> = None;
     let frames = (seconds.end * RATE) as i64;
@@ -154,7 +154,7 @@ fn run(
             }
         }
         if let Some((before, from)) = last {
-            let camera = drawn::camera();
+            let camera = synthetic::camera();
             let motion = apart_pixels(&camera, from, pose, 0.6);
             let slid = off.iter().zip(before).map(|(a, b)| (*a - b).length());
             let slid = slid.fold(0.0, f64::max);
@@ -227,7 +227,7 @@ fn either_source_suffices_while_the_other_is_silent() {
 
 #[test]
 fn what_was_known_wrongly_is_overruled_and_slides_into_place() {
-    let camera = drawn::camera();
+    let camera = synthetic::camera();
     let mut fusion = Fusion::new(camera.clone(), MIDDLE);
     let mut random = Random::new(3);
     let pose = truth(3.5);
@@ -260,7 +260,7 @@ fn what_was_known_wrongly_is_overruled_and_slides_into_place() {
 
 #[test]
 fn a_tracker_that_was_never_compared_states_no_error_and_is_left_alone() {
-    let mut fusion = Fusion::new(drawn::camera(), MIDDLE);
+    let mut fusion = Fusion::new(synthetic::camera(), MIDDLE);
     let pose = truth(1.0);
     let clean = Tracked {
         world_from_camera: pose,

@@ -3,8 +3,8 @@
 //! Board frame: +X along a row, +Y down the columns, +Z into the paper, the origin at the
 //! first corner; metres. So a board seen upright from the front has the camera's own axes.
 
-use crate::calibration::fiducial::{Family, UnknownFamily};
 use glam::DVec2;
+use penumbra_fiducials::{Family, UnknownFamily};
 use thiserror::Error;
 
 /// A pattern to calibrate with.

@@ -4,7 +4,7 @@ use super::board::Board;
 use super::detect::{ChessSighting, NoChessboard, Placement};
 use super::finding::Finding;
 use super::tag_finder::TagSighting;
-use crate::calibration::fiducial::Family;
+use penumbra_fiducials::Family;
 use std::collections::BTreeMap;
 
 /// Of the sightings, so many must be of one other size to say that the board is.

@@ -1,7 +1,7 @@
 //! What may speak against a lens's calibration.
 
 use super::estimate::NoEstimate;
-use crate::calibration::fiducial::Family;
+use penumbra_fiducials::Family;
 use thiserror::Error;
 
 /// Something that speaks against a calibration. Each text says what was found and what to do.

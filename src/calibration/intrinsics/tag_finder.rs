@@ -4,9 +4,9 @@ use super::board::{Board, Correspondence};
 use super::detect::{Grey, SMOOTHING, refine_corner};
 use super::layout::{Fit, Layout, fit};
 use super::tags::{SeenTag, correspondences, neighbours_foretold};
-use crate::calibration::fiducial::{Detector, Family, TagSeen, confirm};
 use glam::DVec2;
 use penumbra_camera::Response;
+use penumbra_fiducials::{Detector, Family, TagSeen, confirm};
 use std::collections::BTreeMap;
 
 /// Outlines looked at in a picture: the largest boards have that many tags, and there is time.

@@ -4,8 +4,8 @@
 use super::board::{Board, Correspondence};
 use super::homography;
 use super::layout::Layout;
-use crate::calibration::fiducial::Family;
 use glam::DVec2;
+use penumbra_fiducials::Family;
 
 /// No window reaches farther than this share of the way to the next corner.
 const WINDOW: f64 = 0.55;

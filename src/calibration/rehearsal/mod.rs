@@ -22,11 +22,11 @@ pub use penumbra_numerics::Random;
 pub use room::Room;
 pub use tracker::{Metal, fastrak_record};
 
-use crate::calibration::fiducial::{Family, Tag};
 use crate::calibration::intrinsics::{Board, Grey};
 use glam::{DQuat, DVec2, DVec3, EulerRot};
 use penumbra_camera::Response;
 use penumbra_camera::{Lens, LensModel};
+use penumbra_fiducials::{Family, Tag};
 use penumbra_interface::RigidTransform;
 use std::f64::consts::{FRAC_PI_2, PI};
 

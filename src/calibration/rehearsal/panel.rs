@@ -1,7 +1,7 @@
 //! What hangs and lies about in a rehearsal's room: flat things with printed cells.
 
-use crate::calibration::fiducial::Family;
 use glam::{DVec2, DVec3};
+use penumbra_fiducials::Family;
 use penumbra_interface::RigidTransform;
 
 /// Reflectance of paper and of ink.

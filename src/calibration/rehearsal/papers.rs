@@ -68,7 +68,7 @@ impl Rehearsal {
     }
 
     fn markers(&self) -> Value {
-        let marker = |t: &crate::calibration::fiducial::Tag| {
+        let marker = |t: &penumbra_fiducials::Tag| {
             json!({
                 "family": t.family.to_string(), "id": t.id, "size_m": t.size,
                 "T_world_marker": pose(t.map_from_tag),

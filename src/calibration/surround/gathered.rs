@@ -1,10 +1,10 @@
 //! What the step has been shown: the environment camera's pictures laid one over the other, what is
 //! bright in them, and what the scene camera saw from where.
 
-use super::super::fiducial::TagSeen;
 use super::super::intrinsics::Grey;
 use super::bright::Bright;
 use penumbra_camera::Response;
+use penumbra_fiducials::TagSeen;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_picture::Picture;
 use penumbra_sync::{HistoryConfig, PoseHistory};

@@ -1,7 +1,6 @@
 //! What the environment camera saw whose place or direction in the world is known: markers,
 //! clicks, lights.
 
-use super::super::fiducial::TagSeen;
 use super::beams::{Known, Ray, agreed, direct, in_ball, mirrored, still};
 use super::mirror::{MirrorTurn, Shown, divided, mirror_turn};
 use super::pairs::Clicked;
@@ -11,6 +10,7 @@ use super::turn::{Beam, Match, NoMatch, bring_together};
 use super::view::View;
 use super::{ball::Outline, tags::tags};
 use glam::{DQuat, DVec2, DVec3};
+use penumbra_fiducials::TagSeen;
 use penumbra_interface::RigidTransform;
 
 /// A corner of a fiducial, pixels.

@@ -1,7 +1,6 @@
 //! The step `environment`: what it wants, what it gathers, and what it says in the end.
 
 use super::super::environment_file::STEP;
-use super::super::fiducial::{Detector, Family, Registrar, TagMap};
 use super::super::rig_json::{Marker, RigDocument};
 use super::super::step::{Eye, Finished, Made, Progress, Shown, ShownPicture, Step, Wants};
 use super::ball::RoughBall;
@@ -13,6 +12,7 @@ use glam::{DVec2, DVec3};
 use penumbra_camera::EnvironmentView;
 use penumbra_camera::Lens;
 use penumbra_camera::{PinholeCamera, Response};
+use penumbra_fiducials::{Detector, Family, Registrar, TagMap};
 use penumbra_interface::RigidTransform;
 
 /// Pictures of the environment camera that are enough.
@@ -174,7 +174,7 @@ impl EnvironmentStep {
         };
         self.marks = tags.iter().flat_map(|t| t.corners).collect();
         let found = self.registrar.register(&camera.camera, &tags, at);
-        let sure = found.filter(|f| f.how != super::super::fiducial::Registration::TagGuessed);
+        let sure = found.filter(|f| f.how != penumbra_fiducials::Registration::TagGuessed);
         self.gathered.scene(SceneView {
             at,
             seconds: shown.seconds,

@@ -1,12 +1,12 @@
 //! Printed fiducials through a fisheye: it bends their sides, so the picture is looked at in
 //! flat views, cut out of it side by side, and corners go back through the lens.
 
-use super::super::fiducial::{Detector, Family, TagSeen};
 use super::super::intrinsics::Grey;
 use super::view::View;
 use glam::{DMat3, DVec2, DVec3};
 use penumbra_camera::FisheyeLens;
 use penumbra_camera::Response;
+use penumbra_fiducials::{Detector, Family, TagSeen};
 
 /// Half of a view's angle: wide enough for a tag that lies between two.
 const HALF_ANGLE: f64 = 0.66;

@@ -13,8 +13,8 @@ mod step;
 
 pub use step::{MapOptions, MapStep};
 
-use super::fiducial::Family;
 use glam::DVec2;
+use penumbra_fiducials::Family;
 use penumbra_interface::RigidTransform;
 
 /// A tag that was seen.

@@ -1,9 +1,9 @@
 //! Where tags and cameras are to begin with: tags chained by pairs that were seen together.
 
 use super::{Seen, View};
-use crate::calibration::fiducial::{Match, both_poses, refine};
 use glam::DVec3;
 use penumbra_camera::PinholeCamera;
+use penumbra_fiducials::{Match, both_poses, refine};
 use penumbra_interface::RigidTransform;
 use std::collections::BTreeMap;
 

@@ -4,7 +4,6 @@ use super::build::{Built, Mapped, build};
 use super::page::lines;
 use super::{Seen, Sight, View};
 use crate::calibration::RigCalibration;
-use crate::calibration::fiducial::{Detector, Family, TagSeen};
 use crate::calibration::head::Grade;
 use crate::calibration::head::Head;
 use crate::calibration::markers_file::{MarkerRecord, MarkersRecord};
@@ -13,6 +12,7 @@ use crate::calibration::rig_json::Marker;
 use crate::calibration::step::{Eye, Finished, Made, Progress, Shown, ShownPicture, Step, Wants};
 use crate::calibration::tracker_file::PoseRecord;
 use glam::{DVec2, DVec3};
+use penumbra_fiducials::{Detector, Family, TagSeen};
 use std::collections::BTreeMap;
 
 /// Pictures nearer in time show nothing new, seconds.

@@ -3,12 +3,12 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::step::{MapOptions, MapStep};
 use crate::calibration::RigDocument;
-use crate::calibration::fiducial::{Family, Tag, TagSeen};
 use crate::calibration::head::Grade;
 use crate::calibration::markers_file::{MARKERS, apply_markers_file};
 use crate::calibration::rehearsal::{Rehearsal, RehearsalOptions};
 use crate::calibration::step::{Finished, Made, Step};
 use glam::{DQuat, DVec2};
+use penumbra_fiducials::{Family, Tag, TagSeen};
 use penumbra_interface::RigidTransform;
 use penumbra_numerics::Random;
 use std::collections::BTreeMap;

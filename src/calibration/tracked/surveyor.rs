@@ -1,13 +1,13 @@
 //! Where the scene camera was, by what it sees.
 
 use crate::calibration::RigCalibration;
-use crate::calibration::fiducial::{Detector, Registrar, Registration, TagMap, TagSeen};
 use crate::calibration::intrinsics::detect::{Placement, find_chessboard};
 use crate::calibration::intrinsics::{Board, Correspondence, Grey, board_pose};
 use crate::calibration::rehearsal::lying;
 use glam::{DVec2, DVec3};
 use penumbra_camera::Lens;
 use penumbra_camera::PinholeCamera;
+use penumbra_fiducials::{Detector, Registrar, Registration, TagMap, TagSeen};
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_numerics::root_mean_square;
 use penumbra_picture::Picture;

@@ -4,12 +4,12 @@
 use super::mounting::MountingOptions;
 use super::*;
 use crate::calibration::RigDocument;
-use crate::calibration::fiducial::TagMap;
 use crate::calibration::latency_file::{LATENCY, apply_latency_file};
 use crate::calibration::rehearsal::{Motion, Rehearsal, RehearsalOptions};
 use crate::calibration::step::{Finished, Made, Shown, Step};
 use crate::calibration::tracker_file::{TRACKER, apply_tracker_file};
 use glam::DQuat;
+use penumbra_fiducials::TagMap;
 use penumbra_interface::{MonotonicTime, PoseSample, RigidTransform};
 use penumbra_numerics::Random;
 

@@ -13,7 +13,6 @@ pub use judge::{Judgement, Measured};
 pub use reprojection::{Off, Reprojection};
 
 use super::RigDocument;
-use super::fiducial::{Detector, Registrar, Registration, TagMap, TagSeen};
 use super::intrinsics::Grey;
 use super::latency::{
     CameraMotion, CameraTurn, ClockOffset, ImageMotion, LatencyError, Mounted, TrackerTrack,
@@ -24,6 +23,7 @@ use super::photometry::raycast::PhantomCaster;
 use super::step::{Eye, Finished, Made, Progress, Shown, ShownPicture, Step, Wants};
 use colour::Comparison;
 use penumbra_camera::EnvironmentView;
+use penumbra_fiducials::{Detector, Registrar, Registration, TagMap, TagSeen};
 use penumbra_interface::{MonotonicTime, PoseSample, RigidTransform};
 use penumbra_sync::{HistoryConfig, PoseHistory};
 

@@ -1,8 +1,8 @@
 //! How far from their pictures the calibration puts the markers.
 
-use crate::calibration::fiducial::{Registrar, TagMap, TagSeen};
 use glam::DVec2;
 use penumbra_camera::PinholeCamera;
+use penumbra_fiducials::{Registrar, TagMap, TagSeen};
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_numerics::{median, root_mean_square};
 
@@ -123,8 +123,8 @@ mod tests {
     #![allow(clippy::unwrap_used)]
 
     use super::*;
-    use crate::calibration::fiducial::drawn::{camera, tag};
     use glam::{DQuat, DVec3};
+    use penumbra_fiducials::synthetic::{camera, tag};
 
     /// Tags as a camera sees them, each corner beside its place by `noise`.
     fn seen(map: &TagMap, camera_from_map: RigidTransform, noise: DVec2) -> Vec<TagSeen> {

@@ -2,12 +2,12 @@
 //! A drawn rig: three tags on a table, a camera on a tracker that is waved about.
 
 use super::*;
-use crate::calibration::fiducial::drawn::{picture, tag};
 use crate::calibration::head::Grade;
 use crate::calibration::photometry::PhotometrySettings;
 use crate::calibration::rig::TrackerCalibration;
 use crate::calibration::rig_json::Marker;
 use glam::{DQuat, DVec2, DVec3, EulerRot};
+use penumbra_fiducials::synthetic::{picture, tag};
 use penumbra_picture::Picture;
 
 const LATENCY: f64 = 0.02;
@@ -103,15 +103,12 @@ fn show(step: &mut Verify) {
 
 fn checked(rig: RigDocument) -> Finished {
     let family = |m: &Marker| m.family.parse().unwrap();
-    let tags = rig
-        .markers
-        .iter()
-        .map(|m| crate::calibration::fiducial::Tag {
-            family: family(m),
-            id: m.id,
-            size: m.size,
-            map_from_tag: m.world_from_marker,
-        });
+    let tags = rig.markers.iter().map(|m| penumbra_fiducials::Tag {
+        family: family(m),
+        id: m.id,
+        size: m.size,
+        map_from_tag: m.world_from_marker,
+    });
     let known = Known {
         map: TagMap::new(tags.collect()).unwrap(),
         rig,

@@ -1,10 +1,10 @@
 //! What stands still before the camera.
 
 use anyhow::bail;
-use penumbra::calibration::fiducial::TagMap;
 use penumbra::calibration::intrinsics::Board;
 use penumbra::calibration::rig_json::Marker;
 use penumbra::calibration::tracked::Landmarks;
+use penumbra_fiducials::TagMap;
 
 /// The rig's tags; none where it has none.
 pub fn tags_of(markers: &[Marker]) -> anyhow::Result<Option<TagMap>> {

@@ -2,8 +2,8 @@
 
 use super::from::FromArgs;
 use clap::Args;
-use penumbra::calibration::fiducial::Family;
 use penumbra::calibration::tag_map::{MapOptions, MapStep};
+use penumbra_fiducials::Family;
 use std::process::ExitCode;
 
 #[derive(Debug, Args)]

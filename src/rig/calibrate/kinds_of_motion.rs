@@ -1,7 +1,6 @@
 //! The steps for which the rig is moved: map, tracker, latency; and the environment camera's.
 
 use super::steps::{Known, ParameterError, Parameters, StepKind, station};
-use crate::calibration::fiducial::Family;
 use crate::calibration::intrinsics::Board;
 use crate::calibration::lens_files::ENVIRONMENT_LENS;
 use crate::calibration::record::LensRecord;
@@ -13,6 +12,7 @@ use crate::calibration::tracked::{
 };
 use crate::rig::registration::tag_map;
 use crate::status::calibration::ParameterForm;
+use penumbra_fiducials::Family;
 use std::collections::BTreeMap;
 
 /// Nothing less is looked for, seconds.

@@ -1,9 +1,9 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
-use crate::calibration::fiducial::drawn;
 use crate::status::RegistrationSource;
 use glam::DQuat;
 use penumbra_camera::Response;
+use penumbra_fiducials::synthetic;
 
 mod rolling;
 
@@ -33,7 +33,7 @@ fn station(map: Option<TagMap>, ball: Option<DVec3>, carried: bool) -> Station {
     };
     Station {
         detector: Detector::new(&[Family::Tag36h11], &Response::srgb()),
-        camera: drawn::camera(),
+        camera: synthetic::camera(),
         row_seconds: 0.0,
         registrar: map.map(Registrar::new),
         fusion: None,
@@ -44,8 +44,8 @@ fn station(map: Option<TagMap>, ball: Option<DVec3>, carried: bool) -> Station {
 }
 
 fn picture(tags: &[Tag]) -> Picture {
-    let camera = drawn::camera();
-    let codes = drawn::picture(&camera, camera_from_map(), tags, 1.0);
+    let camera = synthetic::camera();
+    let codes = synthetic::picture(&camera, camera_from_map(), tags, 1.0);
     Picture {
         width: camera.width,
         height: camera.height,
@@ -59,14 +59,14 @@ fn at(k: i64) -> MonotonicTime {
 
 #[test]
 fn a_ball_beside_a_marker_is_told_with_the_poses_uncertainty_and_not_without_it() {
-    let tags = [drawn::tag(3, SIZE, DVec3::ZERO)];
+    let tags = [synthetic::tag(3, SIZE, DVec3::ZERO)];
     let map = TagMap::new(tags.to_vec()).unwrap();
     let mut station = station(Some(map), Some(BESIDE), false);
     let told = station.look(&picture(&tags), UNTRACKED, at(0));
     let ball = told.ball.unwrap();
     assert_eq!(ball.centre_in_world, BESIDE);
     assert!((0.01..2.0).contains(&ball.sigma), "{}", ball.sigma);
-    let camera = drawn::camera();
+    let camera = synthetic::camera();
     let place = |world_from_camera: RigidTransform| {
         let centre = world_from_camera.inverse().transform_point(BESIDE);
         camera.project(centre).unwrap()
@@ -100,7 +100,7 @@ fn a_carried_ball_goes_where_its_marker_goes_and_is_lost_with_it() {
         .into_iter()
         .enumerate()
     {
-        let seen = picture(&[drawn::tag(CARRIER, SIZE, place)]);
+        let seen = picture(&[synthetic::tag(CARRIER, SIZE, place)]);
         let told = station.look(&seen, tracked, at(k as i64));
         let off = told.ball.unwrap().centre_in_world.distance(place + BESIDE);
         // A degree of the marker's tilt is 1.5 mm at the ball.
@@ -115,19 +115,19 @@ fn a_carried_ball_goes_where_its_marker_goes_and_is_lost_with_it() {
     );
     // Of two with its number neither is believed.
     let twice = [
-        drawn::tag(CARRIER, SIZE, DVec3::new(-0.08, 0.0, 0.0)),
-        drawn::tag(CARRIER, SIZE, DVec3::new(0.08, 0.0, 0.0)),
+        synthetic::tag(CARRIER, SIZE, DVec3::new(-0.08, 0.0, 0.0)),
+        synthetic::tag(CARRIER, SIZE, DVec3::new(0.08, 0.0, 0.0)),
     ];
     assert!(station.look(&picture(&twice), tracked, at(3)).ball_lost);
     let back = station.look(
-        &picture(&[drawn::tag(CARRIER, SIZE, DVec3::ZERO)]),
+        &picture(&[synthetic::tag(CARRIER, SIZE, DVec3::ZERO)]),
         tracked,
         at(4),
     );
     assert!(!back.ball_lost);
     // Without the camera's pose the marker tells nothing of the world.
     let adrift = station.look(
-        &picture(&[drawn::tag(CARRIER, SIZE, DVec3::ZERO)]),
+        &picture(&[synthetic::tag(CARRIER, SIZE, DVec3::ZERO)]),
         UNTRACKED,
         at(5),
     );

@@ -25,15 +25,15 @@ fn pose(seconds: f64) -> RigidTransform {
 fn camera() -> PinholeCamera {
     PinholeCamera {
         distortion: [-0.2, 0.05, 0.001, 0.0, 0.0],
-        ..drawn::camera()
+        ..synthetic::camera()
     }
 }
 
 fn tags() -> [Tag; 3] {
     [
-        drawn::tag(1, 0.07, DVec3::new(-0.13, -0.1, 0.0)),
-        drawn::tag(2, 0.07, DVec3::new(0.12, -0.08, 0.0)),
-        drawn::tag(3, 0.07, DVec3::new(0.0, 0.11, 0.0)),
+        synthetic::tag(1, 0.07, DVec3::new(-0.13, -0.1, 0.0)),
+        synthetic::tag(2, 0.07, DVec3::new(0.12, -0.08, 0.0)),
+        synthetic::tag(3, 0.07, DVec3::new(0.0, 0.11, 0.0)),
     ]
 }
 
@@ -60,7 +60,7 @@ fn off(tags: &[Tag], row_seconds: f64, tracked: bool) -> [f64; 3] {
     for k in 0..PICTURES {
         let at = f64::from(k) * STEP;
         let of_row = |row: f64| pose(at + (row - middle) * ROW);
-        let codes = drawn::rolling_picture(&camera, of_row, tags, 1.0);
+        let codes = synthetic::rolling_picture(&camera, of_row, tags, 1.0);
         let picture = Picture {
             width: camera.width,
             height: camera.height,
@@ -108,7 +108,7 @@ fn corners_of_tags_are_taken_back_to_the_middle_row() {
 
 #[test]
 fn a_single_tag_is_too() {
-    let one = [drawn::tag(3, 0.12, DVec3::new(0.05, 0.08, 0.0))];
+    let one = [synthetic::tag(3, 0.12, DVec3::new(0.05, 0.08, 0.0))];
     let before = tell("rows as if at once", off(&one, 0.0, false));
     let by_tracker = tell("motion by the tracker", off(&one, ROW, true));
     assert!(by_tracker < 0.3 && before > 1.5, "{before} {by_tracker}");

@@ -32,5 +32,5 @@ pub use map::{Tag, TagMap, TwiceInMap};
 pub use pose::{Match, PoseEstimate, refine};
 pub use registrar::{Expectation, Registered, Registrar, Registration};
 
-#[cfg(test)]
-pub(crate) mod drawn;
+#[cfg(any(test, feature = "synthetic"))]
+pub mod synthetic;

@@ -1,6 +1,6 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-use super::super::drawn::camera;
 use super::*;
+use crate::synthetic::camera;
 
 fn board() -> Vec<DVec3> {
     let places = [

@@ -1,7 +1,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-use super::super::drawn::{camera, tag};
 use super::super::{Family, Tag};
 use super::*;
+use crate::synthetic::{camera, tag};
 use glam::{DQuat, DVec2, DVec3};
 
 fn map() -> TagMap {

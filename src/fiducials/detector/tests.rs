@@ -1,6 +1,6 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-use super::super::drawn::{camera, picture, tag};
 use super::*;
+use crate::synthetic::{camera, picture, tag};
 use glam::{DQuat, DVec3};
 use penumbra_interface::RigidTransform;
 

@@ -142,8 +142,8 @@ fn place(rotation: &DMat3, ideal: &[DVec2; 4], half: f64) -> Option<RigidTransfo
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
-    use super::super::drawn::camera;
     use super::*;
+    use crate::synthetic::camera;
     use proptest::prelude::*;
 
     proptest! {
