@@ -6,18 +6,6 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
 
 use glam::{DQuat, DVec2, DVec3};
-use penumbra::calibration::photometry::chart::{ChartMatch, Photograph, match_chart};
-use penumbra::calibration::photometry::gather::{GatherOptions, Overlap, gather_pairs};
-use penumbra::calibration::photometry::overlap::{
-    GainTracker, PairTiming, Shortage, SmoothingOptions, estimate_overlap,
-};
-use penumbra::calibration::photometry::raycast::{PhantomCaster, sphere_hit};
-use penumbra::calibration::photometry::reflectance::{
-    KnownSurface, ReflectanceOptions, SceneView, estimate_reflectance, gather_known,
-};
-use penumbra::calibration::photometry::{
-    GainEstimate, PhotometricMatch, PhotometrySettings, Provenance,
-};
 use penumbra::calibration::rig::EnvironmentCamera;
 use penumbra::calibration::rig_json::RigDocument;
 use penumbra_camera::Response;
@@ -25,6 +13,16 @@ use penumbra_camera::{EnvironmentView, FisheyeLens};
 use penumbra_interface::{Frame, MonotonicTime, PixelFormat, RigidTransform};
 use penumbra_picture::{Picture, YuvEncoding};
 use penumbra_scene::Scene;
+use penumbra_white_balance::chart::{ChartMatch, Photograph, match_chart};
+use penumbra_white_balance::gather::{GatherOptions, Overlap, gather_pairs};
+use penumbra_white_balance::overlap::{
+    GainTracker, PairTiming, Shortage, SmoothingOptions, estimate_overlap,
+};
+use penumbra_white_balance::raycast::{PhantomCaster, sphere_hit};
+use penumbra_white_balance::reflectance::{
+    KnownSurface, ReflectanceOptions, SceneView, estimate_reflectance, gather_known,
+};
+use penumbra_white_balance::{GainEstimate, PhotometricMatch, PhotometrySettings, Provenance};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 

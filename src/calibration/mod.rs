@@ -2,7 +2,6 @@
 //! and plain data; no I/O, no GPU.
 
 pub mod board_sheet;
-pub mod colour;
 pub mod environment_file;
 pub mod exchange;
 pub mod fusion;
@@ -16,7 +15,6 @@ pub mod lens_files;
 pub mod markers_file;
 pub mod photometric;
 pub mod photometric_file;
-pub mod photometry;
 pub mod record;
 pub mod rehearsal;
 pub mod report;

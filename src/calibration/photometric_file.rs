@@ -3,12 +3,12 @@
 
 use super::RigDocument;
 use super::head::{Head, parse};
-use super::photometry::{CalibratedGains, GainEstimate};
 use crate::calibration::head::RecordError;
 use glam::{DMat3, DVec2, DVec3};
 use penumbra_camera::EnvironmentView;
 use penumbra_camera::Response;
 use penumbra_camera::Vignetting;
+use penumbra_white_balance::{CalibratedGains, GainEstimate};
 use serde::{Deserialize, Serialize};
 
 /// Beside `rig.json`.

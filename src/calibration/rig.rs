@@ -1,6 +1,5 @@
 //! What the owner of a rig knows about it, once it is true.
 
-use super::photometry::CalibratedGains;
 use super::tracked::field::TrackerField;
 use glam::DVec3;
 use penumbra_camera::EnvironmentView;
@@ -8,6 +7,8 @@ use penumbra_camera::Vignetting;
 use penumbra_camera::{PinholeCamera, Response};
 use penumbra_fiducials::Family;
 use penumbra_interface::{MonotonicTime, RigidTransform};
+use penumbra_white_balance::CalibratedGains;
+use penumbra_white_balance::chart::PhotometricChart;
 use std::sync::Arc;
 
 /// Geometry and photometry of one rig. World: right-handed, metres, +Z up.
@@ -104,17 +105,4 @@ impl TrackerCalibration {
     pub fn measured_at(&self, arrived_at: MonotonicTime) -> MonotonicTime {
         arrived_at.offset_nanos(-self.latency_nanos)
     }
-}
-
-/// The same chart in the same light, photographed by both cameras.
-#[derive(Clone, Debug)]
-pub struct PhotometricChart {
-    /// Name of the attachment with the scene camera's picture.
-    pub scene_picture: String,
-    /// Name of the attachment with the environment camera's picture.
-    pub environment_picture: String,
-    /// Patch rectangles x, y, width, height in pixels, the same in both.
-    pub patches: Vec<[u32; 4]>,
-    /// Linear reflectance of each patch, if known.
-    pub reflectance: Vec<[f32; 3]>,
 }

@@ -9,17 +9,6 @@ use super::watch::{GroundWatch, PhantomWatch};
 use super::{RigError, RigSetup};
 use crate::calibration::Attachments;
 use crate::calibration::RigCalibration;
-use crate::calibration::photometry::chart::{ChartError, ChartMatch, Photograph, match_chart};
-use crate::calibration::photometry::gather::{GatherOptions, Overlap, gather_pairs};
-use crate::calibration::photometry::overlap::estimate_overlap;
-use crate::calibration::photometry::raycast::{PhantomCaster, SurfaceHit};
-use crate::calibration::photometry::reflectance::{
-    self, ReflectanceOptions, estimate_reflectance, gather_known, grey_world, irradiance_at,
-    irradiance_past,
-};
-use crate::calibration::photometry::{
-    MatchMethod, MatchStatus, PhotometricMatch, PhotometrySettings,
-};
 use crate::config::{Config, Unseen, WhiteBalanceMethod};
 use glam::{DVec3, Mat3, Quat, Vec3};
 use penumbra_camera::EnvironmentView;
@@ -32,6 +21,16 @@ use penumbra_lighting::{
 use penumbra_picture::{Picture, PictureError, YuvEncoding, decode_into};
 use penumbra_scene::casters;
 use penumbra_sync::EnvironmentSet;
+use penumbra_white_balance::chart::{ChartError, ChartMatch, Photograph, match_chart};
+use penumbra_white_balance::gather::{GatherOptions, Overlap, gather_pairs};
+use penumbra_white_balance::overlap::estimate_overlap;
+use penumbra_white_balance::raycast::{PhantomCaster, SurfaceHit};
+use penumbra_white_balance::reflectance;
+use penumbra_white_balance::reflectance::{
+    ReflectanceOptions, estimate_reflectance, gather_known, grey_world, irradiance_at,
+    irradiance_past,
+};
+use penumbra_white_balance::{MatchMethod, MatchStatus, PhotometricMatch, PhotometrySettings};
 use std::sync::Arc;
 
 /// Environment pictures from one comparison of the cameras to the next.

@@ -4,13 +4,13 @@ use super::feed::{Fed, Feed};
 use super::light::{LightStation, SceneView, SphereAt};
 use super::source::Source;
 use super::{RigError, RigSetup};
-use crate::calibration::photometry::MatchStatus;
 use crate::config::Config;
 use glam::{DMat3, DVec3, Mat3};
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::{LightReport, Lighting};
 use penumbra_picture::{Picture, decode_into};
 use penumbra_session::Session;
+use penumbra_white_balance::MatchStatus;
 use std::sync::Arc;
 
 /// The light of the first instant at which the whole environment was seen, through the

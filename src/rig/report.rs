@@ -1,8 +1,8 @@
 //! What happened, for `--report FILE.json`.
 
-use crate::calibration::photometry::MatchStatus;
 use crate::status::StageTimes;
 use penumbra_sync::PairingCounts;
+use penumbra_white_balance::MatchStatus;
 use serde::Serialize;
 
 /// The report of one replay.

@@ -6,7 +6,6 @@ use super::light::placement;
 use super::near_light::NearStation;
 use super::watch::{GroundWatch, PhantomWatch};
 use crate::calibration::RigCalibration;
-use crate::calibration::photometry::raycast::{GROUND, PhantomCaster};
 use crate::config::{Clipped, Config, Irradiance};
 use glam::DVec3;
 use penumbra_camera::EnvironmentView;
@@ -14,6 +13,7 @@ use penumbra_lighting::{
     ClippedEnergy, EnvironmentEstimator, EnvironmentSettings, IrradianceMethod,
 };
 use penumbra_scene::{Part, Scene};
+use penumbra_white_balance::raycast::{GROUND, PhantomCaster};
 use std::sync::Arc;
 
 /// What depends on real things alone.

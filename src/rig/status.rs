@@ -5,7 +5,6 @@ use super::rates::Rates;
 use super::report::FrameCounts;
 use super::source::Source;
 use super::{RigSetup, latency_status, live_status, probe_status};
-use crate::calibration::photometry::{MatchStatus, MethodStatus, Provenance};
 use crate::compositor::Gpu;
 use crate::compositor::exposure::ExposureInForce;
 use crate::status::planes::PlanesStatus;
@@ -18,6 +17,7 @@ use penumbra_interface::DeviceKind;
 use penumbra_lighting::BrightestLight;
 use penumbra_sync as sync;
 use penumbra_sync::RigFrame;
+use penumbra_white_balance::{MatchStatus, MethodStatus, Provenance};
 
 /// Everything that a frame changes in the status.
 pub struct Published<'a> {

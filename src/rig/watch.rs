@@ -2,7 +2,6 @@
 
 use super::light::SceneView;
 use crate::calibration::RigCalibration;
-use crate::calibration::photometry::raycast::PhantomCaster;
 use glam::{DVec2, Vec3};
 use penumbra_camera::Vignetting;
 use penumbra_camera::{PinholeCamera, Response};
@@ -12,6 +11,7 @@ use penumbra_picture::Picture;
 use penumbra_scene::PhantomRadiance;
 use penumbra_scene::near_field::{AXES, side_of, solid_phantoms};
 use penumbra_scene::{Part, PhantomRays, Scene};
+use penumbra_white_balance::raycast::PhantomCaster;
 use std::f32::consts::PI;
 use std::sync::Arc;
 

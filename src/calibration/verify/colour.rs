@@ -2,18 +2,16 @@
 //! camera's, on what both see.
 
 use super::Known;
-use crate::calibration::colour::delta_e_linear;
-use crate::calibration::photometry::chart::Photograph;
-use crate::calibration::photometry::gather::{
-    GatherOptions, Overlap, PhotometricPair, gather_pairs,
-};
-use crate::calibration::photometry::overlap::estimate_overlap;
-use crate::calibration::photometry::{PhotometricMatch, Provenance};
 use crate::calibration::step::ShownPicture;
 use glam::DVec3;
 use penumbra_interface::{Exposure, MonotonicTime, RigidTransform};
 use penumbra_numerics::median;
 use penumbra_picture::Picture;
+use penumbra_white_balance::chart::Photograph;
+use penumbra_white_balance::colour::delta_e_linear;
+use penumbra_white_balance::gather::{GatherOptions, Overlap, PhotometricPair, gather_pairs};
+use penumbra_white_balance::overlap::estimate_overlap;
+use penumbra_white_balance::{PhotometricMatch, Provenance};
 
 /// The environment's picture may be so much older than the scene's, seconds.
 const TOGETHER: f64 = 0.2;

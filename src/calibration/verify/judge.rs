@@ -4,7 +4,7 @@ use super::colour::Colours;
 use super::reprojection::Reprojection;
 use crate::calibration::head::Grade;
 use crate::calibration::latency::{ClockOffset, LatencyError};
-use crate::calibration::photometry::Provenance;
+use penumbra_white_balance::Provenance;
 
 /// Root mean square up to which markers are where they should be, pixels: good, usable.
 const REPROJECTION: [f64; 2] = [1.0, 3.0];

@@ -18,14 +18,14 @@ use super::latency::{
     CameraMotion, CameraTurn, ClockOffset, ImageMotion, LatencyError, Mounted, TrackerTrack,
     follow::by_motion, from_rotations,
 };
-use super::photometry::PhotometricMatch;
-use super::photometry::raycast::PhantomCaster;
 use super::step::{Eye, Finished, Made, Progress, Shown, ShownPicture, Step, Wants};
 use colour::Comparison;
 use penumbra_camera::EnvironmentView;
 use penumbra_fiducials::{Detector, Registrar, Registration, TagMap, TagSeen};
 use penumbra_interface::{MonotonicTime, PoseSample, RigidTransform};
 use penumbra_sync::{HistoryConfig, PoseHistory};
+use penumbra_white_balance::PhotometricMatch;
+use penumbra_white_balance::raycast::PhantomCaster;
 
 /// What the check is meant to take, seconds.
 const LENGTH: f64 = 60.0;

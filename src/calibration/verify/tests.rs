@@ -3,12 +3,12 @@
 
 use super::*;
 use crate::calibration::head::Grade;
-use crate::calibration::photometry::PhotometrySettings;
 use crate::calibration::rig::TrackerCalibration;
 use crate::calibration::rig_json::Marker;
 use glam::{DQuat, DVec2, DVec3, EulerRot};
 use penumbra_fiducials::synthetic::{picture, tag};
 use penumbra_picture::Picture;
+use penumbra_white_balance::PhotometrySettings;
 
 const LATENCY: f64 = 0.02;
 

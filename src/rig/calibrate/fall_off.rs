@@ -2,13 +2,13 @@
 //! there while it moves.
 
 use crate::calibration::photometric::vignetting::{self, Fit, Reading};
-use crate::calibration::photometry::chart::{Photograph, read_codes};
-use crate::calibration::photometry::raycast::PhantomCaster;
 use glam::DVec2;
 use glam::DVec3;
 use penumbra_camera::PinholeCamera;
 use penumbra_camera::vignetting::frame;
 use penumbra_interface::RigidTransform;
+use penumbra_white_balance::chart::{Photograph, read_codes};
+use penumbra_white_balance::raycast::PhantomCaster;
 
 /// Places asked for in a new picture, each way.
 const GRID: (u32, u32) = (16, 12);

@@ -3,11 +3,6 @@
 use super::fall_off::FallOff;
 use crate::calibration::RigDocument;
 use crate::calibration::photometric::vignetting::Fit;
-use crate::calibration::photometry::GainEstimate;
-use crate::calibration::photometry::chart::Photograph;
-use crate::calibration::photometry::gather::{GatherOptions, Overlap, gather_pairs};
-use crate::calibration::photometry::overlap::estimate_overlap;
-use crate::calibration::photometry::raycast::PhantomCaster;
 use crate::calibration::rig::TrackerCalibration;
 use crate::config::Config;
 use crate::rig::feed::decoder_for;
@@ -17,6 +12,11 @@ use penumbra_interface::{Frame, MonotonicTime, RigidTransform};
 use penumbra_picture::{Picture, decode_into};
 use penumbra_session::{Session, SessionEvent};
 use penumbra_sync::{HistoryConfig, PoseHistory};
+use penumbra_white_balance::GainEstimate;
+use penumbra_white_balance::chart::Photograph;
+use penumbra_white_balance::gather::{GatherOptions, Overlap, gather_pairs};
+use penumbra_white_balance::overlap::estimate_overlap;
+use penumbra_white_balance::raycast::PhantomCaster;
 use std::sync::Arc;
 
 /// Pairs of pictures that are compared.

@@ -3,13 +3,13 @@
 use super::steps::{Known as RigKnown, ParameterError, Parameters, StepKind, station};
 use crate::calibration::Attachments;
 use crate::calibration::RigDocument;
-use crate::calibration::photometry::raycast::PhantomCaster;
-use crate::calibration::photometry::{PhotometricMatch, PhotometrySettings};
 use crate::calibration::step::Step;
 use crate::calibration::verify::{Known, Verify};
 use crate::config::Config;
 use crate::rig::{RigError, light, registration};
 use penumbra_camera::EnvironmentView;
+use penumbra_white_balance::raycast::PhantomCaster;
+use penumbra_white_balance::{PhotometricMatch, PhotometrySettings};
 
 /// As the dashboard shows it.
 pub(super) const KIND: StepKind = StepKind {

@@ -1,10 +1,10 @@
 //! What a chart's patches read.
 
 use super::FoundChart;
-use crate::calibration::photometry::chart::{Patch, read_codes};
 use glam::DVec2;
 use penumbra_camera::Response;
 use penumbra_picture::Picture;
+use penumbra_white_balance::chart::{Patch, read_codes};
 
 /// Half of the part of a patch that is read, in pitches: patches are 0.8 to 0.9 of a pitch wide.
 const HALF: f64 = 0.24;

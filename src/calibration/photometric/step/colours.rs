@@ -1,9 +1,9 @@
 //! How true one camera's colours of a chart are.
 
-use crate::calibration::colour::delta_e_linear;
-use crate::calibration::photometry::chart::Patch;
 use glam::{DMat3, DVec3};
 use penumbra_numerics::Normal;
+use penumbra_white_balance::chart::Patch;
+use penumbra_white_balance::colour::delta_e_linear;
 
 /// Differences between what a camera shows of a chart and what it is, CIEDE2000, by patch; none
 /// where a patch is clipped or too dark.
@@ -96,7 +96,7 @@ mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::calibration::photometric::reference::Edition;
-    use crate::calibration::photometry::chart::Reading;
+    use penumbra_white_balance::chart::Reading;
 
     #[test]
     fn white_balance_and_a_matrix_take_off_what_is_theirs() {

@@ -4,12 +4,12 @@ use crate::calibration::photometric::chart::{FoundChart, find_charts};
 use crate::calibration::photometric::curve::SeriesGatherer;
 use crate::calibration::photometric::noise::NoiseGatherer;
 use crate::calibration::photometric::vignetting::{self, Reading};
-use crate::calibration::photometry::chart::{Patch, read_codes};
 use crate::calibration::step::ShownPicture;
 use glam::DVec2;
 use penumbra_camera::Response;
 use penumbra_camera::vignetting::frame;
 use penumbra_picture::Picture;
+use penumbra_white_balance::chart::{Patch, read_codes};
 
 /// A chart as a camera has shown it.
 #[derive(Clone, Debug)]

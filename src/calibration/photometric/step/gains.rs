@@ -4,12 +4,10 @@ use super::colours::Colours;
 use super::eye::EyeState;
 use super::{CameraFound, Options};
 use crate::calibration::photometric::reference::{GREYS, NAMES};
-use crate::calibration::photometry::GainEstimate;
-use crate::calibration::photometry::chart::{
-    ChartMatch, Patch, Reading, match_patches, read_codes,
-};
 use glam::{DMat3, DVec3};
 use penumbra_camera::Response;
+use penumbra_white_balance::GainEstimate;
+use penumbra_white_balance::chart::{ChartMatch, Patch, Reading, match_patches, read_codes};
 
 /// Every way's answer.
 #[derive(Clone, Debug, Default)]

@@ -20,12 +20,12 @@ use crate::calibration::photometric_file::{
     CameraRecord, GainsRecord, NoiseRecord, PhotometricRecord, ResponseRecord, STEP,
     VignettingRecord,
 };
-use crate::calibration::photometry::GainEstimate;
 use crate::calibration::step::{Eye, Finished, Made, Progress, Shown, Step, Wants};
 use eye::EyeState;
 use glam::DVec2;
 use penumbra_camera::Response;
 use penumbra_picture::Picture;
+use penumbra_white_balance::GainEstimate;
 
 /// What is known before, and wanted.
 #[derive(Clone, Debug)]

@@ -4,13 +4,13 @@ use super::eye::ChartSeen;
 use super::eye::EyeState;
 use super::gains::{Gains, says};
 use super::{CameraFound, EYES, Options};
-use crate::calibration::colour::delta_e_linear;
 use crate::calibration::photometric::reference::NAMES;
-use crate::calibration::photometry::chart::Patch;
 use crate::calibration::report::{Page, Plot};
 use crate::calibration::step::{Finished, Made};
 use glam::{DMat3, DVec3};
 use penumbra_picture::Picture;
+use penumbra_white_balance::chart::Patch;
+use penumbra_white_balance::colour::delta_e_linear;
 use std::fmt::Write;
 
 pub(super) fn page(

@@ -3,12 +3,24 @@
 use super::GainEstimate;
 use super::matrix::{self, ColourPair};
 use super::robust::{LogRatio, RobustMean, robust_mean};
-use crate::calibration::colour::delta_e_linear;
-use crate::calibration::rig::PhotometricChart;
+use crate::colour::delta_e_linear;
 use glam::{DMat3, DVec3};
 use penumbra_camera::Response;
 use penumbra_picture::Picture;
 use thiserror::Error;
+
+/// The same chart in the same light, photographed by both cameras.
+#[derive(Clone, Debug)]
+pub struct PhotometricChart {
+    /// Name of the attachment with the scene camera's picture.
+    pub scene_picture: String,
+    /// Name of the attachment with the environment camera's picture.
+    pub environment_picture: String,
+    /// Patch rectangles x, y, width, height in pixels, the same in both.
+    pub patches: Vec<[u32; 4]>,
+    /// Linear reflectance of each patch, if known.
+    pub reflectance: Vec<[f32; 3]>,
+}
 
 /// A picture and how its codes are to be read.
 #[derive(Clone, Copy, Debug)]

@@ -8,6 +8,7 @@
 //! sphere's reflectance is no part of the gains: the environment code divides by it.
 
 pub mod chart;
+pub mod colour;
 mod exposure;
 mod fusion;
 pub mod gather;
@@ -24,7 +25,7 @@ pub use fusion::{
     Provenance,
 };
 
-use super::colour::delta_e_of_gain_error;
+use crate::colour::delta_e_of_gain_error;
 use glam::DVec3;
 
 /// Gains and how well they are known: `scene = gains × environment`, linear.

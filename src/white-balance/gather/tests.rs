@@ -1,8 +1,8 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use super::*;
-use crate::calibration::photometry::overlap::{Shortage, estimate_overlap};
-use crate::calibration::photometry::raycast::{ground_only, sphere_hit};
+use crate::overlap::{Shortage, estimate_overlap};
+use crate::raycast::{ground_only, sphere_hit};
 use glam::{DMat3, DQuat};
 use penumbra_camera::Response;
 use penumbra_camera::{FisheyeLens, MirrorSphere};
