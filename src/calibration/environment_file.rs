@@ -2,9 +2,10 @@
 //! `rig.json` says.
 
 use super::RigDocument;
-use super::head::{Head, parse};
+use super::head::parse;
 use super::rig::EnvironmentCamera;
-use crate::calibration::head::RecordError;
+use crate::calibration::head::CalibrationFileError;
+use crate::calibration::head::Header;
 use glam::{DQuat, DVec2, DVec3};
 use penumbra_camera::{EnvironmentView, FisheyeLens};
 use penumbra_camera::{PinholeCamera, Response};
@@ -22,7 +23,7 @@ pub const STEP: &str = "environment";
 pub struct EnvironmentRecord {
     /// Which step, when, from what.
     #[serde(flatten)]
-    pub head: Head,
+    pub header: Header,
     /// "fisheye" or "sphere".
     pub kind: String,
     /// Width and height of the pictures.
@@ -96,7 +97,7 @@ impl PoseRecord {
         }
     }
 
-    fn pose(&self) -> Result<RigidTransform, RecordError> {
+    fn pose(&self) -> Result<RigidTransform, CalibrationFileError> {
         let [w, x, y, z] = self.quaternion_wxyz;
         let turn = DQuat::from_xyzw(x, y, z, w);
         let place = DVec3::from_array(self.position);
@@ -114,12 +115,12 @@ impl PoseRecord {
 pub fn apply_environment_file<'a>(
     rig: &mut RigDocument,
     attachments: &dyn Fn(&str) -> Option<&'a [u8]>,
-) -> Result<(), RecordError> {
+) -> Result<(), CalibrationFileError> {
     let Some(bytes) = attachments(ENVIRONMENT) else {
         return Ok(());
     };
     let record: EnvironmentRecord = parse(ENVIRONMENT, bytes)?;
-    record.head.check(ENVIRONMENT, STEP)?;
+    record.header.check(ENVIRONMENT, STEP)?;
     let pose = record.world_from_camera.pose()?;
     let lens = record
         .lens
@@ -160,7 +161,7 @@ fn view(
     pose: RigidTransform,
     circle: Option<FisheyeLens>,
     ball: Option<(DVec3, f64)>,
-) -> Result<(), RecordError> {
+) -> Result<(), CalibrationFileError> {
     let fits = |size: (u32, u32)| {
         let made = (record.image_size[0], record.image_size[1]);
         if made == size {
@@ -209,7 +210,7 @@ fn view(
 }
 
 impl SphereRecord {
-    fn centre(&self) -> Result<(DVec3, f64), RecordError> {
+    fn centre(&self) -> Result<(DVec3, f64), CalibrationFileError> {
         let centre = DVec3::from_array(self.centre_in_world);
         if !(centre.is_finite() && self.radius > 0.0 && self.radius < 100.0) {
             return Err(wrong("sphere", "a centre and a radius in metres"));
@@ -218,7 +219,10 @@ impl SphereRecord {
     }
 }
 
-fn fisheye(lens: &CircleLens, [width, height]: [u32; 2]) -> Result<FisheyeLens, RecordError> {
+fn fisheye(
+    lens: &CircleLens,
+    [width, height]: [u32; 2],
+) -> Result<FisheyeLens, CalibrationFileError> {
     let centre = DVec2::from_array(lens.centre);
     let sane = centre.is_finite()
         && centre.abs().max_element() < 1e5
@@ -243,16 +247,16 @@ fn fisheye(lens: &CircleLens, [width, height]: [u32; 2]) -> Result<FisheyeLens, 
     })
 }
 
-fn wrong(key: &'static str, expected: &'static str) -> RecordError {
-    RecordError::Wrong {
+fn wrong(key: &'static str, expected: &'static str) -> CalibrationFileError {
+    CalibrationFileError::Wrong {
         file: ENVIRONMENT.to_owned(),
         key,
         expected,
     }
 }
 
-fn unusable(reason: &str) -> RecordError {
-    RecordError::Unusable {
+fn unusable(reason: &str) -> CalibrationFileError {
+    CalibrationFileError::Unusable {
         file: ENVIRONMENT.to_owned(),
         reason: reason.to_owned(),
     }
@@ -266,7 +270,7 @@ mod tests {
 
     fn record() -> EnvironmentRecord {
         EnvironmentRecord {
-            head: Head {
+            header: Header {
                 penumbra_calibration: 1,
                 step: STEP.to_owned(),
                 date: Made::default().date,
@@ -296,7 +300,10 @@ mod tests {
         }
     }
 
-    fn applied(rig: &mut RigDocument, record: &EnvironmentRecord) -> Result<(), RecordError> {
+    fn applied(
+        rig: &mut RigDocument,
+        record: &EnvironmentRecord,
+    ) -> Result<(), CalibrationFileError> {
         let bytes = serde_json::to_vec(record).unwrap();
         apply_environment_file(rig, &|name| (name == ENVIRONMENT).then_some(&bytes[..]))
     }
@@ -330,7 +337,7 @@ mod tests {
         cases[0].0.kind = "sphere".to_owned();
         cases[1].0.image_size = [640, 480];
         cases[1].1 = "640×480, rig.json's are 480×480";
-        cases[2].0.head.verdict = "refused".to_owned();
+        cases[2].0.header.verdict = "refused".to_owned();
         cases[2].1 = "was refused";
         cases[3].0.world_from_camera.quaternion_wxyz[0] = 0.2;
         cases[3].1 = "T_world_cam";

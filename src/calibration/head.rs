@@ -11,7 +11,7 @@ const LARGEST_FILE: usize = 16 << 20;
 
 /// Of which step, when, from what, how good; flattened into the file's own object.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize, Serialize)]
-pub struct Head {
+pub struct Header {
     /// Version of the format.
     pub penumbra_calibration: u32,
     /// Which step made it.
@@ -67,7 +67,7 @@ impl Grade {
 
 /// A calibration file that cannot be used.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
-pub enum RecordError {
+pub enum CalibrationFileError {
     /// Not JSON, or not of this form.
     #[error("{file}: line {line}, column {column}: {reason}; calibrate again, or mend the JSON")]
     NotJson {
@@ -100,18 +100,18 @@ pub enum RecordError {
     },
 }
 
-impl Head {
+impl Header {
     /// Whether `file` can be used for `step`.
     ///
     /// # Errors
     /// It is of another step, of a newer Penumbra, or was refused when it was made.
-    pub fn check(&self, file: &str, step: &str) -> Result<(), RecordError> {
-        let unusable = |reason: String| RecordError::Unusable {
+    pub fn check(&self, file: &str, step: &str) -> Result<(), CalibrationFileError> {
+        let unusable = |reason: String| CalibrationFileError::Unusable {
             file: file.to_owned(),
             reason,
         };
         if self.penumbra_calibration != VERSION {
-            return Err(RecordError::Wrong {
+            return Err(CalibrationFileError::Wrong {
                 file: file.to_owned(),
                 key: "penumbra_calibration",
                 expected: "1: it is of a newer Penumbra",
@@ -136,14 +136,14 @@ impl Head {
 ///
 /// # Errors
 /// Too large; not JSON, or not of this form: with line and column.
-pub fn parse<T: DeserializeOwned>(file: &str, bytes: &[u8]) -> Result<T, RecordError> {
+pub fn parse<T: DeserializeOwned>(file: &str, bytes: &[u8]) -> Result<T, CalibrationFileError> {
     if bytes.len() > LARGEST_FILE {
-        return Err(RecordError::Unusable {
+        return Err(CalibrationFileError::Unusable {
             file: file.to_owned(),
             reason: "more than 16 MiB: no calibration".to_owned(),
         });
     }
-    serde_json::from_slice(bytes).map_err(|e| RecordError::NotJson {
+    serde_json::from_slice(bytes).map_err(|e| CalibrationFileError::NotJson {
         file: file.to_owned(),
         line: e.line(),
         column: e.column(),

@@ -6,8 +6,9 @@
 //! minus its own offset.
 
 use super::RigDocument;
-use super::head::{self, Head};
-use crate::calibration::head::RecordError;
+use super::head;
+use crate::calibration::head::CalibrationFileError;
+use crate::calibration::head::Header;
 use serde::{Deserialize, Serialize};
 
 /// Beside `rig.json`.
@@ -20,7 +21,7 @@ const LARGEST: f64 = 10.0;
 pub struct LatencyRecord {
     /// When, from what, how good.
     #[serde(flatten)]
-    pub head: Head,
+    pub header: Header,
     /// Latency of the tracker minus that of the scene camera.
     pub tracker_minus_scene: OffsetRecord,
     /// Latency of the tracker minus that of the environment camera.
@@ -53,12 +54,12 @@ pub struct OffsetRecord {
 pub fn apply_latency_file<'a>(
     rig: &mut RigDocument,
     attachments: &dyn Fn(&str) -> Option<&'a [u8]>,
-) -> Result<(), RecordError> {
+) -> Result<(), CalibrationFileError> {
     let Some(bytes) = attachments(LATENCY) else {
         return Ok(());
     };
     let record: LatencyRecord = head::parse(LATENCY, bytes)?;
-    record.head.check(LATENCY, "latency")?;
+    record.header.check(LATENCY, "latency")?;
     let scene = record.tracker_minus_scene.nanos(LATENCY)?;
     let rig = &mut rig.calibration;
     let tracker = rig.scene_camera.latency_nanos.saturating_add(scene);
@@ -78,11 +79,11 @@ impl OffsetRecord {
     ///
     /// # Errors
     /// No number, or more than ten seconds.
-    pub fn nanos(&self, file: &str) -> Result<i64, RecordError> {
+    pub fn nanos(&self, file: &str) -> Result<i64, CalibrationFileError> {
         if self.seconds.is_finite() && self.seconds.abs() <= LARGEST {
             return Ok((1e9 * self.seconds).round() as i64);
         }
-        Err(RecordError::Wrong {
+        Err(CalibrationFileError::Wrong {
             file: file.to_owned(),
             key: "seconds",
             expected: "a number of at most 10",

@@ -2,7 +2,7 @@
 
 use super::RigDocument;
 use super::record::LensRecord;
-use crate::calibration::head::RecordError;
+use crate::calibration::head::CalibrationFileError;
 use penumbra_camera::EnvironmentView;
 use penumbra_camera::PinholeCamera;
 use penumbra_camera::{Lens, LensModel};
@@ -19,7 +19,7 @@ pub const ENVIRONMENT_LENS: &str = "calibration/environment_camera.json";
 pub fn apply_lens_files<'a>(
     rig: &mut RigDocument,
     attachments: &dyn Fn(&str) -> Option<&'a [u8]>,
-) -> Result<(), RecordError> {
+) -> Result<(), CalibrationFileError> {
     if let Some(bytes) = attachments(SCENE_LENS) {
         let (lens, _) = usable(SCENE_LENS, bytes)?;
         let camera = &mut rig.calibration.scene_camera.camera;
@@ -60,13 +60,13 @@ pub fn apply_lens_files<'a>(
 /// The file cannot be read.
 pub fn size_of_lens<'a>(
     attachments: &dyn Fn(&str) -> Option<&'a [u8]>,
-) -> Result<Option<(u32, u32)>, RecordError> {
+) -> Result<Option<(u32, u32)>, CalibrationFileError> {
     let lens = attachments(SCENE_LENS).map(|bytes| usable(SCENE_LENS, bytes));
     Ok(lens.transpose()?.map(|(lens, _)| (lens.width, lens.height)))
 }
 
 /// The lens, and the angle up to which it is known.
-fn usable(file: &str, bytes: &[u8]) -> Result<(Lens, Option<f64>), RecordError> {
+fn usable(file: &str, bytes: &[u8]) -> Result<(Lens, Option<f64>), CalibrationFileError> {
     let record = LensRecord::parse(file, bytes)?;
     if record
         .quality
@@ -85,7 +85,7 @@ fn pinhole(
     file: &str,
     lens: &Lens,
     said: Option<&PinholeCamera>,
-) -> Result<PinholeCamera, RecordError> {
+) -> Result<PinholeCamera, CalibrationFileError> {
     if let Some(said) = said {
         fits(file, lens, (said.width, said.height))?;
     }
@@ -97,7 +97,7 @@ fn pinhole(
     })
 }
 
-fn fits(file: &str, lens: &Lens, (width, height): (u32, u32)) -> Result<(), RecordError> {
+fn fits(file: &str, lens: &Lens, (width, height): (u32, u32)) -> Result<(), CalibrationFileError> {
     if (lens.width, lens.height) == (width, height) {
         return Ok(());
     }
@@ -110,8 +110,8 @@ fn fits(file: &str, lens: &Lens, (width, height): (u32, u32)) -> Result<(), Reco
     ))
 }
 
-fn unusable(file: &str, reason: &str) -> RecordError {
-    RecordError::Unusable {
+fn unusable(file: &str, reason: &str) -> CalibrationFileError {
+    CalibrationFileError::Unusable {
         file: file.to_owned(),
         reason: reason.to_owned(),
     }
@@ -138,7 +138,7 @@ mod tests {
         serde_json::to_vec(&LensRecord::of_lens(&lens, "scene", String::new())).unwrap()
     }
 
-    fn applied(bytes: &[u8]) -> Result<RigDocument, RecordError> {
+    fn applied(bytes: &[u8]) -> Result<RigDocument, CalibrationFileError> {
         let mut rig = RigDocument::uncalibrated(640, 480);
         apply_lens_files(&mut rig, &|name| (name == SCENE_LENS).then_some(bytes))?;
         Ok(rig)
@@ -163,7 +163,7 @@ mod tests {
             })
             .unwrap()
         };
-        let applied = |bytes: &[u8]| -> Result<f64, RecordError> {
+        let applied = |bytes: &[u8]| -> Result<f64, CalibrationFileError> {
             let mut rig = RigDocument::parse(FISHEYE.as_bytes()).unwrap();
             apply_lens_files(&mut rig, &|name| {
                 (name == ENVIRONMENT_LENS).then_some(bytes)

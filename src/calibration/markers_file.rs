@@ -2,10 +2,11 @@
 //! those that `rig.json` says.
 
 use super::RigDocument;
-use super::head::{self, Head};
+use super::head;
 use super::rig_json::Marker;
 use super::tracker_file::PoseRecord;
-use crate::calibration::head::RecordError;
+use crate::calibration::head::CalibrationFileError;
+use crate::calibration::head::Header;
 use penumbra_fiducials::Family;
 use serde::{Deserialize, Serialize};
 
@@ -19,7 +20,7 @@ const MOST: usize = 10_000;
 pub struct MarkersRecord {
     /// When, from what, how good.
     #[serde(flatten)]
-    pub head: Head,
+    pub header: Header,
     /// The map has a world of its own: markers that `rig.json` says are in another.
     #[serde(default)]
     pub new_world: bool,
@@ -53,13 +54,13 @@ pub struct MarkerRecord {
 pub fn apply_markers_file<'a>(
     rig: &mut RigDocument,
     attachments: &dyn Fn(&str) -> Option<&'a [u8]>,
-) -> Result<(), RecordError> {
+) -> Result<(), CalibrationFileError> {
     let Some(bytes) = attachments(MARKERS) else {
         return Ok(());
     };
     let record: MarkersRecord = head::parse(MARKERS, bytes)?;
-    record.head.check(MARKERS, "map")?;
-    let wrong = |key, expected| RecordError::Wrong {
+    record.header.check(MARKERS, "map")?;
+    let wrong = |key, expected| CalibrationFileError::Wrong {
         file: MARKERS.to_owned(),
         key,
         expected,

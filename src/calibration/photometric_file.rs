@@ -2,8 +2,9 @@
 //! brightness.
 
 use super::RigDocument;
-use super::head::{Head, parse};
-use crate::calibration::head::RecordError;
+use super::head::parse;
+use crate::calibration::head::CalibrationFileError;
+use crate::calibration::head::Header;
 use glam::{DMat3, DVec2, DVec3};
 use penumbra_camera::EnvironmentView;
 use penumbra_camera::Response;
@@ -21,7 +22,7 @@ pub const STEP: &str = "photometric";
 pub struct PhotometricRecord {
     /// Of which step, when, how good.
     #[serde(flatten)]
-    pub head: Head,
+    pub header: Header,
     /// The scene camera.
     #[serde(default, skip_serializing_if = "CameraRecord::is_empty")]
     pub scene_camera: CameraRecord,
@@ -118,12 +119,12 @@ pub struct GainsRecord {
 pub fn apply_photometric_file<'a>(
     rig: &mut RigDocument,
     attachments: &dyn Fn(&str) -> Option<&'a [u8]>,
-) -> Result<(), RecordError> {
+) -> Result<(), CalibrationFileError> {
     let Some(bytes) = attachments(PHOTOMETRIC) else {
         return Ok(());
     };
     let record: PhotometricRecord = parse(PHOTOMETRIC, bytes)?;
-    record.head.check(PHOTOMETRIC, STEP)?;
+    record.header.check(PHOTOMETRIC, STEP)?;
     let rig = &mut rig.calibration;
     if let Some(response) = response(&record.scene_camera)? {
         rig.scene_camera.response = response;
@@ -153,7 +154,7 @@ pub fn apply_photometric_file<'a>(
     Ok(())
 }
 
-fn response(camera: &CameraRecord) -> Result<Option<Response>, RecordError> {
+fn response(camera: &CameraRecord) -> Result<Option<Response>, CalibrationFileError> {
     let Some(record) = &camera.response else {
         return Ok(None);
     };
@@ -165,7 +166,7 @@ fn response(camera: &CameraRecord) -> Result<Option<Response>, RecordError> {
 fn vignetting(
     camera: &CameraRecord,
     size: Option<(u32, u32)>,
-) -> Result<Option<Vignetting>, RecordError> {
+) -> Result<Option<Vignetting>, CalibrationFileError> {
     let (Some(record), Some(size)) = (&camera.vignetting, size) else {
         return Ok(None);
     };
@@ -190,7 +191,7 @@ fn vignetting(
         })
 }
 
-fn gains(record: &GainsRecord) -> Result<CalibratedGains, RecordError> {
+fn gains(record: &GainsRecord) -> Result<CalibratedGains, CalibrationFileError> {
     let estimate = GainEstimate {
         gains: DVec3::from_array(record.rgb),
         relative_sd: DVec3::from_array(record.relative_sigma),
@@ -222,8 +223,8 @@ fn gains(record: &GainsRecord) -> Result<CalibratedGains, RecordError> {
     })
 }
 
-fn unusable(reason: &str) -> RecordError {
-    RecordError::Unusable {
+fn unusable(reason: &str) -> CalibrationFileError {
+    CalibrationFileError::Unusable {
         file: PHOTOMETRIC.to_owned(),
         reason: reason.to_owned(),
     }

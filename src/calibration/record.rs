@@ -4,8 +4,8 @@
 //! `calibration/scene_camera.json` and `calibration/environment_camera.json` beside a
 //! `rig.json` take the place of the lens that `rig.json` says; a recording carries them.
 
+use crate::calibration::head::CalibrationFileError;
 use crate::calibration::head::DeviceRecord;
-use crate::calibration::head::RecordError;
 use glam::DVec2;
 use penumbra_camera::{Lens, LensModel};
 use serde::{Deserialize, Serialize};
@@ -107,19 +107,20 @@ impl LensRecord {
     ///
     /// # Errors
     /// What is wrong and where, in one line.
-    pub fn parse(file: &str, bytes: &[u8]) -> Result<Self, RecordError> {
+    pub fn parse(file: &str, bytes: &[u8]) -> Result<Self, CalibrationFileError> {
         if bytes.len() > LARGEST_FILE {
-            return Err(RecordError::Unusable {
+            return Err(CalibrationFileError::Unusable {
                 file: file.to_owned(),
                 reason: "more than 1 MiB: no calibration of a lens".to_owned(),
             });
         }
-        let record: Self = serde_json::from_slice(bytes).map_err(|e| RecordError::NotJson {
-            file: file.to_owned(),
-            line: e.line(),
-            column: e.column(),
-            reason: e.to_string(),
-        })?;
+        let record: Self =
+            serde_json::from_slice(bytes).map_err(|e| CalibrationFileError::NotJson {
+                file: file.to_owned(),
+                line: e.line(),
+                column: e.column(),
+                reason: e.to_string(),
+            })?;
         record.lens(file)?;
         Ok(record)
     }
@@ -128,8 +129,8 @@ impl LensRecord {
     ///
     /// # Errors
     /// A version, a model or numbers that make no sense.
-    pub fn lens(&self, file: &str) -> Result<Lens, RecordError> {
-        let wrong = |key, expected| RecordError::Wrong {
+    pub fn lens(&self, file: &str) -> Result<Lens, CalibrationFileError> {
+        let wrong = |key, expected| CalibrationFileError::Wrong {
             file: file.to_owned(),
             key,
             expected,

@@ -8,7 +8,7 @@ use super::markers_file::apply_markers_file;
 use super::photometric_file::apply_photometric_file;
 use super::tracker_file::apply_tracker_file;
 use super::{RigDocument, RigJsonError};
-use crate::calibration::head::RecordError;
+use crate::calibration::head::CalibrationFileError;
 use glam::{DMat4, Vec3};
 use penumbra_camera::MirrorSphere;
 use penumbra_scene::gltf_file::z_up_from_y_up;
@@ -39,7 +39,7 @@ pub enum RigFilesError {
     Document(#[from] RigJsonError),
     /// A calibration file beside it is wrong.
     #[error(transparent)]
-    Calibration(#[from] RecordError),
+    Calibration(#[from] CalibrationFileError),
     /// A model, or the scene file, cannot be used.
     #[error(transparent)]
     Scene(#[from] SceneError),

@@ -5,7 +5,7 @@
 
 use crate::calibration::head::DeviceRecord;
 use crate::calibration::head::Grade;
-use crate::calibration::head::Head;
+use crate::calibration::head::Header;
 use crate::calibration::head::VERSION;
 use glam::DVec2;
 use penumbra_interface::{MonotonicTime, PoseSample};
@@ -107,8 +107,8 @@ pub struct Finished {
 impl Finished {
     /// The header of the calibration file that `step` writes.
     #[must_use]
-    pub fn header(&self, step: &str, made: &Made) -> Head {
-        Head {
+    pub fn header(&self, step: &str, made: &Made) -> Header {
+        Header {
             penumbra_calibration: VERSION,
             step: step.to_owned(),
             date: made.date.clone(),

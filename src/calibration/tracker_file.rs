@@ -2,11 +2,12 @@
 //! says.
 
 use super::RigDocument;
-use super::head::{self, Head};
+use super::head;
 use super::latency_file::OffsetRecord;
 use super::rig::TrackerCalibration;
 use super::tracked::field::{Grid, TrackerField};
-use crate::calibration::head::RecordError;
+use crate::calibration::head::CalibrationFileError;
+use crate::calibration::head::Header;
 use glam::{DQuat, DVec3};
 use penumbra_interface::RigidTransform;
 use serde::{Deserialize, Serialize};
@@ -24,7 +25,7 @@ const LARGEST_CORRECTION: f64 = 2.0;
 pub struct TrackerRecord {
     /// When, from what, how good.
     #[serde(flatten)]
-    pub head: Head,
+    pub header: Header,
     /// The transmitter's pose in the world.
     pub world_from_transmitter: PoseRecord,
     /// The scene camera's pose on the sensor.
@@ -98,8 +99,8 @@ impl PoseRecord {
     ///
     /// # Errors
     /// Numbers that make no pose.
-    pub fn pose(&self, file: &str) -> Result<RigidTransform, RecordError> {
-        let wrong = |key, expected| RecordError::Wrong {
+    pub fn pose(&self, file: &str) -> Result<RigidTransform, CalibrationFileError> {
+        let wrong = |key, expected| CalibrationFileError::Wrong {
             file: file.to_owned(),
             key,
             expected,
@@ -137,7 +138,7 @@ impl FieldRecord {
     ///
     /// # Errors
     /// Numbers that make none.
-    pub fn field(&self, file: &str) -> Result<TrackerField, RecordError> {
+    pub fn field(&self, file: &str) -> Result<TrackerField, CalibrationFileError> {
         let values = self.shift.iter().zip(&self.turn);
         let values: Vec<_> = values
             .map(|(s, t)| (DVec3::from(*s), DVec3::from(*t)))
@@ -153,7 +154,7 @@ impl FieldRecord {
             && self.shift.len() == self.turn.len()
             && values.iter().all(|(s, t)| small(s) && small(t));
         let field = sound.then(|| TrackerField::new(grid, values)).flatten();
-        field.ok_or_else(|| RecordError::Wrong {
+        field.ok_or_else(|| CalibrationFileError::Wrong {
             file: file.to_owned(),
             key: "distortion",
             expected: "a grid with a shift and a turn for each of its control points",
@@ -168,14 +169,14 @@ impl FieldRecord {
 pub fn apply_tracker_file<'a>(
     rig: &mut RigDocument,
     attachments: &dyn Fn(&str) -> Option<&'a [u8]>,
-) -> Result<(), RecordError> {
+) -> Result<(), CalibrationFileError> {
     let Some(bytes) = attachments(TRACKER) else {
         return Ok(());
     };
     let record: TrackerRecord = head::parse(TRACKER, bytes)?;
-    record.head.check(TRACKER, "tracker")?;
+    record.header.check(TRACKER, "tracker")?;
     if !(record.metres_per_unit > 0.0 && record.metres_per_unit <= 1000.0) {
-        return Err(RecordError::Wrong {
+        return Err(CalibrationFileError::Wrong {
             file: TRACKER.to_owned(),
             key: "metres_per_unit",
             expected: "above 0",

@@ -1,7 +1,6 @@
 //! From all that was gathered to a calibration, and how good it is.
 
 use super::super::environment_file::{EnvironmentRecord, PoseRecord, STEP, SphereRecord};
-use super::super::head::Head;
 use super::super::step::{Finished, Made};
 use super::optics::{Optics, optics};
 use super::page::{Drawn, page};
@@ -11,6 +10,7 @@ use super::step::{EnvironmentStep, Kind};
 use super::verdict::judge;
 use super::view::View;
 use crate::calibration::head::Grade;
+use crate::calibration::head::Header;
 use glam::{DQuat, DVec3};
 use penumbra_interface::RigidTransform;
 
@@ -74,8 +74,8 @@ pub(super) fn finish(step: &EnvironmentStep, made: &Made) -> Finished {
         file: None,
     };
     if let (Some(optics), Some(stand)) = (&optics, &stand) {
-        let head = found.header(STEP, made);
-        let record = record(step, head, optics, stand);
+        let header = found.header(STEP, made);
+        let record = record(step, header, optics, stand);
         found.file = serde_json::to_string_pretty(&record)
             .ok()
             .filter(|_| found.grade != Grade::Refused);
@@ -257,7 +257,12 @@ fn fallback(
     })
 }
 
-fn record(step: &EnvironmentStep, head: Head, optics: &Optics, stand: &Stand) -> EnvironmentRecord {
+fn record(
+    step: &EnvironmentStep,
+    header: Header,
+    optics: &Optics,
+    stand: &Stand,
+) -> EnvironmentRecord {
     let size = step.gathered.layers.size;
     let sphere = optics.ball().map(|(outline, radius)| {
         let (centre, sigma) = outline.centre(radius);
@@ -277,7 +282,7 @@ fn record(step: &EnvironmentStep, head: Head, optics: &Optics, stand: &Stand) ->
     });
     let placed = stand.placed.as_ref();
     EnvironmentRecord {
-        head,
+        header,
         kind: match step.kind {
             Kind::Fisheye => "fisheye",
             Kind::Sphere => "sphere",

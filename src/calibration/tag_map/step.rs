@@ -5,7 +5,7 @@ use super::page::lines;
 use super::{Seen, Sight, View};
 use crate::calibration::RigCalibration;
 use crate::calibration::head::Grade;
-use crate::calibration::head::Head;
+use crate::calibration::head::Header;
 use crate::calibration::markers_file::{MarkerRecord, MarkersRecord};
 use crate::calibration::rehearsal::lying;
 use crate::calibration::rig_json::Marker;
@@ -263,7 +263,7 @@ impl MapStep {
         findings
     }
 
-    fn record(&self, built: &Built, head: Head) -> MarkersRecord {
+    fn record(&self, built: &Built, header: Header) -> MarkersRecord {
         let marker = |m: &Mapped| MarkerRecord {
             family: m.seen.family.to_string(),
             id: m.seen.id,
@@ -273,7 +273,7 @@ impl MapStep {
             rms: m.rms,
         };
         MarkersRecord {
-            head,
+            header,
             new_world: self.options.origin.is_some(),
             markers: built.tags.iter().map(marker).collect(),
         }

@@ -5,7 +5,7 @@ use super::readings::Readings;
 use super::surveyor::{Landmarks, Sighting, Surveyor};
 use crate::calibration::RigCalibration;
 use crate::calibration::head::Grade;
-use crate::calibration::head::Head;
+use crate::calibration::head::Header;
 use crate::calibration::intrinsics::Grey;
 use crate::calibration::latency::follow::{Means, by_motion};
 use crate::calibration::latency::{
@@ -200,7 +200,7 @@ impl LatencyStep {
         1e-9 * self.rig.scene_camera.latency_nanos as f64
     }
 
-    fn record(&self, offsets: &Offsets, head: Head) -> Option<LatencyRecord> {
+    fn record(&self, offsets: &Offsets, header: Header) -> Option<LatencyRecord> {
         let (scene, means) = offsets.scene.as_ref().ok()?;
         let of = |found: &ClockOffset, means: Means| OffsetRecord {
             seconds: found.seconds,
@@ -211,7 +211,7 @@ impl LatencyStep {
         };
         let environment = offsets.environment.as_ref().and_then(|e| e.as_ref().ok());
         Some(LatencyRecord {
-            head,
+            header,
             tracker_minus_scene: of(scene, *means),
             tracker_minus_environment: environment.map(|e| of(e, Means::Flow)),
         })
@@ -283,8 +283,8 @@ impl Step for LatencyStep {
         };
         found.page = self.page(made, &found, offsets.as_ref());
         if grade != Grade::Refused {
-            let head = found.header("latency", made);
-            let record = offsets.and_then(|o| self.record(&o, head));
+            let header = found.header("latency", made);
+            let record = offsets.and_then(|o| self.record(&o, header));
             found.file = record.and_then(|r| serde_json::to_string_pretty(&r).ok());
         }
         found

@@ -10,7 +10,7 @@ use super::surveyor::{Landmarks, Sighting, Surveyor};
 use crate::calibration::RigCalibration;
 use crate::calibration::hand_eye::{HandEye, PosePair, hand_eye};
 use crate::calibration::head::Grade;
-use crate::calibration::head::Head;
+use crate::calibration::head::Header;
 use crate::calibration::latency::{LatencyError, from_rotations};
 use crate::calibration::latency_file::OffsetRecord;
 use crate::calibration::step::{Eye, Finished, Made, Progress, Shown, Step, Wants};
@@ -160,7 +160,7 @@ impl MountingStep {
         Ok(mounted)
     }
 
-    fn record(&self, mounted: &Mounted, head: Head) -> TrackerRecord {
+    fn record(&self, mounted: &Mounted, header: Header) -> TrackerRecord {
         let found = &mounted.hand_eye;
         let (seconds, sigma, estimated) = mounted.offset;
         let told = estimated || matches!(self.options.latency, LatencyChoice::Seconds(_));
@@ -173,7 +173,7 @@ impl MountingStep {
             record
         });
         TrackerRecord {
-            head,
+            header,
             world_from_transmitter: PoseRecord::new(
                 found.world_from_transmitter,
                 found.transmitter_sigma,

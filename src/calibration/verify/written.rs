@@ -1,7 +1,7 @@
 //! What a check leaves behind: a file and a page.
 
 use super::{Measured, Off};
-use crate::calibration::head::Head;
+use crate::calibration::head::Header;
 use crate::calibration::report::{Page, Plot};
 use crate::calibration::step::{Finished, Made};
 use serde::Serialize;
@@ -10,7 +10,7 @@ use serde::Serialize;
 #[derive(Debug, Serialize)]
 struct Record {
     #[serde(flatten)]
-    head: Head,
+    header: Header,
     figures: Vec<String>,
     reprojection_px: Option<f64>,
     reprojection_sigma_px: Option<f64>,
@@ -29,7 +29,7 @@ pub(super) fn file(made: &Made, found: &Finished, measured: &Measured) -> Option
         measured.among
     };
     let record = Record {
-        head: found.header("verify", made),
+        header: found.header("verify", made),
         figures: found.lines.clone(),
         reprojection_px: reprojection.map(|r| r.rms),
         reprojection_sigma_px: reprojection.map(|r| r.sigma),

@@ -201,7 +201,7 @@ impl Photometric {
     ) -> PhotometricRecord {
         let [scene, environment] = [0, 1].map(|i| self.camera_record(i, &cameras[i]));
         PhotometricRecord {
-            head: found.header(STEP, made),
+            header: found.header(STEP, made),
             scene_camera: scene,
             environment_camera: environment,
             gains: gains.best().map(|(method, estimate)| GainsRecord {
