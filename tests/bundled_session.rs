@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use penumbra::calibration::RigDocument;
+use penumbra_rig_model::RigDocument;
 use penumbra_session::{Session, SessionEvent};
 use std::path::PathBuf;
 

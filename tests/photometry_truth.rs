@@ -6,12 +6,12 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
 
 use glam::{DQuat, DVec2, DVec3};
-use penumbra::calibration::rig::EnvironmentCamera;
-use penumbra::calibration::rig_json::RigDocument;
 use penumbra_camera::Response;
 use penumbra_camera::{EnvironmentView, FisheyeLens};
 use penumbra_interface::{Frame, MonotonicTime, PixelFormat, RigidTransform};
 use penumbra_picture::{Picture, YuvEncoding};
+use penumbra_rig_model::EnvironmentCamera;
+use penumbra_rig_model::RigDocument;
 use penumbra_scene::Scene;
 use penumbra_white_balance::chart::{ChartMatch, Photograph, match_chart};
 use penumbra_white_balance::gather::{GatherOptions, Overlap, gather_pairs};

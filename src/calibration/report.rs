@@ -1,7 +1,7 @@
 //! The reports of calibration: HTML pages with drawings in them, nothing to load.
 
 use super::step::Finished;
-use crate::calibration::head::Grade;
+use penumbra_rig_model::Grade;
 use std::fmt::Write;
 
 /// Width and height of a plot, in its own units.

@@ -3,13 +3,13 @@
 //! how far it is and what to do next, and in the end what was found and whether that is good
 //! enough.
 
-use crate::calibration::head::DeviceRecord;
-use crate::calibration::head::Grade;
-use crate::calibration::head::Header;
-use crate::calibration::head::VERSION;
 use glam::DVec2;
 use penumbra_interface::{MonotonicTime, PoseSample};
 use penumbra_picture::Picture;
+use penumbra_rig_model::DeviceRecord;
+use penumbra_rig_model::Grade;
+use penumbra_rig_model::Header;
+use penumbra_rig_model::VERSION;
 
 /// Which camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

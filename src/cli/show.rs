@@ -3,7 +3,6 @@
 
 use super::files::JsonFile;
 use clap::Args;
-use penumbra::calibration::EnvironmentSource;
 use penumbra::compositor::Gpu;
 use penumbra::config::{
     Config, ExposureChoice, LIGHT_COUNTS, LampResponse, LightPlacement, Monitor, ShadowMode,
@@ -13,6 +12,7 @@ use penumbra::output::window::{self, WindowOptions};
 use penumbra::rig::{Report, RigError, RunOptions, Runner};
 use penumbra::status::{SharedStatus, StatusError, StatusServer, Technique};
 use penumbra_lighting::Filtering;
+use penumbra_rig_model::EnvironmentSource;
 use penumbra_scene::Highlights;
 use penumbra_scene::SceneChoice;
 use std::net::SocketAddr;

@@ -1,6 +1,5 @@
 //! The alternatives that settings choose from, spelled in TOML as in their doc comments.
 
-use crate::calibration::EnvironmentSource;
 use penumbra_camera::Response;
 use serde::de::{self, Deserialize, Deserializer, Visitor};
 use std::fmt;
@@ -522,20 +521,5 @@ impl FromStr for Monitor {
 impl<'de> Deserialize<'de> for Monitor {
     fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
         either(d, Self::EXPECTED, Self::read)
-    }
-}
-
-impl<'de> Deserialize<'de> for EnvironmentSource {
-    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
-        let expected = "\"auto\", \"camera\" or \"sphere-in-scene\"";
-        either(d, expected, |v| match v {
-            NumberOrWord::Word(w) => match w.as_str() {
-                "auto" => Some(Self::Auto),
-                "camera" => Some(Self::Camera),
-                "sphere-in-scene" => Some(Self::SphereInScene),
-                _ => None,
-            },
-            NumberOrWord::Number(_) => None,
-        })
     }
 }

@@ -13,8 +13,8 @@ use super::devices::{
 use super::exposure::ExposureFile;
 use super::planes::PlanesFile;
 use super::registration::RegistrationFile;
-use crate::calibration::EnvironmentSource;
 use penumbra_lighting::Filtering;
+use penumbra_rig_model::EnvironmentSource;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 

@@ -13,7 +13,6 @@ mod planes;
 mod registration;
 pub mod token;
 
-use crate::calibration::EnvironmentSource;
 pub use choice::{
     Antialias, Clipped, FollowLatency, Irradiance, LampResponse, LightPlacement, Monitor, Refresh,
     ReplayPairing, ReplaySpeed, ShadowMode, ShadowResolution, ShadowTechnique, ToneCurve, Unseen,
@@ -32,6 +31,7 @@ pub use exposure::{
 };
 pub use penumbra_lighting::Filtering;
 pub use penumbra_picture::YuvEncoding;
+use penumbra_rig_model::EnvironmentSource;
 pub use penumbra_scene::Highlights;
 pub use penumbra_scene::SceneChoice;
 use penumbra_sync::{Degree, Smoothing};

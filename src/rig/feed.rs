@@ -6,11 +6,11 @@
 
 use super::latency_watch::{LatencyState, LatencyWatch};
 use super::source::Source;
-use crate::calibration::RigCalibration;
 use crate::capture::{Hub, Taken};
 use penumbra_camera::EnvironmentView;
 use penumbra_interface::{Clock, MonotonicTime, PoseSample, RigidTransform, SystemClock};
 use penumbra_picture::Picture;
+use penumbra_rig_model::RigCalibration;
 use penumbra_session::{Events, LightNote, Session, SessionError, SessionEvent};
 use penumbra_sync::{Pairing, PairingConfig, PairingCounts, PoseHistory, RigFrame};
 use penumbra_tracker_serial::{AnyDecoder, Counters, Format};

@@ -7,8 +7,6 @@ use super::registration::UNTOLD_SIGMA;
 use super::scene_light::{RealLight, SceneLight, hides};
 use super::watch::{GroundWatch, PhantomWatch};
 use super::{RigError, RigSetup};
-use crate::calibration::Attachments;
-use crate::calibration::RigCalibration;
 use crate::config::{Config, Unseen, WhiteBalanceMethod};
 use glam::{DVec3, Mat3, Quat, Vec3};
 use penumbra_camera::EnvironmentView;
@@ -19,6 +17,8 @@ use penumbra_lighting::{
     BallSeen, Bracket, EnvironmentEstimator, EnvironmentInput, Lighting, Placement,
 };
 use penumbra_picture::{Picture, PictureError, YuvEncoding, decode_into};
+use penumbra_rig_model::Attachments;
+use penumbra_rig_model::RigCalibration;
 use penumbra_scene::casters;
 use penumbra_sync::EnvironmentSet;
 use penumbra_white_balance::chart::{ChartError, ChartMatch, Photograph, match_chart};

@@ -49,8 +49,6 @@ pub use runner::{RunOptions, Runner};
 pub use settings::live_settings;
 pub use source::{Live, RigFiles, Source};
 
-use crate::calibration::lens_files::SCENE_LENS;
-use crate::calibration::{RigCalibration, RigDocument, RigFilesError};
 use crate::compositor::GpuError;
 use crate::config::{Config, ConfigError, PoseSource};
 use crate::output::OutputError;
@@ -58,6 +56,8 @@ use penumbra_fiducials::TagMap;
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::EnvironmentError;
 use penumbra_picture::PictureError;
+use penumbra_rig_model::lens_files::SCENE_LENS;
+use penumbra_rig_model::{RigCalibration, RigDocument, RigFilesError};
 use penumbra_scene::{Scene, SceneError};
 use penumbra_session::SessionError;
 use penumbra_session::import::ImportError;

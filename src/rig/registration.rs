@@ -2,8 +2,6 @@
 
 use super::{RigError, RigSetup};
 use crate::calibration::fusion::{Fused, Fusion, PoseSigma, Source, Tracked, Verdict};
-use crate::calibration::rig::SphereMarker;
-use crate::calibration::rig_json::Marker;
 use crate::config::{Config, PoseSource};
 use crate::status::{RegistrationSource, RegistrationStatus};
 use glam::DVec3;
@@ -16,6 +14,8 @@ use penumbra_fiducials::{
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_lighting::BallSeen;
 use penumbra_picture::Picture;
+use penumbra_rig_model::Marker;
+use penumbra_rig_model::SphereMarker;
 use penumbra_scene::Scene;
 
 /// Standard deviation of a sphere's picture by a tracker's pose or a marker of its own, pixels:

@@ -3,11 +3,11 @@
 
 use super::RigError;
 use super::scene_light::SceneLight;
-use crate::calibration::RigCalibration;
 use crate::compositor::{SceneUploader, UploadedScene};
 use crate::config::Config;
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
 use penumbra_interface::threads;
+use penumbra_rig_model::RigCalibration;
 use penumbra_scene::scene_file::files_of;
 use penumbra_scene::{Scene, SceneAddition, casters};
 use std::path::{Path, PathBuf};

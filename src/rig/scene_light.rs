@@ -5,13 +5,13 @@ use super::RigError;
 use super::light::placement;
 use super::near_light::NearStation;
 use super::watch::{GroundWatch, PhantomWatch};
-use crate::calibration::RigCalibration;
 use crate::config::{Clipped, Config, Irradiance};
 use glam::DVec3;
 use penumbra_camera::EnvironmentView;
 use penumbra_lighting::{
     ClippedEnergy, EnvironmentEstimator, EnvironmentSettings, IrradianceMethod,
 };
+use penumbra_rig_model::RigCalibration;
 use penumbra_scene::{Part, Scene};
 use penumbra_white_balance::raycast::{GROUND, PhantomCaster};
 use std::sync::Arc;

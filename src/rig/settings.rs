@@ -1,12 +1,12 @@
 //! The configuration in the compositor's and the dashboard's words.
 
-use crate::calibration::RigCalibration;
 use crate::compositor::exposure::AutoLimits;
 use crate::compositor::{CompositorSettings, Exposure};
 use crate::config::{
     Antialias, Config, ExposureMode, LightPlacement, ReplaySpeed, ShadowResolution, ShadowTechnique,
 };
 use crate::status::{self, LightsMode, Settings, Technique};
+use penumbra_rig_model::RigCalibration;
 use penumbra_sync::PairingConfig;
 
 /// The settings that the dashboard may change, as the configuration has them.

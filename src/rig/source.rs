@@ -1,11 +1,11 @@
 //! Where frames come from: a recording, or devices.
 
 use super::RigError;
-use crate::calibration::RigDocument;
 use crate::capture::{Capture, Devices, Hub, LiveDevice};
 use crate::config::TrackerSource;
 use crate::config::{Config, TrackerUnits};
 use penumbra_interface::{MonotonicTime, SystemClock};
+use penumbra_rig_model::RigDocument;
 use penumbra_session::{Attachment, Session, import};
 use std::path::Path;
 use std::sync::{Arc, OnceLock, Weak};

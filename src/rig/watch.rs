@@ -1,13 +1,13 @@
 //! What the scene camera's picture tells of the real surfaces around the virtual objects.
 
 use super::light::SceneView;
-use crate::calibration::RigCalibration;
 use glam::{DVec2, Vec3};
 use penumbra_camera::Vignetting;
 use penumbra_camera::{PinholeCamera, Response};
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::{LightKind, Lighting};
 use penumbra_picture::Picture;
+use penumbra_rig_model::RigCalibration;
 use penumbra_scene::PhantomRadiance;
 use penumbra_scene::near_field::{AXES, side_of, solid_phantoms};
 use penumbra_scene::{Part, PhantomRays, Scene};

@@ -4,11 +4,11 @@
 use super::estimate::Options;
 use super::finding::Finding;
 use super::gather::Outcome;
-use crate::calibration::RigDocument;
-use crate::calibration::head::Grade;
 use crate::calibration::step::Eye;
 use penumbra_camera::EnvironmentView;
 use penumbra_camera::LensModel;
+use penumbra_rig_model::Grade;
+use penumbra_rig_model::RigDocument;
 
 /// Focal lengths that differ by less than this share may be of one lens.
 const SAME_LENS: f64 = 0.03;

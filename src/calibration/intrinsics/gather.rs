@@ -9,12 +9,12 @@ use super::finding::Finding;
 use super::rim::{Light, Rim};
 use super::tag_finder::TagFinder;
 use super::verdict::Verdict;
-use crate::calibration::head::Grade;
-use crate::calibration::head::VERSION;
-use crate::calibration::record::LensRecord;
-use crate::calibration::record::QualityRecord;
 use glam::DVec2;
 use penumbra_camera::LensModel;
+use penumbra_rig_model::Grade;
+use penumbra_rig_model::VERSION;
+use penumbra_rig_model::lens_record::LensRecord;
+use penumbra_rig_model::lens_record::QualityRecord;
 use std::collections::BTreeMap;
 
 /// A view is like another when its points are nearer than this share of the picture's width:

@@ -21,7 +21,6 @@ pub mod tag_finder;
 pub mod tags;
 pub mod verdict;
 
-pub use crate::calibration::head::Grade;
 pub use board::{Board, BoardError, Correspondence, View};
 pub use contradictions::SaidLenses;
 pub use coverage::{Coverage, Tilt, Uncertainty};
@@ -30,6 +29,7 @@ pub use estimate::{Estimate, NoEstimate, Options, PointEstimate, ViewEstimate, e
 pub use finding::Finding;
 pub use gather::{Gatherer, Judged, Offer, Outcome};
 pub use penumbra_camera::{Lens, LensModel};
+pub use penumbra_rig_model::Grade;
 pub use pose::board_pose;
 pub use rim::{Light, Rim};
 pub use step::IntrinsicsStep;

@@ -7,11 +7,11 @@ use super::estimate::Options;
 use super::gather::{Gatherer, Judged, Offer, Outcome};
 use super::report;
 use super::verdict::Verdict;
-use crate::calibration::head::DeviceRecord;
-use crate::calibration::head::Grade;
-use crate::calibration::record::LensRecord;
 use crate::calibration::step::{Eye, Finished, Made, Progress, Shown, Step, Wants};
 use penumbra_picture::Picture;
+use penumbra_rig_model::DeviceRecord;
+use penumbra_rig_model::Grade;
+use penumbra_rig_model::lens_record::LensRecord;
 use std::fmt::Write;
 
 /// Pictures nearer in time show the board in the same place, seconds.

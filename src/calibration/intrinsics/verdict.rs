@@ -3,8 +3,8 @@
 use super::coverage::{Coverage, Tilt, Uncertainty, lit_radius};
 use super::estimate::Estimate;
 use super::finding::Finding;
-use crate::calibration::intrinsics::Grade;
 use penumbra_camera::LensModel;
+use penumbra_rig_model::Grade;
 
 /// A grade with its reasons.
 #[derive(Clone, Debug, PartialEq)]

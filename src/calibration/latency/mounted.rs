@@ -17,12 +17,12 @@ use super::scan::{Fit, scan};
 use super::{
     CameraMotion, ClockOffset, LatencyError, TrackerTrack, covered, independent, settle, within,
 };
-use crate::calibration::RigCalibration;
 use crate::calibration::latency::image_motion::MOST_PATCHES;
 use glam::{DVec2, DVec3};
 use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;
 use penumbra_numerics::median_absolute;
+use penumbra_rig_model::RigCalibration;
 
 /// Residuals of a pair of pictures: each patch's along b and across it.
 const NUMBERS: usize = 2 * MOST_PATCHES;

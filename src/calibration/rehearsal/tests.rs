@@ -1,7 +1,7 @@
 #![allow(clippy::unwrap_used)]
 use super::*;
-use crate::calibration::RigDocument;
 use penumbra_fiducials::Detector;
+use penumbra_rig_model::RigDocument;
 
 #[test]
 fn its_tags_are_seen_where_its_truth_says() {

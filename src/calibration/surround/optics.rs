@@ -1,7 +1,6 @@
 //! How the environment camera looks: through a fisheye whose circle is in the picture, or at a sphere
 //! whose outline is.
 
-use super::super::environment_file::CircleLens;
 use super::super::intrinsics::Grey;
 use super::ball::{Outline, RoughBall, outline};
 use super::circle::{ImageCircle, image_circle};
@@ -9,11 +8,12 @@ use super::rays::{RAYS, side};
 use super::solve::Said;
 use super::step::{EnvironmentStep, Kind};
 use super::view::View;
-use crate::calibration::head::Grade;
 use glam::{DVec2, DVec3};
 use penumbra_camera::LensModel;
 use penumbra_camera::{EnvironmentView, FisheyeLens};
 use penumbra_lighting::ball_outline;
+use penumbra_rig_model::Grade;
+use penumbra_rig_model::environment_file::CircleLens;
 
 /// What was found of it.
 #[derive(Clone, Debug)]

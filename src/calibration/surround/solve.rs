@@ -1,6 +1,5 @@
 //! From all that was gathered to a calibration, and how good it is.
 
-use super::super::environment_file::{EnvironmentRecord, PoseRecord, STEP, SphereRecord};
 use super::super::step::{Finished, Made};
 use super::optics::{Optics, optics};
 use super::page::{Drawn, page};
@@ -9,10 +8,11 @@ use super::sights::{By, Marked};
 use super::step::{EnvironmentStep, Kind};
 use super::verdict::judge;
 use super::view::View;
-use crate::calibration::head::Grade;
-use crate::calibration::head::Header;
 use glam::{DQuat, DVec3};
 use penumbra_interface::RigidTransform;
+use penumbra_rig_model::Grade;
+use penumbra_rig_model::Header;
+use penumbra_rig_model::environment_file::{EnvironmentRecord, PoseRecord, STEP, SphereRecord};
 
 /// What there is to say.
 #[derive(Debug, Default)]

@@ -1,7 +1,5 @@
 //! The step `environment`: what it wants, what it gathers, and what it says in the end.
 
-use super::super::environment_file::STEP;
-use super::super::rig_json::{Marker, RigDocument};
 use super::super::step::{Eye, Finished, Made, Progress, Shown, ShownPicture, Step, Wants};
 use super::ball::RoughBall;
 use super::bright::Bright;
@@ -14,6 +12,8 @@ use penumbra_camera::Lens;
 use penumbra_camera::{PinholeCamera, Response};
 use penumbra_fiducials::{Detector, Family, Registrar, TagMap};
 use penumbra_interface::RigidTransform;
+use penumbra_rig_model::environment_file::STEP;
+use penumbra_rig_model::{Marker, RigDocument};
 
 /// Pictures of the environment camera that are enough.
 const ENOUGH: f64 = 10.0;

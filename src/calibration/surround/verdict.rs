@@ -4,7 +4,7 @@ use super::resection::Placed;
 use super::sights::{By, Marked};
 use super::solve::Said;
 use super::step::EnvironmentStep;
-use crate::calibration::head::Grade;
+use penumbra_rig_model::Grade;
 
 /// Standard deviation of the orientation up to which it is good, and up to which it can be used,
 /// degrees.

@@ -4,12 +4,12 @@ use super::bundle::{Bundle, OF_TAG};
 use super::start::{square, start};
 use super::{Seen, View};
 use crate::calibration::hand_eye::best_rotation;
-use crate::calibration::head::Grade;
 use glam::DVec3;
 use penumbra_camera::Lens;
 use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;
 use penumbra_numerics::{median, root_mean_square};
+use penumbra_rig_model::Grade;
 
 /// A sighting is left out when it is so many times the usual distance off, and at least so far,
 /// pixels.

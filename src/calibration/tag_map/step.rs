@@ -3,16 +3,16 @@
 use super::build::{Built, Mapped, build};
 use super::page::lines;
 use super::{Seen, Sight, View};
-use crate::calibration::RigCalibration;
-use crate::calibration::head::Grade;
-use crate::calibration::head::Header;
-use crate::calibration::markers_file::{MarkerRecord, MarkersRecord};
 use crate::calibration::rehearsal::lying;
-use crate::calibration::rig_json::Marker;
 use crate::calibration::step::{Eye, Finished, Made, Progress, Shown, ShownPicture, Step, Wants};
-use crate::calibration::tracker_file::PoseRecord;
 use glam::{DVec2, DVec3};
 use penumbra_fiducials::{Detector, Family, TagSeen};
+use penumbra_rig_model::Grade;
+use penumbra_rig_model::Header;
+use penumbra_rig_model::Marker;
+use penumbra_rig_model::RigCalibration;
+use penumbra_rig_model::markers_file::{MarkerRecord, MarkersRecord};
+use penumbra_rig_model::tracker_file::PoseRecord;
 use std::collections::BTreeMap;
 
 /// Pictures nearer in time show nothing new, seconds.

@@ -2,15 +2,15 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::step::{MapOptions, MapStep};
-use crate::calibration::RigDocument;
-use crate::calibration::head::Grade;
-use crate::calibration::markers_file::{MARKERS, apply_markers_file};
 use crate::calibration::rehearsal::{Rehearsal, RehearsalOptions};
 use crate::calibration::step::{Finished, Made, Step};
 use glam::{DQuat, DVec2};
 use penumbra_fiducials::{Family, Tag, TagSeen};
 use penumbra_interface::RigidTransform;
 use penumbra_numerics::Random;
+use penumbra_rig_model::Grade;
+use penumbra_rig_model::RigDocument;
+use penumbra_rig_model::markers_file::{MARKERS, apply_markers_file};
 use std::collections::BTreeMap;
 
 fn options() -> MapOptions {
@@ -66,7 +66,7 @@ fn rig(rehearsal: &Rehearsal, known: &[Tag]) -> RigDocument {
     let mut rig = RigDocument::parse(rehearsal.rig_json().to_string().as_bytes()).unwrap();
     rig.markers = known
         .iter()
-        .map(|t| crate::calibration::rig_json::Marker {
+        .map(|t| penumbra_rig_model::Marker {
             family: t.family.to_string(),
             id: t.id,
             size: t.size,

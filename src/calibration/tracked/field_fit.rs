@@ -1,8 +1,8 @@
 //! Learns a [`TrackerField`] from what markers say beside what the tracker reads.
 
-use super::field::{Grid, TrackerField};
 use glam::DVec3;
 use penumbra_numerics::{Matrix, median, root_mean_square};
+use penumbra_rig_model::tracker_field::{Grid, TrackerField};
 
 /// Cells along the longest side of the volume.
 const CELLS: f64 = 3.0;

@@ -3,19 +3,19 @@
 use super::graded;
 use super::readings::Readings;
 use super::surveyor::{Landmarks, Sighting, Surveyor};
-use crate::calibration::RigCalibration;
-use crate::calibration::head::Grade;
-use crate::calibration::head::Header;
 use crate::calibration::intrinsics::Grey;
 use crate::calibration::latency::follow::{Means, by_motion};
 use crate::calibration::latency::{
     CameraMotion, CameraTurn, ClockOffset, Flow, ImageMotion, LatencyError, Mounted, TrackerTrack,
     from_motion, from_rotations,
 };
-use crate::calibration::latency_file::{LatencyRecord, OffsetRecord};
 use crate::calibration::step::{Eye, Finished, Made, Progress, Shown, ShownPicture, Step, Wants};
 use penumbra_interface::MonotonicTime;
 use penumbra_numerics::median;
+use penumbra_rig_model::Grade;
+use penumbra_rig_model::Header;
+use penumbra_rig_model::RigCalibration;
+use penumbra_rig_model::latency_file::{LatencyRecord, OffsetRecord};
 
 /// Pictures farther apart are no neighbours, seconds.
 pub(super) const NEIGHBOURS: f64 = 0.15;

@@ -2,8 +2,8 @@
 
 use super::Findings;
 use super::latency::{LatencyStep, Offsets};
-use crate::calibration::head::Grade;
 use crate::calibration::latency::ClockOffset;
+use penumbra_rig_model::Grade;
 
 /// An offset is good up to this uncertainty, and of use up to that, seconds.
 const GOOD: f64 = 0.001;

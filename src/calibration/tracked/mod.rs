@@ -5,7 +5,6 @@
 //! what the tracker said, `latency` compares how both turn, `mounting` where both are; `field`
 //! is how an electromagnetic tracker's space is bent.
 
-pub mod field;
 mod field_fit;
 mod latency;
 mod latency_judge;
@@ -21,7 +20,7 @@ pub use mounting::{LatencyChoice, MountingOptions, MountingStep};
 pub use readings::Readings;
 pub use surveyor::{Landmarks, Sighting, Surveyor};
 
-use crate::calibration::head::Grade;
+use penumbra_rig_model::Grade;
 
 /// Findings with what each makes of the grade.
 type Findings = Vec<(Grade, String)>;

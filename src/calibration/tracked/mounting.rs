@@ -1,22 +1,22 @@
 //! The step `tracker`: how the scene camera sits on the sensor, where the transmitter stands,
 //! and, if wanted, how the tracker's space is bent.
 
-use super::field::TrackerField;
 use super::field_fit::{FieldFit, FieldSample, fit};
 use super::graded;
 use super::latency::turns;
 use super::readings::{Readings, between};
 use super::surveyor::{Landmarks, Sighting, Surveyor};
-use crate::calibration::RigCalibration;
 use crate::calibration::hand_eye::{HandEye, PosePair, hand_eye};
-use crate::calibration::head::Grade;
-use crate::calibration::head::Header;
 use crate::calibration::latency::{LatencyError, from_rotations};
-use crate::calibration::latency_file::OffsetRecord;
 use crate::calibration::step::{Eye, Finished, Made, Progress, Shown, Step, Wants};
-use crate::calibration::tracker_file::{FieldRecord, PoseRecord, TrackerRecord};
 use glam::DVec2;
 use penumbra_interface::MonotonicTime;
+use penumbra_rig_model::Grade;
+use penumbra_rig_model::Header;
+use penumbra_rig_model::RigCalibration;
+use penumbra_rig_model::latency_file::OffsetRecord;
+use penumbra_rig_model::tracker_field::TrackerField;
+use penumbra_rig_model::tracker_file::{FieldRecord, PoseRecord, TrackerRecord};
 
 /// Largest offset of the clocks that is looked for, seconds.
 const RANGE: f64 = 0.25;

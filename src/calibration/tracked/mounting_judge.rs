@@ -2,7 +2,7 @@
 
 use super::Findings;
 use super::mounting::{Mounted, MountingStep};
-use crate::calibration::head::Grade;
+use penumbra_rig_model::Grade;
 
 /// The camera's place on the sensor is good, and of use, up to these (1σ, metres and radians).
 const GOOD: (f64, f64) = (0.001, 0.001_75);

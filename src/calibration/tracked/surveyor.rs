@@ -1,6 +1,5 @@
 //! Where the scene camera was, by what it sees.
 
-use crate::calibration::RigCalibration;
 use crate::calibration::intrinsics::detect::{Placement, find_chessboard};
 use crate::calibration::intrinsics::{Board, Correspondence, Grey, board_pose};
 use crate::calibration::rehearsal::lying;
@@ -11,6 +10,7 @@ use penumbra_fiducials::{Detector, Registrar, Registration, TagMap, TagSeen};
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_numerics::root_mean_square;
 use penumbra_picture::Picture;
+use penumbra_rig_model::RigCalibration;
 
 /// A board whose corners lie farther from where its pose puts them is not seen well enough, pixels.
 const MOST_RMS: f64 = 2.0;

@@ -3,15 +3,15 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::mounting::MountingOptions;
 use super::*;
-use crate::calibration::RigDocument;
-use crate::calibration::latency_file::{LATENCY, apply_latency_file};
 use crate::calibration::rehearsal::{Motion, Rehearsal, RehearsalOptions};
 use crate::calibration::step::{Finished, Made, Shown, Step};
-use crate::calibration::tracker_file::{TRACKER, apply_tracker_file};
 use glam::DQuat;
 use penumbra_fiducials::TagMap;
 use penumbra_interface::{MonotonicTime, PoseSample, RigidTransform};
 use penumbra_numerics::Random;
+use penumbra_rig_model::RigDocument;
+use penumbra_rig_model::latency_file::{LATENCY, apply_latency_file};
+use penumbra_rig_model::tracker_file::{TRACKER, apply_tracker_file};
 
 fn rig(rehearsal: &Rehearsal) -> RigDocument {
     RigDocument::parse(rehearsal.rig_json().to_string().as_bytes()).unwrap()

@@ -2,8 +2,8 @@
 
 use super::colour::Colours;
 use super::reprojection::Reprojection;
-use crate::calibration::head::Grade;
 use crate::calibration::latency::{ClockOffset, LatencyError};
+use penumbra_rig_model::Grade;
 use penumbra_white_balance::Provenance;
 
 /// Root mean square up to which markers are where they should be, pixels: good, usable.

@@ -12,7 +12,6 @@ mod written;
 pub use judge::{Judgement, Measured};
 pub use reprojection::{Off, Reprojection};
 
-use super::RigDocument;
 use super::intrinsics::Grey;
 use super::latency::{
     CameraMotion, CameraTurn, ClockOffset, ImageMotion, LatencyError, Mounted, TrackerTrack,
@@ -23,6 +22,7 @@ use colour::Comparison;
 use penumbra_camera::EnvironmentView;
 use penumbra_fiducials::{Detector, Registrar, Registration, TagMap, TagSeen};
 use penumbra_interface::{MonotonicTime, PoseSample, RigidTransform};
+use penumbra_rig_model::RigDocument;
 use penumbra_sync::{HistoryConfig, PoseHistory};
 use penumbra_white_balance::PhotometricMatch;
 use penumbra_white_balance::raycast::PhantomCaster;

@@ -2,12 +2,12 @@
 //! A drawn rig: three tags on a table, a camera on a tracker that is waved about.
 
 use super::*;
-use crate::calibration::head::Grade;
-use crate::calibration::rig::TrackerCalibration;
-use crate::calibration::rig_json::Marker;
 use glam::{DQuat, DVec2, DVec3, EulerRot};
 use penumbra_fiducials::synthetic::{picture, tag};
 use penumbra_picture::Picture;
+use penumbra_rig_model::Grade;
+use penumbra_rig_model::Marker;
+use penumbra_rig_model::TrackerCalibration;
 use penumbra_white_balance::PhotometrySettings;
 
 const LATENCY: f64 = 0.02;

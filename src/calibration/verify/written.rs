@@ -1,9 +1,9 @@
 //! What a check leaves behind: a file and a page.
 
 use super::{Measured, Off};
-use crate::calibration::head::Header;
 use crate::calibration::report::{Page, Plot};
 use crate::calibration::step::{Finished, Made};
+use penumbra_rig_model::Header;
 use serde::Serialize;
 
 /// The file of a check.

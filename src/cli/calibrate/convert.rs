@@ -4,8 +4,8 @@ use crate::cli::files::{claim, write};
 use anyhow::{Context, anyhow, bail};
 use clap::{Args, ValueEnum};
 use penumbra::calibration::exchange::{self, Dialect, NamedLens};
-use penumbra::calibration::record::LensRecord;
 use penumbra::rig::wall_date::iso_now;
+use penumbra_rig_model::lens_record::LensRecord;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 

@@ -6,8 +6,6 @@ use crate::cli::files::{claim, write};
 use anyhow::{anyhow, bail};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
-use penumbra::calibration::RigDocument;
-use penumbra::calibration::head::Grade;
 use penumbra::calibration::step::{Finished, Made, Progress, Step};
 use penumbra::config::Config;
 use penumbra::rig::RigFiles;
@@ -15,6 +13,8 @@ use penumbra::rig::calibrate::files::{calibration_folder, prepare, write_calibra
 use penumbra::rig::calibrate::steps::{Known, file_of};
 use penumbra::rig::calibrate::{Written, show_session};
 use penumbra::rig::wall_date::iso_now;
+use penumbra_rig_model::Grade;
+use penumbra_rig_model::RigDocument;
 use penumbra_session::Session;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;

@@ -2,9 +2,9 @@
 
 use anyhow::bail;
 use penumbra::calibration::intrinsics::Board;
-use penumbra::calibration::rig_json::Marker;
 use penumbra::calibration::tracked::Landmarks;
 use penumbra_fiducials::TagMap;
+use penumbra_rig_model::Marker;
 
 /// The rig's tags; none where it has none.
 pub fn tags_of(markers: &[Marker]) -> anyhow::Result<Option<TagMap>> {

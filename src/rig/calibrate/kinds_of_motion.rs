@@ -2,8 +2,6 @@
 
 use super::steps::{Known, ParameterError, Parameters, StepKind, station};
 use crate::calibration::intrinsics::Board;
-use crate::calibration::lens_files::ENVIRONMENT_LENS;
-use crate::calibration::record::LensRecord;
 use crate::calibration::step::Step;
 use crate::calibration::surround::{Asked, EnvironmentStep, Kind, KnownRig};
 use crate::calibration::tag_map::{MapOptions, MapStep};
@@ -13,6 +11,8 @@ use crate::calibration::tracked::{
 use crate::rig::registration::tag_map;
 use crate::status::calibration::ParameterForm;
 use penumbra_fiducials::Family;
+use penumbra_rig_model::lens_files::ENVIRONMENT_LENS;
+use penumbra_rig_model::lens_record::LensRecord;
 use std::collections::BTreeMap;
 
 /// Nothing less is looked for, seconds.

@@ -1,15 +1,15 @@
 //! Gains between the cameras from what both see anyway, over a session.
 
 use super::fall_off::FallOff;
-use crate::calibration::RigDocument;
 use crate::calibration::photometric::vignetting::Fit;
-use crate::calibration::rig::TrackerCalibration;
 use crate::config::Config;
 use crate::rig::feed::decoder_for;
 use glam::DVec3;
 use penumbra_camera::EnvironmentView;
 use penumbra_interface::{Frame, MonotonicTime, RigidTransform};
 use penumbra_picture::{Picture, decode_into};
+use penumbra_rig_model::RigDocument;
+use penumbra_rig_model::TrackerCalibration;
 use penumbra_session::{Session, SessionEvent};
 use penumbra_sync::{HistoryConfig, PoseHistory};
 use penumbra_white_balance::GainEstimate;

@@ -1,11 +1,11 @@
 //! What the photometric step may build on.
 
 use super::steps::{Known, ParameterError, Parameters, StepKind};
-use crate::calibration::RigCalibration;
 use crate::calibration::photometric::step::{Options, Photometric};
 use crate::calibration::step::Step;
 use crate::config::Config;
 use penumbra_camera::EnvironmentView;
+use penumbra_rig_model::RigCalibration;
 
 /// As the dashboard shows it.
 pub(super) const KIND: StepKind = StepKind {

@@ -2,7 +2,6 @@
 
 use super::files::CHECKS;
 use super::{kinds, kinds_of_motion, photometric, verify};
-use crate::calibration::RigDocument;
 use crate::calibration::step::{Step, Wants};
 use crate::config::Config;
 use crate::config::TrackerSource;
@@ -10,6 +9,7 @@ use crate::rig::RigError;
 use crate::rig::source::RigFiles;
 use crate::rig::wall_date::utc_now;
 use crate::status::calibration::{ParameterForm, StepForm};
+use penumbra_rig_model::RigDocument;
 use std::collections::BTreeMap;
 use thiserror::Error;
 

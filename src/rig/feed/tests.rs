@@ -1,11 +1,11 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
-use crate::calibration::RigDocument;
 use crate::config::Config;
 use crate::rig::Live;
 use bytes::Bytes;
 use penumbra_interface::threads;
 use penumbra_interface::{Frame, PixelFormat, RigidTransform};
+use penumbra_rig_model::RigDocument;
 use penumbra_session::SessionWriter;
 use std::io::Cursor;
 use std::path::Path;

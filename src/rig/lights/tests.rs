@@ -1,12 +1,12 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
-use crate::calibration::RigDocument;
 use crate::config::Config;
 use crate::rig::RigSetup;
 use crate::rig::light::LightStation;
 use crate::rig::lighter::SceneNews;
 use crate::status::{Settings, Technique};
 use penumbra_lighting::{CubeMap, Harmonics, Lighting};
+use penumbra_rig_model::RigDocument;
 use penumbra_scene::Scene;
 use std::time::Instant;
 use tokio::sync::watch;

@@ -1,11 +1,11 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 use super::*;
-use crate::calibration::head::Grade;
 use crate::calibration::intrinsics::drawn::{Draughtsman, pose};
 use crate::calibration::intrinsics::estimate::tests::{pinhole, poses, seen};
 use glam::DVec3;
 use penumbra_camera::LensModel;
 use penumbra_numerics::Random;
+use penumbra_rig_model::Grade;
 
 const OPTIONS: Options = Options {
     model: LensModel::Brown,

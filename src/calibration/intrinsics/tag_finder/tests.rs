@@ -1,12 +1,12 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 use super::*;
-use crate::calibration::head::Grade;
 use crate::calibration::intrinsics::drawn::{Draughtsman, pose};
 use crate::calibration::intrinsics::estimate::tests::{fisheye, pinhole, poses_of};
 use crate::calibration::intrinsics::{Finding, Gatherer, Offer, Options};
 use glam::DVec3;
 use penumbra_camera::{Lens, LensModel};
 use penumbra_interface::RigidTransform;
+use penumbra_rig_model::Grade;
 
 fn board(text: &str) -> Board {
     Board::parse(text).unwrap()

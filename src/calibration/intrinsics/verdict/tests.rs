@@ -1,6 +1,5 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 use super::*;
-use crate::calibration::intrinsics::Grade;
 use crate::calibration::intrinsics::coverage::cell_middle;
 use crate::calibration::intrinsics::drawn::pose;
 use crate::calibration::intrinsics::estimate::tests::{fisheye, pinhole, poses, seen};
@@ -9,6 +8,7 @@ use glam::{DQuat, DVec2, DVec3};
 use penumbra_camera::Lens;
 use penumbra_numerics::Random;
 use penumbra_numerics::{Normal, minimise};
+use penumbra_rig_model::Grade;
 
 const BOARD: Board = Board::Chess {
     columns: 9,

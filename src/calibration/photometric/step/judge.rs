@@ -4,12 +4,12 @@ use super::eye::EyeState;
 use super::gains::Gains;
 use super::judge_cameras;
 use super::{CameraFound, EYES, Options};
-use crate::calibration::head::Grade;
 use crate::calibration::photometric::curve::{Curve, NoCurve};
 use crate::calibration::photometric::vignetting::Fit;
 use crate::calibration::step::{Finished, Progress};
 use glam::DVec3;
 use penumbra_camera::Response;
+use penumbra_rig_model::Grade;
 
 /// Gains worse known than this are not good, and not usable; relative.
 const GOOD_GAIN: f64 = 0.01;

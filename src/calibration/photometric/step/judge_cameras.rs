@@ -5,8 +5,8 @@ use super::eye::EyeState;
 use super::gains::says;
 use super::judge::{Verdict, falls_off};
 use super::{CameraFound, EYES, Options};
-use crate::calibration::head::Grade;
 use crate::calibration::photometric::curve::{Curve, NoCurve};
+use penumbra_rig_model::Grade;
 
 /// Slope of light over the chart from which it is uneven, and mixed; what may be left of patches.
 const UNEVEN: f64 = 0.35;

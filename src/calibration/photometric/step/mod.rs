@@ -15,16 +15,16 @@ use super::curve;
 use super::noise::Noise;
 use super::reference::Edition;
 use super::vignetting;
-use crate::calibration::head::Grade;
-use crate::calibration::photometric_file::{
-    CameraRecord, GainsRecord, NoiseRecord, PhotometricRecord, ResponseRecord, STEP,
-    VignettingRecord,
-};
 use crate::calibration::step::{Eye, Finished, Made, Progress, Shown, Step, Wants};
 use eye::EyeState;
 use glam::DVec2;
 use penumbra_camera::Response;
 use penumbra_picture::Picture;
+use penumbra_rig_model::Grade;
+use penumbra_rig_model::radiometric_file::{
+    CameraRecord, GainsRecord, NoiseRecord, PhotometricRecord, ResponseRecord, STEP,
+    VignettingRecord,
+};
 use penumbra_white_balance::GainEstimate;
 
 /// What is known before, and wanted.

@@ -1,13 +1,13 @@
 #![allow(clippy::unwrap_used)]
 
 use super::*;
-use crate::calibration::RigDocument;
 use crate::calibration::photometric::drawn::Drawn;
-use crate::calibration::photometric_file::{PHOTOMETRIC, apply_photometric_file};
 use crate::calibration::step::ShownPicture;
 use glam::DVec3;
 use penumbra_camera::vignetting::frame;
 use penumbra_interface::MonotonicTime;
+use penumbra_rig_model::RigDocument;
+use penumbra_rig_model::radiometric_file::{PHOTOMETRIC, apply_photometric_file};
 
 const SCENE: [(f64, f64); 4] = [
     (120.0, 90.0),

@@ -56,7 +56,7 @@ impl Grid {
     }
 
     /// Calls `with` for the 64 control points near a place with their weights, which sum to 1.
-    pub(super) fn weigh(&self, place: DVec3, mut with: impl FnMut(usize, f64)) {
+    pub fn weigh(&self, place: DVec3, mut with: impl FnMut(usize, f64)) {
         let inside = place.clamp(self.low, self.high());
         let u = (inside - self.low) / self.spacing;
         let (mut first, mut weights) = ([0; 3], [[0.0; 4]; 3]);

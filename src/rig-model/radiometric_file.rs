@@ -1,10 +1,10 @@
 //! What the photometric step found takes the place of what `rig.json` says of colour and
 //! brightness.
 
-use super::RigDocument;
-use super::head::parse;
-use crate::calibration::head::CalibrationFileError;
-use crate::calibration::head::Header;
+use crate::CalibrationFileError;
+use crate::Header;
+use crate::RigDocument;
+use crate::header::parse;
 use glam::{DMat3, DVec2, DVec3};
 use penumbra_camera::EnvironmentView;
 use penumbra_camera::Response;

@@ -4,8 +4,8 @@
 //! `calibration/scene_camera.json` and `calibration/environment_camera.json` beside a
 //! `rig.json` take the place of the lens that `rig.json` says; a recording carries them.
 
-use crate::calibration::head::CalibrationFileError;
-use crate::calibration::head::DeviceRecord;
+use crate::CalibrationFileError;
+use crate::DeviceRecord;
 use glam::DVec2;
 use penumbra_camera::{Lens, LensModel};
 use serde::{Deserialize, Serialize};

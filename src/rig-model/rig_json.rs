@@ -6,7 +6,7 @@
 
 use super::json_node::Node;
 pub use super::json_node::RigJsonError;
-use super::rig::{EnvironmentCamera, RigCalibration, SceneCamera};
+use crate::{EnvironmentCamera, RigCalibration, SceneCamera};
 use cameras::{chart, environment_camera, scene_camera, sphere, tracker};
 use glam::{DMat4, DVec2, Vec3};
 use penumbra_camera::{EnvironmentView, MirrorSphere};
@@ -97,7 +97,8 @@ impl Marker {
 }
 
 /// Which of a rig's views of the environment is used.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum EnvironmentSource {
     /// The environment camera if it was recorded, else the sphere in the scene camera's
     /// picture.

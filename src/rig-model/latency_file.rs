@@ -5,10 +5,10 @@
 //! has it; the tracker's is that plus the offset found, the environment camera's the tracker's
 //! minus its own offset.
 
-use super::RigDocument;
-use super::head;
-use crate::calibration::head::CalibrationFileError;
-use crate::calibration::head::Header;
+use crate::CalibrationFileError;
+use crate::Header;
+use crate::RigDocument;
+use crate::header as head;
 use serde::{Deserialize, Serialize};
 
 /// Beside `rig.json`.

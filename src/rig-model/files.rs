@@ -5,10 +5,10 @@ use super::environment_file::apply_environment_file;
 use super::latency_file::apply_latency_file;
 use super::lens_files::{apply_lens_files, size_of_lens};
 use super::markers_file::apply_markers_file;
-use super::photometric_file::apply_photometric_file;
 use super::tracker_file::apply_tracker_file;
-use super::{RigDocument, RigJsonError};
-use crate::calibration::head::CalibrationFileError;
+use crate::CalibrationFileError;
+use crate::radiometric_file::apply_photometric_file;
+use crate::{RigDocument, RigJsonError};
 use glam::{DMat4, Vec3};
 use penumbra_camera::MirrorSphere;
 use penumbra_scene::gltf_file::z_up_from_y_up;
@@ -209,7 +209,7 @@ mod tests {
     ];
 
     pub(crate) fn truth(test: &str) -> Option<PathBuf> {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/truth");
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/truth");
         if path.is_dir() {
             return Some(path);
         }
@@ -324,7 +324,7 @@ mod tests {
 
     #[test]
     fn a_calibrated_lens_counts_without_a_document_and_says_the_size() {
-        use crate::calibration::record::LensRecord;
+        use crate::lens_record::LensRecord;
         use glam::DVec2;
         use penumbra_camera::{Lens, LensModel};
         let lens = Lens::ideal(

@@ -1,13 +1,13 @@
 //! `calibration/tracker.json`: what the step `tracker` found, in the place of what `rig.json`
 //! says.
 
-use super::RigDocument;
-use super::head;
 use super::latency_file::OffsetRecord;
-use super::rig::TrackerCalibration;
-use super::tracked::field::{Grid, TrackerField};
-use crate::calibration::head::CalibrationFileError;
-use crate::calibration::head::Header;
+use crate::CalibrationFileError;
+use crate::Header;
+use crate::RigDocument;
+use crate::TrackerCalibration;
+use crate::header as head;
+use crate::tracker_field::{Grid, TrackerField};
 use glam::{DQuat, DVec3};
 use penumbra_interface::RigidTransform;
 use serde::{Deserialize, Serialize};

@@ -1,12 +1,12 @@
 //! `calibration/markers.json`: the tags that the step `map` found, beside or in the place of
 //! those that `rig.json` says.
 
-use super::RigDocument;
-use super::head;
 use super::rig_json::Marker;
 use super::tracker_file::PoseRecord;
-use crate::calibration::head::CalibrationFileError;
-use crate::calibration::head::Header;
+use crate::CalibrationFileError;
+use crate::Header;
+use crate::RigDocument;
+use crate::header as head;
 use penumbra_fiducials::Family;
 use serde::{Deserialize, Serialize};
 

@@ -1,7 +1,7 @@
 //! The cameras, the mirrored ball, the tracker and the chart of a `rig.json`.
 
 use super::{Marker, Node, Result};
-use crate::calibration::rig::{EnvironmentCamera, SceneCamera, SphereMarker, TrackerCalibration};
+use crate::{EnvironmentCamera, SceneCamera, SphereMarker, TrackerCalibration};
 use glam::{DVec2, DVec3};
 use penumbra_camera::{EnvironmentView, FisheyeLens, MirrorSphere};
 use penumbra_camera::{PinholeCamera, Response};

@@ -1,11 +1,11 @@
 //! `calibration/environment.json`: where the environment camera stands, in place of what
 //! `rig.json` says.
 
-use super::RigDocument;
-use super::head::parse;
-use super::rig::EnvironmentCamera;
-use crate::calibration::head::CalibrationFileError;
-use crate::calibration::head::Header;
+use crate::CalibrationFileError;
+use crate::EnvironmentCamera;
+use crate::Header;
+use crate::RigDocument;
+use crate::header::parse;
 use glam::{DQuat, DVec2, DVec3};
 use penumbra_camera::{EnvironmentView, FisheyeLens};
 use penumbra_camera::{PinholeCamera, Response};
@@ -266,14 +266,13 @@ fn unusable(reason: &str) -> CalibrationFileError {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::panic)]
     use super::*;
-    use crate::calibration::step::Made;
 
     fn record() -> EnvironmentRecord {
         EnvironmentRecord {
             header: Header {
                 penumbra_calibration: 1,
                 step: STEP.to_owned(),
-                date: Made::default().date,
+                date: String::new(),
                 source: String::new(),
                 device: None,
                 verdict: "good".to_owned(),

@@ -1,8 +1,8 @@
 //! Calibrated lenses take the place of those that `rig.json` says.
 
-use super::RigDocument;
-use super::record::LensRecord;
-use crate::calibration::head::CalibrationFileError;
+use crate::CalibrationFileError;
+use crate::RigDocument;
+use crate::lens_record::LensRecord;
 use penumbra_camera::EnvironmentView;
 use penumbra_camera::PinholeCamera;
 use penumbra_camera::{Lens, LensModel};

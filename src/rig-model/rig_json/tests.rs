@@ -340,7 +340,7 @@ fn a_ball_may_be_placed_beside_a_marker() {
 
 #[test]
 fn the_truth_rigs_are_read() {
-    let truth = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/truth");
+    let truth = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/truth");
     if !truth.is_dir() {
         eprintln!("SKIPPED the_truth_rigs_are_read: ../shared is missing");
         return;

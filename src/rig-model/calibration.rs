@@ -1,6 +1,6 @@
 //! What the owner of a rig knows about it, once it is true.
 
-use super::tracked::field::TrackerField;
+use crate::tracker_field::TrackerField;
 use glam::DVec3;
 use penumbra_camera::EnvironmentView;
 use penumbra_camera::Vignetting;
