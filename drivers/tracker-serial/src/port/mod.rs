@@ -35,7 +35,7 @@ pub fn open(settings: &TrackerSettings) -> Result<Box<dyn Tracker>, DeviceError>
         return Err(refused(
             settings,
             format!(
-                "{:?} is no tracker protocol; known are {}",
+                "{:?} is no tracker protocol; there are {}",
                 settings.protocol,
                 PROTOCOLS.join(", ")
             ),

@@ -71,13 +71,13 @@ fn probe_at(line: &mut impl Line, baud: u32) -> Result<Option<Found>, DeviceErro
         } else {
             "fastrak"
         };
-        let said = fastrak::commands::introduce(&status).said;
+        let said = fastrak::commands::describe(&status).description;
         return Ok(Some(found(encoding, Some(baud), said)));
     }
     // Ends the FASTRAK's or whoever's half line, then asks a Liberty.
     line.write(b"\r\x16\r")?;
-    if let Some(answer) = liberty::commands::who_it_is(&listen(line, ANSWER)?) {
-        return Ok(Some(found("liberty", Some(baud), answer.said)));
+    if let Some(answer) = liberty::commands::identity(&listen(line, ANSWER)?) {
+        return Ok(Some(found("liberty", Some(baud), answer.description)));
     }
     line.write(&[b'O', 1])?;
     let answer = listen(line, ANSWER)?;

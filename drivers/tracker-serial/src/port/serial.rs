@@ -32,7 +32,7 @@ impl SerialTracker {
         let line = SerialLine::open(name, settings.baud(), parity)?;
         let identity = super::list::stable_name(&line.path);
         let mut tracker = Self::start(line, settings, identity)?;
-        tracker.name_line_speed(settings.baud());
+        tracker.append_baud(settings.baud());
         if let Some(warning) = super::list::latency_warning(&device_path(name)) {
             tracker.warn(warning);
         }
