@@ -1,6 +1,6 @@
 //! A pseudo-terminal in the place of a serial port.
 
-use crate::Outlet;
+use crate::serve::Outlet;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::{Errno, FdFlags, fcntl_setfd};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};

@@ -1,6 +1,7 @@
 //! Runs a simulated tracker in real time.
 
-use crate::{Faults, SimulatedTracker};
+use crate::faults::Faults;
+use crate::tracker::SimulatedTracker;
 use penumbra_interface::{Clock, MonotonicTime};
 use std::io;
 use std::net::{SocketAddr, UdpSocket};

@@ -1,10 +1,11 @@
 //! A simulated tracker: the device and its motion.
 
+use crate::csv;
 use crate::fastrak::Fastrak;
 use crate::flock::Flock;
 use crate::freed::Freed;
 use crate::liberty::Liberty;
-use crate::{Trajectory, csv};
+use crate::trajectory::Trajectory;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use thiserror::Error;
 
