@@ -32,8 +32,8 @@ pub(super) fn open_port(
     wanted: LineSettings,
 ) -> Result<NativePort, DeviceError> {
     if wanted.baud == 0 {
-        // The system takes this for the order to hang up.
-        return Err(refused(name, "0 baud is no speed; set another `baud`"));
+        // For the system this is the command to hang up.
+        return Err(refused(name, "0 is not a baud rate; set another `baud`"));
     }
     let preflight = native::preflight(path).map_err(|error| preflight_error(name, path, &error))?;
     let (port, actual) =
@@ -42,13 +42,13 @@ pub(super) fn open_port(
         return Ok(port);
     }
     let reason = format!(
-        "was told {wanted}, but works with {actual}; set another `baud`, or use another adapter"
+        "was set to {wanted}, but uses {actual}; set another `baud`, or use another adapter"
     );
     Err(refused(name, &reason))
 }
 
-/// Opens and configures a port by `serialport`; the settings that it has then. `serialport`
-/// does not look whether a driver took them.
+/// Opens and configures a port by `serialport`, and reads back the settings that it has then:
+/// `serialport` does not check whether the driver accepted them.
 fn configure(path: &Path, wanted: LineSettings) -> serialport::Result<(NativePort, LineSettings)> {
     let mut line = wanted;
     if cfg!(target_os = "macos") && native::is_pseudo_terminal(path) {

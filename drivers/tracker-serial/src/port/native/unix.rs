@@ -15,7 +15,7 @@ use std::path::Path;
 use std::time::Duration;
 
 /// An open serial port.
-pub(in crate::port) type NativePort = TTYPort;
+pub type NativePort = TTYPort;
 
 /// Opens `path` without configuring it and checks that it is a terminal that nobody else has
 /// locked. Keep the result until the port itself is open, so that the modem lines stay up.
@@ -26,7 +26,7 @@ pub(in crate::port) type NativePort = TTYPort;
 ///
 /// # Errors
 /// What the system says; `ResourceBusy` if another program has the port.
-pub(in crate::port) fn preflight(path: &Path) -> io::Result<Preflight> {
+pub fn preflight(path: &Path) -> io::Result<Preflight> {
     let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
     let port = rustix::fs::open(path, flags, Mode::empty())?;
     rustix::termios::tcgetattr(&port)?;
@@ -38,19 +38,19 @@ pub(in crate::port) fn preflight(path: &Path) -> io::Result<Preflight> {
 }
 
 /// A port that has been opened but not configured.
-pub(in crate::port) struct Preflight {
+pub struct Preflight {
     port: OwnedFd,
 }
 
 impl Preflight {
     /// Whether the port has been unplugged since.
-    pub(in crate::port) fn is_gone(&self) -> bool {
+    pub fn is_gone(&self) -> bool {
         rustix::termios::tcgetattr(&self.port).is_err()
     }
 }
 
 /// Pseudo-terminals have no line, so they take parity and data bits without effect.
-pub(in crate::port) fn is_pseudo_terminal(path: &Path) -> bool {
+pub fn is_pseudo_terminal(path: &Path) -> bool {
     let real = path.canonicalize().unwrap_or_else(|_| path.to_owned());
     let name = real.to_string_lossy();
     name.starts_with("/dev/pts/") || (cfg!(target_os = "macos") && name.starts_with("/dev/ttys"))
@@ -60,7 +60,7 @@ pub(in crate::port) fn is_pseudo_terminal(path: &Path) -> bool {
 ///
 /// # Errors
 /// What the system says.
-pub(in crate::port) fn prepare(port: &NativePort) -> io::Result<()> {
+pub fn prepare(port: &NativePort) -> io::Result<()> {
     let port = descriptor(port);
     rustix::fs::fcntl_setfl(port, rustix::fs::fcntl_getfl(port)? | OFlags::NONBLOCK)?;
     pass_damaged_bytes(port)
@@ -88,7 +88,7 @@ fn pass_damaged_bytes(_port: BorrowedFd<'_>) -> io::Result<()> {
 ///
 /// # Errors
 /// `BrokenPipe` once the other end has hung up and everything has been read.
-pub(in crate::port) fn read(
+pub fn read(
     port: &mut NativePort,
     buffer: &mut [u8],
     timeout: Duration,
@@ -117,7 +117,7 @@ fn read_from(
 
 /// Whether an error says that a USB adapter has been pulled out or that the other end of a
 /// pseudo-terminal is closed.
-pub(in crate::port) fn is_gone(error: &io::Error) -> bool {
+pub fn is_gone(error: &io::Error) -> bool {
     let numbers = [Errno::IO, Errno::NXIO, Errno::NODEV, Errno::PIPE];
     Errno::from_io_error(error).is_some_and(|number| numbers.contains(&number))
         || matches!(
@@ -130,11 +130,7 @@ pub(in crate::port) fn is_gone(error: &io::Error) -> bool {
 ///
 /// # Errors
 /// `TimedOut` if the port takes nothing for `timeout`; what the system says.
-pub(in crate::port) fn write_all(
-    port: &mut NativePort,
-    bytes: &[u8],
-    timeout: Duration,
-) -> io::Result<()> {
+pub fn write_all(port: &mut NativePort, bytes: &[u8], timeout: Duration) -> io::Result<()> {
     write_all_to(descriptor(port), bytes, timeout)
 }
 

@@ -7,18 +7,18 @@ use std::path::Path;
 use std::time::Duration;
 
 /// An open serial port.
-pub(in crate::port) type NativePort = COMPort;
+pub type NativePort = COMPort;
 
 /// The name of a port that is about to be opened. The system opens a serial port for one
 /// program at a time, so there is nothing to check before.
-pub(in crate::port) struct Preflight {
+pub struct Preflight {
     name: String,
 }
 
 impl Preflight {
     /// Whether the system has no port of that name. `serialport` reports a port that is absent
     /// and one that is in use alike.
-    pub(in crate::port) fn is_gone(&self) -> bool {
+    pub fn is_gone(&self) -> bool {
         let ports = serialport::available_ports().unwrap_or_default();
         !ports
             .iter()
@@ -30,7 +30,7 @@ impl Preflight {
 ///
 /// # Errors
 /// None.
-pub(in crate::port) fn preflight(path: &Path) -> io::Result<Preflight> {
+pub fn preflight(path: &Path) -> io::Result<Preflight> {
     let name = path.to_string_lossy();
     let name = name.strip_prefix(r"\\.\").unwrap_or(&name);
     Ok(Preflight {
@@ -39,7 +39,7 @@ pub(in crate::port) fn preflight(path: &Path) -> io::Result<Preflight> {
 }
 
 /// Whether an error says that the port is gone.
-pub(in crate::port) fn is_gone(error: &io::Error) -> bool {
+pub fn is_gone(error: &io::Error) -> bool {
     matches!(
         error.kind(),
         ErrorKind::BrokenPipe | ErrorKind::UnexpectedEof
@@ -47,7 +47,7 @@ pub(in crate::port) fn is_gone(error: &io::Error) -> bool {
 }
 
 /// There are none.
-pub(in crate::port) const fn is_pseudo_terminal(_path: &Path) -> bool {
+pub const fn is_pseudo_terminal(_path: &Path) -> bool {
     false
 }
 
@@ -55,7 +55,7 @@ pub(in crate::port) const fn is_pseudo_terminal(_path: &Path) -> bool {
 ///
 /// # Errors
 /// None.
-pub(in crate::port) const fn prepare(_port: &NativePort) -> io::Result<()> {
+pub const fn prepare(_port: &NativePort) -> io::Result<()> {
     Ok(())
 }
 
@@ -64,7 +64,7 @@ pub(in crate::port) const fn prepare(_port: &NativePort) -> io::Result<()> {
 ///
 /// # Errors
 /// What the system says.
-pub(in crate::port) fn read(
+pub fn read(
     port: &mut NativePort,
     buffer: &mut [u8],
     timeout: Duration,
@@ -84,11 +84,7 @@ pub(in crate::port) fn read(
 ///
 /// # Errors
 /// `TimedOut` if the port takes nothing for `timeout`; what the system says.
-pub(in crate::port) fn write_all(
-    port: &mut NativePort,
-    bytes: &[u8],
-    timeout: Duration,
-) -> io::Result<()> {
+pub fn write_all(port: &mut NativePort, bytes: &[u8], timeout: Duration) -> io::Result<()> {
     limit(port, timeout)?;
     let mut rest = bytes;
     while !rest.is_empty() {
