@@ -65,11 +65,11 @@ impl Axes {
 
 impl fmt::Display for Axes {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for wanted in 0..6 {
+        for position in 0..6 {
             let mut quantities = self.fields.iter().zip(NAMES);
-            let found = quantities.find(|((field, _), _)| *field == wanted);
+            let found = quantities.find(|((field, _), _)| *field == position);
             if let Some(((_, sign), name)) = found {
-                let comma = if wanted > 0 { "," } else { "" };
+                let comma = if position > 0 { "," } else { "" };
                 let minus = if *sign < 0.0 { "-" } else { "" };
                 write!(f, "{comma}{minus}{name}")?;
             }

@@ -1,5 +1,4 @@
-//! The serial ports of this machine: `serialport` finds them, and what a USB device says of
-//! itself.
+//! Lists the serial ports of this machine with their USB identity, by `serialport`.
 
 use serialport::{SerialPortInfo, SerialPortType, UsbPortInfo};
 use std::collections::BTreeMap;
@@ -17,13 +16,13 @@ pub struct PortInfo {
     /// Its name under `/dev/serial/by-id`, which stays the same: use this one in a
     /// configuration. Linux only.
     pub by_id: Option<String>,
-    /// What the USB device says of itself; `None` for other ports.
+    /// The identity that the USB device reports; `None` for other ports.
     pub usb: Option<UsbIdentity>,
     /// What is likely to be connected, judged by the USB device alone.
     pub likely: Option<&'static str>,
 }
 
-/// What a USB device says of itself.
+/// The identity that a USB device reports.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct UsbIdentity {
     /// Vendor ID.

@@ -29,28 +29,31 @@ pub(super) fn device_path(name: &str) -> PathBuf {
 pub(super) fn open_port(
     name: &str,
     path: &Path,
-    wanted: LineSettings,
+    requested: LineSettings,
 ) -> Result<NativePort, DeviceError> {
-    if wanted.baud == 0 {
+    if requested.baud == 0 {
         // For the system this is the command to hang up.
         return Err(refused(name, "0 is not a baud rate; set another `baud`"));
     }
     let preflight = native::preflight(path).map_err(|error| preflight_error(name, path, &error))?;
-    let (port, actual) =
-        configure(path, wanted).map_err(|error| configure_error(name, path, &error, &preflight))?;
-    if wanted.are_met_by(actual) || native::is_pseudo_terminal(path) {
+    let (port, actual) = configure(path, requested)
+        .map_err(|error| configure_error(name, path, &error, &preflight))?;
+    if requested.are_met_by(actual) || native::is_pseudo_terminal(path) {
         return Ok(port);
     }
     let reason = format!(
-        "was set to {wanted}, but uses {actual}; set another `baud`, or use another adapter"
+        "was set to {requested}, but uses {actual}; set another `baud`, or use another adapter"
     );
     Err(refused(name, &reason))
 }
 
 /// Opens and configures a port by `serialport`, and reads back the settings that it has then:
 /// `serialport` does not check whether the driver accepted them.
-fn configure(path: &Path, wanted: LineSettings) -> serialport::Result<(NativePort, LineSettings)> {
-    let mut line = wanted;
+fn configure(
+    path: &Path,
+    requested: LineSettings,
+) -> serialport::Result<(NativePort, LineSettings)> {
+    let mut line = requested;
     if cfg!(target_os = "macos") && native::is_pseudo_terminal(path) {
         // Setting a baud rate there fails; 0 leaves it out.
         line.baud = 0;

@@ -31,9 +31,9 @@ prop_compose! {
 proptest! {
     #[test]
     fn a_port_that_changes_any_setting_is_found_out(
-        wanted in settings(), actual in settings(), which in 0..5,
+        requested in settings(), actual in settings(), which in 0..5,
     ) {
-        let mut taken = wanted;
+        let mut taken = requested;
         match which {
             0 => taken.baud = actual.baud,
             1 => taken.data_bits = actual.data_bits,
@@ -41,25 +41,25 @@ proptest! {
             3 => taken.stop_bits = actual.stop_bits,
             _ => taken.flow_control = actual.flow_control,
         }
-        prop_assert!(wanted.are_met_by(wanted));
-        let off = (f64::from(taken.baud) - f64::from(wanted.baud)).abs();
-        let close = off <= 0.025 * f64::from(wanted.baud);
-        let rest_is_same = LineSettings { baud: wanted.baud, ..taken } == wanted;
+        prop_assert!(requested.are_met_by(requested));
+        let off = (f64::from(taken.baud) - f64::from(requested.baud)).abs();
+        let close = off <= 0.025 * f64::from(requested.baud);
+        let rest_is_same = LineSettings { baud: requested.baud, ..taken } == requested;
         // Whole numbers: at a low rate the limit is rounded down.
-        let at_limit = (off - 0.025 * f64::from(wanted.baud)).abs() < 1.0;
-        prop_assert!(at_limit || wanted.are_met_by(taken) == (close && rest_is_same));
+        let at_limit = (off - 0.025 * f64::from(requested.baud)).abs() < 1.0;
+        prop_assert!(at_limit || requested.are_met_by(taken) == (close && rest_is_same));
         if !rest_is_same {
-            prop_assert!(!wanted.are_met_by(taken));
-            prop_assert_ne!(wanted.to_string(), taken.to_string());
+            prop_assert!(!requested.are_met_by(taken));
+            prop_assert_ne!(requested.to_string(), taken.to_string());
         }
     }
 }
 
 #[test]
 fn a_rate_may_be_off_by_what_a_divisor_is_off() {
-    let met = |wanted, actual| {
-        let wanted = LineSettings::new(wanted, Parity::None);
-        wanted.are_met_by(LineSettings::new(actual, Parity::None))
+    let met = |requested, actual| {
+        let requested = LineSettings::new(requested, Parity::None);
+        requested.are_met_by(LineSettings::new(actual, Parity::None))
     };
     // What an FTDI chip makes of 115200, and what a plain PC port makes of 128000.
     assert!(met(115_200, 115_385));

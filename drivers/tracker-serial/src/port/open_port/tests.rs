@@ -81,7 +81,7 @@ fn a_rate_of_zero_would_hang_up_and_is_refused() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// A pseudo-terminal takes some of them, and ignores others without a word.
+    /// A pseudo-terminal takes some of them, and ignores others without an error.
     #[test]
     fn any_settings_are_taken_or_refused_and_leave_the_port_usable(
         baud in prop_oneof![any::<u32>(), 0..200_000u32],
