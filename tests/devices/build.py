@@ -16,6 +16,7 @@ PACKAGES = {
     "environment": "penumbra-guest",
     "program": "penumbra-guest",
     "kernel": "penumbra-camera-v4l2",
+    "serial": "penumbra-guest",
 }
 # What tests drive, by the test binary that needs it: package, program.
 PROGRAMS = {"program": ("penumbra", "penumbra")}

@@ -1,8 +1,8 @@
-//! Wraps any camera or tracker and makes it misbehave on purpose, for tests and for trying
-//! out what a rig does when a cable is pulled.
+//! Injects faults into any camera or tracker, for tests of what a rig does when, for example, a
+//! cable is pulled.
 //!
-//! Faults come by a [`Plan`]: each after so many good deliveries. With the plan at its end
-//! the device is as good as the one inside.
+//! A [`Plan`] lists the faults, each after a number of good deliveries. After the last one the
+//! device works like the one inside.
 
 use bytes::Bytes;
 use penumbra_interface::{
@@ -11,42 +11,44 @@ use penumbra_interface::{
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// One misbehaviour.
+/// One fault.
 #[derive(Clone, Debug)]
 pub enum Fault {
-    /// The device says this, once.
+    /// One read fails with this error.
     Error(DeviceError),
-    /// Nothing comes, so many times. What the device inside delivers then is lost.
+    /// Nothing comes from a number of reads. What the device inside delivers is lost.
     Silence {
-        /// Readings in vain.
+        /// Number of reads.
         readings: u32,
     },
-    /// A delivery is cut to this share of its bytes, 0..=1.
+    /// A delivery is cut to a part of its bytes.
     CutShort {
-        /// What is left.
+        /// The part that remains, 0..=1.
         share: f64,
     },
-    /// Every so many-th byte of a delivery has a bit flipped.
+    /// Some bytes of a delivery have one bit flipped.
     Flipped {
-        /// Distance between two of them.
+        /// Distance between two of them, bytes.
         every: usize,
     },
-    /// A delivery that never comes.
+    /// A delivery is lost.
     Lost,
-    /// The driver has a bug.
+    /// The driver panics.
     Panic,
 }
 
-/// What goes wrong when: after so many good deliveries since the fault before.
+/// Faults in their order, each with the number of good deliveries since the previous one.
 #[derive(Clone, Debug, Default)]
 pub struct Plan {
     faults: VecDeque<(u64, Fault)>,
+    /// Good deliveries since the previous fault.
     good: u64,
+    /// Reads for which a silence goes on.
     silent: u32,
 }
 
 impl Plan {
-    /// Faults in order, each after so many good deliveries since the one before.
+    /// A plan of these faults, each after this many good deliveries since the previous one.
     pub fn new(faults: impl IntoIterator<Item = (u64, Fault)>) -> Self {
         Self {
             faults: faults.into_iter().collect(),
@@ -54,7 +56,7 @@ impl Plan {
         }
     }
 
-    /// The fault that is due.
+    /// The fault that is due, if any.
     fn due(&mut self) -> Option<Fault> {
         let (after, _) = self.faults.front()?;
         if self.good < *after {
@@ -64,7 +66,7 @@ impl Plan {
         self.faults.pop_front().map(|(_, fault)| fault)
     }
 
-    /// Passes a reading of the device inside on, or does not.
+    /// Reads the device inside and applies the fault that is due.
     fn read<T>(
         &mut self,
         read: impl FnOnce() -> Result<Option<T>, DeviceError>,
@@ -96,14 +98,14 @@ impl Plan {
                     got
                 })
             }),
-            Some(Fault::Panic) => bug(),
+            Some(Fault::Panic) => panicking(),
             None => read().inspect(|got| self.good += u64::from(got.is_some())),
         }
     }
 }
 
-#[expect(clippy::panic, reason = "what it is for")]
-fn bug<T>() -> T {
+#[expect(clippy::panic, reason = "the fault to be injected")]
+fn panicking<T>() -> T {
     panic!("a bug in a driver, on purpose")
 }
 
@@ -112,14 +114,14 @@ fn flipped(data: &Bytes, every: usize) -> Bytes {
     data.iter().enumerate().map(flip).collect()
 }
 
-/// A camera that misbehaves.
+/// A camera with injected faults.
 pub struct FaultyCamera {
     inner: Box<dyn Camera>,
     plan: Plan,
 }
 
 impl FaultyCamera {
-    /// Around another camera.
+    /// Wraps another camera.
     #[must_use]
     pub fn new(inner: Box<dyn Camera>, plan: Plan) -> Self {
         Self { inner, plan }
@@ -138,14 +140,14 @@ impl Camera for FaultyCamera {
     }
 }
 
-/// A tracker that misbehaves.
+/// A tracker with injected faults.
 pub struct FaultyTracker {
     inner: Box<dyn Tracker>,
     plan: Plan,
 }
 
 impl FaultyTracker {
-    /// Around another tracker.
+    /// Wraps another tracker.
     #[must_use]
     pub fn new(inner: Box<dyn Tracker>, plan: Plan) -> Self {
         Self { inner, plan }
@@ -169,7 +171,7 @@ mod tests {
     use super::*;
     use penumbra_interface::MonotonicTime;
 
-    /// Delivers `abcd` for ever.
+    /// Delivers `abcd` in every read.
     struct Good;
 
     impl Tracker for Good {
@@ -185,20 +187,20 @@ mod tests {
         }
     }
 
-    fn told(plan: Plan, readings: usize) -> Vec<String> {
+    fn deliveries(plan: Plan, reads: usize) -> Vec<String> {
         let mut tracker = FaultyTracker::new(Box::new(Good), plan);
-        let tell = |got: Result<Option<TrackerBytes>, DeviceError>| match got {
+        let show = |got: Result<Option<TrackerBytes>, DeviceError>| match got {
             Ok(Some(got)) => String::from_utf8_lossy(&got.bytes).into_owned(),
             Ok(None) => "-".to_owned(),
             Err(_) => "!".to_owned(),
         };
-        (0..readings)
-            .map(|_| tell(tracker.next_bytes(Duration::ZERO)))
+        (0..reads)
+            .map(|_| show(tracker.next_bytes(Duration::ZERO)))
             .collect()
     }
 
     #[test]
-    fn faults_come_when_planned_and_then_no_more() {
+    fn faults_come_as_planned() {
         let unplugged = DeviceError::Unplugged {
             device: "t".to_owned(),
         };
@@ -212,12 +214,12 @@ mod tests {
         let expected = [
             "abcd", "!", "abcd", "-", "-", "ab", "qbct", "abcd", "-", "abcd",
         ];
-        assert_eq!(told(plan, 10), expected);
+        assert_eq!(deliveries(plan, 10), expected);
     }
 
     #[test]
     #[should_panic(expected = "on purpose")]
-    fn a_bug_is_a_bug() {
-        told(Plan::new([(0, Fault::Panic)]), 1);
+    fn a_planned_panic_panics() {
+        deliveries(Plan::new([(0, Fault::Panic)]), 1);
     }
 }

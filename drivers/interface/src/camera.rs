@@ -1,40 +1,40 @@
-//! What every camera driver does.
+//! The interface of camera drivers.
 
-use crate::{DeviceError, Frame, MonotonicTime, PixelFormat};
+use crate::error::DeviceError;
+use crate::frame::{Frame, PixelFormat};
+use crate::time::MonotonicTime;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// A camera that is open and streams. Dropping it stops the stream and closes the device.
+/// An open, streaming camera. Dropping it stops the stream and closes the device.
 pub trait Camera: Send {
-    /// Waits up to `timeout` for a picture that has not been handed over yet; `None` if
-    /// none came. Of several that wait, the newest is handed over and the others are
-    /// counted as superseded.
+    /// Waits up to `timeout` for a new frame; `None` if none came. If several are waiting, the
+    /// newest is returned and the others are counted as superseded.
     ///
     /// # Errors
-    /// [`DeviceError::recovery`] says whether to read on, to reopen or to give up.
+    /// [`DeviceError::recovery`] says whether to go on reading, to reopen or to give up.
     fn next_frame(&mut self, timeout: Duration) -> Result<Option<Frame>, DeviceError>;
 
-    /// What is known of the camera and of what it has done.
+    /// What is known of the camera, and what it has done so far.
     fn report(&self) -> CameraReport;
 }
 
-/// A camera's own account of itself.
+/// The state of a camera.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CameraReport {
-    /// Who it is, the same after replugging: the name under `/dev/v4l/by-id`, or what comes
-    /// nearest to it.
+    /// An identity that stays the same after replugging: the name under `/dev/v4l/by-id`, or
+    /// what comes closest to it.
     pub identity: String,
-    /// What is being streamed.
+    /// Format of the stream.
     pub mode: Option<StreamMode>,
     /// Where `captured_at` comes from.
     pub stamps: StampSource,
-    /// Every control that the configuration names, and what became of it. Shared: it
-    /// changes only when a control does.
+    /// The state of every configured control. Shared between reports until a control changes.
     pub controls: Arc<[ControlReport]>,
-    /// What happened so far.
+    /// What has happened so far.
     pub counters: CameraCounters,
-    /// What its user should know, a line each: a mode that is not quite the one asked for,
-    /// a habit of the camera that was worked around.
+    /// What its user should know, one line each: a mode that differs from the configured one, a
+    /// defect of the camera that is worked around.
     pub notes: Arc<[String]>,
 }
 
@@ -45,85 +45,83 @@ pub struct StreamMode {
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// How the bytes spell the picture.
+    /// Encoding of a frame.
     pub format: PixelFormat,
-    /// Frames a second that the camera promises; `None` if it does not say.
+    /// Frames a second that the camera announces; `None` if it announces none.
     pub frames_per_second: Option<f64>,
 }
 
 /// Where a camera's `captured_at` comes from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum StampSource {
-    /// The driver stamps the start of the exposure on the monotonic clock.
+    /// Start of the exposure, stamped by the driver on the monotonic clock.
     StartOfExposure,
-    /// The driver stamps the arrival of a frame's first bytes on the monotonic clock: the
-    /// exposure of the first row is over by then.
+    /// Arrival of the first bytes of a frame, after the exposure of its first row, stamped by
+    /// the driver on the monotonic clock.
     FirstBytes,
-    /// The driver stamps the end of the frame on the monotonic clock.
+    /// End of the frame, stamped by the driver on the monotonic clock.
     EndOfFrame,
-    /// Nobody stamps: the time at which the bytes reached us.
+    /// No stamp: the time at which the driver delivered the bytes.
     #[default]
     Arrival,
-    /// Stamped on the wall clock, which may jump.
+    /// A stamp of the wall clock, which may jump.
     WallClock,
-    /// Recorded earlier, shifted to now.
+    /// A recorded time, shifted to the present.
     Recorded,
 }
 
 /// What a camera has done since it was opened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct CameraCounters {
-    /// Pictures handed over.
+    /// Frames delivered.
     pub frames: u64,
-    /// Pictures that the camera's counter says were lost on the way.
+    /// Frames lost before they reached the driver, by gaps in the device's counter.
     pub lost: u64,
-    /// Pictures that the driver flagged as erroneous, or that are cut short.
+    /// Frames that the driver flagged as erroneous, and truncated frames.
     pub damaged: u64,
-    /// Good pictures passed over for a newer one.
+    /// Good frames dropped in favour of a newer one.
     pub superseded: u64,
-    /// Good pictures of a bracketing camera that were dropped, because the exposure changed
-    /// about then, and which one they have is not certain.
+    /// Good frames of a bracketing camera that were dropped because they were taken while the
+    /// exposure changed, so that their exposure is not certain.
     pub unattributed: u64,
-    /// Times that a control was found changed by somebody else.
+    /// How often a control was found changed by another program.
     pub controls_changed: u64,
 }
 
-/// What became of one control that the configuration names.
+/// The state of one configured control.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ControlReport {
-    /// Name as in the configuration and in `v4l2-ctl`: `exposure_time_absolute`.
+    /// Name as in the configuration and in `v4l2-ctl`, such as `exposure_time_absolute`.
     pub name: Arc<str>,
-    /// The value asked for, in the device's unit.
+    /// The configured value, in the device's unit.
     pub wanted: i64,
     /// The value that the device reports.
     pub in_force: Option<i64>,
-    /// How the two compare.
+    /// The result of setting it.
     pub standing: ControlStanding,
 }
 
-/// How a control stands to what was asked for.
+/// The result of setting a control.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ControlStanding {
-    /// The device reports the value asked for.
+    /// The device reports the configured value.
     Held,
-    /// The device has no such control, which is normal.
+    /// The device has no such control. That is no error.
     Missing,
-    /// The device took another value: out of range, or in steps.
+    /// The device uses another value, because the configured one is out of range or between
+    /// two steps.
     Adjusted,
-    /// The device refused it, with its reason.
+    /// The device refused the value, for this reason.
     Refused(String),
-    /// Another program changed it, and the configuration says to leave it.
+    /// Another program changed it, and the configuration says to report that only.
     Changed,
 }
 
-/// The controls in force while a frame was exposed, by name; see [`Frame::controls`].
-pub type ControlsInForce = Arc<[(Arc<str>, i64)]>;
-
-/// Middle of an exposure from a stamp at its start or at the frame's end.
+/// The middle of an exposure, from a stamp and the exposure time in microseconds.
 ///
-/// A rolling or global shutter alike: the stamp of the start lies half an exposure before
-/// the middle; the stamp of the end, or of the first bytes, lies half an exposure and the
-/// read-out or a part of it after it. Read-out is a constant of the camera and part of its calibrated latency.
+/// For rolling and global shutters alike: a stamp of the start is half an exposure before the
+/// middle. A stamp of the end or of the first bytes is half an exposure after it, plus the
+/// read-out or a part of it, which is constant and belongs to the camera's calibrated latency.
 #[must_use]
 pub fn middle_of_exposure(
     stamp: MonotonicTime,

@@ -1,6 +1,7 @@
-//! Devices that come with the program that uses Penumbra as a library.
+//! Devices that a program which uses Penumbra as a library implements itself.
 
-use crate::{Clock, DeviceError};
+use crate::error::DeviceError;
+use crate::time::Clock;
 use std::fmt;
 use std::sync::Arc;
 

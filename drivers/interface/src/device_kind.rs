@@ -1,21 +1,21 @@
-//! The devices of a rig.
+//! The devices of a rig, by their purpose.
 
 use serde::Serialize;
 
-/// What a device is for.
+/// Purpose of a device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DeviceKind {
-    /// Its picture is augmented.
+    /// The camera whose pictures are augmented.
     SceneCamera,
-    /// It sees the light.
+    /// The camera that captures the light of the surroundings.
     EnvironmentCamera,
-    /// It says where the scene camera is.
+    /// The device that measures the pose of the scene camera.
     Tracker,
 }
 
 impl DeviceKind {
-    /// As it stands in `/status` and as a metric label.
+    /// Its name in `/status` and in metric labels.
     #[must_use]
     pub const fn label(self) -> &'static str {
         match self {

@@ -1,34 +1,34 @@
-//! What can go wrong with a device, and what to do then.
+//! Errors of devices, and how to recover from them.
 
 use thiserror::Error;
 
 /// What the supervisor is to do after a [`DeviceError`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Recovery {
-    /// Go on reading: only one record or frame was lost.
+    /// Go on reading: one record or frame was lost.
     Retry,
     /// Close the device and open it again after a pause.
     Reopen,
-    /// Nothing helps but the user.
+    /// Give up: the user must change something.
     Fatal,
 }
 
-/// A device misbehaved. Each text says what, where and what to do.
+/// An error of a device. Each message says where, what and what to do.
 #[derive(Clone, Debug, Error)]
 pub enum DeviceError {
-    /// No such device.
+    /// The device does not exist.
     #[error("{device}: not there; plug it in or name another one")]
     NotFound {
         /// Path or name.
         device: String,
     },
-    /// The device went away while in use.
+    /// The device disappeared while in use.
     #[error("{device}: gone; plug it in again")]
     Unplugged {
         /// Path or name.
         device: String,
     },
-    /// The device sent nothing for too long.
+    /// The device has sent nothing for too long.
     #[error("{device}: silent for {millis} ms; check its cable and power")]
     Silent {
         /// Path or name.
@@ -36,7 +36,7 @@ pub enum DeviceError {
         /// How long, milliseconds.
         millis: u64,
     },
-    /// The device stopped working in a way that opening it again may mend.
+    /// The device stopped working; opening it again may help.
     #[error("{device}: stopped working ({reason}); opening it again")]
     Broken {
         /// Path or name.
@@ -44,7 +44,7 @@ pub enum DeviceError {
         /// What failed.
         reason: String,
     },
-    /// The device sent something that is no frame or record.
+    /// The device sent bytes that are not a valid frame or record.
     #[error("{device}: damaged data ({reason})")]
     Damaged {
         /// Path or name.
@@ -52,14 +52,14 @@ pub enum DeviceError {
         /// What was wrong.
         reason: String,
     },
-    /// Another program has the device.
+    /// Another program uses the device.
     #[error("{device}: in use by another program; close that one (`fuser -v {device}` names it)")]
     Busy {
         /// Path.
         device: String,
     },
-    /// The user may not use the device. Just after plugging in this passes, once udev has
-    /// given the device file to its group.
+    /// The user has no permission for the device. Opening it again may help: just after plugging
+    /// in, udev has not yet assigned the device file to its group.
     #[error(
         "{device}: no permission; join its group: sudo usermod -aG {group} $USER, then log \
          out and in"
@@ -70,8 +70,8 @@ pub enum DeviceError {
         /// Group that the device file belongs to.
         group: String,
     },
-    /// It is there but of no use now: another program has it, or it speaks otherwise than
-    /// it should.
+    /// The device exists but cannot be used now: another program uses it, or it sends something
+    /// else than expected.
     #[error("{device}: {reason}")]
     Unready {
         /// Path or name.
@@ -84,7 +84,7 @@ pub enum DeviceError {
     Refused {
         /// Path or name.
         device: String,
-        /// What it said and what to do.
+        /// Its reason, and what to do.
         reason: String,
     },
 }

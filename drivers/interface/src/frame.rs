@@ -1,9 +1,10 @@
-//! A camera's picture as its bytes arrived.
+//! Camera frames, not decoded.
 
-use crate::{ControlsInForce, MonotonicTime};
+use crate::time::MonotonicTime;
 use bytes::Bytes;
+use std::sync::Arc;
 
-/// How a frame's bytes spell a picture.
+/// Encoding of the bytes of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum PixelFormat {
     /// A JPEG file, one per frame (MJPEG).
@@ -14,15 +15,15 @@ pub enum PixelFormat {
     Yuyv,
     /// 4:2:0, a plane of Y, then interleaved U V at half size; 1.5 bytes a pixel.
     Nv12,
-    /// R G B, 3 bytes a pixel.
+    /// R, G, B, 3 bytes a pixel.
     Rgb8,
     /// One grey byte a pixel.
     Grey8,
-    /// One byte a pixel, of one colour: a sensor's raw mosaic.
+    /// One byte a pixel: the raw mosaic of the sensor.
     Bayer8(BayerPattern),
 }
 
-/// Colours of the four pixels that a mosaic repeats, by rows from the top left.
+/// Colours of the four pixels that a Bayer mosaic repeats, by rows from the top left.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum BayerPattern {
     /// R G over G B.
@@ -36,10 +37,10 @@ pub enum BayerPattern {
 }
 
 impl BayerPattern {
-    /// All four.
+    /// All patterns.
     pub const ALL: [Self; 4] = [Self::Rggb, Self::Bggr, Self::Grbg, Self::Gbrg];
 
-    /// Column and row, 0 or 1, of red in the repeated square; blue is diagonally opposite.
+    /// Column and row (0 or 1) of red in the repeated square; blue is diagonally opposite.
     #[must_use]
     pub const fn red(self) -> (u32, u32) {
         match self {
@@ -51,7 +52,7 @@ impl BayerPattern {
     }
 }
 
-/// What the camera says its sensor did for a frame.
+/// Exposure of a frame, as the camera reports it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Exposure {
     /// Shutter time, microseconds.
@@ -60,31 +61,34 @@ pub struct Exposure {
     pub gain: f64,
 }
 
-/// One picture, undecoded. Cheap to clone: the bytes are shared.
+/// The controls in force while a frame was exposed, by name; see [`Frame::controls`].
+pub type ControlsInForce = Arc<[(Arc<str>, i64)]>;
+
+/// One frame, not decoded. Cheap to clone: the bytes are shared.
 #[derive(Clone, Debug)]
 pub struct Frame {
-    /// The picture's bytes, cut to what the device said it used.
+    /// The bytes of the frame, without unused bytes of the device's buffer.
     pub data: Bytes,
-    /// How `data` spells the picture.
+    /// Encoding of `data`.
     pub format: PixelFormat,
-    /// Width in pixels; 0 where the coded picture says it itself (JPEG, PNG).
+    /// Width in pixels; 0 for JPEG and PNG, which contain it.
     pub width: u32,
-    /// Height in pixels; 0 where the coded picture says it itself.
+    /// Height in pixels; 0 for JPEG and PNG, which contain it.
     pub height: u32,
-    /// Bytes from one row to the next; 0 = tightly packed or coded.
+    /// Bytes from one row to the next; 0 if rows are contiguous, or for JPEG and PNG.
     pub stride: u32,
-    /// The device's counter; a gap of n means n frames lost.
+    /// The device's counter; if it skips n numbers, n frames were lost.
     pub sequence: u64,
     /// Middle of the exposure.
     pub captured_at: MonotonicTime,
-    /// When the bytes reached us.
+    /// When the driver received the bytes.
     pub arrived_at: MonotonicTime,
-    /// What the camera reports of its exposure, if it does.
+    /// The exposure, if the camera reports it.
     pub exposure: Option<Exposure>,
-    /// Bracketed exposure: stops relative to the camera's base exposure (0 = base,
-    /// -4 = sixteen times darker).
+    /// For bracketed exposures, stops relative to the base exposure: 0 is the base, −4 is
+    /// sixteen times darker.
     pub bracket_ev: f64,
-    /// The controls in force while it was exposed, in the device's units; `None` where the
-    /// device does not say. Shared between frames until one changes.
+    /// The controls in force while it was exposed, in the device's units; `None` if the device
+    /// does not report them. Shared between frames until one changes.
     pub controls: Option<ControlsInForce>,
 }

@@ -1,72 +1,73 @@
-//! What can be found out about a camera without streaming from it.
+//! Properties of a camera that can be queried without streaming.
 
 use serde::Serialize;
 
-/// One camera, as it was found.
+/// The properties of one camera.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct CameraInfo {
-    /// What to write as `device`: the same after replugging, where there is such a name.
+    /// What to configure as `device`: a name that stays the same after replugging, if there is
+    /// one.
     pub identity: String,
-    /// The camera's own name.
+    /// The name that the camera reports.
     pub name: String,
-    /// The driver that serves it.
+    /// Name of its driver.
     pub driver: String,
-    /// Where it is plugged in, as the driver says it.
+    /// Where it is connected, as the driver reports it.
     pub bus: String,
-    /// Its device file now; its number changes from one plugging to the next.
+    /// Its present device file. The number depends on the order of plugging in.
     pub node: String,
     /// Its name under `/dev/v4l/by-id`.
     pub by_id: Option<String>,
-    /// Its name under `/dev/v4l/by-path`: the socket rather than the camera.
+    /// Its name under `/dev/v4l/by-path`, which identifies the socket rather than the camera.
     pub by_path: Option<String>,
     /// Its USB identity, if it is a USB camera.
     pub usb: Option<UsbIdentity>,
-    /// What it can stream.
+    /// Formats that it can stream.
     pub formats: Vec<CameraFormat>,
-    /// What can be set.
+    /// Controls that can be set.
     pub controls: Vec<CameraControl>,
-    /// Why something of the above is missing, in one line.
+    /// Why some of these properties are missing, one line.
     pub trouble: Option<String>,
 }
 
-/// What a USB device says of itself.
+/// The identity that a USB device reports.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct UsbIdentity {
-    /// Vendor, four hexadecimal digits.
+    /// Vendor ID, four hexadecimal digits.
     pub vendor: String,
-    /// Product, four hexadecimal digits.
+    /// Product ID, four hexadecimal digits.
     pub product: String,
     /// Serial number, if it has one.
     pub serial: Option<String>,
 }
 
-/// One way for a camera to spell pictures.
+/// One pixel format of a camera.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CameraFormat {
-    /// The four letters that name it: `MJPG`.
+    /// Its four-character code, such as `MJPG`.
     pub fourcc: String,
-    /// In words, as the driver says it.
+    /// The driver's description.
     pub description: String,
-    /// Whether Penumbra reads it.
+    /// Whether Penumbra can decode it.
     pub usable: bool,
-    /// In which sizes.
+    /// Frame sizes.
     pub sizes: Vec<CameraSize>,
 }
 
-/// One size, and how often in a second.
+/// One frame size with its frame rates.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CameraSize {
-    /// Pixels in a row; the largest, where any size in steps is offered.
+    /// Pixels in a row; the maximum for a range of sizes.
     pub width: u32,
-    /// Rows; the largest, where any size in steps is offered.
+    /// Rows; the maximum for a range of sizes.
     pub height: u32,
-    /// The smallest size and the steps, where any size in steps is offered.
+    /// Minimum and steps for a range of sizes.
     pub steps: Option<SizeSteps>,
-    /// Frames a second, fastest first; the limits, where any rate between is offered.
+    /// Frames a second, highest first; the limits for a range of rates.
     pub frames_per_second: Vec<f64>,
 }
 
-/// Sizes in steps.
+/// Minimum and steps of a range of frame sizes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct SizeSteps {
     /// Smallest width.
@@ -82,23 +83,23 @@ pub struct SizeSteps {
 /// One control of a camera.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CameraControl {
-    /// Name as in settings: `exposure_time_absolute`.
+    /// Name as in the configuration, such as `exposure_time_absolute`.
     pub name: String,
-    /// Kind of its value: integer, boolean, menu, button, bitmask …
+    /// Type of its value: integer, boolean, menu, button, bitmask …
     pub kind: String,
-    /// Smallest value.
+    /// Minimum.
     pub min: i64,
-    /// Largest value.
+    /// Maximum.
     pub max: i64,
-    /// From one value to the next.
+    /// Step between values.
     pub step: i64,
-    /// Where the camera starts.
+    /// Default value.
     pub default: i64,
-    /// Now; `None` where it cannot be read.
+    /// Present value; `None` if it cannot be read.
     pub current: Option<i64>,
-    /// What the values of a menu mean.
+    /// Values of a menu with their names.
     pub menu: Vec<(i64, String)>,
-    /// What stands in the way of setting it: `inactive` (an automatic mode owns it),
-    /// `read-only`, `grabbed` …
+    /// What prevents setting it: `inactive` (an automatic mode controls it), `read-only`,
+    /// `grabbed` …
     pub flags: Vec<String>,
 }

@@ -1,9 +1,9 @@
-//! What every camera and tracker driver of Penumbra speaks.
+//! The interface between Penumbra and its camera and tracker drivers.
 //!
-//! A driver turns bytes into [`Frame`]s or [`PoseSample`]s on one clock
-//! ([`MonotonicTime`]) and reports trouble as a [`DeviceError`], whose
-//! [`recovery`](DeviceError::recovery) tells the supervisor what to do. Nothing here
-//! does I/O, and nothing here knows of the GPU.
+//! A driver delivers [`Frame`]s or [`TrackerBytes`], from which [`PoseSample`]s are decoded, with
+//! times of one clock ([`MonotonicTime`]). It reports errors as [`DeviceError`], whose
+//! [`recovery`](DeviceError::recovery) tells the supervisor what to do. [`threads`] is the one
+//! place that starts threads. Nothing here does I/O or depends on the GPU.
 
 mod camera;
 mod device_factory;
@@ -18,13 +18,13 @@ mod time;
 mod tracker;
 
 pub use camera::{
-    Camera, CameraCounters, CameraReport, ControlReport, ControlStanding, ControlsInForce,
-    StampSource, StreamMode, middle_of_exposure,
+    Camera, CameraCounters, CameraReport, ControlReport, ControlStanding, StampSource, StreamMode,
+    middle_of_exposure,
 };
 pub use device_factory::DeviceFactory;
 pub use device_kind::DeviceKind;
 pub use error::{DeviceError, Recovery};
-pub use frame::{BayerPattern, Exposure, Frame, PixelFormat};
+pub use frame::{BayerPattern, ControlsInForce, Exposure, Frame, PixelFormat};
 pub use info::{CameraControl, CameraFormat, CameraInfo, CameraSize, SizeSteps, UsbIdentity};
 pub use pose::{PoseSample, RigidTransform};
 pub use settings::{BracketSettings, CameraSettings, OnChange};

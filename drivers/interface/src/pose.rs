@@ -1,19 +1,19 @@
-//! Where a tracked sensor is.
+//! Poses.
 
-use crate::MonotonicTime;
+use crate::time::MonotonicTime;
 use glam::{DMat4, DQuat, DVec3};
 
-/// A proper rigid motion `a_from_b`: `p_a = rotation * p_b + translation`. Metres.
+/// A rigid transform `a_from_b`: `p_a = rotation * p_b + translation`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RigidTransform {
-    /// Unit quaternion.
+    /// Rotation, a unit quaternion.
     pub rotation: DQuat,
-    /// Metres.
+    /// Translation, metres.
     pub translation: DVec3,
 }
 
 impl RigidTransform {
-    /// No motion.
+    /// The identity.
     pub const IDENTITY: Self = Self {
         rotation: DQuat::IDENTITY,
         translation: DVec3::ZERO,
@@ -38,13 +38,13 @@ impl RigidTransform {
         }
     }
 
-    /// The same motion as a 4×4 matrix.
+    /// The transform as a 4×4 matrix.
     #[must_use]
     pub fn to_matrix(self) -> DMat4 {
         DMat4::from_rotation_translation(self.rotation, self.translation)
     }
 
-    /// `b_from_a` for this `a_from_b`.
+    /// The inverse: `b_from_a` of `a_from_b`.
     #[must_use]
     pub fn inverse(self) -> Self {
         let rotation = self.rotation.inverse();
@@ -54,7 +54,7 @@ impl RigidTransform {
         }
     }
 
-    /// A point carried from frame b to frame a.
+    /// Transforms a point from frame b to frame a.
     #[must_use]
     pub fn transform_point(self, point: DVec3) -> DVec3 {
         self.rotation * point + self.translation
@@ -72,16 +72,16 @@ impl std::ops::Mul for RigidTransform {
     }
 }
 
-/// One record of a tracker: the sensor's pose in the tracker's own frame.
+/// One record of a tracker: the pose of a sensor in the frame of the transmitter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PoseSample {
     /// The tracker's number of the receiver, from 1.
     pub station: u8,
     /// `transmitter_from_sensor`, metres.
     pub transmitter_from_sensor: RigidTransform,
-    /// When the record's bytes reached us.
+    /// When the last byte of the record arrived.
     pub arrived_at: MonotonicTime,
-    /// The device's error letter, if it sent one. Latched by some devices: to be shown,
-    /// never a reason to drop the record.
+    /// The device's error letter, if it sent one. Some devices repeat the last error in every
+    /// record, so it is to be displayed but no reason to discard the record.
     pub error: Option<u8>,
 }

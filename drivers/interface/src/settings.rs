@@ -1,39 +1,39 @@
-//! What a camera is asked to do: plain data, the same for every camera driver.
+//! The settings with which a camera is opened: plain data, the same for every driver.
 
-use crate::PixelFormat;
+use crate::frame::PixelFormat;
 use std::time::Duration;
 
-/// How a camera is to be opened. [`Default`] asks for whatever the first camera offers,
-/// locks nothing and reports what other programs change.
+/// Settings of a camera. The [`Default`] opens the only camera in its default mode and locks no
+/// control.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CameraSettings {
-    /// Which camera: a name under `/dev/v4l/by-id` or `/dev/v4l/by-path`, a path, or
-    /// `usb:VID:PID[:SERIAL]` in hexadecimal. Paths like `/dev/video0` are taken, but their
-    /// numbers change from one plugging to the next. Empty: the only camera there is.
+    /// The camera: a name under `/dev/v4l/by-id` or `/dev/v4l/by-path`, a path, or
+    /// `usb:VID:PID[:SERIAL]` in hexadecimal. The number in a path like `/dev/video0` depends on
+    /// the order of plugging in. Empty: the only camera.
     pub device: String,
-    /// Pixels in a row; 0 leaves the choice to the driver.
+    /// Pixels in a row; 0 for the driver's choice.
     pub width: u32,
-    /// Rows; 0 leaves the choice to the driver.
+    /// Rows; 0 for the driver's choice.
     pub height: u32,
-    /// Frames a second; `None` leaves the choice to the camera.
+    /// Frames a second; `None` for the camera's choice.
     pub frames_per_second: Option<f64>,
-    /// Formats in order of preference; the first that the camera has at the wanted size
-    /// and rate is taken. Empty: the driver's own order.
+    /// Formats in order of preference; the first one that the camera offers at this size and rate
+    /// is used. Empty: the driver's own order.
     pub formats: Vec<PixelFormat>,
-    /// Buffers that the camera may fill ahead, 2..=32.
+    /// Number of buffers that the camera can fill in advance, 2..=32.
     pub buffers: u32,
-    /// What is locked: names as `v4l2-ctl --list-ctrls` prints them, values in the device's
-    /// units. Old names (`exposure_absolute`) are understood. The order does not matter:
-    /// automatic modes are set before the values they own.
+    /// Controls to lock: names as `v4l2-ctl --list-ctrls` prints them, values in the device's
+    /// units. Old names (`exposure_absolute`) are accepted. Their order does not matter:
+    /// automatic modes are set before the values that they control.
     pub controls: Vec<(String, i64)>,
     /// What to do when another program changes a locked control.
     pub on_change: OnChange,
-    /// Bracketed exposures; `None`: one exposure for all frames.
+    /// Bracketed exposures; `None` for one exposure.
     pub bracket: Option<BracketSettings>,
-    /// Linear gain for one unit of the control `gain`; `None` where it is not known, and
-    /// frames then say gain 1.
+    /// Linear gain for one unit of the control `gain`. `None` if it is not known; frames then
+    /// report a gain of 1.
     pub gain_per_unit: Option<f64>,
-    /// No frame for so long means that the camera hangs.
+    /// A camera that delivers no frame for this long counts as silent.
     pub silence: Duration,
 }
 
@@ -58,24 +58,24 @@ impl Default for CameraSettings {
 /// What to do when another program changes a locked control.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum OnChange {
-    /// Set it back, and count it.
+    /// Restore the configured value, and count the change.
     Restore,
-    /// Leave it, and say so in the report.
+    /// Leave the new value, and report it.
     #[default]
     Report,
 }
 
-/// A cycle of exposure times, for pictures of more range than the sensor has.
+/// A cycle of exposure times, for a larger dynamic range than the sensor has.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BracketSettings {
-    /// Stops relative to the base exposure (the locked `exposure_time_absolute`, or the one
-    /// found in force), in the order of the cycle. One of them must be 0, the base.
+    /// Stops relative to the base exposure (the locked `exposure_time_absolute`, or the present
+    /// one), in the order of the cycle. One of them must be 0, the base.
     pub stops: Vec<f64>,
-    /// Frames for which each exposure is kept, 1..=30. From 2 on, the first frame of each
-    /// is dropped, because it may have been exposed while the change came.
+    /// Number of frames with each exposure, 1..=30. From 2 on, the first frame of each is dropped,
+    /// because it may have been taken while the exposure changed.
     pub hold: u32,
-    /// Frames that still come with the old exposure after a new one was set, 0..=10;
-    /// `None`: measured from the pictures' brightness when the stream starts.
+    /// Number of frames that still have the old exposure after a new one was set, 0..=10; `None`
+    /// to measure it from the brightness of the first frames.
     pub lag: Option<u32>,
 }
 

@@ -1,15 +1,15 @@
-//! One clock for every device.
+//! The common clock of all devices.
 
 use std::ops::{Add, Sub};
 use std::time::Duration;
 
-/// Nanoseconds of `CLOCK_MONOTONIC`. Recorded sessions keep the instants of the machine
-/// that recorded them.
+/// A time of `CLOCK_MONOTONIC`, nanoseconds. Recorded sessions hold times of the machine that
+/// recorded them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct MonotonicTime(i64);
 
 impl MonotonicTime {
-    /// The instant `nanos` nanoseconds after the clock's zero.
+    /// The time `nanos` nanoseconds after the clock's zero.
     #[must_use]
     pub const fn from_nanos(nanos: i64) -> Self {
         Self(nanos)
@@ -21,20 +21,20 @@ impl MonotonicTime {
         self.0
     }
 
-    /// Signed nanoseconds from `earlier` to `self`; saturates instead of overflowing,
-    /// because recorded time stamps come from outside.
+    /// Nanoseconds from `earlier` to `self`, negative if `self` is earlier. Saturates, because
+    /// recorded times may have any value.
     #[must_use]
     pub const fn nanos_since(self, earlier: Self) -> i64 {
         self.0.saturating_sub(earlier.0)
     }
 
-    /// Signed seconds from `earlier` to `self`.
+    /// Seconds from `earlier` to `self`, negative if `self` is earlier.
     #[must_use]
     pub fn seconds_since(self, earlier: Self) -> f64 {
         self.nanos_since(earlier) as f64 * 1e-9
     }
 
-    /// This instant shifted by a signed number of nanoseconds, saturating.
+    /// This time shifted by a number of nanoseconds, which may be negative. Saturates.
     #[must_use]
     pub const fn offset_nanos(self, nanos: i64) -> Self {
         Self(self.0.saturating_add(nanos))
@@ -58,14 +58,14 @@ impl Sub<Duration> for MonotonicTime {
     }
 }
 
-/// Where the time comes from: the system, or a test.
+/// A source of the time: the system, or a test.
 pub trait Clock: Send + Sync {
-    /// The present instant.
+    /// The present time.
     fn now(&self) -> MonotonicTime;
 }
 
-/// `CLOCK_MONOTONIC`, as the kernel stamps buffers. Where there is none (Windows), time
-/// since the first reading.
+/// `CLOCK_MONOTONIC`, which the kernel uses to stamp buffers. On Windows, which has none, the
+/// time since the first call.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SystemClock;
 

@@ -1,46 +1,46 @@
-//! What every tracker driver does.
+//! The interface of tracker drivers.
 
-use crate::{DeviceError, MonotonicTime};
+use crate::error::DeviceError;
+use crate::time::MonotonicTime;
 use bytes::Bytes;
 use std::time::Duration;
 
-/// A tracker that is open, configured and streams. Dropping it stops the stream in order
-/// and closes the port.
+/// An open, configured, streaming tracker. Dropping it stops the stream and closes the port.
 ///
-/// A driver hands over bytes as they came, not poses: the same bytes go into the recording
-/// and into the protocol's decoder, so that a replay decodes what the live rig decoded.
+/// A driver delivers the bytes as they arrived, not poses: the same bytes go into the recording
+/// and into the decoder of the protocol, so that a replay decodes exactly what the live rig did.
 pub trait Tracker: Send {
     /// Waits up to `timeout` for bytes; `None` if none came.
     ///
     /// # Errors
-    /// [`DeviceError::recovery`] says whether to read on, to reopen or to give up.
+    /// [`DeviceError::recovery`] says whether to go on reading, to reopen or to give up.
     fn next_bytes(&mut self, timeout: Duration) -> Result<Option<TrackerBytes>, DeviceError>;
 
     /// What is known of the tracker.
     fn report(&self) -> TrackerReport;
 }
 
-/// Bytes as one read gave them.
+/// The bytes of one read.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TrackerBytes {
     /// The bytes.
     pub bytes: Bytes,
-    /// When the last of them was there.
+    /// When the last of them had arrived.
     pub arrived_at: MonotonicTime,
 }
 
-/// A tracker's own account of itself.
+/// The state of a tracker.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TrackerReport {
-    /// Who it is, the same after replugging: the name under `/dev/serial/by-id`, an
-    /// address, or what comes nearest to it.
+    /// An identity that stays the same after replugging: the name under `/dev/serial/by-id`, a
+    /// network address, or what comes closest to it.
     pub identity: String,
-    /// How its bytes are spelled, by the name under which a session keeps it
-    /// (`fastrak-binary-quaternion`): what a decoder is made from.
+    /// Name of the protocol of its bytes, such as `fastrak-binary-quaternion`, for which a
+    /// decoder can be made.
     pub protocol: String,
-    /// What the device said of itself when it was asked, in one line.
+    /// The device's description of itself, one line, if it sent one.
     pub said: Option<String>,
-    /// What is odd but no reason to stop: an error letter, a mode it did not confirm.
+    /// What its user should know, one line: an error letter, a mode that it did not confirm.
     pub warning: Option<String>,
     /// Bytes received.
     pub bytes: u64,

@@ -1,15 +1,15 @@
-//! A camera and a tracker that play what was recorded, at its pace, as if they were there.
+//! A camera and a tracker that play recordings at their original pace.
 //!
-//! Several of them share one [`Timeline`], so that what was recorded together comes
-//! together again. At its end the recording begins anew. A device that is opened later, or
-//! opened again, joins in where the others are: what came before is lost to it, as it is
-//! with a real device.
+//! The devices of one recording share a [`Timeline`], so that they stay synchronous. At its end
+//! the recording starts again. A device that is opened later, or opened again, starts at the
+//! present position of the others; it misses what came before, like a real device.
 //!
-//! Nothing here reads files: whoever opens a device brings an iterator over what was
-//! recorded.
+//! Nothing here reads files: a device is given an iterator over its recording.
 
+mod devices;
 mod playback;
 mod timeline;
 
-pub use playback::{Items, Recorded, ReplayCamera, ReplayTracker};
+pub use devices::{ReplayCamera, ReplayTracker};
+pub use playback::{Items, Recorded};
 pub use timeline::Timeline;

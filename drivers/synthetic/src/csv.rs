@@ -1,7 +1,8 @@
-//! A home-made tracker: it sends lines and takes no commands.
+//! A home-made tracker: it sends lines of text and takes no commands.
 
 use penumbra_interface::RigidTransform;
 
+/// Appends one line.
 pub(crate) fn record(seconds: f64, pose: RigidTransform, out: &mut Vec<u8>) {
     let (p, q) = (pose.translation, pose.rotation);
     let text = format!(

@@ -1,25 +1,26 @@
-//! A FASTRAK's side of its protocol (manual OPM00PI002 Rev G).
+//! A simulated FASTRAK (manual OPM00PI002 Rev G).
 
+use crate::receivers::{in_hemisphere, receiver_pose};
 use glam::{DQuat, DVec3, EulerRot};
 use penumbra_interface::RigidTransform;
 
-/// Longest command that waits for its carriage return.
+/// Longest command line, bytes; the rest is ignored.
 const LINE_LIMIT: usize = 300;
 const CENTIMETRES_PER_METRE: f64 = 100.0;
 const INCHES_PER_METRE: f64 = 1.0 / 0.0254;
-/// Re-initialising takes a real device about so long, seconds.
+/// Time that a real device takes to re-initialise, seconds.
 const RESET_SECONDS: f64 = 10.0;
 
-/// What the device has been told.
+/// The state of the device.
 #[derive(Clone, Debug)]
 pub(crate) struct Fastrak {
     binary: bool,
     centimetres: bool,
     continuous: bool,
     stations: [Station; 4],
-    /// A command that has not ended yet.
+    /// The beginning of a command line.
     line: Vec<u8>,
-    /// Seconds of re-initialising that are left to be begun.
+    /// Seconds of a re-initialisation that has been asked for.
     reset: Option<f64>,
 }
 
@@ -41,7 +42,7 @@ impl Default for Station {
 }
 
 impl Default for Fastrak {
-    /// As it leaves the factory, one receiver plugged in.
+    /// Factory settings, with one receiver.
     fn default() -> Self {
         let mut stations: [Station; 4] = Default::default();
         stations[0].on = true;
@@ -57,10 +58,10 @@ impl Default for Fastrak {
 }
 
 impl Fastrak {
-    /// Set as a recording says it was, by its protocol's name.
-    pub(crate) fn set_as(&mut self, protocol: &str) {
+    /// Sets the mode that a protocol name stands for.
+    pub(crate) fn configure_for(&mut self, protocol: &str) {
         self.binary = protocol.contains("binary");
-        let more = if protocol.contains("extended") { 50 } else { 0 };
+        let extended = if protocol.contains("extended") { 50 } else { 0 };
         let orientation = if protocol.ends_with("quaternion") {
             11
         } else {
@@ -68,7 +69,7 @@ impl Fastrak {
         };
         let ending = u8::from(!self.binary);
         for station in &mut self.stations {
-            station.items = vec![2 + more, orientation + more, ending];
+            station.items = vec![2 + extended, orientation + extended, ending];
         }
     }
 
@@ -80,22 +81,22 @@ impl Fastrak {
         self.reset.take()
     }
 
-    /// Takes commands, appends answers. `pose` is where the sensor is now.
+    /// Takes commands and appends the answers. `pose` is the present pose of the body.
     pub(crate) fn receive(&mut self, bytes: &[u8], pose: RigidTransform, out: &mut Vec<u8>) {
         for &byte in bytes {
             if self.line.is_empty() {
-                self.begin(byte, pose, out);
+                self.first_byte(byte, pose, out);
             } else if matches!(byte, b'\r' | b'\n') {
                 let line = std::mem::take(&mut self.line);
-                self.carry_out(&line, out);
+                self.execute(&line, out);
             } else if self.line.len() < LINE_LIMIT {
                 self.line.push(byte);
             }
         }
     }
 
-    /// A command's first byte; most single letters take no carriage return.
-    fn begin(&mut self, byte: u8, pose: RigidTransform, out: &mut Vec<u8>) {
+    /// Takes the first byte of a command. Most single letters take no carriage return.
+    fn first_byte(&mut self, byte: u8, pose: RigidTransform, out: &mut Vec<u8>) {
         match byte {
             b'C' => self.continuous = true,
             b'c' => self.continuous = false,
@@ -105,18 +106,18 @@ impl Fastrak {
             b'u' => self.centimetres = true,
             b'P' => self.records(pose, out),
             b'S' => self.status(out),
-            // ^Y: everything as it was saved, which is as the factory made it.
+            // ^Y: re-initialise with the saved settings, here the factory settings.
             0x19 => {
                 *self = Self::default();
                 self.reset = Some(RESET_SECONDS);
             }
-            // ^K saves, W restores the factory's settings at the next ^Y, T clears errors.
+            // ^K saves, W restores the factory settings at the next ^Y, T clears errors.
             0x0b | b'W' | b'T' | b'\r' | b'\n' => {}
             _ => self.line.push(byte),
         }
     }
 
-    fn carry_out(&mut self, line: &[u8], out: &mut Vec<u8>) {
+    fn execute(&mut self, line: &[u8], out: &mut Vec<u8>) {
         let text = String::from_utf8_lossy(line);
         let Some((command, arguments)) = text.split_at_checked(1) else {
             return;
@@ -131,7 +132,7 @@ impl Fastrak {
             "l" => self.switch(index, &rest, out),
             "O" => self.choose_items(index, &rest, out),
             "H" => self.choose_hemisphere(index, &rest, out),
-            // Alignment, boresight, filters: taken, and without effect on a simulation.
+            // Alignment, boresight, filters: accepted without effect.
             _ => {}
         }
     }
@@ -173,7 +174,7 @@ impl Fastrak {
         }
     }
 
-    /// 55 bytes (p. 69): flags, built-in test, identities, software, the owner's text.
+    /// 55 bytes (p. 69): flags, built-in test, IDs, software version, system identification.
     fn status(&self, out: &mut Vec<u8>) {
         let flags = 0x3f0
             | u16::from(self.binary)
@@ -188,17 +189,15 @@ impl Fastrak {
         );
     }
 
-    /// Stations that are on, at least one: the unit's 120 records a second are shared.
+    /// Number of stations that are on, at least one: they share 120 records a second.
     pub(crate) fn active(&self) -> usize {
         self.stations.iter().filter(|s| s.on).count().max(1)
     }
 
-    /// One record of every active station. All sensors sit on one body, 10 cm apart in y.
+    /// Appends one record of every active station.
     pub(crate) fn records(&self, pose: RigidTransform, out: &mut Vec<u8>) {
         for (i, station) in self.stations.iter().enumerate().filter(|(_, s)| s.on) {
-            let beside = DVec3::Y * (0.1 * i as f64);
-            let seat = RigidTransform::new(DQuat::IDENTITY, beside);
-            let pose = mirrored(pose * seat, station.hemisphere);
+            let pose = in_hemisphere(receiver_pose(pose, i), station.hemisphere);
             out.extend([b'0', b'1' + i as u8, b' ']);
             for item in &station.items {
                 self.item(*item, pose, out);
@@ -232,7 +231,7 @@ impl Fastrak {
                 let DQuat { x, y, z, w } = pose.rotation;
                 self.numbers(&[w, x, y, z], 4, extended, out);
             }
-            // The stylus' switch: not pressed.
+            // The switch of the stylus: not pressed.
             16 => out.extend(b" 0"),
             _ => {}
         }
@@ -257,15 +256,4 @@ fn scientific(value: f64) -> String {
     let (mantissa, exponent) = text.split_once('e').unwrap_or((&text, "0"));
     let exponent: i32 = exponent.parse().unwrap_or(0);
     format!("{mantissa:>8}E{exponent:+03} ")
-}
-
-/// The field of a magnetic tracker is the same at a point and at its mirror image through
-/// the transmitter: outside the hemisphere that it was told, a device reports the other one.
-/// A hemisphere of zeros means that it keeps track by itself.
-pub(crate) fn mirrored(pose: RigidTransform, hemisphere: DVec3) -> RigidTransform {
-    if hemisphere.dot(pose.translation) < 0.0 {
-        RigidTransform::new(pose.rotation, -pose.translation)
-    } else {
-        pose
-    }
 }

@@ -1,30 +1,31 @@
-//! What can go wrong on a line.
+//! Faults of a simulated line.
 
 use thiserror::Error;
 
-/// Faults that a simulated line has. Rates are per byte; seconds count from the beginning.
+/// Faults of a simulated line. Rates are per byte; seconds count from the start.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Faults {
-    /// Written in pieces of a few bytes.
+    /// Bytes are written a few at a time.
     pub split: bool,
-    /// Bytes lost.
+    /// Rate of lost bytes.
     pub drop: f64,
-    /// Bytes with one bit wrong.
+    /// Rate of bytes with one bit flipped.
     pub flip: f64,
-    /// Bytes that nobody sent.
+    /// Rate of inserted bytes.
     pub insert: f64,
-    /// Nothing is sent any more after so many seconds.
+    /// Seconds after which nothing is sent any more.
     pub silent_after: Option<f64>,
-    /// The other end goes after so many seconds.
+    /// Seconds after which the device hangs up.
     pub hang_up_after: Option<f64>,
+    /// State of the random numbers.
     state: u64,
 }
 
-/// A fault that there is not.
+/// The name of a fault is unknown, or its number is not one.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 #[error(
-    "{text:?} is no fault; there are split, drop=RATE, flip=RATE, insert=RATE, \
-     silent-after=SECONDS, hang-up-after=SECONDS, parted by commas"
+    "{text:?} is not a fault; there are split, drop=RATE, flip=RATE, insert=RATE, \
+     silent-after=SECONDS, hang-up-after=SECONDS, separated by commas"
 )]
 pub struct FaultsError {
     /// What was written.
@@ -32,10 +33,10 @@ pub struct FaultsError {
 }
 
 impl Faults {
-    /// From text such as `split,drop=0.001,silent-after=5`.
+    /// Parses text such as `split,drop=0.001,silent-after=5`.
     ///
     /// # Errors
-    /// An unknown name, or a number that is none.
+    /// A name is unknown, or a number is not one.
     pub fn parse(text: &str) -> Result<Self, FaultsError> {
         let mut faults = Self::default();
         for field in text
@@ -65,7 +66,7 @@ impl Faults {
         Some(())
     }
 
-    /// The bytes as the line delivers them.
+    /// Applies the faults to the bytes of one delivery.
     pub(crate) fn damage(&mut self, bytes: &mut Vec<u8>) {
         if self.drop + self.flip + self.insert <= 0.0 {
             return;
@@ -84,8 +85,8 @@ impl Faults {
         *bytes = damaged;
     }
 
-    /// How many of `len` bytes to write in one go.
-    pub(crate) fn piece(&mut self, len: usize) -> usize {
+    /// How many of `len` bytes to write at once.
+    pub(crate) fn write_len(&mut self, len: usize) -> usize {
         if self.split {
             len.min(1 + (self.random() % 7) as usize)
         } else {
@@ -97,7 +98,7 @@ impl Faults {
         rate > 0.0 && (self.random() as f64 / u64::MAX as f64) < rate
     }
 
-    /// splitmix64: the same faults every time, so that a failure can be repeated.
+    /// splitmix64 from a fixed seed, so that a failure can be reproduced.
     fn random(&mut self) -> u64 {
         self.state = self.state.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.state;
@@ -113,7 +114,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn faults_are_read_and_wrong_ones_named() {
+    fn faults_are_parsed_and_wrong_ones_named() {
         let faults = Faults::parse("split, drop=0.01,silent-after=5").unwrap();
         assert!(faults.split && faults.silent_after == Some(5.0));
         assert!((faults.drop - 0.01).abs() < 1e-12);
@@ -123,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn damage_is_as_frequent_as_said() {
+    fn faults_are_as_frequent_as_configured() {
         let mut faults = Faults::parse("drop=0.1,flip=0.1,insert=0.1").unwrap();
         let mut bytes = vec![0; 100_000];
         faults.damage(&mut bytes);

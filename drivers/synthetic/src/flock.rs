@@ -1,17 +1,17 @@
-//! A Flock of Birds' side of its protocol.
+//! A simulated Flock of Birds.
 
-use crate::fastrak::mirrored;
+use crate::receivers::{in_hemisphere, receiver_pose};
 use glam::{DQuat, DVec3, EulerRot};
 use penumbra_interface::RigidTransform;
 use std::f64::consts::PI;
 
-/// Full scale of the standard transmitter, metres.
+/// Full scale of a position with the standard transmitter, metres.
 const FULL_SCALE: f64 = 36.0 * 0.0254;
 
-/// Birds on the bus, addresses 1 to 4.
+/// Birds on the bus; their addresses are 1 to 4.
 const BIRDS: usize = 4;
 
-/// What the device has been told. The bird with address 1 has the serial port.
+/// The state of the device. The bird with address 1 has the serial port.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Flock {
     streaming: bool,
@@ -19,9 +19,9 @@ pub(crate) struct Flock {
     /// Birds that take part in group mode.
     configured: Option<usize>,
     birds: [Bird; BIRDS],
-    /// The next command is for this one.
+    /// The address that the next command is for.
     addressed: Option<u8>,
-    /// A command that waits for its parameters.
+    /// The beginning of a command.
     command: Vec<u8>,
 }
 
@@ -32,7 +32,8 @@ struct Bird {
 }
 
 impl Flock {
-    pub(crate) fn set_as(&mut self, protocol: &str) {
+    /// Sets the mode that a protocol name stands for.
+    pub(crate) fn configure_for(&mut self, protocol: &str) {
         for bird in &mut self.birds {
             bird.angles = protocol.contains("angles");
         }
@@ -43,7 +44,8 @@ impl Flock {
         self.streaming
     }
 
-    /// Takes commands: a byte, some with parameters of a known number.
+    /// Takes commands, which are one byte and a known number of parameters, and appends the
+    /// answers.
     pub(crate) fn receive(&mut self, bytes: &[u8], pose: RigidTransform, out: &mut Vec<u8>) {
         for &byte in bytes {
             // RS232-to-FBB: the next command is for the bird with this address.
@@ -54,12 +56,12 @@ impl Flock {
             self.command.push(byte);
             if self.command.len() > parameters(&self.command) {
                 let command = std::mem::take(&mut self.command);
-                self.carry_out(&command, pose, out);
+                self.execute(&command, pose, out);
             }
         }
     }
 
-    fn carry_out(&mut self, command: &[u8], pose: RigidTransform, out: &mut Vec<u8>) {
+    fn execute(&mut self, command: &[u8], pose: RigidTransform, out: &mut Vec<u8>) {
         let address = usize::from(self.addressed.take().unwrap_or(1));
         let Some(bird) = self.birds.get_mut(address.wrapping_sub(1)) else {
             return;
@@ -88,8 +90,7 @@ impl Flock {
         }
     }
 
-    /// One record; in group mode one of every bird that takes part. All sit on one body,
-    /// 10 cm apart in y.
+    /// Appends one record; in group mode one of every bird that takes part.
     pub(crate) fn records(&self, pose: RigidTransform, out: &mut Vec<u8>) {
         let count = if self.group {
             self.configured.unwrap_or(1)
@@ -97,8 +98,7 @@ impl Flock {
             1
         };
         for (i, bird) in self.birds.iter().take(count).enumerate() {
-            let seat = RigidTransform::new(DQuat::IDENTITY, DVec3::Y * (0.1 * i as f64));
-            bird.record(pose * seat, out);
+            bird.record(receiver_pose(pose, i), out);
             out.extend(self.group.then_some(i as u8 + 1));
         }
     }
@@ -106,7 +106,7 @@ impl Flock {
 
 impl Bird {
     fn record(&self, pose: RigidTransform, out: &mut Vec<u8>) {
-        let pose = mirrored(pose, self.hemisphere.unwrap_or(DVec3::X));
+        let pose = in_hemisphere(pose, self.hemisphere.unwrap_or(DVec3::X));
         let start = out.len();
         for value in (pose.translation / FULL_SCALE).to_array() {
             word(value, out);
@@ -124,7 +124,7 @@ impl Bird {
     }
 }
 
-/// Parameters that a command takes.
+/// Number of parameters of a command.
 fn parameters(command: &[u8]) -> usize {
     match command {
         [b'L', ..] | [b'P', 0x23 | 0x32, ..] => 2,
@@ -133,7 +133,7 @@ fn parameters(command: &[u8]) -> usize {
     }
 }
 
-/// A fraction of full scale as two bytes of seven bits, the lesser one first.
+/// Appends a fraction of full scale as two bytes of seven bits, least significant first.
 fn word(fraction: f64, out: &mut Vec<u8>) {
     let word = (fraction * 32768.0).round().clamp(-32768.0, 32767.0) as i16;
     let bits = word.cast_unsigned();

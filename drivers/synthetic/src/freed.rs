@@ -1,17 +1,18 @@
-//! A FreeD unit's side of its protocol.
+//! A simulated FreeD unit.
 
 use glam::DMat3;
 use penumbra_interface::RigidTransform;
 
-/// Streams or waits.
+/// The state of the unit.
 #[derive(Clone, Debug)]
 pub(crate) struct Freed {
     streaming: bool,
+    /// The beginning of a command.
     command: Vec<u8>,
 }
 
 impl Freed {
-    /// A unit on a serial line waits to be told; over UDP nobody can tell it.
+    /// A unit on a serial line waits for a command; a unit that sends datagrams cannot.
     pub(crate) fn new(streaming: bool) -> Self {
         Self {
             streaming,
@@ -23,7 +24,7 @@ impl Freed {
         self.streaming
     }
 
-    /// Takes D0 messages: `D0`, camera, command, checksum.
+    /// Takes commands (D0: `D0`, camera, command, checksum) and appends the answers.
     pub(crate) fn receive(&mut self, bytes: &[u8], pose: RigidTransform, out: &mut Vec<u8>) {
         for &byte in bytes {
             if self.command.is_empty() && byte != 0xd0 {
@@ -36,14 +37,14 @@ impl Freed {
                     .iter()
                     .fold(0_u8, |sum, b| sum.wrapping_add(*b));
                 if sum == 0x40 && matches!(camera, 1 | 0xff) {
-                    self.carry_out(command, pose, out);
+                    self.execute(command, pose, out);
                 }
                 self.command.clear();
             }
         }
     }
 
-    fn carry_out(&mut self, command: u8, pose: RigidTransform, out: &mut Vec<u8>) {
+    fn execute(&mut self, command: u8, pose: RigidTransform, out: &mut Vec<u8>) {
         match command {
             0x00 => self.streaming = false,
             0x01 => self.streaming = true,
@@ -52,8 +53,8 @@ impl Freed {
         }
     }
 
-    /// Pan to the right, tilt up and roll clockwise of a camera whose axes are right,
-    /// forward, up: the inverse of R = Rz(−pan) · Rx(tilt) · Ry(roll).
+    /// Appends a D1 message. The pose is that of a camera with axes right, forward and up; its
+    /// angles follow from R = Rz(−pan) · Rx(tilt) · Ry(roll).
     pub(crate) fn record(pose: RigidTransform, out: &mut Vec<u8>) {
         let r = DMat3::from_quat(pose.rotation);
         let pan = r.y_axis.x.atan2(r.y_axis.y);
@@ -77,6 +78,7 @@ impl Freed {
     }
 }
 
+/// Appends a 24-bit big-endian number.
 fn number(counts: f64, out: &mut Vec<u8>) {
     let counts = counts.round() as i32;
     out.extend(&counts.to_be_bytes()[1..]);

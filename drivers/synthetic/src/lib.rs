@@ -1,10 +1,10 @@
 //! Simulated trackers: the device's side of every protocol.
 //!
-//! A [`SimulatedTracker`] is a state machine without I/O: commands in, answers and records
-//! out, driven by a [`Trajectory`] or by bytes that were recorded. [`Pty`] is a serial port
-//! that does not exist, at the other end of which a driver finds such a device. The records
-//! are spelled here a second time, on purpose: what a decoder and a simulator have in
-//! common, no test of one against the other can find wrong.
+//! A [`SimulatedTracker`] is a state machine without I/O that takes commands and returns answers
+//! and records. Its poses come from a [`Trajectory`], or it sends recorded bytes. [`serve`] runs
+//! it at an [`Outlet`]: a [`Pty`], which a driver opens like a serial port, or a [`UdpOutlet`].
+//! The simulators share no code with the decoders, because tests of one against the other could
+//! not find errors in shared code.
 
 mod csv;
 mod fastrak;
@@ -14,6 +14,7 @@ mod freed;
 mod liberty;
 #[cfg(unix)]
 mod pty;
+mod receivers;
 mod serve;
 mod tracker;
 mod trajectory;

@@ -1,15 +1,16 @@
-//! A Liberty's side of its protocol.
+//! A simulated Liberty or Patriot.
 
-use crate::fastrak::mirrored;
+use crate::receivers::{in_hemisphere, receiver_pose};
 use glam::{DQuat, DVec3, EulerRot};
 use penumbra_interface::RigidTransform;
 
+/// Longest command line, bytes; the rest is ignored.
 const LINE_LIMIT: usize = 300;
 
-/// Receivers that are plugged in: all that a Patriot can have.
+/// Receivers that are plugged in: as many as a Patriot can have.
 const RECEIVERS: usize = 2;
 
-/// What the device has been told.
+/// The state of the device.
 #[derive(Clone, Debug)]
 pub(crate) struct Liberty {
     binary: bool,
@@ -17,7 +18,7 @@ pub(crate) struct Liberty {
     continuous: bool,
     items: Vec<u8>,
     hemisphere: DVec3,
-    /// What is plugged in is on after power-up.
+    /// Which receivers are on; all that are plugged in are after power-up.
     on: [bool; RECEIVERS],
     line: Vec<u8>,
     patriot: bool,
@@ -39,7 +40,8 @@ impl Liberty {
         }
     }
 
-    pub(crate) fn set_as(&mut self, protocol: &str) {
+    /// Sets the mode that a protocol name stands for.
+    pub(crate) fn configure_for(&mut self, protocol: &str) {
         self.binary = true;
         self.items = vec![2, if protocol.ends_with("euler") { 4 } else { 7 }];
     }
@@ -48,19 +50,19 @@ impl Liberty {
         self.continuous
     }
 
-    /// Takes commands, each ended by a carriage return, and appends answers.
+    /// Takes commands, each ended by a carriage return, and appends the answers.
     pub(crate) fn receive(&mut self, bytes: &[u8], pose: RigidTransform, out: &mut Vec<u8>) {
         for &byte in bytes {
             if byte == b'\r' {
                 let line = std::mem::take(&mut self.line);
-                self.carry_out(&line, pose, out);
+                self.execute(&line, pose, out);
             } else if self.line.len() < LINE_LIMIT {
                 self.line.push(byte);
             }
         }
     }
 
-    fn carry_out(&mut self, line: &[u8], pose: RigidTransform, out: &mut Vec<u8>) {
+    fn execute(&mut self, line: &[u8], pose: RigidTransform, out: &mut Vec<u8>) {
         match line {
             b"P" => {
                 self.continuous = false;
@@ -71,7 +73,7 @@ impl Liberty {
             b"F1" => self.binary = true,
             b"U0" => self.centimetres = false,
             b"U1" => self.centimetres = true,
-            [0x16] => self.who(out),
+            [0x16] => self.identify(out),
             [0x15, state @ ..] => self.switch(state, out),
             [b'O', b'*' | b'1', b',', items @ ..] => {
                 self.items = numbers(items).map(|value: f64| value as u8).collect();
@@ -86,13 +88,14 @@ impl Liberty {
         }
     }
 
-    fn who(&self, out: &mut Vec<u8>) {
+    fn identify(&self, out: &mut Vec<u8>) {
         let name = if self.patriot { "Patriot" } else { "Liberty" };
         let text = format!("Polhemus Inc., simulated {name}, version 1.07\r\n");
         self.answer(0x16, &text, out);
     }
 
-    /// `^U`: a receiver on or off, or, of receiver 0, which are plugged in and which are on.
+    /// `^U`: switches a receiver on or off; with receiver 0, answers which are plugged in and
+    /// which are on.
     fn switch(&mut self, state: &[u8], out: &mut Vec<u8>) {
         let state: Vec<f64> = numbers(state).collect();
         match *state.as_slice() {
@@ -126,20 +129,19 @@ impl Liberty {
         self.records(b'C', pose, out);
     }
 
-    /// One record of every receiver that is on. All sit on one body, 10 cm apart in y.
+    /// Appends one record of every receiver that is on.
     fn records(&mut self, command: u8, pose: RigidTransform, out: &mut Vec<u8>) {
         for (i, on) in self.on.into_iter().enumerate() {
-            let seat = RigidTransform::new(DQuat::IDENTITY, DVec3::Y * (0.1 * i as f64));
             if on {
-                self.record((i as u8 + 1, command), pose * seat, out);
+                self.record((i as u8 + 1, command), receiver_pose(pose, i), out);
             }
         }
     }
 
-    /// In text mode a line of station, error and numbers.
+    /// Appends one record; in text mode a line of station, error and numbers.
     fn record(&mut self, (station, command): (u8, u8), pose: RigidTransform, out: &mut Vec<u8>) {
         self.records_sent += 1;
-        let pose = mirrored(pose, self.hemisphere);
+        let pose = in_hemisphere(pose, self.hemisphere);
         let mut body = Vec::new();
         if !self.binary {
             body.extend(format!("{station:02}  ").bytes());

@@ -1,6 +1,6 @@
-//! A serial port that does not exist.
+//! A pseudo-terminal in the place of a serial port.
 
-use crate::Outlet;
+use crate::serve::Outlet;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::{Errno, FdFlags, fcntl_setfd};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
@@ -11,27 +11,27 @@ use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// The device's end of a pseudo-terminal; a driver opens [`path`](Pty::path) as if it were
-/// a serial port. Dropping it hangs up.
+/// The device's end of a pseudo-terminal; a driver opens [`path`](Pty::path) like a serial
+/// port. Dropping it hangs up.
 #[derive(Debug)]
 pub struct Pty {
     device: OwnedFd,
     path: PathBuf,
-    /// The driver's end stays open here, so that a driver may come and go: without anybody
-    /// there the device's end would fail.
+    /// Keeps the driver's end open, so that drivers may come and go: while nobody has it open,
+    /// reading at the device's end fails.
     driver_end: File,
     link: Option<PathBuf>,
 }
 
 impl Pty {
-    /// A new pseudo-terminal, raw from the beginning: otherwise what the device sends
-    /// before a driver has come would be echoed back to the device.
+    /// A new pseudo-terminal in raw mode. In the default mode, what the device sends before a
+    /// driver has opened its end would be echoed back to the device.
     ///
     /// # Errors
     /// What the operating system says.
     pub fn open() -> io::Result<Self> {
         let device = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY)?;
-        // macOS does not take this as a flag of `openpt`.
+        // macOS does not accept this as a flag of `openpt`.
         fcntl_setfd(&device, FdFlags::CLOEXEC)?;
         grantpt(&device)?;
         unlockpt(&device)?;
@@ -49,17 +49,17 @@ impl Pty {
         })
     }
 
-    /// The driver's end.
+    /// The path of the driver's end.
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Makes a symbolic link to the driver's end, in place of one that is there; it is
-    /// removed with this.
+    /// Makes a symbolic link to the driver's end, and replaces a link that exists already. The
+    /// link is removed when this is dropped.
     ///
     /// # Errors
-    /// When something other than a link is there, or it cannot be made.
+    /// Something other than a link exists at that path, or the link cannot be made.
     pub fn link(&mut self, link: &Path) -> io::Result<()> {
         if link.symlink_metadata().is_ok_and(|data| data.is_symlink()) {
             std::fs::remove_file(link)?;
@@ -72,7 +72,7 @@ impl Pty {
 
 impl Outlet for Pty {
     fn read(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
-        // A driver that was killed could not give back its exclusive use.
+        // A driver that was killed has left its exclusive mode on.
         let _ = ioctl_tiocnxcl(&self.driver_end);
         let timeout = Timespec {
             tv_sec: timeout.as_secs().cast_signed(),
@@ -95,7 +95,7 @@ impl Outlet for Pty {
             match rustix::io::write(&self.device, rest) {
                 Ok(count) => rest = rest.get(count..).unwrap_or_default(),
                 Err(Errno::INTR) => {}
-                // Nobody reads: a serial line loses it, too.
+                // No driver reads: the bytes are lost, as on a serial line.
                 Err(Errno::AGAIN) => return Ok(()),
                 Err(error) => return Err(error.into()),
             }

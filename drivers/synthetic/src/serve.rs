@@ -1,35 +1,37 @@
-//! Lets a simulated tracker be one, in time.
+//! Runs a simulated tracker in real time.
 
-use crate::{Faults, SimulatedTracker};
+use crate::faults::Faults;
+use crate::tracker::SimulatedTracker;
 use penumbra_interface::{Clock, MonotonicTime};
 use std::io;
 use std::net::{SocketAddr, UdpSocket};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// How long a command may wait for its answer, and `stop` for being seen.
+/// Longest wait, after which `stop` is checked.
 const LONGEST_WAIT: Duration = Duration::from_millis(50);
 
-/// Where a device's bytes go and commands come from.
+/// A connection to a driver.
 pub trait Outlet {
-    /// Waits up to `timeout` for commands; 0 if none came.
+    /// Waits up to `timeout` for commands and reads them into `buffer`: their length in bytes, 0
+    /// if none came.
     ///
     /// # Errors
     /// What the operating system says.
     fn read(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize>;
 
-    /// Writes all of `bytes`, or loses them where nobody takes them.
+    /// Writes all of `bytes`, or loses them if nobody reads.
     ///
     /// # Errors
     /// What the operating system says.
     fn write(&mut self, bytes: &[u8]) -> io::Result<()>;
 }
 
-/// Answers and streams on the caller's thread until `stop` is set or the faults say to hang
-/// up.
+/// Answers and streams on the calling thread until `stop` is set or the time to hang up has
+/// come.
 ///
 /// # Errors
-/// What the outlet says.
+/// The outlet fails.
 pub fn serve(
     device: &mut SimulatedTracker,
     outlet: &mut impl Outlet,
@@ -68,14 +70,14 @@ fn deliver(out: &mut Vec<u8>, outlet: &mut impl Outlet, faults: &mut Faults) -> 
     faults.damage(out);
     let mut rest = out.as_slice();
     while !rest.is_empty() {
-        let (piece, later) = rest.split_at(faults.piece(rest.len()));
-        outlet.write(piece)?;
+        let (chunk, later) = rest.split_at(faults.write_len(rest.len()));
+        outlet.write(chunk)?;
         rest = later;
     }
     Ok(())
 }
 
-/// A device that sends datagrams and hears nothing.
+/// Sends datagrams and receives no commands.
 #[derive(Debug)]
 pub struct UdpOutlet {
     socket: UdpSocket,
@@ -100,11 +102,11 @@ impl UdpOutlet {
 
 impl Outlet for UdpOutlet {
     fn read(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
-        // Zero would mean to wait for ever.
+        // Zero would mean no time limit.
         let timeout = timeout.max(Duration::from_micros(1));
         self.socket.set_read_timeout(Some(timeout))?;
         match self.socket.recv(buffer) {
-            // Somebody's answer is no command; a refusal only says that nobody listens yet.
+            // A datagram is no command, and a refusal means that nobody listens yet.
             Ok(_) | Err(_) => Ok(0),
         }
     }

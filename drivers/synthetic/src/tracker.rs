@@ -1,33 +1,35 @@
-//! A simulated tracker: one of the machines, and what moves it.
+//! A simulated tracker: the device and its motion.
 
+use crate::csv;
 use crate::fastrak::Fastrak;
 use crate::flock::Flock;
 use crate::freed::Freed;
 use crate::liberty::Liberty;
-use crate::{Trajectory, csv};
+use crate::trajectory::Trajectory;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use thiserror::Error;
 
-/// A device that fell further behind than this leaves out what it missed, nanoseconds.
+/// Nanoseconds. A device that is further behind than this skips the records that it missed.
 const BACKLOG: i64 = 500_000_000;
 
 /// What a simulated tracker sends while it streams.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Source {
-    /// Records of poses along a path.
+    /// Records of the poses of a trajectory.
     Trajectory(Trajectory),
-    /// Bytes that a real one sent.
+    /// Recorded bytes of a real tracker.
     Recording(Recording),
 }
 
-/// Bytes of a tracker with the times at which they came; begins again after the last.
+/// Recorded bytes of a tracker with their arrival times. After the last, the first follow.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Recording {
+    /// Nanoseconds from the first chunk, and the bytes.
     chunks: Vec<(i64, Vec<u8>)>,
 }
 
 impl Recording {
-    /// From chunks in the order of their arrival. Nobody needs the pause before the first.
+    /// From chunks in the order of their arrival. The time before the first one is left out.
     #[must_use]
     pub fn new(chunks: Vec<(MonotonicTime, Vec<u8>)>) -> Self {
         let began = chunks.first().map_or(MonotonicTime::default(), |c| c.0);
@@ -45,29 +47,29 @@ impl Recording {
         self.chunks.iter().all(|(_, bytes)| bytes.is_empty())
     }
 
-    /// The chunk after this one, and how long after it, nanoseconds.
+    /// The index of the chunk after this one, and the nanoseconds between them.
     fn after(&self, index: usize) -> (usize, i64) {
         let time = |index: usize| self.chunks.get(index).map(|chunk| chunk.0);
         match (time(index), time(index + 1)) {
             (Some(now), Some(next)) => (index + 1, (next - now).max(0)),
-            // Between the last and the first as long as between the first two.
+            // The time from the last to the first is that between the first two.
             _ => (0, time(1).unwrap_or(10_000_000).max(1_000_000)),
         }
     }
 }
 
-/// No simulation speaks this protocol.
+/// There is no simulated device for this protocol.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 #[error(
-    "no simulated tracker speaks {protocol:?}; try fastrak, liberty, patriot, flock, freed or csv"
+    "there is no simulated tracker for {protocol:?}; try fastrak, liberty, patriot, flock, freed or csv"
 )]
 pub struct UnknownProtocol {
-    /// What was asked for.
+    /// The protocol name.
     pub protocol: String,
 }
 
 #[derive(Clone, Debug)]
-enum Machine {
+enum Device {
     Fastrak(Fastrak),
     Liberty(Liberty),
     Flock(Flock),
@@ -75,31 +77,32 @@ enum Machine {
     Csv,
 }
 
-/// A device without I/O: commands in, answers and records out, on the clock it is given.
+/// A simulated device without I/O: it takes commands and returns answers and records, at the
+/// times that it is given.
 #[derive(Clone, Debug)]
 pub struct SimulatedTracker {
-    machine: Machine,
+    device: Device,
     source: Source,
     rate: Option<f64>,
-    /// When it was switched on; the path begins there.
+    /// When it was first used, which is the start of the trajectory.
     began: Option<MonotonicTime>,
-    /// When the next record is due, while it streams.
+    /// When the next record is due; `None` while it does not stream.
     due: Option<MonotonicTime>,
-    /// The recording's next chunk.
+    /// Index of the next chunk of the recording.
     chunk: usize,
-    /// It does not listen before: it re-initialises.
-    deaf_until: Option<MonotonicTime>,
+    /// Until when it re-initialises and ignores commands.
+    resets_until: Option<MonotonicTime>,
 }
 
 impl SimulatedTracker {
-    /// A device that speaks `protocol` (a name as in a session: `fastrak`,
-    /// `fastrak-binary-quaternion`, `liberty`, `flock` …). With a recording it begins in the
-    /// mode that the name says; otherwise as from the factory. `rate` in records a second,
-    /// `None` for the device's own. `unasked` makes a FreeD unit stream from the beginning,
-    /// as those do that send datagrams.
+    /// A device for `protocol`, a name as in a session (`fastrak`, `fastrak-binary-quaternion`,
+    /// `liberty`, `flock` …). With a recording it starts in the mode that the name stands for,
+    /// otherwise with factory settings. `rate` is in records a second, `None` for the device's
+    /// own. `unasked` makes a FreeD unit stream without a command, as units that send datagrams
+    /// do.
     ///
     /// # Errors
-    /// When no simulation speaks the protocol.
+    /// There is no simulated device for the protocol.
     pub fn new(
         protocol: &str,
         source: Source,
@@ -107,12 +110,12 @@ impl SimulatedTracker {
         unasked: bool,
     ) -> Result<Self, UnknownProtocol> {
         let family = protocol.split(['-', ':']).next().unwrap_or_default();
-        let mut machine = match family {
-            "fastrak" => Machine::Fastrak(Fastrak::default()),
-            "liberty" | "patriot" => Machine::Liberty(Liberty::new(family == "patriot")),
-            "flock" => Machine::Flock(Flock::default()),
-            "freed" => Machine::Freed(Freed::new(unasked)),
-            "csv" => Machine::Csv,
+        let mut device = match family {
+            "fastrak" => Device::Fastrak(Fastrak::default()),
+            "liberty" | "patriot" => Device::Liberty(Liberty::new(family == "patriot")),
+            "flock" => Device::Flock(Flock::default()),
+            "freed" => Device::Freed(Freed::new(unasked)),
+            "csv" => Device::Csv,
             _ => {
                 return Err(UnknownProtocol {
                     protocol: protocol.to_owned(),
@@ -120,39 +123,39 @@ impl SimulatedTracker {
             }
         };
         if matches!(source, Source::Recording(_)) {
-            machine.set_as(protocol);
+            device.configure_for(protocol);
         }
         Ok(Self {
-            machine,
+            device,
             source,
             rate: rate.filter(|rate| *rate > 0.0),
             began: None,
             due: None,
             chunk: 0,
-            deaf_until: None,
+            resets_until: None,
         })
     }
 
-    /// Takes what the driver wrote and appends what the device answers at once.
+    /// Takes commands and appends the immediate answers.
     pub fn receive(&mut self, bytes: &[u8], now: MonotonicTime, out: &mut Vec<u8>) {
-        if self.deaf_until.is_some_and(|until| now < until) {
+        if self.resets_until.is_some_and(|until| now < until) {
             return;
         }
         let pose = self.pose(now);
-        match &mut self.machine {
-            Machine::Fastrak(device) => device.receive(bytes, pose, out),
-            Machine::Liberty(device) => device.receive(bytes, pose, out),
-            Machine::Flock(device) => device.receive(bytes, pose, out),
-            Machine::Freed(device) => device.receive(bytes, pose, out),
-            Machine::Csv => {}
+        match &mut self.device {
+            Device::Fastrak(device) => device.receive(bytes, pose, out),
+            Device::Liberty(device) => device.receive(bytes, pose, out),
+            Device::Flock(device) => device.receive(bytes, pose, out),
+            Device::Freed(device) => device.receive(bytes, pose, out),
+            Device::Csv => {}
         }
-        if let Machine::Fastrak(device) = &mut self.machine {
+        if let Device::Fastrak(device) = &mut self.device {
             let reset = device.take_reset();
-            self.deaf_until = reset.map(|s| now.offset_nanos((s * 1e9) as i64));
+            self.resets_until = reset.map(|s| now.offset_nanos((s * 1e9) as i64));
         }
     }
 
-    /// Appends all that is due by `now`.
+    /// Appends all records that are due by `now`.
     pub fn advance(&mut self, now: MonotonicTime, out: &mut Vec<u8>) {
         if !self.is_streaming() {
             self.due = None;
@@ -169,25 +172,25 @@ impl SimulatedTracker {
         self.due = Some(due);
     }
 
-    /// When to call [`advance`](Self::advance) again; `None` while the device is quiet.
+    /// When to call [`advance`](Self::advance) again; `None` while the device does not stream.
     #[must_use]
     pub fn next_due(&self) -> Option<MonotonicTime> {
         self.due.filter(|_| self.is_streaming())
     }
 
-    /// Whether it sends of itself.
+    /// Whether it sends records continuously.
     #[must_use]
     pub fn is_streaming(&self) -> bool {
-        match &self.machine {
-            Machine::Fastrak(device) => device.is_streaming(),
-            Machine::Liberty(device) => device.is_streaming(),
-            Machine::Flock(device) => device.is_streaming(),
-            Machine::Freed(device) => device.is_streaming(),
-            Machine::Csv => true,
+        match &self.device {
+            Device::Fastrak(device) => device.is_streaming(),
+            Device::Liberty(device) => device.is_streaming(),
+            Device::Flock(device) => device.is_streaming(),
+            Device::Freed(device) => device.is_streaming(),
+            Device::Csv => true,
         }
     }
 
-    /// Where the sensor is, `transmitter_from_sensor`.
+    /// The pose of the sensor, `transmitter_from_sensor`.
     pub fn pose(&mut self, now: MonotonicTime) -> RigidTransform {
         let began = *self.began.get_or_insert(now);
         match &self.source {
@@ -196,7 +199,7 @@ impl SimulatedTracker {
         }
     }
 
-    /// One record, or one chunk of the recording; how long until the next, nanoseconds.
+    /// Appends one record or one chunk of the recording; the nanoseconds until the next.
     fn send(&mut self, at: MonotonicTime, out: &mut Vec<u8>) -> i64 {
         if let Source::Recording(recording) = &self.source {
             if let Some((_, bytes)) = recording.chunks.get(self.chunk) {
@@ -207,37 +210,38 @@ impl SimulatedTracker {
             return pause;
         }
         let pose = self.pose(at);
-        match &mut self.machine {
-            Machine::Fastrak(device) => device.records(pose, out),
-            Machine::Liberty(device) => device.stream(pose, out),
-            Machine::Flock(device) => device.records(pose, out),
-            Machine::Freed(_) => Freed::record(pose, out),
-            Machine::Csv => {
+        match &mut self.device {
+            Device::Fastrak(device) => device.records(pose, out),
+            Device::Liberty(device) => device.stream(pose, out),
+            Device::Flock(device) => device.records(pose, out),
+            Device::Freed(_) => Freed::record(pose, out),
+            Device::Csv => {
                 let began = self.began.unwrap_or(at);
                 csv::record(at.seconds_since(began), pose, out);
             }
         }
-        (1e9 / self.rate.unwrap_or_else(|| self.machine.usual_rate())) as i64
+        (1e9 / self.rate.unwrap_or_else(|| self.device.usual_rate())) as i64
     }
 }
 
-impl Machine {
-    fn set_as(&mut self, protocol: &str) {
+impl Device {
+    /// Sets the mode that a protocol name stands for.
+    fn configure_for(&mut self, protocol: &str) {
         match self {
-            Self::Fastrak(device) => device.set_as(protocol),
-            Self::Liberty(device) => device.set_as(protocol),
-            Self::Flock(device) => device.set_as(protocol),
+            Self::Fastrak(device) => device.configure_for(protocol),
+            Self::Liberty(device) => device.configure_for(protocol),
+            Self::Flock(device) => device.configure_for(protocol),
             Self::Freed(_) | Self::Csv => {}
         }
     }
 
-    /// Records a second.
+    /// The device's own rate, records a second.
     fn usual_rate(&self) -> f64 {
         match self {
             Self::Fastrak(device) => 120.0 / device.active() as f64,
             Self::Liberty(_) => 240.0,
             Self::Flock(_) | Self::Csv => 100.0,
-            // A video unit sends once a field.
+            // Video units send once a field.
             Self::Freed(_) => 50.0,
         }
     }

@@ -1,23 +1,24 @@
-//! Where a simulated sensor goes.
+//! The motion of a simulated sensor.
 
 use glam::{DMat3, DQuat, DVec3};
 use penumbra_interface::RigidTransform;
 use std::f64::consts::TAU;
 use thiserror::Error;
 
-/// A path over time, endless.
+/// A motion that repeats without end.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Trajectory {
-    /// Once around a point in front of the transmitter, looking at it, with a slow nod.
+    /// A circle around a point in front of the transmitter, looking at the point and moving up
+    /// and down.
     Orbit {
-        /// The point looked at, metres.
+        /// Centre of the circle, metres.
         centre: DVec3,
-        /// Metres.
+        /// Radius of the circle, metres.
         radius: f64,
-        /// Seconds for a turn.
+        /// Duration of one turn, seconds.
         period: f64,
     },
-    /// Poses with their seconds, ascending; begins again after the last.
+    /// Poses with their times in seconds, ascending. After the last one, the first one follows.
     Poses(Vec<(f64, RigidTransform)>),
 }
 
@@ -31,37 +32,37 @@ impl Default for Trajectory {
     }
 }
 
-/// A file of poses cannot be read. Says where and what would be right.
+/// A file of poses is malformed. The text says where, and what to write.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum TrajectoryError {
-    /// A line that is no pose.
-    #[error("line {line}: {text:?} is no pose; write `seconds x y z qx qy qz qw`")]
+    /// A line is not a pose.
+    #[error("line {line}: {text:?} is not a pose; write `seconds x y z qx qy qz qw`")]
     Line {
-        /// From 1.
+        /// Line number, from 1.
         line: usize,
-        /// What stands there.
+        /// The line.
         text: String,
     },
-    /// Seconds that do not ascend.
-    #[error("line {line}: its time is not after the line before")]
+    /// The times do not ascend.
+    #[error("line {line}: its time is not later than that of the line before")]
     Order {
-        /// From 1.
+        /// Line number, from 1.
         line: usize,
     },
-    /// Not enough to move between.
-    #[error("has {poses} poses; two are needed")]
+    /// Fewer than two poses.
+    #[error("has {poses} poses; at least two are needed")]
     Short {
-        /// How many.
+        /// Number of poses.
         poses: usize,
     },
 }
 
 impl Trajectory {
-    /// From lines of `seconds x y z qx qy qz qw` (TUM's form), metres, unit quaternions;
-    /// `#` begins a comment.
+    /// Parses lines of `seconds x y z qx qy qz qw` (the format of the TUM RGB-D benchmark) in
+    /// metres, with unit quaternions; `#` begins a comment.
     ///
     /// # Errors
-    /// A line that is none, times that do not ascend, fewer than two poses.
+    /// A line is not a pose, the times do not ascend, or there are fewer than two poses.
     pub fn parse(text: &str) -> Result<Self, TrajectoryError> {
         let mut poses: Vec<(f64, RigidTransform)> = Vec::new();
         for (i, text) in text.lines().enumerate() {
@@ -85,7 +86,7 @@ impl Trajectory {
         }
     }
 
-    /// `transmitter_from_sensor` so many seconds after the beginning.
+    /// `transmitter_from_sensor` at `seconds` after the start.
     #[must_use]
     pub fn pose_at(&self, seconds: f64) -> RigidTransform {
         match self {
@@ -94,15 +95,15 @@ impl Trajectory {
                 radius,
                 period,
             } => orbit(*centre, *radius, TAU * seconds / period),
-            Self::Poses(poses) => between(poses, seconds),
+            Self::Poses(poses) => interpolated(poses, seconds),
         }
     }
 }
 
-/// On the circle at `angle`, x axis towards the centre, z axis as far down as it can.
+/// The pose on the circle at `angle`: x axis towards the centre, z axis as far down as possible.
 fn orbit(centre: DVec3, radius: f64, angle: f64) -> RigidTransform {
-    let nod = 0.2 * (3.0 * angle).sin();
-    let offset = DVec3::new(angle.cos(), angle.sin(), nod) * radius;
+    let height = 0.2 * (3.0 * angle).sin();
+    let offset = DVec3::new(angle.cos(), angle.sin(), height) * radius;
     let forward = -offset.normalize();
     let right = DVec3::Z.cross(forward).normalize();
     let down = forward.cross(right);
@@ -110,7 +111,8 @@ fn orbit(centre: DVec3, radius: f64, angle: f64) -> RigidTransform {
     RigidTransform::new(rotation, centre + offset)
 }
 
-fn between(poses: &[(f64, RigidTransform)], seconds: f64) -> RigidTransform {
+/// The pose at `seconds`, interpolated.
+fn interpolated(poses: &[(f64, RigidTransform)], seconds: f64) -> RigidTransform {
     let (Some(first), Some(last)) = (poses.first(), poses.last()) else {
         return RigidTransform::IDENTITY;
     };
@@ -119,10 +121,10 @@ fn between(poses: &[(f64, RigidTransform)], seconds: f64) -> RigidTransform {
     let (Some((t0, a)), Some((t1, b))) = (poses.get(after.max(1) - 1), poses.get(after)) else {
         return last.1;
     };
-    let part = (at - t0) / (t1 - t0);
+    let fraction = (at - t0) / (t1 - t0);
     RigidTransform::new(
-        a.rotation.slerp(b.rotation, part),
-        a.translation.lerp(b.translation, part),
+        a.rotation.slerp(b.rotation, fraction),
+        a.translation.lerp(b.translation, fraction),
     )
 }
 
@@ -168,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn poses_are_interpolated_and_begin_again() {
+    fn poses_are_interpolated_and_repeat() {
         let path = Trajectory::parse("# t x y z q\n5 0 0 0 0 0 0 1\n7 2 0 0 0 0 1 0\n").unwrap();
         let pose = path.pose_at(0.5);
         assert!((pose.translation.x - 0.5).abs() < 1e-12);
@@ -177,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn bad_files_say_where() {
+    fn errors_name_the_line() {
         let error = |text| Trajectory::parse(text).unwrap_err().to_string();
         assert!(error("0 0 0 0 0 0 0 1\n1 2 3\n").starts_with("line 2: \"1 2 3\""));
         assert!(error("0 0 0 0 0 0 0 9\n").starts_with("line 1"));

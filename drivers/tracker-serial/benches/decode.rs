@@ -1,6 +1,6 @@
-//! Bytes to poses, records a second on one core, for every protocol: `cargo bench -p
-//! penumbra-tracker-serial`. The bytes come from the simulated devices, in reads of 64
-//! bytes, which is what a serial port hands over at a time.
+//! Records decoded a second on one core, for every protocol: `cargo bench -p
+//! penumbra-tracker-serial`. The bytes come from the simulated devices, in reads of 64 bytes,
+//! the usual size for a serial port.
 #![allow(clippy::unwrap_used, clippy::expect_used, missing_docs)]
 
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
@@ -12,7 +12,7 @@ use std::hint::black_box;
 const RECORDS: usize = 2000;
 const READ: usize = 64;
 
-/// What puts a simulated device into the protocol's mode and lets it stream.
+/// Protocols, and the commands that make a simulated device stream them.
 const PROTOCOLS: [(&str, &[u8]); 10] = [
     ("fastrak", b"C"),
     ("fastrak-ascii-quaternion", b"O1,2,11,1\rC"),

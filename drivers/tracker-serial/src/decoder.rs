@@ -1,43 +1,45 @@
 //! Finds records in a stream of bytes: what all protocols have in common.
 
-use crate::{Fault, Format, Framing, Reading, Verdict};
+use crate::framing::{Fault, Framing, Reading, Verdict};
 use penumbra_interface::{MonotonicTime, PoseSample};
 
-/// Room for two of the longest records (CSV lines) and what a push may add.
+/// Room for two of the longest records (CSV lines) and for new bytes.
 const CAPACITY: usize = 512;
 const NEVER: MonotonicTime = MonotonicTime::from_nanos(i64::MIN);
 
-/// What happened so far.
+/// What a decoder has found so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
-    /// Records handed on.
+    /// Records with a pose.
     pub records: u64,
-    /// Records without a pose: status answers.
-    pub asides: u64,
+    /// Records without a pose: answers and comments.
+    pub without_pose: u64,
     /// Bytes that belonged to no record.
     pub skipped_bytes: u64,
-    /// Times that the place of the records was lost after it had been found.
+    /// How often the decoder lost its place in the stream after having found it.
     pub resyncs: u64,
-    /// Well laid out records whose numbers cannot be.
+    /// Records with the right layout but impossible numbers.
     pub implausible: u64,
     /// The error letter of the newest record, if it had one.
     pub error: Option<u8>,
 }
 
-/// A tracker's stream. Push bytes as they come; each record is handed to a closure.
+/// Decodes a tracker's stream: push bytes as they arrive, and receive each record in a
+/// closure.
 ///
-/// A record's first bytes occur by chance, in floats above all, so a place in the stream
-/// counts as found only when two good records follow one another there.
+/// The first bytes of a record also occur by chance, above all in binary numbers. So a decoder
+/// has found its place (is locked) only when two valid records follow one another.
 #[derive(Clone, Debug)]
-pub struct Decoder<F = Format> {
+pub struct Decoder<F> {
     format: F,
     nanos_per_byte: Option<f64>,
-    /// When the last byte of the push before came.
-    newest: MonotonicTime,
+    /// When the last byte of the previous push arrived.
+    previous_push: MonotonicTime,
     /// The byte before the first one of `bytes`.
-    outgoing: Option<u8>,
+    previous_byte: Option<u8>,
     bytes: [u8; CAPACITY],
-    /// Arrival of each byte: a record found late keeps the time at which its end came.
+    /// Arrival of each byte: a record that is recognised late keeps the time at which its last
+    /// byte arrived.
     arrivals: [MonotonicTime; CAPACITY],
     len: usize,
     locked: bool,
@@ -45,21 +47,21 @@ pub struct Decoder<F = Format> {
 }
 
 impl<F> Decoder<F> {
-    /// A decoder that has seen nothing yet.
+    /// A decoder at the beginning of a stream.
     #[must_use]
     pub const fn new(format: F) -> Self {
         Self {
             format,
             nanos_per_byte: None,
-            newest: NEVER,
-            outgoing: None,
+            previous_push: NEVER,
+            previous_byte: None,
             bytes: [0; CAPACITY],
             arrivals: [NEVER; CAPACITY],
             len: 0,
             locked: false,
             counters: Counters {
                 records: 0,
-                asides: 0,
+                without_pose: 0,
                 skipped_bytes: 0,
                 resyncs: 0,
                 implausible: 0,
@@ -68,9 +70,9 @@ impl<F> Decoder<F> {
         }
     }
 
-    /// Corrects arrival times by the line's speed: a record that ends n bytes before the
-    /// end of what was read in one go arrived n · 10 bits earlier (8N1), but not before
-    /// what was read earlier. Without this all records of one push carry the push's time.
+    /// Corrects arrival times by the baud rate of the line: a record that ends n bytes before
+    /// the end of one read arrived n · 10 bits earlier (8N1), but not before the end of the
+    /// previous read. Without this, all records of one read have the time of the read.
     #[must_use]
     pub fn with_baud(mut self, baud: u32) -> Self {
         self.nanos_per_byte = (baud > 0).then(|| 10.0e9 / f64::from(baud));
@@ -81,43 +83,43 @@ impl<F> Decoder<F> {
         self.format = format;
     }
 
-    /// How the records are spelled.
+    /// The layout of the records.
     #[must_use]
     pub const fn format(&self) -> &F {
         &self.format
     }
 
-    /// Whether the place of the records is known.
+    /// Whether the decoder has found its place in the stream.
     #[must_use]
     pub const fn locked(&self) -> bool {
         self.locked
     }
 
-    /// What happened so far.
+    /// What has been found so far.
     #[must_use]
     pub const fn counters(&self) -> Counters {
         self.counters
     }
 
-    /// Forgets buffered bytes, as after reopening a port; counters stay.
+    /// Forgets buffered bytes, as after a port has been reopened. The counters stay.
     pub const fn reset(&mut self) {
         self.len = 0;
         self.locked = false;
-        self.newest = NEVER;
-        self.outgoing = None;
+        self.previous_push = NEVER;
+        self.previous_byte = None;
     }
 
-    /// When a byte with `after` bytes behind it in the same read came.
+    /// When a byte arrived that `after` bytes of the same read follow.
     fn arrival(&self, arrived_at: MonotonicTime, after: usize) -> MonotonicTime {
         match self.nanos_per_byte {
             Some(nanos) => arrived_at
                 .offset_nanos(-((after as f64 * nanos) as i64))
-                .max(self.newest.min(arrived_at)),
+                .max(self.previous_push.min(arrived_at)),
             None => arrived_at,
         }
     }
 
-    /// Appends as many of `bytes` as there is room for and says how many.
+    /// Appends as many of `bytes` as there is room for; their number.
     fn append(&mut self, bytes: &[u8], arrived_at: MonotonicTime) -> usize {
         let count = bytes.len().min(CAPACITY - self.len);
         self.bytes[self.len..self.len + count].copy_from_slice(&bytes[..count]);
@@ -133,21 +135,21 @@ impl<F> Decoder<F> {
         count
     }
 
-    /// Some bytes on; the records' place is unknown again.
-    fn skip(&mut self, count: usize, fault: Fault) -> Step {
+    /// Counts `count` skipped bytes; the decoder has lost its place.
+    fn skip(&mut self, count: usize, fault: Fault) -> Outcome {
         self.counters.resyncs += u64::from(self.locked);
         self.counters.implausible += u64::from(fault == Fault::Implausible);
         self.counters.skipped_bytes += count as u64;
         self.locked = false;
-        Step::Skip(count)
+        Outcome::Skip(count)
     }
 
-    /// More bytes may tell, unless there is no room for more.
-    fn wait(&mut self, start: usize) -> Step {
+    /// Waits for more bytes, unless there is no room for them.
+    fn wait(&mut self, start: usize) -> Outcome {
         if start == 0 && self.len == CAPACITY {
             self.skip(1, Fault::Layout)
         } else {
-            Step::Wait
+            Outcome::Wait
         }
     }
 
@@ -157,21 +159,24 @@ impl<F> Decoder<F> {
                 self.counters.records += 1;
                 self.counters.error = reading.error;
             }
-            None => self.counters.asides += 1,
+            None => self.counters.without_pose += 1,
         }
     }
 }
 
-/// What to do with the bytes at one place of the buffer.
-enum Step {
+/// What to do with the bytes at one position of the buffer.
+enum Outcome {
+    /// A record of this length.
     Take(usize, Option<Reading>),
+    /// This many bytes that belong to no record.
     Skip(usize),
+    /// More bytes are needed.
     Wait,
 }
 
 impl<F: Framing> Decoder<F> {
-    /// Takes bytes whose last one arrived at `arrived_at` and hands every record found to
-    /// `sink`, in order.
+    /// Takes bytes, the last of which arrived at `arrived_at`, and passes every record found
+    /// to `sink`, in order.
     pub fn push(
         &mut self,
         bytes: &[u8],
@@ -184,45 +189,42 @@ impl<F: Framing> Decoder<F> {
             rest = &rest[taken..];
             self.drain(&mut sink);
         }
-        self.newest = arrived_at;
+        self.previous_push = arrived_at;
     }
 
-    /// Takes everything out of the buffer that can be judged already.
+    /// Removes everything from the buffer that can be classified already.
     fn drain(&mut self, sink: &mut impl FnMut(PoseSample)) {
         let mut start = 0;
         while start < self.len {
-            match self.step(start) {
-                Step::Wait => break,
-                Step::Skip(count) => start += count,
-                Step::Take(len, reading) => {
+            match self.examine(start) {
+                Outcome::Wait => break,
+                Outcome::Skip(count) => start += count,
+                Outcome::Take(len, reading) => {
                     start += len;
                     self.count(reading);
                     if let Some(reading) = reading {
-                        sink(reading.arrived(self.arrivals[start - 1]));
+                        sink(reading.into_sample(self.arrivals[start - 1]));
                     }
                 }
             }
         }
-        self.outgoing = self.before(start);
+        self.previous_byte = self.byte_before(start);
         self.bytes.copy_within(start..self.len, 0);
         self.arrivals.copy_within(start..self.len, 0);
         self.len -= start;
     }
 
-    /// The byte in front of place `start`.
-    fn before(&self, start: usize) -> Option<u8> {
+    fn byte_before(&self, start: usize) -> Option<u8> {
         start
             .checked_sub(1)
-            .map_or(self.outgoing, |i| Some(self.bytes[i]))
+            .map_or(self.previous_byte, |i| Some(self.bytes[i]))
     }
 
-    fn step(&mut self, start: usize) -> Step {
-        let (len, reading) = match self
-            .format
-            .judge(self.before(start), &self.bytes[start..self.len])
-        {
+    fn examine(&mut self, start: usize) -> Outcome {
+        let bytes = &self.bytes[start..self.len];
+        let (len, reading) = match self.format.classify(self.byte_before(start), bytes) {
             Verdict::Reading { len, reading } => (len, Some(reading)),
-            Verdict::Aside { len } => (len, None),
+            Verdict::NoPose { len } => (len, None),
             Verdict::Incomplete => return self.wait(start),
             Verdict::Noise { skip, fault } => {
                 return self.skip(skip.clamp(1, self.len - start), fault);
@@ -230,15 +232,15 @@ impl<F: Framing> Decoder<F> {
         };
         let next = &self.bytes[start + len..self.len];
         if self.locked {
-            return Step::Take(len, reading);
+            return Outcome::Take(len, reading);
         }
         if next.is_empty() {
             return self.wait(start);
         }
-        match self.format.judge(self.before(start + len), next) {
-            Verdict::Reading { .. } | Verdict::Aside { .. } => {
+        match self.format.classify(self.byte_before(start + len), next) {
+            Verdict::Reading { .. } | Verdict::NoPose { .. } => {
                 self.locked = true;
-                Step::Take(len, reading)
+                Outcome::Take(len, reading)
             }
             Verdict::Incomplete => self.wait(start),
             Verdict::Noise { .. } => self.skip(1, Fault::Layout),

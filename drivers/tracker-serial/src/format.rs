@@ -1,8 +1,12 @@
-//! All protocols under one type, by the names under which sessions keep them.
+//! All protocols as one type, by the names under which sessions store them.
 
-use crate::{Decoder, Framing, Verdict, csv, fastrak, flock, freed, liberty, vrpn};
+use crate::decoder::Decoder;
+use crate::framing::{Framing, Verdict};
+use crate::settings::TrackerSettings;
+use crate::step::Step;
+use crate::{csv, fastrak, flock, freed, liberty, vrpn};
 
-/// How a tracker's bytes are spelled, whatever the tracker.
+/// The layout of a tracker's records, for any protocol.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Format {
     /// Polhemus FASTRAK.
@@ -19,11 +23,11 @@ pub enum Format {
     Vrpn(vrpn::Format),
 }
 
-/// A decoder of any protocol.
+/// A decoder for any protocol.
 pub type AnyDecoder = Decoder<Format>;
 
-/// Every protocol name, for messages and for asking a port. `freed` may be followed by the
-/// meaning of its numbers, see [`freed::Axes`]: `freed:-tilt,pan,roll,z,y,x`.
+/// Every protocol name, for messages and for probing. `freed` may be followed by the order of
+/// its numbers, see [`freed::Axes`]: `freed:-tilt,pan,roll,z,y,x`.
 pub const PROTOCOLS: [&str; 18] = [
     "fastrak",
     "fastrak-ascii-quaternion",
@@ -46,8 +50,8 @@ pub const PROTOCOLS: [&str; 18] = [
 ];
 
 impl Format {
-    /// The format that a protocol name stands for, with the protocol's usual units. `None`
-    /// for a name that is not in [`PROTOCOLS`].
+    /// The format for a protocol name, with the protocol's usual units. `None` for a name that
+    /// is not in [`PROTOCOLS`].
     #[must_use]
     pub fn for_protocol(name: &str) -> Option<Self> {
         let flock = |angles, group, inverted| {
@@ -80,7 +84,7 @@ impl Format {
         })
     }
 
-    /// With another length of the device's unit, where the device has a choice of units
+    /// The same format with another unit of length, for devices that have a choice of units
     /// (FASTRAK, Liberty, Flock of Birds). FreeD, CSV and VRPN have one unit each, by their
     /// specification, and keep it.
     #[must_use]
@@ -92,6 +96,32 @@ impl Format {
             Self::Freed(_) | Self::Csv(_) | Self::Vrpn(_) => {}
         }
         self
+    }
+
+    /// The steps that make a device of these settings stream.
+    pub(crate) fn start_sequence(&self, settings: &TrackerSettings) -> Vec<Step> {
+        match self {
+            Self::Fastrak(format) => fastrak::commands::start_sequence(settings, format),
+            Self::Liberty(format) => liberty::commands::start_sequence(settings, format),
+            Self::Flock(format) => flock::commands::start_sequence(settings, format),
+            Self::Freed(_) => freed::commands::start_sequence(settings),
+            Self::Csv(_) => csv::start_sequence(),
+            // The connection has a handshake of its own, see vrpn::Client.
+            Self::Vrpn(_) => Vec::new(),
+        }
+    }
+
+    /// The command that stops the stream, so that the device is quiet for the next program.
+    /// Empty where a device has no such command.
+    #[must_use]
+    pub(crate) fn stop_command(&self) -> Vec<u8> {
+        match self {
+            Self::Fastrak(_) => b"c".to_vec(),
+            Self::Liberty(_) => b"P\r".to_vec(),
+            Self::Flock(_) => b"B".to_vec(),
+            Self::Freed(_) => freed::commands::command(freed::commands::STOP).to_vec(),
+            Self::Csv(_) | Self::Vrpn(_) => Vec::new(),
+        }
     }
 }
 
@@ -107,31 +137,29 @@ fn freed_format(name: &str) -> Option<Format> {
 }
 
 impl Default for Format {
-    /// A FASTRAK as it leaves the factory.
+    /// A FASTRAK with factory settings.
     fn default() -> Self {
         Self::Fastrak(fastrak::Format::default())
     }
 }
 
 impl Framing for Format {
-    fn judge(&self, before: Option<u8>, bytes: &[u8]) -> Verdict {
+    fn classify(&self, previous: Option<u8>, bytes: &[u8]) -> Verdict {
         match self {
-            Self::Fastrak(format) => format.judge(before, bytes),
-            Self::Liberty(format) => format.judge(before, bytes),
-            Self::Flock(format) => format.judge(before, bytes),
-            Self::Freed(format) => format.judge(before, bytes),
-            Self::Csv(format) => format.judge(before, bytes),
-            Self::Vrpn(format) => format.judge(before, bytes),
+            Self::Fastrak(format) => format.classify(previous, bytes),
+            Self::Liberty(format) => format.classify(previous, bytes),
+            Self::Flock(format) => format.classify(previous, bytes),
+            Self::Freed(format) => format.classify(previous, bytes),
+            Self::Csv(format) => format.classify(previous, bytes),
+            Self::Vrpn(format) => format.classify(previous, bytes),
         }
     }
 }
 
 impl AnyDecoder {
     /// A decoder for a protocol's name, with the protocol's usual units; `None` for a name
-    /// that is not in [`PROTOCOLS`]. Behind the name may stand the line's speed,
-    /// `fastrak@115200`, by which arrival times are corrected: see [`Decoder::with_baud`].
-    ///
-    /// [`Decoder::with_baud`]: crate::Decoder::with_baud
+    /// that is not in [`PROTOCOLS`]. The name may be followed by the baud rate of the line, as
+    /// in `fastrak@115200`, which corrects arrival times: see [`Decoder::with_baud`].
     #[must_use]
     pub fn for_protocol(name: &str) -> Option<Self> {
         let (name, baud) = match name.split_once('@') {
@@ -145,7 +173,7 @@ impl AnyDecoder {
         })
     }
 
-    /// With another length of the device's unit, see [`Format::with_metres_per_unit`].
+    /// The same decoder with another unit of length, see [`Format::with_metres_per_unit`].
     #[must_use]
     pub fn with_metres_per_unit(mut self, metres: f64) -> Self {
         self.set_format(self.format().with_metres_per_unit(metres));
@@ -169,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_speed_corrects_arrival_times() {
+    fn a_baud_rate_corrects_arrival_times() {
         let arrival = |name: &str| {
             let mut decoder = AnyDecoder::for_protocol(name).unwrap();
             let mut first = None;
@@ -179,15 +207,15 @@ mod tests {
             now.nanos_since(first.unwrap())
         };
         assert_eq!(arrival("csv"), 0);
-        // The first line may have begun before we listened; after the second, 16 bytes of ten
-        // bits come.
+        // The first line is discarded, because it may be the rest of one; 16 bytes of ten bits
+        // follow the second.
         let late = arrival("csv@9600");
         assert!((late - 16_666_667).abs() < 1000, "{late}");
         assert!(AnyDecoder::for_protocol("csv@fast").is_none());
     }
 
     #[test]
-    fn protocols_of_one_unit_keep_it() {
+    fn protocols_with_one_unit_keep_it() {
         for name in ["freed", "csv", "vrpn"] {
             let format = Format::for_protocol(name).unwrap();
             assert_eq!(format.with_metres_per_unit(0.0254), format, "{name}");

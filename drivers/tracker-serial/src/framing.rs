@@ -1,64 +1,65 @@
-//! What a protocol says of bytes, and what a record says.
+//! How a protocol finds its records among other bytes, and what a record holds.
 
 use penumbra_interface::{MonotonicTime, PoseSample, RigidTransform};
 
-/// How one protocol's records are told from noise.
+/// How one protocol tells its records from other bytes.
 pub trait Framing {
-    /// What the bytes at the front of `bytes` are, where `before` is the byte that came
-    /// right before them, `None` at the stream's beginning. Called with at least one byte; it must
-    /// not answer [`Verdict::Incomplete`] for good once it has a record's length.
-    fn judge(&self, before: Option<u8>, bytes: &[u8]) -> Verdict;
+    /// Classifies the bytes at the front of `bytes`, at least one. `previous` is the byte that
+    /// came just before them, `None` at the beginning of the stream. Once `bytes` are as long
+    /// as a record, the answer must not be [`Verdict::Incomplete`] any more.
+    fn classify(&self, previous: Option<u8>, bytes: &[u8]) -> Verdict;
 }
 
-/// What stands at the front of some bytes.
+/// What a stream has at one position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Verdict {
-    /// A good record with a pose, `len` bytes long.
+    /// A valid record with a pose.
     Reading {
-        /// Bytes of it.
+        /// Length of the record, bytes.
         len: usize,
-        /// What it says.
+        /// What it holds.
         reading: Reading,
     },
-    /// A good record of another kind, such as a status, `len` bytes long.
-    Aside {
-        /// Bytes of it.
+    /// A valid record without a pose, such as an answer to a command or a comment.
+    NoPose {
+        /// Length of the record, bytes.
         len: usize,
     },
     /// The beginning of what may become a record.
     Incomplete,
-    /// No record starts here. `skip` bytes (at least one) may be passed over.
+    /// No record starts here.
     Noise {
-        /// Bytes in which no record can start.
+        /// Number of bytes, at least one, in which no record can start.
         skip: usize,
-        /// Why.
+        /// Why not.
         fault: Fault,
     },
 }
 
 impl Verdict {
-    /// Noise of one byte.
+    /// Noise of which one byte can be skipped.
     #[must_use]
     pub const fn noise(fault: Fault) -> Self {
         Self::Noise { skip: 1, fault }
     }
 }
 
-/// What one record says, in metres.
+/// What one record holds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reading {
     /// The tracker's number of the receiver, from 1.
     pub station: u8,
-    /// The device's error letter. Latched by some devices, so no reason to drop the pose.
+    /// The device's error letter. Some devices repeat the last error in every record, so it is
+    /// no reason to discard the pose.
     pub error: Option<u8>,
-    /// Pose of the receiver.
+    /// Pose of the receiver, metres.
     pub transmitter_from_sensor: RigidTransform,
 }
 
 impl Reading {
-    /// The same as a sample that arrived at `arrived_at`.
+    /// The sample of a record whose last byte arrived at `arrived_at`.
     #[must_use]
-    pub const fn arrived(self, arrived_at: MonotonicTime) -> PoseSample {
+    pub const fn into_sample(self, arrived_at: MonotonicTime) -> PoseSample {
         PoseSample {
             station: self.station,
             transmitter_from_sensor: self.transmitter_from_sensor,
@@ -68,13 +69,13 @@ impl Reading {
     }
 }
 
-/// Why bytes are no record.
+/// Why bytes are not a record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Fault {
-    /// Wrong byte in a fixed place, or a wrong checksum.
+    /// A byte in a fixed position is wrong, or the checksum is.
     #[error("not laid out as a record")]
     Layout,
-    /// Numbers that cannot be.
+    /// The layout is right, but no device can have measured these numbers.
     #[error("a record with impossible numbers")]
     Implausible,
 }

@@ -1,12 +1,12 @@
-//! Drivers of serial and network 6-DOF trackers.
+//! Drivers for serial and network 6-DOF trackers.
 //!
-//! Each protocol is a module of its own without I/O: [`fastrak`], [`liberty`], [`flock`],
-//! [`freed`], [`csv`], [`vrpn`]. It says how records look ([`Framing`]); [`Decoder`], the
-//! same for all, takes bytes as they arrive, split anywhere, and gives out
-//! [`PoseSample`](penumbra_interface::PoseSample)s. It reads no clock and allocates nothing
-//! per record, so a recorded stream and a live one decode alike; on garbage it slides one
-//! byte and tries again. [`Dialogue`] is what is said on connecting, also without I/O.
-//! [`port`] opens serial ports and sockets and is the only part that blocks.
+//! Each protocol is a module without I/O: [`fastrak`], [`liberty`], [`flock`], [`freed`],
+//! [`csv`], [`vrpn`]. It defines the layout of its records ([`Framing`]) and the commands that
+//! start a device. [`Decoder`], the same for all, takes bytes as they arrive, split anywhere,
+//! and returns [`PoseSample`](penumbra_interface::PoseSample)s. It reads no clock and allocates
+//! nothing per record, so a recorded stream decodes exactly as the live one; at bytes that are
+//! no record it slides on by one byte. [`Dialogue`] starts a device, also without I/O. [`port`]
+//! opens serial ports and sockets and is the only part that blocks.
 
 pub mod csv;
 mod decoder;
@@ -21,6 +21,8 @@ mod plausible;
 pub mod port;
 pub mod recognise;
 pub mod settings;
+mod step;
+mod units;
 pub mod vrpn;
 
 pub use decoder::{Counters, Decoder};

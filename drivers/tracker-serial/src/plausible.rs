@@ -1,10 +1,11 @@
-//! What makes numbers believable: finite, a unit quaternion, inside the envelope.
+//! Checks that tell measured numbers from misread bytes: finite, a unit quaternion, within
+//! range.
 
-use crate::Fault;
+use crate::framing::Fault;
 use glam::{DQuat, DVec3, EulerRot};
 use penumbra_interface::RigidTransform;
 
-/// A pose from a position in metres, which must lie within `envelope_metres`.
+/// A pose from a position in metres, which must lie within `envelope_metres` of the origin.
 pub(crate) fn pose(
     rotation: DQuat,
     translation: DVec3,
@@ -18,7 +19,8 @@ pub(crate) fn pose(
     }
 }
 
-/// A quaternion whose norm is 1 within `tolerance`, which is what the device's digits allow.
+/// A rotation from a quaternion whose norm is 1 within `tolerance`: the rounding of the
+/// device's digits.
 pub(crate) fn rotation_from_quaternion(
     [w, x, y, z]: [f64; 4],
     tolerance: f64,
@@ -32,9 +34,10 @@ pub(crate) fn rotation_from_quaternion(
     }
 }
 
-/// R = Rz(azimuth) · Ry(elevation) · Rx(roll), degrees: Polhemus and Ascension alike.
+/// R = Rz(azimuth) · Ry(elevation) · Rx(roll) from degrees, as Polhemus and Ascension define
+/// their angles.
 pub(crate) fn rotation_from_euler([azimuth, elevation, roll]: [f64; 3]) -> Result<DQuat, Fault> {
-    // Rounding to two decimals may print a hair more than the range.
+    // Rounding to two decimals may exceed the range by half a hundredth.
     const SLACK: f64 = 0.011;
     let possible = azimuth.abs() <= 180.0 + SLACK
         && elevation.abs() <= 90.0 + SLACK
@@ -50,7 +53,7 @@ pub(crate) fn rotation_from_euler([azimuth, elevation, roll]: [f64; 3]) -> Resul
     ))
 }
 
-/// `N` little-endian singles from the front of `bytes`, all finite.
+/// `N` little-endian single-precision numbers from the front of `bytes`, all finite.
 pub(crate) fn floats<const N: usize>(bytes: &[u8]) -> Result<[f64; N], Fault> {
     let mut values = [0.0; N];
     let (columns, _) = bytes.as_chunks::<4>();

@@ -1,5 +1,6 @@
-//! What a tracker's driver is told: plain data.
+//! The settings with which a tracker is opened: plain data.
 
+use crate::units::{METRES_PER_CENTIMETRE, METRES_PER_INCH};
 use std::fmt;
 use std::net::SocketAddr;
 
@@ -8,19 +9,19 @@ use std::net::SocketAddr;
 pub struct TrackerSettings {
     /// One of [`PROTOCOLS`](crate::PROTOCOLS).
     pub protocol: String,
-    /// Where the tracker is.
+    /// Where the tracker is connected.
     pub port: PortName,
-    /// Line speed; `None` for the protocol's usual one, see [`usual_baud`].
+    /// Baud rate; `None` for the protocol's usual one, see [`usual_baud`].
     pub baud: Option<u32>,
-    /// Receivers to switch on, from 1. The others are switched off where the device can.
+    /// Receivers to switch on, numbered from 1. The others are switched off where the device
+    /// can do that.
     pub stations: Vec<u8>,
-    /// Which half of space the receivers are in.
+    /// The half of space in which the receivers are.
     pub hemisphere: Hemisphere,
-    /// What the device is told to measure in.
+    /// The unit of length that the device is set to.
     pub units: Units,
-    /// A device that streams and then sends nothing for so long is said to be silent,
-    /// milliseconds. Then it is opened, and so told its mode, anew: it may have been
-    /// switched off and on.
+    /// A streaming device that sends nothing for this long counts as silent, milliseconds. It
+    /// is then opened and configured again, because it may have been switched off and on.
     pub silence_millis: u64,
 }
 
@@ -40,17 +41,17 @@ impl TrackerSettings {
         }
     }
 
-    /// The line speed in force.
+    /// The baud rate to use.
     #[must_use]
     pub fn baud(&self) -> u32 {
         self.baud.unwrap_or_else(|| usual_baud(&self.protocol))
     }
 }
 
-/// The line speed of a protocol when nobody says otherwise.
+/// The baud rate of a protocol where none is configured.
 ///
-/// A FASTRAK needs 115200 for text at its full 120 records a second (54 bytes of ten bits);
-/// FreeD's manual says 38400.
+/// A FASTRAK needs 115200 to send text at its full 120 records a second (54 bytes of ten bits
+/// each); FreeD's manual says 38400.
 #[must_use]
 pub fn usual_baud(protocol: &str) -> u32 {
     if protocol.starts_with("freed") {
@@ -60,7 +61,7 @@ pub fn usual_baud(protocol: &str) -> u32 {
     }
 }
 
-/// Where a tracker is.
+/// Where a tracker is connected.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum PortName {
     /// A serial port: a path, or a name under `/dev/serial/by-id`.
@@ -80,11 +81,11 @@ pub enum PortName {
 const VRPN_PORT: u16 = 3883;
 
 impl PortName {
-    /// From text: `/dev/ttyUSB0`, a name under `/dev/serial/by-id`, `udp:0.0.0.0:40000`,
+    /// Parses `/dev/ttyUSB0`, a name under `/dev/serial/by-id`, `udp:0.0.0.0:40000`,
     /// `vrpn:Tracker0@host` or `vrpn:Tracker0@host:3883`.
     ///
     /// # Errors
-    /// One line that says what is wrong and what would be right.
+    /// One line that says what is wrong and what to write instead.
     pub fn parse(text: &str) -> Result<Self, String> {
         if let Some(address) = text.strip_prefix("udp:") {
             let address = address.parse();
@@ -116,7 +117,7 @@ impl PortName {
     }
 }
 
-/// `host`, `host:port`, `1.2.3.4`, `[::1]:port` with a port in any case.
+/// Appends the standard port to `host`, `1.2.3.4` or `[::1]` if it has none.
 fn with_port(host: &str) -> String {
     let after_bracket = host.rsplit(']').next().unwrap_or(host);
     if after_bracket.contains(':') {
@@ -136,12 +137,12 @@ impl fmt::Display for PortName {
     }
 }
 
-/// Which half of space, as seen from the transmitter, the receivers stay in. A magnetic
-/// tracker cannot tell a point from its mirror image: with the wrong one, signs flip
-/// without any error.
+/// The half of space, as seen from the transmitter, in which the receivers stay. A magnetic
+/// tracker cannot tell a point from its mirror image: with the wrong hemisphere, the signs of
+/// positions flip, and the device reports no error.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Hemisphere {
-    /// +X, the factory's choice.
+    /// +X, the factory setting.
     #[default]
     Forward,
     /// −X.
@@ -157,7 +158,7 @@ pub enum Hemisphere {
 }
 
 impl Hemisphere {
-    /// The axis that points into it.
+    /// The axis that points into the hemisphere.
     #[must_use]
     pub const fn axis(self) -> [i8; 3] {
         match self {
@@ -171,8 +172,8 @@ impl Hemisphere {
     }
 }
 
-/// What a Polhemus device measures in. The number of metres in it must be the rig
-/// calibration's, too.
+/// The unit of length of a Polhemus tracker. It must agree with the unit in the rig
+/// calibration.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Units {
     /// 0.0254 m.
@@ -183,12 +184,12 @@ pub enum Units {
 }
 
 impl Units {
-    /// Metres in one.
+    /// Metres in one unit.
     #[must_use]
     pub const fn metres(self) -> f64 {
         match self {
-            Self::Inches => crate::fastrak::METRES_PER_INCH,
-            Self::Centimetres => crate::fastrak::METRES_PER_CENTIMETRE,
+            Self::Inches => METRES_PER_INCH,
+            Self::Centimetres => METRES_PER_CENTIMETRE,
         }
     }
 }
@@ -199,7 +200,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ports_are_read_and_written_alike() {
+    fn ports_are_parsed_and_printed_alike() {
         for text in [
             "/dev/ttyUSB0",
             "usb-FTDI_X",
@@ -218,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn bad_ports_say_what_would_be_right() {
+    fn errors_say_what_to_write_instead() {
         for (text, hint) in [
             ("udp:host", "udp:0.0.0.0:40000"),
             ("vrpn:Tracker0", "vrpn:NAME@HOST"),

@@ -1,4 +1,4 @@
-//! Trackers behind sockets: a VRPN server and FreeD datagrams, for real.
+//! Trackers on sockets: a VRPN server and FreeD datagrams.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 #![allow(clippy::disallowed_methods, reason = "tests start their own threads")]
 
@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// A message as `vrpn_Connection.C` packs it.
+/// A message as `vrpn_Connection.C` encodes it.
 fn message(sender: i32, kind: i32, payload: &[u8]) -> Vec<u8> {
     let mut bytes = (24 + payload.len() as u32).to_be_bytes().to_vec();
     for number in [5, 6, sender, kind, 0] {
@@ -38,7 +38,7 @@ fn pose(sender: i32, x: f64) -> Vec<u8> {
     message(sender, 1, &payload)
 }
 
-/// A VRPN server with one tracker, on a thread until it is dropped.
+/// A VRPN server on a thread, until it is dropped.
 struct Server {
     port: u16,
     stop: Arc<AtomicBool>,
@@ -46,7 +46,7 @@ struct Server {
 }
 
 impl Server {
-    /// `answer` is what it says first, `streams` whether poses follow.
+    /// `answer` is what it sends first, `streams` whether poses follow.
     fn start(answer: Vec<u8>, streams: bool) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let port = listener.local_addr().unwrap().port();
@@ -54,7 +54,7 @@ impl Server {
         let stopped = Arc::clone(&stop);
         let thread = std::thread::spawn(move || {
             let (mut stream, _) = listener.accept().unwrap();
-            let _ = attend(&mut stream, &answer, streams, &stopped);
+            let _ = serve_client(&mut stream, &answer, streams, &stopped);
         });
         Self {
             port,
@@ -69,7 +69,7 @@ impl Server {
     }
 }
 
-fn attend(
+fn serve_client(
     stream: &mut TcpStream,
     answer: &[u8],
     streams: bool,
@@ -84,7 +84,7 @@ fn attend(
         if streams {
             x += 0.01;
             let bytes = [pose(0, x), pose(1, 50.0)].concat();
-            // Split where it hurts.
+            // Split within a message.
             stream.write_all(&bytes[..31])?;
             std::thread::sleep(Duration::from_millis(1));
             stream.write_all(&bytes[31..])?;
@@ -134,7 +134,7 @@ fn positions(tracker: &mut dyn Tracker, protocol: &str, count: usize) -> Vec<f64
 }
 
 #[test]
-fn a_tracker_of_a_server_streams_until_the_server_goes() {
+fn a_tracker_of_a_server_streams_until_the_server_ends() {
     let server = Server::start(greeting(), true);
     let mut tracker = open(&server.settings("Tracker0")).unwrap();
     let found = positions(&mut *tracker, "vrpn", 20);
@@ -150,13 +150,13 @@ fn a_tracker_of_a_server_streams_until_the_server_goes() {
             break error;
         }
     };
-    // Half of what it was given to wait; a busy machine may hold the thread back.
+    // At once would be less, but a busy machine may delay the thread.
     assert!(began.elapsed() < Duration::from_millis(2500));
     assert!(matches!(error, DeviceError::Unplugged { .. }), "{error}");
 }
 
 #[test]
-fn servers_that_are_of_no_use_are_named() {
+fn errors_say_why_a_server_is_of_no_use() {
     let error =
         |server: &Server, tracker| open(&server.settings(tracker)).err().unwrap().to_string();
     let server = Server::start(greeting(), true);
@@ -188,7 +188,7 @@ fn servers_that_are_of_no_use_are_named() {
 }
 
 #[test]
-fn ports_and_protocols_that_do_not_go_together_are_refused() {
+fn ports_and_protocols_that_do_not_match_are_refused() {
     let refused = |protocol: &str, port: &str| {
         let settings = TrackerSettings::new(protocol, PortName::parse(port).unwrap());
         open(&settings).err().unwrap().to_string()

@@ -1,5 +1,5 @@
-//! Every serial protocol's driver against its simulated device, through a real
-//! pseudo-terminal: the driver cannot tell that from a serial port.
+//! The driver of every serial protocol with its simulated device, through a pseudo-terminal,
+//! which behaves like a serial port in most respects.
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 #![allow(clippy::disallowed_methods, reason = "tests start their own threads")]
@@ -14,8 +14,8 @@ use penumbra_tracker_serial::{
 };
 use std::time::{Duration, Instant};
 
-/// Largest distance of a decoded pose from the path, metres, at any time of it: resolution
-/// of text in inches, or of a 14-bit word.
+/// Largest distance of a decoded pose from the path, metres (with 0.1 m for a radian). It is
+/// not zero, because text in inches and 14-bit words have a limited resolution.
 fn furthest_from_path(found: &[penumbra_interface::PoseSample]) -> f64 {
     let path = Trajectory::default();
     let times = || (0..12_000).map(|i| f64::from(i) * 1e-3);
@@ -24,8 +24,8 @@ fn furthest_from_path(found: &[penumbra_interface::PoseSample]) -> f64 {
         times()
             .map(|t| path.pose_at(t))
             .map(|p| {
-                let turned = p.rotation.angle_between(pose.rotation);
-                (p.translation - pose.translation).length() + 0.1 * turned
+                let angle = p.rotation.angle_between(pose.rotation);
+                (p.translation - pose.translation).length() + 0.1 * angle
             })
             .fold(f64::INFINITY, f64::min)
     };
@@ -33,7 +33,7 @@ fn furthest_from_path(found: &[penumbra_interface::PoseSample]) -> f64 {
 }
 
 #[test]
-fn every_protocol_streams_the_path() {
+fn every_protocol_streams() {
     for protocol in [
         "fastrak",
         "fastrak-ascii-quaternion",
@@ -63,7 +63,7 @@ fn every_protocol_streams_the_path() {
             "{protocol}"
         );
         let report = tracker.report();
-        // The line's speed goes into the recording, for whoever decodes it.
+        // The baud rate goes into the recording, for its decoder.
         assert!(report.protocol.starts_with(&format!("{protocol}@")));
         assert_eq!(report.warning, None);
     }
@@ -88,7 +88,7 @@ fn inches_and_centimetres_give_the_same_metres() {
 }
 
 #[test]
-fn the_hemisphere_is_told() {
+fn the_hemisphere_is_set() {
     let device = Device::start("fastrak", Faults::default());
     let back = TrackerSettings {
         hemisphere: Hemisphere::Back,
@@ -96,7 +96,7 @@ fn the_hemisphere_is_told() {
     };
     let mut tracker = open(&back).unwrap();
     let (found, _) = poses(&mut *tracker, "fastrak", 5);
-    // The path is in front: the device, told wrongly, reports its mirror image.
+    // The path is in front: with the wrong hemisphere, the device reports its mirror image.
     assert!(
         found
             .iter()
@@ -105,7 +105,7 @@ fn the_hemisphere_is_told() {
 }
 
 #[test]
-fn stations_that_are_wanted_are_switched_on_and_the_others_off() {
+fn the_configured_stations_are_switched_on_and_the_others_off() {
     let device = Device::start("fastrak", Faults::default());
     let two = TrackerSettings {
         stations: vec![2, 4],
@@ -117,12 +117,12 @@ fn stations_that_are_wanted_are_switched_on_and_the_others_off() {
     assert_eq!(stations[..4], [2, 4, 2, 4]);
 }
 
-/// What the receivers of a simulated device say of each other: they sit 10 cm apart on one
-/// body, so a record taken for another receiver's, or read at another's length, would show.
-fn stations_heard(protocol: &str, wanted: Vec<u8>) -> Vec<u8> {
+/// The stations of the first records, whose poses are checked: the receivers are mounted 10 cm
+/// apart on one body, so a record with the wrong station or the wrong length is noticed.
+fn stations_received(protocol: &str, stations: Vec<u8>) -> Vec<u8> {
     let device = Device::start(protocol, Faults::default());
     let settings = TrackerSettings {
-        stations: wanted,
+        stations,
         ..settings(protocol, &device)
     };
     let mut tracker = open(&settings).unwrap_or_else(|e| panic!("{protocol}: {e}"));
@@ -144,24 +144,24 @@ fn stations_heard(protocol: &str, wanted: Vec<u8>) -> Vec<u8> {
 }
 
 #[test]
-fn a_flock_in_group_mode_tells_its_birds_apart() {
+fn a_flock_in_group_mode_sends_all_birds_up_to_the_highest_station() {
     for protocol in ["flock-group", "flock-angles-group"] {
-        assert_eq!(stations_heard(protocol, vec![2]), [1, 2, 1, 2, 1, 2]);
-        assert_eq!(stations_heard(protocol, vec![1, 3]), [1, 2, 3, 1, 2, 3]);
+        assert_eq!(stations_received(protocol, vec![2]), [1, 2, 1, 2, 1, 2]);
+        assert_eq!(stations_received(protocol, vec![1, 3]), [1, 2, 3, 1, 2, 3]);
     }
 }
 
 #[test]
 fn a_libertys_receivers_are_switched_on_and_off() {
     for protocol in ["liberty", "patriot", "liberty-euler"] {
-        assert_eq!(stations_heard(protocol, vec![2]), [2; 6]);
-        assert_eq!(stations_heard(protocol, vec![1]), [1; 6]);
-        assert_eq!(stations_heard(protocol, vec![2, 1]), [1, 2, 1, 2, 1, 2]);
+        assert_eq!(stations_received(protocol, vec![2]), [2; 6]);
+        assert_eq!(stations_received(protocol, vec![1]), [1; 6]);
+        assert_eq!(stations_received(protocol, vec![2, 1]), [1, 2, 1, 2, 1, 2]);
     }
 }
 
 #[test]
-fn hanging_up_is_noticed_at_once() {
+fn a_hang_up_is_noticed_at_once() {
     let mut device = Device::start("fastrak", Faults::default());
     let mut tracker = open(&settings("fastrak", &device)).unwrap();
     poses(&mut *tracker, "fastrak", 3);
@@ -173,18 +173,18 @@ fn hanging_up_is_noticed_at_once() {
         }
     };
     assert!(
-        // Half of what it was given to wait; a busy machine may hold the thread back.
+        // At once would be less, but a busy machine may delay the thread.
         began.elapsed() < Duration::from_millis(2500),
         "{:?}",
         began.elapsed()
     );
     assert!(matches!(error, DeviceError::Unplugged { .. }), "{error}");
-    // And again at every further call, without waiting and without data.
+    // Every further call fails, too, without waiting.
     assert!(tracker.next_bytes(Duration::from_secs(5)).is_err());
 }
 
 #[test]
-fn silence_is_named_and_waited_out_without_spinning() {
+fn silence_is_reported_after_its_limit_without_spinning() {
     let faults = Faults::parse("silent-after=1.5").unwrap();
     let device = Device::start("fastrak", faults);
     let mut tracker = open(&settings("fastrak", &device)).unwrap();
@@ -193,7 +193,7 @@ fn silence_is_named_and_waited_out_without_spinning() {
         calls += 1;
         match tracker.next_bytes(Duration::from_millis(100)) {
             Err(error) => break error,
-            Ok(_) => assert!(calls < 2000, "it spins"),
+            Ok(_) => assert!(calls < 2000, "next_bytes returns without waiting"),
         }
     };
     assert!(
@@ -210,20 +210,23 @@ fn silence_is_named_and_waited_out_without_spinning() {
 }
 
 #[test]
-fn a_device_that_says_nothing_is_silent() {
+fn a_device_that_never_answers_is_silent() {
     let device = Device::start("fastrak", Faults::parse("silent-after=0").unwrap());
     let error = open(&settings("fastrak", &device)).err().unwrap();
     assert!(matches!(error, DeviceError::Silent { .. }), "{error}");
 }
 
 #[test]
-fn another_protocol_is_named() {
-    for (speaks, wanted) in [("csv", "fastrak"), ("csv", "liberty"), ("csv", "freed")] {
-        let device = Device::start(speaks, Faults::default());
-        let error = open(&settings(wanted, &device)).err().unwrap().to_string();
+fn another_protocol_is_recognised() {
+    for (sent, expected) in [("csv", "fastrak"), ("csv", "liberty"), ("csv", "freed")] {
+        let device = Device::start(sent, Faults::default());
+        let error = open(&settings(expected, &device))
+            .err()
+            .unwrap()
+            .to_string();
         assert!(
-            error.contains(&format!("sends records of protocol {speaks:?}")),
-            "{speaks} for {wanted}: {error}"
+            error.contains(&format!("sends records of protocol {sent:?}")),
+            "{sent} for {expected}: {error}"
         );
     }
 }
@@ -256,7 +259,7 @@ fn a_line_with_faults_recovers() {
 }
 
 #[test]
-fn leaving_stops_the_stream_and_another_may_come() {
+fn closing_stops_the_stream_and_frees_the_port() {
     let device = Device::start("fastrak", Faults::default());
     for _ in 0..3 {
         let mut tracker = open(&settings("fastrak", &device)).unwrap();
@@ -281,13 +284,13 @@ fn arrival_is_on_the_monotonic_clock() {
             .iter()
             .all(|s| before < s.arrived_at && s.arrived_at < after)
     );
-    // 120 records a second: 9 gaps of 8.3 ms, give or take a busy machine.
+    // 120 records a second: 9 gaps of 8.3 ms, and a tolerance for a busy machine.
     let spread = found[9].arrived_at.seconds_since(found[0].arrived_at);
     assert!((0.03..0.5).contains(&spread), "{spread}");
 }
 
 #[test]
-fn what_is_not_there_is_named() {
+fn ports_that_cannot_be_opened_are_named() {
     let open_at = |path: &str| {
         let settings = TrackerSettings::new("fastrak", PortName::Serial(path.to_owned()));
         open(&settings).err().unwrap()
@@ -304,21 +307,21 @@ fn what_is_not_there_is_named() {
     assert!(error.to_string().contains("is no serial port"), "{error}");
     let settings = TrackerSettings::new("polaris", PortName::Serial("/dev/null".to_owned()));
     let error = open(&settings).err().unwrap().to_string();
-    assert!(error.contains("known are fastrak"), "{error}");
+    assert!(error.contains("there are fastrak"), "{error}");
 }
 
 #[test]
-fn probing_finds_who_is_there() {
-    for (speaks, found, said) in [
+fn probing_finds_the_protocol() {
+    for (sent, found, said) in [
         ("fastrak", "fastrak", "FASTRAK"),
         ("liberty", "liberty", "Liberty"),
         ("flock", "flock", "3.60"),
         ("csv", "csv", ""),
     ] {
-        let device = Device::start(speaks, Faults::default());
+        let device = Device::start(sent, Faults::default());
         let port = PortName::Serial(device.path());
-        let answer = probe(&port).unwrap().unwrap_or_else(|| panic!("{speaks}"));
+        let answer = probe(&port).unwrap().unwrap_or_else(|| panic!("{sent}"));
         assert_eq!(answer.protocol, found);
-        assert!(answer.said.unwrap_or_default().contains(said), "{speaks}");
+        assert!(answer.said.unwrap_or_default().contains(said), "{sent}");
     }
 }

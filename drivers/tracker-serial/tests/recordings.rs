@@ -1,5 +1,5 @@
-//! Recorded bytes in, the poses that are known to be in them out: see
-//! `tests/fixtures/tracker/ORIGIN.md`. Decoded whole, byte by byte, and through a real
+//! Recorded bytes are decoded, and the poses compared with those that the recordings are known
+//! to hold (`tests/fixtures/tracker/ORIGIN.md`): in one piece, byte by byte, and through a
 //! pseudo-terminal.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 #![allow(clippy::disallowed_methods, reason = "tests start their own threads")]
@@ -96,7 +96,7 @@ impl Recording {
 }
 
 #[test]
-fn recordings_hold_the_poses_that_they_are_known_to_hold() {
+fn recordings_decode_to_their_known_poses() {
     for name in RECORDINGS {
         let recording = Recording::load(name);
         for size in [1, 7, recording.bytes.len()] {
@@ -115,10 +115,10 @@ fn recordings_hold_the_poses_that_they_are_known_to_hold() {
     }
 }
 
-/// Every byte in turn lost, doubled, or with each bit wrong: the decoder finds back within
-/// two records, and where the protocol's sum tells, nothing wrong is handed on.
+/// Every byte in turn is lost, doubled, or has one bit flipped: the decoder recovers within two
+/// records, and where the protocol has a checksum, it passes no wrong pose on.
 #[test]
-fn damage_at_any_place_costs_its_neighbourhood_alone() {
+fn damage_costs_at_most_the_neighbouring_records() {
     for name in RECORDINGS {
         let mut recording = Recording::load(name);
         let record = recording.bytes.len() / recording.poses.len();
@@ -126,7 +126,7 @@ fn damage_at_any_place_costs_its_neighbourhood_alone() {
         let mut whole = recording.decoder();
         let mut count = 0;
         whole.push(&recording.bytes, MonotonicTime::default(), |_| count += 1);
-        // The last records stay whole: after damage, two good ones are needed.
+        // The last records stay undamaged: after damage, two valid ones are needed.
         for place in 0..recording.bytes.len().saturating_sub(4 * record) {
             for fault in 0..10_u32 {
                 let mut bytes = recording.bytes.clone();
@@ -139,15 +139,15 @@ fn damage_at_any_place_costs_its_neighbourhood_alone() {
                 let mut found = Vec::new();
                 decoder.push(&bytes, MonotonicTime::default(), |s| found.push(s));
                 let known = |s: &&PoseSample| recording.poses.iter().any(|p| recording.is(s, p));
-                let foreign = found.len() - found.iter().filter(known).count();
-                // One lost or doubled byte in 256 leaves FreeD's sum as it was.
-                let told = name == "csv" || (name == "freed" && fault < 8);
+                let wrong = found.len() - found.iter().filter(known).count();
+                // A lost or doubled byte leaves FreeD's checksum right once in 256 times.
+                let detected = name == "csv" || (name == "freed" && fault < 8);
                 assert!(
-                    foreign <= usize::from(!told),
-                    "{name} {place} {fault}: {foreign} false"
+                    wrong <= usize::from(!detected),
+                    "{name} {place} {fault}: {wrong} wrong"
                 );
-                // Nothing is believed before two good records: at the beginning the one
-                // before the damage goes with it.
+                // The decoder locks on two valid records: near the beginning, the one before the
+                // damage is lost, too.
                 let lost = if place < 4 * record { 3 } else { 2 };
                 assert!(
                     found.len() + lost >= count,
@@ -160,7 +160,7 @@ fn damage_at_any_place_costs_its_neighbourhood_alone() {
 }
 
 impl Recording {
-    /// The places at which records end.
+    /// The offsets at which records end.
     fn ends(&self) -> Vec<usize> {
         if self.name == "csv" {
             let lines = self
@@ -179,7 +179,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(40))]
 
     #[test]
-    fn garbage_before_and_between_costs_at_most_its_neighbours(
+    fn garbage_costs_at_most_the_neighbouring_records(
         before in prop::collection::vec(any::<u8>(), 0..300),
         between in prop::collection::vec(any::<u8>(), 0..300),
         place in 2usize..6,
@@ -202,13 +202,13 @@ proptest! {
             }
             let known = |s: &PoseSample| recording.poses.iter().any(|p| recording.is(s, p));
             prop_assert!(found.iter().all(known), "{}: {:?}", name, found);
-            // What garbage ends like may take the next record with it, no more.
+            // Garbage that ends like the beginning of a record may cost the next one, no more.
             prop_assert!(found.len() >= 7, "{}: {} of 10", name, found.len());
         }
     }
 
     #[test]
-    fn arbitrary_bytes_never_break_any_decoder(
+    fn arbitrary_bytes_give_only_plausible_poses_in_order(
         bytes in prop::collection::vec(any::<u8>(), 0..3000), cut in 1usize..200,
     ) {
         for protocol in penumbra_tracker_serial::PROTOCOLS {
@@ -227,7 +227,7 @@ proptest! {
 
 #[cfg(unix)]
 #[test]
-fn recordings_come_through_a_pseudo_terminal() {
+fn recordings_decode_through_a_pseudo_terminal() {
     use common::{Device, settings};
     use penumbra_synthetic::{Faults, Recording as Bytes, SimulatedTracker, Source};
     for name in [

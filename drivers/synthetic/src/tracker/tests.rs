@@ -17,7 +17,7 @@ fn answer(device: &mut SimulatedTracker, command: &[u8]) -> Vec<u8> {
 }
 
 #[test]
-fn a_fastrak_answers_as_the_manual_says() {
+fn a_fastrak_answers_as_in_the_manual() {
     let mut device = device("fastrak");
     let status = answer(&mut device, b"S");
     assert_eq!(status.len(), 55);
@@ -37,14 +37,14 @@ fn a_fastrak_answers_as_the_manual_says() {
 }
 
 #[test]
-fn a_fastrak_shares_its_rate_and_is_deaf_while_it_starts() {
+fn a_fastrak_shares_its_rate_and_ignores_commands_while_it_resets() {
     let mut device = device("fastrak");
     answer(&mut device, b"l2,1\rC");
     let mut out = Vec::new();
     device.advance(at(0), &mut out);
     device.advance(at(1000), &mut out);
     device.advance(at(1000), &mut out);
-    // After a second's pause it sends what is due now, not what it missed.
+    // After a second without a call it sends what is due now, not what it missed.
     assert_eq!(out.len(), 2 * 2 * 47);
     assert_eq!(device.next_due().unwrap().nanos_since(at(1000)), 16_666_666);
     answer(&mut device, b"\x19");
@@ -66,7 +66,7 @@ fn outside_its_hemisphere_a_fastrak_reports_the_mirror_image() {
 }
 
 #[test]
-fn the_others_answer_too() {
+fn the_other_devices_answer() {
     let mut liberty = device("liberty");
     assert!(answer(&mut liberty, b"\x16\r").starts_with(b"Polhemus"));
     assert_eq!(answer(&mut liberty, b"\x150\r"), b"00030003\r\n");
@@ -81,7 +81,7 @@ fn the_others_answer_too() {
     assert_eq!(answer(&mut flock, b"O\x01"), [3, 60]);
     assert_eq!(answer(&mut flock, b"]B").len(), 14);
     assert_eq!(answer(&mut flock, b"P\x23\x01\xf1YB").len(), 13);
-    // Two birds, the second of which still sends quaternions; a fifth is not there.
+    // Two birds, the second of which still sends quaternions; there is no fifth one.
     let group = answer(&mut flock, b"P\x32\x02\xf5]B");
     assert_eq!((group.len(), group[12], group[27]), (13 + 15, 1, 2));
     assert_eq!(answer(&mut flock, b"\xf2YB").len(), 2 * 13);
@@ -100,7 +100,7 @@ fn the_others_answer_too() {
 }
 
 #[test]
-fn a_recording_is_played_in_its_own_time_and_again() {
+fn a_recording_is_played_at_its_own_times_and_repeats() {
     let recording = Recording::new(vec![
         (at(500), vec![1]),
         (at(510), vec![2]),

@@ -6,7 +6,7 @@ fn parse(line: &str) -> Result<Reading, Fault> {
 }
 
 #[test]
-fn lines_with_and_without_seconds_and_sum() {
+fn seconds_and_checksum_are_optional() {
     for line in [
         "7,0.5,-1,2e-1,1,0,0,0",
         "7, 0.5, -1 ,0.2,1,0,0,0",
@@ -26,7 +26,7 @@ fn lines_with_and_without_seconds_and_sum() {
 }
 
 #[test]
-fn wrong_lines_are_refused() {
+fn malformed_lines_are_refused() {
     for line in [
         "",
         "1",
@@ -54,27 +54,27 @@ fn wrong_lines_are_refused() {
 }
 
 #[test]
-fn the_rest_of_a_line_is_no_line() {
+fn the_rest_of_a_line_is_discarded() {
     let format = Format::default();
     let line = b"2,0,0,0,1,0,0,0\n";
     let skip = |skip| Verdict::Noise {
         skip,
         fault: Fault::Layout,
     };
-    assert_eq!(format.judge(None, line), skip(16));
-    assert_eq!(format.judge(Some(b'1'), line), skip(16));
+    assert_eq!(format.classify(None, line), skip(16));
+    assert_eq!(format.classify(Some(b'1'), line), skip(16));
     assert!(matches!(
-        format.judge(Some(b'\n'), line),
+        format.classify(Some(b'\n'), line),
         Verdict::Reading { len: 16, .. }
     ));
     assert_eq!(
-        format.judge(Some(b'\n'), b"# hello\r\n"),
-        Verdict::Aside { len: 9 }
+        format.classify(Some(b'\n'), b"# hello\r\n"),
+        Verdict::NoPose { len: 9 }
     );
     assert_eq!(
-        format.judge(Some(b'\n'), b"\r\n"),
-        Verdict::Aside { len: 2 }
+        format.classify(Some(b'\n'), b"\r\n"),
+        Verdict::NoPose { len: 2 }
     );
-    assert_eq!(format.judge(Some(b'\n'), b"2,0"), Verdict::Incomplete);
-    assert_eq!(format.judge(Some(b'\n'), &[b'1'; 300]), skip(LINE_LIMIT));
+    assert_eq!(format.classify(Some(b'\n'), b"2,0"), Verdict::Incomplete);
+    assert_eq!(format.classify(Some(b'\n'), &[b'1'; 300]), skip(LINE_LIMIT));
 }

@@ -5,7 +5,7 @@ use glam::DVec3;
 use penumbra_interface::MonotonicTime;
 use proptest::prelude::*;
 
-/// Positions that climb by a step, so that each record is unlike any other.
+/// Records whose positions increase in steps, so that all are different.
 fn ascii(count: usize) -> Vec<u8> {
     (0..count).flat_map(ascii_record).collect()
 }
@@ -45,7 +45,7 @@ fn at(nanos: i64) -> MonotonicTime {
     MonotonicTime::from_nanos(nanos)
 }
 
-/// X in inches of every record found.
+/// X of every record found, inches.
 fn decode(format: Format, pieces: &[&[u8]]) -> (Vec<f64>, Decoder) {
     let mut decoder = Decoder::new(format);
     let mut found = Vec::new();
@@ -71,7 +71,7 @@ fn assert_close(found: &[f64], expected: &[f64]) {
 }
 
 #[test]
-fn one_record_alone_is_not_believed() {
+fn a_single_record_is_not_enough() {
     let (found, decoder) = decode(Format::default(), &[&ascii(1)]);
     assert!(found.is_empty() && !decoder.locked());
     let (found, decoder) = decode(Format::default(), &[&ascii(2)]);
@@ -80,7 +80,7 @@ fn one_record_alone_is_not_believed() {
 }
 
 #[test]
-fn an_error_letter_is_shown_and_the_record_kept() {
+fn an_error_letter_is_reported_and_the_record_kept() {
     let mut bytes = ascii(2);
     bytes[47 + 2] = b'C';
     let mut errors = Vec::new();
@@ -91,7 +91,7 @@ fn an_error_letter_is_shown_and_the_record_kept() {
 }
 
 #[test]
-fn a_record_keeps_the_arrival_of_its_own_last_byte() {
+fn a_record_has_the_arrival_time_of_its_last_byte() {
     let mut arrivals = Vec::new();
     let mut decoder = Decoder::new(Format::default());
     let bytes = ascii(3);
@@ -102,7 +102,7 @@ fn a_record_keeps_the_arrival_of_its_own_last_byte() {
 }
 
 #[test]
-fn the_line_speed_sets_records_of_one_read_apart() {
+fn the_baud_rate_separates_records_of_one_read() {
     let mut arrivals = Vec::new();
     let mut decoder = Decoder::new(Format::default()).with_baud(9_600);
     decoder.push(&ascii(3), at(1_000_000_000), |s| {
@@ -119,20 +119,20 @@ fn the_line_speed_sets_records_of_one_read_apart() {
 }
 
 #[test]
-fn stations_pass_through() {
+fn station_numbers_are_kept() {
     let mut stations = Vec::new();
     let mut decoder = Decoder::new(binary_format());
     decoder.push(&binary(5), at(0), |sample| {
         stations.push(sample.station);
         assert!((sample.transmitter_from_sensor.translation.z - 3.5 * 0.0254).abs() < 1e-9);
-        let turned = sample.transmitter_from_sensor.rotation * DVec3::X;
-        assert!((turned.length() - 1.0).abs() < 1e-9);
+        let axis = sample.transmitter_from_sensor.rotation * DVec3::X;
+        assert!((axis.length() - 1.0).abs() < 1e-9);
     });
     assert_eq!(stations, [1, 2, 3, 4, 1]);
 }
 
 #[test]
-fn garbage_longer_than_the_buffer_is_slid_over() {
+fn garbage_longer_than_the_buffer_is_skipped() {
     let garbage = vec![b'0'; 1000];
     let stream = [garbage, ascii(4)].concat();
     let (found, decoder) = decode(Format::default(), &[&stream]);
@@ -150,12 +150,12 @@ fn a_status_record_between_readings_costs_no_reading() {
     let (found, decoder) = decode(Format::default(), &[&stream]);
     assert_close(&found, &steps(0..6));
     let counters = decoder.counters();
-    assert_eq!((counters.resyncs, counters.asides), (0, 1));
+    assert_eq!((counters.resyncs, counters.without_pose), (0, 1));
 }
 
 proptest! {
     #[test]
-    fn splits_do_not_matter(cuts in prop::collection::vec(0usize..47 * 12, 0..20), text in any::<bool>()) {
+    fn the_result_does_not_depend_on_how_reads_are_split(cuts in prop::collection::vec(0usize..47 * 12, 0..20), text in any::<bool>()) {
         let (format, stream) = if text {
             (Format::default(), ascii(12))
         } else {
@@ -181,7 +181,7 @@ proptest! {
     }
 
     #[test]
-    fn arbitrary_bytes_never_break_it(bytes in prop::collection::vec(any::<u8>(), 0..2000), text in any::<bool>()) {
+    fn arbitrary_bytes_give_only_plausible_poses(bytes in prop::collection::vec(any::<u8>(), 0..2000), text in any::<bool>()) {
         let format = if text { Format::default() } else { binary_format() };
         let (found, decoder) = decode(format, &[&bytes]);
         prop_assert!(found.iter().all(|x| x.abs() * 0.0254 <= format.envelope_metres));
@@ -203,11 +203,11 @@ proptest! {
         let damaged = place / 47;
         let is_step = |i: usize| found.iter().any(|x| (x - steps(i..i + 1)[0]).abs() < 1e-6);
         for i in (0..damaged.saturating_sub(1)).chain(damaged + 2..14) {
-            prop_assert!(is_step(i), "record {} lost to damage in {}", i, damaged);
+            prop_assert!(is_step(i), "record {} lost by damage in {}", i, damaged);
         }
-        // At most the damaged record itself may be misread, where a digit flipped to another.
-        let foreign = found.iter().filter(|x| !steps(0..14).iter().any(|s| (s - **x).abs() < 1e-6));
-        prop_assert!(foreign.count() <= 1);
+        // At most the damaged record itself may be misread, where one digit became another.
+        let wrong = found.iter().filter(|x| !steps(0..14).iter().any(|s| (s - **x).abs() < 1e-6));
+        prop_assert!(wrong.count() <= 1);
     }
 
     #[test]

@@ -1,5 +1,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
+use crate::fastrak;
+use crate::format::PROTOCOLS;
 use crate::settings::{PortName, Units};
 use penumbra_synthetic::{SimulatedTracker, Source, Trajectory};
 
@@ -7,32 +9,32 @@ fn settings(protocol: &str) -> TrackerSettings {
     TrackerSettings::new(protocol, PortName::Serial("/dev/none".to_owned()))
 }
 
-/// Holds the dialogue with a device in simulated time: what was said, and how it ended.
+/// Runs the dialogue with a device in simulated time: what was written, and how it ended.
 fn converse(settings: &TrackerSettings, mut device: Option<SimulatedTracker>) -> (Vec<u8>, Action) {
     let mut dialogue = Dialogue::new(settings).unwrap();
-    let (mut said, mut now) = (Vec::new(), MonotonicTime::from_nanos(0));
+    let (mut written, mut now) = (Vec::new(), MonotonicTime::from_nanos(0));
     for _ in 0..10_000 {
-        let mut heard = Vec::new();
+        let mut received = Vec::new();
         match dialogue.next(now) {
             Action::Write(bytes) => {
-                said.extend_from_slice(&bytes);
+                written.extend_from_slice(&bytes);
                 if let Some(device) = &mut device {
-                    device.receive(&bytes, now, &mut heard);
+                    device.receive(&bytes, now, &mut received);
                 }
             }
             Action::Read { until, .. } => {
                 now = until.min(now.offset_nanos(2_000_000));
                 if let Some(device) = &mut device {
-                    device.advance(now, &mut heard);
+                    device.advance(now, &mut received);
                 }
             }
-            end => return (said, end),
+            end => return (written, end),
         }
-        if !heard.is_empty() {
-            dialogue.receive(&heard, now);
+        if !received.is_empty() {
+            dialogue.receive(&received, now);
         }
     }
-    panic!("it does not end")
+    panic!("the dialogue does not end")
 }
 
 fn simulated(protocol: &str) -> Option<SimulatedTracker> {
@@ -41,36 +43,35 @@ fn simulated(protocol: &str) -> Option<SimulatedTracker> {
 }
 
 #[test]
-fn a_fastrak_is_stopped_asked_told_asked_again_and_started() {
-    let (said, end) = converse(&settings("fastrak-binary-quaternion"), simulated("fastrak"));
+fn a_fastrak_is_stopped_identified_configured_checked_and_started() {
+    let (written, end) = converse(&settings("fastrak-binary-quaternion"), simulated("fastrak"));
     let expected = "cSufl1,1\rO1,2,11,0\rH1,1,0,0\rl2,0\rl3,0\rl4,0\rSC";
-    assert_eq!(String::from_utf8_lossy(&said), expected);
+    assert_eq!(String::from_utf8_lossy(&written), expected);
     let Action::Done(answer) = end else {
         panic!("{end:?}")
     };
     assert_eq!(
-        answer.said.unwrap(),
+        answer.description.unwrap(),
         "FASTRAK, software 3.18, simulated FASTRAK"
     );
     assert_eq!(answer.warning, None);
 }
 
 #[test]
-fn a_mode_that_was_not_taken_is_a_warning() {
-    let heard = b"21S3F0103  01  3.18  Rig                             \r\n";
-    let told = settings("fastrak-binary-quaternion");
-    let crate::Format::Fastrak(format) = crate::Format::for_protocol(&told.protocol).unwrap()
-    else {
+fn a_mode_that_the_device_did_not_take_is_a_warning() {
+    let status = b"21S3F0103  01  3.18  Rig                             \r\n";
+    let binary = settings("fastrak-binary-quaternion");
+    let Format::Fastrak(format) = Format::for_protocol(&binary.protocol).unwrap() else {
         panic!()
     };
-    let steps = fastrak::commands::greeting(&told, &format);
+    let steps = fastrak::commands::start_sequence(&binary, &format);
     let confirm = steps.iter().rev().find_map(|step| match step {
-        Step::Ask { heard, .. } => Some(heard),
+        Step::Ask { parse, .. } => Some(parse),
         _ => None,
     });
-    let warning = confirm.unwrap()(heard).unwrap().warning.unwrap();
+    let warning = confirm.unwrap()(status).unwrap().warning.unwrap();
     assert!(
-        warning.contains("told to send binary in centimetres"),
+        warning.contains("set to send binary in centimetres"),
         "{warning}"
     );
     assert!(warning.contains("sends text in inches"), "{warning}");
@@ -78,22 +79,19 @@ fn a_mode_that_was_not_taken_is_a_warning() {
         units: Units::Inches,
         ..settings("fastrak")
     };
-    let crate::Format::Fastrak(format) = crate::Format::for_protocol("fastrak").unwrap() else {
+    let Format::Fastrak(format) = Format::for_protocol("fastrak").unwrap() else {
         panic!()
     };
-    let first = fastrak::commands::greeting(&inches, &format);
-    let Some(Step::Ask {
-        heard: introduce, ..
-    }) = first.get(2)
-    else {
+    let first = fastrak::commands::start_sequence(&inches, &format);
+    let Some(Step::Ask { parse, .. }) = first.get(2) else {
         panic!()
     };
-    let warning = introduce(heard).unwrap().warning.unwrap();
+    let warning = parse(status).unwrap().warning.unwrap();
     assert!(warning.contains("built-in test found 103"), "{warning}");
 }
 
 #[test]
-fn the_others_are_told_their_modes() {
+fn the_other_devices_are_configured() {
     let receivers: String = (2..=16).map(|n| format!("\x15{n},0\r")).collect();
     let polhemus = format!("P\rF0\r\x16\r\x151,1\r{receivers}O*,2,7\rU1\rH*,1,0,0\rF1\rC\r");
     for (protocol, expected) in [
@@ -102,22 +100,22 @@ fn the_others_are_told_their_modes() {
         ("flock", "BO\x01L\0\0]@"),
         ("csv", ""),
     ] {
-        let (said, end) = converse(&settings(protocol), simulated(protocol));
-        assert_eq!(said, expected.as_bytes(), "{protocol}");
+        let (written, end) = converse(&settings(protocol), simulated(protocol));
+        assert_eq!(written, expected.as_bytes(), "{protocol}");
         assert!(matches!(end, Action::Done(_)), "{protocol}: {end:?}");
     }
-    let (said, end) = converse(&settings("freed"), simulated("freed"));
-    assert_eq!(said, [0xd0, 0xff, 0x01, 0x70]);
+    let (written, end) = converse(&settings("freed"), simulated("freed"));
+    assert_eq!(written, [0xd0, 0xff, 0x01, 0x70]);
     assert!(matches!(end, Action::Done(_)), "{end:?}");
 }
 
 #[test]
-fn every_bird_up_to_the_wanted_one_is_told_its_mode() {
+fn every_bird_up_to_the_highest_station_is_configured() {
     let third = TrackerSettings {
         stations: vec![3],
         ..settings("flock-group")
     };
-    let (said, end) = converse(&third, simulated("flock-group"));
+    let (written, end) = converse(&third, simulated("flock-group"));
     let mode = |bird: u8| [&[0xf0 | bird, b'L', 0, 0, 0xf0 | bird, b']'][..]].concat();
     let expected = [
         b"BO\x01P\x32\x03P\x23\x01".to_vec(),
@@ -126,13 +124,13 @@ fn every_bird_up_to_the_wanted_one_is_told_its_mode() {
         mode(3),
         b"@".to_vec(),
     ];
-    assert_eq!(said, expected.concat());
+    assert_eq!(written, expected.concat());
     assert!(matches!(end, Action::Done(_)), "{end:?}");
 }
 
 #[test]
-fn nobody_there_is_silence_within_seconds() {
-    for protocol in crate::PROTOCOLS.iter().filter(|name| **name != "vrpn") {
+fn an_absent_device_is_reported_as_silent_within_seconds() {
+    for protocol in PROTOCOLS.iter().filter(|name| **name != "vrpn") {
         let (_, end) = converse(&settings(protocol), None);
         let Action::Failed(Trouble::Silent { millis }) = end else {
             panic!("{protocol}: {end:?}")
@@ -142,7 +140,7 @@ fn nobody_there_is_silence_within_seconds() {
 }
 
 #[test]
-fn leaving_is_what_the_device_understands() {
+fn every_device_understands_its_stop_command() {
     for protocol in ["fastrak", "liberty", "flock", "freed"] {
         let mut device = simulated(protocol).unwrap();
         let settings = settings(protocol);
@@ -157,7 +155,7 @@ fn leaving_is_what_the_device_understands() {
         };
         device.receive(start, now, &mut Vec::new());
         assert!(device.is_streaming(), "{protocol}");
-        device.receive(&farewell(&settings), now, &mut Vec::new());
+        device.receive(&stop_command(&settings), now, &mut Vec::new());
         assert!(!device.is_streaming(), "{protocol}");
     }
 }

@@ -1,49 +1,51 @@
-//! What a FASTRAK is told. Commands are case sensitive; single letters take no carriage
-//! return, the others do.
+//! The commands of a FASTRAK. They are case sensitive; single letters take no carriage return,
+//! the others do.
 
-use super::{Encoding, Ending, Format, Orientation, Status};
-use crate::dialogue::{Answer, Step};
+use super::record::{Encoding, Ending, Format, Orientation};
+use super::status::Status;
 use crate::settings::{TrackerSettings, Units};
+use crate::step::{Answer, Step};
 use std::time::Duration;
 
 /// Receivers of one system electronics unit.
 const STATIONS: std::ops::RangeInclusive<u8> = 1..=4;
 
-/// Stop, ask, set the mode, ask again whether it is set, start.
-pub(crate) fn greeting(settings: &TrackerSettings, format: &Format) -> Vec<Step> {
+/// Stop, ask for the status, set the mode, check it by the status, start.
+pub(crate) fn start_sequence(settings: &TrackerSettings, format: &Format) -> Vec<Step> {
     let binary = format.encoding == Encoding::Binary;
     let centimetres = settings.units == Units::Centimetres;
-    let confirmed = match (binary, centimetres) {
-        (false, false) => |heard: &[u8]| confirm(heard, false, false),
-        (false, true) => |heard: &[u8]| confirm(heard, false, true),
-        (true, false) => |heard: &[u8]| confirm(heard, true, false),
-        (true, true) => |heard: &[u8]| confirm(heard, true, true),
+    let confirm_mode = match (binary, centimetres) {
+        (false, false) => |received: &[u8]| confirm(received, false, false),
+        (false, true) => |received: &[u8]| confirm(received, false, true),
+        (true, false) => |received: &[u8]| confirm(received, true, false),
+        (true, true) => |received: &[u8]| confirm(received, true, true),
     };
     vec![
         Step::Send(b"c".to_vec()),
-        Step::Quiet,
-        ask(|heard| Status::find(heard).map(|status| introduce(&status))),
+        Step::AwaitSilence,
+        ask(|received| Status::find(received).map(|status| describe(&status))),
         Step::Send(mode(settings, format)),
         Step::Pause(Duration::from_millis(50)),
-        Step::Quiet,
-        ask(confirmed),
+        Step::AwaitSilence,
+        ask(confirm_mode),
         Step::Send(b"C".to_vec()),
-        Step::Stream(Duration::from_millis(1500)),
+        Step::AwaitRecords(Duration::from_millis(1500)),
     ]
 }
 
-fn ask(heard: fn(&[u8]) -> Option<Answer>) -> Step {
+/// Asks for the status.
+fn ask(parse: fn(&[u8]) -> Option<Answer>) -> Step {
     Step::Ask {
-        send: b"S".to_vec(),
-        heard,
-        within: Duration::from_millis(500),
+        question: b"S".to_vec(),
+        parse,
+        timeout: Duration::from_millis(500),
         tries: 3,
-        needed: true,
+        required: true,
     }
 }
 
-/// Units, encoding, receivers, items and hemisphere.
-pub(crate) fn mode(settings: &TrackerSettings, format: &Format) -> Vec<u8> {
+/// Sets units, encoding, receivers, items and hemisphere.
+fn mode(settings: &TrackerSettings, format: &Format) -> Vec<u8> {
     let mut commands = Vec::new();
     commands.push(match settings.units {
         Units::Inches => b'U',
@@ -65,9 +67,9 @@ pub(crate) fn mode(settings: &TrackerSettings, format: &Format) -> Vec<u8> {
     commands
 }
 
-/// The items of the `O` command (p. 57) that make up the format's record.
-pub(crate) fn items(format: &Format) -> String {
-    let more = match format.encoding {
+/// The items of the `O` command (p. 57) for the records of a format.
+fn items(format: &Format) -> String {
+    let extended = match format.encoding {
         Encoding::AsciiExtended => 50,
         Encoding::Ascii | Encoding::Binary => 0,
     };
@@ -79,15 +81,15 @@ pub(crate) fn items(format: &Format) -> String {
         Ending::Space => 0,
         Ending::CrLf => 1,
     };
-    format!("{},{},{ending}", 2 + more, orientation + more)
+    format!("{},{},{ending}", 2 + extended, orientation + extended)
 }
 
-/// What a status record says of the device.
-pub(crate) fn introduce(status: &Status) -> Answer {
+/// The description of a device by its status.
+pub(crate) fn describe(status: &Status) -> Answer {
     let clean = status.self_test.iter().all(|digit| b"0 ".contains(digit));
     let digits = String::from_utf8_lossy(&status.self_test);
     Answer {
-        said: Some(format!(
+        description: Some(format!(
             "FASTRAK, software {}, {}",
             status.version, status.system
         )),
@@ -96,20 +98,20 @@ pub(crate) fn introduce(status: &Status) -> Answer {
     }
 }
 
-/// Whether it is in the mode that it was told.
-fn confirm(heard: &[u8], binary: bool, centimetres: bool) -> Option<Answer> {
-    let status = Status::find(heard)?;
-    let mut answer = introduce(&status);
+/// A warning if the device is not in the mode that it was set to.
+fn confirm(received: &[u8], binary: bool, centimetres: bool) -> Option<Answer> {
+    let status = Status::find(received)?;
+    let mut answer = describe(&status);
     if (status.binary, status.centimetres) != (binary, centimetres) {
-        let spell = |binary, centimetres| {
+        let mode = |binary, centimetres| {
             let encoding = if binary { "binary" } else { "text" };
             let units = if centimetres { "centimetres" } else { "inches" };
             format!("{encoding} in {units}")
         };
         answer.warning = Some(format!(
-            "was told to send {} but says that it sends {}",
-            spell(binary, centimetres),
-            spell(status.binary, status.centimetres)
+            "was set to send {} but reports that it sends {}",
+            mode(binary, centimetres),
+            mode(status.binary, status.centimetres)
         ));
     }
     Some(answer)

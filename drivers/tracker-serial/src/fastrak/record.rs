@@ -1,23 +1,23 @@
-//! One record: its layout, and what makes it a believable one.
+//! The layout of a record, and the checks that it must pass.
 
-use super::METRES_PER_INCH;
 use super::status::{STATUS_LEN, is_status};
+use crate::framing::{Fault, Framing, Reading, Verdict};
 use crate::plausible::{self, floats, rotation_from_euler, rotation_from_quaternion};
-use crate::{Fault, Framing, Reading, Verdict};
+use crate::units::METRES_PER_INCH;
 use glam::DVec3;
 
-/// How the numbers are spelt.
+/// How numbers are encoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Encoding {
     /// Fixed columns: `Sxxx.xx`, for quaternions `Sx.xxxx` (command `F`).
     Ascii,
-    /// `Sx.xxxxxESxx` and a blank for every value (items 52, 54 and 61).
+    /// `Sx.xxxxxESxx` and a blank for every number (items 52, 54 and 61).
     AsciiExtended,
     /// IEEE-754 single precision, little-endian (command `f`).
     Binary,
 }
 
-/// How the orientation is spelt.
+/// How the orientation is given.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Orientation {
     /// Azimuth, elevation and roll in degrees (item 4).
@@ -26,34 +26,34 @@ pub enum Orientation {
     Quaternion,
 }
 
-/// What closes a record.
+/// How a record ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ending {
     /// Carriage return and line feed (item 1).
     CrLf,
-    /// A blank (item 0), as VRPN asks for.
+    /// A blank (item 0), as VRPN uses it.
     Space,
 }
 
-/// What the device was told to send, and what of it can be believed.
+/// What the device has been set to send, and which positions are plausible.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Format {
     /// Text or floats.
     pub encoding: Encoding,
-    /// Angles or a quaternion.
+    /// Euler angles or a quaternion.
     pub orientation: Orientation,
     /// Last item of the output list.
     pub ending: Ending,
     /// Metres per unit of position: [`METRES_PER_INCH`](super::METRES_PER_INCH) or
     /// [`METRES_PER_CENTIMETRE`](super::METRES_PER_CENTIMETRE).
     pub metres_per_unit: f64,
-    /// A position further than this from the transmitter is no reading, metres. The
-    /// device's field is useless long before.
+    /// A position further than this from the transmitter is implausible, metres. The device
+    /// measures nothing useful at that distance.
     pub envelope_metres: f64,
 }
 
 impl Default for Format {
-    /// The factory's: text, inches, angles, one line per record (47 bytes).
+    /// The factory settings: text, inches, Euler angles, one line per record (47 bytes).
     fn default() -> Self {
         Self {
             encoding: Encoding::Ascii,
@@ -65,14 +65,14 @@ impl Default for Format {
     }
 }
 
-/// Bytes before the first number: `'0'`, station, error.
+/// Length of the header, bytes: `'0'`, station, error.
 const HEADER: usize = 3;
 /// Stations of one system electronics unit.
 const STATIONS: std::ops::RangeInclusive<u8> = b'1'..=b'4';
 
 impl Format {
-    /// The format that a recording's protocol name stands for; units are the rig's to say.
-    /// `None` for a name of another protocol.
+    /// The format for a protocol name, with inches: a recording does not name its units, the
+    /// rig calibration does. `None` for a name of another protocol.
     #[must_use]
     pub fn for_protocol(name: &str) -> Option<Self> {
         use {Encoding::*, Orientation::*};
@@ -93,7 +93,7 @@ impl Format {
         })
     }
 
-    /// Bytes of one record.
+    /// Length of a record, bytes.
     #[must_use]
     pub const fn record_len(&self) -> usize {
         let values = 3 + self.orientation_values();
@@ -119,11 +119,11 @@ impl Format {
         }
     }
 
-    /// Reads exactly one record.
+    /// Decodes exactly one record.
     ///
     /// # Errors
-    /// [`Fault::Layout`] if the bytes are not laid out as a record, [`Fault::Implausible`]
-    /// if they are but no device can have meant them.
+    /// [`Fault::Layout`] if the bytes are not laid out as a record, [`Fault::Implausible`] if
+    /// its numbers are impossible.
     pub fn parse(&self, bytes: &[u8]) -> Result<Reading, Fault> {
         let (station, error) = self.parse_header(bytes)?;
         let body = bytes.get(HEADER..).ok_or(Fault::Layout)?;
@@ -145,7 +145,7 @@ impl Format {
         })
     }
 
-    /// Station number and error letter, with length and ending checked.
+    /// Checks length and ending; the station number and the error letter.
     fn parse_header(&self, bytes: &[u8]) -> Result<(u8, Option<u8>), Fault> {
         let ended = match self.ending {
             Ending::CrLf => bytes.ends_with(b"\r\n"),
@@ -162,8 +162,8 @@ impl Format {
         }
     }
 
-    /// The first `N` numbers of `bytes`, by columns: a minus sign may touch the number
-    /// before it, so blanks do not part them.
+    /// The first `N` numbers of `bytes`. They are found by columns, because a minus sign may
+    /// follow the previous number without a blank.
     fn values<const N: usize>(&self, bytes: &[u8], decimals: usize) -> Result<[f64; N], Fault> {
         if self.encoding == Encoding::Binary {
             return floats(bytes);
@@ -185,10 +185,10 @@ impl Format {
 }
 
 impl Framing for Format {
-    fn judge(&self, _before: Option<u8>, bytes: &[u8]) -> Verdict {
+    fn classify(&self, _previous: Option<u8>, bytes: &[u8]) -> Verdict {
         match bytes {
             [b'0', ..] => {}
-            [b'2', ..] => return judge_status(bytes),
+            [b'2', ..] => return classify_status(bytes),
             _ => return Verdict::noise(Fault::Layout),
         }
         let len = self.record_len();
@@ -200,10 +200,10 @@ impl Framing for Format {
     }
 }
 
-/// A status record stands between readings when somebody asked for it.
-fn judge_status(bytes: &[u8]) -> Verdict {
+/// A status record comes between readings when it was asked for.
+fn classify_status(bytes: &[u8]) -> Verdict {
     match bytes.get(..STATUS_LEN) {
-        Some(status) if is_status(status) => Verdict::Aside { len: STATUS_LEN },
+        Some(status) if is_status(status) => Verdict::NoPose { len: STATUS_LEN },
         None if matches!(bytes, [_] | [_, b'1'..=b'4'] | [_, b'1'..=b'4', b'S', ..]) => {
             Verdict::Incomplete
         }
@@ -211,7 +211,7 @@ fn judge_status(bytes: &[u8]) -> Verdict {
     }
 }
 
-/// Third byte: a blank, or a letter of the built-in test.
+/// The third byte: a blank, or a letter of the built-in test.
 fn error_letter(byte: u8) -> Result<Option<u8>, Fault> {
     match byte {
         b' ' => Ok(None),
@@ -230,10 +230,10 @@ fn fixed_point(column: &[u8], decimals: usize) -> Option<f64> {
         (b'+', digits) => (false, digits),
         _ => (false, unsigned),
     };
-    let spelt_right = column.get(point) == Some(&b'.')
+    let well_formed = column.get(point) == Some(&b'.')
         && !digits.is_empty()
         && digits.iter().chain(fraction).all(u8::is_ascii_digit);
-    if !spelt_right {
+    if !well_formed {
         return None;
     }
     let scaled = digits
@@ -245,14 +245,14 @@ fn fixed_point(column: &[u8], decimals: usize) -> Option<f64> {
     Some(if negative { -value } else { value })
 }
 
-/// `Sx.xxxxxESxx` and a blank: finite.
+/// `Sx.xxxxxESxx` and a blank; a finite number.
 fn scientific(column: &[u8]) -> Option<f64> {
     let (number, blank) = column.split_at_checked(column.len().checked_sub(1)?)?;
-    let spelt_right = blank == b" " && number.get(2) == Some(&b'.') && number.get(8) == Some(&b'E');
+    let well_formed = blank == b" " && number.get(2) == Some(&b'.') && number.get(8) == Some(&b'E');
     let text = str::from_utf8(number).ok()?.trim_start();
     text.parse::<f64>()
         .ok()
-        .filter(|v| spelt_right && v.is_finite())
+        .filter(|v| well_formed && v.is_finite())
 }
 
 #[cfg(test)]

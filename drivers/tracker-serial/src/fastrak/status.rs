@@ -1,29 +1,29 @@
-//! The answer to `S`: 55 bytes that say in which mode the device is (manual p. 69).
+//! The answer to `S`: 55 bytes with the mode of the device (manual p. 69).
 
-/// Bytes of a status record.
+/// Length of a status record, bytes.
 pub const STATUS_LEN: usize = 55;
 
 /// A status record.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Status {
-    /// Station that it is about, from 1.
+    /// Station number, from 1.
     pub station: u8,
-    /// Records are binary (`f`), not text (`F`).
+    /// Whether records are binary (`f`) rather than text (`F`).
     pub binary: bool,
-    /// Positions are in centimetres (`u`), not in inches (`U`).
+    /// Whether positions are in centimetres (`u`) rather than inches (`U`).
     pub centimetres: bool,
-    /// The device sends by itself (`C`).
+    /// Whether the device sends continuously (`C`).
     pub continuous: bool,
-    /// Three digits of the built-in test; `000` or blanks when it found nothing.
+    /// Result of the built-in test, three digits; `000` or blanks if it found no fault.
     pub self_test: [u8; 3],
     /// Version of the device's software, trimmed.
     pub version: String,
-    /// What the owner wrote into the device, trimmed.
+    /// The device's system identification text, trimmed.
     pub system: String,
 }
 
 impl Status {
-    /// Reads exactly one status record. `None` if it is none.
+    /// Parses exactly one status record. `None` if it is not one.
     #[must_use]
     pub fn parse(bytes: &[u8]) -> Option<Self> {
         is_status(bytes).then_some(())?;
@@ -39,14 +39,14 @@ impl Status {
         })
     }
 
-    /// The first status record in `bytes`, wherever it begins.
+    /// The first status record in `bytes`, at any position.
     #[must_use]
     pub fn find(bytes: &[u8]) -> Option<Self> {
         bytes.windows(STATUS_LEN).find_map(Self::parse)
     }
 }
 
-/// Whether `bytes` are one whole status record, by its fixed places.
+/// Whether `bytes` are exactly one status record, by the positions that are fixed.
 pub(super) fn is_status(bytes: &[u8]) -> bool {
     let [b'2', station, b'S', flags @ ..] = bytes else {
         return false;

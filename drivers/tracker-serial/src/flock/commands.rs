@@ -1,39 +1,40 @@
-//! What a Flock of Birds is told: bytes without line ends. It is put into point mode
-//! before anything else, and what it was asked is read before it is asked again, or it
-//! complains.
+//! The commands of a Flock of Birds: bytes without line endings. It must be in point mode
+//! before any other command, and an answer must be read before the next question, or it
+//! reports an error.
 
-use super::Format;
-use crate::dialogue::{Answer, Step};
+use super::record::Format;
 use crate::settings::{Hemisphere, TrackerSettings};
+use crate::step::{Answer, Step};
 use std::time::Duration;
 
-/// One record.
+/// Point mode: send one record.
 pub(crate) const POINT: u8 = b'B';
-/// Records without end.
+/// Stream mode: send records continuously.
 pub(crate) const STREAM: u8 = b'@';
-/// Prefix that passes the next command on to the bird with this address.
+/// Prefix that passes the next command on to the bird with the address in its low bits
+/// (RS232-to-FBB).
 const TO_BIRD: u8 = 0xf0;
-/// Highest address that the prefix can name.
-const MOST_BIRDS: u8 = 14;
+/// Highest address that fits into the prefix.
+const MAX_ADDRESS: u8 = 14;
 
-/// Point mode, version, group mode where wanted, hemisphere and items, stream.
-pub(crate) fn greeting(settings: &TrackerSettings, format: &Format) -> Vec<Step> {
+/// Point mode, version, group mode if configured, hemisphere and items, stream mode.
+pub(crate) fn start_sequence(settings: &TrackerSettings, format: &Format) -> Vec<Step> {
     let mut steps = vec![
         Step::Send(vec![POINT]),
-        Step::Quiet,
+        Step::AwaitSilence,
         Step::Ask {
-            send: vec![b'O', 1],
-            heard: version,
-            within: Duration::from_millis(500),
+            question: vec![b'O', 1],
+            parse: version,
+            timeout: Duration::from_millis(500),
             tries: 2,
-            needed: true,
+            required: true,
         },
     ];
     if format.group {
         let birds = birds(settings);
         steps.extend(group(birds));
-        // Each of them sends records from now on, wanted or not, and one that sent other
-        // items would spoil its neighbours' as well.
+        // All of them send from now on, and records of another length would make those of
+        // their neighbours unreadable.
         let modes = (1..=birds).map(|bird| mode(Some(bird), settings.hemisphere, format));
         steps.extend(modes.map(Step::Send));
     } else {
@@ -41,22 +42,22 @@ pub(crate) fn greeting(settings: &TrackerSettings, format: &Format) -> Vec<Step>
     }
     steps.extend([
         Step::Pause(Duration::from_millis(50)),
-        Step::Quiet,
+        Step::AwaitSilence,
         Step::Send(vec![STREAM]),
-        Step::Stream(Duration::from_millis(1500)),
+        Step::AwaitRecords(Duration::from_millis(1500)),
     ]);
     steps
 }
 
-/// Birds on the bus that take part: addresses count from 1 without gaps, so those below a
-/// wanted one are among them.
+/// Number of birds in the group. Addresses count from 1 without gaps, so all up to the highest
+/// station take part.
 fn birds(settings: &TrackerSettings) -> u8 {
     let last = settings.stations.iter().copied().max();
-    last.unwrap_or(1).clamp(1, MOST_BIRDS)
+    last.unwrap_or(1).clamp(1, MAX_ADDRESS)
 }
 
-/// Auto-configuration of so many birds, then group mode. The manual wants 600 ms around the
-/// former.
+/// Auto-configuration of this many birds, then group mode. The manual asks for 600 ms before
+/// and after the former.
 fn group(birds: u8) -> [Step; 4] {
     [
         Step::Pause(Duration::from_millis(600)),
@@ -66,9 +67,9 @@ fn group(birds: u8) -> [Step; 4] {
     ]
 }
 
-/// Hemisphere and items of one bird.
+/// Sets hemisphere and items of one bird; `None`: of the only one.
 fn mode(bird: Option<u8>, hemisphere: Hemisphere, format: &Format) -> Vec<u8> {
-    // The axis, then whether its negative half is meant; `Upper` is −Z here, too.
+    // The axis, then 1 for its negative half. `Upper` is −Z here, too.
     let [axis, sign] = match hemisphere {
         Hemisphere::Forward => [0x00, 0x00],
         Hemisphere::Back => [0x00, 0x01],
@@ -86,11 +87,11 @@ fn mode(bird: Option<u8>, hemisphere: Hemisphere, format: &Format) -> Vec<u8> {
     bytes
 }
 
-/// Examining parameter 1 gives the software's version, two bytes.
-fn version(heard: &[u8]) -> Option<Answer> {
-    match heard {
+/// The answer to examining parameter 1: the software version, two bytes.
+fn version(received: &[u8]) -> Option<Answer> {
+    match received {
         [major, minor] => Some(Answer {
-            said: Some(format!("Flock of Birds, software {major}.{minor}")),
+            description: Some(format!("Flock of Birds, software {major}.{minor}")),
             warning: None,
         }),
         _ => None,

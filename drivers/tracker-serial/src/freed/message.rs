@@ -1,20 +1,20 @@
-//! One D1 message, both ways.
+//! Encoding and decoding of one D1 message.
 
-use super::Axes;
+use super::axes::Axes;
 use glam::{DMat3, DQuat, DVec3};
 use penumbra_interface::RigidTransform;
 
-/// Bytes of a D1 message.
+/// Length of a D1 message, bytes.
 pub const D1_LEN: usize = 29;
-/// First byte of a message of position and angles.
+/// First byte of a message with position and angles.
 pub(crate) const D1: u8 = 0xd1;
-/// All 29 bytes add up to it.
+/// The sum of all 29 bytes, modulo 256.
 const SUM: u8 = 0x40;
 const COUNTS_PER_DEGREE: f64 = 32768.0;
 const COUNTS_PER_METRE: f64 = 64_000.0;
 const LARGEST: f64 = 8_388_607.0;
 
-/// Zoom and focus, in the lens' own counts (24 bits).
+/// Zoom and focus in units of the lens (24 bits).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Lens {
     /// Zoom.
@@ -23,21 +23,21 @@ pub struct Lens {
     pub focus: u32,
 }
 
-/// The numbers of a message in their order, scaled.
+/// The numbers of a message in their order, in degrees and metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Message {
     /// The camera's number; 255 addresses any.
     pub camera: u8,
-    /// Pan, tilt, roll where the sender keeps to the manual.
+    /// Pan, tilt, roll if the sender follows the manual.
     pub angles_degrees: [f64; 3],
-    /// X, Y, height where the sender keeps to the manual.
+    /// X, Y, height if the sender follows the manual.
     pub position_metres: [f64; 3],
     /// Zoom and focus.
     pub lens: Lens,
 }
 
 impl Message {
-    /// Reads a message. `None` if it is no D1 or its checksum is wrong.
+    /// Decodes a message. `None` if it is not a D1 message or its checksum is wrong.
     #[must_use]
     pub fn decode(bytes: &[u8; D1_LEN]) -> Option<Self> {
         let sum = bytes.iter().fold(0_u8, |sum, byte| sum.wrapping_add(*byte));
@@ -59,7 +59,7 @@ impl Message {
         })
     }
 
-    /// Writes a message. Numbers beyond the field's range become its largest.
+    /// Encodes a message. Numbers beyond the range of their field are clamped.
     #[must_use]
     pub fn encode(&self) -> [u8; D1_LEN] {
         let mut bytes = [0; D1_LEN];
@@ -80,23 +80,23 @@ impl Message {
         bytes
     }
 
-    /// The pose that the message means, see the module's text.
+    /// The pose of the camera, in the frame that the module's documentation defines.
     #[must_use]
     pub fn pose(&self, axes: Axes) -> RigidTransform {
         let ([a, b, c], [d, e, f]) = (self.angles_degrees, self.position_metres);
-        let [pan, tilt, roll, x, y, z] = axes.sorted([a, b, c, d, e, f]);
+        let [pan, tilt, roll, x, y, z] = axes.to_quantities([a, b, c, d, e, f]);
         let rotation = DQuat::from_rotation_z(-pan.to_radians())
             * DQuat::from_rotation_x(tilt.to_radians())
             * DQuat::from_rotation_y(roll.to_radians());
         RigidTransform::new(rotation, DVec3::new(x, y, z))
     }
 
-    /// The message that means a pose.
+    /// The message for a pose.
     #[must_use]
     pub fn from_pose(camera: u8, pose: RigidTransform, axes: Axes, lens: Lens) -> Self {
         let [pan, tilt, roll] = angles_of(pose.rotation);
         let DVec3 { x, y, z } = pose.translation;
-        let [a, b, c, d, e, f] = axes.placed([pan, tilt, roll, x, y, z]);
+        let [a, b, c, d, e, f] = axes.to_fields([pan, tilt, roll, x, y, z]);
         Self {
             camera,
             angles_degrees: [a, b, c],
@@ -108,9 +108,9 @@ impl Message {
 
 /// Pan, tilt and roll in degrees.
 ///
-/// The columns of R = Rz(−p) Rx(t) Ry(r): its second column is where the camera looks,
-/// (sin p cos t, cos p cos t, sin t); its third row is (−cos t sin r, sin t, cos t cos r).
-/// Straight up or down pan and roll are one; all of it is given to pan.
+/// The second column of R = Rz(−p) Rx(t) Ry(r) is the direction of view, (sin p cos t,
+/// cos p cos t, sin t); its third row is (−cos t sin r, sin t, cos t cos r). When the camera
+/// looks straight up or down, pan and roll turn about the same axis, and roll is set to 0.
 fn angles_of(rotation: DQuat) -> [f64; 3] {
     let r = DMat3::from_quat(rotation.normalize());
     let forward = r.y_axis;
@@ -123,7 +123,7 @@ fn angles_of(rotation: DQuat) -> [f64; 3] {
     [pan, tilt, roll].map(f64::to_degrees)
 }
 
-/// A 24-bit two's complement number.
+/// A 24-bit number in two's complement.
 fn signed(bytes: [u8; 3]) -> i32 {
     (unsigned(bytes) << 8).cast_signed() >> 8
 }

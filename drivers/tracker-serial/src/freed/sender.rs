@@ -1,11 +1,12 @@
-//! Poses out, as D1 datagrams for virtual-production tools.
+//! Sends poses as D1 datagrams to virtual-production tools.
 
-use super::{Axes, Lens, Message};
+use super::axes::Axes;
+use super::message::{Lens, Message};
 use penumbra_interface::RigidTransform;
 use std::io;
 use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
 
-/// Sends a camera's pose as FreeD D1 over UDP, one message a datagram.
+/// Sends the pose of a camera as FreeD D1 over UDP, one message a datagram.
 #[derive(Debug)]
 pub struct FreedSender {
     socket: UdpSocket,
@@ -14,13 +15,13 @@ pub struct FreedSender {
 }
 
 impl FreedSender {
-    /// A sender to `receiver`, as camera number `camera`. Nothing is listened to, so a
-    /// receiver that is not there yet is no error.
+    /// A sender to `receiver`, as camera number `camera`. A receiver that is not there yet is
+    /// no error.
     ///
     /// # Errors
-    /// What the operating system says if it has no socket or no way to the receiver.
+    /// What the operating system says if it has no socket or no route to the receiver.
     pub fn new(receiver: SocketAddr, camera: u8) -> io::Result<Self> {
-        // From loopback to loopback; otherwise whatever interface leads there.
+        // From loopback to loopback, otherwise from any interface.
         let local = match receiver {
             SocketAddr::V4(to) if to.ip().is_loopback() => (Ipv4Addr::LOCALHOST, 0).into(),
             SocketAddr::V4(_) => (Ipv4Addr::UNSPECIFIED, 0).into(),
@@ -28,7 +29,7 @@ impl FreedSender {
         };
         let socket = UdpSocket::bind(local)?;
         socket.connect(receiver)?;
-        // The picture's thread may call `send`: it must never wait for a full queue.
+        // The rendering thread may call `send`, which must not wait for a full queue.
         socket.set_nonblocking(true)?;
         Ok(Self {
             socket,
@@ -37,19 +38,19 @@ impl FreedSender {
         })
     }
 
-    /// With another meaning of the six numbers.
+    /// The same sender with another order or other signs of the six numbers.
     #[must_use]
     pub fn with_axes(mut self, axes: Axes) -> Self {
         self.axes = axes;
         self
     }
 
-    /// Sends where the camera is: `world_from_camera` with the camera's axes right,
-    /// forward, up, see [`optical_to_studio`].
+    /// Sends the pose `world_from_camera`, where the camera's axes are right, forward and up:
+    /// see [`optical_to_studio`].
     ///
     /// # Errors
-    /// What the operating system says, but for a receiver that does not listen and a full
-    /// queue: both lose this message alone.
+    /// What the operating system says. A receiver that does not listen and a full queue are no
+    /// errors: they lose this one message.
     pub fn send(&self, world_from_camera: RigidTransform, lens: Lens) -> io::Result<()> {
         let message = Message::from_pose(self.camera, world_from_camera, self.axes, lens);
         match self.socket.send(&message.encode()) {
@@ -67,10 +68,10 @@ fn is_lost(error: &io::Error) -> bool {
 }
 
 /// `world_from_studio_camera` (axes right, forward, up) from `world_from_camera` (OpenCV's
-/// optical frame: right, down, forward): forward is the optical z, up its −y.
+/// optical frame: right, down, forward).
 #[must_use]
 pub fn optical_to_studio(world_from_camera: RigidTransform) -> RigidTransform {
-    // A quarter turn about x carries y, forward, to z, and z, up, to −y.
+    // A quarter turn about x takes forward (y) to the optical z, and up (z) to the optical −y.
     let optical_from_studio = glam::DQuat::from_rotation_x(std::f64::consts::FRAC_PI_2);
     RigidTransform::new(
         world_from_camera.rotation * optical_from_studio,

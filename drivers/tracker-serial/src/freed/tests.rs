@@ -14,7 +14,7 @@ fn message(angles_degrees: [f64; 3], position_metres: [f64; 3]) -> Message {
 }
 
 #[test]
-fn bytes_are_the_manuals() {
+fn bytes_are_as_in_the_manual() {
     // A.3.1 and B: -180° is A60000, 180° is 5A0000; 1 mm is 64.
     let bytes = message([-180.0, 180.0, 0.0], [0.001, -0.001, 131.0]).encode();
     assert_eq!(bytes[..2], [0xd1, 1]);
@@ -57,7 +57,7 @@ fn an_optical_frame_becomes_a_studio_frame() {
 }
 
 #[test]
-fn axes_are_read_and_written_alike() {
+fn axes_are_parsed_and_printed_alike() {
     for text in ["pan,tilt,roll,x,y,z", "-tilt,pan,roll,z,-y,x"] {
         assert_eq!(Axes::parse(text).unwrap().to_string(), text);
     }
@@ -78,7 +78,7 @@ fn axes_are_read_and_written_alike() {
 }
 
 #[test]
-fn a_sender_sends_what_a_decoder_reads() {
+fn sent_messages_decode() {
     let receiver = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
     let sender = FreedSender::new(receiver.local_addr().unwrap(), 7).unwrap();
     let pose = RigidTransform::new(DQuat::from_rotation_z(0.3), DVec3::new(1.0, 2.0, 1.5));
@@ -95,7 +95,7 @@ fn a_sender_sends_what_a_decoder_reads() {
     );
     let back = message.pose(Axes::default());
     assert!(back.rotation.angle_between(pose.rotation) < 1e-6);
-    // Nobody listens any more: this message is lost and nothing else.
+    // Without a receiver, messages are lost and `send` succeeds.
     drop(receiver);
     for _ in 0..3 {
         sender.send(pose, Lens::default()).unwrap();
@@ -104,7 +104,7 @@ fn a_sender_sends_what_a_decoder_reads() {
 
 proptest! {
     #[test]
-    fn poses_survive_the_wire(pan in -179.0..179.0, tilt in -89.0..89.0, roll in -179.0..179.0,
+    fn poses_survive_encoding(pan in -179.0..179.0, tilt in -89.0..89.0, roll in -179.0..179.0,
                               x in -100.0..100.0, z in -100.0..100.0) {
         let rotation = message([pan, tilt, roll], [0.0; 3]).pose(Axes::default()).rotation;
         let pose = RigidTransform::new(rotation, DVec3::new(x, -x, z));
@@ -118,7 +118,7 @@ proptest! {
     }
 
     #[test]
-    fn straight_up_is_a_pose_too(pan in -179.0..179.0, up in any::<bool>()) {
+    fn straight_up_and_down_survive_too(pan in -179.0..179.0, up in any::<bool>()) {
         let tilt = if up { 90.0 } else { -90.0 };
         let pose = message([pan, tilt, 0.0], [0.0; 3]).pose(Axes::default());
         let again = Message::from_pose(1, pose, Axes::default(), Lens::default());
@@ -127,7 +127,7 @@ proptest! {
     }
 
     #[test]
-    fn no_changed_byte_gets_through(place in 0usize..D1_LEN, change in 1u8..=255) {
+    fn a_changed_byte_is_refused(place in 0usize..D1_LEN, change in 1u8..=255) {
         let mut bytes = message([10.0, 20.0, 30.0], [1.0, 2.0, 3.0]).encode();
         bytes[place] = bytes[place].wrapping_add(change);
         prop_assert_eq!(Message::decode(&bytes), None);

@@ -1,57 +1,60 @@
-//! What a Liberty or Patriot is told. Every command ends in a carriage return, and capital
-//! letters mean other things than on a FASTRAK (`F1` is binary).
+//! The commands of a Liberty or Patriot. Every command ends with a carriage return. Letters
+//! have other meanings than on a FASTRAK: `F1` is binary.
 
-use super::Format;
-use crate::dialogue::{Answer, Step};
+use super::record::Format;
 use crate::settings::{TrackerSettings, Units};
+use crate::step::{Answer, Step};
 use std::time::Duration;
 
-/// Receivers of the largest Liberty. A smaller device answers an error for those that it
-/// lacks, which is passed over.
+/// Receivers of the largest Liberty. A smaller device answers with an error for those that it
+/// lacks; the answer is discarded.
 const STATIONS: std::ops::RangeInclusive<u8> = 1..=16;
 
-/// Stop (`P` asks for one record and ends the continuous mode), text, who are you,
-/// receivers, items, units, hemisphere, binary, start.
-pub(crate) fn greeting(settings: &TrackerSettings, format: &Format) -> Vec<Step> {
+/// Stop (`P` asks for one record and ends continuous mode), text mode, identity, receivers,
+/// items, units, hemisphere, binary mode, start.
+pub(crate) fn start_sequence(settings: &TrackerSettings, format: &Format) -> Vec<Step> {
     vec![
         Step::Send(b"P\r".to_vec()),
-        Step::Quiet,
+        Step::AwaitSilence,
         Step::Send(b"F0\r".to_vec()),
-        Step::Quiet,
+        Step::AwaitSilence,
         Step::Ask {
-            send: b"\x16\r".to_vec(),
-            heard: who_it_is,
-            within: Duration::from_millis(500),
+            question: b"\x16\r".to_vec(),
+            parse: identity,
+            timeout: Duration::from_millis(500),
             tries: 2,
-            // Its answer's form differs between versions: the records decide.
-            needed: false,
+            // The form of the answer differs between versions: the records decide.
+            required: false,
         },
-        Step::Quiet,
+        Step::AwaitSilence,
         Step::Send(stations(settings)),
         Step::Pause(Duration::from_millis(50)),
-        Step::Quiet,
+        Step::AwaitSilence,
         Step::Send(mode(settings, format)),
         Step::Pause(Duration::from_millis(50)),
-        Step::Quiet,
+        Step::AwaitSilence,
         Step::Send(b"C\r".to_vec()),
-        Step::Stream(Duration::from_millis(1500)),
+        Step::AwaitRecords(Duration::from_millis(1500)),
     ]
 }
 
-/// `^U` (active station state): what is plugged in is on after power-up, and two receivers
-/// at 240 records a second are more than a line of 115200 baud carries. The wanted ones are
-/// switched on before the others go off, so that there is one at any time.
+/// `^U` (active station state) for every receiver. All that are plugged in are on after
+/// power-up, and two of them at 240 records a second exceed a line of 115200 baud. The
+/// configured ones are switched on before the others are switched off, so that at least one is
+/// on at any time.
 fn stations(settings: &TrackerSettings) -> Vec<u8> {
-    let wanted = |station: &u8| settings.stations.contains(station);
-    let on = STATIONS.filter(wanted).map(|station| (station, 1));
-    let off = STATIONS.filter(|s| !wanted(s)).map(|station| (station, 0));
+    let configured = |station: &u8| settings.stations.contains(station);
+    let on = STATIONS.filter(configured).map(|station| (station, 1));
+    let off = STATIONS
+        .filter(|s| !configured(s))
+        .map(|station| (station, 0));
     let commands = on.chain(off);
     commands
         .flat_map(|(station, state)| format!("\x15{station},{state}\r").into_bytes())
         .collect()
 }
 
-/// Items, units, hemisphere and encoding of all stations.
+/// Sets items, units, hemisphere and encoding of all stations.
 fn mode(settings: &TrackerSettings, format: &Format) -> Vec<u8> {
     let orientation = if format.euler { 4 } else { 7 };
     let units = match settings.units {
@@ -62,9 +65,9 @@ fn mode(settings: &TrackerSettings, format: &Format) -> Vec<u8> {
     format!("O*,2,{orientation}\rU{units}\rH*,{x},{y},{z}\rF1\r").into_bytes()
 }
 
-/// The line of `^V` that names the maker or the model.
-pub(crate) fn who_it_is(heard: &[u8]) -> Option<Answer> {
-    let text = str::from_utf8(heard).ok()?;
+/// The line in the answer to `^V` that names the manufacturer or the model.
+pub(crate) fn identity(received: &[u8]) -> Option<Answer> {
+    let text = str::from_utf8(received).ok()?;
     let complete = text.get(..text.rfind('\n')?)?;
     let names = ["polhemus", "liberty", "patriot"];
     complete
@@ -74,7 +77,7 @@ pub(crate) fn who_it_is(heard: &[u8]) -> Option<Answer> {
             names.iter().any(|name| line.contains(name))
         })
         .map(|line| Answer {
-            said: Some(line.trim().chars().take(80).collect()),
+            description: Some(line.trim().chars().take(80).collect()),
             warning: None,
         })
 }

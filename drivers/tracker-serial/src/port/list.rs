@@ -1,96 +1,117 @@
-//! The serial ports of this machine.
+//! Lists the serial ports of this machine with their USB identity, by `serialport`.
 
+use serialport::{SerialPortInfo, SerialPortType, UsbPortInfo};
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+const TTY_CLASS: &str = "/sys/class/tty";
+const BY_ID: &str = "/dev/serial/by-id";
+
 /// A serial port.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct PortInfo {
-    /// `/dev/ttyUSB0`: changes with the order of plugging.
+    /// `/dev/ttyUSB0`: depends on the order in which devices were plugged in.
     pub path: String,
-    /// Its name under `/dev/serial/by-id`: does not. Use this one in a configuration.
+    /// Its name under `/dev/serial/by-id`, which stays the same: use this one in a
+    /// configuration. Linux only.
     pub by_id: Option<String>,
-    /// What the USB device says of itself.
+    /// The identity that the USB device reports; `None` for other ports.
     pub usb: Option<UsbIdentity>,
-    /// What is likely to be at its end, judged by the USB device alone.
+    /// What is likely to be connected, judged by the USB device alone.
     pub likely: Option<&'static str>,
 }
 
-/// What a USB device says of itself.
+/// The identity that a USB device reports.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct UsbIdentity {
-    /// Vendor's number.
+    /// Vendor ID.
     pub vendor: u16,
-    /// Product's number, the vendor's choice.
+    /// Product ID, assigned by the vendor.
     pub product: u16,
-    /// Maker's name.
+    /// Name of the manufacturer.
     pub maker: Option<String>,
-    /// Product's name.
+    /// Name of the product.
     pub name: Option<String>,
     /// Serial number.
     pub serial: Option<String>,
 }
 
-/// All serial ports that have a device behind them, by path. Empty where the system has no
-/// `/sys` (there, name the port by its path).
+/// All serial ports, by path. Empty where they cannot be listed; name the port by its path
+/// then.
 #[must_use]
 pub fn list_ports() -> Vec<PortInfo> {
-    let names = names_by_id(Path::new("/dev/serial/by-id"));
-    ports_in(Path::new("/sys/class/tty"), &names)
-}
-
-fn ports_in(class: &Path, names: &BTreeMap<PathBuf, String>) -> Vec<PortInfo> {
-    let mut ports: Vec<_> = fs::read_dir(class)
+    let names = names_by_id(Path::new(BY_ID));
+    let mut ports: Vec<_> = found_by_serialport()
         .into_iter()
-        .flatten()
-        .flatten()
-        .filter_map(|entry| {
-            let name = entry.file_name().into_string().ok()?;
-            let device = entry.path().join("device").canonicalize().ok()?;
-            let path = Path::new("/dev").join(name);
-            is_present(&device, &entry.path()).then(|| describe(&path, &device, names))
-        })
+        .map(|port| describe(port, &names))
         .collect();
+    let others = other_ports(Path::new(TTY_CLASS), &ports);
+    ports.extend(others.into_iter().map(|path| PortInfo {
+        by_id: names.get(Path::new(&path)).cloned(),
+        path,
+        ..PortInfo::default()
+    }));
+    ports.retain(|port| has_hardware(Path::new(TTY_CLASS), &port.path));
     ports.sort_by(|a, b| a.path.cmp(&b.path));
     ports
 }
 
-/// A PC's table of built-in ports has entries without a chip behind them: type 0.
-fn is_present(device: &Path, entry: &Path) -> bool {
-    let built_in = device.ends_with("serial8250") || entry.join("type").exists();
-    !built_in || read(entry, "type").is_some_and(|kind| kind != "0")
+/// On Linux `serialport` panics where sysfs cannot be read, as in some containers.
+fn found_by_serialport() -> Vec<SerialPortInfo> {
+    if cfg!(target_os = "linux") && fs::read_dir(TTY_CLASS).is_err() {
+        return Vec::new();
+    }
+    serialport::available_ports().unwrap_or_default()
 }
 
-fn describe(path: &Path, device: &Path, names: &BTreeMap<PathBuf, String>) -> PortInfo {
-    let usb = device.ancestors().find_map(usb_identity);
+fn describe(port: SerialPortInfo, names: &BTreeMap<PathBuf, String>) -> PortInfo {
+    let usb = match port.port_type {
+        SerialPortType::UsbPort(usb) => Some(identity(usb)),
+        _ => None,
+    };
     PortInfo {
-        path: path.display().to_string(),
-        by_id: names.get(path).cloned(),
+        by_id: names.get(Path::new(&port.port_name)).cloned(),
+        path: port.port_name,
         likely: usb.as_ref().and_then(likely),
         usb,
     }
 }
 
-/// The identity in a USB device's folder; `None` for any other folder.
-fn usb_identity(folder: &Path) -> Option<UsbIdentity> {
-    let number = |file| u16::from_str_radix(&read(folder, file)?, 16).ok();
-    Some(UsbIdentity {
-        vendor: number("idVendor")?,
-        product: number("idProduct")?,
-        maker: read(folder, "manufacturer"),
-        name: read(folder, "product"),
-        serial: read(folder, "serial"),
-    })
+fn identity(usb: UsbPortInfo) -> UsbIdentity {
+    let text = |text: Option<String>| text.filter(|text| !text.trim().is_empty());
+    UsbIdentity {
+        vendor: usb.vid,
+        product: usb.pid,
+        maker: text(usb.manufacturer),
+        name: text(usb.product),
+        serial: text(usb.serial_number),
+    }
 }
 
-fn read(folder: &Path, file: &str) -> Option<String> {
-    let text = fs::read_to_string(folder.join(file)).ok()?;
-    let text = text.trim();
-    (!text.is_empty()).then(|| text.to_owned())
+/// Ports of the class folder `class` that have a device and are not in `known`: without
+/// libudev, `serialport` leaves out ports on buses that it does not know, such as the built-in
+/// ports of ARM boards with a kernel before 6.5.
+fn other_ports(class: &Path, known: &[PortInfo]) -> Vec<String> {
+    fs::read_dir(class)
+        .into_iter()
+        .flatten()
+        .flatten()
+        .filter(|entry| entry.path().join("device").exists())
+        .filter_map(|entry| Some(format!("/dev/{}", entry.file_name().to_str()?)))
+        .filter(|path| known.iter().all(|port| port.path != *path))
+        .collect()
 }
 
-/// What a USB device is likely to be. An adapter says nothing of what hangs on it.
+/// A PC's table of built-in ports has entries without a chip behind them: type 0. Other ports
+/// have no such file.
+fn has_hardware(class: &Path, path: &str) -> bool {
+    let name = Path::new(path).file_name().unwrap_or_default();
+    let kind = fs::read_to_string(class.join(name).join("type"));
+    kind.map_or(true, |kind| kind.trim() != "0")
+}
+
+/// What a USB device is likely to be. An adapter does not say what is connected to it.
 fn likely(usb: &UsbIdentity) -> Option<&'static str> {
     let named = |word: &str| {
         let texts = [usb.maker.as_deref(), usb.name.as_deref()];
@@ -112,7 +133,7 @@ fn likely(usb: &UsbIdentity) -> Option<&'static str> {
     }
 }
 
-/// Device paths and their names under a folder such as `/dev/serial/by-id`.
+/// Device paths and their names in a folder such as `/dev/serial/by-id`.
 fn names_by_id(folder: &Path) -> BTreeMap<PathBuf, String> {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     entries
@@ -126,16 +147,16 @@ fn names_by_id(folder: &Path) -> BTreeMap<PathBuf, String> {
 /// The name under `/dev/serial/by-id` of the port at `path`, or the path where it has none.
 pub(super) fn stable_name(path: &Path) -> String {
     let real = path.canonicalize().unwrap_or_else(|_| path.to_owned());
-    names_by_id(Path::new("/dev/serial/by-id"))
+    names_by_id(Path::new(BY_ID))
         .remove(&real)
         .unwrap_or_else(|| path.display().to_string())
 }
 
-/// FTDI adapters hold bytes back for 16 ms unless told otherwise. Tells them; a warning if
-/// that is not allowed.
+/// Sets the latency timer of the FTDI adapter at `path`, which holds bytes back for 16 ms by
+/// default, to 1 ms. A warning where that is not permitted.
 pub(super) fn latency_warning(path: &Path) -> Option<String> {
     let real = path.canonicalize().ok()?;
-    let timer = Path::new("/sys/class/tty")
+    let timer = Path::new(TTY_CLASS)
         .join(real.file_name()?)
         .join("device/latency_timer");
     let millis: u32 = fs::read_to_string(&timer).ok()?.trim().parse().ok()?;

@@ -1,13 +1,18 @@
-//! Serial ports and sockets: opening them, listing them, asking who is there.
+//! Serial ports and sockets: listing, opening and probing them.
 //!
-//! A [`Line`] is whatever bytes come and go through; [`LineTracker`] holds the dialogue
-//! over it and is a [`Tracker`]. All of it blocks and belongs on a thread of its own.
+//! A [`Line`] is an open port or socket. [`LineTracker`] starts the device on it and is a
+//! [`Tracker`]. All of it blocks and belongs on a thread of its own.
 
-mod group;
+mod access;
 mod line;
+mod line_settings;
 mod list;
+mod native;
+mod open_port;
 mod probe;
 mod serial;
+#[cfg(all(test, unix))]
+mod testing;
 mod tracker;
 mod udp;
 mod vrpn;
@@ -16,26 +21,27 @@ pub use line::Line;
 pub use list::{PortInfo, UsbIdentity, list_ports};
 pub use probe::{Found, probe};
 pub use serial::{SerialLine, SerialTracker};
+pub use serialport::Parity;
 pub use tracker::LineTracker;
 pub use udp::{UdpLine, UdpTracker};
 pub use vrpn::VrpnTracker;
 
+use crate::format::{Format, PROTOCOLS};
 use crate::settings::{PortName, TrackerSettings};
-use crate::{Format, PROTOCOLS};
 use penumbra_interface::{DeviceError, Tracker};
 
-/// Opens a tracker, tells it its mode and sees that it streams. Blocks for a few seconds at
-/// the longest.
+/// Opens a tracker, configures it and waits until it streams. Blocks for a few seconds at most.
 ///
 /// # Errors
-/// In one line what is wrong: no such port or protocol, no permission, busy, silent, another
-/// protocol or speed. [`DeviceError::recovery`] says whether trying again may help.
+/// In one line what is wrong: the port or the protocol does not exist, the port is not
+/// permitted or in use, the device is silent or sends another protocol. Whether trying again
+/// may help is [`DeviceError::recovery`].
 pub fn open(settings: &TrackerSettings) -> Result<Box<dyn Tracker>, DeviceError> {
     let Some(format) = Format::for_protocol(&settings.protocol) else {
         return Err(refused(
             settings,
             format!(
-                "{:?} is no tracker protocol; known are {}",
+                "{:?} is no tracker protocol; there are {}",
                 settings.protocol,
                 PROTOCOLS.join(", ")
             ),
@@ -47,7 +53,7 @@ pub fn open(settings: &TrackerSettings) -> Result<Box<dyn Tracker>, DeviceError>
         }
         (PortName::Vrpn { .. }, _) => Err(refused(
             settings,
-            "a VRPN server speaks the protocol vrpn alone; set protocol = \"vrpn\"".to_owned(),
+            "a VRPN server has no other protocol than vrpn; set protocol = \"vrpn\"".to_owned(),
         )),
         (_, Format::Vrpn(_)) => Err(refused(
             settings,

@@ -1,22 +1,23 @@
-//! Asks a port what is at its end.
+//! Finds out which tracker is connected to a port.
 
 use super::line::Line;
 use super::serial::SerialLine;
 use super::udp::UdpLine;
-use crate::fastrak::Status;
+use crate::fastrak::{self, Status};
+use crate::liberty;
 use crate::recognise::protocol_of;
 use crate::settings::PortName;
-use crate::{fastrak, liberty};
 use penumbra_interface::{Clock, DeviceError, SystemClock};
-use serial2::Parity;
+use serialport::Parity;
 use std::time::Duration;
 
-/// Line speeds at which trackers are found, the likeliest first.
+/// Baud rates of trackers, the most common first.
 const BAUDS: [u32; 4] = [115_200, 38_400, 19_200, 9_600];
-/// How long is listened for a device that sends of itself: the slowest are at 10 records a
-/// second.
+/// How long to listen for a device that streams already: the slowest send 10 records a second.
 const LISTENING: Duration = Duration::from_millis(600);
+/// How long to wait for an answer.
 const ANSWER: Duration = Duration::from_millis(300);
+/// Bytes that suffice to recognise a protocol.
 const ENOUGH: usize = 4096;
 
 /// A tracker that answered.
@@ -24,27 +25,27 @@ const ENOUGH: usize = 4096;
 pub struct Found {
     /// Its protocol, for the configuration.
     pub protocol: String,
-    /// Line speed; `None` for datagrams.
+    /// Baud rate; `None` for datagrams.
     pub baud: Option<u32>,
-    /// What it said of itself, if it did.
+    /// The device's description of itself, if it sent one.
     pub said: Option<String>,
 }
 
-/// Listens at `port`, then asks as each protocol's owner would, at every plausible speed.
-/// Takes up to six seconds. `None` if nobody is there, or nobody known.
+/// Listens at `port`, then asks for the status or version of each kind of tracker, at every
+/// common baud rate. Takes up to six seconds. `None` if no known tracker answers.
 ///
-/// Only what a device answers without changing its settings is asked: status and version.
+/// The questions do not change the settings of a device.
 ///
 /// # Errors
-/// As for opening it.
+/// As for opening the port.
 pub fn probe(port: &PortName) -> Result<Option<Found>, DeviceError> {
     match port {
         PortName::Serial(name) => probe_serial(name),
         PortName::Udp(address) => {
-            let heard = listen(&mut UdpLine::bind(*address)?, LISTENING)?;
-            Ok(protocol_of(&heard).map(|protocol| found(protocol, None, None)))
+            let received = listen(&mut UdpLine::bind(*address)?, LISTENING)?;
+            Ok(protocol_of(&received).map(|protocol| found(protocol, None, None)))
         }
-        // A server is asked by connecting to it.
+        // Connecting to a server shows what it has.
         PortName::Vrpn { .. } => Ok(None),
     }
 }
@@ -60,8 +61,8 @@ fn probe_serial(name: &str) -> Result<Option<Found>, DeviceError> {
 }
 
 fn probe_at(line: &mut impl Line, baud: u32) -> Result<Option<Found>, DeviceError> {
-    let heard = listen(line, LISTENING)?;
-    if let Some(protocol) = protocol_of(&heard) {
+    let received = listen(line, LISTENING)?;
+    if let Some(protocol) = protocol_of(&received) {
         return Ok(Some(found(protocol, Some(baud), None)));
     }
     line.write(b"S")?;
@@ -71,20 +72,20 @@ fn probe_at(line: &mut impl Line, baud: u32) -> Result<Option<Found>, DeviceErro
         } else {
             "fastrak"
         };
-        let said = fastrak::commands::introduce(&status).said;
+        let said = fastrak::commands::describe(&status).description;
         return Ok(Some(found(encoding, Some(baud), said)));
     }
-    // Ends the FASTRAK's or whoever's half line, then asks a Liberty.
+    // Ends a command line that another device may have begun, then asks a Liberty.
     line.write(b"\r\x16\r")?;
-    if let Some(answer) = liberty::commands::who_it_is(&listen(line, ANSWER)?) {
-        return Ok(Some(found("liberty", Some(baud), answer.said)));
+    if let Some(answer) = liberty::commands::identity(&listen(line, ANSWER)?) {
+        return Ok(Some(found("liberty", Some(baud), answer.description)));
     }
     line.write(&[b'O', 1])?;
     let answer = listen(line, ANSWER)?;
     Ok(flock_version(&answer).map(|said| found("flock", Some(baud), Some(said))))
 }
 
-/// Two bytes, the first of them a small number: a Flock of Birds' software version.
+/// The software version of a Flock of Birds: two bytes, the first one small.
 fn flock_version(answer: &[u8]) -> Option<String> {
     match answer {
         [major @ 1..=9, minor] => Some(format!("Flock of Birds, software {major}.{minor}")),
@@ -100,21 +101,21 @@ fn found(protocol: &str, baud: Option<u32>, said: Option<String>) -> Found {
     }
 }
 
-/// Everything that comes for so long.
+/// Everything that arrives within `duration`, or enough of it.
 fn listen(line: &mut impl Line, duration: Duration) -> Result<Vec<u8>, DeviceError> {
     let until = SystemClock.now() + duration;
-    let mut heard = Vec::new();
+    let mut received = Vec::new();
     let mut buffer = [0; 1024];
     loop {
         let left = until.nanos_since(SystemClock.now());
         let Ok(left @ 1..) = u64::try_from(left) else {
-            return Ok(heard);
+            return Ok(received);
         };
         if let Some((count, _)) = line.read(&mut buffer, Duration::from_nanos(left))? {
-            heard.extend_from_slice(&buffer[..count]);
+            received.extend_from_slice(&buffer[..count]);
         }
-        if heard.len() > ENOUGH {
-            return Ok(heard);
+        if received.len() > ENOUGH {
+            return Ok(received);
         }
     }
 }

@@ -1,7 +1,7 @@
-//! A tracker at the end of a line.
+//! A tracker on a serial port or a socket.
 
 use super::line::Line;
-use crate::dialogue::{Action, Answer, Dialogue, Trouble, farewell};
+use crate::dialogue::{Action, Answer, Dialogue, Trouble, stop_command};
 use crate::settings::TrackerSettings;
 use bytes::Bytes;
 use penumbra_interface::{
@@ -10,7 +10,7 @@ use penumbra_interface::{
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// Most of what one read hands over: a third of a second at 115200 baud.
+/// Most bytes of one read: a third of a second at 115200 baud.
 const READ_LIMIT: usize = 4096;
 
 /// A tracker that streams through a serial port or a socket.
@@ -19,14 +19,15 @@ pub struct LineTracker<L: Line> {
     line: L,
     settings: TrackerSettings,
     report: TrackerReport,
-    /// What came before the dialogue was over and belongs to the stream.
+    /// Parts of the stream that came before the dialogue was over.
     pending: VecDeque<TrackerBytes>,
-    newest: MonotonicTime,
+    /// When the last bytes arrived.
+    last_received_at: MonotonicTime,
     buffer: Box<[u8]>,
 }
 
 impl<L: Line> LineTracker<L> {
-    /// Holds the dialogue over an open line until the device streams.
+    /// Starts the device on an open line and waits until it streams.
     ///
     /// # Errors
     /// See [`open`](super::open).
@@ -44,22 +45,22 @@ impl<L: Line> LineTracker<L> {
                 ..TrackerReport::default()
             },
             pending: VecDeque::new(),
-            newest: SystemClock.now(),
+            last_received_at: SystemClock.now(),
             buffer: vec![0; READ_LIMIT].into(),
         };
         let answer = tracker.converse()?;
-        tracker.report.said = answer.said;
+        tracker.report.said = answer.description;
         tracker.report.warning = answer.warning;
-        tracker.newest = SystemClock.now();
+        tracker.last_received_at = SystemClock.now();
         Ok(tracker)
     }
 
-    /// Puts the line's speed behind the protocol's name, for whoever decodes the bytes.
-    pub(super) fn name_line_speed(&mut self, baud: u32) {
+    /// Appends the baud rate to the name of the protocol, for decoders of the recording.
+    pub(super) fn append_baud(&mut self, baud: u32) {
         self.report.protocol = format!("{}@{baud}", self.settings.protocol);
     }
 
-    /// Adds to what is odd.
+    /// Adds a warning to the report.
     pub(super) fn warn(&mut self, warning: String) {
         let before = self.report.warning.take();
         self.report.warning = Some(match before {
@@ -70,7 +71,10 @@ impl<L: Line> LineTracker<L> {
 
     fn converse(&mut self) -> Result<Answer, DeviceError> {
         let Some(mut dialogue) = Dialogue::new(&self.settings) else {
-            return Err(self.unready(format!("{:?} is no protocol", self.settings.protocol)));
+            return Err(self.unready(format!(
+                "{:?} is no tracker protocol",
+                self.settings.protocol
+            )));
         };
         loop {
             match dialogue.next(SystemClock.now()) {
@@ -93,10 +97,10 @@ impl<L: Line> LineTracker<L> {
         let Some((count, arrived_at)) = self.line.read(&mut self.buffer, timeout)? else {
             return Ok(None);
         };
-        self.newest = arrived_at;
+        self.last_received_at = arrived_at;
         self.report.bytes += count as u64;
         Ok(Some(TrackerBytes {
-            // A slice of a large buffer would keep all of it alive in the recorder's queue.
+            // A slice of the buffer would keep all of it in memory while a recorder holds it.
             bytes: Bytes::copy_from_slice(&self.buffer[..count]),
             arrived_at,
         }))
@@ -125,7 +129,7 @@ impl<L: Line> Tracker for LineTracker<L> {
         if let Some(read) = self.read(timeout)? {
             return Ok(Some(read));
         }
-        let silent = SystemClock.now().nanos_since(self.newest) / 1_000_000;
+        let silent = SystemClock.now().nanos_since(self.last_received_at) / 1_000_000;
         match u64::try_from(silent) {
             Ok(millis) if millis >= self.settings.silence_millis => Err(self.silent(millis)),
             _ => Ok(None),
@@ -138,11 +142,11 @@ impl<L: Line> Tracker for LineTracker<L> {
 }
 
 impl<L: Line> Drop for LineTracker<L> {
-    /// Stops the stream. A device that is gone cannot be told, and need not be.
+    /// Stops the stream. The device may be gone, so an error is ignored.
     fn drop(&mut self) {
-        let farewell = farewell(&self.settings);
-        if !farewell.is_empty() {
-            let _ = self.line.write(&farewell);
+        let stop = stop_command(&self.settings);
+        if !stop.is_empty() {
+            let _ = self.line.write(&stop);
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Trackers that send datagrams, as FreeD does today.
+//! Trackers that send datagrams, as most FreeD units do today.
 
 use super::line::Line;
 use super::tracker::LineTracker;
@@ -8,11 +8,11 @@ use std::io::ErrorKind;
 use std::net::{SocketAddr, UdpSocket};
 use std::time::Duration;
 
-/// A tracker whose datagrams arrive at one of this machine's addresses.
+/// A tracker that sends its datagrams to one of this machine's addresses.
 pub type UdpTracker = LineTracker<UdpLine>;
 
 impl UdpTracker {
-    /// Listens at `address` and waits until two records have come.
+    /// Listens at `address` and waits until two records have arrived.
     ///
     /// # Errors
     /// See [`open`](super::open).
@@ -32,7 +32,7 @@ impl UdpLine {
     /// Listens at `address`.
     ///
     /// # Errors
-    /// An address that is in use or that this machine does not have.
+    /// The address is in use, or is not one of this machine.
     pub fn bind(address: SocketAddr) -> Result<Self, DeviceError> {
         let socket = UdpSocket::bind(address).map_err(|error| {
             let device = format!("udp:{address}");
@@ -44,7 +44,7 @@ impl UdpLine {
                 },
                 ErrorKind::AddrNotAvailable => DeviceError::Unready {
                     device,
-                    reason: "this machine has no such address; 0.0.0.0 means all of its own"
+                    reason: "this machine has no such address; 0.0.0.0 means all that it has"
                         .to_owned(),
                 },
                 _ => DeviceError::Refused {
@@ -70,7 +70,7 @@ impl Line for UdpLine {
         buffer: &mut [u8],
         timeout: Duration,
     ) -> Result<Option<(usize, MonotonicTime)>, DeviceError> {
-        // Zero would mean to wait for ever.
+        // Zero would mean no time limit.
         let timeout = timeout.max(Duration::from_micros(1));
         let received = self
             .socket
@@ -79,9 +79,10 @@ impl Line for UdpLine {
         let arrived_at = SystemClock.now();
         match received {
             Ok((count, _)) if count > 0 => Ok(Some((count, arrived_at))),
-            // Nothing in time, an empty datagram, or somebody's refusal of an answer.
+            // An empty datagram.
             Ok(_) => Ok(None),
             Err(error) => match error.kind() {
+                // Nothing in time, or a refusal that belongs to an earlier datagram.
                 ErrorKind::WouldBlock
                 | ErrorKind::TimedOut
                 | ErrorKind::Interrupted
@@ -93,7 +94,7 @@ impl Line for UdpLine {
     }
 
     fn write(&mut self, _bytes: &[u8]) -> Result<(), DeviceError> {
-        // Senders of datagrams are told nothing.
+        // A unit that sends datagrams takes no commands.
         Ok(())
     }
 }

@@ -11,7 +11,7 @@ use std::net::{TcpStream, ToSocketAddrs};
 use std::time::Duration;
 
 const CONNECTING: Duration = Duration::from_secs(2);
-/// A server on a slow network has shown its cookie and its first pose by then.
+/// A server on a slow network has sent its cookie and the first pose within this time.
 const HANDSHAKE: Duration = Duration::from_secs(3);
 
 /// A connection to a VRPN server.
@@ -22,18 +22,19 @@ pub struct VrpnTracker {
     settings: TrackerSettings,
     tracker: String,
     report: TrackerReport,
-    newest: MonotonicTime,
+    /// When the last pose arrived.
+    last_pose_at: MonotonicTime,
     buffer: Box<[u8]>,
-    /// Messages that were wanted.
-    wanted: Vec<u8>,
+    /// The tracker's messages that have not been passed on yet.
+    messages: Vec<u8>,
 }
 
 impl VrpnTracker {
-    /// Connects to `host` (with port) and waits for the first pose of `tracker`.
+    /// Connects to `host` (`HOST:PORT`) and waits for the first pose of `tracker`.
     ///
     /// # Errors
-    /// In one line: no such host, nobody there, no VRPN server, no such tracker (with the
-    /// names that the server has), silence.
+    /// In one line: the host is unknown or does not answer, it is no VRPN server, it has no such
+    /// tracker (with the names of those that it has), or it sends no pose.
     pub fn open(
         settings: &TrackerSettings,
         tracker: &str,
@@ -50,9 +51,9 @@ impl VrpnTracker {
                 protocol: "vrpn".to_owned(),
                 ..TrackerReport::default()
             },
-            newest: SystemClock.now(),
+            last_pose_at: SystemClock.now(),
             buffer: vec![0; 16 * 1024].into(),
-            wanted: Vec::new(),
+            messages: Vec::new(),
         };
         let greeting = opened.client.greeting();
         opened
@@ -67,17 +68,17 @@ impl VrpnTracker {
 
     fn await_pose(&mut self) -> Result<(), DeviceError> {
         let until = SystemClock.now() + HANDSHAKE;
-        while self.wanted.is_empty() {
+        while self.messages.is_empty() {
             let left = until.nanos_since(SystemClock.now());
             let Ok(left @ 1..) = u64::try_from(left) else {
-                return Err(self.nothing_came());
+                return Err(self.no_pose_error());
             };
             self.read(Duration::from_nanos(left))?;
         }
         Ok(())
     }
 
-    fn nothing_came(&self) -> DeviceError {
+    fn no_pose_error(&self) -> DeviceError {
         let senders: Vec<_> = self.client.senders().collect();
         if senders.is_empty() || senders.contains(&self.tracker.as_str()) {
             return self.silent(HANDSHAKE.as_millis() as u64);
@@ -89,9 +90,9 @@ impl VrpnTracker {
         ))
     }
 
-    /// Reads once; what is wanted of it is in `wanted`.
+    /// Reads once and appends the messages of the tracker to `messages`.
     fn read(&mut self, timeout: Duration) -> Result<(), DeviceError> {
-        // Zero would mean to wait for ever.
+        // Zero would mean no time limit.
         let timeout = timeout.max(Duration::from_micros(1));
         let read = self
             .stream
@@ -110,13 +111,13 @@ impl VrpnTracker {
         };
         self.report.bytes += count as u64;
         let bytes = self.buffer.get(..count).unwrap_or_default();
-        match self.client.push(bytes, &mut self.wanted) {
+        match self.client.push(bytes, &mut self.messages) {
             Ok(()) => {}
             Err(VrpnError::Closed) => return Err(self.unplugged()),
             Err(error) => return Err(self.unready(error.to_string())),
         }
-        if !self.wanted.is_empty() {
-            self.newest = arrived_at;
+        if !self.messages.is_empty() {
+            self.last_pose_at = arrived_at;
         }
         Ok(())
     }
@@ -155,14 +156,14 @@ impl Tracker for VrpnTracker {
     fn next_bytes(&mut self, timeout: Duration) -> Result<Option<TrackerBytes>, DeviceError> {
         let until = SystemClock.now() + timeout;
         loop {
-            if !self.wanted.is_empty() {
-                let bytes = Bytes::copy_from_slice(&self.wanted);
-                self.wanted.clear();
-                let arrived_at = self.newest;
+            if !self.messages.is_empty() {
+                let bytes = Bytes::copy_from_slice(&self.messages);
+                self.messages.clear();
+                let arrived_at = self.last_pose_at;
                 return Ok(Some(TrackerBytes { bytes, arrived_at }));
             }
             let now = SystemClock.now();
-            let silent = u64::try_from(now.nanos_since(self.newest) / 1_000_000).unwrap_or(0);
+            let silent = u64::try_from(now.nanos_since(self.last_pose_at) / 1_000_000).unwrap_or(0);
             if silent >= self.settings.silence_millis {
                 return Err(self.silent(silent));
             }

@@ -4,25 +4,25 @@ use super::wire::{self, COOKIE_LEN, MESSAGE_HEADER_LEN, POS_QUAT_LEN};
 use std::collections::BTreeMap;
 use thiserror::Error;
 
-/// The same major version is spoken; what follows the dot does not matter.
+/// Client and server must have the same major version; the minor one does not matter.
 const MAGIC: &[u8] = b"vrpn: ver. 07.38";
 const MAJOR: &[u8] = b"vrpn: ver. 07.";
-/// Numbers of the messages that describe names.
+/// Types of the messages that give a sender or a message type its name.
 const SENDER_DESCRIPTION: i32 = -1;
 const TYPE_DESCRIPTION: i32 = -2;
-/// The server takes its leave.
+/// Type of the message with which the server ends the connection.
 const DISCONNECT: i32 = -5;
-/// The type whose messages are wanted.
+/// Name of the message type that carries poses.
 const POS_QUAT: &str = "vrpn_Tracker Pos_Quat";
-/// Servers send nothing that is nearly as long.
+/// Longest message, bytes; servers send far shorter ones.
 const MESSAGE_LIMIT: usize = 1 << 16;
-/// More names than this are no server's.
+/// Most names that are remembered; a server has far fewer.
 const NAMES_LIMIT: usize = 4096;
 
-/// The server's bytes make no sense, or no use. Each text says what was seen.
+/// The connection is of no use.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum VrpnError {
-    /// What answered is no VRPN server.
+    /// The other end is no VRPN server.
     #[error("is no VRPN server: it answered {answered:?}")]
     NoServer {
         /// Its first characters.
@@ -31,33 +31,33 @@ pub enum VrpnError {
     /// Another major version.
     #[error("speaks {version:?}; Penumbra speaks version 07 of VRPN")]
     Version {
-        /// What it says.
+        /// The version that it sent.
         version: String,
     },
-    /// A message that cannot be.
+    /// A message of an impossible length.
     #[error("sent a message of {length} bytes, which no VRPN server sends")]
     Length {
-        /// Declared length.
+        /// Declared length, bytes.
         length: i64,
     },
-    /// It said good-bye.
+    /// The server ended the connection.
     #[error("closed the connection")]
     Closed,
 }
 
-/// One connection's state. Push what the server sends; what is wanted comes out.
+/// The state of one connection. Push what the server sends to get the messages of one tracker.
 #[derive(Debug)]
 pub struct Client {
     tracker: String,
     greeted: bool,
     buffer: Vec<u8>,
-    /// Names by the server's numbers.
+    /// Names by the numbers that the server gives them.
     senders: BTreeMap<i32, String>,
     types: BTreeMap<i32, String>,
 }
 
 impl Client {
-    /// A client of the tracker with this name at the server.
+    /// A client for the tracker with this name at the server.
     #[must_use]
     pub fn new(tracker: &str) -> Self {
         Self {
@@ -69,12 +69,12 @@ impl Client {
         }
     }
 
-    /// What to send on connecting: the cookie, then this side's names for the tracker and
-    /// the type.
+    /// What to send on connecting: the cookie, then the names of the tracker and of the
+    /// message type.
     #[must_use]
     pub fn greeting(&self) -> Vec<u8> {
         let mut bytes = MAGIC.to_vec();
-        // Two blanks and the logging mode: none.
+        // Two blanks, then the logging mode 0: none.
         bytes.extend(b"  0");
         bytes.resize(COOKIE_LEN, 0);
         bytes.extend(wire::message(
@@ -90,29 +90,29 @@ impl Client {
         bytes
     }
 
-    /// Whether the server has shown its cookie.
+    /// Whether the server has sent its cookie.
     #[must_use]
     pub const fn greeted(&self) -> bool {
         self.greeted
     }
 
-    /// Names of the server's devices, as far as it has told.
+    /// Names of the server's devices that it has sent so far.
     pub fn senders(&self) -> impl Iterator<Item = &str> {
         self.senders.values().map(String::as_str)
     }
 
-    /// Takes bytes, split anywhere, and appends to `wanted` every whole `Pos_Quat` message
-    /// of the tracker, as it came.
+    /// Takes bytes, split anywhere, and appends every complete `Pos_Quat` message of the
+    /// tracker to `messages`, unchanged.
     ///
     /// # Errors
-    /// When the server is none, or another version's, or goes. The connection is of no use
-    /// after that.
-    pub fn push(&mut self, bytes: &[u8], wanted: &mut Vec<u8>) -> Result<(), VrpnError> {
+    /// The other end is no VRPN server, has another version, or ends the connection. The
+    /// connection is of no use after that.
+    pub fn push(&mut self, bytes: &[u8], messages: &mut Vec<u8>) -> Result<(), VrpnError> {
         self.buffer.extend_from_slice(bytes);
         let mut start = 0;
         if !self.greeted {
             let Some(cookie) = self.buffer.get(..COOKIE_LEN) else {
-                return self.foreign_so_far();
+                return self.check_partial_cookie();
             };
             check_cookie(cookie)?;
             self.greeted = true;
@@ -120,23 +120,23 @@ impl Client {
         }
         // Names are copied out of the buffer while it is read.
         let buffer = std::mem::take(&mut self.buffer);
-        let used = self.messages(buffer.get(start..).unwrap_or_default(), wanted);
+        let used = self.take_all(buffer.get(start..).unwrap_or_default(), messages);
         self.buffer = buffer;
         self.buffer.drain(..start + used?);
         Ok(())
     }
 
-    /// Fewer bytes than a cookie: wrong ones tell already.
-    fn foreign_so_far(&self) -> Result<(), VrpnError> {
-        let shown = self.buffer.len().min(MAJOR.len());
-        match self.buffer.get(..shown) == MAJOR.get(..shown) {
+    /// Refuses a wrong beginning before the whole cookie has come.
+    fn check_partial_cookie(&self) -> Result<(), VrpnError> {
+        let available = self.buffer.len().min(MAJOR.len());
+        match self.buffer.get(..available) == MAJOR.get(..available) {
             true => Ok(()),
             false => check_cookie(&self.buffer),
         }
     }
 
-    /// Takes all whole messages off the front; how many bytes they were.
-    fn messages(&mut self, bytes: &[u8], wanted: &mut Vec<u8>) -> Result<usize, VrpnError> {
+    /// Takes all complete messages from the front; their length in bytes.
+    fn take_all(&mut self, bytes: &[u8], messages: &mut Vec<u8>) -> Result<usize, VrpnError> {
         let mut rest = bytes;
         while let Some(length) = wire::int_at(rest, 0) {
             let length = usize::try_from(length)
@@ -148,31 +148,31 @@ impl Client {
             let Some((message, later)) = rest.split_at_checked(wire::padded(length)) else {
                 break;
             };
-            self.take(message.get(..length).unwrap_or(message), wanted)?;
+            self.take(message.get(..length).unwrap_or(message), messages)?;
             rest = later;
         }
         Ok(bytes.len() - rest.len())
     }
 
-    fn take(&mut self, message: &[u8], wanted: &mut Vec<u8>) -> Result<(), VrpnError> {
+    fn take(&mut self, message: &[u8], messages: &mut Vec<u8>) -> Result<(), VrpnError> {
         let (Some(sender), Some(kind)) = (wire::int_at(message, 12), wire::int_at(message, 16))
         else {
             return Ok(());
         };
         let payload = message.get(MESSAGE_HEADER_LEN..).unwrap_or_default();
         match kind {
-            SENDER_DESCRIPTION => note(&mut self.senders, sender, payload),
-            TYPE_DESCRIPTION => note(&mut self.types, sender, payload),
+            SENDER_DESCRIPTION => remember(&mut self.senders, sender, payload),
+            TYPE_DESCRIPTION => remember(&mut self.types, sender, payload),
             DISCONNECT => return Err(VrpnError::Closed),
-            _ if self.is_wanted(sender, kind) && message.len() == POS_QUAT_LEN => {
-                wanted.extend_from_slice(message);
+            _ if self.is_pose(sender, kind) && message.len() == POS_QUAT_LEN => {
+                messages.extend_from_slice(message);
             }
             _ => {}
         }
         Ok(())
     }
 
-    fn is_wanted(&self, sender: i32, kind: i32) -> bool {
+    fn is_pose(&self, sender: i32, kind: i32) -> bool {
         self.senders
             .get(&sender)
             .is_some_and(|name| *name == self.tracker)
@@ -180,7 +180,7 @@ impl Client {
     }
 }
 
-fn note(names: &mut BTreeMap<i32, String>, number: i32, payload: &[u8]) {
+fn remember(names: &mut BTreeMap<i32, String>, number: i32, payload: &[u8]) {
     if let Some(name) = wire::name_in(payload).filter(|_| names.len() < NAMES_LIMIT) {
         names.insert(number, name.to_owned());
     }
@@ -201,3 +201,6 @@ fn check_cookie(cookie: &[u8]) -> Result<(), VrpnError> {
         VrpnError::NoServer { answered: text }
     })
 }
+
+#[cfg(test)]
+mod tests;

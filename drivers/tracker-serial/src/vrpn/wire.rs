@@ -1,31 +1,31 @@
-//! Numbers and lengths on the wire.
+//! Numbers, lengths and names as VRPN sends them.
 
-/// Bytes of the cookie that either side sends first.
+/// Length of the cookie that both sides send first, bytes.
 pub const COOKIE_LEN: usize = 24;
-/// Bytes before a message's payload: five big-endian 32-bit numbers (length, seconds,
-/// microseconds, sender, type), padded to a multiple of eight.
+/// Length of the header before a message's payload, bytes: five big-endian 32-bit numbers
+/// (length, seconds, microseconds, sender, type), padded to a multiple of eight.
 pub const MESSAGE_HEADER_LEN: usize = 24;
-/// Bytes of a `Pos_Quat` message, header and all.
+/// Length of a `Pos_Quat` message with its header, bytes.
 pub const POS_QUAT_LEN: usize = MESSAGE_HEADER_LEN + 64;
 
-/// The big-endian 32-bit number at `place`.
-pub(super) fn int_at(bytes: &[u8], place: usize) -> Option<i32> {
-    let bytes = bytes.get(place..)?.first_chunk()?;
+/// The big-endian 32-bit number at the offset `at`.
+pub(super) fn int_at(bytes: &[u8], at: usize) -> Option<i32> {
+    let bytes = bytes.get(at..)?.first_chunk()?;
     Some(i32::from_be_bytes(*bytes))
 }
 
-/// The big-endian double at `place`; whether it is finite is the caller's to judge.
-pub(super) fn double_at(bytes: &[u8], place: usize) -> Option<f64> {
-    let bytes = bytes.get(place..)?.first_chunk()?;
+/// The big-endian double at the offset `at`. It may be infinite or not a number.
+pub(super) fn double_at(bytes: &[u8], at: usize) -> Option<f64> {
+    let bytes = bytes.get(at..)?.first_chunk()?;
     Some(f64::from_be_bytes(*bytes))
 }
 
-/// Rounded up to a multiple of eight, as every message is.
+/// The length of a message on the wire: rounded up to a multiple of eight.
 pub(super) const fn padded(len: usize) -> usize {
     len.next_multiple_of(8)
 }
 
-/// A message with this payload.
+/// A message with this payload, at time 0.
 pub(super) fn message(sender: i32, kind: i32, payload: &[u8]) -> Vec<u8> {
     let len = u32::try_from(MESSAGE_HEADER_LEN + payload.len()).unwrap_or(u32::MAX);
     let mut bytes = len.to_be_bytes().to_vec();
@@ -38,7 +38,8 @@ pub(super) fn message(sender: i32, kind: i32, payload: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// A name as its length (with the closing zero) and its characters.
+/// A name as the payload of a description: its length, its characters and a zero, which the
+/// length includes.
 pub(super) fn name_payload(name: &str) -> Vec<u8> {
     let len = u32::try_from(name.len() + 1).unwrap_or(u32::MAX);
     let mut payload = len.to_be_bytes().to_vec();

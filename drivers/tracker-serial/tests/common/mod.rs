@@ -1,5 +1,5 @@
-//! A simulated device on a thread, and readers of trackers.
-#![allow(dead_code, reason = "not every test uses everything")]
+//! A simulated device on a thread, and helpers that read a tracker.
+#![allow(dead_code, reason = "each test binary uses a part of it")]
 
 use penumbra_interface::{PoseSample, SystemClock, Tracker};
 use penumbra_synthetic::{Faults, Pty, SimulatedTracker, Source, Trajectory, serve};
@@ -17,7 +17,6 @@ pub struct Device {
     streaming: Arc<AtomicBool>,
 }
 
-/// Runs the device in slices, so that a test can see its state.
 impl Device {
     pub fn start(protocol: &str, faults: Faults) -> Self {
         let source = Source::Trajectory(Trajectory::default());
@@ -40,7 +39,13 @@ impl Device {
                 pty: &mut pty,
                 state,
             };
-            let _ = serve_watched(&mut device, &mut outlet, &mut faults, &stopped);
+            let _ = serve(
+                &mut device,
+                &mut outlet,
+                &mut faults,
+                &SystemClock,
+                &stopped,
+            );
         });
         Self {
             path,
@@ -54,7 +59,7 @@ impl Device {
         self.path.clone()
     }
 
-    /// Whether anything was sent within the last slice.
+    /// Whether the device sends anything within 60 ms.
     pub fn is_streaming(&self) -> bool {
         self.streaming.store(false, Ordering::Relaxed);
         std::thread::sleep(Duration::from_millis(60));
@@ -75,7 +80,7 @@ impl Drop for Device {
     }
 }
 
-/// Notes that something was written.
+/// Sets `state` when something is written.
 struct Watched<'a> {
     pty: &'a mut Pty,
     state: Arc<AtomicBool>,
@@ -92,15 +97,6 @@ impl penumbra_synthetic::Outlet for Watched<'_> {
     }
 }
 
-fn serve_watched(
-    device: &mut SimulatedTracker,
-    outlet: &mut Watched<'_>,
-    faults: &mut Faults,
-    stop: &AtomicBool,
-) -> std::io::Result<()> {
-    serve(device, outlet, faults, &SystemClock, stop)
-}
-
 pub fn settings(protocol: &str, device: &Device) -> TrackerSettings {
     TrackerSettings {
         units: Units::Inches,
@@ -108,7 +104,7 @@ pub fn settings(protocol: &str, device: &Device) -> TrackerSettings {
     }
 }
 
-/// At least `count` poses within ten seconds, decoded as a rig does.
+/// At least `count` poses within ten seconds.
 pub fn poses(
     tracker: &mut dyn Tracker,
     protocol: &str,

@@ -1,6 +1,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use super::*;
+use crate::units::METRES_PER_CENTIMETRE;
 use glam::DQuat;
 use std::f64::consts::FRAC_1_SQRT_2;
 
@@ -21,7 +22,7 @@ fn binary(station: u8, error: u8, values: &[f32], ending: &[u8]) -> Vec<u8> {
 }
 
 #[test]
-fn record_lengths_are_the_manuals() {
+fn record_lengths_are_as_in_the_manual() {
     use {Encoding::*, Ending::*, Orientation::*};
     assert_eq!(format(Ascii, Euler, CrLf).record_len(), 47);
     assert_eq!(format(Ascii, Quaternion, CrLf).record_len(), 54);
@@ -38,7 +39,7 @@ fn protocols_have_names() {
 }
 
 #[test]
-fn numbers_that_touch_are_parted_by_columns() {
+fn adjacent_numbers_are_split_by_columns() {
     let record = Format::default()
         .parse(b"01 -100.00-200.00  -0.50 -90.00   0.00   0.00\r\n")
         .unwrap();
@@ -51,7 +52,7 @@ fn numbers_that_touch_are_parted_by_columns() {
 }
 
 #[test]
-fn zero_padded_signed_and_blank_padded_columns_read_alike() {
+fn columns_may_be_padded_with_zeros_or_blanks() {
     for column in ["+012.50", " 012.50", "  12.50", " +12.50"] {
         assert_eq!(fixed_point(column.as_bytes(), 2), Some(12.5), "{column}");
     }
@@ -96,7 +97,7 @@ fn quaternion_text_is_w_first() {
 #[test]
 fn binary_centimetres() {
     let mut format = format(Encoding::Binary, Orientation::Quaternion, Ending::Space);
-    format.metres_per_unit = crate::fastrak::METRES_PER_CENTIMETRE;
+    format.metres_per_unit = METRES_PER_CENTIMETRE;
     let bytes = binary(b'4', b' ', &[10.0, -20.0, 30.0, 1.0, 0.0, 0.0, 0.0], b" ");
     let pose = format.parse(&bytes).unwrap().transmitter_from_sensor;
     assert!((pose.translation - DVec3::new(0.1, -0.2, 0.3)).length() < 1e-9);
@@ -121,7 +122,7 @@ fn impossible_numbers_are_refused() {
 }
 
 #[test]
-fn foreign_stations_and_status_records_are_no_readings() {
+fn impossible_headers_are_refused() {
     for header in ["05 ", "00 ", "11 ", "01*", "01 "] {
         let text = format!("{header}   1.00   2.00   3.00   0.00   0.00   0.00\r\n");
         let parsed = Format::default().parse(text.as_bytes());

@@ -10,45 +10,51 @@ fn record(station: u8, command: u8, values: &[f32]) -> Vec<u8> {
 
 const AHEAD: [f32; 7] = [10.0, -20.0, 5.0, 1.0, 0.0, 0.0, 0.0];
 
-fn judge(bytes: &[u8]) -> Verdict {
-    Format::default().judge(None, bytes)
+fn classify(bytes: &[u8]) -> Verdict {
+    Format::default().classify(None, bytes)
 }
 
 #[test]
 fn a_record_is_read_by_its_declared_size() {
     let bytes = record(3, b'C', &AHEAD);
-    let Verdict::Reading { len: 36, reading } = judge(&bytes) else {
-        panic!("{:?}", judge(&bytes))
+    let Verdict::Reading { len: 36, reading } = classify(&bytes) else {
+        panic!("{:?}", classify(&bytes))
     };
     assert_eq!((reading.station, reading.error), (3, None));
     let metres = reading.transmitter_from_sensor.translation;
     assert!((metres - DVec3::new(0.254, -0.508, 0.127)).length() < 1e-9);
-    // A clock and a switch after the pose make it longer and no different.
+    // A clock and a switch after the pose change nothing but the length.
     let longer = record(3, b'P', &[&AHEAD[..], &[0.0, 0.0]].concat());
-    assert!(matches!(judge(&longer), Verdict::Reading { len: 44, .. }));
+    assert!(matches!(
+        classify(&longer),
+        Verdict::Reading { len: 44, .. }
+    ));
 }
 
 #[test]
-fn makes_answers_and_errors() {
-    for (make, good) in [(b"LY", true), (b"LU", true), (b"PA", true), (b"PY", false)] {
+fn models_answers_and_error_letters_are_told_apart() {
+    for (model, good) in [(b"LY", true), (b"LU", true), (b"PA", true), (b"PY", false)] {
         let mut bytes = record(1, b'C', &AHEAD);
-        bytes[..2].copy_from_slice(make);
-        assert_eq!(matches!(judge(&bytes), Verdict::Reading { .. }), good);
+        bytes[..2].copy_from_slice(model);
+        assert_eq!(matches!(classify(&bytes), Verdict::Reading { .. }), good);
     }
-    assert_eq!(judge(&record(1, 0x76, &[0.0])), Verdict::Aside { len: 12 });
+    assert_eq!(
+        classify(&record(1, 0x76, &[0.0])),
+        Verdict::NoPose { len: 12 }
+    );
     let mut bytes = record(1, b'C', &AHEAD);
     bytes[4] = b'I';
-    let Verdict::Reading { reading, .. } = judge(&bytes) else {
+    let Verdict::Reading { reading, .. } = classify(&bytes) else {
         panic!()
     };
     assert_eq!(reading.error, Some(b'I'));
 }
 
 #[test]
-fn what_is_none_is_noise_and_what_may_be_is_waited_for() {
+fn a_partial_record_is_incomplete_and_a_wrong_one_is_noise() {
     let good = record(1, b'C', &AHEAD);
     for len in 1..good.len() {
-        assert_eq!(judge(&good[..len]), Verdict::Incomplete, "{len}");
+        assert_eq!(classify(&good[..len]), Verdict::Incomplete, "{len}");
     }
     let layout = Verdict::noise(Fault::Layout);
     let implausible = Verdict::noise(Fault::Implausible);
@@ -64,21 +70,21 @@ fn what_is_none_is_noise_and_what_may_be_is_waited_for() {
     ] {
         let mut bytes = good.clone();
         bytes[place] = byte;
-        assert_eq!(judge(&bytes), verdict, "{place} {byte}");
+        assert_eq!(classify(&bytes), verdict, "{place} {byte}");
     }
     let nan = record(1, b'C', &[f32::NAN, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]);
-    assert_eq!(judge(&nan), implausible);
+    assert_eq!(classify(&nan), implausible);
 }
 
 #[test]
-fn angles_in_place_of_a_quaternion() {
+fn angles_instead_of_a_quaternion() {
     let format = Format {
         euler: true,
         metres_per_unit: 0.01,
         ..Format::default()
     };
     let bytes = record(1, b'C', &[100.0, 0.0, 0.0, 90.0, 0.0, 0.0]);
-    let Verdict::Reading { reading, .. } = format.judge(None, &bytes) else {
+    let Verdict::Reading { reading, .. } = format.classify(None, &bytes) else {
         panic!()
     };
     let pose = reading.transmitter_from_sensor;

@@ -1,5 +1,6 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 use super::*;
+use crate::format::AnyDecoder;
 use proptest::prelude::*;
 
 fn pos_quat(sender: i32, kind: i32, sensor: i32, x: f64) -> Vec<u8> {
@@ -26,7 +27,7 @@ fn server() -> Vec<u8> {
 }
 
 #[test]
-fn only_poses_of_the_tracker_come_through_and_read_as_poses() {
+fn only_poses_of_the_tracker_are_passed_on_and_decode() {
     let mut client = Client::new("Tracker1");
     let stream = [
         server(),
@@ -36,16 +37,18 @@ fn only_poses_of_the_tracker_come_through_and_read_as_poses() {
         pos_quat(2, 4, 1, 4.0),
     ]
     .concat();
-    let mut wanted = Vec::new();
-    client.push(&stream, &mut wanted).unwrap();
-    assert_eq!(wanted.len(), 2 * POS_QUAT_LEN);
+    let mut messages = Vec::new();
+    client.push(&stream, &mut messages).unwrap();
+    assert_eq!(messages.len(), 2 * POS_QUAT_LEN);
     let names: Vec<_> = client.senders().collect();
     assert_eq!(names, ["VRPN Control", "Tracker0", "Tracker1"]);
     let mut found = Vec::new();
-    let mut decoder = crate::AnyDecoder::for_protocol("vrpn").unwrap();
-    decoder.push(&wanted, penumbra_interface::MonotonicTime::default(), |s| {
-        found.push(s)
-    });
+    let mut decoder = AnyDecoder::for_protocol("vrpn").unwrap();
+    decoder.push(
+        &messages,
+        penumbra_interface::MonotonicTime::default(),
+        |s| found.push(s),
+    );
     let read: Vec<_> = found
         .iter()
         .map(|s| (s.station, s.transmitter_from_sensor.translation.x))
@@ -56,7 +59,7 @@ fn only_poses_of_the_tracker_come_through_and_read_as_poses() {
 }
 
 #[test]
-fn who_is_no_server_is_told_so() {
+fn other_servers_and_impossible_lengths_are_refused() {
     let push = |bytes: &[u8]| Client::new("T").push(bytes, &mut Vec::new()).unwrap_err();
     assert!(matches!(
         push(b"HTTP/1.1 400 Bad Request\r\n"),
@@ -99,18 +102,18 @@ proptest! {
         let mut cuts: Vec<_> = cuts.into_iter().map(|cut| cut.min(stream.len())).collect();
         cuts.extend([0, stream.len()]);
         cuts.sort_unstable();
-        let (mut client, mut wanted) = (Client::new("Tracker0"), Vec::new());
+        let (mut client, mut messages) = (Client::new("Tracker0"), Vec::new());
         for pair in cuts.windows(2) {
-            client.push(&stream[pair[0]..pair[1]], &mut wanted).unwrap();
+            client.push(&stream[pair[0]..pair[1]], &mut messages).unwrap();
         }
-        prop_assert_eq!(wanted.len(), 2 * POS_QUAT_LEN);
+        prop_assert_eq!(messages.len(), 2 * POS_QUAT_LEN);
     }
 
     #[test]
     fn arbitrary_bytes_never_break_it(bytes in prop::collection::vec(any::<u8>(), 0..600)) {
-        let (mut client, mut wanted) = (Client::new("T"), Vec::new());
-        client.push(&server(), &mut wanted).unwrap();
-        let _ = client.push(&bytes, &mut wanted);
-        prop_assert_eq!(wanted.len() % POS_QUAT_LEN, 0);
+        let (mut client, mut messages) = (Client::new("T"), Vec::new());
+        client.push(&server(), &mut messages).unwrap();
+        let _ = client.push(&bytes, &mut messages);
+        prop_assert_eq!(messages.len() % POS_QUAT_LEN, 0);
     }
 }

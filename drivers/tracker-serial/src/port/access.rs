@@ -1,29 +1,37 @@
-//! Who may open a port, and who has it open: for messages.
+//! Who may open a port, and who has it open.
 
+use penumbra_interface::DeviceError;
 use std::path::Path;
 
-/// Why opening was refused and what to do: the file's group, by name, and the command that
-/// puts the user into it.
+/// The error for a port that this user may not open, with the group that may.
+///
+/// Opening again may help: for a moment after plugging in, before udev has run, a port
+/// belongs to root alone.
 #[cfg(unix)]
-pub(super) fn permission_hint(path: &Path) -> String {
+pub(super) fn not_permitted(name: &str, path: &Path) -> DeviceError {
     use std::os::unix::fs::MetadataExt;
     let group = std::fs::metadata(path)
         .ok()
         .and_then(|data| group_name(data.gid(), &std::fs::read_to_string("/etc/group").ok()?));
+    let device = name.to_owned();
     match group {
-        Some(group) if group != "root" => format!(
-            "no permission: this user is not in the group {group}; run \
-             `sudo usermod -aG {group} $USER` and log in again"
-        ),
-        _ => "no permission, and no group has it; install the udev rules (`sudo make install`) \
-              and plug it in again"
-            .to_owned(),
+        Some(group) if group != "root" => DeviceError::NotPermitted { device, group },
+        _ => DeviceError::Unready {
+            device,
+            reason: "no permission, and no group has it; install the udev rules (`sudo make \
+                     install`) and plug it in again"
+                .to_owned(),
+        },
     }
 }
 
+/// The error for a port that this user may not open.
 #[cfg(not(unix))]
-pub(super) fn permission_hint(_path: &Path) -> String {
-    "no permission, or another program has it open; end that program".to_owned()
+pub(super) fn not_permitted(name: &str, _path: &Path) -> DeviceError {
+    DeviceError::Unready {
+        device: name.to_owned(),
+        reason: "no permission, or another program has it open; end that program".to_owned(),
+    }
 }
 
 /// The name of a group in the text of `/etc/group`.
@@ -37,8 +45,21 @@ fn group_name(gid: u32, groups: &str) -> Option<String> {
     })
 }
 
-/// The program that has `path` open, as name and number, as far as this user may know.
-pub(super) fn holder_of(path: &Path) -> Option<String> {
+/// The error for a port that another program has open, with that program's name and process
+/// number where this user may see them.
+pub(super) fn busy(path: &Path) -> DeviceError {
+    let holder = holder_of(path).map_or_else(
+        || "another program has it open".to_owned(),
+        |holder| format!("{holder} has it open"),
+    );
+    DeviceError::Unready {
+        device: path.display().to_string(),
+        reason: format!("busy: {holder}; end that program"),
+    }
+}
+
+/// The program that has `path` open. Linux only: elsewhere there is no `/proc`.
+fn holder_of(path: &Path) -> Option<String> {
     let path = path.canonicalize().ok()?;
     let own = std::process::id().to_string();
     let processes = std::fs::read_dir("/proc").ok()?.flatten();

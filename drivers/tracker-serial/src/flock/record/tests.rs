@@ -1,11 +1,11 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 use super::*;
 
-/// Two records of a real device (IGSTK, see tests/fixtures/tracker/ORIGIN.md).
+/// A record of a real device (IGSTK, see tests/fixtures/tracker/ORIGIN.md).
 const REAL: [u8; 14] = *b"\x96\x13=\x05^\x02S\x06,9H\x1BG\x01";
 
 fn reading(format: Format, bytes: &[u8]) -> Reading {
-    match format.judge(None, bytes) {
+    match format.classify(None, bytes) {
         Verdict::Reading { len, reading } if len == bytes.len() => reading,
         verdict => panic!("{verdict:?}"),
     }
@@ -41,39 +41,42 @@ fn a_real_record_is_a_pose_with_a_unit_quaternion() {
 fn the_phasing_bit_finds_the_next_record() {
     let format = Format::default();
     let stream = [&REAL[5..], &REAL[..]].concat();
-    assert_eq!(format.judge(None, &stream), Verdict::noise(Fault::Layout));
+    assert_eq!(
+        format.classify(None, &stream),
+        Verdict::noise(Fault::Layout)
+    );
     let mut cut = [&REAL[..9], &REAL[..]].concat();
     let skip = |skip| Verdict::Noise {
         skip,
         fault: Fault::Layout,
     };
-    assert_eq!(format.judge(None, &cut), skip(9));
+    assert_eq!(format.classify(None, &cut), skip(9));
     cut.truncate(9);
-    assert_eq!(format.judge(None, &cut), Verdict::Incomplete);
-    assert_eq!(format.judge(None, &REAL[..1]), Verdict::Incomplete);
+    assert_eq!(format.classify(None, &cut), Verdict::Incomplete);
+    assert_eq!(format.classify(None, &REAL[..1]), Verdict::Incomplete);
 }
 
 #[test]
-fn group_mode_names_the_bird_and_angles_are_turns() {
+fn group_mode_adds_an_address_and_angles_are_half_turns() {
     let group = Format {
         group: true,
         angles: true,
         ..Format::default()
     };
-    // Azimuth a quarter turn: half of full scale.
+    // An azimuth of 90°: half of full scale.
     let mut bytes = vec![0x80, 0, 0, 0, 0, 0, 0, 0x20, 0, 0, 0, 0, 3];
     let read = reading(group, &bytes);
     assert_eq!(read.station, 3);
     let ahead = read.transmitter_from_sensor.rotation * DVec3::X;
     assert!((ahead - DVec3::Y).length() < 1e-9);
     bytes[12] = 0;
-    assert_eq!(group.judge(None, &bytes), Verdict::noise(Fault::Layout));
+    assert_eq!(group.classify(None, &bytes), Verdict::noise(Fault::Layout));
 }
 
 #[test]
-fn a_quaternion_that_is_none_is_refused() {
+fn a_quaternion_that_is_not_a_unit_is_refused() {
     let mut bytes = REAL;
     bytes[9] = 0x10;
-    let verdict = Format::default().judge(None, &bytes);
+    let verdict = Format::default().classify(None, &bytes);
     assert_eq!(verdict, Verdict::noise(Fault::Implausible));
 }

@@ -1,0 +1,186 @@
+//! Unix: `serialport` opens and configures, reading and writing are done here.
+//!
+//! `serialport`'s own `read` takes POLLIN and POLLHUP together for an error and so loses the
+//! bytes that came just before a hang-up. Its `write` blocks without limit when a port takes
+//! only a part, because it opens ports in blocking mode.
+
+use penumbra_interface::{Clock, MonotonicTime, SystemClock};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::fs::{FlockOperation, Mode, OFlags, flock};
+use rustix::io::Errno;
+use serialport::TTYPort;
+use std::io::{self, ErrorKind};
+use std::os::fd::{AsRawFd, BorrowedFd, OwnedFd};
+use std::path::Path;
+use std::time::Duration;
+
+/// An open serial port.
+pub type NativePort = TTYPort;
+
+/// Opens `path` without configuring it and checks that it is a terminal that nobody else has
+/// locked. Keep the result until the port itself is open, so that the modem lines stay up.
+///
+/// `serialport` alone would not do: its errors carry no error number, which tells an unplugged
+/// port from a file that is no port. And when it does not get the lock, it clears the
+/// exclusive mode that the other program has set.
+///
+/// # Errors
+/// What the system says; `ResourceBusy` if another program has the port.
+pub fn preflight(path: &Path) -> io::Result<Preflight> {
+    let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
+    let port = rustix::fs::open(path, flags, Mode::empty())?;
+    rustix::termios::tcgetattr(&port)?;
+    if flock(&port, FlockOperation::NonBlockingLockExclusive) == Err(Errno::WOULDBLOCK) {
+        return Err(ErrorKind::ResourceBusy.into());
+    }
+    flock(&port, FlockOperation::Unlock)?;
+    Ok(Preflight { port })
+}
+
+/// A port that has been opened but not configured.
+pub struct Preflight {
+    port: OwnedFd,
+}
+
+impl Preflight {
+    /// Whether the port has been unplugged since.
+    pub fn is_gone(&self) -> bool {
+        rustix::termios::tcgetattr(&self.port).is_err()
+    }
+}
+
+/// Pseudo-terminals have no line, so they take parity and data bits without effect.
+pub fn is_pseudo_terminal(path: &Path) -> bool {
+    let real = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    let name = real.to_string_lossy();
+    name.starts_with("/dev/pts/") || (cfg!(target_os = "macos") && name.starts_with("/dev/ttys"))
+}
+
+/// Makes a port that `serialport` has configured ready for [`read`] and [`write_all`].
+///
+/// # Errors
+/// What the system says.
+pub fn prepare(port: &NativePort) -> io::Result<()> {
+    let port = descriptor(port);
+    rustix::fs::fcntl_setfl(port, rustix::fs::fcntl_getfl(port)? | OFlags::NONBLOCK)?;
+    pass_damaged_bytes(port)
+}
+
+/// Drops breaks, and passes bytes with a wrong parity on as they are: a protocol's checksum
+/// judges them better than the kernel, which would put a zero in the place of either.
+#[cfg(target_os = "linux")]
+fn pass_damaged_bytes(port: BorrowedFd<'_>) -> io::Result<()> {
+    use rustix::termios::{InputModes, OptionalActions, tcgetattr, tcsetattr};
+    let mut settings = tcgetattr(port)?;
+    settings.input_modes |= InputModes::IGNBRK | InputModes::IGNPAR;
+    settings.input_modes -= InputModes::INPCK;
+    Ok(tcsetattr(port, OptionalActions::Now, &settings)?)
+}
+
+/// On macOS setting attributes again would undo a baud rate that is not a standard one.
+#[cfg(not(target_os = "linux"))]
+fn pass_damaged_bytes(_port: BorrowedFd<'_>) -> io::Result<()> {
+    Ok(())
+}
+
+/// Waits up to `timeout` for bytes and reads what is there: how many, and when. `None` if none
+/// came.
+///
+/// # Errors
+/// `BrokenPipe` once the other end has hung up and everything has been read.
+pub fn read(
+    port: &mut NativePort,
+    buffer: &mut [u8],
+    timeout: Duration,
+) -> io::Result<Option<(usize, MonotonicTime)>> {
+    read_from(descriptor(port), buffer, timeout)
+}
+
+fn read_from(
+    port: BorrowedFd<'_>,
+    buffer: &mut [u8],
+    timeout: Duration,
+) -> io::Result<Option<(usize, MonotonicTime)>> {
+    if !wait(port, PollFlags::IN, timeout)? {
+        return Ok(None);
+    }
+    let read = rustix::io::retry_on_intr(|| rustix::io::read(port, &mut *buffer));
+    let arrived_at = SystemClock.now();
+    match read {
+        // Readable and nothing there: the other end is gone. Reading on would spin.
+        Ok(0) => Err(ErrorKind::BrokenPipe.into()),
+        Ok(count) => Ok(Some((count, arrived_at))),
+        Err(Errno::AGAIN) => Ok(None),
+        Err(error) => Err(error.into()),
+    }
+}
+
+/// Whether an error says that a USB adapter has been pulled out or that the other end of a
+/// pseudo-terminal is closed.
+pub fn is_gone(error: &io::Error) -> bool {
+    let numbers = [Errno::IO, Errno::NXIO, Errno::NODEV, Errno::PIPE];
+    Errno::from_io_error(error).is_some_and(|number| numbers.contains(&number))
+        || matches!(
+            error.kind(),
+            ErrorKind::BrokenPipe | ErrorKind::UnexpectedEof
+        )
+}
+
+/// Writes all of `bytes`.
+///
+/// # Errors
+/// `TimedOut` if the port takes nothing for `timeout`; what the system says.
+pub fn write_all(port: &mut NativePort, bytes: &[u8], timeout: Duration) -> io::Result<()> {
+    write_all_to(descriptor(port), bytes, timeout)
+}
+
+fn write_all_to(port: BorrowedFd<'_>, bytes: &[u8], timeout: Duration) -> io::Result<()> {
+    let mut rest = bytes;
+    while !rest.is_empty() {
+        if !wait(port, PollFlags::OUT, timeout)? {
+            return Err(ErrorKind::TimedOut.into());
+        }
+        match rustix::io::write(port, rest) {
+            Ok(0) => return Err(ErrorKind::WriteZero.into()),
+            Ok(count) => rest = rest.get(count..).unwrap_or_default(),
+            Err(Errno::AGAIN | Errno::INTR) => {}
+            Err(error) => return Err(error.into()),
+        }
+    }
+    Ok(())
+}
+
+/// Waits up to `timeout` until the port is ready for `events`. Signals do not end the wait.
+///
+/// # Errors
+/// `BrokenPipe` if the other end has hung up and the port is not ready any more.
+fn wait(port: BorrowedFd<'_>, events: PollFlags, timeout: Duration) -> io::Result<bool> {
+    let until = SystemClock.now() + timeout;
+    loop {
+        let left = until.nanos_since(SystemClock.now()).max(0);
+        let left = Timespec {
+            tv_sec: left / 1_000_000_000,
+            tv_nsec: left % 1_000_000_000,
+        };
+        let mut polled = [PollFd::from_borrowed_fd(port, events)];
+        match poll(&mut polled, Some(&left)) {
+            Err(Errno::INTR) => {}
+            Err(error) => return Err(error.into()),
+            Ok(0) => return Ok(false),
+            // Also when a hang-up is reported with it: what has arrived is read first.
+            Ok(_) if polled[0].revents().contains(events) => return Ok(true),
+            Ok(_) => return Err(ErrorKind::BrokenPipe.into()),
+        }
+    }
+}
+
+/// The port's descriptor, which `serialport` hands out as a bare number.
+#[expect(unsafe_code, reason = "TTYPort implements AsRawFd but not AsFd")]
+fn descriptor(port: &NativePort) -> BorrowedFd<'_> {
+    // SAFETY: the port owns the descriptor and closes it when it is dropped, which the borrow
+    // prevents.
+    unsafe { BorrowedFd::borrow_raw(port.as_raw_fd()) }
+}
+
+#[cfg(test)]
+mod tests;
