@@ -3,7 +3,6 @@
 
 pub mod board_sheet;
 pub mod exchange;
-pub mod fusion;
 pub mod hand_eye;
 pub mod intrinsics;
 pub mod latency;

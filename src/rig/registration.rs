@@ -1,7 +1,6 @@
 //! Where the scene camera is, and the mirrored sphere, by the fiducials in its picture.
 
 use super::{RigError, RigSetup};
-use crate::calibration::fusion::{Fused, Fusion, PoseSigma, Source, Tracked, Verdict};
 use crate::config::{Config, PoseSource};
 use crate::status::{RegistrationSource, RegistrationStatus};
 use glam::DVec3;
@@ -14,6 +13,7 @@ use penumbra_fiducials::{
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_lighting::BallSeen;
 use penumbra_picture::Picture;
+use penumbra_registration::{Fused, Fusion, PoseSigma, Source, Tracked, Verdict};
 use penumbra_rig_model::Marker;
 use penumbra_rig_model::SphereMarker;
 use penumbra_scene::Scene;
