@@ -1,8 +1,8 @@
 //! What is black on a board, whatever sheet it is put on.
 
 use super::Black;
-use crate::calibration::intrinsics::Board;
-use crate::calibration::intrinsics::layout::Layout;
+use crate::intrinsics::Board;
+use crate::intrinsics::layout::Layout;
 use penumbra_fiducials::Family;
 
 /// A board's black rectangles, metres from its top left corner.

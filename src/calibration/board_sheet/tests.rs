@@ -1,8 +1,8 @@
 #![allow(clippy::unwrap_used)]
 use super::*;
-use crate::calibration::intrinsics::Grey;
-use crate::calibration::intrinsics::detect::{Placement, find_chessboard};
-use crate::calibration::intrinsics::tag_finder::TagFinder;
+use crate::intrinsics::Grey;
+use crate::intrinsics::detect::{Placement, find_chessboard};
+use crate::intrinsics::tag_finder::TagFinder;
 
 fn sheet() -> BoardSheet {
     BoardSheet::of(&Board::parse("chess:9x6:0.025").unwrap())

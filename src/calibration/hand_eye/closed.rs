@@ -88,9 +88,7 @@ pub(super) fn relative(motions: &[&Motion]) -> Option<RigidTransform> {
 }
 
 /// The rotation R for which a ≈ R b over pairs (a, b); `None` of nothing.
-pub(in crate::calibration) fn best_rotation(
-    pairs: impl Iterator<Item = (DVec3, DVec3)>,
-) -> Option<DQuat> {
+pub(crate) fn best_rotation(pairs: impl Iterator<Item = (DVec3, DVec3)>) -> Option<DQuat> {
     let mut s = DMat3::ZERO;
     for (a, b) in pairs {
         s += DMat3::from_cols(b * a.x, b * a.y, b * a.z);

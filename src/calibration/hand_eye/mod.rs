@@ -12,7 +12,7 @@
 mod closed;
 mod refine;
 
-pub(super) use closed::best_rotation;
+pub(crate) use closed::best_rotation;
 
 use glam::DVec3;
 use penumbra_interface::RigidTransform;

@@ -1,7 +1,7 @@
 //! Boards as a known camera would see them, for tests.
 
 use super::{Board, Grey};
-use crate::calibration::board_sheet::{Black, pattern};
+use crate::board_sheet::{Black, pattern};
 use glam::{DQuat, DVec2, DVec3};
 use penumbra_camera::Lens;
 use penumbra_interface::RigidTransform;

@@ -2,7 +2,6 @@
 
 pub mod board;
 mod bundle;
-pub mod contradictions;
 pub mod coverage;
 pub mod detect;
 mod estimate;
@@ -21,8 +20,8 @@ pub mod tag_finder;
 pub mod tags;
 pub mod verdict;
 
+pub use crate::intrinsics::consistency_checks::SaidLenses;
 pub use board::{Board, BoardError, Correspondence, View};
-pub use contradictions::SaidLenses;
 pub use coverage::{Coverage, Tilt, Uncertainty};
 pub use detect::Grey;
 pub use estimate::{Estimate, NoEstimate, Options, PointEstimate, ViewEstimate, estimate};
@@ -35,5 +34,6 @@ pub use rim::{Light, Rim};
 pub use step::IntrinsicsStep;
 pub use verdict::Verdict;
 
+pub mod consistency_checks;
 #[cfg(test)]
 pub(crate) mod drawn;

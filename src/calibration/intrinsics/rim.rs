@@ -145,8 +145,8 @@ fn known(estimate: &Estimate, seen: f64) -> f64 {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use crate::calibration::intrinsics::estimate::tests::{fisheye, poses, seen};
-    use crate::calibration::intrinsics::{Options, estimate};
+    use crate::intrinsics::estimate::tests::{fisheye, poses, seen};
+    use crate::intrinsics::{Options, estimate};
     use penumbra_numerics::Random;
 
     fn found(distance: f64, spread: f64) -> Estimate {

@@ -1,13 +1,14 @@
 //! The step `intrinsics`: a board is held before one camera, its lens comes out.
 
 use super::board::Board;
-use super::contradictions::{SaidLenses, contradictions};
 use super::detect::Grey;
 use super::estimate::Options;
 use super::gather::{Gatherer, Judged, Offer, Outcome};
 use super::report;
 use super::verdict::Verdict;
-use crate::calibration::step::{Eye, Finished, Made, Progress, Shown, Step, Wants};
+use crate::intrinsics::SaidLenses;
+use crate::intrinsics::consistency_checks::contradictions;
+use crate::step::{Eye, Finished, Made, Progress, Shown, Step, Wants};
 use penumbra_picture::Picture;
 use penumbra_rig_model::DeviceRecord;
 use penumbra_rig_model::Grade;

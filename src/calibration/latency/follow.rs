@@ -4,7 +4,7 @@ use super::{
     CameraMotion, CameraTurn, ClockOffset, ImageMotion, LatencyError, Mounted, TrackerTrack,
     from_motion, from_patches, from_rotations,
 };
-use crate::calibration::intrinsics::Grey;
+use crate::intrinsics::Grey;
 use glam::DQuat;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use std::collections::VecDeque;

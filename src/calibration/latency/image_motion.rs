@@ -1,6 +1,6 @@
 //! How much a picture moved since the one before, without knowing what it shows.
 
-use crate::calibration::intrinsics::Grey;
+use crate::intrinsics::Grey;
 use glam::{DMat2, DVec2};
 use penumbra_numerics::median;
 

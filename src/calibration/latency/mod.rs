@@ -20,7 +20,7 @@ pub(crate) use jumps::without_jumps;
 pub use mounted::{Mounted, from_patches};
 pub use track::TrackerTrack;
 
-use crate::calibration::hand_eye::best_rotation;
+use crate::hand_eye::best_rotation;
 use glam::DQuat;
 use scan::{Fit, scan};
 use thiserror::Error;

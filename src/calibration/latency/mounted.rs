@@ -17,7 +17,7 @@ use super::scan::{Fit, scan};
 use super::{
     CameraMotion, ClockOffset, LatencyError, TrackerTrack, covered, independent, settle, within,
 };
-use crate::calibration::latency::image_motion::MOST_PATCHES;
+use crate::latency::MOST_PATCHES;
 use glam::{DVec2, DVec3};
 use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;

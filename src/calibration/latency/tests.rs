@@ -1,7 +1,7 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 use super::follow::by_motion;
 use super::*;
-use crate::calibration::intrinsics::Grey;
+use crate::intrinsics::Grey;
 use glam::{DVec2, DVec3};
 use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;
@@ -443,9 +443,9 @@ fn table(path: PathBuf) -> Vec<Vec<f64>> {
 /// pictures stand for those that markers would give.
 #[test]
 fn the_truth_rigs_latency_is_found() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/truth/desk");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/truth/desk");
     if !folder.is_dir() {
-        eprintln!("skipped: no ../shared/truth");
+        eprintln!("skipped: no ../../../shared/truth");
         return;
     }
     let seconds = |nanos: f64| (nanos - 1e12) * 1e-9;
@@ -480,9 +480,9 @@ fn the_truth_rigs_latency_is_found() {
 /// Four seconds are too few to tell.
 #[test]
 fn the_truth_rigs_flow_is_refused_as_too_short() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/truth/desk");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/truth/desk");
     if !folder.is_dir() {
-        eprintln!("skipped: no ../shared/truth");
+        eprintln!("skipped: no ../../../shared/truth");
         return;
     }
     let seconds = |nanos: f64| (nanos - 1e12) * 1e-9;

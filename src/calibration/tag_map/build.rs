@@ -3,7 +3,7 @@
 use super::bundle::{Bundle, OF_TAG};
 use super::start::{square, start};
 use super::{Seen, View};
-use crate::calibration::hand_eye::best_rotation;
+use crate::hand_eye::best_rotation;
 use glam::DVec3;
 use penumbra_camera::Lens;
 use penumbra_camera::PinholeCamera;

@@ -3,8 +3,8 @@
 use super::build::{Built, Mapped};
 use super::start::square;
 use super::step::MapStep;
-use crate::calibration::report::{Page, Plot};
-use crate::calibration::step::{Finished, Made};
+use crate::report::{Page, Plot};
+use crate::step::{Finished, Made};
 
 impl MapStep {
     pub(super) fn page(&self, made: &Made, found: &Finished, built: Option<&Built>) -> String {

@@ -3,8 +3,8 @@
 use super::build::{Built, Mapped, build};
 use super::page::lines;
 use super::{Seen, Sight, View};
-use crate::calibration::rehearsal::lying;
-use crate::calibration::step::{Eye, Finished, Made, Progress, Shown, ShownPicture, Step, Wants};
+use crate::simulation::lying;
+use crate::step::{Eye, Finished, Made, Progress, Shown, ShownPicture, Step, Wants};
 use glam::{DVec2, DVec3};
 use penumbra_fiducials::{Detector, Family, TagSeen};
 use penumbra_rig_model::Grade;

@@ -2,8 +2,8 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::step::{MapOptions, MapStep};
-use crate::calibration::rehearsal::{Rehearsal, RehearsalOptions};
-use crate::calibration::step::{Finished, Made, Step};
+use crate::simulation::{Rehearsal, RehearsalOptions};
+use crate::step::{Finished, Made, Step};
 use glam::{DQuat, DVec2};
 use penumbra_fiducials::{Family, Tag, TagSeen};
 use penumbra_interface::RigidTransform;

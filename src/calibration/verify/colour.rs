@@ -2,7 +2,7 @@
 //! camera's, on what both see.
 
 use super::Known;
-use crate::calibration::step::ShownPicture;
+use crate::step::ShownPicture;
 use glam::DVec3;
 use penumbra_interface::{Exposure, MonotonicTime, RigidTransform};
 use penumbra_numerics::median;

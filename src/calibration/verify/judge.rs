@@ -2,7 +2,7 @@
 
 use super::colour::Colours;
 use super::reprojection::Reprojection;
-use crate::calibration::latency::{ClockOffset, LatencyError};
+use crate::latency::{ClockOffset, LatencyError};
 use penumbra_rig_model::Grade;
 use penumbra_white_balance::Provenance;
 

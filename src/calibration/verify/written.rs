@@ -1,8 +1,8 @@
 //! What a check leaves behind: a file and a page.
 
 use super::{Measured, Off};
-use crate::calibration::report::{Page, Plot};
-use crate::calibration::step::{Finished, Made};
+use crate::report::{Page, Plot};
+use crate::step::{Finished, Made};
 use penumbra_rig_model::Header;
 use serde::Serialize;
 

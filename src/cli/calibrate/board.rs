@@ -4,8 +4,8 @@ use crate::cli::files::{claim, write};
 use anyhow::bail;
 use clap::Args;
 use image::{ExtendedColorType, ImageEncoder};
-use penumbra::calibration::board_sheet::BoardSheet;
-use penumbra::calibration::intrinsics::Board;
+use penumbra_calibration::board_sheet::BoardSheet;
+use penumbra_calibration::intrinsics::Board;
 use std::path::PathBuf;
 use std::process::ExitCode;
 

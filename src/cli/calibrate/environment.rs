@@ -4,7 +4,9 @@ use super::from::FromArgs;
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use glam::{DVec2, DVec3};
-use penumbra::calibration::surround::{Asked, EnvironmentStep, Kind, KnownRig, RoughBall, pairs};
+use penumbra_calibration::environment_camera_calibration::{
+    Asked, EnvironmentStep, Kind, KnownRig, RoughBall, pairs,
+};
 use penumbra_fiducials::Family;
 use penumbra_rig_model::lens_files::ENVIRONMENT_LENS;
 use penumbra_rig_model::lens_record::LensRecord;
@@ -121,7 +123,9 @@ fn known(args: &EnvironmentArgs) -> anyhow::Result<KnownRig> {
     })
 }
 
-fn clicked(args: &EnvironmentArgs) -> anyhow::Result<Vec<penumbra::calibration::surround::Pair>> {
+fn clicked(
+    args: &EnvironmentArgs,
+) -> anyhow::Result<Vec<penumbra_calibration::environment_camera_calibration::Pair>> {
     let Some(path) = &args.click_pairs else {
         return Ok(Vec::new());
     };

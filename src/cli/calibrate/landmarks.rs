@@ -1,8 +1,8 @@
 //! What stands still before the camera.
 
 use anyhow::bail;
-use penumbra::calibration::intrinsics::Board;
-use penumbra::calibration::tracked::Landmarks;
+use penumbra_calibration::hand_eye_calibration::Landmarks;
+use penumbra_calibration::intrinsics::Board;
 use penumbra_fiducials::TagMap;
 use penumbra_rig_model::Marker;
 

@@ -3,8 +3,8 @@
 use super::from::FromArgs;
 use super::landmarks::{board_of, tags_of};
 use clap::Args;
-use penumbra::calibration::intrinsics::Board;
-use penumbra::calibration::tracked::{Landmarks, LatencyOptions, LatencyStep};
+use penumbra_calibration::hand_eye_calibration::{Landmarks, LatencyOptions, LatencyStep};
+use penumbra_calibration::intrinsics::Board;
 use std::process::ExitCode;
 
 #[derive(Debug, Args)]

@@ -2,7 +2,7 @@
 
 use super::from::FromArgs;
 use clap::Args;
-use penumbra::calibration::tag_map::{MapOptions, MapStep};
+use penumbra_calibration::tag_map::{MapOptions, MapStep};
 use penumbra_fiducials::Family;
 use std::process::ExitCode;
 

@@ -4,8 +4,10 @@ use super::from::FromArgs;
 use super::landmarks::{board_of, tags_of};
 use anyhow::bail;
 use clap::Args;
-use penumbra::calibration::intrinsics::Board;
-use penumbra::calibration::tracked::{Landmarks, LatencyChoice, MountingOptions, MountingStep};
+use penumbra_calibration::hand_eye_calibration::{
+    Landmarks, LatencyChoice, MountingOptions, MountingStep,
+};
+use penumbra_calibration::intrinsics::Board;
 use std::process::ExitCode;
 
 #[derive(Debug, Args)]

@@ -6,7 +6,6 @@ use super::files::{calibration_folder, prepare, write_calibration};
 use super::live::{EndedBy, LiveShow, Wish};
 use super::showcase::Showcase;
 use super::steps::{Known, Made, file_of, forms, step_of};
-use crate::calibration::step::Step;
 use crate::capture::{Devices, Hub};
 use crate::config::Config;
 use crate::rig::source::Onlooker;
@@ -15,6 +14,7 @@ use crate::status::calibration::{
     Calibration, CalibrationControl, CalibrationRefusal, CalibrationWish,
 };
 use bytes::Bytes;
+use penumbra_calibration::step::Step;
 use penumbra_interface::threads;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;

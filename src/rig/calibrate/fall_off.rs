@@ -1,9 +1,10 @@
 //! How a camera's pictures fall off towards their edge, from surfaces that it sees now here, now
 //! there while it moves.
 
-use crate::calibration::photometric::vignetting::{self, Fit, Reading};
 use glam::DVec2;
 use glam::DVec3;
+use penumbra_calibration::radiometric::vignetting;
+use penumbra_calibration::radiometric::vignetting::{Fit, Reading};
 use penumbra_camera::PinholeCamera;
 use penumbra_camera::vignetting::frame;
 use penumbra_interface::RigidTransform;

@@ -1,9 +1,9 @@
 //! What each step is called, what it asks, and how it is made from that.
 
 use super::steps::{Known, ParameterError, Parameters, StepKind};
-use crate::calibration::intrinsics::{Board, IntrinsicsStep, Options, SaidLenses};
-use crate::calibration::step::{Eye, Step};
 use crate::status::calibration::ParameterForm;
+use penumbra_calibration::intrinsics::{Board, IntrinsicsStep, Options, SaidLenses};
+use penumbra_calibration::step::{Eye, Step};
 use penumbra_camera::LensModel;
 
 /// The lens of a camera.

@@ -1,15 +1,17 @@
 //! The steps for which the rig is moved: map, tracker, latency; and the environment camera's.
 
 use super::steps::{Known, ParameterError, Parameters, StepKind, station};
-use crate::calibration::intrinsics::Board;
-use crate::calibration::step::Step;
-use crate::calibration::surround::{Asked, EnvironmentStep, Kind, KnownRig};
-use crate::calibration::tag_map::{MapOptions, MapStep};
-use crate::calibration::tracked::{
-    Landmarks, LatencyChoice, LatencyOptions, LatencyStep, MountingOptions, MountingStep,
-};
 use crate::rig::registration::tag_map;
 use crate::status::calibration::ParameterForm;
+use penumbra_calibration::environment_camera_calibration::{
+    Asked, EnvironmentStep, Kind, KnownRig,
+};
+use penumbra_calibration::hand_eye_calibration::{
+    Landmarks, LatencyChoice, LatencyOptions, LatencyStep, MountingOptions, MountingStep,
+};
+use penumbra_calibration::intrinsics::Board;
+use penumbra_calibration::step::Step;
+use penumbra_calibration::tag_map::{MapOptions, MapStep};
 use penumbra_fiducials::Family;
 use penumbra_rig_model::lens_files::ENVIRONMENT_LENS;
 use penumbra_rig_model::lens_record::LensRecord;

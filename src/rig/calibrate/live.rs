@@ -1,10 +1,10 @@
 //! Shows a step of calibration what a live rig's devices deliver, beside everybody else.
 
 use super::showing::Showing;
-use crate::calibration::step::{Eye, Progress, Step, Wants};
 use crate::capture::Hub;
 use crate::capture::tap::{Tap, TapEnd, Tapped, Wanted};
 use crate::config::Config;
+use penumbra_calibration::step::{Eye, Progress, Step, Wants};
 use penumbra_interface::{Clock, MonotonicTime, SystemClock};
 use penumbra_picture::Picture;
 use std::time::Duration;

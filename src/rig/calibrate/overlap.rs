@@ -1,10 +1,10 @@
 //! Gains between the cameras from what both see anyway, over a session.
 
 use super::fall_off::FallOff;
-use crate::calibration::photometric::vignetting::Fit;
 use crate::config::Config;
 use crate::rig::feed::decoder_for;
 use glam::DVec3;
+use penumbra_calibration::radiometric::vignetting::Fit;
 use penumbra_camera::EnvironmentView;
 use penumbra_interface::{Frame, MonotonicTime, RigidTransform};
 use penumbra_picture::{Picture, decode_into};

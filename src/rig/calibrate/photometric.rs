@@ -1,9 +1,9 @@
 //! What the photometric step may build on.
 
 use super::steps::{Known, ParameterError, Parameters, StepKind};
-use crate::calibration::photometric::step::{Options, Photometric};
-use crate::calibration::step::Step;
 use crate::config::Config;
+use penumbra_calibration::radiometric::step::{Options, Photometric};
+use penumbra_calibration::step::Step;
 use penumbra_camera::EnvironmentView;
 use penumbra_rig_model::RigCalibration;
 

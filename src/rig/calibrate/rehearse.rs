@@ -1,7 +1,7 @@
 //! Writes the recording of a rehearsal.
 
-use crate::calibration::rehearsal::{FrameTruth, Rehearsal, fastrak_record};
 use crate::output::stream::{EncodeError, JpegEncoder};
+use penumbra_calibration::simulation::{FrameTruth, Rehearsal, fastrak_record};
 use penumbra_interface::{Frame, MonotonicTime, PixelFormat};
 use penumbra_numerics::Random;
 use penumbra_picture::Picture;

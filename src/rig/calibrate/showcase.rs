@@ -2,12 +2,12 @@
 
 use super::live::{Moment, Wish};
 use super::preview::{Previews, preview_of};
-use crate::calibration::step::{Finished, Progress};
 use crate::status::calibration::{
     Calibration, CalibrationControl, CalibrationFinding, CalibrationRefusal, CalibrationResult,
     CalibrationState, CalibrationWish, ShownPicture,
 };
 use bytes::Bytes;
+use penumbra_calibration::step::{Finished, Progress};
 use penumbra_interface::{Clock, MonotonicTime, SystemClock};
 use std::collections::BTreeMap;
 use std::path::PathBuf;

@@ -1,10 +1,10 @@
 //! Sets up the check of a rig from its files.
 
 use super::steps::{Known as RigKnown, ParameterError, Parameters, StepKind, station};
-use crate::calibration::step::Step;
-use crate::calibration::verify::{Known, Verify};
 use crate::config::Config;
 use crate::rig::{RigError, light, registration};
+use penumbra_calibration::step::Step;
+use penumbra_calibration::verify::{Known, Verify};
 use penumbra_camera::EnvironmentView;
 use penumbra_rig_model::Attachments;
 use penumbra_rig_model::RigDocument;

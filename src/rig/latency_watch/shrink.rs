@@ -1,6 +1,6 @@
 //! Small grey copies of pictures.
 
-use crate::calibration::intrinsics::Grey;
+use penumbra_calibration::intrinsics::Grey;
 use penumbra_picture::Picture;
 
 /// Small pictures are no longer than this, pixels,

@@ -2,7 +2,7 @@
 
 use super::NoChessboard;
 use super::grid::Grid;
-use crate::calibration::intrinsics::board::Correspondence;
+use crate::intrinsics::Correspondence;
 use glam::DVec2;
 use std::collections::BTreeMap;
 

@@ -1,7 +1,7 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 use super::*;
-use crate::calibration::intrinsics::Board;
-use crate::calibration::intrinsics::drawn::{Draughtsman, pose};
+use crate::intrinsics::Board;
+use crate::intrinsics::drawn::{Draughtsman, pose};
 use glam::{DVec2, DVec3};
 use penumbra_camera::{Lens, LensModel};
 use penumbra_picture::Picture;
@@ -153,7 +153,7 @@ fn part_of_a_board_is_part_of_a_board() {
     let best = shifts
         .map(|(i, j)| {
             let shift = DVec2::new(f64::from(i), f64::from(j)) * 0.025;
-            let error = |c: &crate::calibration::intrinsics::Correspondence| {
+            let error = |c: &crate::intrinsics::Correspondence| {
                 let truth = pose.transform_point((c.point + shift).extend(0.0));
                 lens.project(truth).map_or(1e9, |p| p.distance(c.pixel))
             };
@@ -200,14 +200,14 @@ fn no_board_is_no_board() {
 
 /// The folder of real data, where it is.
 fn photographs() -> Option<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/calibration");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/calibration");
     folder.is_dir().then(|| folder.join("opencv_stereo_chess"))
 }
 
 #[test]
 fn every_photograph_of_opencvs_boards_shows_54_corners() {
     let Some(folder) = photographs() else {
-        eprintln!("skipped: no photographs at ../shared/data/calibration");
+        eprintln!("skipped: no photographs at ../../../shared/data/calibration");
         return;
     };
     for side in ["left", "right"] {

@@ -1,8 +1,9 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 use super::*;
-use crate::calibration::intrinsics::detect::{Grey, find_chessboard};
-use crate::calibration::intrinsics::drawn::{Draughtsman, pose};
-use crate::calibration::intrinsics::{Board, Correspondence};
+use crate::intrinsics::Grey;
+use crate::intrinsics::detect::find_chessboard;
+use crate::intrinsics::drawn::{Draughtsman, pose};
+use crate::intrinsics::{Board, Correspondence};
 use glam::DVec3;
 use penumbra_numerics::Random;
 use penumbra_picture::Picture;
@@ -16,9 +17,9 @@ const BOARD: Board = Board::Chess {
 
 fn photographs(side: &str) -> Option<Vec<View>> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../shared/data/calibration/opencv_stereo_chess");
+        .join("../../../shared/data/calibration/opencv_stereo_chess");
     if !folder.is_dir() {
-        eprintln!("skipped: no photographs at ../shared/data/calibration");
+        eprintln!("skipped: no photographs at ../../../shared/data/calibration");
         return None;
     }
     let view = |n: u32| {
@@ -93,9 +94,9 @@ fn a_pinholes_pictures_fit_a_fisheyes_model_too() {
 #[test]
 fn a_real_fisheye_is_found_as_published() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../shared/data/probes-fisheye/fisheye/ocam_fisheye1");
+        .join("../../../shared/data/probes-fisheye/fisheye/ocam_fisheye1");
     if !folder.is_dir() {
-        eprintln!("skipped: no photographs at ../shared/data/probes-fisheye");
+        eprintln!("skipped: no photographs at ../../../shared/data/probes-fisheye");
         return;
     }
     let view = |n: u32| {

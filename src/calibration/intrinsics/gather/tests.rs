@@ -1,7 +1,7 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 use super::*;
-use crate::calibration::intrinsics::drawn::{Draughtsman, pose};
-use crate::calibration::intrinsics::estimate::tests::{pinhole, poses, seen};
+use crate::intrinsics::drawn::{Draughtsman, pose};
+use crate::intrinsics::estimate::tests::{pinhole, poses, seen};
 use glam::DVec3;
 use penumbra_camera::LensModel;
 use penumbra_numerics::Random;

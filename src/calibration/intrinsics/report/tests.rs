@@ -1,7 +1,7 @@
 #![allow(clippy::unwrap_used)]
 use super::*;
-use crate::calibration::intrinsics::estimate::tests::{pinhole, poses, seen};
-use crate::calibration::intrinsics::{Board, Gatherer, Options};
+use crate::intrinsics::estimate::tests::{pinhole, poses, seen};
+use crate::intrinsics::{Board, Gatherer, Options};
 use penumbra_numerics::Random;
 
 #[test]

@@ -1,8 +1,8 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 use super::*;
-use crate::calibration::intrinsics::drawn::Draughtsman;
-use crate::calibration::intrinsics::estimate::tests::{pinhole, poses_of};
-use crate::calibration::step::ShownPicture;
+use crate::intrinsics::drawn::Draughtsman;
+use crate::intrinsics::estimate::tests::{pinhole, poses_of};
+use crate::step::ShownPicture;
 use penumbra_camera::LensModel;
 use penumbra_interface::MonotonicTime;
 

@@ -1,8 +1,8 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 use super::*;
-use crate::calibration::intrinsics::drawn::{Draughtsman, pose};
-use crate::calibration::intrinsics::estimate::tests::{fisheye, pinhole, poses_of};
-use crate::calibration::intrinsics::{Finding, Gatherer, Offer, Options};
+use crate::intrinsics::drawn::{Draughtsman, pose};
+use crate::intrinsics::estimate::tests::{fisheye, pinhole, poses_of};
+use crate::intrinsics::{Finding, Gatherer, Offer, Options};
 use glam::DVec3;
 use penumbra_camera::{Lens, LensModel};
 use penumbra_interface::RigidTransform;

@@ -1,9 +1,9 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 use super::*;
-use crate::calibration::intrinsics::coverage::cell_middle;
-use crate::calibration::intrinsics::drawn::pose;
-use crate::calibration::intrinsics::estimate::tests::{fisheye, pinhole, poses, seen};
-use crate::calibration::intrinsics::{Board, Light, NoEstimate, Options, View, estimate};
+use crate::intrinsics::coverage::cell_middle;
+use crate::intrinsics::drawn::pose;
+use crate::intrinsics::estimate::tests::{fisheye, pinhole, poses, seen};
+use crate::intrinsics::{Board, Light, NoEstimate, Options, View, estimate};
 use glam::{DQuat, DVec2, DVec3};
 use penumbra_camera::Lens;
 use penumbra_numerics::Random;
@@ -67,7 +67,7 @@ fn errors_but_for_a_turn(truth: &Lens, found: &Lens) -> Vec<Option<f64>> {
             let mut normal = Normal::new(3);
             for cell in (0..48).filter(near) {
                 let (p, ray, seen) = error(turn, cell)?;
-                let by = crate::calibration::intrinsics::pose::by_pose(&p.by_point, ray);
+                let by = crate::intrinsics::pose::by_pose(&p.by_point, ray);
                 for axis in 0..2 {
                     let row: Vec<f64> = by[..3].iter().map(|d| d[axis]).collect();
                     normal.add((p.pixel - seen)[axis], &row, 1.0);

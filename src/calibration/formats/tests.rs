@@ -1,0 +1,176 @@
+#![allow(clippy::unwrap_used)]
+use super::*;
+use glam::DVec2;
+use proptest::prelude::*;
+use std::path::Path;
+
+fn lens(model: LensModel, coefficients: &[f64]) -> NamedLens {
+    let lens = Lens::ideal(
+        model,
+        (640, 480),
+        DVec2::new(535.25, 536.5),
+        DVec2::new(320.125, 1e-7),
+    );
+    NamedLens {
+        name: "scene".to_owned(),
+        lens: with_coefficients(lens, model, coefficients),
+    }
+}
+
+#[test]
+fn what_is_written_is_read_again_to_the_last_digit() {
+    let brown = lens(
+        LensModel::Brown,
+        &[-0.28, 0.1 + 0.2, 1e-17, -1.0 / 3.0, 0.05],
+    );
+    let plain = lens(LensModel::Brown, &[-0.28, 0.3, 1e-17, -1.0 / 3.0]);
+    let rational = lens(
+        LensModel::BrownRational,
+        &[1.0, 2.0, 0.1, 0.2, 3.0, 4.0, 5.0, 6.0],
+    );
+    let fisheye = lens(LensModel::KannalaBrandt, &[0.003, -0.1, 1e-9, 2.0]);
+    for (dialect, camera) in [
+        (Dialect::Opencv, &brown),
+        (Dialect::Opencv, &rational),
+        (Dialect::Opencv, &fisheye),
+        (Dialect::Ros, &brown),
+        (Dialect::Ros, &rational),
+        (Dialect::Ros, &fisheye),
+        (Dialect::Kalibr, &plain),
+        (Dialect::Kalibr, &fisheye),
+    ] {
+        let text = write(dialect, std::slice::from_ref(camera)).unwrap();
+        let again = read(&text, None).unwrap();
+        assert_eq!(again.len(), 1, "{text}");
+        assert_eq!(again[0].lens, camera.lens, "{text}");
+    }
+    let both = write(Dialect::Kalibr, &[plain.clone(), fisheye.clone()]).unwrap();
+    let again = read(&both, None).unwrap();
+    assert_eq!(
+        (&again[0].lens, &again[1].lens),
+        (&plain.lens, &fisheye.lens)
+    );
+    for camera in [brown, rational] {
+        let error = write(Dialect::Kalibr, &[camera]).unwrap_err();
+        assert!(matches!(error, ExchangeError::Inexpressible { .. }));
+    }
+}
+
+#[test]
+fn files_of_the_three_programs_are_read() {
+    let ros = "image_width: 640\nimage_height: 480\ncamera_name: narrow_stereo\n\
+        camera_matrix:\n  rows: 3\n  cols: 3\n  data: [438.0, 0.000000, 305.5, 0, 437.3, 255.4, 0.0, 0, 1]\n\
+        distortion_model: plumb_bob\ndistortion_coefficients:\n  rows: 1\n  cols: 5\n  data: [-0.361976, 0.110510, 0.001014, 0.000505, 0.0]\n";
+    let camera = read(ros, None).unwrap().remove(0);
+    assert_eq!(camera.name, "narrow_stereo");
+    assert_eq!(camera.lens.focal, DVec2::new(438.0, 437.3));
+    assert_eq!(camera.lens.coefficients[1], 0.110_510);
+    let kalibr = "cam0:\n  cam_overlaps: [1]\n  camera_model: pinhole\n  distortion_coeffs: [0.0034823894022493434, 0.0007150348452162257,\n    -0.0020532361418706202, 0.00020293673591811182]\n  distortion_model: equidistant\n  intrinsics: [190.97847715128717, 190.9733070521226, 254.93170605935475, 256.8974428996504]\n  resolution: [512, 512]\n  rostopic: /cam0/image_raw\ncam1:\n  T_cn_cnm1:\n  - [1.0, 0.0, 0.0, -0.1]\n  - [0.0, 1.0, 0.0, 0.0]\n  - [0.0, 0.0, 1.0, 0.0]\n  - [0.0, 0.0, 0.0, 1.0]\n  camera_model: pinhole\n  distortion_coeffs: [-0.28, 0.07, 0.0002, 1.8e-05]\n  distortion_model: radtan\n  intrinsics: [458.6, 457.3, 367.2, 248.4]\n  resolution: [752, 480]\n";
+    let cameras = read(kalibr, None).unwrap();
+    assert_eq!(cameras[0].lens.model, LensModel::KannalaBrandt);
+    assert_eq!(
+        cameras[0].lens.coefficients[3],
+        0.000_202_936_735_918_111_82
+    );
+    assert_eq!(
+        cameras[1].lens.coefficients[..4],
+        [-0.28, 0.07, 0.0002, 1.8e-5]
+    );
+    assert_eq!(
+        (cameras[1].lens.width, cameras[1].name.as_str()),
+        (752, "cam1")
+    );
+}
+
+#[test]
+fn opencvs_own_files_are_read() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/calibration");
+    if !folder.is_dir() {
+        eprintln!("skipped: no ../../../shared/data/calibration");
+        return;
+    }
+    let text = |name: &str| std::fs::read_to_string(folder.join(name)).unwrap();
+    let left = read(&text("opencv_stereo_chess/left_intrinsics.yml"), None).unwrap();
+    assert_eq!(left[0].lens.focal.x, 535.915_733_961_632);
+    assert_eq!((left[0].lens.width, left[0].lens.height), (640, 480));
+    assert_eq!(left[0].lens.coefficients[4], 0.238_391_530_808_784_86);
+    let stereo = text("opencv_stereo_chess/intrinsics.yml");
+    let both = read(&stereo, Some((640, 480))).unwrap();
+    assert_eq!(
+        (both[0].name.as_str(), both[1].name.as_str()),
+        ("left", "right")
+    );
+    assert_eq!(both[1].lens.centre.x, 334.557_445_279_120_15);
+    assert_eq!(
+        read(&stereo, None).unwrap_err().to_string(),
+        "key `image_width` is missing; add it (a whole number of pixels, 1 to 65536)"
+    );
+    let aruco = read(&text("aruco_fdcl/calibration_params.yml"), None).unwrap();
+    assert_eq!(aruco[0].lens.width, 1920);
+}
+
+#[test]
+fn mistakes_are_told_by_line_and_key() {
+    let good = write(Dialect::Opencv, &[lens(LensModel::Brown, &[0.1; 5])]).unwrap();
+    for (from, to, says) in [
+        (
+            "image_width: 640",
+            "image_width: many",
+            "line 3: `image_width` must be a whole number",
+        ),
+        ("image_width: 640\n", "", "key `image_width` is missing"),
+        ("535.25", "-535.25", "`camera_matrix` must be fx"),
+        (
+            "   cols: 3",
+            "   cols: 4",
+            "as many numbers as rows times cols",
+        ),
+        (
+            "   rows: 5",
+            "   rows: 6",
+            "as many numbers as rows times cols",
+        ),
+        ("1.0 ]", "1.0", "a bracket is not closed"),
+        (
+            "fisheye_model: 0",
+            "fisheye_model: 1",
+            "4, 5 or 8 coefficients",
+        ),
+        (
+            "fisheye_model: 0",
+            "fisheye_model 0",
+            "line 5: expected `key: value`",
+        ),
+        (
+            "fisheye_model: 0",
+            "image_width: 3",
+            "line 5: this key is there already",
+        ),
+        ("fisheye_model: 0", "fisheye_model: &a 0", "line 5: anchors"),
+        ("camera_matrix", "matrix", "no camera in it"),
+    ] {
+        let text = good.replacen(from, to, 1);
+        assert_ne!(text, good, "{from}");
+        let error = read(&text, None).unwrap_err().to_string();
+        assert!(error.contains(says), "{from} → {to}: {error}");
+    }
+    for text in ["", "# nothing", "- 1\n- 2\n", "a: 1", "[1, 2"] {
+        assert!(read(text, None).is_err(), "{text}");
+    }
+}
+
+proptest! {
+    #[test]
+    fn no_text_makes_the_reader_panic(text in "[ \\-\\[\\]{}:,#'\"!%a-c0-9.\n]{0,200}") {
+        let _ = read(&text, Some((640, 480)));
+    }
+
+    #[test]
+    fn no_damage_makes_the_reader_panic(at in 0_usize..600, byte in any::<u8>()) {
+        let good = write(Dialect::Ros, &[lens(LensModel::Brown, &[0.1; 5])]).unwrap();
+        let mut bytes = good.into_bytes();
+        let at = at % bytes.len();
+        bytes[at] = byte;
+        let _ = read(&String::from_utf8_lossy(&bytes), None);
+    }
+}

@@ -1,0 +1,335 @@
+//! Simulated rigs: poses as pictures would give them, readings as a tracker does.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+use super::mounting::MountingOptions;
+use super::*;
+use crate::simulation::{Motion, Rehearsal, RehearsalOptions};
+use crate::step::{Finished, Made, Shown, Step};
+use glam::DQuat;
+use penumbra_fiducials::TagMap;
+use penumbra_interface::{MonotonicTime, PoseSample, RigidTransform};
+use penumbra_numerics::Random;
+use penumbra_rig_model::RigDocument;
+use penumbra_rig_model::latency_file::{LATENCY, apply_latency_file};
+use penumbra_rig_model::tracker_file::{TRACKER, apply_tracker_file};
+
+fn rig(rehearsal: &Rehearsal) -> RigDocument {
+    RigDocument::parse(rehearsal.rig_json().to_string().as_bytes()).unwrap()
+}
+
+fn instant(seconds: f64) -> MonotonicTime {
+    MonotonicTime::from_nanos(1_000_000_000_000 + (1e9 * seconds) as i64)
+}
+
+fn shaken(pose: RigidTransform, turn: f64, shift: f64, random: &mut Random) -> RigidTransform {
+    RigidTransform::new(
+        (DQuat::from_scaled_axis(random.normal3() * turn) * pose.rotation).normalize(),
+        pose.translation + random.normal3() * shift,
+    )
+}
+
+/// Every picture's pose, as tags give it: 0.05° and 0.6 mm; some of them flipped.
+fn sightings(rehearsal: &Rehearsal, random: &mut Random) -> Vec<Sighting> {
+    let options = &rehearsal.options;
+    let count = (30.0 * options.seconds) as i32;
+    let one = |i: i32| {
+        let at = 0.5 + f64::from(i) / 30.0 + 0.001 * random.normal();
+        let mut pose = shaken(rehearsal.world_from_camera(at), 0.0009, 0.0006, random);
+        if random.uniform() < 0.02 {
+            pose = shaken(pose, 0.3, 0.05, random);
+        }
+        Sighting {
+            stamp: instant(at + options.camera_latency),
+            world_from_camera: pose,
+            rms: 0.2,
+            marks: Vec::new(),
+        }
+    };
+    (0..count).map(one).collect()
+}
+
+fn readings(rehearsal: &Rehearsal, random: &mut Random) -> Vec<PoseSample> {
+    let options = &rehearsal.options;
+    let count = (120.0 * (options.seconds + 1.0)) as i32;
+    let one = |i: i32| {
+        let at = f64::from(i) / 120.0;
+        PoseSample {
+            station: 1,
+            transmitter_from_sensor: rehearsal.measured(at, random),
+            arrived_at: instant(at + options.tracker_latency + 0.0003 * random.normal()),
+            error: None,
+        }
+    };
+    (0..count).map(one).collect()
+}
+
+fn mounted(options: RehearsalOptions, wanted: MountingOptions) -> (Rehearsal, Finished) {
+    let rehearsal = Rehearsal::new(options);
+    let mut random = Random::new(rehearsal.options.seed + 77);
+    let tags = TagMap::new(rehearsal.tags.clone()).unwrap();
+    let mut step = MountingStep::new(&rig(&rehearsal).calibration, Landmarks::Tags(tags), wanted);
+    for sample in readings(&rehearsal, &mut random) {
+        step.look(&Shown::Pose(&sample));
+    }
+    step.sightings = sightings(&rehearsal, &mut random);
+    let found = step.finish(&Made::default());
+    (rehearsal, found)
+}
+
+/// The rig's calibration with what was found.
+fn applied(rehearsal: &Rehearsal, found: &Finished) -> RigDocument {
+    let file = found.file.clone().expect("a file");
+    let mut rig = rig(rehearsal);
+    let get = |name: &str| match name {
+        TRACKER | LATENCY => Some(file.as_bytes()),
+        _ => None,
+    };
+    if file.contains("\"step\": \"tracker\"") {
+        apply_tracker_file(&mut rig, &get).unwrap();
+    } else {
+        apply_latency_file(&mut rig, &get).unwrap();
+    }
+    rig
+}
+
+/// Metres and degrees by which the camera's mounting is off.
+fn off(rehearsal: &Rehearsal, rig: &RigDocument) -> (f64, f64) {
+    let found = rig.calibration.tracker.as_ref().unwrap();
+    let (a, b) = (found.sensor_from_scene_camera, rehearsal.sensor_from_camera);
+    (
+        a.translation.distance(b.translation),
+        a.rotation.angle_between(b.rotation).to_degrees(),
+    )
+}
+
+/// Of the composed pose on another path through the same room, root mean square, metres.
+fn registered(rehearsal: &Rehearsal, rig: &RigDocument) -> f64 {
+    let tracker = rig.calibration.tracker.as_ref().unwrap();
+    let mut random = Random::new(9);
+    let mut sum = 0.0;
+    for i in 0..300 {
+        let at = 0.5 + rehearsal.options.seconds * f64::from(i) / 300.0;
+        let composed = tracker.world_from_scene_camera(rehearsal.measured(at, &mut random));
+        let truth = rehearsal.world_from_camera(at);
+        sum += composed.translation.distance_squared(truth.translation);
+    }
+    (sum / 300.0).sqrt()
+}
+
+#[test]
+fn the_mounting_is_found_to_a_millimetre_and_a_tenth_of_a_degree() {
+    for seed in 1..7 {
+        let options = RehearsalOptions {
+            seed,
+            tracker_noise: (0.6, 0.1),
+            camera_latency: 0.006,
+            gaps: 0.05,
+            jumps: 0.01,
+            ..RehearsalOptions::default()
+        };
+        let (rehearsal, found) = mounted(options, MountingOptions::default());
+        assert_eq!(found.grade, Grade::Good, "{seed}: {:?}", found.findings);
+        let rig = applied(&rehearsal, &found);
+        let (place, turn) = off(&rehearsal, &rig);
+        assert!(place < 0.001 && turn < 0.1, "{seed}: {place} m, {turn}°");
+        let tracker = rig.calibration.tracker.as_ref().unwrap();
+        let transmitter = tracker.world_from_transmitter;
+        let truth = rehearsal.world_from_transmitter;
+        assert!(
+            transmitter.translation.distance(truth.translation) < 0.003,
+            "{seed}"
+        );
+        let latency = 1e-9 * tracker.latency_nanos as f64;
+        assert!((latency - 0.0173).abs() < 0.002, "{seed}: {latency}");
+        assert!(found.page.contains("<svg") && !found.page.contains("NaN"));
+    }
+}
+
+#[test]
+fn a_bent_space_is_straightened_where_that_helps_and_left_alone_where_not() {
+    for seed in [3, 11] {
+        let bent = RehearsalOptions {
+            seed,
+            metal: 0.012,
+            seconds: 40.0,
+            ..RehearsalOptions::default()
+        };
+        let wanted = MountingOptions {
+            distortion: true,
+            ..MountingOptions::default()
+        };
+        let (rehearsal, plain) = mounted(bent.clone(), MountingOptions::default());
+        let (_, found) = mounted(bent, wanted.clone());
+        let with = applied(&rehearsal, &found);
+        assert!(with.calibration.tracker.as_ref().unwrap().field.is_some());
+        let without = plain.file.is_some().then(|| applied(&rehearsal, &plain));
+        let (before, after) = (
+            without.map_or(1.0, |w| registered(&rehearsal, &w)),
+            registered(&rehearsal, &with),
+        );
+        assert!(
+            after < 0.6 * before && after < 0.003,
+            "{seed}: {before} {after}"
+        );
+        let straight = RehearsalOptions {
+            seed,
+            ..RehearsalOptions::default()
+        };
+        let (rehearsal, found) = mounted(straight, wanted);
+        let rig = applied(&rehearsal, &found);
+        assert!(rig.calibration.tracker.as_ref().unwrap().field.is_none());
+        assert!(
+            found
+                .findings
+                .iter()
+                .any(|f| f.1.contains("would not help")),
+            "{:?}",
+            found.findings
+        );
+    }
+}
+
+#[test]
+fn motion_that_does_not_tell_the_mounting_is_refused_by_its_reason() {
+    for (motion, says) in [
+        (Motion::OneAxis, "about nearly one axis"),
+        (Motion::Slide, "degrees at most"),
+        (Motion::Still, "degrees at most"),
+    ] {
+        let options = RehearsalOptions {
+            motion,
+            ..RehearsalOptions::default()
+        };
+        let (_, found) = mounted(options, MountingOptions::default());
+        assert_eq!(found.grade, Grade::Refused, "{motion:?}");
+        assert!(found.file.is_none());
+        let first = &found.findings[0].1;
+        assert!(first.contains(says) && !first.contains('\n'), "{first}");
+    }
+}
+
+#[test]
+fn nothing_shown_is_told() {
+    let rehearsal = Rehearsal::new(RehearsalOptions::default());
+    let tags = TagMap::new(rehearsal.tags.clone()).unwrap();
+    let calibration = rig(&rehearsal).calibration;
+    let mut step = MountingStep::new(
+        &calibration,
+        Landmarks::Tags(tags),
+        MountingOptions::default(),
+    );
+    let found = step.finish(&Made::default());
+    assert!(found.findings[0].1.contains("no readings of a tracker"));
+    step.look(&Shown::Pose(&PoseSample {
+        station: 2,
+        transmitter_from_sensor: RigidTransform::IDENTITY,
+        arrived_at: instant(0.0),
+        error: None,
+    }));
+    let found = step.finish(&Made::default());
+    assert!(
+        found.findings[0].1.contains("only of 2"),
+        "{:?}",
+        found.findings
+    );
+    let mut step = LatencyStep::new(&calibration, None, LatencyOptions::default());
+    let found = step.finish(&Made::default());
+    assert!(found.grade == Grade::Refused && found.file.is_none());
+}
+
+/// By poses alone: the pictures themselves are tried in the rendered tests.
+fn latency(options: RehearsalOptions) -> (Rehearsal, Finished) {
+    let rehearsal = Rehearsal::new(options);
+    let mut random = Random::new(rehearsal.options.seed + 5);
+    let mut step = LatencyStep::new(
+        &rig(&rehearsal).calibration,
+        None,
+        LatencyOptions::default(),
+    );
+    for sample in readings(&rehearsal, &mut random) {
+        step.look(&Shown::Pose(&sample));
+    }
+    step.sightings = sightings(&rehearsal, &mut random);
+    step.zero = step.sightings.first().map(|s| s.stamp);
+    let found = step.finish(&Made::default());
+    (rehearsal, found)
+}
+
+#[test]
+fn the_latency_is_found_to_two_milliseconds() {
+    for seed in 1..6 {
+        let options = RehearsalOptions {
+            seed,
+            tracker_latency: 0.004 * seed as f64,
+            camera_latency: 0.01,
+            tracker_noise: (0.5, 0.1),
+            ..RehearsalOptions::default()
+        };
+        let (rehearsal, found) = latency(options.clone());
+        assert_eq!(found.grade, Grade::Good, "{:?}", found.findings);
+        let rig = applied(&rehearsal, &found);
+        let tracker = rig.calibration.tracker.as_ref().unwrap();
+        let off = 1e-9 * tracker.latency_nanos as f64 - options.tracker_latency;
+        assert!(off.abs() < 0.001, "{seed}: {off}");
+        // Only the latency: everything else is as it was.
+        assert_eq!(tracker.sensor_from_scene_camera, RigidTransform::IDENTITY);
+    }
+}
+
+#[test]
+fn a_latency_that_cannot_be_told_is_refused() {
+    for motion in [Motion::Still, Motion::Slide] {
+        let options = RehearsalOptions {
+            motion,
+            tracker_noise: (0.5, 0.1),
+            ..RehearsalOptions::default()
+        };
+        let (_, found) = latency(options);
+        assert_eq!(found.grade, Grade::Refused, "{motion:?} {:?}", found.lines);
+        assert!(found.file.is_none());
+    }
+}
+
+#[test]
+fn a_file_that_was_refused_or_is_wrong_is_not_used() {
+    let (rehearsal, found) = mounted(RehearsalOptions::default(), MountingOptions::default());
+    let file = found.file.unwrap();
+    for (from, to, says) in [
+        (
+            "\"verdict\": \"good\"",
+            "\"verdict\": \"refused\"",
+            "was refused",
+        ),
+        (
+            "\"step\": \"tracker\"",
+            "\"step\": \"map\"",
+            "is of the step",
+        ),
+        (
+            "\"penumbra_calibration\": 1",
+            "\"penumbra_calibration\": 9",
+            "newer",
+        ),
+        (
+            "\"metres_per_unit\": 0.01",
+            "\"metres_per_unit\": -1.0",
+            "above 0",
+        ),
+        (
+            "\"quaternion_wxyz\": [",
+            "\"quaternion_wxyz\": [7.0, 0.0, 0.0, 0.0], \"x\": [",
+            "length 1",
+        ),
+    ] {
+        let spoilt = file.replacen(from, to, 1);
+        assert_ne!(spoilt, file, "{from}");
+        let get = |name: &str| (name == TRACKER).then_some(spoilt.as_bytes());
+        let error = apply_tracker_file(&mut rig(&rehearsal), &get)
+            .unwrap_err()
+            .to_string();
+        assert!(
+            error.contains(says) && error.starts_with(TRACKER),
+            "{error}"
+        );
+    }
+}

@@ -1,0 +1,170 @@
+//! What a lens found says against what is known of the rig: the other camera's pictures, another
+//! mode, another kind of lens.
+
+use super::estimate::Options;
+use super::finding::Finding;
+use super::gather::Outcome;
+use crate::step::Eye;
+use penumbra_camera::EnvironmentView;
+use penumbra_camera::LensModel;
+use penumbra_rig_model::Grade;
+use penumbra_rig_model::RigDocument;
+
+/// Focal lengths that differ by less than this share may be of one lens.
+const SAME_LENS: f64 = 0.03;
+/// Those that differ by more than this are not.
+const OTHER_LENS: f64 = 0.15;
+
+/// A camera's lens as the rig has it so far.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SaidLens {
+    /// Width and height of its pictures.
+    pub size: (u32, u32),
+    /// Pixels, or pixels per radian.
+    pub focal: f64,
+    /// It is a fisheye (Kannala–Brandt).
+    pub fisheye: bool,
+}
+
+/// Both cameras' lenses, as far as the rig has them.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SaidLenses {
+    /// The scene camera's.
+    pub scene: Option<SaidLens>,
+    /// The environment camera's.
+    pub environment: Option<SaidLens>,
+}
+
+impl SaidLenses {
+    /// Of a rig.
+    #[must_use]
+    pub fn of(rig: &RigDocument) -> Self {
+        let pinhole = |camera: &penumbra_camera::PinholeCamera| SaidLens {
+            size: (camera.width, camera.height),
+            focal: camera.focal.x,
+            fisheye: false,
+        };
+        let view = rig.calibration.environment.as_ref().map(|e| &e.view);
+        Self {
+            scene: Some(pinhole(&rig.calibration.scene_camera.camera)),
+            environment: match view {
+                Some(EnvironmentView::Fisheye { lens, .. }) => Some(SaidLens {
+                    size: (lens.width, lens.height),
+                    focal: lens.focal,
+                    fisheye: true,
+                }),
+                Some(EnvironmentView::Sphere { camera, .. }) => Some(pinhole(camera)),
+                _ => None,
+            },
+        }
+    }
+
+    /// Of one camera.
+    #[must_use]
+    pub const fn of_eye(&self, eye: Eye) -> Option<SaidLens> {
+        match eye {
+            Eye::Scene => self.scene,
+            Eye::Environment => self.environment,
+        }
+    }
+}
+
+const fn other(eye: Eye) -> Eye {
+    match eye {
+        Eye::Scene => Eye::Environment,
+        Eye::Environment => Eye::Scene,
+    }
+}
+
+/// What in `outcome`, of the camera `eye`, contradicts the rig.
+#[must_use]
+pub fn contradictions(
+    outcome: &Outcome,
+    said: &SaidLenses,
+    eye: Eye,
+    options: &Options,
+) -> Vec<(Grade, Finding)> {
+    let (Some(result), Some(this)) = (&outcome.result, said.of_eye(eye)) else {
+        return Vec::new();
+    };
+    let lens = &result.estimate.lens;
+    let size = (lens.width, lens.height);
+    let others = said.of_eye(other(eye));
+    let focal = (lens.focal.x * lens.focal.y).sqrt();
+    let off = |said: SaidLens| (focal / said.focal - 1.0).abs();
+    let mut found = Vec::new();
+    let is_others = others.is_some_and(|o| {
+        let by_size = o.size == size && this.size != size;
+        let by_focal = o.size == size && off(o) < SAME_LENS && off(this) > OTHER_LENS;
+        by_size || by_focal
+    });
+    if is_others {
+        let (said, seen) = (eye.name(), other(eye).name());
+        found.push((Grade::Refused, Finding::OtherCamera { said, seen }));
+    } else if this.size != size {
+        found.push((
+            Grade::Usable,
+            Finding::OtherMode {
+                width: this.size.0,
+                height: this.size.1,
+            },
+        ));
+    }
+    if this.fisheye != (options.model == LensModel::KannalaBrandt) {
+        let model = if this.fisheye { "fisheye" } else { "brown" };
+        found.push((Grade::Refused, Finding::OtherModel { model }));
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::intrinsics::estimate::tests::{pinhole, poses, seen};
+    use crate::intrinsics::{Board, Gatherer};
+    use penumbra_numerics::Random;
+
+    #[test]
+    fn swapped_cameras_other_modes_and_other_lenses_are_told() {
+        let lens = pinhole();
+        let mut gatherer = Gatherer::new(Board::parse("chess:9x6:0.025").unwrap());
+        for view in seen(&lens, &poses(12, 0.4, 0.3, 5), 0.15, &mut Random::new(2)) {
+            gatherer.offer_points("", (lens.width, lens.height), view.points);
+        }
+        let options = Options {
+            model: LensModel::Brown,
+            square_pixels: true,
+        };
+        let outcome = gatherer.finish(&options);
+        let said = |size, focal, fisheye| SaidLens {
+            size,
+            focal,
+            fisheye,
+        };
+        let true_one = said((lens.width, lens.height), lens.focal.x, false);
+        let told = |scene, environment| {
+            let lenses = SaidLenses {
+                scene: Some(scene),
+                environment,
+            };
+            contradictions(&outcome, &lenses, Eye::Scene, &options)
+        };
+        assert_eq!(told(true_one, None), []);
+        let other = said((lens.width, lens.height), 0.6 * lens.focal.x, false);
+        let swapped = Finding::OtherCamera {
+            said: "scene",
+            seen: "environment",
+        };
+        let refused = |finding: Finding| [(Grade::Refused, finding)];
+        assert_eq!(told(other, Some(true_one)), refused(swapped.clone()));
+        let small = said((320, 240), 300.0, false);
+        assert_eq!(told(small, Some(true_one)), refused(swapped));
+        let (width, height) = small.size;
+        let mode = Finding::OtherMode { width, height };
+        assert_eq!(told(small, None), [(Grade::Usable, mode)]);
+        let fisheye = said((lens.width, lens.height), lens.focal.x, true);
+        let model = Finding::OtherModel { model: "fisheye" };
+        assert_eq!(told(fisheye, None), refused(model));
+    }
+}

@@ -1,0 +1,209 @@
+//! Blobs that lie in rows and columns, in perspective.
+
+use super::blobs::Blob;
+use crate::intrinsics::homography::from_rays;
+use glam::{DMat2, DMat3, DVec2, DVec3, IVec2};
+
+/// Where the patches of a chart lie in a picture.
+#[derive(Clone, Debug)]
+pub(super) struct Lattice {
+    /// Picture from rows and columns.
+    pub map: DMat3,
+    /// Which blob is in which cell.
+    pub cells: Vec<(IVec2, usize)>,
+}
+
+/// From a patch to its neighbour, in sides of the patch as it was found (its edge is lost).
+const PITCH: std::ops::Range<f64> = 1.0..2.4;
+/// How far two neighbours may be from square to one another, as a cosine, patches being
+/// squares.
+const SQUARE: f64 = 0.35;
+/// How far a blob may be from where a patch is expected, in pitches.
+const NEAR: f64 = 0.25;
+/// Areas of patches in one chart.
+const ALIKE: std::ops::Range<f64> = 0.3..3.3;
+/// A chart cannot be told by fewer.
+pub(super) const FEWEST: usize = 11;
+/// Rows or columns that are followed from the first, each way.
+const FURTHEST: i32 = 7;
+
+impl Lattice {
+    /// Where cell `c` is, pixels.
+    pub fn place(&self, c: DVec2) -> DVec2 {
+        apply(&self.map, c)
+    }
+
+    /// Grown from blob `seed`; `None` if there are too few around it.
+    pub fn grow(blobs: &[Blob], seed: usize) -> Option<Self> {
+        pairs(blobs, seed)
+            .into_iter()
+            .filter_map(|axes| follow(blobs, seed, axes))
+            .filter(|lattice| lattice.cells.len() >= FEWEST)
+            .max_by_key(|lattice| lattice.cells.len())
+    }
+}
+
+pub(super) fn apply(map: &DMat3, p: DVec2) -> DVec2 {
+    let q = *map * p.extend(1.0);
+    q.truncate() / q.z
+}
+
+/// Steps to two neighbours of `seed` that are as far as each other and square to each other
+/// once its own shape is made a square.
+fn pairs(blobs: &[Blob], seed: usize) -> Vec<[DVec2; 2]> {
+    let own = blobs[seed];
+    let Some(square) = square_from(own.spread) else {
+        return Vec::new();
+    };
+    let mut steps: Vec<(DVec2, DVec2)> = blobs
+        .iter()
+        .filter(|b| ALIKE.contains(&(b.area / own.area)))
+        .map(|b| (b.centre - own.centre, square * (b.centre - own.centre)))
+        .filter(|(_, s)| PITCH.contains(&s.length()))
+        .collect();
+    steps.sort_by(|a, b| a.1.length().total_cmp(&b.1.length()));
+    steps.truncate(8);
+    let mut pairs = Vec::new();
+    for (i, a) in steps.iter().enumerate() {
+        for b in &steps[i + 1..] {
+            let (la, lb) = (a.1.length(), b.1.length());
+            let cosine = a.1.dot(b.1) / (la * lb);
+            if cosine.abs() < SQUARE && la / lb > 0.75 && lb / la > 0.75 {
+                pairs.push([a.0, b.0]);
+            }
+        }
+    }
+    pairs
+}
+
+/// Carries a square of these moments to one of side 1.
+fn square_from(spread: DMat2) -> Option<DMat2> {
+    // Σ = L Lᵀ; a square of side 1 has Σ = I / 12.
+    let a = spread.x_axis.x.sqrt();
+    let b = spread.x_axis.y / a;
+    let c = (spread.y_axis.y - b * b).sqrt();
+    let l = DMat2::from_cols_array(&[a, b, 0.0, c]);
+    let turned = l.inverse() * 12f64.sqrt().recip();
+    turned.is_finite().then_some(turned)
+}
+
+fn follow(blobs: &[Blob], seed: usize, axes: [DVec2; 2]) -> Option<Lattice> {
+    let mut cells = vec![(IVec2::ZERO, seed, axes)];
+    let mut next = 0;
+    while next < cells.len() && cells.len() < 64 {
+        let (cell, from, axes) = cells[next];
+        next += 1;
+        for step in [IVec2::X, IVec2::NEG_X, IVec2::Y, IVec2::NEG_Y] {
+            let to = cell + step;
+            if to.abs().max_element() > FURTHEST || cells.iter().any(|c| c.0 == to) {
+                continue;
+            }
+            let expected = axes[0] * f64::from(step.x) + axes[1] * f64::from(step.y);
+            let Some(found) = nearest(blobs, from, expected) else {
+                continue;
+            };
+            if cells.iter().any(|c| c.1 == found) {
+                continue;
+            }
+            // Perspective changes the step slowly from patch to patch.
+            let step_found = blobs[found].centre - blobs[from].centre;
+            let mut turned = axes;
+            let axis = usize::from(step.x == 0);
+            let sign = f64::from(step.x + step.y);
+            turned[axis] = 0.5 * (axes[axis] + sign * step_found);
+            cells.push((to, found, turned));
+        }
+    }
+    let cells = cells.into_iter().map(|(cell, blob, _)| (cell, blob));
+    fitted(blobs, cells.collect())
+}
+
+fn nearest(blobs: &[Blob], from: usize, step: DVec2) -> Option<usize> {
+    let place = blobs[from].centre + step;
+    let near = (NEAR * step.length()).powi(2);
+    let close = blobs.iter().enumerate().filter(|(_, b)| {
+        b.centre.distance_squared(place) < near && ALIKE.contains(&(b.area / blobs[from].area))
+    });
+    let distance = |b: &Blob| b.centre.distance_squared(place);
+    close
+        .min_by(|a, b| distance(a.1).total_cmp(&distance(b.1)))
+        .map(|(i, _)| i)
+}
+
+/// The map, without the cells that do not follow it, with those blobs that do.
+fn fitted(blobs: &[Blob], mut cells: Vec<(IVec2, usize)>) -> Option<Lattice> {
+    for _ in 0..3 {
+        if cells.len() < FEWEST {
+            return None;
+        }
+        let map = map_of(blobs, &cells)?;
+        let off = |&(cell, blob): &(IVec2, usize)| {
+            let c = cell.as_dvec2();
+            let (x, y) = (apply(&map, c + DVec2::X), apply(&map, c + DVec2::Y));
+            let at = apply(&map, c);
+            let pitch = x.distance(at).min(y.distance(at));
+            blobs[blob].centre.distance(at) / pitch
+        };
+        let before = cells.len();
+        cells.retain(|cell| off(cell) < NEAR);
+        add_expected(blobs, &map, &mut cells);
+        if cells.len() == before {
+            break;
+        }
+    }
+    let map = map_of(blobs, &cells)?;
+    Some(Lattice { map, cells })
+}
+
+/// Those one step beyond the cells that are known.
+fn add_expected(blobs: &[Blob], map: &DMat3, cells: &mut Vec<(IVec2, usize)>) {
+    let known: Vec<IVec2> = cells.iter().map(|c| c.0).collect();
+    let Some((low, high)) = bounds(&known) else {
+        return;
+    };
+    for y in low.y - 1..=high.y + 1 {
+        for x in low.x - 1..=high.x + 1 {
+            let cell = IVec2::new(x, y);
+            if known.contains(&cell) {
+                continue;
+            }
+            let c = cell.as_dvec2();
+            let (at, right) = (apply(map, c), apply(map, c + DVec2::X));
+            let near = (0.6 * NEAR * right.distance(at)).powi(2);
+            let typical = blobs[cells[0].1].area;
+            let fits = |&(i, b): &(usize, &Blob)| {
+                let free = !cells.iter().any(|cell| cell.1 == i);
+                free && b.centre.distance_squared(at) < near && ALIKE.contains(&(b.area / typical))
+            };
+            if let Some((i, _)) = blobs.iter().enumerate().find(fits) {
+                cells.push((cell, i));
+            }
+        }
+    }
+}
+
+pub(super) fn bounds(cells: &[IVec2]) -> Option<(IVec2, IVec2)> {
+    let first = *cells.first()?;
+    let all = cells.iter();
+    Some(all.fold((first, first), |(low, high), c| (low.min(*c), high.max(*c))))
+}
+
+fn map_of(blobs: &[Blob], cells: &[(IVec2, usize)]) -> Option<DMat3> {
+    let count = cells.len() as f64;
+    let middle = cells.iter().map(|c| blobs[c.1].centre).sum::<DVec2>() / count;
+    let spread = cells.iter().map(|c| blobs[c.1].centre.distance(middle));
+    let size = spread.sum::<f64>() / count;
+    let pairs: Vec<(DVec2, DVec3)> = cells
+        .iter()
+        .map(|&(cell, blob)| {
+            let ray = (blobs[blob].centre - middle) / size;
+            (cell.as_dvec2(), ray.extend(1.0))
+        })
+        .collect();
+    let to_picture = DMat3::from_cols(
+        DVec3::new(size, 0.0, 0.0),
+        DVec3::new(0.0, size, 0.0),
+        middle.extend(1.0),
+    );
+    Some(to_picture * from_rays(&pairs)?)
+}

@@ -1,0 +1,130 @@
+//! How true one camera's colours of a chart are.
+
+use glam::{DMat3, DVec3};
+use penumbra_numerics::Normal;
+use penumbra_white_balance::chart::Patch;
+use penumbra_white_balance::colour::delta_e_linear;
+
+/// Differences between what a camera shows of a chart and what it is, CIEDE2000, by patch; none
+/// where a patch is clipped or too dark.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Colours {
+    /// With exposure alone taken off.
+    pub as_shown: Vec<Option<f64>>,
+    /// White balanced on the grey row, too.
+    pub balanced: Vec<Option<f64>>,
+    /// With the best 3×3 matrix.
+    pub matrixed: Vec<Option<f64>>,
+}
+
+impl Colours {
+    /// Of a chart's patches and its reference; `None` from fewer than twelve.
+    pub fn of(patches: &[Patch], reference: &[DVec3; 24]) -> Option<Self> {
+        let read: Vec<Option<DVec3>> = patches.iter().map(mean).collect();
+        let both = || {
+            read.iter()
+                .zip(reference)
+                .filter_map(|(m, r)| Some(((*m)?, *r)))
+        };
+        if both().count() < 12 {
+            return None;
+        }
+        let greys = || both_of(&read[18..], &reference[18..]);
+        let gains = DVec3::from_array([0, 1, 2].map(|c| ratio(greys(), c)));
+        let matrix = matrix(both(), gains)?;
+        let green = DVec3::splat(gains.y);
+        let with = |map: DMat3| -> Vec<Option<f64>> {
+            let off = |(m, r): (&Option<DVec3>, &DVec3)| Some(delta_e_linear(map * (*m)?, *r));
+            read.iter().zip(reference).map(off).collect()
+        };
+        Some(Self {
+            as_shown: with(DMat3::from_diagonal(green)),
+            balanced: with(DMat3::from_diagonal(gains)),
+            matrixed: with(matrix),
+        })
+    }
+
+    /// Mean over the patches that are there.
+    pub fn mean(values: &[Option<f64>]) -> f64 {
+        let (n, sum) = values
+            .iter()
+            .flatten()
+            .fold((0.0, 0.0), |(n, s), v| (n + 1.0, s + v));
+        sum / f64::max(n, 1.0)
+    }
+}
+
+fn both_of<'a>(
+    read: &'a [Option<DVec3>],
+    reference: &'a [DVec3],
+) -> impl Iterator<Item = (DVec3, DVec3)> + 'a {
+    let pairs = read.iter().zip(reference);
+    pairs.filter_map(|(m, r)| Some(((*m)?, *r)))
+}
+
+/// Reference over reading by least squares, as bright patches tell it best.
+fn ratio(pairs: impl Iterator<Item = (DVec3, DVec3)>, c: usize) -> f64 {
+    let (mr, mm) = pairs.fold((0.0, 0.0), |(mr, mm), (m, r)| {
+        (mr + m[c] * r[c], mm + m[c] * m[c])
+    });
+    if mm > 0.0 { mr / mm } else { 1.0 }
+}
+
+/// reference ≈ M × reading, row by row, relative to the patches' brightness.
+fn matrix(pairs: impl Iterator<Item = (DVec3, DVec3)> + Clone, gains: DVec3) -> Option<DMat3> {
+    let mut rows = [DVec3::ZERO; 3];
+    for (c, slot) in rows.iter_mut().enumerate() {
+        let mut normal = Normal::new(3);
+        for (m, r) in pairs.clone() {
+            let weight = 1.0 / (r.length_squared() + 0.01);
+            normal.add(-r[c], &(m * gains).to_array(), weight);
+        }
+        let right: Vec<f64> = normal.gradient.iter().map(|g| -g).collect();
+        let x = normal.hessian.cholesky()?.solve(&right);
+        *slot = DVec3::new(x[0], x[1], x[2]) * gains;
+    }
+    Some(DMat3::from_cols(rows[0], rows[1], rows[2]).transpose())
+}
+
+fn mean(patch: &Patch) -> Option<DVec3> {
+    let [r, g, b] = patch.0;
+    Some(DVec3::new(r?.mean, g?.mean, b?.mean))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::radiometric::reference::Edition;
+    use penumbra_white_balance::chart::Reading;
+
+    #[test]
+    fn white_balance_and_a_matrix_take_off_what_is_theirs() {
+        let reference = Edition::default().linear();
+        let cross = DMat3::from_cols(
+            DVec3::new(0.70, 0.06, 0.02),
+            DVec3::new(0.12, 0.80, 0.10),
+            DVec3::new(0.02, 0.08, 0.55),
+        );
+        let patches: Vec<Patch> = reference
+            .iter()
+            .map(|r| {
+                Patch((cross * *r).to_array().map(|mean| {
+                    Some(Reading {
+                        mean,
+                        variance_of_mean: 1e-8,
+                        variance: 1e-6,
+                    })
+                }))
+            })
+            .collect();
+        let colours = Colours::of(&patches, &reference).unwrap();
+        let [shown, balanced, matrixed] =
+            [&colours.as_shown, &colours.balanced, &colours.matrixed].map(|v| Colours::mean(v));
+        assert!(
+            shown > 1.3 * balanced && balanced > 1.0 && matrixed < 0.1,
+            "{shown} {balanced} {matrixed}"
+        );
+        assert_eq!(Colours::of(&patches[..11], &reference), None);
+    }
+}

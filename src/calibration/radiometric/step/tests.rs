@@ -1,0 +1,242 @@
+#![allow(clippy::unwrap_used)]
+
+use super::*;
+use crate::radiometric::drawn::Drawn;
+use crate::step::ShownPicture;
+use glam::DVec3;
+use penumbra_camera::vignetting::frame;
+use penumbra_interface::MonotonicTime;
+use penumbra_rig_model::RigDocument;
+use penumbra_rig_model::radiometric_file::{PHOTOMETRIC, apply_photometric_file};
+
+const SCENE: [(f64, f64); 4] = [
+    (120.0, 90.0),
+    (370.0, 110.0),
+    (360.0, 240.0),
+    (130.0, 230.0),
+];
+const ENVIRONMENT: [(f64, f64); 4] = [
+    (300.0, 330.0),
+    (310.0, 120.0),
+    (430.0, 130.0),
+    (420.0, 340.0),
+];
+
+fn drawn(corners: [(f64, f64); 4], gains: DVec3, seed: u64) -> Drawn {
+    Drawn {
+        gains,
+        seed,
+        ..Drawn::new((640, 480), corners)
+    }
+}
+
+fn show(step: &mut Photometric, eye: Eye, picture: &Picture, seconds: f64, ev: f64) {
+    step.look(&Shown::Picture(ShownPicture {
+        eye,
+        picture,
+        captured_at: MonotonicTime::from_nanos((1e9 * seconds) as i64),
+        bracket_ev: ev,
+        exposure: None,
+        seconds,
+    }));
+}
+
+fn finished(scene: &Drawn, environment: &Drawn) -> Finished {
+    let mut step = Photometric::new(Options::default());
+    show(&mut step, Eye::Scene, &scene.picture(), 0.0, 0.0);
+    show(
+        &mut step,
+        Eye::Environment,
+        &environment.picture(),
+        0.0,
+        0.0,
+    );
+    step.finish(&Made::default())
+}
+
+fn applied(found: &Finished) -> RigDocument {
+    let mut rig = RigDocument::uncalibrated(640, 480);
+    let bytes = found.file.as_ref().unwrap().as_bytes();
+    apply_photometric_file(&mut rig, &|name| (name == PHOTOMETRIC).then_some(bytes)).unwrap();
+    rig
+}
+
+#[test]
+fn a_chart_seen_by_both_gives_the_gains_to_a_percent_through_the_file() {
+    let (a, b) = (DVec3::new(0.95, 0.8, 0.7), DVec3::new(0.2, 0.25, 0.3));
+    let found = finished(&drawn(SCENE, a, 1), &drawn(ENVIRONMENT, b, 2));
+    assert_eq!(found.grade, Grade::Good, "{found:?}");
+    let gains = applied(&found).calibration.gains.unwrap().estimate;
+    let error = gains.percent_from(a / b);
+    assert!(error.abs().max_element() < 1.0, "{error}");
+    for c in 0..3 {
+        assert!(
+            error[c].abs() < 400.0 * gains.relative_sd[c],
+            "{error} {gains:?}"
+        );
+    }
+    assert!(found.page.contains("data:image/png") && found.page.contains("ΔE2000 before"));
+}
+
+#[test]
+fn bad_light_and_missing_charts_are_said() {
+    let good = drawn(SCENE, DVec3::splat(0.9), 1);
+    let mut mixed = drawn(ENVIRONMENT, DVec3::splat(0.5), 2);
+    mixed.light = |p| DVec3::new(1.0 + 0.12 * p.x, 1.0, 1.0 - 0.08 * p.x);
+    let clipped = drawn(ENVIRONMENT, DVec3::splat(9.0), 2);
+    let none = drawn(
+        [(-900.0, 0.0), (-800.0, 0.0), (-800.0, 60.0), (-900.0, 60.0)],
+        DVec3::ONE,
+        1,
+    );
+    for (scene, environment, grade, says) in [
+        (&good, &mixed, Grade::Usable, "mixed light"),
+        (&good, &clipped, Grade::Usable, "correct its exposure"),
+        (
+            &good,
+            &none,
+            Grade::Refused,
+            "environment camera sees no chart",
+        ),
+        (&none, &none, Grade::Refused, "no chart is seen by either"),
+    ] {
+        let found = finished(scene, environment);
+        let text = format!("{:?}", found.findings);
+        assert!(text.contains(says), "{says}: {text}");
+        assert_eq!(found.grade, grade, "{text}");
+        assert_eq!(found.file.is_none(), grade == Grade::Refused);
+    }
+}
+
+#[test]
+fn of_two_charts_the_larger_is_read() {
+    let gains = DVec3::splat(0.9);
+    let scene = drawn(SCENE, gains, 1);
+    let mut both = scene.picture();
+    let apart = [
+        (400.0, 300.0),
+        (600.0, 300.0),
+        (600.0, 420.0),
+        (400.0, 420.0),
+    ];
+    drawn(apart, gains, 2).draw_over(&mut both);
+    let mut step = Photometric::new(Options::default());
+    show(&mut step, Eye::Scene, &both, 0.0, 0.0);
+    show(&mut step, Eye::Environment, &scene.picture(), 0.0, 0.0);
+    let found = step.finish(&Made::default());
+    assert_eq!(found.grade, Grade::Usable);
+    assert!(
+        found.findings[0].1.contains("2 charts"),
+        "{:?}",
+        found.findings
+    );
+    let gains = applied(&found).calibration.gains.unwrap().estimate;
+    assert!(gains.percent_from(DVec3::ONE).abs().max_element() < 1.0);
+}
+
+#[test]
+fn swapped_cameras_are_told_by_their_pictures() {
+    let mut step = Photometric::new(Options {
+        sizes: [Some((640, 480)), Some((480, 480))],
+        ..Options::default()
+    });
+    let mut square = drawn(SCENE, DVec3::splat(0.9), 1);
+    square.size = (480, 480);
+    show(&mut step, Eye::Scene, &square.picture(), 0.0, 0.0);
+    let wide = drawn(ENVIRONMENT, DVec3::splat(0.9), 1).picture();
+    show(&mut step, Eye::Environment, &wide, 0.0, 0.0);
+    let found = step.finish(&Made::default());
+    assert_eq!(found.grade, Grade::Refused);
+    assert!(
+        found.findings[0].1.contains("swapped"),
+        "{:?}",
+        found.findings
+    );
+}
+
+#[test]
+fn brackets_tell_a_curve_that_the_rig_has_wrong() {
+    let truth = Response::gamma(2.2);
+    let mut step = Photometric::new(Options {
+        responses: [Response::srgb(), Response::gamma(1.6)],
+        ..Options::default()
+    });
+    for ev in [0.0, -2.0, -4.0] {
+        let gains = DVec3::splat(3.0 * f64::exp2(ev));
+        let mut picture = drawn(ENVIRONMENT, gains, 1);
+        (picture.response, picture.noise) = (truth.clone(), 0.0005);
+        show(&mut step, Eye::Environment, &picture.picture(), 0.0, ev);
+    }
+    let found = step.finish(&Made::default());
+    assert!(found.file.is_some(), "{found:?}");
+    assert!(
+        found
+            .lines
+            .iter()
+            .any(|l| l.contains("tone curve gamma 2.2")),
+        "{:?}",
+        found.lines
+    );
+}
+
+#[test]
+fn nothing_shown_is_refused() {
+    let found = Photometric::new(Options::default()).finish(&Made::default());
+    assert_eq!(found.grade, Grade::Refused);
+    assert!(found.findings[0].1.contains("nothing to calibrate from"));
+}
+
+#[test]
+fn noise_is_read_at_rest_alone() {
+    let mut step = Photometric::new(Options::default());
+    for i in 0..4 {
+        let mut still = drawn(SCENE, DVec3::splat(0.9), 10 + i);
+        still.noise = 0.003;
+        show(&mut step, Eye::Scene, &still.picture(), 0.2 * i as f64, 0.0);
+        let moved = SCENE.map(|(x, y)| (x + 4.0 * i as f64, y + i as f64));
+        let moving = drawn(moved, DVec3::splat(0.9), 20 + i);
+        show(
+            &mut step,
+            Eye::Environment,
+            &moving.picture(),
+            0.2 * i as f64,
+            0.0,
+        );
+    }
+    assert_eq!(step.eyes[0].noise.pairs, 3);
+    assert_eq!((step.eyes[1].noise.pairs, step.eyes[1].moved), (0, 3));
+    let noise = step.eyes[0].noise.finish(&Response::srgb()).unwrap();
+    let sigma = (noise.read[1] + 0.2 * noise.shot[1]).sqrt();
+    assert!((sigma / 0.003 - 1.0).abs() < 0.1, "{sigma}");
+}
+
+#[test]
+fn a_white_wall_tells_the_fall_off_and_only_it_is_taken_over() {
+    let wall = |k: f64| {
+        let mut picture = Picture {
+            width: 640,
+            height: 480,
+            rgba: Vec::new(),
+        };
+        let (centre, radius) = frame((640, 480), None);
+        for i in 0..640 * 480 {
+            let p = DVec2::new(f64::from(i % 640), f64::from(i / 640));
+            let q = (p - centre).length_squared() / (radius * radius);
+            // The wall is lit from one side.
+            let light = 0.5 * (1.0 + 0.05 * (p.x - centre.x) / radius) * (1.0 + k * q);
+            let code = Response::srgb().code_from_linear(light as f32);
+            picture.rgba.extend([code, code, code, 255]);
+        }
+        picture
+    };
+    for (k, there) in [(-0.4, true), (0.0, false)] {
+        let mut step = Photometric::new(Options::default());
+        step.add_flat(Eye::Scene, &wall(k));
+        let found = step.finish(&Made::default());
+        let lens = applied(&found).calibration.scene_camera.vignetting;
+        assert_eq!(lens.is_some(), there, "{found:?}");
+        if let Some(lens) = lens {
+            assert!((lens.at(DVec2::ZERO) - (1.0 + k)).abs() < 0.02, "{lens:?}");
+        }
+    }
+}

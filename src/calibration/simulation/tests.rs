@@ -1,0 +1,73 @@
+#![allow(clippy::unwrap_used)]
+use super::*;
+use penumbra_fiducials::Detector;
+use penumbra_rig_model::RigDocument;
+
+#[test]
+fn its_tags_are_seen_where_its_truth_says() {
+    let rehearsal = Rehearsal::new(RehearsalOptions::default());
+    let mut random = Random::new(3);
+    let lens = rehearsal.scene.lens().clone();
+    let camera = lens.as_pinhole().unwrap();
+    let mut detector = Detector::new(&[Family::Tag36h11], &Response::srgb());
+    let (mut count, mut squares, mut tags) = (0.0_f64, 0.0_f64, 0);
+    for i in 0..4 {
+        let t = 1.7 * f64::from(i);
+        let codes = rehearsal.scene_picture(t, &mut random);
+        let seen = detector.detect_grey(&codes, 640, 480, Some(&camera));
+        let camera_from_world = rehearsal.world_from_camera(t).inverse();
+        tags += seen.len();
+        for tag in seen {
+            let truth = rehearsal.tags.iter().find(|k| k.id == tag.id).unwrap();
+            for (corner, pixel) in truth.corners().into_iter().zip(tag.corners) {
+                let there = camera
+                    .project(camera_from_world.transform_point(corner))
+                    .unwrap();
+                squares += there.distance_squared(pixel);
+                count += 1.0;
+            }
+        }
+    }
+    let rms = (squares / count).sqrt();
+    assert!(tags >= 18, "{tags} tags");
+    assert!(rms < 0.15, "{rms} px");
+}
+
+#[test]
+fn its_chessboard_is_seen() {
+    let board = Board::parse("chess:7x5:0.03").unwrap();
+    let rehearsal = Rehearsal::new(RehearsalOptions {
+        board: Some(board),
+        ..RehearsalOptions::default()
+    });
+    let codes = rehearsal.scene_picture(0.4, &mut Random::new(1));
+    let grey = Grey::from_bytes(640, 480, &codes);
+    let found = crate::intrinsics::detect::find_chessboard(&grey, 7, 5).unwrap();
+    let camera_from_world = rehearsal.world_from_camera(0.4).inverse();
+    for c in found.correspondences(0.03) {
+        let world = lying(0.0, DVec3::ZERO).transform_point(c.point.extend(0.0));
+        let there = rehearsal
+            .scene
+            .lens()
+            .project(camera_from_world.transform_point(world));
+        assert!(there.unwrap().distance(c.pixel) < 0.3, "{c:?} {there:?}");
+    }
+}
+
+#[test]
+fn its_papers_can_be_read() {
+    let rehearsal = Rehearsal::new(RehearsalOptions {
+        known_markers: true,
+        known_tracker: true,
+        environment: EnvironmentMount::Carried,
+        ..RehearsalOptions::default()
+    });
+    let bytes = serde_json::to_vec(&rehearsal.rig_json()).unwrap();
+    let rig = RigDocument::parse(&bytes).unwrap();
+    assert_eq!(rig.markers.len(), 9);
+    let tracker = rig.calibration.tracker.unwrap();
+    let said = tracker.world_from_scene_camera(rehearsal.transmitter_from_sensor(2.5));
+    let true_one = rehearsal.world_from_camera(2.5);
+    assert!(said.translation.distance(true_one.translation) < 1e-9);
+    assert_eq!(tracker.metres_per_unit, 0.01);
+}
