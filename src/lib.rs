@@ -12,7 +12,6 @@
 
 pub mod bench;
 pub mod capture;
-pub mod compositor;
 pub mod config;
 pub mod doctor;
 pub mod output;

@@ -6,8 +6,8 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
 
 use glam::DVec3;
-use penumbra::compositor::reference::exposure::exposed;
 use penumbra_camera::Response;
+use penumbra_compositor::reference::exposure::exposed;
 use penumbra_picture::Picture;
 use penumbra_scene::Highlights;
 use std::path::{Path, PathBuf};

@@ -7,13 +7,13 @@
 use super::BenchOptions;
 use super::report::{BenchReport, Percentiles, Row};
 use super::stage::{Passes, WARM_UP, camera, looking, picture};
-use crate::compositor::planes::{PlanesChoice, SourceBaker, bake};
-use crate::compositor::{
+use glam::{DMat4, DVec3, Vec3};
+use penumbra_camera::Response;
+use penumbra_compositor::planes::{PlanesChoice, SourceBaker, bake};
+use penumbra_compositor::{
     Compositor, CompositorSettings, Exposure, FrameInput, Gpu, GpuError, LampResponse, Refresh,
     ShadowMode,
 };
-use glam::{DMat4, DVec3, Vec3};
-use penumbra_camera::Response;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_lighting::geodesic::{FaceLight, FaceSource, GeodesicDome, Membership};
 use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};

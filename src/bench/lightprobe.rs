@@ -11,11 +11,11 @@
 use super::report::{BenchReport, PassTime, Percentiles, Row};
 use super::stage::{Passes, WARM_UP, camera};
 use super::{BenchError, BenchOptions, thread_time};
-use crate::compositor::exposure::AutoLimits;
-use crate::compositor::{
+use penumbra_camera::Response;
+use penumbra_compositor::exposure::AutoLimits;
+use penumbra_compositor::{
     Compositor, CompositorSettings, Exposure, FrameInput, Gpu, LampResponse, Refresh, ShadowMode,
 };
-use penumbra_camera::Response;
 use penumbra_interface::MonotonicTime;
 use penumbra_lighting::{
     Bracket, EnvironmentEstimator, EnvironmentInput, EnvironmentSettings, Lighting,

@@ -15,8 +15,8 @@ mod thread_time;
 pub use live::LiveRow;
 pub use report::{BenchReport, CaptureRow, DeviceTally, PassTime, Percentiles, Row, ThreadCost};
 
-use crate::compositor::{Gpu, GpuError};
 use crate::rig::RigError;
+use penumbra_compositor::{Gpu, GpuError};
 use penumbra_lighting::EnvironmentError;
 use penumbra_session::SessionError;
 use std::io;

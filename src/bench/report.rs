@@ -1,7 +1,7 @@
 //! The benchmark's table and its JSON.
 
 use super::live::LiveRow;
-use crate::compositor::Gpu;
+use penumbra_compositor::Gpu;
 use serde::Serialize;
 use std::fmt;
 

@@ -4,12 +4,12 @@
 use super::BenchOptions;
 use super::report::{BenchReport, Percentiles, Row};
 use super::stage::{Passes, WARM_UP, camera, looking, picture};
-use crate::compositor::{
+use glam::{DMat4, DVec3, Vec3, Vec4};
+use penumbra_camera::Response;
+use penumbra_compositor::{
     Compositor, CompositorSettings, Exposure, FrameInput, Gpu, GpuError, LampResponse, Refresh,
     ShadowMode,
 };
-use glam::{DMat4, DVec3, Vec3, Vec4};
-use penumbra_camera::Response;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
 use penumbra_scene::Highlights;

@@ -4,7 +4,7 @@ use super::files::JsonFile;
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 use penumbra::bench::{BenchOptions, CASES};
-use penumbra::compositor::Gpu;
+use penumbra_compositor::Gpu;
 use std::path::PathBuf;
 use std::process::ExitCode;
 

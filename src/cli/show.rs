@@ -3,7 +3,6 @@
 
 use super::files::JsonFile;
 use clap::Args;
-use penumbra::compositor::Gpu;
 use penumbra::config::{
     Config, ExposureChoice, LIGHT_COUNTS, LampResponse, LightPlacement, Monitor, ShadowMode,
     ShadowTechnique,
@@ -11,6 +10,7 @@ use penumbra::config::{
 use penumbra::output::window::{self, WindowOptions};
 use penumbra::rig::{Report, RigError, RunOptions, Runner};
 use penumbra::status::{SharedStatus, StatusError, StatusServer, Technique};
+use penumbra_compositor::Gpu;
 use penumbra_lighting::Filtering;
 use penumbra_rig_model::EnvironmentSource;
 use penumbra_scene::Highlights;

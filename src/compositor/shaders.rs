@@ -442,7 +442,7 @@ mod tests {
             let planes = planes
                 .into_iter()
                 .chain([super::planning(), super::lighting()]);
-            let exposing = super::exposing(&crate::compositor::exposure::constants());
+            let exposing = super::exposing(&crate::exposure::constants());
             let all = frame.into_iter().chain(super::baking(128)).chain(planes);
             let all = all.chain(exposing);
             for (name, text) in all {

@@ -176,8 +176,8 @@ mod tests {
 
     #[test]
     fn targets_cover_pictures_of_any_size() {
-        let gpu = crate::compositor::Gpu::open(None)
-            .expect("a Vulkan driver; `make test` installs a software one");
+        let gpu =
+            crate::Gpu::open(None).expect("a Vulkan driver; `make test` installs a software one");
         for (width, height) in [(1, 1), (16, 16), (101, 67), (640, 480)] {
             for step in [1, 2] {
                 let t = Targets::new(&gpu.device, width, height, 1, step);

@@ -1,8 +1,8 @@
 //! The Vulkan driver, the adapters, what Penumbra needs of them, and its shaders.
 
 use super::{Check, DoctorOptions, State};
-use crate::compositor::{Compositor, CompositorSettings, Gpu, GpuError};
 use penumbra_camera::Response;
+use penumbra_compositor::{Compositor, CompositorSettings, Gpu, GpuError};
 use std::path::{Path, PathBuf};
 
 const INSTALL_SOFTWARE: &str =

@@ -5,7 +5,7 @@ pub mod stream;
 mod surface;
 pub mod window;
 
-use crate::compositor::{Compositor, GpuError};
+use penumbra_compositor::{Compositor, GpuError};
 use std::path::PathBuf;
 use thiserror::Error;
 

@@ -1,7 +1,7 @@
 //! The finished picture on a window's surface.
 
-use crate::compositor::{Compositor, Gpu, PresentPass};
 use crate::output::Screen;
+use penumbra_compositor::{Compositor, Gpu, PresentPass};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use wgpu::{CurrentSurfaceTexture, PresentMode, TextureFormat};

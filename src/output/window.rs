@@ -3,9 +3,9 @@
 
 use super::OutputError;
 use super::surface::{Place, SurfaceScreen};
-use crate::compositor::Gpu;
 use crate::config::Monitor;
 use crate::output::Screen;
+use penumbra_compositor::Gpu;
 use penumbra_interface::threads;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;

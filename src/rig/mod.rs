@@ -49,9 +49,9 @@ pub use runner::{RunOptions, Runner};
 pub use settings::live_settings;
 pub use source::{Live, RigFiles, Source};
 
-use crate::compositor::GpuError;
 use crate::config::{Config, ConfigError, PoseSource};
 use crate::output::OutputError;
+use penumbra_compositor::GpuError;
 use penumbra_fiducials::TagMap;
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::EnvironmentError;

@@ -13,15 +13,15 @@ use super::settings::{compositor_settings, exposure, live_settings};
 use super::source::Source;
 use super::status::Published;
 use super::{RigError, status as published};
-use crate::compositor::{
-    Compositor, Exposure, FrameInput, Gpu, LampResponse, LensOutput, Refresh, ShadowMode,
-};
 use crate::config::{self, Distortion};
 use crate::output::Screen;
 use crate::output::files::FrameFolder;
 use crate::status::RegistrationSource;
 use crate::status::snapshot::SessionState;
 use crate::status::{self, Settings, StageTimes, Technique};
+use penumbra_compositor::{
+    Compositor, Exposure, FrameInput, Gpu, LampResponse, LensOutput, Refresh, ShadowMode,
+};
 use penumbra_interface::{Clock, SystemClock};
 use penumbra_lighting::{BrightestFollower, BrightestLight};
 use penumbra_picture::Picture;

@@ -1,11 +1,11 @@
 //! The configuration in the compositor's and the dashboard's words.
 
-use crate::compositor::exposure::AutoLimits;
-use crate::compositor::{CompositorSettings, Exposure};
 use crate::config::{
     Antialias, Config, ExposureMode, LightPlacement, ReplaySpeed, ShadowResolution, ShadowTechnique,
 };
 use crate::status::{self, LightsMode, Settings, Technique};
+use penumbra_compositor::exposure::AutoLimits;
+use penumbra_compositor::{CompositorSettings, Exposure};
 use penumbra_rig_model::RigCalibration;
 use penumbra_sync::PairingConfig;
 

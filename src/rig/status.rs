@@ -5,14 +5,14 @@ use super::rates::Rates;
 use super::report::FrameCounts;
 use super::source::Source;
 use super::{RigSetup, latency_status, live_status, probe_status};
-use crate::compositor::Gpu;
-use crate::compositor::exposure::ExposureInForce;
 use crate::status::planes::PlanesStatus;
 use crate::status::snapshot::{
     Adapter, Device, DeviceState, ExposureStatus, PoseAnswer, SessionState, WhiteBalance,
     WhiteBalanceEstimate, WhiteBalanceMethod, WhiteMatch,
 };
 use crate::status::{SceneStatus, Settings, SharedStatus, Snapshot, StageTimes};
+use penumbra_compositor::Gpu;
+use penumbra_compositor::exposure::ExposureInForce;
 use penumbra_interface::DeviceKind;
 use penumbra_lighting::BrightestLight;
 use penumbra_sync as sync;

@@ -2,7 +2,7 @@
 
 use crate::stage::{Stage, cell, flat, lighting, looking_from, painted, part};
 use glam::{DMat4, DVec2, DVec3, Vec3, Vec4};
-use penumbra::compositor::reference::area::form_factor;
+use penumbra_compositor::reference::area::form_factor;
 use penumbra_picture::Picture;
 use penumbra_scene::{Material, Part, PlacedLamp, SceneTexture, primitives};
 use penumbra_scene::{Screen, VirtualLight, VirtualLightKey, VirtualLightKind};

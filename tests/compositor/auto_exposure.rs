@@ -3,9 +3,9 @@
 use crate::exposure::table;
 use crate::stage::{Stage, cell, lighting, noise};
 use glam::Vec3;
-use penumbra::compositor::exposure::{AutoLimits, ExposureInForce};
-use penumbra::compositor::{Exposure, LampResponse};
 use penumbra_camera::Response;
+use penumbra_compositor::exposure::{AutoLimits, ExposureInForce};
+use penumbra_compositor::{Exposure, LampResponse};
 use penumbra_picture::Picture;
 use penumbra_scene::PlacedLamp;
 

@@ -2,7 +2,7 @@
 
 use crate::stage::{gpu, part};
 use glam::{DVec2, DVec3, Vec3};
-use penumbra::compositor::planes::bake;
+use penumbra_compositor::planes::bake;
 use penumbra_lighting::geodesic::GeodesicDome;
 use penumbra_scene::planes::{
     Bake, BakeSettings, Image, Layer, Receiver, ReceiverImage, ShadowingPlane,

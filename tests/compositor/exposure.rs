@@ -4,10 +4,10 @@
 use crate::judge::{Rule, assert_like};
 use crate::stage::{Stage, even_sky, flat, lighting, matt, noise, painted, spiral};
 use glam::{DVec3, Vec3};
-use penumbra::compositor::exposure::ExposureInForce;
-use penumbra::compositor::reference::exposure::exposed;
-use penumbra::compositor::{Exposure, ShadowMode};
 use penumbra_camera::Response;
+use penumbra_compositor::exposure::ExposureInForce;
+use penumbra_compositor::reference::exposure::exposed;
+use penumbra_compositor::{Exposure, ShadowMode};
 use penumbra_picture::Picture;
 use penumbra_scene::Highlights;
 use penumbra_scene::{Material, Part, primitives};

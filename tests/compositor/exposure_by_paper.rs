@@ -3,7 +3,7 @@
 
 use crate::stage::{Stage, flat, noise, sun};
 use glam::Vec3;
-use penumbra::compositor::Exposure;
+use penumbra_compositor::Exposure;
 use penumbra_picture::Picture;
 use penumbra_scene::Highlights;
 use penumbra_scene::primitives;

@@ -213,7 +213,7 @@ fn golden_in_shorter_exposure() -> Stage {
 fn golden_shorter_and_longer_exposure() {
     let mut stage = golden_in_shorter_exposure();
     for (name, stops) in [("exposure-shorter", -1.5), ("exposure-longer", 0.7)] {
-        stage.exposure = penumbra::compositor::Exposure::Stops(stops);
+        stage.exposure = penumbra_compositor::Exposure::Stops(stops);
         assert_golden(name, &stage.compose());
     }
 }

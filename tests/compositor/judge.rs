@@ -1,6 +1,6 @@
 //! Comparing pictures.
 
-use penumbra::compositor::reference::{ReferencePicture, ReferencePixel, Seen};
+use penumbra_compositor::reference::{ReferencePicture, ReferencePixel, Seen};
 use penumbra_picture::Picture;
 use std::path::PathBuf;
 

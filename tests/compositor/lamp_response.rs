@@ -5,7 +5,7 @@ use crate::golden::{assert_golden, golden_stage};
 use crate::judge::{Rule, assert_like};
 use crate::stage::{Stage, cell, flat, lighting, looking_from, noise, part, sun};
 use glam::{DVec3, Vec3};
-use penumbra::compositor::{Exposure, LampResponse, ShadowMode};
+use penumbra_compositor::{Exposure, LampResponse, ShadowMode};
 use penumbra_lighting::{BrightestLight, DomeLight};
 use penumbra_picture::Picture;
 use penumbra_scene::{Part, PlacedLamp, primitives};

@@ -3,8 +3,8 @@
 use crate::soft_dots;
 use crate::stage::{Stage, flat, lighting, looking_from, noise, painted, spiral};
 use glam::{DVec2, DVec3, Vec3, Vec4};
-use penumbra::compositor::LensOutput;
 use penumbra_camera::{PinholeCamera, Response};
+use penumbra_compositor::LensOutput;
 use penumbra_picture::Picture;
 use penumbra_scene::{Material, primitives};
 

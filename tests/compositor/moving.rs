@@ -4,7 +4,7 @@ use crate::golden::{assert_golden, golden_stage};
 use crate::judge::{difference, square_differences};
 use crate::stage::Stage;
 use glam::{DVec3, Vec3};
-use penumbra::compositor::{Compositor, Refresh};
+use penumbra_compositor::{Compositor, Refresh};
 use penumbra_picture::Picture;
 use penumbra_scene::Motions;
 use penumbra_scene::{SceneAddition, primitives};

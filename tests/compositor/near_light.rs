@@ -2,7 +2,7 @@
 
 use crate::stage::{Stage, cell, lighting, part, sun};
 use glam::{DVec3, Vec3};
-use penumbra::compositor::ShadowMode;
+use penumbra_compositor::ShadowMode;
 use penumbra_scene::near_field::{GROUND_SIDE, Irradiance, VOLUME_SIZE};
 use penumbra_scene::{NearLight, primitives};
 use std::f32::consts::PI;

@@ -3,8 +3,8 @@
 use crate::judge::{Rule, assert_like, assert_same_where, untouched, virtual_inside};
 use crate::stage::{Stage, gpu, lighting, part, sun};
 use glam::{DQuat, DVec2, DVec3, Vec3};
-use penumbra::compositor::planes::{PlaneWork, PlanesChoice, Shading, Thresholds, bake, mend};
-use penumbra::compositor::{Compositor, FrameInput, GpuError};
+use penumbra_compositor::planes::{PlaneWork, PlanesChoice, Shading, Thresholds, bake, mend};
+use penumbra_compositor::{Compositor, FrameInput, GpuError};
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::Lighting;
 use penumbra_lighting::geodesic::{FaceLight, GeodesicDome, Membership};

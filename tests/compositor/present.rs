@@ -1,7 +1,7 @@
 //! The finished picture on a window's surface.
 
 use crate::stage::{Stage, gpu, noise};
-use penumbra::compositor::PresentPass;
+use penumbra_compositor::PresentPass;
 use penumbra_picture::Picture;
 use wgpu::{TextureFormat, TextureUsages};
 

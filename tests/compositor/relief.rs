@@ -5,7 +5,7 @@
 
 use crate::stage::{Stage, cell, lighting, looking_from, sun};
 use glam::{DVec2, DVec3, Vec3};
-use penumbra::compositor::{Compositor, LampResponse};
+use penumbra_compositor::{Compositor, LampResponse};
 use penumbra_lighting::{BrightestLight, DomeLight};
 use penumbra_picture::Picture;
 use penumbra_scene::PlacedLamp;

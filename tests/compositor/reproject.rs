@@ -2,8 +2,8 @@
 
 use crate::stage::{Stage, camera, flat, lighting, looking_from, matt, painted, spiral};
 use glam::{DQuat, DVec2, DVec3, Vec3};
-use penumbra::compositor::{LensOutput, Reprojection};
 use penumbra_camera::PinholeCamera;
+use penumbra_compositor::{LensOutput, Reprojection};
 use penumbra_interface::RigidTransform;
 use penumbra_picture::Picture;
 use penumbra_scene::primitives;

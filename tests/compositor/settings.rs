@@ -4,7 +4,7 @@
 use crate::judge::{Rule, assert_like, difference};
 use crate::stage::{Stage, cell, lighting, part, spiral, sun};
 use glam::{DVec3, Vec3};
-use penumbra::compositor::Refresh;
+use penumbra_compositor::Refresh;
 use penumbra_lighting::DomeLight;
 use penumbra_lighting::cube::CubeGrid;
 use penumbra_lighting::dome::DomeGrid;

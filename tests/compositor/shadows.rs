@@ -3,9 +3,9 @@
 use crate::judge::{Rule, assert_like, assert_same_where, away_from_edges, untouched};
 use crate::stage::{Stage, cell, flat, lighting, looking_from, part, spiral, sun};
 use glam::{DMat4, DVec3, Vec3};
-use penumbra::compositor::ShadowMode;
-use penumbra::compositor::reference::Seen;
 use penumbra_camera::Response;
+use penumbra_compositor::ShadowMode;
+use penumbra_compositor::reference::Seen;
 use penumbra_lighting::DomeLight;
 use penumbra_lighting::cube::CubeGrid;
 use penumbra_lighting::dome::DomeGrid;

@@ -3,7 +3,7 @@
 use crate::judge::{away_from_edges, keep, square_differences};
 use crate::stage::{Stage, lighting, matt, painted, part, sun};
 use glam::{DVec3, Vec3};
-use penumbra::compositor::reference::{ReferencePicture, Seen};
+use penumbra_compositor::reference::{ReferencePicture, Seen};
 use penumbra_lighting::DomeLight;
 use penumbra_picture::Picture;
 use penumbra_scene::primitives;

@@ -1,11 +1,11 @@
 //! Small hand-built scenes under hand-built light, composed by the GPU and by the twin.
 
 use glam::{DMat3, DMat4, DQuat, DVec2, DVec3, Vec3};
-use penumbra::compositor::reference::{Reference, ReferencePicture};
-use penumbra::compositor::{
+use penumbra_camera::{PinholeCamera, Response};
+use penumbra_compositor::reference::{Reference, ReferencePicture};
+use penumbra_compositor::{
     Compositor, CompositorSettings, Exposure, FrameInput, Gpu, LampResponse, Refresh, ShadowMode,
 };
-use penumbra_camera::{PinholeCamera, Response};
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
 use penumbra_picture::Picture;

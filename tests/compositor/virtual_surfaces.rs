@@ -5,8 +5,8 @@ use crate::stage::{
     Stage, cell, even_sky, flat, lighting, looking_from, matt, painted, part, spiral, sun,
 };
 use glam::{DMat4, DVec3, Vec3, Vec4};
-use penumbra::compositor::reference::ReferencePicture;
 use penumbra_camera::Response;
+use penumbra_compositor::reference::ReferencePicture;
 use penumbra_lighting::cube::locate;
 use penumbra_picture::Picture;
 use penumbra_scene::{Material, Part, SceneTexture, primitives};

@@ -1,9 +1,10 @@
 //! The light on a thread of its own while the picture before is drawn, as a rig does it: each
 //! picture is still drawn in the light of its own instant.
 
-use super::{BenchError, BenchOptions, Case, Gpu, Passes, Percentiles, Rig, Row, Stills, WARM_UP};
+use super::{BenchError, BenchOptions, Case, Passes, Percentiles, Rig, Row, Stills, WARM_UP};
 use super::{estimator, processor_nanos, time};
 use penumbra_camera::PinholeCamera;
+use penumbra_compositor::Gpu;
 use penumbra_interface::threads;
 use penumbra_lighting::{Bracket, EnvironmentEstimator, EnvironmentInput, Lighting};
 use std::sync::Arc;

@@ -6,7 +6,7 @@ use super::super::shaders::{self, one};
 use super::super::targets::Targets;
 use super::super::timing::Timer;
 use super::Brightness;
-use crate::compositor::Gpu;
+use crate::Gpu;
 use wgpu::BufferUsages as Usage;
 
 /// Workgroups, each with sums of its own.

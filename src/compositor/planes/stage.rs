@@ -90,7 +90,7 @@ impl Compositor {
     }
 
     /// Carries the planes along with a model that was moved as a whole since it was baked; light
-    /// has to come from a dome that is turned with it ([`crate::rig::light::LightStation::turn_faces`]).
+    /// has to come from a dome that the caller turns with it.
     pub fn move_planes(&mut self, world_from_bake: RigidTransform) {
         if let Some(stage) = &mut self.planes {
             stage.world_from_bake = world_from_bake;

@@ -11,7 +11,7 @@ use super::readback::look_at;
 use super::receiver::words;
 use super::shown::{ShownPlane, ShownPlanes};
 use super::source_images::SOURCE_LIGHTS;
-use crate::compositor::GpuError;
+use crate::GpuError;
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat4, DVec3};
 use penumbra_interface::RigidTransform;

@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use super::*;
-use crate::compositor::{Gpu, frame};
+use crate::{Gpu, frame};
 use penumbra_picture::Picture;
 
 fn gpu() -> Gpu {
