@@ -12,7 +12,6 @@
 
 pub mod bench;
 pub mod capture;
-pub mod config;
 pub mod doctor;
 pub mod output;
 pub mod rig;

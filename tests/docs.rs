@@ -3,7 +3,7 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use penumbra::config::Config;
+use penumbra_config::Config;
 use penumbra_scene::SceneAddition;
 use std::path::{Path, PathBuf};
 use std::process::Command;

@@ -4,12 +4,12 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use penumbra::capture::source::{Recordings, open_camera, open_tracker};
-use penumbra::config::Config;
-use penumbra::config::{CameraSource, TrackerSource};
 use penumbra::rig::{Live, Report, RigError, RunOptions, Runner, Source, live_settings};
 use penumbra::status::SharedStatus;
 use penumbra::status::snapshot::{Device, DeviceState, Snapshot};
 use penumbra_compositor::Gpu;
+use penumbra_config::Config;
+use penumbra_config::{CameraSource, TrackerSource};
 use penumbra_faulty::{Fault, FaultyCamera, FaultyTracker, Plan};
 use penumbra_interface::DeviceFactory;
 use penumbra_interface::DeviceKind;

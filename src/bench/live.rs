@@ -4,12 +4,12 @@
 
 use super::report::Percentiles;
 use super::{BenchError, BenchOptions};
-use crate::config::{Antialias, Config};
-use crate::config::{CameraSource, TrackerSource};
 use crate::rig::{Live, RunOptions, Runner, Source, live_settings};
 use crate::status::times::{Histogram, StageKind};
 use crate::status::{SharedStatus, Snapshot};
 use penumbra_compositor::Gpu;
+use penumbra_config::{Antialias, Config};
+use penumbra_config::{CameraSource, TrackerSource};
 use penumbra_interface::threads;
 use serde::Serialize;
 use std::fmt;

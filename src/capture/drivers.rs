@@ -1,6 +1,6 @@
 //! The drivers of real devices. The only file of the rig that names their crates.
 
-use crate::config::{Hemisphere, TrackerConfig, TrackerUnits};
+use penumbra_config::{Hemisphere, TrackerConfig, TrackerUnits};
 use penumbra_interface::{Camera, CameraSettings, Clock, DeviceError, Tracker};
 use penumbra_tracker_serial::{self as tracker, PortName, TrackerSettings};
 use std::sync::Arc;

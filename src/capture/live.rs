@@ -3,7 +3,7 @@
 use super::drivers::camera_name_and_serial;
 use super::source::{Recordings, open_camera, open_tracker, patience};
 use super::{Account, Board, Condition, Hub, Limits, LiveTime, Sink, supervise};
-use crate::config::{CameraSource, TrackerSource};
+use penumbra_config::{CameraSource, TrackerSource};
 use penumbra_interface::DeviceKind;
 use penumbra_interface::threads;
 use penumbra_interface::{Clock, Frame, SystemClock, TrackerBytes};

@@ -16,10 +16,10 @@ pub mod supervisor;
 pub mod tap;
 pub mod time;
 
-pub use crate::config::{CameraSource, TrackerSource};
 pub use board::{Board, Condition, DeviceState};
 pub use hub::{Hub, HubCounts, Taken};
 pub use live::{Capture, Devices, LiveDevice};
+pub use penumbra_config::{CameraSource, TrackerSource};
 pub use supervisor::{Account, Device, Limits, Sink, supervise};
 pub use time::{LiveTime, Timekeeper};
 

@@ -1,9 +1,9 @@
 //! The ways of having a device: real ones and replayed ones are siblings.
 
 use super::drivers;
-use crate::config::CameraSource;
-use crate::config::TrackerSource;
-use crate::config::device_source::replay_name;
+use penumbra_config::CameraSource;
+use penumbra_config::TrackerSource;
+use penumbra_config::replay_name;
 use penumbra_interface::{Camera, Clock, DeviceError, Frame, Tracker, TrackerBytes};
 use penumbra_replay::{Items, ReplayCamera, ReplayTracker, Timeline};
 use penumbra_session::{Camera as Stream, Session, SessionError, SessionEvent};

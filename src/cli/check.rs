@@ -1,8 +1,8 @@
 //! The commands that look and change nothing: `info`, `check-config`, `doctor`.
 
 use clap::Args;
-use penumbra::config::check_config as read_and_check;
 use penumbra::doctor::{DoctorOptions, State, examine};
+use penumbra_config::check_config as read_and_check;
 use penumbra_session::{Session, describe};
 use std::net::SocketAddr;
 use std::path::PathBuf;

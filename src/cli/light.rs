@@ -3,8 +3,8 @@
 use super::files::refuse_overwriting;
 use anyhow::bail;
 use clap::Args;
-use penumbra::config::Config;
 use penumbra::rig::light_report::light_of_session;
+use penumbra_config::Config;
 use penumbra_lighting::LightReport;
 use penumbra_lighting::photograph::PhotographKind;
 use penumbra_session::Session;

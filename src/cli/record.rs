@@ -3,11 +3,11 @@
 use anyhow::{Context, bail};
 use clap::Args;
 use penumbra::capture::{Account, Condition};
-use penumbra::config::Config;
 use penumbra::rig::service::Service;
 use penumbra::rig::{Live, Recorder, live_settings};
 use penumbra::status::SharedStatus;
 use penumbra::status::recording::{Recording, RecordingState, RecordingWish};
+use penumbra_config::Config;
 use penumbra_interface::DeviceKind;
 use serde_json::Value;
 use std::io::{IsTerminal, Read, Write};

@@ -2,10 +2,10 @@
 
 use super::show::{ShowArgs, address, in_words, set, show, status_server};
 use clap::Args;
-use penumbra::config::{Config, ReplayPairing, ReplaySpeed};
 use penumbra::rig::service::Service;
 use penumbra::rig::{Runner, Source, live_settings};
 use penumbra::status::{SharedStatus, StatusError, StatusServer};
+use penumbra_config::{Config, ReplayPairing, ReplaySpeed};
 use penumbra_session::Session;
 use std::path::PathBuf;
 use std::process::ExitCode;

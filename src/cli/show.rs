@@ -3,14 +3,14 @@
 
 use super::files::JsonFile;
 use clap::Args;
-use penumbra::config::{
-    Config, ExposureChoice, LIGHT_COUNTS, LampResponse, LightPlacement, Monitor, ShadowMode,
-    ShadowTechnique,
-};
 use penumbra::output::window::{self, WindowOptions};
 use penumbra::rig::{Report, RigError, RunOptions, Runner};
 use penumbra::status::{SharedStatus, StatusError, StatusServer, Technique};
 use penumbra_compositor::Gpu;
+use penumbra_config::{
+    Config, ExposureChoice, LIGHT_COUNTS, LampResponse, LightPlacement, Monitor, ShadowMode,
+    ShadowTechnique,
+};
 use penumbra_lighting::Filtering;
 use penumbra_rig_model::EnvironmentSource;
 use penumbra_scene::Highlights;

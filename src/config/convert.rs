@@ -285,7 +285,7 @@ fn status(file: file::Status, out: &mut StatusConfig) -> Result<()> {
         })?;
     }
     if let Some(token) = file.token {
-        if !crate::config::token::is_token(&token) {
+        if !crate::token::is_token(&token) {
             return Err(Fault::new(
                 "status.token",
                 "expected 12 to 256 letters, digits or -._~",

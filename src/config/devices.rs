@@ -1,8 +1,8 @@
 //! Settings of the devices: what is typed, what is true, and the way from one to the other.
 
 use super::convert::{Result, millis, set, within};
-use crate::config::REPLAY_PREFIX;
-use crate::config::{CameraSource, TrackerSource};
+use crate::REPLAY_PREFIX;
+use crate::{CameraSource, TrackerSource};
 use penumbra_interface::{BayerPattern, BracketSettings, CameraSettings, OnChange, PixelFormat};
 use penumbra_strict_toml::Fault;
 use penumbra_tracker_serial::{AnyDecoder, PROTOCOLS, PortName};

@@ -5,7 +5,7 @@ use std::path::Path;
 
 fn shipped(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("config")
+        .join("../../config")
         .join(name)
 }
 

@@ -3,9 +3,9 @@
 
 use super::OutputError;
 use super::surface::{Place, SurfaceScreen};
-use crate::config::Monitor;
 use crate::output::Screen;
 use penumbra_compositor::Gpu;
+use penumbra_config::Monitor;
 use penumbra_interface::threads;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -314,7 +314,7 @@ fn fitted(picture: (u32, u32), monitor: (u32, u32)) -> (u32, u32) {
 #[cfg(test)]
 mod tests {
     use super::{fitted, position};
-    use crate::config::Monitor;
+    use penumbra_config::Monitor;
 
     #[test]
     fn a_window_is_no_larger_than_its_monitor() {

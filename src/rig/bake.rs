@@ -2,10 +2,10 @@
 //! `penumbra bake` and for a rig that needs one.
 
 use super::{RigError, RigSetup, Source};
-use crate::config::{Config, PlanesConfig};
 use glam::DMat4;
 use penumbra_compositor::Gpu;
 use penumbra_compositor::planes::{Progress, bake, mend};
+use penumbra_config::{Config, PlanesConfig};
 use penumbra_scene::SceneChoice;
 use penumbra_scene::planes::Bake;
 use penumbra_scene::planes::renew::renew;

@@ -2,11 +2,11 @@
 
 use super::RigError;
 use super::bake::{BakePlan, bake_changes};
-use crate::config::PlanesConfig;
 use crate::status::planes::PlanesState;
 use crossbeam_channel::{Receiver, bounded};
 use penumbra_compositor::planes::{PlanesStage, Progress, SourceBaker};
 use penumbra_compositor::{Gpu, GpuError};
+use penumbra_config::PlanesConfig;
 use penumbra_interface::threads;
 use penumbra_scene::Scene;
 use penumbra_scene::planes::Bake;

@@ -7,11 +7,11 @@
 
 use super::RigSetup;
 use super::feed::Feed;
-use crate::config::Config;
 use crate::status::{DisplayStatus, RegistrationStatus};
 use glam::{DQuat, DVec3};
 use penumbra_camera::PinholeCamera;
 use penumbra_compositor::Reprojection;
+use penumbra_config::Config;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_sync::{HistoryConfig, PoseAt, PoseHistory, RigFrame};
 use std::sync::Arc;

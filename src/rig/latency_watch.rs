@@ -9,12 +9,12 @@ mod shrink;
 
 use super::source::Source;
 use super::{RigError, RigSetup};
-use crate::config::{Config, FollowLatency};
 use crossbeam_channel::{Receiver, Sender, bounded};
 use glam::DQuat;
 use penumbra_calibration::intrinsics::Grey;
 use penumbra_calibration::latency::Mounted;
 use penumbra_calibration::latency::follow::{Followed, Follower};
+use penumbra_config::{Config, FollowLatency};
 use penumbra_interface::threads;
 use penumbra_interface::{MonotonicTime, PoseSample, RigidTransform};
 use penumbra_picture::Picture;

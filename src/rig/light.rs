@@ -7,10 +7,10 @@ use super::registration::UNTOLD_SIGMA;
 use super::scene_light::{RealLight, SceneLight, hides};
 use super::watch::{GroundWatch, PhantomWatch};
 use super::{RigError, RigSetup};
-use crate::config::{Config, Unseen, WhiteBalanceMethod};
 use glam::{DVec3, Mat3, Quat, Vec3};
 use penumbra_camera::EnvironmentView;
 use penumbra_camera::Response;
+use penumbra_config::{Config, Unseen, WhiteBalanceMethod};
 use penumbra_interface::{Exposure, MonotonicTime, RigidTransform};
 use penumbra_lighting::Filtering;
 use penumbra_lighting::{
@@ -409,10 +409,10 @@ fn is_in_scene(rig: &RigCalibration) -> bool {
 
 /// The configuration's word in the environment's language.
 #[must_use]
-pub const fn placement(lights: crate::config::LightPlacement) -> Placement {
+pub const fn placement(lights: penumbra_config::LightPlacement) -> Placement {
     match lights {
-        crate::config::LightPlacement::Adaptive => Placement::Adaptive,
-        crate::config::LightPlacement::Grid => Placement::Grid,
+        penumbra_config::LightPlacement::Adaptive => Placement::Adaptive,
+        penumbra_config::LightPlacement::Grid => Placement::Grid,
     }
 }
 

@@ -4,9 +4,9 @@
 use super::light::{LightStation, SceneView, SphereAt, placement};
 use super::prepare::LightState;
 use super::scene_light::SceneLight;
-use crate::config::LightPlacement;
 use crate::status::{LightsMode, Settings, Technique, environment_preview};
 use glam::Quat;
+use penumbra_config::LightPlacement;
 use penumbra_interface::{Exposure, MonotonicTime, RigidTransform};
 use penumbra_lighting::{Lighting, cube};
 use penumbra_picture::Picture;

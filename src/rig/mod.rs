@@ -49,9 +49,9 @@ pub use runner::{RunOptions, Runner};
 pub use settings::live_settings;
 pub use source::{Live, RigFiles, Source};
 
-use crate::config::{Config, ConfigError, PoseSource};
 use crate::output::OutputError;
 use penumbra_compositor::GpuError;
+use penumbra_config::{Config, ConfigError, PoseSource};
 use penumbra_fiducials::TagMap;
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::EnvironmentError;
@@ -84,7 +84,7 @@ pub enum RigError {
     )]
     Units {
         /// What the configuration says.
-        told: crate::config::TrackerUnits,
+        told: penumbra_config::TrackerUnits,
         /// What the calibration says, metres.
         metres: f64,
     },

@@ -1,6 +1,6 @@
 //! Keeps the recorded pace.
 
-use crate::config::ReplaySpeed;
+use penumbra_config::ReplaySpeed;
 use penumbra_interface::MonotonicTime;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};

@@ -6,13 +6,13 @@
 use super::RigError;
 use super::baking::{Baked, Baking, Obtained};
 use super::runner::Runner;
-use crate::config::PlaneShading;
 use crate::status::planes::{PlanesState, PlanesStatus};
 use crate::status::{Settings, Technique};
 use crossbeam_channel::RecvTimeoutError;
 use glam::{DQuat, DVec3};
 use penumbra_compositor::Compositor;
 use penumbra_compositor::planes::{PlanesChoice, Shading, Thresholds};
+use penumbra_config::PlaneShading;
 use penumbra_interface::RigidTransform;
 use penumbra_scene::change::is_level;
 use penumbra_scene::near_field::solid_phantoms;

@@ -6,12 +6,12 @@ use super::source::RigFiles;
 use super::wall_date::utc_now;
 use crate::capture::Hub;
 use crate::capture::hub::Inlet;
-use crate::config::RecordingConfig;
 use crate::status::SharedStatus;
 use crate::status::recording::{
     Recording, RecordingControl, RecordingRefusal, RecordingState, RecordingWish,
 };
 use crossbeam_channel::{Receiver, RecvTimeoutError, bounded};
+use penumbra_config::RecordingConfig;
 use penumbra_interface::threads;
 use penumbra_interface::{Clock, MonotonicTime, SystemClock};
 use penumbra_session::{SessionError, SessionEvent, SessionWriter};

@@ -1,11 +1,11 @@
 //! Where the scene camera is, and the mirrored sphere, by the fiducials in its picture.
 
 use super::{RigError, RigSetup};
-use crate::config::{Config, PoseSource};
 use crate::status::{RegistrationSource, RegistrationStatus};
 use glam::DVec3;
 use penumbra_camera::EnvironmentView;
 use penumbra_camera::{PinholeCamera, RollingShutter};
+use penumbra_config::{Config, PoseSource};
 use penumbra_fiducials::{
     Detector, Expectation, Family, Registered, Registrar, Registration, Tag, TagMap, TagSeen,
     UnknownFamily, nearest_pose,

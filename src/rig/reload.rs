@@ -3,9 +3,9 @@
 
 use super::RigError;
 use super::scene_light::SceneLight;
-use crate::config::Config;
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
 use penumbra_compositor::{SceneUploader, UploadedScene};
+use penumbra_config::Config;
 use penumbra_interface::threads;
 use penumbra_rig_model::RigCalibration;
 use penumbra_scene::scene_file::files_of;

@@ -13,7 +13,6 @@ use super::settings::{compositor_settings, exposure, live_settings};
 use super::source::Source;
 use super::status::Published;
 use super::{RigError, status as published};
-use crate::config::{self, Distortion};
 use crate::output::Screen;
 use crate::output::files::FrameFolder;
 use crate::status::RegistrationSource;
@@ -22,6 +21,8 @@ use crate::status::{self, Settings, StageTimes, Technique};
 use penumbra_compositor::{
     Compositor, Exposure, FrameInput, Gpu, LampResponse, LensOutput, Refresh, ShadowMode,
 };
+use penumbra_config as config;
+use penumbra_config::Distortion;
 use penumbra_interface::{Clock, SystemClock};
 use penumbra_lighting::{BrightestFollower, BrightestLight};
 use penumbra_picture::Picture;

@@ -5,9 +5,9 @@ use super::RigError;
 use super::light::placement;
 use super::near_light::NearStation;
 use super::watch::{GroundWatch, PhantomWatch};
-use crate::config::{Clipped, Config, Irradiance};
 use glam::DVec3;
 use penumbra_camera::EnvironmentView;
+use penumbra_config::{Clipped, Config, Irradiance};
 use penumbra_lighting::{
     ClippedEnergy, EnvironmentEstimator, EnvironmentSettings, IrradianceMethod,
 };

@@ -1,11 +1,11 @@
 //! The configuration in the compositor's and the dashboard's words.
 
-use crate::config::{
-    Antialias, Config, ExposureMode, LightPlacement, ReplaySpeed, ShadowResolution, ShadowTechnique,
-};
 use crate::status::{self, LightsMode, Settings, Technique};
 use penumbra_compositor::exposure::AutoLimits;
 use penumbra_compositor::{CompositorSettings, Exposure};
+use penumbra_config::{
+    Antialias, Config, ExposureMode, LightPlacement, ReplaySpeed, ShadowResolution, ShadowTechnique,
+};
 use penumbra_rig_model::RigCalibration;
 use penumbra_sync::PairingConfig;
 
@@ -24,8 +24,8 @@ pub fn live_settings(config: &Config) -> Settings {
             LightPlacement::Grid => LightsMode::Grid,
         },
         shadow_mode: match config.shadows.mode {
-            crate::config::ShadowMode::Ratio => status::ShadowMode::Ratio,
-            crate::config::ShadowMode::Subtract => status::ShadowMode::Subtract,
+            penumbra_config::ShadowMode::Ratio => status::ShadowMode::Ratio,
+            penumbra_config::ShadowMode::Subtract => status::ShadowMode::Subtract,
         },
         shadow_strength: config.shadows.strength,
         virtual_object_visible: true,

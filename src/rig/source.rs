@@ -2,8 +2,8 @@
 
 use super::RigError;
 use crate::capture::{Capture, Devices, Hub, LiveDevice};
-use crate::config::TrackerSource;
-use crate::config::{Config, TrackerUnits};
+use penumbra_config::TrackerSource;
+use penumbra_config::{Config, TrackerUnits};
 use penumbra_interface::{MonotonicTime, SystemClock};
 use penumbra_rig_model::RigDocument;
 use penumbra_session::{Attachment, Session, import};
@@ -237,7 +237,7 @@ impl Source {
 
 fn wanted_size(config: &Config) -> (u32, u32) {
     match &config.scene_camera.source {
-        crate::config::CameraSource::System(s) if s.width > 0 && s.height > 0 => {
+        penumbra_config::CameraSource::System(s) if s.width > 0 && s.height > 0 => {
             (s.width, s.height)
         }
         _ => USUAL_SIZE,

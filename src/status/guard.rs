@@ -1,11 +1,11 @@
 //! Who may ask: the server listens on the rig's own machine, and a page from elsewhere in
 //! the same browser must neither see the picture nor change a setting.
 
-use crate::status::is_token;
 use axum::extract::{Request, State};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, Uri, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
+use penumbra_config::token::is_token;
 use std::fmt;
 use std::net::IpAddr;
 use std::sync::Arc;

@@ -25,8 +25,8 @@ pub mod snapshot;
 mod stall;
 pub mod times;
 
-pub use crate::config::token::is_token;
 pub use fields::STATUS_FIELDS;
+pub use penumbra_config::token::is_token;
 pub use preview::environment_preview;
 pub use probe::ProbeStatus;
 pub use registration::{DisplayStatus, RegistrationSource, RegistrationStatus};

@@ -1,6 +1,6 @@
 //! What can be changed while the rig runs.
 
-use crate::config::{
+use penumbra_config::{
     ADAPTATION_SECONDS, BRIGHTEST_STOPS, DARKEST_STOPS, EXPOSURE_KEYS, EXPOSURE_STOPS,
     ExposureConfig, ExposureMode, LampResponse, PlaneShading,
 };

@@ -1,7 +1,6 @@
 //! A status server that shows a moving picture of its own, without cameras or GPU.
 
 use glam::Vec3;
-use penumbra::config::ExposureMode;
 use penumbra::status::planes::{PlanesState, PlanesStatus};
 use penumbra::status::snapshot::{
     Device, DeviceState, PoseAnswer, Resolution, SessionState, WhiteBalanceEstimate,
@@ -10,6 +9,7 @@ use penumbra::status::snapshot::{
 use penumbra::status::{
     Settings, SharedStatus, Snapshot, StatusServer, Technique, environment_preview,
 };
+use penumbra_config::ExposureMode;
 use penumbra_interface::DeviceKind;
 use penumbra_lighting::{DomeLight, LightKind};
 use penumbra_picture::Picture;

@@ -7,7 +7,6 @@ use super::live::{EndedBy, LiveShow, Wish};
 use super::showcase::Showcase;
 use super::steps::{Known, Made, file_of, forms, step_of};
 use crate::capture::{Devices, Hub};
-use crate::config::Config;
 use crate::rig::source::Onlooker;
 use crate::rig::{Live, RigError};
 use crate::status::calibration::{
@@ -15,6 +14,7 @@ use crate::status::calibration::{
 };
 use bytes::Bytes;
 use penumbra_calibration::step::Step;
+use penumbra_config::Config;
 use penumbra_interface::threads;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;

@@ -73,7 +73,7 @@ pub fn made(wants: &Wants, devices: &[LiveDevice]) -> Made {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::config::CameraSource;
+    use penumbra_config::CameraSource;
 
     const NOTHING: Wants = Wants {
         scene: false,

@@ -3,8 +3,8 @@
 use super::showing::Showing;
 use crate::capture::Hub;
 use crate::capture::tap::{Tap, TapEnd, Tapped, Wanted};
-use crate::config::Config;
 use penumbra_calibration::step::{Eye, Progress, Step, Wants};
+use penumbra_config::Config;
 use penumbra_interface::{Clock, MonotonicTime, SystemClock};
 use penumbra_picture::Picture;
 use std::time::Duration;

@@ -1,11 +1,11 @@
 //! Gains between the cameras from what both see anyway, over a session.
 
 use super::fall_off::FallOff;
-use crate::config::Config;
 use crate::rig::feed::decoder_for;
 use glam::DVec3;
 use penumbra_calibration::radiometric::vignetting::Fit;
 use penumbra_camera::EnvironmentView;
+use penumbra_config::Config;
 use penumbra_interface::{Frame, MonotonicTime, RigidTransform};
 use penumbra_picture::{Picture, decode_into};
 use penumbra_rig_model::RigDocument;

@@ -1,10 +1,10 @@
 //! What the photometric step may build on.
 
 use super::steps::{Known, ParameterError, Parameters, StepKind};
-use crate::config::Config;
 use penumbra_calibration::radiometric::step::{Options, Photometric};
 use penumbra_calibration::step::Step;
 use penumbra_camera::EnvironmentView;
+use penumbra_config::Config;
 use penumbra_rig_model::RigCalibration;
 
 /// As the dashboard shows it.

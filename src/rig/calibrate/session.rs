@@ -1,9 +1,9 @@
 //! Shows a step of calibration what a session holds.
 
 use super::showing::Showing;
-use crate::config::Config;
 use crate::rig::RigError;
 use penumbra_calibration::step::{Progress, Step};
+use penumbra_config::Config;
 use penumbra_session::Session;
 
 /// Shows `step` everything in `session` that it wants, in the order of arrival, and `told` how

@@ -1,8 +1,8 @@
 //! How a step of calibration is shown what there is, wherever it comes from.
 
-use crate::config::Config;
 use crate::rig::feed::decoder_for;
 use penumbra_calibration::step::{Eye, Shown, ShownPicture, Step};
+use penumbra_config::Config;
 use penumbra_interface::{Frame, MonotonicTime};
 use penumbra_picture::{Picture, decode_into};
 use penumbra_session::SessionEvent;

@@ -1,11 +1,11 @@
 //! Sets up the check of a rig from its files.
 
 use super::steps::{Known as RigKnown, ParameterError, Parameters, StepKind, station};
-use crate::config::Config;
 use crate::rig::{RigError, light, registration};
 use penumbra_calibration::step::Step;
 use penumbra_calibration::verify::{Known, Verify};
 use penumbra_camera::EnvironmentView;
+use penumbra_config::Config;
 use penumbra_rig_model::Attachments;
 use penumbra_rig_model::RigDocument;
 use penumbra_white_balance::raycast::PhantomCaster;

@@ -1,8 +1,8 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
-use crate::config::Config;
 use crate::rig::Live;
 use bytes::Bytes;
+use penumbra_config::Config;
 use penumbra_interface::threads;
 use penumbra_interface::{Frame, PixelFormat, RigidTransform};
 use penumbra_rig_model::RigDocument;

@@ -1,10 +1,10 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
-use crate::config::Config;
 use crate::rig::RigSetup;
 use crate::rig::light::LightStation;
 use crate::rig::lighter::SceneNews;
 use crate::status::{Settings, Technique};
+use penumbra_config::Config;
 use penumbra_lighting::{CubeMap, Harmonics, Lighting};
 use penumbra_rig_model::RigDocument;
 use penumbra_scene::Scene;
@@ -116,7 +116,7 @@ fn a_recording_of_a_running_rig_falls_into_step() {
 /// A rig of one camera: the light's thread has something to do and finds no light.
 fn lighter() -> (Lighter, watch::Sender<Settings>) {
     let setup = RigSetup {
-        pose: crate::config::PoseSource::Tracker,
+        pose: penumbra_config::PoseSource::Tracker,
         calibration: RigDocument::uncalibrated(64, 48).calibration,
         scene: Scene::default(),
         tags: None,

@@ -3,10 +3,10 @@
 
 use super::*;
 use crate::capture::source::open_camera;
-use crate::config::CameraSource;
 use crate::status::calibration::CalibrationState;
 use glam::DVec2;
 use penumbra_calibration::step::{Eye, Finished, Made as By, Progress, Shown, Wants};
+use penumbra_config::CameraSource;
 use penumbra_interface::{Frame, MonotonicTime, PixelFormat};
 use penumbra_rig_model::Grade;
 use penumbra_session::{Camera, SessionWriter};

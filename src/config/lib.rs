@@ -4,7 +4,7 @@
 
 mod choice;
 mod convert;
-pub(crate) mod device_source;
+mod device_source;
 mod devices;
 mod error;
 mod exposure;
@@ -19,7 +19,7 @@ pub use choice::{
     WhiteBalanceMethod, YuvMatrix, YuvRange,
 };
 pub use convert::{LIGHT_COUNTS, listen_needs_token};
-pub use device_source::{CameraSource, REPLAY_PREFIX, TrackerSource};
+pub use device_source::{CameraSource, REPLAY_PREFIX, TrackerSource, replay_name};
 pub use devices::{
     ControlChange, ControlValue, FormatName, Hemisphere, RecordingConfig, TrackerConfig,
     TrackerUnits,
