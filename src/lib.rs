@@ -11,7 +11,6 @@
 //! spawns; [`config`] says with what settings; [`status`] tells what is going on.
 
 pub mod bench;
-pub mod capture;
 pub mod doctor;
 pub mod output;
 pub mod rig;

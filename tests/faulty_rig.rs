@@ -3,10 +3,10 @@
 //! taken back within two seconds.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use penumbra::capture::source::{Recordings, open_camera, open_tracker};
 use penumbra::rig::{Live, Report, RigError, RunOptions, Runner, Source, live_settings};
 use penumbra::status::SharedStatus;
 use penumbra::status::snapshot::{Device, DeviceState, Snapshot};
+use penumbra_capture::source::{Recordings, open_camera, open_tracker};
 use penumbra_compositor::Gpu;
 use penumbra_config::Config;
 use penumbra_config::{CameraSource, TrackerSource};

@@ -137,7 +137,7 @@ impl TapEnd {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::capture::Hub;
+    use crate::Hub;
     use penumbra_interface::{Frame, MonotonicTime, PixelFormat, SystemClock};
 
     fn frame(millis: i64) -> Frame {

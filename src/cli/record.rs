@@ -2,11 +2,11 @@
 
 use anyhow::{Context, bail};
 use clap::Args;
-use penumbra::capture::{Account, Condition};
 use penumbra::rig::service::Service;
 use penumbra::rig::{Live, Recorder, live_settings};
 use penumbra::status::SharedStatus;
 use penumbra::status::recording::{Recording, RecordingState, RecordingWish};
+use penumbra_capture::{Account, Condition};
 use penumbra_config::Config;
 use penumbra_interface::DeviceKind;
 use serde_json::Value;

@@ -6,8 +6,8 @@
 
 use super::latency_watch::{LatencyState, LatencyWatch};
 use super::source::Source;
-use crate::capture::{Hub, Taken};
 use penumbra_camera::EnvironmentView;
+use penumbra_capture::{Hub, Taken};
 use penumbra_interface::{Clock, MonotonicTime, PoseSample, RigidTransform, SystemClock};
 use penumbra_picture::Picture;
 use penumbra_rig_model::RigCalibration;

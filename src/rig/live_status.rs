@@ -2,8 +2,8 @@
 
 use super::rates::DeviceRate;
 use super::source::Live;
-use crate::capture::{Account, Condition, DeviceState as Captured};
 use crate::status::snapshot::{Control, Device, DeviceState, SessionState, Snapshot};
+use penumbra_capture::{Account, Condition, DeviceState as Captured};
 use penumbra_interface::DeviceKind;
 use penumbra_interface::{
     CameraReport, Clock, ControlReport, ControlStanding, MonotonicTime, StampSource, SystemClock,

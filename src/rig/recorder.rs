@@ -4,13 +4,13 @@
 use super::RigError;
 use super::source::RigFiles;
 use super::wall_date::utc_now;
-use crate::capture::Hub;
-use crate::capture::hub::Inlet;
 use crate::status::SharedStatus;
 use crate::status::recording::{
     Recording, RecordingControl, RecordingRefusal, RecordingState, RecordingWish,
 };
 use crossbeam_channel::{Receiver, RecvTimeoutError, bounded};
+use penumbra_capture::Hub;
+use penumbra_capture::hub::Inlet;
 use penumbra_config::RecordingConfig;
 use penumbra_interface::threads;
 use penumbra_interface::{Clock, MonotonicTime, SystemClock};

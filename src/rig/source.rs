@@ -1,7 +1,7 @@
 //! Where frames come from: a recording, or devices.
 
 use super::RigError;
-use crate::capture::{Capture, Devices, Hub, LiveDevice};
+use penumbra_capture::{Capture, Devices, Hub, LiveDevice};
 use penumbra_config::TrackerSource;
 use penumbra_config::{Config, TrackerUnits};
 use penumbra_interface::{MonotonicTime, SystemClock};

@@ -6,7 +6,6 @@ use super::files::{calibration_folder, prepare, write_calibration};
 use super::live::{EndedBy, LiveShow, Wish};
 use super::showcase::Showcase;
 use super::steps::{Known, Made, file_of, forms, step_of};
-use crate::capture::{Devices, Hub};
 use crate::rig::source::Onlooker;
 use crate::rig::{Live, RigError};
 use crate::status::calibration::{
@@ -14,6 +13,7 @@ use crate::status::calibration::{
 };
 use bytes::Bytes;
 use penumbra_calibration::step::Step;
+use penumbra_capture::{Devices, Hub};
 use penumbra_config::Config;
 use penumbra_interface::threads;
 use std::panic::{AssertUnwindSafe, catch_unwind};

@@ -1,8 +1,8 @@
 //! The devices that a step of calibration looks at.
 
-use crate::capture::{Devices, LiveDevice};
 use crate::rig::wall_date::iso_now;
 use penumbra_calibration::step::{Made, Wants};
+use penumbra_capture::{Devices, LiveDevice};
 use penumbra_interface::DeviceKind;
 
 /// Why a step cannot have anything of what it wants from these devices, and what to do. Only one

@@ -1,9 +1,9 @@
 //! Shows a step of calibration what a live rig's devices deliver, beside everybody else.
 
 use super::showing::Showing;
-use crate::capture::Hub;
-use crate::capture::tap::{Tap, TapEnd, Tapped, Wanted};
 use penumbra_calibration::step::{Eye, Progress, Step, Wants};
+use penumbra_capture::Hub;
+use penumbra_capture::tap::{Tap, TapEnd, Tapped, Wanted};
 use penumbra_config::Config;
 use penumbra_interface::{Clock, MonotonicTime, SystemClock};
 use penumbra_picture::Picture;

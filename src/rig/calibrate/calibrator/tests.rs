@@ -2,10 +2,10 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use super::*;
-use crate::capture::source::open_camera;
 use crate::status::calibration::CalibrationState;
 use glam::DVec2;
 use penumbra_calibration::step::{Eye, Finished, Made as By, Progress, Shown, Wants};
+use penumbra_capture::source::open_camera;
 use penumbra_config::CameraSource;
 use penumbra_interface::{Frame, MonotonicTime, PixelFormat};
 use penumbra_rig_model::Grade;
@@ -300,7 +300,7 @@ fn a_camera_that_is_away_is_told_and_awaited() {
 
 #[test]
 fn a_camera_that_is_unplugged_in_the_middle_is_waited_for() {
-    use crate::capture::source::Recordings;
+    use penumbra_capture::source::Recordings;
     use penumbra_faulty::{Fault, FaultyCamera, Plan};
     use penumbra_interface::DeviceFactory;
     use penumbra_interface::{Camera as Driver, DeviceError};
