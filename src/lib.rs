@@ -14,4 +14,3 @@ pub mod bench;
 pub mod doctor;
 pub mod output;
 pub mod rig;
-pub mod status;

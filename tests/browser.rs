@@ -3,8 +3,8 @@
 
 mod support;
 
-use penumbra::status::LightsMode;
 use penumbra_session::{Session, SessionEvent};
+use penumbra_status::LightsMode;
 use serde_json::Value;
 use std::io::{BufRead, BufReader};
 use std::path::Path;

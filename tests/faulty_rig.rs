@@ -4,8 +4,6 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use penumbra::rig::{Live, Report, RigError, RunOptions, Runner, Source, live_settings};
-use penumbra::status::SharedStatus;
-use penumbra::status::snapshot::{Device, DeviceState, Snapshot};
 use penumbra_capture::source::{Recordings, open_camera, open_tracker};
 use penumbra_compositor::Gpu;
 use penumbra_config::Config;
@@ -16,6 +14,9 @@ use penumbra_interface::DeviceKind;
 use penumbra_interface::threads;
 use penumbra_interface::{Camera, DeviceError, Tracker};
 use penumbra_session::Camera as Stream;
+use penumbra_status::SharedStatus;
+use penumbra_status::Snapshot;
+use penumbra_status::snapshot::{Device, DeviceState};
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};

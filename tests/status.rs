@@ -1,13 +1,13 @@
 //! The status server over real sockets.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use penumbra::status::calibration::{
+use penumbra_picture::Picture;
+use penumbra_status::calibration::{
     Calibration, CalibrationControl, CalibrationRefusal, CalibrationWish,
 };
-use penumbra::status::recording::{Recording, RecordingControl, RecordingRefusal, RecordingWish};
-use penumbra::status::snapshot::SessionState;
-use penumbra::status::{Settings, SharedStatus, StatusError, StatusServer};
-use penumbra_picture::Picture;
+use penumbra_status::recording::{Recording, RecordingControl, RecordingRefusal, RecordingWish};
+use penumbra_status::snapshot::SessionState;
+use penumbra_status::{Settings, SharedStatus, StatusError, StatusServer};
 use proptest::prelude::*;
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read, Write};

@@ -5,12 +5,13 @@
 use super::report::Percentiles;
 use super::{BenchError, BenchOptions};
 use crate::rig::{Live, RunOptions, Runner, Source, live_settings};
-use crate::status::times::{Histogram, StageKind};
-use crate::status::{SharedStatus, Snapshot};
 use penumbra_compositor::Gpu;
 use penumbra_config::{Antialias, Config};
 use penumbra_config::{CameraSource, TrackerSource};
 use penumbra_interface::threads;
+use penumbra_status::Histogram;
+use penumbra_status::times::StageKind;
+use penumbra_status::{SharedStatus, Snapshot};
 use serde::Serialize;
 use std::fmt;
 use std::path::Path;

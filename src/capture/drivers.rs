@@ -1,7 +1,7 @@
 //! The drivers of real devices. The only file of the rig that names their crates.
 
 use penumbra_config::{Hemisphere, TrackerConfig, TrackerUnits};
-use penumbra_interface::{Camera, CameraSettings, Clock, DeviceError, Tracker};
+use penumbra_interface::{Camera, CameraInfo, CameraSettings, Clock, DeviceError, Tracker};
 use penumbra_tracker_serial::{self as tracker, PortName, TrackerSettings};
 use std::sync::Arc;
 
@@ -33,6 +33,18 @@ pub(super) fn open_camera(
         device: settings.device.clone(),
         reason: "this program was built without cameras; build it with --features nokhwa".into(),
     })
+}
+
+/// The cameras that every compiled-in driver finds.
+#[must_use]
+pub fn list_cameras() -> Vec<CameraInfo> {
+    #[allow(unused_mut, reason = "a build without drivers finds none")]
+    let mut cameras = Vec::new();
+    #[cfg(target_os = "linux")]
+    cameras.extend(penumbra_camera_v4l2::list_cameras());
+    #[cfg(feature = "nokhwa")]
+    cameras.extend(penumbra_camera_nokhwa::list_cameras());
+    cameras
 }
 
 /// The own name and the serial number of the system's camera of that identity.

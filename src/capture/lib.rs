@@ -17,6 +17,7 @@ pub mod tap;
 pub mod time;
 
 pub use board::{Board, Condition, DeviceState};
+pub use drivers::list_cameras;
 pub use hub::{Hub, HubCounts, Taken};
 pub use live::{Capture, Devices, LiveDevice};
 pub use penumbra_config::{CameraSource, TrackerSource};

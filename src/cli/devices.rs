@@ -27,7 +27,7 @@ struct Devices {
 
 pub(super) fn run(args: &DevicesArgs) -> anyhow::Result<ExitCode> {
     let devices = Devices {
-        cameras: cameras(),
+        cameras: penumbra_capture::list_cameras(),
         serial_ports: ports::find(args.probe),
     };
     if args.json {
@@ -37,17 +37,6 @@ pub(super) fn run(args: &DevicesArgs) -> anyhow::Result<ExitCode> {
         say(ports::in_words(&devices.serial_ports).trim_end());
     }
     Ok(ExitCode::SUCCESS)
-}
-
-/// The cameras of every driver that was built in.
-fn cameras() -> Vec<CameraInfo> {
-    #[allow(unused_mut)]
-    let mut cameras = Vec::new();
-    #[cfg(target_os = "linux")]
-    cameras.extend(penumbra_camera_v4l2::list_cameras());
-    #[cfg(feature = "nokhwa")]
-    cameras.extend(penumbra_camera_nokhwa::list_cameras());
-    cameras
 }
 
 fn cameras_in_words(cameras: &[CameraInfo]) -> String {

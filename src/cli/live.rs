@@ -5,7 +5,7 @@ use clap::Args;
 use penumbra::rig::calibrate::Calibrator;
 use penumbra::rig::service::Service;
 use penumbra::rig::{Live, Recorder, Runner, Source, live_settings};
-use penumbra::status::SharedStatus;
+use penumbra_status::SharedStatus;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;

@@ -5,7 +5,6 @@ use super::files::JsonFile;
 use clap::Args;
 use penumbra::output::window::{self, WindowOptions};
 use penumbra::rig::{Report, RigError, RunOptions, Runner};
-use penumbra::status::{SharedStatus, StatusError, StatusServer, Technique};
 use penumbra_compositor::Gpu;
 use penumbra_config::{
     Config, ExposureChoice, LIGHT_COUNTS, LampResponse, LightPlacement, Monitor, ShadowMode,
@@ -15,6 +14,7 @@ use penumbra_lighting::Filtering;
 use penumbra_rig_model::EnvironmentSource;
 use penumbra_scene::Highlights;
 use penumbra_scene::SceneChoice;
+use penumbra_status::{SharedStatus, StatusError, StatusServer, Technique};
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;

@@ -29,7 +29,7 @@ pub struct DoctorOptions {
 impl Default for DoctorOptions {
     fn default() -> Self {
         Self {
-            listen: crate::status::DEFAULT_LISTEN,
+            listen: penumbra_status::DEFAULT_LISTEN,
             recordings: PathBuf::from("."),
             adapter: None,
             root: PathBuf::from("/"),

@@ -1,7 +1,6 @@
 //! Takes a finished picture to a window, a folder of files or a stream, and draws nothing.
 
 pub mod files;
-pub mod stream;
 mod surface;
 pub mod window;
 

@@ -2,7 +2,6 @@
 
 use super::RigError;
 use super::bake::{BakePlan, bake_changes};
-use crate::status::planes::PlanesState;
 use crossbeam_channel::{Receiver, bounded};
 use penumbra_compositor::planes::{PlanesStage, Progress, SourceBaker};
 use penumbra_compositor::{Gpu, GpuError};
@@ -12,6 +11,7 @@ use penumbra_scene::Scene;
 use penumbra_scene::planes::Bake;
 use penumbra_scene::planes::store;
 use penumbra_scene::planes::store::StoreError;
+use penumbra_status::planes::PlanesState;
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::Arc;

@@ -7,12 +7,12 @@
 
 use super::RigSetup;
 use super::feed::Feed;
-use crate::status::{DisplayStatus, RegistrationStatus};
 use glam::{DQuat, DVec3};
 use penumbra_camera::PinholeCamera;
 use penumbra_compositor::Reprojection;
 use penumbra_config::Config;
 use penumbra_interface::{MonotonicTime, RigidTransform};
+use penumbra_status::{DisplayStatus, RegistrationStatus};
 use penumbra_sync::{HistoryConfig, PoseAt, PoseHistory, RigFrame};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};

@@ -2,7 +2,7 @@
 
 use super::prepare::{LatencyState, Prepared};
 use super::report::LatencyReport;
-use crate::status::Snapshot;
+use penumbra_status::Snapshot;
 
 /// What is measured contradicts what is in force where it is off by so many σ,
 const CONTRADICTS_SIGMA: f64 = 3.0;

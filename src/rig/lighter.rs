@@ -4,12 +4,12 @@
 use super::light::{LightStation, SceneView, SphereAt, placement};
 use super::prepare::LightState;
 use super::scene_light::SceneLight;
-use crate::status::{LightsMode, Settings, Technique, environment_preview};
 use glam::Quat;
 use penumbra_config::LightPlacement;
 use penumbra_interface::{Exposure, MonotonicTime, RigidTransform};
 use penumbra_lighting::{Lighting, cube};
 use penumbra_picture::Picture;
+use penumbra_status::{LightsMode, Settings, Technique, environment_preview};
 use penumbra_sync::{EnvironmentSet, RigFrame};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};

@@ -2,12 +2,13 @@
 
 use super::rates::DeviceRate;
 use super::source::Live;
-use crate::status::snapshot::{Control, Device, DeviceState, SessionState, Snapshot};
 use penumbra_capture::{Account, Condition, DeviceState as Captured};
 use penumbra_interface::DeviceKind;
 use penumbra_interface::{
     CameraReport, Clock, ControlReport, ControlStanding, MonotonicTime, StampSource, SystemClock,
 };
+use penumbra_status::Snapshot;
+use penumbra_status::snapshot::{Control, Device, DeviceState, SessionState};
 
 /// Bytes of a tracker after which a record should have been among them.
 const BYTES_FOR_A_RECORD: u64 = 1000;

@@ -100,7 +100,7 @@ pub enum RigError {
     #[error(transparent)]
     Calibration {
         /// Why.
-        refusal: crate::status::calibration::CalibrationRefusal,
+        refusal: penumbra_status::calibration::CalibrationRefusal,
     },
     /// A calibration has no place among the rig's files.
     #[error(
@@ -192,7 +192,7 @@ pub enum RigError {
     },
     /// The status endpoint.
     #[error(transparent)]
-    Status(#[from] crate::status::StatusError),
+    Status(#[from] penumbra_status::StatusError),
     /// The poses' file is there already.
     #[error("{path}: is there already; name another file or pass --force", path = path.display())]
     PosesThere {

@@ -6,8 +6,6 @@
 use super::RigError;
 use super::baking::{Baked, Baking, Obtained};
 use super::runner::Runner;
-use crate::status::planes::{PlanesState, PlanesStatus};
-use crate::status::{Settings, Technique};
 use crossbeam_channel::RecvTimeoutError;
 use glam::{DQuat, DVec3};
 use penumbra_compositor::Compositor;
@@ -18,6 +16,8 @@ use penumbra_scene::change::is_level;
 use penumbra_scene::near_field::solid_phantoms;
 use penumbra_scene::planes::{Bake, ShadowingPlane};
 use penumbra_scene::{Change, Scene};
+use penumbra_status::planes::{PlanesState, PlanesStatus};
+use penumbra_status::{Settings, Technique};
 use std::sync::Arc;
 use std::time::Duration;
 

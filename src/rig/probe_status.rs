@@ -1,8 +1,8 @@
 //! What the mirrored sphere in the scene camera's picture has shown, as the status tells it.
 
-use crate::status::ProbeStatus;
 use penumbra_interface::MonotonicTime;
 use penumbra_lighting::ProbeMap;
+use penumbra_status::ProbeStatus;
 
 /// At the instant of the picture that is shown.
 pub(super) fn probe(map: &ProbeMap, now: MonotonicTime) -> ProbeStatus {

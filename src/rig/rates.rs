@@ -1,8 +1,8 @@
 //! How fast pictures are made and devices deliver, for the status.
 
 use super::feed::FeedCounts;
-use crate::status::times::{Histogram, RateMeter};
 use penumbra_interface::{Clock, MonotonicTime, SystemClock};
+use penumbra_status::{Histogram, RateMeter};
 use std::collections::VecDeque;
 use std::time::Duration;
 

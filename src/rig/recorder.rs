@@ -4,10 +4,6 @@
 use super::RigError;
 use super::source::RigFiles;
 use super::wall_date::utc_now;
-use crate::status::SharedStatus;
-use crate::status::recording::{
-    Recording, RecordingControl, RecordingRefusal, RecordingState, RecordingWish,
-};
 use crossbeam_channel::{Receiver, RecvTimeoutError, bounded};
 use penumbra_capture::Hub;
 use penumbra_capture::hub::Inlet;
@@ -15,6 +11,10 @@ use penumbra_config::RecordingConfig;
 use penumbra_interface::threads;
 use penumbra_interface::{Clock, MonotonicTime, SystemClock};
 use penumbra_session::{SessionError, SessionEvent, SessionWriter};
+use penumbra_status::SharedStatus;
+use penumbra_status::recording::{
+    Recording, RecordingControl, RecordingRefusal, RecordingState, RecordingWish,
+};
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};

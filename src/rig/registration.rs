@@ -1,7 +1,6 @@
 //! Where the scene camera is, and the mirrored sphere, by the fiducials in its picture.
 
 use super::{RigError, RigSetup};
-use crate::status::{RegistrationSource, RegistrationStatus};
 use glam::DVec3;
 use penumbra_camera::EnvironmentView;
 use penumbra_camera::{PinholeCamera, RollingShutter};
@@ -17,6 +16,7 @@ use penumbra_registration::{Fused, Fusion, PoseSigma, Source, Tracked, Verdict};
 use penumbra_rig_model::Marker;
 use penumbra_rig_model::SphereMarker;
 use penumbra_scene::Scene;
+use penumbra_status::{RegistrationSource, RegistrationStatus};
 
 /// Standard deviation of a sphere's picture by a tracker's pose or a marker of its own, pixels:
 /// neither tells its own.

@@ -1,6 +1,6 @@
 //! What happened, for `--report FILE.json`.
 
-use crate::status::StageTimes;
+use penumbra_status::StageTimes;
 use penumbra_sync::PairingCounts;
 use penumbra_white_balance::MatchStatus;
 use serde::Serialize;

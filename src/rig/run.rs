@@ -15,9 +15,6 @@ use super::status::Published;
 use super::{RigError, status as published};
 use crate::output::Screen;
 use crate::output::files::FrameFolder;
-use crate::status::RegistrationSource;
-use crate::status::snapshot::SessionState;
-use crate::status::{self, Settings, StageTimes, Technique};
 use penumbra_compositor::{
     Compositor, Exposure, FrameInput, Gpu, LampResponse, LensOutput, Refresh, ShadowMode,
 };
@@ -28,6 +25,10 @@ use penumbra_lighting::{BrightestFollower, BrightestLight};
 use penumbra_picture::Picture;
 use penumbra_scene::Highlights;
 use penumbra_scene::PlacedLamp;
+use penumbra_status as status;
+use penumbra_status::RegistrationSource;
+use penumbra_status::snapshot::SessionState;
+use penumbra_status::{Settings, StageTimes, Technique};
 use penumbra_sync::Provenance;
 use penumbra_tracker_serial::freed::{FreedSender, Lens, optical_to_studio};
 use std::sync::Arc;

@@ -6,12 +6,12 @@ use super::lighter::SceneNews;
 use super::planes::PlanesStation;
 use super::reload::{Loaded, News, Origin, Reload};
 use super::runner::Runner;
-use crate::status::{SceneStatus, Settings};
 use glam::DQuat;
 use penumbra_compositor::Compositor;
 use penumbra_config::Config;
 use penumbra_scene::Scene;
 use penumbra_scene::SceneChoice;
+use penumbra_status::{SceneStatus, Settings};
 use std::sync::Arc;
 
 /// See the module.

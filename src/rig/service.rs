@@ -1,8 +1,8 @@
 //! What goes on beside the frames, on a thread of its own: the status server, and the
 //! signals that end the program. No frame ever waits for it.
 
-use crate::status::{StatusError, StatusServer};
 use penumbra_interface::threads;
+use penumbra_status::{StatusError, StatusServer};
 use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

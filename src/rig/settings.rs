@@ -1,12 +1,13 @@
 //! The configuration in the compositor's and the dashboard's words.
 
-use crate::status::{self, LightsMode, Settings, Technique};
 use penumbra_compositor::exposure::AutoLimits;
 use penumbra_compositor::{CompositorSettings, Exposure};
 use penumbra_config::{
     Antialias, Config, ExposureMode, LightPlacement, ReplaySpeed, ShadowResolution, ShadowTechnique,
 };
 use penumbra_rig_model::RigCalibration;
+use penumbra_status as status;
+use penumbra_status::{LightsMode, Settings, Technique};
 use penumbra_sync::PairingConfig;
 
 /// The settings that the dashboard may change, as the configuration has them.

@@ -5,16 +5,16 @@ use super::rates::Rates;
 use super::report::FrameCounts;
 use super::source::Source;
 use super::{RigSetup, latency_status, live_status, probe_status};
-use crate::status::planes::PlanesStatus;
-use crate::status::snapshot::{
-    Adapter, Device, DeviceState, ExposureStatus, PoseAnswer, SessionState, WhiteBalance,
-    WhiteBalanceEstimate, WhiteBalanceMethod, WhiteMatch,
-};
-use crate::status::{SceneStatus, Settings, SharedStatus, Snapshot, StageTimes};
 use penumbra_compositor::Gpu;
 use penumbra_compositor::exposure::ExposureInForce;
 use penumbra_interface::DeviceKind;
 use penumbra_lighting::BrightestLight;
+use penumbra_status::planes::PlanesStatus;
+use penumbra_status::snapshot::{
+    Adapter, Device, DeviceState, ExposureStatus, PoseAnswer, SessionState, WhiteBalance,
+    WhiteBalanceEstimate, WhiteBalanceMethod, WhiteMatch,
+};
+use penumbra_status::{SceneStatus, Settings, SharedStatus, Snapshot, StageTimes};
 use penumbra_sync as sync;
 use penumbra_sync::RigFrame;
 use penumbra_white_balance::{MatchStatus, MethodStatus, Provenance};

@@ -587,10 +587,8 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::status::Snapshot;
-    use crate::status::snapshot::{
-        Control, Device, WhiteBalanceEstimate, WhiteBalanceMethod, WhiteMatch,
-    };
+    use crate::Snapshot;
+    use crate::snapshot::{Control, Device, WhiteBalanceEstimate, WhiteBalanceMethod, WhiteMatch};
     use penumbra_interface::DeviceKind;
     use serde_json::Value;
     use std::collections::BTreeSet;
@@ -607,8 +605,8 @@ mod tests {
             ..Device::new("a", DeviceKind::Tracker)
         }];
         s.warn("a");
-        s.lighting.probe = Some(crate::status::ProbeStatus::default());
-        s.registration.display = Some(crate::status::DisplayStatus::default());
+        s.lighting.probe = Some(crate::ProbeStatus::default());
+        s.registration.display = Some(crate::DisplayStatus::default());
         s.lighting.dominant_direction = Some([0.0, 0.0, 1.0]);
         let (method, rgb) = (WhiteBalanceMethod::Chart, [1.0; 3]);
         let b = &mut s.white_balance;
@@ -656,7 +654,7 @@ mod tests {
     /// `UPDATE_DOCS=1 cargo test --lib readme_has_the_table` writes the table anew.
     #[test]
     fn readme_has_the_table() {
-        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/src/status/README.md");
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/README.md");
         let readme = std::fs::read_to_string(path).unwrap();
         let (before, _) = readme.split_once("| Field |").expect("the table's head");
         let mut expected = format!("{before}| Field | Meaning |\n|---|---|\n");

@@ -515,7 +515,7 @@ fn escaped(text: &str) -> String {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::status::snapshot::Device;
+    use crate::snapshot::Device;
     use penumbra_interface::DeviceKind;
     use std::collections::{BTreeMap, BTreeSet};
     use std::time::Duration;

@@ -8,7 +8,7 @@ use super::recording::RecordingWish;
 use super::settings::{Settings, SettingsChange, SettingsError};
 use super::shared::SharedStatus;
 use super::snapshot::{Snapshot, WhiteBalance};
-use crate::output::stream::{
+use crate::stream::{
     EncodeError, JpegEncoder, STREAM_CONTENT_TYPE, encode_png, stream_part, stream_preamble,
 };
 use axum::body::{Body, Bytes};

@@ -64,7 +64,7 @@ pub enum StatusError {
     },
     /// The stream's encoder could not be set up.
     #[error("stream: {0}")]
-    Encoder(#[from] crate::output::stream::EncodeError),
+    Encoder(#[from] crate::stream::EncodeError),
 }
 
 /// The status server, bound to its port and not yet serving.

@@ -1,18 +1,18 @@
 //! A status server that shows a moving picture of its own, without cameras or GPU.
 
 use glam::Vec3;
-use penumbra::status::planes::{PlanesState, PlanesStatus};
-use penumbra::status::snapshot::{
-    Device, DeviceState, PoseAnswer, Resolution, SessionState, WhiteBalanceEstimate,
-    WhiteBalanceMethod, WhiteMatch,
-};
-use penumbra::status::{
-    Settings, SharedStatus, Snapshot, StatusServer, Technique, environment_preview,
-};
 use penumbra_config::ExposureMode;
 use penumbra_interface::DeviceKind;
 use penumbra_lighting::{DomeLight, LightKind};
 use penumbra_picture::Picture;
+use penumbra_status::planes::{PlanesState, PlanesStatus};
+use penumbra_status::snapshot::{
+    Device, DeviceState, PoseAnswer, Resolution, SessionState, WhiteBalanceEstimate,
+    WhiteBalanceMethod, WhiteMatch,
+};
+use penumbra_status::{
+    Settings, SharedStatus, Snapshot, StatusServer, Technique, environment_preview,
+};
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

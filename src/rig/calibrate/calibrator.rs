@@ -8,14 +8,14 @@ use super::showcase::Showcase;
 use super::steps::{Known, Made, file_of, forms, step_of};
 use crate::rig::source::Onlooker;
 use crate::rig::{Live, RigError};
-use crate::status::calibration::{
-    Calibration, CalibrationControl, CalibrationRefusal, CalibrationWish,
-};
 use bytes::Bytes;
 use penumbra_calibration::step::Step;
 use penumbra_capture::{Devices, Hub};
 use penumbra_config::Config;
 use penumbra_interface::threads;
+use penumbra_status::calibration::{
+    Calibration, CalibrationControl, CalibrationRefusal, CalibrationWish,
+};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};

@@ -1,10 +1,10 @@
 //! What each step is called, what it asks, and how it is made from that.
 
 use super::steps::{Known, ParameterError, Parameters, StepKind};
-use crate::status::calibration::ParameterForm;
 use penumbra_calibration::intrinsics::{Board, IntrinsicsStep, Options, SaidLenses};
 use penumbra_calibration::step::{Eye, Step};
 use penumbra_camera::LensModel;
+use penumbra_status::calibration::ParameterForm;
 
 /// The lens of a camera.
 pub(super) const INTRINSICS: StepKind = StepKind {

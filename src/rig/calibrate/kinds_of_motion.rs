@@ -2,7 +2,6 @@
 
 use super::steps::{Known, ParameterError, Parameters, StepKind, station};
 use crate::rig::registration::tag_map;
-use crate::status::calibration::ParameterForm;
 use penumbra_calibration::environment_camera_calibration::{
     Asked, EnvironmentStep, Kind, KnownRig,
 };
@@ -15,6 +14,7 @@ use penumbra_calibration::tag_map::{MapOptions, MapStep};
 use penumbra_fiducials::Family;
 use penumbra_rig_model::lens_files::ENVIRONMENT_LENS;
 use penumbra_rig_model::lens_record::LensRecord;
+use penumbra_status::calibration::ParameterForm;
 use std::collections::BTreeMap;
 
 /// Nothing less is looked for, seconds.

@@ -1,8 +1,8 @@
 //! The pictures that a step is shown, small enough for a browser.
 
-use crate::output::stream::JpegEncoder;
 use bytes::Bytes;
 use penumbra_picture::Picture;
+use penumbra_status::stream::JpegEncoder;
 use std::collections::VecDeque;
 use std::sync::{Arc, OnceLock};
 

@@ -1,11 +1,11 @@
 //! Writes the recording of a rehearsal.
 
-use crate::output::stream::{EncodeError, JpegEncoder};
 use penumbra_calibration::simulation::{FrameTruth, Rehearsal, fastrak_record};
 use penumbra_interface::{Frame, MonotonicTime, PixelFormat};
 use penumbra_numerics::Random;
 use penumbra_picture::Picture;
 use penumbra_session::{Camera, SessionError, SessionWriter};
+use penumbra_status::stream::{EncodeError, JpegEncoder};
 use serde_json::Value;
 use std::path::Path;
 use thiserror::Error;

@@ -2,13 +2,13 @@
 
 use super::live::{Moment, Wish};
 use super::preview::{Previews, preview_of};
-use crate::status::calibration::{
-    Calibration, CalibrationControl, CalibrationFinding, CalibrationRefusal, CalibrationResult,
-    CalibrationState, CalibrationWish, ShownPicture,
-};
 use bytes::Bytes;
 use penumbra_calibration::step::{Finished, Progress};
 use penumbra_interface::{Clock, MonotonicTime, SystemClock};
+use penumbra_status::calibration::{
+    Calibration, CalibrationControl, CalibrationFinding, CalibrationRefusal, CalibrationResult,
+    CalibrationState, CalibrationWish, ShownPicture,
+};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -47,7 +47,7 @@ pub struct Written {
 impl Showcase {
     /// Nothing is being done; `steps` can be asked for.
     #[must_use]
-    pub fn new(steps: Vec<crate::status::calibration::StepForm>) -> Arc<Self> {
+    pub fn new(steps: Vec<penumbra_status::calibration::StepForm>) -> Arc<Self> {
         let view = Calibration {
             state: CalibrationState::Idle,
             sentence: "Nothing is being calibrated.".to_owned(),

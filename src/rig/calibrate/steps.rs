@@ -5,11 +5,11 @@ use super::{kinds, kinds_of_motion, photometric, verify};
 use crate::rig::RigError;
 use crate::rig::source::RigFiles;
 use crate::rig::wall_date::utc_now;
-use crate::status::calibration::{ParameterForm, StepForm};
 use penumbra_calibration::step::{Step, Wants};
 use penumbra_config::Config;
 use penumbra_config::TrackerSource;
 use penumbra_rig_model::RigDocument;
+use penumbra_status::calibration::{ParameterForm, StepForm};
 use std::collections::BTreeMap;
 use thiserror::Error;
 

@@ -3,11 +3,11 @@ use super::*;
 use crate::rig::RigSetup;
 use crate::rig::light::LightStation;
 use crate::rig::lighter::SceneNews;
-use crate::status::{Settings, Technique};
 use penumbra_config::Config;
 use penumbra_lighting::{CubeMap, Harmonics, Lighting};
 use penumbra_rig_model::RigDocument;
 use penumbra_scene::Scene;
+use penumbra_status::{Settings, Technique};
 use std::time::Instant;
 use tokio::sync::watch;
 

@@ -1,10 +1,10 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::super::wall_date::civil;
 use super::*;
-use crate::status::Settings;
 use bytes::Bytes;
 use penumbra_interface::{Frame, PixelFormat};
 use penumbra_session::Session;
+use penumbra_status::Settings;
 use std::time::Instant;
 
 fn frame(sequence: u64) -> SessionEvent {

@@ -1,9 +1,9 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
-use crate::status::RegistrationSource;
 use glam::DQuat;
 use penumbra_camera::Response;
 use penumbra_fiducials::synthetic;
+use penumbra_status::RegistrationSource;
 
 mod rolling;
 

@@ -2,7 +2,6 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use super::*;
-use crate::status::calibration::CalibrationState;
 use glam::DVec2;
 use penumbra_calibration::step::{Eye, Finished, Made as By, Progress, Shown, Wants};
 use penumbra_capture::source::open_camera;
@@ -10,6 +9,7 @@ use penumbra_config::CameraSource;
 use penumbra_interface::{Frame, MonotonicTime, PixelFormat};
 use penumbra_rig_model::Grade;
 use penumbra_session::{Camera, SessionWriter};
+use penumbra_status::calibration::CalibrationState;
 use std::path::Path;
 use std::time::Instant;
 

@@ -23,6 +23,7 @@ pub mod settings;
 pub mod shared;
 pub mod snapshot;
 mod stall;
+pub mod stream;
 pub mod times;
 
 pub use fields::STATUS_FIELDS;
