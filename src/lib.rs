@@ -12,5 +12,4 @@
 
 pub mod bench;
 pub mod doctor;
-pub mod output;
 pub mod rig;

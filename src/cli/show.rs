@@ -3,7 +3,6 @@
 
 use super::files::JsonFile;
 use clap::Args;
-use penumbra::output::window::{self, WindowOptions};
 use penumbra::rig::{Report, RigError, RunOptions, Runner};
 use penumbra_compositor::Gpu;
 use penumbra_config::{
@@ -11,6 +10,8 @@ use penumbra_config::{
     ShadowTechnique,
 };
 use penumbra_lighting::Filtering;
+use penumbra_output::window;
+use penumbra_output::window::WindowOptions;
 use penumbra_rig_model::EnvironmentSource;
 use penumbra_scene::Highlights;
 use penumbra_scene::SceneChoice;

@@ -1,6 +1,6 @@
 //! The finished picture on a window's surface.
 
-use crate::output::Screen;
+use crate::Screen;
 use penumbra_compositor::{Compositor, Gpu, PresentPass};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};

@@ -3,7 +3,7 @@
 
 use super::OutputError;
 use super::surface::{Place, SurfaceScreen};
-use crate::output::Screen;
+use crate::Screen;
 use penumbra_compositor::Gpu;
 use penumbra_config::Monitor;
 use penumbra_interface::threads;

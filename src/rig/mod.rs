@@ -42,19 +42,19 @@ pub mod status;
 pub mod wall_date;
 mod watch;
 
-pub use crate::output::Screen;
+pub use penumbra_output::Screen;
 pub use recorder::Recorder;
 pub use report::Report;
 pub use runner::{RunOptions, Runner};
 pub use settings::live_settings;
 pub use source::{Live, RigFiles, Source};
 
-use crate::output::OutputError;
 use penumbra_compositor::GpuError;
 use penumbra_config::{Config, ConfigError, PoseSource};
 use penumbra_fiducials::TagMap;
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::EnvironmentError;
+use penumbra_output::OutputError;
 use penumbra_picture::PictureError;
 use penumbra_rig_model::lens_files::SCENE_LENS;
 use penumbra_rig_model::{RigCalibration, RigDocument, RigFilesError};

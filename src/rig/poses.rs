@@ -2,8 +2,8 @@
 
 use super::RigError;
 use super::prepare::Prepared;
-use crate::rig::OutputError;
 use penumbra_interface::RigidTransform;
+use penumbra_output::OutputError;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};

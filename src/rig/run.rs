@@ -13,8 +13,6 @@ use super::settings::{compositor_settings, exposure, live_settings};
 use super::source::Source;
 use super::status::Published;
 use super::{RigError, status as published};
-use crate::output::Screen;
-use crate::output::files::FrameFolder;
 use penumbra_compositor::{
     Compositor, Exposure, FrameInput, Gpu, LampResponse, LensOutput, Refresh, ShadowMode,
 };
@@ -22,6 +20,8 @@ use penumbra_config as config;
 use penumbra_config::Distortion;
 use penumbra_interface::{Clock, SystemClock};
 use penumbra_lighting::{BrightestFollower, BrightestLight};
+use penumbra_output::Screen;
+use penumbra_output::files::FrameFolder;
 use penumbra_picture::Picture;
 use penumbra_scene::Highlights;
 use penumbra_scene::PlacedLamp;

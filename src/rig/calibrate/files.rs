@@ -1,11 +1,11 @@
 //! Where calibrations go among the files of a rig: nothing that is there is lost.
 
 use super::showcase::Written;
-use crate::rig::OutputError;
 use crate::rig::RigError;
 use crate::rig::wall_date::utc_now;
 use penumbra_calibration::step::Finished;
 use penumbra_config::Config;
+use penumbra_output::OutputError;
 use penumbra_rig_model::Grade;
 use std::fs::{self, File};
 use std::io::Write;
