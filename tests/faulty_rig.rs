@@ -3,7 +3,6 @@
 //! taken back within two seconds.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use penumbra::rig::{Live, Report, RigError, RunOptions, Runner, Source, live_settings};
 use penumbra_capture::source::{Recordings, open_camera, open_tracker};
 use penumbra_compositor::Gpu;
 use penumbra_config::Config;
@@ -13,6 +12,7 @@ use penumbra_interface::DeviceFactory;
 use penumbra_interface::DeviceKind;
 use penumbra_interface::threads;
 use penumbra_interface::{Camera, DeviceError, Tracker};
+use penumbra_rig::{Live, Report, RigError, RunOptions, Runner, Source, live_settings};
 use penumbra_session::Camera as Stream;
 use penumbra_status::SharedStatus;
 use penumbra_status::Snapshot;

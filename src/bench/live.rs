@@ -4,11 +4,11 @@
 
 use super::report::Percentiles;
 use super::{BenchError, BenchOptions};
-use crate::rig::{Live, RunOptions, Runner, Source, live_settings};
 use penumbra_compositor::Gpu;
 use penumbra_config::{Antialias, Config};
 use penumbra_config::{CameraSource, TrackerSource};
 use penumbra_interface::threads;
+use penumbra_rig::{Live, RunOptions, Runner, Source, live_settings};
 use penumbra_status::Histogram;
 use penumbra_status::times::StageKind;
 use penumbra_status::{SharedStatus, Snapshot};

@@ -12,12 +12,11 @@ mod stage;
 mod supan;
 mod thread_time;
 
-pub use live::LiveRow;
-pub use report::{BenchReport, CaptureRow, DeviceTally, PassTime, Percentiles, Row, ThreadCost};
+use report::{BenchReport, Row};
 
-use crate::rig::RigError;
 use penumbra_compositor::{Gpu, GpuError};
 use penumbra_lighting::EnvironmentError;
+use penumbra_rig::RigError;
 use penumbra_session::SessionError;
 use std::io;
 use std::path::{Path, PathBuf};

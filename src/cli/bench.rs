@@ -1,9 +1,9 @@
 //! `penumbra bench`.
 
 use super::files::JsonFile;
+use crate::bench::{BenchOptions, CASES};
 use clap::Args;
 use clap::builder::PossibleValuesParser;
-use penumbra::bench::{BenchOptions, CASES};
 use penumbra_compositor::Gpu;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -52,7 +52,7 @@ pub fn run(args: BenchArgs) -> anyhow::Result<ExitCode> {
     } else {
         None
     };
-    let report = penumbra::bench::run(gpu.as_ref(), &options, &mut |row| super::say(row))?;
+    let report = crate::bench::run(gpu.as_ref(), &options, &mut |row| super::say(row))?;
     if let Some(json) = json {
         json.write(&report)?;
     }

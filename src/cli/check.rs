@@ -1,7 +1,7 @@
 //! The commands that look and change nothing: `info`, `check-config`, `doctor`.
 
+use crate::doctor::{DoctorOptions, State, examine};
 use clap::Args;
-use penumbra::doctor::{DoctorOptions, State, examine};
 use penumbra_config::check_config as read_and_check;
 use penumbra_session::{Session, describe};
 use std::net::SocketAddr;

@@ -3,10 +3,10 @@
 use super::files::refuse_overwriting;
 use anyhow::bail;
 use clap::Args;
-use penumbra::rig::light_report::light_of_session;
 use penumbra_config::Config;
 use penumbra_lighting::LightReport;
 use penumbra_lighting::photograph::PhotographKind;
+use penumbra_rig::light_report::light_of_session;
 use penumbra_session::Session;
 use std::fs::File;
 use std::io::Read;

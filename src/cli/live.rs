@@ -2,9 +2,9 @@
 
 use super::show::{ShowArgs, address, in_words, show, status_server};
 use clap::Args;
-use penumbra::rig::calibrate::Calibrator;
-use penumbra::rig::service::Service;
-use penumbra::rig::{Live, Recorder, Runner, Source, live_settings};
+use penumbra_rig::calibrate::Calibrator;
+use penumbra_rig::service::Service;
+use penumbra_rig::{Live, Recorder, Runner, Source, live_settings};
 use penumbra_status::SharedStatus;
 use std::path::PathBuf;
 use std::process::ExitCode;

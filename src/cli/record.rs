@@ -2,11 +2,11 @@
 
 use anyhow::{Context, bail};
 use clap::Args;
-use penumbra::rig::service::Service;
-use penumbra::rig::{Live, Recorder, live_settings};
 use penumbra_capture::{Account, Condition};
 use penumbra_config::Config;
 use penumbra_interface::DeviceKind;
+use penumbra_rig::service::Service;
+use penumbra_rig::{Live, Recorder, live_settings};
 use penumbra_status::SharedStatus;
 use penumbra_status::recording::{Recording, RecordingState, RecordingWish};
 use serde_json::Value;

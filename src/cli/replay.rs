@@ -2,9 +2,9 @@
 
 use super::show::{ShowArgs, address, in_words, set, show, status_server};
 use clap::Args;
-use penumbra::rig::service::Service;
-use penumbra::rig::{Runner, Source, live_settings};
 use penumbra_config::{Config, ReplayPairing, ReplaySpeed};
+use penumbra_rig::service::Service;
+use penumbra_rig::{Runner, Source, live_settings};
 use penumbra_session::Session;
 use penumbra_status::{SharedStatus, StatusError, StatusServer};
 use std::path::PathBuf;

@@ -3,7 +3,6 @@
 
 use super::files::JsonFile;
 use clap::Args;
-use penumbra::rig::{Report, RigError, RunOptions, Runner};
 use penumbra_compositor::Gpu;
 use penumbra_config::{
     Config, ExposureChoice, LIGHT_COUNTS, LampResponse, LightPlacement, Monitor, ShadowMode,
@@ -12,6 +11,7 @@ use penumbra_config::{
 use penumbra_lighting::Filtering;
 use penumbra_output::window;
 use penumbra_output::window::WindowOptions;
+use penumbra_rig::{Report, RigError, RunOptions, Runner};
 use penumbra_rig_model::EnvironmentSource;
 use penumbra_scene::Highlights;
 use penumbra_scene::SceneChoice;

@@ -14,7 +14,7 @@ use super::pace::Pace;
 use super::registration::{ByTracker, Station};
 use super::source::Source;
 use super::{RigError, RigSetup, TRACKER_NOISE};
-use crate::rig::settings::pairing_config;
+use crate::settings::pairing_config;
 use crossbeam_channel::{Receiver, Sender, bounded};
 use glam::DVec3;
 use penumbra_camera::RollingShutter;

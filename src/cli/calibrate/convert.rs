@@ -3,9 +3,9 @@
 use crate::cli::files::{claim, write};
 use anyhow::{Context, anyhow, bail};
 use clap::{Args, ValueEnum};
-use penumbra::rig::wall_date::iso_now;
 use penumbra_calibration::formats as exchange;
 use penumbra_calibration::formats::{Dialect, NamedLens};
+use penumbra_rig::wall_date::iso_now;
 use penumbra_rig_model::lens_record::LensRecord;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;

@@ -2,9 +2,9 @@
 
 use crate::cli::files::{claim, write};
 use clap::Args;
-use penumbra::rig::calibrate::{Looked, pictures_of_folder};
 use penumbra_camera::Response;
 use penumbra_fiducials::{Detector, Family};
+use penumbra_rig::calibrate::{Looked, pictures_of_folder};
 use std::fmt::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;

@@ -1,6 +1,6 @@
 //! The devices that a step of calibration looks at.
 
-use crate::rig::wall_date::iso_now;
+use crate::wall_date::iso_now;
 use penumbra_calibration::step::{Made, Wants};
 use penumbra_capture::{Devices, LiveDevice};
 use penumbra_interface::DeviceKind;

@@ -1,8 +1,8 @@
 //! Where calibrations go among the files of a rig: nothing that is there is lost.
 
 use super::showcase::Written;
-use crate::rig::RigError;
-use crate::rig::wall_date::utc_now;
+use crate::RigError;
+use crate::wall_date::utc_now;
 use penumbra_calibration::step::Finished;
 use penumbra_config::Config;
 use penumbra_output::OutputError;

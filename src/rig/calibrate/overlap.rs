@@ -1,7 +1,7 @@
 //! Gains between the cameras from what both see anyway, over a session.
 
 use super::fall_off::FallOff;
-use crate::rig::feed::decoder_for;
+use crate::feed::decoder_for;
 use glam::DVec3;
 use penumbra_calibration::radiometric::vignetting::Fit;
 use penumbra_camera::EnvironmentView;

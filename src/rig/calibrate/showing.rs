@@ -1,6 +1,6 @@
 //! How a step of calibration is shown what there is, wherever it comes from.
 
-use crate::rig::feed::decoder_for;
+use crate::feed::decoder_for;
 use penumbra_calibration::step::{Eye, Shown, ShownPicture, Step};
 use penumbra_config::Config;
 use penumbra_interface::{Frame, MonotonicTime};

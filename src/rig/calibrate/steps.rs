@@ -2,9 +2,9 @@
 
 use super::files::CHECKS;
 use super::{kinds, kinds_of_motion, photometric, verify};
-use crate::rig::RigError;
-use crate::rig::source::RigFiles;
-use crate::rig::wall_date::utc_now;
+use crate::RigError;
+use crate::RigFiles;
+use crate::wall_date::utc_now;
 use penumbra_calibration::step::{Step, Wants};
 use penumbra_config::Config;
 use penumbra_config::TrackerSource;

@@ -1,7 +1,7 @@
 //! Sets up the check of a rig from its files.
 
 use super::steps::{Known as RigKnown, ParameterError, Parameters, StepKind, station};
-use crate::rig::{RigError, light, registration};
+use crate::{RigError, light, registration};
 use penumbra_calibration::step::Step;
 use penumbra_calibration::verify::{Known, Verify};
 use penumbra_camera::EnvironmentView;

@@ -1,6 +1,6 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
-use crate::rig::Live;
+use crate::Live;
 use bytes::Bytes;
 use penumbra_config::Config;
 use penumbra_interface::threads;

@@ -1,8 +1,8 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
-use crate::rig::RigSetup;
-use crate::rig::light::LightStation;
-use crate::rig::lighter::SceneNews;
+use crate::RigSetup;
+use crate::light::LightStation;
+use crate::lighter::SceneNews;
 use penumbra_config::Config;
 use penumbra_lighting::{CubeMap, Harmonics, Lighting};
 use penumbra_rig_model::RigDocument;
