@@ -222,7 +222,7 @@ def written(results: list[Result], missing: list[str]) -> tuple[str, bool]:
     verdict, good = bars_table(results)
     gains = [f"{r.name}: errors of the white-balance gains: " + ", ".join(f"{c} {e:+.1f} %" for c, e in zip("RGB", r.gain_error_percent))
              for r in results if r.gain_error_percent]
-    skipped = [f"SKIPPED {name}: this rig is not in the repository, and was not found beside it" for name in missing]
+    skipped = [f"SKIPPED {name}: this rig is not part of the repository, and --truth has none of that name" for name in missing]
     return "\n\n".join([figures_table(results), verdict, *gains, *skipped]), good
 
 
