@@ -57,12 +57,12 @@ advisories: ## Known security holes in dependencies (needs the network)
 bench: build ## The paper's table 1 on this machine, and what capturing costs; ARGS="--case supan --json FILE"
 	@$(UNPACKED) $(PENUMBRA) bench $(ARGS)
 
-bench-table: build ## The papers' rows, put into ARCHITECTURE.md
+bench-table: build ## The papers' rows, put into docs/src/results/bench.md
 	@for case in supan kakuta2007 kakuta2004 lightprobe; do \
 	  $(UNPACKED) $(PENUMBRA) bench --case $$case --json $(TARGET)/bench-$$case.json --force $(ARGS); done
 	@python3 tests/bench_table.py $(TARGET)/bench-supan.json $(TARGET)/bench-kakuta2007.json $(TARGET)/bench-kakuta2004.json $(TARGET)/bench-lightprobe.json
 
-fidelity: build ## Judge the pictures by path-traced truth; ARGS="--sessions desk --every 4"
+fidelity: build ## Compare pictures with path-traced truth; ARGS="--sessions desk.mcap --no-planes"
 	@$(UNPACKED) python3 tests/fidelity.py --penumbra $(PENUMBRA) --truth $(TRUTH) $(ARGS)
 
 calibration: build ## Judge calibration and registration by known figures; ARGS="--simulated DIR --only intrinsics"

@@ -1,16 +1,18 @@
 #!/usr/bin/env python3
-"""Put the figures of `penumbra bench --json FILE` into ARCHITECTURE.md.
+"""Put the figures of `penumbra bench --json FILE` into a table of the documentation.
 
-    tests/bench_table.py FILE...
+    tests/bench_table.py FILE... [--write DOCUMENT]
+
+The table replaces what stands between the document's comments bench:begin and bench:end.
 """
 from __future__ import annotations
 
+import argparse
 import json
 import sys
 from pathlib import Path
 
-from fidelity import Failed, write_between
-from python_env import ROOT
+from tables import RESULTS, write_between
 
 HEADING = "| adapter | size | lights | maps per frame | frames/s | wall ms p50 | p99 | GPU ms p50 | p99 | longest passes, ms |"
 
@@ -39,11 +41,19 @@ def table(files: list[Path]) -> str:
     return "\n".join([HEADING, "|---" * 10 + "|", *(row(report["adapter"], r) for report in reports for r in report["rows"])])
 
 
+def options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("reports", nargs="+", type=Path, metavar="FILE", help="made by `penumbra bench --json FILE`")
+    parser.add_argument("--write", type=Path, default=RESULTS / "bench.md", metavar="DOCUMENT", help="default: %(default)s")
+    return parser.parse_args()
+
+
 def main() -> int:
+    a = options()
     try:
-        text = table([Path(name) for name in sys.argv[1:]])
-        write_between(ROOT / "ARCHITECTURE.md", "bench", text)
-    except (Failed, OSError, KeyError, ValueError) as error:
+        text = table(a.reports)
+        write_between(a.write, "bench", text)
+    except (OSError, KeyError, ValueError) as error:
         print(f"bench_table: {type(error).__name__}: {error}", file=sys.stderr)
         return 2
     print(text)

@@ -1,16 +1,16 @@
 #!/usr/bin/env python3
-"""Judge calibration and registration by what is known from elsewhere, and print the table of figures.
+"""Compare calibration and registration with reference values and print a table of figures.
 
-Every figure comes from the program itself (`penumbra calibrate ...`, `penumbra replay`), run on
-pictures and recordings that others made (--data), on path-traced rigs with known truth (--truth,
-and --simulated, made by tests/rigsim_calibration.py). The program never gets the truth.
+The program itself finds every figure (`penumbra calibrate ...`, `penumbra replay`), from published
+pictures and recordings (--data) and from path-traced rigs with known truth (--truth, and --simulated,
+made by tests/rigsim_calibration.py). It never gets the truth.
 
-    tests/calibration.py                               all that there is data for
-    tests/calibration.py --only intrinsics,hand-eye    some of it
-    tests/calibration.py --simulated DIR --write       with simulated rigs; into ARCHITECTURE.md
+    tests/calibration.py                               everything for which there is data
+    tests/calibration.py --only intrinsics,tracker     a part of it
+    tests/calibration.py --simulated DIR --write       with simulated rigs; the table into docs/src/results/calibration.md
 
-Ends with 0 when every bar is reached, 1 when one is missed, 2 when something failed. What has no
-data says SKIPPED by name.
+Exit status: 0 every bar is reached, 1 a bar is missed, 2 something failed. A part without data is
+named as SKIPPED.
 """
 from __future__ import annotations
 
@@ -24,24 +24,25 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from fidelity import blind_view, write_between
 from python_env import ROOT, TARGET, Unavailable, run_with
+from rigs import blind_view
+from tables import RESULTS, write_between
 
 REQUIREMENTS = Path(__file__).with_name("requirements-calibration.txt")
 PACKAGES = ["numpy", "cv2"]
 
 
 class Failed(Exception):
-    """A run failed; the text says which and where its output is."""
+    """A run failed; the text says which one and where its output is."""
 
 
 class Skipped(Exception):
-    """There is no data for it."""
+    """A part of the comparison has no data; the text says what is missing."""
 
 
 @dataclass
 class Row:
-    """One figure beside what it is judged by."""
+    """One figure, and the value that it must not exceed."""
 
     what: str
     figure: str
@@ -56,7 +57,7 @@ class Row:
 
 
 class Judge:
-    """Runs the program in a folder of its own."""
+    """Runs the program, each time in a folder of its own."""
 
     def __init__(self, a: argparse.Namespace) -> None:
         self.a, self.penumbra = a, str(a.penumbra)
@@ -68,7 +69,7 @@ class Judge:
         return folder
 
     def run(self, work: Path, *arguments: object, refused: bool = False) -> str:
-        """What the program said; `refused` expects it to refuse."""
+        """The program's output. `refused`: it must end with an error."""
         command = [self.penumbra, *map(str, arguments)]
         done = subprocess.run(command, capture_output=True, text=True, cwd=work)
         said = done.stdout + done.stderr
@@ -80,13 +81,13 @@ class Judge:
         return said
 
     def calibrate(self, work: Path, step: str, out: str, *arguments: object) -> dict:
-        """The calibration file that a step wrote."""
+        """The contents of the calibration file that a step of `penumbra calibrate` wrote."""
         path = work / out
         self.run(work, "calibrate", step, "--out", path, "--force", *arguments)
         return json.loads(path.read_text())
 
     def imported(self, work: Path, session: Path) -> Path:
-        """A session's folder without the judge's files, as a recording."""
+        """A session file made from a rig's folder without the truth."""
         view = blind_view(session, work / "rig")
         mcap = work / "session.mcap"
         self.run(work, "import", view, mcap, "--force")
@@ -103,7 +104,7 @@ class Judge:
 
 
 def opencv_chess(files: list[Path], board: tuple[int, int], fisheye: bool = False) -> float:
-    """OpenCV's own reprojection RMS on the same pictures, by its usual recipe, outlying views left out."""
+    """Reprojection RMS in pixels of OpenCV's calibration from the same pictures, without outlying views."""
     import cv2
     import numpy as np
     points = np.zeros((board[0] * board[1], 3), np.float32)
@@ -119,7 +120,7 @@ def opencv_chess(files: list[Path], board: tuple[int, int], fisheye: bool = Fals
         objects.append(points)
         pictures.append(corners)
     if fisheye:
-        # OpenCV 5 has moved the flags.
+        # OpenCV 5 moved these flags out of cv2.fisheye.
         flags = sum(getattr(cv2.fisheye, n, None) or getattr(cv2, n) for n in ("CALIB_USE_INTRINSIC_GUESS", "CALIB_RECOMPUTE_EXTRINSIC", "CALIB_FIX_SKEW"))
         K = np.array([[size[0] / 3, 0, size[0] / 2], [0, size[0] / 3, size[1] / 2], [0, 0, 1]])
         rms, *_ = cv2.fisheye.calibrate(
@@ -127,14 +128,14 @@ def opencv_chess(files: list[Path], board: tuple[int, int], fisheye: bool = Fals
             size, K, np.zeros((4, 1)), flags=flags, criteria=(3, 100, 1e-9))
     else:
         per_view = cv2.calibrateCameraExtended(objects, pictures, size, np.eye(3), np.zeros(5))[-1].ravel()
-        # Our program leaves blurred views out; so must its rival.
+        # Penumbra leaves out blurred views, so OpenCV must, too.
         kept = np.flatnonzero(per_view < 3 * np.median(per_view))
         rms, *_ = cv2.calibrateCamera([objects[i] for i in kept], [pictures[i] for i in kept], size, np.eye(3), np.zeros(5))
     return float(rms)
 
 
 def published_focal(file: Path, matrix: str) -> float:
-    """fx of a camera matrix in an OpenCV file; cv2 does not read those of its first versions."""
+    """fx of a camera matrix in an OpenCV file. cv2 cannot read files of its first versions."""
     after = file.read_text().partition(f"{matrix}:")[2].partition("data: [")[2]
     return float(after.split(",")[0])
 
@@ -190,13 +191,16 @@ def simulated_lens(j: Judge) -> Iterator[Row]:
         K = np.array(truth["K"])
         off = 100 * max(abs(lens["focal"][0] / K[0, 0] - 1), abs(lens["focal"][1] / K[1, 1] - 1))
         yield Row(f"{session.name} ({board})", "focal length", off, 0.5, "%", "truth")
-        # What the program says of itself must hold: three of its own standard deviations.
+        # The error must lie within three of the standard deviations that the program reports.
         allowed = 3 * lens["quality"]["projection_sigma"][1]
-        yield Row(f"{session.name} ({board})", "all of the lens", lens_error(lens, truth), allowed, "px, 95th percentile", "truth; 3σ of the program's own")
+        yield Row(f"{session.name} ({board})", "whole lens", lens_error(lens, truth), allowed, "px, 95th percentile", "truth; 3σ of the program's own")
 
 
 def lens_error(lens: dict, truth: dict) -> float:
-    """Where both lenses put the same directions, over the whole picture, less a turn of the camera."""
+    """Distance in pixels between the projections of the same rays by both lenses, 95th percentile over the picture.
+
+    The best rotation between the two cameras is taken out first.
+    """
     import cv2
     import numpy as np
     w, h = lens["image_size"]
@@ -208,7 +212,7 @@ def lens_error(lens: dict, truth: dict) -> float:
     true_K, true_k = np.array(truth["K"]), k(truth["lens_distortion"])
 
     def rays(K: np.ndarray, d: np.ndarray) -> np.ndarray:
-        """Directions of the pixels, z = 1, by fixed point (Brown 1966)."""
+        """Rays through the pixels, z = 1: inverse of Brown's distortion (1966) by fixed-point iteration."""
         seen = (pixels - K[:2, 2]) / K[[0, 1], [0, 1]]
         k1, k2, p1, p2, k3 = d
         found = seen
@@ -246,7 +250,7 @@ def pose(record: dict) -> tuple:
 
 
 def apart(found: dict, true: dict) -> tuple[float, float]:
-    """Millimetres and degrees between two poses."""
+    """Distance in millimetres and angle in degrees between two poses."""
     import numpy as np
     (R, t), (S, u) = pose(found), pose(true)
     turn = math.degrees(math.acos(min(1.0, max(-1.0, (np.trace(R.T @ S) - 1) / 2))))
@@ -258,7 +262,7 @@ def truth_of(session: Path) -> dict:
 
 
 def waved(j: Judge) -> Iterator[Row]:
-    """Straight space: mounting, latency, and the whole rig checked with what was found."""
+    """Mounting and latency of a rig, then `verify` of the whole rig with the values found."""
     for session in simulated(j, "waved"):
         truth, work = truth_of(session)["tracker"], j.folder(session.name)
         mcap = j.imported(work, session)
@@ -273,19 +277,19 @@ def waved(j: Judge) -> Iterator[Row]:
             for key, true, name in (("sensor_from_scene_camera", "T_sensor_cam", "camera on sensor"),
                                     ("world_from_transmitter", "T_world_source", "transmitter in world")):
                 mm, degrees = apart(tracker[key], truth[true])
-                yield Row(session.name, f"{name}, place", mm, 1.0, "mm", "truth")
-                yield Row(session.name, f"{name}, direction", degrees, 0.1, "degrees", "truth")
+                yield Row(session.name, f"{name}, position", mm, 1.0, "mm", "truth")
+                yield Row(session.name, f"{name}, rotation", degrees, 0.1, "degrees", "truth")
         whole = work / "whole.mcap"
         j.run(work, "import", work / "rig", whole, "--force")
         check = j.calibrate(work, "verify", "check.json", "--session", whole)
-        bent = ", the tracker's space bent" if metal else ""
+        bent = ", distorted tracker field" if metal else ""
         yield Row(session.name, f"markers by the tracker alone{bent}", check["reprojection_px"], 1.0, "px RMS", "markers")
         latency = without_markers(j, work)
         yield Row(session.name, f"latency by {latency['by']}, mounting known", 1e3 * abs(latency["seconds"] - truth["latency_s"]), 2.0, "ms", "truth")
 
 
 def without_markers(j: Judge, work: Path) -> dict:
-    """The latency once more, by the mounting that was found, nothing known of the tags."""
+    """The latency once more, from the mounting that was found and without the tags."""
     rig = work / "unmarked"
     shutil.copytree(work / "rig", rig)
     (rig / "calibration/latency.json").unlink()
@@ -297,14 +301,14 @@ def without_markers(j: Judge, work: Path) -> dict:
 
 
 def true_poses(session: Path):
-    """camera_truth.csv as a function of capture time, nanoseconds -> (rotation, position)."""
+    """The camera's true pose from camera_truth.csv, as a function of the capture time in nanoseconds."""
     import numpy as np
     table = np.loadtxt(session / "camera_truth.csv", delimiter=",", skiprows=1)
     times, places, turns = table[:, 0], table[:, 1:4], table[:, 4:8]
     turns = turns * np.where(np.cumprod(np.r_[1, np.sign((turns[1:] * turns[:-1]).sum(1))]) < 0, -1, 1)[:, None]
 
     def at(ns: float) -> tuple:
-        # Readings are 8 ms apart: the line between two is off by less than a hundredth of a millimetre.
+        # Readings are 8 ms apart, so linear interpolation is off by less than 0.01 mm.
         q = np.array([np.interp(ns, times, turns[:, k]) for k in range(4)])
         place = np.array([np.interp(ns, times, places[:, k]) for k in range(3)])
         return pose({"quaternion_wxyz": q / np.linalg.norm(q), "position": place})
@@ -313,7 +317,7 @@ def true_poses(session: Path):
 
 
 class Registered:
-    """A replay's poses beside the true ones, in the picture: corners of a box about the object, pixels."""
+    """Errors in pixels of a replay's poses: distances between a box's corners projected by found and by true pose."""
 
     def __init__(self, j: Judge, work: Path, whole: Path, how: str, scene_camera: dict, box, at: Callable, predict: str = "picture") -> None:
         import csv
@@ -343,7 +347,7 @@ class Registered:
         return float(np.sqrt(np.mean([self.off(row, "", float(row["captured_ns"])) ** 2 for row in self.rows])))
 
     def as_seen(self, what: str, how: str, until: float) -> Iterator[Row]:
-        """The object where it is when the picture is seen; `until` is the last instant that the truth tells."""
+        """Errors at the instant of display; `until` is the last instant for which the truth is known, in nanoseconds."""
         import numpy as np
         rows = [row for row in self.rows if row["shown_x"] and row["shown_sigma_px"] and float(row["shown_ns"]) <= until]
         rms = lambda x: float(np.sqrt(np.mean(np.square(x))))
@@ -351,17 +355,17 @@ class Registered:
         behind = rms([self.off(row, "", float(row["shown_ns"])) for row in rows])
         told = rms([float(row["shown_sigma_px"]) for row in rows]) * math.sqrt(2)
         ahead = 1e-6 * float(np.median([float(row["shown_ns"]) - float(row["captured_ns"]) for row in rows]))
-        yield Row(what, f"object by {how} as it is seen {ahead:.0f} ms later, {len(rows)} pictures", rms(shown), 0.5 * behind, "px RMS", f"truth; half of what it is off unpredicted ({behind:.2f})")
-        yield Row(what, "that error beside the one that is told", rms(shown) / told, 1.25, "times", f"truth ({told:.2f} px told)")
+        yield Row(what, f"object by {how}, displayed {ahead:.0f} ms later, {len(rows)} pictures", rms(shown), 0.5 * behind, "px RMS", f"truth; half the error without prediction ({behind:.2f})")
+        yield Row(what, "that error, relative to the reported one", rms(shown) / told, 1.25, "times", f"truth ({told:.2f} px reported)")
 
 
 def registration(j: Judge) -> Iterator[Row]:
-    """The composed object beside where the truth has it: corners of a box about it, in each picture."""
+    """Errors in pixels of the composited object's position, in each picture of a rig with true poses."""
     import numpy as np
     for session in simulated(j, "waved"):
         truth, whole = truth_of(session), j.a.out / session.name / "whole.mcap"
         if not whole.exists():
-            raise Skipped("no calibrated rigs; judge `tracker` before")
+            raise Skipped("no calibrated rigs; run the part `tracker` first")
         R, t = pose(truth["object"]["T_world_object"])
         box = np.array(BOX) @ R.T + t
         at = true_poses(session)
@@ -375,7 +379,7 @@ def registration(j: Judge) -> Iterator[Row]:
             yield from found.as_seen(session.name, how, np.inf)
 
 
-#: Rigs that the program draws itself, in seconds: what is asked of `simulate session` beyond its seed.
+#: Rigs that `penumbra simulate session` draws within seconds: seed -> further options.
 DRAWN = {
     1: [],
     2: ["--gaps", "0.03", "--jumps", "0.005", "--blur", "1.0"],
@@ -384,10 +388,10 @@ DRAWN = {
 
 
 def drawn(j: Judge) -> Iterator[Row]:
-    """Whole rigs that the program draws before tags: mounting, latency, and the object by all that was known."""
+    """Simulated rigs in front of tags: mounting, latency, then the object's position when all is known."""
     import numpy as np
     for seed, options in DRAWN.items():
-        what, work = " ".join([f"drawn rig {seed}", *options]), j.folder(f"drawn-{seed}")
+        what, work = " ".join([f"simulated rig {seed}", *options]), j.folder(f"drawn-{seed}")
         make = lambda name, *more: j.run(work, "simulate", "session", "--seed", seed, "--seconds", 12, *options, "--known-markers", *more, "--out", f"{name}.mcap", "--truth", f"{name}.json")
         make("blind")
         truth = json.loads((work / "blind.json").read_text())
@@ -398,8 +402,8 @@ def drawn(j: Judge) -> Iterator[Row]:
         for key, true, name in (("sensor_from_scene_camera", "T_sensor_cam", "camera on sensor"),
                                 ("world_from_transmitter", "T_world_source", "transmitter in world")):
             mm, degrees = apart(tracker[key], truth[true])
-            yield Row(what, f"{name}, place", mm, 1.0, "mm", "truth")
-            yield Row(what, f"{name}, direction", degrees, 0.1, "degrees", "truth")
+            yield Row(what, f"{name}, position", mm, 1.0, "mm", "truth")
+            yield Row(what, f"{name}, rotation", degrees, 0.1, "degrees", "truth")
         if "slow" not in options:
             j.run(work, "simulate", "session", "--seed", seed, "--seconds", 20, *options, "--out", "unmarked.mcap", "--truth", "unmarked.json")
             latency = j.calibrate(work, "latency", "unmarked-latency.json", "--session", "unmarked.mcap")["tracker_minus_scene"]
@@ -414,12 +418,12 @@ def drawn(j: Judge) -> Iterator[Row]:
             yield from found.as_seen(what, how, times[-1])
 
 
-#: Corners of what an object would fill, world, metres.
+#: Corners of a box about the object, in metres.
 BOX = [[x, y, z] for x in (-0.07, 0.07) for y in (-0.07, 0.07) for z in (0, 0.11)]
 
 
 def drawn_poses(truth: dict) -> Callable:
-    """The truth of a drawn rig as a function of time: a cubic through four pictures' poses."""
+    """The true pose of a simulated rig as a function of time: a cubic through the poses of four pictures."""
     import numpy as np
     frames = [(f["capture_ns"], *pose(f["T_world_cam"])) for f in truth["frames"]]
     times = np.array([f[0] for f in frames], float)
@@ -452,33 +456,33 @@ def tag_map(j: Judge) -> Iterator[Row]:
         R0, t0 = pose(true[0]["T_world_marker"])
         F0, f0 = pose(found[0])
         for id, marker in true.items():
-            # One that stands behind the box, as seen from all sides that there are.
+            # The box hides this tag in every picture.
             if id not in found:
                 continue
             (R, t), (F, f) = pose(marker["T_world_marker"]), pose(found[id])
             turn = (R0.T @ R).T @ (F0.T @ F)
             worst[0] = max(worst[0], 1e3 * float(np.linalg.norm(R0.T @ (t - t0) - F0.T @ (f - f0))))
             worst[1] = max(worst[1], math.degrees(math.acos(min(1.0, (np.trace(turn) - 1) / 2))))
-        yield Row(f"{session.name}, {len(found)} of {len(true)} tags", "map, worst place", worst[0], 1.0, "mm", "truth")
-        yield Row(f"{session.name}, {len(found)} of {len(true)} tags", "map, worst direction", worst[1], 0.5, "degrees", "truth")
+        yield Row(f"{session.name}, {len(found)} of {len(true)} tags", "map, worst position", worst[0], 1.0, "mm", "truth")
+        yield Row(f"{session.name}, {len(found)} of {len(true)} tags", "map, worst rotation", worst[1], 0.5, "degrees", "truth")
 
 
 def environment(j: Judge) -> Iterator[Row]:
-    """An environment camera that rig.json has five degrees off, by the tags that it sees."""
+    """The environment camera's pose, found from the tags that it sees; rig.json has it five degrees off."""
     for session in simulated(j, "fisheye"):
         work = j.folder(session.name)
         mcap = j.imported(work, session)
         found = j.calibrate(work, "environment", "environment.json", "--session", mcap)
         mm, degrees = apart(found["T_world_cam"], truth_of(session)["environment_camera"]["T_world_cam"])
-        yield Row(session.name, f"environment camera's direction by {found['by']}", degrees, 0.5, "degrees", "truth")
-        yield Row(session.name, f"its place by {found['by']}", mm, 10.0, "mm", "truth")
+        yield Row(session.name, f"environment camera's rotation by {found['by']}", degrees, 0.5, "degrees", "truth")
+        yield Row(session.name, f"its position by {found['by']}", mm, 10.0, "mm", "truth")
 
 
 # ----------------------------------------------------------------------------- tags
 
 
 def tags_of(j: Judge, name: str, files: list[Path], family: str) -> dict[tuple[str, str], list]:
-    """(picture, number) -> the tags found: corners clockwise from the top left."""
+    """(picture, tag number) -> the tags found, each as its corners clockwise from the top left."""
     import csv
     work = j.folder(name)
     j.run(work, "calibrate", "tags", "--pictures", linked(work, files), "--family", family, "--out", "tags.csv")
@@ -490,7 +494,7 @@ def tags_of(j: Judge, name: str, files: list[Path], family: str) -> dict[tuple[s
 
 
 def aruco(j: Judge) -> Iterator[Row]:
-    """OpenCV's own test pictures: all that it expects is found, and corners lie nearer to their board's plane than its own."""
+    """OpenCV's test pictures: every expected marker must be found, and corners must fit their board's plane better than OpenCV's."""
     import cv2
     import numpy as np
     file = j.data("calibration/aruco_photos/expected_corners.json")
@@ -522,12 +526,12 @@ def aruco(j: Judge) -> Iterator[Row]:
     yield Row(name, "corners off their board's plane", off_plane(found[name]), min(theirs), "px RMS", "the best of OpenCV's four refinements")
 
 
-#: Of the tags that its authors expect, what their library (C 3.2) itself does not find.
+#: Expected tags that the AprilTag library (C 3.2) does not find itself: picture -> number of tags.
 LIBRARY_MISSES = {"34085369442_304b6bafd9_c": 2}
 
 
 def apriltags(j: Judge) -> Iterator[Row]:
-    """Photographs full of small tags, and what the AprilTag library's authors expect in them."""
+    """Photographs with many small tags, and the tags that the authors of the AprilTag library expect in them."""
     import re
     import numpy as np
     folder = j.data("calibration/apriltag_nasa")
@@ -538,13 +542,13 @@ def apriltags(j: Judge) -> Iterator[Row]:
         missing, off = 0, []
         for line in lines:
             numbers = [float(n) for n in re.findall(r"[-\d.]+", line)]
-            # Their pixels begin at 0, ours have their middle there.
+            # In their coordinates the centre of the top-left pixel is (0.5, 0.5), in ours (0, 0).
             corners = np.array(numbers[1:9]).reshape(4, 2) - 0.5
             near = [c for c in there.get(str(int(numbers[0])), []) if np.linalg.norm(c.mean(0) - corners.mean(0)) < 4]
             if not near:
                 missing += 1
                 continue
-            # They name the corners from another one on, and the other way round.
+            # They start at another corner and go round in the other direction.
             ways = [np.roll(way, k, 0) for way in (near[0], near[0][::-1]) for k in range(4)]
             off += list(min((np.linalg.norm(way - corners, axis=1) for way in ways), key=np.sum))
         what = f"{file.name}, {len(lines)} tags"
@@ -554,7 +558,7 @@ def apriltags(j: Judge) -> Iterator[Row]:
 
 
 def grids(j: Judge) -> Iterator[Row]:
-    """Kalibr's boards as two published data sets photographed them."""
+    """Photographs of Kalibr's boards from two published data sets."""
     for name, path in (("EuRoC", "calibration/aprilgrid/EuRoC.png"), ("TUM VI, fisheye", "probes-fisheye/fisheye/tumvi_aprilgrid/TUM_VI.png")):
         found = tags_of(j, f"tags-{name.split(',')[0].replace(' ', '')}", [j.data(path)], "kalibr36h11")
         on_board = {number for _, number in found if int(number) < 36}
@@ -564,12 +568,12 @@ def grids(j: Judge) -> Iterator[Row]:
 # ----------------------------------------------------------------------------- colour
 
 
-#: Linear gains that a photograph gets, as if another camera had taken it.
+#: Linear gains of the copies, as if another camera had taken them.
 OTHER_CAMERA = (0.62, 0.8, 0.95)
 
 
 def charts(j: Judge) -> Iterator[Row]:
-    """Photographs of ColorCheckers, and the same in another white point: the gains back are known."""
+    """Photographs of ColorCheckers, and copies with known gains, which the white balance must find."""
     import cv2
     import numpy as np
     folder = j.data("colorchecker")
@@ -623,12 +627,13 @@ def table(rows: list[Row]) -> str:
 
 def options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data", type=Path, default=ROOT / "../shared/data", help="pictures and calibrations of others")
+    parser.add_argument("--data", type=Path, default=ROOT / "../shared/data", help="published pictures and calibrations")
     parser.add_argument("--truth", type=Path, default=ROOT / "../shared/truth", help="path-traced rigs")
     parser.add_argument("--simulated", type=Path, help="folder of rigs of tests/rigsim_calibration.py")
-    parser.add_argument("--only", help=f"of {', '.join(TASKS)}; comma-separated")
+    parser.add_argument("--only", help=f"parts, comma-separated: {', '.join(TASKS)}")
     parser.add_argument("--penumbra", type=Path, help="the program (default: the release build)")
-    parser.add_argument("--write", action="store_true", help="put the table into ARCHITECTURE.md")
+    parser.add_argument("--write", nargs="?", type=Path, const=RESULTS / "calibration.md", metavar="FILE",
+                        help="put the table into a document, between its comments calibration:begin and calibration:end (default: %(const)s)")
     parser.add_argument("--out", type=Path, default=TARGET / "calibration", help="files of the runs, table.md")
     a = parser.parse_args()
     a.data, a.truth, a.out = a.data.resolve(), a.truth.resolve(), a.out.resolve()
@@ -668,7 +673,11 @@ def main() -> int:
     print(text)
     missed = sum(not r.passed for r in rows)
     if a.write and not failed:
-        write_between(ROOT / "ARCHITECTURE.md", "calibration", text)
+        try:
+            write_between(a.write, "calibration", text)
+        except (OSError, ValueError) as error:
+            print(error, file=sys.stderr)
+            return 2
     print(f"\n{len(rows)} figures, {missed} miss their bar, {failed} runs failed; {a.out / 'table.md'}")
     return 2 if failed or not rows else 1 if missed else 0
 

@@ -1,0 +1,255 @@
+#!/usr/bin/env python3
+"""Tests of the judge (judge.py, colour.py) and of what surrounds it (fidelity.py, rigs.py, tables.py).
+
+    tests/judge_test.py [-v]
+
+The comparison with ../shared/truth/compare.py, an independent judge, says SKIPPED where that is missing.
+"""
+from __future__ import annotations
+
+import argparse
+import csv
+import math
+import subprocess
+import sys
+import tempfile
+import unittest
+from pathlib import Path
+
+import fidelity
+from python_env import ROOT, Unavailable, python_with, run_with
+
+try:
+    run_with(fidelity.PACKAGES, fidelity.REQUIREMENTS)
+except Unavailable as error:
+    sys.exit(f"judge_test: {error}")
+
+import numpy as np  # noqa: E402
+from PIL import Image  # noqa: E402
+
+import colour  # noqa: E402
+import judge  # noqa: E402
+import rigs  # noqa: E402
+import tables  # noqa: E402
+
+PAIRS = ROOT / "tests/fixtures/ciede2000/pairs.csv"
+SHARED = ROOT / "../shared"
+COMPARE_PACKAGES = ["numpy", "scipy", "PIL", "skimage"]
+COMPARE_REQUIREMENTS = ROOT / "tests/requirements-compare.txt"
+
+
+class Scratch(unittest.TestCase):
+    """A test with a folder of its own."""
+
+    def setUp(self) -> None:
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.folder = Path(folder.name)
+
+
+class Colour(unittest.TestCase):
+    def test_ciede2000_gives_the_published_differences(self) -> None:
+        table = np.loadtxt(PAIRS, delimiter=",", skiprows=1)
+        self.assertEqual(len(table), 34)
+        for first, second in ((table[:, :3], table[:, 3:6]), (table[:, 3:6], table[:, :3])):
+            np.testing.assert_allclose(colour.ciede2000(first, second), table[:, 6], atol=5e-5)
+
+    def test_lab_of_white_and_of_the_primaries(self) -> None:
+        lab = colour.lab_from_srgb(np.array([[1, 1, 1], [0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]))
+        known = np.array([[100, 0, 0], [0, 0, 0], [53.24, 80.09, 67.20], [87.73, -86.18, 83.18], [32.30, 79.19, -107.86]])
+        np.testing.assert_allclose(lab, known, atol=0.02)
+
+    def test_srgb_and_linear_are_inverse(self) -> None:
+        codes = np.arange(256) / 255
+        np.testing.assert_allclose(colour.srgb_from_linear(colour.linear_from_srgb(codes)), codes, atol=1e-12)
+
+
+class Figures(Scratch):
+    """A grey ground, an object of 10 by 10 pixels, beside it a shadow of 20 by 20 pixels."""
+
+    OBJECT, SHADOW = np.s_[5:15, 5:15], np.s_[30:50, 30:50]
+
+    def setUp(self) -> None:
+        super().setUp()
+        for name in ("truth", "masks", "pictures"):
+            (self.folder / name).mkdir()
+        self.without = np.full((64, 64, 3), 200, np.uint8)
+        self.with_object = self.without.copy()
+        self.with_object[self.SHADOW] = 100
+        self.with_object[self.OBJECT] = (180, 40, 30)
+        coverage = np.zeros((64, 64), np.uint8)
+        coverage[self.OBJECT] = 255
+        self.save("truth/with_00007.png", self.with_object)
+        self.save("truth/without_00007.png", self.without)
+        self.save("masks/object_00007.png", coverage)
+        self.save("masks/labels_without_00007.png", np.full((64, 64), 1, np.uint8))
+
+    def save(self, name: str, pixels: np.ndarray) -> None:
+        Image.fromarray(pixels).save(self.folder / name)
+
+    def judged(self, picture: np.ndarray) -> dict[str, float]:
+        self.save("pictures/out_00007.png", picture)
+        return judge.judge_pictures(self.folder, self.folder / "pictures")
+
+    def test_regions(self) -> None:
+        truth = judge.load_truth(self.folder, 7)
+        self.assertEqual((truth.shadow.sum(), truth.object.sum(), truth.lit.sum()), (400, 100, 0))
+        self.assertEqual(truth.changed.sum(), 24 * 24 + 14 * 14)
+        self.save("masks/labels_without_00007.png", np.full((64, 64), 200, np.uint8))
+        self.assertEqual(judge.load_truth(self.folder, 7).shadow.sum(), 0)
+
+    def test_the_truth_itself_has_no_error(self) -> None:
+        self.assertEqual(set(self.judged(self.with_object).values()), {0.0})
+
+    def test_a_missing_shadow_is_counted_whole(self) -> None:
+        found = self.judged(self.without)
+        dark, bright = colour.linear_from_srgb(np.array([100, 200]) / 255)
+        for column in ("s_err", "s_bias", "s_core"):
+            self.assertAlmostEqual(found[column], 1 - dark / bright)
+        self.assertAlmostEqual(found["rmse_shadow"], 100)
+        self.assertAlmostEqual(found["bad"], 100 * (400 + 100) / (24 * 24 + 14 * 14))
+
+    def test_too_dark_a_shadow_has_a_negative_bias(self) -> None:
+        picture = self.with_object.copy()
+        picture[self.SHADOW] = 90
+        self.assertLess(self.judged(picture)["s_bias"], -0.01)
+
+    def test_light_that_is_missing_is_an_error(self) -> None:
+        self.with_object[self.SHADOW] = 230
+        self.save("truth/with_00007.png", self.with_object)
+        found = self.judged(self.without)
+        base, lit = colour.linear_from_srgb(np.array([200, 230]) / 255)
+        self.assertAlmostEqual(found["l_err"], lit / base - 1)
+        self.assertNotIn("s_err", found)
+
+    def test_overall_takes_the_mean_square_of_rmse_and_the_mean_of_the_rest(self) -> None:
+        found = judge.overall([{"rmse_shadow": 3.0, "dE": 1.0}, {"rmse_shadow": 4.0}])
+        self.assertEqual(found, {"rmse_shadow": math.sqrt(12.5), "dE": 1.0})
+
+    def test_a_missing_picture_is_refused(self) -> None:
+        with self.assertRaisesRegex(judge.Unjudged, "frame 7 is missing"):
+            judge.judge_pictures(self.folder, self.folder / "pictures")
+
+    def test_a_picture_of_another_size_is_refused(self) -> None:
+        with self.assertRaisesRegex(judge.Unjudged, "32x16 pixels; the truth has 64x64"):
+            self.judged(np.zeros((16, 32, 3), np.uint8))
+
+
+class Bundled(Scratch):
+    def test_the_truth_belongs_to_the_sessions(self) -> None:
+        """The camera's pictures beside the truth stand, byte for byte, in the session."""
+        for rig in rigs.bundled():
+            session = rig.recording.read_bytes()
+            for frame in judge.frame_numbers(rig.truth):
+                self.assertIn((rig.truth / f"scene/{frame:05d}.jpg").read_bytes(), session, f"{rig.name}, frame {frame}")
+
+    def test_noise_costs_far_less_than_no_shadow(self) -> None:
+        for rig in rigs.bundled():
+            rows = judge.judge_baselines(rig.truth)
+            for column, share in (("s_err", 0.1), ("dE", 0.25), ("bad", 0.01)):
+                self.assertLess(rows["truth_jpg"][column], share * rows["without"][column], f"{rig.name}: {column}")
+
+    def test_without_other_rigs_the_bundled_ones_are_judged_and_the_others_named(self) -> None:
+        found, missing = fidelity.chosen_rigs(argparse.Namespace(truth=self.folder, sessions=None, every=4))
+        self.assertEqual([(rig.name, rig.every) for rig in found], [("courtyard.mcap", 1), ("desk.mcap", 1)])
+        self.assertEqual(missing, ["courtyard", "desk", "desk-lamp", "desk-marker", "desk-sphere"])
+
+    def test_a_blind_view_lacks_the_truth(self) -> None:
+        for name in ("truth/with_00000.png", "masks/object_00000.png", "scene/00000.jpg", "truth_rig.json", "rig.json"):
+            file = self.folder / "rig" / name
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text("")
+        view = rigs.blind_view(self.folder / "rig", self.folder / "view")
+        self.assertEqual(sorted(p.name for p in view.rglob("*") if p.is_file()), ["00000.jpg", "rig.json"])
+
+
+class Bars(unittest.TestCase):
+    WITHOUT = {"s_err": 0.3, "dE": 10.0}
+    GOOD = {"s_err": 0.09, "s_bias": -0.01, "dE": 4.0, "dE_object": 4.0}
+
+    def reached(self, gains: list[float] | None = None, name: str = "desk", **worse: float) -> bool:
+        return fidelity.bars_table([fidelity.Result(name, {"dome": self.GOOD | worse, "without": self.WITHOUT}, gains)])[1]
+
+    def test_each_bar_can_be_missed(self) -> None:
+        self.assertTrue(self.reached([1.0, 0.0, -2.0]))
+        self.assertFalse(self.reached([0.0, 0.0, -3.1]))
+        for column, worse in (("s_err", 0.11), ("s_bias", -0.02), ("s_bias", 0.02), ("dE", 4.6), ("dE_object", 5.1)):
+            self.assertFalse(self.reached(**{column: worse}), column)
+
+    def test_virtual_lamps_have_bars_of_their_own(self) -> None:
+        self.assertTrue(self.reached(name="desk-lamp", l_err=0.07, dE_lit=2.0))
+        for figures in ({"l_err": 0.09, "dE_lit": 2.0}, {"l_err": 0.07, "dE_lit": 3.1}, {}):
+            self.assertFalse(self.reached(name="desk-lamp", **figures), figures)
+
+
+class Tables(Scratch):
+    def test_only_what_stands_between_the_marks_changes(self) -> None:
+        page = self.folder / "page.md"
+        page.write_text("a\n<!-- t:begin -->\nold\n<!-- t:end -->\nb\n")
+        tables.write_between(page, "t", "new")
+        self.assertEqual(page.read_text(), "a\n<!-- t:begin -->\nnew\n<!-- t:end -->\nb\n")
+        with self.assertRaisesRegex(ValueError, "u:begin"):
+            tables.write_between(page, "u", "new")
+
+    def test_the_pages_of_results_have_their_marks(self) -> None:
+        for mark in ("fidelity", "bench", "calibration"):
+            page = (tables.RESULTS / f"{mark}.md").read_text()
+            self.assertLess(page.index(f"<!-- {mark}:begin -->"), page.index(f"<!-- {mark}:end -->"))
+
+
+class Agreement(Scratch):
+    """Both judges give the same figures, to the digits of the table."""
+
+    def setUp(self) -> None:
+        super().setUp()
+        self.compare = SHARED / "truth/compare.py"
+        if not self.compare.exists():
+            self.skipTest(f"{self.compare} is missing")
+        try:
+            self.python = python_with(COMPARE_PACKAGES, COMPARE_REQUIREMENTS)
+        except Unavailable as error:
+            self.skipTest(str(error))
+
+    def test_with_the_independent_judge(self) -> None:
+        names = ("truth/*/truth", "rigs/desk-depth/truth")
+        for rig in sorted(found.parent for name in names for found in SHARED.glob(name)):
+            with self.subTest(rig=rig.name):
+                every = -(-len(judge.frame_numbers(rig)) // 2)
+                pictures = self.imperfect(rig, every)
+                ours = {"composite": judge.judge_pictures(rig, pictures, every), **judge.judge_baselines(rig, every)}
+                theirs = self.theirs(rig, pictures, every)
+                for row in ours:
+                    for column, _, digits in fidelity.COLUMNS:
+                        if column in theirs[row] or column in ours[row]:
+                            self.assertAlmostEqual(ours[row][column], theirs[row][column], delta=0.5 * 0.1**digits, msg=f"{row} {column}")
+
+    def imperfect(self, rig: Path, every: int) -> Path:
+        """Pictures with some error in every region: the truth with a weak shadow, another tint and noise."""
+        folder, random = self.folder / rig.name, np.random.default_rng(1)
+        folder.mkdir()
+        for frame in judge.frame_numbers(rig, every):
+            truth = judge.load_truth(rig, frame)
+            picture = 0.7 * truth.with_object + 0.3 * truth.without * (1.0, 0.95, 0.9) + random.normal(0, 0.01, truth.without.shape)
+            Image.fromarray(np.clip(255 * picture, 0, 255).round().astype(np.uint8)).save(folder / f"{frame:05d}.png")
+        return folder
+
+    def theirs(self, rig: Path, pictures: Path, every: int) -> dict[str, dict[str, float]]:
+        """The other judge's figures, by row and column."""
+        table = self.folder / "theirs.csv"
+        subprocess.run([self.python, str(self.compare), str(rig), "--composites", str(pictures), "--every", str(every),
+                        "--baseline-every", "1", "--no-flip", "--csv", str(table)], check=True, stdout=subprocess.DEVNULL)
+        rows: dict[str, list[dict[str, float]]] = {}
+        with table.open(newline="") as source:
+            for line in csv.DictReader(source):
+                rows.setdefault(line["image"], []).append({c: float(line[c]) for c in judge.FIGURES if line[c]})
+        return {name: judge.overall(each) for name, each in rows.items()}
+
+
+class Result(unittest.TextTestResult):
+    def addSkip(self, test: unittest.TestCase, reason: str) -> None:
+        super().addSkip(test, reason)
+        print(f"SKIPPED {test.id().removeprefix('__main__.')}: {reason}")
+
+
+if __name__ == "__main__":
+    unittest.main(testRunner=unittest.TextTestRunner(resultclass=Result))
