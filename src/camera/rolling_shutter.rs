@@ -11,9 +11,9 @@ const ROUNDS: usize = 4;
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RollingShutter {
     /// Rotation vector from one row to the next, the camera's axes, radians.
-    pub turn_per_row: DVec3,
+    pub rotation_per_row: DVec3,
     /// Way from one row to the next, the camera's axes, metres.
-    pub shift_per_row: DVec3,
+    pub translation_per_row: DVec3,
 }
 
 impl RollingShutter {
@@ -35,8 +35,8 @@ impl RollingShutter {
         let turn = if turn.w < 0.0 { -turn } else { turn };
         let way = before.rotation.inverse() * (after.translation - before.translation);
         Some(Self {
-            turn_per_row: turn.to_scaled_axis() * share,
-            shift_per_row: way * share,
+            rotation_per_row: turn.to_scaled_axis() * share,
+            translation_per_row: way * share,
         })
     }
 
@@ -54,7 +54,7 @@ impl RollingShutter {
         let mut pixel = camera.project(point_in_camera)?;
         for _ in 0..ROUNDS {
             let rows = pixel.y.clamp(-last, 2.0 * last) - Self::middle_row(camera);
-            let way = self.shift_per_row + self.turn_per_row.cross(point_in_camera);
+            let way = self.translation_per_row + self.rotation_per_row.cross(point_in_camera);
             pixel = camera.project(point_in_camera - way * rows)?;
         }
         Some(pixel)

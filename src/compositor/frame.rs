@@ -352,7 +352,7 @@ impl Compositor {
         };
         let own = self.own_camera(camera);
         let rows = f64::from(own.height);
-        let way = rolling.turn_per_row.length() + rolling.shift_per_row.length();
+        let way = rolling.rotation_per_row.length() + rolling.translation_per_row.length();
         2.0 * camera.focal.max_element() * rows * way
     }
 

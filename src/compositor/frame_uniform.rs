@@ -17,8 +17,8 @@ impl Compositor {
         };
         let middle = RollingShutter::middle_row(self.own_camera(camera));
         [
-            rolling.turn_per_row.extend(middle),
-            rolling.shift_per_row.extend(0.0),
+            rolling.rotation_per_row.extend(middle),
+            rolling.translation_per_row.extend(0.0),
         ]
         .map(|row| row.as_vec4().to_array())
     }

@@ -7,18 +7,18 @@ const MOST_DAMPING: f64 = 1e12;
 
 /// Normal equations of a linearised least-squares problem.
 #[derive(Clone, Debug)]
-pub struct Normal {
+pub struct NormalEquations {
     /// Σ w jᵀ j.
     pub hessian: Matrix,
     /// Σ w jᵀ r.
     pub gradient: Vec<f64>,
-    /// Σ of what [`Normal::add`] was told a residual costs.
+    /// Σ of what [`NormalEquations::add`] was told a residual costs.
     pub cost: f64,
     /// Residuals counted.
     pub residuals: usize,
 }
 
-impl Normal {
+impl NormalEquations {
     /// Of so many unknowns, without residuals.
     #[must_use]
     pub fn new(unknowns: usize) -> Self {
@@ -56,7 +56,7 @@ pub struct Minimum<S> {
     /// The unknowns.
     pub state: S,
     /// The problem linearised there.
-    pub normal: Normal,
+    pub normal: NormalEquations,
 }
 
 /// Minimises the cost that `linearise` finds at a state, by steps of `unknowns` numbers that
@@ -65,7 +65,7 @@ pub struct Minimum<S> {
 pub fn minimise<S: Clone>(
     start: S,
     iterations: usize,
-    linearise: impl Fn(&S) -> Option<Normal>,
+    linearise: impl Fn(&S) -> Option<NormalEquations>,
     apply: impl Fn(&S, &[f64]) -> S,
 ) -> Option<Minimum<S>> {
     let mut normal = linearise(&start)?;
@@ -106,7 +106,7 @@ mod tests {
             [-1.2, 1.0],
             200,
             |x: &[f64; 2]| {
-                let mut normal = Normal::new(2);
+                let mut normal = NormalEquations::new(2);
                 normal.add(1.0 - x[0], &[-1.0, 0.0], 1.0);
                 normal.add(10.0 * (x[1] - x[0] * x[0]), &[-20.0 * x[0], 10.0], 1.0);
                 Some(normal)

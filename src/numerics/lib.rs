@@ -9,7 +9,7 @@ mod random;
 mod statistics;
 
 pub use eigen::{null_vector, symmetric_eigen};
-pub use levenberg_marquardt::{Minimum, Normal, minimise};
+pub use levenberg_marquardt::{Minimum, NormalEquations, minimise};
 pub use matrix::{Cholesky, Matrix};
 pub use random::Random;
 pub use statistics::{median, median_absolute, root_mean_square};

@@ -11,7 +11,7 @@ use super::rays::tukey;
 use crate::environment_camera_calibration::light_directions::LEAST_COSINE;
 use glam::{DQuat, DVec2, DVec3};
 use penumbra_camera::PinholeCamera;
-use penumbra_numerics::{Normal, median_absolute, minimise};
+use penumbra_numerics::{NormalEquations, median_absolute, minimise};
 
 /// Samples of a light that are foretold.
 const MOST_SAMPLES: usize = 150;
@@ -80,7 +80,7 @@ pub(super) fn mirror_turn(
         let offs = seen.iter().filter_map(|s| off(turn, s)).map(DVec2::length);
         let spread = (1.2 * median_absolute(offs)).max(0.05);
         let linearise = |t: &DQuat| {
-            let mut normal = Normal::new(3);
+            let mut normal = NormalEquations::new(3);
             for s in &seen {
                 let Some(r) = off(*t, s) else { continue };
                 let weight = tukey(r.length() / (6.0 * spread));

@@ -4,7 +4,7 @@ use super::rays::tukey;
 use super::resection::{OUTLIER, Sight, Target, Unknowns, off, place_of};
 use glam::{DQuat, DVec3};
 use penumbra_interface::RigidTransform;
-use penumbra_numerics::{Normal, median_absolute, minimise};
+use penumbra_numerics::{NormalEquations, median_absolute, minimise};
 
 /// Rows of a sight: how its two errors across the bearing change with the unknowns.
 fn rows(seen: &Sight, pose: &RigidTransform, unknowns: Unknowns) -> [(f64, Vec<f64>); 2] {
@@ -46,9 +46,9 @@ pub(super) fn linearise(
     pose: &RigidTransform,
     unknowns: Unknowns,
     scale: f64,
-) -> Normal {
+) -> NormalEquations {
     let n = if unknowns == Unknowns::Pose { 6 } else { 3 };
-    let mut normal = Normal::new(n);
+    let mut normal = NormalEquations::new(n);
     for s in seen {
         let x = off(s, pose) / (s.sigma * scale);
         let weight = tukey(x) / (s.sigma * s.sigma);

@@ -3,7 +3,7 @@
 use super::{HandEye, Mounting, PosePair, middle};
 use glam::{DMat3, DQuat, DVec3};
 use penumbra_interface::RigidTransform;
-use penumbra_numerics::{Matrix, Normal, minimise, root_mean_square};
+use penumbra_numerics::{Matrix, NormalEquations, minimise, root_mean_square};
 
 /// A pair departs when it is so many standard deviations off.
 const SIGMAS: f64 = 4.0;
@@ -77,8 +77,8 @@ fn linearise<'a>(
     m: &Mounting,
     turn: f64,
     shift: f64,
-) -> Normal {
-    let mut normal = Normal::new(12);
+) -> NormalEquations {
+    let mut normal = NormalEquations::new(12);
     let (weight_r, weight_p) = (turn.powi(-2), shift.powi(-2));
     let z = m.world_from_transmitter;
     for pair in pairs {

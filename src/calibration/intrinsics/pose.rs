@@ -5,7 +5,7 @@ use super::homography;
 use glam::{DQuat, DVec2, DVec3};
 use penumbra_camera::Lens;
 use penumbra_interface::RigidTransform;
-use penumbra_numerics::{Normal, minimise};
+use penumbra_numerics::{NormalEquations, minimise};
 
 /// Residuals beyond this many pixels count less than their square (Huber).
 const HUBER: f64 = 2.0;
@@ -33,8 +33,12 @@ pub(super) fn start(lens: &Lens, points: &[Correspondence]) -> Option<RigidTrans
     homography::pose(homography::from_rays(&rays)?)
 }
 
-fn linearise(lens: &Lens, points: &[Correspondence], pose: RigidTransform) -> Option<Normal> {
-    let mut normal = Normal::new(6);
+fn linearise(
+    lens: &Lens,
+    points: &[Correspondence],
+    pose: RigidTransform,
+) -> Option<NormalEquations> {
+    let mut normal = NormalEquations::new(6);
     for c in points {
         let (error, by_pose) = residual(lens, c, pose)?;
         let weight = (HUBER / error.length().max(1e-12)).min(1.0);

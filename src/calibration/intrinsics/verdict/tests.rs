@@ -7,7 +7,7 @@ use crate::intrinsics::{Board, Light, NoEstimate, Options, View, estimate};
 use glam::{DQuat, DVec2, DVec3};
 use penumbra_camera::Lens;
 use penumbra_numerics::Random;
-use penumbra_numerics::{Normal, minimise};
+use penumbra_numerics::{NormalEquations, minimise};
 use penumbra_rig_model::Grade;
 
 const BOARD: Board = Board::Chess {
@@ -64,7 +64,7 @@ fn errors_but_for_a_turn(truth: &Lens, found: &Lens) -> Vec<Option<f64>> {
         DQuat::IDENTITY,
         20,
         |&turn| {
-            let mut normal = Normal::new(3);
+            let mut normal = NormalEquations::new(3);
             for cell in (0..48).filter(near) {
                 let (p, ray, seen) = error(turn, cell)?;
                 let by = crate::intrinsics::pose::by_pose(&p.by_point, ray);

@@ -1,7 +1,7 @@
 //! How true one camera's colours of a chart are.
 
 use glam::{DMat3, DVec3};
-use penumbra_numerics::Normal;
+use penumbra_numerics::NormalEquations;
 use penumbra_white_balance::chart::Patch;
 use penumbra_white_balance::colour::delta_e_linear;
 
@@ -74,7 +74,7 @@ fn ratio(pairs: impl Iterator<Item = (DVec3, DVec3)>, c: usize) -> f64 {
 fn matrix(pairs: impl Iterator<Item = (DVec3, DVec3)> + Clone, gains: DVec3) -> Option<DMat3> {
     let mut rows = [DVec3::ZERO; 3];
     for (c, slot) in rows.iter_mut().enumerate() {
-        let mut normal = Normal::new(3);
+        let mut normal = NormalEquations::new(3);
         for (m, r) in pairs.clone() {
             let weight = 1.0 / (r.length_squared() + 0.01);
             normal.add(-r[c], &(m * gains).to_array(), weight);

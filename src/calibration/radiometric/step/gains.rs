@@ -223,7 +223,7 @@ type Slope = ([f64; 3], f64, [f64; 3]);
 /// ln (measured / reference) = a + b column + c row of one channel by least squares; of the patches
 /// that are bright enough for stray light not to count.
 fn slope(patches: &[Patch], reference: &[DVec3; 24], c: usize) -> Option<Slope> {
-    let mut normal = penumbra_numerics::Normal::new(3);
+    let mut normal = penumbra_numerics::NormalEquations::new(3);
     let mut rows = Vec::new();
     for (i, patch) in patches.iter().enumerate() {
         let Some(reading) = patch.0[c].filter(|_| reference[i][c] > 0.08) else {
