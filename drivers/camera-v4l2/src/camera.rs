@@ -24,7 +24,7 @@ use std::time::Duration;
 pub(crate) const MULTIPLANAR: &str = "a multi-planar capture device (usually a camera without \
     its image processor); use it through libcamera's V4L2 compatibility layer";
 
-const NO_CAMERA: &str = "no camera (metadata, an output, a codec or another kind of device); \
+pub(crate) const NO_CAMERA: &str = "no camera (metadata, an output, a codec or another kind of device); \
     `penumbra devices` lists the cameras";
 
 /// Opens the camera that the settings name, locks its controls and starts its stream.
@@ -227,7 +227,7 @@ impl<V: Video> Camera for V4l2Camera<V> {
     }
 }
 
-fn refused(device: &str, reason: String) -> DeviceError {
+pub(crate) fn refused(device: &str, reason: String) -> DeviceError {
     DeviceError::Refused {
         device: device.to_owned(),
         reason,

@@ -6,13 +6,8 @@
 //! buffer loop, `contract` keeps the controls as the settings want them, `bracket` cycles
 //! exposures, `identity` finds a camera by a name that survives replugging.
 //!
-//! The kernel's structures are declared here instead of taken from the crates `v4l` or
-//! `v4l2r`: those need libclang on every machine that builds Penumbra, and `v4l`'s stream
-//! loses its place after a time-out. On systems without V4L2 this crate is empty.
+//! On systems without V4L2 this crate is empty.
 #![cfg(target_os = "linux")]
-
-#[cfg(not(target_pointer_width = "64"))]
-compile_error!("the kernel's structures are declared for 64-bit machines only");
 
 mod bracket;
 mod brightness;

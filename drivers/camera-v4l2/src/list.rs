@@ -4,8 +4,9 @@ use crate::contract::names;
 use crate::identity::{self, Place, Roots};
 use crate::kernel::Node;
 use crate::trouble;
-use crate::video::{ControlDescription, ControlKind, Controls, Modes};
+use crate::video::{ControlKind, Controls, Modes};
 use penumbra_interface::{CameraControl, CameraInfo};
+use v4l::control::Flags;
 
 /// All cameras of this machine. Opens each for a moment, which disturbs no stream. A
 /// camera that cannot be opened is listed with its `trouble`; device files that are no
@@ -83,14 +84,14 @@ const fn kind(kind: ControlKind) -> &'static str {
     }
 }
 
-fn flags(bits: u32) -> Vec<String> {
+fn flags(set: Flags) -> Vec<String> {
     let named = [
-        (ControlDescription::INACTIVE, "inactive"),
-        (ControlDescription::READ_ONLY, "read-only"),
-        (ControlDescription::WRITE_ONLY, "write-only"),
-        (ControlDescription::GRABBED, "grabbed"),
-        (ControlDescription::VOLATILE, "volatile"),
+        (Flags::INACTIVE, "inactive"),
+        (Flags::READ_ONLY, "read-only"),
+        (Flags::WRITE_ONLY, "write-only"),
+        (Flags::GRABBED, "grabbed"),
+        (Flags::VOLATILE, "volatile"),
     ];
-    let set = named.iter().filter(|(bit, _)| bits & bit != 0);
-    set.map(|(_, name)| (*name).to_owned()).collect()
+    let named = named.iter().filter(|(flag, _)| set.contains(*flag));
+    named.map(|(_, name)| (*name).to_owned()).collect()
 }

@@ -2,11 +2,7 @@
 
 use crate::video::Filled;
 use penumbra_interface::{MonotonicTime, StampSource};
-
-const TIMESTAMP_MASK: u32 = 0xe000;
-const TIMESTAMP_MONOTONIC: u32 = 0x2000;
-const SOURCE_MASK: u32 = 0x7_0000;
-const SOURCE_START_OF_EXPOSURE: u32 = 0x1_0000;
+use v4l::buffer::Flags;
 
 /// No picture is older than this when it arrives: the stamp is of another clock then.
 const OLDEST_NANOS: i64 = 5_000_000_000;
@@ -52,12 +48,12 @@ impl Stamps {
     }
 }
 
-const fn meaning(flags: u32) -> StampSource {
-    if flags & TIMESTAMP_MASK != TIMESTAMP_MONOTONIC {
+fn meaning(flags: Flags) -> StampSource {
+    if flags & Flags::TIMESTAMP_MASK != Flags::TIMESTAMP_MONOTONIC {
         // Copied from elsewhere (v4l2loopback, codecs), or of an unknown clock.
         return StampSource::Arrival;
     }
-    if flags & SOURCE_MASK == SOURCE_START_OF_EXPOSURE {
+    if flags & Flags::TSTAMP_SRC_MASK == Flags::TSTAMP_SRC_SOE {
         StampSource::StartOfExposure
     } else {
         StampSource::EndOfFrame
@@ -104,7 +100,7 @@ mod tests {
         Filled {
             held: Held::received(0),
             used: 1,
-            flags,
+            flags: Flags::from(flags),
             sequence: 0,
             stamp: at(millis),
         }

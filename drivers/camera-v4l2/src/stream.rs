@@ -14,9 +14,8 @@ use penumbra_interface::{
 use rustix::io::{Errno, retry_on_intr};
 use std::sync::Arc;
 use std::time::Duration;
+use v4l::buffer::Flags;
 
-/// `V4L2_BUF_FLAG_ERROR`: the driver says that the picture is damaged.
-const FLAG_ERROR: u32 = 0x40;
 /// So many wake-ups in a row without a picture mean that the driver is broken, not slow;
 /// polling on would spin.
 const MAX_VAIN: u32 = 50;
@@ -225,8 +224,8 @@ impl<V: Video> Stream<V> {
         self.last_sign = self.clock.now();
         let (sequence, lost) = self.sequence.follow(filled.sequence);
         self.counters.lost += lost;
-        let is_whole =
-            filled.flags & FLAG_ERROR == 0 && filled.used > 0 && filled.used >= self.layout.least;
+        let flagged = filled.flags.contains(Flags::ERROR);
+        let is_whole = !flagged && filled.used > 0 && filled.used >= self.layout.least;
         let jpeg = match self.layout.format {
             PixelFormat::Jpeg if is_whole => self.find_jpeg(&filled).map(Some),
             _ => Some(None),

@@ -11,6 +11,7 @@ use std::collections::VecDeque;
 use std::sync::atomic::{AtomicI64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
+use v4l::{buffer, control};
 
 /// Time that only moves when told.
 #[derive(Clone, Debug, Default)]
@@ -34,21 +35,18 @@ pub struct Shot {
     pub data: Vec<u8>,
     /// What the driver says that it filled; the data's length unless it lies.
     pub used: usize,
-    pub flags: u32,
+    pub flags: buffer::Flags,
     pub sequence: u32,
     /// Nanoseconds before its arrival.
     pub age: i64,
 }
-
-/// Stamped at the start of the exposure on the monotonic clock.
-pub const SOE: u32 = 0x1_2000;
 
 impl Shot {
     pub fn new(sequence: u32, data: Vec<u8>) -> Self {
         Self {
             used: data.len(),
             data,
-            flags: SOE,
+            flags: buffer::Flags::TIMESTAMP_MONOTONIC | buffer::Flags::TSTAMP_SRC_SOE,
             sequence,
             age: 20_000_000,
         }
@@ -149,7 +147,7 @@ impl FakeVideo {
                 max,
                 step: 1,
                 default: min,
-                flags: 0,
+                flags: control::Flags::empty(),
             },
             value: min,
             owner: None,
@@ -257,7 +255,7 @@ impl Controls for FakeVideo {
             .collect()
     }
 
-    fn control_flags(&self, id: u32) -> Result<u32> {
+    fn control_flags(&self, id: u32) -> Result<control::Flags> {
         let state = self.lock();
         let found = state.controls.iter().find(|c| c.description.id == id);
         Ok(found.ok_or(Errno::INVAL)?.description.flags)

@@ -16,6 +16,8 @@ pub(crate) fn on_open(node: &Path, errno: Errno) -> DeviceError {
             device,
             group: group(node, Path::new("/etc/group")),
         },
+        // Not a video device, see `Node::open`.
+        Errno::NOTTY => crate::camera::refused(&device, crate::camera::NO_CAMERA.to_owned()),
         other => DeviceError::Broken {
             device,
             reason: format!("opening: {other}"),

@@ -4,6 +4,7 @@
 use penumbra_interface::{CameraFormat, MonotonicTime};
 use rustix::io::{Errno, Result};
 use std::time::Duration;
+use v4l::{buffer, control};
 
 /// What a wait ended with.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -42,8 +43,7 @@ pub(crate) struct Filled {
     pub held: Held,
     /// Bytes of the picture; the rest of the buffer is old.
     pub used: usize,
-    /// `V4L2_BUF_FLAG_*`.
-    pub flags: u32,
+    pub flags: buffer::Flags,
     /// The driver's counter, from 0 at the start of the stream.
     pub sequence: u32,
     /// The driver's stamp, whose clock `flags` tell.
@@ -75,17 +75,7 @@ pub(crate) struct ControlDescription {
     pub max: i64,
     pub step: i64,
     pub default: i64,
-    /// `V4L2_CTRL_FLAG_*`.
-    pub flags: u32,
-}
-
-impl ControlDescription {
-    pub(crate) const DISABLED: u32 = 0x1;
-    pub(crate) const GRABBED: u32 = 0x2;
-    pub(crate) const READ_ONLY: u32 = 0x4;
-    pub(crate) const INACTIVE: u32 = 0x10;
-    pub(crate) const WRITE_ONLY: u32 = 0x40;
-    pub(crate) const VOLATILE: u32 = 0x80;
+    pub flags: control::Flags,
 }
 
 /// Somebody changed a control.
@@ -122,7 +112,7 @@ pub(crate) struct Capabilities {
 pub(crate) trait Controls {
     fn describe_controls(&self) -> Vec<ControlDescription>;
     /// The flags of one control now.
-    fn control_flags(&self, id: u32) -> Result<u32>;
+    fn control_flags(&self, id: u32) -> Result<control::Flags>;
     fn control(&self, id: u32, kind: ControlKind) -> Result<i64>;
     fn set_control(&mut self, id: u32, kind: ControlKind, value: i64) -> Result<()>;
     /// Asks for an event whenever somebody else changes the control.

@@ -5,6 +5,7 @@ use crate::video::{ControlDescription, ControlKind, Controls, is_gone};
 use penumbra_interface::{ControlReport, ControlStanding};
 use rustix::io::{Errno, Result};
 use std::sync::Arc;
+use v4l::control::Flags;
 
 pub(super) struct Entry {
     /// As the settings spell it.
@@ -74,8 +75,8 @@ impl Entry {
         owner: Option<&str>,
     ) -> Result<ControlStanding> {
         // Some drivers take a value that they ignore, because an automatic mode is on.
-        let flags = passing(video.control_flags(control.id))?.unwrap_or(0);
-        if flags & ControlDescription::INACTIVE != 0 && owner.is_some() {
+        let flags = passing(video.control_flags(control.id))?.unwrap_or(Flags::empty());
+        if flags.contains(Flags::INACTIVE) && owner.is_some() {
             return Ok(ControlStanding::Refused(reason(
                 Errno::ACCESS,
                 control,
@@ -136,7 +137,7 @@ fn passing<T>(outcome: Result<T>) -> Result<Option<T>> {
 }
 
 fn read(video: &impl Controls, control: &ControlDescription) -> Result<Option<i64>> {
-    if control.flags & ControlDescription::WRITE_ONLY != 0 || control.kind == ControlKind::Other {
+    if control.flags.contains(Flags::WRITE_ONLY) || control.kind == ControlKind::Other {
         return Ok(None);
     }
     passing(video.control(control.id, control.kind))
@@ -160,7 +161,7 @@ fn write(video: &mut impl Controls, control: &ControlDescription, wanted: i64) -
 fn reason(error: Errno, control: &ControlDescription, owner: Option<&str>) -> String {
     let flags = control.flags;
     match (error, owner) {
-        _ if flags & ControlDescription::READ_ONLY != 0 => "it can only be read".to_owned(),
+        _ if flags.contains(Flags::READ_ONLY) => "it can only be read".to_owned(),
         (Errno::ACCESS | Errno::INVAL, Some(owner)) => owner.to_owned(),
         (Errno::ACCESS, None) => "an automatic mode owns it".to_owned(),
         (Errno::BUSY, _) => "the driver has it in use, or another program does".to_owned(),

@@ -2,9 +2,10 @@
 
 use super::*;
 use crate::testing::FakeVideo;
-use crate::video::{ControlDescription, ControlKind};
+use crate::video::ControlKind;
 use penumbra_interface::ControlStanding;
 use rustix::io::Errno;
+use v4l::control::Flags;
 
 const AUTO: u32 = 1;
 const TIME: u32 = 2;
@@ -125,7 +126,7 @@ fn a_driver_that_takes_and_ignores_is_found_out() {
     fake.edit(TIME, |c| {
         c.owner = None;
         c.deaf = true;
-        c.description.flags = ControlDescription::INACTIVE;
+        c.description.flags = Flags::INACTIVE;
     });
     let contract = applied(
         &fake,

@@ -1,68 +1,106 @@
-//! The kernel's interface. The only module with unsafe code: structures that the kernel
-//! fills in, and memory that it shares with us.
+//! An open video device of the kernel: the only module with unsafe code.
+//!
+//! It stands on the crate `v4l` where its calls are safe with every driver, and on its raw
+//! bindings elsewhere; each file says which and why. The buffer loop is our own: `Stream::next`
+//! of `v4l` 0.14 queues a buffer again that the kernel still owns after every time-out, hands
+//! out the whole buffer instead of the bytes used, and panics when a stream cannot be stopped.
 
-// The kernel is told addresses and writes there; no safe function does that.
+// The kernel is given addresses and writes to them, and shares memory with us. No safe
+// function does that.
 #![allow(unsafe_code)]
 
-mod abi;
-mod command;
 mod controls;
+mod formats;
+mod ioctl;
 mod mapping;
-mod modes;
 
 use crate::video::{Filled, Held, Ready, Video};
-use abi::{BUF_TYPE_VIDEO_CAPTURE, Buffer, MEMORY_MMAP, RequestBuffers};
-use bytemuck::Zeroable;
+use ioctl::{Argument, Command, retrying};
 use mapping::Mapping;
 use penumbra_interface::MonotonicTime;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use rustix::fd::OwnedFd;
-use rustix::fs::{Mode, OFlags, open};
-use rustix::io::{Errno, Result};
+use rustix::fd::BorrowedFd;
+use rustix::fs::{FileType, major, stat};
+use rustix::io::{Errno, FdFlags, Result, fcntl_setfd};
+use std::ffi::c_int;
 use std::path::Path;
 use std::time::Duration;
+use v4l::buffer::Flags;
+use v4l::{Device, v4l_sys as sys};
 
-/// A video device file that is open. Dropping it closes it, which stops a stream.
+/// The kind of buffers that this driver streams: pictures in one plane.
+const BUFFER_TYPE: u32 = sys::v4l2_buf_type_V4L2_BUF_TYPE_VIDEO_CAPTURE;
+/// The major number of video4linux devices (kernel, admin-guide/devices.txt).
+const VIDEO_MAJOR: u32 = 81;
+
+/// An open video device. Dropping it closes the device file, which stops its stream.
 pub(crate) struct Node {
-    fd: OwnedFd,
+    device: Device,
     buffers: Vec<Mapping>,
 }
 
 impl Node {
-    /// Opens a device file without waiting for it.
+    /// Opens a device file; its calls will not block.
+    ///
+    /// # Errors
+    /// [`Errno::NOTTY`] if the file is no video4linux device; it is then not opened.
     pub(crate) fn open(path: &Path) -> Result<Self> {
-        let flags = OFlags::RDWR | OFlags::NONBLOCK | OFlags::CLOEXEC;
-        let fd = rustix::io::retry_on_intr(|| open(path, flags, Mode::empty()))?;
-        Ok(Self {
-            fd,
+        // Opening another kind of device may have effects (a watchdog starts), and the crate
+        // `v4l` panics on paths with a zero byte and on files that cannot be closed without
+        // an error, which video4linux devices always can.
+        let file = stat(path)?;
+        let is_device = FileType::from_raw_mode(file.st_mode) == FileType::CharacterDevice;
+        if !is_device || major(file.st_rdev) != VIDEO_MAJOR {
+            return Err(Errno::NOTTY);
+        }
+        let node = Self {
+            device: retrying(|| Device::with_path(path))?,
             buffers: Vec::new(),
-        })
+        };
+        // `with_path` leaves the file open in child processes, where it would keep the camera
+        // busy.
+        fcntl_setfd(node.fd(), FdFlags::CLOEXEC)?;
+        Ok(node)
     }
 
-    fn buffer(index: u32) -> Buffer {
-        Buffer {
-            index,
-            kind: BUF_TYPE_VIDEO_CAPTURE,
-            memory: MEMORY_MMAP,
-            ..Buffer::zeroed()
-        }
+    fn fd(&self) -> BorrowedFd<'_> {
+        // SAFETY: the device keeps its descriptor open for as long as it lives, and the result
+        // borrows it.
+        unsafe { BorrowedFd::borrow_raw(self.device.handle().fd()) }
+    }
+
+    fn send<T: Argument>(&self, command: &Command<T>, argument: &mut T) -> Result<()> {
+        command.send(&self.device.handle(), argument)
     }
 
     fn request_buffers(&self, count: u32) -> Result<u32> {
-        let mut request = RequestBuffers {
+        let mut request = sys::v4l2_requestbuffers {
             count,
-            kind: BUF_TYPE_VIDEO_CAPTURE,
-            memory: MEMORY_MMAP,
-            ..RequestBuffers::zeroed()
+            type_: BUFFER_TYPE,
+            memory: sys::v4l2_memory_V4L2_MEMORY_MMAP,
+            ..sys::v4l2_requestbuffers::zeroed()
         };
-        command::REQBUFS.call(&self.fd, &mut request)?;
+        self.send(&ioctl::REQBUFS, &mut request)?;
         Ok(request.count)
     }
 
     fn map(&self, index: u32) -> Result<Mapping> {
-        let mut buffer = Self::buffer(index);
-        command::QUERYBUF.call(&self.fd, &mut buffer)?;
-        Mapping::new(&self.fd, buffer.length as usize, buffer.offset[0].into())
+        let mut buffer = buffer(index);
+        self.send(&ioctl::QUERYBUF, &mut buffer)?;
+        // SAFETY: the driver filled in this member for buffers to be mapped; every bit pattern
+        // is a valid integer.
+        let offset = unsafe { buffer.m.offset };
+        Mapping::new(self.fd(), buffer.length as usize, offset.into())
+    }
+}
+
+/// The argument of the buffer commands.
+fn buffer(index: u32) -> sys::v4l2_buffer {
+    sys::v4l2_buffer {
+        index,
+        type_: BUFFER_TYPE,
+        memory: sys::v4l2_memory_V4L2_MEMORY_MMAP,
+        ..sys::v4l2_buffer::zeroed()
     }
 }
 
@@ -73,53 +111,51 @@ impl Video for Node {
         for index in 0..count {
             self.queue(Held::received(index))?;
         }
-        command::STREAMON.call(&self.fd, &mut (BUF_TYPE_VIDEO_CAPTURE as i32))?;
+        self.send(&ioctl::STREAMON, &mut (BUFFER_TYPE as c_int))?;
         Ok(count)
     }
 
     fn stop(&mut self) -> Result<()> {
-        let stopped = command::STREAMOFF.call(&self.fd, &mut (BUF_TYPE_VIDEO_CAPTURE as i32));
+        let stopped = self.send(&ioctl::STREAMOFF, &mut (BUFFER_TYPE as c_int));
         self.buffers.clear();
-        // Buffers that are not given back keep other programs from choosing a format.
+        // While a device has buffers, no program can set its format.
         let freed = self.request_buffers(0);
         stopped.and(freed.map(|_| ()))
     }
 
+    // `v4l::device::Handle::poll` does not say which of the events came.
     fn wait(&self, timeout: Duration) -> Result<Ready> {
-        let wanted = PollFlags::IN | PollFlags::PRI;
-        let mut fds = [PollFd::new(&self.fd, wanted)];
-        // Longer than a Timespec holds is as good as for ever.
+        let fd = self.fd();
+        let mut polled = [PollFd::new(&fd, PollFlags::IN | PollFlags::PRI)];
+        // A time that no Timespec can hold is as good as no limit.
         let timeout = Timespec::try_from(timeout).ok();
-        poll(&mut fds, timeout.as_ref())?;
-        let got = fds[0].revents();
-        let error = got.intersects(PollFlags::ERR | PollFlags::HUP | PollFlags::NVAL);
+        poll(&mut polled, timeout.as_ref())?;
+        let got = polled[0].revents();
         Ok(Ready {
             frame: got.contains(PollFlags::IN),
             event: got.contains(PollFlags::PRI),
-            error,
+            error: got.intersects(PollFlags::ERR | PollFlags::HUP | PollFlags::NVAL),
         })
     }
 
     fn dequeue(&mut self) -> Result<Filled> {
-        let mut buffer = Self::buffer(0);
-        command::DQBUF.call(&self.fd, &mut buffer)?;
+        let mut buffer = buffer(0);
+        self.send(&ioctl::DQBUF, &mut buffer)?;
         if buffer.index as usize >= self.buffers.len() {
-            // No driver does; indexing with it must not bring the rig down all the same.
+            // A fault of the driver, which must not become a panic.
             return Err(Errno::IO);
         }
-        let seconds = buffer.seconds.saturating_mul(1_000_000_000);
-        let nanos = seconds.saturating_add(buffer.micros.saturating_mul(1_000));
         Ok(Filled {
             held: Held::received(buffer.index),
             used: buffer.bytesused as usize,
-            flags: buffer.flags,
+            flags: Flags::from(buffer.flags),
             sequence: buffer.sequence,
-            stamp: MonotonicTime::from_nanos(nanos),
+            stamp: time(buffer.timestamp),
         })
     }
 
     fn queue(&mut self, held: Held) -> Result<()> {
-        command::QBUF.call(&self.fd, &mut Self::buffer(held.index()))
+        self.send(&ioctl::QBUF, &mut buffer(held.index()))
     }
 
     fn bytes<'a>(&'a self, held: &'a Held, used: usize) -> &'a [u8] {
@@ -133,8 +169,17 @@ impl Video for Node {
     }
 }
 
-/// Text that a driver filled in: up to the first zero, whatever its encoding.
-fn text(bytes: &[u8]) -> String {
-    let len = bytes.iter().position(|&b| b == 0).unwrap_or(bytes.len());
+/// A time stamp of the driver. On 32-bit systems the C library decides whether its parts have
+/// 32 or 64 bits; the kernel learns which from the argument size in the command's number.
+#[allow(clippy::unnecessary_cast)] // not unnecessary where the parts have 32 bits
+fn time(stamp: sys::timeval) -> MonotonicTime {
+    let seconds = (stamp.tv_sec as i64).saturating_mul(1_000_000_000);
+    let micros = (stamp.tv_usec as i64).saturating_mul(1_000);
+    MonotonicTime::from_nanos(seconds.saturating_add(micros))
+}
+
+/// A text of the driver: up to the first zero byte, whatever its encoding.
+fn text<const N: usize>(bytes: [u8; N]) -> String {
+    let len = bytes.iter().position(|&b| b == 0).unwrap_or(N);
     String::from_utf8_lossy(&bytes[..len]).trim().to_owned()
 }

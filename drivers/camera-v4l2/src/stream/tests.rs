@@ -71,7 +71,7 @@ fn damaged_pictures_are_counted_and_skipped() {
     let fake = grey();
     let mut stream = stream(&fake);
     let mut flagged = shot(0);
-    flagged.flags |= FLAG_ERROR;
+    flagged.flags |= Flags::ERROR;
     let mut empty = shot(1);
     empty.used = 0;
     let mut short = shot(2);
@@ -252,7 +252,7 @@ proptest! {
             let mut shot = shot(sequence);
             match fault {
                 Fault::None => {}
-                Fault::Flag => shot.flags |= FLAG_ERROR,
+                Fault::Flag => shot.flags |= Flags::ERROR,
                 Fault::Empty => shot.used = 0,
                 Fault::Short => shot.used = 3,
                 Fault::Interrupt => fake.lock().dequeue_faults.push_back(Errno::INTR),
