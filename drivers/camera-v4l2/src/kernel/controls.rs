@@ -1,25 +1,27 @@
 //! The controls of an open device.
 //!
-//! All of them through raw commands, because the calls of the crate `v4l` 0.14 are not safe
-//! with every driver: `query_controls` and `control` panic on control types that the crate
-//! does not know, on names that are not UTF-8, and on menus with a step of 0; `control` reads
-//! no menus of integers, bit masks or buttons; `set_control` needs a driver with extended
-//! controls, and passes 32-bit values as 64-bit ones.
+//! They are accessed by raw commands, because calls of the crate `v4l` 0.14 have defects:
+//! - `query_controls` and `control` panic on control types that the crate does not know and on
+//!   names that are not UTF-8. `query_controls` also panics on a menu with a step of 0, and
+//!   reads menus of any length.
+//! - `control` does not read integer menus, bit masks and buttons.
+//! - `set_control` fails with old drivers that have no extended controls. It passes 32-bit
+//!   values as 64-bit ones, which are cut without an error, and wrong on big-endian machines.
 
 use super::ioctl::{self, Argument, Command};
-use super::{Node, text};
-use crate::video::{ControlDescription, ControlEvent, ControlKind, Controls};
+use super::{V4l2Device, text};
+use crate::device::{ControlDescription, ControlEvent, ControlKind, Controls};
 use rustix::io::{Errno, Result};
 use v4l::control::{Flags, Type};
 use v4l::v4l_sys as sys;
 
-/// More controls than any camera has. A driver whose list never ends is cut off here.
+/// More controls than any camera has: a driver's list may never end.
 const MAX_CONTROLS: usize = 1024;
-/// More items than any menu has; a driver may report any range.
+/// More items than any menu has: a driver may report any range.
 const MAX_MENU_ITEMS: i64 = 256;
 
-impl Node {
-    /// The values of a menu and their meanings. Drivers may leave out values in between.
+impl V4l2Device {
+    /// The values of a menu and their meanings. Drivers may leave values out.
     pub(crate) fn menu(&self, control: &ControlDescription) -> Vec<(i64, String)> {
         if !matches!(control.kind, ControlKind::Menu | ControlKind::IntegerMenu) {
             return Vec::new();
@@ -77,7 +79,7 @@ impl Node {
     }
 }
 
-impl Controls for Node {
+impl Controls for V4l2Device {
     fn describe_controls(&self) -> Vec<ControlDescription> {
         let mut found = Vec::new();
         let mut last_id = 0;
@@ -86,7 +88,7 @@ impl Controls for Node {
                 break;
             }
             last_id = query.id;
-            // Classes are headings between the controls.
+            // The list has headings, which are called classes.
             let is_heading = query.type_ == sys::v4l2_ctrl_type_V4L2_CTRL_TYPE_CTRL_CLASS;
             if !is_heading && query.flags & sys::V4L2_CTRL_FLAG_DISABLED == 0 {
                 found.push(describe(&query));
@@ -99,7 +101,7 @@ impl Controls for Node {
         Ok(Flags::from(self.query_control(id)?.flags))
     }
 
-    fn control(&self, id: u32, kind: ControlKind) -> Result<i64> {
+    fn read_control(&self, id: u32, kind: ControlKind) -> Result<i64> {
         if kind == ControlKind::Integer64 {
             return self.extended_control(&ioctl::G_EXT_CTRLS, id, 0);
         }
@@ -108,7 +110,7 @@ impl Controls for Node {
         Ok(widen(kind, control.value))
     }
 
-    fn set_control(&mut self, id: u32, kind: ControlKind, value: i64) -> Result<()> {
+    fn write_control(&mut self, id: u32, kind: ControlKind, value: i64) -> Result<()> {
         if kind == ControlKind::Integer64 {
             self.extended_control(&ioctl::S_EXT_CTRLS, id, value)?;
             return Ok(());
@@ -121,7 +123,7 @@ impl Controls for Node {
         self.send(&ioctl::S_CTRL, &mut sys::v4l2_control { id, value })
     }
 
-    fn watch_control(&mut self, id: u32) -> Result<()> {
+    fn subscribe_control(&mut self, id: u32) -> Result<()> {
         let mut subscription = sys::v4l2_event_subscription {
             type_: sys::V4L2_EVENT_CTRL,
             id,
@@ -166,7 +168,7 @@ fn kind(number: u32) -> ControlKind {
     }
 }
 
-/// A 32-bit value as a 64-bit one. The highest bit of a bit mask is no sign.
+/// A 32-bit value as a 64-bit one. The highest bit of a bit mask is not a sign.
 const fn widen(kind: ControlKind, value: i32) -> i64 {
     match kind {
         ControlKind::Bitmask => value.cast_unsigned() as i64,
@@ -175,17 +177,11 @@ const fn widen(kind: ControlKind, value: i32) -> i64 {
 }
 
 fn control_event(event: &sys::v4l2_event) -> ControlEvent {
-    // SAFETY: every bit pattern is a valid value of this member.
-    let control = unsafe { event.u.ctrl };
-    let is_change = control.changes & sys::V4L2_EVENT_CTRL_CH_VALUE != 0;
-    let value = control.__bindgen_anon_1;
+    // SAFETY: every bit pattern is a valid value of this member. Control events have it.
+    let changes = unsafe { event.u.ctrl }.changes;
+    let value_changed = changes & sys::V4L2_EVENT_CTRL_CH_VALUE != 0;
     ControlEvent {
         id: event.id,
-        value_changed: event.type_ == sys::V4L2_EVENT_CTRL && is_change,
-        // SAFETY: every bit pattern is a valid integer.
-        value: match kind(control.type_) {
-            ControlKind::Integer64 => unsafe { value.value64 },
-            kind => widen(kind, unsafe { value.value }),
-        },
+        value_changed: event.type_ == sys::V4L2_EVENT_CTRL && value_changed,
     }
 }

@@ -1,16 +1,17 @@
-//! What an open device is and can stream.
+//! The capabilities and the formats of an open device.
 //!
-//! Frame rates go through the calls of the crate `v4l` 0.14, and sizes and frame intervals
-//! through its conversions. Its other calls are not safe with every driver, so raw commands
-//! stand in for them: `query_caps` and `enum_formats` panic on texts that are not UTF-8 (the
-//! kernel cuts a long name in the middle of a character), `format` and `set_format` panic on
-//! colour spaces that the crate does not know (v4l2loopback passes on whatever its writer
-//! says), and the `enum_` calls read the driver's lists without a limit.
+//! The frame rate is accessed by calls of the crate `v4l` 0.14. Its other calls have defects, so
+//! raw commands are used instead, and the crate's conversions where they are safe:
+//! - `query_caps` and `enum_formats` panic on texts that are not UTF-8. The kernel limits a
+//!   product name to 31 bytes and may cut it in the middle of a character.
+//! - `format` and `set_format` panic on colour spaces and transfer functions that the crate
+//!   does not know. v4l2loopback passes on whatever its writer has set.
+//! - `enum_formats`, `enum_framesizes` and `enum_frameintervals` read lists of any length.
 
 use super::ioctl::{self, Argument, retrying};
-use super::{BUFFER_TYPE, Node, text};
+use super::{BUFFER_TYPE, V4l2Device, text};
+use crate::device::{Capabilities, CaptureFormat, Formats};
 use crate::fourcc;
-use crate::video::{Capabilities, Geometry, Modes};
 use penumbra_interface::{CameraFormat, CameraSize, SizeSteps};
 use rustix::io::{Errno, Result};
 use v4l::capability::Flags;
@@ -19,14 +20,14 @@ use v4l::framesize::{FrameSize, FrameSizeEnum};
 use v4l::video::Capture;
 use v4l::{Fraction, parameters, v4l_sys as sys};
 
-/// More entries than any list of a camera has. A list that never ends is cut off here.
+/// More entries than any list of a camera has: a driver's list may never end.
 const MAX_LISTED: u32 = 256;
 
-impl Modes for Node {
+impl Formats for V4l2Device {
     fn capabilities(&self) -> Result<Capabilities> {
         let mut found = sys::v4l2_capability::zeroed();
         self.send(&ioctl::QUERYCAP, &mut found)?;
-        // `capabilities` are those of all nodes of the device, `device_caps` of this one.
+        // `capabilities` applies to all nodes of the device, `device_caps` to this one.
         let of_all_nodes = Flags::from(found.capabilities);
         let flags = if of_all_nodes.contains(Flags::DEVICE_CAPS) {
             Flags::from(found.device_caps)
@@ -49,7 +50,7 @@ impl Modes for Node {
             .map(|format| {
                 let letters = format.pixelformat.to_le_bytes();
                 CameraFormat {
-                    fourcc: fourcc::text(letters),
+                    fourcc: fourcc::to_text(letters),
                     description: text(format.description),
                     usable: fourcc::pixel_format(letters).is_some(),
                     sizes: self.sizes(format.pixelformat),
@@ -58,21 +59,21 @@ impl Modes for Node {
             .collect()
     }
 
-    fn geometry(&self) -> Result<Geometry> {
-        let mut format = capture_format();
+    fn format(&self) -> Result<CaptureFormat> {
+        let mut format = format_argument();
         self.send(&ioctl::G_FMT, &mut format)?;
         Ok(self.with_rate(&format))
     }
 
-    fn set_geometry(&mut self, wanted: &Geometry) -> Result<Geometry> {
-        let mut format = capture_format();
+    fn set_format(&mut self, wanted: &CaptureFormat) -> Result<CaptureFormat> {
+        let mut format = format_argument();
         format.fmt.pix.width = wanted.width;
         format.fmt.pix.height = wanted.height;
         format.fmt.pix.pixelformat = u32::from_le_bytes(wanted.fourcc);
         format.fmt.pix.field = sys::v4l2_field_V4L2_FIELD_NONE;
         self.send(&ioctl::S_FMT, &mut format)?;
         if let Some(rate) = wanted.frames_per_second {
-            // Many drivers have one rate only and refuse this. The rate is read back below.
+            // Drivers with a single rate may refuse to set it. The rate is read back below.
             match self.set_rate(rate) {
                 Ok(()) | Err(Errno::INVAL | Errno::NOTTY) => {}
                 Err(error) => return Err(error),
@@ -82,7 +83,7 @@ impl Modes for Node {
     }
 }
 
-impl Node {
+impl V4l2Device {
     fn format_at(&self, index: u32) -> Option<sys::v4l2_fmtdesc> {
         let mut format = sys::v4l2_fmtdesc {
             index,
@@ -114,7 +115,7 @@ impl Node {
                         step_height: found.step_height,
                     };
                     sizes.push(size(found.max_width, found.max_height, Some(steps)));
-                    break; // A range is the only entry of its list.
+                    break; // A range is the only entry of a list.
                 }
             }
         }
@@ -131,7 +132,7 @@ impl Node {
         FrameSize::try_from(found).ok().map(|found| found.size)
     }
 
-    /// Frames per second, fastest first; for a range of rates its two ends.
+    /// Frames per second, fastest first; the two limits of a range of rates.
     fn rates(&self, pixel_format: u32, width: u32, height: u32) -> Vec<f64> {
         let mut rates = Vec::new();
         let mut interval = sys::v4l2_frmivalenum {
@@ -148,7 +149,7 @@ impl Node {
                 FrameIntervalEnum::Discrete(interval) => rates.extend(per_second(interval)),
                 FrameIntervalEnum::Stepwise(found) => {
                     rates.extend([found.min, found.max].into_iter().filter_map(per_second));
-                    break; // A range is the only entry of its list.
+                    break; // A range is the only entry of a list.
                 }
             }
         }
@@ -162,13 +163,13 @@ impl Node {
         Some(found.interval)
     }
 
-    /// The format that the driver reported, with the frame rate that is set now.
-    fn with_rate(&self, format: &sys::v4l2_format) -> Geometry {
-        // SAFETY: the driver filled in this member for our buffer type; every bit pattern is a
-        // valid value of it.
+    /// A format that the driver has returned, with the present frame rate.
+    fn with_rate(&self, format: &sys::v4l2_format) -> CaptureFormat {
+        // SAFETY: every bit pattern is a valid value of this member. Drivers set it for this
+        // type of buffers.
         let pix = unsafe { format.fmt.pix };
         let parameters = retrying(|| self.device.params()).ok();
-        Geometry {
+        CaptureFormat {
             width: pix.width,
             height: pix.height,
             fourcc: pix.pixelformat.to_le_bytes(),
@@ -189,15 +190,15 @@ impl Node {
     }
 }
 
-/// The argument of the format commands for the buffers that this driver streams.
-fn capture_format() -> sys::v4l2_format {
+/// The argument of the format commands.
+fn format_argument() -> sys::v4l2_format {
     sys::v4l2_format {
         type_: BUFFER_TYPE,
         ..sys::v4l2_format::zeroed()
     }
 }
 
-/// Frames per second, from the seconds of one frame.
+/// Frames per second, from the seconds per frame.
 fn per_second(interval: Fraction) -> Option<f64> {
     let Fraction {
         numerator,

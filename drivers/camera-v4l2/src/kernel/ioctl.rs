@@ -1,8 +1,8 @@
 //! The ioctl commands that this driver uses, each bound to the C structure of its argument.
 //!
-//! The structures and constants are those of the kernel's header `linux/videodev2.h`, which
-//! bindgen translates when the crate `v4l` is built (`v4l::v4l_sys`); the command numbers are
-//! those of `v4l::v4l2::vidioc`.
+//! Structures and constants come from the kernel's header `linux/videodev2.h`, which bindgen
+//! translates when the crate `v4l` is built (`v4l::v4l_sys`). Command numbers come from
+//! `v4l::v4l2::vidioc`.
 
 use rustix::io::{Errno, Result, retry_on_intr};
 use rustix::ioctl::opcode;
@@ -13,7 +13,7 @@ use v4l::device::Handle;
 use v4l::v4l_sys as sys;
 use v4l::v4l2::{self, vidioc};
 
-/// The type that the C library gives to the number of an ioctl command.
+/// The number of an ioctl command, in the C library's type.
 type Number = vidioc::_IOC_TYPE;
 
 /// A value that the kernel reads and overwrites.
@@ -21,7 +21,7 @@ type Number = vidioc::_IOC_TYPE;
 /// # Safety
 /// Every bit pattern must be a valid value of the type.
 pub unsafe trait Argument: Sized {
-    /// All bytes zero, which the kernel's documentation asks for in every unused field.
+    /// All zeros, which is what the kernel requires in unused fields.
     fn zeroed() -> Self {
         // SAFETY: every bit pattern is a valid value, by the contract of the trait.
         unsafe { std::mem::zeroed() }
@@ -30,7 +30,7 @@ pub unsafe trait Argument: Sized {
 
 macro_rules! argument {
     ($($name:ty),* $(,)?) => {$(
-        // SAFETY: integers, raw pointers, and C structures and unions of nothing else.
+        // SAFETY: integers, and C structures and unions of integers and raw pointers.
         unsafe impl Argument for $name {}
     )*};
 }
@@ -60,10 +60,10 @@ pub struct Command<T> {
 }
 
 impl<T: Argument> Command<T> {
-    /// Fails to compile if the command has an argument of another size: the kernel would
-    /// write past the end of `T`.
+    /// Does not compile if the command has an argument of another size, because the kernel
+    /// would write past the end of `T`.
     const fn new(number: Number) -> Self {
-        // Bits 16 to 29 of a number hold the size of the argument (asm-generic/ioctl.h).
+        // Bits 16 to 29 of the number are the size of the argument (asm-generic/ioctl.h).
         assert!((number >> 16) & 0x3fff == size_of::<T>() as Number);
         Self {
             number,
@@ -71,20 +71,25 @@ impl<T: Argument> Command<T> {
         }
     }
 
+    #[cfg(test)]
+    pub const fn number(&self) -> Number {
+        self.number
+    }
+
     /// Sends the command to the driver behind `handle`, again if a signal interrupted it.
     pub fn send(&self, handle: &Handle, argument: &mut T) -> Result<()> {
         retrying(|| {
-            // SAFETY: the command takes a `T` (`new` compares the sizes, the list below the
-            // types), which is exclusively borrowed during the call, and whatever the kernel
-            // writes is a valid `T`. The one pointer inside an argument,
-            // `v4l2_ext_controls::controls`, is set by `Node::extended_control` alone.
+            // SAFETY: the command takes a `T` (see the list below; `new` has checked the size),
+            // which is exclusively borrowed during the call, and whatever the kernel writes is
+            // a valid `T`. The only pointer in an argument, `v4l2_ext_controls::controls`, is
+            // set in `V4l2Device::extended_control` to one control that outlives the call.
             unsafe { v4l2::ioctl(handle.fd(), self.number, from_mut(argument).cast()) }
         })
     }
 }
 
-/// Calls a function of the crate `v4l`, again if a signal interrupted it. Its errors become
-/// error numbers, by which this driver tells causes apart.
+/// Calls a function of the crate `v4l`, again if a signal interrupted it, and returns its error
+/// as an error number.
 pub fn retrying<R>(mut call: impl FnMut() -> std::io::Result<R>) -> Result<R> {
     retry_on_intr(|| call().map_err(|error| Errno::from_io_error(&error).unwrap_or(Errno::IO)))
 }
@@ -110,7 +115,7 @@ pub const ENUM_FRAMEINTERVALS: Command<sys::v4l2_frmivalenum> =
     Command::new(vidioc::VIDIOC_ENUM_FRAMEINTERVALS);
 pub const QUERY_EXT_CTRL: Command<sys::v4l2_query_ext_ctrl> =
     Command::new(vidioc::VIDIOC_QUERY_EXT_CTRL);
-// The crate `v4l` has no numbers for the commands of events.
+// The crate `v4l` does not have the numbers of the event commands.
 pub const DQEVENT: Command<sys::v4l2_event> =
     Command::new(opcode::read::<sys::v4l2_event>(b'V', 89) as Number);
 pub const SUBSCRIBE_EVENT: Command<sys::v4l2_event_subscription> =
