@@ -1,32 +1,34 @@
-//! How bright a picture is, roughly and cheaply: to see an exposure change.
+//! The approximate brightness of a frame, to see when a new exposure time takes effect.
 
 use crate::fourcc;
-use crate::stream::Layout;
+use crate::stream::FrameLayout;
 use penumbra_interface::PixelFormat;
 
-/// One byte of so many is looked at, in rows and along them.
-const EVERY: usize = 8;
+/// Of uncompressed frames, one row and one byte in this many are read.
+const SAMPLE_STEP: usize = 8;
 
-/// Measures brightness; keeps its decoder and buffer.
+/// Measures brightness. Keeps its JPEG decoder and buffer from frame to frame.
 #[derive(Default)]
-pub(crate) struct Brightness {
+pub(crate) struct BrightnessMeter {
     decoder: Option<turbojpeg::Decompressor>,
     grey: Vec<u8>,
 }
 
-impl Brightness {
-    /// Mean code of a picture, log₂; `None` if it cannot be decoded. Not linear light: it
-    /// is only compared with other pictures of the same camera.
-    pub(crate) fn stops(&mut self, layout: &Layout, data: &[u8]) -> Option<f64> {
+impl BrightnessMeter {
+    /// The base-2 logarithm of a frame's mean code value; `None` if it cannot be decoded.
+    ///
+    /// This is not linear light. It is only good for comparing frames of one camera.
+    pub(crate) fn measure(&mut self, layout: &FrameLayout, data: &[u8]) -> Option<f64> {
         let mean = match layout.format {
-            PixelFormat::Jpeg => self.jpeg(data)?,
-            _ => raw(layout, data)?,
+            PixelFormat::Jpeg => self.mean_of_jpeg(data)?,
+            _ => mean_of_raw(layout, data)?,
         };
+        // Half a code value keeps black finite.
         Some((mean + 0.5).log2())
     }
 
-    /// An eighth of the size is the mean of each block, so that no cosine is computed.
-    fn jpeg(&mut self, data: &[u8]) -> Option<f64> {
+    /// Decodes at an eighth of the size: every block becomes its mean, without an inverse DCT.
+    fn mean_of_jpeg(&mut self, data: &[u8]) -> Option<f64> {
         if self.decoder.is_none() {
             self.decoder = turbojpeg::Decompressor::new().ok();
         }
@@ -43,33 +45,32 @@ impl Brightness {
             height: header.height,
             format: turbojpeg::PixelFormat::GRAY,
         };
-        // A warning comes after the whole picture was decoded as well as possible.
+        // libjpeg-turbo warns only after it has decoded what it could.
         let _ = decoder.decompress(data, target);
         mean(self.grey.iter())
     }
 }
 
-/// Mean of the luma, or of all colours, of an uncompressed picture.
-fn raw(layout: &Layout, data: &[u8]) -> Option<f64> {
-    let (row, _) = fourcc::tight(layout.format, layout.width, layout.height)?;
-    let stride = row.max(layout.stride) as usize;
-    let luma = data.chunks(stride).take(layout.height as usize);
-    let rows = luma
-        .step_by(EVERY)
+/// The mean of the luma, or of all colours, of an uncompressed frame.
+fn mean_of_raw(layout: &FrameLayout, data: &[u8]) -> Option<f64> {
+    let (row, _) = fourcc::packed_rows(layout.format, layout.width, layout.height)?;
+    // A width of 0 is the driver's fault and must not become a panic.
+    let stride = row.max(layout.stride).max(1) as usize;
+    // Rows of chroma planes follow those of the picture and are left out.
+    let rows = data.chunks(stride).take(layout.height as usize);
+    let rows = rows
+        .step_by(SAMPLE_STEP)
         .map(|line| &line[..line.len().min(row as usize)]);
-    // YUYV: every second byte is luma. An odd step visits all colours of RGB and Bayer.
-    let step = match layout.format {
-        PixelFormat::Yuyv => EVERY,
-        _ => EVERY + 1,
+    // Every second byte of YUYV is luma. With an odd step and alternating starts, all colours
+    // of RGB and Bayer formats are sampled.
+    let is_yuyv = layout.format == PixelFormat::Yuyv;
+    let step = if is_yuyv {
+        SAMPLE_STEP
+    } else {
+        SAMPLE_STEP + 1
     };
-    let mut bayer_phase = 0;
-    mean(rows.flat_map(|line| {
-        bayer_phase += 1;
-        let skip = if layout.format == PixelFormat::Yuyv {
-            0
-        } else {
-            bayer_phase % 2
-        };
+    mean(rows.enumerate().flat_map(|(n, line)| {
+        let skip = if is_yuyv { 0 } else { (n + 1) % 2 };
         line.iter().skip(skip).step_by(step)
     }))
 }

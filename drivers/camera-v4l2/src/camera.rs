@@ -1,17 +1,16 @@
-//! A camera that streams: the buffer loop, the contract about controls and the bracketing
-//! put together.
+//! A camera that streams: the buffer loop, the locked controls and the bracketing combined.
 
-mod cycled;
+mod bracketed;
 
-use crate::contract::Contract;
+use crate::controls::CameraControls;
+use crate::device::{Capabilities, CaptureFormat, Formats, VideoDevice};
+use crate::error::{self, MULTIPLANAR, NOT_A_CAMERA, refused};
 use crate::fourcc;
-use crate::identity::{self, Roots};
-use crate::kernel::Node;
+use crate::identity::{self, SystemRoots};
+use crate::kernel::V4l2Device;
 use crate::mode;
-use crate::stream::{Layout, Next, Stream, Taken};
-use crate::trouble;
-use crate::video::{Capabilities, Geometry, Modes, Video};
-use cycled::Cycled;
+use crate::stream::{FrameLayout, Stream, StreamFrame, StreamItem};
+use bracketed::BracketedExposure;
 use penumbra_interface::{
     Camera, CameraCounters, CameraReport, CameraSettings, Clock, DeviceError, Frame, StreamMode,
     middle_of_exposure,
@@ -21,109 +20,97 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-pub(crate) const MULTIPLANAR: &str = "a multi-planar capture device (usually a camera without \
-    its image processor); use it through libcamera's V4L2 compatibility layer";
-
-const NO_CAMERA: &str = "no camera (metadata, an output, a codec or another kind of device); \
-    `penumbra devices` lists the cameras";
-
 /// Opens the camera that the settings name, locks its controls and starts its stream.
 ///
 /// # Errors
-/// Each says what is wrong and what to do: not there, in use, no permission, no camera, a
-/// mode that it does not offer.
+/// The camera is missing, in use or disconnected, may not be used, is not a camera, or does
+/// not offer the mode. The message says what to do.
 pub fn open(
     settings: &CameraSettings,
     clock: Arc<dyn Clock>,
 ) -> Result<Box<dyn Camera>, DeviceError> {
-    let probe = |node: &Path| Node::open(node).ok()?.capabilities().ok();
-    let place = identity::resolve(&settings.device, &Roots::default(), probe)?;
-    let node = Node::open(&place.node).map_err(|e| trouble::on_open(&place.node, e))?;
-    let bus = node.capabilities().map(|c| c.bus).ok();
-    let who = Who {
-        identity: place.identity(bus.as_deref()),
-        device: place.node.display().to_string(),
-        by_number: settings.device.starts_with("/dev/video"),
+    let probe = |path: &Path| V4l2Device::open(path).ok()?.capabilities().ok();
+    let node = identity::resolve(&settings.device, &SystemRoots::default(), probe)?;
+    let device = V4l2Device::open(&node.path).map_err(|e| error::open_failed(&node.path, e))?;
+    let bus = device.capabilities().map(|c| c.bus).ok();
+    let names = CameraNames {
+        identity: node.identity(bus.as_deref()),
+        path: node.path.display().to_string(),
+        is_numbered: settings.device.starts_with("/dev/video"),
     };
-    Ok(Box::new(V4l2Camera::start(node, who, settings, clock)?))
+    Ok(Box::new(V4l2Camera::start(device, names, settings, clock)?))
 }
 
-/// Names of a camera.
-pub(crate) struct Who {
+/// The names of a camera.
+pub(crate) struct CameraNames {
+    /// The most durable name for the settings.
     pub identity: String,
-    /// In errors: the device file.
-    pub device: String,
-    /// Named by a number that replugging changes.
-    pub by_number: bool,
+    /// The device file, which error messages name.
+    pub path: String,
+    /// The settings use a device number, which changes when devices are unplugged.
+    pub is_numbered: bool,
 }
 
 /// A camera that streams.
-pub(crate) struct V4l2Camera<V: Video> {
-    who: Who,
-    stream: Stream<V>,
-    layout: Layout,
+pub(crate) struct V4l2Camera<D: VideoDevice> {
+    names: CameraNames,
+    stream: Stream<D>,
+    layout: FrameLayout,
     mode: StreamMode,
-    contract: Contract,
-    cycled: Option<Cycled>,
+    controls: CameraControls,
+    bracketed: Option<BracketedExposure>,
     clock: Arc<dyn Clock>,
     frames: u64,
     unattributed: u64,
     notes: Vec<String>,
 }
 
-impl<V: Video> V4l2Camera<V> {
-    /// Sets up and starts: mode, controls, stream, and the controls again, because some
-    /// cameras forget them when their stream starts.
+impl<D: VideoDevice> V4l2Camera<D> {
+    /// Sets mode and controls and starts the stream. Controls are set once more afterwards,
+    /// because some cameras reset them when a stream starts.
     pub(crate) fn start(
-        mut video: V,
-        who: Who,
+        mut device: D,
+        names: CameraNames,
         settings: &CameraSettings,
         clock: Arc<dyn Clock>,
     ) -> Result<Self, DeviceError> {
-        let device = who.device.clone();
-        let failed = |what| {
-            let device = device.clone();
-            move |error| trouble::on_setup(&device, what, error)
+        let path = names.path.clone();
+        let failed = |step| {
+            let path = path.clone();
+            move |errno| error::setup_failed(&path, step, errno)
         };
-        let capabilities = video.capabilities().map_err(|error| match error {
-            // Other device files can be opened, too, and know nothing of this question.
-            Errno::NOTTY | Errno::INVAL => refused(&device, NO_CAMERA.to_owned()),
-            other => trouble::on_setup(&device, "asking who it is", other),
-        })?;
-        check_kind(&capabilities).map_err(|reason| refused(&device, reason))?;
-        let mut notes = notes(&who);
-        let geometry = choose_mode(&mut video, settings, &device, &mut notes)?;
-        let layout = Layout::of(&geometry).ok_or_else(|| {
-            let fourcc = fourcc::text(geometry.fourcc);
+        let capabilities = capabilities(&device, &path)?;
+        let mut notes = numbering_note(&names).into_iter().collect();
+        let capture = set_mode(&mut device, settings, &path, &mut notes)?;
+        let layout = FrameLayout::of(&capture).ok_or_else(|| {
+            let fourcc = fourcc::to_text(capture.fourcc);
             refused(
-                &device,
-                format!("it insists on {fourcc}, which Penumbra does not read"),
+                &path,
+                format!("it only gives {fourcc}, which Penumbra cannot read"),
             )
         })?;
-        let mut contract = Contract::new(&video, settings);
-        contract
-            .apply(&mut video)
-            .map_err(failed("setting controls"))?;
-        let cycled = Cycled::prepare(&mut video, &mut contract, settings, &device)?;
+        let mut controls = CameraControls::new(&device, settings);
+        let set = controls.apply(&mut device);
+        set.map_err(failed("setting controls"))?;
+        let bracketed = BracketedExposure::prepare(&mut device, &mut controls, settings, &path)?;
         let buffering = (settings.buffers, settings.silence);
-        let mut stream = Stream::start(video, &device, layout, buffering, Arc::clone(&clock))?;
-        stream.stamps.first_bytes = capabilities.driver == "uvcvideo" && !uvc_stamps_by_camera();
-        contract
-            .apply(&mut stream.video)
-            .map_err(failed("setting controls"))?;
-        if let Some(cycled) = &cycled {
-            cycled
-                .restart(&mut stream.video)
-                .map_err(failed("setting the base exposure"))?;
+        let mut stream = Stream::start(device, &path, layout, buffering, Arc::clone(&clock))?;
+        stream.timestamps.start_is_first_bytes =
+            capabilities.driver == "uvcvideo" && !uvc_uses_camera_clock();
+        let set = controls.apply(&mut stream.device);
+        set.map_err(failed("setting controls"))?;
+        if let Some(bracketed) = &bracketed {
+            let set = bracketed.set_base(&mut stream.device);
+            set.map_err(failed("setting the base exposure"))?;
         }
-        contract.watch(&mut stream.video);
+        controls.subscribe(&mut stream.device);
         Ok(Self {
-            who,
+            names,
             stream,
             layout,
-            mode: stream_mode(&geometry, &layout),
-            contract,
-            cycled,
+            mode: stream_mode(&capture, &layout),
+            controls,
+            bracketed,
             clock,
             frames: 0,
             unattributed: 0,
@@ -131,67 +118,67 @@ impl<V: Video> V4l2Camera<V> {
         })
     }
 
-    /// A frame from a picture; `None` if its exposure is not certain.
-    fn frame(&mut self, taken: Taken) -> Result<Option<Frame>, DeviceError> {
-        let (exposure, bracket_ev, controls) = match &mut self.cycled {
-            None => (self.contract.exposure(), 0.0, self.contract.in_force()),
-            Some(cycled) => {
-                let video = &mut self.stream.video;
-                let labelled = cycled.label(&taken, &self.layout, &self.contract, video);
-                let labelled =
-                    labelled.map_err(|e| trouble::on_stream(&self.who.device, "bracketing", e))?;
-                let Some((exposure, ev, controls)) = labelled else {
+    /// Labels a frame with its exposure; `None` if the exposure is not certain.
+    fn label(&mut self, frame: StreamFrame) -> Result<Option<Frame>, DeviceError> {
+        let (exposure, bracket_ev, in_force) = match &mut self.bracketed {
+            None => (self.controls.exposure(), 0.0, self.controls.in_force()),
+            Some(bracketed) => {
+                let device = &mut self.stream.device;
+                let label = bracketed.label(&frame, &self.layout, &self.controls, device);
+                let label =
+                    label.map_err(|e| error::stream_failed(&self.names.path, "bracketing", e))?;
+                let Some((exposure, ev, in_force)) = label else {
                     self.unattributed += 1;
                     return Ok(None);
                 };
-                (Some(exposure), ev, controls)
+                (Some(exposure), ev, in_force)
             }
         };
         let micros = exposure.map(|exposure| exposure.exposure_micros);
         self.frames += 1;
         Ok(Some(Frame {
-            data: taken.data,
+            data: frame.data,
             format: self.layout.format,
             width: self.layout.width,
             height: self.layout.height,
             stride: self.layout.stride,
-            sequence: taken.sequence,
-            captured_at: middle_of_exposure(taken.stamp, taken.stamp_source, micros),
-            arrived_at: taken.arrived_at,
+            sequence: frame.sequence,
+            captured_at: middle_of_exposure(frame.timestamp, frame.timestamp_source, micros),
+            arrived_at: frame.arrived_at,
             exposure,
             bracket_ev,
-            controls: Some(controls),
+            controls: Some(in_force),
         }))
     }
 
-    fn watch_controls(&mut self, events: bool) -> Result<(), DeviceError> {
-        let (video, now) = (&mut self.stream.video, self.clock.now());
-        let watched = if events {
-            self.contract.on_events(video, now)
+    fn watch_controls(&mut self, has_events: bool) -> Result<(), DeviceError> {
+        let (device, now) = (&mut self.stream.device, self.clock.now());
+        let watched = if has_events {
+            self.controls.on_events(device, now)
         } else {
-            self.contract.tick(video, now)
+            self.controls.tick(device, now)
         };
-        watched.map_err(|e| trouble::on_stream(&self.who.device, "watching controls", e))
+        watched.map_err(|e| error::stream_failed(&self.names.path, "watching controls", e))
     }
 
     fn notes(&self) -> Arc<[String]> {
         let mut notes = self.notes.clone();
-        notes.extend(self.cycled.as_ref().and_then(|c| c.finding()));
-        notes.extend(self.contract.tampering());
-        if self.stream.unended > 0 {
-            notes.push("its JPEGs have no end marker; it was added".to_owned());
+        notes.extend(self.bracketed.as_ref().and_then(|b| b.timing_note()));
+        notes.extend(self.controls.changes_note());
+        if self.stream.without_end_marker > 0 {
+            notes.push("its JPEG frames have no end marker; it is added".to_owned());
         }
-        let implausible = self.stream.stamps.implausible;
+        let implausible = self.stream.timestamps.implausible;
         if implausible > 0 {
             notes.push(format!(
-                "{implausible} stamps could not be true: arrival taken instead"
+                "{implausible} time stamps cannot be true; the time of arrival is used instead"
             ));
         }
         notes.into()
     }
 }
 
-impl<V: Video> Camera for V4l2Camera<V> {
+impl<D: VideoDevice> Camera for V4l2Camera<D> {
     fn next_frame(&mut self, timeout: Duration) -> Result<Option<Frame>, DeviceError> {
         let until = self.clock.now() + timeout;
         self.watch_controls(false)?;
@@ -199,10 +186,10 @@ impl<V: Video> Camera for V4l2Camera<V> {
             let left = until.nanos_since(self.clock.now());
             let left = Duration::from_nanos(u64::try_from(left).unwrap_or(0));
             match self.stream.next(left)? {
-                Next::Nothing => return Ok(None),
-                Next::Event => self.watch_controls(true)?,
-                Next::Picture(taken) => {
-                    if let Some(frame) = self.frame(taken)? {
+                StreamItem::TimedOut => return Ok(None),
+                StreamItem::ControlEvent => self.watch_controls(true)?,
+                StreamItem::Frame(frame) => {
+                    if let Some(frame) = self.label(frame)? {
                         return Ok(Some(frame));
                     }
                 }
@@ -212,14 +199,14 @@ impl<V: Video> Camera for V4l2Camera<V> {
 
     fn report(&self) -> CameraReport {
         CameraReport {
-            identity: self.who.identity.clone(),
+            identity: self.names.identity.clone(),
             mode: Some(self.mode),
-            stamps: self.stream.stamps.source,
-            controls: self.contract.report(),
+            stamps: self.stream.timestamps.source,
+            controls: self.controls.report(),
             counters: CameraCounters {
                 frames: self.frames,
                 unattributed: self.unattributed,
-                controls_changed: self.contract.changed,
+                controls_changed: self.controls.changes,
                 ..self.stream.counters
             },
             notes: self.notes(),
@@ -227,68 +214,65 @@ impl<V: Video> Camera for V4l2Camera<V> {
     }
 }
 
-fn refused(device: &str, reason: String) -> DeviceError {
-    DeviceError::Refused {
-        device: device.to_owned(),
-        reason,
-    }
-}
-
-fn check_kind(capabilities: &Capabilities) -> Result<(), String> {
+/// The capabilities of a camera that this driver can use.
+fn capabilities(device: &impl Formats, path: &str) -> Result<Capabilities, DeviceError> {
+    let capabilities = device.capabilities().map_err(|errno| match errno {
+        // The device does not know the command.
+        Errno::NOTTY | Errno::INVAL => refused(path, NOT_A_CAMERA),
+        other => error::setup_failed(path, "querying its capabilities", other),
+    })?;
     let Capabilities {
         captures,
         multiplanar,
         streams,
         ..
-    } = *capabilities;
+    } = capabilities;
     match (captures, multiplanar, streams) {
-        (true, _, true) => Ok(()),
-        (true, _, false) => Err("it offers no streaming, only read()".to_owned()),
-        (false, true, _) => Err(MULTIPLANAR.to_owned()),
-        (false, false, _) => Err(NO_CAMERA.to_owned()),
+        (true, _, true) => Ok(capabilities),
+        (true, _, false) => Err(refused(path, "it has no streaming, only read()")),
+        (false, true, _) => Err(refused(path, MULTIPLANAR)),
+        (false, false, _) => Err(refused(path, NOT_A_CAMERA)),
     }
 }
 
-fn choose_mode(
-    video: &mut impl Video,
+fn set_mode(
+    device: &mut impl Formats,
     settings: &CameraSettings,
-    device: &str,
+    path: &str,
     notes: &mut Vec<String>,
-) -> Result<Geometry, DeviceError> {
-    let failed = |e| trouble::on_setup(device, "choosing the format", e);
-    let present = video.geometry().map_err(failed)?;
-    let wanted = mode::choose(&video.formats(), settings, &present);
-    let wanted = wanted.map_err(|reason| refused(device, reason))?;
-    let got = video.set_geometry(&wanted).map_err(failed)?;
-    notes.extend(mode::difference(settings, &wanted, &got));
+) -> Result<CaptureFormat, DeviceError> {
+    let failed = |e| error::setup_failed(path, "setting the format", e);
+    let present = device.format().map_err(failed)?;
+    let wanted = mode::choose(&device.formats(), settings, &present);
+    let wanted = wanted.map_err(|message| refused(path, message))?;
+    let got = device.set_format(&wanted).map_err(failed)?;
+    notes.extend(mode::deviation_note(settings, &wanted, &got));
     Ok(got)
 }
 
-/// Whether `uvcvideo` was told to trust the cameras' own clocks.
-fn uvc_stamps_by_camera() -> bool {
-    let told = std::fs::read_to_string("/sys/module/uvcvideo/parameters/hwtimestamps");
-    told.is_ok_and(|told| told.trim() != "0")
+/// Whether the user has told `uvcvideo` to take time stamps from the cameras' own clocks.
+fn uvc_uses_camera_clock() -> bool {
+    let parameter = std::fs::read_to_string("/sys/module/uvcvideo/parameters/hwtimestamps");
+    parameter.is_ok_and(|value| value.trim() != "0")
 }
 
-fn notes(who: &Who) -> Vec<String> {
-    let numbered = who.by_number && who.identity != who.device;
-    numbered
-        .then(|| {
-            let Who {
-                device, identity, ..
-            } = who;
-            format!("the number of {device} changes when devices are replugged; write {identity}")
-        })
-        .into_iter()
-        .collect()
+fn numbering_note(names: &CameraNames) -> Option<String> {
+    let CameraNames {
+        identity,
+        path,
+        is_numbered,
+    } = names;
+    (*is_numbered && identity != path).then(|| {
+        format!("the number of {path} changes when devices are unplugged; write {identity}")
+    })
 }
 
-fn stream_mode(geometry: &Geometry, layout: &Layout) -> StreamMode {
+fn stream_mode(capture: &CaptureFormat, layout: &FrameLayout) -> StreamMode {
     StreamMode {
-        width: geometry.width,
-        height: geometry.height,
+        width: capture.width,
+        height: capture.height,
         format: layout.format,
-        frames_per_second: geometry.frames_per_second,
+        frames_per_second: capture.frames_per_second,
     }
 }
 

@@ -1,9 +1,9 @@
-//! The four letters by which V4L2 names formats.
+//! The four-character codes by which V4L2 names pixel formats.
 
 use penumbra_interface::{BayerPattern, PixelFormat};
 
-/// Formats that Penumbra reads, the better for measuring light first: uncompressed before
-/// JPEG, which quantises colour; grey last. Bayer's letters: the kernel's `videodev2.h`.
+/// The formats that Penumbra reads, best for measuring light first: uncompressed before JPEG,
+/// which quantises colour; grey last. The codes of Bayer formats are those of `videodev2.h`.
 pub(crate) const KNOWN: [([u8; 4], PixelFormat); 11] = [
     (*b"YUYV", PixelFormat::Yuyv),
     (*b"NV12", PixelFormat::Nv12),
@@ -18,35 +18,35 @@ pub(crate) const KNOWN: [([u8; 4], PixelFormat); 11] = [
     (*b"Y800", PixelFormat::Grey8),
 ];
 
-/// How Penumbra reads a format; `None` if it does not.
+/// The pixel format of a code; `None` if Penumbra cannot read it.
 pub(crate) fn pixel_format(fourcc: [u8; 4]) -> Option<PixelFormat> {
-    let known = KNOWN.iter().find(|(letters, _)| *letters == fourcc)?;
+    let known = KNOWN.iter().find(|(code, _)| *code == fourcc)?;
     Some(known.1)
 }
 
-/// The letters as text; unprintable ones as dots.
-pub(crate) fn text(fourcc: [u8; 4]) -> String {
-    let shown = |b: u8| if b.is_ascii_graphic() { b as char } else { '.' };
-    // Formats of two or three letters are padded with spaces.
-    let padded: String = fourcc
-        .map(|b| if b == b' ' { ' ' } else { shown(b) })
-        .iter()
-        .collect();
+/// A code as text, with dots for unprintable bytes. Short codes are padded with spaces, which
+/// are left out.
+pub(crate) fn to_text(fourcc: [u8; 4]) -> String {
+    let printable = |byte: u8| match byte {
+        b' ' => ' ',
+        byte if byte.is_ascii_graphic() => char::from(byte),
+        _ => '.',
+    };
+    let padded: String = fourcc.map(printable).iter().collect();
     padded.trim_end().to_owned()
 }
 
-/// The letters of a text of at most four.
-pub(crate) fn letters(text: &str) -> Option<[u8; 4]> {
-    let mut letters = [b' '; 4];
-    letters
-        .get_mut(..text.len())?
-        .copy_from_slice(text.as_bytes());
-    Some(letters)
+/// The code of a text of at most four bytes.
+pub(crate) fn from_text(text: &str) -> Option<[u8; 4]> {
+    let mut fourcc = [b' '; 4];
+    let start = fourcc.get_mut(..text.len())?;
+    start.copy_from_slice(text.as_bytes());
+    Some(fourcc)
 }
 
-/// Bytes of a row of a raw format without padding, and rows of bytes per picture (chroma
-/// planes count); `None` for coded ones.
-pub(crate) fn tight(format: PixelFormat, width: u32, height: u32) -> Option<(u32, u32)> {
+/// Bytes of one row without padding and number of rows (those of chroma planes included) of a
+/// picture; `None` for compressed formats.
+pub(crate) fn packed_rows(format: PixelFormat, width: u32, height: u32) -> Option<(u32, u32)> {
     match format {
         PixelFormat::Jpeg | PixelFormat::Png => None,
         PixelFormat::Yuyv => Some((width.saturating_mul(2), height)),
@@ -61,13 +61,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn letters_and_text_are_inverse() {
+    fn to_text_and_from_text_are_inverse() {
         for (fourcc, format) in KNOWN {
-            assert_eq!(letters(&text(fourcc)), Some(fourcc));
+            assert_eq!(from_text(&to_text(fourcc)), Some(fourcc));
             assert!(pixel_format(fourcc).is_some_and(|f| f == format));
         }
-        assert_eq!(letters("Y16"), Some(*b"Y16 "));
-        assert_eq!(letters("TOO LONG"), None);
-        assert_eq!(text([0, b'A', 7, b'B']), ".A.B");
+        assert_eq!(from_text("Y16"), Some(*b"Y16 "));
+        assert_eq!(from_text("TOO LONG"), None);
+        assert_eq!(to_text([0, b'A', 7, b'B']), ".A.B");
     }
 }

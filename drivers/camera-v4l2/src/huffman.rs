@@ -1,7 +1,7 @@
-//! The Huffman tables that MJPEG leaves out.
+//! The Huffman tables that MJPEG frames may leave out.
 
-/// One DHT segment with the four tables of ITU-T T.81, annex K.3 (tables K.3 to K.6): DC and
-/// AC of luminance, DC and AC of chrominance.
+/// A DHT segment with the four tables of ITU-T T.81, annex K.3 (tables K.3 to K.6): luminance DC
+/// and AC, chrominance DC and AC.
 #[rustfmt::skip]
 pub(crate) const STANDARD_TABLES: [u8; 420] = [
     0xFF, 0xC4, 0x01, 0xA2, 0x00, 0x00, 0x01, 0x05, 0x01, 0x01, 0x01, 0x01,

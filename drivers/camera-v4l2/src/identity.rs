@@ -1,18 +1,19 @@
-//! Cameras by names that survive replugging.
+//! Finds cameras by names that survive unplugging.
 
-use crate::video::Capabilities;
+use crate::device::Capabilities;
+use crate::error::refused;
 use penumbra_interface::{DeviceError, UsbIdentity};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Where the system keeps devices: `/dev` and `/sys`, or a test's imitation.
+/// The system's folders of devices; tests use copies.
 #[derive(Clone, Debug)]
-pub(crate) struct Roots {
+pub(crate) struct SystemRoots {
     pub dev: PathBuf,
     pub sys: PathBuf,
 }
 
-impl Default for Roots {
+impl Default for SystemRoots {
     fn default() -> Self {
         Self {
             dev: "/dev".into(),
@@ -21,12 +22,12 @@ impl Default for Roots {
     }
 }
 
-/// One video device file and what is known of it without opening it.
+/// A video device file and what sysfs and udev say about it.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Place {
-    pub node: PathBuf,
-    /// The driver's number among the nodes of one device; a camera's pictures come from 0,
-    /// its metadata from 1.
+pub(crate) struct DeviceNode {
+    pub path: PathBuf,
+    /// The driver's number among the nodes of one device. A camera's pictures come from node 0,
+    /// its metadata from node 1.
     pub index: u32,
     pub name: String,
     pub by_id: Option<String>,
@@ -34,8 +35,9 @@ pub(crate) struct Place {
     pub usb: Option<UsbIdentity>,
 }
 
-impl Place {
-    /// The name to write into settings; `bus` is what the driver says, if it was asked.
+impl DeviceNode {
+    /// The most durable name for the settings. `bus` is what the driver reports, if it was
+    /// asked.
     pub(crate) fn identity(&self, bus: Option<&str>) -> String {
         if let Some(by_id) = &self.by_id {
             return by_id.clone();
@@ -45,23 +47,23 @@ impl Place {
             (_, Some(by_path), _) => by_path.clone(),
             (Some(usb), None, _) => usb_name(usb),
             (None, None, Some(bus)) if !bus.is_empty() => format!("bus:{bus}"),
-            _ => self.node.display().to_string(),
+            _ => self.path.display().to_string(),
         }
     }
 }
 
-/// The own name and the serial number of the camera that calls itself `identity`
-/// ([`penumbra_interface::CameraReport::identity`]), as the system knows them without opening it.
+/// The product name and the serial number of the camera with this identity
+/// ([`penumbra_interface::CameraReport::identity`]), from sysfs. The camera is not opened.
 #[must_use]
 pub fn name_and_serial(identity: &str) -> Option<(String, Option<String>)> {
-    known_as(identity, &Roots::default())
+    name_and_serial_in(identity, &SystemRoots::default())
 }
 
-fn known_as(identity: &str, roots: &Roots) -> Option<(String, Option<String>)> {
-    let mut places = all(roots).into_iter();
-    let place = places.find(|place| place.identity(None) == identity)?;
-    let serial = place.usb.and_then(|usb| usb.serial);
-    (!place.name.is_empty()).then_some((place.name, serial))
+fn name_and_serial_in(identity: &str, roots: &SystemRoots) -> Option<(String, Option<String>)> {
+    let mut nodes = all(roots).into_iter();
+    let node = nodes.find(|node| node.identity(None) == identity)?;
+    let serial = node.usb.and_then(|usb| usb.serial);
+    (!node.name.is_empty()).then_some((node.name, serial))
 }
 
 fn usb_name(usb: &UsbIdentity) -> String {
@@ -74,50 +76,48 @@ fn usb_name(usb: &UsbIdentity) -> String {
     )
 }
 
-/// All video device files, in the order of their numbers.
-pub(crate) fn all(roots: &Roots) -> Vec<Place> {
+/// All video device files, ordered by their numbers.
+pub(crate) fn all(roots: &SystemRoots) -> Vec<DeviceNode> {
     let (by_id, by_path) = (links(roots, "by-id"), links(roots, "by-path"));
-    let named = |names: &[(String, String)], node: &str, usb: Option<&UsbIdentity>| {
-        let mut names = names.iter().filter(|(_, target)| target == node);
-        let found = names.find(|(name, _)| usb.is_none_or(|usb| may_be(name, usb)))?;
+    let link_to = |links: &[(String, String)], file: &str, usb: Option<&UsbIdentity>| {
+        let mut names = links.iter().filter(|(_, target)| target == file);
+        let found = names.find(|(name, _)| usb.is_none_or(|usb| matches_serial(name, usb)))?;
         Some(found.0.clone())
     };
-    let mut numbered: Vec<(u32, Place)> = names_in(&roots.dev)
-        .filter_map(|name| {
-            let number: u32 = name.strip_prefix("video")?.parse().ok()?;
-            let class = roots.sys.join("class/video4linux").join(&name);
+    let mut numbered: Vec<(u32, DeviceNode)> = names_in(&roots.dev)
+        .filter_map(|file| {
+            let number: u32 = file.strip_prefix("video")?.parse().ok()?;
+            let class = roots.sys.join("class/video4linux").join(&file);
             let usb = usb(&class);
-            let place = Place {
-                node: roots.dev.join(&name),
-                index: line(&class.join("index"))
-                    .and_then(|n| n.parse().ok())
-                    .unwrap_or(0),
-                name: line(&class.join("name")).unwrap_or_default(),
-                by_id: named(&by_id, &name, usb.as_ref()),
-                by_path: named(&by_path, &name, None),
+            let index = first_line(&class.join("index")).and_then(|line| line.parse().ok());
+            let node = DeviceNode {
+                path: roots.dev.join(&file),
+                index: index.unwrap_or(0),
+                name: first_line(&class.join("name")).unwrap_or_default(),
+                by_id: link_to(&by_id, &file, usb.as_ref()),
+                by_path: link_to(&by_path, &file, None),
                 usb,
             };
-            Some((number, place))
+            Some((number, node))
         })
         .collect();
     numbered.sort_by_key(|(number, _)| *number);
-    numbered.into_iter().map(|(_, place)| place).collect()
+    numbered.into_iter().map(|(_, node)| node).collect()
 }
 
-/// Whether a name under `by-id` may be that of this USB device, by its serial number.
+/// Whether the serial number of a USB device allows a name under `by-id` to be its name.
 ///
-/// The kernel gives a number that has become free to the next camera at once, and udev
-/// renews the links a little later: until then a link may lead to another camera.
-fn may_be(by_id: &str, usb: &UsbIdentity) -> bool {
-    // udev replaces some characters, and leaves a serial number out that has worse ones.
-    let replaced =
+/// When a camera is unplugged, the kernel gives its number to the next camera at once, and
+/// udev updates the links a little later. Until then a link may lead to another camera.
+fn matches_serial(by_id: &str, usb: &UsbIdentity) -> bool {
+    // udev replaces some characters of a serial number, and omits the whole number if it
+    // contains others.
+    let letters =
         |text: &str| -> String { text.chars().filter(char::is_ascii_alphanumeric).collect() };
-    let is_odd = |c: char| c == ',' || !(c == ' ' || c.is_ascii_graphic());
-    let serial = usb
-        .serial
-        .as_deref()
-        .filter(|serial| !serial.contains(is_odd));
-    serial.is_none_or(|serial| replaced(by_id).contains(&replaced(serial)))
+    let causes_omission = |c: char| c == ',' || !(c == ' ' || c.is_ascii_graphic());
+    let serial = usb.serial.as_deref();
+    let serial = serial.filter(|serial| !serial.contains(causes_omission));
+    serial.is_none_or(|serial| letters(by_id).contains(&letters(serial)))
 }
 
 fn names_in(folder: &Path) -> impl Iterator<Item = String> {
@@ -125,8 +125,8 @@ fn names_in(folder: &Path) -> impl Iterator<Item = String> {
     entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok())
 }
 
-/// Names under `/dev/v4l/KIND` and the device files that they stand for, by name.
-fn links(roots: &Roots, kind: &str) -> Vec<(String, String)> {
+/// The links under `/dev/v4l/KIND`, in alphabetical order, and the device files they lead to.
+fn links(roots: &SystemRoots, kind: &str) -> Vec<(String, String)> {
     let folder = roots.dev.join("v4l").join(kind);
     let mut links: Vec<(String, String)> = names_in(&folder)
         .filter_map(|name| {
@@ -138,108 +138,121 @@ fn links(roots: &Roots, kind: &str) -> Vec<(String, String)> {
     links
 }
 
-/// First line of a file of sysfs.
-fn line(path: &Path) -> Option<String> {
+/// The first line of a sysfs file, if it is not empty.
+fn first_line(path: &Path) -> Option<String> {
     let text = fs::read_to_string(path).ok()?;
     let line = text.lines().next()?.trim();
     (!line.is_empty()).then(|| line.to_owned())
 }
 
-/// The USB device above an interface in sysfs.
+/// The USB device that a video device belongs to.
 fn usb(class: &Path) -> Option<UsbIdentity> {
-    let device = fs::canonicalize(class.join("device")).ok()?;
-    let above = device
+    let interface = fs::canonicalize(class.join("device")).ok()?;
+    let device = interface
         .ancestors()
         .find(|folder| folder.join("idVendor").is_file())?;
     Some(UsbIdentity {
-        vendor: line(&above.join("idVendor"))?,
-        product: line(&above.join("idProduct"))?,
-        serial: line(&above.join("serial")),
+        vendor: first_line(&device.join("idVendor"))?,
+        product: first_line(&device.join("idProduct"))?,
+        serial: first_line(&device.join("serial")),
     })
 }
 
-/// The device file that a setting names. `probe` opens a device file and asks its driver.
+/// Finds the device node that the settings name. `probe` opens a device file and asks its
+/// driver.
 ///
 /// # Errors
-/// No such camera, or several.
+/// There is no such camera, there are several, or the name is malformed.
 pub(crate) fn resolve(
     device: &str,
-    roots: &Roots,
+    roots: &SystemRoots,
     probe: impl Fn(&Path) -> Option<Capabilities>,
-) -> Result<Place, DeviceError> {
-    let places = all(roots);
-    let missing = || DeviceError::NotFound {
-        device: if device.is_empty() {
-            "any camera"
-        } else {
-            device
-        }
-        .to_owned(),
-    };
+) -> Result<DeviceNode, DeviceError> {
+    let nodes = all(roots);
     if device.starts_with('/') {
-        let node = fs::canonicalize(device).map_err(|_| missing())?;
-        let known = places.into_iter().find(|place| place.node == node);
-        if let Some(usb) = known.as_ref().and_then(|place| place.usb.as_ref())
-            && let Ok(name) = Path::new(device).strip_prefix(roots.dev.join("v4l/by-id"))
-            && !may_be(&name.to_string_lossy(), usb)
-        {
-            return Err(missing());
-        }
-        return Ok(known.unwrap_or(Place {
-            node,
-            ..Place::default()
-        }));
+        return resolve_path(device, roots, nodes);
     }
-    let captures = |place: &Place| probe(&place.node).is_some_and(|c| c.captures || c.multiplanar);
-    let first = places.iter().filter(|place| place.index == 0);
-    let found: Vec<&Place> = if device.is_empty() {
-        first.filter(|place| captures(place)).collect()
+    let captures =
+        |node: &DeviceNode| probe(&node.path).is_some_and(|c| c.captures || c.multiplanar);
+    let first_nodes = nodes.iter().filter(|node| node.index == 0);
+    let found: Vec<&DeviceNode> = if device.is_empty() {
+        first_nodes.filter(|node| captures(node)).collect()
     } else if let Some(usb) = device.strip_prefix("usb:") {
         let wanted = parse_usb(device, usb)?;
-        first
-            .filter(|place| place.usb.as_ref().is_some_and(|usb| is_usb(usb, &wanted)))
+        let is_wanted = |usb: &UsbIdentity| is_usb(usb, &wanted);
+        first_nodes
+            .filter(|node| node.usb.as_ref().is_some_and(is_wanted))
             .collect()
     } else if let Some(bus) = device.strip_prefix("bus:") {
-        let on_bus = |place: &&Place| probe(&place.node).is_some_and(|c| c.bus == bus);
-        first
-            .filter(on_bus)
-            .filter(|place| captures(place))
+        let on_bus = |node: &DeviceNode| probe(&node.path).is_some_and(|c| c.bus == bus);
+        first_nodes
+            .filter(|node| on_bus(node) && captures(node))
             .collect()
     } else {
-        places
+        // Links name one node each, whatever its index.
+        nodes
             .iter()
-            .filter(|place| is_named(place, device))
-            .take(1)
+            .find(|node| is_link_to(node, device))
+            .into_iter()
             .collect()
     };
     match found.as_slice() {
-        [] => Err(missing()),
+        [] => Err(not_found(device)),
         [one] => Ok((*one).clone()),
         several => Err(ambiguous(device, several)),
     }
 }
 
-fn is_named(place: &Place, name: &str) -> bool {
-    let is = |known: &Option<String>| {
-        let known = known.as_deref();
-        known
-            .is_some_and(|known| known == name || known.strip_suffix("-video-index0") == Some(name))
-    };
-    is(&place.by_id) || is(&place.by_path)
+fn resolve_path(
+    device: &str,
+    roots: &SystemRoots,
+    nodes: Vec<DeviceNode>,
+) -> Result<DeviceNode, DeviceError> {
+    let path = fs::canonicalize(device).map_err(|_| not_found(device))?;
+    let known = nodes.into_iter().find(|node| node.path == path);
+    if let Some(usb) = known.as_ref().and_then(|node| node.usb.as_ref())
+        && let Ok(name) = Path::new(device).strip_prefix(roots.dev.join("v4l/by-id"))
+        && !matches_serial(&name.to_string_lossy(), usb)
+    {
+        return Err(not_found(device));
+    }
+    Ok(known.unwrap_or(DeviceNode {
+        path,
+        ..DeviceNode::default()
+    }))
 }
 
-fn ambiguous(device: &str, several: &[&Place]) -> DeviceError {
+fn not_found(device: &str) -> DeviceError {
+    let device = if device.is_empty() {
+        "any camera"
+    } else {
+        device
+    };
+    DeviceError::NotFound {
+        device: device.to_owned(),
+    }
+}
+
+/// Whether a link leads to the node; the ending `-video-index0` may be omitted.
+fn is_link_to(node: &DeviceNode, name: &str) -> bool {
+    let mut links = node.by_id.iter().chain(&node.by_path);
+    links.any(|link| link == name || link.strip_suffix("-video-index0") == Some(name))
+}
+
+fn ambiguous(device: &str, several: &[&DeviceNode]) -> DeviceError {
     let names: Vec<String> = several
         .iter()
-        .map(|place| match &place.by_path {
+        .map(|node| match &node.by_path {
             Some(by_path) => by_path.clone(),
-            None => place.identity(None),
+            None => node.identity(None),
         })
         .collect();
-    DeviceError::Refused {
-        device: if device.is_empty() { "camera" } else { device }.to_owned(),
-        reason: format!("several cameras fit; name one of: {}", names.join(", ")),
-    }
+    let device = if device.is_empty() { "camera" } else { device };
+    let names = names.join(", ");
+    refused(
+        device,
+        format!("several cameras match; name one of: {names}"),
+    )
 }
 
 fn is_usb(usb: &UsbIdentity, wanted: &UsbIdentity) -> bool {
@@ -249,22 +262,21 @@ fn is_usb(usb: &UsbIdentity, wanted: &UsbIdentity) -> bool {
         && (wanted.serial.is_none() || wanted.serial == usb.serial)
 }
 
-/// `VID:PID[:SERIAL]`; a serial number may hold colons itself.
+/// Parses `VID:PID[:SERIAL]`; a serial number may contain colons.
 fn parse_usb(device: &str, text: &str) -> Result<UsbIdentity, DeviceError> {
     let mut parts = text.splitn(3, ':').map(str::to_owned);
-    let hex = |part: &String| part.len() == 4 && part.bytes().all(|b| b.is_ascii_hexdigit());
-    match (parts.next().filter(hex), parts.next().filter(hex)) {
+    let is_id = |part: &String| part.len() == 4 && part.bytes().all(|b| b.is_ascii_hexdigit());
+    match (parts.next().filter(is_id), parts.next().filter(is_id)) {
         (Some(vendor), Some(product)) => Ok(UsbIdentity {
             vendor,
             product,
             serial: parts.next().filter(|serial| !serial.is_empty()),
         }),
-        _ => Err(DeviceError::Refused {
-            device: device.to_owned(),
-            reason: "write usb:VID:PID or usb:VID:PID:SERIAL with four hexadecimal digits \
-                     each, as lsusb prints them"
-                .to_owned(),
-        }),
+        _ => Err(refused(
+            device,
+            "write usb:VID:PID or usb:VID:PID:SERIAL with four hexadecimal digits each, as lsusb \
+             prints them",
+        )),
     }
 }
 

@@ -1,75 +1,80 @@
-//! Whether a camera's bytes are a whole JPEG, and where it ends.
+//! Finds the end of a camera's JPEG frame and completes the frame.
 //!
-//! Cameras pad the picture to their packet size, leave out the end marker (the kernel's
-//! `UVC_QUIRK_MJPEG_NO_EOF`), leave out the Huffman tables (MJPEG as in AVI files: ITU-T
-//! T.81, annex K.3 holds for all), and lose the rest of a picture without telling
-//! (an ERROR flag is set for short uncompressed frames only). Markers: T.81, table B.1.
+//! Cameras pad frames to their packet size, omit the end marker (the kernel's
+//! `UVC_QUIRK_MJPEG_NO_EOF`), omit the Huffman tables (as MJPEG in AVI files does; the tables
+//! of ITU-T T.81, annex K.3 then apply), and cut frames short without an error flag, which
+//! `uvcvideo` sets for short uncompressed frames only. Markers: T.81, table B.1.
 
 use crate::huffman::STANDARD_TABLES;
 use bytes::BufMut;
 
+/// Start of image.
 const SOI: u8 = 0xD8;
+/// End of image.
 const EOI: u8 = 0xD9;
+/// Start of scan.
 const SOS: u8 = 0xDA;
+/// Huffman tables.
 const DHT: u8 = 0xC4;
 
-/// Where the parts of a JPEG lie.
+/// What the markers of a JPEG frame say.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Jpeg {
-    /// Bytes up to and with the end marker; without one, up to the last that is not zero.
+    /// Bytes up to the end marker, inclusive; without a marker, up to the last byte that is
+    /// not zero.
     pub len: usize,
-    /// Whether the end marker is there.
-    pub ended: bool,
-    /// Where Huffman tables must be inserted, if it has none: before its first scan.
+    pub has_end: bool,
+    /// The start of the first scan, if no Huffman tables precede it: there they belong.
     pub tables_missing_at: Option<usize>,
 }
 
-/// Why bytes are no JPEG.
+/// Why bytes are not a JPEG frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Fault {
-    /// Does not begin with a start marker.
+pub(crate) enum JpegError {
+    /// They do not begin with a start marker.
     NoStart,
-    /// Ends or derails before the first scan.
+    /// They end, or a segment has no valid length, before the first scan.
     NoScan,
 }
 
 impl Jpeg {
     /// Walks from marker to marker.
-    pub(crate) fn find(data: &[u8]) -> Result<Self, Fault> {
+    pub(crate) fn parse(data: &[u8]) -> Result<Self, JpegError> {
         if !data.starts_with(&[0xFF, SOI]) {
-            return Err(Fault::NoStart);
+            return Err(JpegError::NoStart);
         }
         let (mut at, mut has_tables, mut first_scan) = (2, false, None);
         loop {
             let Some((marker, marker_at)) = next_marker(data, at) else {
-                return unended(data, first_scan, has_tables);
+                return without_end(data, first_scan, has_tables);
             };
             at = marker_at + 2;
             match marker {
                 EOI => {
-                    let first_scan = first_scan.ok_or(Fault::NoScan)?;
+                    let first_scan = first_scan.ok_or(JpegError::NoScan)?;
                     return Ok(Self {
                         len: at,
-                        ended: true,
+                        has_end: true,
                         tables_missing_at: (!has_tables).then_some(first_scan),
                     });
                 }
-                // Restart markers and TEM stand alone; a second start is a derailment that
-                // the decoder judges better.
+                // Restart markers and TEM have no length. A second start marker is an error
+                // that the decoder handles better.
                 0x01 | 0xD0..=0xD8 => continue,
                 DHT => has_tables |= first_scan.is_none(),
                 SOS => first_scan = first_scan.or(Some(marker_at)),
                 _ => {}
             }
             let Some(length) = segment_length(data, at) else {
-                return unended(data, first_scan, has_tables);
+                return without_end(data, first_scan, has_tables);
             };
             at += length;
         }
     }
 
-    /// Writes the picture as a complete file: with tables, with an end.
-    pub(crate) fn write(&self, data: &[u8], out: &mut Vec<u8>) {
+    /// Appends the frame to `out`, with Huffman tables and end marker. `data` is what was
+    /// parsed.
+    pub(crate) fn write_complete(&self, data: &[u8], out: &mut Vec<u8>) {
         let split = self.tables_missing_at.unwrap_or(0);
         let (head, tail) = data[..self.len].split_at(split);
         out.put_slice(head);
@@ -77,18 +82,18 @@ impl Jpeg {
             out.put_slice(&STANDARD_TABLES);
         }
         out.put_slice(tail);
-        if !self.ended {
+        if !self.has_end {
             out.put_slice(&[0xFF, EOI]);
         }
     }
 }
 
-/// The next marker from `at` on, skipping entropy-coded bytes and fill bytes.
+/// The next marker from `at` on and its position. Skips entropy-coded data and fill bytes.
 fn next_marker(data: &[u8], mut at: usize) -> Option<(u8, usize)> {
     loop {
         at += memchr::memchr(0xFF, data.get(at..)?)?;
         match *data.get(at + 1)? {
-            // A stuffed zero belongs to the coded data; a second FF is a fill byte.
+            // FF 00 is a coded FF. The first FF of FF FF is a fill byte.
             0x00 => at += 2,
             0xFF => at += 1,
             marker => return Some((marker, at)),
@@ -101,18 +106,22 @@ fn segment_length(data: &[u8], at: usize) -> Option<usize> {
     (length >= 2 && at + length <= data.len()).then_some(length)
 }
 
-/// A picture whose scan began but whose end marker is missing.
-fn unended(data: &[u8], first_scan: Option<usize>, has_tables: bool) -> Result<Jpeg, Fault> {
-    let first_scan = first_scan.ok_or(Fault::NoScan)?;
-    let zeros = data.iter().rev().take_while(|&&b| b == 0).count();
-    // A stuffed zero after FF is data, and half a marker is none.
-    let mut len = data.len() - zeros;
+/// A frame with a scan but without an end marker.
+fn without_end(
+    data: &[u8],
+    first_scan: Option<usize>,
+    has_tables: bool,
+) -> Result<Jpeg, JpegError> {
+    let first_scan = first_scan.ok_or(JpegError::NoScan)?;
+    let padding = data.iter().rev().take_while(|&&b| b == 0).count();
+    let mut len = data.len() - padding;
+    // A marker that was cut in half, or a coded FF whose 00 was taken for padding.
     if data[len - 1] == 0xFF {
         len -= 1;
     }
     Ok(Jpeg {
         len: len.max(first_scan + 2),
-        ended: false,
+        has_end: false,
         tables_missing_at: (!has_tables).then_some(first_scan),
     })
 }

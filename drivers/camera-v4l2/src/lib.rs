@@ -1,23 +1,37 @@
 //! Cameras through the Linux kernel's V4L2 interface.
 //!
-//! [`list_cameras`] says which cameras there are and what they can do; [`open`] starts one.
-//! `kernel` is the only module that talks to the kernel; everything else works on the plain
-//! types of `video` and is tested against a camera that fails on purpose. `stream` is the
-//! buffer loop, `contract` keeps the controls as the settings want them, `bracket` cycles
-//! exposures, `identity` finds a camera by a name that survives replugging.
+//! [`list_cameras`] lists the cameras and what they can do; [`open`] starts one.
 //!
-//! The kernel's structures are declared here instead of taken from the crates `v4l` or
-//! `v4l2r`: those need libclang on every machine that builds Penumbra, and `v4l`'s stream
-//! loses its place after a time-out. On systems without V4L2 this crate is empty.
+//! ```no_run
+//! use penumbra_camera_v4l2::{CameraSettings, open};
+//! use penumbra_interface::SystemClock;
+//! use std::{sync::Arc, time::Duration};
+//!
+//! let settings = CameraSettings {
+//!     device: "usb:046d:0825".into(),
+//!     controls: vec![("auto_exposure".into(), 1), ("exposure_time_absolute".into(), 100)],
+//!     ..CameraSettings::default()
+//! };
+//! let mut camera = open(&settings, Arc::new(SystemClock))?;
+//! if let Some(frame) = camera.next_frame(Duration::from_secs(1))? {
+//!     println!("{}×{} at {:?}", frame.width, frame.height, frame.captured_at);
+//! }
+//! # Ok::<(), penumbra_interface::DeviceError>(())
+//! ```
+//!
+//! `kernel` is the only module that talks to the kernel. Everything else works on the plain
+//! types and traits of `device` and is tested with a fake device that fails on demand. `stream`
+//! is the buffer loop, `controls` locks the camera's controls, `bracketing` cycles exposure
+//! times, and `identity` finds a camera by a name that survives unplugging. README.md lists all
+//! files. On other systems than Linux this crate is empty.
 #![cfg(target_os = "linux")]
 
-#[cfg(not(target_pointer_width = "64"))]
-compile_error!("the kernel's structures are declared for 64-bit machines only");
-
-mod bracket;
+mod bracketing;
 mod brightness;
 mod camera;
-mod contract;
+mod controls;
+mod device;
+mod error;
 mod fourcc;
 mod huffman;
 mod identity;
@@ -26,12 +40,10 @@ mod kernel;
 mod list;
 mod mode;
 mod pool;
-mod stamps;
 mod stream;
 #[cfg(test)]
 mod testing;
-mod trouble;
-mod video;
+mod timestamps;
 
 pub use camera::open;
 pub use identity::name_and_serial;

@@ -1,74 +1,81 @@
-//! Which cameras there are, and what they can do.
+//! Lists the cameras of the machine and what they can do.
 
-use crate::contract::names;
-use crate::identity::{self, Place, Roots};
-use crate::kernel::Node;
-use crate::trouble;
-use crate::video::{ControlDescription, ControlKind, Controls, Modes};
+use crate::controls::names;
+use crate::device::{ControlDescription, ControlKind, Controls, Formats};
+use crate::error::{self, MULTIPLANAR};
+use crate::identity::{self, DeviceNode, SystemRoots};
+use crate::kernel::V4l2Device;
 use penumbra_interface::{CameraControl, CameraInfo};
+use v4l::control::Flags;
 
-/// All cameras of this machine. Opens each for a moment, which disturbs no stream. A
-/// camera that cannot be opened is listed with its `trouble`; device files that are no
-/// cameras (metadata, outputs, codecs) are left out.
+/// All cameras of this machine.
+///
+/// Each is opened for a moment, which does not disturb a stream. A camera that cannot be
+/// opened is listed with the reason in `trouble`. Device files that are not cameras (metadata
+/// nodes, outputs, codecs) are left out.
 #[must_use]
 pub fn list_cameras() -> Vec<CameraInfo> {
-    let places = identity::all(&Roots::default());
-    places.iter().filter_map(describe).collect()
+    let nodes = identity::all(&SystemRoots::default());
+    nodes.iter().filter_map(describe).collect()
 }
 
-fn describe(place: &Place) -> Option<CameraInfo> {
+fn describe(node: &DeviceNode) -> Option<CameraInfo> {
     let info = CameraInfo {
-        name: place.name.clone(),
-        node: place.node.display().to_string(),
-        by_id: place.by_id.clone(),
-        by_path: place.by_path.clone(),
-        usb: place.usb.clone(),
+        name: node.name.clone(),
+        node: node.path.display().to_string(),
+        by_id: node.by_id.clone(),
+        by_path: node.by_path.clone(),
+        usb: node.usb.clone(),
         ..CameraInfo::default()
     };
-    let node = match Node::open(&place.node) {
-        Ok(node) => node,
-        Err(error) => {
-            return (place.index == 0).then(|| CameraInfo {
-                identity: place.identity(None),
-                trouble: Some(trouble::on_open(&place.node, error).to_string()),
+    let device = match V4l2Device::open(&node.path) {
+        Ok(device) => device,
+        Err(errno) => {
+            return (node.index == 0).then(|| CameraInfo {
+                identity: node.identity(None),
+                trouble: Some(error::open_failed(&node.path, errno).to_string()),
                 ..info
             });
         }
     };
-    let capabilities = node.capabilities().ok()?;
+    let capabilities = device.capabilities().ok()?;
     let trouble = match (capabilities.captures, capabilities.multiplanar) {
         (true, _) => None,
-        (false, true) => Some(crate::camera::MULTIPLANAR.to_owned()),
+        (false, true) => Some(MULTIPLANAR.to_owned()),
         (false, false) => return None,
     };
     Some(CameraInfo {
-        identity: place.identity(Some(&capabilities.bus)),
+        identity: node.identity(Some(&capabilities.bus)),
         name: capabilities.card,
         driver: capabilities.driver,
         bus: capabilities.bus,
-        formats: node.formats(),
-        controls: controls(&node),
+        formats: device.formats(),
+        controls: controls(&device),
         trouble,
         ..info
     })
 }
 
-fn controls(node: &Node) -> Vec<CameraControl> {
-    let described = node.describe_controls().into_iter();
-    let settable = described.filter(|control| control.kind != ControlKind::Other);
-    settable
-        .map(|control| CameraControl {
-            name: names::of_title(&control.title),
-            kind: kind(control.kind).to_owned(),
-            min: control.min,
-            max: control.max,
-            step: control.step,
-            default: control.default,
-            current: node.control(control.id, control.kind).ok(),
-            menu: node.menu(&control),
-            flags: flags(control.flags),
-        })
+fn controls(device: &V4l2Device) -> Vec<CameraControl> {
+    let described = device.describe_controls().into_iter();
+    let numeric = described.filter(|control| control.kind != ControlKind::Other);
+    numeric
+        .map(|control| describe_control(device, &control))
         .collect()
+}
+
+fn describe_control(device: &V4l2Device, control: &ControlDescription) -> CameraControl {
+    CameraControl {
+        name: names::from_title(&control.title),
+        kind: kind(control.kind).to_owned(),
+        min: control.min,
+        max: control.max,
+        step: control.step,
+        default: control.default,
+        current: device.read_control(control.id, control.kind).ok(),
+        menu: device.menu(control),
+        flags: flags(control.flags),
+    }
 }
 
 const fn kind(kind: ControlKind) -> &'static str {
@@ -83,14 +90,15 @@ const fn kind(kind: ControlKind) -> &'static str {
     }
 }
 
-fn flags(bits: u32) -> Vec<String> {
+/// The flags that explain why a control may not be settable.
+fn flags(set: Flags) -> Vec<String> {
     let named = [
-        (ControlDescription::INACTIVE, "inactive"),
-        (ControlDescription::READ_ONLY, "read-only"),
-        (ControlDescription::WRITE_ONLY, "write-only"),
-        (ControlDescription::GRABBED, "grabbed"),
-        (ControlDescription::VOLATILE, "volatile"),
+        (Flags::INACTIVE, "inactive"),
+        (Flags::READ_ONLY, "read-only"),
+        (Flags::WRITE_ONLY, "write-only"),
+        (Flags::GRABBED, "grabbed"),
+        (Flags::VOLATILE, "volatile"),
     ];
-    let set = named.iter().filter(|(bit, _)| bits & bit != 0);
-    set.map(|(_, name)| (*name).to_owned()).collect()
+    let named = named.iter().filter(|(flag, _)| set.contains(*flag));
+    named.map(|(_, name)| (*name).to_owned()).collect()
 }

@@ -1,115 +1,108 @@
-//! Which of the camera's modes comes nearest to the settings.
+//! Chooses the camera mode that fits the settings best.
 
+use crate::device::CaptureFormat;
 use crate::fourcc;
-use crate::video::Geometry;
 use penumbra_interface::{CameraFormat, CameraSettings, CameraSize, PixelFormat, SizeSteps};
 
-/// Rate that a format should reach where the settings name none.
-const FLUENT: f64 = 25.0;
-/// 29.97 is as good as 30.
+/// Frames per second that a format should reach if the settings ask for no rate.
+const DEFAULT_RATE: f64 = 25.0;
+/// Frames per second by which rates may differ and still count as equal: 29.97 is 30.
 const RATE_TOLERANCE: f64 = 0.5;
-/// Sizes named in a complaint.
-const NAMED: usize = 8;
+/// Sizes listed per format in an error message.
+const MAX_SIZES_LISTED: usize = 8;
 
-/// The mode to ask for; an error says what is offered instead.
+/// The format to request from the driver: the most preferred one that reaches the wanted rate
+/// at the wanted size, or the fastest one if none does.
+///
+/// # Errors
+/// A message that says what the camera offers instead.
 pub(crate) fn choose(
     formats: &[CameraFormat],
     settings: &CameraSettings,
-    present: &Geometry,
-) -> Result<Geometry, String> {
+    present: &CaptureFormat,
+) -> Result<CaptureFormat, String> {
     let (width, height) = match (settings.width, settings.height) {
         (0, _) | (_, 0) => (present.width, present.height),
         wanted => wanted,
     };
-    let mut able: Vec<(&CameraFormat, Vec<f64>)> = Vec::new();
-    for format in preferred(formats, &settings.formats) {
-        if let Some(rates) = rates(format, width, height) {
-            able.push((format, rates));
-        }
-    }
-    let target = settings.frames_per_second.unwrap_or(FLUENT) - RATE_TOLERANCE;
-    let reaches = |rates: &[f64]| rates.first().is_none_or(|best| *best >= target);
+    let candidates: Vec<(&CameraFormat, Vec<f64>)> = by_preference(formats, &settings.formats)
+        .filter_map(|format| Some((format, rates(format, width, height)?)))
+        .collect();
+    let wanted_rate = settings.frames_per_second.unwrap_or(DEFAULT_RATE) - RATE_TOLERANCE;
+    let reaches = |rates: &[f64]| rates.first().is_none_or(|best| *best >= wanted_rate);
     let fastest = |a: &&(_, Vec<f64>), b: &&(_, Vec<f64>)| {
         let best = |rates: &[f64]| rates.first().copied().unwrap_or(0.0);
-        // The first of equals is preferred, and `max_by` would take the last.
+        // `max_by` takes the last of equals, and the first is preferred.
         best(&a.1)
             .total_cmp(&best(&b.1))
             .then(std::cmp::Ordering::Greater)
     };
-    let chosen = able.iter().find(|(_, rates)| reaches(rates));
-    let chosen = chosen.or_else(|| able.iter().max_by(fastest));
-    let (format, _) = chosen.ok_or_else(|| complaint(formats, settings, (width, height)))?;
-    Ok(Geometry {
+    let chosen = candidates.iter().find(|(_, rates)| reaches(rates));
+    let chosen = chosen.or_else(|| candidates.iter().max_by(fastest));
+    let (format, _) = chosen.ok_or_else(|| not_offered(formats, settings, (width, height)))?;
+    Ok(CaptureFormat {
         width,
         height,
-        fourcc: fourcc::letters(&format.fourcc).unwrap_or_default(),
+        fourcc: fourcc::from_text(&format.fourcc).unwrap_or_default(),
         bytes_per_line: 0,
         frames_per_second: settings.frames_per_second,
     })
 }
 
-/// What the camera took instead of what was wanted, if it did.
-pub(crate) fn difference(
+/// A note for the user if the driver set another size or rate than requested.
+pub(crate) fn deviation_note(
     settings: &CameraSettings,
-    wanted: &Geometry,
-    got: &Geometry,
+    wanted: &CaptureFormat,
+    got: &CaptureFormat,
 ) -> Option<String> {
-    let size = (wanted.width, wanted.height) != (got.width, got.height);
-    let rate = settings.frames_per_second.zip(got.frames_per_second);
-    let rate = rate.filter(|(wanted, got)| (wanted - got).abs() > RATE_TOLERANCE);
-    (size || rate.is_some()).then(|| {
-        let rate =
-            rate.map(|(wanted, got)| format!(" at {got:.1} instead of {wanted:.1} frames/s"));
-        format!(
-            "the camera gives {}×{} instead of {}×{}{}",
-            got.width,
-            got.height,
-            wanted.width,
-            wanted.height,
-            rate.unwrap_or_default()
-        )
-    })
+    let is_other_size = (wanted.width, wanted.height) != (got.width, got.height);
+    let rates = settings.frames_per_second.zip(got.frames_per_second);
+    let rates = rates.filter(|(wanted, got)| (wanted - got).abs() > RATE_TOLERANCE);
+    if !is_other_size && rates.is_none() {
+        return None;
+    }
+    let rate = rates.map_or_else(String::new, |(wanted, got)| {
+        format!(" at {got:.1} instead of {wanted:.1} frames/s")
+    });
+    Some(format!(
+        "the camera gives {}×{} instead of {}×{}{rate}",
+        got.width, got.height, wanted.width, wanted.height
+    ))
 }
 
-/// The formats that may be taken, the best first.
-fn preferred<'a>(
+/// The formats that Penumbra reads and the settings allow, most preferred first.
+fn by_preference<'a>(
     formats: &'a [CameraFormat],
-    wanted: &[PixelFormat],
+    allowed: &[PixelFormat],
 ) -> impl Iterator<Item = &'a CameraFormat> {
-    let reading =
-        |format: &CameraFormat| fourcc::letters(&format.fourcc).and_then(fourcc::pixel_format);
-    let place = move |format: &CameraFormat| {
-        let reading = reading(format)?;
-        if wanted.is_empty() {
-            fourcc::KNOWN
-                .iter()
-                .position(|(_, known)| *known == reading)
+    let rank = |format: &CameraFormat| {
+        let pixels = fourcc::from_text(&format.fourcc).and_then(fourcc::pixel_format)?;
+        if allowed.is_empty() {
+            fourcc::KNOWN.iter().position(|(_, known)| *known == pixels)
         } else {
-            wanted.iter().position(|wanted| *wanted == reading)
+            allowed.iter().position(|allowed| *allowed == pixels)
         }
     };
-    let mut placed: Vec<(usize, &CameraFormat)> = formats
+    let mut ranked: Vec<(usize, &CameraFormat)> = formats
         .iter()
-        .filter_map(|format| Some((place(format)?, format)))
+        .filter_map(|format| Some((rank(format)?, format)))
         .collect();
-    placed.sort_by_key(|(place, _)| *place);
-    placed.into_iter().map(|(_, format)| format)
+    ranked.sort_by_key(|(rank, _)| *rank);
+    ranked.into_iter().map(|(_, format)| format)
 }
 
-/// The rates of a format at a size, fastest first; `None` if it does not come in that
-/// size. Drivers that list no sizes take any.
+/// The rates of a format at a size, fastest first; `None` if it does not offer the size. A
+/// driver that lists no sizes takes any.
 fn rates(format: &CameraFormat, width: u32, height: u32) -> Option<Vec<f64>> {
     if format.sizes.is_empty() {
         return Some(Vec::new());
     }
-    let size = format
-        .sizes
-        .iter()
-        .find(|size| comes_in(size, width, height))?;
+    let mut sizes = format.sizes.iter();
+    let size = sizes.find(|size| includes(size, width, height))?;
     Some(size.frames_per_second.clone())
 }
 
-fn comes_in(size: &CameraSize, width: u32, height: u32) -> bool {
+fn includes(size: &CameraSize, width: u32, height: u32) -> bool {
     let Some(steps) = size.steps else {
         return (size.width, size.height) == (width, height);
     };
@@ -120,13 +113,13 @@ fn comes_in(size: &CameraSize, width: u32, height: u32) -> bool {
         && fits(height, steps.min_height, size.height, steps.step_height)
 }
 
-fn complaint(formats: &[CameraFormat], settings: &CameraSettings, size: (u32, u32)) -> String {
+fn not_offered(formats: &[CameraFormat], settings: &CameraSettings, size: (u32, u32)) -> String {
     let wanted: Vec<String> = settings.formats.iter().map(|f| format!("{f:?}")).collect();
     let wanted = match wanted.as_slice() {
         [] => "no readable format".to_owned(),
         some => format!("no {}", some.join(" or ")),
     };
-    let offered: Vec<String> = formats.iter().map(offer).collect();
+    let offered: Vec<String> = formats.iter().map(describe).collect();
     format!(
         "{wanted} at {}×{}; it offers {}",
         size.0,
@@ -135,33 +128,31 @@ fn complaint(formats: &[CameraFormat], settings: &CameraSettings, size: (u32, u3
     )
 }
 
-fn offer(format: &CameraFormat) -> String {
-    let more = format.sizes.len().saturating_sub(NAMED);
-    let sizes = format
+/// A format and its sizes, in one line.
+fn describe(format: &CameraFormat) -> String {
+    let size = |size: &CameraSize| match size.steps {
+        None => format!("{}×{}", size.width, size.height),
+        Some(SizeSteps {
+            min_width,
+            min_height,
+            ..
+        }) => format!("{min_width}×{min_height} to {}×{}", size.width, size.height),
+    };
+    let mut sizes: Vec<String> = format
         .sizes
         .iter()
-        .take(NAMED)
-        .map(|size| match size.steps {
-            None => format!("{}×{}", size.width, size.height),
-            Some(steps) => {
-                let SizeSteps {
-                    min_width,
-                    min_height,
-                    ..
-                } = steps;
-                format!("{min_width}×{min_height} to {}×{}", size.width, size.height)
-            }
-        });
-    let mut words: Vec<String> = sizes.collect();
-    if more > 0 {
-        words.push(format!("{more} more"));
+        .take(MAX_SIZES_LISTED)
+        .map(size)
+        .collect();
+    if format.sizes.len() > MAX_SIZES_LISTED {
+        sizes.push(format!("{} more", format.sizes.len() - MAX_SIZES_LISTED));
     }
-    let unread = if format.usable {
+    let remark = if format.usable {
         ""
     } else {
         " (not read by Penumbra)"
     };
-    format!("{}{unread} {}", format.fourcc, words.join(", "))
+    format!("{}{remark} {}", format.fourcc, sizes.join(", "))
         .trim_end()
         .to_owned()
 }

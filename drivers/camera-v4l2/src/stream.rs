@@ -1,12 +1,12 @@
-//! The buffer loop: waits, takes the newest picture out of the kernel's buffers, gives the
-//! buffers back, and counts what is lost, damaged or passed over.
+//! The buffer loop: waits, takes the newest frame out of the kernel's buffers, returns the
+//! buffers, and counts lost, damaged and superseded frames.
 
+use crate::device::{CaptureFormat, FilledBuffer, VideoDevice};
+use crate::error;
 use crate::fourcc;
 use crate::jpeg::Jpeg;
 use crate::pool::Pool;
-use crate::stamps::{Sequence, Stamps};
-use crate::trouble;
-use crate::video::{Filled, Geometry, Video};
+use crate::timestamps::{FrameCounter, Timestamps};
 use bytes::Bytes;
 use penumbra_interface::{
     CameraCounters, Clock, DeviceError, MonotonicTime, PixelFormat, StampSource,
@@ -14,225 +14,227 @@ use penumbra_interface::{
 use rustix::io::{Errno, retry_on_intr};
 use std::sync::Arc;
 use std::time::Duration;
+use v4l::buffer::Flags;
 
-/// `V4L2_BUF_FLAG_ERROR`: the driver says that the picture is damaged.
-const FLAG_ERROR: u32 = 0x40;
-/// So many wake-ups in a row without a picture mean that the driver is broken, not slow;
-/// polling on would spin.
-const MAX_VAIN: u32 = 50;
+/// A driver that reports a frame this many times in a row without delivering one is broken.
+/// Waiting on would keep a processor busy.
+const MAX_EMPTY_WAKE_UPS: u32 = 50;
 
-/// A picture out of the stream, before anything is known of its exposure.
+/// A frame of the stream, before its exposure is known.
 #[derive(Clone, Debug)]
-pub(crate) struct Taken {
+pub(crate) struct StreamFrame {
     pub data: Bytes,
     pub sequence: u64,
-    pub stamp: MonotonicTime,
-    pub stamp_source: StampSource,
+    pub timestamp: MonotonicTime,
+    pub timestamp_source: StampSource,
     pub arrived_at: MonotonicTime,
 }
 
-/// What a wait gave.
+/// What ended a wait.
 #[derive(Debug)]
-pub(crate) enum Next {
-    Picture(Taken),
-    /// A control event waits.
-    Event,
-    Nothing,
+pub(crate) enum StreamItem {
+    Frame(StreamFrame),
+    /// A control event can be read.
+    ControlEvent,
+    TimedOut,
 }
 
-/// How the pictures of a stream are laid out.
+/// How the frames of a stream are laid out in memory.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Layout {
+pub(crate) struct FrameLayout {
     pub format: PixelFormat,
     pub width: u32,
     pub height: u32,
-    /// Bytes from row to row; 0 = tight or coded.
+    /// Bytes from one row to the next; 0 if rows have no padding or the format is compressed.
     pub stride: u32,
-    /// Fewer bytes are no whole picture; 0 for coded ones.
-    least: usize,
+    /// Bytes of a complete frame at least; 0 for compressed formats.
+    min_bytes: usize,
 }
 
-impl Layout {
-    /// Of what the driver says it streams; `None` for a format that Penumbra cannot read.
-    pub(crate) fn of(geometry: &Geometry) -> Option<Self> {
-        let format = fourcc::pixel_format(geometry.fourcc)?;
-        let (width, height) = (geometry.width, geometry.height);
-        let (stride, least) = match fourcc::tight(format, width, height) {
+impl FrameLayout {
+    /// The layout of a format; `None` if Penumbra cannot read the format.
+    pub(crate) fn of(capture: &CaptureFormat) -> Option<Self> {
+        let format = fourcc::pixel_format(capture.fourcc)?;
+        let (width, height) = (capture.width, capture.height);
+        let (stride, min_bytes) = match fourcc::packed_rows(format, width, height) {
             None => (0, 0),
             Some((row, rows)) => {
-                let stride = geometry.bytes_per_line.max(row);
-                // The last row's padding may be cut off.
-                let least = u64::from(stride) * u64::from(rows.saturating_sub(1));
+                let stride = capture.bytes_per_line.max(row);
+                // The last row may come without its padding.
+                let bytes = u64::from(stride) * u64::from(rows.saturating_sub(1)) + u64::from(row);
+                let is_packed = stride == row;
                 (
-                    stride,
-                    usize::try_from(least + u64::from(row)).unwrap_or(usize::MAX),
+                    if is_packed { 0 } else { stride },
+                    usize::try_from(bytes).unwrap_or(usize::MAX),
                 )
             }
         };
-        let is_tight = fourcc::tight(format, width, height).is_none_or(|(row, _)| row == stride);
         Some(Self {
             format,
             width,
             height,
-            stride: if is_tight { 0 } else { stride },
-            least,
+            stride,
+            min_bytes,
         })
     }
 }
 
-/// A picture that nothing speaks against, still in the kernel's buffer.
-struct Good {
-    filled: Filled,
+/// A frame without known damage, still in the kernel's buffer.
+struct CheckedFrame {
+    filled: FilledBuffer,
     sequence: u64,
-    /// Where the parts lie, if it is a JPEG.
+    /// For JPEG frames.
     jpeg: Option<Jpeg>,
 }
 
-/// A stream that runs.
-pub(crate) struct Stream<V: Video> {
-    pub(crate) video: V,
-    device: String,
+/// A running stream. Dropping it stops the stream.
+pub(crate) struct Stream<D: VideoDevice> {
+    pub(crate) device: D,
+    /// The device file, for error messages.
+    name: String,
     clock: Arc<dyn Clock>,
-    layout: Layout,
-    silence: Duration,
+    layout: FrameLayout,
+    silence_limit: Duration,
     pool: Pool,
-    sequence: Sequence,
-    pub(crate) stamps: Stamps,
-    /// Whether any JPEG had its end marker: then one without is damaged, and not the habit
-    /// of a camera that never sends it.
-    ends_seen: bool,
-    /// JPEGs taken without an end marker.
-    pub(crate) unended: u64,
+    counter: FrameCounter,
+    pub(crate) timestamps: Timestamps,
+    /// Whether any JPEG frame had an end marker. If so, one without it is damaged; if not,
+    /// the camera never sends it.
+    end_markers_seen: bool,
+    /// JPEG frames that were accepted without an end marker.
+    pub(crate) without_end_marker: u64,
     pub(crate) counters: CameraCounters,
-    last_sign: MonotonicTime,
+    last_frame_at: MonotonicTime,
     buffers: u32,
 }
 
-impl<V: Video> Stream<V> {
-    /// Starts the stream.
+impl<D: VideoDevice> Stream<D> {
+    /// Starts the stream with about `buffers` buffers. A camera that delivers nothing for
+    /// `silence_limit` is reported as silent.
     pub(crate) fn start(
-        mut video: V,
-        device: &str,
-        layout: Layout,
-        (buffers, silence): (u32, Duration),
+        mut device: D,
+        name: &str,
+        layout: FrameLayout,
+        (buffers, silence_limit): (u32, Duration),
         clock: Arc<dyn Clock>,
     ) -> Result<Self, DeviceError> {
-        let buffers = video
-            .start(buffers.clamp(2, 32))
-            .map_err(|e| trouble::on_setup(device, "starting the stream", e))?;
+        let buffers = device
+            .start_stream(buffers.clamp(2, 32))
+            .map_err(|e| error::setup_failed(name, "starting the stream", e))?;
         Ok(Self {
-            video,
-            device: device.to_owned(),
+            device,
+            name: name.to_owned(),
             layout,
-            silence,
+            silence_limit,
             pool: Pool::default(),
-            sequence: Sequence::default(),
-            stamps: Stamps::default(),
-            ends_seen: false,
-            unended: 0,
+            counter: FrameCounter::default(),
+            timestamps: Timestamps::default(),
+            end_markers_seen: false,
+            without_end_marker: 0,
             counters: CameraCounters::default(),
-            last_sign: clock.now(),
+            last_frame_at: clock.now(),
             clock,
             buffers,
         })
     }
 
-    /// Waits up to `timeout` for a picture or an event.
-    pub(crate) fn next(&mut self, timeout: Duration) -> Result<Next, DeviceError> {
+    /// Waits up to `timeout` for a frame or a control event.
+    pub(crate) fn next(&mut self, timeout: Duration) -> Result<StreamItem, DeviceError> {
         let until = self.clock.now() + timeout;
-        for _ in 0..MAX_VAIN {
-            let now = self.clock.now();
-            let left = u64::try_from(until.nanos_since(now)).unwrap_or(0);
-            let ready = match self.video.wait(Duration::from_nanos(left)) {
+        for _ in 0..MAX_EMPTY_WAKE_UPS {
+            let left = u64::try_from(until.nanos_since(self.clock.now())).unwrap_or(0);
+            let ready = match self.device.wait(Duration::from_nanos(left)) {
                 Ok(ready) => ready,
-                // The time that is left is worked out anew.
+                // Not retried there, because the time left has changed.
                 Err(Errno::INTR) => continue,
-                Err(error) => return Err(trouble::on_stream(&self.device, "waiting", error)),
+                Err(errno) => return Err(self.failed("waiting for a frame", errno)),
             };
             if ready.event {
-                return Ok(Next::Event);
+                return Ok(StreamItem::ControlEvent);
             }
             if ready.frame || ready.error {
-                if let Some(taken) = self.newest()? {
-                    return Ok(Next::Picture(taken));
+                if let Some(frame) = self.take_newest()? {
+                    return Ok(StreamItem::Frame(frame));
                 }
                 if ready.error {
                     return Err(self.broken("the driver reports an error while waiting"));
                 }
             }
             if self.clock.now() >= until {
-                return self.heard().map(|()| Next::Nothing);
+                return self.check_silence().map(|()| StreamItem::TimedOut);
             }
         }
-        Err(self.broken("it says that pictures are there, and none are"))
+        Err(self.broken("the driver reports frames but delivers none"))
     }
 
-    /// An error where the camera has been silent for too long.
-    fn heard(&self) -> Result<(), DeviceError> {
-        let silent = self.clock.now().nanos_since(self.last_sign);
+    /// An error if the camera has delivered nothing for too long.
+    fn check_silence(&self) -> Result<(), DeviceError> {
+        let silent = self.clock.now().nanos_since(self.last_frame_at);
         let silent = Duration::from_nanos(u64::try_from(silent).unwrap_or(0));
-        if silent < self.silence {
+        if silent < self.silence_limit {
             return Ok(());
         }
         Err(DeviceError::Silent {
-            device: self.device.clone(),
+            device: self.name.clone(),
             millis: u64::try_from(silent.as_millis()).unwrap_or(u64::MAX),
         })
     }
 
+    fn failed(&self, step: &str, errno: Errno) -> DeviceError {
+        error::stream_failed(&self.name, step, errno)
+    }
+
     fn broken(&self, reason: &str) -> DeviceError {
         DeviceError::Broken {
-            device: self.device.clone(),
+            device: self.name.clone(),
             reason: reason.to_owned(),
         }
     }
 
-    /// Takes all filled buffers; the newest good one is copied out, the others are given
-    /// back unread.
-    fn newest(&mut self) -> Result<Option<Taken>, DeviceError> {
-        let mut newest: Option<Good> = None;
-        // More than there are buffers come only if the camera fills them faster than this
-        // loop turns; the rest is for the next call.
+    /// Dequeues all filled buffers. Copies the newest undamaged frame and returns the others
+    /// unread.
+    fn take_newest(&mut self) -> Result<Option<StreamFrame>, DeviceError> {
+        let mut newest: Option<CheckedFrame> = None;
+        // More frames than buffers arrive only if the camera is faster than this loop. They
+        // are left for the next call.
         for _ in 0..=self.buffers {
-            let filled = match retry_on_intr(|| self.video.dequeue()) {
+            let filled = match retry_on_intr(|| self.device.dequeue()) {
                 Ok(filled) => filled,
                 Err(Errno::AGAIN) => break,
-                Err(error) => {
-                    return Err(trouble::on_stream(&self.device, "reading a picture", error));
-                }
+                Err(errno) => return Err(self.failed("reading a frame", errno)),
             };
-            match self.judge(filled) {
-                Err(damaged) => self.give_back(damaged)?,
+            match self.check(filled) {
+                Err(damaged) => self.requeue(damaged)?,
                 Ok(good) => {
                     if let Some(older) = newest.replace(good) {
                         self.counters.superseded += 1;
-                        self.give_back(older.filled)?;
+                        self.requeue(older.filled)?;
                     }
                 }
             }
         }
-        newest.map(|good| self.take(good)).transpose()
+        newest.map(|frame| self.copy_out(frame)).transpose()
     }
 
-    fn give_back(&mut self, filled: Filled) -> Result<(), DeviceError> {
-        self.video
-            .queue(filled.held)
-            .map_err(|e| trouble::on_stream(&self.device, "giving a buffer back", e))
+    fn requeue(&mut self, filled: FilledBuffer) -> Result<(), DeviceError> {
+        let queued = self.device.queue(filled.buffer);
+        queued.map_err(|errno| self.failed("returning a buffer", errno))
     }
 
-    /// Counts a picture; it is handed back if it is damaged.
-    fn judge(&mut self, filled: Filled) -> Result<Good, Filled> {
-        self.last_sign = self.clock.now();
-        let (sequence, lost) = self.sequence.follow(filled.sequence);
+    /// Counts a frame. Returns its buffer as an error if the frame is damaged.
+    fn check(&mut self, filled: FilledBuffer) -> Result<CheckedFrame, FilledBuffer> {
+        self.last_frame_at = self.clock.now();
+        let (sequence, lost) = self.counter.advance(filled.sequence);
         self.counters.lost += lost;
-        let is_whole =
-            filled.flags & FLAG_ERROR == 0 && filled.used > 0 && filled.used >= self.layout.least;
+        let is_complete = !filled.flags.contains(Flags::ERROR)
+            && filled.bytes_used > 0
+            && filled.bytes_used >= self.layout.min_bytes;
         let jpeg = match self.layout.format {
-            PixelFormat::Jpeg if is_whole => self.find_jpeg(&filled).map(Some),
+            PixelFormat::Jpeg if is_complete => self.parse_jpeg(&filled).map(Some),
             _ => Some(None),
         };
         match jpeg {
-            Some(jpeg) if is_whole => Ok(Good {
+            Some(jpeg) if is_complete => Ok(CheckedFrame {
                 filled,
                 sequence,
                 jpeg,
@@ -244,43 +246,44 @@ impl<V: Video> Stream<V> {
         }
     }
 
-    /// A JPEG that is whole, as far as its markers tell.
-    fn find_jpeg(&mut self, filled: &Filled) -> Option<Jpeg> {
-        let found = Jpeg::find(self.video.bytes(&filled.held, filled.used)).ok()?;
-        self.ends_seen |= found.ended;
-        (found.ended || !self.ends_seen).then_some(found)
+    /// The layout of a JPEG frame; `None` if its markers show damage.
+    fn parse_jpeg(&mut self, filled: &FilledBuffer) -> Option<Jpeg> {
+        let data = self.device.bytes(&filled.buffer, filled.bytes_used);
+        let jpeg = Jpeg::parse(data).ok()?;
+        self.end_markers_seen |= jpeg.has_end;
+        (jpeg.has_end || !self.end_markers_seen).then_some(jpeg)
     }
 
-    /// Copies a picture out of its buffer, which goes back to the kernel.
-    fn take(&mut self, good: Good) -> Result<Taken, DeviceError> {
-        let Good {
+    /// Copies a frame out of its buffer and returns the buffer to the kernel.
+    fn copy_out(&mut self, frame: CheckedFrame) -> Result<StreamFrame, DeviceError> {
+        let CheckedFrame {
             filled,
             sequence,
             jpeg,
-        } = good;
+        } = frame;
         let arrived_at = self.clock.now();
-        let (stamp, stamp_source) = self.stamps.read(&filled, arrived_at);
-        self.unended += u64::from(jpeg.is_some_and(|found| !found.ended));
-        let bytes = self.video.bytes(&filled.held, filled.used);
+        let (timestamp, timestamp_source) = self.timestamps.interpret(&filled, arrived_at);
+        self.without_end_marker += u64::from(jpeg.is_some_and(|jpeg| !jpeg.has_end));
+        let bytes = self.device.bytes(&filled.buffer, filled.bytes_used);
         let data = self.pool.bytes(|buffer| match jpeg {
-            Some(found) => found.write(bytes, buffer),
+            Some(jpeg) => jpeg.write_complete(bytes, buffer),
             None => buffer.extend_from_slice(bytes),
         });
-        self.give_back(filled)?;
-        Ok(Taken {
+        self.requeue(filled)?;
+        Ok(StreamFrame {
             data,
             sequence,
-            stamp,
-            stamp_source,
+            timestamp,
+            timestamp_source,
             arrived_at,
         })
     }
 }
 
-impl<V: Video> Drop for Stream<V> {
+impl<D: VideoDevice> Drop for Stream<D> {
     fn drop(&mut self) {
         // The device may be gone, and closing it stops the stream anyway.
-        let _ = self.video.stop();
+        let _ = self.device.stop_stream();
     }
 }
 

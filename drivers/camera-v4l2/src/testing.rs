@@ -1,9 +1,9 @@
-//! A camera without a kernel, which fails on purpose, on a clock that tests advance.
+//! A video device without a kernel, which fails on demand, on a clock that tests advance.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use crate::video::{
-    Capabilities, ControlDescription, ControlEvent, ControlKind, Controls, Filled, Geometry, Held,
-    Modes, Ready, Video,
+use crate::device::{
+    Capabilities, CaptureFormat, ControlDescription, ControlEvent, ControlKind, Controls,
+    FilledBuffer, Formats, OwnedBuffer, Readiness, VideoDevice,
 };
 use penumbra_interface::{CameraFormat, CameraSize, Clock, MonotonicTime};
 use rustix::io::{Errno, Result};
@@ -11,8 +11,9 @@ use std::collections::VecDeque;
 use std::sync::atomic::{AtomicI64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
+use v4l::{buffer, control};
 
-/// Time that only moves when told.
+/// A clock that only tests advance.
 #[derive(Clone, Debug, Default)]
 pub struct TestClock(Arc<AtomicI64>);
 
@@ -28,89 +29,91 @@ impl Clock for TestClock {
     }
 }
 
-/// One picture that the camera makes.
+/// A frame of the fake camera.
 #[derive(Clone, Debug)]
-pub struct Shot {
+pub struct FakeFrame {
     pub data: Vec<u8>,
-    /// What the driver says that it filled; the data's length unless it lies.
-    pub used: usize,
-    pub flags: u32,
+    /// The number of bytes that the driver reports, true or not.
+    pub bytes_used: usize,
+    pub flags: buffer::Flags,
     pub sequence: u32,
-    /// Nanoseconds before its arrival.
+    /// Nanoseconds from its time stamp to its arrival.
     pub age: i64,
 }
 
-/// Stamped at the start of the exposure on the monotonic clock.
-pub const SOE: u32 = 0x1_2000;
-
-impl Shot {
+impl FakeFrame {
     pub fn new(sequence: u32, data: Vec<u8>) -> Self {
         Self {
-            used: data.len(),
+            bytes_used: data.len(),
             data,
-            flags: SOE,
+            flags: buffer::Flags::TIMESTAMP_MONOTONIC | buffer::Flags::TSTAMP_SRC_SOE,
             sequence,
             age: 20_000_000,
         }
     }
 }
 
+/// A control of the fake device.
 pub struct FakeControl {
     pub description: ControlDescription,
     pub value: i64,
-    /// The control that owns this one unless it has this value: EACCES then.
-    pub owner: Option<(u32, i64)>,
-    /// Out of range is an error instead of being clamped.
-    pub strict: bool,
-    /// Sets nothing but says it did.
-    pub deaf: bool,
+    /// Writing fails with EACCES unless this control has this value.
+    pub needs: Option<(u32, i64)>,
+    /// Values out of range are refused instead of clamped.
+    pub refuses_out_of_range: bool,
+    /// Writing succeeds without effect.
+    pub ignores_writes: bool,
 }
 
-/// A sensor that follows its exposure control some frames late.
+/// A sensor that applies a new exposure some frames late.
 pub struct Sensor {
     pub period: i64,
     pub lag: u32,
     pub next: u32,
-    /// From which frame on which exposure.
+    /// From which frame on which exposure is in effect.
     pub exposures: VecDeque<(u32, i64)>,
-    pub picture: Box<dyn FnMut(u32, i64) -> Vec<u8> + Send>,
+    pub image: Box<dyn FnMut(u32, i64) -> Vec<u8> + Send>,
 }
 
 #[derive(Default)]
 pub struct State {
     pub clock: TestClock,
-    /// Pictures to come, by arrival.
-    pub arrivals: VecDeque<(i64, Shot)>,
+    /// Frames to come, in order of arrival.
+    pub arrivals: VecDeque<(i64, FakeFrame)>,
     pub sensor: Option<Sensor>,
-    /// Pictures in buffers that wait to be dequeued.
-    pub filled: VecDeque<(u32, Shot, i64)>,
+    /// Filled buffers that wait to be dequeued.
+    pub filled: VecDeque<(u32, FakeFrame, i64)>,
     /// Buffers that the kernel owns and has not filled.
     pub free: VecDeque<u32>,
     pub memory: Vec<Vec<u8>>,
     pub controls: Vec<FakeControl>,
     pub events: VecDeque<ControlEvent>,
-    pub watched: Vec<u32>,
+    pub subscribed: Vec<u32>,
     pub formats: Vec<CameraFormat>,
-    pub geometry: Geometry,
-    pub wait_faults: VecDeque<Errno>,
-    pub dequeue_faults: VecDeque<Errno>,
-    pub queue_fault: Option<Errno>,
-    pub start_fault: Option<Errno>,
-    pub stop_fault: Option<Errno>,
-    pub control_fault: Option<Errno>,
-    pub poll_error: bool,
-    pub poll_lies: bool,
+    pub format: CaptureFormat,
+    pub wait_errors: VecDeque<Errno>,
+    pub dequeue_errors: VecDeque<Errno>,
+    pub queue_error: Option<Errno>,
+    pub start_error: Option<Errno>,
+    pub stop_error: Option<Errno>,
+    pub control_error: Option<Errno>,
+    /// Every wait reports an error.
+    pub wait_reports_error: bool,
+    /// Every wait reports a frame, also if there is none.
+    pub wait_reports_frame: bool,
+    /// Frames for which no buffer was free.
     pub lost: u32,
-    pub sets: Vec<(u32, i64)>,
+    /// Control values written, in order.
+    pub written: Vec<(u32, i64)>,
     pub starts: u32,
     pub stops: u32,
     pub waits: u32,
 }
 
 #[derive(Clone, Default)]
-pub struct FakeVideo(pub Arc<Mutex<State>>);
+pub struct FakeDevice(pub Arc<Mutex<State>>);
 
-impl FakeVideo {
+impl FakeDevice {
     pub fn lock(&self) -> MutexGuard<'_, State> {
         self.0.lock().unwrap()
     }
@@ -120,11 +123,11 @@ impl FakeVideo {
         let fake = Self::default();
         let mut state = fake.lock();
         state.formats = vec![format(fourcc, &[(width, height, 30.0)])];
-        state.geometry = Geometry {
+        state.format = CaptureFormat {
             width,
             height,
             fourcc: *fourcc,
-            ..Geometry::default()
+            ..CaptureFormat::default()
         };
         drop(state);
         fake
@@ -134,9 +137,9 @@ impl FakeVideo {
         Arc::new(self.lock().clock.clone())
     }
 
-    /// A picture arrives `millis` from the clock's zero.
-    pub fn arrives(&self, millis: i64, shot: Shot) {
-        self.lock().arrivals.push_back((millis * 1_000_000, shot));
+    /// Lets a frame arrive `millis` after the clock's zero.
+    pub fn arrives(&self, millis: i64, frame: FakeFrame) {
+        self.lock().arrivals.push_back((millis * 1_000_000, frame));
     }
 
     pub fn add_control(&self, id: u32, title: &str, kind: ControlKind, (min, max): (i64, i64)) {
@@ -149,12 +152,12 @@ impl FakeVideo {
                 max,
                 step: 1,
                 default: min,
-                flags: 0,
+                flags: control::Flags::empty(),
             },
             value: min,
-            owner: None,
-            strict: false,
-            deaf: false,
+            needs: None,
+            refuses_out_of_range: false,
+            ignores_writes: false,
         });
     }
 
@@ -175,21 +178,20 @@ impl FakeVideo {
         found.unwrap().value
     }
 
-    /// Another program sets a control.
-    pub fn meddle(&self, id: u32, value: i64) {
+    /// Sets a control as another program would.
+    pub fn set_externally(&self, id: u32, value: i64) {
         self.edit(id, |control| control.value = value);
         let mut state = self.lock();
-        if state.watched.contains(&id) {
+        if state.subscribed.contains(&id) {
             state.events.push_back(ControlEvent {
                 id,
                 value_changed: true,
-                value,
             });
         }
     }
 }
 
-/// A format in some sizes, each at one rate.
+/// A format in several sizes, each at one rate.
 pub fn format(fourcc: &[u8; 4], sizes: &[(u32, u32, f64)]) -> CameraFormat {
     let sizes = sizes.iter().map(|&(width, height, rate)| CameraSize {
         width,
@@ -206,16 +208,16 @@ pub fn format(fourcc: &[u8; 4], sizes: &[(u32, u32, f64)]) -> CameraFormat {
 }
 
 impl State {
-    /// Lets everything arrive that is due by now.
+    /// Lets all frames arrive that are due.
     fn deliver(&mut self) {
         let now = self.clock.now().as_nanos();
         while self.next_arrival().is_some_and(|at| at <= now) {
-            let (at, shot) = match self.arrivals.pop_front() {
+            let (at, frame) = match self.arrivals.pop_front() {
                 Some(arrival) => arrival,
                 None => self.expose(),
             };
             match self.free.pop_front() {
-                Some(index) => self.filled.push_back((index, shot, at)),
+                Some(index) => self.filled.push_back((index, frame, at)),
                 None => self.lost += 1,
             }
         }
@@ -227,7 +229,7 @@ impl State {
         listed.or_else(|| sensed.map(|s| (i64::from(s.next) + 1) * s.period))
     }
 
-    fn expose(&mut self) -> (i64, Shot) {
+    fn expose(&mut self) -> (i64, FakeFrame) {
         let sensor = self.sensor.as_mut().unwrap();
         let sequence = sensor.next;
         sensor.next += 1;
@@ -242,13 +244,13 @@ impl State {
             .exposures
             .front()
             .map_or(0, |(_, exposure)| *exposure);
-        let data = (sensor.picture)(sequence, exposure);
+        let data = (sensor.image)(sequence, exposure);
         let at = (i64::from(sequence) + 1) * sensor.period;
-        (at, Shot::new(sequence, data))
+        (at, FakeFrame::new(sequence, data))
     }
 }
 
-impl Controls for FakeVideo {
+impl Controls for FakeDevice {
     fn describe_controls(&self) -> Vec<ControlDescription> {
         self.lock()
             .controls
@@ -257,23 +259,23 @@ impl Controls for FakeVideo {
             .collect()
     }
 
-    fn control_flags(&self, id: u32) -> Result<u32> {
+    fn control_flags(&self, id: u32) -> Result<control::Flags> {
         let state = self.lock();
         let found = state.controls.iter().find(|c| c.description.id == id);
         Ok(found.ok_or(Errno::INVAL)?.description.flags)
     }
 
-    fn control(&self, id: u32, _: ControlKind) -> Result<i64> {
-        if let Some(fault) = self.lock().control_fault {
-            return Err(fault);
+    fn read_control(&self, id: u32, _: ControlKind) -> Result<i64> {
+        if let Some(error) = self.lock().control_error {
+            return Err(error);
         }
         Ok(self.value(id))
     }
 
-    fn set_control(&mut self, id: u32, _: ControlKind, value: i64) -> Result<()> {
+    fn write_control(&mut self, id: u32, _: ControlKind, value: i64) -> Result<()> {
         let mut state = self.lock();
-        if let Some(fault) = state.control_fault {
-            return Err(fault);
+        if let Some(error) = state.control_error {
+            return Err(error);
         }
         let values: Vec<_> = state
             .controls
@@ -282,22 +284,22 @@ impl Controls for FakeVideo {
             .collect();
         let control = state.controls.iter_mut().find(|c| c.description.id == id);
         let control = control.ok_or(Errno::INVAL)?;
-        if let Some((owner, free)) = control.owner {
-            if values.contains(&(owner, free)) {
-            } else {
-                return Err(Errno::ACCESS);
-            }
+        if control
+            .needs
+            .is_some_and(|needed| !values.contains(&needed))
+        {
+            return Err(Errno::ACCESS);
         }
         let (min, max) = (control.description.min, control.description.max);
-        if control.strict && !(min..=max).contains(&value) {
+        if control.refuses_out_of_range && !(min..=max).contains(&value) {
             return Err(Errno::RANGE);
         }
-        if !control.deaf {
+        if !control.ignores_writes {
             control.value = value.clamp(min, max);
         }
         let taken = control.value;
         let is_exposure = control.description.title.starts_with("Exposure Time");
-        state.sets.push((id, value));
+        state.written.push((id, value));
         if let (true, Some(sensor)) = (is_exposure, state.sensor.as_mut()) {
             sensor
                 .exposures
@@ -306,8 +308,8 @@ impl Controls for FakeVideo {
         Ok(())
     }
 
-    fn watch_control(&mut self, id: u32) -> Result<()> {
-        self.lock().watched.push(id);
+    fn subscribe_control(&mut self, id: u32) -> Result<()> {
+        self.lock().subscribed.push(id);
         Ok(())
     }
 
@@ -316,7 +318,7 @@ impl Controls for FakeVideo {
     }
 }
 
-impl Modes for FakeVideo {
+impl Formats for FakeDevice {
     fn capabilities(&self) -> Result<Capabilities> {
         Ok(Capabilities {
             captures: true,
@@ -329,22 +331,22 @@ impl Modes for FakeVideo {
         self.lock().formats.clone()
     }
 
-    fn geometry(&self) -> Result<Geometry> {
-        Ok(self.lock().geometry)
+    fn format(&self) -> Result<CaptureFormat> {
+        Ok(self.lock().format)
     }
 
-    fn set_geometry(&mut self, wanted: &Geometry) -> Result<Geometry> {
+    fn set_format(&mut self, wanted: &CaptureFormat) -> Result<CaptureFormat> {
         let mut state = self.lock();
-        state.geometry = *wanted;
+        state.format = *wanted;
         Ok(*wanted)
     }
 }
 
-impl Video for FakeVideo {
-    fn start(&mut self, buffers: u32) -> Result<u32> {
+impl VideoDevice for FakeDevice {
+    fn start_stream(&mut self, buffers: u32) -> Result<u32> {
         let mut state = self.lock();
-        if let Some(fault) = state.start_fault {
-            return Err(fault);
+        if let Some(error) = state.start_error {
+            return Err(error);
         }
         state.starts += 1;
         state.free = (0..buffers).collect();
@@ -352,21 +354,21 @@ impl Video for FakeVideo {
         Ok(buffers)
     }
 
-    fn stop(&mut self) -> Result<()> {
+    fn stop_stream(&mut self) -> Result<()> {
         let mut state = self.lock();
         state.stops += 1;
-        state.stop_fault.map_or(Ok(()), Err)
+        state.stop_error.map_or(Ok(()), Err)
     }
 
-    fn wait(&self, timeout: Duration) -> Result<Ready> {
+    fn wait(&self, timeout: Duration) -> Result<Readiness> {
         let mut state = self.lock();
         state.waits += 1;
-        if let Some(fault) = state.wait_faults.pop_front() {
-            return Err(fault);
+        if let Some(error) = state.wait_errors.pop_front() {
+            return Err(error);
         }
         state.deliver();
         let idle = state.filled.is_empty() && state.events.is_empty();
-        if idle && !state.poll_error && !state.poll_lies {
+        if idle && !state.wait_reports_error && !state.wait_reports_frame {
             let until = state.clock.now() + timeout;
             let next = state
                 .next_arrival()
@@ -375,48 +377,48 @@ impl Video for FakeVideo {
             state.clock.advance(nanos.max(0));
             state.deliver();
         }
-        Ok(Ready {
-            frame: !state.filled.is_empty() || state.poll_lies,
+        Ok(Readiness {
+            frame: !state.filled.is_empty() || state.wait_reports_frame,
             event: !state.events.is_empty(),
-            error: state.poll_error,
+            error: state.wait_reports_error,
         })
     }
 
-    fn dequeue(&mut self) -> Result<Filled> {
+    fn dequeue(&mut self) -> Result<FilledBuffer> {
         let mut state = self.lock();
-        if let Some(fault) = state.dequeue_faults.pop_front() {
-            return Err(fault);
+        if let Some(error) = state.dequeue_errors.pop_front() {
+            return Err(error);
         }
         state.deliver();
-        let (index, shot, at) = state.filled.pop_front().ok_or(Errno::AGAIN)?;
-        state.memory[index as usize] = shot.data;
-        Ok(Filled {
-            held: Held::received(index),
-            used: shot.used,
-            flags: shot.flags,
-            sequence: shot.sequence,
-            stamp: MonotonicTime::from_nanos(at - shot.age),
+        let (index, frame, at) = state.filled.pop_front().ok_or(Errno::AGAIN)?;
+        state.memory[index as usize] = frame.data;
+        Ok(FilledBuffer {
+            buffer: OwnedBuffer::from_kernel(index),
+            bytes_used: frame.bytes_used,
+            flags: frame.flags,
+            sequence: frame.sequence,
+            timestamp: MonotonicTime::from_nanos(at - frame.age),
         })
     }
 
-    fn queue(&mut self, held: Held) -> Result<()> {
+    fn queue(&mut self, buffer: OwnedBuffer) -> Result<()> {
         let mut state = self.lock();
-        if let Some(fault) = state.queue_fault {
-            return Err(fault);
+        if let Some(error) = state.queue_error {
+            return Err(error);
         }
-        let index = held.index();
+        let index = buffer.index();
         let queued = state.free.contains(&index) || state.filled.iter().any(|f| f.0 == index);
         assert!(!queued, "buffer {index} was queued twice");
-        // What the kernel writes next must not be seen in a picture that was handed over.
+        // The kernel may overwrite the buffer, which must not change a frame handed out before.
         state.memory[index as usize].fill(0xEE);
         state.free.push_back(index);
         Ok(())
     }
 
-    fn bytes<'a>(&'a self, held: &'a Held, used: usize) -> &'a [u8] {
-        // Leaked, because the lock cannot be held: tests are short.
+    fn bytes<'a>(&'a self, buffer: &'a OwnedBuffer, len: usize) -> &'a [u8] {
+        // Leaked, because the lock ends with this call. Tests are short.
         let state = self.lock();
-        let memory = &state.memory[held.index() as usize];
-        Box::leak(memory[..used.min(memory.len())].to_vec().into_boxed_slice())
+        let memory = &state.memory[buffer.index() as usize];
+        Box::leak(memory[..len.min(memory.len())].to_vec().into_boxed_slice())
     }
 }

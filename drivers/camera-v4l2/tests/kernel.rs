@@ -1,8 +1,8 @@
-//! The driver on the kernel's own video devices.
+//! Tests of the driver with the kernel's video devices.
 //!
-//! `PENUMBRA_TEST_CAMERA` names the camera (any name that settings take); without it every
-//! test here is skipped, and says so. vivid (a simulated camera of the kernel, with faults
-//! on request) and uvcvideo cameras are told apart by what they offer.
+//! `PENUMBRA_TEST_CAMERA` names the camera, in any way that the settings allow; without it all
+//! tests are skipped and say so. Tests that need a certain driver or control are skipped with
+//! other cameras. `vivid` is the kernel's simulated camera, which can produce faults.
 #![cfg(target_os = "linux")]
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
@@ -12,30 +12,34 @@ use penumbra_interface::{
     Camera, ControlStanding, DeviceError, Frame, PixelFormat, Recovery, SystemClock,
 };
 use std::collections::BTreeSet;
-use std::fs::File;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
+use v4l::control::{Control, Value};
 
-/// A guest under software emulation is slow.
-const PATIENCE: Duration = Duration::from_secs(20);
+/// Long, because a virtual machine under software emulation is slow.
+const TIME_LIMIT: Duration = Duration::from_secs(20);
 const WAIT: Duration = Duration::from_millis(500);
 
 const BRIGHTNESS: u32 = 0x0098_0900;
-/// vivid's faults (drivers/media/test-drivers/vivid/vivid-ctrls.c).
+// Controls by which `vivid` produces faults (drivers/media/test-drivers/vivid/vivid-ctrls.c).
+/// Percentage of frames to lose.
 const DROPPED_BUFFERS: u32 = 0x00f0_f040;
+/// Until the last program has closed the device.
 const DISCONNECT: u32 = 0x00f0_f041;
+/// On the next frame.
 const ERROR_FLAG: u32 = 0x00f0_f042;
 
-/// One camera serves one test at a time.
+/// A camera serves one test at a time.
 static ALONE: Mutex<()> = Mutex::new(());
 
-/// The camera under test and its turn; `None` after having said why not.
+/// The camera under test and the right to use it. `None`, after printing the reason, if the
+/// test cannot run with it; `needs` is a driver or a control, or empty.
 fn camera(test: &str, needs: &str) -> Option<(CameraInfo, MutexGuard<'static, ()>)> {
     let Ok(device) = std::env::var("PENUMBRA_TEST_CAMERA") else {
         println!("SKIPPED {test}: PENUMBRA_TEST_CAMERA names no camera");
         return None;
     };
-    let turn = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let lock = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let names = |c: &CameraInfo| {
         [
             Some(&c.identity),
@@ -54,10 +58,10 @@ fn camera(test: &str, needs: &str) -> Option<(CameraInfo, MutexGuard<'static, ()
         println!("SKIPPED {test}: {device} ({}) has no {needs}", info.driver);
         return None;
     }
-    Some((info, turn))
+    Some((info, lock))
 }
 
-/// A mode that emulation can keep up with.
+/// Settings for the smallest size, which is fast enough under emulation.
 fn settings(info: &CameraInfo) -> CameraSettings {
     let readable = info
         .formats
@@ -84,50 +88,35 @@ fn start(settings: &CameraSettings) -> Box<dyn Camera> {
 
 fn frame(camera: &mut dyn Camera) -> Frame {
     let began = Instant::now();
-    while began.elapsed() < PATIENCE {
+    while began.elapsed() < TIME_LIMIT {
         if let Some(frame) = camera.next_frame(WAIT).unwrap() {
             return frame;
         }
     }
-    panic!("no frame in {PATIENCE:?}");
+    panic!("no frame in {TIME_LIMIT:?}");
 }
 
 /// Reads until the camera fails.
 fn failure(camera: &mut dyn Camera) -> DeviceError {
     let began = Instant::now();
-    while began.elapsed() < PATIENCE {
+    while began.elapsed() < TIME_LIMIT {
         if let Err(error) = camera.next_frame(WAIT) {
             return error;
         }
     }
-    panic!("no failure in {PATIENCE:?}");
+    panic!("no failure in {TIME_LIMIT:?}");
 }
 
-/// Sets a control as another program would: through a file of its own.
-fn meddle(info: &CameraInfo, id: u32, value: i32) {
-    #[repr(C)]
-    struct Control {
-        id: u32,
-        value: i32,
-    }
-    let file = File::options()
-        .read(true)
-        .write(true)
-        .open(&info.node)
-        .unwrap();
-    const S_CTRL: rustix::ioctl::Opcode = rustix::ioctl::opcode::read_write::<Control>(b'V', 28);
-    let mut control = Control { id, value };
-    // SAFETY: VIDIOC_S_CTRL takes this structure, which outlives the call.
-    #[allow(unsafe_code)]
-    unsafe {
-        let call = rustix::ioctl::Updater::<S_CTRL, Control>::new(&mut control);
-        rustix::ioctl::ioctl(&file, call).unwrap();
-    }
+/// Sets a control as another program would, through a file descriptor of its own.
+fn set_externally(info: &CameraInfo, id: u32, value: i64) {
+    let value = Value::Integer(value);
+    let device = v4l::Device::with_path(&info.node).unwrap();
+    device.set_control(Control { id, value }).unwrap();
 }
 
 #[test]
 fn a_camera_is_described() {
-    let Some((info, _turn)) = camera("a_camera_is_described", "") else {
+    let Some((info, _lock)) = camera("a_camera_is_described", "") else {
         return;
     };
     assert!(!info.identity.is_empty() && !info.driver.is_empty());
@@ -150,7 +139,7 @@ fn a_camera_is_described() {
 
 #[test]
 fn sixty_frames_come_in_order_with_true_stamps() {
-    let Some((info, _turn)) = camera("sixty_frames_come_in_order_with_true_stamps", "") else {
+    let Some((info, _lock)) = camera("sixty_frames_come_in_order_with_true_stamps", "") else {
         return;
     };
     let mut camera = start(&settings(&info));
@@ -184,7 +173,7 @@ fn sixty_frames_come_in_order_with_true_stamps() {
 #[test]
 fn controls_are_held_adjusted_or_missing_and_restored() {
     let name = "controls_are_held_adjusted_or_missing_and_restored";
-    let Some((info, _turn)) = camera(name, "brightness") else {
+    let Some((info, _lock)) = camera(name, "brightness") else {
         return;
     };
     let brightness = info
@@ -193,7 +182,7 @@ fn controls_are_held_adjusted_or_missing_and_restored() {
         .find(|c| c.name == "brightness")
         .unwrap();
     let wanted = brightness.min + (brightness.max - brightness.min) / 4;
-    // Any other that takes numbers; which ones there are depends on the camera.
+    // Another control with a range; not all cameras have the same ones.
     let other = ["contrast", "saturation", "gain"];
     let other = *other
         .iter()
@@ -220,11 +209,11 @@ fn controls_are_held_adjusted_or_missing_and_restored() {
     assert_eq!(adjusted.standing, ControlStanding::Adjusted);
     assert_eq!(missing.standing, ControlStanding::Missing);
     frame(&mut *camera);
-    meddle(&info, BRIGHTNESS, i32::try_from(brightness.max).unwrap());
+    set_externally(&info, BRIGHTNESS, brightness.max);
     let began = Instant::now();
     while camera.report().counters.controls_changed == 0 {
         frame(&mut *camera);
-        assert!(began.elapsed() < PATIENCE, "the change was not seen");
+        assert!(began.elapsed() < TIME_LIMIT, "the change was not noticed");
     }
     assert_eq!(standing(&*camera)[0].in_force, Some(wanted));
     let frame = frame(&mut *camera);
@@ -234,17 +223,13 @@ fn controls_are_held_adjusted_or_missing_and_restored() {
             .iter()
             .any(|(name, v)| &**name == "brightness" && *v == wanted)
     );
-    meddle(
-        &info,
-        BRIGHTNESS,
-        i32::try_from(brightness.default).unwrap(),
-    );
+    set_externally(&info, BRIGHTNESS, brightness.default);
 }
 
 #[test]
 fn a_camera_in_use_a_missing_one_and_no_camera_are_told_apart() {
     let name = "a_camera_in_use_a_missing_one_and_no_camera_are_told_apart";
-    let Some((info, _turn)) = camera(name, "") else {
+    let Some((info, _lock)) = camera(name, "") else {
         return;
     };
     let settings = settings(&info);
@@ -278,48 +263,48 @@ fn a_camera_in_use_a_missing_one_and_no_camera_are_told_apart() {
 
 #[test]
 fn a_flagged_picture_is_skipped() {
-    let Some((info, _turn)) = camera("a_flagged_picture_is_skipped", "vivid") else {
+    let Some((info, _lock)) = camera("a_flagged_picture_is_skipped", "vivid") else {
         return;
     };
     let mut camera = start(&settings(&info));
     frame(&mut *camera);
     let began = Instant::now();
     while camera.report().counters.damaged == 0 {
-        meddle(&info, ERROR_FLAG, 1);
+        set_externally(&info, ERROR_FLAG, 1);
         frame(&mut *camera);
-        assert!(began.elapsed() < PATIENCE, "no damaged picture was counted");
+        assert!(began.elapsed() < TIME_LIMIT, "no damaged frame was counted");
     }
 }
 
 #[test]
 fn a_camera_that_falls_silent_is_named_and_goes_on() {
-    let Some((info, _turn)) = camera("a_camera_that_falls_silent_is_named_and_goes_on", "vivid")
+    let Some((info, _lock)) = camera("a_camera_that_falls_silent_is_named_and_goes_on", "vivid")
     else {
         return;
     };
     let mut camera = start(&settings(&info));
     frame(&mut *camera);
-    meddle(&info, DROPPED_BUFFERS, 100);
+    set_externally(&info, DROPPED_BUFFERS, 100);
     let error = failure(&mut *camera);
-    meddle(&info, DROPPED_BUFFERS, 0);
+    set_externally(&info, DROPPED_BUFFERS, 0);
     assert!(matches!(error, DeviceError::Silent { .. }), "{error}");
     assert!(error.to_string().starts_with(&info.node), "{error}");
-    // The same stream still works: no buffer was lost over the time-outs.
+    // The same stream continues: the time-outs have lost no buffer.
     let began = Instant::now();
     while !matches!(camera.next_frame(WAIT), Ok(Some(_))) {
-        assert!(began.elapsed() < PATIENCE, "it did not go on");
+        assert!(began.elapsed() < TIME_LIMIT, "the stream did not continue");
     }
 }
 
 #[test]
 fn a_camera_that_is_unplugged_is_opened_again() {
-    let Some((info, _turn)) = camera("a_camera_that_is_unplugged_is_opened_again", "vivid") else {
+    let Some((info, _lock)) = camera("a_camera_that_is_unplugged_is_opened_again", "vivid") else {
         return;
     };
     let settings = settings(&info);
     let mut camera = start(&settings);
     frame(&mut *camera);
-    meddle(&info, DISCONNECT, 1);
+    set_externally(&info, DISCONNECT, 1);
     let error = failure(&mut *camera);
     assert!(matches!(error, DeviceError::Unplugged { .. }), "{error}");
     assert_eq!(error.recovery(), Recovery::Reopen);
@@ -328,7 +313,7 @@ fn a_camera_that_is_unplugged_is_opened_again() {
     let mut again = loop {
         match open(&settings, Arc::new(SystemClock)) {
             Ok(camera) => break camera,
-            Err(error) => assert!(began.elapsed() < PATIENCE, "{error}"),
+            Err(error) => assert!(began.elapsed() < TIME_LIMIT, "{error}"),
         }
         std::thread::sleep(Duration::from_millis(100));
     };
@@ -337,7 +322,7 @@ fn a_camera_that_is_unplugged_is_opened_again() {
 
 #[test]
 fn exposures_are_cycled_and_labelled() {
-    let Some((info, _turn)) = camera(
+    let Some((info, _lock)) = camera(
         "exposures_are_cycled_and_labelled",
         "exposure_time_absolute",
     ) else {
@@ -354,7 +339,7 @@ fn exposures_are_cycled_and_labelled() {
         ("exposure_time_absolute".into(), base),
         ("auto_exposure".into(), 1),
     ];
-    // The lag is configured: an emulated camera's pictures may not show their exposure.
+    // The lag is configured, because an emulated camera's frames may not show their exposure.
     settings.bracket = Some(BracketSettings {
         lag: Some(1),
         ..BracketSettings::default()

@@ -1,8 +1,8 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use super::*;
-use crate::testing::{FakeVideo, Sensor, Shot};
-use crate::video::ControlKind;
+use crate::device::ControlKind;
+use crate::testing::{FakeDevice, FakeFrame, Sensor};
 use penumbra_interface::{
     BracketSettings, ControlStanding, MonotonicTime, OnChange, PixelFormat, Recovery, StampSource,
 };
@@ -13,8 +13,8 @@ const TIME: u32 = 2;
 const GAIN: u32 = 3;
 const WAIT: Duration = Duration::from_millis(100);
 
-fn webcam() -> FakeVideo {
-    let fake = FakeVideo::streaming(b"GREY", 16, 16);
+fn webcam() -> FakeDevice {
+    let fake = FakeDevice::streaming(b"GREY", 16, 16);
     fake.add_control(AUTO, "Auto Exposure", ControlKind::Menu, (0, 3));
     fake.add_control(
         TIME,
@@ -24,7 +24,7 @@ fn webcam() -> FakeVideo {
     );
     fake.add_control(GAIN, "Gain", ControlKind::Integer, (0, 255));
     fake.edit(AUTO, |c| c.value = 3);
-    fake.edit(TIME, |c| c.owner = Some((AUTO, 1)));
+    fake.edit(TIME, |c| c.needs = Some((AUTO, 1)));
     fake
 }
 
@@ -46,28 +46,31 @@ fn settings() -> CameraSettings {
     }
 }
 
-fn open(fake: &FakeVideo, settings: &CameraSettings) -> Result<V4l2Camera<FakeVideo>, DeviceError> {
-    let who = Who {
+fn open(
+    fake: &FakeDevice,
+    settings: &CameraSettings,
+) -> Result<V4l2Camera<FakeDevice>, DeviceError> {
+    let names = CameraNames {
         identity: "usb-Camera".to_owned(),
-        device: "/dev/video7".to_owned(),
-        by_number: true,
+        path: "/dev/video7".to_owned(),
+        is_numbered: true,
     };
-    V4l2Camera::start(fake.clone(), who, settings, fake.clock())
+    V4l2Camera::start(fake.clone(), names, settings, fake.clock())
 }
 
-fn picture(sequence: u32) -> Shot {
-    Shot::new(sequence, vec![sequence as u8; 256])
+fn picture(sequence: u32) -> FakeFrame {
+    FakeFrame::new(sequence, vec![sequence as u8; 256])
 }
 
 #[test]
-fn a_frame_says_when_and_how_it_was_exposed() {
+fn a_frame_has_the_time_and_the_settings_of_its_exposure() {
     let fake = webcam();
     let mut camera = open(&fake, &settings()).unwrap();
     fake.arrives(40, picture(0));
     let frame = camera.next_frame(WAIT).unwrap().unwrap();
     let exposure = frame.exposure.unwrap();
     assert_eq!((exposure.exposure_micros, exposure.gain), (16_000.0, 1.0));
-    // Arrived at 40 ms, stamped 20 ms before that, exposed for 16 ms from then on.
+    // Arrived at 40 ms, time stamp 20 ms before that, exposed for 16 ms from then on.
     assert_eq!(frame.captured_at, MonotonicTime::from_nanos(28_000_000));
     assert_eq!(frame.arrived_at, MonotonicTime::from_nanos(40_000_000));
     assert_eq!(
@@ -100,9 +103,9 @@ fn a_frame_says_when_and_how_it_was_exposed() {
 fn controls_are_set_before_the_stream_starts_and_again_after() {
     let fake = webcam();
     let _camera = open(&fake, &settings()).unwrap();
-    let sets = fake.lock().sets.clone();
+    let written = fake.lock().written.clone();
     assert_eq!(
-        sets,
+        written,
         [
             (AUTO, 1),
             (TIME, 160),
@@ -115,12 +118,12 @@ fn controls_are_set_before_the_stream_starts_and_again_after() {
 }
 
 #[test]
-fn another_programs_change_is_undone_between_frames() {
+fn a_change_by_another_program_is_undone_between_frames() {
     let fake = webcam();
     let mut camera = open(&fake, &settings()).unwrap();
     fake.arrives(10, picture(0));
     camera.next_frame(WAIT).unwrap().unwrap();
-    fake.meddle(GAIN, 200);
+    fake.set_externally(GAIN, 200);
     fake.arrives(20, picture(1));
     let frame = camera.next_frame(WAIT).unwrap().unwrap();
     assert_eq!(frame.exposure.unwrap().gain, 1.0);
@@ -131,13 +134,13 @@ fn another_programs_change_is_undone_between_frames() {
 }
 
 #[test]
-fn unplugged_in_the_middle() {
+fn unplugging_during_the_stream_is_reported() {
     let fake = webcam();
     let mut camera = open(&fake, &settings()).unwrap();
     fake.arrives(10, picture(0));
     camera.next_frame(WAIT).unwrap().unwrap();
-    fake.lock().dequeue_faults.push_back(Errno::NODEV);
-    fake.lock().stop_fault = Some(Errno::NODEV);
+    fake.lock().dequeue_errors.push_back(Errno::NODEV);
+    fake.lock().stop_error = Some(Errno::NODEV);
     fake.arrives(20, picture(1));
     let error = camera.next_frame(WAIT).unwrap_err();
     assert_eq!(error.to_string(), "/dev/video7: gone; plug it in again");
@@ -145,7 +148,7 @@ fn unplugged_in_the_middle() {
 }
 
 #[test]
-fn a_format_that_is_not_offered_is_the_users_to_mend() {
+fn a_format_that_is_not_offered_is_a_fatal_error() {
     let fake = webcam();
     let wanted = CameraSettings {
         formats: vec![PixelFormat::Jpeg],
@@ -159,14 +162,15 @@ fn a_format_that_is_not_offered_is_the_users_to_mend() {
     assert_eq!(error.recovery(), Recovery::Fatal);
 }
 
-/// Pictures as bright as their exposure, with some noise, of a camera that lags.
+/// A camera that applies exposures `lag` frames late, and whose frames are as bright as their
+/// exposure, with some noise.
 fn sensor(lag: u32) -> Sensor {
     Sensor {
         period: 33_000_000,
         lag,
         next: 0,
         exposures: VecDeque::from([(0, 160)]),
-        picture: Box::new(|sequence, exposure| {
+        image: Box::new(|sequence, exposure| {
             let noise = i64::from(sequence.wrapping_mul(2_654_435_761) >> 30);
             vec![(exposure + 4 + noise).clamp(0, 255) as u8; 256]
         }),
@@ -174,7 +178,7 @@ fn sensor(lag: u32) -> Sensor {
 }
 
 #[test]
-fn bracketed_frames_carry_the_exposure_that_they_show() {
+fn bracketed_frames_are_labelled_with_their_true_exposure() {
     for lag in 0..=4 {
         let fake = webcam();
         let wanted = CameraSettings {
@@ -190,29 +194,29 @@ fn bracketed_frames_carry_the_exposure_that_they_show() {
             let shown = f64::from(frame.data[0]) - 4.0;
             assert!(
                 (shown - exposure).abs() <= 3.0,
-                "shows {shown}, says {exposure}"
+                "shows {shown}, labelled {exposure}"
             );
             assert_eq!(frame.bracket_ev, (exposure / 160.0).log2());
             let controls = frame.controls.unwrap();
-            let told = controls
+            let control = controls
                 .iter()
                 .find(|c| &*c.0 == "exposure_time_absolute")
                 .unwrap()
                 .1;
-            assert_eq!(told as f64, exposure);
-            *seen.entry(told).or_insert(0) += 1;
+            assert_eq!(control as f64, exposure);
+            *seen.entry(control).or_insert(0) += 1;
         }
         assert_eq!(seen.keys().copied().collect::<Vec<_>>(), [10, 40, 160]);
         assert!(seen.values().all(|n| *n >= 15), "{seen:?}");
         let report = camera.report();
         assert!(report.counters.unattributed > 20);
-        let finding = format!("bracketing: exposures apply after {lag} frames");
-        assert!(report.notes.contains(&finding), "{:?}", report.notes);
+        let note = format!("bracketing: new exposures take effect after {lag} frames");
+        assert!(report.notes.contains(&note), "{:?}", report.notes);
     }
 }
 
 #[test]
-fn bracketing_needs_a_fixed_exposure_and_a_range() {
+fn bracketing_needs_manual_exposure_and_a_range() {
     let fake = webcam();
     let mut wanted = CameraSettings {
         bracket: Some(BracketSettings::default()),

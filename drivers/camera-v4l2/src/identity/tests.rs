@@ -4,10 +4,11 @@ use super::*;
 use std::os::unix::fs::symlink;
 use tempfile::TempDir;
 
-/// A machine with two USB cameras of one make (two nodes each) and one on a platform bus.
-fn machine() -> (TempDir, Roots) {
+/// A machine with two USB cameras of the same model (two nodes each) and one camera on a
+/// platform bus.
+fn machine() -> (TempDir, SystemRoots) {
     let root = tempfile::tempdir().unwrap();
-    let roots = Roots {
+    let roots = SystemRoots {
         dev: root.path().join("dev"),
         sys: root.path().join("sys"),
     };
@@ -48,7 +49,7 @@ fn machine() -> (TempDir, Roots) {
     (root, roots)
 }
 
-fn add_node(roots: &Roots, node: &str, index: u32, device: &Path) {
+fn add_node(roots: &SystemRoots, node: &str, index: u32, device: &Path) {
     fs::write(roots.dev.join(node), "").unwrap();
     let class = roots.sys.join("class/video4linux").join(node);
     fs::create_dir_all(&class).unwrap();
@@ -57,7 +58,7 @@ fn add_node(roots: &Roots, node: &str, index: u32, device: &Path) {
     symlink(device, class.join("device")).unwrap();
 }
 
-fn link(roots: &Roots, kind: &str, name: &str, node: &str) {
+fn link(roots: &SystemRoots, kind: &str, name: &str, node: &str) {
     symlink(
         format!("../../{node}"),
         roots.dev.join("v4l").join(kind).join(name),
@@ -79,10 +80,10 @@ fn probe(node: &Path) -> Option<Capabilities> {
     })
 }
 
-fn node(device: &str, roots: &Roots) -> Result<String, DeviceError> {
-    let place = resolve(device, roots, probe)?;
-    Ok(place
-        .node
+fn node(device: &str, roots: &SystemRoots) -> Result<String, DeviceError> {
+    let node = resolve(device, roots, probe)?;
+    Ok(node
+        .path
         .file_name()
         .unwrap()
         .to_string_lossy()
@@ -92,19 +93,19 @@ fn node(device: &str, roots: &Roots) -> Result<String, DeviceError> {
 #[test]
 fn every_identity_finds_its_camera_again() {
     let (_root, roots) = machine();
-    let places = all(&roots);
-    assert_eq!(places.len(), 5);
-    for place in places.iter().filter(|place| place.index == 0) {
-        let bus = probe(&place.node).unwrap().bus;
-        let identity = place.identity(Some(&bus));
+    let nodes = all(&roots);
+    assert_eq!(nodes.len(), 5);
+    for node in nodes.iter().filter(|node| node.index == 0) {
+        let bus = probe(&node.path).unwrap().bus;
+        let identity = node.identity(Some(&bus));
         let found = resolve(&identity, &roots, probe).unwrap();
-        assert_eq!(&found, place, "{identity}");
+        assert_eq!(&found, node, "{identity}");
         assert!(!identity.contains("/dev/"), "{identity}");
     }
 }
 
 #[test]
-fn identities_prefer_what_survives_replugging() {
+fn identities_prefer_names_that_survive_unplugging() {
     let (_root, roots) = machine();
     let identities: Vec<String> = all(&roots).iter().map(|p| p.identity(Some("b"))).collect();
     assert_eq!(identities[0], "usb-046d_C270_AAA:1-video-index0");
@@ -113,7 +114,7 @@ fn identities_prefer_what_survives_replugging() {
 }
 
 #[test]
-fn cameras_are_named_in_many_ways() {
+fn a_camera_can_be_named_in_several_ways() {
     let (_root, roots) = machine();
     for (device, expected) in [
         ("usb-046d_C270_AAA:1-video-index0", "video0"),
@@ -130,9 +131,10 @@ fn cameras_are_named_in_many_ways() {
     assert_eq!(node(by_link.to_str().unwrap(), &roots).unwrap(), "video2");
 }
 
-/// Both cameras were plugged in again and have changed their numbers; udev is not done yet.
+/// Both cameras were unplugged and plugged in again and have changed their numbers, and udev has
+/// not updated its links yet.
 #[test]
-fn a_link_that_leads_to_another_camera_leads_nowhere() {
+fn a_link_to_another_camera_is_ignored() {
     let (_root, roots) = machine();
     let serial = |usb: &str, serial: &str| {
         let device = roots.sys.join("devices/usb1").join(usb);
@@ -147,7 +149,7 @@ fn a_link_that_leads_to_another_camera_leads_nowhere() {
     }
     assert_eq!(node("usb:046d:0825:AAA:1", &roots).unwrap(), "video2");
     assert_eq!(all(&roots)[0].by_id, None);
-    // udev writes odd characters otherwise, or leaves such a number out of the name.
+    // udev replaces odd characters, or omits such a number from the name.
     for written in ["AAA 1\n", "A-A.A_1\n", "AAA,2\n", "Sériennummer\n"] {
         serial("1-1", written);
         assert_eq!(
@@ -159,7 +161,7 @@ fn a_link_that_leads_to_another_camera_leads_nowhere() {
 }
 
 #[test]
-fn several_that_fit_are_listed() {
+fn several_matching_cameras_are_listed() {
     let (_root, roots) = machine();
     for device in ["usb:046d:0825", ""] {
         let error = node(device, &roots).unwrap_err().to_string();
@@ -171,7 +173,7 @@ fn several_that_fit_are_listed() {
 }
 
 #[test]
-fn what_is_not_there_or_badly_written_is_said() {
+fn missing_cameras_and_malformed_names_are_errors() {
     let (_root, roots) = machine();
     for device in [
         "usb:046d:9999",
@@ -193,9 +195,9 @@ fn what_is_not_there_or_badly_written_is_said() {
 }
 
 #[test]
-fn a_machine_without_cameras_or_sysfs_has_none() {
+fn a_machine_without_cameras_or_sysfs_has_no_cameras() {
     let root = tempfile::tempdir().unwrap();
-    let roots = Roots {
+    let roots = SystemRoots {
         dev: root.path().join("dev"),
         sys: root.path().join("sys"),
     };
@@ -208,9 +210,9 @@ fn a_machine_without_cameras_or_sysfs_has_none() {
 }
 
 #[test]
-fn a_cameras_own_name_and_serial_number_are_known_by_its_identity() {
+fn the_identity_leads_to_product_name_and_serial_number() {
     let (_root, roots) = machine();
-    let known = |identity: &str| known_as(identity, &roots);
+    let known = |identity: &str| name_and_serial_in(identity, &roots);
     let first = known("usb-046d_C270_AAA:1-video-index0");
     assert_eq!(first, Some(("Camera video0".into(), Some("AAA:1".into()))));
     let second = known("usb:046d:0825:BBB");

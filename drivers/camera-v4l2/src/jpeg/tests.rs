@@ -3,7 +3,7 @@
 use super::*;
 use proptest::prelude::*;
 
-/// A small picture, encoded by the library that decodes it.
+/// A small picture, encoded by libjpeg-turbo.
 fn encoded() -> Vec<u8> {
     let (width, height) = (48, 32);
     let pixels: Vec<u8> = (0..width * height * 3)
@@ -38,11 +38,11 @@ fn without_tables(data: &[u8]) -> Vec<u8> {
 
 fn written(data: &[u8]) -> Vec<u8> {
     let mut out = Vec::new();
-    Jpeg::find(data).unwrap().write(data, &mut out);
+    Jpeg::parse(data).unwrap().write_complete(data, &mut out);
     out
 }
 
-/// The decoded picture, warnings or not: real cameras pad before restart markers.
+/// Decodes a picture. Warnings are accepted: real cameras pad before restart markers.
 fn decode(data: &[u8]) -> Vec<u8> {
     let mut decoder = turbojpeg::Decompressor::new().unwrap();
     let header = decoder.read_header(data).unwrap();
@@ -60,12 +60,12 @@ fn decode(data: &[u8]) -> Vec<u8> {
 }
 
 #[test]
-fn a_whole_picture_is_passed_on_bit_for_bit() {
+fn a_complete_frame_is_not_changed() {
     let data = encoded();
-    let found = Jpeg::find(&data).unwrap();
+    let found = Jpeg::parse(&data).unwrap();
     let whole = Jpeg {
         len: data.len(),
-        ended: true,
+        has_end: true,
         tables_missing_at: None,
     };
     assert_eq!(found, whole);
@@ -73,7 +73,7 @@ fn a_whole_picture_is_passed_on_bit_for_bit() {
 }
 
 #[test]
-fn padding_behind_the_end_is_cut_even_if_it_is_an_older_picture() {
+fn padding_after_the_end_is_cut_even_if_it_is_an_older_frame() {
     let data = encoded();
     for padding in [vec![0; 500], data[100..].to_vec(), vec![0xFF, 0xD9]] {
         let padded = [&data[..], &padding].concat();
@@ -82,7 +82,7 @@ fn padding_behind_the_end_is_cut_even_if_it_is_an_older_picture() {
 }
 
 #[test]
-fn tables_that_a_camera_leaves_out_are_put_in() {
+fn missing_tables_are_inserted() {
     let data = encoded();
     let bare = without_tables(&data);
     assert_eq!(
@@ -94,58 +94,58 @@ fn tables_that_a_camera_leaves_out_are_put_in() {
 }
 
 #[test]
-fn a_missing_end_is_told_and_mended() {
+fn a_missing_end_is_reported_and_added() {
     let data = encoded();
     for padding in [0, 77] {
         let mut cut = data[..data.len() - 2].to_vec();
         cut.resize(cut.len() + padding, 0);
-        assert!(!Jpeg::find(&cut).unwrap().ended);
+        assert!(!Jpeg::parse(&cut).unwrap().has_end);
         assert_eq!(decode(&written(&cut)), decode(&data));
     }
 }
 
 #[test]
-fn what_has_no_scan_is_no_picture() {
-    assert_eq!(Jpeg::find(b""), Err(Fault::NoStart));
-    assert_eq!(Jpeg::find(b"GIF89a"), Err(Fault::NoStart));
-    assert_eq!(Jpeg::find(&[0xFF, SOI]), Err(Fault::NoScan));
-    assert_eq!(Jpeg::find(&[0xFF, SOI, 0xFF, EOI]), Err(Fault::NoScan));
-    assert_eq!(Jpeg::find(&encoded()[..40]), Err(Fault::NoScan));
+fn a_frame_needs_a_start_and_a_scan() {
+    assert_eq!(Jpeg::parse(b""), Err(JpegError::NoStart));
+    assert_eq!(Jpeg::parse(b"GIF89a"), Err(JpegError::NoStart));
+    assert_eq!(Jpeg::parse(&[0xFF, SOI]), Err(JpegError::NoScan));
+    assert_eq!(Jpeg::parse(&[0xFF, SOI, 0xFF, EOI]), Err(JpegError::NoScan));
+    assert_eq!(Jpeg::parse(&encoded()[..40]), Err(JpegError::NoScan));
 }
 
 #[test]
-fn a_real_frame_without_tables_becomes_decodable_everywhere() {
+fn tables_are_inserted_into_a_frame_of_a_real_camera() {
     let data = include_bytes!("../../tests/pictures/mjpeg_without_tables.jpg");
-    assert!(Jpeg::find(data).unwrap().tables_missing_at.is_some());
-    let mended = written(data);
-    assert_eq!(Jpeg::find(&mended).unwrap().tables_missing_at, None);
+    assert!(Jpeg::parse(data).unwrap().tables_missing_at.is_some());
+    let completed = written(data);
+    assert_eq!(Jpeg::parse(&completed).unwrap().tables_missing_at, None);
     assert_eq!(
-        decode(&mended),
+        decode(&completed),
         decode(data),
-        "libjpeg-turbo knows the tables itself"
+        "libjpeg-turbo assumes the standard tables itself"
     );
 }
 
 proptest! {
     #[test]
-    fn no_bytes_panic(data in proptest::collection::vec(any::<u8>(), 0..600)) {
-        if let Ok(found) = Jpeg::find(&data) {
+    fn arbitrary_bytes_do_not_panic(data in proptest::collection::vec(any::<u8>(), 0..600)) {
+        if let Ok(found) = Jpeg::parse(&data) {
             prop_assert!(found.len <= data.len());
         }
     }
 
     #[test]
-    fn a_damaged_picture_is_written_within_bounds(
+    fn a_damaged_frame_is_written_within_bounds(
         cut in 0_usize..2000, at in 0_usize..2000, byte in any::<u8>()
     ) {
         let mut data = without_tables(&encoded());
         let at = at % data.len();
         data[at] = byte;
         data.truncate(data.len().saturating_sub(cut).max(2));
-        if let Ok(found) = Jpeg::find(&data) {
+        if let Ok(found) = Jpeg::parse(&data) {
             prop_assert!(found.len <= data.len());
             let mut out = Vec::new();
-            found.write(&data, &mut out);
+            found.write_complete(&data, &mut out);
             prop_assert!(out.len() <= data.len() + 424);
             prop_assert!(out.ends_with(&[0xFF, EOI]));
         }

@@ -3,7 +3,7 @@
 use super::*;
 use crate::testing::format;
 
-/// A usual webcam: uncompressed in full rate only when small.
+/// A typical webcam: uncompressed frames at full rate in small sizes only.
 fn webcam() -> Vec<CameraFormat> {
     vec![
         format(
@@ -18,17 +18,17 @@ fn webcam() -> Vec<CameraFormat> {
     ]
 }
 
-fn present() -> Geometry {
-    Geometry {
+fn present() -> CaptureFormat {
+    CaptureFormat {
         width: 640,
         height: 480,
-        ..Geometry::default()
+        ..CaptureFormat::default()
     }
 }
 
 fn chosen(settings: &CameraSettings) -> Result<(String, u32, u32), String> {
     let mode = choose(&webcam(), settings, &present())?;
-    Ok((fourcc::text(mode.fourcc), mode.width, mode.height))
+    Ok((fourcc::to_text(mode.fourcc), mode.width, mode.height))
 }
 
 fn sized(width: u32, height: u32, rate: Option<f64>) -> CameraSettings {
@@ -41,7 +41,7 @@ fn sized(width: u32, height: u32, rate: Option<f64>) -> CameraSettings {
 }
 
 #[test]
-fn uncompressed_where_the_rate_allows_it() {
+fn uncompressed_formats_are_preferred_at_sufficient_rates() {
     let mode = |settings| chosen(&settings).unwrap().0;
     assert_eq!(
         chosen(&sized(0, 0, None)).unwrap(),
@@ -54,12 +54,12 @@ fn uncompressed_where_the_rate_allows_it() {
 }
 
 #[test]
-fn the_fastest_where_none_is_fast_enough() {
+fn the_fastest_format_is_taken_if_none_is_fast_enough() {
     assert_eq!(chosen(&sized(1920, 1080, Some(120.0))).unwrap().0, "MJPG");
 }
 
 #[test]
-fn the_users_order_of_formats_counts() {
+fn the_order_of_formats_in_the_settings_is_kept() {
     let mut settings = sized(640, 480, Some(30.0));
     settings.formats = vec![PixelFormat::Jpeg, PixelFormat::Yuyv];
     assert_eq!(chosen(&settings).unwrap().0, "MJPG");
@@ -68,7 +68,7 @@ fn the_users_order_of_formats_counts() {
 }
 
 #[test]
-fn a_mode_that_is_not_offered_says_which_are() {
+fn the_error_lists_what_is_offered() {
     let mut settings = sized(800, 600, None);
     let error = chosen(&settings).unwrap_err();
     assert!(
@@ -88,7 +88,7 @@ fn a_mode_that_is_not_offered_says_which_are() {
 }
 
 #[test]
-fn sizes_in_steps_and_drivers_that_list_none() {
+fn size_ranges_and_drivers_without_size_lists_are_supported() {
     let mut stepwise = format(b"NV12", &[(1920, 1080, 30.0)]);
     stepwise.sizes[0].steps = Some(SizeSteps {
         min_width: 32,
@@ -101,22 +101,22 @@ fn sizes_in_steps_and_drivers_that_list_none() {
     assert!(fits(640, 481).is_err());
     assert!(fits(16, 32).is_err());
     assert!(fits(1936, 1080).is_err());
-    let silent = format(b"GREY", &[]);
-    assert!(choose(&[silent], &sized(123, 45, None), &present()).is_ok());
+    let without_sizes = format(b"GREY", &[]);
+    assert!(choose(&[without_sizes], &sized(123, 45, None), &present()).is_ok());
 }
 
 #[test]
-fn another_size_or_rate_than_asked_for_is_said() {
-    let wanted = Geometry {
+fn another_size_or_rate_than_wanted_is_noted() {
+    let wanted = CaptureFormat {
         frames_per_second: Some(30.0),
         ..present()
     };
     let settings = sized(640, 480, Some(30.0));
-    assert_eq!(difference(&settings, &wanted, &wanted), None);
-    let slow = Geometry {
+    assert_eq!(deviation_note(&settings, &wanted, &wanted), None);
+    let slow = CaptureFormat {
         frames_per_second: Some(15.0),
         ..wanted
     };
-    let said = difference(&settings, &wanted, &slow).unwrap();
-    assert!(said.ends_with("at 15.0 instead of 30.0 frames/s"), "{said}");
+    let note = deviation_note(&settings, &wanted, &slow).unwrap();
+    assert!(note.ends_with("at 15.0 instead of 30.0 frames/s"), "{note}");
 }

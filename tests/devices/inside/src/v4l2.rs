@@ -1,23 +1,25 @@
-//! Video for Linux, as little of it as the tests of the guest need.
+//! Video for Linux, as far as the tests of the guest need it.
 //!
-//! Source: include/uapi/linux/videodev2.h of the kernel, on a 64-bit machine.
+//! Devices and controls are accessed by the crate `v4l`, which may panic in a test; events and
+//! buffers by its raw bindings, because its streams cannot go on after a time-out.
+//! Penumbra's driver is not used, so that the tests of the guest prove the guest.
 #![allow(unsafe_code)] // ioctl and mmap: each block says why it is sound
 
-mod abi;
-
-use abi::{
-    BUFFERS, Buffer, CAPTURE, Control, DQBUF, DQEVENT, EVENT_CONTROL, Event, EventSubscription,
-    FLAG_ERROR, FLAG_MONOTONIC, Format, G_CTRL, MAPPED, QBUF, QUERYBUF, REQBUFS, RequestBuffers,
-    S_CTRL, S_FMT, STREAMOFF, STREAMON, SUBSCRIBE_EVENT, mapped,
-};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::fd::BorrowedFd;
 use rustix::io::{Errno, Result};
-use rustix::ioctl::{Opcode, Setter, Updater, ioctl};
+use rustix::ioctl::opcode;
 use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 use std::ffi::c_void;
-use std::fs::{File, OpenOptions};
+use std::mem::zeroed;
 use std::path::Path;
+use std::ptr::from_mut;
 use std::time::Duration;
+use v4l::buffer::Flags;
+use v4l::control::{Control, Value};
+use v4l::v4l2::vidioc::{self, _IOC_TYPE as Number};
+use v4l::video::Capture;
+use v4l::{Device, Format, FourCC, v4l_sys as sys};
 
 /// 1 is automatic.
 pub const AUTO_WHITE_BALANCE: u32 = 0x0098_090c;
@@ -33,150 +35,160 @@ pub const AUTO_EXPOSURE: u32 = 0x009a_0901;
 pub const EXPOSURE_TIME: u32 = 0x009a_0902;
 /// In steps of the camera.
 pub const FOCUS: u32 = 0x009a_090a;
-/// How many frames are lost. This and what follows are faults that vivid can be told to have
+/// How many frames to lose. This and the following controls make `vivid` produce faults
 /// (drivers/media/test-drivers/vivid/vivid-ctrls.c).
 pub const VIVID_LOST_PERCENT: u32 = 0x00f0_f040;
-/// Until the last program has closed it.
+/// Until the last program has closed the device.
 pub const VIVID_DISCONNECT: u32 = 0x00f0_f041;
 /// On the next frame.
 pub const VIVID_BUFFER_ERROR: u32 = 0x00f0_f042;
-/// On the next frame; the stream has to be begun anew.
+/// On the next frame; the stream must then be started again.
 pub const VIVID_FATAL_ERROR: u32 = 0x00f0_f046;
 
-/// A camera that is open.
-pub struct Camera(File);
+const CAPTURE: u32 = sys::v4l2_buf_type_V4L2_BUF_TYPE_VIDEO_CAPTURE;
+const MMAP: u32 = sys::v4l2_memory_V4L2_MEMORY_MMAP;
+const BUFFERS: u32 = 4;
+// The crate `v4l` does not have the numbers of the event commands.
+const DQEVENT: Number = opcode::read::<sys::v4l2_event>(b'V', 89) as Number;
+const SUBSCRIBE_EVENT: Number = opcode::write::<sys::v4l2_event_subscription>(b'V', 90) as Number;
+
+fn errno<T>(result: std::io::Result<T>) -> Result<T> {
+    result.map_err(|error| Errno::from_io_error(&error).expect("an error of the kernel"))
+}
+
+/// An open camera.
+pub struct Camera(Device);
 
 impl Camera {
-    /// Opens a node.
+    /// Opens a device file.
     pub fn open(path: &Path) -> std::io::Result<Self> {
-        OpenOptions::new()
-            .read(true)
-            .write(true)
-            .open(path)
-            .map(Self)
+        Device::with_path(path).map(Self)
     }
 
-    fn update<const REQUEST: Opcode, T>(&self, value: &mut T) -> Result<()> {
-        // SAFETY: every REQUEST in this file is made from the type that goes with it.
-        unsafe { ioctl(&self.0, Updater::<REQUEST, T>::new(value)) }
+    fn send<T>(&self, number: Number, argument: &mut T) -> Result<()> {
+        // SAFETY: every call below gives a command the structure that its number was made from.
+        errno(unsafe { v4l::v4l2::ioctl(self.0.handle().fd(), number, from_mut(argument).cast()) })
     }
 
-    fn write<const REQUEST: Opcode, T>(&self, value: T) -> Result<()> {
-        // SAFETY: as above; these requests only read the value.
-        unsafe { ioctl(&self.0, Setter::<REQUEST, T>::new(value)) }
+    fn fd(&self) -> BorrowedFd<'_> {
+        // SAFETY: the device, which the result borrows, keeps the descriptor open.
+        unsafe { BorrowedFd::borrow_raw(self.0.handle().fd()) }
     }
 
-    /// Sets size and format; the driver must take exactly these.
+    /// Sets size and format; the driver must accept exactly these.
     pub fn set_format(&self, width: u32, height: u32, fourcc: &[u8; 4]) -> Result<()> {
-        let pixel_format = u32::from_le_bytes(*fourcc);
-        let mut format = Format {
-            kind: CAPTURE,
-            _align: 0,
-            width,
-            height,
-            pixel_format,
-            rest: [0; 47],
-        };
-        self.update::<S_FMT, _>(&mut format)?;
-        let got = (format.width, format.height, format.pixel_format);
+        let fourcc = FourCC::new(fourcc);
+        let got = errno(self.0.set_format(&Format::new(width, height, fourcc)))?;
+        let set = (got.width, got.height, got.fourcc);
         assert_eq!(
-            got,
-            (width, height, pixel_format),
-            "the driver takes another format"
+            set,
+            (width, height, fourcc),
+            "the driver sets another format"
         );
         Ok(())
     }
 
-    /// A control's value.
+    /// The value of a control.
     pub fn get(&self, id: u32) -> Result<i32> {
-        let mut control = Control { id, value: 0 };
-        self.update::<G_CTRL, _>(&mut control)
-            .map(|()| control.value)
+        match errno(self.0.control(id))?.value {
+            Value::Integer(value) => Ok(i32::try_from(value).expect("32 bits")),
+            Value::Boolean(value) => Ok(value.into()),
+            other => panic!("control {id:#x} is {other:?}"),
+        }
     }
 
     /// Sets a control.
     pub fn set(&self, id: u32, value: i32) -> Result<()> {
-        self.update::<S_CTRL, _>(&mut Control { id, value })
+        let value = Value::Integer(value.into());
+        errno(self.0.set_control(Control { id, value }))
     }
 
-    /// From now on tells when anyone else changes a control: see [`Camera::next_change`].
+    /// Subscribes to changes of a control by others: see [`Camera::next_change`].
     pub fn watch(&self, id: u32) -> Result<()> {
-        self.write::<SUBSCRIBE_EVENT, _>(EventSubscription {
-            kind: EVENT_CONTROL,
+        let mut subscription = sys::v4l2_event_subscription {
+            type_: sys::V4L2_EVENT_CTRL,
             id,
-            rest: [0; 6],
-        })
+            // SAFETY: integers, which may be zero.
+            ..unsafe { zeroed() }
+        };
+        self.send(SUBSCRIBE_EVENT, &mut subscription)
     }
 
-    /// Which watched control was changed, if one was.
+    /// A control that another program has changed, if there is one.
     pub fn next_change(&self, timeout: Duration) -> Result<Option<u32>> {
-        if !self
-            .ready(PollFlags::PRI, timeout)?
-            .contains(PollFlags::PRI)
-        {
+        let ready = self.ready(PollFlags::PRI, timeout)?;
+        if !ready.contains(PollFlags::PRI) {
             return Ok(None);
         }
-        let mut event = Event {
-            kind: 0,
-            rest: [0; 33],
-        };
-        self.update::<DQEVENT, _>(&mut event)?;
-        // Eight bytes aligned union of 64 bytes after the type; then pending, sequence, a time
-        // of two 64-bit words, and the id.
-        Ok((event.kind == EVENT_CONTROL).then(|| event.rest[23]))
+        // SAFETY: integers, which may be zero.
+        let mut event: sys::v4l2_event = unsafe { zeroed() };
+        self.send(DQEVENT, &mut event)?;
+        Ok((event.type_ == sys::V4L2_EVENT_CTRL).then_some(event.id))
     }
 
     fn ready(&self, what: PollFlags, timeout: Duration) -> Result<PollFlags> {
-        let mut polled = [PollFd::new(&self.0, what)];
+        let fd = self.fd();
+        let mut polled = [PollFd::new(&fd, what)];
         let limit = Timespec::try_from(timeout).expect("a short time");
         poll(&mut polled, Some(&limit))?;
         Ok(polled[0].revents())
     }
 
-    /// Begins to stream.
+    /// Starts a stream.
     pub fn stream(&self) -> Result<Stream<'_>> {
-        let mut request = RequestBuffers {
-            count: BUFFERS,
-            kind: CAPTURE,
-            memory: MAPPED,
-            rest: [0; 2],
-        };
-        self.update::<REQBUFS, _>(&mut request)?;
+        let buffers = self.request_buffers(BUFFERS)?;
         let mut stream = Stream {
             camera: self,
             maps: Vec::new(),
         };
-        for index in 0..request.count {
-            let mut buffer = mapped(index);
-            self.update::<QUERYBUF, _>(&mut buffer)?;
-            stream.maps.push(Map::new(&self.0, &buffer)?);
-            self.update::<QBUF, _>(&mut mapped(index))?;
+        for index in 0..buffers {
+            let mut found = buffer(index);
+            self.send(vidioc::VIDIOC_QUERYBUF, &mut found)?;
+            stream.maps.push(Map::new(self.fd(), &found)?);
+            self.send(vidioc::VIDIOC_QBUF, &mut buffer(index))?;
         }
-        self.write::<STREAMON, _>(CAPTURE)?;
+        self.send(vidioc::VIDIOC_STREAMON, &mut { CAPTURE })?;
         Ok(stream)
+    }
+
+    fn request_buffers(&self, count: u32) -> Result<u32> {
+        let mut request = sys::v4l2_requestbuffers {
+            count,
+            type_: CAPTURE,
+            memory: MMAP,
+            // SAFETY: integers, which may be zero.
+            ..unsafe { zeroed() }
+        };
+        self.send(vidioc::VIDIOC_REQBUFS, &mut request)?;
+        Ok(request.count)
     }
 }
 
-/// Memory of the driver, mapped in.
+fn buffer(index: u32) -> sys::v4l2_buffer {
+    sys::v4l2_buffer {
+        index,
+        type_: CAPTURE,
+        memory: MMAP,
+        // SAFETY: integers and unions of integers and pointers, which may be zero.
+        ..unsafe { zeroed() }
+    }
+}
+
+/// A buffer of the driver, mapped for reading.
 struct Map {
     begin: *mut c_void,
     length: usize,
 }
 
 impl Map {
-    fn new(file: &File, buffer: &Buffer) -> Result<Self> {
+    fn new(fd: BorrowedFd<'_>, buffer: &sys::v4l2_buffer) -> Result<Self> {
         let length = buffer.length as usize;
-        let offset = buffer.offset & u64::from(u32::MAX);
-        // SAFETY: a new mapping where the kernel likes; nobody else holds what it replaces.
+        let (access, flags) = (ProtFlags::READ, MapFlags::SHARED);
+        // SAFETY: every bit pattern is a valid integer, and the kernel chooses the address, so
+        // no existing mapping is replaced.
         let begin = unsafe {
-            mmap(
-                std::ptr::null_mut(),
-                length,
-                ProtFlags::READ,
-                MapFlags::SHARED,
-                file,
-                offset,
-            )?
+            let offset = buffer.m.offset.into();
+            mmap(std::ptr::null_mut(), length, access, flags, fd, offset)?
         };
         Ok(Self { begin, length })
     }
@@ -193,53 +205,55 @@ impl Map {
 
 impl Drop for Map {
     fn drop(&mut self) {
-        // SAFETY: mapped by `new`, and `copy` gives no reference away.
+        // SAFETY: mapped by `new`, and `copy` returns no reference.
         let _ = unsafe { munmap(self.begin, self.length) };
     }
 }
 
-/// One frame, copied.
+/// A copy of a frame.
 #[derive(Debug)]
 pub struct Frame {
     /// Its bytes.
     pub data: Vec<u8>,
-    /// The driver's counter.
+    /// The driver's frame counter.
     pub sequence: u32,
     /// The driver's time stamp, microseconds of the monotonic clock.
     pub micros: i64,
-    /// Whether the driver says that it arrived with errors.
+    /// Whether the driver says that the frame is damaged.
     pub damaged: bool,
 }
 
-/// A camera that streams; dropping it stops it.
+/// A running stream; dropping it stops it.
 pub struct Stream<'a> {
     camera: &'a Camera,
     maps: Vec<Map>,
 }
 
 impl Stream<'_> {
-    /// The next frame; `TIMEDOUT` if none comes.
+    /// The next frame; `TIMEDOUT` if none arrives.
     pub fn next(&mut self, timeout: Duration) -> Result<Frame> {
         if self.camera.ready(PollFlags::IN, timeout)?.is_empty() {
             return Err(Errno::TIMEDOUT);
         }
-        let mut buffer = mapped(0);
-        self.camera.update::<DQBUF, _>(&mut buffer)?;
+        let mut filled = buffer(0);
+        self.camera.send(vidioc::VIDIOC_DQBUF, &mut filled)?;
+        let flags = Flags::from(filled.flags);
         assert!(
-            buffer.flags & FLAG_MONOTONIC != 0,
-            "not stamped on the monotonic clock"
+            flags.contains(Flags::TIMESTAMP_MONOTONIC),
+            "not a time stamp of the monotonic clock"
         );
         let frame = Frame {
-            data: self.maps[buffer.index as usize].copy(buffer.used),
-            sequence: buffer.sequence,
-            micros: buffer.seconds * 1_000_000 + buffer.micros,
-            damaged: buffer.flags & FLAG_ERROR != 0,
+            data: self.maps[filled.index as usize].copy(filled.bytesused),
+            sequence: filled.sequence,
+            micros: filled.timestamp.tv_sec * 1_000_000 + filled.timestamp.tv_usec,
+            damaged: flags.contains(Flags::ERROR),
         };
-        self.camera.update::<QBUF, _>(&mut mapped(buffer.index))?;
+        self.camera
+            .send(vidioc::VIDIOC_QBUF, &mut buffer(filled.index))?;
         Ok(frame)
     }
 
-    /// So many frames, each later than the one before.
+    /// The next frames, each of which must be later than the one before.
     pub fn take(&mut self, count: usize) -> Vec<Frame> {
         let frames: Vec<_> = (0..count)
             .map(|i| {
@@ -254,7 +268,7 @@ impl Stream<'_> {
         frames
     }
 
-    /// The first error within so many frames.
+    /// The first error within this many frames.
     pub fn error_within(&mut self, count: usize) -> Option<Errno> {
         (0..count).find_map(|_| self.next(Duration::from_secs(3)).err())
     }
@@ -262,15 +276,9 @@ impl Stream<'_> {
 
 impl Drop for Stream<'_> {
     fn drop(&mut self) {
-        // A camera that is gone says so here, too.
-        let _ = self.camera.write::<STREAMOFF, _>(CAPTURE);
+        // Both fail if the camera is gone.
+        let _ = self.camera.send(vidioc::VIDIOC_STREAMOFF, &mut { CAPTURE });
         self.maps.clear();
-        let none = RequestBuffers {
-            count: 0,
-            kind: CAPTURE,
-            memory: MAPPED,
-            rest: [0; 2],
-        };
-        let _ = self.camera.update::<REQBUFS, _>(&mut { none });
+        let _ = self.camera.request_buffers(0);
     }
 }

@@ -196,9 +196,10 @@ impl Camera {
             .all(|payload| self.link.deliver(&payload, PATIENCE));
         if whole {
             *lock(&self.newest) = Some(shot);
-            let mut faults = lock(&self.faults);
-            faults.damaged = faults.damaged.saturating_sub(1);
-            faults.truncated = faults.truncated.saturating_sub(1);
+            // Only faults that this frame had: a command may have set others meanwhile.
+            let mut left = lock(&self.faults);
+            left.damaged = left.damaged.saturating_sub(faults.damaged.min(1));
+            left.truncated = left.truncated.saturating_sub(faults.truncated.min(1));
         }
     }
 }

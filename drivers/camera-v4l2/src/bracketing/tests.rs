@@ -4,11 +4,10 @@ use super::*;
 use proptest::prelude::*;
 use std::collections::VecDeque;
 
-/// A camera that follows its exposure `lag` frames late, sometimes one more, loses frames
-/// and is noisy.
+/// A noisy camera that applies a new exposure `lag` frames late, or sometimes one more.
 struct Simulated {
     lag: u64,
-    /// Every so many changes come a frame late; 0: none.
+    /// Every this many changes, one takes effect a frame later; 0: none.
     late_every: u64,
     changes: u64,
     exposures: VecDeque<(u64, usize)>,
@@ -72,7 +71,8 @@ struct Outcome {
     each: [usize; 3],
 }
 
-/// Runs so many frames; `lose` says which are lost, `scene` adds stops to the brightness.
+/// Feeds frames to the bracketing. `lose` tells which are lost, `scene` adds stops to the
+/// brightness.
 fn run(
     bracketing: &mut Bracketing,
     camera: &mut Simulated,
@@ -90,14 +90,14 @@ fn run(
             continue;
         }
         let truth = camera.step_of(sequence);
-        // A gamma curve makes two stops of exposure about one of codes.
+        // Because of the gamma curve, two stops of exposure are about one of code values.
         let stops = 6.0 + scene(sequence) + STOPS[truth] * 0.5 + camera.noise * camera.random();
-        let answer = bracketing.take(sequence, Some(stops));
-        if let Some(step) = answer.set {
+        let decision = bracketing.on_frame(sequence, Some(stops));
+        if let Some(step) = decision.set {
             camera.set(sequence, step);
-            bracketing.was_set(sequence, step);
+            bracketing.on_set(sequence, step);
         }
-        if let Some(step) = answer.step {
+        if let Some(step) = decision.step {
             outcome.labelled.push((sequence, step));
             outcome.wrong += usize::from(step != truth);
             outcome.each[step] += 1;
@@ -110,17 +110,17 @@ const STEADY: fn(u64) -> f64 = |_| 0.0;
 const NONE: fn(u64) -> bool = |_| false;
 
 #[test]
-fn the_lag_is_measured_and_every_label_is_true() {
+fn the_lag_is_measured_and_all_labels_are_correct() {
     for lag in 0..=4 {
         for noise in [0.0, 0.05, 0.1] {
             let mut camera = Simulated::new(lag);
             camera.noise = noise;
             let mut bracketing = bracketing(2, None);
             let outcome = run(&mut bracketing, &mut camera, 0..400, NONE, STEADY);
-            let finding = bracketing.finding.as_deref().unwrap();
+            let note = bracketing.timing_note.as_deref().unwrap();
             assert_eq!(
-                finding,
-                format!("bracketing: exposures apply after {lag} frames")
+                note,
+                format!("bracketing: new exposures take effect after {lag} frames")
             );
             assert_eq!(outcome.wrong, 0, "lag {lag}, noise {noise}");
             assert!(outcome.each.iter().all(|n| *n > 40), "{:?}", outcome.each);
@@ -129,7 +129,7 @@ fn the_lag_is_measured_and_every_label_is_true() {
 }
 
 #[test]
-fn a_camera_that_is_a_frame_late_now_and_then_is_never_mislabelled() {
+fn occasional_delays_of_a_frame_cause_no_wrong_labels() {
     for lag in 0..=4 {
         let mut camera = Simulated::new(lag);
         (camera.late_every, camera.noise) = (4, 0.05);
@@ -140,7 +140,7 @@ fn a_camera_that_is_a_frame_late_now_and_then_is_never_mislabelled() {
 }
 
 #[test]
-fn lost_frames_shift_nothing() {
+fn lost_frames_do_not_shift_labels() {
     for lag in 0..=4 {
         let mut camera = Simulated::new(lag);
         camera.noise = 0.05;
@@ -155,35 +155,35 @@ fn lost_frames_shift_nothing() {
 fn a_configured_lag_labels_from_the_first_frame() {
     let mut camera = Simulated::new(2);
     let mut bracketing = bracketing(1, Some(2));
-    assert!(!bracketing.wants_brightness());
+    assert!(!bracketing.needs_brightness());
     let outcome = run(&mut bracketing, &mut camera, 0..90, NONE, STEADY);
     assert_eq!((outcome.labelled.len(), outcome.wrong), (90, 0));
     assert!(outcome.each.iter().all(|n| *n >= 28), "{:?}", outcome.each);
 }
 
 #[test]
-fn a_black_picture_is_bracketed_slowly_but_truly() {
+fn without_a_visible_lag_the_cycle_is_slow_and_correct() {
     let mut camera = Simulated::new(3);
     let mut bracketing = bracketing(2, None);
     let mut wrong = 0;
     let mut labelled = 0;
     for sequence in 0..600 {
         let truth = camera.step_of(sequence);
-        let answer = bracketing.take(sequence, Some(-1.0));
-        if let Some(step) = answer.set {
+        let decision = bracketing.on_frame(sequence, Some(-1.0));
+        if let Some(step) = decision.set {
             camera.set(sequence, step);
-            bracketing.was_set(sequence, step);
+            bracketing.on_set(sequence, step);
         }
-        wrong += usize::from(answer.step.is_some_and(|step| step != truth));
-        labelled += usize::from(answer.step.is_some());
+        wrong += usize::from(decision.step.is_some_and(|step| step != truth));
+        labelled += usize::from(decision.step.is_some());
     }
     assert_eq!(wrong, 0);
     assert!(labelled > 30, "{labelled}");
-    assert!(bracketing.finding.unwrap().contains("do not show"));
+    assert!(bracketing.timing_note.unwrap().contains("do not show"));
 }
 
 #[test]
-fn a_camera_that_begins_to_lag_otherwise_is_measured_again() {
+fn a_lag_that_changes_is_measured_again() {
     let mut camera = Simulated::new(1);
     let mut bracketing = bracketing(2, None);
     let before = run(&mut bracketing, &mut camera, 0..300, NONE, STEADY);
@@ -199,7 +199,7 @@ fn a_camera_that_begins_to_lag_otherwise_is_measured_again() {
     assert_eq!(after.wrong, 0);
     assert!(
         bracketing
-            .finding
+            .timing_note
             .as_deref()
             .unwrap()
             .contains("after 4 frames")
@@ -207,7 +207,7 @@ fn a_camera_that_begins_to_lag_otherwise_is_measured_again() {
 }
 
 #[test]
-fn a_change_of_the_light_is_survived() {
+fn a_change_of_light_causes_no_wrong_labels() {
     let mut camera = Simulated::new(2);
     let lamp = |n: u64| if n >= 250 { -1.0 } else { 0.0 };
     let mut bracketing = bracketing(2, None);
@@ -218,14 +218,14 @@ fn a_change_of_the_light_is_survived() {
 }
 
 #[test]
-fn exposures_that_the_camera_cannot_tell_apart_are_one() {
+fn equal_exposures_are_one_step() {
     let steps = steps(&[100, 25, 25, 0, 3], 100);
     let listed: Vec<i64> = steps.iter().map(|s| s.exposure).collect();
     assert_eq!(listed, [100, 25, 3]);
     assert_eq!(steps[1].ev, -2.0);
     assert!(
         (steps[2].ev - (0.03_f64).log2()).abs() < 1e-12,
-        "what it took, not what was asked"
+        "the accepted exposure, not the requested one"
     );
     let settings = BracketSettings::default();
     assert!(Bracketing::new(&settings, steps[..1].to_vec()).is_none());

@@ -1,25 +1,25 @@
-//! Names of controls: as `v4l2-ctl` spells them, old and new.
+//! Names of controls, as `v4l2-ctl` prints them, and what their names imply.
 
-/// What `v4l2-ctl` makes of a driver's title: `White Balance, Automatic` is
+/// The name that `v4l2-ctl` derives from a driver's title: `White Balance, Automatic` becomes
 /// `white_balance_automatic` (v4l-utils, `name2var`).
-pub(crate) fn of_title(title: &str) -> String {
+pub(crate) fn from_title(title: &str) -> String {
     let mut name = String::with_capacity(title.len());
-    let mut gap = false;
+    let mut after_gap = false;
     for letter in title.chars() {
         if letter.is_ascii_alphanumeric() {
-            if gap && !name.is_empty() {
+            if after_gap && !name.is_empty() {
                 name.push('_');
             }
             name.push(letter.to_ascii_lowercase());
-            gap = false;
+            after_gap = false;
         } else {
-            gap = true;
+            after_gap = true;
         }
     }
     name
 }
 
-/// Kernels before 5.14 called UVC's controls otherwise.
+/// Names before Linux 5.14, and the present ones.
 const RENAMED: [(&str, &str); 9] = [
     ("exposure_auto", "auto_exposure"),
     ("exposure_absolute", "exposure_time_absolute"),
@@ -35,16 +35,16 @@ const RENAMED: [(&str, &str); 9] = [
     ("brightness_auto", "brightness_automatic"),
 ];
 
-/// The present name for an old or a present one.
-pub(crate) fn canonical(name: &str) -> &str {
-    let old = RENAMED.iter().find(|(old, _)| *old == name);
-    old.map_or(name, |(_, new)| new)
+/// The present name of a control that is given by its present or its former name.
+pub(crate) fn present_name(name: &str) -> &str {
+    let renamed = RENAMED.iter().find(|(former, _)| *former == name);
+    renamed.map_or(name, |(_, present)| present)
 }
 
-/// In which order controls are set: modes before what they own, because a value that an
-/// automatic mode owns is refused (uvcvideo: EACCES) or ignored.
-pub(crate) fn rank(name: &str) -> u8 {
-    match canonical(name) {
+/// The order in which controls are set, lowest first: an automatic mode before the controls
+/// that it governs, because writing these fails (`uvcvideo`: EACCES) or has no effect.
+pub(crate) fn set_order(name: &str) -> u8 {
+    match present_name(name) {
         "auto_exposure" => 0,
         name if name.contains("auto") => 1,
         "exposure_dynamic_framerate" | "power_line_frequency" => 2,
@@ -52,10 +52,10 @@ pub(crate) fn rank(name: &str) -> u8 {
     }
 }
 
-/// The automatic modes that may own a control, the likeliest first, with the value that
-/// ends their ownership.
-pub(crate) fn owners(name: &str) -> &'static [(&'static str, i64)] {
-    match canonical(name) {
+/// The automatic modes that may govern a control, most likely first, each with the value that
+/// makes the control manual.
+pub(crate) fn automatic_modes(name: &str) -> &'static [(&'static str, i64)] {
+    match present_name(name) {
         "exposure_time_absolute" | "exposure" | "iris_absolute" => &[("auto_exposure", 1)],
         "gain" => &[("gain_automatic", 0), ("auto_exposure", 1)],
         "white_balance_temperature" | "red_balance" | "blue_balance" => {
@@ -82,29 +82,30 @@ mod tests {
             ("  LED1 Mode ", "led1_mode"),
             ("Exposure (Absolute)", "exposure_absolute"),
         ] {
-            assert_eq!(of_title(title), name);
+            assert_eq!(from_title(title), name);
         }
     }
 
     #[test]
-    fn old_names_are_understood() {
-        assert_eq!(canonical("exposure_absolute"), "exposure_time_absolute");
-        assert_eq!(canonical("gain"), "gain");
-        assert!(RENAMED.iter().all(|(_, new)| canonical(new) == *new));
+    fn former_names_are_understood() {
+        assert_eq!(present_name("exposure_absolute"), "exposure_time_absolute");
+        assert_eq!(present_name("gain"), "gain");
+        let is_final = |name: &str| present_name(name) == name;
+        assert!(RENAMED.iter().all(|(_, present)| is_final(present)));
     }
 
     #[test]
-    fn modes_come_before_what_they_own() {
+    fn automatic_modes_are_set_before_the_controls_that_they_govern() {
         for name in [
             "exposure_time_absolute",
             "gain",
             "white_balance_temperature",
             "hue",
         ] {
-            for (owner, _) in owners(name) {
-                assert!(rank(owner) < rank(name), "{owner} before {name}");
+            for (mode, _) in automatic_modes(name) {
+                assert!(set_order(mode) < set_order(name), "{mode} before {name}");
             }
         }
-        assert!(rank("exposure_auto") < rank("exposure_absolute"));
+        assert!(set_order("exposure_auto") < set_order("exposure_absolute"));
     }
 }
