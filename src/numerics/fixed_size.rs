@@ -1,50 +1,29 @@
-//! Small symmetric systems.
+//! Symmetric positive definite systems of a size known at compile time, solved without allocation.
+
+use crate::cholesky;
 
 /// A symmetric matrix, row by row.
 pub type Matrix<const N: usize> = [[f64; N]; N];
 
-/// Lower factor of a positive definite matrix; `None` where it is not.
-fn cholesky<const N: usize>(a: &Matrix<N>) -> Option<Matrix<N>> {
-    let mut l = [[0.0; N]; N];
-    for i in 0..N {
-        for j in 0..=i {
-            let dot: f64 = (0..j).map(|k| l[i][k] * l[j][k]).sum();
-            let rest = a[i][j] - dot;
-            if i == j {
-                if rest.is_nan() || rest <= 1e-14 * a[i][i].abs() {
-                    return None;
-                }
-                l[i][i] = rest.sqrt();
-            } else {
-                l[i][j] = rest / l[j][j];
-            }
-        }
-    }
-    Some(l)
-}
-
-/// x with A x = b.
+/// The x of A x = b; `None` unless A is positive definite.
+#[must_use]
 pub fn solve<const N: usize>(a: &Matrix<N>, b: &[f64; N]) -> Option<[f64; N]> {
-    let l = cholesky(a)?;
-    let mut x = *b;
-    for i in 0..N {
-        let dot: f64 = (0..i).map(|k| l[i][k] * x[k]).sum();
-        x[i] = (x[i] - dot) / l[i][i];
-    }
-    for i in (0..N).rev() {
-        let dot: f64 = (i + 1..N).map(|k| l[k][i] * x[k]).sum();
-        x[i] = (x[i] - dot) / l[i][i];
-    }
+    let (mut lower, mut scale, mut x) = (*a, [0.0; N], *b);
+    cholesky::factorise(lower.as_flattened_mut(), &mut scale)?;
+    cholesky::solve(lower.as_flattened(), &scale, &mut x);
     Some(x)
 }
 
-/// The inverse.
+/// The inverse; `None` unless A is positive definite.
+#[must_use]
 pub fn inverse<const N: usize>(a: &Matrix<N>) -> Option<Matrix<N>> {
+    let (mut lower, mut scale) = (*a, [0.0; N]);
+    cholesky::factorise(lower.as_flattened_mut(), &mut scale)?;
     let mut out = [[0.0; N]; N];
     for i in 0..N {
-        let mut unit = [0.0; N];
-        unit[i] = 1.0;
-        let column = solve(a, &unit)?;
+        let mut column = [0.0; N];
+        column[i] = 1.0;
+        cholesky::solve(lower.as_flattened(), &scale, &mut column);
         for (row, value) in out.iter_mut().zip(column) {
             row[i] = value;
         }

@@ -1,5 +1,6 @@
-//! A dense matrix and Cholesky's factors of a symmetric one.
+//! A dense matrix and the Cholesky factor of a symmetric one.
 
+use crate::cholesky;
 use std::ops::{Index, IndexMut};
 
 /// Row by row.
@@ -115,35 +116,11 @@ impl Matrix {
         self
     }
 
-    /// The lower triangle L of `self` = L Lᵀ; `None` unless positive definite.
-    ///
-    /// Rows and columns are brought to a unit diagonal first, so that parameters in pixels
-    /// and coefficients of 1e-6 can stand in one matrix.
+    /// Cholesky's factor; `None` unless the matrix is positive definite.
     #[must_use]
     pub fn cholesky(&self) -> Option<Cholesky> {
-        let n = self.rows;
-        let mut scale = Vec::with_capacity(n);
-        for i in 0..n {
-            let d = self[(i, i)];
-            if !(d.is_finite() && d > 0.0) {
-                return None;
-            }
-            scale.push(1.0 / d.sqrt());
-        }
-        let mut lower = Self::zeros(n, n);
-        for i in 0..n {
-            for j in 0..=i {
-                let sum = dot(&lower.row(i)[..j], &lower.row(j)[..j]);
-                let rest = self[(i, j)] * scale[i] * scale[j] - sum;
-                if i != j {
-                    lower[(i, j)] = rest / lower[(j, j)];
-                } else if rest > 1e-15 {
-                    lower[(i, i)] = rest.sqrt();
-                } else {
-                    return None;
-                }
-            }
-        }
+        let (mut lower, mut scale) = (self.clone(), vec![0.0; self.rows]);
+        cholesky::factorise(&mut lower.data, &mut scale)?;
         Some(Cholesky { lower, scale })
     }
 }
@@ -174,20 +151,11 @@ pub struct Cholesky {
 }
 
 impl Cholesky {
-    /// x of A x = b.
+    /// The x of A x = b.
     #[must_use]
     pub fn solve(&self, b: &[f64]) -> Vec<f64> {
-        let (l, n) = (&self.lower, self.scale.len());
-        let mut x: Vec<f64> = b.iter().zip(&self.scale).map(|(b, s)| b * s).collect();
-        for i in 0..n {
-            let known = dot(&l.row(i)[..i], &x[..i]);
-            x[i] = (x[i] - known) / l[(i, i)];
-        }
-        for i in (0..n).rev() {
-            let known: f64 = (i + 1..n).map(|k| l[(k, i)] * x[k]).sum();
-            x[i] = (x[i] - known) / l[(i, i)];
-        }
-        x.iter_mut().zip(&self.scale).for_each(|(x, s)| *x *= s);
+        let mut x = b.to_vec();
+        cholesky::solve(&self.lower.data, &self.scale, &mut x);
         x
     }
 

@@ -28,3 +28,10 @@ pub fn root_mean_square(values: impl IntoIterator<Item = f64>) -> f64 {
     }
     (sum / count.max(1.0)).sqrt()
 }
+
+/// Tukey's biweight (1 − x²)²: 1 at 0, 0 from ±1 on.
+#[must_use]
+pub fn tukey_weight(x: f64) -> f64 {
+    let rest = (1.0 - x * x).max(0.0);
+    rest * rest
+}

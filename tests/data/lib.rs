@@ -1,0 +1,32 @@
+//! Finds test data: files of the repository, and rigs and photographs that are too large for it.
+
+use std::path::{Path, PathBuf};
+
+/// A file or folder of the repository, by its path from the root.
+#[must_use]
+pub fn repository(path: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../..")
+        .join(path)
+}
+
+/// A file or folder below `tests/fixtures`, such as `sessions/desk.mcap`.
+#[must_use]
+pub fn fixture(path: &str) -> PathBuf {
+    repository("tests/fixtures").join(path)
+}
+
+/// A file or folder of the data beside the repository, such as `truth/desk`. Where it is missing,
+/// prints `SKIPPED` with the name of the running test and returns `None`; the test then ends.
+#[must_use]
+pub fn shared(path: &str) -> Option<PathBuf> {
+    let found = repository("../shared").join(path);
+    if found.exists() {
+        return Some(found);
+    }
+    // The test runner names each thread after its test.
+    let thread = std::thread::current();
+    let test = thread.name().unwrap_or("a test");
+    eprintln!("SKIPPED {test}: ../shared/{path} is missing");
+    None
+}
