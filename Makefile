@@ -22,7 +22,7 @@ UNPACKED := if [ -f target/packages/env ]; then . target/packages/env; fi;
 # A window needs a display; without one the picture is in the browser.
 WINDOW := $(if $(DISPLAY)$(WAYLAND_DISPLAY),,--headless)
 
-.PHONY: help demo demo-temple demo-lamp build test lint unit advisories bench bench-table fidelity calibration soak fuzz fmt packages-demo packages-test toolchain clean install uninstall test-devices
+.PHONY: help demo demo-temple demo-lamp build test check docs unit advisories bench bench-table fidelity calibration soak fuzz fmt packages-demo packages-test toolchain clean install uninstall test-devices
 
 help: ## This list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -39,11 +39,11 @@ demo-lamp: packages-demo build ## A table: a lamp that is not there lights it, m
 build: toolchain ## The program, optimised: target/release/penumbra
 	@$(UNPACKED) cargo build --release --locked --bin penumbra
 
-test: packages-test toolchain ## Install what is missing, then formatting, lints, licences, docs, all tests
-	@$(UNPACKED) .ci/test
+test: packages-test toolchain ## Install what is missing, then run all tests, and judge pictures by path-traced truth
+	@$(UNPACKED) .ci/test test
 
-lint: toolchain ## Formatting, clippy, licences, documentation: the part of `make test` without tests
-	@$(UNPACKED) .ci/test fmt clippy deny doc
+check: packages-test toolchain ## Formatting, lints, documentation, spelling, licences
+	@$(UNPACKED) .ci/test check
 
 unit: toolchain ## Rust tests alone
 	@$(UNPACKED) .ci/test rust
