@@ -124,11 +124,12 @@ def pictures_in(folder: Path, pattern: str) -> list[Path]:
     return found
 
 
-def copied(work: Path, files: list[Path], copies: int = 1) -> Path:
-    """A new folder `pictures` with copies of the files, each `copies` times under another name."""
+def copied(work: Path, files: list[Path], copies: int | None = None) -> Path:
+    """A new folder `pictures` with the files; with `copies` so many of each, named STEM~0, STEM~1 and so on."""
     folder = work / "pictures"
     folder.mkdir()
     for file in files:
-        for k in range(copies):
-            shutil.copyfile(file, folder / (f"{file.stem}~{k}{file.suffix}" if copies > 1 else file.name))
+        names = [file.name] if copies is None else [f"{file.stem}~{k}{file.suffix}" for k in range(copies)]
+        for name in names:
+            shutil.copyfile(file, folder / name)
     return folder

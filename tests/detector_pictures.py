@@ -14,7 +14,7 @@ from calibration_judge import Judge, pictures_in, present
 from detectors import DICTIONARIES, Found
 from drawn_pictures import picture_of_tags
 
-DRAWN_PICTURES = 16
+DRAWN_PICTURES = 40
 
 
 @dataclass
