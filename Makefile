@@ -60,16 +60,16 @@ bench: build ## The paper's table 1 on this machine, and what capturing costs; A
 bench-table: build ## The papers' rows, put into docs/src/results/bench.md
 	@for case in supan kakuta2007 kakuta2004 lightprobe; do \
 	  $(UNPACKED) $(PENUMBRA) bench --case $$case --json $(TARGET)/bench-$$case.json --force $(ARGS); done
-	@python3 tests/bench_table.py $(TARGET)/bench-supan.json $(TARGET)/bench-kakuta2007.json $(TARGET)/bench-kakuta2004.json $(TARGET)/bench-lightprobe.json
+	@python3 tests/judge/bench_table.py $(TARGET)/bench-supan.json $(TARGET)/bench-kakuta2007.json $(TARGET)/bench-kakuta2004.json $(TARGET)/bench-lightprobe.json
 
 fidelity: build ## Compare pictures with path-traced truth; ARGS="--sessions desk.mcap --no-planes"
-	@$(UNPACKED) python3 tests/fidelity.py --penumbra $(PENUMBRA) --truth $(TRUTH) $(ARGS)
+	@$(UNPACKED) python3 tests/judge/fidelity.py --penumbra $(PENUMBRA) --truth $(TRUTH) $(ARGS)
 
 calibration: build ## Judge calibration and registration by known figures; ARGS="--simulated DIR --only intrinsics"
-	@$(UNPACKED) python3 tests/calibration.py --penumbra $(PENUMBRA) --truth $(TRUTH) $(ARGS)
+	@$(UNPACKED) python3 tests/judge/calibration.py --penumbra $(PENUMBRA) --truth $(TRUTH) $(ARGS)
 
 soak: build ## Long: 10,000 frames of a looped replay must leave memory flat
-	@$(UNPACKED) python3 tests/soak.py $(PENUMBRA) $(SESSION) $(ARGS)
+	@$(UNPACKED) python3 tests/judge/soak.py $(PENUMBRA) $(SESSION) $(ARGS)
 
 fuzz: ## Fuzz every byte protocol and the session reader; FUZZ_SECONDS=30 each, ARGS="fastrak csv"
 	@tests/fuzz/run $(ARGS)

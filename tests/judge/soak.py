@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Memory stays flat over a looped replay of many frames. Long: a tier of its own, `make soak`.
 
-    tests/soak.py PENUMBRA SESSION.mcap [--frames 10000] [replay arguments...]
+    tests/judge/soak.py PENUMBRA SESSION.mcap [--frames 10000] [replay arguments...]
 
 Reads the resident memory from /proc and the number of composed pictures from /metrics. The
 first tenth of the frames warms caches up; over the rest, the straight line through the

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Compare composited pictures with path-traced truth.
 
-    tests/judge.py RIG                     figures of the baselines
-    tests/judge.py RIG --pictures DIR      and of the pictures in DIR
+    tests/judge/judge.py RIG                     figures of the baselines
+    tests/judge/judge.py RIG --pictures DIR      and of the pictures in DIR
 
 RIG is a folder with, for every judged frame number N of five digits,
 

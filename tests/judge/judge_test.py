@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Tests of the judge (judge.py, colour.py) and of what surrounds it (fidelity.py, rigs.py, tables.py).
 
-    tests/judge_test.py [-v]
+    tests/judge/judge_test.py [-v]
 
 The comparison with ../shared/truth/compare.py, an independent judge, says SKIPPED where that is missing.
 """
@@ -35,7 +35,7 @@ import tables  # noqa: E402
 PAIRS = ROOT / "tests/fixtures/ciede2000/pairs.csv"
 SHARED = ROOT / "../shared"
 COMPARE_PACKAGES = ["numpy", "scipy", "PIL", "skimage"]
-COMPARE_REQUIREMENTS = ROOT / "tests/requirements-compare.txt"
+COMPARE_REQUIREMENTS = ROOT / "tests/judge/requirements-compare.txt"
 
 
 class Scratch(unittest.TestCase):

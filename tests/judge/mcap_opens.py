@@ -2,7 +2,7 @@
 """Others can read our sessions: opens one with the Python `mcap` package, by its summary and
 from front to back, and decodes every Foxglove message.
 
-    tests/mcap_opens.py [SESSION.mcap]
+    tests/judge/mcap_opens.py [SESSION.mcap]
 """
 import sys
 from collections import Counter

@@ -3,14 +3,14 @@
 
 The bundled sessions are judged always, the rigs in --truth if they are there; a missing rig is named
 as SKIPPED. For each: `penumbra import` (of a copy without the truth), `penumbra replay --headless
---speed max --frames-out`, then tests/judge.py. A second replay with `--technique planes` gives a row
+--speed max --frames-out`, then tests/judge/judge.py. A second replay with `--technique planes` gives a row
 beside that of the light dome; the bars hold for the dome alone.
 
-    tests/fidelity.py                                  all rigs, the table on stdout
-    tests/fidelity.py --no-planes                      only the rows of the dome
-    tests/fidelity.py --sessions desk.mcap,desk --every 4 --jobs 2
-    tests/fidelity.py --extra "--lights grid" --extra "desk-marker: --config sphere.toml"
-    tests/fidelity.py --write                          the table into docs/src/results/fidelity.md
+    tests/judge/fidelity.py                                  all rigs, the table on stdout
+    tests/judge/fidelity.py --no-planes                      only the rows of the dome
+    tests/judge/fidelity.py --sessions desk.mcap,desk --every 4 --jobs 2
+    tests/judge/fidelity.py --extra "--lights grid" --extra "desk-marker: --config sphere.toml"
+    tests/judge/fidelity.py --write                          the table into docs/src/results/fidelity.md
 
 Exit status: 0 every bar is reached, 1 a bar is missed, 2 something failed.
 """

@@ -1,13 +1,14 @@
 """A Python that has the packages a judging script needs: this one, or a venv under target/."""
 from __future__ import annotations
 
+import importlib.metadata
 import os
 import subprocess
 import sys
 import venv
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parent.parent.parent
 TARGET = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
 
 
@@ -44,3 +45,23 @@ def run_with(modules: list[str], requirements: Path) -> None:
     python = python_with(modules, requirements)
     if python != sys.executable:
         os.execv(python, [python, *sys.argv])
+
+
+def install_optional(requirements: Path) -> None:
+    """Tries to install each requirement by itself, wheels only, into the environment under target/.
+
+    Leaves every other Python as it is. What could not be had is for the caller to notice.
+    """
+    if Path(sys.prefix) != TARGET.resolve() / "venv":
+        return
+    for line in (line.partition("#")[0].strip() for line in requirements.read_text().splitlines()):
+        name, _, version = line.partition("==")
+        if name and installed_version(name) != version:
+            subprocess.run([sys.executable, "-m", "pip", "install", "--quiet", "--only-binary", ":all:", line], capture_output=True)
+
+
+def installed_version(package: str) -> str | None:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return None

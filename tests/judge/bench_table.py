@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Put the figures of `penumbra bench --json FILE` into a table of the documentation.
 
-    tests/bench_table.py FILE... [--write DOCUMENT]
+    tests/judge/bench_table.py FILE... [--write DOCUMENT]
 
 The table replaces what stands between the document's comments bench:begin and bench:end.
 """

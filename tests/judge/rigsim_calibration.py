@@ -4,11 +4,11 @@
 Uses rigsim (Mitsuba 3). Every rig has its own lens, mounting, transmitter, latencies and noise,
 drawn from --seed; the tracker's field can be bent as near metal (--metal). What the rig's owner
 would know goes to rig.json (markers, a rough lens, no mounting, no latency), the rest to
-truth_rig.json. `tests/calibration.py --simulated DIR` judges by it.
+truth_rig.json. `tests/judge/calibration.py --simulated DIR` judges by it.
 
-    tests/rigsim_calibration.py --rigsim ../shared/rigsim -o DIR/waved-1 --seed 1
-    tests/rigsim_calibration.py --rigsim ../shared/rigsim -o DIR/board-1 --seed 4 --board chess
-    tests/rigsim_calibration.py --rigsim ../shared/rigsim -o DIR/fisheye-1 --seed 6 --frames 8 --fisheye
+    tests/judge/rigsim_calibration.py --rigsim ../shared/rigsim -o DIR/waved-1 --seed 1
+    tests/judge/rigsim_calibration.py --rigsim ../shared/rigsim -o DIR/board-1 --seed 4 --board chess
+    tests/judge/rigsim_calibration.py --rigsim ../shared/rigsim -o DIR/fisheye-1 --seed 6 --frames 8 --fisheye
 """
 from __future__ import annotations
 
