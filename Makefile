@@ -45,6 +45,9 @@ test: packages-test toolchain ## Install what is missing, then run all tests, an
 check: packages-test toolchain ## Formatting, lints, documentation, spelling, licences
 	@$(UNPACKED) .ci/test check
 
+docs: toolchain ## The book: target/book/index.html
+	@$(UNPACKED) .ci/book
+
 unit: toolchain ## Rust tests alone
 	@$(UNPACKED) .ci/test rust
 
