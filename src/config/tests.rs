@@ -283,7 +283,7 @@ fn wrong_settings_are_explained() {
         ),
         (
             "[environment]\nsource = \"moon\"\n",
-            "c.toml:2: `environment.source`: expected \"auto\", \"camera\" or \"sphere-in-scene\", found \"moon\"",
+            "c.toml:2: `environment.source`: expected one of `auto`, `camera`, `sphere-in-scene`, found unknown variant `moon`",
         ),
         (
             "[status]\nlisten = \"8780\"\n",
