@@ -23,17 +23,8 @@ use penumbra_interface::RigidTransform;
 use penumbra_lighting::Lighting;
 use penumbra_picture::Picture;
 use penumbra_scene::Highlights;
+pub use penumbra_scene::ShadowMode;
 use penumbra_scene::{NearLight, PlacedLamp};
-
-/// How the shadow buffer darkens the real picture.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum ShadowMode {
-    /// camera × (E − R) / E: right for a surface of any colour.
-    #[default]
-    Ratio,
-    /// camera − R / π: the paper's eq. 4, right for white surfaces only.
-    Subtract,
-}
 
 /// How real surfaces answer lamps.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

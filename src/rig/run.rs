@@ -18,6 +18,7 @@ use penumbra_compositor::{
 };
 use penumbra_config as config;
 use penumbra_config::Distortion;
+use penumbra_config::Technique;
 use penumbra_interface::{Clock, SystemClock};
 use penumbra_lighting::{BrightestFollower, BrightestLight};
 use penumbra_output::Screen;
@@ -25,10 +26,9 @@ use penumbra_output::files::FrameFolder;
 use penumbra_picture::Picture;
 use penumbra_scene::Highlights;
 use penumbra_scene::PlacedLamp;
-use penumbra_status as status;
 use penumbra_status::RegistrationSource;
 use penumbra_status::snapshot::SessionState;
-use penumbra_status::{Settings, StageTimes, Technique};
+use penumbra_status::{Settings, StageTimes};
 use penumbra_sync::Provenance;
 use penumbra_tracker_serial::freed::{FreedSender, Lens, optical_to_studio};
 use std::sync::Arc;
@@ -261,7 +261,7 @@ impl Run {
                 .light
                 .near
                 .as_deref()
-                .filter(|_| settings.bounced_light),
+                .filter(|_| settings.indirect_light),
             lamps: &self.lamps,
             lamp_response: match settings.lamp_response {
                 config::LampResponse::Intrinsic => LampResponse::Intrinsic,
@@ -269,10 +269,7 @@ impl Run {
                     brightest: self.brightest.vector(),
                 },
             },
-            shadow_mode: match settings.shadow_mode {
-                status::ShadowMode::Ratio => ShadowMode::Ratio,
-                status::ShadowMode::Subtract => ShadowMode::Subtract,
-            },
+            shadow_mode: settings.shadow_mode,
             shadow_strength: if shadows {
                 settings.shadow_strength
             } else {

@@ -81,7 +81,7 @@
 //! [photometry]                     # what the scene camera shows as white, cd/m²; or `ev100`, its
 //! white_cd_m2 = 300.0              # exposure value at ISO 100
 //!
-//! [[plane]]                        # a shadowing plane (technique "planes"); where there is one
+//! [[plane]]                        # a shadowing plane (technique "shadowing-planes"); where there is one
 //! centre_m = [0.0, 0.0, 0.0]       # for a layer, none are made for that layer from the model.
 //! normal = [0.0, 0.0, 1.0]         # Away from what it covers; its camera looks against it
 //! up = [0.0, 1.0, 0.0]             # of its picture; else upwards, for level ones along +Y

@@ -32,7 +32,7 @@ pub enum Provenance {
     SameCamera,
     /// The config.
     Fixed,
-    /// The photometric step of calibration, followed where the live picture contradicts it.
+    /// The radiometric step of calibration, followed where the live picture contradicts it.
     Calibrated,
     /// The two pictures of a chart.
     Chart,
@@ -58,7 +58,7 @@ pub struct PhotometrySettings {
     pub matrix: bool,
 }
 
-/// Gains that the photometric step of calibration found.
+/// Gains that the radiometric step of calibration found.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CalibratedGains {
     /// The gains.

@@ -25,5 +25,5 @@ pub const SOURCES: usize = 2;
 pub use baker::{Progress, bake};
 pub use mend::mend;
 pub use source_images::SourceBaker;
-pub use stage::{PlanesChoice, PlanesStage, Shading};
+pub use stage::{PlanesChoice, PlanesStage};
 pub use synthesis::{PlaneWork, Thresholds};

@@ -13,19 +13,8 @@ use glam::Vec3;
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::geodesic::{GeodesicDome, sum_faces};
 use penumbra_lighting::{DomeLight, LightKind};
+use penumbra_scene::PlaneShading;
 use penumbra_scene::planes::{Bake, ShadowingPlane};
-
-/// What virtual objects are shaded by, before shadows.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Shading {
-    /// The irradiance of the environment, compact sources where they are.
-    #[default]
-    Irradiance,
-    /// The lights of all faces of the dome.
-    Lights,
-    /// Six lights, each the sum of neighbouring faces: the papers' way.
-    Six,
-}
 
 /// How planes are used in a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -33,7 +22,7 @@ pub struct PlanesChoice {
     /// When sums are made anew.
     pub thresholds: Thresholds,
     /// What virtual objects are shaded by.
-    pub shading: Shading,
+    pub shading: PlaneShading,
 }
 
 /// Everything that the technique keeps: a bake on the device and what works on it.
@@ -51,7 +40,7 @@ pub struct PlanesStage {
     world_from_bake: RigidTransform,
     /// Lights of faces, for shading, and of which light and shading they are.
     lights: Vec<DomeLight>,
-    lights_of: Option<(u64, Shading)>,
+    lights_of: Option<(u64, PlaneShading)>,
 }
 
 impl Compositor {
@@ -238,13 +227,13 @@ impl PlanesStage {
         let (low, high) = self.synthesis.reach();
         uniform.planes_low = low.as_vec3().extend(1.0).to_array();
         uniform.planes_high = high.as_vec3().extend(0.0).to_array();
-        let shading = input.planes.map_or(Shading::Irradiance, |p| p.shading);
+        let shading = input.planes.map_or(PlaneShading::Irradiance, |p| p.shading);
         let faces = input.lighting.and_then(|l| Some((l, l.faces.as_ref()?)));
-        let (Some((lighting, faces)), false) = (faces, shading == Shading::Irradiance) else {
+        let (Some((lighting, faces)), false) = (faces, shading == PlaneShading::Irradiance) else {
             return lights;
         };
         if self.lights_of != Some((lighting.generation, shading)) {
-            self.light_faces(&sum_faces(faces), shading == Shading::Six);
+            self.light_faces(&sum_faces(faces), shading == PlaneShading::Six);
             self.lights_of = Some((lighting.generation, shading));
         }
         // Only the ground is left of what no light stands for: π/2 · L · (1 − n.z).

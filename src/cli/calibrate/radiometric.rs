@@ -1,4 +1,4 @@
-//! `penumbra calibrate photometric`.
+//! `penumbra calibrate radiometric`.
 
 use super::folder::{picture, pictures};
 use super::from::{ToArgs, tell_progress};
@@ -6,19 +6,19 @@ use anyhow::{Context as _, bail};
 use clap::{Args, ValueEnum};
 use indicatif::ProgressBar;
 use penumbra_calibration::radiometric::reference::Edition;
-use penumbra_calibration::radiometric::step::{Options, Photometric};
+use penumbra_calibration::radiometric::step::{Options, Radiometric};
 use penumbra_calibration::step::{Eye, Progress, Shown, ShownPicture, Step as _};
 use penumbra_config::Config;
 use penumbra_interface::MonotonicTime;
 use penumbra_picture::Picture;
-use penumbra_rig::calibrate::{photometric_options, seen_by_both, show_session};
+use penumbra_rig::calibrate::{radiometric_options, seen_by_both, show_session};
 use penumbra_rig_model::RigDocument;
 use penumbra_session::Session;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 #[derive(Debug, Args)]
-pub struct PhotometricArgs {
+pub struct RadiometricArgs {
     /// A recording: its pictures, and those of a chart that it has attached; without it and
     /// pictures the live rig's devices
     #[arg(long, value_name = "SESSION.mcap")]
@@ -98,11 +98,11 @@ fn exposure(text: &str) -> Result<f64, String> {
         .ok_or_else(|| "write seconds, 1/60 or 0.0167".to_owned())
 }
 
-pub fn run(args: &PhotometricArgs) -> anyhow::Result<ExitCode> {
+pub fn run(args: &RadiometricArgs) -> anyhow::Result<ExitCode> {
     let session = args.session.as_deref().map(Session::open).transpose()?;
     let rig = rig(args, session.as_ref())?;
     let config = args.to.config()?;
-    let mut step = Photometric::new(options(args, rig.as_ref(), &config));
+    let mut step = Radiometric::new(options(args, rig.as_ref(), &config));
     if session.is_none() && !args.has_pictures() {
         return args.to.carry_out(None, None, &mut step);
     }
@@ -125,7 +125,7 @@ pub fn run(args: &PhotometricArgs) -> anyhow::Result<ExitCode> {
         })
 }
 
-impl PhotometricArgs {
+impl RadiometricArgs {
     fn has_pictures(&self) -> bool {
         let folders = [
             &self.scene_series,
@@ -144,7 +144,7 @@ impl PhotometricArgs {
     }
 }
 
-fn rig(args: &PhotometricArgs, session: Option<&Session>) -> anyhow::Result<Option<RigDocument>> {
+fn rig(args: &RadiometricArgs, session: Option<&Session>) -> anyhow::Result<Option<RigDocument>> {
     if let Some(session) = session {
         return Ok(RigDocument::of_session(&|name: &str| session.attachment(name)).ok());
     }
@@ -159,7 +159,7 @@ fn rig(args: &PhotometricArgs, session: Option<&Session>) -> anyhow::Result<Opti
     Ok(Some(rig))
 }
 
-fn options(args: &PhotometricArgs, rig: Option<&RigDocument>, config: &Config) -> Options {
+fn options(args: &RadiometricArgs, rig: Option<&RigDocument>, config: &Config) -> Options {
     Options {
         edition: match args.chart {
             Made2014::Before => Edition::Gmb2005,
@@ -167,7 +167,7 @@ fn options(args: &PhotometricArgs, rig: Option<&RigDocument>, config: &Config) -
         },
         greys: [args.grey_scene, args.grey_environment],
         exposure_sigma: 0.01 * args.exposure_tolerance.clamp(0.01, 100.0),
-        ..photometric_options(rig.map(|rig| &rig.calibration), config)
+        ..radiometric_options(rig.map(|rig| &rig.calibration), config)
     }
 }
 
@@ -176,7 +176,7 @@ fn show(
     session: &Session,
     config: &Config,
     rig: Option<&RigDocument>,
-    step: &mut Photometric,
+    step: &mut Radiometric,
     bar: &ProgressBar,
 ) -> anyhow::Result<usize> {
     if let Some(chart) = rig.and_then(|rig| rig.calibration.chart.as_ref()) {
@@ -204,7 +204,7 @@ fn show(
 }
 
 /// A picture by itself: far in time from all others, so that no noise is read from it.
-fn look(step: &mut Photometric, eye: Eye, picture: &Picture, number: usize) {
+fn look(step: &mut Radiometric, eye: Eye, picture: &Picture, number: usize) {
     step.look(&Shown::Picture(ShownPicture {
         eye,
         picture,
@@ -215,7 +215,7 @@ fn look(step: &mut Photometric, eye: Eye, picture: &Picture, number: usize) {
     }));
 }
 
-fn series(args: &PhotometricArgs, step: &mut Photometric) -> anyhow::Result<()> {
+fn series(args: &RadiometricArgs, step: &mut Radiometric) -> anyhow::Result<()> {
     for (eye, folder) in [
         (Eye::Scene, &args.scene_series),
         (Eye::Environment, &args.environment_series),

@@ -1,7 +1,7 @@
-//! What the photometric step may build on.
+//! What the radiometric step may build on.
 
 use super::steps::{Known, ParameterError, Parameters, StepKind};
-use penumbra_calibration::radiometric::step::{Options, Photometric};
+use penumbra_calibration::radiometric::step::{Options, Radiometric};
 use penumbra_calibration::step::Step;
 use penumbra_camera::EnvironmentView;
 use penumbra_config::Config;
@@ -9,7 +9,7 @@ use penumbra_rig_model::RigCalibration;
 
 /// As the dashboard shows it.
 pub(super) const KIND: StepKind = StepKind {
-    name: "photometric",
+    name: "radiometric",
     title: "Colour and brightness",
     about: "Lock exposure and white balance of both cameras. Hold a ColorChecker where both see it, \
             nothing moving, for ten seconds.",
@@ -18,13 +18,13 @@ pub(super) const KIND: StepKind = StepKind {
 };
 
 fn make(_: &Parameters, known: &Known) -> Result<Box<dyn Step>, ParameterError> {
-    let options = photometric_options(Some(&known.document.calibration), &known.config);
-    Ok(Box::new(Photometric::new(options)))
+    let options = radiometric_options(Some(&known.document.calibration), &known.config);
+    Ok(Box::new(Radiometric::new(options)))
 }
 
 /// What is known of the cameras: the rig's word, the configuration's over it.
 #[must_use]
-pub fn photometric_options(rig: Option<&RigCalibration>, config: &Config) -> Options {
+pub fn radiometric_options(rig: Option<&RigCalibration>, config: &Config) -> Options {
     let mut options = rig.map_or_else(Options::default, of_rig);
     let curves = [&config.scene_camera.response, &config.environment.response];
     for (response, curve) in options.responses.iter_mut().zip(curves) {
