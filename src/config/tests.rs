@@ -225,7 +225,7 @@ fn exposures_take_their_values() {
 #[test]
 fn shading_takes_its_values() {
     let text =
-        "[shading]\nreflections = \"box\"\nbounced_light = false\nlamp_response = \"paper\"\n";
+        "[shading]\nreflections = \"box\"\nindirect_light = false\nlamp_response = \"paper\"\n";
     let expected = ShadingConfig {
         reflections: Filtering::Box,
         indirect_light: false,
@@ -411,7 +411,7 @@ fn devices_are_named_in_words_and_files_are_taken_from_the_configurations_folder
                 device = \"usb:046d:0825\"\non_control_change = \"restore\"\n\
                 [environment_camera.controls]\nauto_exposure = 1\nfocus_automatic_continuous = false\n\
                 [tracker]\ndevice = \"udp:0.0.0.0:40000\"\nprotocol = \"freed\"\n\
-                [calibration]\nfrom = \"c\"\n[recording]\nfolder = \"r\"\nlongest_s = 60\n";
+                [calibration]\nfrom = \"c\"\n[recording]\nfolder = \"r\"\nmax_duration_s = 60\n";
     let text = TomlText::new("c.toml", text);
     let config = convert::config(&text, Path::new("/rig")).unwrap();
     let replayed = CameraSource::Replay(PathBuf::from("/rig/a.mcap"));

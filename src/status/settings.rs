@@ -331,7 +331,7 @@ mod tests {
         assert!(text(r#"{"reflections": "soft"}"#).contains("expected `prefiltered` or `box`"));
         assert!(text(r#"{"lamp_response": "flat"}"#).contains("expected `intrinsic` or `paper`"));
         assert!(text(r#"{"shadow_strenght": 1}"#).contains("unknown field `shadow_strenght`"));
-        assert!(text(r#"{"light_placement": "random"}"#).contains("expected `grid` or `adaptive`"));
+        assert!(text(r#"{"light_placement": "random"}"#).contains("expected `adaptive` or `grid`"));
         assert_eq!(
             text(r#"{"exposure_ev": -9}"#),
             "exposure_ev: -9 is out of range; choose a number from -8 to 3"
