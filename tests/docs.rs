@@ -198,13 +198,16 @@ fn settings_and_scene_files_in_the_documents_can_be_read() {
         blocks.len()
     );
     let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("scene.toml");
+    // Settings may name a scene file beside them.
+    let scene = folder.path().join("scene.toml");
+    std::fs::copy(root().join("config/scene.toml"), scene).unwrap();
+    let path = folder.path().join("block.toml");
     for Block { place, text } in blocks {
+        std::fs::write(&path, &text).unwrap();
         if SCENE_TABLES.iter().any(|table| text.contains(table)) {
-            std::fs::write(&path, text).unwrap();
             SceneAddition::load(&path).unwrap_or_else(|e| panic!("{place}: {e}"));
         } else {
-            Config::from_text(&text, &place).unwrap_or_else(|e| panic!("{place}: {e}"));
+            Config::load(&path).unwrap_or_else(|e| panic!("{place}: {e}"));
         }
     }
 }
