@@ -57,6 +57,12 @@ fn split(outline: &[DVec2]) -> Option<[usize; 4]> {
         at[known] = i;
     }
     at.sort_unstable();
+    // The first two can be neighbours: a side of a slanted square can be longer than its
+    // diagonals. The point farthest from that side lies anywhere on the opposite side, so choose
+    // each corner once more between its neighbours.
+    for k in [0, 1, 2, 3, 0, 1, 2, 3] {
+        at[k] = farthest_off(outline, at[(k + 3) % 4], at[(k + 1) % 4]).1;
+    }
     Some(at)
 }
 
@@ -151,6 +157,29 @@ mod tests {
                 (0..n).map(move |k| a.lerp(*b, k as f64 / n as f64))
             })
             .collect()
+    }
+
+    /// The near side is longer than the diagonals, and pixels bow the far side outwards.
+    #[test]
+    fn finds_corners_of_square_whose_near_side_is_longer_than_its_diagonals() {
+        let corners = [(0.0, 0.0), (90.0, 60.0), (90.0, 140.0), (0.0, 200.0)].map(DVec2::from);
+        let bow = |p: DVec2| {
+            p + DVec2::X
+                * if p.x == 90.0 && (p.y - 100.0).abs() < 20.0 {
+                    0.5
+                } else {
+                    0.0
+                }
+        };
+        let outline: Vec<DVec2> = round(&corners).into_iter().map(bow).collect();
+        let found = quad(&outline).unwrap();
+        for corner in corners {
+            let nearest = found
+                .iter()
+                .map(|f| f.distance(corner))
+                .fold(f64::MAX, f64::min);
+            assert!(nearest < 0.6, "{corner} {found:?}");
+        }
     }
 
     #[test]
