@@ -212,7 +212,9 @@ fn from_cargo() -> (Graph, Graph) {
         .iter()
         .map(|p| {
             let mut used = dependencies(p, true);
-            used.retain(|n| !normal[&name(p)].contains(n) && n != "test-data");
+            // A crate may use itself with a feature that only its tests need.
+            let is_new = |n: &String| *n != name(p) && !normal[&name(p)].contains(n);
+            used.retain(|n| is_new(n) && n != "test-data");
             (name(p), used)
         })
         .filter(|(_, used)| !used.is_empty())
