@@ -1,17 +1,17 @@
-//! What is drawn follows what is known, without a jump.
+//! Moves the displayed pose towards the estimate without a jump.
 
-use super::{difference, nudged};
-use glam::{DVec2, DVec3};
+use crate::motion::{difference, moved};
+use glam::DVec2;
 use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;
 
-/// Pixels a second by which what is drawn may slide while the camera is at rest.
-pub(super) const AT_REST: f64 = 9.0;
-/// Share of the picture's own motion by which it may slide besides: nobody sees a tenth of a
-/// motion that the hand makes.
-pub(super) const OF_MOTION: f64 = 0.1;
+/// Maximum speed of virtual objects relative to the picture while the camera rests, pixels per
+/// second.
+pub(super) const MAX_SPEED_AT_REST: f64 = 9.0;
+/// Additional speed as a share of the picture's motion: a tenth of a hand's motion is not noticed.
+pub(super) const MAX_SHARE_OF_MOTION: f64 = 0.1;
 
-/// Where probes for a distance in pixels lie, shares of the picture from its middle.
+/// Positions of the points for [`apart_pixels`], shares of the picture's size from its centre.
 const PROBES: [DVec2; 5] = [
     DVec2::ZERO,
     DVec2::new(-0.3, -0.3),
@@ -20,8 +20,9 @@ const PROBES: [DVec2; 5] = [
     DVec2::new(-0.3, 0.3),
 ];
 
-/// How far pictures of the same points at `distance` metres (spread over the middle of the
-/// picture) are apart by two poses of a camera: the largest, pixels.
+/// Returns the maximum distance (pixels) between the pictures of the same points with two poses of
+/// a camera (`world_from_camera`). The points are `distance` metres in front of pose `a`, spread
+/// over the middle of the picture.
 #[must_use]
 pub fn apart_pixels(
     camera: &PinholeCamera,
@@ -31,7 +32,7 @@ pub fn apart_pixels(
 ) -> f64 {
     let size = DVec2::new(f64::from(camera.width), f64::from(camera.height));
     let b_from_a = b.inverse() * a;
-    let most = PROBES.iter().map(|share| {
+    let distances = PROBES.iter().map(|share| {
         let p = *share * size / camera.focal * distance;
         let p = p.extend(distance);
         match (
@@ -42,76 +43,78 @@ pub fn apart_pixels(
             _ => size.length(),
         }
     });
-    most.fold(0.0, f64::max)
+    distances.fold(0.0, f64::max)
 }
 
-/// What was drawn by the picture just before.
+/// The displayed pose of the previous picture.
 #[derive(Clone, Debug)]
-pub(super) struct Following {
-    /// drawn = this × tracked.
-    of_tracked: Option<RigidTransform>,
-    /// drawn = this × the pose by markers.
-    of_marked: Option<RigidTransform>,
-    /// The last pose, and the one before it.
-    drawn: Option<(RigidTransform, RigidTransform)>,
+pub(super) struct RateLimiter {
+    /// displayed = this × pose by the tracker.
+    displayed_from_tracked: Option<RigidTransform>,
+    /// displayed = this × pose by markers.
+    displayed_from_markers: Option<RigidTransform>,
+    /// The last displayed pose, and the one before it.
+    last: Option<(RigidTransform, RigidTransform)>,
 }
 
-impl Following {
-    /// Nothing was drawn.
+impl RateLimiter {
+    /// Creates a limiter without a previous picture.
     pub const fn new() -> Self {
         Self {
-            of_tracked: None,
-            of_marked: None,
-            drawn: None,
+            displayed_from_tracked: None,
+            displayed_from_markers: None,
+            last: None,
         }
     }
 
-    /// The pose to draw by: what would be drawn had nothing new been learnt, moved to the
-    /// `target` as far as may be. The poses are this picture's by the tracker and by
-    /// markers; `time` is since the picture before (seconds) with the picture's motion in it
-    /// (pixels).
-    pub fn follow(
+    /// Returns the pose to display: the continuation of the previous one, moved towards `target` as
+    /// far as the rate allows. `tracked` and `by_markers` are this picture's poses; `seconds` is the
+    /// time since the previous picture, in which the picture moved by `motion` pixels.
+    pub fn approach(
         &mut self,
         (camera, distance): (&PinholeCamera, f64),
         target: RigidTransform,
-        (tracked, marked): (Option<RigidTransform>, Option<RigidTransform>),
+        (tracked, by_markers): (Option<RigidTransform>, Option<RigidTransform>),
         (seconds, motion): (f64, f64),
     ) -> RigidTransform {
-        let drawn = self.carried(tracked, marked).map_or(target, |from| {
-            let apart = apart_pixels(camera, from, target, distance);
-            let allowed = AT_REST * seconds + OF_MOTION * motion;
-            part_of_the_way(from, target, allowed / apart.max(1e-9))
+        let continued = self.continued(tracked, by_markers);
+        let displayed = continued.map_or(target, |from| {
+            let distance = apart_pixels(camera, from, target, distance);
+            let allowed = MAX_SPEED_AT_REST * seconds + MAX_SHARE_OF_MOTION * motion;
+            interpolated(from, target, allowed / distance.max(1e-9))
         });
-        self.of_tracked = tracked.map(|t| drawn * t.inverse());
-        self.of_marked = marked.map(|m| drawn * m.inverse());
-        self.drawn = Some((drawn, self.drawn.map_or(drawn, |(last, _)| last)));
-        drawn
+        self.displayed_from_tracked = tracked.map(|t| displayed * t.inverse());
+        self.displayed_from_markers = by_markers.map(|m| displayed * m.inverse());
+        let previous = self.last.map_or(displayed, |(last, _)| last);
+        self.last = Some((displayed, previous));
+        displayed
     }
 
-    /// What goes on from the picture before: with a source that spoke then and speaks now, else
-    /// with the motion of the last two pictures.
-    fn carried(
+    /// Continues the previous picture's pose: with a source that was present then and now, otherwise
+    /// with the motion between the last two pictures.
+    fn continued(
         &self,
         tracked: Option<RigidTransform>,
-        marked: Option<RigidTransform>,
+        by_markers: Option<RigidTransform>,
     ) -> Option<RigidTransform> {
         let by =
             |offset: Option<RigidTransform>, pose: Option<RigidTransform>| Some(offset? * pose?);
-        let on = || {
-            let (last, before) = self.drawn?;
-            let (turn, shift) = difference(&before, &last);
-            Some(nudged(last, turn, shift))
+        let extrapolated = || {
+            let (last, before) = self.last?;
+            let (rotation, translation) = difference(&before, &last);
+            Some(moved(last, rotation, translation))
         };
-        by(self.of_tracked, tracked)
-            .or_else(|| by(self.of_marked, marked))
-            .or_else(on)
+        by(self.displayed_from_tracked, tracked)
+            .or_else(|| by(self.displayed_from_markers, by_markers))
+            .or_else(extrapolated)
     }
 }
 
-fn part_of_the_way(from: RigidTransform, to: RigidTransform, share: f64) -> RigidTransform {
+/// Moves a pose by a share of its difference to another.
+fn interpolated(from: RigidTransform, to: RigidTransform, share: f64) -> RigidTransform {
     if share >= 1.0 {
         return to;
     }
-    let (turn, shift): (DVec3, DVec3) = difference(&from, &to);
-    nudged(from, turn * share, shift * share)
+    let (rotation, translation) = difference(&from, &to);
+    moved(from, rotation * share, translation * share)
 }
