@@ -21,8 +21,8 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("numerics", &[]),
     ("strict-toml", &[]),
     ("picture", &["interface"]),
-    ("camera", &["interface"]),
-    ("sync", &["interface"]),
+    ("camera", &["interface", "numerics"]),
+    ("sync", &["interface", "numerics"]),
     ("session", &["interface", "tracker-serial"]),
     // Light and virtual objects.
     ("lighting", &["interface", "picture", "camera"]),
@@ -157,7 +157,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
 const ALLOWED_IN_TESTS: &[(&str, &[&str])] = &[
     ("tracker-serial", &["synthetic"]),
     // The simulated tracker of the pairing tests speaks a protocol.
-    ("sync", &["tracker-serial", "numerics"]),
+    ("sync", &["tracker-serial"]),
     ("session", &["sync"]),
     ("capture", &["faulty"]),
     ("rig", &["faulty"]),
