@@ -44,7 +44,7 @@ pub use mesh::{Material, Mesh, Part, Phong, Scene, SceneTexture, Vertex};
 pub use motion::{Motion, Motions, Mover};
 pub use near_field::{NearField, NearLight, PhantomRadiance};
 pub use ply::load_ply;
-pub use raycast::{Hit, PhantomRays};
+pub use raycast::{Hit, RayCaster};
 pub use scene_file::SceneAddition;
 pub use simplify::simplify_for_casting;
 pub use virtual_light::{Screen, VirtualLight, VirtualLightKey, VirtualLightKind};

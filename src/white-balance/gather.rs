@@ -1,7 +1,6 @@
 //! Finds surfaces that both cameras see, and reads them in both pictures.
 
 use super::chart::Photograph;
-use super::raycast::SurfaceHit;
 use super::view::{EnvironmentRay, environment_ray, mirror, picture_size};
 use glam::{DVec2, DVec3};
 use penumbra_camera::EnvironmentView;
@@ -9,6 +8,7 @@ use penumbra_camera::PinholeCamera;
 use penumbra_camera::Vignetting;
 use penumbra_interface::RigidTransform;
 use penumbra_picture::Picture;
+use penumbra_scene::{Hit, RayCaster};
 
 /// One patch of a real surface in both pictures, linear, the mirror's loss undone.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -80,11 +80,10 @@ const MATTNESS: f64 = 0.02;
 const MAX_CONTRAST: f64 = 0.4;
 
 /// Every patch of the ground and the phantoms that both cameras see, unclipped and away
-/// from edges. `cast` finds the first real surface along a ray, as
-/// [`PhantomCaster::cast`](super::raycast::PhantomCaster::cast) does.
+/// from edges. `caster` holds the real surfaces.
 pub fn gather_pairs(
     overlap: &Overlap,
-    cast: &impl Fn(DVec3, DVec3) -> Option<SurfaceHit>,
+    caster: &RayCaster,
     options: &GatherOptions,
 ) -> Vec<PhotometricPair> {
     let picture = overlap.environment.picture;
@@ -101,7 +100,7 @@ pub fn gather_pairs(
     let steps = |length: u32| (margin..length.saturating_sub(margin)).step_by(step(options));
     steps(size.1)
         .flat_map(|y| steps(size.0).map(move |x| (x, y)))
-        .filter_map(|(x, y)| pair_at(overlap, cast, options, x, y))
+        .filter_map(|(x, y)| pair_at(overlap, caster, options, x, y))
         .collect()
 }
 
@@ -116,12 +115,12 @@ fn scene_size_agrees(overlap: &Overlap) -> bool {
 
 fn pair_at(
     overlap: &Overlap,
-    cast: &impl Fn(DVec3, DVec3) -> Option<SurfaceHit>,
+    caster: &RayCaster,
     options: &GatherOptions,
     x: u32,
     y: u32,
 ) -> Option<PhotometricPair> {
-    let quad = Quad::trace(overlap, cast, options, x, y)?;
+    let quad = Quad::trace(overlap, caster, options, x, y)?;
     let here = DVec2::new(f64::from(x), f64::from(y));
     let environment = read_block(overlap.environment, options.block, x, y);
     let scene = read_quad(overlap.scene, &quad);
@@ -176,23 +175,23 @@ const MAX_QUAD: f64 = 80.0;
 impl Quad {
     fn trace(
         overlap: &Overlap,
-        cast: &impl Fn(DVec3, DVec3) -> Option<SurfaceHit>,
+        caster: &RayCaster,
         options: &GatherOptions,
         x: u32,
         y: u32,
     ) -> Option<Self> {
         let centre = DVec2::new(f64::from(x), f64::from(y));
-        let (middle, ray) = surface_at(overlap, cast, centre)?;
+        let (middle, ray) = surface_at(overlap, caster, centre)?;
         let mut corners = [DVec2::ZERO; 4];
         let offsets = [(-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5), (0.5, 0.5)];
         for (corner, (dx, dy)) in corners.iter_mut().zip(offsets) {
             let offset = f64::from(options.block) * DVec2::new(dx, dy);
-            let (hit, corner_ray) = surface_at(overlap, cast, centre + offset)?;
+            let (hit, corner_ray) = surface_at(overlap, caster, centre + offset)?;
             let same = hit.surface == middle.surface && hit.normal.dot(middle.normal) > 0.95;
             if !same || corner_ray.mirrored != ray.mirrored {
                 return None;
             }
-            *corner = seen_by_scene_camera(overlap, cast, &hit)?;
+            *corner = seen_by_scene_camera(overlap, caster, &hit)?;
         }
         let quad = Self {
             corners,
@@ -222,25 +221,21 @@ impl Quad {
 /// What a pixel of the environment camera shows, if it is a matt surface seen from above.
 fn surface_at(
     overlap: &Overlap,
-    cast: &impl Fn(DVec3, DVec3) -> Option<SurfaceHit>,
+    caster: &RayCaster,
     pixel: DVec2,
-) -> Option<(SurfaceHit, EnvironmentRay)> {
+) -> Option<(Hit, EnvironmentRay)> {
     let ray = environment_ray(overlap.environment_view, pixel)?;
-    let hit = cast(ray.origin, ray.direction)?;
+    let hit = caster.nearest(ray.origin, ray.direction)?;
     let facing = -hit.normal.dot(ray.direction) > MIN_COSINE;
     (facing && !hit.mirror).then_some((hit, ray))
 }
 
 /// Pixel of a surface point in the scene picture, where nothing hides it.
-fn seen_by_scene_camera(
-    overlap: &Overlap,
-    cast: &impl Fn(DVec3, DVec3) -> Option<SurfaceHit>,
-    hit: &SurfaceHit,
-) -> Option<DVec2> {
+fn seen_by_scene_camera(overlap: &Overlap, caster: &RayCaster, hit: &Hit) -> Option<DVec2> {
     let world_from_camera = overlap.world_from_scene_camera;
     let eye = world_from_camera.translation;
     let (direction, distance) = (hit.point - eye).normalize_and_length();
-    let first = cast(eye, direction)?;
+    let first = caster.nearest(eye, direction)?;
     let hidden = first.distance < distance - (0.002 + 0.005 * distance);
     let facing = -hit.normal.dot(direction) > MIN_COSINE;
     if hidden || !facing || behind_mirror(overlap, eye, direction, distance) {

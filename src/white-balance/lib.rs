@@ -14,7 +14,6 @@ mod fusion;
 pub mod gather;
 mod matrix;
 pub mod overlap;
-pub mod raycast;
 pub mod reflectance;
 mod robust;
 mod view;

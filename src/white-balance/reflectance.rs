@@ -2,12 +2,12 @@
 
 use super::GainEstimate;
 use super::chart::Photograph;
-use super::raycast::{PhantomCaster, SurfaceHit};
 use super::robust::{LogRatio, RobustMean, robust_mean};
 use glam::{DVec2, DVec3, Vec3};
 use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::{LightKind, Lighting};
+use penumbra_scene::{Hit, RayCaster};
 use std::f64::consts::PI;
 
 /// A diffuse surface in the scene camera's picture, of which albedo and light are known.
@@ -128,11 +128,11 @@ pub fn irradiance_at(lighting: &Lighting, normal: Vec3, visibility: impl Fn(Vec3
 
 /// [`irradiance_at`] a surface point, where only the phantoms keep light away.
 #[must_use]
-pub fn irradiance_past(caster: &PhantomCaster, lighting: &Lighting, hit: &SurfaceHit) -> DVec3 {
+pub fn irradiance_past(caster: &RayCaster, lighting: &Lighting, hit: &Hit) -> DVec3 {
     // Off the surface, so that it does not shade itself.
     let origin = hit.point + 1e-4 * hit.normal;
     irradiance_at(lighting, hit.normal.as_vec3(), |direction| {
-        f32::from(caster.cast(origin, direction.as_dvec3()).is_none())
+        f32::from(caster.nearest(origin, direction.as_dvec3()).is_none())
     })
 }
 
@@ -156,9 +156,9 @@ const TEXTURE: f64 = 0.2;
 /// `spacing` pixels apart. `irradiance` gives the light at a hit; see [`irradiance_past`].
 pub fn gather_known(
     view: &SceneView,
-    caster: &PhantomCaster,
+    caster: &RayCaster,
     spacing: u32,
-    irradiance: impl Fn(&SurfaceHit) -> DVec3,
+    irradiance: impl Fn(&Hit) -> DVec3,
 ) -> Vec<KnownSurface> {
     let picture = view.photograph.picture;
     if (picture.width, picture.height) != (view.camera.width, view.camera.height) {
@@ -175,15 +175,15 @@ pub fn gather_known(
 
 fn known_at(
     view: &SceneView,
-    caster: &PhantomCaster,
-    irradiance: &impl Fn(&SurfaceHit) -> DVec3,
+    caster: &RayCaster,
+    irradiance: &impl Fn(&Hit) -> DVec3,
     x: u32,
     y: u32,
 ) -> Option<KnownSurface> {
     let cast = |dx: f64, dy: f64| {
         let pixel = DVec2::new(f64::from(x) + dx, f64::from(y) + dy);
         let direction = view.world_from_camera.rotation * view.camera.unproject(pixel);
-        caster.cast(view.world_from_camera.translation, direction)
+        caster.nearest(view.world_from_camera.translation, direction)
     };
     let hit = cast(0.0, 0.0)?;
     let albedo = caster.albedo(hit.surface).filter(|_| !hit.mirror)?;
@@ -321,7 +321,7 @@ mod tests {
             mirror: false,
             albedo: Some(Vec3::splat(0.18)),
         };
-        let caster = PhantomCaster::new(&Scene {
+        let caster = RayCaster::from_phantoms(&Scene {
             phantom_parts: vec![ground],
             ground_height: Some(0.0),
             ..Scene::default()

@@ -1,9 +1,9 @@
 //! The environment camera's rays, from its pixels to where they end.
 
-use super::raycast::sphere_hit;
 use glam::{DVec2, DVec3};
 use penumbra_camera::{EnvironmentView, FisheyeLens, MirrorSphere};
 use penumbra_interface::RigidTransform;
+use penumbra_scene::raycast::sphere_hit;
 
 /// The way of a pixel of the environment camera, after its mirror if there is one.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -12,7 +12,7 @@ mod receivers;
 mod sides;
 mod surfels;
 
-use super::{Part, PhantomRays, Scene};
+use super::{Hit, Part, RayCaster, Scene};
 use glam::Vec3;
 use penumbra_lighting::Lighting;
 use penumbra_lighting::glints::Whole;
@@ -197,15 +197,22 @@ pub fn side_of(n: Vec3) -> u32 {
 
 /// The virtual casters and the phantoms but for the ground, for rays.
 struct Obstacles {
-    rays: PhantomRays,
-    real: PhantomRays,
-    virtual_parts: usize,
+    rays: RayCaster,
+    real: RayCaster,
+    virtual_parts: u32,
     floor: Option<f32>,
+}
+
+/// A point of a surface that a ray hits: world, metres, and its unit normal.
+#[derive(Clone, Copy)]
+struct SurfacePoint {
+    point: Vec3,
+    normal: Vec3,
 }
 
 /// What a ray meets.
 enum Met {
-    Virtual(super::Hit),
+    Virtual(SurfacePoint),
     /// Phantom side: six a phantom.
     Phantom(u32),
     Ground(Vec3),
@@ -217,39 +224,37 @@ impl Obstacles {
         let real: Vec<Part> = solid_phantoms(scene).cloned().collect();
         let parts: Vec<Part> = casters.iter().chain(&real).cloned().collect();
         Self {
-            real: PhantomRays::from_parts(&real),
-            rays: PhantomRays::from_parts(&parts),
-            virtual_parts: casters.len(),
+            real: RayCaster::from_parts(&real),
+            rays: RayCaster::from_parts(&parts),
+            virtual_parts: casters.len() as u32,
             floor: scene.ground_height.map(|h| h as f32),
         }
     }
 
     fn meet(&self, origin: Vec3, direction: Vec3) -> Met {
-        let hit = self.rays.hit(origin, direction);
+        let hit = nearest(&self.rays, origin, direction);
         self.first(hit, self.virtual_parts, origin, direction)
     }
 
     /// What a ray meets where nothing is virtual.
     fn meet_real(&self, origin: Vec3, direction: Vec3) -> Met {
-        let hit = self.real.hit(origin, direction);
+        let hit = nearest(&self.real, origin, direction);
         self.first(hit, 0, origin, direction)
     }
 
     /// The nearer of a hit, whose part is virtual below `virtual_parts`, and the floor.
-    fn first(
-        &self,
-        hit: Option<super::Hit>,
-        virtual_parts: usize,
-        origin: Vec3,
-        direction: Vec3,
-    ) -> Met {
+    fn first(&self, hit: Option<Hit>, virtual_parts: u32, origin: Vec3, direction: Vec3) -> Met {
         let to_floor = self.floor.map(|f| (f - origin.z) / direction.z);
         let to_floor = to_floor.filter(|t| *t > 0.0 && direction.z < 0.0);
         match (hit, to_floor) {
-            (Some(hit), t) if t.is_none_or(|t| hit.distance < t) => {
-                match hit.part.checked_sub(virtual_parts) {
-                    Some(part) => Met::Phantom(6 * part as u32 + side_of(hit.normal)),
-                    None => Met::Virtual(hit),
+            (Some(hit), t) if t.is_none_or(|t| hit.distance < f64::from(t)) => {
+                let normal = hit.shading_normal.as_vec3();
+                match hit.surface.checked_sub(virtual_parts) {
+                    Some(part) => Met::Phantom(6 * part + side_of(normal)),
+                    None => Met::Virtual(SurfacePoint {
+                        point: hit.point.as_vec3(),
+                        normal,
+                    }),
                 }
             }
             (_, Some(t)) => Met::Ground(origin + direction * t),
@@ -259,9 +264,13 @@ impl Obstacles {
 
     /// The phantom side that a virtual object hides from `origin`.
     fn behind(&self, origin: Vec3, direction: Vec3) -> Option<u32> {
-        let hit = self.real.hit(origin, direction)?;
-        Some(6 * hit.part as u32 + side_of(hit.normal))
+        let hit = nearest(&self.real, origin, direction)?;
+        Some(6 * hit.surface + side_of(hit.shading_normal.as_vec3()))
     }
+}
+
+fn nearest(rays: &RayCaster, origin: Vec3, direction: Vec3) -> Option<Hit> {
+    rays.nearest(origin.as_dvec3(), direction.as_dvec3())
 }
 
 /// The phantoms but for the ground.

@@ -2,8 +2,8 @@
 
 use super::receivers::GroundGrid;
 use super::sides::Sides;
-use super::{Directions, Light, Met, Obstacles, Region};
-use crate::{Hit, Material, Part, SceneTexture};
+use super::{Directions, Light, Met, Obstacles, Region, SurfacePoint};
+use crate::{Material, Part, SceneTexture};
 use glam::Vec3;
 use penumbra_lighting::lobes;
 use penumbra_lighting::lobes::Family;
@@ -141,7 +141,7 @@ impl Surfels {
     /// The sighting at a hit by a ray along `direction`.
     pub(super) fn sight(
         &self,
-        hit: &Hit,
+        hit: &SurfacePoint,
         direction: Vec3,
         obstacles: &Obstacles,
         region: &Region,
@@ -162,7 +162,7 @@ impl Surfels {
     }
 
     /// The surfel that stands for a point.
-    pub(super) fn nearest(&self, hit: &Hit) -> Option<u32> {
+    pub(super) fn nearest(&self, hit: &SurfacePoint) -> Option<u32> {
         nearest(&self.all, hit)
     }
 
@@ -282,7 +282,7 @@ fn surfel(t: &[Vec3; 3], index: usize, surface: Surface) -> Surfel {
     }
 }
 
-fn nearest(all: &[Surfel], hit: &Hit) -> Option<u32> {
+fn nearest(all: &[Surfel], hit: &SurfacePoint) -> Option<u32> {
     let badness = |s: &Surfel| {
         let turned = 1.0 - s.normal.dot(hit.normal);
         s.position.distance_squared(hit.point) * (1.0 + 8.0 * turned * turned)

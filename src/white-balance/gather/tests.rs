@@ -2,10 +2,11 @@
 
 use super::*;
 use crate::overlap::{Shortage, estimate_overlap};
-use crate::raycast::{ground_only, sphere_hit};
 use glam::{DMat3, DQuat};
 use penumbra_camera::Response;
 use penumbra_camera::{FisheyeLens, MirrorSphere};
+use penumbra_scene::Scene;
+use penumbra_scene::raycast::sphere_hit;
 
 const GAINS: DVec3 = DVec3::new(3.0, 2.5, 4.0);
 
@@ -58,6 +59,13 @@ struct Rig {
     response: Response,
 }
 
+fn level_ground() -> RayCaster {
+    RayCaster::from_phantoms(&Scene {
+        ground_height: Some(0.0),
+        ..Scene::default()
+    })
+}
+
 fn sphere_rig() -> Rig {
     let sphere = MirrorSphere {
         centre_in_world: DVec3::new(0.0, 0.1, 0.05),
@@ -73,14 +81,16 @@ fn sphere_rig() -> Rig {
         world_from_camera: looking(DVec3::new(0.3, -0.2, 0.3), sphere.centre_in_world),
         sphere: sphere.clone(),
     };
-    let ground = ground_only(0.0);
+    let ground = level_ground();
     let environment = paint(240, &response, |pixel| {
         let Some(ray) = environment_ray(&view, pixel) else {
             return DVec3::ZERO;
         };
-        ground(ray.origin, ray.direction).map_or(DVec3::ZERO, |hit| {
-            ray.attenuation * ground_radiance(hit.point) / GAINS
-        })
+        ground
+            .nearest(ray.origin, ray.direction)
+            .map_or(DVec3::ZERO, |hit| {
+                ray.attenuation * ground_radiance(hit.point) / GAINS
+            })
     });
     let eye = world_from_scene_camera.translation;
     let scene = paint(240, &response, |pixel| {
@@ -89,7 +99,9 @@ fn sphere_rig() -> Rig {
         if sphere_hit(sphere.centre_in_world, sphere.radius, eye, direction).is_some() {
             return DVec3::splat(0.02);
         }
-        ground(eye, direction).map_or(DVec3::ZERO, |hit| ground_radiance(hit.point))
+        ground
+            .nearest(eye, direction)
+            .map_or(DVec3::ZERO, |hit| ground_radiance(hit.point))
     });
     Rig {
         scene_camera,
@@ -117,7 +129,7 @@ impl Rig {
             environment_view: &self.view,
             vignetting: [None; 2],
         };
-        gather_pairs(&overlap, &ground_only(0.0), &GatherOptions::default())
+        gather_pairs(&overlap, &level_ground(), &GatherOptions::default())
     }
 }
 
