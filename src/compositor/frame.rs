@@ -23,7 +23,7 @@ use penumbra_interface::RigidTransform;
 use penumbra_lighting::Lighting;
 use penumbra_picture::Picture;
 use penumbra_scene::Highlights;
-use penumbra_scene::{NearLight, PlacedLamp};
+use penumbra_scene::{IndirectLight, PlacedLamp};
 
 /// How the shadow buffer darkens the real picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -62,7 +62,7 @@ pub struct FrameInput<'a> {
     /// The light; `None` shows the camera's picture alone.
     pub lighting: Option<&'a Lighting>,
     /// What virtual objects throw back onto the real scene under that light, if it is known.
-    pub near: Option<&'a NearLight>,
+    pub near: Option<&'a IndirectLight>,
     /// Lamps that shine in the picture only; after [`penumbra_scene::lamps::MOST_LAMPS`] they are left out.
     pub lamps: &'a [PlacedLamp],
     /// How real surfaces answer them.

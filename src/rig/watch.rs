@@ -9,7 +9,7 @@ use penumbra_lighting::{LightKind, Lighting};
 use penumbra_picture::Picture;
 use penumbra_rig_model::RigCalibration;
 use penumbra_scene::PhantomRadiance;
-use penumbra_scene::near_field::{AXES, side_of, solid_phantoms};
+use penumbra_scene::indirect_light::{AXES, side_of, solid_phantoms};
 use penumbra_scene::{Part, RayCaster, Scene};
 use std::f32::consts::PI;
 use std::sync::Arc;
