@@ -1,6 +1,6 @@
 //! Virtual parts as they cast shadows.
 
-use super::{Part, Scene};
+use crate::mesh::{Part, Scene};
 use glam::DVec3;
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -23,7 +23,7 @@ pub fn casters(scene: &Scene) -> Vec<Part> {
 /// the world. Copies of one mesh at one scale stay shared.
 #[must_use]
 pub fn casters_within(scene: &Scene, max_error_m: f32) -> Vec<Part> {
-    let mut known: HashMap<(usize, [u64; 9], u32), Arc<super::Mesh>> = HashMap::new();
+    let mut known: HashMap<(usize, [u64; 9], u32), Arc<crate::mesh::Mesh>> = HashMap::new();
     let simplified = |part: &Part| {
         let linear = glam::DMat3::from_mat4(part.world_from_part);
         let key = (
@@ -44,7 +44,7 @@ pub fn casters_within(scene: &Scene, max_error_m: f32) -> Vec<Part> {
 fn extent(parts: &[Part]) -> Option<f64> {
     let corners = parts.iter().flat_map(|part| {
         let place =
-            |v: &super::Vertex| part.world_from_part.transform_point3(v.position.as_dvec3());
+            |v: &crate::mesh::Vertex| part.world_from_part.transform_point3(v.position.as_dvec3());
         part.mesh.vertices.iter().map(place)
     });
     let (low, high) = corners.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| {
@@ -58,7 +58,8 @@ fn extent(parts: &[Part]) -> Option<f64> {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::{Material, primitives};
+    use crate::mesh::Material;
+    use crate::primitives;
     use glam::DMat4;
 
     fn scene(scale: f64) -> Scene {

@@ -1,7 +1,7 @@
 //! What a changed scene asks for anew: nothing where only its looks have changed, little where
 //! it was moved as a whole.
 
-use super::{Mesh, Part, Scene};
+use crate::mesh::{Mesh, Part, Scene};
 use glam::{DMat3, DMat4, DQuat, DVec3};
 use penumbra_interface::RigidTransform;
 use std::sync::Arc;
@@ -138,7 +138,8 @@ fn same_planes(old: &Scene, new: &Scene, motion: RigidTransform) -> bool {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::{Material, primitives};
+    use crate::mesh::Material;
+    use crate::primitives;
     use glam::{Vec3, Vec4};
 
     fn part(place: DMat4) -> Part {

@@ -1,6 +1,6 @@
 //! What a mesh must be before anything else sees it.
 
-use super::Mesh;
+use crate::mesh::Mesh;
 use glam::Vec3;
 
 /// Triangles of one file, instances counted.

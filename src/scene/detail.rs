@@ -1,7 +1,7 @@
 //! Coarser triangles over the same vertices, for objects whose triangles are smaller than
 //! the pixels they are seen in.
 
-use super::Mesh;
+use crate::mesh::Mesh;
 use meshopt::SimplifyOptions;
 
 /// How far normals and texture coordinates may be off where positions may be off by the

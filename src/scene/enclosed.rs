@@ -1,6 +1,6 @@
 //! Lamps inside of things, whose light nobody would see.
 
-use super::{Part, Scene};
+use crate::mesh::{Part, Scene};
 use glam::{DMat4, DVec3};
 use std::f64::consts::TAU;
 
@@ -75,9 +75,10 @@ fn winds_around(part: &Part, point: DVec3) -> bool {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::{Material, Mesh, primitives};
-    use crate::{Motion, Mover};
-    use crate::{VirtualLight, VirtualLightKey, VirtualLightKind};
+    use crate::mesh::{Material, Mesh};
+    use crate::motion::{Motion, Mover};
+    use crate::primitives;
+    use crate::virtual_light::{VirtualLight, VirtualLightKey, VirtualLightKind};
     use glam::Vec3;
     use std::sync::Arc;
 

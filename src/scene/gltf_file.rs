@@ -14,7 +14,8 @@ use super::gltf_motion::{Skeleton, names};
 use super::lamps::MOST_LAMPS;
 use super::motion::Motion;
 use super::normals::{recompute_normals, recompute_tangents, tidy_directions};
-use super::{Material, Mesh, Part, SceneError, Vertex};
+use crate::error::SceneError;
+use crate::mesh::{Material, Mesh, Part, Vertex};
 use glam::{DMat3, DMat4, Mat4, Vec2, Vec3, Vec4};
 use gltf::accessor::Dimensions;
 use gltf::mesh::Mode;
@@ -42,6 +43,8 @@ pub struct Model {
     pub animations: Vec<String>,
     /// The animation that was wanted is there.
     pub plays: bool,
+    /// One line for each kind of property that the file uses and Penumbra ignores.
+    pub warnings: Vec<String>,
 }
 
 /// One mesh with one material, placed within its model.
@@ -210,6 +213,7 @@ fn read(
     if reader.model.parts.is_empty() && reader.model.lamps.is_empty() {
         return Err("it shows no triangles; export it with a mesh in its scene".into());
     }
+    reader.model.warnings.extend(reader.materials.warning());
     Ok(reader.model)
 }
 

@@ -1,6 +1,7 @@
 //! The plane that everything stands on.
 
-use super::{Material, Part, Scene, primitives};
+use super::primitives;
+use crate::mesh::{Material, Part, Scene};
 use glam::{DMat4, DQuat, DVec3, Vec3};
 use std::sync::Arc;
 

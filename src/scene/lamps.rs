@@ -1,7 +1,8 @@
 //! Lamps that exist in the picture only and light what is real as well as what is virtual.
 
-use crate::{VirtualLight, VirtualLightKey, VirtualLightKind};
+use crate::virtual_light::{VirtualLight, VirtualLightKey, VirtualLightKind};
 use glam::{DVec3, Vec3};
+use penumbra_numerics::smoothstep;
 
 /// More lamps than this are refused where they are read.
 pub const MOST_LAMPS: usize = 32;
@@ -116,12 +117,11 @@ fn key_at(keys: &[VirtualLightKey], seconds: f64) -> Option<VirtualLightKey> {
         .and_then(|i| keys.get(i))
         .unwrap_or(next);
     let span = next.seconds - last.seconds;
-    let t = if span > 0.0 {
-        ((seconds - last.seconds) / span).clamp(0.0, 1.0)
+    let eased = if span > 0.0 {
+        smoothstep(last.seconds, next.seconds, seconds)
     } else {
         0.0
     };
-    let eased = t * t * (3.0 - 2.0 * t);
     Some(VirtualLightKey {
         seconds,
         position: last.position.lerp(next.position, eased),
@@ -134,7 +134,7 @@ fn key_at(keys: &[VirtualLightKey], seconds: f64) -> Option<VirtualLightKey> {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::Scene;
+    use crate::mesh::Scene;
 
     fn key(seconds: f64, x: f64, gain: f64) -> VirtualLightKey {
         VirtualLightKey {

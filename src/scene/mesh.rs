@@ -2,7 +2,7 @@
 
 use super::motion::Motions;
 use super::planes::ShadowingPlane;
-use crate::VirtualLight;
+use crate::virtual_light::VirtualLight;
 use glam::{DMat4, Vec2, Vec3, Vec4};
 use std::sync::Arc;
 

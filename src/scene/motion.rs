@@ -3,8 +3,10 @@
 //! Time is the session's, as for lamps. Nothing is allocated when a motion is asked where
 //! something is, and the same time gives the same bits.
 
-use super::{Part, PlacedArea, PlacedLamp, Scene};
+use crate::lamps::{PlacedArea, PlacedLamp};
+use crate::mesh::{Part, Scene};
 use glam::{DMat3, DMat4, DQuat, DVec3, EulerRot, Vec3};
+use penumbra_numerics::smoothstep;
 use std::sync::Arc;
 
 /// Nothing becomes smaller than this share of its size: a normal needs a surface.
@@ -113,7 +115,7 @@ impl<T: Value> Channel<T> {
         Some(match self.easing {
             Easing::Step => a,
             Easing::Linear => a.towards(b, t),
-            Easing::Smooth => a.towards(b, t * t * (3.0 - 2.0 * t)),
+            Easing::Smooth => a.towards(b, smoothstep(0.0, 1.0, t)),
             Easing::Cubic => {
                 let out = *self.values.get(3 * before + 2)?;
                 let into = *self.values.get(3 * after)?;

@@ -1,6 +1,6 @@
 //! Normals and tangents for meshes that come without.
 
-use super::{Mesh, Vertex};
+use crate::mesh::{Mesh, Vertex};
 use glam::{Vec2, Vec3, Vec4};
 use std::collections::HashMap;
 

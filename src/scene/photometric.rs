@@ -1,6 +1,6 @@
 //! Light in photometric units, and what a camera makes of it.
 
-use super::SceneTexture;
+use crate::mesh::SceneTexture;
 use glam::Vec3;
 use penumbra_camera::linear_from_srgb;
 

@@ -7,7 +7,8 @@
 
 use super::check::{LARGEST_FILE, MOST_TRIANGLES, MOST_VERTICES, check_mesh};
 use super::normals::{recompute_normals, tidy_directions};
-use super::{Mesh, SceneError, Vertex};
+use crate::error::SceneError;
+use crate::mesh::{Mesh, Vertex};
 use glam::{Vec2, Vec3, Vec4};
 
 /// Edges that bend more stay sharp when a file brings no normals, radians (40°).

@@ -1,7 +1,7 @@
 //! Shapes that need no file. All are centred on the z axis, +Z up, wound
 //! counter-clockwise seen from outside; the solids are closed. Lengths in metres.
 
-use super::{Mesh, Vertex};
+use crate::mesh::{Mesh, Vertex};
 use glam::{Vec2, Vec3};
 use std::f32::consts::{PI, TAU};
 

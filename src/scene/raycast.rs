@@ -7,7 +7,7 @@
 
 mod surfaces;
 
-use super::{Part, Scene};
+use crate::mesh::{Part, Scene};
 use glam::DVec3;
 use parry3d::bounding_volume::Aabb;
 use parry3d::partitioning::{Bvh, BvhBuildStrategy, BvhNode};

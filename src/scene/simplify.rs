@@ -2,7 +2,7 @@
 //! coordinates or seams.
 
 use super::normals::recompute_normals;
-use super::{Mesh, Part, Vertex};
+use crate::mesh::{Mesh, Part, Vertex};
 use glam::{DMat3, Vec2, Vec3, Vec4};
 use meshopt::SimplifyOptions;
 use std::collections::HashMap;
@@ -122,7 +122,9 @@ mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
     use crate::check::{check_mesh, triangles};
-    use crate::{Material, load_gltf, primitives};
+    use crate::gltf_file::load_gltf;
+    use crate::mesh::Material;
+    use crate::primitives;
     use glam::{DMat4, DVec3};
     use std::sync::Arc;
 

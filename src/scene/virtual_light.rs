@@ -1,6 +1,6 @@
 //! Lamps that exist in the picture only, and light the real scene there.
 
-use super::SceneTexture;
+use crate::mesh::SceneTexture;
 use glam::{DVec2, DVec3, Vec3};
 use std::sync::Arc;
 

@@ -5,8 +5,8 @@ use super::clusters::divide;
 use super::ground::Ground;
 use super::surface::{Fragment, Surface};
 use super::{Layer, Receiver, ShadowingPlane};
-use crate::RayCaster;
-use crate::{Part, Scene};
+use crate::mesh::{Part, Scene};
+use crate::raycast::RayCaster;
 use glam::DVec3;
 use thiserror::Error;
 

@@ -2,9 +2,9 @@
 //! or not.
 
 use super::PlaneError;
-use crate::Part;
-use crate::RayCaster;
 use crate::check::triangles;
+use crate::mesh::Part;
+use crate::raycast::RayCaster;
 use glam::{DMat3, DVec3, Vec3};
 
 /// Triangles of one part beyond which it is simplified first.

@@ -1,6 +1,6 @@
 //! Triangles and balls as rays meet them, in double precision.
 
-use crate::Part;
+use crate::mesh::Part;
 use glam::{DMat3, DMat4, DVec3, Vec3};
 
 /// A triangle in the world.

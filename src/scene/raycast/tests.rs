@@ -1,6 +1,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
-use crate::{Material, Mesh, Vertex, primitives};
+use crate::mesh::{Material, Mesh, Vertex};
+use crate::primitives;
 use glam::{DMat4, Vec2, Vec3, Vec4};
 use proptest::prelude::*;
 use std::sync::Arc;

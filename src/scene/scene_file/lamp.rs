@@ -2,9 +2,9 @@
 
 use super::area;
 use super::typed::{Colour, LampFile, LampKeyFile, LampKind, Photometry};
-use crate::SceneTexture;
+use crate::mesh::SceneTexture;
 use crate::photometric::{black_body, of_unit_luminance, white_of_ev100};
-use crate::{VirtualLight, VirtualLightKey, VirtualLightKind};
+use crate::virtual_light::{VirtualLight, VirtualLightKey, VirtualLightKind};
 use glam::{DMat4, DVec3, Vec3};
 use penumbra_strict_toml::Fault;
 use std::collections::HashMap;

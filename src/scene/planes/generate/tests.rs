@@ -3,8 +3,9 @@
 
 use super::*;
 use crate::gate::temple_gate;
+use crate::mesh::{Material, Mesh};
 use crate::planes::depth::seen_from;
-use crate::{Material, Mesh, primitives};
+use crate::primitives;
 use glam::{DMat4, DVec2, Vec3};
 use std::collections::HashSet;
 use std::path::Path;
