@@ -1,6 +1,6 @@
 //! glTF materials and their textures.
 
-use super::check::LARGEST_TEXTURE;
+use super::check::MAX_TEXTURE_SIZE;
 use super::gltf_bytes::{Fault, Resolver, Source, follow, one_line};
 use super::photometric::luminance;
 use crate::mesh::{Material, SceneTexture};
@@ -257,9 +257,9 @@ pub(super) fn decode(bytes: &[u8], most: u64) -> Result<SceneTexture, Fault> {
     }
     let (width, height) = open()?.into_dimensions().map_err(unreadable)?;
     let size = 4 * u64::from(width) * u64::from(height);
-    if width.max(height) > LARGEST_TEXTURE || size > most {
+    if width.max(height) > MAX_TEXTURE_SIZE || size > most {
         return Err(format!(
-            "{width}x{height} is too large (at most {LARGEST_TEXTURE} a side, 1 GiB together); scale it down"
+            "{width}x{height} is too large (at most {MAX_TEXTURE_SIZE} a side, 1 GiB together); scale it down"
         ));
     }
     let mut limits = image::Limits::default();
@@ -313,7 +313,7 @@ mod tests {
     fn pictures_larger_than_their_share_are_refused_before_they_are_decoded() {
         let text = decode(&grey_png(3, 1), 11).unwrap_err();
         assert!(text.contains("3x1 is too large"), "{text}");
-        let text = decode(&grey_png(LARGEST_TEXTURE + 1, 1), u64::MAX).unwrap_err();
+        let text = decode(&grey_png(MAX_TEXTURE_SIZE + 1, 1), u64::MAX).unwrap_err();
         assert!(text.contains("too large"), "{text}");
         assert!(
             decode(b"GIF89a", 1000)
