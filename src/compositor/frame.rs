@@ -24,7 +24,7 @@ use penumbra_lighting::Lighting;
 use penumbra_picture::Picture;
 use penumbra_scene::Highlights;
 pub use penumbra_scene::ShadowMode;
-use penumbra_scene::{NearLight, PlacedLamp};
+use penumbra_scene::{IndirectLight, PlacedLamp};
 
 /// How real surfaces answer lamps.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -53,7 +53,7 @@ pub struct FrameInput<'a> {
     /// The light; `None` shows the camera's picture alone.
     pub lighting: Option<&'a Lighting>,
     /// What virtual objects throw back onto the real scene under that light, if it is known.
-    pub near: Option<&'a NearLight>,
+    pub near: Option<&'a IndirectLight>,
     /// Lamps that shine in the picture only; after [`penumbra_scene::lamps::MOST_LAMPS`] they are left out.
     pub lamps: &'a [PlacedLamp],
     /// How real surfaces answer them.

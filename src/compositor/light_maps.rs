@@ -11,7 +11,7 @@ use super::shaders::MAX_LIGHTS;
 use super::shadow_slots::CasterHull;
 use glam::Vec3;
 use half::f16;
-use penumbra_scene::{NearLight, PlacedLamp};
+use penumbra_scene::{IndirectLight, PlacedLamp};
 
 /// Side of the tables of irradiance by normal.
 const BY_NORMAL: u32 = 33;
@@ -170,7 +170,7 @@ impl LightMaps {
     }
 
     /// Uploads the light that virtual objects throw onto the real scene.
-    pub fn write_near(&mut self, queue: &wgpu::Queue, light: &NearLight) {
+    pub fn write_near(&mut self, queue: &wgpu::Queue, light: &IndirectLight) {
         self.near.write(queue, light, &mut self.texels);
     }
 }

@@ -2,8 +2,8 @@
 
 use super::light_maps::half_texel;
 use half::f16;
-use penumbra_scene::NearLight;
-use penumbra_scene::near_field::{GROUND_SIDE, VOLUME_SIZE};
+use penumbra_scene::IndirectLight;
+use penumbra_scene::indirect_light::{GROUND_SIDE, VOLUME_SIZE};
 
 /// Three pictures of the ground side by side (what virtual objects change, what phantoms
 /// throw without them and with them), and three times six volumes.
@@ -33,7 +33,7 @@ impl NearMaps {
     }
 
     /// Uploads a new state; `texels` is memory to be used again.
-    pub fn write(&self, queue: &wgpu::Queue, light: &NearLight, texels: &mut Vec<[f16; 4]>) {
+    pub fn write(&self, queue: &wgpu::Queue, light: &IndirectLight, texels: &mut Vec<[f16; 4]>) {
         let all = [&light.change, &light.real, &light.real_now];
         let side = GROUND_SIDE as usize;
         if all.iter().all(|part| part.ground.len() == side * side) {

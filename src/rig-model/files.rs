@@ -111,13 +111,14 @@ impl RigDocument {
             // as they are in the file.
             let world_from_model = object.world_from_glb * z_up_from_y_up().transpose();
             scene.virtual_parts = model.placed(world_from_model);
+            scene.warnings = model.warnings;
         }
-        scene.warnings = (0..scene.lamps.len())
-            .filter_map(|i| {
-                let place = format!("rig.json: `virtual_lights.lights[{i}].keys`: ");
-                enclosed::warning(&scene, i, &place)
-            })
-            .collect();
+        let enclosed = (0..scene.lamps.len()).filter_map(|i| {
+            let place = format!("rig.json: `virtual_lights.lights[{i}].keys`: ");
+            enclosed::warning(&scene, i, &place)
+        });
+        let enclosed: Vec<String> = enclosed.collect();
+        scene.warnings.extend(enclosed);
         Ok(scene)
     }
 

@@ -13,7 +13,7 @@ use penumbra_compositor::planes::{PlanesChoice, Thresholds};
 use penumbra_config::Technique;
 use penumbra_interface::RigidTransform;
 use penumbra_scene::change::is_level;
-use penumbra_scene::near_field::solid_phantoms;
+use penumbra_scene::indirect_light::solid_phantoms;
 use penumbra_scene::planes::{Bake, ShadowingPlane};
 use penumbra_scene::{Change, Scene};
 use penumbra_status::Settings;

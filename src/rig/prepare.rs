@@ -26,7 +26,7 @@ use penumbra_lighting::adaptive::CompactSource;
 use penumbra_lighting::{LightKind, Lighting, ProbeMap};
 use penumbra_picture::{Picture, YuvEncoding, decode_into};
 use penumbra_registration::Tracked;
-use penumbra_scene::NearLight;
+use penumbra_scene::IndirectLight;
 use penumbra_status::{RegistrationStatus, Settings};
 use penumbra_sync::{PairingConfig, PairingCounts, RigFrame};
 use penumbra_white_balance::MatchStatus;
@@ -86,7 +86,7 @@ pub struct LightState {
     /// The light far away.
     pub lighting: Option<Arc<Lighting>>,
     /// The light close by.
-    pub near: Option<Arc<NearLight>>,
+    pub near: Option<Arc<IndirectLight>>,
     /// The match between the cameras.
     pub white_balance: Option<Arc<MatchStatus>>,
     /// Compact sources found.

@@ -1,6 +1,6 @@
 //! How the picture is composed, where there is a choice.
 
-/// What clipped areas become in a shorter exposure.
+/// Value of clipped areas in a shorter exposure.
 #[derive(
     Clone,
     Copy,
@@ -14,7 +14,7 @@
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum Highlights {
-    /// `"estimated"`: how far above white they are is told by what surrounds them.
+    /// `"estimated"`: their radiance above white is estimated from their surroundings.
     #[default]
     Estimated,
     /// `"paper"`: every pixel's factor rises with the mean intensity of the region around it.

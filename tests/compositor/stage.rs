@@ -10,7 +10,7 @@ use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
 use penumbra_picture::Picture;
 use penumbra_scene::Highlights;
-use penumbra_scene::{Material, Mesh, NearLight, Part, PlacedLamp, Scene, casters, primitives};
+use penumbra_scene::{IndirectLight, Material, Mesh, Part, PlacedLamp, Scene, casters, primitives};
 use std::f32::consts::PI;
 use std::sync::{Arc, OnceLock};
 
@@ -33,7 +33,7 @@ pub struct Stage {
     pub lighting: Option<Lighting>,
     pub lamps: Vec<PlacedLamp>,
     pub camera: PinholeCamera,
-    pub near: Option<NearLight>,
+    pub near: Option<IndirectLight>,
     pub pose: Option<RigidTransform>,
     pub picture: Picture,
     pub response: Response,

@@ -23,9 +23,9 @@ use penumbra_camera::EnvironmentView;
 use penumbra_fiducials::{Detector, Registrar, Registration, TagMap, TagSeen};
 use penumbra_interface::{MonotonicTime, PoseSample, RigidTransform};
 use penumbra_rig_model::RigDocument;
+use penumbra_scene::RayCaster;
 use penumbra_sync::{HistoryConfig, PoseHistory};
 use penumbra_white_balance::PhotometricMatch;
-use penumbra_white_balance::raycast::PhantomCaster;
 
 /// What the check is meant to take, seconds.
 const LENGTH: f64 = 60.0;
@@ -42,7 +42,7 @@ pub struct Known {
     /// Its markers.
     pub map: TagMap,
     /// The phantoms, for what both cameras see.
-    pub caster: Option<PhantomCaster>,
+    pub caster: Option<RayCaster>,
     /// The tracker's station that carries the camera.
     pub station: u8,
 }

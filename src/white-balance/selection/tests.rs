@@ -41,7 +41,7 @@ fn with(method: MatchMethod) -> PhotometricMatch {
 }
 
 #[test]
-fn the_best_available_way_is_in_force() {
+fn automatic_selection_uses_the_best_available_method() {
     let mut matched = with(MatchMethod::Auto);
     assert_eq!(matched.in_force().0, Provenance::Unknown);
     assert_eq!(matched.gains(), DVec3::ONE);
@@ -61,7 +61,7 @@ fn the_best_available_way_is_in_force() {
 }
 
 #[test]
-fn the_users_choice_comes_first_where_it_has_an_answer() {
+fn requested_method_is_used_once_it_has_gains() {
     let mut matched = with(MatchMethod::Overlap);
     matched.set_chart(chart(GAINS));
     assert_eq!(matched.in_force().0, Provenance::Chart);
@@ -80,7 +80,7 @@ fn the_users_choice_comes_first_where_it_has_an_answer() {
 }
 
 #[test]
-fn fixed_gains_are_not_taken_by_themselves() {
+fn automatic_selection_ignores_fixed_gains() {
     let settings = PhotometrySettings {
         method: MatchMethod::Auto,
         fixed_gains: Some([9.0; 3]),
@@ -92,7 +92,7 @@ fn fixed_gains_are_not_taken_by_themselves() {
 }
 
 #[test]
-fn disagreement_is_measured_and_told() {
+fn reports_methods_that_disagree() {
     let mut matched = with(MatchMethod::Auto);
     matched.set_chart(chart(GAINS));
     let warm = GAINS * DVec3::new(1.2, 1.0, 1.0);
@@ -103,7 +103,7 @@ fn disagreement_is_measured_and_told() {
     assert!((other.disagreement_percent - 20.0).abs() < 0.1);
     assert!(other.disagreement_delta_e > 3.0 && other.disagrees);
     assert!(status.notice.unwrap().contains("disagree by 20 %"));
-    // A vague way may differ as much.
+    // A method with a large standard error may differ as much.
     let mut matched = with(MatchMethod::Auto);
     matched.set_chart(chart(GAINS));
     matched.update_grey_world(Some(known(warm, 0.5)));
@@ -111,7 +111,7 @@ fn disagreement_is_measured_and_told() {
 }
 
 #[test]
-fn a_frozen_overlap_in_force_is_flagged() {
+fn status_shows_that_the_active_overlap_is_frozen() {
     let mut matched = with(MatchMethod::Auto);
     matched.update_overlap(overlap(GAINS), NOW, NOW);
     assert!(!matched.status().frozen);
@@ -128,7 +128,7 @@ fn a_frozen_overlap_in_force_is_flagged() {
 }
 
 #[test]
-fn reported_exposures_carry_the_gains_along() {
+fn gains_follow_the_reported_exposures() {
     let exposure = |micros: f64, gain: f64| {
         Some(Exposure {
             exposure_micros: micros,
@@ -141,7 +141,7 @@ fn reported_exposures_carry_the_gains_along() {
     assert!((matched.gains() - GAINS).abs().max_element() < 1e-12);
     matched.set_exposures(exposure(4000.0, 1.0), exposure(2000.0, 2.0));
     assert!((matched.gains() - 0.25 * GAINS).abs().max_element() < 1e-12);
-    // What is measured now agrees with the chart although exposures have changed.
+    // Gains measured now are consistent with the chart although the exposures have changed.
     matched.update_overlap(overlap(0.25 * GAINS), NOW, NOW);
     matched.update_reflectance(Some(known(0.25 * GAINS, 0.1)));
     let status = matched.status();
@@ -150,7 +150,7 @@ fn reported_exposures_carry_the_gains_along() {
 }
 
 #[test]
-fn the_matrix_is_used_only_where_asked_for() {
+fn uses_the_matrix_only_on_request() {
     let mut matched = with(MatchMethod::Auto);
     matched.set_chart(chart(GAINS));
     assert_eq!(
@@ -167,7 +167,7 @@ fn the_matrix_is_used_only_where_asked_for() {
 }
 
 #[test]
-fn a_bad_chart_leaves_a_notice_and_the_status_is_plain_json() {
+fn refused_chart_leaves_a_notice_in_the_status() {
     let mut matched = with(MatchMethod::Auto);
     matched.update_overlap(overlap(GAINS), NOW, NOW);
     matched.set_chart(Err(ChartError::TooFew {
@@ -196,32 +196,32 @@ fn calibrated(gains: DVec3, exposures: Option<[f64; 2]>) -> CalibratedGains {
 }
 
 #[test]
-fn calibrated_gains_are_not_overruled_by_worse_evidence_but_drift_is_followed() {
+fn calibrated_gains_prevail_until_the_live_pictures_are_inconsistent_with_them() {
     let mut matched = with(MatchMethod::Auto);
     matched.set_calibrated(calibrated(GAINS, None));
     matched.set_chart(chart(1.03 * GAINS));
     assert_eq!(matched.in_force().0, Provenance::Calibrated);
     assert_eq!(matched.gains(), GAINS);
-    // Three per cent from the overlap are within what both allow: the calibration prevails.
+    // A difference of 3 % is within both standard errors: the calibration prevails.
     for _ in 0..40 {
         matched.update_overlap(overlap(1.03 * GAINS), NOW, NOW);
     }
-    let off = matched.gains() / GAINS - 1.0;
-    assert!(off.abs().max_element() < 0.005, "{off}");
-    // Somebody turned the white balance.
-    let turned = GAINS * DVec3::new(1.3, 1.0, 0.8);
+    let error = matched.gains() / GAINS - 1.0;
+    assert!(error.abs().max_element() < 0.005, "{error}");
+    // The white balance of a camera was changed.
+    let changed = GAINS * DVec3::new(1.3, 1.0, 0.8);
     let mut matched = with(MatchMethod::Auto);
     matched.set_calibrated(calibrated(GAINS, None));
     for _ in 0..40 {
-        matched.update_overlap(overlap(turned), NOW, NOW);
+        matched.update_overlap(overlap(changed), NOW, NOW);
     }
-    let off = matched.gains() / turned - 1.0;
-    assert!(off.abs().max_element() < 0.02, "{off}");
+    let error = matched.gains() / changed - 1.0;
+    assert!(error.abs().max_element() < 0.02, "{error}");
     assert!(matched.in_force().1.relative_sd.x < 0.02);
 }
 
 #[test]
-fn calibrated_gains_hold_for_the_exposures_of_their_day() {
+fn calibrated_gains_are_scaled_to_the_current_exposures() {
     let mut matched = with(MatchMethod::Auto);
     matched.set_calibrated(calibrated(GAINS, Some([0.01, 0.002])));
     let exposure = |micros| {

@@ -1,4 +1,6 @@
-//! Location of log ratios with outliers in them.
+//! Robust weighted mean of log ratios of which some are outliers.
+
+use penumbra_numerics::tukey_weight;
 
 /// One measured ln(scene / environment) of one channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -6,7 +8,7 @@ pub(super) struct LogRatio {
     pub value: f64,
     /// Expected variance of `value`.
     pub variance: f64,
-    /// Samples of one cluster (neighbours on one surface) err together.
+    /// Samples of one cluster (neighbours on one surface) have correlated errors.
     pub cluster: u32,
 }
 
@@ -14,13 +16,13 @@ pub(super) struct LogRatio {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct RobustMean {
     pub mean: f64,
-    /// Standard error; counts clusters, not samples.
+    /// Standard error, by the number of clusters, not of samples.
     pub sd: f64,
-    /// Robust standard deviation of the samples about the mean.
+    /// Robust standard deviation (1.4826 MAD) of the samples about the mean.
     pub spread: f64,
-    /// Samples that were not thrown out.
+    /// Samples that were not rejected as outliers.
     pub inliers: usize,
-    /// Clusters that these belong to.
+    /// Clusters of the inliers.
     pub clusters: usize,
 }
 
@@ -36,8 +38,8 @@ pub(super) fn robust_mean(samples: &[LogRatio]) -> Option<RobustMean> {
         .filter(|s| s.value.is_finite() && s.variance.is_finite() && s.variance > 0.0)
         .collect();
     let mut mean = weighted_median(samples.iter().map(|s| (s.value, 1.0 / s.variance)))?;
-    // Residuals in units of their expected deviation; where they are larger than
-    // expected, so is the limit for outliers.
+    // Residuals in units of their expected standard deviation; where they are larger than
+    // expected, the limit for outliers grows with them.
     let scale = |mean: f64| {
         let residuals = samples.iter().map(|s| normalised(s, mean).abs());
         let median = weighted_median(residuals.map(|r| (r, 1.0))).unwrap_or(0.0);
@@ -46,7 +48,7 @@ pub(super) fn robust_mean(samples: &[LogRatio]) -> Option<RobustMean> {
     for _ in 0..30 {
         let scale = scale(mean);
         let (sum, weight) = samples.iter().fold((0.0, 0.0), |(sum, weight), s| {
-            let w = biweight(normalised(s, mean) / scale) / s.variance;
+            let w = tukey_weight(normalised(s, mean) / scale / TUKEY) / s.variance;
             (sum + w * s.value, weight + w)
         });
         if weight <= 0.0 {
@@ -66,16 +68,11 @@ fn normalised(sample: &LogRatio, mean: f64) -> f64 {
     (sample.value - mean) / sample.variance.sqrt()
 }
 
-fn biweight(x: f64) -> f64 {
-    let t = 1.0 - (x / TUKEY).powi(2);
-    if t > 0.0 { t * t } else { 0.0 }
-}
-
 fn summarise(samples: &[LogRatio], mean: f64, scale: f64) -> RobustMean {
     let mut by_cluster = std::collections::BTreeMap::<u32, f64>::new();
     let (mut weights, mut inverse_variances, mut inliers) = (0.0, 0.0, 0);
     for s in samples {
-        let w = biweight(normalised(s, mean) / scale) / s.variance;
+        let w = tukey_weight(normalised(s, mean) / scale / TUKEY) / s.variance;
         if w > 0.0 {
             *by_cluster.entry(s.cluster).or_default() += w * (s.value - mean);
             weights += w;
@@ -94,8 +91,8 @@ fn summarise(samples: &[LogRatio], mean: f64, scale: f64) -> RobustMean {
     }
 }
 
-/// Cluster-robust ("sandwich") error: what the clusters really scatter, but not less than
-/// the expected variances allow.
+/// Cluster-robust ("sandwich") standard error: from the scatter of the clusters, but not smaller
+/// than the expected variances give.
 fn standard_error<'a>(
     sums: impl Iterator<Item = &'a f64>,
     weights: f64,
@@ -110,8 +107,8 @@ fn standard_error<'a>(
     sandwich.max(1.0 / inverse_variances).sqrt()
 }
 
-/// The value that half of the weight lies below.
-pub(super) fn weighted_median(samples: impl Iterator<Item = (f64, f64)>) -> Option<f64> {
+/// The value below which half of the weight lies.
+fn weighted_median(samples: impl Iterator<Item = (f64, f64)>) -> Option<f64> {
     let mut sorted: Vec<(f64, f64)> = samples.collect();
     sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
     let half = 0.5 * sorted.iter().map(|s| s.1).sum::<f64>();
@@ -141,13 +138,13 @@ mod tests {
     }
 
     #[test]
-    fn nothing_in_nothing_out() {
+    fn no_finite_sample_has_no_mean() {
         assert_eq!(robust_mean(&[]), None);
         assert_eq!(robust_mean(&[sample(f64::NAN, 0)]), None);
     }
 
     #[test]
-    fn a_third_of_outliers_does_not_move_it() {
+    fn a_third_of_outliers_does_not_move_the_mean() {
         let good = (0..60).map(|i| sample(0.3 + 0.01 * f64::from(i % 7 - 3) / 3.0, i as u32 / 6));
         let bad = (0..30).map(|i| sample(1.5 + 0.1 * f64::from(i), 20 + i as u32));
         let mean = robust_mean(&good.chain(bad).collect::<Vec<_>>()).unwrap();
@@ -158,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn samples_that_err_together_count_once() {
+    fn samples_of_one_cluster_count_once() {
         let errors = [-0.03, 0.02, 0.04, -0.01, -0.02];
         let of = |copies: usize| {
             let samples: Vec<LogRatio> = (0..5)
@@ -178,7 +175,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn it_shifts_with_the_data(
+        fn mean_shifts_with_the_data(
             values in prop::collection::vec(-0.5f64..0.5, 3..40),
             shift in -2.0f64..2.0,
         ) {

@@ -1,6 +1,7 @@
-//! A 3×3 colour matrix, where two cameras differ by more than gains.
+//! Fits a 3×3 colour matrix where two cameras differ by more than gains.
 
 use glam::{DMat3, DVec3};
+use penumbra_numerics::root_mean_square;
 
 /// The same surface, linear, in both cameras.
 #[derive(Clone, Copy, Debug)]
@@ -9,17 +10,17 @@ pub(super) struct ColourPair {
     pub environment: DVec3,
 }
 
-/// A matrix must predict unseen patches this much better than the gains do.
+/// Maximum ratio of the matrix's error on unseen patches to that of the gains.
 const MIN_IMPROVEMENT: f64 = 0.8;
-/// Where the gains are as good as this (relative), there is nothing to improve.
+/// Relative error of the gains below which no matrix is fitted.
 const GOOD_ENOUGH: f64 = 0.005;
-/// Fewer patches than this cannot tell nine numbers.
+/// Minimum number of patches for the nine elements.
 const MIN_PATCHES: usize = 6;
-/// Strengths of the pull towards the gains that cross-validation chooses from.
+/// Strengths of the regularisation towards the gains among which cross-validation selects.
 const RIDGES: [f64; 5] = [1e-5, 1e-4, 1e-3, 1e-2, 1e-1];
 
-/// The best ridge-regularised matrix by leave-one-out cross-validation; `None` where it
-/// is no better than the gains alone.
+/// Fits a ridge-regularised matrix, with the strength selected by leave-one-out
+/// cross-validation; `None` where it is no better than the gains alone.
 pub(super) fn fit(pairs: &[ColourPair], gains: DVec3) -> Option<DMat3> {
     if pairs.len() < MIN_PATCHES {
         return None;
@@ -49,11 +50,6 @@ fn cross_validate(pairs: &[ColourPair], gains: DVec3, ridge: f64) -> f64 {
 
 fn relative_error(pair: &ColourPair, matrix: DMat3) -> f64 {
     pair.scene.distance(matrix * pair.environment) / pair.scene.length().max(1e-6)
-}
-
-fn root_mean_square(errors: impl ExactSizeIterator<Item = f64>) -> f64 {
-    let n = errors.len().max(1) as f64;
-    (errors.map(|e| e * e).sum::<f64>() / n).sqrt()
 }
 
 // ┌ minimise Σᵢ ‖sᵢ − M eᵢ‖² / ‖sᵢ‖² + λ t ‖M − G‖², G = diag(gains),                    ┐
@@ -88,8 +84,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_exact_matrix_is_recovered() {
-        let truth = DMat3::from_cols(
+    fn recovers_an_exact_matrix() {
+        let ground_truth = DMat3::from_cols(
             DVec3::new(2.0, 0.1, -0.2),
             DVec3::new(-0.3, 1.5, 0.1),
             DVec3::new(0.1, -0.2, 1.8),
@@ -103,14 +99,14 @@ mod tests {
                     0.3 + 0.2 * (2.1 * x).sin(),
                 );
                 ColourPair {
-                    scene: truth * environment,
+                    scene: ground_truth * environment,
                     environment,
                 }
             })
             .collect();
         let found = fit(&pairs, DVec3::new(2.0, 1.5, 1.8)).unwrap();
         assert!(
-            (found - truth)
+            (found - ground_truth)
                 .to_cols_array()
                 .iter()
                 .all(|d| d.abs() < 0.01)
@@ -119,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn equal_patches_cannot_tell_a_matrix() {
+    fn equal_patches_yield_no_matrix() {
         let pair = ColourPair {
             scene: DVec3::splat(0.5),
             environment: DVec3::splat(0.25),
