@@ -1,38 +1,34 @@
-//! A X = X B in closed form, and by consensus.
+//! Solves A X = X B in closed form, and robustly by consensus.
 
-use super::{LEAST, Mounting, PosePair, middle};
+use super::model::{MIN_PAIRS, Mounting, PosePair, median_length};
+use super::refine::consistent;
 use glam::{DMat3, DQuat, DVec3};
 use penumbra_interface::RigidTransform;
-use penumbra_numerics::{Matrix, symmetric_eigen};
+use penumbra_numerics::{Matrix, rotation_vector, symmetric_eigen};
 
-/// Motions that are looked at.
-const MOST_MOTIONS: usize = 600;
-/// Draws of the consensus.
-const DRAWS: u64 = 300;
+/// Maximum number of motions used.
+const MAX_MOTIONS: usize = 600;
+/// Random samples of the consensus.
+const SAMPLES: u64 = 300;
 
-/// The rig's motion between two instants, as sensor and camera see it: A X = X B.
+/// The rig's motion between two instants, measured by sensor and camera: A X = X B.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Motion {
     sensor: RigidTransform,
     camera: RigidTransform,
 }
 
-/// Angle times axis, the short way round.
-pub(super) fn rotation_vector(q: DQuat) -> DVec3 {
-    let q = if q.w < 0.0 { -q } else { q };
-    q.to_scaled_axis()
-}
-
-/// Motions between pairs that turn by at least `least` radians, spread over all of them.
-pub(super) fn motions(pairs: &[PosePair], least: f64) -> Vec<Motion> {
+/// Returns motions between pairs that rotate by more than `min_rotation` radians, evenly
+/// subsampled from all combinations.
+pub(super) fn motions(pairs: &[PosePair], min_rotation: f64) -> Vec<Motion> {
     let n = pairs.len();
     let all = n * n.saturating_sub(1) / 2;
-    // A stride that shares no factor with short cycles, so that every gap in time occurs.
-    let every = (all / MOST_MOTIONS).max(1) | 1;
+    // An odd stride, so that every time difference between the two poses occurs.
+    let every = (all / MAX_MOTIONS).max(1) | 1;
     let ends = (0..n).flat_map(|i| (i + 1..n).map(move |j| (i, j)));
     ends.step_by(every)
         .map(|(i, j)| between(&pairs[i], &pairs[j]))
-        .filter(|m| rotation_vector(m.sensor.rotation).length() > least)
+        .filter(|m| rotation_vector(m.sensor.rotation).length() > min_rotation)
         .collect()
 }
 
@@ -43,17 +39,19 @@ fn between(a: &PosePair, b: &PosePair) -> Motion {
     }
 }
 
-pub(super) fn largest_turn(pairs: &[PosePair]) -> f64 {
-    let turn = |p: &PosePair| {
+/// Returns the largest rotation angle from the first pose, radians.
+pub(super) fn largest_rotation(pairs: &[PosePair]) -> f64 {
+    let angle = |p: &PosePair| {
         let first = pairs[0].transmitter_from_sensor.rotation;
         rotation_vector(first.inverse() * p.transmitter_from_sensor.rotation).length()
     };
-    pairs.iter().map(turn).fold(0.0, f64::max)
+    pairs.iter().map(angle).fold(0.0, f64::max)
 }
 
-/// √ of the second eigenvalue of the mean of α αᵀ over the turns' rotation vectors α: how
-/// much the rig turned about a second axis. The third may be zero: two axes tell all.
-pub(super) fn spread_of_axes(motions: &[Motion]) -> f64 {
+/// Returns the RMS rotation about the second principal axis, radians: the square root of the
+/// second eigenvalue of the mean of α αᵀ over the motions' rotation vectors α. The third may be
+/// zero: rotations about two axes determine the mounting.
+pub(super) fn second_axis(motions: &[Motion]) -> f64 {
     let mut sum = Matrix::zeros(3, 3);
     for m in motions {
         let a = rotation_vector(m.sensor.rotation).to_array();
@@ -64,17 +62,17 @@ pub(super) fn spread_of_axes(motions: &[Motion]) -> f64 {
 
 // ┌ A X = X B: rotation vectors obey α = R β, so R is the rotation between two clouds of    ┐
 // │ vectors, max Σ αᵀ R β (Park & Martin 1994; by Horn's quaternion 1987, which cannot       │
-// │ come out mirrored); then (R_A − 1) t = R t_B − t_A, linear in t.                        │
+// │ yield a reflection); then (R_A − 1) t = R t_B − t_A, linear in t.                       │
 // └                                                                                        ┘
-/// `sensor_from_camera`; `None` if the motions leave it open.
-pub(super) fn relative(motions: &[&Motion]) -> Option<RigidTransform> {
-    let turns = |m: &&Motion| {
+/// Returns `sensor_from_camera`; `None` if the motions do not determine it.
+fn solve(motions: &[&Motion]) -> Option<RigidTransform> {
+    let vectors = |m: &&Motion| {
         (
             rotation_vector(m.sensor.rotation),
             rotation_vector(m.camera.rotation),
         )
     };
-    let rotation = best_rotation(motions.iter().map(turns))?;
+    let rotation = best_rotation(motions.iter().map(vectors))?;
     let (mut normal, mut right) = (DMat3::ZERO, DVec3::ZERO);
     for m in motions {
         let a = DMat3::from_quat(m.sensor.rotation) - DMat3::IDENTITY;
@@ -87,7 +85,8 @@ pub(super) fn relative(motions: &[&Motion]) -> Option<RigidTransform> {
     solvable.then(|| RigidTransform::new(rotation, normal.inverse() * right))
 }
 
-/// The rotation R for which a ≈ R b over pairs (a, b); `None` of nothing.
+/// Returns the rotation R that best satisfies a ≈ R b over pairs (a, b), in the sense of least
+/// squares (Horn 1987); `None` without pairs.
 pub(crate) fn best_rotation(pairs: impl Iterator<Item = (DVec3, DVec3)>) -> Option<DQuat> {
     let mut s = DMat3::ZERO;
     for (a, b) in pairs {
@@ -96,7 +95,7 @@ pub(crate) fn best_rotation(pairs: impl Iterator<Item = (DVec3, DVec3)>) -> Opti
     horn(s)
 }
 
-/// The rotation R that maximises Σ aᵀ R b, where `s` = Σ b aᵀ.
+/// Returns the rotation R that maximises Σ aᵀ R b, where `s` = Σ b aᵀ.
 fn horn(s: DMat3) -> Option<DQuat> {
     let at = |i: usize, j: usize| s.col(j)[i];
     let (xx, yy, zz) = (at(0, 0), at(1, 1), at(2, 2));
@@ -126,9 +125,8 @@ fn horn(s: DMat3) -> Option<DQuat> {
     (q.length() > 0.5).then(|| q.normalize())
 }
 
-/// The mounting on which most pairs agree, from motions drawn at random three at a time,
-/// judged by the median of what is left (least median of squares, Rousseeuw 1984), and which
-/// pairs those are.
+/// Returns the mounting with the least median residual, from random samples of three motions
+/// (least median of squares, Rousseeuw 1984), and which pairs are consistent with it.
 pub(super) fn consensus(pairs: &[PosePair], motions: &[Motion]) -> Option<(Mounting, Vec<bool>)> {
     let mut random = 0x9E37_79B9_7F4A_7C15_u64;
     let mut draw = |below: usize| {
@@ -139,59 +137,64 @@ pub(super) fn consensus(pairs: &[PosePair], motions: &[Motion]) -> Option<(Mount
     };
     let mut best: Option<(f64, RigidTransform)> = None;
     let all: Vec<&Motion> = motions.iter().collect();
-    for i in 0..DRAWS {
+    for i in 0..SAMPLES {
         let sample: Vec<&Motion> = if i == 0 {
             all.clone()
         } else {
             (0..3).map(|_| all[draw(all.len())]).collect()
         };
-        let Some(x) = relative(&sample) else { continue };
-        let left = middle(motions.iter().map(|m| motion_residual(m, x)));
-        if best.is_none_or(|(b, _)| left < b) {
-            best = Some((left, x));
+        let Some(x) = solve(&sample) else { continue };
+        let residual = median_length(motions.iter().map(|m| motion_residual(m, x)));
+        if best.is_none_or(|(b, _)| residual < b) {
+            best = Some((residual, x));
         }
     }
-    let (left, x) = best?;
-    // Again from all motions that agree with it.
-    let agree: Vec<&Motion> = motions
+    let (residual, x) = best?;
+    // Solve again from all motions that are consistent with it.
+    let inliers: Vec<&Motion> = motions
         .iter()
-        .filter(|m| motion_residual(m, x).length() <= 3.0 * left + 1e-9)
+        .filter(|m| motion_residual(m, x).length() <= 3.0 * residual + 1e-9)
         .collect();
-    let x = relative(&agree).unwrap_or(x);
+    let x = solve(&inliers).unwrap_or(x);
     let mounting = Mounting {
         sensor_from_camera: x,
-        world_from_transmitter: transmitter(pairs, x)?,
+        world_from_transmitter: transmitter_pose(pairs, x)?,
     };
-    let used = super::refine::agreeing(pairs, &mounting);
-    (used.iter().filter(|u| **u).count() >= LEAST).then_some((mounting, used))
+    let used = consistent(pairs, &mounting);
+    (used.iter().filter(|u| **u).count() >= MIN_PAIRS).then_some((mounting, used))
 }
 
-/// What is left of A X = X B, rotation and translation in one: a lever of 0.3 m makes
-/// radians of metres.
+/// Returns the residual of A X = X B: rotation, weighted by a lever arm of 0.3 m, and translation,
+/// metres.
 fn motion_residual(m: &Motion, x: RigidTransform) -> DVec3 {
     let left = m.sensor * x;
     let right = x * m.camera;
-    let turn = rotation_vector(left.rotation.inverse() * right.rotation);
-    let shift = left.translation - right.translation;
-    DVec3::new(0.3 * turn.length(), shift.length(), 0.0)
+    let rotation = rotation_vector(left.rotation.inverse() * right.rotation);
+    let translation = left.translation - right.translation;
+    DVec3::new(0.3 * rotation.length(), translation.length(), 0.0)
 }
 
-/// `world_from_transmitter` by each pair, and of these the one in the middle.
-fn transmitter(pairs: &[PosePair], x: RigidTransform) -> Option<RigidTransform> {
+/// Returns the medoid of the `world_from_transmitter` that each pair implies: the one with the
+/// least median distance to the others.
+fn transmitter_pose(pairs: &[PosePair], x: RigidTransform) -> Option<RigidTransform> {
     let each: Vec<RigidTransform> = pairs
         .iter()
         .map(|p| p.world_from_camera * (p.transmitter_from_sensor * x).inverse())
         .collect();
-    let far = |a: &RigidTransform| {
-        let from = |b: &RigidTransform| {
-            let turn = rotation_vector(a.rotation.inverse() * b.rotation);
-            DVec3::new(turn.length(), a.translation.distance(b.translation), 0.0)
+    let median_distance = |a: &RigidTransform| {
+        let difference = |b: &RigidTransform| {
+            let rotation = rotation_vector(a.rotation.inverse() * b.rotation);
+            DVec3::new(
+                rotation.length(),
+                a.translation.distance(b.translation),
+                0.0,
+            )
         };
-        middle(each.iter().map(from))
+        median_length(each.iter().map(difference))
     };
     let every = each.len().div_ceil(200);
     each.iter()
         .step_by(every)
-        .min_by(|a, b| far(a).total_cmp(&far(b)))
+        .min_by(|a, b| median_distance(a).total_cmp(&median_distance(b)))
         .copied()
 }

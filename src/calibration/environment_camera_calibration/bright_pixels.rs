@@ -1,56 +1,57 @@
-//! What is bright in a picture, and which way it is.
+//! The bright pixels of a picture and the directions of lights.
 //!
-//! A pixel belongs to a light by how far it is above a quarter of the brightest, up to all at three
-//! quarters: pixels at a rim count by how much of them is covered. Middles are means over directions
-//! with the solid angle as weight, so that a window has the same one through any lens and in any
-//! mirror. Panes of one window make one light.
+//! The weight of a pixel rises from 0 at a quarter of the maximum to 1 at three quarters, so that
+//! pixels at a rim count by how much of them is covered. Centres are means of directions weighted by
+//! solid angle, so that a window has the same centre through any lens and in any mirror. The panes of a
+//! window are one light.
 
 use super::super::intrinsics::Grey;
 use glam::{DVec2, DVec3};
 use penumbra_camera::Response;
 use penumbra_picture::Picture;
 
-/// A picture with more bright pixels than this share has no lights.
-const MOST_SHARE: f64 = 0.2;
-/// How much brighter than the middle brightness a light is, at least.
+/// Maximum share of bright pixels: a picture with more has no lights.
+const MAX_SHARE: f64 = 0.2;
+/// Minimum ratio of a light's brightness to the picture's median.
 const ABOVE_MEDIAN: f32 = 4.0;
-/// Lights of a picture.
-const MOST_LIGHTS: usize = 12;
+/// Maximum number of lights in a picture.
+const MAX_LIGHTS: usize = 12;
 
 /// The bright pixels of a picture.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Bright {
+pub struct BrightPixels {
     width: usize,
     height: usize,
-    /// Place and how much of it counts, 0 to 1.
+    /// Position and weight, 0 to 1.
     pixels: Vec<(u16, u16, f32)>,
 }
 
 /// A light in a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Light {
-    /// Unit vector towards its middle, in the frame that was asked for.
+    /// Unit vector towards its centre, in the frame of the given directions.
     pub direction: DVec3,
-    /// Its size, steradians.
+    /// Solid angle, steradians.
     pub solid_angle: f64,
-    /// Middle, pixels.
+    /// Centre, pixels.
     pub pixel: DVec2,
-    /// Pixels that count.
+    /// Sum of the pixels' weights.
     pub count: f64,
 }
 
 impl Light {
-    /// Radius of a disc as large, radians.
+    /// Returns the radius of a disc of equal solid angle, radians.
     #[must_use]
     pub fn radius(&self) -> f64 {
         (self.solid_angle / std::f64::consts::PI).sqrt()
     }
 }
 
-impl Bright {
-    /// Of a picture of a camera with this response; none where nothing stands out.
+impl BrightPixels {
+    /// Finds the bright pixels of a picture from a camera with this response; there are none if
+    /// nothing stands out.
     #[must_use]
-    pub fn of(picture: &Picture, response: &Response) -> Self {
+    pub fn new(picture: &Picture, response: &Response) -> Self {
         let linear = response.linear_from_code();
         let light = |p: &[u8]| {
             let at = |c: usize| linear[usize::from(p[c])];
@@ -70,20 +71,20 @@ impl Bright {
             height: picture.height as usize,
             pixels: Vec::new(),
         };
-        let least = (0.25 * peak).max(ABOVE_MEDIAN * median);
+        let threshold = (0.25 * peak).max(ABOVE_MEDIAN * median);
         if peak < 0.2
-            || least > 0.6 * peak
+            || threshold > 0.6 * peak
             || out.width.max(out.height) > usize::from(u16::MAX)
             || out.width == 0
         {
             return out;
         }
-        let most = (MOST_SHARE * values.len() as f64) as usize;
-        for (i, v) in values.iter().enumerate().filter(|(_, v)| **v > least) {
-            let share = ((v - least) / (0.5 * peak)).min(1.0);
+        let max_count = (MAX_SHARE * values.len() as f64) as usize;
+        for (i, v) in values.iter().enumerate().filter(|(_, v)| **v > threshold) {
+            let share = ((v - threshold) / (0.5 * peak)).min(1.0);
             out.pixels
                 .push(((i % out.width) as u16, (i / out.width) as u16, share));
-            if out.pixels.len() > most {
+            if out.pixels.len() > max_count {
                 out.pixels.clear();
                 break;
             }
@@ -91,18 +92,19 @@ impl Bright {
         out
     }
 
-    /// Which way the bright pixels look, and how much solid angle of each is bright.
+    /// Returns the directions of the bright pixels and their bright solid angle, steradians.
     #[must_use]
     pub fn samples(&self, direction: &dyn Fn(DVec2) -> Option<DVec3>) -> Vec<(DVec3, f64)> {
         let sample = |(x, y, share): &(u16, u16, f32)| {
-            let (d, area) = look(DVec2::new(f64::from(*x), f64::from(*y)), direction)?;
+            let (d, area) =
+                direction_and_area(DVec2::new(f64::from(*x), f64::from(*y)), direction)?;
             Some((d, area * f64::from(*share)))
         };
         self.pixels.iter().filter_map(sample).collect()
     }
 
-    /// The lights, largest first; `direction` tells which way a pixel looks, and is `None` where it
-    /// is not to be looked at.
+    /// Returns the lights, largest first; `direction` returns the direction of a pixel, `None` for
+    /// pixels to be ignored.
     #[must_use]
     pub fn lights(&self, direction: &dyn Fn(DVec2) -> Option<DVec3>) -> Vec<Light> {
         let mut share = Grey {
@@ -118,7 +120,7 @@ impl Bright {
         for (x, y, _) in &self.pixels {
             stack.clear();
             stack.push((usize::from(*x), usize::from(*y)));
-            if let Some(light) = gather(&mut share, &mut stack, direction) {
+            if let Some(light) = collect_connected(&mut share, &mut stack, direction) {
                 lights.push(light);
             }
         }
@@ -126,8 +128,8 @@ impl Bright {
     }
 }
 
-/// The connected pixels from those on the stack on; they are taken out of `share`.
-fn gather(
+/// Collects the pixels connected with those on the stack, and clears them in `share`.
+fn collect_connected(
     share: &mut Grey,
     stack: &mut Vec<(usize, usize)>,
     direction: &dyn Fn(DVec2) -> Option<DVec3>,
@@ -139,7 +141,7 @@ fn gather(
             continue;
         }
         let p = DVec2::new(x as f64, y as f64);
-        if let Some((d, area)) = look(p, direction) {
+        if let Some((d, area)) = direction_and_area(p, direction) {
             let weight = f64::from(value) * area;
             sum += d * weight;
             solid += weight;
@@ -164,14 +166,17 @@ fn gather(
     })
 }
 
-/// Direction and solid angle of a pixel.
-fn look(p: DVec2, direction: &dyn Fn(DVec2) -> Option<DVec3>) -> Option<(DVec3, f64)> {
+/// Returns the direction and the solid angle (steradians) of a pixel.
+fn direction_and_area(
+    p: DVec2,
+    direction: &dyn Fn(DVec2) -> Option<DVec3>,
+) -> Option<(DVec3, f64)> {
     let at = |x: f64, y: f64| direction(p + DVec2::new(x, y));
     let area = (at(0.5, 0.0)? - at(-0.5, 0.0)?).cross(at(0.0, 0.5)? - at(0.0, -0.5)?);
     Some((at(0.0, 0.0)?, area.length()))
 }
 
-/// Neighbours that are no farther apart than they are large are one light.
+/// Merges lights that are no farther apart than their size.
 fn merged(mut lights: Vec<Light>) -> Vec<Light> {
     let near = |a: &Light, b: &Light| {
         a.direction.angle_between(b.direction) < 1.3 * (a.radius() + b.radius()) + 0.025
@@ -183,7 +188,7 @@ fn merged(mut lights: Vec<Light>) -> Vec<Light> {
             .find(|(i, j)| near(&lights[*i], &lights[*j]))
     };
     lights.sort_by(|a, b| b.solid_angle.total_cmp(&a.solid_angle));
-    lights.truncate(8 * MOST_LIGHTS);
+    lights.truncate(8 * MAX_LIGHTS);
     while let Some((i, j)) = pair(&lights) {
         let b = lights.swap_remove(i);
         let a = &mut lights[j];
@@ -197,7 +202,7 @@ fn merged(mut lights: Vec<Light>) -> Vec<Light> {
         };
     }
     lights.sort_by(|a, b| b.solid_angle.total_cmp(&a.solid_angle));
-    lights.truncate(MOST_LIGHTS);
+    lights.truncate(MAX_LIGHTS);
     lights
 }
 
@@ -231,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn panes_are_one_window_and_a_lamp_is_another_light() {
+    fn panes_form_one_light_and_a_lamp_another() {
         let shown = picture(|p| {
             let pane =
                 (p.x - 30.0).abs() < 10.0 && (p.y - 30.0).abs() < 8.0 && (p.x - 30.0).abs() > 1.2;
@@ -241,7 +246,7 @@ mod tests {
                 40.0
             }
         });
-        let lights = Bright::of(&shown, &Response::srgb()).lights(&straight);
+        let lights = BrightPixels::new(&shown, &Response::srgb()).lights(&straight);
         assert_eq!(lights.len(), 2, "{lights:?}");
         assert!(lights[0].pixel.distance(DVec2::new(30.0, 30.0)) < 0.1);
         assert!(
@@ -253,18 +258,20 @@ mod tests {
     }
 
     #[test]
-    fn where_nothing_stands_out_there_is_no_light() {
+    fn uniform_picture_has_no_lights() {
         let response = Response::srgb();
         assert_eq!(
-            Bright::of(&picture(|_| 200.0), &response).lights(&straight),
+            BrightPixels::new(&picture(|_| 200.0), &response).lights(&straight),
             Vec::new()
         );
         assert_eq!(
-            Bright::of(&picture(|p| 2.0 * p.x), &response).pixels.len(),
+            BrightPixels::new(&picture(|p| 2.0 * p.x), &response)
+                .pixels
+                .len(),
             0
         );
         assert_eq!(
-            Bright::of(&Picture::default(), &response).lights(&straight),
+            BrightPixels::new(&Picture::default(), &response).lights(&straight),
             Vec::new()
         );
     }

@@ -1,5 +1,5 @@
 #![allow(clippy::unwrap_used)]
-use super::super::drawn::drawn;
+use super::super::synthetic::render;
 use super::*;
 
 fn camera() -> PinholeCamera {
@@ -15,7 +15,7 @@ fn camera() -> PinholeCamera {
 const CENTRE: DVec3 = DVec3::new(0.02, -0.01, 0.31);
 const RADIUS: f64 = 0.06;
 
-/// A ball that mirrors a horizon, before a floor of tiles; `hidden` is a hand before it.
+/// A mirrored sphere that reflects a horizon, before a tiled floor; `hidden` is covered by a hand.
 fn planes(noise: f64, hidden: impl Fn(DVec2) -> bool) -> [Grey; 3] {
     let camera = camera();
     let axis = CENTRE.normalize();
@@ -41,15 +41,18 @@ fn planes(noise: f64, hidden: impl Fn(DVec2) -> bool) -> [Grey; 3] {
             () => 0.04,
         }
     };
-    let (codes, _) = drawn((480, 400), noise, light);
+    let (codes, _) = render((480, 400), noise, light);
     [codes.clone(), codes.clone(), codes]
 }
 
-fn check(found: &Outline, off: f64) {
+fn check(found: &Outline, max_error: f64) {
     let (centre, sigma) = found.centre(RADIUS);
     let apart = centre.angle_between(CENTRE) * 700.0;
     let size = (found.half_angle - (RADIUS / CENTRE.length()).asin()) * 700.0;
-    assert!(apart < off && size.abs() < off, "{apart} {size} {found:?}");
+    assert!(
+        apart < max_error && size.abs() < max_error,
+        "{apart} {size} {found:?}"
+    );
     assert!(
         (centre.length() - CENTRE.length()).abs() < 5.0 * sigma[1],
         "{centre} {sigma:?}"
@@ -57,7 +60,7 @@ fn check(found: &Outline, off: f64) {
 }
 
 #[test]
-fn a_ball_before_tiles_is_found_to_a_fifth_of_a_pixel() {
+fn finds_sphere_before_tiles_within_a_fifth_of_a_pixel() {
     let rough = RoughBall {
         centre: DVec2::new(285.0, 170.0),
         radius: None,
@@ -72,7 +75,7 @@ fn a_ball_before_tiles_is_found_to_a_fifth_of_a_pixel() {
 }
 
 #[test]
-fn a_third_hidden_by_a_hand_leaves_it_where_it_is() {
+fn finds_sphere_with_a_third_hidden() {
     let planes = planes(2.0, |p| p.x + 0.4 * p.y < 240.0);
     let rough = RoughBall {
         centre: DVec2::new(290.0, 180.0),
@@ -82,8 +85,8 @@ fn a_third_hidden_by_a_hand_leaves_it_where_it_is() {
 }
 
 #[test]
-fn a_wall_is_no_ball() {
-    let (codes, _) = drawn((480, 400), 2.0, |p| if p.x < 200.0 { 0.2 } else { 0.5 });
+fn rejects_wall() {
+    let (codes, _) = render((480, 400), 2.0, |p| if p.x < 200.0 { 0.2 } else { 0.5 });
     let planes = [codes.clone(), codes.clone(), codes];
     let rough = RoughBall {
         centre: DVec2::new(240.0, 200.0),

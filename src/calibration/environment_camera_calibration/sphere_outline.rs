@@ -1,75 +1,73 @@
-//! The outline of a mirrored sphere before a camera of known lens, and where that puts the sphere.
+//! The outline of a mirrored sphere in the picture of a camera with a known lens, and the sphere's
+//! position.
 //!
 //! ```text
-//!  The eye's rays b that touch the sphere make a cone about the way a to its middle:
+//!  The rays b that touch the sphere form a cone about the direction a to its centre:
 //!      a · b = cos α,   sin α = R/D.
-//!  So x = a / cos α has x · b = 1 on the whole outline: three rays of it give x in closed form
-//!  (RANSAC), many by least squares, and x the middle a R / sin α. An ellipse has five unknowns;
-//!  what the lens and the round thing itself know is not asked of the picture.
+//!  Thus x = a / cos α satisfies x · b = 1 on the entire outline: three of its rays give x in closed
+//!  form (RANSAC), more by least squares, and x gives the centre a R / sin α. A general ellipse would
+//!  have five unknowns; the known lens and the sphere leave three.
 //! ```
 //!
-//! What the ball mirrors has edges, too, and at the rim it shows nearly what stands behind it. So a
-//! weak step counts nearly as much as a strong one, if they run along the whole outline.
+//! The mirror image has edges too, and near the rim it resembles the background. Therefore a weak step
+//! counts nearly as much as a strong one if the steps continue along the entire outline.
+
+mod cone;
+mod search;
+
+pub use search::RoughBall;
 
 use super::super::intrinsics::Grey;
-use super::ball_search::sample;
-use super::rays::{RAYS, Search, noise, side, steps, tukey};
+use super::rays::{RAYS, Search, noise, side, steps};
+use cone::{distance, shape};
 use glam::{DVec2, DVec3};
 use penumbra_camera::PinholeCamera;
-use penumbra_numerics::{Matrix, median_absolute};
+use penumbra_numerics::{Matrix, median_absolute, tukey_weight};
+use search::sample;
 
-/// Least share of the outline within the frame that must show a step.
-const LEAST_SHARE: f64 = 0.4;
-/// Least share of the way round: a straight edge is a piece of a large outline.
-const LEAST_SEEN: f64 = 0.3;
-/// Neighbouring rays share pixels and noise: so many count as one.
-const ALIKE: f64 = 4.0;
-/// What an outline may be off as a whole, pixels, however well its steps agree. What the mirror shows
-/// next to it runs along it: as far as the steps are spread, all of them may be off.
-const COMMON: f64 = 0.15;
+/// Minimum share of the visible outline that must show a step.
+const MIN_SHARE: f64 = 0.4;
+/// Minimum share of the entire outline: a straight edge resembles a piece of a large outline.
+const MIN_SEEN: f64 = 0.3;
+/// Number of neighbouring rays that are worth one independent ray, as they share pixels and noise.
+const CORRELATED_RAYS: f64 = 4.0;
+/// Systematic error of an outline, pixels, however consistent its steps: the mirror image next to the
+/// outline follows it. The spread of the steps is added.
+const SYSTEMATIC: f64 = 0.15;
 
-/// The outermost step counts that is this high compared with the highest.
+/// Minimum height of the outermost step, relative to the highest.
 const OUTERMOST: f64 = 0.35;
 
-/// Where somebody says that the ball is, pixels.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RoughBall {
-    /// Some place on it, best its middle.
-    pub centre: DVec2,
-    /// How large it is, if that was said.
-    pub radius: Option<f64>,
-}
-
-/// The outline.
+/// The outline of a sphere.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outline {
-    /// Unit vector to the sphere's middle, camera's frame.
+    /// Unit vector to the sphere's centre, camera's frame.
     pub axis: DVec3,
-    /// Half of the angle it fills, radians.
+    /// Half of the angle that it subtends, radians.
     pub half_angle: f64,
-    /// Standard deviation of the axis, each way, radians.
+    /// Standard deviation of the axis in each direction, radians.
     pub axis_sigma: f64,
-    /// Of the half angle.
+    /// Standard deviation of the half angle, radians.
     pub angle_sigma: f64,
-    /// Share of the way round in which a step was seen.
+    /// Share of the outline on which a step was found.
     pub seen: f64,
-    /// Robust spread of the steps about the outline, pixels.
+    /// Robust standard deviation (1.4826 MAD) of the steps about the outline, pixels.
     pub spread: f64,
-    /// Pixels that are one of a picture of 500 rows.
+    /// Pixels per pixel of a picture of 500 rows.
     pub unit: f64,
     /// The steps.
     pub edge: Vec<DVec2>,
 }
 
 impl Outline {
-    /// How much like an outline it is: of several finds the best has the most.
+    /// Returns the score by which the best of several outlines is chosen.
     #[must_use]
-    pub fn worth(&self) -> f64 {
+    pub fn score(&self) -> f64 {
         self.seen - 0.15 * self.spread / self.unit
     }
 
-    /// The middle of a sphere of `radius` metres, camera's frame, and its standard deviation
-    /// across and along the line of sight.
+    /// Returns the centre of a sphere of `radius` metres, camera's frame, and its standard deviations
+    /// across and along the line of observation, metres.
     #[must_use]
     pub fn centre(&self, radius: f64) -> (DVec3, [f64; 2]) {
         let distance = radius / self.half_angle.sin();
@@ -77,7 +75,7 @@ impl Outline {
         (self.axis * distance, [distance * self.axis_sigma, along])
     }
 
-    /// Points on it, pixels.
+    /// Returns points on the outline, pixels.
     #[must_use]
     pub fn curve(&self, camera: &PinholeCamera) -> Vec<DVec2> {
         let (u, v) = self.axis.any_orthonormal_pair();
@@ -91,17 +89,17 @@ impl Outline {
     }
 }
 
-/// There is no outline.
+/// Why no outline was found.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum NoOutline {
-    /// Nothing round.
+    /// There is no sphere in the picture.
     #[error(
-        "no outline of a sphere found; click on its middle: --click X,Y or X,Y,RADIUS in pixels of the environment camera's picture"
+        "no outline of a sphere found; give its centre: --click X,Y or X,Y,RADIUS in pixels of the environment camera's picture"
     )]
     None,
-    /// Too little of the way round.
+    /// Too little of the outline shows an edge.
     #[error(
-        "only {seen:.0} % of the way round the sphere shows an edge; put it before a background of another colour, or say where it is: --click X,Y,RADIUS"
+        "only {seen:.0} % of the sphere's outline shows an edge; place it before a background of another colour, or give its position: --click X,Y,RADIUS"
     )]
     TooLittle {
         /// Percent.
@@ -109,10 +107,10 @@ pub enum NoOutline {
     },
 }
 
-/// Finds the outline in a picture's colours (encoded); `rough` from a click, or from a search.
+/// Finds the outline in the colour channels of a picture (codes) from an approximate position.
 ///
 /// # Errors
-/// [`NoOutline`].
+/// There is no sphere in the picture, or too little of its outline shows an edge.
 pub fn outline(
     planes: &[Grey; 3],
     camera: &PinholeCamera,
@@ -123,7 +121,7 @@ pub fn outline(
     if size.min_element() < 32.0 || !rough.centre.is_finite() {
         return Err(NoOutline::None);
     }
-    let least = (3.0 * noise(planes[1])).max(2.0);
+    let min_height = (3.0 * noise(planes[1])).max(2.0);
     let reach = match rough.radius {
         Some(r) => (0.8 * r, 1.25 * r),
         None => (0.04 * size.min_element(), 0.75 * size.max_element()),
@@ -131,8 +129,8 @@ pub fn outline(
     let search = Search {
         reach,
         half: (0.006 * size.min_element()).max(2.0),
-        least,
-        most: if rough.radius.is_some() { 6 } else { 12 },
+        min_height,
+        max_count: if rough.radius.is_some() { 6 } else { 12 },
         falling: false,
     };
     let mut all = Vec::new();
@@ -141,7 +139,7 @@ pub fn outline(
     }
     let mut cone = sample(&all, camera, &rough, search.half).ok_or(NoOutline::None)?;
     let mut found = None;
-    // A large picture is as sharp as a small one of the same lens, not as its pixels.
+    // The sharpness is that of the lens: a larger picture is blurred over more pixels.
     let unit = (size.min_element() / 500.0).max(1.0);
     for reach in [
         2.0 * search.half,
@@ -150,18 +148,19 @@ pub fn outline(
         2.0 * unit,
         2.0 * unit,
     ] {
-        let fit = refine(&planes, camera, cone, (reach, unit), least).ok_or(NoOutline::None)?;
+        let fit =
+            refine(&planes, camera, cone, (reach, unit), min_height).ok_or(NoOutline::None)?;
         cone = fit.0;
         found = Some(fit);
     }
     let (cone, edge, visible, spread, sigma) = found.ok_or(NoOutline::None)?;
     let share = edge.len() as f64 / visible.max(1) as f64;
     let seen = edge.len() as f64 / RAYS as f64;
-    if share < LEAST_SHARE || seen < LEAST_SEEN {
+    if share < MIN_SHARE || seen < MIN_SEEN {
         return Err(NoOutline::TooLittle { seen: 100.0 * seen });
     }
     let (axis, half_angle) = shape(cone).ok_or(NoOutline::None)?;
-    let common = COMMON.hypot(spread) / camera.focal.min_element();
+    let common = SYSTEMATIC.hypot(spread) / camera.focal.min_element();
     Ok(Outline {
         axis,
         half_angle,
@@ -174,28 +173,16 @@ pub fn outline(
     })
 }
 
-/// Axis and half angle of x = a / cos α.
-pub(super) fn shape(x: DVec3) -> Option<(DVec3, f64)> {
-    let length = x.length();
-    (length.is_finite() && length > 1.000_001).then(|| (x / length, (1.0 / length).acos()))
-}
-
-/// How far a ray is from the cone, in pixels near the axis.
-pub(super) fn off(x: DVec3, bearing: DVec3, focal: f64) -> f64 {
-    let length = x.length();
-    let half = (1.0 / length).acos();
-    (bearing.dot(x / length).clamp(-1.0, 1.0).acos() - half) * focal
-}
-
+/// Cone, its steps, number of visible rays, spread (pixels), σ of axis and half angle (radians).
 type Fitted = (DVec3, Vec<DVec2>, usize, f64, (f64, f64));
 
-/// The steps nearest to the outline, and the outline through them.
+/// Finds the steps near an outline and fits the outline to them by iteratively reweighted least squares.
 fn refine(
     planes: &[&Grey; 3],
     camera: &PinholeCamera,
     x: DVec3,
     (reach, unit): (f64, f64),
-    least: f64,
+    min_height: f64,
 ) -> Option<Fitted> {
     let (axis, half) = shape(x)?;
     let (u, v) = axis.any_orthonormal_pair();
@@ -212,40 +199,40 @@ fn refine(
             continue;
         }
         visible += 1;
-        if let Some(s) = peak(planes, rim, normal, (reach, unit), least) {
-            let place = rim + normal * s;
-            found.push((place, camera.unproject(place)));
+        if let Some(s) = peak(planes, rim, normal, (reach, unit), min_height) {
+            let at = rim + normal * s;
+            found.push((at, camera.unproject(at)));
         }
     }
     let mut x = x;
     let mut answer = None;
     for _ in 0..6 {
-        let offs: Vec<f64> = found.iter().map(|f| off(x, f.1, focal)).collect();
-        let spread = (1.4826 * median_absolute(offs.iter().copied())).max(0.05);
-        let (next, sigma) = solve(&found, &offs, spread, focal, x)?;
+        let distances: Vec<f64> = found.iter().map(|f| distance(x, f.1, focal)).collect();
+        let spread = (1.4826 * median_absolute(distances.iter().copied())).max(0.05);
+        let (next, sigma) = solve(&found, &distances, spread, focal, x)?;
         x = next;
         answer = Some((spread, sigma));
     }
     let (spread, sigma) = answer?;
-    let near = |f: &&(DVec2, DVec3)| off(x, f.1, focal).abs() < (4.0 * spread).max(0.5);
+    let near = |f: &&(DVec2, DVec3)| distance(x, f.1, focal).abs() < (4.0 * spread).max(0.5);
     let edge = found.iter().filter(near).map(|f| f.0).collect();
     Some((x, edge, visible, spread, sigma))
 }
 
-/// Least squares of x · b = 1 with the weights of the last round; standard deviations of axis
-/// and half angle, radians.
+/// Solves x · b = 1 by least squares with Tukey's weights of the last distances; returns x and the
+/// standard deviations of axis and half angle, radians.
 fn solve(
     found: &[(DVec2, DVec3)],
-    offs: &[f64],
+    distances: &[f64],
     spread: f64,
     focal: f64,
     x: DVec3,
 ) -> Option<(DVec3, (f64, f64))> {
     let (mut normal, mut right) = (Matrix::zeros(3, 3), [0.0; 3]);
-    // d(x·b) by an angle: |x| sin α.
+    // The derivative of x · b by an angle is |x| sin α.
     let slope = (x.length_squared() - 1.0).max(1e-12).sqrt();
-    for ((_, b), off) in found.iter().zip(offs) {
-        let weight = tukey(off / (4.7 * spread)) / (slope * slope);
+    for ((_, b), distance) in found.iter().zip(distances) {
+        let weight = tukey_weight(distance / (4.7 * spread)) / (slope * slope);
         normal.add_outer(weight, &b.to_array(), &b.to_array());
         for (slot, b) in right.iter_mut().zip(b.to_array()) {
             *slot += weight * b;
@@ -260,7 +247,7 @@ fn solve(
     let variance = |d: DVec3| {
         let d = d.to_array();
         let image = inverse.times_vector(&d);
-        d.iter().zip(image).map(|(a, b)| a * b).sum::<f64>() * ALIKE * angle * angle
+        d.iter().zip(image).map(|(a, b)| a * b).sum::<f64>() * CORRELATED_RAYS * angle * angle
     };
     let (u, v) = axis.any_orthonormal_pair();
     // x = a / cos α: across, dx = da / cos α; along, d|x| = sin α / cos² α dα.
@@ -269,32 +256,32 @@ fn solve(
     Some((x, (across, along)))
 }
 
-/// The outermost clear step along a normal, pixels from `rim`; between samples by a parabola.
+/// Returns the outermost clear step along a normal, pixels from `rim`, interpolated by a parabola.
 fn peak(
     planes: &[&Grey; 3],
     rim: DVec2,
     normal: DVec2,
     (reach, unit): (f64, f64),
-    least: f64,
+    min_height: f64,
 ) -> Option<f64> {
     let (spacing, half) = (0.25 * unit, 0.8 * unit);
     let n = (2.0 * reach / spacing) as usize + 1;
     let height = |i: usize| {
         let p = rim + normal * (i as f64 * spacing - reach);
-        let of = |g: &&Grey| (g.sample(p + normal * half) - g.sample(p - normal * half)).abs();
-        planes.iter().map(of).sum::<f64>() / 3.0
+        let step = |g: &&Grey| (g.sample(p + normal * half) - g.sample(p - normal * half)).abs();
+        planes.iter().map(step).sum::<f64>() / 3.0
     };
     let heights: Vec<f64> = (0..n).map(height).collect();
     let highest = heights.iter().copied().fold(0.0, f64::max);
-    let enough = (0.5 * least).max(OUTERMOST * highest);
-    // What the mirror shows crowds together just within the rim, and is often stronger.
+    let enough = (0.5 * min_height).max(OUTERMOST * highest);
+    // The mirror image is compressed just inside the rim, where its edges are often stronger.
     let top = (1..n - 1).rev().find(|&i| {
         heights[i] >= enough && heights[i] >= heights[i - 1] && heights[i] > heights[i + 1]
     })?;
     let (a, b, c) = (heights[top - 1], heights[top], heights[top + 1]);
-    let bend = a - 2.0 * b + c;
-    let shift = if bend < -1e-9 {
-        (0.5 * (a - c) / bend).clamp(-0.5, 0.5)
+    let curvature = a - 2.0 * b + c;
+    let shift = if curvature < -1e-9 {
+        (0.5 * (a - c) / curvature).clamp(-0.5, 0.5)
     } else {
         0.0
     };

@@ -1,22 +1,27 @@
-//! What the step `latency` shows.
+//! The report of the step `latency`.
 
-use super::latency::{LatencyStep, Offsets, turns};
-use crate::latency::follow::Means;
-use crate::latency::{CameraMotion, TrackerTrack};
+use super::latency::{LatencyStep, Offsets, camera_rotations};
+use crate::latency::{CameraMotion, Means, TrackerTrack};
 use crate::report::{Page, Plot};
 use crate::step::{Finished, Made};
+use penumbra_numerics::rotation_vector;
 
-/// Steps of the drawn correlation, seconds.
+/// Step of the plotted correlation, seconds.
 const STEP: f64 = 0.002;
 
 impl LatencyStep {
-    pub(super) fn page(&self, made: &Made, found: &Finished, offsets: Option<&Offsets>) -> String {
+    pub(super) fn report(
+        &self,
+        made: &Made,
+        found: &Finished,
+        offsets: Option<&Offsets>,
+    ) -> String {
         let facts = [
             format!("{}, from {}", made.date, made.source),
             format!(
-                "{} pictures, {} with poses; {} readings of the tracker",
+                "{} pictures, {} with poses; {} tracker readings",
                 self.scene.pictures,
-                self.sightings.len(),
+                self.camera_poses.len(),
                 self.readings.len()
             ),
         ];
@@ -24,12 +29,12 @@ impl LatencyStep {
         page.verdict(found);
         if let (Some(zero), Some(track)) = (self.zero, self.track()) {
             let scene = offsets.and_then(|o| o.scene.as_ref().ok());
-            let by_poses: Vec<Amount> = turns(&self.sightings, zero)
+            let by_poses: Vec<Amount> = camera_rotations(&self.camera_poses, zero)
                 .iter()
-                .map(|t| Amount {
-                    from: t.from,
-                    to: t.to,
-                    amount: t.rotation.to_scaled_axis().length(),
+                .map(|r| Amount {
+                    from: r.from,
+                    to: r.to,
+                    amount: r.rotation.to_scaled_axis().length(),
                 })
                 .collect();
             let by_flow = amounts(&self.scene.motions(zero));
@@ -67,13 +72,13 @@ impl LatencyStep {
         let tracker: Vec<(f64, f64)> = by_tracker.iter().map(|(t, v, _)| (*t, *v)).collect();
         let plot = Plot {
             x: "s".to_owned(),
-            y: "speed of turn, rad/s".to_owned(),
+            y: "angular speed, rad/s".to_owned(),
             series: vec![
-                ("by the tracker, offset taken off".to_owned(), tracker, true),
-                (format!("by the {camera}, scaled"), camera_speeds, true),
+                ("tracker, corrected by the offset".to_owned(), tracker, true),
+                (format!("{camera}, scaled"), camera_speeds, true),
             ],
         };
-        page.plot(&plot, "How both turn");
+        page.plot(&plot, "Angular speed of tracker and camera");
         let steps = (self.options.range / STEP) as i32;
         let curve = (-steps..=steps)
             .map(|i| f64::from(i) * STEP)
@@ -83,14 +88,14 @@ impl LatencyStep {
             });
         let plot = Plot {
             x: "tracker's clock ahead of the camera's, ms".to_owned(),
-            y: "correlation of the speeds".to_owned(),
+            y: "correlation of the angular speeds".to_owned(),
             series: vec![("correlation".to_owned(), curve.collect(), true)],
         };
-        page.plot(&plot, "Which offset fits");
+        page.plot(&plot, "Correlation over the offset");
     }
 }
 
-/// How much moved between two pictures, in any unit; seconds.
+/// Amount of motion between two pictures, in any unit; times in seconds.
 struct Amount {
     from: f64,
     to: f64,
@@ -106,17 +111,22 @@ fn amounts(motions: &[CameraMotion]) -> Vec<Amount> {
     motions.iter().map(amount).collect()
 }
 
-/// Time, speed by the tracker, amount by the camera.
+/// Returns time (seconds), angular speed of the tracker (radians per second), speed of the camera.
 fn speeds(track: &TrackerTrack, seen: &[Amount], offset: f64) -> Vec<(f64, f64, f64)> {
     let one = |m: &Amount| {
-        let turn = track.at(m.from + offset)?.inverse() * track.at(m.to + offset)?;
+        let from = track.rotation_at(m.from + offset)?;
+        let rotation = from.inverse() * track.rotation_at(m.to + offset)?;
         let span = (m.to - m.from).max(1e-9);
-        let angle = 2.0 * turn.xyz().length().atan2(turn.w.abs());
-        Some((m.from, angle / span, m.amount / span))
+        Some((
+            m.from,
+            rotation_vector(rotation).length() / span,
+            m.amount / span,
+        ))
     };
     seen.iter().filter_map(one).collect()
 }
 
+/// Returns the factor that scales the camera's speeds to the tracker's (least squares).
 fn scale(speeds: &[(f64, f64, f64)]) -> f64 {
     let (mut both, mut own) = (0.0, 0.0);
     for (_, tracker, camera) in speeds {
@@ -126,7 +136,7 @@ fn scale(speeds: &[(f64, f64, f64)]) -> f64 {
     if own > 0.0 { both / own } else { 1.0 }
 }
 
-/// Pearson's.
+/// Returns Pearson's correlation; `None` for fewer than 10 values or without motion.
 fn correlation(speeds: &[(f64, f64, f64)]) -> Option<f64> {
     let n = speeds.len() as f64;
     let (a, b) = speeds

@@ -1,29 +1,38 @@
-//! A cone that steps of brightness run along, roughly.
+//! Initial outline of a sphere by RANSAC over steps of brightness.
 
-use super::ball::{RoughBall, off, shape};
-use super::rays::{Dice, Step};
-use glam::{DMat3, DVec3};
+use super::super::rays::{EdgeStep, RandomIndices};
+use super::cone::{distance, shape};
+use glam::{DMat3, DVec2, DVec3};
 use penumbra_camera::PinholeCamera;
 use penumbra_numerics::median_absolute;
 
-/// Triples of steps that are tried.
+/// Number of random triples of steps.
 const TRIES: usize = 8000;
 
-/// The cone with the most steps on it, one a ray.
+/// Approximate position of the sphere in the picture, pixels.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RoughBall {
+    /// A point on it, ideally its centre.
+    pub centre: DVec2,
+    /// Its radius, if known.
+    pub radius: Option<f64>,
+}
+
+/// Returns the cone that most steps lie on, counting one per ray.
 pub(super) fn sample(
-    all: &[Step],
+    all: &[EdgeStep],
     camera: &PinholeCamera,
     rough: &RoughBall,
     near: f64,
 ) -> Option<DVec3> {
     let bearings: Vec<DVec3> = all.iter().map(|s| camera.unproject(s.at)).collect();
     let focal = camera.focal.min_element();
-    let usual = median_absolute(all.iter().map(|s| s.height)).max(1.0);
+    let typical = median_absolute(all.iter().map(|s| s.height)).max(1.0);
     let click = camera.unproject(rough.centre);
-    let mut dice = Dice::new();
+    let mut random = RandomIndices::new();
     let (mut best, mut most) = (None, 0.0);
     for _ in 0..TRIES {
-        let pick: [usize; 3] = std::array::from_fn(|_| dice.below(all.len()));
+        let pick: [usize; 3] = std::array::from_fn(|_| random.below(all.len()));
         let [Some(a), Some(b), Some(c)] = pick.map(|i| bearings.get(i).copied()) else {
             return None;
         };
@@ -36,15 +45,15 @@ pub(super) fn sample(
             continue;
         };
         let size = half * focal;
-        let apart = axis.angle_between(click);
+        let angle = axis.angle_between(click);
         let fits = match rough.radius {
-            Some(r) => (0.8 * r..1.25 * r).contains(&size) && apart * focal < 0.3 * r,
-            None => size > 3.0 * near && apart < half,
+            Some(r) => (0.8 * r..1.25 * r).contains(&size) && angle * focal < 0.3 * r,
+            None => size > 3.0 * near && angle < half,
         };
         if !fits || half > 1.2 {
             continue;
         }
-        let votes = votes(all, &bearings, x, focal, 0.5 * near, usual);
+        let votes = votes(all, &bearings, x, focal, 0.5 * near, typical);
         if votes > most {
             (most, best) = (votes, Some(x));
         }
@@ -52,15 +61,22 @@ pub(super) fn sample(
     best
 }
 
-fn votes(all: &[Step], bearings: &[DVec3], x: DVec3, focal: f64, near: f64, usual: f64) -> f64 {
+fn votes(
+    all: &[EdgeStep],
+    bearings: &[DVec3],
+    x: DVec3,
+    focal: f64,
+    near: f64,
+    typical: f64,
+) -> f64 {
     let (mut sum, mut ray, mut most) = (0.0, usize::MAX, 0.0_f64);
     for (step, bearing) in all.iter().zip(bearings) {
         if step.ray != ray {
             sum += most;
             (ray, most) = (step.ray, 0.0);
         }
-        if off(x, *bearing, focal).abs() < near {
-            most = most.max((step.height / (2.0 * usual)).min(1.0).sqrt());
+        if distance(x, *bearing, focal).abs() < near {
+            most = most.max((step.height / (2.0 * typical)).min(1.0).sqrt());
         }
     }
     sum + most

@@ -1,4 +1,4 @@
-//! Where the scene camera was, by what it sees.
+//! Finds the scene camera's pose in pictures of tags or a board.
 
 use crate::intrinsics::detect::{Placement, find_chessboard};
 use crate::intrinsics::{Board, Correspondence, Grey, board_pose};
@@ -12,99 +12,100 @@ use penumbra_numerics::root_mean_square;
 use penumbra_picture::Picture;
 use penumbra_rig_model::RigCalibration;
 
-/// A board whose corners lie farther from where its pose puts them is not seen well enough, pixels.
-const MOST_RMS: f64 = 2.0;
+/// Maximum RMS reprojection error of a board, pixels.
+const MAX_RMS: f64 = 2.0;
 
-/// What stands still in the world.
+/// Static features that determine the camera's pose.
 #[derive(Clone, Debug)]
 pub enum Landmarks {
-    /// Tags at known places.
+    /// Tags at known positions.
     Tags(TagMap),
-    /// A board. The world begins at its first corner, +X along its rows, +Z out of the paper.
+    /// A board. Its first corner is the world's origin, +X along its rows, +Z out of the paper.
     Board(Board),
 }
 
 /// The camera's pose in one picture.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Sighting {
-    /// The driver's stamp.
+pub(super) struct CameraPose {
+    /// The driver's time stamp of the picture.
     pub stamp: MonotonicTime,
-    /// By the landmarks.
+    /// The pose.
     pub world_from_camera: RigidTransform,
     /// Root mean square reprojection error, pixels.
     pub rms: f64,
-    /// Where the landmarks' points are seen, pixels.
-    pub marks: Vec<DVec2>,
+    /// The landmarks' points in the picture, pixels.
+    pub points: Vec<DVec2>,
 }
 
-/// Finds it.
-pub struct Surveyor {
+/// Finds the pose of the scene camera from landmarks.
+pub(super) struct PoseFinder {
     lens: Lens,
-    eye: Eye,
+    detector: LandmarkDetector,
 }
 
-enum Eye {
+enum LandmarkDetector {
     Tags(Box<(Detector, Registrar, PinholeCamera)>),
-    Board(Board, Option<(MonotonicTime, RigidTransform)>),
+    /// The board, and the orientation in the last picture that showed it.
+    Board(Board, Option<RigidTransform>),
 }
 
-impl Surveyor {
-    /// For the scene camera of this rig.
-    #[must_use]
+impl PoseFinder {
+    /// Creates a finder for the scene camera of this rig.
     pub fn new(rig: &RigCalibration, landmarks: Landmarks) -> Self {
         let camera = &rig.scene_camera.camera;
-        let eye = match landmarks {
+        let detector = match landmarks {
             Landmarks::Tags(map) => {
                 let detector = Detector::new(&map.families(), &rig.scene_camera.response);
-                Eye::Tags(Box::new((detector, Registrar::new(map), camera.clone())))
+                LandmarkDetector::Tags(Box::new((detector, Registrar::new(map), camera.clone())))
             }
-            Landmarks::Board(board) => Eye::Board(board, None),
+            Landmarks::Board(board) => LandmarkDetector::Board(board, None),
         };
         Self {
             lens: Lens::from(camera),
-            eye,
+            detector,
         }
     }
 
-    /// The pose in a picture; `None` where it shows too little, or leaves two poses open.
-    pub fn look(&mut self, picture: &Picture, stamp: MonotonicTime) -> Option<Sighting> {
+    /// Returns the pose in a picture; `None` where too few landmarks are visible or the pose is
+    /// ambiguous.
+    pub fn find(&mut self, picture: &Picture, stamp: MonotonicTime) -> Option<CameraPose> {
         if (picture.width, picture.height) != (self.lens.width, self.lens.height) {
             return None;
         }
-        match &mut self.eye {
-            Eye::Tags(eye) => {
-                let (detector, registrar, camera) = &mut **eye;
+        match &mut self.detector {
+            LandmarkDetector::Tags(tags) => {
+                let (detector, registrar, camera) = &mut **tags;
                 let seen = detector.detect(picture, Some(&*camera));
                 let found = registrar.register(camera, seen, stamp)?;
                 if found.how == Registration::TagGuessed {
                     return None;
                 }
                 let known = |t: &&TagSeen| registrar.map().get(t.family, t.id).is_some();
-                let marks = seen.iter().filter(known).flat_map(|t| t.corners).collect();
-                Some(Sighting {
+                let points = seen.iter().filter(known).flat_map(|t| t.corners).collect();
+                Some(CameraPose {
                     stamp,
                     world_from_camera: found.map_from_camera,
                     rms: found.estimate.rms,
-                    marks,
+                    points,
                 })
             }
-            Eye::Board(board, last) => {
-                let found = by_board(&self.lens, board, picture, stamp, *last)?;
-                *last = Some((stamp, found.world_from_camera));
+            LandmarkDetector::Board(board, last) => {
+                let found = find_board(&self.lens, board, picture, stamp, *last)?;
+                *last = Some(found.world_from_camera);
                 Some(found)
             }
         }
     }
 }
 
-/// By a chessboard that is whole in the picture.
-fn by_board(
+/// Finds the pose from a chessboard that is completely visible.
+fn find_board(
     lens: &Lens,
     board: &Board,
     picture: &Picture,
     stamp: MonotonicTime,
-    last: Option<(MonotonicTime, RigidTransform)>,
-) -> Option<Sighting> {
+    last: Option<RigidTransform>,
+) -> Option<CameraPose> {
     let Board::Chess {
         columns,
         rows,
@@ -119,7 +120,7 @@ fn by_board(
         Placement::Unknown => return None,
         Placement::Known => pose(lens, &points)?,
         Placement::KnownButHalfTurn => {
-            // Both ways round look alike: the one nearer to the picture before.
+            // The board is symmetric under a half turn: take the pose nearer to the last one.
             let far = DVec2::new(f64::from(columns) - 1.0, f64::from(rows) - 1.0) * square;
             let turned: Vec<_> = points
                 .iter()
@@ -129,9 +130,9 @@ fn by_board(
                 })
                 .collect();
             let (one, other) = (pose(lens, &points)?, pose(lens, &turned)?);
-            let off =
-                |p: RigidTransform| last.map_or(0.0, |(_, l)| p.rotation.angle_between(l.rotation));
-            if off(other) < off(one) {
+            let angle =
+                |p: RigidTransform| last.map_or(0.0, |l| p.rotation.angle_between(l.rotation));
+            if angle(other) < angle(one) {
                 points = turned;
                 other
             } else {
@@ -141,18 +142,18 @@ fn by_board(
     };
     let camera_from_board = (lying(0.0, DVec3::ZERO).inverse() * pose).inverse();
     let rms = root_mean_square(points.iter().map(|c| {
-        let there = lens.project(camera_from_board.transform_point(c.point.extend(0.0)));
-        there.map_or(f64::INFINITY, |p| p.distance(c.pixel))
+        let projected = lens.project(camera_from_board.transform_point(c.point.extend(0.0)));
+        projected.map_or(f64::INFINITY, |p| p.distance(c.pixel))
     }));
-    (rms < MOST_RMS).then(|| Sighting {
+    (rms < MAX_RMS).then(|| CameraPose {
         stamp,
         world_from_camera: pose,
         rms,
-        marks: points.iter().map(|c| c.pixel).collect(),
+        points: points.iter().map(|c| c.pixel).collect(),
     })
 }
 
-/// `world_from_camera`, the world's +Z out of the paper.
+/// Returns `world_from_camera`, with the world's +Z out of the paper.
 fn pose(lens: &Lens, points: &[Correspondence]) -> Option<RigidTransform> {
     Some(lying(0.0, DVec3::ZERO) * board_pose(lens, points)?.inverse())
 }

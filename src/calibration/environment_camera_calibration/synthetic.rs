@@ -1,16 +1,16 @@
-//! Drawn pictures for tests: noise, blur and light as asked for.
+//! Synthetic pictures for tests, with given light and noise.
 
 use super::super::intrinsics::Grey;
-use super::rays::Dice;
+use super::rays::RandomIndices;
 use glam::DVec2;
 
-/// A picture whose linear light (0 to 1) at a place is `light`, mean over 3×3 places a pixel, with
-/// noise of so many codes; encoded like √, and the same in linear light (0 to 255).
-pub fn drawn(size: (usize, usize), noise: f64, light: impl Fn(DVec2) -> f64) -> (Grey, Grey) {
-    let mut dice = Dice::new();
+/// Renders a picture whose linear light (0 to 1) at a point is `light`, averaged over 3×3 points per
+/// pixel, with noise in codes; returns it encoded by a square root, and in linear light (0 to 255).
+pub fn render(size: (usize, usize), noise: f64, light: impl Fn(DVec2) -> f64) -> (Grey, Grey) {
+    let mut random = RandomIndices::new();
     let mut normal = move || {
         (0..12)
-            .map(|_| dice.below(1 << 20) as f64 / f64::from(1 << 20))
+            .map(|_| random.below(1 << 20) as f64 / f64::from(1 << 20))
             .sum::<f64>()
             - 6.0
     };
@@ -33,7 +33,7 @@ pub fn drawn(size: (usize, usize), noise: f64, light: impl Fn(DVec2) -> f64) -> 
     (grey(codes), grey(linear))
 }
 
-/// Something to see: two windows and a wall with a seam.
+/// Linear light of a room: two windows and a wall with a seam.
 pub fn room(p: DVec2) -> f64 {
     let window = |x: f64, y: f64| (p.x - x).abs() < 22.0 && (p.y - y).abs() < 30.0;
     match () {

@@ -1,62 +1,63 @@
-//! Which light of the environment camera is which light of the world, and the turn between them.
+//! Matches lights of the environment camera with lights of the world, and finds the rotation between
+//! them.
 //!
-//! Two lights of each side whose angles agree give a turn; the turn on which most lights fall
-//! together is taken. Lights look alike: where another turn brings as many together it is
-//! ambiguous, and only a rough orientation can decide.
+//! Two lights of each side with equal angles between them give a rotation; the rotation that matches
+//! most lights is chosen. Lights have few distinguishing features: where another rotation matches as
+//! many, the result is ambiguous, and only an approximate orientation can decide.
 
-use crate::environment_camera_calibration::initial_poses::wahba;
+use super::wahba::wahba;
 use glam::{DQuat, DVec3};
 
-/// A light of either side.
+/// Direction of a light from either side.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Beam {
+pub struct LightDirection {
     /// Unit vector.
     pub direction: DVec3,
-    /// Radius of a disc as large, radians.
+    /// Radius of a disc of equal solid angle, radians.
     pub radius: f64,
-    /// How sure the direction is, radians.
+    /// Standard deviation of the direction, radians.
     pub sigma: f64,
 }
 
-/// Lights brought together.
+/// Matched lights.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Match {
     /// `second_from_first`.
-    pub turn: DQuat,
+    pub rotation: DQuat,
     /// Indices into first and second.
     pub pairs: Vec<(usize, usize)>,
-    /// Another turn suits as well; by so much apart, radians.
+    /// Angle to another rotation that fits as well, radians.
     pub ambiguous: Option<f64>,
 }
 
-/// Lights cannot tell the turn.
+/// Why lights could not be matched.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum NoMatch {
-    /// At least two on each side.
+    /// There are fewer than two lights on either side.
     #[error(
-        "{first} bright lights in the environment camera's picture and {second} seen by the scene camera: two of both are needed, in different directions"
+        "{first} bright lights in the environment camera's picture and {second} in the scene camera's; two are needed in each, in different directions"
     )]
     TooFew {
-        /// In the environment camera's picture.
+        /// Lights of the environment camera.
         first: usize,
-        /// By the scene camera.
+        /// Lights of the scene camera.
         second: usize,
     },
     /// No two pairs have the same angle between them.
     #[error(
-        "no two bright lights of the environment camera are as far apart as two that the scene camera saw: they do not see the same ones"
+        "no two bright lights of the environment camera have the same angle between them as two of the scene camera: the cameras see different lights"
     )]
     Different,
 }
 
-/// Brings `first` and `second` together within `tolerance` radians. `near` is the turn where it is
-/// roughly known: lights that it brings nowhere near to one another are not the same.
+/// Matches `first` and `second` within `tolerance` radians. `near` is an approximate rotation and its
+/// maximum error, radians, if known.
 ///
 /// # Errors
-/// [`NoMatch`].
-pub fn bring_together(
-    first: &[Beam],
-    second: &[Beam],
+/// There are fewer than two lights on either side, or no two pairs have the same angle between them.
+pub fn match_lights(
+    first: &[LightDirection],
+    second: &[LightDirection],
     tolerance: f64,
     near: Option<(DQuat, f64)>,
 ) -> Result<Match, NoMatch> {
@@ -76,11 +77,13 @@ pub fn bring_together(
             }
             let two = [(first[a], second[c]), (first[b], second[d])]
                 .map(|(f, s)| (f.direction, s.direction, 1.0));
-            let Some(turn) = wahba(&two) else { continue };
-            if near.is_some_and(|(q, most)| turn.angle_between(q) > most) {
+            let Some(rotation) = wahba(&two) else {
+                continue;
+            };
+            if near.is_some_and(|(q, max_error)| rotation.angle_between(q) > max_error) {
                 continue;
             }
-            tried.push(settled(first, second, tolerance, turn));
+            tried.push(refined(first, second, tolerance, rotation));
         }
     }
     tried.retain(|t| t.1.pairs.len() >= 2);
@@ -88,11 +91,11 @@ pub fn bring_together(
     let Some((score, best)) = tried.first() else {
         return Err(NoMatch::Different);
     };
-    let rival = tried
-        .iter()
-        .find(|t| t.1.turn.angle_between(best.turn) > 4.0 * tolerance && t.0 > score - 0.75);
+    let rival = tried.iter().find(|t| {
+        t.1.rotation.angle_between(best.rotation) > 4.0 * tolerance && t.0 > score - 0.75
+    });
     Ok(Match {
-        ambiguous: rival.map(|t| t.1.turn.angle_between(best.turn)),
+        ambiguous: rival.map(|t| t.1.rotation.angle_between(best.rotation)),
         ..best.clone()
     })
 }
@@ -101,14 +104,19 @@ fn ordered(n: usize) -> impl Iterator<Item = (usize, usize)> {
     (0..n).flat_map(move |i| (i + 1..n).map(move |j| (i, j)))
 }
 
-/// The turn by all lights that it brings together, and how good that is: a light each, less
-/// what they are apart and what they differ in size.
-fn settled(first: &[Beam], second: &[Beam], tolerance: f64, start: DQuat) -> (f64, Match) {
-    let mut turn = start;
+/// Refines a rotation with all lights that it matches; returns its score as well: one for each match,
+/// less penalties for angle and difference in size.
+fn refined(
+    first: &[LightDirection],
+    second: &[LightDirection],
+    tolerance: f64,
+    start: DQuat,
+) -> (f64, Match) {
+    let mut rotation = start;
     let mut pairs = Vec::new();
     let mut score = 0.0;
     for _ in 0..3 {
-        (score, pairs) = paired(first, second, tolerance, turn);
+        (score, pairs) = paired(first, second, tolerance, rotation);
         let all: Vec<_> = pairs
             .iter()
             .map(|&(i, j)| {
@@ -116,26 +124,27 @@ fn settled(first: &[Beam], second: &[Beam], tolerance: f64, start: DQuat) -> (f6
                 (first[i].direction, second[j].direction, sigma.powi(-2))
             })
             .collect();
-        turn = wahba(&all).unwrap_or(turn);
+        rotation = wahba(&all).unwrap_or(rotation);
     }
     let found = Match {
-        turn,
+        rotation,
         pairs,
         ambiguous: None,
     };
     (score, found)
 }
 
+/// Matches lights one to one at a rotation, best first, and returns the score.
 fn paired(
-    first: &[Beam],
-    second: &[Beam],
+    first: &[LightDirection],
+    second: &[LightDirection],
     tolerance: f64,
-    turn: DQuat,
+    rotation: DQuat,
 ) -> (f64, Vec<(usize, usize)>) {
     let mut all: Vec<(f64, usize, usize)> = Vec::new();
     for (i, f) in first.iter().enumerate() {
         for (j, s) in second.iter().enumerate() {
-            let apart = (turn * f.direction).angle_between(s.direction) / tolerance;
+            let apart = (rotation * f.direction).angle_between(s.direction) / tolerance;
             let size = (f.radius.max(2e-3) / s.radius.max(2e-3)).ln().abs();
             if apart < 1.0 && size < 1.6 {
                 all.push((1.0 - 0.25 * apart * apart - 0.25 * size, i, j));
@@ -158,80 +167,78 @@ mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
 
-    fn beam(x: f64, y: f64, z: f64, radius: f64) -> Beam {
-        Beam {
+    fn beam(x: f64, y: f64, z: f64, radius: f64) -> LightDirection {
+        LightDirection {
             direction: DVec3::new(x, y, z).normalize(),
             radius,
             sigma: 0.003,
         }
     }
 
-    fn turned(beams: &[Beam], turn: DQuat) -> Vec<Beam> {
-        let one = |b: &Beam| Beam {
-            direction: turn * b.direction,
+    fn rotated(beams: &[LightDirection], rotation: DQuat) -> Vec<LightDirection> {
+        let one = |b: &LightDirection| LightDirection {
+            direction: rotation * b.direction,
             ..*b
         };
         beams.iter().map(one).collect()
     }
 
-    fn turn() -> DQuat {
+    fn rotation() -> DQuat {
         DQuat::from_euler(glam::EulerRot::XYZ, 0.4, -0.8, 1.9)
     }
 
     #[test]
-    fn three_lights_are_brought_together_whatever_else_shines() {
+    fn matches_three_lights_among_others() {
         let lights = [
             beam(1.0, 0.2, 0.5, 0.1),
             beam(-0.3, 0.9, 0.6, 0.1),
             beam(0.1, -0.4, 1.0, 0.05),
         ];
-        let mut seen = turned(&lights, turn().inverse());
+        let mut seen = rotated(&lights, rotation().inverse());
         seen.swap(0, 2);
         seen.push(beam(0.3, 0.3, -1.0, 0.1));
-        let found = bring_together(&seen, &lights, 0.03, None).unwrap();
+        let found = match_lights(&seen, &lights, 0.03, None).unwrap();
         assert!(
-            found.turn.angle_between(turn()) < 1e-6 && found.pairs.len() == 3,
+            found.rotation.angle_between(rotation()) < 1e-6 && found.pairs.len() == 3,
             "{found:?}"
         );
         assert_eq!(found.ambiguous, None);
     }
 
     #[test]
-    fn two_lights_alike_are_ambiguous_unless_it_is_roughly_known() {
+    fn two_equal_lights_are_ambiguous_without_approximate_rotation() {
         let lights = [beam(1.0, 0.2, 0.5, 0.1), beam(-0.3, 0.9, 0.6, 0.1)];
-        let seen = turned(&lights, turn().inverse());
-        let found = bring_together(&seen, &lights, 0.03, None).unwrap();
+        let seen = rotated(&lights, rotation().inverse());
+        let found = match_lights(&seen, &lights, 0.03, None).unwrap();
         assert!(found.ambiguous.is_some());
-        let near = DQuat::from_rotation_x(0.1) * turn();
-        let found = bring_together(&seen, &lights, 0.03, Some((near, 0.5))).unwrap();
-        assert!(found.turn.angle_between(turn()) < 1e-6 && found.ambiguous.is_none());
-        // A window and a lamp are told apart by their size.
+        let near = DQuat::from_rotation_x(0.1) * rotation();
+        let found = match_lights(&seen, &lights, 0.03, Some((near, 0.5))).unwrap();
+        assert!(found.rotation.angle_between(rotation()) < 1e-6 && found.ambiguous.is_none());
+        // A window and a lamp are distinguished by their size.
         let lights = [
             lights[0],
-            Beam {
+            LightDirection {
                 radius: 0.01,
                 ..lights[1]
             },
         ];
-        let seen = turned(&lights, turn().inverse());
+        let seen = rotated(&lights, rotation().inverse());
         assert_eq!(
-            bring_together(&seen, &lights, 0.03, None)
-                .unwrap()
-                .ambiguous,
+            match_lights(&seen, &lights, 0.03, None).unwrap().ambiguous,
             None
         );
     }
 
     #[test]
-    fn one_light_and_other_lights_are_told() {
+    fn reports_too_few_and_different_lights() {
         let lights = [beam(1.0, 0.2, 0.5, 0.1), beam(-0.3, 0.9, 0.6, 0.1)];
         assert!(matches!(
-            bring_together(&lights[..1], &lights, 0.03, None),
+            match_lights(&lights[..1], &lights, 0.03, None),
             Err(NoMatch::TooFew { .. })
         ));
         let others = [beam(1.0, 0.0, 0.0, 0.1), beam(0.0, 0.0, 1.0, 0.1)];
         assert_eq!(
-            bring_together(&others, &lights, 0.01, None),
+            match_lights(&others, &lights, 0.01, None),
             Err(NoMatch::Different)
         );
     }

@@ -1,5 +1,5 @@
 #![allow(clippy::unwrap_used)]
-use super::super::drawn::{drawn, room};
+use super::super::synthetic::{render, room};
 use super::*;
 
 const CENTRE: DVec2 = DVec2::new(243.3, 236.8);
@@ -10,16 +10,16 @@ fn fisheye(
     noise: f64,
     seen: impl Fn(DVec2) -> f64,
 ) -> (Grey, Grey) {
-    drawn(size, noise, |p| {
+    render(size, noise, |p| {
         let r = p.distance(CENTRE);
-        // An edge of one pixel's width.
+        // An edge one pixel wide.
         let inside = (radius + 0.5 - r).clamp(0.0, 1.0);
         inside * seen(p) + 0.0004
     })
 }
 
 #[test]
-fn a_circle_is_found_to_a_tenth_of_a_pixel_in_noise() {
+fn finds_circle_in_noise_within_a_fifth_of_a_pixel() {
     let (codes, linear) = fisheye((480, 480), 221.4, 3.0, room);
     let found = image_circle(&codes, &linear).unwrap();
     assert!(found.centre.distance(CENTRE) < 0.15, "{found:?}");
@@ -33,8 +33,8 @@ fn a_circle_is_found_to_a_tenth_of_a_pixel_in_noise() {
 }
 
 #[test]
-fn a_dark_half_and_a_flare_outside_leave_it_where_it_is() {
-    let (codes, linear) = drawn((480, 480), 2.0, |p| {
+fn finds_circle_with_dark_half_and_flare() {
+    let (codes, linear) = render((480, 480), 2.0, |p| {
         let inside = (200.5 - p.distance(CENTRE)).clamp(0.0, 1.0);
         let lit = if p.x < 200.0 { 0.0 } else { 0.2 };
         let flare = 0.05 * (-p.distance_squared(DVec2::new(440.0, 60.0)) / 800.0).exp();
@@ -51,7 +51,7 @@ fn a_dark_half_and_a_flare_outside_leave_it_where_it_is() {
 }
 
 #[test]
-fn a_circle_cut_off_by_the_frame_is_found_by_its_arcs() {
+fn finds_circle_cut_off_by_the_frame() {
     let (codes, linear) = fisheye((480, 360), 230.0, 2.0, |_| 0.3);
     let found = image_circle(&codes, &linear).unwrap();
     assert!(
@@ -63,8 +63,8 @@ fn a_circle_cut_off_by_the_frame_is_found_by_its_arcs() {
 }
 
 #[test]
-fn a_stretched_picture_is_told() {
-    let (codes, linear) = drawn((480, 480), 2.0, |p| {
+fn detects_stretched_picture() {
+    let (codes, linear) = render((480, 480), 2.0, |p| {
         let d = (p - CENTRE) / DVec2::new(1.01, 1.0);
         (200.5 - d.length()).clamp(0.0, 1.0) * 0.3
     });
@@ -76,13 +76,13 @@ fn a_stretched_picture_is_told() {
 }
 
 #[test]
-fn a_picture_without_a_circle_is_refused() {
-    let (codes, linear) = drawn((480, 480), 2.0, room);
+fn refuses_picture_without_circle() {
+    let (codes, linear) = render((480, 480), 2.0, room);
     assert!(image_circle(&codes, &linear).is_err());
-    let (codes, linear) = drawn((480, 360), 2.0, |_| 0.2);
+    let (codes, linear) = render((480, 360), 2.0, |_| 0.2);
     assert_eq!(image_circle(&codes, &linear), Err(NoCircle::None));
-    // A round lamp shade before a papered wall.
-    let (codes, linear) = drawn((480, 480), 2.0, |p| {
+    // A round lamp shade before a patterned wall.
+    let (codes, linear) = render((480, 480), 2.0, |p| {
         let wall = 0.1 + 0.1 * (0.2 * p.x).sin() * (0.17 * p.y).cos();
         if p.distance(CENTRE) < 150.0 {
             0.6

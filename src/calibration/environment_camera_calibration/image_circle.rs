@@ -1,77 +1,78 @@
-//! The image circle of a fisheye: where its picture ends and the black around it begins.
+//! The image circle of a fisheye: the boundary between its picture and the black around it.
 //!
 //! ```text
-//!  Rays from the middle of the frame meet steps from bright to dark; three steps make a circle, and
-//!  the circle with the most steps on it, one a ray, is taken (RANSAC, Fischler & Bolles 1981):
-//!  edges of things within the picture make no circle together, flare and dark stretches of the
-//!  edge leave the rest of it. Then each ray says in linear light where its step is,
+//!  Rays from the centre of the frame meet steps from bright to dark; three steps define a circle, and
+//!  the circle that most steps lie on, one per ray, is chosen (RANSAC, Fischler & Bolles 1981): edges
+//!  within the picture do not lie on one circle, and flare or dark parts of the edge leave the rest of
+//!  it. Then each ray determines in linear light the position of its step,
 //!      r(φ) = R − reach + ∫ (I(r) − I_out)/(I_in − I_out) dr,
-//!  whatever the blur, and by robust least squares
+//!  independent of the blur, and by robust least squares
 //!      r(φ) = R + x cos φ + y sin φ + a cos 2φ + b sin 2φ.
-//!  x, y move the middle, until they are nothing; a, b tell a picture that is stretched.
+//!  x, y correct the centre and converge to zero; a, b indicate a stretched picture.
 //! ```
 
+mod search;
+
 use super::super::intrinsics::Grey;
-use super::circle_search::search;
-use super::rays::{RAYS, shrunk, side, tukey};
+use super::rays::{RAYS, shrunk, side};
 use glam::DVec2;
-use penumbra_numerics::{Matrix, median, median_absolute};
+use penumbra_numerics::{Matrix, median, median_absolute, tukey_weight};
+use search::search;
 
-/// Longest side at which the circle is searched.
+/// Maximum side of the picture in which the circle is searched, pixels.
 const SEARCH_SIDE: usize = 640;
-/// Least share of the rays whose end of the circle lies within the frame that must show it.
-const LEAST_SHARE: f64 = 0.3;
-/// Least share of these beyond which the picture must be even.
-const LEAST_EVEN: f64 = 0.65;
-/// Neighbouring rays share pixels and noise: so many count as one.
-const ALIKE: f64 = 4.0;
+/// Minimum share of the visible rays that must show the edge.
+const MIN_SHARE: f64 = 0.3;
+/// Minimum share of these beyond which the picture must be uniform.
+const MIN_EVEN: f64 = 0.65;
+/// Number of neighbouring rays that are worth one independent ray, as they share pixels and noise.
+const CORRELATED_RAYS: f64 = 4.0;
 
-/// Rays over which a soft edge may be moved together, and by what share of its width.
-const STRETCH: f64 = 60.0;
-const SHIFT: f64 = 0.1;
+/// Number of neighbouring rays on which a soft edge is displaced together by the scene before it,
+const DISPLACED_RAYS: f64 = 60.0;
+/// and the displacement, relative to the edge's width.
+const DISPLACEMENT: f64 = 0.1;
 
-/// The circle, pixels.
+/// The image circle, pixels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ImageCircle {
-    /// Middle.
+    /// Centre.
     pub centre: DVec2,
-    /// Radius, where the light is half of what it is inside.
+    /// Radius at which the light is half of that inside.
     pub radius: f64,
-    /// Standard deviation of the middle, right and down.
+    /// Standard deviation of the centre, right and down.
     pub centre_sigma: DVec2,
-    /// Of the radius: of the fit, and what an edge this soft leaves open.
+    /// Standard deviation of the radius, from the fit and the softness of the edge.
     pub radius_sigma: f64,
-    /// How much wider than high it is, as a share of the radius, and its standard deviation.
+    /// Width minus height, relative to the radius, and its standard deviation.
     pub stretch: (f64, f64),
     /// Width of the edge from 10 to 90 %.
     pub softness: f64,
-    /// Robust spread of the edge about the circle.
-    pub spread: f64,
-    /// Share of all directions in which the edge was seen.
+    /// Share of all directions in which the edge was found.
     pub seen: f64,
-    /// The edge, as it was seen.
+    /// Points of the edge.
     pub edge: Vec<DVec2>,
 }
 
-/// There is no image circle.
+/// Why no image circle was found.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum NoCircle {
-    /// Nothing falls from bright to dark along a circle.
+    /// There is no circular edge from bright to dark.
     #[error(
-        "no image circle found: the picture's light nowhere ends in an arc; are the cameras swapped? A lens whose circle is larger than the frame needs `calibrate intrinsics --camera environment` instead"
+        "no image circle found: the picture has no circular edge; are the cameras swapped? A lens whose circle is larger than the frame needs `calibrate intrinsics --camera environment` instead"
     )]
     None,
-    /// A circle, but what is outside of it is a picture too.
+    /// There is a circular edge, but also a picture outside of it.
     #[error(
-        "no image circle found: the roundest edge has picture beyond it in {beyond:.0} % of the directions; are the cameras swapped, or does the camera look at a mirrored sphere (--kind sphere)?"
+        "no image circle found: there is picture beyond the circular edge in {beyond:.0} % of the directions; are the cameras swapped, or does the camera look at a mirrored sphere (--kind sphere)?"
     )]
     PictureBeyond {
         /// Share of the edge, percent.
         beyond: f64,
     },
-    /// Too little of it is seen.
+    /// Too little of the circle is visible.
     #[error(
-        "of the image circle only {seen:.0} % of the way round is seen; record where there is light in all directions"
+        "only {seen:.0} % of the image circle is visible; record where there is light in all directions"
     )]
     TooLittle {
         /// Share of all directions, percent.
@@ -82,7 +83,7 @@ pub enum NoCircle {
 /// Finds the circle. `codes` is the picture as encoded, `linear` the same in linear light.
 ///
 /// # Errors
-/// [`NoCircle`].
+/// There is no circular edge, there is picture beyond it, or too little of it is visible.
 pub fn image_circle(codes: &Grey, linear: &Grey) -> Result<ImageCircle, NoCircle> {
     if codes.width.min(codes.height) < 32 || linear.data.len() != codes.data.len() {
         return Err(NoCircle::None);
@@ -100,24 +101,25 @@ pub fn image_circle(codes: &Grey, linear: &Grey) -> Result<ImageCircle, NoCircle
         fit = refine(linear, &fit, reach).ok_or(NoCircle::None)?;
         reach = (2.0 * fit.softness).clamp(3.0, (0.05 * fit.radius).max(6.0));
     }
-    judge(codes, &fit, reach)
+    assess(codes, &fit, reach)
 }
 
 #[derive(Clone, Debug, Default)]
 struct Fit {
     centre: DVec2,
     radius: f64,
-    /// Of x, y, R, a, b.
+    /// Standard deviations of x, y, R, a, b.
     sigma: [f64; 5],
+    /// a and b.
     second: DVec2,
     softness: f64,
     spread: f64,
-    /// Ray, place of the step, light inside and outside.
+    /// Rays and positions of the steps.
     edge: Vec<(usize, DVec2)>,
     visible: usize,
 }
 
-/// See the module's head.
+/// Refines a circle in linear light: see the module's documentation.
 fn refine(linear: &Grey, from: &Fit, reach: f64) -> Option<Fit> {
     let mut seen = Vec::with_capacity(RAYS);
     let mut widths = Vec::with_capacity(RAYS);
@@ -129,8 +131,8 @@ fn refine(linear: &Grey, from: &Fit, reach: f64) -> Option<Fit> {
             continue;
         }
         visible += 1;
-        if let Some((off, width)) = fall(linear, at, side(ray), reach) {
-            seen.push((ray, off));
+        if let Some((distance, width)) = edge_distance(linear, at, side(ray), reach) {
+            seen.push((ray, distance));
             widths.push(width);
         }
     }
@@ -142,15 +144,15 @@ fn refine(linear: &Grey, from: &Fit, reach: f64) -> Option<Fit> {
     let mut solved = [0.0, 0.0, typical, 0.0, 0.0];
     let mut answer = None;
     for _ in 0..8 {
-        let off = |s: &(usize, f64)| s.1 - predicted(&solved, s.0);
-        let spread = (1.4826 * median_absolute(seen.iter().map(off))).max(0.02);
-        let (next, sigma) = solve(&seen, &off, (spread, softness))?;
+        let residual = |s: &(usize, f64)| s.1 - predicted(&solved, s.0);
+        let spread = (1.4826 * median_absolute(seen.iter().map(residual))).max(0.02);
+        let (next, sigma) = solve(&seen, &residual, (spread, softness))?;
         solved = next;
         answer = Some((spread, sigma));
     }
     let (spread, sigma) = answer?;
     let near = |s: &&(usize, f64)| (s.1 - predicted(&solved, s.0)).abs() < 4.0 * spread.max(0.25);
-    let place = |s: &(usize, f64)| (s.0, from.centre + side(s.0) * (from.radius + s.1));
+    let point = |s: &(usize, f64)| (s.0, from.centre + side(s.0) * (from.radius + s.1));
     Some(Fit {
         centre: from.centre + DVec2::new(solved[0], solved[1]),
         radius: from.radius + solved[2],
@@ -158,7 +160,7 @@ fn refine(linear: &Grey, from: &Fit, reach: f64) -> Option<Fit> {
         second: DVec2::new(solved[3], solved[4]),
         softness,
         spread,
-        edge: seen.iter().filter(near).map(place).collect(),
+        edge: seen.iter().filter(near).map(point).collect(),
         visible,
     })
 }
@@ -172,36 +174,38 @@ fn predicted(solved: &[f64; 5], ray: usize) -> f64 {
     row(ray).iter().zip(solved).map(|(a, b)| a * b).sum()
 }
 
-/// One robust round: the unknowns and their standard deviations.
+/// One round of reweighted least squares: the unknowns and their standard deviations.
 fn solve(
     seen: &[(usize, f64)],
-    off: &dyn Fn(&(usize, f64)) -> f64,
+    residual: &dyn Fn(&(usize, f64)) -> f64,
     (spread, softness): (f64, f64),
 ) -> Option<([f64; 5], [f64; 5])> {
     let (mut normal, mut right) = (Matrix::zeros(5, 5), [0.0; 5]);
     for s in seen {
-        let weight = tukey(off(s) / (4.7 * spread));
+        let weight = tukey_weight(residual(s) / (4.7 * spread));
         let row = row(s.0);
         normal.add_outer(weight, &row, &row);
         for (slot, r) in right.iter_mut().zip(row) {
             *slot += weight * r * s.1;
         }
     }
-    // An arc alone tells a stretch from a shift badly: without evidence there is none.
+    // A prior of zero stretch, as an arc alone hardly distinguishes stretch from displacement.
     for i in 3..5 {
-        normal[(i, i)] += ALIKE;
+        normal[(i, i)] += CORRELATED_RAYS;
     }
     let factor = normal.cholesky()?;
     let solved = factor.solve(&right);
     let inverse = factor.inverse();
-    // What lies before a soft edge moves it along whole stretches.
-    let open = (ALIKE.sqrt() * spread).hypot(STRETCH.sqrt() * SHIFT * softness);
-    let sigma = std::array::from_fn(|i| open * inverse[(i, i)].sqrt());
-    Some((std::array::from_fn(|i| solved[i]), sigma))
+    // The scene displaces a soft edge on many neighbouring rays together.
+    let sigma =
+        (CORRELATED_RAYS.sqrt() * spread).hypot(DISPLACED_RAYS.sqrt() * DISPLACEMENT * softness);
+    let sigmas = std::array::from_fn(|i| sigma * inverse[(i, i)].sqrt());
+    Some((std::array::from_fn(|i| solved[i]), sigmas))
 }
 
-/// Where light falls to half, pixels outwards from `at`, and the width of the fall.
-fn fall(linear: &Grey, at: DVec2, out: DVec2, reach: f64) -> Option<(f64, f64)> {
+/// Returns the distance at which the light falls to half, pixels outwards from `at`, and the width of
+/// the edge, pixels.
+fn edge_distance(linear: &Grey, at: DVec2, out: DVec2, reach: f64) -> Option<(f64, f64)> {
     const SPACING: f64 = 0.25;
     let n = (2.0 * reach / SPACING) as usize;
     let value = |k: usize| linear.sample(at + out * ((k as f64 + 0.5) * SPACING - reach));
@@ -217,16 +221,16 @@ fn fall(linear: &Grey, at: DVec2, out: DVec2, reach: f64) -> Option<(f64, f64)> 
     }
     let share = |v: &f64| (v - outside) / fall;
     let area: f64 = values.iter().map(share).sum::<f64>() * SPACING;
-    let off = area - reach;
+    let distance = area - reach;
     let within = |v: &&f64| (0.1..0.9).contains(&share(v));
     let width = values.iter().filter(within).count() as f64 * SPACING;
-    (off.abs() < 0.75 * reach).then_some((off, width))
+    (distance.abs() < 0.75 * reach).then_some((distance, width))
 }
 
-fn judge(codes: &Grey, fit: &Fit, reach: f64) -> Result<ImageCircle, NoCircle> {
+fn assess(codes: &Grey, fit: &Fit, reach: f64) -> Result<ImageCircle, NoCircle> {
     let share = fit.edge.len() as f64 / fit.visible.max(1) as f64;
     let seen = fit.edge.len() as f64 / RAYS as f64;
-    if share < LEAST_SHARE || fit.spread > 0.03 * fit.radius {
+    if share < MIN_SHARE || fit.spread > 0.03 * fit.radius {
         return Err(NoCircle::None);
     }
     let even = fit
@@ -234,7 +238,7 @@ fn judge(codes: &Grey, fit: &Fit, reach: f64) -> Result<ImageCircle, NoCircle> {
         .iter()
         .filter(|(ray, at)| is_even(codes, *at, side(*ray), reach));
     let even = even.count() as f64 / fit.edge.len().max(1) as f64;
-    if even < LEAST_EVEN {
+    if even < MIN_EVEN {
         return Err(NoCircle::PictureBeyond {
             beyond: 100.0 * (1.0 - even),
         });
@@ -247,20 +251,19 @@ fn judge(codes: &Grey, fit: &Fit, reach: f64) -> Result<ImageCircle, NoCircle> {
         centre: fit.centre,
         radius: fit.radius,
         centre_sigma,
-        // Where along a soft edge the picture ends is a matter of words: a quarter of it.
+        // The end of the picture within a soft edge is a convention: a quarter of its width.
         radius_sigma: fit.sigma[2].hypot(0.25 * fit.softness.max(0.2)),
         stretch: (
             2.0 * fit.second.x / fit.radius,
             2.0 * fit.sigma[3] / fit.radius,
         ),
         softness: fit.softness,
-        spread: fit.spread,
         seen,
         edge: fit.edge.iter().map(|e| e.1).collect(),
     })
 }
 
-/// Beyond the edge there is nothing to be seen: codes change little compared with the edge itself.
+/// Returns whether the picture is uniform beyond the edge: codes change little compared with the edge.
 fn is_even(codes: &Grey, at: DVec2, out: DVec2, reach: f64) -> bool {
     let inside = codes.sample(at - out * reach);
     let mut beyond = [0.0; 12];

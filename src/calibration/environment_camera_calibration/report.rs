@@ -1,9 +1,11 @@
-//! The report: the picture with what was found drawn over it, and how far everything is off.
+//! The step's report: the picture with an overlay of the results, and the residuals.
 
 use super::super::report::{Page, Plot, escaped};
 use super::super::step::{Finished, Made};
+use super::observations::{ImageObservation, ObservationKind};
 use super::optics::Optics;
-use super::solve::Stand;
+use super::pose::PoseResult;
+use super::resection::Target;
 use super::view::View;
 use glam::DVec2;
 use image::codecs::jpeg::JpegEncoder;
@@ -11,26 +13,27 @@ use image::{DynamicImage, RgbaImage};
 use penumbra_picture::Picture;
 use std::fmt::Write;
 
-/// What is drawn.
+/// Contents of the report.
 pub(super) struct Drawn<'a> {
     pub picture: Option<Picture>,
     pub optics: Option<&'a Optics>,
-    pub stand: Option<&'a Stand>,
+    pub pose: Option<&'a PoseResult>,
 }
 
-pub(super) fn page(found: &Finished, made: &Made, drawn: &Drawn) -> String {
+/// Writes the report as HTML.
+pub(super) fn report(found: &Finished, made: &Made, drawn: &Drawn) -> String {
     let facts = [format!("{}, from {}", made.date, made.source)];
     let mut page = Page::new("Environment camera", &facts);
     page.verdict(found);
     if let Some(picture) = &drawn.picture {
-        let caption = "Mean of the environment camera's pictures. Blue: the image circle or the sphere's outline, orange where its edge was seen. Green: markers, clicks and lights as seen; red where the calibration puts them.";
+        let caption = "Mean of the environment camera's pictures. Blue: the image circle or the sphere's outline; orange: points of its edge. Green: markers, clicks and lights as observed; red: as predicted by the calibration.";
         page.figure(&overlay(picture, drawn), caption);
     }
     if let Some(optics) = drawn.optics {
         edge_plot(&mut page, optics);
     }
-    if let Some(stand) = drawn.stand {
-        residuals(&mut page, stand);
+    if let Some(pose) = drawn.pose {
+        residuals(&mut page, pose);
     }
     page.finish()
 }
@@ -70,33 +73,31 @@ fn overlay(picture: &Picture, drawn: &Drawn) -> String {
             );
         }
     }
-    if let Some(stand) = drawn.stand {
-        let seen: Vec<DVec2> = stand.marked.iter().map(|m| m.pixel).collect();
+    if let Some(pose) = drawn.pose {
+        let seen: Vec<DVec2> = pose.image_observations.iter().map(|m| m.pixel).collect();
         dots(&mut svg, &seen, "#16a34a", 6.0 * thin);
-        dots(&mut svg, &foretold(drawn, stand), "#dc2626", 3.0 * thin);
+        dots(&mut svg, &predicted(drawn, pose), "#dc2626", 3.0 * thin);
     }
     svg.push_str("</svg>");
     svg
 }
 
-/// Where the calibration puts what is seen itself (not in the mirror).
-fn foretold(drawn: &Drawn, stand: &Stand) -> Vec<DVec2> {
-    let Some(optics) = drawn.optics.filter(|_| stand.placed.is_some()) else {
+/// Returns the predicted pixels of what is observed directly, not in the mirror.
+fn predicted(drawn: &Drawn, pose: &PoseResult) -> Vec<DVec2> {
+    let Some(optics) = drawn.optics.filter(|_| pose.resection.is_some()) else {
         return Vec::new();
     };
-    let inside = stand.pose.inverse();
-    let at = |m: &crate::environment_camera_calibration::observations::Marked| {
-        if optics.outline.is_some()
-            && m.by == crate::environment_camera_calibration::observations::By::Light
-        {
+    let inside = pose.world_from_camera.inverse();
+    let at = |m: &ImageObservation| {
+        if optics.outline.is_some() && m.by == ObservationKind::Light {
             return None;
         }
-        optics.view.pixel(match m.sight.target {
-            super::resection::Target::Point(p) => inside.transform_point(p),
-            super::resection::Target::Direction(d) => inside.rotation * d,
+        optics.view.pixel(match m.observation.target {
+            Target::Point(p) => inside.transform_point(p),
+            Target::Direction(d) => inside.rotation * d,
         })
     };
-    stand.marked.iter().filter_map(at).collect()
+    pose.image_observations.iter().filter_map(at).collect()
 }
 
 fn dots(svg: &mut String, at: &[DVec2], colour: &str, size: f64) {
@@ -111,12 +112,9 @@ fn dots(svg: &mut String, at: &[DVec2], colour: &str, size: f64) {
     );
 }
 
-/// How far each step of the edge is from the circle or the outline.
+/// Plots the distance of each point of the edge from the circle or the outline.
 fn edge_plot(page: &mut Page, optics: &Optics) {
-    let around = |middle: DVec2, p: &DVec2| {
-        let way = *p - middle;
-        way.to_angle().to_degrees()
-    };
+    let around = |middle: DVec2, p: &DVec2| (*p - middle).to_angle().to_degrees();
     let points: Vec<(f64, f64)> = match (&optics.circle, &optics.outline, &optics.view) {
         (Some(circle), ..) => circle
             .edge
@@ -130,64 +128,71 @@ fn edge_plot(page: &mut Page, optics: &Optics) {
             .collect(),
         (None, Some((outline, _)), View::Pinhole(camera)) => {
             let middle = camera.project(outline.axis).unwrap_or(DVec2::ZERO);
-            let off = |p: &DVec2| {
+            let distance = |p: &DVec2| {
                 (camera.unproject(*p).angle_between(outline.axis) - outline.half_angle)
                     * camera.focal.min_element()
             };
             outline
                 .edge
                 .iter()
-                .map(|p| (around(middle, p), off(p)))
+                .map(|p| (around(middle, p), distance(p)))
                 .collect()
         }
         _ => return,
     };
     let plot = Plot {
-        x: "direction from the middle, degrees".to_owned(),
-        y: "outwards, pixels".to_owned(),
+        x: "direction from the centre, degrees".to_owned(),
+        y: "distance outwards, pixels".to_owned(),
         series: vec![("edge".to_owned(), points, false)],
     };
     page.plot(
         &plot,
-        "How far the edge is from the circle or outline that was fitted.",
+        "Distance of the edge from the fitted circle or outline.",
     );
 }
 
-fn residuals(page: &mut Page, stand: &Stand) {
-    let Some(placed) = &stand.placed else { return };
+fn residuals(page: &mut Page, pose: &PoseResult) {
+    let Some(resection) = &pose.resection else {
+        return;
+    };
     let mut rows = vec![
         [
-            "what",
+            "kind",
             "x, px",
             "y, px",
-            "off, degrees",
+            "deviation, degrees",
             "sigma, degrees",
             "",
         ]
         .map(str::to_owned)
         .to_vec(),
     ];
-    for ((m, off), kept) in stand.marked.iter().zip(&placed.offs).zip(&placed.kept) {
+    for ((m, deviation), kept) in pose
+        .image_observations
+        .iter()
+        .zip(&resection.deviations)
+        .zip(&resection.kept)
+    {
         rows.push(vec![
             m.by.name().to_owned(),
             format!("{:.1}", m.pixel.x),
             format!("{:.1}", m.pixel.y),
-            format!("{:.3}", off.to_degrees()),
-            format!("{:.3}", m.sight.sigma.to_degrees()),
-            if *kept { "" } else { "left out" }.to_owned(),
+            format!("{:.3}", deviation.to_degrees()),
+            format!("{:.3}", m.observation.sigma.to_degrees()),
+            if *kept { "" } else { "rejected" }.to_owned(),
         ]);
     }
-    page.heading("Known points and lights");
+    page.heading("WorldLight points and lights");
     page.table(&rows);
 }
 
-/// The picture within a link.
+/// Returns the picture as a data URI.
 fn jpeg_uri(picture: &Picture) -> String {
     let mut bytes = Vec::new();
     let image = RgbaImage::from_raw(picture.width, picture.height, picture.rgba.clone());
     if let Some(image) = image {
         let rgb = DynamicImage::ImageRgba8(image).to_rgb8();
-        // Into memory: it cannot fail but for a picture without pixels, which stays empty.
+        // Encoding into memory fails only for a picture without pixels, which stays empty.
         let _ = JpegEncoder::new_with_quality(&mut bytes, 80).encode_image(&rgb);
     }
     format!("data:image/jpeg;base64,{}", base64(&bytes))
@@ -214,7 +219,7 @@ fn base64(bytes: &[u8]) -> String {
 #[cfg(test)]
 mod tests {
     #[test]
-    fn bytes_are_written_as_others_read_them() {
+    fn base64_matches_rfc_4648_vectors() {
         for (bytes, text) in [
             ("", ""),
             ("f", "Zg=="),

@@ -1,34 +1,36 @@
-//! A circle from bright to dark, roughly.
+//! Initial image circle by RANSAC over steps from bright to dark.
 
-use super::super::intrinsics::Grey;
-use super::rays::{Dice, RAYS, Search, Step, noise, steps};
+use super::super::rays::{EdgeStep, RAYS, RandomIndices, Search, noise, steps};
+use crate::intrinsics::Grey;
 use glam::DVec2;
 
-/// Triples of steps that are tried.
+/// Number of random triples of steps.
 const TRIES: usize = 6000;
 
-/// The circle with the most steps on it; pixels of the small picture.
+/// Returns the centre and the radius of the circle that most steps lie on; pixels of `small`.
 pub(super) fn search(small: &Grey) -> Option<(DVec2, f64)> {
     let size = DVec2::new(small.width as f64, small.height as f64);
     let middle = 0.5 * (size - 1.0);
-    let least = (4.0 * noise(small)).max(2.5);
+    let min_height = (4.0 * noise(small)).max(2.5);
     let smooth = small.blurred(0.7);
     let wanted = Search {
         reach: (0.12 * size.min_element(), 0.75 * size.length()),
         half: 3.0,
-        least,
-        most: 5,
+        min_height,
+        max_count: 5,
         falling: true,
     };
     let mut all = Vec::new();
     for ray in (0..RAYS).step_by(2) {
         steps(&[&smooth], middle, ray, &wanted, &mut all);
     }
-    let mut dice = Dice::new();
+    let mut random = RandomIndices::new();
     let (mut best, mut most) = (None, 0.0);
     for _ in 0..TRIES {
-        let picked: [DVec2; 3] =
-            std::array::from_fn(|_| all.get(dice.below(all.len())).map_or(DVec2::NAN, |s| s.at));
+        let picked: [DVec2; 3] = std::array::from_fn(|_| {
+            all.get(random.below(all.len()))
+                .map_or(DVec2::NAN, |s| s.at)
+        });
         let Some((centre, radius)) = through(picked) else {
             continue;
         };
@@ -37,7 +39,7 @@ pub(super) fn search(small: &Grey) -> Option<(DVec2, f64)> {
         if !fits {
             continue;
         }
-        let votes = votes(&all, centre, radius, least);
+        let votes = votes(&all, centre, radius, min_height);
         if votes > most {
             (most, best) = (votes, Some((centre, radius)));
         }
@@ -45,7 +47,7 @@ pub(super) fn search(small: &Grey) -> Option<(DVec2, f64)> {
     best.filter(|_| most > 20.0)
 }
 
-/// The circle through three points.
+/// Returns the centre and the radius of the circle through three points.
 fn through([a, b, c]: [DVec2; 3]) -> Option<(DVec2, f64)> {
     let (u, v) = (b - a, c - a);
     let twice = 2.0 * u.perp_dot(v);
@@ -53,12 +55,12 @@ fn through([a, b, c]: [DVec2; 3]) -> Option<(DVec2, f64)> {
         return None;
     }
     let (uu, vv) = (u.length_squared(), v.length_squared());
-    let off = DVec2::new(v.y * uu - u.y * vv, u.x * vv - v.x * uu) / twice;
-    Some((a + off, off.length()))
+    let to_centre = DVec2::new(v.y * uu - u.y * vv, u.x * vv - v.x * uu) / twice;
+    Some((a + to_centre, to_centre.length()))
 }
 
-/// One a ray at most; a weak step says less than a clear one.
-fn votes(all: &[Step], centre: DVec2, radius: f64, least: f64) -> f64 {
+/// Counts the steps on a circle, at most one per ray, weighted by their height.
+fn votes(all: &[EdgeStep], centre: DVec2, radius: f64, min_height: f64) -> f64 {
     let (mut sum, mut ray, mut most) = (0.0, usize::MAX, 0.0_f64);
     for step in all {
         if step.ray != ray {
@@ -66,7 +68,7 @@ fn votes(all: &[Step], centre: DVec2, radius: f64, least: f64) -> f64 {
             (ray, most) = (step.ray, 0.0);
         }
         if (step.at.distance(centre) - radius).abs() < 1.6 {
-            most = most.max((step.height / (4.0 * least)).min(1.0));
+            most = most.max((step.height / (4.0 * min_height)).min(1.0));
         }
     }
     sum + most
