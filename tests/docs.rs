@@ -3,7 +3,11 @@
 //! and headings exist, every page is listed in the book's summary, the README's figures stand in
 //! the results, and the two documents that people read first stay short.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![expect(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "a test fails by panicking"
+)]
 
 use penumbra_config::Config;
 use penumbra_rig_model::RigDocument;
