@@ -1,7 +1,8 @@
 //! The shaders' text: a pass's own file behind the library files it uses.
 
 use super::lamp_maps::MOST_VIEWS;
-use super::targets::ENCODING;
+use super::planes::options::SOURCES;
+use super::response_table::ENCODING;
 use penumbra_lighting::glints::MOST_GLINTS;
 use penumbra_scene::lamps::MOST_LAMPS;
 use std::borrow::Cow;
@@ -21,7 +22,7 @@ const LAMP_RESPONSE: &str = include_str!("shaders/lib/lamp_response.wgsl");
 const ANSWERED: &str = include_str!("shaders/lib/answered.wgsl");
 const AREA_LAMPS: &str = include_str!("shaders/lib/area_lamps.wgsl");
 const GLOSS: &str = include_str!("shaders/lib/gloss.wgsl");
-const GLINTS: &str = include_str!("shaders/lib/glints.wgsl");
+const COMPACT_SOURCE_SPECULAR: &str = include_str!("shaders/lib/compact_source_specular.wgsl");
 const HIGHLIGHTS: &str = include_str!("shaders/lib/highlights.wgsl");
 const EDGES: &str = include_str!("shaders/lib/edges.wgsl");
 const BACKGROUND: &str = include_str!("shaders/lib/background.wgsl");
@@ -52,9 +53,9 @@ pub struct Variant {
     /// The picture comes in another exposure than the camera's, and linear.
     pub exposed: bool,
     /// The camera's rows are read one after the other.
-    pub rolling: bool,
-    /// The camera's picture fades towards its edge.
-    pub fading: bool,
+    pub rolling_shutter: bool,
+    /// The camera has vignetting.
+    pub vignetting: bool,
 }
 
 impl Variant {
@@ -67,19 +68,23 @@ impl Variant {
         phong: false,
         fine: true,
         exposed: false,
-        rolling: false,
-        fading: false,
+        rolling_shutter: false,
+        vignetting: false,
     };
 }
 
 /// Every shader of the compositor, complete.
 #[must_use]
 pub fn all(variant: Variant) -> [(&'static str, String); 14] {
-    let rolling = if variant.rolling { "true" } else { "false" };
-    let fading = if variant.fading { "true" } else { "false" };
+    let rolling = if variant.rolling_shutter {
+        "true"
+    } else {
+        "false"
+    };
+    let vignetting = if variant.vignetting { "true" } else { "false" };
     texts(variant).map(|(name, text)| {
         let text = text.replace("ROLLING", rolling);
-        (name, text.replace("FADING", fading))
+        (name, text.replace("VIGNETTING", vignetting))
     })
 }
 
@@ -212,7 +217,7 @@ fn texts(variant: Variant) -> [(&'static str, String); 14] {
                     EDGES,
                     BACKGROUND,
                     GLOSS,
-                    GLINTS,
+                    COMPACT_SOURCE_SPECULAR,
                     LAMPS,
                     AREA_LAMPS,
                     HIGHLIGHTS,
@@ -253,7 +258,7 @@ fn join(parts: &[&str]) -> String {
         .replace("MAX_LIGHTS", &MAX_LIGHTS.to_string())
         .replace("MAX_LAMP_VIEWS", &MOST_VIEWS.to_string())
         .replace("MAX_LAMPS", &MOST_LAMPS.to_string())
-        .replace("MAX_GLINTS", &MOST_GLINTS.to_string())
+        .replace("MAX_COMPACT_SOURCES", &MOST_GLINTS.to_string())
         .replace("ENCODING_VECTORS", &(ENCODING / 4).to_string())
 }
 
@@ -334,7 +339,7 @@ pub fn baking(resolution: u32) -> [(&'static str, String); 4] {
 #[must_use]
 pub fn lighting() -> (&'static str, String) {
     let text = include_str!("shaders/planes_lights.wgsl");
-    let sources = format!("{}u", super::planes::SOURCES);
+    let sources = format!("{}u", SOURCES);
     ("planes_lights", text.replace("SOURCES", &sources))
 }
 
@@ -427,8 +432,8 @@ mod tests {
                 phong: samples > 1,
                 fine: soft > 1,
                 exposed: lamps,
-                rolling: samples > 1,
-                fading: samples > 1,
+                rolling_shutter: samples > 1,
+                vignetting: samples > 1,
             });
             let summing = [true, false];
             let planes = summing.map(|real| {
@@ -442,7 +447,7 @@ mod tests {
             let planes = planes
                 .into_iter()
                 .chain([super::planning(), super::lighting()]);
-            let exposing = super::exposing(&crate::exposure::constants());
+            let exposing = super::exposing(&crate::exposure::region::constants());
             let all = frame.into_iter().chain(super::baking(128)).chain(planes);
             let all = all.chain(exposing);
             for (name, text) in all {

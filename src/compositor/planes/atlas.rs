@@ -1,7 +1,7 @@
 //! The texture that holds all basis images.
 
-use super::super::{Gpu, GpuError};
-use super::source_images::image_count;
+use super::super::gpu::{Gpu, GpuError};
+use super::source_targets::image_count;
 use penumbra_scene::planes::Bake;
 
 /// All stored images in one texture, four texels of a row in one.

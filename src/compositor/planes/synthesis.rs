@@ -1,41 +1,23 @@
 //! In each frame: which basis images have to be summed, and their sums (Kakuta 2004, 2007).
 //! Everything is decided on the device; the host only hears of it afterwards.
 
-use super::super::Gpu;
 use super::super::bindings::{self, Slot, compute_layout, compute_pipeline, sampler, view};
+use super::super::gpu::{Gpu, GpuError};
 use super::super::shaders::{self, Summing};
 use super::super::timing::Timer;
 use super::atlas::{Atlas, atlas};
 use super::compute::{buffer_of, storage};
+use super::options::Thresholds;
 use super::readback::look_at;
 use super::receiver::words;
 use super::shown::{ShownPlane, ShownPlanes};
-use super::source_images::SOURCE_LIGHTS;
-use crate::GpuError;
+use super::source_targets::{SOURCE_LIGHTS, SourceTargets};
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat4, DVec3};
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::geodesic::GeodesicDome;
 use penumbra_scene::planes::{Bake, Basis, Image, Layer, Receiver, ShadowingPlane};
 use wgpu::BufferUsages as U;
-
-/// When sums are made anew. All are shares of all the light that a plane gets.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Thresholds {
-    /// Lights that give less are left out: of 40 lights; of more in proportion.
-    pub skip_below: f32,
-    /// A plane is left alone while its light is off by less.
-    pub recompute_above: f32,
-}
-
-impl Default for Thresholds {
-    fn default() -> Self {
-        Self {
-            skip_below: 0.002,
-            recompute_above: 0.01,
-        }
-    }
-}
 
 /// The papers' number of lights, for which [`Thresholds::skip_below`] is meant: of more lights
 /// each gives less.
@@ -188,21 +170,6 @@ struct Buffers {
     jobs: wgpu::Buffer,
     readable: wgpu::Buffer,
     shown: wgpu::Buffer,
-}
-
-/// What the images of compact sources are written into.
-pub(super) struct SourceTargets<'a> {
-    pub planes: usize,
-    /// Lights of the dome; those of sources come behind them.
-    pub dome_lights: u32,
-    /// Directions of lights; numbers of images and luminances in use, per plane and light.
-    pub faces: &'a wgpu::Buffer,
-    pub basis: &'a wgpu::Buffer,
-    pub applied: &'a wgpu::Buffer,
-    /// All images, how many are in a row, and the first that no bake fills.
-    pub images: &'a wgpu::TextureView,
-    pub across: u32,
-    pub first_image: u32,
 }
 
 impl Synthesis {

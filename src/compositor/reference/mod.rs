@@ -14,7 +14,7 @@ mod surface;
 pub use lamps::response;
 pub use surface::{Reference, Seen};
 
-use super::{FrameInput, LampResponse, ShadowMode};
+use super::frame_input::{FrameInput, LampResponse, ShadowMode};
 use glam::DVec3;
 use penumbra_camera::Response;
 use penumbra_picture::Picture;
