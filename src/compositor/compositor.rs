@@ -1,7 +1,7 @@
 //! The compositor: what it keeps between frames, and the setters of scene, settings and bake.
 
 use super::cover::Cover;
-use super::exposure::ExposureInForce;
+use super::exposure::choice::ExposureInForce;
 use super::exposure::stage::ExposureStage;
 use super::gpu::{Gpu, GpuError};
 use super::lens::{LensOutput, LensStage};

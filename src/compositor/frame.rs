@@ -5,12 +5,13 @@
 use super::compositor::Compositor;
 use super::frame_input::FrameInput;
 use super::gpu::GpuError;
-use super::lens::StraightPictures;
 use super::passes::composite::CompositeInputs;
-use super::passes::shadow_buffer::{ShadowSource, Surfaces};
+use super::passes::shadow_buffer::{ShadowSource, SurfaceLight, Surfaces};
+use super::pipelines::Pipelines;
 use super::prepare::FramePlan;
 use super::readback::Readback;
 use super::recorder::Recorder;
+use super::scene_buffers::SceneBuffers;
 use super::sized_resources::SizedResources;
 use super::textures::FrameTexture;
 
@@ -57,102 +58,70 @@ impl Compositor {
         let (frame, scene) = (&self.light_maps.frame_group, &self.scene);
         let (codes, output) = (&self.response_table, &pictures.output);
 
-        // The camera picture, undistorted.
+        // The real picture: the camera's, undistorted, and in the exposure of this frame.
         let camera = match &self.lens {
             Some(lens) => lens.straighten(r, &pictures.camera),
             None => &pictures.camera,
         };
-        // The real picture: the same in the exposure of this frame.
         let exposed = pictures.exposed.as_ref();
-        let exposed = self.exposure.record(r, (camera, codes), exposed, output);
-        let real = exposed.unwrap_or(camera);
+        let real = self.exposure.record(r, (camera, codes), exposed, output);
 
         // Shadow maps: casters as seen from lights.
-        let shadow_maps = &self.shadow_maps;
-        p.shadow_map
-            .record(r, frame, scene, &self.chosen, shadow_maps);
+        let dome = &self.shadow_maps;
+        p.shadow_map.record(r, frame, scene, &self.chosen, dome);
         p.lamp_map.record(r, scene, &self.light_maps.lamps);
 
-        // What the camera sees of the real scene's proxies and of the virtual objects.
-        let phantoms = p
-            .phantom_geometry
-            .record(r, frame, scene, &pictures.phantoms);
-        let virtual_surfaces =
-            p.virtual_geometry
-                .record(r, frame, scene, &pictures.virtual_surfaces);
-        // Which lights matter in which tile.
-        let seen = (phantoms, virtual_surfaces);
-        let tiles = p
-            .tiles
-            .record(r, frame, seen, plan.covered, &pictures.tiles);
-        let surfaces = Surfaces {
-            phantoms,
-            virtual_surfaces,
-            tiles,
-            covered_tiles: &pictures.covered_tiles,
-        };
-
-        // The light that each surface lacks, looked up in shadow maps or on shadowing planes.
+        // The surfaces that the camera sees, real and virtual, and the light that each lacks,
+        // looked up in shadow maps or on shadowing planes.
+        let surfaces = p.record_surfaces(r, frame, scene, plan.covered, pictures);
         let sums = self.planes.as_mut().and_then(|planes| planes.record(r));
-        let source = sums.unwrap_or(ShadowSource::Maps(shadow_maps));
-        let unshadowed = if plan.subtract { 0.0 } else { 1.0 };
-        let shadows =
-            p.shadow_buffer
-                .record(r, frame, &source, surfaces, unshadowed, &pictures.shadows);
-        // The light that virtual lights add, where it is not a part of the shadow buffer.
+        let source = sums.unwrap_or(ShadowSource::Maps(dome));
+        let lit = if plan.subtract { 0.0 } else { 1.0 };
+        let shadows = &pictures.shadows;
+        let shadows = p
+            .shadow_buffer
+            .record(r, frame, &source, surfaces, lit, shadows);
+
+        // The light that virtual lights add to real surfaces, where it is not a part of that.
         let lamp_light = &pictures.lamp_light;
         if plan.lamps_apart {
+            let phantoms = surfaces.phantoms;
             p.lamp_response
-                .record(r, frame, scene, (camera, codes), phantoms, lamp_light);
+                .record(r, frame, scene, real, phantoms, lamp_light);
         }
+        let light = SurfaceLight {
+            shadows,
+            lamp_light,
+        };
 
+        // What virtual objects reflect of the real scene, and the composed picture.
         let (surroundings_pass, composite_pass) = match self.exposure.passes() {
             Some(passes) => passes,
             None => (&mut p.surroundings, &mut p.composite),
         };
-        // What virtual objects reflect of the real scene, shadows included.
-        let surroundings = surroundings_pass.record(
-            r,
-            frame,
-            (real, codes),
-            (shadows, lamp_light),
-            &pictures.surroundings,
-        );
-        // The composed picture.
+        let surroundings = surroundings_pass.record(r, frame, real, light, &pictures.surroundings);
         let inputs = CompositeInputs {
             real,
-            codes,
             surfaces,
-            shadows,
-            lamp_light,
+            light,
             surroundings,
             gloss: &self.light_maps.gloss,
         };
         let composed = composite_pass.record(r, frame, &inputs, &pictures.kinds, output);
 
-        // The same with the distortion of the camera.
+        // The same with the distortion of the camera, as seen from the pose of its display.
+        let surface = &surfaces.virtual_surfaces.surface[0];
         let distorted = match &mut self.lens {
-            Some(lens) => lens.bend(
-                r,
-                &StraightPictures {
-                    camera,
-                    codes,
-                    composed,
-                    surface: &virtual_surfaces.surface[0],
-                    exposed: exposed.is_some(),
-                },
-            ),
+            Some(lens) => lens.bend(r, real, composed, surface),
             None => composed,
         };
-        // The same as seen from the pose of its display.
-        let reproject = self.reproject.as_mut().filter(|_| plan.reprojected);
-        let finished = match reproject {
-            Some(stage) => stage.record(r, distorted),
-            None => distorted,
+        let finished = match &mut self.reproject {
+            Some(stage) if plan.reprojected => stage.record(r, distorted),
+            _ => distorted,
         };
-        // The light that virtual lights add, for the exposure of later frames.
-        self.exposure
-            .record_meter(r, (camera, codes), (shadows, lamp_light));
+
+        // The light that virtual lights add, measured for the exposure of later frames.
+        self.exposure.record_meter(r, real, light);
         finished.clone()
     }
 
@@ -161,5 +130,32 @@ impl Compositor {
         let kept = self.readback.take().filter(|kept| kept.fits(size));
         self.readback
             .insert(kept.unwrap_or_else(|| Readback::new(&self.gpu.device, size)))
+    }
+}
+
+impl Pipelines {
+    /// Draws the visible surfaces, and sorts them into tiles by the lights that matter there.
+    fn record_surfaces<'a>(
+        &mut self,
+        r: &mut Recorder<'_>,
+        frame: &wgpu::BindGroup,
+        scene: &SceneBuffers,
+        covered: [u32; 4],
+        pictures: &'a SizedResources,
+    ) -> Surfaces<'a> {
+        let phantoms = self
+            .phantom_geometry
+            .record(r, frame, scene, &pictures.phantoms);
+        let virtual_surfaces =
+            self.virtual_geometry
+                .record(r, frame, scene, &pictures.virtual_surfaces);
+        let seen = (phantoms, virtual_surfaces);
+        let tiles = self.tiles.record(r, frame, seen, covered, &pictures.tiles);
+        Surfaces {
+            phantoms,
+            virtual_surfaces,
+            tiles,
+            covered_tiles: &pictures.covered_tiles,
+        }
     }
 }

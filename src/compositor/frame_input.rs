@@ -1,7 +1,7 @@
 //! Everything that differs from frame to frame.
 
-use super::exposure::Exposure;
-use super::planes::PlanesChoice;
+use super::exposure::choice::Exposure;
+use super::planes::options::PlanesChoice;
 use super::reproject::Reprojection;
 use super::shadow_slots::Refresh;
 use glam::Vec3;

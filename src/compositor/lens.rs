@@ -9,7 +9,7 @@
 
 use super::bindings::{CachedGroup, PipelineSpec, Slot, group, layout, view};
 use super::recorder::Recorder;
-use super::response_table::ResponseTable;
+use super::response_table::RealPicture;
 use super::shaders::{self, Variant};
 use super::textures::{FrameTexture, format};
 use glam::{DVec2, DVec3};
@@ -61,18 +61,6 @@ struct Bend {
     /// The undistorted pictures.
     straight: CachedGroup,
     output: FrameTexture,
-}
-
-/// The undistorted pictures that go back into the camera picture.
-pub(super) struct StraightPictures<'a> {
-    /// The real picture.
-    pub camera: &'a FrameTexture,
-    pub codes: &'a ResponseTable,
-    pub composed: &'a FrameTexture,
-    /// Virtual surfaces, for their outlines.
-    pub surface: &'a FrameTexture,
-    /// Whether `composed` is in another exposure than the camera's.
-    pub exposed: bool,
 }
 
 impl LensStage {
@@ -138,23 +126,26 @@ impl LensStage {
         output
     }
 
-    /// Distorts the composed picture, unless the undistorted one was asked for.
+    /// Distorts the composed picture, unless the undistorted one was asked for. `surface` holds the
+    /// virtual surfaces, for their outlines.
     pub fn bend<'a>(
         &'a mut self,
         r: &mut Recorder<'_>,
-        pictures: &StraightPictures<'a>,
+        real: RealPicture<'_>,
+        composed: &'a FrameTexture,
+        surface: &FrameTexture,
     ) -> &'a FrameTexture {
         let Some(bend) = &mut self.bend else {
-            return pictures.composed;
+            return composed;
         };
         let resources = [
-            view(&pictures.camera.view),
-            pictures.codes.binding(),
-            view(&pictures.composed.view),
-            view(&pictures.surface.view),
+            view(&real.camera.view),
+            real.codes.binding(),
+            view(&composed.view),
+            view(&surface.view),
         ];
         let straight = bend.straight.get(r.device, &resources);
-        let pipeline = &bend.pipelines[usize::from(pictures.exposed)];
+        let pipeline = &bend.pipelines[usize::from(real.exposed.is_some())];
         let groups = [&bend.positions, straight];
         r.cover("bend", &bend.output.view, pipeline, &groups);
         &bend.output

@@ -18,6 +18,21 @@ use penumbra_scene::{NearLight, PlacedLamp};
 /// Texels a side of the tables of irradiance by normal.
 const BY_NORMAL: u32 = 33;
 
+/// The bindings of the frame, in the order of [`FrameParts::group`].
+const FRAME_SLOTS: [Slot; 11] = [
+    Slot::Uniform,
+    Slot::Uniform,
+    Slot::Texture,
+    Slot::Texture,
+    Slot::Sampler,
+    Slot::Texture,
+    Slot::Volume,
+    Slot::Uniform,
+    Slot::DepthArray,
+    Slot::Comparison,
+    Slot::Layers,
+];
+
 /// The light of a frame on the GPU.
 pub struct LightMaps {
     pub frame_layout: wgpu::BindGroupLayout,
@@ -39,23 +54,7 @@ pub struct LightMaps {
 impl LightMaps {
     /// Buffers for `budget` lights.
     pub fn new(device: &wgpu::Device, budget: u32) -> Self {
-        let frame_layout = layout(
-            device,
-            "frame",
-            &[
-                Slot::Uniform,
-                Slot::Uniform,
-                Slot::Texture,
-                Slot::Texture,
-                Slot::Sampler,
-                Slot::Texture,
-                Slot::Volume,
-                Slot::Uniform,
-                Slot::DepthArray,
-                Slot::Comparison,
-                Slot::Layers,
-            ],
-        );
+        let frame_layout = layout(device, "frame", &FRAME_SLOTS);
         let buffer = |size: usize, usage| {
             device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some("frame"),

@@ -1,5 +1,6 @@
 //! The camera's response curve on the GPU.
 
+use super::textures::FrameTexture;
 use penumbra_camera::Response;
 
 /// Entries of the table of the inverse response.
@@ -35,5 +36,22 @@ impl ResponseTable {
     /// The table as a resource of a bind group.
     pub fn binding(&self) -> wgpu::BindingResource<'_> {
         self.buffer.as_entire_binding()
+    }
+}
+
+/// The real picture of a frame.
+#[derive(Clone, Copy)]
+pub struct RealPicture<'a> {
+    /// The undistorted camera picture.
+    pub camera: &'a FrameTexture,
+    /// The same in another exposure, linear, if the frame is shown in one.
+    pub exposed: Option<&'a FrameTexture>,
+    pub codes: &'a ResponseTable,
+}
+
+impl<'a> RealPicture<'a> {
+    /// The picture in the exposure of the frame.
+    pub fn shown(&self) -> &'a FrameTexture {
+        self.exposed.unwrap_or(self.camera)
     }
 }

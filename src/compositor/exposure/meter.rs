@@ -3,11 +3,10 @@
 
 use super::super::bindings::{CachedGroup, Slot, compute_layout, compute_pipeline, group, view};
 use super::super::gpu::Gpu;
-use super::super::passes::shadow_buffer::ShadowPictures;
+use super::super::passes::shadow_buffer::SurfaceLight;
 use super::super::recorder::Recorder;
-use super::super::response_table::ResponseTable;
+use super::super::response_table::RealPicture;
 use super::super::shaders::{self, one};
-use super::super::textures::FrameTexture;
 use super::control::Brightness;
 use super::region::{METER_GROUPS, constants};
 use wgpu::BufferUsages as Usage;
@@ -101,17 +100,12 @@ impl Meter {
     }
 
     /// Records a measurement of the picture begun last.
-    pub fn record(
-        &mut self,
-        r: &mut Recorder<'_>,
-        (camera, codes): (&FrameTexture, &ResponseTable),
-        (shadows, lamp_light): (&ShadowPictures, &FrameTexture),
-    ) {
+    pub fn record(&mut self, r: &mut Recorder<'_>, real: RealPicture<'_>, light: SurfaceLight<'_>) {
         let resources = [
-            view(&camera.view),
-            codes.binding(),
-            view(&shadows.phantom_shadow.view),
-            view(&lamp_light.view),
+            view(&real.camera.view),
+            real.codes.binding(),
+            view(&light.shadows.phantom_shadow.view),
+            view(&light.lamp_light.view),
         ];
         let picture = self.picture.get(r.device, &resources);
         let mut pass = r.encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {

@@ -9,7 +9,7 @@
 //! `control` turns that into an automatic exposure; `region` holds the constants of the estimate of
 //! clipped light; `stage` owns the passes and runs them as one step of the frame.
 
-mod choice;
+pub(crate) mod choice;
 mod control;
 mod meter;
 pub(crate) mod region;

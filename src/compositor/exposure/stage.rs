@@ -4,10 +4,10 @@ use super::super::frame_input::FrameInput;
 use super::super::gpu::Gpu;
 use super::super::passes::composite::CompositePass;
 use super::super::passes::exposure::{ExposedPictures, ExposurePass};
-use super::super::passes::shadow_buffer::ShadowPictures;
+use super::super::passes::shadow_buffer::SurfaceLight;
 use super::super::passes::surroundings::SurroundingsPass;
 use super::super::recorder::Recorder;
-use super::super::response_table::ResponseTable;
+use super::super::response_table::{RealPicture, ResponseTable};
 use super::super::shaders::Variant;
 use super::super::textures::FrameTexture;
 use super::choice::{Exposure, ExposureInForce, MOST_STOPS};
@@ -162,20 +162,27 @@ impl ExposureStage {
         }
     }
 
-    /// Draws the exposed picture into `exposed` and into `output`; `None` if the frame is in the
-    /// camera's own exposure.
+    /// Draws the camera picture in the exposure of the frame into `exposed` and into `output`, if
+    /// that is not the camera's own.
     pub fn record<'a>(
         &mut self,
         r: &mut Recorder<'_>,
-        camera: (&FrameTexture, &ResponseTable),
+        (camera, codes): (&'a FrameTexture, &'a ResponseTable),
         exposed: Option<&'a ExposedPictures>,
         output: &FrameTexture,
-    ) -> Option<&'a FrameTexture> {
+    ) -> RealPicture<'a> {
         let changed = self.is_changed();
-        let passes = self.passes.as_mut().filter(|_| changed)?;
         let highlights = (self.active.stops < 0.0).then_some(self.highlights);
-        let exposure = &mut passes.exposure;
-        Some(exposure.record(r, camera, highlights, exposed?, output))
+        let passes = self.passes.as_mut().filter(|_| changed);
+        let exposed = passes.zip(exposed).map(|(passes, exposed)| {
+            let exposure = &mut passes.exposure;
+            exposure.record(r, (camera, codes), highlights, exposed, output)
+        });
+        RealPicture {
+            camera,
+            exposed,
+            codes,
+        }
     }
 
     /// The passes that read the real picture, if it is in another exposure.
@@ -189,11 +196,11 @@ impl ExposureStage {
     pub fn record_meter(
         &mut self,
         r: &mut Recorder<'_>,
-        camera: (&FrameTexture, &ResponseTable),
-        light: (&ShadowPictures, &FrameTexture),
+        real: RealPicture<'_>,
+        light: SurfaceLight<'_>,
     ) {
         if let (true, Some(meter)) = (self.measures, &mut self.meter) {
-            meter.record(r, camera, light);
+            meter.record(r, real, light);
         }
     }
 

@@ -3,10 +3,10 @@
 use super::super::bindings::{CachedGroup, DepthTest, PipelineSpec, Slot, sampler, view};
 use super::super::gloss_maps::GlossMaps;
 use super::super::recorder::{Recorder, bind_all, cleared_depth, colour};
-use super::super::response_table::ResponseTable;
+use super::super::response_table::RealPicture;
 use super::super::shaders::{self, Variant};
 use super::super::textures::{FrameTexture, format, tile_grid};
-use super::shadow_buffer::{ShadowPictures, Surfaces};
+use super::shadow_buffer::{SurfaceLight, Surfaces};
 use super::surroundings::SurroundingsPictures;
 use wgpu::CompareFunction as Compare;
 
@@ -28,13 +28,9 @@ pub struct CompositePass {
 
 /// The pictures that the pass reads.
 pub struct CompositeInputs<'a> {
-    /// The real picture: the camera's or the exposed one.
-    pub real: &'a FrameTexture,
-    pub codes: &'a ResponseTable,
+    pub real: RealPicture<'a>,
     pub surfaces: Surfaces<'a>,
-    pub shadows: &'a ShadowPictures,
-    /// Light that virtual lights add to the real picture.
-    pub lamp_light: &'a FrameTexture,
+    pub light: SurfaceLight<'a>,
     /// What virtual objects reflect of the real picture.
     pub surroundings: &'a SurroundingsPictures,
     /// What they reflect of the environment.
@@ -104,7 +100,7 @@ impl CompositePass {
         // Where nothing is virtual, the picture is the camera's, bit for bit.
         if !self.exposed {
             r.encoder.copy_texture_to_texture(
-                inputs.real.texture.as_image_copy(),
+                inputs.real.camera.texture.as_image_copy(),
                 output.texture.as_image_copy(),
                 output.texture.size(),
             );
@@ -139,15 +135,15 @@ impl CompositePass {
             covered_tiles,
         } = inputs.surfaces;
         let picture = [
-            view(&inputs.real.view),
-            inputs.codes.binding(),
-            view(&inputs.shadows.phantom_shadow.view),
-            view(&inputs.shadows.virtual_light.view),
+            view(&inputs.real.shown().view),
+            inputs.real.codes.binding(),
+            view(&inputs.light.shadows.phantom_shadow.view),
+            view(&inputs.light.shadows.virtual_light.view),
             view(&phantoms.normal.view),
             view(&tiles.phantom.lights.view),
             view(&covered_tiles.view),
             view(&tiles.virtual_surface.lamps.view),
-            view(&inputs.lamp_light.view),
+            view(&inputs.light.lamp_light.view),
         ];
         let [first, second] = &virtual_surfaces.surface;
         let surfaces = [first, second, &virtual_surfaces.depth].map(|t| view(&t.view));

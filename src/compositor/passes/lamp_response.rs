@@ -4,7 +4,7 @@
 
 use super::super::bindings::{CachedGroup, DepthTest, PipelineSpec, Slot, VERTEX_LAYOUT, view};
 use super::super::recorder::{Recorder, cleared};
-use super::super::response_table::ResponseTable;
+use super::super::response_table::RealPicture;
 use super::super::scene_buffers::{SceneBuffers, SceneLayouts};
 use super::super::shaders::{self, Variant};
 use super::super::textures::{FrameTexture, format};
@@ -44,18 +44,18 @@ impl LampResponsePass {
         Self { pipeline, picture }
     }
 
-    /// Draws the light that is added to the phantoms; `camera` is the picture in its own
-    /// exposure, whatever exposure the frame is shown in.
+    /// Draws the light that is added to the phantoms. The camera picture in its own exposure is
+    /// read, whatever the exposure of the frame.
     pub fn record<'a>(
         &mut self,
         r: &mut Recorder<'_>,
         frame: &wgpu::BindGroup,
         scene: &SceneBuffers,
-        (camera, codes): (&FrameTexture, &ResponseTable),
+        real: RealPicture<'_>,
         phantoms: &PhantomPictures,
         output: &'a FrameTexture,
     ) -> &'a FrameTexture {
-        let resources = [view(&camera.view), codes.binding()];
+        let resources = [view(&real.camera.view), real.codes.binding()];
         let picture = self.picture.get(r.device, &resources);
         let depth = wgpu::RenderPassDepthStencilAttachment {
             view: &phantoms.depth.view,

@@ -53,6 +53,14 @@ impl ShadowPictures {
     }
 }
 
+/// Light that falls onto surfaces or that they lack.
+#[derive(Clone, Copy)]
+pub struct SurfaceLight<'a> {
+    pub shadows: &'a ShadowPictures,
+    /// Light that virtual lights add to the real picture, where it is not a part of `shadows`.
+    pub lamp_light: &'a FrameTexture,
+}
+
 /// Where shadows are looked up.
 pub enum ShadowSource<'a> {
     /// The shadow maps of the dome lights.

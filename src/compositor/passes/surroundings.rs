@@ -3,10 +3,10 @@
 
 use super::super::bindings::{CachedGroup, PipelineSpec, Slot, group, layout, view};
 use super::super::recorder::{Recorder, cover};
-use super::super::response_table::ResponseTable;
+use super::super::response_table::RealPicture;
 use super::super::shaders::{self, Variant};
 use super::super::textures::{FrameTexture, coarse_size, format};
-use super::shadow_buffer::ShadowPictures;
+use super::shadow_buffer::SurfaceLight;
 
 /// The pass.
 pub struct SurroundingsPass {
@@ -80,21 +80,22 @@ impl SurroundingsPass {
         }
     }
 
-    /// Gathers the real picture `real` (the camera's or the exposed one) with its shadows and the
-    /// light of virtual lights, and halves it level by level.
+    /// Gathers the real picture with its shadows and the light of virtual lights, and halves it
+    /// level by level.
     pub fn record<'a>(
         &mut self,
         r: &mut Recorder<'_>,
         frame: &wgpu::BindGroup,
-        (real, codes): (&FrameTexture, &ResponseTable),
-        (shadows, lamp_light): (&ShadowPictures, &FrameTexture),
+        real: RealPicture<'_>,
+        light: SurfaceLight<'_>,
         output: &'a SurroundingsPictures,
     ) -> &'a SurroundingsPictures {
+        let shadow = &light.shadows.phantom_shadow.view;
         let resources = [
-            view(&real.view),
-            codes.binding(),
-            view(&shadows.phantom_shadow.view),
-            view(&lamp_light.view),
+            view(&real.shown().view),
+            real.codes.binding(),
+            view(shadow),
+            view(&light.lamp_light.view),
         ];
         let picture = self.picture.get(r.device, &resources);
         let first = &output.levels[0];
@@ -102,7 +103,7 @@ impl SurroundingsPass {
         let (_, finer) = self.finer.insert(kept.unwrap_or_else(|| {
             // The first level reads the picture alone; its layout still asks for a finer level:
             // any texture that is not being drawn.
-            let finer = std::iter::once(&shadows.phantom_shadow.view).chain(&output.levels);
+            let finer = std::iter::once(shadow).chain(&output.levels);
             let bound = |v| {
                 group(
                     r.device,
