@@ -1,7 +1,7 @@
 // Compact sources that levels of the radiance maps leave out: mirrored by the BRDF itself.
-// Twin of `environment::glints::mirrored`.
+// Twin of `penumbra_lighting::glints::mirrored`.
 
-struct Glint {
+struct CompactSource {
     // w = radius of its disc, radians.
     direction: vec4f,
     // Irradiance on a surface that faces it.
@@ -10,13 +10,13 @@ struct Glint {
     weights: array<vec4f, 2>,
 }
 
-struct Glints {
+struct CompactSources {
     // x: number of them.
     count: vec4u,
-    each: array<Glint, MAX_GLINTS>,
+    each: array<CompactSource, MAX_COMPACT_SOURCES>,
 }
 
-@group(3) @binding(5) var<uniform> glints: Glints;
+@group(3) @binding(5) var<uniform> compact_sources: CompactSources;
 
 // The lobe widened by a source's disc: its peak is the mean over the disc.
 fn widened_by_disc(g: Gloss, v: vec3f, l: vec3f, radius: f32) -> Gloss {
@@ -35,22 +35,22 @@ fn widened_by_disc(g: Gloss, v: vec3f, l: vec3f, radius: f32) -> Gloss {
 }
 
 // Radiance that a surface mirrors of them; `level` is that of its map.
-fn glint_highlights(n: vec3f, v: vec3f, gloss: Gloss, level: f32) -> vec3f {
+fn compact_source_specular(n: vec3f, v: vec3f, gloss: Gloss, level: f32) -> vec3f {
     let off = vec4f(level) - vec4f(0.0, 1.0, 2.0, 3.0);
     let low = max(vec4f(1.0) - abs(off), vec4f(0.0));
     let high = max(vec4f(1.0) - abs(off - vec4f(4.0)), vec4f(0.0));
     var sum = vec3f(0.0);
-    let count = decided_here(glints.count.x, level);
+    let count = decided_here(compact_sources.count.x, level);
     if count == 0u {
         return sum;
     }
     // It ends with its condition, because software drivers else run its body once more.
     var k = 0u;
     loop {
-        let l = glints.each[k].direction.xyz;
-        let weight = dot(low, glints.each[k].weights[0]) + dot(high, glints.each[k].weights[1]);
-        let light = glints.each[k].flux.rgb * (max(dot(n, l), 0.0) * weight);
-        sum += lobe_towards(widened_by_disc(gloss, v, l, glints.each[k].direction.w), n, v, l) * light;
+        let l = compact_sources.each[k].direction.xyz;
+        let weight = dot(low, compact_sources.each[k].weights[0]) + dot(high, compact_sources.each[k].weights[1]);
+        let light = compact_sources.each[k].flux.rgb * (max(dot(n, l), 0.0) * weight);
+        sum += lobe_towards(widened_by_disc(gloss, v, l, compact_sources.each[k].direction.w), n, v, l) * light;
         continuing {
             k += 1u;
             break if k >= count;

@@ -1,20 +1,21 @@
-//! Light from close by, on the GPU.
+//! Indirect light on the GPU: the light that virtual objects reflect onto the real scene and onto
+//! each other.
 
-use super::light_maps::half_texel;
+use super::texels::half_texel;
 use half::f16;
 use penumbra_scene::IndirectLight;
 use penumbra_scene::indirect_light::{GROUND_SIDE, VOLUME_SIZE};
 
-/// Three pictures of the ground side by side (what virtual objects change, what phantoms
-/// throw without them and with them), and three times six volumes.
-pub struct NearMaps {
+/// Three pictures of the ground side by side (change by virtual objects, light reflected by
+/// phantoms without them and with them), and three times six volumes.
+pub struct IndirectLightMaps {
     ground: wgpu::Texture,
     volume: wgpu::Texture,
     pub ground_view: wgpu::TextureView,
     pub volume_view: wgpu::TextureView,
 }
 
-impl NearMaps {
+impl IndirectLightMaps {
     pub fn new(device: &wgpu::Device) -> Self {
         let [nx, ny, nz] = VOLUME_SIZE;
         let ground = texture(
@@ -32,7 +33,7 @@ impl NearMaps {
         }
     }
 
-    /// Uploads a new state; `texels` is memory to be used again.
+    /// Uploads `light`; `texels` is a recycled buffer.
     pub fn write(&self, queue: &wgpu::Queue, light: &IndirectLight, texels: &mut Vec<[f16; 4]>) {
         let all = [&light.change, &light.real, &light.real_now];
         let side = GROUND_SIDE as usize;
@@ -66,7 +67,7 @@ fn texture(
     [width, height, depth]: [u32; 3],
 ) -> wgpu::Texture {
     device.create_texture(&wgpu::TextureDescriptor {
-        label: Some("near light"),
+        label: Some("indirect light"),
         size: wgpu::Extent3d {
             width,
             height,
