@@ -1,6 +1,7 @@
 //! What is known of the rig: geometry, response, white point, exposure. Pure estimators
 //! and plain data; no I/O, no GPU.
 
+mod base64;
 pub mod board_sheet;
 pub mod environment_camera_calibration;
 pub mod formats;

@@ -71,7 +71,7 @@ fn map_tracker_and_latency_of_a_rig_follow_from_one_recording() {
     let off = latency["tracker_minus_scene"]["seconds"].as_f64().unwrap() - 0.0173;
     assert!(off.abs() < 0.002, "{off} s");
     let page = text(&desk.read("rig/calibration/latency.html"));
-    assert!(page.contains("Which offset fits") && page.contains("<svg"));
+    assert!(page.contains("Correlation over the offset") && page.contains("<svg"));
 
     // The rig that carries these files can be used at once.
     let said = desk.works("calibrate latency --session a.mcap --rig rig --out c.json");

@@ -1,5 +1,8 @@
-//! Colour and brightness of a rig's cameras: charts found in pictures, what they say of white
-//! balance and exposure, tone curves, fall-off towards the edge, noise.
+//! Radiometric calibration of a rig's cameras: tone curves, vignetting, noise, and the gains between
+//! the cameras (white balance and exposure).
+//!
+//! `chart` finds ColorCheckers, whose colours are in `reference`; `curve` fits the tone curve,
+//! `noise` and `vignetting` the models of their names; `step` is the calibration step.
 
 pub mod chart;
 pub mod curve;
@@ -9,4 +12,4 @@ pub mod step;
 pub mod vignetting;
 
 #[cfg(test)]
-pub(crate) mod drawn;
+pub(crate) mod synthetic;

@@ -1,27 +1,27 @@
-//! A camera's noise: shot and read noise of its linear values, from pairs of pictures at rest.
+//! A camera's shot and read noise in linear values, from pairs of pictures of a static scene.
 
 use penumbra_camera::Response;
 use penumbra_picture::Picture;
 
-/// Codes in one bin.
+/// Number of codes in a bin.
 const BIN: usize = 8;
+/// Number of bins.
 const BINS: usize = 256 / BIN;
-/// A pixel whose neighbours differ by more codes lies on an edge, where a hair's breadth of
-/// motion is more than noise.
-const FLAT: i32 = 14;
-/// Codes in which noise is cut off at black or white.
-const WHOLE: std::ops::RangeInclusive<usize> = 1..=29;
-/// Differences from which a bin's variance is known well enough.
-const FEWEST: f64 = 200.0;
-/// Differences beyond so many deviations are something that moved.
-const BEYOND: f64 = 4.0;
+/// Maximum difference of a pixel's neighbours, codes: on an edge the slightest motion exceeds noise.
+const MAX_EDGE: i32 = 14;
+/// Bins in which noise is not clipped at black or white.
+const UNCLIPPED_BINS: std::ops::RangeInclusive<usize> = 1..=29;
+/// Minimum number of differences in a bin.
+const MIN_COUNT: f64 = 200.0;
+/// Differences of more than this number of standard deviations are motion.
+const OUTLIER_SIGMAS: f64 = 4.0;
 
-/// Sums over differences of pixels of two pictures.
+/// Histogram of differences between the pixels of two pictures.
 #[derive(Clone, Debug)]
 pub struct NoiseGatherer {
-    /// Per channel, bin of the mean code, difference −32 to 31.
+    /// Counts by channel, bin of the mean code, and difference −32 to 31.
     counts: Box<[[[u32; 64]; BINS]; 3]>,
-    /// Pairs of pictures.
+    /// Number of pairs of pictures.
     pub pairs: usize,
 }
 
@@ -34,31 +34,31 @@ impl Default for NoiseGatherer {
     }
 }
 
-/// Variance of a pixel = read + shot × value, linear, full scale 1.
+/// Noise model: the variance of a pixel is read + shot × value, linear, full scale 1 (the photon
+/// transfer curve, Janesick 2007).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Noise {
-    /// Per channel.
+    /// Variance of the read noise by channel.
     pub read: [f64; 3],
-    /// Standard error.
+    /// Standard error of `read`.
     pub read_sigma: [f64; 3],
-    /// Per channel.
+    /// Variance of the shot noise per linear value, by channel.
     pub shot: [f64; 3],
-    /// Standard error.
+    /// Standard error of `shot`.
     pub shot_sigma: [f64; 3],
-    /// Linear value and standard deviation that it was fitted to, per channel; for the report.
+    /// Measured linear values and standard deviations by channel, for the report.
     pub points: [Vec<(f64, f64)>; 3],
 }
 
 impl NoiseGatherer {
-    /// Takes two pictures of the same thing, one after the other; others than of one size are
-    /// passed over.
+    /// Adds two successive pictures of a static scene; pictures of different sizes are ignored.
     pub fn add(&mut self, first: &Picture, second: &Picture) {
         let (w, h) = (first.width as usize, first.height as usize);
         if (second.width, second.height) != (first.width, first.height) || w < 3 || h < 3 {
             return;
         }
         self.pairs += 1;
-        // Neighbours share compression's blocks: every third says as much.
+        // Neighbours are correlated by compression: every third pixel suffices.
         for y in (1..h - 1).step_by(3) {
             for x in (1..w - 1).step_by(3) {
                 let i = 4 * (y * w + x);
@@ -73,23 +73,23 @@ impl NoiseGatherer {
         let mean = |k: usize| i32::from(first.rgba[k]) + i32::from(second.rgba[k]);
         let around = [mean(i - 4), mean(i + 4), mean(i - row), mean(i + row)];
         let centre = mean(i);
-        // Sums of two: twice the codes.
+        // Sums of two pictures: twice the codes.
         let level: i32 = around.iter().sum::<i32>() / 4;
         let flat = (around[0] - around[1])
             .abs()
             .max((around[2] - around[3]).abs())
-            < 2 * FLAT
-            && (level - centre).abs() < 2 * FLAT;
+            < 2 * MAX_EDGE
+            && (level - centre).abs() < 2 * MAX_EDGE;
         let difference = i32::from(first.rgba[i]) - i32::from(second.rgba[i]);
         if flat && (-32..32).contains(&difference) {
-            // The neighbours' mean is no part of the difference, so binning by it chooses none.
+            // The neighbours' mean is independent of the difference, so that binning by it is unbiased.
             let bin = (level / 2) as usize / BIN;
             self.counts[c][bin.min(BINS - 1)][(difference + 32) as usize] += 1;
         }
     }
 
-    /// The model; `None` if the pictures are too few or too much alike in brightness. Pictures
-    /// that are the same file shown twice have no noise and give `None` too.
+    /// Fits the model; `None` for too few pictures or too little variation of brightness, and for
+    /// identical pictures, which have no noise.
     #[must_use]
     pub fn finish(&self, response: &Response) -> Option<Noise> {
         let mut noise = Noise {
@@ -116,7 +116,7 @@ impl NoiseGatherer {
 
     fn points(&self, channel: usize, response: &Response) -> Vec<Point> {
         let bins = self.counts[channel].iter().enumerate();
-        bins.filter(|(bin, _)| WHOLE.contains(bin))
+        bins.filter(|(bin, _)| UNCLIPPED_BINS.contains(bin))
             .filter_map(|(bin, counts)| point(bin, counts, response))
             .collect()
     }
@@ -125,10 +125,11 @@ impl NoiseGatherer {
 struct Point {
     value: f64,
     variance: f64,
-    /// Of the variance.
+    /// Standard deviation of `variance`.
     sigma: f64,
 }
 
+/// Returns value and variance of a bin, linear, without outliers; `None` for too few differences.
 fn point(bin: usize, counts: &[u32; 64], response: &Response) -> Option<Point> {
     let at = |k: usize| k as f64 - 32.0;
     let mut limit = 32.0;
@@ -136,7 +137,7 @@ fn point(bin: usize, counts: &[u32; 64], response: &Response) -> Option<Point> {
     for _ in 0..6 {
         let within = || (0..64).filter(|k| (at(*k) - mean).abs() <= limit);
         n = within().map(|k| f64::from(counts[k])).sum();
-        if n < FEWEST {
+        if n < MIN_COUNT {
             return None;
         }
         let middle = within().map(|k| f64::from(counts[k]) * at(k)).sum::<f64>() / n;
@@ -145,9 +146,9 @@ fn point(bin: usize, counts: &[u32; 64], response: &Response) -> Option<Point> {
             .sum::<f64>()
             / n;
         mean = middle;
-        limit = (BEYOND * variance.sqrt()).max(2.0);
+        limit = (OUTLIER_SIGMAS * variance.sqrt()).max(2.0);
     }
-    // Two pictures, and what rounding adds to each.
+    // Half of the difference's variance for each picture, less that of rounding.
     let code_variance = 0.5 * variance - 1.0 / 12.0;
     if variance <= 0.0 || code_variance <= 0.0 {
         return None;
@@ -155,9 +156,9 @@ fn point(bin: usize, counts: &[u32; 64], response: &Response) -> Option<Point> {
     let code = (bin * BIN + BIN / 2) as u8;
     let step = f64::from(response.step(code));
     let value = f64::from(response.linear_from_code()[usize::from(code)]);
-    // Compression makes neighbours alike: far fewer than n are independent.
+    // Compression correlates neighbours: far fewer than n are independent.
     let relative = (2.0 / (n / 16.0)).sqrt().hypot(0.02);
-    // Where noise reaches black it is cut off and comes out too small.
+    // Noise that reaches black is clipped and its variance underestimated.
     (f64::from(code) > 2.5 * code_variance.sqrt()).then_some(Point {
         value,
         variance: code_variance * step * step,
@@ -170,7 +171,7 @@ struct Line {
     sigma: (f64, f64),
 }
 
-/// Least squares; neither noise can be negative.
+/// Fits a line by weighted least squares with non-negative coefficients.
 fn line(points: &[Point]) -> Option<Line> {
     if points.len() < 4 {
         return None;
@@ -194,8 +195,8 @@ fn line(points: &[Point]) -> Option<Line> {
     } else if at.1 < 0.0 {
         at = (sy / s, 0.0);
     }
-    let left = |p: &Point| (p.variance - at.0 - at.1 * p.value) / p.sigma;
-    let chi = points.iter().map(|p| left(p).powi(2)).sum::<f64>() / (points.len() - 2) as f64;
+    let residual = |p: &Point| (p.variance - at.0 - at.1 * p.value) / p.sigma;
+    let chi = points.iter().map(|p| residual(p).powi(2)).sum::<f64>() / (points.len() - 2) as f64;
     let inflate = chi.max(1.0).sqrt();
     let sigma = (
         inflate * (sxx / determinant).sqrt(),
@@ -208,9 +209,9 @@ fn line(points: &[Point]) -> Option<Line> {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use crate::radiometric::drawn::normal;
+    use crate::radiometric::synthetic::normal;
 
-    /// A ramp with noise; bright to the right.
+    /// A ramp with noise, brighter to the right.
     fn ramp(read: f64, shot: f64, seed: u64, response: &Response) -> Picture {
         let (width, height) = (360, 240);
         let mut rgba = Vec::new();
@@ -233,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn read_and_shot_noise_are_told_apart() {
+    fn separates_read_and_shot_noise() {
         for response in [Response::srgb(), Response::gamma(1.8)] {
             let (read, shot) = (2e-5, 1.5e-4);
             let mut gatherer = NoiseGatherer::default();
@@ -244,9 +245,9 @@ mod tests {
             let found = gatherer.finish(&response).unwrap();
             for c in 0..3 {
                 assert!((found.shot[c] / shot - 1.0).abs() < 0.1, "{found:?}");
-                let off = (found.read[c] - read).abs();
+                let error = (found.read[c] - read).abs();
                 assert!(
-                    off < 4.0 * found.read_sigma[c].max(0.15 * read),
+                    error < 4.0 * found.read_sigma[c].max(0.15 * read),
                     "{found:?}"
                 );
             }
@@ -254,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn what_moves_is_no_noise_and_the_same_picture_twice_has_none() {
+    fn ignores_motion_and_refuses_identical_pictures() {
         let response = Response::srgb();
         let first = ramp(2e-5, 1.5e-4, 1, &response);
         let mut second = ramp(2e-5, 1.5e-4, 2, &response);

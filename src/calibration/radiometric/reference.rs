@@ -1,8 +1,8 @@
-//! What the patches of a ColorChecker are: X-Rite's figures.
+//! The colours of a ColorChecker's patches, as published by X-Rite.
 
 use glam::{DMat3, DVec3};
 
-/// Which 24 colours: their recipe changed in November 2014.
+/// Edition of the chart: its colours changed in November 2014.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Edition {
     /// GretagMacbeth, 2005 to October 2014.
@@ -12,14 +12,14 @@ pub enum Edition {
     Xrite2014,
 }
 
-/// Columns and rows of the chart.
+/// Number of columns of the chart.
 pub const COLUMNS: usize = 6;
-/// See [`COLUMNS`].
+/// Number of rows of the chart.
 pub const ROWS: usize = 4;
-/// The neutral row, white to black.
+/// Patches of the neutral row, white to black.
 pub const GREYS: std::ops::Range<usize> = 18..24;
 
-/// From the top left, row after row.
+/// Names of the patches from the top left, row by row.
 pub const NAMES: [&str; COLUMNS * ROWS] = [
     "dark skin",
     "light skin",
@@ -73,8 +73,8 @@ const LAB_2014: [[f64; 3]; COLUMNS * ROWS] = [
 ];
 
 impl Edition {
-    /// Reflectance as linear Rec.709 under D65, adapted from D50 by Bradford's transform; cyan
-    /// lies outside of it (red a little below zero).
+    /// Returns the reflectances as linear Rec.709 under D65, adapted from D50 by Bradford's
+    /// transform; cyan lies outside of the gamut (its red is slightly negative).
     #[must_use]
     pub fn linear(self) -> [DVec3; COLUMNS * ROWS] {
         let lab = match self {
@@ -84,7 +84,7 @@ impl Edition {
         lab.map(|lab| LINEAR_FROM_XYZ * (D65_FROM_D50 * xyz_d50(DVec3::from_array(lab))))
     }
 
-    /// In a word.
+    /// Returns the edition's year.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -94,37 +94,37 @@ impl Edition {
     }
 }
 
-/// ICC's D50.
+/// XYZ of the ICC's D50.
 const D50: DVec3 = DVec3::new(0.964_22, 1.0, 0.825_21);
 
-/// Bradford, as Lindbloom gives it; rows.
+/// Bradford's adaptation (values by B. Lindbloom).
 const D65_FROM_D50: DMat3 = DMat3::from_cols(
     DVec3::new(0.955_576_6, -0.028_289_5, 0.012_298_2),
     DVec3::new(-0.023_039_3, 1.009_941_6, -0.020_483_0),
     DVec3::new(0.063_163_6, 0.021_007_7, 1.329_909_8),
 );
 
-/// IEC 61966-2-1.
+/// Linear Rec.709 from XYZ (IEC 61966-2-1).
 const LINEAR_FROM_XYZ: DMat3 = DMat3::from_cols(
     DVec3::new(3.240_454_2, -0.969_266_0, 0.055_643_4),
     DVec3::new(-1.537_138_5, 1.876_010_8, -0.204_025_9),
     DVec3::new(-0.498_531_4, 0.041_556_0, 1.057_225_2),
 );
 
-/// CIE 15: of XYZ relative to [`D50`].
+/// Returns XYZ of CIELAB relative to [`D50`] (CIE 15).
 fn xyz_d50(lab: DVec3) -> DVec3 {
     const EPSILON: f64 = 216.0 / 24389.0;
     const KAPPA: f64 = 24389.0 / 27.0;
     let y = (lab.x + 16.0) / 116.0;
     let f = DVec3::new(y + lab.y / 500.0, y, y - lab.z / 200.0);
-    let of = |f: f64| {
+    let inverse = |f: f64| {
         if f * f * f > EPSILON {
             f * f * f
         } else {
             (116.0 * f - 16.0) / KAPPA
         }
     };
-    D50 * DVec3::new(of(f.x), of(f.y), of(f.z))
+    D50 * DVec3::new(inverse(f.x), inverse(f.y), inverse(f.z))
 }
 
 #[cfg(test)]
@@ -149,13 +149,13 @@ mod tests {
     ];
 
     #[test]
-    fn the_figures_are_those_that_others_list() {
+    fn colours_match_published_srgb_values() {
         for (edition, listed) in [Edition::Gmb2005, Edition::Xrite2014].into_iter().zip(SRGB) {
             for ((linear, listed), name) in edition.linear().into_iter().zip(listed).zip(NAMES) {
                 for c in 0..3 {
                     let code = 255.0 * srgb_from_linear(linear[c] as f32);
-                    let off = (code - f32::from(listed[c])).abs();
-                    assert!(off < 2.6, "{edition:?} {name} {c}: {code} {listed:?}");
+                    let error = (code - f32::from(listed[c])).abs();
+                    assert!(error < 2.6, "{edition:?} {name} {c}: {code} {listed:?}");
                 }
             }
         }

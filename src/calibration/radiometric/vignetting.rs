@@ -1,16 +1,17 @@
-//! Fits vignetting to readings of surfaces of unknown brightness.
+//! Fits vignetting to readings of surfaces of unknown brightness, by variable projection over the
+//! surfaces' brightness and iteratively reweighted Gauss–Newton steps.
 
 use penumbra_camera::vignetting::polynomial;
-use penumbra_numerics::Matrix;
+use penumbra_numerics::{Matrix, median, tukey_weight};
 
-/// One reading of a thing whose brightness is unknown but the same wherever in the picture.
+/// A reading of a surface point whose unknown brightness is the same everywhere in the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reading {
-    /// Which thing.
+    /// Index of the surface point.
     pub group: usize,
-    /// In which picture: light and exposure may differ from one to the other.
+    /// Index of the picture: light and exposure may differ between pictures.
     pub picture: usize,
-    /// ρ².
+    /// Squared distance from the centre, ρ², relative to half the diagonal.
     pub q: f64,
     /// Logarithm of the linear value.
     pub log: f64,
@@ -18,47 +19,50 @@ pub struct Reading {
     pub variance: f64,
 }
 
-/// What readings say.
+/// A fitted vignetting.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fit {
-    /// k1, k2, k3; zero where readings do not call for them.
+    /// k1, k2, k3; zero where not significant.
     pub coefficients: [f64; 3],
-    /// Standard errors.
+    /// Standard errors of the coefficients.
     pub sigma: [f64; 3],
-    /// Standard error of the fall-off at the largest ρ that was seen.
+    /// Standard error of the relative brightness at the largest ρ of a reading.
     pub edge_sigma: f64,
-    /// Largest ρ² that was seen.
+    /// Largest ρ² of a reading.
     pub farthest: f64,
-    /// Share of readings that were not thrown out.
+    /// Share of readings that are not outliers.
     pub used: f64,
-    /// Root mean square of what is left, relative.
+    /// Root mean square of the residuals, relative.
     pub rms: f64,
 }
 
 impl Fit {
-    /// Brightness at the farthest place seen.
+    /// Returns the relative brightness at the largest ρ of a reading.
     #[must_use]
     pub fn edge(&self) -> f64 {
         polynomial(&self.coefficients, self.farthest)
     }
 }
 
-/// Tukey's constant.
+/// Scale of Tukey's weights, in standard deviations.
 const TUKEY: f64 = 4.685;
-/// A term must be as many times its error.
+/// Minimum ratio of a term to its standard error for the term to be kept.
 const SIGNIFICANT: f64 = 3.0;
-/// Readings must reach over as much of ρ².
-const REACH: f64 = 0.15;
+/// Minimum range of ρ² that the readings must cover.
+const MIN_RANGE: f64 = 0.15;
+/// Standard deviation of the prior of the pictures' brightness, logarithms: keeps the equations
+/// solvable where the readings do not determine it.
+const PICTURE_SIGMA: f64 = 2.0;
 
-/// Fits the fall-off; `None` if there are too few readings or they are all as far from the
-/// centre. Terms are left out, the highest first, while they say nothing.
+/// Fits vignetting; `None` for too few readings or too small a range of ρ². Insignificant terms are
+/// dropped, the highest first.
 #[must_use]
 pub fn fit(readings: &[Reading]) -> Option<Fit> {
     let reach = (f64::MAX, f64::MIN);
     let (low, high) = readings
         .iter()
         .fold(reach, |(low, high), r| (low.min(r.q), high.max(r.q)));
-    if readings.len() < 30 || high - low < REACH {
+    if readings.len() < 30 || high - low < MIN_RANGE {
         return None;
     }
     for terms in (1..=3).rev() {
@@ -81,13 +85,11 @@ fn fit_terms(readings: &[Reading], terms: usize, farthest: f64) -> Option<Fit> {
     let mut solved = None;
     for _ in 0..12 {
         let means = group_means(readings, groups, &model, scale);
-        let left = |r: &Reading| r.log - model.log(r) - means[r.group].0;
-        let mut off: Vec<f64> = readings
+        let residual = |r: &Reading| r.log - model.log(r) - means[r.group].0;
+        let scaled = readings
             .iter()
-            .map(|r| (left(r) / r.variance.sqrt()).abs())
-            .collect();
-        off.sort_by(f64::total_cmp);
-        scale = (1.4826 * off[off.len() / 2]).max(1e-3);
+            .map(|r| (residual(r) / r.variance.sqrt()).abs());
+        scale = (1.4826 * median(scaled)?).max(1e-3);
         let (step, covariance, used, sum) = solve(readings, &model, &means, scale, terms)?;
         model.advance(&step, terms);
         let freedom = used.saturating_sub(groups + step.len()).max(1) as f64;
@@ -117,37 +119,41 @@ fn fit_terms(readings: &[Reading], terms: usize, farthest: f64) -> Option<Fit> {
     .filter(|f| f.coefficients.iter().chain(&f.sigma).all(|v| v.is_finite()))
 }
 
-/// The fall-off, and how much brighter each picture is than the others, logarithms.
+/// Vignetting, and the relative brightness of each picture, logarithms.
 struct Model {
     k: [f64; 3],
     pictures: Vec<f64>,
 }
 
 impl Model {
-    /// What it makes of a reading but for the thing's own brightness.
+    /// Returns the logarithm of a reading, less that of the surface's brightness.
     fn log(&self, r: &Reading) -> f64 {
         polynomial(&self.k, r.q).max(1e-3).ln() + self.pictures[r.picture]
     }
 
     fn advance(&mut self, step: &[f64], terms: usize) {
-        let (of_lens, of_pictures) = step.split_at(terms);
-        self.k.iter_mut().zip(of_lens).for_each(|(k, s)| *k += s);
-        let pictures = self.pictures.iter_mut().zip(of_pictures);
+        let (lens, pictures) = step.split_at(terms);
+        self.k.iter_mut().zip(lens).for_each(|(k, s)| *k += s);
+        let pictures = self.pictures.iter_mut().zip(pictures);
         pictures.for_each(|(picture, s)| *picture += s);
     }
 }
 
-/// Weighted mean of each group's logarithm, and its weight.
+/// Returns the robust weighted mean of each group's logarithm, and its weight.
 fn group_means(readings: &[Reading], groups: usize, model: &Model, scale: f64) -> Vec<(f64, f64)> {
     let mut sums = vec![(0.0, 0.0); groups];
     let mut means: Vec<(f64, f64)> = vec![(0.0, 0.0); groups];
-    // The first pass takes all; the second leaves out what is far from the first's mean.
+    // The first pass uses all readings; the second downweights outliers from the first mean.
     for pass in 0..2 {
         sums.fill((0.0, 0.0));
         for r in readings {
             let value = r.log - model.log(r);
-            let off = (value - means[r.group].0) / (scale * r.variance.sqrt());
-            let trust = if pass == 0 { 1.0 } else { biweight(off) };
+            let residual = (value - means[r.group].0) / (scale * r.variance.sqrt());
+            let trust = if pass == 0 {
+                1.0
+            } else {
+                tukey_weight(residual / TUKEY)
+            };
             let weight = trust / r.variance;
             sums[r.group].0 += weight * value;
             sums[r.group].1 += weight;
@@ -161,15 +167,8 @@ fn group_means(readings: &[Reading], groups: usize, model: &Model, scale: f64) -
     means
 }
 
-fn biweight(x: f64) -> f64 {
-    let t = 1.0 - (x / TUKEY).powi(2);
-    if t > 0.0 { t * t } else { 0.0 }
-}
-
-/// How far pictures may differ in brightness, logarithms: keeps solvable what no reading tells.
-const PICTURES: f64 = 2.0;
-
-/// One Gauss–Newton step of coefficients and pictures, the groups' means eliminated.
+/// Returns a Gauss–Newton step of coefficients and pictures with the groups' means eliminated, its
+/// covariance, the number of readings used and their weighted sum of squares.
 fn solve(
     readings: &[Reading],
     model: &Model,
@@ -180,12 +179,12 @@ fn solve(
     let unknowns = terms + model.pictures.len();
     let mut normal = Matrix::zeros(unknowns, unknowns);
     let mut right = vec![0.0; unknowns];
-    let mut of_group = vec![(vec![0.0; unknowns], 0.0, 0.0); means.len()];
+    let mut group_sums = vec![(vec![0.0; unknowns], 0.0, 0.0); means.len()];
     let (mut used, mut sum) = (0, 0.0);
     for r in readings {
         let v = polynomial(&model.k, r.q).max(1e-3);
-        let left = r.log - model.log(r) - means[r.group].0;
-        let weight = biweight(left / (scale * r.variance.sqrt())) / r.variance;
+        let residual = r.log - model.log(r) - means[r.group].0;
+        let weight = tukey_weight(residual / (TUKEY * scale * r.variance.sqrt())) / r.variance;
         if weight <= 0.0 {
             continue;
         }
@@ -196,34 +195,34 @@ fn solve(
         row[terms + r.picture] = 1.0;
         normal.add_outer(weight, &row, &row);
         for (slot, j) in right.iter_mut().zip(&row) {
-            *slot += weight * left * j;
+            *slot += weight * residual * j;
         }
-        let group = &mut of_group[r.group];
+        let group = &mut group_sums[r.group];
         for (slot, j) in group.0.iter_mut().zip(&row) {
             *slot += weight * j;
         }
         group.1 += weight;
-        group.2 += weight * left;
+        group.2 += weight * residual;
         used += 1;
-        sum += weight * left * left;
+        sum += weight * residual * residual;
     }
-    for (row, weight, left) in &of_group {
+    for (row, weight, residuals) in &group_sums {
         if *weight > 0.0 {
             normal.add_outer(-1.0 / weight, row, row);
             for (slot, j) in right.iter_mut().zip(row) {
-                *slot -= left * j / weight;
+                *slot -= residuals * j / weight;
             }
         }
     }
     for i in 0..terms {
-        // All groups with one reading each say nothing.
+        // Groups with one reading each contain no information.
         if normal[(i, i)] <= 1e-9 {
             return None;
         }
     }
     for (i, picture) in model.pictures.iter().enumerate() {
-        normal[(terms + i, terms + i)] += PICTURES.powi(-2);
-        right[terms + i] -= PICTURES.powi(-2) * picture;
+        normal[(terms + i, terms + i)] += PICTURE_SIGMA.powi(-2);
+        right[terms + i] -= PICTURE_SIGMA.powi(-2) * picture;
     }
     let solved = normal.cholesky()?;
     Some((solved.solve(&right), solved.inverse(), used, sum))

@@ -1,33 +1,33 @@
-//! Even patches of a picture that have a parallelogram's shape.
+//! Uniform regions of a picture with the shape of a parallelogram.
 
 use super::level::Level;
 use glam::{DMat2, DVec2};
 
-/// One of them, in pixels of the picture.
+/// A region, in pixels of the picture.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Blob {
     pub centre: DVec2,
-    /// Second moments about the centre.
+    /// Second central moments Σ.
     pub spread: DMat2,
-    /// Pixels of the picture.
+    /// Area A, pixels.
     pub area: f64,
-    /// Near 1 for a parallelogram: A² / (144 det Σ).
+    /// A² / (144 det Σ): 1 for a parallelogram.
     fullness: f64,
 }
 
-/// Roughness, codes, below which neighbours belong together: a dark or noisy chart needs another
-/// than a bright one, so all are tried.
+/// Roughness, codes, below which neighbours belong to one region: all are tried, as it depends on the
+/// chart's brightness and noise.
 const THRESHOLDS: [f32; 8] = [1.2, 2.0, 3.0, 4.5, 6.5, 9.0, 13.0, 20.0];
-/// Pixels of the level.
-const SMALLEST: usize = 9;
-/// Share of the level.
-const LARGEST: f64 = 0.05;
-/// Of [`Blob::fullness`].
+/// Minimum area, pixels of the level.
+const MIN_PIXELS: usize = 9;
+/// Maximum area, relative to the level.
+const MAX_AREA: f64 = 0.05;
+/// Range of [`Blob::fullness`].
 const FULLNESS: std::ops::Range<f64> = 0.86..1.16;
-/// Long side over short side.
-const LONGEST: f64 = 4.0;
+/// Maximum ratio of the long side to the short side.
+const MAX_ASPECT: f64 = 4.0;
 
-/// All that are found at any threshold, each once.
+/// Returns the regions found at any threshold, without duplicates.
 pub(super) fn blobs(level: &Level) -> Vec<Blob> {
     let rough = level.roughness();
     let mut found: Vec<Blob> = Vec::new();
@@ -47,10 +47,10 @@ pub(super) fn blobs(level: &Level) -> Vec<Blob> {
             }
         }
     }
-    each_once(found)
+    without_duplicates(found)
 }
 
-/// Sums over a connected part.
+/// Sums over a connected region.
 #[derive(Default)]
 struct Moments {
     count: f64,
@@ -70,14 +70,14 @@ impl Moments {
     fn blob(&self, level: &Level) -> Option<Blob> {
         let n = self.count;
         let mean = self.sum / n;
-        // A pixel is a square of its own, hence the twelfth.
+        // 1/12 is the second moment of a pixel's square.
         let xx = self.squares[0] / n - mean.x * mean.x + 1.0 / 12.0;
         let xy = self.squares[1] / n - mean.x * mean.y;
         let yy = self.squares[2] / n - mean.y * mean.y + 1.0 / 12.0;
         let determinant = xx * yy - xy * xy;
         let fullness = n * n / (144.0 * determinant);
         let (half, difference) = (0.5 * (xx + yy), (0.5 * (xx - yy)).hypot(xy));
-        let slim = (half + difference) > LONGEST * LONGEST * (half - difference);
+        let slim = (half + difference) > MAX_ASPECT * MAX_ASPECT * (half - difference);
         if !FULLNESS.contains(&fullness) || slim {
             return None;
         }
@@ -103,8 +103,7 @@ fn grow(
     let mut moments = Moments::default();
     while let Some(i) = stack.pop() {
         moments.add(DVec2::new((i % width) as f64, (i / width) as f64));
-        // The outermost pixels are rough for lack of neighbours, so that none of these is
-        // outside or around the edge.
+        // The border pixels have maximum roughness, so that these indices are valid neighbours.
         for next in [i - 1, i + 1, i - width, i + width] {
             if rough[next] < threshold && seen[next] != mark {
                 seen[next] = mark;
@@ -112,16 +111,16 @@ fn grow(
             }
         }
     }
-    let largest = LARGEST * rough.len() as f64;
-    (moments.count >= SMALLEST as f64 && moments.count <= largest)
+    let largest = MAX_AREA * rough.len() as f64;
+    (moments.count >= MIN_PIXELS as f64 && moments.count <= largest)
         .then(|| moments.blob(level))
         .flatten()
 }
 
-/// Of those about one place, the largest that is nearly as full as the fullest.
-fn each_once(mut found: Vec<Blob>) -> Vec<Blob> {
-    let worth = |b: &Blob| b.area * (1.0 - 4.0 * (b.fullness - 1.0).abs());
-    found.sort_by(|a, b| worth(b).total_cmp(&worth(a)));
+/// Of overlapping regions, keeps the largest with a fullness near 1.
+fn without_duplicates(mut found: Vec<Blob>) -> Vec<Blob> {
+    let score = |b: &Blob| b.area * (1.0 - 4.0 * (b.fullness - 1.0).abs());
+    found.sort_by(|a, b| score(b).total_cmp(&score(a)));
     let mut kept: Vec<Blob> = Vec::new();
     for blob in found {
         let near = |k: &Blob| k.centre.distance_squared(blob.centre) < 0.1 * k.area.min(blob.area);

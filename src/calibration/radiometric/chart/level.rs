@@ -1,22 +1,22 @@
-//! A picture made small, so that a chart's patches have a handful of pixels each.
+//! A reduced picture, in which a chart's patches have a handful of pixels each.
 
 use glam::DVec2;
 use penumbra_picture::Picture;
 
-/// One level of a pyramid: means of blocks of pixels.
+/// A level of an image pyramid: means of blocks of pixels.
 #[derive(Clone, Debug)]
 pub(super) struct Level {
     pub width: usize,
     pub height: usize,
-    /// Codes, 0 to 255, row after row.
+    /// Codes, 0 to 255, row by row.
     pub codes: Vec<[f32; 3]>,
-    /// Pixels of the picture to one of the level.
+    /// Reduction: pixels of the picture per pixel of the level.
     pub factor: usize,
 }
 
 impl Level {
-    /// With at most `longest` pixels to the longer side.
-    pub fn of(picture: &Picture, longest: usize) -> Self {
+    /// Reduces a picture to at most `longest` pixels on the longer side.
+    pub fn new(picture: &Picture, longest: usize) -> Self {
         let (w, h) = (picture.width as usize, picture.height as usize);
         let factor = w.max(h).div_ceil(longest.max(1)).max(1);
         let (width, height) = (w / factor, h / factor);
@@ -45,7 +45,7 @@ impl Level {
         }
     }
 
-    /// Blurred by the mean of three pixels each way: noise must not look like edges.
+    /// Blurs by means over 3×3 pixels, to suppress noise.
     pub fn blurred(mut self) -> Self {
         let (w, h) = (self.width, self.height);
         let source = self.codes.clone();
@@ -65,8 +65,8 @@ impl Level {
         self
     }
 
-    /// How much codes differ about each pixel: largest less smallest of its eight neighbours
-    /// and itself, in the channel where that is most.
+    /// Returns the roughness of each pixel: maximum less minimum over itself and its eight
+    /// neighbours, the largest of the channels; `f32::MAX` at the border.
     pub fn roughness(&self) -> Vec<f32> {
         let (w, h) = (self.width, self.height);
         let mut rough = vec![f32::MAX; w * h];
@@ -87,12 +87,12 @@ impl Level {
         rough
     }
 
-    /// A place of the level in the picture, pixels.
+    /// Maps a point of the level to the picture, pixels.
     pub fn to_picture(&self, p: DVec2) -> DVec2 {
         (p + 0.5) * self.factor as f64 - 0.5
     }
 
-    /// Mean codes about a place of the picture; `None` outside.
+    /// Returns the mean codes at a point of the picture; `None` outside.
     pub fn at(&self, pixel: DVec2) -> Option<[f32; 3]> {
         let p = ((pixel + 0.5) / self.factor as f64 - 0.5).round();
         let (width, height) = (self.width as f64, self.height as f64);

@@ -1,62 +1,62 @@
-//! A ColorChecker found in a picture: 24 patches, anywhere, turned and in perspective.
+//! Finds ColorCheckers in a picture: 24 patches at any position, in any orientation and perspective.
 //!
-//! Even parts of a parallelogram's shape (`blobs`) that lie in rows and columns (`lattice`)
-//! are a chart if their colours are those of a ColorChecker in one of the eight ways to lay it
-//! there (`place`), whatever white balance, exposure and contrast the camera has. Patches that
-//! were not seen (black ones before the black frame, dark ones in a dark picture) follow from
-//! the others.
+//! On a reduced picture (`level`), uniform parallelograms (`blobs`) in rows and columns (`lattice`)
+//! are a chart if their colours are those of a ColorChecker in one of its eight orientations
+//! (`placement`), for any white balance, exposure and contrast of the camera. Patches that were not
+//! detected (black ones in the black frame, dark ones in a dark picture) follow from the others.
+//! `patches` reads the colours of a chart.
 
 mod blobs;
 mod lattice;
 mod level;
 pub mod patches;
-mod place;
+mod placement;
 
 use blobs::blobs;
 use glam::{DMat3, DVec2};
 use lattice::{Lattice, apply};
 use level::Level;
 use penumbra_picture::Picture;
-use place::{Placement, place};
+use placement::{Placement, best_placement};
 
 /// A chart in a picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FoundChart {
-    /// Pixel of column and row, where whole numbers are middles of patches.
+    /// Homography from column and row to pixels; integers are centres of patches.
     picture_from_patch: DMat3,
-    /// Share of the colours' differences that it explains, 0 to 1.
+    /// Share of the colours' variance that the chart explains, 0 to 1.
     pub explained: f64,
-    /// Seen in a mirror.
+    /// Whether the chart is mirrored.
     pub mirrored: bool,
-    /// Patches seen as such; the others follow from these.
+    /// Number of detected patches; the others follow from these.
     pub seen: usize,
 }
 
 /// Longer sides of the levels that are searched, pixels.
 const LEVELS: [usize; 4] = [1000, 560, 320, 180];
-/// Below this the colours are not those of a chart. Even a sensor's own colours, before any matrix
-/// or white balance, explain seven tenths.
-const EXPLAINED: f64 = 0.64;
-/// The next best way to lay the chart must be worse by this part of what is not explained.
-const AHEAD: f64 = 0.8;
-/// Blobs from which a lattice is grown, at most.
-const SEEDS: usize = 400;
+/// Minimum share of the variance that a chart explains. Even raw sensor colours reach 0.7.
+const MIN_EXPLAINED: f64 = 0.64;
+/// Maximum ratio of the unexplained variance to that of the next best placement.
+const MAX_RATIO: f64 = 0.8;
+/// Maximum number of blobs from which a lattice is grown.
+const MAX_SEEDS: usize = 400;
 
 impl FoundChart {
-    /// Middle of patch `i` (row after row from dark skin), pixels.
+    /// Returns the centre of patch `i` (row by row from dark skin), pixels.
     #[must_use]
-    pub fn middle(&self, i: usize) -> DVec2 {
+    pub fn centre(&self, i: usize) -> DVec2 {
         apply(&self.picture_from_patch, column_and_row(i))
     }
 
-    /// Corners of the part of patch `i` within `half` pitches of its middle, in order around.
+    /// Returns the corners of the part of patch `i` within `half` pitches of its centre, in order,
+    /// pixels.
     #[must_use]
     pub fn corners(&self, i: usize, half: f64) -> [DVec2; 4] {
         let around = [(-half, -half), (half, -half), (half, half), (-half, half)];
         around.map(|d| apply(&self.picture_from_patch, column_and_row(i) + DVec2::from(d)))
     }
 
-    /// The same chart in a picture of which a part was taken, or that was moved, by `offset`.
+    /// Returns the chart translated by `offset` pixels.
     #[must_use]
     pub fn shifted(&self, offset: DVec2) -> Self {
         Self {
@@ -65,7 +65,7 @@ impl FoundChart {
         }
     }
 
-    /// Distance of neighbouring patches in the middle of the chart, pixels.
+    /// Returns the distance of neighbouring patches at the chart's centre, pixels.
     #[must_use]
     pub fn pitch(&self) -> f64 {
         let at = |x, y| apply(&self.picture_from_patch, DVec2::new(x, y));
@@ -78,13 +78,13 @@ fn column_and_row(i: usize) -> DVec2 {
     DVec2::new((i % 6) as f64, (i / 6) as f64)
 }
 
-/// Every chart in `picture`, the largest first.
+/// Finds every chart in `picture`, largest first.
 #[must_use]
 pub fn find_charts(picture: &Picture) -> Vec<FoundChart> {
     let mut found: Vec<FoundChart> = Vec::new();
     let mut factors = Vec::new();
     for longest in LEVELS {
-        let level = Level::of(picture, longest);
+        let level = Level::new(picture, longest);
         if factors.contains(&level.factor) || level.width < 16 || level.height < 16 {
             continue;
         }
@@ -114,7 +114,7 @@ fn in_level(level: &Level) -> Vec<FoundChart> {
     let blobs = blobs(level);
     let mut used = vec![false; blobs.len()];
     let mut charts = Vec::new();
-    for seed in 0..blobs.len().min(SEEDS) {
+    for seed in 0..blobs.len().min(MAX_SEEDS) {
         if used[seed] {
             continue;
         }
@@ -124,16 +124,16 @@ fn in_level(level: &Level) -> Vec<FoundChart> {
         for &(_, blob) in &lattice.cells {
             used[blob] = true;
         }
-        charts.extend(place(level, &lattice).and_then(|p| chart_of(&lattice, &p)));
+        charts.extend(best_placement(level, &lattice).and_then(|p| chart(&lattice, &p)));
     }
     charts
 }
 
-fn chart_of(lattice: &Lattice, placement: &Placement) -> Option<FoundChart> {
-    let rest = |explained: f64| 1.0 - explained;
-    let sure = placement.explained >= EXPLAINED
-        && rest(placement.explained) < AHEAD * rest(placement.runner_up);
-    sure.then(|| FoundChart {
+fn chart(lattice: &Lattice, placement: &Placement) -> Option<FoundChart> {
+    let unexplained = |explained: f64| 1.0 - explained;
+    let is_chart = placement.explained >= MIN_EXPLAINED
+        && unexplained(placement.explained) < MAX_RATIO * unexplained(placement.runner_up);
+    is_chart.then(|| FoundChart {
         picture_from_patch: lattice.map * placement.cell_from_patch,
         explained: placement.explained,
         mirrored: placement.mirrored,

@@ -1,4 +1,4 @@
-//! What a chart's patches read.
+//! Reads the patches of a chart.
 
 use super::FoundChart;
 use glam::DVec2;
@@ -6,12 +6,13 @@ use penumbra_camera::Response;
 use penumbra_picture::Picture;
 use penumbra_white_balance::chart::{Patch, read_codes};
 
-/// Half of the part of a patch that is read, in pitches: patches are 0.8 to 0.9 of a pitch wide.
-const HALF: f64 = 0.24;
-/// Pixels of one patch that are read at most.
-const MOST: f64 = 4000.0;
+/// Half the width of the part of a patch that is read, in pitches: patches are 0.8 to 0.9 of a pitch
+/// wide.
+pub(in crate::radiometric) const HALF: f64 = 0.24;
+/// Maximum number of pixels read of a patch.
+const MAX_PIXELS: f64 = 4000.0;
 
-/// Reads the 24 patches of `chart`.
+/// Reads the linear values of the 24 patches of `chart`.
 #[must_use]
 pub fn read(chart: &FoundChart, picture: &Picture, response: &Response) -> Vec<Patch> {
     let codes = (0..24).map(|i| codes_of(chart, picture, i));
@@ -23,12 +24,12 @@ pub fn read(chart: &FoundChart, picture: &Picture, response: &Response) -> Vec<P
         .collect()
 }
 
-/// Codes of the inner part of a patch.
+/// Returns the codes of the inner part of a patch.
 fn codes_of(chart: &FoundChart, picture: &Picture, patch: usize) -> Vec<[u8; 3]> {
     let [a, b, c, d] = chart.corners(patch, HALF);
     let right = b.distance(a).max(c.distance(d));
     let down = d.distance(a).max(c.distance(b));
-    let thin = (right * down / MOST).sqrt().max(1.0);
+    let thin = (right * down / MAX_PIXELS).sqrt().max(1.0);
     let steps = |length: f64| (length / thin).floor().max(2.0) as u32;
     let (columns, rows) = (steps(right), steps(down));
     let mut codes = Vec::with_capacity((columns * rows) as usize);

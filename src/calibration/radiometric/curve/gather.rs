@@ -1,46 +1,46 @@
-//! The same place in pictures of different exposure.
+//! Gathers codes of the same surface points under different exposures.
 
 use penumbra_picture::Picture;
 
-/// Side of the block whose mean is compared, pixels.
+/// Side of the blocks whose means are compared, pixels.
 const BLOCK: usize = 5;
-/// Codes within a block: what differs more is an edge.
-const FLAT: u8 = 40;
-/// Codes from here on may be clipped.
+/// Maximum range of codes within a block: a larger one indicates an edge.
+const MAX_RANGE: u8 = 40;
+/// Smallest code that may be clipped.
 const CLIPPED: u8 = 251;
-/// What compression and rounding leave of a block's mean, codes: neither averages out.
-const COMPRESSED: f64 = 0.7;
-/// Samples kept per pair of exposures, colour and four codes of the brighter picture.
-const KEPT: usize = 40;
-/// A prime, so that its multiples go through all of a picture's blocks.
+/// Error of a block's mean by compression and rounding, codes: it does not average out.
+const SYSTEMATIC: f64 = 0.7;
+/// Maximum number of samples for a pair of exposures, a channel and four codes of the brighter picture.
+const MAX_SAMPLES: usize = 40;
+/// A prime, whose multiples visit all of a picture's blocks.
 const SCATTER: usize = 104_729;
 
 /// Mean codes of one block under two exposures.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
-    /// Which pair of exposures: indices into [`SeriesGatherer::exposures`], longer first.
+    /// Pair of exposures: indices into [`SeriesGatherer::exposures`], longer first.
     pub pair: (usize, usize),
-    /// Red, green or blue.
+    /// Channel: red, green or blue.
     pub channel: usize,
     /// Mean code and its variance under the longer exposure.
     pub longer: (f64, f64),
-    /// The same under the shorter one.
+    /// Mean code and its variance under the shorter exposure.
     pub shorter: (f64, f64),
 }
 
-/// Gathers samples of pictures that show the same at rest.
+/// Gathers samples from exposure series of static scenes.
 #[derive(Clone, Debug, Default)]
 pub struct SeriesGatherer {
-    /// Logarithms of the exposures met, e-based.
+    /// Natural logarithms of the exposures.
     pub exposures: Vec<f64>,
     samples: Vec<Sample>,
     counts: std::collections::BTreeMap<(usize, usize, usize, u8), u32>,
-    /// Series of pictures.
+    /// Number of series.
     pub series: usize,
 }
 
 impl SeriesGatherer {
-    /// Takes pictures of the same thing at rest, each with the logarithm (base e) of its exposure.
+    /// Adds pictures of a static scene, each with the natural logarithm of its exposure.
     pub fn add(&mut self, series: &[(&Picture, f64)]) {
         let mut all: Vec<(&Picture, f64)> = series.to_vec();
         all.sort_by(|a, b| b.1.total_cmp(&a.1));
@@ -52,7 +52,7 @@ impl SeriesGatherer {
         let step = step(size);
         let along = |length: u32| (length as usize).saturating_sub(BLOCK).div_ceil(step);
         let (columns, rows) = (along(size.0), along(size.1));
-        // All over the picture: what is kept of a brightness must not be one thing's alone.
+        // In scattered order, so that the samples of a brightness are not all from one surface.
         for k in 0..columns * rows {
             let i = (k * SCATTER + self.series * 7919) % (columns * rows);
             let at = (step * (i % columns), step * (i / columns));
@@ -94,31 +94,31 @@ impl SeriesGatherer {
         }
     }
 
-    /// The first so many of each brightness: dark places would outnumber all others.
+    /// Keeps the first [`MAX_SAMPLES`] of each brightness: dark points would outnumber all others.
     fn keep(&mut self, sample: Sample) {
         let (a, b) = sample.pair;
         let bin = (sample.longer.0 / 4.0) as u8;
         let count = self.counts.entry((a, b, sample.channel, bin)).or_insert(0);
         *count += 1;
-        if *count as usize <= KEPT {
+        if *count as usize <= MAX_SAMPLES {
             self.samples.push(sample);
         }
     }
 
-    /// What was gathered.
+    /// Returns the samples.
     #[must_use]
     pub fn samples(&self) -> &[Sample] {
         &self.samples
     }
 }
 
-/// Blocks some ten thousand in number, wherever in the picture.
+/// Returns the distance of blocks, pixels, for some ten thousand blocks.
 fn step((width, height): (u32, u32)) -> usize {
     let area = f64::from(width) * f64::from(height);
     ((area / 12_000.0).sqrt() as usize).max(BLOCK)
 }
 
-/// Mean code and its variance; `None` where it is no even surface, or cut off by black or white.
+/// Returns the mean code of a block and its variance; `None` on edges and where it is clipped.
 fn block(picture: &Picture, (x, y): (usize, usize), channel: usize) -> Option<(f64, f64)> {
     let width = picture.width as usize;
     let (mut low, mut high) = (u8::MAX, 0);
@@ -134,7 +134,7 @@ fn block(picture: &Picture, (x, y): (usize, usize), channel: usize) -> Option<(f
     let n = (BLOCK * BLOCK) as f64;
     let mean = sum / n;
     let variance = (squares / n - mean * mean).max(0.0);
-    // Asking that no pixel be black would choose the brighter of noisy ones.
-    let whole = high < CLIPPED && mean > 5.0 * variance.sqrt() && mean > 4.0;
-    (whole && high - low < FLAT).then_some((mean, variance / n + COMPRESSED * COMPRESSED))
+    // A condition on the darkest pixel would select the brighter of noisy blocks.
+    let unclipped = high < CLIPPED && mean > 5.0 * variance.sqrt() && mean > 4.0;
+    (unclipped && high - low < MAX_RANGE).then_some((mean, variance / n + SYSTEMATIC * SYSTEMATIC))
 }

@@ -1,33 +1,34 @@
-//! The exponents and the exposures that explain all samples best.
+//! Fits the exponents and the exposures to all samples by iteratively reweighted least squares.
 
-use super::{ANCHOR, Curve, Sample, SeriesGatherer};
+use super::gather::{Sample, SeriesGatherer};
+use super::model::{ANCHOR, Curve};
 use penumbra_camera::Response;
-use penumbra_numerics::{Matrix, median_absolute};
+use penumbra_numerics::{Matrix, median_absolute, tukey_weight};
 
-/// Codes between which p is linear in ln z; below the first it is constant.
+/// Knots between which p is linear in ln z, codes; below the first it is constant.
 const KNOTS: [f64; 15] = [
     5.0, 9.0, 15.0, 24.0, 36.0, 52.0, 72.0, 96.0, 124.0, 154.0, 184.0, 210.0, 230.0, 244.0, 255.0,
 ];
-/// What is believed of p before: any camera's.
-const USUAL: f64 = 1.9;
-/// See [`USUAL`].
-const USUAL_SIGMA: f64 = 1.0;
-/// What compression, stray light and unevenness part two readings of a place, relative.
+/// Mean of the prior of p: that of any camera.
+const PRIOR_MEAN: f64 = 1.9;
+/// Standard deviation of the prior of p.
+const PRIOR_SIGMA: f64 = 1.0;
+/// Relative error of two readings of a point by compression, stray light and uneven surfaces.
 const FLOOR: f64 = 0.01;
-/// Neighbours in a picture err together: so many samples count as one.
-const ALIKE: f64 = 12.0;
-/// Weight of what is imposed on the exposures' errors.
-const IMPOSED: f64 = 1e8;
-/// Tukey's constant.
+/// Number of samples that are worth one independent sample, as neighbours' errors are correlated.
+const CORRELATED_SAMPLES: f64 = 12.0;
+/// Weight of the constraints on the exposures' errors.
+const CONSTRAINT: f64 = 1e8;
+/// Scale of Tukey's weights, in standard deviations.
 const TUKEY: f64 = 4.685;
 
-/// ∫ of each knot's hat function over ln z from `low` to `high`.
+/// Returns the integral of each knot's hat function over ln z from `low` to `high`.
 fn slopes(low: f64, high: f64) -> [f64; KNOTS.len()] {
     let (a, b) = (primitive(low), primitive(high));
     std::array::from_fn(|j| b[j] - a[j])
 }
 
-/// ∫ of each hat from the first knot to `code`.
+/// Returns the integral of each hat function from the first knot to `code`.
 fn primitive(code: f64) -> [f64; KNOTS.len()] {
     let v = code.max(0.25).ln();
     let mut sums = [0.0; KNOTS.len()];
@@ -46,7 +47,7 @@ fn primitive(code: f64) -> [f64; KNOTS.len()] {
     sums
 }
 
-/// p at a code.
+/// Returns p at a code.
 fn exponent(p: &[f64], code: f64) -> f64 {
     let v = code.max(1.0).ln();
     let interval = KNOTS.windows(2).position(|pair| v < pair[1].ln());
@@ -58,6 +59,7 @@ fn exponent(p: &[f64], code: f64) -> f64 {
     p[j] * (1.0 - t) + p[j + 1] * t
 }
 
+/// The samples as linear equations of the exponents and the exposures' errors.
 pub(super) struct Problem<'a> {
     samples: &'a [Sample],
     exposures: &'a [f64],
@@ -91,19 +93,19 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// ln of the ratio of a sample's exposures.
+    /// Returns the logarithm of the ratio of a sample's exposures.
     fn ratio(&self, s: &Sample) -> f64 {
         self.exposures[s.pair.0] - self.exposures[s.pair.1]
     }
 
-    /// What is believed before any sample, as normal equations.
+    /// Returns the prior as normal equations.
     fn prior(&self, tau: f64) -> (Matrix, Vec<f64>) {
         let n = KNOTS.len() + self.exposures.len();
         let (mut a, mut b) = (Matrix::zeros(n, n), vec![0.0; n]);
-        let anchor = USUAL_SIGMA.powi(-2) / KNOTS.len() as f64;
+        let anchor = PRIOR_SIGMA.powi(-2) / KNOTS.len() as f64;
         for j in 0..KNOTS.len() {
             a[(j, j)] += anchor;
-            b[j] += anchor * USUAL;
+            b[j] += anchor * PRIOR_MEAN;
         }
         for j in 1..KNOTS.len() {
             let mut row = vec![0.0; n];
@@ -113,21 +115,21 @@ impl<'a> Problem<'a> {
         for i in KNOTS.len()..n {
             a[(i, i)] += 1.0 / self.exposure_variance;
         }
-        // All exponents and all exposures could shrink together and every residual with them; that
-        // the exposures' errors have no part of this is imposed, what it may amount to is added
-        // to the curve's error.
+        // All exponents and exposures could shrink together, and every residual with them. The
+        // exposures' errors are constrained to have no such component; its possible magnitude is
+        // added to the curve's error.
         let (middle, _) = self.exposure_spread();
         let (mut sum, mut scale) = (vec![0.0; n], vec![0.0; n]);
         for (i, e) in self.exposures.iter().enumerate() {
             sum[KNOTS.len() + i] = 1.0;
             scale[KNOTS.len() + i] = e - middle;
         }
-        a.add_outer(IMPOSED, &sum, &sum);
-        a.add_outer(IMPOSED, &scale, &scale);
+        a.add_outer(CONSTRAINT, &sum, &sum);
+        a.add_outer(CONSTRAINT, &scale, &scale);
         (a, b)
     }
 
-    /// Mean of the exposures' logarithms, and the root of the sum of squares about it.
+    /// Returns the mean of the exposures' logarithms, and the root of the sum of squares about it.
     fn exposure_spread(&self) -> (f64, f64) {
         let count = self.exposures.len() as f64;
         let middle = self.exposures.iter().sum::<f64>() / count;
@@ -135,10 +137,11 @@ impl<'a> Problem<'a> {
         (middle, squares.sum::<f64>().sqrt())
     }
 
+    /// Solves with the smoothness `tau`; `None` if the equations are singular.
     pub fn solve(&self, tau: f64) -> Option<Solved> {
         let (prior, right) = self.prior(tau);
         let mut x = vec![0.0; right.len()];
-        x[..KNOTS.len()].fill(USUAL);
+        x[..KNOTS.len()].fill(PRIOR_MEAN);
         let mut solved = None;
         for _ in 0..8 {
             let weights = self.weights(&x);
@@ -165,9 +168,9 @@ impl<'a> Problem<'a> {
         })
     }
 
-    fn left(&self, x: &[f64], i: usize) -> f64 {
-        let along: f64 = self.rows[i].iter().zip(x).map(|(r, x)| r * x).sum();
-        self.ratio(&self.samples[i]) - along
+    fn residual(&self, x: &[f64], i: usize) -> f64 {
+        let predicted: f64 = self.rows[i].iter().zip(x).map(|(r, x)| r * x).sum();
+        self.ratio(&self.samples[i]) - predicted
     }
 
     fn variance(&self, x: &[f64], s: &Sample) -> f64 {
@@ -177,33 +180,33 @@ impl<'a> Problem<'a> {
         one(s.longer) + one(s.shorter) + FLOOR * FLOOR
     }
 
-    /// One over the variance, less for what is far off; a bunch of samples counts as few.
+    /// Returns the inverse variances times Tukey's weights, reduced for the samples' correlation.
     fn weights(&self, x: &[f64]) -> Vec<f64> {
         let scaled: Vec<f64> = self
             .samples
             .iter()
             .enumerate()
-            .map(|(i, s)| self.left(x, i) / self.variance(x, s).sqrt())
+            .map(|(i, s)| self.residual(x, i) / self.variance(x, s).sqrt())
             .collect();
         let scale = (1.4826 * median_absolute(scaled.iter().copied())).max(1.0);
         let weight = |(s, r): (&Sample, &f64)| {
-            let t = (1.0 - (r / (scale * TUKEY)).powi(2)).max(0.0);
-            t * t / (self.variance(x, s) * scale * scale * ALIKE)
+            let variance = self.variance(x, s) * scale * scale * CORRELATED_SAMPLES;
+            tukey_weight(r / (scale * TUKEY)) / variance
         };
         self.samples.iter().zip(&scaled).map(weight).collect()
     }
 
-    /// Logarithm of the likelihood with p integrated out, less what does not depend on the prior.
+    /// Returns the logarithm of the marginal likelihood, less terms that do not depend on the prior.
     fn evidence(&self, x: &[f64], prior: &Matrix, a: &Matrix, weights: &[f64]) -> Option<f64> {
         let misfit: f64 = (0..weights.len())
-            .map(|i| weights[i] * self.left(x, i).powi(2))
+            .map(|i| weights[i] * self.residual(x, i).powi(2))
             .sum();
-        let mut from_usual = x.to_vec();
-        from_usual[..KNOTS.len()]
+        let mut from_mean = x.to_vec();
+        from_mean[..KNOTS.len()]
             .iter_mut()
-            .for_each(|p| *p -= USUAL);
-        let pull = prior.times_vector(&from_usual);
-        let pull: f64 = pull.iter().zip(&from_usual).map(|(a, b)| a * b).sum();
+            .for_each(|p| *p -= PRIOR_MEAN);
+        let pull = prior.times_vector(&from_mean);
+        let pull: f64 = pull.iter().zip(&from_mean).map(|(a, b)| a * b).sum();
         Some(
             0.5 * (prior.cholesky()?.log_determinant()
                 - a.cholesky()?.log_determinant()
@@ -212,6 +215,7 @@ impl<'a> Problem<'a> {
         )
     }
 
+    /// Returns the curve of a solution.
     pub fn curve(&self, solved: &Solved) -> Curve {
         let p: Vec<f64> = solved.x[..KNOTS.len()]
             .iter()
@@ -225,7 +229,7 @@ impl<'a> Problem<'a> {
         for (slot, row) in table.iter_mut().zip(&rows).skip(1) {
             *slot = g(row).exp() as f32;
         }
-        rise(&mut table);
+        make_strictly_increasing(&mut table);
         let anchor = rows[ANCHOR];
         let common = (self.exposure_variance.sqrt() / self.exposure_spread().1).min(1.0);
         let sigma = |row: &[f64; KNOTS.len()]| {
@@ -248,36 +252,25 @@ impl<'a> Problem<'a> {
             })
         };
         let used = kept().count();
-        let left = |i: usize| self.left(&solved.x, i);
-        let mut by_channel = [0.0; 3];
-        for (c, slot) in by_channel.iter_mut().enumerate() {
-            let own = kept().filter(|i| self.samples[*i].channel == c);
-            let (n, sum) = own.fold((0.0, 0.0), |(n, sum), i| (n + 1.0, sum + left(i)));
-            *slot = sum / f64::max(n, 1.0);
-        }
+        let residual = |i: usize| self.residual(&solved.x, i);
         let every = used.div_ceil(600).max(1);
         Curve {
-            // The table rises by construction; sRGB never comes in its place.
+            // The table increases by construction, so that sRGB never replaces it.
             response: Response::from_table(&table).unwrap_or_else(|_| Response::srgb()),
             relative_sigma,
             seen: (codes(f64::min, 255.0), codes(f64::max, 0.0)),
             used,
-            rms: (kept().map(|i| left(i).powi(2)).sum::<f64>() / used.max(1) as f64).sqrt(),
-            exposure_off: solved.x[KNOTS.len()..]
-                .iter()
-                .map(|d| d / std::f64::consts::LN_2)
-                .collect(),
-            by_channel,
+            rms: (kept().map(|i| residual(i).powi(2)).sum::<f64>() / used.max(1) as f64).sqrt(),
             residuals: kept()
                 .step_by(every)
-                .map(|i| (self.samples[i].longer.0, left(i)))
+                .map(|i| (self.samples[i].longer.0, residual(i)))
                 .collect(),
         }
     }
 }
 
-/// Makes values that are the same in single precision differ.
-fn rise(table: &mut [f32; 256]) {
+/// Makes a non-decreasing table strictly increasing in single precision.
+fn make_strictly_increasing(table: &mut [f32; 256]) {
     table[255] = 1.0;
     for i in (0..255).rev() {
         if table[i] >= table[i + 1] {

@@ -1,10 +1,11 @@
 #![allow(clippy::unwrap_used)]
 
 use super::*;
-use crate::radiometric::drawn::normal;
+use crate::radiometric::synthetic::normal;
+use penumbra_camera::Response;
 use penumbra_picture::Picture;
 
-/// A scene of even patches from black to ten times white, under an exposure.
+/// A scene of uniform patches from black to ten times white, under an exposure.
 fn picture(response: &Response, exposure: f64, noise: f64, seed: u64) -> Picture {
     let (width, height) = (320u32, 240u32);
     let mut rgba = Vec::new();
@@ -28,7 +29,7 @@ fn picture(response: &Response, exposure: f64, noise: f64, seed: u64) -> Picture
     }
 }
 
-fn gathered(response: &Response, stops: &[f64], said: &[f64], noise: f64) -> SeriesGatherer {
+fn gathered(response: &Response, stops: &[f64], stated: &[f64], noise: f64) -> SeriesGatherer {
     let mut gatherer = SeriesGatherer::default();
     let pictures: Vec<Picture> = stops
         .iter()
@@ -37,16 +38,16 @@ fn gathered(response: &Response, stops: &[f64], said: &[f64], noise: f64) -> Ser
         .collect();
     let series: Vec<(&Picture, f64)> = pictures
         .iter()
-        .zip(said)
+        .zip(stated)
         .map(|(p, ev)| (p, ev * std::f64::consts::LN_2))
         .collect();
     gatherer.add(&series);
     gatherer
 }
 
-fn worst(curve: &Curve, truth: &Response) -> f64 {
+fn worst(curve: &Curve, ground_truth: &Response) -> f64 {
     let ratio = |z: usize| {
-        let ratio = curve.response.linear_from_code()[z] / truth.linear_from_code()[z];
+        let ratio = curve.response.linear_from_code()[z] / ground_truth.linear_from_code()[z];
         f64::from(ratio).ln()
     };
     // A factor is part of the exposure.
@@ -65,18 +66,18 @@ fn shouldered() -> Response {
 }
 
 #[test]
-fn known_curves_come_back_within_their_error() {
+fn recovers_known_curves_within_their_error() {
     let stops = [0.0, -1.0, -2.0, -3.0, -4.0];
-    for truth in [
+    for ground_truth in [
         Response::srgb(),
         Response::gamma(2.2),
         Response::linear(),
         shouldered(),
     ] {
-        let curve = fit(&gathered(&truth, &stops, &stops, 0.001), 0.01).unwrap();
-        let off = worst(&curve, &truth);
-        assert!(off < 0.04, "{off} {}", curve.rms);
-        let (apart, sigmas) = curve.apart(&truth);
+        let curve = fit(&gathered(&ground_truth, &stops, &stops, 0.001), 0.01).unwrap();
+        let error = worst(&curve, &ground_truth);
+        assert!(error < 0.04, "{error} {}", curve.rms);
+        let (apart, sigmas) = curve.apart(&ground_truth);
         assert!(apart < 0.02 && sigmas < 4.0, "{apart} {sigmas}");
     }
 }
@@ -84,12 +85,12 @@ fn known_curves_come_back_within_their_error() {
 #[test]
 fn brackets_four_stops_apart_suffice() {
     let stops = [0.0, -4.0, -8.0];
-    for truth in [Response::srgb(), Response::gamma(2.2)] {
-        let curve = fit(&gathered(&truth, &stops, &stops, 0.001), 0.01).unwrap();
-        let (apart, sigmas) = curve.apart(&truth);
+    for ground_truth in [Response::srgb(), Response::gamma(2.2)] {
+        let curve = fit(&gathered(&ground_truth, &stops, &stops, 0.001), 0.01).unwrap();
+        let (apart, sigmas) = curve.apart(&ground_truth);
         assert!(apart < 0.05 && sigmas < 4.0, "{apart} {sigmas}");
-        // And they tell sRGB from a gamma.
-        let other = if truth == Response::srgb() {
+        // They distinguish sRGB from a gamma.
+        let other = if ground_truth == Response::srgb() {
             Response::linear()
         } else {
             Response::gamma(1.6)
@@ -99,33 +100,33 @@ fn brackets_four_stops_apart_suffice() {
 }
 
 #[test]
-fn rough_exposures_are_corrected_within_what_is_allowed() {
-    let (stops, said) = ([0.0, -1.0, -2.0, -3.0], [0.0, -1.1, -2.0, -2.9]);
-    let truth = Response::srgb();
-    let curve = fit(&gathered(&truth, &stops, &said, 0.001), 0.08).unwrap();
-    let (apart, sigmas) = curve.apart(&truth);
+fn corrects_approximate_exposures_within_their_uncertainty() {
+    let (stops, stated) = ([0.0, -1.0, -2.0, -3.0], [0.0, -1.1, -2.0, -2.9]);
+    let ground_truth = Response::srgb();
+    let curve = fit(&gathered(&ground_truth, &stops, &stated, 0.001), 0.08).unwrap();
+    let (apart, sigmas) = curve.apart(&ground_truth);
     assert!(apart < 0.08 && sigmas < 3.0, "{apart} {sigmas}");
     assert!(curve.largest_sigma() > 0.01);
 }
 
 #[test]
-fn what_is_no_series_is_said() {
+fn refuses_invalid_series() {
     let srgb = Response::srgb();
-    let of = |stops: &[f64], said: &[f64]| {
-        fit(&gathered(&srgb, stops, said, 0.001), 0.01)
+    let error = |stops: &[f64], stated: &[f64]| {
+        fit(&gathered(&srgb, stops, stated, 0.001), 0.01)
             .map(|_| ())
             .unwrap_err()
     };
-    assert_eq!(of(&[0.0, 0.0], &[0.0, 0.0]), NoCurve::OneExposure);
-    assert_eq!(of(&[0.0, 0.0, 0.0], &[0.0, -2.0, -4.0]), NoCurve::Alike);
+    assert_eq!(error(&[0.0, 0.0], &[0.0, 0.0]), NoCurve::OneExposure);
+    assert_eq!(error(&[0.0, 0.0, 0.0], &[0.0, -2.0, -4.0]), NoCurve::Alike);
     assert_eq!(
-        of(&[-2.0, -1.0, 0.0], &[0.0, -1.0, -2.0]),
+        error(&[-2.0, -1.0, 0.0], &[0.0, -1.0, -2.0]),
         NoCurve::Reversed
     );
     assert!(matches!(
-        of(&[0.0, -14.0], &[0.0, -14.0]),
+        error(&[0.0, -14.0], &[0.0, -14.0]),
         NoCurve::TooFew { .. }
     ));
-    let text = of(&[0.0, -1.0, -2.0], &[0.0, -3.0, -3.5]).to_string();
-    assert!(text.contains("contradict"), "{text}");
+    let text = error(&[0.0, -1.0, -2.0], &[0.0, -3.0, -3.5]).to_string();
+    assert!(text.contains("inconsistent"), "{text}");
 }

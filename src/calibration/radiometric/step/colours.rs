@@ -1,41 +1,37 @@
-//! How true one camera's colours of a chart are.
+//! Colour errors of one camera on a chart.
 
 use glam::{DMat3, DVec3};
 use penumbra_numerics::NormalEquations;
 use penumbra_white_balance::chart::Patch;
 use penumbra_white_balance::colour::delta_e_linear;
 
-/// Differences between what a camera shows of a chart and what it is, CIEDE2000, by patch; none
+/// Differences between a camera's colours of a chart and the reference, CIEDE2000, by patch; `None`
 /// where a patch is clipped or too dark.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Colours {
-    /// With exposure alone taken off.
+    /// With the exposure corrected.
     pub as_shown: Vec<Option<f64>>,
-    /// White balanced on the grey row, too.
+    /// With the exposure corrected and white balanced on the grey row.
     pub balanced: Vec<Option<f64>>,
     /// With the best 3×3 matrix.
     pub matrixed: Vec<Option<f64>>,
 }
 
 impl Colours {
-    /// Of a chart's patches and its reference; `None` from fewer than twelve.
-    pub fn of(patches: &[Patch], reference: &[DVec3; 24]) -> Option<Self> {
+    /// Compares a chart's patches with its reference; `None` for fewer than twelve patches.
+    pub fn new(patches: &[Patch], reference: &[DVec3; 24]) -> Option<Self> {
         let read: Vec<Option<DVec3>> = patches.iter().map(mean).collect();
-        let both = || {
-            read.iter()
-                .zip(reference)
-                .filter_map(|(m, r)| Some(((*m)?, *r)))
-        };
+        let both = || pairs(&read, reference);
         if both().count() < 12 {
             return None;
         }
-        let greys = || both_of(&read[18..], &reference[18..]);
+        let greys = || pairs(&read[18..], &reference[18..]);
         let gains = DVec3::from_array([0, 1, 2].map(|c| ratio(greys(), c)));
         let matrix = matrix(both(), gains)?;
         let green = DVec3::splat(gains.y);
         let with = |map: DMat3| -> Vec<Option<f64>> {
-            let off = |(m, r): (&Option<DVec3>, &DVec3)| Some(delta_e_linear(map * (*m)?, *r));
-            read.iter().zip(reference).map(off).collect()
+            let error = |(m, r): (&Option<DVec3>, &DVec3)| Some(delta_e_linear(map * (*m)?, *r));
+            read.iter().zip(reference).map(error).collect()
         };
         Some(Self {
             as_shown: with(DMat3::from_diagonal(green)),
@@ -44,7 +40,7 @@ impl Colours {
         })
     }
 
-    /// Mean over the patches that are there.
+    /// Returns the mean over the patches with a value.
     pub fn mean(values: &[Option<f64>]) -> f64 {
         let (n, sum) = values
             .iter()
@@ -54,15 +50,16 @@ impl Colours {
     }
 }
 
-fn both_of<'a>(
+/// Returns the readings with their references, without unreadable patches.
+fn pairs<'a>(
     read: &'a [Option<DVec3>],
     reference: &'a [DVec3],
-) -> impl Iterator<Item = (DVec3, DVec3)> + 'a {
+) -> impl Iterator<Item = (DVec3, DVec3)> + Clone + 'a {
     let pairs = read.iter().zip(reference);
     pairs.filter_map(|(m, r)| Some(((*m)?, *r)))
 }
 
-/// Reference over reading by least squares, as bright patches tell it best.
+/// Returns the ratio of reference to reading by least squares, which weights bright patches most.
 fn ratio(pairs: impl Iterator<Item = (DVec3, DVec3)>, c: usize) -> f64 {
     let (mr, mm) = pairs.fold((0.0, 0.0), |(mr, mm), (m, r)| {
         (mr + m[c] * r[c], mm + m[c] * m[c])
@@ -70,7 +67,7 @@ fn ratio(pairs: impl Iterator<Item = (DVec3, DVec3)>, c: usize) -> f64 {
     if mm > 0.0 { mr / mm } else { 1.0 }
 }
 
-/// reference ≈ M × reading, row by row, relative to the patches' brightness.
+/// Fits reference ≈ M × reading row by row, relative to the patches' brightness.
 fn matrix(pairs: impl Iterator<Item = (DVec3, DVec3)> + Clone, gains: DVec3) -> Option<DMat3> {
     let mut rows = [DVec3::ZERO; 3];
     for (c, slot) in rows.iter_mut().enumerate() {
@@ -99,7 +96,7 @@ mod tests {
     use penumbra_white_balance::chart::Reading;
 
     #[test]
-    fn white_balance_and_a_matrix_take_off_what_is_theirs() {
+    fn white_balance_and_matrix_reduce_colour_errors() {
         let reference = Edition::default().linear();
         let cross = DMat3::from_cols(
             DVec3::new(0.70, 0.06, 0.02),
@@ -118,13 +115,13 @@ mod tests {
                 }))
             })
             .collect();
-        let colours = Colours::of(&patches, &reference).unwrap();
+        let colours = Colours::new(&patches, &reference).unwrap();
         let [shown, balanced, matrixed] =
             [&colours.as_shown, &colours.balanced, &colours.matrixed].map(|v| Colours::mean(v));
         assert!(
             shown > 1.3 * balanced && balanced > 1.0 && matrixed < 0.1,
             "{shown} {balanced} {matrixed}"
         );
-        assert_eq!(Colours::of(&patches[..11], &reference), None);
+        assert_eq!(Colours::new(&patches[..11], &reference), None);
     }
 }

@@ -1,39 +1,39 @@
-//! White balance and exposure between the cameras, each way that there is.
+//! White balance and exposure between the cameras by every available method, and the light on a chart.
 
+use super::camera_data::CameraData;
+use super::camera_result::CameraResult;
 use super::colours::Colours;
-use super::eye::EyeState;
-use super::{CameraFound, Options};
+use super::options::Options;
 use crate::radiometric::reference::{GREYS, NAMES};
 use glam::{DMat3, DVec3};
 use penumbra_camera::Response;
 use penumbra_white_balance::GainEstimate;
 use penumbra_white_balance::chart::{ChartMatch, Patch, Reading, match_patches, read_codes};
 
-/// Every way's answer.
+/// Gains by every method.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Gains {
-    /// A chart seen by both.
+    /// From a chart seen by both cameras.
     pub chart: Option<Result<(GainEstimate, ChartMatch), String>>,
-    /// A grey card seen by both.
+    /// From a grey card seen by both cameras.
     pub grey: Option<Result<GainEstimate, String>>,
-    /// What both see anyway, and from how much.
+    /// From surfaces of the scene that both cameras see, with a description of the data.
     pub scene: Option<(GainEstimate, String)>,
-    /// Where the chart calls for it.
+    /// Colour matrix, if the chart requires one.
     pub matrix: Option<DMat3>,
-    /// Of both cameras then, seconds.
+    /// Exposures of both cameras, seconds.
     pub exposures: Option<[f64; 2]>,
-    /// The chart's patches in both, for the report.
+    /// The chart's patches in both cameras, for the report.
     pub patches: Vec<(Patch, Patch)>,
 }
 
-/// What the eye of one chart does not tell: gloss, and light from another side as the cameras
-/// look from different places; relative.
+/// Systematic error of a chart, relative: gloss, and different viewing directions of the cameras.
 const CHART_FLOOR: f64 = 0.002;
-/// The same of a card, which is one surface alone.
+/// Systematic error of a grey card, relative: a single surface.
 const GREY_FLOOR: f64 = 0.007;
 
 impl Gains {
-    /// What goes into the file: the surest way.
+    /// Returns the method with the smallest uncertainty and its gains.
     pub fn best(&self) -> Option<(&'static str, GainEstimate)> {
         let worst = |e: &GainEstimate| e.relative_sd.max_element();
         self.all()
@@ -41,7 +41,7 @@ impl Gains {
             .min_by(|a, b| worst(&a.1).total_cmp(&worst(&b.1)))
     }
 
-    /// All that have an answer.
+    /// Returns all methods with a result.
     pub fn all(&self) -> Vec<(&'static str, GainEstimate)> {
         let chart = self
             .chart
@@ -53,7 +53,7 @@ impl Gains {
         let all = [
             ("chart", chart),
             ("grey card", grey),
-            ("what both see", scene),
+            ("shared scene", scene),
         ];
         all.into_iter()
             .filter_map(|(name, e)| Some((name, e?)))
@@ -61,9 +61,10 @@ impl Gains {
     }
 }
 
+/// Computes the gains between the cameras by every available method.
 pub(super) fn between(
-    eyes: &[EyeState; 2],
-    cameras: &[CameraFound; 2],
+    data: &[CameraData; 2],
+    cameras: &[CameraResult; 2],
     options: &Options,
     scene: Option<&(GainEstimate, String)>,
 ) -> Gains {
@@ -75,30 +76,30 @@ pub(super) fn between(
         scene: scene.cloned(),
         ..Gains::default()
     };
-    if eyes.iter().all(|eye| !eye.charts.is_empty()) {
-        chart(&mut gains, eyes, responses, options.matrix);
+    if data.iter().all(|eye| !eye.charts.is_empty()) {
+        chart(&mut gains, data, responses, options.matrix);
     }
-    if let [Some(a), Some(b)] = [&eyes[0].grey, &eyes[1].grey] {
+    if let [Some(a), Some(b)] = [&data[0].grey, &data[1].grey] {
         gains.grey = Some(card(a, b, responses));
     }
-    let exposure = |eye: &EyeState| match gains.chart {
+    let exposure = |eye: &CameraData| match gains.chart {
         Some(Ok(_)) => eye.charts.first().and_then(|c| c.exposure),
         _ => eye.exposure,
     };
-    gains.exposures = exposure(&eyes[0])
-        .zip(exposure(&eyes[1]))
+    gains.exposures = exposure(&data[0])
+        .zip(exposure(&data[1]))
         .map(|(a, b)| [a, b]);
     gains
 }
 
-/// Pictures nearest in time are compared; several agree or say how far they do not.
-fn chart(gains: &mut Gains, eyes: &[EyeState; 2], responses: [&Response; 2], matrix: bool) {
-    let read = [0, 1].map(|i| eyes[i].patches(responses[i]));
+/// Matches charts in pictures nearest in time.
+fn chart(gains: &mut Gains, data: &[CameraData; 2], responses: [&Response; 2], matrix: bool) {
+    let read = [0, 1].map(|i| data[i].patches(responses[i]));
     let mut found: Vec<ChartMatch> = Vec::new();
     let mut error = None;
-    for (i, seen) in eyes[0].charts.iter().enumerate() {
-        let apart = |j: &usize| (eyes[1].charts[*j].seconds - seen.seconds).abs();
-        let nearest = (0..eyes[1].charts.len()).min_by(|a, b| apart(a).total_cmp(&apart(b)));
+    for (i, seen) in data[0].charts.iter().enumerate() {
+        let apart = |j: &usize| (data[1].charts[*j].seconds - seen.seconds).abs();
+        let nearest = (0..data[1].charts.len()).min_by(|a, b| apart(a).total_cmp(&apart(b)));
         let Some(j) = nearest else { continue };
         let pairs: Vec<(Patch, Patch)> = read[0][i]
             .iter()
@@ -118,19 +119,19 @@ fn chart(gains: &mut Gains, eyes: &[EyeState; 2], responses: [&Response; 2], mat
     gains.chart = match (found.first().cloned(), error) {
         (Some(first), _) => {
             gains.matrix = first.matrix;
-            Some(Ok((together(&found), first)))
+            Some(Ok((combined(&found), first)))
         }
         (None, Some(error)) => Some(Err(error)),
         (None, None) => None,
     };
 }
 
-/// Mean of several pictures' gains; what they scatter is added to what each allows.
-fn together(found: &[ChartMatch]) -> GainEstimate {
+/// Returns the mean gains of several pictures, with their scatter added to the uncertainty.
+fn combined(found: &[ChartMatch]) -> GainEstimate {
     let n = found.len() as f64;
     let mean = found.iter().map(|m| m.estimate.gains.ln()).sum::<DVec3>() / n;
-    let off = |m: &ChartMatch| (m.estimate.gains.ln() - mean).powf(2.0);
-    let scatter = found.iter().map(off).sum::<DVec3>() / (n * (n - 1.0).max(1.0));
+    let square = |m: &ChartMatch| (m.estimate.gains.ln() - mean).powf(2.0);
+    let scatter = found.iter().map(square).sum::<DVec3>() / (n * (n - 1.0).max(1.0));
     let own = found
         .iter()
         .map(|m| m.estimate.relative_sd.powf(2.0))
@@ -143,6 +144,7 @@ fn together(found: &[ChartMatch]) -> GainEstimate {
     }
 }
 
+/// Computes the gains from a grey card's codes in both cameras.
 fn card(a: &[[u8; 3]], b: &[[u8; 3]], responses: [&Response; 2]) -> Result<GainEstimate, String> {
     let read = |codes: &[[u8; 3]], c: usize, response| {
         let codes: Vec<u8> = codes.iter().map(|rgb| rgb[c]).collect();
@@ -161,7 +163,7 @@ fn card(a: &[[u8; 3]], b: &[[u8; 3]], responses: [&Response; 2]) -> Result<GainE
             ));
         };
         let relative = |r: &Reading| r.variance_of_mean / (r.mean * r.mean);
-        // Uneven light over a card shows as spread and shifts its mean.
+        // Uneven light on the card increases the variance and biases the mean.
         let uneven = |r: &Reading| 0.05 * 0.05 * r.variance / (r.mean * r.mean);
         let variance = [scene, environment]
             .iter()
@@ -173,55 +175,56 @@ fn card(a: &[[u8; 3]], b: &[[u8; 3]], responses: [&Response; 2]) -> Result<GainE
     Ok(estimate)
 }
 
-/// What one camera's chart says of that camera and of the light.
+/// Evaluation of a chart in one camera: the camera's tone and colours, and the light.
 #[derive(Clone, Debug, Default)]
-pub(super) struct ChartSays {
-    /// Contrast of the grey row as the camera shows it over what it is, and its error.
+pub(super) struct ChartEvaluation {
+    /// Contrast of the grey row relative to the reference, and its standard error.
     pub contrast: Option<(f64, f64)>,
-    /// How much brighter one end of the chart is than the other, relative.
+    /// Change of brightness over the chart, relative.
     pub uneven: f64,
-    /// How much the light's colour changes over the chart, relative, and its error: no chart's
-    /// colours are quite the reference's.
+    /// Change of the light's colour over the chart, relative, and its standard error, which contains
+    /// the chart's deviations from the reference.
     pub mixed: (f64, f64),
-    /// What the patches leave when gains and an even slope of light are taken off, relative.
+    /// RMS residual of the patches after gains and a linear gradient of light, relative.
     pub rest: f64,
-    /// How true the colours are.
+    /// Colour errors.
     pub colours: Option<Colours>,
     /// Names of patches that are clipped or too dark.
     pub lost: Vec<&'static str>,
 }
 
-pub(super) fn says(patches: &[Patch], options: &Options) -> ChartSays {
+/// Evaluates the patches of a chart in one camera.
+pub(super) fn evaluate(patches: &[Patch], options: &Options) -> ChartEvaluation {
     let reference = options.edition.linear();
     let lost = |(_, p): &(usize, &Patch)| p.0.iter().any(Option::is_none);
-    let mut says = ChartSays {
+    let mut evaluation = ChartEvaluation {
         lost: patches
             .iter()
             .enumerate()
             .filter(lost)
             .map(|(i, _)| NAMES[i])
             .collect(),
-        colours: Colours::of(patches, &reference),
-        ..ChartSays::default()
+        colours: Colours::new(patches, &reference),
+        ..ChartEvaluation::default()
     };
     let slopes = [0, 1, 2].map(|c| slope(patches, &reference, c));
     if let [Some(r), Some(g), Some(b)] = slopes {
-        says.uneven = (5.0 * g.0[1]).hypot(3.0 * g.0[2]);
+        evaluation.uneven = (5.0 * g.0[1]).hypot(3.0 * g.0[2]);
         let apart = |s: &Slope| (5.0 * (s.0[1] - g.0[1])).hypot(3.0 * (s.0[2] - g.0[2]));
         let error = |s: &Slope| std::f64::consts::SQRT_2 * (5.0 * s.2[1]).hypot(3.0 * s.2[2]);
         let [red, blue] = [(apart(&r), error(&r)), (apart(&b), error(&b))];
-        says.mixed = if red.0 > blue.0 { red } else { blue };
-        says.rest = ((r.1.powi(2) + g.1.powi(2) + b.1.powi(2)) / 3.0).sqrt();
-        says.contrast = contrast(patches, &reference, &g.0);
+        evaluation.mixed = if red.0 > blue.0 { red } else { blue };
+        evaluation.rest = ((r.1.powi(2) + g.1.powi(2) + b.1.powi(2)) / 3.0).sqrt();
+        evaluation.contrast = contrast(patches, &reference, &g.0);
     }
-    says
+    evaluation
 }
 
-/// a, b, c; root mean square of what is left; standard errors of a, b, c.
+/// a, b, c; root mean square of the residuals; standard errors of a, b, c.
 type Slope = ([f64; 3], f64, [f64; 3]);
 
-/// ln (measured / reference) = a + b column + c row of one channel by least squares; of the patches
-/// that are bright enough for stray light not to count.
+/// Fits ln (measured / reference) = a + b column + c row of one channel by least squares, to the
+/// patches that are bright enough for stray light to be negligible.
 fn slope(patches: &[Patch], reference: &[DVec3; 24], c: usize) -> Option<Slope> {
     let mut normal = penumbra_numerics::NormalEquations::new(3);
     let mut rows = Vec::new();
@@ -232,7 +235,7 @@ fn slope(patches: &[Patch], reference: &[DVec3; 24], c: usize) -> Option<Slope> 
         let row = [1.0, (i % 6) as f64 - 2.5, (i / 6) as f64 - 1.5];
         let value = (reading.mean / reference[i][c]).ln();
         rows.push((row, value));
-        // The step downhill from zero solves it.
+        // The negative gradient at zero is the right-hand side.
         normal.add(-value, &row, 1.0);
     }
     if rows.len() < 8 {
@@ -241,13 +244,15 @@ fn slope(patches: &[Patch], reference: &[DVec3; 24], c: usize) -> Option<Slope> 
     let right: Vec<f64> = normal.gradient.iter().map(|g| -g).collect();
     let factor = normal.hessian.cholesky()?;
     let (x, inverse) = (factor.solve(&right), factor.inverse());
-    let left = |(row, value): &([f64; 3], f64)| value - (0..3).map(|k| row[k] * x[k]).sum::<f64>();
-    let rms = penumbra_numerics::root_mean_square(rows.iter().map(left));
+    let residual =
+        |(row, value): &([f64; 3], f64)| value - (0..3).map(|k| row[k] * x[k]).sum::<f64>();
+    let rms = penumbra_numerics::root_mean_square(rows.iter().map(residual));
     let errors = [0, 1, 2].map(|k| rms * inverse[(k, k)].sqrt());
     Some(([x[0], x[1], x[2]], rms, errors))
 }
 
-/// Slope of ln measured over ln reference along the grey row, the light's own slope taken off.
+/// Returns the slope of ln measured over ln reference along the grey row, corrected for the gradient of
+/// the light, and its standard error.
 fn contrast(patches: &[Patch], reference: &[DVec3; 24], light: &[f64; 3]) -> Option<(f64, f64)> {
     let points: Vec<(f64, f64)> = GREYS
         .filter_map(|i| {
@@ -266,9 +271,9 @@ fn contrast(patches: &[Patch], reference: &[DVec3; 24], light: &[f64; 3]) -> Opt
         (xx + (p.0 - mx).powi(2), xy + (p.0 - mx) * (p.1 - my))
     });
     let slope = sxy / sxx;
-    let left = points
+    let squares = points
         .iter()
         .map(|p| (p.1 - my - slope * (p.0 - mx)).powi(2));
-    let error = (left.sum::<f64>() / (n - 2.0) / sxx).sqrt();
+    let error = (squares.sum::<f64>() / (n - 2.0) / sxx).sqrt();
     Some((slope, error.hypot(0.01)))
 }

@@ -1,24 +1,28 @@
-//! The radiometric step: charts, exposure series and pictures at rest, as they come, become
-//! gains between the cameras, tone curves, fall-off and noise.
+//! The radiometric step: gains between the cameras, tone curves, vignetting and noise from charts,
+//! exposure series and static pictures.
+//!
+//! In the order of data flow: `camera_data` gathers the pictures of a camera, `camera_result` holds
+//! its results; `gains` compares the cameras, `colours` a camera with the chart; `assessment` and
+//! `camera_assessment` grade and describe (`summary`), `report` presents.
 
+mod assessment;
+mod camera_assessment;
+mod camera_data;
+mod camera_result;
 mod colours;
-mod eye;
 mod gains;
-mod judge;
-mod judge_cameras;
-mod page;
+mod options;
+mod report;
+mod summary;
 
-pub use eye::ChartSeen;
-use penumbra_camera::vignetting::frame;
+pub use options::Options;
 
 use super::curve;
-use super::noise::Noise;
-use super::reference::Edition;
 use super::vignetting;
 use crate::step::{Eye, Finished, Made, Progress, Shown, Step, Wants};
-use eye::EyeState;
-use glam::DVec2;
-use penumbra_camera::Response;
+use camera_data::CameraData;
+use camera_result::{CameraResult, choose_response, is_significant};
+use penumbra_camera::vignetting::frame;
 use penumbra_picture::Picture;
 use penumbra_rig_model::Grade;
 use penumbra_rig_model::radiometric_file::{
@@ -27,57 +31,11 @@ use penumbra_rig_model::radiometric_file::{
 };
 use penumbra_white_balance::GainEstimate;
 
-/// What is known before, and wanted.
-#[derive(Clone, Debug)]
-pub struct Options {
-    /// Tone curves of scene and environment camera, as far as known.
-    pub responses: [Response; 2],
-    /// Sizes of their pictures, where known.
-    pub sizes: [Option<(u32, u32)>; 2],
-    /// Where their lenses' axes meet the picture, where known, pixels.
-    pub centres: [Option<DVec2>; 2],
-    /// Which chart.
-    pub edition: Edition,
-    /// Where a grey card lies in their pictures, x, y, width, height.
-    pub greys: [Option<[u32; 4]>; 2],
-    /// How well exposures are known, relative.
-    pub exposure_sigma: f64,
-    /// Look for a 3×3 matrix too.
-    pub matrix: bool,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Self {
-            responses: [Response::srgb(), Response::srgb()],
-            sizes: [None; 2],
-            centres: [None; 2],
-            edition: Edition::default(),
-            greys: [None; 2],
-            exposure_sigma: 0.01,
-            matrix: true,
-        }
-    }
-}
-
-/// The step.
+/// The radiometric step.
 pub struct Radiometric {
     options: Options,
-    eyes: [EyeState; 2],
+    data: [CameraData; 2],
     scene_gains: Option<(GainEstimate, String)>,
-}
-
-/// What was found of one camera.
-#[derive(Clone, Debug, Default)]
-struct CameraFound {
-    curve: Option<Result<curve::Curve, curve::NoCurve>>,
-    /// The curve in force from here on, and how it is called.
-    response: Option<(Response, String)>,
-    replaces: bool,
-    noise: Option<Noise>,
-    /// And whether it is from flat pictures, which alone it is taken over from.
-    fall_off: Option<(vignetting::Fit, bool)>,
-    size: (u32, u32),
 }
 
 const fn index(eye: Eye) -> usize {
@@ -87,58 +45,55 @@ const fn index(eye: Eye) -> usize {
     }
 }
 
-/// Names of the cameras, in the order of all that is kept for both.
-const EYES: [Eye; 2] = [Eye::Scene, Eye::Environment];
-
 impl Radiometric {
-    /// Nothing seen yet.
+    /// Creates the step without data.
     #[must_use]
     pub fn new(options: Options) -> Self {
         Self {
-            eyes: [EyeState::default(), EyeState::default()],
+            data: [CameraData::default(), CameraData::default()],
             options,
             scene_gains: None,
         }
     }
 
-    /// Takes pictures of the same thing at rest with the logarithm (base e) of their exposures.
+    /// Adds pictures of a static scene with the natural logarithms of their exposures.
     pub fn add_series(&mut self, eye: Eye, series: &[(&Picture, f64)]) {
-        let state = &mut self.eyes[index(eye)];
+        let state = &mut self.data[index(eye)];
         state.series.add(series);
         state.size = series
             .first()
             .map_or(state.size, |p| (p.0.width, p.0.height));
     }
 
-    /// Takes a picture of an evenly lit, even surface that fills it.
+    /// Adds a picture of a uniform, evenly lit surface that fills it.
     pub fn add_flat(&mut self, eye: Eye, picture: &Picture) {
         let i = index(eye);
         let centre = self.options.centres[i];
-        self.eyes[i].add_flat(picture, &self.options.responses[i], centre);
+        self.data[i].add_flat(picture, &self.options.responses[i], centre);
     }
 
-    /// Takes gains found from what both cameras see, and from how much.
+    /// Sets the gains found from surfaces that both cameras see, with a description of the data.
     pub fn add_scene_gains(&mut self, estimate: GainEstimate, from: String) {
         self.scene_gains = Some((estimate, from));
     }
 
-    /// Takes a fall-off that was found while a camera moved; flat pictures come before it.
+    /// Sets vignetting found from a moving camera; pictures of a uniform surface take precedence.
     pub fn add_fall_off(&mut self, eye: Eye, fit: vignetting::Fit) {
-        self.eyes[index(eye)].moving = Some(fit);
+        self.data[index(eye)].moving = Some(fit);
     }
 
-    fn camera(&self, i: usize) -> CameraFound {
-        let state = &self.eyes[i];
-        let said = &self.options.responses[i];
+    fn camera(&self, i: usize) -> CameraResult {
+        let state = &self.data[i];
+        let known = &self.options.responses[i];
         let curve = (!state.series.exposures.is_empty())
             .then(|| curve::fit(&state.series, self.options.exposure_sigma));
-        let (response, replaces) = judge::response(curve.as_ref(), said);
-        CameraFound {
+        let (response, replaces) = choose_response(curve.as_ref(), known);
+        CameraResult {
             noise: state.noise.finish(&response.0),
             response: Some(response),
             replaces,
             curve,
-            fall_off: state.fall_off(),
+            vignetting: state.vignetting(),
             size: state.size,
         }
     }
@@ -162,27 +117,27 @@ impl Step for Radiometric {
     fn look(&mut self, shown: &Shown) {
         if let Shown::Picture(shown) = shown {
             let i = index(shown.eye);
-            self.eyes[i].look(shown, self.options.greys[i]);
+            self.data[i].add(shown, self.options.greys[i]);
         }
     }
 
     fn progress(&self) -> Progress {
-        judge::progress(&self.eyes)
+        assessment::progress(&self.data)
     }
 
     fn finish(&mut self, made: &Made) -> Finished {
-        for eye in &mut self.eyes {
+        for eye in &mut self.data {
             eye.flush();
         }
         let cameras = [self.camera(0), self.camera(1)];
         let gains = gains::between(
-            &self.eyes,
+            &self.data,
             &cameras,
             &self.options,
             self.scene_gains.as_ref(),
         );
-        let mut found = judge::judged(&self.eyes, &cameras, &gains, &self.options);
-        found.page = page::page(made, &found, &self.eyes, &cameras, &gains, &self.options);
+        let mut found = assessment::assess(&self.data, &cameras, &gains, &self.options);
+        found.page = report::report(made, &found, &self.data, &cameras, &gains, &self.options);
         if found.grade != Grade::Refused {
             let record = self.record(made, &found, &cameras, &gains);
             found.file = serde_json::to_string_pretty(&record).ok();
@@ -196,7 +151,7 @@ impl Radiometric {
         &self,
         made: &Made,
         found: &Finished,
-        cameras: &[CameraFound; 2],
+        cameras: &[CameraResult; 2],
         gains: &gains::Gains,
     ) -> RadiometricRecord {
         let [scene, environment] = [0, 1].map(|i| self.camera_record(i, &cameras[i]));
@@ -214,7 +169,7 @@ impl Radiometric {
         }
     }
 
-    fn camera_record(&self, i: usize, camera: &CameraFound) -> CameraRecord {
+    fn camera_record(&self, i: usize, camera: &CameraResult) -> CameraRecord {
         let response = camera.replaces.then_some(()).and_then(|()| {
             let (response, _) = camera.response.as_ref()?;
             let sigma = camera
@@ -230,9 +185,9 @@ impl Radiometric {
             })
         });
         let vignetting = camera
-            .fall_off
+            .vignetting
             .as_ref()
-            .filter(|(f, flat)| *flat && judge::falls_off(f));
+            .filter(|(f, flat)| *flat && is_significant(f));
         CameraRecord {
             response,
             vignetting: vignetting.map(|(f, _)| {

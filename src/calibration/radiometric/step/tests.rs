@@ -1,9 +1,10 @@
 #![allow(clippy::unwrap_used)]
 
 use super::*;
-use crate::radiometric::drawn::Drawn;
+use crate::radiometric::synthetic::SyntheticChart;
 use crate::step::ShownPicture;
-use glam::DVec3;
+use glam::{DVec2, DVec3};
+use penumbra_camera::Response;
 use penumbra_camera::vignetting::frame;
 use penumbra_interface::MonotonicTime;
 use penumbra_rig_model::RigDocument;
@@ -22,11 +23,11 @@ const ENVIRONMENT: [(f64, f64); 4] = [
     (420.0, 340.0),
 ];
 
-fn drawn(corners: [(f64, f64); 4], gains: DVec3, seed: u64) -> Drawn {
-    Drawn {
+fn synthetic(corners: [(f64, f64); 4], gains: DVec3, seed: u64) -> SyntheticChart {
+    SyntheticChart {
         gains,
         seed,
-        ..Drawn::new((640, 480), corners)
+        ..SyntheticChart::new((640, 480), corners)
     }
 }
 
@@ -41,7 +42,7 @@ fn show(step: &mut Radiometric, eye: Eye, picture: &Picture, seconds: f64, ev: f
     }));
 }
 
-fn finished(scene: &Drawn, environment: &Drawn) -> Finished {
+fn finished(scene: &SyntheticChart, environment: &SyntheticChart) -> Finished {
     let mut step = Radiometric::new(Options::default());
     show(&mut step, Eye::Scene, &scene.picture(), 0.0, 0.0);
     show(
@@ -62,9 +63,9 @@ fn applied(found: &Finished) -> RigDocument {
 }
 
 #[test]
-fn a_chart_seen_by_both_gives_the_gains_to_a_percent_through_the_file() {
+fn chart_yields_gains_within_a_percent_through_the_file() {
     let (a, b) = (DVec3::new(0.95, 0.8, 0.7), DVec3::new(0.2, 0.25, 0.3));
-    let found = finished(&drawn(SCENE, a, 1), &drawn(ENVIRONMENT, b, 2));
+    let found = finished(&synthetic(SCENE, a, 1), &synthetic(ENVIRONMENT, b, 2));
     assert_eq!(found.grade, Grade::Good, "{found:?}");
     let gains = applied(&found).calibration.gains.unwrap().estimate;
     let error = gains.percent_from(a / b);
@@ -79,12 +80,12 @@ fn a_chart_seen_by_both_gives_the_gains_to_a_percent_through_the_file() {
 }
 
 #[test]
-fn bad_light_and_missing_charts_are_said() {
-    let good = drawn(SCENE, DVec3::splat(0.9), 1);
-    let mut mixed = drawn(ENVIRONMENT, DVec3::splat(0.5), 2);
+fn reports_bad_light_and_missing_charts() {
+    let good = synthetic(SCENE, DVec3::splat(0.9), 1);
+    let mut mixed = synthetic(ENVIRONMENT, DVec3::splat(0.5), 2);
     mixed.light = |p| DVec3::new(1.0 + 0.12 * p.x, 1.0, 1.0 - 0.08 * p.x);
-    let clipped = drawn(ENVIRONMENT, DVec3::splat(9.0), 2);
-    let none = drawn(
+    let clipped = synthetic(ENVIRONMENT, DVec3::splat(9.0), 2);
+    let none = synthetic(
         [(-900.0, 0.0), (-800.0, 0.0), (-800.0, 60.0), (-900.0, 60.0)],
         DVec3::ONE,
         1,
@@ -109,9 +110,9 @@ fn bad_light_and_missing_charts_are_said() {
 }
 
 #[test]
-fn of_two_charts_the_larger_is_read() {
+fn reads_the_larger_of_two_charts() {
     let gains = DVec3::splat(0.9);
-    let scene = drawn(SCENE, gains, 1);
+    let scene = synthetic(SCENE, gains, 1);
     let mut both = scene.picture();
     let apart = [
         (400.0, 300.0),
@@ -119,7 +120,7 @@ fn of_two_charts_the_larger_is_read() {
         (600.0, 420.0),
         (400.0, 420.0),
     ];
-    drawn(apart, gains, 2).draw_over(&mut both);
+    synthetic(apart, gains, 2).draw_over(&mut both);
     let mut step = Radiometric::new(Options::default());
     show(&mut step, Eye::Scene, &both, 0.0, 0.0);
     show(&mut step, Eye::Environment, &scene.picture(), 0.0, 0.0);
@@ -135,15 +136,15 @@ fn of_two_charts_the_larger_is_read() {
 }
 
 #[test]
-fn swapped_cameras_are_told_by_their_pictures() {
+fn detects_swapped_cameras() {
     let mut step = Radiometric::new(Options {
         sizes: [Some((640, 480)), Some((480, 480))],
         ..Options::default()
     });
-    let mut square = drawn(SCENE, DVec3::splat(0.9), 1);
+    let mut square = synthetic(SCENE, DVec3::splat(0.9), 1);
     square.size = (480, 480);
     show(&mut step, Eye::Scene, &square.picture(), 0.0, 0.0);
-    let wide = drawn(ENVIRONMENT, DVec3::splat(0.9), 1).picture();
+    let wide = synthetic(ENVIRONMENT, DVec3::splat(0.9), 1).picture();
     show(&mut step, Eye::Environment, &wide, 0.0, 0.0);
     let found = step.finish(&Made::default());
     assert_eq!(found.grade, Grade::Refused);
@@ -155,16 +156,16 @@ fn swapped_cameras_are_told_by_their_pictures() {
 }
 
 #[test]
-fn brackets_tell_a_curve_that_the_rig_has_wrong() {
-    let truth = Response::gamma(2.2);
+fn brackets_correct_a_wrong_tone_curve() {
+    let ground_truth = Response::gamma(2.2);
     let mut step = Radiometric::new(Options {
         responses: [Response::srgb(), Response::gamma(1.6)],
         ..Options::default()
     });
     for ev in [0.0, -2.0, -4.0] {
         let gains = DVec3::splat(3.0 * f64::exp2(ev));
-        let mut picture = drawn(ENVIRONMENT, gains, 1);
-        (picture.response, picture.noise) = (truth.clone(), 0.0005);
+        let mut picture = synthetic(ENVIRONMENT, gains, 1);
+        (picture.response, picture.noise) = (ground_truth.clone(), 0.0005);
         show(&mut step, Eye::Environment, &picture.picture(), 0.0, ev);
     }
     let found = step.finish(&Made::default());
@@ -180,21 +181,21 @@ fn brackets_tell_a_curve_that_the_rig_has_wrong() {
 }
 
 #[test]
-fn nothing_shown_is_refused() {
+fn refuses_empty_input() {
     let found = Radiometric::new(Options::default()).finish(&Made::default());
     assert_eq!(found.grade, Grade::Refused);
     assert!(found.findings[0].1.contains("nothing to calibrate from"));
 }
 
 #[test]
-fn noise_is_read_at_rest_alone() {
+fn measures_noise_of_static_pictures_only() {
     let mut step = Radiometric::new(Options::default());
     for i in 0..4 {
-        let mut still = drawn(SCENE, DVec3::splat(0.9), 10 + i);
+        let mut still = synthetic(SCENE, DVec3::splat(0.9), 10 + i);
         still.noise = 0.003;
         show(&mut step, Eye::Scene, &still.picture(), 0.2 * i as f64, 0.0);
         let moved = SCENE.map(|(x, y)| (x + 4.0 * i as f64, y + i as f64));
-        let moving = drawn(moved, DVec3::splat(0.9), 20 + i);
+        let moving = synthetic(moved, DVec3::splat(0.9), 20 + i);
         show(
             &mut step,
             Eye::Environment,
@@ -203,15 +204,15 @@ fn noise_is_read_at_rest_alone() {
             0.0,
         );
     }
-    assert_eq!(step.eyes[0].noise.pairs, 3);
-    assert_eq!((step.eyes[1].noise.pairs, step.eyes[1].moved), (0, 3));
-    let noise = step.eyes[0].noise.finish(&Response::srgb()).unwrap();
+    assert_eq!(step.data[0].noise.pairs, 3);
+    assert_eq!((step.data[1].noise.pairs, step.data[1].moved), (0, 3));
+    let noise = step.data[0].noise.finish(&Response::srgb()).unwrap();
     let sigma = (noise.read[1] + 0.2 * noise.shot[1]).sqrt();
     assert!((sigma / 0.003 - 1.0).abs() < 0.1, "{sigma}");
 }
 
 #[test]
-fn a_white_wall_tells_the_fall_off_and_only_it_is_taken_over() {
+fn white_wall_determines_vignetting() {
     let wall = |k: f64| {
         let mut picture = Picture {
             width: 640,
@@ -222,7 +223,7 @@ fn a_white_wall_tells_the_fall_off_and_only_it_is_taken_over() {
         for i in 0..640 * 480 {
             let p = DVec2::new(f64::from(i % 640), f64::from(i / 640));
             let q = (p - centre).length_squared() / (radius * radius);
-            // The wall is lit from one side.
+            // The wall is lit from the side.
             let light = 0.5 * (1.0 + 0.05 * (p.x - centre.x) / radius) * (1.0 + k * q);
             let code = Response::srgb().code_from_linear(light as f32);
             picture.rgba.extend([code, code, code, 255]);

@@ -1,7 +1,7 @@
 #![allow(clippy::unwrap_used)]
 
 use super::*;
-use crate::radiometric::drawn::normal;
+use crate::radiometric::synthetic::normal;
 use glam::DVec2;
 use penumbra_camera::Vignetting;
 use penumbra_camera::vignetting::polynomial;
@@ -11,7 +11,7 @@ fn readings(k: [f64; 3], groups: usize, each: usize, noise: f64) -> Vec<Reading>
         .map(|i| {
             let (group, n) = (i / each, i % each);
             let q = ((group * 7 + n * 13) % 41) as f64 / 41.0;
-            // The light went down meanwhile.
+            // The light fades meanwhile.
             let light = -0.3 * (n as f64 / each as f64);
             let log = light + (0.1 + 0.02 * group as f64).ln() + polynomial(&k, q).ln();
             Reading {
@@ -26,44 +26,44 @@ fn readings(k: [f64; 3], groups: usize, each: usize, noise: f64) -> Vec<Reading>
 }
 
 #[test]
-fn a_known_fall_off_comes_back_within_its_error() {
-    for truth in [[-0.3, 0.0, 0.0], [-0.2, -0.15, 0.0], [0.0, 0.0, 0.0]] {
-        let mut all = readings(truth, 40, 12, 0.01);
-        // A hand passed through.
+fn recovers_vignetting_within_its_error() {
+    for ground_truth in [[-0.3, 0.0, 0.0], [-0.2, -0.15, 0.0], [0.0, 0.0, 0.0]] {
+        let mut all = readings(ground_truth, 40, 12, 0.01);
+        // A hand passes through the picture.
         for r in all.iter_mut().step_by(17) {
             r.log -= 0.8;
         }
         let found = fit(&all).unwrap();
-        let edge = polynomial(&truth, found.farthest);
-        let off = (found.edge() - edge).abs();
-        assert!(off < 4.0 * found.edge_sigma, "{truth:?} {found:?}");
-        assert!(found.edge_sigma < 0.01 && off < 0.01, "{found:?}");
+        let edge = polynomial(&ground_truth, found.farthest);
+        let error = (found.edge() - edge).abs();
+        assert!(error < 4.0 * found.edge_sigma, "{ground_truth:?} {found:?}");
+        assert!(found.edge_sigma < 0.01 && error < 0.01, "{found:?}");
     }
 }
 
 #[test]
-fn what_says_nothing_gives_nothing() {
+fn refuses_uninformative_readings() {
     assert_eq!(fit(&[]), None);
-    // Every thing seen once.
+    // Every surface point was seen once.
     assert_eq!(fit(&readings([-0.3, 0.0, 0.0], 400, 1, 0.01)), None);
-    // All equally far from the middle.
+    // All readings at one distance from the centre.
     let mut ring = readings([-0.3, 0.0, 0.0], 40, 12, 0.01);
     ring.iter_mut().for_each(|r| r.q = 0.5);
     assert_eq!(fit(&ring), None);
 }
 
 #[test]
-fn no_lens_brightens_without_end() {
-    let of = |k| Vignetting {
+fn rejects_impossible_vignetting() {
+    let lens = |k| Vignetting {
         centre: DVec2::new(320.0, 240.0),
         radius: 400.0,
         coefficients: k,
         sigma: [0.0; 3],
     };
-    assert!(of([-0.4, 0.05, 0.0]).is_possible((640, 480)));
-    assert!(!of([-1.2, 0.0, 0.0]).is_possible((640, 480)));
-    assert!(!of([4.0, 0.0, 0.0]).is_possible((640, 480)));
-    let corrections = of([-0.4, 0.0, 0.0]).corrections((640, 480));
+    assert!(lens([-0.4, 0.05, 0.0]).is_possible((640, 480)));
+    assert!(!lens([-1.2, 0.0, 0.0]).is_possible((640, 480)));
+    assert!(!lens([4.0, 0.0, 0.0]).is_possible((640, 480)));
+    let corrections = lens([-0.4, 0.0, 0.0]).corrections((640, 480));
     assert!((corrections[240 * 640 + 320] - 1.0).abs() < 1e-6);
     assert!((corrections[0] - 1.0 / 0.6).abs() < 1e-4);
 }

@@ -1,4 +1,4 @@
-//! Which of the lattice's cells is which patch: told by the colours.
+//! Assigns the chart's patches to the cells of a lattice by their colours.
 
 use super::lattice::{Lattice, bounds};
 use super::level::Level;
@@ -6,43 +6,44 @@ use crate::radiometric::reference::{COLUMNS, Edition, ROWS};
 use glam::{DMat3, DVec2, DVec3, IVec2};
 use penumbra_camera::linear_from_srgb;
 
-/// A way to lay the chart's columns and rows over the lattice.
+/// An assignment of the chart's columns and rows to the lattice.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Placement {
-    /// Lattice cell of a column and row.
+    /// Map from column and row to the lattice cell.
     pub cell_from_patch: DMat3,
-    /// Share of the colours' differences that the chart explains, 0 to 1.
+    /// Share of the colours' variance that the chart explains, 0 to 1.
     pub explained: f64,
-    /// The next best other way's.
+    /// The same for the next best placement.
     pub runner_up: f64,
-    /// The picture shows the chart in a mirror.
+    /// Whether the chart is mirrored.
     pub mirrored: bool,
-    /// Blobs on patches.
+    /// Number of patches with a blob.
     pub seen: usize,
 }
 
-/// Rows and columns beyond those seen that a chart may have.
-const MISSING: i32 = 2;
-/// Patches that must have been seen as blobs, of those the placement claims.
-const SEEN: usize = 10;
-/// Added to linear values before the logarithm, so that black's noise does not count.
+/// Maximum number of undetected rows and columns of a chart.
+const MAX_MISSING: i32 = 2;
+/// Minimum number of patches with a blob.
+const MIN_SEEN: usize = 10;
+/// Added to linear values before the logarithm, to suppress the noise of black.
 const DARK: f64 = 0.004;
 
-/// The best way; `None` where no placement lies within the picture.
-pub(super) fn place(level: &Level, lattice: &Lattice) -> Option<Placement> {
+/// Returns the best placement; `None` where none lies within the picture.
+pub(super) fn best_placement(level: &Level, lattice: &Lattice) -> Option<Placement> {
     let known: Vec<IVec2> = lattice.cells.iter().map(|c| c.0).collect();
     let (low, high) = bounds(&known)?;
     let reference = Edition::default().linear().map(log);
     let mut best: Option<Placement> = None;
     let mut others = Vec::new();
-    for turn in turns() {
-        let (a, b) = (turn.0, turn.1);
+    for orientation in orientations() {
+        let (a, b) = orientation;
         let far = a * (COLUMNS as i32 - 1) + b * (ROWS as i32 - 1);
         let (from, to) = (low - far.max(IVec2::ZERO), high - far.min(IVec2::ZERO));
-        for y in from.y - MISSING..=to.y + MISSING {
-            for x in from.x - MISSING..=to.x + MISSING {
+        for y in from.y - MAX_MISSING..=to.y + MAX_MISSING {
+            for x in from.x - MAX_MISSING..=to.x + MAX_MISSING {
                 let origin = IVec2::new(x, y);
-                let Some(found) = try_placement(level, lattice, &known, origin, turn, &reference)
+                let Some(found) =
+                    try_placement(level, lattice, &known, origin, orientation, &reference)
                 else {
                     continue;
                 };
@@ -59,8 +60,8 @@ pub(super) fn place(level: &Level, lattice: &Lattice) -> Option<Placement> {
     Some(best)
 }
 
-/// The eight ways to lay axes along axes; the last four are mirrored.
-fn turns() -> [(IVec2, IVec2); 8] {
+/// Returns the eight orientations as directions of columns and rows; the last four are mirrored.
+fn orientations() -> [(IVec2, IVec2); 8] {
     let [x, y] = [IVec2::X, IVec2::Y];
     [
         (x, y),
@@ -86,12 +87,12 @@ fn try_placement(
         origin + right * (i % COLUMNS) as i32 + down * (i / COLUMNS) as i32
     });
     let seen = cells.iter().filter(|c| known.contains(c)).count();
-    if seen < SEEN.min(known.len()) {
+    if seen < MIN_SEEN.min(known.len()) {
         return None;
     }
     let mut colours = [DVec3::ZERO; COLUMNS * ROWS];
     for (colour, cell) in colours.iter_mut().zip(cells) {
-        let codes = level.at(lattice.place(cell.as_dvec2()))?;
+        let codes = level.at(lattice.centre(cell.as_dvec2()))?;
         let linear = codes.map(|c| f64::from(linear_from_srgb(c / 255.0)));
         *colour = log(DVec3::from_array(linear));
     }
@@ -100,10 +101,10 @@ fn try_placement(
         down.as_dvec2().extend(0.0),
         origin.as_dvec2().extend(1.0),
     );
-    // Rows and columns of the lattice may themselves run against the picture's.
+    // The lattice itself may be mirrored against the picture.
     let steps = [DVec2::ZERO, DVec2::X, DVec2::Y].map(|p| {
         let cell = (cell_from_patch * p.extend(1.0)).truncate();
-        lattice.place(cell)
+        lattice.centre(cell)
     });
     Some(Placement {
         cell_from_patch,
@@ -118,9 +119,8 @@ fn log(linear: DVec3) -> DVec3 {
     (linear.max(DVec3::ZERO) + DARK).ln()
 }
 
-/// How well measured = γ · reference + gain (per channel, logarithms) holds: the camera's white
-/// balance, exposure and, within limits, its tone curve are unknown. As R² over what differs from
-/// the channels' means.
+/// Returns the share of variance (R²) that measured = γ · reference + gain (by channel, logarithms)
+/// explains: the camera's white balance, exposure and, within limits, its tone curve are unknown.
 fn explained(measured: &[DVec3], reference: &[DVec3]) -> f64 {
     let count = measured.len() as f64;
     let mean = |v: &[DVec3]| v.iter().sum::<DVec3>() / count;
@@ -132,7 +132,7 @@ fn explained(measured: &[DVec3], reference: &[DVec3]) -> f64 {
         rr += b.dot(b);
         mm += a.dot(a);
     }
-    // A negative is no chart.
+    // A negative image is not a chart.
     if mr <= 0.0 || mm < 1e-3 {
         return 0.0;
     }

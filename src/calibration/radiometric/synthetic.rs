@@ -1,28 +1,28 @@
-//! Charts as a known camera would see them, for tests.
+//! Synthetic pictures of charts from a known camera, for tests.
 
 use super::reference::{COLUMNS, Edition, ROWS};
 use glam::{DMat3, DVec2, DVec3};
 use penumbra_camera::Response;
 use penumbra_picture::Picture;
 
-/// How a chart is drawn.
+/// Parameters of a synthetic picture.
 #[derive(Clone, Debug)]
-pub(crate) struct Drawn {
+pub(crate) struct SyntheticChart {
     pub size: (u32, u32),
-    /// Pixels of the middles of dark skin, bluish green, black and white.
+    /// Pixels of the centres of dark skin, bluish green, black and white.
     pub corners: [DVec2; 4],
-    /// What the camera makes of white.
+    /// Linear values of white.
     pub gains: DVec3,
     pub response: Response,
-    /// Standard deviation, linear.
+    /// Standard deviation of the noise, linear.
     pub noise: f64,
-    /// Light at a place of the chart (columns, rows), per channel.
+    /// Illumination of a point of the chart (columns, rows), by channel.
     pub light: fn(DVec2) -> DVec3,
-    /// Of the noise.
+    /// Seed of the noise.
     pub seed: u64,
 }
 
-impl Drawn {
+impl SyntheticChart {
     pub fn new(size: (u32, u32), corners: [(f64, f64); 4]) -> Self {
         Self {
             size,
@@ -35,7 +35,7 @@ impl Drawn {
         }
     }
 
-    /// Over a wooden table with a white sheet on it.
+    /// Renders the chart over a wooden table with a white sheet on it.
     pub fn picture(&self) -> Picture {
         let mut picture = Picture {
             width: self.size.0,
@@ -58,7 +58,7 @@ impl Drawn {
         picture
     }
 
-    /// Draws the chart over a picture.
+    /// Renders the chart over a picture.
     pub fn draw_over(&self, picture: &mut Picture) {
         let map = map(&self.corners).inverse();
         let reference = Edition::default().linear();
@@ -98,7 +98,7 @@ fn colour_at(reference: &[DVec3; COLUMNS * ROWS], p: DVec2) -> Option<DVec3> {
     })
 }
 
-/// Columns and rows to pixels.
+/// Returns the homography from columns and rows to pixels.
 fn map(corners: &[DVec2; 4]) -> DMat3 {
     let at = [(0.0, 0.0), (5.0, 0.0), (5.0, 3.0), (0.0, 3.0)].map(DVec2::from);
     let pairs: Vec<(DVec2, DVec3)> = at
@@ -109,7 +109,7 @@ fn map(corners: &[DVec2; 4]) -> DMat3 {
     DMat3::from_diagonal(DVec3::new(500.0, 500.0, 1.0)) * h
 }
 
-/// A standard normal deviate that depends on `seed` and `i` alone.
+/// Returns a standard normal deviate that depends on `seed` and `i` alone.
 pub(crate) fn normal(seed: u64, i: u64) -> f64 {
     let start = mixed(seed).wrapping_add(i.wrapping_mul(12));
     let sum: f64 = (0..12)
@@ -118,7 +118,7 @@ pub(crate) fn normal(seed: u64, i: u64) -> f64 {
     sum - 6.0
 }
 
-/// Steele, Lea, Flood 2014: SplitMix64.
+/// SplitMix64 (Steele, Lea & Flood 2014).
 fn mixed(x: u64) -> u64 {
     let z = x.wrapping_add(0x9E37_79B9_7F4A_7C15);
     let z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);

@@ -1,4 +1,4 @@
-//! What one camera has shown.
+//! The data gathered from one camera.
 
 use crate::radiometric::chart::{FoundChart, find_charts};
 use crate::radiometric::curve::SeriesGatherer;
@@ -12,37 +12,37 @@ use penumbra_camera::vignetting::frame;
 use penumbra_picture::Picture;
 use penumbra_white_balance::chart::{Patch, read_codes};
 
-/// A chart as a camera has shown it.
+/// A chart in a picture of a camera.
 #[derive(Clone, Debug)]
-pub struct ChartSeen {
-    /// Where in `picture`.
+pub(super) struct ChartPicture {
+    /// Position of the chart in `picture`.
     pub chart: FoundChart,
     /// The part of the camera's picture with the chart.
     pub picture: Picture,
-    /// Since the first of all pictures.
+    /// Seconds since the first picture of all.
     pub seconds: f64,
     /// Exposure time × gain, seconds.
     pub exposure: Option<f64>,
-    /// Charts in that picture.
+    /// Number of charts in the camera's picture.
     pub charts: usize,
 }
 
-/// Everything kept of one camera.
+/// The data gathered from one camera.
 #[derive(Debug, Default)]
-pub(super) struct EyeState {
+pub(super) struct CameraData {
     pub size: (u32, u32),
     pub pictures: usize,
-    pub charts: Vec<ChartSeen>,
-    /// What a grey card reads: codes of its pixels, the last picture's.
+    pub charts: Vec<ChartPicture>,
+    /// Codes of the grey card's pixels in the last picture.
     pub grey: Option<Vec<[u8; 3]>>,
     pub series: SeriesGatherer,
     pub noise: NoiseGatherer,
-    /// Pictures whose neighbour in time was taken from elsewhere.
+    /// Number of pictures in which the scene moved since the one before.
     pub moved: usize,
-    /// Middles of the patches found last.
-    pub marks: Vec<DVec2>,
+    /// Centres of the patches found last, pixels.
+    pub overlay_points: Vec<DVec2>,
     pub exposure: Option<f64>,
-    /// The fall-off found while the camera moved.
+    /// Vignetting found from a moving camera.
     pub moving: Option<vignetting::Fit>,
     flats: Vec<Reading>,
     flat_pictures: usize,
@@ -52,23 +52,24 @@ pub(super) struct EyeState {
     searches: usize,
 }
 
-/// A chart is looked for no more often, seconds.
-const SEARCH_EVERY: f64 = 0.5;
-/// After so many pictures without a chart it is looked for more and more seldom.
-const PATIENCE: usize = 24;
-/// Pictures of a chart that are kept.
-const CHARTS: usize = 6;
-/// Pictures further apart in time may show different light, seconds.
-const NEIGHBOURS: f64 = 1.0;
-/// Brackets of one instant, nanoseconds.
-const INSTANT: i64 = 60_000_000;
-/// Exposures this close are the same, stops.
-const SAME_EXPOSURE: f64 = 0.05;
+/// Minimum interval between searches for a chart, seconds.
+const SEARCH_INTERVAL: f64 = 0.5;
+/// Number of searches without a chart after which the interval increases.
+const SEARCHES_PER_INTERVAL: usize = 24;
+/// Maximum number of pictures of a chart.
+const MAX_CHARTS: usize = 6;
+/// Maximum interval between pictures in equal light, seconds.
+const MAX_GAP: f64 = 1.0;
+/// Maximum interval between pictures of one bracket, nanoseconds.
+const MAX_BRACKET_NANOS: i64 = 60_000_000;
+/// Maximum difference of equal exposures, stops.
+const EXPOSURE_TOLERANCE: f64 = 0.05;
 
-impl EyeState {
-    pub fn look(&mut self, shown: &ShownPicture, grey: Option<[u32; 4]>) {
+impl CameraData {
+    /// Adds a picture; `grey` is the grey card's x, y, width and height, pixels.
+    pub fn add(&mut self, shown: &ShownPicture, grey: Option<[u32; 4]>) {
         self.size = (shown.picture.width, shown.picture.height);
-        self.take_bracket(shown);
+        self.add_to_bracket(shown);
         if shown.bracket_ev != 0.0 {
             return;
         }
@@ -82,20 +83,21 @@ impl EyeState {
     }
 
     fn search(&mut self, shown: &ShownPicture) {
-        if self.next_search.is_some_and(|next| shown.seconds < next) || self.charts.len() >= CHARTS
+        if self.next_search.is_some_and(|next| shown.seconds < next)
+            || self.charts.len() >= MAX_CHARTS
         {
             return;
         }
         let found = find_charts(shown.picture);
         self.searches += 1;
-        let seldom = (self.searches / PATIENCE) as i32;
-        let wait = if found.is_empty() { seldom } else { 0 };
-        self.next_search = Some(shown.seconds + SEARCH_EVERY * f64::from(wait + 1));
-        self.marks.clear();
+        let slowdown = (self.searches / SEARCHES_PER_INTERVAL) as i32;
+        let wait = if found.is_empty() { slowdown } else { 0 };
+        self.next_search = Some(shown.seconds + SEARCH_INTERVAL * f64::from(wait + 1));
+        self.overlay_points.clear();
         let Some(chart) = found.first() else { return };
-        self.marks.extend((0..24).map(|i| chart.middle(i)));
+        self.overlay_points.extend((0..24).map(|i| chart.centre(i)));
         let (picture, corner) = cropped(shown.picture, chart);
-        self.charts.push(ChartSeen {
+        self.charts.push(ChartPicture {
             chart: chart.shifted(-corner),
             picture,
             seconds: shown.seconds,
@@ -104,21 +106,22 @@ impl EyeState {
         });
     }
 
-    /// With the picture before: noise if nothing moved, a step of exposure if that changed.
+    /// Compares a picture with the one before: an exposure series if the exposure changed, noise if
+    /// nothing moved.
     fn compare(&mut self, shown: &ShownPicture) {
         if let Some((before, seconds, exposure)) = &self.before
-            && shown.seconds - seconds < NEIGHBOURS
+            && shown.seconds - seconds < MAX_GAP
             && (before.width, before.height) == self.size
         {
             let step = match (shown.exposure, exposure) {
                 (Some(now), Some(then)) => (now / then).log2(),
                 _ => 0.0,
             };
-            if step.abs() > SAME_EXPOSURE {
+            if step.abs() > EXPOSURE_TOLERANCE {
                 let now = shown.exposure.unwrap_or(1.0).ln();
                 let then = exposure.unwrap_or(1.0).ln();
                 self.series.add(&[(shown.picture, now), (before, then)]);
-            } else if at_rest(before, shown.picture) {
+            } else if is_static(before, shown.picture) {
                 self.noise.add(before, shown.picture);
             } else {
                 self.moved += 1;
@@ -129,16 +132,21 @@ impl EyeState {
         (*seconds, *exposure) = (shown.seconds, shown.exposure);
     }
 
-    fn take_bracket(&mut self, shown: &ShownPicture) {
+    fn add_to_bracket(&mut self, shown: &ShownPicture) {
         let at = shown.captured_at.as_nanos();
-        if shown.bracket_ev == 0.0 || self.bracket.iter().any(|b| (b.2 - at).abs() > INSTANT) {
+        if shown.bracket_ev == 0.0
+            || self
+                .bracket
+                .iter()
+                .any(|b| (b.2 - at).abs() > MAX_BRACKET_NANOS)
+        {
             self.flush();
         }
         let log = shown.bracket_ev * std::f64::consts::LN_2;
         self.bracket.push((shown.picture.clone(), log, at));
     }
 
-    /// Uses the brackets of one instant together.
+    /// Adds the current bracket to the exposure series.
     pub fn flush(&mut self) {
         if self.bracket.len() > 1 {
             let series: Vec<(&Picture, f64)> =
@@ -148,7 +156,7 @@ impl EyeState {
         self.bracket.clear();
     }
 
-    /// The middle of an evenly lit surface is as bright as its edge.
+    /// Adds readings of a picture of a uniform surface.
     pub fn add_flat(&mut self, picture: &Picture, response: &Response, centre: Option<DVec2>) {
         const BLOCK: u32 = 8;
         self.size = (picture.width, picture.height);
@@ -178,23 +186,23 @@ impl EyeState {
         }
     }
 
-    /// The fall-off, and whether flat pictures tell it.
-    pub fn fall_off(&self) -> Option<(vignetting::Fit, bool)> {
+    /// Returns the vignetting, and whether it is from pictures of a uniform surface.
+    pub fn vignetting(&self) -> Option<(vignetting::Fit, bool)> {
         let flat = vignetting::fit(&self.flats).map(|fit| (fit, true));
         flat.or_else(|| Some((self.moving.clone()?, false)))
     }
 
-    /// What the chart's patches read under a tone curve, of each picture of it.
+    /// Returns the chart's patches under a tone curve, for each of its pictures.
     pub fn patches(&self, response: &Response) -> Vec<Vec<Patch>> {
-        let read = |seen: &ChartSeen| {
+        let read = |seen: &ChartPicture| {
             crate::radiometric::chart::patches::read(&seen.chart, &seen.picture, response)
         };
         self.charts.iter().map(read).collect()
     }
 }
 
-/// Codes within a rectangle; `None` if it is not inside the picture.
-pub(super) fn codes_in(picture: &Picture, [x, y, w, h]: [u32; 4]) -> Option<Vec<[u8; 3]>> {
+/// Returns the codes within a rectangle; `None` if it is not inside the picture.
+fn codes_in(picture: &Picture, [x, y, w, h]: [u32; 4]) -> Option<Vec<[u8; 3]>> {
     let inside = |start: u32, length: u32, limit: u32| {
         length > 0 && start.checked_add(length).is_some_and(|end| end <= limit)
     };
@@ -208,7 +216,7 @@ pub(super) fn codes_in(picture: &Picture, [x, y, w, h]: [u32; 4]) -> Option<Vec<
     )
 }
 
-/// The part of the picture around a chart, and its corner.
+/// Returns the part of the picture around a chart, and its upper left corner.
 fn cropped(picture: &Picture, chart: &FoundChart) -> (Picture, DVec2) {
     let corners = [0, 5, 18, 23].map(|i| chart.corners(i, 0.9));
     let all = || corners.iter().flatten();
@@ -233,12 +241,12 @@ fn cropped(picture: &Picture, chart: &FoundChart) -> (Picture, DVec2) {
     (part, low)
 }
 
-/// Whether edges are where they were: where the picture is steepest it differs from the one before
-/// hardly more than where it is even and as bright, as noise does and motion does not; and there
-/// hardly more than neighbouring pixels do, as where a texture moved.
-fn at_rest(a: &Picture, b: &Picture) -> bool {
+/// Returns whether two pictures show a static scene: where the gradient is largest they differ hardly
+/// more than in uniform areas of equal brightness (motion of edges), and in uniform areas hardly more
+/// than neighbouring pixels do (motion of texture).
+fn is_static(a: &Picture, b: &Picture) -> bool {
     let (w, h) = (a.width as usize, a.height as usize);
-    // Slope, difference and noise by brightness, which noise depends on.
+    // Gradient, difference and noise by brightness, which noise depends on.
     let mut bins: [Vec<[i32; 3]>; 16] = Default::default();
     for y in (1..h.saturating_sub(1)).step_by(3) {
         for x in (1..w.saturating_sub(1)).step_by(3) {
@@ -266,8 +274,8 @@ fn at_rest(a: &Picture, b: &Picture) -> bool {
         within += top * mean(&bin[..n / 2], 2);
         count += top;
     }
-    // J. Immerkær: Fast noise variance estimation, CVIU 64(2), 1996: by how much two pictures
-    // differ whose noise is that of neighbours.
+    // Expected difference of two pictures with the noise that neighbours show (J. Immerkær: Fast
+    // noise variance estimation, CVIU 64(2), 1996).
     let expected = std::f64::consts::SQRT_2 / 6.0 * within;
     count > 0.0 && steep < 1.4 * even + 0.8 * count && even < 1.7 * expected + 0.7 * count
 }

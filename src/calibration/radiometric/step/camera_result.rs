@@ -1,0 +1,70 @@
+//! Results of the step for one camera, and the choice of its tone curve.
+
+use crate::radiometric::curve::{Curve, NoCurve};
+use crate::radiometric::noise::Noise;
+use crate::radiometric::vignetting::Fit;
+use crate::step::Eye;
+use penumbra_camera::Response;
+
+/// Maximum relative standard error of a measured curve that replaces the known one.
+const USABLE_CURVE: f64 = 0.12;
+/// A curve equals the measured one within this number of standard errors,
+const SAME_SIGMAS: f64 = 3.0;
+/// and within this RMS difference, relative.
+const SAME_CURVE: f64 = 0.03;
+
+/// The cameras in the order of all arrays of two.
+pub(super) const CAMERAS: [Eye; 2] = [Eye::Scene, Eye::Environment];
+
+/// Results for one camera.
+#[derive(Clone, Debug, Default)]
+pub(super) struct CameraResult {
+    pub curve: Option<Result<Curve, NoCurve>>,
+    /// The active curve and its description.
+    pub response: Option<(Response, String)>,
+    /// Whether the active curve replaces the one in `rig.json`.
+    pub replaces: bool,
+    pub noise: Option<Noise>,
+    /// Vignetting, and whether it is from pictures of a uniform surface: only then it is used.
+    pub vignetting: Option<(Fit, bool)>,
+    pub size: (u32, u32),
+}
+
+/// Chooses the active tone curve: the known one if it is consistent with the series, else a named one
+/// that is, else the measured one. Returns it with its description, and whether it replaces the known
+/// one.
+pub(super) fn choose_response(
+    curve: Option<&Result<Curve, NoCurve>>,
+    known: &Response,
+) -> ((Response, String), bool) {
+    let Some(Ok(curve)) = curve else {
+        return ((known.clone(), "of rig.json".to_owned()), false);
+    };
+    let same = |other: &Response| {
+        let (apart, sigmas) = curve.apart(other);
+        sigmas < SAME_SIGMAS && apart < SAME_CURVE
+    };
+    if same(known) {
+        return ((known.clone(), "of rig.json, confirmed".to_owned()), false);
+    }
+    if curve.largest_sigma() > USABLE_CURVE {
+        return ((known.clone(), "of rig.json".to_owned()), false);
+    }
+    let named = [
+        (Response::srgb(), "sRGB"),
+        (Response::linear(), "linear"),
+        (Response::gamma(2.2), "gamma 2.2"),
+    ];
+    for (named, name) in named {
+        if same(&named) {
+            return ((named, name.to_owned()), true);
+        }
+    }
+    ((curve.response.clone(), "measured".to_owned()), true)
+}
+
+/// Returns whether vignetting is significant: half a per cent at the edge, and three standard errors.
+pub(super) fn is_significant(fit: &Fit) -> bool {
+    let edge = (fit.edge() - 1.0).abs();
+    edge > 0.005 && edge > 3.0 * fit.edge_sigma
+}
