@@ -8,7 +8,7 @@ use thiserror::Error;
 pub enum GpuError {
     /// There is no Vulkan (Metal, D3D12) driver.
     #[error(
-        "no graphics adapter found; install a Vulkan driver (a software one: mesa-vulkan-drivers), `penumbra doctor` tells more"
+        "no graphics adapter found; install a Vulkan driver (a software one: mesa-vulkan-drivers); run `penumbra doctor` for details"
     )]
     NoAdapter,
     /// There is no adapter of the requested name or number.
