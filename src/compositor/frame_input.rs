@@ -9,17 +9,7 @@ use penumbra_camera::{PinholeCamera, RollingShutter, Vignetting};
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::Lighting;
 use penumbra_picture::Picture;
-use penumbra_scene::{Highlights, NearLight, PlacedLamp};
-
-/// How the shadow buffer darkens the real picture.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum ShadowMode {
-    /// camera × (E − R) / E: correct for surfaces of any colour.
-    #[default]
-    Ratio,
-    /// camera − R / π (Supan 2006, eq. 4): correct for white surfaces only.
-    Subtract,
-}
+use penumbra_scene::{Highlights, IndirectLight, PlacedLamp, ShadowMode};
 
 /// How real surfaces respond to virtual lights.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -59,7 +49,7 @@ pub struct FrameInput<'a> {
     /// The light; `None` shows the camera picture alone.
     pub lighting: Option<&'a Lighting>,
     /// Light that virtual objects reflect onto the real scene under `lighting`, if it is known.
-    pub near: Option<&'a NearLight>,
+    pub indirect_light: Option<&'a IndirectLight>,
     /// Virtual lights; those after the first [`penumbra_scene::lamps::MOST_LAMPS`] are ignored.
     pub lamps: &'a [PlacedLamp],
     /// How real surfaces respond to them.
@@ -95,7 +85,7 @@ impl<'a> FrameInput<'a> {
             world_from_camera: None,
             reprojection: None,
             lighting: None,
-            near: None,
+            indirect_light: None,
             lamps: &[],
             lamp_response: LampResponse::Intrinsic,
             shadow_mode: ShadowMode::Ratio,

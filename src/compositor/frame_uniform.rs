@@ -1,12 +1,13 @@
 //! The uniform that every pass of a frame reads.
 
-use super::frame_input::{FrameInput, LampResponse, ShadowMode};
+use super::frame_input::{FrameInput, LampResponse};
 use super::frame_view::{FrameView, NEAR};
 use super::gpu_data::FrameUniform;
 use super::textures::TILE;
 use glam::{DQuat, DVec3, DVec4, Vec3};
 use penumbra_camera::RollingShutter;
 use penumbra_interface::RigidTransform;
+use penumbra_scene::ShadowMode;
 
 /// Everything from which the uniform is made.
 pub struct UniformInputs<'a> {
@@ -43,7 +44,9 @@ pub fn frame_uniform(from: &UniformInputs<'_>) -> FrameUniform {
     let ground = input.lighting.map_or(Vec3::ZERO, |l| l.ground_radiance);
     let (ground_height, has_ground) = from.ground_height.map_or((0.0, 0.0), |h| (h as f32, 1.0));
     let [f, c] = [view.camera.focal, view.camera.centre];
-    let indirect = input.near.filter(|near| near.generation != 0 && visible);
+    let indirect = input
+        .indirect_light
+        .filter(|near| near.generation != 0 && visible);
     let [turning, moving] = rolling_shutter(from);
     let [bending, rows] = distortion(view);
     let [vignetting, vignetting_from] = vignetting(from);

@@ -3,8 +3,8 @@
 
 use super::texels::half_texel;
 use half::f16;
-use penumbra_scene::NearLight;
-use penumbra_scene::near_field::{GROUND_SIDE, VOLUME_SIZE};
+use penumbra_scene::IndirectLight;
+use penumbra_scene::indirect_light::{GROUND_SIDE, VOLUME_SIZE};
 
 /// Three pictures of the ground side by side (change by virtual objects, light reflected by
 /// phantoms without them and with them), and three times six volumes.
@@ -34,7 +34,7 @@ impl IndirectLightMaps {
     }
 
     /// Uploads `light`; `texels` is a recycled buffer.
-    pub fn write(&self, queue: &wgpu::Queue, light: &NearLight, texels: &mut Vec<[f16; 4]>) {
+    pub fn write(&self, queue: &wgpu::Queue, light: &IndirectLight, texels: &mut Vec<[f16; 4]>) {
         let all = [&light.change, &light.real, &light.real_now];
         let side = GROUND_SIDE as usize;
         if all.iter().all(|part| part.ground.len() == side * side) {

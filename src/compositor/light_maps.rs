@@ -13,7 +13,7 @@ use super::texels::{half_texel, write_level};
 use super::textures::format;
 use glam::Vec3;
 use half::f16;
-use penumbra_scene::{NearLight, PlacedLamp};
+use penumbra_scene::{IndirectLight, PlacedLamp};
 
 /// Texels a side of the tables of irradiance by normal.
 const BY_NORMAL: u32 = 33;
@@ -171,7 +171,7 @@ impl LightMaps {
     }
 
     /// Uploads the light that virtual objects reflect onto the real scene.
-    pub fn write_indirect(&mut self, queue: &wgpu::Queue, light: &NearLight) {
+    pub fn write_indirect(&mut self, queue: &wgpu::Queue, light: &IndirectLight) {
         self.indirect.write(queue, light, &mut self.texels);
     }
 }

@@ -3,7 +3,7 @@
 
 use super::compositor::Compositor;
 use super::exposure::stage::MeteredFrame;
-use super::frame_input::{FrameInput, LampResponse, ShadowMode};
+use super::frame_input::{FrameInput, LampResponse};
 use super::frame_uniform::{UniformInputs, frame_uniform};
 use super::frame_view::FrameView;
 use super::gpu::GpuError;
@@ -17,6 +17,7 @@ use super::shaders::Variant;
 use super::sized_resources::SizedResources;
 use glam::DMat4;
 use penumbra_camera::PinholeCamera;
+use penumbra_scene::ShadowMode;
 
 /// Ratio of the texels of a virtual light's maps to those of a dome light's, each way, where soft
 /// shadows are affordable or where area lamps divide maps into views: shadows of virtual lights
@@ -165,7 +166,7 @@ impl Compositor {
             gloss.write(device, queue, &lighting.radiance, self.scene.has_phong);
             self.radiance_generation = Some(lighting.generation);
         }
-        if let Some(indirect) = input.near
+        if let Some(indirect) = input.indirect_light
             && self.indirect_generation != indirect.generation
         {
             self.light_maps.write_indirect(queue, indirect);

@@ -13,21 +13,20 @@ use super::settings::{compositor_settings, exposure, live_settings};
 use super::source::Source;
 use super::status::Published;
 use super::{RigError, status as published};
-use penumbra_compositor::{
-    Compositor, FrameInput, Gpu, LampResponse, LensOutput, Refresh, ShadowMode,
-};
+use penumbra_compositor::{Compositor, FrameInput, Gpu, LampResponse, LensOutput, Refresh};
+
 use penumbra_config as config;
 use penumbra_config::Distortion;
+use penumbra_config::Technique;
 use penumbra_interface::{Clock, SystemClock};
 use penumbra_lighting::{BrightestFollower, BrightestLight};
 use penumbra_output::Screen;
 use penumbra_output::files::FrameFolder;
 use penumbra_picture::Picture;
 use penumbra_scene::PlacedLamp;
-use penumbra_status as status;
 use penumbra_status::RegistrationSource;
 use penumbra_status::snapshot::SessionState;
-use penumbra_status::{Settings, StageTimes, Technique};
+use penumbra_status::{Settings, StageTimes};
 use penumbra_sync::Provenance;
 use penumbra_tracker_serial::freed::{FreedSender, Lens, optical_to_studio};
 use std::sync::Arc;
@@ -245,11 +244,11 @@ impl Run {
             world_from_camera: prepared.world_from_camera,
             reprojection: prepared.shown.map(|shown| shown.reprojection),
             lighting: prepared.light.lighting.as_deref(),
-            near: prepared
+            indirect_light: prepared
                 .light
                 .near
                 .as_deref()
-                .filter(|_| settings.bounced_light),
+                .filter(|_| settings.indirect_light),
             lamps: &self.lamps,
             lamp_response: match settings.lamp_response {
                 config::LampResponse::Intrinsic => LampResponse::Intrinsic,
@@ -257,10 +256,7 @@ impl Run {
                     brightest: self.brightest.vector(),
                 },
             },
-            shadow_mode: match settings.shadow_mode {
-                status::ShadowMode::Ratio => ShadowMode::Ratio,
-                status::ShadowMode::Subtract => ShadowMode::Subtract,
-            },
+            shadow_mode: settings.shadow_mode,
             shadow_strength: if shadows {
                 settings.shadow_strength
             } else {

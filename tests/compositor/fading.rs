@@ -4,8 +4,9 @@ use crate::stage::{Stage, flat, lighting, looking_from, matt, painted, spiral};
 use glam::{DVec2, DVec3, Vec3};
 use penumbra_camera::Vignetting;
 use penumbra_camera::{PinholeCamera, Response};
-use penumbra_compositor::{LensOutput, ShadowMode};
+use penumbra_compositor::LensOutput;
 use penumbra_picture::Picture;
+use penumbra_scene::ShadowMode;
 use penumbra_scene::primitives;
 
 const SIZE: (u32, u32) = (320, 240);

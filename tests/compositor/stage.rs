@@ -5,13 +5,13 @@ use penumbra_camera::{PinholeCamera, Response, RollingShutter, Vignetting};
 use penumbra_compositor::reference::{Reference, ReferencePicture};
 use penumbra_compositor::{
     Compositor, CompositorSettings, Exposure, FrameInput, Gpu, LampResponse, Refresh, Reprojection,
-    ShadowMode,
 };
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
 use penumbra_picture::Picture;
 use penumbra_scene::Highlights;
-use penumbra_scene::{Material, Mesh, NearLight, Part, PlacedLamp, Scene, casters, primitives};
+use penumbra_scene::ShadowMode;
+use penumbra_scene::{IndirectLight, Material, Mesh, Part, PlacedLamp, Scene, casters, primitives};
 use std::f32::consts::PI;
 use std::sync::{Arc, OnceLock};
 
@@ -34,7 +34,7 @@ pub struct Stage {
     pub lighting: Option<Lighting>,
     pub lamps: Vec<PlacedLamp>,
     pub camera: PinholeCamera,
-    pub near: Option<NearLight>,
+    pub near: Option<IndirectLight>,
     pub seconds: f64,
     pub vignetting: Option<Vignetting>,
     pub rolling_shutter: Option<RollingShutter>,
@@ -124,7 +124,7 @@ impl Stage {
             world_from_camera: self.pose,
             reprojection: self.reprojection,
             lighting: self.lighting.as_ref(),
-            near: self.near.as_ref(),
+            indirect_light: self.near.as_ref(),
             lamps: &self.lamps,
             lamp_response: self.lamp_response,
             shadow_mode: self.mode,

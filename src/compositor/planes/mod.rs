@@ -22,7 +22,7 @@ pub mod synthesis;
 
 pub use baker::{Progress, bake};
 pub use mend::mend;
-pub use options::{PlanesChoice, SOURCES, Shading, Thresholds};
+pub use options::{PlanesChoice, SOURCES, Thresholds};
 pub use source_images::SourceBaker;
 pub use stage::PlanesStage;
 pub use synthesis::PlaneWork;

@@ -1,5 +1,7 @@
 //! The settings of shadowing planes.
 
+use penumbra_scene::PlaneShading;
+
 /// Compact sources at most that get lights of their own beside the faces of the dome: outdoors the
 /// sun is the only one; in a room the third source casts faint shadows.
 pub const SOURCES: usize = 2;
@@ -22,23 +24,11 @@ impl Default for Thresholds {
     }
 }
 
-/// What virtual objects are shaded by, before shadows.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Shading {
-    /// The irradiance of the environment, compact sources where they are.
-    #[default]
-    Irradiance,
-    /// The lights of all faces of the dome.
-    Lights,
-    /// Six lights, each the sum of neighbouring faces: the papers' way.
-    Six,
-}
-
 /// How planes are used in a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PlanesChoice {
     /// When sums are made anew.
     pub thresholds: Thresholds,
     /// What virtual objects are shaded by.
-    pub shading: Shading,
+    pub shading: PlaneShading,
 }

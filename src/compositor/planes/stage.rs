@@ -6,7 +6,6 @@ use super::super::gpu_data::FrameUniform;
 use super::super::passes::shadow_buffer::{MarkedPasses, ShadowSource};
 use super::super::recorder::Recorder;
 use super::luminance::LuminancePass;
-use super::options::Shading;
 use super::source_images::SourceBaker;
 use super::source_stage::SourceStage;
 use super::synthesis::{PlaneWork, Synthesis, SynthesisPasses};
@@ -14,6 +13,7 @@ use glam::{DMat4, Vec3};
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::geodesic::{GeodesicDome, sum_faces};
 use penumbra_lighting::{DomeLight, LightKind};
+use penumbra_scene::PlaneShading;
 use penumbra_scene::planes::{Bake, ShadowingPlane};
 
 /// Everything that the technique keeps: a bake on the device and what works on it.
@@ -30,7 +30,7 @@ pub struct PlanesStage {
     world_from_bake: RigidTransform,
     /// Lights of faces, for shading, and of which light and shading they are.
     lights: Vec<DomeLight>,
-    lights_of: Option<(u64, Shading)>,
+    lights_of: Option<(u64, PlaneShading)>,
 }
 
 impl PlanesStage {
@@ -173,13 +173,13 @@ impl PlanesStage {
         let (low, high) = self.synthesis.reach();
         uniform.planes_low = low.as_vec3().extend(1.0).to_array();
         uniform.planes_high = high.as_vec3().extend(0.0).to_array();
-        let shading = input.planes.map_or(Shading::Irradiance, |p| p.shading);
+        let shading = input.planes.map_or(PlaneShading::Irradiance, |p| p.shading);
         let faces = input.lighting.and_then(|l| Some((l, l.faces.as_ref()?)));
-        let (Some((lighting, faces)), false) = (faces, shading == Shading::Irradiance) else {
+        let (Some((lighting, faces)), false) = (faces, shading == PlaneShading::Irradiance) else {
             return lights;
         };
         if self.lights_of != Some((lighting.generation, shading)) {
-            self.light_faces(&sum_faces(faces), shading == Shading::Six);
+            self.light_faces(&sum_faces(faces), shading == PlaneShading::Six);
             self.lights_of = Some((lighting.generation, shading));
         }
         // Only the ground is left of what no light stands for: π/2 · L · (1 − n.z).
