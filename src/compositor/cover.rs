@@ -1,6 +1,5 @@
-//! Which tiles of the picture virtual objects can lie in, told from the boxes around them.
-//! That costs microseconds here, and tens of milliseconds where a software driver has to
-//! look at every sample of every tile.
+//! The tiles of the picture that virtual objects may cover, found from the boxes around them. A
+//! software driver that examines every sample of every tile instead is far slower.
 
 use super::textures::TILE;
 use glam::{DMat4, DVec2, DVec3};
@@ -8,19 +7,19 @@ use glam::{DMat4, DVec2, DVec3};
 /// Eight corners of a box, world.
 pub type Corners = [DVec3; 8];
 
-/// Boxes around the virtual parts, and the tiles they cover in this frame.
+/// Boxes around the virtual parts, and the tiles that they cover in this frame.
 #[derive(Debug, Default)]
 pub struct Cover {
     boxes: Vec<Option<Corners>>,
     tiles: Vec<u8>,
     across: u32,
-    /// First and one past the last covered tile, each way; empty when nothing is covered.
+    /// First and one past the last covered tile, each way; empty if no tile is covered.
     bounds: [[u32; 2]; 2],
-    /// Pixels that things may be off where they are projected to.
+    /// Maximum displacement of objects from their projection, pixels.
     margin: f64,
 }
 
-/// The box of `positions` (its own frame) placed in the world.
+/// The bounding box of `positions`, which are in the frame of the part, placed in the world.
 pub fn corners(positions: impl Iterator<Item = DVec3>, world_from_part: DMat4) -> Option<Corners> {
     let nothing = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     let (low, high) = positions.fold(nothing, |(low, high), p| (low.min(p), high.max(p)));
@@ -38,24 +37,25 @@ pub fn corners(positions: impl Iterator<Item = DVec3>, world_from_part: DMat4) -
 }
 
 impl Cover {
-    /// Other objects: a box for each part that has any extent.
+    /// Sets the boxes of a new scene: one for each part that has an extent.
     pub fn set_boxes(&mut self, boxes: Vec<Option<Corners>>) {
         self.boxes = boxes;
     }
 
-    /// Part `index` stands elsewhere.
+    /// Sets the box of part `index` after it has moved.
     pub fn set_box(&mut self, index: usize, corners: Corners) {
         if let Some(slot) = self.boxes.get_mut(index) {
             *slot = Some(corners);
         }
     }
 
-    /// Things may lie so many pixels beside where they are projected to.
+    /// Sets the maximum displacement of objects from their projection, pixels.
     pub const fn set_margin(&mut self, pixels: f64) {
         self.margin = pixels;
     }
 
-    /// Finds the tiles of a picture of `size` pixels; `more` boxes are of this frame only.
+    /// Finds the covered tiles of a picture of `size` pixels; the boxes `more` are for this frame
+    /// only.
     pub fn update(
         &mut self,
         clip_from_world: DMat4,
@@ -79,19 +79,19 @@ impl Cover {
         self.bounds = bounds(&self.tiles, across);
     }
 
-    /// One byte per tile, row by row; not 0 = covered.
+    /// One byte per tile, row by row; 0 if it is not covered.
     pub fn tiles(&self) -> &[u8] {
         &self.tiles
     }
 
-    /// Covered tiles lie in `x, y, width, height`, tiles; width 0 = none do.
+    /// The rectangle of covered tiles: x, y, width, height, tiles; width 0 if there are none.
     pub const fn rectangle(&self) -> [u32; 4] {
         let [x, y] = self.bounds;
         [x[0], y[0], x[1] - x[0], y[1] - y[0]]
     }
 }
 
-/// Pixels of a box's corners; `None` when it reaches behind the camera.
+/// The pixels of the corners of a box; `None` if it reaches behind the camera.
 fn outline(corners: &Corners, clip_from_world: DMat4, size: DVec2) -> Option<[DVec2; 8]> {
     let mut pixels = [DVec2::ZERO; 8];
     for (pixel, corner) in pixels.iter_mut().zip(corners) {
@@ -105,8 +105,8 @@ fn outline(corners: &Corners, clip_from_world: DMat4, size: DVec2) -> Option<[DV
     Some(pixels)
 }
 
-/// Marks the tiles that the convex hull of `outline` touches: those that no line through
-/// two of its points separates from it.
+/// Marks the tiles that the convex hull of `outline` touches: those that no line through two of
+/// its points separates from it.
 fn mark(tiles: &mut [u8], (across, down): (u32, u32), outline: &[DVec2; 8], margin: f64) {
     let side = f64::from(TILE);
     let low = outline
@@ -119,7 +119,7 @@ fn mark(tiles: &mut [u8], (across, down): (u32, u32), outline: &[DVec2; 8], marg
         .copied()
         .reduce(DVec2::max)
         .unwrap_or_default();
-    // A pixel more all round: surfaces reach half a pixel beyond their edge's centre.
+    // One pixel more on each side: surfaces reach half a pixel beyond the centre of their edge.
     let more = 1.0 + margin;
     let range = |lo: f64, hi: f64, count: u32| {
         let last = f64::from(count);
@@ -141,8 +141,8 @@ fn mark(tiles: &mut [u8], (across, down): (u32, u32), outline: &[DVec2; 8], marg
     }
 }
 
-/// Outward normals and offsets of the lines through pairs of points with all other points
-/// on one side.
+/// Outward normals and offsets of the lines through pairs of points that have all other points on
+/// one side.
 fn hull_edges(points: &[DVec2; 8]) -> [Option<(DVec2, f64)>; 56] {
     let mut edges = [None; 56];
     let pairs = (0..8).flat_map(|a| (0..8).filter(move |b| *b != a).map(move |b| (a, b)));
@@ -176,7 +176,7 @@ mod tests {
         corners(ends.into_iter(), DMat4::from_translation(at))
     }
 
-    /// A camera at the origin that looks along +Z, with 90° across.
+    /// A camera at the origin that looks along +Z, with a field of view of 90°.
     fn clip() -> DMat4 {
         DMat4::from_cols_array(&[
             1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.02, 0.0,
@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn a_box_covers_the_tiles_it_is_seen_in() {
+    fn box_covers_the_tiles_of_its_projection() {
         let mut cover = Cover::default();
         cover.set_boxes(vec![cube(DVec3::new(0.0, 0.0, 2.0), 0.1)]);
         cover.update(clip(), (20 * TILE, 20 * TILE), true, std::iter::empty());
@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn a_diagonal_bar_covers_no_corner_tiles_and_a_box_around_the_camera_covers_all() {
+    fn diagonal_bar_covers_no_corner_tiles_and_box_around_the_camera_covers_all() {
         let mut cover = Cover::default();
         let turn = DMat4::from_translation(DVec3::Z * 2.0)
             * DMat4::from_rotation_z(std::f64::consts::FRAC_PI_4);

@@ -1,44 +1,43 @@
-//! The adapter and the device: which one, what it can do, and what to say when there is
-//! none.
+//! The graphics adapter and device: selection, features, errors.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use thiserror::Error;
 
-/// The graphics device could not be had or was lost.
+/// The graphics device could not be opened, or failed.
 #[derive(Debug, Error)]
 pub enum GpuError {
-    /// No Vulkan (Metal, D3D12) driver at all.
+    /// There is no Vulkan (Metal, D3D12) driver.
     #[error(
-        "no graphics adapter found; install a Vulkan driver (a software one: mesa-vulkan-drivers), `penumbra doctor` tells more"
+        "no graphics adapter found; install a Vulkan driver (a software one: mesa-vulkan-drivers); run `penumbra doctor` for details"
     )]
     NoAdapter,
-    /// `--adapter` named one that is not there.
+    /// There is no adapter of the requested name or number.
     #[error("adapter '{wanted}' not found; there are: {available}")]
     NotFound {
-        /// What was asked for.
+        /// The requested name or number.
         wanted: String,
-        /// What there is.
+        /// The available adapters.
         available: String,
     },
-    /// The adapter lacks something Penumbra cannot do without.
+    /// The adapter lacks a required feature or limit.
     #[error("adapter '{adapter}' cannot run Penumbra: {reason}")]
     Unfit {
         /// Adapter name.
         adapter: String,
-        /// What is missing.
+        /// The missing feature or limit.
         reason: String,
     },
-    /// Lost, out of memory, or a mapping failed.
+    /// The device was lost, ran out of memory or refused a command.
     #[error(
         "graphics device '{adapter}' failed: {reason}; restart, or choose another with --adapter"
     )]
     Failed {
         /// Adapter name.
         adapter: String,
-        /// What the driver said.
+        /// The message of the driver.
         reason: String,
     },
-    /// Whoever wanted it does not want it any more.
+    /// The caller stopped the work.
     #[error("ended before it was done")]
     Stopped,
 }
@@ -46,7 +45,7 @@ pub enum GpuError {
 /// An opened graphics device.
 #[derive(Clone, Debug)]
 pub struct Gpu {
-    /// Kept for making surfaces.
+    /// Creates surfaces.
     pub instance: wgpu::Instance,
     /// The physical device.
     pub adapter: wgpu::Adapter,
@@ -54,42 +53,42 @@ pub struct Gpu {
     pub device: wgpu::Device,
     /// Its queue.
     pub queue: wgpu::Queue,
-    /// Name and driver for people.
+    /// Name of the adapter, for messages.
     pub name: String,
-    /// True for a software driver, on which pixels cost more than on any GPU.
+    /// Whether the driver runs on the CPU, where pixels take more time than on any GPU.
     pub software: bool,
-    /// True when passes can be timed on the device.
+    /// Whether passes can be timed on the device.
     pub timestamps: bool,
-    /// The first error that nobody asked the device about.
+    /// The first error that no call returned.
     fault: Fault,
 }
 
-/// Where the device leaves its first complaint. Left to itself, wgpu would panic.
+/// The first error of the device. Without a handler, wgpu panics.
 type Fault = Arc<Mutex<Option<String>>>;
 
-/// Backends that print nothing on a machine without them: asking for GL on a headless
-/// machine complains about XDG_RUNTIME_DIR.
+/// Backends that print nothing where they are missing: GL warns about XDG_RUNTIME_DIR on a headless
+/// machine.
 const BACKENDS: wgpu::Backends = wgpu::Backends::VULKAN
     .union(wgpu::Backends::METAL)
     .union(wgpu::Backends::DX12);
 
 impl Gpu {
-    /// Opens the adapter whose name contains `wanted` (case does not matter) or whose
-    /// number it is; without it the fastest one, a real GPU before a software driver.
+    /// Opens the adapter with the number `wanted`, or whose name contains it (ignoring case);
+    /// without it the fastest one, a real GPU before a software driver.
     ///
     /// # Errors
-    /// No adapter, none of that name, or one that cannot run Penumbra.
+    /// There is no adapter, none of that name or number, or it lacks a required feature or limit.
     pub fn open(wanted: Option<&str>) -> Result<Self, GpuError> {
         let instance = Self::instance();
         let adapter = choose(adapters(&instance), wanted)?;
         Self::from_adapter(instance, adapter)
     }
 
-    /// The same with an adapter that can show pictures on `surface`, which `instance` has
-    /// made.
+    /// Opens an adapter, as [`Self::open`] does, that can show pictures on `surface`, which
+    /// `instance` created.
     ///
     /// # Errors
-    /// As [`Self::open`]; the adapter that was asked for cannot reach the surface.
+    /// As [`Self::open`]; the adapter cannot show pictures on the surface.
     pub fn open_for(
         instance: wgpu::Instance,
         surface: &wgpu::Surface<'_>,
@@ -102,7 +101,7 @@ impl Gpu {
             let (able, others): (Vec<_>, Vec<_>) = all
                 .into_iter()
                 .partition(|a| a.is_surface_supported(surface));
-            // With none able, the best of the others is named in the complaint.
+            // If no adapter is able, the error names the best of the others.
             choose(if able.is_empty() { others } else { able }, None)?
         };
         if !adapter.is_surface_supported(surface) {
@@ -114,13 +113,13 @@ impl Gpu {
         Self::from_adapter(instance, adapter)
     }
 
-    /// What makes surfaces and finds adapters.
+    /// Creates the instance, which creates surfaces and finds adapters.
     #[must_use]
     pub fn instance() -> wgpu::Instance {
         let mut description = wgpu::InstanceDescriptor::new_without_display_handle();
         description.backends = BACKENDS;
-        // Their sizes are our own shaders', which keep to the limits; to check each takes longer
-        // than what it starts.
+        // The sizes of indirect dispatches come from our own shaders, which respect the limits; the
+        // check of each takes longer than the work that it starts.
         description
             .flags
             .remove(wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL);
@@ -146,7 +145,7 @@ impl Gpu {
         })?;
         let software = info.device_type == wgpu::DeviceType::Cpu;
         Ok(Self {
-            fault: watch(&device),
+            fault: keep_first_error(&device),
             instance,
             adapter,
             device,
@@ -157,10 +156,10 @@ impl Gpu {
         })
     }
 
-    /// Waits until everything submitted has run.
+    /// Waits until all submitted work has finished.
     ///
     /// # Errors
-    /// The device was lost, ran out of memory or refused something since it was opened.
+    /// The device was lost, ran out of memory or refused a command since it was opened.
     pub fn wait(&self) -> Result<(), GpuError> {
         let polled = self.device.poll(wgpu::PollType::wait_indefinitely());
         let fault = self
@@ -178,8 +177,8 @@ impl Gpu {
     }
 }
 
-/// Keeps the device's first complaint for [`Gpu::wait`] to tell.
-fn watch(device: &wgpu::Device) -> Fault {
+/// Keeps the first error of the device, which [`Gpu::wait`] returns.
+fn keep_first_error(device: &wgpu::Device) -> Fault {
     let fault = Fault::default();
     let keep = fault.clone();
     device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
@@ -189,7 +188,7 @@ fn watch(device: &wgpu::Device) -> Fault {
     fault
 }
 
-/// All there are, the fastest first.
+/// All adapters, the fastest first.
 fn adapters(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {
     let mut adapters = pollster::block_on(instance.enumerate_adapters(BACKENDS));
     adapters.sort_by_key(|a| rank(a.get_info().device_type));

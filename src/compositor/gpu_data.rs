@@ -1,6 +1,6 @@
 //! The data that shaders read, byte for byte. Twins of the structs in `shaders/lib/frame.wgsl`,
-//! `shaders/lib/lamps.wgsl`, `shaders/lib/compact_source_specular.wgsl`, `shaders/phantom_geometry.wgsl` and
-//! `shaders/virtual_geometry.wgsl`.
+//! `shaders/lib/lamps.wgsl`, `shaders/lib/compact_source_specular.wgsl`,
+//! `shaders/phantom_geometry.wgsl` and `shaders/virtual_geometry.wgsl`.
 
 use bytemuck::{Pod, Zeroable};
 use penumbra_lighting::glints::{Glint, MOST_GLINTS, MOST_LEVELS};

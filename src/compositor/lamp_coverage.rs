@@ -1,8 +1,8 @@
-//! What a lamp's maps look at, and from where.
+//! The directions and viewpoints of a lamp's shadow maps.
 //!
-//! A lamp outside the casters has one map that fits around them, or around a narrow spot's
-//! cone. A lamp among the casters looks all round with the six faces of a cube. A rectangle
-//! looks from several places, whose views share each map like tiles.
+//! A lamp outside the casters has one map that fits around them, or around the cone of a narrow
+//! spot. A lamp among the casters has the six faces of a cube. An area lamp has several
+//! viewpoints, whose views share each map like tiles.
 
 use super::caster_hull::CasterHull;
 use glam::{Mat4, Vec3, Vec4};
@@ -10,39 +10,40 @@ use penumbra_scene::{PlacedArea, PlacedLamp};
 
 /// Twin of WGSL `LAMP_NEAR`.
 const NEAR: f32 = 1e-3;
-/// A single map is not made wider than this half angle: its corners would be coarse. Of a
-/// rectangle, whose shadows are soft, it may.
-const WIDEST: f32 = 0.9;
-const WIDEST_OF_AREA: f32 = 1.2;
-/// Places that a rectangle looks from, each way: by one map; and all round, or as one of more than
-/// [`FEW_AREAS`], when each place would cost too much.
+/// Maximum half angle of a single map, radians: a wider map would be coarse at its corners. Maps of
+/// area lamps, whose shadows are soft, may be wider.
+const MAX_HALF_ANGLE: f32 = 0.9;
+const MAX_HALF_ANGLE_OF_AREA: f32 = 1.2;
+/// Viewpoints of an area lamp, each way: with one map; and with a cube, or among more than
+/// [`FEW_AREAS`] area lamps, where more viewpoints would take too much time.
 const ACROSS: u32 = 4;
 const ACROSS_OF_MANY: u32 = 2;
 const FEW_AREAS: usize = 4;
-/// Views of one lamp at most.
-pub const MOST_VIEWS_EACH: usize = 24;
+/// Maximum number of views of one lamp.
+pub const MAX_VIEWS_EACH: usize = 24;
 
-/// See the module.
+/// The directions that the maps of a lamp cover.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Coverage {
     /// No casters.
     Nothing,
     /// A square pyramid around `forward`, `tangent` wide to each side.
     One { forward: Vec3, tangent: f32 },
-    /// All round.
+    /// All directions.
     Cube,
 }
 
-/// Right, up, forward and the tangent of the half width of a map.
+/// Right, up and forward of a map, and the tangent of its half angle.
 pub type MapAxes = ([Vec3; 3], f32);
 
 impl Coverage {
-    pub fn of(lamp: &PlacedLamp, hull: &CasterHull) -> Self {
+    /// The coverage that `lamp` needs for the casters in `hull`.
+    pub fn for_lamp(lamp: &PlacedLamp, hull: &CasterHull) -> Self {
         let Some((forward, angle)) = hull.cone_from(lamp.position) else {
             return Self::Nothing;
         };
         if let Some(area) = &lamp.area {
-            return Self::of_area(lamp, area, hull, (forward, angle));
+            return Self::for_area(lamp, area, hull, (forward, angle));
         }
         let spot = lamp.cone.map(|(_, cutoff)| (lamp.direction, cutoff));
         let hull = Some((forward, angle + 0.01)).filter(|_| angle.is_finite());
@@ -50,10 +51,10 @@ impl Coverage {
             .into_iter()
             .flatten()
             .min_by(|a, b| a.1.total_cmp(&b.1));
-        Self::around(narrowest, WIDEST)
+        Self::around(narrowest, MAX_HALF_ANGLE)
     }
 
-    fn of_area(
+    fn for_area(
         lamp: &PlacedLamp,
         area: &PlacedArea,
         hull: &CasterHull,
@@ -69,7 +70,7 @@ impl Coverage {
             .map(|eye| hull.angle_around(eye, forward))
             .fold(angle, f32::max);
         let cone = (whole && widest.is_finite()).then_some((forward, widest + 0.01));
-        Self::around(cone, WIDEST_OF_AREA)
+        Self::around(cone, MAX_HALF_ANGLE_OF_AREA)
     }
 
     fn around(cone: Option<(Vec3, f32)>, widest: f32) -> Self {
@@ -82,7 +83,7 @@ impl Coverage {
         }
     }
 
-    /// Maps.
+    /// Number of maps.
     pub const fn layers(&self) -> usize {
         match self {
             Self::Nothing => 0,
@@ -91,7 +92,7 @@ impl Coverage {
         }
     }
 
-    /// Views in each map, each way, of one of so many areas.
+    /// Number of views in each map, each way, among `areas` area lamps.
     pub const fn across(&self, lamp: &PlacedLamp, areas: usize) -> u32 {
         match (self, lamp.area) {
             (_, None) => 1,
@@ -101,8 +102,8 @@ impl Coverage {
         }
     }
 
-    /// Of each map, whose views have `size` texels a side. Texels on the edge of a cube's face
-    /// show a little of what lies beyond it.
+    /// The axes of each map, whose views have `size` texels a side. Faces of a cube are slightly
+    /// wider than 90°, so that the texels at their edges show what lies beyond.
     pub fn axes(&self, size: u32) -> Vec<MapAxes> {
         match *self {
             Self::Nothing => Vec::new(),
@@ -121,20 +122,21 @@ impl Coverage {
     }
 }
 
-/// Places that a lamp is looked from, `across²` of a rectangle, row by row from its upper left:
-/// one in each cell, no two in line (correlated multi-jittered, Kensler 2013). Twin of WGSL
-/// `area_eye`.
+/// The viewpoints of a lamp: `across²` of an area lamp, row by row from its upper left, one in each
+/// cell, no two with the same coordinate (correlated multi-jittered sampling, Kensler 2013). Twin
+/// of WGSL `area_eye`.
 pub fn eyes(lamp: &PlacedLamp, across: u32) -> impl Iterator<Item = Vec3> {
     let n = across as f32;
     (0..across * across).map(move |i| {
         let (x, y) = ((i % across) as f32, (i / across) as f32);
-        let place = |cell: f32, within: f32| (cell + (within + 0.5) / n) * 2.0 / n - 1.0;
-        let off = |area: PlacedArea| area.half_right * place(x, y) - area.half_up * place(y, x);
-        lamp.position + lamp.area.map_or(Vec3::ZERO, off)
+        let position = |cell: f32, within: f32| (cell + (within + 0.5) / n) * 2.0 / n - 1.0;
+        let offset =
+            |area: PlacedArea| area.half_right * position(x, y) - area.half_up * position(y, x);
+        lamp.position + lamp.area.map_or(Vec3::ZERO, offset)
     })
 }
 
-/// Reversed depth with the far plane at infinity.
+/// Projection of a view from `eye`, with reversed depth and the far plane at infinity.
 pub fn clip(eye: Vec3, ([right, up, forward], tangent): &MapAxes) -> Mat4 {
     let row = |axis: Vec3| axis.extend(-axis.dot(eye));
     Mat4::from_cols(
@@ -173,9 +175,9 @@ mod tests {
     }
 
     #[test]
-    fn every_place_of_a_rectangle_sees_all_casters_in_its_map() {
+    fn every_viewpoint_of_an_area_lamp_sees_all_casters_in_its_map() {
         let lamp = screen(Vec3::new(0.0, 0.0, 1.5), Vec3::NEG_Z, false);
-        let coverage = Coverage::of(&lamp, &cube());
+        let coverage = Coverage::for_lamp(&lamp, &cube());
         assert!(matches!(coverage, Coverage::One { .. }), "{coverage:?}");
         let axes = coverage.axes(256);
         for eye in eyes(&lamp, coverage.across(&lamp, 1)) {
@@ -188,19 +190,22 @@ mod tests {
     }
 
     #[test]
-    fn what_is_behind_a_one_sided_rectangle_does_not_count() {
+    fn casters_behind_a_one_sided_area_lamp_do_not_count() {
         let away = screen(Vec3::new(0.0, 0.0, 1.5), Vec3::Z, false);
-        assert_eq!(Coverage::of(&away, &cube()), Coverage::Nothing);
+        assert_eq!(Coverage::for_lamp(&away, &cube()), Coverage::Nothing);
         let both = screen(Vec3::new(0.0, 0.0, 1.5), Vec3::Z, true);
-        assert!(matches!(Coverage::of(&both, &cube()), Coverage::One { .. }));
+        assert!(matches!(
+            Coverage::for_lamp(&both, &cube()),
+            Coverage::One { .. }
+        ));
         let among = screen(Vec3::ZERO, Vec3::Z, false);
-        assert_eq!(Coverage::of(&among, &cube()), Coverage::Cube);
+        assert_eq!(Coverage::for_lamp(&among, &cube()), Coverage::Cube);
         let most = Coverage::Cube.layers() * 4;
-        assert!(most <= MOST_VIEWS_EACH && (ACROSS * ACROSS) as usize <= MOST_VIEWS_EACH);
+        assert!(most <= MAX_VIEWS_EACH && (ACROSS * ACROSS) as usize <= MAX_VIEWS_EACH);
     }
 
     #[test]
-    fn places_are_spread_over_the_rectangle_no_two_in_line() {
+    fn viewpoints_have_evenly_spaced_distinct_coordinates() {
         let lamp = screen(Vec3::ZERO, Vec3::Z, false);
         let right = lamp.area.unwrap().half_right;
         let mut along: Vec<f32> = eyes(&lamp, 4)

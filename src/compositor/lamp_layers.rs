@@ -1,23 +1,23 @@
-//! Which layers of the lamps' maps are whose. A lamp that stands still keeps its layers and what
-//! is drawn in them, whichever lamps come and go beside it.
+//! Assigns layers of the shadow maps to lamps. A static lamp keeps its layers and their contents,
+//! whichever other lamps are added or removed.
 
 use glam::Mat4;
 
 /// The maps of one lamp.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LampViews {
-    /// What they show, layer by layer; equally many in each.
+    /// Projections of the views, layer by layer; the same number in each.
     pub clips: Vec<Mat4>,
-    /// Layers, side by side.
+    /// Number of layers, which are consecutive.
     pub layers: usize,
 }
 
-/// Where they lie.
+/// The layers of a lamp.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Assigned {
     /// The first layer.
     pub first: usize,
-    /// They hold something else, and must be drawn.
+    /// The layers have other contents, and must be drawn.
     pub stale: bool,
 }
 
@@ -27,19 +27,19 @@ struct Block {
     views: LampViews,
 }
 
-/// See the module.
+/// The layers in use.
 #[derive(Debug, Default)]
 pub struct LampLayers {
     blocks: Vec<Block>,
 }
 
 impl LampLayers {
-    /// Nothing is drawn in any layer.
+    /// Forgets the contents of all layers.
     pub fn forget(&mut self) {
         self.blocks.clear();
     }
 
-    /// Gives each lamp its layers out of `layers`, which are enough for all.
+    /// Assigns layers to each lamp out of `layers`, which are enough for all.
     pub fn assign(&mut self, lamps: Vec<LampViews>, layers: usize) -> Vec<Assigned> {
         let mut old = std::mem::take(&mut self.blocks);
         let kept: Vec<Option<Block>> = lamps
@@ -74,7 +74,7 @@ impl LampLayers {
         assigned
     }
 
-    /// All anew and without gaps, where gaps have become too small.
+    /// Assigns all layers again without gaps, where the gaps have become too small.
     fn packed(&mut self, lamps: Vec<LampViews>) -> Vec<Assigned> {
         let mut next = 0;
         self.blocks = lamps
@@ -93,7 +93,7 @@ impl LampLayers {
     }
 }
 
-/// The first run of so many free layers.
+/// Takes the first run of `layers` free layers.
 fn take(free: &mut [bool], layers: usize) -> Option<usize> {
     let fits = |first: &usize| free[*first..*first + layers].iter().all(|f| *f);
     let first = (0..=free.len().checked_sub(layers)?).find(fits)?;
@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lamp_keeps_its_layers_when_another_goes_or_comes() {
+    fn lamp_keeps_its_layers_when_others_are_removed_or_added() {
         let mut layers = LampLayers::default();
         let [a, b, c] = [views(1.0, 1), views(2.0, 6), views(3.0, 1)];
         let all = layers.assign(vec![a.clone(), b.clone(), c.clone()], 8);
@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn one_that_has_moved_is_drawn_anew_and_equal_ones_have_layers_of_their_own() {
+    fn moved_lamp_is_drawn_again_and_equal_lamps_have_separate_layers() {
         let mut layers = LampLayers::default();
         let same = layers.assign(vec![views(1.0, 1), views(1.0, 1)], 2);
         assert_eq!(firsts(&same), [(0, true), (1, true)]);
@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn gaps_that_are_too_small_are_closed() {
+    fn small_gaps_are_closed() {
         let mut layers = LampLayers::default();
         layers.assign(vec![views(1.0, 3), views(2.0, 1), views(3.0, 3)], 7);
         let packed = layers.assign(vec![views(2.0, 1), views(9.0, 6)], 7);
@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn lamps_without_casters_need_none() {
+    fn lamps_without_casters_need_no_layers() {
         let mut layers = LampLayers::default();
         assert_eq!(layers.assign(vec![views(1.0, 0)], 0).len(), 1);
         layers.assign(vec![views(1.0, 1)], 1);

@@ -1,8 +1,8 @@
-//! The lamps on the GPU: their uniforms, and shadow maps seen from them in perspective.
+//! The lamps on the GPU: their uniforms and their perspective shadow maps.
 
 use super::caster_hull::CasterHull;
 use super::gpu_data::{LampUniform, LampsUniform};
-use super::lamp_coverage::{Coverage, MOST_VIEWS_EACH, MapAxes, clip, eyes};
+use super::lamp_coverage::{Coverage, MAX_VIEWS_EACH, MapAxes, clip, eyes};
 use super::lamp_layers::{Assigned, LampLayers, LampViews};
 use super::lamp_screens::LampScreens;
 use super::textures::format;
@@ -10,12 +10,13 @@ use glam::{Mat4, Vec3};
 use penumbra_scene::PlacedLamp;
 use penumbra_scene::lamps::MOST_LAMPS;
 
-/// Views that all lamps together may need.
-pub const MOST_VIEWS: usize = MOST_VIEWS_EACH * MOST_LAMPS;
-/// Layers at their full size; more of them share the memory of so many, 192 MB at 1024² texels.
+/// Maximum number of views of all lamps.
+pub const MAX_VIEWS: usize = MAX_VIEWS_EACH * MOST_LAMPS;
+/// Maximum number of layers at full size; more layers share the memory of this number, 192 MB at
+/// 1024² texels.
 const FULL_LAYERS: usize = 48;
 
-/// A layer to draw: `across²` views side by side, row by row, from `view` on in the buffer of views.
+/// A layer to draw: `across²` views, row by row, from index `view` on in the buffer of views.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LampDraw {
     pub layer: u32,
@@ -23,23 +24,23 @@ pub struct LampDraw {
     pub across: u32,
 }
 
-/// See the module.
+/// The uniforms and shadow maps of lamps.
 pub struct LampMaps {
     pub uniform: wgpu::Buffer,
     pub views: wgpu::Buffer,
     pub array: wgpu::TextureView,
     pub layers: Vec<wgpu::TextureView>,
     pub compare: wgpu::Sampler,
-    /// To draw in this frame.
+    /// The layers to draw in this frame.
     pub draws: Vec<LampDraw>,
     size: u32,
     assigned: LampLayers,
-    /// Casters, wanted size and lamps that the uniforms tell of.
+    /// Generation of casters, requested size and lamps for which the uniforms were made.
     known: (u64, u32, Vec<PlacedLamp>),
 }
 
 impl LampMaps {
-    /// No lamps.
+    /// Creates maps for no lamps.
     pub fn new(device: &wgpu::Device) -> Self {
         let buffer = |size: usize| {
             device.create_buffer(&wgpu::BufferDescriptor {
@@ -53,14 +54,14 @@ impl LampMaps {
             label: Some("lamp compare"),
             mag_filter: wgpu::FilterMode::Linear,
             min_filter: wgpu::FilterMode::Linear,
-            // Nearer is more.
+            // With reversed depth, nearer is larger.
             compare: Some(wgpu::CompareFunction::GreaterEqual),
             ..Default::default()
         });
         let (array, layers) = maps(device, 1, 1);
         Self {
             uniform: buffer(size_of::<LampsUniform>()),
-            views: buffer(size_of::<Mat4>() * MOST_VIEWS),
+            views: buffer(size_of::<Mat4>() * MAX_VIEWS),
             array,
             layers,
             compare,
@@ -71,9 +72,9 @@ impl LampMaps {
         }
     }
 
-    /// Uploads this frame's lamps, at most [`MOST_LAMPS`], and notes which maps must be
-    /// drawn. `casters` is the hull and its generation. Returns true when the maps'
-    /// texture is a new one and must be bound again.
+    /// Uploads the lamps of this frame, at most [`MOST_LAMPS`], and lists the maps that must be
+    /// drawn. `casters` is the hull and its generation. Returns true if the texture of the maps was
+    /// replaced and must be bound again.
     pub fn write(
         &mut self,
         device: &wgpu::Device,
@@ -96,7 +97,7 @@ impl LampMaps {
         (*casters, *asked) = (generation, size);
         known.clear();
         known.extend_from_slice(lamps);
-        let coverages: Vec<_> = lamps.iter().map(|l| Coverage::of(l, hull)).collect();
+        let coverages: Vec<_> = lamps.iter().map(|l| Coverage::for_lamp(l, hull)).collect();
         let renewed = self.fit(device, coverages.iter().map(Coverage::layers).sum(), size);
         self.place(queue, (lamps, screens), &coverages);
         renewed
@@ -107,12 +108,13 @@ impl LampMaps {
         self.size
     }
 
-    /// What the uniforms tell is out of date.
+    /// Marks the uniforms as out of date.
     pub fn forget_uniform(&mut self) {
         self.known.1 = 0;
     }
 
-    /// Makes the maps anew where `needed` layers do not fit. Lamps that go leave theirs behind.
+    /// Allocates the maps again if `needed` layers do not fit. The layers of removed lamps are
+    /// kept.
     fn fit(&mut self, device: &wgpu::Device, needed: usize, wanted: u32) -> bool {
         let layers = needed.max(if self.size > 1 { self.layers.len() } else { 0 });
         let size = size_of_layers(layers, wanted);
@@ -191,7 +193,7 @@ impl LampMaps {
     }
 }
 
-/// Texels a side of so many layers, where `wanted` is that of a few.
+/// Texels a side of `layers` layers; `wanted` for a small number.
 fn size_of_layers(layers: usize, wanted: u32) -> u32 {
     if layers <= FULL_LAYERS {
         return wanted;
@@ -202,7 +204,7 @@ fn size_of_layers(layers: usize, wanted: u32) -> u32 {
 
 fn lamp_uniform(lamp: &PlacedLamp, views: &[MapAxes], layer: usize, size: u32) -> LampUniform {
     let ([right, up, forward], tangent) = views.first().copied().unwrap_or_default();
-    // A point is a spot that has not begun to fade at any angle.
+    // A point light is a spot whose beam covers all angles.
     let (beam, cutoff) = lamp.cone.unwrap_or((10.0, 11.0));
     let with = |v: Vec3, w: f32| v.extend(w).to_array();
     LampUniform {
@@ -259,7 +261,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn many_layers_take_no_more_memory_than_eight_cubes() {
+    fn many_layers_take_at_most_the_memory_of_eight_cubes() {
         let bytes =
             |layers: usize| layers as u64 * u64::from(size_of_layers(layers, 1024)).pow(2) * 4;
         for layers in 1..=6 * MOST_LAMPS {

@@ -52,7 +52,7 @@ pub struct LightMaps {
 }
 
 impl LightMaps {
-    /// Buffers for `budget` lights.
+    /// Allocates buffers for `budget` lights.
     pub fn new(device: &wgpu::Device, budget: u32) -> Self {
         let frame_layout = layout(device, "frame", &FRAME_SLOTS);
         let buffer = |size: usize, usage| {

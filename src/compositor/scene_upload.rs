@@ -22,8 +22,8 @@ pub struct UploadedScene {
 }
 
 impl SceneUploader {
-    /// Uploads `scene`. `casters` are its virtual parts as they cast shadows: the parts
-    /// themselves or simplified copies.
+    /// Uploads `scene`. `casters` are its virtual parts as they cast shadows: the parts themselves
+    /// or simplified copies.
     #[must_use]
     pub fn upload(&self, scene: &Scene, casters: &[Part]) -> UploadedScene {
         let Gpu { device, queue, .. } = &self.gpu;

@@ -1,6 +1,6 @@
 //! The text of shaders: the file of a pass after the library files that it uses.
 
-use super::lamp_maps::MOST_VIEWS;
+use super::lamp_maps::MAX_VIEWS;
 use super::planes::options::SOURCES;
 use super::response_table::ENCODING;
 use penumbra_lighting::glints::MOST_GLINTS;
@@ -223,7 +223,7 @@ fn join(parts: &[&str]) -> String {
     parts
         .join("\n")
         .replace("MAX_LIGHTS", &MAX_LIGHTS.to_string())
-        .replace("MAX_LAMP_VIEWS", &MOST_VIEWS.to_string())
+        .replace("MAX_LAMP_VIEWS", &MAX_VIEWS.to_string())
         .replace("MAX_LAMPS", &MOST_LAMPS.to_string())
         .replace("MAX_COMPACT_SOURCES", &MOST_GLINTS.to_string())
         .replace("ENCODING_VECTORS", &(ENCODING / 4).to_string())

@@ -39,7 +39,7 @@ pub struct ShadowSlots {
 }
 
 impl LightUniform {
-    /// A light without shadow maps.
+    /// The uniform of a light without shadow maps.
     #[must_use]
     pub fn unmapped(light: &DomeLight) -> Self {
         let compact = f32::from(u8::from(light.kind == LightKind::Compact));

@@ -1,9 +1,9 @@
-//! How long each pass takes on the device.
+//! The time that each pass takes on the device.
 
-/// Most passes that are timed in one frame.
+/// Maximum number of passes that are timed in one frame.
 const SPANS: u32 = 16;
 
-/// Time stamps around passes. Without the device's support it records nothing.
+/// Time stamps around passes. Records nothing on devices without time-stamp queries.
 pub struct Timer {
     queries: Option<Queries>,
     names: Vec<&'static str>,
@@ -17,7 +17,7 @@ struct Queries {
 }
 
 impl Timer {
-    /// `enabled` where the device has time-stamp queries.
+    /// Creates a timer; `enabled` if the device has time-stamp queries.
     pub fn new(device: &wgpu::Device, queue: &wgpu::Queue, enabled: bool) -> Self {
         let buffer = |usage| {
             device.create_buffer(&wgpu::BufferDescriptor {
@@ -86,7 +86,7 @@ impl Timer {
         })
     }
 
-    /// Copies the stamps to where they can be read.
+    /// Copies the time stamps into a buffer that can be read.
     pub fn end_frame(&self, encoder: &mut wgpu::CommandEncoder) {
         let Some(q) = &self.queries else { return };
         let count = 2 * self.names.len() as u32;
@@ -96,8 +96,8 @@ impl Timer {
         }
     }
 
-    /// Milliseconds of each span of the finished frame, in order; empty without support.
-    /// Waits for the device: for benchmarks and status, not for every frame.
+    /// Milliseconds of each span of the finished frame, in order; empty on devices without
+    /// time-stamp queries. Waits for the device.
     pub fn read(&self, device: &wgpu::Device) -> Vec<(&'static str, f64)> {
         let Some(q) = &self.queries else {
             return Vec::new();

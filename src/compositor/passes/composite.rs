@@ -1,4 +1,4 @@
-//! Puts the finished picture together.
+//! Composes the picture: the real picture with its shadows, and the shaded virtual surfaces.
 
 use super::super::bindings::{CachedGroup, DepthTest, PipelineSpec, Slot, sampler, view};
 use super::super::gloss_maps::GlossMaps;
@@ -88,7 +88,7 @@ impl CompositePass {
         }
     }
 
-    /// Draws the finished picture into `output`; `kinds` is its depth buffer.
+    /// Draws the composed picture into `output`; `kinds` is its depth buffer.
     pub fn record<'a>(
         &mut self,
         r: &mut Recorder<'_>,

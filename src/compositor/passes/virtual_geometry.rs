@@ -64,7 +64,7 @@ impl VirtualGeometryPass {
         Self { surfaces, occluder }
     }
 
-    /// Phantoms write depth alone.
+    /// Compiles the pipeline of phantoms, which writes depth alone.
     fn occluder(
         device: &wgpu::Device,
         frame: &wgpu::BindGroupLayout,

@@ -1,4 +1,4 @@
-//! Virtual things in the picture of a camera that fades towards its edge.
+//! Virtual objects in the picture of a camera with vignetting.
 
 use crate::stage::{Stage, flat, lighting, looking_from, matt, painted, spiral};
 use glam::{DVec2, DVec3, Vec3};
@@ -10,7 +10,7 @@ use penumbra_scene::ShadowMode;
 use penumbra_scene::primitives;
 
 const SIZE: (u32, u32) = (320, 240);
-const FADING: Vignetting = Vignetting {
+const VIGNETTING: Vignetting = Vignetting {
     centre: DVec2::new(150.0, 128.0),
     radius: 200.0,
     coefficients: [-0.5, 0.12, -0.05],
@@ -51,7 +51,7 @@ fn stage(distortion: [f64; 5]) -> Stage {
     stage
 }
 
-/// Where a straightened picture's pixel lies in the camera's own.
+/// The position of a pixel of the output in the camera picture.
 fn own(camera: &PinholeCamera, wanted: LensOutput, pixel: DVec2) -> DVec2 {
     match wanted {
         LensOutput::Camera => pixel,
@@ -63,14 +63,14 @@ fn own(camera: &PinholeCamera, wanted: LensOutput, pixel: DVec2) -> DVec2 {
 }
 
 #[test]
-fn virtual_things_fade_like_the_camera_s_own_picture() {
+fn virtual_objects_have_the_vignetting_of_the_camera() {
     for distortion in [[0.0; 5], [-0.25, 0.06, 0.003, -0.002, 0.0]] {
         for wanted in [LensOutput::Camera, LensOutput::Undistorted] {
             let mut stage = stage(distortion);
             let mut compositor = stage.compositor();
             compositor.set_lens_output(wanted);
             let even = stage.compose_with(&mut compositor);
-            stage.vignetting = Some(FADING);
+            stage.vignetting = Some(VIGNETTING);
             let faded = stage.compose_with(&mut compositor);
             for at in [
                 (8, 8),
@@ -81,7 +81,7 @@ fn virtual_things_fade_like_the_camera_s_own_picture() {
                 (310, 230),
             ] {
                 let pixel = DVec2::new(at.0.into(), at.1.into());
-                let expected = FADING.at(own(&stage.camera, wanted, pixel));
+                let expected = VIGNETTING.at(own(&stage.camera, wanted, pixel));
                 let share = light(&faded, at) / light(&even, at);
                 println!("{at:?}: {share:.4} of {expected:.4}");
                 assert!(
@@ -93,10 +93,10 @@ fn virtual_things_fade_like_the_camera_s_own_picture() {
     }
 }
 
-/// A shadow is a share of what is there, so it does not fade; the paper's, which is taken away,
-/// does. What nothing virtual touches stays the camera's.
+/// A shadow that multiplies the picture needs no vignetting; the paper's, which is subtracted,
+/// does. Pixels without virtual light or shadow stay the camera's.
 #[test]
-fn a_shadow_that_is_taken_away_fades_too() {
+fn subtracted_shadow_has_the_vignetting_of_the_camera() {
     let block = painted(
         primitives::plane(0.12, 0.12),
         DVec3::new(0.0, 0.0, 0.1),
@@ -107,15 +107,15 @@ fn a_shadow_that_is_taken_away_fades_too() {
         .lit(lighting(spiral(8, 2.0), 0.1));
     stage.pose = Some(looking_from(DVec3::new(0.05, -0.3, 0.8), DVec3::ZERO));
     stage.picture = flat(SIZE.0, SIZE.1, [150, 150, 150]);
-    let fading = Vignetting {
+    let vignetting = Vignetting {
         centre: DVec2::splat(20.0),
         coefficients: [-0.4, 0.0, 0.0],
-        ..FADING
+        ..VIGNETTING
     };
-    let lacking = |mode: ShadowMode, fading: Option<Vignetting>| {
+    let lacking = |mode: ShadowMode, vignetting: Option<Vignetting>| {
         let stage = Stage {
             mode,
-            vignetting: fading,
+            vignetting,
             ..stage.clone()
         };
         let out = stage.compose();
@@ -131,12 +131,12 @@ fn a_shadow_that_is_taken_away_fades_too() {
         )
     };
     let (even, (_, at)) = lacking(ShadowMode::Ratio, None);
-    let (faded, _) = lacking(ShadowMode::Ratio, Some(fading));
+    let (faded, _) = lacking(ShadowMode::Ratio, Some(vignetting));
     assert!((light(&even, at) - light(&faded, at)).abs() < 2e-3);
     let (_, (even, at)) = lacking(ShadowMode::Subtract, None);
-    let (out, _) = lacking(ShadowMode::Subtract, Some(fading));
+    let (out, _) = lacking(ShadowMode::Subtract, Some(vignetting));
     let share = (light(&stage.picture, at) - light(&out, at)) / even;
-    let expected = fading.at(DVec2::new(at.0.into(), at.1.into()));
+    let expected = vignetting.at(DVec2::new(at.0.into(), at.1.into()));
     println!("at {at:?}: {share:.3} of {expected:.3}");
     assert!(
         expected < 0.8 && (share - expected).abs() < 0.03,

@@ -1,4 +1,4 @@
-//! Light that virtual objects throw onto the real scene.
+//! Light that virtual objects reflect onto the real scene.
 
 use crate::stage::{Stage, cell, lighting, part, sun};
 use glam::{DVec3, Vec3};
@@ -51,7 +51,7 @@ fn red(stage: &Stage, factor: f32, more: f32) -> u8 {
 }
 
 #[test]
-fn light_thrown_back_brightens_the_region_and_nothing_else() {
+fn indirect_light_brightens_its_region_alone() {
     let mut stage = stage();
     stage.near = Some(even(Vec3::splat(0.3), Vec3::ZERO));
     let arriving: f32 = stage
@@ -92,7 +92,7 @@ fn light_thrown_back_brightens_the_region_and_nothing_else() {
 }
 
 #[test]
-fn without_virtual_objects_or_strength_it_is_not_there() {
+fn no_indirect_light_without_virtual_objects_or_strength() {
     let mut stage = stage();
     stage.near = Some(even(Vec3::splat(0.3), Vec3::splat(0.1)));
     stage.show_virtual = false;
@@ -107,7 +107,7 @@ fn without_virtual_objects_or_strength_it_is_not_there() {
 
 /// Probes behind a wall see another light than its front does.
 #[test]
-fn a_wall_is_lit_by_the_probes_in_front_of_it() {
+fn wall_is_lit_by_the_probes_in_front_of_it() {
     let towards = Vec3::new(0.0, -1.0, 0.5).normalize();
     let wall = primitives::cuboid(Vec3::new(0.4, 0.1, 0.25));
     let mut stage = Stage::new(128, 96)
