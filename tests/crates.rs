@@ -35,7 +35,14 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ),
     (
         "rig-model",
-        &["interface", "camera", "scene", "fiducials", "white-balance"],
+        &[
+            "interface",
+            "numerics",
+            "camera",
+            "scene",
+            "fiducials",
+            "white-balance",
+        ],
     ),
     (
         "calibration",

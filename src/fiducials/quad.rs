@@ -156,7 +156,7 @@ mod tests {
         let sides = corners.iter().zip(next);
         sides
             .flat_map(|(a, b)| {
-                let n = a.distance(*b).outline_of() as usize;
+                let n = a.distance(*b).round() as usize;
                 (0..n).map(move |k| a.lerp(*b, k as f64 / n as f64))
             })
             .collect()

@@ -41,7 +41,7 @@ pub(super) struct ControlsMessage {
 pub(super) const CONTROLS_SCHEMA: &[u8] = br#"{"title":"penumbra.Controls","type":"object","properties":{"controls":{"type":"object","description":"controls in force from the next image on, in the device's units","additionalProperties":{"type":"integer"}}}}"#;
 
 impl ControlsMessage {
-    pub fn of(controls: &ControlsInForce) -> Self {
+    pub fn from_controls(controls: &ControlsInForce) -> Self {
         let named = |(name, value): &(Arc<str>, i64)| (name.to_string(), *value);
         Self {
             controls: controls.iter().map(named).collect(),

@@ -13,7 +13,7 @@ fn record() -> LensRecord {
 }
 
 #[test]
-fn what_is_written_is_read_again() {
+fn written_file_reads_back_unchanged() {
     let record = record();
     let bytes = serde_json::to_vec_pretty(&record).unwrap();
     let again = LensRecord::parse("a.json", &bytes).unwrap();
@@ -27,7 +27,7 @@ fn what_is_written_is_read_again() {
 }
 
 #[test]
-fn mistakes_are_told_by_file_and_key() {
+fn errors_name_file_and_key() {
     let good = serde_json::to_string_pretty(&record()).unwrap();
     for (from, to, says) in [
         ("\"brown\"", "\"pinhole\"", "a.json: `model` must be"),
