@@ -17,7 +17,6 @@ use penumbra_camera::PinholeCamera;
 use penumbra_fiducials::PoseEstimate;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_numerics::fixed_size::Matrix;
-pub use rate_limit::apart_pixels;
 use rate_limit::{RateLimiter, apart_pixels};
 
 /// Pause after which the displayed pose jumps to the estimate, seconds.
