@@ -343,10 +343,10 @@ mod tests {
             lens.focal = -1.0;
         }
         cases[4].1 = "lens";
-        for (record, says) in cases {
+        for (record, expected_text) in cases {
             let error = applied(&mut rig, &record).unwrap_err().to_string();
             assert!(
-                error.starts_with(ENVIRONMENT) && error.contains(says),
+                error.starts_with(ENVIRONMENT) && error.contains(expected_text),
                 "{error}"
             );
         }

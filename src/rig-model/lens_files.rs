@@ -58,7 +58,7 @@ pub fn apply_lens_files<'a>(
 ///
 /// # Errors
 /// The file is invalid.
-pub fn size_of_lens<'a>(
+pub(crate) fn size_of_lens<'a>(
     attachments: &dyn Fn(&str) -> Option<&'a [u8]>,
 ) -> Result<Option<(u32, u32)>, CalibrationFileError> {
     let lens = attachments(SCENE_LENS).map(|bytes| usable(SCENE_LENS, bytes));
@@ -191,7 +191,7 @@ mod tests {
              \"views\":[1,2],\"corners\":[3,4],\"coverage\":0.1,\"projection_sigma\":[1.0,2.0]}",
             1,
         );
-        for (bytes, says) in [
+        for (bytes, expected_text) in [
             (file(LensModel::KannalaBrandt, (640, 480)), "--model brown"),
             (
                 file(LensModel::Brown, (1280, 960)),
@@ -202,7 +202,7 @@ mod tests {
         ] {
             let error = applied(&bytes).unwrap_err().to_string();
             assert!(
-                error.starts_with(SCENE_LENS) && error.contains(says),
+                error.starts_with(SCENE_LENS) && error.contains(expected_text),
                 "{error}"
             );
         }

@@ -269,7 +269,7 @@ mod tests {
 
     #[test]
     fn rejects_impossible_values_with_one_line() {
-        for (rest, says) in [
+        for (rest, expected_text) in [
             (
                 "\"scene_camera\":{\"response\":{\"linear_from_code\":[0,1]}}",
                 "has 2 values",
@@ -291,7 +291,7 @@ mod tests {
         ] {
             let error = applied(rest).unwrap_err();
             assert!(
-                error.starts_with(PHOTOMETRIC) && error.contains(says),
+                error.starts_with(PHOTOMETRIC) && error.contains(expected_text),
                 "{error}"
             );
         }

@@ -82,17 +82,17 @@ proptest! {
 #[test]
 fn reports_provenance_and_age() {
     let history = filled(config(Smoothing::None), (0..20).map(|i| i * 10));
-    let told = |millis| {
+    let found = |millis| {
         history
             .at(at(millis))
             .map(|p| (p.provenance, p.age_nanos / MILLI))
     };
-    assert_eq!(told(100), Some((Provenance::Exact, 0)));
-    assert_eq!(told(103), Some((Provenance::Interpolated, 3)));
-    assert_eq!(told(108), Some((Provenance::Interpolated, 2)));
-    assert_eq!(told(250), Some((Provenance::Predicted, 60)));
-    assert_eq!(told(291), None, "too long after the last reading");
-    assert_eq!(told(-1), None, "before the first one");
+    assert_eq!(found(100), Some((Provenance::Exact, 0)));
+    assert_eq!(found(103), Some((Provenance::Interpolated, 3)));
+    assert_eq!(found(108), Some((Provenance::Interpolated, 2)));
+    assert_eq!(found(250), Some((Provenance::Predicted, 60)));
+    assert_eq!(found(291), None, "too long after the last reading");
+    assert_eq!(found(-1), None, "before the first one");
 }
 
 #[test]
@@ -233,14 +233,17 @@ fn check_predicted_deviation(rate: f64) {
         }
         lines += 1.0;
     }
-    for (made, told) in sums.iter().zip(stated) {
-        let (made, told) = ((made / lines).sqrt(), (told / lines).sqrt());
+    for (actual, predicted) in sums.iter().zip(stated) {
+        let (actual, predicted) = ((actual / lines).sqrt(), (predicted / lines).sqrt());
         println!(
-            "{rate} a second: error made {:.3} mm, stated {:.3} mm",
-            made * 1e3,
-            told * 1e3
+            "{rate} a second: error actual {:.3} mm, stated {:.3} mm",
+            actual * 1e3,
+            predicted * 1e3
         );
-        assert!((0.8..1.6).contains(&(told / made)), "{told} for {made}");
+        assert!(
+            (0.8..1.6).contains(&(predicted / actual)),
+            "{predicted} for {actual}"
+        );
     }
 }
 
@@ -248,16 +251,16 @@ fn check_predicted_deviation(rate: f64) {
 fn prediction_as_of_a_time_ignores_later_readings() {
     let config = config(Smoothing::None);
     let every = |range: std::ops::Range<i64>| range.map(|k| 8 * k);
-    let mut whole = PoseHistory::new(config);
+    let mut complete = PoseHistory::new(config);
     let mut until = PoseHistory::new(config);
     for millis in every(0..100) {
-        whole.push(at(millis), by_hand(millis as f64 * 1e-3));
+        complete.push(at(millis), by_hand(millis as f64 * 1e-3));
     }
     for millis in every(0..51) {
         until.push(at(millis), by_hand(millis as f64 * 1e-3));
     }
     let (time, longest) = (at(440), 250_000_000);
-    let expected = whole.expected(time, at(400), longest).unwrap();
+    let expected = complete.expected(time, at(400), longest).unwrap();
     assert_eq!(expected.provenance, Provenance::Predicted);
     assert_eq!(expected.age_nanos, 40_000_000);
     let then = until.at(time).unwrap();
@@ -265,11 +268,11 @@ fn prediction_as_of_a_time_ignores_later_readings() {
         expected.transmitter_from_sensor,
         then.transmitter_from_sensor,
     );
-    let now = whole.at(time).unwrap();
+    let now = complete.at(time).unwrap();
     assert_eq!(now.provenance, Provenance::Exact);
-    assert_eq!(whole.expected(time, time, longest), Some(now));
-    assert_eq!(whole.expected(time, at(400), 30_000_000), None);
-    assert_eq!(whole.expected(time, at(-5), longest), None);
+    assert_eq!(complete.expected(time, time, longest), Some(now));
+    assert_eq!(complete.expected(time, at(400), 30_000_000), None);
+    assert_eq!(complete.expected(time, at(-5), longest), None);
 }
 
 #[test]
@@ -284,15 +287,15 @@ fn interpolated_pose_has_standard_deviation_of_the_noise() {
         pose.translation += random.normal3() * 2e-4;
         history.push(at(t), pose);
     }
-    let (mut made, mut told) = (0.0, 0.0);
+    let (mut actual, mut predicted) = (0.0, 0.0);
     for k in 30..200 {
         let t = f64::from(k) / 120.0 + 0.004;
         let pose = history.at(at(t)).unwrap();
         let off = pose.transmitter_from_sensor.translation;
-        made += off.distance_squared(by_hand(t * 0.2).translation);
-        told += pose.sigma.unwrap()[0].powi(2);
+        actual += off.distance_squared(by_hand(t * 0.2).translation);
+        predicted += pose.sigma.unwrap()[0].powi(2);
     }
-    let ratio = (told / made).sqrt();
+    let ratio = (predicted / actual).sqrt();
     assert!((0.6..1.6).contains(&ratio), "{ratio}");
 }
 
