@@ -12,13 +12,13 @@ use penumbra_interface::{Frame, MonotonicTime, PixelFormat, RigidTransform};
 use penumbra_picture::{Picture, YuvEncoding};
 use penumbra_rig_model::EnvironmentCamera;
 use penumbra_rig_model::RigDocument;
-use penumbra_scene::Scene;
+use penumbra_scene::raycast::sphere_hit;
+use penumbra_scene::{RayCaster, Scene};
 use penumbra_white_balance::chart::{ChartMatch, Photograph, match_chart};
 use penumbra_white_balance::gather::{GatherOptions, Overlap, gather_pairs};
 use penumbra_white_balance::overlap::{
     GainTracker, PairTiming, Shortage, SmoothingOptions, estimate_overlap,
 };
-use penumbra_white_balance::raycast::{PhantomCaster, sphere_hit};
 use penumbra_white_balance::reflectance::{
     KnownSurface, ReflectanceOptions, SceneView, estimate_reflectance, gather_known,
 };
@@ -228,7 +228,7 @@ struct OverlapRun {
 fn run_overlap(session: &Session) -> OverlapRun {
     let calibration = &session.rig.calibration;
     let environment = session.environment();
-    let caster = PhantomCaster::new(&session.scene);
+    let caster = RayCaster::from_phantoms(&session.scene);
     let poses = session.poses();
     let scene_shots = session.shots("scene", calibration.scene_camera.latency_nanos);
     let environment_shots = session.shots("env", environment.latency_nanos);
@@ -258,11 +258,7 @@ fn run_overlap(session: &Session) -> OverlapRun {
             vignetting: [None; 2],
         };
         let started = std::time::Instant::now();
-        let pairs = gather_pairs(
-            &overlap,
-            &|o, d| caster.cast(o, d),
-            &GatherOptions::default(),
-        );
+        let pairs = gather_pairs(&overlap, &caster, &GatherOptions::default());
         let gathered = started.elapsed();
         let answer = estimate_overlap(&pairs);
         run.frames += 1;
@@ -408,11 +404,11 @@ impl Sky {
     }
 
     /// Irradiance on the ground at `point`, past the phantoms.
-    fn irradiance(&self, point: DVec3, caster: &PhantomCaster) -> DVec3 {
+    fn irradiance(&self, point: DVec3, caster: &RayCaster) -> DVec3 {
         let solid_angle = std::f64::consts::TAU / (RINGS * SECTORS) as f64;
         let origin = point + DVec3::new(0.0, 0.0, 1e-4);
         let bins = self.radiance.iter().enumerate();
-        let open = bins.filter(|(bin, _)| caster.cast(origin, Self::direction(*bin)).is_none());
+        let open = bins.filter(|(bin, _)| caster.nearest(origin, Self::direction(*bin)).is_none());
         open.map(|(bin, l)| *l * Self::direction(bin).z * solid_angle)
             .sum()
     }
@@ -466,7 +462,7 @@ fn ground_surfaces(session: &Session, sky: &Sky, shot: &Shot) -> Vec<KnownSurfac
     let mut scene = session.scene.clone();
     let ground = scene.phantom_parts.iter_mut().find(|p| p.name == "ground");
     ground.unwrap().albedo = Some(albedo.as_vec3());
-    let caster = PhantomCaster::new(&scene);
+    let caster = RayCaster::from_phantoms(&scene);
     let view = SceneView {
         photograph: Photograph {
             picture: &picture,

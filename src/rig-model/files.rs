@@ -7,7 +7,7 @@ use super::lens_files::{apply_lens_files, size_of_lens};
 use super::markers_file::apply_markers_file;
 use super::tracker_file::apply_tracker_file;
 use crate::CalibrationFileError;
-use crate::radiometric_file::apply_photometric_file;
+use crate::radiometric_file::apply_radiometric_file;
 use crate::{RigDocument, RigJsonError};
 use glam::{DMat4, Vec3};
 use penumbra_camera::MirrorSphere;
@@ -111,13 +111,14 @@ impl RigDocument {
             // the file.
             let world_from_model = object.world_from_glb * z_up_from_y_up().transpose();
             scene.virtual_parts = model.placed(world_from_model);
+            scene.warnings = model.warnings;
         }
-        scene.warnings = (0..scene.lamps.len())
-            .filter_map(|i| {
-                let place = format!("rig.json: `virtual_lights.lights[{i}].keys`: ");
-                enclosed::warning(&scene, i, &place)
-            })
-            .collect();
+        let enclosed = (0..scene.lamps.len()).filter_map(|i| {
+            let place = format!("rig.json: `virtual_lights.lights[{i}].keys`: ");
+            enclosed::warning(&scene, i, &place)
+        });
+        let enclosed: Vec<String> = enclosed.collect();
+        scene.warnings.extend(enclosed);
         Ok(scene)
     }
 
@@ -157,7 +158,7 @@ fn calibrated(
     // First, because it may add the environment camera, whose lens has a separate file.
     apply_environment_file(&mut rig, attachments)?;
     apply_lens_files(&mut rig, attachments)?;
-    apply_photometric_file(&mut rig, attachments)?;
+    apply_radiometric_file(&mut rig, attachments)?;
     apply_markers_file(&mut rig, attachments)?;
     apply_tracker_file(&mut rig, attachments)?;
     apply_latency_file(&mut rig, attachments)?;

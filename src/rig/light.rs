@@ -14,17 +14,16 @@ use penumbra_config::{Config, Unseen, WhiteBalanceMethod};
 use penumbra_interface::{Exposure, MonotonicTime, RigidTransform};
 use penumbra_lighting::Filtering;
 use penumbra_lighting::{
-    BallSeen, Bracket, EnvironmentEstimator, EnvironmentInput, Lighting, Placement,
+    BallSeen, Bracket, EnvironmentEstimator, EnvironmentInput, LightPlacement, Lighting,
 };
 use penumbra_picture::{Picture, PictureError, YuvEncoding, decode_into};
 use penumbra_rig_model::Attachments;
 use penumbra_rig_model::RigCalibration;
-use penumbra_scene::casters;
+use penumbra_scene::{Hit, RayCaster, casters};
 use penumbra_sync::EnvironmentSet;
 use penumbra_white_balance::chart::{ChartError, ChartMatch, Photograph, match_chart};
 use penumbra_white_balance::gather::{GatherOptions, Overlap, gather_pairs};
 use penumbra_white_balance::overlap::estimate_overlap;
-use penumbra_white_balance::raycast::{PhantomCaster, SurfaceHit};
 use penumbra_white_balance::reflectance;
 use penumbra_white_balance::reflectance::{
     ReflectanceOptions, estimate_reflectance, gather_known, grey_world, irradiance_at,
@@ -44,7 +43,7 @@ pub struct LightStation {
     photometry: PhotometricMatch,
     ground: GroundWatch,
     phantoms: PhantomWatch,
-    rays: Arc<PhantomCaster>,
+    rays: Arc<RayCaster>,
     rig: RigCalibration,
     yuv: YuvEncoding,
     unseen: Unseen,
@@ -247,9 +246,7 @@ impl LightStation {
             environment_view: &environment.view,
             vignetting: [self.rig.scene_camera.vignetting, environment.vignetting],
         };
-        let rays = &self.rays;
-        let cast = |o: DVec3, d: DVec3| rays.cast(o, d);
-        let pairs = gather_pairs(&overlap, &cast, &GatherOptions::default());
+        let pairs = gather_pairs(&overlap, &self.rays, &GatherOptions::default());
         self.photometry.update_overlap(
             estimate_overlap(&pairs),
             scene.captured_at,
@@ -274,7 +271,7 @@ impl LightStation {
             world_from_camera,
         };
         let rays = &self.rays;
-        let irradiance = |hit: &SurfaceHit| irradiance_past(rays, lighting, hit);
+        let irradiance = |hit: &Hit| irradiance_past(rays, lighting, hit);
         let known = gather_known(&view, rays, KNOWN_SPACING, irradiance);
         let estimate = estimate_reflectance(&known, &ReflectanceOptions::default());
         self.photometry
@@ -311,7 +308,7 @@ impl LightStation {
     }
 
     /// Changes placement and number of the dome lights.
-    pub fn set_lights(&mut self, placement: Placement, count: usize) {
+    pub fn set_lights(&mut self, placement: LightPlacement, count: usize) {
         if let Some(estimator) = &mut self.estimator {
             estimator.set_lights(placement, count);
         }
@@ -405,15 +402,6 @@ fn is_in_scene(rig: &RigCalibration) -> bool {
     rig.environment
         .as_ref()
         .is_some_and(|e| matches!(e.view, EnvironmentView::SphereInScene { .. }))
-}
-
-/// The configuration's word in the environment's language.
-#[must_use]
-pub const fn placement(lights: penumbra_config::LightPlacement) -> Placement {
-    match lights {
-        penumbra_config::LightPlacement::Adaptive => Placement::Adaptive,
-        penumbra_config::LightPlacement::Grid => Placement::Grid,
-    }
 }
 
 fn photometry_settings(config: &Config) -> PhotometrySettings {

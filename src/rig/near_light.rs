@@ -8,7 +8,7 @@
 use glam::{DMat4, DVec3};
 use penumbra_interface::threads;
 use penumbra_lighting::Lighting;
-use penumbra_scene::{NearField, NearLight, Part, PhantomRadiance, Scene};
+use penumbra_scene::{IndirectLight, IndirectLightSolver, Part, PhantomRadiance, Scene};
 use std::thread::JoinHandle;
 
 /// Seconds from one light to the next.
@@ -20,7 +20,7 @@ const FAR_ENOUGH: f64 = 0.02;
 
 /// See the module.
 pub(super) struct NearStation {
-    near: Option<NearField>,
+    near: Option<IndirectLightSolver>,
     /// The scene and its casters, where something of it moves.
     moving: Option<Moving>,
     next: Option<Next>,
@@ -30,7 +30,7 @@ pub(super) struct NearStation {
 struct Next {
     /// Seconds after the session's beginning.
     begun: f64,
-    finding: JoinHandle<Option<NearField>>,
+    finding: JoinHandle<Option<IndirectLightSolver>>,
 }
 
 struct Moving {
@@ -46,7 +46,7 @@ impl NearStation {
     /// Of `scene`, where it is at its beginning; `casters` are its virtual parts.
     pub fn new(scene: &Scene, casters: &[Part]) -> Self {
         Self {
-            near: NearField::new(scene, casters),
+            near: IndirectLightSolver::new(scene, casters),
             moving: Moving::new(scene, casters),
             next: None,
         }
@@ -83,8 +83,8 @@ impl NearStation {
     }
 
     /// What was found last.
-    pub fn light(&self) -> Option<&NearLight> {
-        self.near.as_ref().map(NearField::light)
+    pub fn light(&self) -> Option<&IndirectLight> {
+        self.near.as_ref().map(IndirectLightSolver::light)
     }
 }
 
@@ -120,7 +120,7 @@ impl Moving {
             return None;
         }
         let (scene, casters) = (self.scene.clone(), self.casters.clone());
-        let find = move || NearField::new(&scene, &casters);
+        let find = move || IndirectLightSolver::new(&scene, &casters);
         let finding = threads::spawn_background("near light", find);
         // Where the system has no thread, what was found stays.
         finding.ok().map(|finding| Next {

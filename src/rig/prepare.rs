@@ -26,7 +26,7 @@ use penumbra_lighting::adaptive::CompactSource;
 use penumbra_lighting::{LightKind, Lighting, ProbeMap};
 use penumbra_picture::{Picture, YuvEncoding, decode_into};
 use penumbra_registration::Tracked;
-use penumbra_scene::NearLight;
+use penumbra_scene::IndirectLight;
 use penumbra_status::{RegistrationStatus, Settings};
 use penumbra_sync::{PairingConfig, PairingCounts, RigFrame};
 use penumbra_white_balance::MatchStatus;
@@ -86,7 +86,7 @@ pub struct LightState {
     /// The light far away.
     pub lighting: Option<Arc<Lighting>>,
     /// The light close by.
-    pub near: Option<Arc<NearLight>>,
+    pub near: Option<Arc<IndirectLight>>,
     /// The match between the cameras.
     pub white_balance: Option<Arc<MatchStatus>>,
     /// Compact sources found.
@@ -497,14 +497,14 @@ fn lights(
 fn as_live(config: &Config, source: &Source) -> bool {
     match (source, config.replay.pairing) {
         (Source::Live(_), _) | (_, ReplayPairing::Live) => true,
-        (Source::Recorded(_), ReplayPairing::Whole) => false,
+        (Source::Recorded(_), ReplayPairing::Complete) => false,
         (Source::Recorded(session), ReplayPairing::Auto) => session.has_journal(),
     }
 }
 
 fn pairing(config: &Config, setup: &RigSetup, as_live: bool) -> PairingConfig {
     let mut pairing = pairing_config(&setup.calibration);
-    pairing.history.max_prediction_nanos = config.sync.longest_prediction_nanos;
+    pairing.history.max_prediction_nanos = config.sync.max_prediction_nanos;
     pairing.history.smoothing = config.sync.smoothing();
     if config.registration.row_seconds != 0.0 {
         pairing.motion_nanos = MOTION_NANOS;
@@ -515,7 +515,7 @@ fn pairing(config: &Config, setup: &RigSetup, as_live: bool) -> PairingConfig {
         *station = tracker.station;
     }
     if as_live {
-        pairing.max_wait_nanos = config.sync.longest_wait_nanos;
+        pairing.max_wait_nanos = config.sync.max_wait_nanos;
         return pairing;
     }
     pairing.with_full_windows()

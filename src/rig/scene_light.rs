@@ -2,18 +2,15 @@
 //! scene is changed.
 
 use super::RigError;
-use super::light::placement;
 use super::near_light::NearStation;
 use super::watch::{GroundWatch, PhantomWatch};
 use glam::DVec3;
 use penumbra_camera::EnvironmentView;
-use penumbra_config::{Clipped, Config, Irradiance};
-use penumbra_lighting::{
-    ClippedEnergy, EnvironmentEstimator, EnvironmentSettings, IrradianceMethod,
-};
+use penumbra_config::{Clipped, Config};
+use penumbra_lighting::{ClippedEnergy, EnvironmentEstimator, EnvironmentSettings};
 use penumbra_rig_model::RigCalibration;
-use penumbra_scene::{Part, Scene};
-use penumbra_white_balance::raycast::{GROUND, PhantomCaster};
+use penumbra_scene::raycast::GROUND;
+use penumbra_scene::{Part, RayCaster, Scene};
 use std::sync::Arc;
 
 /// What depends on real things alone.
@@ -21,7 +18,7 @@ pub(super) struct RealLight {
     /// None where the one in use stays as it is.
     pub estimator: Option<EnvironmentEstimator>,
     pub phantoms: PhantomWatch,
-    pub rays: Arc<PhantomCaster>,
+    pub rays: Arc<RayCaster>,
 }
 
 impl RealLight {
@@ -32,7 +29,7 @@ impl RealLight {
         config: &Config,
         wanted: bool,
     ) -> Result<Self, RigError> {
-        let rays = Arc::new(PhantomCaster::new(scene));
+        let rays = Arc::new(RayCaster::from_phantoms(scene));
         let estimator = wanted.then(|| estimator(rig, config, &rays, scene));
         Ok(Self {
             estimator: estimator.transpose()?.flatten(),
@@ -68,7 +65,7 @@ impl SceneLight {
         let real = real.transpose()?;
         let rays = match &real {
             Some(real) => real.rays.clone(),
-            None => Arc::new(PhantomCaster::new(scene)),
+            None => Arc::new(RayCaster::from_phantoms(scene)),
         };
         Ok(Self {
             near: NearStation::new(scene, casters),
@@ -100,15 +97,15 @@ fn stands_among(rig: &RigCalibration) -> bool {
 }
 
 /// A real thing other than the ground and the mirror itself ends the ray.
-pub(super) fn hides(rays: &PhantomCaster, origin: DVec3, direction: DVec3) -> bool {
-    rays.cast(origin, direction)
+pub(super) fn hides(rays: &RayCaster, origin: DVec3, direction: DVec3) -> bool {
+    rays.nearest(origin, direction)
         .is_some_and(|hit| !hit.mirror && hit.surface != GROUND)
 }
 
 fn estimator(
     rig: &RigCalibration,
     config: &Config,
-    rays: &Arc<PhantomCaster>,
+    rays: &Arc<RayCaster>,
     scene: &Scene,
 ) -> Result<Option<EnvironmentEstimator>, RigError> {
     let Some(environment) = &rig.environment else {
@@ -116,7 +113,7 @@ fn estimator(
     };
     let settings = EnvironmentSettings {
         cube_size: config.environment.cube_size,
-        placement: placement(config.environment.lights),
+        placement: config.environment.light_placement,
         lights: config.environment.light_count as usize,
         ground: scene.ground_height.is_some(),
         ground_height: scene.ground_height.unwrap_or_default(),
@@ -124,10 +121,7 @@ fn estimator(
             Clipped::Estimate => ClippedEnergy::default(),
             Clipped::Keep => ClippedEnergy::Keep,
         },
-        irradiance: match config.environment.irradiance {
-            Irradiance::Harmonics => IrradianceMethod::Harmonics,
-            Irradiance::Blurred => IrradianceMethod::Blurred,
-        },
+        irradiance: config.environment.irradiance,
         filtering: config.shading.reflections,
         phong: scene.has_phong(),
         ..EnvironmentSettings::default()

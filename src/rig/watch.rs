@@ -9,9 +9,8 @@ use penumbra_lighting::{LightKind, Lighting};
 use penumbra_picture::Picture;
 use penumbra_rig_model::RigCalibration;
 use penumbra_scene::PhantomRadiance;
-use penumbra_scene::near_field::{AXES, side_of, solid_phantoms};
-use penumbra_scene::{Part, PhantomRays, Scene};
-use penumbra_white_balance::raycast::PhantomCaster;
+use penumbra_scene::indirect_light::{AXES, side_of, solid_phantoms};
+use penumbra_scene::{Part, RayCaster, Scene};
 use std::f32::consts::PI;
 use std::sync::Arc;
 
@@ -19,7 +18,7 @@ use std::sync::Arc;
 /// picture: what the lower hemisphere holds, where the environment camera looks up.
 pub(super) struct GroundWatch {
     points: Vec<Vec3>,
-    rays: Arc<PhantomCaster>,
+    rays: Arc<RayCaster>,
     camera: PinholeCamera,
     response: Response,
     vignetting: Option<Vignetting>,
@@ -37,7 +36,7 @@ fn evenness(vignetting: Option<Vignetting>, pixel: DVec2) -> f32 {
 }
 
 impl GroundWatch {
-    pub(super) fn new(rig: &RigCalibration, scene: &Scene, rays: Arc<PhantomCaster>) -> Self {
+    pub(super) fn new(rig: &RigCalibration, scene: &Scene, rays: Arc<RayCaster>) -> Self {
         let points = scene
             .ground_height
             .map(|height| points_around(scene, height as f32))
@@ -94,7 +93,7 @@ impl GroundWatch {
         let clear = inside
             && self
                 .rays
-                .cast(pose.translation, to_point)
+                .nearest(pose.translation, to_point)
                 .is_none_or(|hit| hit.distance > 0.999);
         clear.then(|| {
             let codes = picture.rgb(x as u32, y as u32);
@@ -137,7 +136,7 @@ fn points_around(scene: &Scene, height: f32) -> Vec<Vec3> {
 
 /// Watches the radiance of the phantoms' sides.
 pub(super) struct PhantomWatch {
-    rays: PhantomRays,
+    rays: RayCaster,
     camera: PinholeCamera,
     response: Response,
     vignetting: Option<Vignetting>,
@@ -159,7 +158,7 @@ impl PhantomWatch {
         let parts: Vec<Part> = solid_phantoms(scene).cloned().collect();
         let scene_camera = &rig.scene_camera;
         Self {
-            rays: PhantomRays::from_parts(&parts),
+            rays: RayCaster::from_parts(&parts),
             camera: scene_camera.camera.clone(),
             response: scene_camera.response.clone(),
             vignetting: scene_camera.vignetting,
@@ -178,16 +177,16 @@ impl PhantomWatch {
         if self.parts.is_empty() || !fits {
             return;
         }
-        let eye = pose.translation.as_vec3();
         for y in (SPACING / 2..self.camera.height).step_by(SPACING as usize) {
             for x in (SPACING / 2..self.camera.width).step_by(SPACING as usize) {
                 let pixel = DVec2::new(f64::from(x), f64::from(y));
-                let ray = (pose.rotation * self.camera.unproject(pixel)).as_vec3();
-                if let Some(hit) = self.rays.hit(eye, ray) {
+                let ray = pose.rotation * self.camera.unproject(pixel);
+                if let Some(hit) = self.rays.nearest(pose.translation, ray) {
                     let codes = scene.picture.rgb(x, y);
                     let colour = Vec3::from(self.response.linear_from_rgb(codes))
                         / evenness(self.vignetting, pixel);
-                    self.note(hit.part, side_of(hit.normal), colour);
+                    let side = side_of(hit.shading_normal.as_vec3());
+                    self.note(hit.surface as usize, side, colour);
                 }
             }
         }

@@ -1,16 +1,16 @@
-//! Virtual parts as they cast shadows.
+//! Simplified virtual parts for shadow maps.
 
-use super::{Part, Scene};
+use crate::mesh::{Part, Scene};
 use glam::DVec3;
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// Share of the casters' extent by which their outline may be off: half a texel of a
-/// 512-texel shadow map that just holds them. Shading lifts its points at least that far
-/// off their surface, so that the parts themselves stay free of false shadows.
+/// Maximum error of the casters' outline as a share of their extent: half a texel of a 512-texel
+/// shadow map that just holds them. Shading lifts its points at least that far off their surface,
+/// so that the parts show no self-shadowing.
 const OUTLINE_SHARE: f64 = 1.0 / 1024.0;
 
-/// The virtual parts of `scene` with meshes only as fine as a shadow map can show.
+/// Returns the virtual parts of `scene` with meshes as fine as a shadow map resolves.
 #[must_use]
 pub fn casters(scene: &Scene) -> Vec<Part> {
     let Some(extent) = extent(&scene.virtual_parts) else {
@@ -19,11 +19,11 @@ pub fn casters(scene: &Scene) -> Vec<Part> {
     casters_within(scene, (extent * OUTLINE_SHARE) as f32)
 }
 
-/// The virtual parts of `scene` with meshes simplified to within `max_error_m` metres of
-/// the world. Copies of one mesh at one scale stay shared.
+/// Returns the virtual parts of `scene` with meshes simplified to within `max_error_m` metres in
+/// the world. Copies of one mesh with one linear transform stay shared.
 #[must_use]
 pub fn casters_within(scene: &Scene, max_error_m: f32) -> Vec<Part> {
-    let mut known: HashMap<(usize, [u64; 9], u32), Arc<super::Mesh>> = HashMap::new();
+    let mut known: HashMap<(usize, [u64; 9], u32), Arc<crate::mesh::Mesh>> = HashMap::new();
     let simplified = |part: &Part| {
         let linear = glam::DMat3::from_mat4(part.world_from_part);
         let key = (
@@ -44,7 +44,7 @@ pub fn casters_within(scene: &Scene, max_error_m: f32) -> Vec<Part> {
 fn extent(parts: &[Part]) -> Option<f64> {
     let corners = parts.iter().flat_map(|part| {
         let place =
-            |v: &super::Vertex| part.world_from_part.transform_point3(v.position.as_dvec3());
+            |v: &crate::mesh::Vertex| part.world_from_part.transform_point3(v.position.as_dvec3());
         part.mesh.vertices.iter().map(place)
     });
     let (low, high) = corners.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| {
@@ -58,7 +58,8 @@ fn extent(parts: &[Part]) -> Option<f64> {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::{Material, primitives};
+    use crate::mesh::Material;
+    use crate::primitives;
     use glam::DMat4;
 
     fn scene(scale: f64) -> Scene {
@@ -79,7 +80,7 @@ mod tests {
     }
 
     #[test]
-    fn casters_keep_their_place_and_lose_most_triangles_at_any_size() {
+    fn casters_keep_their_position_and_lose_most_triangles_at_any_size() {
         for scale in [1.0, 30.0] {
             let scene = scene(scale);
             let casters = casters(&scene);
@@ -96,7 +97,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_casts_nothing() {
+    fn scene_without_virtual_parts_has_no_casters() {
         assert!(casters(&Scene::default()).is_empty());
     }
 }

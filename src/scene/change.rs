@@ -1,30 +1,30 @@
-//! What a changed scene asks for anew: nothing where only its looks have changed, little where
-//! it was moved as a whole.
+//! Classifies the change from one scene to another, which decides what must be computed again:
+//! nothing if only materials changed, little if the virtual parts moved as one rigid body.
 
-use super::{Mesh, Part, Scene};
+use crate::mesh::{Mesh, Part, Scene};
 use glam::{DMat3, DMat4, DQuat, DVec3};
 use penumbra_interface::RigidTransform;
 use std::sync::Arc;
 
-/// Metres within which two places are the same, and by which a unit vector may be off.
+/// Tolerance for equal positions, metres, and for unit vectors.
 const SAME: f64 = 1e-6;
 
-/// How the shapes of one scene differ from those of another.
+/// Change from one scene to another.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Change {
-    /// Materials, lamps or names at most.
+    /// Only materials, lamps or names differ.
     Looks,
-    /// Everything virtual stands elsewhere, moved as one rigid whole; what is real has stayed.
+    /// All virtual parts moved as one rigid body; real parts did not.
     Moved {
-        /// From where it stood to where it stands.
+        /// Rigid motion from the old to the new pose, world.
         new_from_old: RigidTransform,
     },
-    /// Parts were changed, added or taken away.
+    /// Parts were changed, added or removed.
     Shapes,
 }
 
 impl Change {
-    /// From `old` to `new`.
+    /// Classifies the change from `old` to `new`.
     #[must_use]
     pub fn between(old: &Scene, new: &Scene) -> Self {
         let real = same_parts(&old.phantom_parts, &new.phantom_parts)
@@ -46,7 +46,7 @@ impl Change {
         if !pairs().all(|(a, b)| is_same(&moved(a), b)) || !same_planes(old, new, motion) {
             return Self::Shapes;
         }
-        if is_none(motion) {
+        if is_identity(motion) {
             Self::Looks
         } else {
             Self::Moved {
@@ -56,15 +56,15 @@ impl Change {
     }
 }
 
-/// Whether a motion leaves the vertical and all heights as they are: then shadows on level
-/// ground move along with what throws them.
+/// Whether a motion keeps the vertical and all heights, so that shadows on level ground move with
+/// their casters.
 #[must_use]
 pub fn is_level(motion: RigidTransform) -> bool {
     let up = motion.rotation * DVec3::Z;
     up.distance(DVec3::Z) < SAME && motion.translation.z.abs() < SAME
 }
 
-/// Whether both parts are the same shape in the same place.
+/// Whether both parts have the same shape and pose.
 #[must_use]
 pub fn is_same(a: &Part, b: &Part) -> bool {
     let close = |(x, y): (&f64, &f64)| (x - y).abs() < SAME;
@@ -95,32 +95,32 @@ fn has_same_triangles(a: &Mesh, b: &Mesh) -> bool {
             .all(|(v, w)| v.position == w.position && v.normal == w.normal)
 }
 
-/// Whether both are the same parts in the same order and places.
+/// Whether both lists hold the same parts in the same order and poses.
 #[must_use]
 pub fn same_parts(a: &[Part], b: &[Part]) -> bool {
     a.len() == b.len() && a.iter().zip(b).all(|(a, b)| is_same(a, b))
 }
 
-/// The rigid motion that carries part `a` to where part `b` stands, if there is one.
+/// Returns the rigid motion from the pose of `a` to that of `b`; `None` if there is none.
 fn motion(a: &Part, b: &Part) -> Option<RigidTransform> {
     let carried: DMat4 = b.world_from_part * a.world_from_part.inverse();
-    let turn = DMat3::from_mat4(carried);
-    let off = turn.transpose() * turn - DMat3::IDENTITY;
-    let rigid = off.to_cols_array().iter().all(|v| v.abs() < SAME) && turn.determinant() > 0.0;
+    let linear = DMat3::from_mat4(carried);
+    let error = linear.transpose() * linear - DMat3::IDENTITY;
+    let rigid = error.to_cols_array().iter().all(|v| v.abs() < SAME) && linear.determinant() > 0.0;
     rigid.then(|| {
-        let rotation = DQuat::from_mat3(&turn).normalize();
+        let rotation = DQuat::from_mat3(&linear).normalize();
         RigidTransform::new(rotation, carried.w_axis.truncate())
     })
 }
 
-fn is_none(motion: RigidTransform) -> bool {
+fn is_identity(motion: RigidTransform) -> bool {
     motion.translation.length() < SAME
         && DVec3::AXES
             .iter()
             .all(|axis| (motion.rotation * *axis).distance(*axis) < SAME)
 }
 
-/// Planes that were placed by hand have moved along.
+/// Whether the planes that were placed by hand underwent the same motion.
 fn same_planes(old: &Scene, new: &Scene, motion: RigidTransform) -> bool {
     let close = |a: DVec3, b: DVec3| a.distance(b) < SAME;
     old.planes.len() == new.planes.len()
@@ -138,7 +138,8 @@ fn same_planes(old: &Scene, new: &Scene, motion: RigidTransform) -> bool {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::{Material, primitives};
+    use crate::mesh::Material;
+    use crate::primitives;
     use glam::{Vec3, Vec4};
 
     fn part(place: DMat4) -> Part {
@@ -170,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn looks_change_no_shapes() {
+    fn changed_material_is_a_change_of_looks() {
         let (old, mut new) = (scene(), scene());
         new.virtual_parts[0].material = Arc::new(Material {
             base_colour: Vec4::new(1.0, 0.0, 0.0, 1.0),
@@ -184,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rigid_motion_of_all_parts_is_found_and_told_from_a_level_one() {
+    fn finds_rigid_motion_and_whether_it_is_level() {
         let yaw = RigidTransform::new(DQuat::from_rotation_z(0.7), DVec3::new(1.0, 2.0, 0.0));
         let tilt = RigidTransform::new(DQuat::from_rotation_x(0.2), DVec3::ZERO);
         let lift = RigidTransform::new(DQuat::IDENTITY, DVec3::Z * 0.5);
@@ -194,16 +195,16 @@ mod tests {
                 panic!("{motion:?} was not found");
             };
             let corner = DVec3::new(1.0, -2.0, 3.0);
-            let off = new_from_old
+            let error = new_from_old
                 .transform_point(corner)
                 .distance(motion.transform_point(corner));
-            assert!(off < 1e-9, "{off}");
+            assert!(error < 1e-9, "{error}");
             assert_eq!(is_level(new_from_old), level);
         }
     }
 
     #[test]
-    fn one_part_alone_a_scale_a_mirror_image_and_a_real_thing_are_shapes() {
+    fn non_rigid_changes_and_changes_of_single_parts_are_changes_of_shape() {
         let old = scene();
         let change = |edit: &dyn Fn(&mut Scene)| {
             let mut new = scene();

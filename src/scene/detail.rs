@@ -1,18 +1,17 @@
-//! Coarser triangles over the same vertices, for objects whose triangles are smaller than
-//! the pixels they are seen in.
+//! Levels of detail: coarser triangles over the same vertices, for objects whose triangles are
+//! smaller than pixels.
 
-use super::Mesh;
+use crate::mesh::Mesh;
 use meshopt::SimplifyOptions;
 
-/// How far normals and texture coordinates may be off where positions may be off by the
-/// error: some three degrees, and half a texel of a texture of 256.
-const NORMAL_OFF: f32 = 0.05;
-const UV_OFF: f32 = 0.002;
+/// Errors of normals (about three degrees) and of texture coordinates (half a texel of a texture
+/// of 256) that count as much as the maximum error of positions.
+const NORMAL_ERROR: f32 = 0.05;
+const UV_ERROR: f32 = 0.002;
 
-/// Indices of fewer triangles over `mesh`'s vertices that depart from it by about
-/// `max_error_m` (its own units; the quadric error of Garland & Heckbert 1998, normals
-/// and, where `textured`, texture coordinates counted in). `None` where that spares less
-/// than half of them.
+/// Returns indices of fewer triangles over the vertices of `mesh`, with an error of about
+/// `max_error_m` (units of the mesh; quadric error of Garland and Heckbert 1998 with normals and,
+/// if `textured`, texture coordinates). `None` if fewer than half of the triangles are removed.
 #[must_use]
 pub fn coarser(mesh: &Mesh, max_error_m: f32, textured: bool) -> Option<Vec<u32>> {
     if mesh.indices.len() < 3 * 500 || max_error_m.is_nan() || max_error_m <= 0.0 {
@@ -24,10 +23,10 @@ pub fn coarser(mesh: &Mesh, max_error_m: f32, textured: bool) -> Option<Vec<u32>
         .iter()
         .flat_map(|v| [v.normal.x, v.normal.y, v.normal.z, v.uv.x, v.uv.y])
         .collect();
-    // Attributes are measured in the mesh's extents, as meshoptimizer measures positions.
+    // Errors are relative to the extent of the mesh, as meshoptimizer measures positions.
     let extent = meshopt::simplify_scale_decoder(&positions);
     let relative = max_error_m / extent.max(f32::MIN_POSITIVE);
-    let (normal, uv) = (relative / NORMAL_OFF, relative / UV_OFF);
+    let (normal, uv) = (relative / NORMAL_ERROR, relative / UV_ERROR);
     let uv = if textured { uv } else { 0.0 };
     let free = vec![false; positions.len()];
     let indices = meshopt::simplify_with_attributes_and_locks_decoder(
@@ -53,7 +52,7 @@ mod tests {
     use glam::Vec2;
 
     #[test]
-    fn a_fine_torus_keeps_its_shape_and_normals_with_a_quarter_of_its_triangles() {
+    fn simplified_torus_keeps_its_shape_and_normals() {
         let mut torus = primitives::torus(0.09, 0.035, 225, 130);
         let error = 1.2e-4;
         let indices = coarser(&torus, error, false).unwrap();
@@ -80,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn small_meshes_and_no_tolerance_stay_as_they_are() {
+    fn small_meshes_and_zero_tolerance_are_not_simplified() {
         assert!(coarser(&primitives::torus(0.09, 0.035, 8, 8), 1.0, false).is_none());
         assert!(coarser(&primitives::torus(0.09, 0.035, 60, 60), 0.0, false).is_none());
     }

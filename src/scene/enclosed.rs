@@ -1,29 +1,30 @@
-//! Lamps inside of things, whose light nobody would see.
+//! Finds lamps inside closed objects or below the ground, whose light is invisible.
 
-use super::{Part, Scene};
+use crate::mesh::{Part, Scene};
 use glam::{DMat4, DVec3};
 use std::f64::consts::TAU;
 
-/// Share of all directions that a closed part blocks from inside; an open shade blocks less.
-const CLOSED: f64 = 0.99;
+/// Minimum share of all directions that a closed part blocks from inside; an open lampshade blocks
+/// less.
+const MIN_BLOCKED: f64 = 0.99;
 
-/// Why nothing of lamp `number`'s light comes out, wherever its path leads it: what it is in. One that
-/// hangs on something that moves is looked for where that is at the beginning.
+/// Returns where lamp `index` is enclosed along its entire path; `None` if its light gets out. A
+/// lamp on a moving carrier is tested at the carrier's initial pose.
 #[must_use]
-pub fn enclosure(scene: &Scene, number: usize) -> Option<String> {
-    let lamp = scene.lamps.get(number)?;
-    let carrier = scene.motions.lamps.iter().find(|m| m.index == number);
-    let place = carrier.map_or(DMat4::IDENTITY, |m| m.motion.at(0.0));
-    let places = || {
+pub fn enclosure(scene: &Scene, index: usize) -> Option<String> {
+    let lamp = scene.lamps.get(index)?;
+    let carrier = scene.motions.lamps.iter().find(|m| m.index == index);
+    let world_from_carrier = carrier.map_or(DMat4::IDENTITY, |m| m.motion.at(0.0));
+    let positions = || {
         let shining = lamp.keys.iter().filter(|key| key.gain > 0.0);
-        shining.map(|key| place.transform_point3(key.position))
+        shining.map(|key| world_from_carrier.transform_point3(key.position))
     };
-    let first = places().next()?;
+    let first = positions().next()?;
     let below = |p: DVec3| scene.ground_height.is_some_and(|height| p.z < height);
-    if places().all(below) {
+    if positions().all(below) {
         return Some("below the ground".to_owned());
     }
-    let holds = |part: &&Part| winds_around(part, first) && places().all(|p| winds_around(part, p));
+    let holds = |part: &&Part| encloses(part, first) && positions().all(|p| encloses(part, p));
     let object = scene.virtual_parts.iter().find(holds);
     let phantom = || scene.phantom_parts.iter().find(holds);
     object
@@ -31,20 +32,21 @@ pub fn enclosure(scene: &Scene, number: usize) -> Option<String> {
         .or_else(|| phantom().map(|part| format!("inside the phantom \"{}\"", part.name)))
 }
 
-/// The warning about lamp `number`; `place` says where it was written down.
+/// Returns the warning about an enclosed lamp `index`. `place` is the message's prefix: file, line
+/// and key.
 #[must_use]
-pub fn warning(scene: &Scene, number: usize, place: &str) -> Option<String> {
-    let reason = enclosure(scene, number)?;
-    let name = &scene.lamps.get(number)?.name;
+pub fn warning(scene: &Scene, index: usize, place: &str) -> Option<String> {
+    let reason = enclosure(scene, index)?;
+    let name = &scene.lamps.get(index)?.name;
     Some(format!(
         "{place}the lamp \"{name}\" is {reason}, which hides its light; move it out"
     ))
 }
 
-/// The winding number of a part's triangles about a point, by the solid angles that they fill (Van
-/// Oosterom and Strackee 1983).
-fn winds_around(part: &Part, point: DVec3) -> bool {
-    let place = |i: u32| {
+/// Whether a part encloses a point: its winding number by the triangles' solid angles (Van Oosterom
+/// and Strackee 1983).
+fn encloses(part: &Part, point: DVec3) -> bool {
+    let from_point = |i: u32| {
         let vertex = part.mesh.vertices.get(i as usize)?;
         Some(
             part.world_from_part
@@ -53,14 +55,15 @@ fn winds_around(part: &Part, point: DVec3) -> bool {
         )
     };
     let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    for p in (0..part.mesh.vertices.len() as u32).filter_map(place) {
+    for p in (0..part.mesh.vertices.len() as u32).filter_map(from_point) {
         (low, high) = (low.min(p), high.max(p));
     }
     if low.max_element() > 0.0 || high.min_element() < 0.0 {
         return false;
     }
     let solid_angle = |t: &[u32]| {
-        let (Some(a), Some(b), Some(c)) = (place(t[0]), place(t[1]), place(t[2])) else {
+        let (Some(a), Some(b), Some(c)) = (from_point(t[0]), from_point(t[1]), from_point(t[2]))
+        else {
             return 0.0;
         };
         let (x, y, z) = (a.length(), b.length(), c.length());
@@ -68,16 +71,17 @@ fn winds_around(part: &Part, point: DVec3) -> bool {
         2.0 * a.dot(b.cross(c)).atan2(below)
     };
     let sum: f64 = part.mesh.indices.chunks_exact(3).map(solid_angle).sum();
-    sum.abs() / (2.0 * TAU) > CLOSED
+    sum.abs() / (2.0 * TAU) > MIN_BLOCKED
 }
 
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::{Material, Mesh, primitives};
-    use crate::{Motion, Mover};
-    use crate::{VirtualLight, VirtualLightKey, VirtualLightKind};
+    use crate::mesh::{Material, Mesh};
+    use crate::motion::{Motion, Mover};
+    use crate::primitives;
+    use crate::virtual_light::{VirtualLight, VirtualLightKey, VirtualLightKind};
     use glam::Vec3;
     use std::sync::Arc;
 
@@ -130,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lamp_in_a_ball_is_named_and_one_beside_it_is_not() {
+    fn warns_of_a_lamp_inside_a_ball_and_not_of_one_beside_it() {
         let (inside, beside) = (DVec3::new(0.0, 0.1, 1.1), DVec3::new(0.19, 0.19, 1.0));
         let found = warning(
             &with(&scene(), lamp(&[inside])),
@@ -146,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lamp_goes_along_with_what_it_hangs_on() {
+    fn tests_a_lamp_at_the_pose_of_its_carrier() {
         let mut carried = with(&scene(), lamp(&[DVec3::new(0.0, 0.1, 0.1)]));
         assert_eq!(enclosure(&carried, 0), None);
         let motion = Motion::default().then(DMat4::from_translation(DVec3::Z));
@@ -155,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn mirrored_parts_hide_lamps_and_open_ones_do_not() {
+    fn mirrored_parts_enclose_lamps_and_open_parts_do_not() {
         let mut mirrored = scene();
         mirrored.virtual_parts[0].world_from_part *= DMat4::from_scale(DVec3::new(-1.0, 2.0, 1.0));
         let phantoms = Scene {

@@ -1,4 +1,4 @@
-//! What can be wrong with a scene's files.
+//! Errors of scenes and their files.
 
 use penumbra_strict_toml::TomlError;
 use thiserror::Error;
@@ -11,10 +11,10 @@ pub enum SceneError {
     Unreadable {
         /// Path or attachment name.
         file: String,
-        /// What the system said.
+        /// Message of the operating system.
         reason: String,
     },
-    /// A file is damaged, too large, or uses what Penumbra does not know.
+    /// A file is damaged, too large, or uses an unsupported feature.
     #[error("{file}: {reason}")]
     Broken {
         /// Path or attachment name.
@@ -22,13 +22,13 @@ pub enum SceneError {
         /// What is wrong and what to do.
         reason: String,
     },
-    /// A scene file's text is wrong.
+    /// A scene file is invalid.
     #[error(transparent)]
     File(#[from] TomlError),
 }
 
 impl SceneError {
-    /// A [`SceneError::Broken`].
+    /// Creates a [`SceneError::Broken`].
     pub(crate) fn broken(file: &str, reason: impl Into<String>) -> Self {
         Self::Broken {
             file: file.to_owned(),

@@ -2,7 +2,7 @@
 //! and offset in the file is doubted, because the `gltf` crate's own readers index
 //! without asking.
 
-use super::check::{LARGEST_FILE, MOST_VERTICES};
+use super::check::{MAX_FILE_BYTES, MAX_VERTICES};
 use gltf::accessor::{DataType, Dimensions};
 use std::borrow::Cow;
 
@@ -22,8 +22,8 @@ const DAMAGED: &str = "the file is damaged; export it again";
 /// The JSON text and the binary chunk of a `.glb`; a `.gltf` is all JSON (section 4.4 of
 /// the glTF 2.0 specification).
 pub(super) fn split(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), Fault> {
-    if bytes.len() > LARGEST_FILE {
-        return Err(format!("larger than {LARGEST_FILE} bytes; simplify it"));
+    if bytes.len() > MAX_FILE_BYTES {
+        return Err(format!("larger than {MAX_FILE_BYTES} bytes; simplify it"));
     }
     let Some(rest) = bytes.strip_prefix(b"glTF") else {
         return Ok((bytes, None));
@@ -191,7 +191,7 @@ impl<'a> Source<'a> {
                 (None, _) => return Err(format!("buffer {i} has no data; {DAMAGED}")),
             };
             total = total.saturating_add(data.len());
-            if (data.len() as u64) < buffer.byte_length.0 || total > LARGEST_FILE {
+            if (data.len() as u64) < buffer.byte_length.0 || total > MAX_FILE_BYTES {
                 return Err(format!("buffer {i} is too short or too large; {DAMAGED}"));
             }
             buffers.push(data);
@@ -231,7 +231,7 @@ impl<'a> Source<'a> {
             return Err(fault("has the wrong shape"));
         }
         let count = accessor.count();
-        if count > MOST_VERTICES {
+        if count > MAX_VERTICES {
             return Err(fault("is too large"));
         }
         let (kind, normalized) = (accessor.data_type(), accessor.normalized());

@@ -5,7 +5,7 @@
 //! Skins, morph targets and cameras are passed over: the mesh is drawn in its rest shape. Lights
 //! (KHR_lights_punctual) are read, and one animation of nodes where it is wanted.
 
-use super::check::{LARGEST_FILE, MOST_TRIANGLES, check_mesh};
+use super::check::{MAX_FILE_BYTES, MAX_TRIANGLES, check_mesh};
 use super::gltf_bytes::{Fault, Resolver, Source, named_files};
 use super::gltf_lamp::{ModelLamp, lamp};
 use super::gltf_material::{Look, Materials};
@@ -13,8 +13,9 @@ pub use super::gltf_motion::Playing;
 use super::gltf_motion::{Skeleton, names};
 use super::lamps::MOST_LAMPS;
 use super::motion::Motion;
-use super::normals::{recompute_normals, recompute_tangents, tidy_directions};
-use super::{Material, Mesh, Part, SceneError, Vertex};
+use super::normals::{normalise_directions, recompute_normals, recompute_tangents};
+use crate::error::SceneError;
+use crate::mesh::{Material, Mesh, Part, Vertex};
 use glam::{DMat3, DMat4, Mat4, Vec2, Vec3, Vec4};
 use gltf::accessor::Dimensions;
 use gltf::mesh::Mode;
@@ -42,6 +43,8 @@ pub struct Model {
     pub animations: Vec<String>,
     /// The animation that was wanted is there.
     pub plays: bool,
+    /// One line for each kind of property that the file uses and Penumbra ignores.
+    pub warnings: Vec<String>,
 }
 
 /// One mesh with one material, placed within its model.
@@ -128,8 +131,8 @@ pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, SceneError> {
     if !found.is_file() {
         return Err(refuse("it is not a file".into()));
     }
-    if found.len() > LARGEST_FILE as u64 {
-        return Err(refuse(format!("it is larger than {LARGEST_FILE} bytes")));
+    if found.len() > MAX_FILE_BYTES as u64 {
+        return Err(refuse(format!("it is larger than {MAX_FILE_BYTES} bytes")));
     }
     std::fs::read(path).map_err(|e| refuse(e.to_string()))
 }
@@ -210,6 +213,7 @@ fn read(
     if reader.model.parts.is_empty() && reader.model.lamps.is_empty() {
         return Err("it shows no triangles; export it with a mesh in its scene".into());
     }
+    reader.model.warnings.extend(reader.materials.warning());
     Ok(reader.model)
 }
 
@@ -297,9 +301,9 @@ impl Reader<'_, '_> {
                 continue;
             };
             self.triangles += mesh.indices.len() / 3;
-            if self.triangles > MOST_TRIANGLES || self.model.parts.len() >= MOST_PARTS {
+            if self.triangles > MAX_TRIANGLES || self.model.parts.len() >= MOST_PARTS {
                 return Err(format!(
-                    "more than {MOST_TRIANGLES} triangles or {MOST_PARTS} parts; simplify it"
+                    "more than {MAX_TRIANGLES} triangles or {MOST_PARTS} parts; simplify it"
                 ));
             }
             let turn = z_up_from_y_up();
@@ -403,7 +407,7 @@ fn complete(mesh: &mut Mesh, has_normals: bool, has_tangents: bool, look: &Look)
     if !has_normals {
         recompute_normals(mesh, 0.0);
     }
-    tidy_directions(mesh);
+    normalise_directions(mesh);
     let mapped = look.material.normal_texture.is_some();
     if mapped && !(has_tangents && has_normals) {
         recompute_tangents(mesh);

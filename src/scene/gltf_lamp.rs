@@ -2,7 +2,7 @@
 
 use super::gltf_bytes::Fault;
 use crate::gltf_file::z_up_from_y_up;
-use crate::{VirtualLight, VirtualLightKey, VirtualLightKind};
+use crate::virtual_light::{VirtualLight, VirtualLightKey, VirtualLightKind};
 use glam::{DMat4, DVec3, Vec3};
 use gltf::khr_lights_punctual::{Kind, Light};
 

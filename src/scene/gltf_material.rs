@@ -1,12 +1,13 @@
 //! glTF materials and their textures.
 
-use super::check::LARGEST_TEXTURE;
+use super::check::MAX_TEXTURE_SIZE;
 use super::gltf_bytes::{Fault, Resolver, Source, follow, one_line};
-use super::{Material, SceneTexture};
+use super::photometric::luminance;
+use crate::mesh::{Material, SceneTexture};
 use glam::{Mat2, Vec2, Vec3, Vec4};
 use gltf::material::AlphaMode;
 use image::{ImageFormat, ImageReader};
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::io::Cursor;
 use std::sync::Arc;
 
@@ -71,6 +72,8 @@ pub(super) struct Materials<'s, 'b> {
     looks: HashMap<Option<usize>, Look>,
     images: HashMap<usize, Arc<SceneTexture>>,
     bytes_left: u64,
+    /// Properties of materials that are not carried.
+    ignored: BTreeSet<&'static str>,
 }
 
 impl<'s, 'b> Materials<'s, 'b> {
@@ -82,6 +85,7 @@ impl<'s, 'b> Materials<'s, 'b> {
             looks: HashMap::new(),
             images: HashMap::new(),
             bytes_left: TEXTURE_BYTES,
+            ignored: BTreeSet::new(),
         }
     }
 
@@ -101,7 +105,7 @@ impl<'s, 'b> Materials<'s, 'b> {
             base_colour: Vec4::from(pbr.base_color_factor()),
             metallic: pbr.metallic_factor().clamp(0.0, 1.0),
             roughness: pbr.roughness_factor().clamp(0.0, 1.0),
-            specular: m.specular().map_or(1.0, |s| s.specular_factor()),
+            specular: self.specular(m),
             emissive: Vec3::from(m.emissive_factor()) * emission,
             double_sided: m.double_sided(),
             alpha_cutoff: self.alpha_cutoff(m),
@@ -130,6 +134,42 @@ impl<'s, 'b> Materials<'s, 'b> {
         Ok(Look {
             material: Arc::new(out),
             uv,
+        })
+    }
+
+    /// KHR_materials_specular as far as [`Material::specular`] carries it: `specularFactor` times the
+    /// luminance of `specularColorFactor`, at most 1 (F0 = 4 %). Records what is ignored.
+    fn specular(&mut self, m: &gltf::Material) -> f32 {
+        let Some(specular) = m.specular() else {
+            return 1.0;
+        };
+        let colour = Vec3::from(specular.specular_color_factor());
+        let is_grey = colour == Vec3::splat(colour.x);
+        let grey = if is_grey { colour.x } else { luminance(colour) };
+        let factor = specular.specular_factor() * grey;
+        let ignored = [
+            ("specularTexture", specular.specular_texture().is_some()),
+            (
+                "specularColorTexture",
+                specular.specular_color_texture().is_some(),
+            ),
+            ("the hue of specularColorFactor", !is_grey),
+            ("specularColorFactor above 1", factor > 1.0),
+        ];
+        let ignored = ignored.into_iter().filter(|(_, is_used)| *is_used);
+        self.ignored.extend(ignored.map(|(what, _)| what));
+        factor.min(1.0)
+    }
+
+    /// One line that names the ignored properties of the file's materials; `None` without any.
+    pub(super) fn warning(&self) -> Option<String> {
+        let ignored: Vec<&str> = self.ignored.iter().copied().collect();
+        (!ignored.is_empty()).then(|| {
+            format!(
+                "{}: KHR_materials_specular: {} ignored; bake the reflection into metallic and roughness",
+                self.file,
+                ignored.join(", "),
+            )
         })
     }
 
@@ -217,9 +257,9 @@ pub(super) fn decode(bytes: &[u8], most: u64) -> Result<SceneTexture, Fault> {
     }
     let (width, height) = open()?.into_dimensions().map_err(unreadable)?;
     let size = 4 * u64::from(width) * u64::from(height);
-    if width.max(height) > LARGEST_TEXTURE || size > most {
+    if width.max(height) > MAX_TEXTURE_SIZE || size > most {
         return Err(format!(
-            "{width}x{height} is too large (at most {LARGEST_TEXTURE} a side, 1 GiB together); scale it down"
+            "{width}x{height} is too large (at most {MAX_TEXTURE_SIZE} a side, 1 GiB together); scale it down"
         ));
     }
     let mut limits = image::Limits::default();
@@ -273,7 +313,7 @@ mod tests {
     fn pictures_larger_than_their_share_are_refused_before_they_are_decoded() {
         let text = decode(&grey_png(3, 1), 11).unwrap_err();
         assert!(text.contains("3x1 is too large"), "{text}");
-        let text = decode(&grey_png(LARGEST_TEXTURE + 1, 1), u64::MAX).unwrap_err();
+        let text = decode(&grey_png(MAX_TEXTURE_SIZE + 1, 1), u64::MAX).unwrap_err();
         assert!(text.contains("too large"), "{text}");
         assert!(
             decode(b"GIF89a", 1000)

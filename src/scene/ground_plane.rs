@@ -1,6 +1,7 @@
-//! The plane that everything stands on.
+//! The ground.
 
-use super::{Material, Part, Scene, primitives};
+use super::primitives;
+use crate::mesh::{Material, Part, Scene};
 use glam::{DMat4, DQuat, DVec3, Vec3};
 use std::sync::Arc;
 
@@ -11,16 +12,16 @@ pub struct GroundPlane {
     pub normal: DVec3,
     /// Metres along the normal.
     pub offset: f64,
-    /// Edge of the square that is drawn, metres.
+    /// Side of the square phantom, metres.
     pub size: f64,
-    /// Linear diffuse reflectance, where known.
+    /// Linear diffuse reflectance, if known.
     pub albedo: Option<Vec3>,
 }
 
 impl Scene {
-    /// A square phantom; a level one also sets [`Scene::ground_height`].
+    /// Adds the ground as a square phantom; level ground also sets [`Scene::ground_height`].
     pub fn add_ground(&mut self, ground: &GroundPlane) {
-        let turn = DQuat::from_rotation_arc(DVec3::Z, ground.normal);
+        let rotation = DQuat::from_rotation_arc(DVec3::Z, ground.normal);
         if ground.normal.z > 0.999_999 {
             self.ground_height = Some(ground.offset / ground.normal.z);
         }
@@ -28,7 +29,10 @@ impl Scene {
             name: "ground".into(),
             mesh: Arc::new(primitives::plane(ground.size as f32, ground.size as f32)),
             material: Arc::new(Material::default()),
-            world_from_part: DMat4::from_rotation_translation(turn, ground.normal * ground.offset),
+            world_from_part: DMat4::from_rotation_translation(
+                rotation,
+                ground.normal * ground.offset,
+            ),
             mirror: false,
             albedo: ground.albedo,
         });

@@ -1,57 +1,58 @@
-//! Lamps that exist in the picture only and light what is real as well as what is virtual.
+//! State of virtual lights at one instant.
 
-use crate::{VirtualLight, VirtualLightKey, VirtualLightKind};
+use crate::virtual_light::{VirtualLight, VirtualLightKey, VirtualLightKind};
 use glam::{DVec3, Vec3};
+use penumbra_numerics::smoothstep;
 
-/// More lamps than this are refused where they are read.
+/// Maximum number of lamps of a scene.
 pub const MOST_LAMPS: usize = 32;
 
-/// A lamp at one instant.
+/// A virtual light at one instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlacedLamp {
     /// World, metres.
     pub position: Vec3,
-    /// Unit vector that a spot shines along, world; any for a point.
+    /// Unit vector along which a spot or an area emits, world; arbitrary for a point.
     pub direction: Vec3,
     /// Linear RGB, scene camera units: facing it at r metres the irradiance is
     /// `intensity / r²`.
     pub intensity: Vec3,
-    /// Half angles of a spot, radians: full light inside the first, none outside the second.
+    /// Half angles of a spot, radians: full intensity inside the first, zero outside the second.
     pub cone: Option<(f32, f32)>,
-    /// A rectangle in place of a point.
+    /// Rectangle of an area light.
     pub area: Option<PlacedArea>,
 }
 
-/// Where an area lamp's rectangle is; it looks along the lamp's direction.
+/// Rectangle of an area light, perpendicular to the lamp's direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlacedArea {
-    /// From its middle to the middle of its right edge, as seen from in front; world, metres.
+    /// From its centre to the middle of its right edge, as seen from in front; world, metres.
     pub half_right: Vec3,
-    /// To the middle of its upper edge.
+    /// From its centre to the middle of its upper edge; world, metres.
     pub half_up: Vec3,
-    /// It shines to both sides.
+    /// Whether it emits to both sides.
     pub two_sided: bool,
-    /// Number of its lamp among the scene's, for what it shows.
+    /// Index of its lamp in the scene, for its [`Screen`](crate::virtual_light::Screen).
     pub screen: usize,
 }
 
 impl PlacedArea {
-    /// Square metres.
+    /// Area, square metres.
     #[must_use]
     pub fn size(&self) -> f32 {
         4.0 * self.half_right.length() * self.half_up.length()
     }
 
-    /// Around `middle`, counter-clockwise as seen from in front.
+    /// Corners around `middle`, counter-clockwise as seen from in front.
     #[must_use]
     pub fn corners(&self, middle: Vec3) -> [Vec3; 4] {
         let (r, u) = (self.half_right, self.half_up);
-        [-r - u, r - u, r + u, u - r].map(|off| middle + off)
+        [-r - u, r - u, r + u, u - r].map(|offset| middle + offset)
     }
 }
 
 impl PlacedLamp {
-    /// Share of the intensity that leaves along the unit vector `away`.
+    /// Share of the intensity that is emitted along the unit vector `away`.
     #[must_use]
     pub fn falloff(&self, away: Vec3) -> f32 {
         let Some((beam, cutoff)) = self.cone else {
@@ -63,7 +64,7 @@ impl PlacedLamp {
 }
 
 impl VirtualLight {
-    /// Where the lamp is and how it shines `seconds` after the session's beginning.
+    /// State of the lamp `seconds` after the session's start; `None` without keys.
     #[must_use]
     pub fn at(&self, seconds: f64) -> Option<PlacedLamp> {
         let seconds = match self.repeat {
@@ -107,7 +108,8 @@ impl VirtualLight {
     }
 }
 
-/// The state between the keys around `seconds`, eased; the first before, the last after.
+/// Interpolates between the keys around `seconds` by smoothstep; constant before the first and after
+/// the last.
 fn key_at(keys: &[VirtualLightKey], seconds: f64) -> Option<VirtualLightKey> {
     let after = keys.partition_point(|k| k.seconds <= seconds);
     let next = keys.get(after).or(keys.last())?;
@@ -116,12 +118,11 @@ fn key_at(keys: &[VirtualLightKey], seconds: f64) -> Option<VirtualLightKey> {
         .and_then(|i| keys.get(i))
         .unwrap_or(next);
     let span = next.seconds - last.seconds;
-    let t = if span > 0.0 {
-        ((seconds - last.seconds) / span).clamp(0.0, 1.0)
+    let eased = if span > 0.0 {
+        smoothstep(last.seconds, next.seconds, seconds)
     } else {
         0.0
     };
-    let eased = t * t * (3.0 - 2.0 * t);
     Some(VirtualLightKey {
         seconds,
         position: last.position.lerp(next.position, eased),
@@ -134,7 +135,7 @@ fn key_at(keys: &[VirtualLightKey], seconds: f64) -> Option<VirtualLightKey> {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::Scene;
+    use crate::mesh::Scene;
 
     fn key(seconds: f64, x: f64, gain: f64) -> VirtualLightKey {
         VirtualLightKey {
@@ -160,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lamp_goes_from_key_to_key_slowly_at_both_ends() {
+    fn interpolates_between_keys_by_smoothstep() {
         let lamp = spot(vec![
             key(1.0, 0.0, 1.0),
             key(3.0, 8.0, 3.0),
@@ -176,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn a_path_may_begin_anew() {
+    fn repeats_its_path() {
         let keys = vec![key(0.0, 0.0, 1.0), key(2.0, 4.0, 1.0)];
         let lamp = VirtualLight {
             repeat: Some(3.0),
@@ -187,14 +188,14 @@ mod tests {
     }
 
     #[test]
-    fn a_lamp_without_keys_is_nowhere() {
+    fn lamp_without_keys_has_no_state() {
         assert!(spot(Vec::new()).at(0.0).is_none());
     }
 
     #[test]
-    fn a_spot_fades_linearly_from_beam_to_cutoff() {
+    fn spot_falls_off_linearly_from_beam_to_cutoff() {
         let lamp = spot(vec![key(0.0, 0.0, 1.0)]).at(0.0).unwrap();
-        let off = |angle: f32| lamp.falloff(Vec3::new(angle.sin(), 0.0, -angle.cos()));
+        let falloff = |angle: f32| lamp.falloff(Vec3::new(angle.sin(), 0.0, -angle.cos()));
         for (angle, share) in [
             (0.0, 1.0),
             (0.39, 1.0),
@@ -202,12 +203,12 @@ mod tests {
             (0.5, 0.5),
             (0.61, 0.0),
         ] {
-            assert!((off(angle) - share).abs() < 1e-3, "{angle}: {}", off(angle));
+            assert!((falloff(angle) - share).abs() < 1e-3, "{angle}");
         }
     }
 
     #[test]
-    fn an_area_stands_upright_and_looks_at_its_target() {
+    fn area_is_upright_and_faces_its_target() {
         let kind = VirtualLightKind::Area {
             half_size: glam::DVec2::new(0.4, 0.3),
             up: DVec3::Z,
@@ -232,7 +233,7 @@ mod tests {
         scene.lamps_at(0.0, &mut lamps);
         let placed = lamps[0];
         let area = placed.area.unwrap();
-        // Who stands at the target looks along +Y; +X is to the right.
+        // A viewer at the target looks along +Y; +X is to the right.
         assert!(area.half_right.distance(Vec3::X * 0.4) < 1e-6, "{area:?}");
         assert!(area.half_up.distance(Vec3::Z * 0.3) < 1e-6, "{area:?}");
         assert!(area.screen == 1 && (area.size() - 0.48).abs() < 1e-6);

@@ -2,7 +2,7 @@
 
 use super::motion::Motions;
 use super::planes::ShadowingPlane;
-use crate::VirtualLight;
+use crate::virtual_light::VirtualLight;
 use glam::{DMat4, Vec2, Vec3, Vec4};
 use std::sync::Arc;
 
@@ -16,7 +16,7 @@ pub struct Vertex {
     pub normal: Vec3,
     /// Texture coordinates, (0, 0) top left as in glTF.
     pub uv: Vec2,
-    /// Unit tangent and handedness as in glTF; zero where there is no normal map.
+    /// Unit tangent and handedness as in glTF; zero without a normal map.
     pub tangent: Vec4,
 }
 
@@ -25,7 +25,7 @@ pub struct Vertex {
 pub struct Mesh {
     /// Corners.
     pub vertices: Vec<Vertex>,
-    /// Three per triangle, each below `vertices.len()`.
+    /// Three per triangle, each less than `vertices.len()`.
     pub indices: Vec<u32>,
 }
 
@@ -40,14 +40,14 @@ pub struct SceneTexture {
     pub rgba: Vec<u8>,
 }
 
-/// Phong's model in place of metallic-roughness: diffuse reflection by the base colour, and
-/// the energy-normalised lobe of Lafortune & Willems (1994) about the mirror direction.
+/// Phong's model instead of metallic-roughness: diffuse reflection by the base colour, and the
+/// energy-normalised lobe of Lafortune and Willems (1994) about the mirror direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Phong {
-    /// Linear RGB: share of the light that the lobe mirrors at normal incidence. With the
-    /// base colour at most 1.
+    /// Linear RGB: share of the light that the lobe reflects at normal incidence. Its sum with the
+    /// base colour is at most 1.
     pub specular: Vec3,
-    /// Of the cosine, 0..=10 000.
+    /// Exponent of the cosine, 0..=10 000.
     pub exponent: f32,
 }
 
@@ -60,15 +60,16 @@ pub struct Material {
     pub metallic: f32,
     /// Perceptual, 0..=1; α = roughness².
     pub roughness: f32,
-    /// KHR_materials_specular's factor (1 = F0 of 4 %).
+    /// Specular factor of dielectrics, 0..=1 (1 = F0 of 4 %); KHR_materials_specular's
+    /// `specularFactor` times the luminance of `specularColorFactor`.
     pub specular: f32,
-    /// Linear RGB, scene camera units.
+    /// Linear RGB radiance, scene camera units.
     pub emissive: Vec3,
-    /// Draw both sides.
+    /// Whether both sides are rendered.
     pub double_sided: bool,
-    /// Alpha below this is cut away; 0 = opaque.
+    /// Minimum alpha of visible texels; 0 = opaque.
     pub alpha_cutoff: f32,
-    /// Instead of metallic, roughness and specular.
+    /// Replaces metallic, roughness and specular.
     pub phong: Option<Phong>,
     /// sRGB.
     pub base_colour_texture: Option<Arc<SceneTexture>>,
@@ -85,7 +86,7 @@ pub struct Material {
 }
 
 impl Material {
-    /// Whether any of its properties differ from place to place.
+    /// Whether a texture varies any of its properties.
     #[must_use]
     pub fn is_textured(&self) -> bool {
         [
@@ -121,7 +122,7 @@ impl Default for Material {
     }
 }
 
-/// One mesh with one material, placed.
+/// One mesh with one material in the world.
 #[derive(Clone, Debug)]
 pub struct Part {
     /// For messages and the dashboard.
@@ -130,30 +131,31 @@ pub struct Part {
     pub mesh: Arc<Mesh>,
     /// Surface (ignored for phantoms).
     pub material: Arc<Material>,
-    /// Placement: may scale, and may mirror, which turns the triangles' winding round.
+    /// Pose; may scale, and may mirror, which reverses the triangles' winding.
     pub world_from_part: DMat4,
-    /// Phantoms only: the surface mirrors (a chrome ball), so shadows do not show on it.
+    /// Phantoms only: whether the surface is a mirror, on which shadows are invisible.
     pub mirror: bool,
-    /// Phantoms only: linear diffuse reflectance per channel, where its owner knows it.
+    /// Phantoms only: linear diffuse reflectance per channel, if known.
     pub albedo: Option<Vec3>,
 }
 
-/// Everything that is drawn or casts.
+/// Virtual objects, proxies of real objects, and lamps.
 #[derive(Clone, Debug, Default)]
 pub struct Scene {
-    /// What is composited in.
+    /// Parts of virtual objects.
     pub virtual_parts: Vec<Part>,
-    /// Proxies of real things: write depth, receive shadows, show no colour of their own.
+    /// Proxies of real objects: they write depth and receive shadows, and have no colour of their
+    /// own.
     pub phantom_parts: Vec<Part>,
-    /// World height of the ground phantom, if there is one (plane z = height).
+    /// Height of level ground, world, metres (plane z = height); `None` without level ground.
     pub ground_height: Option<f64>,
-    /// Lamps that exist in the picture only.
+    /// Virtual lights.
     pub lamps: Vec<VirtualLight>,
     /// Shadowing planes that are placed by hand.
     pub planes: Vec<ShadowingPlane>,
-    /// What of it moves; its parts stand here where they are at the beginning.
+    /// Motions of parts and lamps; the scene holds their initial poses.
     pub motions: Motions,
-    /// What is to be told about it, where all of it can be shown nevertheless.
+    /// Warnings for the user, one line each, about a scene that can be rendered nevertheless.
     pub warnings: Vec<String>,
 }
 

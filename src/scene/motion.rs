@@ -1,37 +1,39 @@
-//! How parts of a scene move: chains of placements, some of which change with time.
+//! Motions of parts and lamps: chains of transforms, some of which change over time.
 //!
-//! Time is the session's, as for lamps. Nothing is allocated when a motion is asked where
-//! something is, and the same time gives the same bits.
+//! Time is the session's. Evaluating a motion allocates nothing, and equal times give bit-identical
+//! results.
 
-use super::{Part, PlacedArea, PlacedLamp, Scene};
+use crate::lamps::{PlacedArea, PlacedLamp};
+use crate::mesh::{Part, Scene};
 use glam::{DMat3, DMat4, DQuat, DVec3, EulerRot, Vec3};
+use penumbra_numerics::smoothstep;
 use std::sync::Arc;
 
-/// Nothing becomes smaller than this share of its size: a normal needs a surface.
-const SMALLEST: f64 = 1e-6;
+/// Minimum scale as a share of the rest scale: a normal needs a surface.
+const MIN_SCALE: f64 = 1e-6;
 
-/// How a value goes from key to key.
+/// Interpolation between keys.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Easing {
-    /// `"step"`: it stays as it is until the next key.
+    /// `"step"`: constant until the next key.
     Step,
-    /// `"linear"`: evenly.
+    /// `"linear"`.
     Linear,
-    /// `"smooth"`: slowly at both ends, as lamps do.
+    /// `"smooth"`: smoothstep, as for lamps.
     #[default]
     Smooth,
-    /// glTF's cubic spline: three values a key, tangent in, value, tangent out.
+    /// glTF's cubic spline; three values per key: in-tangent, value, out-tangent.
     #[serde(skip)]
     Cubic,
 }
 
-/// What can be between two others.
+/// A value that can be interpolated.
 pub trait Value: Copy {
-    /// From `self` (t = 0) to `to` (t = 1).
+    /// Interpolates linearly from `self` (t = 0) to `to` (t = 1).
     #[must_use]
     fn towards(self, to: Self, t: f64) -> Self;
-    /// The sum of four, each times its weight.
+    /// Returns the weighted sum of four values.
     fn blend(parts: [(Self, f64); 4]) -> Self;
 }
 
@@ -46,7 +48,7 @@ impl Value for DVec3 {
 }
 
 impl Value for DQuat {
-    /// Along the shorter way.
+    /// Along the shorter arc.
     fn towards(self, to: Self, t: f64) -> Self {
         self.slerp(to, t)
     }
@@ -60,7 +62,7 @@ impl Value for DQuat {
     }
 }
 
-/// A value over time; the first key's before it, the last one's after.
+/// A value over time; constant before the first key and after the last.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Channel<T> {
     seconds: Vec<f64>,
@@ -69,7 +71,7 @@ pub struct Channel<T> {
 }
 
 impl<T: Value> Channel<T> {
-    /// `seconds` grow from key to key; as many `values`, or three times as many for
+    /// Creates a channel. `seconds` must increase; `values` has one value per key, three for
     /// [`Easing::Cubic`]. `None` otherwise, or without keys.
     #[must_use]
     pub fn new(seconds: Vec<f64>, values: Vec<T>, easing: Easing) -> Option<Self> {
@@ -83,7 +85,7 @@ impl<T: Value> Channel<T> {
         })
     }
 
-    /// Seconds of the last key.
+    /// Time of the last key, seconds.
     #[must_use]
     pub fn end(&self) -> f64 {
         self.seconds.last().copied().unwrap_or_default()
@@ -113,7 +115,7 @@ impl<T: Value> Channel<T> {
         Some(match self.easing {
             Easing::Step => a,
             Easing::Linear => a.towards(b, t),
-            Easing::Smooth => a.towards(b, t * t * (3.0 - 2.0 * t)),
+            Easing::Smooth => a.towards(b, smoothstep(0.0, 1.0, t)),
             Easing::Cubic => {
                 let out = *self.values.get(3 * before + 2)?;
                 let into = *self.values.get(3 * after)?;
@@ -140,29 +142,30 @@ fn hermite<T: Value>([a, out, b, into]: [T; 4], t: f64, span: f64) -> T {
 /// A rotation over time.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Turning {
-    /// Yaw, pitch and roll about z, y and x, radians, each by itself: a full turn is one.
+    /// Yaw, pitch and roll about z, y and x, radians, interpolated separately, so that full turns are
+    /// possible.
     Angles(Channel<DVec3>),
-    /// Quaternions, the shorter way.
+    /// Quaternions, along the shorter arc.
     Quaternions(Channel<DQuat>),
 }
 
-/// A placement T · R · S over time; what has no channel stays at rest.
+/// A transform T · R · S over time; components without a channel are constant.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Track {
-    /// Where it is, turned and scaled without channels.
+    /// Translation, rotation and scale without channels.
     pub rest: (DVec3, DQuat, DVec3),
-    /// Metres, in the frame of what it hangs on.
+    /// Translation, metres, in the parent's frame.
     pub position: Option<Channel<DVec3>>,
-    /// Its turn.
+    /// Rotation.
     pub turning: Option<Turning>,
-    /// One factor for each axis.
+    /// Scale per axis.
     pub scale: Option<Channel<DVec3>>,
-    /// Begins anew after so many seconds.
+    /// Period, seconds; `None` if it does not repeat.
     pub repeat: Option<f64>,
 }
 
 impl Track {
-    /// Nothing moves.
+    /// Creates a constant transform.
     #[must_use]
     pub const fn resting(position: DVec3, rotation: DQuat, scale: DVec3) -> Self {
         Self {
@@ -174,7 +177,7 @@ impl Track {
         }
     }
 
-    /// Seconds of the last key of all channels.
+    /// Time of the last key of all channels, seconds.
     #[must_use]
     pub fn end(&self) -> f64 {
         let turning = match &self.turning {
@@ -201,7 +204,7 @@ impl Track {
             Turning::Quaternions(c) => c.at(seconds),
         });
         let size = value(&self.scale).unwrap_or(scale);
-        let floor = scale.abs() * SMALLEST + f64::MIN_POSITIVE;
+        let floor = scale.abs() * MIN_SCALE + f64::MIN_POSITIVE;
         DMat4::from_scale_rotation_translation(
             size.abs().max(floor).copysign(scale),
             turned.unwrap_or(rotation),
@@ -224,7 +227,7 @@ pub struct Motion {
 }
 
 impl Motion {
-    /// Hangs a placement that stays on the end of the chain.
+    /// Appends a constant transform to the chain.
     #[must_use]
     pub fn then(mut self, place: DMat4) -> Self {
         match self.joints.last_mut() {
@@ -234,14 +237,14 @@ impl Motion {
         self
     }
 
-    /// Hangs one that moves.
+    /// Appends a moving transform.
     #[must_use]
     pub fn then_along(mut self, track: Arc<Track>) -> Self {
         self.joints.push(Joint::Moving(track));
         self
     }
 
-    /// Hangs another chain.
+    /// Appends another chain.
     #[must_use]
     pub fn then_all(self, other: &Self) -> Self {
         other.joints.iter().fold(self, |chain, joint| match joint {
@@ -250,13 +253,14 @@ impl Motion {
         })
     }
 
-    /// Whether anything in it moves.
+    /// Whether any transform of the chain moves.
     #[must_use]
     pub fn moves(&self) -> bool {
         self.joints.iter().any(|j| matches!(j, Joint::Moving(_)))
     }
 
-    /// From the frame at its end to that at its beginning, `seconds` after the session began.
+    /// Transform from the frame at the chain's end to that at its start, `seconds` after the
+    /// session's start.
     #[must_use]
     pub fn at(&self, seconds: f64) -> DMat4 {
         self.joints
@@ -268,21 +272,21 @@ impl Motion {
     }
 }
 
-/// How one of [`Scene::virtual_parts`], or of [`Scene::lamps`], moves.
+/// Motion of one of [`Scene::virtual_parts`] or [`Scene::lamps`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mover {
-    /// Which.
+    /// Index of the part or lamp.
     pub index: usize,
-    /// World from the part's frame; of a lamp, world from the frame that its keys stand in.
+    /// World from the part's frame; of a lamp, world from the frame of its keys.
     pub motion: Motion,
 }
 
-/// What moves in a scene.
+/// Motions of a scene.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Motions {
     /// Parts, in the order of their indices.
     pub parts: Vec<Mover>,
-    /// Lamps that are carried along, in the order of their indices.
+    /// Lamps on moving carriers, in the order of their indices.
     pub lamps: Vec<Mover>,
 }
 
@@ -295,7 +299,8 @@ impl Motions {
 }
 
 impl Scene {
-    /// All lamps at one instant, without those that are dark, into `placed` (cleared first).
+    /// Writes the state of all lamps that are not dark at `seconds` to `placed`, which is cleared
+    /// first.
     pub fn lamps_at(&self, seconds: f64, placed: &mut Vec<PlacedLamp>) {
         placed.clear();
         let mut carried = self.motions.lamps.iter().peekable();
@@ -314,7 +319,7 @@ impl Scene {
         }
     }
 
-    /// Puts what moves where it is at `seconds`.
+    /// Sets the poses of all moving parts to those at `seconds`.
     pub fn place_at(&mut self, seconds: f64) {
         for mover in &self.motions.parts {
             if let Some(part) = self.virtual_parts.get_mut(mover.index) {
@@ -324,16 +329,16 @@ impl Scene {
     }
 }
 
-/// A lamp that hangs on something at `world_from_carrier`.
+/// Transforms a lamp on a carrier to the world.
 fn carry(lamp: &PlacedLamp, world_from_carrier: DMat4) -> PlacedLamp {
     let position = world_from_carrier.transform_point3(lamp.position.as_dvec3());
     let axes = DMat3::from_mat4(world_from_carrier);
-    let turned = |v: Vec3| (axes * v.as_dvec3()).normalize_or(DVec3::NEG_Z).as_vec3();
-    // A lamp keeps its size, whatever its carrier's scale.
-    let edge = |half: Vec3| turned(half) * half.length();
+    let rotated = |v: Vec3| (axes * v.as_dvec3()).normalize_or(DVec3::NEG_Z).as_vec3();
+    // A lamp keeps its size; its carrier's scale is ignored.
+    let edge = |half: Vec3| rotated(half) * half.length();
     PlacedLamp {
         position: position.as_vec3(),
-        direction: turned(lamp.direction),
+        direction: rotated(lamp.direction),
         area: lamp.area.map(|area| PlacedArea {
             half_right: edge(area.half_right),
             half_up: edge(area.half_up),
@@ -343,7 +348,7 @@ fn carry(lamp: &PlacedLamp, world_from_carrier: DMat4) -> PlacedLamp {
     }
 }
 
-/// The parts of `parts` that do not move, and those that do.
+/// Divides `parts` into those that do not move and those that do.
 #[must_use]
 pub fn still_and_moving<'a>(
     parts: &'a [Part],

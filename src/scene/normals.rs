@@ -1,16 +1,16 @@
-//! Normals and tangents for meshes that come without.
+//! Computes normals and tangents of meshes.
 
-use super::{Mesh, Vertex};
+use crate::mesh::{Mesh, Vertex};
 use glam::{Vec2, Vec3, Vec4};
 use std::collections::HashMap;
 
-/// Corners that meet in more triangles than this keep their faces' own normals, so that
-/// a hostile mesh cannot make the smoothing quadratic.
-const MOST_NEIGHBOURS: usize = 64;
+/// Maximum number of triangles at a position whose normals are smoothed, so that a hostile mesh
+/// cannot make the smoothing quadratic.
+const MAX_NEIGHBOURS: usize = 64;
 
-/// Replaces all normals. Corners share a normal (the mean over the faces that meet there,
-/// weighted by angle: Thürmer & Wüthrich 1998) where the faces bend by less than
-/// `crease` radians; zero gives flat faces. Indices must be valid.
+/// Replaces all normals. Corners share a normal (the mean of the adjacent faces, weighted by angle:
+/// Thürmer and Wüthrich 1998) where the angle between the faces is less than `crease` radians;
+/// zero gives flat faces. Indices must be valid.
 pub(crate) fn recompute_normals(mesh: &mut Mesh, crease: f32) {
     let faces: Vec<Vec3> = super::check::triangles(mesh).map(face_normal).collect();
     let meeting = faces_by_position(mesh);
@@ -44,11 +44,11 @@ fn face_normal([a, b, c]: [Vec3; 3]) -> Vec3 {
 }
 
 fn bits(v: Vec3) -> [u32; 3] {
-    // Adding zero turns −0 into +0, so that both find the same neighbours.
+    // Adding zero maps −0 to +0, so that both have the same neighbours.
     [v.x, v.y, v.z].map(|x| (x + 0.0).to_bits())
 }
 
-/// For each position: the faces that meet there and the angle each takes.
+/// Adjacent faces of each position and their angles there.
 fn faces_by_position(mesh: &Mesh) -> HashMap<[u32; 3], Vec<(usize, f32)>> {
     let mut map: HashMap<[u32; 3], Vec<(usize, f32)>> = HashMap::new();
     for (face, corners) in super::check::triangles(mesh).enumerate() {
@@ -66,24 +66,24 @@ fn faces_by_position(mesh: &Mesh) -> HashMap<[u32; 3], Vec<(usize, f32)>> {
 }
 
 fn smooth_normal(face: Vec3, around: &[(usize, f32)], faces: &[Vec3], crease: f32) -> Vec3 {
-    if crease <= 0.0 || around.len() > MOST_NEIGHBOURS {
+    if crease <= 0.0 || around.len() > MAX_NEIGHBOURS {
         return face;
     }
-    let least = crease.cos();
+    let min_cosine = crease.cos();
     let sum: Vec3 = around
         .iter()
         .filter_map(|(i, angle)| faces.get(*i).map(|n| (*n, *angle)))
-        .filter(|(n, _)| n.dot(face) >= least)
+        .filter(|(n, _)| n.dot(face) >= min_cosine)
         .map(|(n, angle)| n * angle)
         .sum();
     sum.normalize_or(face)
 }
 
-/// Fills in every tangent from the texture coordinates (Lengyel 2001): the direction of
-/// growing u, made orthogonal to the normal; w is the bitangent's sign. Corners where the
-/// picture meets its own mirror image become two.
+/// Computes every tangent from the texture coordinates (Lengyel 2001): the direction of increasing
+/// u, made orthogonal to the normal; w is the bitangent's sign. Corners where a texture meets its
+/// mirror image are duplicated.
 pub(crate) fn recompute_tangents(mesh: &mut Mesh) {
-    part_mirrored(mesh);
+    separate_mirrored(mesh);
     let mut along = vec![(Vec3::ZERO, Vec3::ZERO); mesh.vertices.len()];
     for t in mesh.indices.chunks_exact(3) {
         let Some((u, v)) = uv_directions(mesh, t) else {
@@ -98,7 +98,7 @@ pub(crate) fn recompute_tangents(mesh: &mut Mesh) {
     for (vertex, (u, v)) in mesh.vertices.iter_mut().zip(along) {
         let n = vertex.normal;
         let tangent = (u - n * n.dot(u)).normalize_or(n.any_orthonormal_vector());
-        // glTF's bitangent, cross(n, t) · w, points up in the picture: where v shrinks.
+        // glTF's bitangent, cross(n, t) · w, points up in the texture, where v decreases.
         let sign = if n.cross(tangent).dot(v) > 0.0 {
             -1.0
         } else {
@@ -108,8 +108,8 @@ pub(crate) fn recompute_tangents(mesh: &mut Mesh) {
     }
 }
 
-/// Gives triangles whose picture is mirrored corners of their own.
-fn part_mirrored(mesh: &mut Mesh) {
+/// Gives triangles with a mirrored texture their own vertices.
+fn separate_mirrored(mesh: &mut Mesh) {
     let mut sides: Vec<Option<bool>> = vec![None; mesh.vertices.len()];
     let mut twins: HashMap<u32, u32> = HashMap::new();
     for first in (0..mesh.indices.len() / 3).map(|t| 3 * t) {
@@ -134,7 +134,7 @@ fn part_mirrored(mesh: &mut Mesh) {
     }
 }
 
-/// Whether the picture on a triangle is mirrored; `None` where it has none.
+/// Whether the texture on a triangle is mirrored; `None` for degenerate texture coordinates.
 fn is_mirrored(mesh: &Mesh, t: &[u32]) -> Option<bool> {
     let uv = |i: usize| mesh.vertices.get(*t.get(i)? as usize).map(|v| v.uv);
     let (a, b, c) = (uv(0)?, uv(1)?, uv(2)?);
@@ -142,7 +142,7 @@ fn is_mirrored(mesh: &Mesh, t: &[u32]) -> Option<bool> {
     (area.abs() > f32::MIN_POSITIVE && area.is_finite()).then_some(area < 0.0)
 }
 
-/// Directions of growing u and of growing v on one triangle, weighted by its area.
+/// Directions of increasing u and v on a triangle, weighted by its area.
 fn uv_directions(mesh: &Mesh, t: &[u32]) -> Option<(Vec3, Vec3)> {
     let corner = |i: usize| mesh.vertices.get(*t.get(i)? as usize);
     let (a, b, c) = (corner(0)?, corner(1)?, corner(2)?);
@@ -161,8 +161,9 @@ fn uv_directions(mesh: &Mesh, t: &[u32]) -> Option<(Vec3, Vec3)> {
     ))
 }
 
-/// Gives every normal length 1 and every tangent 1 or 0, and drops non-finite uvs.
-pub(crate) fn tidy_directions(mesh: &mut Mesh) {
+/// Normalises every normal, normalises or zeroes every tangent, and zeroes texture coordinates that
+/// are not finite.
+pub(crate) fn normalise_directions(mesh: &mut Mesh) {
     for v in &mut mesh.vertices {
         v.normal = v.normal.normalize_or(Vec3::Z);
         let t = v.tangent.truncate().normalize_or_zero();
@@ -181,8 +182,8 @@ pub(crate) fn tidy_directions(mesh: &mut Mesh) {
 mod tests {
     use super::*;
 
-    /// Two squares side by side, the picture of the right one the mirror image of the left's;
-    /// they share the corners between them.
+    /// Two adjacent squares that share corners; the texture of the right one mirrors that of the
+    /// left one.
     fn butterfly() -> Mesh {
         let corner = |x: f32, y: f32| Vertex {
             position: Vec3::new(x, y, 0.0),
@@ -201,14 +202,14 @@ mod tests {
     }
 
     #[test]
-    fn mirrored_pictures_have_mirrored_tangents_right_up_to_the_seam() {
+    fn mirrored_textures_have_mirrored_tangents_at_the_seam() {
         let mut mesh = butterfly();
         recompute_tangents(&mut mesh);
         assert_eq!(mesh.vertices.len(), 8);
         for t in mesh.indices.chunks_exact(3) {
             let corners = [0, 1, 2].map(|i| mesh.vertices[t[i] as usize]);
             let right = corners.iter().any(|v| v.position.x > 0.0);
-            // u grows towards the seam from both sides; v shrinks towards +Y on both.
+            // u increases towards the seam from both sides; v decreases towards +Y on both.
             let (along, side) = if right { (-1.0, -1.0) } else { (1.0, 1.0) };
             for v in corners {
                 assert_eq!(v.tangent, Vec4::new(along, 0.0, 0.0, side), "{v:?}");
@@ -219,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn triangles_without_a_picture_still_get_tangents() {
+    fn triangles_without_texture_coordinates_have_tangents() {
         let mut mesh = butterfly();
         for v in &mut mesh.vertices {
             v.uv = Vec2::ZERO;

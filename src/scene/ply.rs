@@ -1,16 +1,16 @@
-//! PLY (Turk 1994): the polygon files that phantoms come in.
+//! Reads PLY files (Turk 1994).
 //!
-//! Read are the elements `vertex` (x y z, and nx ny nz where present) and `face`
-//! (`vertex_indices` or `vertex_index`, polygons cut into fans), in ASCII and in both
-//! binary byte orders; all else is stepped over. Coordinates are taken as they are:
-//! metres, +Z up.
+//! The elements `vertex` (x y z, and nx ny nz if present) and `face` (`vertex_indices` or
+//! `vertex_index`; polygons are triangulated as fans) are read, in ASCII and both binary byte
+//! orders; other elements are skipped. Coordinates are metres, +Z up.
 
-use super::check::{LARGEST_FILE, MOST_TRIANGLES, MOST_VERTICES, check_mesh};
-use super::normals::{recompute_normals, tidy_directions};
-use super::{Mesh, SceneError, Vertex};
+use super::check::{MAX_FILE_BYTES, MAX_TRIANGLES, MAX_VERTICES, check_mesh};
+use super::normals::{normalise_directions, recompute_normals};
+use crate::error::SceneError;
+use crate::mesh::{Mesh, Vertex};
 use glam::{Vec2, Vec3, Vec4};
 
-/// Edges that bend more stay sharp when a file brings no normals, radians (40°).
+/// Minimum angle between faces at a sharp edge where a file has no normals, radians (40°).
 const CREASE: f32 = 0.698;
 
 type Fault = String;
@@ -47,14 +47,17 @@ struct Element {
     properties: Vec<Property>,
 }
 
-/// Reads a PLY file's bytes. `file` is its name, for the error's text.
+/// Reads the bytes of a PLY file. `file` is its name, for messages.
+///
+/// # Errors
+/// The file is damaged, too large or has no triangles.
 pub fn load_ply(bytes: &[u8], file: &str) -> Result<Mesh, SceneError> {
     read(bytes).map_err(|reason| SceneError::broken(file, format!("not a usable PLY: {reason}")))
 }
 
 fn read(bytes: &[u8]) -> Result<Mesh, Fault> {
-    if bytes.len() > LARGEST_FILE {
-        return Err(format!("larger than {LARGEST_FILE} bytes; simplify it"));
+    if bytes.len() > MAX_FILE_BYTES {
+        return Err(format!("larger than {MAX_FILE_BYTES} bytes; simplify it"));
     }
     let (encoding, elements, body) = header(bytes)?;
     let mut values = Values {
@@ -74,11 +77,11 @@ fn read(bytes: &[u8]) -> Result<Mesh, Fault> {
     if !has_normals {
         recompute_normals(&mut mesh, CREASE);
     }
-    tidy_directions(&mut mesh);
+    normalise_directions(&mut mesh);
     Ok(mesh)
 }
 
-/// The header's lines, then where the body begins.
+/// Reads the header; returns the encoding, the elements and the body.
 fn header(bytes: &[u8]) -> Result<(Encoding, Vec<Element>, &[u8]), Fault> {
     let mut rest = bytes;
     if line(&mut rest)? != "ply" {
@@ -114,7 +117,7 @@ fn header(bytes: &[u8]) -> Result<(Encoding, Vec<Element>, &[u8]), Fault> {
     Ok((encoding.ok_or("no `format` line")?, elements, rest))
 }
 
-/// The next header line, at most 1000 bytes.
+/// Reads the next line of the header, at most 1000 bytes.
 fn line<'a>(rest: &mut &'a [u8]) -> Result<&'a str, Fault> {
     let end = rest
         .iter()
@@ -189,7 +192,7 @@ impl Values<'_> {
         std::str::from_utf8(word)
             .ok()
             .and_then(|w| w.parse().ok())
-            .ok_or_else(|| "it ends too early or holds what is no number".into())
+            .ok_or_else(|| "it ends too early or contains a word that is no number".into())
     }
 
     fn bytes<const N: usize>(&mut self, little: bool) -> Result<[u8; N], Fault> {
@@ -218,19 +221,19 @@ impl Values<'_> {
         })
     }
 
-    /// A whole number from 0 up.
+    /// Reads a non-negative integer.
     fn whole(&mut self, kind: Kind) -> Result<u32, Fault> {
         let value = self.next(kind)?;
         if value.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(&value) {
             Ok(value as u32)
         } else {
-            Err(format!("{value} where a count or an index is due"))
+            Err(format!("expected a count or an index, found {value}"))
         }
     }
 }
 
 fn skip(element: &Element, values: &mut Values) -> Result<(), Fault> {
-    // An element without properties takes no bytes, whatever its count claims.
+    // An element without properties has no bytes, whatever its count says.
     if element.properties.is_empty() {
         return Ok(());
     }
@@ -254,7 +257,7 @@ fn skip_property(property: &Property, values: &mut Values) -> Result<(), Fault> 
     }
 }
 
-/// Appends the vertices; says whether they came with normals.
+/// Appends the vertices; returns whether they have normals.
 fn read_vertices(element: &Element, values: &mut Values, mesh: &mut Mesh) -> Result<bool, Fault> {
     const NAMES: [&str; 6] = ["x", "y", "z", "nx", "ny", "nz"];
     let slots: Vec<Option<usize>> = element
@@ -269,8 +272,8 @@ fn read_vertices(element: &Element, values: &mut Values, mesh: &mut Mesh) -> Res
     if !(has(0) && has(1) && has(2)) {
         return Err("its vertices lack x, y or z".into());
     }
-    if element.count > MOST_VERTICES {
-        return Err(format!("more than {MOST_VERTICES} vertices; simplify it"));
+    if element.count > MAX_VERTICES {
+        return Err(format!("more than {MAX_VERTICES} vertices; simplify it"));
     }
     for _ in 0..element.count {
         let mut v = [0.0f32; 6];
@@ -309,7 +312,7 @@ fn read_faces(element: &Element, values: &mut Values, mesh: &mut Mesh) -> Result
     Ok(())
 }
 
-/// A polygon as a fan about its first corner.
+/// Reads a polygon as a fan around its first corner.
 fn read_polygon(
     count: Kind,
     item: Kind,
@@ -328,8 +331,8 @@ fn read_polygon(
         }
         last = corner;
     }
-    if mesh.indices.len() / 3 > MOST_TRIANGLES {
-        return Err(format!("more than {MOST_TRIANGLES} triangles; simplify it"));
+    if mesh.indices.len() / 3 > MAX_TRIANGLES {
+        return Err(format!("more than {MAX_TRIANGLES} triangles; simplify it"));
     }
     Ok(())
 }
@@ -389,24 +392,24 @@ mod tests {
     }
 
     #[test]
-    fn all_three_encodings_say_the_same() {
+    fn encodings_are_equivalent() {
         assert_is_unit_square(&load_ply(ASCII.as_bytes(), "a.ply").unwrap());
         assert_is_unit_square(&load_ply(&binary(true), "b.ply").unwrap());
         assert_is_unit_square(&load_ply(&binary(false), "c.ply").unwrap());
     }
 
     #[test]
-    fn windows_line_ends_are_read() {
+    fn reads_windows_line_ends() {
         assert_is_unit_square(&load_ply(ASCII.replace('\n', "\r\n").as_bytes(), "a.ply").unwrap());
     }
 
     #[test]
-    fn faults_are_named() {
+    fn errors_name_the_fault() {
         let refuse = |text: String, expected: &str| {
-            let said = load_ply(text.as_bytes(), "a.ply").unwrap_err().to_string();
+            let message = load_ply(text.as_bytes(), "a.ply").unwrap_err().to_string();
             assert!(
-                said.starts_with("a.ply: ") && said.contains(expected),
-                "{said}"
+                message.starts_with("a.ply: ") && message.contains(expected),
+                "{message}"
             );
         };
         refuse("solid".into(), "header");

@@ -1,11 +1,11 @@
-//! Shapes that need no file. All are centred on the z axis, +Z up, wound
-//! counter-clockwise seen from outside; the solids are closed. Lengths in metres.
+//! Built-in shapes. All are centred on the z axis, +Z up, counter-clockwise seen from outside; the
+//! solids are closed. Lengths in metres.
 
-use super::{Mesh, Vertex};
+use crate::mesh::{Mesh, Vertex};
 use glam::{Vec2, Vec3};
 use std::f32::consts::{PI, TAU};
 
-/// A rectangle in the plane z = 0, centred, facing +Z; v grows towards −Y.
+/// A rectangle in the plane z = 0, centred, facing +Z; v increases towards −Y.
 #[must_use]
 pub fn plane(size_x: f32, size_y: f32) -> Mesh {
     let mut mesh = Mesh::default();
@@ -64,7 +64,7 @@ pub fn sphere(radius: f32, segments: u32, rings: u32) -> Mesh {
     let profile: Vec<_> = (0..=rings)
         .map(|i| {
             let angle = PI * i as f32 / rings as f32;
-            // Exactly on the axis at the poles, so that no sliver of a hole remains.
+            // The poles lie exactly on the axis, so that the surface is closed.
             let out = if i == 0 || i == rings {
                 0.0
             } else {
@@ -120,9 +120,9 @@ fn quad(mesh: &mut Mesh, centre: Vec3, u: Vec3, v: Vec3) {
     mesh.indices.extend([0, 1, 2, 0, 2, 3].map(|i| first + i));
 }
 
-/// A profile of (distance from the axis, height, outward normal in that plane), walked so
-/// that the outside lies to its right, turned about the z axis. Triangles that would
-/// collapse on the axis are left out.
+/// Revolves a profile of (distance from the axis, height, outward normal in that plane) about the z
+/// axis; the outside is to the right along the profile. Degenerate triangles on the axis are left
+/// out.
 fn lathe(mesh: &mut Mesh, profile: &[(f32, f32, Vec2)], segments: u32) {
     let segments = segments.clamp(3, 4096);
     let first = mesh.vertices.len() as u32;
@@ -130,7 +130,7 @@ fn lathe(mesh: &mut Mesh, profile: &[(f32, f32, Vec2)], segments: u32) {
     for (i, (out, z, normal)) in profile.iter().enumerate() {
         let v = 1.0 - i as f32 / (profile.len().max(2) - 1) as f32;
         for j in 0..row {
-            // The seam's two columns are the same places to the last bit.
+            // The two columns at the seam have bit-identical positions.
             let d = Vec2::from_angle(TAU * (j % segments) as f32 / segments as f32);
             mesh.vertices.push(vertex(
                 (d * *out).extend(*z),
@@ -153,8 +153,7 @@ fn lathe(mesh: &mut Mesh, profile: &[(f32, f32, Vec2)], segments: u32) {
     }
 }
 
-/// A disc at height `z`, facing up or down, with the rim's corners where [`lathe`] has
-/// them.
+/// A disc at height `z`, facing up or down, whose rim has the corners of [`lathe`].
 fn disc(mesh: &mut Mesh, radius: f32, z: f32, up: bool, segments: u32) {
     let segments = segments.clamp(3, 4096);
     let first = mesh.vertices.len() as u32;
@@ -189,7 +188,7 @@ mod tests {
             .sum()
     }
 
-    /// Every edge is walked once in each direction.
+    /// Whether every edge occurs once in each direction.
     fn is_closed(mesh: &Mesh) -> bool {
         let bits = |v: Vec3| [v.x + 0.0, v.y + 0.0, v.z + 0.0].map(f32::to_bits);
         let mut edges = HashMap::new();
@@ -233,18 +232,18 @@ mod tests {
     }
 
     #[test]
-    fn solids_are_closed_and_face_outwards_with_the_right_volume_and_count() {
+    fn solids_are_closed_and_have_the_right_volume_and_count() {
         for (name, mesh, count, volume) in solids() {
             check_mesh(&mesh).unwrap();
             assert_eq!(mesh.indices.len() / 3, count, "{name}");
             assert!(is_closed(&mesh), "{name}");
-            let off = signed_volume(&mesh) / volume - 1.0;
-            assert!(off.abs() < 1e-3, "{name}: {off}");
+            let error = signed_volume(&mesh) / volume - 1.0;
+            assert!(error.abs() < 1e-3, "{name}: {error}");
         }
     }
 
     #[test]
-    fn normals_and_tangents_are_unit_orthogonal_and_agree_with_the_faces() {
+    fn normals_and_tangents_are_orthonormal_and_consistent_with_the_faces() {
         let mut all: Vec<Mesh> = solids().into_iter().map(|s| s.1).collect();
         all.push(plane(2.0, 3.0));
         for mesh in all {
@@ -263,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn the_torus_lies_on_its_surface() {
+    fn torus_vertices_lie_on_the_torus() {
         for v in torus(0.08, 0.02, 50, 40).vertices {
             let ring = v.position.truncate().length() - 0.08;
             let tube = Vec2::new(ring, v.position.z).length();
@@ -272,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn uv_tangents_of_the_plane_follow_the_picture() {
+    fn plane_tangents_equal_those_from_texture_coordinates() {
         let mut mesh = plane(1.0, 1.0);
         let own: Vec<_> = mesh.vertices.iter().map(|v| v.tangent).collect();
         crate::normals::recompute_tangents(&mut mesh);

@@ -81,7 +81,7 @@
 //! [photometry]                     # what the scene camera shows as white, cd/m²; or `ev100`, its
 //! white_cd_m2 = 300.0              # exposure value at ISO 100
 //!
-//! [[plane]]                        # a shadowing plane (technique "planes"); where there is one
+//! [[plane]]                        # a shadowing plane (technique "shadowing-planes"); where there is one
 //! centre_m = [0.0, 0.0, 0.0]       # for a layer, none are made for that layer from the model.
 //! normal = [0.0, 0.0, 1.0]         # Away from what it covers; its camera looks against it
 //! up = [0.0, 1.0, 0.0]             # of its picture; else upwards, for level ones along +Y
@@ -104,9 +104,12 @@ use super::gltf_file::{ModelPart, Playing, files_of_gltf, load_gltf_playing, rea
 use super::motion::Motions;
 use super::planes::{ShadowingPlane, covered_parts};
 use super::primitives;
-use super::{Material, Mesh, Model, Part, Scene, SceneError, load_ply};
-use crate::GroundPlane;
-use crate::VirtualLight;
+use crate::error::SceneError;
+use crate::gltf_file::Model;
+use crate::ground_plane::GroundPlane;
+use crate::mesh::{Material, Mesh, Part, Scene};
+use crate::ply::load_ply;
+use crate::virtual_light::VirtualLight;
 use glam::{DMat4, DVec3, Vec3};
 use lamp::Surroundings;
 use penumbra_interface::RigidTransform;
@@ -144,6 +147,8 @@ pub struct SceneAddition {
     pub planes: Vec<ShadowingPlane>,
     /// What of `objects` and `lamps` moves.
     pub motions: Motions,
+    /// Properties of the model files that are ignored, one line each.
+    pub warnings: Vec<String>,
     /// Takes the place of the session's ground.
     pub ground: Option<GroundPlane>,
     /// Whether the session's own phantoms stay.
@@ -200,6 +205,7 @@ impl SceneAddition {
             lamps,
             lamp_places,
             motions,
+            warnings,
             ..
         } = placed;
         Ok(Self {
@@ -209,6 +215,7 @@ impl SceneAddition {
             lamp_places,
             planes,
             motions,
+            warnings,
             ground,
             session_phantoms: file.session_phantoms.unwrap_or(true),
         })
@@ -234,9 +241,8 @@ impl SceneAddition {
         scene.phantom_parts.extend(self.phantoms);
         covered_parts(&mut scene);
         let places = self.lamp_places.iter().enumerate();
-        scene.warnings = places
-            .filter_map(|(i, place)| enclosed::warning(&scene, i, place))
-            .collect();
+        let enclosed = places.filter_map(|(i, place)| enclosed::warning(&scene, i, place));
+        scene.warnings = self.warnings.into_iter().chain(enclosed).collect();
         scene
     }
 }

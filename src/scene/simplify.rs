@@ -1,28 +1,27 @@
-//! Fewer triangles for shadow maps: a caster needs its outline, not its normals, texture
-//! coordinates or seams.
+//! Simplifies meshes for shadow maps: a caster needs its outline, not normals, texture coordinates or
+//! seams.
 
 use super::normals::recompute_normals;
-use super::{Mesh, Part, Vertex};
+use crate::mesh::{Mesh, Part, Vertex};
 use glam::{DMat3, Vec2, Vec3, Vec4};
 use meshopt::SimplifyOptions;
 use std::collections::HashMap;
 
-/// The quadric error is a distance from planes, averaged over triangles; measured on
-/// tori and teapots, the farthest point is two to three times as far off.
+/// Ratio of the quadric error, a mean distance from planes, to the maximum error: on tori and
+/// teapots the maximum is two to three times the quadric error (measured by this file's tests).
 const QUADRIC_SHARE: f32 = 1.0 / 3.0;
-/// One run leaves edges that the next can still collapse.
-const MOST_RUNS: usize = 8;
+/// Maximum number of runs: each leaves edges that the next can still collapse.
+const MAX_RUNS: usize = 8;
 
-/// A mesh whose surface departs from `mesh` by at most about `max_error_m` (in the mesh's
-/// own units) and has as few triangles as that allows: vertices at one place are made
-/// one, then edges are collapsed by quadric error (Garland & Heckbert 1997, as
-/// meshoptimizer has it). A shadow map's bias against self-shadowing must be larger than
-/// the error. Texture coordinates and tangents are zero. `mesh` must have valid indices.
+/// Simplifies `mesh` with an error of at most about `max_error_m` (units of the mesh): vertices at
+/// equal positions are merged, then edges are collapsed by quadric error (Garland and Heckbert
+/// 1997, by meshoptimizer). A shadow map's bias must be larger than the error. Texture coordinates
+/// and tangents are zero. `mesh` must have valid indices.
 #[must_use]
 pub fn simplify_for_casting(mesh: &Mesh, max_error_m: f32) -> Mesh {
     let (positions, mut indices) = welded(mesh);
     let mut left = max_error_m * QUADRIC_SHARE;
-    for _ in 0..MOST_RUNS {
+    for _ in 0..MAX_RUNS {
         let mut spent = 0.0;
         if indices.is_empty() || left.is_nan() || left <= 0.0 {
             break;
@@ -34,25 +33,25 @@ pub fn simplify_for_casting(mesh: &Mesh, max_error_m: f32) -> Mesh {
             break;
         }
         indices = fewer;
-        // Each run measures from its own input, so errors add up.
+        // The error of each run is relative to its own input, so errors add up.
         left -= spent;
     }
     let mut out = compact(&positions, &indices);
-    // Wide open, so that every vertex has one normal.
+    // Every vertex has one normal.
     recompute_normals(&mut out, std::f32::consts::PI);
     out
 }
 
 impl Part {
-    /// This part's mesh as a shadow caster, within `max_error_m` metres of the *world*.
-    /// Where nothing can be left out (cut-out materials need their texture coordinates)
-    /// the mesh itself.
+    /// Returns this part's mesh as a shadow caster, with an error of at most `max_error_m` metres in
+    /// the *world*. Returns the mesh itself where it cannot be simplified: cut-out materials need
+    /// their texture coordinates.
     #[must_use]
     pub fn caster(&self, max_error_m: f32) -> std::sync::Arc<Mesh> {
         let linear = DMat3::from_mat4(self.world_from_part);
         let scale = [linear.x_axis, linear.y_axis, linear.z_axis]
             .iter()
-            .fold(0.0, |most: f64, axis| most.max(axis.length()));
+            .fold(0.0, |max: f64, axis| max.max(axis.length()));
         if self.material.alpha_cutoff > 0.0 || scale <= 0.0 {
             return self.mesh.clone();
         }
@@ -65,7 +64,7 @@ impl Part {
     }
 }
 
-/// Distinct positions, and triangles over them that are not collapsed.
+/// Distinct positions, and the triangles over them that are not degenerate.
 fn welded(mesh: &Mesh) -> (Vec<[f32; 3]>, Vec<u32>) {
     let mut known: HashMap<[u32; 3], u32> = HashMap::new();
     let mut positions: Vec<[f32; 3]> = Vec::new();
@@ -73,7 +72,7 @@ fn welded(mesh: &Mesh) -> (Vec<[f32; 3]>, Vec<u32>) {
         .vertices
         .iter()
         .map(|v| {
-            // Adding zero makes −0 and +0 one place.
+            // Adding zero maps −0 to +0.
             let p = (v.position + Vec3::ZERO).to_array();
             *known.entry(p.map(f32::to_bits)).or_insert_with(|| {
                 positions.push(p);
@@ -95,7 +94,7 @@ fn welded(mesh: &Mesh) -> (Vec<[f32; 3]>, Vec<u32>) {
     (positions, indices)
 }
 
-/// A mesh of only those positions that are used.
+/// A mesh of the positions that are used.
 fn compact(positions: &[[f32; 3]], indices: &[u32]) -> Mesh {
     let mut place = vec![u32::MAX; positions.len()];
     let mut out = Mesh::default();
@@ -122,12 +121,14 @@ mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
     use crate::check::{check_mesh, triangles};
-    use crate::{Material, load_gltf, primitives};
+    use crate::gltf_file::load_gltf;
+    use crate::mesh::Material;
+    use crate::primitives;
     use glam::{DMat4, DVec3};
     use std::sync::Arc;
 
-    /// Farthest that the surface departs from the torus, by dense sampling.
-    fn off_the_torus(mesh: &Mesh, major: f32, minor: f32) -> f32 {
+    /// Maximum distance of the surface from the torus, by dense sampling.
+    fn distance_from_torus(mesh: &Mesh, major: f32, minor: f32) -> f32 {
         let mut worst = 0.0f32;
         for [a, b, c] in triangles(mesh) {
             for i in 0..=8u8 {
@@ -143,31 +144,31 @@ mod tests {
     }
 
     #[test]
-    fn a_torus_keeps_its_shape_with_far_fewer_triangles() {
+    fn simplified_torus_keeps_its_shape() {
         let torus = primitives::torus(0.08, 0.02, 225, 130);
         let mut last = torus.indices.len() / 3;
         for error in [0.0002, 0.0005, 0.001] {
             let simple = simplify_for_casting(&torus, error);
             check_mesh(&simple).unwrap();
             let count = simple.indices.len() / 3;
-            let off = off_the_torus(&simple, 0.08, 0.02);
-            eprintln!("torus at {error} m: {count} triangles, {off} m off");
+            let error_m = distance_from_torus(&simple, 0.08, 0.02);
+            eprintln!("torus at {error} m: {count} triangles, error {error_m} m");
             assert!(count < last * 2 / 3, "{count} of {last}");
-            assert!(off < error, "{off} at {error}");
+            assert!(error_m < error, "{error_m} at {error}");
             assert!(simple.vertices.iter().all(|v| v.normal.is_normalized()));
             last = count;
         }
     }
 
     #[test]
-    fn flat_faces_collapse_completely_and_volume_stays() {
-        // A box out of many small squares.
+    fn flat_faces_collapse_completely_and_keep_the_volume() {
+        // A box of many small squares.
         let mut mesh = primitives::cuboid(Vec3::ONE);
         for _ in 0..4 {
             mesh = split_in_four(&mesh);
         }
         assert_eq!(mesh.indices.len() / 3, 12 * 256);
-        // The quadrics' own rounding is some 4e-4 of an object's size.
+        // Rounding of the quadrics is about 4e-4 of the object's size.
         let simple = simplify_for_casting(&mesh, 2e-3);
         assert_eq!(simple.indices.len() / 3, 12);
         let volume: f32 = triangles(&simple)
@@ -176,7 +177,7 @@ mod tests {
         assert!((volume - 1.0).abs() < 1e-5);
     }
 
-    /// From `p` to the nearest point of a triangle (Ericson 2004, section 5.1.5).
+    /// Distance from `p` to a triangle (Ericson 2004, section 5.1.5).
     fn distance_to(p: Vec3, [a, b, c]: [Vec3; 3]) -> f32 {
         let (e1, e2) = (b - a, c - a);
         let n = e1.cross(e2);
@@ -193,7 +194,7 @@ mod tests {
         to_edge(a, e1).min(to_edge(a, e2)).min(to_edge(b, c - b))
     }
 
-    /// The farthest that the middle of any of some hundred triangles of `a` is from `b`.
+    /// Maximum distance from `b` of the centres of about 300 triangles of `a`.
     fn farthest(a: &Mesh, b: &Mesh) -> f32 {
         let step = (a.indices.len() / 3).div_ceil(300);
         let nearest = |p: Vec3| {
@@ -208,25 +209,24 @@ mod tests {
     }
 
     #[test]
-    fn the_truth_objects_keep_their_shape() {
-        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/truth");
-        if !path.is_dir() {
-            eprintln!("SKIPPED the_truth_objects_keep_their_shape: ../shared is missing");
+    fn ground_truth_objects_keep_their_shape() {
+        let Some(path) = penumbra_test_data::shared("truth") else {
             return;
-        }
+        };
         for name in ["desk", "desk-sphere", "courtyard"] {
             let model = load_gltf(&path.join(name).join("object/object.glb")).unwrap();
             for object in model.parts {
                 for error in [0.0002, 0.0005, 0.001] {
                     let simple = simplify_for_casting(&object.mesh, error);
                     let (all, left) = (object.mesh.indices.len() / 3, simple.indices.len() / 3);
-                    let off = farthest(&object.mesh, &simple).max(farthest(&simple, &object.mesh));
+                    let error_m =
+                        farthest(&object.mesh, &simple).max(farthest(&simple, &object.mesh));
                     eprintln!(
-                        "{name} {}: {all} -> {left} at {error} m, {off} off",
+                        "{name} {}: {all} -> {left} at {error} m, error {error_m} m",
                         object.name
                     );
                     assert!(left < all || all < 100);
-                    assert!(off < error, "{name} {} {off} {error}", object.name);
+                    assert!(error_m < error, "{name} {} {error_m} {error}", object.name);
                 }
             }
         }
@@ -264,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn the_error_counts_in_the_world() {
+    fn maximum_error_is_measured_in_the_world() {
         let count = |scale: f64| {
             let torus = primitives::torus(0.08, 0.02, 100, 60);
             part(torus, scale, 0.0).caster(0.001).indices.len()
@@ -273,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn cut_out_and_small_meshes_stay_as_they_are() {
+    fn cut_out_and_small_meshes_are_not_simplified() {
         let cut_out = part(primitives::torus(0.08, 0.02, 100, 60), 1.0, 0.5);
         assert!(Arc::ptr_eq(&cut_out.caster(0.01), &cut_out.mesh));
         let small = part(primitives::plane(1.0, 1.0), 1.0, 0.0);

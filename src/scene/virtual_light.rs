@@ -1,29 +1,28 @@
-//! Lamps that exist in the picture only, and light the real scene there.
+//! Virtual lights (lamps): they exist only in the picture and light real and virtual surfaces there.
 
-use super::SceneTexture;
+use crate::mesh::SceneTexture;
 use glam::{DVec2, DVec3, Vec3};
 use std::sync::Arc;
 
-/// A lamp that exists in the picture only.
+/// A virtual light.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VirtualLight {
     /// For messages.
     pub name: String,
-    /// How it spreads its light.
+    /// Distribution of its light.
     pub kind: VirtualLightKind,
-    /// Linear, scene camera units: a white diffuse surface at r metres shows
-    /// `intensity · cos θ / (π r²)`. Of an area what leaves along its normal, its picture
-    /// included.
+    /// Linear RGB, scene camera units: a white diffuse surface at r metres has the radiance
+    /// `intensity · cos θ / (π r²)`. Of an area light: along its normal, its texture included.
     pub intensity: Vec3,
-    /// Of an area only.
+    /// Appearance of an area light; `None` for other kinds.
     pub screen: Option<Screen>,
-    /// Path in time, eased with smoothstep between keys.
+    /// Path over time, interpolated by smoothstep between keys.
     pub keys: Vec<VirtualLightKey>,
-    /// Seconds after which the path begins anew.
+    /// Period of the path, seconds; `None` if it does not repeat.
     pub repeat: Option<f64>,
 }
 
-/// How a virtual light spreads.
+/// Distribution of a virtual light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum VirtualLightKind {
     /// The same in all directions.
@@ -35,35 +34,35 @@ pub enum VirtualLightKind {
         /// Half angle, radians.
         cutoff: f64,
     },
-    /// A rectangle that is equally bright from all sides (Lambert).
+    /// A rectangle of equal radiance in all directions (Lambert).
     Area {
         /// Half of its width and height, metres.
         half_size: DVec2,
-        /// Its height's direction, world; made perpendicular to where it looks.
+        /// Direction of its height, world; made perpendicular to its normal.
         up: DVec3,
-        /// It shines to both sides.
+        /// Whether it emits to both sides.
         two_sided: bool,
     },
 }
 
-/// What an area lamp shows.
+/// Appearance of an area light.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Screen {
-    /// Colours over the area, upright as seen from in front; without one it is even.
+    /// Colours over the area, upright as seen from in front; uniform without a texture.
     pub texture: Option<Arc<SceneTexture>>,
-    /// The area itself is drawn.
+    /// Whether the area itself is rendered.
     pub visible: bool,
 }
 
-/// Where a virtual light is at one time.
+/// State of a virtual light at one time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VirtualLightKey {
     /// Seconds from the session's start.
     pub seconds: f64,
     /// World, metres.
     pub position: DVec3,
-    /// What a spot points at, world.
+    /// Point at which a spot aims, world, metres.
     pub target: Option<DVec3>,
-    /// Multiplies the intensity.
+    /// Factor of the intensity.
     pub gain: f64,
 }

@@ -1,9 +1,9 @@
 //! Gains from the same chart in the same light, photographed by both cameras.
 
-use super::GainEstimate;
-use super::matrix::{self, ColourPair};
-use super::robust::{LogRatio, RobustMean, robust_mean};
-use crate::colour::delta_e_linear;
+use super::colour::delta_e_linear;
+use super::colour_matrix::{self, ColourPair};
+use super::gains::GainEstimate;
+use super::robust_mean::{LogRatio, RobustMean, robust_mean};
 use glam::{DMat3, DVec3};
 use penumbra_camera::Response;
 use penumbra_picture::Picture;
@@ -31,23 +31,23 @@ pub struct Photograph<'a> {
     pub response: &'a Response,
 }
 
-/// What two photographs of a chart say.
+/// Gains from two photographs of a chart.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ChartMatch {
     /// The gains.
     pub estimate: GainEstimate,
-    /// `scene = matrix × environment`, only where asked for and where it predicts patches
-    /// that it was not fitted to better than the gains do.
+    /// `scene = matrix × environment`, linear; only on request and where it predicts patches to
+    /// which it was not fitted better than the gains do.
     pub matrix: Option<DMat3>,
-    /// Patches behind each channel's gain, after outliers were thrown out.
+    /// Number of patches used for each channel's gain, without outliers.
     pub patches: [usize; 3],
-    /// CIEDE2000 left between the two pictures of a patch once matched: mean over patches.
+    /// Mean over patches of the CIEDE2000 that remains between the two pictures of a patch.
     pub residual_delta_e: f64,
     /// The same for the worst patch.
     pub worst_delta_e: f64,
 }
 
-/// Why the chart says nothing. Each text says what to do.
+/// Why a chart yields no gains.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum ChartError {
     /// A patch rectangle is not inside the picture.
@@ -73,26 +73,29 @@ pub enum ChartError {
          needed; photograph the chart again with another exposure"
     )]
     TooFew {
-        /// How many are usable.
+        /// Number of usable patches.
         usable: usize,
         /// "red", "green" or "blue".
         channel: &'static str,
     },
 }
 
-/// Codes from here on are taken for clipped.
+/// Lowest code that counts as clipped.
 const SATURATED: u8 = 253;
-/// A patch with more clipped pixels than this would have too low a mean.
+/// Maximum share of clipped pixels in a patch; more would bias its mean.
 const MAX_CLIPPED: f64 = 0.002;
-/// Below this many deviations of a pixel above black, noise is cut off at black and the
-/// mean comes out too high.
+/// Minimum ratio of a patch's mean to a pixel's standard deviation; below it, noise is clipped at
+/// black and the mean is too high.
 const MIN_SIGNAL_TO_NOISE: f64 = 3.0;
-/// How far uneven light and flare may part two photographs of a patch, relative.
+/// Relative difference between two photographs of a patch by uneven light and flare.
 const UNEVENNESS: f64 = 0.003;
 
 const CHANNELS: [&str; 3] = ["red", "green", "blue"];
 
-/// Compares the two photographs patch by patch; `want_matrix` also tries a 3×3 matrix.
+/// Compares two photographs of a chart patch by patch. `want_matrix` also tries a 3×3 matrix.
+///
+/// # Errors
+/// A patch is not inside a picture, or fewer than three patches are well exposed in both.
 pub fn match_chart(
     chart: &PhotometricChart,
     scene: Photograph,
@@ -105,10 +108,11 @@ pub fn match_chart(
     match_patches(&patches, want_matrix)
 }
 
-/// The same of patches that have been read: (scene, environment) of each.
+/// Compares patches that have been read already, (scene, environment) each. `want_matrix` also
+/// tries a 3×3 matrix.
 ///
 /// # Errors
-/// Fewer than three are well exposed in both.
+/// Fewer than three patches are well exposed in both.
 pub fn match_patches(
     patches: &[(Patch, Patch)],
     want_matrix: bool,
@@ -118,14 +122,15 @@ pub fn match_patches(
         *slot = Some(match_channel(patches, c)?);
     }
     let channels = channels.map(|mean| mean.unwrap_or(UNKNOWN));
-    let of = |f: fn(&RobustMean) -> f64| DVec3::from_array([0, 1, 2].map(|c| f(&channels[c])));
+    let by_channel =
+        |f: fn(&RobustMean) -> f64| DVec3::from_array([0, 1, 2].map(|c| f(&channels[c])));
     let estimate = GainEstimate {
-        gains: of(|m| m.mean.exp()),
-        relative_sd: of(|m| m.sd),
+        gains: by_channel(|m| m.mean.exp()),
+        relative_sd: by_channel(|m| m.sd),
     };
     let pairs: Vec<ColourPair> = patches.iter().filter_map(colour_pair).collect();
     let matrix = want_matrix
-        .then(|| matrix::fit(&pairs, estimate.gains))
+        .then(|| colour_matrix::fit(&pairs, estimate.gains))
         .flatten();
     let (residual_delta_e, worst_delta_e) = residuals(&pairs, estimate.gains, matrix);
     Ok(ChartMatch {
@@ -189,18 +194,18 @@ fn colour_pair((scene, environment): &(Patch, Patch)) -> Option<ColourPair> {
     })
 }
 
-/// What a patch reads in each channel; `None` where it is too dark or clipped.
+/// Values of a patch per channel; `None` where it is too dark or clipped.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Patch(pub [Option<Reading>; 3]);
 
 /// Linear values of an even surface's pixels in one channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reading {
-    /// Their mean.
+    /// Mean.
     pub mean: f64,
-    /// Its error, squared.
+    /// Variance of the mean.
     pub variance_of_mean: f64,
-    /// One pixel's.
+    /// Variance of a pixel.
     pub variance: f64,
 }
 
@@ -239,7 +244,8 @@ fn read_channel(photograph: Photograph, rect: [u32; 4], channel: usize) -> Optio
     read_codes(&codes, photograph.response)
 }
 
-/// Mean of an even surface's pixels, dust left out; `None` where it is clipped or too dark.
+/// Averages the pixels of an even surface without outliers (dust); `None` where it is clipped or
+/// too dark.
 #[must_use]
 pub fn read_codes(codes: &[u8], response: &Response) -> Option<Reading> {
     let clipped = codes.iter().filter(|&&code| code >= SATURATED).count();
@@ -270,7 +276,7 @@ pub fn read_codes(codes: &[u8], response: &Response) -> Option<Reading> {
     })
 }
 
-/// Codes of a patch without its margin, where a rectangle drawn by hand touches the edge.
+/// Codes of a patch without its margin: a rectangle drawn by hand may cross the patch's edge.
 fn inner_codes(picture: &Picture, [x, y, width, height]: [u32; 4], channel: usize) -> Vec<u8> {
     let (dx, dy) = (width / 8, height / 8);
     let rows = y + dy..y + height - dy;
@@ -279,7 +285,7 @@ fn inner_codes(picture: &Picture, [x, y, width, height]: [u32; 4], channel: usiz
         .collect()
 }
 
-/// The part of ascending values within four robust deviations of their median.
+/// The part of ascending values within four robust standard deviations of their median.
 fn without_dust<'a>(sorted: &'a [f64], response: &Response) -> &'a [f64] {
     let at = |fraction: f64| sorted[((sorted.len() - 1) as f64 * fraction).round() as usize];
     let median = at(0.5);
@@ -370,18 +376,18 @@ mod tests {
     }
 
     #[test]
-    fn the_gains_come_out_within_half_a_percent() {
+    fn recovers_gains_within_half_a_percent() {
         let found = compare(diagonal(0.8, 0.75, 0.7), diagonal(0.2, 0.25, 0.3), true).unwrap();
-        let truth = DVec3::new(4.0, 3.0, 0.7 / 0.3);
-        let error = found.estimate.percent_from(truth);
+        let ground_truth = DVec3::new(4.0, 3.0, 0.7 / 0.3);
+        let error = found.estimate.percent_from(ground_truth);
         assert!(error.abs().max_element() < 0.5, "{error}");
         assert!(found.estimate.relative_sd.max_element() < 0.005);
         assert!(found.residual_delta_e < 0.5, "{}", found.residual_delta_e);
-        assert_eq!(found.matrix, None, "gains suffice for two like cameras");
+        assert_eq!(found.matrix, None, "gains suffice for two equal cameras");
     }
 
     #[test]
-    fn clipped_patches_do_not_pull_the_gain_down() {
+    fn clipped_patches_do_not_bias_the_gain() {
         let found = compare(diagonal(1.6, 0.75, 0.7), diagonal(0.4, 0.25, 0.35), false).unwrap();
         let error = found.estimate.percent_from(DVec3::new(4.0, 3.0, 2.0));
         assert!(error.abs().max_element() < 0.5, "{error}");
@@ -389,7 +395,7 @@ mod tests {
     }
 
     #[test]
-    fn one_patch_in_the_shade_is_thrown_out() {
+    fn rejects_a_shadowed_patch_as_an_outlier() {
         let response = Response::srgb();
         let scene = photograph(diagonal(0.8, 0.8, 0.8), &response, 1);
         let mut environment = photograph(diagonal(0.4, 0.4, 0.4), &response, 2);
@@ -408,7 +414,7 @@ mod tests {
     }
 
     #[test]
-    fn a_matrix_is_found_where_the_cameras_differ_by_one() {
+    fn fits_a_matrix_to_cameras_with_crosstalk() {
         let crosstalk = DMat3::from_cols(
             DVec3::new(0.30, 0.04, 0.01),
             DVec3::new(0.05, 0.28, 0.04),
@@ -416,15 +422,19 @@ mod tests {
         );
         let found = compare(diagonal(0.8, 0.8, 0.8), crosstalk, true).unwrap();
         let matrix = found.matrix.expect("a matrix");
-        let truth = 0.8 * crosstalk.inverse();
-        for (a, b) in matrix.to_cols_array().iter().zip(truth.to_cols_array()) {
-            assert!((a - b).abs() < 0.1, "{matrix} is not {truth}");
+        let ground_truth = 0.8 * crosstalk.inverse();
+        for (a, b) in matrix
+            .to_cols_array()
+            .iter()
+            .zip(ground_truth.to_cols_array())
+        {
+            assert!((a - b).abs() < 0.1, "{matrix} is not {ground_truth}");
         }
         assert!(found.residual_delta_e < 1.0);
     }
 
     #[test]
-    fn a_bad_chart_says_what_to_do() {
+    fn errors_of_an_unusable_chart_name_the_patch_or_channel() {
         let dark = compare(diagonal(0.8, 0.8, 0.8), diagonal(0.2, 0.002, 0.2), false);
         let text = dark.unwrap_err().to_string();
         assert!(

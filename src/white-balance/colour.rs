@@ -1,10 +1,9 @@
-//! Colour differences as an eye sees them: linear sRGB to CIELAB (D65), CIEDE2000.
+//! Perceptual colour differences: linear sRGB to CIELAB (D65), CIEDE2000.
 
 use glam::{DMat3, DVec3};
 
 /// CIE XYZ of linear Rec.709 RGB (IEC 61966-2-1), white (1, 1, 1) at Y = 1.
-#[must_use]
-pub fn xyz_from_linear(rgb: DVec3) -> DVec3 {
+fn xyz_from_linear(rgb: DVec3) -> DVec3 {
     XYZ_FROM_LINEAR * rgb
 }
 
@@ -21,8 +20,7 @@ const XYZ_FROM_LINEAR: DMat3 = DMat3::from_cols_array(&[
 ]);
 
 /// CIELAB (CIE 15) of XYZ against the D65 white of [`xyz_from_linear`]: L*, a*, b*.
-#[must_use]
-pub fn lab_from_xyz(xyz: DVec3) -> DVec3 {
+fn lab_from_xyz(xyz: DVec3) -> DVec3 {
     const EPSILON: f64 = 216.0 / 24389.0;
     const KAPPA: f64 = 24389.0 / 27.0;
     let f = |t: f64| {
@@ -38,8 +36,7 @@ pub fn lab_from_xyz(xyz: DVec3) -> DVec3 {
 }
 
 /// CIELAB of linear Rec.709 RGB, where (1, 1, 1) is white.
-#[must_use]
-pub fn lab_from_linear(rgb: DVec3) -> DVec3 {
+fn lab_from_linear(rgb: DVec3) -> DVec3 {
     lab_from_xyz(xyz_from_linear(rgb))
 }
 
@@ -48,8 +45,7 @@ pub fn lab_from_linear(rgb: DVec3) -> DVec3 {
 /// G. Sharma, W. Wu, E. N. Dalal: The CIEDE2000 color-difference formula: implementation
 /// notes, supplementary test data, and mathematical observations. Color Research and
 /// Application 30(1), 2005. Equation numbers below are theirs.
-#[must_use]
-pub fn delta_e_2000(first: DVec3, second: DVec3) -> f64 {
+fn delta_e_2000(first: DVec3, second: DVec3) -> f64 {
     let (c1, c2) = (chroma(first), chroma(second));
     let g = 0.5 * (1.0 - saturation(0.5 * (c1 + c2))); // (4)
     let (a1, a2) = ((1.0 + g) * first.y, (1.0 + g) * second.y); // (5)
@@ -75,7 +71,7 @@ pub fn delta_e_linear(first: DVec3, second: DVec3) -> f64 {
     delta_e_2000(lab_from_linear(first), lab_from_linear(second))
 }
 
-/// What a wrong gain looks like: CIEDE2000 between a grey surface of linear value `grey`
+/// Visible effect of wrong gains: CIEDE2000 between a grey surface of linear value `grey`
 /// (1 = white) and the same surface with its channels multiplied by `ratio`.
 #[must_use]
 pub fn delta_e_of_gain_error(ratio: DVec3, grey: f64) -> f64 {
@@ -173,7 +169,7 @@ mod tests {
     ];
 
     #[test]
-    fn ciede2000_agrees_with_the_published_pairs() {
+    fn ciede2000_equals_the_published_values() {
         for [l1, a1, b1, l2, a2, b2, expected] in SHARMA {
             let (first, second) = (DVec3::new(l1, a1, b1), DVec3::new(l2, a2, b2));
             for got in [delta_e_2000(first, second), delta_e_2000(second, first)] {
@@ -183,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn primaries_have_their_known_lab() {
+    fn primaries_have_their_known_lab_values() {
         for (rgb, lab) in [
             (DVec3::ONE, DVec3::new(100.0, 0.0, 0.0)),
             (DVec3::ZERO, DVec3::ZERO),
@@ -198,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn a_right_gain_shows_nothing_and_a_wrong_one_something() {
+    fn only_a_wrong_gain_makes_a_difference() {
         assert_eq!(delta_e_of_gain_error(DVec3::ONE, 0.5), 0.0);
         let warm = delta_e_of_gain_error(DVec3::new(1.1, 1.0, 0.9), 0.5);
         assert!((3.0..10.0).contains(&warm), "{warm}");
@@ -206,7 +202,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn it_is_symmetric_and_never_negative(
+        fn ciede2000_is_symmetric_and_not_negative(
             l in prop::array::uniform2(0.0f64..100.0),
             ab in prop::array::uniform4(-120.0f64..120.0),
         ) {

@@ -1,9 +1,9 @@
-//! What the cameras report of their exposure, per frame.
+//! Changes of the gains by the exposures that the cameras report per frame.
 
 use penumbra_interface::Exposure;
 
-/// Follows both cameras' reported exposures. Gains hold for a reference state, the first
-/// that was reported; [`Self::factor`] carries them to the present one.
+/// Reported exposures of both cameras. Gains hold for the reference exposures, the first that
+/// were reported; [`Self::factor`] converts them to the current ones.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ExposureRatio {
     scene: Reported,
@@ -18,7 +18,7 @@ struct Reported {
 }
 
 impl ExposureRatio {
-    /// With gains that hold for these shutter times × gains, seconds.
+    /// Creates the ratio with reference exposures (shutter time × gain, seconds).
     #[must_use]
     pub fn at(scene: f64, environment: f64) -> Self {
         let reported = |seconds: f64| Reported {
@@ -31,24 +31,17 @@ impl ExposureRatio {
         }
     }
 
-    /// Takes what both frames report; a camera that reports nothing, or nonsense, is taken
-    /// to stay as it was.
+    /// Sets the exposures of the current frames. A missing or invalid exposure leaves that
+    /// camera's value unchanged.
     pub fn update(&mut self, scene: Option<Exposure>, environment: Option<Exposure>) {
         self.scene.update(scene);
         self.environment.update(environment);
     }
 
-    /// Gain now / gain at the reference exposures.
+    /// Ratio of the current gain to the gain at the reference exposures.
     #[must_use]
     pub fn factor(&self) -> f64 {
         self.scene.change() / self.environment.change()
-    }
-
-    /// Makes the present exposures the reference, as when a chart has just been
-    /// photographed.
-    pub fn set_reference(&mut self) {
-        self.scene.reference = self.scene.latest;
-        self.environment.reference = self.environment.latest;
     }
 }
 
@@ -81,7 +74,7 @@ mod tests {
     }
 
     #[test]
-    fn a_longer_scene_exposure_raises_the_gain_and_a_longer_environment_one_lowers_it() {
+    fn gain_rises_with_scene_exposure_and_falls_with_environment_exposure() {
         let mut ratio = ExposureRatio::default();
         assert_eq!(ratio.factor(), 1.0);
         ratio.update(exposure(1000.0, 1.0), exposure(500.0, 2.0));
@@ -90,12 +83,10 @@ mod tests {
         assert_eq!(ratio.factor(), 3.0);
         ratio.update(None, exposure(500.0, 8.0));
         assert_eq!(ratio.factor(), 0.75);
-        ratio.set_reference();
-        assert_eq!(ratio.factor(), 1.0);
     }
 
     #[test]
-    fn nonsense_is_ignored() {
+    fn ignores_invalid_exposures() {
         let mut ratio = ExposureRatio::default();
         ratio.update(exposure(1000.0, 1.0), None);
         for (micros, gain) in [

@@ -1,7 +1,6 @@
-//! Finds surfaces that both cameras see, and reads them in both pictures.
+//! Finds surfaces that both cameras see, and averages them in both pictures.
 
 use super::chart::Photograph;
-use super::raycast::SurfaceHit;
 use super::view::{EnvironmentRay, environment_ray, mirror, picture_size};
 use glam::{DVec2, DVec3};
 use penumbra_camera::EnvironmentView;
@@ -9,8 +8,9 @@ use penumbra_camera::PinholeCamera;
 use penumbra_camera::Vignetting;
 use penumbra_interface::RigidTransform;
 use penumbra_picture::Picture;
+use penumbra_scene::{Hit, RayCaster};
 
-/// One patch of a real surface in both pictures, linear, the mirror's loss undone.
+/// One patch of a real surface in both pictures, linear.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PhotometricPair {
     /// Mean in the scene camera's picture.
@@ -20,39 +20,39 @@ pub struct PhotometricPair {
     /// Expected variance of ln(scene / environment); infinite where a channel is clipped
     /// or too dark in either picture.
     pub variance: DVec3,
-    /// Neighbours on one surface share a cluster: they err together.
+    /// Neighbours on one surface share a cluster: their errors are correlated.
     pub cluster: u32,
 }
 
-/// Both pictures of one instant and where they were taken from.
+/// Both pictures of one instant, the cameras and their poses.
 #[derive(Clone, Copy, Debug)]
 pub struct Overlap<'a> {
     /// The scene camera's picture.
     pub scene: Photograph<'a>,
     /// The scene camera.
     pub scene_camera: &'a PinholeCamera,
-    /// Its pose.
+    /// The scene camera's pose.
     pub world_from_scene_camera: RigidTransform,
     /// The environment camera's picture at its base exposure.
     pub environment: Photograph<'a>,
     /// Geometry of the environment camera's view.
     pub environment_view: &'a EnvironmentView,
-    /// How scene and environment camera fall off towards their pictures' edges.
+    /// Vignetting of the scene and the environment camera.
     pub vignetting: [Option<Vignetting>; 2],
 }
 
-/// How densely and how strictly to look.
+/// Density of the patches and expected errors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GatherOptions {
-    /// Pixels of the environment picture from one block to the next.
+    /// Distance between blocks, pixels of the environment picture.
     pub spacing: u32,
-    /// Side of a block that is compared, pixels of the environment picture; odd.
+    /// Side of a block, pixels of the environment picture; odd.
     pub block: u32,
     /// Side of a cluster, pixels of the scene picture.
     pub cluster: u32,
     /// Standard deviation of both cameras' noise at black, linear (1 = full scale).
     pub noise: f64,
-    /// How far a patch may appear shifted between the pictures, as a fraction of itself.
+    /// Standard deviation of the shift of a patch between the pictures, in sides of the patch.
     pub misregistration: f64,
 }
 
@@ -68,28 +68,29 @@ impl Default for GatherOptions {
     }
 }
 
-/// Codes from here on are taken for clipped (JPEG smears a little below 255).
+/// Lowest code that counts as clipped (JPEG smears 255 a little).
 const SATURATED: u8 = 248;
-/// A mean darker than this many deviations of a pixel is biased by the cut at black.
+/// Minimum ratio of a mean to a pixel's standard deviation; below it, clipping at black biases the
+/// mean.
 const MIN_SIGNAL_TO_NOISE: f64 = 2.5;
-/// Cosine between a surface's normal and either view below which it is seen too obliquely.
+/// Minimum cosine between a surface's normal and either view.
 const MIN_COSINE: f64 = 0.12;
-/// How far a patch may look different from two sides, relative: no surface is quite matt.
+/// Relative difference of a patch's radiance between two views: no surface is perfectly matt.
 const MATTNESS: f64 = 0.02;
-/// Standard deviation over mean within a patch, above which an edge runs through it.
+/// Maximum ratio of standard deviation to mean within a patch; beyond it, the patch contains an
+/// edge.
 const MAX_CONTRAST: f64 = 0.4;
 
-/// Every patch of the ground and the phantoms that both cameras see, unclipped and away
-/// from edges. `cast` finds the first real surface along a ray, as
-/// [`PhantomCaster::cast`](super::raycast::PhantomCaster::cast) does.
+/// Returns the patches of real surfaces (ground and phantoms, in `caster`) that both cameras see,
+/// unclipped and away from edges; none where a picture's size differs from its camera's.
 pub fn gather_pairs(
     overlap: &Overlap,
-    cast: &impl Fn(DVec3, DVec3) -> Option<SurfaceHit>,
+    caster: &RayCaster,
     options: &GatherOptions,
 ) -> Vec<PhotometricPair> {
     let picture = overlap.environment.picture;
     let size = (picture.width, picture.height);
-    if picture_size(overlap.environment_view) != Some(size) || !scene_size_agrees(overlap) {
+    if picture_size(overlap.environment_view) != Some(size) || !has_scene_size(overlap) {
         return Vec::new();
     }
     // A block has a middle pixel.
@@ -101,7 +102,7 @@ pub fn gather_pairs(
     let steps = |length: u32| (margin..length.saturating_sub(margin)).step_by(step(options));
     steps(size.1)
         .flat_map(|y| steps(size.0).map(move |x| (x, y)))
-        .filter_map(|(x, y)| pair_at(overlap, cast, options, x, y))
+        .filter_map(|(x, y)| pair_at(overlap, caster, options, x, y))
         .collect()
 }
 
@@ -109,19 +110,19 @@ fn step(options: &GatherOptions) -> usize {
     options.spacing.max(1) as usize
 }
 
-fn scene_size_agrees(overlap: &Overlap) -> bool {
+fn has_scene_size(overlap: &Overlap) -> bool {
     let (picture, camera) = (overlap.scene.picture, overlap.scene_camera);
     (picture.width, picture.height) == (camera.width, camera.height)
 }
 
 fn pair_at(
     overlap: &Overlap,
-    cast: &impl Fn(DVec3, DVec3) -> Option<SurfaceHit>,
+    caster: &RayCaster,
     options: &GatherOptions,
     x: u32,
     y: u32,
 ) -> Option<PhotometricPair> {
-    let quad = Quad::trace(overlap, cast, options, x, y)?;
+    let quad = Quad::trace(overlap, caster, options, x, y)?;
     let here = DVec2::new(f64::from(x), f64::from(y));
     let environment = read_block(overlap.environment, options.block, x, y);
     let scene = read_quad(overlap.scene, &quad);
@@ -135,16 +136,16 @@ fn pair_at(
         .cmplt(DVec3::INFINITY)
         .any()
         .then(|| PhotometricPair {
-            scene: scene.means() / even(overlap.vignetting[0], quad.centre()),
+            scene: scene.means() / sensitivity(overlap.vignetting[0], quad.centre()),
             environment: environment.means()
-                / (quad.attenuation * even(overlap.vignetting[1], here)),
+                / (quad.attenuation * sensitivity(overlap.vignetting[1], here)),
             variance,
             cluster: cell ^ quad.surface.wrapping_mul(0x9E37_79B1),
         })
 }
 
-/// How bright a camera shows a pixel, 1 in the centre.
-fn even(vignetting: Option<Vignetting>, pixel: DVec2) -> f64 {
+/// Relative sensitivity of a camera at a pixel, 1 in the centre.
+fn sensitivity(vignetting: Option<Vignetting>, pixel: DVec2) -> f64 {
     vignetting.map_or(1.0, |v| v.at(pixel))
 }
 
@@ -170,29 +171,29 @@ struct Quad {
     attenuation: DVec3,
 }
 
-/// The largest quad that is compared, pixels of the scene picture.
+/// Maximum length of a quad's diagonal, pixels of the scene picture.
 const MAX_QUAD: f64 = 80.0;
 
 impl Quad {
     fn trace(
         overlap: &Overlap,
-        cast: &impl Fn(DVec3, DVec3) -> Option<SurfaceHit>,
+        caster: &RayCaster,
         options: &GatherOptions,
         x: u32,
         y: u32,
     ) -> Option<Self> {
         let centre = DVec2::new(f64::from(x), f64::from(y));
-        let (middle, ray) = surface_at(overlap, cast, centre)?;
+        let (middle, ray) = surface_at(overlap, caster, centre)?;
         let mut corners = [DVec2::ZERO; 4];
         let offsets = [(-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5), (0.5, 0.5)];
         for (corner, (dx, dy)) in corners.iter_mut().zip(offsets) {
             let offset = f64::from(options.block) * DVec2::new(dx, dy);
-            let (hit, corner_ray) = surface_at(overlap, cast, centre + offset)?;
+            let (hit, corner_ray) = surface_at(overlap, caster, centre + offset)?;
             let same = hit.surface == middle.surface && hit.normal.dot(middle.normal) > 0.95;
             if !same || corner_ray.mirrored != ray.mirrored {
                 return None;
             }
-            *corner = seen_by_scene_camera(overlap, cast, &hit)?;
+            *corner = project_to_scene_camera(overlap, caster, &hit)?;
         }
         let quad = Self {
             corners,
@@ -219,31 +220,28 @@ impl Quad {
     }
 }
 
-/// What a pixel of the environment camera shows, if it is a matt surface seen from above.
+/// The surface point that a pixel of the environment camera shows, unless it is a mirror or seen
+/// too obliquely.
 fn surface_at(
     overlap: &Overlap,
-    cast: &impl Fn(DVec3, DVec3) -> Option<SurfaceHit>,
+    caster: &RayCaster,
     pixel: DVec2,
-) -> Option<(SurfaceHit, EnvironmentRay)> {
+) -> Option<(Hit, EnvironmentRay)> {
     let ray = environment_ray(overlap.environment_view, pixel)?;
-    let hit = cast(ray.origin, ray.direction)?;
+    let hit = caster.nearest(ray.origin, ray.direction)?;
     let facing = -hit.normal.dot(ray.direction) > MIN_COSINE;
     (facing && !hit.mirror).then_some((hit, ray))
 }
 
-/// Pixel of a surface point in the scene picture, where nothing hides it.
-fn seen_by_scene_camera(
-    overlap: &Overlap,
-    cast: &impl Fn(DVec3, DVec3) -> Option<SurfaceHit>,
-    hit: &SurfaceHit,
-) -> Option<DVec2> {
+/// Pixel of a surface point in the scene picture; `None` where it is hidden or outside.
+fn project_to_scene_camera(overlap: &Overlap, caster: &RayCaster, hit: &Hit) -> Option<DVec2> {
     let world_from_camera = overlap.world_from_scene_camera;
     let eye = world_from_camera.translation;
     let (direction, distance) = (hit.point - eye).normalize_and_length();
-    let first = cast(eye, direction)?;
+    let first = caster.nearest(eye, direction)?;
     let hidden = first.distance < distance - (0.002 + 0.005 * distance);
     let facing = -hit.normal.dot(direction) > MIN_COSINE;
-    if hidden || !facing || behind_mirror(overlap, eye, direction, distance) {
+    if hidden || !facing || is_behind_mirror(overlap, eye, direction, distance) {
         return None;
     }
     let in_camera = world_from_camera.inverse().transform_point(hit.point);
@@ -253,8 +251,8 @@ fn seen_by_scene_camera(
     (inside(pixel.x, camera.width) && inside(pixel.y, camera.height)).then_some(pixel)
 }
 
-/// The mirrored sphere, or its stand, covers the way to the point.
-fn behind_mirror(overlap: &Overlap, eye: DVec3, direction: DVec3, distance: f64) -> bool {
+/// Whether the mirrored sphere or its stand hides a point at `distance` metres.
+fn is_behind_mirror(overlap: &Overlap, eye: DVec3, direction: DVec3, distance: f64) -> bool {
     mirror(overlap.environment_view).is_some_and(|sphere| {
         let to_centre = sphere.centre_in_world - eye;
         let near = to_centre.dot(direction) < distance + sphere.radius;
@@ -262,16 +260,16 @@ fn behind_mirror(overlap: &Overlap, eye: DVec3, direction: DVec3, distance: f64)
     })
 }
 
-/// What a patch reads in one picture.
+/// Statistics of a patch in one picture.
 struct Reading([Channel; 3]);
 
 #[derive(Clone, Copy, Debug, Default)]
 struct Channel {
     mean: f64,
     variance: f64,
-    /// Linear light of one code step.
+    /// Standard deviation of quantisation, linear.
     step: f64,
-    /// How many pixels with noise of their own stand behind the mean.
+    /// Number of pixels with independent noise.
     independent: f64,
     clipped: bool,
 }
@@ -283,7 +281,7 @@ impl Reading {
 }
 
 impl Channel {
-    /// Standard deviation over mean that noise does not explain.
+    /// Ratio of the standard deviation that noise does not explain to the mean.
     fn contrast(&self, noise: f64) -> f64 {
         (self.variance - noise * noise).max(0.0).sqrt() / self.mean.max(1e-9)
     }
@@ -298,7 +296,7 @@ fn read_block(photograph: Photograph, block: u32, x: u32, y: u32) -> Reading {
     summarise(photograph, codes, f64::INFINITY)
 }
 
-/// Samples the quad evenly, at the nearest pixels.
+/// Samples the quad on a regular grid, at the nearest pixels.
 fn read_quad(photograph: Photograph, quad: &Quad) -> Reading {
     let [a, b, c, d] = quad.corners;
     let width = a.distance(b).max(c.distance(d));
@@ -323,8 +321,12 @@ fn nearest(picture: &Picture, pixel: DVec2) -> [u8; 3] {
     )
 }
 
-/// `most` bounds the number of independent pixels from above.
-fn summarise(photograph: Photograph, codes: impl Iterator<Item = [u8; 3]>, most: f64) -> Reading {
+/// Averages pixels. `max_pixels` limits the number of independent pixels.
+fn summarise(
+    photograph: Photograph,
+    codes: impl Iterator<Item = [u8; 3]>,
+    max_pixels: f64,
+) -> Reading {
     let table = photograph.response.linear_from_code();
     let mut channels = [Channel::default(); 3];
     let mut count = 0.0;
@@ -342,8 +344,8 @@ fn summarise(photograph: Photograph, codes: impl Iterator<Item = [u8; 3]>, most:
         channel.variance = (channel.variance / count - channel.mean * channel.mean).max(0.0);
         let code = photograph.response.code_from_linear(channel.mean as f32);
         channel.step = f64::from(photograph.response.step(code)) / 12f64.sqrt();
-        // JPEG's chroma is shared by 2×2 pixels, so a quarter of them err on their own.
-        channel.independent = (0.25 * count.min(most)).max(1.0);
+        // JPEG shares chroma among 2×2 pixels, so a quarter of them have independent errors.
+        channel.independent = (0.25 * count.min(max_pixels)).max(1.0);
     }
     Reading(channels)
 }

@@ -1,64 +1,67 @@
-//! Gains from what both cameras see right now, smoothed in time.
+//! Gains from surfaces that both cameras see now, filtered over time.
 
-use super::GainEstimate;
+use super::gains::GainEstimate;
 use super::gather::PhotometricPair;
-use super::robust::{LogRatio, RobustMean, robust_mean};
+use super::robust_mean::{LogRatio, RobustMean, robust_mean};
 use glam::DVec3;
 use penumbra_interface::MonotonicTime;
 use serde::Serialize;
 
-/// One frame pair's answer.
+/// Gains of one pair of frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OverlapEstimate {
-    /// The gains at the exposures of that pair.
+    /// The gains at the exposures of the pair.
     pub estimate: GainEstimate,
-    /// Pairs behind the gains: the channel with the fewest.
+    /// Number of patches that were used, in the channel with the fewest.
     pub pairs: usize,
-    /// Patches of the picture that these belong to.
+    /// Number of clusters to which these belong, in the channel with the fewest.
     pub clusters: usize,
-    /// How much the pairs scatter, relative.
+    /// Robust standard deviation (1.4826 MAD) of the patches, relative.
     pub spread: f64,
-    /// Mean ln of what the environment camera read: tells how fast the light changes.
+    /// Mean ln of the environment camera's values: its change is the change of the light.
     pub log_brightness: DVec3,
 }
 
-/// Why a frame pair says too little.
+/// Why a pair of frames was not used.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(tag = "why", rename_all = "snake_case")]
 pub enum Shortage {
-    /// Hardly anything is seen by both cameras.
+    /// Too few surfaces are seen by both cameras.
     TooFew {
-        /// Pairs found.
+        /// Number of patches.
         pairs: usize,
-        /// Patches of the picture that these belong to.
+        /// Number of clusters of patches.
         clusters: usize,
     },
-    /// The pairs contradict one another: wrong geometry, or something stands in the way.
+    /// The patches are inconsistent: the geometry is wrong, or something hides the surfaces.
     Inconsistent {
-        /// Their scatter, percent.
+        /// Their robust standard deviation, percent.
         spread_percent: f64,
     },
-    /// The gains jumped; they are believed once they stay there.
+    /// The gains jumped; the new gains are used once they persist.
     Jump {
-        /// By how much, percent, in the channel that jumped most.
+        /// Size of the jump in the channel with the largest, percent.
         percent: f64,
     },
 }
 
-/// Fewer pairs than this are no evidence.
+/// Minimum number of patches.
 const MIN_PAIRS: usize = 24;
-/// Fewer patches than this could all be in one shadow.
+/// Minimum number of clusters: fewer could all lie in one shadow.
 const MIN_CLUSTERS: usize = 5;
-/// A scatter larger than this means that the pairs do not show the same surfaces.
+/// Maximum relative standard deviation; beyond it the patches do not show the same surfaces.
 const MAX_SPREAD: f64 = 0.35;
-/// What no amount of pairs removes: registration, mirror reflectance, lens fall-off.
+/// Relative error that averaging does not reduce: registration, mirror reflectance, vignetting.
 const SYSTEMATIC: f64 = 0.01;
-/// The same within one cluster: how far a surface differs from matt, and JPEG's colour.
+/// Such an error within one cluster: a surface that is not matt, and JPEG's chroma.
 const CLUSTER_SYSTEMATIC: f64 = 0.03;
-/// How much of a correction for light that changes between the pictures may be wrong.
+/// Relative standard deviation of the correction for light that changes between the pictures.
 const CORRECTION_SD: f64 = 0.5;
 
-/// Robust gains of one frame pair.
+/// Estimates robust gains from one pair of frames.
+///
+/// # Errors
+/// There are fewer than 24 patches or 5 clusters, or the patches are inconsistent.
 pub fn estimate_overlap(all: &[PhotometricPair]) -> Result<OverlapEstimate, Shortage> {
     let channels = [0, 1, 2].map(|c| robust_mean(&log_ratios(all, c)));
     let [Some(r), Some(g), Some(b)] = channels else {
@@ -111,7 +114,7 @@ fn log_ratios(pairs: &[PhotometricPair], channel: usize) -> Vec<LogRatio> {
         .collect()
 }
 
-/// When the two pictures of a pair were taken, and how they were exposed.
+/// Times and exposures of the two pictures of a pair.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PairTiming {
     /// Middle of the scene camera's exposure.
@@ -122,14 +125,14 @@ pub struct PairTiming {
     pub exposure_factor: f64,
 }
 
-/// How fast the gains may change and how soon a jump is believed.
+/// Drift of the gains and acceptance of jumps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SmoothingOptions {
-    /// Random walk of the gains, relative per √second: automatic white balance drifts.
+    /// Random walk of the gains, relative per √second, for automatic white balance.
     pub drift: f64,
-    /// Deviations beyond which a measurement is a jump.
+    /// Number of standard deviations beyond which a measurement counts as a jump.
     pub gate: f64,
-    /// Measurements in a row that must agree on a jump.
+    /// Number of consecutive measurements that must confirm a jump.
     pub patience: u32,
 }
 
@@ -143,13 +146,13 @@ impl Default for SmoothingOptions {
     }
 }
 
-/// The gains over time: a Kalman filter on the logarithm of each channel's gain, frozen
-/// while there is too little to go by.
+/// Kalman filter on the logarithm of each channel's gain. It keeps its value while pairs of frames
+/// are not usable.
 #[derive(Clone, Debug)]
 pub struct GainTracker {
     options: SmoothingOptions,
     state: Option<State>,
-    /// The measurement that departed, and how many in a row have agreed with it.
+    /// The measurement that jumped, and the number of consecutive measurements that confirm it.
     jump: Option<(DVec3, u32)>,
     frozen: Option<Shortage>,
     last: Option<(OverlapEstimate, PairTiming)>,
@@ -163,7 +166,7 @@ struct State {
 }
 
 impl GainTracker {
-    /// Knows nothing yet.
+    /// Creates a filter without measurements.
     #[must_use]
     pub fn new(options: SmoothingOptions) -> Self {
         Self {
@@ -175,8 +178,7 @@ impl GainTracker {
         }
     }
 
-    /// Takes one frame pair's answer. The filter holds the gains at the reference
-    /// exposures.
+    /// Adds the gains of one pair of frames. The filter's gains hold for the reference exposures.
     pub fn update(&mut self, answer: Result<OverlapEstimate, Shortage>, timing: PairTiming) {
         match answer {
             Ok(measured) => {
@@ -188,8 +190,8 @@ impl GainTracker {
         }
     }
 
-    /// By how much ln of the light has changed from the environment picture to the scene
-    /// picture, going by the environment camera's last two pictures.
+    /// Change of ln of the light from the environment picture to the scene picture, extrapolated
+    /// from the environment camera's last two pictures.
     fn light_change(&self, measured: &OverlapEstimate, timing: &PairTiming) -> DVec3 {
         let Some((last, before)) = &self.last else {
             return DVec3::ZERO;
@@ -220,7 +222,7 @@ impl GainTracker {
         let innovation = z - state.log_gains;
         let expected = (predicted + r + SYSTEMATIC * SYSTEMATIC).sqrt();
         if (innovation / expected).abs().max_element() > self.options.gate {
-            return self.depart(z, r, innovation, at);
+            return self.confirm_jump(z, r, innovation, at);
         }
         let gain = predicted / (predicted + r);
         self.state = Some(State {
@@ -231,8 +233,8 @@ impl GainTracker {
         (self.jump, self.frozen) = (None, None);
     }
 
-    /// Waits for the jump to last, so that a hand in the picture does not move the light.
-    fn depart(&mut self, z: DVec3, r: DVec3, innovation: DVec3, at: MonotonicTime) {
+    /// Waits until a jump persists, so that a hand in the picture does not change the light.
+    fn confirm_jump(&mut self, z: DVec3, r: DVec3, innovation: DVec3, at: MonotonicTime) {
         let near = |first: DVec3| (z - first).abs().max_element() < 0.1;
         let count = match self.jump {
             Some((first, count)) if near(first) => count + 1,
@@ -260,8 +262,8 @@ impl GainTracker {
         (self.jump, self.frozen) = (None, None);
     }
 
-    /// The gains at the reference exposures, if ever measured. What no repetition removes
-    /// is part of the stated error.
+    /// The gains at the reference exposures; `None` before the first measurement. The standard
+    /// error includes systematic errors.
     #[must_use]
     pub fn estimate(&self) -> Option<GainEstimate> {
         let clusters = self.last().map_or(1, |last| last.clusters.max(1)) as f64;
@@ -272,13 +274,13 @@ impl GainTracker {
         })
     }
 
-    /// Why the last frame pair was not used; `None` while the filter follows.
+    /// Why the last pair of frames was not used; `None` if it was.
     #[must_use]
     pub const fn frozen(&self) -> Option<Shortage> {
         self.frozen
     }
 
-    /// The last answer that was one.
+    /// The last usable pair of frames.
     #[must_use]
     pub fn last(&self) -> Option<&OverlapEstimate> {
         self.last.as_ref().map(|(estimate, _)| estimate)

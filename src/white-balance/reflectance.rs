@@ -1,24 +1,23 @@
-//! Gains from a surface of known reflectance: the measured light predicts its colour.
+//! Gains from surfaces of known reflectance, whose colour the measured light predicts.
 
-use super::GainEstimate;
 use super::chart::Photograph;
-use super::raycast::{PhantomCaster, SurfaceHit};
-use super::robust::{LogRatio, RobustMean, robust_mean};
+use super::gains::GainEstimate;
+use super::robust_mean::{LogRatio, RobustMean, robust_mean};
 use glam::{DVec2, DVec3, Vec3};
 use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::{LightKind, Lighting};
+use penumbra_scene::{Hit, RayCaster};
 use std::f64::consts::PI;
 
-/// A diffuse surface in the scene camera's picture, of which albedo and light are known.
+/// A diffuse surface in the scene camera's picture whose albedo and irradiance are known.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct KnownSurface {
     /// Mean in the scene camera's picture, linear.
     pub scene: DVec3,
     /// Diffuse reflectance.
     pub albedo: DVec3,
-    /// Irradiance there, in the environment camera's units, what reaches it of it only
-    /// (see [`irradiance_at`]).
+    /// Irradiance with shadows, in the environment camera's units (see [`irradiance_at`]).
     pub irradiance: DVec3,
     /// Expected variance of ln(scene / irradiance), from noise and texture.
     pub variance: f64,
@@ -26,12 +25,12 @@ pub struct KnownSurface {
     pub cluster: u32,
 }
 
-/// How well albedo and light are known, relative; both err alike on all samples.
+/// Relative standard deviations of albedo and irradiance; the error is the same for all surfaces.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReflectanceOptions {
-    /// Of the stated albedo: 0.02 for a grey card, 0.1 for a guess.
+    /// Albedo: 0.02 for a grey card, 0.1 for a guess.
     pub albedo_sd: f64,
-    /// Of the irradiance: clipped sources and near light.
+    /// Irradiance: clipped sources and indirect light.
     pub irradiance_sd: f64,
 }
 
@@ -44,13 +43,14 @@ impl Default for ReflectanceOptions {
     }
 }
 
-/// Fewer surfaces than this are no evidence.
+/// Minimum number of surfaces.
 const MIN_SURFACES: usize = 4;
 
 // ┌ A diffuse surface shows  scene = gain · albedo · E / π  (Lambert), so                ┐
 // └ ln gain = ln(π scene / (albedo E)), E in environment units.                          ┘
 
-/// Gains that explain the surfaces' colours; `None` with fewer than four usable.
+/// Estimates the gains that explain the surfaces' colours; `None` with fewer than four usable
+/// surfaces.
 #[must_use]
 pub fn estimate_reflectance(
     surfaces: &[KnownSurface],
@@ -68,12 +68,13 @@ pub fn estimate_reflectance(
         robust_mean(&ratios).filter(|m| m.inliers >= MIN_SURFACES)
     };
     let channels = [channel(0)?, channel(1)?, channel(2)?];
-    let of = |f: fn(&RobustMean) -> f64| DVec3::from_array([0, 1, 2].map(|c| f(&channels[c])));
+    let by_channel =
+        |f: fn(&RobustMean) -> f64| DVec3::from_array([0, 1, 2].map(|c| f(&channels[c])));
     let systematic = options.albedo_sd.hypot(options.irradiance_sd);
-    // One surface alone is one cluster, whose scatter says nothing: its spread is taken.
+    // A single cluster has no scatter between clusters: its robust standard deviation is used.
     let error = |m: &RobustMean| if m.sd.is_finite() { m.sd } else { m.spread };
     Some(GainEstimate {
-        gains: of(|m| m.mean).exp(),
+        gains: by_channel(|m| m.mean).exp(),
         relative_sd: DVec3::from_array(channels.map(|m| error(&m).hypot(systematic))),
     })
 }
@@ -85,29 +86,30 @@ pub fn implied_albedo(scene: DVec3, irradiance: DVec3, gains: DVec3) -> DVec3 {
     PI * scene / (gains * irradiance)
 }
 
-/// Mean albedo of everyday surfaces, and how far off it may be (relative).
-const USUAL_ALBEDO: f64 = 0.3;
-const USUAL_ALBEDO_SD: f64 = 0.5;
+/// Mean albedo of everyday surfaces and its relative standard deviation.
+const TYPICAL_ALBEDO: f64 = 0.3;
+const TYPICAL_ALBEDO_SD: f64 = 0.5;
 
-/// What to assume when nothing is known: that the surfaces in view are grey on average
-/// and reflect 30 % (Buchsbaum's grey world). Right to within half, and says so.
+/// Estimates gains from the assumption that the surfaces in view are grey on average and reflect
+/// 30 % (grey world, Buchsbaum 1980); relative standard error 0.5. `None` where a gain would not be
+/// positive.
 #[must_use]
 pub fn grey_world(mean_scene: DVec3, irradiance: DVec3) -> Option<GainEstimate> {
-    let gains = PI * mean_scene / (USUAL_ALBEDO * irradiance);
+    let gains = PI * mean_scene / (TYPICAL_ALBEDO * irradiance);
     let usable = gains.is_finite() && gains.min_element() > 0.0;
     usable.then_some(GainEstimate {
         gains,
-        relative_sd: DVec3::splat(USUAL_ALBEDO_SD),
+        relative_sd: DVec3::splat(TYPICAL_ALBEDO_SD),
     })
 }
 
-/// Irradiance on a surface with unit `normal`, as far as light reaches it.
+/// Irradiance with shadows on a surface with unit `normal` (world), in the units of `lighting`.
 ///
 /// `visibility` gives, for a unit direction towards a light, the fraction of the light
-/// that nothing keeps away (0..=1). Compact sources count one by one; the rest is the
-/// unshadowed irradiance times the visible part of the dome's cells. In the units of
-/// `lighting`: where gains g have been applied to it already, an estimate made from the
-/// result is what is still missing of them.
+/// that nothing blocks (0..=1). Compact sources are shadowed one by one; the rest is the
+/// unshadowed irradiance times the visible share of the dome's cells. If gains have already been
+/// applied to `lighting`, an estimate from the result is the remaining correction
+/// ([`GainEstimate::after`]).
 #[must_use]
 pub fn irradiance_at(lighting: &Lighting, normal: Vec3, visibility: impl Fn(Vec3) -> f32) -> DVec3 {
     let (mut compact, mut reached, mut all) = (Vec3::ZERO, 0.0f32, 0.0f32);
@@ -126,39 +128,39 @@ pub fn irradiance_at(lighting: &Lighting, normal: Vec3, visibility: impl Fn(Vec3
     (compact + visible * lighting.irradiance.irradiance(normal)).as_dvec3()
 }
 
-/// [`irradiance_at`] a surface point, where only the phantoms keep light away.
+/// [`irradiance_at`] a surface point that only the phantoms shadow.
 #[must_use]
-pub fn irradiance_past(caster: &PhantomCaster, lighting: &Lighting, hit: &SurfaceHit) -> DVec3 {
-    // Off the surface, so that it does not shade itself.
+pub fn irradiance_past(caster: &RayCaster, lighting: &Lighting, hit: &Hit) -> DVec3 {
+    // Lifted off the surface, so that it does not shadow itself.
     let origin = hit.point + 1e-4 * hit.normal;
     irradiance_at(lighting, hit.normal.as_vec3(), |direction| {
-        f32::from(caster.cast(origin, direction.as_dvec3()).is_none())
+        f32::from(caster.nearest(origin, direction.as_dvec3()).is_none())
     })
 }
 
-/// Where the scene camera was when it took its picture.
+/// The scene camera's picture and pose.
 #[derive(Clone, Copy, Debug)]
 pub struct SceneView<'a> {
     /// The picture.
     pub photograph: Photograph<'a>,
     /// The camera.
     pub camera: &'a PinholeCamera,
-    /// Its pose.
+    /// The camera's pose.
     pub world_from_camera: RigidTransform,
 }
 
 /// Side of the blocks that [`gather_known`] reads, pixels.
 const BLOCK: u32 = 16;
-/// How much the albedo of a textured surface wanders from its stated mean (relative).
+/// Relative standard deviation of a textured surface's albedo about its stated mean.
 const TEXTURE: f64 = 0.2;
 
-/// Reads every surface with a stated albedo in the scene camera's picture, in blocks
-/// `spacing` pixels apart. `irradiance` gives the light at a hit; see [`irradiance_past`].
+/// Averages every surface with a stated albedo in the scene camera's picture, in blocks `spacing`
+/// pixels apart. `irradiance` returns the irradiance at a hit; see [`irradiance_past`].
 pub fn gather_known(
     view: &SceneView,
-    caster: &PhantomCaster,
+    caster: &RayCaster,
     spacing: u32,
-    irradiance: impl Fn(&SurfaceHit) -> DVec3,
+    irradiance: impl Fn(&Hit) -> DVec3,
 ) -> Vec<KnownSurface> {
     let picture = view.photograph.picture;
     if (picture.width, picture.height) != (view.camera.width, view.camera.height) {
@@ -175,15 +177,15 @@ pub fn gather_known(
 
 fn known_at(
     view: &SceneView,
-    caster: &PhantomCaster,
-    irradiance: &impl Fn(&SurfaceHit) -> DVec3,
+    caster: &RayCaster,
+    irradiance: &impl Fn(&Hit) -> DVec3,
     x: u32,
     y: u32,
 ) -> Option<KnownSurface> {
     let cast = |dx: f64, dy: f64| {
         let pixel = DVec2::new(f64::from(x) + dx, f64::from(y) + dy);
         let direction = view.world_from_camera.rotation * view.camera.unproject(pixel);
-        caster.cast(view.world_from_camera.translation, direction)
+        caster.nearest(view.world_from_camera.translation, direction)
     };
     let hit = cast(0.0, 0.0)?;
     let albedo = caster.albedo(hit.surface).filter(|_| !hit.mirror)?;
@@ -203,7 +205,7 @@ fn known_at(
     })
 }
 
-/// `None` where a pixel is clipped: the mean would be too low.
+/// Mean of a block, linear; `None` where a pixel is clipped, which would bias the mean.
 fn mean_of_block(photograph: Photograph, x: u32, y: u32) -> Option<DVec3> {
     let half = BLOCK / 2;
     let block = (y - half..y + half).flat_map(|v| (x - half..x + half).map(move |u| (u, v)));
@@ -219,7 +221,7 @@ fn mean_of_block(photograph: Photograph, x: u32, y: u32) -> Option<DVec3> {
     Some(sum / f64::from(BLOCK * BLOCK))
 }
 
-/// Codes from here on are taken for clipped.
+/// Lowest code that counts as clipped.
 const SATURATED: u8 = 250;
 
 #[cfg(test)]
@@ -247,10 +249,10 @@ mod tests {
     }
 
     #[test]
-    fn a_grey_card_gives_the_gains_exactly() {
+    fn grey_card_yields_exact_gains() {
         let gains = DVec3::new(4.9, 4.1, 3.2);
         let mut card = surfaces(gains, DVec3::splat(0.18));
-        card[3].scene *= 0.2; // in a shadow that nobody knows of
+        card[3].scene *= 0.2; // in an unknown shadow
         let found = estimate_reflectance(&card, &ReflectanceOptions::default()).unwrap();
         assert!(found.percent_from(gains).abs().max_element() < 1e-6);
         assert!((0.09..0.12).contains(&found.relative_sd.x));
@@ -261,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn the_reverse_check_gives_the_albedo_back() {
+    fn implied_albedo_inverts_the_prediction() {
         let (gains, albedo) = (DVec3::new(4.9, 4.1, 3.2), DVec3::new(0.4, 0.3, 0.2));
         let surface = surfaces(gains, albedo)[0];
         let implied = implied_albedo(surface.scene, surface.irradiance, gains);
@@ -269,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn the_grey_world_says_that_it_knows_little() {
+    fn grey_world_has_a_large_standard_error() {
         let guess = grey_world(DVec3::splat(0.3 / PI), DVec3::ONE).unwrap();
         assert!(guess.gains.distance(DVec3::ONE) < 1e-12);
         assert!(guess.relative_sd.min_element() >= 0.5);
@@ -277,7 +279,7 @@ mod tests {
         assert_eq!(grey_world(DVec3::ZERO, DVec3::ONE), None);
     }
 
-    /// Radiance 1 all round, plus a lamp overhead of irradiance 2.
+    /// Radiance 1 from all directions, plus a lamp overhead of irradiance 2.
     fn lighting() -> Lighting {
         let mut irradiance = Harmonics::default();
         irradiance.coefficients[0] = Vec3::splat(std::f32::consts::PI);
@@ -307,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn a_grey_ground_is_read_from_the_picture() {
+    fn recovers_gains_from_a_picture_of_grey_ground() {
         use glam::{DMat4, DQuat};
         use penumbra_camera::Response;
         use penumbra_picture::Picture;
@@ -321,7 +323,7 @@ mod tests {
             mirror: false,
             albedo: Some(Vec3::splat(0.18)),
         };
-        let caster = PhantomCaster::new(&Scene {
+        let caster = RayCaster::from_phantoms(&Scene {
             phantom_parts: vec![ground],
             ground_height: Some(0.0),
             ..Scene::default()
@@ -329,7 +331,7 @@ mod tests {
         let response = Response::linear();
         let code = 100u8;
         let mut rgba = [code, code, code, 255].repeat(128 * 128);
-        rgba[..4 * 128 * 20].fill(255); // a glare, clipped
+        rgba[..4 * 128 * 20].fill(255); // clipped glare
         let picture = Picture {
             width: 128,
             height: 128,
@@ -360,13 +362,13 @@ mod tests {
         });
         assert!(known.len() > 20);
         let found = estimate_reflectance(&known, &ReflectanceOptions::default()).unwrap();
-        let truth = PI * (100.0 / 255.0) / (0.18 * (PI + 2.0));
-        let error = found.percent_from(DVec3::splat(truth));
+        let ground_truth = PI * (100.0 / 255.0) / (0.18 * (PI + 2.0));
+        let error = found.percent_from(DVec3::splat(ground_truth));
         assert!(error.abs().max_element() < 0.01, "{error}");
     }
 
     #[test]
-    fn irradiance_counts_what_reaches_the_surface() {
+    fn irradiance_counts_only_visible_light() {
         let lighting = lighting();
         let open = irradiance_at(&lighting, Vec3::Z, |_| 1.0);
         assert!((open.x - (PI + 2.0)).abs() < 1e-5);

@@ -1,30 +1,30 @@
-//! The environment camera's rays, from its pixels to where they end.
+//! Rays of the environment camera's pixels, reflected by the mirrored sphere where there is one.
 
-use super::raycast::sphere_hit;
 use glam::{DVec2, DVec3};
 use penumbra_camera::{EnvironmentView, FisheyeLens, MirrorSphere};
 use penumbra_interface::RigidTransform;
+use penumbra_scene::raycast::sphere_hit;
 
-/// The way of a pixel of the environment camera, after its mirror if there is one.
+/// The ray of a pixel of the environment camera, after the mirror if there is one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct EnvironmentRay {
     /// In the world, metres.
     pub origin: DVec3,
     /// Unit vector, world.
     pub direction: DVec3,
-    /// What the mirror leaves of the light; 1 for a direct view.
+    /// Reflectance of the mirror; 1 for a direct view.
     pub attenuation: DVec3,
-    /// By way of the mirror.
+    /// Whether the mirror reflects the ray.
     pub mirrored: bool,
 }
 
-/// Cosine of incidence on the sphere below which its picture is too compressed to use.
+/// Minimum cosine of incidence on the sphere; below it the reflection is too compressed to use.
 const MIN_MIRROR_COSINE: f64 = 0.25;
-/// Rays that pass the sphere closer than this many radii may touch its rim.
+/// Minimum distance of a passing ray from the sphere's centre, radii: nearer rays may touch the rim.
 const CLEARANCE: f64 = 1.06;
 
-/// Where the light of a pixel comes from. `None` outside the lens or near the rim of the
-/// sphere, and for a sphere in the scene camera's own picture: one camera matches itself.
+/// Returns the ray along which the light of a pixel arrives. `None` outside the lens, near the rim
+/// of the sphere, and for a sphere in the scene camera's own picture (one camera, no gains).
 pub(super) fn environment_ray(view: &EnvironmentView, pixel: DVec2) -> Option<EnvironmentRay> {
     match view {
         EnvironmentView::Fisheye {
@@ -43,7 +43,8 @@ pub(super) fn environment_ray(view: &EnvironmentView, pixel: DVec2) -> Option<En
     }
 }
 
-/// Pixels in a row and rows; `None` where there is no picture of its own.
+/// Width and height, pixels, of the environment camera's picture; `None` where it has none of its
+/// own.
 pub(super) fn picture_size(view: &EnvironmentView) -> Option<(u32, u32)> {
     match view {
         EnvironmentView::Fisheye { lens, .. } => Some((lens.width, lens.height)),
@@ -71,7 +72,7 @@ fn direct(world_from_camera: &RigidTransform, direction_in_camera: DVec3) -> Env
     }
 }
 
-/// Reflects a ray off the sphere, or lets it pass at a distance.
+/// Reflects a ray off the sphere, or returns it unchanged where it passes at a distance.
 fn mirrored(sphere: &MirrorSphere, ray: EnvironmentRay) -> Option<EnvironmentRay> {
     let to_centre = sphere.centre_in_world - ray.origin;
     let miss = to_centre.cross(ray.direction).length();
@@ -91,12 +92,12 @@ fn mirrored(sphere: &MirrorSphere, ray: EnvironmentRay) -> Option<EnvironmentRay
     })
 }
 
-/// Unit direction in the camera frame; `None` outside the field of view.
+/// Unit direction in the camera's frame; `None` outside the field of view.
 fn fisheye_direction(lens: &FisheyeLens, pixel: DVec2) -> Option<DVec3> {
     let offset = pixel - lens.centre;
     let theta = theta_from_radius(lens, offset.length());
     let around = offset.normalize_or_zero();
-    // The rim of the image circle is dark and coloured; leave two pixels of it.
+    // Two pixels at the rim of the image circle are dark and coloured.
     (theta <= lens.max_theta - 2.0 / lens.focal).then(|| (theta.sin() * around).extend(theta.cos()))
 }
 
@@ -137,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn the_fisheye_axis_looks_forward_and_its_rim_sideways() {
+    fn fisheye_maps_its_centre_to_the_axis_and_its_rim_to_the_side() {
         let lens = lens([0.0; 4]);
         let ahead = fisheye_direction(&lens, lens.centre).unwrap();
         assert!(ahead.distance(DVec3::Z) < 1e-12);
@@ -148,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn a_ray_at_the_middle_of_the_sphere_comes_straight_back() {
+    fn sphere_reflects_the_central_ray_back() {
         let sphere = MirrorSphere {
             centre_in_world: DVec3::new(0.0, 0.0, 1.0),
             radius: 0.1,
@@ -170,7 +171,7 @@ mod tests {
         assert!(back.origin.distance(DVec3::new(0.0, 0.0, 0.9)) < 1e-12);
         assert!(back.direction.distance(DVec3::NEG_Z) < 1e-12);
         assert!(back.attenuation.distance(DVec3::new(0.9, 0.8, 0.7)) < 1e-6);
-        // 45° of incidence: the ray leaves at a right angle to where it came from.
+        // A ray far from the sphere passes it.
         let beside = environment_ray(&view, DVec2::splat(20.0)).unwrap();
         assert!(!beside.mirrored);
         let rim = environment_ray(&view, DVec2::new(60.0, 50.0));
@@ -179,7 +180,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_distorted_lens_is_inverted(theta in 0.01f64..1.5, k1 in -0.05f64..0.05) {
+        fn inverts_the_distortion_of_the_lens(theta in 0.01f64..1.5, k1 in -0.05f64..0.05) {
             let lens = lens([k1, 0.002, -0.001, 0.0]);
             let t2 = theta * theta;
             let r = theta * (1.0 + t2 * (k1 + t2 * (0.002 - t2 * 0.001)));

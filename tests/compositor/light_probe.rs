@@ -10,7 +10,7 @@ use penumbra_lighting::{
     BallSeen, Bracket, EnvironmentEstimator, EnvironmentInput, EnvironmentSettings, Lighting,
 };
 use penumbra_picture::Picture;
-use penumbra_scene::{Material, NearField, casters, primitives};
+use penumbra_scene::{IndirectLightSolver, Material, casters, primitives};
 
 const BALL: DVec3 = DVec3::new(-0.1, 0.03, 0.05);
 const RADIUS: f64 = 0.05;
@@ -178,7 +178,7 @@ fn golden_a_red_box_tints_the_table() {
     stage.picture = Stage::new(200, 150).picture;
     let plain = stage.compose();
     let virtual_casters = casters(&stage.scene);
-    let mut near = NearField::new(&stage.scene, &virtual_casters).unwrap();
+    let mut near = IndirectLightSolver::new(&stage.scene, &virtual_casters).unwrap();
     near.settle(&light, &[]);
     stage.near = Some(near.light().clone());
     let tinted = stage.compose();

@@ -2,18 +2,18 @@
 
 use crate::stage::{Stage, cell, lighting, part, sun};
 use glam::{DVec3, Vec3};
-use penumbra_compositor::ShadowMode;
-use penumbra_scene::near_field::{GROUND_SIDE, Irradiance, VOLUME_SIZE};
-use penumbra_scene::{NearLight, primitives};
+use penumbra_scene::ShadowMode;
+use penumbra_scene::indirect_light::{GROUND_SIDE, Irradiance, VOLUME_SIZE};
+use penumbra_scene::{IndirectLight, primitives};
 use std::f32::consts::PI;
 
 /// The same irradiance everywhere in a region of half a metre.
-fn even(change: Vec3, real: Vec3) -> NearLight {
+fn even(change: Vec3, real: Vec3) -> IndirectLight {
     let fill = |value: Vec3| Irradiance {
         ground: vec![value; (GROUND_SIDE * GROUND_SIDE) as usize],
         volume: std::array::from_fn(|_| vec![value; VOLUME_SIZE.iter().product::<u32>() as usize]),
     };
-    NearLight {
+    IndirectLight {
         generation: 1,
         low: Vec3::new(-0.25, -0.25, 0.0),
         high: Vec3::new(0.25, 0.25, 0.3),

@@ -3,7 +3,6 @@
 
 use super::Known;
 use crate::step::ShownPicture;
-use glam::DVec3;
 use penumbra_interface::{Exposure, MonotonicTime, RigidTransform};
 use penumbra_numerics::median;
 use penumbra_picture::Picture;
@@ -97,8 +96,7 @@ impl Comparison {
             environment_view: &environment.view,
             vignetting: [scene_camera.vignetting, environment.vignetting],
         };
-        let cast = |origin: DVec3, direction: DVec3| caster.cast(origin, direction);
-        let pairs = gather_pairs(&overlap, &cast, &GatherOptions::default());
+        let pairs = gather_pairs(&overlap, caster, &GatherOptions::default());
         self.photometry
             .set_exposures(reported(shown.exposure), reported(exposure));
         self.compare(&pairs);

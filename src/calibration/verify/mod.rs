@@ -14,8 +14,8 @@ pub use reprojection::{Off, Reprojection};
 
 use super::intrinsics::Grey;
 use super::latency::{
-    CameraMotion, CameraTurn, ClockOffset, ImageMotion, LatencyError, Mounted, TrackerTrack,
-    follow::by_motion, from_rotations,
+    CameraMotion, CameraRotation, ClockOffset, ImageMotion, LatencyError, Mounted, TrackerTrack,
+    from_image_motion, from_rotations,
 };
 use super::step::{Eye, Finished, Made, Progress, Shown, ShownPicture, Step, Wants};
 use colour::Comparison;
@@ -23,9 +23,9 @@ use penumbra_camera::EnvironmentView;
 use penumbra_fiducials::{Detector, Registrar, Registration, TagMap, TagSeen};
 use penumbra_interface::{MonotonicTime, PoseSample, RigidTransform};
 use penumbra_rig_model::RigDocument;
+use penumbra_scene::RayCaster;
 use penumbra_sync::{HistoryConfig, PoseHistory};
 use penumbra_white_balance::PhotometricMatch;
-use penumbra_white_balance::raycast::PhantomCaster;
 
 /// What the check is meant to take, seconds.
 const LENGTH: f64 = 60.0;
@@ -42,7 +42,7 @@ pub struct Known {
     /// Its markers.
     pub map: TagMap,
     /// The phantoms, for what both cameras see.
-    pub caster: Option<PhantomCaster>,
+    pub caster: Option<RayCaster>,
     /// The tracker's station that carries the camera.
     pub station: u8,
 }
@@ -202,13 +202,13 @@ impl Verify {
         }
         let readings = self.readings.iter();
         let readings = readings.map(|(at, pose)| (at.seconds_since(first), *pose));
-        let track = TrackerTrack::of_poses(readings, SMOOTHING);
-        let turns: Vec<CameraTurn> = self
+        let track = TrackerTrack::from_poses(readings, SMOOTHING);
+        let turns: Vec<CameraRotation> = self
             .moments
             .windows(2)
             .filter_map(|w| {
                 let (a, b) = (w[0].by_markers?, w[1].by_markers?);
-                Some(CameraTurn {
+                Some(CameraRotation {
                     from: w[0].seconds,
                     to: w[1].seconds,
                     rotation: a.rotation.inverse() * b.rotation,
@@ -217,7 +217,7 @@ impl Verify {
             .collect();
         let by_turns = from_rotations(&track, &turns, RANGE);
         let mounted = Mounted::scene_camera(&self.known.rig.calibration);
-        let by_motion = || by_motion(&track, &self.motions, mounted.as_ref(), RANGE);
+        let by_motion = || from_image_motion(&track, &self.motions, mounted.as_ref(), RANGE);
         Some(by_turns.or_else(|error| by_motion().map(|(found, _)| found).map_err(|_| error)))
     }
 

@@ -1,11 +1,11 @@
 //! What a pixel shows, and which lights reach it.
 
-use super::super::scene_buffers::is_ground;
+use super::super::mesh_buffers::is_ground;
 use glam::{DVec2, DVec3, Vec3};
 use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::DomeLight;
-use penumbra_scene::{Hit, Part, PhantomRays, Scene};
+use penumbra_scene::{Hit, Part, RayCaster, Scene};
 use std::hash::{DefaultHasher, Hash, Hasher};
 
 /// A shadow ray starts so far above its surface, metres: past the rounding of `f32` at
@@ -25,9 +25,9 @@ pub enum Seen {
 
 /// A scene, ready for rays.
 pub struct Reference {
-    phantoms: PhantomRays,
-    phantom_casters: PhantomRays,
-    virtual_parts: PhantomRays,
+    phantoms: RayCaster,
+    phantom_casters: RayCaster,
+    virtual_parts: RayCaster,
     parts: (Vec<Part>, Vec<Part>),
     pub(super) has_ground: bool,
     rays_per_light: u32,
@@ -73,9 +73,9 @@ impl Reference {
             .cloned()
             .collect();
         Self {
-            phantoms: PhantomRays::from_parts(&scene.phantom_parts),
-            phantom_casters: PhantomRays::from_parts(&solid),
-            virtual_parts: PhantomRays::from_parts(&scene.virtual_parts),
+            phantoms: RayCaster::from_parts(&scene.phantom_parts),
+            phantom_casters: RayCaster::from_parts(&solid),
+            virtual_parts: RayCaster::from_parts(&scene.virtual_parts),
             parts: (scene.phantom_parts.clone(), scene.virtual_parts.clone()),
             has_ground: scene.ground_height.is_some(),
             rays_per_light: 1,
@@ -99,13 +99,13 @@ impl Reference {
         world_from_camera: RigidTransform,
         with_virtual: bool,
     ) -> Option<Surface> {
-        let eye = world_from_camera.translation.as_vec3();
+        let eye = world_from_camera.translation;
         let ray = camera.unproject(DVec2::new(f64::from(x), f64::from(y)));
-        let direction = (world_from_camera.rotation * ray).as_vec3();
-        let real = self.phantoms.hit(eye, direction);
+        let direction = world_from_camera.rotation * ray;
+        let real = self.phantoms.nearest(eye, direction);
         let unreal = self
             .virtual_parts
-            .hit(eye, direction)
+            .nearest(eye, direction)
             .filter(|_| with_virtual);
         let nearer = match (&real, &unreal) {
             (Some(real), Some(unreal)) => unreal.distance <= real.distance,
@@ -137,15 +137,17 @@ impl Reference {
     /// Whether nothing stands between a surface and a point `distance` metres along `to`.
     pub(super) fn sees(&self, surface: &Surface, to: Vec3, distance: f32) -> bool {
         let from = surface.point + surface.normal.as_vec3() * LIFT;
-        let free = |rays: &PhantomRays| !rays.is_blocked(from, to, distance);
+        let (from, to) = (from.as_dvec3(), to.as_dvec3());
+        let free = |rays: &RayCaster| !rays.is_blocked(from, to, distance.into());
         free(&self.phantom_casters) && free(&self.virtual_parts)
     }
 
     fn share_in_sight(&self, from: Vec3, light: &DomeLight) -> Reaching {
+        let from = from.as_dvec3();
         let (mut real, mut unreal, mut both) = (0, 0, 0);
         for k in 0..self.rays_per_light {
-            let towards = point_of_disc(light, k, self.rays_per_light);
-            let free = |rays: &PhantomRays| !rays.is_blocked(from, towards, f32::INFINITY);
+            let towards = point_of_disc(light, k, self.rays_per_light).as_dvec3();
+            let free = |rays: &RayCaster| !rays.is_blocked(from, towards, f64::INFINITY);
             let (past_real, past_unreal) = (free(&self.phantom_casters), free(&self.virtual_parts));
             real += u32::from(past_real);
             unreal += u32::from(past_unreal);
@@ -174,15 +176,15 @@ fn point_of_disc(light: &DomeLight, k: u32, count: u32) -> Vec3 {
 fn described(seen: Seen, hit: Hit, parts: &[Part]) -> Surface {
     let mut surface = Surface {
         seen,
-        part: hit.part,
-        point: hit.point,
-        normal: hit.normal.as_dvec3(),
+        part: hit.surface as usize,
+        point: hit.point.as_vec3(),
+        normal: hit.shading_normal,
         diffuse: DVec3::ZERO,
         emissive: DVec3::ZERO,
         mirror: false,
         albedo: DVec3::ONE,
     };
-    if let Some(part) = parts.get(hit.part) {
+    if let Some(part) = parts.get(hit.surface as usize) {
         let m = &part.material;
         let metallic = if m.phong.is_some() { 0.0 } else { m.metallic };
         surface.diffuse = m.base_colour.truncate().as_dvec3() * f64::from(1.0 - metallic);

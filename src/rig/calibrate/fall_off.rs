@@ -8,8 +8,8 @@ use penumbra_calibration::radiometric::vignetting::{Fit, Reading};
 use penumbra_camera::PinholeCamera;
 use penumbra_camera::vignetting::frame;
 use penumbra_interface::RigidTransform;
+use penumbra_scene::RayCaster;
 use penumbra_white_balance::chart::{Photograph, read_codes};
-use penumbra_white_balance::raycast::PhantomCaster;
 
 /// Places asked for in a new picture, each way.
 const GRID: (u32, u32) = (16, 12);
@@ -42,7 +42,7 @@ impl FallOff {
         photograph: Photograph,
         camera: &PinholeCamera,
         world_from_camera: RigidTransform,
-        rays: &PhantomCaster,
+        rays: &RayCaster,
     ) {
         if (photograph.picture.width, photograph.picture.height) != (camera.width, camera.height) {
             return;
@@ -76,7 +76,7 @@ impl FallOff {
         &mut self,
         camera: &PinholeCamera,
         world_from_camera: RigidTransform,
-        rays: &PhantomCaster,
+        rays: &RayCaster,
     ) {
         if self.points.len() >= MOST {
             return;
@@ -89,7 +89,7 @@ impl FallOff {
                     share(j, GRID.1) * f64::from(camera.height),
                 );
                 let direction = world_from_camera.rotation * camera.unproject(pixel);
-                let hit = rays.cast(world_from_camera.translation, direction);
+                let hit = rays.nearest(world_from_camera.translation, direction);
                 if let Some(hit) = hit.filter(|hit| !hit.mirror) {
                     self.points.push(hit.point);
                 }
@@ -105,9 +105,9 @@ impl FallOff {
     }
 }
 
-fn visible(rays: &PhantomCaster, eye: DVec3, point: DVec3) -> bool {
+fn visible(rays: &RayCaster, eye: DVec3, point: DVec3) -> bool {
     let (direction, distance) = (point - eye).normalize_and_length();
-    rays.cast(eye, direction)
+    rays.nearest(eye, direction)
         .is_some_and(|hit| (hit.distance - distance).abs() < 0.002 + 0.005 * distance)
 }
 
@@ -185,7 +185,7 @@ mod tests {
             ground_height: Some(0.0),
             ..Scene::default()
         };
-        let rays = PhantomCaster::new(&scene);
+        let rays = RayCaster::from_phantoms(&scene);
         let down = DQuat::from_mat3(&DMat3::from_cols(DVec3::X, DVec3::NEG_Y, DVec3::NEG_Z));
         for k in [[-0.35, 0.0, 0.0], [0.0; 3]] {
             let mut fall_off = FallOff::default();

@@ -10,13 +10,13 @@ use penumbra_interface::{Frame, MonotonicTime, RigidTransform};
 use penumbra_picture::{Picture, decode_into};
 use penumbra_rig_model::RigDocument;
 use penumbra_rig_model::TrackerCalibration;
+use penumbra_scene::RayCaster;
 use penumbra_session::{Session, SessionEvent};
 use penumbra_sync::{HistoryConfig, PoseHistory};
 use penumbra_white_balance::GainEstimate;
 use penumbra_white_balance::chart::Photograph;
 use penumbra_white_balance::gather::{GatherOptions, Overlap, gather_pairs};
 use penumbra_white_balance::overlap::estimate_overlap;
-use penumbra_white_balance::raycast::PhantomCaster;
 use std::sync::Arc;
 
 /// Pairs of pictures that are compared.
@@ -43,7 +43,7 @@ pub fn seen_by_both(session: &Session, config: &Config, rig: &RigDocument) -> Op
     let mut watch = Watch {
         config,
         rig,
-        rays: PhantomCaster::new(&scene),
+        rays: RayCaster::from_phantoms(&scene),
         tracker: rig.calibration.tracker.as_ref()?,
         history: PoseHistory::new(HistoryConfig::default()),
         spacing: end.seconds_since(start) / PAIRS as f64,
@@ -93,7 +93,7 @@ pub fn seen_by_both(session: &Session, config: &Config, rig: &RigDocument) -> Op
 struct Watch<'a> {
     config: &'a Config,
     rig: &'a RigDocument,
-    rays: PhantomCaster,
+    rays: RayCaster,
     tracker: &'a TrackerCalibration,
     history: PoseHistory,
     spacing: f64,
@@ -169,8 +169,7 @@ impl Watch<'_> {
             environment_view: &environment.view,
             vignetting: [rig.scene_camera.vignetting, environment.vignetting],
         };
-        let cast = |o: DVec3, d: DVec3| self.rays.cast(o, d);
-        let pairs = gather_pairs(&overlap, &cast, &GatherOptions::default());
+        let pairs = gather_pairs(&overlap, &self.rays, &GatherOptions::default());
         Some(estimate_overlap(&pairs).ok()?.estimate)
     }
 }

@@ -8,7 +8,7 @@ use penumbra_camera::EnvironmentView;
 use penumbra_config::Config;
 use penumbra_rig_model::Attachments;
 use penumbra_rig_model::RigDocument;
-use penumbra_white_balance::raycast::PhantomCaster;
+use penumbra_scene::RayCaster;
 use penumbra_white_balance::{PhotometricMatch, PhotometrySettings};
 
 /// As the dashboard shows it.
@@ -57,7 +57,7 @@ pub fn verify_step(
         photometry.set_calibrated(gains);
     }
     let known = Known {
-        caster: Some(PhantomCaster::new(&scene)),
+        caster: Some(RayCaster::from_phantoms(&scene)),
         map,
         station: station(config),
         rig: document,

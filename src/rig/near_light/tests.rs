@@ -84,7 +84,7 @@ fn what_moves_throws_its_light_where_it_is_while_the_light_is_shown() {
     for generation in 1..4 {
         placed.update(0.75, &lighting(generation), none);
     }
-    let sum = |light: &NearLight| light.change.ground.iter().copied().sum::<Vec3>();
+    let sum = |light: &IndirectLight| light.change.ground.iter().copied().sum::<Vec3>();
     let (a, b) = (sum(moved), sum(placed.light().unwrap()));
     assert!(a.distance(b) < 0.01 * b.length(), "{a} {b}");
     // Time begins anew.

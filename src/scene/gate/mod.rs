@@ -9,8 +9,8 @@ mod body;
 mod roof;
 mod solids;
 
-use super::Material;
 use super::gltf_file::{Model, ModelPart};
+use crate::mesh::Material;
 use glam::{DMat4, Vec3};
 use penumbra_camera::linear_from_srgb;
 use solids::Solids;

@@ -1,7 +1,7 @@
 //! Closed solids, gathered into one mesh. All face outwards.
 
+use crate::mesh::{Mesh, Vertex};
 use crate::normals::recompute_normals;
-use crate::{Mesh, Vertex};
 use glam::{Vec2, Vec3, Vec4};
 use std::f32::consts::TAU;
 

@@ -122,6 +122,48 @@ fn the_material_is_read_with_its_extensions() {
     assert!(material.double_sided);
 }
 
+/// The document with two materials of this KHR_materials_specular.
+fn with_specular(extension: &Value) -> Value {
+    let mut d = document();
+    d["materials"][0]["extensions"]["KHR_materials_specular"] = extension.clone();
+    d["materials"][1] = d["materials"][0].clone();
+    d["meshes"][0]["primitives"][1] = d["meshes"][0]["primitives"][0].clone();
+    d["meshes"][0]["primitives"][1]["material"] = json!(1);
+    d
+}
+
+#[test]
+fn grey_specular_colour_scales_the_specular_factor() {
+    let d = with_specular(&json!({"specularFactor": 0.5, "specularColorFactor": [0.5, 0.5, 0.5]}));
+    let model = load(&d).unwrap();
+    assert_eq!(model.parts[0].material.specular, 0.25);
+    assert_eq!(model.warnings, Vec::<String>::new());
+}
+
+#[test]
+fn one_warning_names_the_ignored_specular_properties() {
+    let mut d = with_specular(&json!({
+        "specularFactor": 0.5, "specularColorFactor": [1.0, 0.5, 0.0],
+        "specularTexture": {"index": 0}, "specularColorTexture": {"index": 0}}));
+    d["images"] = json!([{"uri": "missing.png"}]);
+    d["textures"] = json!([{"source": 0}]);
+    let model = load(&d).unwrap();
+    let luminance = 0.2126 + 0.5 * 0.7152;
+    assert!((model.parts[0].material.specular - 0.5 * luminance).abs() < 1e-6);
+    assert_eq!(
+        model.warnings,
+        [
+            "rock.glb: KHR_materials_specular: specularColorTexture, specularTexture, \
+          the hue of specularColorFactor ignored; bake the reflection into metallic and roughness"
+        ]
+    );
+    let d = with_specular(&json!({"specularColorFactor": [2.0, 2.0, 2.0]}));
+    let model = load(&d).unwrap();
+    assert_eq!(model.parts[0].material.specular, 1.0);
+    assert_eq!(model.warnings.len(), 1);
+    assert!(model.warnings[0].contains("specularColorFactor above 1 ignored"));
+}
+
 #[test]
 fn nodes_are_placed_below_one_another() {
     let mut d = document();

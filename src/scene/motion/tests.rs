@@ -1,6 +1,6 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
-use crate::{VirtualLight, VirtualLightKey, VirtualLightKind};
+use crate::virtual_light::{VirtualLight, VirtualLightKey, VirtualLightKind};
 use glam::Vec3;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -10,7 +10,7 @@ fn channel<T: Value>(keys: &[(f64, T)], easing: Easing) -> Channel<T> {
 }
 
 #[test]
-fn each_easing_goes_its_own_way_between_two_keys() {
+fn easings_interpolate_between_two_keys() {
     let x = |easing| {
         let c = channel(&[(1.0, DVec3::ZERO), (3.0, DVec3::X * 8.0)], easing);
         [0.0, 1.5, 2.0, 3.0, 9.0].map(|t| c.at(t).unwrap().x)
@@ -22,7 +22,7 @@ fn each_easing_goes_its_own_way_between_two_keys() {
 }
 
 #[test]
-fn a_cubic_spline_through_a_cubic_is_that_cubic() {
+fn cubic_spline_reproduces_a_cubic() {
     // x = t³ − 2t² + 3 with its slopes as tangents.
     let (f, slope) = (
         |t: f64| t.powi(3) - 2.0 * t * t + 3.0,
@@ -34,14 +34,14 @@ fn a_cubic_spline_through_a_cubic_is_that_cubic() {
     let c = Channel::new(seconds, values, Easing::Cubic).unwrap();
     for i in 0..=50 {
         let t = 0.5 + 0.05 * f64::from(i);
-        let off = c.at(t).unwrap() - DVec3::splat(f(t));
-        assert!(off.abs().max_element() < 1e-12, "{t}: {off}");
+        let error = c.at(t).unwrap() - DVec3::splat(f(t));
+        assert!(error.abs().max_element() < 1e-12, "{t}: {error}");
     }
     assert!((c.at(0.0).unwrap().x - f(0.5)).abs() < 1e-15);
 }
 
 #[test]
-fn angles_make_full_turns_and_quaternions_take_the_shorter_way() {
+fn angles_make_full_turns_and_quaternions_take_the_shorter_arc() {
     let turned = |turning| {
         let track = Track {
             turning: Some(turning),
@@ -62,7 +62,7 @@ fn angles_make_full_turns_and_quaternions_take_the_shorter_way() {
 }
 
 #[test]
-fn chains_repeat_each_by_itself_and_what_stands_still_is_one_link() {
+fn tracks_repeat_and_constant_transforms_are_merged() {
     let swing = Track {
         position: Some(channel(
             &[(0.0, DVec3::ZERO), (2.0, DVec3::X)],
@@ -90,7 +90,7 @@ fn chains_repeat_each_by_itself_and_what_stands_still_is_one_link() {
 }
 
 #[test]
-fn nothing_is_scaled_to_nothing_or_turned_inside_out() {
+fn scale_stays_positive() {
     let keys = [(0.0, DVec3::ONE), (1.0, DVec3::new(-1.0, 0.0, 1.0))];
     let track = Track {
         scale: Some(channel(&keys, Easing::Linear)),
@@ -107,7 +107,7 @@ fn nothing_is_scaled_to_nothing_or_turned_inside_out() {
 }
 
 #[test]
-fn keys_must_grow_and_fit() {
+fn refuses_times_that_do_not_increase_and_wrong_value_counts() {
     let none = |seconds: &[f64], values: usize, easing| {
         Channel::new(seconds.to_vec(), vec![DVec3::ZERO; values], easing).is_none()
     };
@@ -117,7 +117,7 @@ fn keys_must_grow_and_fit() {
 }
 
 #[test]
-fn lamps_go_where_they_are_carried() {
+fn lamps_follow_their_carriers() {
     let lamp = |x: f64, gain: f64| VirtualLight {
         screen: None,
         name: "spot".into(),

@@ -3,7 +3,7 @@
 
 use super::hull::{Clusters, hull_faces};
 use super::surface::{Fragment, bounds};
-use crate::Scene;
+use crate::mesh::Scene;
 use glam::DVec3;
 
 /// Parts whose boxes share this much of the smaller one are one object.

@@ -5,8 +5,8 @@ use super::clusters::divide;
 use super::ground::Ground;
 use super::surface::{Fragment, Surface};
 use super::{Layer, Receiver, ShadowingPlane};
-use crate::PhantomRays;
-use crate::{Part, Scene};
+use crate::mesh::{Part, Scene};
+use crate::raycast::RayCaster;
 use glam::DVec3;
 use thiserror::Error;
 
@@ -151,7 +151,7 @@ fn model(scene: &Scene) -> Result<Surface, PlaneError> {
         return Err(PlaneError::NoSurface);
     }
     let extent = longest(model.bounds());
-    model.weigh(&PhantomRays::from_parts(&scene.virtual_parts), extent);
+    model.weigh(&RayCaster::from_parts(&scene.virtual_parts), extent);
     Ok(model)
 }
 

@@ -4,7 +4,7 @@
 use super::rectangle::Axes;
 use super::surface::{Fragment, bounds};
 use super::{Layer, Receiver, ShadowingPlane};
-use crate::Scene;
+use crate::mesh::Scene;
 use glam::{DVec2, DVec3};
 
 /// Shadow lengths per height that the nested planes hold: the lights of a dome of frequency 2

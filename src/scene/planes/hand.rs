@@ -1,7 +1,7 @@
 //! What planes that are placed by hand cover.
 
 use super::{Layer, ShadowingPlane};
-use crate::{Part, Scene};
+use crate::mesh::{Part, Scene};
 use glam::{DVec2, DVec3};
 
 /// Fills in [`ShadowingPlane::parts`] of the scene's own planes, and puts those of the real
@@ -26,7 +26,7 @@ pub(crate) fn covered_parts(scene: &mut Scene) {
 /// Whether the bounding box of `part`, along the plane's axes, meets the slab behind it.
 fn reaches(plane: &ShadowingPlane, part: &Part) -> bool {
     let normal = plane.normal();
-    let place = |v: &crate::Vertex| {
+    let place = |v: &crate::mesh::Vertex| {
         let from = part.world_from_part.transform_point3(v.position.as_dvec3()) - plane.centre;
         DVec3::new(from.dot(plane.right), from.dot(plane.up), -from.dot(normal))
     };

@@ -44,8 +44,8 @@ pub struct ShadowingPlane {
     pub layer: Layer,
     /// Where shadows are caught.
     pub receiver: Receiver,
-    /// Indices of the parts that it covers: into [`crate::Scene::virtual_parts`] or
-    /// [`crate::Scene::phantom_parts`], by its layer.
+    /// Indices of the parts that it covers: into [`crate::mesh::Scene::virtual_parts`] or
+    /// [`crate::mesh::Scene::phantom_parts`], by its layer.
     pub parts: Vec<u32>,
 }
 

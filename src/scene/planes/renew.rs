@@ -6,7 +6,7 @@ use super::generate::{Kept, PlaneError, PlaneSettings, generate_beside};
 use super::surface::bounds;
 use super::{Bake, Layer, ShadowingPlane};
 use crate::change::is_same;
-use crate::{Part, Scene};
+use crate::mesh::{Part, Scene};
 use glam::DVec3;
 use penumbra_lighting::geodesic::{Face, GeodesicDome};
 
@@ -167,7 +167,7 @@ struct Extent {
 impl Extent {
     fn around(part: &Part) -> Self {
         let place =
-            |v: &crate::Vertex| part.world_from_part.transform_point3(v.position.as_dvec3());
+            |v: &crate::mesh::Vertex| part.world_from_part.transform_point3(v.position.as_dvec3());
         let (low, high) = bounds(part.mesh.vertices.iter().map(place));
         Self { low, high }
     }

@@ -2,9 +2,9 @@
 //! or not.
 
 use super::PlaneError;
-use crate::Part;
-use crate::PhantomRays;
 use crate::check::triangles;
+use crate::mesh::Part;
+use crate::raycast::RayCaster;
 use glam::{DMat3, DVec3, Vec3};
 
 /// Triangles of one part beyond which it is simplified first.
@@ -82,7 +82,7 @@ impl Surface {
 
     /// Takes away the weight of what can be seen from nowhere, by rays against `rays`, and
     /// most of the weight of what looks down: visitors stand on the ground.
-    pub fn weigh(&mut self, rays: &PhantomRays, extent: f64) {
+    pub fn weigh(&mut self, rays: &RayCaster, extent: f64) {
         let step = self.fragments.len().div_ceil(MOST_PROBED).max(1);
         let around = around();
         for (i, fragment) in self.fragments.iter_mut().enumerate() {
@@ -113,9 +113,9 @@ fn around() -> [DVec3; 24] {
     })
 }
 
-fn is_enclosed(f: &Fragment, rays: &PhantomRays, extent: f64, around: &[DVec3]) -> bool {
-    let origin = (f.centre + f.normal * extent * 1e-4).as_vec3();
-    let blocked = |d: &DVec3| rays.is_blocked(origin, d.as_vec3(), 4.0 * extent as f32);
+fn is_enclosed(f: &Fragment, rays: &RayCaster, extent: f64, around: &[DVec3]) -> bool {
+    let origin = f.centre + f.normal * extent * 1e-4;
+    let blocked = |d: &DVec3| rays.is_blocked(origin, *d, 4.0 * extent);
     let mut open = around.iter().filter(|d| d.dot(f.normal) > 0.15);
     !open.any(|d| !blocked(d))
 }

@@ -2,9 +2,9 @@
 
 use super::material::read_texture;
 use super::typed::{LampFile, LampKind};
-use crate::SceneTexture;
+use crate::mesh::SceneTexture;
 use crate::photometric::mean_colour;
-use crate::{Screen, VirtualLightKey, VirtualLightKind};
+use crate::virtual_light::{Screen, VirtualLightKey, VirtualLightKind};
 use glam::{DMat4, DVec2, DVec3};
 use penumbra_strict_toml::Fault;
 use std::path::Path;

@@ -2,9 +2,9 @@
 
 use super::area;
 use super::typed::{Colour, LampFile, LampKeyFile, LampKind, Photometry};
-use crate::SceneTexture;
-use crate::photometric::{black_body, of_unit_luminance, white_of_ev100};
-use crate::{VirtualLight, VirtualLightKey, VirtualLightKind};
+use crate::mesh::SceneTexture;
+use crate::photometric::{black_body, normalise_luminance, white_of_ev100};
+use crate::virtual_light::{VirtualLight, VirtualLightKey, VirtualLightKind};
 use glam::{DMat4, DVec3, Vec3};
 use penumbra_strict_toml::Fault;
 use std::collections::HashMap;
@@ -245,7 +245,7 @@ fn tint(file: &LampFile, at: &str) -> Result<Vec3, Fault> {
     let wrong = |key: &str, reason: &str| Err(Fault::new(format!("{at}.{key}"), reason));
     match (file.colour, file.kelvin) {
         (Some(_), Some(_)) => wrong("kelvin", "goes without `colour`; leave one out"),
-        (Some(Colour(rgb)), None) => Ok(of_unit_luminance(rgb)),
+        (Some(Colour(rgb)), None) => Ok(normalise_luminance(rgb)),
         (None, Some(k)) if !(500.0..=40_000.0).contains(&k) => {
             wrong("kelvin", "expected a colour temperature from 500 to 40000")
         }

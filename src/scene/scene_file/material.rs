@@ -3,8 +3,8 @@
 use super::typed::{Colour, MaterialFile, PhongFile};
 use crate::gltf_file::read_file;
 use crate::gltf_material::decode;
+use crate::mesh::{Material, Mesh, Part, Phong, SceneTexture};
 use crate::normals::recompute_tangents;
-use crate::{Material, Mesh, Part, Phong, SceneTexture};
 use glam::{Vec2, Vec3};
 use penumbra_lighting::lobes::LARGEST_EXPONENT;
 use penumbra_strict_toml::Fault;
@@ -185,7 +185,7 @@ fn has_coordinates(mesh: &Mesh) -> bool {
 }
 
 fn has_tangents(mesh: &Mesh) -> bool {
-    let given = |v: &crate::Vertex| v.tangent.truncate() != Vec3::ZERO;
+    let given = |v: &crate::mesh::Vertex| v.tangent.truncate() != Vec3::ZERO;
     mesh.vertices.iter().all(given)
 }
 

@@ -2,8 +2,8 @@
 
 use super::Entry;
 use super::typed::{AnimationFile, ObjectKeyFile, Place};
-use crate::Motion;
-use crate::Playing;
+use crate::gltf_file::Playing;
+use crate::motion::Motion;
 use crate::motion::{Channel, Easing, Track, Turning};
 use glam::{DMat4, DQuat, DVec3};
 use penumbra_interface::RigidTransform;

@@ -2,10 +2,11 @@
 
 use super::typed::{Entry, LampFile};
 use super::{Surroundings, lamp, motion, refuse_phantom_keys};
-use crate::VirtualLight;
+use crate::error::SceneError;
 use crate::lamps::MOST_LAMPS;
-use crate::{Motion, Motions, Mover};
-use crate::{Part, SceneError};
+use crate::mesh::Part;
+use crate::motion::{Motion, Motions, Mover};
+use crate::virtual_light::VirtualLight;
 use glam::DMat4;
 use penumbra_strict_toml::{Fault, TomlText};
 use std::collections::HashMap;
@@ -19,6 +20,8 @@ pub(super) struct Placed {
     /// Where each of them was written down: file, line and key, as a message begins.
     pub lamp_places: Vec<String>,
     pub motions: Motions,
+    /// Warnings of the model files, each once.
+    pub warnings: Vec<String>,
     /// Where the lamps stand in that are attached to the object of a name.
     frames: HashMap<String, DMat4>,
     standings: HashMap<String, Motion>,
@@ -37,6 +40,11 @@ impl Placed {
         let at = format!("object[{index}]");
         refuse_phantom_keys(entry, &at).map_err(located)?;
         let model = entry.model(&at, folder, text)?;
+        for warning in &model.warnings {
+            if !self.warnings.contains(warning) {
+                self.warnings.push(warning.clone());
+            }
+        }
         let standing = entry.standing(&at, world_from_model).map_err(located)?;
         let parts = entry.parts(&model, &at, folder, text)?;
         for (k, mut part) in parts.into_iter().enumerate() {

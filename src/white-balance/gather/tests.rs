@@ -2,15 +2,16 @@
 
 use super::*;
 use crate::overlap::{Shortage, estimate_overlap};
-use crate::raycast::{ground_only, sphere_hit};
 use glam::{DMat3, DQuat};
 use penumbra_camera::Response;
 use penumbra_camera::{FisheyeLens, MirrorSphere};
+use penumbra_scene::Scene;
+use penumbra_scene::raycast::sphere_hit;
 
 const GAINS: DVec3 = DVec3::new(3.0, 2.5, 4.0);
 
-/// A pose that looks from `eye` at `target`.
-fn looking(eye: DVec3, target: DVec3) -> RigidTransform {
+/// The pose of a camera at `eye` that looks at `target`.
+fn look_at(eye: DVec3, target: DVec3) -> RigidTransform {
     let z = (target - eye).normalize();
     let x = z.cross(DVec3::Z).normalize();
     let rotation = DQuat::from_mat3(&DMat3::from_cols(x, z.cross(x), z));
@@ -33,7 +34,7 @@ fn ground_radiance(point: DVec3) -> DVec3 {
     DVec3::new(wave(9.0), wave(11.0), wave(7.0))
 }
 
-fn paint(size: u32, response: &Response, radiance: impl Fn(DVec2) -> DVec3) -> Picture {
+fn render(size: u32, response: &Response, radiance: impl Fn(DVec2) -> DVec3) -> Picture {
     let pixels = (0..size).flat_map(|y| (0..size).map(move |x| (x, y)));
     let rgba = pixels.flat_map(|(x, y)| {
         let linear = radiance(DVec2::new(f64::from(x), f64::from(y)));
@@ -58,6 +59,13 @@ struct Rig {
     response: Response,
 }
 
+fn level_ground() -> RayCaster {
+    RayCaster::from_phantoms(&Scene {
+        ground_height: Some(0.0),
+        ..Scene::default()
+    })
+}
+
 fn sphere_rig() -> Rig {
     let sphere = MirrorSphere {
         centre_in_world: DVec3::new(0.0, 0.1, 0.05),
@@ -67,29 +75,33 @@ fn sphere_rig() -> Rig {
     };
     let response = Response::srgb();
     let scene_camera = camera(240, 260.0);
-    let world_from_scene_camera = looking(DVec3::new(0.0, -0.6, 0.5), DVec3::ZERO);
+    let world_from_scene_camera = look_at(DVec3::new(0.0, -0.6, 0.5), DVec3::ZERO);
     let view = EnvironmentView::Sphere {
         camera: camera(240, 700.0),
-        world_from_camera: looking(DVec3::new(0.3, -0.2, 0.3), sphere.centre_in_world),
+        world_from_camera: look_at(DVec3::new(0.3, -0.2, 0.3), sphere.centre_in_world),
         sphere: sphere.clone(),
     };
-    let ground = ground_only(0.0);
-    let environment = paint(240, &response, |pixel| {
+    let ground = level_ground();
+    let environment = render(240, &response, |pixel| {
         let Some(ray) = environment_ray(&view, pixel) else {
             return DVec3::ZERO;
         };
-        ground(ray.origin, ray.direction).map_or(DVec3::ZERO, |hit| {
-            ray.attenuation * ground_radiance(hit.point) / GAINS
-        })
+        ground
+            .nearest(ray.origin, ray.direction)
+            .map_or(DVec3::ZERO, |hit| {
+                ray.attenuation * ground_radiance(hit.point) / GAINS
+            })
     });
     let eye = world_from_scene_camera.translation;
-    let scene = paint(240, &response, |pixel| {
+    let scene = render(240, &response, |pixel| {
         let direction = world_from_scene_camera.rotation * scene_camera.unproject(pixel);
-        // The sphere itself stands in the picture, nearly black.
+        // The scene camera sees the sphere itself, nearly black.
         if sphere_hit(sphere.centre_in_world, sphere.radius, eye, direction).is_some() {
             return DVec3::splat(0.02);
         }
-        ground(eye, direction).map_or(DVec3::ZERO, |hit| ground_radiance(hit.point))
+        ground
+            .nearest(eye, direction)
+            .map_or(DVec3::ZERO, |hit| ground_radiance(hit.point))
     });
     Rig {
         scene_camera,
@@ -117,12 +129,12 @@ impl Rig {
             environment_view: &self.view,
             vignetting: [None; 2],
         };
-        gather_pairs(&overlap, &ground_only(0.0), &GatherOptions::default())
+        gather_pairs(&overlap, &level_ground(), &GatherOptions::default())
     }
 }
 
 #[test]
-fn a_sphere_rig_finds_its_gains_without_the_spheres_own_colour() {
+fn recovers_gains_without_the_spheres_own_colour() {
     let pairs = sphere_rig().gather();
     let found = estimate_overlap(&pairs).unwrap();
     let error = found.estimate.percent_from(GAINS);
@@ -131,7 +143,7 @@ fn a_sphere_rig_finds_its_gains_without_the_spheres_own_colour() {
 }
 
 #[test]
-fn what_is_not_in_the_calibration_is_an_outlier() {
+fn unmodelled_object_is_rejected_as_an_outlier() {
     let mut rig = sphere_rig();
     for y in 40..110u32 {
         let row = 4 * 240 * y as usize;
@@ -143,7 +155,7 @@ fn what_is_not_in_the_calibration_is_an_outlier() {
 }
 
 #[test]
-fn clipped_and_black_patches_are_marked_per_channel() {
+fn clipped_and_black_channels_have_infinite_variance() {
     let mut rig = sphere_rig();
     for pixel in rig.scene.rgba.chunks_exact_mut(4) {
         pixel[0] = 255;
@@ -160,7 +172,7 @@ fn clipped_and_black_patches_are_marked_per_channel() {
 }
 
 #[test]
-fn a_fisheye_that_looks_up_sees_no_ground_and_says_so() {
+fn fisheye_that_looks_up_yields_no_patches() {
     let mut rig = sphere_rig();
     rig.view = EnvironmentView::Fisheye {
         lens: FisheyeLens {
@@ -180,7 +192,7 @@ fn a_fisheye_that_looks_up_sees_no_ground_and_says_so() {
 }
 
 #[test]
-fn pictures_of_the_wrong_size_give_nothing() {
+fn pictures_of_the_wrong_size_yield_no_patches() {
     let mut rig = sphere_rig();
     rig.environment.width -= 1;
     assert_eq!(rig.gather(), []);

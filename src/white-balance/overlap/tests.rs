@@ -25,7 +25,7 @@ fn seconds(s: f64) -> MonotonicTime {
 const GAINS: DVec3 = DVec3::new(3.0, 2.5, 4.0);
 
 #[test]
-fn a_quarter_of_outliers_is_borne() {
+fn tolerates_a_quarter_of_outliers() {
     let found = estimate_overlap(&pairs(GAINS, 200, 50)).unwrap();
     let error = found.estimate.percent_from(GAINS);
     assert!(error.abs().max_element() < 1.0, "{error}");
@@ -33,7 +33,7 @@ fn a_quarter_of_outliers_is_borne() {
 }
 
 #[test]
-fn clipped_channels_are_left_out() {
+fn ignores_clipped_channels() {
     let mut pairs = pairs(GAINS, 200, 0);
     for pair in pairs.iter_mut().step_by(2) {
         pair.scene.x = 1.0;
@@ -45,7 +45,7 @@ fn clipped_channels_are_left_out() {
 }
 
 #[test]
-fn too_few_and_contradictory_pairs_are_refused() {
+fn rejects_too_few_and_inconsistent_patches() {
     assert!(matches!(
         estimate_overlap(&[]),
         Err(Shortage::TooFew { pairs: 0, .. })
@@ -85,7 +85,7 @@ fn timing(exposure_factor: f64, at: MonotonicTime) -> PairTiming {
 }
 
 #[test]
-fn noise_is_averaged_and_the_stated_error_falls_but_not_to_nothing() {
+fn averaging_reduces_the_standard_error_down_to_the_systematic_error() {
     let mut tracker = GainTracker::new(SmoothingOptions {
         drift: 0.0,
         ..SmoothingOptions::default()
@@ -106,7 +106,7 @@ fn noise_is_averaged_and_the_stated_error_falls_but_not_to_nothing() {
 }
 
 #[test]
-fn it_freezes_keeps_its_value_and_thaws() {
+fn keeps_its_value_while_pairs_are_not_usable() {
     let mut tracker = GainTracker::new(SmoothingOptions::default());
     assert_eq!(tracker.estimate(), None);
     tracker.update(answer(GAINS, 0.02), timing(1.0, seconds(0.0)));
@@ -123,7 +123,7 @@ fn it_freezes_keeps_its_value_and_thaws() {
 }
 
 #[test]
-fn a_passing_hand_is_ignored_and_a_lasting_jump_is_followed() {
+fn ignores_a_short_jump_and_follows_a_persistent_one() {
     let mut tracker = GainTracker::new(SmoothingOptions::default());
     for i in 0..10 {
         tracker.update(
@@ -153,7 +153,7 @@ fn a_passing_hand_is_ignored_and_a_lasting_jump_is_followed() {
 }
 
 #[test]
-fn a_reported_exposure_change_is_no_jump() {
+fn reported_exposure_change_is_no_jump() {
     let mut tracker = GainTracker::new(SmoothingOptions::default());
     tracker.update(answer(GAINS, 0.02), timing(1.0, seconds(0.0)));
     tracker.update(answer(4.0 * GAINS, 0.02), timing(4.0, seconds(0.1)));
@@ -163,7 +163,7 @@ fn a_reported_exposure_change_is_no_jump() {
 }
 
 #[test]
-fn light_that_dims_between_the_two_pictures_is_allowed_for() {
+fn corrects_for_light_that_dims_between_the_pictures() {
     let mut tracker = GainTracker::new(SmoothingOptions::default());
     let rate = -1.0f64; // ln units per second: a cloud
     let skew = 0.03;

@@ -3,8 +3,9 @@
 
 use super::*;
 use crate::gate::temple_gate;
+use crate::mesh::{Material, Mesh};
 use crate::planes::depth::seen_from;
-use crate::{Material, Mesh, primitives};
+use crate::primitives;
 use glam::{DMat4, DVec2, Vec3};
 use std::collections::HashSet;
 use std::path::Path;
@@ -38,7 +39,7 @@ fn scene(parts: Vec<Part>) -> Scene {
 fn coverage(planes: &[ShadowingPlane], parts: &[Part], layer: Layer) -> (f64, f64) {
     let mut surface = Surface::new(parts, &all(parts)).unwrap();
     let extent = longest(surface.bounds());
-    surface.weigh(&PhantomRays::from_parts(parts), extent);
+    surface.weigh(&RayCaster::from_parts(parts), extent);
     let seen: Vec<HashSet<u32>> = planes
         .iter()
         .map(|p| seen_from(p, &surface.fragments).into_iter().collect())

@@ -1,8 +1,9 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
+use crate::mesh::Material;
 use crate::planes::generate;
 use crate::planes::{BakeSettings, Basis, Image, Receiver, ReceiverImage};
-use crate::{Material, primitives};
+use crate::primitives;
 use glam::{DMat4, DVec2, Vec3};
 use std::sync::Arc;
 

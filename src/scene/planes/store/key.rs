@@ -1,8 +1,8 @@
 //! What a bake is known by: everything that it depends on.
 
 use super::content::write_plane;
+use crate::mesh::{Part, Scene};
 use crate::planes::{BakeSettings, PlaneSettings, Receiver};
-use crate::{Part, Scene};
 use sha2::{Digest, Sha256};
 
 /// Of the way of making planes and baking. To be raised whenever the same scene gives others.

@@ -7,10 +7,11 @@
 //! Bakes survive the way to disk and back, and nothing else does.
 
 use super::*;
+use crate::mesh::{Material, Part, Scene};
 use crate::planes::{
     BakeSettings, Basis, Image, PlaneSettings, ReceiverImage, ShadowingPlane, generate,
 };
-use crate::{Material, Part, Scene, primitives};
+use crate::primitives;
 use glam::{DMat4, DVec3, Vec3};
 use proptest::prelude::*;
 use std::path::Path;

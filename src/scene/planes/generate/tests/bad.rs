@@ -1,7 +1,7 @@
 //! Bad models: either planes or one clear line.
 
 use super::*;
-use crate::Vertex;
+use crate::mesh::Vertex;
 use glam::{Vec2, Vec4};
 use proptest::prelude::*;
 

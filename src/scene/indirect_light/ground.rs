@@ -1,0 +1,179 @@
+//! Irradiance of indirect light on the ground.
+
+use super::directions::Directions;
+use super::obstacles::{FirstHit, Obstacles};
+use super::region::Region;
+use super::result::{GROUND_SIDE, IndirectLight};
+use super::shares::{DistantLight, GroundShares, SideShares};
+use super::surfels::{ReflectingPoint, Surfels};
+use glam::{Vec2, Vec3};
+use std::f32::consts::{PI, TAU};
+
+/// Number of rays from each ground texel that gather indirect light.
+const GATHERED: usize = 48;
+
+/// A grid of texels on the ground around the objects.
+pub(super) struct GroundGrid {
+    texels: Vec<Texel>,
+    pub shares: GroundShares,
+    side: u32,
+}
+
+struct Texel {
+    /// Directions in which virtual objects block the light, one bit each.
+    behind_virtual: u128,
+    /// Directions in which phantoms block the light.
+    behind_real: u128,
+    /// Visible virtual surfaces and the phantom sides that they hide, all with equal form factors.
+    virtual_points: Vec<(ReflectingPoint, Option<u32>)>,
+    /// Phantom sides that are visible without virtual objects, with equal form factors.
+    phantoms: Vec<u32>,
+    window: f32,
+}
+
+impl GroundGrid {
+    pub fn new(
+        obstacles: &Obstacles,
+        surfels: &Surfels,
+        directions: &Directions,
+        region: &Region,
+    ) -> Self {
+        let side = if obstacles.floor.is_some() {
+            GROUND_SIDE
+        } else {
+            0
+        };
+        let size = (region.high - region.low).truncate();
+        let texels: Vec<Texel> = (0..side * side)
+            .map(|i| {
+                let at = (Vec2::new((i % side) as f32, (i / side) as f32) + 0.5) / side as f32;
+                let point = (region.low.truncate() + at * size).extend(region.floor);
+                texel(point, i, obstacles, surfels, directions, region)
+            })
+            .collect();
+        Self {
+            shares: GroundShares(vec![1.0; texels.len()]),
+            texels,
+            side,
+        }
+    }
+
+    /// Computes the shares under a new state of the dome.
+    pub fn update(&mut self, directions: &Directions) {
+        for (texel, share) in self.texels.iter().zip(&mut self.shares.0) {
+            let all = directions
+                .irradiance(Vec3::Z, !texel.behind_real)
+                .element_sum();
+            let lost = texel.behind_virtual & !texel.behind_real;
+            let lost = directions.irradiance(Vec3::Z, lost).element_sum();
+            *share = if all > 0.0 { 1.0 - lost / all } else { 1.0 };
+        }
+    }
+
+    /// Computes the irradiance on every texel.
+    pub fn gather(
+        &self,
+        surfels: &Surfels,
+        sides: &SideShares,
+        light: &DistantLight<'_>,
+        out: &mut IndirectLight,
+    ) {
+        let factor = |texel: &Texel| texel.window * PI / GATHERED as f32;
+        let before = |side: u32| light.phantom_radiance(side);
+        let now = |side: u32| sides.radiance(side, light);
+        // Sides that are hidden now are in `phantoms` too, so their present light is subtracted.
+        let change = |texel: &Texel| {
+            let gained = texel.virtual_points.iter().map(|(point, side)| {
+                surfels.radiance(point, &self.shares, sides, light) - side.map_or(Vec3::ZERO, now)
+            });
+            let dimmed = texel.phantoms.iter().map(|s| now(*s) - before(*s));
+            (gained.sum::<Vec3>() + dimmed.sum::<Vec3>()) * factor(texel)
+        };
+        let reflected = |radiance: &dyn Fn(u32) -> Vec3| {
+            let each = |texel: &Texel| {
+                texel.phantoms.iter().map(|s| radiance(*s)).sum::<Vec3>() * factor(texel)
+            };
+            self.smoothed(&self.texels.iter().map(each).collect::<Vec<_>>())
+        };
+        out.change.ground = self.smoothed(&self.texels.iter().map(change).collect::<Vec<_>>());
+        out.real.ground = reflected(&before);
+        out.real_now.ground = reflected(&now);
+    }
+
+    /// Smooths twice with a tent over 3×3 texels: each texel has few rays.
+    fn smoothed(&self, raw: &[Vec3]) -> Vec<Vec3> {
+        let once = |raw: &[Vec3]| -> Vec<Vec3> {
+            let texels = 0..self.side * self.side;
+            texels
+                .map(|i| self.smooth(raw, i % self.side, i / self.side))
+                .collect()
+        };
+        once(&once(raw))
+    }
+
+    fn smooth(&self, raw: &[Vec3], x: u32, y: u32) -> Vec3 {
+        let (mut sum, mut weight) = (Vec3::ZERO, 0.0);
+        for (dx, dy) in (0..9).map(|k| (k % 3, k / 3)) {
+            let (u, v) = ((x + dx).wrapping_sub(1), (y + dy).wrapping_sub(1));
+            if u < self.side && v < self.side {
+                let w = [1.0, 2.0, 1.0][dx as usize] * [1.0, 2.0, 1.0][dy as usize];
+                sum += raw[(v * self.side + u) as usize] * w;
+                weight += w;
+            }
+        }
+        sum / f32::max(weight, 1.0)
+    }
+}
+
+fn texel(
+    point: Vec3,
+    index: u32,
+    obstacles: &Obstacles,
+    surfels: &Surfels,
+    directions: &Directions,
+    region: &Region,
+) -> Texel {
+    let origin = point + Vec3::Z * region.offset();
+    let (mut behind_virtual, mut behind_real) = (0, 0);
+    for (i, d) in directions.all.iter().enumerate().filter(|(_, d)| d.z > 0.0) {
+        match obstacles.first_hit(origin, *d) {
+            FirstHit::Virtual(_) => {
+                behind_virtual |= 1 << i;
+                let both = obstacles.hidden_side(origin, *d).is_some();
+                behind_real |= u128::from(both) << i;
+            }
+            FirstHit::Phantom(_) => behind_real |= 1 << i,
+            FirstHit::Ground(_) | FirstHit::Sky => (),
+        }
+    }
+    let azimuth = TAU * (f64::from(index) * 0.618_033_988_749_895).fract() as f32;
+    let (mut virtual_points, mut phantoms) = (Vec::new(), Vec::new());
+    for d in (0..GATHERED).map(|k| cosine_direction(k, azimuth)) {
+        match obstacles.first_hit(origin, d) {
+            FirstHit::Virtual(hit) => {
+                let hidden = obstacles.hidden_side(origin, d);
+                phantoms.extend(hidden);
+                let point = surfels.reflecting_point(&hit, d, obstacles, region);
+                virtual_points.extend(point.map(|p| (p, hidden)));
+            }
+            FirstHit::Phantom(side) => phantoms.push(side),
+            FirstHit::Ground(_) | FirstHit::Sky => (),
+        }
+    }
+    Texel {
+        behind_virtual,
+        behind_real,
+        virtual_points,
+        phantoms,
+        window: region.window(point),
+    }
+}
+
+/// The `k`-th of `GATHERED` directions around +Z, with a density proportional to the cosine.
+fn cosine_direction(k: usize, azimuth: f32) -> Vec3 {
+    let u = (k as f32 + 0.5) / GATHERED as f32;
+    let phi = azimuth + TAU * (k as f64 * 0.618_033_988_749_895).fract() as f32;
+    let (sin, cos) = phi.sin_cos();
+    let r = u.sqrt();
+    Vec3::new(r * cos, r * sin, (1.0 - u).sqrt())
+}

@@ -1,0 +1,210 @@
+//! Indirect light: light that virtual objects reflect onto the real scene and onto each other,
+//! and light of the ground and of phantoms that virtual objects block.
+//!
+//! Visibility between surfaces is found once, by ray casting: it does not depend on the light. For
+//! every new state of the light the surfels' radiosity follows by sums over these lists
+//! (progressive radiosity, Cohen et al. 1988, on point samples; one more bounce each time), and
+//! from it the change of irradiance on the ground (a grid) and in the air around the objects (a
+//! volume of ambient cubes, McTaggart 2004).
+
+mod directions;
+mod ground;
+mod obstacles;
+mod region;
+mod result;
+mod sampling;
+mod shares;
+mod sides;
+mod surface;
+mod surfels;
+mod volume;
+
+pub use directions::{AXES, side_of};
+pub use obstacles::solid_phantoms;
+pub use result::{GROUND_SIDE, IndirectLight, Irradiance, PhantomRadiance, VOLUME_SIZE};
+
+use crate::mesh::{Part, Scene};
+use directions::Directions;
+use glam::Vec3;
+use ground::GroundGrid;
+use obstacles::Obstacles;
+use penumbra_lighting::Lighting;
+use penumbra_lighting::glints::Whole;
+use region::Region;
+use shares::DistantLight;
+use sides::Sides;
+use surfels::Surfels;
+use volume::Volume;
+
+/// Number of bounces after which indirect light no longer changes visibly.
+const BOUNCES: usize = 3;
+
+/// Visibility around the virtual objects, and the indirect light of the last update.
+pub struct IndirectLightSolver {
+    surfels: Surfels,
+    sides: Sides,
+    ground: GroundGrid,
+    volume: Volume,
+    directions: Directions,
+    light: IndirectLight,
+    /// Generation of the lighting of the last update.
+    lit_by: Option<u64>,
+    has_ground: bool,
+}
+
+impl IndirectLightSolver {
+    /// Casts all rays. `casters` are the scene's virtual parts as they cast shadows. `None` without
+    /// virtual parts.
+    #[must_use]
+    pub fn new(scene: &Scene, casters: &[Part]) -> Option<Self> {
+        let region = Region::around(casters, scene.ground_height)?;
+        let obstacles = Obstacles::new(scene, casters);
+        let directions = Directions::new();
+        let surfels = Surfels::new(casters, &obstacles, &directions, &region);
+        let phantoms: Vec<Part> = solid_phantoms(scene).cloned().collect();
+        let sides = Sides::new(&phantoms, &surfels, &obstacles, &directions, &region);
+        let ground = GroundGrid::new(&obstacles, &surfels, &directions, &region);
+        let volume = Volume::new(&obstacles, &surfels, &directions, &region);
+        let light = IndirectLight {
+            low: region.low,
+            high: region.high,
+            ..IndirectLight::default()
+        };
+        Some(Self {
+            surfels,
+            sides,
+            ground,
+            volume,
+            directions,
+            light,
+            lit_by: None,
+            has_ground: scene.ground_height.is_some(),
+        })
+    }
+
+    /// Continues the generations of the `before` scene's solver: the light of a changed scene differs
+    /// under the same lighting, too.
+    pub fn follow(&mut self, before: &Self) {
+        self.light.generation = before.light.generation;
+    }
+
+    /// Whether the last update was for another generation of `lighting`.
+    #[must_use]
+    pub fn is_outdated(&self, lighting: &Lighting) -> bool {
+        self.lit_by != Some(lighting.generation)
+    }
+
+    /// Computes the indirect light under `lighting` with all bounces at once, for a solver that
+    /// replaces another while frames are shown.
+    pub fn settle(&mut self, lighting: &Lighting, phantoms: &PhantomRadiance) {
+        for _ in 0..BOUNCES {
+            self.lit_by = None;
+            self.update(lighting, phantoms);
+        }
+    }
+
+    /// Computes the indirect light under `lighting`, with one more bounce. Does nothing if it is up to
+    /// date.
+    pub fn update(&mut self, lighting: &Lighting, phantoms: &PhantomRadiance) {
+        if !self.is_outdated(lighting) {
+            return;
+        }
+        self.lit_by = Some(lighting.generation);
+        self.light.generation += 1;
+        self.directions.set_light(lighting);
+        let floor = if self.has_ground {
+            lighting.ground_radiance
+        } else {
+            Vec3::ZERO
+        };
+        let light = DistantLight {
+            radiance: Whole::new(&lighting.radiance),
+            floor,
+            phantoms,
+        };
+        self.ground.update(&self.directions);
+        let shares = &self.ground.shares;
+        self.sides
+            .update(&self.surfels, shares, &self.directions, &light);
+        self.surfels
+            .update(&self.directions, shares, &self.sides.shares, &light);
+        self.ground
+            .gather(&self.surfels, &self.sides.shares, &light, &mut self.light);
+        self.volume.gather(
+            &self.surfels,
+            shares,
+            &self.sides.shares,
+            &self.directions,
+            &light,
+            &mut self.light,
+        );
+    }
+
+    /// The indirect light of the last update.
+    #[must_use]
+    pub const fn light(&self) -> &IndirectLight {
+        &self.light
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+    use crate::casters::casters;
+    use crate::mesh::Material;
+    use crate::primitives;
+    use glam::DMat4;
+    use penumbra_interface::MonotonicTime;
+    use penumbra_lighting::{CubeMap, Harmonics, Lighting};
+    use std::sync::Arc;
+
+    fn solver(size: f32) -> IndirectLightSolver {
+        let part = Part {
+            name: "box".into(),
+            mesh: Arc::new(primitives::cuboid(Vec3::splat(size))),
+            material: Arc::new(Material::default()),
+            world_from_part: DMat4::IDENTITY,
+            mirror: false,
+            albedo: None,
+        };
+        let scene = Scene {
+            virtual_parts: vec![part],
+            ground_height: Some(0.0),
+            ..Scene::default()
+        };
+        IndirectLightSolver::new(&scene, &casters(&scene)).unwrap()
+    }
+
+    fn lighting(generation: u64) -> Lighting {
+        Lighting {
+            captured_at: MonotonicTime::from_nanos(0),
+            generation,
+            radiance: Arc::new(CubeMap {
+                size: 1,
+                levels: vec![vec![[1.0; 3]; 6]],
+                ..CubeMap::default()
+            }),
+            irradiance: Harmonics::default(),
+            lights: Vec::new(),
+            ground_radiance: Vec3::ZERO,
+            faces: None,
+        }
+    }
+
+    #[test]
+    fn changed_scene_has_a_new_generation_under_the_same_lighting() {
+        let none: &PhantomRadiance = &[];
+        let mut before = solver(0.1);
+        before.update(&lighting(5), none);
+        before.update(&lighting(5), none);
+        assert_eq!(before.light().generation, 1);
+        before.update(&lighting(6), none);
+        assert_eq!(before.light().generation, 2);
+        let mut after = solver(0.2);
+        after.follow(&before);
+        after.update(&lighting(6), none);
+        assert_eq!(after.light().generation, 3);
+        assert!(after.light().high.x > before.light().high.x);
+    }
+}

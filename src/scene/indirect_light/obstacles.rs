@@ -1,0 +1,100 @@
+//! Virtual casters, phantoms and the ground as obstacles of rays.
+
+use super::directions::side_of;
+use crate::mesh::{Part, Scene};
+use crate::raycast::{Hit, RayCaster};
+use glam::Vec3;
+
+/// Virtual casters, phantoms and the ground.
+pub(super) struct Obstacles {
+    /// Virtual casters, then the phantoms without the ground.
+    all: RayCaster,
+    /// The phantoms without the ground.
+    real: RayCaster,
+    virtual_parts: u32,
+    /// Height of the ground, metres.
+    pub floor: Option<f32>,
+}
+
+/// A point of a surface: world, metres, and its unit normal.
+#[derive(Clone, Copy)]
+pub(super) struct SurfacePoint {
+    pub point: Vec3,
+    pub normal: Vec3,
+}
+
+/// What a ray hits first.
+pub(super) enum FirstHit {
+    Virtual(SurfacePoint),
+    /// Index of a phantom's side: 6 × phantom + side.
+    Phantom(u32),
+    Ground(Vec3),
+    Sky,
+}
+
+impl Obstacles {
+    pub fn new(scene: &Scene, casters: &[Part]) -> Self {
+        let real: Vec<Part> = solid_phantoms(scene).cloned().collect();
+        let parts: Vec<Part> = casters.iter().chain(&real).cloned().collect();
+        Self {
+            real: RayCaster::from_parts(&real),
+            all: RayCaster::from_parts(&parts),
+            virtual_parts: casters.len() as u32,
+            floor: scene.ground_height.map(|h| h as f32),
+        }
+    }
+
+    /// Returns what a ray hits first.
+    pub fn first_hit(&self, origin: Vec3, direction: Vec3) -> FirstHit {
+        let hit = nearest(&self.all, origin, direction);
+        self.nearer_of(hit, self.virtual_parts, origin, direction)
+    }
+
+    /// Returns what a ray hits first where there are no virtual objects.
+    pub fn first_real_hit(&self, origin: Vec3, direction: Vec3) -> FirstHit {
+        let hit = nearest(&self.real, origin, direction);
+        self.nearer_of(hit, 0, origin, direction)
+    }
+
+    /// The nearer of the ground and `hit`, whose part is virtual if its index is less than
+    /// `virtual_parts`.
+    fn nearer_of(
+        &self,
+        hit: Option<Hit>,
+        virtual_parts: u32,
+        origin: Vec3,
+        direction: Vec3,
+    ) -> FirstHit {
+        let to_floor = self.floor.map(|f| (f - origin.z) / direction.z);
+        let to_floor = to_floor.filter(|t| *t > 0.0 && direction.z < 0.0);
+        match (hit, to_floor) {
+            (Some(hit), t) if t.is_none_or(|t| hit.distance < f64::from(t)) => {
+                let normal = hit.shading_normal.as_vec3();
+                match hit.surface.checked_sub(virtual_parts) {
+                    Some(part) => FirstHit::Phantom(6 * part + side_of(normal)),
+                    None => FirstHit::Virtual(SurfacePoint {
+                        point: hit.point.as_vec3(),
+                        normal,
+                    }),
+                }
+            }
+            (_, Some(t)) => FirstHit::Ground(origin + direction * t),
+            _ => FirstHit::Sky,
+        }
+    }
+
+    /// Returns the side of a phantom that a virtual object may hide from `origin`.
+    pub fn hidden_side(&self, origin: Vec3, direction: Vec3) -> Option<u32> {
+        let hit = nearest(&self.real, origin, direction)?;
+        Some(6 * hit.surface + side_of(hit.shading_normal.as_vec3()))
+    }
+}
+
+fn nearest(rays: &RayCaster, origin: Vec3, direction: Vec3) -> Option<Hit> {
+    rays.nearest(origin.as_dvec3(), direction.as_dvec3())
+}
+
+/// Returns the phantoms without the ground.
+pub fn solid_phantoms(scene: &Scene) -> impl Iterator<Item = &Part> {
+    scene.phantom_parts.iter().filter(|p| p.name != "ground")
+}

@@ -1,0 +1,39 @@
+//! Indirect light around the virtual objects, as the solver returns it.
+
+use glam::Vec3;
+
+/// Number of texels along a side of the ground grid.
+pub const GROUND_SIDE: u32 = 64;
+/// Number of probes of the volume along x, y, z.
+pub const VOLUME_SIZE: [u32; 3] = [12, 12, 8];
+
+/// Indirect light under one state of the distant light, in scene camera units.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct IndirectLight {
+    /// Incremented with every change; 0 before the first update.
+    pub generation: u64,
+    /// Lower corner of the region, world, metres.
+    pub low: Vec3,
+    /// Upper corner of the region, world, metres.
+    pub high: Vec3,
+    /// Change of irradiance by the virtual objects.
+    pub change: Irradiance,
+    /// Irradiance by light that phantoms reflect, without virtual objects.
+    pub real: Irradiance,
+    /// Irradiance by light that phantoms reflect where virtual objects shadow them.
+    pub real_now: Irradiance,
+}
+
+/// Irradiance around the virtual objects, linear RGB.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Irradiance {
+    /// On the ground, row by row from the lower corner: [`GROUND_SIDE`]² values.
+    pub ground: Vec<Vec3>,
+    /// In the air, on surfaces that face +X −X +Y −Y +Z −Z: six volumes of [`VOLUME_SIZE`] values,
+    /// x fastest.
+    pub volume: [Vec<Vec3>; 6],
+}
+
+/// Radiance of the phantoms without the ground, in the order of the scene: for each phantom that
+/// of the sides that face +X −X +Y −Y +Z −Z.
+pub type PhantomRadiance = [[Vec3; 6]];

@@ -1,0 +1,63 @@
+//! The distant light, and the shares of it that virtual objects leave to the ground and to the
+//! sides of phantoms.
+
+use super::region::Region;
+use super::result::{GROUND_SIDE, PhantomRadiance};
+use glam::Vec3;
+use penumbra_lighting::glints::Whole;
+
+/// Light from the environment and from real surfaces, without virtual objects.
+pub(super) struct DistantLight<'a> {
+    pub radiance: Whole<'a>,
+    /// Radiance of the ground; black where there is none.
+    pub floor: Vec3,
+    pub phantoms: &'a PhantomRadiance,
+}
+
+impl DistantLight<'_> {
+    /// Radiance of a phantom's side.
+    pub fn phantom_radiance(&self, side: u32) -> Vec3 {
+        let sides = self.phantoms.get(side as usize / 6);
+        sides.map_or(Vec3::ZERO, |sides| sides[side as usize % 6])
+    }
+
+    /// Radiance of the sky from `direction`, blurred by a lobe of about `width`.
+    pub fn sky_radiance(&self, direction: Vec3, width: f32) -> Vec3 {
+        self.radiance.blurred(direction, width)
+    }
+}
+
+/// Share of the dome's light that virtual objects leave to each ground texel.
+pub(super) struct GroundShares(pub Vec<f32>);
+
+impl GroundShares {
+    /// 1 outside the grid.
+    pub fn share(&self, texel: u32) -> f32 {
+        self.0.get(texel as usize).copied().unwrap_or(1.0)
+    }
+}
+
+/// Index of the ground texel at a point; `u32::MAX` outside the grid.
+pub(super) fn ground_texel(region: &Region, p: Vec3) -> u32 {
+    let at = (p - region.low).truncate() / (region.high - region.low).truncate();
+    if at.min_element() < 0.0 || at.max_element() >= 1.0 {
+        return u32::MAX;
+    }
+    let cell = (at * GROUND_SIDE as f32).as_uvec2();
+    cell.y * GROUND_SIDE + cell.x
+}
+
+/// Ratio of the irradiance on each phantom side to that without virtual objects.
+pub(super) struct SideShares(pub Vec<Vec3>);
+
+impl SideShares {
+    /// 1 for an unknown side.
+    pub fn share(&self, side: u32) -> Vec3 {
+        self.0.get(side as usize).copied().unwrap_or(Vec3::ONE)
+    }
+
+    /// Radiance of a side in the presence of the virtual objects.
+    pub fn radiance(&self, side: u32, light: &DistantLight<'_>) -> Vec3 {
+        light.phantom_radiance(side) * self.share(side)
+    }
+}

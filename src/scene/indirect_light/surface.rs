@@ -1,0 +1,63 @@
+//! Reflectance of a virtual part for indirect light.
+
+use crate::mesh::{Material, SceneTexture};
+use glam::Vec3;
+use penumbra_lighting::lobes;
+use penumbra_lighting::lobes::Family;
+
+/// F0 of dielectrics with a refractive index of 1.5.
+const DIELECTRIC: f32 = 0.04;
+/// Minimum width of a specular lobe: a few rays do not resolve narrower ones.
+const MIN_GLOSS: f32 = 0.09;
+
+/// A part's material, averaged over its textures.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Surface {
+    pub diffuse: Vec3,
+    pub f0: Vec3,
+    /// Width of the specular lobe.
+    pub gloss: f32,
+    pub emissive: Vec3,
+}
+
+impl Surface {
+    pub fn from_material(material: &Material) -> Self {
+        let texture = material
+            .base_colour_texture
+            .as_deref()
+            .map_or(Vec3::ONE, mean_colour);
+        let base = material.base_colour.truncate() * texture;
+        let metallic = material.metallic.clamp(0.0, 1.0);
+        let dielectric = DIELECTRIC * material.specular;
+        if let Some(phong) = &material.phong {
+            let parameter = lobes::phong_parameter(phong.exponent);
+            return Self {
+                diffuse: base,
+                f0: phong.specular,
+                gloss: lobes::own_width(Family::Phong, parameter).max(MIN_GLOSS),
+                emissive: material.emissive,
+            };
+        }
+        Self {
+            diffuse: base * (1.0 - metallic) * (1.0 - dielectric),
+            f0: Vec3::splat(dielectric).lerp(base, metallic),
+            gloss: lobes::own_width(Family::Ggx, material.roughness).max(MIN_GLOSS),
+            emissive: material.emissive,
+        }
+    }
+}
+
+/// Mean linear colour of an sRGB texture, from at most 64² of its texels.
+fn mean_colour(texture: &SceneTexture) -> Vec3 {
+    let texels = texture.rgba.len() / 4;
+    let step = (texels / 4096).max(1);
+    let linear = |c: u8| penumbra_camera::linear_from_srgb(f32::from(c) / 255.0);
+    let colours = texture.rgba.chunks_exact(4).step_by(step);
+    let (sum, count) = colours.fold((Vec3::ZERO, 0.0f32), |(sum, n), c| {
+        (
+            sum + Vec3::new(linear(c[0]), linear(c[1]), linear(c[2])),
+            n + 1.0,
+        )
+    });
+    sum / count.max(1.0)
+}

@@ -1,0 +1,248 @@
+//! Surfels: points on the virtual objects that receive and reflect light.
+
+use super::directions::Directions;
+use super::obstacles::{FirstHit, Obstacles, SurfacePoint};
+use super::region::Region;
+use super::sampling::{point_in, world_triangles};
+use super::shares::{DistantLight, GroundShares, SideShares, ground_texel};
+use super::surface::Surface;
+use crate::mesh::Part;
+use glam::Vec3;
+use std::f32::consts::PI;
+
+/// Number of surfels on all objects together.
+const COUNT: usize = 512;
+/// A point of a virtual surface.
+struct Surfel {
+    position: Vec3,
+    normal: Vec3,
+    surface: Surface,
+    /// Directions in which the sky is visible, one bit each.
+    sky: u128,
+    /// Visible ground texels (`u32::MAX` outside the grid) and their form factors · π.
+    ground: Vec<(u32, f32)>,
+    /// Visible surfels and their form factors · π.
+    others: Vec<(u32, f32)>,
+    /// Visible sides of phantoms and their form factors · π.
+    phantoms: Vec<(u32, f32)>,
+}
+
+/// A point of a virtual object that a ray from the real scene hits.
+pub(super) struct ReflectingPoint {
+    surfel: u32,
+    /// Direction of the reflected ray.
+    reflected: Vec3,
+    /// What the reflected ray hits.
+    source: Source,
+}
+
+/// What a reflected ray hits.
+enum Source {
+    Sky,
+    /// Index of a ground texel, see [`ground_texel`].
+    Ground(u32),
+    Surfel(u32),
+    /// Index of a phantom's side.
+    Phantom(u32),
+}
+
+/// The surfels of all virtual objects and their radiance.
+pub(super) struct Surfels {
+    all: Vec<Surfel>,
+    /// Radiance that is reflected diffusely or emitted.
+    radiance: Vec<Vec3>,
+    /// The same with specular reflection as if it were diffuse: for further bounces.
+    total: Vec<Vec3>,
+    /// `total` of the last update.
+    previous: Vec<Vec3>,
+}
+
+impl Surfels {
+    pub(super) fn new(
+        casters: &[Part],
+        obstacles: &Obstacles,
+        directions: &Directions,
+        region: &Region,
+    ) -> Self {
+        let mut all = distribute(casters);
+        let visible: Vec<_> = all
+            .iter()
+            .map(|s| find_visible(s, &all, obstacles, directions, region))
+            .collect();
+        for (surfel, visible) in all.iter_mut().zip(visible) {
+            surfel.sky = visible.sky;
+            (surfel.ground, surfel.others, surfel.phantoms) =
+                (visible.ground, visible.others, visible.phantoms);
+        }
+        let dark = vec![Vec3::ZERO; all.len()];
+        Self {
+            all,
+            radiance: dark.clone(),
+            total: dark.clone(),
+            previous: dark,
+        }
+    }
+
+    /// Returns the reflecting point at `hit` of a ray along `direction`.
+    pub fn reflecting_point(
+        &self,
+        hit: &SurfacePoint,
+        direction: Vec3,
+        obstacles: &Obstacles,
+        region: &Region,
+    ) -> Option<ReflectingPoint> {
+        let surfel = nearest(&self.all, hit)?;
+        let reflected = direction.normalize().reflect(hit.normal);
+        let source = match obstacles.first_hit(hit.point + hit.normal * region.offset(), reflected)
+        {
+            FirstHit::Sky => Source::Sky,
+            FirstHit::Ground(p) => Source::Ground(ground_texel(region, p)),
+            FirstHit::Virtual(other) => Source::Surfel(nearest(&self.all, &other)?),
+            FirstHit::Phantom(side) => Source::Phantom(side),
+        };
+        Some(ReflectingPoint {
+            surfel,
+            reflected,
+            source,
+        })
+    }
+
+    /// Returns the surfel that represents a point.
+    pub fn nearest(&self, hit: &SurfacePoint) -> Option<u32> {
+        nearest(&self.all, hit)
+    }
+
+    /// Radiance of a surfel, with specular reflection as if it were diffuse.
+    pub fn total_radiance(&self, i: u32) -> Vec3 {
+        self.total[i as usize]
+    }
+
+    /// Computes the radiance under a new state of the light, with one more bounce of the last
+    /// update's radiance.
+    pub fn update(
+        &mut self,
+        directions: &Directions,
+        ground: &GroundShares,
+        sides: &SideShares,
+        light: &DistantLight<'_>,
+    ) {
+        std::mem::swap(&mut self.previous, &mut self.total);
+        for (i, surfel) in self.all.iter().enumerate() {
+            let sky = directions.irradiance(surfel.normal, surfel.sky);
+            let on_ground =
+                |(texel, weight): &(u32, f32)| light.floor * ground.share(*texel) * *weight;
+            let from_ground: Vec3 = surfel.ground.iter().map(on_ground).sum();
+            let on_other = |(k, weight): &(u32, f32)| self.previous[*k as usize] * *weight;
+            let from_others: Vec3 = surfel.others.iter().map(on_other).sum();
+            let on_phantom = |(side, weight): &(u32, f32)| sides.radiance(*side, light) * *weight;
+            let from_phantoms: Vec3 = surfel.phantoms.iter().map(on_phantom).sum();
+            let arriving = (sky + from_ground + from_others + from_phantoms) / PI;
+            let surface = &surfel.surface;
+            self.radiance[i] = surface.emissive + surface.diffuse * arriving;
+            self.total[i] = self.radiance[i] + surface.f0 * arriving;
+        }
+    }
+
+    /// Radiance of a reflecting point towards the origin of its ray.
+    pub fn radiance(
+        &self,
+        point: &ReflectingPoint,
+        ground: &GroundShares,
+        sides: &SideShares,
+        light: &DistantLight<'_>,
+    ) -> Vec3 {
+        let i = point.surfel as usize;
+        let surface = &self.all[i].surface;
+        let reflected = match point.source {
+            Source::Sky => light.sky_radiance(point.reflected, surface.gloss),
+            Source::Ground(texel) => light.floor * ground.share(texel),
+            Source::Surfel(other) => self.total[other as usize],
+            Source::Phantom(side) => sides.radiance(side, light),
+        };
+        self.radiance[i] + surface.f0 * reflected
+    }
+}
+
+/// Distributes surfels over the triangles by area.
+fn distribute(parts: &[Part]) -> Vec<Surfel> {
+    let corners: Vec<(usize, [Vec3; 3])> = parts
+        .iter()
+        .enumerate()
+        .flat_map(|(i, part)| world_triangles(part).map(move |t| (i, t)))
+        .collect();
+    let area = |t: &[Vec3; 3]| 0.5 * (t[1] - t[0]).cross(t[2] - t[0]).length();
+    let total: f32 = corners.iter().map(|(_, t)| area(t)).sum();
+    let step = total / COUNT as f32;
+    let surfaces: Vec<Surface> = parts
+        .iter()
+        .map(|p| Surface::from_material(&p.material))
+        .collect();
+    let (mut surfels, mut passed) = (Vec::with_capacity(COUNT), 0.5 * step);
+    for (part, triangle) in &corners {
+        passed -= area(triangle);
+        while passed < 0.0 && step > 0.0 {
+            passed += step;
+            surfels.push(surfel(triangle, surfels.len(), surfaces[*part]));
+        }
+    }
+    surfels
+}
+
+fn surfel(t: &[Vec3; 3], index: usize, surface: Surface) -> Surfel {
+    Surfel {
+        position: point_in(t, index),
+        normal: (t[1] - t[0]).cross(t[2] - t[0]).normalize_or(Vec3::Z),
+        surface,
+        sky: 0,
+        ground: Vec::new(),
+        others: Vec::new(),
+        phantoms: Vec::new(),
+    }
+}
+
+fn nearest(all: &[Surfel], hit: &SurfacePoint) -> Option<u32> {
+    let distance = |s: &Surfel| {
+        let inclination = 1.0 - s.normal.dot(hit.normal);
+        s.position.distance_squared(hit.point) * (1.0 + 8.0 * inclination * inclination)
+    };
+    let all = all.iter().enumerate().map(|(i, s)| (i, distance(s)));
+    all.min_by(|a, b| a.1.total_cmp(&b.1))
+        .map(|(i, _)| i as u32)
+}
+
+/// What is visible from a surfel; see [`Surfel`].
+#[derive(Default)]
+struct Visible {
+    sky: u128,
+    ground: Vec<(u32, f32)>,
+    others: Vec<(u32, f32)>,
+    phantoms: Vec<(u32, f32)>,
+}
+
+fn find_visible(
+    surfel: &Surfel,
+    all: &[Surfel],
+    obstacles: &Obstacles,
+    directions: &Directions,
+    region: &Region,
+) -> Visible {
+    let origin = surfel.position + surfel.normal * region.offset();
+    let mut visible = Visible::default();
+    for (i, d) in directions.all.iter().enumerate() {
+        let weight = d.dot(surfel.normal) * Directions::solid_angle();
+        if weight <= 0.0 {
+            continue;
+        }
+        match obstacles.first_hit(origin, *d) {
+            FirstHit::Sky => visible.sky |= 1 << i,
+            FirstHit::Ground(p) => visible.ground.push((ground_texel(region, p), weight)),
+            FirstHit::Virtual(hit) => {
+                visible
+                    .others
+                    .extend(nearest(all, &hit).map(|s| (s, weight)));
+            }
+            FirstHit::Phantom(side) => visible.phantoms.push((side, weight)),
+        }
+    }
+    visible
+}
