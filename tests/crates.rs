@@ -26,16 +26,33 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("session", &["interface", "tracker-serial"]),
     // Light and virtual objects.
     ("lighting", &["interface", "picture", "camera"]),
-    ("scene", &["interface", "strict-toml", "camera", "lighting"]),
+    (
+        "scene",
+        &["interface", "numerics", "strict-toml", "camera", "lighting"],
+    ),
     // What is known of the rig, and how it is measured.
     ("fiducials", &["interface", "numerics", "picture", "camera"]),
     (
         "white-balance",
-        &["interface", "picture", "camera", "lighting", "scene"],
+        &[
+            "interface",
+            "numerics",
+            "picture",
+            "camera",
+            "lighting",
+            "scene",
+        ],
     ),
     (
         "rig-model",
-        &["interface", "camera", "scene", "fiducials", "white-balance"],
+        &[
+            "interface",
+            "numerics",
+            "camera",
+            "scene",
+            "fiducials",
+            "white-balance",
+        ],
     ),
     (
         "calibration",
@@ -46,6 +63,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "camera",
             "sync",
             "lighting",
+            "scene",
             "fiducials",
             "white-balance",
             "rig-model",

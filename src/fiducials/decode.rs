@@ -133,12 +133,12 @@ fn ring(grey: &Grey, map: &DMat3, at: f64, n: u32) -> Option<Shade> {
         shade.slope += value * p;
         (count, square) = (count + 1.0, square + p.x * p.x);
     }
-    let whole = count == f64::from(4 * n);
+    let is_complete = count == f64::from(4 * n);
     if count < f64::from(2 * n) {
         return None;
     }
     shade.middle /= count;
-    shade.slope = if whole {
+    shade.slope = if is_complete {
         shade.slope / square
     } else {
         DVec2::ZERO

@@ -103,7 +103,7 @@ impl Detector {
     /// distortion, if known.
     pub fn detect(&mut self, picture: &Picture, camera: Option<&PinholeCamera>) -> &[TagSeen] {
         let mut grey = std::mem::take(&mut self.grey);
-        grey_of(picture, &mut grey);
+        luma(picture, &mut grey);
         self.detect_grey(
             &grey,
             picture.width as usize,
@@ -230,7 +230,7 @@ fn keep_best(seen: &mut Vec<TagSeen>) {
 }
 
 /// Fills `grey` with the luma of a picture (weights 77, 150, 29 of 256 for R, G, B, as in BT.601).
-pub fn grey_of(picture: &Picture, grey: &mut Vec<u8>) {
+fn luma(picture: &Picture, grey: &mut Vec<u8>) {
     grey.clear();
     grey.extend(picture.rgba.chunks_exact(4).map(|p| {
         let sum = 77 * u32::from(p[0]) + 150 * u32::from(p[1]) + 29 * u32::from(p[2]);

@@ -46,7 +46,7 @@ impl Grey<'_> {
     }
 }
 
-/// Removes lens distortion, so that sides are undistort lines.
+/// Removes lens distortion, so that sides are straight lines.
 #[derive(Clone, Copy)]
 pub(super) struct Lens<'a>(pub Option<&'a PinholeCamera>);
 

@@ -24,10 +24,10 @@ mod quad;
 mod registrar;
 mod threshold;
 
-pub use detector::{Detector, TagSeen, confirm, grey_of};
+pub use detector::{Detector, TagSeen, confirm};
 pub use family::{Family, UnknownFamily};
 pub use ippe::{both_poses, nearest_pose};
-pub use map::{Tag, TagMap, TwiceInMap};
+pub use map::{DuplicateTag, Tag, TagMap};
 pub use pose::{Match, PoseEstimate, refine};
 pub use registrar::{Expectation, Registered, Registrar, Registration};
 

@@ -36,7 +36,7 @@ pub struct TagMap {
 /// A map that holds a tag twice.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{family} {id} is in the map twice; remove one of them")]
-pub struct TwiceInMap {
+pub struct DuplicateTag {
     family: Family,
     id: u32,
 }
@@ -46,13 +46,13 @@ impl TagMap {
     ///
     /// # Errors
     /// A number of a family occurs more than once.
-    pub fn new(mut tags: Vec<Tag>) -> Result<Self, TwiceInMap> {
+    pub fn new(mut tags: Vec<Tag>) -> Result<Self, DuplicateTag> {
         tags.sort_unstable_by_key(|t| (t.family, t.id));
         let twice = tags
             .windows(2)
             .find(|w| (w[0].family, w[0].id) == (w[1].family, w[1].id));
         match twice {
-            Some(w) => Err(TwiceInMap {
+            Some(w) => Err(DuplicateTag {
                 family: w[0].family,
                 id: w[0].id,
             }),

@@ -18,3 +18,8 @@ pub use matrix::{Cholesky, Matrix};
 pub use random::Random;
 pub use rotation::rotation_vector;
 pub use statistics::{median, median_absolute, root_mean_square, tukey_weight};
+
+/// Compiles and runs the README's example.
+#[cfg(doctest)]
+#[doc = include_str!("README.md")]
+struct Readme;

@@ -1,18 +1,18 @@
-//! A sensor's mosaic of one colour a pixel, made into a picture.
+//! Demosaicing of a sensor's Bayer pattern.
 //!
 //! H. S. Malvar, L. He, R. Cutler: High-quality linear interpolation for demosaicing of
-//! Bayer-patterned color images, ICASSP 2004, figure 2. A missing colour is the mean of
-//! its neighbours, corrected by the gradient of the colour that is there (gains 1/2, 5/8,
-//! 3/4), which keeps edges sharp. The filters are linear and sum to one: a plane stays a
-//! plane, and what is uniform keeps its codes exactly.
+//! Bayer-patterned color images, ICASSP 2004, figure 2. A missing colour is the mean of its
+//! neighbours, corrected by the gradient of the measured colour (gains 1/2, 5/8, 3/4), which keeps
+//! edges sharp. The filters are linear and sum to one: they preserve planes, and keep the codes of
+//! uniform areas exactly.
 
-use super::Picture;
+use crate::picture::Picture;
 use penumbra_interface::BayerPattern;
 
-/// Columns or rows about a pixel: itself is the third.
+/// The columns or rows around a pixel, which is the third.
 type Five<T> = [T; 5];
 
-/// Which colours a pixel lacks, and where they are.
+/// Position of a pixel in the Bayer pattern.
 #[derive(Clone, Copy)]
 enum Site {
     Red,
@@ -34,7 +34,7 @@ impl Site {
     }
 }
 
-/// Fills a picture that has its size already from rows of `stride` bytes; `data` holds them.
+/// Fills a picture of the right size from rows of `stride` bytes in `data`.
 pub(super) fn demosaic(data: &[u8], stride: usize, pattern: BayerPattern, picture: &mut Picture) {
     let (width, height) = (picture.width as usize, picture.height as usize);
     let row = |y: usize| {
@@ -59,14 +59,14 @@ pub(super) fn demosaic(data: &[u8], stride: usize, pattern: BayerPattern, pictur
     }
 }
 
-/// Pixels that are worked on at once; even, so that each tile begins with the same site.
+/// Pixels per tile; even, so that each tile starts with the same site.
 const TILE: usize = 64;
 
-/// Codes of a tile's pixels in one colour.
+/// Codes of a tile's pixels from one filter.
 type Plane = [u8; TILE];
 
-/// Interpolates whole tiles from the third pixel on, all sites' filters at once, which
-/// compiles to vector instructions; answers up to which pixel.
+/// Interpolates complete tiles from the third pixel on, with the filters of all sites at once, which
+/// compiles to vector instructions. Returns the first pixel after them.
 fn tiles(rows: &Five<&[u8]>, sites: [Site; 2], out: &mut [u8]) -> usize {
     let width = out.len() / 4;
     let mut start = 2;
@@ -90,7 +90,7 @@ fn tiles(rows: &Five<&[u8]>, sites: [Site; 2], out: &mut [u8]) -> usize {
     start
 }
 
-/// What each filter makes of a tile.
+/// Results of the filters over a tile.
 struct Planes {
     own: Plane,
     green: Plane,
@@ -127,7 +127,7 @@ impl Planes {
         planes
     }
 
-    /// Red, green and blue at a site.
+    /// Planes of red, green and blue for a site.
     const fn of_site(&self, site: Site) -> [&Plane; 3] {
         match site {
             Site::Red => [&self.own, &self.green, &self.opposite],
@@ -138,12 +138,12 @@ impl Planes {
     }
 }
 
-/// The five places about `at`, mirrored at the edges, which keeps each colour's parity.
+/// The five positions around `at`, mirrored at the edges, which keeps each colour's parity.
 fn around(at: usize, len: usize) -> Five<usize> {
     let last = len as isize - 1;
     [-2, -1, 0, 1, 2].map(|offset| {
         let mut place = at as isize + offset;
-        // A picture of two pixels is mirrored twice; one of one has no neighbours.
+        // A width of two pixels needs two reflections; a width of one has no neighbours.
         for _ in 0..2 {
             place = place.abs();
             place = if place > last {
@@ -156,7 +156,7 @@ fn around(at: usize, len: usize) -> Five<usize> {
     })
 }
 
-/// What the filters are made of; 16 bits hold all of it (at most 28 · 255).
+/// Sums of neighbours that the filters combine; 16 bits suffice (at most 28 · 255).
 struct Sums {
     centre: i16,
     beside: i16,

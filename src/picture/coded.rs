@@ -1,15 +1,16 @@
-//! JPEG and PNG.
+//! Decodes JPEG and PNG.
 
-use super::{Picture, PictureError};
+use crate::error::PictureError;
+use crate::picture::Picture;
 use penumbra_interface::PixelFormat;
 use std::io::Cursor;
 
-/// A progressive JPEG of more scans than this is an attack on time, not a picture.
+/// Maximum number of scans of a progressive JPEG; more would be a denial of service.
 const MAX_SCANS: u32 = 200;
 
 pub(super) fn decode_jpeg(data: &[u8], picture: &mut Picture) -> Result<(), PictureError> {
-    // A new one each time: it costs 0.1 µs, and a kept one would decode a JPEG that lacks its
-    // tables with those of the picture before.
+    // A new decoder each time: it is cheap, and a reused one would decode a JPEG without tables with
+    // those of the previous picture.
     let mut decoder = turbojpeg::Decompressor::new().map_err(damaged_jpeg)?;
     decoder.set_scan_limit(MAX_SCANS).map_err(damaged_jpeg)?;
     let header = decoder.read_header(data).map_err(damaged_jpeg)?;
@@ -28,9 +29,8 @@ pub(super) fn decode_jpeg(data: &[u8], picture: &mut Picture) -> Result<(), Pict
     }
 }
 
-/// Some webcams (Logitech C270 and its family) pad their MJPEG before a marker.
-/// libjpeg-turbo warns of it after having decoded the whole picture; refusing those
-/// frames would leave such a camera without any.
+/// Some webcams (e.g. Logitech C270) pad their MJPEG before a marker. libjpeg-turbo warns of it after
+/// decoding the complete picture; with this error refused, such a camera would have no frames.
 fn is_harmless(error: &turbojpeg::Error) -> bool {
     error.to_string().contains("extraneous bytes before marker")
 }
@@ -51,11 +51,11 @@ pub(super) fn decode_png(data: &[u8], picture: &mut Picture) -> Result<(), Pictu
         .ok_or_else(|| damaged(PixelFormat::Png, "its rows are too long"))?;
     let mut samples = vec![0; size];
     let info = reader.next_frame(&mut samples).map_err(refuse)?;
-    spread(info.color_type, &samples, &mut picture.rgba)
+    to_rgba(info.color_type, &samples, &mut picture.rgba)
 }
 
-/// Writes RGBA from what the PNG holds; its alpha is dropped, since a camera has none.
-fn spread(colour: png::ColorType, samples: &[u8], rgba: &mut [u8]) -> Result<(), PictureError> {
+/// Converts the PNG's samples to RGBA without its alpha, because a camera has none.
+fn to_rgba(colour: png::ColorType, samples: &[u8], rgba: &mut [u8]) -> Result<(), PictureError> {
     let channels = colour.samples();
     for (out, pixel) in rgba.chunks_exact_mut(4).zip(samples.chunks_exact(channels)) {
         let rgb = match *pixel {
@@ -68,7 +68,7 @@ fn spread(colour: png::ColorType, samples: &[u8], rgba: &mut [u8]) -> Result<(),
     Ok(())
 }
 
-/// One line, whatever the decoder wrote.
+/// Error of a damaged picture, with the decoder's message in one line.
 fn damaged(format: PixelFormat, reason: &str) -> PictureError {
     let reason = reason.split_whitespace().collect::<Vec<_>>().join(" ");
     PictureError::Damaged { format, reason }

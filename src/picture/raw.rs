@@ -1,10 +1,12 @@
-//! Uncompressed frames: YUYV, NV12, RGB8, Grey8, and where a mosaic's rows lie.
+//! Decodes uncompressed frames: YUYV, NV12, RGB8, Grey8, and the layout of Bayer frames.
 
-use super::{Picture, PictureError, bayer};
+use crate::bayer;
+use crate::error::PictureError;
+use crate::picture::Picture;
 use penumbra_interface::{Frame, PixelFormat};
 use serde::{Deserialize, Serialize};
 
-/// Which weights of R, G, B make luma.
+/// Weights of R, G, B in luma.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum YuvMatrix {
@@ -15,18 +17,18 @@ pub enum YuvMatrix {
     Bt709,
 }
 
-/// Which codes stand for black and white.
+/// Codes of black and white.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum YuvRange {
-    /// Luma 16..=235, chroma 16..=240: what UVC cameras send.
+    /// Luma 16..=235, chroma 16..=240, as UVC cameras send.
     #[default]
     Limited,
     /// 0..=255.
     Full,
 }
 
-/// How YUYV and NV12 codes stand for R, G, B.
+/// Encoding of R, G, B in YUYV and NV12.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct YuvEncoding {
@@ -119,11 +121,11 @@ pub(super) fn decode(
     Ok(())
 }
 
-/// Where the rows lie, bytes.
+/// Layout of the rows, bytes.
 struct Layout {
     row: usize,
     stride: usize,
-    /// Length of the first plane; everything where there is only one.
+    /// Length of the first plane; unlimited if there is only one.
     plane: usize,
     needed: u64,
 }
@@ -165,7 +167,7 @@ impl Layout {
             row: row as usize,
             stride: stride as usize,
             plane: usize::try_from(plane).unwrap_or(usize::MAX),
-            // The last row's padding is often cut off.
+            // The last row's padding is often missing.
             needed: stride * (rows - 1) + row,
         })
     }
@@ -198,7 +200,7 @@ fn check_even(format: PixelFormat, width: u32, height: u32) -> Result<(), Pictur
     })
 }
 
-/// `length` bytes from `start`; empty where they are missing, which `check_length` excludes.
+/// Returns `length` bytes from `start`; empty if they are missing, which `check_length` excludes.
 fn slice(data: &[u8], start: usize, length: usize) -> &[u8] {
     data.get(start..start.saturating_add(length))
         .unwrap_or_default()

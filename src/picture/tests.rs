@@ -2,10 +2,9 @@
 
 use super::*;
 use bytes::Bytes;
-use penumbra_interface::{BayerPattern, MonotonicTime};
+use penumbra_interface::{BayerPattern, Frame, MonotonicTime, PixelFormat};
 use proptest::prelude::*;
 use std::collections::BTreeMap;
-use std::path::Path;
 
 fn frame(format: PixelFormat, width: u32, height: u32, data: impl Into<Bytes>) -> Frame {
     Frame {
@@ -84,7 +83,7 @@ fn png(width: u32, height: u32, colour: png::ColorType, samples: &[u8]) -> Vec<u
 }
 
 #[test]
-fn a_grey_ramp_keeps_its_steps_in_both_ranges() {
+fn grey_ramp_keeps_its_steps_in_both_ranges() {
     for matrix in [YuvMatrix::Bt601, YuvMatrix::Bt709] {
         for y in 0..=255u8 {
             let full = yuyv_pixel(y, 128, 128, &encoding(matrix, YuvRange::Full));
@@ -97,7 +96,7 @@ fn a_grey_ramp_keeps_its_steps_in_both_ranges() {
 }
 
 #[test]
-fn published_colour_bar_codes_give_the_primaries() {
+fn decodes_published_colour_bars_to_primaries() {
     // 100 % colour bars in 8-bit codes: ITU-R BT.601 (limited) and BT.709 (limited).
     let bars601 = [
         ([235, 128, 128], [255, 255, 255]),
@@ -140,7 +139,7 @@ fn published_colour_bar_codes_give_the_primaries() {
 }
 
 #[test]
-fn nv12_and_yuyv_agree_where_the_chroma_is_constant() {
+fn nv12_and_yuyv_are_equal_for_constant_chroma() {
     for yuv in &ALL_ENCODINGS {
         let luma: Vec<u8> = (0..16).map(|i| 20 + 13 * i).collect();
         let nv12: Vec<u8> = luma.iter().copied().chain([90, 170].repeat(4)).collect();
@@ -155,7 +154,7 @@ fn nv12_and_yuyv_agree_where_the_chroma_is_constant() {
 }
 
 #[test]
-fn a_stride_skips_the_padding() {
+fn stride_skips_padding() {
     let rows = vec![1, 2, 3, 4, 5, 6, 99, 99, 7, 8, 9, 10, 11, 12];
     let mut padded = frame(PixelFormat::Rgb8, 2, 2, rows);
     padded.stride = 8;
@@ -173,7 +172,7 @@ fn a_stride_skips_the_padding() {
 }
 
 #[test]
-fn a_jpeg_is_what_libjpeg_turbo_makes_of_it() {
+fn jpeg_matches_libjpeg_turbo() {
     for subsampling in [turbojpeg::Subsamp::None, turbojpeg::Subsamp::Sub2x2] {
         let (data, _) = jpeg(33, 17, subsampling);
         let reference = turbojpeg::decompress(&data, turbojpeg::PixelFormat::RGBA).unwrap();
@@ -188,7 +187,7 @@ fn a_jpeg_is_what_libjpeg_turbo_makes_of_it() {
 }
 
 #[test]
-fn a_jpeg_cut_short_is_refused_in_one_line() {
+fn rejects_truncated_jpeg_with_one_line() {
     let (data, _) = jpeg(64, 64, turbojpeg::Subsamp::None);
     for length in [1, 20, data.len() / 2, data.len() - 30] {
         let cut = frame(PixelFormat::Jpeg, 0, 0, data[..length].to_vec());
@@ -198,7 +197,7 @@ fn a_jpeg_cut_short_is_refused_in_one_line() {
 }
 
 #[test]
-fn padding_before_the_end_of_a_webcam_jpeg_is_forgiven() {
+fn accepts_padding_before_the_end_of_a_webcam_jpeg() {
     let (mut data, _) = jpeg(32, 32, turbojpeg::Subsamp::None);
     let clean = Picture::decode(
         &frame(PixelFormat::Jpeg, 0, 0, data.clone()),
@@ -215,7 +214,7 @@ fn padding_before_the_end_of_a_webcam_jpeg_is_forgiven() {
 }
 
 #[test]
-fn every_png_colour_type_is_read() {
+fn reads_every_png_colour_type() {
     let rgb = colourful(5, 3);
     let rgba: Vec<u8> = rgb
         .chunks_exact(3)
@@ -252,7 +251,7 @@ fn every_png_colour_type_is_read() {
 }
 
 #[test]
-fn a_huge_picture_is_refused_before_memory_is_taken() {
+fn rejects_huge_picture_before_allocating() {
     let huge = frame(PixelFormat::Grey8, 1 << 20, 1 << 20, vec![0]);
     let error = Picture::decode(&huge, &YuvEncoding::default()).unwrap_err();
     assert!(matches!(error, PictureError::TooLarge { .. }), "{error}");
@@ -281,7 +280,7 @@ fn crc32(data: &[u8]) -> u32 {
 }
 
 #[test]
-fn bad_raw_frames_say_what_is_wrong() {
+fn rejects_invalid_raw_frames_with_the_reason() {
     let text = |frame: &Frame| {
         let error = Picture::decode(frame, &YuvEncoding::default()).unwrap_err();
         error.to_string()
@@ -290,7 +289,7 @@ fn bad_raw_frames_say_what_is_wrong() {
     assert!(text(&frame(PixelFormat::Nv12, 3, 2, vec![0; 64])).contains("even width"));
     assert!(text(&frame(PixelFormat::Nv12, 2, 3, vec![0; 64])).contains("even height"));
     assert!(text(&frame(PixelFormat::Nv12, 4, 4, vec![0; 23])).contains("23 bytes, 24 needed"));
-    assert!(text(&frame(PixelFormat::Rgb8, 0, 4, vec![0; 23])).contains("must say its size"));
+    assert!(text(&frame(PixelFormat::Rgb8, 0, 4, vec![0; 23])).contains("needs its size"));
     assert!(text(&frame(PixelFormat::Rgb8, 2, 4, vec![])).contains("no bytes"));
     let mut short = frame(PixelFormat::Rgb8, 4, 1, vec![0; 64]);
     short.stride = 11;
@@ -298,7 +297,7 @@ fn bad_raw_frames_say_what_is_wrong() {
 }
 
 #[test]
-fn the_buffer_is_used_again() {
+fn reuses_the_buffer() {
     let mut picture = Picture::default();
     let big = frame(PixelFormat::Grey8, 64, 64, vec![9; 4096]);
     decode_into(&big, &YuvEncoding::default(), &mut picture).unwrap();
@@ -323,7 +322,7 @@ fn any_format() -> impl Strategy<Value = PixelFormat> {
 
 proptest! {
     #[test]
-    fn yuv_follows_the_standard_to_the_rounding(y: u8, u: u8, v: u8, which in 0usize..4) {
+    fn yuv_matches_the_standard_up_to_rounding(y: u8, u: u8, v: u8, which in 0usize..4) {
         let yuv = ALL_ENCODINGS[which];
         let (kr, kb) = match yuv.matrix {
             YuvMatrix::Bt601 => (0.299, 0.114),
@@ -359,7 +358,7 @@ proptest! {
     }
 
     #[test]
-    fn a_damaged_file_never_panics(
+    fn damaged_file_never_panics(
         jpeg_or_png: bool,
         flips in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..20),
     ) {
@@ -378,7 +377,7 @@ proptest! {
     }
 }
 
-/// What a sensor with this mosaic sees of a picture.
+/// The mosaic that a sensor with this pattern measures of a picture.
 fn mosaic(
     picture: &dyn Fn(u32, u32) -> [u8; 3],
     (width, height): (u32, u32),
@@ -406,7 +405,7 @@ fn demosaiced(
 }
 
 #[test]
-fn a_mosaics_letters_are_the_colours_of_its_first_four_pixels() {
+fn pattern_names_the_colours_of_the_first_four_pixels() {
     let red = |_, _| [200, 0, 0];
     for (pattern, place) in [
         (BayerPattern::Rggb, 0),
@@ -421,7 +420,7 @@ fn a_mosaics_letters_are_the_colours_of_its_first_four_pixels() {
 }
 
 #[test]
-fn a_uniform_colour_keeps_its_codes_in_every_mosaic_and_size() {
+fn uniform_colour_keeps_its_codes_in_every_pattern_and_size() {
     let colour = |_, _| [180, 90, 33];
     for pattern in BayerPattern::ALL {
         for size in [(2, 2), (3, 2), (2, 5), (8, 6), (33, 17), (200, 9)] {
@@ -437,9 +436,9 @@ fn a_uniform_colour_keeps_its_codes_in_every_mosaic_and_size() {
     }
 }
 
-/// The paper's filters reproduce planes whose colours rise alike.
+/// The paper's filters preserve planes with equal slopes in all colours.
 #[test]
-fn a_slope_stays_a_slope() {
+fn preserves_slopes() {
     let slope = |x: u32, y: u32| {
         let rise = (x + 2 * y) as u8;
         [60 + rise, 30 + rise, 10 + rise]
@@ -454,10 +453,10 @@ fn a_slope_stays_a_slope() {
     }
 }
 
-/// Gradient correction against the plain mean of neighbours, on the fine detail that it is
-/// for: half the squared error (3 dB) at the least.
+/// Gradient correction against the plain mean of neighbours, on the fine detail for which it is
+/// intended: at most half the squared error (3 dB).
 #[test]
-fn edges_are_sharper_than_the_mean_of_neighbours_makes_them() {
+fn edges_are_sharper_than_with_the_mean_of_neighbours() {
     let detail = |x: u32, y: u32| {
         let wave =
             ((f64::from(x) * 0.9).sin() + (f64::from(y) * 0.7 + 0.3 * f64::from(x)).cos()) * 45.0;
@@ -480,7 +479,7 @@ fn edges_are_sharper_than_the_mean_of_neighbours_makes_them() {
 }
 
 #[test]
-fn a_mosaic_with_padded_rows_and_one_that_is_cut_short() {
+fn reads_padded_bayer_rows_and_rejects_truncated_ones() {
     let colour = |x: u32, y: u32| [(x * 9) as u8, (y * 11) as u8, 77];
     let tight = demosaiced(&colour, (10, 6), BayerPattern::Gbrg);
     let bytes = mosaic(&colour, (10, 6), BayerPattern::Gbrg);
@@ -496,10 +495,10 @@ fn a_mosaic_with_padded_rows_and_one_that_is_cut_short() {
     assert!(matches!(decode(&frame), Err(PictureError::TooShort { .. })));
 }
 
-/// Broken files that others found; see `tests/fixtures/jpeg/ORIGIN.md`.
+/// Malformed files found by other projects; see `tests/fixtures/jpeg/ORIGIN.md`.
 #[test]
-fn broken_jpegs_of_others_are_refused_and_crash_nothing() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/fixtures/jpeg");
+fn rejects_malformed_jpegs() {
+    let folder = penumbra_test_data::fixture("jpeg");
     let mut sizes = BTreeMap::new();
     for entry in std::fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
@@ -514,7 +513,7 @@ fn broken_jpegs_of_others_are_refused_and_crash_nothing() {
         }
     }
     assert_eq!(sizes.len(), 14, "{sizes:?}");
-    // Fill bytes before the end marker are allowed; the rest is no picture.
+    // Fill bytes before the end marker are allowed; the other files are invalid.
     assert_eq!(
         sizes.remove("multiple-0xff-before-eoi"),
         Some(Some((640, 480)))

@@ -17,8 +17,7 @@ use penumbra_camera::PinholeCamera;
 use penumbra_fiducials::PoseEstimate;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_numerics::fixed_size::Matrix;
-use rate_limit::RateLimiter;
-pub use rate_limit::apart_pixels;
+use rate_limit::{RateLimiter, apart_pixels};
 
 /// Pause after which the displayed pose jumps to the estimate, seconds.
 const MAX_PAUSE_SECONDS: f64 = 0.5;

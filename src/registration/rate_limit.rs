@@ -24,7 +24,7 @@ const PROBES: [DVec2; 5] = [
 /// a camera (`world_from_camera`). The points are `distance` metres in front of pose `a`, spread
 /// over the middle of the picture.
 #[must_use]
-pub fn apart_pixels(
+pub(super) fn apart_pixels(
     camera: &PinholeCamera,
     a: RigidTransform,
     b: RigidTransform,

@@ -1,4 +1,4 @@
-//! What the owner of a rig knows about it, once it is true.
+//! The calibration of a rig.
 
 use crate::tracker_field::TrackerField;
 use glam::DVec3;
@@ -11,22 +11,22 @@ use penumbra_white_balance::CalibratedGains;
 use penumbra_white_balance::chart::PhotometricChart;
 use std::sync::Arc;
 
-/// Geometry and photometry of one rig. World: right-handed, metres, +Z up.
+/// Geometric and radiometric calibration of a rig. World: right-handed, metres, +Z up.
 #[derive(Clone, Debug)]
 pub struct RigCalibration {
     /// Free name, for status and reports.
     pub name: String,
     /// The camera whose picture is augmented.
     pub scene_camera: SceneCamera,
-    /// How the environment is seen; `None` where the rig has no view of it.
+    /// The view of the environment; `None` if the rig has none.
     pub environment: Option<EnvironmentCamera>,
-    /// What carries the mirrored sphere about, where it does not stand still.
+    /// The fiducial that carries the mirrored sphere; `None` if the sphere stands still.
     pub sphere_marker: Option<SphereMarker>,
     /// The 6-DOF tracker that carries the scene camera.
     pub tracker: Option<TrackerCalibration>,
     /// Pictures of the same colour chart taken by both cameras.
     pub chart: Option<PhotometricChart>,
-    /// Gains between the cameras as the radiometric step found them.
+    /// Gains between the cameras from radiometric calibration.
     pub gains: Option<CalibratedGains>,
 }
 
@@ -43,7 +43,7 @@ pub struct SceneCamera {
     pub latency_nanos: i64,
 }
 
-/// The environment camera: where it is and how it looks.
+/// The environment camera.
 #[derive(Clone, Debug)]
 pub struct EnvironmentCamera {
     /// Tone curve.
@@ -54,24 +54,24 @@ pub struct EnvironmentCamera {
     pub view: EnvironmentView,
     /// Time from the middle of the exposure to the driver's stamp, nanoseconds.
     pub latency_nanos: i64,
-    /// Stops of the bracketed pictures relative to the base exposure, e.g. `[-4.0, -8.0]`.
+    /// Exposures of the brackets relative to the base exposure, stops, e.g. `[-4.0, -8.0]`.
     pub brackets_ev: Vec<f64>,
 }
 
-/// A mirrored ball that is fixed to a fiducial, and moves with it.
+/// A fiducial to which the mirrored sphere is fixed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SphereMarker {
-    /// The fiducial's family.
+    /// Family of the fiducial.
     pub family: Family,
-    /// Its number there.
+    /// Number in the family.
     pub id: u32,
-    /// Edge of its black border, metres.
+    /// Edge of the black border, metres.
     pub size: f64,
-    /// The ball's centre in the fiducial's frame (+X right, +Y down, +Z into the paper), metres.
+    /// Centre of the sphere in the fiducial's frame (+X right, +Y down, +Z into the paper), metres.
     pub centre_in_marker: DVec3,
 }
 
-/// Tracker mounting and timing.
+/// Mounting and timing of the tracker.
 #[derive(Clone, Debug)]
 pub struct TrackerCalibration {
     /// Transmitter's pose in the world.
@@ -82,25 +82,25 @@ pub struct TrackerCalibration {
     pub latency_nanos: i64,
     /// Metres per unit of the recorded position (0.0254 for inches).
     pub metres_per_unit: f64,
-    /// How the tracker's space is bent, where that was learnt.
+    /// Correction of field distortion, if calibrated.
     pub field: Option<Arc<TrackerField>>,
 }
 
 impl TrackerCalibration {
-    /// `world_from_scene_camera` for a tracker reading, its distortion corrected.
+    /// Returns `world_from_scene_camera` for a tracker reading, corrected for field distortion.
     #[must_use]
     pub fn world_from_scene_camera(
         &self,
         transmitter_from_sensor: RigidTransform,
     ) -> RigidTransform {
-        let straight = match &self.field {
+        let corrected = match &self.field {
             Some(field) => field.correct(transmitter_from_sensor),
             None => transmitter_from_sensor,
         };
-        self.world_from_transmitter * straight * self.sensor_from_scene_camera
+        self.world_from_transmitter * corrected * self.sensor_from_scene_camera
     }
 
-    /// When a record that arrived at `arrived_at` was measured.
+    /// Returns the time of measurement of a record that arrived at `arrived_at`.
     #[must_use]
     pub fn measured_at(&self, arrived_at: MonotonicTime) -> MonotonicTime {
         arrived_at.offset_nanos(-self.latency_nanos)

@@ -1,5 +1,4 @@
-//! `calibration/environment.json`: where the environment camera stands, in place of what
-//! `rig.json` says.
+//! `calibration/environment.json`: pose of the environment camera, which replaces that of `rig.json`.
 
 use crate::CalibrationFileError;
 use crate::EnvironmentCamera;
@@ -12,34 +11,33 @@ use penumbra_camera::{PinholeCamera, Response};
 use penumbra_interface::RigidTransform;
 use serde::{Deserialize, Serialize};
 
-/// Beside `rig.json`, and in recordings.
+/// Name of the file, beside `rig.json` and in sessions.
 pub const ENVIRONMENT: &str = "calibration/environment.json";
-/// The step that makes it.
+/// The calibration step.
 pub const STEP: &str = "environment";
 
-/// What the step `environment` has found. Lengths are metres or pixels; `sigma` is one standard
-/// deviation.
+/// The file. Lengths are metres or pixels; `sigma` is one standard deviation.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 pub struct EnvironmentRecord {
-    /// Which step, when, from what.
+    /// Step, date, source, quality.
     #[serde(flatten)]
     pub header: Header,
     /// "fisheye" or "sphere".
     pub kind: String,
-    /// Width and height of the pictures.
+    /// Width and height of the pictures, pixels.
     pub image_size: [u32; 2],
-    /// The fisheye's lens by its image circle, unless it was calibrated by itself.
+    /// The fisheye lens from its image circle, unless it was calibrated separately.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lens: Option<CircleLens>,
-    /// The camera in the world.
+    /// Pose of the camera in the world.
     #[serde(rename = "T_world_cam")]
     pub world_from_camera: PoseRecord,
-    /// How the pose was found: "markers", "lights", "clicks"; or "rig.json" where it was not.
+    /// Method of the pose: "markers", "lights", "clicks"; or "rig.json" if it was not calibrated.
     pub by: String,
     /// Standard deviation of the orientation about the camera's axes, degrees.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub turn_sigma_degrees: Option<[f64; 3]>,
-    /// Of the place.
+    /// Standard deviation of the position, metres.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub place_sigma: Option<[f64; 3]>,
     /// The mirrored sphere.
@@ -47,27 +45,27 @@ pub struct EnvironmentRecord {
     pub sphere: Option<SphereRecord>,
 }
 
-/// An equidistant lens, or one of known distortion, by its image circle.
+/// An equidistant lens, or one of known distortion, from its image circle.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 pub struct CircleLens {
-    /// Image of the axis.
+    /// Image of the optical axis, pixels.
     pub centre: [f64; 2],
-    /// Radius of the image circle.
+    /// Radius of the image circle, pixels.
     pub radius: f64,
-    /// Pixels a radian at the axis.
+    /// Focal length, pixels per radian at the axis.
     pub focal: f64,
     /// k1 to k4.
     pub distortion: [f64; 4],
-    /// Half of the field of view, radians.
+    /// Half the field of view, radians.
     pub max_theta: f64,
-    /// Of centre x, y and radius.
+    /// Standard deviations of centre x, y and radius, pixels.
     pub sigma: [f64; 3],
 }
 
 /// A pose.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
 pub struct PoseRecord {
-    /// Metres.
+    /// Position, metres.
     pub position: [f64; 3],
     /// Unit quaternion.
     pub quaternion_wxyz: [f64; 4],
@@ -76,18 +74,18 @@ pub struct PoseRecord {
 /// The mirrored sphere that the environment camera looks at.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
 pub struct SphereRecord {
-    /// In the world.
+    /// Centre in the world, metres.
     pub centre_in_world: [f64; 3],
-    /// In the camera's frame, by its outline.
+    /// Centre in the camera's frame from its outline, metres.
     pub centre_in_camera: [f64; 3],
-    /// As it was measured by hand.
+    /// Measured radius, metres.
     pub radius: f64,
-    /// Of the centre across and along the line of sight.
+    /// Standard deviations of the centre across and along the line of sight, metres.
     pub sigma: [f64; 2],
 }
 
 impl PoseRecord {
-    /// Of a pose.
+    /// Creates the record of a pose.
     #[must_use]
     pub fn of(pose: &RigidTransform) -> Self {
         let q = pose.rotation;
@@ -99,19 +97,20 @@ impl PoseRecord {
 
     fn pose(&self) -> Result<RigidTransform, CalibrationFileError> {
         let [w, x, y, z] = self.quaternion_wxyz;
-        let turn = DQuat::from_xyzw(x, y, z, w);
-        let place = DVec3::from_array(self.position);
-        if !((turn.length() - 1.0).abs() < 1e-3 && place.is_finite() && place.length() < 1e4) {
+        let rotation = DQuat::from_xyzw(x, y, z, w);
+        let position = DVec3::from_array(self.position);
+        let is_unit = (rotation.length() - 1.0).abs() < 1e-3;
+        if !(is_unit && position.is_finite() && position.length() < 1e4) {
             return Err(wrong("T_world_cam", "a unit quaternion and metres"));
         }
-        Ok(RigidTransform::new(turn.normalize(), place))
+        Ok(RigidTransform::new(rotation.normalize(), position))
     }
 }
 
-/// Puts what the file says, if there is one, into `rig`.
+/// Applies the file, if it exists, to `rig`.
 ///
 /// # Errors
-/// A file that cannot be read, was refused when it was made, or does not fit the rig.
+/// The file is invalid, was refused when it was made, or does not match the rig.
 pub fn apply_environment_file<'a>(
     rig: &mut RigDocument,
     attachments: &dyn Fn(&str) -> Option<&'a [u8]>,
@@ -204,7 +203,7 @@ fn view(
             Ok(())
         }
         _ => Err(unusable(&format!(
-            "is of the kind `{kind}`, rig.json's environment_camera of another; calibrate again, or mend rig.json"
+            "is of the kind `{kind}`, rig.json's environment_camera of another; calibrate again, or correct rig.json"
         ))),
     }
 }
@@ -308,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rig_without_an_environment_camera_has_one_then_and_its_pose_is_replaced_later() {
+    fn adds_environment_camera_and_later_replaces_its_pose() {
         let mut rig = RigDocument::uncalibrated(640, 480);
         apply_environment_file(&mut rig, &|_| None).unwrap();
         assert!(rig.calibration.environment.is_none());
@@ -329,7 +328,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_refused_in_one_line() {
+    fn rejects_mismatched_files_with_one_line() {
         let mut rig = RigDocument::uncalibrated(640, 480);
         applied(&mut rig, &record()).unwrap();
         let mut cases = vec![(record(), "kind `sphere`"); 5];
@@ -344,10 +343,10 @@ mod tests {
             lens.focal = -1.0;
         }
         cases[4].1 = "lens";
-        for (record, says) in cases {
+        for (record, expected_text) in cases {
             let error = applied(&mut rig, &record).unwrap_err().to_string();
             assert!(
-                error.starts_with(ENVIRONMENT) && error.contains(says),
+                error.starts_with(ENVIRONMENT) && error.contains(expected_text),
                 "{error}"
             );
         }

@@ -1,5 +1,5 @@
-//! What a rig's files describe together: `rig.json`, the calibration files beside it, and the
-//! scene of phantoms, ground and virtual object that they place.
+//! Reads a rig's files together: `rig.json`, the calibration files beside it, and the scene of
+//! phantoms, ground and virtual object that they describe.
 
 use super::environment_file::apply_environment_file;
 use super::latency_file::apply_latency_file;
@@ -18,10 +18,10 @@ use penumbra_scene::{enclosed, load_ply, primitives};
 use std::sync::Arc;
 use thiserror::Error;
 
-/// Finds an attachment's bytes by its name (`rig.json`, `object/object.glb`).
+/// Returns the bytes of an attachment by its name (`rig.json`, `object/object.glb`).
 pub type Attachments<'a> = dyn Fn(&str) -> Option<&'a [u8]> + 'a;
 
-/// The files of a rig cannot be used.
+/// A file of a rig cannot be used.
 #[derive(Debug, Error)]
 pub enum RigFilesError {
     /// A session lacks an attachment.
@@ -31,13 +31,13 @@ pub enum RigFilesError {
     NoAttachment {
         /// Name of the attachment.
         file: String,
-        /// What names the attachment.
+        /// What refers to the attachment.
         wanted_by: &'static str,
     },
-    /// `rig.json` is wrong.
+    /// `rig.json` is invalid.
     #[error(transparent)]
     Document(#[from] RigJsonError),
-    /// A calibration file beside it is wrong.
+    /// A calibration file beside it is invalid.
     #[error(transparent)]
     Calibration(#[from] CalibrationFileError),
     /// A model, or the scene file, cannot be used.
@@ -55,21 +55,21 @@ impl RigDocument {
         calibrated(Self::parse(bytes)?, attachments)
     }
 
-    /// A rig without a `rig.json`: its calibration files, and defaults for the rest. The scene
-    /// camera's pictures are taken to be of `usual_size` (width, height in pixels) unless a
-    /// calibration file states their size.
+    /// Creates the document of a rig without `rig.json` from its calibration files and defaults. The
+    /// scene camera's pictures have `default_size` (width, height in pixels) unless a calibration
+    /// file states their size.
     ///
     /// # Errors
     /// A calibration file cannot be used.
     pub fn without_rig_json(
-        usual_size: (u32, u32),
+        default_size: (u32, u32),
         attachments: &Attachments,
     ) -> Result<Self, RigFilesError> {
-        let (width, height) = size_of_lens(attachments)?.unwrap_or(usual_size);
+        let (width, height) = size_of_lens(attachments)?.unwrap_or(default_size);
         calibrated(Self::uncalibrated(width, height), attachments)
     }
 
-    /// The scene that `choice` asks for, over the rig's phantoms.
+    /// Returns the scene of `choice`, with the rig's phantoms.
     ///
     /// # Errors
     /// A file that the rig or the scene names is missing or cannot be used.
@@ -88,7 +88,7 @@ impl RigDocument {
         }
     }
 
-    /// The scene that the rig itself describes: phantoms, ground, virtual object and lamps.
+    /// Returns the scene that the rig's files describe: phantoms, ground, virtual object and lamps.
     ///
     /// # Errors
     /// A file that the rig names is missing or cannot be used.
@@ -107,8 +107,8 @@ impl RigDocument {
                     .map(<[u8]>::to_vec)
                     .ok_or_else(|| "the session has no such attachment".into())
             })?;
-            // The loader has turned the coordinates +Z up already; T_world_glb expects them
-            // as they are in the file.
+            // The loader has already converted the coordinates to +Z up; T_world_glb expects those of
+            // the file.
             let world_from_model = object.world_from_glb * z_up_from_y_up().transpose();
             scene.virtual_parts = model.placed(world_from_model);
             scene.warnings = model.warnings;
@@ -122,7 +122,7 @@ impl RigDocument {
         Ok(scene)
     }
 
-    /// As [`Self::scene`], with nothing virtual.
+    /// As [`Self::scene`], without virtual objects and lamps.
     ///
     /// # Errors
     /// A file that the rig names is missing or cannot be used.
@@ -155,7 +155,7 @@ fn calibrated(
     mut rig: RigDocument,
     attachments: &Attachments,
 ) -> Result<RigDocument, RigFilesError> {
-    // First: it may add the environment camera, whose lens has a file of its own.
+    // First, because it may add the environment camera, whose lens has a separate file.
     apply_environment_file(&mut rig, attachments)?;
     apply_lens_files(&mut rig, attachments)?;
     apply_radiometric_file(&mut rig, attachments)?;
@@ -199,9 +199,9 @@ mod tests {
     use glam::DVec3;
     use penumbra_scene::Mesh;
     use std::collections::HashMap;
-    use std::path::{Path, PathBuf};
+    use std::path::Path;
 
-    pub(crate) const TRUTH: [&str; 5] = [
+    const TRUTH: [&str; 5] = [
         "desk",
         "desk-sphere",
         "courtyard",
@@ -209,16 +209,7 @@ mod tests {
         "desk-lamp",
     ];
 
-    pub(crate) fn truth(test: &str) -> Option<PathBuf> {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/truth");
-        if path.is_dir() {
-            return Some(path);
-        }
-        eprintln!("SKIPPED {test}: ../shared is missing");
-        None
-    }
-
-    pub(crate) fn attachments_of(folder: &Path) -> HashMap<String, Vec<u8>> {
+    fn attachments_in(folder: &Path) -> HashMap<String, Vec<u8>> {
         let mut files = HashMap::new();
         let mut add = |name: String| {
             files.insert(name.clone(), std::fs::read(folder.join(name)).unwrap());
@@ -242,12 +233,12 @@ mod tests {
     }
 
     #[test]
-    fn the_object_stands_where_its_ply_twins_stand() {
-        let Some(truth) = truth("the_object_stands_where_its_ply_twins_stand") else {
+    fn object_has_the_bounds_of_its_ply_parts() {
+        let Some(truth) = penumbra_test_data::shared("truth") else {
             return;
         };
         for name in TRUTH {
-            let files = attachments_of(&truth.join(name));
+            let files = attachments_in(&truth.join(name));
             let find = |n: &str| files.get(n).map(Vec::as_slice);
             let scene = RigDocument::of_session(&find)
                 .unwrap()
@@ -285,12 +276,12 @@ mod tests {
     }
 
     #[test]
-    fn phantoms_ground_and_mirror_ball_are_there() {
-        let Some(truth) = truth("phantoms_ground_and_mirror_ball_are_there") else {
+    fn scene_has_phantoms_ground_and_mirrored_sphere() {
+        let Some(truth) = penumbra_test_data::shared("truth") else {
             return;
         };
         for name in TRUTH {
-            let files = attachments_of(&truth.join(name));
+            let files = attachments_in(&truth.join(name));
             let find = |n: &str| files.get(n).map(Vec::as_slice);
             let rig = RigDocument::of_session(&find).unwrap();
             let scene = rig.phantom_scene(&find).unwrap();
@@ -308,7 +299,7 @@ mod tests {
                 .iter()
                 .zip(&scene.phantom_parts[1..])
             {
-                // A box or cylinder stands on the ground and is as high as its owner says.
+                // A box or cylinder stands on the ground and has the stated height.
                 let (low, high) = bounds(&part.mesh, part.world_from_part);
                 let shape = &phantom["shape"];
                 let height = shape["height"]
@@ -324,7 +315,7 @@ mod tests {
     }
 
     #[test]
-    fn a_calibrated_lens_counts_without_a_document_and_says_the_size() {
+    fn calibrated_lens_applies_without_rig_json_and_sets_the_size() {
         use crate::lens_record::LensRecord;
         use glam::DVec2;
         use penumbra_camera::{Lens, LensModel};
@@ -347,7 +338,7 @@ mod tests {
     }
 
     #[test]
-    fn a_session_without_calibration_says_so() {
+    fn reports_session_without_calibration() {
         let error = RigDocument::of_session(&|_| None).unwrap_err().to_string();
         assert!(
             error.contains("rig.json") && error.contains("import"),

@@ -1,4 +1,4 @@
-//! What every calibration file begins with.
+//! The header of calibration files, and their errors.
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -6,55 +6,55 @@ use thiserror::Error;
 
 /// Version of the format.
 pub const VERSION: u32 = 1;
-/// No such file is larger, bytes.
-const LARGEST_FILE: usize = 16 << 20;
+/// Maximum size of a calibration file, bytes.
+const MAX_FILE_BYTES: usize = 16 << 20;
 
-/// Of which step, when, from what, how good; flattened into the file's own object.
+/// Step, date, source and quality of a calibration; flattened into the file's object.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize, Serialize)]
 pub struct Header {
     /// Version of the format.
     pub penumbra_calibration: u32,
-    /// Which step made it.
+    /// Calibration step.
     pub step: String,
-    /// When, UTC, as ISO 8601.
+    /// Date, UTC, ISO 8601.
     pub date: String,
-    /// From what: a session, or "live".
+    /// Source: a session, or "live".
     #[serde(default)]
     pub source: String,
-    /// Which device.
+    /// Device.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub device: Option<DeviceRecord>,
     /// "good", "usable" or "refused".
     #[serde(default)]
     pub verdict: String,
-    /// Why not good.
+    /// Reasons for a grade below good.
     #[serde(default)]
     pub findings: Vec<String>,
 }
 
-/// The camera itself.
+/// A camera.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize, Serialize)]
 pub struct DeviceRecord {
-    /// As it calls itself.
+    /// Name that the device reports.
     pub name: String,
-    /// Its serial number, if it has one.
+    /// Serial number, if it has one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub serial: Option<String>,
 }
 
-/// What a calibration may be used for.
+/// Quality of a calibration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Grade {
-    /// For everything.
+    /// Suitable for everything.
     Good,
-    /// It can be used; something would make it better.
+    /// Usable, but could be improved.
     Usable,
-    /// Not to be used: it may be wrong.
+    /// Not usable: it may be wrong.
     Refused,
 }
 
 impl Grade {
-    /// As files and reports spell it.
+    /// Name in files and reports.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -68,8 +68,8 @@ impl Grade {
 /// A calibration file that cannot be used.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum CalibrationFileError {
-    /// Not JSON, or not of this form.
-    #[error("{file}: line {line}, column {column}: {reason}; calibrate again, or mend the JSON")]
+    /// The file is not JSON, or has another structure.
+    #[error("{file}: line {line}, column {column}: {reason}; calibrate again, or correct the JSON")]
     NotJson {
         /// Its name.
         file: String,
@@ -80,7 +80,7 @@ pub enum CalibrationFileError {
         /// The parser's words.
         reason: String,
     },
-    /// A value that makes no sense.
+    /// A value is invalid.
     #[error("{file}: `{key}` must be {expected}")]
     Wrong {
         /// Its name.
@@ -90,21 +90,21 @@ pub enum CalibrationFileError {
         /// What the value should be.
         expected: &'static str,
     },
-    /// The rig cannot use it.
+    /// The file does not apply to the rig.
     #[error("{file}: {reason}")]
     Unusable {
         /// Its name.
         file: String,
-        /// Why, and what to do.
+        /// The reason, and what to do.
         reason: String,
     },
 }
 
 impl Header {
-    /// Whether `file` can be used for `step`.
+    /// Checks that `file` can be used for `step`.
     ///
     /// # Errors
-    /// It is of another step, of a newer Penumbra, or was refused when it was made.
+    /// The file is of another step, of a newer Penumbra, or was refused when it was made.
     pub fn check(&self, file: &str, step: &str) -> Result<(), CalibrationFileError> {
         let unusable = |reason: String| CalibrationFileError::Unusable {
             file: file.to_owned(),
@@ -119,7 +119,7 @@ impl Header {
         }
         if self.step != step {
             return Err(unusable(format!(
-                "is of the step `{}`, not `{step}`; name it as it belongs",
+                "is of the step `{}`, not `{step}`; rename it",
                 self.step
             )));
         }
@@ -135,12 +135,12 @@ impl Header {
 /// Reads the bytes of the calibration file `file`.
 ///
 /// # Errors
-/// Too large; not JSON, or not of this form: with line and column.
+/// The file is larger than 16 MiB, not JSON, or has another structure (with line and column).
 pub fn parse<T: DeserializeOwned>(file: &str, bytes: &[u8]) -> Result<T, CalibrationFileError> {
-    if bytes.len() > LARGEST_FILE {
+    if bytes.len() > MAX_FILE_BYTES {
         return Err(CalibrationFileError::Unusable {
             file: file.to_owned(),
-            reason: "more than 16 MiB: no calibration".to_owned(),
+            reason: "more than 16 MiB; is it the right file?".to_owned(),
         });
     }
     serde_json::from_slice(bytes).map_err(|e| CalibrationFileError::NotJson {

@@ -1,9 +1,7 @@
-//! `calibration/latency.json`: what the step `latency` found, in the place of what `rig.json`
-//! says.
+//! `calibration/latency.json`: latencies from the step `latency`, which replace those of `rig.json`.
 //!
-//! Only differences of clocks can be seen. The scene camera's latency stays as the calibration
-//! has it; the tracker's is that plus the offset found, the environment camera's the tracker's
-//! minus its own offset.
+//! Only differences of latencies are observable. The scene camera's latency is kept; the tracker's is
+//! that plus the measured offset, the environment camera's is the tracker's minus its own offset.
 
 use crate::CalibrationFileError;
 use crate::Header;
@@ -11,15 +9,15 @@ use crate::RigDocument;
 use crate::header as head;
 use serde::{Deserialize, Serialize};
 
-/// Beside `rig.json`.
+/// Name of the file, beside `rig.json`.
 pub const LATENCY: &str = "calibration/latency.json";
-/// No device is later, seconds.
-const LARGEST: f64 = 10.0;
+/// Maximum offset, seconds.
+const MAX_SECONDS: f64 = 10.0;
 
 /// The file.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 pub struct LatencyRecord {
-    /// When, from what, how good.
+    /// Step, date, source, quality.
     #[serde(flatten)]
     pub header: Header,
     /// Latency of the tracker minus that of the scene camera.
@@ -29,28 +27,28 @@ pub struct LatencyRecord {
     pub tracker_minus_environment: Option<OffsetRecord>,
 }
 
-/// How two clocks differ.
+/// Offset of two latencies.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 pub struct OffsetRecord {
-    /// The tracker's stamps are ahead of the camera's by so many seconds.
+    /// Latency of the tracker minus that of the camera, seconds.
     pub seconds: f64,
-    /// 1σ, seconds.
+    /// Standard deviation, seconds.
     pub sigma: f64,
-    /// Of both motions, 0 to 1.
+    /// Correlation of the two motions, 0 to 1.
     #[serde(default)]
     pub correlation: f64,
-    /// Pairs of pictures.
+    /// Number of pairs of pictures.
     #[serde(default)]
     pub pictures: usize,
-    /// "poses" or "image motion".
+    /// Method: "poses" or "image motion".
     #[serde(default)]
     pub by: String,
 }
 
-/// Puts the latencies of `calibration/latency.json`, if there is one, into `rig`.
+/// Applies `calibration/latency.json`, if it exists, to `rig`.
 ///
 /// # Errors
-/// A file that cannot be read, or was refused when it was made.
+/// The file is invalid, or was refused when it was made.
 pub fn apply_latency_file<'a>(
     rig: &mut RigDocument,
     attachments: &dyn Fn(&str) -> Option<&'a [u8]>,
@@ -75,12 +73,12 @@ pub fn apply_latency_file<'a>(
 }
 
 impl OffsetRecord {
-    /// In nanoseconds; `file` is for complaints.
+    /// Returns the offset in nanoseconds; `file` is used in the error.
     ///
     /// # Errors
-    /// No number, or more than ten seconds.
+    /// The offset is not finite or longer than ten seconds.
     pub fn nanos(&self, file: &str) -> Result<i64, CalibrationFileError> {
-        if self.seconds.is_finite() && self.seconds.abs() <= LARGEST {
+        if self.seconds.is_finite() && self.seconds.abs() <= MAX_SECONDS {
             return Ok((1e9 * self.seconds).round() as i64);
         }
         Err(CalibrationFileError::Wrong {

@@ -1,4 +1,4 @@
-//! Calibrated lenses take the place of those that `rig.json` says.
+//! Calibrated lenses, which replace those of `rig.json`.
 
 use crate::CalibrationFileError;
 use crate::RigDocument;
@@ -7,15 +7,15 @@ use penumbra_camera::EnvironmentView;
 use penumbra_camera::PinholeCamera;
 use penumbra_camera::{Lens, LensModel};
 
-/// The scene camera's, beside `rig.json`.
+/// Lens file of the scene camera, beside `rig.json`.
 pub const SCENE_LENS: &str = "calibration/scene_camera.json";
-/// The environment camera's.
+/// Lens file of the environment camera.
 pub const ENVIRONMENT_LENS: &str = "calibration/environment_camera.json";
 
-/// Puts the lenses of the calibration files that there are into `rig`.
+/// Applies the existing lens files to `rig`.
 ///
 /// # Errors
-/// A file that cannot be read, was refused when it was made, or does not fit the rig.
+/// A file is invalid, was refused when it was made, or does not match the rig.
 pub fn apply_lens_files<'a>(
     rig: &mut RigDocument,
     attachments: &dyn Fn(&str) -> Option<&'a [u8]>,
@@ -36,13 +36,13 @@ pub fn apply_lens_files<'a>(
                 if lens.model != LensModel::KannalaBrandt {
                     return Err(unusable(
                         ENVIRONMENT_LENS,
-                        "rig.json says a fisheye; calibrate with --model fisheye",
+                        "rig.json has a fisheye; calibrate with --model fisheye",
                     ));
                 }
                 fisheye.focal = (lens.focal.x * lens.focal.y).sqrt();
                 fisheye.centre = lens.centre;
                 fisheye.distortion.copy_from_slice(&lens.coefficients[..4]);
-                // Farther out the lens is a guess; that the picture ends earlier rig.json says.
+                // Beyond this angle the calibration is an extrapolation; rig.json may limit the angle further.
                 fisheye.max_theta = known.map_or(fisheye.max_theta, |k| k.min(fisheye.max_theta));
             }
             EnvironmentView::Sphere { camera, .. } => {
@@ -54,18 +54,18 @@ pub fn apply_lens_files<'a>(
     Ok(())
 }
 
-/// The size of the pictures that the scene camera was calibrated with, if it was.
+/// Returns the picture size (width, height) with which the scene camera was calibrated, if it was.
 ///
 /// # Errors
-/// The file cannot be read.
-pub fn size_of_lens<'a>(
+/// The file is invalid.
+pub(crate) fn size_of_lens<'a>(
     attachments: &dyn Fn(&str) -> Option<&'a [u8]>,
 ) -> Result<Option<(u32, u32)>, CalibrationFileError> {
     let lens = attachments(SCENE_LENS).map(|bytes| usable(SCENE_LENS, bytes));
     Ok(lens.transpose()?.map(|(lens, _)| (lens.width, lens.height)))
 }
 
-/// The lens, and the angle up to which it is known.
+/// Reads a lens and the angle up to which it is known; rejects a refused calibration.
 fn usable(file: &str, bytes: &[u8]) -> Result<(Lens, Option<f64>), CalibrationFileError> {
     let record = LensRecord::parse(file, bytes)?;
     if record
@@ -84,15 +84,15 @@ fn usable(file: &str, bytes: &[u8]) -> Result<(Lens, Option<f64>), CalibrationFi
 fn pinhole(
     file: &str,
     lens: &Lens,
-    said: Option<&PinholeCamera>,
+    current: Option<&PinholeCamera>,
 ) -> Result<PinholeCamera, CalibrationFileError> {
-    if let Some(said) = said {
-        fits(file, lens, (said.width, said.height))?;
+    if let Some(current) = current {
+        fits(file, lens, (current.width, current.height))?;
     }
     lens.as_pinhole().ok_or_else(|| {
         unusable(
             file,
-            "the compositor draws through Brown-Conrady lenses with k1, k2, p1, p2, k3; calibrate with --model brown",
+            "the compositor supports Brown-Conrady lenses with k1, k2, p1, p2, k3; calibrate with --model brown",
         )
     })
 }
@@ -145,14 +145,14 @@ mod tests {
     }
 
     #[test]
-    fn a_calibrated_lens_takes_the_place_of_the_one_written_down() {
+    fn calibrated_lens_replaces_that_of_rig_json() {
         let rig = applied(&file(LensModel::Brown, (640, 480))).unwrap();
         let camera = &rig.calibration.scene_camera.camera;
         assert_eq!((camera.focal.x, camera.distortion[0]), (500.0, -0.2));
     }
 
     #[test]
-    fn a_fisheye_is_used_as_far_out_as_it_is_known() {
+    fn fisheye_is_limited_to_its_calibrated_angle() {
         let (size, focal) = ((600, 600), DVec2::splat(165.0));
         let lens = Lens::ideal(LensModel::KannalaBrandt, size, focal, DVec2::splat(299.5));
         let record = |max_theta| {
@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_refused_in_one_line() {
+    fn rejects_mismatched_files_with_one_line() {
         let refused = file(LensModel::Brown, (640, 480));
         let refused = String::from_utf8(refused).unwrap().replacen(
             "\"sigma\":{}",
@@ -191,7 +191,7 @@ mod tests {
              \"views\":[1,2],\"corners\":[3,4],\"coverage\":0.1,\"projection_sigma\":[1.0,2.0]}",
             1,
         );
-        for (bytes, says) in [
+        for (bytes, expected_text) in [
             (file(LensModel::KannalaBrandt, (640, 480)), "--model brown"),
             (
                 file(LensModel::Brown, (1280, 960)),
@@ -202,7 +202,7 @@ mod tests {
         ] {
             let error = applied(&bytes).unwrap_err().to_string();
             assert!(
-                error.starts_with(SCENE_LENS) && error.contains(says),
+                error.starts_with(SCENE_LENS) && error.contains(expected_text),
                 "{error}"
             );
         }

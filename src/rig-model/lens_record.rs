@@ -1,8 +1,7 @@
-//! The file that a calibration leaves behind: what was found, how sure it is, of which
-//! device and when.
+//! The file of a lens calibration: the lens, its uncertainty, device and date.
 //!
-//! `calibration/scene_camera.json` and `calibration/environment_camera.json` beside a
-//! `rig.json` take the place of the lens that `rig.json` says; a recording carries them.
+//! `calibration/scene_camera.json` and `calibration/environment_camera.json` beside a `rig.json`
+//! replace its lenses; sessions have them as attachments.
 
 use crate::CalibrationFileError;
 use crate::DeviceRecord;
@@ -11,32 +10,31 @@ use penumbra_camera::{Lens, LensModel};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// Version of the format that is written; older ones can be read.
+/// Version of the format.
 const VERSION: u32 = 1;
-/// No such file is larger, bytes.
-const LARGEST_FILE: usize = 1 << 20;
-/// No parameter is larger.
-const LARGEST: f64 = 1e6;
-/// Pixels along a side.
-const MOST_PIXELS: u32 = 65_536;
+/// Maximum size of the file, bytes.
+const MAX_FILE_BYTES: usize = 1 << 20;
+/// Maximum magnitude of a parameter.
+const MAX_MAGNITUDE: f64 = 1e6;
+/// Maximum number of pixels along a side.
+const MAX_SIDE_PIXELS: u32 = 65_536;
 
-/// A camera's calibration, as it is written. Lengths are pixels, `sigma` is one standard
-/// deviation.
+/// The file. Lengths are pixels, `sigma` is one standard deviation.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 pub struct LensRecord {
     /// Version of this format.
     pub penumbra_calibration: u32,
     /// "scene" or "environment".
     pub camera: String,
-    /// When, UTC, as ISO 8601.
+    /// Date, UTC, ISO 8601.
     pub date: String,
-    /// Which device.
+    /// Device.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub device: Option<DeviceRecord>,
-    /// From what: a session or a folder.
+    /// Source: a session or a folder.
     #[serde(default)]
     pub source: String,
-    /// As `--board` has it.
+    /// Board, as given to `--board`.
     #[serde(default)]
     pub board: String,
     /// "brown", "brown-rational" or "fisheye".
@@ -47,40 +45,40 @@ pub struct LensRecord {
     pub focal: [f64; 2],
     /// cx and cy.
     pub centre: [f64; 2],
-    /// k1, ... by name.
+    /// Coefficients k1, ... by name.
     pub distortion: BTreeMap<String, f64>,
-    /// The angle from the axis up to which a fisheye is known, radians.
+    /// Maximum calibrated angle of a fisheye from the axis, radians.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max_theta: Option<f64>,
-    /// Of fx, fy, cx, cy and the coefficients by name.
+    /// Standard deviations of fx, fy, cx, cy and the coefficients by name.
     #[serde(default)]
     pub sigma: BTreeMap<String, f64>,
-    /// How good it is.
+    /// Quality of the calibration.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub quality: Option<QualityRecord>,
 }
 
-/// What speaks for and against it.
+/// Quality of a lens calibration.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 pub struct QualityRecord {
     /// "good", "usable" or "refused".
     pub verdict: String,
-    /// Why not good.
+    /// Reasons for a grade below good.
     pub findings: Vec<String>,
-    /// Root mean square of the reprojection error.
+    /// Root mean square reprojection error, pixels.
     pub rms: f64,
-    /// Views used, and all.
+    /// Number of views used, and of all.
     pub views: [usize; 2],
-    /// Corners used, and all.
+    /// Number of corners used, and of all.
     pub corners: [usize; 2],
-    /// Share of the picture with corners in it.
+    /// Share of the picture that contains corners.
     pub coverage: f64,
-    /// Of a direction's picture, 1σ: in the middle and at worst.
+    /// Standard deviation of the projection of a direction, pixels: in the centre and at worst.
     pub projection_sigma: [f64; 2],
 }
 
 impl LensRecord {
-    /// Of a lens that other programs found.
+    /// Creates the record of a lens that another program calibrated.
     #[must_use]
     pub fn of_lens(lens: &Lens, camera: &str, date: String) -> Self {
         let names = lens.model.coefficients();
@@ -106,12 +104,12 @@ impl LensRecord {
     /// Reads the bytes of `file`.
     ///
     /// # Errors
-    /// What is wrong and where, in one line.
+    /// The file is larger than 1 MiB, not JSON, or has invalid values.
     pub fn parse(file: &str, bytes: &[u8]) -> Result<Self, CalibrationFileError> {
-        if bytes.len() > LARGEST_FILE {
+        if bytes.len() > MAX_FILE_BYTES {
             return Err(CalibrationFileError::Unusable {
                 file: file.to_owned(),
-                reason: "more than 1 MiB: no calibration of a lens".to_owned(),
+                reason: "more than 1 MiB; is it the right file?".to_owned(),
             });
         }
         let record: Self =
@@ -125,10 +123,10 @@ impl LensRecord {
         Ok(record)
     }
 
-    /// The lens that it holds; `file` is for complaints.
+    /// Returns the lens; `file` is used in the error.
     ///
     /// # Errors
-    /// A version, a model or numbers that make no sense.
+    /// The version or model is unknown, or a number is out of range.
     pub fn lens(&self, file: &str) -> Result<Lens, CalibrationFileError> {
         let wrong = |key, expected| CalibrationFileError::Wrong {
             file: file.to_owned(),
@@ -141,17 +139,17 @@ impl LensRecord {
                 "1: it is of a newer Penumbra",
             ));
         }
-        let model = LensModel::of_name(&self.model)
+        let model = LensModel::from_name(&self.model)
             .ok_or_else(|| wrong("model", "\"brown\", \"brown-rational\" or \"fisheye\""))?;
         let [width, height] = self.image_size;
-        if !(1..=MOST_PIXELS).contains(&width) || !(1..=MOST_PIXELS).contains(&height) {
+        if !(1..=MAX_SIDE_PIXELS).contains(&width) || !(1..=MAX_SIDE_PIXELS).contains(&height) {
             return Err(wrong("image_size", "[width, height] in pixels, 1 to 65536"));
         }
         let (focal, centre) = (DVec2::from(self.focal), DVec2::from(self.centre));
-        if !(focal.min_element() > 0.0 && focal.max_element() <= LARGEST) {
+        if !(focal.min_element() > 0.0 && focal.max_element() <= MAX_MAGNITUDE) {
             return Err(wrong("focal", "[fx, fy] in pixels, above 0"));
         }
-        if !centre.is_finite() || centre.abs().max_element() > LARGEST {
+        if !centre.is_finite() || centre.abs().max_element() > MAX_MAGNITUDE {
             return Err(wrong("centre", "[cx, cy] in pixels"));
         }
         if self
@@ -171,7 +169,7 @@ impl LensRecord {
         for (slot, name) in lens.coefficients.iter_mut().zip(names) {
             *slot = self.distortion.get(*name).copied().unwrap_or(0.0);
         }
-        if lens.coefficients.iter().any(|k| k.abs() > LARGEST) {
+        if lens.coefficients.iter().any(|k| k.abs() > MAX_MAGNITUDE) {
             return Err(wrong("distortion", "an object of numbers of at most 1e6"));
         }
         Ok(lens)

@@ -1,8 +1,11 @@
 //! What is known of a rig: `rig.json`, the calibration files beside it, and the scene that they
 //! describe.
 //!
-//! [`RigDocument`] holds everything that the files state; its `calibration` ([`RigCalibration`])
-//! is what the rest of the program works with.
+//! [`RigDocument`] holds the contents of all files; its `calibration` ([`RigCalibration`]) is used by
+//! the rest of the program. Modules in the order of the data flow: `calibration` and
+//! `tracker_field` (the types), `rig_json`, the calibration files (`header`, `lens_record`,
+//! `lens_files`, `environment_file`, `radiometric_file`, `markers_file`, `tracker_file`,
+//! `latency_file`), `files` (all together, and the scene).
 
 mod calibration;
 pub mod environment_file;

@@ -1,27 +1,26 @@
-//! `calibration/markers.json`: the tags that the step `map` found, beside or in the place of
-//! those that `rig.json` says.
+//! `calibration/markers.json`: tags from the step `map`, which add to or replace those of `rig.json`.
 
-use super::rig_json::Marker;
-use super::tracker_file::PoseRecord;
 use crate::CalibrationFileError;
 use crate::Header;
 use crate::RigDocument;
 use crate::header as head;
+use crate::rig_json::Marker;
+use crate::tracker_file::PoseRecord;
 use penumbra_fiducials::Family;
 use serde::{Deserialize, Serialize};
 
-/// Beside `rig.json`.
+/// Name of the file, beside `rig.json`.
 pub const MARKERS: &str = "calibration/markers.json";
-/// No map has more.
-const MOST: usize = 10_000;
+/// Maximum number of tags.
+const MAX_MARKERS: usize = 10_000;
 
 /// The file.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 pub struct MarkersRecord {
-    /// When, from what, how good.
+    /// Step, date, source, quality.
     #[serde(flatten)]
     pub header: Header,
-    /// The map has a world of its own: markers that `rig.json` says are in another.
+    /// The map has a new world frame, in which the markers of `rig.json` do not apply.
     #[serde(default)]
     pub new_world: bool,
     /// The tags.
@@ -31,15 +30,15 @@ pub struct MarkersRecord {
 /// A tag.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 pub struct MarkerRecord {
-    /// Such as `tag36h11`.
+    /// E.g. `tag36h11`.
     pub family: String,
     /// Number within the family.
     pub id: u32,
     /// Edge of the black border, metres.
     pub size_m: f64,
-    /// In the world: +Z into the paper. Deviations are along the tag's own axes.
+    /// Pose in the world, +Z into the paper; standard deviations along the tag's axes.
     pub pose: PoseRecord,
-    /// Pictures that agree on it.
+    /// Number of pictures that are consistent with the pose.
     #[serde(default)]
     pub sightings: usize,
     /// Root mean square reprojection error, pixels.
@@ -47,10 +46,10 @@ pub struct MarkerRecord {
     pub rms: f64,
 }
 
-/// Puts the tags of `calibration/markers.json`, if there is one, into `rig`.
+/// Applies `calibration/markers.json`, if it exists, to `rig`.
 ///
 /// # Errors
-/// A file that cannot be read, or was refused when it was made.
+/// The file is invalid, or was refused when it was made.
 pub fn apply_markers_file<'a>(
     rig: &mut RigDocument,
     attachments: &dyn Fn(&str) -> Option<&'a [u8]>,
@@ -65,7 +64,7 @@ pub fn apply_markers_file<'a>(
         key,
         expected,
     };
-    if record.markers.len() > MOST {
+    if record.markers.len() > MAX_MARKERS {
         return Err(wrong("markers", "at most 10000 tags"));
     }
     if record.new_world {
@@ -73,7 +72,7 @@ pub fn apply_markers_file<'a>(
     }
     for marker in &record.markers {
         if marker.family.parse::<Family>().is_err() {
-            return Err(wrong("family", "a family of tags that is known"));
+            return Err(wrong("family", "a known family of tags, e.g. tag36h11"));
         }
         if !(marker.size_m > 0.0 && marker.size_m < 100.0) {
             return Err(wrong("size_m", "metres, above 0"));

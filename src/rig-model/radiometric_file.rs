@@ -1,5 +1,4 @@
-//! What the radiometric step found takes the place of what `rig.json` says of colour and
-//! brightness.
+//! Radiometric calibration: tone curves, vignetting, noise and gains, which replace those of `rig.json`.
 
 use crate::CalibrationFileError;
 use crate::Header;
@@ -12,17 +11,17 @@ use penumbra_camera::Vignetting;
 use penumbra_white_balance::{CalibratedGains, GainEstimate};
 use serde::{Deserialize, Serialize};
 
-/// Beside `rig.json`.
+/// Name of the file, beside `rig.json`.
 pub const RADIOMETRIC: &str = "calibration/radiometric.json";
-/// What earlier versions called it.
+/// Name of the file in earlier versions.
 const OLD_NAME: &str = "calibration/photometric.json";
-/// The step's name.
+/// The calibration step.
 pub const STEP: &str = "radiometric";
 
 /// The file.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct RadiometricRecord {
-    /// Of which step, when, how good.
+    /// Step, date, source, quality.
     #[serde(flatten)]
     pub header: Header,
     /// The scene camera.
@@ -31,21 +30,21 @@ pub struct RadiometricRecord {
     /// The environment camera.
     #[serde(default, skip_serializing_if = "CameraRecord::is_empty")]
     pub environment_camera: CameraRecord,
-    /// Between them.
+    /// Gains between them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gains: Option<GainsRecord>,
 }
 
-/// What was found of one camera; what was not keeps the word of `rig.json`.
+/// Radiometric calibration of one camera; missing parts keep the values of `rig.json`.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
 pub struct CameraRecord {
     /// Tone curve.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub response: Option<ResponseRecord>,
-    /// How bright the picture is towards its edge.
+    /// Vignetting.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub vignetting: Option<VignettingRecord>,
-    /// Noise of one pixel.
+    /// Noise of a pixel.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub noise: Option<NoiseRecord>,
 }
@@ -59,23 +58,23 @@ impl CameraRecord {
 /// A tone curve.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 pub struct ResponseRecord {
-    /// 256 ascending values, 0 to 1.
+    /// Linear values of the 256 codes, ascending from 0 to 1.
     pub linear_from_code: Vec<f32>,
-    /// Standard error of each, relative to it.
+    /// Relative standard error of each.
     #[serde(default)]
     pub relative_sigma: Vec<f32>,
 }
 
-/// 1 + k1 ρ² + k2 ρ⁴ + k3 ρ⁶, ρ the distance from `centre` in units of `radius`.
+/// Relative brightness 1 + k1 ρ² + k2 ρ⁴ + k3 ρ⁶, ρ the distance from `centre` in units of `radius`.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 pub struct VignettingRecord {
-    /// Pixels of the pictures that it is of.
+    /// Width of the pictures, pixels.
     pub width: u32,
-    /// Rows.
+    /// Height of the pictures, pixels.
     pub height: u32,
-    /// Pixels.
+    /// Centre, pixels.
     pub centre: [f64; 2],
-    /// Pixels.
+    /// Radius at which ρ is 1, pixels.
     pub radius: f64,
     /// k1, k2, k3.
     pub coefficients: [f64; 3],
@@ -83,41 +82,41 @@ pub struct VignettingRecord {
     pub sigma: [f64; 3],
 }
 
-/// Variance of a pixel = read + shot × value, linear, full scale 1.
+/// Noise: variance of a pixel = read + shot × value; linear, full scale 1.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 pub struct NoiseRecord {
-    /// Variance in the dark, per channel.
+    /// Variance of the read noise, per channel.
     pub read: [f64; 3],
     /// Its standard error.
     pub read_sigma: [f64; 3],
-    /// Variance by value, per channel.
+    /// Variance of the shot noise per linear value, per channel.
     pub shot: [f64; 3],
     /// Its standard error.
     pub shot_sigma: [f64; 3],
 }
 
-/// scene = rgb × environment, linear.
+/// Gains: scene = rgb × environment, linear.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 pub struct GainsRecord {
-    /// Per channel.
+    /// Gain per channel.
     pub rgb: [f64; 3],
-    /// Standard error of each, relative.
+    /// Relative standard error of each.
     pub relative_sigma: [f64; 3],
     /// "chart", "grey card" or "overlap".
     pub method: String,
-    /// Exposure time × gain of scene and environment camera when it was found, seconds, where
-    /// the cameras say it.
+    /// Exposure time × gain of scene and environment camera during the calibration, seconds, if the
+    /// cameras report it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub exposures: Option<[f64; 2]>,
-    /// scene = matrix × environment, rows, where the cameras differ by more than gains.
+    /// Colour matrix: scene = matrix × environment, row by row, if the cameras differ by more than gains.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub matrix: Option<[[f64; 3]; 3]>,
 }
 
-/// Puts what was calibrated into `rig`, if there is such a file.
+/// Applies the file, if it exists, to `rig`.
 ///
 /// # Errors
-/// A file that cannot be read, was refused when it was made, or holds what no camera can have.
+/// The file is invalid, was refused when it was made, or has values that no camera can have.
 pub fn apply_radiometric_file<'a>(
     rig: &mut RigDocument,
     attachments: &dyn Fn(&str) -> Option<&'a [u8]>,
@@ -154,7 +153,7 @@ pub fn apply_radiometric_file<'a>(
     let camera = &rig.scene_camera.camera;
     let size = Some((camera.width, camera.height));
     rig.scene_camera.vignetting = vignetting(&record.scene_camera, size)?;
-    // A sphere in the scene camera's picture is seen by that camera.
+    // A sphere in the scene camera's picture is observed by that camera.
     if let Some(environment) = &mut rig.environment
         && matches!(environment.view, EnvironmentView::SphereInScene { .. })
     {
@@ -261,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_calibrated_takes_the_place_of_what_was_written_down() {
+    fn calibrated_values_replace_those_of_rig_json() {
         let table: Vec<String> = (0..256)
             .map(|i| format!("{}", f64::from(i) / 255.0))
             .collect();
@@ -280,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_with_the_old_name_is_refused_with_the_new_one() {
+    fn rejects_old_file_name_with_the_new_one() {
         let mut rig = RigDocument::uncalibrated(640, 480);
         let error = apply_radiometric_file(&mut rig, &|name| {
             (name == "calibration/photometric.json").then_some(b"{}".as_slice())
@@ -295,8 +294,8 @@ mod tests {
     }
 
     #[test]
-    fn what_no_camera_can_have_is_refused_in_one_line() {
-        for (rest, says) in [
+    fn rejects_impossible_values_with_one_line() {
+        for (rest, expected_text) in [
             (
                 "\"scene_camera\":{\"response\":{\"linear_from_code\":[0,1]}}",
                 "has 2 values",
@@ -318,7 +317,7 @@ mod tests {
         ] {
             let error = applied(rest).unwrap_err();
             assert!(
-                error.starts_with(RADIOMETRIC) && error.contains(says),
+                error.starts_with(RADIOMETRIC) && error.contains(expected_text),
                 "{error}"
             );
         }

@@ -1,4 +1,4 @@
-//! How an electromagnetic tracker's space is bent: a static map of corrections.
+//! Field distortion of an electromagnetic tracker: a static map of corrections.
 //!
 //! ```text
 //!  u = (p − low)/h,   w_ijk = B(u_x − i) B(u_y − j) B(u_z − k)   (uniform cubic B-spline)
@@ -10,52 +10,53 @@
 
 use glam::{DQuat, DVec3};
 use penumbra_interface::RigidTransform;
+use penumbra_numerics::smoothstep;
 
 /// Corrections at a grid of control points, in the transmitter's frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrackerField {
     grid: Grid,
-    /// Shift (metres) and turn (rotation vector) by control point, x fastest.
+    /// Translation (metres) and rotation vector (radians) by control point, x fastest.
     values: Vec<(DVec3, DVec3)>,
 }
 
-/// The grid itself: cubes of one size.
+/// A grid of cubic cells.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Grid {
-    /// Least corner of the volume, transmitter's frame, metres.
+    /// Minimum corner of the volume, transmitter's frame, metres.
     pub low: DVec3,
     /// Edge of a cell, metres.
     pub spacing: f64,
-    /// Cells along each axis; control points are three more.
+    /// Number of cells along each axis; there are three more control points.
     pub cells: [usize; 3],
 }
 
 impl Grid {
-    /// Control points along an axis.
+    /// Number of control points along an axis.
     #[must_use]
     pub const fn points(&self, axis: usize) -> usize {
         self.cells[axis] + 3
     }
 
-    /// Control points in all.
+    /// Total number of control points.
     #[must_use]
     pub const fn count(&self) -> usize {
         self.points(0) * self.points(1) * self.points(2)
     }
 
-    /// Number of a control point.
+    /// Index of a control point.
     #[must_use]
     pub const fn index(&self, x: usize, y: usize, z: usize) -> usize {
         (z * self.points(1) + y) * self.points(0) + x
     }
 
-    /// Largest corner of the volume.
+    /// Maximum corner of the volume, metres.
     #[must_use]
     pub fn high(&self) -> DVec3 {
         self.low + DVec3::from(self.cells.map(|c| c as f64)) * self.spacing
     }
 
-    /// Calls `with` for the 64 control points near a place with their weights, which sum to 1.
+    /// Calls `with` for the 64 control points around a position with their weights, which sum to 1.
     pub fn weigh(&self, place: DVec3, mut with: impl FnMut(usize, f64)) {
         let inside = place.clamp(self.low, self.high());
         let u = (inside - self.low) / self.spacing;
@@ -74,11 +75,10 @@ impl Grid {
         }
     }
 
-    /// 1 within the volume, 0 farther out than one cell.
+    /// Blending weight: 1 within the volume, 0 beyond one cell outside of it.
     fn presence(&self, place: DVec3) -> f64 {
         let outside = place.distance(place.clamp(self.low, self.high()));
-        let t = (1.0 - outside / self.spacing).clamp(0.0, 1.0);
-        t * t * (3.0 - 2.0 * t)
+        smoothstep(0.0, 1.0, 1.0 - outside / self.spacing)
     }
 }
 
@@ -94,7 +94,7 @@ fn cubic(t: f64) -> [f64; 4] {
 }
 
 impl TrackerField {
-    /// Of a grid and as many corrections as it has control points; `None` where the numbers differ.
+    /// Creates a field; `None` if the number of corrections is not that of the control points.
     #[must_use]
     pub fn new(grid: Grid, values: Vec<(DVec3, DVec3)>) -> Option<Self> {
         let sound = grid.spacing > 0.0 && grid.cells.iter().all(|c| (1..=64).contains(c));
@@ -107,13 +107,13 @@ impl TrackerField {
         &self.grid
     }
 
-    /// Shift (metres) and turn by control point, x fastest.
+    /// Translations (metres) and rotation vectors (radians) by control point, x fastest.
     #[must_use]
     pub fn values(&self) -> &[(DVec3, DVec3)] {
         &self.values
     }
 
-    /// Where the sensor truly is, by a reading. Far outside of the volume the reading itself.
+    /// Corrects a reading. Far outside of the volume, the reading is returned unchanged.
     #[must_use]
     pub fn correct(&self, transmitter_from_sensor: RigidTransform) -> RigidTransform {
         let (shift, turn) = self.at(transmitter_from_sensor.translation);
@@ -123,7 +123,7 @@ impl TrackerField {
         )
     }
 
-    /// Shift and turn for what is read at a place.
+    /// Returns the correction (translation in metres, rotation vector in radians) at a read position.
     #[must_use]
     pub fn at(&self, place: DVec3) -> (DVec3, DVec3) {
         let presence = self.grid.presence(place);
@@ -153,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn equal_corrections_are_that_correction_inside_and_none_far_outside() {
+    fn uniform_corrections_apply_inside_and_vanish_far_outside() {
         let (shift, turn) = (DVec3::new(0.01, -0.02, 0.003), DVec3::new(0.0, 0.05, 0.01));
         let field = TrackerField::new(grid(), vec![(shift, turn); grid().count()]).unwrap();
         let pose = RigidTransform::new(DQuat::from_rotation_x(0.3), DVec3::new(0.3, 0.0, -0.25));
@@ -166,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn it_has_no_step_anywhere() {
+    fn correction_is_continuous() {
         let values = (0..grid().count()).map(|i| {
             let v = DVec3::splat((i as f64 * 0.7).sin()) * 0.02;
             (v, v)
@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn too_few_corrections_are_no_field() {
+    fn rejects_wrong_number_of_corrections() {
         assert_eq!(TrackerField::new(grid(), Vec::new()), None);
     }
 }

@@ -1,5 +1,5 @@
-//! `calibration/tracker.json`: what the step `tracker` found, in the place of what `rig.json`
-//! says.
+//! `calibration/tracker.json`: mounting of the tracker from the step `tracker`, which replaces that of
+//! `rig.json`.
 
 use super::latency_file::OffsetRecord;
 use crate::CalibrationFileError;
@@ -13,50 +13,50 @@ use penumbra_interface::RigidTransform;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-/// Beside `rig.json`.
+/// Name of the file, beside `rig.json`.
 pub const TRACKER: &str = "calibration/tracker.json";
-/// No place is farther away, metres.
-const LARGEST: f64 = 1000.0;
-/// No correction is larger, metres and radians.
-const LARGEST_CORRECTION: f64 = 2.0;
+/// Maximum coordinate of a position, metres.
+const MAX_COORDINATE: f64 = 1000.0;
+/// Maximum length of a correction, metres and radians.
+const MAX_CORRECTION: f64 = 2.0;
 
 /// The file.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 pub struct TrackerRecord {
-    /// When, from what, how good.
+    /// Step, date, source, quality.
     #[serde(flatten)]
     pub header: Header,
     /// The transmitter's pose in the world.
     pub world_from_transmitter: PoseRecord,
-    /// The scene camera's pose on the sensor.
+    /// The scene camera's pose in the sensor's frame.
     pub sensor_from_scene_camera: PoseRecord,
-    /// Metres per unit of what the tracker sends.
+    /// Metres per unit of the tracker's positions.
     pub metres_per_unit: f64,
-    /// The offset of the clocks with which both were found.
+    /// The offset of the latencies with which both were calibrated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tracker_minus_scene: Option<OffsetRecord>,
-    /// Root mean square of what is left: metres and radians.
+    /// Root mean square residual: metres and radians.
     #[serde(default)]
     pub residual: [f64; 2],
-    /// Pairs of poses used, and all.
+    /// Number of pairs of poses used, and of all.
     #[serde(default)]
     pub pairs: [usize; 2],
-    /// How the tracker's space is bent.
+    /// Correction of field distortion.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub distortion: Option<FieldRecord>,
 }
 
-/// A pose and how sure it is.
+/// A pose and its standard deviations.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 pub struct PoseRecord {
-    /// Metres.
+    /// Position, metres.
     pub position: [f64; 3],
-    /// w, x, y, z.
+    /// Unit quaternion.
     pub quaternion_wxyz: [f64; 4],
-    /// 1σ, metres.
+    /// Standard deviations of the position, metres.
     #[serde(default)]
     pub position_sigma: [f64; 3],
-    /// 1σ about the axes, radians.
+    /// Standard deviations of the rotation about the axes, radians.
     #[serde(default)]
     pub rotation_sigma: [f64; 3],
 }
@@ -64,26 +64,27 @@ pub struct PoseRecord {
 /// A map of corrections; see [`TrackerField`].
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 pub struct FieldRecord {
-    /// Least corner of the volume, transmitter's frame, metres.
+    /// Minimum corner of the volume, transmitter's frame, metres.
     pub low: [f64; 3],
     /// Edge of a cell, metres.
     pub spacing: f64,
-    /// Cells along each axis.
+    /// Number of cells along each axis.
     pub cells: [usize; 3],
-    /// By control point, x fastest, metres.
+    /// Translations by control point, x fastest, metres.
     pub shift: Vec<[f64; 3]>,
-    /// Rotation vectors, likewise.
+    /// Rotation vectors by control point, x fastest, radians.
     pub turn: Vec<[f64; 3]>,
-    /// Of what was held out, without and with the map: root mean square, metres.
+    /// Root mean square error on held-out data without and with the map, metres.
     #[serde(default)]
     pub held_out_position: [f64; 2],
-    /// And radians.
+    /// The same, radians.
     #[serde(default)]
     pub held_out_rotation: [f64; 2],
 }
 
 impl PoseRecord {
-    /// Of a pose with its deviations (rotation, translation).
+    /// Creates the record of a pose with its standard deviations (rotation in radians, translation in
+    /// metres).
     #[must_use]
     pub fn new(pose: RigidTransform, (turn, shift): (DVec3, DVec3)) -> Self {
         let q = pose.rotation;
@@ -95,10 +96,10 @@ impl PoseRecord {
         }
     }
 
-    /// The pose; `file` is for complaints.
+    /// Returns the pose; `file` is used in the error.
     ///
     /// # Errors
-    /// Numbers that make no pose.
+    /// The position is out of range or the quaternion has not length 1.
     pub fn pose(&self, file: &str) -> Result<RigidTransform, CalibrationFileError> {
         let wrong = |key, expected| CalibrationFileError::Wrong {
             file: file.to_owned(),
@@ -106,7 +107,7 @@ impl PoseRecord {
             expected,
         };
         let place = DVec3::from(self.position);
-        if !place.is_finite() || place.abs().max_element() > LARGEST {
+        if !place.is_finite() || place.abs().max_element() > MAX_COORDINATE {
             return Err(wrong("position", "x, y, z in metres"));
         }
         let [w, x, y, z] = self.quaternion_wxyz;
@@ -119,7 +120,7 @@ impl PoseRecord {
 }
 
 impl FieldRecord {
-    /// Of a field.
+    /// Creates the record of a field.
     #[must_use]
     pub fn of(field: &TrackerField) -> Self {
         let grid = field.grid();
@@ -134,16 +135,16 @@ impl FieldRecord {
         }
     }
 
-    /// The field; `file` is for complaints.
+    /// Returns the field; `file` is used in the error.
     ///
     /// # Errors
-    /// Numbers that make none.
+    /// The grid is invalid, or the corrections are too large or their number is wrong.
     pub fn field(&self, file: &str) -> Result<TrackerField, CalibrationFileError> {
         let values = self.shift.iter().zip(&self.turn);
         let values: Vec<_> = values
             .map(|(s, t)| (DVec3::from(*s), DVec3::from(*t)))
             .collect();
-        let small = |v: &DVec3| v.is_finite() && v.length() <= LARGEST_CORRECTION;
+        let small = |v: &DVec3| v.is_finite() && v.length() <= MAX_CORRECTION;
         let grid = Grid {
             low: DVec3::from(self.low),
             spacing: self.spacing,
@@ -157,15 +158,15 @@ impl FieldRecord {
         field.ok_or_else(|| CalibrationFileError::Wrong {
             file: file.to_owned(),
             key: "distortion",
-            expected: "a grid with a shift and a turn for each of its control points",
+            expected: "a grid with a translation and a rotation for each control point",
         })
     }
 }
 
-/// Puts what `calibration/tracker.json`, if there is one, says of the tracker into `rig`.
+/// Applies `calibration/tracker.json`, if it exists, to `rig`.
 ///
 /// # Errors
-/// A file that cannot be read, or was refused when it was made.
+/// The file is invalid, or was refused when it was made.
 pub fn apply_tracker_file<'a>(
     rig: &mut RigDocument,
     attachments: &dyn Fn(&str) -> Option<&'a [u8]>,
@@ -186,7 +187,7 @@ pub fn apply_tracker_file<'a>(
     let offset = record.tracker_minus_scene.as_ref();
     let latency_nanos = match (offset.map(|o| o.nanos(TRACKER)).transpose()?, &rig.tracker) {
         (Some(offset), _) => rig.scene_camera.latency_nanos.saturating_add(offset),
-        (None, Some(said)) => said.latency_nanos,
+        (None, Some(tracker)) => tracker.latency_nanos,
         (None, None) => 0,
     };
     let field = record.distortion.as_ref();

@@ -29,7 +29,7 @@ pub(super) enum JournalMessage {
 }
 
 /// JSON schema of [`JournalMessage`].
-pub(super) const JOURNAL_SCHEMA: &[u8] = br#"{"title":"penumbra.Journal","type":"object","properties":{"tick":{"type":"object","description":"nothing came, and pairing was told the time"},"prepared":{"type":"object","description":"a picture of the scene camera was made ready to be composed","properties":{"arrived_at":{"type":"integer","description":"its arrival, nanoseconds"},"seen":{"type":"boolean","description":"its light was worked out"},"lit_by":{"type":"integer","description":"arrival of the picture in whose light it was drawn, nanoseconds"}}}}}"#;
+pub(super) const JOURNAL_SCHEMA: &[u8] = br#"{"title":"penumbra.Journal","type":"object","properties":{"tick":{"type":"object","description":"the time of pairing was advanced without an arrival"},"prepared":{"type":"object","description":"a picture of the scene camera was prepared for the compositor","properties":{"arrived_at":{"type":"integer","description":"its arrival, nanoseconds"},"seen":{"type":"boolean","description":"the light estimator used it"},"lit_by":{"type":"integer","description":"arrival of the picture in whose light it was rendered, nanoseconds"}}}}}"#;
 
 /// JSON of a `.../controls` message, in the device's own units.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -41,7 +41,7 @@ pub(super) struct ControlsMessage {
 pub(super) const CONTROLS_SCHEMA: &[u8] = br#"{"title":"penumbra.Controls","type":"object","properties":{"controls":{"type":"object","description":"controls in force from the next image on, in the device's units","additionalProperties":{"type":"integer"}}}}"#;
 
 impl ControlsMessage {
-    pub fn of(controls: &ControlsInForce) -> Self {
+    pub fn from_controls(controls: &ControlsInForce) -> Self {
         let named = |(name, value): &(Arc<str>, i64)| (name.to_string(), *value);
         Self {
             controls: controls.iter().map(named).collect(),

@@ -16,12 +16,12 @@
 //! | `…/image_raw` | `foxglove.RawImage` | the same for YUYV, NV12, RGB8, grey |
 //! | `…/image_ev-4` | | the exposure that is 4 stops darker than the base one |
 //! | `…/exposure` | `penumbra.Exposure` (JSON) | shutter time, gain and the full frame counter, just before its image |
-//! | `…/controls` | `penumbra.Controls` (JSON) | the camera's controls in force from the next image on |
-//! | `…/calibration` | `foxglove.CameraCalibration` | for viewers; the rig's own is the attachment `rig.json` |
-//! | `/tracker/bytes` | `penumbra.TrackerBytes` | raw bytes as they arrived; channel metadata `protocol` says how to read them |
-//! | `/tracker/pose` | `foxglove.FrameTransform` | poses of a tracker that is no byte stream |
-//! | `/rig/journal` | `penumbra.Journal` (JSON) | what the live rig made of it; the order of such a file is the order of arrival |
-//! | `/tf` | `foxglove.FrameTransform` | the decoded frame tree, for viewers; never read back |
+//! | `…/controls` | `penumbra.Controls` (JSON) | the camera's controls, active from the next image on |
+//! | `…/calibration` | `foxglove.CameraCalibration` | for viewers; Penumbra reads the attachment `rig.json` |
+//! | `/tracker/bytes` | `penumbra.TrackerBytes` | raw bytes as received; the channel metadata `protocol` names their protocol |
+//! | `/tracker/pose` | `foxglove.FrameTransform` | poses of a tracker that is not a byte stream |
+//! | `/rig/journal` | `penumbra.Journal` (JSON) | how the live rig processed the streams; such a file is in the order of arrival |
+//! | `/tf` | `foxglove.FrameTransform` | the decoded frame tree, for viewers; not read back |
 
 mod container;
 mod error;

@@ -191,7 +191,7 @@ pub(super) struct ExposureMessage {
 pub(super) const EXPOSURE_SCHEMA: &[u8] = br#"{"title":"penumbra.Exposure","type":"object","properties":{"sequence":{"type":"integer","description":"the camera's frame counter"},"bracket_ev":{"type":"number","description":"stops relative to the base exposure"},"exposure_micros":{"type":["number","null"],"description":"shutter time, microseconds"},"gain":{"type":["number","null"],"description":"linear gain, 1 = none"}}}"#;
 
 impl ExposureMessage {
-    pub fn of(frame: &Frame) -> Self {
+    pub fn from_frame(frame: &Frame) -> Self {
         Self {
             sequence: frame.sequence,
             bracket_ev: frame.bracket_ev,

@@ -82,7 +82,7 @@ fn opened(bytes: &[u8]) -> Result<(TempDir, Session), SessionError> {
     Session::open(&path).map(|session| (folder, session))
 }
 
-fn whole(session: &Session) -> Vec<SessionEvent> {
+fn all_events(session: &Session) -> Vec<SessionEvent> {
     session.events().map(Result::unwrap).collect()
 }
 
@@ -98,7 +98,7 @@ fn scene_sequences(events: &[SessionEvent]) -> Vec<u64> {
 fn events_round_trip_in_the_order_of_arrival() {
     let (_folder, session) = opened(&recorded(3)).unwrap();
     assert!(!session.truncated() && session.damage().is_empty());
-    let events = whole(&session);
+    let events = all_events(&session);
     assert_eq!(events.len(), 3 * 6);
     assert!(events.is_sorted_by_key(SessionEvent::arrived_at));
     let [
@@ -156,7 +156,7 @@ fn attachments_round_trip_with_their_paths() {
 fn session_can_be_read_repeatedly() {
     let (_folder, session) = opened(&recorded(4)).unwrap();
     for _ in 0..3 {
-        assert_eq!(scene_sequences(&whole(&session)), [0, 1, 2, 3]);
+        assert_eq!(scene_sequences(&all_events(&session)), [0, 1, 2, 3]);
     }
 }
 
@@ -172,7 +172,7 @@ fn sorts_streams_that_were_written_late() {
     }
     let bytes = writer.finish().unwrap().into_inner();
     let (_folder, session) = opened(&bytes).unwrap();
-    assert_eq!(scene_sequences(&whole(&session)), [0, 1, 2, 3, 4]);
+    assert_eq!(scene_sequences(&all_events(&session)), [0, 1, 2, 3, 4]);
 }
 
 #[test]
@@ -193,7 +193,7 @@ fn truncated_file_replays_its_complete_chunks() {
         match opened(&bytes[..cut]) {
             Ok((_folder, session)) => {
                 assert!(session.truncated(), "cut at {cut}");
-                let sequences = scene_sequences(&whole(&session));
+                let sequences = scene_sequences(&all_events(&session));
                 assert_eq!(
                     sequences,
                     (0..chunks as u64).collect::<Vec<_>>(),
@@ -218,7 +218,7 @@ fn file_that_ends_in_zeros_is_truncated() {
     bytes[second - 60..].fill(0);
     let (_folder, session) = opened(&bytes).unwrap();
     assert!(session.truncated());
-    assert_eq!(scene_sequences(&whole(&session)), [0]);
+    assert_eq!(scene_sequences(&all_events(&session)), [0]);
 }
 
 #[test]
@@ -307,7 +307,7 @@ fn reads_compressed_chunks_and_rejects_decompression_bombs() {
     for compression in [mcap::Compression::Lz4, mcap::Compression::Zstd] {
         let bytes = recorded_elsewhere(compression);
         let (_folder, session) = opened(&bytes).unwrap();
-        assert_eq!(scene_sequences(&whole(&session)), [0, 1, 2]);
+        assert_eq!(scene_sequences(&all_events(&session)), [0, 1, 2]);
         // A chunk that is larger than its header states.
         let place = &session.container.chunks[0];
         let name = place.header.compression.len();
@@ -453,7 +453,7 @@ proptest! {
         let (_folder, session) = opened(&bytes).unwrap();
         let mut expected: Vec<_> = frames.iter().map(|(frame, scene)| (*scene, frame)).collect();
         expected.sort_by_key(|(_, frame)| frame.arrived_at);
-        let found = whole(&session);
+        let found = all_events(&session);
         prop_assert_eq!(found.len(), expected.len() + 1);
         for (event, (scene, frame)) in found.iter().zip(expected) {
             let found = match event {
@@ -461,14 +461,14 @@ proptest! {
                 SessionEvent::Environment(found) if !scene => found,
                 other => panic!("{other:?}"),
             };
-            let told = |frame: &Frame| frame.exposure.map(|e| (e.exposure_micros, e.gain));
-            match (told(found), told(frame)) {
-                (Some(found), Some(told)) => {
+            let exposure = |frame: &Frame| frame.exposure.map(|e| (e.exposure_micros, e.gain));
+            match (exposure(found), exposure(frame)) {
+                (Some(found), Some(exposure)) => {
                     // JSON numbers are parsed to within one unit in the last place.
-                    prop_assert!((found.0 / told.0 - 1.0).abs() < 1e-15);
-                    prop_assert!((found.1 / told.1 - 1.0).abs() < 1e-15);
+                    prop_assert!((found.0 / exposure.0 - 1.0).abs() < 1e-15);
+                    prop_assert!((found.1 / exposure.1 - 1.0).abs() < 1e-15);
                 }
-                (found, told) => prop_assert_eq!(found, told),
+                (found, exposure) => prop_assert_eq!(found, exposure),
             }
             let silent = |frame: &Frame| Frame { exposure: None, ..frame.clone() };
             prop_assert_eq!(format!("{:?}", silent(found)), format!("{:?}", silent(frame)));
@@ -509,7 +509,7 @@ fn killed_writer_leaves_complete_chunks() {
     let session = Session::open(&path).unwrap();
     assert!(session.truncated());
     assert_eq!(
-        scene_sequences(&whole(&session)),
+        scene_sequences(&all_events(&session)),
         (0..10).collect::<Vec<_>>()
     );
     assert_eq!(session.attachment("rig.json"), Some(&b"{}"[..]));
@@ -566,8 +566,8 @@ fn full_disk_is_an_error_at_any_position() {
     }
 }
 
-#[test]
-fn controls_and_journal_round_trip_in_file_order() {
+/// Events of a live rig in the order of the file, with three pictures a second apart.
+fn events_of_a_live_rig() -> Vec<SessionEvent> {
     let controls = |exposure| -> penumbra_interface::ControlsInForce {
         [
             ("exposure_time_absolute".into(), exposure),
@@ -580,7 +580,7 @@ fn controls_and_journal_round_trip_in_file_order() {
         ..picture(sequence, nanos, 0.0)
     };
     let second = 1_000_000_000;
-    let events = [
+    vec![
         SessionEvent::Scene(scene(1, second, 100)),
         SessionEvent::Scene(scene(2, 2 * second, 100)),
         SessionEvent::Tick(at(2 * second + 5)),
@@ -618,7 +618,12 @@ fn controls_and_journal_round_trip_in_file_order() {
             arrived_at: at(2 * second + 7),
         },
         SessionEvent::Scene(scene(3, 3 * second, 50)),
-    ];
+    ]
+}
+
+#[test]
+fn controls_and_journal_round_trip_in_file_order() {
+    let events = events_of_a_live_rig();
     let mut writer = SessionWriter::new(Cursor::new(Vec::new()), Path::new("memory")).unwrap();
     for event in &events {
         writer.event(event).unwrap();

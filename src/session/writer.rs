@@ -141,7 +141,7 @@ impl<W: Write + Seek> SessionWriter<W> {
     fn exposure(&mut self, camera: Camera, frame: &Frame) -> Result<(), SessionError> {
         let topic = camera.exposure_topic();
         let schema = Schema::new("penumbra.Exposure", "jsonschema", messages::EXPOSURE_SCHEMA);
-        let bytes = serde_json::to_vec(&ExposureMessage::of(frame))
+        let bytes = serde_json::to_vec(&ExposureMessage::from_frame(frame))
             .map_err(|error| self.unrecordable(&topic, &error.to_string()))?;
         let channel = self.channel(&topic, Some(schema), "json", BTreeMap::new())?;
         let times = Times {
@@ -165,7 +165,7 @@ impl<W: Write + Seek> SessionWriter<W> {
         self.json(
             &topic,
             schema,
-            &ControlsMessage::of(controls),
+            &ControlsMessage::from_controls(controls),
             frame.arrived_at,
         )?;
         self.controls.insert(camera, Arc::clone(controls));

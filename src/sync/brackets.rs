@@ -1,4 +1,4 @@
-//! The exposures of a bracket come together into one view of the environment.
+//! Collects the exposures of a bracket into one view of the environment.
 
 use penumbra_interface::{Frame, MonotonicTime};
 use std::collections::VecDeque;
@@ -7,47 +7,47 @@ use std::sync::Arc;
 /// One view of the environment: the base exposure and its brackets.
 #[derive(Clone, Debug)]
 pub struct EnvironmentSet {
-    /// Counts the views, from 1; a higher one is newer.
+    /// Number of the view, from 1; newer views have higher numbers.
     pub generation: u64,
-    /// Middle of the base exposure, corrected for the camera's latency.
+    /// Middle of the base exposure, corrected by the camera's latency.
     pub captured_at: MonotonicTime,
-    /// When the first of its pictures came.
+    /// Arrival of its first picture.
     pub arrived_at: MonotonicTime,
-    /// The base exposure first, then its brackets as they came.
+    /// The base exposure, then its brackets in the order of arrival.
     pub frames: Vec<Frame>,
 }
 
-/// Views that may still be paired.
-const KEPT: usize = 16;
-/// A view whose brackets fail to come is used as it is after so long; until then the one
-/// before it is. A camera that is bracketed live, each exposure held for some frames, takes
-/// a quarter of a second for a cycle of three.
-const PATIENCE_NANOS: i64 = 500_000_000;
-/// A bracket taken longer than this before or after the base exposure is not of its view.
-const SPAN_NANOS: i64 = 500_000_000;
+/// Maximum number of views that are kept for pairing.
+const MAX_VIEWS: usize = 16;
+/// Timeout for the brackets of a view, nanoseconds. Until then the previous view is used, afterwards
+/// the incomplete one. A camera that is bracketed live, with each exposure held for some frames,
+/// takes a quarter of a second for a cycle of three.
+const BRACKET_TIMEOUT_NANOS: i64 = 500_000_000;
+/// Maximum time between a bracket and its base exposure, nanoseconds.
+const MAX_BRACKET_SPAN_NANOS: i64 = 500_000_000;
 
-/// A camera whose stamps go back by more than this has begun another time.
+/// Time stamps that go back by more than this start a new time line, nanoseconds.
 const JUMP_BACK_NANOS: i64 = 500_000_000;
 
-/// Gathers pictures into views. A picture of the base exposure (0 EV) begins a view.
+/// Collects pictures into views. A picture of the base exposure (0 EV) starts a view.
 #[derive(Clone, Debug)]
-pub(super) struct Gathering {
-    /// Brackets of a whole view.
+pub(super) struct BracketCollector {
+    /// Number of brackets of a complete view.
     brackets: usize,
-    /// In order of capture; the newest may still be gathering.
+    /// In order of capture; the newest may be incomplete.
     sets: VecDeque<Arc<EnvironmentSet>>,
     generation: u64,
-    /// Brackets whose base exposure is missing.
+    /// Number of brackets without a base exposure.
     pub orphans: u64,
-    /// Views that were used or followed before all their brackets came.
+    /// Number of views that were used or superseded before all their brackets arrived.
     pub incomplete: u64,
 }
 
-impl Gathering {
+impl BracketCollector {
     pub fn new(brackets: usize) -> Self {
         Self {
             brackets,
-            sets: VecDeque::with_capacity(KEPT + 1),
+            sets: VecDeque::with_capacity(MAX_VIEWS + 1),
             generation: 0,
             orphans: 0,
             incomplete: 0,
@@ -62,7 +62,7 @@ impl Gathering {
         self.generation
     }
 
-    /// Takes a picture that was captured at `captured_at`.
+    /// Adds a picture that was captured at `captured_at`.
     pub fn push(&mut self, frame: Frame, captured_at: MonotonicTime) {
         if frame.bracket_ev != 0.0 {
             self.join(frame, captured_at);
@@ -84,45 +84,44 @@ impl Gathering {
         };
         let place = self.sets.partition_point(|s| s.captured_at <= captured_at);
         self.sets.insert(place, Arc::new(set));
-        if self.sets.len() > KEPT {
+        if self.sets.len() > MAX_VIEWS {
             self.sets.pop_front();
         }
     }
 
-    /// A bracket joins the newest view, unless that is another one's or was taken already.
+    /// Adds a bracket to the newest view, unless it is too far from it or the view has this exposure.
     fn join(&mut self, frame: Frame, captured_at: MonotonicTime) {
         let generation = self.generation;
         let newest = self.sets.iter_mut().find(|s| s.generation == generation);
         let open = newest.filter(|set| {
-            let apart = captured_at.nanos_since(set.captured_at);
-            let taken = set.frames.iter().any(|f| f.bracket_ev == frame.bracket_ev);
-            apart.abs() <= SPAN_NANOS && !taken
+            let span = captured_at.nanos_since(set.captured_at);
+            let has_exposure = set.frames.iter().any(|f| f.bracket_ev == frame.bracket_ev);
+            span.abs() <= MAX_BRACKET_SPAN_NANOS && !has_exposure
         });
-        // A view that a frame was paired with already is never changed: whoever holds it
-        // has begun to work with it.
+        // A view that was paired already is in use and never changed.
         match open.and_then(Arc::get_mut) {
             Some(set) => set.frames.push(frame),
             None => self.orphans += 1,
         }
     }
 
-    /// The newest view that is not from the future of `captured_at` and has, at `now`, all
-    /// the brackets that it will get.
+    /// Returns the newest view captured no later than `captured_at` that is complete, superseded or
+    /// timed out at `now`.
     pub fn newest_until(
         &self,
         captured_at: MonotonicTime,
         now: MonotonicTime,
     ) -> Option<&Arc<EnvironmentSet>> {
-        let whole = |set: &&Arc<EnvironmentSet>| {
+        let is_final = |set: &&Arc<EnvironmentSet>| {
             set.frames.len() > self.brackets
                 || set.generation < self.generation
-                || now.nanos_since(set.arrived_at) >= PATIENCE_NANOS
+                || now.nanos_since(set.arrived_at) >= BRACKET_TIMEOUT_NANOS
         };
         let until = |set: &&Arc<EnvironmentSet>| set.captured_at <= captured_at;
-        self.sets.iter().rev().filter(until).find(whole)
+        self.sets.iter().rev().filter(until).find(is_final)
     }
 
-    /// The very first view, for pictures from before it; `None` once others came.
+    /// Returns the first view, for pictures captured before it; `None` once there are others.
     pub fn first(&self, now: MonotonicTime) -> Option<&Arc<EnvironmentSet>> {
         let first = self.sets.front().filter(|set| set.generation == 1)?;
         self.newest_until(first.captured_at, now)

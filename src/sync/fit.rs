@@ -1,42 +1,43 @@
-//! The pose at an instant, by local least squares through noisy readings.
+//! Estimates the pose at an instant by local least squares through noisy readings.
 
 use glam::{DMat4, DQuat, DVec3, DVec4};
 use penumbra_interface::RigidTransform;
+use penumbra_numerics::rotation_vector;
 
 /// Degree of the polynomial in time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Degree {
-    /// Even velocity within the window.
+    /// Constant velocity within the window.
     Linear,
-    /// Even acceleration within the window.
+    /// Constant acceleration within the window.
     Quadratic,
-    /// Acceleration that changes evenly.
+    /// Constant jerk within the window.
     Cubic,
 }
 
-/// A reading near the instant asked for.
+/// A reading near the requested instant.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Reading {
-    /// Seconds from the instant asked for.
+    /// Time relative to the requested instant, seconds.
     pub time: f64,
-    /// Share in the fit, above 0.
+    /// Weight in the fit, above 0.
     pub weight: f64,
-    /// What was read.
+    /// The reading.
     pub pose: RigidTransform,
 }
 
 /// A fitted pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Fit {
-    /// At time 0.
+    /// Pose at time 0.
     pub pose: RigidTransform,
     /// Variance of the fitted value over the variance of one reading.
     pub noise_gain: f64,
 }
 
-/// The pose at time 0, by weighted least squares of `degree` through the readings
-/// (Savitzky and Golay's idea, for uneven times). Rotations are fitted as rotation vectors
-/// from `reference`, which must be near them all.
+/// Estimates the pose at time 0 by a weighted least-squares polynomial of `degree` through the
+/// readings (Savitzky & Golay 1964, generalised to irregular times). Rotations are fitted as rotation
+/// vectors from `reference`, which must be close to all of them.
 ///
 /// With basis φ(t) = (1, t, t², …) and moments A = Σ wᵢ φ(tᵢ) φ(tᵢ)ᵀ the value at 0 is
 ///
@@ -49,8 +50,8 @@ pub(super) fn value_at_zero(
     degree: Degree,
     reference: DQuat,
 ) -> Option<Fit> {
-    // Times from the middle of the readings, in units of half their span, keep A well
-    // conditioned, however far off the instant lies.
+    // Times relative to the middle of the readings, in units of half their span, keep A well
+    // conditioned for any distance of the instant.
     let times = readings.clone().map(|r| r.time);
     let (first, last) = times.fold((f64::MAX, f64::MIN), |(a, b), t| (a.min(t), b.max(t)));
     let (middle, scale) = (0.5 * (first + last), 0.5 * (last - first));
@@ -63,24 +64,25 @@ pub(super) fn value_at_zero(
     };
     let coefficients = solve(readings.clone(), degree, basis)?;
     let mut translation = DVec3::ZERO;
-    let mut turn = DVec3::ZERO;
+    let mut rotation = DVec3::ZERO;
     let mut noise_gain = 0.0;
     for reading in readings {
         let share = reading.weight * coefficients.dot(basis(reading.time));
         noise_gain += share * share;
         translation += share * reading.pose.translation;
-        turn += share * rotation_vector(reference.inverse() * reading.pose.rotation);
+        rotation += share * rotation_vector(reference.inverse() * reading.pose.rotation);
     }
-    let rotation = (reference * DQuat::from_scaled_axis(turn)).normalize();
+    let rotation = (reference * DQuat::from_scaled_axis(rotation)).normalize();
     let pose = RigidTransform::new(rotation, translation);
     let finite = translation.is_finite() && rotation.is_finite();
     finite.then_some(Fit { pose, noise_gain })
 }
 
-/// Below this the readings stand too close together to tell the polynomial's terms apart.
-const SMALLEST_DETERMINANT: f64 = 1e-9;
+/// Minimum determinant of the scaled moments; below it the readings are too close together to
+/// determine the polynomial.
+const MIN_DETERMINANT: f64 = 1e-9;
 
-/// c of A c = φ(0), for as many terms as `degree` has.
+/// Solves A c = φ(0) for the terms of `degree`.
 fn solve(
     readings: impl Iterator<Item = Reading>,
     degree: Degree,
@@ -98,7 +100,7 @@ fn solve(
         );
     }
     let (at, s0) = (basis(0.0), a.x_axis.x);
-    // Terms that are not asked for: an identity in their place, and nothing to find.
+    // Higher terms are replaced by an identity with a right side of 0.
     let terms = match degree {
         Degree::Linear => 2,
         Degree::Quadratic => 3,
@@ -113,12 +115,12 @@ fn solve(
         a.col_mut(k)[k] = s0;
         wanted[k] = 0.0;
     }
-    (a.determinant() > SMALLEST_DETERMINANT * s0.powi(4)).then(|| a.inverse() * wanted)
+    (a.determinant() > MIN_DETERMINANT * s0.powi(4)).then(|| a.inverse() * wanted)
 }
 
-/// Variance of one reading's noise, metres² and radians², from the third differences of
-/// neighbours: a smooth motion all but vanishes in them, while white noise of variance σ²
-/// gives 20 σ² per axis. Summed over the three axes. `None` below four readings.
+/// Estimates the variance of one reading's noise (metres², radians²; summed over the axes) from third
+/// differences of neighbours, in which a smooth motion almost vanishes, while white noise of variance
+/// σ² gives 20 σ² per axis. `None` below four readings.
 pub(super) fn noise_variance<'a>(
     poses: impl Iterator<Item = &'a RigidTransform> + Clone,
 ) -> Option<[f64; 2]> {
@@ -141,15 +143,6 @@ pub(super) fn noise_variance<'a>(
     (count > 0).then(|| sums.map(|sum| sum / f64::from(count)))
 }
 
-/// Axis times angle, the short way round.
-pub(super) fn rotation_vector(rotation: DQuat) -> DVec3 {
-    if rotation.w < 0.0 {
-        (-rotation).to_scaled_axis()
-    } else {
-        rotation.to_scaled_axis()
-    }
-}
-
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
@@ -167,7 +160,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn polynomial_motion_is_met_exactly(
+        fn fits_polynomial_motion_exactly(
             a in prop::array::uniform3(-1.0..1.0_f64),
             v in prop::array::uniform3(-2.0..2.0_f64),
             g in prop::array::uniform3(-9.0..9.0_f64),
@@ -198,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn readings_at_one_instant_determine_nothing() {
+    fn readings_at_one_instant_determine_no_fit() {
         let still = |_| RigidTransform::IDENTITY;
         for degree in [Degree::Linear, Degree::Quadratic] {
             for times in [&[][..], &[0.0; 9], &[0.01; 9]] {
@@ -210,14 +203,14 @@ mod tests {
     }
 
     #[test]
-    fn an_average_of_n_has_an_nth_of_the_noise() {
+    fn mean_of_n_readings_has_one_nth_of_the_variance() {
         let readings = readings(&[-0.03, -0.01, 0.01, 0.03], |_| RigidTransform::IDENTITY);
         let fit = value_at_zero(readings.iter().copied(), Degree::Linear, DQuat::IDENTITY);
         assert!((fit.unwrap().noise_gain - 0.25).abs() < 1e-12);
     }
 
     #[test]
-    fn noise_is_told_from_motion() {
+    fn noise_estimate_ignores_smooth_motion() {
         let alternating = |i: i32| f64::from(1 - 2 * (i % 2)) * 0.001;
         let poses: Vec<_> = (0..20)
             .map(|i| {
@@ -233,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn quaternions_of_either_sign_are_the_same_rotation() {
+    fn fits_quaternions_of_either_sign() {
         let turned = DQuat::from_rotation_z(0.2);
         let mut readings = readings(&[-0.02, -0.01, 0.01, 0.02], |_| {
             RigidTransform::new(turned, DVec3::ONE)

@@ -1,6 +1,5 @@
-//! Where a tracked sensor was, is, and will be in a moment.
-//!
-//! Here is what was: readings, and poses between them. `forecast` draws the motion on.
+//! The pose history of a tracked sensor: readings, and poses between them. `forecast` predicts poses
+//! beyond the newest reading.
 
 mod forecast;
 
@@ -9,38 +8,37 @@ use forecast::ErrorHistory;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use std::collections::VecDeque;
 
-/// How readings become the pose at an instant.
+/// How the pose at an instant is computed from readings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Smoothing {
-    /// Between the two neighbours: straight line and great arc. All the tracker's noise
-    /// comes through.
+    /// Interpolation between the two neighbours (linear, spherical linear), which keeps all of the
+    /// tracker's noise.
     None,
     /// Local least squares through the readings around the instant.
     Local {
-        /// Half the widest window, nanoseconds. Quick motion narrows it.
+        /// Half the maximum window, nanoseconds. Fast motion narrows it.
         half_window_nanos: i64,
-        /// Degree where there are readings on both sides of the instant.
+        /// Degree of the polynomial where there are readings on both sides of the instant.
         degree: Degree,
     },
 }
 
-/// What a [`PoseHistory`] keeps and believes.
+/// Settings of a [`PoseHistory`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HistoryConfig {
-    /// Readings kept; the oldest go first.
+    /// Maximum number of readings; the oldest are dropped.
     pub capacity: usize,
     /// See [`Smoothing`].
     pub smoothing: Smoothing,
-    /// Between two readings further apart than this nothing is interpolated, nanoseconds.
+    /// Maximum gap between readings for interpolation, nanoseconds.
     pub max_gap_nanos: i64,
-    /// Beyond the newest reading the pose is predicted for so long, then unknown,
-    /// nanoseconds.
+    /// Maximum length of a prediction beyond the newest reading, nanoseconds.
     pub max_prediction_nanos: i64,
-    /// Time that goes back by more than this is another time: the history begins anew.
+    /// Time stamps that go back by more than this restart the history, nanoseconds.
     pub jump_back_nanos: i64,
-    /// Nothing is moved faster by hand, metres a second.
+    /// Maximum speed of a hand-held sensor, metres per second.
     pub max_speed: f64,
-    /// Nothing is turned faster by hand, radians a second.
+    /// Maximum angular speed of a hand-held sensor, radians per second.
     pub max_turn_rate: f64,
 }
 
@@ -61,10 +59,10 @@ impl Default for HistoryConfig {
     }
 }
 
-/// How a pose is known.
+/// How a pose was determined.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Provenance {
-    /// A reading was taken at this very instant.
+    /// There is a reading at the instant.
     Exact,
     /// There are readings before and after.
     Interpolated,
@@ -72,34 +70,33 @@ pub enum Provenance {
     Predicted,
 }
 
-/// The answer to where the sensor was at an instant.
+/// The pose of the sensor at an instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PoseAt {
     /// `transmitter_from_sensor`, metres.
     pub transmitter_from_sensor: RigidTransform,
-    /// How it is known.
+    /// How it was determined.
     pub provenance: Provenance,
-    /// Nanoseconds between the instant and the nearest reading.
+    /// Time between the instant and the nearest reading, nanoseconds.
     pub age_nanos: i64,
-    /// Standard deviations over all axes, metres and radians: of a pose between readings by
-    /// their noise, of a predicted one by how far predictions as long were off lately. `None`
-    /// until there are enough readings to tell. What the tracker is off by all the time is not
-    /// in it.
+    /// Standard deviations over all axes, metres and radians: between readings from their noise, of
+    /// a prediction from the errors of recent predictions of equal length. `None` until there are
+    /// enough readings. Systematic errors of the tracker are not included.
     pub sigma: Option<[f64; 2]>,
 }
 
-/// What became of a reading.
+/// Result of adding a reading.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pushed {
-    /// It is in the history.
+    /// The reading was added.
     Kept,
-    /// Not finite, or no rotation.
+    /// The reading is not finite or has no unit quaternion.
     Invalid,
-    /// Not newer than the newest one.
+    /// The reading is not newer than the newest one.
     Late,
-    /// Impossibly far from the one before; kept out unless the next ones agree with it.
+    /// The reading is too far from the previous one; rejected unless the next ones are consistent with it.
     Outlier,
-    /// Time or place jumped; the history begins anew with it.
+    /// Time or position jumped; the history restarts with this reading.
     Restarted,
 }
 
@@ -109,71 +106,72 @@ struct Sample {
     pose: RigidTransform,
 }
 
-/// So many readings that agree with one another overrule the history.
-const OVERRULING: u32 = 4;
-/// Noise and quantisation that the speed limit allows for: metres and radians.
+/// Number of successive consistent outliers that restart the history.
+const MIN_CONSISTENT_OUTLIERS: u32 = 4;
+/// Tolerance of the speed limits for noise and quantisation: metres and radians.
 const SLACK: (f64, f64) = (0.01, 0.02);
-/// Readings on both sides that a fit through a window must have at least.
-const FEWEST_ON_A_SIDE: usize = 2;
-/// Standard deviations by which a wider window may disagree.
-const AGREEMENT: f64 = 2.0;
+/// Minimum number of readings on each side for the configured degree.
+const MIN_READINGS_PER_SIDE: usize = 2;
+/// Maximum deviation of a wider window's result, standard deviations.
+const MAX_DEVIATION_SIGMAS: f64 = 2.0;
+
 /// The recent readings of one station, in order of time. Does not allocate after `new`.
 #[derive(Clone, Debug)]
 pub struct PoseHistory {
     config: HistoryConfig,
     samples: VecDeque<Sample>,
-    suspect: Option<Sample>,
-    agreeing: u32,
+    outlier: Option<Sample>,
+    consistent_outliers: u32,
     errors: ErrorHistory,
 }
 
 impl PoseHistory {
-    /// An empty history.
+    /// Creates an empty history.
     #[must_use]
     pub fn new(config: HistoryConfig) -> Self {
         Self {
             config,
             samples: VecDeque::with_capacity(config.capacity.max(2)),
-            suspect: None,
-            agreeing: 0,
+            outlier: None,
+            consistent_outliers: 0,
             errors: ErrorHistory::default(),
         }
     }
 
-    /// Readings held.
+    /// Number of readings.
     #[must_use]
     pub fn len(&self) -> usize {
         self.samples.len()
     }
 
-    /// Whether there are none.
+    /// Returns whether there are no readings.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.samples.is_empty()
     }
 
-    /// When the newest reading was taken.
+    /// Time of the newest reading.
     #[must_use]
     pub fn newest(&self) -> Option<MonotonicTime> {
         self.samples.back().map(|sample| sample.measured_at)
     }
 
-    /// When the first reading at or after an instant was taken.
+    /// Time of the first reading at or after an instant.
     #[must_use]
     pub fn first_since(&self, time: MonotonicTime) -> Option<MonotonicTime> {
         let before = self.samples.partition_point(|s| s.measured_at < time);
         self.samples.get(before).map(|sample| sample.measured_at)
     }
 
-    /// Forgets everything.
+    /// Removes all readings.
     pub fn clear(&mut self) {
         self.samples.clear();
-        self.suspect = None;
-        self.agreeing = 0;
+        self.outlier = None;
+        self.consistent_outliers = 0;
         self.errors.restart();
     }
 
-    /// Takes a reading.
+    /// Adds a reading.
     pub fn push(&mut self, measured_at: MonotonicTime, pose: RigidTransform) -> Pushed {
         let unit = (pose.rotation.length() - 1.0).abs() < 1e-3;
         if !pose.translation.is_finite() || !pose.rotation.is_finite() || !unit {
@@ -191,21 +189,26 @@ impl PoseHistory {
         if step <= 0 {
             return Pushed::Late;
         }
-        if self.possible(&newest, &sample) {
+        if self.is_possible(&newest, &sample) {
             self.learn(&sample);
             return self.keep(sample, Pushed::Kept);
         }
-        self.doubt(sample)
+        self.reject(sample)
     }
 
-    /// An impossible step. If the next readings go on from it, the history was wrong.
-    fn doubt(&mut self, sample: Sample) -> Pushed {
-        let agrees = self.suspect.is_some_and(|suspect| {
-            sample.measured_at > suspect.measured_at && self.possible(&suspect, &sample)
+    /// Rejects an outlier. After enough successive consistent outliers, restarts the history instead.
+    fn reject(&mut self, sample: Sample) -> Pushed {
+        let is_consistent = self.outlier.is_some_and(|outlier| {
+            sample.measured_at > outlier.measured_at && self.is_possible(&outlier, &sample)
         });
-        self.agreeing = if agrees { self.agreeing + 1 } else { 1 };
-        self.suspect = Some(sample);
-        if self.agreeing < OVERRULING {
+        let consistent = if is_consistent {
+            self.consistent_outliers
+        } else {
+            0
+        };
+        self.consistent_outliers = consistent + 1;
+        self.outlier = Some(sample);
+        if self.consistent_outliers < MIN_CONSISTENT_OUTLIERS {
             return Pushed::Outlier;
         }
         self.clear();
@@ -217,12 +220,13 @@ impl PoseHistory {
             self.samples.pop_front();
         }
         self.samples.push_back(sample);
-        self.suspect = None;
-        self.agreeing = 0;
+        self.outlier = None;
+        self.consistent_outliers = 0;
         outcome
     }
 
-    fn possible(&self, from: &Sample, to: &Sample) -> bool {
+    /// Returns whether a hand can move the sensor from one reading to the other.
+    fn is_possible(&self, from: &Sample, to: &Sample) -> bool {
         let seconds = to.measured_at.seconds_since(from.measured_at);
         let moved = from.pose.translation.distance(to.pose.translation);
         let turned = angle(&from.pose, &to.pose);
@@ -230,8 +234,8 @@ impl PoseHistory {
             && turned <= self.config.max_turn_rate * seconds + SLACK.1
     }
 
-    /// The pose at an instant; `None` before the first reading, inside a gap, and too long
-    /// after the last one.
+    /// Returns the pose at an instant; `None` before the first reading, in a gap, and too long after
+    /// the last reading.
     #[must_use]
     pub fn at(&self, time: MonotonicTime) -> Option<PoseAt> {
         let after = self.samples.partition_point(|s| s.measured_at < time);
@@ -254,8 +258,8 @@ impl PoseHistory {
         }
     }
 
-    /// The pose at an instant as it was expected when `known` was the newest reading: later ones
-    /// count for nothing. `None` if that is more than `longest_nanos` before the instant.
+    /// Returns the pose at an instant as predicted when `known` was the newest reading: later ones
+    /// are ignored. `None` if that is more than `longest_nanos` before the instant.
     #[must_use]
     pub fn expected(
         &self,
@@ -270,7 +274,7 @@ impl PoseHistory {
         self.predict(time, after, longest_nanos)
     }
 
-    /// Smoothed where asked for and possible, else on the line between the neighbours.
+    /// Returns the pose between two readings: smoothed if configured and possible, else interpolated.
     fn between(
         &self,
         time: MonotonicTime,
@@ -299,10 +303,9 @@ impl PoseHistory {
 
     /// Least squares over the widest window that the motion allows.
     ///
-    /// A wider window takes more noise away, but bends a quick motion straight. So windows
-    /// grow by doubling for as long as the wider one's answer agrees with the narrower
-    /// one's to within the noise that the narrower one lets through (Goldenshluger and
-    /// Nemirovski's intersection of confidence intervals, with two neighbours only).
+    /// A wider window removes more noise but distorts fast motion. So the window is doubled as long
+    /// as the wider one's result is within the remaining noise of the narrower one's (Goldenshluger
+    /// & Nemirovski 1997, intersection of confidence intervals, with two neighbours only).
     fn smooth(
         &self,
         time: MonotonicTime,
@@ -316,7 +319,7 @@ impl PoseHistory {
         for narrowing in [4, 2, 1] {
             let fit = self.fit_window(time, half_window / narrowing, degree, near);
             match (best, fit) {
-                (Some(narrow), Some(wide)) if !agree(&narrow, &wide, noise) => break,
+                (Some(narrow), Some(wide)) if !is_consistent(&narrow, &wide, noise) => break,
                 (_, Some(_)) => best = fit,
                 (_, None) => {}
             }
@@ -324,8 +327,8 @@ impl PoseHistory {
         best.map(|fit| (fit, noise))
     }
 
-    /// Least squares over one window. At the newest end, where readings are on one side
-    /// only, a line is fitted: a parabola there would triple the noise.
+    /// Least squares over one window. At the newest end, where readings are on one side only, a line
+    /// is fitted, because a parabola would triple the noise.
     fn fit_window(
         &self,
         time: MonotonicTime,
@@ -338,12 +341,12 @@ impl PoseHistory {
         let older = window.clone().filter(|s| s.measured_at < time).count();
         let degree = match (older, newer) {
             (0, _) => return None,
-            (older, newer) if older.min(newer) < FEWEST_ON_A_SIDE => Degree::Linear,
+            (older, newer) if older.min(newer) < MIN_READINGS_PER_SIDE => Degree::Linear,
             _ => degree,
         };
         let readings = window.map(|sample| {
             let nanos = sample.measured_at.nanos_since(time);
-            // Epanechnikov's kernel: a reading that enters the window does not jolt it.
+            // Epanechnikov's kernel: a reading that enters the window causes no jump.
             let share = nanos as f64 / (half_window + 1) as f64;
             Reading {
                 time: nanos as f64 * 1e-9,
@@ -367,18 +370,18 @@ impl PoseHistory {
     }
 }
 
-/// Whether two fits differ by no more than the narrower one's noise, and a hair for a stream
-/// without any.
-fn agree(narrow: &Fit, wide: &Fit, [moved, turned]: [f64; 2]) -> bool {
-    let apart = narrow.pose.translation.distance(wide.pose.translation);
-    let turn = angle(&narrow.pose, &wide.pose);
-    let within = |apart: f64, variance: f64| {
-        apart <= AGREEMENT * (narrow.noise_gain * variance).sqrt() + 1e-6
+/// Returns whether two fits differ by no more than the narrower one's noise, plus a tolerance for a
+/// stream without noise.
+fn is_consistent(narrow: &Fit, wide: &Fit, [moved, turned]: [f64; 2]) -> bool {
+    let distance = narrow.pose.translation.distance(wide.pose.translation);
+    let rotation = angle(&narrow.pose, &wide.pose);
+    let within = |difference: f64, variance: f64| {
+        difference <= MAX_DEVIATION_SIGMAS * (narrow.noise_gain * variance).sqrt() + 1e-6
     };
-    within(apart, moved) && within(turn, turned)
+    within(distance, moved) && within(rotation, turned)
 }
 
-/// Radians between two orientations; unlike `acos`, exact for small ones.
+/// Returns the angle between two orientations, radians; unlike `acos`, accurate for small angles.
 fn angle(from: &RigidTransform, to: &RigidTransform) -> f64 {
     let turn = from.rotation.inverse() * to.rotation;
     2.0 * turn.xyz().length().atan2(turn.w.abs())

@@ -1,9 +1,10 @@
-//! Pure functions of time stamps: a tracker's history, the brackets of the environment
-//! camera, and pairing everything into one [`RigFrame`].
+//! Pairing by time stamps: a tracker's pose history, the brackets of the environment camera, and
+//! everything that belongs to one picture of the scene camera as a [`RigFrame`].
 //!
-//! Nothing here reads a clock. [`Pairing`] takes what arrives, in the order of arrival,
-//! and says which environment and which pose belong to each picture of the scene camera;
-//! the same input gives the same answer, live or replayed.
+//! Modules in the order of the data flow: `fit` (local least squares through poses), `history`
+//! (poses at any time, by interpolation or prediction), `brackets` (exposures of one view of the
+//! environment), `pairing`. No clock is read: [`Pairing`] takes frames and poses in the order of
+//! arrival, and equal input gives equal output, live or replayed.
 
 mod brackets;
 mod fit;

@@ -1,49 +1,47 @@
-//! Which environment and which pose belong to a picture of the scene camera.
+//! Pairs each picture of the scene camera with a view of the environment and a pose.
 
-use super::brackets::{EnvironmentSet, Gathering};
+use super::brackets::{BracketCollector, EnvironmentSet};
 use super::history::{HistoryConfig, PoseAt, PoseHistory, Provenance, Pushed, Smoothing};
 use penumbra_interface::{Frame, MonotonicTime, PoseSample, RigidTransform};
 use serde::Serialize;
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-/// Latencies, and how long a picture waits for what belongs to it.
+/// Latencies and waiting times. All times in nanoseconds.
 ///
-/// A picture waits until the tracker's readings reach `lookahead_nanos` beyond its
-/// exposure, so that its pose is interpolated, not predicted; but no longer than
-/// `max_wait_nanos` after its arrival, and not at all once the tracker has been silent for
-/// `silent_after_nanos`. Time is the newest arrival on any stream.
+/// A picture waits until the tracker's readings extend `lookahead_nanos` beyond its exposure, so that
+/// its pose is interpolated rather than predicted; but no longer than `max_wait_nanos` after its
+/// arrival, and not at all if the tracker has been silent for `silent_after_nanos`. The current time
+/// is the newest arrival on any stream.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PairingConfig {
-    /// Stamp of the scene camera minus the middle of its exposure.
+    /// Time stamp of the scene camera minus the middle of its exposure.
     pub scene_latency_nanos: i64,
-    /// Stamp of the environment camera minus the middle of its exposure.
+    /// Time stamp of the environment camera minus the middle of its exposure.
     pub environment_latency_nanos: i64,
     /// Arrival of a tracker's record minus its measurement.
     pub tracker_latency_nanos: i64,
-    /// Brackets that follow each base exposure of the environment camera.
+    /// Number of brackets that follow each base exposure of the environment camera.
     pub brackets: usize,
-    /// The station that carries the scene camera; `None` if nothing is tracked.
+    /// Station of the sensor on the scene camera; `None` without a tracker.
     pub station: Option<u8>,
-    /// Readings wanted beyond the exposure.
+    /// Time after the exposure for which readings are awaited.
     pub lookahead_nanos: i64,
-    /// Longest wait for them.
+    /// Maximum waiting time for them.
     pub max_wait_nanos: i64,
-    /// Pictures from before the first view of the environment wait for it so long, and get
-    /// it though it is from their future: there is no other light to show them in. 0 to
-    /// hand them on without.
+    /// Maximum waiting time of pictures for the first view of the environment, which they get even
+    /// if it is captured later, because there is no other light. 0 to return them without a view.
     pub first_view_wait_nanos: i64,
-    /// A tracker that said nothing for so long is not waited for.
+    /// Silence after which the tracker is not awaited.
     pub silent_after_nanos: i64,
-    /// Half the time about the exposure over which the sensor's motion is told, nanoseconds; 0
-    /// where nobody asks.
+    /// Half the interval around the exposure over which the sensor's motion is returned; 0 for none.
     pub motion_nanos: i64,
-    /// What is kept and believed of the tracker.
+    /// Settings of the tracker's history.
     pub history: HistoryConfig,
 }
 
 impl Default for PairingConfig {
-    /// As for a live rig: a picture waits for the readings around its exposure, no more.
+    /// For a live rig: a picture waits only for the readings around its exposure.
     fn default() -> Self {
         Self {
             scene_latency_nanos: 0,
@@ -62,8 +60,8 @@ impl Default for PairingConfig {
 }
 
 impl PairingConfig {
-    /// For a recording, where waiting costs nothing: a picture waits until the smoothing
-    /// window is full on both sides, and the first pictures for the first view.
+    /// Returns the settings for a recording, where waiting costs nothing: pictures wait until the
+    /// smoothing window is full on both sides, and the first pictures wait for the first view.
     #[must_use]
     pub fn with_full_windows(mut self) -> Self {
         self.first_view_wait_nanos = 100_000_000;
@@ -82,125 +80,124 @@ impl PairingConfig {
 /// Everything that belongs to one picture of the scene camera.
 #[derive(Clone, Debug)]
 pub struct RigFrame {
-    /// Counts the pictures of the scene camera in the order of arrival, from 0.
+    /// Number of the scene camera's picture in the order of arrival, from 0.
     pub index: u64,
     /// The picture.
     pub scene: Frame,
-    /// Middle of its exposure, corrected for the camera's latency.
+    /// Middle of its exposure, corrected by the camera's latency.
     pub captured_at: MonotonicTime,
-    /// The environment, if it was seen before.
+    /// The newest earlier view of the environment, if there is one.
     pub environment: Option<PairedEnvironment>,
     /// The sensor's pose at `captured_at`, if it is known.
     pub pose: Option<PoseAt>,
-    /// Its poses a little before and after, if asked for, and the seconds between.
+    /// The sensor's poses before and after it and the seconds between; see [`PairingConfig::motion_nanos`].
     pub motion: Option<(RigidTransform, RigidTransform, f64)>,
 }
 
-/// The environment as it was a little before.
+/// A paired view of the environment.
 #[derive(Clone, Debug)]
 pub struct PairedEnvironment {
     /// The view, shared.
     pub set: Arc<EnvironmentSet>,
-    /// Nanoseconds that it is older than the scene camera's picture. Negative only before
-    /// the first view, see [`PairingConfig::first_view_wait_nanos`].
+    /// Age relative to the scene camera's picture, nanoseconds. Negative only before the first view;
+    /// see [`PairingConfig::first_view_wait_nanos`].
     pub skew_nanos: i64,
 }
 
-/// What happened so far, for status and report.
+/// Counters for status and report.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct PairingCounts {
-    /// Pictures of the scene camera taken.
+    /// Pictures of the scene camera received.
     pub scene_frames: u64,
-    /// Of these, handed on.
+    /// Pictures returned.
     pub paired: u64,
-    /// Handed on without a pose.
+    /// Pictures returned without a pose.
     pub without_pose: u64,
-    /// Handed on with a predicted pose.
+    /// Pictures returned with a predicted pose.
     pub predicted: u64,
-    /// Handed on without an environment.
+    /// Pictures returned without a view of the environment.
     pub without_environment: u64,
-    /// Handed on with the first view though they are from before it.
+    /// Pictures returned with the first view although captured before it.
     pub before_first_view: u64,
-    /// Handed on after the longest wait, or because too many waited.
+    /// Pictures returned after the maximum waiting time.
     pub waited_out: u64,
-    /// Views of the environment begun.
+    /// Views of the environment started.
     pub environment_sets: u64,
-    /// Of these, without all their brackets.
+    /// Views without all their brackets.
     pub incomplete_sets: u64,
     /// Brackets without their base exposure.
     pub orphan_brackets: u64,
-    /// Readings kept.
+    /// Readings added to the history.
     pub poses: u64,
-    /// Readings that were not finite, late, or impossibly far from the one before.
+    /// Readings rejected as invalid, late or outliers.
     pub rejected_poses: u64,
     /// Readings of other stations.
     pub other_stations: u64,
-    /// Times that a stream went back in time and pairing began anew.
+    /// Number of restarts because time stamps went back.
     pub time_jumps: u64,
 }
 
-/// Pictures that wait at most.
-const WAITING: usize = 16;
-/// The tracker's latency follows what is wished by a millisecond a second, so that nothing
-/// jumps: one part in so many.
+/// Maximum number of waiting pictures.
+const MAX_WAITING: usize = 16;
+/// Inverse slew rate of the tracker's latency, to avoid jumps: one millisecond per second.
 const LATENCY_SLEW: i64 = 1000;
-/// Arrivals may be out of order by so much; more is another time.
+/// Maximum disorder of arrivals, nanoseconds; beyond it a new time line starts.
 const JUMP_BACK_NANOS: i64 = 500_000_000;
 
-/// Pairs streams. Push what arrives, in the order of arrival, and pop until there is
-/// nothing; at the end of a recording [`Self::finish`].
+/// Pairs streams. Push frames and poses in the order of arrival and call [`Self::pop`] until it
+/// returns `None`; at the end of a recording call [`Self::finish`].
 #[derive(Debug)]
 pub struct Pairing {
     config: PairingConfig,
     history: PoseHistory,
-    environment: Gathering,
+    environment: BracketCollector,
     waiting: VecDeque<RigFrame>,
-    /// Pictures at the front of `waiting` that may not wait any longer.
+    /// Number of pictures at the front of `waiting` that are due.
     overdue: usize,
     now: Option<MonotonicTime>,
-    /// Last word of the tracker, or the beginning.
-    heard_at: MonotonicTime,
+    /// Arrival of the tracker's last record, or the first arrival.
+    tracker_heard_at: MonotonicTime,
     counts: PairingCounts,
-    /// What the tracker's latency moves to.
-    wished_latency: i64,
+    /// Value that the tracker's latency approaches, nanoseconds.
+    target_latency: i64,
 }
 
 impl Pairing {
-    /// Nothing has arrived yet.
+    /// Creates a pairing without arrivals.
     #[must_use]
     pub fn new(config: PairingConfig) -> Self {
         Self {
             config,
             history: PoseHistory::new(config.history),
-            environment: Gathering::new(config.brackets),
-            waiting: VecDeque::with_capacity(WAITING + 1),
+            environment: BracketCollector::new(config.brackets),
+            waiting: VecDeque::with_capacity(MAX_WAITING + 1),
             overdue: 0,
             now: None,
-            heard_at: MonotonicTime::default(),
+            tracker_heard_at: MonotonicTime::default(),
             counts: PairingCounts::default(),
-            wished_latency: config.tracker_latency_nanos,
+            target_latency: config.tracker_latency_nanos,
         }
     }
 
-    /// Lets the tracker's latency move there, a millisecond a second, for the readings to come.
+    /// Sets the value that the tracker's latency approaches by one millisecond per second.
     pub const fn wish_tracker_latency(&mut self, nanos: i64) {
-        self.wished_latency = nanos;
+        self.target_latency = nanos;
     }
 
-    /// The tracker's latency that is in force, nanoseconds.
+    /// The active latency of the tracker, nanoseconds.
     #[must_use]
     pub const fn tracker_latency(&self) -> i64 {
         self.config.tracker_latency_nanos
     }
 
-    /// Towards what is wished, after so long.
+    /// Moves the tracker's latency towards its target, `passed_nanos` after the last time.
     fn slew_latency(&mut self, passed_nanos: i64) {
-        let most = passed_nanos.clamp(0, self.config.silent_after_nanos.max(0)) / LATENCY_SLEW;
+        let max = passed_nanos.clamp(0, self.config.silent_after_nanos.max(0)) / LATENCY_SLEW;
         let latency = &mut self.config.tracker_latency_nanos;
-        *latency += (self.wished_latency - *latency).clamp(-most, most);
+        *latency += (self.target_latency - *latency).clamp(-max, max);
     }
 
-    /// What happened so far.
+    /// Returns the counters.
     #[must_use]
     pub fn counts(&self) -> PairingCounts {
         PairingCounts {
@@ -217,7 +214,7 @@ impl Pairing {
         &self.history
     }
 
-    /// A picture of the scene camera arrived.
+    /// Adds a picture of the scene camera.
     pub fn push_scene(&mut self, frame: Frame) {
         self.advance(frame.arrived_at);
         let captured_at = frame
@@ -232,18 +229,18 @@ impl Pairing {
             motion: None,
         });
         self.counts.scene_frames += 1;
-        if self.waiting.len() > WAITING {
-            self.overdue = self.overdue.max(self.waiting.len() - WAITING);
+        if self.waiting.len() > MAX_WAITING {
+            self.overdue = self.overdue.max(self.waiting.len() - MAX_WAITING);
         }
     }
 
-    /// A picture of the scene camera arrived, and was passed over for newer ones.
+    /// Counts a picture of the scene camera that was skipped in favour of newer ones.
     pub fn pass_over(&mut self, arrived_at: MonotonicTime) {
         self.advance(arrived_at);
         self.counts.scene_frames += 1;
     }
 
-    /// A picture of the environment camera arrived.
+    /// Adds a picture of the environment camera.
     pub fn push_environment(&mut self, frame: Frame) {
         self.advance(frame.arrived_at);
         let latency = self.config.environment_latency_nanos;
@@ -251,15 +248,15 @@ impl Pairing {
         self.environment.push(frame, captured_at);
     }
 
-    /// A reading of the tracker arrived.
+    /// Adds a reading of the tracker.
     pub fn push_pose(&mut self, sample: &PoseSample) {
         self.advance(sample.arrived_at);
         if self.config.station != Some(sample.station) {
             self.counts.other_stations += 1;
             return;
         }
-        self.slew_latency(sample.arrived_at.nanos_since(self.heard_at));
-        self.heard_at = sample.arrived_at;
+        self.slew_latency(sample.arrived_at.nanos_since(self.tracker_heard_at));
+        self.tracker_heard_at = sample.arrived_at;
         let latency = self.config.tracker_latency_nanos;
         let measured_at = sample.arrived_at.offset_nanos(latency.saturating_neg());
         match self
@@ -271,11 +268,11 @@ impl Pairing {
         }
     }
 
-    /// Says what time it is, where streams may be silent (live, on a timer).
+    /// Advances the current time, for streams that may be silent (live, on a timer).
     pub fn advance(&mut self, now: MonotonicTime) {
         let Some(before) = self.now else {
             self.now = Some(now);
-            self.heard_at = now;
+            self.tracker_heard_at = now;
             return;
         };
         if now.nanos_since(before) < -JUMP_BACK_NANOS {
@@ -285,7 +282,7 @@ impl Pairing {
         }
     }
 
-    /// Another time has begun: what waits is handed on, what was remembered is of no use.
+    /// Starts a new time line: completes the waiting pictures, then clears the histories.
     fn restart(&mut self, now: MonotonicTime) {
         for i in 0..self.waiting.len() {
             self.complete(i);
@@ -294,19 +291,19 @@ impl Pairing {
         self.history.clear();
         self.environment.clear();
         self.now = Some(now);
-        self.heard_at = now;
+        self.tracker_heard_at = now;
         self.counts.time_jumps += 1;
     }
 
-    /// No more will arrive: nothing waits any longer.
+    /// Ends the waiting of all pictures, because nothing more will arrive.
     pub fn finish(&mut self) {
         self.overdue = self.waiting.len();
     }
 
-    /// The next picture, in the order of arrival, that need not wait any longer.
+    /// Returns the next picture, in the order of arrival, if it is due.
     pub fn pop(&mut self) -> Option<RigFrame> {
         let first = self.waiting.front()?;
-        if self.overdue == 0 && !self.ready(first) {
+        if self.overdue == 0 && !self.is_ready(first) {
             return None;
         }
         self.complete(0);
@@ -316,14 +313,16 @@ impl Pairing {
         Some(frame)
     }
 
-    /// When the first waiting picture need not wait any longer, though nothing more
-    /// arrives; `None` if none waits.
+    /// Returns the time at which the first waiting picture is due even if nothing more arrives;
+    /// `None` if no picture waits.
     #[must_use]
     pub fn deadline(&self) -> Option<MonotonicTime> {
         let first = self.waiting.front()?;
         let arrived_at = first.scene.arrived_at;
         let wait = arrived_at.offset_nanos(self.config.max_wait_nanos);
-        let silent = self.heard_at.offset_nanos(self.config.silent_after_nanos);
+        let silent = self
+            .tracker_heard_at
+            .offset_nanos(self.config.silent_after_nanos);
         let view = arrived_at.offset_nanos(self.config.first_view_wait_nanos);
         let pose_due = if self.pose_ready(first) {
             arrived_at
@@ -338,11 +337,11 @@ impl Pairing {
         Some(pose_due.max(view_due))
     }
 
-    fn ready(&self, frame: &RigFrame) -> bool {
+    fn is_ready(&self, frame: &RigFrame) -> bool {
         self.environment_ready(frame) && self.pose_ready(frame)
     }
 
-    /// Only the very first pictures wait for an environment.
+    /// Only the first pictures wait for a view of the environment.
     fn environment_ready(&self, frame: &RigFrame) -> bool {
         let now = self.now.unwrap_or(frame.scene.arrived_at);
         self.environment.generation() > 1
@@ -356,10 +355,10 @@ impl Pairing {
         self.config.station.is_none()
             || self.history.newest().is_some_and(|newest| newest >= wanted)
             || now.nanos_since(frame.scene.arrived_at) >= self.config.max_wait_nanos
-            || now.nanos_since(self.heard_at) >= self.config.silent_after_nanos
+            || now.nanos_since(self.tracker_heard_at) >= self.config.silent_after_nanos
     }
 
-    /// Gives the picture at `i` what belongs to it, unless it has it already.
+    /// Pairs the picture at index `i`, as far as it is not paired yet.
     fn complete(&mut self, i: usize) {
         let Some(frame) = self.waiting.get_mut(i) else {
             return;
@@ -370,9 +369,9 @@ impl Pairing {
             frame.motion = motion(&self.history, captured_at, self.config.motion_nanos);
         }
         if frame.environment.is_none() {
-            let patience = self.config.first_view_wait_nanos;
+            let timeout = self.config.first_view_wait_nanos;
             let soon = |set: &&Arc<EnvironmentSet>| {
-                set.captured_at.nanos_since(captured_at) <= patience && patience > 0
+                set.captured_at.nanos_since(captured_at) <= timeout && timeout > 0
             };
             let set = self
                 .environment
@@ -401,7 +400,7 @@ impl Pairing {
     }
 }
 
-/// Poses on both sides of an instant, or before it where nothing later is known.
+/// Returns poses on both sides of an instant, or before it if nothing later is known.
 fn motion(
     history: &PoseHistory,
     at: MonotonicTime,

@@ -42,7 +42,7 @@ impl LensModel {
 
     /// Returns the model of a name, if there is one.
     #[must_use]
-    pub fn of_name(name: &str) -> Option<Self> {
+    pub fn from_name(name: &str) -> Option<Self> {
         [Self::Brown, Self::BrownRational, Self::KannalaBrandt]
             .into_iter()
             .find(|m| m.name() == name)

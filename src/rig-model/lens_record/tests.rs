@@ -13,7 +13,7 @@ fn record() -> LensRecord {
 }
 
 #[test]
-fn what_is_written_is_read_again() {
+fn written_file_reads_back_unchanged() {
     let record = record();
     let bytes = serde_json::to_vec_pretty(&record).unwrap();
     let again = LensRecord::parse("a.json", &bytes).unwrap();
@@ -27,9 +27,9 @@ fn what_is_written_is_read_again() {
 }
 
 #[test]
-fn mistakes_are_told_by_file_and_key() {
+fn errors_name_file_and_key() {
     let good = serde_json::to_string_pretty(&record()).unwrap();
-    for (from, to, says) in [
+    for (from, to, expected_text) in [
         ("\"brown\"", "\"pinhole\"", "a.json: `model` must be"),
         ("535.0", "-1.0", "`focal`"),
         ("640", "0", "`image_size`"),
@@ -47,7 +47,7 @@ fn mistakes_are_told_by_file_and_key() {
         let error = LensRecord::parse("a.json", text.as_bytes()).unwrap_err();
         let error = error.to_string();
         assert!(
-            error.contains(says) && !error.contains('\n'),
+            error.contains(expected_text) && !error.contains('\n'),
             "{from}: {error}"
         );
     }

@@ -144,118 +144,94 @@ fn reads_file_with_scene_camera_alone() {
     assert!(rig.phantoms.is_empty() && rig.object.is_none() && rig.ground.is_none());
 }
 
+/// Pointer to a value, the wrong value (JSON), and a part of the message; empty if the value is valid.
+const WRONG_VALUES: &[(&str, &str, &str)] = &[
+    ("/scene_camera/K/0/0", "-1.0", "scene_camera.K"),
+    ("/scene_camera/image_size/0", "0", "scene_camera.image_size"),
+    ("/scene_camera/image_size/1", "1000000", "image_size[1]"),
+    ("/scene_camera/latency_s", "8", ""),
+    ("/scene_camera/latency_s", "11", "scene_camera.latency_s"),
+    (
+        "/environment_camera/kind",
+        r#""cube""#,
+        "expected `fisheye` or `sphere`",
+    ),
+    (
+        "/environment_camera/projection/model",
+        r#""stereographic""#,
+        "equidistant",
+    ),
+    (
+        "/environment_camera/projection/max_theta_rad",
+        "180",
+        "radians",
+    ),
+    (
+        "/environment_camera/T_world_cam/quaternion_wxyz/1",
+        "2.0",
+        "unit quaternion",
+    ),
+    ("/tracker/fastrak/units", r#""cubits""#, "centimetres"),
+    ("/mirror_sphere/radius", "0", "above 0"),
+    (
+        "/phantoms/0/ply_frame",
+        r#""moon""#,
+        "phantoms[0].ply_frame",
+    ),
+    (
+        "/photometric_chart/patches_xywh/0",
+        "[1, 2, 3]",
+        "4 entries",
+    ),
+    ("/ground_plane/normal", "[0, 0, 0]", "ground_plane.normal"),
+    (
+        "/virtual_lights/lights/0/intensity/1",
+        "-1.0",
+        "lights[0].intensity`: must be three numbers, each at least 0",
+    ),
+    (
+        "/virtual_lights/lights/0/intensity/1",
+        "null",
+        "intensity[1]",
+    ),
+    (
+        "/virtual_lights/lights/0/kind",
+        r#""tube""#,
+        "expected `point` or `spot`",
+    ),
+    (
+        "/virtual_lights/lights/0/cutoff_deg",
+        "20.0",
+        "at least beam_deg",
+    ),
+    (
+        "/virtual_lights/lights/0/cutoff_deg",
+        "200.0",
+        "at most 180",
+    ),
+    (
+        "/virtual_lights/lights/0/keys/0/target",
+        "[1, 2, 3]",
+        "keys[0]`: must have a target other than",
+    ),
+    ("/virtual_lights/lights/0/keys", "[]", "at least one key"),
+    (
+        "/virtual_lights/lights/0/keys",
+        r#"[{"t": 1, "pos": [0, 0, 1], "target": [0, 0, 0]}, {"t": 1, "pos": [0, 0, 1], "target": [0, 0, 0]}]"#,
+        "in the order of their times",
+    ),
+    (
+        "/virtual_lights/lights/0/keys/0",
+        r#"{"t": 1, "pos": [0, 0, 1], "target": [0, 0, 0], "gain": -1}"#,
+        "keys[0].gain`: invalid value: floating point `-1.0`, expected a number of at least 0",
+    ),
+];
+
 #[test]
 fn rejects_wrong_values_by_path_and_reason() {
-    let cases = [
-        ("/scene_camera/K/0/0", json!(-1.0), "scene_camera.K"),
-        (
-            "/scene_camera/image_size/0",
-            json!(0),
-            "scene_camera.image_size",
-        ),
-        (
-            "/scene_camera/image_size/1",
-            json!(1_000_000),
-            "image_size[1]",
-        ),
-        ("/scene_camera/latency_s", json!(8), ""),
-        (
-            "/scene_camera/latency_s",
-            json!(11),
-            "scene_camera.latency_s",
-        ),
-        (
-            "/environment_camera/kind",
-            json!("cube"),
-            "expected `fisheye` or `sphere`",
-        ),
-        (
-            "/environment_camera/projection/model",
-            json!("stereographic"),
-            "equidistant",
-        ),
-        (
-            "/environment_camera/projection/max_theta_rad",
-            json!(180),
-            "radians",
-        ),
-        (
-            "/environment_camera/T_world_cam/quaternion_wxyz/1",
-            json!(2.0),
-            "unit quaternion",
-        ),
-        ("/tracker/fastrak/units", json!("cubits"), "centimetres"),
-        ("/mirror_sphere/radius", json!(0), "above 0"),
-        (
-            "/phantoms/0/ply_frame",
-            json!("moon"),
-            "phantoms[0].ply_frame",
-        ),
-        (
-            "/photometric_chart/patches_xywh/0",
-            json!([1, 2, 3]),
-            "4 entries",
-        ),
-        (
-            "/ground_plane/normal",
-            json!([0, 0, 0]),
-            "ground_plane.normal",
-        ),
-        (
-            "/virtual_lights/lights/0/intensity/1",
-            json!(-1.0),
-            "lights[0].intensity`: must be three numbers, each at least 0",
-        ),
-        (
-            "/virtual_lights/lights/0/intensity/1",
-            json!(null),
-            "intensity[1]",
-        ),
-        (
-            "/virtual_lights/lights/0/kind",
-            json!("tube"),
-            "expected `point` or `spot`",
-        ),
-        (
-            "/virtual_lights/lights/0/cutoff_deg",
-            json!(20.0),
-            "at least beam_deg",
-        ),
-        (
-            "/virtual_lights/lights/0/cutoff_deg",
-            json!(200.0),
-            "at most 180",
-        ),
-        (
-            "/virtual_lights/lights/0/keys/0/target",
-            json!([1, 2, 3]),
-            "keys[0]`: must have a target other than",
-        ),
-        (
-            "/virtual_lights/lights/0/keys",
-            json!([]),
-            "at least one key",
-        ),
-        (
-            "/virtual_lights/lights/0/keys",
-            json!([{"t": 1, "pos": [0, 0, 1], "target": [0, 0, 0]},
-                   {"t": 1, "pos": [0, 0, 1], "target": [0, 0, 0]}]),
-            "in the order of their times",
-        ),
-        (
-            "/virtual_lights/lights/0/keys/0",
-            json!({"t": 1, "pos": [0, 0, 1], "target": [0, 0, 0], "gain": -1}),
-            "keys[0].gain`: invalid value: floating point `-1.0`, expected a number of at least 0",
-        ),
-        (
-            "/virtual_lights/lights",
-            json!(vec![rig()["virtual_lights"]["lights"][0].clone(); 33]),
-            "at most 32 entries",
-        ),
-    ];
-    for (pointer, value, expected) in cases {
+    for (pointer, value, expected) in WRONG_VALUES {
         let mut document = rig();
-        *document.pointer_mut(pointer).unwrap() = value;
+        *document.pointer_mut(pointer).unwrap() = serde_json::from_str(value).unwrap();
         match parse(&document) {
             Err(e) => assert!(
                 !expected.is_empty() && e.to_string().contains(expected),
@@ -264,6 +240,19 @@ fn rejects_wrong_values_by_path_and_reason() {
             Ok(_) => assert!(expected.is_empty(), "{pointer} was accepted"),
         }
     }
+}
+
+#[test]
+fn rejects_lists_that_are_too_long() {
+    let mut document = rig();
+    let lights = &mut document["virtual_lights"]["lights"];
+    *lights = json!(vec![lights[0].clone(); 33]);
+    let message = parse(&document).unwrap_err().to_string();
+    assert!(
+        message.contains("virtual_lights.lights`: invalid length"),
+        "{message}"
+    );
+    assert!(message.contains("at most 32 entries"), "{message}");
 }
 
 /// Each message is one line with the file, the path, what was found and what belongs there.

@@ -90,12 +90,12 @@ impl Folder {
         Ok(path)
     }
 
-    /// Files directly in a folder, as paths relative to the whole.
+    /// Lists the files directly in a folder, as paths relative to the imported folder.
     pub fn files_in(&self, name: &Path) -> Result<Vec<PathBuf>, ImportError> {
         Ok(self.entries(name)?.files)
     }
 
-    /// Files below `name`, as paths relative to the whole, sorted.
+    /// Lists the files below `name`, as paths relative to the imported folder, sorted.
     pub fn files_below(&self, name: &str) -> Result<Vec<PathBuf>, ImportError> {
         let mut files = Vec::new();
         let mut folders = vec![PathBuf::from(name)];

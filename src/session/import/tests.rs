@@ -107,9 +107,9 @@ fn imports_rig_folder() {
         "phantoms/box.ply",
     ];
     assert_eq!(names, expected);
-    let told: Vec<_> = session
+    let described: Vec<_> = session
         .events()
-        .map(|event| tell(&event.unwrap()))
+        .map(|event| text_of(&event.unwrap()))
         .collect();
     let expected = [
         "90 tracker 47",
@@ -121,12 +121,12 @@ fn imports_rig_folder() {
         "170 tracker 47",
         "200 scene 1 scene 1",
     ];
-    assert_eq!(told, expected);
+    assert_eq!(described, expected);
     assert_eq!(session.tracker_protocol(), Some("fastrak"));
     assert!(describe(&session).contains("/scene_camera/calibration"));
 }
 
-fn tell(event: &SessionEvent) -> String {
+fn text_of(event: &SessionEvent) -> String {
     let nanos = event.arrived_at().as_nanos();
     let text = |frame: &Frame| String::from_utf8(frame.data.to_vec()).unwrap();
     match event {
@@ -253,9 +253,9 @@ fn imports_tum_folder() {
     let summary = import(&args).unwrap();
     assert_eq!((summary.scene_frames, summary.poses), (2, 2));
     let session = Session::open(&args.output).unwrap();
-    let told: Vec<_> = session
+    let described: Vec<_> = session
         .events()
-        .map(|event| tell(&event.unwrap()))
+        .map(|event| text_of(&event.unwrap()))
         .collect();
     let expected = [
         "1400000000 pose 1 2 3",
@@ -263,7 +263,7 @@ fn imports_tum_folder() {
         "1900000000 pose 4 5 6",
         "2000000001 scene 1 second",
     ];
-    assert_eq!(told, expected);
+    assert_eq!(described, expected);
     fs::write(folder.path().join("groundtruth.txt"), "1.4 1 2 3 0 0 0 7\n").unwrap();
     let forced = ImportArgs {
         force: true,

@@ -1,63 +1,64 @@
-//! A motion drawn on beyond its last reading.
+//! Prediction of poses beyond the newest reading.
 //!
-//! A line lags where the motion bends, a parabola and a cubic overshoot where it does not and
-//! swell the tracker's noise: which is best is the motion's matter. So each reading that
-//! comes in is held against what each way had said of it, and the ways are mixed as their
-//! errors, and how those go together, advise (Bates and Granger, The Combination of
-//! Forecasts, 1969), for the place and for the direction, for short and for long predictions.
+//! A line lags behind curved motion; a parabola and a cubic overshoot straight motion and amplify the
+//! tracker's noise. Which one is best depends on the motion. So each new reading is compared with the
+//! forecast of each polynomial, and the forecasts are combined by the covariance of their errors
+//! (Bates & Granger, "The Combination of Forecasts", 1969), separately for position and orientation
+//! and for several lengths of prediction.
 
-use super::super::fit::{Degree, Reading, noise_variance, rotation_vector, value_at_zero};
 use super::{PoseAt, PoseHistory, Provenance, Sample};
+use crate::fit::{Degree, Reading, noise_variance, value_at_zero};
 use glam::{DMat3, DQuat, DVec3};
 use penumbra_interface::{MonotonicTime, RigidTransform};
+use penumbra_numerics::rotation_vector;
 use std::collections::VecDeque;
 
 /// A polynomial through the newest readings.
-struct Way {
+struct Polynomial {
     degree: Degree,
-    /// How far they reach back, nanoseconds.
+    /// Time over which its readings extend, nanoseconds.
     window_nanos: i64,
-    /// What they must span of it: a polynomial through less runs off.
-    least_nanos: i64,
-    /// So many are needed: where they are rare they reach back further.
-    fewest: usize,
+    /// Minimum time that they must span, nanoseconds; with less, the extrapolation is unstable.
+    min_span_nanos: i64,
+    /// Minimum number of readings; the window is extended if it has fewer.
+    min_readings: usize,
 }
 
-const WAYS: [Way; 3] = [
-    Way {
+const POLYNOMIALS: [Polynomial; 3] = [
+    Polynomial {
         degree: Degree::Linear,
         window_nanos: 60_000_000,
-        least_nanos: 15_000_000,
-        fewest: 2,
+        min_span_nanos: 15_000_000,
+        min_readings: 2,
     },
-    Way {
+    Polynomial {
         degree: Degree::Quadratic,
         window_nanos: 160_000_000,
-        least_nanos: 130_000_000,
-        fewest: 4,
+        min_span_nanos: 130_000_000,
+        min_readings: 4,
     },
-    Way {
+    Polynomial {
         degree: Degree::Cubic,
         window_nanos: 160_000_000,
-        least_nanos: 130_000_000,
-        fewest: 6,
+        min_span_nanos: 130_000_000,
+        min_readings: 6,
     },
 ];
-/// Rarer readings than this tell of no motion, nanoseconds between them.
-const RAREST_NANOS: i64 = 100_000_000;
-/// Readings that their noise is taken from.
+/// Maximum interval of readings from which motion is estimated, nanoseconds.
+const MAX_INTERVAL_NANOS: i64 = 100_000_000;
+/// Number of readings for the estimate of their noise.
 const NOISE_READINGS: usize = 16;
-/// Shares of the ways while nothing is known of their errors, and what they are drawn to by
-/// [`DRAWN`]: half way between line and parabola, whose errors are mostly of opposite sign.
-const BEFOREHAND: DVec3 = DVec3::new(0.5, 0.5, 0.0);
-/// How strongly, in mean variances of the ways.
-const DRAWN: f64 = 0.03;
+/// Weights of the polynomials without known errors, and the prior of the weights otherwise: halfway
+/// between line and parabola, whose errors mostly have opposite signs.
+const PRIOR_WEIGHTS: DVec3 = DVec3::new(0.5, 0.5, 0.0);
+/// Strength of the prior, in mean variances of the polynomials.
+const PRIOR_STRENGTH: f64 = 0.03;
 
-/// Shares of the ways, for place and direction; each sums to 1.
-type Shares = [DVec3; 2];
+/// Weights of the polynomials, for position and orientation; each sums to 1.
+type Weights = [DVec3; 2];
 
 impl PoseHistory {
-    /// The motion before index `after`, drawn on to `time`.
+    /// Predicts the pose at `time` from the readings before index `after`.
     pub(super) fn predict(
         &self,
         time: MonotonicTime,
@@ -69,17 +70,17 @@ impl PoseHistory {
         if age_nanos > longest_nanos {
             return None;
         }
-        let ways = self.ways(time, after, last);
+        let forecasts = self.forecasts(time, after, last);
         let errors = self.errors.known_at(last.measured_at);
         Some(PoseAt {
-            transmitter_from_sensor: mixed(&ways, errors.shares(age_nanos)),
+            transmitter_from_sensor: combined(&forecasts, errors.weights(age_nanos)),
             provenance: Provenance::Predicted,
             age_nanos,
             sigma: errors.at(age_nanos),
         })
     }
 
-    /// Sees how far predictions of this reading would have been off.
+    /// Updates the error statistics with the errors that predictions of this reading would have had.
     pub(super) fn learn(&mut self, sample: &Sample) {
         for (k, horizon) in HORIZONS_NANOS.into_iter().enumerate() {
             let until = sample.measured_at.offset_nanos(-horizon);
@@ -88,84 +89,90 @@ impl PoseHistory {
                 continue;
             };
             let mut ahead = sample.measured_at.nanos_since(last.measured_at);
-            let mut truth = Some((sample.pose, [0.0; 2]));
-            // That far there is no reading: it would be the error of a longer prediction.
+            let mut reference = Some((sample.pose, [0.0; 2]));
+            // No reading at this horizon; the sample's error would be that of a longer prediction.
             if ahead > horizon + horizon / 2 + 5_000_000 {
                 ahead = horizon;
-                truth = (after == self.samples.len())
-                    .then(|| self.passed(last.measured_at.offset_nanos(ahead), sample))
+                reference = (after == self.samples.len())
+                    .then(|| self.interpolated(last.measured_at.offset_nanos(ahead), sample))
                     .flatten();
             }
-            let Some((pose, hidden)) = truth else {
+            let Some((pose, hidden)) = reference else {
                 continue;
             };
-            let ways = self.ways(last.measured_at.offset_nanos(ahead), after, last);
-            self.errors.now.bins[k].add(ahead, &ways, (&pose, hidden));
+            let forecasts = self.forecasts(last.measured_at.offset_nanos(ahead), after, last);
+            self.errors.now.bins[k].add(ahead, &forecasts, (&pose, hidden));
         }
         self.errors.remember(sample.measured_at);
     }
 
-    /// What each way says of `time`, by the readings before index `after`: a way that has too
-    /// few says what the one before it says, the first that all stays where it was.
-    pub(super) fn ways(
+    /// Returns the forecast of each polynomial for `time`, from the readings before index `after`.
+    /// With too few readings, a polynomial's forecast is that of the lower degree, the line's the
+    /// last pose.
+    pub(super) fn forecasts(
         &self,
         time: MonotonicTime,
         after: usize,
         last: &Sample,
     ) -> [RigidTransform; 3] {
-        let mut before = last.pose;
-        WAYS.map(|way| {
-            if let Some(pose) = self.by_way(&way, time, after, last) {
-                before = pose;
+        let mut lower = last.pose;
+        POLYNOMIALS.map(|polynomial| {
+            if let Some(pose) = self.forecast(&polynomial, time, after, last) {
+                lower = pose;
             }
-            before
+            lower
         })
     }
 
-    fn by_way(
+    fn forecast(
         &self,
-        way: &Way,
+        polynomial: &Polynomial,
         time: MonotonicTime,
         after: usize,
         last: &Sample,
     ) -> Option<RigidTransform> {
-        let start = last.measured_at.offset_nanos(-way.window_nanos);
+        let start = last.measured_at.offset_nanos(-polynomial.window_nanos);
         let within = self.samples.partition_point(|s| s.measured_at < start);
-        let first = within.min(after.checked_sub(way.fewest)?);
+        let first = within.min(after.checked_sub(polynomial.min_readings)?);
         let span = last
             .measured_at
             .nanos_since(self.samples.get(first)?.measured_at);
-        let longest = way.window_nanos.max((way.fewest as i64 - 1) * RAREST_NANOS);
-        if span < way.least_nanos || span > longest {
+        let intervals = polynomial.min_readings as i64 - 1;
+        let max_span = polynomial.window_nanos.max(intervals * MAX_INTERVAL_NANOS);
+        if span < polynomial.min_span_nanos || span > max_span {
             return None;
         }
         let readings = self.samples.range(first..after);
-        let readings = readings.map(|sample| sample.seen_from(time));
-        value_at_zero(readings, way.degree, last.pose.rotation).map(|fit| fit.pose)
+        let readings = readings.map(|sample| sample.relative_to(time));
+        value_at_zero(readings, polynomial.degree, last.pose.rotation).map(|fit| fit.pose)
     }
 
-    /// Where the sensor was at `time`, after the newest reading kept, now that the next one is
-    /// known: on the cubic through them and the two before. And the variances of their noise,
-    /// metres² and radians²: predictions share it, so that it hides in what they are off by.
-    fn passed(&self, time: MonotonicTime, next: &Sample) -> Option<(RigidTransform, [f64; 2])> {
+    /// Returns the pose at `time`, between the newest stored reading and the `next` one, on the cubic
+    /// through these and the two before, and the variances of the readings' noise (metres²,
+    /// radians²): predictions share this noise, so that their errors do not show it.
+    fn interpolated(
+        &self,
+        time: MonotonicTime,
+        next: &Sample,
+    ) -> Option<(RigidTransform, [f64; 2])> {
         let first = self.samples.len().checked_sub(3)?;
         let readings = self.samples.range(first..).chain(std::iter::once(next));
         let span = next
             .measured_at
             .nanos_since(self.samples.get(first)?.measured_at);
-        if span > 3 * RAREST_NANOS {
+        if span > 3 * MAX_INTERVAL_NANOS {
             return None;
         }
-        let readings = readings.map(|sample| sample.seen_from(time));
+        let readings = readings.map(|sample| sample.relative_to(time));
         let fit = value_at_zero(readings, Degree::Cubic, next.pose.rotation)?;
-        let lately = self.samples.len().saturating_sub(NOISE_READINGS);
-        let noise = noise_variance(self.samples.range(lately..).map(|sample| &sample.pose))?;
+        let recent = self.samples.len().saturating_sub(NOISE_READINGS);
+        let noise = noise_variance(self.samples.range(recent..).map(|sample| &sample.pose))?;
         Some((fit.pose, noise))
     }
 }
 
 impl Sample {
-    fn seen_from(&self, time: MonotonicTime) -> Reading {
+    fn relative_to(&self, time: MonotonicTime) -> Reading {
         Reading {
             time: self.measured_at.seconds_since(time),
             weight: 1.0,
@@ -174,19 +181,19 @@ impl Sample {
     }
 }
 
-/// The ways' poses, each by its share; directions about the first one's.
-fn mixed(ways: &[RigidTransform; 3], [of_place, of_direction]: Shares) -> RigidTransform {
-    let reference = ways[0].rotation;
-    let (mut place, mut turn) = (DVec3::ZERO, DVec3::ZERO);
-    for (k, way) in ways.iter().enumerate() {
-        place += of_place[k] * way.translation;
-        turn += of_direction[k] * rotation_vector(reference.inverse() * way.rotation);
+/// Combines forecasts by weights; orientations relative to the first one's.
+fn combined(forecasts: &[RigidTransform; 3], [position, orientation]: Weights) -> RigidTransform {
+    let reference = forecasts[0].rotation;
+    let (mut translation, mut rotation) = (DVec3::ZERO, DVec3::ZERO);
+    for (k, forecast) in forecasts.iter().enumerate() {
+        translation += position[k] * forecast.translation;
+        rotation += orientation[k] * rotation_vector(reference.inverse() * forecast.rotation);
     }
-    let rotation = (reference * DQuat::from_scaled_axis(turn)).normalize();
-    RigidTransform::new(rotation, place)
+    let rotation = (reference * DQuat::from_scaled_axis(rotation)).normalize();
+    RigidTransform::new(rotation, translation)
 }
 
-/// Lengths of prediction whose errors are followed, nanoseconds.
+/// Lengths of prediction with error statistics, nanoseconds.
 const HORIZONS_NANOS: [i64; 6] = [
     5_000_000,
     10_000_000,
@@ -195,66 +202,66 @@ const HORIZONS_NANOS: [i64; 6] = [
     80_000_000,
     160_000_000,
 ];
-/// Readings after which an error counts only 37 %: a second or two.
-const FORGETTING: f64 = 200.0;
-/// Errors that tell nothing yet.
-const FEWEST_ERRORS: f64 = 20.0;
+/// Number of readings after which the weight of an error decays to 37 %: one or two seconds.
+const DECAY_READINGS: f64 = 200.0;
+/// Minimum weight of the errors for a statistic.
+const MIN_ERRORS: f64 = 20.0;
 
-/// Readings for which it is remembered what was known of the errors by then: half a second of
-/// most trackers. Who asks for a prediction of longer ago gets the shares of the oldest.
-const REMEMBERED: usize = 128;
+/// Number of readings whose error statistics are kept: half a second of most trackers. Predictions as
+/// of an earlier time use the oldest.
+const MAX_SNAPSHOTS: usize = 128;
 
-/// How far predictions were off, as known now and a little before.
+/// Error statistics of predictions, now and at recent readings.
 #[derive(Clone, Debug)]
 pub(super) struct ErrorHistory {
     now: PredictionErrors,
-    /// After which reading.
-    then: VecDeque<(MonotonicTime, PredictionErrors)>,
+    /// Statistics after the reading of that time.
+    snapshots: VecDeque<(MonotonicTime, PredictionErrors)>,
 }
 
 impl Default for ErrorHistory {
     fn default() -> Self {
         Self {
             now: PredictionErrors::default(),
-            then: VecDeque::with_capacity(REMEMBERED),
+            snapshots: VecDeque::with_capacity(MAX_SNAPSHOTS),
         }
     }
 }
 
 impl ErrorHistory {
     fn remember(&mut self, at: MonotonicTime) {
-        if self.then.len() == REMEMBERED {
-            self.then.pop_front();
+        if self.snapshots.len() == MAX_SNAPSHOTS {
+            self.snapshots.pop_front();
         }
-        self.then.push_back((at, self.now));
+        self.snapshots.push_back((at, self.now));
     }
 
-    /// As known when the reading of that time was the newest.
+    /// Returns the statistics as of the time when the reading of that time was the newest.
     fn known_at(&self, at: MonotonicTime) -> &PredictionErrors {
-        let after = self.then.partition_point(|(then, _)| *then <= at);
-        let known = self.then.get(after.saturating_sub(1));
+        let after = self.snapshots.partition_point(|(then, _)| *then <= at);
+        let known = self.snapshots.get(after.saturating_sub(1));
         known.map_or(&self.now, |(_, errors)| errors)
     }
 
-    /// Another time has begun: what was learnt holds on, when it was does not.
+    /// Starts a new time line: keeps the statistics, drops their times.
     pub(super) fn restart(&mut self) {
-        self.then.clear();
+        self.snapshots.clear();
     }
 }
 
-/// How far predictions were off lately, by their length.
+/// Statistics of recent prediction errors by length of prediction.
 #[derive(Clone, Copy, Debug, Default)]
 struct PredictionErrors {
     bins: [ErrorBin; HORIZONS_NANOS.len()],
 }
 
-/// Sums of one length.
+/// Sums for one length of prediction.
 #[derive(Clone, Copy, Debug)]
 struct ErrorBin {
     weight: f64,
-    /// Of their lengths, seconds.
+    /// Sum of the lengths, seconds.
     ahead: f64,
-    /// Of the ways' errors with one another, metres² and radians².
+    /// Sums of products of the polynomials' errors, metres² and radians².
     products: [DMat3; 2],
 }
 
@@ -269,42 +276,43 @@ impl Default for ErrorBin {
 }
 
 impl ErrorBin {
-    fn known(&self) -> bool {
-        self.weight >= FEWEST_ERRORS
+    fn is_known(&self) -> bool {
+        self.weight >= MIN_ERRORS
     }
 
-    /// Predicted over this length.
+    /// Mean length of the predictions, seconds.
     fn seconds(&self) -> f64 {
         self.ahead / self.weight
     }
 
-    fn shares(&self) -> Shares {
-        if self.known() {
-            self.products.map(|products| least_variance(&products))
+    fn weights(&self) -> Weights {
+        if self.is_known() {
+            self.products
+                .map(|products| min_variance_weights(&products))
         } else {
-            [BEFOREHAND; 2]
+            [PRIOR_WEIGHTS; 2]
         }
     }
 
-    /// Variances of the mixture's errors, metres² and radians².
+    /// Variances of the combination's errors, metres² and radians².
     fn variances(&self) -> [f64; 2] {
-        let shares = self.shares();
-        [0, 1].map(|k| shares[k].dot(self.products[k] * shares[k]) / self.weight)
+        let weights = self.weights();
+        [0, 1].map(|k| weights[k].dot(self.products[k] * weights[k]) / self.weight)
     }
 
-    /// One more reading, with the variances that do not show in it, and what the ways had said.
+    /// Adds the errors of the forecasts of a reading. `hidden`: variances that the errors do not show.
     fn add(
         &mut self,
         ahead_nanos: i64,
-        ways: &[RigidTransform; 3],
+        forecasts: &[RigidTransform; 3],
         (read, hidden): (&RigidTransform, [f64; 2]),
     ) {
-        let error = |said: &RigidTransform| {
-            let turn = rotation_vector(read.rotation.inverse() * said.rotation);
-            [said.translation - read.translation, turn]
+        let error = |forecast: &RigidTransform| {
+            let rotation = rotation_vector(read.rotation.inverse() * forecast.rotation);
+            [forecast.translation - read.translation, rotation]
         };
-        let errors = ways.each_ref().map(error);
-        let keep = 1.0 - 1.0 / FORGETTING;
+        let errors = forecasts.each_ref().map(error);
+        let keep = 1.0 - 1.0 / DECAY_READINGS;
         self.weight = self.weight * keep + 1.0;
         self.ahead = self.ahead * keep + ahead_nanos as f64 * 1e-9;
         for (k, products) in self.products.iter_mut().enumerate() {
@@ -315,33 +323,34 @@ impl ErrorBin {
     }
 }
 
-/// The shares, of sum 1, whose mixture has the least variance, drawn to [`BEFOREHAND`].
+/// Returns the weights, with sum 1, of the combination of minimum variance with the prior
+/// [`PRIOR_WEIGHTS`].
 ///
-/// > minimise wᵀSw + m|w − b|² with 1ᵀw = 1:  (S + m)w = mb + λ1,  λ by the sum
+/// > minimise wᵀSw + m|w − b|² with 1ᵀw = 1:  (S + m)w = mb + λ1,  λ from the sum
 ///
-/// The reading's own noise is in all of S alike, so that it changes nothing.
-fn least_variance(products: &DMat3) -> DVec3 {
+/// The reading's own noise adds equally to all elements of S and does not change the result.
+fn min_variance_weights(products: &DMat3) -> DVec3 {
     let trace = products.x_axis.x + products.y_axis.y + products.z_axis.z;
-    let drawn = DRAWN * trace / 3.0;
-    let matrix = *products + DMat3::from_diagonal(DVec3::splat(drawn));
+    let strength = PRIOR_STRENGTH * trace / 3.0;
+    let matrix = *products + DMat3::from_diagonal(DVec3::splat(strength));
     let inverse = matrix.inverse();
-    let (towards, even) = (inverse * (drawn * BEFOREHAND), inverse * DVec3::ONE);
-    let shares = towards + even * (1.0 - towards.element_sum()) / even.element_sum();
-    if shares.is_finite() {
-        shares
+    let (prior, even) = (inverse * (strength * PRIOR_WEIGHTS), inverse * DVec3::ONE);
+    let weights = prior + even * (1.0 - prior.element_sum()) / even.element_sum();
+    if weights.is_finite() {
+        weights
     } else {
-        BEFOREHAND
+        PRIOR_WEIGHTS
     }
 }
 
 impl PredictionErrors {
-    /// The known lengths on both sides of this one, and how far from the first to the second
-    /// it lies, by ratios. Both are the shortest before it, and the longest beyond.
+    /// Returns the known lengths on both sides of this one and its logarithmic position between
+    /// them. Below the shortest and above the longest length, both are that one.
     fn around(&self, ahead_nanos: i64) -> Option<(&ErrorBin, &ErrorBin, f64)> {
         let wanted = (ahead_nanos as f64 * 1e-9).max(1e-9);
-        let mut known = self.bins.iter().filter(|bin| bin.known());
+        let mut known = self.bins.iter().filter(|bin| bin.is_known());
         let mut below = known.next()?;
-        // A prediction of no length would be as wrong as the shortest at most.
+        // The error of the shortest length is an upper bound for shorter ones.
         if wanted <= below.seconds() {
             return Some((below, below, 0.0));
         }
@@ -355,24 +364,24 @@ impl PredictionErrors {
         Some((below, below, 0.0))
     }
 
-    fn shares(&self, ahead_nanos: i64) -> Shares {
+    fn weights(&self, ahead_nanos: i64) -> Weights {
         let Some((below, above, share)) = self.around(ahead_nanos) else {
-            return [BEFOREHAND; 2];
+            return [PRIOR_WEIGHTS; 2];
         };
-        let (below, above) = (below.shares(), above.shares());
+        let (below, above) = (below.weights(), above.weights());
         [0, 1].map(|k| below[k].lerp(above[k], share))
     }
 
-    /// Root mean square error of a prediction of this length, between those that are known.
-    /// The readings' own noise is in it.
+    /// Returns the root mean square error of a prediction of this length, interpolated between the
+    /// known lengths. It includes the readings' noise.
     fn at(&self, ahead_nanos: i64) -> Option<[f64; 2]> {
         let (below, above, share) = self.around(ahead_nanos)?;
         let (near, far) = (below.variances(), above.variances());
-        // Longer than any: as if by a missed acceleration.
+        // Beyond the longest length the error grows quadratically, as by an unknown acceleration.
         let wanted = ahead_nanos as f64 * 1e-9;
         let grown = (wanted / above.seconds().max(1e-3)).max(1.0).powi(2);
-        // Errors grow as a power of the time: a line between two would lie above them.
-        let mixed = |k: usize| near[k].powf(1.0 - share) * far[k].powf(share);
-        Some([mixed(0).sqrt() * grown, mixed(1).sqrt() * grown])
+        // Errors grow as a power of the time; linear interpolation would overestimate them.
+        let variance = |k: usize| near[k].powf(1.0 - share) * far[k].powf(share);
+        Some([variance(0).sqrt() * grown, variance(1).sqrt() * grown])
     }
 }

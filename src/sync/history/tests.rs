@@ -19,7 +19,7 @@ fn config(smoothing: Smoothing) -> HistoryConfig {
     }
 }
 
-/// Even motion: 1 m/s along X, 1 rad/s about Z.
+/// Uniform motion: 1 m/s along X, 1 rad/s about Z.
 fn even(time: MonotonicTime) -> RigidTransform {
     let seconds = time.as_nanos() as f64 * 1e-9;
     RigidTransform::new(DQuat::from_rotation_z(seconds), DVec3::X * seconds)
@@ -46,7 +46,7 @@ const LOCAL: Smoothing = Smoothing::Local {
 
 proptest! {
     #[test]
-    fn even_motion_is_met_exactly(steps in prop::collection::vec(1_i64..30, 4..60), place in 0.0..1.2_f64, smooth in any::<bool>()) {
+    fn uniform_motion_is_interpolated_exactly(steps in prop::collection::vec(1_i64..30, 4..60), place in 0.0..1.2_f64, smooth in any::<bool>()) {
         let times: Vec<i64> = steps.iter().scan(1000, |t, step| { *t += step; Some(*t) }).collect();
         let smoothing = if smooth { LOCAL } else { Smoothing::None };
         let history = filled(config(smoothing), times.iter().copied());
@@ -63,7 +63,7 @@ proptest! {
     }
 
     #[test]
-    fn any_stream_is_survived(
+    fn arbitrary_streams_never_panic(
         pushes in prop::collection::vec((any::<i64>(), prop::array::uniform4(any::<f64>()), any::<bool>()), 0..60),
         asked in any::<i64>(),
     ) {
@@ -80,23 +80,23 @@ proptest! {
 }
 
 #[test]
-fn provenance_and_age_are_told() {
+fn reports_provenance_and_age() {
     let history = filled(config(Smoothing::None), (0..20).map(|i| i * 10));
-    let told = |millis| {
+    let found = |millis| {
         history
             .at(at(millis))
             .map(|p| (p.provenance, p.age_nanos / MILLI))
     };
-    assert_eq!(told(100), Some((Provenance::Exact, 0)));
-    assert_eq!(told(103), Some((Provenance::Interpolated, 3)));
-    assert_eq!(told(108), Some((Provenance::Interpolated, 2)));
-    assert_eq!(told(250), Some((Provenance::Predicted, 60)));
-    assert_eq!(told(291), None, "too long after the last reading");
-    assert_eq!(told(-1), None, "before the first one");
+    assert_eq!(found(100), Some((Provenance::Exact, 0)));
+    assert_eq!(found(103), Some((Provenance::Interpolated, 3)));
+    assert_eq!(found(108), Some((Provenance::Interpolated, 2)));
+    assert_eq!(found(250), Some((Provenance::Predicted, 60)));
+    assert_eq!(found(291), None, "too long after the last reading");
+    assert_eq!(found(-1), None, "before the first one");
 }
 
 #[test]
-fn nothing_is_interpolated_across_a_gap() {
+fn does_not_interpolate_across_a_gap() {
     let millis = (0..10)
         .map(|i| i * 10)
         .chain((0..10).map(|i| 1000 + i * 10));
@@ -112,12 +112,12 @@ fn nothing_is_interpolated_across_a_gap() {
 }
 
 #[test]
-fn smoothing_takes_noise_away() {
+fn smoothing_reduces_noise() {
     let mut raw = PoseHistory::new(config(Smoothing::None));
     let mut smooth = PoseHistory::new(config(LOCAL));
     let mut sign = 1.0;
     for i in 0..60 {
-        // Noise that alternates is the worst that a tracker can do between neighbours.
+        // Alternating noise is the worst case between neighbours.
         sign = -sign;
         let mut pose = even(at(i * 8));
         pose.translation.y += 0.001 * sign;
@@ -133,7 +133,7 @@ fn smoothing_takes_noise_away() {
 }
 
 #[test]
-fn quick_motion_narrows_the_window() {
+fn fast_motion_narrows_the_window() {
     // A hand that waves by 10 cm three times a second, read with 0.1 mm of noise.
     let wave = |millis: i64| {
         let phase = std::f64::consts::TAU * 3.0 * millis as f64 * 1e-3;
@@ -154,7 +154,7 @@ fn quick_motion_narrows_the_window() {
 }
 
 #[test]
-fn time_that_jumps_back_begins_anew() {
+fn jump_back_in_time_restarts_the_history() {
     let mut history = filled(config(LOCAL), (500..600).map(|i| i * 10));
     assert_eq!(history.push(at(5985), even(at(5985))), Pushed::Late);
     assert_eq!(history.push(at(100), even(at(100))), Pushed::Restarted);
@@ -163,7 +163,7 @@ fn time_that_jumps_back_begins_anew() {
 }
 
 #[test]
-fn one_impossible_reading_is_kept_out_and_a_lasting_jump_is_not() {
+fn rejects_single_outlier_and_accepts_lasting_jump() {
     let mut history = filled(config(LOCAL), (0..20).map(|i| i * 10));
     let mirrored = |millis| {
         let pose = even(at(millis));
@@ -179,7 +179,7 @@ fn one_impossible_reading_is_kept_out_and_a_lasting_jump_is_not() {
 }
 
 #[test]
-fn the_history_is_bounded() {
+fn history_has_bounded_length() {
     let small = HistoryConfig {
         capacity: 16,
         ..config(LOCAL)
@@ -189,7 +189,7 @@ fn the_history_is_bounded() {
     assert_eq!(history.at(at(50)), None);
 }
 
-/// A hand's motion: metres and radians that bend all the time.
+/// A hand's motion with permanent acceleration, metres and radians.
 fn by_hand(seconds: f64) -> RigidTransform {
     let swing = |rate: f64, phase: f64| (rate * seconds + phase).sin();
     RigidTransform::new(
@@ -199,13 +199,13 @@ fn by_hand(seconds: f64) -> RigidTransform {
 }
 
 #[test]
-fn the_stated_error_of_a_prediction_is_the_error_it_makes() {
+fn predicted_standard_deviation_matches_the_error() {
     for rate in [120.0, 30.0, 14.0] {
-        stated_beside_made(rate);
+        check_predicted_deviation(rate);
     }
 }
 
-fn stated_beside_made(rate: f64) {
+fn check_predicted_deviation(rate: f64) {
     use penumbra_numerics::Random;
     let mut random = Random::new(8);
     let mut history = PoseHistory::new(HistoryConfig::default());
@@ -233,31 +233,34 @@ fn stated_beside_made(rate: f64) {
         }
         lines += 1.0;
     }
-    for (made, told) in sums.iter().zip(stated) {
-        let (made, told) = ((made / lines).sqrt(), (told / lines).sqrt());
+    for (actual, predicted) in sums.iter().zip(stated) {
+        let (actual, predicted) = ((actual / lines).sqrt(), (predicted / lines).sqrt());
         println!(
-            "{rate} a second: error made {:.3} mm, stated {:.3} mm",
-            made * 1e3,
-            told * 1e3
+            "{rate} a second: error actual {:.3} mm, stated {:.3} mm",
+            actual * 1e3,
+            predicted * 1e3
         );
-        assert!((0.8..1.6).contains(&(told / made)), "{told} for {made}");
+        assert!(
+            (0.8..1.6).contains(&(predicted / actual)),
+            "{predicted} for {actual}"
+        );
     }
 }
 
 #[test]
-fn what_was_expected_does_not_know_what_came_later() {
+fn prediction_as_of_a_time_ignores_later_readings() {
     let config = config(Smoothing::None);
     let every = |range: std::ops::Range<i64>| range.map(|k| 8 * k);
-    let mut whole = PoseHistory::new(config);
+    let mut complete = PoseHistory::new(config);
     let mut until = PoseHistory::new(config);
     for millis in every(0..100) {
-        whole.push(at(millis), by_hand(millis as f64 * 1e-3));
+        complete.push(at(millis), by_hand(millis as f64 * 1e-3));
     }
     for millis in every(0..51) {
         until.push(at(millis), by_hand(millis as f64 * 1e-3));
     }
     let (time, longest) = (at(440), 250_000_000);
-    let expected = whole.expected(time, at(400), longest).unwrap();
+    let expected = complete.expected(time, at(400), longest).unwrap();
     assert_eq!(expected.provenance, Provenance::Predicted);
     assert_eq!(expected.age_nanos, 40_000_000);
     let then = until.at(time).unwrap();
@@ -265,15 +268,15 @@ fn what_was_expected_does_not_know_what_came_later() {
         expected.transmitter_from_sensor,
         then.transmitter_from_sensor,
     );
-    let now = whole.at(time).unwrap();
+    let now = complete.at(time).unwrap();
     assert_eq!(now.provenance, Provenance::Exact);
-    assert_eq!(whole.expected(time, time, longest), Some(now));
-    assert_eq!(whole.expected(time, at(400), 30_000_000), None);
-    assert_eq!(whole.expected(time, at(-5), longest), None);
+    assert_eq!(complete.expected(time, time, longest), Some(now));
+    assert_eq!(complete.expected(time, at(400), 30_000_000), None);
+    assert_eq!(complete.expected(time, at(-5), longest), None);
 }
 
 #[test]
-fn a_pose_between_readings_states_their_noise() {
+fn interpolated_pose_has_standard_deviation_of_the_noise() {
     use penumbra_numerics::Random;
     let mut random = Random::new(9);
     let mut history = PoseHistory::new(HistoryConfig::default());
@@ -284,19 +287,19 @@ fn a_pose_between_readings_states_their_noise() {
         pose.translation += random.normal3() * 2e-4;
         history.push(at(t), pose);
     }
-    let (mut made, mut told) = (0.0, 0.0);
+    let (mut actual, mut predicted) = (0.0, 0.0);
     for k in 30..200 {
         let t = f64::from(k) / 120.0 + 0.004;
         let pose = history.at(at(t)).unwrap();
         let off = pose.transmitter_from_sensor.translation;
-        made += off.distance_squared(by_hand(t * 0.2).translation);
-        told += pose.sigma.unwrap()[0].powi(2);
+        actual += off.distance_squared(by_hand(t * 0.2).translation);
+        predicted += pose.sigma.unwrap()[0].powi(2);
     }
-    let ratio = (told / made).sqrt();
+    let ratio = (predicted / actual).sqrt();
     assert!((0.6..1.6).contains(&ratio), "{ratio}");
 }
 
-/// A hand that swings at `rate` radians a second and `reach` metres, read 120 times a second
+/// A hand that swings at `rate` radians per second over `reach` metres, read 120 times per second
 /// with 0.3 mm of noise: RMS error of predictions 40 ms ahead, metres.
 fn error_ahead(rate: f64, reach: f64) -> f64 {
     use penumbra_numerics::Random;
@@ -323,10 +326,10 @@ fn error_ahead(rate: f64, reach: f64) -> f64 {
     f64::sqrt(sum / count)
 }
 
-/// Half way between line and parabola, for ever, is off by 0.66 mm in the slow motion, and by
-/// 15 mm in the quick one.
+/// The constant mean of line and parabola has an error of 0.66 mm in the slow motion and of
+/// 15 mm in the fast one.
 #[test]
-fn a_quick_motion_is_drawn_on_by_its_bend_and_a_slow_one_without_its_noise() {
+fn prediction_adapts_to_fast_and_slow_motion() {
     let (quick, slow) = (error_ahead(6.0, 0.2), error_ahead(0.5, 0.2));
     println!("quick {:.2} mm, slow {:.2} mm", quick * 1e3, slow * 1e3);
     assert!(quick < 4e-3, "{quick}");

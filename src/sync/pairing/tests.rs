@@ -1,5 +1,5 @@
-//! The policy of waiting, bad streams, and the error against recordings whose truth is
-//! known.
+//! Waiting, faulty streams, and the error on recordings with
+//! ground truth.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use super::*;
@@ -30,7 +30,7 @@ fn picture(captured: i64, arrived: i64, bracket_ev: f64) -> Frame {
     }
 }
 
-/// Even motion, 1 m/s along X.
+/// Uniform motion, 1 m/s along X.
 fn reading(arrived: i64) -> PoseSample {
     PoseSample {
         station: 1,
@@ -50,7 +50,7 @@ fn pairing(change: impl FnOnce(&mut PairingConfig)) -> Pairing {
 }
 
 #[test]
-fn a_picture_waits_for_the_readings_around_its_exposure() {
+fn picture_waits_for_readings_around_its_exposure() {
     let mut pairing = pairing(|config| config.tracker_latency_nanos = 8 * MILLI);
     for millis in (0..=100).step_by(8) {
         pairing.push_pose(&reading(millis));
@@ -66,13 +66,13 @@ fn a_picture_waits_for_the_readings_around_its_exposure() {
         (pose.provenance, pose.age_nanos),
         (Provenance::Interpolated, 4 * MILLI)
     );
-    // Measured at 100 ms is what arrived at 108 ms.
+    // The reading that arrived at 108 ms was measured at 100 ms.
     assert!((pose.transmitter_from_sensor.translation.x - 0.108).abs() < 1e-9);
     assert_eq!(pairing.counts().predicted, 0);
 }
 
 #[test]
-fn a_picture_waits_no_longer_than_it_may() {
+fn picture_waits_no_longer_than_the_maximum() {
     let mut pairing = pairing(|config| config.max_wait_nanos = 50 * MILLI);
     for millis in 0..100 {
         pairing.push_pose(&reading(millis));
@@ -88,7 +88,7 @@ fn a_picture_waits_no_longer_than_it_may() {
 }
 
 #[test]
-fn a_tracker_that_fell_silent_is_not_waited_for() {
+fn silent_tracker_is_not_awaited() {
     let mut pairing = pairing(|_| {});
     pairing.push_pose(&reading(0));
     let mut waits = Vec::new();
@@ -96,7 +96,7 @@ fn a_tracker_that_fell_silent_is_not_waited_for() {
         pairing.push_scene(picture(33 * i, 33 * i, 0.0));
         waits.push(std::iter::from_fn(|| pairing.pop()).count());
     }
-    // Before 250 ms of silence a picture waits for 50 ms, two pictures long.
+    // Before 250 ms of silence a picture waits 50 ms, the time of two pictures.
     assert_eq!(waits[..7], [0, 0, 1, 1, 1, 1, 1]);
     assert_eq!(waits[7], 3, "at 264 ms all that wait are handed on");
     assert!(waits[8..].iter().all(|popped| *popped == 1));
@@ -105,27 +105,27 @@ fn a_tracker_that_fell_silent_is_not_waited_for() {
 }
 
 #[test]
-fn without_a_tracker_nothing_waits() {
+fn nothing_waits_without_a_tracker() {
     let mut pairing = pairing(|config| config.station = None);
     pairing.push_scene(picture(10, 10, 0.0));
     assert!(pairing.pop().unwrap().pose.is_none());
 }
 
 #[test]
-fn a_stream_that_stops_does_not_stop_the_picture() {
+fn stopped_stream_does_not_stop_pictures() {
     let mut pairing = pairing(|_| {});
     for i in 0..40 {
         pairing.push_scene(picture(10 + i, 10, 0.0));
     }
-    // Time stands still, yet no more than sixteen pictures are held.
+    // The time does not advance, yet no more than sixteen pictures wait.
     let popped = std::iter::from_fn(|| pairing.pop()).count();
-    assert_eq!(popped, 40 - WAITING);
+    assert_eq!(popped, 40 - MAX_WAITING);
     pairing.finish();
-    assert_eq!(std::iter::from_fn(|| pairing.pop()).count(), WAITING);
+    assert_eq!(std::iter::from_fn(|| pairing.pop()).count(), MAX_WAITING);
 }
 
 #[test]
-fn the_environment_is_the_newest_whole_view_that_is_not_from_the_future() {
+fn pairs_newest_complete_earlier_view() {
     let mut pairing = pairing(|config| {
         config.station = None;
         config.brackets = 1;
@@ -155,7 +155,7 @@ fn the_environment_is_the_newest_whole_view_that_is_not_from_the_future() {
 }
 
 #[test]
-fn the_first_pictures_may_wait_for_the_first_view() {
+fn first_pictures_wait_for_the_first_view() {
     let mut pairing = pairing(|config| {
         config.station = None;
         config.brackets = 1;
@@ -173,7 +173,7 @@ fn the_first_pictures_may_wait_for_the_first_view() {
     };
     assert_eq!([skew(), skew(), skew()], [Some(-40), Some(-7), None]);
     assert_eq!(pairing.counts().before_first_view, 2);
-    // Later on nothing is from the future any more.
+    // Afterwards no view is later than its picture.
     pairing.push_environment(picture(100, 110, 0.0));
     pairing.push_scene(picture(99, 111, 0.0));
     let later = pairing.pop().unwrap().environment.unwrap();
@@ -181,7 +181,7 @@ fn the_first_pictures_may_wait_for_the_first_view() {
 }
 
 #[test]
-fn the_first_pictures_do_not_wait_for_ever() {
+fn first_pictures_time_out() {
     let mut pairing = pairing(|config| {
         config.station = None;
         config.first_view_wait_nanos = 100 * MILLI;
@@ -194,7 +194,7 @@ fn the_first_pictures_do_not_wait_for_ever() {
 }
 
 #[test]
-fn brackets_join_their_own_view_once() {
+fn bracket_joins_its_view_once() {
     let mut pairing = pairing(|config| {
         config.station = None;
         config.brackets = 2;
@@ -212,7 +212,7 @@ fn brackets_join_their_own_view_once() {
 }
 
 #[test]
-fn time_that_jumps_back_begins_anew_and_loses_no_picture() {
+fn jump_back_in_time_restarts_without_losing_pictures() {
     let mut pairing = pairing(|_| {});
     for millis in (2000..3000).step_by(8) {
         pairing.push_pose(&reading(millis));
@@ -235,7 +235,7 @@ fn time_that_jumps_back_begins_anew_and_loses_no_picture() {
 }
 
 #[test]
-fn an_environment_camera_whose_stamps_go_back_is_followed() {
+fn follows_environment_camera_whose_stamps_jump_back() {
     let mut pairing = pairing(|config| config.station = None);
     for i in 0..20 {
         pairing.push_environment(picture(100_000 + i, 100_000 + i, 0.0));
@@ -266,7 +266,7 @@ fn any_event() -> impl Strategy<Value = Event> {
 
 proptest! {
     #[test]
-    fn no_picture_is_lost_or_paired_with_the_future(
+    fn no_picture_is_lost_or_paired_with_a_later_view(
         events in prop::collection::vec((any_event(), -20..60_i64), 0..120),
         jump in prop::option::of(0..120_usize),
     ) {
@@ -291,7 +291,7 @@ proptest! {
                 Event::Advance => pairing.advance(at(now)),
             }
             popped.extend(std::iter::from_fn(|| pairing.pop()));
-            prop_assert!(pushed - popped.len() <= WAITING);
+            prop_assert!(pushed - popped.len() <= MAX_WAITING);
         }
         pairing.finish();
         popped.extend(std::iter::from_fn(|| pairing.pop()));
@@ -337,7 +337,7 @@ proptest! {
         prop_assert!(generations.is_sorted());
         prop_assert!(popped.iter().is_sorted_by_key(|frame| frame.captured_at));
         for frame in &popped {
-            // One reading alone predicts no motion.
+            // A single reading gives no motion.
             let interpolated = |pose: &PoseAt| pose.provenance != Provenance::Predicted;
             if let Some(pose) = frame.pose.filter(interpolated) {
                 let x = frame.captured_at.as_nanos() as f64 * 1e-9;
@@ -350,7 +350,7 @@ proptest! {
 mod truth;
 
 #[test]
-fn the_deadline_is_when_a_wait_is_over_though_nothing_more_arrives() {
+fn deadline_is_the_end_of_the_wait_without_arrivals() {
     let mut pairing = pairing(|config| config.max_wait_nanos = 50 * MILLI);
     assert_eq!(pairing.deadline(), None);
     pairing.push_pose(&reading(0));
@@ -370,7 +370,7 @@ fn the_deadline_is_when_a_wait_is_over_though_nothing_more_arrives() {
 }
 
 #[test]
-fn a_wished_latency_is_reached_by_a_millisecond_a_second_without_a_jump() {
+fn latency_approaches_its_target_by_a_millisecond_per_second() {
     let mut pairing = pairing(|config| config.tracker_latency_nanos = 20 * MILLI);
     pairing.push_pose(&reading(0));
     pairing.wish_tracker_latency(5 * MILLI);
@@ -387,7 +387,7 @@ fn a_wished_latency_is_reached_by_a_millisecond_a_second_without_a_jump() {
     assert!((last.unwrap() - 10 * MILLI).abs() < 10_000, "{last:?}");
     assert_eq!(pairing.tracker_latency(), 5 * MILLI);
     assert_eq!(pairing.counts().rejected_poses, 0);
-    // After a silence it does not leap.
+    // It does not jump after a silence.
     pairing.wish_tracker_latency(15 * MILLI);
     pairing.push_pose(&reading(90_000));
     assert!(pairing.tracker_latency() < 6 * MILLI);

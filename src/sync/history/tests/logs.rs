@@ -1,4 +1,4 @@
-//! How far predictions were off on trackers' logs: the table in ARCHITECTURE.md.
+//! Prediction errors on logs of trackers.
 
 use super::*;
 use penumbra_numerics::Random;
@@ -26,9 +26,9 @@ fn readings(path: &Path) -> Vec<(MonotonicTime, RigidTransform)> {
     rows.collect()
 }
 
-/// RMS of what is said of a reading `ahead` before it, mm: by line, parabola, cubic, half way between
-/// the first two, and by the history.
-fn off(readings: &[(MonotonicTime, RigidTransform)], ahead: f64) -> [f64; 5] {
+/// RMS error of predictions over `ahead` seconds, mm: line, parabola, cubic, halfway between the first
+/// two, and the history's.
+fn errors(readings: &[(MonotonicTime, RigidTransform)], ahead: f64) -> [f64; 5] {
     let mut history = PoseHistory::new(HistoryConfig::default());
     let (mut sums, mut count) = ([0.0; 5], 0.0);
     for (k, (at, pose)) in readings.iter().enumerate() {
@@ -38,14 +38,14 @@ fn off(readings: &[(MonotonicTime, RigidTransform)], ahead: f64) -> [f64; 5] {
         let Some((then, truth)) = readings.get(after).filter(|_| k >= 10) else {
             continue;
         };
-        let Some(said) = history.expected(*then, *at, 200_000_000) else {
+        let Some(predicted) = history.expected(*then, *at, 200_000_000) else {
             continue;
         };
         let last = *history.samples.back().unwrap();
-        let ways = history.ways(*then, history.len(), &last);
-        let [line, parabola, cubic] = ways.map(|way| way.translation);
-        let said = said.transmitter_from_sensor.translation;
-        let all = [line, parabola, cubic, line.lerp(parabola, 0.5), said];
+        let forecasts = history.forecasts(*then, history.len(), &last);
+        let [line, parabola, cubic] = forecasts.map(|forecast| forecast.translation);
+        let predicted = predicted.transmitter_from_sensor.translation;
+        let all = [line, parabola, cubic, line.lerp(parabola, 0.5), predicted];
         for (sum, place) in sums.iter_mut().zip(all) {
             *sum += place.distance_squared(truth.translation);
         }
@@ -65,8 +65,8 @@ fn predictions_of_logs() {
     );
     for log in logs {
         let readings = readings(&log);
-        let [a, b, c, d, e] = off(&readings, 0.04);
-        let [.., f, g] = off(&readings, 0.02);
+        let [a, b, c, d, e] = errors(&readings, 0.04);
+        let [.., f, g] = errors(&readings, 0.02);
         let name = log.display();
         println!("| {name} | {a:.2} | {b:.2} | {c:.2} | {d:.2} | {e:.2} | {f:.2} | {g:.2} |");
         assert!(e.is_finite() && g.is_finite());

@@ -1,5 +1,4 @@
-//! The pose error on the recordings whose truth is known. The truth is read here, by the
-//! judge; the program never does.
+//! The pose error on the recordings with ground truth, which only tests read.
 
 use super::*;
 use penumbra_tracker_serial::fastrak::{Decoder, Format, METRES_PER_CENTIMETRE, METRES_PER_INCH};
@@ -13,11 +12,6 @@ const NAMES: [&str; 5] = [
     "desk-marker",
     "desk-lamp",
 ];
-
-fn truth_folder() -> Option<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/truth");
-    folder.is_dir().then_some(folder)
-}
 
 fn json(path: PathBuf) -> Value {
     serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
@@ -134,13 +128,10 @@ fn mean_and_max(errors: &[(f64, f64)]) -> [f64; 4] {
     [mean(|e| e.0), max(|e| e.0), mean(|e| e.1), max(|e| e.1)]
 }
 
-/// Smoothing must take at least half the error away, and prints what it takes.
+/// Smoothing removes at least half of the error; the test prints the errors.
 #[test]
 fn smoothing_halves_the_pose_error_of_the_recordings() {
-    let Some(truth) = truth_folder() else {
-        eprintln!(
-            "SKIPPED smoothing_halves_the_pose_error_of_the_recordings: ../shared is missing"
-        );
+    let Some(truth) = penumbra_test_data::shared("truth") else {
         return;
     };
     let smoothing = HistoryConfig::default().smoothing;

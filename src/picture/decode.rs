@@ -1,0 +1,58 @@
+//! Decodes frames and files of any format.
+
+use crate::error::PictureError;
+use crate::picture::Picture;
+use crate::raw::YuvEncoding;
+use crate::{coded, raw};
+use penumbra_interface::{Frame, PixelFormat};
+
+impl Picture {
+    /// Decodes a frame into a new picture; see [`decode_into`].
+    ///
+    /// # Errors
+    /// The frame is empty, incomplete, damaged or larger than 64 Mpixel.
+    pub fn decode(frame: &Frame, yuv: &YuvEncoding) -> Result<Self, PictureError> {
+        let mut picture = Self::default();
+        decode_into(frame, yuv, &mut picture)?;
+        Ok(picture)
+    }
+
+    /// Decodes the bytes of a JPEG or PNG file, distinguished by their first byte.
+    ///
+    /// # Errors
+    /// The bytes are neither, or the picture is damaged or larger than 64 Mpixel.
+    pub fn from_file_bytes(bytes: &[u8]) -> Result<Self, PictureError> {
+        let mut picture = Self::default();
+        match bytes.first() {
+            None => return Err(PictureError::Empty),
+            Some(0x89) => coded::decode_png(bytes, &mut picture)?,
+            Some(_) => coded::decode_jpeg(bytes, &mut picture)?,
+        }
+        Ok(picture)
+    }
+}
+
+/// Decodes a frame into `picture`, whose buffer is reused. JPEG is decoded with libjpeg-turbo's defaults
+/// (accurate DCT, smooth chroma); `yuv` applies only to YUYV and NV12. After an error the picture's
+/// codes are unspecified; its size and buffer are consistent.
+///
+/// # Errors
+/// The frame is empty, incomplete, damaged or larger than 64 Mpixel.
+pub fn decode_into(
+    frame: &Frame,
+    yuv: &YuvEncoding,
+    picture: &mut Picture,
+) -> Result<(), PictureError> {
+    if frame.data.is_empty() {
+        return Err(PictureError::Empty);
+    }
+    match frame.format {
+        PixelFormat::Jpeg => coded::decode_jpeg(&frame.data, picture),
+        PixelFormat::Png => coded::decode_png(&frame.data, picture),
+        PixelFormat::Yuyv
+        | PixelFormat::Nv12
+        | PixelFormat::Rgb8
+        | PixelFormat::Grey8
+        | PixelFormat::Bayer8(_) => raw::decode(frame, yuv, picture),
+    }
+}
