@@ -24,7 +24,7 @@ pub struct CheckConfigArgs {
 
 #[derive(Debug, Args)]
 pub struct DoctorArgs {
-    /// Where the status page would be
+    /// Address of the status page to check
     #[arg(long, value_name = "ADDR:PORT")]
     listen: Option<SocketAddr>,
     /// Part of the graphics adapter's name, or its number

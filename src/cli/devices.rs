@@ -10,15 +10,15 @@ use std::process::ExitCode;
 
 #[derive(Debug, Args)]
 pub(super) struct DevicesArgs {
-    /// As JSON, for programs
+    /// Print JSON
     #[arg(long)]
     json: bool,
-    /// Ask at every serial port which tracker is there: up to six seconds each
+    /// Query every serial port for a tracker: up to six seconds each
     #[arg(long)]
     probe: bool,
 }
 
-/// Everything that was found. One field per family of devices, one section of the text each.
+/// All devices found: one field per family, one section of the text each.
 #[derive(Debug, Serialize)]
 struct Devices {
     cameras: Vec<CameraInfo>,

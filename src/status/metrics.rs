@@ -14,7 +14,7 @@ const BOUNDS: [f64; 14] = [
     0.00025, 0.0005, 0.001, 0.002, 0.004, 0.008, 0.016, 0.033, 0.066, 0.1, 0.25, 0.5, 1.0, 5.0,
 ];
 
-/// All metrics of a snapshot.
+/// Returns all metrics of a snapshot.
 #[must_use]
 pub fn metrics(snapshot: &Snapshot) -> String {
     let mut page = Page::default();
@@ -455,7 +455,7 @@ fn devices(page: &mut Page, s: &Snapshot) {
     }
 }
 
-/// The text as it grows. Writing to a `String` cannot fail, so results are dropped.
+/// The text. Writing to a `String` cannot fail, so results are ignored.
 #[derive(Default)]
 struct Page {
     text: String,

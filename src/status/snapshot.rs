@@ -189,7 +189,7 @@ impl SessionState {
     #[must_use]
     pub const fn sentence(self) -> &'static str {
         match self {
-            Self::Starting => "Getting ready: the first picture is on its way.",
+            Self::Starting => "Starting: waiting for the first picture.",
             Self::Live => "Live: the cameras deliver.",
             Self::Replaying => "Playing a recording.",
             Self::Paused => "Paused on purpose; the last picture stays.",

@@ -23,17 +23,17 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// How often it is looked whether somebody has lost patience.
+/// Interval at which signals and keys are checked.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
-/// What shells expect of a program that Ctrl-C has ended.
+/// Exit status by convention after Ctrl-C.
 const INTERRUPTED: i32 = 130;
 
 #[derive(Clone, Debug, Default, Args)]
 pub struct LiveArgs {
-    /// Live: end after so many seconds; without it when there is enough, at Enter or at Ctrl-C
+    /// Live: stop after SECONDS; without it when the data suffice, at Enter or at Ctrl-C
     #[arg(long, value_name = "SECONDS", value_parser = seconds, conflicts_with = "session")]
     seconds: Option<f64>,
-    /// Live: where the status page with the picture is; port 0 takes any free one
+    /// Live: address of the status page with the picture; port 0 takes any free port
     #[arg(long, value_name = "ADDR:PORT", conflicts_with = "session")]
     listen: Option<SocketAddr>,
 }
@@ -43,7 +43,7 @@ fn seconds(text: &str) -> Result<f64, String> {
     seconds.ok_or_else(|| "expected a number of seconds from 1 to 7200".to_owned())
 }
 
-/// What ends a step.
+/// Events that end a step.
 #[derive(Clone, Default)]
 struct Ends {
     /// SIGINT or SIGTERM has come.
