@@ -388,7 +388,10 @@ fn the_exposure_is_set_by_hand() {
     browser.resize(1280, 800);
     open(&mut browser, &show);
     let text = |id: &str| format!("document.getElementById('{id}').textContent");
-    browser.wait_for(&format!("{}.includes('That of the camera')", text("exposure-hint")));
+    browser.wait_for(&format!(
+        "{}.includes('That of the camera')",
+        text("exposure-hint")
+    ));
     let row = "document.querySelector('[name=exposure_ev]').closest('.row').hidden";
     assert_eq!(browser.evaluate(row), true);
     browser.evaluate("document.querySelector('[name=exposure_mode][value=manual]').click()");

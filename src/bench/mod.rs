@@ -70,13 +70,13 @@ pub enum BenchError {
         source: io::Error,
     },
     /// The thread that reads the rig's status.
-    #[error("no thread to be had: {source}; end other programs")]
+    #[error("no thread can be started: {source}; end other programs")]
     Thread {
         /// The system's message.
         source: io::Error,
     },
     /// Its devices delivered no picture.
-    #[error("the live rig composed no picture; name a recording with pictures with --session")]
+    #[error("the live rig composited no picture; choose a recording with pictures with --session")]
     Silent,
     /// Its tracker's protocol.
     #[error(transparent)]
@@ -143,7 +143,7 @@ pub fn run(
         if options.lacks_session() {
             let path = live::SESSION;
             progress(&format_args!(
-                "live: left out, as {path} is not there; name a recording with --session"
+                "live: skipped, because {path} does not exist; name a recording with --session"
             ));
             return Ok(report);
         }

@@ -181,7 +181,7 @@ impl fmt::Display for Baked {
         let on_virtual = self.planes - self.planes_on_real;
         writeln!(
             f,
-            "planes          {} ({} on what is real, {on_virtual} on what is virtual)",
+            "planes          {} ({} on real surfaces, {on_virtual} on virtual objects)",
             self.planes, self.planes_on_real
         )?;
         writeln!(f, "lights          {}", self.lights)?;
@@ -191,7 +191,7 @@ impl fmt::Display for Baked {
             self.basis_images,
             size = self.resolution
         )?;
-        writeln!(f, "black, dropped  {}", self.basis_images_dropped)?;
+        writeln!(f, "black images    {}", self.basis_images_dropped)?;
         writeln!(f, "size            {:.2} MB", self.bytes as f64 * 1e-6)?;
         writeln!(f, "time            {:.1} s", self.seconds)?;
         write!(f, "written to      {}", self.file.display())

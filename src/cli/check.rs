@@ -42,7 +42,7 @@ pub fn info(args: &InfoArgs) -> anyhow::Result<ExitCode> {
 /// `penumbra check-config`.
 pub fn check_config(args: &CheckConfigArgs) -> anyhow::Result<ExitCode> {
     let summary = read_and_check(&args.file)?;
-    super::say(format_args!("{}: in order", args.file.display()));
+    super::say(format_args!("{}: valid", args.file.display()));
     super::say(summary);
     Ok(ExitCode::SUCCESS)
 }

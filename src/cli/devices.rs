@@ -79,7 +79,11 @@ fn describe(text: &mut String, camera: &CameraInfo) -> std::fmt::Result {
 }
 
 fn format_in_words(format: &CameraFormat) -> String {
-    let unread = if format.usable { "" } else { " (not read)" };
+    let unread = if format.usable {
+        ""
+    } else {
+        " (not supported)"
+    };
     let sizes: Vec<String> = format.sizes.iter().map(size_in_words).collect();
     format!("{}{unread}  {}", format.fourcc, sizes.join(" · "))
         .trim_end()

@@ -90,7 +90,7 @@ fn is_mcap(path: &Path) -> bool {
 fn in_words(report: &LightReport) -> String {
     let d = report.dominant_direction;
     format!(
-        "light comes mostly from azimuth {:.1}°, elevation {:.1}°; {} dome lights, {} clipped pixels",
+        "dominant light at azimuth {:.1}°, elevation {:.1}°; {} dome lights, {} clipped pixels",
         d.y.atan2(d.x).to_degrees(),
         d.z.clamp(-1.0, 1.0).asin().to_degrees(),
         report.lighting.lights.len(),

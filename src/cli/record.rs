@@ -77,7 +77,7 @@ pub fn run(args: &RecordArgs) -> anyhow::Result<ExitCode> {
         let condition = device.condition();
         match &condition.reason {
             Some(trouble) if condition.received == 0 => super::warn(format_args!(
-                "nothing of {}: {trouble}",
+                "no data from {}: {trouble}",
                 device.kind.label()
             )),
             _ => accounts.push(account_in_words(device.kind, &condition)),
@@ -85,7 +85,10 @@ pub fn run(args: &RecordArgs) -> anyhow::Result<ExitCode> {
     }
     drop((live, service));
     let Some(recording) = recording else {
-        bail!("{}: the recorder has died", args.output.display());
+        bail!(
+            "{}: the recorder stopped unexpectedly",
+            args.output.display()
+        );
     };
     if recording.state == RecordingState::Failed {
         bail!("{}", recording.sentence);
@@ -109,11 +112,14 @@ fn account_in_words(kind: DeviceKind, condition: &Condition) -> String {
         Account::Tracker(report) => &report.identity,
         Account::Camera(report) => {
             let counters = report.counters;
-            count(counters.lost, "lost on the way");
+            count(counters.lost, "lost");
             count(counters.damaged.max(condition.damaged), "damaged");
             count(counters.superseded, "passed over");
             count(counters.unattributed, "of unknown exposure");
-            count(counters.controls_changed, "changes of controls by others");
+            count(
+                counters.controls_changed,
+                "controls changed by other programs",
+            );
             words.extend(report.notes.iter().cloned());
             &report.identity
         }

@@ -51,7 +51,7 @@ fn check(family: &Family, root: &Path) -> Check {
     };
     Check::warn(
         family.name,
-        format!("may not be used by you: {}", listed(&refused, root)),
+        format!("no permission: {}", listed(&refused, root)),
         remedy(first, root),
     )
 }

@@ -92,7 +92,7 @@ fn named_drivers(paths: Vec<PathBuf>) -> Check {
     }
     Check::fail(
         "Vulkan drivers",
-        format!("VK_DRIVER_FILES names {shown}, which is not there"),
+        format!("VK_DRIVER_FILES names {shown}, which does not exist"),
         "unset VK_DRIVER_FILES VK_ICD_FILENAMES",
     )
 }
@@ -116,7 +116,7 @@ fn no_adapter(error: &GpuError) -> Check {
         GpuError::NoAdapter => INSTALL_SOFTWARE,
         GpuError::NotFound { .. } => "leave --adapter out, or give a name from that list",
         GpuError::Unfit { .. } | GpuError::Failed { .. } | GpuError::Stopped => {
-            "update the graphics driver, or take another adapter with --adapter"
+            "update the graphics driver, or choose another adapter with --adapter"
         }
     };
     Check::fail("adapter", error.to_string(), remedy)
@@ -160,7 +160,7 @@ fn limits(limits: &wgpu::Limits) -> Check {
         Check::fail(
             "adapter limits",
             format!("too small: {}", short.join(", ")),
-            "update the graphics driver, or take another adapter with --adapter",
+            "update the graphics driver, or choose another adapter with --adapter",
         )
     }
 }
@@ -191,7 +191,7 @@ fn shaders(gpu: Gpu) -> Check {
         Some(error) => Check::fail(
             "shaders",
             first_words(&error.to_string()),
-            "update the graphics driver, or take another adapter with --adapter",
+            "update the graphics driver, or choose another adapter with --adapter",
         ),
     }
 }

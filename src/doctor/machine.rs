@@ -158,11 +158,11 @@ fn disk(folder: &Path) -> Check {
     match free_bytes(folder) {
         Err(error) => Check::fail(
             "disk",
-            format!("{shown} cannot be looked at ({error})"),
+            format!("{shown} cannot be examined ({error})"),
             format!("mkdir -p {shown}"),
         ),
         Ok(Some(bytes)) => room(&shown.to_string(), bytes),
-        Ok(None) => Check::ok("disk", format!("{shown} is there; its room was not asked")),
+        Ok(None) => Check::ok("disk", format!("{shown} exists; its free space is unknown")),
     }
 }
 

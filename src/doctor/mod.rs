@@ -121,7 +121,7 @@ impl fmt::Display for Report {
             State::Warn => write!(f, "works, with {} warnings", self.count(State::Warn)),
             State::Fail => write!(
                 f,
-                "{} failures, {} warnings; mend the failures first",
+                "{} failures, {} warnings; fix the failures first",
                 self.count(State::Fail),
                 self.count(State::Warn)
             ),
@@ -138,7 +138,7 @@ impl fmt::Display for Check {
         };
         write!(f, "{mark}  {:<16} {}", self.name, self.found)?;
         match &self.remedy {
-            Some(remedy) => write!(f, "\n      {:<16} mend: {remedy}", ""),
+            Some(remedy) => write!(f, "\n      {:<16} fix: {remedy}", ""),
             None => Ok(()),
         }
     }
@@ -195,10 +195,10 @@ mod tests {
             ],
         };
         let text = report.to_string();
-        for part in ["ok    one", "warn  two", "FAIL  three", "mend: install it"] {
+        for part in ["ok    one", "warn  two", "FAIL  three", "fix: install it"] {
             assert!(text.contains(part), "{part} in {text}");
         }
-        assert!(text.ends_with("1 failures, 1 warnings; mend the failures first"));
+        assert!(text.ends_with("1 failures, 1 warnings; fix the failures first"));
     }
 
     #[test]

@@ -26,13 +26,13 @@ pub enum OutputError {
         source: std::io::Error,
     },
     /// The folder for frames already holds frames.
-    #[error("{path}: holds pictures already; name another folder or pass --force", path = path.display())]
+    #[error("{path}: already holds pictures; name another folder or pass --force", path = path.display())]
     Occupied {
         /// The folder.
         path: PathBuf,
     },
     /// The window could not be opened.
-    #[error("no window: {reason}; run with --headless to do without")]
+    #[error("no window: {reason}; run with --headless")]
     Window {
         /// What the window system reported.
         reason: String,

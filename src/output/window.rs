@@ -122,11 +122,11 @@ enum Outcome<R> {
 impl<R> Outcome<R> {
     fn into_result(self) -> Result<R, OutputError> {
         match self {
-            Self::Unopened => Err(refused("the window system ended before it began")),
+            Self::Unopened => Err(refused("the window system ended before it started")),
             Self::Failed(error) => Err(error),
             Self::Running(thread) => thread
                 .join()
-                .map_err(|_| refused("the thread that makes the frames has died")),
+                .map_err(|_| refused("the thread that renders frames stopped unexpectedly")),
         }
     }
 }
@@ -225,7 +225,7 @@ impl<R: Send + 'static> App<R> {
 fn no_surface(adapter: Option<&str>) -> OutputError {
     let drawn = Gpu::open(adapter);
     drawn.map_or_else(OutputError::from, |_| {
-        refused("no graphics driver here can draw in a window")
+        refused("no graphics driver supports windows")
     })
 }
 
@@ -249,7 +249,7 @@ fn chosen(
             .map(|(i, name)| format!("{i} '{name}'"));
         let list = list.collect::<Vec<_>>().join(", ");
         refused(format!(
-            "there is no monitor {}; there are: {list}",
+            "there is no monitor {}; available: {list}",
             typed(wanted)
         ))
     })?;

@@ -187,18 +187,16 @@ pub enum CalibrationRefusal {
         reason: String,
     },
     /// A step is running.
-    #[error("calibration: `{step}` is under way; finish or abort that first")]
+    #[error("calibration: `{step}` is running; finish or abort it first")]
     Busy {
         /// Its name.
         step: String,
     },
     /// No step is running.
-    #[error("calibration: nothing is under way; start a step first")]
+    #[error("calibration: no step is running; start one first")]
     NotRunning,
     /// The program that calibrates was started for one step.
-    #[error(
-        "calibration: this program carries out one step alone; start others with `penumbra run`"
-    )]
+    #[error("calibration: this program runs a single step; start others with `penumbra run`")]
     OneStep,
     /// The step cannot start.
     #[error("calibration: {reason}")]
@@ -248,7 +246,8 @@ impl CalibrationWish {
         let wish: Self =
             serde_json::from_slice(body).map_err(|error| malformed(error.to_string()))?;
         if let Some(seconds) = wish.seconds.filter(|s| !(1.0..=LONGEST).contains(s)) {
-            let reason = format!("{seconds} s is no length; send between 1 and {LONGEST}");
+            let reason =
+                format!("{seconds} s is not a valid duration; send between 1 and {LONGEST}");
             return Err(CalibrationRefusal::Parameter { reason });
         }
         let pairs = wish.parameters.iter();
@@ -256,7 +255,7 @@ impl CalibrationWish {
         if wish.parameters.len() > MOST_PARAMETERS
             || longest.unwrap_or_default().max(wish.step.len()) > LONGEST_PARAMETER
         {
-            return Err(malformed("more than any step takes".to_owned()));
+            return Err(malformed("too many parameters".to_owned()));
         }
         Ok(wish)
     }
@@ -305,7 +304,10 @@ mod tests {
         }
         for seconds in ["0", "-1", "1e9"] {
             let text = read(&format!(r#"{{"step": "a", "seconds": {seconds}}}"#)).unwrap_err();
-            assert!(text.to_string().contains("is no length"), "{text}");
+            assert!(
+                text.to_string().contains("is not a valid duration"),
+                "{text}"
+            );
         }
     }
 }

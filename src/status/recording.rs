@@ -82,19 +82,19 @@ pub enum RecordingRefusal {
     #[error("recording: a recording plays; only a live rig (`penumbra run`) can be recorded")]
     Unavailable,
     /// A recording is running.
-    #[error("recording: {file} is being recorded; end that first")]
+    #[error("recording: {file} is being recorded; stop it first")]
     Busy {
         /// Its file.
         file: String,
     },
     /// The name is outside the recordings' folder or is not a session's.
-    #[error("recording: {file:?} is no plain file name such as desk.mcap")]
+    #[error("recording: {file:?} is not a plain file name such as desk.mcap")]
     FileName {
         /// The value as sent.
         file: String,
     },
     /// The duration is invalid.
-    #[error("recording: {seconds} s is no length; send between 1 and 10000000")]
+    #[error("recording: {seconds} s is not a valid duration; send between 1 and 10000000")]
     Length {
         /// The value as sent.
         seconds: String,

@@ -216,7 +216,7 @@ async fn settings(State(app): State<App>, headers: HeaderMap, body: Bytes) -> Re
 /// Starts or stops a recording; `/status` shows its state.
 async fn recording(State(app): State<App>, headers: HeaderMap, body: Bytes) -> Response {
     if !is_json(&headers) {
-        let text = "recording: send the wish as Content-Type: application/json";
+        let text = "recording: send the request as Content-Type: application/json";
         return problem(StatusCode::UNSUPPORTED_MEDIA_TYPE, text);
     }
     let wish = match RecordingWish::from_json(&body) {
@@ -246,7 +246,7 @@ pub(super) fn problem(status: StatusCode, text: &str) -> Response {
 /// Streams the newest pictures. A slow client skips pictures and delays no other.
 async fn stream(State(app): State<App>) -> Response {
     let Ok(seat) = Arc::clone(&app.streams).try_acquire_owned() else {
-        let text = format!("{MAX_STREAMS} browsers watch already; close one of them\n");
+        let text = format!("{MAX_STREAMS} viewers are connected already; close one of them\n");
         return (StatusCode::SERVICE_UNAVAILABLE, text).into_response();
     };
     let body = Body::from_stream(parts(&app, (seat, app.shared.watch())));
@@ -285,7 +285,7 @@ async fn environment_png(State(app): State<App>) -> Response {
     png_response(
         &app.environment_png,
         preview,
-        "the environment has not been seen yet\n",
+        "the environment has not been measured yet\n",
     )
     .await
 }

@@ -35,7 +35,7 @@ const BUFFER_BYTES: usize = 64 * 1024;
 pub enum StatusError {
     /// The port is in use.
     #[error(
-        "port {port} on {address} is in use; choose another with --listen {address}:PORT (0 = any free one), or stop the program that has it"
+        "port {port} on {address} is in use; choose another with --listen {address}:PORT (0 = any free port), or stop the program that uses it"
     )]
     PortInUse {
         /// Address as given, in brackets if IPv6.
@@ -45,17 +45,17 @@ pub enum StatusError {
     },
     /// Other machines could reach the server without a token.
     #[error(
-        "{listen}: others can reach this address, so a token is needed; set one (--token), or listen on 127.0.0.1"
+        "{listen}: other machines can reach this address, so a token is needed; set one (--token), or listen on 127.0.0.1"
     )]
     TokenNeeded {
         /// Address as given.
         listen: SocketAddr,
     },
     /// The token is too short or has characters that need quoting.
-    #[error("token: take 12 to 256 letters, digits or -._~")]
+    #[error("token: choose 12 to 256 letters, digits or -._~")]
     BadToken,
     /// Another error of the system.
-    #[error("{listen}: cannot listen there ({reason}); choose another address with --listen")]
+    #[error("{listen}: cannot listen ({reason}); choose another address with --listen")]
     Listen {
         /// Address as given.
         listen: SocketAddr,

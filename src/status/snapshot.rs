@@ -192,8 +192,8 @@ impl SessionState {
             Self::Starting => "Starting: waiting for the first picture.",
             Self::Live => "Live: the cameras deliver.",
             Self::Replaying => "Playing a recording.",
-            Self::Paused => "Paused on purpose; the last picture stays.",
-            Self::Ended => "The recording is over; the last picture stays.",
+            Self::Paused => "Paused; the last picture is shown.",
+            Self::Ended => "The recording has ended; the last picture is shown.",
             Self::Failed => "Stopped by an error.",
         }
     }
@@ -421,12 +421,12 @@ impl DeviceState {
     pub const fn sentence(self) -> &'static str {
         match self {
             Self::Absent => "Not part of this session.",
-            Self::Opening => "Being opened.",
-            Self::Streaming => "Delivers as it should.",
-            Self::Silent => "Nothing comes; the last of it stays in use.",
-            Self::Retrying => "In trouble; it will be opened again shortly.",
-            Self::Failed => "Cannot be used until somebody sees to it.",
-            Self::Ended => "The recording holds no more of it.",
+            Self::Opening => "Opening.",
+            Self::Streaming => "Streaming.",
+            Self::Silent => "No data; the last data stay in use.",
+            Self::Retrying => "Closed after an error; it will be opened again.",
+            Self::Failed => "Failed; it needs attention.",
+            Self::Ended => "The recording has no more data of it.",
         }
     }
 

@@ -85,7 +85,7 @@ fn lenses(shown: &str, bytes: &[u8], size: Option<(u32, u32)>) -> anyhow::Result
             lens,
         }]);
     }
-    let text = std::str::from_utf8(bytes).map_err(|_| anyhow!("{shown}: is no text"))?;
+    let text = std::str::from_utf8(bytes).map_err(|_| anyhow!("{shown}: is not text"))?;
     exchange::read(text, size).map_err(|e| anyhow!("{shown}: {e}"))
 }
 

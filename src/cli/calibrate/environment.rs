@@ -51,7 +51,7 @@ enum SeenBy {
 fn numbers(text: &str) -> Result<Vec<f64>, String> {
     let number = |t: &str| match t.trim().parse::<f64>() {
         Ok(v) if v.is_finite() => Ok(v),
-        _ => Err(format!("`{t}` is no number")),
+        _ => Err(format!("`{t}` is not a number")),
     };
     text.split(',').map(number).collect()
 }

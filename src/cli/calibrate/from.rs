@@ -150,7 +150,7 @@ impl ToArgs {
         let damaged = show(step, &bar)?;
         bar.finish_and_clear();
         if damaged > 0 {
-            crate::cli::warn(format_args!("{damaged} damaged pictures were passed over"));
+            crate::cli::warn(format_args!("{damaged} damaged pictures were skipped"));
         }
         let found = step.finish(&Made {
             date: iso_now(),

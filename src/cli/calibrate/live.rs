@@ -102,7 +102,7 @@ pub fn carry_out(
     if let Some(trouble) = devices::trouble(&wants, devices)
         && devices.iter().all(|d| d.condition().received == 0)
     {
-        bail!("nothing was delivered: {trouble}");
+        bail!("no data: {trouble}");
     }
     showcase.evaluate();
     let made = devices::made(&wants, devices);
@@ -128,7 +128,8 @@ fn server(
     status.update(|s| {
         "calibration".clone_into(&mut s.session.name);
         s.session.state = SessionState::Live;
-        "A step of calibration; nothing is composed meanwhile.".clone_into(&mut s.session.sentence);
+        "A calibration step is running; pictures are not composited."
+            .clone_into(&mut s.session.sentence);
     });
     match status_server(config, &status) {
         Ok(server) => Ok(Some(server)),
@@ -151,7 +152,7 @@ fn show(
     let wants = step.wants();
     let bar = progress_bar();
     if std::io::stderr().is_terminal() {
-        crate::cli::say("Enter or Ctrl-C ends it and works it out; Ctrl-C again aborts");
+        crate::cli::say("Enter or Ctrl-C finishes the step; Ctrl-C again aborts");
     }
     let shown = LiveShow {
         hub: &live.hub,
