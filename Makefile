@@ -22,7 +22,7 @@ UNPACKED := if [ -f target/packages/env ]; then . target/packages/env; fi;
 # A window needs a display; without one the picture is in the browser.
 WINDOW := $(if $(DISPLAY)$(WAYLAND_DISPLAY),,--headless)
 
-.PHONY: help demo demo-temple demo-lamp build test check docs unit advisories bench bench-table fidelity calibration soak fuzz fmt packages-demo packages-test toolchain clean install uninstall test-devices
+.PHONY: help demo demo-temple demo-lamp build test check docs docs-write unit advisories bench bench-table fidelity calibration soak fuzz fmt packages-demo packages-test toolchain clean install uninstall test-devices
 
 help: ## This list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -47,6 +47,10 @@ check: packages-test toolchain ## Formatting, lints, documentation, spelling, li
 
 docs: toolchain ## The book: target/book/index.html
 	@$(UNPACKED) .ci/book
+
+docs-write: ## Rewrite the generated pages of the book: configuration, command line, status API
+	@UPDATE_DOCS=1 $(UNPACKED) cargo test --quiet -p penumbra-config -p penumbra-status _page
+	@UPDATE_DOCS=1 $(UNPACKED) cargo test --quiet --bin penumbra command_line_page
 
 unit: toolchain ## Rust tests alone
 	@$(UNPACKED) .ci/test rust

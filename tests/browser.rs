@@ -22,7 +22,7 @@ fn browser(test: &str) -> Option<Chromium> {
     browser
 }
 
-/// Pictures for whoever works on the page: `PENUMBRA_SCREENSHOTS=DIR cargo test --test browser`.
+/// Screenshots for work on the dashboard: `PENUMBRA_SCREENSHOTS=DIR cargo test --test browser`.
 fn keep(name: &str, png: &[u8]) {
     if let Some(dir) = std::env::var_os("PENUMBRA_SCREENSHOTS") {
         std::fs::write(Path::new(&dir).join(name), png).unwrap();
@@ -82,8 +82,9 @@ fn see_it_move(browser: &mut Chromium) -> image::RgbImage {
 }
 
 #[test]
-fn the_page_shows_moving_pictures_and_no_console_errors() {
-    let Some(mut browser) = browser("the_page_shows_moving_pictures_and_no_console_errors") else {
+fn dashboard_shows_moving_pictures_without_console_errors() {
+    let Some(mut browser) = browser("dashboard_shows_moving_pictures_without_console_errors")
+    else {
         return;
     };
     let show = Show::start();
@@ -155,8 +156,8 @@ impl Drop for Program {
 }
 
 #[test]
-fn a_replays_own_page_moves_and_its_settings_take_hold() {
-    let Some(mut browser) = browser("a_replays_own_page_moves_and_its_settings_take_hold") else {
+fn dashboard_of_a_replay_moves_and_applies_settings() {
+    let Some(mut browser) = browser("dashboard_of_a_replay_moves_and_applies_settings") else {
         return;
     };
     let (_program, address) = Program::replay();
@@ -183,8 +184,8 @@ fn a_replays_own_page_moves_and_its_settings_take_hold() {
 const MEGABYTES: &str = "parseFloat((document.getElementById('recording-facts').textContent.match(/([0-9.]+) MB/) ?? [])[1])";
 
 #[test]
-fn the_record_button_records_a_live_rig() {
-    let Some(mut browser) = browser("the_record_button_records_a_live_rig") else {
+fn record_button_records_a_live_rig() {
+    let Some(mut browser) = browser("record_button_records_a_live_rig") else {
         return;
     };
     let folder = tempfile::tempdir().unwrap();
@@ -260,8 +261,8 @@ fn sees_a_board(folder: &Path) -> (Program, String) {
 }
 
 #[test]
-fn a_lens_is_calibrated_on_the_page() {
-    let Some(mut browser) = browser("a_lens_is_calibrated_on_the_page") else {
+fn dashboard_calibrates_a_lens() {
+    let Some(mut browser) = browser("dashboard_calibrates_a_lens") else {
         return;
     };
     let folder = tempfile::tempdir().unwrap();
@@ -338,8 +339,8 @@ fn a_lens_is_calibrated_on_the_page() {
 }
 
 #[test]
-fn it_fits_a_telephone() {
-    let Some(mut browser) = browser("it_fits_a_telephone") else {
+fn dashboard_fits_a_telephone() {
+    let Some(mut browser) = browser("dashboard_fits_a_telephone") else {
         return;
     };
     let show = Show::start();
@@ -353,10 +354,8 @@ fn it_fits_a_telephone() {
 }
 
 #[test]
-fn a_setting_changed_on_the_page_reaches_the_rig_and_comes_back_confirmed() {
-    let Some(mut browser) =
-        browser("a_setting_changed_on_the_page_reaches_the_rig_and_comes_back_confirmed")
-    else {
+fn changed_setting_reaches_the_rig_and_is_confirmed() {
+    let Some(mut browser) = browser("changed_setting_reaches_the_rig_and_is_confirmed") else {
         return;
     };
     let show = Show::start();
@@ -380,15 +379,18 @@ fn a_setting_changed_on_the_page_reaches_the_rig_and_comes_back_confirmed() {
 }
 
 #[test]
-fn the_exposure_is_set_by_hand() {
-    let Some(mut browser) = browser("the_exposure_is_set_by_hand") else {
+fn exposure_is_set_manually() {
+    let Some(mut browser) = browser("exposure_is_set_manually") else {
         return;
     };
     let show = Show::start();
     browser.resize(1280, 800);
     open(&mut browser, &show);
     let text = |id: &str| format!("document.getElementById('{id}').textContent");
-    browser.wait_for(&format!("{}.includes('untouched')", text("exposure-hint")));
+    browser.wait_for(&format!(
+        "{}.includes('That of the camera')",
+        text("exposure-hint")
+    ));
     let row = "document.querySelector('[name=exposure_ev]').closest('.row').hidden";
     assert_eq!(browser.evaluate(row), true);
     browser.evaluate("document.querySelector('[name=exposure_mode][value=manual]').click()");
@@ -403,8 +405,8 @@ fn the_exposure_is_set_by_hand() {
 }
 
 #[test]
-fn planes_have_a_card_while_they_are_in_force() {
-    let Some(mut browser) = browser("planes_have_a_card_while_they_are_in_force") else {
+fn planes_card_is_shown_while_planes_are_active() {
+    let Some(mut browser) = browser("planes_card_is_shown_while_planes_are_active") else {
         return;
     };
     let show = Show::start();
@@ -430,9 +432,8 @@ fn planes_have_a_card_while_they_are_in_force() {
 }
 
 #[test]
-fn a_server_that_goes_away_is_noticed_and_so_is_its_return() {
-    let Some(mut browser) = browser("a_server_that_goes_away_is_noticed_and_so_is_its_return")
-    else {
+fn dashboard_reports_lost_and_restored_connection() {
+    let Some(mut browser) = browser("dashboard_reports_lost_and_restored_connection") else {
         return;
     };
     let show = Show::start();

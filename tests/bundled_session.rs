@@ -1,4 +1,4 @@
-//! The sessions in the repository are whole, small, and hold nothing of the judge's.
+//! The sessions in the repository are complete and small, and hold no ground truth.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
@@ -16,7 +16,7 @@ fn open(name: &str) -> Session {
 }
 
 #[test]
-fn they_are_whole_and_small() {
+fn sessions_are_complete_and_small() {
     for (name, limit) in SESSIONS {
         let session = open(name);
         assert!(
@@ -42,14 +42,14 @@ fn counts(name: &str) -> (u32, u32, u32) {
 }
 
 #[test]
-fn every_stream_is_in_them() {
+fn sessions_hold_every_stream() {
     // Ten instants of the environment camera, each with two brackets; 24, each with three.
     assert_eq!(counts("desk.mcap"), (60, 30, 285));
     assert_eq!(counts("courtyard.mcap"), (48, 96, 753));
 }
 
 #[test]
-fn their_rigs_objects_and_phantoms_are_read() {
+fn rigs_objects_and_phantoms_are_read() {
     for (name, _) in SESSIONS {
         let session = open(name);
         let find = |name: &str| session.attachment(name);
@@ -64,7 +64,7 @@ fn their_rigs_objects_and_phantoms_are_read() {
 }
 
 #[test]
-fn nothing_of_the_judge_s_is_in_them() {
+fn sessions_hold_no_ground_truth() {
     for (name, _) in SESSIONS {
         let session = open(name);
         for attachment in session.attachments() {

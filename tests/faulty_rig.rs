@@ -186,7 +186,7 @@ fn well(name: &'static str) -> Trouble {
 }
 
 #[test]
-fn the_picture_goes_on_without_tracker_and_with_a_bug_in_a_driver() {
+fn pictures_continue_without_tracker_and_with_a_faulty_driver() {
     let environment = Trouble::new("environment", 2, vec![Plan::new([(30, Fault::Panic)])]);
     let poses = Trouble::new(
         "tracker",
@@ -225,7 +225,7 @@ fn the_picture_goes_on_without_tracker_and_with_a_bug_in_a_driver() {
 }
 
 #[test]
-fn a_scene_camera_that_misbehaves_is_named_and_taken_back() {
+fn faulty_scene_camera_is_reported_and_reopened() {
     let scene = Trouble::new(
         "scene",
         1,

@@ -361,7 +361,7 @@ fn there_are_sixteen_seats_and_they_come_free_again() {
     let viewers: Vec<Viewer> = (0..16).map(|_| Viewer::open(&server)).collect();
     let refused = server.get("/stream.mjpeg");
     assert_eq!(refused.status, 503);
-    assert!(refused.text().contains("16 browsers watch already"));
+    assert!(refused.text().contains("16 viewers are connected already"));
     assert_eq!(server.get("/healthz").status, 200);
     drop(viewers);
     server.until("a seat is free", || {
@@ -565,7 +565,7 @@ fn a_calibration_is_begun_and_ended_by_our_own_page_alone() {
     );
     let again = post(&server, "start", &[json], wish);
     assert_eq!(again.status, 409);
-    assert!(again.text().contains("`intrinsics` is under way"));
+    assert!(again.text().contains("`intrinsics` is running"));
     assert_eq!(post(&server, "abort", &[json], "{}").status, 202);
     assert_eq!(server.get("/calibration/start").status, 405);
 

@@ -1,5 +1,5 @@
-//! The service as `make install` puts it down: whole, understood by systemd, well fenced in,
-//! and gone again after `make uninstall`.
+//! The service that `make install` installs: complete, valid for systemd, confined, and removed by
+//! `make uninstall`.
 
 #![cfg(target_os = "linux")]
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
@@ -31,7 +31,7 @@ fn files(folder: &Path, root: &Path, found: &mut Vec<String>) {
 }
 
 #[test]
-fn the_service_is_installed_whole_understood_fenced_in_and_taken_away_again() {
+fn service_is_installed_valid_confined_and_removed() {
     let folder = tempfile::tempdir().unwrap();
     let root = folder.path().join("root");
     let program = folder.path().join("target/release/penumbra");
@@ -65,7 +65,7 @@ fn the_service_is_installed_whole_understood_fenced_in_and_taken_away_again() {
         .output()
         .unwrap();
     assert!(checked.status.success(), "{checked:?}");
-    understood_and_fenced_in(&root, &root.join(unit));
+    check_with_systemd(&root, &root.join(unit));
     let gone = make("uninstall", folder.path());
     assert!(gone.status.success(), "{gone:?}");
     assert_eq!(listed(), [config], "what the user wrote stays");
@@ -74,25 +74,30 @@ fn the_service_is_installed_whole_understood_fenced_in_and_taken_away_again() {
 /// The exposure that `systemd-analyze security` may find, of 10; systemd 252 finds 1.6.
 const MOST_EXPOSED: f64 = 2.0;
 
-fn understood_and_fenced_in(root: &Path, unit: &Path) {
+/// Name of the test that needs systemd-analyze.
+const SERVICE_TEST: &str = "service_is_installed_valid_confined_and_removed";
+
+fn check_with_systemd(root: &Path, unit: &Path) {
     let analyze = |arguments: &[&str]| {
         let mut command = Command::new("systemd-analyze");
         command.args(arguments).arg(unit).output()
     };
     let text = std::fs::read_to_string(unit).unwrap();
     assert!(!text.contains('@') || !text.contains("@PREFIX@"), "{text}");
-    // systemd wants the program where the unit says it is.
+    // systemd requires the program at the unit's path.
     let here = root.join("usr/local/bin").display().to_string();
     std::fs::write(unit, text.replace("/usr/local/bin", &here)).unwrap();
     let Ok(verified) = analyze(&["verify"]) else {
-        eprintln!("SKIPPED: systemd-analyze is not to be had; the unit was not judged");
+        eprintln!("SKIPPED {SERVICE_TEST}: systemd-analyze is missing");
         return;
     };
     assert!(verified.status.success(), "{verified:?}");
     let judged = analyze(&["security", "--offline=true", "--no-pager"]).unwrap();
     let told = String::from_utf8_lossy(&judged.stdout).into_owned();
     let Some((_, level)) = told.split_once("Overall exposure level for penumbra.service: ") else {
-        eprintln!("SKIPPED: this systemd-analyze cannot judge a unit that does not run");
+        eprintln!(
+            "SKIPPED {SERVICE_TEST}: this systemd-analyze cannot assess a unit that is not running"
+        );
         return;
     };
     let level: f64 = level.split_whitespace().next().unwrap().parse().unwrap();

@@ -1,4 +1,4 @@
-//! A second of two cameras that were never there, for replay.
+//! A recording of one second of two simulated cameras, for replay.
 
 use super::BenchError;
 use penumbra_interface::{Frame, MonotonicTime, PixelFormat};
@@ -6,16 +6,16 @@ use penumbra_session::{Camera, SessionWriter};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
-/// Pictures a second of each camera.
+/// Frame rate of each camera, Hz.
 pub(super) const RATE: u32 = 30;
-/// A webcam's usual quality.
+/// JPEG quality of a typical webcam.
 const QUALITY: i32 = 85;
 /// Arrival of a picture after the middle of its exposure, nanoseconds.
 const AGE: i64 = 20_000_000;
 /// The environment camera's pictures come between the scene camera's.
 const OFFSET: i64 = 11_000_000;
 
-/// A session that is removed again.
+/// A session that is removed when dropped.
 pub(super) struct CameraSession {
     path: PathBuf,
     /// Mean length of a picture, bytes.
@@ -23,7 +23,7 @@ pub(super) struct CameraSession {
 }
 
 impl CameraSession {
-    /// One second of [`RATE`] pictures of both cameras, each another, with the calibration
+    /// One second of [`RATE`] pictures of both cameras, all different, with the calibration
     /// of a rig whose environment camera has a fisheye lens.
     pub fn write((width, height): (u32, u32)) -> Result<Self, BenchError> {
         let name = format!("penumbra-bench-{}.mcap", std::process::id());
@@ -81,8 +81,7 @@ fn frame(size: (u32, u32), number: u32, arrived_at: i64) -> Result<Frame, BenchE
     })
 }
 
-/// Shades that move, with a little noise, as a webcam compresses them: chroma halved along
-/// the rows.
+/// Moving shades with a little noise, compressed like a webcam's: chroma halved along the rows.
 fn jpeg((width, height): (u32, u32), number: u32) -> Result<Vec<u8>, BenchError> {
     let mut noise = 12_345_u32.wrapping_add(number);
     let moved = number as f32 * 0.2;
@@ -106,7 +105,7 @@ fn jpeg((width, height): (u32, u32), number: u32) -> Result<Vec<u8>, BenchError>
     Ok(coded.to_vec())
 }
 
-/// Both cameras at the transmitter, the fisheye looking up and as high as its picture.
+/// Both cameras at the transmitter; the fisheye looks up, its circle as high as its picture.
 fn rig((width, height): (u32, u32)) -> serde_json::Value {
     let (cx, cy) = (f64::from(width - 1) / 2.0, f64::from(height - 1) / 2.0);
     let (focal, quarter) = (f64::from(width), std::f64::consts::FRAC_PI_2);

@@ -1,9 +1,9 @@
-//! What capturing costs: two cameras of 1280×720 at 30 pictures a second and a tracker,
-//! through the live rig's own threads up to the picture that is ready to be composed.
+//! Cost of capture: two cameras of 1280×720 at 30 Hz and a tracker, through the threads of the live
+//! rig up to the picture that is ready for the compositor.
 //!
-//! The cameras replay a recording, so in the place of the kernel's waiting and copying
-//! their threads sleep and read a file from memory; the tracker is simulated behind a
-//! pseudo-terminal, which its driver cannot tell from a serial port.
+//! The cameras replay a recording: instead of waiting for the kernel and copying, their threads sleep
+//! and read a file from memory. The tracker is simulated behind a pseudo-terminal, which its driver
+//! uses like a serial port.
 
 use super::camera_session::{CameraSession, RATE};
 use super::report::{CaptureRow, DeviceTally, Percentiles, ThreadCost};
@@ -21,7 +21,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Before anything is measured, devices open, caches fill and the first light is found.
+/// Warm-up: devices open, caches fill and the first lighting is estimated.
 const WARM_UP: Duration = Duration::from_secs(1);
 /// Pictures of each camera without `--frames`: ten seconds.
 const FRAMES: u32 = 10 * RATE;
@@ -60,7 +60,7 @@ fn config(session: &Path, tracker: Option<&str>) -> Config {
     config
 }
 
-/// The live rig up to the compositor, which is not there.
+/// The live rig without the compositor.
 struct Rig {
     preparation: Preparation,
     live: Live,
@@ -97,7 +97,7 @@ impl Rig {
         tally.row(seconds, cameras, &spent)
     }
 
-    /// Takes what is prepared, as a compositor does that needs no time.
+    /// Takes prepared frames like a compositor that needs no time.
     fn take(&self, time: Duration, mut each: impl FnMut(&Prepared)) {
         let begun = Instant::now();
         while begun.elapsed() < time {
@@ -133,7 +133,7 @@ fn since(earlier: &[DeviceTally], mut now: Vec<DeviceTally>) -> Vec<DeviceTally>
     now
 }
 
-/// What was prepared.
+/// The prepared frames.
 #[derive(Default)]
 struct Tally {
     decoding: Vec<f64>,

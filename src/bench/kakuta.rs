@@ -1,7 +1,7 @@
 //! The rows of Kakuta 2007 (40 lights × 38 planes, 58,500 triangles) and 2004 (40 × 8, black
-//! images dropped): 640×480, a temple gate on its site, a visitor who walks about; light that
-//! stays, and light that changes everywhere in every frame. More rows have other numbers of
-//! triangles: what planes cost does not depend on them. Software drivers draw one sample a pixel
+//! images dropped): 640×480, a temple gate on its site, a visitor who walks about; constant light,
+//! and light that changes everywhere in every frame. More rows have other numbers of triangles: the
+//! cost of planes does not depend on them. Software drivers render one sample a pixel
 //! (`[picture] antialias = "off"`).
 
 use super::BenchOptions;
@@ -27,7 +27,7 @@ const SEGMENTS: [u32; 3] = [64, 16, 128];
 /// Pixels along a side of the environment's picture.
 const FISHEYE: u32 = 480;
 
-/// One row to be.
+/// Definition of a row.
 struct Case {
     name: &'static str,
     planes: u32,
@@ -158,16 +158,16 @@ fn pose(frame: u32) -> RigidTransform {
     looking(eye, DVec3::new(0.0, 0.0, 2.2))
 }
 
-/// What a fisheye lens sees of a cloudy sky with a sun.
+/// A fisheye picture of a cloudy sky with a sun.
 struct Sky {
     directions: Vec<Vec3>,
     membership: Arc<Membership>,
     radiance: Arc<CubeMap>,
 }
 
-/// Half angle of its disc, as a cosine.
+/// Cosine of half the angle of the sun's disc.
 const SUN_EDGE: f32 = 0.998;
-/// Towards the sun.
+/// Direction towards the sun.
 const SUN: Vec3 = Vec3::new(0.36, -0.48, 0.8);
 
 impl Sky {

@@ -1,12 +1,12 @@
 //! The case of DiVerdi and Höllerer 2004 (30 frames/s on hardware of 2004): 640×480, a mirrored
-//! ball in the scene camera's picture from which the environment is read and filtered anew for
-//! each picture, GGX's lobes and Phong's; virtual spots that move, each with its shadow; and an
+//! sphere in the scene camera's picture from which the environment is measured and filtered again for
+//! each picture, for GGX's lobes and Phong's; moving virtual spots, each with its shadow; and an
 //! automatic exposure that darkens the picture. Light in the room changes with every picture.
 //!
-//! Light and picture are made one after the other, which no rig does: what is measured is
-//! all of the work. Rows differ in the number of lamps; two more have an environment camera in
-//! place of the ball, and eight dome lights, whose shadows the paper has not. In the last the
-//! light is made while the picture before is drawn.
+//! Lighting and picture are computed one after the other, unlike in a rig, so that all of the work is
+//! measured. Rows differ in the number of lamps; two more have an environment camera instead of the
+//! sphere, and eight dome lights, whose shadows the paper does not have. In the last row the lighting
+//! is computed while the previous picture is rendered.
 
 use super::report::{BenchReport, PassTime, Percentiles, Row};
 use super::stage::{Passes, WARM_UP, camera};
@@ -27,10 +27,10 @@ use std::time::Instant;
 mod at_once;
 mod room;
 
-/// Pictures a second of the camera.
+/// Frame rate of the camera, Hz.
 const RATE: f64 = 30.0;
 
-/// One row to be.
+/// Definition of a row.
 #[derive(Clone, Copy)]
 struct Case {
     view: View,
@@ -112,7 +112,7 @@ fn measure(gpu: &Gpu, case: Case, options: &BenchOptions) -> Result<Row, BenchEr
     Ok(row)
 }
 
-/// What is measured.
+/// Measurements.
 struct Rig {
     room: Room,
     estimator: EnvironmentEstimator,
@@ -120,7 +120,7 @@ struct Rig {
     triangles: usize,
 }
 
-/// Whoever reads the light of a room.
+/// The estimator of the room's lighting.
 fn estimator(room: &Room, lights: usize) -> Result<EnvironmentEstimator, BenchError> {
     let settings = EnvironmentSettings {
         lights,
@@ -211,7 +211,7 @@ impl Rig {
     }
 }
 
-/// What all threads of this process have spent; 0 where the system does not tell.
+/// Processor time of all threads of this process; 0 if the system does not report it.
 fn processor_nanos() -> u64 {
     thread_time::of_this_process().values().sum()
 }
@@ -225,8 +225,8 @@ mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used)]
     use super::*;
 
-    /// The measured case is what it says: the ball is read, the light changes, the lamp
-    /// brightens the picture and the exposure darkens it again.
+    /// In the measured case the sphere is read, the light changes, the lamp brightens the picture and
+    /// the exposure darkens it again.
     #[test]
     fn the_case_reads_its_ball_and_darkens_its_picture() {
         let gpu = Gpu::open(None).unwrap();

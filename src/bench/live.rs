@@ -1,6 +1,5 @@
-//! How long a live rig takes from the arrival of the scene camera's picture to the composed
-//! one: replayed devices, of which the rig cannot tell that they are none, through all of
-//! its own threads.
+//! Latency of a live rig from the arrival of the scene camera's picture to the composited one, with
+//! replayed devices, through all threads of the rig.
 
 use super::report::Percentiles;
 use super::{BenchError, BenchOptions};
@@ -19,9 +18,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// The recording whose devices are played where no other is named.
+/// The default recording.
 pub(super) const SESSION: &str = "tests/fixtures/sessions/desk.mcap";
-/// The quickest first; the last two differ from the defaults in the number of lights alone.
+/// The quickest first; the last two differ from the defaults only in the number of lights.
 const SETTINGS: [Setting; 4] = [
     Setting::new(8, false, Antialias::Off),
     Setting::new(8, false, Antialias::Msaa4),
@@ -31,18 +30,18 @@ const SETTINGS: [Setting; 4] = [
 /// Pictures composed before anything is measured: drivers compile, caches fill, and the
 /// light finds its first match between the cameras. Not more than are measured.
 const WARM_UP: u64 = 60;
-/// Pictures composed for a row without `--frames`: half a minute at a camera's usual pace.
+/// Pictures composed for a row without `--frames`: half a minute at a typical frame rate.
 const FRAMES: u32 = 900;
-/// A row ends after this long for each of its pictures, whatever came.
+/// Timeout of a row, per picture.
 const PATIENCE: Duration = Duration::from_millis(500);
-/// Between two looks at the rig's status; the rig is not to be slowed by it.
+/// Interval at which the rig's status is read; long enough not to slow the rig.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
 
-/// What a live rig spends its time on.
+/// Settings that determine a live rig's frame time.
 #[derive(Clone, Copy)]
 struct Setting {
     lights: u32,
-    /// A picture waits for the tracker's next reading.
+    /// Whether a picture waits for the tracker's next reading.
     waits: bool,
     antialias: Antialias,
 }
@@ -57,7 +56,7 @@ impl Setting {
     }
 }
 
-/// A live rig by one setting.
+/// Result for a live rig with one setting.
 #[derive(Clone, Debug, Serialize)]
 pub struct LiveRow {
     /// Case name.
@@ -66,27 +65,27 @@ pub struct LiveRow {
     pub width: u32,
     /// Picture height, pixels.
     pub height: u32,
-    /// Dome lights at most.
+    /// Maximum number of dome lights.
     pub lights: u32,
-    /// How long a picture waits for the tracker's next reading at most, milliseconds.
+    /// Maximum time that a picture waits for the tracker's next reading, milliseconds.
     pub max_wait_ms: f64,
     /// Samples a pixel of virtual objects' outlines.
     pub samples: u32,
-    /// How long was measured.
+    /// Duration of the measurement.
     pub seconds: f64,
     /// Pictures composed.
     pub composed: u64,
-    /// Pictures passed over for newer ones.
+    /// Pictures skipped for newer ones.
     pub passed_over: u64,
     /// Pictures composed a second.
     pub frames_per_second: f64,
     /// Milliseconds from the arrival of a picture to the composed one.
     pub arrival_to_picture_ms: Percentiles,
-    /// Milliseconds of that from bytes to pixels.
+    /// Of these from bytes to pixels.
     pub decode_ms: Percentiles,
-    /// Milliseconds of that from pixels and light to the composed picture.
+    /// Of these from pixels and light to the composed picture.
     pub total_ms: Percentiles,
-    /// Milliseconds that the light took, beside that.
+    /// Milliseconds for the lighting, in parallel.
     pub light_ms: Percentiles,
     /// Age of the environment's picture in the last composed one, milliseconds.
     pub light_age_ms: Option<f64>,
@@ -146,8 +145,8 @@ fn measure(gpu: &Gpu, config: &Config, frames: u32) -> Result<LiveRow, BenchErro
     row(config, &before, &after, seconds).ok_or(BenchError::Silent)
 }
 
-/// What the rig knew after the warm-up and after so many pictures more, and how long that
-/// took; then the rig is told to end.
+/// Returns the status after the warm-up and after the measured pictures, and the time between them;
+/// then stops the rig.
 fn watch(status: &SharedStatus, shutdown: &AtomicBool, frames: u64) -> (Snapshot, Snapshot, f64) {
     let warm_up = WARM_UP.min(frames);
     let before = composed(status, warm_up, warm_up);
@@ -158,7 +157,7 @@ fn watch(status: &SharedStatus, shutdown: &AtomicBool, frames: u64) -> (Snapshot
     (before, after, seconds)
 }
 
-/// The status after so many pictures in all, or after time for `pictures` is over.
+/// Waits for a total number of pictures, or for the timeout of `pictures`, and returns the status.
 fn composed(status: &SharedStatus, in_all: u64, pictures: u64) -> Snapshot {
     let begun = Instant::now();
     let longest = PATIENCE.saturating_mul(u32::try_from(pictures).unwrap_or(u32::MAX));

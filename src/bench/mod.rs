@@ -1,5 +1,5 @@
-//! `penumbra bench`: how long a frame takes, on the adapter chosen, for the cases of the
-//! papers' tables; what capturing costs, and how old live pictures are.
+//! `penumbra bench`: time per frame for the cases of the papers' tables, cost of capture, and latency
+//! of live pictures.
 
 mod camera_session;
 mod capture;
@@ -22,14 +22,14 @@ use std::io;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-/// What to measure.
+/// Options of the benchmark.
 #[derive(Clone, Debug, Default)]
 pub struct BenchOptions {
     /// Case name; all without it.
     pub case: Option<String>,
-    /// Frames per row; the case's own number without it.
+    /// Frames per row; the case's number without it.
     pub frames: Option<u32>,
-    /// Measure this picture size too.
+    /// Picture size instead of the case's.
     pub size: Option<(u32, u32)>,
     /// Recording whose devices the live case plays; the bundled one without it.
     pub session: Option<PathBuf>,
@@ -45,7 +45,7 @@ pub const CASES: [&str; 6] = [
     "live",
 ];
 
-/// A benchmark cannot be run. Each text is the one line that the user gets.
+/// An error of the benchmark; the text is the user's message.
 #[derive(Debug, Error)]
 pub enum BenchError {
     /// The graphics device.
@@ -66,17 +66,17 @@ pub enum BenchError {
     /// Its tracker.
     #[error("no simulated tracker: {source}; end other programs")]
     Tracker {
-        /// What the system said.
+        /// The system's message.
         source: io::Error,
     },
-    /// Whoever looks at the rig.
-    #[error("no thread to be had: {source}; end other programs")]
+    /// The thread that reads the rig's status.
+    #[error("no thread can be started: {source}; end other programs")]
     Thread {
-        /// What the system said.
+        /// The system's message.
         source: io::Error,
     },
     /// Its devices delivered no picture.
-    #[error("the live rig composed no picture; name a recording with pictures with --session")]
+    #[error("the live rig composited no picture; choose a recording with pictures with --session")]
     Silent,
     /// Its tracker's protocol.
     #[error(transparent)]
@@ -84,7 +84,7 @@ pub enum BenchError {
 }
 
 impl BenchOptions {
-    /// A chosen case draws.
+    /// Whether a chosen case renders.
     #[must_use]
     pub fn needs_gpu(&self) -> bool {
         CASES
@@ -106,8 +106,8 @@ impl BenchOptions {
     }
 }
 
-/// Runs the chosen cases; `progress` is told each row as it is done. Without `gpu` nothing
-/// is drawn.
+/// Runs the chosen cases; `progress` receives each row when it is done. Without `gpu` nothing
+/// is rendered.
 ///
 /// # Errors
 /// The device was lost; the system refuses a file or a thread.
@@ -143,7 +143,7 @@ pub fn run(
         if options.lacks_session() {
             let path = live::SESSION;
             progress(&format_args!(
-                "live: left out, as {path} is not there; name a recording with --session"
+                "live: skipped, because {path} does not exist; name a recording with --session"
             ));
             return Ok(report);
         }

@@ -10,15 +10,15 @@ use std::fmt;
 pub struct BenchReport {
     /// Version of this layout.
     pub version: u32,
-    /// Adapter name; `None` where nothing was drawn.
+    /// Adapter name; `None` if nothing was rendered.
     pub adapter: Option<String>,
     /// True for a software driver.
     pub software: bool,
     /// One per configuration.
     pub rows: Vec<Row>,
-    /// What capturing costs.
+    /// Cost of capture.
     pub capture: Vec<CaptureRow>,
-    /// How old live pictures are.
+    /// Latency of live pictures.
     pub live: Vec<LiveRow>,
 }
 
@@ -33,11 +33,11 @@ pub struct Row {
     pub height: u32,
     /// Dome lights.
     pub lights: u32,
-    /// Shadow maps drawn again in each frame.
+    /// Shadow maps updated in each frame.
     pub refreshed_per_frame: u32,
     /// Shadowing planes; 0 with dome lights.
     pub planes: u32,
-    /// Basis images on them in which light arrives; black ones are dropped.
+    /// Non-black basis images on them.
     pub basis_images: u32,
     /// Whether the light changed in every frame.
     pub light_changes: bool,
@@ -45,7 +45,7 @@ pub struct Row {
     pub triangles: usize,
     /// Virtual lamps.
     pub lamps: u32,
-    /// Where the light of each picture was read from; `None` where it was given.
+    /// Where the light of each picture was measured; `None` if it was given.
     pub environment: Option<&'static str>,
     /// Frames per second: the reciprocal of the mean wall time.
     pub fps: f64,
@@ -65,7 +65,7 @@ pub struct Row {
     pub passes: Vec<PassTime>,
 }
 
-/// What a live rig costs up to the pictures that are ready to be composed.
+/// Cost of a live rig up to the pictures that are ready for the compositor.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct CaptureRow {
     /// Case name.
@@ -78,32 +78,32 @@ pub struct CaptureRow {
     pub frames_per_second: f64,
     /// Mean length of a picture, kilobytes.
     pub picture_kilobytes: f64,
-    /// How long was measured.
+    /// Duration of the measurement.
     pub seconds: f64,
     /// Scene camera, environment camera, tracker.
     pub devices: Vec<DeviceTally>,
-    /// Pictures that were made ready.
+    /// Prepared pictures.
     pub prepared: u64,
-    /// Those of them with a pose.
+    /// Prepared pictures with a pose.
     pub prepared_with_pose: u64,
-    /// Pictures passed over for newer ones.
+    /// Pictures skipped for newer ones.
     pub passed_over: u64,
     /// Milliseconds from a JPEG to pixels.
     pub decode_ms: Percentiles,
-    /// Milliseconds for the light.
+    /// Milliseconds for the lighting.
     pub light_ms: Percentiles,
-    /// Processor time by thread, the costliest first; empty where the system does not tell.
+    /// Processor time by thread, highest first; empty if the system does not report it.
     pub threads: Vec<ThreadCost>,
 }
 
-/// What became of a device's deliveries.
+/// Deliveries of a device.
 #[derive(Clone, Debug, Serialize)]
 pub struct DeviceTally {
-    /// Which.
+    /// Name of the device.
     pub device: String,
-    /// Pictures or readings that came.
+    /// Pictures or readings received.
     pub delivered: u64,
-    /// Those that were given up for want of room.
+    /// Pictures or readings dropped because a queue was full.
     pub lost: u64,
 }
 

@@ -15,7 +15,7 @@ mod at_pty {
     use std::sync::atomic::{AtomicBool, Ordering};
     use std::thread::JoinHandle;
 
-    /// What its thread is called, so that its cost is not taken for the rig's.
+    /// Name of its thread, so that its cost is not counted as the rig's.
     const THREAD: &str = "simulated";
 
     /// A FASTRAK that turns around a point and answers commands. Dropping it ends it.
@@ -46,7 +46,7 @@ mod at_pty {
             })
         }
 
-        /// Where the driver finds it.
+        /// Path for the driver.
         pub fn device(&self) -> Option<&str> {
             Some(&self.device)
         }
@@ -62,7 +62,7 @@ mod at_pty {
     }
 }
 
-/// There are no pseudo-terminals.
+/// Error on systems without pseudo-terminals.
 #[cfg(not(unix))]
 pub(super) struct PlayedTracker;
 

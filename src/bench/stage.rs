@@ -1,4 +1,4 @@
-//! What the cases share: a picture, a camera, times of passes.
+//! Shared by the cases: a picture, a camera, times of passes.
 
 use super::report::{PassTime, Percentiles};
 use glam::{DQuat, DVec2, DVec3};
@@ -6,7 +6,7 @@ use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;
 use penumbra_picture::Picture;
 
-/// Frames before anything is measured: drivers compile and caches fill.
+/// Warm-up frames: drivers compile and caches fill.
 pub(super) const WARM_UP: u32 = 5;
 
 /// Times of each pass over all frames, in the passes' order.
@@ -34,7 +34,7 @@ impl Passes {
     }
 }
 
-/// A picture with texture everywhere, so that nothing is easier than in a real one.
+/// A picture with texture everywhere, so that it costs as much as a real one.
 pub(super) fn picture(width: u32, height: u32) -> Picture {
     let rgba = (0..width * height)
         .flat_map(|i| {
@@ -61,7 +61,7 @@ pub(super) fn camera(width: u32, height: u32) -> PinholeCamera {
     }
 }
 
-/// From `eye` towards `at`, upright.
+/// Returns the upright pose at `eye` that looks towards `at`.
 pub(super) fn looking(eye: DVec3, at: DVec3) -> RigidTransform {
     let forward = (at - eye).normalize();
     let right = forward.cross(DVec3::Z).normalize();

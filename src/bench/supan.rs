@@ -90,7 +90,7 @@ fn measure(
     })
 }
 
-/// A torus of 58,500 triangles that floats over a plane.
+/// A torus of 58,500 triangles above a plane.
 fn scene() -> Scene {
     let part = |name: &str, mesh: Mesh, at: DVec3, material: Material| Part {
         name: name.to_owned(),

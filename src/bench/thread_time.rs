@@ -1,11 +1,11 @@
-//! What each thread of this process has cost so far.
+//! Processor time of each thread of this process.
 
 use std::collections::BTreeMap;
 
 /// Nanoseconds of processor time by thread name; threads of one name are added up.
 pub type ThreadTimes = BTreeMap<String, u64>;
 
-/// Of all threads that run now. Empty where the system does not tell.
+/// Returns the processor time of all running threads; empty if the system does not report it.
 #[cfg(target_os = "linux")]
 #[must_use]
 pub fn of_this_process() -> ThreadTimes {
@@ -23,7 +23,7 @@ pub fn of_this_process() -> ThreadTimes {
     times
 }
 
-/// Of all threads that run now. Empty where the system does not tell.
+/// Returns the processor time of all running threads; empty if the system does not report it.
 #[cfg(not(target_os = "linux"))]
 #[must_use]
 pub fn of_this_process() -> ThreadTimes {
@@ -37,7 +37,7 @@ fn spent(schedstat: &str) -> Option<u64> {
     schedstat.split_whitespace().next()?.parse().ok()
 }
 
-/// What was spent from `before` to `after`.
+/// Returns the processor time from `before` to `after`.
 #[must_use]
 pub fn between(before: &ThreadTimes, after: &ThreadTimes) -> ThreadTimes {
     let since = |(name, spent): (&String, &u64)| {

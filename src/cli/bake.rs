@@ -22,34 +22,34 @@ pub struct BakeArgs {
     /// A scene file, a glTF model, or a session: its object and phantoms
     #[arg(value_name = "SCENE.toml|MODEL.glb|SESSION.mcap")]
     scene: PathBuf,
-    /// Take phantoms and ground from this session, for a scene file or a model
+    /// Session with the phantoms and the ground, for a scene file or a model
     #[arg(long, value_name = "SESSION.mcap")]
     session: Option<PathBuf>,
-    /// Settings; what is typed here comes before what stands there
+    /// Configuration file; options on the command line override it
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// How many planes at most
+    /// Maximum number of planes
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=256))]
     planes: Option<u32>,
-    /// How many lights: 40, 160, 360 or 640, as geodesic domes have them
+    /// Number of lights: 40, 160, 360 or 640, the faces of a geodesic dome
     #[arg(long = "lights", value_name = "N", value_parser = frequency)]
     frequency: Option<u32>,
-    /// Parts that a complex model is divided into, at most
+    /// Maximum number of parts that a complex model is divided into
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
     clusters: Option<u32>,
     /// Texels along a side of a basis image: a multiple of 4 from 16 to 512
     #[arg(long, value_name = "N", value_parser = resolution)]
     resolution: Option<u32>,
-    /// Directions for each light: more give softer shadows
+    /// Directions per light: more give softer shadows
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
     samples: Option<u32>,
-    /// Write the bake there, and not where replays and rigs look for it
+    /// Write the bake to this file instead of the cache
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Write over a file that is there
+    /// Overwrite an existing file
     #[arg(long)]
     force: bool,
-    /// Say what was done as JSON, for programs
+    /// Print the result as JSON
     #[arg(long)]
     json: bool,
     /// Part of the graphics adapter's name, or its number
@@ -181,7 +181,7 @@ impl fmt::Display for Baked {
         let on_virtual = self.planes - self.planes_on_real;
         writeln!(
             f,
-            "planes          {} ({} on what is real, {on_virtual} on what is virtual)",
+            "planes          {} ({} on real surfaces, {on_virtual} on virtual objects)",
             self.planes, self.planes_on_real
         )?;
         writeln!(f, "lights          {}", self.lights)?;
@@ -191,7 +191,7 @@ impl fmt::Display for Baked {
             self.basis_images,
             size = self.resolution
         )?;
-        writeln!(f, "black, dropped  {}", self.basis_images_dropped)?;
+        writeln!(f, "black images    {}", self.basis_images_dropped)?;
         writeln!(f, "size            {:.2} MB", self.bytes as f64 * 1e-6)?;
         writeln!(f, "time            {:.1} s", self.seconds)?;
         write!(f, "written to      {}", self.file.display())

@@ -10,25 +10,25 @@ use std::process::ExitCode;
 
 #[derive(Debug, Args)]
 pub struct BenchArgs {
-    /// Which case; all without it
+    /// Case to run; all without it
     #[arg(long, value_name = "NAME", value_parser = PossibleValuesParser::new(CASES))]
     case: Option<String>,
-    /// Write the table as JSON too
+    /// Also write the table as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
     /// Part of the graphics adapter's name, or its number
     #[arg(long, value_name = "NAME")]
     adapter: Option<String>,
-    /// Frames per row of the table; pictures of each camera
+    /// Frames per row of the table; pictures per camera
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     frames: Option<u32>,
-    /// Another picture size than the case's
+    /// Picture size instead of the case's
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = size)]
     size: Option<(u32, u32)>,
-    /// Recording whose devices the live case plays, instead of the bundled one
+    /// Recording that the live case plays instead of the bundled one
     #[arg(long, value_name = "FILE.mcap")]
     session: Option<PathBuf>,
-    /// Write over a file that is there
+    /// Overwrite an existing file
     #[arg(long)]
     force: bool,
 }

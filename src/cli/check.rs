@@ -24,7 +24,7 @@ pub struct CheckConfigArgs {
 
 #[derive(Debug, Args)]
 pub struct DoctorArgs {
-    /// Where the status page would be
+    /// Address of the status page to check
     #[arg(long, value_name = "ADDR:PORT")]
     listen: Option<SocketAddr>,
     /// Part of the graphics adapter's name, or its number
@@ -42,7 +42,7 @@ pub fn info(args: &InfoArgs) -> anyhow::Result<ExitCode> {
 /// `penumbra check-config`.
 pub fn check_config(args: &CheckConfigArgs) -> anyhow::Result<ExitCode> {
     let summary = read_and_check(&args.file)?;
-    super::say(format_args!("{}: in order", args.file.display()));
+    super::say(format_args!("{}: valid", args.file.display()));
     super::say(summary);
     Ok(ExitCode::SUCCESS)
 }

@@ -10,15 +10,15 @@ use std::process::ExitCode;
 
 #[derive(Debug, Args)]
 pub(super) struct DevicesArgs {
-    /// As JSON, for programs
+    /// Print JSON
     #[arg(long)]
     json: bool,
-    /// Ask at every serial port which tracker is there: up to six seconds each
+    /// Query every serial port for a tracker: up to six seconds each
     #[arg(long)]
     probe: bool,
 }
 
-/// Everything that was found. One field per family of devices, one section of the text each.
+/// All devices found: one field per family, one section of the text each.
 #[derive(Debug, Serialize)]
 struct Devices {
     cameras: Vec<CameraInfo>,
@@ -79,7 +79,11 @@ fn describe(text: &mut String, camera: &CameraInfo) -> std::fmt::Result {
 }
 
 fn format_in_words(format: &CameraFormat) -> String {
-    let unread = if format.usable { "" } else { " (not read)" };
+    let unread = if format.usable {
+        ""
+    } else {
+        " (not supported)"
+    };
     let sizes: Vec<String> = format.sizes.iter().map(size_in_words).collect();
     format!("{}{unread}  {}", format.fourcc, sizes.join(" · "))
         .trim_end()

@@ -20,7 +20,7 @@ pub fn claim(path: &Path, force: bool) -> anyhow::Result<()> {
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
     if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
         bail!(
-            "{}: there is no folder {}; make it first",
+            "{}: the folder {} does not exist; create it first",
             path.display(),
             folder.display()
         );

@@ -15,7 +15,7 @@ pub struct ImportArgs {
     /// The session to write
     #[arg(value_name = "OUT.mcap")]
     output: PathBuf,
-    /// Write over a file that is there
+    /// Overwrite an existing file
     #[arg(long)]
     force: bool,
 }

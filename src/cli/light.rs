@@ -18,19 +18,19 @@ pub struct LightArgs {
     /// A photograph (JPEG, PNG) or a session
     #[arg(value_name = "IMAGE|SESSION.mcap")]
     source: PathBuf,
-    /// What the photograph shows
+    /// Kind of photograph
     #[arg(long, value_enum)]
     kind: Option<PhotographKind>,
-    /// The photograph's geometry, where it is not to be found in the picture
+    /// Geometry of the photograph, if it cannot be found in the picture
     #[arg(long, value_name = "FILE")]
     calibration: Option<PathBuf>,
-    /// Settings, for a session
+    /// Configuration file, for a session
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
     /// Folder for environment.exr, environment.png, lights.png and light.json
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Write over files that are there
+    /// Overwrite existing files
     #[arg(long)]
     force: bool,
 }
@@ -90,7 +90,7 @@ fn is_mcap(path: &Path) -> bool {
 fn in_words(report: &LightReport) -> String {
     let d = report.dominant_direction;
     format!(
-        "light comes mostly from azimuth {:.1}°, elevation {:.1}°; {} dome lights, {} clipped pixels",
+        "dominant light at azimuth {:.1}°, elevation {:.1}°; {} dome lights, {} clipped pixels",
         d.y.atan2(d.x).to_degrees(),
         d.z.clamp(-1.0, 1.0).asin().to_degrees(),
         report.lighting.lights.len(),

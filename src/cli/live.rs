@@ -15,13 +15,12 @@ use std::sync::atomic::AtomicBool;
 pub struct RunArgs {
     #[command(flatten)]
     show: ShowArgs,
-    /// Record everything into this new session meanwhile
+    /// Also record all devices into this new session
     #[arg(long, value_name = "OUT.mcap")]
     record: Option<PathBuf>,
 }
 
-/// Checks everything that can be checked without the devices, and runs until it is told to
-/// stop.
+/// Checks everything that can be checked without the devices, then runs until it is stopped.
 pub fn run(args: &RunArgs) -> anyhow::Result<ExitCode> {
     let config = args.show.config()?;
     let report_file = args.show.report_file()?;

@@ -1,8 +1,7 @@
-//! The command line: what was typed becomes a call of the library, and what went wrong
-//! one line on standard error.
+//! The command line: parses the arguments, calls the libraries, and prints errors as one line on
+//! standard error.
 //!
-//! One file per command; [`files`] holds what they have in common about files that must
-//! not be overwritten.
+//! One file per command; [`files`] creates output files without overwriting existing ones.
 
 mod bake;
 mod bench;
@@ -20,6 +19,7 @@ mod replay;
 mod show;
 mod simulate;
 
+use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Parser, Subcommand};
 use std::fmt::Display;
 use std::io::{IsTerminal, Write};
@@ -41,33 +41,36 @@ enum Command {
     Replay(Box<replay::ReplayArgs>),
     /// Run a live rig: cameras and tracker to a window, to a browser, to files
     Run(Box<live::RunArgs>),
-    /// Record the live rig into a session, without composing anything
+    /// Record the live rig into a session without compositing
     Record(record::RecordArgs),
-    /// Bake shadows onto planes around a scene's objects, for `--technique shadowing-planes`
+    /// Bake shadows onto planes around a scene's objects in advance, for `--technique shadowing-planes`
     Bake(bake::BakeArgs),
-    /// Make a session from a folder of pictures, time stamps and poses
+    /// Convert a folder of pictures, time stamps and poses into a session
     Import(import::ImportArgs),
-    /// Say what is in a session: streams, rates, gaps, duration, attachments
+    /// Print the contents of a session: streams, rates, gaps, duration, attachments
     Info(check::InfoArgs),
-    /// Write what a photograph or a session says about the light
+    /// Estimate the lighting from a photograph or a session
     Light(light::LightArgs),
     /// Calibrate the rig, step by step
     Calibrate(calibrate::CalibrateArgs),
-    /// Read a configuration and the files it names, and say what it changes
+    /// Check a configuration and the files it names, and print the settings that it changes
     CheckConfig(check::CheckConfigArgs),
-    /// List the cameras, what they offer and what can be set
+    /// List the cameras with their modes and controls, and the serial ports
     Devices(devices::DevicesArgs),
-    /// Say what works on this machine, and what mends the rest
+    /// Check what works on this machine, and print how to fix the rest
     Doctor(check::DoctorArgs),
-    /// Measure how long a frame takes on this machine
+    /// Measure the time per frame on this machine
     Bench(bench::BenchArgs),
-    /// Be a device that is not there: a tracker at a pseudo-terminal or over UDP
+    /// Simulate a device or a rig: a tracker at a pseudo-terminal or over UDP, or recordings
     Simulate(simulate::SimulateArgs),
 }
 
-/// Carries out the command line.
+/// Runs the command of the command line.
 pub fn run() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => return refuse(&error),
+    };
     quiet::silence_device_select();
     start_log();
     match carry_out(cli.command) {
@@ -77,6 +80,31 @@ pub fn run() -> ExitCode {
             ExitCode::FAILURE
         }
     }
+}
+
+/// Prints the error of a command line, or the help that was asked for. Former names are refused
+/// with the new name.
+fn refuse(error: &clap::Error) -> ExitCode {
+    if let Some(message) = renamed(error) {
+        let _ = writeln!(std::io::stderr().lock(), "penumbra: {message}");
+    } else {
+        let _ = error.print();
+    }
+    ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2))
+}
+
+/// The message about a former name on the command line.
+fn renamed(error: &clap::Error) -> Option<String> {
+    let text = |kind| match error.get(kind) {
+        Some(ContextValue::String(text)) => text.split_whitespace().next().unwrap_or_default(),
+        _ => "",
+    };
+    let option = text(ContextKind::InvalidArg);
+    let value = match error.kind() {
+        ErrorKind::InvalidSubcommand => text(ContextKind::InvalidSubcommand),
+        _ => text(ContextKind::InvalidValue),
+    };
+    penumbra_config::renamed_word(option, value)
 }
 
 fn carry_out(command: Command) -> anyhow::Result<ExitCode> {
@@ -97,11 +125,11 @@ fn carry_out(command: Command) -> anyhow::Result<ExitCode> {
     }
 }
 
-/// What libraries log, on standard error; `RUST_LOG` chooses. The graphics libraries'
-/// warnings are about drivers, and `penumbra doctor` says them better.
+/// Sends the libraries' log to standard error; `RUST_LOG` sets the filter. Warnings of the graphics
+/// libraries are about drivers, which `penumbra doctor` reports better.
 fn start_log() {
-    let usual = "warn,wgpu_core=error,wgpu_hal=off,naga=error,winit=error,calloop=error";
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(usual));
+    let default = "warn,wgpu_core=error,wgpu_hal=off,naga=error,winit=error,calloop=error";
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(default));
     tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(std::io::stderr)
@@ -109,18 +137,17 @@ fn start_log() {
         .init();
 }
 
-/// One line on standard output. A reader that has gone away (`| head`) is no reason to
-/// stop, so `println!`, which panics then, will not do.
+/// Prints one line to standard output. A closed pipe (`| head`) is ignored; `println!` would panic.
 fn say(text: impl Display) {
     let _ = writeln!(std::io::stdout().lock(), "{text}");
 }
 
-/// One line on standard error about what ends the program.
+/// Prints an error that ends the program to standard error.
 fn complain(error: &anyhow::Error) {
     let _ = writeln!(std::io::stderr().lock(), "penumbra: {}", one_line(error));
 }
 
-/// One line on standard error about what does not end it.
+/// Prints a warning to standard error.
 fn warn(text: impl Display) {
     let _ = writeln!(
         std::io::stderr().lock(),
@@ -129,7 +156,7 @@ fn warn(text: impl Display) {
     );
 }
 
-/// Parsers of other people like to draw pictures under their complaints.
+/// Joins a message of several lines, e.g. of a parser, into one.
 fn one_line(text: impl Display) -> String {
     let text = text.to_string();
     text.split_whitespace().collect::<Vec<_>>().join(" ")
@@ -139,14 +166,83 @@ fn one_line(text: impl Display) -> String {
 mod tests {
     use super::*;
     use clap::CommandFactory;
+    use std::fmt::Write as _;
 
     #[test]
-    fn the_command_line_makes_sense_to_clap() {
+    fn command_line_definition_is_consistent() {
         Cli::command().debug_assert();
     }
 
     #[test]
-    fn a_complaint_of_many_lines_becomes_one() {
+    fn former_words_are_refused_with_the_new_word() {
+        for (line, expected) in [
+            (
+                "replay a.mcap --lights grid",
+                "`--lights` is now called `--light-placement`",
+            ),
+            (
+                "run --technique dome",
+                "--technique: `dome` is now called `image-based-shadowing`",
+            ),
+            (
+                "run --technique=planes",
+                "--technique: `planes` is now called `shadowing-planes`",
+            ),
+            (
+                "replay a.mcap --pairing whole",
+                "--pairing: `whole` is now called `complete`",
+            ),
+            (
+                "calibrate photometric --session a.mcap",
+                "`photometric` is now called `radiometric`",
+            ),
+        ] {
+            let words = std::iter::once("penumbra").chain(line.split(' '));
+            let message = Cli::try_parse_from(words).err().and_then(|e| renamed(&e));
+            assert_eq!(message.as_deref(), Some(expected), "{line}");
+        }
+    }
+
+    /// `UPDATE_DOCS=1 cargo test --bin penumbra command_line_page` rewrites the page.
+    #[test]
+    fn command_line_page_matches_the_options() {
+        let mut page = String::from(
+            "# Command line\n\nGenerated from the program's options. `penumbra COMMAND --help` \
+             prints the same.\n",
+        );
+        let mut cli = Cli::command();
+        cli.build();
+        for command in cli.get_subcommands_mut() {
+            describe(command, &mut page);
+        }
+        penumbra_test_data::check_page("docs/src/command-line.md", &page);
+    }
+
+    /// Appends the help of a command and its subcommands.
+    fn describe(command: &mut clap::Command, page: &mut String) {
+        if command.get_name() == "help" || command.is_hide_set() {
+            return;
+        }
+        let name = command.get_bin_name().unwrap_or_default().to_owned();
+        let level = "#".repeat(name.split(' ').count());
+        let help = command.clone().term_width(100).render_long_help();
+        let lines: Vec<String> = help
+            .to_string()
+            .lines()
+            .map(|l| l.trim_end().to_owned())
+            .collect();
+        let _ = write!(
+            page,
+            "\n{level} `{name}`\n\n```text\n{}\n```\n",
+            lines.join("\n").trim_end()
+        );
+        for subcommand in command.get_subcommands_mut() {
+            describe(subcommand, page);
+        }
+    }
+
+    #[test]
+    fn message_of_many_lines_becomes_one() {
         assert_eq!(one_line("a\n  |\n1 | b"), "a | 1 | b");
     }
 }

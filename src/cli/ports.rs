@@ -109,7 +109,7 @@ fn line(port: &SerialPort) -> String {
         }
         (Some(Asked::Nobody), _) => "\n    no tracker answered".to_owned(),
         (Some(Asked::Trouble(reason)), _) => format!("\n    {reason}"),
-        (None, Some(likely)) => format!("\n    likely {likely}; --probe asks"),
+        (None, Some(likely)) => format!("\n    probably {likely}; --probe checks"),
         (None, None) => String::new(),
     };
     format!("  {name}{about}{end}")

@@ -18,29 +18,29 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// How often it is looked whether the recording is over, and its size told.
+/// Interval at which the end of the recording is checked and its size printed.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
-/// How long the running rig may take to answer.
+/// Timeout for the answer of the running rig.
 const ANSWER_LIMIT: Duration = Duration::from_secs(15);
 
 #[derive(Debug, Args)]
 pub struct RecordArgs {
-    /// The session to write; with --while-running its name in the running rig's folder
+    /// The session to write; with --while-running its name in the recording folder of the running rig
     #[arg(value_name = "OUT.mcap")]
     output: PathBuf,
-    /// Settings: which devices, where the calibration is
+    /// Configuration file: devices and calibration
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// End after so many seconds; without it at Ctrl-C
+    /// Stop after SECONDS; without it at Ctrl-C
     #[arg(long, value_name = "SECONDS", value_parser = seconds)]
     duration: Option<f64>,
-    /// Let the `penumbra run` that runs already do it
+    /// Let the `penumbra run` that is already running record
     #[arg(long)]
     while_running: bool,
-    /// Where the status page of that one is
+    /// Address of its status page
     #[arg(long, value_name = "ADDR:PORT", requires = "while_running")]
     listen: Option<SocketAddr>,
-    /// What its status page asks its visitors for
+    /// Token of its status page
     #[arg(long, value_name = "TOKEN", requires = "while_running")]
     token: Option<String>,
 }
@@ -77,7 +77,7 @@ pub fn run(args: &RecordArgs) -> anyhow::Result<ExitCode> {
         let condition = device.condition();
         match &condition.reason {
             Some(trouble) if condition.received == 0 => super::warn(format_args!(
-                "nothing of {}: {trouble}",
+                "no data from {}: {trouble}",
                 device.kind.label()
             )),
             _ => accounts.push(account_in_words(device.kind, &condition)),
@@ -85,7 +85,10 @@ pub fn run(args: &RecordArgs) -> anyhow::Result<ExitCode> {
     }
     drop((live, service));
     let Some(recording) = recording else {
-        bail!("{}: the recorder has died", args.output.display());
+        bail!(
+            "{}: the recorder stopped unexpectedly",
+            args.output.display()
+        );
     };
     if recording.state == RecordingState::Failed {
         bail!("{}", recording.sentence);
@@ -95,7 +98,7 @@ pub fn run(args: &RecordArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// What a device delivered, and what went wrong on the way.
+/// Data that a device delivered, and its errors.
 fn account_in_words(kind: DeviceKind, condition: &Condition) -> String {
     let mut words = vec![format!("{} delivered", condition.received)];
     let mut count = |n: u64, what: &str| {
@@ -109,11 +112,14 @@ fn account_in_words(kind: DeviceKind, condition: &Condition) -> String {
         Account::Tracker(report) => &report.identity,
         Account::Camera(report) => {
             let counters = report.counters;
-            count(counters.lost, "lost on the way");
+            count(counters.lost, "lost");
             count(counters.damaged.max(condition.damaged), "damaged");
             count(counters.superseded, "passed over");
             count(counters.unattributed, "of unknown exposure");
-            count(counters.controls_changed, "changes of controls by others");
+            count(
+                counters.controls_changed,
+                "controls changed by other programs",
+            );
             words.extend(report.notes.iter().cloned());
             &report.identity
         }
@@ -121,7 +127,7 @@ fn account_in_words(kind: DeviceKind, condition: &Condition) -> String {
     format!("  {} {identity}: {}", kind.label(), words.join(", "))
 }
 
-/// One line that is written over, where somebody looks.
+/// A progress line that is overwritten, on terminals only.
 fn tell_progress(recording: &Recording) {
     let mut err = std::io::stderr();
     if err.is_terminal() {
@@ -137,7 +143,7 @@ fn tell_progress(recording: &Recording) {
     }
 }
 
-/// What became of a recording.
+/// The result of a recording.
 pub fn in_words(recording: &Recording) -> String {
     let dropped = match recording.dropped {
         0 => String::new(),

@@ -19,13 +19,13 @@ pub struct ReplayArgs {
     session: PathBuf,
     #[command(flatten)]
     show: ShowArgs,
-    /// A factor of the recorded pace, or "max": as fast as frames are made, none left out
+    /// Factor of the recorded speed, or "max": as fast as possible without skipping frames
     #[arg(long, value_name = "FACTOR|max")]
     speed: Option<ReplaySpeed>,
-    /// Begin again at the end
+    /// Repeat the recording
     #[arg(long = "loop")]
     repeat: bool,
-    /// How long pictures wait for what belongs to them: as in a live rig, or until it is whole
+    /// How long pictures wait for matching readings
     #[arg(long, value_enum)]
     pairing: Option<ReplayPairing>,
 }
@@ -77,7 +77,7 @@ fn open(args: &ReplayArgs) -> anyhow::Result<Session> {
     let session = Session::open(&args.session)?;
     if session.truncated() {
         super::warn(format_args!(
-            "{}: the recording was cut off; what is whole is replayed",
+            "{}: the recording was cut off; complete chunks are replayed",
             args.session.display()
         ));
     }

@@ -1,5 +1,4 @@
-//! What `penumbra replay` and `penumbra run` have in common: how the picture is made and
-//! where it goes.
+//! Options that `penumbra replay` and `penumbra run` share: compositing and output.
 
 use super::files::JsonFile;
 use clap::Args;
@@ -23,25 +22,25 @@ use std::sync::atomic::AtomicBool;
 
 #[derive(Debug, Args)]
 pub struct ShowArgs {
-    /// Settings; what is typed here comes before what stands there
+    /// Configuration file; options on the command line override it
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Objects to composite: a scene file, "session" (those it brings) or "none"
+    /// Virtual objects: a scene file, "session" (those of the recording) or "none"
     #[arg(long, value_name = "FILE|none")]
     scene: Option<String>,
-    /// Stop after so many frames
+    /// Stop after N frames
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     frames: Option<u64>,
-    /// Write every frame as a PNG named by its number
+    /// Write every frame as a PNG, named by its number
     #[arg(long, value_name = "DIR")]
     frames_out: Option<PathBuf>,
-    /// Write the camera's pose at each picture, what it comes from and its error
+    /// Write the camera's pose for each picture, its source and its standard deviation
     #[arg(long, value_name = "FILE.csv")]
     poses_out: Option<PathBuf>,
-    /// Write at the end what happened: counts, times, white balance
+    /// Write a report at the end: counts, times, white balance
     #[arg(long, value_name = "FILE.json")]
     report: Option<PathBuf>,
-    /// Write over files that are there
+    /// Overwrite existing files
     #[arg(long)]
     force: bool,
     /// Show no window
@@ -50,53 +49,46 @@ pub struct ShowArgs {
     /// Show the window on this monitor: its number from 0, or part of its name
     #[arg(long, value_name = "MONITOR", conflicts_with = "headless")]
     monitor: Option<Monitor>,
-    /// Let the picture fill the monitor (F in the window)
+    /// Fill the monitor (F in the window)
     #[arg(long, conflicts_with = "headless")]
     fullscreen: bool,
-    /// Where the status page is; port 0 takes any free one
+    /// Address of the status page; port 0 takes any free port
     #[arg(long, value_name = "ADDR:PORT")]
     pub listen: Option<SocketAddr>,
-    /// What the status page asks its visitors for; needed where other machines reach it
+    /// Token that the status page requires; needed for addresses other than loopback
     #[arg(long, value_name = "TOKEN")]
     token: Option<String>,
     /// Part of the graphics adapter's name, or its number
     #[arg(long, value_name = "NAME")]
     adapter: Option<String>,
-    /// How the light is seen
+    /// Where the light is measured
     #[arg(long, value_enum)]
     environment_source: Option<EnvironmentSource>,
     /// How the dome lights are placed
     #[arg(long, value_enum)]
     light_placement: Option<LightPlacement>,
-    /// The old name of --light-placement.
-    #[arg(long, hide = true, value_parser = old_lights)]
-    lights: Option<String>,
-    /// How many dome lights there are at most: 0, 8, 24, 48, 64, 96 or 384
+    /// Maximum number of dome lights: 0, 8, 24, 48, 64, 96 or 384
     #[arg(long, value_name = "N", value_parser = light_count)]
     light_count: Option<u32>,
-    /// How shadows are put into the camera's picture
+    /// How shadows change the camera's picture
     #[arg(long, value_enum)]
     shadow_mode: Option<ShadowMode>,
-    /// How the environment is filtered for what virtual objects mirror
+    /// How the environment is filtered for reflections on virtual objects
     #[arg(long, value_enum)]
     reflections: Option<Filtering>,
-    /// How real surfaces answer virtual lamps
+    /// How real surfaces respond to virtual lamps
     #[arg(long, value_enum)]
     lamp_response: Option<LampResponse>,
     /// How virtual objects are lit and shadowed
     #[arg(long, value_enum)]
     technique: Option<Technique>,
-    /// In which exposure the picture is shown: "off" (the camera's), "auto", or stops beside the
-    /// camera's own, from -8 to 3
+    /// Exposure of the output: "off" (the camera's), "auto", or stops relative to the camera's,
+    /// from -8 to 3
     #[arg(long, value_name = "off|auto|STOPS", allow_hyphen_values = true)]
     exposure: Option<ExposureChoice>,
-    /// What clipped areas become in a shorter exposure
+    /// How clipped areas appear in a shorter exposure
     #[arg(long, value_enum)]
     highlights: Option<Highlights>,
-}
-
-fn old_lights(_: &str) -> Result<String, String> {
-    Err("is now called --light-placement".to_owned())
 }
 
 fn light_count(text: &str) -> Result<u32, String> {
@@ -105,7 +97,7 @@ fn light_count(text: &str) -> Result<u32, String> {
 }
 
 impl ShowArgs {
-    /// The configuration with what was typed.
+    /// Returns the configuration with the options of the command line applied.
     pub fn config(&self) -> anyhow::Result<Config> {
         let mut config = match &self.config {
             Some(path) => Config::load(path)?,
@@ -148,7 +140,7 @@ impl ShowArgs {
         config.gpu.adapter = self.adapter.clone().or(config.gpu.adapter.take());
     }
 
-    /// What was asked for beyond the configuration.
+    /// Returns the options that are not part of the configuration.
     pub fn options(&self) -> RunOptions {
         RunOptions {
             frame_limit: self.frames,
@@ -157,7 +149,7 @@ impl ShowArgs {
         }
     }
 
-    /// The report's file, if one was asked for.
+    /// Claims the file of the report, if one was requested.
     pub fn report_file(&self) -> anyhow::Result<Option<JsonFile>> {
         let claim = |path: &PathBuf| JsonFile::claim(path, self.force);
         self.report.as_ref().map(claim).transpose()
@@ -170,8 +162,7 @@ pub fn set<T>(place: &mut T, value: Option<T>) {
     }
 }
 
-/// With a window or without. The address is told when nothing can keep the picture from
-/// coming any more.
+/// Runs with or without a window. The address is printed once the GPU is open.
 pub fn show(
     runner: Runner,
     config: Config,
@@ -198,7 +189,7 @@ pub fn show(
     })?
 }
 
-/// Takes the port of the status page.
+/// Binds the port of the status page.
 pub fn status_server(
     config: &Config,
     status: &Arc<SharedStatus>,
@@ -207,7 +198,7 @@ pub fn status_server(
     StatusServer::bind(wanted.listen, wanted.token.clone(), status.clone())
 }
 
-/// The one address to open.
+/// The line that names the address of the status page.
 pub fn address(server: Option<&StatusServer>, config: &Config) -> Option<String> {
     let token = config.status.token.as_ref().map_or("", |_| "?token=…");
     Some(format!(

@@ -20,9 +20,10 @@ pub struct SimulateArgs {
 
 #[derive(Debug, Subcommand)]
 enum SimulatedDevice {
-    /// A tracker that answers commands and streams as the real one does, until Ctrl-C
+    /// Simulate a tracker that answers commands and streams like the real one, until Ctrl-C
     Tracker(TrackerArgs),
-    /// A whole rig before tags or a board: a recording to try `calibrate` on, with its truth
+    /// Simulate a complete rig before tags or a board: a recording to try `calibrate` on, with its
+    /// ground truth
     Session(Box<SessionArgs>),
 }
 
@@ -33,36 +34,36 @@ struct SessionArgs {
     /// The recording
     #[arg(long, value_name = "SESSION.mcap")]
     out: PathBuf,
-    /// What is true of the rig: mounting, latency, tags, the pose of every picture
+    /// Ground truth of the rig: mounting, latency, tags, the pose of every picture
     #[arg(long, value_name = "FILE.json")]
     truth: Option<PathBuf>,
-    /// Write over files that are there
+    /// Overwrite existing files
     #[arg(long)]
     force: bool,
 }
 
 #[derive(Debug, Args)]
 struct TrackerArgs {
-    /// fastrak, liberty, patriot, flock, freed or csv; a session's own where one is played
+    /// fastrak, liberty, patriot, flock, freed or csv; with a session its own
     #[arg(long, value_name = "NAME")]
     protocol: Option<String>,
-    /// Be found at a pseudo-terminal, printed and, if given, linked to from LINK
+    /// Serve a pseudo-terminal, whose path is printed and, if given, linked to from LINK
     #[arg(long, value_name = "LINK", num_args = 0..=1, required_unless_present = "udp")]
     pty: Option<Option<PathBuf>>,
-    /// Send datagrams there, as FreeD does
+    /// Send UDP datagrams to this address, as FreeD does
     #[arg(long, value_name = "ADDRESS:PORT", conflicts_with = "pty")]
     udp: Option<SocketAddr>,
-    /// Records a second, where not the device's own
+    /// Records per second; without it the device's rate
     #[arg(long, value_name = "HZ", value_parser = rate)]
     rate: Option<f64>,
     /// `orbit`, or a file of lines `seconds x y z qx qy qz qw`
     #[arg(long, value_name = "orbit|FILE", default_value = "orbit")]
     trajectory: PathBuf,
-    /// Play the tracker's bytes of a session
+    /// Play the tracker's recorded bytes of a session
     #[arg(long, value_name = "SESSION.mcap", conflicts_with = "trajectory")]
     session: Option<PathBuf>,
     /// split, drop=RATE, flip=RATE, insert=RATE, silent-after=SECONDS,
-    /// hang-up-after=SECONDS, parted by commas
+    /// hang-up-after=SECONDS, separated by commas
     #[arg(
         long,
         value_name = "LIST",

@@ -1,15 +1,15 @@
-//! The alternatives that settings choose from, spelled in TOML as in their doc comments.
+//! The values of settings that are enumerations; doc comments give their spelling in TOML.
 
 use penumbra_camera::Response;
 use serde::de::{self, Deserialize, Deserializer, Visitor};
 use std::fmt;
 use std::str::FromStr;
 
-/// What is done about a tracker's latency that is measured while the rig runs.
+/// Measurement of the tracker latency while the rig runs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FollowLatency {
-    /// `"off"`: it is not measured.
+    /// `"off"`: not measured.
     Off,
     /// `"report"`: status reports it beside the calibrated latency and warns where they differ.
     #[default]
@@ -18,7 +18,7 @@ pub enum FollowLatency {
     Apply,
 }
 
-/// What is done about sources that even the darkest exposure clips.
+/// Treatment of sources that even the darkest exposure clips.
 #[derive(
     Clone,
     Copy,
@@ -39,7 +39,7 @@ pub enum Clipped {
     Keep,
 }
 
-/// What fills the directions the environment camera cannot see.
+/// Radiance of the directions that the environment camera does not see.
 #[derive(
     Clone,
     Copy,
@@ -53,7 +53,7 @@ pub enum Clipped {
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum Unseen {
-    /// `"scene-camera"`: what the scene camera sees there, else the seen part's mean.
+    /// `"scene-camera"`: from the scene camera where it sees them, else the mean of the seen part.
     #[default]
     SceneCamera,
     /// `"mean"`: the mean radiance of the seen part.
@@ -62,7 +62,7 @@ pub enum Unseen {
     Black,
 }
 
-/// How long pictures of a recording wait for what belongs to them.
+/// How long pictures of a recording wait for matching readings.
 #[derive(
     Clone,
     Copy,
@@ -76,16 +76,16 @@ pub enum Unseen {
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum ReplayPairing {
-    /// `"auto"`: `live` where a running rig recorded what it composed, else `complete`.
+    /// `"auto"`: `live` if a running rig recorded its output, else `complete`.
     #[default]
     Auto,
-    /// `"live"`: as in a live rig, so that the pictures are those that it showed.
+    /// `"live"`: as in the live rig, which reproduces the pictures that it showed.
     Live,
-    /// `"complete"`: pictures wait for all their data, for the smoothest poses.
+    /// `"complete"`: until all readings have arrived, for the smoothest poses.
     Complete,
 }
 
-/// How real surfaces answer virtual lamps.
+/// How real surfaces respond to virtual lamps.
 #[derive(
     Clone,
     Copy,
@@ -99,10 +99,10 @@ pub enum ReplayPairing {
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum LampResponse {
-    /// `"intrinsic"`: the picture over the light that arrives is what the surface reflects.
+    /// `"intrinsic"`: reflectance is the picture divided by the incoming light.
     #[default]
     Intrinsic,
-    /// `"paper"`: N·L and the picture's own relief, blended (DiVerdi and Höllerer 2004).
+    /// `"paper"`: a blend of N·L and the relief in the picture (DiVerdi and Höllerer 2004).
     Paper,
 }
 
@@ -121,11 +121,11 @@ pub enum LampResponse {
 #[serde(rename_all = "kebab-case")]
 pub enum Technique {
     /// `"image-based-shadowing"`: image-based lighting, and one shadow map for each light of
-    /// a light dome, drawn with every picture (Supan 2006).
+    /// a light dome, rendered with every picture (Supan 2006).
     #[default]
     ImageBasedShadowing,
     /// `"shadowing-planes"`: image-based lighting, and shadows from basis images on shadowing
-    /// planes, baked beforehand (Kakuta 2004, 2007).
+    /// planes, baked in advance (Kakuta 2004, 2007).
     ShadowingPlanes,
     /// `"image-based-lighting"`: image-based lighting without shadows.
     ImageBasedLighting,
@@ -149,15 +149,15 @@ pub enum ShadowResolution {
     /// full speed.
     #[default]
     Auto,
-    /// `"full"`: the picture's.
+    /// `"full"`: that of the picture.
     Full,
-    /// `"half"`: half of it, upsampled along edges.
+    /// `"half"`: half of it, with edge-aware upsampling.
     Half,
-    /// `"quarter"`: a quarter of it, likewise.
+    /// `"quarter"`: a quarter of it, with edge-aware upsampling.
     Quarter,
 }
 
-/// How the environment camera's white point is found.
+/// How the environment camera is matched to the scene camera's white point.
 #[derive(
     Clone,
     Copy,
@@ -171,16 +171,16 @@ pub enum ShadowResolution {
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum WhiteBalanceMethod {
-    /// `"auto"`: chart, else overlap, else reflectance; they check one another.
+    /// `"auto"`: chart, else overlap, else reflectance; each checks the others.
     #[default]
     Auto,
     /// `"chart"`: from pictures of one chart.
     Chart,
-    /// `"overlap"`: from what both cameras see.
+    /// `"overlap"`: from surfaces that both cameras see.
     Overlap,
     /// `"reflectance"`: from a surface of known reflectance.
     Reflectance,
-    /// `"fixed"`: the gains given.
+    /// `"fixed"`: the configured gains.
     Fixed,
 }
 
@@ -201,16 +201,16 @@ pub enum Antialias {
     /// `"msaa4"`: four samples a pixel.
     #[default]
     Msaa4,
-    /// `"off"`: one.
+    /// `"off"`: one sample a pixel.
     Off,
 }
 
-/// How fast a recording plays.
+/// Speed of a replay.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ReplaySpeed {
-    /// A factor of the recorded pace; 1 is as it was.
+    /// Factor of the recorded speed.
     Factor(f64),
-    /// `"max"`: as fast as frames can be made; none is left out.
+    /// `"max"`: as fast as possible, without skipping frames.
     Max,
 }
 
@@ -220,18 +220,18 @@ impl Default for ReplaySpeed {
     }
 }
 
-/// How many shadow maps are drawn anew each frame.
+/// Number of shadow maps that are updated in each frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Refresh {
-    /// At most so many, those that changed first.
+    /// Maximum number; maps that changed come first.
     Count(u32),
-    /// `"all"`.
+    /// `"all"`: every map.
     #[default]
     All,
 }
 
 impl Refresh {
-    /// The number for `lights` dome lights.
+    /// Returns the number for `lights` dome lights.
     #[must_use]
     pub fn of(self, lights: u32) -> u32 {
         match self {
@@ -247,14 +247,14 @@ pub enum ToneCurve {
     /// IEC 61966-2-1.
     #[default]
     Srgb,
-    /// Codes are linear.
+    /// Linear codes.
     Linear,
     /// linear = code^gamma.
     Gamma(f32),
 }
 
 impl ToneCurve {
-    /// The curve as a table.
+    /// Returns the curve as a table.
     #[must_use]
     pub fn response(self) -> Response {
         match self {
@@ -265,10 +265,10 @@ impl ToneCurve {
     }
 }
 
-/// Which monitor a window goes to: its number from 0, or part of its name.
+/// The window's monitor: its number from 0, or part of its name.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Monitor {
-    /// Counted from 0.
+    /// Number, from 0.
     Index(u32),
     /// Part of its name.
     Name(String),
@@ -307,7 +307,7 @@ impl Visitor<'_> for EitherVisitor {
     }
 }
 
-/// Deserialises by way of [`NumberOrWord`]; `expected` is what the user is told.
+/// Deserialises via [`NumberOrWord`]; `expected` is the text for the message.
 fn either<'de, D: Deserializer<'de>, T>(
     deserializer: D,
     expected: &'static str,
@@ -321,7 +321,7 @@ fn either<'de, D: Deserializer<'de>, T>(
     read(value).ok_or_else(|| de::Error::custom(format!("{shown}, expected {expected}")))
 }
 
-/// A word from the command line, as if it stood in the file.
+/// Parses a word of the command line like a value of the file.
 fn typed(text: &str) -> NumberOrWord {
     text.parse().map_or_else(
         |_| NumberOrWord::Word(text.to_owned()),

@@ -1,4 +1,4 @@
-//! From what is typed to what is true.
+//! Conversion of the configuration file to [`Config`], with checks of ranges.
 
 use super::devices;
 use super::exposure::exposure;
@@ -17,7 +17,7 @@ use std::net::SocketAddr;
 use std::ops::RangeInclusive;
 use std::path::Path;
 
-/// Dome lights that can be asked for.
+/// Supported numbers of dome lights.
 pub const LIGHT_COUNTS: [u32; 7] = [0, 8, 24, 48, 64, 96, 384];
 
 pub(super) type Result<T> = std::result::Result<T, Fault>;
@@ -77,7 +77,7 @@ pub(super) fn set<T>(place: &mut T, value: Option<T>) {
     }
 }
 
-/// `value` if it is given and lies in `range`.
+/// Returns `value` if it is in `range`.
 pub(super) fn within(
     key: &str,
     value: Option<f64>,
@@ -95,7 +95,7 @@ pub(super) fn within(
     }
 }
 
-/// A whole number in `range`.
+/// Returns `value` if it is in `range`.
 pub(super) fn whole(
     key: &str,
     value: Option<u32>,
@@ -113,7 +113,7 @@ pub(super) fn whole(
     }
 }
 
-/// A power of two from `low` to `high`.
+/// Returns `value` if it is a power of two from `low` to `high`.
 fn power_of_two(key: &str, value: Option<u32>, low: u32, high: u32) -> Result<Option<u32>> {
     match value {
         Some(v) if !(v.is_power_of_two() && (low..=high).contains(&v)) => Err(Fault::new(
@@ -124,7 +124,7 @@ fn power_of_two(key: &str, value: Option<u32>, low: u32, high: u32) -> Result<Op
     }
 }
 
-/// Milliseconds to nanoseconds.
+/// Converts milliseconds in `range` to nanoseconds.
 pub(super) fn millis(
     key: &str,
     value: Option<f64>,
@@ -319,13 +319,13 @@ fn status(file: file::Status, out: &mut StatusConfig) -> Result<()> {
     Ok(())
 }
 
-/// Whether an address is open to other machines and nothing guards it.
+/// Whether an address can be reached from other machines and no token is set.
 #[must_use]
 pub fn listen_needs_token(listen: SocketAddr, token: Option<&str>) -> bool {
     !listen.ip().is_loopback() && token.is_none_or(str::is_empty)
 }
 
-/// The settings in a file that differ from those in `config/rig.toml`.
+/// Lists the settings in a file that differ from `config/rig.toml`.
 pub(super) fn changed_keys(text: &TomlText) -> std::result::Result<Vec<String>, TomlError> {
     let defaults: toml::Table = TomlText::new("rig.toml", DEFAULTS).parse()?;
     let given: toml::Table = text.parse()?;
@@ -335,8 +335,8 @@ pub(super) fn changed_keys(text: &TomlText) -> std::result::Result<Vec<String>, 
             continue;
         };
         for (key, value) in keys {
-            let usual = defaults.get(section).and_then(|s| s.get(key));
-            if usual != Some(value) {
+            let default = defaults.get(section).and_then(|s| s.get(key));
+            if default != Some(value) {
                 let shown = if key == "token" {
                     "(set)".to_owned()
                 } else {
@@ -349,5 +349,5 @@ pub(super) fn changed_keys(text: &TomlText) -> std::result::Result<Vec<String>, 
     Ok(out)
 }
 
-/// The defaults, as the user may read and copy them.
+/// The documented defaults, `config/rig.toml`.
 pub(super) const DEFAULTS: &str = include_str!("../../config/rig.toml");

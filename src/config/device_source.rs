@@ -1,14 +1,14 @@
-//! Where a device comes from: the system, a recording, or the program that uses Penumbra as a
+//! The source of a device: the system, a recording, or the program that uses Penumbra as a
 //! library.
 
 use super::TrackerConfig;
 use penumbra_interface::{Camera, CameraSettings, DeviceFactory, Tracker};
 use std::path::{Path, PathBuf};
 
-/// Written before a recording's file name where a device is expected.
+/// Prefix of a recording's file name in place of a device.
 pub const REPLAY_PREFIX: &str = "replay:";
 
-/// Where a camera comes from.
+/// Source of a camera.
 #[derive(Clone, Debug, PartialEq)]
 pub enum CameraSource {
     /// A device, opened by the system's driver.
@@ -19,7 +19,7 @@ pub enum CameraSource {
     Custom(DeviceFactory<dyn Camera>),
 }
 
-/// Where a tracker comes from.
+/// Source of a tracker.
 #[derive(Clone, Debug, PartialEq)]
 pub enum TrackerSource {
     /// A device at a serial port or a network address.
@@ -30,14 +30,14 @@ pub enum TrackerSource {
     Custom(DeviceFactory<dyn Tracker>),
 }
 
-/// The name under which messages speak of a replayed device.
+/// Returns the name of a replayed device for messages.
 #[must_use]
 pub fn replay_name(path: &Path) -> String {
     format!("{REPLAY_PREFIX}{}", path.display())
 }
 
 impl CameraSource {
-    /// The device's name, for messages.
+    /// Returns the device's name for messages.
     #[must_use]
     pub fn name(&self) -> String {
         match self {
@@ -50,7 +50,7 @@ impl CameraSource {
 }
 
 impl TrackerSource {
-    /// The device's name, for messages.
+    /// Returns the device's name for messages.
     #[must_use]
     pub fn name(&self) -> String {
         match self {

@@ -1,4 +1,4 @@
-//! Settings of the devices: what is typed, what is true, and the way from one to the other.
+//! Settings of the devices: the sections of the file, the settings, and the conversion.
 
 use super::convert::{Result, millis, set, within};
 use crate::REPLAY_PREFIX;
@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-/// What is typed about either camera.
+/// The section of a camera.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct CameraFile {
@@ -57,11 +57,11 @@ pub(super) struct RecordingFile {
     pub reserve_mb: Option<f64>,
 }
 
-/// How a camera spells its pictures.
+/// Pixel format of a camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum FormatName {
-    /// JPEG files.
+    /// Motion JPEG.
     Mjpeg,
     /// 4:2:2 packed.
     Yuyv,
@@ -86,7 +86,7 @@ pub enum FormatName {
 }
 
 impl FormatName {
-    /// The same for the drivers.
+    /// Returns the format for the drivers.
     #[must_use]
     pub const fn format(self) -> PixelFormat {
         match self {
@@ -103,13 +103,13 @@ impl FormatName {
     }
 }
 
-/// What is done when another program changes a locked control.
+/// Reaction when another program changes a locked control.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ControlChange {
-    /// It is set back.
+    /// Restore the locked value.
     Restore,
-    /// It stays, and status says so.
+    /// Keep the new value and report it in status.
     Report,
 }
 
@@ -139,7 +139,7 @@ impl<'de> Deserialize<'de> for ControlValue {
     }
 }
 
-/// Which half of space, seen from the transmitter, the receiver stays in.
+/// Half of space, seen from the transmitter, in which the receiver stays.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Hemisphere {
@@ -158,7 +158,7 @@ pub enum Hemisphere {
     Upper,
 }
 
-/// What a tracker with a choice measures in.
+/// Unit of a tracker whose unit can be set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum TrackerUnits {
@@ -169,7 +169,7 @@ pub enum TrackerUnits {
 }
 
 impl TrackerUnits {
-    /// Metres in one.
+    /// Returns the length of the unit, metres.
     #[must_use]
     pub const fn metres(self) -> f64 {
         match self {
@@ -178,7 +178,7 @@ impl TrackerUnits {
         }
     }
 
-    /// The unit of that length, if it is one that a tracker can be told.
+    /// Returns the unit of length `metres`; `None` if trackers do not support it.
     #[must_use]
     pub fn of_metres(metres: f64) -> Option<Self> {
         let same = |unit: &Self| (unit.metres() - metres).abs() < 1e-6;
@@ -186,22 +186,22 @@ impl TrackerUnits {
     }
 }
 
-/// `[tracker]`, of a real one.
+/// `[tracker]`, for a real tracker.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrackerConfig {
     /// A serial port, `udp:ADDRESS:PORT` or `vrpn:NAME@HOST`.
     pub device: String,
     /// Protocol name, such as `fastrak`.
     pub protocol: String,
-    /// Line speed; the protocol's usual one if `None`.
+    /// Line speed; the protocol's default if `None`.
     pub baud: Option<u32>,
     /// Receiver that carries the scene camera, from 1.
     pub station: u8,
-    /// Where it stays.
+    /// Half of space in which it stays.
     pub hemisphere: Hemisphere,
-    /// What the device is told to measure in; what the calibration says if `None`.
+    /// Unit that the device is set to; the calibration's if `None`.
     pub units: Option<TrackerUnits>,
-    /// Nothing for so long means that it must be opened anew, nanoseconds.
+    /// Time without a record after which the tracker is opened again, nanoseconds.
     pub silent_after_nanos: i64,
 }
 
@@ -222,11 +222,11 @@ impl Default for TrackerConfig {
 /// `[recording]`
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RecordingConfig {
-    /// Where recordings go that are started from the dashboard.
+    /// Folder of recordings that are started from the dashboard.
     pub folder: PathBuf,
-    /// A recording ends by itself after so long, nanoseconds.
+    /// Maximum duration of a recording, nanoseconds; unlimited if `None`.
     pub longest_nanos: Option<i64>,
-    /// Bytes that are left free on the disk.
+    /// Space to leave free on the disk, bytes.
     pub reserve_bytes: u64,
 }
 
@@ -240,7 +240,7 @@ impl Default for RecordingConfig {
     }
 }
 
-/// A camera, if one is named. `section` is for messages.
+/// Converts the section of a camera; `None` if it names none. `section` is for messages.
 pub(super) fn camera(
     section: &str,
     mut file: CameraFile,
@@ -251,7 +251,7 @@ pub(super) fn camera(
         None => return no_camera(section, &file),
         Some("") => {
             let reason = "expected a camera's name (`penumbra devices` lists them), \"auto\" for \
-                          the only one there is, or \"replay:FILE.mcap\"";
+                          the only one, or \"replay:FILE.mcap\"";
             return Err(Fault::new(format!("{section}.device"), reason));
         }
         Some("auto") => "",
@@ -264,8 +264,7 @@ pub(super) fn camera(
     Ok(Some(CameraSource::System(settings)))
 }
 
-/// Settings of a camera that nobody named are most likely those of a camera that somebody
-/// forgot to name.
+/// Refuses settings without a `device`, which was probably forgotten.
 fn no_camera(section: &str, file: &CameraFile) -> Result<Option<CameraSource>> {
     let locks = file
         .controls
@@ -273,7 +272,7 @@ fn no_camera(section: &str, file: &CameraFile) -> Result<Option<CameraSource>> {
         .is_some_and(|locks| !locks.is_empty());
     let meant = file.width.is_some() || file.formats.is_some() || locks;
     if meant {
-        let reason = "says how, but not which camera; add `device`";
+        let reason = "the camera is not named; add `device`";
         return Err(Fault::new(section, reason));
     }
     Ok(None)
@@ -334,7 +333,7 @@ fn bracket(section: &str, file: &CameraFile) -> Result<Option<BracketSettings>> 
         if file.bracket_hold.is_some() || file.bracket_lag.is_some() {
             return Err(Fault::new(
                 section,
-                "says how to bracket; add `brackets_ev`",
+                "the exposures are missing; add `brackets_ev`",
             ));
         }
         return Ok(None);
@@ -364,7 +363,7 @@ pub(super) fn tracker(file: TrackerFile, folder: &Path) -> Result<Option<Tracker
         if file.baud.is_some() {
             return Err(Fault::new(
                 "tracker",
-                "says how, but not where; add `device`",
+                "the tracker's connection is missing; add `device`",
             ));
         }
         return Ok(None);
@@ -409,7 +408,7 @@ fn unknown_protocol(name: &str) -> Fault {
     let all = PROTOCOLS.join(", ");
     Fault::new(
         "tracker.protocol",
-        format!("{name:?} is not known{meant}; there are {all}"),
+        format!("{name:?} is not a known protocol{meant}; expected one of {all}"),
     )
 }
 

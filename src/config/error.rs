@@ -1,16 +1,16 @@
-//! What can be wrong with a configuration.
+//! Errors of a configuration.
 
 use penumbra_scene::SceneError;
 use penumbra_strict_toml::TomlError;
 use thiserror::Error;
 
-/// A configuration cannot be used.
+/// An error of a configuration.
 #[derive(Debug, Error)]
 pub enum ConfigError {
-    /// Its own text is wrong.
+    /// The file cannot be read or is invalid.
     #[error(transparent)]
     Toml(#[from] TomlError),
-    /// The scene file that it names is wrong.
+    /// The scene file that it names is invalid.
     #[error(transparent)]
     Scene(#[from] SceneError),
 }

@@ -1,5 +1,4 @@
-//! `[exposure]`: in which exposure the picture is shown (DiVerdi and Höllerer 2004,
-//! section 4.3).
+//! `[exposure]`: exposure of the output (DiVerdi and Höllerer 2004, section 4.3).
 
 use super::convert::{Result, set, within};
 pub use penumbra_scene::Highlights;
@@ -7,44 +6,44 @@ use serde::Deserialize;
 use std::ops::RangeInclusive;
 use std::str::FromStr;
 
-/// Who chooses the exposure.
+/// How the exposure is chosen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ExposureMode {
-    /// `"off"`: the camera alone; its picture is untouched.
+    /// `"off"`: the camera's exposure; its picture is unchanged.
     #[default]
     Off,
-    /// `"manual"`: so many stops beside the camera's own.
+    /// `"manual"`: a number of stops relative to the camera's exposure.
     Manual,
-    /// `"auto"`: what virtual lights add.
+    /// `"auto"`: from the light that virtual lamps add.
     Auto,
 }
 
-/// Stops by which the exposure may be changed by hand: noise grows with longer ones.
+/// Range of the manual exposure, stops; longer exposures amplify noise.
 pub const EXPOSURE_STOPS: RangeInclusive<f32> = -8.0..=3.0;
-/// How dark the automatic exposure may be allowed to make it, stops.
+/// Range of the minimum of the automatic exposure, stops.
 pub const DARKEST_STOPS: RangeInclusive<f32> = -8.0..=0.0;
-/// How bright, stops.
+/// Range of the maximum of the automatic exposure, stops.
 pub const BRIGHTEST_STOPS: RangeInclusive<f32> = 0.0..=3.0;
-/// Mean linear brightness of a picture that is neither dark nor bright.
+/// Range of the mean linear brightness below which a picture counts as dark.
 pub const EXPOSURE_KEYS: RangeInclusive<f32> = 0.0..=1.0;
-/// Time constants of the automatic exposure, seconds.
+/// Range of the time constant of the automatic exposure, seconds.
 pub const ADAPTATION_SECONDS: RangeInclusive<f32> = 0.0..=60.0;
 
 /// `[exposure]`
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ExposureConfig {
-    /// Who chooses it.
+    /// How the exposure is chosen.
     pub mode: ExposureMode,
-    /// Stops beside the camera's own, for [`ExposureMode::Manual`].
+    /// Stops relative to the camera's exposure, for [`ExposureMode::Manual`].
     pub ev: f32,
-    /// What clipped areas become in a shorter exposure.
+    /// How clipped areas appear in a shorter exposure.
     pub highlights: Highlights,
-    /// The automatic exposure goes no darker, stops.
+    /// Minimum of the automatic exposure, stops.
     pub min_ev: f32,
-    /// The automatic exposure goes no brighter, stops.
+    /// Maximum of the automatic exposure, stops.
     pub max_ev: f32,
-    /// Pictures with a mean linear brightness below this are dark.
+    /// Pictures with a lower mean linear brightness count as dark.
     pub key: f32,
     /// Time constant of the automatic exposure, seconds.
     pub adaptation_seconds: f32,
@@ -64,14 +63,14 @@ impl Default for ExposureConfig {
     }
 }
 
-/// What `--exposure` says: `off`, `auto`, or stops.
+/// The value of `--exposure`: `off`, `auto`, or stops.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ExposureChoice {
-    /// The camera's picture as it is.
+    /// The camera's picture unchanged.
     Off,
-    /// By what virtual lights add.
+    /// From the light that virtual lamps add.
     Auto,
-    /// So many stops beside the camera's own.
+    /// Stops relative to the camera's exposure.
     Stops(f32),
 }
 
@@ -95,7 +94,7 @@ impl FromStr for ExposureChoice {
 }
 
 impl ExposureConfig {
-    /// What was typed comes before what stands in the file.
+    /// Applies the command line's choice, which overrides the file.
     pub const fn choose(&mut self, choice: ExposureChoice) {
         match choice {
             ExposureChoice::Off => self.mode = ExposureMode::Off,

@@ -1,5 +1,4 @@
-//! What is typed: the configuration file as it stands, every key optional. What the keys
-//! mean is said in `config/rig.toml`.
+//! The sections of the configuration file; every key is optional. `config/rig.toml` documents them.
 
 use super::choice::{
     Antialias, Clipped, FollowLatency, LampResponse, Monitor, Refresh, ReplayPairing, ReplaySpeed,
@@ -67,7 +66,7 @@ pub(super) struct SceneCamera {
 }
 
 impl SceneCamera {
-    /// What goes for either camera.
+    /// Returns the settings that both cameras have.
     pub fn camera(self) -> CameraFile {
         CameraFile {
             device: Some(self.device.unwrap_or_else(|| "auto".to_owned())),

@@ -1,6 +1,5 @@
-//! With what settings the rig runs: what is typed (a TOML file, every key optional)
-//! becomes what is true ([`Config`], nothing optional that has a default). The file
-//! `config/rig.toml` states every key, its meaning and its default.
+//! The configuration: a TOML file in which every key is optional becomes [`Config`], in which
+//! every setting with a default is present. `config/rig.toml` documents every key and its default.
 
 mod choice;
 mod convert;
@@ -37,6 +36,7 @@ pub use penumbra_scene::{PlaneShading, SceneChoice, ShadowMode};
 use penumbra_sync::{Degree, Smoothing};
 pub use planes::{FREQUENCIES, PlaneReceiver, PlanesConfig, lights_of_dome};
 pub use registration::{Distortion, PoseSource, Predict, RegistrationConfig};
+pub use renamed::renamed_word;
 
 use penumbra_interface::CameraSettings;
 use penumbra_scene::SceneAddition;
@@ -45,10 +45,10 @@ use std::fmt;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
 
-/// Every setting, as it is in force.
+/// All settings, with defaults applied.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Config {
-    /// What is composited in.
+    /// Virtual objects.
     pub scene: SceneChoice,
     /// The scene camera.
     pub scene_camera: SceneCameraConfig,
@@ -56,37 +56,37 @@ pub struct Config {
     pub environment_camera: Option<CameraSource>,
     /// The tracker, if the rig has one.
     pub tracker: Option<TrackerSource>,
-    /// Where the live rig's calibration, phantoms and objects are: a folder or a session.
+    /// The live rig's calibration, phantoms and objects: a folder or a session.
     pub calibration: Option<PathBuf>,
     /// Recordings of the live rig.
     pub recording: RecordingConfig,
     /// The environment and its lights.
     pub environment: EnvironmentConfig,
-    /// What tells where the scene camera is.
+    /// Source of the scene camera's pose.
     pub registration: RegistrationConfig,
-    /// Match between the cameras.
+    /// White balance between the cameras.
     pub white_balance: WhiteBalanceConfig,
     /// Shadows of virtual objects.
     pub shadows: ShadowConfig,
-    /// Light on virtual objects.
+    /// Lighting of virtual objects.
     pub shading: ShadingConfig,
     /// Shadowing planes.
     pub planes: PlanesConfig,
-    /// In which exposure the picture is shown.
+    /// Exposure of the output.
     pub exposure: ExposureConfig,
-    /// How the picture is drawn.
+    /// Rendering of the picture.
     pub picture: PictureConfig,
-    /// One clock.
+    /// Latencies, smoothing and prediction.
     pub sync: SyncConfig,
-    /// How camera bytes are read.
+    /// Encoding of camera pictures.
     pub input: InputConfig,
-    /// Where the picture goes.
+    /// Outputs of the picture.
     pub output: OutputConfig,
     /// Status endpoint.
     pub status: StatusConfig,
-    /// Which adapter draws.
+    /// Graphics adapter.
     pub gpu: GpuConfig,
-    /// How recordings play.
+    /// Replay of recordings.
     pub replay: ReplayConfig,
 }
 
@@ -102,11 +102,11 @@ pub struct SceneCameraConfig {
 /// `[environment]`
 #[derive(Clone, Debug, PartialEq)]
 pub struct EnvironmentConfig {
-    /// Which view of the environment.
+    /// Where the light is measured.
     pub source: EnvironmentSource,
     /// Overrides the calibration's.
     pub response: Option<ToneCurve>,
-    /// Overrides the calibration's; empty = brackets are passed over.
+    /// Overrides the calibration's; empty = brackets are ignored.
     pub brackets_ev: Option<Vec<f64>>,
     /// Texels along an edge of the cube map, a power of two.
     pub cube_size: u32,
@@ -114,11 +114,11 @@ pub struct EnvironmentConfig {
     pub light_placement: LightPlacement,
     /// Budget of dome lights: one of [`LIGHT_COUNTS`].
     pub light_count: u32,
-    /// Sources that no exposure holds.
+    /// Treatment of sources that every exposure clips.
     pub clipped: Clipped,
-    /// How irradiance is found.
+    /// How diffuse irradiance is computed.
     pub irradiance: IrradianceMethod,
-    /// What fills unseen directions.
+    /// Radiance of directions that are not seen.
     pub unseen: Unseen,
     /// Lighting older than this is flagged, nanoseconds.
     pub stale_after_nanos: i64,
@@ -127,7 +127,7 @@ pub struct EnvironmentConfig {
 /// `[white_balance]`
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WhiteBalanceConfig {
-    /// How the gains are found.
+    /// How the gains are estimated.
     pub method: WhiteBalanceMethod,
     /// Linear gains on the environment camera for [`WhiteBalanceMethod::Fixed`].
     pub gains: [f32; 3],
@@ -138,17 +138,17 @@ pub struct WhiteBalanceConfig {
 /// `[shadows]`
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShadowConfig {
-    /// How they are found.
+    /// How virtual objects are lit and cast shadows.
     pub technique: Technique,
-    /// How they are combined with the picture.
+    /// How shadows change the camera's picture.
     pub mode: ShadowMode,
-    /// 1 = as the light says.
+    /// Strength, 0 (none) to 1 (as measured).
     pub strength: f32,
     /// Texels along an edge of one shadow map, a power of two.
     pub map_size: u32,
-    /// Shadow maps drawn anew each frame.
+    /// Shadow maps updated in each frame.
     pub refresh_per_frame: Refresh,
-    /// Spread compact sources over their angular extent.
+    /// Whether compact sources cast soft shadows by their angular extent.
     pub soft: bool,
     /// Resolution of the shadow buffer.
     pub resolution: ShadowResolution,
@@ -157,11 +157,11 @@ pub struct ShadowConfig {
 /// `[shading]`
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ShadingConfig {
-    /// How the environment is filtered for what virtual objects mirror of it.
+    /// How the environment is filtered for reflections on virtual objects.
     pub reflections: Filtering,
-    /// Whether virtual objects throw light on real things, and those on them.
+    /// Whether virtual objects and real surfaces reflect light onto each other.
     pub indirect_light: bool,
-    /// How real surfaces answer virtual lamps.
+    /// How real surfaces respond to virtual lamps.
     pub lamp_response: LampResponse,
 }
 
@@ -178,7 +178,7 @@ impl Default for ShadingConfig {
 /// `[picture]`
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PictureConfig {
-    /// Of virtual objects.
+    /// Antialiasing of virtual objects.
     pub antialias: Antialias,
 }
 
@@ -191,18 +191,18 @@ pub struct SyncConfig {
     pub environment_camera_latency_nanos: Option<i64>,
     /// Overrides the calibration's, nanoseconds.
     pub tracker_latency_nanos: Option<i64>,
-    /// Whether that is measured while the rig runs.
+    /// Whether the tracker latency is measured while the rig runs.
     pub follow_latency: FollowLatency,
-    /// Half the widest window over which poses are smoothed, nanoseconds; 0 = none.
+    /// Half the maximum window over which poses are smoothed, nanoseconds; 0 = none.
     pub pose_smoothing_nanos: i64,
-    /// A pose is predicted at most so far, nanoseconds.
+    /// Maximum prediction of a pose, nanoseconds.
     pub max_prediction_nanos: i64,
-    /// A live picture waits at most so long for the tracker, nanoseconds.
+    /// Maximum time that a live picture waits for the tracker, nanoseconds.
     pub max_wait_nanos: i64,
 }
 
 impl SyncConfig {
-    /// The same for the tracker's history.
+    /// Returns the smoothing for the tracker's history.
     #[must_use]
     pub const fn smoothing(self) -> Smoothing {
         match self.pose_smoothing_nanos {
@@ -225,7 +225,7 @@ pub struct InputConfig {
 }
 
 impl InputConfig {
-    /// The same for the decoder.
+    /// Returns the encoding for the picture decoder.
     #[must_use]
     pub const fn encoding(self) -> YuvEncoding {
         YuvEncoding {
@@ -238,15 +238,15 @@ impl InputConfig {
 /// `[output]`
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct OutputConfig {
-    /// Show a window.
+    /// Whether a window shows the picture.
     pub window: bool,
-    /// On this monitor; the primary one if `None`.
+    /// The window's monitor; the primary one if `None`.
     pub monitor: Option<Monitor>,
-    /// Fill the monitor.
+    /// Whether the window fills the monitor.
     pub fullscreen: bool,
-    /// Write each frame as a PNG into this folder.
+    /// Folder into which each frame is written as a PNG.
     pub frames: Option<PathBuf>,
-    /// Send the scene camera's pose there, as FreeD D1.
+    /// UDP receiver of the scene camera's pose, as FreeD D1.
     pub freed: Option<SocketAddr>,
 }
 
@@ -275,23 +275,23 @@ impl fmt::Debug for StatusConfig {
 /// `[gpu]`
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct GpuConfig {
-    /// Part of an adapter's name; the best one if `None`.
+    /// Part of the adapter's name; the best adapter if `None`.
     pub adapter: Option<String>,
 }
 
 /// `[replay]`
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ReplayConfig {
-    /// How fast.
+    /// Speed of the replay.
     pub speed: ReplaySpeed,
-    /// Begin again at the end.
+    /// Whether the recording repeats.
     pub repeat: bool,
-    /// How long pictures wait for what belongs to them.
+    /// How long pictures wait for matching readings.
     pub pairing: ReplayPairing,
 }
 
 impl Default for SceneCameraConfig {
-    /// The only camera there is.
+    /// The only connected camera.
     fn default() -> Self {
         Self {
             source: CameraSource::System(CameraSettings::default()),
@@ -378,7 +378,11 @@ impl Default for StatusConfig {
 }
 
 impl Config {
-    /// Reads a configuration file. Paths in it are taken from the file's own folder.
+    /// Reads a configuration file. Paths in it are relative to the file's folder.
+    ///
+    /// # Errors
+    /// The file cannot be read, is larger than 4 MiB, is not TOML, or has an unknown key, a former
+    /// name or an invalid value; with file, line and key.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
         let text = TomlText::read(path)?;
         Ok(convert::config(
@@ -387,16 +391,19 @@ impl Config {
         )?)
     }
 
-    /// Reads a configuration from memory; `name` is for messages.
+    /// Parses a configuration; `name` is the file name in messages.
+    ///
+    /// # Errors
+    /// As [`Self::load`].
     pub fn from_text(text: &str, name: &str) -> Result<Self, ConfigError> {
         Ok(convert::config(&TomlText::new(name, text), Path::new(""))?)
     }
 }
 
-/// What `penumbra check-config` prints.
+/// The result of `penumbra check-config`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Summary {
-    /// The settings that are not at their default: `section.key = value`.
+    /// The settings that differ from their default: `section.key = value`.
     pub changed: Vec<String>,
     /// All settings.
     pub config: Config,
@@ -411,8 +418,10 @@ impl fmt::Display for Summary {
     }
 }
 
-/// Reads a configuration and the files it names, and says what it changes. A scene file
-/// it names is read as well.
+/// Reads a configuration and the scene file that it names, and lists the settings that it changes.
+///
+/// # Errors
+/// The configuration or the scene file cannot be used.
 pub fn check_config(path: &Path) -> Result<Summary, ConfigError> {
     let text = TomlText::read(path)?;
     let config = convert::config(&text, path.parent().unwrap_or(Path::new("")))?;

@@ -1,4 +1,4 @@
-//! `[planes]`: shadowing planes and what is baked onto them (Kakuta et al. 2004, 2007).
+//! `[planes]`: shadowing planes and their bake (Kakuta et al. 2004, 2007).
 
 use super::convert::{Result, set, whole, within};
 use penumbra_scene::PlaneShading;
@@ -7,18 +7,17 @@ use penumbra_strict_toml::Fault;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
-/// Frequencies of the geodesic dome that can be asked for: at odd ones the horizon would cut
-/// through faces.
+/// Supported frequencies of the geodesic dome; at odd ones the horizon would cut through faces.
 pub const FREQUENCIES: [u32; 4] = [2, 4, 6, 8];
 
-/// Lights of a dome of `frequency` on the upper hemisphere: half of an icosahedron's
-/// 20 · frequency² triangles.
+/// Returns the number of lights of a dome of `frequency` on the upper hemisphere: half of the
+/// 20 · frequency² triangles of a subdivided icosahedron.
 #[must_use]
 pub const fn lights_of_dome(frequency: u32) -> u32 {
     10 * frequency * frequency
 }
 
-/// Where the shadows on virtual objects are caught.
+/// Where shadows on virtual objects are received.
 #[derive(
     Clone,
     Copy,
@@ -32,10 +31,10 @@ pub const fn lights_of_dome(frequency: u32) -> u32 {
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum PlaneReceiver {
-    /// `"surface"`: on the first surface behind the plane.
+    /// `"surface"`: the first surface behind the plane.
     #[default]
     Surface,
-    /// `"plane"`: on the plane itself, as in the papers.
+    /// `"plane"`: the plane itself (Kakuta 2004, 2007).
     Plane,
 }
 
@@ -51,30 +50,30 @@ impl From<PlaneReceiver> for Receiver {
 /// `[planes]`, used when `shadows.technique` is `"shadowing-planes"`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlanesConfig {
-    /// Planes at most, those on the ground and on phantoms included.
+    /// Maximum number of planes, including those on the ground and on phantoms.
     pub count: u32,
-    /// Parts that a complex model is divided into, at most.
+    /// Maximum number of parts that a complex model is divided into.
     pub clusters: u32,
     /// Texels along a side of a basis image, a multiple of 4.
     pub resolution: u32,
-    /// Of the geodesic dome, one of [`FREQUENCIES`].
+    /// Frequency of the geodesic dome, one of [`FREQUENCIES`].
     pub frequency: u32,
     /// Directions per face of the dome.
     pub samples: u32,
-    /// How far planes stand off what they cover, metres.
+    /// Distance of planes from the surfaces that they cover, metres.
     pub offset: f64,
-    /// Where shadows on virtual objects are caught.
+    /// Where shadows on virtual objects are received.
     pub receiver: PlaneReceiver,
-    /// The brightest compact sources of light cast shadows from their true directions, not from
-    /// the middles of faces.
+    /// Whether the brightest compact sources cast shadows from their true directions instead of the
+    /// centres of faces.
     pub sources: bool,
-    /// Lights that give less than this share of all light are left out.
+    /// Lights that contribute less than this share of all light are skipped.
     pub skip_below: f32,
-    /// A light is summed anew when it changes by more than this share of all light.
+    /// A light is summed again when it changes by more than this share of all light.
     pub recompute_above: f32,
-    /// What virtual objects are shaded with.
+    /// Shading of virtual objects.
     pub shading: PlaneShading,
-    /// Folder for bakes; the system's usual one without it.
+    /// Folder for bakes; the system's cache folder if `None`.
     pub cache: Option<PathBuf>,
 }
 
@@ -99,7 +98,7 @@ impl Default for PlanesConfig {
 }
 
 impl PlanesConfig {
-    /// How it is baked.
+    /// Returns the settings of the bake.
     #[must_use]
     pub const fn bake_settings(&self) -> BakeSettings {
         BakeSettings {
@@ -110,7 +109,7 @@ impl PlanesConfig {
     }
 }
 
-/// The section as it is typed.
+/// The section of the file.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct PlanesFile {
@@ -161,7 +160,7 @@ fn resolution(value: Option<u32>) -> Result<Option<u32>> {
     }
 }
 
-/// A face is cut into as many triangles as a square number says.
+/// Checks the number of directions per face: a face is subdivided into a square number of triangles.
 fn samples(value: Option<u32>) -> Result<Option<u32>> {
     match value {
         Some(v) if !((1..=64).contains(&v) && v.isqrt().pow(2) == v) => Err(Fault::new(

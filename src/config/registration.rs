@@ -1,10 +1,10 @@
-//! `[registration]`: what tells where the scene camera is.
+//! `[registration]`: source of the scene camera's pose, lens distortion and prediction.
 
 use super::convert::{Result, set};
 use penumbra_strict_toml::Fault;
 use serde::Deserialize;
 
-/// What tells where the scene camera is.
+/// Source of the scene camera's pose.
 #[derive(
     Clone,
     Copy,
@@ -18,52 +18,52 @@ use serde::Deserialize;
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum PoseSource {
-    /// `"auto"`: hybrid where the calibration lists markers and a tracker, else what it lists.
+    /// `"auto"`: hybrid if the calibration lists markers and a tracker, else the one that it lists.
     #[default]
     Auto,
     /// `"tracker"`: the tracker.
     Tracker,
-    /// `"markers"`: the markers that the calibration lists, in the scene camera's own picture.
+    /// `"markers"`: markers of the calibration, seen by the scene camera.
     Markers,
-    /// `"hybrid"`: the tracker, and those markers take its drift and distortion away.
+    /// `"hybrid"`: the tracker, whose drift and distortion the markers correct.
     Hybrid,
 }
 
-/// How a picture comes out that the scene camera's lens bends.
+/// Lens distortion of the output.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Distortion {
-    /// `"camera"`: bent, like the camera's, and virtual objects like the real ones.
+    /// `"camera"`: that of the camera; virtual objects are distorted likewise.
     #[default]
     Camera,
-    /// `"undistorted"`: straight.
+    /// `"undistorted"`: none; the picture is rectified.
     Undistorted,
 }
 
-/// For which instant pictures are shown.
+/// Instant for which a picture is rendered.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Predict {
-    /// `"picture"`: that at which they were taken.
+    /// `"picture"`: when it was taken.
     #[default]
     Picture,
-    /// `"display"`: that at which they are seen. The finished picture, real and virtual, is
-    /// turned to where the camera will be by then.
+    /// `"display"`: when it is seen. The finished picture, real and virtual, is reprojected to the
+    /// predicted orientation of the camera.
     Display,
 }
 
 /// `[registration]`
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RegistrationConfig {
-    /// What tells where the scene camera is.
+    /// Source of the scene camera's pose.
     pub pose: PoseSource,
-    /// How the picture of a lens that bends comes out.
+    /// Lens distortion of the output.
     pub distortion: Distortion,
-    /// Seconds from one row of the scene camera's picture to the next; 0 for a global shutter.
+    /// Time between two rows of the scene camera's picture, seconds; 0 for a global shutter.
     pub row_seconds: f64,
-    /// For which instant pictures are shown.
+    /// Instant for which a picture is rendered.
     pub predict: Predict,
-    /// From handing a picture to the window until it is seen, nanoseconds.
+    /// Time from presenting a picture in the window until it is seen, nanoseconds.
     pub display_delay_nanos: i64,
 }
 
@@ -89,9 +89,9 @@ pub(super) struct RegistrationFile {
     pub display_delay_ms: Option<f64>,
 }
 
-/// Slower than any shutter: a second for a thousand rows.
+/// Maximum time between rows, seconds: one second for a thousand rows.
 const SLOWEST_ROW_MICROS: f64 = 1000.0;
-/// Slower than any monitor that anybody looks through.
+/// Maximum delay of a display.
 const LONGEST_DELAY_MS: f64 = 200.0;
 
 pub(super) fn registration(file: &RegistrationFile, out: &mut RegistrationConfig) -> Result<()> {

@@ -31,6 +31,30 @@ const VALUES: [(&str, &str, &str, &str); 4] = [
     ("replay", "pairing", "whole", "complete"),
 ];
 
+/// Options, values and subcommands of the command line: option (empty for a subcommand), old value
+/// (empty where the option itself was renamed), new word.
+const WORDS: [(&str, &str, &str); 5] = [
+    ("--lights", "", "--light-placement"),
+    ("--technique", "dome", "image-based-shadowing"),
+    ("--technique", "planes", "shadowing-planes"),
+    ("--pairing", "whole", "complete"),
+    ("", "photometric", "radiometric"),
+];
+
+/// Returns the message about a former word of the command line: `value` of `option`, or the
+/// subcommand `value` if `option` is empty. `None` if it never was a word.
+#[must_use]
+pub fn renamed_word(option: &str, value: &str) -> Option<String> {
+    let (place, old, new) = WORDS
+        .iter()
+        .find(|(place, old, _)| *place == option && (old.is_empty() || *old == value))?;
+    Some(match (*place, *old) {
+        ("", old) => format!("`{old}` is now called `{new}`"),
+        (place, "") => format!("`{place}` is now called `{new}`"),
+        (place, old) => format!("{place}: `{old}` is now called `{new}`"),
+    })
+}
+
 /// The first old key or value in `text`; `None` if there is none or `text` is not TOML.
 pub(super) fn renamed(text: &TomlText) -> Option<Fault> {
     let table: toml::Table = text.parse().ok()?;

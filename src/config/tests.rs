@@ -311,7 +311,7 @@ fn wrong_settings_are_explained() {
         ),
         (
             "[environment_camera]\nwidth = 640\n",
-            "c.toml:1: `environment_camera`: says how, but not which camera; add `device`",
+            "c.toml:1: `environment_camera`: the camera is not named; add `device`",
         ),
         (
             "[scene_camera]\nformats = [\"mpeg\"]\n",
@@ -332,11 +332,11 @@ fn wrong_settings_are_explained() {
         ),
         (
             "[environment_camera]\ndevice = \"x\"\nbracket_hold = 2\n",
-            "c.toml:1: `environment_camera`: says how to bracket; add `brackets_ev`",
+            "c.toml:1: `environment_camera`: the exposures are missing; add `brackets_ev`",
         ),
         (
             "[tracker]\nbaud = 9600\n",
-            "c.toml:1: `tracker`: says how, but not where; add `device`",
+            "c.toml:1: `tracker`: the tracker's connection is missing; add `device`",
         ),
         (
             "[tracker]\ndevice = \"x\"\nhemisphere = \"front\"\n",
@@ -512,4 +512,83 @@ fn old_names_are_refused_with_the_new_ones() {
         let error = Config::from_text(text, "c.toml").unwrap_err();
         assert_eq!(error.to_string(), expected);
     }
+}
+
+/// A key of `rig.toml`, as the reference shows it.
+fn key_of(line: &str) -> Option<(&str, String)> {
+    let (line, active) = match line.strip_prefix("# ") {
+        Some(rest) => (rest, false),
+        None => (line, true),
+    };
+    let (key, value) = line
+        .split_once(" = ")
+        .filter(|(key, _)| !key.contains(' '))?;
+    let default = if active {
+        format!("`{value}`")
+    } else {
+        format!("none; e.g. `{value}`")
+    };
+    Some((key, default))
+}
+
+/// Longest comment that is repeated for a key that follows without a comment, characters.
+const MAX_REPEATED: usize = 40;
+
+/// Renders `rig.toml` as a page: a table for each section.
+fn reference(toml: &str) -> String {
+    let mut page = String::from("# Configuration\n\nGenerated from `config/rig.toml`.");
+    let mut comment = Vec::new();
+    let (mut key_before, mut meaning_before) = ("", String::new());
+    let mut intro = true;
+    for line in toml.lines() {
+        if let Some((key, default)) = key_of(line) {
+            let meaning = match (comment.is_empty(), meaning_before.len()) {
+                (true, 0..=MAX_REPEATED) => meaning_before.clone(),
+                (true, _) => format!("See `{key_before}`."),
+                (false, _) => {
+                    key_before = key;
+                    meaning_before = comment.join(" ").replace('|', "\\|");
+                    meaning_before.clone()
+                }
+            };
+            page += &format!("| `{key}` | {default} | {meaning} |\n");
+            comment.clear();
+        } else if let Some(text) = line.strip_prefix("# ") {
+            comment.push(text);
+        } else if line.starts_with('[') {
+            page += &format!("\n## `{line}`\n\n");
+            if !comment.is_empty() {
+                page += &format!("{}\n\n", comment.join("\n"));
+            }
+            page += "| Key | Default | Meaning |\n|---|---|---|\n";
+            comment.clear();
+            meaning_before.clear();
+        } else if intro {
+            page += &format!(" {}\n", comment.join("\n"));
+            comment.clear();
+            intro = false;
+        }
+    }
+    page
+}
+
+/// `UPDATE_DOCS=1 cargo test -p penumbra-config reference_page` rewrites the page.
+#[test]
+fn reference_page_matches_rig_toml() {
+    penumbra_test_data::check_page("docs/src/configuration.md", &reference(convert::DEFAULTS));
+}
+
+#[test]
+fn former_words_of_the_command_line_have_a_message() {
+    let word = |option, value| renamed_word(option, value).unwrap_or_default();
+    assert_eq!(
+        word("--lights", "grid"),
+        "`--lights` is now called `--light-placement`"
+    );
+    assert_eq!(
+        word("", "photometric"),
+        "`photometric` is now called `radiometric`"
+    );
+    assert_eq!(renamed_word("--technique", "light"), None);
+    assert_eq!(renamed_word("", "intrinsics"), None);
 }

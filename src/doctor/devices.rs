@@ -1,4 +1,4 @@
-//! Cameras, graphics cards and serial ports: are they there, and may we use them?
+//! Checks presence and permissions of cameras, graphics cards and serial ports.
 
 use super::Check;
 use rustix::fs::Access;
@@ -10,11 +10,11 @@ struct Family {
     name: &'static str,
     folder: &'static str,
     prefixes: &'static [&'static str],
-    /// Said when there is none.
+    /// Message if there is none.
     none: &'static str,
 }
 
-/// Only USB serial ports: the on-board /dev/ttyS* exist whether anything is wired or not.
+/// Only USB serial ports: the on-board /dev/ttyS* exist even if nothing is connected.
 const FAMILIES: [Family; 3] = [
     Family {
         name: "cameras",
@@ -51,7 +51,7 @@ fn check(family: &Family, root: &Path) -> Check {
     };
     Check::warn(
         family.name,
-        format!("may not be used by you: {}", listed(&refused, root)),
+        format!("no permission: {}", listed(&refused, root)),
         remedy(first, root),
     )
 }
@@ -74,7 +74,7 @@ fn devices(family: &Family, root: &Path) -> Vec<PathBuf> {
     found
 }
 
-/// Asked of the kernel without opening: opening a serial port resets some trackers.
+/// Checks permissions without opening the device: opening a serial port resets some trackers.
 fn usable(device: &Path) -> bool {
     rustix::fs::access(device, Access::READ_OK | Access::WRITE_OK).is_ok()
 }
@@ -91,7 +91,8 @@ fn listed(devices: &[impl AsRef<Path>], root: &Path) -> String {
     names.join(", ")
 }
 
-/// Joining the device's own group; distributions do not agree on its name.
+/// Returns the command that adds the user to the device's group, whose name differs between
+/// distributions.
 fn remedy(device: &Path, root: &Path) -> String {
     let group = std::fs::metadata(device)
         .ok()

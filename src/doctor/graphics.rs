@@ -1,4 +1,5 @@
-//! The Vulkan driver, the adapters, what Penumbra needs of them, and its shaders.
+//! Checks the Vulkan driver, the adapters with the features and limits that Penumbra needs, and the
+//! shaders.
 
 use super::{Check, DoctorOptions, State};
 use penumbra_camera::Response;
@@ -8,14 +9,14 @@ use std::path::{Path, PathBuf};
 const INSTALL_SOFTWARE: &str =
     "sudo apt-get install -y --no-install-recommends libvulkan1 mesa-vulkan-drivers";
 
-/// A limit of the adapter that Penumbra cannot do without.
+/// A required limit of the adapter.
 struct Need {
     what: &'static str,
     least: u32,
     of: fn(&wgpu::Limits) -> u32,
 }
 
-/// One shadow map a dome light lies in one texture array; the picture may be 4K wide.
+/// The shadow maps of all dome lights are one texture array; pictures may be 4K wide.
 const NEEDS: [Need; 5] = [
     Need {
         what: "texture side",
@@ -82,7 +83,7 @@ fn drivers(root: &Path) -> Check {
     }
 }
 
-/// VK_DRIVER_FILES replaces what is installed, so a name in it that is gone hides all drivers.
+/// VK_DRIVER_FILES replaces what is installed, so a missing file in it hides all drivers.
 fn named_drivers(paths: Vec<PathBuf>) -> Check {
     let shown: Vec<String> = paths.iter().map(|p| p.display().to_string()).collect();
     let shown = shown.join(", ");
@@ -91,7 +92,7 @@ fn named_drivers(paths: Vec<PathBuf>) -> Check {
     }
     Check::fail(
         "Vulkan drivers",
-        format!("VK_DRIVER_FILES names {shown}, which is not there"),
+        format!("VK_DRIVER_FILES names {shown}, which does not exist"),
         "unset VK_DRIVER_FILES VK_ICD_FILENAMES",
     )
 }
@@ -115,7 +116,7 @@ fn no_adapter(error: &GpuError) -> Check {
         GpuError::NoAdapter => INSTALL_SOFTWARE,
         GpuError::NotFound { .. } => "leave --adapter out, or give a name from that list",
         GpuError::Unfit { .. } | GpuError::Failed { .. } | GpuError::Stopped => {
-            "update the graphics driver, or take another adapter with --adapter"
+            "update the graphics driver, or choose another adapter with --adapter"
         }
     };
     Check::fail("adapter", error.to_string(), remedy)
@@ -159,7 +160,7 @@ fn limits(limits: &wgpu::Limits) -> Check {
         Check::fail(
             "adapter limits",
             format!("too small: {}", short.join(", ")),
-            "update the graphics driver, or take another adapter with --adapter",
+            "update the graphics driver, or choose another adapter with --adapter",
         )
     }
 }
@@ -176,7 +177,7 @@ fn timestamps(gpu: &Gpu) -> Check {
     }
 }
 
-/// Makes every pipeline, because some drivers refuse a shader only then.
+/// Creates every pipeline, because some drivers refuse a shader only then.
 fn shaders(gpu: Gpu) -> Check {
     let device = gpu.device.clone();
     let settings = CompositorSettings::for_adapter(gpu.software);
@@ -190,7 +191,7 @@ fn shaders(gpu: Gpu) -> Check {
         Some(error) => Check::fail(
             "shaders",
             first_words(&error.to_string()),
-            "update the graphics driver, or take another adapter with --adapter",
+            "update the graphics driver, or choose another adapter with --adapter",
         ),
     }
 }

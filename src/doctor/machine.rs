@@ -1,16 +1,16 @@
-//! The port for status, the display, its libraries, and the disk.
+//! Checks the status port, the display, its libraries, and the disk.
 
 use super::{Check, DoctorOptions};
 use std::io::{self, ErrorKind};
 use std::net::{SocketAddr, TcpListener};
 use std::path::{Path, PathBuf};
 
-/// Bytes a second of two cameras' MJPEG at 1080p and 60 Hz, generously.
+/// Upper estimate of the data rate of two cameras with MJPEG at 1080p and 60 Hz, bytes per second.
 const RECORDING_BYTES_PER_SECOND: u64 = 40_000_000;
-/// Below this many minutes of recording the disk is called short.
+/// Minimum recording time that should fit on the disk, minutes.
 const SHORT_MINUTES: u64 = 10;
 
-/// winit opens these at run time: a library that every window needs, and its package.
+/// Libraries that winit loads at run time for every window, and their packages.
 const X11_LIBRARIES: [(&str, &str); 6] = [
     ("libX11.so.6", "libx11-6"),
     ("libX11-xcb.so.1", "libx11-xcb1"),
@@ -52,14 +52,14 @@ fn port(listen: SocketAddr) -> Check {
     }
 }
 
-/// Where a window would open.
+/// The window system that a window would use.
 #[derive(Debug, PartialEq, Eq)]
 enum Display {
-    /// Nowhere: the picture is in the browser and in files.
+    /// None: pictures are shown in the browser and written to files.
     None,
     /// On an X server.
     X11(String),
-    /// On a Wayland compositor; its socket lies in the run-time folder.
+    /// On a Wayland compositor; its socket is in the run-time folder.
     Wayland {
         name: String,
         runtime: Option<PathBuf>,
@@ -71,7 +71,7 @@ impl Display {
         Self::new(|name| std::env::var(name).ok().filter(|value| !value.is_empty()))
     }
 
-    /// As winit chooses: Wayland before X11.
+    /// Returns winit's choice: Wayland before X11.
     fn new(variable: impl Fn(&str) -> Option<String>) -> Self {
         if let Some(name) = variable("WAYLAND_DISPLAY") {
             let runtime = variable("XDG_RUNTIME_DIR").map(PathBuf::from);
@@ -158,15 +158,15 @@ fn disk(folder: &Path) -> Check {
     match free_bytes(folder) {
         Err(error) => Check::fail(
             "disk",
-            format!("{shown} cannot be looked at ({error})"),
+            format!("{shown} cannot be examined ({error})"),
             format!("mkdir -p {shown}"),
         ),
         Ok(Some(bytes)) => room(&shown.to_string(), bytes),
-        Ok(None) => Check::ok("disk", format!("{shown} is there; its room was not asked")),
+        Ok(None) => Check::ok("disk", format!("{shown} exists; its free space is unknown")),
     }
 }
 
-/// Room for us on a folder's disk; `None` where the system is not asked.
+/// Returns the free space on a folder's disk, bytes; `None` on systems where it is not queried.
 #[cfg(unix)]
 fn free_bytes(folder: &Path) -> io::Result<Option<u64>> {
     let disk = rustix::fs::statvfs(folder)?;

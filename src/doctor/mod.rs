@@ -1,8 +1,8 @@
-//! `penumbra doctor`: what works on this machine, and the command that mends what doesn't.
+//! `penumbra doctor`: checks what works on this machine, and prints the command that fixes the rest.
 //!
-//! [`examine`] looks at the graphics driver (`graphics`), at the permissions of cameras,
-//! GPUs and serial ports (`devices`) and at ports, display and disk (`machine`), and
-//! changes nothing: no device is opened but the GPU.
+//! [`examine`] checks the graphics driver (`graphics`), the permissions of cameras, GPUs and serial
+//! ports (`devices`), and ports, display and disk (`machine`). It changes nothing and opens no device
+//! but the GPU.
 
 #[cfg(unix)]
 mod devices;
@@ -16,9 +16,9 @@ use std::path::PathBuf;
 /// What to examine.
 #[derive(Clone, Debug)]
 pub struct DoctorOptions {
-    /// Where status would listen.
+    /// Address of the status server.
     pub listen: SocketAddr,
-    /// Where sessions would be recorded.
+    /// Folder of recordings.
     pub recordings: PathBuf,
     /// As `--adapter`: a part of the adapter's name, or its number.
     pub adapter: Option<String>,
@@ -37,27 +37,27 @@ impl Default for DoctorOptions {
     }
 }
 
-/// How a check came out.
+/// Outcome of a check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum State {
     /// Works.
     Ok,
-    /// Works with less than it could, or is needed by some uses only.
+    /// Works with restrictions, or is needed by some uses only.
     Warn,
-    /// The program cannot do its work.
+    /// The program does not work.
     Fail,
 }
 
-/// One thing that was looked at.
+/// One check.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Check {
-    /// What was looked at.
+    /// Subject.
     pub name: &'static str,
-    /// How it came out.
+    /// Outcome.
     pub state: State,
-    /// What was found, one sentence.
+    /// Result, one sentence.
     pub found: String,
-    /// The command or the act that mends it; always there unless the state is Ok.
+    /// Remedy, a command or an action; present unless the state is Ok.
     pub remedy: Option<String>,
 }
 
@@ -88,7 +88,7 @@ impl Check {
     }
 }
 
-/// All checks, in the order in which mending them makes sense.
+/// All checks, in the order in which to fix them.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Report {
     /// The checks.
@@ -96,7 +96,7 @@ pub struct Report {
 }
 
 impl Report {
-    /// The worst outcome; Ok for an empty report.
+    /// Returns the worst outcome; Ok for an empty report.
     #[must_use]
     pub fn state(&self) -> State {
         self.checks
@@ -121,7 +121,7 @@ impl fmt::Display for Report {
             State::Warn => write!(f, "works, with {} warnings", self.count(State::Warn)),
             State::Fail => write!(
                 f,
-                "{} failures, {} warnings; mend the failures first",
+                "{} failures, {} warnings; fix the failures first",
                 self.count(State::Fail),
                 self.count(State::Warn)
             ),
@@ -138,13 +138,13 @@ impl fmt::Display for Check {
         };
         write!(f, "{mark}  {:<16} {}", self.name, self.found)?;
         match &self.remedy {
-            Some(remedy) => write!(f, "\n      {:<16} mend: {remedy}", ""),
+            Some(remedy) => write!(f, "\n      {:<16} fix: {remedy}", ""),
             None => Ok(()),
         }
     }
 }
 
-/// Looks at everything. Takes about a second: the shaders are compiled.
+/// Runs all checks. Takes about a second, because the shaders are compiled.
 #[must_use]
 pub fn examine(options: &DoctorOptions) -> Report {
     let mut checks = graphics::examine(options);
@@ -195,10 +195,10 @@ mod tests {
             ],
         };
         let text = report.to_string();
-        for part in ["ok    one", "warn  two", "FAIL  three", "mend: install it"] {
+        for part in ["ok    one", "warn  two", "FAIL  three", "fix: install it"] {
             assert!(text.contains(part), "{part} in {text}");
         }
-        assert!(text.ends_with("1 failures, 1 warnings; mend the failures first"));
+        assert!(text.ends_with("1 failures, 1 warnings; fix the failures first"));
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Frames as PNG files, written by a thread of their own.
+//! Writes frames as PNG files on a separate thread.
 
 use super::OutputError;
 use crossbeam_channel::{Receiver, Sender, bounded};
@@ -9,8 +9,8 @@ use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 use std::thread::JoinHandle;
 
-/// Pictures that may wait to be written; then the writer sets the pace, since a folder of
-/// frames is to be complete.
+/// Maximum number of queued pictures; when the queue is full the caller waits, because every frame
+/// must be written.
 const WAITING: usize = 4;
 
 /// Writes `%05d.png` files into a folder.
@@ -21,10 +21,10 @@ pub struct FrameFolder {
 }
 
 impl FrameFolder {
-    /// Makes the folder if need be.
+    /// Opens the folder, and creates it if it is missing.
     ///
     /// # Errors
-    /// It cannot be made, or holds pictures already and `force` is not given.
+    /// The folder cannot be created, or already holds frames and `force` is not set.
     pub fn create(path: &Path, force: bool) -> Result<Self, OutputError> {
         let failed = |source| OutputError::Write {
             path: path.to_owned(),
@@ -61,21 +61,20 @@ impl FrameFolder {
         })
     }
 
-    /// A picture whose memory can be used again.
+    /// Returns a recycled buffer.
     #[must_use]
     pub fn spare(&self) -> Picture {
         self.spare.try_recv().unwrap_or_default()
     }
 
-    /// Hands a picture to the writer. A writer that has failed is found out by
-    /// [`Self::finish`].
+    /// Queues a picture. Errors of the writer are returned by [`Self::finish`].
     pub fn write(&self, index: u64, picture: Picture) {
         if let Some(sender) = &self.sender {
             let _ = sender.send((index, picture));
         }
     }
 
-    /// Waits until everything is written; the number of files.
+    /// Waits until all pictures are written and returns the number of files.
     ///
     /// # Errors
     /// A file could not be written.
@@ -94,7 +93,7 @@ impl FrameFolder {
     }
 }
 
-/// Writes one picture as an RGB PNG, the same bytes for the same picture.
+/// Writes one picture as an RGB PNG; equal pictures give equal bytes.
 ///
 /// # Errors
 /// The file cannot be written.

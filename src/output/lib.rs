@@ -1,4 +1,4 @@
-//! Takes a finished picture to a window, a folder of files or a stream, and draws nothing.
+//! Outputs of finished pictures: a window and a folder of PNG files.
 
 pub mod files;
 mod surface;
@@ -10,12 +10,11 @@ use thiserror::Error;
 
 /// Shows finished pictures.
 pub trait Screen: Send {
-    /// Shows the picture that the compositor has just finished. Returns false once the user has
-    /// closed the window.
+    /// Presents the compositor's finished picture. Returns false once the user has closed the window.
     fn show(&mut self, compositor: &Compositor) -> bool;
 }
 
-/// An output cannot be used.
+/// An error of an output.
 #[derive(Debug, Error)]
 pub enum OutputError {
     /// A file could not be written.
@@ -26,14 +25,14 @@ pub enum OutputError {
         /// What the system reported.
         source: std::io::Error,
     },
-    /// The folder for frames holds frames already.
-    #[error("{path}: holds pictures already; name another folder or pass --force", path = path.display())]
+    /// The folder for frames already holds frames.
+    #[error("{path}: already holds pictures; name another folder or pass --force", path = path.display())]
     Occupied {
         /// The folder.
         path: PathBuf,
     },
-    /// No window could be opened.
-    #[error("no window: {reason}; run with --headless to do without")]
+    /// The window could not be opened.
+    #[error("no window: {reason}; run with --headless")]
     Window {
         /// What the window system reported.
         reason: String,

@@ -1,4 +1,4 @@
-//! The finished picture on a window's surface.
+//! Presents the finished picture on a window's surface.
 
 use crate::Screen;
 use penumbra_compositor::{Compositor, Gpu, PresentPass};
@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use wgpu::{CurrentSurfaceTexture, PresentMode, TextureFormat};
 use winit::window::Window;
 
-/// What the window's thread tells the frames' thread.
+/// State that the window's thread shares with the frames' thread.
 #[derive(Debug, Default)]
 pub(super) struct Place {
     /// Width in the upper half, height in the lower: both change together.
@@ -31,7 +31,7 @@ impl Place {
     }
 }
 
-/// Presents on a surface and keeps it fitting the window.
+/// Presents on a surface and adapts it to the window's size.
 pub(super) struct SurfaceScreen {
     surface: wgpu::Surface<'static>,
     window: Arc<Window>,
@@ -39,7 +39,7 @@ pub(super) struct SurfaceScreen {
     pass: PresentPass,
     format: TextureFormat,
     mode: PresentMode,
-    /// Size that the surface is set up for; `None` when it must be set up anew.
+    /// Size that the surface is configured for; `None` if it must be configured again.
     configured: Option<(u32, u32)>,
 }
 
@@ -69,7 +69,7 @@ impl SurfaceScreen {
         }
     }
 
-    /// Sets the surface up for the window's size. False while the window has none.
+    /// Configures the surface for the window's size. Returns false while the window has no size.
     fn fit(&mut self, gpu: &Gpu) -> bool {
         let largest = gpu.device.limits().max_texture_dimension_2d;
         let (width, height) = self.place.size();
@@ -102,7 +102,7 @@ impl SurfaceScreen {
         self.configured = (!refused).then_some((width, height));
     }
 
-    /// The next picture of the surface, if it has one now.
+    /// Returns the surface's next texture, if one is available.
     fn acquire(&mut self, gpu: &Gpu) -> Option<wgpu::SurfaceTexture> {
         let scope = gpu.device.push_error_scope(wgpu::ErrorFilter::Validation);
         let acquired = self.surface.get_current_texture();
@@ -125,7 +125,7 @@ impl SurfaceScreen {
         }
     }
 
-    /// Another surface of the same window; the old one stays where none can be had.
+    /// Creates a new surface of the same window; on failure the old one is kept.
     fn renew(&mut self, gpu: &Gpu) {
         self.configured = None;
         if let Ok(surface) = gpu.instance.create_surface(self.window.clone()) {

@@ -1,5 +1,5 @@
-//! The picture in a window. The window has the main thread, as window systems want it;
-//! the frames are made on a thread of their own and never wait for an event.
+//! Shows the picture in a window. Window systems require the main thread for the window; frames are
+//! rendered on another thread and never wait for an event.
 
 use super::OutputError;
 use super::surface::{Place, SurfaceScreen};
@@ -20,18 +20,18 @@ use winit::keyboard::{Key, NamedKey};
 use winit::monitor::MonitorHandle;
 use winit::window::{Fullscreen, Window, WindowAttributes, WindowId};
 
-/// How the window begins.
+/// Options of the window.
 #[derive(Clone, Debug)]
 pub struct WindowOptions {
-    /// In its frame.
+    /// Title.
     pub title: String,
-    /// On which monitor; the window system's choice without it.
+    /// Monitor; the window system's choice if `None`.
     pub monitor: Option<Monitor>,
-    /// Fill the monitor.
+    /// Whether the window fills the monitor.
     pub fullscreen: bool,
     /// Size of the picture, pixels; a smaller monitor makes the window smaller.
     pub picture: (u32, u32),
-    /// As [`Gpu::open`] wants it.
+    /// Adapter, as for [`Gpu::open`].
     pub adapter: Option<String>,
     /// Set when the user closes the window.
     pub shutdown: Arc<AtomicBool>,
@@ -39,12 +39,12 @@ pub struct WindowOptions {
 
 type Job<R> = Box<dyn FnOnce(Gpu, Box<dyn Screen>) -> R + Send>;
 
-/// Opens a window, runs `job` on a thread of its own with a screen that shows in it, and
+/// Opens a window, runs `job` on another thread with a screen that presents in it, and
 /// closes the window when `job` is done. Call it on the main thread. Escape and the
 /// window's close button make the screen refuse the next picture; F fills the monitor.
 ///
 /// # Errors
-/// There is no window system, no such monitor, or no adapter that can draw in the window.
+/// There is no window system, no such monitor, or no adapter that can render to the window.
 pub fn run<R: Send + 'static>(
     options: WindowOptions,
     job: impl FnOnce(Gpu, Box<dyn Screen>) -> R + Send + 'static,
@@ -63,8 +63,8 @@ pub fn run<R: Send + 'static>(
     app.outcome.into_result()
 }
 
-/// The window system. Where one of its libraries is missing, winit panics instead of
-/// saying so; that, too, is no more than a reason to go without a window.
+/// Connects to the window system. If one of its libraries is missing, winit panics; the panic is
+/// caught and returned as an error.
 fn event_loop() -> Result<EventLoop<Done>, OutputError> {
     let usual = std::panic::take_hook();
     std::panic::set_hook(Box::new(|_| ()));
@@ -82,8 +82,7 @@ fn event_loop() -> Result<EventLoop<Done>, OutputError> {
     }
 }
 
-/// winit tells the user where in its sources it gave up; only what it says after that is
-/// of use to them.
+/// Removes the source location that winit puts before its messages.
 fn unavailable(error: &EventLoopError) -> OutputError {
     let text = error.to_string();
     let last = text.rsplit(": ").next().unwrap_or(&text);
@@ -96,11 +95,11 @@ fn refused(reason: impl std::fmt::Display) -> OutputError {
     }
 }
 
-/// The frames' thread has ended.
+/// Event: the frames' thread has ended.
 #[derive(Debug)]
 struct Done;
 
-/// Says [`Done`] even where the thread ends by a panic.
+/// Sends [`Done`] when the thread ends, also by a panic.
 struct SayDone(EventLoopProxy<Done>);
 
 impl Drop for SayDone {
@@ -110,24 +109,24 @@ impl Drop for SayDone {
     }
 }
 
-/// How far the window came.
+/// State of the window.
 enum Outcome<R> {
-    /// The window system has not called yet.
+    /// The window system has not started yet.
     Unopened,
-    /// There will be no window.
+    /// The window could not be opened.
     Failed(OutputError),
-    /// Frames are being made.
+    /// Frames are being rendered.
     Running(JoinHandle<R>),
 }
 
 impl<R> Outcome<R> {
     fn into_result(self) -> Result<R, OutputError> {
         match self {
-            Self::Unopened => Err(refused("the window system ended before it began")),
+            Self::Unopened => Err(refused("the window system ended before it started")),
             Self::Failed(error) => Err(error),
             Self::Running(thread) => thread
                 .join()
-                .map_err(|_| refused("the thread that makes the frames has died")),
+                .map_err(|_| refused("the thread that renders frames stopped unexpectedly")),
         }
     }
 }
@@ -222,15 +221,15 @@ impl<R: Send + 'static> App<R> {
     }
 }
 
-/// Why a window takes no picture: there is no driver at all, or none for windows.
+/// The reason why the window cannot be rendered to: no driver, or none that supports windows.
 fn no_surface(adapter: Option<&str>) -> OutputError {
     let drawn = Gpu::open(adapter);
     drawn.map_or_else(OutputError::from, |_| {
-        refused("no graphics driver here can draw in a window")
+        refused("no graphics driver supports windows")
     })
 }
 
-/// The monitor asked for; `None` if none was.
+/// Returns the requested monitor; `None` if none was requested.
 fn chosen(
     wanted: Option<&Monitor>,
     events: &ActiveEventLoop,
@@ -250,7 +249,7 @@ fn chosen(
             .map(|(i, name)| format!("{i} '{name}'"));
         let list = list.collect::<Vec<_>>().join(", ");
         refused(format!(
-            "there is no monitor {}; there are: {list}",
+            "there is no monitor {}; available: {list}",
             typed(wanted)
         ))
     })?;
@@ -300,7 +299,8 @@ fn attributes(options: &WindowOptions, monitor: Option<MonitorHandle>) -> Window
     attributes
 }
 
-/// The picture's size, or the largest of its shape that leaves the monitor some room.
+/// Returns the picture's size, or the largest size of equal aspect ratio that fits the monitor with a
+/// margin.
 fn fitted(picture: (u32, u32), monitor: (u32, u32)) -> (u32, u32) {
     let share = |room: u32, size: u32| 0.9 * f64::from(room) / f64::from(size.max(1));
     let scale = share(monitor.0, picture.0).min(share(monitor.1, picture.1));

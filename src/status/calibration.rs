@@ -1,4 +1,4 @@
-//! Calibration, as the dashboard shows it and as it is asked for.
+//! Status of a calibration, and requests to calibrate.
 
 use bytes::Bytes;
 use serde::{Deserialize, Serialize};
@@ -6,146 +6,146 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 use thiserror::Error;
 
-/// Parameters that a wish may have, and characters in each.
+/// Maximum number of parameters of a request, and of characters in each.
 const MOST_PARAMETERS: usize = 16;
 const LONGEST_PARAMETER: usize = 200;
-/// The longest that a step may be shown things, seconds.
+/// Maximum duration of a step, seconds.
 const LONGEST: f64 = 7200.0;
 
-/// How a calibration goes: the answer to `GET /calibration`.
+/// Status of a calibration: the answer to `GET /calibration`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Calibration {
-    /// What is being done.
+    /// State.
     pub state: CalibrationState,
-    /// That in words, with the reason where there is one.
+    /// The state in words, with the reason if there is one.
     pub sentence: String,
-    /// Which step; empty before the first.
+    /// Name of the step; empty before the first.
     pub step: String,
-    /// Its name for people.
+    /// Title of the step.
     pub title: String,
-    /// What it was started with.
+    /// Its parameters.
     pub parameters: BTreeMap<String, String>,
-    /// Of what it needs, 0 to 1.
+    /// Progress, 0 to 1.
     pub share: f64,
-    /// What it has, in a few words.
+    /// Collected data, in a few words.
     pub message: String,
     /// What to do next.
     pub hint: String,
-    /// A device that it waits for, and why.
+    /// A missing device, and the reason.
     pub trouble: Option<String>,
-    /// Since its beginning.
+    /// Time since its start, seconds.
     pub seconds: f64,
-    /// Pictures that it was shown.
+    /// Pictures given to the step.
     pub pictures: u64,
     /// Pictures that could not be decoded.
     pub damaged: u64,
-    /// Pictures that came while it was busy.
+    /// Pictures skipped while it was busy.
     pub passed_over: u64,
-    /// Readings of the tracker that found no room.
+    /// Readings of the tracker dropped because a queue was full.
     pub readings_lost: u64,
-    /// The newest picture that it was shown.
+    /// The newest picture given to the step.
     pub picture: Option<ShownPicture>,
-    /// What was found in the end.
+    /// The result.
     pub result: Option<CalibrationResult>,
-    /// The steps that there are.
+    /// The available steps.
     pub steps: Vec<StepForm>,
 }
 
-/// What is being done.
+/// State of a calibration.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum CalibrationState {
     /// Nothing can be calibrated: a recording plays.
     #[default]
     Unavailable,
-    /// It waits to be asked.
+    /// Ready.
     Idle,
-    /// A step is shown what devices deliver.
+    /// A step collects data.
     Running,
-    /// A step concludes from what it has seen.
+    /// A step computes its result.
     Evaluating,
-    /// A step has come to its end, well or not.
+    /// A step has finished, with any verdict.
     Finished,
-    /// A step could not come to its end.
+    /// A step was stopped by an error.
     Failed,
 }
 
 impl CalibrationState {
-    /// A step is at work.
+    /// Whether a step is running.
     #[must_use]
     pub const fn is_busy(self) -> bool {
         matches!(self, Self::Running | Self::Evaluating)
     }
 }
 
-/// A picture that a step was shown.
+/// A picture given to a step.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct ShownPicture {
-    /// Rises with each; part of the picture's address.
+    /// Number of the picture; part of its address.
     pub revision: u64,
-    /// As the camera sent it; the preview may be smaller.
+    /// Width of the camera's picture, pixels; the preview may be smaller.
     pub width: u32,
-    /// Rows.
+    /// Height, pixels.
     pub height: u32,
-    /// Whose: "scene" or "environment".
+    /// Camera: "scene" or "environment".
     pub eye: String,
-    /// What was found in it, pixels of `width` and `height`; (0, 0) is the middle of the first.
+    /// Overlay points found in it, pixels of `width` and `height`; (0, 0) is the middle of the first.
     pub marks: Vec<[f32; 2]>,
 }
 
-/// What a step found.
+/// Result of a step.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct CalibrationResult {
     /// "good", "usable" or "refused".
     pub verdict: String,
-    /// Figures with their uncertainty, a line each.
+    /// Figures with their uncertainty, one line each.
     pub lines: Vec<String>,
-    /// What speaks against it, worst first.
+    /// Findings against the result, worst first.
     pub findings: Vec<CalibrationFinding>,
-    /// What would make it better.
+    /// Suggested improvements.
     pub hints: Vec<String>,
-    /// Where it was written; none if it was refused or could not be.
+    /// The file; `None` if the result was refused or could not be written.
     pub file: Option<String>,
-    /// Where the one before it went.
+    /// Backup of the previous file.
     pub backup: Option<String>,
-    /// There is a page at `/calibration/report`.
+    /// Whether `/calibration/report` exists.
     pub report: bool,
 }
 
-/// What speaks against a calibration.
+/// A finding against a calibration.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct CalibrationFinding {
     /// "usable" or "refused".
     pub grade: String,
-    /// What, and what to do.
+    /// Description and remedy.
     pub text: String,
 }
 
 /// A step that can be started.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct StepForm {
-    /// As `POST /calibration/start` wants it.
+    /// Name for `POST /calibration/start`.
     pub name: &'static str,
-    /// For people.
+    /// Title.
     pub title: &'static str,
-    /// What to do, in a sentence or two.
+    /// Instructions, in a sentence or two.
     pub about: &'static str,
-    /// What has to be said.
+    /// Parameters.
     pub parameters: Vec<ParameterForm>,
 }
 
 /// A parameter of a step.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct ParameterForm {
-    /// As `POST /calibration/start` wants it.
+    /// Name for `POST /calibration/start`.
     pub name: &'static str,
-    /// For people.
+    /// Title.
     pub label: &'static str,
-    /// What it means, in a few words.
+    /// Description, in a few words.
     pub hint: &'static str,
-    /// Without it.
+    /// Default.
     pub default: &'static str,
-    /// What it may be: value and name for people; empty where any text may be.
+    /// Permitted values with titles; empty if any text is permitted.
     pub choices: &'static [(&'static str, &'static str)],
 }
 
@@ -153,25 +153,25 @@ pub struct ParameterForm {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CalibrationWish {
-    /// Which step.
+    /// Name of the step.
     pub step: String,
-    /// By name.
+    /// Parameters by name.
     #[serde(default)]
     pub parameters: BTreeMap<String, String>,
-    /// End after so long; without it when it has enough, or is asked to.
+    /// Duration after which to finish, seconds; `None`: when the data suffice, or on request.
     pub seconds: Option<f64>,
 }
 
-/// Why a wish was refused.
+/// Why a request was refused.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum CalibrationRefusal {
-    /// The body is something else.
+    /// The body is malformed.
     #[error(
         "calibration: {reason}; send a JSON object such as {{\"step\": \"intrinsics\", \
          \"parameters\": {{\"board\": \"chess:9x6:0.025\"}}}}"
     )]
     Malformed {
-        /// What is wrong.
+        /// The reason.
         reason: String,
     },
     /// Nothing can be calibrated.
@@ -180,61 +180,59 @@ pub enum CalibrationRefusal {
          with `penumbra calibrate STEP --session FILE`"
     )]
     Unavailable,
-    /// A step or a parameter that cannot be had.
+    /// An unknown step or an invalid parameter.
     #[error("calibration: {reason}")]
     Parameter {
-        /// What, and what could be.
+        /// The value and the permitted ones.
         reason: String,
     },
-    /// One is under way.
-    #[error("calibration: `{step}` is under way; finish or abort that first")]
+    /// A step is running.
+    #[error("calibration: `{step}` is running; finish or abort it first")]
     Busy {
-        /// Which.
+        /// Its name.
         step: String,
     },
-    /// Nothing is under way.
-    #[error("calibration: nothing is under way; start a step first")]
+    /// No step is running.
+    #[error("calibration: no step is running; start one first")]
     NotRunning,
     /// The program that calibrates was started for one step.
-    #[error(
-        "calibration: this program carries out one step alone; start others with `penumbra run`"
-    )]
+    #[error("calibration: this program runs a single step; start others with `penumbra run`")]
     OneStep,
-    /// It cannot begin.
+    /// The step cannot start.
     #[error("calibration: {reason}")]
     Failed {
-        /// Why, and what to do.
+        /// Reason and remedy.
         reason: String,
     },
 }
 
-/// Who calibrates when asked to. All answers say how it goes then.
+/// A calibrator. All methods return the status afterwards.
 pub trait CalibrationControl: Send + Sync {
-    /// How it goes.
+    /// Returns the status.
     fn view(&self) -> Calibration;
 
-    /// Begins.
+    /// Starts a step.
     ///
     /// # Errors
-    /// Why not; nothing has changed then.
+    /// The request cannot be met; nothing changes.
     fn start(&self, wish: &CalibrationWish) -> Result<(), CalibrationRefusal>;
 
-    /// Concludes from what has been seen.
+    /// Finishes the step with the data so far.
     ///
     /// # Errors
-    /// Nothing is under way.
+    /// No step is running.
     fn finish(&self) -> Result<(), CalibrationRefusal>;
 
-    /// Ends it without a result.
+    /// Aborts the step without a result.
     ///
     /// # Errors
-    /// Nothing is under way.
+    /// No step is running.
     fn abort(&self) -> Result<(), CalibrationRefusal>;
 
-    /// A picture that the step was shown, as JPEG: that of the revision, or the newest.
+    /// Returns a picture given to the step, as JPEG: that of the revision, or the newest.
     fn picture(&self, revision: Option<u64>) -> Option<Bytes>;
 
-    /// The newest report, a page of its own.
+    /// Returns the newest report, an HTML page.
     fn report(&self) -> Option<String>;
 }
 
@@ -242,13 +240,14 @@ impl CalibrationWish {
     /// Reads the body of a request.
     ///
     /// # Errors
-    /// It is something else, or larger than any wish is.
+    /// The body is malformed or too large.
     pub fn from_json(body: &[u8]) -> Result<Self, CalibrationRefusal> {
         let malformed = |reason: String| CalibrationRefusal::Malformed { reason };
         let wish: Self =
             serde_json::from_slice(body).map_err(|error| malformed(error.to_string()))?;
         if let Some(seconds) = wish.seconds.filter(|s| !(1.0..=LONGEST).contains(s)) {
-            let reason = format!("{seconds} s is no length; send between 1 and {LONGEST}");
+            let reason =
+                format!("{seconds} s is not a valid duration; send between 1 and {LONGEST}");
             return Err(CalibrationRefusal::Parameter { reason });
         }
         let pairs = wish.parameters.iter();
@@ -256,12 +255,12 @@ impl CalibrationWish {
         if wish.parameters.len() > MOST_PARAMETERS
             || longest.unwrap_or_default().max(wish.step.len()) > LONGEST_PARAMETER
         {
-            return Err(malformed("more than any step takes".to_owned()));
+            return Err(malformed("too many parameters".to_owned()));
         }
         Ok(wish)
     }
 
-    /// The longest that it may take.
+    /// Returns the maximum duration.
     #[must_use]
     pub fn longest(&self) -> Option<Duration> {
         self.seconds.map(Duration::from_secs_f64)
@@ -305,7 +304,10 @@ mod tests {
         }
         for seconds in ["0", "-1", "1e9"] {
             let text = read(&format!(r#"{{"step": "a", "seconds": {seconds}}}"#)).unwrap_err();
-            assert!(text.to_string().contains("is no length"), "{text}");
+            assert!(
+                text.to_string().contains("is not a valid duration"),
+                "{text}"
+            );
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Who answers what about calibration.
+//! HTTP routes of calibration.
 
 use super::calibration::{Calibration, CalibrationControl, CalibrationRefusal, CalibrationWish};
 use super::routes::{App, HTML, is_json, problem};
@@ -9,12 +9,12 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
 use axum::{Json, Router};
 
-/// A report styles itself and carries its pictures in itself. It may do nothing else: texts in it
-/// come from devices and files.
+/// Content-Security-Policy of a report: inline style and pictures only, because texts in it come from
+/// devices and files.
 const REPORT_POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; \
     base-uri 'none'; form-action 'none'; frame-ancestors 'none'; sandbox";
 
-/// `GET /calibration` says how it goes; the others look at it more closely, or change that.
+/// The routes below `/calibration`.
 pub fn routes() -> Router<App> {
     Router::new()
         .route("/calibration", get(view))
@@ -40,7 +40,7 @@ fn unavailable() -> Calibration {
     }
 }
 
-/// A picture that the step was shown, without the marks.
+/// A picture given to the step, without overlay points.
 async fn picture(State(app): State<App>, RawQuery(query): RawQuery) -> Response {
     let Some(calibrator) = app.shared.calibrator() else {
         return (StatusCode::NOT_FOUND, NO_PICTURE).into_response();
@@ -56,7 +56,7 @@ async fn picture(State(app): State<App>, RawQuery(query): RawQuery) -> Response 
 
 const NO_PICTURE: &str = "no step of calibration has been shown a picture while somebody asked\n";
 
-/// The page about the newest calibration.
+/// The report of the newest calibration.
 async fn report(State(app): State<App>) -> Response {
     let report = app.shared.calibrator().and_then(|c| c.report());
     match report {
@@ -84,8 +84,8 @@ async fn abort(State(app): State<App>, headers: HeaderMap) -> Response {
     carry_out(app, &headers, |calibrator| calibrator.abort()).await
 }
 
-/// Answers how it goes then, or why not. JSON is insisted on because a form of another page
-/// cannot send it unasked.
+/// Answers with the state afterwards, or the reason of a refusal. The content type must be JSON,
+/// because a form of another page cannot send it.
 async fn carry_out(
     app: App,
     headers: &HeaderMap,

@@ -1,10 +1,10 @@
-//! What the fields of `/status` mean.
+//! Descriptions of the fields of `/status`.
 //!
-//! The table in `src/status/README.md` is made of this list, and a test compares the list
-//! with a real answer, so neither can fall behind.
+//! The table in `docs/src/status-api.md` is generated from this list, and a test compares the list
+//! with a complete answer.
 
-/// Path and meaning of every field, in the order of the JSON; `[]` stands for each element
-/// of a list. Fields that may be `null` say when.
+/// Path and description of every field, in the order of the JSON; `[]` stands for each element of
+/// a list. The description says when a field is `null`.
 pub const STATUS_FIELDS: &[(&str, &str)] = &[
     (
         "version",
@@ -12,23 +12,20 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     ),
     ("program.name", "The program that answers, `penumbra`."),
     ("program.version", "Its version."),
-    (
-        "program.uptime_seconds",
-        "Time since it began to answer, s.",
-    ),
+    ("program.uptime_seconds", "Time since the start, s."),
     (
         "session.name",
         "File name of the recording, or name of the rig.",
     ),
     (
         "session.state",
-        "`starting`, `live`, `replaying`, `paused`, `ended` or `failed`.",
+        "State: `starting`, `live`, `replaying`, `paused`, `ended` or `failed`.",
     ),
     (
         "session.sentence",
         "That state in words, with the reason where there is one.",
     ),
-    ("session.loops", "How often the recording has begun anew."),
+    ("session.loops", "How often the recording was repeated."),
     (
         "session.progress",
         "Share of the recording played, 0 to 1; null when live.",
@@ -40,7 +37,7 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     ("frames.composed", "Pictures composited."),
     (
         "frames.skipped",
-        "Scene frames left out: overtaken by a newer one, or damaged.",
+        "Scene frames skipped: replaced by a newer one, or damaged.",
     ),
     (
         "frames.without_pose",
@@ -62,7 +59,7 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "stages[].kind",
         "`cpu` (wall time of a thread) or `gpu` (time stamps of a pass).",
     ),
-    ("stages[].count", "How often it ran."),
+    ("stages[].count", "Number of runs."),
     ("stages[].recent_ms", "Mean of about the last 16 runs, ms."),
     (
         "stages[].p50_ms",
@@ -95,111 +92,111 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     ),
     (
         "pairing.pose_sigma_mm",
-        "Standard deviation of the tracked camera's place at that instant by the tracker's noise and, if predicted, by how far predictions as long were off lately; over all axes, mm.",
+        "Standard deviation of the camera's position at that instant, over all axes, mm: the tracker's noise and, if predicted, the error of recent predictions of equal length.",
     ),
     (
         "pairing.pose_sigma_deg",
-        "The same of its direction, degrees.",
+        "Standard deviation of the camera's orientation, degrees.",
     ),
     (
         "pairing.pose_sigma_px",
-        "The same of the picture of a point amid the virtual objects, pixels.",
+        "Standard deviation of the image of a point amid the virtual objects, pixels.",
     ),
     (
         "pairing.tracker_latency_ms",
-        "The tracker's latency that poses are found by, ms; null without a tracker.",
+        "Tracker latency that is used, ms; null without a tracker.",
     ),
     (
         "pairing.tracker_latency_measured_ms",
-        "The tracker's latency as measured while the rig ran, from how tracker and pictures turned in the last 20 s, ms; null while nothing has told it.",
+        "Tracker latency as measured while the rig runs, from the rotations of tracker and pictures in the last 20 s, ms; null before the first measurement.",
     ),
     (
         "pairing.tracker_latency_sigma_ms",
-        "Standard deviation of the measured latency, ms; it grows while the rig rests.",
+        "Standard deviation of the measured latency, ms; it grows while the rig is at rest.",
     ),
     (
         "pairing.tracker_latency_by",
-        "What measured it: `poses` (by markers) or `image motion`.",
+        "Source of the measurement: `poses` (from markers) or `image motion`.",
     ),
     (
         "pairing.tracker_latency_ago_s",
-        "Seconds since it was last measured.",
+        "Time since the last measurement, s.",
     ),
     (
         "pairing.tracker_latency_note",
-        "Why the newest seconds do not tell the latency, and what to do; null where they do.",
+        "Why the latency cannot be measured now, and what to do; null if it can.",
     ),
     (
         "registration.source",
-        "What the newest pose was found by: `tracker`, `markers`, `hybrid` (the tracker, corrected by markers) or `none`.",
+        "Source of the newest pose: `tracker`, `markers`, `hybrid` (the tracker, corrected by markers) or `none`.",
     ),
     (
         "registration.markers",
-        "Markers that it was found or corrected by.",
+        "Number of markers used for the pose or its correction.",
     ),
     (
         "registration.reprojection_px",
-        "Root mean square distance of their corners from where the pose puts them, pixels; null without markers.",
+        "RMS reprojection error of their corners, pixels; null without markers.",
     ),
     (
         "registration.ambiguous",
-        "Whether it was found by one marker whose corners allow two poses, with nothing to choose by.",
+        "Whether the pose is one of two possible poses of a single marker that cannot be distinguished.",
     ),
     (
         "registration.corrected_ago_s",
-        "Seconds since markers last corrected the tracker; null where they never did.",
+        "Time since markers last corrected the tracker, s; null before the first correction.",
     ),
     (
         "registration.correction_mm",
-        "By how much they correct the camera's place, mm.",
+        "Correction of the camera's position by markers, mm.",
     ),
     (
         "registration.correction_deg",
-        "By how much they correct its direction, degrees.",
+        "Correction of the camera's orientation by markers, degrees.",
     ),
     (
         "registration.rejected",
-        "Poses by markers that could not be by what was known, since the start.",
+        "Poses from markers rejected as implausible since the start.",
     ),
     (
         "registration.settling_px",
-        "How far virtual objects still slide to where they are known to belong, pixels.",
+        "Remaining part of a correction that is still being blended in, pixels.",
     ),
     (
         "registration.sigma_mm",
-        "Standard deviation of the camera's place, over all axes, mm; null where nothing tells it.",
+        "Standard deviation of the camera's position, over all axes, mm; null where unknown.",
     ),
     (
         "registration.sigma_deg",
-        "Standard deviation of its direction, degrees.",
+        "Standard deviation of the camera's orientation, degrees.",
     ),
     (
         "registration.sigma_px",
-        "Standard deviation of the picture of a point amid the virtual objects, pixels.",
+        "Standard deviation of the image of a point amid the virtual objects, pixels.",
     ),
     (
         "registration.display.ahead_ms",
-        "From the middle of the exposure until the picture is seen, where it is shown for that instant; `display` is null where not.",
+        "Prediction time from the middle of the exposure until the picture is seen, ms; `display` is null without prediction to the display.",
     ),
     (
         "registration.display.moved_px",
-        "How far the camera's motion until then moves the virtual objects, pixels.",
+        "Displacement of the virtual objects by the camera's motion in that time, pixels.",
     ),
     (
         "registration.display.sigma_mm",
-        "Standard deviation of the camera's place as expected then, over all axes, mm; null until predictions have come true.",
+        "Standard deviation of the predicted position of the camera, over all axes, mm; null before the first predictions could be verified.",
     ),
     (
         "registration.display.sigma_deg",
-        "Standard deviation of its direction then, degrees.",
+        "Standard deviation of the predicted orientation, degrees.",
     ),
     (
         "registration.display.sigma_px",
-        "Standard deviation of the picture of a point amid the virtual objects then, pixels.",
+        "Standard deviation of the predicted image of a point amid the virtual objects, pixels.",
     ),
     (
         "white_balance.method",
-        "Method in force: `chart`, `automatic`, `known-surface`, `grey-world`, `same-camera`, `configured` or `none`.",
+        "Active method: `chart`, `automatic`, `known-surface`, `grey-world`, `same-camera`, `configured` or `none`.",
     ),
     (
         "white_balance.gains[]",
@@ -207,15 +204,15 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     ),
     (
         "white_balance.uncertainty[]",
-        "Standard deviation of each factor as a share of it; null where unknown.",
+        "Relative standard deviation of each factor; null where unknown.",
     ),
     (
         "white_balance.disagreement",
-        "Largest relative difference between the methods that have measured, grey world aside; null with fewer than two.",
+        "Maximum relative difference between the methods with an estimate, without grey world; null with fewer than two.",
     ),
     (
         "white_balance.frozen",
-        "Why the estimate is held as it is; null while it follows.",
+        "Why the estimate is frozen; null while it is updated.",
     ),
     (
         "white_balance.estimates[].method",
@@ -223,11 +220,11 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     ),
     (
         "white_balance.estimates[].gains[]",
-        "What it says, red, green, blue.",
+        "Its factors for red, green, blue.",
     ),
     (
         "white_balance.estimates[].uncertainty[]",
-        "Standard deviation of each as a share of it.",
+        "Relative standard deviation of each.",
     ),
     (
         "white_balance.white.scene[]",
@@ -241,106 +238,109 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "white_balance.white.environment_after[]",
         "The same after the factors.",
     ),
-    ("lighting.dome_lights", "Dome lights that cast shadows now."),
+    (
+        "lighting.dome_lights",
+        "Number of dome lights that cast shadows.",
+    ),
     (
         "lighting.compact_lights",
-        "How many of them stand for compact sources.",
+        "Number of those that represent compact sources.",
     ),
     (
         "lighting.compact_sources",
-        "Compact sources found: sun, lamps, windows.",
+        "Number of compact sources detected: sun, lamps, windows.",
     ),
     (
         "lighting.age_ms",
-        "Age of the environment picture against the scene picture, ms; null before the first.",
+        "Age of the environment picture relative to the scene picture, ms; null before the first.",
     ),
     (
         "lighting.stale",
-        "Why the light is older than it should be; null while it is not.",
+        "Why the lighting is stale; null if it is not.",
     ),
     (
         "lighting.clipped_fraction",
-        "Share of the environment's solid angle seen clipped, 0 to 1; null where unknown.",
+        "Share of the environment's solid angle that is clipped, 0 to 1; null where unknown.",
     ),
     (
         "lighting.dominant_direction[]",
-        "Unit vector to where most light comes from, world, +Z up; null where unknown.",
+        "Unit vector towards the dominant light, world, +Z up; null where unknown.",
     ),
     (
         "lighting.dominance",
-        "By how much that light outshines what lies elsewhere, as a share of all light: 1 for a sun alone, 0 for two equal lamps and for light from everywhere; null where unknown.",
+        "Dominance of that light over the rest, as a share of all light: 1 for a single sun, 0 for two equal lamps or uniform light; null where unknown.",
     ),
     (
         "lighting.probe.coverage",
-        "Share of all directions that the mirrored ball in the scene camera's picture has shown so far, 0 to 1; `probe` is null where the light is seen otherwise.",
+        "Share of all directions that the mirrored sphere in the scene camera's picture has shown so far, 0 to 1; `probe` is null with another source of light.",
     ),
     (
         "lighting.probe.coverage_above",
-        "The same of the directions above the horizon.",
+        "The same for directions above the horizon.",
     ),
     (
         "lighting.probe.map_age_s",
-        "Time since they were seen last, on average, s; null before the first.",
+        "Mean time since the directions were last seen, s; null before the first.",
     ),
     (
         "lighting.probe.ball_age_s",
-        "Time since the ball was seen, s: it grows while the ball, its marker or the pose is out of sight; null before it was seen.",
+        "Time since the sphere was last seen, s; it grows while the sphere, its marker or the pose is missing; null before it was seen.",
     ),
     (
         "lighting.probe.rim_shift_px",
-        "How far its rim in the picture moved the ball then from where the pose puts it, pixels; null where it was not looked for.",
+        "Correction of the sphere's position by its detected rim, pixels; null if the rim was not searched for.",
     ),
     (
         "lighting.preview_revision",
-        "Counts the pictures at `/environment.png`; 0 = none yet.",
+        "Number of pictures published at `/environment.png`; 0 = none yet.",
     ),
     (
         "scene.file",
-        "The scene file, which is read anew when it or a model that it names is changed; null where the session brings the scene.",
+        "The scene file, which is read again when it or a model that it names changes; null if the session holds the scene.",
     ),
-    (
-        "scene.loads",
-        "Times that a changed scene was taken into the picture.",
-    ),
+    ("scene.loads", "Number of changed scenes that were applied."),
     (
         "scene.reason",
-        "Why the newest change was not taken, and the scene stayed as it was; null when it was.",
+        "Why the newest change was not applied; null if it was.",
     ),
     (
         "planes.state",
-        "Shadowing planes: `off` (another technique is in force), `baking`, `ready` or `failed`.",
+        "Shadowing planes: `off` (another technique is active), `baking`, `ready` or `failed`.",
     ),
     (
         "planes.done",
-        "Lights whose basis images are drawn; null unless baking.",
+        "Lights whose basis images are rendered; null unless baking.",
     ),
-    ("planes.total", "Of so many; null unless baking."),
-    ("planes.reason", "Why there is no bake; null unless failed."),
-    ("planes.planes", "Planes baked."),
+    (
+        "planes.total",
+        "Total number of lights to bake; null unless baking.",
+    ),
+    ("planes.reason", "Why baking failed; null otherwise."),
+    ("planes.planes", "Number of baked planes."),
     (
         "planes.planes_seen",
-        "Planes that face the viewer in the newest picture.",
+        "Number of planes that face the viewer in the newest picture.",
     ),
-    ("planes.lights", "Lights: faces of the geodesic dome."),
+    (
+        "planes.lights",
+        "Number of lights: faces of the geodesic dome.",
+    ),
     (
         "planes.lights_skipped",
-        "Lights left out of the newest picture, because they give less than `settings.planes_skip_below`.",
+        "Lights skipped in the newest picture, because they contribute less than `settings.planes_skip_below`.",
     ),
     (
         "planes.sources",
-        "Compact sources of light (sun, lamp) that cast shadows from their true directions, not from the middle of a face.",
+        "Number of compact sources (sun, lamps) that cast shadows from their true directions instead of the centre of a face.",
     ),
     (
         "planes.source_images",
-        "Basis images drawn for them since the start: anew when they move.",
+        "Basis images rendered for them since the start; they are rendered again when the sources move.",
     ),
-    (
-        "planes.basis_images",
-        "Basis images in which light arrives.",
-    ),
+    ("planes.basis_images", "Number of non-black basis images."),
     (
         "planes.basis_images_dropped",
-        "Black basis images: neither stored nor summed.",
+        "Number of black basis images, which are neither stored nor summed.",
     ),
     (
         "planes.images_summed",
@@ -356,11 +356,11 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     ),
     (
         "planes.work_saved",
-        "Share of these that was not needed, 0 to 1; null before the first picture.",
+        "Share of these that was saved, 0 to 1; null before the first picture.",
     ),
     (
         "planes.planes_resummed",
-        "Planes whose sums were made anew or mended, since the start.",
+        "Planes whose sums were recomputed or updated since the start.",
     ),
     (
         "planes.frames_without_work",
@@ -368,20 +368,20 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     ),
     (
         "planes.bake_seconds",
-        "How long baking took, s; null before it was done.",
+        "Duration of baking, s; null before it is complete.",
     ),
-    ("planes.bake_bytes", "Size of the bake."),
+    ("planes.bake_bytes", "Size of the bake, bytes."),
     (
         "planes.from_cache",
-        "Whether it had been baked before and was read from the cache.",
+        "Whether the bake was read from the cache.",
     ),
     (
         "exposure.ev",
-        "Exposure of the newest picture, stops beside the camera's own; 0: the camera's picture is untouched.",
+        "Exposure of the newest picture, stops relative to the camera's; 0: the camera's picture is unchanged.",
     ),
     (
         "exposure.wanted_ev",
-        "Where the automatic exposure is going, stops.",
+        "Target of the automatic exposure, stops.",
     ),
     (
         "exposure.camera",
@@ -389,11 +389,11 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     ),
     (
         "exposure.added",
-        "What virtual lights add to it; null likewise.",
+        "Mean linear brightness added by virtual lights; null likewise.",
     ),
     (
         "exposure.taken",
-        "What virtual shadows take from it; null likewise.",
+        "Mean linear brightness removed by virtual shadows; null likewise.",
     ),
     (
         "recording.state",
@@ -407,15 +407,15 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "recording.file",
         "The newest recording; null before the first.",
     ),
-    ("recording.bytes", "Its size."),
+    ("recording.bytes", "Its size, bytes."),
     ("recording.seconds", "Its length so far, s."),
     (
         "recording.seconds_left",
-        "Until it ends by itself, by the room on the disk or the length asked for, s; null where unknown.",
+        "Time until it ends by itself, from the free space or the requested length, s; null where unknown.",
     ),
     (
         "recording.free_bytes",
-        "Room on its disk; null where unknown.",
+        "Free space on its disk, bytes; null where unknown.",
     ),
     (
         "recording.events",
@@ -423,7 +423,7 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     ),
     (
         "recording.dropped",
-        "Messages not recorded, because the disk was too slow or they could not be written down.",
+        "Messages not recorded, because the disk was too slow or they could not be encoded.",
     ),
     ("devices[].name", "Name or path of a camera or tracker."),
     (
@@ -437,13 +437,13 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     ("devices[].sentence", "That state in words."),
     (
         "devices[].reason",
-        "What the driver said; null while nothing is wrong.",
+        "The driver's error; null if there is none.",
     ),
     ("devices[].per_second", "Frames or records per second."),
     ("devices[].received", "Frames or records since the start."),
     (
         "devices[].dropped",
-        "Of these lost: gaps in its counter, damaged, or overtaken.",
+        "Frames or records lost: gaps in the counter, damaged, or replaced by newer ones.",
     ),
     (
         "devices[].last_age_ms",
@@ -451,33 +451,33 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     ),
     (
         "devices[].identity",
-        "Who it is, the same after replugging; null before it was open, and in a replay.",
+        "Identity that persists when the device is plugged in again; null before it was open, and in a replay.",
     ),
     (
         "devices[].mode",
         "Size, format and rate of a camera, protocol of a tracker; null before it was open.",
     ),
-    ("devices[].attempts", "Times that it was tried to open it."),
+    ("devices[].attempts", "Number of attempts to open it."),
     (
         "devices[].losses",
-        "Times that it was lost after it had been open.",
+        "Number of times that the open device was lost.",
     ),
     (
         "devices[].retry_in_ms",
-        "When it is tried again, ms from now; null while it is open.",
+        "Time until the next attempt, ms; null while it is open.",
     ),
     (
         "devices[].last_trouble",
-        "What went wrong last, even if all is well again; null if nothing did.",
+        "The last error, even if it is resolved; null if there was none.",
     ),
-    ("devices[].notes[]", "What its user should know."),
+    ("devices[].notes[]", "Notes for the user."),
     (
         "devices[].controls[].name",
         "A control that the configuration locks.",
     ),
     (
         "devices[].controls[].wanted",
-        "The value asked for, in the device's unit.",
+        "The requested value, in the device's unit.",
     ),
     (
         "devices[].controls[].in_force",
@@ -485,9 +485,12 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     ),
     (
         "devices[].controls[].standing",
-        "How the two compare, in words.",
+        "State of the control: a comparison of the two values, in words.",
     ),
-    ("adapter.name", "What draws, as its driver calls it."),
+    (
+        "adapter.name",
+        "Name of the graphics adapter, from its driver.",
+    ),
     ("adapter.backend", "`Vulkan`, `Metal`, …"),
     ("adapter.kind", "`DiscreteGpu`, `IntegratedGpu`, `Cpu`, …"),
     (
@@ -500,7 +503,7 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     ),
     (
         "settings.technique",
-        "In force for the newest picture: `image-based-shadowing` (dome lights), `shadowing-planes` or `image-based-lighting` (no shadows). What `POST /settings` takes, all of it optional there.",
+        "Technique of the newest picture: `image-based-shadowing` (dome lights), `shadowing-planes` or `image-based-lighting` (no shadows). `POST /settings` takes any subset of `settings.*`.",
     ),
     (
         "settings.light_count",
@@ -508,15 +511,15 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     ),
     (
         "settings.light_placement",
-        "`adaptive` (compact sources get lights of their own) or `grid` (the paper's).",
+        "Placement of the dome lights: `adaptive` (compact sources get lights at their true directions) or `grid` (Supan 2006).",
     ),
     (
         "settings.shadow_mode",
-        "`ratio` or `subtract` (the paper's equation 4).",
+        "How shadows change the camera's picture: `ratio` or `subtract` (equation 4 of Supan 2006).",
     ),
     (
         "settings.shadow_strength",
-        "0 (no shadow) to 1 (as measured).",
+        "Strength of shadows: 0 (none) to 1 (as measured).",
     ),
     (
         "settings.virtual_object_visible",
@@ -524,63 +527,60 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
     ),
     (
         "settings.reflections",
-        "How the environment is filtered for what virtual objects mirror: `prefiltered` (over each material's lobe) or `box` (the paper's chain).",
+        "How the environment is filtered for reflections on virtual objects: `prefiltered` (over each material's lobe) or `box` (DiVerdi et al. 2003).",
     ),
     (
         "settings.indirect_light",
-        "Whether virtual objects throw light on real things, and those on them: a red one tints the table.",
+        "Whether virtual objects and real surfaces reflect light onto each other: a red box tints the table.",
     ),
     (
         "settings.lamp_response",
-        "How real surfaces answer virtual lamps: `intrinsic` (lamps multiply the picture) or `paper` (N·L and the picture's own relief, blended, are added).",
+        "How real surfaces respond to virtual lamps: `intrinsic` (lamps multiply the picture) or `paper` (a blend of N·L and the relief in the picture is added; DiVerdi and Höllerer 2004).",
     ),
     (
         "settings.planes_skip_below",
-        "With shadowing planes: of 40 lights, those that give less than this share of all light are left out, 0 to 1.",
+        "With shadowing planes and 40 lights: lights that contribute less than this share of all light are skipped, 0 to 1.",
     ),
     (
         "settings.planes_recompute_above",
-        "With shadowing planes: a light is summed anew when it changes by more than this share of all light, 0 to 1.",
+        "With shadowing planes: a light is summed again when it changes by more than this share of all light, 0 to 1.",
     ),
     (
         "settings.planes_shading",
-        "With shadowing planes, what virtual objects are shaded with: `irradiance`, `lights` (all of the dome) or `six` (the papers').",
+        "Shading of virtual objects with shadowing planes: `irradiance`, `lights` (all lights of the dome) or `six` (six directional lights, Kakuta 2004).",
     ),
     (
         "settings.exposure_mode",
-        "`off` (the camera's picture is untouched), `manual` or `auto` (by what virtual lights add).",
+        "Exposure: `off` (the camera's picture is unchanged), `manual` or `auto` (from the light that virtual lamps add).",
     ),
     (
         "settings.exposure_ev",
-        "With `manual`: stops beside the camera's own exposure, -8 to 3.",
+        "With `manual`: stops relative to the camera's exposure, -8 to 3.",
     ),
     (
         "settings.exposure_highlights",
-        "What clipped areas become in a shorter exposure: `estimated` (by what surrounds them) or `paper` (every pixel's factor rises with the mean around it).",
+        "Clipped areas in a shorter exposure: `estimated` (radiance from their surroundings) or `paper` (each pixel's factor increases with the mean around it; DiVerdi and Höllerer 2004).",
     ),
     (
         "settings.exposure_min_ev",
-        "With `auto`: no darker than this, stops, -8 to 0.",
+        "With `auto`: minimum, stops, -8 to 0.",
     ),
     (
         "settings.exposure_max_ev",
-        "With `auto`: no brighter than this, stops, 0 to 3.",
+        "With `auto`: maximum, stops, 0 to 3.",
     ),
     (
         "settings.exposure_key",
-        "With `auto`: a picture with a mean below this is dark, linear, 0 to 1.",
+        "With `auto`: a picture whose linear mean is below this counts as dark, 0 to 1.",
     ),
     (
         "settings.exposure_adaptation_s",
-        "With `auto`: time in which 63 % of a sudden change is followed, s, 0 to 60.",
+        "With `auto`: time constant (63 % of a step), s, 0 to 60.",
     ),
-    ("stream.viewers", "Browsers that watch `/stream.mjpeg`."),
+    ("stream.viewers", "Number of viewers of `/stream.mjpeg`."),
     ("stream.encoded", "Pictures encoded for them."),
-    (
-        "warnings[].text",
-        "What somebody should look at: what, where, what to do.",
-    ),
-    ("warnings[].count", "How often it happened."),
+    ("warnings[].text", "A warning: what, where, what to do."),
+    ("warnings[].count", "Number of occurrences."),
 ];
 
 #[cfg(test)]
@@ -651,22 +651,16 @@ mod tests {
         assert_eq!(documented.len(), STATUS_FIELDS.len(), "documented twice");
     }
 
-    /// `UPDATE_DOCS=1 cargo test --lib readme_has_the_table` writes the table anew.
+    /// `UPDATE_DOCS=1 cargo test -p penumbra-status status_page` rewrites the table.
     #[test]
-    fn readme_has_the_table() {
-        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/README.md");
-        let readme = std::fs::read_to_string(path).unwrap();
-        let (before, _) = readme.split_once("| Field |").expect("the table's head");
+    fn status_page_has_the_table() {
+        const PAGE: &str = "docs/src/status-api.md";
+        let page = std::fs::read_to_string(penumbra_test_data::repository(PAGE)).unwrap();
+        let (before, _) = page.split_once("| Field |").expect("the head of the table");
         let mut expected = format!("{before}| Field | Meaning |\n|---|---|\n");
         for (field, meaning) in STATUS_FIELDS {
             let _ = writeln!(expected, "| `{field}` | {meaning} |");
         }
-        if std::env::var_os("UPDATE_DOCS").is_some() {
-            std::fs::write(path, &expected).unwrap();
-        }
-        assert!(
-            readme == expected,
-            "{path} is behind; run this test with UPDATE_DOCS=1"
-        );
+        penumbra_test_data::check_page(PAGE, &expected);
     }
 }

@@ -1,5 +1,5 @@
-//! Who may ask: the server listens on the rig's own machine, and a page from elsewhere in
-//! the same browser must neither see the picture nor change a setting.
+//! Access control: a page of another origin in a browser on the same machine must neither see the
+//! picture nor change a setting.
 
 use axum::extract::{Request, State};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, Uri, header};
@@ -13,20 +13,20 @@ use std::time::Duration;
 
 /// Name of the cookie that carries the token after the first visit.
 const COOKIE: &str = "penumbra_token";
-/// How long a request may take to arrive and be answered, the stream's pictures apart.
+/// Timeout of a request and its answer, except for streams.
 const ANSWER_LIMIT: Duration = Duration::from_secs(10);
 
-/// The secret that opens a server which others can reach.
+/// The secret that protects a server that other machines can reach.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Token(String);
 
 impl Token {
-    /// A token, if it is one.
+    /// Returns the token if it is valid.
     pub fn new(text: String) -> Option<Self> {
         is_token(&text).then_some(Self(text))
     }
 
-    /// Compares in a time that does not tell how much was right.
+    /// Compares in constant time.
     fn is(&self, other: &str) -> bool {
         let differences = self
             .0
@@ -44,7 +44,7 @@ impl fmt::Debug for Token {
     }
 }
 
-/// Lets a request pass or answers it, and sets the headers every answer carries.
+/// Accepts or refuses a request, and sets the headers of every answer.
 pub async fn guard(
     State(token): State<Option<Arc<Token>>>,
     request: Request,
@@ -84,8 +84,7 @@ const SECURITY_HEADERS: [(HeaderName, &str); 6] = [
     ),
 ];
 
-/// In this order: is it meant for us, does it come from our own page, does it know the
-/// token.
+/// Checks the host, then the origin, then the token.
 fn judge(token: Option<&Token>, request: &Request) -> Result<(), Box<Response>> {
     let headers = request.headers();
     let host = text(headers, &header::HOST).unwrap_or_default();
@@ -111,9 +110,9 @@ fn refuse(status: StatusCode, text: &'static str) -> Result<(), Box<Response>> {
     Err(Box::new((status, text).into_response()))
 }
 
-/// A name that resolves to this machine whatever a DNS server says. Any other could be
-/// pointed at 127.0.0.1 by the page that asks ("DNS rebinding"). The port is not looked
-/// at: it differs behind a tunnel.
+/// Whether the name resolves to this machine regardless of DNS. Any other name could be pointed at
+/// 127.0.0.1 by the requesting page ("DNS rebinding"). The port is ignored: it differs behind a
+/// tunnel.
 fn is_own_name(host: &str) -> bool {
     let name = host.rsplit_once(':').map_or(host, |(name, port)| {
         let is_port = port.bytes().all(|b| b.is_ascii_digit());
@@ -123,7 +122,7 @@ fn is_own_name(host: &str) -> bool {
     name.eq_ignore_ascii_case("localhost") || bare.parse().is_ok_and(|ip: IpAddr| ip.is_loopback())
 }
 
-/// Browsers say where a request comes from; other programs say nothing and may ask.
+/// Checks the origin that browsers state; other programs state none and are accepted.
 fn is_own_page(method: &Method, headers: &HeaderMap, host: &str) -> bool {
     let origin = text(headers, &header::ORIGIN);
     let same_origin = origin.is_none_or(|origin| {
@@ -165,8 +164,8 @@ fn query_token(uri: &Uri) -> Option<&str> {
         .find_map(|(key, value)| (key == "token").then_some(value))
 }
 
-/// Keeps the token in a cookie and takes it out of the address, so that it stays neither
-/// in the history nor in a bookmark that is passed on.
+/// Moves the token from the address into a cookie, so that it is neither in the history nor in a
+/// bookmark.
 fn set_cookie(token: &Token, request: &Request) -> Response {
     let cookie = format!("{COOKIE}={}; Path=/; HttpOnly; SameSite=Strict", token.0);
     let path = request.uri().path();

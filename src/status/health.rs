@@ -1,16 +1,16 @@
-//! Whether the rig does what it is there for.
+//! The health check.
 
 use super::snapshot::{SessionState, Snapshot};
 
-/// How long the picture may stand still while a session runs, milliseconds.
+/// Maximum time without a new picture while a session runs, milliseconds.
 const MAX_FRAME_AGE_MS: f64 = 5_000.0;
-/// How long getting ready may take: opening devices, compiling shaders. Seconds.
+/// Maximum time for starting (opening devices, compiling shaders), seconds.
 const MAX_START_SECONDS: f64 = 60.0;
 
-/// Healthy, with a sentence, or not, with the reason.
+/// Returns a sentence about a healthy rig.
 ///
 /// # Errors
-/// The reason why somebody should look.
+/// The reason why the rig is not healthy.
 pub fn health(snapshot: &Snapshot) -> Result<String, String> {
     let sentence = &snapshot.session.sentence;
     match snapshot.session.state {

@@ -1,10 +1,9 @@
-//! Tells what is going on: a snapshot (plain data), and an HTTP server that shows it.
+//! Status of a running rig: a snapshot (plain data), and an HTTP server that shows it.
 //!
 //! The rig writes a [`SharedStatus`]; [`StatusServer`] reads it. [`snapshot`] is the data,
-//! [`times`] the histograms in it, [`settings`] what can be changed live. The server is
-//! [`server`] (socket and limits), `routes` and `calibration_routes` (who answers what), `guard` (who may ask),
-//! [`metrics`] and [`health`] (the snapshot in other words), [`preview`] (the light as a
-//! picture), and the dashboard page.
+//! [`times`] the histograms in it, [`settings`] the live settings. The server consists of
+//! [`server`] (socket and limits), `guard` (access), `routes` and `calibration_routes`, [`metrics`] and
+//! [`health`] (made from the snapshot), [`preview`] (the environment light), and the dashboard.
 
 pub mod calibration;
 mod calibration_routes;

@@ -14,7 +14,7 @@ const BOUNDS: [f64; 14] = [
     0.00025, 0.0005, 0.001, 0.002, 0.004, 0.008, 0.016, 0.033, 0.066, 0.1, 0.25, 0.5, 1.0, 5.0,
 ];
 
-/// All metrics of a snapshot.
+/// Returns all metrics of a snapshot.
 #[must_use]
 pub fn metrics(snapshot: &Snapshot) -> String {
     let mut page = Page::default();
@@ -29,7 +29,7 @@ pub fn metrics(snapshot: &Snapshot) -> String {
     page.one(
         "penumbra_exposure_stops",
         "gauge",
-        "Exposure of the picture beside the camera's own.",
+        "Exposure of the picture relative to the camera's.",
         snapshot.exposure.ev,
     );
     devices(&mut page, snapshot);
@@ -61,13 +61,13 @@ fn program(page: &mut Page, s: &Snapshot) {
     page.one(
         "penumbra_warnings",
         "gauge",
-        "Occurrences of the warnings in force.",
+        "Occurrences of the active warnings.",
         warnings,
     );
     page.one(
         "penumbra_stream_viewers",
         "gauge",
-        "Browsers that watch the stream.",
+        "Viewers of the stream.",
         s.stream.viewers,
     );
     page.one(
@@ -95,13 +95,13 @@ fn frames(page: &mut Page, s: &Snapshot) {
     page.one(
         "penumbra_frames_skipped_total",
         "counter",
-        "Scene frames left out.",
+        "Scene frames skipped.",
         f.skipped,
     );
     page.one(
         "penumbra_frames_without_pose_total",
         "counter",
-        "Scene frames shown as they came, for want of a pose.",
+        "Scene frames shown without virtual objects, because no pose was known.",
         f.without_pose,
     );
     page.one(
@@ -156,12 +156,12 @@ fn white_balance(page: &mut Page, s: &Snapshot) {
     page.one(
         "penumbra_white_balance_frozen",
         "gauge",
-        "1 while the estimate is held.",
+        "1 while the estimate is frozen.",
         frozen,
     );
     page.some(
         "penumbra_white_balance_disagreement_ratio",
-        "Largest relative difference between the methods.",
+        "Maximum relative difference between the methods.",
         s.white_balance.disagreement,
     );
 }
@@ -177,23 +177,23 @@ fn lighting(page: &mut Page, s: &Snapshot) {
     page.one(
         "penumbra_compact_sources",
         "gauge",
-        "Compact sources found.",
+        "Compact sources detected.",
         l.compact_sources,
     );
     page.one(
         "penumbra_lighting_stale",
         "gauge",
-        "1 while old light is used.",
+        "1 while stale lighting is used.",
         u8::from(l.stale.is_some()),
     );
     page.some(
         "penumbra_lighting_age_seconds",
-        "Age of the environment picture against the scene picture.",
+        "Age of the environment picture relative to the scene picture.",
         l.age_ms.map(|ms| ms * 1e-3),
     );
     page.some(
         "penumbra_environment_clipped_ratio",
-        "Share of the environment seen clipped.",
+        "Share of the environment that is clipped.",
         l.clipped_fraction,
     );
     if let Some(map) = &l.probe {
@@ -205,7 +205,7 @@ fn probe(page: &mut Page, map: &ProbeStatus) {
     page.one(
         "penumbra_probe_coverage_ratio",
         "gauge",
-        "Share of all directions that the mirrored ball has shown.",
+        "Share of all directions that the mirrored sphere has shown.",
         map.coverage,
     );
     page.one(
@@ -216,17 +216,17 @@ fn probe(page: &mut Page, map: &ProbeStatus) {
     );
     page.some(
         "penumbra_probe_map_age_seconds",
-        "Time since they were seen last, on average.",
+        "Mean time since the directions were last seen.",
         map.map_age_s,
     );
     page.some(
         "penumbra_probe_ball_age_seconds",
-        "Time since the ball was seen.",
+        "Time since the sphere was seen.",
         map.ball_age_s,
     );
     page.some(
         "penumbra_probe_rim_shift_pixels",
-        "How far its rim moved the ball from where the pose puts it.",
+        "Correction of the sphere's position by its rim.",
         map.rim_shift_px,
     );
 }
@@ -236,65 +236,65 @@ fn registration(page: &mut Page, s: &Snapshot) {
     page.one(
         "penumbra_registration_markers",
         "gauge",
-        "Markers that the newest pose was found by.",
+        "Markers used for the newest pose.",
         r.markers,
     );
     page.one(
         "penumbra_registration_ambiguous",
         "gauge",
-        "1 while one marker allows two poses, and nothing tells which.",
+        "1 while the pose is ambiguous.",
         u8::from(r.ambiguous),
     );
     page.some(
         "penumbra_registration_reprojection_pixels",
-        "Distance of the markers' corners from where the pose puts them, root mean square.",
+        "RMS reprojection error of the markers' corners.",
         r.reprojection_px,
     );
     page.one(
         "penumbra_registration_rejected_total",
         "counter",
-        "Poses by markers that could not be by what was known.",
+        "Poses from markers rejected as implausible.",
         r.rejected,
     );
     let figures = [
         (
             "penumbra_registration_corrected_seconds",
-            "Since markers last corrected the tracker.",
+            "Time since markers last corrected the tracker.",
             r.corrected_ago_s,
         ),
         (
             "penumbra_registration_settling_pixels",
-            "How far virtual objects still slide to where they belong.",
+            "Remaining part of a correction that is still being blended in.",
             r.settling_px,
         ),
         (
             "penumbra_registration_sigma_millimetres",
-            "Standard deviation of the camera's place.",
+            "Standard deviation of the camera's position.",
             r.sigma_mm,
         ),
         (
             "penumbra_registration_sigma_degrees",
-            "Standard deviation of the camera's direction.",
+            "Standard deviation of the camera's orientation.",
             r.sigma_deg,
         ),
         (
             "penumbra_registration_sigma_pixels",
-            "Standard deviation of the picture of a point amid the virtual objects.",
+            "Standard deviation of the image of a point amid the virtual objects.",
             r.sigma_px,
         ),
         (
             "penumbra_display_ahead_seconds",
-            "From the exposure until the picture is seen.",
+            "Prediction time from the exposure until the picture is seen.",
             r.display.map(|d| 1e-3 * d.ahead_ms),
         ),
         (
             "penumbra_display_moved_pixels",
-            "How far the camera's motion until then moves the virtual objects.",
+            "Displacement of the virtual objects by the camera's motion in that time.",
             r.display.map(|d| d.moved_px),
         ),
         (
             "penumbra_display_sigma_pixels",
-            "Standard deviation of their picture then.",
+            "Standard deviation of their predicted image.",
             r.display.and_then(|d| d.sigma_px),
         ),
     ];
@@ -304,12 +304,12 @@ fn registration(page: &mut Page, s: &Snapshot) {
     let latencies = [
         (
             "penumbra_tracker_latency_seconds",
-            "The tracker's latency that poses are found by.",
+            "Tracker latency that is used.",
             s.pairing.tracker_latency_ms,
         ),
         (
             "penumbra_tracker_latency_measured_seconds",
-            "The tracker's latency as measured while the rig ran.",
+            "Tracker latency as measured while the rig runs.",
             s.pairing.tracker_latency_measured_ms,
         ),
         (
@@ -323,7 +323,7 @@ fn registration(page: &mut Page, s: &Snapshot) {
     }
     page.some(
         "penumbra_pose_sigma_pixels",
-        "By the tracker's noise and prediction: standard deviation of the picture of a point amid the virtual objects.",
+        "Standard deviation of the image of a point amid the virtual objects by the tracker's noise and prediction.",
         s.pairing.pose_sigma_px,
     );
 }
@@ -331,20 +331,16 @@ fn registration(page: &mut Page, s: &Snapshot) {
 fn planes(page: &mut Page, s: &Snapshot) {
     let p = &s.planes;
     let name = "penumbra_planes_state";
-    page.family(
-        name,
-        "gauge",
-        "1 for the state that shadowing planes are in.",
-    );
+    page.family(name, "gauge", "1 for the state of shadowing planes.");
     page.sample(name, &[("state", p.state.label())], 1);
     let name = "penumbra_planes";
-    page.family(name, "gauge", "Shadowing planes, all and those seen now.");
+    page.family(name, "gauge", "Shadowing planes, total and visible.");
     page.sample(name, &[("which", "all")], p.planes);
     page.sample(name, &[("which", "seen")], p.planes_seen);
     page.one(
         "penumbra_basis_images",
         "gauge",
-        "Basis images in which light arrives.",
+        "Non-black basis images.",
         p.basis_images,
     );
     page.one(
@@ -367,7 +363,7 @@ fn planes(page: &mut Page, s: &Snapshot) {
     );
     page.some(
         "penumbra_bake_seconds",
-        "How long baking took.",
+        "Duration of baking.",
         p.bake_seconds,
     );
 }
@@ -377,7 +373,7 @@ fn recording(page: &mut Page, s: &Snapshot) {
     page.family(
         "penumbra_recording_state",
         "gauge",
-        "1 for the state that the recorder is in.",
+        "1 for the state of the recorder.",
     );
     page.sample("penumbra_recording_state", &[("state", r.state.label())], 1);
     page.one(
@@ -389,7 +385,7 @@ fn recording(page: &mut Page, s: &Snapshot) {
     page.one(
         "penumbra_recording_dropped",
         "gauge",
-        "Messages that the newest recording lacks.",
+        "Messages missing from the newest recording.",
         r.dropped,
     );
 }
@@ -398,7 +394,7 @@ fn devices(page: &mut Page, s: &Snapshot) {
     page.family(
         "penumbra_device_state",
         "gauge",
-        "1 for the state that a device is in.",
+        "1 for the state of a device.",
     );
     for d in &s.devices {
         let labels = [
@@ -435,7 +431,7 @@ fn devices(page: &mut Page, s: &Snapshot) {
     page.family(
         "penumbra_device_losses_total",
         "counter",
-        "Times that a device was lost after it had been open.",
+        "Number of times that an open device was lost.",
     );
     for d in &s.devices {
         let labels = [("device", d.name.as_str()), ("kind", d.kind.label())];
@@ -455,7 +451,7 @@ fn devices(page: &mut Page, s: &Snapshot) {
     }
 }
 
-/// The text as it grows. Writing to a `String` cannot fail, so results are dropped.
+/// The text. Writing to a `String` cannot fail, so results are ignored.
 #[derive(Default)]
 struct Page {
     text: String,

@@ -1,23 +1,23 @@
-//! What `/status` says about shadowing planes.
+//! Status of shadowing planes.
 
 use serde::Serialize;
 
-/// What baking and synthesis are doing.
+/// State of baking and synthesis.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum PlanesState {
-    /// Another technique is in force.
+    /// Another technique is active.
     #[default]
     Off,
-    /// Basis images are being drawn; meanwhile the light dome casts the shadows.
+    /// Basis images are being rendered; meanwhile the light dome casts the shadows.
     Baking {
-        /// Lights whose basis images are drawn.
+        /// Lights whose basis images are rendered.
         done: u32,
-        /// Of so many.
+        /// Total number of lights.
         total: u32,
     },
     /// Basis images are summed in every frame.
     Ready,
-    /// There is no bake to be had; the light dome casts the shadows.
+    /// Baking failed; the light dome casts the shadows.
     Failed {
         /// What, where, what to do.
         reason: String,
@@ -25,7 +25,7 @@ pub enum PlanesState {
 }
 
 impl PlanesState {
-    /// As it stands in `/status` and as a metric label.
+    /// Returns the name in `/status` and in metric labels.
     #[must_use]
     pub const fn label(&self) -> &'static str {
         match self {
@@ -40,24 +40,24 @@ impl PlanesState {
 /// Shadowing planes and their basis images.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct PlanesStatus {
-    /// What they are doing, as the fields `state`, `done`, `total` and `reason`.
+    /// State, as the fields `state`, `done`, `total` and `reason`.
     #[serde(flatten, serialize_with = "all_fields")]
     pub state: PlanesState,
-    /// Planes baked.
+    /// Number of baked planes.
     pub planes: u32,
-    /// Planes that face the viewer in the newest picture.
+    /// Number of planes that face the viewer in the newest picture.
     pub planes_seen: u32,
-    /// Lights: faces of the geodesic dome.
+    /// Number of lights: faces of the geodesic dome.
     pub lights: u32,
-    /// Of these left out of the newest picture, because they give too little.
+    /// Lights skipped in the newest picture, because they contribute too little.
     pub lights_skipped: u32,
-    /// Compact sources of light that cast shadows from their true directions.
+    /// Number of compact sources that cast shadows from their true directions.
     pub sources: u32,
-    /// Basis images drawn for them since the start.
+    /// Basis images rendered for them since the start.
     pub source_images: u64,
-    /// Basis images in which light arrives.
+    /// Number of non-black basis images.
     pub basis_images: u32,
-    /// Basis images in which none does: neither stored nor summed.
+    /// Number of black basis images, which are neither stored nor summed.
     pub basis_images_dropped: u32,
     /// Basis images summed for the newest picture.
     pub images_summed: u32,
@@ -65,22 +65,22 @@ pub struct PlanesStatus {
     pub images_total: u64,
     /// Basis images that would have been summed if every picture had summed all of them.
     pub images_possible: u64,
-    /// Share of these that was not needed, 0..=1; `None` before the first picture.
+    /// Share of these that was saved, 0..=1; `None` before the first picture.
     pub work_saved: Option<f64>,
-    /// Planes whose sums were made anew or mended, since the start.
+    /// Planes whose sums were recomputed or updated, since the start.
     pub planes_resummed: u64,
     /// Pictures for which nothing had to be summed.
     pub frames_without_work: u64,
-    /// How long baking took, seconds; `None` before it was done.
+    /// Duration of baking, seconds; `None` before it is complete.
     pub bake_seconds: Option<f64>,
-    /// Size of the bake.
+    /// Size of the bake, bytes.
     pub bake_bytes: u64,
-    /// It was baked before and read from the cache.
+    /// Whether the bake was read from the cache.
     pub from_cache: bool,
 }
 
 impl PlanesStatus {
-    /// Counts what a picture cost: basis images summed, planes whose sums were made anew or mended.
+    /// Counts the work of a picture: basis images summed, planes whose sums were recomputed or updated.
     pub fn count_picture(&mut self, images_summed: u32, planes_resummed: u32) {
         self.images_summed = images_summed;
         self.images_total += u64::from(images_summed);
@@ -92,7 +92,7 @@ impl PlanesStatus {
     }
 }
 
-/// Every field in every state, so that readers need not ask which are there.
+/// Writes every field in every state, so that readers need not test for their presence.
 fn all_fields<S: serde::Serializer>(state: &PlanesState, serializer: S) -> Result<S::Ok, S::Error> {
     #[derive(Serialize)]
     struct Fields<'a> {

@@ -1,4 +1,4 @@
-//! The light around the scene as a picture for people.
+//! Preview of the environment light.
 
 use glam::{Vec2, Vec3};
 use penumbra_camera::srgb_from_linear;
@@ -8,7 +8,7 @@ use std::f32::consts::{FRAC_PI_2, PI};
 
 /// Share of the picture that may be brighter than the picture can show.
 const BURNT_SHARE: f32 = 0.05;
-/// What that brightness becomes, linear.
+/// Value to which that brightness is mapped, linear.
 const BRIGHT: f32 = 0.75;
 /// Radius of the mark of a light of average irradiance, as a share of the height.
 const MARK_SHARE: f32 = 0.016;
@@ -18,8 +18,8 @@ const DARK: Vec3 = Vec3::new(13.0, 15.0, 19.0);
 
 /// The environment map by longitude and latitude, twice as wide as high, with its dome
 /// lights: a white ring for each cell, an amber disc for each compact source, the larger
-/// the brighter. World +X is in the middle, +Y to the left of it, +Z on top: what somebody
-/// sees who stands in the scene and looks along +X. `radiance` is linear, by world
+/// the brighter. World +X is in the middle, +Y to the left, +Z on top: the view from the scene
+/// along +X. `radiance` is linear, by world
 /// direction.
 #[must_use]
 pub fn environment_preview(
@@ -62,7 +62,7 @@ fn pixel_of(direction: Vec3, height: u32) -> Vec2 {
     )
 }
 
-/// Factor that shows all but the brightest places.
+/// Returns the factor by which all but the brightest directions are visible.
 fn exposure(linear: &[Vec3]) -> f32 {
     let mut peaks: Vec<f32> = linear
         .iter()
@@ -84,7 +84,7 @@ fn encoded(linear: Vec3) -> [u8; 4] {
     [r, g, b, 255]
 }
 
-/// Draws the marks, the faint ones first so that the bright ones stay on top.
+/// Draws the marks, faint ones first, so that bright ones stay on top.
 fn draw_lights(picture: &mut Picture, lights: &[DomeLight]) {
     let strength = |l: &DomeLight| l.irradiance.max_element();
     let mut shining: Vec<&DomeLight> = lights.iter().filter(|l| strength(l) > 0.0).collect();
@@ -98,7 +98,7 @@ fn draw_lights(picture: &mut Picture, lights: &[DomeLight]) {
     }
 }
 
-/// A disc or a ring of one pixel and a half, both with a dark rim to stand out on any sky.
+/// Draws a disc or a ring of 1.5 pixels, both with a dark rim that is visible on any sky.
 fn draw_mark(picture: &mut Picture, centre: Vec2, radius: f32, disc: bool) {
     let reach = (radius + 3.0).ceil() as i64;
     let (cx, cy) = (centre.x.round() as i64, centre.y.round() as i64);
@@ -123,7 +123,7 @@ fn draw_mark(picture: &mut Picture, centre: Vec2, radius: f32, disc: bool) {
     }
 }
 
-/// Share of a pixel inside an edge that is so many pixels away.
+/// Returns the share of a pixel inside an edge at a distance in pixels.
 fn coverage(from_edge: f32) -> f32 {
     (0.5 - from_edge).clamp(0.0, 1.0)
 }

@@ -1,50 +1,50 @@
-//! Recording, as the status shows it and as it is asked for.
+//! Status of recording, and requests to record.
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-/// How a recording goes.
+/// Status of a recording.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Recording {
-    /// What the recorder is doing.
+    /// State of the recorder.
     pub state: RecordingState,
-    /// That in words, with the reason where there is one.
+    /// The state in words, with the reason if there is one.
     pub sentence: String,
     /// The newest recording.
     pub file: Option<String>,
-    /// Its size.
+    /// Its size, bytes.
     pub bytes: u64,
-    /// Its length so far.
+    /// Its length so far, seconds.
     pub seconds: f64,
-    /// Until it ends by itself: the disk is full, or it is as long as was asked for.
+    /// Time until it ends by itself, by free space or requested length, seconds.
     pub seconds_left: Option<f64>,
-    /// Room on its disk.
+    /// Free space on its disk, bytes.
     pub free_bytes: Option<u64>,
-    /// What was recorded: pictures, readings, notes.
+    /// Number of recorded messages: pictures, readings, notes.
     pub events: u64,
-    /// What was not, because the disk was too slow or it could not be written down.
+    /// Number of messages not recorded, because the disk was too slow or they could not be encoded.
     pub dropped: u64,
 }
 
-/// What the recorder is doing.
+/// State of the recorder.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RecordingState {
     /// Nothing can be recorded: a recording plays.
     #[default]
     Unavailable,
-    /// It waits to be asked.
+    /// Ready.
     Idle,
-    /// It records.
+    /// Recording.
     Recording,
-    /// It has finished a recording in order.
+    /// The last recording was finished.
     Finished,
-    /// It had to end one early.
+    /// The last recording ended early.
     Failed,
 }
 
 impl RecordingState {
-    /// As it stands in `/status` and as a metric label.
+    /// Returns the name in `/status` and in metric labels.
     #[must_use]
     pub const fn label(self) -> &'static str {
         match self {
@@ -61,58 +61,58 @@ impl RecordingState {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RecordingWish {
-    /// Begin, or end.
+    /// Start or stop.
     pub record: bool,
     /// Name of the file in the recordings' folder; by date and time without it.
     pub file: Option<String>,
-    /// End after so long.
+    /// Duration after which to stop, seconds.
     pub seconds: Option<f64>,
 }
 
-/// Why a wish was refused.
+/// Why a request was refused.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum RecordingRefusal {
-    /// The body is something else.
+    /// The body is malformed.
     #[error("recording: {reason}; send a JSON object such as {{\"record\": true}}")]
     Malformed {
-        /// What the parser said.
+        /// The parser's message.
         reason: String,
     },
     /// Nothing can be recorded.
     #[error("recording: a recording plays; only a live rig (`penumbra run`) can be recorded")]
     Unavailable,
-    /// One is under way.
-    #[error("recording: {file} is being recorded; end that first")]
+    /// A recording is running.
+    #[error("recording: {file} is being recorded; stop it first")]
     Busy {
-        /// Which.
+        /// Its file.
         file: String,
     },
-    /// The name leads out of the recordings' folder, or is no session's.
-    #[error("recording: {file:?} is no plain file name such as desk.mcap")]
+    /// The name is outside the recordings' folder or is not a session's.
+    #[error("recording: {file:?} is not a plain file name such as desk.mcap")]
     FileName {
-        /// As it was sent.
+        /// The value as sent.
         file: String,
     },
-    /// The length is none.
-    #[error("recording: {seconds} s is no length; send between 1 and 10000000")]
+    /// The duration is invalid.
+    #[error("recording: {seconds} s is not a valid duration; send between 1 and 10000000")]
     Length {
-        /// As it was sent.
+        /// The value as sent.
         seconds: String,
     },
-    /// It cannot begin.
+    /// The recording cannot start.
     #[error("recording: {reason}")]
     Failed {
-        /// Why.
+        /// The reason.
         reason: String,
     },
 }
 
-/// Who records when asked to.
+/// A recorder.
 pub trait RecordingControl: Send + Sync {
-    /// Begins or ends a recording, and says how it goes then.
+    /// Starts or stops a recording and returns its status.
     ///
     /// # Errors
-    /// Why not; nothing has changed then.
+    /// The request cannot be met; nothing changes.
     fn carry_out(&self, wish: &RecordingWish) -> Result<Recording, RecordingRefusal>;
 }
 
@@ -120,7 +120,7 @@ impl RecordingWish {
     /// Reads the body of a request.
     ///
     /// # Errors
-    /// It is something else, or names a file elsewhere.
+    /// The body is malformed, or names a file outside the folder.
     pub fn from_json(body: &[u8]) -> Result<Self, RecordingRefusal> {
         let wish: Self =
             serde_json::from_slice(body).map_err(|error| RecordingRefusal::Malformed {
@@ -139,7 +139,7 @@ impl RecordingWish {
     }
 }
 
-/// A name within a folder, on any system.
+/// Whether the name stays within a folder, on any system.
 fn is_plain_name(file: &str) -> bool {
     let plain = |c: char| c.is_alphanumeric() || "-_. +=".contains(c);
     let stem = file.strip_suffix(".mcap").unwrap_or_default();

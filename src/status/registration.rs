@@ -1,55 +1,55 @@
-//! What the status says of the scene camera's pose.
+//! Status of the scene camera's pose.
 
 use serde::Serialize;
 
-/// What tells where the scene camera is.
+/// Source and accuracy of the scene camera's pose.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct RegistrationStatus {
-    /// The newest picture's: see [`RegistrationSource`].
+    /// Source of the newest pose, see [`RegistrationSource`].
     pub source: RegistrationSource,
-    /// Markers that its pose was found by, or corrected by.
+    /// Number of markers used for the pose or its correction.
     pub markers: u32,
-    /// Root mean square distance of their corners from where the pose puts them, pixels.
+    /// RMS reprojection error of their corners, pixels.
     pub reprojection_px: Option<f64>,
-    /// It was found by one marker whose corners allow two poses, and may be the wrong one.
+    /// Whether the pose is one of two possible poses of a single marker that cannot be distinguished.
     pub ambiguous: bool,
-    /// Seconds since markers last corrected the tracker.
+    /// Time since markers last corrected the tracker, seconds.
     pub corrected_ago_s: Option<f64>,
-    /// By how much they correct it: at the camera, millimetres.
+    /// Correction of the camera's position, millimetres.
     pub correction_mm: Option<f64>,
-    /// And its direction, degrees.
+    /// Correction of its orientation, degrees.
     pub correction_deg: Option<f64>,
-    /// Poses by markers that could not be, by what was known, since the start.
+    /// Poses from markers rejected as implausible since the start.
     pub rejected: u64,
-    /// How far what is drawn still has to slide to where it is known to belong, pixels.
+    /// Remaining part of a correction that is still being blended in, pixels.
     pub settling_px: Option<f64>,
-    /// Standard deviation of the camera's place, over all axes, millimetres.
+    /// Standard deviation of the camera's position, over all axes, millimetres.
     pub sigma_mm: Option<f64>,
-    /// Of its direction, degrees.
+    /// Standard deviation of the orientation, degrees.
     pub sigma_deg: Option<f64>,
-    /// Of the picture of a point amid the virtual objects, along an axis, pixels.
+    /// Standard deviation of the image of a point amid the virtual objects, along an axis, pixels.
     pub sigma_px: Option<f64>,
-    /// Where it will be when its picture is seen, where pictures are shown for that instant.
+    /// Prediction to the instant at which the picture is seen; `None` without it.
     pub display: Option<DisplayStatus>,
 }
 
-/// Where the camera will be when its picture is seen.
+/// Prediction of the camera's pose to the instant at which its picture is seen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct DisplayStatus {
-    /// From the middle of the exposure until then, milliseconds.
+    /// Prediction time from the middle of the exposure, milliseconds.
     pub ahead_ms: f64,
-    /// How far that moves the picture of a point amid the virtual objects, pixels.
+    /// Displacement of the image of a point amid the virtual objects, pixels.
     pub moved_px: f64,
-    /// Standard deviation of the place that is expected, over all axes, millimetres; `None`
-    /// until enough predictions have come true to tell.
+    /// Standard deviation of the predicted position, over all axes, millimetres; `None` until enough
+    /// predictions could be verified.
     pub sigma_mm: Option<f64>,
-    /// Of its direction, degrees.
+    /// Standard deviation of the orientation, degrees.
     pub sigma_deg: Option<f64>,
-    /// Of the picture of a point amid the virtual objects, along an axis, pixels.
+    /// Standard deviation of the image of a point amid the virtual objects, along an axis, pixels.
     pub sigma_px: Option<f64>,
 }
 
-/// What a pose was found by.
+/// Source of a pose.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RegistrationSource {
@@ -59,13 +59,13 @@ pub enum RegistrationSource {
     Markers,
     /// The tracker, corrected by markers in this picture or earlier ones.
     Hybrid,
-    /// Nothing: no pose is known.
+    /// None: the pose is unknown.
     #[default]
     None,
 }
 
 impl RegistrationSource {
-    /// As it stands in the status and in files.
+    /// Returns the name in status and in files.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -78,7 +78,7 @@ impl RegistrationSource {
 }
 
 impl RegistrationStatus {
-    /// By the tracker, if it told anything.
+    /// Creates the status of a pose from the tracker, if there is one.
     #[must_use]
     pub fn by_tracker(told: bool) -> Self {
         Self {
@@ -91,8 +91,8 @@ impl RegistrationStatus {
         }
     }
 
-    /// By so many markers, with this root mean square distance of their corners (pixels), and
-    /// whether it is a guess; or by none.
+    /// Creates the status of a pose from markers: their number, the RMS reprojection error (pixels) and
+    /// whether the pose is ambiguous.
     #[must_use]
     pub fn by_markers(found: Option<(usize, f64, bool)>) -> Self {
         found.map_or_else(Self::default, |(markers, rms, ambiguous)| Self {
@@ -104,7 +104,7 @@ impl RegistrationStatus {
         })
     }
 
-    /// With the pose's standard deviations: metres, radians, pixels.
+    /// Adds the standard deviations of the pose: metres, radians, pixels.
     #[must_use]
     pub fn with_sigma(self, [metres, radians, pixels]: [f64; 3]) -> Self {
         Self {

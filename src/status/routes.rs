@@ -1,4 +1,4 @@
-//! Who answers what.
+//! The HTTP routes.
 
 use super::calibration_routes;
 use super::guard::{self, Token};
@@ -28,18 +28,18 @@ use tokio::time::{Instant, sleep_until, timeout};
 use tokio_stream::wrappers::WatchStream;
 use tokio_stream::{Stream, StreamExt, once};
 
-/// Browsers that may watch at once.
+/// Maximum number of viewers.
 pub const MAX_STREAMS: usize = 16;
 /// JPEG quality of the stream.
 const STREAM_QUALITY: u8 = 85;
-/// At most 30 pictures a second are encoded: more would take the CPU from the rig.
+/// Minimum interval between encoded pictures (30 Hz); more would take processor time from the rig.
 const STREAM_INTERVAL: Duration = Duration::from_millis(33);
-/// How long `/snapshot.png` waits for a new picture before it gives the one there is.
+/// Time that `/snapshot.png` waits for a new picture before it returns the last one.
 const SNAPSHOT_WAIT: Duration = Duration::from_millis(700);
-/// The longest body: settings are a few dozen bytes.
+/// Maximum length of a body, bytes; settings are a few dozen.
 const MAX_BODY: usize = 16 * 1024;
 
-/// What the answers are made of.
+/// State shared by the routes.
 #[derive(Clone)]
 pub struct App {
     pub(super) shared: Arc<SharedStatus>,
@@ -51,10 +51,10 @@ pub struct App {
 }
 
 impl App {
-    /// Sets up what needs setting up once.
+    /// Creates the state.
     ///
     /// # Errors
-    /// The JPEG encoder has no memory.
+    /// The JPEG encoder cannot allocate.
     pub fn new(shared: Arc<SharedStatus>) -> Result<Self, EncodeError> {
         let encoder = JpegEncoder::new(STREAM_QUALITY)?;
         Ok(Self {
@@ -67,7 +67,7 @@ impl App {
         })
     }
 
-    /// Encodes each new picture once for all who watch, and nothing when nobody does.
+    /// Encodes each new picture once for all viewers, and nothing without viewers.
     pub async fn stream_pictures(&self) {
         let mut watchers = self.shared.watchers();
         let mut pictures = self.shared.pictures();
@@ -160,7 +160,7 @@ async fn asset(content_type: &'static str, text: &'static str) -> Response {
     ([(header::CONTENT_TYPE, content_type)], text).into_response()
 }
 
-/// What the dashboard page consists of; all of it is in the program.
+/// Files of the dashboard, which are part of the program.
 async fn dashboard_file(Path(file): Path<String>) -> Response {
     match file.as_str() {
         "dashboard.css" => asset(CSS, include_str!("dashboard/dashboard.css")).await,
@@ -198,8 +198,8 @@ async fn healthz(State(app): State<App>) -> (StatusCode, String) {
     }
 }
 
-/// Passes a wish on to the rig; `/status` says when it is in force. JSON is insisted on
-/// because a form of another page cannot send it unasked.
+/// Requests settings; `/status` shows when they are active. The content type must be JSON, because a
+/// form of another page cannot send it.
 async fn settings(State(app): State<App>, headers: HeaderMap, body: Bytes) -> Response {
     if !is_json(&headers) {
         let text = "settings: send them as Content-Type: application/json";
@@ -213,10 +213,10 @@ async fn settings(State(app): State<App>, headers: HeaderMap, body: Bytes) -> Re
     }
 }
 
-/// Begins or ends a recording; `/status` says how it goes.
+/// Starts or stops a recording; `/status` shows its state.
 async fn recording(State(app): State<App>, headers: HeaderMap, body: Bytes) -> Response {
     if !is_json(&headers) {
-        let text = "recording: send the wish as Content-Type: application/json";
+        let text = "recording: send the request as Content-Type: application/json";
         return problem(StatusCode::UNSUPPORTED_MEDIA_TYPE, text);
     }
     let wish = match RecordingWish::from_json(&body) {
@@ -243,10 +243,10 @@ pub(super) fn problem(status: StatusCode, text: &str) -> Response {
     (status, Json(json!({ "error": text }))).into_response()
 }
 
-/// The newest picture, again and again. A slow client misses pictures and delays nobody.
+/// Streams the newest pictures. A slow client skips pictures and delays no other.
 async fn stream(State(app): State<App>) -> Response {
     let Ok(seat) = Arc::clone(&app.streams).try_acquire_owned() else {
-        let text = format!("{MAX_STREAMS} browsers watch already; close one of them\n");
+        let text = format!("{MAX_STREAMS} viewers are connected already; close one of them\n");
         return (StatusCode::SERVICE_UNAVAILABLE, text).into_response();
     };
     let body = Body::from_stream(parts(&app, (seat, app.shared.watch())));
@@ -265,7 +265,7 @@ fn parts<G: Send + 'static>(
     once(stream_preamble()).chain(pictures).map(Ok)
 }
 
-/// The newest composited picture, exactly.
+/// The newest composited picture, lossless.
 async fn snapshot_png(State(app): State<App>) -> Response {
     let _asking = app.shared.ask();
     let mut pictures = app.shared.pictures();
@@ -279,13 +279,13 @@ async fn snapshot_png(State(app): State<App>) -> Response {
     .await
 }
 
-/// The environment map with the dome lights drawn on it.
+/// The environment map with the dome lights marked.
 async fn environment_png(State(app): State<App>) -> Response {
     let preview = app.shared.environment_preview();
     png_response(
         &app.environment_png,
         preview,
-        "the environment has not been seen yet\n",
+        "the environment has not been measured yet\n",
     )
     .await
 }
@@ -304,8 +304,8 @@ async fn png_response(
     }
 }
 
-/// The last PNG made. The lock is held while one is made, so that many who ask for the
-/// same picture cause one encoding.
+/// The last PNG. The lock is held during encoding, so that several requests for the same picture cause
+/// one encoding.
 #[derive(Default)]
 struct PngCache {
     newest: Mutex<Option<(Arc<Picture>, Bytes)>>,

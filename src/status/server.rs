@@ -1,4 +1,4 @@
-//! The socket, and the limits on what may come in through it.
+//! The socket and its limits.
 
 use super::guard::Token;
 use super::routes::{self, App};
@@ -17,25 +17,25 @@ use thiserror::Error;
 use tokio::net::TcpStream;
 use tokio::task::JoinSet;
 
-/// Where the server listens unless told otherwise: on this machine only.
+/// Default address: loopback only.
 pub const DEFAULT_LISTEN: SocketAddr =
     SocketAddr::new(std::net::IpAddr::V4(Ipv4Addr::LOCALHOST), 8780);
 
-/// Connections at once; a browser holds up to six.
+/// Maximum number of connections; a browser holds up to six.
 const MAX_CONNECTIONS: usize = 128;
-/// How long a request's head may take, and how long a connection may idle.
+/// Timeout of a request's header and of an idle connection.
 const HEADER_LIMIT: Duration = Duration::from_secs(15);
-/// How long a client may leave what it was sent unread.
+/// Timeout of a client that does not read.
 const STALL_LIMIT: Duration = Duration::from_secs(20);
-/// Bytes kept per connection, in and out: one picture may wait, not a film.
+/// Buffer per connection and direction, bytes: about one picture.
 const BUFFER_BYTES: usize = 64 * 1024;
 
 /// The server could not be set up.
 #[derive(Debug, Error)]
 pub enum StatusError {
-    /// Somebody else listens there.
+    /// The port is in use.
     #[error(
-        "port {port} on {address} is in use; choose another with --listen {address}:PORT (0 = any free one), or stop the program that has it"
+        "port {port} on {address} is in use; choose another with --listen {address}:PORT (0 = any free port), or stop the program that uses it"
     )]
     PortInUse {
         /// Address as given, in brackets if IPv6.
@@ -43,23 +43,23 @@ pub enum StatusError {
         /// Port as given.
         port: u16,
     },
-    /// Others could reach it without a token.
+    /// Other machines could reach the server without a token.
     #[error(
-        "{listen}: others can reach this address, so a token is needed; set one (--token), or listen on 127.0.0.1"
+        "{listen}: other machines can reach this address, so a token is needed; set one (--token), or listen on 127.0.0.1"
     )]
     TokenNeeded {
         /// Address as given.
         listen: SocketAddr,
     },
     /// The token is too short or has characters that need quoting.
-    #[error("token: take 12 to 256 letters, digits or -._~")]
+    #[error("token: choose 12 to 256 letters, digits or -._~")]
     BadToken,
-    /// The system refused otherwise.
-    #[error("{listen}: cannot listen there ({reason}); choose another address with --listen")]
+    /// Another error of the system.
+    #[error("{listen}: cannot listen ({reason}); choose another address with --listen")]
     Listen {
         /// Address as given.
         listen: SocketAddr,
-        /// What the system said.
+        /// The system's message.
         reason: io::Error,
     },
     /// The stream's encoder could not be set up.
@@ -76,11 +76,10 @@ pub struct StatusServer {
 }
 
 impl StatusServer {
-    /// Takes the port, so that a port in use shows before anything else is started.
+    /// Binds the port, so that a port in use is reported before anything else is started.
     ///
     /// # Errors
-    /// The port is taken or not to be had, or `listen` is reachable from elsewhere and
-    /// there is no (good) token.
+    /// The port cannot be bound, or other machines can reach `listen` and there is no valid token.
     pub fn bind(
         listen: SocketAddr,
         token: Option<String>,
@@ -102,16 +101,16 @@ impl StatusServer {
         })
     }
 
-    /// Where it listens; the real port where 0 was asked for.
+    /// Returns the bound address; with port 0 the port that the system chose.
     #[must_use]
     pub const fn local_addr(&self) -> SocketAddr {
         self.local_addr
     }
 
-    /// Serves until `shutdown` comes, then closes every connection.
+    /// Serves until `shutdown`, then closes every connection.
     ///
     /// # Errors
-    /// The listener cannot be handed to the runtime.
+    /// The listener cannot be registered with the runtime.
     pub async fn serve(self, shutdown: impl Future<Output = ()>) -> Result<(), StatusError> {
         let listen = self.local_addr;
         let failed = |reason| StatusError::Listen { listen, reason };
@@ -140,7 +139,7 @@ fn take_port(listen: SocketAddr) -> Result<(TcpListener, SocketAddr), StatusErro
     })
 }
 
-/// The address as it stands before a port.
+/// Formats the address for use before a port.
 fn bracketed(listen: SocketAddr) -> String {
     match listen {
         SocketAddr::V4(v4) => v4.ip().to_string(),
@@ -148,7 +147,7 @@ fn bracketed(listen: SocketAddr) -> String {
     }
 }
 
-/// Accepts for ever. Dropping the future closes every connection.
+/// Accepts connections until the future is dropped, which closes all of them.
 async fn accept(listener: tokio::net::TcpListener, router: Router) {
     let mut connections = JoinSet::new();
     loop {

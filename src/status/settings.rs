@@ -1,4 +1,4 @@
-//! What can be changed while the rig runs.
+//! Settings that can be changed while the rig runs.
 
 use penumbra_config::{
     ADAPTATION_SECONDS, BRIGHTEST_STOPS, DARKEST_STOPS, EXPOSURE_KEYS, EXPOSURE_STOPS,
@@ -19,7 +19,7 @@ const RENAMED: [(&str, &str); 4] = [
     ("exposure_brightest_ev", "exposure_max_ev"),
 ];
 
-/// The live settings, all of them.
+/// All live settings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Settings {
@@ -27,7 +27,7 @@ pub struct Settings {
     pub technique: Technique,
     /// Budget of dome lights, one of [`LIGHT_COUNTS`].
     pub light_count: u32,
-    /// Where the dome lights stand.
+    /// How dome lights are placed.
     pub light_placement: LightPlacement,
     /// How shadows are combined with the camera's picture.
     pub shadow_mode: ShadowMode,
@@ -35,30 +35,30 @@ pub struct Settings {
     pub shadow_strength: f32,
     /// Whether the virtual objects are composited at all.
     pub virtual_object_visible: bool,
-    /// How the environment is filtered for what they mirror.
+    /// How the environment is filtered for reflections on virtual objects.
     pub reflections: Filtering,
-    /// Whether they throw light on real things, and those on them.
+    /// Whether virtual objects and real surfaces reflect light onto each other.
     pub indirect_light: bool,
-    /// How real surfaces answer virtual lamps.
+    /// How real surfaces respond to virtual lamps.
     pub lamp_response: LampResponse,
-    /// Planes: lights that give less than this share of all light are left out, 0..=1.
+    /// Planes: lights that contribute less than this share of all light are skipped, 0..=1.
     pub planes_skip_below: f32,
-    /// Planes: a light is summed anew when it changes by more than this share of all light,
+    /// Planes: a light is summed again when it changes by more than this share of all light,
     /// 0..=1.
     pub planes_recompute_above: f32,
-    /// Planes: what virtual objects are shaded with.
+    /// Planes: shading of virtual objects.
     pub planes_shading: PlaneShading,
-    /// Who chooses the exposure that the picture is shown in.
+    /// How the exposure of the output is chosen.
     pub exposure_mode: ExposureMode,
-    /// By hand: stops beside the camera's own, −8..=3.
+    /// Manual: stops relative to the camera's exposure, −8..=3.
     pub exposure_ev: f32,
-    /// What clipped areas become in a shorter exposure.
+    /// How clipped areas appear in a shorter exposure.
     pub exposure_highlights: Highlights,
-    /// Automatic: no darker than this, stops, −8..=0.
+    /// Automatic: minimum, stops, −8..=0.
     pub exposure_min_ev: f32,
-    /// Automatic: no brighter than this, stops, 0..=3.
+    /// Automatic: maximum, stops, 0..=3.
     pub exposure_max_ev: f32,
-    /// Automatic: mean linear brightness below which a picture is dark, 0..=1.
+    /// Automatic: mean linear brightness below which a picture counts as dark, 0..=1.
     pub exposure_key: f32,
     /// Automatic: time constant, seconds, 0..=60.
     pub exposure_adaptation_s: f32,
@@ -91,7 +91,7 @@ impl Default for Settings {
     }
 }
 
-/// A wish for settings: what is left out stays as it is. The body of `POST /settings`.
+/// A change of settings, the body of `POST /settings`; omitted settings keep their values.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SettingsChange {
@@ -135,45 +135,45 @@ pub struct SettingsChange {
     pub exposure_adaptation_s: Option<f32>,
 }
 
-/// Why a wish was refused; nothing of it was applied.
+/// Why a change was refused; nothing of it is applied.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum SettingsError {
     /// The body is no JSON object of known settings with values of the right kind.
     #[error("settings: {reason}; send a JSON object such as {{\"light_count\": 64}}")]
     Malformed {
-        /// What the parser said, with line and column.
+        /// The parser's message, with line and column.
         reason: String,
     },
-    /// No dome of that size exists.
-    #[error("light_count: {count} is no dome; choose 8, 24, 48, 64, 96 or 384")]
+    /// There is no dome with this number of lights.
+    #[error("light_count: {count} is not a number of dome lights; choose 8, 24, 48, 64, 96 or 384")]
     LightCount {
-        /// What was asked for.
+        /// The requested value.
         count: u32,
     },
     /// Out of range or not a number.
     #[error("shadow_strength: {strength} is not between 0 (no shadow) and 1 (as measured)")]
     ShadowStrength {
-        /// What was asked for.
+        /// The requested value.
         strength: f32,
     },
     /// Out of range or not a number.
-    #[error("{setting}: {share} is no share of all light; choose a number from 0 to 1")]
+    #[error("{setting}: {share} is not a share of all light; choose a number from 0 to 1")]
     Share {
-        /// Which setting.
+        /// Name of the setting.
         setting: &'static str,
-        /// What was asked for.
+        /// The requested value.
         share: f32,
     },
     /// Out of range or not a number.
     #[error("{setting}: {value} is out of range; choose a number from {low} to {high}")]
     OutOfRange {
-        /// Which setting.
+        /// Name of the setting.
         setting: &'static str,
-        /// What was asked for.
+        /// The requested value.
         value: f32,
-        /// Least.
+        /// Minimum.
         low: f32,
-        /// Greatest.
+        /// Maximum.
         high: f32,
     },
 }
@@ -196,10 +196,10 @@ impl SettingsChange {
         })
     }
 
-    /// `settings` with this wish granted.
+    /// Returns `settings` with this change applied.
     ///
     /// # Errors
-    /// The first value that cannot be had.
+    /// The first invalid value.
     pub fn apply_to(&self, settings: &Settings) -> Result<Settings, SettingsError> {
         let wanted = Settings {
             technique: self.technique.unwrap_or(settings.technique),
@@ -235,10 +235,10 @@ impl SettingsChange {
 }
 
 impl Settings {
-    /// `self`, if every value is one that can be had.
+    /// Returns `self` if every value is valid.
     ///
     /// # Errors
-    /// The first value that cannot be had.
+    /// The first invalid value.
     pub fn validated(self) -> Result<Self, SettingsError> {
         if !LIGHT_COUNTS.contains(&self.light_count) {
             let count = self.light_count;
@@ -314,7 +314,7 @@ mod tests {
         let text = |json: &str| change(json).unwrap_err().to_string();
         assert_eq!(
             text(r#"{"light_count": 50}"#),
-            "light_count: 50 is no dome; choose 8, 24, 48, 64, 96 or 384"
+            "light_count: 50 is not a number of dome lights; choose 8, 24, 48, 64, 96 or 384"
         );
         assert_eq!(
             text(r#"{"shadow_strength": 1.5}"#),
@@ -322,7 +322,7 @@ mod tests {
         );
         assert_eq!(
             text(r#"{"planes_skip_below": -0.1}"#),
-            "planes_skip_below: -0.1 is no share of all light; choose a number from 0 to 1"
+            "planes_skip_below: -0.1 is not a share of all light; choose a number from 0 to 1"
         );
         assert!(
             text(r#"{"planes_shading": "all"}"#)

@@ -1,4 +1,4 @@
-//! What the rig writes and the server reads.
+//! The state shared by the rig, which writes it, and the server, which reads it.
 
 use super::calibration::CalibrationControl;
 use super::recording::{Recording, RecordingControl, RecordingRefusal, RecordingWish};
@@ -10,9 +10,8 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use tokio::sync::watch;
 
-/// The one thing that the rig and the server have in common. Every call is short: the
-/// lock is held for a copy at most, never while something is encoded or sent, so the
-/// frame's way is not held up by a browser.
+/// The state shared by the rig and the server. The lock is held for a copy at most, never while
+/// something is encoded or sent, so that a browser cannot delay a frame.
 pub struct SharedStatus {
     clock: Box<dyn Clock>,
     started: MonotonicTime,
@@ -33,13 +32,13 @@ struct State {
 }
 
 impl SharedStatus {
-    /// A status whose settings, wished and in force, are `settings`.
+    /// Creates a status with `settings` as requested and active settings.
     #[must_use]
     pub fn new(settings: Settings) -> Arc<Self> {
         Self::with_clock(settings, Box::new(SystemClock))
     }
 
-    /// The same with a time of one's own.
+    /// As [`Self::new`], with a given clock.
     #[must_use]
     pub fn with_clock(settings: Settings, clock: Box<dyn Clock>) -> Arc<Self> {
         let snapshot = Snapshot {
@@ -64,8 +63,8 @@ impl SharedStatus {
         })
     }
 
-    /// Changes the snapshot in place, which allocates nothing where the change does not.
-    /// A rise of `frames.composed` is what `/healthz` calls a frame.
+    /// Changes the snapshot in place, without allocation of its own. `/healthz` counts an increase
+    /// of `frames.composed` as a frame.
     pub fn update(&self, change: impl FnOnce(&mut Snapshot)) {
         let now = self.clock.now();
         let mut state = self.lock();
@@ -76,7 +75,7 @@ impl SharedStatus {
         }
     }
 
-    /// Replaces the whole snapshot, except for what the server itself fills in.
+    /// Replaces the snapshot, except for the fields that the server fills in.
     pub fn publish_snapshot(&self, snapshot: Snapshot) {
         self.update(|current| {
             let stream = current.stream;
@@ -87,7 +86,7 @@ impl SharedStatus {
         });
     }
 
-    /// A copy of the snapshot, with the ages of now.
+    /// Returns a copy of the snapshot with current ages.
     #[must_use]
     pub fn snapshot(&self) -> Snapshot {
         let now = self.clock.now();
@@ -101,34 +100,34 @@ impl SharedStatus {
         snapshot
     }
 
-    /// The newest composited picture. Needed only while [`Self::wants_picture`], and once
-    /// more at the end of a recording, so that the last picture stays.
+    /// Publishes the newest composited picture. Needed only while [`Self::wants_picture`], and once
+    /// at the end of a recording, so that the last picture remains.
     pub fn publish_picture(&self, picture: Arc<Picture>) {
         self.picture.send_replace(Some(picture));
     }
 
-    /// The environment map as an equirectangular preview with the dome lights drawn on it.
+    /// Publishes the environment map as an equirectangular preview with the dome lights marked.
     pub fn publish_environment_preview(&self, preview: Arc<Picture>) {
         self.environment.send_replace(Some(preview));
         self.update(|s| s.lighting.preview_revision += 1);
     }
 
-    /// Whether somebody looks at the picture, so that reading it back is worth it.
+    /// Whether a viewer needs the picture to be read back.
     #[must_use]
     pub fn wants_picture(&self) -> bool {
         *self.watchers.borrow() > 0 || self.askers.load(Ordering::Relaxed) > 0
     }
 
-    /// The settings wished for; the newest wins.
+    /// Returns the requested settings; the newest request wins.
     #[must_use]
     pub fn settings_receiver(&self) -> watch::Receiver<Settings> {
         self.settings.subscribe()
     }
 
-    /// Grants a wish for settings, or says why not; answers all that is wished for now.
+    /// Applies a change of settings and returns all requested settings.
     ///
     /// # Errors
-    /// A value that cannot be had; nothing changes then.
+    /// A value is invalid; then nothing changes.
     pub fn wish(&self, change: &SettingsChange) -> Result<Settings, SettingsError> {
         let mut answer = Ok(());
         self.settings.send_if_modified(|wished| {
@@ -139,70 +138,70 @@ impl SharedStatus {
         answer.map(|()| self.settings.borrow().clone())
     }
 
-    /// From here on wishes to record are carried out by `recorder`. The first one stays.
+    /// Sets the recorder that handles requests to record. Only the first call has an effect.
     pub fn set_recorder(&self, recorder: Arc<dyn RecordingControl>) {
         let _ = self.recorder.set(recorder);
     }
 
-    /// Begins or ends a recording.
+    /// Starts or stops a recording.
     ///
     /// # Errors
-    /// Why not.
+    /// There is no recorder, or it refuses the request.
     pub fn record(&self, wish: &RecordingWish) -> Result<Recording, RecordingRefusal> {
         let recorder = self.recorder.get().ok_or(RecordingRefusal::Unavailable)?;
         recorder.carry_out(wish)
     }
 
-    /// From here on wishes to calibrate are carried out by `calibrator`. The first one stays.
+    /// Sets the calibrator that handles requests to calibrate. Only the first call has an effect.
     pub fn set_calibrator(&self, calibrator: Arc<dyn CalibrationControl>) {
         let _ = self.calibrator.set(calibrator);
     }
 
-    /// Who calibrates; nobody where a recording plays.
+    /// Returns the calibrator; `None` while a recording plays.
     #[must_use]
     pub fn calibrator(&self) -> Option<Arc<dyn CalibrationControl>> {
         self.calibrator.get().cloned()
     }
 
-    /// The composited pictures as they come; the newest wins.
+    /// Subscribes to the composited pictures; the newest wins.
     #[must_use]
     pub fn pictures(&self) -> watch::Receiver<Option<Arc<Picture>>> {
         self.picture.subscribe()
     }
 
-    /// The newest preview of the environment.
+    /// Returns the newest preview of the environment.
     #[must_use]
     pub fn environment_preview(&self) -> Option<Arc<Picture>> {
         self.environment.borrow().clone()
     }
 
-    /// How many watch the stream, as it changes.
+    /// Subscribes to the number of viewers of the stream.
     #[must_use]
     pub fn watchers(&self) -> watch::Receiver<u32> {
         self.watchers.subscribe()
     }
 
-    /// Counts one more who watches the stream, until the guard is dropped.
+    /// Counts a viewer of the stream until the guard is dropped.
     #[must_use]
     pub fn watch(self: &Arc<Self>) -> Watching {
         self.watchers.send_modify(|n| *n += 1);
         Watching(Arc::clone(self))
     }
 
-    /// Counts one more who asks for a single picture, until the guard is dropped.
+    /// Counts a request for a single picture until the guard is dropped.
     #[must_use]
     pub fn ask(self: &Arc<Self>) -> Asking {
         self.askers.fetch_add(1, Ordering::Relaxed);
         Asking(Arc::clone(self))
     }
 
-    /// A panic elsewhere must not take the status away, so a poisoned lock is used on.
+    /// Locks the state. A poisoned lock is still used: a panic elsewhere must not stop the status.
     fn lock(&self) -> MutexGuard<'_, State> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// Somebody watches the stream.
+/// Guard of a viewer of the stream.
 pub struct Watching(Arc<SharedStatus>);
 
 impl Drop for Watching {
@@ -211,7 +210,7 @@ impl Drop for Watching {
     }
 }
 
-/// Somebody asks for one picture.
+/// Guard of a request for one picture.
 pub struct Asking(Arc<SharedStatus>);
 
 impl Drop for Asking {

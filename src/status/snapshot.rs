@@ -1,8 +1,7 @@
-//! Everything worth knowing about a running rig, as plain data: what `GET /status` says.
+//! The state of a running rig as plain data: the content of `GET /status`.
 //!
-//! The meaning of every field, as a reader of the JSON sees it, stands in
-//! [`STATUS_FIELDS`](super::STATUS_FIELDS); a test keeps the two together. Numbers that
-//! are not finite appear as `null`.
+//! [`STATUS_FIELDS`](super::STATUS_FIELDS) describes every field for readers of the JSON; a test
+//! compares the two. Numbers that are not finite appear as `null`.
 
 use super::planes::PlanesStatus;
 use super::probe::ProbeStatus;
@@ -17,7 +16,7 @@ use serde::Serialize;
 /// when one is added.
 pub const STATUS_VERSION: u32 = 1;
 
-/// The most warnings kept; what comes later only counts.
+/// Maximum number of warnings kept; later ones are only counted.
 const MAX_WARNINGS: usize = 32;
 
 /// The state of the rig at one instant.
@@ -27,7 +26,7 @@ pub struct Snapshot {
     pub version: u32,
     /// The program.
     pub program: Program,
-    /// What is being played or seen.
+    /// The recording or the live rig.
     pub session: Session,
     /// Counts of scene frames.
     pub frames: Frames,
@@ -35,31 +34,31 @@ pub struct Snapshot {
     pub stages: StageTimes,
     /// How the streams were paired.
     pub pairing: Pairing,
-    /// What tells where the scene camera is.
+    /// Source and accuracy of the scene camera's pose.
     pub registration: RegistrationStatus,
-    /// The match of the two cameras.
+    /// White balance between the cameras.
     pub white_balance: WhiteBalance,
-    /// The light.
+    /// Lighting.
     pub lighting: LightingStatus,
     /// The scene and its file.
     pub scene: SceneStatus,
     /// Shadowing planes.
     pub planes: PlanesStatus,
-    /// In which exposure the picture is shown.
+    /// Exposure of the output.
     pub exposure: ExposureStatus,
     /// Recording.
     pub recording: Recording,
     /// Cameras and trackers.
     pub devices: Vec<Device>,
-    /// What draws.
+    /// Graphics adapter.
     pub adapter: Adapter,
     /// Size of the composited picture.
     pub resolution: Resolution,
-    /// The settings that the newest picture was made with.
+    /// Settings of the newest picture.
     pub settings: Settings,
-    /// The browser's side.
+    /// The stream to browsers.
     pub stream: Stream,
-    /// What somebody should look at.
+    /// Warnings for the user.
     pub warnings: Vec<Warning>,
 }
 
@@ -90,7 +89,7 @@ impl Default for Snapshot {
 }
 
 impl Snapshot {
-    /// Notes a warning; one that is known already is counted instead of repeated.
+    /// Adds a warning; a repeated one is counted.
     pub fn warn(&mut self, text: &str) {
         if let Some(known) = self.warnings.iter_mut().find(|w| w.text == text) {
             known.count += 1;
@@ -100,7 +99,7 @@ impl Snapshot {
         }
     }
 
-    /// Takes a warning back whose cause is gone.
+    /// Removes a warning whose cause is gone.
     pub fn clear_warning(&mut self, text: &str) {
         self.warnings.retain(|w| w.text != text);
     }
@@ -113,7 +112,7 @@ pub struct Program {
     pub name: &'static str,
     /// Its version.
     pub version: &'static str,
-    /// Time since it began to answer, seconds; filled in when it is read.
+    /// Time since the start, seconds; filled in when the snapshot is read.
     pub uptime_seconds: f64,
 }
 
@@ -127,61 +126,61 @@ impl Default for Program {
     }
 }
 
-/// The scene and its file, which is read anew when it is changed.
+/// The scene and its file, which is read again when it changes.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct SceneStatus {
-    /// The scene file; `None` where the session brings the scene.
+    /// The scene file; `None` if the session holds the scene.
     pub file: Option<String>,
-    /// Times that a changed scene was taken into the picture.
+    /// Number of changed scenes that were applied.
     pub loads: u64,
-    /// Why the newest change was not taken: what, where, what to do.
+    /// Why the newest change was not applied: what, where, what to do.
     pub reason: Option<String>,
 }
 
-/// What is being played or seen.
+/// The recording or the live rig.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Session {
     /// File name of the recording, or name of the rig.
     pub name: String,
-    /// What it is doing.
+    /// State.
     pub state: SessionState,
-    /// One sentence about that state, with the reason where there is one.
+    /// The state in words, with the reason if there is one.
     pub sentence: String,
-    /// Times the recording has begun anew.
+    /// How often the recording was repeated.
     pub loops: u64,
     /// Share of the recording played, 0..=1; `None` when live.
     pub progress: Option<f64>,
 }
 
 impl Session {
-    /// Goes into a state, with its own sentence.
+    /// Sets a state, with its default sentence.
     pub fn enter(&mut self, state: SessionState) {
         self.enter_because(state, state.sentence());
     }
 
-    /// Goes into a state for a reason worth saying.
+    /// Sets a state with a reason.
     pub fn enter_because(&mut self, state: SessionState, sentence: &str) {
         self.state = state;
         sentence.clone_into(&mut self.sentence);
     }
 }
 
-/// What the session is doing.
+/// State of the session.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum SessionState {
-    /// Nothing has been composed yet.
+    /// Before the first picture.
     #[default]
     Starting,
-    /// Devices deliver.
+    /// Devices stream.
     Live,
     /// A recording plays.
     Replaying,
-    /// Held on purpose.
+    /// Paused.
     Paused,
-    /// The recording is over.
+    /// The recording has ended.
     Ended,
-    /// It cannot go on.
+    /// Stopped by an error.
     Failed,
 }
 
@@ -190,11 +189,11 @@ impl SessionState {
     #[must_use]
     pub const fn sentence(self) -> &'static str {
         match self {
-            Self::Starting => "Getting ready: the first picture is on its way.",
+            Self::Starting => "Starting: waiting for the first picture.",
             Self::Live => "Live: the cameras deliver.",
             Self::Replaying => "Playing a recording.",
-            Self::Paused => "Paused on purpose; the last picture stays.",
-            Self::Ended => "The recording is over; the last picture stays.",
+            Self::Paused => "Paused; the last picture is shown.",
+            Self::Ended => "The recording has ended; the last picture is shown.",
             Self::Failed => "Stopped by an error.",
         }
     }
@@ -207,17 +206,17 @@ pub struct Frames {
     pub arrived: u64,
     /// Pictures composited.
     pub composed: u64,
-    /// Scene frames left out because a newer one was there, or because they were damaged.
+    /// Scene frames skipped: replaced by a newer one, or damaged.
     pub skipped: u64,
-    /// Scene frames for which no pose was known: shown as the camera's picture.
+    /// Scene frames without a known pose; they show the camera's picture.
     pub without_pose: u64,
     /// Composited pictures per second, over the last two seconds.
     pub per_second: f64,
-    /// Age of the newest composited picture, milliseconds; filled in when it is read.
+    /// Age of the newest composited picture, milliseconds; filled in when the snapshot is read.
     pub last_age_ms: Option<f64>,
 }
 
-/// How the streams were paired into one instant.
+/// Pairing of the streams.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Pairing {
     /// Scene frame minus its environment frame, milliseconds, newest.
@@ -230,43 +229,43 @@ pub struct Pairing {
     pub environment_skew_p99_ms: Option<f64>,
     /// How the newest pose was found: `exact`, `interpolated`, `predicted` or `none`.
     pub pose: PoseAnswer,
-    /// Standard deviation of the tracked camera's place by noise and prediction, millimetres.
+    /// Standard deviation of the camera's position by noise and prediction, millimetres.
     pub pose_sigma_mm: Option<f64>,
-    /// Of its direction, degrees.
+    /// Standard deviation of its orientation, degrees.
     pub pose_sigma_deg: Option<f64>,
-    /// Of the picture of a point amid the virtual objects, pixels.
+    /// Standard deviation of the image of a point amid the virtual objects, pixels.
     pub pose_sigma_px: Option<f64>,
-    /// The tracker's latency in force, milliseconds.
+    /// Tracker latency that is used, milliseconds.
     pub tracker_latency_ms: Option<f64>,
-    /// As it was measured while the rig ran.
+    /// Tracker latency as measured while the rig runs, milliseconds.
     pub tracker_latency_measured_ms: Option<f64>,
-    /// Standard deviation of that.
+    /// Its standard deviation, milliseconds.
     pub tracker_latency_sigma_ms: Option<f64>,
-    /// By what: `poses` or `image motion`.
+    /// Source of the measurement: `poses` or `image motion`.
     pub tracker_latency_by: Option<&'static str>,
-    /// Seconds since then.
+    /// Time since the measurement, seconds.
     pub tracker_latency_ago_s: Option<f64>,
-    /// Why the newest seconds do not tell.
+    /// Why the latency cannot be measured now.
     pub tracker_latency_note: Option<String>,
 }
 
-/// How a pose was found.
+/// How a pose was obtained.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum PoseAnswer {
-    /// A record of that very instant.
+    /// A record of the same instant.
     Exact,
-    /// Between two records.
+    /// Interpolated between two records.
     Interpolated,
-    /// Carried on past the newest record.
+    /// Predicted past the newest record.
     Predicted,
-    /// Not known.
+    /// Unknown.
     #[default]
     None,
 }
 
 impl PoseAnswer {
-    /// As it stands in the status and in files.
+    /// Returns the name in status and in files.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -278,23 +277,23 @@ impl PoseAnswer {
     }
 }
 
-/// Ways of finding the gains between the cameras.
+/// Methods that estimate the gains between the cameras.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum WhiteBalanceMethod {
     /// Pictures of one colour chart or grey card taken by both cameras.
     Chart,
-    /// What both cameras see of the same surfaces.
+    /// Surfaces that both cameras see.
     Automatic,
     /// A surface of known reflectance in the measured light.
     KnownSurface,
-    /// The scene's colours are taken to be grey on average: a guess.
+    /// The scene is assumed to be grey on average: a guess.
     GreyWorld,
     /// The scene camera sees the environment itself: nothing to match.
     SameCamera,
-    /// Gains written in the config.
+    /// Configured gains.
     Configured,
-    /// None: the cameras are taken as they are.
+    /// No correction.
     #[default]
     None,
 }
@@ -302,30 +301,30 @@ pub enum WhiteBalanceMethod {
 /// One estimate of the gains.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct WhiteBalanceEstimate {
-    /// How it was found.
+    /// Method.
     pub method: WhiteBalanceMethod,
     /// Linear factors on the environment camera's red, green, blue.
     pub gains: [f64; 3],
-    /// Standard deviation of each, as a share of it.
+    /// Relative standard deviation of each.
     pub uncertainty: [f64; 3],
 }
 
-/// How the environment camera is brought to the scene camera's white point and exposure.
+/// Match of the environment camera to the scene camera's white point and exposure.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct WhiteBalance {
-    /// The method in force.
+    /// Active method.
     pub method: WhiteBalanceMethod,
-    /// Linear factors in force on the environment camera's red, green, blue.
+    /// Active linear factors on the environment camera's red, green, blue.
     pub gains: [f64; 3],
-    /// Standard deviation of each, as a share of it.
+    /// Relative standard deviation of each.
     pub uncertainty: Option<[f64; 3]>,
-    /// Largest relative difference between the methods that have an estimate.
+    /// Maximum relative difference between the methods with an estimate.
     pub disagreement: Option<f64>,
-    /// Why the estimate is held as it is, when it is.
+    /// Why the estimate is frozen; `None` while it is updated.
     pub frozen: Option<String>,
-    /// What each method says.
+    /// Estimates of all methods.
     pub estimates: Vec<WhiteBalanceEstimate>,
-    /// The same white as both cameras see it.
+    /// A white surface as both cameras see it.
     pub white: Option<WhiteMatch>,
 }
 
@@ -346,73 +345,73 @@ impl Default for WhiteBalance {
 /// One white or grey surface as both cameras see it, linear RGB.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct WhiteMatch {
-    /// By the scene camera.
+    /// In the scene camera.
     pub scene: [f64; 3],
-    /// By the environment camera, as it comes.
+    /// In the environment camera, before the gains.
     pub environment_before: [f64; 3],
     /// The same after the gains.
     pub environment_after: [f64; 3],
 }
 
-/// The light in force.
+/// Active lighting.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct LightingStatus {
-    /// Dome lights that cast shadows now.
+    /// Number of dome lights that cast shadows.
     pub dome_lights: u32,
-    /// How many of them stand for compact sources.
+    /// Number of those that represent compact sources.
     pub compact_lights: u32,
-    /// Compact sources found: sun, lamps, windows.
+    /// Number of compact sources detected: sun, lamps, windows.
     pub compact_sources: u32,
-    /// Age of the environment picture against the scene picture, milliseconds.
+    /// Age of the environment picture relative to the scene picture, milliseconds.
     pub age_ms: Option<f64>,
-    /// Why the light is older than it should be, when it is.
+    /// Why the lighting is stale; `None` if it is not.
     pub stale: Option<String>,
-    /// Share of the environment's solid angle seen clipped, 0..=1.
+    /// Share of the environment's solid angle that is clipped, 0..=1.
     pub clipped_fraction: Option<f64>,
-    /// Unit vector to where most light comes from, world (+Z up).
+    /// Unit vector towards the dominant light, world (+Z up).
     pub dominant_direction: Option<[f64; 3]>,
-    /// By how much that light outshines the others, as a share of all light, 0..=1.
+    /// Dominance of that light over the rest, as a share of all light, 0..=1.
     pub dominance: Option<f64>,
-    /// What a mirrored sphere in the scene camera's picture has shown; `None` where the light is
-    /// seen otherwise.
+    /// State of the mirrored sphere in the scene camera's picture; `None` with another source of
+    /// light.
     pub probe: Option<ProbeStatus>,
-    /// Counts the previews of the environment; 0 = there is none at `/environment.png`.
+    /// Number of previews of the environment; 0 = none at `/environment.png` yet.
     pub preview_revision: u64,
 }
 
-/// In which exposure the picture is shown.
+/// Exposure of the output.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct ExposureStatus {
-    /// Of the newest picture, stops beside the camera's own.
+    /// Exposure of the newest picture, stops relative to the camera's.
     pub ev: f32,
-    /// Where the automatic one is going, stops.
+    /// Target of the automatic exposure, stops.
     pub wanted_ev: f32,
     /// Mean linear brightness of the camera's picture, where it is measured.
     pub camera: Option<f32>,
-    /// What virtual lights add to it.
+    /// Mean linear brightness added by virtual lights.
     pub added: Option<f32>,
-    /// What virtual shadows take from it.
+    /// Mean linear brightness removed by virtual shadows.
     pub taken: Option<f32>,
 }
 
-/// What a device is doing.
+/// State of a device.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum DeviceState {
-    /// Named nowhere.
+    /// Not configured.
     #[default]
     Absent,
     /// Being opened.
     Opening,
-    /// Delivers.
+    /// Streaming.
     Streaming,
-    /// Open, but nothing comes.
+    /// Open, without data.
     Silent,
-    /// Closed after trouble, to be opened again.
+    /// Closed after an error, to be opened again.
     Retrying,
-    /// Cannot be used.
+    /// Failed permanently.
     Failed,
-    /// The recording holds no more of it.
+    /// The recording has no more data of it.
     Ended,
 }
 
@@ -422,16 +421,16 @@ impl DeviceState {
     pub const fn sentence(self) -> &'static str {
         match self {
             Self::Absent => "Not part of this session.",
-            Self::Opening => "Being opened.",
-            Self::Streaming => "Delivers as it should.",
-            Self::Silent => "Nothing comes; the last of it stays in use.",
-            Self::Retrying => "In trouble; it will be opened again shortly.",
-            Self::Failed => "Cannot be used until somebody sees to it.",
-            Self::Ended => "The recording holds no more of it.",
+            Self::Opening => "Opening.",
+            Self::Streaming => "Streaming.",
+            Self::Silent => "No data; the last data stay in use.",
+            Self::Retrying => "Closed after an error; it will be opened again.",
+            Self::Failed => "Failed; it needs attention.",
+            Self::Ended => "The recording has no more data of it.",
         }
     }
 
-    /// As it stands in `/status` and as a metric label.
+    /// Returns the name in `/status` and in metric labels.
     #[must_use]
     pub const fn label(self) -> &'static str {
         match self {
@@ -449,57 +448,58 @@ impl DeviceState {
 /// A camera or a tracker.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Device {
-    /// Its name or path.
+    /// Name or path.
     pub name: String,
-    /// What it is for.
+    /// Role.
     pub kind: DeviceKind,
-    /// What it is doing.
+    /// State.
     pub state: DeviceState,
     /// The state in words.
     pub sentence: &'static str,
-    /// What the driver said, when it is in trouble.
+    /// The driver's error, if there is one.
     pub reason: Option<String>,
     /// Frames or records per second.
     pub per_second: f64,
     /// Frames or records since the start.
     pub received: u64,
-    /// Of these lost: gaps in its counter, damaged, or overtaken.
+    /// Frames or records lost: gaps in the counter, damaged, or replaced by newer ones.
     pub dropped: u64,
     /// Age of the newest frame or record, milliseconds.
     pub last_age_ms: Option<f64>,
-    /// Who it is, the same after replugging; `None` before it was open, and in a replay.
+    /// Identity that persists when the device is plugged in again; `None` before it was open, and in
+    /// a replay.
     pub identity: Option<String>,
     /// Size, format and rate of a camera; protocol of a tracker.
     pub mode: Option<String>,
-    /// Times that it was tried to open it.
+    /// Number of attempts to open it.
     pub attempts: u64,
-    /// Times that it was lost after it had been open.
+    /// Number of times that the open device was lost.
     pub losses: u64,
-    /// When it is tried again, milliseconds from now; `None` while it is open.
+    /// Time until the next attempt, milliseconds; `None` while it is open.
     pub retry_in_ms: Option<f64>,
-    /// What went wrong last, even if all is well again.
+    /// The last error, even if it is resolved.
     pub last_trouble: Option<String>,
-    /// What its user should know.
+    /// Notes for the user.
     pub notes: Vec<String>,
     /// Locked controls of a camera.
     pub controls: Vec<Control>,
 }
 
-/// What became of a control that the configuration locks.
+/// State of a control that the configuration locks.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Control {
-    /// As in the configuration.
+    /// Name in the configuration.
     pub name: String,
-    /// The value asked for, in the device's unit.
+    /// The requested value, in the device's unit.
     pub wanted: i64,
     /// The value that the device reports.
     pub in_force: Option<i64>,
-    /// How the two compare, in words.
+    /// Comparison of the two values, in words.
     pub standing: String,
 }
 
 impl Device {
-    /// A device that has delivered nothing yet.
+    /// Creates a device without data.
     #[must_use]
     pub fn new(name: &str, kind: DeviceKind) -> Self {
         Self {
@@ -523,7 +523,7 @@ impl Device {
         }
     }
 
-    /// Goes into a state, with its sentence and what the driver said.
+    /// Sets a state, with its sentence and the driver's error.
     pub fn enter(&mut self, state: DeviceState, reason: Option<&str>) {
         self.state = state;
         self.sentence = state.sentence();
@@ -533,10 +533,10 @@ impl Device {
     }
 }
 
-/// What draws.
+/// The graphics adapter.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Adapter {
-    /// As the driver calls it.
+    /// Name, from its driver.
     pub name: String,
     /// `Vulkan`, `Metal`, …
     pub backend: String,
@@ -547,27 +547,27 @@ pub struct Adapter {
 /// Size of the composited picture, pixels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Resolution {
-    /// Pixels in a row.
+    /// Width.
     pub width: u32,
-    /// Rows.
+    /// Height.
     pub height: u32,
 }
 
-/// The browser's side; filled in by the stream itself.
+/// The stream to browsers; filled in by the stream itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Stream {
-    /// Browsers that watch `/stream.mjpeg`.
+    /// Number of viewers of `/stream.mjpeg`.
     pub viewers: u32,
     /// Pictures encoded for them.
     pub encoded: u64,
 }
 
-/// Something to look at.
+/// A warning.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Warning {
     /// What, where, what to do.
     pub text: String,
-    /// How often it happened.
+    /// Number of occurrences.
     pub count: u64,
 }
 

@@ -1,4 +1,4 @@
-//! A connection that does not hold on to a client who has stopped reading.
+//! A timeout for clients that stop reading.
 
 use std::future::Future;
 use std::io;
@@ -8,9 +8,8 @@ use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::time::{Sleep, sleep};
 
-/// Reads and writes as the stream inside does, but a write that gets nowhere for `limit`
-/// fails. Without it a client that stops reading would keep its place among the viewers
-/// until the kernel gives up, a quarter of an hour later.
+/// A stream whose writes fail after `limit` without progress. Otherwise a client that stops reading
+/// would count as a viewer until the kernel's timeout, a quarter of an hour.
 pub struct StallGuard<S> {
     inner: S,
     limit: Duration,
@@ -18,7 +17,7 @@ pub struct StallGuard<S> {
 }
 
 impl<S> StallGuard<S> {
-    /// Guards a stream.
+    /// Wraps a stream.
     pub const fn new(inner: S, limit: Duration) -> Self {
         Self {
             inner,
@@ -27,7 +26,7 @@ impl<S> StallGuard<S> {
         }
     }
 
-    /// Passes on what a write came to, or gives up on one that has waited too long.
+    /// Returns the result of a write, or an error after the timeout.
     fn judge<T>(
         &mut self,
         cx: &mut Context<'_>,

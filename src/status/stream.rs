@@ -1,4 +1,4 @@
-//! The picture for browsers: JPEG, and the framing of an endless row of them.
+//! JPEG encoding of pictures, and the framing of an MJPEG stream.
 
 use bytes::{BufMut, Bytes, BytesMut};
 use penumbra_picture::Picture;
@@ -22,7 +22,7 @@ pub enum EncodeError {
         width: u32,
         /// Rows.
         height: u32,
-        /// Bytes there are.
+        /// Length of the buffer, bytes.
         bytes: usize,
     },
     /// libjpeg-turbo refused.
@@ -33,16 +33,16 @@ pub enum EncodeError {
     Png(#[from] png::EncodingError),
 }
 
-/// Encodes pictures as baseline JPEG, 4:2:0. Keeps its state from one to the next.
+/// Encodes pictures as baseline JPEG, 4:2:0. Reuses its state.
 pub struct JpegEncoder {
     compressor: Compressor,
 }
 
 impl JpegEncoder {
-    /// An encoder of `quality` 1..=100; what lies outside is brought inside.
+    /// Creates an encoder of `quality`, clamped to 1..=100.
     ///
     /// # Errors
-    /// The library has no memory.
+    /// The library cannot allocate.
     pub fn new(quality: u8) -> Result<Self, EncodeError> {
         let mut compressor = Compressor::new()?;
         compressor.set_quality(i32::from(quality.clamp(1, 100)))?;
@@ -50,7 +50,7 @@ impl JpegEncoder {
         Ok(Self { compressor })
     }
 
-    /// One picture as a JPEG file.
+    /// Encodes a picture as a JPEG file.
     ///
     /// # Errors
     /// The picture's buffer does not fit its size, or it is larger than JPEG allows.
@@ -67,7 +67,7 @@ impl JpegEncoder {
     }
 }
 
-/// One picture as an RGB PNG file, exact.
+/// Encodes a picture as an RGB PNG file, lossless.
 ///
 /// # Errors
 /// The picture's buffer does not fit its size.
@@ -101,15 +101,14 @@ fn checked_size(picture: &Picture) -> Result<(usize, usize), EncodeError> {
     })
 }
 
-/// What a stream begins with.
+/// The start of a stream.
 #[must_use]
 pub fn stream_preamble() -> Bytes {
     Bytes::from(format!("--{BOUNDARY}\r\n"))
 }
 
-/// One picture within a stream. The boundary of the *next* part closes it, because
-/// browsers show a part only once they have seen where it ends; at the head of the next
-/// one it would hold every picture back by one.
+/// Frames a picture for a stream. The boundary of the *next* part follows at once, because browsers
+/// show a part only at its end; otherwise every picture would be delayed by one.
 #[must_use]
 pub fn stream_part(jpeg: &[u8]) -> Bytes {
     let mut part = BytesMut::with_capacity(jpeg.len() + 128).writer();

@@ -1,12 +1,12 @@
-//! How long things take, without allocating while frames flow.
+//! Durations of stages, without allocation per frame.
 
 use penumbra_interface::MonotonicTime;
 use serde::ser::{Serialize, SerializeStruct, Serializer};
 use std::time::Duration;
 
-/// Buckets per doubling: a percentile is right to within 2^(1/32) − 1 ≈ 2.2 %.
+/// Buckets per doubling: a percentile is accurate to within 2^(1/32) − 1 ≈ 2.2 %.
 const PER_OCTAVE: usize = 16;
-/// From 1 µs to 2^26 µs ≈ 67 s; what is outside counts at the ends.
+/// From 1 µs to 2^26 µs ≈ 67 s; values outside count in the first or last.
 const OCTAVES: usize = 26;
 const BUCKETS: usize = PER_OCTAVE * OCTAVES;
 /// Weight of the newest value in [`Histogram::recent`]: about the last 16 values.
@@ -47,32 +47,32 @@ impl Histogram {
         self.max = self.max.max(duration);
     }
 
-    /// How many durations were recorded.
+    /// Returns the number of recorded durations.
     #[must_use]
     pub const fn count(&self) -> u64 {
         self.count
     }
 
-    /// Their sum, seconds.
+    /// Returns their sum, seconds.
     #[must_use]
     pub const fn sum_seconds(&self) -> f64 {
         self.sum_seconds
     }
 
-    /// The longest one.
+    /// Returns the maximum.
     #[must_use]
     pub const fn max(&self) -> Duration {
         self.max
     }
 
-    /// Exponentially weighted mean of about the last 16.
+    /// Returns the exponentially weighted mean of about the last 16.
     #[must_use]
     pub fn recent(&self) -> Duration {
         Duration::from_secs_f64(self.recent_seconds.max(0.0))
     }
 
-    /// The duration that the share `quantile` (0..=1) of the values does not exceed, to
-    /// within a bucket (2.2 %), by the nearest-rank rule; zero where nothing was recorded.
+    /// Returns the duration that the share `quantile` (0..=1) of the values does not exceed, to
+    /// within a bucket (2.2 %), by the nearest-rank rule; zero if nothing was recorded.
     #[must_use]
     pub fn quantile(&self, quantile: f64) -> Duration {
         let rank = ((quantile.clamp(0.0, 1.0) * self.count as f64).ceil() as u64).max(1);
@@ -86,8 +86,7 @@ impl Histogram {
         Duration::ZERO
     }
 
-    /// What was recorded after `earlier`, which this is a later state of; its longest is
-    /// that of all.
+    /// Returns the durations recorded since the state `earlier`; the maximum is that of all.
     #[must_use]
     pub fn since(&self, earlier: &Self) -> Self {
         let mut since = self.clone();
@@ -99,8 +98,7 @@ impl Histogram {
         since
     }
 
-    /// How many values were at most `seconds`, to within a bucket: what a Prometheus
-    /// histogram wants.
+    /// Returns the number of values up to `seconds`, to within a bucket, for a Prometheus histogram.
     #[must_use]
     pub fn count_up_to(&self, seconds: f64) -> u64 {
         let whole = (seconds * 1e6).log2() * PER_OCTAVE as f64;
@@ -124,7 +122,7 @@ fn middle_of(bucket: usize) -> Duration {
     Duration::from_secs_f64(micros * 1e-6)
 }
 
-/// Where a stage runs.
+/// The processor of a stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum StageKind {
@@ -135,7 +133,7 @@ pub enum StageKind {
 }
 
 impl StageKind {
-    /// As it stands in `/status` and as a metric label.
+    /// Returns the name in `/status` and in metric labels.
     #[must_use]
     pub const fn label(self) -> &'static str {
         match self {
@@ -175,8 +173,7 @@ fn millis(duration: Duration) -> f64 {
     (duration.as_secs_f64() * 1e6).round() / 1e3
 }
 
-/// The stages of the frame in the order they were first seen. Allocates only when a name
-/// is new.
+/// The stages of the frame in the order of their first measurement. Allocates only for a new name.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct StageTimes {
     stages: Vec<Stage>,
@@ -245,7 +242,7 @@ impl RateMeter {
     const KEPT: usize = 64;
     const WINDOW_SECONDS: f64 = 2.0;
 
-    /// Notes one event. Time that jumps back forgets what was before.
+    /// Counts one event. If time jumps back, earlier events are forgotten.
     pub fn record(&mut self, now: MonotonicTime) {
         if self.len > 0 && now < self.newest() {
             self.len = 0;

@@ -27,7 +27,7 @@ fn a_scene_is_baked_and_what_was_done_is_told() {
     assert!(desk.read("a.bake") == desk.read("b.bake"));
     let said = desk.works(&format!("bake scene.toml {options} --out b.bake --force"));
     assert!(
-        said.contains("black, dropped") && said.contains("b.bake"),
+        said.contains("black images") && said.contains("b.bake"),
         "{said}"
     );
 }

@@ -138,7 +138,7 @@ fn a_running_rig_is_calibrated_over_http() {
     assert!(get(&address, "/calibration/picture.jpg").starts_with("HTTP/1.1 404"));
     let none = post(&address, "/calibration/finish", "{}");
     assert!(
-        none.starts_with("HTTP/1.1 409") && none.contains("nothing is under way"),
+        none.starts_with("HTTP/1.1 409") && none.contains("no step is running"),
         "{none}"
     );
     let wrong = json!({"step": "intrinsics", "parameters": {"board": "9x6"}}).to_string();
@@ -155,7 +155,7 @@ fn a_running_rig_is_calibrated_over_http() {
         "{begun}"
     );
     let again = post(&address, "/calibration/start", &wish);
-    assert!(again.starts_with("HTTP/1.1 409") && again.contains("`intrinsics` is under way"));
+    assert!(again.starts_with("HTTP/1.1 409") && again.contains("`intrinsics` is running"));
     until("a picture with marks", || {
         let marks = calibration(&address)["picture"]["marks"].clone();
         marks.as_array().is_some_and(|marks| marks.len() >= 20)

@@ -38,7 +38,7 @@ fn doctor_fails_where_the_program_cannot_work() {
     let output = desk.run("doctor --adapter nonesuch --listen 127.0.0.1:0");
     let said = text(&output.stdout);
     assert_eq!(output.status.code(), Some(1), "{said}");
-    assert!(said.contains("FAIL") && said.contains("mend:"), "{said}");
+    assert!(said.contains("FAIL") && said.contains("fix:"), "{said}");
     assert!(output.stderr.is_empty(), "{}", text(&output.stderr));
     let said = desk.works("doctor --listen 127.0.0.1:0");
     assert!(said.contains("shaders") && !said.contains("FAIL"), "{said}");

@@ -30,3 +30,22 @@ pub fn shared(path: &str) -> Option<PathBuf> {
     eprintln!("SKIPPED {test}: ../shared/{path} is missing");
     None
 }
+
+/// Compares a generated page with the committed file `path`, which is relative to the root. With
+/// the environment variable `UPDATE_DOCS` it writes the page instead.
+///
+/// # Panics
+/// The committed page differs, or the page cannot be written.
+pub fn check_page(path: &str, page: &str) {
+    let file = repository(path);
+    if std::env::var_os("UPDATE_DOCS").is_some() {
+        let written = std::fs::write(&file, page);
+        assert!(written.is_ok(), "{path}: {written:?}");
+        return;
+    }
+    let committed = std::fs::read_to_string(&file).unwrap_or_default();
+    assert!(
+        committed == page,
+        "{path} is outdated; `make docs-write` rewrites it"
+    );
+}

@@ -1,5 +1,5 @@
-//! The light on a thread of its own while the picture before is drawn, as a rig does it: each
-//! picture is still drawn in the light of its own instant.
+//! Lighting on a separate thread while the previous picture is rendered, as in a rig; each picture is
+//! still rendered in the light of its own instant.
 
 use super::{BenchError, BenchOptions, Case, Passes, Percentiles, Rig, Row, Stills, WARM_UP};
 use super::{estimator, processor_nanos, time};
@@ -11,10 +11,10 @@ use std::sync::Arc;
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::time::Instant;
 
-/// Pictures that are drawn beforehand, and shown over and over.
+/// Number of pictures that are rendered in advance and repeated.
 const STILLS: u32 = 30;
 
-/// What is read of each instant.
+/// Input of each instant.
 struct Reader {
     estimator: EnvironmentEstimator,
     camera: PinholeCamera,
@@ -31,7 +31,7 @@ impl Reader {
         })?)
     }
 
-    /// Goes on for as long as somebody listens: a thread that has ended is counted no more.
+    /// Runs until the receiver is dropped, because an ended thread is no longer counted.
     fn run(mut self, lights: &SyncSender<Result<Arc<Lighting>, BenchError>>) {
         let mut all = (0..).map(|i| self.light(i));
         while let Some(light) = all.next()

@@ -1,4 +1,4 @@
-//! What the case looks at: a table with a mirrored ball, in a room whose light changes.
+//! The scene of the case: a table with a mirrored sphere, in a room whose light changes.
 
 use crate::bench::stage::{self, looking};
 use glam::{DMat4, DQuat, DVec2, DVec3, Vec3, Vec4};
@@ -11,13 +11,13 @@ use penumbra_scene::{Material, Mesh, Part, Phong, PlacedLamp, Scene, primitives}
 use std::f64::consts::FRAC_PI_2;
 use std::sync::Arc;
 
-/// The paper's ball: two and three quarter inches across.
+/// Radius of the paper's sphere, metres: two and three quarter inches across.
 const BALL_RADIUS: f64 = 0.0349;
 const BALL: DVec3 = DVec3::new(-0.11, 0.06, BALL_RADIUS);
 /// Lens of the environment camera; pixels a side of its picture.
 const FISHEYE: u32 = 480;
 
-/// How the environment is seen.
+/// Where the environment is measured.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum View {
     Ball,
@@ -33,7 +33,7 @@ impl View {
     }
 }
 
-/// Where the camera was, and what it saw.
+/// Pose and picture of the camera.
 pub(super) type Stills = Vec<(RigidTransform, Picture)>;
 
 /// See the module.
@@ -80,7 +80,7 @@ impl Room {
         }
     }
 
-    /// The picture that the environment is read from.
+    /// The picture from which the environment is measured.
     pub const fn environment_picture(&self) -> &Picture {
         match self.view {
             View::Ball => &self.picture,
@@ -128,7 +128,7 @@ impl Room {
         looking(eye, DVec3::new(0.0, 0.0, 0.02))
     }
 
-    /// Spots wander in a ring above the objects; together they are as bright as one.
+    /// Spots move in a ring above the objects; their total intensity is constant.
     pub fn move_lamps(&mut self, i: u32) {
         let count = self.lamps.len().max(1) as f32;
         for (k, lamp) in self.lamps.iter_mut().enumerate() {
@@ -144,8 +144,8 @@ impl Room {
         }
     }
 
-    /// A golden torus and a ball with Phong's lobe on a table, 7,168 triangles, beside the
-    /// mirrored ball.
+    /// A golden torus and a sphere with Phong's lobe on a table, 7,168 triangles, beside the
+    /// mirrored sphere.
     pub fn scene(&self) -> Scene {
         let gold = Material {
             base_colour: Vec4::new(0.9, 0.7, 0.3, 1.0),
@@ -182,7 +182,7 @@ impl Room {
         }
     }
 
-    /// Irradiance of the table by the room, by plain summation.
+    /// Irradiance of the table from the room, by direct summation.
     #[cfg(test)]
     pub fn irradiance(&self, i: u32) -> Vec3 {
         let grid = penumbra_lighting::cube::CubeGrid::new(128);
@@ -212,8 +212,8 @@ const fn ball() -> MirrorSphere {
     }
 }
 
-/// A room with a wide window and a cloud that passes: nothing clips, so that what is read can
-/// be judged.
+/// A room with a wide window and a cloud that passes: nothing clips, so that the measured
+/// lighting can be verified.
 fn radiance(d: Vec3, i: u32) -> Vec3 {
     let time = 0.2 * i as f32;
     let wall = 0.25 + 0.1 * (3.0 * d.x).sin() * (4.0 * d.z).cos() + 0.05 * d.z;
@@ -222,7 +222,7 @@ fn radiance(d: Vec3, i: u32) -> Vec3 {
     Vec3::new(0.9, 1.0, 1.1) * (wall + 0.6 * cloud * window)
 }
 
-/// As the camera encodes it.
+/// Encodes a value as the camera does.
 fn code(radiance: Vec3) -> [u8; 3] {
     radiance.to_array().map(|l| {
         let l = l.clamp(0.0, 1.0);

@@ -16,13 +16,13 @@ pub struct BoardArgs {
     /// in metres, dictionary)
     #[arg(long, value_name = "BOARD", default_value = "chess:9x6:0.025", value_parser = Board::parse)]
     board: Board,
-    /// The sheet: .pdf, .svg or .png
+    /// The file to write: .pdf, .svg or .png
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
     /// Dots per inch of a .png
     #[arg(long, value_name = "N", default_value_t = 300, value_parser = clap::value_parser!(u32).range(20..=4800))]
     dpi: u32,
-    /// Write over a file that is there
+    /// Overwrite an existing file
     #[arg(long)]
     force: bool,
 }

@@ -15,19 +15,19 @@ pub struct ConvertArgs {
     /// OpenCV's, ROS's or Kalibr's YAML, or Penumbra's JSON
     #[arg(value_name = "FILE")]
     from: PathBuf,
-    /// In which format
+    /// Output format
     #[arg(long, value_enum)]
     to: Format,
-    /// Which camera of a file that has several
+    /// Name of the camera, for a file that has several
     #[arg(long, value_name = "NAME")]
     name: Option<String>,
-    /// The pictures' size, where the file does not say it
+    /// Picture size, if the file does not state it
     #[arg(long, value_name = "WxH", value_parser = size)]
     size: Option<(u32, u32)>,
     /// The file to write
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// Write over a file that is there
+    /// Overwrite an existing file
     #[arg(long)]
     force: bool,
 }
@@ -85,7 +85,7 @@ fn lenses(shown: &str, bytes: &[u8], size: Option<(u32, u32)>) -> anyhow::Result
             lens,
         }]);
     }
-    let text = std::str::from_utf8(bytes).map_err(|_| anyhow!("{shown}: is no text"))?;
+    let text = std::str::from_utf8(bytes).map_err(|_| anyhow!("{shown}: is not text"))?;
     exchange::read(text, size).map_err(|e| anyhow!("{shown}: {e}"))
 }
 

@@ -18,27 +18,26 @@ use std::process::ExitCode;
 pub struct EnvironmentArgs {
     #[command(flatten)]
     from: FromArgs,
-    /// How the environment is seen; without it as rig.json says, else through a fisheye
+    /// Kind of environment camera; without it as in rig.json, else a fisheye
     #[arg(long, value_enum)]
     kind: Option<SeenBy>,
-    /// The fisheye's field of view; without it as rig.json says, else 180
+    /// Field of view of the fisheye, degrees; without it as in rig.json, else 180
     #[arg(long, value_name = "DEGREES", value_parser = degrees)]
     fov: Option<f64>,
-    /// A place on the sphere in the environment camera's picture, and its radius, pixels
+    /// Centre of the sphere in the environment camera's picture, and its radius, pixels
     #[arg(long, value_name = "X,Y[,RADIUS]", value_parser = click)]
     click: Option<RoughBall>,
-    /// What was clicked on in the environment camera's picture: lines `x, y, point, X, Y, Z` (world,
+    /// Points clicked in the environment camera's picture: lines `x, y, point, X, Y, Z` (world,
     /// metres), `x, y, towards, X, Y, Z` (direction) or `x, y, scene, U, V, SECONDS`
     #[arg(long, value_name = "FILE.csv")]
     click_pairs: Option<PathBuf>,
-    /// Where the environment camera stands, world, metres; then only its orientation is sought
+    /// Position of the environment camera, world, metres; then only its orientation is estimated
     #[arg(long, value_name = "X,Y,Z", value_parser = place, allow_hyphen_values = true)]
     at: Option<DVec3>,
-    /// Markers of this family that stand still before both cameras, at places that are not in
-    /// rig.json
+    /// Family of static markers that both cameras see and that are not in rig.json
     #[arg(long, value_name = "tag36h11")]
     family: Vec<Family>,
-    /// By how much rig.json's orientation may be off
+    /// Maximum error of the orientation in rig.json
     #[arg(long, value_name = "DEGREES", value_parser = degrees)]
     rough: Option<f64>,
 }
@@ -52,7 +51,7 @@ enum SeenBy {
 fn numbers(text: &str) -> Result<Vec<f64>, String> {
     let number = |t: &str| match t.trim().parse::<f64>() {
         Ok(v) if v.is_finite() => Ok(v),
-        _ => Err(format!("`{t}` is no number")),
+        _ => Err(format!("`{t}` is not a number")),
     };
     text.split(',').map(number).collect()
 }

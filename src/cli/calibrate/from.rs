@@ -21,11 +21,11 @@ use std::process::ExitCode;
 
 #[derive(Debug, Args)]
 pub struct FromArgs {
-    /// A recording; without it the live rig's devices
+    /// A recording; without it the live rig
     #[arg(long, value_name = "SESSION.mcap")]
     pub session: Option<PathBuf>,
-    /// A folder with what was calibrated since (rig.json, calibration/NAME.json): it takes the
-    /// place of what the recording carries
+    /// Folder with newer calibration files (rig.json, calibration/NAME.json), which replace those in
+    /// the recording
     #[arg(long, value_name = "DIR", requires = "session")]
     rig: Option<PathBuf>,
     #[command(flatten)]
@@ -40,17 +40,17 @@ pub struct ToArgs {
     pub config: Option<PathBuf>,
     #[command(flatten)]
     live: LiveArgs,
-    /// The device's name, to be noted; live without it as the device calls itself
+    /// Device name to note in the file; on a live rig the device's own by default
     #[arg(long, value_name = "NAME")]
     device: Option<String>,
-    /// Its serial number, to be noted
+    /// Serial number to note in the file
     #[arg(long, value_name = "TEXT", requires = "device")]
     serial: Option<String>,
-    /// The calibration; beside it the report, as .html. Live without it they go among the rig's
-    /// files ([calibration] from), and those that are there are kept by their date
+    /// Calibration file; the report is written beside it as .html. On a live rig the default is the
+    /// rig's folder ([calibration] from), where existing files are kept under their date
     #[arg(long, value_name = "FILE.json", required_unless_present = "config")]
     pub out: Option<PathBuf>,
-    /// Write over files that are there
+    /// Overwrite existing files
     #[arg(long)]
     pub force: bool,
 }
@@ -69,7 +69,7 @@ impl FromArgs {
         self.to.config()
     }
 
-    /// What is known of the rig so far.
+    /// The rig's known calibration.
     pub fn rig(&self) -> anyhow::Result<RigDocument> {
         if self.session.is_none() {
             return self.to.rig();
@@ -106,7 +106,7 @@ impl ToArgs {
         })
     }
 
-    /// What is known of the live rig so far.
+    /// The live rig's known calibration.
     pub fn rig(&self) -> anyhow::Result<RigDocument> {
         Ok(Known::read(&self.config()?)?.document)
     }
@@ -150,7 +150,7 @@ impl ToArgs {
         let damaged = show(step, &bar)?;
         bar.finish_and_clear();
         if damaged > 0 {
-            crate::cli::warn(format_args!("{damaged} damaged pictures were passed over"));
+            crate::cli::warn(format_args!("{damaged} damaged pictures were skipped"));
         }
         let found = step.finish(&Made {
             date: iso_now(),

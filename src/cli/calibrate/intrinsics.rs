@@ -17,29 +17,28 @@ use std::process::ExitCode;
 // rig.json.
 #[derive(Debug, Args)]
 pub struct IntrinsicsArgs {
-    /// A recording in which the board is held before the camera; without it and --pictures the
-    /// live rig's camera
+    /// A recording of the board; without it and --pictures the live rig's camera
     #[arg(long, value_name = "SESSION.mcap")]
     session: Option<PathBuf>,
-    /// Instead, a folder of pictures (JPEG, PNG) of one camera
+    /// A folder of pictures (JPEG, PNG) of one camera instead
     #[arg(long, value_name = "DIR", conflicts_with = "session")]
     pictures: Option<PathBuf>,
-    /// As measured on the print: chess:9x6:0.025 (inner corners, square in metres),
+    /// The board as measured on the print: chess:9x6:0.025 (inner corners, square in metres),
     /// aprilgrid:6x6:0.088:0.3 (tags, tag in metres, gap as a share of it) or
     /// charuco:8x5:0.03:0.022:4x4_50 (squares, square and marker in metres, dictionary)
     #[arg(long, value_name = "BOARD", value_parser = Board::parse)]
     board: Board,
-    /// Which camera
+    /// Camera to calibrate
     #[arg(long, value_enum, default_value_t = Which::Scene)]
     camera: Which,
-    /// How the lens bends light; without it as rig.json says, else brown for the scene camera
-    /// and fisheye for the other
+    /// Lens model; without it as in rig.json, else brown for the scene camera and fisheye for the
+    /// environment camera
     #[arg(long, value_enum)]
     model: Option<Model>,
     /// Let fx and fy differ
     #[arg(long)]
     free_aspect: bool,
-    /// Writes every corner that was found too: view, place on the board in metres, pixel
+    /// Also write all detected corners: view, position on the board in metres, pixel
     #[arg(long, value_name = "FILE.csv")]
     corners: Option<PathBuf>,
     #[command(flatten)]
@@ -56,7 +55,7 @@ enum Which {
 enum Model {
     /// Brown-Conrady: k1, k2, p1, p2, k3
     Brown,
-    /// With a denominator: k4, k5, k6; for exchange only, the compositor does not draw it
+    /// With a denominator: k4, k5, k6; for conversion only, the compositor does not support it
     BrownRational,
     /// Kannala-Brandt: k1 to k4
     Fisheye,

@@ -11,13 +11,13 @@ use std::process::ExitCode;
 pub struct LatencyArgs {
     #[command(flatten)]
     from: FromArgs,
-    /// A chessboard that stands still before the camera, in the place of the rig's markers
+    /// A static chessboard instead of the rig's markers
     #[arg(long, value_name = "chess:9x6:0.025", value_parser = Board::parse)]
     board: Option<Board>,
-    /// The tracker's station that is on the rig
+    /// The tracker's station that is mounted on the camera
     #[arg(long, value_name = "N", default_value_t = 1)]
     station: u8,
-    /// Largest offset that is tried, seconds
+    /// Maximum offset to search, seconds
     #[arg(long, value_name = "SECONDS", default_value_t = 0.25, value_parser = range)]
     range: f64,
 }

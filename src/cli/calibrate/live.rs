@@ -23,17 +23,17 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// How often it is looked whether somebody has lost patience.
+/// Interval at which signals and keys are checked.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
-/// What shells expect of a program that Ctrl-C has ended.
+/// Exit status by convention after Ctrl-C.
 const INTERRUPTED: i32 = 130;
 
 #[derive(Clone, Debug, Default, Args)]
 pub struct LiveArgs {
-    /// Live: end after so many seconds; without it when there is enough, at Enter or at Ctrl-C
+    /// Live: stop after SECONDS; without it when the data suffice, at Enter or at Ctrl-C
     #[arg(long, value_name = "SECONDS", value_parser = seconds, conflicts_with = "session")]
     seconds: Option<f64>,
-    /// Live: where the status page with the picture is; port 0 takes any free one
+    /// Live: address of the status page with the picture; port 0 takes any free port
     #[arg(long, value_name = "ADDR:PORT", conflicts_with = "session")]
     listen: Option<SocketAddr>,
 }
@@ -43,7 +43,7 @@ fn seconds(text: &str) -> Result<f64, String> {
     seconds.ok_or_else(|| "expected a number of seconds from 1 to 7200".to_owned())
 }
 
-/// What ends a step.
+/// Events that end a step.
 #[derive(Clone, Default)]
 struct Ends {
     /// SIGINT or SIGTERM has come.
@@ -102,7 +102,7 @@ pub fn carry_out(
     if let Some(trouble) = devices::trouble(&wants, devices)
         && devices.iter().all(|d| d.condition().received == 0)
     {
-        bail!("nothing was delivered: {trouble}");
+        bail!("no data: {trouble}");
     }
     showcase.evaluate();
     let made = devices::made(&wants, devices);
@@ -128,7 +128,8 @@ fn server(
     status.update(|s| {
         "calibration".clone_into(&mut s.session.name);
         s.session.state = SessionState::Live;
-        "A step of calibration; nothing is composed meanwhile.".clone_into(&mut s.session.sentence);
+        "A calibration step is running; pictures are not composited."
+            .clone_into(&mut s.session.sentence);
     });
     match status_server(config, &status) {
         Ok(server) => Ok(Some(server)),
@@ -151,7 +152,7 @@ fn show(
     let wants = step.wants();
     let bar = progress_bar();
     if std::io::stderr().is_terminal() {
-        crate::cli::say("Enter or Ctrl-C ends it and works it out; Ctrl-C again aborts");
+        crate::cli::say("Enter or Ctrl-C finishes the step; Ctrl-C again aborts");
     }
     let shown = LiveShow {
         hub: &live.hub,

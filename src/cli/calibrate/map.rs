@@ -10,17 +10,17 @@ use std::process::ExitCode;
 pub struct MapArgs {
     #[command(flatten)]
     from: FromArgs,
-    /// Edge of the tags' black border, metres, where the calibration does not say it
+    /// Edge of the tags' black border, metres, if the calibration does not state it
     #[arg(long, value_name = "METRES", value_parser = metres)]
     size: Option<f64>,
-    /// Of single tags
+    /// Edge of single tags
     #[arg(long, value_name = "ID=METRES", value_parser = size_of)]
     size_of: Vec<(u32, f64)>,
-    /// Begin a new world at this tag, which lies on the table: +X to its right, +Z up. Without it
-    /// the world of the known markers is kept, or begins at the lowest number
+    /// Tag that defines a new world frame and lies on the table: +X to its right, +Z up. Without it
+    /// the frame of the known markers is kept, or the lowest number defines it
     #[arg(long, value_name = "ID")]
     origin: Option<u32>,
-    /// Which family
+    /// Tag family
     #[arg(long, value_name = "NAME", default_value = "tag36h11")]
     family: Vec<Family>,
 }

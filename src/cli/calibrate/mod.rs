@@ -1,5 +1,4 @@
-//! `penumbra calibrate`: from unpacked hardware to figures that are known, one step after
-//! the other.
+//! `penumbra calibrate`: the calibration of a rig, step by step.
 
 mod board;
 mod convert;
@@ -29,40 +28,29 @@ pub struct CalibrateArgs {
 
 #[derive(Debug, Subcommand)]
 enum Step {
-    /// A camera's lens, from pictures of a board
+    /// Calibrate a camera's lens from pictures of a board
     Intrinsics(Box<intrinsics::IntrinsicsArgs>),
-    /// Where the environment camera stands and how it looks
+    /// Calibrate the environment camera's pose and lens
     Environment(Box<environment::EnvironmentArgs>),
-    /// Where tags are on one another, from pictures that show several at a time
+    /// Map tags: their relative poses, from pictures that show several at a time
     Map(Box<map::MapArgs>),
-    /// How late the tracker and each camera are, from how both turn
+    /// Measure tracker and camera latency from their rotations
     Latency(Box<latency::LatencyArgs>),
-    /// How the scene camera sits on the tracker's sensor, and where its transmitter stands
+    /// Calibrate the mounting of the scene camera on the tracker's sensor, and the transmitter's pose
     Tracker(Box<tracker::TrackerArgs>),
-    /// A board to print, at true scale
+    /// Create a calibration board to print at true scale
     Board(board::BoardArgs),
-    /// A check of the whole rig, in a minute
+    /// Check the complete rig, in a minute
     Verify(verify::VerifyArgs),
-    /// White balance and exposure between the cameras, tone curves, vignetting, noise
+    /// Calibrate tone curves, vignetting, noise, and the gains between the cameras
     Radiometric(Box<radiometric::RadiometricArgs>),
-    /// The old name of `radiometric`.
-    #[command(hide = true)]
-    Photometric(OldArgs),
-    /// Which tags pictures show, and where
+    /// Detect tags in pictures
     Tags(tags::TagsArgs),
-    /// A lens's calibration from and to other programs' files
+    /// Convert a lens calibration from and to other programs' formats
     Convert(convert::ConvertArgs),
 }
 
-/// Whatever an old command line holds.
-#[derive(Debug, Args)]
-#[command(disable_help_flag = true)]
-struct OldArgs {
-    #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
-    _arguments: Vec<String>,
-}
-
-/// Carries out a step.
+/// Runs a step.
 pub fn run(args: CalibrateArgs) -> anyhow::Result<ExitCode> {
     match args.step {
         Step::Intrinsics(args) => intrinsics::run(&args),
@@ -73,9 +61,6 @@ pub fn run(args: CalibrateArgs) -> anyhow::Result<ExitCode> {
         Step::Board(args) => board::run(&args),
         Step::Verify(args) => verify::run(&args),
         Step::Radiometric(args) => radiometric::run(&args),
-        Step::Photometric(_) => anyhow::bail!(
-            "`penumbra calibrate photometric` is now called `penumbra calibrate radiometric`"
-        ),
         Step::Tags(args) => tags::run(&args),
         Step::Convert(args) => convert::run(&args),
     }

@@ -19,11 +19,11 @@ use std::process::ExitCode;
 
 #[derive(Debug, Args)]
 pub struct RadiometricArgs {
-    /// A recording: its pictures, and those of a chart that it has attached; without it and
-    /// pictures the live rig's devices
+    /// A recording: its pictures and the attached pictures of a chart; without it and without
+    /// pictures the live rig
     #[arg(long, value_name = "SESSION.mcap")]
     session: Option<PathBuf>,
-    /// The rig, where there is no session; without it both cameras are taken for sRGB
+    /// The rig, if there is no session; without it both cameras are assumed to be sRGB
     #[arg(long, value_name = "rig.json", conflicts_with = "session")]
     rig: Option<PathBuf>,
     /// A picture of the chart by the scene camera (JPEG, PNG); may be given several times
@@ -32,31 +32,31 @@ pub struct RadiometricArgs {
     /// A picture of the chart by the environment camera
     #[arg(long, value_name = "FILE")]
     environment_picture: Vec<PathBuf>,
-    /// Where a grey card lies in the scene camera's pictures
+    /// Rectangle of a grey card in the scene camera's pictures
     #[arg(long, value_name = "X,Y,W,H", value_parser = rectangle)]
     grey_scene: Option<[u32; 4]>,
-    /// Where it lies in the environment camera's
+    /// Rectangle of the grey card in the environment camera's pictures
     #[arg(long, value_name = "X,Y,W,H", value_parser = rectangle)]
     grey_environment: Option<[u32; 4]>,
-    /// A folder of pictures of the scene camera at rest, one for each of --exposures, by name
+    /// Folder of pictures of the static scene camera, one per --exposures, sorted by name
     #[arg(long, value_name = "DIR", requires = "exposures")]
     scene_series: Option<PathBuf>,
-    /// The same of the environment camera
+    /// The same for the environment camera
     #[arg(long, value_name = "DIR", requires = "exposures")]
     environment_series: Option<PathBuf>,
     /// Exposure times (times gain) of a series: 1/30,1/60,1/125 or 0.033,0.017
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = exposure)]
     exposures: Vec<f64>,
-    /// How well exposures are known, per cent
+    /// Standard deviation of the exposure times, per cent
     #[arg(long, value_name = "PERCENT", default_value_t = 1.0)]
     exposure_tolerance: f64,
     /// A folder of pictures of an evenly lit wall by the scene camera
     #[arg(long, value_name = "DIR")]
     scene_flat: Option<PathBuf>,
-    /// The same of the environment camera
+    /// The same for the environment camera
     #[arg(long, value_name = "DIR")]
     environment_flat: Option<PathBuf>,
-    /// When the ColorChecker was made: its colours changed in November 2014
+    /// Date of manufacture of the ColorChecker: its colours changed in November 2014
     #[arg(long, value_enum, default_value_t = Made2014::After)]
     chart: Made2014,
     #[command(flatten)]

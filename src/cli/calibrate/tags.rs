@@ -8,16 +8,17 @@ use penumbra_rig::calibrate::{Looked, pictures_of_folder};
 use std::fmt::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::time::Instant;
 
-/// Outlines looked at in a picture: here nothing waits.
-const MOST_CANDIDATES: usize = 20_000;
+/// Maximum number of outlines that are examined in a picture; no time limit applies here.
+const MAX_CANDIDATES: usize = 20_000;
 
 #[derive(Debug, Args)]
 pub struct TagsArgs {
     /// A folder of pictures (JPEG, PNG)
     #[arg(long, value_name = "DIR")]
     pictures: PathBuf,
-    /// Which tags: tag36h11, tag25h9, tag16h5, kalibr36h11 (with Kalibr's border), 4x4_50 to
+    /// Tag families: tag36h11, tag25h9, tag16h5, kalibr36h11 (with Kalibr's border), 4x4_50 to
     /// 7x7_1000, aruco_original, aruco_mip_36h12
     #[arg(
         long,
@@ -26,11 +27,11 @@ pub struct TagsArgs {
         value_delimiter = ','
     )]
     family: Vec<Family>,
-    /// A line for each tag: picture, family, number, corners clockwise from the top left (pixels),
-    /// clearness from 0 to 1, bits put right
+    /// One line per tag: picture, family, number, corners clockwise from the top left (pixels),
+    /// decision margin from 0 to 1, corrected bits
     #[arg(long, value_name = "FILE.csv")]
     out: PathBuf,
-    /// Write over a file that is there
+    /// Overwrite an existing file
     #[arg(long)]
     force: bool,
 }
@@ -38,12 +39,17 @@ pub struct TagsArgs {
 pub fn run(args: &TagsArgs) -> anyhow::Result<ExitCode> {
     claim(&args.out, args.force)?;
     let mut detector =
-        Detector::new(&args.family, &Response::srgb()).with_most_candidates(MOST_CANDIDATES);
+        Detector::new(&args.family, &Response::srgb()).with_most_candidates(MAX_CANDIDATES);
     let mut table = String::from("picture,family,id,x0,y0,x1,y1,x2,y2,x3,y3,margin,wrong_bits\n");
     let damaged = pictures_of_folder(&args.pictures, |looked: Looked| {
+        let start = Instant::now();
         let seen = detector.detect(looked.picture, None);
+        let millis = 1e3 * start.elapsed().as_secs_f64();
         let name = looked.name.replace([',', '\n', '\r'], " ");
-        crate::cli::say(format_args!("{name}: {} tags", seen.len()));
+        crate::cli::say(format_args!(
+            "{name}: {} tags in {millis:.2} ms",
+            seen.len()
+        ));
         for tag in seen {
             let _ = write!(table, "{name},{},{}", tag.family, tag.id);
             for c in tag.corners {
@@ -53,7 +59,7 @@ pub fn run(args: &TagsArgs) -> anyhow::Result<ExitCode> {
         }
     })?;
     if damaged > 0 {
-        crate::cli::warn(format_args!("{damaged} damaged pictures were passed over"));
+        crate::cli::warn(format_args!("{damaged} damaged pictures were skipped"));
     }
     write(&args.out, table.as_bytes(), args.force)?;
     Ok(ExitCode::SUCCESS)

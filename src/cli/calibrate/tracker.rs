@@ -14,17 +14,18 @@ use std::process::ExitCode;
 pub struct TrackerArgs {
     #[command(flatten)]
     from: FromArgs,
-    /// A chessboard that stands still before the camera, in the place of the rig's markers: the
-    /// world begins at its first corner, +Z out of the paper
+    /// A static chessboard instead of the rig's markers: its first corner is the world's origin, +Z
+    /// points out of the paper
     #[arg(long, value_name = "chess:9x6:0.025", value_parser = Board::parse)]
     board: Option<Board>,
-    /// The tracker's station that is on the rig
+    /// The tracker's station that is mounted on the camera
     #[arg(long, value_name = "N", default_value_t = 1)]
     station: u8,
-    /// The tracker's latency: estimated here, the calibration's, or seconds
+    /// Tracker latency: estimated here, the calibration's, or seconds
     #[arg(long, value_name = "estimate|calibration|SECONDS", default_value = "estimate", value_parser = latency)]
     latency: LatencyChoice,
-    /// Learn how metal bends the tracker's space, and correct it if that helps
+    /// Estimate the distortion of the tracker's field by metal, and correct it if that reduces the
+    /// error
     #[arg(long)]
     distortion: bool,
 }

@@ -1,6 +1,5 @@
-// Calibration: asks /calibration how it goes, shows what the step looks at with what it found in
-// it, and passes wishes on. The truth is the server's: a page that is opened in the middle shows
-// the middle.
+// Calibration: requests /calibration, shows the step's picture with overlay points, and sends
+// requests. The state is the server's: a page may be opened at any time.
 
 import { $, duration, facts, flag, make, percent, pill, put, refill, whole } from './text.js';
 
@@ -62,7 +61,7 @@ function wish() {
   return { step: chosen()?.name ?? '', parameters, seconds: Number.isFinite(seconds) ? seconds : null };
 }
 
-// ── how it goes ─────────────────────────────────────────────────────────────────────────
+// ── state ─────────────────────────────────────────────────────────────────────────
 
 function run() {
   const evaluating = view.state === 'evaluating';
@@ -103,11 +102,11 @@ function result() {
     item.append(badge, make('span', '', text));
     return item;
   });
-  const files = [['Written to', r.file], ['The one before is kept as', r.backup]].filter(([, file]) => file);
+  const files = [['Written to', r.file], ['Previous file kept as', r.backup]].filter(([, file]) => file);
   refill($('calibrate-files'), files, ([what, file]) => make('li', '', `${what} ${file}`));
 }
 
-/** Crosses over what was found, in the picture's pixels. */
+/** Crosses at the points found, in the picture's pixels. */
 function marks({ width, height, marks: found }) {
   const svg = $('calibrate-marks');
   svg.setAttribute('viewBox', `0 0 ${width} ${height}`);
@@ -117,7 +116,7 @@ function marks({ width, height, marks: found }) {
   svg.querySelectorAll('path').forEach((element) => element.setAttribute('d', path));
 }
 
-/** The picture and what was found in it change together. */
+/** Changes the picture and its points together. */
 function picture() {
   const shown = view.picture;
   const note = $('calibrate-note');
@@ -137,7 +136,7 @@ function picture() {
     revision = shown.revision;
     const image = $('calibrate-picture');
     image.src = next.src;
-    image.alt = `What the ${shown.eye} camera shows, with ${shown.marks.length} points found in it`;
+    image.alt = `Picture of the ${shown.eye} camera with ${shown.marks.length} points found`;
     image.hidden = false;
     note.hidden = true;
     $('calibrate-screen').style.aspectRatio = `${shown.width} / ${shown.height}`;
@@ -165,11 +164,11 @@ function render() {
   picture();
 }
 
-// ── asking ──────────────────────────────────────────────────────────────────────────────
+// ── requests ──────────────────────────────────────────────────────────────────────────────
 
 async function ask() {
   clearTimeout(timer);
-  // Where nobody answers, the page says so already.
+  // A lost connection is reported by the page already.
   if (document.body.dataset.link === 'up') {
     try {
       const response = await fetch('/calibration', { signal: AbortSignal.timeout(5000) });
@@ -180,7 +179,7 @@ async function ask() {
   timer = setTimeout(ask, busy() && !document.hidden ? BUSY_MS : view ? IDLE_MS : BUSY_MS);
 }
 
-/** Passes a wish on; what speaks against it is shown. */
+/** Sends a request and shows the reason of a refusal. */
 async function send(what, body) {
   flag($('calibrate-trouble'), '');
   try {
@@ -199,7 +198,7 @@ async function send(what, body) {
   ask();
 }
 
-/** Begins to ask. */
+/** Starts polling. */
 export function calibrate() {
   $('calibrate-form').addEventListener('submit', (event) => { event.preventDefault(); send('start', wish()); });
   $('calibrate-step').addEventListener('change', form);

@@ -1,6 +1,5 @@
-// The dashboard: asks /status twice a second and shows what it says. It keeps no truth of
-// its own except the history that the charts draw and the wishes that the rig has not
-// confirmed yet.
+// The dashboard: requests /status twice a second and shows it. Its own state is the history of the
+// charts and the changes that the rig has not confirmed yet.
 
 import { calibrate } from './calibrate.js';
 import { COOL, LIGHT, remember, spark } from './charts.js';
@@ -27,7 +26,7 @@ const DEVICE_KINDS = {
   'scene-camera': 'Scene camera', 'environment-camera': 'Environment camera', tracker: 'Tracker',
 };
 const STAGES = {
-  decode: 'Decode pictures', environment: 'Read the light', upload: 'Upload',
+  decode: 'Decode pictures', environment: 'Estimate lighting', upload: 'Upload',
   composite: 'Composite', encode: 'Encode for browsers', total: 'Whole frame',
   arrival_to_picture: 'From arrival to picture',
 };
@@ -37,25 +36,25 @@ const METHODS = {
 };
 const METHOD_TEXTS = {
   chart: 'Matched with pictures of one colour chart taken by both cameras.',
-  automatic: 'Matched with what both cameras see of the same surfaces.',
+  automatic: 'Matched with surfaces that both cameras see.',
   'known-surface': 'Matched with a surface whose colour is known.',
-  'grey-world': 'Guessed: the scene is taken to be grey on average.',
-  'same-camera': 'One camera sees the scene and its light: there is nothing to match.',
+  'grey-world': 'Guess: the scene is assumed to be grey on average.',
+  'same-camera': 'One camera sees the scene and its light; no match is needed.',
   configured: 'Matched with the factors written in the config file.',
-  none: 'The cameras are not matched: their pictures are taken as they come.',
+  none: 'The cameras are not matched.',
 };
 
 // ── the picture ─────────────────────────────────────────────────────────────────────────
 
 let streamRound = 0;
 
-/** Opens the stream anew; a broken one does not come back by itself. */
+/** Opens the stream again; a broken one does not recover by itself. */
 function openStream() {
   streamRound += 1;
   $('picture').src = `/stream.mjpeg?n=${streamRound}`;
 }
 
-/** Nobody looks: the rig need not encode. */
+/** Closes the stream while the page is hidden, so that the rig need not encode. */
 function closeStream() {
   $('picture').removeAttribute('src');
 }
@@ -96,7 +95,7 @@ function head(s) {
   put($('head-lights'), whole(s.lighting.dome_lights));
   put($('program'), `${s.program.name} ${s.program.version}, up ${duration(s.program.uptime_seconds)}`);
   const a = s.adapter;
-  put($('adapter'), a.name ? `Drawn by ${a.name} (${a.backend}, ${a.kind})` : '');
+  put($('adapter'), a.name ? `Rendered by ${a.name} (${a.backend}, ${a.kind})` : '');
 }
 
 function warnings(s) {
@@ -163,10 +162,10 @@ function environment(s) {
     $('environment-note').hidden = true;
   };
   next.src = `/environment.png?revision=${l.preview_revision}`;
-  $('environment').alt = `Map of the light from all directions with ${l.dome_lights} dome lights drawn on it`;
+  $('environment').alt = `Map of the light from all directions with ${l.dome_lights} dome lights marked`;
 }
 
-/** What a pose comes from, in words. */
+/** The source of a pose, in words. */
 function poseBy(r) {
   const markers = `${whole(r.markers)} marker${r.markers === 1 ? '' : 's'}`;
   if (r.source === 'markers') return markers;
@@ -174,7 +173,7 @@ function poseBy(r) {
   return `tracker, corrected by markers ${r.corrected_ago_s < 0.2 ? 'now' : `${r.corrected_ago_s.toFixed(1)} s ago`}`;
 }
 
-/** What the mirrored ball in the scene camera's picture has shown, and the pose that it is found by. */
+/** State of the mirrored sphere in the scene camera's picture, and the pose that it is found with. */
 function probe({ lighting, registration: r }) {
   const seen = lighting.probe;
   $('probe-facts').hidden = !seen && r.source !== 'markers' && r.sigma_px === null && r.display === null;
@@ -206,7 +205,7 @@ const css = (rgb) => `rgb(${rgb.map((x) => Math.round(255 * encode(Math.max(0, M
 /** Largest relative difference between the channels of two colours. */
 const apart = (a, b) => Math.max(...a.map((x, i) => Math.abs(x / b[i] - 1)));
 
-/** Without a measured white, the gains say how a grey would look. */
+/** Without a measured white, a grey surface computed from the gains. */
 function whites(balance) {
   if (balance.white) return balance.white;
   const scene = [0.45, 0.45, 0.45];
@@ -229,7 +228,7 @@ function balance(s) {
   put($('sw-after-text'), b.white ? `${percent(apart(w.environment_after, w.scene))} apart` : 'by definition');
   put($('swatch-caption'), b.white
     ? 'The same white surface: environment camera on the left, scene camera on the right of each pair.'
-    : 'How a grey surface looks, from the factors below: environment camera on the left, scene camera on the right.');
+    : 'A grey surface, computed from the factors below: environment camera on the left, scene camera on the right.');
   gains(b);
 }
 
@@ -298,7 +297,7 @@ function stageRow([name, kind]) {
   return row;
 }
 
-// ── asking ──────────────────────────────────────────────────────────────────────────────
+// ── requests ──────────────────────────────────────────────────────────────────────────────
 
 function render(s) {
   head(s);

@@ -1,4 +1,4 @@
-// Shadowing planes: a card of its own, shown while they are the technique in force.
+// Shadowing planes: a card that is shown while they are the active technique.
 
 import { $, facts, flag, number, percent, pill, put, whole } from './text.js';
 
@@ -7,9 +7,9 @@ const STATES = { off: ['off', 'idle'], baking: ['baking', 'warn'], ready: ['read
 function sentence(p) {
   if (p.state === 'baking') return `Basis image ${whole(p.done)} of ${whole(p.total)}; meanwhile the dome lights cast the shadows.`;
   if (p.state === 'failed') return 'The dome lights cast the shadows.';
-  if (p.state !== 'ready') return 'Getting ready.';
+  if (p.state !== 'ready') return 'Preparing.';
   const megabytes = `${number(p.bake_bytes / 1e6)} MB`;
-  if (p.from_cache) return `Baked before, ${megabytes} from the cache.`;
+  if (p.from_cache) return `Read from the cache, ${megabytes}.`;
   return `Baked in ${number(p.bake_seconds)} s, ${megabytes}.`;
 }
 
@@ -24,10 +24,10 @@ export function planes(s) {
   put($('planes-text'), sentence(p));
   flag($('planes-trouble'), p.reason);
   facts($('planes-facts'), [
-    ['planes', whole(p.planes)], ['of these seen', whole(p.planes_seen)],
-    ['lights', whole(p.lights)], ['too weak', whole(p.lights_skipped)],
-    ['basis images', whole(p.basis_images)], ['black, dropped', whole(p.basis_images_dropped)],
+    ['planes', whole(p.planes)], ['visible planes', whole(p.planes_seen)],
+    ['lights', whole(p.lights)], ['lights skipped', whole(p.lights_skipped)],
+    ['basis images', whole(p.basis_images)], ['black images', whole(p.basis_images_dropped)],
     ['summed now', whole(p.images_summed)], ['work saved', percent(p.work_saved)],
-    ['nothing to sum', whole(p.frames_without_work)],
+    ['frames without work', whole(p.frames_without_work)],
   ]);
 }

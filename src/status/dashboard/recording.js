@@ -1,4 +1,4 @@
-// The record button: says how the recording goes, and begins or ends one.
+// The record button: shows the state of the recording, and starts or stops one.
 
 import { $, duration, flag, pill, put } from './text.js';
 
@@ -8,9 +8,9 @@ const WORDS = { idle: 'not recording', recording: 'recording', finished: 'record
 
 const button = $('record');
 let state = 'unavailable';
-let asked = -Infinity; // when a wish was sent that /status has not confirmed yet
+let asked = -Infinity; // when a request was sent that /status has not confirmed yet
 
-/** Bytes as people read them. */
+/** Formats bytes. */
 function size(bytes) {
   const [unit, per] = bytes < 1e9 ? ['MB', 1e6] : ['GB', 1e9];
   return `${(bytes / per).toFixed(1)} ${unit}`;
@@ -25,7 +25,7 @@ function line(r) {
   return parts.join(' · ');
 }
 
-/** Shows how the recording goes. */
+/** Shows the state of the recording. */
 export function recording(r) {
   if (r.state !== state) asked = -Infinity;
   state = r.state;

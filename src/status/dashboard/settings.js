@@ -1,14 +1,14 @@
-// The settings: shows what is in force, sends wishes, and waits until the rig confirms them.
+// The settings: shows the active values, sends changes, and waits until the rig confirms them.
 
 import { stops } from './exposure.js';
 import { $, number, percent, put } from './text.js';
 
 const CONFIRM_MS = 4000;
-const LIGHTS_HINTS = { adaptive: 'Lamps and sun get their own.', grid: 'Evenly, as in the paper.' };
-const SHADOW_HINTS = { ratio: 'Dims the real surface.', subtract: 'Takes light away, as in the paper.' };
-const REFLECTIONS_HINTS = { prefiltered: 'By each material’s lobe.', box: 'Box-filtered maps, as in the paper.' };
-const LAMP_RESPONSE_HINTS = { intrinsic: 'By what they reflect.', paper: 'By N·L and their relief in the picture.' };
-const HIGHLIGHTS_HINTS = { estimated: 'Clipped light, by what surrounds it.', paper: 'Bright regions darken less, as in the paper.' };
+const LIGHTS_HINTS = { adaptive: 'Compact sources at their true directions.', grid: 'Uniform (Supan 2006).' };
+const SHADOW_HINTS = { ratio: 'Scales the real surface.', subtract: 'Subtracts light (Supan 2006).' };
+const REFLECTIONS_HINTS = { prefiltered: 'By each material’s lobe.', box: 'Box-filtered maps (DiVerdi 2003).' };
+const LAMP_RESPONSE_HINTS = { intrinsic: 'By the reflectance of real surfaces.', paper: 'By N·L and the relief in the picture.' };
+const HIGHLIGHTS_HINTS = { estimated: 'Clipped radiance from its surroundings.', paper: 'Bright regions darken less (DiVerdi 2004).' };
 
 const form = $('settings');
 const wishes = new Map(); // setting → { value, since } until /status confirms it
@@ -55,7 +55,7 @@ function show(name, value) {
 
 const same = (a, b) => (typeof a === 'number' ? Math.abs(a - b) < 1e-4 : a === b);
 
-/** Shows the settings in force, except where a wish is still on its way. */
+/** Shows the active settings, except those whose change is not confirmed yet. */
 export function settings(inForce) {
   const now = performance.now();
   for (const [name, value] of Object.entries(inForce)) {
@@ -65,7 +65,7 @@ export function settings(inForce) {
     const waiting = wishes.has(name);
     if (!waiting) show(name, value);
     fieldsOf(name).forEach((f) => f.closest('.row').toggleAttribute('data-pending', waiting));
-    if (wish && !waiting && !same(wish.value, value)) say('The rig has not taken this setting.');
+    if (wish && !waiting && !same(wish.value, value)) say('The rig did not apply this setting.');
   }
   if (!wishes.size && $('adjust-note').textContent === 'Applying …') say('');
 }

@@ -1,11 +1,11 @@
-// Numbers as people read them, and writing into the page.
+// Formats numbers and writes into the page.
 
 export const $ = (id) => document.getElementById(id);
 export const number = (value, digits = 1) => (Number.isFinite(value) ? value.toFixed(digits) : '–');
 export const whole = (value) => (Number.isFinite(value) ? Math.round(value).toLocaleString('en') : '–');
 export const percent = (value, digits = 1) => (Number.isFinite(value) ? `${number(100 * value, digits)} %` : '–');
 
-/** Milliseconds with as many digits as are worth reading. */
+/** Formats milliseconds with three significant digits. */
 export function millis(value) {
   if (!Number.isFinite(value)) return '–';
   return `${value.toFixed(value < 10 ? 2 : value < 100 ? 1 : 0)} ms`;
@@ -23,7 +23,7 @@ export function age(ms) {
   return ms < 1000 ? `${Math.round(ms)} ms` : `${number(ms / 1000)} s`;
 }
 
-/** Writes only what differs, so that nothing flickers and screen readers stay quiet. */
+/** Writes only changed text, so that nothing flickers and screen readers stay quiet. */
 export function put(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }
@@ -55,7 +55,7 @@ export function facts(list, pairs) {
   });
 }
 
-/** Rebuilds a list only when what it says has changed. */
+/** Rebuilds a list only when its content has changed. */
 export function refill(list, keys, build) {
   const key = JSON.stringify(keys);
   if (list.dataset.key === key) return;
