@@ -115,7 +115,7 @@ fn dots(svg: &mut String, at: &[DVec2], colour: &str, size: f64) {
 
 /// Plots the distance of each point of the edge from the circle or the outline.
 fn edge_plot(page: &mut Page, optics: &Optics) {
-    let around = |middle: DVec2, p: &DVec2| (*p - middle).to_angle().to_degrees();
+    let around = |centre: DVec2, p: &DVec2| (*p - centre).to_angle().to_degrees();
     let points: Vec<(f64, f64)> = match (&optics.circle, &optics.outline, &optics.view) {
         (Some(circle), ..) => circle
             .edge
@@ -128,7 +128,7 @@ fn edge_plot(page: &mut Page, optics: &Optics) {
             })
             .collect(),
         (None, Some((outline, _)), View::Pinhole(camera)) => {
-            let middle = camera.project(outline.axis).unwrap_or(DVec2::ZERO);
+            let centre = camera.project(outline.axis).unwrap_or(DVec2::ZERO);
             let distance = |p: &DVec2| {
                 (camera.unproject(*p).angle_between(outline.axis) - outline.half_angle)
                     * camera.focal.min_element()
@@ -136,7 +136,7 @@ fn edge_plot(page: &mut Page, optics: &Optics) {
             outline
                 .edge
                 .iter()
-                .map(|p| (around(middle, p), distance(p)))
+                .map(|p| (around(centre, p), distance(p)))
                 .collect()
         }
         _ => return,
