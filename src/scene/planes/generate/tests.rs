@@ -4,7 +4,7 @@
 use super::*;
 use crate::gate::temple_gate;
 use crate::mesh::{Material, Mesh};
-use crate::planes::depth::seen_from;
+use crate::planes::depth::visible_from;
 use crate::primitives;
 use glam::{DMat4, DVec2, Vec3};
 use std::collections::HashSet;
@@ -42,7 +42,7 @@ fn coverage(planes: &[ShadowingPlane], parts: &[Part], layer: Layer) -> (f64, f6
     surface.weigh(&RayCaster::from_parts(parts), extent);
     let seen: Vec<HashSet<u32>> = planes
         .iter()
-        .map(|p| seen_from(p, &surface.fragments).into_iter().collect())
+        .map(|p| visible_from(p, &surface.fragments).into_iter().collect())
         .collect();
     let mut random = 1u32;
     let mut next = || {
