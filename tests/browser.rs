@@ -3,8 +3,8 @@
 
 mod support;
 
+use penumbra_config::LightPlacement;
 use penumbra_session::{Session, SessionEvent};
-use penumbra_status::LightsMode;
 use serde_json::Value;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
@@ -118,7 +118,7 @@ impl Program {
         let text = format!(
             "[scene_camera]\n{device}\n[environment_camera]\n{device}\n[tracker]\n{device}\n\
              [calibration]\nfrom = \"{SESSION}\"\n[recording]\nfolder = \"recordings\"\n\
-             longest_s = 600\nreserve_mb = 1\n"
+             max_duration_s = 600\nreserve_mb = 1\n"
         );
         std::fs::write(&config, text).unwrap();
         Self::start(&["run", "--config", config.to_str().unwrap()])
@@ -363,13 +363,13 @@ fn a_setting_changed_on_the_page_reaches_the_rig_and_comes_back_confirmed() {
     browser.resize(1280, 800);
     open(&mut browser, &show);
     browser.wait_for("document.querySelector('[name=light_count]').value === '64'");
-    browser.evaluate("document.querySelector('[name=lights_mode][value=grid]').click()");
+    browser.evaluate("document.querySelector('[name=light_placement][value=grid]').click()");
     browser.evaluate("document.querySelector('[name=virtual_object_visible]').click()");
     browser.evaluate("(() => { const s = document.querySelector('[name=light_count]'); s.value = '96'; s.dispatchEvent(new Event('input', {bubbles: true})); })()");
     browser.evaluate("(() => { const s = document.querySelector('[name=shadow_strength]'); s.value = '0.5'; s.dispatchEvent(new Event('input', {bubbles: true})); })()");
     browser.wait_for("fetch('/status').then(r => r.json()).then(s => s.settings.light_count === 96 && s.settings.shadow_strength === 0.5)");
     let settings = show.shared.snapshot().settings;
-    assert_eq!(settings.lights_mode, LightsMode::Grid);
+    assert_eq!(settings.light_placement, LightPlacement::Grid);
     assert!(!settings.virtual_object_visible);
     browser.wait_for("!document.querySelector('[data-pending]') && document.getElementById('head-lights').textContent === '96'");
     assert_eq!(

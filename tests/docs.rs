@@ -1,149 +1,372 @@
-//! What the documents show works: settings are read, command lines are understood, make's
-//! targets and the linked files exist.
+//! Checks the documents (README, ARCHITECTURE, CHANGELOG and every page of the book): settings and
+//! scene files that they show can be read, command lines can be parsed, make targets, linked files
+//! and headings exist, every page is listed in the book's summary, the README's figures stand in
+//! the results, and the two documents that people read first stay short.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![expect(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "a test fails by panicking"
+)]
 
 use penumbra_config::Config;
+use penumbra_rig_model::RigDocument;
 use penumbra_scene::SceneAddition;
-use std::path::{Path, PathBuf};
+use std::collections::HashSet;
+use std::path::{Component, Path, PathBuf};
 use std::process::Command;
 
-const DOCUMENTS: [&str; 3] = ["README.md", "ARCHITECTURE.md", "CHANGELOG.md"];
+const BOOK: &str = "docs/src";
+const SUMMARY: &str = "docs/src/SUMMARY.md";
+/// Tables that only scene files have.
+const SCENE_TABLES: [&str; 6] = [
+    "[[object]]",
+    "[[phantom]]",
+    "[[lamp]]",
+    "[[plane]]",
+    "[model]",
+    "[ground]",
+];
+
+/// A fenced block of a document, with the place of its first line for messages.
+struct Block {
+    place: String,
+    text: String,
+}
 
 fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
+/// Reads a document; its path is relative to the repository.
 fn text(document: &str) -> String {
     let path = root().join(document);
     std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
 }
 
-/// Fenced blocks of one language, each with its document and first line's number.
-fn blocks(language: &str) -> Vec<(String, String)> {
+/// The documents at the top and all pages of the book, relative to the repository.
+fn documents() -> Vec<String> {
+    let mut documents = ["README.md", "ARCHITECTURE.md", "CHANGELOG.md"]
+        .map(str::to_owned)
+        .to_vec();
+    documents.extend(pages());
+    documents
+}
+
+/// All pages of the book, relative to the repository.
+fn pages() -> Vec<String> {
     let mut found = Vec::new();
-    for document in DOCUMENTS {
-        let mut open: Option<(bool, String, String)> = None;
-        for (number, line) in text(document).lines().enumerate() {
-            match (line.trim_start().strip_prefix("```"), &mut open) {
-                (Some(_), Some(_)) => {
-                    if let Some((true, place, block)) = open.take() {
-                        found.push((place, block));
-                    }
-                }
-                (Some(tag), None) => {
-                    let place = format!("{document}:{}", number + 2);
-                    open = Some((tag.trim() == language, place, String::new()));
-                }
-                (None, Some((_, _, block))) => {
-                    block.push_str(line);
-                    block.push('\n');
-                }
-                (None, None) => {}
+    let mut folders = vec![PathBuf::from(BOOK)];
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(root().join(&folder)).unwrap() {
+            let entry = entry.unwrap();
+            let path = folder.join(entry.file_name());
+            if entry.file_type().unwrap().is_dir() {
+                folders.push(path);
+            } else if path.extension().is_some_and(|e| e == "md") {
+                found.push(path.to_str().unwrap().to_owned());
             }
         }
-        assert!(open.is_none(), "{document}: a block is not closed");
+    }
+    found.sort();
+    found
+}
+
+/// Splits a document into prose (block lines are blank there) and its fenced blocks of `language`.
+fn split(document: &str, language: &str) -> (String, Vec<Block>) {
+    let (mut prose, mut blocks) = (String::new(), Vec::new());
+    let mut open: Option<(bool, Block)> = None;
+    for (number, line) in text(document).lines().enumerate() {
+        let fence = line.trim_start().strip_prefix("```");
+        match (fence, &mut open) {
+            (Some(_), Some(_)) => {
+                blocks.extend(
+                    open.take()
+                        .filter(|(wanted, _)| *wanted)
+                        .map(|(_, block)| block),
+                );
+            }
+            (Some(tag), None) => {
+                let place = format!("{document}:{}", number + 2);
+                let text = String::new();
+                open = Some((tag.trim() == language, Block { place, text }));
+            }
+            (None, Some((_, block))) => {
+                block.text.push_str(line.trim_end());
+                block.text.push('\n');
+            }
+            (None, None) => prose.push_str(line),
+        }
+        prose.push('\n');
+    }
+    assert!(open.is_none(), "{document}: a block is not closed");
+    (prose, blocks)
+}
+
+/// Fenced blocks of one language in all documents.
+fn blocks(language: &str) -> Vec<Block> {
+    let documents = documents();
+    documents
+        .iter()
+        .flat_map(|document| split(document, language).1)
+        .collect()
+}
+
+/// Arguments of the lines in shell blocks that run one of `programs`, without comments.
+fn command_lines(programs: &[&str]) -> Vec<(String, Vec<String>)> {
+    let mut found = Vec::new();
+    for block in blocks("sh") {
+        // A backslash at the end continues the line.
+        for line in block.text.replace("\\\n", " ").lines() {
+            let command = line.split(" #").next().unwrap_or("").trim();
+            let command = command.strip_prefix("sudo ").unwrap_or(command);
+            let mut words = command.split_whitespace().map(str::to_owned);
+            if words
+                .next()
+                .is_some_and(|word| programs.contains(&word.as_str()))
+            {
+                found.push((block.place.clone(), words.collect()));
+            }
+        }
     }
     found
 }
 
-/// Lines of shell blocks that start with `program`, comments cut off.
-fn command_lines(program: &str) -> Vec<(String, Vec<String>)> {
-    let lines = blocks("sh").into_iter().flat_map(|(place, block)| {
-        let lines: Vec<String> = block.lines().map(str::to_owned).collect();
-        lines.into_iter().map(move |line| (place.clone(), line))
-    });
-    lines
-        .filter_map(|(place, line)| {
-            let command = line.split('#').next().unwrap_or("").trim();
-            let arguments = command.strip_prefix(program)?.strip_prefix(' ')?;
-            Some((
-                place,
-                arguments.split_whitespace().map(str::to_owned).collect(),
-            ))
-        })
-        .collect()
-}
-
-/// Whether the command line is understood. `--help` at its end keeps it from being carried
-/// out, and comes last, so everything before it has been parsed.
-fn understood(arguments: &[String]) -> Result<(), String> {
+/// Whether the program can parse the arguments. `--help` comes last: everything before it is
+/// parsed, and nothing is carried out.
+fn parses(arguments: &[String]) -> Result<(), String> {
     let output = Command::new(env!("CARGO_BIN_EXE_penumbra"))
         .args(arguments)
         .arg("--help")
         .output()
         .unwrap();
     if output.status.success() {
-        Ok(())
-    } else {
-        Err(String::from_utf8_lossy(&output.stderr).into_owned())
+        return Ok(());
     }
+    Err(String::from_utf8_lossy(&output.stderr).into_owned())
 }
 
-/// Scene files have a grammar of their own.
-fn read_scene(place: &str, text: &str) {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("scene.toml");
-    std::fs::write(&path, text).unwrap();
-    SceneAddition::load(&path).unwrap_or_else(|e| panic!("{place}: {e}"));
+/// The link targets of a document, outside code.
+fn links(document: &str) -> Vec<String> {
+    let (prose, _) = split(document, "");
+    // Odd parts of the text between back quotes are code.
+    let prose: String = prose.split('`').step_by(2).collect::<Vec<_>>().join("code");
+    let ends = prose.split("](").skip(1);
+    ends.filter_map(|rest| rest.split(')').next())
+        .map(str::to_owned)
+        .collect()
 }
 
-#[test]
-fn settings_in_the_documents_are_read() {
-    let blocks = blocks("toml");
-    assert!(!blocks.is_empty(), "no TOML block found");
-    for (place, block) in blocks {
-        if block.contains("[[object]]") || block.contains("[[lamp]]") {
-            read_scene(&place, &block);
-            continue;
+/// The anchors of a document's headings, as GitHub and mdBook make them.
+fn anchors(document: &str) -> HashSet<String> {
+    let (prose, _) = split(document, "");
+    let headings = prose.lines().filter(|line| line.starts_with('#'));
+    headings
+        .map(|line| anchor(line.trim_start_matches('#').trim()))
+        .collect()
+}
+
+fn anchor(heading: &str) -> String {
+    let kept = heading
+        .chars()
+        .filter(|c| c.is_alphanumeric() || matches!(c, ' ' | '-' | '_'));
+    kept.map(|c| {
+        if c == ' ' {
+            '-'
+        } else {
+            c.to_ascii_lowercase()
         }
-        Config::from_text(&block, &place).unwrap_or_else(|e| panic!("{place}: {e}"));
+    })
+    .collect()
+}
+
+/// The file that `link` in `document` leads to, relative to the repository.
+fn resolve(document: &str, link: &str) -> String {
+    let mut path = PathBuf::from(document);
+    path.pop();
+    for part in Path::new(link).components() {
+        match part {
+            Component::ParentDir => assert!(path.pop(), "{document}: {link} leaves the repository"),
+            part => path.push(part),
+        }
+    }
+    path.to_str().unwrap().to_owned()
+}
+
+#[test]
+fn settings_and_scene_files_in_the_documents_can_be_read() {
+    let blocks = blocks("toml");
+    assert!(
+        blocks.len() >= 10,
+        "only {} TOML blocks found",
+        blocks.len()
+    );
+    let folder = tempfile::tempdir().unwrap();
+    // Settings may name a scene file beside them.
+    let scene = folder.path().join("scene.toml");
+    std::fs::copy(root().join("config/scene.toml"), scene).unwrap();
+    let path = folder.path().join("block.toml");
+    for Block { place, text } in blocks {
+        std::fs::write(&path, &text).unwrap();
+        if SCENE_TABLES.iter().any(|table| text.contains(table)) {
+            SceneAddition::load(&path).unwrap_or_else(|e| panic!("{place}: {e}"));
+        } else {
+            Config::load(&path).unwrap_or_else(|e| panic!("{place}: {e}"));
+        }
     }
 }
 
 #[test]
-fn command_lines_in_the_documents_are_understood() {
-    let lines = command_lines("penumbra");
+fn rig_descriptions_in_the_documents_can_be_read() {
+    for Block { place, text } in blocks("json") {
+        let value: Result<serde_json::Value, _> = serde_json::from_str(&text);
+        let value = value.unwrap_or_else(|e| panic!("{place}: {e}"));
+        if value.get("scene_camera").is_some() {
+            let read = RigDocument::parse(text.as_bytes());
+            read.unwrap_or_else(|e| panic!("{place}: {e}"));
+        }
+    }
+}
+
+#[test]
+fn command_lines_in_the_documents_can_be_parsed() {
+    let lines = command_lines(&["penumbra", "target/release/penumbra"]);
     assert!(
-        lines.len() >= 10,
+        lines.len() >= 30,
         "only {} command lines found",
         lines.len()
     );
     for (place, arguments) in lines {
-        if let Err(error) = understood(&arguments) {
+        if let Err(error) = parses(&arguments) {
             panic!("{place}: penumbra {}: {error}", arguments.join(" "));
         }
     }
-    // The check above can fail.
     for wrong in ["--no-such-flag", "--speed=soon"] {
         let line = ["replay", "desk.mcap", wrong].map(str::to_owned);
-        assert!(understood(&line).is_err(), "{wrong} is taken");
+        assert!(parses(&line).is_err(), "the check accepts {wrong}");
     }
 }
 
 #[test]
-fn every_make_target_in_the_documents_is_there() {
+fn files_of_the_repository_in_command_lines_exist() {
+    for (place, arguments) in command_lines(&["target/release/penumbra"]) {
+        let inputs = arguments
+            .iter()
+            .filter(|a| a.starts_with("tests/") || a.starts_with("config/"));
+        for input in inputs {
+            assert!(root().join(input).exists(), "{place}: there is no {input}");
+        }
+    }
+}
+
+#[test]
+fn make_targets_in_the_documents_exist() {
     let makefile = text("Makefile");
-    let lines = command_lines("make");
+    let lines = command_lines(&["make"]);
     assert!(lines.len() >= 3, "only {} make lines found", lines.len());
     for (place, arguments) in lines {
-        let target = arguments.first().unwrap();
+        let target = arguments.first().expect("a target");
         let rule = format!("\n{target}:");
-        assert!(makefile.contains(&rule), "{place}: no target {target}");
+        assert!(
+            makefile.contains(&rule),
+            "{place}: there is no target {target}"
+        );
     }
 }
 
 #[test]
-fn linked_files_are_there() {
-    for document in DOCUMENTS {
-        let text = text(document);
-        let links = text
-            .split("](")
-            .skip(1)
-            .filter_map(|rest| rest.split(')').next());
-        for link in links.filter(|link| !link.starts_with("http")) {
-            let path: PathBuf = root().join(link);
-            assert!(path.exists(), "{document}: {link} is not there");
+fn linked_files_and_headings_exist() {
+    for document in documents() {
+        for link in links(&document) {
+            if link.starts_with("http://") || link.starts_with("https://") {
+                continue;
+            }
+            let (file, heading) = link.split_once('#').unwrap_or((&link, ""));
+            let file = match file {
+                "" => document.clone(),
+                file => resolve(&document, file),
+            };
+            assert!(
+                root().join(&file).exists(),
+                "{document}: {link} is not there"
+            );
+            let known = heading.is_empty() || anchors(&file).contains(heading);
+            assert!(known, "{document}: {file} has no heading for #{heading}");
         }
+    }
+}
+
+/// mdBook copies nothing from outside its folder, so such links would lead nowhere.
+#[test]
+fn pages_of_the_book_link_to_pages_of_the_book() {
+    for page in pages() {
+        for link in links(&page).iter().filter(|link| !link.starts_with("http")) {
+            let file = link.split('#').next().unwrap_or("");
+            let inside = file.is_empty() || resolve(&page, file).starts_with(BOOK);
+            assert!(
+                inside,
+                "{page}: {link} is outside the book; name the file in code quotes"
+            );
+        }
+    }
+}
+
+#[test]
+fn the_summary_lists_every_page_once() {
+    let listed: Vec<String> = links(SUMMARY)
+        .iter()
+        .map(|link| resolve(SUMMARY, link))
+        .collect();
+    let unique: HashSet<&String> = listed.iter().collect();
+    assert_eq!(unique.len(), listed.len(), "{SUMMARY} lists a page twice");
+    for page in pages().iter().filter(|page| *page != SUMMARY) {
+        assert!(unique.contains(page), "{SUMMARY} does not list {page}");
+    }
+}
+
+/// Rows of the README's tables whose last cell links to a results page: their figures are those of
+/// that page.
+#[test]
+fn figures_in_the_readme_stand_in_the_results() {
+    let readme = text("README.md");
+    let rows = readme.lines().filter(|line| line.starts_with('|'));
+    let mut found = 0;
+    for row in rows {
+        let Some((cells, source)) = row.rsplit_once("](docs/src/results/") else {
+            continue;
+        };
+        // A link in the middle of a row is no source of figures.
+        if source.trim_end_matches(['|', ' ']).contains('|') {
+            continue;
+        }
+        let page = source.split(')').next().unwrap();
+        let results = text(&format!("{BOOK}/results/{page}"));
+        let known: HashSet<&str> = results
+            .split(|c: char| !(c.is_ascii_digit() || c == '.'))
+            .collect();
+        let cells: Vec<&str> = cells.split('|').collect();
+        for cell in cells.iter().skip(2).take(2) {
+            let figures = cell.split(|c: char| !(c.is_ascii_digit() || c == '.'));
+            for figure in figures.filter(|f| f.contains('.') && f.len() > 2) {
+                let figure = figure.trim_end_matches('.');
+                assert!(
+                    known.contains(figure),
+                    "README: {figure} is not in results/{page}"
+                );
+                found += 1;
+            }
+        }
+    }
+    assert!(found >= 5, "only {found} figures found");
+}
+
+#[test]
+fn readme_and_architecture_are_short() {
+    for (document, most) in [("README.md", 200), ("ARCHITECTURE.md", 300)] {
+        let lines = text(document).lines().count();
+        assert!(
+            lines <= most,
+            "{document} has {lines} lines, more than {most}"
+        );
     }
 }

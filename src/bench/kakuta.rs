@@ -10,14 +10,10 @@ use super::stage::{Passes, WARM_UP, camera, looking, picture};
 use glam::{DMat4, DVec3, Vec3};
 use penumbra_camera::Response;
 use penumbra_compositor::planes::{PlanesChoice, SourceBaker, bake};
-use penumbra_compositor::{
-    Compositor, CompositorSettings, Exposure, FrameInput, Gpu, GpuError, LampResponse, Refresh,
-    ShadowMode,
-};
+use penumbra_compositor::{Compositor, CompositorSettings, FrameInput, Gpu, GpuError, Refresh};
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_lighting::geodesic::{FaceLight, FaceSource, GeodesicDome, Membership};
 use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
-use penumbra_scene::Highlights;
 use penumbra_scene::gate::temple_gate;
 use penumbra_scene::planes::{Bake, BakeSettings, PlaneSettings, generate};
 use penumbra_scene::{Material, Part, Scene, primitives};
@@ -87,20 +83,11 @@ fn measure(gpu: &Gpu, case: &Case, options: &BenchOptions) -> Result<Row, GpuErr
         let lighting = sky.lighting(if case.changes { i } else { 0 });
         let start = Instant::now();
         compositor.compose(&FrameInput {
-            picture: &picture,
-            camera: &camera,
             world_from_camera: Some(pose(i)),
             lighting: Some(&lighting),
-            near: None,
-            lamps: &[],
-            lamp_response: LampResponse::Intrinsic,
-            shadow_mode: ShadowMode::Ratio,
-            shadow_strength: 1.0,
             refresh: Refresh::UpTo(0),
-            show_virtual: true,
             planes: Some(PlanesChoice::default()),
-            exposure: Exposure::Camera,
-            highlights: Highlights::default(),
+            ..FrameInput::new(&picture, &camera)
         })?;
         gpu.wait()?;
         if i >= WARM_UP {

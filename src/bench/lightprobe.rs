@@ -13,15 +13,12 @@ use super::stage::{Passes, WARM_UP, camera};
 use super::{BenchError, BenchOptions, thread_time};
 use penumbra_camera::Response;
 use penumbra_compositor::exposure::AutoLimits;
-use penumbra_compositor::{
-    Compositor, CompositorSettings, Exposure, FrameInput, Gpu, LampResponse, Refresh, ShadowMode,
-};
+use penumbra_compositor::{Compositor, CompositorSettings, Exposure, FrameInput, Gpu, Refresh};
 use penumbra_interface::MonotonicTime;
 use penumbra_lighting::{
     Bracket, EnvironmentEstimator, EnvironmentInput, EnvironmentSettings, Lighting,
 };
 use penumbra_picture::Picture;
-use penumbra_scene::Highlights;
 use penumbra_scene::lamps::MOST_LAMPS;
 use room::{Room, Stills, View};
 use std::sync::Arc;
@@ -195,18 +192,10 @@ impl Rig {
     fn compose(&mut self, i: u32, light: &Lighting) -> Result<(), BenchError> {
         self.room.move_lamps(i);
         self.compositor.compose(&FrameInput {
-            picture: &self.room.picture,
-            camera: &self.room.camera,
             world_from_camera: Some(self.room.pose(i)),
             lighting: Some(light),
-            near: None,
             lamps: &self.room.lamps,
-            lamp_response: LampResponse::Intrinsic,
-            shadow_mode: ShadowMode::Ratio,
-            shadow_strength: 1.0,
             refresh: Refresh::InTurn(1),
-            show_virtual: true,
-            planes: None,
             exposure: Exposure::Automatic {
                 limits: AutoLimits {
                     darkest: -3.0,
@@ -216,7 +205,7 @@ impl Rig {
                 },
                 seconds: f64::from(i) / RATE,
             },
-            highlights: Highlights::default(),
+            ..FrameInput::new(&self.room.picture, &self.room.camera)
         })?;
         Ok(())
     }

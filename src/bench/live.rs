@@ -69,7 +69,7 @@ pub struct LiveRow {
     /// Dome lights at most.
     pub lights: u32,
     /// How long a picture waits for the tracker's next reading at most, milliseconds.
-    pub longest_wait_ms: f64,
+    pub max_wait_ms: f64,
     /// Samples a pixel of virtual objects' outlines.
     pub samples: u32,
     /// How long was measured.
@@ -120,7 +120,7 @@ fn config(session: &Path, setting: Setting) -> Config {
     config.environment.light_count = setting.lights;
     config.picture.antialias = setting.antialias;
     if !setting.waits {
-        config.sync.longest_wait_nanos = 0;
+        config.sync.max_wait_nanos = 0;
     }
     config
 }
@@ -184,7 +184,7 @@ fn row(config: &Config, before: &Snapshot, after: &Snapshot, seconds: f64) -> Op
         width: after.resolution.width,
         height: after.resolution.height,
         lights: config.environment.light_count,
-        longest_wait_ms: config.sync.longest_wait_nanos as f64 * 1e-6,
+        max_wait_ms: config.sync.max_wait_nanos as f64 * 1e-6,
         samples: match config.picture.antialias {
             Antialias::Msaa4 => 4,
             Antialias::Off => 1,
@@ -220,7 +220,7 @@ impl fmt::Display for LiveRow {
             self.height,
             self.lights,
             self.samples,
-            self.longest_wait_ms,
+            self.max_wait_ms,
             self.frames_per_second,
             self.composed,
             self.passed_over,

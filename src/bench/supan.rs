@@ -6,13 +6,9 @@ use super::report::{BenchReport, Percentiles, Row};
 use super::stage::{Passes, WARM_UP, camera, looking, picture};
 use glam::{DMat4, DVec3, Vec3, Vec4};
 use penumbra_camera::Response;
-use penumbra_compositor::{
-    Compositor, CompositorSettings, Exposure, FrameInput, Gpu, GpuError, LampResponse, Refresh,
-    ShadowMode,
-};
+use penumbra_compositor::{Compositor, CompositorSettings, FrameInput, Gpu, GpuError, Refresh};
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
-use penumbra_scene::Highlights;
 use penumbra_scene::{Material, Mesh, Part, Scene, primitives};
 use std::sync::Arc;
 use std::time::Instant;
@@ -54,20 +50,10 @@ fn measure(
     for i in 0..WARM_UP + frames {
         let start = Instant::now();
         compositor.compose(&FrameInput {
-            picture: &picture,
-            camera: &camera,
             world_from_camera: Some(pose(i)),
             lighting: Some(&lighting),
-            near: None,
-            lamps: &[],
-            lamp_response: LampResponse::Intrinsic,
-            shadow_mode: ShadowMode::Ratio,
-            shadow_strength: 1.0,
             refresh: Refresh::InTurn(refreshed as usize),
-            show_virtual: true,
-            planes: None,
-            exposure: Exposure::Camera,
-            highlights: Highlights::default(),
+            ..FrameInput::new(&picture, &camera)
         })?;
         gpu.wait()?;
         let elapsed = start.elapsed().as_secs_f64() * 1e3;

@@ -1,10 +1,10 @@
-//! How a rig sees its environment: through a fisheye lens, or in a mirrored sphere.
+//! A rig's view of its environment: through a fisheye lens or in a mirrored sphere.
 
 use crate::PinholeCamera;
 use glam::{DVec2, DVec3};
 use penumbra_interface::RigidTransform;
 
-/// The three ways of seeing the environment (Supan 2006, section III).
+/// The three kinds of view of the environment (Supan 2006, section III).
 #[derive(Clone, Debug)]
 pub enum EnvironmentView {
     /// A camera behind an equidistant fisheye lens.
@@ -14,7 +14,7 @@ pub enum EnvironmentView {
         /// Pose of the camera (optical frame) in the world.
         world_from_camera: RigidTransform,
     },
-    /// A camera of its own that looks at a mirrored sphere.
+    /// A separate camera that looks at a mirrored sphere.
     Sphere {
         /// The camera's intrinsics.
         camera: PinholeCamera,
@@ -23,7 +23,7 @@ pub enum EnvironmentView {
         /// The sphere.
         sphere: MirrorSphere,
     },
-    /// A mirrored sphere within the scene camera's own picture.
+    /// A mirrored sphere in the scene camera's picture.
     SphereInScene {
         /// The sphere.
         sphere: MirrorSphere,
@@ -33,9 +33,9 @@ pub enum EnvironmentView {
 /// Kannala–Brandt fisheye: r = f · (θ + k1 θ³ + k2 θ⁵ + k3 θ⁷ + k4 θ⁹).
 #[derive(Clone, Debug, PartialEq)]
 pub struct FisheyeLens {
-    /// Pixels in a row.
+    /// Width of the picture, pixels.
     pub width: u32,
-    /// Rows.
+    /// Height of the picture, pixels.
     pub height: u32,
     /// Pixels per radian at the axis.
     pub focal: f64,
@@ -47,15 +47,15 @@ pub struct FisheyeLens {
     pub max_theta: f64,
 }
 
-/// A mirrored ball fixed in the world.
+/// A mirrored sphere at a fixed position in the world.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MirrorSphere {
     /// Centre, metres.
     pub centre_in_world: DVec3,
     /// Radius, metres.
     pub radius: f64,
-    /// Linear reflectance per channel.
+    /// Linear reflectance per channel, 0 to 1.
     pub reflectance: [f32; 3],
-    /// The sphere stands in the scene camera's view too (then it is a phantom as well).
+    /// The sphere is visible to the scene camera too, and therefore also a phantom object.
     pub in_scene: bool,
 }

@@ -1,4 +1,4 @@
-//! A mirrored sphere at a finite distance: which direction of light a pixel shows.
+//! Reflection in a mirrored sphere at a finite distance.
 //!
 //! ```text
 //!  In the plane of the eye C, the sphere's centre S and the light, with the axis from S
@@ -14,10 +14,10 @@ use crate::PinholeCamera;
 use glam::DVec3;
 use std::f64::consts::TAU;
 
-/// Entries of the table of φ over ψ.
+/// Number of entries of the table of φ over ψ.
 const TABLE: usize = 256;
 
-/// Sphere and eye, with the table that inverts the reflection.
+/// Sphere and eye, with a table that inverts the reflection.
 #[derive(Clone, Debug)]
 pub(super) struct Mirror {
     eye: DVec3,
@@ -31,26 +31,26 @@ pub(super) struct Mirror {
     step: f64,
 }
 
-/// Where a ray met the mirror and where it went.
+/// A reflected ray.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Reflection {
-    /// On the sphere, world, metres.
+    /// Point on the sphere, world, metres.
     pub point: DVec3,
     /// Unit vector towards the light.
     pub direction: DVec3,
 }
 
 impl Mirror {
-    /// `least_cosine` is the smallest cosine of incidence still of use: near the
-    /// silhouette one pixel shows a wide band of directions and any error of the
-    /// calibration shows the background instead. `None` for an eye inside the sphere.
-    pub fn new(eye: DVec3, centre: DVec3, radius: f64, least_cosine: f64) -> Option<Self> {
+    /// Creates the mirror. `min_cosine` is the minimum usable cosine of incidence: near the
+    /// silhouette one pixel shows a wide band of directions, and a calibration error shows the
+    /// background instead. `None` for an eye inside the sphere.
+    pub fn new(eye: DVec3, centre: DVec3, radius: f64, min_cosine: f64) -> Option<Self> {
         let distance = eye.distance(centre);
         if !(radius > 0.0 && distance > 1.001 * radius) {
             return None;
         }
         let ratio = radius / distance;
-        let phi_max = largest_phi(ratio, least_cosine);
+        let phi_max = max_phi(ratio, min_cosine);
         let step = psi(phi_max, ratio) / (TABLE - 1) as f64;
         let phi_of_psi = (0..TABLE)
             .map(|i| invert(i as f64 * step, ratio, phi_max))
@@ -71,8 +71,8 @@ impl Mirror {
         (self.centre, self.radius)
     }
 
-    /// Points on the outline as the eye sees it, evenly spread; world, metres.
-    pub fn rim(&self) -> [DVec3; 32] {
+    /// Evenly spaced points of the silhouette as the eye sees it; world, metres.
+    pub fn silhouette(&self) -> [DVec3; 32] {
         let ratio = self.radius / self.distance;
         let (right, up) = self.axis.any_orthonormal_pair();
         let middle = self.centre + self.axis * (self.radius * ratio);
@@ -83,8 +83,8 @@ impl Mirror {
         })
     }
 
-    /// Reflects the eye's ray along the unit vector `ray`; `None` where it misses or meets
-    /// the sphere too flatly.
+    /// Reflects the eye's ray along the unit vector `ray`; `None` if it misses the sphere or its
+    /// cosine of incidence is too small.
     pub fn reflect(&self, ray: DVec3) -> Option<Reflection> {
         let along = ray.dot(self.centre - self.eye);
         let nearest2 = self.distance * self.distance - along * along;
@@ -100,22 +100,22 @@ impl Mirror {
         (psi <= limit).then_some(Reflection { point, direction })
     }
 
-    /// Cosine of incidence under which the eye sees light from a direction, and from how far,
-    /// metres. The normal halves the angle between the light and the eye; which way the eye
-    /// lies depends on the point, by R/D at most.
+    /// Returns the cosine of incidence of light from a direction, and the distance from the eye to
+    /// the point of reflection, metres. The normal bisects the directions to the light and to the
+    /// eye; the latter depends on the point, by R/D at most, so it is iterated.
     pub fn incidence(&self, direction: DVec3) -> (f64, f64) {
         let (mut to_eye, mut cosine, mut distance) = (self.axis, 0.0, self.distance);
         for _ in 0..3 {
             let normal = (to_eye + direction).normalize_or_zero();
-            let way = self.eye - self.centre - normal * self.radius;
-            distance = way.length();
-            to_eye = way / distance;
+            let path = self.eye - self.centre - normal * self.radius;
+            distance = path.length();
+            to_eye = path / distance;
             cosine = to_eye.dot(normal);
         }
         (cosine, distance)
     }
 
-    /// The point of the sphere in which the eye sees light from a direction.
+    /// Returns the point of the sphere that reflects light from a direction to the eye (world, metres).
     pub fn point_showing(&self, direction: DVec3) -> Option<DVec3> {
         let along = direction.dot(self.axis);
         let across = direction - self.axis * along;
@@ -132,7 +132,7 @@ impl Mirror {
     }
 }
 
-/// ψ(φ), see the module's head; `ratio` = R/D.
+/// ψ(φ) as derived in the module's documentation; `ratio` = R/D.
 fn psi(phi: f64, ratio: f64) -> f64 {
     let (s, c) = phi.sin_cos();
     let length = (1.0 + ratio * ratio - 2.0 * ratio * c).sqrt();
@@ -141,21 +141,21 @@ fn psi(phi: f64, ratio: f64) -> f64 {
     (vx - 2.0 * dot * s).atan2(vz - 2.0 * dot * c)
 }
 
-/// The largest φ whose cosine of incidence −v·n is at least `least_cosine`, by bisection.
-fn largest_phi(ratio: f64, least_cosine: f64) -> f64 {
+/// Maximum φ whose cosine of incidence −v·n is at least `min_cosine`, by bisection.
+fn max_phi(ratio: f64, min_cosine: f64) -> f64 {
     let cosine = |phi: f64| {
         let c = phi.cos();
         (c - ratio) / (1.0 + ratio * ratio - 2.0 * ratio * c).sqrt()
     };
-    bisect(0.0, ratio.acos(), |phi| cosine(phi) > least_cosine)
+    bisect(0.0, ratio.acos(), |phi| cosine(phi) > min_cosine)
 }
 
-/// φ with ψ(φ) = `target`, by bisection: ψ is monotonic.
+/// Returns the φ with ψ(φ) = `target`, by bisection: ψ is monotonic.
 fn invert(target: f64, ratio: f64, phi_max: f64) -> f64 {
     bisect(0.0, phi_max, |phi| psi(phi, ratio) < target)
 }
 
-/// Where `below` turns from true to false between `low` and `high`.
+/// Returns the value between `low` and `high` at which `below` changes from true to false.
 fn bisect(mut low: f64, mut high: f64, below: impl Fn(f64) -> bool) -> f64 {
     for _ in 0..32 {
         let middle = 0.5 * (low + high);
@@ -168,19 +168,19 @@ fn bisect(mut low: f64, mut high: f64, below: impl Fn(f64) -> bool) -> f64 {
     0.5 * (low + high)
 }
 
-/// A ball before a camera.
+/// A mirrored sphere in a camera's frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ball {
-    /// Centre, camera's frame, metres.
+    /// Centre in the camera's frame, metres.
     pub centre: DVec3,
     /// Radius, metres.
     pub radius: f64,
-    /// Standard deviation of the centre's picture, each way, pixels.
+    /// Standard deviation of the centre's picture per axis, pixels.
     pub sigma: f64,
 }
 
 impl Ball {
-    /// Radius of its picture near the axis, pixels.
+    /// Radius of its picture near the optical axis, pixels.
     #[must_use]
     pub fn radius_in_pixels(&self, camera: &PinholeCamera) -> f64 {
         let distance = self.centre.length();
@@ -198,7 +198,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn the_middle_of_the_sphere_shows_the_eye() {
+    fn centre_of_the_sphere_reflects_the_eye() {
         let mirror = Mirror::new(DVec3::new(0.0, -1.0, 0.0), DVec3::ZERO, 0.1, 0.1).unwrap();
         let seen = mirror.reflect(DVec3::Y).unwrap();
         assert!((seen.direction + DVec3::Y).length() < 1e-12);
@@ -206,13 +206,13 @@ mod tests {
     }
 
     #[test]
-    fn a_far_sphere_doubles_the_angle_of_its_normal() {
+    fn distant_sphere_doubles_the_angle_of_its_normal() {
         assert!((psi(0.5, 1e-9) - 1.0).abs() < 1e-6);
         assert!(Mirror::new(DVec3::ZERO, DVec3::X * 0.05, 0.1, 0.1).is_none());
     }
 
     #[test]
-    fn light_that_meets_the_mirror_more_flatly_is_told_so() {
+    fn incidence_matches_the_reflected_ray() {
         let eye = DVec3::new(0.0, -1.0, 0.0);
         let mirror = Mirror::new(eye, DVec3::ZERO, 0.1, 0.1).unwrap();
         for ray in [0.0, 0.03, 0.06, 0.09, 0.097_f64] {
@@ -223,13 +223,13 @@ mod tests {
             assert!((cosine - exact).abs() < 2e-3, "{cosine} {exact}");
             assert!((distance - seen.point.distance(eye)).abs() < 1e-3);
         }
-        // What the ball itself hides.
+        // A direction hidden by the sphere itself.
         assert!(mirror.incidence(DVec3::Y).0 <= 0.0);
     }
 
     proptest! {
         #[test]
-        fn direction_to_point_and_back(x in -1.0f64..1.0, y in -1.0f64..1.0, z in -1.0f64..1.0, d in 1.2f64..40.0) {
+        fn reflect_inverts_point_showing(x in -1.0f64..1.0, y in -1.0f64..1.0, z in -1.0f64..1.0, d in 1.2f64..40.0) {
             let direction = DVec3::new(x, y, z);
             prop_assume!(direction.length() > 0.1);
             let direction = direction.normalize();

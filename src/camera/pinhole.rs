@@ -6,9 +6,9 @@ use glam::{DVec2, DVec3};
 /// +Z forward); pixel (0, 0) is the centre of the top-left pixel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PinholeCamera {
-    /// Pixels in a row.
+    /// Width of the picture, pixels.
     pub width: u32,
-    /// Rows.
+    /// Height of the picture, pixels.
     pub height: u32,
     /// Focal lengths, pixels.
     pub focal: DVec2,
@@ -19,7 +19,7 @@ pub struct PinholeCamera {
 }
 
 impl PinholeCamera {
-    /// Pixel of a point in the camera frame; `None` behind the camera.
+    /// Projects a point of the camera frame (metres) to a pixel; `None` behind the camera.
     #[must_use]
     pub fn project(&self, point_in_camera: DVec3) -> Option<DVec2> {
         if point_in_camera.z <= 1e-9 {
@@ -29,14 +29,14 @@ impl PinholeCamera {
         Some(self.distort(ideal) * self.focal + self.centre)
     }
 
-    /// Unit direction, in the camera frame, of the ray through a pixel.
+    /// Returns the unit direction, in the camera frame, of the ray through a pixel.
     #[must_use]
     pub fn unproject(&self, pixel: DVec2) -> DVec3 {
         let distorted = (pixel - self.centre) / self.focal;
         self.undistort(distorted).extend(1.0).normalize()
     }
 
-    /// OpenCV's radial and tangential model on the z = 1 plane.
+    /// Applies OpenCV's radial and tangential distortion on the z = 1 plane.
     fn distort(&self, p: DVec2) -> DVec2 {
         let [k1, k2, p1, p2, k3] = self.distortion;
         let r2 = p.length_squared();
@@ -48,7 +48,7 @@ impl PinholeCamera {
         p * radial + tangential
     }
 
-    /// Inverse of [`Self::distort`] by fixed-point iteration, as OpenCV does it.
+    /// Inverse of [`Self::distort`] by fixed-point iteration, as in OpenCV.
     fn undistort(&self, distorted: DVec2) -> DVec2 {
         if self.distortion == [0.0; 5] {
             return distorted;

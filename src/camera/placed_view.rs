@@ -1,4 +1,4 @@
-//! Where each direction of the world stands in the environment camera's picture.
+//! Maps directions of the world to pixels of the environment camera's picture and back.
 
 use super::mirror::Mirror;
 use crate::PinholeCamera;
@@ -7,34 +7,33 @@ use glam::{DVec2, DVec3};
 use penumbra_interface::RigidTransform;
 use std::ops::Range;
 
-/// Smallest cosine of incidence on a mirrored sphere that is used: the outermost 1.5 % of
-/// its radius is left out.
-const LEAST_COSINE: f64 = 0.17;
+/// Minimum cosine of incidence on a mirrored sphere: excludes the outermost 1.5 % of its radius.
+const MIN_COSINE: f64 = 0.17;
 
-/// Pixels next to a mirrored sphere's rim that are never used, and how many standard deviations of
-/// its place more: what lies behind it is not light that it mirrors.
+/// Width of the margin at a mirrored sphere's rim that is not used, pixels; widened by
+/// [`RIM_SIGMAS`] standard deviations of the sphere's position. The margin excludes the background.
 const RIM_PIXELS: f64 = 0.6;
 const RIM_SIGMAS: f64 = 3.0;
 
-/// What is known of the room, for light that is seen from one place and needed in another.
+/// Model of the surroundings, for light that is observed at one position and needed at another.
 ///
-/// Without it the environment is taken to be infinitely far away (Supan 2006, section IV).
-/// With it, light is carried from the point that saw it to `reference` by way of a sphere
-/// of `radius` around `reference`, cut off by the ground.
+/// Without it the environment is infinitely distant (Supan 2006, section IV). With it, light is
+/// moved from the observing point to `reference` by intersecting its ray with a sphere of `radius`
+/// around `reference`, cut off by the ground.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parallax {
-    /// Where the light is needed: the middle of the virtual objects, world, metres.
+    /// Position at which the light is needed: the centre of the virtual objects, world, metres.
     pub reference: DVec3,
-    /// Distance of what surrounds it, metres.
+    /// Assumed distance of the surroundings, metres.
     pub radius: f64,
-    /// Height of the ground, metres, if there is one (below `reference`).
+    /// Height of the ground (below `reference`), metres; `None` without ground.
     pub ground_height: Option<f64>,
 }
 
 impl Parallax {
-    /// Direction, seen from the reference, of what is seen from `origin` along
-    /// `direction`.
-    fn carry(&self, origin: DVec3, direction: DVec3) -> DVec3 {
+    /// Returns the direction, from the reference, of the surrounding point that lies along
+    /// `direction` from `origin`.
+    fn direction_from_reference(&self, origin: DVec3, direction: DVec3) -> DVec3 {
         let from_reference = origin - self.reference;
         let b = from_reference.dot(direction);
         let c = from_reference.length_squared() - self.radius * self.radius;
@@ -48,7 +47,7 @@ impl Parallax {
         (from_reference + direction * t).normalize()
     }
 
-    /// The surrounding point that the reference sees along `direction`.
+    /// Returns the surrounding point along `direction` from the reference.
     fn surrounding_point(&self, direction: DVec3) -> DVec3 {
         let to_ground = self
             .ground_height
@@ -61,10 +60,10 @@ fn hit_ground(origin: DVec3, direction: DVec3, height: f64) -> Option<f64> {
     (direction.z < -1e-9 && origin.z > height).then(|| (height - origin.z) / direction.z)
 }
 
-/// A ray of light backwards: from the place that saw it towards where it came from.
+/// A ray of light, traced backwards: from the observing point towards the source.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewRay {
-    /// The camera's centre, or the point of the mirror, world, metres.
+    /// The camera's centre, or the point of reflection, world, metres.
     pub origin: DVec3,
     /// Unit vector, world.
     pub direction: DVec3,
@@ -79,7 +78,7 @@ enum Optics {
     },
 }
 
-/// The environment camera placed in the world: pixels to directions and back.
+/// The environment camera at its pose in the world: pixels to directions and back.
 #[derive(Clone, Debug)]
 pub struct PlacedView {
     optics: Optics,
@@ -90,9 +89,9 @@ pub struct PlacedView {
 }
 
 impl PlacedView {
-    /// Places a view. `scene` (pose and intrinsics of the scene camera) is needed for a
-    /// sphere in the scene camera's picture only. `None` where it is missing, or where
-    /// the eye is inside the sphere.
+    /// Creates a view. `scene` (pose `world_from_camera` and intrinsics of the scene camera) is
+    /// needed only for a sphere in the scene camera's picture. `None` if it is missing, or if the
+    /// camera is inside the sphere.
     #[must_use]
     pub fn new(
         view: &EnvironmentView,
@@ -122,8 +121,9 @@ impl PlacedView {
         }
     }
 
-    /// A sphere in the scene camera's picture, `sigma` pixels (standard deviation) from where it
-    /// is said to be: so wide a rim is left out that no background gets in.
+    /// Creates a view of a sphere in the scene camera's picture whose position has the standard
+    /// deviation `sigma` (pixels). The margin at its rim is wide enough to exclude the background.
+    /// `None` if too little of the sphere is left.
     #[must_use]
     pub fn beside_rim(
         sphere: &MirrorSphere,
@@ -138,15 +138,15 @@ impl PlacedView {
             radius: sphere.radius,
             sigma,
         };
-        // A ray that passes the centre at the share f of the radius meets the sphere at an angle whose
+        // A ray that passes the centre at the share f of the radius has an angle of incidence whose
         // sine is f.
-        let left_out = (RIM_PIXELS + RIM_SIGMAS * sigma) / ball.radius_in_pixels(camera);
-        let used = 1.0 - left_out;
+        let margin = (RIM_PIXELS + RIM_SIGMAS * sigma) / ball.radius_in_pixels(camera);
+        let used = 1.0 - margin;
         if used.is_nan() || used <= 0.2 {
             return None;
         }
-        let cosine = (1.0 - used * used).max(0.0).sqrt().max(LEAST_COSINE);
-        Self::mirrored_past(camera, world_from_camera, sphere, parallax, cosine)
+        let cosine = (1.0 - used * used).max(0.0).sqrt().max(MIN_COSINE);
+        Self::mirrored_within(camera, world_from_camera, sphere, parallax, cosine)
     }
 
     fn mirrored(
@@ -155,18 +155,18 @@ impl PlacedView {
         sphere: &MirrorSphere,
         parallax: Option<Parallax>,
     ) -> Option<Self> {
-        Self::mirrored_past(camera, world_from_camera, sphere, parallax, LEAST_COSINE)
+        Self::mirrored_within(camera, world_from_camera, sphere, parallax, MIN_COSINE)
     }
 
-    fn mirrored_past(
+    fn mirrored_within(
         camera: &PinholeCamera,
         world_from_camera: RigidTransform,
         sphere: &MirrorSphere,
         parallax: Option<Parallax>,
-        least_cosine: f64,
+        min_cosine: f64,
     ) -> Option<Self> {
         let eye = world_from_camera.translation;
-        let mirror = Mirror::new(eye, sphere.centre_in_world, sphere.radius, least_cosine)?;
+        let mirror = Mirror::new(eye, sphere.centre_in_world, sphere.radius, min_cosine)?;
         Some(Self {
             size: (camera.width, camera.height),
             optics: Optics::Mirror {
@@ -185,28 +185,28 @@ impl PlacedView {
         self.size
     }
 
-    /// Columns and rows that contain everything of use.
+    /// Columns and rows that contain all usable pixels.
     #[must_use]
     pub fn bounds(&self) -> (Range<u32>, Range<u32>) {
         let (width, height) = self.size;
         let Optics::Mirror { camera, mirror } = &self.optics else {
             return (0..width, 0..height);
         };
-        let rim = mirror
-            .rim()
+        let silhouette = mirror
+            .silhouette()
             .map(|p| self.camera_from_world.transform_point(p));
         let mut low = DVec2::INFINITY;
         let mut high = DVec2::NEG_INFINITY;
-        if rim.iter().all(|p| p.z <= 0.0) {
+        if silhouette.iter().all(|p| p.z <= 0.0) {
             return (0..0, 0..0);
         }
-        for point in rim {
+        for point in silhouette {
             let Some(pixel) = camera.project(point) else {
                 return (0..width, 0..height);
             };
             (low, high) = (low.min(pixel), high.max(pixel));
         }
-        // Between two points of the rim it reaches beyond both by less than 1 % of its width.
+        // Between two of its points the silhouette extends beyond both by less than 1 % of its width.
         let margin = 0.01 * (high - low) + 2.0;
         let range = |low: f64, high: f64, end: u32| {
             let low = low.floor().clamp(0.0, f64::from(end)) as u32;
@@ -218,7 +218,7 @@ impl PlacedView {
         )
     }
 
-    /// Centre and radius of the mirrored sphere, world, metres.
+    /// Centre and radius of the mirrored sphere, world, metres; `None` for a fisheye.
     #[must_use]
     pub const fn ball(&self) -> Option<(DVec3, f64)> {
         match &self.optics {
@@ -227,10 +227,10 @@ impl PlacedView {
         }
     }
 
-    /// Radians of light that a pixel of a mirrored sphere shows across its rim, where it shows
-    /// `direction` (any parallax aside): 2 t / (f R cos i) at the distance t under the angle of
-    /// incidence i. A pixel near the rim is a long, thin strip of directions. `None` for a
-    /// fisheye, and where the sphere hides the direction.
+    /// Returns the angle of directions (radians), in the radial direction, that a pixel of a mirrored
+    /// sphere covers around `direction` (without parallax): 2 t / (f R cos i) at the distance t and
+    /// the angle of incidence i. Near the rim a pixel covers a long, thin strip of directions.
+    /// `None` for a fisheye, and where the sphere itself hides the direction.
     #[must_use]
     pub fn stretch(&self, direction: DVec3) -> Option<f64> {
         let Optics::Mirror { camera, mirror } = &self.optics else {
@@ -242,8 +242,8 @@ impl PlacedView {
         (cosine > 1e-3).then(|| 2.0 * distance / across)
     }
 
-    /// Samples a side that a cube of `size` texels needs of a mirror: a pixel in the middle
-    /// of a ball of r pixels spans 2/r radians, a texel 2/size.
+    /// Number of samples per texel side of a cube map of `size` texels: a pixel in the centre of a
+    /// sphere of r pixels spans 2/r radians, a texel 2/size.
     #[must_use]
     pub fn samples_for(&self, size: u32) -> u32 {
         let (columns, rows) = self.bounds();
@@ -251,7 +251,7 @@ impl PlacedView {
         ((radius / f64::from(size)).round() as u32).clamp(1, 8)
     }
 
-    /// The ray from the camera itself through a pixel of a mirrored view.
+    /// Returns the ray from the camera through a pixel of a mirrored view; `None` for a fisheye.
     #[must_use]
     pub fn camera_ray(&self, pixel: DVec2) -> Option<ViewRay> {
         let Optics::Mirror { camera, .. } = &self.optics else {
@@ -263,7 +263,7 @@ impl PlacedView {
         })
     }
 
-    /// The ray that a pixel sees, before any parallax; `None` where it sees nothing of use.
+    /// Returns the ray of the light in a pixel, without parallax; `None` for an unusable pixel.
     #[must_use]
     pub fn ray(&self, pixel: DVec2) -> Option<ViewRay> {
         let to_world = |d: DVec3| self.world_from_camera.rotation * d;
@@ -282,17 +282,17 @@ impl PlacedView {
         }
     }
 
-    /// Unit direction, world, of the light that a pixel shows.
+    /// Returns the unit direction (world) of the light in a pixel; `None` for an unusable pixel.
     #[must_use]
     pub fn direction(&self, pixel: DVec2) -> Option<DVec3> {
         let ray = self.ray(pixel)?;
         Some(match &self.parallax {
-            Some(parallax) => parallax.carry(ray.origin, ray.direction),
+            Some(parallax) => parallax.direction_from_reference(ray.origin, ray.direction),
             None => ray.direction,
         })
     }
 
-    /// Pixel that shows the light from a direction; it may lie outside the picture.
+    /// Returns the pixel that shows the light from a direction; it may lie outside the picture.
     #[must_use]
     pub fn pixel(&self, direction: DVec3) -> Option<DVec2> {
         let target = self.parallax.map(|p| p.surrounding_point(direction));
@@ -313,8 +313,8 @@ impl PlacedView {
     }
 }
 
-/// The point of the mirror that shows `target`: the direction of the light depends on the
-/// point and the point on the direction, which converges fast as the mirror is small.
+/// Returns the point of the mirror that reflects `target`, by fixed-point iteration: the direction of
+/// the light depends on the point and vice versa. It converges fast because the mirror is small.
 fn point_showing_near(mirror: &Mirror, direction: DVec3, target: DVec3) -> Option<DVec3> {
     let mut point = mirror.point_showing(direction)?;
     for _ in 0..24 {
@@ -336,7 +336,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn a_pixel_near_the_rim_shows_a_long_strip() {
+    fn pixels_near_the_rim_cover_larger_angles() {
         let view = PlacedView::new(&sphere_view(), None, None).unwrap();
         let (centre, _) = view.ball().unwrap();
         let middle = view
@@ -349,12 +349,15 @@ mod tests {
                 break;
             };
             let next = view.direction(at + DVec2::X * 0.01).unwrap();
-            let told = view.stretch(direction).unwrap();
+            let stretch = view.stretch(direction).unwrap();
             let exact = direction.angle_between(next) / 0.01;
-            // The ray's own turn and the slant of the picture's plane are left out.
-            assert!((told / exact - 1.0).abs() < 0.12, "{away}: {told} {exact}");
-            assert!(told > last);
-            last = told;
+            // The formula neglects the rotation of the ray and the slant of the picture plane.
+            assert!(
+                (stretch / exact - 1.0).abs() < 0.12,
+                "{away}: {stretch} {exact}"
+            );
+            assert!(stretch > last);
+            last = stretch;
         }
         assert!(last > 0.0);
     }
@@ -399,12 +402,12 @@ mod tests {
 
     proptest! {
         #[test]
-        fn direction_to_pixel_to_direction(x in -1.0f64..1.0, y in -1.0f64..1.0, z in -1.0f64..1.0, near: bool) {
+        fn direction_inverts_pixel(x in -1.0f64..1.0, y in -1.0f64..1.0, z in -1.0f64..1.0, near: bool) {
             let direction = DVec3::new(x, y, z);
             prop_assume!(direction.length() > 0.1);
             let direction = direction.normalize();
             let placed = PlacedView::new(&sphere_view(), None, near.then(room)).unwrap();
-            // Ground next to the ball is seen by the ball at more than one place, or not.
+            // The sphere reflects the ground beside it at several points, or nowhere.
             let beside = room().surrounding_point(direction).distance(ball_centre()) < 0.12;
             prop_assume!(!(near && beside));
             if let Some(pixel) = placed.pixel(direction) {
@@ -418,7 +421,7 @@ mod tests {
     }
 
     #[test]
-    fn most_of_the_sphere_of_directions_is_seen() {
+    fn sphere_shows_most_directions() {
         let placed = PlacedView::new(&sphere_view(), None, None).unwrap();
         // A Fibonacci lattice: directions that each stand for the same solid angle.
         let (count, turn) = (4000, std::f64::consts::PI * (3.0 - 5.0_f64.sqrt()));
@@ -433,7 +436,7 @@ mod tests {
     }
 
     #[test]
-    fn the_bounds_hold_all_that_the_ball_shows_and_little_more() {
+    fn bounds_enclose_the_sphere_tightly() {
         for far in [0.39, 0.12, 0.05] {
             let mut view = sphere_view();
             if let EnvironmentView::Sphere {
@@ -442,7 +445,7 @@ mod tests {
                 sphere,
             } = &mut view
             {
-                // Off the axis, where the outline is stretched.
+                // Off the axis, where the silhouette is elongated.
                 let aside = world_from_camera.rotation * DVec3::new(0.25, -0.1, 1.0).normalize();
                 sphere.centre_in_world = world_from_camera.translation + aside * far;
                 camera.focal = DVec2::splat(300.0 * far / 0.39);
@@ -459,14 +462,14 @@ mod tests {
                 .flat_map(|y| columns.clone().map(move |x| (x, y)));
             let kept = inside.filter(|(x, y)| shows(*x, *y)).count();
             assert_eq!(all, kept, "{far} m: {columns:?} {rows:?}");
-            // A disc fills π/4 of its box, less two pixels on each side.
+            // A disc fills π/4 of its bounding box, which has two more pixels on each side.
             let room = (columns.len() - 6) * (rows.len() - 6);
             assert!(all as f64 > 0.68 * room as f64, "{far} m: {all} of {room}");
         }
     }
 
     #[test]
-    fn a_sphere_in_the_scene_needs_the_scene_camera() {
+    fn sphere_in_the_scene_requires_the_scene_camera() {
         let EnvironmentView::Sphere { sphere, .. } = sphere_view() else {
             unreachable!()
         };

@@ -1,31 +1,31 @@
-//! From a camera's 8-bit codes to linear radiance and back.
+//! Tone curves: from a camera's 8-bit codes to linear radiance and back.
 
 use serde::de::{Error as _, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 use std::fmt;
 use thiserror::Error;
 
-/// A camera's tone curve, the same for each channel: codes 0..=255 to linear 0..=1.
+/// A camera's tone curve, equal for all channels: codes 0..=255 to linear 0..=1.
 ///
-/// In a config it is written `"srgb"`, `"linear"`, a gamma such as `2.2`, or a table of
-/// 256 ascending linear values.
+/// In a configuration: `"srgb"`, `"linear"`, a gamma such as `2.2`, or a table of 256 ascending
+/// linear values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Response {
     linear_from_code: [f32; 256],
-    /// `boundary[i]` is where code `i` ends and code `i + 1` begins; ascending.
+    /// `boundary[i]`: linear value between the codes `i` and `i + 1`; ascending.
     boundary: [f32; 255],
 }
 
-/// A response that no camera can have.
+/// An invalid tone curve.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum ResponseError {
-    /// A name that stands for no curve.
+    /// An unknown name.
     #[error("response \"{0}\" is unknown; write \"srgb\", \"linear\", a gamma or a table")]
     UnknownName(String),
-    /// A gamma that would crush or invert the codes.
+    /// A gamma out of range.
     #[error("response gamma {0} is out of range; write one from 0.2 to 5")]
     Gamma(f64),
-    /// A table of another length than 256.
+    /// A table whose length is not 256.
     #[error("response table has {0} values; write 256, one for each code")]
     Length(usize),
     /// A table value outside 0..=1.
@@ -33,35 +33,38 @@ pub enum ResponseError {
     Value {
         /// Index in the table.
         code: usize,
-        /// What stands there.
+        /// Value in the table.
         value: f32,
     },
-    /// A table that stays level or descends could not be inverted.
+    /// A table that does not strictly ascend and cannot be inverted.
     #[error("response table does not rise from code {0} to the next; make it ascend")]
     NotAscending(usize),
 }
 
 impl Response {
-    /// IEC 61966-2-1, what most webcams approximate.
+    /// sRGB (IEC 61966-2-1), which most webcams approximate.
     #[must_use]
     pub fn srgb() -> Self {
         Self::from_curve(linear_from_srgb)
     }
 
-    /// The codes are linear already.
+    /// Linear codes.
     #[must_use]
     pub fn linear() -> Self {
         Self::from_curve(|code| code)
     }
 
-    /// A pure power: `linear = code^gamma`. For a gamma from outside use
-    /// [`Self::try_gamma`].
+    /// A power: `linear = code^gamma`, code 0..=1. Use [`Self::try_gamma`] for a gamma that a user
+    /// writes.
     #[must_use]
     pub fn gamma(gamma: f32) -> Self {
         Self::from_curve(|code| code.powf(gamma))
     }
 
-    /// A pure power from 0.2 to 5.
+    /// A power with an exponent from 0.2 to 5.
+    ///
+    /// # Errors
+    /// The exponent is out of range.
     pub fn try_gamma(gamma: f64) -> Result<Self, ResponseError> {
         if !(0.2..=5.0).contains(&gamma) {
             return Err(ResponseError::Gamma(gamma));
@@ -70,6 +73,9 @@ impl Response {
     }
 
     /// A measured curve: 256 linear values, strictly ascending within 0..=1.
+    ///
+    /// # Errors
+    /// The table has another length, holds a value out of range or does not ascend.
     pub fn from_table(linear_from_code: &[f32]) -> Result<Self, ResponseError> {
         let table: [f32; 256] = linear_from_code
             .try_into()
@@ -88,7 +94,10 @@ impl Response {
         })
     }
 
-    /// A curve by its name in the config: `srgb` or `linear`.
+    /// Returns the curve of a name in a configuration: `srgb` or `linear`.
+    ///
+    /// # Errors
+    /// The name is unknown.
     pub fn from_name(name: &str) -> Result<Self, ResponseError> {
         match name {
             "srgb" | "sRGB" => Ok(Self::srgb()),
@@ -104,7 +113,7 @@ impl Response {
         }
     }
 
-    /// Linear value of every code, ascending.
+    /// Linear value of each code, ascending.
     #[must_use]
     pub const fn linear_from_code(&self) -> &[f32; 256] {
         &self.linear_from_code
@@ -116,16 +125,14 @@ impl Response {
         codes.map(|code| self.linear_from_code[usize::from(code)])
     }
 
-    /// The code whose encoded value is nearest to `linear`: exactly what the camera would
-    /// have written. Gives every code back from its own linear value; clamps outside
-    /// 0..=1 and takes NaN for 0.
+    /// Returns the code whose encoded value is nearest to `linear`, as the camera would encode it.
+    /// Maps the linear value of each code back to that code; clamps outside 0..=1; NaN gives 0.
     #[must_use]
     pub fn code_from_linear(&self, linear: f32) -> u8 {
         self.boundary.partition_point(|&end| end <= linear) as u8
     }
 
-    /// `linear` encoded to 0..=1 without rounding to a code: between two codes the curve is
-    /// taken as straight.
+    /// Encodes `linear` to 0..=1 without rounding to a code, by linear interpolation between codes.
     #[must_use]
     pub fn encoded_from_linear(&self, linear: f32) -> f32 {
         let table = &self.linear_from_code;
@@ -137,7 +144,7 @@ impl Response {
         (above as f32 - 1.0 + (linear - low) / (high - low)) / 255.0
     }
 
-    /// How much linear light one code step stands for at `code`.
+    /// Change of the linear value per code at `code`.
     #[must_use]
     pub fn step(&self, code: u8) -> f32 {
         let low = usize::from(code.max(1)) - 1;
@@ -230,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn every_code_comes_back() {
+    fn code_from_linear_inverts_linear_from_code() {
         for response in curves() {
             for code in 0..=255u8 {
                 let linear = response.linear_from_code()[usize::from(code)];
@@ -242,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn outside_values_are_clamped() {
+    fn clamps_values_out_of_range() {
         for response in curves() {
             assert_eq!(response.code_from_linear(-1.0), 0);
             assert_eq!(response.code_from_linear(7.0), 255);
@@ -254,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn the_step_is_the_slope_of_the_curve() {
+    fn step_is_the_slope_of_the_curve() {
         let linear = Response::linear();
         for code in [0u8, 1, 128, 255] {
             assert!((linear.step(code) - 1.0 / 255.0).abs() < 1e-6);
@@ -263,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn a_config_writes_it_four_ways() {
+    fn reads_name_gamma_and_table() {
         let read = |json: &str| serde_json::from_str::<Response>(json);
         assert_eq!(read("\"srgb\"").unwrap(), Response::srgb());
         assert_eq!(read("\"linear\"").unwrap(), Response::linear());
@@ -281,7 +288,7 @@ mod tests {
     }
 
     #[test]
-    fn an_impossible_response_says_why() {
+    fn rejects_invalid_curves_with_the_reason() {
         let text = |json: &str| {
             serde_json::from_str::<Response>(json)
                 .unwrap_err()
@@ -307,9 +314,9 @@ mod tests {
 
     proptest! {
         #[test]
-        fn srgb_rounds_as_the_camera_does(linear in 0.0f32..1.0) {
+        fn srgb_rounds_to_the_nearest_code(linear in 0.0f32..1.0) {
             let exact = 255.0 * srgb_from_linear(linear);
-            // Away from a tie, where the two powf's own rounding decides.
+            // Not at a tie, where the rounding of the two powers decides.
             prop_assume!((exact.fract() - 0.5).abs() > 1e-3);
             prop_assert_eq!(Response::srgb().code_from_linear(linear), exact.round() as u8);
         }

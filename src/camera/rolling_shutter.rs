@@ -1,25 +1,26 @@
-//! A rolling shutter: rows of a picture are read one after the other, while the camera moves.
+//! Rolling shutter: the rows of a picture are read one after the other while the camera moves.
 
 use crate::PinholeCamera;
 use glam::{DVec2, DVec3};
 use penumbra_interface::RigidTransform;
+use penumbra_numerics::rotation_vector;
 
-/// Rounds until the row in which a point is seen stands still.
-const ROUNDS: usize = 4;
+/// Fixed-point iterations for the row in which a point is seen.
+const ITERATIONS: usize = 4;
 
-/// How a camera moved while it read a picture.
+/// Motion of a camera while it reads out a picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RollingShutter {
-    /// Rotation vector from one row to the next, the camera's axes, radians.
+    /// Rotation vector from one row to the next, camera axes, radians.
     pub rotation_per_row: DVec3,
-    /// Way from one row to the next, the camera's axes, metres.
+    /// Translation from one row to the next, camera axes, metres.
     pub translation_per_row: DVec3,
 }
 
 impl RollingShutter {
-    /// Of a camera whose pose went from `before` to `after` (`world_from_camera`) in so many
-    /// seconds about the middle row, and that takes `row_seconds` from one row to the next.
-    /// `None` where nothing moved or the times make no sense.
+    /// Returns the motion of a camera whose pose changes from `before` to `after`
+    /// (`world_from_camera`) within `seconds` around the middle row; `row_seconds` is the time from
+    /// one row to the next. `None` for a global shutter or invalid times.
     #[must_use]
     pub fn between(
         before: &RigidTransform,
@@ -31,31 +32,30 @@ impl RollingShutter {
         if !share.is_finite() || share == 0.0 {
             return None;
         }
-        let turn = before.rotation.inverse() * after.rotation;
-        let turn = if turn.w < 0.0 { -turn } else { turn };
-        let way = before.rotation.inverse() * (after.translation - before.translation);
+        let to_camera = before.rotation.inverse();
+        let translation = to_camera * (after.translation - before.translation);
         Some(Self {
-            rotation_per_row: turn.to_scaled_axis() * share,
-            translation_per_row: way * share,
+            rotation_per_row: rotation_vector(to_camera * after.rotation) * share,
+            translation_per_row: translation * share,
         })
     }
 
-    /// Row that the pose is of.
+    /// The row at which the camera has the picture's pose.
     #[must_use]
     pub fn middle_row(camera: &PinholeCamera) -> f64 {
         0.5 * (f64::from(camera.height) - 1.0)
     }
 
-    /// Pixel of a point that stands still, given in the camera's frame at the middle row;
-    /// `None` behind the camera.
+    /// Projects a point of the static scene, given in the camera's frame at the middle row (metres),
+    /// to a pixel; `None` behind the camera.
     #[must_use]
     pub fn project(&self, camera: &PinholeCamera, point_in_camera: DVec3) -> Option<DVec2> {
         let last = f64::from(camera.height);
         let mut pixel = camera.project(point_in_camera)?;
-        for _ in 0..ROUNDS {
+        for _ in 0..ITERATIONS {
             let rows = pixel.y.clamp(-last, 2.0 * last) - Self::middle_row(camera);
-            let way = self.translation_per_row + self.rotation_per_row.cross(point_in_camera);
-            pixel = camera.project(point_in_camera - way * rows)?;
+            let per_row = self.translation_per_row + self.rotation_per_row.cross(point_in_camera);
+            pixel = camera.project(point_in_camera - per_row * rows)?;
         }
         Some(pixel)
     }
@@ -68,7 +68,7 @@ mod tests {
     use glam::DQuat;
 
     #[test]
-    fn a_point_is_seen_where_the_row_of_its_time_shows_it() {
+    fn projects_point_into_the_row_read_at_its_time() {
         let camera = PinholeCamera {
             width: 640,
             height: 480,
@@ -76,7 +76,7 @@ mod tests {
             centre: DVec2::new(319.5, 239.5),
             distortion: [-0.1, 0.02, 0.0, 0.0, 0.0],
         };
-        // A hand's quick move: half a metre and a radian a second, 30 µs a row.
+        // A fast motion of the hand: half a metre and a radian per second, 30 µs per row.
         let pose = |seconds: f64| {
             RigidTransform::new(
                 DQuat::from_scaled_axis(DVec3::new(0.3, 1.0, -0.2) * seconds),

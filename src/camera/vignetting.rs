@@ -1,22 +1,23 @@
-//! Vignetting: how brightness falls off towards a picture's edge.
+//! Vignetting: relative brightness over the picture.
 
 use glam::DVec2;
 
-/// 1 + k1 ρ² + k2 ρ⁴ + k3 ρ⁶ about the lens's centre (Goldman, PAMI 32(12), 2010, eq. 2).
+/// Relative brightness 1 + k1 ρ² + k2 ρ⁴ + k3 ρ⁶ at the distance ρ · `radius` from `centre`
+/// (Goldman, PAMI 32(12), 2010, eq. 2).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Vignetting {
-    /// Pixels.
+    /// Centre, pixels.
     pub centre: DVec2,
-    /// Where ρ is 1, pixels.
+    /// Radius at which ρ is 1, pixels.
     pub radius: f64,
     /// k1, k2, k3.
     pub coefficients: [f64; 3],
-    /// Their standard errors.
+    /// Standard errors of the coefficients.
     pub sigma: [f64; 3],
 }
 
 impl Vignetting {
-    /// How bright a pixel is, 1 in the centre.
+    /// Returns the relative brightness of a pixel, 1 in the centre.
     #[must_use]
     pub fn at(&self, pixel: DVec2) -> f64 {
         polynomial(
@@ -25,22 +26,23 @@ impl Vignetting {
         )
     }
 
-    /// Whether it stays within 0.02 and 2 over a picture of that size.
+    /// Returns whether the relative brightness is within 0.02 and 2 over a picture of the given size.
     #[must_use]
     pub fn is_possible(&self, (width, height): (u32, u32)) -> bool {
         let corner = DVec2::new(f64::from(width), f64::from(height));
-        let sane = self.radius > 0.0 && self.centre.is_finite();
+        let is_valid = self.radius > 0.0 && self.centre.is_finite();
         let farthest = [DVec2::ZERO, corner, corner * DVec2::X, corner * DVec2::Y]
             .map(|p| p.distance(self.centre))
             .into_iter()
             .fold(0.0, f64::max);
         let steps = (0..=64).map(|i| f64::from(i) / 64.0 * farthest / self.radius);
-        sane && steps
-            .map(|rho| polynomial(&self.coefficients, rho * rho))
-            .all(|v| (0.02..2.0).contains(&v))
+        is_valid
+            && steps
+                .map(|rho| polynomial(&self.coefficients, rho * rho))
+                .all(|v| (0.02..2.0).contains(&v))
     }
 
-    /// What every pixel's linear value is to be multiplied by, row after row.
+    /// Returns the factor of each pixel's linear value that removes vignetting, row by row.
     #[must_use]
     pub fn corrections(&self, (width, height): (u32, u32)) -> Vec<f32> {
         let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
@@ -50,14 +52,14 @@ impl Vignetting {
     }
 }
 
-/// Centre and radius of the fall-off: the lens's axis, or the picture's middle; half a diagonal.
+/// Default centre (the lens's axis, or the picture's centre) and radius (half a diagonal), pixels.
 #[must_use]
 pub fn frame((width, height): (u32, u32), centre: Option<DVec2>) -> (DVec2, f64) {
     let size = DVec2::new(f64::from(width), f64::from(height));
     (centre.unwrap_or(0.5 * (size - 1.0)), 0.5 * size.length())
 }
 
-/// 1 + k1 q + k2 q² + k3 q³ at q = ρ².
+/// Evaluates 1 + k1 q + k2 q² + k3 q³ at q = ρ².
 #[must_use]
 pub fn polynomial(k: &[f64; 3], q: f64) -> f64 {
     1.0 + q * (k[0] + q * (k[1] + q * k[2]))

@@ -43,7 +43,7 @@ enum Command {
     Run(Box<live::RunArgs>),
     /// Record the live rig into a session, without composing anything
     Record(record::RecordArgs),
-    /// Bake shadows onto planes around a scene's objects, for `--technique planes`
+    /// Bake shadows onto planes around a scene's objects, for `--technique shadowing-planes`
     Bake(bake::BakeArgs),
     /// Make a session from a folder of pictures, time stamps and poses
     Import(import::ImportArgs),

@@ -6,7 +6,7 @@ use clap::Args;
 use penumbra_compositor::Gpu;
 use penumbra_config::{
     Config, ExposureChoice, LIGHT_COUNTS, LampResponse, LightPlacement, Monitor, ShadowMode,
-    ShadowTechnique,
+    Technique,
 };
 use penumbra_lighting::Filtering;
 use penumbra_output::window;
@@ -15,7 +15,7 @@ use penumbra_rig::{Report, RigError, RunOptions, Runner};
 use penumbra_rig_model::EnvironmentSource;
 use penumbra_scene::Highlights;
 use penumbra_scene::SceneChoice;
-use penumbra_status::{SharedStatus, StatusError, StatusServer, Technique};
+use penumbra_status::{SharedStatus, StatusError, StatusServer};
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -67,7 +67,10 @@ pub struct ShowArgs {
     environment_source: Option<EnvironmentSource>,
     /// How the dome lights are placed
     #[arg(long, value_enum)]
-    lights: Option<LightPlacement>,
+    light_placement: Option<LightPlacement>,
+    /// The old name of --light-placement.
+    #[arg(long, hide = true, value_parser = old_lights)]
+    lights: Option<String>,
     /// How many dome lights there are at most: 0, 8, 24, 48, 64, 96 or 384
     #[arg(long, value_name = "N", value_parser = light_count)]
     light_count: Option<u32>,
@@ -90,6 +93,10 @@ pub struct ShowArgs {
     /// What clipped areas become in a shorter exposure
     #[arg(long, value_enum)]
     highlights: Option<Highlights>,
+}
+
+fn old_lights(_: &str) -> Result<String, String> {
+    Err("is now called --light-placement".to_owned())
 }
 
 fn light_count(text: &str) -> Result<u32, String> {
@@ -115,7 +122,10 @@ impl ShowArgs {
             self.scene.as_deref().map(SceneChoice::from_text),
         );
         set(&mut config.environment.source, self.environment_source);
-        set(&mut config.environment.lights, self.lights);
+        set(
+            &mut config.environment.light_placement,
+            self.light_placement,
+        );
         set(&mut config.environment.light_count, self.light_count);
         set(&mut config.shadows.mode, self.shadow_mode);
         if let Some(choice) = self.exposure {
@@ -124,15 +134,7 @@ impl ShowArgs {
         set(&mut config.exposure.highlights, self.highlights);
         set(&mut config.shading.reflections, self.reflections);
         set(&mut config.shading.lamp_response, self.lamp_response);
-        if let Some(technique) = self.technique {
-            config.shadows.enabled = technique != Technique::ImageBasedLighting;
-            if config.shadows.enabled {
-                config.shadows.technique = match technique {
-                    Technique::ShadowingPlanes => ShadowTechnique::Planes,
-                    _ => ShadowTechnique::Dome,
-                };
-            }
-        }
+        set(&mut config.shadows.technique, self.technique);
     }
 
     fn override_outputs(&self, config: &mut Config) {

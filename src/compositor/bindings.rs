@@ -1,21 +1,21 @@
-//! Short spellings of wgpu's bind groups and pipelines.
+//! Short forms of wgpu's bind groups and pipelines.
 
-use super::targets::format;
+use super::textures::format;
 use wgpu::{BindGroupLayoutEntry, BindingType, ShaderStages};
 
-/// What a shader binds, in the order of its bindings.
+/// The kind of one binding of a shader.
 #[derive(Clone, Copy, Debug)]
 pub enum Slot {
     Uniform,
-    /// A part of a buffer, chosen when it is bound.
+    /// A part of a uniform buffer, chosen by an offset when it is bound.
     UniformOf,
     Storage,
-    /// Storage that compute shaders write.
+    /// Storage buffer that compute shaders write.
     StorageWritten,
     Texture,
-    /// Float texture that is only loaded, or of a format that cannot be filtered.
+    /// Float texture that is read texel by texel, or whose format cannot be filtered.
     Unfilterable,
-    /// Unsigned integers.
+    /// Texture of unsigned integers.
     Integer,
     IntegerMultisampled,
     Depth,
@@ -27,14 +27,15 @@ pub enum Slot {
     Volume,
     /// An array of textures of half floats that compute shaders write.
     WrittenLayers,
-    /// A texture of four codes of 8 bits that compute shaders write.
+    /// A texture of four 8-bit codes that compute shaders write.
     WrittenCodes,
     Sampler,
     Comparison,
 }
 
 impl Slot {
-    /// Properties and depth of virtual surfaces with so many samples a pixel.
+    /// The slots of the properties and of the depth of virtual surfaces with `samples` samples a
+    /// pixel.
     pub const fn sampled(samples: u32) -> (Self, Self) {
         if samples > 1 {
             (Self::IntegerMultisampled, Self::DepthMultisampled)
@@ -115,12 +116,12 @@ const fn depth(view_dimension: wgpu::TextureViewDimension, multisampled: bool) -
     }
 }
 
-/// A layout whose bindings are `slots`, in order, visible wherever something is drawn.
+/// Creates a layout whose bindings are `slots`, in order, visible in vertex and fragment shaders.
 pub fn layout(device: &wgpu::Device, label: &str, slots: &[Slot]) -> wgpu::BindGroupLayout {
     layout_for(device, label, slots, ShaderStages::VERTEX_FRAGMENT)
 }
 
-/// The same for compute shaders.
+/// Creates the same for compute shaders.
 pub fn compute_layout(device: &wgpu::Device, label: &str, slots: &[Slot]) -> wgpu::BindGroupLayout {
     layout_for(device, label, slots, ShaderStages::COMPUTE)
 }
@@ -147,7 +148,7 @@ fn layout_for(
     })
 }
 
-/// A group whose bindings are `resources`, in order.
+/// Creates a group whose bindings are `resources`, in order.
 pub fn group(
     device: &wgpu::Device,
     label: &str,
@@ -179,7 +180,78 @@ pub const fn sampler(sampler: &wgpu::Sampler) -> wgpu::BindingResource<'_> {
     wgpu::BindingResource::Sampler(sampler)
 }
 
-/// Compiles a compute shader; the pipeline is called after its entry point.
+/// A bind group that is created again only when one of its resources is another one: passes
+/// receive their pictures with every frame, but these change only with the picture size.
+pub struct CachedGroup {
+    label: &'static str,
+    pub layout: wgpu::BindGroupLayout,
+    bound: Option<(Vec<Bound>, wgpu::BindGroup)>,
+}
+
+/// A resource that is bound.
+#[derive(PartialEq)]
+enum Bound {
+    Buffer(wgpu::Buffer),
+    View(wgpu::TextureView),
+    Sampler(wgpu::Sampler),
+}
+
+impl Bound {
+    /// `None` for kinds of resources that no pass here binds.
+    fn of(resource: &wgpu::BindingResource<'_>) -> Option<Self> {
+        match resource {
+            wgpu::BindingResource::Buffer(binding) => Some(Self::Buffer(binding.buffer.clone())),
+            wgpu::BindingResource::TextureView(view) => Some(Self::View((*view).clone())),
+            wgpu::BindingResource::Sampler(sampler) => Some(Self::Sampler((*sampler).clone())),
+            _ => None,
+        }
+    }
+
+    fn is(&self, resource: &wgpu::BindingResource<'_>) -> bool {
+        match (self, resource) {
+            (Self::Buffer(bound), wgpu::BindingResource::Buffer(binding)) => {
+                bound == binding.buffer
+            }
+            (Self::View(bound), wgpu::BindingResource::TextureView(view)) => bound == *view,
+            (Self::Sampler(bound), wgpu::BindingResource::Sampler(sampler)) => bound == *sampler,
+            _ => false,
+        }
+    }
+}
+
+impl CachedGroup {
+    /// Nothing is bound yet.
+    pub const fn new(label: &'static str, layout: wgpu::BindGroupLayout) -> Self {
+        Self {
+            label,
+            layout,
+            bound: None,
+        }
+    }
+
+    /// Nothing is bound yet; the layout consists of `slots` for vertex and fragment shaders.
+    pub fn of_slots(device: &wgpu::Device, label: &'static str, slots: &[Slot]) -> Self {
+        Self::new(label, layout(device, label, slots))
+    }
+
+    /// The group of `resources`, in the order of the layout.
+    pub fn get(
+        &mut self,
+        device: &wgpu::Device,
+        resources: &[wgpu::BindingResource<'_>],
+    ) -> &wgpu::BindGroup {
+        let kept = self.bound.take().filter(|(bound, _)| {
+            bound.len() == resources.len() && bound.iter().zip(resources).all(|(b, r)| b.is(r))
+        });
+        let (_, group) = self.bound.insert(kept.unwrap_or_else(|| {
+            let bound = resources.iter().filter_map(Bound::of).collect();
+            (bound, group(device, self.label, &self.layout, resources))
+        }));
+        group
+    }
+}
+
+/// Compiles a compute shader; the pipeline is named after its entry point.
 pub fn compute_pipeline(
     device: &wgpu::Device,
     module: &wgpu::ShaderModule,
@@ -202,7 +274,7 @@ pub fn compute_pipeline(
     })
 }
 
-/// How fragments are held against the depth that is there.
+/// The depth test of a pipeline.
 #[derive(Clone, Copy, Debug)]
 pub struct DepthTest {
     pub compare: wgpu::CompareFunction,
@@ -210,7 +282,7 @@ pub struct DepthTest {
 }
 
 impl DepthTest {
-    /// The nearest surface stays, with reversed depth.
+    /// Keeps the nearest surface, with reversed depth.
     pub const NEAREST: Self = Self::writing(wgpu::CompareFunction::GreaterEqual);
 
     pub const fn writing(compare: wgpu::CompareFunction) -> Self {
@@ -228,7 +300,7 @@ impl DepthTest {
     }
 }
 
-/// What differs between the compositor's render pipelines.
+/// The properties in which the compositor's render pipelines differ.
 pub struct PipelineSpec<'a> {
     pub label: &'a str,
     pub module: &'a wgpu::ShaderModule,
@@ -237,7 +309,7 @@ pub struct PipelineSpec<'a> {
     pub buffers: &'a [wgpu::VertexBufferLayout<'a>],
     pub fragment: Option<&'a str>,
     pub targets: &'a [wgpu::TextureFormat],
-    /// Which of the colours are written.
+    /// The colour channels that are written.
     pub colours: wgpu::ColorWrites,
     pub depth: Option<DepthTest>,
     pub cull: Option<wgpu::Face>,
@@ -245,7 +317,7 @@ pub struct PipelineSpec<'a> {
 }
 
 impl PipelineSpec<'_> {
-    /// Compiles it.
+    /// Compiles the pipeline.
     pub fn build(&self, device: &wgpu::Device) -> wgpu::RenderPipeline {
         let groups: Vec<_> = self.groups.iter().map(|g| Some(*g)).collect();
         let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {

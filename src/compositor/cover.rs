@@ -2,7 +2,7 @@
 //! That costs microseconds here, and tens of milliseconds where a software driver has to
 //! look at every sample of every tile.
 
-use super::targets::TILE;
+use super::textures::TILE;
 use glam::{DMat4, DVec2, DVec3};
 
 /// Eight corners of a box, world.

@@ -1,35 +1,35 @@
-//! Index buffers of fewer triangles for virtual parts that are small in the picture: what a
-//! triangle smaller than a pixel costs is not seen.
+//! Levels of detail: index buffers with fewer triangles for virtual parts that are small in the
+//! picture, where triangles smaller than a pixel cost time without being visible.
 
 use super::cover::{Corners, corners};
-use super::scene_buffers::{index_buffer, placed_indices};
+use super::mesh_buffers::{index_buffer, placed_indices};
 use glam::{DMat3, DMat4};
 use penumbra_scene::{Part, coarser};
 
-/// Errors of the coarser levels, in extents of the part.
+/// Errors of the coarser levels as shares of the part's extent.
 const ERRORS: [f64; 2] = [1.0 / 5000.0, 1.0 / 1250.0];
-/// Largest error in the picture, pixels. The quadric error is an average; the farthest
-/// point is two to three times as far off.
-const ERROR_PIXELS: f64 = 0.2;
+/// Maximum error in the picture, pixels. The quadric error is an average; the error of the worst
+/// point is two to three times as large.
+const MAX_ERROR_PIXELS: f64 = 0.2;
 
-/// One level.
+/// One level of detail.
 pub struct Level {
     pub indices: wgpu::Buffer,
     pub count: u32,
     error_m: f64,
 }
 
-/// All levels of a part, finest first, and the one to draw.
+/// All levels of a part, the finest first, and the one to draw.
 pub struct Details {
     levels: Vec<Level>,
     corners: Option<Corners>,
-    /// How much larger it is than the errors were told for.
+    /// Ratio of the part's size to the size for which the errors hold.
     growth: f64,
     chosen: usize,
 }
 
 impl Details {
-    /// Uploads the part's own triangles, and with `coarse` fewer ones too.
+    /// Uploads the part's triangles and, with `coarse`, coarser levels.
     pub fn new(device: &wgpu::Device, part: &Part, coarse: bool) -> Self {
         let level = |indices: &[u32], error_m| Level {
             indices: index_buffer(device, &placed_indices(part, indices)),
@@ -62,7 +62,7 @@ impl Details {
         self.corners.as_ref()
     }
 
-    /// The part stands elsewhere, or is of another size.
+    /// Sets the box after the part has moved or changed its size.
     pub fn set_corners(&mut self, corners: Corners) {
         let across = |c: &Corners| c[0].distance(c[7]);
         let before = self.corners.as_ref().map_or(0.0, across);
@@ -72,7 +72,7 @@ impl Details {
         self.corners = Some(corners);
     }
 
-    /// Chooses the coarsest level that looks like the finest; `focal` in pixels.
+    /// Chooses the coarsest level whose error is not visible; `focal` is the focal length, pixels.
     pub fn choose(&mut self, clip_from_world: DMat4, focal: f64) {
         let nearest = self.corners.iter().flatten().fold(f64::INFINITY, |z, c| {
             z.min((clip_from_world * c.extend(1.0)).w)
@@ -81,17 +81,17 @@ impl Details {
         self.chosen = self
             .levels
             .iter()
-            .rposition(|l| l.error_m * pixels_per_metre <= ERROR_PIXELS)
+            .rposition(|l| l.error_m * pixels_per_metre <= MAX_ERROR_PIXELS)
             .unwrap_or(0);
     }
 
-    /// The level chosen.
+    /// The chosen level.
     pub fn level(&self) -> &Level {
         &self.levels[self.chosen]
     }
 }
 
-/// The greatest length of a metre of the part, in the world.
+/// The maximum length in the world of a metre of the part.
 fn scale(part: &Part) -> f64 {
     let linear = DMat3::from_mat4(part.world_from_part);
     [linear.x_axis, linear.y_axis, linear.z_axis]

@@ -1,34 +1,34 @@
-//! Area lamps as they are seen: rectangles that show their pictures, for as long as they shine.
-//! They cast no shadows: a lamp would stand in its own light.
+//! Area lamps as visible objects: rectangles that show their pictures while they shine. They cast
+//! no shadows, because a lamp would block its own light.
 
 use super::bindings::group;
 use super::cover::Corners;
 use super::gpu_data::VirtualPartUniform;
-use super::scene_buffers::{index_buffer, vertex_buffer};
+use super::mesh_buffers::{index_buffer, vertex_buffer};
 use glam::{Mat4, Vec3, Vec4};
 use penumbra_scene::VirtualLight;
 use penumbra_scene::photometric::{luminance, mean_colour};
 use penumbra_scene::{Material, PlacedArea, PlacedLamp, primitives};
 
-/// How far the dark back of a lamp is behind its front, metres.
-const BACK: f32 = 1e-3;
+/// Distance of the dark back of a lamp behind its front, metres.
+const THICKNESS_METRES: f32 = 1e-3;
 /// Reflectance of the back.
-const CASING: f32 = 0.05;
+const BACK_ALBEDO: f32 = 0.05;
 
-/// A lamp of the scene that can be seen.
+/// A visible lamp of the scene.
 struct Emitter {
-    /// Its number among the scene's lamps.
+    /// Index among the scene's lamps.
     lamp: usize,
     material: wgpu::BindGroup,
-    /// Mean luminance of its picture, of a white of 1.
+    /// Mean luminance of its picture; white is 1.
     mean: f32,
 }
 
-/// See the module.
+/// The visible area lamps of a scene.
 pub struct Emitters {
     each: Vec<Emitter>,
     plain: wgpu::BindGroup,
-    /// Front, then back, whose picture is the other way round.
+    /// The front, then the back with a mirrored picture.
     vertices: [wgpu::Buffer; 2],
     pub indices: wgpu::Buffer,
     buffer: wgpu::Buffer,
@@ -39,7 +39,7 @@ pub struct Emitters {
 }
 
 impl Emitters {
-    /// Those of `lamps` that are seen; `bind` makes a material's bindings.
+    /// Uploads the visible ones of `lamps`; `bind` makes the bindings of a material.
     pub fn new(
         device: &wgpu::Device,
         parts: &wgpu::BindGroupLayout,
@@ -86,7 +86,7 @@ impl Emitters {
         }
     }
 
-    /// Shows what of `lamps` can be seen.
+    /// Places the visible ones of `lamps` in this frame.
     pub fn place(&mut self, queue: &wgpu::Queue, lamps: &[PlacedLamp]) {
         if self.each.is_empty() {
             return;
@@ -112,7 +112,7 @@ impl Emitters {
         }
     }
 
-    /// Boxes around what is shown.
+    /// Boxes around the lamps in this frame.
     pub fn boxes(&self) -> impl Iterator<Item = Corners> {
         self.shown.iter().filter_map(|lamp| {
             let corners = lamp.area?.corners(lamp.position);
@@ -120,7 +120,7 @@ impl Emitters {
         })
     }
 
-    /// Vertices and material of each rectangle shown, in the order of their uniforms.
+    /// Vertices and material of each rectangle, in the order of their uniforms.
     pub fn draws(&self) -> impl Iterator<Item = (&wgpu::Buffer, &wgpu::BindGroup)> {
         self.draws.iter().zip(&self.staging).map(|((i, side), of)| {
             let dark = of.emissive == [0.0; 4];
@@ -134,21 +134,25 @@ impl Emitters {
     }
 }
 
-/// A side of the rectangle: 1 = the front, -1 = the back.
+/// The uniform of a side of the rectangle: 1 = the front, -1 = the back.
 fn uniform(lamp: &PlacedLamp, area: &PlacedArea, side: f32, light: Vec3) -> VirtualPartUniform {
     let normal = lamp.direction * side;
-    let middle = lamp.position + (side - 1.0) * 0.5 * BACK * lamp.direction;
+    let middle = lamp.position + (side - 1.0) * 0.5 * THICKNESS_METRES * lamp.direction;
     let world = Mat4::from_cols(
         (area.half_right * side).extend(0.0),
         area.half_up.extend(0.0),
         normal.extend(0.0),
         middle.extend(1.0),
     );
-    let casing = if light == Vec3::ZERO { CASING } else { 0.0 };
+    let albedo = if light == Vec3::ZERO {
+        BACK_ALBEDO
+    } else {
+        0.0
+    };
     VirtualPartUniform {
         world_from_part: world.to_cols_array_2d(),
         normal_from_part: world.inverse().transpose().to_cols_array_2d(),
-        base_colour: Vec4::new(casing, casing, casing, 1.0).to_array(),
+        base_colour: Vec4::new(albedo, albedo, albedo, 1.0).to_array(),
         surface: [0.0, 1.0, 0.0, 0.0],
         emissive: light.extend(0.0).to_array(),
         phong: [-1.0; 4],

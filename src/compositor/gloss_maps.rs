@@ -1,8 +1,8 @@
-//! What glossy surfaces mirror, on the GPU: the filtered radiance maps, and the table of how
-//! lobes answer.
+//! Specular reflection of the environment on the GPU: the prefiltered radiance maps, the table of
+//! the response of lobes, and the compact sources.
 
-use super::gpu_data::GlintsUniform;
-use super::light_maps::{half_texel, write_level};
+use super::gpu_data::CompactSourcesUniform;
+use super::texels::{half_texel, write_level};
 use half::f16;
 use penumbra_lighting::box_chain::box_level;
 use penumbra_lighting::lobes::{Family, Levels};
@@ -11,20 +11,20 @@ use std::sync::LazyLock;
 
 /// Columns of the table: n·v.
 const COLUMNS: u32 = 32;
-/// Rows of a family: its parameter. Twin of `GLOSS_ROWS` in `lib/gloss.wgsl`.
+/// Rows of a family of lobes: its parameter. Twin of `GLOSS_ROWS` in `lib/gloss.wgsl`.
 const ROWS: u32 = 64;
 const FAMILIES: [Family; 2] = [Family::Ggx, Family::Phong];
 
-/// See the module.
+/// The radiance that glossy surfaces reflect.
 pub struct GlossMaps {
     /// Scale, bias, tilt and level by n·v and parameter: GGX above Phong.
     pub table: wgpu::TextureView,
     pub ggx: Cube,
     pub phong: Cube,
-    /// Sources that the maps leave out.
-    pub glints: wgpu::Buffer,
+    /// Compact sources, which the maps leave out.
+    pub compact_sources: wgpu::Buffer,
     table_texture: wgpu::Texture,
-    /// Which maps the table tells levels of.
+    /// The maps for which the table holds levels.
     tabled: Option<(Filtering, u32, usize)>,
     texels: Vec<[f16; 4]>,
 }
@@ -64,7 +64,7 @@ impl Cube {
 }
 
 impl GlossMaps {
-    /// Black until the first map comes.
+    /// Black maps, until the first upload.
     pub fn new(device: &wgpu::Device) -> Self {
         let table_texture = device.create_texture(&wgpu::TextureDescriptor {
             label: Some("gloss table"),
@@ -85,9 +85,9 @@ impl GlossMaps {
             table_texture,
             ggx: Cube::new(device, 1, 1),
             phong: Cube::new(device, 1, 1),
-            glints: device.create_buffer(&wgpu::BufferDescriptor {
-                label: Some("glints"),
-                size: size_of::<GlintsUniform>() as u64,
+            compact_sources: device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some("compact sources"),
+                size: size_of::<CompactSourcesUniform>() as u64,
                 usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
                 mapped_at_creation: false,
             }),
@@ -96,41 +96,36 @@ impl GlossMaps {
         }
     }
 
-    /// Highest level of the maps.
+    /// The number of the coarsest level of the maps; 0 = the finest.
     pub fn highest_level(&self) -> u32 {
         self.ggx.texture.mip_level_count() - 1
     }
 
-    /// Uploads a map. True when a texture is a new one and must be bound again. Where
-    /// `phong` is wanted of a map that was not filtered for it yet, GGX's lobes of the same
-    /// widths take its place.
+    /// Uploads a map. Where `phong` is requested of a map that was not filtered for it yet, GGX
+    /// lobes of the same widths take its place.
     pub fn write(
         &mut self,
         device: &wgpu::Device,
         queue: &wgpu::Queue,
         map: &CubeMap,
         phong: bool,
-    ) -> bool {
+    ) {
         let levels = map.levels.len().max(1) as u32;
-        let mut renewed = false;
         if !self.ggx.fits(map.size, levels) {
             self.ggx = Cube::new(device, map.size, levels);
-            renewed = true;
         }
         let (size, phong_levels) = if phong { (map.size, levels) } else { (1, 1) };
         if !self.phong.fits(size, phong_levels) {
             self.phong = Cube::new(device, size, phong_levels);
-            renewed = true;
         }
         self.upload(queue, map, phong);
-        let glints = GlintsUniform::new(&map.glints);
-        queue.write_buffer(&self.glints, 0, bytemuck::bytes_of(&glints));
+        let sources = CompactSourcesUniform::new(&map.glints);
+        queue.write_buffer(&self.compact_sources, 0, bytemuck::bytes_of(&sources));
         let wanted = (map.filtering, map.size, map.levels.len());
         if self.tabled != Some(wanted) {
             self.write_table(queue, wanted);
             self.tabled = Some(wanted);
         }
-        renewed
     }
 
     fn upload(&mut self, queue: &wgpu::Queue, map: &CubeMap, phong: bool) {
@@ -144,7 +139,7 @@ impl GlossMaps {
         for (level, from) in map.levels.iter().enumerate() {
             write(&self.ggx, level, from);
         }
-        // Both begin with the map itself.
+        // Level 0 is the map itself for both families.
         for (level, ggx) in map.levels.iter().enumerate().filter(|_| phong) {
             let own = level.checked_sub(1).and_then(|k| map.phong.get(k));
             write(&self.phong, level, own.unwrap_or(ggx));
@@ -153,17 +148,17 @@ impl GlossMaps {
 
     fn write_table(&mut self, queue: &wgpu::Queue, (filtering, size, levels): Tabled) {
         self.texels.clear();
-        for (family, answers) in FAMILIES.iter().zip(ANSWERS.iter()) {
+        for (family, responses) in FAMILIES.iter().zip(RESPONSES.iter()) {
             let ladder = Levels::new(*family, size, levels);
-            for (i, answer) in answers.iter().enumerate() {
-                let [scale, bias, tilt, width] = *answer;
+            for (i, response) in responses.iter().enumerate() {
+                let [scale, bias, tilt, width] = *response;
                 let row = parameter(i as u32 / COLUMNS);
                 let entry = match (filtering, family) {
                     (Filtering::Prefiltered, _) => [scale, bias, tilt, ladder.level(width)],
                     (Filtering::Box, Family::Ggx) => {
                         [scale, bias, 0.0, box_level(*family, row, size, levels)]
                     }
-                    // The paper multiplies the map by the material's colour and no more.
+                    // Supan 2006 multiplies the map by the colour of the material alone.
                     (Filtering::Box, Family::Phong) => {
                         [1.0, 0.0, 0.0, box_level(*family, row, size, levels)]
                     }
@@ -187,14 +182,14 @@ impl GlossMaps {
 
 type Tabled = (Filtering, u32, usize);
 
-/// Parameter in a row's middle.
+/// The parameter at the middle of a row.
 fn parameter(row: u32) -> f32 {
     (row as f32 + 0.5) / ROWS as f32
 }
 
-/// Scale, bias, tilt and width of both families, row by row. Worked out once a run: it takes
-/// some 50 ms.
-static ANSWERS: LazyLock<[Vec<[f32; 4]>; 2]> = LazyLock::new(|| {
+/// Scale, bias, tilt and width of both families, row by row. Computed once per process, because it
+/// takes tens of milliseconds.
+static RESPONSES: LazyLock<[Vec<[f32; 4]>; 2]> = LazyLock::new(|| {
     FAMILIES.map(|family| {
         (0..COLUMNS * ROWS)
             .map(|i| {

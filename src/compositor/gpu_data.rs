@@ -1,5 +1,5 @@
-//! What the shaders read, byte for byte. Twins of the structs in `shaders/lib/frame.wgsl`,
-//! `shaders/lib/lamps.wgsl`, `shaders/lib/glints.wgsl`, `shaders/phantom_geometry.wgsl` and
+//! The data that shaders read, byte for byte. Twins of the structs in `shaders/lib/frame.wgsl`,
+//! `shaders/lib/lamps.wgsl`, `shaders/lib/compact_source_specular.wgsl`, `shaders/phantom_geometry.wgsl` and
 //! `shaders/virtual_geometry.wgsl`.
 
 use bytemuck::{Pod, Zeroable};
@@ -22,8 +22,8 @@ pub struct FrameUniform {
     pub params: [f32; 4],
     pub ground: [f32; 4],
     pub tiling: [u32; 4],
-    pub near_low: [f32; 4],
-    pub near_high: [f32; 4],
+    pub indirect_low: [f32; 4],
+    pub indirect_high: [f32; 4],
     pub planes_low: [f32; 4],
     pub planes_high: [f32; 4],
     pub brightest: [f32; 4],
@@ -31,8 +31,8 @@ pub struct FrameUniform {
     pub moving: [f32; 4],
     pub bending: [f32; 4],
     pub rows: [f32; 4],
-    pub fading: [f32; 4],
-    pub fading_from: [f32; 4],
+    pub vignetting: [f32; 4],
+    pub vignetting_from: [f32; 4],
 }
 
 /// Twin of WGSL `Light`.
@@ -68,29 +68,29 @@ pub struct LampsUniform {
     pub each: [LampUniform; MOST_LAMPS],
 }
 
-/// Twin of WGSL `Glint`.
+/// Twin of WGSL `CompactSource`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
-pub struct GlintUniform {
+pub struct CompactSourceUniform {
     pub direction: [f32; 4],
     pub flux: [f32; 4],
     pub weights: [f32; MOST_LEVELS],
 }
 
-/// Twin of WGSL `Glints`.
+/// Twin of WGSL `CompactSources`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
-pub struct GlintsUniform {
+pub struct CompactSourcesUniform {
     pub count: [u32; 4],
-    pub each: [GlintUniform; MOST_GLINTS],
+    pub each: [CompactSourceUniform; MOST_GLINTS],
 }
 
-impl GlintsUniform {
-    /// Of the first [`MOST_GLINTS`].
+impl CompactSourcesUniform {
+    /// The uniform of the first [`MOST_GLINTS`] sources.
     pub fn new(glints: &[Glint]) -> Self {
         let mut all = Self::default();
         for (to, from) in all.each.iter_mut().zip(glints) {
-            *to = GlintUniform {
+            *to = CompactSourceUniform {
                 direction: from.direction.extend(from.radius).to_array(),
                 flux: from.flux.extend(0.0).to_array(),
                 weights: from.weights,

@@ -4,7 +4,7 @@
 //! cone. A lamp among the casters looks all round with the six faces of a cube. A rectangle
 //! looks from several places, whose views share each map like tiles.
 
-use super::shadow_slots::CasterHull;
+use super::caster_hull::CasterHull;
 use glam::{Mat4, Vec3, Vec4};
 use penumbra_scene::{PlacedArea, PlacedLamp};
 

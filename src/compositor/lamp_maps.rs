@@ -1,11 +1,11 @@
 //! The lamps on the GPU: their uniforms, and shadow maps seen from them in perspective.
 
+use super::caster_hull::CasterHull;
 use super::gpu_data::{LampUniform, LampsUniform};
 use super::lamp_coverage::{Coverage, MOST_VIEWS_EACH, MapAxes, clip, eyes};
 use super::lamp_layers::{Assigned, LampLayers, LampViews};
 use super::lamp_screens::LampScreens;
-use super::shadow_slots::CasterHull;
-use super::targets::format;
+use super::textures::format;
 use glam::{Mat4, Vec3};
 use penumbra_scene::PlacedLamp;
 use penumbra_scene::lamps::MOST_LAMPS;

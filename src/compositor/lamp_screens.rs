@@ -1,24 +1,25 @@
-//! What area lamps show, as their light is worked out from: small pictures with all their levels.
+//! The pictures of area lamps from which their light is computed: small, with all mip levels.
 
-use super::light_maps::half_texel;
+use super::texels::{half_texel, write_level};
+use super::textures::format;
 use glam::Vec3;
 use penumbra_camera::linear_from_srgb;
 use penumbra_scene::SceneTexture;
 use penumbra_scene::VirtualLight;
 use penumbra_scene::photometric::{luminance, mean_colour};
 
-/// Texels a side: light is never told finer than that.
+/// Texels a side: the light of a lamp needs no finer detail.
 const SIDE: u32 = 64;
 
-/// See the module. Twin of WGSL `lamp_screens`.
+/// The pictures of a scene's area lamps. Twin of WGSL `lamp_screens`.
 pub struct LampScreens {
     pub view: wgpu::TextureView,
-    /// Of each lamp of the scene; 0 is white.
+    /// The layer of each lamp of the scene; layer 0 is white.
     layers: Vec<u32>,
 }
 
 impl LampScreens {
-    /// Those of a scene's `lamps`.
+    /// Uploads the pictures of a scene's `lamps`.
     pub fn new(device: &wgpu::Device, queue: &wgpu::Queue, lamps: &[VirtualLight]) -> Self {
         let texture_of = |lamp: &VirtualLight| lamp.screen.as_ref()?.texture.clone();
         let mut all = vec![vec![Vec3::ONE; (SIDE * SIDE) as usize]];
@@ -36,13 +37,13 @@ impl LampScreens {
         }
     }
 
-    /// The layer of lamp `k` of the scene.
+    /// The layer of lamp `k`.
     pub fn layer(&self, k: usize) -> u32 {
         self.layers.get(k).copied().unwrap_or(0)
     }
 }
 
-/// The texture's boxes in linear light, over its mean luminance.
+/// The texture in linear light, box-filtered and divided by its mean luminance.
 fn screen(texture: &SceneTexture) -> Vec<Vec3> {
     let linear: [f32; 256] = std::array::from_fn(|code| linear_from_srgb(code as f32 / 255.0));
     let scale = 1.0 / luminance(mean_colour(texture)).max(1e-6);
@@ -64,13 +65,13 @@ fn screen(texture: &SceneTexture) -> Vec<Vec3> {
         .collect()
 }
 
-/// Where texel `k` of [`SIDE`] lies among `size`.
+/// The range of texel `k` of [`SIDE`] among `size` texels.
 fn span(k: u32, size: u32) -> (f32, f32) {
     let share = size as f32 / SIDE as f32;
     (k as f32 * share, (k + 1) as f32 * share)
 }
 
-/// Mean of a row of texels from one place to another.
+/// Mean of a row of texels between two positions.
 fn mean(from: f32, to: f32, texel: impl Fn(u32) -> Vec3) -> Vec3 {
     let last = (to.ceil() as u32).max(1) - 1;
     let part = |i: u32| (to.min(i as f32 + 1.0) - from.max(i as f32)).max(0.0);
@@ -102,7 +103,7 @@ fn upload(
         mip_level_count: SIDE.ilog2() + 1,
         sample_count: 1,
         dimension: wgpu::TextureDimension::D2,
-        format: super::targets::format::LIGHT,
+        format: format::LIGHT,
         usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
         view_formats: &[],
     });
@@ -113,7 +114,7 @@ fn upload(
             .flatten()
             .map(|t| half_texel(t.to_array()))
             .collect();
-        super::light_maps::write_level(queue, &texture, level, side, layers.len() as u32, &texels);
+        write_level(queue, &texture, level, side, layers.len() as u32, &texels);
         for layer in layers.iter_mut().filter(|_| side > 1) {
             *layer = halved(layer, side);
         }
@@ -130,7 +131,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_screen_keeps_the_places_of_its_colours_and_has_a_luminance_of_one() {
+    fn screen_keeps_its_colours_in_place_with_a_mean_luminance_of_one() {
         for (width, height) in [(3, 2), (64, 64), (200, 150), (1, 5)] {
             let texel = |i: u32| {
                 let (x, y) = (i % width, i / width);

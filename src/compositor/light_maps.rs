@@ -1,32 +1,49 @@
-//! The light on the GPU: this frame's uniforms, the lights and their sums, and what belongs
-//! to the light besides.
+//! The light on the GPU: the uniforms of the frame, the lights with tables of their sums, indirect
+//! light and virtual lights.
 
 use super::bindings::{Slot, group, layout, sampler, view};
+use super::caster_hull::CasterHull;
 use super::gloss_maps::GlossMaps;
 use super::gpu_data::{FrameUniform, LightUniform};
+use super::indirect_light_maps::IndirectLightMaps;
 use super::lamp_maps::LampMaps;
 use super::lamp_screens::LampScreens;
-use super::near_maps::NearMaps;
 use super::shaders::MAX_LIGHTS;
-use super::shadow_slots::CasterHull;
+use super::texels::{half_texel, write_level};
+use super::textures::format;
 use glam::Vec3;
 use half::f16;
 use penumbra_scene::{IndirectLight, PlacedLamp};
 
-/// Side of the tables of irradiance by normal.
+/// Texels a side of the tables of irradiance by normal.
 const BY_NORMAL: u32 = 33;
 
-/// See the module.
+/// The bindings of the frame, in the order of [`FrameParts::group`].
+const FRAME_SLOTS: [Slot; 11] = [
+    Slot::Uniform,
+    Slot::Uniform,
+    Slot::Texture,
+    Slot::Texture,
+    Slot::Sampler,
+    Slot::Texture,
+    Slot::Volume,
+    Slot::Uniform,
+    Slot::DepthArray,
+    Slot::Comparison,
+    Slot::Layers,
+];
+
+/// The light of a frame on the GPU.
 pub struct LightMaps {
     pub frame_layout: wgpu::BindGroupLayout,
     pub frame_group: wgpu::BindGroup,
     pub gloss: GlossMaps,
-    near: NearMaps,
+    indirect: IndirectLightMaps,
     pub lamps: LampMaps,
     screens: wgpu::TextureView,
     frame: wgpu::Buffer,
     lights: wgpu::Buffer,
-    /// Irradiance by normal of all lights and of the compact ones.
+    /// Irradiance by normal, of all lights and of compact sources.
     tables: [wgpu::Texture; 2],
     smooth: wgpu::Sampler,
     staging: Vec<LightUniform>,
@@ -37,23 +54,7 @@ pub struct LightMaps {
 impl LightMaps {
     /// Buffers for `budget` lights.
     pub fn new(device: &wgpu::Device, budget: u32) -> Self {
-        let frame_layout = layout(
-            device,
-            "frame",
-            &[
-                Slot::Uniform,
-                Slot::Uniform,
-                Slot::Texture,
-                Slot::Texture,
-                Slot::Sampler,
-                Slot::Texture,
-                Slot::Volume,
-                Slot::Uniform,
-                Slot::DepthArray,
-                Slot::Comparison,
-                Slot::Layers,
-            ],
-        );
+        let frame_layout = layout(device, "frame", &FRAME_SLOTS);
         let buffer = |size: usize, usage| {
             device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some("frame"),
@@ -75,14 +76,14 @@ impl LightMaps {
             mipmap_filter: wgpu::MipmapFilterMode::Linear,
             ..Default::default()
         });
-        let near = NearMaps::new(device);
+        let indirect = IndirectLightMaps::new(device);
         let lamps = LampMaps::new(device);
         let screens = no_screens(device);
         let parts = FrameParts {
             buffers: [&frame, &lights],
             tables: &tables,
             smooth: &smooth,
-            near: &near,
+            indirect: &indirect,
             lamps: &lamps,
             screens: &screens,
         };
@@ -91,7 +92,7 @@ impl LightMaps {
             frame_layout,
             frame_group,
             gloss: GlossMaps::new(device),
-            near,
+            indirect,
             lamps,
             screens,
             frame,
@@ -136,7 +137,7 @@ impl LightMaps {
         }
     }
 
-    /// Uploads this frame's lamps; see [`LampMaps::write`].
+    /// Uploads the virtual lights of this frame; see [`LampMaps::write`].
     pub fn write_lamps(
         &mut self,
         device: &wgpu::Device,
@@ -150,7 +151,7 @@ impl LightMaps {
         }
     }
 
-    /// Binds what the scene's area lamps show.
+    /// Binds the pictures of the scene's area lamps.
     pub fn bind_screens(&mut self, device: &wgpu::Device, screens: &LampScreens) {
         self.screens = screens.view.clone();
         self.lamps.forget_uniform();
@@ -162,30 +163,30 @@ impl LightMaps {
             buffers: [&self.frame, &self.lights],
             tables: &self.tables,
             smooth: &self.smooth,
-            near: &self.near,
+            indirect: &self.indirect,
             lamps: &self.lamps,
             screens: &self.screens,
         };
         self.frame_group = parts.group(device, &self.frame_layout);
     }
 
-    /// Uploads the light that virtual objects throw onto the real scene.
-    pub fn write_near(&mut self, queue: &wgpu::Queue, light: &IndirectLight) {
-        self.near.write(queue, light, &mut self.texels);
+    /// Uploads the light that virtual objects reflect onto the real scene.
+    pub fn write_indirect(&mut self, queue: &wgpu::Queue, light: &IndirectLight) {
+        self.indirect.write(queue, light, &mut self.texels);
     }
 }
 
-/// What every pass binds.
+/// The resources that every pass binds.
 struct FrameParts<'a> {
     buffers: [&'a wgpu::Buffer; 2],
     tables: &'a [wgpu::Texture; 2],
     smooth: &'a wgpu::Sampler,
-    near: &'a NearMaps,
+    indirect: &'a IndirectLightMaps,
     lamps: &'a LampMaps,
     screens: &'a wgpu::TextureView,
 }
 
-/// Before there is a scene.
+/// A placeholder before there is a scene.
 fn no_screens(device: &wgpu::Device) -> wgpu::TextureView {
     let texture = device.create_texture(&wgpu::TextureDescriptor {
         label: Some("no lamp screens"),
@@ -197,7 +198,7 @@ fn no_screens(device: &wgpu::Device) -> wgpu::TextureView {
         mip_level_count: 1,
         sample_count: 1,
         dimension: wgpu::TextureDimension::D2,
-        format: super::targets::format::LIGHT,
+        format: format::LIGHT,
         usage: wgpu::TextureUsages::TEXTURE_BINDING,
         view_formats: &[],
     });
@@ -219,8 +220,8 @@ impl FrameParts<'_> {
             view(&views[0]),
             view(&views[1]),
             sampler(self.smooth),
-            view(&self.near.ground_view),
-            view(&self.near.volume_view),
+            view(&self.indirect.ground_view),
+            view(&self.indirect.volume_view),
             self.lamps.uniform.as_entire_binding(),
             view(&self.lamps.array),
             sampler(&self.lamps.compare),
@@ -230,45 +231,11 @@ impl FrameParts<'_> {
     }
 }
 
-/// Irradiance of all of `lights` on a surface with normal `n`, unshadowed.
+/// Unshadowed irradiance of all `lights` on a surface with normal `n`.
 fn irradiance_on<'a>(n: Vec3, lights: impl Iterator<Item = &'a LightUniform>) -> Vec3 {
     lights
         .map(|l| Vec3::from_slice(&l.irradiance) * Vec3::from_slice(&l.direction).dot(n).max(0.0))
         .sum()
-}
-
-pub(super) fn half_texel([r, g, b]: [f32; 3]) -> [f16; 4] {
-    // f16 ends at 65504; a sun may shine brighter than that.
-    [r, g, b, 1.0].map(|x| f16::from_f32(x.min(65_000.0)))
-}
-
-pub(super) fn write_level(
-    queue: &wgpu::Queue,
-    texture: &wgpu::Texture,
-    mip_level: u32,
-    size: u32,
-    layers: u32,
-    texels: &[[f16; 4]],
-) {
-    queue.write_texture(
-        wgpu::TexelCopyTextureInfo {
-            texture,
-            mip_level,
-            origin: wgpu::Origin3d::ZERO,
-            aspect: wgpu::TextureAspect::All,
-        },
-        bytemuck::cast_slice(texels),
-        wgpu::TexelCopyBufferLayout {
-            offset: 0,
-            bytes_per_row: Some(size * 8),
-            rows_per_image: Some(size),
-        },
-        wgpu::Extent3d {
-            width: size,
-            height: size,
-            depth_or_array_layers: layers,
-        },
-    );
 }
 
 fn table(device: &wgpu::Device, label: &str, side: u32) -> wgpu::Texture {
@@ -316,7 +283,7 @@ mod tests {
         }
     }
 
-    /// The table as the shaders read it: bilinear between texels.
+    /// The table as the shaders read it: bilinear interpolation between texels.
     fn from_table(n: Vec3, lights: &[LightUniform]) -> Vec3 {
         let last = (BY_NORMAL - 1) as f32;
         let [x, y] = octahedron(n).map(|p| (0.5 * p + 0.5) * last);
@@ -338,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn the_tables_of_irradiance_agree_with_direct_sums() {
+    fn tables_of_irradiance_agree_with_direct_sums() {
         let lights: Vec<_> = spread(48)
             .map(|d| LightUniform {
                 direction: d.extend(0.1).to_array(),
@@ -348,19 +315,19 @@ mod tests {
             .collect();
         for n in spread(500) {
             let direct = irradiance_on(n, lights.iter());
-            let off = (from_table(n, &lights) - direct) / direct;
-            assert!(off.abs().max_element() < 0.015, "{n}: {off}");
+            let error = (from_table(n, &lights) - direct) / direct;
+            assert!(error.abs().max_element() < 0.015, "{n}: {error}");
         }
-        // A single light bends most where its light grazes the surface.
+        // The error for a single light is largest at grazing incidence.
         for n in spread(500) {
             let direct = irradiance_on(n, lights[7..8].iter()).x;
-            let off = from_table(n, &lights[7..8]).x - direct;
-            assert!(off.abs() < 0.04 * lights[7].irradiance[0], "{n}: {off}");
+            let error = from_table(n, &lights[7..8]).x - direct;
+            assert!(error.abs() < 0.04 * lights[7].irradiance[0], "{n}: {error}");
         }
     }
 
     #[test]
-    fn level_ground_and_the_axes_are_exact() {
+    fn table_is_exact_at_the_axes() {
         let light = LightUniform {
             direction: [0.6, 0.0, 0.8, 0.0],
             irradiance: [1.0, 2.0, 3.0, 1.0],
@@ -374,13 +341,8 @@ mod tests {
             Vec3::NEG_Y,
             Vec3::NEG_Z,
         ] {
-            let off = from_table(n, &[light]) - irradiance_on(n, [light].iter());
-            assert!(off.abs().max_element() < 1e-6, "{n}: {off}");
+            let error = from_table(n, &[light]) - irradiance_on(n, [light].iter());
+            assert!(error.abs().max_element() < 1e-6, "{n}: {error}");
         }
-    }
-
-    #[test]
-    fn a_sun_too_bright_for_half_floats_stays_finite() {
-        assert!(half_texel([1e9, 1.0, 0.0]).iter().all(|v| v.is_finite()));
     }
 }

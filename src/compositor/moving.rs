@@ -1,35 +1,36 @@
-//! Parts that move: where they stand in this frame, as they are drawn and as they cast.
+//! Moving parts: their placement in this frame, as drawn parts and as shadow casters.
 
-use super::cover::Corners;
+use super::caster_hull::CasterHull;
+use super::cover::{Corners, corners};
 use super::gpu_data::VirtualPartUniform;
-use super::scene_buffers::{MeshBuffers, matrices};
-use super::shadow_slots::CasterHull;
+use super::mesh_buffers::{MeshBuffers, matrices};
 use glam::{DMat4, DVec3, Mat4, Vec3};
 use penumbra_scene::{Motion, Part};
 use std::mem::offset_of;
 
 /// A moving part.
 pub struct MovingPart {
-    /// Of the scene's virtual parts.
+    /// Index among the scene's virtual parts.
     pub index: usize,
     pub motion: Motion,
-    /// World from it, in the frame that was drawn last.
+    /// Placement in the frame that was drawn last.
     pub world: DMat4,
-    /// As it casts, in its own frame.
+    /// The caster, in its own frame.
     pub caster: Option<MeshBuffers>,
-    /// The outermost of the caster's points, its own frame.
+    /// The outermost points of the caster, in its own frame.
     pub hull: Vec<Vec3>,
-    /// The box around it, its own frame.
+    /// The box around the part, in its own frame.
     pub corners: Option<Corners>,
 }
 
-/// Where casters stand: the first is the world itself, for all that stands still.
+/// Placements of casters. The first is the world itself, for all static casters.
 pub struct CasterPlaces {
     buffer: wgpu::Buffer,
     pub group: wgpu::BindGroup,
 }
 
-/// A caster's number in the shaders' instance, above that of its light or view.
+/// Position of a caster's number in the instance index of shaders, above the number of its light
+/// or view.
 pub const CASTER_SHIFT: u32 = 12;
 
 impl CasterPlaces {
@@ -37,14 +38,14 @@ impl CasterPlaces {
         Self { buffer, group }
     }
 
-    /// Contents for `moving` parts where they are.
+    /// The contents of the buffer for `moving` parts.
     pub fn contents(moving: &[MovingPart]) -> Vec<[[f32; 4]; 4]> {
         let world = std::iter::once(DMat4::IDENTITY);
         let all = world.chain(moving.iter().map(|m| m.world));
         all.map(|m| m.as_mat4().to_cols_array_2d()).collect()
     }
 
-    /// Puts the moving part of this number elsewhere.
+    /// Uploads the placement of moving part `number`.
     fn write(&self, queue: &wgpu::Queue, number: usize, world: Mat4) {
         let size = size_of::<Mat4>();
         let at = (size * (number + 1)) as u64;
@@ -53,7 +54,7 @@ impl CasterPlaces {
 }
 
 impl MovingPart {
-    /// Part `index`, whose caster is `caster`; its hull is chosen where it stands at first.
+    /// Part `index` with the caster `caster`; the hull is chosen at its first placement.
     pub fn new(
         index: usize,
         motion: Motion,
@@ -79,18 +80,18 @@ impl MovingPart {
                 .into_iter()
                 .filter_map(|i| points.get(i).copied())
                 .collect(),
-            corners: super::cover::corners(drawn, DMat4::IDENTITY),
+            corners: corners(drawn, DMat4::IDENTITY),
         }
     }
 
-    /// The box around it, world.
+    /// The box around the part, world.
     pub fn placed_corners(&self) -> Option<Corners> {
         self.corners
             .map(|corners| corners.map(|c: DVec3| self.world.transform_point3(c)))
     }
 }
 
-/// Puts `part`, the moving one of this `number`, where it is now.
+/// Uploads the current placement of moving part `number`.
 pub fn upload(
     queue: &wgpu::Queue,
     part: &MovingPart,
@@ -99,7 +100,7 @@ pub fn upload(
 ) {
     places.write(queue, number, part.world.as_mat4());
     let placed: [[[f32; 4]; 4]; 2] = matrices(part.world).into();
-    // They are a part's first two fields.
+    // The matrices are the first two fields of a part.
     const { assert!(offset_of!(VirtualPartUniform, world_from_part) == 0) };
     const { assert!(offset_of!(VirtualPartUniform, normal_from_part) == size_of::<Mat4>()) };
     let at = (size_of::<VirtualPartUniform>() * part.index) as u64;

@@ -1,9 +1,9 @@
-//! The finished picture back in memory.
+//! Copies the finished picture into memory.
 
-use super::{Compositor, GpuError};
+use super::gpu::{Gpu, GpuError};
 use penumbra_picture::Picture;
 
-/// A buffer that a picture is copied into; made once per size.
+/// A buffer into which pictures of one size are copied.
 pub struct Readback {
     buffer: wgpu::Buffer,
     width: u32,
@@ -12,9 +12,9 @@ pub struct Readback {
 }
 
 impl Readback {
-    /// For pictures of `width` × `height`.
+    /// Allocates the buffer for pictures of `width` × `height` pixels.
     #[must_use]
-    pub fn new(device: &wgpu::Device, width: u32, height: u32) -> Self {
+    pub fn new(device: &wgpu::Device, (width, height): (u32, u32)) -> Self {
         let row = (4 * width).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
         let buffer = device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("readback"),
@@ -30,7 +30,7 @@ impl Readback {
         }
     }
 
-    /// True for pictures of this size.
+    /// Whether the buffer was made for pictures of this size.
     #[must_use]
     pub const fn fits(&self, size: (u32, u32)) -> bool {
         self.width == size.0 && self.height == size.1
@@ -56,12 +56,11 @@ impl Readback {
         );
     }
 
-    /// Waits for the copy and takes it into `picture`, whose memory is reused.
+    /// Waits for the copy and moves it into `picture`, whose memory is reused.
     ///
     /// # Errors
-    /// The device was lost.
-    pub fn read(&self, compositor: &Compositor, picture: &mut Picture) -> Result<(), GpuError> {
-        let gpu = compositor.gpu();
+    /// The device was lost, ran out of memory or refused a command.
+    pub fn read(&self, gpu: &Gpu, picture: &mut Picture) -> Result<(), GpuError> {
         let failed = |reason: String| GpuError::Failed {
             adapter: gpu.name.clone(),
             reason,

@@ -1,69 +1,65 @@
-//! The finished picture as it looks from where the eye is when it is seen.
+//! Late reprojection: the finished picture as seen from the pose at which it is displayed.
 //!
-//! A picture is composed for the instant it was taken at, so that real and virtual agree.
-//! Until it is seen the camera has moved on. So the whole of it is turned to the pose that is
-//! expected by then, as if it hung on a wall before the camera, as far away as the virtual
-//! objects: right for every turn of the head, and for its way at that distance (late
-//! reprojection, as in van Waveren's "The asynchronous time warp for virtual reality on
-//! consumer hardware", 2016). What came into view meanwhile was in no picture: there the
-//! edge goes on.
+//! A picture is composed for the instant at which it was taken, so that real and virtual agree.
+//! Until it is displayed, the camera has moved on. The picture is therefore warped to the pose
+//! that is predicted for then, as if it hung on a wall in front of the camera at the distance of
+//! the virtual objects: correct for every rotation of the head, and for its translation at that
+//! distance (van Waveren, "The asynchronous time warp for virtual reality on consumer hardware",
+//! 2016). Areas that came into view meanwhile are in no picture: there the edge is repeated.
 
-use super::Compositor;
-use super::bindings::{PipelineSpec, Slot, group, layout, view};
+use super::bindings::{CachedGroup, PipelineSpec, Slot, view};
 use super::lens::{direction_places, reach};
-use super::passes::cover;
+use super::recorder::Recorder;
 use super::shaders::{self, Variant};
-use super::targets::{Target, format};
-use super::timing::Timer;
-use super::{LensOutput, frame::FrameInput};
+use super::textures::{FrameTexture, format};
 use glam::{DMat3, DVec3};
 use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;
 use wgpu::TextureUsages as U;
 
-/// From where a finished picture is looked at.
+/// The pose from which a finished picture is viewed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reprojection {
-    /// Pose of the eye in the camera that the picture was composed for, metres.
+    /// Pose of the eye in the frame of the camera for which the picture was composed, metres.
     pub camera_from_eye: RigidTransform,
-    /// Distance of the wall that the picture hangs on, along the eye's axis, metres.
+    /// Distance of the wall on which the picture hangs, along the axis of the eye, metres.
     pub depth: f64,
 }
 
 impl Reprojection {
-    /// Takes a direction (x, y, 1) of the eye to one of the camera, up to its length:
+    /// The map of directions (x, y, 1) of the eye to directions of the camera, up to their length:
     /// `R + t (0, 0, 1) / depth`.
     #[must_use]
     pub fn camera_from_eye_directions(&self) -> DMat3 {
-        let mut turn = DMat3::from_quat(self.camera_from_eye.rotation);
-        turn.z_axis += self.camera_from_eye.translation / self.depth;
-        turn
+        let mut map = DMat3::from_quat(self.camera_from_eye.rotation);
+        map.z_axis += self.camera_from_eye.translation / self.depth;
+        map
     }
 }
 
-/// What turns pictures of one camera.
+/// Warps finished pictures of one camera.
 pub(super) struct ReprojectStage {
     camera: PinholeCamera,
-    /// Squared tangent up to which its lens' model holds.
+    /// Squared tangent up to which the lens model holds.
     reach: f64,
     pipeline: wgpu::RenderPipeline,
-    layout: wgpu::BindGroupLayout,
-    directions: Target,
+    inputs: CachedGroup,
+    directions: FrameTexture,
     uniform: wgpu::Buffer,
-    pub output: Target,
+    output: FrameTexture,
 }
 
 impl ReprojectStage {
-    /// For finished pictures that are `camera`'s.
-    fn new(gpu: (&wgpu::Device, &wgpu::Queue), camera: PinholeCamera) -> Self {
+    /// The stage for finished pictures with the size and the distortion of `camera`.
+    pub fn new(gpu: (&wgpu::Device, &wgpu::Queue), camera: PinholeCamera) -> Self {
         let (device, _) = gpu;
         let module = shaders::module(device, "reproject", Variant::PLAIN);
         let f = Slot::Unfilterable;
-        let layout = layout(device, "reproject", &[f, f, Slot::Uniform]);
+        let inputs = CachedGroup::of_slots(device, "reproject", &[f, f, Slot::Uniform]);
         let pipeline = PipelineSpec {
             label: "reproject",
             module: &module,
-            groups: &[&layout],
+            groups: &[&inputs.layout],
             vertex: "cover",
             buffers: &[],
             fragment: Some("reprojected"),
@@ -85,38 +81,39 @@ impl ReprojectStage {
         let usage = U::RENDER_ATTACHMENT | U::TEXTURE_BINDING | U::COPY_SRC;
         Self {
             directions: direction_places(gpu, &camera),
-            output: Target::new(device, "reprojected", size, format::OUTPUT, usage),
+            output: FrameTexture::new(device, "reprojected", size, format::OUTPUT, usage),
             reach: if straight { 1e30 } else { reach(&camera) },
             camera,
             pipeline,
-            layout,
+            inputs,
             uniform,
         }
     }
 
-    /// Binds the picture that is turned.
-    pub fn bind(&self, device: &wgpu::Device, picture: &wgpu::TextureView) -> wgpu::BindGroup {
-        let bound = [
-            view(picture),
+    /// Whether the stage was made for pictures with the size, the intrinsics and the distortion of
+    /// `camera`.
+    pub fn suits(&self, camera: &PinholeCamera) -> bool {
+        self.camera == *camera
+    }
+
+    /// Warps `picture`.
+    pub fn record<'a>(
+        &'a mut self,
+        r: &mut Recorder<'_>,
+        picture: &FrameTexture,
+    ) -> &'a FrameTexture {
+        let resources = [
+            view(&picture.view),
             view(&self.directions.view),
             self.uniform.as_entire_binding(),
         ];
-        group(device, "reproject", &self.layout, &bound)
+        let inputs = self.inputs.get(r.device, &resources);
+        r.cover("reproject", &self.output.view, &self.pipeline, &[inputs]);
+        &self.output
     }
 
-    /// Records the pass.
-    pub fn record(
-        &self,
-        encoder: &mut wgpu::CommandEncoder,
-        timer: &mut Timer,
-        inputs: &wgpu::BindGroup,
-    ) {
-        let span = timer.span("reproject", true, true);
-        let to = &self.output.view;
-        cover(encoder, "reproject", to, span, &self.pipeline, &[inputs]);
-    }
-
-    fn upload(&self, queue: &wgpu::Queue, reprojection: &Reprojection) {
+    /// Uploads the pose of the next frame.
+    pub fn upload(&self, queue: &wgpu::Queue, reprojection: &Reprojection) {
         let uniform = Uniform::new(reprojection, &self.camera, self.reach);
         queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
     }
@@ -134,54 +131,16 @@ struct Uniform {
 
 impl Uniform {
     fn new(reprojection: &Reprojection, camera: &PinholeCamera, reach: f64) -> Self {
-        let turn = reprojection.camera_from_eye_directions();
+        let map = reprojection.camera_from_eye_directions();
         let column = |c: DVec3| c.extend(0.0).as_vec4().to_array();
         let [k1, k2, p1, p2, k3] = camera.distortion;
         let (f, c) = (camera.focal, camera.centre);
         let floats = |row: [f64; 4]| row.map(|v| v as f32);
         Self {
-            directions: [turn.x_axis, turn.y_axis, turn.z_axis].map(column),
+            directions: [map.x_axis, map.y_axis, map.z_axis].map(column),
             intrinsics: floats([f.x, f.y, c.x, c.y]),
             bending: floats([k1, k2, k3, p1]),
             more: floats([p2, reach, 0.0, 0.0]),
-        }
-    }
-}
-
-impl Compositor {
-    /// Turns the pictures to come to where they are seen from; `None` shows them as they were
-    /// taken.
-    pub const fn set_reprojection(&mut self, reprojection: Option<Reprojection>) {
-        self.reprojection = reprojection;
-    }
-
-    /// Makes the stage when it is first wanted, and anew for another camera.
-    pub(super) fn fit_reprojection(&mut self, input: &FrameInput<'_>) {
-        let Some(reprojection) = &self.reprojection else {
-            return;
-        };
-        let camera = input.camera;
-        let distortion = match self.lens_output {
-            LensOutput::Camera => camera.distortion,
-            LensOutput::Undistorted => [0.0; 5],
-        };
-        let suits = self.reproject.as_ref().is_some_and(|stage| {
-            let made = &stage.camera;
-            made.distortion == distortion
-                && (made.width, made.height) == (camera.width, camera.height)
-                && (made.focal, made.centre) == (camera.focal, camera.centre)
-        });
-        if !suits {
-            let shown = PinholeCamera {
-                distortion,
-                ..camera.clone()
-            };
-            let gpu = (&self.gpu.device, &self.gpu.queue);
-            self.reproject = Some(ReprojectStage::new(gpu, shown).into());
-            self.sized = None;
-        }
-        if let Some(stage) = &self.reproject {
-            stage.upload(&self.gpu.queue, reprojection);
         }
     }
 }
@@ -192,7 +151,7 @@ mod tests {
     use glam::{DQuat, DVec2};
 
     #[test]
-    fn a_point_on_the_wall_is_found_where_the_camera_saw_it() {
+    fn point_on_the_wall_is_found_where_the_camera_saw_it() {
         let reprojection = Reprojection {
             camera_from_eye: RigidTransform::new(
                 DQuat::from_rotation_y(0.05) * DQuat::from_rotation_x(-0.02),
@@ -200,11 +159,11 @@ mod tests {
             ),
             depth: 0.8,
         };
-        let turn = reprojection.camera_from_eye_directions();
+        let map = reprojection.camera_from_eye_directions();
         for direction in [DVec2::ZERO, DVec2::new(0.3, -0.2), DVec2::new(-0.1, 0.4)] {
             let in_eye = direction.extend(1.0) * reprojection.depth;
             let in_camera = reprojection.camera_from_eye.transform_point(in_eye);
-            let found = turn * direction.extend(1.0);
+            let found = map * direction.extend(1.0);
             let apart = found / found.z - in_camera / in_camera.z;
             assert!(apart.length() < 1e-12);
         }

@@ -1,33 +1,29 @@
-//! A scene on the GPU: vertices, indices, materials, casters.
+//! A scene on the GPU: parts, materials, casters.
 
-use super::bindings::{Slot, group, layout, sampler, view};
+use super::bindings::{Slot, group, layout};
 use super::detail::Details;
 use super::emitters::Emitters;
 use super::gpu_data::{PhantomPartUniform, VirtualPartUniform};
 use super::lamp_screens::LampScreens;
+use super::materials::MaterialUploader;
+use super::mesh_buffers::{
+    MeshBuffers, index_buffer, is_ground, matrices, placed_indices, vertex_buffer,
+};
 use super::moving::{CASTER_SHIFT, CasterPlaces, MovingPart};
-use glam::{DMat4, Mat4, Vec3};
+use glam::{DMat4, Vec3};
 use penumbra_lighting::lobes::phong_parameter;
 use penumbra_scene::motion::still_and_moving;
-use penumbra_scene::{Material, Part, Scene, SceneTexture};
-use std::sync::Arc;
-use wgpu::util::{BufferInitDescriptor, DeviceExt, TextureDataOrder};
+use penumbra_scene::{Part, Scene};
+use wgpu::util::{BufferInitDescriptor, DeviceExt};
 
-/// Indexed triangles on the GPU.
-pub struct MeshBuffers {
-    pub vertices: wgpu::Buffer,
-    pub indices: wgpu::Buffer,
-    pub count: u32,
-}
-
-/// Casters that stand still, merged in world coordinates: one draw per shadow map.
+/// Static casters, merged in world coordinates: one draw per shadow map.
 pub struct Casters {
     pub mesh: Option<MeshBuffers>,
-    /// The same vertices, kept for fitting maps.
+    /// The same vertices, to which shadow maps are fitted.
     pub positions: Vec<[f32; 3]>,
 }
 
-/// Casters of a set for one map: what stands still, then what moves, each with its number.
+/// Draws the casters of a set into one map, each with its number.
 pub fn draw_casters<'a>(
     pass: &mut wgpu::RenderPass<'_>,
     meshes: impl Iterator<Item = (u32, &'a MeshBuffers)>,
@@ -41,40 +37,51 @@ pub fn draw_casters<'a>(
     }
 }
 
-/// One virtual part, ready to draw.
+/// One part, ready to draw.
 pub struct DrawPart {
     pub vertices: wgpu::Buffer,
     pub details: Details,
     pub material: Option<wgpu::BindGroup>,
     pub double_sided: bool,
-    /// Looks different from place to place, or is cut away.
+    /// Has textures or an alpha cutoff.
     pub textured: bool,
 }
 
-/// Everything of a [`Scene`] that passes bind.
+impl DrawPart {
+    /// Draws the chosen level of detail.
+    pub fn draw(&self, pass: &mut wgpu::RenderPass<'_>, instance: u32) {
+        let level = self.details.level();
+        pass.set_vertex_buffer(0, self.vertices.slice(..));
+        pass.set_index_buffer(level.indices.slice(..), wgpu::IndexFormat::Uint32);
+        pass.draw_indexed(0..level.count, 0, instance..instance + 1);
+    }
+}
+
+/// The resources of a [`Scene`] that passes bind.
 pub struct SceneBuffers {
     pub virtual_parts: Vec<DrawPart>,
     pub phantom_parts: Vec<DrawPart>,
     pub virtual_uniforms: wgpu::BindGroup,
     pub phantom_uniforms: wgpu::BindGroup,
-    /// What stands behind `virtual_uniforms`.
+    /// The buffer of `virtual_uniforms`.
     pub virtual_buffer: wgpu::Buffer,
     pub virtual_casters: Casters,
     pub phantom_casters: Casters,
     /// Virtual parts that move, in the order of their indices.
     pub moving: Vec<MovingPart>,
     pub caster_places: CasterPlaces,
-    /// All phantoms, ground included, as one position-only mesh: hides what is behind.
+    /// All phantoms, the ground included, as one mesh of positions: they hide virtual objects
+    /// behind them.
     pub occluders: Option<MeshBuffers>,
     pub ground_height: Option<f64>,
-    /// Something has Phong's lobe.
+    /// Whether a material has Phong's lobe.
     pub has_phong: bool,
-    /// What area lamps show, for their light and for the eye.
+    /// Pictures of area lamps, for their light and as visible objects.
     pub screens: LampScreens,
     pub emitters: Emitters,
 }
 
-/// Layouts that outlive any scene.
+/// Layouts that are the same for all scenes.
 #[derive(Clone)]
 pub struct SceneLayouts {
     pub parts: wgpu::BindGroupLayout,
@@ -92,7 +99,7 @@ impl SceneLayouts {
 }
 
 impl SceneBuffers {
-    /// Uploads `scene`. `casters` are the virtual parts as they cast (simplified or the
+    /// Uploads `scene`. `casters` are its virtual parts as they cast shadows (simplified or the
     /// parts themselves).
     pub fn upload(
         device: &wgpu::Device,
@@ -161,9 +168,16 @@ impl SceneBuffers {
     pub fn phantom_caster_meshes(&self) -> impl Iterator<Item = (u32, &MeshBuffers)> {
         self.phantom_casters.mesh.iter().map(|mesh| (0, mesh))
     }
+
+    /// Draws all phantoms as they are seen.
+    pub fn draw_phantoms(&self, pass: &mut wgpu::RenderPass<'_>) {
+        for (part, instance) in self.phantom_parts.iter().zip(0..) {
+            part.draw(pass, instance);
+        }
+    }
 }
 
-/// The parts that move, where they stand at first.
+/// The parts that move, at their first positions.
 fn moving(device: &wgpu::Device, scene: &Scene, casters: &[Part]) -> Vec<MovingPart> {
     let movers = scene.motions.parts.iter().filter_map(|mover| {
         let part = scene.virtual_parts.get(mover.index)?;
@@ -179,19 +193,6 @@ fn moving(device: &wgpu::Device, scene: &Scene, casters: &[Part]) -> Vec<MovingP
             MovingPart::new(mover.index, mover.motion.clone(), part, caster, mesh)
         })
         .collect()
-}
-
-/// The ground shadows nothing above it, and would stretch the phantoms' shadow maps beyond
-/// use: it is no caster.
-pub(super) fn is_ground(part: &Part, scene: &Scene) -> bool {
-    let Some(height) = scene.ground_height else {
-        return false;
-    };
-    let world = part.world_from_part;
-    part.mesh
-        .vertices
-        .iter()
-        .all(|v| (world.transform_point3(v.position.as_dvec3()).z - height).abs() < 1e-6)
 }
 
 fn merge<'a>(device: &wgpu::Device, parts: impl IntoIterator<Item = &'a Part>) -> Casters {
@@ -214,42 +215,6 @@ fn merge<'a>(device: &wgpu::Device, parts: impl IntoIterator<Item = &'a Part>) -
         count: indices.len() as u32,
     });
     Casters { mesh, positions }
-}
-
-pub(super) fn vertex_buffer(device: &wgpu::Device, contents: &[u8]) -> wgpu::Buffer {
-    let usage = wgpu::BufferUsages::VERTEX;
-    device.create_buffer_init(&BufferInitDescriptor {
-        label: Some("vertices"),
-        contents,
-        usage,
-    })
-}
-
-pub(super) fn index_buffer(device: &wgpu::Device, indices: &[u32]) -> wgpu::Buffer {
-    device.create_buffer_init(&BufferInitDescriptor {
-        label: Some("indices"),
-        contents: bytemuck::cast_slice(indices),
-        usage: wgpu::BufferUsages::INDEX,
-    })
-}
-
-/// `indices` of the part's mesh, its outside out.
-pub(super) fn placed_indices(part: &Part, indices: &[u32]) -> Vec<u32> {
-    let mut indices = indices.to_vec();
-    if part.world_from_part.determinant() < 0.0 {
-        // A mirrored placement turns triangles inside out.
-        indices.chunks_exact_mut(3).for_each(|t| t.swap(1, 2));
-    }
-    indices
-}
-
-pub(super) fn matrices(world_from_part: DMat4) -> ([[f32; 4]; 4], [[f32; 4]; 4]) {
-    let world: Mat4 = world_from_part.as_mat4();
-    let normal = world_from_part.inverse().transpose().as_mat4();
-    let mut normal = normal.to_cols_array_2d();
-    // Has no use otherwise: the bitangent's side turns round with a mirroring placement.
-    normal[3][3] = if world.determinant() < 0.0 { -1.0 } else { 1.0 };
-    (world.to_cols_array_2d(), normal)
 }
 
 fn virtual_uniform(part: &Part) -> VirtualPartUniform {
@@ -278,7 +243,7 @@ fn virtual_uniform(part: &Part) -> VirtualPartUniform {
 fn phantom_uniform(part: &Part) -> PhantomPartUniform {
     let (world_from_part, normal_from_part) = matrices(part.world_from_part);
     let kind = if part.mirror { 2.0 } else { 1.0 };
-    // What is not known is white: a lamp's units hold for white.
+    // Unknown albedo is white, for which the units of lamps are defined.
     let [r, g, b] = part.albedo.unwrap_or(Vec3::ONE).to_array();
     PhantomPartUniform {
         world_from_part,
@@ -303,121 +268,4 @@ fn storage<T: bytemuck::Pod>(
     });
     let bound = group(device, "parts", layout, &[buffer.as_entire_binding()]);
     (buffer, bound)
-}
-
-struct MaterialUploader<'a> {
-    device: &'a wgpu::Device,
-    queue: &'a wgpu::Queue,
-    layout: &'a wgpu::BindGroupLayout,
-    sampler: wgpu::Sampler,
-}
-
-impl<'a> MaterialUploader<'a> {
-    fn new(
-        device: &'a wgpu::Device,
-        queue: &'a wgpu::Queue,
-        layout: &'a wgpu::BindGroupLayout,
-    ) -> Self {
-        let sampler = device.create_sampler(&wgpu::SamplerDescriptor {
-            label: Some("surface"),
-            address_mode_u: wgpu::AddressMode::Repeat,
-            address_mode_v: wgpu::AddressMode::Repeat,
-            mag_filter: wgpu::FilterMode::Linear,
-            min_filter: wgpu::FilterMode::Linear,
-            mipmap_filter: wgpu::MipmapFilterMode::Linear,
-            ..Default::default()
-        });
-        Self {
-            device,
-            queue,
-            layout,
-            sampler,
-        }
-    }
-
-    fn bind(&self, m: &Material) -> wgpu::BindGroup {
-        let (srgb, plain) = (
-            wgpu::TextureFormat::Rgba8UnormSrgb,
-            wgpu::TextureFormat::Rgba8Unorm,
-        );
-        let views = [
-            self.texture(m.base_colour_texture.as_ref(), srgb),
-            self.texture(m.metallic_roughness_texture.as_ref(), plain),
-            self.texture(m.normal_texture.as_ref(), plain),
-            self.texture(m.occlusion_texture.as_ref(), plain),
-            self.texture(m.emissive_texture.as_ref(), srgb),
-        ];
-        let mut resources = vec![sampler(&self.sampler)];
-        resources.extend(views.iter().map(view));
-        group(self.device, "material", self.layout, &resources)
-    }
-
-    fn texture(
-        &self,
-        texture: Option<&Arc<SceneTexture>>,
-        format: wgpu::TextureFormat,
-    ) -> wgpu::TextureView {
-        let white = SceneTexture {
-            width: 1,
-            height: 1,
-            rgba: vec![255; 4],
-        };
-        let t = texture.map_or(&white, |t| t.as_ref());
-        let levels = mip_chain(t, format == wgpu::TextureFormat::Rgba8UnormSrgb);
-        let data: Vec<u8> = levels.concat();
-        let descriptor = wgpu::TextureDescriptor {
-            label: Some("surface"),
-            size: wgpu::Extent3d {
-                width: t.width,
-                height: t.height,
-                depth_or_array_layers: 1,
-            },
-            mip_level_count: levels.len() as u32,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format,
-            usage: wgpu::TextureUsages::TEXTURE_BINDING,
-            view_formats: &[],
-        };
-        self.device
-            .create_texture_with_data(self.queue, &descriptor, TextureDataOrder::LayerMajor, &data)
-            .create_view(&wgpu::TextureViewDescriptor::default())
-    }
-}
-
-/// Box-filtered levels down to one texel, averaged in linear light for sRGB textures.
-fn mip_chain(texture: &SceneTexture, srgb: bool) -> Vec<Vec<u8>> {
-    let mut levels = vec![texture.rgba.clone()];
-    let (mut w, mut h) = (texture.width, texture.height);
-    while w > 1 || h > 1 {
-        let finer = levels.last().map_or(&[][..], |l| l.as_slice());
-        let (nw, nh) = ((w / 2).max(1), (h / 2).max(1));
-        let mut coarser = Vec::with_capacity(4 * (nw * nh) as usize);
-        for y in 0..nh {
-            for x in 0..nw {
-                coarser.extend(box_of_four(finer, (w, h), (2 * x, 2 * y), srgb));
-            }
-        }
-        levels.push(coarser);
-        (w, h) = (nw, nh);
-    }
-    levels
-}
-
-fn box_of_four(rgba: &[u8], (w, h): (u32, u32), (x, y): (u32, u32), srgb: bool) -> [u8; 4] {
-    use penumbra_camera::{linear_from_srgb, srgb_from_linear};
-    let corners = [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)];
-    std::array::from_fn(|c| {
-        let decode = srgb && c < 3;
-        let sum: f32 = corners
-            .iter()
-            .map(|(x, y)| {
-                let i = 4 * (y.min(&(h - 1)) * w + x.min(&(w - 1))) as usize + c;
-                let v = f32::from(rgba[i]) / 255.0;
-                if decode { linear_from_srgb(v) } else { v }
-            })
-            .sum();
-        let mean = sum / 4.0;
-        ((if decode { srgb_from_linear(mean) } else { mean }) * 255.0).round() as u8
-    })
 }

@@ -1,24 +1,24 @@
-//! Puts scenes on the device beside the frame path.
+//! Uploads scenes to the device, beside the frame path.
 
+use super::caster_hull::CasterHull;
 use super::cover::Corners;
 use super::gpu::Gpu;
 use super::scene_buffers::{SceneBuffers, SceneLayouts};
-use super::shadow_slots::CasterHull;
 use penumbra_scene::{Part, Scene};
 
-/// Makes scenes ready for [`super::Compositor::show_scene`]; belongs to its compositor.
+/// Prepares scenes for [`crate::Compositor::show_scene`] of the compositor that returned it.
 #[derive(Clone)]
 pub struct SceneUploader {
-    pub(super) gpu: Gpu,
-    pub(super) layouts: SceneLayouts,
+    pub(crate) gpu: Gpu,
+    pub(crate) layouts: SceneLayouts,
 }
 
 /// A scene on the device.
 pub struct UploadedScene {
-    pub(super) buffers: SceneBuffers,
-    pub(super) boxes: Vec<Option<Corners>>,
-    /// Of virtual casters that stand still, and of phantoms.
-    pub(super) hulls: [CasterHull; 2],
+    pub(crate) buffers: SceneBuffers,
+    pub(crate) boxes: Vec<Option<Corners>>,
+    /// Hulls of static virtual casters and of phantoms.
+    pub(crate) hulls: [CasterHull; 2],
 }
 
 impl SceneUploader {

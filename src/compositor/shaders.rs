@@ -1,7 +1,8 @@
-//! The shaders' text: a pass's own file behind the library files it uses.
+//! The text of shaders: the file of a pass after the library files that it uses.
 
 use super::lamp_maps::MOST_VIEWS;
-use super::targets::ENCODING;
+use super::planes::options::SOURCES;
+use super::response_table::ENCODING;
 use penumbra_lighting::glints::MOST_GLINTS;
 use penumbra_scene::lamps::MOST_LAMPS;
 use std::borrow::Cow;
@@ -21,44 +22,45 @@ const LAMP_RESPONSE: &str = include_str!("shaders/lib/lamp_response.wgsl");
 const ANSWERED: &str = include_str!("shaders/lib/answered.wgsl");
 const AREA_LAMPS: &str = include_str!("shaders/lib/area_lamps.wgsl");
 const GLOSS: &str = include_str!("shaders/lib/gloss.wgsl");
-const GLINTS: &str = include_str!("shaders/lib/glints.wgsl");
+const COMPACT_SOURCE_SPECULAR: &str = include_str!("shaders/lib/compact_source_specular.wgsl");
 const HIGHLIGHTS: &str = include_str!("shaders/lib/highlights.wgsl");
 const EDGES: &str = include_str!("shaders/lib/edges.wgsl");
 const BACKGROUND: &str = include_str!("shaders/lib/background.wgsl");
 const MARKS: &str = include_str!("shaders/lib/marks.wgsl");
 const ARRIVING: &str = include_str!("shaders/lib/arriving.wgsl");
+const PLANES: &str = include_str!("shaders/lib/planes.wgsl");
 const VISIBILITY: &str = include_str!("shaders/lib/visibility.wgsl");
 
-/// Most dome lights: as many as fit a uniform buffer of 64 KiB.
+/// Maximum number of dome lights: as many as fit into a uniform buffer of 64 KiB.
 pub const MAX_LIGHTS: u32 = 384;
 
-/// What the shaders' text is made for.
+/// The variant for which the text of shaders is made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Variant {
     /// Samples a pixel of virtual surfaces.
     pub samples: u32,
     /// Look-ups of a shadow map per light and point; 1 = hard shadows.
     pub soft: u32,
-    /// There are lamps. Without them their code is left out: software drivers run a loop's
-    /// body once even where there is nothing to go through.
+    /// There are lamps. Without them their code is omitted: software drivers run the body of a
+    /// loop once even if there is nothing to iterate over.
     pub lamps: bool,
     /// Some of them are rectangles.
     pub areas: bool,
-    /// Something has Phong's lobe.
+    /// A material has Phong's lobe.
     pub phong: bool,
-    /// The shadow buffer is as fine as the picture: edges of the real scene are looked at
+    /// The shadow buffer has the resolution of the picture: edges of the real scene are examined
     /// pixel by pixel.
     pub fine: bool,
-    /// The picture comes in another exposure than the camera's, and linear.
+    /// The real picture is in another exposure than the camera's, and linear.
     pub exposed: bool,
     /// The camera's rows are read one after the other.
-    pub rolling: bool,
-    /// The camera's picture fades towards its edge.
-    pub fading: bool,
+    pub rolling_shutter: bool,
+    /// The camera has vignetting.
+    pub vignetting: bool,
 }
 
 impl Variant {
-    /// For shaders that know neither.
+    /// One sample, hard shadows, nothing optional.
     pub const PLAIN: Self = Self {
         samples: 1,
         soft: 1,
@@ -67,184 +69,154 @@ impl Variant {
         phong: false,
         fine: true,
         exposed: false,
-        rolling: false,
-        fading: false,
+        rolling_shutter: false,
+        vignetting: false,
     };
 }
 
-/// Every shader of the compositor, complete.
+/// The shaders of a frame: name, and the parts of their text in order.
+const FRAME_SHADERS: [(&str, &[&str]); 14] = [
+    (
+        "shadow_map",
+        &[FRAME, include_str!("shaders/shadow_map.wgsl")],
+    ),
+    ("lamp_map", &[include_str!("shaders/lamp_map.wgsl")]),
+    (
+        "phantom_geometry",
+        &[FRAME, NORMAL, include_str!("shaders/phantom_geometry.wgsl")],
+    ),
+    (
+        "virtual_geometry",
+        &[
+            FRAME,
+            NORMAL,
+            SURFACE,
+            include_str!("shaders/virtual_geometry.wgsl"),
+        ],
+    ),
+    (
+        "shadow_buffer",
+        &[
+            FRAME,
+            NORMAL,
+            FULLSCREEN,
+            TILES,
+            SURFACE,
+            SAMPLES,
+            LIGHT_TEXEL,
+            EDGES,
+            MARKS,
+            ARRIVING,
+            VISIBILITY,
+            LAMPS,
+            LAMP_RESPONSE,
+            AREA_LAMPS,
+            include_str!("shaders/shadow_buffer.wgsl"),
+        ],
+    ),
+    (
+        "planes_shadow",
+        &[
+            FRAME,
+            NORMAL,
+            FULLSCREEN,
+            TILES,
+            SURFACE,
+            SAMPLES,
+            LIGHT_TEXEL,
+            EDGES,
+            MARKS,
+            ARRIVING,
+            LAMPS,
+            LAMP_RESPONSE,
+            AREA_LAMPS,
+            PLANES,
+            include_str!("shaders/planes_shadow.wgsl"),
+        ],
+    ),
+    (
+        "lamp_response",
+        &[
+            FRAME,
+            CODES,
+            LAMPS,
+            AREA_LAMPS,
+            LAMP_RESPONSE,
+            include_str!("shaders/lamp_response.wgsl"),
+        ],
+    ),
+    (
+        "tiles",
+        &[
+            FRAME,
+            NORMAL,
+            FULLSCREEN,
+            SURFACE,
+            SAMPLES,
+            LAMPS,
+            AREA_LAMPS,
+            include_str!("shaders/tiles.wgsl"),
+        ],
+    ),
+    (
+        "surroundings",
+        &[
+            FRAME,
+            FULLSCREEN,
+            CODES,
+            EXPOSED,
+            ANSWERED,
+            include_str!("shaders/surroundings.wgsl"),
+        ],
+    ),
+    (
+        "composite",
+        &[
+            FRAME,
+            NORMAL,
+            TILES,
+            SURFACE,
+            SAMPLES,
+            LIGHT_TEXEL,
+            CODES,
+            EXPOSED,
+            ANSWERED,
+            EDGES,
+            BACKGROUND,
+            GLOSS,
+            COMPACT_SOURCE_SPECULAR,
+            LAMPS,
+            AREA_LAMPS,
+            HIGHLIGHTS,
+            include_str!("shaders/composite.wgsl"),
+        ],
+    ),
+    (
+        "present",
+        &[FULLSCREEN, include_str!("shaders/present.wgsl")],
+    ),
+    (
+        "reproject",
+        &[FULLSCREEN, CUBIC, include_str!("shaders/reproject.wgsl")],
+    ),
+    (
+        "lens",
+        &[
+            FULLSCREEN,
+            NORMAL,
+            SURFACE,
+            CODES,
+            CUBIC,
+            include_str!("shaders/lens.wgsl"),
+        ],
+    ),
+    ("luminance", &[include_str!("shaders/luminance.wgsl")]),
+];
+
+/// The text of every shader of a frame for `variant`, by name.
 #[must_use]
 pub fn all(variant: Variant) -> [(&'static str, String); 14] {
-    let rolling = if variant.rolling { "true" } else { "false" };
-    let fading = if variant.fading { "true" } else { "false" };
-    texts(variant).map(|(name, text)| {
-        let text = text.replace("ROLLING", rolling);
-        (name, text.replace("FADING", fading))
-    })
-}
-
-fn texts(variant: Variant) -> [(&'static str, String); 14] {
-    [
-        (
-            "shadow_map",
-            join(&[FRAME, include_str!("shaders/shadow_map.wgsl")]),
-        ),
-        ("lamp_map", join(&[include_str!("shaders/lamp_map.wgsl")])),
-        (
-            "phantom_geometry",
-            join(&[FRAME, NORMAL, include_str!("shaders/phantom_geometry.wgsl")]),
-        ),
-        (
-            "virtual_geometry",
-            sampled(
-                join(&[
-                    FRAME,
-                    NORMAL,
-                    SURFACE,
-                    include_str!("shaders/virtual_geometry.wgsl"),
-                ]),
-                variant,
-            ),
-        ),
-        (
-            "shadow_buffer",
-            sampled(
-                join(&[
-                    FRAME,
-                    NORMAL,
-                    FULLSCREEN,
-                    TILES,
-                    SURFACE,
-                    SAMPLES,
-                    LIGHT_TEXEL,
-                    EDGES,
-                    MARKS,
-                    ARRIVING,
-                    VISIBILITY,
-                    LAMPS,
-                    LAMP_RESPONSE,
-                    AREA_LAMPS,
-                    include_str!("shaders/shadow_buffer.wgsl"),
-                ]),
-                variant,
-            ),
-        ),
-        (
-            "planes_shadow",
-            sampled(
-                join(&[
-                    FRAME,
-                    NORMAL,
-                    FULLSCREEN,
-                    TILES,
-                    SURFACE,
-                    SAMPLES,
-                    LIGHT_TEXEL,
-                    EDGES,
-                    MARKS,
-                    ARRIVING,
-                    LAMPS,
-                    LAMP_RESPONSE,
-                    AREA_LAMPS,
-                    include_str!("shaders/lib/planes.wgsl"),
-                    include_str!("shaders/planes_shadow.wgsl"),
-                ]),
-                variant,
-            ),
-        ),
-        (
-            "lamp_response",
-            sampled(
-                join(&[
-                    FRAME,
-                    CODES,
-                    LAMPS,
-                    AREA_LAMPS,
-                    LAMP_RESPONSE,
-                    include_str!("shaders/lamp_response.wgsl"),
-                ]),
-                variant,
-            ),
-        ),
-        (
-            "tiles",
-            sampled(
-                join(&[
-                    FRAME,
-                    NORMAL,
-                    FULLSCREEN,
-                    SURFACE,
-                    SAMPLES,
-                    LAMPS,
-                    AREA_LAMPS,
-                    include_str!("shaders/tiles.wgsl"),
-                ]),
-                variant,
-            ),
-        ),
-        (
-            "surroundings",
-            sampled(
-                join(&[
-                    FRAME,
-                    FULLSCREEN,
-                    CODES,
-                    EXPOSED,
-                    ANSWERED,
-                    include_str!("shaders/surroundings.wgsl"),
-                ]),
-                variant,
-            ),
-        ),
-        (
-            "composite",
-            sampled(
-                join(&[
-                    FRAME,
-                    NORMAL,
-                    TILES,
-                    SURFACE,
-                    SAMPLES,
-                    LIGHT_TEXEL,
-                    CODES,
-                    EXPOSED,
-                    ANSWERED,
-                    EDGES,
-                    BACKGROUND,
-                    GLOSS,
-                    GLINTS,
-                    LAMPS,
-                    AREA_LAMPS,
-                    HIGHLIGHTS,
-                    include_str!("shaders/composite.wgsl"),
-                ]),
-                variant,
-            ),
-        ),
-        (
-            "present",
-            join(&[FULLSCREEN, include_str!("shaders/present.wgsl")]),
-        ),
-        (
-            "reproject",
-            join(&[FULLSCREEN, CUBIC, include_str!("shaders/reproject.wgsl")]),
-        ),
-        (
-            "lens",
-            sampled(
-                join(&[
-                    FULLSCREEN,
-                    NORMAL,
-                    SURFACE,
-                    CODES,
-                    CUBIC,
-                    include_str!("shaders/lens.wgsl"),
-                ]),
-                variant,
-            ),
-        ),
-        ("luminance", join(&[include_str!("shaders/luminance.wgsl")])),
-    ]
+    FRAME_SHADERS.map(|(name, parts)| (name, for_variant(join(parts), variant)))
 }
 
 fn join(parts: &[&str]) -> String {
@@ -253,12 +225,13 @@ fn join(parts: &[&str]) -> String {
         .replace("MAX_LIGHTS", &MAX_LIGHTS.to_string())
         .replace("MAX_LAMP_VIEWS", &MOST_VIEWS.to_string())
         .replace("MAX_LAMPS", &MOST_LAMPS.to_string())
-        .replace("MAX_GLINTS", &MOST_GLINTS.to_string())
+        .replace("MAX_COMPACT_SOURCES", &MOST_GLINTS.to_string())
         .replace("ENCODING_VECTORS", &(ENCODING / 4).to_string())
 }
 
-/// WGSL has different types for one and for several samples, with the same calls.
-fn sampled(text: String, variant: Variant) -> String {
+/// Replaces the names of `variant`'s constants and of the types of textures with one or several
+/// samples, on which the same functions work in WGSL.
+fn for_variant(text: String, variant: Variant) -> String {
     let (colour, depth) = if variant.samples > 1 {
         (
             "texture_multisampled_2d<u32>",
@@ -267,18 +240,26 @@ fn sampled(text: String, variant: Variant) -> String {
     } else {
         ("texture_2d<u32>", "texture_depth_2d")
     };
-    text.replace("VIRTUAL_TEXTURE", colour)
+    let flags = [
+        ("FINE", variant.fine),
+        ("LAMPED", variant.lamps),
+        ("AREAS", variant.areas),
+        ("PHONG", variant.phong),
+        ("EXPOSED", variant.exposed),
+        ("ROLLING", variant.rolling_shutter),
+        ("VIGNETTING", variant.vignetting),
+    ];
+    let text = text
+        .replace("VIRTUAL_TEXTURE", colour)
         .replace("VIRTUAL_DEPTH", depth)
         .replace("SAMPLES", &variant.samples.to_string())
-        .replace("SOFT", &variant.soft.to_string())
-        .replace("FINE", if variant.fine { "true" } else { "false" })
-        .replace("LAMPED", if variant.lamps { "true" } else { "false" })
-        .replace("AREAS", if variant.areas { "true" } else { "false" })
-        .replace("PHONG", if variant.phong { "true" } else { "false" })
-        .replace("EXPOSED", if variant.exposed { "true" } else { "false" })
+        .replace("SOFT", &variant.soft.to_string());
+    flags.iter().fold(text, |text, (name, set)| {
+        text.replace(name, if *set { "true" } else { "false" })
+    })
 }
 
-/// The shaders that change the exposure; `constants` are those that the CPU's side knows too.
+/// The shaders that change the exposure; `constants` are shared with the CPU.
 #[must_use]
 pub fn exposing(constants: &str) -> [(&'static str, String); 3] {
     let text = |own: &[&str]| {
@@ -330,11 +311,11 @@ pub fn baking(resolution: u32) -> [(&'static str, String); 4] {
     ]
 }
 
-/// The shader that gives compact sources lights of their own.
+/// The shader that assigns lights of their own to compact sources.
 #[must_use]
 pub fn lighting() -> (&'static str, String) {
     let text = include_str!("shaders/planes_lights.wgsl");
-    let sources = format!("{}u", super::planes::SOURCES);
+    let sources = format!("{}u", SOURCES);
     ("planes_lights", text.replace("SOURCES", &sources))
 }
 
@@ -365,12 +346,12 @@ fn by_normal() -> String {
     format!("{BY_NORMAL}u")
 }
 
-/// What the text of `planes_sum` is made for.
+/// The properties for which the text of `planes_sum` is made.
 #[derive(Clone, Copy, Debug)]
 pub struct Summing {
-    /// Planes of the real layer, or of the other.
+    /// Planes of the real layer, otherwise of the virtual layer.
     pub real: bool,
-    /// Lights, at most.
+    /// Maximum number of lights.
     pub lights: u32,
     /// Images in a row of the texture that holds them.
     pub across: u32,
@@ -417,7 +398,7 @@ mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
     #[test]
-    fn every_shader_is_valid_without_a_gpu() {
+    fn every_shader_is_valid_wgsl() {
         for (samples, soft, lamps) in [(1, 1, false), (4, 1, true), (4, 8, true)] {
             let frame = super::all(super::Variant {
                 samples,
@@ -427,8 +408,8 @@ mod tests {
                 phong: samples > 1,
                 fine: soft > 1,
                 exposed: lamps,
-                rolling: samples > 1,
-                fading: samples > 1,
+                rolling_shutter: samples > 1,
+                vignetting: samples > 1,
             });
             let summing = [true, false];
             let planes = summing.map(|real| {
@@ -442,7 +423,7 @@ mod tests {
             let planes = planes
                 .into_iter()
                 .chain([super::planning(), super::lighting()]);
-            let exposing = super::exposing(&crate::exposure::constants());
+            let exposing = super::exposing(&crate::exposure::region::constants());
             let all = frame.into_iter().chain(super::baking(128)).chain(planes);
             let all = all.chain(exposing);
             for (name, text) in all {

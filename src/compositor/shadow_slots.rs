@@ -1,185 +1,21 @@
-//! Which shadow map belongs to which dome light, where it looks, and which maps are drawn
-//! again in this frame.
+//! The shadow maps of dome lights: their directions, and which of them are drawn again in this
+//! frame.
 //!
-//! A map shows the casters along a light's direction; its light's colour may change freely.
-//! So a map is only drawn again when its direction or a caster has moved, and a light keeps
-//! the direction its map was drawn with until then.
+//! A map shows the casters along the direction of its light, whatever the colour of the light. It
+//! is drawn again only when that direction or a caster has moved; until then the light keeps the
+//! direction with which its map was drawn.
 
+use super::caster_hull::{CasterHull, Fit, fit};
 use super::gpu_data::LightUniform;
 use glam::{Mat4, Vec3};
 use penumbra_lighting::{DomeLight, LightKind};
 
-/// Extreme points of a set of casters, enough to fit a map around it from any side.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct CasterHull {
-    points: Vec<Vec3>,
-    /// Casters that move: where their points begin above, and these in their own frames.
-    moving: Vec<(usize, Vec<Vec3>)>,
-}
-
-/// Directions along which [`CasterHull`] keeps the outermost vertex.
-const HULL_DIRECTIONS: usize = 512;
-/// A hull of outermost vertices along finitely many directions is a little too small.
-const HULL_MARGIN: f32 = 0.01;
-
-impl CasterHull {
-    /// The outermost of `vertices` (world, metres) along directions spread over the sphere.
-    #[must_use]
-    pub fn around(vertices: &[[f32; 3]]) -> Self {
-        let keep = Self::outermost(vertices).into_iter();
-        Self {
-            points: keep.map(|i| Vec3::from(vertices[i])).collect(),
-            moving: Vec::new(),
-        }
-    }
-
-    /// Which of `vertices` these are.
-    #[must_use]
-    pub fn outermost(vertices: &[[f32; 3]]) -> Vec<usize> {
-        let mut keep: Vec<usize> = fibonacci_sphere(HULL_DIRECTIONS)
-            .filter_map(|d| {
-                let along = |i: &usize| Vec3::from(vertices[*i]).dot(d);
-                (0..vertices.len()).max_by(|a, b| along(a).total_cmp(&along(b)))
-            })
-            .collect();
-        keep.sort_unstable();
-        keep.dedup();
-        keep
-    }
-
-    /// Around casters that move, too: their outermost points, in their own frames, and where
-    /// they are.
-    #[must_use]
-    pub fn with_moving(mut self, moving: impl Iterator<Item = (Vec<Vec3>, Mat4)>) -> Self {
-        for (own, world) in moving {
-            let first = self.points.len();
-            self.points
-                .extend(own.iter().map(|p| world.transform_point3(*p)));
-            self.moving.push((first, own));
-        }
-        self
-    }
-
-    /// The moving caster of this `number` is elsewhere.
-    fn place(&mut self, number: usize, world: Mat4) {
-        if let Some((first, own)) = self.moving.get(number) {
-            let points = self.points.iter_mut().skip(*first);
-            for (point, own) in points.zip(own) {
-                *point = world.transform_point3(*own);
-            }
-        }
-    }
-
-    /// Around both.
-    #[must_use]
-    pub fn joined(&self, other: &Self) -> Self {
-        Self {
-            points: [self.points.as_slice(), &other.points].concat(),
-            moving: Vec::new(),
-        }
-    }
-
-    /// Axis and half angle, radians, of a narrow cone around everything seen from `eye`;
-    /// no angle (infinite) where the eye is among the casters, `None` without points.
-    #[must_use]
-    pub fn cone_from(&self, eye: Vec3) -> Option<(Vec3, f32)> {
-        let away = |p: &Vec3| (*p - eye).try_normalize().unwrap_or(Vec3::ZERO);
-        let first = away(self.points.first()?);
-        let bounds = self.points.iter().map(away);
-        let (low, high) = bounds.fold((first, first), |(l, h), d| (l.min(d), h.max(d)));
-        let axis = (low + high).try_normalize();
-        let narrowest = self
-            .points
-            .iter()
-            .map(away)
-            .map(|d| d.dot(axis.unwrap_or_default()));
-        let cosine = narrowest.fold(1.0, f32::min);
-        Some(match axis {
-            Some(axis) if cosine > 0.01 => (axis, cosine.acos()),
-            _ => (Vec3::Z, f32::INFINITY),
-        })
-    }
-
-    /// Half angle, radians, of the cone about `axis` that holds everything seen from `eye`.
-    pub(super) fn angle_around(&self, eye: Vec3, axis: Vec3) -> f32 {
-        let cosine = |p: &Vec3| (*p - eye).try_normalize().map_or(-1.0, |d| d.dot(axis));
-        self.points
-            .iter()
-            .map(cosine)
-            .fold(1.0, f32::min)
-            .clamp(-1.0, 1.0)
-            .acos()
-    }
-
-    /// Least and greatest coordinate along `axis`; `None` without points.
-    pub(super) fn extent(&self, axis: Vec3) -> Option<(f32, f32)> {
-        self.points
-            .iter()
-            .map(|p| p.dot(axis))
-            .fold(None, |range, x| match range {
-                None => Some((x, x)),
-                Some((lo, hi)) => Some((lo.min(x), hi.max(x))),
-            })
-    }
-}
-
-/// Points spread evenly over the unit sphere along a golden spiral.
-fn fibonacci_sphere(count: usize) -> impl Iterator<Item = Vec3> {
-    let golden = std::f32::consts::PI * (3.0 - 5.0_f32.sqrt());
-    (0..count).map(move |i| {
-        let z = 1.0 - (2.0 * i as f32 + 1.0) / count as f32;
-        let (sin, cos) = (golden * i as f32).sin_cos();
-        let r = (1.0 - z * z).sqrt();
-        Vec3::new(r * cos, r * sin, z)
-    })
-}
-
-/// An affine map from the world to a shadow map: rows for u, v, depth; the size of a
-/// texel and the length of the depth range, metres. All zero where nothing casts.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Fit {
-    pub rows: [[f32; 4]; 3],
-    pub texel: f32,
-    pub depth: f32,
-}
-
-impl Fit {
-    const NOWHERE: Self = Self {
-        rows: [[0.0; 4]; 3],
-        texel: 0.0,
-        depth: 0.0,
-    };
-}
-
-pub(super) fn fit(hull: &CasterHull, to_light: Vec3, map_size: u32) -> Fit {
-    let (right, up) = to_light.any_orthonormal_pair();
-    let (Some(u), Some(v), Some(d)) = (hull.extent(right), hull.extent(up), hull.extent(to_light))
-    else {
-        return Fit::NOWHERE;
-    };
-    let widen = |(lo, hi): (f32, f32)| {
-        // Two texels of border, so that filtering at the edge finds emptiness.
-        let pad = (hi - lo).max(1e-4) * (HULL_MARGIN + 2.0 / map_size as f32);
-        (lo - pad, hi + pad)
-    };
-    let (u, v, d) = (widen(u), widen(v), widen(d));
-    let row =
-        |axis: Vec3, (lo, hi): (f32, f32)| (axis / (hi - lo)).extend(-lo / (hi - lo)).to_array();
-    let towards = row(to_light, d);
-    let away = [-towards[0], -towards[1], -towards[2], 1.0 - towards[3]];
-    Fit {
-        rows: [row(right, u), row(up, v), away],
-        texel: (u.1 - u.0).max(v.1 - v.0) / map_size as f32,
-        depth: d.1 - d.0,
-    }
-}
-
-/// One shadow map's state.
+/// The state of one shadow map.
 #[derive(Clone, Copy, Debug)]
 struct Slot {
     direction: Vec3,
     fits: (Fit, Fit),
-    /// Generation of the casters in the map; 0 = never drawn.
+    /// Generation of the casters in the map; 0 if it was never drawn.
     casters: u64,
 }
 
@@ -191,7 +27,7 @@ impl Slot {
     };
 }
 
-/// All shadow maps.
+/// The state of all shadow maps.
 #[derive(Debug, Default)]
 pub struct ShadowSlots {
     slots: Vec<Slot>,
@@ -215,19 +51,17 @@ impl LightUniform {
     }
 }
 
-/// How many maps a frame draws again.
+/// Number of shadow maps that a frame draws again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refresh {
-    /// At most so many, those first whose light changed most; maps that are still right
-    /// are left alone.
+    /// At most this number, those with the largest change first; up-to-date maps are kept.
     UpTo(usize),
-    /// Exactly so many in turn, right or not: what the paper did, and what the benchmark
-    /// measures.
+    /// Exactly this number in turn, up to date or not, as in Supan 2006; the benchmark measures it.
     InTurn(usize),
 }
 
 impl ShadowSlots {
-    /// New casters: every map is out of date.
+    /// Sets new casters: every map is out of date.
     pub fn set_casters(&mut self, virtual_hull: CasterHull, phantom_hull: CasterHull) {
         self.both = virtual_hull.joined(&phantom_hull);
         self.virtual_hull = virtual_hull;
@@ -235,12 +69,12 @@ impl ShadowSlots {
         self.casters += 1;
     }
 
-    /// The moving caster of this `number` is elsewhere; [`Self::casters_moved`] follows.
+    /// Moves moving caster `number`; [`Self::casters_moved`] must follow.
     pub fn move_caster(&mut self, number: usize, world: Mat4) {
         self.virtual_hull.place(number, world);
     }
 
-    /// Some of the casters were moved: every map is out of date.
+    /// Marks every map as out of date after casters were moved.
     pub fn casters_moved(&mut self) {
         let virtual_points = &self.virtual_hull.points;
         if let Some(same) = self.both.points.get_mut(..virtual_points.len()) {
@@ -249,19 +83,19 @@ impl ShadowSlots {
         self.casters += 1;
     }
 
-    /// All casters, and how often they have changed.
+    /// The hull of all casters, and its generation.
     #[must_use]
     pub const fn casters(&self) -> (&CasterHull, u64) {
         (&self.both, self.casters)
     }
 
-    /// Every map is lost.
+    /// Forgets the contents of all maps.
     pub fn forget(&mut self) {
         self.slots.clear();
     }
 
-    /// Chooses the maps to draw again for `lights` and points them; the chosen slots'
-    /// numbers go into `chosen` (cleared first). Maps never drawn are always chosen.
+    /// Chooses the maps to draw again for `lights` and sets their directions; the indices go into
+    /// `chosen` (cleared first). Maps that were never drawn are always chosen.
     pub fn schedule(
         &mut self,
         lights: &[DomeLight],
@@ -269,7 +103,7 @@ impl ShadowSlots {
         refresh: Refresh,
         chosen: &mut Vec<usize>,
     ) {
-        // Fewer lights, or none while there is no pose, leave the other maps as they are.
+        // With fewer lights, or none while there is no pose, the other maps are kept.
         if self.slots.len() < lights.len() {
             self.slots.resize(lights.len(), Slot::NEVER_DRAWN);
         }
@@ -297,8 +131,8 @@ impl ShadowSlots {
                 return f32::INFINITY;
             }
             let turned = slot.direction.distance(light.direction);
-            // Older maps are the more urgent: where casters move in every picture none is
-            // passed over for ever.
+            // Urgency grows with age: where casters move in every frame, every map gets its
+            // turn.
             let moved = (self.casters - slot.casters) as f32;
             (turned + moved) * light.irradiance.element_sum()
         };
@@ -322,7 +156,7 @@ impl ShadowSlots {
         }
     }
 
-    /// What the shaders need of light `i`: the colour of now, the direction of its map.
+    /// The uniform of light `i`: its current colour, and the direction of its map.
     #[must_use]
     pub fn uniform(&self, i: usize, light: &DomeLight) -> LightUniform {
         let slot = &self.slots[i];
@@ -350,6 +184,7 @@ impl ShadowSlots {
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::super::caster_hull::fibonacci_sphere;
     use super::*;
 
     fn cube() -> Vec<[f32; 3]> {
@@ -402,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn maps_outlast_frames_without_light() {
+    fn maps_survive_frames_without_light() {
         let mut slots = ShadowSlots::default();
         slots.set_casters(CasterHull::around(&cube()), CasterHull::default());
         let lights = vec![light(Vec3::Z), light(Vec3::X)];
@@ -422,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn the_brightest_moved_light_goes_first_and_none_waits_for_ever() {
+    fn brightest_moved_light_comes_first_and_every_light_gets_its_turn() {
         let mut slots = ShadowSlots::default();
         slots.set_casters(CasterHull::around(&cube()), CasterHull::default());
         let mut lights: Vec<_> = fibonacci_sphere(16).map(light).collect();
@@ -441,7 +276,7 @@ mod tests {
     }
 
     #[test]
-    fn casters_that_move_take_their_hull_along_and_starve_no_map() {
+    fn moving_casters_update_their_hull_and_every_map_is_drawn() {
         let mut slots = ShadowSlots::default();
         let own: Vec<Vec3> = cube().into_iter().map(Vec3::from).collect();
         let moving = std::iter::once((own.clone(), Mat4::IDENTITY));
@@ -466,7 +301,7 @@ mod tests {
     }
 
     #[test]
-    fn in_turn_goes_round() {
+    fn in_turn_visits_all_maps() {
         let mut slots = ShadowSlots::default();
         let lights = vec![light(Vec3::Z); 4];
         let mut chosen = Vec::new();

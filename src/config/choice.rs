@@ -5,37 +5,16 @@ use serde::de::{self, Deserialize, Deserializer, Visitor};
 use std::fmt;
 use std::str::FromStr;
 
-/// How the dome lights are placed.
-#[derive(
-    Clone,
-    Copy,
-    Debug,
-    Default,
-    PartialEq,
-    Eq,
-    clap::ValueEnum,
-    serde::Deserialize,
-    serde::Serialize,
-)]
-#[serde(rename_all = "kebab-case")]
-pub enum LightPlacement {
-    /// `"adaptive"`: compact sources get lights of their own at their true direction.
-    #[default]
-    Adaptive,
-    /// `"grid"`: the texel centres of the downsampled cube map, as in the paper.
-    Grid,
-}
-
 /// What is done about a tracker's latency that is measured while the rig runs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FollowLatency {
     /// `"off"`: it is not measured.
     Off,
-    /// `"tell"`: the status tells it beside the calibrated one, and warns where they differ.
+    /// `"report"`: status reports it beside the calibrated latency and warns where they differ.
     #[default]
-    Tell,
-    /// `"apply"`: it takes the calibrated one's place, slowly, once it is sure.
+    Report,
+    /// `"apply"`: it slowly replaces the calibrated latency once its uncertainty is small.
     Apply,
 }
 
@@ -58,27 +37,6 @@ pub enum Clipped {
     Estimate,
     /// `"keep"`: clipped values are taken as they are, and flagged.
     Keep,
-}
-
-/// How diffuse irradiance is found.
-#[derive(
-    Clone,
-    Copy,
-    Debug,
-    Default,
-    PartialEq,
-    Eq,
-    clap::ValueEnum,
-    serde::Deserialize,
-    serde::Serialize,
-)]
-#[serde(rename_all = "kebab-case")]
-pub enum Irradiance {
-    /// `"harmonics"`: spherical harmonics to degree 2.
-    #[default]
-    Harmonics,
-    /// `"blurred"`: the paper's blurred map.
-    Blurred,
 }
 
 /// What fills the directions the environment camera cannot see.
@@ -118,34 +76,13 @@ pub enum Unseen {
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum ReplayPairing {
-    /// `"auto"`: `live` where a running rig recorded what it composed, else `whole`.
+    /// `"auto"`: `live` where a running rig recorded what it composed, else `complete`.
     #[default]
     Auto,
     /// `"live"`: as in a live rig, so that the pictures are those that it showed.
     Live,
-    /// `"whole"`: until all that belongs to them has come, for the smoothest poses.
-    Whole,
-}
-
-/// How shadows are put into the camera's picture.
-#[derive(
-    Clone,
-    Copy,
-    Debug,
-    Default,
-    PartialEq,
-    Eq,
-    clap::ValueEnum,
-    serde::Deserialize,
-    serde::Serialize,
-)]
-#[serde(rename_all = "kebab-case")]
-pub enum ShadowMode {
-    /// `"ratio"`: camera × (E − R) / E.
-    #[default]
-    Ratio,
-    /// `"subtract"`: the paper's eq. 4.
-    Subtract,
+    /// `"complete"`: pictures wait for all their data, for the smoothest poses.
+    Complete,
 }
 
 /// How real surfaces answer virtual lamps.
@@ -169,7 +106,7 @@ pub enum LampResponse {
     Paper,
 }
 
-/// How shadows are found.
+/// How virtual objects are lit and cast shadows.
 #[derive(
     Clone,
     Copy,
@@ -182,12 +119,16 @@ pub enum LampResponse {
     serde::Serialize,
 )]
 #[serde(rename_all = "kebab-case")]
-pub enum ShadowTechnique {
-    /// `"dome"`: one shadow map for each dome light, drawn as the picture is made (Supan 2006).
+pub enum Technique {
+    /// `"image-based-shadowing"`: image-based lighting, and one shadow map for each light of
+    /// a light dome, drawn with every picture (Supan 2006).
     #[default]
-    Dome,
-    /// `"planes"`: basis images on shadowing planes, baked ahead (Kakuta 2004, 2007).
-    Planes,
+    ImageBasedShadowing,
+    /// `"shadowing-planes"`: image-based lighting, and shadows from basis images on shadowing
+    /// planes, baked beforehand (Kakuta 2004, 2007).
+    ShadowingPlanes,
+    /// `"image-based-lighting"`: image-based lighting without shadows.
+    ImageBasedLighting,
 }
 
 /// Resolution of the shadow buffer.
@@ -262,48 +203,6 @@ pub enum Antialias {
     Msaa4,
     /// `"off"`: one.
     Off,
-}
-
-/// Matrix of YUV pictures.
-#[derive(
-    Clone,
-    Copy,
-    Debug,
-    Default,
-    PartialEq,
-    Eq,
-    clap::ValueEnum,
-    serde::Deserialize,
-    serde::Serialize,
-)]
-#[serde(rename_all = "kebab-case")]
-pub enum YuvMatrix {
-    /// `"bt601"`: what webcams send.
-    #[default]
-    Bt601,
-    /// `"bt709"`: what HD capture devices send.
-    Bt709,
-}
-
-/// Range of YUV pictures.
-#[derive(
-    Clone,
-    Copy,
-    Debug,
-    Default,
-    PartialEq,
-    Eq,
-    clap::ValueEnum,
-    serde::Deserialize,
-    serde::Serialize,
-)]
-#[serde(rename_all = "kebab-case")]
-pub enum YuvRange {
-    /// `"limited"`: Y in 16..=235.
-    #[default]
-    Limited,
-    /// `"full"`: Y in 0..=255.
-    Full,
 }
 
 /// How fast a recording plays.

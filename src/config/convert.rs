@@ -5,6 +5,7 @@ use super::exposure::exposure;
 use super::file::{self, ConfigFile};
 use super::planes::planes;
 use super::registration::registration;
+use super::renamed::renamed;
 use super::{
     Config, EnvironmentConfig, OutputConfig, ShadowConfig, StatusConfig, SyncConfig,
     WhiteBalanceConfig, WhiteBalanceMethod,
@@ -22,6 +23,9 @@ pub const LIGHT_COUNTS: [u32; 7] = [0, 8, 24, 48, 64, 96, 384];
 pub(super) type Result<T> = std::result::Result<T, Fault>;
 
 pub(super) fn config(text: &TomlText, folder: &Path) -> std::result::Result<Config, TomlError> {
+    if let Some(fault) = renamed(text) {
+        return Err(text.locate(fault));
+    }
     let file: ConfigFile = text.parse()?;
     convert(file, folder).map_err(|fault| text.locate(fault))
 }
@@ -45,8 +49,8 @@ fn convert(file: ConfigFile, folder: &Path) -> Result<Config> {
     shadows(&file.shadows, &mut config.shadows)?;
     set(&mut config.shading.reflections, file.shading.reflections);
     set(
-        &mut config.shading.bounced_light,
-        file.shading.bounced_light,
+        &mut config.shading.indirect_light,
+        file.shading.indirect_light,
     );
     set(
         &mut config.shading.lamp_response,
@@ -166,7 +170,7 @@ fn environment(file: file::Environment, out: &mut EnvironmentConfig) -> Result<(
         &mut out.cube_size,
         power_of_two("environment.cube_size", file.cube_size, 16, 512)?,
     );
-    set(&mut out.lights, file.lights);
+    set(&mut out.light_placement, file.light_placement);
     if let Some(count) = file.light_count {
         if !LIGHT_COUNTS.contains(&count) {
             return Err(Fault::new(
@@ -209,7 +213,6 @@ fn white_balance(file: &file::WhiteBalance, out: &mut WhiteBalanceConfig) -> Res
 }
 
 fn shadows(file: &file::Shadows, out: &mut ShadowConfig) -> Result<()> {
-    set(&mut out.enabled, file.enabled);
     set(&mut out.technique, file.technique);
     set(&mut out.mode, file.mode);
     let strength = within("shadows.strength", file.strength, 0.0..=1.0)?;
@@ -246,13 +249,13 @@ fn sync(file: &file::Sync, out: &mut SyncConfig) -> Result<()> {
     )?;
     set(&mut out.pose_smoothing_nanos, smoothing);
     let longest = millis(
-        "sync.longest_prediction_ms",
-        file.longest_prediction_ms,
+        "sync.max_prediction_ms",
+        file.max_prediction_ms,
         0.0..=1000.0,
     )?;
-    set(&mut out.longest_prediction_nanos, longest);
-    let wait = millis("sync.longest_wait_ms", file.longest_wait_ms, 0.0..=1000.0)?;
-    set(&mut out.longest_wait_nanos, wait);
+    set(&mut out.max_prediction_nanos, longest);
+    let wait = millis("sync.max_wait_ms", file.max_wait_ms, 0.0..=1000.0)?;
+    set(&mut out.max_wait_nanos, wait);
     Ok(())
 }
 

@@ -53,7 +53,7 @@ pub(super) struct CalibrationFile {
 #[serde(deny_unknown_fields, default)]
 pub(super) struct RecordingFile {
     pub folder: Option<String>,
-    pub longest_s: Option<f64>,
+    pub max_duration_s: Option<f64>,
     pub reserve_mb: Option<f64>,
 }
 
@@ -419,7 +419,7 @@ pub(super) fn recording(
     out: &mut RecordingConfig,
 ) -> Result<()> {
     set(&mut out.folder, file.folder.map(|path| folder.join(path)));
-    let longest = within("recording.longest_s", file.longest_s, 1.0..=1e7)?;
+    let longest = within("recording.max_duration_s", file.max_duration_s, 1.0..=1e7)?;
     out.longest_nanos = longest.map(|seconds| (seconds * 1e9) as i64);
     let reserve = within("recording.reserve_mb", file.reserve_mb, 0.0..=1e9)?;
     set(&mut out.reserve_bytes, reserve.map(|mb| (mb * 1e6) as u64));

@@ -41,9 +41,9 @@ pub struct ExposureConfig {
     /// What clipped areas become in a shorter exposure.
     pub highlights: Highlights,
     /// The automatic exposure goes no darker, stops.
-    pub darkest_ev: f32,
+    pub min_ev: f32,
     /// The automatic exposure goes no brighter, stops.
-    pub brightest_ev: f32,
+    pub max_ev: f32,
     /// Pictures with a mean linear brightness below this are dark.
     pub key: f32,
     /// Time constant of the automatic exposure, seconds.
@@ -56,8 +56,8 @@ impl Default for ExposureConfig {
             mode: ExposureMode::Off,
             ev: 0.0,
             highlights: Highlights::Estimated,
-            darkest_ev: -3.0,
-            brightest_ev: 1.0,
+            min_ev: -3.0,
+            max_ev: 1.0,
             key: 0.05,
             adaptation_seconds: 0.5,
         }
@@ -114,8 +114,8 @@ pub(super) struct ExposureFile {
     pub mode: Option<ExposureMode>,
     pub ev: Option<f64>,
     pub highlights: Option<Highlights>,
-    pub darkest_ev: Option<f64>,
-    pub brightest_ev: Option<f64>,
+    pub min_ev: Option<f64>,
+    pub max_ev: Option<f64>,
     pub key: Option<f64>,
     pub adaptation_s: Option<f64>,
 }
@@ -124,10 +124,10 @@ pub(super) fn exposure(file: &ExposureFile, out: &mut ExposureConfig) -> Result<
     set(&mut out.mode, file.mode);
     set(&mut out.ev, number("ev", file.ev, EXPOSURE_STOPS)?);
     set(&mut out.highlights, file.highlights);
-    let darkest = number("darkest_ev", file.darkest_ev, DARKEST_STOPS)?;
-    set(&mut out.darkest_ev, darkest);
-    let brightest = number("brightest_ev", file.brightest_ev, BRIGHTEST_STOPS)?;
-    set(&mut out.brightest_ev, brightest);
+    let darkest = number("min_ev", file.min_ev, DARKEST_STOPS)?;
+    set(&mut out.min_ev, darkest);
+    let brightest = number("max_ev", file.max_ev, BRIGHTEST_STOPS)?;
+    set(&mut out.max_ev, brightest);
     set(&mut out.key, number("key", file.key, EXPOSURE_KEYS)?);
     let seconds = number("adaptation_s", file.adaptation_s, ADAPTATION_SECONDS)?;
     set(&mut out.adaptation_seconds, seconds);

@@ -2,9 +2,8 @@
 //! mean is said in `config/rig.toml`.
 
 use super::choice::{
-    Antialias, Clipped, FollowLatency, Irradiance, LampResponse, LightPlacement, Monitor, Refresh,
-    ReplayPairing, ReplaySpeed, ShadowMode, ShadowResolution, ShadowTechnique, ToneCurve, Unseen,
-    WhiteBalanceMethod, YuvMatrix, YuvRange,
+    Antialias, Clipped, FollowLatency, LampResponse, Monitor, Refresh, ReplayPairing, ReplaySpeed,
+    ShadowResolution, Technique, ToneCurve, Unseen, WhiteBalanceMethod,
 };
 use super::devices::{
     CalibrationFile, CameraFile, ControlChange, ControlValue, FormatName, RecordingFile,
@@ -13,8 +12,10 @@ use super::devices::{
 use super::exposure::ExposureFile;
 use super::planes::PlanesFile;
 use super::registration::RegistrationFile;
-use penumbra_lighting::Filtering;
+use penumbra_lighting::{Filtering, IrradianceMethod, LightPlacement};
+use penumbra_picture::{YuvMatrix, YuvRange};
 use penumbra_rig_model::EnvironmentSource;
+use penumbra_scene::ShadowMode;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
@@ -91,10 +92,10 @@ pub(super) struct Environment {
     pub response: Option<ToneCurve>,
     pub brackets_ev: Option<Vec<f64>>,
     pub cube_size: Option<u32>,
-    pub lights: Option<LightPlacement>,
+    pub light_placement: Option<LightPlacement>,
     pub light_count: Option<u32>,
     pub clipped: Option<Clipped>,
-    pub irradiance: Option<Irradiance>,
+    pub irradiance: Option<IrradianceMethod>,
     pub unseen: Option<Unseen>,
     pub stale_after_ms: Option<f64>,
 }
@@ -110,8 +111,7 @@ pub(super) struct WhiteBalance {
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Shadows {
-    pub enabled: Option<bool>,
-    pub technique: Option<ShadowTechnique>,
+    pub technique: Option<Technique>,
     pub mode: Option<ShadowMode>,
     pub strength: Option<f64>,
     pub map_size: Option<u32>,
@@ -124,7 +124,7 @@ pub(super) struct Shadows {
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Shading {
     pub reflections: Option<Filtering>,
-    pub bounced_light: Option<bool>,
+    pub indirect_light: Option<bool>,
     pub lamp_response: Option<LampResponse>,
 }
 
@@ -142,8 +142,8 @@ pub(super) struct Sync {
     pub tracker_latency_ms: Option<f64>,
     pub follow_latency: Option<FollowLatency>,
     pub pose_smoothing_ms: Option<f64>,
-    pub longest_prediction_ms: Option<f64>,
-    pub longest_wait_ms: Option<f64>,
+    pub max_prediction_ms: Option<f64>,
+    pub max_wait_ms: Option<f64>,
 }
 
 #[derive(Debug, Default, Deserialize)]

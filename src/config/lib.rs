@@ -11,12 +11,12 @@ mod exposure;
 mod file;
 mod planes;
 mod registration;
+mod renamed;
 pub mod token;
 
 pub use choice::{
-    Antialias, Clipped, FollowLatency, Irradiance, LampResponse, LightPlacement, Monitor, Refresh,
-    ReplayPairing, ReplaySpeed, ShadowMode, ShadowResolution, ShadowTechnique, ToneCurve, Unseen,
-    WhiteBalanceMethod, YuvMatrix, YuvRange,
+    Antialias, Clipped, FollowLatency, LampResponse, Monitor, Refresh, ReplayPairing, ReplaySpeed,
+    ShadowResolution, Technique, ToneCurve, Unseen, WhiteBalanceMethod,
 };
 pub use convert::{LIGHT_COUNTS, listen_needs_token};
 pub use device_source::{CameraSource, REPLAY_PREFIX, TrackerSource, replay_name};
@@ -29,13 +29,13 @@ pub use exposure::{
     ADAPTATION_SECONDS, BRIGHTEST_STOPS, DARKEST_STOPS, EXPOSURE_KEYS, EXPOSURE_STOPS,
     ExposureChoice, ExposureConfig, ExposureMode,
 };
-pub use penumbra_lighting::Filtering;
-pub use penumbra_picture::YuvEncoding;
+pub use penumbra_lighting::{Filtering, IrradianceMethod, LightPlacement};
+pub use penumbra_picture::{YuvEncoding, YuvMatrix, YuvRange};
 use penumbra_rig_model::EnvironmentSource;
 pub use penumbra_scene::Highlights;
-pub use penumbra_scene::SceneChoice;
+pub use penumbra_scene::{PlaneShading, SceneChoice, ShadowMode};
 use penumbra_sync::{Degree, Smoothing};
-pub use planes::{FREQUENCIES, PlaneReceiver, PlaneShading, PlanesConfig, lights_of_dome};
+pub use planes::{FREQUENCIES, PlaneReceiver, PlanesConfig, lights_of_dome};
 pub use registration::{Distortion, PoseSource, Predict, RegistrationConfig};
 
 use penumbra_interface::CameraSettings;
@@ -111,13 +111,13 @@ pub struct EnvironmentConfig {
     /// Texels along an edge of the cube map, a power of two.
     pub cube_size: u32,
     /// How the dome lights are placed.
-    pub lights: LightPlacement,
+    pub light_placement: LightPlacement,
     /// Budget of dome lights: one of [`LIGHT_COUNTS`].
     pub light_count: u32,
     /// Sources that no exposure holds.
     pub clipped: Clipped,
     /// How irradiance is found.
-    pub irradiance: Irradiance,
+    pub irradiance: IrradianceMethod,
     /// What fills unseen directions.
     pub unseen: Unseen,
     /// Lighting older than this is flagged, nanoseconds.
@@ -138,10 +138,8 @@ pub struct WhiteBalanceConfig {
 /// `[shadows]`
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShadowConfig {
-    /// Draw shadows at all.
-    pub enabled: bool,
     /// How they are found.
-    pub technique: ShadowTechnique,
+    pub technique: Technique,
     /// How they are combined with the picture.
     pub mode: ShadowMode,
     /// 1 = as the light says.
@@ -162,7 +160,7 @@ pub struct ShadingConfig {
     /// How the environment is filtered for what virtual objects mirror of it.
     pub reflections: Filtering,
     /// Whether virtual objects throw light on real things, and those on them.
-    pub bounced_light: bool,
+    pub indirect_light: bool,
     /// How real surfaces answer virtual lamps.
     pub lamp_response: LampResponse,
 }
@@ -171,7 +169,7 @@ impl Default for ShadingConfig {
     fn default() -> Self {
         Self {
             reflections: Filtering::default(),
-            bounced_light: true,
+            indirect_light: true,
             lamp_response: LampResponse::default(),
         }
     }
@@ -198,9 +196,9 @@ pub struct SyncConfig {
     /// Half the widest window over which poses are smoothed, nanoseconds; 0 = none.
     pub pose_smoothing_nanos: i64,
     /// A pose is predicted at most so far, nanoseconds.
-    pub longest_prediction_nanos: i64,
+    pub max_prediction_nanos: i64,
     /// A live picture waits at most so long for the tracker, nanoseconds.
-    pub longest_wait_nanos: i64,
+    pub max_wait_nanos: i64,
 }
 
 impl SyncConfig {
@@ -230,16 +228,9 @@ impl InputConfig {
     /// The same for the decoder.
     #[must_use]
     pub const fn encoding(self) -> YuvEncoding {
-        use penumbra_picture::{YuvMatrix as Matrix, YuvRange as Range};
         YuvEncoding {
-            matrix: match self.yuv_matrix {
-                YuvMatrix::Bt601 => Matrix::Bt601,
-                YuvMatrix::Bt709 => Matrix::Bt709,
-            },
-            range: match self.yuv_range {
-                YuvRange::Limited => Range::Limited,
-                YuvRange::Full => Range::Full,
-            },
+            matrix: self.yuv_matrix,
+            range: self.yuv_range,
         }
     }
 }
@@ -316,10 +307,10 @@ impl Default for EnvironmentConfig {
             response: None,
             brackets_ev: None,
             cube_size: 128,
-            lights: LightPlacement::Adaptive,
+            light_placement: LightPlacement::Adaptive,
             light_count: 64,
             clipped: Clipped::Estimate,
-            irradiance: Irradiance::Harmonics,
+            irradiance: IrradianceMethod::Harmonics,
             unseen: Unseen::SceneCamera,
             stale_after_nanos: 500_000_000,
         }
@@ -339,8 +330,7 @@ impl Default for WhiteBalanceConfig {
 impl Default for ShadowConfig {
     fn default() -> Self {
         Self {
-            enabled: true,
-            technique: ShadowTechnique::Dome,
+            technique: Technique::ImageBasedShadowing,
             mode: ShadowMode::Ratio,
             strength: 1.0,
             map_size: 512,
@@ -357,10 +347,10 @@ impl Default for SyncConfig {
             scene_camera_latency_nanos: None,
             environment_camera_latency_nanos: None,
             tracker_latency_nanos: None,
-            follow_latency: FollowLatency::Tell,
+            follow_latency: FollowLatency::Report,
             pose_smoothing_nanos: 100_000_000,
-            longest_prediction_nanos: 50_000_000,
-            longest_wait_nanos: 20_000_000,
+            max_prediction_nanos: 50_000_000,
+            max_wait_nanos: 20_000_000,
         }
     }
 }

@@ -1,6 +1,7 @@
 //! `[planes]`: shadowing planes and what is baked onto them (Kakuta et al. 2004, 2007).
 
 use super::convert::{Result, set, whole, within};
+use penumbra_scene::PlaneShading;
 use penumbra_scene::planes::{BakeSettings, Receiver};
 use penumbra_strict_toml::Fault;
 use serde::Deserialize;
@@ -47,30 +48,7 @@ impl From<PlaneReceiver> for Receiver {
     }
 }
 
-/// What virtual objects are shaded with while shadowing planes are in force.
-#[derive(
-    Clone,
-    Copy,
-    Debug,
-    Default,
-    PartialEq,
-    Eq,
-    clap::ValueEnum,
-    serde::Deserialize,
-    serde::Serialize,
-)]
-#[serde(rename_all = "kebab-case")]
-pub enum PlaneShading {
-    /// `"irradiance"`: the environment's, as with dome lights.
-    #[default]
-    Irradiance,
-    /// `"lights"`: all lights of the geodesic dome.
-    Lights,
-    /// `"six"`: the papers' six directional lights, each the sum of neighbouring faces.
-    Six,
-}
-
-/// `[planes]`, in force where `shadows.technique` is `"planes"`.
+/// `[planes]`, used when `shadows.technique` is `"shadowing-planes"`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlanesConfig {
     /// Planes at most, those on the ground and on phantoms included.

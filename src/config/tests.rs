@@ -153,7 +153,7 @@ fn the_summary_lists_what_differs() {
 #[test]
 fn settings_take_their_values() {
     let config = Config::from_text(
-        "[environment]\nsource = \"sphere-in-scene\"\nlights = \"grid\"\nlight_count = 96\n\
+        "[environment]\nsource = \"sphere-in-scene\"\nlight_placement = \"grid\"\nlight_count = 96\n\
          response = 2.2\nstale_after_ms = 250\n[shadows]\nmode = \"subtract\"\n\
          refresh_per_frame = 1\nstrength = 0.5\n[white_balance]\nmethod = \"fixed\"\n\
          gains = [1, 2, 3]\n[sync]\ntracker_latency_ms = -1.5\n[output]\nmonitor = \"HDMI\"\n\
@@ -162,7 +162,7 @@ fn settings_take_their_values() {
     )
     .unwrap();
     assert_eq!(config.environment.source, EnvironmentSource::SphereInScene);
-    assert_eq!(config.environment.lights, LightPlacement::Grid);
+    assert_eq!(config.environment.light_placement, LightPlacement::Grid);
     assert_eq!(config.environment.light_count, 96);
     assert_eq!(config.environment.response, Some(ToneCurve::Gamma(2.2)));
     assert_eq!(config.environment.stale_after_nanos, 250_000_000);
@@ -179,11 +179,11 @@ fn settings_take_their_values() {
 
 #[test]
 fn planes_take_their_values() {
-    let text = "[shadows]\ntechnique = \"planes\"\n[planes]\ncount = 8\nclusters = 1\n\
+    let text = "[shadows]\ntechnique = \"shadowing-planes\"\n[planes]\ncount = 8\nclusters = 1\n\
         resolution = 64\nfrequency = 4\nsamples = 4\noffset_m = 0.1\nreceiver = \"plane\"\n\
         sources = false\nskip_below = 0\nrecompute_above = 0.5\nshading = \"six\"\ncache = \"kept\"\n";
     let config = convert::config(&TomlText::new("c.toml", text), Path::new("/rig")).unwrap();
-    assert_eq!(config.shadows.technique, ShadowTechnique::Planes);
+    assert_eq!(config.shadows.technique, Technique::ShadowingPlanes);
     let expected = PlanesConfig {
         count: 8,
         clusters: 1,
@@ -205,14 +205,14 @@ fn planes_take_their_values() {
 
 #[test]
 fn exposures_take_their_values() {
-    let text = "[exposure]\nmode = \"auto\"\nev = -1.5\ndarkest_ev = -2\nbrightest_ev = 0\n\
+    let text = "[exposure]\nmode = \"auto\"\nev = -1.5\nmin_ev = -2\nmax_ev = 0\n\
         key = 0.2\nadaptation_s = 0\nhighlights = \"paper\"\n";
     let expected = ExposureConfig {
         highlights: Highlights::Paper,
         mode: ExposureMode::Auto,
         ev: -1.5,
-        darkest_ev: -2.0,
-        brightest_ev: 0.0,
+        min_ev: -2.0,
+        max_ev: 0.0,
         key: 0.2,
         adaptation_seconds: 0.0,
     };
@@ -225,10 +225,10 @@ fn exposures_take_their_values() {
 #[test]
 fn shading_takes_its_values() {
     let text =
-        "[shading]\nreflections = \"box\"\nbounced_light = false\nlamp_response = \"paper\"\n";
+        "[shading]\nreflections = \"box\"\nindirect_light = false\nlamp_response = \"paper\"\n";
     let expected = ShadingConfig {
         reflections: Filtering::Box,
-        bounced_light: false,
+        indirect_light: false,
         lamp_response: LampResponse::Paper,
     };
     assert_eq!(Config::from_text(text, "c.toml").unwrap().shading, expected);
@@ -352,7 +352,8 @@ fn wrong_settings_are_explained() {
         ),
         (
             "[shadows]\ntechnique = \"plane\"\n",
-            "c.toml:2: `shadows.technique`: expected `dome` or `planes`, found unknown variant `plane`",
+            "c.toml:2: `shadows.technique`: expected one of `image-based-shadowing`, `shadowing-planes`, \
+             `image-based-lighting`, found unknown variant `plane`",
         ),
         (
             "[exposure]\nev = nan\n",
@@ -363,8 +364,8 @@ fn wrong_settings_are_explained() {
             "c.toml:2: `exposure.mode`: expected one of `off`, `manual`, `auto`, found unknown variant `dark`",
         ),
         (
-            "[exposure]\ndarkest_ev = 1\n",
-            "c.toml:2: `exposure.darkest_ev`: expected a number from -8 to 0, found 1",
+            "[exposure]\nmin_ev = 1\n",
+            "c.toml:2: `exposure.min_ev`: expected a number from -8 to 0, found 1",
         ),
         (
             "[planes]\nfrequency = 5\n",
@@ -392,7 +393,7 @@ fn wrong_settings_are_explained() {
         ),
         (
             "[replay]\npairing = \"late\"\n",
-            "c.toml:2: `replay.pairing`: expected one of `auto`, `live`, `whole`, found unknown variant `late`",
+            "c.toml:2: `replay.pairing`: expected one of `auto`, `live`, `complete`, found unknown variant `late`",
         ),
         (
             "[white_balance]\ngains = [1, 2]\n",
@@ -410,7 +411,7 @@ fn devices_are_named_in_words_and_files_are_taken_from_the_configurations_folder
                 device = \"usb:046d:0825\"\non_control_change = \"restore\"\n\
                 [environment_camera.controls]\nauto_exposure = 1\nfocus_automatic_continuous = false\n\
                 [tracker]\ndevice = \"udp:0.0.0.0:40000\"\nprotocol = \"freed\"\n\
-                [calibration]\nfrom = \"c\"\n[recording]\nfolder = \"r\"\nlongest_s = 60\n";
+                [calibration]\nfrom = \"c\"\n[recording]\nfolder = \"r\"\nmax_duration_s = 60\n";
     let text = TomlText::new("c.toml", text);
     let config = convert::config(&text, Path::new("/rig")).unwrap();
     let replayed = CameraSource::Replay(PathBuf::from("/rig/a.mcap"));
@@ -485,5 +486,30 @@ proptest! {
             let text = e.to_string();
             prop_assert!(text.lines().count() == 1 && text.contains("c.toml:"), "{}", text);
         }
+    }
+}
+
+#[test]
+fn old_names_are_refused_with_the_new_ones() {
+    for (text, expected) in [
+        (
+            "[environment]\n\nlights = \"grid\"\n",
+            "c.toml:3: `environment.lights`: is now called `light_placement`",
+        ),
+        (
+            "[shadows]\nenabled = false\n",
+            "c.toml:2: `shadows.enabled`: is gone; `technique = \"image-based-lighting\"` casts no shadows",
+        ),
+        (
+            "[shadows]\ntechnique = \"dome\"\n",
+            "c.toml:2: `shadows.technique`: \"dome\" is now called \"image-based-shadowing\"",
+        ),
+        (
+            "[sync]\nfollow_latency = \"tell\"\n",
+            "c.toml:2: `sync.follow_latency`: \"tell\" is now called \"report\"",
+        ),
+    ] {
+        let error = Config::from_text(text, "c.toml").unwrap_err();
+        assert_eq!(error.to_string(), expected);
     }
 }

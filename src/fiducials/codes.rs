@@ -1,6 +1,6 @@
 //! Code words of the AprilTag families, from the tables of AprilRobotics/apriltag 3 (BSD-2-Clause,
-//! University of Michigan): facts about printed tags, which cannot be chosen otherwise. Bits in the
-//! order of that version's layout, first bit highest.
+//! University of Michigan): facts about printed tags. Bits are in the order of that version's
+//! layout, most significant bit first.
 
 mod aruco4;
 mod aruco5;
@@ -14,7 +14,7 @@ pub(super) use aruco6::ARUCO_6X6;
 pub(super) use aruco7::ARUCO_7X7;
 pub(super) use mip::MIP_36H12;
 
-/// Words of the first ArUco: each row of 5 modules says two bits of the number.
+/// Words of the original ArUco dictionary: each row of 5 modules encodes two bits of the number.
 pub(super) static ARUCO_ORIGINAL: [u64; 1024] = original();
 
 const fn original() -> [u64; 1024] {

@@ -1,29 +1,29 @@
-//! Walks round everything black, along the cracks between pixels.
+//! Follows the outlines of black areas along the cracks between pixels.
 
 use super::threshold::Black;
 use glam::DVec2;
 
-/// Cracks of the shortest outline of use: around a square of ten pixels a side.
-const SHORTEST: usize = 32;
+/// Minimum length of an outline, cracks: that of a square with sides of eight pixels.
+const MIN_CRACKS: usize = 32;
 
-/// Finds outer outlines. Keeps its buffers.
+/// Finds outer outlines. Reuses its buffers.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Walker {
     seen: Vec<bool>,
     corners: Vec<(u16, u16)>,
 }
 
-/// Along which way a crack leads.
+/// Direction of a step along a crack.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Way {
+enum Direction {
     Up,
     Right,
     Down,
     Left,
 }
 
-impl Way {
-    const fn turned_right(self) -> Self {
+impl Direction {
+    const fn to_the_right(self) -> Self {
         match self {
             Self::Up => Self::Right,
             Self::Right => Self::Down,
@@ -32,15 +32,15 @@ impl Way {
         }
     }
 
-    const fn turned_left(self) -> Self {
-        self.turned_right().turned_right().turned_right()
+    const fn to_the_left(self) -> Self {
+        self.to_the_right().to_the_right().to_the_right()
     }
 }
 
 impl Walker {
-    /// Calls `found` with every outer outline that is long enough, clockwise on the screen:
-    /// the middles of its cracks, pixels. Black pixels that touch at a corner only
-    /// are apart, so that boards whose tags touch come apart as well.
+    /// Calls `found` with the centres of the cracks (pixels) of every outer outline that is long
+    /// enough, in clockwise order on the screen. Black pixels that touch only at a corner belong
+    /// to different outlines, which separates the tags of boards whose tags touch.
     pub fn walk(
         &mut self,
         black: &Black,
@@ -53,7 +53,7 @@ impl Walker {
         for start in stride + 1..black.pixels.len() {
             if black.pixels[start] && !black.pixels[start - 1] && !self.seen[start] {
                 let area = self.follow(&black.pixels, stride, start);
-                if area > 0 && self.corners.len() >= SHORTEST {
+                if area > 0 && self.corners.len() >= MIN_CRACKS {
                     self.middles(outline);
                     found(outline);
                 }
@@ -61,31 +61,31 @@ impl Walker {
         }
     }
 
-    /// Walks once round with what is black on the right; returns twice the area within, below
-    /// zero for a hole's outline.
+    /// Follows one outline with black on the right; returns twice the enclosed area, negative for
+    /// the outline of a hole.
     fn follow(&mut self, black: &[bool], stride: usize, start: usize) -> i64 {
         self.corners.clear();
         let first = (start % stride, start / stride + 1);
         let (mut x, mut y) = first;
-        let mut way = Way::Up;
+        let mut direction = Direction::Up;
         let mut area = 0;
         loop {
             self.corners.push((x as u16, y as u16));
             let before = (x as i64, y as i64);
-            match way {
-                Way::Up => {
+            match direction {
+                Direction::Up => {
                     y -= 1;
                     self.seen[y * stride + x] = true;
                 }
-                Way::Right => x += 1,
-                Way::Down => y += 1,
-                Way::Left => x -= 1,
+                Direction::Right => x += 1,
+                Direction::Down => y += 1,
+                Direction::Left => x -= 1,
             }
             area += before.0 * y as i64 - x as i64 * before.1;
             if (x, y) == first {
                 return area;
             }
-            way = next_way(black, stride, (x, y), way);
+            direction = next_direction(black, stride, (x, y), direction);
         }
     }
 
@@ -95,24 +95,30 @@ impl Walker {
         outline.extend((0..n).map(|i| {
             let (a, b) = (self.corners[i], self.corners[(i + 1) % n]);
             let sum = |a: u16, b: u16| f64::from(a) + f64::from(b);
-            // The margin is one pixel; a pixel's corner lies half a pixel before its centre.
+            // The margin is one pixel wide; a pixel's top-left corner lies half a pixel before its
+            // centre.
             DVec2::new(sum(a.0, b.0), sum(a.1, b.1)) / 2.0 - 1.5
         }));
     }
 }
 
-fn next_way(black: &[bool], stride: usize, (x, y): (usize, usize), way: Way) -> Way {
+fn next_direction(
+    black: &[bool],
+    stride: usize,
+    (x, y): (usize, usize),
+    direction: Direction,
+) -> Direction {
     let at = |dx: usize, dy: usize| black[(y - dy) * stride + x - dx];
-    let (left, right) = match way {
-        Way::Up => (at(1, 1), at(0, 1)),
-        Way::Right => (at(0, 1), at(0, 0)),
-        Way::Down => (at(0, 0), at(1, 0)),
-        Way::Left => (at(1, 0), at(1, 1)),
+    let (left, right) = match direction {
+        Direction::Up => (at(1, 1), at(0, 1)),
+        Direction::Right => (at(0, 1), at(0, 0)),
+        Direction::Down => (at(0, 0), at(1, 0)),
+        Direction::Left => (at(1, 0), at(1, 1)),
     };
     match (left, right) {
-        (_, false) => way.turned_right(),
-        (false, true) => way,
-        (true, true) => way.turned_left(),
+        (_, false) => direction.to_the_right(),
+        (false, true) => direction,
+        (true, true) => direction.to_the_left(),
     }
 }
 
@@ -127,14 +133,14 @@ mod tests {
             .flat_map(|row| row.bytes().map(|b| if b == b'#' { 0 } else { 200 }))
             .collect();
         let mut black = Black::default();
-        black.decide(&grey, (width, height), 128);
+        black.binarise(&grey, (width, height), 128);
         let mut all = Vec::new();
         Walker::default().walk(&black, &mut Vec::new(), |o| all.push(o.to_vec()));
         all
     }
 
     #[test]
-    fn a_frame_has_one_outer_outline_clockwise_and_neighbours_at_a_corner_are_apart() {
+    fn squares_that_touch_at_a_corner_have_separate_clockwise_outlines() {
         let row = |from: usize, to: usize| -> String {
             (0..40)
                 .map(|x| if (from..to).contains(&x) { '#' } else { '.' })

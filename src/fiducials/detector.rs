@@ -1,47 +1,48 @@
-//! Tags in a picture.
+//! Detects tags in a picture.
 
-use super::contour::Walker;
-use super::edge::{Grey, Lens, refine};
-use super::homography::from_square;
-use super::quad::{is_convex, quad};
-use super::threshold::Black;
-use super::{Family, decode};
+use crate::contour::Walker;
+use crate::decode;
+use crate::edge::{Grey, Lens, refine};
+use crate::family::Family;
+use crate::homography::from_square;
+use crate::quad::{is_convex, quad};
+use crate::threshold::Black;
 use glam::DVec2;
 use penumbra_camera::{PinholeCamera, Response};
 use penumbra_picture::Picture;
 
-/// Below this share of 256 of the way from dark to bright a pixel is black. Half of it puts
-/// outlines where edges are.
+/// Threshold of black pixels in 1/256 of the range from dark to bright. Half of the range puts
+/// outlines on the edges.
 const HALF: u8 = 128;
-/// For tags whose corners touch black squares: half of the way would join them as soon as
-/// the picture is the least blurred.
-const APART: u8 = 77;
-/// Outlines that are looked at closely, the largest first: a picture full of texture must not
-/// hold up the frame that it belongs to.
-const MOST_CANDIDATES: usize = 400;
-/// Bits that may be wrong where it is known which tag there must be: chance would get half of
-/// at least 16 wrong.
-const FORETOLD_WRONG: u32 = 3;
-/// Less clear ones are taken for chance. See [`TagSeen::margin`].
-const LEAST_MARGIN: f32 = 0.25;
+/// The threshold for tags whose corners touch black squares: with half of the range, the slightest
+/// blur would join them.
+const TOUCHING: u8 = 77;
+/// Default maximum number of outlines that are decoded, the largest first: a picture full of
+/// texture must not delay its frame.
+const DEFAULT_MAX_CANDIDATES: usize = 400;
+/// Maximum number of wrong bits where the tag is predicted: by chance, half of at least 16 bits
+/// would be wrong.
+const MAX_WRONG_BITS_PREDICTED: u32 = 3;
+/// Minimum [`TagSeen::margin`]; tags below it are taken for chance.
+const MIN_MARGIN: f32 = 0.25;
 
-/// A tag in a picture.
+/// A detected tag.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TagSeen {
-    /// Its family.
+    /// Family.
     pub family: Family,
-    /// Its number there.
+    /// Number in the family.
     pub id: u32,
     /// Corners of the black border, clockwise as the tag is read, from the top left; pixels.
     pub corners: [DVec2; 4],
-    /// How clearly its modules are black or white: 1 as clearly as the borders, 0 not at all.
+    /// Contrast of its modules relative to that of its borders, 0 to 1.
     pub margin: f32,
-    /// Bits that were read wrong and put right.
+    /// Number of corrected bits.
     pub wrong_bits: u32,
 }
 
 impl TagSeen {
-    /// Pixels squared within the border.
+    /// Area within the outside of the border, pixels squared.
     #[must_use]
     pub fn area(&self) -> f64 {
         let [a, b, c, d] = self.corners;
@@ -49,7 +50,7 @@ impl TagSeen {
     }
 }
 
-/// Finds tags. Keeps its buffers from picture to picture.
+/// Detects tags. Reuses its buffers from picture to picture.
 #[derive(Clone, Debug)]
 pub struct Detector {
     families: Vec<Family>,
@@ -60,12 +61,12 @@ pub struct Detector {
     outline: Vec<DVec2>,
     quads: Vec<[DVec2; 4]>,
     seen: Vec<TagSeen>,
-    most: usize,
-    touching: bool,
+    max_candidates: usize,
+    has_touching_corners: bool,
 }
 
 impl Detector {
-    /// Finds tags of these families in pictures of a camera with this response.
+    /// Creates a detector for tags of `families` in pictures of a camera with this tone curve.
     #[must_use]
     pub fn new(families: &[Family], response: &Response) -> Self {
         Self {
@@ -77,29 +78,29 @@ impl Detector {
             outline: Vec::new(),
             quads: Vec::new(),
             seen: Vec::new(),
-            most: MOST_CANDIDATES,
-            touching: false,
+            max_candidates: DEFAULT_MAX_CANDIDATES,
+            has_touching_corners: false,
         }
     }
 
-    /// Looks at no more than the `most` largest outlines of a picture, where more tags than
-    /// usual are expected.
+    /// Sets the maximum number of outlines that are decoded per picture, the largest first (400 by
+    /// default).
     #[must_use]
     pub const fn with_most_candidates(mut self, most: usize) -> Self {
-        self.most = most;
+        self.max_candidates = most;
         self
     }
 
-    /// Tags whose corners touch black squares, as an AprilGrid's do. Kalibr's are always taken
-    /// for such.
+    /// Expects tags whose corners touch black squares, as on an AprilGrid. Always on for
+    /// [`Family::Kalibr36h11`].
     #[must_use]
     pub const fn with_touching_corners(mut self) -> Self {
-        self.touching = true;
+        self.has_touching_corners = true;
         self
     }
 
-    /// The tags in a picture, each once, by family and number. `camera`, where known, tells how
-    /// the lens bends their sides.
+    /// Detects the tags in a picture, sorted by family and number. `camera` supplies the lens
+    /// distortion, if known.
     pub fn detect(&mut self, picture: &Picture, camera: Option<&PinholeCamera>) -> &[TagSeen] {
         let mut grey = std::mem::take(&mut self.grey);
         grey_of(picture, &mut grey);
@@ -113,8 +114,8 @@ impl Detector {
         &self.seen
     }
 
-    /// The same in a grey picture, `width` pixels in a row. Nothing is found where the size is
-    /// not the picture's, or past 65,000 pixels a side.
+    /// As [`Self::detect`], in a grey picture of `width` × `height` codes, row by row. Finds nothing
+    /// if the number of codes differs, or with more than 65,000 pixels along a side.
     pub fn detect_grey(
         &mut self,
         codes: &[u8],
@@ -132,22 +133,22 @@ impl Detector {
             codes,
             linear: &self.linear,
         };
-        for share in [HALF, APART] {
-            let touching = self.touching;
-            let looked_for = |f: &&Family| (share == APART) == (touching || f.border() > 1);
-            if !self.families.iter().any(|f| looked_for(&f)) {
+        for share in [HALF, TOUCHING] {
+            let touching = self.has_touching_corners;
+            let is_due = |f: &&Family| (share == TOUCHING) == (touching || f.border() > 1);
+            if !self.families.iter().any(|f| is_due(&f)) {
                 continue;
             }
-            self.black.decide(codes, (width, height), share);
+            self.black.binarise(codes, (width, height), share);
             let quads = &mut self.quads;
             quads.clear();
             self.walker.walk(&self.black, &mut self.outline, |outline| {
                 quads.extend(quad(outline))
             });
-            keep_largest(quads, self.most);
+            keep_largest(quads, self.max_candidates);
             for corners in quads.iter() {
-                let mut families = self.families.iter().filter(looked_for);
-                let tag = families.find_map(|f| look(&grey, Lens(camera), corners, *f));
+                let mut families = self.families.iter().filter(is_due);
+                let tag = families.find_map(|f| read(&grey, Lens(camera), corners, *f));
                 self.seen.extend(tag);
             }
         }
@@ -156,8 +157,9 @@ impl Detector {
     }
 }
 
-/// Whether the tag of that number is at `corners`, which other tags foretold; then as it is
-/// read there. `codes` are a picture of that width and height in the encoding of `response`.
+/// Reads the tag of a known family and number at `corners` (pixels), which were predicted from other
+/// tags; `None` if it is not there. `codes` are a grey picture of the given width and height, encoded
+/// with `response`.
 #[must_use]
 pub fn confirm(
     (codes, (width, height)): (&[u8], (usize, usize)),
@@ -176,7 +178,7 @@ pub fn confirm(
     }
     let (word, margin) = decode::bits(&grey, &from_square(1.0, &corners)?, family)?;
     let wrong_bits = family.wrong_bits(word, id)?;
-    (margin >= LEAST_MARGIN && wrong_bits <= FORETOLD_WRONG).then_some(TagSeen {
+    (margin >= MIN_MARGIN && wrong_bits <= MAX_WRONG_BITS_PREDICTED).then_some(TagSeen {
         family,
         id,
         corners,
@@ -193,12 +195,14 @@ fn keep_largest(quads: &mut Vec<[DVec2; 4]>, most: usize) {
     }
 }
 
-fn look(grey: &Grey, lens: Lens, corners: &[DVec2; 4], family: Family) -> Option<TagSeen> {
-    // Sides too small or too near to something else to be found again stay as they are.
+/// Refines the corners of a quadrilateral and reads the tag in it, if there is one.
+fn read(grey: &Grey, lens: Lens, corners: &[DVec2; 4], family: Family) -> Option<TagSeen> {
+    // Corners that cannot be refined (sides too short or too close to other edges) are used as
+    // they are.
     let refined = refine(grey, lens, corners, family.modules()).filter(is_convex);
     let read = |corners: [DVec2; 4]| {
         let (word, margin) = decode::read(grey, &from_square(1.0, &corners)?, family)?;
-        (margin >= LEAST_MARGIN).then_some((corners, word, margin))
+        (margin >= MIN_MARGIN).then_some((corners, word, margin))
     };
     let (found, word, margin) = refined.and_then(read).or_else(|| read(*corners))?;
     Some(TagSeen {
@@ -210,8 +214,8 @@ fn look(grey: &Grey, lens: Lens, corners: &[DVec2; 4], family: Family) -> Option
     })
 }
 
-/// Of tags that are the same one at the same place the clearest; of the same number at two places
-/// both stay: who knows that a tag is there once only may judge.
+/// Keeps the clearest of several detections of one tag at one position. Detections of one number at
+/// different positions are kept: only the caller knows whether a tag exists more than once.
 fn keep_best(seen: &mut Vec<TagSeen>) {
     seen.sort_unstable_by(|a, b| {
         (a.family, a.id)
@@ -225,7 +229,7 @@ fn keep_best(seen: &mut Vec<TagSeen>) {
     });
 }
 
-/// Luma of a picture: the green counts most, and all three keep noise down.
+/// Fills `grey` with the luma of a picture (weights 77, 150, 29 of 256 for R, G, B, as in BT.601).
 pub fn grey_of(picture: &Picture, grey: &mut Vec<u8>) {
     grey.clear();
     grey.extend(picture.rgba.chunks_exact(4).map(|p| {

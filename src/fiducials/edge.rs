@@ -1,25 +1,25 @@
-//! The sides of a tag found again to a fraction of a pixel.
+//! Refines the sides of a tag to a fraction of a pixel.
 //!
 //! ```text
 //!  Across a side, from s = −r (black) to s = +r (white), a pixel's value in linear light is the
-//!  mean over its square, whatever the blur, as long as that is symmetric. So the step is at
-//!      s0 = r − ∫ (I(s) − I_black) / (I_white − I_black) ds,
+//!  mean over its square. If the blur is symmetric, the step is at
+//!      s0 = r − ∫ (I(s) − I_black) / (I_white − I_black) ds
 //!  wherever it lies within the range: no threshold, and no bias by the sampling. In the camera's
-//!  codes instead of linear light it would lie up to a fifth of a pixel towards the white.
+//!  codes instead of linear light, the step would shift by up to a fifth of a pixel towards white.
 //! ```
 
 use super::quad::intersection;
 use glam::DVec2;
 use penumbra_camera::PinholeCamera;
 
-/// Samples a pixel across a side.
+/// Samples per pixel across a side.
 const PER_PIXEL: f64 = 4.0;
-/// Rounds: the second starts from where the first left off.
-const ROUNDS: usize = 2;
-/// Points along a side, at most.
-const MOST_POINTS: usize = 48;
+/// Refinement passes; each starts from the previous result.
+const PASSES: usize = 2;
+/// Maximum number of sampled points along a side.
+const MAX_POINTS: usize = 48;
 
-/// A grey picture whose codes are looked up in linear light.
+/// A grey picture with the linear light of each code.
 #[derive(Clone, Copy)]
 pub(super) struct Grey<'a> {
     pub width: usize,
@@ -29,7 +29,7 @@ pub(super) struct Grey<'a> {
 }
 
 impl Grey<'_> {
-    /// Linear light at a place, bilinear; `None` outside the outermost pixels' centres.
+    /// Returns the linear light at a position, bilinear; `None` beyond the outermost pixel centres.
     pub fn at(&self, p: DVec2) -> Option<f64> {
         let base = p.floor();
         let (x, y) = (base.x as isize, base.y as isize);
@@ -46,42 +46,42 @@ impl Grey<'_> {
     }
 }
 
-/// Straightens what the lens bends, so that sides are straight lines.
+/// Removes lens distortion, so that sides are undistort lines.
 #[derive(Clone, Copy)]
 pub(super) struct Lens<'a>(pub Option<&'a PinholeCamera>);
 
 impl Lens<'_> {
-    fn bends(&self) -> Option<&PinholeCamera> {
+    fn distorting(&self) -> Option<&PinholeCamera> {
         self.0.filter(|c| c.distortion != [0.0; 5])
     }
 
-    fn straight(&self, p: DVec2) -> DVec2 {
-        self.bends().map_or(p, |camera| {
+    fn undistort(&self, p: DVec2) -> DVec2 {
+        self.distorting().map_or(p, |camera| {
             let ray = camera.unproject(p);
             ray.truncate() / ray.z * camera.focal + camera.centre
         })
     }
 
-    fn bent(&self, p: DVec2) -> Option<DVec2> {
-        let Some(camera) = self.bends() else {
+    fn distort(&self, p: DVec2) -> Option<DVec2> {
+        let Some(camera) = self.distorting() else {
             return Some(p);
         };
         camera.project(((p - camera.centre) / camera.focal).extend(1.0))
     }
 }
 
-/// One step across a side.
+/// A black-to-white step across a side.
 #[derive(Clone, Copy)]
 struct Step {
-    /// Along the side, 0 to 1.
+    /// Position along the side, 0 to 1.
     along: f64,
-    /// Across it, towards the white, pixels.
+    /// Position across the side, towards white, pixels.
     across: f64,
 }
 
-/// The corners (clockwise on the screen) where the steps from the black border, `modules`
-/// across, to the white are. A side that shows too little of a step stays where it was; `None`
-/// where that is more than one, or where the corners run away.
+/// Refines the corners (clockwise on the screen) to the steps from the black border to white. The
+/// tag is `modules` modules across. A side with too few visible steps keeps its position; `None`
+/// if that is more than one side, or if a corner moves too far.
 pub(super) fn refine(
     grey: &Grey,
     lens: Lens,
@@ -89,7 +89,7 @@ pub(super) fn refine(
     modules: u32,
 ) -> Option<[DVec2; 4]> {
     let mut now = *corners;
-    for _ in 0..ROUNDS {
+    for _ in 0..PASSES {
         let mut lines = [(DVec2::ZERO, DVec2::ZERO); 4];
         let mut missed = 0;
         for k in 0..4 {
@@ -97,7 +97,7 @@ pub(super) fn refine(
             let module = depth(&now, k) / f64::from(modules);
             lines[k] = fit_side(grey, lens, ends, module).unwrap_or_else(|| {
                 missed += 1;
-                let (a, b) = (lens.straight(ends.0), lens.straight(ends.1));
+                let (a, b) = (lens.undistort(ends.0), lens.undistort(ends.1));
                 (a, (b - a).normalize_or_zero())
             });
         }
@@ -105,7 +105,7 @@ pub(super) fn refine(
             return None;
         }
         for k in 0..4 {
-            now[k] = lens.bent(intersection(lines[(k + 3) % 4], lines[k])?)?;
+            now[k] = lens.distort(intersection(lines[(k + 3) % 4], lines[k])?)?;
         }
     }
     let near = |k: usize| {
@@ -115,7 +115,7 @@ pub(super) fn refine(
     (0..4).all(near).then_some(now)
 }
 
-/// How deep the tag is behind a side, pixels: where it is foreshortened, much less than its width.
+/// Returns the extent of the tag perpendicular to a side, pixels: small where it is foreshortened.
 fn depth(corners: &[DVec2; 4], side: usize) -> f64 {
     let from = corners[side];
     let along = (corners[(side + 1) % 4] - from).normalize_or_zero();
@@ -123,7 +123,7 @@ fn depth(corners: &[DVec2; 4], side: usize) -> f64 {
     off(2).min(off(3))
 }
 
-/// A line (a point, a unit vector) through the steps along one side, without lens distortion.
+/// Fits a line (a point, a unit vector; without lens distortion) to the steps along one side.
 /// `module` is the width of the black border there, pixels.
 fn fit_side(
     grey: &Grey,
@@ -133,17 +133,17 @@ fn fit_side(
 ) -> Option<(DVec2, DVec2)> {
     let length = a.distance(b);
     let along = (b - a) / length;
-    // The outline runs clockwise with the black on its right.
+    // The outline is clockwise, with black on its right.
     let white = along.perp() * -1.0;
     let reach = (0.8 * module).clamp(1.0, 3.0);
     let mut steps = [Step {
         along: 0.0,
         across: 0.0,
-    }; MOST_POINTS];
-    let count = (length as usize).clamp(8, MOST_POINTS);
+    }; MAX_POINTS];
+    let count = (length as usize).clamp(8, MAX_POINTS);
     let mut found = 0;
     for i in 0..count {
-        // The corners' own blur stays out.
+        // The ends are left out, because the corners are blurred.
         let t = 0.06 + 0.88 * (i as f64 + 0.5) / count as f64;
         let at = a.lerp(b, t);
         if let Some(across) = step(grey, at, white, reach) {
@@ -154,11 +154,11 @@ fn fit_side(
     if found * 2 < count {
         return None;
     }
-    let place = |s: &Step| lens.straight(a.lerp(b, s.along) + white * s.across);
+    let place = |s: &Step| lens.undistort(a.lerp(b, s.along) + white * s.across);
     robust_line(&mut steps[..found], place)
 }
 
-/// Where the step is, pixels from `at` towards the white; `None` where there is too little.
+/// Returns the distance of the step from `at` towards white, pixels; `None` if it is too weak.
 fn step(grey: &Grey, at: DVec2, white: DVec2, reach: f64) -> Option<f64> {
     let n = (2.0 * reach * PER_PIXEL).round();
     let spacing = 2.0 * reach / n;
@@ -182,12 +182,12 @@ fn step(grey: &Grey, at: DVec2, white: DVec2, reach: f64) -> Option<f64> {
     (across.abs() < 0.8 * reach).then_some(across)
 }
 
-/// Least squares through the places of the steps, twice, the second time without those that
-/// are farther off than three times the median.
+/// Fits a line to the steps by least squares, twice: the second time without those farther from the
+/// line than three times the median distance.
 fn robust_line(steps: &mut [Step], place: impl Fn(&Step) -> DVec2) -> Option<(DVec2, DVec2)> {
     let line = least_squares(steps.iter().map(&place))?;
     let off = |s: &Step| line.1.perp_dot(place(s) - line.0).abs();
-    let mut offs = [0.0; MOST_POINTS];
+    let mut offs = [0.0; MAX_POINTS];
     for (slot, s) in offs.iter_mut().zip(steps.iter()) {
         *slot = off(s);
     }

@@ -1,4 +1,4 @@
-//! The families of tags: how many modules, which words.
+//! The families of tags: number of modules and code words.
 
 use super::codes::{
     ARUCO_4X4, ARUCO_5X5, ARUCO_6X6, ARUCO_7X7, ARUCO_ORIGINAL, MIP_36H12, TAG16H5, TAG25H9,
@@ -7,55 +7,56 @@ use super::codes::{
 use std::fmt;
 use std::str::FromStr;
 
-/// A family of square tags: AprilTags and the dictionaries of ArUco markers. All have a black
-/// border of one module within a white one, but for [`Family::Kalibr36h11`].
+/// A family of square tags: AprilTags and dictionaries of ArUco markers. All have a black border of
+/// one module within a white one, except [`Family::Kalibr36h11`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Family {
-    /// 587 tags of 36 bits, any two at least 11 bits apart. The one to use.
+    /// 587 tags of 36 bits with a Hamming distance of at least 11. Recommended.
     Tag36h11,
-    /// 35 tags of 25 bits, at least 9 apart.
+    /// 35 tags of 25 bits with a Hamming distance of at least 9.
     Tag25h9,
-    /// 30 tags of 16 bits, at least 5 apart: found where no tag is more often than the others.
+    /// 30 tags of 16 bits with a Hamming distance of at least 5: more false detections than with
+    /// the other families.
     Tag16h5,
-    /// Those of 36h11 with a black border of two modules: an AprilGrid's (Kalibr).
+    /// The tags of 36h11 with a black border of two modules, as on Kalibr's AprilGrid.
     Kalibr36h11,
-    /// So many ArUco markers of 4×4 bits; OpenCV has 50, 100, 250 or 1000.
+    /// The first n ArUco markers of 4×4 bits; OpenCV has 50, 100, 250 and 1000.
     Aruco4x4(u16),
-    /// Of 5×5 bits.
+    /// The first n ArUco markers of 5×5 bits.
     Aruco5x5(u16),
-    /// Of 6×6 bits.
+    /// The first n ArUco markers of 6×6 bits.
     Aruco6x6(u16),
-    /// Of 7×7 bits.
+    /// The first n ArUco markers of 7×7 bits.
     Aruco7x7(u16),
-    /// The 1024 markers of the first ArUco, each row one of four words of 5 bits.
+    /// The 1024 markers of the original ArUco dictionary; each row is one of four words of 5 bits.
     ArucoOriginal,
-    /// 250 markers of 36 bits, at least 12 apart.
+    /// 250 markers of 36 bits with a Hamming distance of at least 12.
     ArucoMip36h12,
 }
 
-/// In which order a word's bits go over the modules.
+/// Order of a word's bits over the modules.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Layout {
-    /// Along a quarter of the square and round (AprilTag 3).
+    /// Quarter by quarter around the square (AprilTag 3).
     Quarters,
     /// Row by row (ArUco).
     Rows,
 }
 
-/// A word that was read, put right.
+/// A decoded word.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Word {
-    /// Number of the tag.
+    /// Number of the tag in its family.
     pub id: u32,
-    /// Bits that were read wrong.
+    /// Number of corrected bits.
     pub wrong: u32,
     /// Quarter turns, clockwise as the tag is read, from the tag to the corners' order.
     pub turns: usize,
 }
 
 impl Family {
-    /// All that are known; of the dictionaries of one size the largest, whose beginnings the
-    /// others are.
+    /// All families; of the dictionaries of one size only the largest, which begins with the
+    /// smaller ones.
     pub const ALL: [Self; 10] = [
         Self::Tag36h11,
         Self::Tag25h9,
@@ -95,12 +96,12 @@ impl Family {
         self.side() + 2 * self.border()
     }
 
-    /// Bits of a word.
+    /// Number of bits of a word.
     pub(super) const fn bits(self) -> u32 {
         self.side() * self.side()
     }
 
-    /// How many tags there are.
+    /// Number of tags.
     #[must_use]
     pub fn count(self) -> u32 {
         self.words().len() as u32
@@ -121,9 +122,9 @@ impl Family {
         }
     }
 
-    /// Bits that may be wrong. Fewer than the code could put right: every one more makes it
-    /// likelier that something is taken for a tag.
-    const fn most_wrong(self) -> u32 {
+    /// Maximum number of bits that are corrected. The code could correct more, but each makes false
+    /// detections more likely.
+    const fn max_wrong_bits(self) -> u32 {
         match self {
             Self::Tag36h11 | Self::Kalibr36h11 | Self::Aruco6x6(_) | Self::ArucoMip36h12 => 2,
             Self::Aruco7x7(_) => 3,
@@ -139,7 +140,7 @@ impl Family {
         }
     }
 
-    /// Column and row of a bit's module, counted from the black border's own.
+    /// Column and row of a bit's module, counted from the outermost column and row of the black border.
     pub(super) const fn module(self, bit: u32) -> (u32, u32) {
         let (x, y) = match self.layout() {
             Layout::Rows => (bit % self.side(), bit / self.side()),
@@ -148,7 +149,7 @@ impl Family {
         (x + self.border(), y + self.border())
     }
 
-    /// True where a tag's module is white; outside of its word all is black.
+    /// Returns whether a tag's module is white. Modules outside the word are black.
     #[must_use]
     pub fn is_white(self, id: u32, column: u32, row: u32) -> bool {
         let word = self.words().get(id as usize).copied().unwrap_or(0);
@@ -157,8 +158,8 @@ impl Family {
             .any(|bit| self.module(bit) == (column, row) && (word >> (bits - 1 - bit)) & 1 == 1)
     }
 
-    /// The word of the same tag after a quarter turn.
-    fn turned(self, word: u64) -> u64 {
+    /// Returns the word of the same tag rotated by 90°.
+    fn rotated(self, word: u64) -> u64 {
         let bits = self.bits();
         match self.layout() {
             Layout::Quarters => {
@@ -171,23 +172,23 @@ impl Family {
             }
             Layout::Rows => {
                 let side = self.side();
-                (0..bits).fold(0, |turned, bit| {
+                (0..bits).fold(0, |rotated, bit| {
                     let (x, y) = (bit % side, bit / side);
                     let from = x * side + side - 1 - y;
-                    (turned << 1) | ((word >> (bits - 1 - from)) & 1)
+                    (rotated << 1) | ((word >> (bits - 1 - from)) & 1)
                 })
             }
         }
     }
 
-    /// In how many bits an upright tag's word differs from what was read; `None` if there is no
-    /// such tag.
+    /// Returns the number of bits in which an upright tag's word differs from `read`; `None` if the
+    /// family has no such tag.
     pub(super) fn wrong_bits(self, read: u64, id: u32) -> Option<u32> {
         let word = self.words().get(id as usize)?;
         Some((word ^ read).count_ones())
     }
 
-    /// The tag whose word was read, if it is one.
+    /// Finds the tag of a word, in any of the four rotations.
     pub(super) fn look_up(self, read: u64) -> Option<Word> {
         let mut word = read;
         for turns in 0..4 {
@@ -195,7 +196,7 @@ impl Family {
             let found = self
                 .words()
                 .iter()
-                .position(|c| wrong(c) <= self.most_wrong());
+                .position(|c| wrong(c) <= self.max_wrong_bits());
             if let Some(i) = found {
                 return Some(Word {
                     id: i as u32,
@@ -203,14 +204,14 @@ impl Family {
                     turns,
                 });
             }
-            word = self.turned(word);
+            word = self.rotated(word);
         }
         None
     }
 }
 
-/// Version 3 of AprilTag goes along a quarter of the square and round, so that a quarter turn
-/// of the tag rotates its word.
+/// Column and row of a bit in AprilTag 3's layout, where rotating the tag by 90° rotates its word by
+/// a quarter.
 const fn in_quarters(side: u32, bit: u32) -> (u32, u32) {
     let quarter = side * side / 4;
     let (mut turns, mut rest) = (bit / quarter, bit % quarter);
@@ -231,18 +232,18 @@ const fn in_quarters(side: u32, bit: u32) -> (u32, u32) {
     (x, y)
 }
 
-/// No such family.
+/// An unknown name of a family.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "`{0}` is no family of tags that is known; use tag36h11, tag25h9, tag16h5, 4x4_50 (100, 250, \
-     1000; also 5x5, 6x6, 7x7), aruco_original or aruco_mip_36h12"
+    "unknown family of tags `{0}`; use tag36h11, tag25h9, tag16h5, 4x4_50 (100, 250, 1000; also \
+     5x5, 6x6, 7x7), aruco_original or aruco_mip_36h12"
 )]
 pub struct UnknownFamily(String);
 
 impl FromStr for Family {
     type Err = UnknownFamily;
 
-    /// As [`Self`] is displayed, or as OpenCV spells it: `DICT_4X4_50`, `DICT_APRILTAG_36h11`.
+    /// Parses a displayed name or OpenCV's name: `DICT_4X4_50`, `DICT_APRILTAG_36h11`.
     fn from_str(name: &str) -> Result<Self, UnknownFamily> {
         let low = name.to_ascii_lowercase();
         let plain = low.strip_prefix("dict_").unwrap_or(&low);

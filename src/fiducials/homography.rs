@@ -1,12 +1,13 @@
-//! The projective map of a tag's square onto its four corners.
+//! The homography from a tag's square to its four corners.
 
 use glam::{DMat3, DVec2, DVec3};
 
-/// Carries the square of half side `half` about (0, 0), corners clockwise on the screen from the
-/// top left, to `corners` (Heckbert 1989); `None` where three lie on a line.
+/// Returns the homography from the square of half side `half` about (0, 0), corners clockwise on
+/// the screen from the top left, to `corners` (Heckbert, "Fundamentals of Texture Mapping and
+/// Image Warping", 1989, section 2.2.3); `None` if the corners are degenerate.
 pub(super) fn from_square(half: f64, corners: &[DVec2; 4]) -> Option<DMat3> {
     let [a, b, c, d] = *corners;
-    // From the unit square.
+    // From the unit square to the corners.
     let (e, f) = (b - c, d - c);
     let sum = a - b + c - d;
     let det = e.perp_dot(f);
@@ -29,7 +30,7 @@ pub(super) fn from_square(half: f64, corners: &[DVec2; 4]) -> Option<DMat3> {
     map.is_finite().then_some(map)
 }
 
-/// Where a point goes.
+/// Maps a point.
 pub(super) fn apply(map: &DMat3, p: DVec2) -> DVec2 {
     let q = *map * p.extend(1.0);
     q.truncate() / q.z
@@ -41,7 +42,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn corners_go_to_corners_and_the_middle_to_where_diagonals_meet() {
+    fn maps_corners_to_corners_and_centre_to_intersection_of_diagonals() {
         let corners = [(3.0, 4.0), (40.0, 9.0), (37.0, 61.0), (-5.0, 30.0)].map(DVec2::from);
         let map = from_square(2.0, &corners).unwrap();
         let square = [(-2.0, -2.0), (2.0, -2.0), (2.0, 2.0), (-2.0, 2.0)].map(DVec2::from);

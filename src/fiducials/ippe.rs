@@ -1,24 +1,29 @@
-//! The two poses of a square that its picture allows, in closed form: infinitesimal plane-based
-//! pose estimation (Collins & Bartoli, "Infinitesimal Plane-based Pose Estimation", IJCV 2014).
+//! The two poses of a square that are consistent with its picture, in closed form: infinitesimal
+//! plane-based pose estimation (Collins & Bartoli, "Infinitesimal Plane-based Pose Estimation",
+//! IJCV 2014).
 //!
 //! ```text
-//!  Around the square's middle the homography's Jacobian J (2×2) and the image (p, q) of the
-//!  middle say all. With R_v, which turns +Z towards (p, q, 1), and
+//!  The homography's Jacobian J (2×2) at the square's centre and the image (p, q) of the centre
+//!  determine both poses. With R_v, which rotates +Z to (p, q, 1), and
 //!      B = [1 0 −p; 0 1 −q] R_v (its first two columns),   A = B⁻¹ J,   γ = largest singular value,
-//!  A/γ is the upper left of a rotation, whose third row is known but for its sign:
+//!  A/γ is the upper left block of a rotation, whose third row is known up to its sign:
 //!      R = R_v [ a₁ a₂ a₁×a₂ ],   a_i = (A_1i, A_2i)/γ and ±√(1 − |·|²).
 //! ```
 
 use super::homography::from_square;
 use super::pose::{Match, PoseEstimate, refine};
-use super::registrar::CLEAR;
 use glam::{DMat2, DMat3, DQuat, DVec2, DVec3};
 use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;
 use penumbra_numerics::fixed_size::solve;
 
-/// Both `camera_from_tag` of a tag of this size (metres), in no order; `None` where
-/// the corners are no picture of a square.
+/// Minimum ratio of the reprojection errors of a tag's two poses for the better one to be certain.
+pub(super) const AMBIGUITY_RATIO: f64 = 2.5;
+/// Reprojection errors below this do not tell the two poses apart, pixels.
+pub(super) const MIN_RMS: f64 = 0.05;
+
+/// Returns both candidates for `camera_from_tag` of a tag of edge `size` (metres), unordered;
+/// `None` if the corners (pixels) cannot be the picture of a square.
 pub(super) fn poses(
     camera: &PinholeCamera,
     corners: &[DVec2; 4],
@@ -37,15 +42,16 @@ pub(super) fn poses(
     let seen = h.z_axis.truncate();
     let column = |c: DVec3| c.truncate() - c.z * seen;
     let jacobian = DMat2::from_cols(column(h.x_axis), column(h.y_axis));
-    let poses = rotations(jacobian, seen)?.map(|r| place(&r, &ideal, 0.5 * size));
+    let poses = rotations(jacobian, seen)?.map(|r| with_translation(&r, &ideal, 0.5 * size));
     let [Some(a), Some(b)] = poses else {
         return None;
     };
     Some([a, b])
 }
 
-/// Both `camera_from_tag` of a tag of this size, metres, each to the least reprojection error, the
-/// better first; the other only where its corners fit nearly as well.
+/// Returns the candidates for `camera_from_tag` of a tag of edge `size` (metres) from its corners
+/// (pixels), each refined to the minimum reprojection error. The better one comes first; the other
+/// is included only if it fits nearly as well.
 #[must_use]
 pub fn both_poses(camera: &PinholeCamera, corners: &[DVec2; 4], size: f64) -> Vec<RigidTransform> {
     let points = super::pose::square(0.5 * size);
@@ -59,12 +65,13 @@ pub fn both_poses(camera: &PinholeCamera, corners: &[DVec2; 4], size: f64) -> Ve
         .collect();
     found.sort_by(|a, b| a.rms.total_cmp(&b.rms));
     let best = found.first().map_or(0.0, |f| f.rms);
-    found.retain(|f| f.rms <= 2.0 * CLEAR * best.max(0.05));
+    found.retain(|f| f.rms <= 2.0 * AMBIGUITY_RATIO * best.max(MIN_RMS));
     found.iter().map(|f| f.camera_from_frame).collect()
 }
 
-/// `camera_from_tag` of a tag of this size, metres: of its two poses the one that suits the corners
-/// better, or, where both do, the one nearer to the `last`.
+/// Returns `camera_from_tag` of a tag of edge `size` (metres) from its corners (pixels): the
+/// candidate that fits the corners better, or, if both fit, the one closer to the orientation of
+/// `last`. `None` if the corners cannot be the picture of a square.
 #[must_use]
 pub fn nearest_pose(
     camera: &PinholeCamera,
@@ -82,12 +89,19 @@ pub fn nearest_pose(
         return Some(a.or(b)?.camera_from_frame);
     };
     let (good, other) = if a.rms <= b.rms { (a, b) } else { (b, a) };
-    let turn = |e: &PoseEstimate, last: RigidTransform| {
+    let angle = |e: &PoseEstimate, last: RigidTransform| {
         e.camera_from_frame.rotation.angle_between(last.rotation)
     };
-    let doubtful = other.rms < CLEAR * good.rms.max(0.05);
-    let nearer = last.is_some_and(|last| turn(&other, last) < turn(&good, last));
-    Some(if doubtful && nearer { other } else { good }.camera_from_frame)
+    let is_ambiguous = other.rms < AMBIGUITY_RATIO * good.rms.max(MIN_RMS);
+    let is_nearer = last.is_some_and(|last| angle(&other, last) < angle(&good, last));
+    Some(
+        if is_ambiguous && is_nearer {
+            other
+        } else {
+            good
+        }
+        .camera_from_frame,
+    )
 }
 
 fn rotations(jacobian: DMat2, seen: DVec2) -> Option<[DMat3; 2]> {
@@ -115,9 +129,9 @@ fn rotations(jacobian: DMat2, seen: DVec2) -> Option<[DMat3; 2]> {
     Some([rotation(1.0), rotation(-1.0)])
 }
 
-/// The translation that suits a rotation best: for each corner X with picture (u, v),
+/// Returns the pose with a rotation and its best translation: for each corner X with picture (u, v),
 /// (u, v) · (R X + t)_z = (R X + t)_xy, by least squares.
-fn place(rotation: &DMat3, ideal: &[DVec2; 4], half: f64) -> Option<RigidTransform> {
+fn with_translation(rotation: &DMat3, ideal: &[DVec2; 4], half: f64) -> Option<RigidTransform> {
     let (mut a, mut b) = ([[0.0; 3]; 3], [0.0; 3]);
     let square = super::pose::square(half);
     for (image, corner) in ideal.iter().zip(square) {
@@ -148,12 +162,12 @@ mod tests {
 
     proptest! {
         #[test]
-        fn one_of_the_two_is_the_pose(
+        fn one_candidate_is_the_pose(
             x in -0.2f64..0.2, y in -0.15f64..0.15, z in 0.3f64..2.0,
-            ax in -1.2f64..1.2, ay in -1.0f64..1.0, az in -3.0f64..3.0, bent: bool,
+            ax in -1.2f64..1.2, ay in -1.0f64..1.0, az in -3.0f64..3.0, distorted: bool,
         ) {
             let mut camera = camera();
-            if bent {
+            if distorted {
                 camera.distortion = [-0.2, 0.05, 0.001, -0.002, 0.0];
             }
             let turn = DQuat::from_rotation_z(az) * DQuat::from_rotation_x(ax) * DQuat::from_rotation_y(ay);

@@ -1,15 +1,14 @@
-//! Printed fiducials (AprilTags, ArUco markers): where they are in a picture, and where that puts the camera.
+//! Printed fiducials (AprilTags, ArUco markers): detection in pictures and camera pose estimation.
 //!
-//! The way of a picture: `threshold` makes it black and white, tile by tile; `contour` walks
-//! round what is black; `quad` keeps outlines of four straight sides; `edge` finds these
-//! sides again in linear light, to a twentieth of a pixel; `decode` reads the number.
-//! [`Detector`] does all this with buffers that it keeps. `ippe` and `pose` make corners into
-//! a pose with its covariance; [`Registrar`] does so from picture to picture, with the tags of a
-//! [`TagMap`].
+//! Steps of the detection: `threshold` binarises the picture; `contour` follows the outlines of
+//! black areas; `quad` keeps outlines with four straight sides; `edge` refines the sides in linear
+//! light to a twentieth of a pixel; `decode` reads the number. [`Detector`] runs them and reuses
+//! its buffers. `ippe` and `pose` estimate a pose with its covariance from corners; [`Registrar`]
+//! does so from picture to picture, with the tags of a [`TagMap`].
 //!
-//! Corners are pixels, (0, 0) the centre of the top-left one. A tag's own frame has its origin in
-//! the middle, +X to the right and +Y down as it is read, +Z into the paper; corners go clockwise
-//! as it is read, from the top left.
+//! Corners are in pixels; (0, 0) is the centre of the top-left pixel. A tag's frame has its origin
+//! in the tag's centre, +X to the right and +Y down as the tag is read, +Z into the paper. Corners
+//! are in clockwise order as the tag is read, from the top left.
 
 mod codes;
 mod contour;

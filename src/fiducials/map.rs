@@ -1,38 +1,39 @@
-//! Tags that are fixed to one another.
+//! Maps of tags at fixed relative poses.
 
-use super::pose::{Match, square};
-use super::{Family, TagSeen};
+use crate::detector::TagSeen;
+use crate::family::Family;
+use crate::pose::{Match, square};
 use glam::DVec3;
 use penumbra_interface::RigidTransform;
 
-/// A tag at a known place.
+/// A tag at a known pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tag {
-    /// Its family.
+    /// Family.
     pub family: Family,
-    /// Its number there.
+    /// Number in the family.
     pub id: u32,
     /// Edge of the black border, metres.
     pub size: f64,
-    /// Its place in the map's frame: +X right, +Y down as it is read, +Z into the paper.
+    /// Pose in the map's frame. Tag frame: +X right, +Y down as it is read, +Z into the paper.
     pub map_from_tag: RigidTransform,
 }
 
 impl Tag {
-    /// Its corners, clockwise as it is read, from the top left, in the map's frame, metres.
+    /// Returns the corners in the map's frame, metres, clockwise as the tag is read, from the top left.
     #[must_use]
     pub fn corners(&self) -> [DVec3; 4] {
         square(0.5 * self.size).map(|c| self.map_from_tag.transform_point(c))
     }
 }
 
-/// Tags on one rigid thing, each once.
+/// Tags on one rigid object, each once.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TagMap {
     tags: Vec<Tag>,
 }
 
-/// A map that would contradict itself.
+/// A map that holds a tag twice.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{family} {id} is in the map twice; remove one of them")]
 pub struct TwiceInMap {
@@ -41,10 +42,10 @@ pub struct TwiceInMap {
 }
 
 impl TagMap {
-    /// Of these tags.
+    /// Creates a map of `tags`.
     ///
     /// # Errors
-    /// A number of a family more than once.
+    /// A number of a family occurs more than once.
     pub fn new(mut tags: Vec<Tag>) -> Result<Self, TwiceInMap> {
         tags.sort_unstable_by_key(|t| (t.family, t.id));
         let twice = tags
@@ -59,13 +60,13 @@ impl TagMap {
         }
     }
 
-    /// All tags, by family and number.
+    /// All tags, sorted by family and number.
     #[must_use]
     pub fn tags(&self) -> &[Tag] {
         &self.tags
     }
 
-    /// The tag of that number.
+    /// Returns the tag of a number, if the map has it.
     #[must_use]
     pub fn get(&self, family: Family, id: u32) -> Option<&Tag> {
         let found = self
@@ -74,7 +75,7 @@ impl TagMap {
         found.ok().map(|i| &self.tags[i])
     }
 
-    /// The families that occur, each once.
+    /// Returns the families that occur, each once.
     #[must_use]
     pub fn families(&self) -> Vec<Family> {
         let mut families: Vec<_> = self.tags.iter().map(|t| t.family).collect();
@@ -82,8 +83,8 @@ impl TagMap {
         families
     }
 
-    /// Corners of what is seen of the map. Tags of one number that are seen twice are left out:
-    /// at most one of them can be the map's.
+    /// Fills `out` with the corners of the map's tags in `seen`. Tags of one number that are seen
+    /// twice are left out, because at most one of them can be the map's.
     pub(super) fn matches(&self, seen: &[TagSeen], out: &mut Vec<Match>) {
         out.clear();
         for tag in seen {

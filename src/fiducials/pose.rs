@@ -1,43 +1,43 @@
-//! A pose from corners: robust least squares, with its covariance.
+//! Pose estimation from corners: robust least squares, with the covariance.
 
 use glam::{DQuat, DVec2, DVec3};
 use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;
 use penumbra_numerics::fixed_size::{Matrix, inverse, solve};
 
-/// Corners that are farther off than this count less (Huber 1964), pixels.
+/// Reprojection error beyond which a corner's weight decreases (Huber 1964), pixels.
 const HUBER: f64 = 0.5;
-/// A corner is never taken to be better than this, pixels: with four corners and six unknowns
-/// residuals alone would say nothing.
-const LEAST_SIGMA: f64 = 0.05;
-/// Rounds, at most.
-const ROUNDS: usize = 25;
+/// Minimum standard deviation of a corner, pixels: with four corners and six unknowns, residuals
+/// alone are not informative.
+const MIN_SIGMA: f64 = 0.05;
+/// Maximum number of iterations.
+const MAX_ITERATIONS: usize = 25;
 
-/// A corner in space and in the picture.
+/// A corner in space and its picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Match {
-    /// Where it is, metres, in the frame whose pose is sought.
+    /// Position in the frame whose pose is estimated, metres.
     pub point: DVec3,
-    /// Where it is seen, pixels.
+    /// Position in the picture, pixels.
     pub pixel: DVec2,
 }
 
-/// A pose that corners speak for.
+/// A pose estimated from corners.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PoseEstimate {
-    /// `camera_from_` the corners' frame.
+    /// The corners' frame in the camera's frame.
     pub camera_from_frame: RigidTransform,
-    /// Of a small motion in the camera's frame before this pose: rotation vector (radians), then
-    /// translation (metres).
+    /// Covariance of a small motion, in the camera's frame, that is applied after this pose:
+    /// rotation vector (radians), then translation (metres).
     pub covariance: [[f64; 6]; 6],
-    /// Root mean square distance of the corners, pixels.
+    /// Root mean square reprojection error, pixels.
     pub rms: f64,
-    /// The largest distance, pixels.
+    /// Maximum reprojection error, pixels.
     pub worst: f64,
 }
 
 impl PoseEstimate {
-    /// Standard deviation of a point's picture, pixels; the point in the corners' frame.
+    /// Returns the standard deviation (pixels, per axis) of the picture of a point of the corners' frame.
     #[must_use]
     pub fn sigma_at(&self, camera: &PinholeCamera, point: DVec3) -> f64 {
         let p = self.camera_from_frame.transform_point(point);
@@ -53,7 +53,7 @@ impl PoseEstimate {
         (0.5 * (variance(&rows[0]) + variance(&rows[1]))).sqrt()
     }
 
-    /// Standard deviations of direction (radians) and place (metres), each over all axes.
+    /// Returns the standard deviations of orientation (radians) and position (metres), each over all axes.
     #[must_use]
     pub fn sigmas(&self) -> (f64, f64) {
         let sum = |from: usize| (from..from + 3).map(|i| self.covariance[i][i]).sum::<f64>();
@@ -61,13 +61,13 @@ impl PoseEstimate {
     }
 }
 
-/// Corners of a tag of half side `half`, its own frame, in [`super::TagSeen`]'s order.
+/// Corners of a tag of half side `half` in its own frame, clockwise as it is read from the top left.
 pub(super) fn square(half: f64) -> [DVec3; 4] {
     [(-half, -half), (half, -half), (half, half), (-half, half)].map(|(x, y)| DVec3::new(x, y, 0.0))
 }
 
-/// Change of a point's pixel by a small motion (rotation vector, translation) of the camera's
-/// frame; lens distortion by differences.
+/// Returns the derivatives of a point's pixel by a small motion (rotation vector, translation) in
+/// the camera's frame; those of the projection by central differences.
 fn rows(camera: &PinholeCamera, p: DVec3) -> Option<[[f64; 6]; 2]> {
     const STEP: f64 = 1e-6;
     let mut by_point = [DVec2::ZERO; 3];
@@ -90,7 +90,7 @@ fn rows(camera: &PinholeCamera, p: DVec3) -> Option<[[f64; 6]; 2]> {
     Some(rows)
 }
 
-/// Half the robust sum of squares; `None` where a corner is behind the camera.
+/// Returns half the robust sum of squares; `None` if a corner is behind the camera.
 fn cost(camera: &PinholeCamera, pose: RigidTransform, matches: &[Match]) -> Option<f64> {
     let mut sum = 0.0;
     for m in matches {
@@ -129,7 +129,7 @@ fn normal(
     Some((a, b))
 }
 
-/// A small motion of the camera's frame, after the pose.
+/// Applies a small motion in the camera's frame after the pose.
 fn moved(pose: RigidTransform, by: &[f64; 6]) -> RigidTransform {
     let turn = DQuat::from_scaled_axis(DVec3::new(by[0], by[1], by[2]));
     RigidTransform::new(
@@ -138,8 +138,9 @@ fn moved(pose: RigidTransform, by: &[f64; 6]) -> RigidTransform {
     )
 }
 
-/// The pose that suits corners best, from a `start` (Levenberg 1944, Marquardt 1963). `None`
-/// where fewer than four corners, or a start with one behind the camera, leave it open.
+/// Refines the pose (`camera_from_` the corners' frame) from `start` to the minimum robust
+/// reprojection error (Levenberg 1944, Marquardt 1963). `None` with fewer than four corners, or if
+/// `start` puts a corner behind the camera.
 #[must_use]
 pub fn refine(
     camera: &PinholeCamera,
@@ -152,7 +153,7 @@ pub fn refine(
     let mut pose = start;
     let mut now = cost(camera, pose, matches)?;
     let mut damping = 1e-4;
-    for _ in 0..ROUNDS {
+    for _ in 0..MAX_ITERATIONS {
         let (a, b) = normal(camera, pose, matches)?;
         let mut damped = a;
         for (i, row) in damped.iter_mut().enumerate() {
@@ -175,7 +176,7 @@ pub fn refine(
     estimate(camera, pose, matches)
 }
 
-/// What the corners say of a pose.
+/// Returns the pose with its covariance and errors.
 fn estimate(
     camera: &PinholeCamera,
     pose: RigidTransform,
@@ -190,7 +191,7 @@ fn estimate(
         worst = worst.max(off);
     }
     let free = (2 * matches.len()).saturating_sub(6).max(1);
-    let variance = (sum / free as f64).max(LEAST_SIGMA * LEAST_SIGMA);
+    let variance = (sum / free as f64).max(MIN_SIGMA * MIN_SIGMA);
     let (a, _) = normal(camera, pose, matches)?;
     let covariance = inverse(&a)?.map(|row| row.map(|v| v * variance));
     Some(PoseEstimate {

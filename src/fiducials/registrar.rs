@@ -1,42 +1,40 @@
-//! The scene camera's pose by the tags of a map, from picture to picture.
+//! Estimates the scene camera's pose from the tags of a map, from picture to picture.
 
-use super::ippe::poses;
-use super::pose::{Match, PoseEstimate, refine};
-use super::{TagMap, TagSeen};
+use crate::detector::TagSeen;
+use crate::ippe::{AMBIGUITY_RATIO, MIN_RMS, poses};
+use crate::map::TagMap;
+use crate::pose::{Match, PoseEstimate, refine};
 use glam::DVec2;
 use penumbra_camera::{PinholeCamera, RollingShutter};
 use penumbra_interface::{MonotonicTime, RigidTransform};
 
-/// One of the two poses of a single tag is taken for what the corners say where the other is
-/// this many times farther off.
-pub(super) const CLEAR: f64 = 2.5;
-/// Root mean square distance of the corners, pixels, past which tags are not where the map says.
-const MOST_RMS: f64 = 3.0;
-/// Seconds for which the last pose helps to choose between two.
-const MEMORY: f64 = 1.0;
-/// Seconds for which it tells how the camera moves.
-const MOVING: f64 = 0.2;
-/// Rounds of a pose and the rows that it is seen by: what is left after each is some percents.
-const ROUNDS: usize = 2;
-/// Pixels by which corners may agree worse than before where rows are taken apart; past that the
-/// camera did not move so.
-const WORSE: f64 = 0.1;
+/// Root mean square reprojection error beyond which the tags contradict the map, pixels.
+const MAX_RMS: f64 = 3.0;
+/// Maximum age of the last pose for choosing between two candidates, seconds.
+const MAX_MEMORY_SECONDS: f64 = 1.0;
+/// Maximum age of the last pose for estimating the camera's motion, seconds.
+const MAX_MOTION_SECONDS: f64 = 0.2;
+/// Rolling-shutter passes; each reduces the remaining error to a few percent.
+const ROLLING_SHUTTER_PASSES: usize = 2;
+/// Maximum increase of the reprojection error by rolling-shutter correction, pixels. Beyond it the
+/// camera did not move as assumed.
+const MAX_RMS_INCREASE: f64 = 0.1;
 
-/// Where a pose from tags comes from.
+/// How a pose from tags was found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Registration {
-    /// Several tags of the map.
+    /// By several tags of the map.
     Map {
-        /// How many.
+        /// Number of tags.
         tags: usize,
     },
-    /// One tag, whose corners allow one pose only.
+    /// By one tag whose corners are consistent with one pose only.
     Tag,
-    /// One tag whose corners allow two poses; the one nearer to the pose before, or to the
-    /// one that a tracker lets expect.
+    /// By one tag whose corners are consistent with two poses: the one closer to the previous pose
+    /// or to the tracker's.
     TagByMemory,
-    /// One tag whose corners allow two poses, and nothing to choose by but the corners: it
-    /// may be wrong.
+    /// By one tag whose corners are consistent with two poses, without any other information: the
+    /// pose may be wrong.
     TagGuessed,
 }
 
@@ -45,41 +43,41 @@ pub enum Registration {
 pub struct Registered {
     /// `map_from_camera`.
     pub map_from_camera: RigidTransform,
-    /// What the corners say, with its uncertainty.
+    /// The estimate from the corners, with its covariance.
     pub estimate: PoseEstimate,
-    /// How it was found.
+    /// How the pose was found.
     pub how: Registration,
 }
 
-/// What is known before the tags are looked at.
+/// What is known before the tags are used.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Expectation {
-    /// `map_from_camera`, roughly.
+    /// Approximate `map_from_camera`.
     pub pose: Option<RigidTransform>,
-    /// How the camera moved, if a tracker tells; else the pose before does.
+    /// The camera's motion by a tracker; `None` to estimate it from the previous pose.
     pub motion: Option<RollingShutter>,
-    /// From one row of the picture to the next, seconds; 0 where all are exposed at once.
+    /// Time from one row of the picture to the next, seconds; 0 for a global shutter.
     pub row_seconds: f64,
 }
 
-/// Finds poses. Keeps the last, to choose by.
+/// Estimates poses. Keeps the last one, to choose between two candidates.
 #[derive(Clone, Debug)]
 pub struct Registrar {
     map: TagMap,
     matches: Vec<Match>,
-    /// What would have been seen, had all rows been exposed at once.
-    at_once: Vec<TagSeen>,
+    /// The tags as a global shutter would have shown them.
+    corrected: Vec<TagSeen>,
     last: Option<(MonotonicTime, RigidTransform)>,
 }
 
 impl Registrar {
-    /// By the tags of `map`.
+    /// Creates a registrar for the tags of `map`.
     #[must_use]
     pub const fn new(map: TagMap) -> Self {
         Self {
             map,
             matches: Vec::new(),
-            at_once: Vec::new(),
+            corrected: Vec::new(),
             last: None,
         }
     }
@@ -90,8 +88,8 @@ impl Registrar {
         &self.map
     }
 
-    /// The pose at the instant of a picture, by the tags seen in it. `None` where it shows none of
-    /// the map's, or where they are not where the map says.
+    /// Estimates the pose of a picture taken at `at` from the tags `seen` in it. `None` if it shows
+    /// no tag of the map, or if the tags contradict the map.
     pub fn register(
         &mut self,
         camera: &PinholeCamera,
@@ -101,8 +99,8 @@ impl Registrar {
         self.register_near(camera, seen, at, &Expectation::default())
     }
 
-    /// The same; where one tag allows two poses, the one nearer to what is expected. With a rolling
-    /// shutter the pose is that of the middle row.
+    /// As [`Self::register`]; chooses the candidate closer to the expected pose if one tag is
+    /// consistent with two. With a rolling shutter, the pose is that of the middle row.
     pub fn register_near(
         &mut self,
         camera: &PinholeCamera,
@@ -110,18 +108,18 @@ impl Registrar {
         at: MonotonicTime,
         expected: &Expectation,
     ) -> Option<Registered> {
-        let pose = expected.pose.or_else(|| self.memory(at));
-        let found = self.look(camera, seen, pose);
-        let found = found.map(|found| self.unrolled(camera, seen, at, expected, found));
-        let found = found.filter(|f| f.estimate.rms < MOST_RMS)?;
-        // A guess is nothing to remember: the next would agree with it.
+        let pose = expected.pose.or_else(|| self.recent(at));
+        let found = self.estimate(camera, seen, pose);
+        let found = found.map(|f| self.rolling_corrected(camera, seen, at, expected, f));
+        let found = found.filter(|f| f.estimate.rms < MAX_RMS)?;
+        // A guess must not choose the next candidate, which would confirm it.
         if found.how != Registration::TagGuessed {
             self.last = Some((at, found.map_from_camera));
         }
         Some(found)
     }
 
-    fn look(
+    fn estimate(
         &mut self,
         camera: &PinholeCamera,
         seen: &[TagSeen],
@@ -134,9 +132,9 @@ impl Registrar {
         found
     }
 
-    /// The pose at the middle row, from the one by corners as if all rows were exposed at once:
-    /// each corner goes back by what the camera moved until its row was read.
-    fn unrolled(
+    /// Returns the pose at the middle row, from the `first` pose, which assumes a global shutter:
+    /// each corner is shifted back by the camera's motion until its row was read.
+    fn rolling_corrected(
         &mut self,
         camera: &PinholeCamera,
         seen: &[TagSeen],
@@ -144,45 +142,46 @@ impl Registrar {
         expected: &Expectation,
         first: Registered,
     ) -> Registered {
-        let pose = expected.pose.or_else(|| self.memory(at));
+        let pose = expected.pose.or_else(|| self.recent(at));
         let mut found = first;
-        for _ in 0..ROUNDS {
+        for _ in 0..ROLLING_SHUTTER_PASSES {
             let Some(motion) = self.motion(at, expected, &found) else {
                 return first;
             };
-            let mut at_once = std::mem::take(&mut self.at_once);
-            at_once.clear();
-            let back = |tag| self.back_at_once(camera, tag, &motion, &found);
-            at_once.extend(seen.iter().map(back));
-            let next = self.look(camera, &at_once, pose);
-            self.at_once = at_once;
+            let mut corrected = std::mem::take(&mut self.corrected);
+            corrected.clear();
+            let correct = |tag| self.corrected(camera, tag, &motion, &found);
+            corrected.extend(seen.iter().map(correct));
+            let next = self.estimate(camera, &corrected, pose);
+            self.corrected = corrected;
             let Some(next) = next else { return first };
             found = next;
         }
-        let agrees = found.estimate.rms < first.estimate.rms + WORSE;
-        if agrees { found } else { first }
+        let is_consistent = found.estimate.rms < first.estimate.rms + MAX_RMS_INCREASE;
+        if is_consistent { found } else { first }
     }
 
-    fn back_at_once(
+    /// Returns a tag's corners as a global shutter would have shown them.
+    fn corrected(
         &self,
         camera: &PinholeCamera,
         seen: &TagSeen,
         motion: &RollingShutter,
         found: &Registered,
     ) -> TagSeen {
-        let mut back = *seen;
+        let mut corrected = *seen;
         let Some(tag) = self.map.get(seen.family, seen.id) else {
-            return back;
+            return corrected;
         };
-        for (pixel, corner) in back.corners.iter_mut().zip(tag.corners()) {
+        for (pixel, corner) in corrected.corners.iter_mut().zip(tag.corners()) {
             let point = found.estimate.camera_from_frame.transform_point(corner);
-            let places = camera.project(point).zip(motion.project(camera, point));
-            *pixel += places.map_or(DVec2::ZERO, |(still, rolled)| still - rolled);
+            let pixels = camera.project(point).zip(motion.project(camera, point));
+            *pixel += pixels.map_or(DVec2::ZERO, |(global, rolling)| global - rolling);
         }
-        back
+        corrected
     }
 
-    /// How the camera moved while the picture was read.
+    /// Returns the camera's motion while the picture was read out.
     fn motion(
         &self,
         at: MonotonicTime,
@@ -192,14 +191,14 @@ impl Registrar {
         if expected.row_seconds == 0.0 || expected.motion.is_some() {
             return expected.motion;
         }
-        // A guess may face elsewhere, and would be a quick turn.
+        // A guess may have the wrong orientation and would look like a fast rotation.
         let (then, before) = self
             .last
             .filter(|_| found.how != Registration::TagGuessed)?;
         let seconds = at.seconds_since(then);
         let now = &found.map_from_camera;
-        let near = (1e-3..MOVING).contains(&seconds);
-        near.then(|| RollingShutter::between(&before, now, seconds, expected.row_seconds))?
+        let is_recent = (1e-3..MAX_MOTION_SECONDS).contains(&seconds);
+        is_recent.then(|| RollingShutter::between(&before, now, seconds, expected.row_seconds))?
     }
 
     fn solve(
@@ -213,10 +212,12 @@ impl Registrar {
         let (best, second) = self.candidates(camera, seen, matches)?;
         let (estimate, how) = match second {
             _ if tags > 1 => (best, Registration::Map { tags }),
-            Some(second) if second.rms < CLEAR * best.rms.max(0.05) => match expected {
-                Some(pose) => (nearer(best, second, pose), Registration::TagByMemory),
-                None => (best, Registration::TagGuessed),
-            },
+            Some(second) if second.rms < AMBIGUITY_RATIO * best.rms.max(MIN_RMS) => {
+                match expected {
+                    Some(pose) => (nearer(best, second, pose), Registration::TagByMemory),
+                    None => (best, Registration::TagGuessed),
+                }
+            }
             _ => (best, Registration::Tag),
         };
         Some(Registered {
@@ -226,13 +227,14 @@ impl Registrar {
         })
     }
 
-    fn memory(&self, at: MonotonicTime) -> Option<RigidTransform> {
+    /// The last pose, if it is recent enough to choose between two candidates.
+    fn recent(&self, at: MonotonicTime) -> Option<RigidTransform> {
         let (then, pose) = self.last?;
-        (at.seconds_since(then).abs() < MEMORY).then_some(pose)
+        (at.seconds_since(then).abs() < MAX_MEMORY_SECONDS).then_some(pose)
     }
 
-    /// The best pose for all corners, starting from both poses of the largest tag, and the
-    /// other one.
+    /// Returns the two poses that both candidates of the largest tag lead to when refined on all
+    /// corners, the better one first.
     fn candidates(
         &self,
         camera: &PinholeCamera,
@@ -257,15 +259,15 @@ impl Registrar {
     }
 }
 
-/// Of two poses the one from which the camera looks more as expected.
+/// Returns the pose whose orientation is closer to the expected one.
 fn nearer(a: PoseEstimate, b: PoseEstimate, expected: RigidTransform) -> PoseEstimate {
-    let turn = |e: &PoseEstimate| {
+    let angle = |e: &PoseEstimate| {
         e.camera_from_frame
             .inverse()
             .rotation
             .angle_between(expected.rotation)
     };
-    if turn(&b) < turn(&a) { b } else { a }
+    if angle(&b) < angle(&a) { b } else { a }
 }
 
 #[cfg(test)]

@@ -1,11 +1,13 @@
-//! Drawn pictures of tags, for tests: every pixel the mean over its square, in linear light.
+//! Renders pictures of tags, for tests and examples: each pixel is the mean of the linear light over
+//! its square.
 
-use super::{Family, Tag};
+use crate::family::Family;
+use crate::map::Tag;
 use glam::{DVec2, DVec3};
 use penumbra_camera::{PinholeCamera, Response};
 use penumbra_interface::RigidTransform;
 
-/// A usual camera of 640×480.
+/// A typical camera of 640×480 pixels.
 pub fn camera() -> PinholeCamera {
     PinholeCamera {
         width: 640,
@@ -16,7 +18,7 @@ pub fn camera() -> PinholeCamera {
     }
 }
 
-/// Reflectance at a place of a tag (−1 to 1 within the border); `None` past its white margin.
+/// Reflectance at a position of a tag (−1 to 1 within the border); `None` beyond its white margin.
 fn paint(tag: &Tag, p: DVec2) -> Option<f64> {
     let n = tag.family.modules();
     let module = |v: f64| ((v + 1.0) * 0.5 * f64::from(n)).floor() as i64;
@@ -32,18 +34,18 @@ fn paint(tag: &Tag, p: DVec2) -> Option<f64> {
     Some(if white { 0.8 } else { 0.05 })
 }
 
-/// Tags before a grey wall, with noise of so many codes.
+/// Renders tags in front of a grey wall as grey codes, row by row, with Gaussian noise of `noise` codes.
 pub fn picture(
     camera: &PinholeCamera,
     camera_from_map: RigidTransform,
     tags: &[Tag],
     noise: f64,
 ) -> Vec<u8> {
-    let still = camera_from_map.inverse();
-    rolling_picture(camera, |_| still, tags, noise)
+    let map_from_camera = camera_from_map.inverse();
+    rolling_picture(camera, |_| map_from_camera, tags, noise)
 }
 
-/// The same by a rolling shutter: `map_from_camera` is the pose when a row is read.
+/// As [`picture`], with a rolling shutter: `map_from_camera` is the pose when a row is read.
 pub fn rolling_picture(
     camera: &PinholeCamera,
     map_from_camera: impl Fn(f64) -> RigidTransform,
@@ -88,7 +90,7 @@ pub fn rolling_picture(
     codes
 }
 
-/// The mean over a pixel's square. Where corners and middle are alike nothing smaller is between.
+/// Mean over a pixel's square. It is uniform if its corners and centre have equal light.
 fn mean_over_square(middle: DVec2, light: &impl Fn(DVec2) -> f64) -> f64 {
     const SUB: u32 = 6;
     let corners = [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)];
@@ -105,12 +107,12 @@ fn mean_over_square(middle: DVec2, light: &impl Fn(DVec2) -> f64) -> f64 {
     all.sum::<f64>() / f64::from(SUB * SUB)
 }
 
-/// A tag at a place of the map.
-pub fn tag(id: u32, size: f64, place: DVec3) -> Tag {
+/// A tag of edge `size` (metres) at a position of the map, parallel to its axes.
+pub fn tag(id: u32, size: f64, position: DVec3) -> Tag {
     Tag {
         family: Family::Tag36h11,
         id,
         size,
-        map_from_tag: RigidTransform::new(glam::DQuat::IDENTITY, place),
+        map_from_tag: RigidTransform::new(glam::DQuat::IDENTITY, position),
     }
 }

@@ -1,30 +1,29 @@
-//! Black and white by the middle between the darkest and the brightest close by (as in
-//! AprilTag 2: Wang & Olson 2016).
+//! Adaptive threshold halfway between the darkest and the brightest pixel of the neighbourhood
+//! (as in AprilTag 2: Wang & Olson 2016).
 
 /// Side of a tile, pixels.
 const TILE: usize = 4;
-/// Codes between the darkest and the brightest pixel of a place where there is an edge. Below
-/// it all is noise, and nothing is black.
-const LEAST_CONTRAST: u8 = 16;
+/// Minimum difference of the darkest and the brightest code of a neighbourhood with an edge. Below
+/// it there is only noise, and nothing is black.
+const MIN_CONTRAST: u8 = 16;
 
-/// Which pixels are black, with a margin of one pixel that is not.
+/// The black pixels of a picture, with a margin of one pixel that is not black.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Black {
-    /// Pixels in a row, without the margin.
+    /// Width without the margin, pixels.
     pub width: usize,
-    /// Rows, without the margin.
+    /// Height without the margin, pixels.
     pub height: usize,
-    /// (width + 2) · (height + 2).
+    /// (width + 2) · (height + 2) pixels, row by row.
     pub pixels: Vec<bool>,
     tiles: Vec<(u8, u8)>,
     rows: Vec<(u8, u8)>,
 }
 
 impl Black {
-    /// Decides on every pixel. `grey` has `width` pixels in a row. What is below `share` of 256
-    /// of the way from the darkest to the brightest is black: half of it for tags that stand
-    /// alone.
-    pub fn decide(&mut self, grey: &[u8], (width, height): (usize, usize), share: u8) {
+    /// Binarises a grey picture of `width` × `height` pixels. A pixel is black if it is below
+    /// `share`/256 of the range from the darkest to the brightest pixel nearby.
+    pub fn binarise(&mut self, grey: &[u8], (width, height): (usize, usize), share: u8) {
         (self.width, self.height) = (width, height);
         self.pixels.clear();
         self.pixels.resize((width + 2) * (height + 2), false);
@@ -33,7 +32,7 @@ impl Black {
             return;
         }
         self.find_extremes(grey, across, down);
-        self.spread(across, down);
+        self.dilate_extremes(across, down);
         for y in 0..height {
             let tiles = &self.tiles[(y / TILE).min(down - 1) * across..][..across];
             let row = &grey[y * width..][..width];
@@ -42,7 +41,7 @@ impl Black {
                 let (low, high) = tiles[(x / TILE).min(across - 1)];
                 let range = high - low;
                 let reach = (u16::from(range) * u16::from(share) / 256) as u8;
-                *out = range >= LEAST_CONTRAST && *pixel <= low + reach;
+                *out = range >= MIN_CONTRAST && *pixel <= low + reach;
             }
         }
     }
@@ -61,8 +60,8 @@ impl Black {
         }
     }
 
-    /// Each tile takes the extremes of the nine around it, so that no edge of a tile matters.
-    fn spread(&mut self, across: usize, down: usize) {
+    /// Gives each tile the extremes of its 3×3 neighbourhood, so that tile borders have no effect.
+    fn dilate_extremes(&mut self, across: usize, down: usize) {
         let join = |a: (u8, u8), b: (u8, u8)| (a.0.min(b.0), a.1.max(b.1));
         self.rows.clear();
         for row in self.tiles.chunks_exact(across) {
@@ -86,9 +85,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn shade_makes_no_difference_and_noise_is_not_black() {
+    fn ignores_shading_and_noise() {
         let (w, h) = (64, 32);
-        // A dark stripe under light that falls off to a quarter.
+        // A dark stripe under light that decreases to a quarter.
         let at = |x: usize, y: usize| {
             let light = 250.0 - 3.0 * x as f64;
             let paint = if (12..20).contains(&y) { 0.3 } else { 1.0 };
@@ -96,18 +95,18 @@ mod tests {
         };
         let grey: Vec<u8> = (0..w * h).map(|i| at(i % w, i / w)).collect();
         let mut black = Black::default();
-        black.decide(&grey, (w, h), 128);
+        black.binarise(&grey, (w, h), 128);
         let is = |x: usize, y: usize| black.pixels[(y + 1) * (w + 2) + x + 1];
         assert!((0..w).all(|x| is(x, 12) && is(x, 19) && !is(x, 11) && !is(x, 20)));
         let noise: Vec<u8> = (0..w * h).map(|i| 100 + (i * 7919 % 13) as u8).collect();
-        black.decide(&noise, (w, h), 128);
+        black.binarise(&noise, (w, h), 128);
         assert!(black.pixels.iter().all(|b| !b));
     }
 
     #[test]
-    fn a_picture_smaller_than_a_tile_has_nothing_black() {
+    fn picture_smaller_than_a_tile_has_no_black_pixels() {
         let mut black = Black::default();
-        black.decide(&[0, 255, 0, 255], (2, 2), 128);
+        black.binarise(&[0, 255, 0, 255], (2, 2), 128);
         assert!(black.pixels.iter().all(|b| !b));
     }
 }

@@ -12,7 +12,7 @@ use super::prefilter::Prefilter;
 use super::probe::LastBall;
 use super::resample::{GatherTable, Hidden, PixelDirections, inpaint};
 use super::settings::{
-    EnvironmentError, EnvironmentInput, EnvironmentSettings, IrradianceMethod, Placement,
+    EnvironmentError, EnvironmentInput, EnvironmentSettings, IrradianceMethod, LightPlacement,
 };
 use super::shadow_ratio::{Ground, clipped_factor};
 use super::sources::{LUMINANCE, Layout, SampleGrid, Source, SourceFinder, SourceSettings};
@@ -92,8 +92,10 @@ enum Dome {
 impl Dome {
     fn new(settings: &EnvironmentSettings, fine: &CubeGrid) -> Self {
         match settings.placement {
-            Placement::Grid => Self::Grid(DomeGrid::new(settings.lights, settings.ground, fine)),
-            Placement::Adaptive => {
+            LightPlacement::Grid => {
+                Self::Grid(DomeGrid::new(settings.lights, settings.ground, fine))
+            }
+            LightPlacement::Adaptive => {
                 Self::Adaptive(AdaptiveDome::new(settings.lights, settings.ground))
             }
         }
@@ -163,7 +165,7 @@ impl EnvironmentEstimator {
     }
 
     /// Changes placement and number of lights while running; the rest stays.
-    pub fn set_lights(&mut self, placement: Placement, lights: usize) {
+    pub fn set_lights(&mut self, placement: LightPlacement, lights: usize) {
         if (self.settings.placement, self.settings.lights) != (placement, lights) {
             self.settings.placement = placement;
             self.settings.lights = lights;
@@ -461,7 +463,7 @@ fn find(
     radiance: &[Vec3],
     settings: &EnvironmentSettings,
 ) -> Vec<Source> {
-    if settings.placement == Placement::Grid {
+    if settings.placement == LightPlacement::Grid {
         return Vec::new();
     }
     let most = settings.sources.most.min(settings.lights / 3);

@@ -50,6 +50,7 @@ pub use light::{CubeMap, DomeLight, Filtering, Harmonics, LightKind, Lighting};
 pub use probe::ProbeMap;
 pub use report::LightReport;
 pub use settings::{
-    BallSeen, EnvironmentError, EnvironmentInput, EnvironmentSettings, IrradianceMethod, Placement,
+    BallSeen, EnvironmentError, EnvironmentInput, EnvironmentSettings, IrradianceMethod,
+    LightPlacement,
 };
 pub use stages::Stages;

@@ -10,23 +10,46 @@ use penumbra_camera::Parallax;
 use penumbra_camera::PinholeCamera;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 
-/// Where dome lights are put.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Placement {
-    /// The paper's: texel centres of the downsampled cube map.
-    Grid,
-    /// Compact sources at their true directions, cells of similar importance for the rest.
+/// How dome lights are placed.
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    clap::ValueEnum,
+    serde::Deserialize,
+    serde::Serialize,
+)]
+#[serde(rename_all = "kebab-case")]
+pub enum LightPlacement {
+    /// Compact sources get lights of their own at their true directions; cells of similar
+    /// importance share the rest.
     #[default]
     Adaptive,
+    /// The texel centres of the downsampled cube map (Supan 2006).
+    Grid,
 }
 
 /// How irradiance is computed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    clap::ValueEnum,
+    serde::Deserialize,
+    serde::Serialize,
+)]
+#[serde(rename_all = "kebab-case")]
 pub enum IrradianceMethod {
-    /// Spherical harmonics of degree 2.
+    /// Spherical harmonics of degree 2 (Ramamoorthi and Hanrahan 2001).
     #[default]
     Harmonics,
-    /// The paper's blurred map, for comparison.
+    /// The blurred map of the paper (Supan 2006), for comparison.
     Blurred,
 }
 
@@ -36,7 +59,7 @@ pub struct EnvironmentSettings {
     /// Texels a side of the cube map, a power of two.
     pub cube_size: u32,
     /// Where dome lights are put.
-    pub placement: Placement,
+    pub placement: LightPlacement,
     /// Dome lights at most.
     pub lights: usize,
     /// There is phantom ground: no light comes from below.
@@ -68,7 +91,7 @@ impl Default for EnvironmentSettings {
     fn default() -> Self {
         Self {
             cube_size: 64,
-            placement: Placement::Adaptive,
+            placement: LightPlacement::Adaptive,
             lights: 64,
             ground: true,
             irradiance: IrradianceMethod::Harmonics,

@@ -1,12 +1,12 @@
-//! Eigenvectors of small symmetric matrices.
+//! Eigenvalues and eigenvectors of small symmetric matrices.
 
-use super::Matrix;
+use crate::matrix::Matrix;
 
-/// Sweeps after which Jacobi's method has long converged.
+/// Maximum number of sweeps; Jacobi's method converges much earlier.
 const SWEEPS: usize = 60;
 
-/// Eigenvalues, smallest first, and in the same order their unit eigenvectors as the rows of
-/// the matrix, by Jacobi's rotations (Golub & Van Loan, 8.5). `symmetric` must be square.
+/// Returns the eigenvalues in ascending order and, as the rows of the matrix, their unit
+/// eigenvectors, by Jacobi's method (Golub & Van Loan, section 8.5). `symmetric` must be square.
 #[must_use]
 pub fn symmetric_eigen(symmetric: &Matrix) -> (Vec<f64>, Matrix) {
     let n = symmetric.rows();
@@ -34,13 +34,13 @@ pub fn symmetric_eigen(symmetric: &Matrix) -> (Vec<f64>, Matrix) {
     (order.iter().map(|&i| a[(i, i)]).collect(), vectors)
 }
 
-/// The unit vector x that makes xᵀ A x smallest.
+/// Returns the unit vector x that minimises xᵀ A x.
 #[must_use]
 pub fn null_vector(symmetric: &Matrix) -> Vec<f64> {
     symmetric_eigen(symmetric).1.row(0).to_vec()
 }
 
-/// Makes `a[p, q]` zero by a rotation of coordinates p and q.
+/// Zeroes `a[p, q]` by a rotation of the coordinates p and q.
 fn rotate(a: &mut Matrix, v: &mut Matrix, p: usize, q: usize) {
     if a[(p, q)] == 0.0 {
         return;
@@ -72,7 +72,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn eigenvectors_are_those_of_the_matrix() {
+    fn eigenvectors_satisfy_their_equation() {
         let mut a = Matrix::zeros(4, 4);
         for (w, row) in [(5.0, [1.0, 2.0, 0.0, 1.0]), (2.0, [0.0, 1.0, -1.0, 3.0])] {
             a.add_outer(w, &row, &row);

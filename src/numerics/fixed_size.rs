@@ -5,7 +5,7 @@ use crate::cholesky;
 /// A symmetric matrix, row by row.
 pub type Matrix<const N: usize> = [[f64; N]; N];
 
-/// The x of A x = b; `None` unless A is positive definite.
+/// Solves A x = b by Cholesky's factorisation; `None` unless A is positive definite.
 #[must_use]
 pub fn solve<const N: usize>(a: &Matrix<N>, b: &[f64; N]) -> Option<[f64; N]> {
     let (mut lower, mut scale, mut x) = (*a, [0.0; N], *b);
@@ -14,7 +14,7 @@ pub fn solve<const N: usize>(a: &Matrix<N>, b: &[f64; N]) -> Option<[f64; N]> {
     Some(x)
 }
 
-/// The inverse; `None` unless A is positive definite.
+/// Returns A⁻¹; `None` unless A is positive definite.
 #[must_use]
 pub fn inverse<const N: usize>(a: &Matrix<N>) -> Option<Matrix<N>> {
     let (mut lower, mut scale) = (*a, [0.0; N]);
@@ -37,7 +37,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_inverse_inverts_and_a_singular_matrix_has_none() {
+    fn inverts_positive_definite_and_rejects_singular_matrix() {
         let a = [[4.0, 1.0, -0.5], [1.0, 3.0, 0.25], [-0.5, 0.25, 1.0]];
         let b = inverse(&a).unwrap();
         for (i, row) in a.iter().enumerate() {

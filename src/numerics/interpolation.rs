@@ -1,6 +1,7 @@
 //! Interpolation between two values.
 
-/// Hermite's cubic: 0 up to `low`, 1 from `high` on, with zero slope at both (as in GLSL and WGSL).
+/// Smoothstep: the cubic Hermite polynomial from 0 at `low` to 1 at `high` with zero slope at both
+/// (as in GLSL and WGSL); clamped outside.
 #[must_use]
 pub fn smoothstep(low: f64, high: f64, x: f64) -> f64 {
     let t = ((x - low) / (high - low)).clamp(0.0, 1.0);

@@ -1,9 +1,9 @@
-//! Levenberg–Marquardt for a handful of unknowns.
+//! Levenberg–Marquardt for a few unknowns.
 
-use super::Matrix;
+use crate::matrix::Matrix;
 
-/// Damping beyond which no step helps any more.
-const MOST_DAMPING: f64 = 1e12;
+/// Damping at which the search ends without a better step.
+const MAX_DAMPING: f64 = 1e12;
 
 /// Normal equations of a linearised least-squares problem.
 #[derive(Clone, Debug)]
@@ -12,14 +12,14 @@ pub struct NormalEquations {
     pub hessian: Matrix,
     /// Σ w jᵀ r.
     pub gradient: Vec<f64>,
-    /// Σ of what [`NormalEquations::add`] was told a residual costs.
+    /// Cost: Σ w r², unless set otherwise.
     pub cost: f64,
-    /// Residuals counted.
+    /// Number of residuals.
     pub residuals: usize,
 }
 
 impl NormalEquations {
-    /// Of so many unknowns, without residuals.
+    /// Creates the equations of `unknowns` unknowns, without residuals.
     #[must_use]
     pub fn new(unknowns: usize) -> Self {
         Self {
@@ -30,7 +30,7 @@ impl NormalEquations {
         }
     }
 
-    /// Adds a residual, its derivatives by the unknowns and its weight.
+    /// Adds a residual with its derivatives by the unknowns (`row`) and its weight.
     pub fn add(&mut self, residual: f64, row: &[f64], weight: f64) {
         self.hessian.add_outer(weight, row, row);
         for (slot, j) in self.gradient.iter_mut().zip(row) {
@@ -50,18 +50,19 @@ impl NormalEquations {
     }
 }
 
-/// Where the search ended.
+/// The result of [`minimise`].
 #[derive(Clone, Debug)]
 pub struct Minimum<S> {
     /// The unknowns.
     pub state: S,
-    /// The problem linearised there.
+    /// The normal equations at this state.
     pub normal: NormalEquations,
 }
 
-/// Minimises the cost that `linearise` finds at a state, by steps of `unknowns` numbers that
-/// `apply` takes (Marquardt 1963). `linearise` gives `None` where a state makes no sense; a
-/// start of that kind gives `None`.
+/// Minimises a sum of squares from `start` (Levenberg 1944, Marquardt 1963). `linearise` returns the
+/// normal equations at a state, or `None` at an invalid one; `apply` adds a step to a state. Ends
+/// after `iterations` accepted steps, or when the cost decreases by less than 1e-12 of itself.
+/// Returns `None` if `start` is invalid.
 pub fn minimise<S: Clone>(
     start: S,
     iterations: usize,
@@ -72,7 +73,7 @@ pub fn minimise<S: Clone>(
     let (mut state, mut damping) = (start, 1e-3);
     for _ in 0..iterations {
         let mut better = None;
-        while damping < MOST_DAMPING {
+        while damping < MAX_DAMPING {
             let tried = normal.step(damping).map(|step| apply(&state, &step));
             let tried = tried.and_then(|s| linearise(&s).map(|n| (s, n)));
             match tried.filter(|(_, n)| n.cost.is_finite() && n.cost <= normal.cost) {
@@ -101,7 +102,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rosenbrocks_valley_is_walked_to_its_end() {
+    fn minimises_rosenbrocks_function() {
         let found = minimise(
             [-1.2, 1.0],
             200,

@@ -1,9 +1,9 @@
-//! A dense matrix and the Cholesky factor of a symmetric one.
+//! Dense matrices, and the Cholesky factor of a symmetric one.
 
 use crate::cholesky;
 use std::ops::{Index, IndexMut};
 
-/// Row by row.
+/// A dense matrix, stored row by row.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Matrix {
     rows: usize,
@@ -12,7 +12,7 @@ pub struct Matrix {
 }
 
 impl Matrix {
-    /// All zero.
+    /// Creates a zero matrix.
     #[must_use]
     pub fn zeros(rows: usize, columns: usize) -> Self {
         Self {
@@ -22,7 +22,7 @@ impl Matrix {
         }
     }
 
-    /// Ones on the diagonal.
+    /// Creates the identity.
     #[must_use]
     pub fn identity(size: usize) -> Self {
         let mut out = Self::zeros(size, size);
@@ -44,18 +44,18 @@ impl Matrix {
         self.columns
     }
 
-    /// One row.
+    /// Returns row `i`.
     #[must_use]
     pub fn row(&self, i: usize) -> &[f64] {
         &self.data[i * self.columns..(i + 1) * self.columns]
     }
 
-    /// Sets all to zero.
+    /// Sets all elements to zero.
     pub fn clear(&mut self) {
         self.data.fill(0.0);
     }
 
-    /// Rows become columns.
+    /// Returns the transpose.
     #[must_use]
     pub fn transposed(&self) -> Self {
         let mut out = Self::zeros(self.columns, self.rows);
@@ -67,7 +67,7 @@ impl Matrix {
         out
     }
 
-    /// `self · other`; sizes must fit.
+    /// Returns `self · other`; the columns of `self` must match the rows of `other`.
     #[must_use]
     pub fn times(&self, other: &Self) -> Self {
         debug_assert_eq!(self.columns, other.rows);
@@ -83,13 +83,13 @@ impl Matrix {
         out
     }
 
-    /// `self · vector`.
+    /// Returns `self · vector`.
     #[must_use]
     pub fn times_vector(&self, vector: &[f64]) -> Vec<f64> {
         (0..self.rows).map(|i| dot(self.row(i), vector)).collect()
     }
 
-    /// `self += factor · a bᵀ`.
+    /// Adds `factor · a bᵀ`.
     pub fn add_outer(&mut self, factor: f64, a: &[f64], b: &[f64]) {
         for (i, &x) in a.iter().enumerate() {
             let scaled = factor * x;
@@ -102,21 +102,21 @@ impl Matrix {
         }
     }
 
-    /// `self += factor · other`.
+    /// Adds `factor · other`.
     pub fn add_scaled(&mut self, factor: f64, other: &Self) {
         for (slot, value) in self.data.iter_mut().zip(&other.data) {
             *slot += factor * value;
         }
     }
 
-    /// Every element times `factor`.
+    /// Returns the matrix times `factor`.
     #[must_use]
     pub fn scaled(mut self, factor: f64) -> Self {
         self.data.iter_mut().for_each(|x| *x *= factor);
         self
     }
 
-    /// Cholesky's factor; `None` unless the matrix is positive definite.
+    /// Returns the Cholesky factor; `None` unless the matrix is positive definite.
     #[must_use]
     pub fn cholesky(&self) -> Option<Cholesky> {
         let (mut lower, mut scale) = (self.clone(), vec![0.0; self.rows]);
@@ -142,7 +142,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(x, y)| x * y).sum()
 }
 
-/// Cholesky's factor of a symmetric positive definite matrix A.
+/// Cholesky factor of a symmetric positive definite matrix A.
 #[derive(Clone, Debug)]
 pub struct Cholesky {
     lower: Matrix,
@@ -151,7 +151,7 @@ pub struct Cholesky {
 }
 
 impl Cholesky {
-    /// The x of A x = b.
+    /// Solves A x = b.
     #[must_use]
     pub fn solve(&self, b: &[f64]) -> Vec<f64> {
         let mut x = b.to_vec();
@@ -159,7 +159,7 @@ impl Cholesky {
         x
     }
 
-    /// ln det A.
+    /// Returns ln det A.
     #[must_use]
     pub fn log_determinant(&self) -> f64 {
         let terms = self.scale.iter().enumerate();
@@ -168,7 +168,7 @@ impl Cholesky {
             .sum()
     }
 
-    /// A⁻¹.
+    /// Returns A⁻¹.
     #[must_use]
     pub fn inverse(&self) -> Matrix {
         let n = self.scale.len();
@@ -191,7 +191,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_badly_scaled_system_is_solved() {
+    fn solves_badly_scaled_system() {
         let mut a = Matrix::zeros(3, 3);
         for row in [
             [1e6, 2.0, 1e-4],
@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_positive_definite_is_refused() {
+    fn rejects_matrix_that_is_not_positive_definite() {
         let mut a = Matrix::identity(2);
         a[(0, 1)] = 1.0;
         a[(1, 0)] = 1.0;

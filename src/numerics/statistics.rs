@@ -1,6 +1,7 @@
-//! Location and spread of a handful of numbers.
+//! Robust location and scale of small samples.
 
-/// The middle value; `None` of nothing. Values that are no numbers sort last.
+/// Returns the median (the upper one of an even number of values); `None` without values. NaN sorts
+/// last.
 #[must_use]
 pub fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
     let mut values: Vec<f64> = values.into_iter().collect();
@@ -12,13 +13,13 @@ pub fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
     Some(*value)
 }
 
-/// The middle of the magnitudes; 0 of nothing.
+/// Returns the median of the absolute values; 0 without values.
 #[must_use]
 pub fn median_absolute(values: impl IntoIterator<Item = f64>) -> f64 {
     median(values.into_iter().map(f64::abs)).unwrap_or(0.0)
 }
 
-/// √(mean of squares); 0 of nothing.
+/// Returns the square root of the mean of the squares; 0 without values.
 #[must_use]
 pub fn root_mean_square(values: impl IntoIterator<Item = f64>) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0_f64);
@@ -29,7 +30,8 @@ pub fn root_mean_square(values: impl IntoIterator<Item = f64>) -> f64 {
     (sum / count.max(1.0)).sqrt()
 }
 
-/// Tukey's biweight (1 − x²)²: 1 at 0, 0 from ±1 on.
+/// Weight of Tukey's biweight, (1 − x²)² for |x| < 1 and 0 beyond (Beaton & Tukey 1974). `x` is the
+/// residual divided by the tuning constant times the scale.
 #[must_use]
 pub fn tukey_weight(x: f64) -> f64 {
     let rest = (1.0 - x * x).max(0.0);

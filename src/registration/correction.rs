@@ -1,64 +1,75 @@
-//! What a tracker is off by, after what markers have said.
+//! Estimates the tracker's error from markers.
 //!
 //! An error-state Kalman filter. The state is a rigid correction C with
-//! `world_from_camera` = C · tracked; its error is a small rotation θ and a shift of the
-//! camera's place p, in world axes about the camera (Solà 2017, "Quaternion kinematics for the
-//! error-state Kalman filter", global errors). While the camera goes by d the same correction
-//! shifts it by p + θ × d. The tracker drifts with time, and an electromagnetic one's field is
-//! bent differently elsewhere: the covariance grows with time, way and turn.
+//! `world_from_camera` = C · tracked; its error is a small rotation θ and a translation p of the
+//! camera's position, in world axes about the camera (Solà 2017, "Quaternion kinematics for the
+//! error-state Kalman filter", global errors). When the camera moves by d, the same correction
+//! translates it by p + θ × d. The tracker drifts with time, and the distortion of an
+//! electromagnetic field depends on the position: the covariance grows with time, distance and
+//! rotation.
 
-use super::{Tracked, difference, matrix, nudged};
+use crate::motion::{difference, moved};
 use glam::{DMat3, DVec3};
 use penumbra_fiducials::PoseEstimate;
 use penumbra_interface::RigidTransform;
 use penumbra_numerics::fixed_size::{Matrix, inverse};
 
-/// Before any marker was seen: rotation (radians), place (metres).
-const UNKNOWN: [f64; 2] = [0.2, 0.2];
-/// Growth of the variances a second: drift of 0.02° and 0.2 mm.
-const BY_SECOND: [f64; 2] = [1.2e-7, 4e-8];
-/// Growth a metre of way: 0.5° and 3 mm after 0.3 m.
-const BY_METRE: [f64; 2] = [2.5e-4, 3e-5];
-/// Growth a radian of turn: 0.3° and 1 mm after a radian.
-const BY_RADIAN: [f64; 2] = [2.7e-5, 1e-6];
-/// By so many seconds tracker and picture may be apart: seen only while the camera moves.
-const TIMING: f64 = 0.002;
-/// What corners say of a pose besides their noise, by prints that are not flat and a lens that
-/// is not quite as calibrated: rotation (radians), place (metres). Small, because what corners
-/// say of one is tied to what they say of the other, and this is not.
-const MARKERS_FLOOR: [f64; 2] = [5e-5, 5e-5];
-/// The same errors are in all corners at once: the variances that their scatter tells, times
-/// this.
-const TOGETHER: f64 = 4.0;
-/// χ² of six degrees of freedom that one of a hundred thousand good poses exceeds.
+/// Standard deviations before the first marker: rotation (radians), position (metres).
+const INITIAL_SIGMA: [f64; 2] = [0.2, 0.2];
+/// Growth of the variances (rad², m²) per second: drift of 0.02° and 0.2 mm in a second.
+const VARIANCE_PER_SECOND: [f64; 2] = [1.2e-7, 4e-8];
+/// Growth of the variances per metre of path: 0.5° and 3 mm after 0.3 m.
+const VARIANCE_PER_METRE: [f64; 2] = [2.5e-4, 3e-5];
+/// Growth of the variances per radian of rotation: 0.3° and 1 mm after a radian.
+const VARIANCE_PER_RADIAN: [f64; 2] = [2.7e-5, 1e-6];
+/// Standard deviation of the time offset of tracker and picture, seconds. It only matters while the
+/// camera moves.
+const TIMING_SIGMA_SECONDS: f64 = 0.002;
+/// Standard deviations of a marker pose beside the corners' noise, by prints that are not flat and
+/// imperfect lens calibration: rotation (radians), position (metres). Small, because errors of
+/// rotation and position by corners are correlated, and these are not.
+const MARKER_SIGMA: [f64; 2] = [5e-5, 5e-5];
+/// Factor of the variances estimated from the scatter of the corners, whose errors are correlated.
+const CORNER_CORRELATION: f64 = 4.0;
+/// Gate of the squared Mahalanobis distance: χ² of six degrees of freedom at a probability of 1e-5.
 const GATE: f64 = 33.1;
-/// So many poses in a row that agree with one another overrule what is known.
-const OVERRULING: u32 = 8;
+/// Number of successive consistent outliers that reset the filter.
+const MIN_CONSISTENT_OUTLIERS: u32 = 8;
 
-/// What became of a pose by markers.
+/// The camera's pose by the tracker.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tracked {
+    /// `world_from_camera`.
+    pub world_from_camera: RigidTransform,
+    /// Standard deviations of the noise per axis: metres, radians. Systematic errors are estimated
+    /// from markers and not included.
+    pub noise: [f64; 2],
+}
+
+/// Assessment of a pose by markers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
-    /// There was none.
+    /// The picture shows no markers.
     NothingSeen,
-    /// It corrects.
+    /// The pose corrects the tracker.
     Taken,
-    /// It cannot be by what is known, and corrects nothing.
+    /// The pose was rejected as an outlier.
     Rejected,
-    /// So did those before it, all alike: what was known is wrong.
+    /// The pose is consistent with the outliers before it and resets the correction.
     Overruled,
 }
 
-/// The filter.
+/// The filter's state.
 #[derive(Clone, Debug)]
 pub(super) struct Correction {
     /// C: `world_from_tracked_world`.
     corrected_from_tracked: RigidTransform,
     covariance: Matrix<6>,
-    /// Of this picture's pose, with the tracker's noise in it.
-    of_pose: Matrix<6>,
-    /// The last rejected pose's C, and how many in a row agree.
-    suspect: Option<(RigidTransform, u32)>,
-    /// The tracked camera's speed: metres and radians a second.
+    /// Covariance of this picture's pose, including the tracker's noise.
+    pose_covariance: Matrix<6>,
+    /// C of the last outlier, and the number of successive consistent outliers.
+    outlier: Option<(RigidTransform, u32)>,
+    /// Speed of the tracked camera: metres and radians per second.
     speed: [f64; 2],
 }
 
@@ -67,73 +78,77 @@ impl Correction {
         let mut covariance = [[0.0; 6]; 6];
         let mut i = 0;
         while i < 6 {
-            covariance[i][i] = UNKNOWN[i / 3] * UNKNOWN[i / 3];
+            covariance[i][i] = INITIAL_SIGMA[i / 3] * INITIAL_SIGMA[i / 3];
             i += 1;
         }
         Self {
             corrected_from_tracked: RigidTransform::IDENTITY,
             covariance,
-            of_pose: covariance,
-            suspect: None,
+            pose_covariance: covariance,
+            outlier: None,
             speed: [0.0; 2],
         }
     }
 
-    /// C · tracked.
+    /// Returns C · tracked.
     pub fn apply(&self, tracked: RigidTransform) -> RigidTransform {
         self.corrected_from_tracked * tracked
     }
 
-    /// Metres at the camera and radians by which it corrects.
+    /// Size of the correction: metres at the camera, radians.
     pub fn size_at(&self, tracked: RigidTransform) -> [f64; 2] {
-        let (turn, shift) = difference(&tracked, &self.apply(tracked));
-        [shift.length(), turn.length()]
+        let (rotation, translation) = difference(&tracked, &self.apply(tracked));
+        [translation.length(), rotation.length()]
     }
 
-    /// Covariance of the last pose that was given (rotation vector, camera's place; world axes).
-    pub const fn of_pose(&self) -> &Matrix<6> {
-        &self.of_pose
+    /// Covariance of the last returned pose (rotation vector, camera's position; world axes).
+    pub const fn pose_covariance(&self) -> &Matrix<6> {
+        &self.pose_covariance
     }
 
-    /// Of the corrected pose, with the tracker's noise.
+    /// Covariance of the corrected pose, including the tracker's noise.
     fn covariance_with(&self, noise: [f64; 2]) -> Matrix<6> {
         with_diagonal(self.covariance, [noise[1].powi(2), noise[0].powi(2)])
     }
 
-    /// Time goes on, and the tracked camera goes from one place to another.
+    /// Propagates the covariance over `seconds` in which the tracked camera moves from one pose to
+    /// another.
     pub fn predict(&mut self, (before, now): (RigidTransform, RigidTransform), seconds: f64) {
         let (before, now) = (self.apply(before), self.apply(now));
-        let (turn, way) = difference(&before, &now);
-        self.speed = [way.length(), turn.length()].map(|v| v / seconds.max(1e-3));
-        // p + θ × way.
+        let (rotation, translation) = difference(&before, &now);
+        let [metres, radians] = [translation.length(), rotation.length()];
+        self.speed = [metres, radians].map(|v| v / seconds.max(1e-3));
+        // p + θ × d.
         let mut jacobian = identity();
-        let cross = skew(-way);
+        let cross = skew(-translation);
         for (i, row) in jacobian[3..].iter_mut().enumerate() {
             for (j, value) in row[..3].iter_mut().enumerate() {
                 *value = cross.col(j)[i];
             }
         }
         let grown: [f64; 2] = std::array::from_fn(|k| {
-            BY_SECOND[k] * seconds + BY_METRE[k] * way.length() + BY_RADIAN[k] * turn.length()
+            VARIANCE_PER_SECOND[k] * seconds
+                + VARIANCE_PER_METRE[k] * metres
+                + VARIANCE_PER_RADIAN[k] * radians
         });
-        let moved = times(&times(&jacobian, &self.covariance), &transposed(&jacobian));
-        // Knowledge never gets worse than none.
-        let mut grown = with_diagonal(moved, grown);
+        let propagated = times(&times(&jacobian, &self.covariance), &transposed(&jacobian));
+        // The covariance never exceeds the initial one.
+        let mut grown = with_diagonal(propagated, grown);
         let excess = (0..6)
-            .map(|i| grown[i][i] / UNKNOWN[i / 3].powi(2))
+            .map(|i| grown[i][i] / INITIAL_SIGMA[i / 3].powi(2))
             .fold(1.0, f64::max);
         grown.iter_mut().flatten().for_each(|v| *v /= excess);
         self.covariance = grown;
     }
 
-    /// The pose of a picture without markers.
+    /// Returns the pose of a picture without markers.
     pub fn unseen(&mut self, tracked: Tracked) -> (RigidTransform, Verdict) {
-        self.of_pose = self.covariance_with(tracked.noise);
+        self.pose_covariance = self.covariance_with(tracked.noise);
         (self.apply(tracked.world_from_camera), Verdict::NothingSeen)
     }
 
-    /// Takes the pose by markers, and gives the best pose for this picture: the tracker's
-    /// noise is this picture's alone and is not learnt.
+    /// Updates the correction with the pose by markers, and returns the best pose of this picture.
+    /// The tracker's noise is independent between pictures, so it does not enter the correction.
     pub fn update(
         &mut self,
         tracked: Tracked,
@@ -141,110 +156,112 @@ impl Correction {
         seconds: f64,
     ) -> (RigidTransform, Verdict) {
         let expected = self.apply(tracked.world_from_camera);
-        let marked = seen.camera_from_frame.inverse();
-        let (turn, shift) = difference(&expected, &marked);
-        let z = [turn.x, turn.y, turn.z, shift.x, shift.y, shift.z];
-        let markers = self.noise_of(&marked, seen);
-        let noise = tracked.noise;
-        let prior = self.covariance_with(noise);
-        self.of_pose = prior;
+        let by_markers = seen.camera_from_frame.inverse();
+        let (r, t) = difference(&expected, &by_markers);
+        let innovation = [r.x, r.y, r.z, t.x, t.y, t.z];
+        let markers = self.marker_covariance(&by_markers, seen);
+        let prior = self.covariance_with(tracked.noise);
+        self.pose_covariance = prior;
         let Some(weight) = inverse(&added(&prior, &markers)) else {
             return (expected, Verdict::Rejected);
         };
-        let weighted = multiplied(&weight, &z);
-        let distance: f64 = z.iter().zip(weighted).map(|(a, b)| a * b).sum();
+        let weighted = multiplied(&weight, &innovation);
+        let distance: f64 = innovation.iter().zip(weighted).map(|(a, b)| a * b).sum();
         if distance.is_nan() || distance > GATE {
-            return self.doubt(tracked, marked, (&markers, seconds), expected);
+            return self.reject(tracked, by_markers, (&markers, seconds), expected);
         }
-        self.suspect = None;
-        let best = multiplied(&prior, &weighted);
-        let learnt = multiplied(&self.covariance, &weighted);
-        let corrected = nudged_by(expected, &learnt);
+        self.outlier = None;
+        let pose_step = multiplied(&prior, &weighted);
+        let correction_step = multiplied(&self.covariance, &weighted);
+        let corrected = moved_by(expected, &correction_step);
         self.corrected_from_tracked = corrected * tracked.world_from_camera.inverse();
-        self.of_pose = reduced(&prior, &weight);
+        self.pose_covariance = reduced(&prior, &weight);
         self.covariance = reduced(&self.covariance, &weight);
-        (nudged_by(expected, &best), Verdict::Taken)
+        (moved_by(expected, &pose_step), Verdict::Taken)
     }
 
-    /// A pose that cannot be. If those after it agree with it, what was known is wrong.
-    fn doubt(
+    /// Rejects an outlier. After enough successive consistent outliers, resets the filter instead.
+    fn reject(
         &mut self,
         tracked: Tracked,
-        marked: RigidTransform,
+        by_markers: RigidTransform,
         (markers, seconds): (&Matrix<6>, f64),
         expected: RigidTransform,
     ) -> (RigidTransform, Verdict) {
         let tracked = tracked.world_from_camera;
-        let implied = marked * tracked.inverse();
-        let agrees = self.suspect.is_some_and(|(before, _)| {
-            let (turn, shift) = difference(&(before * tracked), &marked);
+        let implied = by_markers * tracked.inverse();
+        let is_consistent = self.outlier.is_some_and(|(before, _)| {
+            let (rotation, translation) = difference(&(before * tracked), &by_markers);
             let slack = |k: usize| 3.0 * self.speed[1 - k] * seconds * 0.1;
-            let within = |off: DVec3, k: usize| {
+            let within = |error: DVec3, k: usize| {
                 let variance: f64 = (3 * k..3 * k + 3).map(|i| markers[i][i]).sum();
-                off.length() <= 3.0 * (2.0 * variance).sqrt() + slack(k)
+                error.length() <= 3.0 * (2.0 * variance).sqrt() + slack(k)
             };
-            within(turn, 0) && within(shift, 1)
+            within(rotation, 0) && within(translation, 1)
         });
-        let count = self.suspect.filter(|_| agrees).map_or(1, |(_, n)| n + 1);
-        if count < OVERRULING {
-            self.suspect = Some((implied, count));
+        let consistent = self.outlier.filter(|_| is_consistent);
+        let count = consistent.map_or(1, |(_, n)| n + 1);
+        if count < MIN_CONSISTENT_OUTLIERS {
+            self.outlier = Some((implied, count));
             return (expected, Verdict::Rejected);
         }
         *self = Self {
             corrected_from_tracked: implied,
             covariance: *markers,
-            of_pose: *markers,
-            suspect: None,
+            pose_covariance: *markers,
+            outlier: None,
             speed: self.speed,
         };
-        (marked, Verdict::Overruled)
+        (by_markers, Verdict::Overruled)
     }
 
     /// Covariance of a pose by markers, world axes.
-    fn noise_of(&self, marked: &RigidTransform, seen: &PoseEstimate) -> Matrix<6> {
-        let [metres, radians] = self.speed.map(|v| v * TIMING);
-        let [turn, place] = MARKERS_FLOOR;
+    fn marker_covariance(&self, by_markers: &RigidTransform, seen: &PoseEstimate) -> Matrix<6> {
+        let [metres, radians] = self.speed.map(|v| v * TIMING_SIGMA_SECONDS);
+        let [rotation, position] = MARKER_SIGMA;
+        let scatter = seen.covariance;
+        let corners = scatter.map(|row| row.map(|v| v * CORNER_CORRELATION));
         with_diagonal(
-            in_world(
-                marked,
-                &seen.covariance.map(|row| row.map(|v| v * TOGETHER)),
-            ),
+            in_world(by_markers, &corners),
             [
-                turn * turn + radians * radians,
-                place * place + metres * metres,
+                rotation * rotation + radians * radians,
+                position * position + metres * metres,
             ],
         )
     }
 }
 
-/// P − P W P, symmetric whatever rounding does.
+/// P − P W P, exactly symmetric.
 fn reduced(p: &Matrix<6>, weight: &Matrix<6>) -> Matrix<6> {
     let taken = times(&times(p, weight), p);
     std::array::from_fn(|i| std::array::from_fn(|j| p[i][j] - 0.5 * (taken[i][j] + taken[j][i])))
 }
 
-fn nudged_by(pose: RigidTransform, by: &[f64; 6]) -> RigidTransform {
-    nudged(
+fn moved_by(pose: RigidTransform, by: &[f64; 6]) -> RigidTransform {
+    moved(
         pose,
         DVec3::new(by[0], by[1], by[2]),
         DVec3::new(by[3], by[4], by[5]),
     )
 }
 
-/// Covariance of [`PoseEstimate`] (a motion ξ in the camera's frame before `camera_from_world`)
-/// as that of `world_from_camera`'s error: its inverse is T⁻¹ exp(−ξ), so θ = −R ω and
-/// p = −R v.
+/// Converts the covariance of a [`PoseEstimate`] (a motion ξ = (ω, v) in the camera's frame, after
+/// `camera_from_world`) to that of `world_from_camera`'s error: the inverse pose is T⁻¹ exp(−ξ), so
+/// θ = −R ω and p = −R v.
 pub(super) fn in_world(world_from_camera: &RigidTransform, covariance: &Matrix<6>) -> Matrix<6> {
-    turned(matrix(world_from_camera.rotation), covariance)
+    rotated(DMat3::from_quat(world_from_camera.rotation), covariance)
 }
 
-/// The way back of [`in_world`].
+/// Inverse of [`in_world`].
 pub(super) fn in_camera(world_from_camera: &RigidTransform, covariance: &Matrix<6>) -> Matrix<6> {
-    turned(matrix(world_from_camera.rotation.inverse()), covariance)
+    rotated(
+        DMat3::from_quat(world_from_camera.rotation.inverse()),
+        covariance,
+    )
 }
 
-/// Both halves of a covariance in other axes.
-fn turned(rotation: DMat3, covariance: &Matrix<6>) -> Matrix<6> {
+/// Rotates the axes of a covariance.
+fn rotated(rotation: DMat3, covariance: &Matrix<6>) -> Matrix<6> {
     let mut both = [[0.0; 6]; 6];
     for i in 0..3 {
         for j in 0..3 {
@@ -283,10 +300,10 @@ fn multiplied(a: &Matrix<6>, x: &[f64; 6]) -> [f64; 6] {
     std::array::from_fn(|i| (0..6).map(|k| a[i][k] * x[k]).sum())
 }
 
-/// With variances added: rotation's, then place's.
-fn with_diagonal(mut a: Matrix<6>, [turn, place]: [f64; 2]) -> Matrix<6> {
+/// Adds variances of rotation and position to the diagonal.
+fn with_diagonal(mut a: Matrix<6>, [rotation, position]: [f64; 2]) -> Matrix<6> {
     for (i, row) in a.iter_mut().enumerate() {
-        row[i] += if i < 3 { turn } else { place };
+        row[i] += if i < 3 { rotation } else { position };
     }
     a
 }

@@ -1,118 +1,109 @@
-//! Hybrid registration: a 6-DOF tracker gives the camera's pose, markers in its picture take
-//! the tracker's drift and distortion away.
+//! Hybrid registration: a 6-DOF tracker measures the camera's pose, and markers in the camera's
+//! picture correct the tracker's drift and distortion.
 //!
-//! `correction` estimates what the tracker is off by, with its uncertainty, and keeps marker
-//! poses that cannot be out of it. `following` lets what is drawn follow that estimate no
-//! faster than the eye forgives. [`Fusion`] does both from picture to picture, and goes on
-//! with whichever of the two sources there is.
+//! `correction` estimates the tracker's error with its uncertainty and rejects outlying marker poses.
+//! `rate_limit` moves the displayed pose towards the estimate slowly enough not to be noticed.
+//! [`Fusion`] runs both from picture to picture, and continues with one source where the other is
+//! missing. `motion` holds the small motions that they share.
 
 mod correction;
-mod following;
+mod motion;
+mod rate_limit;
 
 use correction::Correction;
-pub use correction::Verdict;
-use following::Following;
-pub use following::apart_pixels;
-use glam::{DMat3, DQuat, DVec3};
+pub use correction::{Tracked, Verdict};
+use glam::DVec3;
 use penumbra_camera::PinholeCamera;
 use penumbra_fiducials::PoseEstimate;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_numerics::fixed_size::Matrix;
+use rate_limit::RateLimiter;
+pub use rate_limit::apart_pixels;
 
-/// Longer without any pose, and what comes next is drawn where it belongs at once, seconds.
-const PAUSE: f64 = 0.5;
+/// Pause after which the displayed pose jumps to the estimate, seconds.
+const MAX_PAUSE_SECONDS: f64 = 0.5;
 
-/// The camera's pose by the tracker.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Tracked {
-    /// `world_from_camera`.
-    pub world_from_camera: RigidTransform,
-    /// Standard deviations of its noise along an axis: metres, radians. Not what it is off by
-    /// for longer: that is what markers are for.
-    pub noise: [f64; 2],
-}
-
-/// Standard deviations of a pose, each over all axes, and of what is drawn by it.
+/// Standard deviations of a pose.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PoseSigma {
-    /// Place, metres.
+    /// Position, over all axes, metres.
     pub metres: f64,
-    /// Direction, radians.
+    /// Orientation, over all axes, radians.
     pub radians: f64,
-    /// Of the picture of a point at the typical distance, along an axis, pixels.
+    /// Picture of a point at the typical distance, per axis, pixels.
     pub pixels: f64,
 }
 
-/// What a pose comes from.
+/// The source of a pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Source {
-    /// The tracker, and no marker has ever corrected it.
+    /// The tracker; no marker has corrected it yet.
     Tracker,
     /// The tracker, corrected by markers.
     Corrected {
-        /// Seconds since markers last did.
+        /// Time since the last correction, seconds.
         age: f64,
     },
     /// Markers alone.
     Markers,
 }
 
-/// The camera's pose.
+/// The camera's pose by hybrid registration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fused {
-    /// What to draw by: `world_from_camera`.
+    /// The pose to render with: `world_from_camera`.
     pub world_from_camera: RigidTransform,
-    /// What it comes from.
+    /// Its source.
     pub source: Source,
-    /// How sure it is; `None` where the tracker has never been compared with anything.
+    /// Its standard deviations; `None` if the tracker has never been compared with markers.
     pub sigma: Option<PoseSigma>,
-    /// How far what is drawn is still behind what is known, pixels at the typical distance.
+    /// Remaining distance from the displayed pose to the estimate, pixels at the typical distance.
     pub behind: f64,
-    /// What the tracker is off by: metres at the camera, radians.
+    /// Size of the correction: metres at the camera, radians.
     pub correction: Option<[f64; 2]>,
-    /// What became of the picture's markers.
+    /// Assessment of the picture's markers.
     pub verdict: Verdict,
 }
 
-/// Fuses, picture by picture. Does not allocate.
+/// Registers a camera by tracker and markers, picture by picture. Does not allocate.
 #[derive(Clone, Debug)]
 pub struct Fusion {
     camera: PinholeCamera,
-    /// What the objects stand about, world, metres: pixels are told for its distance.
+    /// Centre of the objects, world, metres. Errors in pixels refer to its distance.
     middle: DVec3,
     correction: Correction,
-    following: Following,
-    /// When the picture before was taken.
+    displayed: RateLimiter,
+    /// Time of the previous picture.
     last: Option<MonotonicTime>,
-    /// The tracker's last word, in whichever picture that was.
+    /// The tracker's most recent pose and the time of its picture.
     tracked: Option<(MonotonicTime, RigidTransform)>,
     corrected_at: Option<MonotonicTime>,
 }
 
 impl Fusion {
-    /// For pictures of `camera`; `middle` of what is looked at, world, metres.
+    /// Creates the registration of `camera`. `middle`: centre of the objects, world, metres.
     #[must_use]
     pub const fn new(camera: PinholeCamera, middle: DVec3) -> Self {
         Self {
             camera,
             middle,
             correction: Correction::new(),
-            following: Following::new(),
+            displayed: RateLimiter::new(),
             last: None,
             tracked: None,
             corrected_at: None,
         }
     }
 
-    /// Where the camera is by what is known before this picture's markers are looked at: what
-    /// tells the two poses of a single marker apart.
+    /// Predicts the camera's pose before the picture's markers are used: it resolves the ambiguity
+    /// of a single marker.
     #[must_use]
     pub fn expected(&self, tracked: Option<RigidTransform>) -> Option<RigidTransform> {
         Some(self.correction.apply(tracked?))
     }
 
-    /// The pose at the instant of a picture, by what the tracker says of it and what the
-    /// markers in it say (`camera_from_world`). `None` where neither says anything.
+    /// Estimates the pose of a picture taken at `at` from the tracker's pose and the pose by the
+    /// picture's markers (`camera_from_world`). `None` if both are missing.
     pub fn step(
         &mut self,
         at: MonotonicTime,
@@ -124,13 +115,13 @@ impl Fusion {
         self.last = Some(at);
         let Some(tracked) = tracked else {
             if seen.is_none() {
-                self.following = Following::new();
+                self.displayed = RateLimiter::new();
             }
             return self.by_markers(seen?, seconds);
         };
         let now = tracked.world_from_camera;
-        let told = self.tracked.replace((at, now));
-        let (then, from) = told.unwrap_or((at, now));
+        let previous = self.tracked.replace((at, now));
+        let (then, from) = previous.unwrap_or((at, now));
         self.correction
             .predict((from, now), at.seconds_since(then).max(0.0));
         let (target, verdict) = match seen {
@@ -146,33 +137,33 @@ impl Fusion {
         } else {
             0.0
         };
-        let believed = seen.filter(|_| verdict != Verdict::Rejected);
-        let marked = believed.map(|s| s.camera_from_frame.inverse());
-        let drawn = self.following.follow(
+        let accepted = seen.filter(|_| verdict != Verdict::Rejected);
+        let by_markers = accepted.map(|s| s.camera_from_frame.inverse());
+        let displayed = self.displayed.approach(
             (&self.camera, distance),
             target,
-            (Some(tracked.world_from_camera), marked),
+            (Some(tracked.world_from_camera), by_markers),
             (seconds, motion),
         );
         let age = self.corrected_at.map(|then| at.seconds_since(then));
         Some(Fused {
-            world_from_camera: drawn,
+            world_from_camera: displayed,
             source: age.map_or(Source::Tracker, |age| Source::Corrected { age }),
             sigma: age.map(|_| {
-                let covariance = self.correction.of_pose();
+                let covariance = self.correction.pose_covariance();
                 sigma_of(&self.camera, &target, covariance, self.middle)
             }),
-            behind: apart_pixels(&self.camera, drawn, target, distance),
+            behind: apart_pixels(&self.camera, displayed, target, distance),
             correction: age.map(|_| self.correction.size_at(tracked.world_from_camera)),
             verdict,
         })
     }
 
-    /// The tracker is silent.
+    /// Registers by markers alone.
     fn by_markers(&mut self, seen: &PoseEstimate, seconds: f64) -> Option<Fused> {
         let target = seen.camera_from_frame.inverse();
         let distance = self.distance(&target);
-        let drawn = self.following.follow(
+        let displayed = self.displayed.approach(
             (&self.camera, distance),
             target,
             (None, Some(target)),
@@ -180,22 +171,22 @@ impl Fusion {
         );
         let covariance = correction::in_world(&target, &seen.covariance);
         Some(Fused {
-            world_from_camera: drawn,
+            world_from_camera: displayed,
             source: Source::Markers,
             sigma: Some(sigma_of(&self.camera, &target, &covariance, self.middle)),
-            behind: apart_pixels(&self.camera, drawn, target, distance),
+            behind: apart_pixels(&self.camera, displayed, target, distance),
             correction: None,
             verdict: Verdict::Taken,
         })
     }
 
-    /// A stream that jumps in time, or a long pause, begins anew: what is drawn then need not
-    /// go on from anything. What is known of the tracker stays.
+    /// Returns the time since the previous picture. After a long pause or a jump in time the
+    /// displayed pose starts again; a jump back also resets the correction.
     fn seconds_since_last(&mut self, at: MonotonicTime) -> f64 {
         let Some(last) = self.last else { return 0.0 };
         let seconds = at.seconds_since(last);
-        if !(0.0..PAUSE).contains(&seconds) {
-            self.following = Following::new();
+        if !(0.0..MAX_PAUSE_SECONDS).contains(&seconds) {
+            self.displayed = RateLimiter::new();
             if seconds < 0.0 {
                 self.correction = Correction::new();
                 self.tracked = None;
@@ -205,15 +196,15 @@ impl Fusion {
         seconds.max(0.0)
     }
 
-    /// To what is looked at, metres, as far as that is in front.
+    /// Distance of the objects' centre along the optical axis, metres, limited to 0.1 to 10.
     fn distance(&self, world_from_camera: &RigidTransform) -> f64 {
         let z = world_from_camera.inverse().transform_point(self.middle).z;
         z.clamp(0.1, 10.0)
     }
 }
 
-/// Standard deviations of a pose from the covariance of its error (rotation vector and
-/// camera's place, world axes).
+/// Standard deviations of a pose from the covariance of its error (rotation vector and camera's
+/// position, world axes).
 fn sigma_of(
     camera: &PinholeCamera,
     world_from_camera: &RigidTransform,
@@ -227,7 +218,7 @@ fn sigma_of(
         worst: 0.0,
     };
     let (radians, metres) = estimate.sigmas();
-    // Behind the camera: of a point as far away before it.
+    // For a point behind the camera: a point at the same distance in front.
     let z = world_from_camera.inverse().transform_point(point).z;
     let ahead = world_from_camera.transform_point(DVec3::new(0.0, 0.0, z.abs().max(0.1)));
     let shown = if z > 0.1 { point } else { ahead };
@@ -236,26 +227,6 @@ fn sigma_of(
         radians,
         pixels: estimate.sigma_at(camera, shown),
     }
-}
-
-/// R(turn) after `pose`, about the camera's place, which moves by `shift`.
-fn nudged(pose: RigidTransform, turn: DVec3, shift: DVec3) -> RigidTransform {
-    RigidTransform::new(
-        (DQuat::from_scaled_axis(turn) * pose.rotation).normalize(),
-        pose.translation + shift,
-    )
-}
-
-/// The rotation vector and shift with `nudged(from, …) = to`.
-fn difference(from: &RigidTransform, to: &RigidTransform) -> (DVec3, DVec3) {
-    let turn = to.rotation * from.rotation.inverse();
-    let turn = if turn.w < 0.0 { -turn } else { turn };
-    (turn.to_scaled_axis(), to.translation - from.translation)
-}
-
-/// Rotation matrix of a unit quaternion.
-fn matrix(rotation: DQuat) -> DMat3 {
-    DMat3::from_quat(rotation)
 }
 
 #[cfg(test)]

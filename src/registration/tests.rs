@@ -1,16 +1,18 @@
 #![allow(clippy::unwrap_used)]
-use super::following::{AT_REST, OF_MOTION};
 use super::*;
+use crate::motion::moved;
+use crate::rate_limit::{MAX_SHARE_OF_MOTION, MAX_SPEED_AT_REST};
+use glam::{DMat3, DQuat};
 use penumbra_fiducials::{Match, refine, synthetic};
 use penumbra_numerics::Random;
 
 const RATE: f64 = 30.0;
-/// What is looked at.
+/// Centre of the objects.
 const MIDDLE: DVec3 = DVec3::new(0.05, 0.03, 0.04);
 
-/// A hand-held camera that goes about, rests, and goes on.
+/// Ground truth: a hand-held camera that moves and rests in turn.
 fn truth(seconds: f64) -> RigidTransform {
-    // Rests for a second of every four.
+    // Rests in one second out of four.
     let phase = (seconds / 4.0).floor() * 3.0 + (seconds % 4.0).min(3.0);
     let eye = DVec3::new(
         0.35 * (0.7 * phase).cos(),
@@ -23,8 +25,8 @@ fn truth(seconds: f64) -> RigidTransform {
     RigidTransform::new(DQuat::from_mat3(&axes), eye)
 }
 
-/// What an electromagnetic tracker is off by: a field bent by a metal table, and drift.
-fn bent(pose: RigidTransform, seconds: f64, strength: f64) -> RigidTransform {
+/// Adds the error of an electromagnetic tracker: distortion by a metal table, and drift.
+fn distorted(pose: RigidTransform, seconds: f64, strength: f64) -> RigidTransform {
     let x = pose.translation;
     let bend = DVec3::new(
         0.006 * (4.0 * x.x).sin() + 0.004 * x.z,
@@ -37,7 +39,7 @@ fn bent(pose: RigidTransform, seconds: f64, strength: f64) -> RigidTransform {
         0.006 * (4.0 * x.x).cos(),
     );
     let drift = 1e-4 * seconds;
-    nudged(
+    moved(
         pose,
         (turn + DVec3::splat(drift)) * strength,
         (bend + DVec3::splat(drift)) * strength,
@@ -48,7 +50,7 @@ const NOISE: [f64; 2] = [2e-4, 3e-4];
 
 fn tracked(pose: RigidTransform, random: &mut Random) -> Tracked {
     Tracked {
-        world_from_camera: nudged(
+        world_from_camera: moved(
             pose,
             random.normal3() * NOISE[1],
             random.normal3() * NOISE[0],
@@ -57,7 +59,7 @@ fn tracked(pose: RigidTransform, random: &mut Random) -> Tracked {
     }
 }
 
-/// What corners of two tags beside the object, each with noise of so many pixels, say.
+/// Pose by two tags beside the object, from corners with noise of `pixels`.
 fn marked(pose: RigidTransform, pixels: f64, random: &mut Random) -> Option<PoseEstimate> {
     let camera = synthetic::camera();
     let from_world = pose.inverse();
@@ -73,8 +75,8 @@ fn marked(pose: RigidTransform, pixels: f64, random: &mut Random) -> Option<Pose
     refine(&camera, from_world, &matches)
 }
 
-/// Where corners of the object's box are drawn, against where they belong, pixels.
-fn errors(drawn: RigidTransform, truth: RigidTransform) -> [glam::DVec2; 8] {
+/// Errors of the displayed corners of the object's box, pixels.
+fn corner_errors(drawn: RigidTransform, truth: RigidTransform) -> [glam::DVec2; 8] {
     let camera = synthetic::camera();
     std::array::from_fn(|i| {
         let sign = |bit: usize| if i >> bit & 1 == 1 { 0.05 } else { -0.05 };
@@ -87,70 +89,69 @@ fn errors(drawn: RigidTransform, truth: RigidTransform) -> [glam::DVec2; 8] {
     })
 }
 
-/// Root mean square error, and the largest change of it from one picture to the next that the
-/// bound on sliding does not explain.
+/// Statistics of the displayed errors.
 #[derive(Debug, Default)]
-struct Account {
+struct Errors {
     squares: f64,
     count: f64,
     worst: f64,
     jump: f64,
-    /// Of (error / stated sigma)².
-    honesty: f64,
+    /// Sum of (error / stated standard deviation)².
+    normalised: f64,
     stated: f64,
     rejected: u32,
 }
 
-impl Account {
+impl Errors {
     fn rms(&self) -> f64 {
         (self.squares / self.count).sqrt()
     }
 }
 
-/// `strength` of the tracker's bending; which pictures show markers, and whether the tracker
-/// speaks then.
+/// Simulates pictures with a tracker distorted by `strength`. `shows` returns whether a picture shows
+/// markers and whether the tracker measures; `outliers` is the share of wrong marker poses.
 fn run(
     seconds: std::ops::Range<f64>,
     strength: f64,
     shows: impl Fn(f64, &mut Random) -> (bool, bool),
     outliers: f64,
-) -> Account {
+) -> Errors {
     let mut random = Random::new(11);
-    let mut fusion = Fusion::new(synthetic::camera(), MIDDLE);
-    let mut account = Account::default();
+    let mut registration = Fusion::new(synthetic::camera(), MIDDLE);
+    let mut errors = Errors::default();
     let mut last: Option<([glam::DVec2; 8], RigidTransform)> = None;
     let frames = (seconds.end * RATE) as i64;
     for k in 0..frames {
         let t = k as f64 / RATE;
         let pose = truth(t);
-        let (shown, speaks) = shows(t, &mut random);
-        let by_tracker = tracked(bent(pose, t, strength), &mut random);
+        let (shown, tracks) = shows(t, &mut random);
+        let by_tracker = tracked(distorted(pose, t, strength), &mut random);
         let mut seen = marked(pose, 0.15, &mut random).filter(|_| shown);
         if random.uniform() < outliers
             && let Some(seen) = &mut seen
         {
-            // The other pose of a single marker, or a marker that was moved.
-            let wrong = nudged(pose, random.normal3() * 0.2, random.normal3() * 0.05);
+            // The wrong one of a single marker's two poses, or a marker that was moved.
+            let wrong = moved(pose, random.normal3() * 0.2, random.normal3() * 0.05);
             seen.camera_from_frame = wrong.inverse();
         }
         let at = MonotonicTime::from_nanos((t * 1e9) as i64);
-        let fused = fusion.step(at, speaks.then_some(by_tracker), seen.as_ref());
+        let fused = registration.step(at, tracks.then_some(by_tracker), seen.as_ref());
         let Some(fused) = fused else {
             last = None;
             continue;
         };
-        account.rejected += u32::from(fused.verdict == Verdict::Rejected);
-        let off = errors(fused.world_from_camera, pose);
+        errors.rejected += u32::from(fused.verdict == Verdict::Rejected);
+        let off = corner_errors(fused.world_from_camera, pose);
         if t >= seconds.start {
             for e in off {
-                account.squares += e.length_squared();
-                account.count += 1.0;
-                account.worst = account.worst.max(e.length());
+                errors.squares += e.length_squared();
+                errors.count += 1.0;
+                errors.worst = errors.worst.max(e.length());
             }
             if let Some(sigma) = fused.sigma {
                 let mean = off.iter().map(|e| e.length_squared()).sum::<f64>() / 16.0;
-                account.honesty += mean / sigma.pixels.powi(2);
-                account.stated += 1.0;
+                errors.normalised += mean / sigma.pixels.powi(2);
+                errors.stated += 1.0;
             }
         }
         if let Some((before, from)) = last {
@@ -158,15 +159,15 @@ fn run(
             let motion = apart_pixels(&camera, from, pose, 0.6);
             let slid = off.iter().zip(before).map(|(a, b)| (*a - b).length());
             let slid = slid.fold(0.0, f64::max);
-            account.jump = account.jump.max(slid - OF_MOTION * motion);
+            errors.jump = errors.jump.max(slid - MAX_SHARE_OF_MOTION * motion);
         }
         last = Some((off, pose));
     }
-    account
+    errors
 }
 
 #[test]
-fn markers_take_a_bent_fields_error_away() {
+fn markers_correct_field_distortion() {
     let alone = run(2.0..40.0, 1.0, |_, _| (false, true), 0.0);
     let both = run(2.0..40.0, 1.0, |_, _| (true, true), 0.0);
     println!(
@@ -181,54 +182,62 @@ fn markers_take_a_bent_fields_error_away() {
         both.rms(),
         both.worst
     );
-    let honesty = (both.honesty / both.stated).sqrt();
-    assert!((0.5..1.5).contains(&honesty), "{honesty}");
+    let normalised = (both.normalised / both.stated).sqrt();
+    assert!((0.5..1.5).contains(&normalised), "{normalised}");
 }
 
 #[test]
-fn nothing_jumps_where_markers_come_and_go() {
-    // Markers for a third of the time, from the third second.
+fn displayed_pose_does_not_jump_where_markers_appear_and_disappear() {
+    // Markers are visible a third of the time, from the third second.
     let shows =
         |t: f64, random: &mut Random| (t > 3.0 && t % 3.0 < 1.0 && random.uniform() < 0.8, true);
     let alone = run(8.0..60.0, 0.4, |_, _| (false, true), 0.0);
-    let account = run(8.0..60.0, 0.4, shows, 0.0);
+    let errors = run(8.0..60.0, 0.4, shows, 0.0);
     println!(
-        "alone {:.2} px, coming and going {account:?} {:.3} px",
+        "alone {:.2} px, coming and going {errors:?} {:.3} px",
         alone.rms(),
-        account.rms()
+        errors.rms()
     );
-    // The tracker's own noise moves things too: 3 sigma of two pictures.
-    assert!(account.jump < AT_REST / RATE + 2.0, "{}", account.jump);
-    assert!(account.rms() < 0.7 * alone.rms(), "{}", account.rms());
-}
-
-#[test]
-fn wrong_poses_are_kept_out() {
-    let account = run(2.0..40.0, 1.0, |_, _| (true, true), 0.1);
-    println!("outliers {account:?} {:.3} px", account.rms());
-    assert!(account.rejected > 60, "{}", account.rejected);
+    // The margin is the tracker's own noise: 3 standard deviations of two pictures.
     assert!(
-        account.rms() < 0.6 && account.worst < 3.0,
+        errors.jump < MAX_SPEED_AT_REST / RATE + 2.0,
+        "{}",
+        errors.jump
+    );
+    assert!(errors.rms() < 0.7 * alone.rms(), "{}", errors.rms());
+}
+
+#[test]
+fn rejects_outlying_marker_poses() {
+    let errors = run(2.0..40.0, 1.0, |_, _| (true, true), 0.1);
+    println!("outliers {errors:?} {:.3} px", errors.rms());
+    assert!(errors.rejected > 60, "{}", errors.rejected);
+    assert!(
+        errors.rms() < 0.6 && errors.worst < 3.0,
         "{} {}",
-        account.rms(),
-        account.worst
+        errors.rms(),
+        errors.worst
     );
 }
 
 #[test]
-fn either_source_suffices_while_the_other_is_silent() {
-    // The tracker pauses in every fifth second, the markers in every seventh.
+fn continues_with_one_source_while_the_other_is_missing() {
+    // The tracker is missing in every fifth second, the markers in every seventh.
     let shows = |t: f64, _: &mut Random| (t % 7.0 < 6.0, t % 5.0 < 4.0);
-    let account = run(2.0..70.0, 0.3, shows, 0.0);
-    println!("either {account:?} {:.3} px", account.rms());
-    assert!(account.rms() < 1.0, "{}", account.rms());
-    assert!(account.jump < AT_REST / RATE + 2.0, "{}", account.jump);
+    let errors = run(2.0..70.0, 0.3, shows, 0.0);
+    println!("either {errors:?} {:.3} px", errors.rms());
+    assert!(errors.rms() < 1.0, "{}", errors.rms());
+    assert!(
+        errors.jump < MAX_SPEED_AT_REST / RATE + 2.0,
+        "{}",
+        errors.jump
+    );
 }
 
 #[test]
-fn what_was_known_wrongly_is_overruled_and_slides_into_place() {
+fn consistent_outliers_reset_correction_without_a_jump() {
     let camera = synthetic::camera();
-    let mut fusion = Fusion::new(camera.clone(), MIDDLE);
+    let mut registration = Fusion::new(camera.clone(), MIDDLE);
     let mut random = Random::new(3);
     let pose = truth(3.5);
     let mut before: Option<RigidTransform> = None;
@@ -236,44 +245,44 @@ fn what_was_known_wrongly_is_overruled_and_slides_into_place() {
     for k in 0..600 {
         // The transmitter is knocked over at picture 100.
         let knock = if k < 100 { 0.0 } else { 0.02 };
-        let bumped = nudged(pose, DVec3::Z * knock, DVec3::X * knock);
+        let bumped = moved(pose, DVec3::Z * knock, DVec3::X * knock);
         let seen = marked(pose, 0.1, &mut random).unwrap();
         let at = MonotonicTime::from_nanos(i64::from(k) * 33_333_333);
         let clean = Tracked {
             world_from_camera: bumped,
             noise: [1e-5; 2],
         };
-        let fused = fusion.step(at, Some(clean), Some(&seen)).unwrap();
+        let fused = registration.step(at, Some(clean), Some(&seen)).unwrap();
         overruled += u32::from(fused.verdict == Verdict::Overruled);
         if let Some(before) = before
             && k != 100
         {
             let step = apart_pixels(&camera, before, fused.world_from_camera, 0.6);
-            assert!(step < 1.6 * AT_REST / RATE, "{k}: {step} px");
+            assert!(step < 1.6 * MAX_SPEED_AT_REST / RATE, "{k}: {step} px");
         }
         before = Some(fused.world_from_camera);
     }
     assert_eq!(overruled, 1);
-    let off = errors(before.unwrap(), pose)[0].length();
+    let off = corner_errors(before.unwrap(), pose)[0].length();
     assert!(off < 0.4, "{off} px");
 }
 
 #[test]
-fn a_tracker_that_was_never_compared_states_no_error_and_is_left_alone() {
-    let mut fusion = Fusion::new(synthetic::camera(), MIDDLE);
+fn tracker_without_markers_is_uncorrected_and_has_no_standard_deviation() {
+    let mut registration = Fusion::new(synthetic::camera(), MIDDLE);
     let pose = truth(1.0);
     let clean = Tracked {
         world_from_camera: pose,
         noise: NOISE,
     };
-    let fused = fusion
+    let fused = registration
         .step(MonotonicTime::from_nanos(0), Some(clean), None)
         .unwrap();
     assert_eq!(fused.source, Source::Tracker);
     assert_eq!(fused.sigma, None);
-    assert!(errors(fused.world_from_camera, pose)[0].length() < 1e-9);
+    assert!(corner_errors(fused.world_from_camera, pose)[0].length() < 1e-9);
     assert!(
-        fusion
+        registration
             .step(MonotonicTime::from_nanos(1), None, None)
             .is_none()
     );

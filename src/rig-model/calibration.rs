@@ -26,7 +26,7 @@ pub struct RigCalibration {
     pub tracker: Option<TrackerCalibration>,
     /// Pictures of the same colour chart taken by both cameras.
     pub chart: Option<PhotometricChart>,
-    /// Gains between the cameras as the photometric step found them.
+    /// Gains between the cameras as the radiometric step found them.
     pub gains: Option<CalibratedGains>,
 }
 

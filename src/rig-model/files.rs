@@ -7,7 +7,7 @@ use super::lens_files::{apply_lens_files, size_of_lens};
 use super::markers_file::apply_markers_file;
 use super::tracker_file::apply_tracker_file;
 use crate::CalibrationFileError;
-use crate::radiometric_file::apply_photometric_file;
+use crate::radiometric_file::apply_radiometric_file;
 use crate::{RigDocument, RigJsonError};
 use glam::{DMat4, Vec3};
 use penumbra_camera::MirrorSphere;
@@ -158,7 +158,7 @@ fn calibrated(
     // First: it may add the environment camera, whose lens has a file of its own.
     apply_environment_file(&mut rig, attachments)?;
     apply_lens_files(&mut rig, attachments)?;
-    apply_photometric_file(&mut rig, attachments)?;
+    apply_radiometric_file(&mut rig, attachments)?;
     apply_markers_file(&mut rig, attachments)?;
     apply_tracker_file(&mut rig, attachments)?;
     apply_latency_file(&mut rig, attachments)?;

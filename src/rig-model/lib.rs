@@ -8,7 +8,6 @@ mod calibration;
 pub mod environment_file;
 mod files;
 mod header;
-mod json_node;
 pub mod latency_file;
 pub mod lens_files;
 pub mod lens_record;
@@ -23,5 +22,6 @@ pub use calibration::{
 };
 pub use files::{Attachments, RigFilesError};
 pub use header::{CalibrationFileError, DeviceRecord, Grade, Header, VERSION};
-pub use json_node::RigJsonError;
-pub use rig_json::{EnvironmentSource, Marker, ObjectPlacement, PhantomPlacement, RigDocument};
+pub use rig_json::{
+    EnvironmentSource, Marker, ObjectPlacement, PhantomPlacement, RigDocument, RigJsonError,
+};

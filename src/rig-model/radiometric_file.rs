@@ -1,4 +1,4 @@
-//! What the photometric step found takes the place of what `rig.json` says of colour and
+//! What the radiometric step found takes the place of what `rig.json` says of colour and
 //! brightness.
 
 use crate::CalibrationFileError;
@@ -13,13 +13,15 @@ use penumbra_white_balance::{CalibratedGains, GainEstimate};
 use serde::{Deserialize, Serialize};
 
 /// Beside `rig.json`.
-pub const PHOTOMETRIC: &str = "calibration/photometric.json";
+pub const RADIOMETRIC: &str = "calibration/radiometric.json";
+/// What earlier versions called it.
+const OLD_NAME: &str = "calibration/photometric.json";
 /// The step's name.
-pub const STEP: &str = "photometric";
+pub const STEP: &str = "radiometric";
 
 /// The file.
 #[derive(Clone, Debug, Deserialize, Serialize)]
-pub struct PhotometricRecord {
+pub struct RadiometricRecord {
     /// Of which step, when, how good.
     #[serde(flatten)]
     pub header: Header,
@@ -116,15 +118,24 @@ pub struct GainsRecord {
 ///
 /// # Errors
 /// A file that cannot be read, was refused when it was made, or holds what no camera can have.
-pub fn apply_photometric_file<'a>(
+pub fn apply_radiometric_file<'a>(
     rig: &mut RigDocument,
     attachments: &dyn Fn(&str) -> Option<&'a [u8]>,
 ) -> Result<(), CalibrationFileError> {
-    let Some(bytes) = attachments(PHOTOMETRIC) else {
+    if attachments(OLD_NAME).is_some() {
+        return Err(CalibrationFileError::Unusable {
+            file: OLD_NAME.to_owned(),
+            reason: format!(
+                "the step is now called `{STEP}`; rename the file to {RADIOMETRIC} and its \"step\" \
+                 to \"{STEP}\", or calibrate again"
+            ),
+        });
+    }
+    let Some(bytes) = attachments(RADIOMETRIC) else {
         return Ok(());
     };
-    let record: PhotometricRecord = parse(PHOTOMETRIC, bytes)?;
-    record.header.check(PHOTOMETRIC, STEP)?;
+    let record: RadiometricRecord = parse(RADIOMETRIC, bytes)?;
+    record.header.check(RADIOMETRIC, STEP)?;
     let rig = &mut rig.calibration;
     if let Some(response) = response(&record.scene_camera)? {
         rig.scene_camera.response = response;
@@ -225,7 +236,7 @@ fn gains(record: &GainsRecord) -> Result<CalibratedGains, CalibrationFileError> 
 
 fn unusable(reason: &str) -> CalibrationFileError {
     CalibrationFileError::Unusable {
-        file: PHOTOMETRIC.to_owned(),
+        file: RADIOMETRIC.to_owned(),
         reason: reason.to_owned(),
     }
 }
@@ -236,14 +247,14 @@ mod tests {
     use super::*;
     use penumbra_camera::PinholeCamera;
 
-    const HEAD: &str = "\"penumbra_calibration\":1,\"step\":\"photometric\",\"date\":\"\",\
+    const HEAD: &str = "\"penumbra_calibration\":1,\"step\":\"radiometric\",\"date\":\"\",\
                         \"verdict\":\"good\"";
 
     fn applied(rest: &str) -> Result<RigDocument, String> {
         let bytes = format!("{{{HEAD},{rest}}}").into_bytes();
         let mut rig = RigDocument::uncalibrated(640, 480);
-        apply_photometric_file(&mut rig, &|name| {
-            (name == PHOTOMETRIC).then_some(bytes.as_slice())
+        apply_radiometric_file(&mut rig, &|name| {
+            (name == RADIOMETRIC).then_some(bytes.as_slice())
         })
         .map_err(|e| e.to_string())?;
         Ok(rig)
@@ -266,6 +277,21 @@ mod tests {
         assert_eq!(code, 128);
         let gains = rig.calibration.gains.unwrap();
         assert_eq!(gains.estimate.gains, DVec3::new(1.5, 1.0, 2.0));
+    }
+
+    #[test]
+    fn a_file_with_the_old_name_is_refused_with_the_new_one() {
+        let mut rig = RigDocument::uncalibrated(640, 480);
+        let error = apply_radiometric_file(&mut rig, &|name| {
+            (name == "calibration/photometric.json").then_some(b"{}".as_slice())
+        })
+        .unwrap_err()
+        .to_string();
+        assert!(
+            error.starts_with("calibration/photometric.json: "),
+            "{error}"
+        );
+        assert!(error.contains(RADIOMETRIC), "{error}");
     }
 
     #[test]
@@ -292,7 +318,7 @@ mod tests {
         ] {
             let error = applied(rest).unwrap_err();
             assert!(
-                error.starts_with(PHOTOMETRIC) && error.contains(says),
+                error.starts_with(RADIOMETRIC) && error.contains(says),
                 "{error}"
             );
         }

@@ -1,264 +1,113 @@
-//! `rig.json`: what the owner of a rig wrote down about it, read into
-//! [`RigCalibration`] and the list of what stands in the scene.
+//! `rig.json`: the owner's description of a rig, read into [`RigCalibration`] and the list of
+//! objects in the scene.
 //!
-//! `T_a_b` in the file maps coordinates in b to a, as `a_from_b` does here. Unknown keys
-//! are passed over, because the file also carries notes for other tools.
-
-use super::json_node::Node;
-pub use super::json_node::RigJsonError;
-use crate::{EnvironmentCamera, RigCalibration, SceneCamera};
-use cameras::{chart, environment_camera, scene_camera, sphere, tracker};
-use glam::{DMat4, DVec2, Vec3};
-use penumbra_camera::{EnvironmentView, MirrorSphere};
-use penumbra_camera::{PinholeCamera, Response};
-use penumbra_fiducials::{Tag, UnknownFamily};
-use penumbra_interface::RigidTransform;
-use penumbra_scene::lamps::MOST_LAMPS;
-use penumbra_scene::{GroundPlane, VirtualLight};
-use things::{ground, marker, object, phantom, virtual_light};
+//! `T_a_b` in the file maps coordinates in b to a, as `a_from_b` does here. Unknown keys are
+//! ignored, because the file also carries notes for other tools. serde derives the reading from
+//! the structs of `cameras` and `objects`, whose `values` check their ranges; serde_path_to_error
+//! adds the complete path of the key to each `error`.
 
 mod cameras;
-mod things;
+mod document;
+mod error;
+mod objects;
+mod values;
 
-type Result<T> = std::result::Result<T, RigJsonError>;
+pub use document::{EnvironmentSource, Marker, ObjectPlacement, PhantomPlacement, RigDocument};
+pub use error::RigJsonError;
 
-/// No calibration is larger, bytes.
-const LARGEST_FILE: usize = 16 << 20;
+use crate::RigCalibration;
+use cameras::{ChartEntry, EnvironmentCameraEntry, SceneCameraEntry, SphereEntry, TrackerEntry};
+use objects::{GroundEntry, LightsEntry, MarkerEntry, ObjectEntry, PhantomEntry};
+use serde::Deserialize;
+use values::List;
 
-/// Everything a `rig.json` says.
-#[derive(Clone, Debug)]
-pub struct RigDocument {
-    /// Cameras, tracker, chart.
-    pub calibration: RigCalibration,
-    /// The mirrored ball, wherever the file mentions it.
-    pub mirror_sphere: Option<MirrorSphere>,
-    /// The virtual object, if the session brings one.
-    pub object: Option<ObjectPlacement>,
-    /// Proxies of real things.
-    pub phantoms: Vec<PhantomPlacement>,
-    /// The plane that everything stands on.
-    pub ground: Option<GroundPlane>,
-    /// Fiducials fixed in the world.
-    pub markers: Vec<Marker>,
-    /// Lights that shine on real things in the picture only.
-    pub virtual_lights: Vec<VirtualLight>,
-}
+/// Maximum size of the file, bytes.
+const MAX_FILE_BYTES: usize = 16 << 20;
 
-/// Where the virtual object's glTF goes.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ObjectPlacement {
-    /// Name of the attachment, e.g. `object/object.glb`.
-    pub file: String,
-    /// Maps the file's own coordinates (+Y up) to the world.
-    pub world_from_glb: DMat4,
-}
-
-/// One phantom object.
-#[derive(Clone, Debug, PartialEq)]
-pub struct PhantomPlacement {
-    /// For messages.
-    pub name: String,
-    /// Name of the PLY attachment.
-    pub file: String,
-    /// Maps the file's coordinates to the world.
-    pub world_from_file: DMat4,
-    /// The surface mirrors.
-    pub mirror: bool,
-    /// Linear diffuse reflectance, where known.
-    pub albedo: Option<Vec3>,
-}
-
-/// A printed fiducial.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Marker {
-    /// E.g. `tag36h11`.
-    pub family: String,
-    /// Number within the family.
-    pub id: u32,
-    /// Edge of the black border, metres.
-    pub size: f64,
-    /// Pose in the world: +Z into the paper.
-    pub world_from_marker: RigidTransform,
-}
-
-impl Marker {
-    /// As the registration has it.
-    ///
-    /// # Errors
-    /// A family that is not known.
-    pub fn tag(&self) -> std::result::Result<Tag, UnknownFamily> {
-        Ok(Tag {
-            family: self.family.parse()?,
-            id: self.id,
-            size: self.size,
-            map_from_tag: self.world_from_marker,
-        })
-    }
-}
-
-/// Which of a rig's views of the environment is used.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum EnvironmentSource {
-    /// The environment camera if it was recorded, else the sphere in the scene camera's
-    /// picture.
-    #[default]
-    Auto,
-    /// The environment camera.
-    Camera,
-    /// The mirrored sphere in the scene camera's own picture.
-    SphereInScene,
+/// The root of the file.
+#[derive(Deserialize)]
+#[serde(expecting = "an object with scene_camera")]
+struct RigEntry {
+    name: Option<String>,
+    scene_camera: SceneCameraEntry,
+    environment_camera: Option<EnvironmentCameraEntry>,
+    mirror_sphere: Option<SphereEntry>,
+    tracker: Option<TrackerEntry>,
+    photometric_chart: Option<ChartEntry>,
+    object: Option<ObjectEntry>,
+    phantoms: Option<List<PhantomEntry, 0, 1000>>,
+    ground_plane: Option<GroundEntry>,
+    markers: Option<List<MarkerEntry, 0, 10_000>>,
+    virtual_lights: Option<LightsEntry>,
 }
 
 impl RigDocument {
-    /// Of a rig that nobody has calibrated: its picture can be shown, and nothing in it.
-    #[must_use]
-    pub fn uncalibrated(width: u32, height: u32) -> Self {
-        let (w, h) = (f64::from(width), f64::from(height));
-        Self {
-            calibration: RigCalibration {
-                name: "uncalibrated".to_owned(),
-                scene_camera: SceneCamera {
-                    camera: PinholeCamera {
-                        width,
-                        height,
-                        // A usual lens: 60 degrees across.
-                        focal: DVec2::splat(w / 2.0 / 30_f64.to_radians().tan()),
-                        centre: DVec2::new(w - 1.0, h - 1.0) / 2.0,
-                        distortion: [0.0; 5],
-                    },
-                    response: Response::srgb(),
-                    vignetting: None,
-                    latency_nanos: 0,
-                },
-                environment: None,
-                sphere_marker: None,
-                tracker: None,
-                chart: None,
-                gains: None,
-            },
-            mirror_sphere: None,
-            object: None,
-            phantoms: Vec::new(),
-            ground: None,
-            markers: Vec::new(),
-            virtual_lights: Vec::new(),
-        }
-    }
-
     /// Reads the bytes of a `rig.json`.
-    pub fn parse(bytes: &[u8]) -> Result<Self> {
-        if bytes.len() > LARGEST_FILE {
+    ///
+    /// # Errors
+    /// The file is larger than 16 MiB or no JSON; a key is missing; a value has the wrong type, is
+    /// out of range or contradicts another.
+    pub fn parse(bytes: &[u8]) -> Result<Self, RigJsonError> {
+        if bytes.len() > MAX_FILE_BYTES {
             return Err(RigJsonError::TooLarge {
                 bytes: bytes.len(),
-                limit: LARGEST_FILE,
+                limit: MAX_FILE_BYTES,
             });
         }
-        let value = serde_json::from_slice(bytes).map_err(|e| RigJsonError::NotJson {
-            line: e.line(),
-            column: e.column(),
-            reason: e.to_string(),
-        })?;
-        document(&Node::root(&value))
+        let mut json = serde_json::Deserializer::from_slice(bytes);
+        let entry: RigEntry = serde_path_to_error::deserialize(&mut json)?;
+        json.end().map_err(RigJsonError::not_json)?;
+        entry.document()
     }
+}
 
-    /// Chooses the view of the environment. `camera_recorded` says whether there is a
-    /// stream of environment pictures. Without any usable view the calibration's
-    /// `environment` becomes `None`, unless one was asked for by name: then the missing
-    /// key is named.
-    pub fn select_environment(
-        &mut self,
-        source: EnvironmentSource,
-        camera_recorded: bool,
-    ) -> Result<()> {
-        let has_camera = self.calibration.environment.is_some();
-        match source {
-            EnvironmentSource::Camera if !has_camera => Err(RigJsonError::Missing {
-                path: "environment_camera".into(),
-                expected: "the configuration asks for [environment] source = \"camera\"",
-            }),
-            EnvironmentSource::Camera => Ok(()),
-            EnvironmentSource::Auto if has_camera && camera_recorded => Ok(()),
-            EnvironmentSource::Auto => {
-                self.calibration.environment = self.sphere_in_scene();
-                Ok(())
+impl RigEntry {
+    fn document(self) -> Result<RigDocument, RigJsonError> {
+        let markers = self.markers.unwrap_or_default().0;
+        let markers: Vec<Marker> = markers.into_iter().map(MarkerEntry::marker).collect();
+        let of_camera = self.environment_camera.as_ref();
+        let sphere = match of_camera.and_then(|c| c.mirror_sphere.clone()) {
+            Some(sphere) => Some(sphere.sphere("environment_camera.mirror_sphere", &markers)?),
+            None => {
+                let sphere = self
+                    .mirror_sphere
+                    .map(|s| s.sphere("mirror_sphere", &markers));
+                sphere.transpose()?
             }
-            EnvironmentSource::SphereInScene => {
-                let view = self.sphere_in_scene().ok_or(RigJsonError::Missing {
-                    path: "environment_camera.mirror_sphere".into(),
-                    expected: "a sphere with in_scene_camera_images = true, as [environment] source = \"sphere-in-scene\" needs",
-                })?;
-                self.calibration.environment = Some(view);
-                Ok(())
-            }
-        }
-    }
-
-    /// The scene camera as its own environment camera, by way of the sphere it sees.
-    fn sphere_in_scene(&self) -> Option<EnvironmentCamera> {
-        let sphere = self.mirror_sphere.clone().filter(|s| s.in_scene)?;
-        Some(EnvironmentCamera {
-            response: self.calibration.scene_camera.response.clone(),
-            vignetting: self.calibration.scene_camera.vignetting,
-            view: EnvironmentView::SphereInScene { sphere },
-            latency_nanos: self.calibration.scene_camera.latency_nanos,
-            brackets_ev: Vec::new(),
+        };
+        let (mirror_sphere, sphere_marker) = sphere.unzip();
+        let environment = self.environment_camera;
+        let environment = environment.map(|c| c.environment_camera(&markers));
+        let lights = self.virtual_lights.unwrap_or_default().lights;
+        Ok(RigDocument {
+            calibration: RigCalibration {
+                name: self.name.unwrap_or_else(|| "rig".to_owned()),
+                scene_camera: self.scene_camera.scene_camera(),
+                environment: environment.transpose()?,
+                sphere_marker: sphere_marker.flatten(),
+                tracker: self.tracker.map(TrackerEntry::tracker),
+                chart: self.photometric_chart.map(|chart| chart.0),
+                gains: None,
+            },
+            mirror_sphere,
+            object: self.object.map(|object| object.0),
+            phantoms: self
+                .phantoms
+                .unwrap_or_default()
+                .0
+                .into_iter()
+                .map(|p| p.0)
+                .collect(),
+            ground: self.ground_plane.map(GroundEntry::ground_plane),
+            markers,
+            virtual_lights: lights
+                .unwrap_or_default()
+                .0
+                .into_iter()
+                .map(|l| l.0)
+                .collect(),
         })
     }
-}
-
-fn document(root: &Node) -> Result<RigDocument> {
-    if !root.is_object() {
-        return Err(RigJsonError::Missing {
-            path: "scene_camera".into(),
-            expected: "an object with image_size and K",
-        });
-    }
-    let environment = root.find("environment_camera");
-    let sphere_node = environment
-        .as_ref()
-        .and_then(|e| e.find("mirror_sphere"))
-        .or_else(|| root.find("mirror_sphere"));
-    let markers = each(root, "markers", 10_000, marker)?;
-    let placed = sphere_node.map(|n| sphere(&n, &markers)).transpose()?;
-    let (mirror_sphere, sphere_marker) = placed.unzip();
-    Ok(RigDocument {
-        calibration: RigCalibration {
-            name: name_of(root, "rig")?,
-            scene_camera: scene_camera(&root.need("scene_camera", "an object")?)?,
-            environment: environment
-                .map(|n| environment_camera(&n, &markers))
-                .transpose()?,
-            sphere_marker: sphere_marker.flatten(),
-            tracker: root.find("tracker").map(|n| tracker(&n)).transpose()?,
-            chart: root
-                .find("photometric_chart")
-                .map(|n| chart(&n))
-                .transpose()?,
-            gains: None,
-        },
-        mirror_sphere,
-        object: root.find("object").map(|n| object(&n)).transpose()?,
-        phantoms: each(root, "phantoms", 1000, phantom)?,
-        ground: root.find("ground_plane").map(|n| ground(&n)).transpose()?,
-        markers,
-        virtual_lights: match root.find("virtual_lights") {
-            Some(n) => each(&n, "lights", MOST_LAMPS, virtual_light)?,
-            None => Vec::new(),
-        },
-    })
-}
-
-fn each<T>(node: &Node, key: &str, most: usize, read: fn(&Node) -> Result<T>) -> Result<Vec<T>> {
-    match node.find(key) {
-        Some(list) => list.list(most)?.iter().map(read).collect(),
-        None => Ok(Vec::new()),
-    }
-}
-
-fn name_of(node: &Node, default: &str) -> Result<String> {
-    node.find("name")
-        .map_or(Ok(default.to_owned()), |n| n.text().map(str::to_owned))
 }
 
 #[cfg(test)]

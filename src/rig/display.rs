@@ -57,7 +57,7 @@ pub(super) struct Display {
     /// it is played.
     handing: Option<Arc<Handing>>,
     /// A live rig waits for the tracker no longer.
-    longest_wait_nanos: i64,
+    max_wait_nanos: i64,
     /// The camera's poses as its pictures were registered.
     seen: PoseHistory,
     camera: PinholeCamera,
@@ -90,7 +90,7 @@ impl Display {
         Self {
             delay_nanos: config.registration.display_delay_nanos,
             handing,
-            longest_wait_nanos: config.sync.longest_wait_nanos,
+            max_wait_nanos: config.sync.max_wait_nanos,
             seen: PoseHistory::new(HistoryConfig {
                 capacity: KEPT,
                 ..HistoryConfig::default()
@@ -167,7 +167,7 @@ impl Display {
             let next = history.first_since(frame.captured_at)?;
             Some(next.offset_nanos(latency).nanos_since(arrived_at))
         });
-        let waited = waited.unwrap_or(0).clamp(0, self.longest_wait_nanos);
+        let waited = waited.unwrap_or(0).clamp(0, self.max_wait_nanos);
         let handed_at = arrived_at.offset_nanos(waited);
         (handed_at.offset_nanos(-latency), handed_at)
     }

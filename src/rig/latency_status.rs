@@ -87,8 +87,8 @@ fn says(text: Option<&str>, what: &impl std::fmt::Display) -> bool {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use penumbra_calibration::latency::LatencyError;
-    use penumbra_calibration::latency::follow::{Followed, Means, Measured};
+    use penumbra_calibration::latency::follow::{Followed, Measured};
+    use penumbra_calibration::latency::{LatencyError, Means};
     use penumbra_interface::MonotonicTime;
 
     fn state(in_force_ms: i64, measured_ms: f64, sigma_ms: f64) -> LatencyState {

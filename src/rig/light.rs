@@ -14,7 +14,7 @@ use penumbra_config::{Config, Unseen, WhiteBalanceMethod};
 use penumbra_interface::{Exposure, MonotonicTime, RigidTransform};
 use penumbra_lighting::Filtering;
 use penumbra_lighting::{
-    BallSeen, Bracket, EnvironmentEstimator, EnvironmentInput, Lighting, Placement,
+    BallSeen, Bracket, EnvironmentEstimator, EnvironmentInput, LightPlacement, Lighting,
 };
 use penumbra_picture::{Picture, PictureError, YuvEncoding, decode_into};
 use penumbra_rig_model::Attachments;
@@ -308,7 +308,7 @@ impl LightStation {
     }
 
     /// Changes placement and number of the dome lights.
-    pub fn set_lights(&mut self, placement: Placement, count: usize) {
+    pub fn set_lights(&mut self, placement: LightPlacement, count: usize) {
         if let Some(estimator) = &mut self.estimator {
             estimator.set_lights(placement, count);
         }
@@ -402,15 +402,6 @@ fn is_in_scene(rig: &RigCalibration) -> bool {
     rig.environment
         .as_ref()
         .is_some_and(|e| matches!(e.view, EnvironmentView::SphereInScene { .. }))
-}
-
-/// The configuration's word in the environment's language.
-#[must_use]
-pub const fn placement(lights: penumbra_config::LightPlacement) -> Placement {
-    match lights {
-        penumbra_config::LightPlacement::Adaptive => Placement::Adaptive,
-        penumbra_config::LightPlacement::Grid => Placement::Grid,
-    }
 }
 
 fn photometry_settings(config: &Config) -> PhotometrySettings {

@@ -1,15 +1,15 @@
 //! What a picture of the scene camera and the environment's beside it make of the light,
 //! on whichever thread that happens.
 
-use super::light::{LightStation, SceneView, SphereAt, placement};
+use super::light::{LightStation, SceneView, SphereAt};
 use super::prepare::LightState;
 use super::scene_light::SceneLight;
 use glam::Quat;
-use penumbra_config::LightPlacement;
+use penumbra_config::Technique;
 use penumbra_interface::{Exposure, MonotonicTime, RigidTransform};
 use penumbra_lighting::{Lighting, cube};
 use penumbra_picture::Picture;
-use penumbra_status::{LightsMode, Settings, Technique, environment_preview};
+use penumbra_status::{Settings, environment_preview};
 use penumbra_sync::{EnvironmentSet, RigFrame};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -174,12 +174,8 @@ impl Lighter {
             return;
         }
         let settings = self.wished.borrow_and_update().clone();
-        let lights = match settings.lights_mode {
-            LightsMode::Adaptive => LightPlacement::Adaptive,
-            LightsMode::Grid => LightPlacement::Grid,
-        };
         self.light
-            .set_lights(placement(lights), settings.light_count as usize);
+            .set_lights(settings.light_placement, settings.light_count as usize);
         self.light.set_reflections(settings.reflections);
         self.technique = settings.technique;
         self.choose();

@@ -9,15 +9,15 @@ use super::runner::Runner;
 use crossbeam_channel::RecvTimeoutError;
 use glam::{DQuat, DVec3};
 use penumbra_compositor::Compositor;
-use penumbra_compositor::planes::{PlanesChoice, Shading, Thresholds};
-use penumbra_config::PlaneShading;
+use penumbra_compositor::planes::{PlanesChoice, Thresholds};
+use penumbra_config::Technique;
 use penumbra_interface::RigidTransform;
 use penumbra_scene::change::is_level;
 use penumbra_scene::indirect_light::solid_phantoms;
 use penumbra_scene::planes::{Bake, ShadowingPlane};
 use penumbra_scene::{Change, Scene};
+use penumbra_status::Settings;
 use penumbra_status::planes::{PlanesState, PlanesStatus};
-use penumbra_status::{Settings, Technique};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -70,11 +70,7 @@ impl PlanesStation {
                 skip_below: settings.planes_skip_below,
                 recompute_above: settings.planes_recompute_above,
             },
-            shading: match settings.planes_shading {
-                PlaneShading::Irradiance => Shading::Irradiance,
-                PlaneShading::Lights => Shading::Lights,
-                PlaneShading::Six => Shading::Six,
-            },
+            shading: settings.planes_shading,
         })
     }
 

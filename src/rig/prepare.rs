@@ -497,14 +497,14 @@ fn lights(
 fn as_live(config: &Config, source: &Source) -> bool {
     match (source, config.replay.pairing) {
         (Source::Live(_), _) | (_, ReplayPairing::Live) => true,
-        (Source::Recorded(_), ReplayPairing::Whole) => false,
+        (Source::Recorded(_), ReplayPairing::Complete) => false,
         (Source::Recorded(session), ReplayPairing::Auto) => session.has_journal(),
     }
 }
 
 fn pairing(config: &Config, setup: &RigSetup, as_live: bool) -> PairingConfig {
     let mut pairing = pairing_config(&setup.calibration);
-    pairing.history.max_prediction_nanos = config.sync.longest_prediction_nanos;
+    pairing.history.max_prediction_nanos = config.sync.max_prediction_nanos;
     pairing.history.smoothing = config.sync.smoothing();
     if config.registration.row_seconds != 0.0 {
         pairing.motion_nanos = MOTION_NANOS;
@@ -515,7 +515,7 @@ fn pairing(config: &Config, setup: &RigSetup, as_live: bool) -> PairingConfig {
         *station = tracker.station;
     }
     if as_live {
-        pairing.max_wait_nanos = config.sync.longest_wait_nanos;
+        pairing.max_wait_nanos = config.sync.max_wait_nanos;
         return pairing;
     }
     pairing.with_full_windows()

@@ -13,22 +13,20 @@ use super::settings::{compositor_settings, exposure, live_settings};
 use super::source::Source;
 use super::status::Published;
 use super::{RigError, status as published};
-use penumbra_compositor::{
-    Compositor, Exposure, FrameInput, Gpu, LampResponse, LensOutput, Refresh, ShadowMode,
-};
+use penumbra_compositor::{Compositor, FrameInput, Gpu, LampResponse, LensOutput, Refresh};
+
 use penumbra_config as config;
 use penumbra_config::Distortion;
+use penumbra_config::Technique;
 use penumbra_interface::{Clock, SystemClock};
 use penumbra_lighting::{BrightestFollower, BrightestLight};
 use penumbra_output::Screen;
 use penumbra_output::files::FrameFolder;
 use penumbra_picture::Picture;
-use penumbra_scene::Highlights;
 use penumbra_scene::PlacedLamp;
-use penumbra_status as status;
 use penumbra_status::RegistrationSource;
 use penumbra_status::snapshot::SessionState;
-use penumbra_status::{Settings, StageTimes, Technique};
+use penumbra_status::{Settings, StageTimes};
 use penumbra_sync::Provenance;
 use penumbra_tracker_serial::freed::{FreedSender, Lens, optical_to_studio};
 use std::sync::Arc;
@@ -91,7 +89,6 @@ impl Run {
             Distortion::Camera => LensOutput::Camera,
             Distortion::Undistorted => LensOutput::Undistorted,
         });
-        compositor.set_fading(setup.calibration.scene_camera.vignetting);
         let scenes = Scenes::new(runner, &mut compositor, news)?;
         let Outlets {
             screen,
@@ -218,21 +215,10 @@ impl Run {
             height,
             rgba: [0, 0, 0, 255].repeat(pixels),
         };
+        let camera = &runner.setup.calibration.scene_camera.camera;
         self.compositor.compose(&FrameInput {
-            picture: &picture,
-            camera: &runner.setup.calibration.scene_camera.camera,
-            world_from_camera: None,
-            lighting: None,
-            near: None,
-            lamps: &[],
-            lamp_response: LampResponse::Intrinsic,
-            shadow_mode: ShadowMode::Ratio,
-            shadow_strength: 0.0,
-            refresh: Refresh::UpTo(0),
             show_virtual: false,
-            planes: None,
-            exposure: Exposure::Camera,
-            highlights: Highlights::default(),
+            ..FrameInput::new(&picture, camera)
         })?;
         self.shown = true;
         Ok(())
@@ -243,25 +229,26 @@ impl Run {
             let (generation, seconds) = (light.generation, prepared.seconds);
             self.brightest = self.follower.follow(generation, &light.lights, seconds);
         }
+        let scene_camera = &runner.setup.calibration.scene_camera;
         let settings = &self.settings;
         let shadows = settings.technique != Technique::ImageBasedLighting;
         let refresh = runner.config.shadows.refresh_per_frame;
         let scene = self.scenes.shown();
         scene.lamps_at(prepared.seconds, &mut self.lamps);
-        self.compositor.set_time(prepared.seconds);
-        self.compositor.set_rolling(prepared.rolling);
-        let turned = prepared.shown.map(|shown| shown.reprojection);
-        self.compositor.set_reprojection(turned);
         self.compositor.compose(&FrameInput {
+            seconds: prepared.seconds,
             picture: &prepared.picture,
-            camera: &runner.setup.calibration.scene_camera.camera,
+            camera: &scene_camera.camera,
+            vignetting: scene_camera.vignetting,
+            rolling_shutter: prepared.rolling,
             world_from_camera: prepared.world_from_camera,
+            reprojection: prepared.shown.map(|shown| shown.reprojection),
             lighting: prepared.light.lighting.as_deref(),
-            near: prepared
+            indirect_light: prepared
                 .light
                 .near
                 .as_deref()
-                .filter(|_| settings.bounced_light),
+                .filter(|_| settings.indirect_light),
             lamps: &self.lamps,
             lamp_response: match settings.lamp_response {
                 config::LampResponse::Intrinsic => LampResponse::Intrinsic,
@@ -269,10 +256,7 @@ impl Run {
                     brightest: self.brightest.vector(),
                 },
             },
-            shadow_mode: match settings.shadow_mode {
-                status::ShadowMode::Ratio => ShadowMode::Ratio,
-                status::ShadowMode::Subtract => ShadowMode::Subtract,
-            },
+            shadow_mode: settings.shadow_mode,
             shadow_strength: if shadows {
                 settings.shadow_strength
             } else {

@@ -2,15 +2,12 @@
 //! scene is changed.
 
 use super::RigError;
-use super::light::placement;
 use super::near_light::NearStation;
 use super::watch::{GroundWatch, PhantomWatch};
 use glam::DVec3;
 use penumbra_camera::EnvironmentView;
-use penumbra_config::{Clipped, Config, Irradiance};
-use penumbra_lighting::{
-    ClippedEnergy, EnvironmentEstimator, EnvironmentSettings, IrradianceMethod,
-};
+use penumbra_config::{Clipped, Config};
+use penumbra_lighting::{ClippedEnergy, EnvironmentEstimator, EnvironmentSettings};
 use penumbra_rig_model::RigCalibration;
 use penumbra_scene::raycast::GROUND;
 use penumbra_scene::{Part, RayCaster, Scene};
@@ -116,7 +113,7 @@ fn estimator(
     };
     let settings = EnvironmentSettings {
         cube_size: config.environment.cube_size,
-        placement: placement(config.environment.lights),
+        placement: config.environment.light_placement,
         lights: config.environment.light_count as usize,
         ground: scene.ground_height.is_some(),
         ground_height: scene.ground_height.unwrap_or_default(),
@@ -124,10 +121,7 @@ fn estimator(
             Clipped::Estimate => ClippedEnergy::default(),
             Clipped::Keep => ClippedEnergy::Keep,
         },
-        irradiance: match config.environment.irradiance {
-            Irradiance::Harmonics => IrradianceMethod::Harmonics,
-            Irradiance::Blurred => IrradianceMethod::Blurred,
-        },
+        irradiance: config.environment.irradiance,
         filtering: config.shading.reflections,
         phong: scene.has_phong(),
         ..EnvironmentSettings::default()

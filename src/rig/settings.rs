@@ -2,36 +2,23 @@
 
 use penumbra_compositor::exposure::AutoLimits;
 use penumbra_compositor::{CompositorSettings, Exposure};
-use penumbra_config::{
-    Antialias, Config, ExposureMode, LightPlacement, ReplaySpeed, ShadowResolution, ShadowTechnique,
-};
+use penumbra_config::{Antialias, Config, ExposureMode, ReplaySpeed, ShadowResolution};
 use penumbra_rig_model::RigCalibration;
-use penumbra_status as status;
-use penumbra_status::{LightsMode, Settings, Technique};
+use penumbra_status::Settings;
 use penumbra_sync::PairingConfig;
 
 /// The settings that the dashboard may change, as the configuration has them.
 #[must_use]
 pub fn live_settings(config: &Config) -> Settings {
     Settings {
-        technique: match (config.shadows.enabled, config.shadows.technique) {
-            (false, _) => Technique::ImageBasedLighting,
-            (true, ShadowTechnique::Dome) => Technique::ImageBasedShadowing,
-            (true, ShadowTechnique::Planes) => Technique::ShadowingPlanes,
-        },
+        technique: config.shadows.technique,
         light_count: config.environment.light_count,
-        lights_mode: match config.environment.lights {
-            LightPlacement::Adaptive => LightsMode::Adaptive,
-            LightPlacement::Grid => LightsMode::Grid,
-        },
-        shadow_mode: match config.shadows.mode {
-            penumbra_config::ShadowMode::Ratio => status::ShadowMode::Ratio,
-            penumbra_config::ShadowMode::Subtract => status::ShadowMode::Subtract,
-        },
+        light_placement: config.environment.light_placement,
+        shadow_mode: config.shadows.mode,
         shadow_strength: config.shadows.strength,
         virtual_object_visible: true,
         reflections: config.shading.reflections,
-        bounced_light: config.shading.bounced_light,
+        indirect_light: config.shading.indirect_light,
         lamp_response: config.shading.lamp_response,
         planes_skip_below: config.planes.skip_below,
         planes_recompute_above: config.planes.recompute_above,
@@ -39,8 +26,8 @@ pub fn live_settings(config: &Config) -> Settings {
         exposure_mode: config.exposure.mode,
         exposure_ev: config.exposure.ev,
         exposure_highlights: config.exposure.highlights,
-        exposure_darkest_ev: config.exposure.darkest_ev,
-        exposure_brightest_ev: config.exposure.brightest_ev,
+        exposure_min_ev: config.exposure.min_ev,
+        exposure_max_ev: config.exposure.max_ev,
         exposure_key: config.exposure.key,
         exposure_adaptation_s: config.exposure.adaptation_seconds,
     }
@@ -53,8 +40,8 @@ pub(super) const fn exposure(settings: &Settings, seconds: f64) -> Exposure {
         ExposureMode::Manual => Exposure::Stops(settings.exposure_ev),
         ExposureMode::Auto => Exposure::Automatic {
             limits: AutoLimits {
-                darkest: settings.exposure_darkest_ev,
-                brightest: settings.exposure_brightest_ev,
+                darkest: settings.exposure_min_ev,
+                brightest: settings.exposure_max_ev,
                 key: settings.exposure_key,
                 adaptation_seconds: settings.exposure_adaptation_s,
             },
@@ -123,17 +110,5 @@ mod tests {
     #[test]
     fn the_dashboards_defaults_are_the_configurations() {
         assert_eq!(live_settings(&Config::default()), Settings::default());
-    }
-
-    #[test]
-    fn no_shadows_are_no_shadows_by_either_technique() {
-        let technique = |text: &str| {
-            let config = Config::from_text(text, "c.toml").unwrap();
-            live_settings(&config).technique
-        };
-        let planes = "[shadows]\ntechnique = \"planes\"\n";
-        assert_eq!(technique(planes), Technique::ShadowingPlanes);
-        let none = format!("{planes}enabled = false\n");
-        assert_eq!(technique(&none), Technique::ImageBasedLighting);
     }
 }

@@ -81,7 +81,7 @@
 //! [photometry]                     # luminance of the scene camera's white, cd/m²; or `ev100`, its
 //! white_cd_m2 = 300.0              # exposure value at ISO 100
 //!
-//! [[plane]]                        # a shadowing plane (technique "planes"); with one for a
+//! [[plane]]                        # technique "shadowing-planes"; with a plane for a
 //! centre_m = [0.0, 0.0, 0.0]       # layer, none are generated for that layer.
 //! normal = [0.0, 0.0, 1.0]         # Away from the covered surfaces; its camera looks against it
 //! up = [0.0, 1.0, 0.0]             # of its picture; default +Z, +Y for level planes

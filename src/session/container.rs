@@ -1,4 +1,4 @@
-//! The file: where its chunks and attachments are, and the bytes of one chunk.
+//! The MCAP file: positions of its chunks, its attachments, and the bytes of one chunk.
 
 use super::SessionError;
 use super::reader::Attachment;
@@ -11,42 +11,42 @@ use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-/// Largest attachment that is read, bytes.
-pub(super) const ATTACHMENT_LIMIT: u64 = 256 << 20;
-/// Largest sum of all attachments, bytes: they are kept in memory.
-pub(super) const ATTACHMENTS_LIMIT: u64 = 1 << 30;
-/// Largest chunk that is read, packed or unpacked, bytes.
-pub(super) const CHUNK_LIMIT: u64 = 512 << 20;
-/// Largest record of another kind that is looked at, bytes.
-const RECORD_LIMIT: u64 = 1 << 20;
+/// Maximum size of an attachment, bytes.
+pub(super) const MAX_ATTACHMENT_BYTES: u64 = 256 << 20;
+/// Maximum total size of the attachments, bytes: they are kept in memory.
+pub(super) const MAX_ATTACHMENTS_BYTES: u64 = 1 << 30;
+/// Maximum size of a chunk, compressed or not, bytes.
+pub(super) const MAX_CHUNK_BYTES: u64 = 512 << 20;
+/// Maximum size of a record of another kind, bytes.
+const MAX_RECORD_BYTES: u64 = 1 << 20;
 
-/// A whole chunk.
+/// A complete chunk.
 #[derive(Clone, Debug)]
 pub(super) struct ChunkPlace {
-    /// Offset of its packed data in the file.
+    /// Offset of its compressed data in the file.
     pub offset: u64,
     pub header: ChunkHeader,
 }
 
-/// What one pass over the records of a file finds, chunks unopened.
+/// Result of one pass over the records of a file, without opening its chunks.
 #[derive(Debug)]
 pub(super) struct Container {
     pub path: PathBuf,
     pub len: u64,
-    /// Whole chunks, by the time of their first message.
+    /// Complete chunks, sorted by the time of their first message.
     pub chunks: Vec<ChunkPlace>,
     /// Attachments in file order.
     pub attachments: Vec<Attachment>,
-    /// Channels that the file lists outside its chunks (a finished file lists all).
+    /// Channels listed outside the chunks (a finished file lists all).
     pub channels: BTreeMap<u16, Channel>,
-    /// The end that a finished writer puts there is missing.
+    /// The end of a finished file is missing.
     pub truncated: bool,
-    /// What could not be read of it, one line each.
+    /// Unreadable parts of the file.
     pub damage: Vec<SessionError>,
 }
 
 impl Container {
-    /// Looks through the file at `path`.
+    /// Scans the file at `path`.
     pub fn scan(path: &Path) -> Result<Self, SessionError> {
         let (mut file, len) = open(path)?;
         let mut container = Self {
@@ -85,8 +85,8 @@ impl Container {
         }
     }
 
-    /// Notes the record that starts at `at`; its end, or `None` where the file ends or is
-    /// cut off.
+    /// Registers the record that starts at `at`. Returns the record's end; `None` where the file ends
+    /// or is truncated.
     fn visit(&mut self, file: &mut BufReader<File>, at: u64) -> Result<Option<u64>, SessionError> {
         let body = at + RECORD_HEADER as u64;
         if body > self.len {
@@ -102,7 +102,7 @@ impl Container {
         match opcode {
             op::CHUNK => self.note_chunk(file, body, body_len)?,
             op::ATTACHMENT => self.note_attachment(file, body, body_len)?,
-            op::CHANNEL if body_len <= RECORD_LIMIT => {
+            op::CHANNEL if body_len <= MAX_RECORD_BYTES => {
                 let bytes = self.read(file, body, body_len)?;
                 let channel = records::channel(&bytes);
                 self.channels.extend(channel.map(|c| (c.id, c)));
@@ -112,7 +112,7 @@ impl Container {
                 self.truncated = *magic != MAGIC;
                 return Ok(None);
             }
-            // No record has this opcode: zeros of a file system that lost the end.
+            // Not an opcode: zeros that a file system left after losing the end of the file.
             0 => return Ok(None),
             _ => {}
         }
@@ -133,7 +133,7 @@ impl Container {
             return Ok(());
         };
         let bytes = header.compressed_size.max(header.uncompressed_size);
-        self.check_size("a chunk", bytes, CHUNK_LIMIT)?;
+        self.check_size("a chunk", bytes, MAX_CHUNK_BYTES)?;
         let offset = body + header.len;
         self.chunks.push(ChunkPlace { offset, header });
         Ok(())
@@ -145,9 +145,9 @@ impl Container {
         body: u64,
         body_len: u64,
     ) -> Result<(), SessionError> {
-        self.check_size("an attachment", body_len, ATTACHMENT_LIMIT)?;
+        self.check_size("an attachment", body_len, MAX_ATTACHMENT_BYTES)?;
         let held: u64 = self.attachments.iter().map(|a| a.data.len() as u64).sum();
-        self.check_size("all attachments", held + body_len, ATTACHMENTS_LIMIT)?;
+        self.check_size("all attachments", held + body_len, MAX_ATTACHMENTS_BYTES)?;
         let bytes = self.read(file, body, body_len)?;
         let Some((name, media_type, data)) = records::attachment(&bytes) else {
             self.damage.push(self.damaged(body, "an attachment"));
@@ -166,7 +166,7 @@ impl Container {
         Ok(())
     }
 
-    /// The records of a chunk, unpacked and checked.
+    /// Returns the records of a chunk, decompressed and checked.
     pub fn unpack(
         &self,
         file: &mut (impl Read + Seek),
@@ -186,7 +186,7 @@ impl Container {
         Ok(unpacked)
     }
 
-    /// `len` bytes at `at`; callers have checked `len` against the file or a limit.
+    /// Reads `len` bytes at `at`; the caller has checked `len` against the file or a limit.
     fn read(
         &self,
         file: &mut (impl Read + Seek),
@@ -228,7 +228,7 @@ impl Container {
     }
 }
 
-/// Opens a regular file and says how long it is.
+/// Opens a regular file; returns it with its length.
 pub(super) fn open(path: &Path) -> Result<(BufReader<File>, u64), SessionError> {
     let io_error = |source: io::Error| {
         let path = path.to_owned();
@@ -246,7 +246,7 @@ pub(super) fn open(path: &Path) -> Result<(BufReader<File>, u64), SessionError> 
     Ok((BufReader::new(file), metadata.len()))
 }
 
-/// Unpacks at most one byte more than `size`, so that a bomb does not go off.
+/// Decompresses at most one byte more than `size`, as a protection from decompression bombs.
 fn decompress(compression: &str, packed: Bytes, size: u64) -> Result<Bytes, String> {
     let mut unpacked = Vec::new();
     let outcome = match compression {
@@ -261,7 +261,7 @@ fn decompress(compression: &str, packed: Bytes, size: u64) -> Result<Bytes, Stri
     Ok(unpacked.into())
 }
 
-/// A plain relative path of `/`-separated names.
+/// Returns whether a name is a plain relative path of `/`-separated parts.
 pub(super) fn is_inside(name: &str) -> bool {
     let plain = |part: &str| !matches!(part, "" | "." | "..");
     name.len() <= 1024
@@ -275,7 +275,7 @@ mod tests {
     use super::is_inside;
 
     #[test]
-    fn names_stay_inside() {
+    fn accepts_only_plain_relative_paths() {
         for name in [
             "rig.json",
             "object/object.glb",

@@ -1,4 +1,4 @@
-//! What can be wrong with a session. Each text is one line: what, where, what to do.
+//! Errors of sessions. Each message is one line: what, where, what to do.
 
 use std::io;
 use std::path::PathBuf;
@@ -13,68 +13,68 @@ pub enum SessionError {
         /// The session.
         path: PathBuf,
     },
-    /// Recordings are never written over.
+    /// The file exists; recordings are never overwritten.
     #[error("{path}: exists already; name another file", path = path.display())]
     Exists {
         /// The file.
         path: PathBuf,
     },
-    /// The operating system refused.
+    /// The operating system reports an error.
     #[error("{path}: {source}", path = path.display())]
     Io {
         /// The session.
         path: PathBuf,
-        /// What it said.
+        /// The system's message.
         source: io::Error,
     },
-    /// Some other kind of file.
+    /// Not an MCAP file.
     #[error("{path}: not an MCAP file; make a session with `penumbra import DIR OUT.mcap`", path = path.display())]
     NotMcap {
         /// The file.
         path: PathBuf,
     },
-    /// Nothing in it.
+    /// The file is empty.
     #[error("{path}: the file is empty; was the recording stopped before it began?", path = path.display())]
     Empty {
         /// The file.
         path: PathBuf,
     },
-    /// An MCAP file of something else.
+    /// An MCAP file that is not a session.
     #[error("{path}: an MCAP file, but not a session of Penumbra: no topic {expected}, only {topics}", path = path.display())]
     Foreign {
         /// The file.
         path: PathBuf,
-        /// The topic that a session has at least.
+        /// The topic that every session has.
         expected: &'static str,
-        /// Those that there are.
+        /// The topics of the file.
         topics: String,
     },
-    /// The writer was killed too early.
-    #[error("{path}: cut off before its first whole chunk; nothing can be replayed", path = path.display())]
+    /// The file ends before its first complete chunk.
+    #[error("{path}: truncated before its first complete chunk; nothing can be replayed", path = path.display())]
     NothingWhole {
         /// The file.
         path: PathBuf,
     },
-    /// A stretch of the file is damaged; what comes after it can still be read.
-    #[error("{path}: damaged at byte {offset} ({reason}); that stretch is left out", path = path.display())]
+    /// A part of the file is damaged; the parts after it can still be read.
+    #[error("{path}: damaged at byte {offset} ({reason}); that part is skipped", path = path.display())]
     Damaged {
         /// The file.
         path: PathBuf,
-        /// Where the stretch begins.
+        /// Offset of the damaged part, bytes.
         offset: u64,
-        /// What is wrong with it.
+        /// The kind of damage.
         reason: String,
     },
-    /// A size that no recording has.
+    /// A part of the file is too large.
     #[error("{path}: {what} of {bytes} bytes; at most {limit} are read", path = path.display())]
     TooLarge {
         /// The file.
         path: PathBuf,
-        /// What is so large.
+        /// The part.
         what: String,
         /// Its size.
         bytes: u64,
-        /// The most that is accepted.
+        /// The maximum size, bytes.
         limit: u64,
     },
     /// An attachment's name leads out of the session.

@@ -1,9 +1,9 @@
-//! What was recorded, in the order of its arrival.
+//! Events of a session in the order of arrival.
 
 use super::SessionError;
 use super::container::{ChunkPlace, open};
 use super::journal::{ControlsMessage, JournalMessage};
-use super::messages::{self, ExposureMessage, FrameContext};
+use super::messages::{self, ExposureMessage, FrameContext, recorded_time};
 use super::reader::Session;
 use super::records::{self, Channel, MESSAGE_HEADER, MessageHeader, Placed, op, records_in};
 use super::topics::{BRACKET_EV, Camera, PROTOCOL, Role};
@@ -16,55 +16,54 @@ use std::fs::File;
 use std::io::BufReader;
 use std::sync::Arc;
 
-/// When chunks overlap in time, at most so many bytes wait to be put in order. Beyond it
-/// (a file that is no recording) the order is the file's.
-const PENDING_LIMIT: usize = 512 << 20;
+/// Maximum number of bytes that wait to be sorted where chunks overlap in time. Beyond it (which no
+/// recording reaches) the events keep the file's order.
+const MAX_PENDING_BYTES: usize = 512 << 20;
 
-/// One thing that arrived.
+/// A recorded event.
 #[derive(Clone, Debug)]
 pub enum SessionEvent {
     /// A picture of the scene camera.
     Scene(Frame),
-    /// A picture of the environment camera; `bracket_ev` tells the exposures of a bracket
-    /// apart.
+    /// A picture of the environment camera; `bracket_ev` identifies its exposure within a bracket.
     Environment(Frame),
-    /// Bytes of the tracker, split as they were read.
+    /// Bytes of the tracker, in the portions in which they were read.
     TrackerBytes {
-        /// How they are spelled; empty if the recorder did not say.
+        /// Their protocol; empty if unknown.
         protocol: Arc<str>,
         /// The bytes.
         bytes: Bytes,
-        /// When the last of them came.
+        /// Arrival of the last byte.
         arrived_at: MonotonicTime,
     },
-    /// A pose of a tracker that is no byte stream.
+    /// A pose of a tracker that is not a byte stream.
     Pose(PoseSample),
-    /// A live rig found that nothing came, and told pairing the time.
+    /// The live rig advanced the time of pairing without an arrival.
     Tick(MonotonicTime),
-    /// A live rig made the scene camera's picture with this arrival ready for the
-    /// compositor. Those between two of these it passed over.
+    /// The live rig prepared a picture of the scene camera for the compositor. It skipped the
+    /// pictures between two of these events.
     Prepared {
-        /// When it did.
+        /// Time of the preparation.
         at: MonotonicTime,
-        /// The picture's arrival.
+        /// Arrival of the picture.
         arrived_at: MonotonicTime,
-        /// Its light. Older recordings say nothing of it: theirs saw each of these pictures,
-        /// and each was drawn in the light of the one before.
+        /// Its light. `None` in older recordings, where the light estimator used each of these
+        /// pictures and each was rendered in the light of the previous one.
         light: Option<LightNote>,
     },
 }
 
-/// What a live rig noted of a picture's light, which is worked out beside the drawing.
+/// The live rig's record of a picture's light, which is estimated asynchronously.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LightNote {
-    /// The light saw the picture, so that later ones could be drawn in its light.
+    /// The light estimator used the picture.
     pub seen: bool,
-    /// Arrival of the picture in whose light this one was drawn; before any light, none.
+    /// Arrival of the picture in whose light this one was rendered; `None` before the first estimate.
     pub lit_by: Option<MonotonicTime>,
 }
 
 impl SessionEvent {
-    /// When it reached the recorder.
+    /// Arrival at the recorder.
     #[must_use]
     pub const fn arrived_at(&self) -> MonotonicTime {
         match self {
@@ -75,7 +74,7 @@ impl SessionEvent {
         }
     }
 
-    /// Bytes that it keeps.
+    /// Number of bytes that the event holds in memory.
     #[must_use]
     pub fn bytes(&self) -> usize {
         match self {
@@ -86,8 +85,8 @@ impl SessionEvent {
     }
 }
 
-/// Iterator over a session, see [`Session::events`]. An error stands for a damaged
-/// stretch that is left out, and the next item comes after it.
+/// Iterator over a session; see [`Session::events`]. An error stands for a damaged part, which is
+/// skipped; the iteration continues after it.
 #[derive(Debug)]
 pub struct Events {
     session: Session,
@@ -102,7 +101,7 @@ pub struct Events {
     controls: BTreeMap<Camera, ControlsInForce>,
     /// The tracker's newest protocol.
     protocol: Arc<str>,
-    /// Messages read so far: keeps the file's order among equal times.
+    /// Number of messages read; keeps the file's order among equal times.
     ordinal: u64,
 }
 
@@ -161,8 +160,17 @@ impl Iterator for Events {
     }
 }
 
+impl Session {
+    /// Returns all recorded events in the order of arrival, from the beginning. Each call starts
+    /// again, so a loop over the session needs no more memory than one pass.
+    #[must_use]
+    pub fn events(&self) -> Events {
+        Events::new(self.clone())
+    }
+}
+
 impl Events {
-    pub(super) fn new(session: Session) -> Self {
+    fn new(session: Session) -> Self {
         Self {
             session,
             file: None,
@@ -177,11 +185,11 @@ impl Events {
         }
     }
 
-    /// The next chunk, if something in it may come before all that is pending.
+    /// Returns the next chunk, if one of its messages may be earlier than all pending ones.
     fn chunk_due(&self) -> Option<ChunkPlace> {
         let place = self.session.container.chunks.get(self.next_chunk)?;
         let due = self.pending.peek().is_none_or(|Reverse(first)| {
-            place.header.start_time <= first.log_time && self.pending_bytes < PENDING_LIMIT
+            place.header.start_time <= first.log_time && self.pending_bytes < MAX_PENDING_BYTES
         });
         due.then(|| place.clone())
     }
@@ -211,7 +219,7 @@ impl Events {
         self.session.container.damaged(place.offset, &reason)
     }
 
-    /// Puts a message that is understood among the pending.
+    /// Adds a message of a known stream to the pending events.
     fn take_message(&mut self, chunk: &Bytes, placed: Placed) -> Result<(), String> {
         let body = chunk.slice(placed.start..placed.end);
         let header = records::message_header(&body).ok_or("a message without header")?;
@@ -228,7 +236,7 @@ impl Events {
         };
         self.ordinal += 1;
         self.pending_bytes += event.bytes();
-        // What a live rig recorded lies in the file as it came.
+        // A live rig's recording is in the order of arrival.
         let in_file_order = self.session.has_journal();
         self.pending.push(Reverse(Pending {
             log_time: if in_file_order { 0 } else { header.log_time },
@@ -245,7 +253,7 @@ impl Events {
         data: Bytes,
     ) -> Result<Option<SessionEvent>, String> {
         let arrived_at = recorded_time(header.log_time);
-        let event = match Role::of(&channel.topic) {
+        let event = match Role::from_topic(&channel.topic) {
             Some(Role::Image(camera)) => {
                 let frame = self.frame(camera, channel, header, data)?;
                 match camera {
@@ -292,7 +300,7 @@ impl Events {
         Ok(Some(event))
     }
 
-    /// Shared between messages, as it hardly ever changes.
+    /// Returns the protocol's name, shared between messages because it rarely changes.
     fn protocol_of(&mut self, channel: &Channel) -> Arc<str> {
         let named = channel.metadata.get(PROTOCOL).map_or("", String::as_str);
         if *self.protocol != *named {
@@ -314,17 +322,16 @@ impl Events {
             Some(Ok(ev)) if ev.is_finite() => ev,
             Some(_) => return Err(format!("{BRACKET_EV} {bracket:?} is no number")),
         };
-        // Told of one image only: a camera counts from 0 again when it is opened anew.
-        let told = self.exposures.remove(&camera).filter(|told| {
-            told.sequence as u32 == header.sequence && (told.bracket_ev - bracket_ev).abs() < 1e-9
+        // Valid for one image only: a camera counts from 0 again when it is reopened.
+        let message = self.exposures.remove(&camera).filter(|m| {
+            m.sequence as u32 == header.sequence && (m.bracket_ev - bracket_ev).abs() < 1e-9
         });
+        let sequence = message.as_ref().map(|m| m.sequence);
         let context = FrameContext {
-            sequence: told
-                .as_ref()
-                .map_or(u64::from(header.sequence), |told| told.sequence),
+            sequence: sequence.unwrap_or(u64::from(header.sequence)),
             published_at: recorded_time(header.publish_time),
             arrived_at: recorded_time(header.log_time),
-            exposure: told.as_ref().and_then(ExposureMessage::exposure),
+            exposure: message.as_ref().and_then(ExposureMessage::exposure),
             bracket_ev,
         };
         let frame = if channel.topic.contains("/image_raw") {
@@ -337,9 +344,4 @@ impl Events {
             ..frame
         })
     }
-}
-
-/// MCAP counts unsigned nanoseconds; more than 292 years are nobody's clock.
-pub(super) fn recorded_time(nanos: u64) -> MonotonicTime {
-    MonotonicTime::from_nanos(i64::try_from(nanos).unwrap_or(i64::MAX))
 }

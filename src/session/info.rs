@@ -1,8 +1,8 @@
-//! What is in a session, in numbers and in words.
+//! Statistics of a session, and their text.
 
 use super::SessionError;
 use super::container::open;
-use super::events::recorded_time;
+use super::messages::recorded_time;
 use super::reader::Session;
 use super::records::{self, MessageHeader, op, records_in};
 use super::topics::Role;
@@ -10,41 +10,41 @@ use penumbra_interface::MonotonicTime;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
-/// A pause longer than this many usual intervals is a gap.
+/// Minimum length of a gap, median intervals.
 const GAP_INTERVALS: i64 = 2;
 
 /// One stream of a session.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StreamInfo {
-    /// Topic.
+    /// The topic.
     pub topic: String,
-    /// Messages.
+    /// Number of messages.
     pub messages: u64,
-    /// Bytes of all messages.
+    /// Size of all messages, bytes.
     pub bytes: u64,
     /// Arrival of the first message.
     pub first: MonotonicTime,
     /// Arrival of the last message.
     pub last: MonotonicTime,
-    /// Messages a second, from the usual (median) interval; `None` below two messages.
+    /// Messages per second, from the median interval; `None` below two messages.
     pub rate_hz: Option<f64>,
-    /// Pauses of more than twice the usual interval.
+    /// Number of intervals longer than twice the median interval.
     pub gaps: u64,
     /// The longest interval, nanoseconds.
     pub longest_interval_nanos: i64,
-    /// Images that the camera's counter says are missing.
+    /// Number of images missing by the camera's counter.
     pub lost: u64,
 }
 
 impl StreamInfo {
-    /// Seconds from the first message to the last.
+    /// Time from the first message to the last, seconds.
     #[must_use]
     pub fn duration_seconds(&self) -> f64 {
         self.last.seconds_since(self.first)
     }
 }
 
-/// What is gathered of a stream before it is summed up.
+/// Data of a stream before they are summarised.
 #[derive(Default)]
 struct Tally {
     times: Vec<i64>,
@@ -60,14 +60,14 @@ impl Tally {
         let step = self
             .sequence
             .map_or(1, |previous| header.sequence.wrapping_sub(previous));
-        // A counter that restarts or repeats tells nothing of losses.
+        // A counter that restarts or repeats does not indicate losses.
         if counted && (2..1 << 31).contains(&step) {
             self.lost += u64::from(step - 1);
         }
         self.sequence = Some(header.sequence);
     }
 
-    fn sum_up(mut self, topic: String) -> Option<StreamInfo> {
+    fn summarise(mut self, topic: String) -> Option<StreamInfo> {
         self.times.sort_unstable();
         let (first, last) = (*self.times.first()?, *self.times.last()?);
         let mut intervals: Vec<_> = self
@@ -76,15 +76,15 @@ impl Tally {
             .map(|pair| pair[1] - pair[0])
             .collect();
         intervals.sort_unstable();
-        let usual = intervals.get(intervals.len() / 2).copied();
-        let is_gap = |interval: &&i64| usual.is_some_and(|u| **interval > GAP_INTERVALS * u);
+        let median = intervals.get(intervals.len() / 2).copied();
+        let is_gap = |interval: &&i64| median.is_some_and(|m| **interval > GAP_INTERVALS * m);
         Some(StreamInfo {
             topic,
             messages: self.times.len() as u64,
             bytes: self.bytes,
             first: MonotonicTime::from_nanos(first),
             last: MonotonicTime::from_nanos(last),
-            rate_hz: usual.filter(|u| *u > 0).map(|u| 1e9 / u as f64),
+            rate_hz: median.filter(|m| *m > 0).map(|m| 1e9 / m as f64),
             gaps: intervals.iter().filter(is_gap).count() as u64,
             longest_interval_nanos: intervals.last().copied().unwrap_or(0),
             lost: self.lost,
@@ -92,7 +92,17 @@ impl Tally {
     }
 }
 
-pub(super) fn streams(session: &Session) -> Result<Vec<StreamInfo>, SessionError> {
+impl Session {
+    /// Returns count, rate and gaps of every stream. Reads the entire file; skips damaged chunks.
+    ///
+    /// # Errors
+    /// The file can no longer be read.
+    pub fn streams(&self) -> Result<Vec<StreamInfo>, SessionError> {
+        streams(self)
+    }
+}
+
+fn streams(session: &Session) -> Result<Vec<StreamInfo>, SessionError> {
     let container = &session.container;
     let (mut file, _) = open(session.path())?;
     let mut tallies: BTreeMap<&str, Tally> = BTreeMap::new();
@@ -107,18 +117,18 @@ pub(super) fn streams(session: &Session) -> Result<Vec<StreamInfo>, SessionError
             let Some(channel) = session.channels.get(&header.channel_id) else {
                 continue;
             };
-            let counted = matches!(Role::of(&channel.topic), Some(Role::Image(_)));
+            let counted = matches!(Role::from_topic(&channel.topic), Some(Role::Image(_)));
             let tally = tallies.entry(&channel.topic).or_default();
             tally.add(&header, body.len() as u64, counted);
         }
     }
     let infos = tallies
         .into_iter()
-        .filter_map(|(topic, tally)| tally.sum_up(topic.to_owned()));
+        .filter_map(|(topic, tally)| tally.summarise(topic.to_owned()));
     Ok(infos.collect())
 }
 
-/// The text of `penumbra info`.
+/// Returns the text of `penumbra info`.
 #[must_use]
 pub fn describe(session: &Session) -> String {
     let mut text = String::new();
@@ -142,7 +152,7 @@ fn write_description(text: &mut String, session: &Session) -> std::fmt::Result {
     if session.truncated() {
         writeln!(
             text,
-            "truncated: the recording was cut off; what is whole is replayed"
+            "truncated: the recording was interrupted; its complete part is replayed"
         )?;
     }
     for damage in session.damage() {

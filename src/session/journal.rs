@@ -1,5 +1,5 @@
-//! What the live rig made of the streams, so that a replay can make the same of them; and
-//! the controls that were in force.
+//! The journal, which records how the live rig processed the streams so that a replay can repeat it,
+//! and the cameras' controls.
 
 use super::events::LightNote;
 use penumbra_interface::{ControlsInForce, MonotonicTime};
@@ -7,22 +7,22 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// JSON of a `/rig/journal` message; its log time is when it happened.
+/// JSON of a `/rig/journal` message; its log time is the time of the event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum JournalMessage {
-    /// Nothing came, and pairing was told the time.
+    /// The time of pairing was advanced without an arrival.
     Tick {},
-    /// The scene camera's picture with this arrival was made ready for the compositor.
-    /// Pictures between two of these were passed over.
+    /// A picture of the scene camera was prepared for the compositor. Pictures between two of these
+    /// messages were skipped.
     Prepared {
-        /// Nanoseconds.
+        /// Arrival of the picture, nanoseconds.
         arrived_at: i64,
-        /// The light saw the picture. Not said by a rig whose light saw each of these
-        /// pictures, and that drew each in the light of the one before.
+        /// The light estimator used the picture. Missing in recordings of older rigs, which used
+        /// each of these pictures and rendered each in the light of the previous one.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         seen: Option<bool>,
-        /// Arrival of the picture in whose light this one was drawn, nanoseconds.
+        /// Arrival of the picture in whose light this one was rendered, nanoseconds.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         lit_by: Option<i64>,
     },

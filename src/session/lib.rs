@@ -1,14 +1,18 @@
-//! Sessions: what a rig recorded, as an MCAP file that Foxglove, Rerun and the `mcap`
-//! packages open too.
+//! Sessions: recordings of a rig as MCAP files, which Foxglove, Rerun and the `mcap` packages can
+//! open too.
 //!
-//! A [`SessionWriter`] records frames, tracker bytes and attachments (the calibration, the
-//! virtual objects); a [`Session`] gives them back in the order of their arrival.
-//! [`import`](import::import) makes a session from a folder, [`describe`] says what is in
-//! one.
+//! A [`SessionWriter`] records frames, tracker bytes and attachments (calibration, virtual objects);
+//! a [`Session`] returns them in the order of arrival. [`import`](import::import) converts a folder to
+//! a session, [`describe`] summarises one.
 //!
-//! | topic | schema | what |
+//! Modules in the order of the data flow. Writing: `topics` (names of the streams), `messages`,
+//! `tracker_message` and `journal` (their contents), `writer`, `sink` (the file's errors). Reading:
+//! `records` (MCAP's records), `container` (chunks and attachments of a file), `reader`, `events`
+//! (messages in the order of arrival), `info` (statistics).
+//!
+//! | topic | schema | contents |
 //! |---|---|---|
-//! | `/scene_camera/image`, `/environment_camera/image` | `foxglove.CompressedImage` | JPEG or PNG as it arrived; log time = arrival, time stamp = middle of the exposure |
+//! | `/scene_camera/image`, `/environment_camera/image` | `foxglove.CompressedImage` | JPEG or PNG as received; log time = arrival, time stamp = middle of the exposure |
 //! | `…/image_raw` | `foxglove.RawImage` | the same for YUYV, NV12, RGB8, grey |
 //! | `…/image_ev-4` | | the exposure that is 4 stops darker than the base one |
 //! | `…/exposure` | `penumbra.Exposure` (JSON) | shutter time, gain and the full frame counter, just before its image |

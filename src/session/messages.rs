@@ -1,4 +1,4 @@
-//! Messages of the streams, to and from the types of the drivers.
+//! Conversion between the messages of the streams and the types of the drivers.
 
 use super::topics::Camera;
 use bytes::Bytes;
@@ -14,7 +14,12 @@ use serde::{Deserialize, Serialize};
 
 const NANOS_PER_SECOND: i64 = 1_000_000_000;
 
-/// Protobuf's time stamp; `None` before zero or after 136 years.
+/// Converts MCAP's unsigned nanoseconds; saturates after 292 years.
+pub(super) fn recorded_time(nanos: u64) -> MonotonicTime {
+    MonotonicTime::from_nanos(i64::try_from(nanos).unwrap_or(i64::MAX))
+}
+
+/// Converts to Protobuf's time stamp; `None` before zero or after 136 years.
 pub(super) fn timestamp(time: MonotonicTime) -> Option<Timestamp> {
     let nanos = time.as_nanos();
     let seconds = u32::try_from(nanos.div_euclid(NANOS_PER_SECOND)).ok()?;
@@ -27,14 +32,14 @@ fn time(timestamp: Timestamp) -> MonotonicTime {
     MonotonicTime::from_nanos(nanos)
 }
 
-/// Bytes of a message of one of Foxglove's schemas.
+/// Encodes a message of one of Foxglove's schemas.
 pub(super) fn encode<M: Encode>(message: &M) -> Result<Vec<u8>, String> {
     let mut bytes = Vec::with_capacity(message.encoded_len().unwrap_or_default());
     message.encode(&mut bytes).map_err(|e| e.to_string())?;
     Ok(bytes)
 }
 
-/// What a file says about a frame beside its bytes.
+/// Data of a frame that are stored beside its image.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct FrameContext {
     pub sequence: u64,
@@ -44,7 +49,7 @@ pub(super) struct FrameContext {
     pub bracket_ev: f64,
 }
 
-/// Whether a format is stored as `foxglove.RawImage`.
+/// Returns whether a format is stored as `foxglove.RawImage`.
 pub(super) const fn is_raw(format: PixelFormat) -> bool {
     !matches!(format, PixelFormat::Jpeg | PixelFormat::Png)
 }
@@ -85,7 +90,7 @@ pub(super) fn raw_image(camera: Camera, frame: &Frame, stamp: Timestamp) -> RawI
     }
 }
 
-/// Encoding of a mosaic in `foxglove.RawImage`.
+/// Name of a Bayer pattern in `foxglove.RawImage`.
 const fn bayer_name(pattern: BayerPattern) -> &'static str {
     match pattern {
         BayerPattern::Rggb => "bayer_rggb8",
@@ -100,7 +105,7 @@ fn bayer_pattern(encoding: &str) -> Option<BayerPattern> {
     BayerPattern::ALL.into_iter().find(named)
 }
 
-/// A frame from a `foxglove.CompressedImage`.
+/// Decodes a `foxglove.CompressedImage` to a frame.
 pub(super) fn frame_from_compressed(data: Bytes, context: FrameContext) -> Result<Frame, String> {
     let image = <CompressedImage as Decode>::decode(data).map_err(|e| e.to_string())?;
     let format = match image.format.as_str() {
@@ -111,7 +116,7 @@ pub(super) fn frame_from_compressed(data: Bytes, context: FrameContext) -> Resul
     Ok(frame(context, image.timestamp, format, image.data))
 }
 
-/// A frame from a `foxglove.RawImage` whose sizes agree.
+/// Decodes a `foxglove.RawImage` to a frame, if its sizes are consistent.
 pub(super) fn frame_from_raw(data: Bytes, context: FrameContext) -> Result<Frame, String> {
     let image = <RawImage as Decode>::decode(data).map_err(|e| e.to_string())?;
     let (width, height, step) = (image.width, image.height, u64::from(image.step));
@@ -140,7 +145,7 @@ pub(super) fn frame_from_raw(data: Bytes, context: FrameContext) -> Result<Frame
     if !sized || !possible || step < tight || (image.data.len() as u64) < needed {
         let (len, encoding) = (image.data.len(), &image.encoding);
         return Err(format!(
-            "{len} bytes are no {width}x{height} {encoding} picture"
+            "{len} bytes do not fit a {width}x{height} {encoding} picture"
         ));
     }
     let stride = if step == tight { 0 } else { image.step };
@@ -173,7 +178,7 @@ fn frame(
     }
 }
 
-/// JSON of an `…/exposure` message: what `foxglove.CompressedImage` has no field for.
+/// JSON of an `…/exposure` message: data for which `foxglove.CompressedImage` has no field.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct ExposureMessage {
     pub sequence: u64,
@@ -203,7 +208,7 @@ impl ExposureMessage {
     }
 }
 
-/// `parent_from_child` as a `foxglove.FrameTransform`.
+/// Converts `parent_from_child` to a `foxglove.FrameTransform`.
 pub(super) fn frame_transform(
     parent: &str,
     child: &str,
@@ -234,7 +239,7 @@ pub(super) fn sensor_frame(station: u8) -> String {
     format!("sensor_{station}")
 }
 
-/// A pose from a `foxglove.FrameTransform` whose child is `sensor_<station>`.
+/// Decodes the pose in a `foxglove.FrameTransform` whose child is `sensor_<station>`.
 pub(super) fn pose_sample(data: Bytes, arrived_at: MonotonicTime) -> Result<PoseSample, String> {
     let transform = <FrameTransform as Decode>::decode(data).map_err(|e| e.to_string())?;
     let station = transform.child_frame_id.strip_prefix("sensor_");
@@ -252,7 +257,7 @@ pub(super) fn pose_sample(data: Bytes, arrived_at: MonotonicTime) -> Result<Pose
             error: None,
         })
     } else {
-        Err("a pose that is no rigid motion".to_owned())
+        Err("a pose that is not a rigid transform".to_owned())
     }
 }
 
@@ -285,7 +290,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn raw_pictures_whose_sizes_disagree_are_refused() {
+    fn rejects_raw_pictures_with_inconsistent_sizes() {
         let context = FrameContext {
             sequence: 1,
             published_at: MonotonicTime::default(),
@@ -320,12 +325,12 @@ mod tests {
 
     proptest! {
         #[test]
-        fn arbitrary_messages_never_break_it(data in prop::collection::vec(any::<u8>(), 0..60)) {
+        fn arbitrary_bytes_never_panic(data in prop::collection::vec(any::<u8>(), 0..60)) {
             let _ = pose_sample(data.into(), MonotonicTime::default());
         }
 
         #[test]
-        fn time_stamps_survive(nanos in 0..i64::from(u32::MAX) * NANOS_PER_SECOND) {
+        fn time_stamps_round_trip(nanos in 0..i64::from(u32::MAX) * NANOS_PER_SECOND) {
             let at = MonotonicTime::from_nanos(nanos);
             prop_assert_eq!(time(timestamp(at).unwrap()), at);
         }

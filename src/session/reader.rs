@@ -2,8 +2,7 @@
 
 use super::SessionError;
 use super::container::{Container, open};
-use super::events::{Events, recorded_time};
-use super::info::{self, StreamInfo};
+use super::messages::recorded_time;
 use super::records::{self, Channel, op, records_in};
 use super::topics::{self, Camera, Role};
 use bytes::Bytes;
@@ -15,16 +14,16 @@ use std::sync::Arc;
 /// A file inside a session: calibration, virtual object, phantom object.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Attachment {
-    /// Plain relative path with `/`, such as `object/object.glb`.
+    /// Plain relative path with `/`, e.g. `object/object.glb`.
     pub name: String,
-    /// Such as `application/json`.
+    /// E.g. `application/json`.
     pub media_type: String,
-    /// The file.
+    /// Contents of the file.
     pub data: Bytes,
 }
 
-/// A recorded session. Holds its attachments and the places of its chunks; pictures are
-/// read as they are asked for. Cheap to clone.
+/// A recorded session. Holds its attachments and the positions of its chunks; pictures are read on
+/// demand. Cheap to clone.
 #[derive(Clone, Debug)]
 pub struct Session {
     pub(super) container: Arc<Container>,
@@ -35,9 +34,8 @@ impl Session {
     /// Opens the session at `path`.
     ///
     /// # Errors
-    /// If it is missing, empty, no MCAP file, an MCAP file of something else, cut off
-    /// before its first whole chunk, or holds an attachment that is too large or named to
-    /// lead outside.
+    /// The file is missing, empty, not an MCAP file, not a session, truncated before its first
+    /// complete chunk, or has an attachment that is too large or whose name leads outside.
     pub fn open(path: &Path) -> Result<Self, SessionError> {
         let container = Container::scan(path)?;
         let mut channels = container.channels.clone();
@@ -51,7 +49,7 @@ impl Session {
         })
     }
 
-    /// Where the session is.
+    /// Path of the session.
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.container.path
@@ -63,7 +61,7 @@ impl Session {
         self.container.len
     }
 
-    /// The newest attachment of this name.
+    /// Returns the newest attachment of a name.
     #[must_use]
     pub fn attachment(&self, name: &str) -> Option<&[u8]> {
         let named = |attachment: &&Attachment| attachment.name == name;
@@ -77,21 +75,21 @@ impl Session {
         &self.container.attachments
     }
 
-    /// Whether the end that a finished writer puts there is missing: the writer was
-    /// killed, or the file cut off. What is whole is replayed.
+    /// Returns whether the end of the file is missing, because the writer was killed or the file was
+    /// truncated. Complete chunks are still replayed.
     #[must_use]
     pub fn truncated(&self) -> bool {
         self.container.truncated
     }
 
-    /// Stretches of the file that opening it found damaged. Damage inside a chunk shows
-    /// only in [`Self::events`].
+    /// Damaged parts found while opening the file. Damage inside a chunk is reported only by
+    /// [`Self::events`].
     #[must_use]
     pub fn damage(&self) -> &[SessionError] {
         &self.container.damage
     }
 
-    /// Share of the recording, 0..=1, that has arrived by `at`; `None` when it has no length.
+    /// Share of the recording, 0..=1, that arrived by `at`; `None` if it has no duration.
     #[must_use]
     pub fn share_played(&self, at: MonotonicTime) -> Option<f64> {
         let chunks = self.container.chunks.iter().map(|chunk| &chunk.header);
@@ -110,14 +108,14 @@ impl Session {
         Some((recorded_time(start), recorded_time(end)))
     }
 
-    /// Whether a live rig recorded it while it composed, and so wrote down what it made of
-    /// the streams. The order of such a file is the order of arrival.
+    /// Returns whether the recording has a journal of a live rig. Such a file is in the order of
+    /// arrival.
     #[must_use]
     pub fn has_journal(&self) -> bool {
         self.channels.values().any(|c| c.topic == topics::JOURNAL)
     }
 
-    /// Protocol of the recorded tracker bytes, such as `fastrak`; `None` if there are none.
+    /// Protocol of the recorded tracker bytes, e.g. `fastrak`; `None` without tracker bytes.
     #[must_use]
     pub fn tracker_protocol(&self) -> Option<&str> {
         let tracker = |channel: &&Channel| channel.topic == topics::TRACKER_BYTES;
@@ -125,30 +123,15 @@ impl Session {
         channel.metadata.get(topics::PROTOCOL).map(String::as_str)
     }
 
-    /// The recording has a channel of the environment camera.
+    /// Returns whether the recording has pictures of the environment camera.
     #[must_use]
     pub fn has_environment(&self) -> bool {
         let start = format!("/{}/image", Camera::Environment.frame_id());
         self.channels.values().any(|c| c.topic.starts_with(&start))
     }
-
-    /// Everything recorded, in the order of arrival, from the beginning. Each call starts
-    /// anew, so a loop over the session needs no more memory than one pass.
-    #[must_use]
-    pub fn events(&self) -> Events {
-        Events::new(self.clone())
-    }
-
-    /// Count, rate and gaps of every stream. Reads the whole file.
-    ///
-    /// # Errors
-    /// If the file cannot be read any more; damaged chunks are left out.
-    pub fn streams(&self) -> Result<Vec<StreamInfo>, SessionError> {
-        info::streams(self)
-    }
 }
 
-/// Adds the channels that chunks describe, for a file that was not finished.
+/// Adds the channels described in chunks, for a truncated file.
 fn collect_channels(
     container: &Container,
     channels: &mut BTreeMap<u16, Channel>,
@@ -167,12 +150,16 @@ fn collect_channels(
     Ok(())
 }
 
-/// A session has at least pictures of the scene camera.
+/// Checks that the file is a session: it has pictures of the scene camera.
 fn check_known(
     container: &Container,
     channels: &BTreeMap<u16, Channel>,
 ) -> Result<(), SessionError> {
-    let roles = || channels.values().map(|channel| Role::of(&channel.topic));
+    let roles = || {
+        channels
+            .values()
+            .map(|channel| Role::from_topic(&channel.topic))
+    };
     if roles().any(|role| role == Some(Role::Image(Camera::Scene))) {
         return Ok(());
     }

@@ -1,7 +1,5 @@
-//! MCAP records (<https://mcap.dev/spec>), parsed without trust.
-//!
-//! The `mcap` crate's own parser may panic on the lengths of a damaged file; this one
-//! answers `None`.
+//! MCAP records (<https://mcap.dev/spec>), parsed defensively: the `mcap` crate's parser may panic on
+//! the lengths in a damaged file, this one returns `None`.
 
 use std::collections::BTreeMap;
 
@@ -10,7 +8,7 @@ pub(super) const MAGIC: [u8; 8] = *b"\x89MCAP0\r\n";
 /// Bytes of an opcode and the length that follows it.
 pub(super) const RECORD_HEADER: usize = 9;
 
-/// Opcodes that matter here.
+/// The opcodes in use.
 pub(super) mod op {
     pub const FOOTER: u8 = 0x02;
     pub const CHANNEL: u8 = 0x04;
@@ -53,7 +51,7 @@ pub(super) fn record_header(bytes: &[u8]) -> Option<(u8, u64)> {
     Some((opcode, rest.u64()?))
 }
 
-/// Where a chunk is and how to unpack it.
+/// Header of a chunk.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct ChunkHeader {
     pub start_time: u64,
@@ -62,11 +60,11 @@ pub(super) struct ChunkHeader {
     pub uncompressed_crc: u32,
     pub compression: String,
     pub compressed_size: u64,
-    /// Bytes of this header.
+    /// Size of this header, bytes.
     pub len: u64,
 }
 
-/// Bytes that hold any chunk header whose compression is one of the known ones.
+/// Maximum size of a chunk header with a known compression, bytes.
 pub(super) const CHUNK_HEADER_MAX: usize = 64;
 
 pub(super) fn chunk_header(body: &[u8]) -> Option<ChunkHeader> {
@@ -84,7 +82,7 @@ pub(super) fn chunk_header(body: &[u8]) -> Option<ChunkHeader> {
     Some(ChunkHeader { len, ..header })
 }
 
-/// Name, media type and data of an attachment whose checksum is right.
+/// Parses an attachment to name, media type and data; `None` if its checksum is wrong.
 pub(super) fn attachment(body: &[u8]) -> Option<(String, String, &[u8])> {
     let mut fields = Fields(body);
     let _log_time = fields.u64()?;
@@ -98,7 +96,7 @@ pub(super) fn attachment(body: &[u8]) -> Option<(String, String, &[u8])> {
     (crc == 0 || crc == crc32fast::hash(&body[..checked])).then_some((name, media_type, data))
 }
 
-/// A stream's description.
+/// Description of a stream.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Channel {
     pub id: u16,
@@ -149,8 +147,8 @@ pub(super) fn message_header(body: &[u8]) -> Option<MessageHeader> {
     })
 }
 
-/// The records of an unpacked chunk: opcode and where in `chunk` the body lies. Stops,
-/// with an error, at a record that leads out of the chunk.
+/// Iterates over the records of a decompressed chunk. Ends with an error at a record that extends
+/// beyond the chunk.
 pub(super) fn records_in(chunk: &[u8]) -> impl Iterator<Item = Result<Placed, ()>> + '_ {
     let mut at = 0;
     std::iter::from_fn(move || {
@@ -165,7 +163,7 @@ pub(super) fn records_in(chunk: &[u8]) -> impl Iterator<Item = Result<Placed, ()
     })
 }
 
-/// A record within a chunk.
+/// Opcode and byte range of a record's body within a chunk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Placed {
     pub opcode: u8,
@@ -180,7 +178,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn a_length_that_leads_out_of_the_chunk_ends_it_with_an_error() {
+    fn record_beyond_the_chunk_is_an_error() {
         let mut chunk = vec![op::MESSAGE, 2, 0, 0, 0, 0, 0, 0, 0, 7, 7];
         chunk.extend([op::MESSAGE, 255, 255, 255, 255, 255, 255, 255, 255, 7]);
         let found: Vec<_> = records_in(&chunk).collect();
@@ -191,7 +189,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn arbitrary_bytes_never_break_the_parsers(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
+        fn arbitrary_bytes_never_panic(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
             let _ = chunk_header(&bytes);
             let _ = channel(&bytes);
             let _ = message_header(&bytes);

@@ -1,4 +1,4 @@
-//! Where a session goes, and what the system says about it.
+//! The output of a session writer, and its errors.
 
 use super::SessionError;
 use mcap::McapError;
@@ -6,11 +6,11 @@ use std::io::{self, Seek, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
-/// What the system said when it last refused to write. The `mcap` crate hands some of its
-/// errors on as "parse failed", which would not tell the user that the disk is full.
+/// The last I/O error. The `mcap` crate reports some I/O errors as "parse failed", which hides e.g. a
+/// full disk from the user.
 type Fault = Arc<Mutex<Option<io::Error>>>;
 
-/// Passes everything on, and notes what goes wrong.
+/// Forwards to a writer and keeps its last error.
 pub(super) struct Watched<W> {
     inner: W,
     fault: Fault,
@@ -53,14 +53,14 @@ impl<W: Seek> Seek for Watched<W> {
     }
 }
 
-/// Where a session goes, for error texts.
+/// Path and last error of a session's output, for error messages.
 pub(super) struct Sink {
     path: PathBuf,
     fault: Fault,
 }
 
 impl Sink {
-    /// A writer whose errors are noted here.
+    /// Wraps a writer so that its errors are kept here.
     pub fn watch<W>(writer: W, path: &Path) -> (Self, Watched<W>) {
         let sink = Self {
             path: path.to_owned(),

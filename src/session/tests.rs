@@ -1,4 +1,4 @@
-//! Round trips, and files that were cut off, damaged or never sessions.
+//! Round trips, and files that are truncated, damaged or not sessions.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use super::*;
@@ -16,7 +16,7 @@ fn at(nanos: i64) -> MonotonicTime {
     MonotonicTime::from_nanos(nanos)
 }
 
-/// A coded picture whose bytes are its number, so that a mix-up shows.
+/// A coded picture whose bytes are its number, so that a mix-up is detected.
 fn picture(sequence: u64, arrived: i64, bracket_ev: f64) -> Frame {
     Frame {
         data: Bytes::from(vec![sequence as u8; 3000]),
@@ -43,7 +43,7 @@ fn pose(arrived: i64) -> PoseSample {
     }
 }
 
-/// A small session of every kind of event, in memory; flushed into a chunk of its own
+/// A small session of every kind of event, in memory; flushed into a separate chunk
 /// after every scene frame.
 fn recorded(frames: u64) -> Vec<u8> {
     let cursor = Cursor::new(Vec::new());
@@ -95,7 +95,7 @@ fn scene_sequences(events: &[SessionEvent]) -> Vec<u64> {
 }
 
 #[test]
-fn everything_recorded_comes_back_in_the_order_of_arrival() {
+fn events_round_trip_in_the_order_of_arrival() {
     let (_folder, session) = opened(&recorded(3)).unwrap();
     assert!(!session.truncated() && session.damage().is_empty());
     let events = whole(&session);
@@ -141,7 +141,7 @@ fn everything_recorded_comes_back_in_the_order_of_arrival() {
 }
 
 #[test]
-fn attachments_keep_their_paths() {
+fn attachments_round_trip_with_their_paths() {
     let (_folder, session) = opened(&recorded(1)).unwrap();
     assert_eq!(session.attachment("rig.json"), Some(&b"{}"[..]));
     assert_eq!(
@@ -153,7 +153,7 @@ fn attachments_keep_their_paths() {
 }
 
 #[test]
-fn a_session_can_be_read_again_and_again() {
+fn session_can_be_read_repeatedly() {
     let (_folder, session) = opened(&recorded(4)).unwrap();
     for _ in 0..3 {
         assert_eq!(scene_sequences(&whole(&session)), [0, 1, 2, 3]);
@@ -161,7 +161,7 @@ fn a_session_can_be_read_again_and_again() {
 }
 
 #[test]
-fn streams_that_were_written_late_are_put_in_order() {
+fn sorts_streams_that_were_written_late() {
     let cursor = Cursor::new(Vec::new());
     let mut writer = SessionWriter::new(cursor, Path::new("memory")).unwrap();
     for i in [4, 0, 3, 1, 2] {
@@ -176,7 +176,7 @@ fn streams_that_were_written_late_are_put_in_order() {
 }
 
 #[test]
-fn a_file_cut_off_anywhere_replays_its_whole_chunks() {
+fn truncated_file_replays_its_complete_chunks() {
     let bytes = recorded(3);
     let (_folder, session) = opened(&bytes).unwrap();
     let chunk_ends: Vec<_> = session
@@ -186,7 +186,7 @@ fn a_file_cut_off_anywhere_replays_its_whole_chunks() {
         .map(|chunk| (chunk.offset + chunk.header.compressed_size) as usize)
         .collect();
     assert_eq!(chunk_ends.len(), 3);
-    // Every boundary of a chunk and its neighbourhood, and a stride through all the rest.
+    // Every boundary of a chunk and its neighbourhood, and samples of the rest.
     let near = chunk_ends.iter().flat_map(|end| end - 3..end + 3);
     for cut in near.chain((0..bytes.len()).step_by(97)) {
         let chunks = chunk_ends.iter().filter(|end| **end <= cut).count();
@@ -211,7 +211,7 @@ fn a_file_cut_off_anywhere_replays_its_whole_chunks() {
 }
 
 #[test]
-fn a_file_whose_end_was_lost_to_zeros_is_truncated() {
+fn file_that_ends_in_zeros_is_truncated() {
     let mut bytes = recorded(2);
     let (_folder, session) = opened(&bytes).unwrap();
     let second = session.container.chunks[1].offset as usize;
@@ -222,7 +222,7 @@ fn a_file_whose_end_was_lost_to_zeros_is_truncated() {
 }
 
 #[test]
-fn a_damaged_chunk_is_left_out_and_said() {
+fn damaged_chunk_is_skipped_and_reported() {
     let mut bytes = recorded(3);
     let (_folder, session) = opened(&bytes).unwrap();
     bytes[session.container.chunks[1].offset as usize + 500] ^= 1;
@@ -236,11 +236,11 @@ fn a_damaged_chunk_is_left_out_and_said() {
 }
 
 #[test]
-fn files_that_are_no_sessions_get_one_clear_line() {
+fn rejects_other_files_with_one_line() {
     let text = |bytes: &[u8]| opened(bytes).map(|_| ()).unwrap_err().to_string();
     assert!(text(b"").contains("is empty"));
     assert!(text(b"\xff\xd8\xff\xe0 this is a JPEG").contains("not an MCAP file"));
-    assert!(text(b"\x89MCAP0\r\n").contains("cut off before its first whole chunk"));
+    assert!(text(b"\x89MCAP0\r\n").contains("truncated before its first complete chunk"));
     let mut foreign = mcap::Writer::new(Cursor::new(Vec::new())).unwrap();
     let channel = foreign
         .add_channel(0, "/lidar", "cdr", &Default::default())
@@ -263,7 +263,7 @@ fn files_that_are_no_sessions_get_one_clear_line() {
 }
 
 #[test]
-fn attachments_that_lead_outside_are_refused() {
+fn rejects_attachments_outside_the_session() {
     let write = |name: &str| {
         let mut writer = mcap::Writer::new(Cursor::new(Vec::new())).unwrap();
         let attachment = mcap::Attachment {
@@ -290,7 +290,7 @@ fn attachments_that_lead_outside_are_refused() {
 }
 
 #[test]
-fn a_chunk_that_claims_to_unpack_to_a_mountain_is_refused() {
+fn rejects_chunk_with_huge_uncompressed_size() {
     let bytes = recorded(1);
     let (_folder, session) = opened(&bytes).unwrap();
     let offset = session.container.chunks[0].offset as usize;
@@ -303,12 +303,12 @@ fn a_chunk_that_claims_to_unpack_to_a_mountain_is_refused() {
 }
 
 #[test]
-fn compressed_chunks_are_read_and_bombs_are_not() {
+fn reads_compressed_chunks_and_rejects_decompression_bombs() {
     for compression in [mcap::Compression::Lz4, mcap::Compression::Zstd] {
         let bytes = recorded_elsewhere(compression);
         let (_folder, session) = opened(&bytes).unwrap();
         assert_eq!(scene_sequences(&whole(&session)), [0, 1, 2]);
-        // A chunk that unpacks to more than it says.
+        // A chunk that is larger than its header states.
         let place = &session.container.chunks[0];
         let name = place.header.compression.len();
         let size = place.offset as usize - 8 - 4 - name - 4 - 8;
@@ -319,7 +319,7 @@ fn compressed_chunks_are_read_and_bombs_are_not() {
     }
 }
 
-/// The same messages as another writer of MCAP would pack them.
+/// The same messages, compressed by another MCAP writer.
 fn recorded_elsewhere(compression: mcap::Compression) -> Vec<u8> {
     let options = mcap::WriteOptions::new().compression(Some(compression));
     let mut writer = options.create(Cursor::new(Vec::new())).unwrap();
@@ -344,10 +344,10 @@ fn recorded_elsewhere(compression: mcap::Compression) -> Vec<u8> {
 }
 
 #[test]
-fn streams_are_counted_with_their_gaps_and_losses() {
+fn counts_messages_gaps_and_lost_frames() {
     let cursor = Cursor::new(Vec::new());
     let mut writer = SessionWriter::new(cursor, Path::new("memory")).unwrap();
-    // 100 Hz; the camera lost frames 3 and 4, and its counter says so.
+    // 100 Hz; the camera's counter shows that frames 3 and 4 are lost.
     for i in [0, 1, 2, 5, 6, 7] {
         let frame = picture(i, 10_000_000 * (i as i64 + 1), 0.0);
         writer.frame(Camera::Scene, &frame).unwrap();
@@ -365,7 +365,7 @@ fn streams_are_counted_with_their_gaps_and_losses() {
 }
 
 #[test]
-fn what_cannot_be_recorded_is_refused() {
+fn rejects_unrecordable_events() {
     let cursor = Cursor::new(Vec::new());
     let mut writer = SessionWriter::new(cursor, Path::new("memory")).unwrap();
     let mut early = picture(0, 500, 0.0);
@@ -441,7 +441,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
     #[test]
-    fn frames_survive_whole(frames in prop::collection::vec((any_frame(), any::<bool>()), 1..8)) {
+    fn frames_round_trip(frames in prop::collection::vec((any_frame(), any::<bool>()), 1..8)) {
         let cursor = Cursor::new(Vec::new());
         let mut writer = SessionWriter::new(cursor, Path::new("memory")).unwrap();
         writer.frame(Camera::Scene, &picture(0, 4_100_000_000_000_000_000, 0.0)).unwrap();
@@ -464,7 +464,7 @@ proptest! {
             let told = |frame: &Frame| frame.exposure.map(|e| (e.exposure_micros, e.gain));
             match (told(found), told(frame)) {
                 (Some(found), Some(told)) => {
-                    // JSON is parsed to within a unit in the last place.
+                    // JSON numbers are parsed to within one unit in the last place.
                     prop_assert!((found.0 / told.0 - 1.0).abs() < 1e-15);
                     prop_assert!((found.1 / told.1 - 1.0).abs() < 1e-15);
                 }
@@ -476,7 +476,7 @@ proptest! {
     }
 
     #[test]
-    fn flipped_bits_never_break_the_reader(place in 0..10_000_usize, bit in 0..8_u8) {
+    fn flipped_bits_never_panic(place in 0..10_000_usize, bit in 0..8_u8) {
         let mut bytes = recorded(2);
         let place = place % bytes.len();
         bytes[place] ^= 1 << bit;
@@ -488,7 +488,7 @@ proptest! {
 }
 
 #[test]
-fn a_killed_writer_leaves_its_whole_chunks() {
+fn killed_writer_leaves_complete_chunks() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("killed.mcap");
     let mut writer = SessionWriter::create(&path).unwrap();
@@ -502,8 +502,8 @@ fn a_killed_writer_leaves_its_whole_chunks() {
             writer.flush().unwrap();
         }
     }
-    // Neither finished nor dropped: what a SIGKILL leaves, with a chunk half written whose
-    // header still has to be filled in.
+    // Neither finished nor dropped, as after a SIGKILL, with a partially written chunk whose
+    // header is not filled in yet.
     std::mem::forget(writer);
     assert!(std::fs::metadata(&path).unwrap().len() > 60_000);
     let session = Session::open(&path).unwrap();
@@ -515,7 +515,7 @@ fn a_killed_writer_leaves_its_whole_chunks() {
     assert_eq!(session.attachment("rig.json"), Some(&b"{}"[..]));
 }
 
-/// A disk with room for so many bytes.
+/// A disk of limited capacity, bytes.
 struct FullDisk {
     room: usize,
     file: Cursor<Vec<u8>>,
@@ -542,7 +542,7 @@ impl std::io::Seek for FullDisk {
 }
 
 #[test]
-fn a_full_disk_is_an_error_wherever_it_happens() {
+fn full_disk_is_an_error_at_any_position() {
     let path = Path::new("full.mcap");
     let write = |room: usize| -> Result<(), SessionError> {
         let file = Cursor::new(Vec::new());
@@ -567,7 +567,7 @@ fn a_full_disk_is_an_error_wherever_it_happens() {
 }
 
 #[test]
-fn controls_and_the_journal_survive_in_the_order_of_the_file() {
+fn controls_and_journal_round_trip_in_file_order() {
     let controls = |exposure| -> penumbra_interface::ControlsInForce {
         [
             ("exposure_time_absolute".into(), exposure),
@@ -600,13 +600,13 @@ fn controls_and_the_journal_survive_in_the_order_of_the_file() {
                 lit_by: None,
             }),
         },
-        // As rigs wrote it that drew each picture in the light of the one before.
+        // As written by older rigs, which rendered each picture in the light of the previous one.
         SessionEvent::Prepared {
             at: at(2 * second + 6),
             arrived_at: at(2 * second + 2),
             light: None,
         },
-        // Stamped by another thread a moment before, but taken after.
+        // Stamped by another thread earlier, but received later.
         SessionEvent::TrackerBytes {
             protocol: "fastrak".into(),
             bytes: Bytes::from_static(b"abc"),

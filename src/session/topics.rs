@@ -1,11 +1,11 @@
 //! Names of the streams.
 
-/// Which of the two cameras.
+/// One of the two cameras.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Camera {
     /// The camera whose picture is augmented.
     Scene,
-    /// The camera that sees the light.
+    /// The camera that observes the environment's light.
     Environment,
 }
 
@@ -43,14 +43,14 @@ impl Camera {
     }
 }
 
-/// The stream without which a file is no session.
+/// The stream that every session has.
 pub(super) const SCENE_IMAGES: &str = "/scene_camera/image";
-/// What the live rig made of the streams: which pictures it prepared, when it stopped
-/// waiting. Its presence says that the order of the file is the order of arrival.
+/// The live rig's journal: which pictures it prepared, when it stopped waiting. A file with a journal
+/// is in the order of arrival.
 pub(super) const JOURNAL: &str = "/rig/journal";
 /// Raw bytes of the tracker.
 pub(super) const TRACKER_BYTES: &str = "/tracker/bytes";
-/// Poses of a tracker that is no byte stream.
+/// Poses of a tracker that is not a byte stream.
 pub(super) const TRACKER_POSE: &str = "/tracker/pose";
 /// The frame tree, for viewers.
 pub(super) const FRAME_TREE: &str = "/tf";
@@ -59,7 +59,7 @@ pub(super) const BRACKET_EV: &str = "bracket_ev";
 /// Channel metadata: the tracker's protocol.
 pub(super) const PROTOCOL: &str = "protocol";
 
-/// What a topic carries, if it is one that is read back.
+/// Contents of a topic that is read back.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Role {
     Image(Camera),
@@ -71,7 +71,7 @@ pub(super) enum Role {
 }
 
 impl Role {
-    pub(super) fn of(topic: &str) -> Option<Self> {
+    pub(super) fn from_topic(topic: &str) -> Option<Self> {
         match topic {
             TRACKER_BYTES => return Some(Self::TrackerBytes),
             TRACKER_POSE => return Some(Self::TrackerPose),
@@ -104,31 +104,35 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_topic_written_is_recognised() {
+    fn recognises_every_written_topic() {
         for camera in [Camera::Scene, Camera::Environment] {
             for raw in [false, true] {
                 for ev in [0.0, -4.0, 1.5] {
                     let topic = camera.image_topic(ev, raw);
-                    assert_eq!(Role::of(&topic), Some(Role::Image(camera)), "{topic}");
+                    assert_eq!(
+                        Role::from_topic(&topic),
+                        Some(Role::Image(camera)),
+                        "{topic}"
+                    );
                 }
             }
             assert_eq!(
-                Role::of(&camera.exposure_topic()),
+                Role::from_topic(&camera.exposure_topic()),
                 Some(Role::Exposure(camera))
             );
             assert_eq!(
-                Role::of(&camera.controls_topic()),
+                Role::from_topic(&camera.controls_topic()),
                 Some(Role::Controls(camera))
             );
-            assert_eq!(Role::of(&camera.calibration_topic()), None);
+            assert_eq!(Role::from_topic(&camera.calibration_topic()), None);
         }
         assert_eq!(
             Camera::Environment.image_topic(-4.0, false),
             "/environment_camera/image_ev-4"
         );
         assert_eq!(Camera::Scene.image_topic(0.0, false), SCENE_IMAGES);
-        assert_eq!(Role::of(FRAME_TREE), None);
-        assert_eq!(Role::of("/scene_camera/imagery"), None);
-        assert_eq!(Role::of(""), None);
+        assert_eq!(Role::from_topic(FRAME_TREE), None);
+        assert_eq!(Role::from_topic("/scene_camera/imagery"), None);
+        assert_eq!(Role::from_topic(""), None);
     }
 }

@@ -1,9 +1,9 @@
-//! `penumbra.TrackerBytes`, written by hand: one protobuf field is not worth a compiler.
+//! `penumbra.TrackerBytes`, encoded by hand: one protobuf field does not justify a compiler.
 
 use bytes::Bytes;
 
-/// Protobuf's `message TrackerBytes { bytes data = 1; }` in package `penumbra`, as the
-/// serialized `FileDescriptorSet` that MCAP wants for a schema.
+/// Returns the schema for MCAP: protobuf's `message TrackerBytes { bytes data = 1; }` in package
+/// `penumbra` as a serialised `FileDescriptorSet`.
 pub(super) fn schema() -> Vec<u8> {
     // Field numbers are those of google/protobuf/descriptor.proto.
     const LABEL_OPTIONAL: [u8; 2] = [4 << 3, 1];
@@ -28,12 +28,12 @@ pub(super) fn schema() -> Vec<u8> {
     bytes_field(1, &file)
 }
 
-/// A `penumbra.TrackerBytes`.
+/// Encodes a `penumbra.TrackerBytes`.
 pub(super) fn encode(data: &[u8]) -> Vec<u8> {
     bytes_field(1, data)
 }
 
-/// The bytes in a `penumbra.TrackerBytes`, shared with the message.
+/// Decodes a `penumbra.TrackerBytes`; the bytes share the message's memory.
 pub(super) fn decode(message: &Bytes) -> Result<Bytes, String> {
     let misread = || "not a penumbra.TrackerBytes".to_owned();
     if message.is_empty() {
@@ -48,7 +48,7 @@ pub(super) fn decode(message: &Bytes) -> Result<Bytes, String> {
     }
 }
 
-/// A length-delimited field of a protobuf message.
+/// Encodes a length-delimited field of a protobuf message.
 fn bytes_field(number: u8, data: &[u8]) -> Vec<u8> {
     let mut field = vec![number << 3 | 2];
     let mut len = data.len();
@@ -61,7 +61,7 @@ fn bytes_field(number: u8, data: &[u8]) -> Vec<u8> {
     field
 }
 
-/// A base-128 number off the front.
+/// Splits a base-128 varint off the front.
 fn varint(bytes: &[u8]) -> Option<(u64, &[u8])> {
     let len = bytes.iter().take(9).position(|byte| byte & 0x80 == 0)? + 1;
     let (number, rest) = bytes.split_at(len);
@@ -80,13 +80,13 @@ mod tests {
 
     proptest! {
         #[test]
-        fn tracker_bytes_survive(data in prop::collection::vec(any::<u8>(), 0..40_000)) {
+        fn tracker_bytes_round_trip(data in prop::collection::vec(any::<u8>(), 0..40_000)) {
             let message = Bytes::from(encode(&data));
             prop_assert_eq!(&decode(&message).unwrap()[..], &data[..]);
         }
 
         #[test]
-        fn arbitrary_messages_never_break_it(data in prop::collection::vec(any::<u8>(), 0..60)) {
+        fn arbitrary_bytes_never_panic(data in prop::collection::vec(any::<u8>(), 0..60)) {
             if let Ok(found) = decode(&data.clone().into()) {
                 prop_assert!(found.len() <= data.len());
             }

@@ -1,4 +1,4 @@
-//! Recording.
+//! Writes a session.
 
 use super::SessionError;
 use super::container::is_inside;
@@ -19,17 +19,16 @@ use std::io::{self, BufWriter, Seek, Write};
 use std::path::Path;
 use std::sync::Arc;
 
-/// A killed writer loses at most the chunk it was filling; pictures make a chunk of this
-/// many bytes last a fraction of a second.
+/// Size of a chunk, bytes. A killed writer loses at most the last chunk, which with pictures is a
+/// fraction of a second.
 const CHUNK_BYTES: u64 = 1 << 20;
 
-/// Writes a session. What was written is safe, as far as whole chunks go, even if
-/// [`Self::finish`] is never reached.
+/// Writes a session. Complete chunks can be read even if [`Self::finish`] is never called.
 pub struct SessionWriter<W: Write + Seek> {
     sink: Sink,
     writer: Writer<Watched<W>>,
     channels: BTreeMap<String, u16>,
-    /// The controls last written of each camera.
+    /// The last written controls of each camera.
     controls: BTreeMap<Camera, ControlsInForce>,
     /// The tracker's newest protocol, and its channel.
     tracker: Option<(String, u16)>,
@@ -37,10 +36,10 @@ pub struct SessionWriter<W: Write + Seek> {
 }
 
 impl SessionWriter<BufWriter<File>> {
-    /// Starts a session in a new file.
+    /// Creates a session in a new file.
     ///
     /// # Errors
-    /// If the file exists or cannot be made.
+    /// The file exists or cannot be created.
     pub fn create(path: &Path) -> Result<Self, SessionError> {
         let file = File::create_new(path).map_err(|source| {
             let path = path.to_owned();
@@ -54,7 +53,7 @@ impl SessionWriter<BufWriter<File>> {
 }
 
 impl<W: Write + Seek> SessionWriter<W> {
-    /// Starts a session in `writer`; `path` is for error texts.
+    /// Creates a session in `writer`; `path` is used in error messages.
     ///
     /// # Errors
     /// If nothing can be written.
@@ -79,11 +78,11 @@ impl<W: Write + Seek> SessionWriter<W> {
         }
     }
 
-    /// Puts a file into the session. Attachments belong before the streams, so that a
-    /// truncated session still has them.
+    /// Attaches a file to the session. Attach files before writing streams, so that a truncated
+    /// session still has them.
     ///
     /// # Errors
-    /// If the name is not a plain relative path, or nothing can be written.
+    /// The name is not a plain relative path, or the output fails.
     pub fn attach(&mut self, name: &str, data: &[u8]) -> Result<(), SessionError> {
         if !is_inside(name) {
             return Err(SessionError::AttachmentName {
@@ -135,7 +134,7 @@ impl<W: Write + Seek> SessionWriter<W> {
             arrived_at: frame.arrived_at,
             published_at: frame.captured_at,
         };
-        // The counter's low half; the exposure message has the whole where it matters.
+        // The low half of the counter; the exposure message has all of it where needed.
         self.message(channel, &topic, frame.sequence as u32, times, &bytes)
     }
 
@@ -152,7 +151,7 @@ impl<W: Write + Seek> SessionWriter<W> {
         self.message(channel, &topic, frame.sequence as u32, times, &bytes)
     }
 
-    /// The controls in force, where they have changed.
+    /// Records the active controls if they have changed.
     fn controls(&mut self, camera: Camera, frame: &Frame) -> Result<(), SessionError> {
         let Some(controls) = &frame.controls else {
             return Ok(());
@@ -173,7 +172,7 @@ impl<W: Write + Seek> SessionWriter<W> {
         Ok(())
     }
 
-    /// Records that pairing was told the time, because nothing came.
+    /// Records that the time of pairing was advanced without an arrival.
     ///
     /// # Errors
     /// If the time is before the clock's zero, or nothing can be written.
@@ -181,8 +180,8 @@ impl<W: Write + Seek> SessionWriter<W> {
         self.journal(&JournalMessage::Tick {}, at)
     }
 
-    /// Records, at `at`, that the scene camera's picture with this arrival was made ready
-    /// for the compositor, and in which light.
+    /// Records, at `at`, that the scene camera's picture which arrived at `arrived_at` was prepared
+    /// for the compositor, and its light.
     ///
     /// # Errors
     /// If the time is before the clock's zero, or nothing can be written.
@@ -214,7 +213,7 @@ impl<W: Write + Seek> SessionWriter<W> {
         self.message(channel, topic, 0, Times::at(at), &bytes)
     }
 
-    /// Records an event as a [`Session`](super::Session) gives it back.
+    /// Records an event of a [`Session`](super::Session).
     ///
     /// # Errors
     /// If one of its times is before the clock's zero, or nothing can be written.
@@ -237,7 +236,7 @@ impl<W: Write + Seek> SessionWriter<W> {
         }
     }
 
-    /// Records bytes of the tracker as they were read; `protocol` says how to read them.
+    /// Records bytes of the tracker as read; `protocol` names their protocol, e.g. `fastrak`.
     ///
     /// # Errors
     /// If the time is before the clock's zero, or nothing can be written.
@@ -255,7 +254,7 @@ impl<W: Write + Seek> SessionWriter<W> {
         self.message(channel, topic, sequence, Times::at(arrived_at), &message)
     }
 
-    /// A tracker of another kind in its place is another channel of the same topic.
+    /// Returns the channel of a protocol. Each protocol has its own channel of the same topic.
     fn tracker_channel(&mut self, protocol: &str) -> Result<u16, SessionError> {
         if let Some((_, id)) = self.tracker.as_ref().filter(|(known, _)| known == protocol) {
             return Ok(*id);
@@ -269,7 +268,7 @@ impl<W: Write + Seek> SessionWriter<W> {
         Ok(id)
     }
 
-    /// Records a pose of a tracker that is no byte stream.
+    /// Records a pose of a tracker that is not a byte stream.
     ///
     /// # Errors
     /// If the time is before the clock's zero, or nothing can be written.
@@ -284,7 +283,7 @@ impl<W: Write + Seek> SessionWriter<W> {
         )
     }
 
-    /// Records `parent_from_child` for viewers; it is never read back.
+    /// Records `parent_from_child` for viewers; it is not read back.
     ///
     /// # Errors
     /// If the time is before the clock's zero, or nothing can be written.
@@ -310,8 +309,7 @@ impl<W: Write + Seek> SessionWriter<W> {
         self.schema_message(topic, &transform, at)
     }
 
-    /// Records a camera's calibration for viewers; the rig's own is the attachment
-    /// `rig.json`.
+    /// Records a camera's calibration for viewers; Penumbra itself reads the attachment `rig.json`.
     ///
     /// # Errors
     /// If the time is before the clock's zero, or nothing can be written.
@@ -336,8 +334,7 @@ impl<W: Write + Seek> SessionWriter<W> {
         self.message(channel, topic, 0, Times::at(at), &bytes)
     }
 
-    /// Closes the current chunk and hands everything to the system. A recorder calls this
-    /// every second or so.
+    /// Closes the current chunk and flushes the output. A recorder calls this about every second.
     ///
     /// # Errors
     /// If nothing can be written.
@@ -347,7 +344,7 @@ impl<W: Write + Seek> SessionWriter<W> {
             .map_err(|error| self.sink.error("the session", &error))
     }
 
-    /// Writes the index and the end, and gives the writer back.
+    /// Writes the index and the end of the file, and returns the writer.
     ///
     /// # Errors
     /// If nothing can be written.
@@ -366,7 +363,7 @@ impl<W: Write + Seek> SessionWriter<W> {
         }
     }
 
-    /// The channel of a topic, made when first asked for.
+    /// Returns the channel of a topic; creates it at the first use.
     fn channel(
         &mut self,
         topic: &str,
@@ -428,7 +425,7 @@ impl<W: Write + Seek> SessionWriter<W> {
     }
 }
 
-/// When a message reached us, and the instant it is about.
+/// Arrival of a message, and the time that it describes.
 #[derive(Clone, Copy)]
 struct Times {
     arrived_at: MonotonicTime,

@@ -507,7 +507,7 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "Budget of dome lights: 8, 24, 48, 64, 96 or 384.",
     ),
     (
-        "settings.lights_mode",
+        "settings.light_placement",
         "`adaptive` (compact sources get lights of their own) or `grid` (the paper's).",
     ),
     (
@@ -527,7 +527,7 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "How the environment is filtered for what virtual objects mirror: `prefiltered` (over each material's lobe) or `box` (the paper's chain).",
     ),
     (
-        "settings.bounced_light",
+        "settings.indirect_light",
         "Whether virtual objects throw light on real things, and those on them: a red one tints the table.",
     ),
     (
@@ -559,11 +559,11 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
         "What clipped areas become in a shorter exposure: `estimated` (by what surrounds them) or `paper` (every pixel's factor rises with the mean around it).",
     ),
     (
-        "settings.exposure_darkest_ev",
+        "settings.exposure_min_ev",
         "With `auto`: no darker than this, stops, -8 to 0.",
     ),
     (
-        "settings.exposure_brightest_ev",
+        "settings.exposure_max_ev",
         "With `auto`: no brighter than this, stops, 0 to 3.",
     ),
     (

@@ -32,7 +32,7 @@ pub use preview::environment_preview;
 pub use probe::ProbeStatus;
 pub use registration::{DisplayStatus, RegistrationSource, RegistrationStatus};
 pub use server::{DEFAULT_LISTEN, StatusError, StatusServer};
-pub use settings::{LightsMode, Settings, SettingsChange, ShadowMode, Technique};
+pub use settings::{Settings, SettingsChange};
 pub use shared::SharedStatus;
 pub use snapshot::{SceneStatus, Snapshot};
 pub use times::{Histogram, RateMeter, StageTimes};

@@ -2,55 +2,22 @@
 
 use penumbra_config::{
     ADAPTATION_SECONDS, BRIGHTEST_STOPS, DARKEST_STOPS, EXPOSURE_KEYS, EXPOSURE_STOPS,
-    ExposureConfig, ExposureMode, LampResponse, PlaneShading,
+    ExposureConfig, ExposureMode, Filtering, Highlights, LampResponse, LightPlacement,
+    PlaneShading, ShadowMode, Technique,
 };
-use penumbra_lighting::Filtering;
-use penumbra_scene::Highlights;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 /// The light counts a dome can have (Supan 2006, section V C).
 pub const LIGHT_COUNTS: [u32; 6] = [8, 24, 48, 64, 96, 384];
 
-/// How virtual objects are lit and shadowed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
-#[serde(rename_all = "kebab-case")]
-pub enum Technique {
-    /// Image-based light and image-based shadows from a light dome (Supan 2006).
-    #[default]
-    #[serde(alias = "dome")]
-    #[value(name = "dome", alias = "image-based-shadowing")]
-    ImageBasedShadowing,
-    /// Image-based light; shadows from basis images on shadowing planes, baked ahead
-    /// (Kakuta 2004, 2007).
-    #[serde(alias = "planes")]
-    #[value(name = "planes", alias = "shadowing-planes")]
-    ShadowingPlanes,
-    /// Image-based light, no shadows: what the shadows add can be seen by switching.
-    ImageBasedLighting,
-}
-
-/// Where the dome lights stand.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum LightsMode {
-    /// At the texel centres of the downsampled cube map: the paper's way.
-    Grid,
-    /// Compact sources get dome lights of their own at their true direction.
-    #[default]
-    Adaptive,
-}
-
-/// How the shadow buffer changes the camera's picture.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum ShadowMode {
-    /// camera × (E − R) / E in linear light.
-    #[default]
-    Ratio,
-    /// camera − R, the paper's equation 4.
-    Subtract,
-}
+/// Settings that had another name up to version 0.1: old and new.
+const RENAMED: [(&str, &str); 4] = [
+    ("lights_mode", "light_placement"),
+    ("bounced_light", "indirect_light"),
+    ("exposure_darkest_ev", "exposure_min_ev"),
+    ("exposure_brightest_ev", "exposure_max_ev"),
+];
 
 /// The live settings, all of them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -61,7 +28,7 @@ pub struct Settings {
     /// Budget of dome lights, one of [`LIGHT_COUNTS`].
     pub light_count: u32,
     /// Where the dome lights stand.
-    pub lights_mode: LightsMode,
+    pub light_placement: LightPlacement,
     /// How shadows are combined with the camera's picture.
     pub shadow_mode: ShadowMode,
     /// 0 = no shadow, 1 = the measured one.
@@ -71,7 +38,7 @@ pub struct Settings {
     /// How the environment is filtered for what they mirror.
     pub reflections: Filtering,
     /// Whether they throw light on real things, and those on them.
-    pub bounced_light: bool,
+    pub indirect_light: bool,
     /// How real surfaces answer virtual lamps.
     pub lamp_response: LampResponse,
     /// Planes: lights that give less than this share of all light are left out, 0..=1.
@@ -88,9 +55,9 @@ pub struct Settings {
     /// What clipped areas become in a shorter exposure.
     pub exposure_highlights: Highlights,
     /// Automatic: no darker than this, stops, −8..=0.
-    pub exposure_darkest_ev: f32,
+    pub exposure_min_ev: f32,
     /// Automatic: no brighter than this, stops, 0..=3.
-    pub exposure_brightest_ev: f32,
+    pub exposure_max_ev: f32,
     /// Automatic: mean linear brightness below which a picture is dark, 0..=1.
     pub exposure_key: f32,
     /// Automatic: time constant, seconds, 0..=60.
@@ -103,12 +70,12 @@ impl Default for Settings {
         Self {
             technique: Technique::default(),
             light_count: 64,
-            lights_mode: LightsMode::default(),
+            light_placement: LightPlacement::default(),
             shadow_mode: ShadowMode::default(),
             shadow_strength: 1.0,
             virtual_object_visible: true,
             reflections: Filtering::default(),
-            bounced_light: true,
+            indirect_light: true,
             lamp_response: LampResponse::default(),
             planes_skip_below: 0.002,
             planes_recompute_above: 0.01,
@@ -116,8 +83,8 @@ impl Default for Settings {
             exposure_mode: exposure.mode,
             exposure_ev: exposure.ev,
             exposure_highlights: exposure.highlights,
-            exposure_darkest_ev: exposure.darkest_ev,
-            exposure_brightest_ev: exposure.brightest_ev,
+            exposure_min_ev: exposure.min_ev,
+            exposure_max_ev: exposure.max_ev,
             exposure_key: exposure.key,
             exposure_adaptation_s: exposure.adaptation_seconds,
         }
@@ -132,8 +99,8 @@ pub struct SettingsChange {
     pub technique: Option<Technique>,
     /// See [`Settings::light_count`].
     pub light_count: Option<u32>,
-    /// See [`Settings::lights_mode`].
-    pub lights_mode: Option<LightsMode>,
+    /// See [`Settings::light_placement`].
+    pub light_placement: Option<LightPlacement>,
     /// See [`Settings::shadow_mode`].
     pub shadow_mode: Option<ShadowMode>,
     /// See [`Settings::shadow_strength`].
@@ -142,8 +109,8 @@ pub struct SettingsChange {
     pub virtual_object_visible: Option<bool>,
     /// See [`Settings::reflections`].
     pub reflections: Option<Filtering>,
-    /// See [`Settings::bounced_light`].
-    pub bounced_light: Option<bool>,
+    /// See [`Settings::indirect_light`].
+    pub indirect_light: Option<bool>,
     /// See [`Settings::lamp_response`].
     pub lamp_response: Option<LampResponse>,
     /// See [`Settings::planes_skip_below`].
@@ -158,10 +125,10 @@ pub struct SettingsChange {
     pub exposure_ev: Option<f32>,
     /// See [`Settings::exposure_highlights`].
     pub exposure_highlights: Option<Highlights>,
-    /// See [`Settings::exposure_darkest_ev`].
-    pub exposure_darkest_ev: Option<f32>,
-    /// See [`Settings::exposure_brightest_ev`].
-    pub exposure_brightest_ev: Option<f32>,
+    /// See [`Settings::exposure_min_ev`].
+    pub exposure_min_ev: Option<f32>,
+    /// See [`Settings::exposure_max_ev`].
+    pub exposure_max_ev: Option<f32>,
     /// See [`Settings::exposure_key`].
     pub exposure_key: Option<f32>,
     /// See [`Settings::exposure_adaptation_s`].
@@ -217,8 +184,15 @@ impl SettingsChange {
     /// # Errors
     /// [`SettingsError::Malformed`], with the place in the text.
     pub fn from_json(body: &[u8]) -> Result<Self, SettingsError> {
-        serde_json::from_slice(body).map_err(|e| SettingsError::Malformed {
-            reason: e.to_string(),
+        serde_json::from_slice(body).map_err(|e| {
+            let message = e.to_string();
+            let renamed = RENAMED
+                .iter()
+                .find(|(old, _)| message.contains(&format!("unknown field `{old}`")));
+            let reason = renamed.map_or(message, |(old, new)| {
+                format!("`{old}` is now called `{new}`")
+            });
+            SettingsError::Malformed { reason }
         })
     }
 
@@ -230,14 +204,14 @@ impl SettingsChange {
         let wanted = Settings {
             technique: self.technique.unwrap_or(settings.technique),
             light_count: self.light_count.unwrap_or(settings.light_count),
-            lights_mode: self.lights_mode.unwrap_or(settings.lights_mode),
+            light_placement: self.light_placement.unwrap_or(settings.light_placement),
             shadow_mode: self.shadow_mode.unwrap_or(settings.shadow_mode),
             shadow_strength: self.shadow_strength.unwrap_or(settings.shadow_strength),
             virtual_object_visible: self
                 .virtual_object_visible
                 .unwrap_or(settings.virtual_object_visible),
             reflections: self.reflections.unwrap_or(settings.reflections),
-            bounced_light: self.bounced_light.unwrap_or(settings.bounced_light),
+            indirect_light: self.indirect_light.unwrap_or(settings.indirect_light),
             lamp_response: self.lamp_response.unwrap_or(settings.lamp_response),
             planes_skip_below: self.planes_skip_below.unwrap_or(settings.planes_skip_below),
             planes_recompute_above: self
@@ -249,12 +223,8 @@ impl SettingsChange {
             exposure_highlights: self
                 .exposure_highlights
                 .unwrap_or(settings.exposure_highlights),
-            exposure_darkest_ev: self
-                .exposure_darkest_ev
-                .unwrap_or(settings.exposure_darkest_ev),
-            exposure_brightest_ev: self
-                .exposure_brightest_ev
-                .unwrap_or(settings.exposure_brightest_ev),
+            exposure_min_ev: self.exposure_min_ev.unwrap_or(settings.exposure_min_ev),
+            exposure_max_ev: self.exposure_max_ev.unwrap_or(settings.exposure_max_ev),
             exposure_key: self.exposure_key.unwrap_or(settings.exposure_key),
             exposure_adaptation_s: self
                 .exposure_adaptation_s
@@ -293,16 +263,8 @@ impl Settings {
     fn exposure_in_range(&self) -> Result<(), SettingsError> {
         let numbers = [
             ("exposure_ev", self.exposure_ev, EXPOSURE_STOPS),
-            (
-                "exposure_darkest_ev",
-                self.exposure_darkest_ev,
-                DARKEST_STOPS,
-            ),
-            (
-                "exposure_brightest_ev",
-                self.exposure_brightest_ev,
-                BRIGHTEST_STOPS,
-            ),
+            ("exposure_min_ev", self.exposure_min_ev, DARKEST_STOPS),
+            ("exposure_max_ev", self.exposure_max_ev, BRIGHTEST_STOPS),
             ("exposure_key", self.exposure_key, EXPOSURE_KEYS),
             (
                 "exposure_adaptation_s",
@@ -337,10 +299,10 @@ mod tests {
 
     #[test]
     fn what_is_left_out_stays() {
-        let changed = change(r#"{"light_count": 96, "lights_mode": "grid"}"#).unwrap();
+        let changed = change(r#"{"light_count": 96, "light_placement": "grid"}"#).unwrap();
         let expected = Settings {
             light_count: 96,
-            lights_mode: LightsMode::Grid,
+            light_placement: LightPlacement::Grid,
             ..Settings::default()
         };
         assert_eq!(changed, expected);
@@ -369,14 +331,14 @@ mod tests {
         assert!(text(r#"{"reflections": "soft"}"#).contains("expected `prefiltered` or `box`"));
         assert!(text(r#"{"lamp_response": "flat"}"#).contains("expected `intrinsic` or `paper`"));
         assert!(text(r#"{"shadow_strenght": 1}"#).contains("unknown field `shadow_strenght`"));
-        assert!(text(r#"{"lights_mode": "random"}"#).contains("expected `grid` or `adaptive`"));
+        assert!(text(r#"{"light_placement": "random"}"#).contains("expected `adaptive` or `grid`"));
         assert_eq!(
             text(r#"{"exposure_ev": -9}"#),
             "exposure_ev: -9 is out of range; choose a number from -8 to 3"
         );
         assert_eq!(
-            text(r#"{"exposure_darkest_ev": 0.5}"#),
-            "exposure_darkest_ev: 0.5 is out of range; choose a number from -8 to 0"
+            text(r#"{"exposure_min_ev": 0.5}"#),
+            "exposure_min_ev: 0.5 is out of range; choose a number from -8 to 0"
         );
         assert!(
             text(r#"{"exposure_mode": "dark"}"#)
@@ -391,22 +353,21 @@ mod tests {
     }
 
     #[test]
-    fn techniques_go_by_their_short_names_too() {
-        let technique = |name: &str| {
-            change(&format!(r#"{{"technique": "{name}"}}"#))
-                .unwrap()
-                .technique
-        };
-        for name in ["planes", "shadowing-planes"] {
-            assert_eq!(technique(name), Technique::ShadowingPlanes);
+    fn old_names_are_refused_with_the_new_ones() {
+        for (body, expected) in [
+            (r#"{"technique": "planes"}"#, "`shadowing-planes`"),
+            (
+                r#"{"lights_mode": "grid"}"#,
+                "`lights_mode` is now called `light_placement`",
+            ),
+            (
+                r#"{"bounced_light": true}"#,
+                "`bounced_light` is now called `indirect_light`",
+            ),
+        ] {
+            let text = change(body).unwrap_err().to_string();
+            assert!(text.contains(expected), "{text}");
         }
-        for name in ["dome", "image-based-shadowing"] {
-            assert_eq!(technique(name), Technique::ImageBasedShadowing);
-        }
-        let json = serde_json::to_value(Technique::ShadowingPlanes).unwrap();
-        assert_eq!(json, "shadowing-planes");
-        let typed = <Technique as clap::ValueEnum>::from_str("planes", false);
-        assert_eq!(typed, Ok(Technique::ShadowingPlanes));
     }
 
     proptest! {

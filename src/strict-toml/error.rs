@@ -1,50 +1,50 @@
-//! What can be wrong with a TOML file, by file, line and key.
+//! Errors in a TOML file, by file, line and key.
 
 use thiserror::Error;
 
 /// A TOML file cannot be used.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum TomlError {
-    /// The operating system refused to read it.
+    /// The file cannot be read.
     #[error("{file}: cannot be read ({reason}); check the path and the permissions")]
     Unreadable {
         /// Path.
         file: String,
-        /// What the system said.
+        /// The system's message.
         reason: String,
     },
-    /// It is no TOML.
+    /// The text is not TOML.
     #[error("{file}:{line}: not TOML: {reason}")]
     Syntax {
         /// Path.
         file: String,
-        /// From 1.
+        /// Line, from 1.
         line: usize,
-        /// The parser's words.
+        /// The parser's message.
         reason: String,
     },
-    /// A key that means nothing here.
+    /// An unknown key.
     #[error("{file}:{line}: unknown key `{key}`; {hint}")]
     UnknownKey {
         /// Path.
         file: String,
-        /// From 1.
+        /// Line, from 1.
         line: usize,
         /// Dotted path of the key.
         key: String,
-        /// What was probably meant.
+        /// The suggestion.
         hint: String,
     },
-    /// A value of the wrong type or outside its range.
+    /// A value of the wrong type or out of range.
     #[error("{file}:{line}: `{key}`: {reason}")]
     Value {
         /// Path.
         file: String,
-        /// From 1.
+        /// Line, from 1.
         line: usize,
         /// Dotted path of the key.
         key: String,
-        /// What is expected there.
+        /// What is expected.
         reason: String,
     },
 }

@@ -1,5 +1,4 @@
-//! TOML read so that every complaint names file, line and key, and unknown keys get a
-//! suggestion.
+//! Strict reading of TOML: every error names file, line and key, and unknown keys get a suggestion.
 
 mod error;
 
@@ -8,24 +7,24 @@ use serde::de::DeserializeOwned;
 use std::path::Path;
 use toml::de::{DeTable, DeValue};
 
-/// A file's text and its name.
+/// The text of a TOML file and its name.
 pub struct TomlText {
     /// Path, for messages.
     pub file: String,
     text: String,
 }
 
-/// A value that is wrong although its type is right: dotted key and what is expected.
+/// An invalid value of the right type.
 #[derive(Debug)]
 pub struct Fault {
-    /// Dotted path of the key, such as `object[1].scale`.
+    /// Dotted path of the key, e.g. `object[1].scale`.
     pub key: String,
-    /// What is expected there.
+    /// What is expected.
     pub reason: String,
 }
 
 impl Fault {
-    /// A fault at a dotted key.
+    /// Creates the fault of a dotted key.
     pub fn new(key: impl Into<String>, reason: impl Into<String>) -> Self {
         Self {
             key: key.into(),
@@ -34,10 +33,9 @@ impl Fault {
     }
 }
 
-/// How far an unknown key may be from a known one to be taken for a slip of the hand
-/// (Jaro–Winkler: 1 = the same).
-const ALIKE: f64 = 0.75;
-/// Units that keys end in.
+/// Minimum similarity of a known key that is suggested for an unknown one (Jaro–Winkler: 1 = equal).
+const MIN_SIMILARITY: f64 = 0.75;
+/// Units by the ending of a key.
 const UNITS: [(&str, &str); 5] = [
     ("_ms", "milliseconds"),
     ("_s", "seconds"),
@@ -45,11 +43,11 @@ const UNITS: [(&str, &str); 5] = [
     ("_deg", "degrees"),
     ("_ev", "stops"),
 ];
-/// No configuration is larger, bytes.
-const LARGEST: u64 = 4 << 20;
+/// Maximum size of a file, bytes.
+const MAX_BYTES: u64 = 4 << 20;
 
 impl TomlText {
-    /// A text and the name under which messages speak of it.
+    /// Creates a text with the file name for messages.
     pub fn new(file: impl Into<String>, text: impl Into<String>) -> Self {
         Self {
             file: file.into(),
@@ -68,22 +66,23 @@ impl TomlText {
             reason,
         };
         let found = std::fs::metadata(path).map_err(|e| refuse(e.to_string()))?;
-        if !found.is_file() || found.len() > LARGEST {
-            return Err(refuse(format!("no file of at most {LARGEST} bytes")));
+        if !found.is_file() || found.len() > MAX_BYTES {
+            return Err(refuse(format!("no file of at most {MAX_BYTES} bytes")));
         }
         let text = std::fs::read_to_string(path).map_err(|e| refuse(e.to_string()))?;
         Ok(Self { file, text })
     }
 
-    /// The file's content as a `T`.
+    /// Deserialises the text.
     ///
     /// # Errors
-    /// Not TOML, an unknown key, or a value of the wrong type; with file, line and key.
+    /// The text is not TOML, has an unknown key or a value of the wrong type. The error names file,
+    /// line and key.
     pub fn parse<T: DeserializeOwned>(&self) -> Result<T, TomlError> {
         toml::from_str(&self.text).map_err(|e| self.explain(&e))
     }
 
-    /// A [`Fault`] with its file and line.
+    /// Adds file and line to a [`Fault`].
     pub fn locate(&self, fault: Fault) -> TomlError {
         TomlError::Value {
             file: self.file.clone(),
@@ -134,14 +133,14 @@ impl TomlText {
         }
     }
 
-    /// The line, from 1, of a byte.
+    /// Returns the line (from 1) of a byte offset.
     fn line_at(&self, at: usize) -> usize {
         let before = self.text.as_bytes().iter().take(at);
         1 + before.filter(|b| **b == b'\n').count()
     }
 
-    /// The line of a dotted key such as `object[1].scale`, or of the deepest table above
-    /// it that is there.
+    /// Returns the line of a dotted key such as `object[1].scale`, or of the deepest existing table
+    /// above it.
     fn line_of(&self, key: &str) -> usize {
         let Ok(table) = DeTable::parse(&self.text) else {
             return 1;
@@ -172,7 +171,7 @@ impl TomlText {
     }
 }
 
-/// Collects the keys down to the value at byte `at`.
+/// Collects the keys of the path to the value at byte `at`.
 fn path_at(table: &DeTable, at: usize, path: &mut Vec<String>) {
     let covers = |span: std::ops::Range<usize>| span.contains(&at);
     let inside = |value: &DeValue, span| covers(span) || holds(value, at);
@@ -201,8 +200,8 @@ fn descend(value: &DeValue, at: usize, path: &mut Vec<String>) {
     }
 }
 
-/// Whether something below `value` is written at `at`: a `[section]`'s own span covers
-/// its header only.
+/// Returns whether a value below `value` is written at byte `at`: the span of a `[section]` covers
+/// only its header.
 fn holds(value: &DeValue, at: usize) -> bool {
     match value {
         DeValue::Table(table) => table.iter().any(|(k, v)| {
@@ -219,14 +218,14 @@ fn dotted(path: &[String]) -> String {
     path.join(".").replace(".[", "[")
 }
 
-/// What was probably meant by `unknown`.
+/// Returns a hint for an unknown key: the most similar known key, or all known keys.
 fn suggestion(unknown: &str, known: &[&str]) -> String {
     let best = known
         .iter()
         .map(|k| (strsim::jaro_winkler(unknown, k), *k))
         .max_by(|a, b| a.0.total_cmp(&b.0));
     match best {
-        Some((score, name)) if score >= ALIKE => {
+        Some((score, name)) if score >= MIN_SIMILARITY => {
             let unit = unit_of(name).map_or(String::new(), |u| format!(" (in {u})"));
             format!("did you mean `{name}`{unit}?")
         }
@@ -242,7 +241,7 @@ fn unit_of(key: &str) -> Option<&'static str> {
         .map(|(_, unit)| *unit)
 }
 
-/// Serde's words for a wrong value, in a user's terms.
+/// Rewords serde's message about an invalid value for users.
 fn friendly(message: &str, key: &str) -> String {
     let text = message.lines().next().unwrap_or_default();
     let text = text
@@ -277,7 +276,7 @@ mod tests {
 
     #[derive(Debug, Deserialize)]
     #[serde(deny_unknown_fields)]
-    #[allow(dead_code)]
+    #[expect(dead_code, reason = "only deserialised")]
     struct Outer {
         inner: Option<Inner>,
         list: Option<Vec<Inner>>,
@@ -285,14 +284,14 @@ mod tests {
 
     #[derive(Debug, Deserialize)]
     #[serde(deny_unknown_fields)]
-    #[allow(dead_code)]
+    #[expect(dead_code, reason = "only deserialised")]
     struct Inner {
         latency_ms: f64,
         count: Option<u32>,
         on: Option<bool>,
     }
 
-    fn complaint(text: &str) -> String {
+    fn message(text: &str) -> String {
         let text = TomlText::new("f.toml", text)
             .parse::<Outer>()
             .unwrap_err()
@@ -302,7 +301,7 @@ mod tests {
     }
 
     #[test]
-    fn every_fault_names_file_line_and_key() {
+    fn errors_name_file_line_and_key() {
         let cases = [
             (
                 "[inner]\nlatency_ms = 1\n\nlatency = 2\n",
@@ -346,14 +345,14 @@ mod tests {
             ),
         ];
         for (text, expected) in cases {
-            assert_eq!(complaint(text), expected);
+            assert_eq!(message(text), expected);
         }
-        assert!(complaint("[inner]\nlatency_ms = \n").starts_with("f.toml:2: not TOML: "));
-        assert!(complaint("[inner]\n[inner]\n").starts_with("f.toml:2: not TOML: "));
+        assert!(message("[inner]\nlatency_ms = \n").starts_with("f.toml:2: not TOML: "));
+        assert!(message("[inner]\n[inner]\n").starts_with("f.toml:2: not TOML: "));
     }
 
     #[test]
-    fn faults_found_later_are_located() {
+    fn locates_faults_by_key() {
         let text = TomlText::new(
             "f.toml",
             "[inner]\nlatency_ms = 1\n\n[[list]]\ncount = 1\n[[list]]\ncount = 2\n",
@@ -367,7 +366,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_is_not_there_is_named() {
+    fn names_missing_file() {
         let error = TomlText::read(Path::new("/nowhere/rig.toml"))
             .err()
             .unwrap();

@@ -112,7 +112,10 @@ fn files_that_a_model_names_are_watched_and_broken_keys_keep_the_scene() {
         format!("[[object]]\nfile = \"m.gltf\"\n{keys}\n")
     };
     desk.put("s.toml", moving(2.0));
-    let rig = Running::start(&desk, "--scene s.toml --speed max --technique planes");
+    let rig = Running::start(
+        &desk,
+        "--scene s.toml --speed max --technique shadowing-planes",
+    );
     let status = rig.until("the first picture", |s| {
         s["frames"]["composed"].as_u64() > Some(0)
     });
@@ -154,7 +157,7 @@ fn planes_follow_a_changed_scene() {
     );
     let rig = Running::start(
         &desk,
-        "--scene s.toml --config c.toml --technique planes --speed max",
+        "--scene s.toml --config c.toml --technique shadowing-planes --speed max",
     );
     let ready = |s: &Value| s["planes"]["state"] == "ready";
     let first = rig.until("the bake", ready);

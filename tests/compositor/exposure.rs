@@ -5,11 +5,12 @@ use crate::judge::{Rule, assert_like};
 use crate::stage::{Stage, even_sky, flat, lighting, matt, noise, painted, spiral};
 use glam::{DVec3, Vec3};
 use penumbra_camera::Response;
+use penumbra_compositor::Exposure;
 use penumbra_compositor::exposure::ExposureInForce;
 use penumbra_compositor::reference::exposure::exposed;
-use penumbra_compositor::{Exposure, ShadowMode};
 use penumbra_picture::Picture;
 use penumbra_scene::Highlights;
+use penumbra_scene::ShadowMode;
 use penumbra_scene::{Material, Part, primitives};
 
 fn cube() -> Part {

@@ -4,8 +4,9 @@ use crate::stage::{Stage, flat, lighting, looking_from, matt, painted, spiral};
 use glam::{DVec2, DVec3, Vec3};
 use penumbra_camera::Vignetting;
 use penumbra_camera::{PinholeCamera, Response};
-use penumbra_compositor::{LensOutput, ShadowMode};
+use penumbra_compositor::LensOutput;
 use penumbra_picture::Picture;
+use penumbra_scene::ShadowMode;
 use penumbra_scene::primitives;
 
 const SIZE: (u32, u32) = (320, 240);
@@ -65,11 +66,11 @@ fn own(camera: &PinholeCamera, wanted: LensOutput, pixel: DVec2) -> DVec2 {
 fn virtual_things_fade_like_the_camera_s_own_picture() {
     for distortion in [[0.0; 5], [-0.25, 0.06, 0.003, -0.002, 0.0]] {
         for wanted in [LensOutput::Camera, LensOutput::Undistorted] {
-            let stage = stage(distortion);
+            let mut stage = stage(distortion);
             let mut compositor = stage.compositor();
             compositor.set_lens_output(wanted);
             let even = stage.compose_with(&mut compositor);
-            compositor.set_fading(Some(FADING));
+            stage.vignetting = Some(FADING);
             let faded = stage.compose_with(&mut compositor);
             for at in [
                 (8, 8),
@@ -114,11 +115,10 @@ fn a_shadow_that_is_taken_away_fades_too() {
     let lacking = |mode: ShadowMode, fading: Option<Vignetting>| {
         let stage = Stage {
             mode,
+            vignetting: fading,
             ..stage.clone()
         };
-        let mut compositor = stage.compositor();
-        compositor.set_fading(fading);
-        let out = stage.compose_with(&mut compositor);
+        let out = stage.compose();
         let corner = 4 * (2 * SIZE.0 + 2) as usize;
         assert_eq!(out.rgba[corner..corner + 4], [150, 150, 150, 255]);
         let darkest = |at: &(u32, u32)| (light(&stage.picture, *at) - light(&out, *at), *at);

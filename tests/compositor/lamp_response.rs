@@ -5,9 +5,10 @@ use crate::golden::{assert_golden, golden_stage};
 use crate::judge::{Rule, assert_like};
 use crate::stage::{Stage, cell, flat, lighting, looking_from, noise, part, sun};
 use glam::{DVec3, Vec3};
-use penumbra_compositor::{Exposure, LampResponse, ShadowMode};
+use penumbra_compositor::{Exposure, LampResponse};
 use penumbra_lighting::{BrightestLight, DomeLight};
 use penumbra_picture::Picture;
+use penumbra_scene::ShadowMode;
 use penumbra_scene::{Part, PlacedLamp, primitives};
 use std::f32::consts::PI;
 

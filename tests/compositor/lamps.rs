@@ -2,8 +2,9 @@
 
 use crate::stage::{Stage, cell, flat, lighting, looking_from, noise, painted, part};
 use glam::{DVec3, Vec3, Vec4};
-use penumbra_compositor::{CompositorSettings, ShadowMode};
+use penumbra_compositor::CompositorSettings;
 use penumbra_picture::Picture;
+use penumbra_scene::ShadowMode;
 use penumbra_scene::{Material, Part, PlacedLamp, primitives};
 use std::f32::consts::PI;
 

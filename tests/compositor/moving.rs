@@ -83,7 +83,7 @@ fn compositor(stage: &Stage) -> Compositor {
 /// The picture at `seconds` of a compositor that has shown other instants.
 fn moved(stage: &mut Stage, compositor: &mut Compositor, seconds: f64) -> Picture {
     stage.scene.lamps_at(seconds, &mut stage.lamps);
-    compositor.set_time(seconds);
+    stage.seconds = seconds;
     stage.compose_with(compositor)
 }
 

@@ -2,7 +2,7 @@
 
 use crate::stage::{Stage, cell, lighting, part, sun};
 use glam::{DVec3, Vec3};
-use penumbra_compositor::ShadowMode;
+use penumbra_scene::ShadowMode;
 use penumbra_scene::indirect_light::{GROUND_SIDE, Irradiance, VOLUME_SIZE};
 use penumbra_scene::{IndirectLight, primitives};
 use std::f32::consts::PI;

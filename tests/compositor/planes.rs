@@ -3,12 +3,13 @@
 use crate::judge::{Rule, assert_like, assert_same_where, untouched, virtual_inside};
 use crate::stage::{Stage, gpu, lighting, part, sun};
 use glam::{DQuat, DVec2, DVec3, Vec3};
-use penumbra_compositor::planes::{PlaneWork, PlanesChoice, Shading, Thresholds, bake, mend};
+use penumbra_compositor::planes::{PlaneWork, PlanesChoice, Thresholds, bake, mend};
 use penumbra_compositor::{Compositor, FrameInput, GpuError};
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::Lighting;
 use penumbra_lighting::geodesic::{FaceLight, GeodesicDome, Membership};
 use penumbra_picture::Picture;
+use penumbra_scene::PlaneShading;
 use penumbra_scene::planes::renew::renew;
 use penumbra_scene::planes::{
     Bake, BakeSettings, Image, Layer, PlaneSettings, Receiver, ShadowingPlane, generate,
@@ -116,7 +117,7 @@ fn input(stage: &Stage, thresholds: Thresholds) -> FrameInput<'_> {
     FrameInput {
         planes: Some(PlanesChoice {
             thresholds,
-            shading: Shading::Irradiance,
+            shading: PlaneShading::Irradiance,
         }),
         ..stage.input()
     }
@@ -462,7 +463,12 @@ fn six_lights_and_all_lights_shade_alike_on_the_whole() {
         let (sum, n) = codes.fold((0.0, 0), |(s, n), v| (s + v, n + 1));
         sum / f64::from(n)
     };
-    let [exact, all, six] = [Shading::Irradiance, Shading::Lights, Shading::Six].map(&mut mean);
+    let [exact, all, six] = [
+        PlaneShading::Irradiance,
+        PlaneShading::Lights,
+        PlaneShading::Six,
+    ]
+    .map(&mut mean);
     // The environment's lights are the faces' own here.
     assert!((exact - all).abs() < 1.0, "{exact} {all}");
     assert!(

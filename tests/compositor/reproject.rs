@@ -90,7 +90,7 @@ fn a_wall_looks_as_from_where_it_is_seen() {
         stage.camera = camera.clone();
         stage.picture = seen(&camera, there, reprojection.depth);
         let mut compositor = stage.compositor();
-        compositor.set_reprojection(Some(reprojection));
+        stage.reprojection = Some(reprojection);
         let out = stage.compose_with(&mut compositor);
         let truth = seen(&camera, RigidTransform::IDENTITY, reprojection.depth);
         let (worst, mean) = apart(&out, &truth, 30);
@@ -98,8 +98,8 @@ fn a_wall_looks_as_from_where_it_is_seen() {
         println!("{distortion:?}: worst {worst}, mean {mean:.2} codes; unturned {before:.1}");
         assert!(worst <= 4 && mean < 0.6, "{distortion:?}: {worst}, {mean}");
         assert!(before > 20.0, "{before}");
-        // What was wished before no longer holds: the camera's own again, bit for bit.
-        compositor.set_reprojection(None);
+        // Without reprojection the picture is the camera's again, bit for bit.
+        stage.reprojection = None;
         assert_eq!(stage.compose_with(&mut compositor).rgba, stage.picture.rgba);
     }
 }
@@ -127,9 +127,9 @@ fn virtual_things_go_with_the_picture() {
     let mut compositor = stage.compositor();
     for wanted in [LensOutput::Camera, LensOutput::Undistorted] {
         compositor.set_lens_output(wanted);
-        compositor.set_reprojection(Some(reprojection));
+        stage.reprojection = Some(reprojection);
         let out = stage.compose_with(&mut compositor);
-        compositor.set_reprojection(None);
+        stage.reprojection = None;
         let unturned = stage.compose_with(&mut compositor);
         let there = Stage {
             pose: Some(eye),

@@ -60,7 +60,7 @@ fn off(distortion: [f64; 5], moves: bool, rolling: bool) -> (f64, f64) {
     }
     let mut compositor = stage.compositor();
     let motion = RollingShutter::between(&pose(-0.01), &pose(0.01), 0.02, ROW);
-    compositor.set_rolling(motion.filter(|_| rolling));
+    stage.rolling_shutter = motion.filter(|_| rolling);
     let out = stage.compose_with(&mut compositor);
     let row = if moves { ROW } else { 0.0 };
     let distance = |place: &DVec3| {

@@ -4,12 +4,12 @@ use crate::judge::{Rule, assert_like, assert_same_where, away_from_edges, untouc
 use crate::stage::{Stage, cell, flat, lighting, looking_from, part, spiral, sun};
 use glam::{DMat4, DVec3, Vec3};
 use penumbra_camera::Response;
-use penumbra_compositor::ShadowMode;
 use penumbra_compositor::reference::Seen;
 use penumbra_lighting::DomeLight;
 use penumbra_lighting::cube::CubeGrid;
 use penumbra_lighting::dome::DomeGrid;
 use penumbra_picture::Picture;
+use penumbra_scene::ShadowMode;
 use penumbra_scene::{Part, primitives};
 use std::f32::consts::PI;
 

@@ -1,15 +1,16 @@
 //! Small hand-built scenes under hand-built light, composed by the GPU and by the twin.
 
 use glam::{DMat3, DMat4, DQuat, DVec2, DVec3, Vec3};
-use penumbra_camera::{PinholeCamera, Response};
+use penumbra_camera::{PinholeCamera, Response, RollingShutter, Vignetting};
 use penumbra_compositor::reference::{Reference, ReferencePicture};
 use penumbra_compositor::{
-    Compositor, CompositorSettings, Exposure, FrameInput, Gpu, LampResponse, Refresh, ShadowMode,
+    Compositor, CompositorSettings, Exposure, FrameInput, Gpu, LampResponse, Refresh, Reprojection,
 };
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_lighting::{CubeMap, DomeLight, Harmonics, LightKind, Lighting};
 use penumbra_picture::Picture;
 use penumbra_scene::Highlights;
+use penumbra_scene::ShadowMode;
 use penumbra_scene::{IndirectLight, Material, Mesh, Part, PlacedLamp, Scene, casters, primitives};
 use std::f32::consts::PI;
 use std::sync::{Arc, OnceLock};
@@ -34,6 +35,10 @@ pub struct Stage {
     pub lamps: Vec<PlacedLamp>,
     pub camera: PinholeCamera,
     pub near: Option<IndirectLight>,
+    pub seconds: f64,
+    pub vignetting: Option<Vignetting>,
+    pub rolling_shutter: Option<RollingShutter>,
+    pub reprojection: Option<Reprojection>,
     pub pose: Option<RigidTransform>,
     pub picture: Picture,
     pub response: Response,
@@ -59,6 +64,10 @@ impl Stage {
             },
             lighting: None,
             near: None,
+            seconds: 0.0,
+            vignetting: None,
+            rolling_shutter: None,
+            reprojection: None,
             lamps: Vec::new(),
             camera: camera(width, height),
             pose: Some(looking_from(DVec3::new(0.06, -0.4, 0.34), DVec3::ZERO)),
@@ -107,11 +116,15 @@ impl Stage {
 
     pub fn input(&self) -> FrameInput<'_> {
         FrameInput {
+            seconds: self.seconds,
             picture: &self.picture,
             camera: &self.camera,
+            vignetting: self.vignetting,
+            rolling_shutter: self.rolling_shutter,
             world_from_camera: self.pose,
+            reprojection: self.reprojection,
             lighting: self.lighting.as_ref(),
-            near: self.near.as_ref(),
+            indirect_light: self.near.as_ref(),
             lamps: &self.lamps,
             lamp_response: self.lamp_response,
             shadow_mode: self.mode,

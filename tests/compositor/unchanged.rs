@@ -3,7 +3,7 @@
 use crate::judge::{assert_same_where, untouched};
 use crate::stage::{Stage, lighting, noise, part, spiral, sun};
 use glam::{DVec3, Vec3};
-use penumbra_compositor::ShadowMode;
+use penumbra_scene::ShadowMode;
 use penumbra_scene::primitives;
 
 const MODES: [ShadowMode; 2] = [ShadowMode::Ratio, ShadowMode::Subtract];

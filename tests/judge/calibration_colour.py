@@ -29,7 +29,7 @@ def charts(j: Judge) -> Iterator[Row]:
         work = j.folder(f"chart-{file.stem}")
         other = work / "other.png"
         cv2.imwrite(str(other), as_other_camera(cv2.imread(str(file), cv2.IMREAD_COLOR)))
-        found = j.calibrate(work, "photometric", "photometric.json", "--scene-picture", file, "--environment-picture", other)
+        found = j.calibrate(work, "radiometric", "radiometric.json", "--scene-picture", file, "--environment-picture", other)
         worst = max(worst, *(100 * abs(gain * other - 1) for gain, other in zip(found["gains"]["rgb"], OTHER_CAMERA)))
     yield Row(f"{len(photographs)} photographs of ColorCheckers", "white balance, worst of all", worst, 2.0, "%, worst channel", "known gains")
 
@@ -41,8 +41,8 @@ def white_balance(j: Judge) -> Iterator[Row]:
         if "environment_camera" not in truth:
             j.skip(f"white balance of {session.name}", "it has no environment camera")
             continue
-        work = j.folder(f"{session.name}-photometric")
-        found = j.calibrate(work, "photometric", "photometric.json", "--session", j.imported(work, session))
+        work = j.folder(f"{session.name}-radiometric")
+        found = j.calibrate(work, "radiometric", "radiometric.json", "--session", j.imported(work, session))
         total = [truth[c]["response_truth"]["total_gain_rgb"] for c in ("scene_camera", "environment_camera")]
         off = [100 * abs(g / (s / e) - 1) for g, s, e in zip(found["gains"]["rgb"], *total)]
         yield Row(session.name, f"white balance by {found['gains']['method']}", max(off), 2.0, "%, worst channel", "truth")

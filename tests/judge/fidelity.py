@@ -3,7 +3,7 @@
 
 The bundled sessions are judged always, the rigs in --truth if they are there; a missing rig is named
 as SKIPPED. For each: `penumbra import` (of a copy without the truth), `penumbra replay --headless
---speed max --frames-out`, then tests/judge/judge.py. A second replay with `--technique planes` gives a row
+--speed max --frames-out`, then tests/judge/judge.py. A second replay with `--technique shadowing-planes` gives a row
 beside that of the light dome; the bars hold for the dome alone.
 
     tests/judge/fidelity.py                                  all rigs, the table on stdout
@@ -34,7 +34,7 @@ from tables import RESULTS, write_between
 REQUIREMENTS = Path(__file__).with_name("requirements-judge.txt")
 PACKAGES = ["numpy", "PIL"]
 # Row -> suffix of its files' names, further arguments of `penumbra replay`.
-TECHNIQUES = {"dome": ("", []), "planes": ("-planes", ["--technique", "planes"])}
+TECHNIQUES = {"dome": ("", []), "planes": ("-planes", ["--technique", "shadowing-planes"])}
 # Column of judge.py, heading of the table, digits.
 COLUMNS = [
     ("rmse_shadow", "RMSEshd", 2), ("s_err", "s_err", 4), ("s_bias", "s_bias", 4),

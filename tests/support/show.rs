@@ -2,6 +2,7 @@
 
 use glam::Vec3;
 use penumbra_config::ExposureMode;
+use penumbra_config::Technique;
 use penumbra_interface::DeviceKind;
 use penumbra_lighting::{DomeLight, LightKind};
 use penumbra_picture::Picture;
@@ -10,9 +11,7 @@ use penumbra_status::snapshot::{
     Device, DeviceState, PoseAnswer, Resolution, SessionState, WhiteBalanceEstimate,
     WhiteBalanceMethod, WhiteMatch,
 };
-use penumbra_status::{
-    Settings, SharedStatus, Snapshot, StatusServer, Technique, environment_preview,
-};
+use penumbra_status::{Settings, SharedStatus, Snapshot, StatusServer, environment_preview};
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -1,47 +1,47 @@
-//! What the step has been shown: the environment camera's pictures laid one over the other, what is
-//! bright in them, and what the scene camera saw from where.
+//! The pictures and poses that the step has received: mean, maximum and bright pixels of the
+//! environment camera's pictures, and tags, bright pixels and poses of the scene camera's.
 
 use super::super::intrinsics::Grey;
-use super::bright::Bright;
+use super::bright_pixels::BrightPixels;
 use penumbra_camera::Response;
 use penumbra_fiducials::TagSeen;
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_picture::Picture;
 use penumbra_sync::{HistoryConfig, PoseHistory};
 
-/// Bright pixels are kept of so many pictures.
-const MOST_BRIGHT: usize = 60;
-/// What the scene camera saw is kept of so many pictures.
-const MOST_VIEWS: usize = 400;
+/// Maximum number of environment pictures whose bright pixels are kept.
+const MAX_BRIGHT: usize = 60;
+/// Maximum number of scene pictures.
+const MAX_VIEWS: usize = 400;
 
-/// What a picture of the scene camera showed.
+/// Contents of a picture of the scene camera.
 #[derive(Clone, Debug)]
 pub struct SceneView {
     /// Middle of the exposure.
     pub at: MonotonicTime,
-    /// Since the session's start.
+    /// Seconds since the session's start.
     pub seconds: f64,
     /// Fiducials.
     pub tags: Vec<TagSeen>,
-    /// What is bright.
-    pub bright: Bright,
-    /// `world_from_camera` by markers at known places.
+    /// Bright pixels.
+    pub bright: BrightPixels,
+    /// `world_from_camera` from markers at known positions.
     pub by_markers: Option<RigidTransform>,
 }
 
-/// Pictures of a camera that stands still, one over the other.
+/// Mean and maximum of the pictures of a static camera.
 #[derive(Clone, Debug, Default)]
-pub struct Layers {
-    /// Width and height.
+pub struct MeanPicture {
+    /// Width and height, pixels.
     pub size: (u32, u32),
-    /// How many.
+    /// Number of pictures.
     pub count: u32,
     sum: Vec<f32>,
     brightest: Vec<u8>,
 }
 
-impl Layers {
-    /// One more; false where its size is another.
+impl MeanPicture {
+    /// Adds a picture; returns false if its size differs.
     pub fn add(&mut self, picture: &Picture) -> bool {
         let size = (picture.width, picture.height);
         if self.count == 0 {
@@ -73,14 +73,14 @@ impl Layers {
         }
     }
 
-    /// The mean, red, green and blue, codes.
+    /// Returns the mean of red, green and blue, codes.
     #[must_use]
     pub fn planes(&self) -> [Grey; 3] {
         let by = 1.0 / self.count.max(1) as f32;
         [0, 1, 2].map(|c| self.grey(self.sum.chunks_exact(3).map(|p| p[c] * by).collect()))
     }
 
-    /// The mean's luma, codes.
+    /// Returns the luma of the mean, codes.
     #[must_use]
     pub fn luma(&self) -> Grey {
         let by = 1.0 / self.count.max(1) as f32;
@@ -88,18 +88,18 @@ impl Layers {
         self.grey(self.sum.chunks_exact(3).map(luma).collect())
     }
 
-    /// The brightest that each pixel ever was: as codes, and in linear light (0 to 255).
+    /// Returns the maximum of each pixel: as codes, and in linear light (0 to 255).
     #[must_use]
     pub fn brightest(&self, response: &Response) -> (Grey, Grey) {
         let linear = response.linear_from_code();
-        let of = |f: &dyn Fn(u8) -> f32| self.grey(self.brightest.iter().map(|b| f(*b)).collect());
+        let map = |f: &dyn Fn(u8) -> f32| self.grey(self.brightest.iter().map(|b| f(*b)).collect());
         (
-            of(&f32::from),
-            of(&|code| 255.0 * linear[usize::from(code)]),
+            map(&f32::from),
+            map(&|code| 255.0 * linear[usize::from(code)]),
         )
     }
 
-    /// The mean as a picture.
+    /// Returns the mean as a picture.
     #[must_use]
     pub fn picture(&self) -> Picture {
         let by = 1.0 / self.count.max(1) as f32;
@@ -117,14 +117,14 @@ impl Layers {
     }
 }
 
-/// All of it.
+/// Everything the step has received.
 #[derive(Clone, Debug)]
 pub struct Gathered {
-    /// The environment camera's pictures.
-    pub layers: Layers,
-    /// What was bright in them, picture by picture.
-    pub bright: Vec<Bright>,
-    /// Pictures of another size.
+    /// Mean and maximum of the environment camera's pictures.
+    pub mean: MeanPicture,
+    /// Their bright pixels, picture by picture.
+    pub bright: Vec<BrightPixels>,
+    /// Number of environment pictures ignored for their differing size.
     pub other_size: usize,
     /// The scene camera's pictures.
     pub views: Vec<SceneView>,
@@ -135,12 +135,12 @@ pub struct Gathered {
 impl Default for Gathered {
     fn default() -> Self {
         Self {
-            layers: Layers::default(),
+            mean: MeanPicture::default(),
             bright: Vec::new(),
             other_size: 0,
             views: Vec::new(),
             poses: PoseHistory::new(HistoryConfig {
-                // Ten minutes of a tracker that reads 240 times a second.
+                // Ten minutes of a tracker with 240 readings per second.
                 capacity: 150_000,
                 ..HistoryConfig::default()
             }),
@@ -149,18 +149,18 @@ impl Default for Gathered {
 }
 
 impl Gathered {
-    /// A picture of the environment camera.
-    pub fn environment(&mut self, picture: &Picture, response: &Response) {
-        if !self.layers.add(picture) {
+    /// Adds a picture of the environment camera.
+    pub fn add_environment_picture(&mut self, picture: &Picture, response: &Response) {
+        if !self.mean.add(picture) {
             self.other_size += 1;
-        } else if self.bright.len() < MOST_BRIGHT {
-            self.bright.push(Bright::of(picture, response));
+        } else if self.bright.len() < MAX_BRIGHT {
+            self.bright.push(BrightPixels::new(picture, response));
         }
     }
 
-    /// A picture of the scene camera.
-    pub fn scene(&mut self, view: SceneView) {
-        if self.views.len() < MOST_VIEWS {
+    /// Adds the contents of a picture of the scene camera.
+    pub fn add_scene_view(&mut self, view: SceneView) {
+        if self.views.len() < MAX_VIEWS {
             self.views.push(view);
         }
     }

@@ -1,34 +1,35 @@
-//! The lights of both cameras as directions: seen again and again, seen in the mirror, and from
-//! where they are not at infinity.
+//! Directions of the lights of both cameras: averaged over pictures, reflected in a mirrored sphere,
+//! and triangulated where they are not distant.
 
-use super::bright::{Bright, Light};
+use super::bright_pixels::{BrightPixels, Light};
+use super::light_matching::LightDirection;
 use super::resection::Target;
-use super::turn::Beam;
 use glam::{DMat3, DVec2, DVec3};
 use penumbra_camera::MirrorSphere;
 use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;
+use penumbra_numerics::median;
 
-/// Share of the pictures in which a light must be seen.
-const LEAST_SHARE: f64 = 0.3;
-/// A light's middle is never known better, radians: its shape is not the same in two pictures.
-const LEAST_SIGMA: f64 = 2e-3;
-/// In a mirror the smallest cosine of incidence that is of use.
-pub(super) const LEAST_COSINE: f64 = 0.35;
+/// Minimum share of the pictures in which a light must be visible.
+const MIN_SHARE: f64 = 0.3;
+/// Minimum standard deviation of a light's centre, radians: its shape varies between pictures.
+const MIN_SIGMA: f64 = 2e-3;
+/// Minimum cosine of incidence of a usable reflection.
+pub(super) const MIN_COSINE: f64 = 0.35;
 
-/// A light seen from one place.
+/// A light seen from one position.
 #[derive(Clone, Copy, Debug)]
-pub struct Ray {
-    /// World, metres.
+pub struct LightRay {
+    /// Position of the observer, world, metres.
     pub from: DVec3,
     /// Unit vector, world.
     pub direction: DVec3,
-    /// Radius of a disc as large, radians.
+    /// Radius of a disc of equal solid angle, radians.
     pub radius: f64,
 }
 
-/// Direction of the light that a ray shows in a mirrored ball, all in one frame; the ray is a unit
-/// vector from the origin.
+/// Returns the direction that a ray is reflected to by a mirrored sphere, all in one frame; the ray is a
+/// unit vector from the origin. `None` if it misses the sphere or meets it at a grazing angle.
 #[must_use]
 pub fn mirrored(ray: DVec3, centre: DVec3, radius: f64) -> Option<DVec3> {
     let along = ray.dot(centre);
@@ -38,15 +39,16 @@ pub fn mirrored(ray: DVec3, centre: DVec3, radius: f64) -> Option<DVec3> {
     }
     let normal = (ray * (along - inside.sqrt()) - centre) / radius;
     let cosine = -ray.dot(normal);
-    (cosine > LEAST_COSINE).then(|| ray + 2.0 * cosine * normal)
+    (cosine > MIN_COSINE).then(|| ray + 2.0 * cosine * normal)
 }
 
-/// The lights that a camera which stands still saw in most of its pictures.
+/// Returns the lights, with their pixels, that a static camera saw in at least [`MIN_SHARE`] of its
+/// pictures.
 #[must_use]
-pub fn still(
-    pictures: &[Bright],
+pub fn static_lights(
+    pictures: &[BrightPixels],
     direction: &dyn Fn(DVec2) -> Option<DVec3>,
-) -> Vec<(Beam, DVec2)> {
+) -> Vec<(LightDirection, DVec2)> {
     let mut groups: Vec<Vec<Light>> = Vec::new();
     for light in pictures.iter().flat_map(|p| p.lights(direction)) {
         let near = |g: &&mut Vec<Light>| {
@@ -57,7 +59,7 @@ pub fn still(
             None => groups.push(vec![light]),
         }
     }
-    groups.retain(|g| g.len() as f64 >= (LEAST_SHARE * pictures.len() as f64).max(1.0));
+    groups.retain(|g| g.len() as f64 >= (MIN_SHARE * pictures.len() as f64).max(1.0));
     let beam = |group: &Vec<Light>| {
         let sum: DVec3 = group.iter().map(|l| l.direction).sum();
         let middle = sum.try_normalize()?;
@@ -67,12 +69,12 @@ pub fn still(
             .map(|l| l.direction.angle_between(middle).powi(2))
             .sum::<f64>()
             / n;
-        // A lamp that was moved is no landmark.
+        // A lamp that moved is rejected.
         (spread.sqrt() < 0.03).then(|| {
-            let beam = Beam {
+            let beam = LightDirection {
                 direction: middle,
                 radius: group.iter().map(Light::radius).sum::<f64>() / n,
-                sigma: LEAST_SIGMA.hypot((spread / n).sqrt()),
+                sigma: MIN_SIGMA.hypot((spread / n).sqrt()),
             };
             (beam, group.iter().map(|l| l.pixel).sum::<DVec2>() / n)
         })
@@ -80,30 +82,30 @@ pub fn still(
     groups.iter().filter_map(beam).collect()
 }
 
-/// The lights in a picture of the scene camera at a known pose, as the ball in it shows them; from
-/// the ball's middle.
-pub fn in_ball(
-    bright: &Bright,
+/// Adds the lights that a mirrored sphere reflects in a picture of the scene camera with a known pose,
+/// as rays from the sphere's centre.
+pub fn add_reflected_lights(
+    bright: &BrightPixels,
     camera: &PinholeCamera,
     pose: RigidTransform,
     (ball, centre): (&MirrorSphere, DVec3),
-    out: &mut Vec<Ray>,
+    out: &mut Vec<LightRay>,
 ) {
     let look = |p: DVec2| mirrored(camera.unproject(p), centre, ball.radius);
-    out.extend(bright.lights(&look).into_iter().map(|l| Ray {
+    out.extend(bright.lights(&look).into_iter().map(|l| LightRay {
         from: ball.centre_in_world,
         direction: pose.rotation * l.direction,
         radius: l.radius(),
     }));
 }
 
-/// The lights that the scene camera sees itself.
-pub fn direct(
-    bright: &Bright,
+/// Adds the lights that the scene camera sees directly, as rays from its position.
+pub fn add_direct_lights(
+    bright: &BrightPixels,
     camera: &PinholeCamera,
     pose: RigidTransform,
     ball: Option<&MirrorSphere>,
-    out: &mut Vec<Ray>,
+    out: &mut Vec<LightRay>,
 ) {
     let inside = pose.inverse();
     let outline = ball.map(|b| (inside.transform_point(b.centre_in_world), b.radius));
@@ -116,9 +118,9 @@ pub fn direct(
     };
     for light in bright.lights(&look) {
         let reach = DVec2::splat(camera.focal.max_element() * light.radius() + 3.0);
-        // What is cut off by the frame has its middle elsewhere.
+        // The centre of a light that the frame cuts off is unknown.
         if (light.pixel - reach).min_element() > 0.0 && (light.pixel + reach).cmplt(size).all() {
-            out.push(Ray {
+            out.push(LightRay {
                 from: pose.translation,
                 direction: pose.rotation * light.direction,
                 radius: light.radius(),
@@ -129,22 +131,27 @@ pub fn direct(
 
 /// A light of the world.
 #[derive(Clone, Copy, Debug)]
-pub struct Known {
-    /// Where it is.
+pub struct WorldLight {
+    /// Its position or direction.
     pub target: Target,
-    /// As it is seen from where the environment camera stands.
-    pub beam: Beam,
+    /// Its direction from the environment camera.
+    pub seen: LightDirection,
 }
 
-/// The lights that rays from `pictures` pictures agree on, as seen from `eye`. `together` is how far
-/// apart rays to one light may be, radians.
+/// Triangulates the lights that rays from `pictures` pictures show, as seen from `eye` (world, metres).
+/// `max_angle` is the maximum angle between rays to one light, radians.
 #[must_use]
-pub fn agreed(rays: &[Ray], pictures: usize, eye: DVec3, together: f64) -> Vec<Known> {
-    let mut groups: Vec<Vec<Ray>> = Vec::new();
+pub fn triangulate(
+    rays: &[LightRay],
+    pictures: usize,
+    eye: DVec3,
+    max_angle: f64,
+) -> Vec<WorldLight> {
+    let mut groups: Vec<Vec<LightRay>> = Vec::new();
     for ray in rays {
-        let near = |g: &&mut Vec<Ray>| {
+        let near = |g: &&mut Vec<LightRay>| {
             g.last().is_some_and(|l| {
-                l.direction.angle_between(ray.direction) < together + 0.5 * ray.radius
+                l.direction.angle_between(ray.direction) < max_angle + 0.5 * ray.radius
             })
         };
         match groups.iter_mut().find(near) {
@@ -152,13 +159,13 @@ pub fn agreed(rays: &[Ray], pictures: usize, eye: DVec3, together: f64) -> Vec<K
             None => groups.push(vec![*ray]),
         }
     }
-    let least = (0.15 * pictures as f64).clamp(2.0, 5.0) as usize;
-    groups.retain(|g| g.len() >= least);
+    let min_rays = (0.15 * pictures as f64).clamp(2.0, 5.0) as usize;
+    groups.retain(|g| g.len() >= min_rays);
     groups.iter().filter_map(|g| crossing(g, eye)).collect()
 }
 
-/// Where rays cross, or which way they all go.
-fn crossing(rays: &[Ray], eye: DVec3) -> Option<Known> {
+/// Returns the intersection of rays, or their common direction if they are parallel.
+fn crossing(rays: &[LightRay], eye: DVec3) -> Option<WorldLight> {
     let n = rays.len() as f64;
     let radius = rays.iter().map(|r| r.radius).sum::<f64>() / n;
     let from = rays.iter().map(|r| r.from).sum::<DVec3>() / n;
@@ -166,42 +173,21 @@ fn crossing(rays: &[Ray], eye: DVec3) -> Option<Known> {
         .iter()
         .map(|r| r.from.distance(from))
         .fold(0.0, f64::max);
-    let mut kept: Vec<Ray> = rays.to_vec();
-    let mut answer = None;
-    for _ in 0..4 {
-        let mean = kept
-            .iter()
-            .map(|r| r.direction)
-            .sum::<DVec3>()
-            .try_normalize()?;
-        let (point, parallel) = meet(&kept, mean, base);
-        let off = |r: &Ray| match parallel {
-            true => r.direction.angle_between(mean),
-            false => r.direction.angle_between(point - r.from),
-        };
-        let mut offs: Vec<f64> = kept.iter().map(off).collect();
-        offs.sort_by(f64::total_cmp);
-        let typical = offs[offs.len() / 2].max(5e-4);
-        answer = Some((point, parallel, mean, typical));
-        let next: Vec<Ray> = kept
-            .iter()
-            .filter(|r| off(r) < 4.0 * typical)
-            .copied()
-            .collect();
-        if next.len() < 2 || next.len() == kept.len() {
-            break;
-        }
-        kept = next;
-    }
-    let (point, parallel, mean, typical) = answer?;
-    let noise = LEAST_SIGMA.hypot(typical / (kept.len() as f64).sqrt());
+    let Consensus {
+        kept,
+        point,
+        parallel,
+        mean,
+        typical,
+    } = consensus(rays, base)?;
+    let noise = MIN_SIGMA.hypot(typical / (kept.len() as f64).sqrt());
     let direction = if parallel {
         mean
     } else {
         (point - eye).try_normalize()?
     };
-    let open = if parallel {
-        // No nearer than the base would have shown.
+    let parallax_sigma = if parallel {
+        // The light is at least at the distance at which the base line would show a parallax.
         let nearest = base / (2.0 * typical);
         if eye.distance(from) < 1e-6 {
             0.0
@@ -211,22 +197,66 @@ fn crossing(rays: &[Ray], eye: DVec3) -> Option<Known> {
     } else {
         depth_sigma(&kept, point, eye, typical)
     };
-    Some(Known {
+    Some(WorldLight {
         target: if parallel {
             Target::Direction(mean)
         } else {
             Target::Point(point)
         },
-        beam: Beam {
+        seen: LightDirection {
             direction,
             radius,
-            sigma: noise.hypot(open),
+            sigma: noise.hypot(parallax_sigma),
         },
     })
 }
 
-/// The point nearest to all rays; true where they are as good as parallel.
-fn meet(rays: &[Ray], mean: DVec3, base: f64) -> (DVec3, bool) {
+/// Rays to one light without outliers, and their intersection.
+struct Consensus {
+    kept: Vec<LightRay>,
+    point: DVec3,
+    parallel: bool,
+    /// Mean direction.
+    mean: DVec3,
+    /// Median deviation, radians.
+    typical: f64,
+}
+
+/// Intersects rays, rejecting outliers by the median deviation.
+fn consensus(rays: &[LightRay], base: f64) -> Option<Consensus> {
+    let mut found = Consensus {
+        kept: rays.to_vec(),
+        point: DVec3::ZERO,
+        parallel: true,
+        mean: DVec3::ZERO,
+        typical: 0.0,
+    };
+    for _ in 0..4 {
+        let directions = found.kept.iter().map(|r| r.direction);
+        found.mean = directions.sum::<DVec3>().try_normalize()?;
+        (found.point, found.parallel) = intersection(&found.kept, found.mean, base);
+        let (point, parallel, mean) = (found.point, found.parallel, found.mean);
+        let deviation = |r: &LightRay| match parallel {
+            true => r.direction.angle_between(mean),
+            false => r.direction.angle_between(point - r.from),
+        };
+        found.typical = median(found.kept.iter().map(deviation))?.max(5e-4);
+        let next: Vec<LightRay> = found
+            .kept
+            .iter()
+            .filter(|r| deviation(r) < 4.0 * found.typical)
+            .copied()
+            .collect();
+        if next.len() < 2 || next.len() == found.kept.len() {
+            break;
+        }
+        found.kept = next;
+    }
+    Some(found)
+}
+
+/// Returns the point nearest to all rays, and whether they are practically parallel.
+fn intersection(rays: &[LightRay], mean: DVec3, base: f64) -> (DVec3, bool) {
     let (mut a, mut b) = (DMat3::ZERO, DVec3::ZERO);
     for r in rays {
         let d = r.direction;
@@ -239,27 +269,28 @@ fn meet(rays: &[Ray], mean: DVec3, base: f64) -> (DVec3, bool) {
         return (from + mean, true);
     }
     let point = a.inverse() * b;
-    let way = point - from;
+    let path = point - from;
     (
         point,
-        !point.is_finite() || way.dot(mean) < 0.1 || way.length() > 200.0 * base,
+        !point.is_finite() || path.dot(mean) < 0.1 || path.length() > 200.0 * base,
     )
 }
 
-/// How much a point's open distance turns it as seen from elsewhere, radians.
-fn depth_sigma(rays: &[Ray], point: DVec3, eye: DVec3, typical: f64) -> f64 {
+/// Returns the standard deviation of a point's direction from `eye`, radians, given the uncertainty of
+/// its position.
+fn depth_sigma(rays: &[LightRay], point: DVec3, eye: DVec3, typical: f64) -> f64 {
     let mut information = DMat3::ZERO;
     for r in rays {
-        let way = point - r.from;
-        let d = way.normalize_or(r.direction);
+        let path = point - r.from;
+        let d = path.normalize_or(r.direction);
         let across = DMat3::IDENTITY - DMat3::from_cols(d * d.x, d * d.y, d * d.z);
-        information += across * (1.0 / (typical * way.length()).powi(2).max(1e-12));
+        information += across * (1.0 / (typical * path.length()).powi(2).max(1e-12));
     }
     let covariance = information.inverse();
-    let way = point - eye;
-    let (u, v) = way.normalize_or(DVec3::Z).any_orthonormal_pair();
+    let path = point - eye;
+    let (u, v) = path.normalize_or(DVec3::Z).any_orthonormal_pair();
     let variance = u.dot(covariance * u).max(v.dot(covariance * v));
-    (variance.max(0.0).sqrt() / way.length().max(1e-3)).min(10.0)
+    (variance.max(0.0).sqrt() / path.length().max(1e-3)).min(10.0)
 }
 
 #[cfg(test)]

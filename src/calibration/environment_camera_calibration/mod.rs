@@ -1,41 +1,40 @@
-//! Where the environment camera stands and how it looks.
+//! Lens and pose of the environment camera: the step [`EnvironmentStep`].
 //!
-//! `circle` finds a fisheye's image circle, `ball` the outline of a mirrored sphere: `optics`. `bright`
-//! and `beams` find lights, `turn` which light is which; `tags` finds printed fiducials through a
-//! fisheye, `pairs` reads what a user clicked on. What is seen by the environment camera and known in
-//! the world are `sights`; `resection` makes them into a pose, and `solve` says how good that is.
-//! [`EnvironmentStep`] is the step of calibration.
+//! In the order of data flow: `step` gathers pictures and poses (`gathered`, `inputs`; `pairs` reads
+//! the user's clicks). `optics` finds the lens from a fisheye's circle (`image_circle`) or a mirrored
+//! sphere's outline (`sphere_outline`), both from steps of brightness along `rays`; `view` is the
+//! lens found. `observations` collects what the environment camera observed at known points or in
+//! known directions: fiducials (`tags`), clicks, and lights (`bright_pixels`, `light_directions`,
+//! matched by `light_matching` and refined by `mirror`). `resection` computes the pose from them,
+//! `pose` chooses among the kinds of evidence, `assessment` grades the pose; `solve` runs all of this
+//! and writes the calibration, `report` presents it.
 
-mod ball;
-mod ball_search;
-mod bright;
-mod circle;
-mod circle_search;
-#[cfg(test)]
-mod drawn;
+mod assessment;
+mod bright_pixels;
 mod gathered;
-mod initial_poses;
+mod image_circle;
+mod inputs;
 mod light_directions;
+mod light_matching;
 mod mirror;
 mod observations;
 mod optics;
-mod page;
 mod pairs;
+mod pose;
 mod rays;
+mod report;
 mod resection;
-mod sharpen;
 mod solve;
+mod sphere_outline;
 mod step;
+mod summary;
+#[cfg(test)]
+mod synthetic;
 mod tags;
-mod turn;
-mod verdict;
 mod view;
+mod wahba;
 
-pub use ball::{NoOutline, Outline, RoughBall, outline};
-pub use circle::{ImageCircle, NoCircle, image_circle};
+pub use inputs::{Asked, Kind, KnownRig, NotReady};
 pub use pairs::{Clicked, Pair, PairError, pairs};
-pub use resection::{NoPose, Placed, Sight, Target, Unknowns, place};
-pub use step::{Asked, EnvironmentStep, Kind, KnownRig, NotReady};
-pub use tags::tags;
-pub use turn::{Beam, Match, NoMatch, bring_together};
-pub use view::View;
+pub use sphere_outline::RoughBall;
+pub use step::EnvironmentStep;

@@ -1,43 +1,45 @@
-//! What the environment camera saw whose place or direction in the world is known: markers,
-//! clicks, lights.
+//! What the environment camera observes at known positions or in known directions: markers, clicks
+//! and lights.
 
-use super::mirror::{MirrorTurn, Shown, divided, mirror_turn};
-use super::pairs::Clicked;
-use super::resection::{Sight, Target};
-use super::step::{EnvironmentStep, Kind};
-use super::turn::{Beam, Match, NoMatch, bring_together};
-use super::view::View;
-use super::{ball::Outline, tags::tags};
-use crate::environment_camera_calibration::light_directions::{
-    Known, Ray, agreed, direct, in_ball, mirrored, still,
+use super::inputs::{Inputs, Kind};
+use super::light_directions::{
+    LightRay, WorldLight, add_direct_lights, add_reflected_lights, mirrored, static_lights,
+    triangulate,
 };
+use super::light_matching::{LightDirection, Match, NoMatch, match_lights};
+use super::mirror::{MirrorRotation, SphereView, assign_samples, rotation_from_mirror};
+use super::pairs::Clicked;
+use super::resection::{Observation, Target};
+use super::sphere_outline::Outline;
+use super::tags::detect_tags;
+use super::view::View;
 use glam::{DQuat, DVec2, DVec3};
 use penumbra_fiducials::TagSeen;
 use penumbra_interface::RigidTransform;
 
-/// A corner of a fiducial, pixels.
+/// 1σ of a fiducial's corner, pixels.
 const CORNER_SIGMA: f64 = 0.15;
-/// A click, pixels.
+/// 1σ of a click, pixels.
 const CLICK_SIGMA: f64 = 1.0;
-/// Lights by a small ball's picture alone, radians.
-const UNREFINED: f64 = 0.03;
-/// A place measured by hand, metres.
+/// 1σ of lights in a sphere without refinement by [`rotation_from_mirror`], radians.
+const UNREFINED_SIGMA: f64 = 0.03;
+/// 1σ of a position measured by hand, metres.
 const HAND_SIGMA: f64 = 0.003;
 
-/// A sight and where it is in the picture.
+/// An observation and its position in the picture.
 #[derive(Clone, Debug)]
-pub struct Marked {
-    /// For the solver.
-    pub sight: Sight,
-    /// Pixel.
+pub struct ImageObservation {
+    /// The observation.
+    pub observation: Observation,
+    /// Pixel of the environment camera.
     pub pixel: DVec2,
-    /// What it is.
-    pub by: By,
+    /// What is observed.
+    pub by: ObservationKind,
 }
 
-/// What a sight is of.
+/// Kind of an observation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum By {
+pub enum ObservationKind {
     /// A fiducial's corner.
     Marker,
     /// A click.
@@ -46,8 +48,8 @@ pub enum By {
     Light,
 }
 
-impl By {
-    /// As the file spells it.
+impl ObservationKind {
+    /// Returns the name used in the calibration file.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -58,8 +60,8 @@ impl By {
     }
 }
 
-impl EnvironmentStep {
-    /// `world_from_scene_camera` of a view: by markers, else by the tracker.
+impl Inputs {
+    /// Returns `world_from_scene_camera` of a view: from markers, else from the tracker.
     pub(super) fn scene_pose(&self, i: usize) -> Option<RigidTransform> {
         let view = self.gathered.views.get(i)?;
         view.by_markers.or_else(|| {
@@ -69,14 +71,14 @@ impl EnvironmentStep {
         })
     }
 
-    /// Corners of fiducials at known places.
-    pub(super) fn markers(&self, view: &View) -> (Vec<Marked>, Vec<TagSeen>) {
+    /// Returns the corners of fiducials at known positions, and all fiducials.
+    pub(super) fn marker_observations(&self, view: &View) -> (Vec<ImageObservation>, Vec<TagSeen>) {
         let mut out = Vec::new();
         if self.families.is_empty() {
             return (out, Vec::new());
         }
-        let seen = tags(
-            &self.gathered.layers.luma(),
+        let seen = detect_tags(
+            &self.gathered.mean.luma(),
             view,
             &self.families,
             &self.response(),
@@ -84,40 +86,40 @@ impl EnvironmentStep {
         for tag in &seen {
             let corners = match self.map.get(tag.family, tag.id) {
                 Some(known) => Some(known.corners().map(|c| (c, 0.0))),
-                None => self.met(tag),
+                None => self.triangulated_corners(tag),
             };
             for (pixel, (point, sigma)) in tag.corners.iter().zip(corners.into_iter().flatten()) {
                 let Some(bearing) = view.bearing(*pixel) else {
                     continue;
                 };
-                let sight = Sight {
+                let observation = Observation {
                     bearing,
                     target: Target::Point(point),
                     sigma: (CORNER_SIGMA / view.focal()).hypot(sigma),
                 };
-                out.push(Marked {
-                    sight,
+                out.push(ImageObservation {
+                    observation,
                     pixel: *pixel,
-                    by: By::Marker,
+                    by: ObservationKind::Marker,
                 });
             }
         }
         (out, seen)
     }
 
-    /// Corners of a fiducial that stands still, from the scene camera's views of it, and how sure they
-    /// are as seen from about as far, radians.
-    fn met(&self, tag: &TagSeen) -> Option<[(DVec3, f64); 4]> {
+    /// Returns the corners of a static fiducial, triangulated from the scene camera's views, with their
+    /// 1σ as seen from the environment camera, radians.
+    fn triangulated_corners(&self, tag: &TagSeen) -> Option<[(DVec3, f64); 4]> {
         let camera = &self.known.rig.calibration.scene_camera.camera;
         let corner = |k: usize| {
-            let rays: Vec<Ray> = (0..self.gathered.views.len())
+            let rays: Vec<LightRay> = (0..self.gathered.views.len())
                 .filter_map(|i| {
                     let found = self.gathered.views[i].tags.iter();
                     let seen = found
                         .clone()
                         .find(|t| (t.family, t.id) == (tag.family, tag.id))?;
                     let pose = self.scene_pose(i)?;
-                    Some(Ray {
+                    Some(LightRay {
                         from: pose.translation,
                         direction: pose.rotation * camera.unproject(seen.corners[k]),
                         radius: 0.0,
@@ -125,51 +127,52 @@ impl EnvironmentStep {
                 })
                 .collect();
             let eye = self
-                .stand()
+                .position()
                 .unwrap_or(rays.first()?.from + DVec3::splat(0.3));
-            let known = agreed(&rays, 2, eye, 4.0);
+            let known = triangulate(&rays, 2, eye, 4.0);
             match known.first()? {
-                Known {
+                WorldLight {
                     target: Target::Point(p),
-                    beam,
-                } => Some((*p, beam.sigma)),
-                Known { .. } => None,
+                    seen,
+                } => Some((*p, seen.sigma)),
+                WorldLight { .. } => None,
             }
         };
         Some([corner(0)?, corner(1)?, corner(2)?, corner(3)?])
     }
 
-    /// Where the environment camera is said to stand.
-    pub(super) fn stand(&self) -> Option<DVec3> {
+    /// Returns the environment camera's position given by the user or by `rig.json`, world, metres.
+    pub(super) fn position(&self) -> Option<DVec3> {
         self.asked
             .at
             .or_else(|| self.rough_pose().map(|p| p.translation))
     }
 
-    /// The user's clicks; those outside of the picture, or of an unknown time, are counted.
-    pub(super) fn clicks(&self, view: &View) -> (Vec<Marked>, usize) {
+    /// Returns the user's clicks, and the number of those outside of the picture or at times without a
+    /// pose of the scene camera.
+    pub(super) fn click_observations(&self, view: &View) -> (Vec<ImageObservation>, usize) {
         let (mut out, mut lost) = (Vec::new(), 0);
         for pair in &self.asked.pairs {
             let sigma = CLICK_SIGMA / view.focal();
             let target = match pair.clicked {
                 Clicked::Point(p) => {
-                    let far = self.stand().map_or(0.5, |s| s.distance(p)).max(0.02);
-                    Some((Target::Point(p), sigma.hypot(HAND_SIGMA / far)))
+                    let distance = self.position().map_or(0.5, |s| s.distance(p)).max(0.02);
+                    Some((Target::Point(p), sigma.hypot(HAND_SIGMA / distance)))
                 }
                 Clicked::Towards(d) => Some((Target::Direction(d), sigma)),
                 Clicked::Scene(pixel, seconds) => self
-                    .towards(pixel, seconds)
+                    .scene_direction(pixel, seconds)
                     .map(|(d, s)| (Target::Direction(d), sigma.hypot(s))),
             };
             match (target, view.bearing(pair.pixel)) {
-                (Some((target, sigma)), Some(bearing)) => out.push(Marked {
-                    sight: Sight {
+                (Some((target, sigma)), Some(bearing)) => out.push(ImageObservation {
+                    observation: Observation {
                         bearing,
                         target,
                         sigma,
                     },
                     pixel: pair.pixel,
-                    by: By::Click,
+                    by: ObservationKind::Click,
                 }),
                 _ => lost += 1,
             }
@@ -177,11 +180,13 @@ impl EnvironmentStep {
         (out, lost)
     }
 
-    /// Direction of a pixel of the scene camera at a time, world; it is taken to be far away.
-    fn towards(&self, pixel: DVec2, seconds: f64) -> Option<(DVec3, f64)> {
-        let off = |i: &usize| (self.gathered.views[*i].seconds - seconds).abs();
-        let i = (0..self.gathered.views.len()).min_by(|a, b| off(a).total_cmp(&off(b)))?;
-        if off(&i) > 0.1 {
+    /// Returns the direction of a pixel of the scene camera at a time, world, and its 1σ, radians; the
+    /// point is assumed to be distant.
+    fn scene_direction(&self, pixel: DVec2, seconds: f64) -> Option<(DVec3, f64)> {
+        let difference = |i: &usize| (self.gathered.views[*i].seconds - seconds).abs();
+        let i = (0..self.gathered.views.len())
+            .min_by(|a, b| difference(a).total_cmp(&difference(b)))?;
+        if difference(&i) > 0.1 {
             return None;
         }
         let camera = &self.known.rig.calibration.scene_camera.camera;
@@ -191,23 +196,24 @@ impl EnvironmentStep {
         ))
     }
 
-    /// The lights of the environment camera's pictures; before a sphere as that shows them.
-    pub(super) fn own_lights(
+    /// Returns the lights in the environment camera's pictures; with a sphere, those it reflects.
+    pub(super) fn environment_lights(
         &self,
         view: &View,
         outline: Option<(&Outline, f64)>,
-    ) -> Vec<(Beam, DVec2)> {
+    ) -> Vec<(LightDirection, DVec2)> {
         let direction = |p: DVec2| match outline {
             Some((outline, radius)) => mirrored(view.bearing(p)?, outline.centre(radius).0, radius),
             None => view.bearing(p),
         };
-        still(&self.gathered.bright, &direction)
+        static_lights(&self.gathered.bright, &direction)
     }
 
-    /// The same lights by the scene camera, world.
-    pub(super) fn world_lights(&self) -> Vec<Known> {
+    /// Returns the lights seen by the scene camera, world.
+    pub(super) fn world_lights(&self) -> Vec<WorldLight> {
         let camera = &self.known.rig.calibration.scene_camera.camera;
-        let ball = self.known.rig.mirror_sphere.as_ref().filter(|s| s.in_scene);
+        let sphere = self.known.rig.mirror_sphere.as_ref();
+        let in_scene = sphere.filter(|s| s.in_scene);
         let (mut rays, mut pictures) = (Vec::new(), 0);
         for i in 0..self.gathered.views.len() {
             let Some(pose) = self.scene_pose(i) else {
@@ -215,121 +221,112 @@ impl EnvironmentStep {
             };
             pictures += 1;
             let bright = &self.gathered.views[i].bright;
-            match (self.kind, ball) {
-                (Kind::Sphere, Some(ball)) => in_ball(
-                    bright,
-                    camera,
-                    pose,
-                    (ball, pose.inverse().transform_point(ball.centre_in_world)),
-                    &mut rays,
-                ),
-                _ => direct(bright, camera, pose, ball, &mut rays),
+            match (self.kind, in_scene) {
+                (Kind::Sphere, Some(sphere)) => {
+                    let centre = pose.inverse().transform_point(sphere.centre_in_world);
+                    add_reflected_lights(bright, camera, pose, (sphere, centre), &mut rays);
+                }
+                _ => add_direct_lights(bright, camera, pose, in_scene, &mut rays),
             }
         }
-        let sphere = self
-            .known
-            .rig
-            .mirror_sphere
-            .as_ref()
-            .map(|s| s.centre_in_world);
         let eye = match self.kind {
-            Kind::Sphere => sphere,
-            Kind::Fisheye => self.stand(),
+            Kind::Sphere => sphere.map(|s| s.centre_in_world),
+            Kind::Fisheye => self.position(),
         };
         let Some(eye) = eye else { return Vec::new() };
-        let mut known = agreed(&rays, pictures, eye, 0.1);
-        // One that may lie anywhere tells nothing.
-        known.retain(|k| k.beam.sigma < 0.05);
+        let mut known = triangulate(&rays, pictures, eye, 0.1);
+        // Lights of uncertain direction are of no use.
+        known.retain(|k| k.seen.sigma < 0.05);
         known
     }
 
-    /// The turn `world_from_camera` by what both mirrors show, from a first guess.
-    pub(super) fn mirror_turn(
+    /// Returns the rotation `world_from_camera` from the lights that both cameras see in the sphere,
+    /// from an initial rotation.
+    fn rotation_by_mirror(
         &self,
         own: &dyn Fn(DVec2) -> Option<DVec3>,
         lights: &[DVec3],
         start: DQuat,
-    ) -> Option<MirrorTurn> {
-        let ball = self
-            .known
-            .rig
-            .mirror_sphere
-            .as_ref()
-            .filter(|s| s.in_scene)?;
+    ) -> Option<MirrorRotation> {
+        let sphere = self.known.rig.mirror_sphere.as_ref();
+        let sphere = sphere.filter(|s| s.in_scene)?;
         let camera = &self.known.rig.calibration.scene_camera.camera;
         let samples = self
             .gathered
             .bright
             .get(self.gathered.bright.len() / 2)?
             .samples(own);
-        let lights = divided(&samples, lights);
-        let shown: Vec<Shown> = (0..self.gathered.views.len())
+        let lights = assign_samples(&samples, lights);
+        let shown: Vec<SphereView> = (0..self.gathered.views.len())
             .filter_map(|i| {
                 let pose = self.scene_pose(i)?;
-                let centre = pose.inverse().transform_point(ball.centre_in_world);
-                let look = |p: DVec2| mirrored(camera.unproject(p), centre, ball.radius);
-                Some(Shown {
+                let centre = pose.inverse().transform_point(sphere.centre_in_world);
+                let direction = |p: DVec2| mirrored(camera.unproject(p), centre, sphere.radius);
+                Some(SphereView {
                     camera_from_world: pose.rotation.inverse(),
                     centre,
-                    lights: self.gathered.views[i].bright.lights(&look),
+                    lights: self.gathered.views[i].bright.lights(&direction),
                 })
             })
             .collect();
-        mirror_turn(camera, ball.radius, &lights, &shown, start)
+        rotation_from_mirror(camera, sphere.radius, &lights, &shown, start)
     }
 
-    /// Lights that are the same ones.
-    pub(super) fn lights(
+    /// Matches the lights of both cameras.
+    ///
+    /// # Errors
+    /// As [`match_lights`].
+    pub(super) fn light_observations(
         &self,
         (view, outline): (&View, Option<(&Outline, f64)>),
-        own: &[(Beam, DVec2)],
-        world: &[Known],
-    ) -> Result<(Vec<Marked>, Match), NoMatch> {
-        let first: Vec<Beam> = own.iter().map(|o| o.0).collect();
-        let second: Vec<Beam> = world.iter().map(|w| w.beam).collect();
+        own: &[(LightDirection, DVec2)],
+        world: &[WorldLight],
+    ) -> Result<(Vec<ImageObservation>, Match), NoMatch> {
+        let first: Vec<LightDirection> = own.iter().map(|o| o.0).collect();
+        let second: Vec<LightDirection> = world.iter().map(|w| w.seen).collect();
         let worst = first
             .iter()
             .chain(&second)
             .map(|b| b.sigma)
             .fold(0.0, f64::max);
-        // A small ball in the scene camera's picture shows where lights are to some degrees.
-        let (least, most) = match self.kind {
+        // A small sphere in the scene camera's picture yields directions to a few degrees.
+        let (min, max) = match self.kind {
             Kind::Sphere => (0.12, 0.2),
             Kind::Fisheye => (0.03, 0.1),
         };
-        let tolerance = (4.0 * worst).clamp(least, most);
+        let tolerance = (4.0 * worst).clamp(min, max);
         let rough = self.asked.rough.unwrap_or(0.6);
         let near = self.rough_pose().map(|p| (p.rotation, rough));
-        let mut found = bring_together(&first, &second, tolerance, near)?;
+        let mut found = match_lights(&first, &second, tolerance, near)?;
         let paired: Vec<DVec3> = found.pairs.iter().map(|p| first[p.0].direction).collect();
-        let finer = outline.and_then(|(outline, radius)| {
+        let refined = outline.and_then(|(outline, radius)| {
             let centre = outline.centre(radius).0;
-            let look = |p: DVec2| mirrored(view.bearing(p)?, centre, radius);
-            self.mirror_turn(&look, &paired, found.turn)
+            let direction = |p: DVec2| mirrored(view.bearing(p)?, centre, radius);
+            self.rotation_by_mirror(&direction, &paired, found.rotation)
         });
-        if let Some(finer) = &finer {
-            found.turn = finer.turn;
+        if let Some(refined) = &refined {
+            found.rotation = refined.rotation;
         }
-        let marked = found.pairs.iter().map(|&(i, j)| Marked {
-            sight: Sight {
+        let image_observations = found.pairs.iter().map(|&(i, j)| ImageObservation {
+            observation: Observation {
                 bearing: first[i].direction,
                 target: match self.kind {
-                    // Seen from the ball, by both.
-                    Kind::Sphere if finer.is_some() => {
-                        Target::Direction(found.turn * first[i].direction)
+                    // Both cameras see the lights from the sphere.
+                    Kind::Sphere if refined.is_some() => {
+                        Target::Direction(found.rotation * first[i].direction)
                     }
                     Kind::Sphere => Target::Direction(second[j].direction),
                     Kind::Fisheye => world[j].target,
                 },
-                sigma: match &finer {
-                    Some(finer) => finer.sigma,
-                    None if self.kind == Kind::Sphere => UNREFINED,
+                sigma: match &refined {
+                    Some(refined) => refined.sigma,
+                    None if self.kind == Kind::Sphere => UNREFINED_SIGMA,
                     None => first[i].sigma.hypot(second[j].sigma),
                 },
             },
             pixel: own[i].1,
-            by: By::Light,
+            by: ObservationKind::Light,
         });
-        Ok((marked.collect(), found))
+        Ok((image_observations.collect(), found))
     }
 }

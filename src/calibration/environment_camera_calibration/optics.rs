@@ -1,67 +1,65 @@
-//! How the environment camera looks: through a fisheye whose circle is in the picture, or at a sphere
-//! whose outline is.
+//! The environment camera's lens: from the image circle of a fisheye, or the outline of a mirrored
+//! sphere.
 
 use super::super::intrinsics::Grey;
-use super::ball::{Outline, RoughBall, outline};
-use super::circle::{ImageCircle, image_circle};
+use super::image_circle::{ImageCircle, image_circle};
+use super::inputs::{Inputs, Kind};
 use super::rays::{RAYS, side};
-use super::solve::Said;
-use super::step::{EnvironmentStep, Kind};
+use super::sphere_outline::{NoOutline, Outline, RoughBall, outline};
+use super::summary::Summary;
 use super::view::View;
 use glam::{DVec2, DVec3};
-use penumbra_camera::LensModel;
 use penumbra_camera::{EnvironmentView, FisheyeLens};
+use penumbra_camera::{LensModel, PinholeCamera};
 use penumbra_lighting::ball_outline;
 use penumbra_rig_model::Grade;
 use penumbra_rig_model::environment_file::CircleLens;
 
-/// What was found of it.
+/// The lens found.
 #[derive(Clone, Debug)]
 pub(super) struct Optics {
     pub view: View,
     pub circle: Option<ImageCircle>,
-    /// What goes into the file, where the lens was not calibrated by itself.
+    /// The lens for the calibration file, unless a lens calibration exists.
     pub lens: Option<CircleLens>,
-    /// With the sphere's radius, metres.
+    /// The sphere's outline and its radius, metres.
     pub outline: Option<(Outline, f64)>,
 }
 
 impl Optics {
-    pub fn ball(&self) -> Option<(&Outline, f64)> {
+    /// Returns the sphere's outline and its radius, metres.
+    pub fn sphere(&self) -> Option<(&Outline, f64)> {
         self.outline.as_ref().map(|(o, r)| (o, *r))
     }
 }
 
-/// None where there is nothing to go on by.
-pub(super) fn optics(step: &EnvironmentStep, said: &mut Said) -> Option<Optics> {
-    if step.gathered.layers.count == 0 {
+/// Finds the lens; `None` if there is no picture or neither picture nor rig determine it.
+pub(super) fn optics(inputs: &Inputs, summary: &mut Summary) -> Option<Optics> {
+    if inputs.gathered.mean.count == 0 {
         return None;
     }
-    match step.kind {
-        Kind::Fisheye => fisheye(step, said),
-        Kind::Sphere => sphere(step, said),
+    match inputs.kind {
+        Kind::Fisheye => fisheye(inputs, summary),
+        Kind::Sphere => sphere(inputs, summary),
     }
 }
 
-fn fisheye(step: &EnvironmentStep, said: &mut Said) -> Option<Optics> {
-    let (codes, linear) = step.gathered.layers.brightest(&step.response());
-    let written = written(step);
-    let calibrated = calibrated(step);
+fn fisheye(inputs: &Inputs, summary: &mut Summary) -> Option<Optics> {
+    let (codes, linear) = inputs.gathered.mean.brightest(&inputs.response());
+    let written = written(inputs);
+    let calibrated = calibrated(inputs);
     let circle = match image_circle(&codes, &linear) {
         Ok(circle) => circle,
         Err(why) => {
+            // A known lens is used unless the picture contradicts it.
             let known = calibrated.or(written);
-            let contradicted = known.as_ref().is_none_or(|l| is_lit_beyond(&codes, l));
-            let grade = if contradicted {
-                Grade::Refused
-            } else {
-                Grade::Usable
+            let lens = known.filter(|l| !is_lit_beyond(&codes, l));
+            let grade = match lens {
+                Some(_) => Grade::Usable,
+                None => Grade::Refused,
             };
-            said.against(grade, why);
-            if contradicted {
-                return None;
-            }
-            return known.map(|lens| Optics {
+            summary.finding(grade, why);
+            return lens.map(|lens| Optics {
                 view: View::Fisheye(lens),
                 circle: None,
                 lens: None,
@@ -69,11 +67,11 @@ fn fisheye(step: &EnvironmentStep, said: &mut Said) -> Option<Optics> {
             });
         }
     };
-    tell_circle(&circle, said);
-    let (width, height) = step.gathered.layers.size;
+    describe_circle(&circle, summary);
+    let (width, height) = inputs.gathered.mean.size;
     let (lens, from_circle) = match calibrated {
-        Some(lens) => (seen_through(lens, &circle, said), false),
-        None => (by_circle(step, &circle, written.as_ref(), said), true),
+        Some(lens) => (with_circle(lens, &circle, summary), false),
+        None => (by_circle(inputs, &circle, written.as_ref(), summary), true),
     };
     let lens = FisheyeLens {
         width,
@@ -97,7 +95,7 @@ fn fisheye(step: &EnvironmentStep, said: &mut Said) -> Option<Optics> {
     })
 }
 
-/// There is picture where this lens would leave it black.
+/// Returns whether there is picture outside of this lens's image circle.
 fn is_lit_beyond(codes: &Grey, lens: &FisheyeLens) -> bool {
     let (sin, cos) = lens.max_theta.min(3.1).sin_cos();
     let (mut beyond, mut lit) = (0, 0);
@@ -114,9 +112,9 @@ fn is_lit_beyond(codes: &Grey, lens: &FisheyeLens) -> bool {
     2 * lit > beyond && 5 * beyond > RAYS
 }
 
-fn tell_circle(circle: &ImageCircle, said: &mut Said) {
-    said.line(format!(
-        "image circle: centre ({:.2} ± {:.2}, {:.2} ± {:.2}), radius {:.2} ± {:.2} px; seen {:.0} % of the way round, edge {:.1} px soft",
+fn describe_circle(circle: &ImageCircle, summary: &mut Summary) {
+    summary.line(format!(
+        "image circle: centre ({:.2} ± {:.2}, {:.2} ± {:.2}), radius {:.2} ± {:.2} px; visible over {:.0} % of its circumference, edge {:.1} px wide",
         circle.centre.x,
         circle.centre_sigma.x,
         circle.centre.y,
@@ -128,23 +126,24 @@ fn tell_circle(circle: &ImageCircle, said: &mut Said) {
     ));
     let (stretch, sigma) = circle.stretch;
     if stretch.abs() > 0.01 && stretch.abs() > 4.0 * sigma {
-        said.against(Grade::Usable, format!("the image circle is {:.1} % {} than high: the picture is stretched; record it as the camera sends it", 100.0 * stretch.abs(), if stretch > 0.0 { "wider" } else { "narrower" }));
+        summary.finding(Grade::Usable, format!("the image circle is {:.1} % {} than high: the picture is stretched; record it in the camera's native aspect ratio", 100.0 * stretch.abs(), if stretch > 0.0 { "wider" } else { "narrower" }));
     }
     if circle.seen < 0.5 {
-        said.against(
+        summary.finding(
             Grade::Usable,
             format!(
-                "only {:.0} % of the image circle is seen",
+                "only {:.0} % of the image circle is visible",
                 100.0 * circle.seen
             ),
         );
     }
 }
 
-fn written(step: &EnvironmentStep) -> Option<FisheyeLens> {
-    match &step.known.rig.calibration.environment.as_ref()?.view {
+/// Returns the lens in `rig.json` if it fits the pictures' size.
+fn written(inputs: &Inputs) -> Option<FisheyeLens> {
+    match &inputs.known.rig.calibration.environment.as_ref()?.view {
         EnvironmentView::Fisheye { lens, .. }
-            if (lens.width, lens.height) == step.gathered.layers.size =>
+            if (lens.width, lens.height) == inputs.gathered.mean.size =>
         {
             Some(lens.clone())
         }
@@ -152,11 +151,11 @@ fn written(step: &EnvironmentStep) -> Option<FisheyeLens> {
     }
 }
 
-/// By `calibrate intrinsics`, if it fits the pictures.
-fn calibrated(step: &EnvironmentStep) -> Option<FisheyeLens> {
-    let lens = step.known.lens.as_ref()?;
+/// Returns the lens found by `calibrate intrinsics` if it is a fisheye and fits the pictures' size.
+fn calibrated(inputs: &Inputs) -> Option<FisheyeLens> {
+    let lens = inputs.known.lens.as_ref()?;
     let fits = lens.model == LensModel::KannalaBrandt
-        && (lens.width, lens.height) == step.gathered.layers.size;
+        && (lens.width, lens.height) == inputs.gathered.mean.size;
     let mut distortion = [0.0; 4];
     distortion.copy_from_slice(lens.coefficients.get(..4)?);
     fits.then(|| FisheyeLens {
@@ -169,29 +168,29 @@ fn calibrated(step: &EnvironmentStep) -> Option<FisheyeLens> {
     })
 }
 
-/// A calibrated lens sees as far as its circle reaches.
-fn seen_through(mut lens: FisheyeLens, circle: &ImageCircle, said: &mut Said) -> FisheyeLens {
+/// Sets a calibrated lens's field of view from the image circle.
+fn with_circle(mut lens: FisheyeLens, circle: &ImageCircle, summary: &mut Summary) -> FisheyeLens {
     let at_rim = lens.unproject(lens.centre + DVec2::X * circle.radius);
     lens.max_theta = at_rim.map_or(std::f64::consts::FRAC_PI_2, |d| d.angle_between(DVec3::Z));
-    let off = lens.centre.distance(circle.centre);
-    said.line(format!(
-        "lens as calibrated: {:.1}° field of view by the circle; its centre is {off:.1} px from the circle's",
+    let distance = lens.centre.distance(circle.centre);
+    summary.line(format!(
+        "calibrated lens: {:.1}° field of view by the circle; its centre is {distance:.1} px from the circle's",
         2.0 * lens.max_theta.to_degrees()
     ));
-    if off > 0.04 * circle.radius + 5.0 * circle.centre_sigma.length() {
-        said.against(Grade::Usable, format!("the calibrated lens has its centre {off:.0} px from the middle of the image circle: is environment_camera.json of this camera and this mode?"));
+    if distance > 0.04 * circle.radius + 5.0 * circle.centre_sigma.length() {
+        summary.finding(Grade::Usable, format!("the calibrated lens has its centre {distance:.0} px from that of the image circle; check that environment_camera.json is of this camera and mode"));
     }
     lens
 }
 
-/// The lens that the field of view gives the circle.
+/// Returns the lens with the given field of view at the circle.
 fn by_circle(
-    step: &EnvironmentStep,
+    inputs: &Inputs,
     circle: &ImageCircle,
     written: Option<&FisheyeLens>,
-    said: &mut Said,
+    summary: &mut Summary,
 ) -> FisheyeLens {
-    let half = step.asked.fov.map(|f| 0.5 * f);
+    let half = inputs.asked.fov.map(|f| 0.5 * f);
     let max_theta = half
         .or(written.map(|w| w.max_theta))
         .unwrap_or(std::f64::consts::FRAC_PI_2);
@@ -214,8 +213,8 @@ fn by_circle(
         max_theta,
         ..unit
     };
-    said.line(format!(
-        "lens by the circle and {:.1}° field of view: f {:.2} ± {:.2} px/rad",
+    summary.line(format!(
+        "lens from the circle and {:.1}° field of view: f {:.2} ± {:.2} px/rad",
         2.0 * max_theta.to_degrees(),
         lens.focal,
         lens.focal * circle.radius_sigma / circle.radius
@@ -225,31 +224,31 @@ fn by_circle(
             .centre
             .distance(circle.centre)
             .max((written.focal - lens.focal).abs() * max_theta);
-        said.line(format!(
-            "rig.json has f {:.2}, centre ({:.2}, {:.2}): at most {apart:.2} px apart",
+        summary.line(format!(
+            "rig.json has f {:.2}, centre ({:.2}, {:.2}): differs by at most {apart:.2} px",
             written.focal, written.centre.x, written.centre.y
         ));
         if apart > 0.03 * circle.radius {
-            said.against(Grade::Usable, format!("rig.json's lens is {apart:.0} px off the image circle; the circle is taken. If the lens does not see {:.0}°, say --fov", 2.0 * max_theta.to_degrees()));
+            summary.finding(Grade::Usable, format!("rig.json's lens differs from the image circle by {apart:.0} px; the circle is used. If the field of view is not {:.0}°, give it with --fov", 2.0 * max_theta.to_degrees()));
         }
     }
     lens
 }
 
-fn sphere(step: &EnvironmentStep, said: &mut Said) -> Option<Optics> {
-    let camera = step.camera.clone()?;
-    if (camera.width, camera.height) != step.gathered.layers.size {
-        let (w, h) = step.gathered.layers.size;
-        said.against(Grade::Refused, format!("the pictures are {w}×{h}, the camera's lens is of {}×{}; calibrate in the mode that is used", camera.width, camera.height));
+fn sphere(inputs: &Inputs, summary: &mut Summary) -> Option<Optics> {
+    let camera = inputs.camera.clone()?;
+    if (camera.width, camera.height) != inputs.gathered.mean.size {
+        let (w, h) = inputs.gathered.mean.size;
+        summary.finding(Grade::Refused, format!("the pictures are {w}×{h}, the camera's lens is for {}×{}; calibrate the lens in the mode in use", camera.width, camera.height));
         return None;
     }
-    let radius = step.known.rig.mirror_sphere.as_ref()?.radius;
-    let planes = step.gathered.layers.planes();
+    let radius = inputs.known.rig.mirror_sphere.as_ref()?.radius;
+    let planes = inputs.gathered.mean.planes();
     let mut best: Option<Outline> = None;
-    let mut last = super::ball::NoOutline::None;
-    for rough in rough_balls(step) {
+    let mut last = NoOutline::None;
+    for rough in rough_spheres(inputs) {
         match outline(&planes, &camera, rough) {
-            Ok(found) if best.as_ref().is_none_or(|b| found.worth() > b.worth()) => {
+            Ok(found) if best.as_ref().is_none_or(|b| found.score() > b.score()) => {
                 best = Some(found)
             }
             Ok(_) => {}
@@ -257,37 +256,10 @@ fn sphere(step: &EnvironmentStep, said: &mut Said) -> Option<Optics> {
         }
     }
     let Some(found) = best else {
-        said.against(Grade::Refused, last);
+        summary.finding(Grade::Refused, last);
         return None;
     };
-    let (centre, sigma) = found.centre(radius);
-    let focal = camera.focal.min_element();
-    said.line(format!(
-        "outline of the sphere: middle ({:.2}, {:.2}) ± {:.2} px, {:.2} ± {:.2} px in radius; seen {:.0} % of the way round, spread {:.2} px",
-        camera.project(found.axis).map_or(f64::NAN, |p| p.x),
-        camera.project(found.axis).map_or(f64::NAN, |p| p.y),
-        found.axis_sigma * focal,
-        found.half_angle.tan() * focal,
-        found.angle_sigma * focal,
-        100.0 * found.seen,
-        found.spread
-    ));
-    said.line(format!(
-        "sphere of {:.1} mm radius: {:.1} mm before the camera, ± {:.2} mm across and ± {:.2} mm along",
-        1000.0 * radius,
-        1000.0 * centre.length(),
-        1000.0 * sigma[0],
-        1000.0 * sigma[1]
-    ));
-    if found.seen < 0.6 {
-        said.against(
-            Grade::Usable,
-            format!(
-                "only {:.0} % of the sphere's outline is seen",
-                100.0 * found.seen
-            ),
-        );
-    }
+    describe_outline(&found, &camera, radius, summary);
     Some(Optics {
         view: View::Pinhole(camera),
         circle: None,
@@ -296,21 +268,52 @@ fn sphere(step: &EnvironmentStep, said: &mut Said) -> Option<Optics> {
     })
 }
 
-/// Where to look for the sphere: where the user says; else where the picture shows something round,
-/// in its middle, and as large as the rig says.
-fn rough_balls(step: &EnvironmentStep) -> Vec<RoughBall> {
-    if let Some(click) = step.asked.click {
+fn describe_outline(found: &Outline, camera: &PinholeCamera, radius: f64, summary: &mut Summary) {
+    let (centre, sigma) = found.centre(radius);
+    let focal = camera.focal.min_element();
+    summary.line(format!(
+        "outline of the sphere: centre ({:.2}, {:.2}) ± {:.2} px, radius {:.2} ± {:.2} px; visible over {:.0} % of its circumference, spread {:.2} px",
+        camera.project(found.axis).map_or(f64::NAN, |p| p.x),
+        camera.project(found.axis).map_or(f64::NAN, |p| p.y),
+        found.axis_sigma * focal,
+        found.half_angle.tan() * focal,
+        found.angle_sigma * focal,
+        100.0 * found.seen,
+        found.spread
+    ));
+    summary.line(format!(
+        "sphere of {:.1} mm radius: {:.1} mm from the camera, ± {:.2} mm across and ± {:.2} mm along the line of observation",
+        1000.0 * radius,
+        1000.0 * centre.length(),
+        1000.0 * sigma[0],
+        1000.0 * sigma[1]
+    ));
+    if found.seen < 0.6 {
+        summary.finding(
+            Grade::Usable,
+            format!(
+                "only {:.0} % of the sphere's outline is visible",
+                100.0 * found.seen
+            ),
+        );
+    }
+}
+
+/// Returns the positions at which to search for the sphere: the user's; else the picture's centre, a
+/// round shape in the picture, and the position by the rig.
+fn rough_spheres(inputs: &Inputs) -> Vec<RoughBall> {
+    if let Some(click) = inputs.asked.click {
         return vec![click];
     }
-    let (w, h) = step.gathered.layers.size;
+    let (w, h) = inputs.gathered.mean.size;
     let middle = 0.5 * DVec2::new(f64::from(w), f64::from(h));
-    let round = ball_outline(&step.gathered.layers.picture());
-    let said = said_ball(step);
+    let round = ball_outline(&inputs.gathered.mean.picture());
+    let by_rig = sphere_by_rig(inputs);
     let mut out = Vec::new();
     for centre in [
         Some(middle),
         round.map(|c| c.centre),
-        said.map(|s| s.centre),
+        by_rig.map(|s| s.centre),
     ]
     .into_iter()
     .flatten()
@@ -319,7 +322,7 @@ fn rough_balls(step: &EnvironmentStep) -> Vec<RoughBall> {
             centre,
             radius: None,
         });
-        out.extend(said.map(|s| RoughBall { centre, ..s }));
+        out.extend(by_rig.map(|s| RoughBall { centre, ..s }));
     }
     out.extend(round.map(|c| RoughBall {
         centre: c.centre,
@@ -328,14 +331,14 @@ fn rough_balls(step: &EnvironmentStep) -> Vec<RoughBall> {
     out
 }
 
-/// Where the rig says that it is.
-fn said_ball(step: &EnvironmentStep) -> Option<RoughBall> {
-    let sphere = step.known.rig.mirror_sphere.as_ref()?;
-    let in_camera = step
+/// Returns the sphere's position in the picture by `rig.json`.
+fn sphere_by_rig(inputs: &Inputs) -> Option<RoughBall> {
+    let sphere = inputs.known.rig.mirror_sphere.as_ref()?;
+    let in_camera = inputs
         .rough_pose()?
         .inverse()
         .transform_point(sphere.centre_in_world);
-    let camera = step.camera.as_ref()?;
+    let camera = inputs.camera.as_ref()?;
     Some(RoughBall {
         centre: camera.project(in_camera)?,
         radius: Some(camera.focal.min_element() * sphere.radius / in_camera.length()),

@@ -1,79 +1,78 @@
-//! What a user clicked on: pixels of the environment camera and what is there in the world.
+//! The user's clicks: pixels of the environment camera and the corresponding points or directions.
 //!
 //! ```text
-//!  # x, y of the environment camera's picture, then where that is
-//!  212.5, 90.2, point, 0.30, 0.12, 0.75          metres, world
-//!  402, 118, towards, 0.4, 0.2, 0.9              direction, world: sun, far lamp
-//!  251, 330, scene, 410, 122, 3.20               the same thing in the scene camera's picture, at
-//!                                                so many seconds from the session's start
+//!  # x, y of the environment camera's picture, then the point or direction
+//!  212.5, 90.2, point, 0.30, 0.12, 0.75          position, world, metres
+//!  402, 118, towards, 0.4, 0.2, 0.9              direction, world: sun, distant lamp
+//!  251, 330, scene, 410, 122, 3.20               pixel of the same point in the scene camera's
+//!                                                picture, seconds from the session's start
 //! ```
 
 use glam::{DVec2, DVec3};
 
-/// No such file is longer.
-const MOST_LINES: usize = 10_000;
+/// Maximum number of clicks in a file.
+const MAX_LINES: usize = 10_000;
 
-/// What a click is on.
+/// The point or direction that was clicked.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Clicked {
-    /// World, metres.
+    /// Position, world, metres.
     Point(DVec3),
-    /// World, unit vector.
+    /// Direction, world, unit vector.
     Towards(DVec3),
     /// Pixel of the scene camera, and seconds from the session's start.
     Scene(DVec2, f64),
 }
 
-/// A click and what it is on.
+/// A click and its target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pair {
     /// Pixel of the environment camera.
     pub pixel: DVec2,
-    /// What is there.
+    /// The target.
     pub clicked: Clicked,
 }
 
-/// A line that makes no sense.
+/// Why a file of clicks could not be read.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PairError {
-    /// With its number.
+    /// A line is malformed.
     #[error(
         "line {line}: `{text}`: expected `x, y, point, X, Y, Z` (metres), `x, y, towards, X, Y, Z` or `x, y, scene, U, V, SECONDS`"
     )]
     Line {
-        /// From 1.
+        /// Line number, from 1.
         line: usize,
-        /// Its beginning.
+        /// Beginning of the line.
         text: String,
     },
-    /// Nothing, or far too much.
-    #[error("{lines} lines: from 1 to {MOST_LINES} clicks are read")]
+    /// There are no clicks or too many.
+    #[error("{lines} clicks; expected 1 to {MAX_LINES}")]
     Count {
-        /// How many.
+        /// Number of clicks.
         lines: usize,
     },
 }
 
-/// Reads the text of such a file; `x, y, X, Y, Z` is a point.
+/// Parses a file of clicks (see the module's documentation); `x, y, X, Y, Z` is a point.
 ///
 /// # Errors
-/// [`PairError`].
+/// A line is malformed, or there are no clicks or more than 10 000.
 pub fn pairs(text: &str) -> Result<Vec<Pair>, PairError> {
     let mut out = Vec::new();
     for (i, line) in text.lines().enumerate() {
-        let said = line.split('#').next().unwrap_or_default().trim();
-        // A head of names.
-        let names = i == 0 && said.starts_with(|c: char| c.is_alphabetic());
-        if said.is_empty() || names {
+        let content = line.split('#').next().unwrap_or_default().trim();
+        let is_header = i == 0 && content.starts_with(|c: char| c.is_alphabetic());
+        if content.is_empty() || is_header {
             continue;
         }
-        let pair = pair(said).ok_or_else(|| PairError::Line {
+        let pair = pair(content).ok_or_else(|| PairError::Line {
             line: i + 1,
-            text: said.chars().take(40).collect(),
+            text: content.chars().take(40).collect(),
         })?;
         out.push(pair);
     }
-    if out.is_empty() || out.len() > MOST_LINES {
+    if out.is_empty() || out.len() > MAX_LINES {
         return Err(PairError::Count { lines: out.len() });
     }
     Ok(out)
@@ -102,7 +101,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_form_is_read_and_a_wrong_line_is_named() {
+    fn reads_every_form_and_names_malformed_lines() {
         let text = "x,y,kind,a,b,c\n10, 20, point, 1, 2, 3 # corner\n\n1,2,3,4,5\n7,8,towards,0,0,2\n7,8,scene,100,200,1.5\n";
         let read = pairs(text).unwrap();
         let kinds: Vec<Clicked> = read.iter().map(|p| p.clicked).collect();

@@ -1,163 +1,46 @@
-//! The step `environment`: what it wants, what it gathers, and what it says in the end.
+//! The calibration step `environment`: gathers pictures and poses, and reports the progress.
 
 use super::super::step::{Eye, Finished, Made, Progress, Shown, ShownPicture, Step, Wants};
-use super::ball::RoughBall;
-use super::bright::Bright;
-use super::gathered::{Gathered, SceneView};
-use super::pairs::Pair;
+use super::bright_pixels::BrightPixels;
+use super::gathered::SceneView;
+use super::inputs::{Asked, Inputs, KnownRig, NotReady};
 use super::solve;
-use glam::{DVec2, DVec3};
-use penumbra_camera::EnvironmentView;
-use penumbra_camera::Lens;
-use penumbra_camera::{PinholeCamera, Response};
-use penumbra_fiducials::{Detector, Family, Registrar, TagMap};
-use penumbra_interface::RigidTransform;
-use penumbra_rig_model::Marker;
-use penumbra_rig_model::RigDocument;
+use glam::DVec2;
+use penumbra_fiducials::{Detector, Registrar, Registration};
 use penumbra_rig_model::environment_file::STEP;
 
-/// Pictures of the environment camera that are enough.
-const ENOUGH: f64 = 10.0;
-
-/// How the surroundings are seen.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
-    /// Through a fisheye.
-    Fisheye,
-    /// In a mirrored sphere.
-    Sphere,
-}
-
-/// What the user asks for and knows.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Asked {
-    /// What `rig.json` says is taken where this is none; a fisheye where that says nothing.
-    pub kind: Option<Kind>,
-    /// The fisheye's field of view, radians.
-    pub fov: Option<f64>,
-    /// Where the sphere is in the picture.
-    pub click: Option<RoughBall>,
-    /// Clicks on known things.
-    pub pairs: Vec<Pair>,
-    /// Where the environment camera stands, world, metres.
-    pub at: Option<DVec3>,
-    /// Families of fiducials that are not in `rig.json` but stand still before both cameras.
-    pub families: Vec<Family>,
-    /// The orientation that `rig.json` says may be off by this much, radians.
-    pub rough: Option<f64>,
-}
-
-/// What is known of the rig.
-#[derive(Clone, Debug)]
-pub struct KnownRig {
-    /// Calibration and markers.
-    pub rig: RigDocument,
-    /// The environment camera's own lens, if it was calibrated.
-    pub lens: Option<Lens>,
-}
-
-/// The step cannot begin.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum NotReady {
-    /// No intrinsics.
-    #[error(
-        "the camera before the sphere needs its lens: write environment_camera with K into rig.json, or calibrate with `penumbra calibrate intrinsics --camera environment --model brown`"
-    )]
-    NoLens,
-    /// No size.
-    #[error("the sphere's radius is not known: write mirror_sphere into rig.json")]
-    NoSphere,
-    /// A family that is not known, or a number twice.
-    #[error("rig.json: `markers`: {reason}")]
-    Markers {
-        /// Why.
-        reason: String,
-    },
-}
+/// Number of pictures of the environment camera that suffices.
+const ENOUGH_PICTURES: f64 = 10.0;
+/// Number of pictures of the scene camera that suffices.
+const ENOUGH_VIEWS: usize = 10;
 
 /// The step.
 pub struct EnvironmentStep {
-    pub(super) known: KnownRig,
-    pub(super) asked: Asked,
-    pub(super) kind: Kind,
-    /// Of the camera before a sphere.
-    pub(super) camera: Option<PinholeCamera>,
-    pub(super) map: TagMap,
-    pub(super) families: Vec<Family>,
-    pub(super) gathered: Gathered,
+    inputs: Inputs,
     registrar: Registrar,
     detector: Detector,
-    marks: Vec<DVec2>,
+    overlay_points: Vec<DVec2>,
 }
 
 impl EnvironmentStep {
-    /// Of this rig.
+    /// Creates the step for a rig.
     ///
     /// # Errors
-    /// [`NotReady`].
+    /// For a mirrored sphere, the camera's lens or the sphere's radius is unknown; a marker has an
+    /// unknown family or a duplicate number.
     pub fn new(known: KnownRig, asked: Asked) -> Result<Self, NotReady> {
-        let view = known.rig.calibration.environment.as_ref().map(|e| &e.view);
-        let said = match view {
-            Some(EnvironmentView::Sphere { .. }) => Kind::Sphere,
-            _ => Kind::Fisheye,
-        };
-        let kind = asked.kind.unwrap_or(said);
-        let camera = match (kind, view, &known.lens) {
-            (Kind::Fisheye, ..) => None,
-            (Kind::Sphere, Some(EnvironmentView::Sphere { camera, .. }), _) => Some(camera.clone()),
-            (Kind::Sphere, _, Some(lens)) => lens.as_pinhole(),
-            (Kind::Sphere, ..) => None,
-        };
-        if kind == Kind::Sphere && camera.is_none() {
-            return Err(NotReady::NoLens);
-        }
-        if kind == Kind::Sphere && known.rig.mirror_sphere.is_none() {
-            return Err(NotReady::NoSphere);
-        }
-        let map = map(&known.rig)?;
-        let mut families = map.families();
-        families.extend(&asked.families);
-        families.sort_unstable();
-        families.dedup();
-        let response = &known.rig.calibration.scene_camera.response;
+        let inputs = Inputs::new(known, asked)?;
+        let response = &inputs.known.rig.calibration.scene_camera.response;
         Ok(Self {
-            detector: Detector::new(&families, response),
-            registrar: Registrar::new(map.clone()),
-            map,
-            families,
-            camera,
-            kind,
-            asked,
-            known,
-            gathered: Gathered::default(),
-            marks: Vec::new(),
+            detector: Detector::new(&inputs.families, response),
+            registrar: Registrar::new(inputs.map.clone()),
+            inputs,
+            overlay_points: Vec::new(),
         })
     }
 
-    /// Tone curve of the environment camera.
-    pub(super) fn response(&self) -> Response {
-        let environment = &self.known.rig.calibration.environment;
-        environment
-            .as_ref()
-            .map_or_else(Response::srgb, |e| e.response.clone())
-    }
-
-    /// The pose that is written down.
-    pub(super) fn rough_pose(&self) -> Option<RigidTransform> {
-        match &self.known.rig.calibration.environment.as_ref()?.view {
-            EnvironmentView::Fisheye {
-                world_from_camera, ..
-            }
-            | EnvironmentView::Sphere {
-                world_from_camera, ..
-            } => Some(*world_from_camera),
-            EnvironmentView::SphereInScene { .. } => None,
-        }
-    }
-
-    fn scene(&mut self, shown: &ShownPicture) {
-        let calibration = &self.known.rig.calibration;
-        let camera = &calibration.scene_camera;
+    fn add_scene_picture(&mut self, shown: &ShownPicture) {
+        let camera = &self.inputs.known.rig.calibration.scene_camera;
         let fits = (shown.picture.width, shown.picture.height)
             == (camera.camera.width, camera.camera.height);
         if !fits {
@@ -166,38 +49,24 @@ impl EnvironmentStep {
         let at = shown
             .captured_at
             .offset_nanos(camera.latency_nanos.saturating_neg());
-        let tags = if self.families.is_empty() {
+        let tags = if self.inputs.families.is_empty() {
             Vec::new()
         } else {
             self.detector
                 .detect(shown.picture, Some(&camera.camera))
                 .to_vec()
         };
-        self.marks = tags.iter().flat_map(|t| t.corners).collect();
+        self.overlay_points = tags.iter().flat_map(|t| t.corners).collect();
         let found = self.registrar.register(&camera.camera, &tags, at);
-        let sure = found.filter(|f| f.how != penumbra_fiducials::Registration::TagGuessed);
-        self.gathered.scene(SceneView {
+        let unambiguous = found.filter(|f| f.how != Registration::TagGuessed);
+        self.inputs.gathered.add_scene_view(SceneView {
             at,
             seconds: shown.seconds,
-            bright: Bright::of(shown.picture, &camera.response),
+            bright: BrightPixels::new(shown.picture, &camera.response),
             tags,
-            by_markers: sure.map(|f| f.map_from_camera),
+            by_markers: unambiguous.map(|f| f.map_from_camera),
         });
     }
-}
-
-fn map(rig: &RigDocument) -> Result<TagMap, NotReady> {
-    let tags = rig
-        .markers
-        .iter()
-        .map(Marker::tag)
-        .collect::<Result<_, _>>();
-    let tags = tags.map_err(|e| NotReady::Markers {
-        reason: e.to_string(),
-    })?;
-    TagMap::new(tags).map_err(|e| NotReady::Markers {
-        reason: e.to_string(),
-    })
 }
 
 impl Step for EnvironmentStep {
@@ -218,47 +87,47 @@ impl Step for EnvironmentStep {
     fn look(&mut self, shown: &Shown) {
         match shown {
             Shown::Picture(shown) if shown.eye == Eye::Environment => {
-                let response = self.response();
-                self.gathered.environment(shown.picture, &response);
+                let response = self.inputs.response();
+                self.inputs
+                    .gathered
+                    .add_environment_picture(shown.picture, &response);
             }
-            Shown::Picture(shown) => self.scene(shown),
+            Shown::Picture(shown) => self.add_scene_picture(shown),
             Shown::Pose(sample) => {
-                let tracker = self.known.rig.calibration.tracker.as_ref();
+                let tracker = self.inputs.known.rig.calibration.tracker.as_ref();
                 if let Some(tracker) = tracker.filter(|_| sample.station == 1) {
                     let at = tracker.measured_at(sample.arrived_at);
-                    self.gathered.poses.push(at, sample.transmitter_from_sensor);
+                    let poses = &mut self.inputs.gathered.poses;
+                    poses.push(at, sample.transmitter_from_sensor);
                 }
             }
         }
     }
 
     fn progress(&self) -> Progress {
-        let environment = f64::from(self.gathered.layers.count);
-        let placed = self
-            .gathered
-            .views
-            .iter()
-            .filter(|v| v.by_markers.is_some());
-        let hint = match () {
-            () if environment == 0.0 => "let the environment camera see",
-            () if self.gathered.views.is_empty() => "let the scene camera see",
-            () if self.gathered.views.len() < 10 => "go on; turn the scene camera to the lights",
-            () => "",
+        let gathered = &self.inputs.gathered;
+        let environment = f64::from(gathered.mean.count);
+        let with_markers = gathered.views.iter().filter(|v| v.by_markers.is_some());
+        let hint = match gathered.views.len() {
+            _ if environment == 0.0 => "turn on the environment camera",
+            0 => "turn on the scene camera",
+            n if n < ENOUGH_VIEWS => "continue; point the scene camera at the lights",
+            _ => "",
         };
         Progress {
-            share: (environment / ENOUGH).min(1.0),
+            share: (environment / ENOUGH_PICTURES).min(1.0),
             message: format!(
                 "{environment} pictures of the environment camera, {} of the scene camera, {} with markers",
-                self.gathered.views.len(),
-                placed.count()
+                gathered.views.len(),
+                with_markers.count()
             ),
             hint: hint.to_owned(),
-            marks: self.marks.clone(),
+            marks: self.overlay_points.clone(),
             eye: Some(Eye::Scene),
         }
     }
 
     fn finish(&mut self, made: &Made) -> Finished {
-        solve::finish(self, made)
+        solve::finish(&self.inputs, made)
     }
 }

@@ -1,5 +1,6 @@
-//! Printed fiducials through a fisheye: it bends their sides, so the picture is looked at in
-//! flat views, cut out of it side by side, and corners go back through the lens.
+//! Detects printed fiducials in the environment camera's picture. A fisheye curves their sides, so
+//! that they are detected in overlapping perspective views, and the corners are mapped back through
+//! the lens.
 
 use super::super::intrinsics::Grey;
 use super::view::View;
@@ -8,16 +9,22 @@ use penumbra_camera::FisheyeLens;
 use penumbra_camera::Response;
 use penumbra_fiducials::{Detector, Family, TagSeen};
 
-/// Half of a view's angle: wide enough for a tag that lies between two.
+/// Half of a view's angle, radians: views overlap by the size of a tag.
 const HALF_ANGLE: f64 = 0.66;
-/// Pixels of a view for one of the picture's, at its middle: what lies between pixels is not lost.
-const FINER: f64 = 1.4;
-/// Longest side of a view, pixels.
-const MOST_SIDE: f64 = 2400.0;
+/// Resolution of a view at its centre, relative to the picture's, against loss by resampling.
+const OVERSAMPLING: f64 = 1.4;
+/// Maximum side of a view, pixels.
+const MAX_SIDE: f64 = 2400.0;
 
-/// The tags of these families, corners in pixels of the camera. Each once: the clearest.
+/// Detects the tags of these families, with corners in pixels of the camera. Of several detections of
+/// one tag, the one with the largest margin is returned.
 #[must_use]
-pub fn tags(codes: &Grey, view: &View, families: &[Family], response: &Response) -> Vec<TagSeen> {
+pub fn detect_tags(
+    codes: &Grey,
+    view: &View,
+    families: &[Family],
+    response: &Response,
+) -> Vec<TagSeen> {
     let mut detector = Detector::new(families, response);
     let mut seen: Vec<TagSeen> = match view {
         View::Pinhole(camera) => {
@@ -42,8 +49,8 @@ pub fn tags(codes: &Grey, view: &View, families: &[Family], response: &Response)
 }
 
 fn through_fisheye(codes: &Grey, lens: &FisheyeLens, detector: &mut Detector) -> Vec<TagSeen> {
-    let focal = FINER * lens.focal;
-    let side = (2.0 * HALF_ANGLE.tan() * focal).min(MOST_SIDE);
+    let focal = OVERSAMPLING * lens.focal;
+    let side = (2.0 * HALF_ANGLE.tan() * focal).min(MAX_SIDE);
     let focal = side / (2.0 * HALF_ANGLE.tan());
     let side = side as usize;
     let middle = DVec2::splat(0.5 * (side as f64 - 1.0));
@@ -72,7 +79,7 @@ fn through_fisheye(codes: &Grey, lens: &FisheyeLens, detector: &mut Detector) ->
     found
 }
 
-/// Where the views look: one ahead, rings about it half a view apart.
+/// Returns the axes of the views: one ahead, and rings about it half a view apart.
 fn axes(max_theta: f64) -> Vec<DVec3> {
     let mut axes = vec![DVec3::Z];
     let mut theta = 0.8_f64;
@@ -91,10 +98,9 @@ fn axes(max_theta: f64) -> Vec<DVec3> {
     axes
 }
 
-/// A frame whose +Z is `axis`.
+/// Returns a right-handed frame whose +Z is `axis`.
 fn upright(axis: DVec3) -> DMat3 {
     let (x, y) = axis.any_orthonormal_pair();
-    // Right-handed: x × y = z.
     if x.cross(y).dot(axis) > 0.0 {
         DMat3::from_cols(x, y, axis)
     } else {

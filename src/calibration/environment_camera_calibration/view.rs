@@ -1,4 +1,4 @@
-//! Which way a pixel of the environment camera looks.
+//! Directions of the environment camera's pixels.
 
 use glam::{DVec2, DVec3};
 use penumbra_camera::FisheyeLens;
@@ -9,12 +9,13 @@ use penumbra_camera::PinholeCamera;
 pub enum View {
     /// A fisheye.
     Fisheye(FisheyeLens),
-    /// One that looks at a mirrored sphere.
+    /// A lens that looks at a mirrored sphere.
     Pinhole(PinholeCamera),
 }
 
 impl View {
-    /// Unit vector in the camera's frame; `None` outside the field of view.
+    /// Returns the direction of a pixel, a unit vector in the camera's frame; `None` outside the field
+    /// of view.
     #[must_use]
     pub fn bearing(&self, pixel: DVec2) -> Option<DVec3> {
         let bearing = match self {
@@ -24,7 +25,7 @@ impl View {
         bearing.is_finite().then_some(bearing)
     }
 
-    /// Pixel of a direction in the camera's frame.
+    /// Returns the pixel of a direction in the camera's frame; `None` outside the field of view.
     #[must_use]
     pub fn pixel(&self, direction: DVec3) -> Option<DVec2> {
         match self {
@@ -33,21 +34,12 @@ impl View {
         }
     }
 
-    /// Pixels a radian, in the middle.
+    /// Returns the focal length at the centre, pixels per radian.
     #[must_use]
     pub fn focal(&self) -> f64 {
         match self {
             Self::Fisheye(lens) => lens.focal,
             Self::Pinhole(camera) => camera.focal.min_element(),
-        }
-    }
-
-    /// Width and height of its pictures.
-    #[must_use]
-    pub const fn size(&self) -> (u32, u32) {
-        match self {
-            Self::Fisheye(lens) => (lens.width, lens.height),
-            Self::Pinhole(camera) => (camera.width, camera.height),
         }
     }
 }

@@ -1,46 +1,46 @@
-//! All pairs to the least error, and how sure the result is.
+//! Least-squares refinement over all pairs, and the uncertainty of the result.
 
-use super::{HandEye, Mounting, PosePair, middle};
+use super::model::{HandEye, Mounting, PosePair, median_length};
 use glam::{DMat3, DQuat, DVec3};
 use penumbra_interface::RigidTransform;
 use penumbra_numerics::{Matrix, NormalEquations, minimise, root_mean_square};
 
-/// A pair departs when it is so many standard deviations off.
+/// A pair is an outlier beyond this number of standard deviations.
 const SIGMAS: f64 = 4.0;
-/// Departures that are always borne: no tracker is better.
-const ALWAYS_GOOD: (f64, f64) = (0.002, 0.001);
+/// Residuals that are never outliers, radians and metres: no tracker is more accurate.
+const MIN_OUTLIER: (f64, f64) = (0.002, 0.001);
 /// The median of the length of a normal 3-vector, in σ of a component.
 const MEDIAN_LENGTH: f64 = 1.538;
 
-/// Which pairs agree with a mounting, by the spread of all.
-pub(super) fn agreeing(pairs: &[PosePair], mounting: &Mounting) -> Vec<bool> {
-    let (turn, shift) = scales(pairs.iter(), mounting);
+/// Returns which pairs are consistent with a mounting, relative to the median residual of all.
+pub(super) fn consistent(pairs: &[PosePair], mounting: &Mounting) -> Vec<bool> {
+    let (rotation, position) = scales(pairs.iter(), mounting);
     pairs
         .iter()
         .map(|pair| {
             let (r, p) = mounting.residual(pair);
-            r.length() <= (SIGMAS * turn).max(ALWAYS_GOOD.0)
-                && p.length() <= (SIGMAS * shift).max(ALWAYS_GOOD.1)
+            r.length() <= (SIGMAS * rotation).max(MIN_OUTLIER.0)
+                && p.length() <= (SIGMAS * position).max(MIN_OUTLIER.1)
         })
         .collect()
 }
 
-/// σ of a component of rotation and position.
+/// Returns σ of a component of rotation (radians) and position (metres).
 fn scales<'a>(pairs: impl Iterator<Item = &'a PosePair> + Clone, m: &Mounting) -> (f64, f64) {
-    let turn = middle(pairs.clone().map(|p| m.residual(p).0)) / MEDIAN_LENGTH;
-    let shift = middle(pairs.map(|p| m.residual(p).1)) / MEDIAN_LENGTH;
-    (turn.max(1e-9), shift.max(1e-9))
+    let rotation = median_length(pairs.clone().map(|p| m.residual(p).0)) / MEDIAN_LENGTH;
+    let position = median_length(pairs.map(|p| m.residual(p).1)) / MEDIAN_LENGTH;
+    (rotation.max(1e-9), position.max(1e-9))
 }
 
-/// The mounting of least squares over the pairs used, rotations and positions weighed by
-/// their own spread.
+/// Returns the least-squares mounting over the pairs used, rotations and positions weighted by
+/// their standard deviations.
 pub(super) fn refine(pairs: &[PosePair], used: &[bool], start: &Mounting) -> Option<Mounting> {
-    let (turn, shift) = scales(kept(pairs, used), start);
+    let (rotation, position) = scales(kept(pairs, used), start);
     let minimum = minimise(
         *start,
         40,
-        |m| Some(linearise(kept(pairs, used), m, turn, shift)),
-        moved,
+        |m| Some(linearise(kept(pairs, used), m, rotation, position)),
+        stepped,
     )?;
     Some(minimum.state)
 }
@@ -52,9 +52,9 @@ fn kept<'a>(pairs: &'a [PosePair], used: &'a [bool]) -> impl Iterator<Item = &'a
         .filter_map(|(p, used)| used.then_some(p))
 }
 
-/// Steps: turn of the camera about its own axes, its shift in the sensor's frame, turn of the
-/// transmitter about the world's axes, its shift in the world.
-fn moved(m: &Mounting, step: &[f64]) -> Mounting {
+/// Applies a step: rotation of the camera about its own axes, its translation in the sensor's
+/// frame, rotation of the transmitter about the world's axes, its translation in the world.
+fn stepped(m: &Mounting, step: &[f64]) -> Mounting {
     let v = |i: usize| DVec3::new(step[i], step[i + 1], step[i + 2]);
     let (x, z) = (m.sensor_from_camera, m.world_from_transmitter);
     Mounting {
@@ -75,11 +75,11 @@ fn moved(m: &Mounting, step: &[f64]) -> Mounting {
 fn linearise<'a>(
     pairs: impl Iterator<Item = &'a PosePair>,
     m: &Mounting,
-    turn: f64,
-    shift: f64,
+    rotation: f64,
+    position: f64,
 ) -> NormalEquations {
     let mut normal = NormalEquations::new(12);
-    let (weight_r, weight_p) = (turn.powi(-2), shift.powi(-2));
+    let (weight_r, weight_p) = (rotation.powi(-2), position.powi(-2));
     let z = m.world_from_transmitter;
     for pair in pairs {
         let (r, p) = m.residual(pair);
@@ -106,7 +106,7 @@ fn linearise<'a>(
     normal
 }
 
-/// [v]×.
+/// Returns the cross-product matrix [v]×.
 fn cross(v: DVec3) -> DMat3 {
     DMat3::from_cols(
         DVec3::new(0.0, v.z, -v.y),
@@ -115,23 +115,23 @@ fn cross(v: DVec3) -> DMat3 {
     )
 }
 
-/// The result with its uncertainty. A tracker's errors are alike from one instant to the
-/// next, so that pairs count less than their number: the covariance is widened by the
-/// residuals' correlation in time.
+/// Returns the result with its uncertainty. A tracker's errors are correlated in time, so there
+/// are fewer independent pairs than pairs: the covariance is scaled by the correlation time of the
+/// residuals.
 pub(super) fn describe(
     pairs: &[PosePair],
     used: Vec<bool>,
     m: &Mounting,
-    spread: f64,
+    second_axis: f64,
 ) -> Option<HandEye> {
     let residuals: Vec<(DVec3, DVec3)> = kept(pairs, &used).map(|p| m.residual(p)).collect();
     let component = |v: &dyn Fn(&(DVec3, DVec3)) -> DVec3| {
         root_mean_square(residuals.iter().map(|r| v(r).length()))
     };
     let (rotation_rms, position_rms) = (component(&|r| r.0), component(&|r| r.1));
-    let share =
+    let correction =
         (residuals.len() as f64 * 6.0 / (residuals.len() as f64 * 6.0 - 12.0).max(1.0)).sqrt();
-    let sigma = |rms: f64| (share * rms / 3_f64.sqrt()).max(1e-12);
+    let sigma = |rms: f64| (correction * rms / 3_f64.sqrt()).max(1e-12);
     let normal = linearise(
         kept(pairs, &used),
         m,
@@ -139,10 +139,10 @@ pub(super) fn describe(
         sigma(position_rms),
     );
     let covariance = normal.hessian.cholesky()?.inverse();
-    let turns: Vec<DVec3> = residuals.iter().map(|r| r.0).collect();
-    let shifts: Vec<DVec3> = residuals.iter().map(|r| r.1).collect();
-    let widen = correlation_time(&turns)
-        .max(correlation_time(&shifts))
+    let rotations: Vec<DVec3> = residuals.iter().map(|r| r.0).collect();
+    let positions: Vec<DVec3> = residuals.iter().map(|r| r.1).collect();
+    let widen = correlation_time(&rotations)
+        .max(correlation_time(&positions))
         .sqrt();
     let at = |i: usize| deviation(&covariance, i) * widen;
     Some(HandEye {
@@ -153,7 +153,7 @@ pub(super) fn describe(
         rotation_rms,
         position_rms,
         used,
-        spread,
+        second_axis,
     })
 }
 
@@ -162,7 +162,8 @@ fn deviation(covariance: &Matrix, i: usize) -> DVec3 {
     DVec3::new(at(i), at(i + 1), at(i + 2))
 }
 
-/// 1 + 2 Σ ρ(lag), up to where the correlation ρ is lost: so many pairs say as much as one.
+/// Returns 1 + 2 Σ ρ(lag), summed until the correlation ρ falls below 0.1: the number of successive
+/// pairs that are worth one independent pair.
 fn correlation_time(v: &[DVec3]) -> f64 {
     let power: f64 = v.iter().map(|x| x.length_squared()).sum();
     if power <= 0.0 {

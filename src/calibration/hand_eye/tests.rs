@@ -1,9 +1,11 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
+use super::model::Mounting;
 use super::*;
-use glam::DQuat;
-use penumbra_numerics::Random;
+use glam::{DQuat, DVec3};
+use penumbra_interface::RigidTransform;
+use penumbra_numerics::{Random, rotation_vector};
 
-fn truth() -> Mounting {
+fn ground_truth() -> Mounting {
     Mounting {
         sensor_from_camera: RigidTransform::new(
             DQuat::from_euler(glam::EulerRot::XYZ, 1.5, 0.1, -0.2),
@@ -16,8 +18,8 @@ fn truth() -> Mounting {
     }
 }
 
-/// A hand-held motion; `turns` about three axes, radians.
-fn motion(n: usize, turns: DVec3) -> Vec<RigidTransform> {
+/// A hand-held motion; `angles` are the amplitudes about three axes, radians.
+fn motion(n: usize, angles: DVec3) -> Vec<RigidTransform> {
     (0..n)
         .map(|i| {
             let t = i as f64 / 30.0;
@@ -26,7 +28,7 @@ fn motion(n: usize, turns: DVec3) -> Vec<RigidTransform> {
                 (0.73 * t + 1.0).sin(),
                 (0.41 * t + 2.0).sin(),
             );
-            let q = DQuat::from_scaled_axis(swing * turns);
+            let q = DQuat::from_scaled_axis(swing * angles);
             let p = DVec3::new(
                 0.4 + 0.15 * (0.6 * t).sin(),
                 0.1 * (0.9 * t).cos(),
@@ -37,16 +39,21 @@ fn motion(n: usize, turns: DVec3) -> Vec<RigidTransform> {
         .collect()
 }
 
-fn noisy(pose: RigidTransform, turn: f64, shift: f64, random: &mut Random) -> RigidTransform {
+fn noisy(
+    pose: RigidTransform,
+    rotation: f64,
+    position: f64,
+    random: &mut Random,
+) -> RigidTransform {
     RigidTransform::new(
-        (DQuat::from_scaled_axis(random.normal3() * turn) * pose.rotation).normalize(),
-        pose.translation + random.normal3() * shift,
+        (DQuat::from_scaled_axis(random.normal3() * rotation) * pose.rotation).normalize(),
+        pose.translation + random.normal3() * position,
     )
 }
 
-/// A FASTRAK's noise (0.15°, 0.8 mm) and that of poses from markers (0.1°, 1 mm).
+/// Pairs with the noise of a FASTRAK (0.15°, 0.8 mm) and of poses from markers (0.1°, 1 mm).
 fn pairs(sensor: &[RigidTransform], random: &mut Random) -> Vec<PosePair> {
-    let m = truth();
+    let m = ground_truth();
     sensor
         .iter()
         .map(|&s| {
@@ -59,23 +66,23 @@ fn pairs(sensor: &[RigidTransform], random: &mut Random) -> Vec<PosePair> {
         .collect()
 }
 
-/// Degrees and metres by which the camera's mounting is off.
+/// Returns the error of the camera's mounting, degrees and metres.
 fn errors(found: &HandEye) -> (f64, f64) {
-    let m = truth();
-    let turn = closed::rotation_vector(
+    let m = ground_truth();
+    let rotation = rotation_vector(
         m.sensor_from_camera.rotation.inverse() * found.sensor_from_camera.rotation,
     )
     .length();
-    let shift = found
+    let position = found
         .sensor_from_camera
         .translation
         .distance(m.sensor_from_camera.translation);
-    (turn.to_degrees(), shift)
+    (rotation.to_degrees(), position)
 }
 
 #[test]
-fn without_noise_the_mounting_is_exact() {
-    let m = truth();
+fn recovers_exact_mounting_without_noise() {
+    let m = ground_truth();
     let pairs: Vec<PosePair> = motion(240, DVec3::splat(0.5))
         .into_iter()
         .map(|s| PosePair {
@@ -84,25 +91,28 @@ fn without_noise_the_mounting_is_exact() {
         })
         .collect();
     let found = hand_eye(&pairs).unwrap();
-    let (turn, shift) = errors(&found);
-    assert!(turn < 1e-7 && shift < 1e-9, "{turn} {shift}");
+    let (rotation, position) = errors(&found);
+    assert!(rotation < 1e-7 && position < 1e-9, "{rotation} {position}");
     assert!(found.used.iter().all(|u| *u));
 }
 
 #[test]
-fn with_noise_it_is_right_to_a_millimetre_and_a_tenth_of_a_degree() {
+fn recovers_noisy_mounting_within_a_millimetre_and_a_tenth_of_a_degree() {
     let mut random = Random::new(5);
     let (mut within, mut all) = (0, 0);
     for _ in 0..10 {
         let found = hand_eye(&pairs(&motion(600, DVec3::new(0.5, 0.4, 0.6)), &mut random)).unwrap();
-        let (turn, shift) = errors(&found);
-        assert!(turn < 0.1 && shift < 0.001, "{turn}° {shift} m");
-        // And as near as it says.
-        let m = truth();
-        let off = found.sensor_from_camera.translation - m.sensor_from_camera.translation;
+        let (rotation, position) = errors(&found);
+        assert!(
+            rotation < 0.1 && position < 0.001,
+            "{rotation}° {position} m"
+        );
+        // The stated uncertainty holds.
+        let m = ground_truth();
+        let error = found.sensor_from_camera.translation - m.sensor_from_camera.translation;
         for axis in 0..3 {
             all += 1;
-            within += usize::from(off[axis].abs() < 2.0 * found.sensor_sigma.1[axis]);
+            within += usize::from(error[axis].abs() < 2.0 * found.sensor_sigma.1[axis]);
         }
         assert!(
             (found.position_rms - 3_f64.sqrt() * 0.00128).abs() < 0.0004,
@@ -110,12 +120,12 @@ fn with_noise_it_is_right_to_a_millimetre_and_a_tenth_of_a_degree() {
             found.position_rms
         );
     }
-    // Two σ hold 95 %; a few draws more or less.
+    // 2σ contain 95 %; 80 % allows for the small sample.
     assert!(within * 10 >= all * 8, "{within} of {all}");
 }
 
 #[test]
-fn wrong_poses_are_left_out() {
+fn rejects_wrong_poses_as_outliers() {
     let mut random = Random::new(6);
     let mut pairs = pairs(&motion(400, DVec3::new(0.5, 0.4, 0.6)), &mut random);
     // The picture's pose flips, as a single tag's does; the tracker jumps near metal.
@@ -127,14 +137,17 @@ fn wrong_poses_are_left_out() {
         }
     }
     let found = hand_eye(&pairs).unwrap();
-    let (turn, shift) = errors(&found);
-    assert!(turn < 0.1 && shift < 0.001, "{turn}° {shift} m");
-    let left_out = (0..400).filter(|i| i % 4 == 0 && !found.used[*i]).count();
-    assert!(left_out >= 97, "{left_out}");
+    let (rotation, position) = errors(&found);
+    assert!(
+        rotation < 0.1 && position < 0.001,
+        "{rotation}° {position} m"
+    );
+    let rejected = (0..400).filter(|i| i % 4 == 0 && !found.used[*i]).count();
+    assert!(rejected >= 97, "{rejected}");
 }
 
 #[test]
-fn motion_that_does_not_tell_is_refused() {
+fn refuses_degenerate_motion() {
     let mut random = Random::new(7);
     let still = pairs(&motion(200, DVec3::ZERO), &mut random);
     assert!(matches!(
@@ -149,7 +162,10 @@ fn motion_that_does_not_tell_is_refused() {
     );
     assert_eq!(
         hand_eye(&still[..5]),
-        Err(HandEyeError::TooFew { pairs: 5, least: 6 })
+        Err(HandEyeError::TooFew {
+            pairs: 5,
+            needed: 6
+        })
     );
     let mut unrelated = pairs(&motion(200, DVec3::splat(0.5)), &mut random);
     for pair in &mut unrelated {
@@ -157,7 +173,7 @@ fn motion_that_does_not_tell_is_refused() {
     }
     assert!(match hand_eye(&unrelated) {
         Err(_) => true,
-        // If it is called a result, its own uncertainty says what it is worth.
+        // A result is acceptable if its stated uncertainty is large.
         Ok(found) => found.sensor_sigma.1.max_element() > 0.02,
     });
 }

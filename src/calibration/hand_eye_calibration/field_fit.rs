@@ -1,4 +1,4 @@
-//! Learns a [`TrackerField`] from what markers say beside what the tracker reads.
+//! Fits a [`TrackerField`] to the differences between poses from markers and tracker readings.
 
 use glam::DVec3;
 use penumbra_numerics::{Matrix, median, root_mean_square};
@@ -6,33 +6,38 @@ use penumbra_rig_model::tracker_field::{Grid, TrackerField};
 
 /// Cells along the longest side of the volume.
 const CELLS: f64 = 3.0;
-/// No cell is smaller, metres.
-const LEAST_SPACING: f64 = 0.05;
-/// How much a bend costs, against a sample's misfit.
+/// Minimum size of a cell, metres.
+const MIN_SPACING: f64 = 0.05;
+/// Weights of the second differences, relative to a sample's residual; the best is chosen by
+/// cross-validation.
 const SMOOTHNESS: [f64; 5] = [1.0, 0.1, 0.01, 1e-3, 1e-4];
-/// And how much any correction does, so that corners without samples stay as they are.
+/// Weight of the corrections themselves, so that they are zero at grid points without samples.
 const RIDGE: f64 = 1e-5;
-/// Parts of which one at a time is held out, and stretches of time that they are made of.
+/// Folds of the cross-validation.
 const FOLDS: usize = 5;
-const STRETCHES: usize = 25;
-/// Fewest samples.
-const LEAST: usize = 60;
-/// Misfits beyond so many times the median count less.
+/// Intervals of time that are assigned to the folds in turn.
+const INTERVALS: usize = 25;
+/// Minimum number of samples.
+const MIN_SAMPLES: usize = 60;
+/// Samples with residuals beyond this multiple of the median are downweighted.
 const ROBUST: f64 = 3.0;
-/// It must take away so much of what is held out, to be believed.
-const GAIN: f64 = 0.9;
+/// Maximum ratio of the held-out residuals with the field to those without it, for the field to be
+/// used.
+const MAX_RATIO: f64 = 0.9;
 
-/// A reading, and what it should have been.
+/// Error of a tracker reading.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct FieldSample {
-    /// Where the tracker read it, metres.
-    pub place: DVec3,
-    /// By what the truth departs, metres and rotation vector (transmitter's axes).
-    pub shift: DVec3,
-    pub turn: DVec3,
+    /// Position read, metres.
+    pub position: DVec3,
+    /// Correct minus read position, metres.
+    pub translation: DVec3,
+    /// Rotation vector from read to correct orientation, radians, transmitter's axes.
+    pub rotation: DVec3,
 }
 
-/// A map and what it is worth: root mean square of what is held out, metres and radians.
+/// A field and its value: root mean square of the held-out residuals without it (`before`) and with
+/// it (`after`), metres and radians.
 #[derive(Clone, Debug)]
 pub(super) struct FieldFit {
     pub field: TrackerField,
@@ -41,24 +46,24 @@ pub(super) struct FieldFit {
 }
 
 impl FieldFit {
-    /// It helps where it was not learnt.
+    /// Returns whether the field reduces the held-out residuals.
     pub fn helps(&self) -> bool {
-        let place = self.after.0 / self.before.0.max(1e-12);
-        let turn = self.after.1 / self.before.1.max(1e-12);
-        place.min(turn) < GAIN && place.max(turn) < 1.05
+        let position = self.after.0 / self.before.0.max(1e-12);
+        let rotation = self.after.1 / self.before.1.max(1e-12);
+        position.min(rotation) < MAX_RATIO && position.max(rotation) < 1.05
     }
 }
 
-/// Samples in the order of time.
+/// Fits a field to samples in the order of time; `None` for too few samples.
 pub(super) fn fit(samples: &[FieldSample]) -> Option<FieldFit> {
-    if samples.len() < LEAST {
+    if samples.len() < MIN_SAMPLES {
         return None;
     }
     let grid = grid_of(samples);
     let weights = robust_weights(samples);
-    let stretch = samples.len().div_ceil(STRETCHES);
-    let fold = |i: usize| (i / stretch) % FOLDS;
-    let before = misfit(samples.iter().zip(&weights), |_| (DVec3::ZERO, DVec3::ZERO));
+    let interval = samples.len().div_ceil(INTERVALS);
+    let fold = |i: usize| (i / interval) % FOLDS;
+    let before = inlier_rms(samples.iter().zip(&weights));
     let mut best: Option<(f64, f64, (f64, f64))> = None;
     for smoothness in SMOOTHNESS {
         let mut held_out = Vec::with_capacity(samples.len());
@@ -67,17 +72,16 @@ pub(super) fn fit(samples: &[FieldSample]) -> Option<FieldFit> {
             let field = solve(grid, samples, &weights, kept, smoothness)?;
             let out = (0..samples.len()).filter(|i| fold(*i) == part);
             held_out.extend(out.map(|i| {
-                let (shift, turn) = field.at(samples[i].place);
-                let left = FieldSample {
-                    place: samples[i].place,
-                    shift: samples[i].shift - shift,
-                    turn: samples[i].turn - turn,
+                let (translation, rotation) = field.at(samples[i].position);
+                let residual = FieldSample {
+                    position: samples[i].position,
+                    translation: samples[i].translation - translation,
+                    rotation: samples[i].rotation - rotation,
                 };
-                (left, weights[i])
+                (residual, weights[i])
             }));
         }
-        let pairs = held_out.iter().map(|(s, w)| (s, w));
-        let after = misfit(pairs, |_| (DVec3::ZERO, DVec3::ZERO));
+        let after = inlier_rms(held_out.iter().map(|(s, w)| (s, w)));
         let score =
             (after.0 / before.0.max(1e-12)).powi(2) + (after.1 / before.1.max(1e-12)).powi(2);
         if best.is_none_or(|(b, ..)| score < b) {
@@ -92,24 +96,20 @@ pub(super) fn fit(samples: &[FieldSample]) -> Option<FieldFit> {
     })
 }
 
-fn misfit<'a>(
-    samples: impl Iterator<Item = (&'a FieldSample, &'a f64)> + Clone,
-    said: impl Fn(DVec3) -> (DVec3, DVec3),
-) -> (f64, f64) {
-    let trusted = samples.filter(|(_, w)| **w > 0.99);
-    let place = trusted
-        .clone()
-        .map(|(s, _)| (s.shift - said(s.place).0).length());
-    let turn = trusted.map(|(s, _)| (s.turn - said(s.place).1).length());
-    (root_mean_square(place), root_mean_square(turn))
+/// Returns the root mean square of the samples with full weight, metres and radians.
+fn inlier_rms<'a>(samples: impl Iterator<Item = (&'a FieldSample, &'a f64)> + Clone) -> (f64, f64) {
+    let inliers = samples.filter(|(_, w)| **w > 0.99);
+    let translations = inliers.clone().map(|(s, _)| s.translation.length());
+    let rotations = inliers.map(|(s, _)| s.rotation.length());
+    (root_mean_square(translations), root_mean_square(rotations))
 }
 
 fn grid_of(samples: &[FieldSample]) -> Grid {
-    let places = || samples.iter().map(|s| s.place);
-    let low = places().fold(DVec3::MAX, DVec3::min) - 0.01;
-    let high = places().fold(DVec3::MIN, DVec3::max) + 0.01;
+    let positions = || samples.iter().map(|s| s.position);
+    let low = positions().fold(DVec3::MAX, DVec3::min) - 0.01;
+    let high = positions().fold(DVec3::MIN, DVec3::max) + 0.01;
     let size = high - low;
-    let spacing = (size.max_element() / CELLS).max(LEAST_SPACING);
+    let spacing = (size.max_element() / CELLS).max(MIN_SPACING);
     let cells = size
         .to_array()
         .map(|s| ((s / spacing).ceil() as usize).clamp(1, 6));
@@ -121,42 +121,43 @@ fn grid_of(samples: &[FieldSample]) -> Grid {
     }
 }
 
-/// Axis by axis.
-fn middle(values: impl Iterator<Item = DVec3> + Clone) -> DVec3 {
-    let of = |axis: usize| median(values.clone().map(|v| v[axis])).unwrap_or(0.0);
-    DVec3::new(of(0), of(1), of(2))
+/// Returns the componentwise median.
+fn median_vector(values: impl Iterator<Item = DVec3> + Clone) -> DVec3 {
+    let along = |axis: usize| median(values.clone().map(|v| v[axis])).unwrap_or(0.0);
+    DVec3::new(along(0), along(1), along(2))
 }
 
-/// By how far a sample departs from its neighbours in time: a flipped pose or a jump does.
+/// Returns weights by the deviation of each sample from its neighbours in time, which is large for a
+/// flipped pose or a jump.
 fn robust_weights(samples: &[FieldSample]) -> Vec<f64> {
     let n = samples.len();
-    let off: Vec<(f64, f64)> = (0..n)
+    let deviations: Vec<(f64, f64)> = (0..n)
         .map(|i| {
             let near = &samples[i.saturating_sub(7)..(i + 8).min(n)];
+            let translation = median_vector(near.iter().map(|s| s.translation));
+            let rotation = median_vector(near.iter().map(|s| s.rotation));
             (
-                samples[i]
-                    .shift
-                    .distance(middle(near.iter().map(|s| s.shift))),
-                samples[i]
-                    .turn
-                    .distance(middle(near.iter().map(|s| s.turn))),
+                samples[i].translation.distance(translation),
+                samples[i].rotation.distance(rotation),
             )
         })
         .collect();
-    let usual = (
-        median(off.iter().map(|o| o.0)).unwrap_or(0.0).max(1e-4),
-        median(off.iter().map(|o| o.1)).unwrap_or(0.0).max(1e-4),
+    let typical = |values: &mut dyn Iterator<Item = f64>| median(values).unwrap_or(0.0).max(1e-4);
+    let typical = (
+        typical(&mut deviations.iter().map(|d| d.0)),
+        typical(&mut deviations.iter().map(|d| d.1)),
     );
-    off.iter()
-        .map(|(shift, turn)| {
-            let worst = (shift / usual.0).max(turn / usual.1) / ROBUST;
+    deviations
+        .iter()
+        .map(|(translation, rotation)| {
+            let worst = (translation / typical.0).max(rotation / typical.1) / ROBUST;
             if worst <= 1.0 { 1.0 } else { worst.powi(-2) }
         })
         .collect()
 }
 
 // ┌ min Σ w |Σ_c b_c v_c − d|² / Σ w + λ Σ |v_{c−1} − 2 v_c + v_{c+1}|² + ρ Σ |v_c|²           ┐
-// └ over the control points c, for each of the six components alike: one matrix               ┘
+// └ over the control points c, separately for each of the six components, with one matrix      ┘
 fn solve(
     grid: Grid,
     samples: &[FieldSample],
@@ -170,9 +171,9 @@ fn solve(
     for i in kept {
         let (sample, weight) = (&samples[i], weights[i]);
         row.clear();
-        grid.weigh(sample.place, |c, w| row.push((c, w)));
-        let [a, b, c] = sample.shift.to_array();
-        let [d, e, f] = sample.turn.to_array();
+        grid.weigh(sample.position, |c, w| row.push((c, w)));
+        let [a, b, c] = sample.translation.to_array();
+        let [d, e, f] = sample.rotation.to_array();
         for &(at, w) in &row {
             for &(other, v) in &row {
                 normal[(at, other)] += weight * w * v;
@@ -183,7 +184,7 @@ fn solve(
         }
         total += weight;
     }
-    bends(&grid, |[a, b, c]| {
+    for_each_triple(&grid, |[a, b, c]| {
         let scale = smoothness * total;
         for (i, x) in [(a, 1.0), (b, -2.0), (c, 1.0)] {
             for (j, y) in [(a, 1.0), (b, -2.0), (c, 1.0)] {
@@ -208,8 +209,8 @@ fn solve(
     TrackerField::new(grid, values)
 }
 
-/// Every three neighbours in a row along an axis.
-fn bends(grid: &Grid, mut with: impl FnMut([usize; 3])) {
+/// Calls `with` for every three adjacent grid points along an axis.
+fn for_each_triple(grid: &Grid, mut with: impl FnMut([usize; 3])) {
     let size = [grid.points(0), grid.points(1), grid.points(2)];
     for z in 0..size[2] {
         for y in 0..size[1] {

@@ -1,13 +1,12 @@
-//! The step `latency`: how late the tracker is, and each camera.
+//! The step `latency`: latency of the tracker and of each camera.
 
-use super::graded;
+use super::findings::grade;
+use super::pose_finder::{CameraPose, Landmarks, PoseFinder};
 use super::readings::Readings;
-use super::surveyor::{Landmarks, Sighting, Surveyor};
 use crate::intrinsics::Grey;
-use crate::latency::follow::{Means, by_motion};
 use crate::latency::{
-    CameraMotion, CameraTurn, ClockOffset, Flow, ImageMotion, LatencyError, Mounted, TrackerTrack,
-    from_motion, from_rotations,
+    CameraMotion, CameraRotation, ClockOffset, Flow, ImageMotion, LatencyError, Means, Mounted,
+    TrackerTrack, from_flow, from_image_motion, from_rotations,
 };
 use crate::step::{Eye, Finished, Made, Progress, Shown, ShownPicture, Step, Wants};
 use penumbra_interface::MonotonicTime;
@@ -17,16 +16,16 @@ use penumbra_rig_model::Header;
 use penumbra_rig_model::RigCalibration;
 use penumbra_rig_model::latency_file::{LatencyRecord, OffsetRecord};
 
-/// Pictures farther apart are no neighbours, seconds.
-pub(super) const NEIGHBOURS: f64 = 0.15;
-/// The picture of a camera that stands still moves by less, pixels from picture to picture.
-const STILL: f64 = 0.35;
+/// Maximum interval between successive pictures, seconds.
+const MAX_GAP: f64 = 0.15;
+/// Maximum image motion of a static camera, pixels from picture to picture.
+const MAX_STATIC_MOTION: f64 = 0.35;
 
-/// A pose is a wrong one that turns away from its neighbours by so many times the usual, and by
-/// so much, radians.
+/// A pose is wrong if its rotation deviates from its neighbours by more than this multiple of the
+/// median deviation, and by more than this, radians.
 const JUMP: (f64, f64) = (8.0, 0.02);
 
-/// What the step is told.
+/// Options of the step.
 #[derive(Clone, Debug)]
 pub struct LatencyOptions {
     /// Largest offset that is tried, seconds.
@@ -44,23 +43,23 @@ impl Default for LatencyOptions {
     }
 }
 
-/// One camera's pictures, and how they moved.
+/// Image motion of one camera.
 #[derive(Default)]
-pub(super) struct Watched {
+pub(super) struct CameraFlow {
     flow: ImageMotion,
     last: Option<MonotonicTime>,
-    /// By the pictures themselves.
+    /// Motions between successive pictures: time stamps and flow.
     pub motions: Vec<(MonotonicTime, MonotonicTime, Flow)>,
     pub pictures: usize,
 }
 
-impl Watched {
-    fn look(&mut self, shown: &ShownPicture) {
+impl CameraFlow {
+    fn add(&mut self, shown: &ShownPicture) {
         self.pictures += 1;
         let moved = self.flow.next(&Grey::from_picture(shown.picture));
         let before = self.last.replace(shown.captured_at);
         if let (Some(moved), Some(before)) = (moved, before)
-            && near(before, shown.captured_at)
+            && are_successive(before, shown.captured_at)
         {
             self.motions.push((before, shown.captured_at, moved));
         }
@@ -75,23 +74,29 @@ impl Watched {
         self.motions.iter().map(motion).collect()
     }
 
-    fn stands_still(&self) -> bool {
-        let moved = self.motions.iter().filter(|m| m.2.length > STILL).count();
-        10 * moved < self.motions.len()
+    fn is_static(&self) -> bool {
+        let lengths = self.motions.iter().map(|m| m.2.length);
+        let moved = lengths.filter(|length| *length > MAX_STATIC_MOTION);
+        10 * moved.count() < self.motions.len()
     }
 }
 
-fn near(before: MonotonicTime, after: MonotonicTime) -> bool {
+fn are_successive(before: MonotonicTime, after: MonotonicTime) -> bool {
     let gap = after.seconds_since(before);
-    gap > 0.0 && gap < NEIGHBOURS
+    gap > 0.0 && gap < MAX_GAP
 }
 
-/// How the camera turned from sighting to sighting; poses that no hand could reach are passed over.
-pub(super) fn turns(sightings: &[Sighting], zero: MonotonicTime) -> Vec<CameraTurn> {
-    let steady = steady(sightings);
-    let neighbours = steady.windows(2).filter(|w| near(w[0].stamp, w[1].stamp));
-    neighbours
-        .map(|w| CameraTurn {
+/// Returns the camera's rotations between successive poses, without wrong poses.
+pub(super) fn camera_rotations(
+    camera_poses: &[CameraPose],
+    zero: MonotonicTime,
+) -> Vec<CameraRotation> {
+    let kept = without_wrong_poses(camera_poses);
+    let successive = kept
+        .windows(2)
+        .filter(|w| are_successive(w[0].stamp, w[1].stamp));
+    successive
+        .map(|w| CameraRotation {
             from: w[0].stamp.seconds_since(zero),
             to: w[1].stamp.seconds_since(zero),
             rotation: w[0].world_from_camera.rotation.inverse() * w[1].world_from_camera.rotation,
@@ -99,54 +104,55 @@ pub(super) fn turns(sightings: &[Sighting], zero: MonotonicTime) -> Vec<CameraTu
         .collect()
 }
 
-/// Without those that turn away from both neighbours, as the other pose of a tag does.
-fn steady(sightings: &[Sighting]) -> Vec<&Sighting> {
-    let turn = |s: &Sighting| s.world_from_camera.rotation;
-    let off: Vec<f64> = (0..sightings.len())
-        .map(|i| match (i.checked_sub(1), sightings.get(i + 1)) {
+/// Drops poses whose rotation deviates from both neighbours, as that of a tag with ambiguous pose
+/// does.
+fn without_wrong_poses(camera_poses: &[CameraPose]) -> Vec<&CameraPose> {
+    let rotation = |s: &CameraPose| s.world_from_camera.rotation;
+    let deviations: Vec<f64> = (0..camera_poses.len())
+        .map(|i| match (i.checked_sub(1), camera_poses.get(i + 1)) {
             (Some(before), Some(after)) => {
-                let between = turn(&sightings[before]).slerp(turn(after), 0.5);
-                between.angle_between(turn(&sightings[i]))
+                let between = rotation(&camera_poses[before]).slerp(rotation(after), 0.5);
+                between.angle_between(rotation(&camera_poses[i]))
             }
             _ => 0.0,
         })
         .collect();
-    let usual = median(off.iter().copied()).unwrap_or(0.0);
-    let limit = (JUMP.0 * usual).max(JUMP.1);
+    let typical = median(deviations.iter().copied()).unwrap_or(0.0);
+    let limit = (JUMP.0 * typical).max(JUMP.1);
     let beside = |i: usize| {
-        let before = i.checked_sub(1).map_or(0.0, |b| off[b]);
-        before.max(off.get(i + 1).copied().unwrap_or(0.0))
+        let before = i.checked_sub(1).map_or(0.0, |b| deviations[b]);
+        before.max(deviations.get(i + 1).copied().unwrap_or(0.0))
     };
-    let kept = |i: &usize| off[*i] <= limit || off[*i] < beside(*i);
-    (0..sightings.len())
+    let kept = |i: &usize| deviations[*i] <= limit || deviations[*i] < beside(*i);
+    (0..camera_poses.len())
         .filter(kept)
-        .map(|i| &sightings[i])
+        .map(|i| &camera_poses[i])
         .collect()
 }
 
-/// The step.
+/// The calibration step `latency`.
 pub struct LatencyStep {
     pub(super) options: LatencyOptions,
     rig: RigCalibration,
-    surveyor: Option<Surveyor>,
+    pose_finder: Option<PoseFinder>,
     pub(super) readings: Readings,
-    pub(super) sightings: Vec<Sighting>,
-    pub(super) scene: Watched,
-    pub(super) environment: Watched,
+    pub(super) camera_poses: Vec<CameraPose>,
+    pub(super) scene: CameraFlow,
+    pub(super) environment: CameraFlow,
     pub(super) zero: Option<MonotonicTime>,
-    marks: Vec<glam::DVec2>,
+    overlay_points: Vec<glam::DVec2>,
 }
 
-/// What was found of both cameras.
+/// Offsets of both cameras.
 pub(super) struct Offsets {
     pub scene: Result<(ClockOffset, Means), LatencyError>,
-    /// The other means' answer, where both have one.
+    /// Result of the other method, where both have one.
     pub check: Option<(ClockOffset, Means)>,
     pub environment: Option<Result<ClockOffset, LatencyError>>,
 }
 
 impl LatencyStep {
-    /// With the poses by `landmarks`, where there are any in the pictures.
+    /// Creates the step; poses are found from `landmarks`, if there are any.
     #[must_use]
     pub fn new(
         rig: &RigCalibration,
@@ -154,15 +160,15 @@ impl LatencyStep {
         options: LatencyOptions,
     ) -> Self {
         Self {
-            surveyor: landmarks.map(|l| Surveyor::new(rig, l)),
+            pose_finder: landmarks.map(|l| PoseFinder::new(rig, l)),
             rig: rig.clone(),
-            readings: Readings::of_station(options.station),
+            readings: Readings::new(options.station),
             options,
-            sightings: Vec::new(),
-            scene: Watched::default(),
-            environment: Watched::default(),
+            camera_poses: Vec::new(),
+            scene: CameraFlow::default(),
+            environment: CameraFlow::default(),
             zero: None,
-            marks: Vec::new(),
+            overlay_points: Vec::new(),
         }
     }
 
@@ -173,21 +179,20 @@ impl LatencyStep {
     pub(super) fn offsets(&self) -> Option<Offsets> {
         let (zero, track) = (self.zero?, self.track()?);
         let range = self.options.range;
-        let poses = from_rotations(&track, &turns(&self.sightings, zero), range);
+        let poses = from_rotations(&track, &camera_rotations(&self.camera_poses, zero), range);
         let mounted = Mounted::scene_camera(&self.rig);
-        let flow = by_motion(&track, &self.scene.motions(zero), mounted.as_ref(), range);
+        let flow = from_image_motion(&track, &self.scene.motions(zero), mounted.as_ref(), range);
         let (scene, check) = match (poses, flow) {
             (Ok(poses), flow) => (Ok((poses, Means::Poses)), flow.ok()),
             (Err(_), Ok(flow)) => (Ok(flow), None),
-            // What is said of poses says more, where there are enough of them.
+            // The error of the poses is more useful, where there are enough of them.
             (Err(poses), Err(flow)) => {
-                let seen = !matches!(poses, LatencyError::TooShort { .. });
-                (Err(if seen { poses } else { flow }), None)
+                let enough_poses = !matches!(poses, LatencyError::TooShort { .. });
+                (Err(if enough_poses { poses } else { flow }), None)
             }
         };
-        let moves = self.environment.pictures > 0 && !self.environment.stands_still();
-        let environment =
-            moves.then(|| from_motion(&track, &self.environment.motions(zero), range));
+        let moves = self.environment.pictures > 0 && !self.environment.is_static();
+        let environment = moves.then(|| from_flow(&track, &self.environment.motions(zero), range));
         Some(Offsets {
             scene,
             check,
@@ -195,25 +200,25 @@ impl LatencyStep {
         })
     }
 
-    /// Seconds, of the scene camera, as the calibration has it.
+    /// Returns the calibrated latency of the scene camera, seconds.
     pub(super) fn scene_latency(&self) -> f64 {
         1e-9 * self.rig.scene_camera.latency_nanos as f64
     }
 
     fn record(&self, offsets: &Offsets, header: Header) -> Option<LatencyRecord> {
-        let (scene, means) = offsets.scene.as_ref().ok()?;
-        let of = |found: &ClockOffset, means: Means| OffsetRecord {
+        let (scene, method) = offsets.scene.as_ref().ok()?;
+        let offset = |found: &ClockOffset, method: Means| OffsetRecord {
             seconds: found.seconds,
             sigma: found.sigma,
             correlation: found.correlation,
             pictures: found.samples,
-            by: means.name().to_owned(),
+            by: method.name().to_owned(),
         };
         let environment = offsets.environment.as_ref().and_then(|e| e.as_ref().ok());
         Some(LatencyRecord {
             header,
-            tracker_minus_scene: of(scene, *means),
-            tracker_minus_environment: environment.map(|e| of(e, Means::Flow)),
+            tracker_minus_scene: offset(scene, *method),
+            tracker_minus_environment: environment.map(|e| offset(e, Means::Flow)),
         })
     }
 }
@@ -237,15 +242,15 @@ impl Step for LatencyStep {
         match shown {
             Shown::Pose(sample) => self.readings.push(sample),
             Shown::Picture(picture) if picture.eye == Eye::Environment => {
-                self.environment.look(picture);
+                self.environment.add(picture);
             }
             Shown::Picture(picture) => {
                 self.zero.get_or_insert(picture.captured_at);
-                self.scene.look(picture);
-                let surveyor = self.surveyor.as_mut();
-                let seen = surveyor.and_then(|s| s.look(picture.picture, picture.captured_at));
-                self.marks = seen.as_ref().map_or_else(Vec::new, |s| s.marks.clone());
-                self.sightings.extend(seen);
+                self.scene.add(picture);
+                let finder = self.pose_finder.as_mut();
+                let found = finder.and_then(|f| f.find(picture.picture, picture.captured_at));
+                self.overlay_points = found.as_ref().map_or_else(Vec::new, |f| f.points.clone());
+                self.camera_poses.extend(found);
             }
         }
     }
@@ -256,23 +261,23 @@ impl Step for LatencyStep {
             share: (pictures as f64 / 600.0).min(1.0),
             message: format!(
                 "{pictures} pictures, {} with poses, {} readings",
-                self.sightings.len(),
+                self.camera_poses.len(),
                 self.readings.len()
             ),
             hint: if pictures < 600 {
-                "turn the rig briskly and unevenly".to_owned()
+                "rotate the rig briskly and irregularly".to_owned()
             } else {
                 String::new()
             },
-            marks: self.marks.clone(),
+            marks: self.overlay_points.clone(),
             eye: Some(Eye::Scene),
         }
     }
 
     fn finish(&mut self, made: &Made) -> Finished {
         let offsets = self.offsets();
-        let mut findings = self.judge(offsets.as_ref());
-        let grade = graded(&mut findings);
+        let mut findings = self.assess(offsets.as_ref());
+        let grade = grade(&mut findings);
         let mut found = Finished {
             grade,
             lines: offsets.as_ref().map_or_else(Vec::new, |o| self.lines(o)),
@@ -281,7 +286,7 @@ impl Step for LatencyStep {
             page: String::new(),
             file: None,
         };
-        found.page = self.page(made, &found, offsets.as_ref());
+        found.page = self.report(made, &found, offsets.as_ref());
         if grade != Grade::Refused {
             let header = found.header("latency", made);
             let record = offsets.and_then(|o| self.record(&o, header));

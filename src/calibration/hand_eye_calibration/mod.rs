@@ -1,35 +1,25 @@
-//! What a tracker and the pictures of one recording say together: the steps `latency`
-//! and `tracker`.
+//! The calibration steps `latency` and `tracker`, which relate a tracker to the pictures of the same
+//! recording.
 //!
-//! `surveyor` finds the scene camera's pose in each picture by tags or a board, `readings` keep
-//! what the tracker said, `latency` compares how both turn, `mounting` where both are; `field`
-//! is how an electromagnetic tracker's space is bent.
+//! In the order of data flow: `pose_finder` finds the scene camera's pose in each picture from tags
+//! or a board, `readings` holds the tracker's readings; `latency` compares the rotations of both,
+//! `mounting` their poses; `field_fit` models the distortion of an electromagnetic tracker's
+//! measurement space. For each step, `…_assessment` grades the result and `…_report` presents it.
 
 mod field_fit;
+mod findings;
 mod latency;
-mod latency_judge;
-mod latency_page;
+mod latency_assessment;
+mod latency_report;
 mod mounting;
-mod mounting_judge;
-mod mounting_page;
+mod mounting_assessment;
+mod mounting_report;
+mod pose_finder;
 mod readings;
-mod surveyor;
 
 pub use latency::{LatencyOptions, LatencyStep};
 pub use mounting::{LatencyChoice, MountingOptions, MountingStep};
-pub use readings::Readings;
-pub use surveyor::{Landmarks, Sighting, Surveyor};
-
-use penumbra_rig_model::Grade;
-
-/// Findings with what each makes of the grade.
-type Findings = Vec<(Grade, String)>;
-
-/// The worst of them first, and the grade that they make.
-fn graded(findings: &mut Findings) -> Grade {
-    findings.sort_by_key(|f| std::cmp::Reverse(f.0));
-    findings.first().map_or(Grade::Good, |f| f.0)
-}
+pub use pose_finder::Landmarks;
 
 #[cfg(test)]
 mod tests;

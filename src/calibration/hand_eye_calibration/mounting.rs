@@ -1,16 +1,17 @@
-//! The step `tracker`: how the scene camera sits on the sensor, where the transmitter stands,
-//! and, if wanted, how the tracker's space is bent.
+//! The step `tracker`: the scene camera's pose on the sensor, the transmitter's pose in the world
+//! and, as an option, the distortion of the tracker's measurement space.
 
 use super::field_fit::{FieldFit, FieldSample, fit};
-use super::graded;
-use super::latency::turns;
+use super::findings::grade;
+use super::latency::camera_rotations;
+use super::pose_finder::{CameraPose, Landmarks, PoseFinder};
 use super::readings::{Readings, between};
-use super::surveyor::{Landmarks, Sighting, Surveyor};
 use crate::hand_eye::{HandEye, PosePair, hand_eye};
 use crate::latency::{LatencyError, from_rotations};
 use crate::step::{Eye, Finished, Made, Progress, Shown, Step, Wants};
 use glam::DVec2;
 use penumbra_interface::MonotonicTime;
+use penumbra_numerics::rotation_vector;
 use penumbra_rig_model::Grade;
 use penumbra_rig_model::Header;
 use penumbra_rig_model::RigCalibration;
@@ -18,122 +19,145 @@ use penumbra_rig_model::latency_file::OffsetRecord;
 use penumbra_rig_model::tracker_field::TrackerField;
 use penumbra_rig_model::tracker_file::{FieldRecord, PoseRecord, TrackerRecord};
 
-/// Largest offset of the clocks that is looked for, seconds.
+/// Largest clock offset that is tried, seconds.
 const RANGE: f64 = 0.25;
-/// Pairs of poses that are looked at.
-const MOST_PAIRS: usize = 2400;
-/// Rounds of mounting and bent space after each other.
+/// Maximum number of pairs of poses.
+const MAX_PAIRS: usize = 2400;
+/// Alternations between mounting and distortion.
 const ROUNDS: usize = 4;
-/// Without a latency at all the rig's speed times this is the error, seconds.
+/// Assumed 1σ of an offset that was not estimated, seconds.
 const LATENCY_SIGMA: f64 = 0.003;
 
-/// Where the tracker's latency comes from.
+/// Source of the tracker's latency.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum LatencyChoice {
-    /// From the same pictures and readings.
+    /// Estimated from the same pictures and readings.
     #[default]
     Estimate,
-    /// From the calibration.
+    /// The calibrated value.
     Calibration,
-    /// This many seconds.
+    /// A given value, seconds.
     Seconds(f64),
 }
 
-/// What the step is told.
+/// Options of the step.
 #[derive(Clone, Debug, Default)]
 pub struct MountingOptions {
-    /// The tracker's station on the rig; 0 for 1.
+    /// The tracker's station on the rig; 0 means 1.
     pub station: u8,
-    /// See there.
+    /// Source of the tracker's latency.
     pub latency: LatencyChoice,
-    /// Learn how the tracker's space is bent.
+    /// Whether the distortion of the tracker's space is fitted.
     pub distortion: bool,
-    /// The frame of the poses is the board's: there is no other world.
+    /// Whether the board's frame serves as the world.
     pub world_is_board: bool,
 }
 
-/// The step.
+/// The calibration step `tracker`.
 pub struct MountingStep {
     pub(super) options: MountingOptions,
     rig: RigCalibration,
-    surveyor: Surveyor,
+    pose_finder: PoseFinder,
     pub(super) readings: Readings,
-    pub(super) sightings: Vec<Sighting>,
+    pub(super) camera_poses: Vec<CameraPose>,
     pub(super) pictures: usize,
-    marks: Vec<DVec2>,
+    overlay_points: Vec<DVec2>,
 }
 
-/// What was found.
-pub(super) struct Mounted {
+/// Time stamps of the tracker against those of the scene camera.
+#[derive(Clone, Copy)]
+pub(super) struct StampOffset {
+    /// Tracker minus scene camera, seconds.
+    pub seconds: f64,
+    /// 1σ, seconds.
+    pub sigma: f64,
+    pub is_estimated: bool,
+}
+
+/// Result of the step.
+pub(super) struct MountingResult {
     pub hand_eye: HandEye,
     pub pairs: Vec<(MonotonicTime, PosePair)>,
-    /// Clocks: seconds, 1σ, by estimate.
-    pub offset: (f64, f64, bool),
+    pub offset: StampOffset,
     pub latency_error: Option<LatencyError>,
-    /// What was learnt of its space, believed or not.
+    /// The fitted distortion, whether it helps or not.
     pub field: Option<FieldFit>,
-    /// Without the field.
-    pub straight: HandEye,
+    /// The mounting without correction of the distortion.
+    pub uncorrected: HandEye,
 }
 
-impl Mounted {
-    pub fn believed(&self) -> Option<&TrackerField> {
+impl MountingResult {
+    /// Returns the distortion field if it improves the held-out residuals.
+    pub fn accepted_field(&self) -> Option<&TrackerField> {
         self.field.as_ref().filter(|f| f.helps()).map(|f| &f.field)
     }
 }
 
 impl MountingStep {
-    /// For the scene camera of this rig, by poses from `landmarks`.
+    /// Creates the step for the scene camera of this rig, with poses from `landmarks`.
     #[must_use]
     pub fn new(rig: &RigCalibration, landmarks: Landmarks, options: MountingOptions) -> Self {
         Self {
-            surveyor: Surveyor::new(rig, landmarks),
+            pose_finder: PoseFinder::new(rig, landmarks),
             rig: rig.clone(),
-            readings: Readings::of_station(options.station.max(1)),
+            readings: Readings::new(options.station.max(1)),
             options,
-            sightings: Vec::new(),
+            camera_poses: Vec::new(),
             pictures: 0,
-            marks: Vec::new(),
+            overlay_points: Vec::new(),
         }
     }
 
-    /// Seconds by which the tracker's stamps are ahead of the scene camera's, 1σ, estimated.
-    fn offset(&self, zero: MonotonicTime) -> (f64, f64, bool, Option<LatencyError>) {
+    /// Returns the offset of the tracker's time stamps, and why it could not be estimated if it
+    /// should have been.
+    fn offset(&self, zero: MonotonicTime) -> (StampOffset, Option<LatencyError>) {
         let scene = 1e-9 * self.rig.scene_camera.latency_nanos as f64;
-        let said = self
+        let calibrated = self
             .rig
             .tracker
             .as_ref()
             .map_or(0.0, |t| 1e-9 * t.latency_nanos as f64);
+        let assumed = |latency: f64| StampOffset {
+            seconds: latency - scene,
+            sigma: LATENCY_SIGMA,
+            is_estimated: false,
+        };
         match self.options.latency {
-            LatencyChoice::Seconds(seconds) => (seconds - scene, LATENCY_SIGMA, false, None),
-            LatencyChoice::Calibration => (said - scene, LATENCY_SIGMA, false, None),
+            LatencyChoice::Seconds(seconds) => (assumed(seconds), None),
+            LatencyChoice::Calibration => (assumed(calibrated), None),
             LatencyChoice::Estimate => {
-                let turns = turns(&self.sightings, zero);
-                match from_rotations(&self.readings.track(zero), &turns, RANGE) {
-                    Ok(found) => (found.seconds, found.sigma, true, None),
-                    Err(error) => (said - scene, LATENCY_SIGMA, false, Some(error)),
+                let rotations = camera_rotations(&self.camera_poses, zero);
+                match from_rotations(&self.readings.track(zero), &rotations, RANGE) {
+                    Ok(found) => {
+                        let offset = StampOffset {
+                            seconds: found.seconds,
+                            sigma: found.sigma,
+                            is_estimated: true,
+                        };
+                        (offset, None)
+                    }
+                    Err(error) => (assumed(calibrated), Some(error)),
                 }
             }
         }
     }
 
-    fn mounted(&self) -> Result<Mounted, String> {
+    fn solve(&self) -> Result<MountingResult, String> {
         if let Some(missing) = self.readings.missing() {
             return Err(missing);
         }
-        let Some(first) = self.sightings.first() else {
+        let Some(first) = self.camera_poses.first() else {
             return Err(format!(
-                "none of {} pictures shows where the camera is; show it the rig's markers (`calibrate map` finds where they are) or name a --board",
+                "the camera's pose was found in none of {} pictures; show it the rig's markers (`calibrate map` finds their positions) or name a --board",
                 self.pictures
             ));
         };
-        let (seconds, sigma, estimated, latency_error) = self.offset(first.stamp);
+        let (offset, latency_error) = self.offset(first.stamp);
         let history = self.readings.history();
-        let shift = (1e9 * seconds) as i64;
-        let every = self.sightings.len().div_ceil(MOST_PAIRS);
+        let shift = (1e9 * offset.seconds) as i64;
+        let every = self.camera_poses.len().div_ceil(MAX_PAIRS);
         let pairs: Vec<(MonotonicTime, PosePair)> = self
-            .sightings
+            .camera_poses
             .iter()
             .step_by(every)
             .filter_map(|s| {
@@ -145,28 +169,29 @@ impl MountingStep {
             })
             .collect();
         let plain: Vec<PosePair> = pairs.iter().map(|p| p.1).collect();
-        let straight = hand_eye(&plain).map_err(|e| e.to_string())?;
-        let mut mounted = Mounted {
-            hand_eye: straight.clone(),
-            straight,
+        let uncorrected = hand_eye(&plain).map_err(|e| e.to_string())?;
+        let mut result = MountingResult {
+            hand_eye: uncorrected.clone(),
+            uncorrected,
             pairs,
-            offset: (seconds, sigma, estimated),
+            offset,
             latency_error,
             field: None,
         };
         if self.options.distortion {
-            bend(&mut mounted, &plain);
+            fit_distortion(&mut result, &plain);
         }
-        Ok(mounted)
+        Ok(result)
     }
 
-    fn record(&self, mounted: &Mounted, header: Header) -> TrackerRecord {
-        let found = &mounted.hand_eye;
-        let (seconds, sigma, estimated) = mounted.offset;
-        let told = estimated || matches!(self.options.latency, LatencyChoice::Seconds(_));
-        let distortion = mounted.believed().map(|field| {
+    fn record(&self, result: &MountingResult, header: Header) -> TrackerRecord {
+        let found = &result.hand_eye;
+        let offset = result.offset;
+        let is_new =
+            offset.is_estimated || matches!(self.options.latency, LatencyChoice::Seconds(_));
+        let distortion = result.accepted_field().map(|field| {
             let mut record = FieldRecord::of(field);
-            if let Some(fit) = &mounted.field {
+            if let Some(fit) = &result.field {
                 record.held_out_position = [fit.before.0, fit.after.0];
                 record.held_out_rotation = [fit.before.1, fit.after.1];
             }
@@ -184,12 +209,17 @@ impl MountingStep {
                 .tracker
                 .as_ref()
                 .map_or(0.0254, |t| t.metres_per_unit),
-            tracker_minus_scene: told.then(|| OffsetRecord {
-                seconds,
-                sigma,
+            tracker_minus_scene: is_new.then(|| OffsetRecord {
+                seconds: offset.seconds,
+                sigma: offset.sigma,
                 correlation: 0.0,
-                pictures: self.sightings.len(),
-                by: if estimated { "poses" } else { "as told" }.to_owned(),
+                pictures: self.camera_poses.len(),
+                by: if offset.is_estimated {
+                    "poses"
+                } else {
+                    "as given"
+                }
+                .to_owned(),
             }),
             residual: [found.position_rms, found.rotation_rms],
             pairs: [found.used.iter().filter(|u| **u).count(), found.used.len()],
@@ -198,10 +228,10 @@ impl MountingStep {
     }
 }
 
-/// Mounting and bent space by turns: each is seen better when the other is taken off.
-fn bend(mounted: &mut Mounted, plain: &[PosePair]) {
+/// Fits mounting and distortion alternately: each improves the estimate of the other.
+fn fit_distortion(result: &mut MountingResult, plain: &[PosePair]) {
     for _ in 0..ROUNDS {
-        let Some(fitted) = fit(&departures(plain, &mounted.hand_eye)) else {
+        let Some(fitted) = fit(&field_samples(plain, &result.hand_eye)) else {
             return;
         };
         let corrected: Vec<PosePair> = plain
@@ -215,28 +245,26 @@ fn bend(mounted: &mut Mounted, plain: &[PosePair]) {
         let Ok(found) = hand_eye(&corrected) else {
             return;
         };
-        mounted.field = Some(fitted);
+        result.field = Some(fitted);
         if !helps {
-            mounted.hand_eye = mounted.straight.clone();
+            result.hand_eye = result.uncorrected.clone();
             return;
         }
-        mounted.hand_eye = found;
+        result.hand_eye = found;
     }
 }
 
-/// By what each reading departs from where the pictures say that the sensor was.
-fn departures(pairs: &[PosePair], found: &HandEye) -> Vec<FieldSample> {
+/// Returns the error of each reading against the sensor's pose by the pictures.
+fn field_samples(pairs: &[PosePair], found: &HandEye) -> Vec<FieldSample> {
     let transmitter_from_world = found.world_from_transmitter.inverse();
     let camera_from_sensor = found.sensor_from_camera.inverse();
     let sample = |pair: &PosePair| {
-        let truth = transmitter_from_world * pair.world_from_camera * camera_from_sensor;
+        let by_picture = transmitter_from_world * pair.world_from_camera * camera_from_sensor;
         let read = pair.transmitter_from_sensor;
-        let turn = truth.rotation * read.rotation.inverse();
-        let turn = if turn.w < 0.0 { -turn } else { turn };
         FieldSample {
-            place: read.translation,
-            shift: truth.translation - read.translation,
-            turn: turn.to_scaled_axis(),
+            position: read.translation,
+            translation: by_picture.translation - read.translation,
+            rotation: rotation_vector(by_picture.rotation * read.rotation.inverse()),
         }
     };
     pairs.iter().map(sample).collect()
@@ -262,18 +290,18 @@ impl Step for MountingStep {
             Shown::Pose(sample) => self.readings.push(sample),
             Shown::Picture(picture) => {
                 self.pictures += 1;
-                let seen = self.surveyor.look(picture.picture, picture.captured_at);
-                self.marks = seen.as_ref().map_or_else(Vec::new, |s| s.marks.clone());
-                self.sightings.extend(seen);
+                let found = self.pose_finder.find(picture.picture, picture.captured_at);
+                self.overlay_points = found.as_ref().map_or_else(Vec::new, |f| f.points.clone());
+                self.camera_poses.extend(found);
             }
         }
     }
 
     fn progress(&self) -> Progress {
-        let poses = self.sightings.len();
+        let poses = self.camera_poses.len();
         let hint = match poses {
-            0 => "show the camera the markers or the board",
-            1..600 => "turn the rig about all axes, by 30 degrees and more",
+            0 => "point the camera at the markers or the board",
+            1..600 => "rotate the rig about all axes, by 30 degrees or more",
             _ => "",
         };
         Progress {
@@ -284,31 +312,31 @@ impl Step for MountingStep {
                 self.readings.len()
             ),
             hint: hint.to_owned(),
-            marks: self.marks.clone(),
+            marks: self.overlay_points.clone(),
             eye: Some(Eye::Scene),
         }
     }
 
     fn finish(&mut self, made: &Made) -> Finished {
-        let mounted = self.mounted();
-        let mut findings = match &mounted {
-            Ok(mounted) => self.judge(mounted),
+        let result = self.solve();
+        let mut findings = match &result {
+            Ok(result) => self.assess(result),
             Err(reason) => vec![(Grade::Refused, reason.clone())],
         };
-        let grade = graded(&mut findings);
+        let grade = grade(&mut findings);
         let mut found = Finished {
             grade,
-            lines: mounted
+            lines: result
                 .as_ref()
-                .map_or_else(|_| Vec::new(), |m| self.lines(m)),
+                .map_or_else(|_| Vec::new(), |r| self.lines(r)),
             findings,
             hints: Vec::new(),
             page: String::new(),
             file: None,
         };
-        found.page = self.page(made, &found, mounted.as_ref().ok());
-        if let (Ok(mounted), true) = (&mounted, grade != Grade::Refused) {
-            let record = self.record(mounted, found.header("tracker", made));
+        found.page = self.report(made, &found, result.as_ref().ok());
+        if let (Ok(result), true) = (&result, grade != Grade::Refused) {
+            let record = self.record(result, found.header("tracker", made));
             found.file = serde_json::to_string_pretty(&record).ok();
         }
         found

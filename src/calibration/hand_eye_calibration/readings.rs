@@ -1,4 +1,4 @@
-//! What the tracker said, in the order of arrival.
+//! The tracker's readings, in the order of arrival.
 
 use crate::latency::TrackerTrack;
 use crate::latency::without_jumps;
@@ -6,25 +6,24 @@ use penumbra_interface::{MonotonicTime, PoseSample, RigidTransform};
 use penumbra_sync::{Degree, HistoryConfig, PoseHistory, Provenance, Smoothing};
 use std::collections::BTreeSet;
 
-/// Readings kept: an hour of the fastest tracker.
-const MOST: usize = 1_000_000;
-/// Rotations are smoothed over so many seconds to either side.
+/// Maximum number of readings: an hour of the fastest tracker.
+const MAX_READINGS: usize = 1_000_000;
+/// Half-width of the window that smooths rotations for the latency, seconds.
 const SMOOTHING: f64 = 0.02;
-/// And poses for pairs over so much, nanoseconds.
-const NARROW_NANOS: i64 = 35_000_000;
+/// Half-width of the window that smooths poses for hand–eye pairs, nanoseconds.
+const PAIR_SMOOTHING_NANOS: i64 = 35_000_000;
 
-/// Of one station.
+/// Readings of one station of the tracker.
 #[derive(Clone, Debug)]
-pub struct Readings {
+pub(super) struct Readings {
     station: u8,
     others: BTreeSet<u8>,
     kept: Vec<(MonotonicTime, RigidTransform)>,
 }
 
 impl Readings {
-    /// Of the station with this number.
-    #[must_use]
-    pub const fn of_station(station: u8) -> Self {
+    /// Creates an empty record of the station with this number.
+    pub const fn new(station: u8) -> Self {
         Self {
             station,
             others: BTreeSet::new(),
@@ -32,65 +31,57 @@ impl Readings {
         }
     }
 
-    /// Takes one; those of other stations are noted only.
+    /// Adds a reading; of other stations only the number is noted.
     pub fn push(&mut self, sample: &PoseSample) {
         if sample.station != self.station {
             self.others.insert(sample.station);
-        } else if self.kept.len() < MOST && sample.transmitter_from_sensor.rotation.is_finite() {
+        } else if self.kept.len() < MAX_READINGS
+            && sample.transmitter_from_sensor.rotation.is_finite()
+        {
             self.kept
                 .push((sample.arrived_at, sample.transmitter_from_sensor));
         }
     }
 
-    /// How many.
-    #[must_use]
+    /// Returns the number of readings.
     pub const fn len(&self) -> usize {
         self.kept.len()
     }
 
-    /// Whether there are none.
-    #[must_use]
-    pub const fn is_empty(&self) -> bool {
-        self.kept.is_empty()
-    }
-
-    /// What to say where there are none; `None` where there are.
-    #[must_use]
+    /// Returns the message for a record without readings; `None` if there are some.
     pub fn missing(&self) -> Option<String> {
         if !self.kept.is_empty() {
             return None;
         }
         if self.others.is_empty() {
-            return Some("the recording has no readings of a tracker; record with one".to_owned());
+            return Some(
+                "the recording has no tracker readings; record with the tracker on".to_owned(),
+            );
         }
         let others: Vec<String> = self.others.iter().map(u8::to_string).collect();
         Some(format!(
-            "the tracker sent nothing of station {}, only of {}; choose with --station",
+            "the tracker sent no readings of station {}, only of {}; choose another with --station",
             self.station,
             others.join(", ")
         ))
     }
 
-    /// The pose by time, seconds after `zero`.
-    #[must_use]
+    /// Returns the track for the latency estimate, in seconds after `zero`.
     pub fn track(&self, zero: MonotonicTime) -> TrackerTrack {
         let poses = self.kept.iter();
         let poses = poses.map(|(at, pose)| (at.seconds_since(zero), *pose));
-        TrackerTrack::of_poses(poses, SMOOTHING)
+        TrackerTrack::from_poses(poses, SMOOTHING)
     }
 
-    /// As the running rig keeps them, but without readings that the next ones contradict, and
-    /// smoothed less.
-    #[must_use]
+    /// Returns the history as the running rig keeps it, but without jumps and with less smoothing.
     pub fn history(&self) -> PoseHistory {
         let mut history = PoseHistory::new(HistoryConfig {
             capacity: self.kept.len().max(2),
-            // A recording is one stretch of time.
+            // The clock of a recording never restarts.
             jump_back_nanos: i64::MAX,
-            // Hundreds of pairs take the noise away; what a wider window bends straight they would
-            // not.
+            // Hundreds of pairs average the noise out, but not the bias of a wider window.
             smoothing: Smoothing::Local {
-                half_window_nanos: NARROW_NANOS,
+                half_window_nanos: PAIR_SMOOTHING_NANOS,
                 degree: Degree::Quadratic,
             },
             ..HistoryConfig::default()
@@ -107,7 +98,7 @@ impl Readings {
     }
 }
 
-/// The pose at an instant between two readings.
+/// Returns the pose at an instant between two readings; `None` outside of the record.
 pub(super) fn between(history: &PoseHistory, at: MonotonicTime) -> Option<RigidTransform> {
     let found = history.at(at)?;
     (found.provenance != Provenance::Predicted).then_some(found.transmitter_from_sensor)

@@ -1,7 +1,8 @@
-//! Simulated rigs: poses as pictures would give them, readings as a tracker does.
+//! Tests with simulated rigs: poses as found in pictures, and tracker readings.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::mounting::MountingOptions;
+use super::pose_finder::CameraPose;
 use super::*;
 use crate::simulation::{Motion, Rehearsal, RehearsalOptions};
 use crate::step::{Finished, Made, Shown, Step};
@@ -9,6 +10,7 @@ use glam::DQuat;
 use penumbra_fiducials::TagMap;
 use penumbra_interface::{MonotonicTime, PoseSample, RigidTransform};
 use penumbra_numerics::Random;
+use penumbra_rig_model::Grade;
 use penumbra_rig_model::RigDocument;
 use penumbra_rig_model::latency_file::{LATENCY, apply_latency_file};
 use penumbra_rig_model::tracker_file::{TRACKER, apply_tracker_file};
@@ -28,8 +30,8 @@ fn shaken(pose: RigidTransform, turn: f64, shift: f64, random: &mut Random) -> R
     )
 }
 
-/// Every picture's pose, as tags give it: 0.05° and 0.6 mm; some of them flipped.
-fn sightings(rehearsal: &Rehearsal, random: &mut Random) -> Vec<Sighting> {
+/// The pose of every picture with the noise of tags, 0.05° and 0.6 mm; some are flipped.
+fn camera_poses(rehearsal: &Rehearsal, random: &mut Random) -> Vec<CameraPose> {
     let options = &rehearsal.options;
     let count = (30.0 * options.seconds) as i32;
     let one = |i: i32| {
@@ -38,11 +40,11 @@ fn sightings(rehearsal: &Rehearsal, random: &mut Random) -> Vec<Sighting> {
         if random.uniform() < 0.02 {
             pose = shaken(pose, 0.3, 0.05, random);
         }
-        Sighting {
+        CameraPose {
             stamp: instant(at + options.camera_latency),
             world_from_camera: pose,
             rms: 0.2,
-            marks: Vec::new(),
+            points: Vec::new(),
         }
     };
     (0..count).map(one).collect()
@@ -71,12 +73,12 @@ fn mounted(options: RehearsalOptions, wanted: MountingOptions) -> (Rehearsal, Fi
     for sample in readings(&rehearsal, &mut random) {
         step.look(&Shown::Pose(&sample));
     }
-    step.sightings = sightings(&rehearsal, &mut random);
+    step.camera_poses = camera_poses(&rehearsal, &mut random);
     let found = step.finish(&Made::default());
     (rehearsal, found)
 }
 
-/// The rig's calibration with what was found.
+/// The rig's calibration with the result applied.
 fn applied(rehearsal: &Rehearsal, found: &Finished) -> RigDocument {
     let file = found.file.clone().expect("a file");
     let mut rig = rig(rehearsal);
@@ -92,8 +94,8 @@ fn applied(rehearsal: &Rehearsal, found: &Finished) -> RigDocument {
     rig
 }
 
-/// Metres and degrees by which the camera's mounting is off.
-fn off(rehearsal: &Rehearsal, rig: &RigDocument) -> (f64, f64) {
+/// Returns the error of the camera's mounting, metres and degrees.
+fn mounting_error(rehearsal: &Rehearsal, rig: &RigDocument) -> (f64, f64) {
     let found = rig.calibration.tracker.as_ref().unwrap();
     let (a, b) = (found.sensor_from_scene_camera, rehearsal.sensor_from_camera);
     (
@@ -102,8 +104,8 @@ fn off(rehearsal: &Rehearsal, rig: &RigDocument) -> (f64, f64) {
     )
 }
 
-/// Of the composed pose on another path through the same room, root mean square, metres.
-fn registered(rehearsal: &Rehearsal, rig: &RigDocument) -> f64 {
+/// Returns the RMS position error of the composed pose on another path through the same room, metres.
+fn registration_rms(rehearsal: &Rehearsal, rig: &RigDocument) -> f64 {
     let tracker = rig.calibration.tracker.as_ref().unwrap();
     let mut random = Random::new(9);
     let mut sum = 0.0;
@@ -117,7 +119,7 @@ fn registered(rehearsal: &Rehearsal, rig: &RigDocument) -> f64 {
 }
 
 #[test]
-fn the_mounting_is_found_to_a_millimetre_and_a_tenth_of_a_degree() {
+fn recovers_mounting_within_a_millimetre_and_a_tenth_of_a_degree() {
     for seed in 1..7 {
         let options = RehearsalOptions {
             seed,
@@ -130,8 +132,11 @@ fn the_mounting_is_found_to_a_millimetre_and_a_tenth_of_a_degree() {
         let (rehearsal, found) = mounted(options, MountingOptions::default());
         assert_eq!(found.grade, Grade::Good, "{seed}: {:?}", found.findings);
         let rig = applied(&rehearsal, &found);
-        let (place, turn) = off(&rehearsal, &rig);
-        assert!(place < 0.001 && turn < 0.1, "{seed}: {place} m, {turn}°");
+        let (position, rotation) = mounting_error(&rehearsal, &rig);
+        assert!(
+            position < 0.001 && rotation < 0.1,
+            "{seed}: {position} m, {rotation}°"
+        );
         let tracker = rig.calibration.tracker.as_ref().unwrap();
         let transmitter = tracker.world_from_transmitter;
         let truth = rehearsal.world_from_transmitter;
@@ -146,7 +151,7 @@ fn the_mounting_is_found_to_a_millimetre_and_a_tenth_of_a_degree() {
 }
 
 #[test]
-fn a_bent_space_is_straightened_where_that_helps_and_left_alone_where_not() {
+fn corrects_distortion_only_where_that_helps() {
     for seed in [3, 11] {
         let bent = RehearsalOptions {
             seed,
@@ -164,8 +169,8 @@ fn a_bent_space_is_straightened_where_that_helps_and_left_alone_where_not() {
         assert!(with.calibration.tracker.as_ref().unwrap().field.is_some());
         let without = plain.file.is_some().then(|| applied(&rehearsal, &plain));
         let (before, after) = (
-            without.map_or(1.0, |w| registered(&rehearsal, &w)),
-            registered(&rehearsal, &with),
+            without.map_or(1.0, |w| registration_rms(&rehearsal, &w)),
+            registration_rms(&rehearsal, &with),
         );
         assert!(
             after < 0.6 * before && after < 0.003,
@@ -190,7 +195,7 @@ fn a_bent_space_is_straightened_where_that_helps_and_left_alone_where_not() {
 }
 
 #[test]
-fn motion_that_does_not_tell_the_mounting_is_refused_by_its_reason() {
+fn refuses_degenerate_motion_with_its_reason() {
     for (motion, says) in [
         (Motion::OneAxis, "about nearly one axis"),
         (Motion::Slide, "degrees at most"),
@@ -209,7 +214,7 @@ fn motion_that_does_not_tell_the_mounting_is_refused_by_its_reason() {
 }
 
 #[test]
-fn nothing_shown_is_told() {
+fn reports_missing_readings() {
     let rehearsal = Rehearsal::new(RehearsalOptions::default());
     let tags = TagMap::new(rehearsal.tags.clone()).unwrap();
     let calibration = rig(&rehearsal).calibration;
@@ -219,7 +224,7 @@ fn nothing_shown_is_told() {
         MountingOptions::default(),
     );
     let found = step.finish(&Made::default());
-    assert!(found.findings[0].1.contains("no readings of a tracker"));
+    assert!(found.findings[0].1.contains("no tracker readings"));
     step.look(&Shown::Pose(&PoseSample {
         station: 2,
         transmitter_from_sensor: RigidTransform::IDENTITY,
@@ -237,7 +242,7 @@ fn nothing_shown_is_told() {
     assert!(found.grade == Grade::Refused && found.file.is_none());
 }
 
-/// By poses alone: the pictures themselves are tried in the rendered tests.
+/// Runs the step on poses alone: rendered tests cover the pictures.
 fn latency(options: RehearsalOptions) -> (Rehearsal, Finished) {
     let rehearsal = Rehearsal::new(options);
     let mut random = Random::new(rehearsal.options.seed + 5);
@@ -249,14 +254,14 @@ fn latency(options: RehearsalOptions) -> (Rehearsal, Finished) {
     for sample in readings(&rehearsal, &mut random) {
         step.look(&Shown::Pose(&sample));
     }
-    step.sightings = sightings(&rehearsal, &mut random);
-    step.zero = step.sightings.first().map(|s| s.stamp);
+    step.camera_poses = camera_poses(&rehearsal, &mut random);
+    step.zero = step.camera_poses.first().map(|s| s.stamp);
     let found = step.finish(&Made::default());
     (rehearsal, found)
 }
 
 #[test]
-fn the_latency_is_found_to_two_milliseconds() {
+fn recovers_latency_within_a_millisecond() {
     for seed in 1..6 {
         let options = RehearsalOptions {
             seed,
@@ -269,15 +274,15 @@ fn the_latency_is_found_to_two_milliseconds() {
         assert_eq!(found.grade, Grade::Good, "{:?}", found.findings);
         let rig = applied(&rehearsal, &found);
         let tracker = rig.calibration.tracker.as_ref().unwrap();
-        let off = 1e-9 * tracker.latency_nanos as f64 - options.tracker_latency;
-        assert!(off.abs() < 0.001, "{seed}: {off}");
-        // Only the latency: everything else is as it was.
+        let error = 1e-9 * tracker.latency_nanos as f64 - options.tracker_latency;
+        assert!(error.abs() < 0.001, "{seed}: {error}");
+        // Only the latency changes.
         assert_eq!(tracker.sensor_from_scene_camera, RigidTransform::IDENTITY);
     }
 }
 
 #[test]
-fn a_latency_that_cannot_be_told_is_refused() {
+fn refuses_motion_that_does_not_determine_the_latency() {
     for motion in [Motion::Still, Motion::Slide] {
         let options = RehearsalOptions {
             motion,
@@ -291,7 +296,7 @@ fn a_latency_that_cannot_be_told_is_refused() {
 }
 
 #[test]
-fn a_file_that_was_refused_or_is_wrong_is_not_used() {
+fn rejects_refused_or_invalid_files() {
     let (rehearsal, found) = mounted(RehearsalOptions::default(), MountingOptions::default());
     let file = found.file.unwrap();
     for (from, to, says) in [

@@ -1,45 +1,44 @@
-//! The offset by how pictures move that have no poses.
+//! The offset from image motion without poses and without a known mounting.
 //!
-//! Each number of a picture's flow (its shift to the right and down, its growth, its turn) is a
-//! sum of the tracker's own turn and way between the same two instants, each times a factor that
-//! mounting, lens and the scene's distance tell; that distance changes with the place. The factors are
-//! fitted at each offset, so none of these need be known; where the scene is not as far everywhere, or
-//! the camera circles it, the flow's turn still tells the offset, and each number counts by how well
-//! it follows.
+//! Each component of the flow (displacement to the right and down, change of scale, rotation) is a
+//! linear combination of the tracker's rotation and translation between the same two instants. The
+//! coefficients depend on the mounting, the lens and the distance of the scene, which varies with the
+//! position. They are fitted at each offset, so that none of these need to be known. Where the scene
+//! has varying depth, or the camera orbits it, the rotation of the flow still determines the offset,
+//! as each component is weighted by how well it fits.
 
+use super::model::{CameraMotion, ClockOffset, LatencyError};
 use super::scan::{Fit, scan};
-use super::{
-    CameraMotion, ClockOffset, LatencyError, SPAN, TrackerTrack, covered, independent, settle,
-    shortest, within,
-};
+use super::selection::{SPAN, covered, independent, settle, within};
+use super::track::TrackerTrack;
 use glam::DVec3;
-use penumbra_numerics::{Matrix, median_absolute};
+use penumbra_numerics::{Matrix, median_absolute, root_mean_square, rotation_vector};
 
-/// Numbers of a flow.
-const NUMBERS: usize = 4;
-/// Factors of each for a turn about three axes,
-const TURNS: usize = 3;
-/// and with them for a way along three axes, and for as many more as the scene's nearness changes with
-/// the place along three axes.
-const FACTORS: usize = TURNS + 3 + 9;
-/// Fewest spans that tell something of their own: fewer are fitted by chance.
-const FEWEST: f64 = 30.0;
-/// Flows are compared over so many seconds.
-const TOGETHER: f64 = 0.13;
-/// Motions whose rest is so many times the usual are passed over: a picture that jumped.
-const OUTLYING: f64 = 6.0;
-/// If even the worst offset leaves no more than this share, the factors make up for any offset: to and
-/// fro at one pace is as good as to and fro some time later, with other factors.
-const ANY: f64 = 0.03;
-/// What is added to the factors' normal equations, as a share: motion about one axis leaves the others
-/// open.
+/// Components of a flow.
+const COMPONENTS: usize = 4;
+/// Coefficients of a component for the rotation about three axes,
+const ROTATION_COEFFICIENTS: usize = 3;
+/// and in all, with those for the translation along three axes and for the change of inverse depth with
+/// the position along three axes.
+const COEFFICIENTS: usize = ROTATION_COEFFICIENTS + 3 + 9;
+/// Minimum number of independent spans: fewer are fitted by chance.
+const MIN_INDEPENDENT: f64 = 30.0;
+/// Seconds over which flows are summed for comparison.
+const SUM_SECONDS: f64 = 0.13;
+/// Motions with a residual of more than this number of σ are rejected as jumps of the picture.
+const OUTLIER: f64 = 6.0;
+/// If even the worst offset leaves no more than this share of the squares, the coefficients compensate
+/// for any offset: a harmonic oscillation fits a delayed one with other coefficients.
+const MIN_WORST: f64 = 0.03;
+/// Relative ridge added to the normal equations of the coefficients: motion about one axis leaves the
+/// coefficients of the others undetermined.
 const RIDGE: f64 = 1e-9;
 
-/// From flows: the tracker's turn and way times factors are fitted at each offset.
+/// Finds the offset from flows, fitting them by the tracker's rotation and translation at each offset.
 ///
 /// # Errors
 /// As [`super::from_rotations`].
-pub fn from_motion(
+pub fn from_flow(
     track: &TrackerTrack,
     motions: &[CameraMotion],
     range: f64,
@@ -47,43 +46,45 @@ pub fn from_motion(
     let spans: Vec<(f64, f64)> = motions.iter().map(|m| (m.from, m.to)).collect();
     let kept = within(track, &spans, range)?;
     let length = kept.iter().map(|&i| spans[i].1 - spans[i].0).sum::<f64>() / kept.len() as f64;
-    let alone = independent(&spans, &kept);
-    if alone < FEWEST {
+    let spans_alone = independent(&spans, &kept);
+    if spans_alone < MIN_INDEPENDENT {
         return Err(LatencyError::TooShort {
             samples: kept.len(),
-            least: (FEWEST * SPAN / length).ceil() as usize,
+            needed: (MIN_INDEPENDENT * SPAN / length).ceil() as usize,
         });
     }
-    // First all numbers as they vary, then by what is left of them, without what jumped.
+    // First with components weighted by their RMS, then by their residuals, without jumps.
     let all = Compared::new(track, motions, &kept, length);
-    let spread = all.spread();
-    let rough = scan(|offset| all.fit(offset, &spread), range, NUMBERS);
-    let rough = rough.ok_or(LatencyError::NotAlike { percent: 0.0 })?;
+    let rms = all.component_rms();
+    let rough = scan(|offset| all.fit(offset, &rms), range, COMPONENTS);
+    let rough = rough.ok_or(LatencyError::Uncorrelated { percent: 0.0 })?;
     let (noise, jumped) = all
         .noise(rough.offset)
-        .ok_or(LatencyError::NotAlike { percent: 0.0 })?;
+        .ok_or(LatencyError::Uncorrelated { percent: 0.0 })?;
     let steady = kept.into_iter().zip(jumped);
     let steady = steady.filter(|(_, jumped)| !jumped).map(|(i, _)| i);
     let kept = covered(track, &spans, steady.collect(), rough.offset)?;
     let steady = Compared::new(track, motions, &kept, length);
-    let found = scan(|offset| steady.fit(offset, &noise), range, NUMBERS);
-    if found.as_ref().is_some_and(|f| f.worst < ANY) {
+    let found = scan(|offset| steady.fit(offset, &noise), range, COMPONENTS);
+    if found.as_ref().is_some_and(|f| f.worst < MIN_WORST) {
         return Err(LatencyError::AnyOffset);
     }
-    let fitted = (FACTORS + 1) as f64;
-    settle(found, range, alone * SPAN / TOGETHER, (fitted, kept.len()))
+    let fitted = (COEFFICIENTS + 1) as f64;
+    let alone = spans_alone * SPAN / SUM_SECONDS;
+    settle(found, range, alone, (fitted, kept.len()))
 }
 
-/// Flows beside the tracker's motion, summed over the same few pictures, which moves neither in time.
+/// Flows and the tracker's motion, both summed over the same successive pictures.
 struct Compared<'a> {
     track: &'a TrackerTrack,
     spans: Vec<(f64, f64)>,
-    flows: Vec<[f64; NUMBERS]>,
+    flows: Vec<[f64; COMPONENTS]>,
+    /// Number of pictures that are summed.
     together: usize,
-    /// Mean of the tracker's places.
+    /// Mean position of the tracker.
     middle: DVec3,
-    factors: usize,
-    /// Share of the squares that a fit by chance leaves.
+    coefficients: usize,
+    /// Share of the squares that a fit to unrelated motions leaves.
     by_chance: f64,
 }
 
@@ -91,66 +92,68 @@ impl<'a> Compared<'a> {
     fn new(track: &'a TrackerTrack, motions: &[CameraMotion], kept: &[usize], length: f64) -> Self {
         let seen = kept.iter().map(|&i| &motions[i]);
         let spans: Vec<(f64, f64)> = seen.clone().map(|m| (m.from, m.to)).collect();
-        let numbers =
-            |m: &CameraMotion| [m.flow.shift.x, m.flow.shift.y, m.flow.growth, m.flow.turn];
-        let together = ((TOGETHER / length) as usize).clamp(1, kept.len().max(4) / 4);
-        let factors = if track.has_places() { FACTORS } else { TURNS };
+        let components = |m: &CameraMotion| {
+            let flow = &m.flow;
+            [flow.shift.x, flow.shift.y, flow.growth, flow.rotation]
+        };
+        let together = ((SUM_SECONDS / length) as usize).clamp(1, kept.len().max(4) / 4);
+        let coefficients = if track.has_positions() {
+            COEFFICIENTS
+        } else {
+            ROTATION_COEFFICIENTS
+        };
         let all: Vec<usize> = (0..spans.len()).collect();
-        let alone = independent(&spans, &all) * SPAN / TOGETHER;
-        let alone = alone.max(factors as f64 + 1.0);
+        let alone = independent(&spans, &all) * SPAN / SUM_SECONDS;
+        let alone = alone.max(coefficients as f64 + 1.0);
         Self {
             track,
-            flows: summed(&seen.map(numbers).collect::<Vec<_>>(), together),
+            flows: summed(&seen.map(components).collect::<Vec<_>>(), together),
             spans,
             together,
-            middle: track.middle(),
-            factors,
-            by_chance: (alone - factors as f64) / alone,
+            middle: track.mean_position(),
+            coefficients,
+            by_chance: (alone - coefficients as f64) / alone,
         }
     }
 
-    /// Root mean square of each number.
-    fn spread(&self) -> [f64; NUMBERS] {
-        let n = self.flows.len().max(1) as f64;
-        std::array::from_fn(|k| {
-            let squares: f64 = self.flows.iter().map(|f| f[k] * f[k]).sum();
-            (squares / n).sqrt().max(1e-12)
-        })
+    /// Returns the root mean square of each component.
+    fn component_rms(&self) -> [f64; COMPONENTS] {
+        std::array::from_fn(|k| root_mean_square(self.flows.iter().map(|f| f[k])).max(1e-12))
     }
 
-    /// The tracker's turn and way, in its own axes at the first of both instants, and the way times
-    /// where it is.
-    fn moved(&self, offset: f64) -> Option<Vec<[f64; FACTORS]>> {
+    /// Returns the tracker's rotation and translation, in its own axes at the first of both instants,
+    /// and the products of translation and position.
+    fn tracker_motion(&self, offset: f64) -> Option<Vec<[f64; COEFFICIENTS]>> {
         let one = |&(from, to): &(f64, f64)| {
             let before = self.track.pose_at(from + offset)?;
             let after = self.track.pose_at(to + offset)?;
             let back = before.rotation.inverse();
-            let turn = shortest(back * after.rotation).to_scaled_axis();
-            let way = back * (after.translation - before.translation);
-            let place = before.translation - self.middle;
-            let mut factors = [0.0; FACTORS];
-            factors[..3].copy_from_slice(&turn.to_array());
-            for (k, share) in [1.0, place.x, place.y, place.z].into_iter().enumerate() {
-                factors[3 * (k + 1)..][..3].copy_from_slice(&(way * share).to_array());
+            let rotation = rotation_vector(back * after.rotation);
+            let translation = back * (after.translation - before.translation);
+            let p = before.translation - self.middle;
+            let mut motion = [0.0; COEFFICIENTS];
+            motion[..3].copy_from_slice(&rotation.to_array());
+            for (k, factor) in [1.0, p.x, p.y, p.z].into_iter().enumerate() {
+                motion[3 * (k + 1)..][..3].copy_from_slice(&(translation * factor).to_array());
             }
-            Some(factors)
+            Some(motion)
         };
         let each: Option<Vec<_>> = self.spans.iter().map(one).collect();
         Some(summed(&each?, self.together))
     }
 
-    /// What is left of each number after the best factors at an offset.
-    fn left(&self, offset: f64) -> Option<Vec<[f64; NUMBERS]>> {
-        let moved = self.moved(offset)?;
-        let n = self.factors;
+    /// Returns the residuals of each component with the best coefficients at an offset.
+    fn residuals(&self, offset: f64) -> Option<Vec<[f64; COMPONENTS]>> {
+        let motion = self.tracker_motion(offset)?;
+        let n = self.coefficients;
         let mut normal = Matrix::zeros(n, n);
-        let mut right = [[0.0; FACTORS]; NUMBERS];
-        for (m, flow) in moved.iter().zip(&self.flows) {
+        let mut right = [[0.0; COEFFICIENTS]; COMPONENTS];
+        for (m, flow) in motion.iter().zip(&self.flows) {
             normal.add_outer(1.0, &m[..n], &m[..n]);
-            for (sums, number) in right.iter_mut().zip(flow) {
+            for (sums, component) in right.iter_mut().zip(flow) {
                 sums.iter_mut()
                     .zip(m)
-                    .for_each(|(sum, m)| *sum += m * number);
+                    .for_each(|(sum, m)| *sum += m * component);
             }
         }
         for i in 0..n {
@@ -158,42 +161,43 @@ impl<'a> Compared<'a> {
             normal[(i, i)] = own * (1.0 + RIDGE) + 1e-18;
         }
         let solver = normal.cholesky()?;
-        let factors = right.map(|sums| solver.solve(&sums[..n]));
-        let rest = |(m, flow): (&[f64; FACTORS], &[f64; NUMBERS])| {
+        let coefficients = right.map(|sums| solver.solve(&sums[..n]));
+        let residual = |(m, flow): (&[f64; COEFFICIENTS], &[f64; COMPONENTS])| {
             std::array::from_fn(|k| {
-                let told: f64 = factors[k].iter().zip(m).map(|(f, m)| f * m).sum();
-                flow[k] - told
+                let predicted: f64 = coefficients[k].iter().zip(m).map(|(c, m)| c * m).sum();
+                flow[k] - predicted
             })
         };
-        Some(moved.iter().zip(&self.flows).map(rest).collect())
+        Some(motion.iter().zip(&self.flows).map(residual).collect())
     }
 
-    /// With numbers in units of their noise.
-    fn fit(&self, offset: f64, noise: &[f64; NUMBERS]) -> Option<Fit> {
-        let in_units = |values: &[[f64; NUMBERS]]| -> Vec<f64> {
+    /// Returns the residuals in units of the components' noise.
+    fn fit(&self, offset: f64, noise: &[f64; COMPONENTS]) -> Option<Fit> {
+        let in_units = |values: &[[f64; COMPONENTS]]| -> Vec<f64> {
             let each = values
                 .iter()
-                .flat_map(|v| (0..NUMBERS).map(|k| v[k] / noise[k]));
+                .flat_map(|v| (0..COMPONENTS).map(|k| v[k] / noise[k]));
             each.collect()
         };
         let power: f64 = in_units(&self.flows).iter().map(|v| v * v).sum();
         Some(Fit::new(
-            in_units(&self.left(offset)?),
+            in_units(&self.residuals(offset)?),
             power * self.by_chance,
         ))
     }
 
-    /// Each number's usual rest, and which motions are far off it.
-    fn noise(&self, offset: f64) -> Option<([f64; NUMBERS], Vec<bool>)> {
-        let left = self.left(offset)?;
-        let spread = self.spread();
-        let noise: [f64; NUMBERS] = std::array::from_fn(|k| {
-            let usual = 1.4826 * median_absolute(left.iter().map(|l| l[k]));
-            usual.max(0.01 * spread[k]).max(1e-12)
+    /// Returns the robust standard deviation (1.4826 MAD) of each component's residuals, and which
+    /// motions are outliers.
+    fn noise(&self, offset: f64) -> Option<([f64; COMPONENTS], Vec<bool>)> {
+        let residuals = self.residuals(offset)?;
+        let rms = self.component_rms();
+        let noise: [f64; COMPONENTS] = std::array::from_fn(|k| {
+            let robust = 1.4826 * median_absolute(residuals.iter().map(|r| r[k]));
+            robust.max(0.01 * rms[k]).max(1e-12)
         });
-        let far = |l: &[f64; NUMBERS]| (0..NUMBERS).any(|k| l[k].abs() > OUTLYING * noise[k]);
-        let sums: Vec<bool> = left.iter().map(far).collect();
-        // A jump is in all sums that hold it, and in no others.
+        let far = |r: &[f64; COMPONENTS]| (0..COMPONENTS).any(|k| r[k].abs() > OUTLIER * noise[k]);
+        let sums: Vec<bool> = residuals.iter().map(far).collect();
+        // A jump affects all sums that contain it, and no others.
         let jumped = |i: usize| {
             let first = (i + 1).saturating_sub(self.together);
             sums[first..sums.len().min(i + 1)].iter().all(|far| *far)
@@ -202,7 +206,7 @@ impl<'a> Compared<'a> {
     }
 }
 
-/// Sums of so many neighbours.
+/// Returns the sums of every `together` successive values.
 fn summed<const N: usize>(values: &[[f64; N]], together: usize) -> Vec<[f64; N]> {
     let sum = |w: &[[f64; N]]| std::array::from_fn(|k| w.iter().map(|v| v[k]).sum());
     values.windows(together).map(sum).collect()

@@ -1,112 +1,85 @@
-//! The offset while the rig runs: asked again of the last seconds, and followed.
+//! Tracks the offset while the rig runs: estimates it again from the last seconds, and filters.
 
-use super::{
-    CameraMotion, CameraTurn, ClockOffset, ImageMotion, LatencyError, Mounted, TrackerTrack,
-    from_motion, from_patches, from_rotations,
-};
+use super::image_based::{Means, from_image_motion};
+use super::image_motion::ImageMotion;
+use super::model::{CameraMotion, CameraRotation, ClockOffset, LatencyError};
+use super::mounted::Mounted;
+use super::rotations::from_rotations;
+use super::track::TrackerTrack;
 use crate::intrinsics::Grey;
 use glam::DQuat;
 use penumbra_interface::{MonotonicTime, RigidTransform};
+use penumbra_numerics::rotation_vector;
 use std::collections::VecDeque;
 
-/// Seconds that are asked at a time.
+/// Length of the record that an estimate uses, seconds.
 const WINDOW: f64 = 20.0;
-/// Seconds from one asking to the next.
-const EVERY: f64 = 5.0;
+/// Interval between estimates, seconds.
+const INTERVAL: f64 = 5.0;
 /// Largest offset that is tried, seconds.
 const RANGE: f64 = 0.25;
-/// Of the tracker's rotations, seconds to either side.
+/// Half-width of the window that smooths the tracker's rotations, seconds.
 const SMOOTHING: f64 = 0.02;
-/// Pictures farther apart are no neighbours, seconds.
-const NEIGHBOURS: f64 = 0.15;
-/// No hand turns a camera faster, radians a second: a wrong pose does.
-const FASTEST: f64 = 10.0;
-/// A tracker that turned by less within the window tells nothing, radians.
-const RESTING: f64 = 0.03;
-/// How clocks drift: variance of the offset after a second, s². A millisecond after a minute.
+/// Maximum interval between successive pictures, seconds.
+const MAX_GAP: f64 = 0.15;
+/// Maximum angular speed of a hand-held camera, radians per second; faster poses are wrong.
+const MAX_SPEED: f64 = 10.0;
+/// Minimum rotation of the tracker within the window, radians.
+const MIN_ROTATION: f64 = 0.03;
+/// Drift of the clocks: increase of the offset's variance per second, s². One millisecond after a
+/// minute.
 const DRIFT: f64 = 1e-6 / 60.0;
-/// What is farther off than so many σ is not believed,
+/// Estimates that deviate by more than this number of σ are rejected,
 const GATE: f64 = 4.0;
-/// until so many in a row say the same: more than one window's worth.
-const OTHERWISE: u32 = 6;
-/// Kept at most of each kind, whatever the stamps say.
-const MOST: usize = 20_000;
+/// until this number of successive ones is consistent: more than a window holds.
+const MIN_REPEATS: u32 = 6;
+/// Maximum number of items kept of each kind, whatever their time stamps.
+const MAX_ITEMS: usize = 20_000;
 
-/// By what an offset was found.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Means {
-    /// Poses by tags or a board.
-    Poses,
-    /// The pictures' own motion, as a whole.
-    Flow,
-    /// The same, patch by patch, the camera's mounting known.
-    Patches,
-}
-
-impl Means {
-    /// As it stands in files and in the status.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Poses => "poses",
-            Self::Flow | Self::Patches => "image motion",
-        }
-    }
-
-    /// What both σ leave out, as blur and shutters pull it, seconds: assumed.
-    const fn systematic(self) -> f64 {
-        match self {
-            Self::Poses => 5e-4,
-            Self::Flow => 2e-3,
-            Self::Patches => 1e-3,
-        }
-    }
-}
-
-/// The offset as it is followed.
+/// The filtered offset.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measured {
     /// As [`ClockOffset::seconds`].
     pub seconds: f64,
-    /// 1σ; it grows while nothing tells.
+    /// 1σ, seconds; it grows while there are no new estimates.
     pub sigma: f64,
-    /// By what it was last corrected.
+    /// Method of the last estimate.
     pub by: Means,
-    /// When.
+    /// Time of the last estimate.
     pub at: MonotonicTime,
 }
 
-/// What is known.
+/// State of the filter.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Followed {
-    /// The offset, if anything has told it yet.
+    /// The offset; `None` before the first estimate.
     pub measured: Option<Measured>,
-    /// Why the newest seconds tell nothing, where they do not.
+    /// Why the last seconds yielded no estimate, if they did not.
     pub refusal: Option<LatencyError>,
 }
 
-/// Follows the offset. Feed it what arrives, in the order of arrival, and ask
+/// Tracks the offset. Pass readings, poses and pictures in the order of arrival, and call
 /// [`Self::estimate`] whenever [`Self::due`].
 #[derive(Clone, Debug, Default)]
 pub struct Follower {
     mounted: Option<Mounted>,
     zero: Option<MonotonicTime>,
     readings: VecDeque<(f64, RigidTransform)>,
-    turns: VecDeque<CameraTurn>,
+    rotations: VecDeque<CameraRotation>,
     motions: VecDeque<CameraMotion>,
     flow: ImageMotion,
     last_pose: Option<(f64, DQuat)>,
     last_picture: Option<f64>,
-    /// Newest of the camera.
+    /// Newest time stamp of the camera.
     now: f64,
-    asked: f64,
-    walk: Walk,
+    last_estimate: f64,
+    filter: OffsetFilter,
     by: Option<(Means, MonotonicTime)>,
     refusal: Option<LatencyError>,
 }
 
 impl Follower {
-    /// Of a camera whose place on the sensor may be known.
+    /// Creates a tracker of the offset for a camera whose mounting may be known.
     #[must_use]
     pub fn new(mounted: Option<Mounted>) -> Self {
         Self {
@@ -115,12 +88,12 @@ impl Follower {
         }
     }
 
-    /// Time begins anew.
+    /// Discards everything but the mounting, as after a restart of a session.
     pub fn restart(&mut self) {
         *self = Self::new(self.mounted.take());
     }
 
-    /// The tracker said so.
+    /// Adds a reading of the tracker.
     pub fn reading(&mut self, arrived_at: MonotonicTime, transmitter_from_sensor: RigidTransform) {
         let at = self.seconds(arrived_at);
         let RigidTransform {
@@ -132,51 +105,50 @@ impl Follower {
         }
     }
 
-    /// The camera stood so in a picture.
+    /// Adds the camera's orientation in a picture.
     pub fn pose(&mut self, captured_at: MonotonicTime, world_from_camera: DQuat) {
-        let to = self.seen(captured_at);
+        let to = self.advance(captured_at);
         let before = self.last_pose.replace((to, world_from_camera));
-        let Some((from, rotation)) = before.filter(|(from, _)| neighbours(*from, to)) else {
+        let Some((from, rotation)) = before.filter(|(from, _)| are_successive(*from, to)) else {
             return;
         };
         let rotation = (rotation.inverse() * world_from_camera).normalize();
-        let turn = CameraTurn { from, to, rotation };
-        let angle = super::shortest(rotation).to_scaled_axis().length();
-        if angle < FASTEST * (to - from) {
-            keep(&mut self.turns, turn, |t| t.to);
+        if rotation_vector(rotation).length() < MAX_SPEED * (to - from) {
+            let rotation = CameraRotation { from, to, rotation };
+            keep(&mut self.rotations, rotation, |r| r.to);
         }
     }
 
-    /// A picture without a pose; small ones are enough.
+    /// Adds a picture without a pose; a reduced copy suffices.
     pub fn picture(&mut self, captured_at: MonotonicTime, picture: &Grey) {
-        let to = self.seen(captured_at);
+        let to = self.advance(captured_at);
         let flow = self.flow.next(picture);
         let before = self.last_picture.replace(to);
         if let (Some(flow), Some(from)) = (flow, before)
-            && neighbours(from, to)
+            && are_successive(from, to)
         {
             keep(&mut self.motions, CameraMotion { from, to, flow }, |m| m.to);
         }
     }
 
-    /// Whether enough is new.
+    /// Returns whether enough new pictures have arrived for another estimate.
     #[must_use]
     pub fn due(&self) -> bool {
-        self.now - self.asked >= EVERY
+        self.now - self.last_estimate >= INTERVAL
     }
 
-    /// What the last seconds say, taken into what was known before.
+    /// Estimates the offset from the last seconds and filters it.
     pub fn estimate(&mut self) -> Followed {
-        let new = self.now - std::mem::replace(&mut self.asked, self.now);
+        let new = self.now - std::mem::replace(&mut self.last_estimate, self.now);
         if new > 0.0 {
             self.trim();
-            self.walk.wait(new);
-            match self.ask() {
-                Ok((found, means)) => {
+            self.filter.predict(new);
+            match self.estimate_window() {
+                Ok((found, method)) => {
                     let share = (new / WINDOW).min(1.0);
-                    let believed = self.walk.take(&found, means.systematic(), share);
-                    self.by = self.zero.filter(|_| believed).map_or(self.by, |zero| {
-                        Some((means, zero.offset_nanos((self.now * 1e9) as i64)))
+                    let accepted = self.filter.update(&found, method.systematic(), share);
+                    self.by = self.zero.filter(|_| accepted).map_or(self.by, |zero| {
+                        Some((method, zero.offset_nanos((self.now * 1e9) as i64)))
                     });
                     self.refusal = None;
                 }
@@ -186,10 +158,10 @@ impl Follower {
         self.known()
     }
 
-    /// As [`Self::estimate`] last said.
+    /// Returns the result of the last [`Self::estimate`].
     #[must_use]
     pub fn known(&self) -> Followed {
-        let offset = self.walk.offset.zip(self.by);
+        let offset = self.filter.offset.zip(self.by);
         Followed {
             measured: offset.map(|((seconds, variance), (by, at))| Measured {
                 seconds,
@@ -201,45 +173,46 @@ impl Follower {
         }
     }
 
-    fn ask(&self) -> Result<(ClockOffset, Means), LatencyError> {
-        if self.rests() {
+    fn estimate_window(&self) -> Result<(ClockOffset, Means), LatencyError> {
+        if self.is_at_rest() {
             return Err(LatencyError::AtRest);
         }
-        let track = TrackerTrack::of_poses(self.readings.iter().copied(), SMOOTHING);
-        let turns: Vec<CameraTurn> = self.turns.iter().copied().collect();
+        let track = TrackerTrack::from_poses(self.readings.iter().copied(), SMOOTHING);
+        let rotations: Vec<CameraRotation> = self.rotations.iter().copied().collect();
         let motions: Vec<CameraMotion> = self.motions.iter().copied().collect();
-        let poses = from_rotations(&track, &turns, RANGE).map(|found| (found, Means::Poses));
-        poses.or_else(|refusal| {
-            let flow = by_motion(&track, &motions, self.mounted.as_ref(), RANGE);
-            // What is said of poses says more, where there are enough of them.
-            flow.map_err(|of_flow| match refusal {
-                LatencyError::TooShort { .. } => of_flow,
-                _ => refusal,
+        let by_poses = from_rotations(&track, &rotations, RANGE).map(|found| (found, Means::Poses));
+        by_poses.or_else(|pose_error| {
+            let flow = from_image_motion(&track, &motions, self.mounted.as_ref(), RANGE);
+            // The error of the poses is more useful, where there are enough of them.
+            flow.map_err(|flow_error| match pose_error {
+                LatencyError::TooShort { .. } => flow_error,
+                _ => pose_error,
             })
         })
     }
 
-    fn rests(&self) -> bool {
+    fn is_at_rest(&self) -> bool {
         let Some((_, first)) = self.readings.front() else {
             return false;
         };
         let angle = |pose: &RigidTransform| {
-            super::shortest(first.rotation.inverse() * pose.rotation)
-                .to_scaled_axis()
-                .length()
+            rotation_vector(first.rotation.inverse() * pose.rotation).length()
         };
-        self.readings.iter().all(|(_, pose)| angle(pose) < RESTING)
+        self.readings
+            .iter()
+            .all(|(_, pose)| angle(pose) < MIN_ROTATION)
     }
 
     fn trim(&mut self) {
         let oldest = self.now - WINDOW;
-        // Beside the oldest picture the tracker is asked earlier, too.
+        // Negative offsets need readings from before the oldest picture.
         drop_before(&mut self.readings, oldest - RANGE, |r| r.0);
-        drop_before(&mut self.turns, oldest, |t| t.from);
+        drop_before(&mut self.rotations, oldest, |r| r.from);
         drop_before(&mut self.motions, oldest, |m| m.from);
     }
 
-    fn seen(&mut self, captured_at: MonotonicTime) -> f64 {
+    /// Advances the time to a picture's and returns it, seconds.
+    fn advance(&mut self, captured_at: MonotonicTime) -> f64 {
         self.now = self.now.max(self.seconds(captured_at));
         self.seconds(captured_at)
     }
@@ -249,42 +222,16 @@ impl Follower {
     }
 }
 
-/// By the pictures' own motion: with the camera's mounting, if it is known and does not contradict what
-/// is found without.
-///
-/// # Errors
-/// As [`super::from_rotations`].
-pub fn by_motion(
-    track: &TrackerTrack,
-    motions: &[CameraMotion],
-    mounted: Option<&Mounted>,
-    range: f64,
-) -> Result<(ClockOffset, Means), LatencyError> {
-    let whole = from_motion(track, motions, range).map(|found| (found, Means::Flow));
-    let patches = mounted.and_then(|m| from_patches(track, motions, m, range).ok());
-    let patches = patches.map(|found| (found, Means::Patches));
-    let sigma = |(found, means): &(ClockOffset, Means)| found.sigma.hypot(means.systematic());
-    match (whole, patches) {
-        (Ok(whole), Some(patches)) => {
-            let apart = (whole.0.seconds - patches.0.seconds).abs();
-            let agree = apart < GATE * sigma(&whole).hypot(sigma(&patches));
-            let finer = agree && sigma(&patches) < sigma(&whole);
-            Ok(if finer { patches } else { whole })
-        }
-        (whole, patches) => whole.or_else(|why| patches.ok_or(why)),
-    }
+fn are_successive(from: f64, to: f64) -> bool {
+    to > from && to - from < MAX_GAP
 }
 
-fn neighbours(from: f64, to: f64) -> bool {
-    to > from && to - from < NEIGHBOURS
-}
-
-/// Adds what is newer than the last.
+/// Adds an item if it is newer than the last.
 fn keep<T>(kept: &mut VecDeque<T>, new: T, time: impl Fn(&T) -> f64) {
     if kept.back().is_some_and(|last| time(last) >= time(&new)) {
         return;
     }
-    if kept.len() == MOST {
+    if kept.len() == MAX_ITEMS {
         kept.pop_front();
     }
     kept.push_back(new);
@@ -297,46 +244,46 @@ fn drop_before<T>(kept: &mut VecDeque<T>, oldest: f64, time: impl Fn(&T) -> f64)
 }
 
 // ┌ A random walk x with variance DRIFT per second, measured as z with variance σ² (Kalman 1960 ┐
-// │ in one dimension). Of a window that overlaps the one before, only a share is news: its      │
-// └ variance counts σ² / share.                                                                 ┘
+// │ in one dimension). Of a window that overlaps the one before, only a share is new: its       │
+// └ variance counts as σ² / share.                                                              ┘
 #[derive(Clone, Debug, Default)]
-struct Walk {
-    /// It, and its variance.
+struct OffsetFilter {
+    /// Offset (seconds) and variance (s²).
     offset: Option<(f64, f64)>,
-    /// The last that was not believed, and how many before it said the same.
-    other: Option<(f64, u32)>,
+    /// The last rejected measurement, and the number of successive ones consistent with it.
+    rejected: Option<(f64, u32)>,
 }
 
-impl Walk {
-    fn wait(&mut self, seconds: f64) {
+impl OffsetFilter {
+    fn predict(&mut self, seconds: f64) {
         if let Some((_, variance)) = &mut self.offset {
             *variance += DRIFT * seconds;
         }
     }
 
-    /// Whether it was believed.
-    fn take(&mut self, found: &ClockOffset, systematic: f64, share: f64) -> bool {
+    /// Returns whether the measurement was accepted.
+    fn update(&mut self, found: &ClockOffset, systematic: f64, share: f64) -> bool {
         let (z, own) = (found.seconds, found.sigma * found.sigma);
         let Some((x, variance)) = self.offset else {
             self.offset = Some((z, own));
             return true;
         };
-        let of_window = own / share;
-        let gate = GATE * (variance + of_window + systematic * systematic).sqrt();
+        let window_variance = own / share;
+        let gate = GATE * (variance + window_variance + systematic * systematic).sqrt();
         if (z - x).abs() > gate {
             let near = |last: f64| (z - last).abs() < gate;
-            let before = self.other.filter(|(last, _)| near(*last));
+            let before = self.rejected.filter(|(last, _)| near(*last));
             let count = before.map_or(0, |(_, count)| count) + 1;
-            self.other = Some((z, count));
-            if count < OTHERWISE {
+            self.rejected = Some((z, count));
+            if count < MIN_REPEATS {
                 return false;
             }
             self.offset = Some((z, own));
         } else {
-            let gain = variance / (variance + of_window);
+            let gain = variance / (variance + window_variance);
             self.offset = Some((x + gain * (z - x), (1.0 - gain) * variance));
         }
-        self.other = None;
+        self.rejected = None;
         true
     }
 }

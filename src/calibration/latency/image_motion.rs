@@ -1,44 +1,44 @@
-//! How much a picture moved since the one before, without knowing what it shows.
+//! Image motion between successive pictures, without knowledge of the scene.
 
 use crate::intrinsics::Grey;
 use glam::{DMat2, DVec2};
 use penumbra_numerics::median;
 
-/// Patches across and down.
+/// Number of patches across and down.
 const PATCHES: (usize, usize) = (6, 4);
-/// All of them.
-pub const MOST_PATCHES: usize = PATCHES.0 * PATCHES.1;
-/// Pictures are halved until they are no longer than this, pixels.
-const LONGEST: usize = 160;
-/// Further halvings at which a motion is looked for first.
+/// Maximum number of patches.
+pub const MAX_PATCHES: usize = PATCHES.0 * PATCHES.1;
+/// Pictures are halved until their longer side is at most this, pixels.
+const MAX_SIDE: usize = 160;
+/// Levels of the image pyramid.
 const LEVELS: usize = 3;
-/// Refinements at each size.
+/// Iterations at each level.
 const ITERATIONS: usize = 8;
-/// Least mean square of the weaker gradient, codes per pixel: flat patches tell nothing.
-const TEXTURE: f64 = 0.3;
-/// Patches that must have been followed: of fewer the median is one of them.
-const LEAST_PATCHES: usize = 5;
-
-/// Rounds of weighing patches by how well they follow the whole.
+/// Minimum of the smaller eigenvalue of the mean gradient tensor, (codes per pixel)²: patches
+/// without texture cannot be tracked.
+const MIN_TEXTURE: f64 = 0.3;
+/// Minimum number of tracked patches for a median.
+const MIN_PATCHES: usize = 5;
+/// Iterations of reweighted least squares.
 const ROUNDS: usize = 6;
 
-/// How a picture moved as a whole since the one before: shift, turn and growth about its middle.
+/// Motion of a picture since the one before: a similarity about its centre, and the patches.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Flow {
-    /// Median length of the patches' shifts, pixels of the full picture.
+    /// Median length of the patches' displacements, pixels of the full picture.
     pub length: f64,
-    /// Shift of the middle, in the same pixels.
+    /// Displacement of the centre, pixels of the full picture.
     pub shift: DVec2,
-    /// Growth, as a share.
+    /// Relative change of scale.
     pub growth: f64,
-    /// Turn, radians.
-    pub turn: f64,
-    /// The patches that could be followed.
-    pub patches: [Option<Patch>; MOST_PATCHES],
+    /// Rotation, radians.
+    pub rotation: f64,
+    /// The patches; `None` where one could not be tracked.
+    pub patches: [Option<Patch>; MAX_PATCHES],
 }
 
-/// A patch of the picture in both pictures: its middle, as a share of width and height from the
-/// picture's upper left corner, so that a smaller copy says the same.
+/// Centre of a patch in both pictures, relative to width and height from the picture's upper left
+/// corner, and thus independent of the resolution.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Patch {
     /// In the picture before.
@@ -47,20 +47,19 @@ pub struct Patch {
     pub to: DVec2,
 }
 
-/// Follows a stream of pictures by the shift of patches (Lucas & Kanade 1981, from coarse to
-/// fine).
+/// Tracks patches through a stream of pictures (Lucas & Kanade 1981, from coarse to fine).
 #[derive(Clone, Debug, Default)]
 pub struct ImageMotion {
     before: Vec<Grey>,
 }
 
 impl ImageMotion {
-    /// What moved since the picture before; `None` of the first one, of another size, and where
-    /// too few patches have texture or can be followed.
+    /// Returns the motion since the previous picture; `None` for the first picture, after a change
+    /// of size, and where too few patches have texture or can be tracked.
     pub fn next(&mut self, picture: &Grey) -> Option<Flow> {
         let mut level = picture.clone();
         let mut scale = 1.0;
-        while level.width.max(level.height) > LONGEST {
+        while level.width.max(level.height) > MAX_SIDE {
             level = level.halved();
             scale *= 2.0;
         }
@@ -77,24 +76,24 @@ impl ImageMotion {
         let finest = &self.before[0];
         let size = DVec2::new(finest.width as f64, finest.height as f64);
         let cell = size / DVec2::new(PATCHES.0 as f64, PATCHES.1 as f64);
-        let followed: [Option<(DVec2, DVec2)>; MOST_PATCHES] = std::array::from_fn(|i| {
+        let tracked: [Option<(DVec2, DVec2)>; MAX_PATCHES] = std::array::from_fn(|i| {
             let at = DVec2::new((i % PATCHES.0) as f64, (i / PATCHES.0) as f64);
             let middle = (at + 0.5) * cell;
             Some((middle, self.shift(&before, middle, cell.min_element())?))
         });
-        let each = followed.iter().flatten();
+        let each = tracked.iter().flatten();
         let shifts: Vec<_> = each.map(|(at, by)| (*at - 0.5 * size, *by)).collect();
-        if shifts.len() < LEAST_PATCHES {
+        if shifts.len() < MIN_PATCHES {
             return None;
         }
         let length = median(shifts.iter().map(|s| s.1.length()))?;
-        let (shift, growth, turn) = whole(&shifts)?;
+        let (shift, growth, rotation) = similarity(&shifts)?;
         Some(Flow {
             length: length * scale,
             shift: shift * scale,
             growth,
-            turn,
-            patches: followed.map(|patch| {
+            rotation,
+            patches: tracked.map(|patch| {
                 let (at, by) = patch?;
                 Some(Patch {
                     from: (at + 0.5) / size,
@@ -104,21 +103,22 @@ impl ImageMotion {
         })
     }
 
-    /// How the patch about a place moved, in pixels of the finest level, if it could be followed.
+    /// Returns the displacement of the patch about a point, pixels of the finest level; `None` if it
+    /// could not be tracked.
     fn shift(&self, before: &[Grey], middle: DVec2, cell: f64) -> Option<DVec2> {
         let mut shift = DVec2::ZERO;
         for level in (0..LEVELS).rev() {
             let size = 0.5_f64.powi(level as i32);
-            // Coarse levels see more of the surroundings.
+            // Coarse levels cover more of the surroundings.
             let half = (0.6 * cell).max(5.0) * if level == 0 { 1.0 } else { 0.8 };
-            let followed = follow(
+            let tracked = track_patch(
                 &before[level],
                 &self.before[level],
                 middle * size,
                 half.min(12.0),
                 shift * size,
             );
-            match followed {
+            match tracked {
                 Some(found) => shift = found / size,
                 None if level == 0 => return None,
                 None => {}
@@ -128,9 +128,9 @@ impl ImageMotion {
     }
 }
 
-// ┌ A patch at p shifts by t + g p + a p⊥: least squares for t, g, a, with weights 1 / (1 + r²/m²) ┐
-// └ (Cauchy's), m = the median of |r|: patches on what stands nearer must not turn the whole.      ┘
-fn whole(shifts: &[(DVec2, DVec2)]) -> Option<(DVec2, f64, f64)> {
+// ┌ A patch at p moves by t + g p + a p⊥: least squares for t, g, a, with weights 1 / (1 + r²/m²) ┐
+// └ (Cauchy's), m = the median of |r|: patches on near objects are downweighted.                  ┘
+fn similarity(shifts: &[(DVec2, DVec2)]) -> Option<(DVec2, f64, f64)> {
     let mut weights = vec![1.0; shifts.len()];
     let mut found = (DVec2::ZERO, 0.0, 0.0);
     for _ in 0..ROUNDS {
@@ -148,19 +148,24 @@ fn whole(shifts: &[(DVec2, DVec2)]) -> Option<(DVec2, f64, f64)> {
         if spread <= 0.0 {
             return None;
         }
-        let (growth, turn) = (along / spread, across / spread);
-        found = (mean - growth * middle - turn * middle.perp(), growth, turn);
-        let off = |(p, s): &(DVec2, DVec2)| (*s - found.0 - growth * *p - turn * p.perp()).length();
-        let usual = median(shifts.iter().map(off))?.max(1e-3);
+        let (growth, rotation) = (along / spread, across / spread);
+        found = (
+            mean - growth * middle - rotation * middle.perp(),
+            growth,
+            rotation,
+        );
+        let residual =
+            |(p, s): &(DVec2, DVec2)| (*s - found.0 - growth * *p - rotation * p.perp()).length();
+        let typical = median(shifts.iter().map(residual))?.max(1e-3);
         for (weight, patch) in weights.iter_mut().zip(shifts) {
-            *weight = 1.0 / (1.0 + (off(patch) / usual).powi(2));
+            *weight = 1.0 / (1.0 + (residual(patch) / typical).powi(2));
         }
     }
     Some(found)
 }
 
-/// The shift of a patch of `half` pixels to each side, from a guess.
-fn follow(a: &Grey, b: &Grey, middle: DVec2, half: f64, guess: DVec2) -> Option<DVec2> {
+/// Returns the displacement of a patch of `half` pixels to each side, from an initial guess.
+fn track_patch(a: &Grey, b: &Grey, middle: DVec2, half: f64, guess: DVec2) -> Option<DVec2> {
     let reach = half as i32;
     let points = || {
         (-reach..=reach).flat_map(move |y| {
@@ -175,11 +180,11 @@ fn follow(a: &Grey, b: &Grey, middle: DVec2, half: f64, guess: DVec2) -> Option<
     for (_, _, g) in &samples {
         normal += DMat2::from_cols(*g * g.x, *g * g.y);
     }
-    // The smaller eigenvalue of the mean.
+    // The smaller eigenvalue of the gradient tensor.
     let n = samples.len().max(1) as f64;
     let (trace, det) = (normal.x_axis.x + normal.y_axis.y, normal.determinant());
     let weaker = 0.5 * trace - (0.25 * trace * trace - det).max(0.0).sqrt();
-    if weaker / n < TEXTURE {
+    if weaker / n < MIN_TEXTURE {
         return None;
     }
     let inverse = normal.inverse();

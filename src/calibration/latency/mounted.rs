@@ -1,47 +1,47 @@
-//! The offset by how pictures move that have no poses, where the camera's lens and its place on the
+//! The offset from the motion of image patches, where the camera's lens and its pose on the
 //! tracker's sensor are known.
 //!
 //! ```text
-//!  At an offset τ the tracker tells the camera's motion between two pictures, R and t. A patch on the
+//!  At an offset τ the tracker gives the camera's motion between two pictures, R and t. A patch on the
 //!  ray x (z = 1) of the first, with inverse depth ρ, is then seen in the second at
 //!      π(R x + ρ t) ≈ π(R x) + ρ b,    b = (π(R x + ρ₀ t) − π(R x)) / ρ₀,
-//!  with ρ₀ common to all. How near each patch is, nobody knows: ρ = ρ₀ ± σ_ρ leaves what is off along
-//!  b open by σ_ρ |b|; what is off across it (the epipolar constraint, Longuet-Higgins 1981) and, where
-//!  b is short, all of it tells τ.
+//!  with ρ₀ common to all. The inverse depth of each patch is unknown: ρ = ρ₀ ± σ_ρ gives the residual
+//!  along b a standard deviation of σ_ρ |b|. The residual across b (the epipolar constraint,
+//!  Longuet-Higgins 1981) and, where b is short, the residual in both directions determine τ.
 //! ```
 //!
-//! So near and far scenes and a camera that circles its subject are no trouble, as they are for
-//! [`super::from_motion`], which must fit the scene and the mounting along.
+//! Scenes of varying depth and a camera that orbits its subject therefore do not degrade the result,
+//! as they do for [`super::from_flow`], which fits the scene and the mounting along with the offset.
 
+use super::image_motion::MAX_PATCHES;
+use super::model::{CameraMotion, ClockOffset, LatencyError};
 use super::scan::{Fit, scan};
-use super::{
-    CameraMotion, ClockOffset, LatencyError, TrackerTrack, covered, independent, settle, within,
-};
-use crate::latency::MOST_PATCHES;
+use super::selection::{covered, independent, settle, within};
+use super::track::TrackerTrack;
 use glam::{DVec2, DVec3};
 use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;
 use penumbra_numerics::median_absolute;
 use penumbra_rig_model::RigCalibration;
 
-/// Residuals of a pair of pictures: each patch's along b and across it.
-const NUMBERS: usize = 2 * MOST_PATCHES;
-/// Standard deviation of the patches' nearness, as a share of the common one,
-const NEARNESS_SPREAD: f64 = 0.7;
-/// which is no less than this, 1/m.
-const LEAST_NEARNESS: f64 = 0.2;
-/// What a patch is off by before that is measured, as a share of the picture's width.
-const FIRST_NOISE: f64 = 1.0 / 160.0;
-/// No patch is followed better, as a share of the picture's width.
-const LEAST_NOISE: f64 = 1.0 / 16_000.0;
-/// The first look takes no more pairs of pictures.
-const FIRST_LOOK: usize = 100;
-/// A residual of so many σ counts half.
-const OUTLYING: f64 = 2.0;
-/// Fitted: the offset, and how near the scene is.
+/// Residuals of a pair of pictures: along and across b for each patch.
+const RESIDUALS: usize = 2 * MAX_PATCHES;
+/// Standard deviation of the patches' inverse depth, relative to the common one.
+const INVERSE_DEPTH_SIGMA: f64 = 0.7;
+/// Minimum common inverse depth, 1/m.
+const MIN_INVERSE_DEPTH: f64 = 0.2;
+/// Assumed noise of a patch before it is measured, relative to the picture's width.
+const INITIAL_NOISE: f64 = 1.0 / 160.0;
+/// Minimum noise of a patch, relative to the picture's width.
+const MIN_NOISE: f64 = 1.0 / 16_000.0;
+/// Maximum number of pairs of pictures in the rough search.
+const MAX_ROUGH_PAIRS: usize = 100;
+/// Scale of Cauchy's loss, σ: a residual of this size has half the weight.
+const CAUCHY_SCALE: f64 = 2.0;
+/// Number of fitted parameters: the offset and the common inverse depth.
 const FITTED: f64 = 2.0;
 
-/// A camera on a tracker's sensor.
+/// A camera with a known pose on a tracker's sensor.
 #[derive(Clone, Debug)]
 pub struct Mounted {
     camera: PinholeCamera,
@@ -49,7 +49,7 @@ pub struct Mounted {
 }
 
 impl Mounted {
-    /// A camera that sits there.
+    /// Creates a camera with this pose on the sensor.
     #[must_use]
     pub const fn new(camera: PinholeCamera, sensor_from_camera: RigidTransform) -> Self {
         Self {
@@ -58,22 +58,22 @@ impl Mounted {
         }
     }
 
-    /// The scene camera, if the rig has a tracker.
+    /// Returns the scene camera; `None` if the rig has no tracker.
     #[must_use]
     pub fn scene_camera(rig: &RigCalibration) -> Option<Self> {
         let mounting = rig.tracker.as_ref()?.sensor_from_scene_camera;
         Some(Self::new(rig.scene_camera.camera.clone(), mounting))
     }
 
-    /// Ray of a place in the picture (a share of width and height), at z = 1.
-    fn ray(&self, place: DVec2) -> Option<DVec3> {
+    /// Returns the ray of a position in the picture (relative to width and height), at z = 1.
+    fn ray(&self, position: DVec2) -> Option<DVec3> {
         let size = DVec2::new(f64::from(self.camera.width), f64::from(self.camera.height));
-        let ray = self.camera.unproject(place * size - 0.5);
+        let ray = self.camera.unproject(position * size - 0.5);
         (ray.z > 0.05).then(|| ray / ray.z)
     }
 }
 
-/// From patches: the camera's motion as the tracker tells it at each offset.
+/// Finds the offset at which the patches move as the tracker predicts.
 ///
 /// # Errors
 /// As [`super::from_rotations`].
@@ -89,17 +89,17 @@ pub fn from_patches(
     let thinned: Vec<usize> = kept
         .iter()
         .copied()
-        .step_by(kept.len().div_ceil(FIRST_LOOK))
+        .step_by(kept.len().div_ceil(MAX_ROUGH_PAIRS))
         .collect();
-    let some = Seen::new(track, motions, &thinned, mounted);
-    let first = FIRST_NOISE * width;
-    let rough = scan(|offset| some.fit(offset, first), range, NUMBERS);
-    let rough = rough.ok_or(LatencyError::NotAlike { percent: 0.0 })?;
+    let some = PatchPairs::new(track, motions, &thinned, mounted);
+    let first = INITIAL_NOISE * width;
+    let rough = scan(|offset| some.fit(offset, first), range, RESIDUALS);
+    let rough = rough.ok_or(LatencyError::Uncorrelated { percent: 0.0 })?;
     let noise = some.noise(rough.offset, first);
-    let noise = noise.map_or(first, |n| n.max(LEAST_NOISE * width));
+    let noise = noise.map_or(first, |n| n.max(MIN_NOISE * width));
     let kept = covered(track, &spans, kept, rough.offset)?;
-    let all = Seen::new(track, motions, &kept, mounted);
-    let found = scan(|offset| all.fit(offset, noise), range, NUMBERS);
+    let all = PatchPairs::new(track, motions, &kept, mounted);
+    let found = scan(|offset| all.fit(offset, noise), range, RESIDUALS);
     settle(
         found,
         range,
@@ -112,28 +112,28 @@ pub fn from_patches(
 struct Pair {
     from: f64,
     to: f64,
-    /// Rays at z = 1 of each patch in both.
-    patches: [Option<(DVec3, DVec2)>; MOST_PATCHES],
+    /// Rays at z = 1 of each patch in both pictures.
+    patches: [Option<(DVec3, DVec2)>; MAX_PATCHES],
 }
 
-struct Seen<'a> {
+struct PatchPairs<'a> {
     track: &'a TrackerTrack,
     mounted: &'a Mounted,
     pairs: Vec<Pair>,
 }
 
-/// How a patch compares with what the tracker tells.
+/// Motion of a patch against the tracker's prediction, at z = 1.
 #[derive(Clone, Copy, Default)]
 struct Compared {
-    /// What is left after the turn.
-    off: DVec2,
-    /// By nearness.
-    by_nearness: DVec2,
-    /// How it moved.
+    /// Displacement that the rotation does not explain.
+    residual: DVec2,
+    /// Derivative of the displacement by the inverse depth (b).
+    by_inverse_depth: DVec2,
+    /// Displacement of the patch.
     moved: DVec2,
 }
 
-impl<'a> Seen<'a> {
+impl<'a> PatchPairs<'a> {
     fn new(
         track: &'a TrackerTrack,
         motions: &[CameraMotion],
@@ -155,9 +155,9 @@ impl<'a> Seen<'a> {
         }
     }
 
-    /// All patches at an offset; those that were not followed are zero.
+    /// Compares all patches at an offset; patches that were lost are zero.
     fn compared(&self, offset: f64) -> Option<Vec<Compared>> {
-        let mut out = Vec::with_capacity(self.pairs.len() * MOST_PATCHES);
+        let mut out = Vec::with_capacity(self.pairs.len() * MAX_PATCHES);
         for pair in &self.pairs {
             let camera = |time: f64| {
                 let pose = self.track.pose_at(time + offset)?;
@@ -173,70 +173,75 @@ impl<'a> Seen<'a> {
         Some(out)
     }
 
-    /// Residuals in units of the noise, large ones bent down.
+    /// Returns the residuals in units of the noise, with Cauchy's loss.
     fn fit(&self, offset: f64, noise: f64) -> Option<Fit> {
         let compared = self.compared(offset)?;
-        let nearness = nearness(&compared, noise);
+        let inverse_depth = inverse_depth(&compared, noise);
         let residuals = compared.iter().flat_map(|c| {
-            let [along, across] = residual(c, nearness, noise);
-            [bent(along), bent(across)]
+            let [along, across] = along_and_across(c, inverse_depth, noise);
+            [cauchy_root(along), cauchy_root(across)]
         });
         let residuals: Vec<f64> = residuals.collect();
         let still = compared.iter().map(|c| c.moved / noise);
-        let power = still.map(|m| bent(m.x).powi(2) + bent(m.y).powi(2)).sum();
+        let power = still
+            .map(|m| cauchy_root(m.x).powi(2) + cauchy_root(m.y).powi(2))
+            .sum();
         Some(Fit::new(residuals, power))
     }
 
-    /// The usual rest across, as a tangent.
+    /// Returns the robust standard deviation (1.4826 MAD) of the residuals across b, as a tangent.
     fn noise(&self, offset: f64, first: f64) -> Option<f64> {
         let compared = self.compared(offset)?;
-        let nearness = nearness(&compared, first);
-        let seen = compared.iter().filter(|c| c.moved != DVec2::ZERO);
-        let across = seen.map(|c| residual(c, nearness, first)[1] * first);
+        let inverse_depth = inverse_depth(&compared, first);
+        let followed = compared.iter().filter(|c| c.moved != DVec2::ZERO);
+        let across = followed.map(|c| along_and_across(c, inverse_depth, first)[1] * first);
         Some(1.4826 * median_absolute(across))
     }
 }
 
 fn compare(motion: RigidTransform, ray: DVec3, to: DVec2) -> Option<Compared> {
     let at = |p: DVec3| (p.z > 0.05).then(|| p.truncate() / p.z);
-    let turned = motion.rotation * ray;
-    let far = at(turned)?;
-    let near = at(turned + motion.translation * LEAST_NEARNESS)?;
+    let rotated = motion.rotation * ray;
+    let far = at(rotated)?;
+    let near = at(rotated + motion.translation * MIN_INVERSE_DEPTH)?;
     Some(Compared {
-        off: to - far,
-        by_nearness: (near - far) / LEAST_NEARNESS,
+        residual: to - far,
+        by_inverse_depth: (near - far) / MIN_INVERSE_DEPTH,
         moved: to - ray.truncate(),
     })
 }
 
-/// How near the scene is as a whole, 1/m: ρ₀ by least squares with Cauchy's weights.
-fn nearness(compared: &[Compared], noise: f64) -> f64 {
-    let mut found = LEAST_NEARNESS;
+/// Returns the common inverse depth ρ₀, 1/m, by least squares with Cauchy's weights.
+fn inverse_depth(compared: &[Compared], noise: f64) -> f64 {
+    let mut found = MIN_INVERSE_DEPTH;
     for _ in 0..3 {
         let (mut along, mut square) = (0.0, 0.0);
         for c in compared {
-            let open = noise.hypot(NEARNESS_SPREAD * found * c.by_nearness.length());
-            let rest = (c.off - c.by_nearness * found).length() / (OUTLYING * open);
-            let weight = 1.0 / ((1.0 + rest * rest) * open * open);
-            along += weight * c.off.dot(c.by_nearness);
-            square += weight * c.by_nearness.length_squared();
+            let sigma = noise.hypot(INVERSE_DEPTH_SIGMA * found * c.by_inverse_depth.length());
+            let error = (c.residual - c.by_inverse_depth * found).length() / (CAUCHY_SCALE * sigma);
+            let weight = 1.0 / ((1.0 + error * error) * sigma * sigma);
+            along += weight * c.residual.dot(c.by_inverse_depth);
+            square += weight * c.by_inverse_depth.length_squared();
         }
-        found = (along / square.max(1e-300)).max(LEAST_NEARNESS);
+        found = (along / square.max(1e-300)).max(MIN_INVERSE_DEPTH);
     }
     found
 }
 
-/// Along and across b, in σ.
-fn residual(c: &Compared, nearness: f64, noise: f64) -> [f64; 2] {
-    let length = c.by_nearness.length();
-    let way = c.by_nearness.try_normalize().unwrap_or(DVec2::X);
-    let left = c.off - c.by_nearness * nearness;
-    let open = noise.hypot(NEARNESS_SPREAD * nearness * length);
-    [left.dot(way) / open, left.perp_dot(way) / noise]
+/// Returns the residuals along and across b, in σ.
+fn along_and_across(c: &Compared, inverse_depth: f64, noise: f64) -> [f64; 2] {
+    let length = c.by_inverse_depth.length();
+    let direction = c.by_inverse_depth.try_normalize().unwrap_or(DVec2::X);
+    let left = c.residual - c.by_inverse_depth * inverse_depth;
+    let sigma = noise.hypot(INVERSE_DEPTH_SIGMA * inverse_depth * length);
+    [
+        left.dot(direction) / sigma,
+        left.perp_dot(direction) / noise,
+    ]
 }
 
-/// Its square is Cauchy's loss.
-fn bent(residual: f64) -> f64 {
-    let share = residual / OUTLYING;
-    OUTLYING * (1.0 + share * share).ln().sqrt().copysign(residual)
+/// Returns a residual whose square is Cauchy's loss of the given one.
+fn cauchy_root(residual: f64) -> f64 {
+    let share = residual / CAUCHY_SCALE;
+    CAUCHY_SCALE * (1.0 + share * share).ln().sqrt().copysign(residual)
 }

@@ -1,20 +1,20 @@
-//! The offset at which the misfit is least, and how sure that is.
+//! The offset of least squared residuals, and its standard deviation.
 
-/// Steps of the first look, seconds.
+/// Step of the coarse search, seconds.
 const COARSE: f64 = 0.004;
-/// A second minimum this close to the best in misfit (as a share of the way down) rivals it,
+/// A second minimum rivals the best if it is at least this deep, relative to the best,
 const RIVAL: f64 = 0.85;
-/// if a rise of this share of the way down parts them.
+/// and if a ridge of this height, relative to the depth of the best, separates them.
 const RIDGE: f64 = 0.3;
 
-/// How far from the minimum its bend is looked at, seconds.
-const BENDS: [f64; 4] = [0.006, 0.012, 0.024, 0.048];
+/// Distances from the minimum at which its curvature is measured, seconds.
+const CURVATURE_STEPS: [f64; 4] = [0.006, 0.012, 0.024, 0.048];
 
 /// Residuals at one offset.
 pub(super) struct Fit {
     residuals: Vec<f64>,
     squares: f64,
-    /// What the squares would be if both motions were unrelated.
+    /// The sum of squares if the motions were unrelated.
     power: f64,
 }
 
@@ -33,15 +33,14 @@ pub(super) struct Minimum {
     pub sigma: f64,
     pub correlation: f64,
     pub at_edge: bool,
-    /// Another offset that fits nearly as well.
+    /// Another offset that fits nearly as well, seconds.
     pub rival: Option<f64>,
-    /// What the squares are at the worst offset, as a share of what they would be if both motions were
-    /// unrelated.
+    /// The sum of squares at the worst offset, relative to that of unrelated motions.
     pub worst: f64,
 }
 
-/// The minimum of the squares over −`range`..`range` seconds; `dimensions` residuals belong
-/// to one instant. `None` where nothing can be compared.
+/// Finds the minimum of the sum of squares over −`range`..`range` seconds; `dimensions` residuals
+/// belong to one instant. `None` where nothing can be compared.
 pub(super) fn scan(
     fit: impl Fn(f64) -> Option<Fit>,
     range: f64,
@@ -49,33 +48,33 @@ pub(super) fn scan(
 ) -> Option<Minimum> {
     let steps = (range / COARSE).ceil() as i32;
     let offset = |i: i32| range * f64::from(i) / f64::from(steps);
-    let looked: Vec<(f64, Fit)> = (-steps..=steps)
+    let samples: Vec<(f64, Fit)> = (-steps..=steps)
         .filter_map(|i| Some((offset(i), fit(offset(i))?)))
         .collect();
-    let best =
-        (0..looked.len()).min_by(|&a, &b| looked[a].1.squares.total_cmp(&looked[b].1.squares))?;
-    let at_edge = best == 0 || best + 1 == looked.len();
-    let start = looked[best].0;
+    let best = (0..samples.len())
+        .min_by(|&a, &b| samples[a].1.squares.total_cmp(&samples[b].1.squares))?;
+    let at_edge = best == 0 || best + 1 == samples.len();
+    let start = samples[best].0;
     let (offset, here) = if at_edge {
         (start, fit(start)?)
     } else {
-        walk_down(&fit, start)?
+        golden_section(&fit, start)?
     };
     let correlation = (1.0 - here.squares / here.power.max(1e-300))
         .clamp(0.0, 1.0)
         .sqrt();
     Some(Minimum {
         sigma: sigma(&fit, offset, &here, dimensions).unwrap_or(f64::INFINITY),
-        rival: rival(&looked, best),
-        worst: looked.iter().map(|l| l.1.squares).fold(0.0, f64::max) / here.power.max(1e-300),
+        rival: rival(&samples, best),
+        worst: samples.iter().map(|l| l.1.squares).fold(0.0, f64::max) / here.power.max(1e-300),
         offset,
         correlation,
         at_edge,
     })
 }
 
-/// Golden section between the neighbours of the best step.
-fn walk_down(fit: &impl Fn(f64) -> Option<Fit>, start: f64) -> Option<(f64, Fit)> {
+/// Golden-section search between the neighbours of the best step.
+fn golden_section(fit: &impl Fn(f64) -> Option<Fit>, start: f64) -> Option<(f64, Fit)> {
     const GOLDEN: f64 = 0.618_033_988_749_895;
     let (mut low, mut high) = (start - COARSE, start + COARSE);
     let squares = |x: f64| fit(x).map(|f| f.squares);
@@ -98,24 +97,24 @@ fn walk_down(fit: &impl Fn(f64) -> Option<Fit>, start: f64) -> Option<(f64, Fit)
 
 // ┌ J(τ) = Σ r²; near its minimum τ₀ − τ ≈ Σ r r' / h with h = J'' / 2, so                    ┐
 // │ σ² = Var(Σ r r') / h². The variance is that of gᵢ = rᵢ rᵢ' with their correlation in      │
-// │ time (Newey & West 1987); r' counts the tracker's noise too, which moves with τ. That     │
-// │ noise makes J wavy, and the least J lies in a wave's trough, which is bent more than what │
-// └ the motions make: h is the least of those seen from near and from far.                    ┘
+// │ time (Newey & West 1987); r' contains the tracker's noise too, which moves with τ. That   │
+// │ noise adds ripples to J, and the minimum lies in the trough of a ripple, whose curvature  │
+// └ exceeds that of the motions: h is the least curvature over several distances.             ┘
 fn sigma(
     fit: &impl Fn(f64) -> Option<Fit>,
     offset: f64,
     here: &Fit,
     dimensions: usize,
 ) -> Option<f64> {
-    let step = BENDS[0];
+    let step = CURVATURE_STEPS[0];
     let (before, after) = (fit(offset - step)?, fit(offset + step)?);
-    let bent = |step: f64, before: f64, after: f64| {
+    let curvature_of = |step: f64, before: f64, after: f64| {
         (before + after - 2.0 * here.squares) / (2.0 * step * step)
     };
-    let mut bend = bent(step, before.squares, after.squares);
-    for step in &BENDS[1..] {
+    let mut curvature = curvature_of(step, before.squares, after.squares);
+    for step in &CURVATURE_STEPS[1..] {
         let (before, after) = (fit(offset - step)?, fit(offset + step)?);
-        bend = bend.min(bent(*step, before.squares, after.squares));
+        curvature = curvature.min(curvature_of(*step, before.squares, after.squares));
     }
     let slopes = before.residuals.iter().zip(&after.residuals);
     let products: Vec<f64> = slopes
@@ -126,10 +125,11 @@ fn sigma(
         .chunks(dimensions)
         .map(|c| c.iter().sum())
         .collect();
-    (bend > 0.0).then(|| long_run_variance(&instants).sqrt() / bend)
+    (curvature > 0.0).then(|| long_run_variance(&instants).sqrt() / curvature)
 }
 
-/// Of the sum of correlated values: Σ over lags of the autocovariance, weighed by a triangle.
+/// Returns the variance of the sum of correlated values: Σ over lags of the autocovariance,
+/// weighted by a triangle (Newey & West 1987).
 fn long_run_variance(values: &[f64]) -> f64 {
     let n = values.len();
     let mean = values.iter().sum::<f64>() / n.max(1) as f64;
@@ -151,12 +151,12 @@ fn long_run_variance(values: &[f64]) -> f64 {
     sum.max(0.0)
 }
 
-/// Another local minimum that is nearly as low.
-fn rival(looked: &[(f64, Fit)], best: usize) -> Option<f64> {
-    let at = |i: usize| looked[i].1.squares;
-    let highest = (0..looked.len()).map(at).fold(0.0, f64::max);
+/// Returns another local minimum that is nearly as low.
+fn rival(samples: &[(f64, Fit)], best: usize) -> Option<f64> {
+    let at = |i: usize| samples[i].1.squares;
+    let highest = (0..samples.len()).map(at).fold(0.0, f64::max);
     let enough = highest - RIVAL * (highest - at(best));
-    (1..looked.len().saturating_sub(1))
+    (1..samples.len().saturating_sub(1))
         .filter(|&i| i != best && at(i) <= at(i - 1) && at(i) < at(i + 1))
         .filter(|&i| at(i) < enough)
         .filter(|&i| {
@@ -164,5 +164,5 @@ fn rival(looked: &[(f64, Fit)], best: usize) -> Option<f64> {
             between > at(best) + RIDGE * (highest - at(best))
         })
         .min_by(|&a, &b| at(a).total_cmp(&at(b)))
-        .map(|i| looked[i].0)
+        .map(|i| samples[i].0)
 }

@@ -1,15 +1,14 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
-use super::follow::by_motion;
 use super::*;
 use crate::intrinsics::Grey;
-use glam::{DVec2, DVec3};
+use glam::{DQuat, DVec2, DVec3};
 use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;
 use penumbra_numerics::Random;
 use penumbra_picture::Picture;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-/// A hand that turns a rig to and fro, at seconds.
+/// Orientation of a hand-held rig that is rotated back and forth, at a time in seconds.
 fn hand(t: f64) -> DQuat {
     let swing = DVec3::new(
         0.25 * (2.9 * t).sin() + 0.1 * (5.3 * t + 1.0).sin(),
@@ -30,7 +29,7 @@ fn track(rate: f64, seconds: f64, noise: f64, random: &mut Random) -> TrackerTra
     TrackerTrack::new(readings.collect::<Vec<_>>(), 0.02)
 }
 
-fn turns(seconds: f64, noise: f64, random: &mut Random) -> Vec<CameraTurn> {
+fn camera_rotations(seconds: f64, noise: f64, random: &mut Random) -> Vec<CameraRotation> {
     let mount = DQuat::from_euler(glam::EulerRot::XYZ, 1.2, -0.4, 2.0);
     let stamps: Vec<f64> = (0..(30.0 * seconds) as i32)
         .map(|i| 0.011 + f64::from(i) / 30.0)
@@ -40,7 +39,7 @@ fn turns(seconds: f64, noise: f64, random: &mut Random) -> Vec<CameraTurn> {
         .map(|t| hand(*t) * mount * DQuat::from_scaled_axis(random.normal3() * noise))
         .collect();
     (1..seen.len())
-        .map(|i| CameraTurn {
+        .map(|i| CameraRotation {
             from: stamps[i - 1],
             to: stamps[i],
             rotation: seen[i - 1].inverse() * seen[i],
@@ -49,33 +48,33 @@ fn turns(seconds: f64, noise: f64, random: &mut Random) -> Vec<CameraTurn> {
 }
 
 #[test]
-fn rotations_tell_the_offset_to_a_fraction_of_a_millisecond() {
+fn rotations_determine_offset_within_two_milliseconds() {
     let mut random = Random::new(1);
     for rate in [60.0, 120.0, 240.0] {
         for _ in 0..4 {
             let found = from_rotations(
                 &track(rate, 20.0, 0.0026, &mut random),
-                &turns(20.0, 0.0017, &mut random),
+                &camera_rotations(20.0, 0.0017, &mut random),
                 0.25,
             )
             .unwrap();
-            let off = found.seconds - OFFSET;
+            let error = found.seconds - OFFSET;
             assert!(
-                off.abs() < 0.002 && off.abs() < 4.0 * found.sigma,
-                "{rate}: {off} {found:?}"
+                error.abs() < 0.002 && error.abs() < 4.0 * found.sigma,
+                "{rate}: {error} {found:?}"
             );
             assert!(found.sigma < 0.001 && found.correlation > 0.95, "{found:?}");
         }
     }
 }
 
-/// A rig that circles what it looks at, 0.7 m away, and rolls: the picture's middle hardly moves.
+/// Pose of a rig that orbits its subject at 0.7 m and rolls: the picture's centre hardly moves.
 fn circling(t: f64) -> RigidTransform {
     let turn = hand(t) * DQuat::from_rotation_z(0.2 * (3.7 * t).sin());
     RigidTransform::new(turn, -(turn * DVec3::Z * 0.7))
 }
 
-/// The flow of its pictures.
+/// The flow of the orbiting rig's pictures.
 fn flows(seconds: f64, rate: f64, random: &mut Random) -> Vec<CameraMotion> {
     let mut shaken = Random::new(8);
     (1..(rate * seconds) as i32)
@@ -84,7 +83,7 @@ fn flows(seconds: f64, rate: f64, random: &mut Random) -> Vec<CameraMotion> {
             let back = circling(from).inverse() * circling(to);
             let shown = |p: DVec3| 700.0 * p.truncate() / p.z;
             let moved = |p: DVec3| shown(back.inverse().transform_point(p)) - shown(p);
-            // A sloping ground.
+            // Sloping ground.
             let depth = 0.7 + 0.6 * circling(from).translation.x;
             let at = |x: f64, y: f64| DVec3::new(x * depth, y * depth, depth);
             let (left, right) = (moved(at(-0.3, 0.0)), moved(at(0.3, 0.0)));
@@ -92,7 +91,7 @@ fn flows(seconds: f64, rate: f64, random: &mut Random) -> Vec<CameraMotion> {
             let patches = std::array::from_fn(|k| {
                 let place =
                     DVec2::new((k % 6) as f64 + 0.5, (k / 6) as f64 + 0.5) / DVec2::new(6.0, 4.0);
-                // Something stands near, something is far.
+                // Objects at several depths.
                 let away = depth * [1.0, 0.6, 1.0, 3.0, 1.0][(k * 7 + 3 * i as usize) % 5];
                 let middle = (place - 0.5) * DVec2::new(640.0, 480.0) / 700.0;
                 let shift = moved((middle * away).extend(away));
@@ -109,7 +108,7 @@ fn flows(seconds: f64, rate: f64, random: &mut Random) -> Vec<CameraMotion> {
                     length: 1.0,
                     shift: moved(at(0.0, 0.0)) + noise,
                     growth: (right.x - left.x) / 420.0 + 5e-4 * random.normal(),
-                    turn: (right.y - left.y) / 420.0 + 5e-4 * random.normal(),
+                    rotation: (right.y - left.y) / 420.0 + 5e-4 * random.normal(),
                     patches,
                 },
             }
@@ -124,7 +123,7 @@ fn camera_from_sensor() -> RigidTransform {
     )
 }
 
-/// The tracker of that rig, which sits on it anyhow.
+/// Track of the orbiting rig's tracker, with an arbitrary mounting.
 fn circling_track(seconds: f64, random: &mut Random) -> TrackerTrack {
     let sensor = camera_from_sensor();
     let readings = (0..(120.0 * seconds) as i32).map(|i| {
@@ -134,31 +133,31 @@ fn circling_track(seconds: f64, random: &mut Random) -> TrackerTrack {
         let place = pose.translation + random.normal3() * 5e-4;
         (t, RigidTransform::new(shaken * pose.rotation, place))
     });
-    TrackerTrack::of_poses(readings.collect::<Vec<_>>(), 0.02)
+    TrackerTrack::from_poses(readings.collect::<Vec<_>>(), 0.02)
 }
 
 #[test]
-fn the_flow_of_a_camera_that_circles_its_subject_tells_it_to_two_milliseconds() {
+fn flow_of_orbiting_camera_determines_offset_within_two_milliseconds() {
     let mut random = Random::new(2);
     for _ in 0..5 {
         let track = circling_track(20.0, &mut random);
         let mut flows = flows(20.0, 30.0, &mut random);
-        // Pictures that jump, as by a hand before the camera.
+        // Pictures that jump, as by a hand in front of the camera.
         for i in [50, 51, 200, 333] {
             flows[i].flow.shift += DVec2::new(80.0, -30.0);
         }
-        let found = from_motion(&track, &flows, 0.25).unwrap();
-        let off = found.seconds - OFFSET;
-        println!("off by {:.2} ms, {found:?}", 1e3 * off);
+        let found = from_flow(&track, &flows, 0.25).unwrap();
+        let error = found.seconds - OFFSET;
+        println!("error {:.2} ms, {found:?}", 1e3 * error);
         assert!(
-            off.abs() < 0.002 && off.abs() < 4.0 * found.sigma,
-            "{off} {found:?}"
+            error.abs() < 0.002 && error.abs() < 4.0 * found.sigma,
+            "{error} {found:?}"
         );
         assert!(found.sigma < 0.002, "{found:?}");
     }
 }
 
-fn mounted(off: DQuat) -> Mounted {
+fn mounted(error: DQuat) -> Mounted {
     let camera = PinholeCamera {
         width: 640,
         height: 480,
@@ -166,16 +165,16 @@ fn mounted(off: DQuat) -> Mounted {
         centre: DVec2::new(319.5, 239.5),
         distortion: [0.0; 5],
     };
-    let turned = RigidTransform::new(off, DVec3::ZERO);
+    let turned = RigidTransform::new(error, DVec3::ZERO);
     Mounted::new(camera, camera_from_sensor().inverse() * turned)
 }
 
 #[test]
-fn patches_tell_it_where_the_mounting_is_known_and_are_not_believed_where_it_is_wrong() {
+fn patches_determine_offset_with_known_mounting_and_are_rejected_with_a_wrong_one() {
     let mut random = Random::new(3);
     for _ in 0..5 {
         let track = circling_track(20.0, &mut random);
-        // As a rig that runs looks at its pictures.
+        // At the rate at which a running rig analyses its pictures.
         let mut flows = flows(20.0, 15.0, &mut random);
         for i in [50, 51, 200, 233] {
             for patch in flows[i].flow.patches.iter_mut().flatten() {
@@ -184,18 +183,18 @@ fn patches_tell_it_where_the_mounting_is_known_and_are_not_believed_where_it_is_
         }
         let right = mounted(DQuat::IDENTITY);
         let found = from_patches(&track, &flows, &right, 0.25).unwrap();
-        let off = found.seconds - OFFSET;
-        println!("off by {:.2} ms, {found:?}", 1e3 * off);
+        let error = found.seconds - OFFSET;
+        println!("error {:.2} ms, {found:?}", 1e3 * error);
         assert!(
-            off.abs() < 0.003 && off.abs() < 4.0 * found.sigma,
-            "{off} {found:?}"
+            error.abs() < 0.003 && error.abs() < 4.0 * found.sigma,
+            "{error} {found:?}"
         );
         assert!(found.sigma < 0.005, "{found:?}");
-        // Of both ways the surer one counts, and never a wrong mounting's.
-        let (found, _) = by_motion(&track, &flows, Some(&right), 0.25).unwrap();
+        // The more certain method is used, but never one with a wrong mounting.
+        let (found, _) = from_image_motion(&track, &flows, Some(&right), 0.25).unwrap();
         assert!((found.seconds - OFFSET).abs() < 0.003, "{found:?}");
         let wrong = mounted(DQuat::from_rotation_z(1.2));
-        let (found, means) = by_motion(&track, &flows, Some(&wrong), 0.25).unwrap();
+        let (found, means) = from_image_motion(&track, &flows, Some(&wrong), 0.25).unwrap();
         assert!(
             (found.seconds - OFFSET).abs() < 0.003,
             "{found:?} {means:?}"
@@ -203,9 +202,9 @@ fn patches_tell_it_where_the_mounting_is_known_and_are_not_believed_where_it_is_
     }
 }
 
-/// Two ways of moving, a quarter of a period apart, make up for any offset.
+/// Rotation and translation a quarter of a period apart compensate for any offset.
 #[test]
-fn to_and_fro_at_one_pace_is_refused() {
+fn refuses_harmonic_oscillation() {
     let swing = |t: f64| {
         let turn = DQuat::from_rotation_y(0.2 * (9.0 * t).sin());
         RigidTransform::new(turn, DVec3::X * 0.1 * (9.0 * t).cos())
@@ -217,7 +216,7 @@ fn to_and_fro_at_one_pace_is_refused() {
         let place = pose.translation + random.normal3() * 1e-4;
         (t, RigidTransform::new(pose.rotation, place))
     });
-    let track = TrackerTrack::of_poses(readings.collect::<Vec<_>>(), 0.02);
+    let track = TrackerTrack::from_poses(readings.collect::<Vec<_>>(), 0.02);
     let motion = |i: i32| {
         let (from, to) = (f64::from(i - 1) / 30.0, f64::from(i) / 30.0);
         let back = swing(from).inverse() * swing(to);
@@ -234,16 +233,16 @@ fn to_and_fro_at_one_pace_is_refused() {
         }
     };
     let motions: Vec<CameraMotion> = (1..600).map(motion).collect();
-    let found = from_motion(&track, &motions, 0.25);
+    let found = from_flow(&track, &motions, 0.25);
     assert_eq!(found, Err(LatencyError::AnyOffset));
 }
 
 #[test]
-fn a_short_flow_and_one_of_something_else_are_refused() {
+fn refuses_short_and_unrelated_flow() {
     let mut random = Random::new(6);
     let track = circling_track(20.0, &mut random);
     let flows = flows(20.0, 30.0, &mut random);
-    let short = from_motion(&track, &flows[..100], 0.25);
+    let short = from_flow(&track, &flows[..100], 0.25);
     assert!(
         matches!(short, Err(LatencyError::TooShort { .. })),
         "{short:?}"
@@ -252,13 +251,13 @@ fn a_short_flow_and_one_of_something_else_are_refused() {
     for (motion, other) in backwards.iter_mut().zip(flows.iter().rev()) {
         motion.flow = other.flow;
     }
-    let other = from_motion(&track, &backwards, 0.25);
+    let other = from_flow(&track, &backwards, 0.25);
     assert!(other.is_err(), "{other:?}");
 }
 
-/// The tracker falls silent for a quarter of a second now and then.
+/// The tracker is silent for a quarter of a second now and then.
 #[test]
-fn gaps_in_the_tracker_s_record_do_not_pull_the_offset() {
+fn gaps_in_tracker_record_do_not_bias_offset() {
     let mut random = Random::new(7);
     for _ in 0..3 {
         let readings = (0..2400).filter_map(|i| {
@@ -272,22 +271,23 @@ fn gaps_in_the_tracker_s_record_do_not_pull_the_offset() {
             })
         });
         let track = TrackerTrack::new(readings.collect::<Vec<_>>(), 0.02);
-        let found = from_rotations(&track, &turns(20.0, 0.0017, &mut random), 0.25).unwrap();
-        let off = found.seconds - OFFSET;
-        assert!(off.abs() < 0.001, "{off} {found:?}");
+        let found =
+            from_rotations(&track, &camera_rotations(20.0, 0.0017, &mut random), 0.25).unwrap();
+        let error = found.seconds - OFFSET;
+        assert!(error.abs() < 0.001, "{error} {found:?}");
     }
 }
 
 #[test]
-fn what_does_not_tell_is_refused() {
+fn refuses_motion_that_does_not_determine_the_offset() {
     let mut random = Random::new(3);
     let good = track(120.0, 20.0, 0.0026, &mut random);
-    let seen = turns(20.0, 0.0017, &mut random);
+    let seen = camera_rotations(20.0, 0.0017, &mut random);
     assert!(matches!(
         from_rotations(&good, &seen[..10], 0.25),
         Err(LatencyError::TooShort { .. })
     ));
-    // At rest.
+    // A tracker at rest.
     let still = TrackerTrack::new(
         (0..2400)
             .map(|i| {
@@ -301,19 +301,19 @@ fn what_does_not_tell_is_refused() {
     );
     assert!(matches!(
         from_rotations(&still, &seen, 0.25),
-        Err(LatencyError::NotAlike { .. })
+        Err(LatencyError::Uncorrelated { .. })
     ));
-    // Another rig's pictures, and clocks that differ by more than is tried.
-    let late: Vec<CameraTurn> = seen
+    // Pictures of another rig, and clocks that differ by more than the range.
+    let late: Vec<CameraRotation> = seen
         .iter()
-        .map(|t| CameraTurn {
+        .map(|t| CameraRotation {
             from: t.from + 0.6,
             to: t.to + 0.6,
             ..*t
         })
         .collect();
     assert!(from_rotations(&good, &late, 0.25).is_err());
-    // A pendulum looks the same after each swing.
+    // A pendulum repeats its motion after each period.
     let swing = |t: f64| DQuat::from_rotation_x(0.3 * (18.0 * t).sin());
     let pendulum = TrackerTrack::new(
         (0..2400)
@@ -321,10 +321,10 @@ fn what_does_not_tell_is_refused() {
             .collect::<Vec<_>>(),
         0.0,
     );
-    let seen: Vec<CameraTurn> = (12..580)
+    let seen: Vec<CameraRotation> = (12..580)
         .map(|i| {
             let (from, to) = (f64::from(i) / 30.0, f64::from(i + 1) / 30.0);
-            CameraTurn {
+            CameraRotation {
                 from,
                 to,
                 rotation: swing(from).inverse() * swing(to),
@@ -342,7 +342,7 @@ fn what_does_not_tell_is_refused() {
 }
 
 #[test]
-fn a_shifted_picture_has_moved_by_its_shift() {
+fn measures_displacement_of_shifted_picture() {
     let texture = |x: f64, y: f64| {
         120.0
             + 20.0 * (0.21 * x).sin() * (0.17 * y).cos()
@@ -374,7 +374,7 @@ fn a_shifted_picture_has_moved_by_its_shift() {
         let shift = DVec2::from(at) - DVec2::from(before);
         assert!(found.shift.distance(shift) < 0.15, "{found:?}");
         assert!(
-            found.growth.abs() < 2e-3 && found.turn.abs() < 2e-3,
+            found.growth.abs() < 2e-3 && found.rotation.abs() < 2e-3,
             "{found:?}"
         );
     }
@@ -382,9 +382,9 @@ fn a_shifted_picture_has_moved_by_its_shift() {
     assert_eq!(motion.next(&Grey::from_bytes(64, 64, &[])), None);
 }
 
-/// A small camera with noise that turns as the hand does, in a room of soft spots.
+/// A small noisy camera that rotates as the hand does, among smooth waves of brightness.
 #[test]
-fn drawn_pictures_and_a_tracker_tell_the_offset_to_two_milliseconds() {
+fn recovers_offset_from_rendered_pictures_within_two_milliseconds() {
     let mut random = Random::new(4);
     let spots: Vec<(DVec3, f64)> = (0..60)
         .map(|_| (random.normal3() * 9.0, random.between(0.0, 6.0)))
@@ -422,11 +422,11 @@ fn drawn_pictures_and_a_tracker_tell_the_offset_to_two_milliseconds() {
         }
         before = Some(at);
     }
-    let found = from_motion(&track(120.0, 16.0, 0.0026, &mut random), &flows, 0.2).unwrap();
+    let found = from_flow(&track(120.0, 16.0, 0.0026, &mut random), &flows, 0.2).unwrap();
     assert!((found.seconds - OFFSET).abs() < 0.002, "{found:?}");
 }
 
-/// A table's rows of numbers, without its head; words count as NaN.
+/// Reads a table's rows of numbers, without its header; text becomes NaN.
 fn table(path: PathBuf) -> Vec<Vec<f64>> {
     let text = std::fs::read_to_string(path).unwrap();
     text.lines()
@@ -439,15 +439,13 @@ fn table(path: PathBuf) -> Vec<Vec<f64>> {
         .collect()
 }
 
-/// A session whose tracker is late by 8 ms and whose pictures are in time; the poses of its
-/// pictures stand for those that markers would give.
+/// A session with a tracker latency of 8 ms and no camera latency; the pictures' ground-truth poses
+/// stand in for poses from markers.
 #[test]
-fn the_truth_rigs_latency_is_found() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/truth/desk");
-    if !folder.is_dir() {
-        eprintln!("skipped: no ../../../shared/truth");
+fn recovers_latency_of_ground_truth_rig() {
+    let Some(folder) = penumbra_test_data::shared("truth/desk") else {
         return;
-    }
+    };
     let seconds = |nanos: f64| (nanos - 1e12) * 1e-9;
     let poses = |name: &str| -> Vec<(f64, DQuat)> {
         let quaternion = |r: &[f64]| DQuat::from_xyzw(r[5], r[6], r[7], r[4]).normalize();
@@ -458,33 +456,35 @@ fn the_truth_rigs_latency_is_found() {
     };
     let rig = std::fs::read(folder.join("rig.json")).unwrap();
     let rig: serde_json::Value = serde_json::from_slice(&rig).unwrap();
-    let said = rig["tracker"]["latency_s"].as_f64().unwrap();
-    let truth = TrackerTrack::new(poses("camera_truth.csv"), 0.0);
+    let expected = rig["tracker"]["latency_s"].as_f64().unwrap();
+    let ground_truth = TrackerTrack::new(poses("camera_truth.csv"), 0.0);
     let stamps: Vec<f64> = table(folder.join("scene_timestamps.csv"))
         .iter()
         .map(|row| seconds(row[2]))
         .collect();
-    let turns: Vec<CameraTurn> = stamps
+    let camera_rotations: Vec<CameraRotation> = stamps
         .windows(2)
-        .map(|w| CameraTurn {
+        .map(|w| CameraRotation {
             from: w[0],
             to: w[1],
-            rotation: truth.at(w[0]).unwrap().inverse() * truth.at(w[1]).unwrap(),
+            rotation: ground_truth.rotation_at(w[0]).unwrap().inverse()
+                * ground_truth.rotation_at(w[1]).unwrap(),
         })
         .collect();
     let track = TrackerTrack::new(poses("tracker.csv"), 0.02);
-    let found = from_rotations(&track, &turns, 0.1).unwrap();
-    assert!((found.seconds - said).abs() < 0.002, "{found:?}, {said}");
+    let found = from_rotations(&track, &camera_rotations, 0.1).unwrap();
+    assert!(
+        (found.seconds - expected).abs() < 0.002,
+        "{found:?}, {expected}"
+    );
 }
 
-/// Four seconds are too few to tell.
+/// Four seconds are too short for the flow alone.
 #[test]
-fn the_truth_rigs_flow_is_refused_as_too_short() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/truth/desk");
-    if !folder.is_dir() {
-        eprintln!("skipped: no ../../../shared/truth");
+fn refuses_flow_of_ground_truth_rig_as_too_short() {
+    let Some(folder) = penumbra_test_data::shared("truth/desk") else {
         return;
-    }
+    };
     let seconds = |nanos: f64| (nanos - 1e12) * 1e-9;
     let readings = table(folder.join("tracker.csv"));
     let quaternion = |r: &[f64]| DQuat::from_xyzw(r[5], r[6], r[7], r[4]).normalize();
@@ -505,7 +505,7 @@ fn the_truth_rigs_flow_is_refused_as_too_short() {
         before = Some(to);
     }
     assert!(flows.len() > 50, "{}", flows.len());
-    let found = from_motion(&track, &flows, 0.1);
+    let found = from_flow(&track, &flows, 0.1);
     assert!(
         matches!(found, Err(LatencyError::TooShort { .. })),
         "{found:?}"

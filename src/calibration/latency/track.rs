@@ -1,39 +1,40 @@
 //! A tracker's pose at any time.
 
-use super::without_jumps;
+use super::jumps::without_jumps;
 use glam::{DQuat, DVec3};
 use penumbra_interface::RigidTransform;
+use penumbra_numerics::{rotation_vector, tukey_weight};
 
-/// Readings that the window holds at least, to either side.
-const NEIGHBOURS: f64 = 3.0;
+/// Minimum number of readings in the window to either side.
+const MIN_NEIGHBOURS: f64 = 3.0;
 
-/// Orientations, and places where they are known, by time; between them is fitted.
+/// Orientations, and positions where they are known, with local fits between them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrackerTrack {
     times: Vec<f64>,
     rotations: Vec<DQuat>,
-    /// As many, or none.
-    places: Vec<DVec3>,
+    /// One for each time, or none.
+    positions: Vec<DVec3>,
     /// Half the window, seconds.
     window: f64,
 }
 
 impl TrackerTrack {
-    /// From readings (seconds by the tracker's stamps, `transmitter_from_sensor`); those out
-    /// of order or far off for a moment are left out. Noise is smoothed over `smoothing` seconds to either side, or
-    /// three readings if that is more.
+    /// Creates a track from readings (tracker's time stamp in seconds, `transmitter_from_sensor`).
+    /// Readings out of order and momentary jumps are dropped. Noise is smoothed over `smoothing`
+    /// seconds to either side, or three readings if those span more.
     #[must_use]
     pub fn new(readings: impl IntoIterator<Item = (f64, DQuat)>, smoothing: f64) -> Self {
-        let whole = |(time, rotation)| (time, RigidTransform::new(rotation, DVec3::ZERO));
+        let pose = |(time, rotation)| (time, RigidTransform::new(rotation, DVec3::ZERO));
         Self {
-            places: Vec::new(),
-            ..Self::of_poses(readings.into_iter().map(whole), smoothing)
+            positions: Vec::new(),
+            ..Self::from_poses(readings.into_iter().map(pose), smoothing)
         }
     }
 
-    /// The same from readings of places, too.
+    /// Creates a track from readings with positions; see [`Self::new`].
     #[must_use]
-    pub fn of_poses(
+    pub fn from_poses(
         readings: impl IntoIterator<Item = (f64, RigidTransform)>,
         smoothing: f64,
     ) -> Self {
@@ -47,27 +48,27 @@ impl TrackerTrack {
         let kept = without_jumps(kept);
         let times: Vec<f64> = kept.iter().map(|k| k.0).collect();
         let rotations = kept.iter().map(|k| k.1.rotation).collect();
-        let places = kept.iter().map(|k| k.1.translation).collect();
+        let positions = kept.iter().map(|k| k.1.translation).collect();
         let count = times.len().saturating_sub(1).max(1) as f64;
         let interval = match (times.first(), times.last()) {
             (Some(first), Some(last)) => (last - first) / count,
             _ => 0.0,
         };
         Self {
-            window: smoothing.max(NEIGHBOURS * interval).max(1e-9),
+            window: smoothing.max(MIN_NEIGHBOURS * interval).max(1e-9),
             times,
             rotations,
-            places,
+            positions,
         }
     }
 
-    /// Whether it tells places.
+    /// Returns whether positions are known.
     #[must_use]
-    pub fn has_places(&self) -> bool {
-        !self.places.is_empty()
+    pub fn has_positions(&self) -> bool {
+        !self.positions.is_empty()
     }
 
-    /// First and last reading; an empty span at 0 without any.
+    /// Returns the times of the first and the last reading; zeros without readings.
     #[must_use]
     pub fn span(&self) -> (f64, f64) {
         match (self.times.first(), self.times.last()) {
@@ -76,13 +77,14 @@ impl TrackerTrack {
         }
     }
 
-    /// Mean of its places; zero where none are known.
+    /// Returns the mean position; zero where positions are unknown.
     #[must_use]
-    pub fn middle(&self) -> DVec3 {
-        self.places.iter().sum::<DVec3>() / self.places.len().max(1) as f64
+    pub fn mean_position(&self) -> DVec3 {
+        self.positions.iter().sum::<DVec3>() / self.positions.len().max(1) as f64
     }
 
-    /// Whether there are readings close to a time on both sides: in a gap an answer is a guess.
+    /// Returns whether there are readings close to a time on both sides; within a gap the pose is a
+    /// guess.
     #[must_use]
     pub fn covers(&self, time: f64) -> bool {
         let after = self.times.partition_point(|t| *t < time);
@@ -93,17 +95,18 @@ impl TrackerTrack {
         near(after) && after.checked_sub(1).is_some_and(near)
     }
 
-    // ┌ Rotation vectors y(tᵢ) from the nearest reading, weights w = (1 − u²)², u = (tᵢ − t)/h; ┐
-    // └ the line of least squares at t. Interpolated between two readings instead, noise would  ┘
-    //   be least half way between them, and pull the offset there: camera and tracker often keep
-    //   step.
-    /// The orientation at a time between the first and the last reading.
+    /// Returns the orientation at a time between the first and the last reading.
     #[must_use]
-    pub fn at(&self, time: f64) -> Option<DQuat> {
+    pub fn rotation_at(&self, time: f64) -> Option<DQuat> {
         Some(self.pose_at(time)?.rotation)
     }
 
-    /// The pose; its place is zero where none is known.
+    // ┌ Rotation vectors y(tᵢ) from the nearest reading, weights w = (1 − u²)², u = (tᵢ − t)/h;  ┐
+    // │ the line of least squares at t. With interpolation between two readings instead, noise   │
+    // │ would be least half way between them, which would bias the offset, as the frequencies of │
+    // └ camera and tracker are often multiples of each other.                                    ┘
+    /// Returns the pose at a time between the first and the last reading; its position is zero where
+    /// positions are unknown.
     #[must_use]
     pub fn pose_at(&self, time: f64) -> Option<RigidTransform> {
         let (first, last) = self.span();
@@ -120,28 +123,27 @@ impl TrackerTrack {
         let (mut s0, mut s1, mut s2) = (0.0, 0.0, 0.0);
         let (mut y0, mut y1) = (DVec3::ZERO, DVec3::ZERO);
         let (mut p0, mut p1) = (DVec3::ZERO, DVec3::ZERO);
-        let place = |i: usize| self.places.get(i).copied().unwrap_or(DVec3::ZERO);
-        let near = place(nearest);
+        let position = |i: usize| self.positions.get(i).copied().unwrap_or(DVec3::ZERO);
+        let near = position(nearest);
         for i in low..high {
             let u = (self.times[i] - time) / self.window;
-            let w = (1.0 - u * u).powi(2);
-            let turn = reference.inverse() * self.rotations[i];
-            let y = if turn.w < 0.0 { -turn } else { turn }.to_scaled_axis();
-            let p = place(i) - near;
+            let w = tukey_weight(u);
+            let y = rotation_vector(reference.inverse() * self.rotations[i]);
+            let p = position(i) - near;
             (s0, s1, s2) = (s0 + w, s1 + w * u, s2 + w * u * u);
             (y0, y1) = (y0 + y * w, y1 + y * (w * u));
             (p0, p1) = (p0 + p * w, p1 + p * (w * u));
         }
         let det = s0 * s2 - s1 * s1;
-        let (turned, moved) = if det > 1e-6 * s0 * s0 {
+        let (rotation, translation) = if det > 1e-6 * s0 * s0 {
             ((y0 * s2 - y1 * s1) / det, (p0 * s2 - p1 * s1) / det)
         } else {
-            // A gap: the nearest reading alone.
+            // In a gap, the nearest reading alone.
             (DVec3::ZERO, DVec3::ZERO)
         };
         Some(RigidTransform::new(
-            (reference * DQuat::from_scaled_axis(turned)).normalize(),
-            near + moved,
+            (reference * DQuat::from_scaled_axis(rotation)).normalize(),
+            near + translation,
         ))
     }
 }

@@ -143,7 +143,7 @@ impl Judgement {
         ));
         self.judge(c.delta_e, COLOUR, || {
             format!(
-                "the cameras' colours differ by ΔE2000 {:.1}; calibrate photometric again, in this light",
+                "the cameras' colours differ by ΔE2000 {:.1}; calibrate radiometric again, in this light",
                 c.delta_e
             )
         });

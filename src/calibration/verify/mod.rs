@@ -14,8 +14,8 @@ pub use reprojection::{Off, Reprojection};
 
 use super::intrinsics::Grey;
 use super::latency::{
-    CameraMotion, CameraTurn, ClockOffset, ImageMotion, LatencyError, Mounted, TrackerTrack,
-    follow::by_motion, from_rotations,
+    CameraMotion, CameraRotation, ClockOffset, ImageMotion, LatencyError, Mounted, TrackerTrack,
+    from_image_motion, from_rotations,
 };
 use super::step::{Eye, Finished, Made, Progress, Shown, ShownPicture, Step, Wants};
 use colour::Comparison;
@@ -202,13 +202,13 @@ impl Verify {
         }
         let readings = self.readings.iter();
         let readings = readings.map(|(at, pose)| (at.seconds_since(first), *pose));
-        let track = TrackerTrack::of_poses(readings, SMOOTHING);
-        let turns: Vec<CameraTurn> = self
+        let track = TrackerTrack::from_poses(readings, SMOOTHING);
+        let turns: Vec<CameraRotation> = self
             .moments
             .windows(2)
             .filter_map(|w| {
                 let (a, b) = (w[0].by_markers?, w[1].by_markers?);
-                Some(CameraTurn {
+                Some(CameraRotation {
                     from: w[0].seconds,
                     to: w[1].seconds,
                     rotation: a.rotation.inverse() * b.rotation,
@@ -217,7 +217,7 @@ impl Verify {
             .collect();
         let by_turns = from_rotations(&track, &turns, RANGE);
         let mounted = Mounted::scene_camera(&self.known.rig.calibration);
-        let by_motion = || by_motion(&track, &self.motions, mounted.as_ref(), RANGE);
+        let by_motion = || from_image_motion(&track, &self.motions, mounted.as_ref(), RANGE);
         Some(by_turns.or_else(|error| by_motion().map(|(found, _)| found).map_err(|_| error)))
     }
 

@@ -3,15 +3,15 @@
 use super::{Distorted, newton_step};
 use glam::{DVec2, DVec3};
 
-/// Points nearer to the camera's plane than this share of their distance have no picture.
-const NEAREST: f64 = 1e-3;
+/// Minimum ratio of a point's depth to its distance from the axis; below it there is no projection.
+const MIN_DEPTH_RATIO: f64 = 1e-3;
 
 // ┌ x = X/Z, y = Y/Z, s = x² + y²                                                       ┐
 // │ g = (1 + k1 s + k2 s² + k3 s³) / (1 + k4 s + k5 s² + k6 s³)                         │
 // │ x' = g x + 2 p1 x y + p2 (s + 2 x²),  y' = g y + p1 (s + 2 y²) + 2 p2 x y           │
 // └ (OpenCV, "Camera Calibration and 3D Reconstruction")                                ┘
 pub(super) fn distort(k: &[f64; 8], point: DVec3) -> Option<Distorted> {
-    if point.z <= NEAREST * point.truncate().length() || point.z <= 0.0 {
+    if point.z <= MIN_DEPTH_RATIO * point.truncate().length() || point.z <= 0.0 {
         return None;
     }
     let p = point.truncate() / point.z;
@@ -30,7 +30,7 @@ pub(super) fn distort(k: &[f64; 8], point: DVec3) -> Option<Distorted> {
 
 type OnPlane = (DVec2, DVec2, DVec2, [DVec2; 8]);
 
-/// The distorted point and its derivatives by x, y and the coefficients.
+/// Returns the distorted point and its derivatives by x, y and the coefficients.
 fn on_plane(k: &[f64; 8], p: DVec2) -> Option<OnPlane> {
     let [k1, k2, p1, p2, k3, k4, k5, k6] = *k;
     let (x, y) = (p.x, p.y);
@@ -72,11 +72,11 @@ fn on_plane(k: &[f64; 8], p: DVec2) -> Option<OnPlane> {
     Some((p * g + tangential, by_x, by_y, by_coefficient))
 }
 
-/// The inverse, by Newton's method from the distorted point; halved steps where it leaves
-/// the domain.
+/// Inverse of [`distort`] by Newton's method from the distorted point, which is moved towards the
+/// axis if it is outside the domain.
 pub(super) fn undistort(k: &[f64; 8], distorted: DVec2) -> Option<DVec3> {
     let mut p = distorted;
-    // A pincushion's edge has no image of itself: from nearer in Newton still gets there.
+    // With pincushion distortion the start can be outside the domain; Newton converges from within.
     while on_plane(k, p).is_none() && p.length() > 1e-3 {
         p *= 0.5;
     }
@@ -88,17 +88,17 @@ pub(super) fn undistort(k: &[f64; 8], distorted: DVec2) -> Option<DVec3> {
         }
         match newton_step(by_x, by_y, error) {
             Some(step) => p += step * (0.5 / step.length().max(0.5)),
-            // On the far side of the fold: the root sought is nearer to the axis.
+            // Beyond the fold: the root is closer to the axis.
             None => p *= 0.7,
         }
     }
     let (at, by_x, by_y, _) = on_plane(k, p)?;
     let found = at.distance(distorted) < 1e-9 && newton_step(by_x, by_y, DVec2::ZERO).is_some();
-    (found && unfolded(k, p)).then(|| p.extend(1.0).normalize())
+    (found && has_no_fold_within(k, p)).then(|| p.extend(1.0).normalize())
 }
 
-/// Nothing between the axis and `p` is folded over: else `p` is a false root.
-fn unfolded(k: &[f64; 8], p: DVec2) -> bool {
+/// Returns whether the distortion folds nowhere between the axis and `p`; otherwise `p` is a false root.
+fn has_no_fold_within(k: &[f64; 8], p: DVec2) -> bool {
     (1..8).all(|i| {
         on_plane(k, p * (f64::from(i) / 8.0))
             .is_some_and(|(_, by_x, by_y, _)| newton_step(by_x, by_y, DVec2::ZERO).is_some())

@@ -1,5 +1,5 @@
-//! Kannala–Brandt fisheye (Kannala & Brandt 2006, as OpenCV's `fisheye` and Kalibr's
-//! `equidistant` have it).
+//! Kannala–Brandt fisheye (Kannala & Brandt 2006, in the form of OpenCV's `fisheye` and Kalibr's
+//! `equidistant`).
 
 use super::Distorted;
 use glam::{DVec2, DVec3};
@@ -21,7 +21,7 @@ pub(super) fn distort(k: &[f64; 8], point: DVec3) -> Option<Distorted> {
     let outwards = p / r;
     let square = r * r + point.z * point.z;
     let theta_by_r = point.z / square;
-    // Along the radius d changes with θ; across it the point turns about the axis.
+    // Along the radius d changes with θ; across it the point rotates about the axis.
     let across = outwards.perp() * (d / r);
     let along = outwards * (slope * theta_by_r);
     let powers = |n: i32| outwards * theta.powi(n);
@@ -48,7 +48,7 @@ fn on_axis(p: DVec2, z: f64) -> Distorted {
     }
 }
 
-/// d and ∂d/∂θ.
+/// Returns d and ∂d/∂θ.
 fn polynomial(k: &[f64; 8], theta: f64) -> (f64, f64) {
     let [k1, k2, k3, k4, ..] = *k;
     let t = theta * theta;
@@ -58,8 +58,8 @@ fn polynomial(k: &[f64; 8], theta: f64) -> (f64, f64) {
     )
 }
 
-/// The inverse: the first θ at which d(θ) is the radius, by bisection where Newton's method
-/// would leave the stretch over which d rises.
+/// Inverse of [`distort`]: the smallest θ at which d(θ) is the radius, by Newton's method, with
+/// bisection where that would leave the interval over which d increases.
 pub(super) fn undistort(k: &[f64; 8], distorted: DVec2) -> Option<DVec3> {
     let radius = distorted.length();
     if radius < 1e-12 {
@@ -90,8 +90,8 @@ pub(super) fn undistort(k: &[f64; 8], distorted: DVec2) -> Option<DVec3> {
     Some((outwards * theta.sin()).extend(theta.cos()))
 }
 
-/// Two angles between which d first reaches the radius, rising all the way; `None` if it
-/// turns back before or never does up to half a turn.
+/// Returns two angles between which d first reaches the radius while increasing; `None` if it
+/// stops increasing before, or does not reach it up to 180°.
 fn bracket(k: &[f64; 8], radius: f64) -> Option<(f64, f64)> {
     const STEPS: i32 = 90;
     let mut low = 0.0;

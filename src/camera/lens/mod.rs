@@ -1,4 +1,4 @@
-//! Lenses: from a point in the camera's frame to a pixel and back, with derivatives.
+//! Lens models: from a point in the camera's frame to a pixel and back, with derivatives.
 //!
 //! Camera frame: OpenCV optical (+X right, +Y down, +Z forward); pixel (0, 0) is the centre
 //! of the top-left pixel.
@@ -6,7 +6,7 @@
 use crate::PinholeCamera;
 use glam::{DMat2, DVec2, DVec3};
 
-/// How a lens departs from its ideal.
+/// Distortion model of a lens.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LensModel {
     /// Brown–Conrady: k1, k2, p1, p2, k3 (OpenCV's `plumb_bob`).
@@ -30,7 +30,7 @@ impl LensModel {
         }
     }
 
-    /// As files spell it.
+    /// Name in files.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -40,7 +40,7 @@ impl LensModel {
         }
     }
 
-    /// The model of that name.
+    /// Returns the model of a name, if there is one.
     #[must_use]
     pub fn of_name(name: &str) -> Option<Self> {
         [Self::Brown, Self::BrownRational, Self::KannalaBrandt]
@@ -49,30 +49,30 @@ impl LensModel {
     }
 }
 
-/// Most parameters of a lens: fx, fy, cx, cy and eight coefficients.
+/// Maximum number of parameters of a lens: fx, fy, cx, cy and eight coefficients.
 pub const MOST_PARAMETERS: usize = 12;
 
 /// Intrinsics of one camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lens {
-    /// Pixels in a row.
+    /// Width of the picture, pixels.
     pub width: u32,
-    /// Rows.
+    /// Height of the picture, pixels.
     pub height: u32,
-    /// What the coefficients mean.
+    /// Distortion model.
     pub model: LensModel,
-    /// Focal lengths, pixels (per radian at the axis).
+    /// Focal lengths, pixels (of a fisheye: pixels per radian at the axis).
     pub focal: DVec2,
     /// Image of the optical axis, pixels.
     pub centre: DVec2,
-    /// In the order of [`LensModel::coefficients`]; the rest is zero.
+    /// Coefficients in the order of [`LensModel::coefficients`]; the rest is zero.
     pub coefficients: [f64; 8],
 }
 
-/// A point's pixel and its derivatives.
+/// The pixel of a point and its derivatives.
 #[derive(Clone, Copy, Debug)]
 pub struct Projection {
-    /// Pixel.
+    /// The pixel.
     pub pixel: DVec2,
     /// ∂pixel/∂x, ∂y, ∂z of the point in the camera's frame.
     pub by_point: [DVec2; 3],
@@ -80,7 +80,7 @@ pub struct Projection {
     pub by_parameter: [DVec2; MOST_PARAMETERS],
 }
 
-/// A point on the ideal picture plane distorted, with derivatives.
+/// A distorted point on the z = 1 plane, with derivatives.
 #[derive(Clone, Copy, Debug)]
 struct Distorted {
     point: DVec2,
@@ -89,7 +89,7 @@ struct Distorted {
 }
 
 impl Lens {
-    /// A lens without distortion.
+    /// Creates a lens without distortion.
     #[must_use]
     pub const fn ideal(
         model: LensModel,
@@ -107,13 +107,13 @@ impl Lens {
         }
     }
 
-    /// Number of parameters: four and the model's coefficients.
+    /// Number of parameters: four plus the model's coefficients.
     #[must_use]
     pub const fn parameter_count(&self) -> usize {
         4 + self.model.coefficients().len()
     }
 
-    /// fx, fy, cx, cy and the coefficients; the rest is zero.
+    /// Returns fx, fy, cx, cy and the coefficients; the rest is zero.
     #[must_use]
     pub fn parameters(&self) -> [f64; MOST_PARAMETERS] {
         let mut out = [0.0; MOST_PARAMETERS];
@@ -122,7 +122,7 @@ impl Lens {
         out
     }
 
-    /// The same lens with other parameters.
+    /// Returns the lens with other parameters, in the order of [`Self::parameters`].
     #[must_use]
     pub fn with_parameters(&self, parameters: &[f64; MOST_PARAMETERS]) -> Self {
         let mut out = self.clone();
@@ -132,7 +132,7 @@ impl Lens {
         out
     }
 
-    /// Pixel of a point in the camera's frame; `None` where the model has none (behind a
+    /// Projects a point of the camera's frame to a pixel; `None` where the model has none (behind a
     /// pinhole, or straight behind a fisheye).
     #[must_use]
     pub fn project(&self, point: DVec3) -> Option<DVec2> {
@@ -158,8 +158,8 @@ impl Lens {
         })
     }
 
-    /// Unit direction of the ray through a pixel; `None` where the model has none, which is
-    /// beyond the radius at which its polynomial turns back.
+    /// Returns the unit direction of the ray through a pixel; `None` beyond the radius at which the
+    /// model's polynomial is no longer monotonic.
     #[must_use]
     pub fn unproject(&self, pixel: DVec2) -> Option<DVec3> {
         let distorted = (pixel - self.centre) / self.focal;
@@ -176,25 +176,24 @@ impl Lens {
         }
     }
 
-    /// The model can be turned round everywhere in the picture (a pinhole) or wherever light
-    /// falls up to `radius` pixels from the centre.
+    /// Returns whether every pixel of the picture within `radius` pixels of the centre has a ray.
     #[must_use]
     pub fn is_invertible_within(&self, radius: f64) -> bool {
         (0..=64).all(|i| {
-            let turn = f64::from(i) / 64.0 * std::f64::consts::TAU;
-            let pixel = self.centre + DVec2::from_angle(turn) * radius;
+            let angle = f64::from(i) / 64.0 * std::f64::consts::TAU;
+            let pixel = self.centre + DVec2::from_angle(angle) * radius;
             let inside = pixel.clamp(DVec2::ZERO, self.last_pixel());
             self.unproject(inside).is_some()
         })
     }
 
-    /// The last pixel's centre.
+    /// Centre of the bottom-right pixel.
     #[must_use]
     pub fn last_pixel(&self) -> DVec2 {
         DVec2::new(f64::from(self.width) - 1.0, f64::from(self.height) - 1.0)
     }
 
-    /// As the compositor's camera; `None` where that has no such model.
+    /// Converts to a [`PinholeCamera`]; `None` if the model is not [`LensModel::Brown`].
     #[must_use]
     pub fn as_pinhole(&self) -> Option<PinholeCamera> {
         let [k1, k2, p1, p2, k3, ..] = self.coefficients;
@@ -223,8 +222,8 @@ impl From<&PinholeCamera> for Lens {
     }
 }
 
-/// Solves J d = e; `None` where J has lost its rank or its handedness, which is where a
-/// distortion folds the picture over.
+/// Solves J d = e; `None` if the determinant of J is not positive, which is where the distortion
+/// folds over.
 fn newton_step(by_x: DVec2, by_y: DVec2, error: DVec2) -> Option<DVec2> {
     let jacobian = DMat2::from_cols(by_x, by_y);
     (jacobian.determinant() > 1e-6).then(|| jacobian.inverse() * error)

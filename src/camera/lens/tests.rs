@@ -28,7 +28,7 @@ const POINTS: [DVec3; 5] = [
 ];
 
 #[test]
-fn unprojecting_undoes_projecting() {
+fn unproject_inverts_project() {
     for lens in lenses() {
         for point in POINTS {
             let pixel = lens.project(point).unwrap();
@@ -43,7 +43,7 @@ fn unprojecting_undoes_projecting() {
 }
 
 #[test]
-fn derivatives_are_those_of_small_steps() {
+fn derivatives_match_finite_differences() {
     let close = |a: DVec2, b: DVec2| a.distance(b) < 1e-4 * (1.0 + b.length());
     for lens in lenses() {
         let behind = DVec3::new(0.9, 0.2, -0.1);
@@ -80,7 +80,7 @@ fn derivatives_are_those_of_small_steps() {
 }
 
 #[test]
-fn a_pinhole_sees_as_the_compositors_camera_does() {
+fn brown_lens_projects_as_pinhole_camera() {
     let [brown, rational, fisheye] = lenses();
     let camera = brown.as_pinhole().unwrap();
     for point in POINTS {
@@ -93,16 +93,16 @@ fn a_pinhole_sees_as_the_compositors_camera_does() {
 }
 
 #[test]
-fn beyond_the_fold_of_a_distortion_there_is_no_ray() {
+fn no_ray_beyond_the_fold_of_the_distortion() {
     let [mut brown, _, mut fisheye] = lenses();
     brown.coefficients = [0.0; 8];
     brown.coefficients[0] = -0.4;
-    // r (1 − 0.4 r²) has its greatest value 0.6086 at r = 0.9129.
+    // r (1 − 0.4 r²) has its maximum 0.6086 at r = 0.9129.
     let at = |r: f64| brown.centre + DVec2::new(r * brown.focal.x, 0.0);
     assert!(brown.unproject(at(0.60)).is_some());
     assert!(brown.unproject(at(0.62)).is_none());
     fisheye.coefficients[..4].copy_from_slice(&[-0.1, 0.0, 0.0, 0.0]);
-    // θ − 0.1 θ³ turns back at θ = 1.826, where it is 1.217.
+    // θ − 0.1 θ³ has its maximum 1.217 at θ = 1.826.
     let at = |r: f64| fisheye.centre + DVec2::new(r * fisheye.focal.x, 0.0);
     assert!(fisheye.unproject(at(1.21)).is_some());
     assert!(fisheye.unproject(at(1.23)).is_none());

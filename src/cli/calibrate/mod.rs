@@ -11,7 +11,7 @@ mod landmarks;
 mod latency;
 mod live;
 mod map;
-mod photometric;
+mod radiometric;
 mod tags;
 mod tracker;
 mod verify;
@@ -43,12 +43,23 @@ enum Step {
     Board(board::BoardArgs),
     /// A check of the whole rig, in a minute
     Verify(verify::VerifyArgs),
-    /// White balance and exposure between the cameras, tone curves, fall-off, noise
-    Photometric(Box<photometric::PhotometricArgs>),
+    /// White balance and exposure between the cameras, tone curves, vignetting, noise
+    Radiometric(Box<radiometric::RadiometricArgs>),
+    /// The old name of `radiometric`.
+    #[command(hide = true)]
+    Photometric(OldArgs),
     /// Which tags pictures show, and where
     Tags(tags::TagsArgs),
     /// A lens's calibration from and to other programs' files
     Convert(convert::ConvertArgs),
+}
+
+/// Whatever an old command line holds.
+#[derive(Debug, Args)]
+#[command(disable_help_flag = true)]
+struct OldArgs {
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+    _arguments: Vec<String>,
 }
 
 /// Carries out a step.
@@ -61,7 +72,10 @@ pub fn run(args: CalibrateArgs) -> anyhow::Result<ExitCode> {
         Step::Tracker(args) => tracker::run(&args),
         Step::Board(args) => board::run(&args),
         Step::Verify(args) => verify::run(&args),
-        Step::Photometric(args) => photometric::run(&args),
+        Step::Radiometric(args) => radiometric::run(&args),
+        Step::Photometric(_) => anyhow::bail!(
+            "`penumbra calibrate photometric` is now called `penumbra calibrate radiometric`"
+        ),
         Step::Tags(args) => tags::run(&args),
         Step::Convert(args) => convert::run(&args),
     }

@@ -1,21 +1,20 @@
 //! Measures on the device what virtual lights add to the real scene, and brings it back two
 //! pictures later, so that nobody waits; always two, so that a replay is always the same.
 
-use super::super::bindings::{Slot, compute_layout, compute_pipeline, group, view};
+use super::super::bindings::{CachedGroup, Slot, compute_layout, compute_pipeline, group, view};
+use super::super::gpu::Gpu;
+use super::super::passes::shadow_buffer::SurfaceLight;
+use super::super::recorder::Recorder;
+use super::super::response_table::RealPicture;
 use super::super::shaders::{self, one};
-use super::super::targets::Targets;
-use super::super::timing::Timer;
-use super::Brightness;
-use crate::Gpu;
+use super::control::Brightness;
+use super::region::{METER_GROUPS, constants};
 use wgpu::BufferUsages as Usage;
-
-/// Workgroups, each with sums of its own.
-pub const GROUPS: u32 = 64;
 
 /// Pictures between a measurement and its use.
 const LATENCY: usize = 2;
 
-const BYTES: u64 = GROUPS as u64 * 16;
+const BYTES: u64 = METER_GROUPS as u64 * 16;
 
 /// Twin of WGSL `Meter`.
 #[repr(C)]
@@ -27,13 +26,13 @@ struct MeterUniform {
 /// See the module.
 pub struct Meter {
     pipeline: wgpu::ComputePipeline,
-    picture_layout: wgpu::BindGroupLayout,
+    picture: CachedGroup,
     own: wgpu::BindGroup,
     uniform: wgpu::Buffer,
     sums: wgpu::Buffer,
     /// Measurements on their way, by the picture's number.
     slots: [Sent; LATENCY],
-    picture: usize,
+    number: usize,
 }
 
 /// One measurement on its way.
@@ -45,7 +44,7 @@ struct Sent {
 
 impl Meter {
     pub fn new(device: &wgpu::Device) -> Self {
-        let [_, _, text] = shaders::exposing(&super::constants());
+        let [_, _, text] = shaders::exposing(&constants());
         let module = one(device, text);
         let own_layout = compute_layout(
             device,
@@ -53,8 +52,9 @@ impl Meter {
             &[Slot::Uniform, Slot::StorageWritten],
         );
         let u = Slot::Unfilterable;
-        let picture_layout = compute_layout(device, "metered picture", &[u, Slot::Uniform, u, u]);
-        let layouts = [&own_layout, &picture_layout];
+        let picture = compute_layout(device, "metered picture", &[u, Slot::Uniform, u, u]);
+        let picture = CachedGroup::new("metered picture", picture);
+        let layouts = [&own_layout, &picture.layout];
         let buffer = |label, size, usage| {
             device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some(label),
@@ -73,28 +73,17 @@ impl Meter {
                 buffer: buffer("metered", BYTES, Usage::COPY_DST | Usage::MAP_READ),
                 submitted: None,
             }),
-            picture: 0,
-            picture_layout,
+            number: 0,
+            picture,
             uniform,
             sums,
         }
     }
 
-    /// Binds the camera's picture, the shadow buffer and what lamps add apart from it.
-    pub fn bind(&self, device: &wgpu::Device, targets: &Targets) -> wgpu::BindGroup {
-        let bound = [
-            view(&targets.camera.view),
-            targets.codes.as_entire_binding(),
-            view(&targets.shadow.view),
-            view(&targets.response.view),
-        ];
-        group(device, "metered picture", &self.picture_layout, &bound)
-    }
-
     /// Begins a picture: what was measured [`LATENCY`] pictures before, if anything was.
     pub fn begin(&mut self, gpu: &Gpu) -> Option<Brightness> {
-        self.picture = (self.picture + 1) % LATENCY;
-        let slot = &mut self.slots[self.picture];
+        self.number = (self.number + 1) % LATENCY;
+        let slot = &mut self.slots[self.number];
         let submission_index = slot.submitted.take()??;
         let done = wgpu::PollType::Wait {
             submission_index: Some(submission_index),
@@ -111,22 +100,26 @@ impl Meter {
     }
 
     /// Records a measurement of the picture begun last.
-    pub fn record(
-        &mut self,
-        (encoder, timer): (&mut wgpu::CommandEncoder, &mut Timer),
-        picture: &wgpu::BindGroup,
-    ) {
-        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+    pub fn record(&mut self, r: &mut Recorder<'_>, real: RealPicture<'_>, light: SurfaceLight<'_>) {
+        let resources = [
+            view(&real.camera.view),
+            real.codes.binding(),
+            view(&light.shadows.phantom_shadow.view),
+            view(&light.lamp_light.view),
+        ];
+        let picture = self.picture.get(r.device, &resources);
+        let mut pass = r.encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
             label: Some("exposure_meter"),
-            timestamp_writes: timer.compute_span("exposure_meter", true, true),
+            timestamp_writes: r.timer.compute_span("exposure_meter", true, true),
         });
         pass.set_pipeline(&self.pipeline);
         pass.set_bind_group(0, &self.own, &[]);
         pass.set_bind_group(1, picture, &[]);
-        pass.dispatch_workgroups(GROUPS, 1, 1);
+        pass.dispatch_workgroups(METER_GROUPS, 1, 1);
         drop(pass);
-        let slot = &mut self.slots[self.picture];
-        encoder.copy_buffer_to_buffer(&self.sums, 0, &slot.buffer, 0, BYTES);
+        let slot = &mut self.slots[self.number];
+        r.encoder
+            .copy_buffer_to_buffer(&self.sums, 0, &slot.buffer, 0, BYTES);
         slot.submitted = Some(None);
     }
 
@@ -145,7 +138,7 @@ impl Meter {
 
     /// The picture begun last was submitted.
     pub fn submitted(&mut self, index: &wgpu::SubmissionIndex) {
-        let slot = &mut self.slots[self.picture];
+        let slot = &mut self.slots[self.number];
         if let Some(waiting @ None) = &mut slot.submitted {
             *waiting = Some(index.clone());
             slot.buffer.map_async(wgpu::MapMode::Read, .., |_| ());

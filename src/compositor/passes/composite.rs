@@ -1,34 +1,40 @@
-//! Puts the picture together.
+//! Puts the finished picture together.
 
-use super::super::bindings::{DepthTest, PipelineSpec, Slot, group, layout, sampler, view};
+use super::super::bindings::{CachedGroup, DepthTest, PipelineSpec, Slot, sampler, view};
 use super::super::gloss_maps::GlossMaps;
+use super::super::recorder::{Recorder, bind_all, cleared_depth, colour};
+use super::super::response_table::RealPicture;
 use super::super::shaders::{self, Variant};
-use super::super::targets::{Targets, format};
-use super::super::timing::Timer;
-use super::{cleared, cleared_depth};
+use super::super::textures::{FrameTexture, format, tile_grid};
+use super::shadow_buffer::{SurfaceLight, Surfaces};
+use super::surroundings::SurroundingsPictures;
 use wgpu::CompareFunction as Compare;
 
-/// Depth of a pixel that nothing virtual covers; `NOTHING_VIRTUAL` in the shader.
+/// Depth of a pixel that no virtual surface covers; `NOTHING_VIRTUAL` in the shader.
 const NOTHING_VIRTUAL: f32 = 0.5;
 
 /// The pass.
 pub struct CompositePass {
-    /// Tiles without virtual surfaces, then, where there are some: what is behind them,
-    /// pixels that show one of them, pixels on outlines.
+    /// For tiles without virtual surfaces; then, for tiles with some: the background, pixels that
+    /// one surface fills, pixels on outlines.
     pipelines: [wgpu::RenderPipeline; 4],
-    picture_layout: wgpu::BindGroupLayout,
-    surfaces_layout: wgpu::BindGroupLayout,
-    light_layout: wgpu::BindGroupLayout,
+    picture: CachedGroup,
+    surfaces: CachedGroup,
+    light: CachedGroup,
     smooth: wgpu::Sampler,
-    /// The output holds the real picture already, exposed.
+    /// The output already holds the real picture, in another exposure.
     exposed: bool,
 }
 
-/// What it binds.
-pub struct CompositeInputs {
-    picture: wgpu::BindGroup,
-    surfaces: wgpu::BindGroup,
-    light: wgpu::BindGroup,
+/// The pictures that the pass reads.
+pub struct CompositeInputs<'a> {
+    pub real: RealPicture<'a>,
+    pub surfaces: Surfaces<'a>,
+    pub light: SurfaceLight<'a>,
+    /// What virtual objects reflect of the real picture.
+    pub surroundings: &'a SurroundingsPictures,
+    /// What they reflect of the environment.
+    pub gloss: &'a GlossMaps,
 }
 
 impl CompositePass {
@@ -36,29 +42,18 @@ impl CompositePass {
         let module = shaders::module(device, "composite", variant);
         let (u, i) = (Slot::Unfilterable, Slot::Integer);
         let (packed, depth) = Slot::sampled(variant.samples);
-        let picture_layout = layout(
-            device,
-            "composite picture",
-            &[u, Slot::Uniform, u, i, u, i, i, i, u],
-        );
-        let surfaces_layout = layout(device, "composite surfaces", &[packed, packed, depth]);
-        let light_layout = layout(
-            device,
-            "composite light",
-            &[
-                Slot::Sampler,
-                Slot::Cube,
-                Slot::Texture,
-                Slot::Texture,
-                Slot::Cube,
-                Slot::Uniform,
-            ],
-        );
+        let slots = [u, Slot::Uniform, u, i, u, i, i, i, u];
+        let picture = CachedGroup::of_slots(device, "composite picture", &slots);
+        let slots = [packed, packed, depth];
+        let surfaces = CachedGroup::of_slots(device, "composite surfaces", &slots);
+        let (texture, cube) = (Slot::Texture, Slot::Cube);
+        let slots = [Slot::Sampler, cube, texture, texture, cube, Slot::Uniform];
+        let light = CachedGroup::of_slots(device, "composite light", &slots);
         let build = |vertex: &str, fragment: &str, compare, write| {
             PipelineSpec {
                 label: "composite",
                 module: &module,
-                groups: &[frame, &picture_layout, &surfaces_layout, &light_layout],
+                groups: &[frame, &picture.layout, &surfaces.layout, &light.layout],
                 vertex,
                 buffers: &[],
                 fragment: Some(fragment),
@@ -85,91 +80,86 @@ impl CompositePass {
         });
         Self {
             pipelines,
-            picture_layout,
-            surfaces_layout,
-            light_layout,
+            picture,
+            surfaces,
+            light,
             smooth,
             exposed: variant.exposed,
         }
     }
 
-    /// Binds the targets, the real picture (the camera's or the exposed one) and what glossy surfaces
-    /// mirror.
-    pub fn bind(
-        &self,
+    /// Draws the finished picture into `output`; `kinds` is its depth buffer.
+    pub fn record<'a>(
+        &mut self,
+        r: &mut Recorder<'_>,
+        frame: &wgpu::BindGroup,
+        inputs: &CompositeInputs<'_>,
+        kinds: &FrameTexture,
+        output: &'a FrameTexture,
+    ) -> &'a FrameTexture {
+        // Where nothing is virtual, the picture is the camera's, bit for bit.
+        if !self.exposed {
+            r.encoder.copy_texture_to_texture(
+                inputs.real.camera.texture.as_image_copy(),
+                output.texture.as_image_copy(),
+                output.texture.size(),
+            );
+        }
+        let groups = self.groups(r.device, inputs);
+        let mut pass = r.encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some("composite"),
+            color_attachments: &[colour(&output.view, wgpu::LoadOp::Load)],
+            depth_stencil_attachment: cleared_depth(&kinds.view, NOTHING_VIRTUAL),
+            timestamp_writes: r.timer.span("composite", true, true),
+            ..Default::default()
+        });
+        let [picture, surfaces, light] = &groups;
+        bind_all(&mut pass, &[frame, picture, surfaces, light]);
+        let (across, down) = tile_grid(output.size());
+        for pipeline in &self.pipelines {
+            pass.set_pipeline(pipeline);
+            pass.draw(0..6 * across * down, 0..1);
+        }
+        output
+    }
+
+    fn groups(
+        &mut self,
         device: &wgpu::Device,
-        targets: &Targets,
-        real: &wgpu::TextureView,
-        gloss: &GlossMaps,
-    ) -> CompositeInputs {
-        let t = targets;
+        inputs: &CompositeInputs<'_>,
+    ) -> [wgpu::BindGroup; 3] {
+        let Surfaces {
+            phantoms,
+            virtual_surfaces,
+            tiles,
+            covered_tiles,
+        } = inputs.surfaces;
         let picture = [
-            view(real),
-            t.codes.as_entire_binding(),
-            view(&t.shadow.view),
-            view(&t.light.view),
-            view(&t.phantom_normal.view),
-            view(&t.tiles[0].view),
-            view(&t.covered.view),
-            view(&t.lamp_tiles[1].view),
-            view(&t.response.view),
+            view(&inputs.real.shown().view),
+            inputs.real.codes.binding(),
+            view(&inputs.light.shadows.phantom_shadow.view),
+            view(&inputs.light.shadows.virtual_light.view),
+            view(&phantoms.normal.view),
+            view(&tiles.phantom.lights.view),
+            view(&covered_tiles.view),
+            view(&tiles.virtual_surface.lamps.view),
+            view(&inputs.light.lamp_light.view),
         ];
-        let s = &t.virtual_surface;
-        let surfaces = [&s[0], &s[1], &t.virtual_depth].map(|t| view(&t.view));
+        let [first, second] = &virtual_surfaces.surface;
+        let surfaces = [first, second, &virtual_surfaces.depth].map(|t| view(&t.view));
+        let gloss = inputs.gloss;
         let light = [
             sampler(&self.smooth),
             view(&gloss.ggx.view),
-            view(&t.surroundings.view),
+            view(&inputs.surroundings.all.view),
             view(&gloss.table),
             view(&gloss.phong.view),
-            gloss.glints.as_entire_binding(),
+            gloss.compact_sources.as_entire_binding(),
         ];
-        CompositeInputs {
-            picture: group(device, "composite picture", &self.picture_layout, &picture),
-            surfaces: group(
-                device,
-                "composite surfaces",
-                &self.surfaces_layout,
-                &surfaces,
-            ),
-            light: group(device, "composite light", &self.light_layout, &light),
-        }
-    }
-
-    pub fn record(
-        &self,
-        encoder: &mut wgpu::CommandEncoder,
-        timer: &mut Timer,
-        frame: &wgpu::BindGroup,
-        inputs: &CompositeInputs,
-        targets: &Targets,
-    ) {
-        let groups = [frame, &inputs.picture, &inputs.surfaces, &inputs.light];
-        // Where nothing virtual is, the picture is the camera's, bit for bit.
-        if !self.exposed {
-            encoder.copy_texture_to_texture(
-                targets.camera.texture.as_image_copy(),
-                targets.output.texture.as_image_copy(),
-                targets.output.texture.size(),
-            );
-        }
-        let mut colour = cleared(&targets.output.view);
-        if let Some(colour) = &mut colour {
-            colour.ops.load = wgpu::LoadOp::Load;
-        }
-        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-            label: Some("composite"),
-            color_attachments: &[colour],
-            depth_stencil_attachment: cleared_depth(&targets.kinds.view, NOTHING_VIRTUAL),
-            timestamp_writes: timer.span("composite", true, true),
-            ..Default::default()
-        });
-        for (group, index) in groups.iter().zip(0..) {
-            pass.set_bind_group(index, *group, &[]);
-        }
-        for pipeline in &self.pipelines {
-            pass.set_pipeline(pipeline);
-            pass.draw(0..6 * targets.tile_count(), 0..1);
-        }
+        [
+            self.picture.get(device, &picture).clone(),
+            self.surfaces.get(device, &surfaces).clone(),
+            self.light.get(device, &light).clone(),
+        ]
     }
 }

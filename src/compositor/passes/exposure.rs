@@ -1,13 +1,13 @@
-//! The camera's picture in another exposure.
+//! The camera picture in another exposure.
 
 use super::super::bindings::{
-    PipelineSpec, Slot, compute_layout, compute_pipeline, group, layout, sampler, view,
+    CachedGroup, PipelineSpec, Slot, compute_layout, compute_pipeline, layout, sampler, view,
 };
-use super::super::exposure::{BLOCK, Region, constants, trust};
+use super::super::exposure::region::{BLOCK, Region, constants, trust};
+use super::super::recorder::{Recorder, cleared};
+use super::super::response_table::{ENCODING, ResponseTable};
 use super::super::shaders;
-use super::super::targets::{ENCODING, Target, Targets, format};
-use super::super::timing::Timer;
-use super::cleared;
+use super::super::textures::{DRAWN, FrameTexture, coarse_size, format, tile_grid};
 use half::f16;
 use penumbra_camera::Response;
 use penumbra_scene::Highlights;
@@ -30,31 +30,63 @@ struct ExposureUniform {
 
 /// The passes.
 pub struct ExposurePass {
-    /// Sums of blocks, running sums along rows, along columns, means of regions.
+    /// Sums of blocks, running sums along rows and along columns, means of regions.
     table: [wgpu::ComputePipeline; 4],
-    /// Tiles without clipped pixels, tiles with some, everything.
+    /// For tiles without clipped pixels, tiles with some, the entire picture.
     scaled_tiles: wgpu::RenderPipeline,
     highlights: wgpu::RenderPipeline,
     scaled: wgpu::RenderPipeline,
-    /// Everything, by the paper's rule.
+    /// For the entire picture, by the rule of DiVerdi and Höllerer 2004.
     raised: wgpu::RenderPipeline,
-    /// Of the table and of the picture, each for summing and for drawing.
-    table_layouts: [wgpu::BindGroupLayout; 2],
-    picture_layouts: [wgpu::BindGroupLayout; 2],
+    /// The table and the picture, for summing and for drawing.
+    summing: [CachedGroup; 2],
+    drawing: [CachedGroup; 2],
     smooth: wgpu::Sampler,
     uniform: wgpu::Buffer,
 }
 
-/// What it makes and binds for pictures of one size.
-pub struct ExposureInputs {
+/// The pictures and sums that the passes make for pictures of one size.
+pub struct ExposedPictures {
     /// Linear light in the exposure; may be above 1.
-    pub linear: Target,
+    pub linear: FrameTexture,
+    /// Means of the region around each block.
+    around: FrameTexture,
+    /// `around` as an array of one layer.
+    around_layers: wgpu::TextureView,
+    /// Blocks across and down.
     blocks: (u32, u32),
     /// Running sums of colours and of brightness.
-    #[cfg(test)]
     sums: (wgpu::Buffer, wgpu::Buffer),
-    summing: [wgpu::BindGroup; 2],
-    drawing: [wgpu::BindGroup; 2],
+}
+
+impl ExposedPictures {
+    /// For pictures of `size` pixels.
+    pub fn new(device: &wgpu::Device, size: (u32, u32)) -> Self {
+        let blocks = coarse_size(size, BLOCK);
+        let storage = |label, bytes: u64| {
+            device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some(label),
+                size: bytes * u64::from(blocks.0) * u64::from(blocks.1),
+                usage: Usage::STORAGE | Usage::COPY_SRC,
+                mapped_at_creation: false,
+            })
+        };
+        let usage = U::STORAGE_BINDING | U::TEXTURE_BINDING;
+        let around = FrameTexture::new(device, "around", blocks, format::LIGHT, usage);
+        Self {
+            linear: FrameTexture::new(device, "exposed", size, format::LIGHT, DRAWN),
+            around_layers: around.texture.create_view(&wgpu::TextureViewDescriptor {
+                dimension: Some(wgpu::TextureViewDimension::D2Array),
+                ..Default::default()
+            }),
+            around,
+            blocks,
+            sums: (
+                storage("sums of colours", 16),
+                storage("sums of brightness", 8),
+            ),
+        }
+    }
 }
 
 impl ExposurePass {
@@ -63,19 +95,18 @@ impl ExposurePass {
         let module = shaders::one(device, table);
         let (u, w) = (Slot::Uniform, Slot::StorageWritten);
         let picture_slots = [Slot::Unfilterable, u];
-        let table_layouts = [
+        let around_slots = [u, Slot::Storage, Slot::Texture, Slot::Sampler];
+        let summing = [
             compute_layout(device, "exposure table", &[u, w, w, Slot::WrittenLayers]),
-            layout(
-                device,
-                "exposure around",
-                &[u, Slot::Storage, Slot::Texture, Slot::Sampler],
-            ),
-        ];
-        let picture_layouts = [
             compute_layout(device, "exposure picture", &picture_slots),
+        ]
+        .map(|layout| CachedGroup::new("exposure", layout));
+        let drawing = [
+            layout(device, "exposure around", &around_slots),
             layout(device, "exposure picture", &picture_slots),
-        ];
-        let groups = [&table_layouts[0], &picture_layouts[0]];
+        ]
+        .map(|layout| CachedGroup::new("exposure", layout));
+        let groups = [&summing[0].layout, &summing[1].layout];
         let table = ["sum_blocks", "scan_rows", "scan_columns", "look_around"]
             .map(|entry| compute_pipeline(device, &module, &groups, entry));
         let module = shaders::one(device, picture);
@@ -83,7 +114,7 @@ impl ExposurePass {
             PipelineSpec {
                 label: "exposure",
                 module: &module,
-                groups: &[&table_layouts[1], &picture_layouts[1]],
+                groups: &[&drawing[0].layout, &drawing[1].layout],
                 vertex,
                 buffers: &[],
                 fragment: Some(fragment),
@@ -101,8 +132,8 @@ impl ExposurePass {
             highlights: build("clipped_tile", "highlights"),
             scaled: build("cover", "scaled"),
             raised: build("cover", "raised"),
-            table_layouts,
-            picture_layouts,
+            summing,
+            drawing,
             smooth: device.create_sampler(&wgpu::SamplerDescriptor {
                 label: Some("around"),
                 mag_filter: wgpu::FilterMode::Linear,
@@ -118,57 +149,8 @@ impl ExposurePass {
         }
     }
 
-    /// Makes what depends on the picture's size.
-    pub fn bind(&self, device: &wgpu::Device, targets: &Targets) -> ExposureInputs {
-        let blocks = (
-            targets.width.div_ceil(BLOCK),
-            targets.height.div_ceil(BLOCK),
-        );
-        let storage = |label, bytes: u64| {
-            device.create_buffer(&wgpu::BufferDescriptor {
-                label: Some(label),
-                size: bytes * u64::from(blocks.0) * u64::from(blocks.1),
-                usage: Usage::STORAGE | Usage::COPY_SRC,
-                mapped_at_creation: false,
-            })
-        };
-        let colours = storage("sums of colours", 16);
-        let brightness = storage("sums of brightness", 8);
-        let size = (targets.width, targets.height);
-        let linear = U::RENDER_ATTACHMENT | U::TEXTURE_BINDING;
-        let linear = Target::new(device, "exposed", size, format::LIGHT, linear);
-        let around = U::STORAGE_BINDING | U::TEXTURE_BINDING;
-        let around = Target::new(device, "around", blocks, format::LIGHT, around);
-        let layers = around.texture.create_view(&wgpu::TextureViewDescriptor {
-            dimension: Some(wgpu::TextureViewDimension::D2Array),
-            ..Default::default()
-        });
-        let uniform = self.uniform.as_entire_binding();
-        let (sums, squares) = (colours.as_entire_binding(), brightness.as_entire_binding());
-        let summing = [uniform.clone(), sums.clone(), squares, view(&layers)];
-        let drawing = [uniform, sums, view(&around.view), sampler(&self.smooth)];
-        let picture = [
-            view(&targets.camera.view),
-            targets.codes.as_entire_binding(),
-        ];
-        let bound = |at: usize, of: &[wgpu::BindingResource<'_>]| {
-            let label = "exposure";
-            [
-                group(device, label, &self.table_layouts[at], of),
-                group(device, label, &self.picture_layouts[at], &picture),
-            ]
-        };
-        ExposureInputs {
-            summing: bound(0, &summing),
-            drawing: bound(1, &drawing),
-            linear,
-            blocks,
-            #[cfg(test)]
-            sums: (colours, brightness),
-        }
-    }
-
-    /// Which exposure comes next.
+    /// Uploads the exposure of the next frame: its factor on linear light, and what clipped areas
+    /// become.
     pub fn upload(
         &self,
         queue: &wgpu::Queue,
@@ -177,7 +159,7 @@ impl ExposurePass {
         response: &Response,
     ) {
         let linear = response.linear_from_code();
-        // As the shaders read it again from half floats, and encode it.
+        // Rounded to half floats, from which the shaders read it before they encode it.
         let linear = linear.map(|v| f16::from_f32(v * factor).to_f32());
         let uniform = ExposureUniform {
             change: [factor, region.reach as f32, region.share, trust(factor)],
@@ -193,28 +175,36 @@ impl ExposurePass {
         queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
     }
 
-    /// The exposed picture into `inputs.linear` and, as codes, into the output. What is clipped
-    /// matters only where it is darker: `highlights` says what becomes of it.
-    pub fn record(
-        &self,
-        encoder: &mut wgpu::CommandEncoder,
-        timer: &mut Timer,
-        inputs: &ExposureInputs,
-        targets: &Targets,
+    /// Draws the exposed picture into `exposed.linear` and, as codes, into `output`. `highlights`
+    /// says what becomes of clipped areas in a shorter exposure; `None` for a longer one.
+    pub fn record<'a>(
+        &mut self,
+        r: &mut Recorder<'_>,
+        camera: (&FrameTexture, &ResponseTable),
         highlights: Option<Highlights>,
-    ) {
+        exposed: &'a ExposedPictures,
+        output: &FrameTexture,
+    ) -> &'a FrameTexture {
         if highlights.is_some() {
-            self.record_table(encoder, timer, inputs, 0..self.table.len());
+            self.record_table(r, camera, exposed, 0..self.table.len());
         }
-        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+        let drawing = [
+            self.uniform.as_entire_binding(),
+            exposed.sums.0.as_entire_binding(),
+            view(&exposed.around.view),
+            sampler(&self.smooth),
+        ];
+        let [around, picture] = &mut self.drawing;
+        let around = around.get(r.device, &drawing);
+        let picture = picture.get(r.device, &[view(&camera.0.view), camera.1.binding()]);
+        let mut pass = r.encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some("exposure"),
-            color_attachments: &[cleared(&inputs.linear.view), cleared(&targets.output.view)],
-            timestamp_writes: timer.span("exposure", true, true),
+            color_attachments: &[cleared(&exposed.linear.view), cleared(&output.view)],
+            timestamp_writes: r.timer.span("exposure", true, true),
             ..Default::default()
         });
-        for (index, group) in (0..).zip(&inputs.drawing) {
-            pass.set_bind_group(index, group, &[]);
-        }
+        pass.set_bind_group(0, around, &[]);
+        pass.set_bind_group(1, picture, &[]);
         let all = match highlights {
             None => Some(&self.scaled),
             Some(Highlights::Paper) => Some(&self.raised),
@@ -223,45 +213,52 @@ impl ExposurePass {
         if let Some(all) = all {
             pass.set_pipeline(all);
             pass.draw(0..3, 0..1);
-            return;
+        } else {
+            let (across, down) = tile_grid(output.size());
+            for pipeline in [&self.scaled_tiles, &self.highlights] {
+                pass.set_pipeline(pipeline);
+                pass.draw(0..6 * across * down, 0..1);
+            }
         }
-        for pipeline in [&self.scaled_tiles, &self.highlights] {
-            pass.set_pipeline(pipeline);
-            pass.draw(0..6 * targets.tile_count(), 0..1);
-        }
+        &exposed.linear
     }
 
+    /// Records the `steps` of the summed-area table.
     fn record_table(
-        &self,
-        encoder: &mut wgpu::CommandEncoder,
-        timer: &mut Timer,
-        inputs: &ExposureInputs,
+        &mut self,
+        r: &mut Recorder<'_>,
+        (camera, codes): (&FrameTexture, &ResponseTable),
+        exposed: &ExposedPictures,
         steps: Range<usize>,
     ) {
-        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+        let (colours, brightness) = &exposed.sums;
+        let table = [
+            self.uniform.as_entire_binding(),
+            colours.as_entire_binding(),
+            brightness.as_entire_binding(),
+            view(&exposed.around_layers),
+        ];
+        let [sums, picture] = &mut self.summing;
+        let sums = sums.get(r.device, &table);
+        let picture = picture.get(r.device, &[view(&camera.view), codes.binding()]);
+        let mut pass = r.encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
             label: Some("exposure_table"),
-            timestamp_writes: timer.compute_span("exposure_table", true, true),
+            timestamp_writes: r.timer.compute_span("exposure_table", true, true),
         });
-        for (index, group) in (0..).zip(&inputs.summing) {
-            pass.set_bind_group(index, group, &[]);
-        }
-        let (across, down) = inputs.blocks;
+        pass.set_bind_group(0, sums, &[]);
+        pass.set_bind_group(1, picture, &[]);
+        let (across, down) = exposed.blocks;
         let squares = (across.div_ceil(GROUP), down.div_ceil(GROUP));
         let groups = [squares, (down, 1), (across, 1), squares];
-        for (pipeline, (x, y)) in self
-            .table
-            .iter()
-            .zip(groups)
-            .take(steps.end)
-            .skip(steps.start)
-        {
+        let jobs = self.table.iter().zip(groups);
+        for (pipeline, (x, y)) in jobs.take(steps.end).skip(steps.start) {
             pass.set_pipeline(pipeline);
             pass.dispatch_workgroups(x, y, 1);
         }
     }
 }
 
-/// The entry of the shaders' table of codes that stands for a linear value.
+/// The linear value of the entry of the inverse response that the shaders read for `linear`.
 fn tabled(linear: f32) -> f32 {
     let last = (ENCODING - 1) as f32;
     let root = (linear.clamp(0.0, 1.0).sqrt() * last + 0.5).floor() / last;

@@ -1,26 +1,26 @@
-//! Draws all casters into the shadow maps of the lamps that have moved.
+//! Draws all casters into the shadow maps of the virtual lights that have moved.
 
-use super::super::bindings::{DepthTest, POSITION_LAYOUT, PipelineSpec, Slot, group, layout};
+use super::super::bindings::{CachedGroup, DepthTest, POSITION_LAYOUT, PipelineSpec, Slot};
 use super::super::lamp_maps::LampMaps;
+use super::super::recorder::{Recorder, cleared_depth};
 use super::super::scene_buffers::{SceneBuffers, SceneLayouts, draw_casters};
-use super::super::{shaders, timing::Timer};
-use super::cleared_depth;
+use super::super::shaders;
 
 /// The pass.
 pub struct LampMapPass {
     pipeline: wgpu::RenderPipeline,
-    layout: wgpu::BindGroupLayout,
+    views: CachedGroup,
 }
 
 impl LampMapPass {
     pub fn new(device: &wgpu::Device, scene: &SceneLayouts) -> Self {
         let module = shaders::module(device, "lamp_map", shaders::Variant::PLAIN);
-        // Not the frame's group: the maps are in it, which are drawn here.
-        let layout = layout(device, "lamp views", &[Slot::Uniform]);
+        // Not the group of the frame: that holds the maps that are drawn here.
+        let views = CachedGroup::of_slots(device, "lamp views", &[Slot::Uniform]);
         let pipeline = PipelineSpec {
             label: "lamp_map",
             module: &module,
-            groups: &[&layout, &scene.parts],
+            groups: &[&views.layout, &scene.parts],
             vertex: "lamp_caster",
             buffers: &[POSITION_LAYOUT],
             fragment: None,
@@ -31,38 +31,26 @@ impl LampMapPass {
             samples: 1,
         }
         .build(device);
-        Self { pipeline, layout }
+        Self { pipeline, views }
     }
 
     /// Draws the layers that are out of date.
-    pub fn record(
-        &self,
-        device: &wgpu::Device,
-        encoder: &mut wgpu::CommandEncoder,
-        timer: &mut Timer,
-        scene: &SceneBuffers,
-        maps: &LampMaps,
-    ) {
-        if maps.draws.is_empty() {
+    pub fn record(&mut self, r: &mut Recorder<'_>, scene: &SceneBuffers, maps: &LampMaps) {
+        let Some(last) = maps.draws.len().checked_sub(1) else {
             return;
-        }
-        let views = group(
-            device,
-            "lamp views",
-            &self.layout,
-            &[maps.views.as_entire_binding()],
-        );
-        let last = maps.draws.len() - 1;
+        };
+        let views = [maps.views.as_entire_binding()];
+        let views = self.views.get(r.device, &views);
         for (k, draw) in maps.draws.iter().enumerate() {
             let layer = &maps.layers[draw.layer as usize];
-            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            let mut pass = r.encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
                 label: Some("lamp_map"),
                 depth_stencil_attachment: cleared_depth(layer, 0.0),
-                timestamp_writes: timer.span("lamp_map", k == 0, k == last),
+                timestamp_writes: r.timer.span("lamp_map", k == 0, k == last),
                 ..Default::default()
             });
             pass.set_pipeline(&self.pipeline);
-            pass.set_bind_group(0, &views, &[]);
+            pass.set_bind_group(0, views, &[]);
             pass.set_bind_group(1, &scene.caster_places.group, &[]);
             for (tile, view) in (0..draw.across * draw.across).zip(draw.view..) {
                 let side = maps.size() / draw.across;

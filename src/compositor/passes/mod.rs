@@ -1,4 +1,19 @@
-//! One pass = one file here = one shader of the same name.
+//! The passes of a frame. Each file holds one pass, its output pictures, and the pipelines of the
+//! shader of the same name. In the order in which they run:
+//!
+//! | pass | draws |
+//! |---|---|
+//! | [`exposure`] | the real picture in another exposure |
+//! | [`shadow_map`] | casters as seen from dome lights |
+//! | [`lamp_map`] | casters as seen from virtual lights |
+//! | [`phantom_geometry`] | depth and normals of the real scene |
+//! | [`virtual_geometry`] | shape and material of virtual objects |
+//! | [`tiles`] | which lights matter in which tile |
+//! | [`shadow_buffer`] | light that surfaces lack |
+//! | [`lamp_response`] | light that virtual lights add, by the paper's response |
+//! | [`surroundings`] | the shadowed real picture for reflections |
+//! | [`composite`] | the finished picture |
+//! | [`present`] | the finished picture on a window |
 
 pub mod composite;
 pub mod exposure;
@@ -11,53 +26,3 @@ pub mod shadow_map;
 pub mod surroundings;
 pub mod tiles;
 pub mod virtual_geometry;
-
-/// A colour attachment that starts black.
-pub const fn cleared(view: &wgpu::TextureView) -> Option<wgpu::RenderPassColorAttachment<'_>> {
-    Some(wgpu::RenderPassColorAttachment {
-        view,
-        depth_slice: None,
-        resolve_target: None,
-        ops: wgpu::Operations {
-            load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
-            store: wgpu::StoreOp::Store,
-        },
-    })
-}
-
-/// A depth attachment that starts at `far`.
-pub const fn cleared_depth(
-    view: &wgpu::TextureView,
-    far: f32,
-) -> Option<wgpu::RenderPassDepthStencilAttachment<'_>> {
-    Some(wgpu::RenderPassDepthStencilAttachment {
-        view,
-        depth_ops: Some(wgpu::Operations {
-            load: wgpu::LoadOp::Clear(far),
-            store: wgpu::StoreOp::Store,
-        }),
-        stencil_ops: None,
-    })
-}
-
-/// Records a pass that covers `view` with one triangle.
-pub fn cover(
-    encoder: &mut wgpu::CommandEncoder,
-    label: &str,
-    view: &wgpu::TextureView,
-    timestamp_writes: Option<wgpu::RenderPassTimestampWrites<'_>>,
-    pipeline: &wgpu::RenderPipeline,
-    groups: &[&wgpu::BindGroup],
-) {
-    let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-        label: Some(label),
-        color_attachments: &[cleared(view)],
-        timestamp_writes,
-        ..Default::default()
-    });
-    pass.set_pipeline(pipeline);
-    for (group, index) in groups.iter().zip(0..) {
-        pass.set_bind_group(index, *group, &[]);
-    }
-    pass.draw(0..3, 0..1);
-}

@@ -1,14 +1,32 @@
-//! Draws the depth and normals of the real scene's proxies.
+//! Draws the depth and the normals of the phantoms (proxies of the real scene).
 
 use super::super::bindings::{DepthTest, PipelineSpec, VERTEX_LAYOUT};
+use super::super::recorder::{Recorder, cleared, cleared_depth};
 use super::super::scene_buffers::{SceneBuffers, SceneLayouts};
-use super::super::targets::{Targets, format};
-use super::super::{shaders, timing::Timer};
-use super::{cleared, cleared_depth};
+use super::super::shaders;
+use super::super::textures::{DRAWN, FrameTexture, format};
 
 /// The pass.
 pub struct PhantomGeometryPass {
     pipeline: wgpu::RenderPipeline,
+}
+
+/// The phantoms as the camera sees them.
+pub struct PhantomPictures {
+    /// World normal and kind of surface.
+    pub normal: FrameTexture,
+    /// Reversed depth.
+    pub depth: FrameTexture,
+}
+
+impl PhantomPictures {
+    pub fn new(device: &wgpu::Device, size: (u32, u32)) -> Self {
+        let normal = format::PHANTOM_NORMAL;
+        Self {
+            normal: FrameTexture::new(device, "phantom normal", size, normal, DRAWN),
+            depth: FrameTexture::new(device, "phantom depth", size, format::DEPTH, DRAWN),
+        }
+    }
 }
 
 impl PhantomGeometryPass {
@@ -36,29 +54,25 @@ impl PhantomGeometryPass {
         Self { pipeline }
     }
 
-    pub fn record(
+    /// Draws all phantoms into `output`.
+    pub fn record<'a>(
         &self,
-        encoder: &mut wgpu::CommandEncoder,
-        timer: &mut Timer,
+        r: &mut Recorder<'_>,
         frame: &wgpu::BindGroup,
         scene: &SceneBuffers,
-        targets: &Targets,
-    ) {
-        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+        output: &'a PhantomPictures,
+    ) -> &'a PhantomPictures {
+        let mut pass = r.encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some("phantom_geometry"),
-            color_attachments: &[cleared(&targets.phantom_normal.view)],
-            depth_stencil_attachment: cleared_depth(&targets.phantom_depth.view, 0.0),
-            timestamp_writes: timer.span("phantom_geometry", true, true),
+            color_attachments: &[cleared(&output.normal.view)],
+            depth_stencil_attachment: cleared_depth(&output.depth.view, 0.0),
+            timestamp_writes: r.timer.span("phantom_geometry", true, true),
             ..Default::default()
         });
         pass.set_pipeline(&self.pipeline);
         pass.set_bind_group(0, frame, &[]);
         pass.set_bind_group(1, &scene.phantom_uniforms, &[]);
-        for (part, instance) in scene.phantom_parts.iter().zip(0..) {
-            let level = part.details.level();
-            pass.set_vertex_buffer(0, part.vertices.slice(..));
-            pass.set_index_buffer(level.indices.slice(..), wgpu::IndexFormat::Uint32);
-            pass.draw_indexed(0..level.count, 0, instance..instance + 1);
-        }
+        scene.draw_phantoms(&mut pass);
+        output
     }
 }

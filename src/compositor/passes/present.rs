@@ -1,8 +1,8 @@
-//! Shows the finished picture on a window's surface, as large as it fits.
+//! Shows the finished picture on a window surface, as large as it fits.
 
 use super::super::bindings::{PipelineSpec, Slot, group, layout, sampler, view};
+use super::super::recorder::cover;
 use super::super::shaders;
-use super::cover;
 
 /// The pass.
 pub struct PresentPass {
@@ -14,7 +14,7 @@ pub struct PresentPass {
 }
 
 impl PresentPass {
-    /// For surfaces of `surface_format`.
+    /// Compiles the pass for surfaces of `surface_format`.
     pub fn new(device: &wgpu::Device, surface_format: wgpu::TextureFormat) -> Self {
         let module = shaders::module(device, "present", shaders::Variant::PLAIN);
         let layout = layout(
@@ -56,7 +56,7 @@ impl PresentPass {
         }
     }
 
-    /// Records the pass: `picture` (its size in pixels) on `surface` (its size).
+    /// Records the pass: shows `picture` on `surface`, each with its width and height in pixels.
     pub fn record(
         &self,
         (device, queue): (&wgpu::Device, &wgpu::Queue),
@@ -87,7 +87,7 @@ impl PresentPass {
     }
 }
 
-/// Twin of WGSL `Placement`: the largest centred rectangle of the picture's shape.
+/// Twin of WGSL `Placement`: the largest centred rectangle with the picture's aspect ratio.
 fn placement(picture: (u32, u32), surface: (u32, u32), srgb: bool) -> [f32; 8] {
     let (pw, ph) = (picture.0 as f32, picture.1 as f32);
     let (sw, sh) = (surface.0.max(1) as f32, surface.1.max(1) as f32);
@@ -110,10 +110,10 @@ mod tests {
     use super::placement;
 
     #[test]
-    fn a_wide_window_has_bars_left_and_right() {
+    fn wide_window_has_bars_left_and_right() {
         let [sx, sy, ox, oy, ..] = placement((640, 480), (1920, 1080), false);
         assert!((sy - 1.0).abs() < 1e-6 && oy.abs() < 1e-6);
-        // The picture's left edge (u = 0) stands at (1920 − 1440) / 2 = 240 pixels.
+        // The picture's left edge (u = 0) lies at (1920 − 1440) / 2 = 240 pixels.
         assert!((240.0 / 1920.0 * sx + ox).abs() < 1e-5);
     }
 }

@@ -1,42 +1,87 @@
-//! The shadow buffer, for the real and for the virtual surfaces.
+//! The shadow buffer, for real and for virtual surfaces.
 
-use super::super::bindings::{DepthTest, PipelineSpec, Slot, group, layout, sampler, view};
+use super::super::bindings::{CachedGroup, DepthTest, PipelineSpec, Slot, sampler, view};
+use super::super::recorder::{Recorder, bind_all, cleared_depth, colour};
 use super::super::shaders::{self, Variant};
-use super::super::targets::{Targets, format};
-use super::super::timing::Timer;
-use super::shadow_map::ShadowMaps;
-use super::{cleared, cleared_depth};
+use super::super::textures::{DRAWN, FrameTexture, coarse_size, format};
+use super::phantom_geometry::PhantomPictures;
+use super::shadow_map::DomeShadowMaps;
+use super::tiles::TilePictures;
+use super::virtual_geometry::VirtualPictures;
 use wgpu::{ColorWrites, CompareFunction as Compare};
 
-/// The pass, with the dome's shadow maps.
+/// The pass, with the shadow maps of the dome lights.
 pub struct ShadowBufferPass {
     by_maps: MarkedPasses,
-    maps_layout: wgpu::BindGroupLayout,
-    surfaces_layout: wgpu::BindGroupLayout,
+    maps: CachedGroup,
+    surfaces: CachedGroup,
     compare: wgpu::Sampler,
 }
 
-/// Both layers of the shadow buffer, whatever their shadows come from.
+/// Both layers of the shadow buffer, whatever the source of the shadows.
 pub struct MarkedPasses {
     phantom: Marked,
     virtual_light: Marked,
 }
 
-/// What marks texels, and what works on the marked ones.
+/// A pipeline that marks texels, and one that works on the marked ones.
 struct Marked {
     mark: wgpu::RenderPipeline,
     work: wgpu::RenderPipeline,
 }
 
-/// What it binds of the shadow maps and the targets.
-pub struct ShadowBufferInputs {
-    pub maps: wgpu::BindGroup,
-    pub surfaces: wgpu::BindGroup,
+/// Light that surfaces lack or have left, one texel per shadow step.
+pub struct ShadowPictures {
+    /// Factor of the real picture, or what is subtracted from it.
+    pub phantom_shadow: FrameTexture,
+    /// Irradiance left on virtual surfaces, packed.
+    pub virtual_light: FrameTexture,
+    /// Depth buffer of both layers: the texels that need work.
+    marks: FrameTexture,
+}
+
+impl ShadowPictures {
+    /// For pictures of `size` pixels with `step` pixels per texel, each way.
+    pub fn new(device: &wgpu::Device, size: (u32, u32), step: u32) -> Self {
+        let size = coarse_size(size, step);
+        let marks = wgpu::TextureUsages::RENDER_ATTACHMENT;
+        Self {
+            phantom_shadow: FrameTexture::new(device, "shadow", size, format::LIGHT, DRAWN),
+            virtual_light: FrameTexture::new(device, "light", size, format::LIGHT_TEXEL, DRAWN),
+            marks: FrameTexture::new(device, "marks", size, format::DEPTH, marks),
+        }
+    }
+}
+
+/// Light that falls onto surfaces or that they lack.
+#[derive(Clone, Copy)]
+pub struct SurfaceLight<'a> {
+    pub shadows: &'a ShadowPictures,
+    /// Light that virtual lights add to the real picture, where it is not a part of `shadows`.
+    pub lamp_light: &'a FrameTexture,
+}
+
+/// Where shadows are looked up.
+pub enum ShadowSource<'a> {
+    /// The shadow maps of the dome lights.
+    Maps(&'a DomeShadowMaps),
+    /// Sums of basis images on shadowing planes, and the passes that read them.
+    Planes(&'a MarkedPasses, &'a wgpu::BindGroup),
+}
+
+/// The surfaces in the picture.
+#[derive(Clone, Copy)]
+pub struct Surfaces<'a> {
+    pub phantoms: &'a PhantomPictures,
+    pub virtual_surfaces: &'a VirtualPictures,
+    pub tiles: &'a TilePictures,
+    /// Tiles that virtual surfaces may cover.
+    pub covered_tiles: &'a FrameTexture,
 }
 
 impl MarkedPasses {
-    /// `shader` names the module; `groups` are the frame's layout, that of the shadows, that of
-    /// the surfaces.
+    /// `shader` names the module; `groups` are the layouts of the frame, the shadows and the
+    /// surfaces.
     fn new(
         device: &wgpu::Device,
         shader: &str,
@@ -82,14 +127,14 @@ impl MarkedPasses {
         }
     }
 
-    /// `groups`: the frame, the shadows, the surfaces.
-    pub fn record(
+    /// `groups`: the frame, the shadows, the surfaces. Real surfaces without shadow get
+    /// `unshadowed`.
+    fn record(
         &self,
-        encoder: &mut wgpu::CommandEncoder,
-        timer: &mut Timer,
+        r: &mut Recorder<'_>,
         groups: [&wgpu::BindGroup; 3],
-        targets: &Targets,
         unshadowed: f64,
+        output: &ShadowPictures,
     ) {
         let lit = wgpu::Color {
             r: unshadowed,
@@ -97,31 +142,21 @@ impl MarkedPasses {
             b: unshadowed,
             a: 0.0,
         };
-        let nothing = wgpu::Color::TRANSPARENT;
+        let none = wgpu::Color::TRANSPARENT;
+        let (shadow, light) = (&output.phantom_shadow, &output.virtual_light);
         let jobs = [
-            ("phantom_shadow", &targets.shadow, lit, &self.phantom),
-            (
-                "virtual_light",
-                &targets.light,
-                nothing,
-                &self.virtual_light,
-            ),
+            ("phantom_shadow", shadow, lit, &self.phantom),
+            ("virtual_light", light, none, &self.virtual_light),
         ];
-        for (name, target, clear, pipelines) in jobs {
-            let mut colour = cleared(&target.view);
-            if let Some(colour) = &mut colour {
-                colour.ops.load = wgpu::LoadOp::Clear(clear);
-            }
-            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+        for (name, picture, clear, pipelines) in jobs {
+            let mut pass = r.encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
                 label: Some(name),
-                color_attachments: &[colour],
-                depth_stencil_attachment: cleared_depth(&targets.marks.view, 0.0),
-                timestamp_writes: timer.span(name, true, true),
+                color_attachments: &[colour(&picture.view, wgpu::LoadOp::Clear(clear))],
+                depth_stencil_attachment: cleared_depth(&output.marks.view, 0.0),
+                timestamp_writes: r.timer.span(name, true, true),
                 ..Default::default()
             });
-            for (group, index) in groups.iter().zip(0..) {
-                pass.set_bind_group(index, *group, &[]);
-            }
+            bind_all(&mut pass, &groups);
             for pipeline in [&pipelines.mark, &pipelines.work] {
                 pass.set_pipeline(pipeline);
                 pass.draw(0..3, 0..1);
@@ -132,27 +167,16 @@ impl MarkedPasses {
 
 impl ShadowBufferPass {
     pub fn new(device: &wgpu::Device, frame: &wgpu::BindGroupLayout, variant: Variant) -> Self {
-        let maps_layout = layout(
-            device,
-            "shadow maps",
-            &[Slot::DepthArray, Slot::DepthArray, Slot::Comparison],
-        );
+        let slots = [Slot::DepthArray, Slot::DepthArray, Slot::Comparison];
+        let maps = CachedGroup::of_slots(device, "shadow maps", &slots);
         let (packed, depth) = Slot::sampled(variant.samples);
-        let surfaces_layout = layout(
-            device,
-            "surfaces",
-            &[
-                Slot::Unfilterable,
-                Slot::Depth,
-                packed,
-                depth,
-                Slot::Integer,
-                Slot::Integer,
-                Slot::Integer,
-                Slot::Integer,
-                Slot::Integer,
-            ],
-        );
+        let masks = [Slot::Integer; 5];
+        let slots = [
+            &[Slot::Unfilterable, Slot::Depth, packed, depth][..],
+            &masks,
+        ]
+        .concat();
+        let surfaces = CachedGroup::of_slots(device, "surfaces", &slots);
         let compare = device.create_sampler(&wgpu::SamplerDescriptor {
             label: Some("shadow compare"),
             mag_filter: wgpu::FilterMode::Linear,
@@ -160,65 +184,64 @@ impl ShadowBufferPass {
             compare: Some(wgpu::CompareFunction::LessEqual),
             ..Default::default()
         });
-        let groups = [frame, &maps_layout, &surfaces_layout];
+        let groups = [frame, &maps.layout, &surfaces.layout];
         Self {
             by_maps: MarkedPasses::new(device, "shadow_buffer", groups, variant),
-            maps_layout,
-            surfaces_layout,
+            maps,
+            surfaces,
             compare,
         }
     }
 
-    /// The same with shadowing planes in the place of shadow maps; `shown` is their layout.
-    pub fn of_planes(
+    /// Compiles the same with shadowing planes in place of shadow maps; `sums` is the layout of
+    /// what they bind.
+    pub fn by_planes(
         &self,
         device: &wgpu::Device,
         frame: &wgpu::BindGroupLayout,
-        shown: &wgpu::BindGroupLayout,
+        sums: &wgpu::BindGroupLayout,
         variant: Variant,
     ) -> MarkedPasses {
-        let groups = [frame, shown, &self.surfaces_layout];
+        let groups = [frame, sums, &self.surfaces.layout];
         MarkedPasses::new(device, "planes_shadow", groups, variant)
     }
 
-    /// Binds maps and targets.
-    pub fn bind(
-        &self,
-        device: &wgpu::Device,
-        maps: (&ShadowMaps, &ShadowMaps),
-        targets: &Targets,
-    ) -> ShadowBufferInputs {
-        let maps = group(
-            device,
-            "shadow maps",
-            &self.maps_layout,
-            &[
-                view(&maps.0.array),
-                view(&maps.1.array),
-                sampler(&self.compare),
-            ],
-        );
-        let surfaces = group(
-            device,
-            "surfaces",
-            &self.surfaces_layout,
-            &[
-                view(&targets.phantom_normal.view),
-                view(&targets.phantom_depth.view),
-                view(&targets.virtual_surface[0].view),
-                view(&targets.virtual_depth.view),
-                view(&targets.tiles[0].view),
-                view(&targets.tiles[1].view),
-                view(&targets.covered.view),
-                view(&targets.lamp_tiles[0].view),
-                view(&targets.lamp_tiles[1].view),
-            ],
-        );
-        ShadowBufferInputs { maps, surfaces }
-    }
-
-    /// The passes that look shadow maps up.
-    pub const fn by_maps(&self) -> &MarkedPasses {
-        &self.by_maps
+    /// Draws both layers into `output`. Real surfaces without shadow get `unshadowed`.
+    pub fn record<'a>(
+        &mut self,
+        r: &mut Recorder<'_>,
+        frame: &wgpu::BindGroup,
+        source: &ShadowSource<'_>,
+        surfaces: Surfaces<'_>,
+        unshadowed: f64,
+        output: &'a ShadowPictures,
+    ) -> &'a ShadowPictures {
+        let (phantoms, virtual_surfaces) = (surfaces.phantoms, surfaces.virtual_surfaces);
+        let tiles = surfaces.tiles;
+        let resources = [
+            view(&phantoms.normal.view),
+            view(&phantoms.depth.view),
+            view(&virtual_surfaces.surface[0].view),
+            view(&virtual_surfaces.depth.view),
+            view(&tiles.phantom.lights.view),
+            view(&tiles.virtual_surface.lights.view),
+            view(&surfaces.covered_tiles.view),
+            view(&tiles.phantom.lamps.view),
+            view(&tiles.virtual_surface.lamps.view),
+        ];
+        let bound = self.surfaces.get(r.device, &resources);
+        let (passes, shadows) = match source {
+            ShadowSource::Planes(passes, sums) => (*passes, *sums),
+            ShadowSource::Maps(maps) => {
+                let resources = [
+                    view(&maps.virtual_casters.array),
+                    view(&maps.phantom_casters.array),
+                    sampler(&self.compare),
+                ];
+                (&self.by_maps, self.maps.get(r.device, &resources))
+            }
+        };
+        passes.record(r, [frame, shadows, bound], unshadowed, output);
+        output
     }
 }

@@ -1,10 +1,10 @@
 //! Draws casters into the shadow maps of the dome lights chosen for this frame.
 
 use super::super::bindings::{DepthTest, POSITION_LAYOUT, PipelineSpec};
+use super::super::recorder::{Recorder, bind_all, cleared_depth};
 use super::super::scene_buffers::{SceneBuffers, SceneLayouts, draw_casters};
-use super::super::targets::format;
-use super::super::{shaders, timing::Timer};
-use super::cleared_depth;
+use super::super::shaders;
+use super::super::textures::format;
 
 /// Depth maps of all lights for one set of casters.
 pub struct ShadowMaps {
@@ -13,8 +13,8 @@ pub struct ShadowMaps {
 }
 
 impl ShadowMaps {
-    /// `lights` square maps of `size` texels a side.
-    pub fn new(device: &wgpu::Device, label: &str, size: u32, lights: u32) -> Self {
+    /// An array of `lights` square maps of `size` texels a side.
+    fn new(device: &wgpu::Device, label: &str, size: u32, lights: u32) -> Self {
         let texture = device.create_texture(&wgpu::TextureDescriptor {
             label: Some(label),
             size: wgpu::Extent3d {
@@ -44,6 +44,23 @@ impl ShadowMaps {
             })
             .collect();
         Self { array, layers }
+    }
+}
+
+/// The depth maps of all dome lights, one array for each set of casters.
+pub struct DomeShadowMaps {
+    pub virtual_casters: ShadowMaps,
+    pub phantom_casters: ShadowMaps,
+}
+
+impl DomeShadowMaps {
+    /// Two arrays of `lights` square maps of `size` texels a side.
+    pub fn new(device: &wgpu::Device, size: u32, lights: u32) -> Self {
+        let maps = |label| ShadowMaps::new(device, label, size, lights);
+        Self {
+            virtual_casters: maps("virtual shadow maps"),
+            phantom_casters: maps("phantom shadow maps"),
+        }
     }
 }
 
@@ -82,62 +99,51 @@ impl ShadowMapPass {
     /// Draws the maps of `lights` again, both sets of casters.
     pub fn record(
         &self,
-        encoder: &mut wgpu::CommandEncoder,
-        timer: &mut Timer,
+        r: &mut Recorder<'_>,
         frame: &wgpu::BindGroup,
         scene: &SceneBuffers,
-        maps: (&ShadowMaps, &ShadowMaps),
         lights: &[usize],
+        output: &DomeShadowMaps,
     ) {
-        let [virtual_maps, phantom_maps] = [maps.0, maps.1];
         let casts = [
             scene.virtual_caster_meshes().next().is_some(),
             scene.phantom_caster_meshes().next().is_some(),
         ];
-        // Where nothing casts, no map is ever read.
+        // A map without casters is never read.
         let total = lights.len() * casts.iter().filter(|c| **c).count();
         let groups = [frame, &scene.caster_places.group];
         let mut done = 0;
         for light in lights {
             if casts[0] {
                 done += 1;
-                let writes = timer.span("shadow_map", done == 1, done == total);
-                let mut pass = begin(encoder, writes, virtual_maps, *light);
-                bind(&mut pass, &self.virtual_pipeline, groups);
+                let span = (done == 1, done == total);
+                let mut pass = begin(r, span, &output.virtual_casters, *light);
+                pass.set_pipeline(&self.virtual_pipeline);
+                bind_all(&mut pass, &groups);
                 draw_casters(&mut pass, scene.virtual_caster_meshes(), *light as u32);
             }
             if casts[1] {
                 done += 1;
-                let writes = timer.span("shadow_map", done == 1, done == total);
-                let mut pass = begin(encoder, writes, phantom_maps, *light);
-                bind(&mut pass, &self.phantom_pipeline, groups);
+                let span = (done == 1, done == total);
+                let mut pass = begin(r, span, &output.phantom_casters, *light);
+                pass.set_pipeline(&self.phantom_pipeline);
+                bind_all(&mut pass, &groups);
                 draw_casters(&mut pass, scene.phantom_caster_meshes(), *light as u32);
             }
         }
     }
 }
 
-fn begin<'e>(
-    encoder: &'e mut wgpu::CommandEncoder,
-    timestamp_writes: Option<wgpu::RenderPassTimestampWrites<'_>>,
+fn begin<'r>(
+    r: &'r mut Recorder<'_>,
+    (first, last): (bool, bool),
     maps: &ShadowMaps,
     light: usize,
-) -> wgpu::RenderPass<'e> {
-    encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+) -> wgpu::RenderPass<'r> {
+    r.encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
         label: Some("shadow_map"),
         depth_stencil_attachment: cleared_depth(&maps.layers[light], 1.0),
-        timestamp_writes,
+        timestamp_writes: r.timer.span("shadow_map", first, last),
         ..Default::default()
     })
-}
-
-fn bind(
-    pass: &mut wgpu::RenderPass<'_>,
-    pipeline: &wgpu::RenderPipeline,
-    groups: [&wgpu::BindGroup; 2],
-) {
-    pass.set_pipeline(pipeline);
-    for (group, slot) in groups.into_iter().zip(0..) {
-        pass.set_bind_group(slot, group, &[]);
-    }
 }

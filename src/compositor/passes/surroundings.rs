@@ -1,36 +1,64 @@
-//! The shadowed real picture, linear and ever coarser, for virtual objects to reflect.
+//! The shadowed real picture in linear light, as a chain of coarser and coarser levels, which
+//! virtual objects reflect.
 
-use super::super::bindings::{PipelineSpec, Slot, group, layout, view};
+use super::super::bindings::{CachedGroup, PipelineSpec, Slot, group, layout, view};
+use super::super::recorder::{Recorder, cover};
+use super::super::response_table::RealPicture;
 use super::super::shaders::{self, Variant};
-use super::super::targets::{Targets, format};
-use super::super::timing::Timer;
-use super::cover;
+use super::super::textures::{FrameTexture, coarse_size, format};
+use super::shadow_buffer::SurfaceLight;
 
 /// The pass.
 pub struct SurroundingsPass {
     gather: wgpu::RenderPipeline,
     halve: wgpu::RenderPipeline,
-    picture_layout: wgpu::BindGroupLayout,
+    picture: CachedGroup,
     finer_layout: wgpu::BindGroupLayout,
+    /// Groups of the finer level for each level, and the first level that they were made for.
+    finer: Option<(wgpu::TextureView, Vec<wgpu::BindGroup>)>,
 }
 
-/// What it binds of the targets.
-pub struct SurroundingsInputs {
-    picture: wgpu::BindGroup,
-    finer: Vec<wgpu::BindGroup>,
+/// The levels, of which the first has half the size of the picture.
+pub struct SurroundingsPictures {
+    pub all: FrameTexture,
+    levels: Vec<wgpu::TextureView>,
+}
+
+impl SurroundingsPictures {
+    /// For pictures of `size` pixels.
+    pub fn new(device: &wgpu::Device, size: (u32, u32)) -> Self {
+        let half = coarse_size(size, 2);
+        let count = (half.0.max(half.1)).ilog2().clamp(1, 7);
+        let all = FrameTexture::with_levels(device, "surroundings", half, format::LIGHT, count);
+        let level = |base_mip_level| {
+            all.texture.create_view(&wgpu::TextureViewDescriptor {
+                base_mip_level,
+                mip_level_count: Some(1),
+                ..Default::default()
+            })
+        };
+        let levels = (0..count).map(level).collect();
+        Self { all, levels }
+    }
+
+    /// The number of the coarsest level; 0 = the finest.
+    pub fn highest_level(&self) -> u32 {
+        self.levels.len() as u32 - 1
+    }
 }
 
 impl SurroundingsPass {
     pub fn new(device: &wgpu::Device, frame: &wgpu::BindGroupLayout, variant: Variant) -> Self {
         let module = shaders::module(device, "surroundings", variant);
         let u = Slot::Unfilterable;
-        let picture_layout = layout(device, "surroundings picture", &[u, Slot::Uniform, u, u]);
+        let slots = [u, Slot::Uniform, u, u];
+        let picture = CachedGroup::of_slots(device, "surroundings picture", &slots);
         let finer_layout = layout(device, "surroundings level", &[u]);
         let build = |fragment: &str| {
             PipelineSpec {
                 label: "surroundings",
                 module: &module,
-                groups: &[frame, &picture_layout, &finer_layout],
+                groups: &[frame, &picture.layout, &finer_layout],
                 vertex: "cover",
                 buffers: &[],
                 fragment: Some(fragment),
@@ -46,56 +74,57 @@ impl SurroundingsPass {
         Self {
             gather,
             halve,
-            picture_layout,
+            picture,
             finer_layout,
+            finer: None,
         }
     }
 
-    /// Binds the targets and the real picture, the camera's or the exposed one.
-    pub fn bind(
-        &self,
-        device: &wgpu::Device,
-        targets: &Targets,
-        real: &wgpu::TextureView,
-    ) -> SurroundingsInputs {
-        let picture = group(
-            device,
-            "surroundings picture",
-            &self.picture_layout,
-            &[
-                view(real),
-                targets.codes.as_entire_binding(),
-                view(&targets.shadow.view),
-                view(&targets.response.view),
-            ],
-        );
-        // The first level reads the picture, but the layout wants a finer one: any will do
-        // that is not being drawn.
-        let finer = std::iter::once(&targets.shadow.view)
-            .chain(&targets.surroundings_levels)
-            .map(|v| group(device, "surroundings level", &self.finer_layout, &[view(v)]))
-            .collect();
-        SurroundingsInputs { picture, finer }
-    }
-
-    pub fn record(
-        &self,
-        encoder: &mut wgpu::CommandEncoder,
-        timer: &mut Timer,
+    /// Gathers the real picture with its shadows and the light of virtual lights, and halves it
+    /// level by level.
+    pub fn record<'a>(
+        &mut self,
+        r: &mut Recorder<'_>,
         frame: &wgpu::BindGroup,
-        inputs: &SurroundingsInputs,
-        targets: &Targets,
-    ) {
-        let last = targets.surroundings_levels.len() - 1;
-        for (level, target) in targets.surroundings_levels.iter().enumerate() {
+        real: RealPicture<'_>,
+        light: SurfaceLight<'_>,
+        output: &'a SurroundingsPictures,
+    ) -> &'a SurroundingsPictures {
+        let shadow = &light.shadows.phantom_shadow.view;
+        let resources = [
+            view(&real.shown().view),
+            real.codes.binding(),
+            view(shadow),
+            view(&light.lamp_light.view),
+        ];
+        let picture = self.picture.get(r.device, &resources);
+        let first = &output.levels[0];
+        let kept = self.finer.take().filter(|(of, _)| of == first);
+        let (_, finer) = self.finer.insert(kept.unwrap_or_else(|| {
+            // The first level reads the picture alone; its layout still asks for a finer level:
+            // any texture that is not being drawn.
+            let finer = std::iter::once(shadow).chain(&output.levels);
+            let bound = |v| {
+                group(
+                    r.device,
+                    "surroundings level",
+                    &self.finer_layout,
+                    &[view(v)],
+                )
+            };
+            (first.clone(), finer.map(bound).collect())
+        }));
+        let last = output.levels.len() - 1;
+        for (level, target) in output.levels.iter().enumerate() {
             let pipeline = if level == 0 {
                 &self.gather
             } else {
                 &self.halve
             };
-            let writes = timer.span("surroundings", level == 0, level == last);
-            let groups = [frame, &inputs.picture, &inputs.finer[level]];
-            cover(encoder, "surroundings", target, writes, pipeline, &groups);
+            let span = r.timer.span("surroundings", level == 0, level == last);
+            let groups = [frame, picture, &finer[level]];
+            cover(r.encoder, "surroundings", target, span, pipeline, &groups);
         }
+        output
     }
 }

@@ -1,33 +1,61 @@
-//! Sorts the picture into tiles by the dome lights that could be blocked there, and by the lamps
-//! that shine there.
+//! Sorts the picture into tiles by the dome lights that could be blocked there, and by the virtual
+//! lights that shine there.
 
-use super::super::bindings::{PipelineSpec, Slot, group, layout, view};
+use super::super::bindings::{CachedGroup, PipelineSpec, Slot, view};
+use super::super::recorder::{Recorder, bind_all, cleared};
 use super::super::shaders::{self, Variant};
-use super::super::targets::{Targets, format};
-use super::super::timing::Timer;
-use super::cleared;
+use super::super::textures::{DRAWN, FrameTexture, format, tile_grid};
+use super::phantom_geometry::PhantomPictures;
+use super::virtual_geometry::VirtualPictures;
 
 /// The pass.
 pub struct TilesPass {
     real: wgpu::RenderPipeline,
     virtual_surfaces: wgpu::RenderPipeline,
-    surfaces_layout: wgpu::BindGroupLayout,
+    surfaces: CachedGroup,
+}
+
+/// One texel per tile: masks of the lights that matter there.
+pub struct TileMasks {
+    /// Dome lights that could be blocked.
+    pub lights: FrameTexture,
+    /// Virtual lights that shine there.
+    pub lamps: FrameTexture,
+}
+
+/// The masks for real and for virtual surfaces.
+pub struct TilePictures {
+    pub phantom: TileMasks,
+    pub virtual_surface: TileMasks,
+}
+
+impl TilePictures {
+    /// For pictures of `size` pixels.
+    pub fn new(device: &wgpu::Device, size: (u32, u32)) -> Self {
+        let picture =
+            |label, format| FrameTexture::new(device, label, tile_grid(size), format, DRAWN);
+        let masks = |lights, lamps| TileMasks {
+            lights: picture(lights, format::TILES),
+            lamps: picture(lamps, format::LAMP_TILES),
+        };
+        Self {
+            phantom: masks("phantom tiles", "phantom lamp tiles"),
+            virtual_surface: masks("virtual tiles", "virtual lamp tiles"),
+        }
+    }
 }
 
 impl TilesPass {
     pub fn new(device: &wgpu::Device, frame: &wgpu::BindGroupLayout, variant: Variant) -> Self {
         let module = shaders::module(device, "tiles", variant);
         let (packed, depth) = Slot::sampled(variant.samples);
-        let surfaces_layout = layout(
-            device,
-            "tile surfaces",
-            &[Slot::Unfilterable, Slot::Depth, packed, depth],
-        );
+        let slots = [Slot::Unfilterable, Slot::Depth, packed, depth];
+        let surfaces = CachedGroup::of_slots(device, "tile surfaces", &slots);
         let build = |fragment: &str| {
             PipelineSpec {
                 label: "tiles",
                 module: &module,
-                groups: &[frame, &surfaces_layout],
+                groups: &[frame, &surfaces.layout],
                 vertex: "cover",
                 buffers: &[],
                 fragment: Some(fragment),
@@ -43,59 +71,46 @@ impl TilesPass {
         Self {
             real,
             virtual_surfaces,
-            surfaces_layout,
+            surfaces,
         }
     }
 
-    pub fn bind(&self, device: &wgpu::Device, targets: &Targets) -> wgpu::BindGroup {
-        group(
-            device,
-            "tile surfaces",
-            &self.surfaces_layout,
-            &[
-                view(&targets.phantom_normal.view),
-                view(&targets.phantom_depth.view),
-                view(&targets.virtual_surface[0].view),
-                view(&targets.virtual_depth.view),
-            ],
-        )
-    }
-
-    /// `covered` is the rectangle of tiles (x, y, width, height) that virtual surfaces lie
-    /// in.
-    pub fn record(
-        &self,
-        encoder: &mut wgpu::CommandEncoder,
-        timer: &mut Timer,
-        groups: [&wgpu::BindGroup; 2],
-        targets: &Targets,
+    /// Classifies all tiles for real surfaces, and those in the rectangle `covered` (x, y, width,
+    /// height, tiles) for virtual ones.
+    pub fn record<'a>(
+        &mut self,
+        r: &mut Recorder<'_>,
+        frame: &wgpu::BindGroup,
+        (phantoms, virtual_surfaces): (&PhantomPictures, &VirtualPictures),
         covered: [u32; 4],
-    ) {
-        let whole = [
-            0,
-            0,
-            targets.tiles[0].texture.width(),
-            targets.tiles[0].texture.height(),
+        output: &'a TilePictures,
+    ) -> &'a TilePictures {
+        let resources = [
+            view(&phantoms.normal.view),
+            view(&phantoms.depth.view),
+            view(&virtual_surfaces.surface[0].view),
+            view(&virtual_surfaces.depth.view),
         ];
-        let jobs = [(&self.real, whole), (&self.virtual_surfaces, covered)];
-        for (k, (pipeline, [x, y, width, height])) in jobs.into_iter().enumerate() {
-            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+        let groups = [frame, self.surfaces.get(r.device, &resources)];
+        let (across, down) = output.phantom.lights.size();
+        let jobs = [
+            (&self.real, [0, 0, across, down], &output.phantom),
+            (&self.virtual_surfaces, covered, &output.virtual_surface),
+        ];
+        for (k, (pipeline, [x, y, width, height], masks)) in jobs.into_iter().enumerate() {
+            let mut pass = r.encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
                 label: Some("tiles"),
-                color_attachments: &[
-                    cleared(&targets.tiles[k].view),
-                    cleared(&targets.lamp_tiles[k].view),
-                ],
-                timestamp_writes: timer.span("tiles", k == 0, k == 1),
+                color_attachments: &[cleared(&masks.lights.view), cleared(&masks.lamps.view)],
+                timestamp_writes: r.timer.span("tiles", k == 0, k == 1),
                 ..Default::default()
             });
             pass.set_pipeline(pipeline);
-            for (group, index) in groups.iter().zip(0..) {
-                pass.set_bind_group(index, *group, &[]);
-            }
+            bind_all(&mut pass, &groups);
             if width > 0 {
                 pass.set_scissor_rect(x, y, width, height);
                 pass.draw(0..3, 0..1);
             }
         }
+        output
     }
 }

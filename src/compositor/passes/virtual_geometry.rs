@@ -1,17 +1,35 @@
-//! Draws the surface properties of the virtual objects, behind the phantoms' depth.
+//! Draws the surface properties of the virtual objects where no phantom hides them.
 
 use super::super::bindings::{DepthTest, POSITION_LAYOUT, PipelineSpec, VERTEX_LAYOUT};
+use super::super::recorder::{Recorder, cleared, cleared_depth, colour, depth};
 use super::super::scene_buffers::{SceneBuffers, SceneLayouts};
 use super::super::shaders::{self, Variant};
-use super::super::targets::{Targets, format};
-use super::super::timing::Timer;
-use super::{cleared, cleared_depth};
+use super::super::textures::{FrameTexture, format};
 
 /// The pass.
 pub struct VirtualGeometryPass {
     /// One-sided and two-sided surfaces, each without and with textures.
     surfaces: [[wgpu::RenderPipeline; 2]; 2],
     occluder: wgpu::RenderPipeline,
+}
+
+/// The virtual objects as the camera sees them, with several samples a pixel.
+pub struct VirtualPictures {
+    /// Shape and material, packed.
+    pub surface: [FrameTexture; 2],
+    /// Reversed depth, that of the phantoms included.
+    pub depth: FrameTexture,
+}
+
+impl VirtualPictures {
+    pub fn new(device: &wgpu::Device, size: (u32, u32), samples: u32) -> Self {
+        let picture =
+            |label, format| FrameTexture::multisampled(device, label, size, format, samples);
+        Self {
+            surface: format::VIRTUAL.map(|format| picture("virtual surface", format)),
+            depth: picture("virtual depth", format::DEPTH),
+        }
+    }
 }
 
 impl VirtualGeometryPass {
@@ -46,7 +64,7 @@ impl VirtualGeometryPass {
         Self { surfaces, occluder }
     }
 
-    /// Phantoms write depth and leave the colours empty.
+    /// Phantoms write depth alone.
     fn occluder(
         device: &wgpu::Device,
         frame: &wgpu::BindGroupLayout,
@@ -69,29 +87,25 @@ impl VirtualGeometryPass {
         .build(device)
     }
 
-    pub fn record(
+    /// Draws phantoms (depth alone), virtual parts and area lamps into `output`.
+    pub fn record<'a>(
         &self,
-        encoder: &mut wgpu::CommandEncoder,
-        timer: &mut Timer,
+        r: &mut Recorder<'_>,
         frame: &wgpu::BindGroup,
         scene: &SceneBuffers,
-        targets: &Targets,
-    ) {
-        self.record_occluders(encoder, timer, frame, scene, targets);
-        let mut colours = targets.virtual_surface.each_ref().map(|t| cleared(&t.view));
-        // Only the first tells where something is.
-        for colour in colours[1..].iter_mut().flatten() {
-            colour.ops.load = wgpu::LoadOp::Load;
-        }
-        let mut depth = cleared_depth(&targets.virtual_depth.view, 0.0);
-        if let Some(ops) = depth.as_mut().and_then(|d| d.depth_ops.as_mut()) {
-            ops.load = wgpu::LoadOp::Load;
-        }
-        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+        output: &'a VirtualPictures,
+    ) -> &'a VirtualPictures {
+        self.record_occluders(r, frame, scene, output);
+        let [first, second] = output.surface.each_ref();
+        let mut pass = r.encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some("virtual_geometry"),
-            color_attachments: &colours,
-            depth_stencil_attachment: depth,
-            timestamp_writes: timer.span("virtual_geometry", false, true),
+            // The first alone says where a surface is: the second need not be cleared.
+            color_attachments: &[
+                cleared(&first.view),
+                colour(&second.view, wgpu::LoadOp::Load),
+            ],
+            depth_stencil_attachment: depth(&output.depth.view, wgpu::LoadOp::Load),
+            timestamp_writes: r.timer.span("virtual_geometry", false, true),
             ..Default::default()
         });
         pass.set_bind_group(0, frame, &[]);
@@ -100,12 +114,9 @@ impl VirtualGeometryPass {
             let sides = usize::from(part.double_sided);
             pass.set_pipeline(&self.surfaces[sides][usize::from(part.textured)]);
             pass.set_bind_group(2, part.material.as_ref(), &[]);
-            let level = part.details.level();
-            pass.set_vertex_buffer(0, part.vertices.slice(..));
-            pass.set_index_buffer(level.indices.slice(..), wgpu::IndexFormat::Uint32);
-            pass.draw_indexed(0..level.count, 0, instance..instance + 1);
+            part.draw(&mut pass, instance);
         }
-        // Area lamps, one-sided rectangles with a picture or without.
+        // Area lamps are one-sided rectangles with or without a picture.
         pass.set_bind_group(1, &scene.emitters.uniforms, &[]);
         pass.set_pipeline(&self.surfaces[0][1]);
         pass.set_index_buffer(scene.emitters.indices.slice(..), wgpu::IndexFormat::Uint32);
@@ -114,20 +125,20 @@ impl VirtualGeometryPass {
             pass.set_vertex_buffer(0, vertices.slice(..));
             pass.draw_indexed(0..6, 0, instance..instance + 1);
         }
+        output
     }
 
     fn record_occluders(
         &self,
-        encoder: &mut wgpu::CommandEncoder,
-        timer: &mut Timer,
+        r: &mut Recorder<'_>,
         frame: &wgpu::BindGroup,
         scene: &SceneBuffers,
-        targets: &Targets,
+        output: &VirtualPictures,
     ) {
-        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+        let mut pass = r.encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some("occluder"),
-            depth_stencil_attachment: cleared_depth(&targets.virtual_depth.view, 0.0),
-            timestamp_writes: timer.span("virtual_geometry", true, false),
+            depth_stencil_attachment: cleared_depth(&output.depth.view, 0.0),
+            timestamp_writes: r.timer.span("virtual_geometry", true, false),
             ..Default::default()
         });
         let Some(mesh) = &scene.occluders else { return };

@@ -1,7 +1,7 @@
 //! The texture that holds all basis images.
 
-use super::super::{Gpu, GpuError};
-use super::source_images::image_count;
+use super::super::gpu::{Gpu, GpuError};
+use super::source_targets::image_count;
 use penumbra_scene::planes::Bake;
 
 /// All stored images in one texture, four texels of a row in one.
@@ -61,6 +61,19 @@ pub(super) fn atlas(gpu: &Gpu, bake: &Bake, sources: bool) -> Result<Atlas, GpuE
         usage: usage | wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
         view_formats: &[],
     });
+    upload_images(queue, &texture, bake, across);
+    let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
+    Ok(Atlas {
+        view,
+        across,
+        baked,
+    })
+}
+
+/// Uploads the baked images in rows of `across`.
+fn upload_images(queue: &wgpu::Queue, texture: &wgpu::Texture, bake: &Bake, across: u32) {
+    let side = bake.settings.resolution;
+    let one = (side * side) as usize;
     for (image, i) in bake.texels.chunks_exact(one).zip(0..) {
         let mut to = texture.as_image_copy();
         to.origin = wgpu::Origin3d {
@@ -80,10 +93,4 @@ pub(super) fn atlas(gpu: &Gpu, bake: &Bake, sources: bool) -> Result<Atlas, GpuE
         };
         queue.write_texture(to, image, layout, size);
     }
-    let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
-    Ok(Atlas {
-        view,
-        across,
-        baked,
-    })
 }

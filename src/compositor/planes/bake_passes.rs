@@ -4,10 +4,10 @@ use super::super::bindings::{
     DepthTest, POSITION_LAYOUT, PipelineSpec, Slot, compute_layout, compute_pipeline, group,
     layout, sampler, view,
 };
-use super::super::passes::cleared_depth;
-use super::super::scene_buffers::MeshBuffers;
+use super::super::mesh_buffers::MeshBuffers;
+use super::super::recorder::{cleared, cleared_depth};
 use super::super::shaders;
-use super::super::targets::format;
+use super::super::textures::format;
 use bytemuck::{Pod, Zeroable};
 
 /// Texels along a side of a direction's map.
@@ -134,7 +134,7 @@ impl BakePasses {
         );
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some("bake_receiver"),
-            color_attachments: &[super::super::passes::cleared(colour)],
+            color_attachments: &[cleared(colour)],
             depth_stencil_attachment: cleared_depth(depth, 1.0),
             ..Default::default()
         });

@@ -1,8 +1,8 @@
 //! What is baked, on the GPU: casters merged in the world, parts that planes look at, the
 //! planes themselves.
 
-use super::super::scene_buffers::{MeshBuffers, index_buffer, is_ground};
-use super::super::shadow_slots::CasterHull;
+use super::super::caster_hull::CasterHull;
+use super::super::mesh_buffers::{MeshBuffers, index_buffer, is_ground};
 use super::compute::storage;
 use bytemuck::{Pod, Zeroable};
 use penumbra_scene::planes::{Layer, Receiver, ShadowingPlane};

@@ -1,9 +1,9 @@
 //! Bakes basis images (Kakuta 2004, section 3.2; 2007, section 2.3): for each plane and each
 //! light of the dome how much of the light arrives, texel by texel, with all casters counted.
 
-use super::super::scene_buffers::MeshBuffers;
-use super::super::shadow_slots::{Fit, fit};
-use super::super::{Gpu, GpuError};
+use super::super::caster_hull::{Fit, fit};
+use super::super::gpu::{Gpu, GpuError};
+use super::super::mesh_buffers::MeshBuffers;
 use super::bake_passes::{BakePasses, Direction, MAP, ReceiverView, depth_square, square};
 use super::bake_scene::{BakeCasters, BakeScene, receiver_mesh};
 use super::compute::{buffer_of, storage};

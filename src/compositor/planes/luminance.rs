@@ -5,8 +5,8 @@
 //! already, and loads every number by itself: 11 ms for 786,000 pixels on two cores, against
 //! 1.3 to 2.5 ms for the CPU twin on one. There the twin does it.
 
-use crate::Gpu;
 use crate::bindings::{Slot, compute_layout, compute_pipeline, group};
+use crate::gpu::Gpu;
 use crate::shaders::{Variant, module};
 use crate::timing::Timer;
 use glam::Vec3;

@@ -1,6 +1,6 @@
 //! Bakes anew what a changed scene asks for, and takes the rest from the bake before.
 
-use super::super::{Gpu, GpuError};
+use super::super::gpu::{Gpu, GpuError};
 use super::baker::{Baker, Progress, faces, tell};
 use penumbra_scene::Scene;
 use penumbra_scene::planes::renew::Renewal;

@@ -8,6 +8,7 @@ pub mod baker;
 mod compute;
 pub mod luminance;
 mod mend;
+pub(crate) mod options;
 mod readback;
 mod receiver;
 mod shown;
@@ -15,15 +16,13 @@ mod source_drawing;
 mod source_images;
 mod source_slots;
 mod source_stage;
-mod stage;
+mod source_targets;
+pub(crate) mod stage;
 pub mod synthesis;
-
-/// Compact sources at most that get lights of their own beside the dome's faces: outdoors the sun
-/// is the only one; of more sources in a room the third throws faint shadows.
-pub const SOURCES: usize = 2;
 
 pub use baker::{Progress, bake};
 pub use mend::mend;
+pub use options::{PlanesChoice, SOURCES, Thresholds};
 pub use source_images::SourceBaker;
-pub use stage::{PlanesChoice, PlanesStage, Shading};
-pub use synthesis::{PlaneWork, Thresholds};
+pub use stage::PlanesStage;
+pub use synthesis::PlaneWork;

@@ -1,6 +1,6 @@
 //! Bytes of a buffer that the device has written; for what may wait.
 
-use super::super::{Gpu, GpuError};
+use super::super::gpu::{Gpu, GpuError};
 
 /// Waits for everything submitted and shows `buffer` to `look`.
 pub(super) fn look_at<T>(

@@ -1,26 +1,8 @@
 //! Images of a compact source in the making: one step with each picture.
 
-use super::source_images::{KINDS, SOURCE_LIGHTS, SourceBaker};
+use super::source_images::{Images, SourceBaker, SourceOutput};
 use super::source_slots::Wanted;
-use bytemuck::{Pod, Zeroable};
-
-/// Twin of WGSL `Images` in `bake_source.wgsl`.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
-pub(super) struct Images {
-    planes: [u32; 4],
-    source: [u32; 4],
-}
-
-/// Where images go.
-pub(super) struct SourceOutput {
-    pub group: wgpu::BindGroup,
-    /// Directions of lights.
-    pub faces: wgpu::Buffer,
-    pub dome_lights: u32,
-    pub first_image: u32,
-    pub across: u32,
-}
+use super::source_targets::{KINDS, SOURCE_LIGHTS};
 
 /// Images in the making.
 #[derive(Debug)]

@@ -3,15 +3,15 @@
 //! as it was baked.
 
 use super::super::bindings::{Slot, compute_layout, compute_pipeline, group, view};
-use super::super::shadow_slots::fit;
-use super::super::{Gpu, GpuError, shaders};
-use super::SOURCES;
+use super::super::caster_hull::fit;
+use super::super::gpu::{Gpu, GpuError};
+use super::super::shaders;
 use super::bake_passes::{BakePasses, Direction, depth_square};
 use super::bake_scene::{BakeCasters, BakeScene};
 use super::compute::{buffer_of, storage};
 use super::receiver::words;
-use super::source_drawing::{Images, SourceOutput};
-use super::synthesis::SourceTargets;
+use super::source_targets::SourceTargets;
+use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 use penumbra_scene::Scene;
 use penumbra_scene::planes::{Bake, Layer};
@@ -25,15 +25,22 @@ const MAP: u32 = 1024;
 /// a picture's time, as is drawing the direction's maps. A real GPU does all at once.
 const PLANES_A_PICTURE: u32 = 4;
 
-/// Images of each plane: past everything, and past phantoms alone.
-pub(super) const KINDS: u32 = 2;
+/// Twin of WGSL `Images` in `bake_source.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub(super) struct Images {
+    pub planes: [u32; 4],
+    pub source: [u32; 4],
+}
 
-/// Lights that sources add to those of the dome: two sets of images each.
-pub(super) const SOURCE_LIGHTS: usize = 2 * SOURCES;
-
-/// Images that sources add to those of a bake.
-pub(super) const fn image_count(planes: u32) -> u32 {
-    SOURCE_LIGHTS as u32 * KINDS * planes
+/// Where images go.
+pub(super) struct SourceOutput {
+    pub group: wgpu::BindGroup,
+    /// Directions of lights.
+    pub faces: wgpu::Buffer,
+    pub dome_lights: u32,
+    pub first_image: u32,
+    pub across: u32,
 }
 
 /// What casts and what catches shadows, and what images are drawn through.

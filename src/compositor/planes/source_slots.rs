@@ -1,7 +1,7 @@
 //! Which compact sources have images of their own, and when these are drawn anew. Pure: pictures
 //! are counted, no clock is asked, so that a replay is always the same.
 
-use super::SOURCES;
+use super::options::SOURCES;
 use glam::{Quat, Vec2, Vec3};
 use penumbra_lighting::geodesic::FaceSource;
 

@@ -3,12 +3,12 @@
 
 use super::super::bindings::{Slot, compute_layout, compute_pipeline, group};
 use super::super::shaders;
-use super::SOURCES;
 use super::compute::buffer_of;
-use super::source_drawing::{Drawing, SourceOutput};
-use super::source_images::{SOURCE_LIGHTS, SourceBaker};
+use super::options::SOURCES;
+use super::source_drawing::Drawing;
+use super::source_images::{SourceBaker, SourceOutput};
 use super::source_slots::SourceSlots;
-use super::synthesis::SourceTargets;
+use super::source_targets::{SOURCE_LIGHTS, SourceTargets};
 use glam::Quat;
 use penumbra_lighting::geodesic::FaceLight;
 use wgpu::BufferUsages as U;

@@ -1,40 +1,20 @@
 //! Shadowing planes as a technique of the compositor.
 
-use super::super::frame::{FrameInput, clip_from_camera};
+use super::super::frame_input::FrameInput;
+use super::super::gpu::{Gpu, GpuError};
 use super::super::gpu_data::FrameUniform;
-use super::super::passes::shadow_buffer::MarkedPasses;
-use super::super::timing::Timer;
-use super::super::{Compositor, Gpu, GpuError};
+use super::super::passes::shadow_buffer::{MarkedPasses, ShadowSource};
+use super::super::recorder::Recorder;
 use super::luminance::LuminancePass;
 use super::source_images::SourceBaker;
 use super::source_stage::SourceStage;
-use super::synthesis::{PlaneWork, Synthesis, SynthesisPasses, Thresholds};
-use glam::Vec3;
+use super::synthesis::{PlaneWork, Synthesis, SynthesisPasses};
+use glam::{DMat4, Vec3};
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::geodesic::{GeodesicDome, sum_faces};
 use penumbra_lighting::{DomeLight, LightKind};
+use penumbra_scene::PlaneShading;
 use penumbra_scene::planes::{Bake, ShadowingPlane};
-
-/// What virtual objects are shaded by, before shadows.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Shading {
-    /// The irradiance of the environment, compact sources where they are.
-    #[default]
-    Irradiance,
-    /// The lights of all faces of the dome.
-    Lights,
-    /// Six lights, each the sum of neighbouring faces: the papers' way.
-    Six,
-}
-
-/// How planes are used in a frame.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct PlanesChoice {
-    /// When sums are made anew.
-    pub thresholds: Thresholds,
-    /// What virtual objects are shaded by.
-    pub shading: Shading,
-}
 
 /// Everything that the technique keeps: a bake on the device and what works on it.
 pub struct PlanesStage {
@@ -45,133 +25,17 @@ pub struct PlanesStage {
     dome: GeodesicDome,
     show: Option<MarkedPasses>,
     shown: bool,
-    device: wgpu::Device,
     /// As they were baked.
     planes: Vec<ShadowingPlane>,
     world_from_bake: RigidTransform,
     /// Lights of faces, for shading, and of which light and shading they are.
     lights: Vec<DomeLight>,
-    lights_of: Option<(u64, Shading)>,
-}
-
-impl Compositor {
-    /// Puts a bake in force, or takes it away. It must be one of the scene that is shown.
-    ///
-    /// # Errors
-    /// A bake of a dome that cannot be; more images than the device can hold.
-    pub fn set_bake(&mut self, bake: Option<&Bake>) -> Result<(), GpuError> {
-        self.set_bake_with_sources(bake, None)
-    }
-
-    /// The same; with `sources`, made of this bake, the brightest compact sources of light get
-    /// images of their own, drawn from their true directions, instead of those of the faces in
-    /// which they lie.
-    ///
-    /// # Errors
-    /// As [`Self::set_bake`].
-    pub fn set_bake_with_sources(
-        &mut self,
-        bake: Option<&Bake>,
-        sources: Option<SourceBaker>,
-    ) -> Result<(), GpuError> {
-        self.planes = None;
-        if let Some(bake) = bake {
-            self.show_planes(Box::new(PlanesStage::new(&self.gpu, bake, sources)?));
-        }
-        Ok(())
-    }
-
-    /// Puts in force what [`PlanesStage::new`] made of a bake, on whichever thread.
-    pub fn show_planes(&mut self, mut stage: Box<PlanesStage>) {
-        let before = self.planes.take();
-        // What shows planes is the same for all bakes.
-        stage.show = before.and_then(|before| before.show);
-        self.planes = Some(stage);
-    }
-
-    /// Carries the planes along with a model that was moved as a whole since it was baked; light
-    /// has to come from a dome that the caller turns with it.
-    pub fn move_planes(&mut self, world_from_bake: RigidTransform) {
-        if let Some(stage) = &mut self.planes {
-            stage.world_from_bake = world_from_bake;
-            stage.synthesis.place(&stage.planes, world_from_bake);
-            stage.lights_of = None;
-            if let Some(sources) = &mut stage.sources {
-                sources.turn(world_from_bake.rotation.inverse().as_quat());
-            }
-        }
-    }
-
-    /// What planes had to do in the last frame; `None` while they are not the technique. Waits
-    /// for the device.
-    ///
-    /// # Errors
-    /// The device failed.
-    pub fn plane_work(&self) -> Result<Option<PlaneWork>, GpuError> {
-        let stage = self.planes.as_deref().filter(|stage| stage.shown);
-        let work = |stage: &PlanesStage| {
-            let sources = stage.sources.as_ref().map(|s| s.work).unwrap_or_default();
-            Ok(PlaneWork {
-                sources: sources.sources,
-                source_images: sources.images,
-                ..stage.synthesis.work(&self.gpu)?
-            })
-        };
-        stage.map(work).transpose()
-    }
-
-    /// Uploads what planes need in this frame. False where they are not the technique, or
-    /// where there is no light for them.
-    ///
-    /// # Errors
-    /// More pixels of light than the device can read.
-    pub(in super::super) fn prepare_planes(
-        &mut self,
-        input: &FrameInput<'_>,
-        augmented: bool,
-    ) -> Result<bool, GpuError> {
-        let Some(stage) = &mut self.planes else {
-            return Ok(false);
-        };
-        stage.shown = false;
-        let (Some(choice), Some(pose)) = (input.planes, input.world_from_camera) else {
-            return Ok(false);
-        };
-        let Some((lighting, faces)) = input.lighting.and_then(|l| Some((l, l.faces.as_ref()?)))
-        else {
-            return Ok(false);
-        };
-        if !augmented {
-            return Ok(false);
-        }
-        let Gpu { device, queue, .. } = &self.gpu;
-        let uploaded = stage
-            .luminance
-            .upload(device, queue, faces, lighting.generation);
-        uploaded.map_err(|error| GpuError::Unfit {
-            adapter: self.gpu.name.clone(),
-            reason: error.to_string(),
-        })?;
-        if let Some(sources) = &mut stage.sources {
-            sources.prepare(queue, faces);
-        }
-        let frame = &self.light_maps.frame_layout;
-        let (shadows, shown) = (&self.pipelines.shadow_buffer, &stage.passes.shown_layout);
-        stage
-            .show
-            .get_or_insert_with(|| shadows.of_planes(device, frame, shown, self.variant));
-        let clip_from_world = clip_from_camera(input.camera) * pose.inverse().to_matrix();
-        stage
-            .synthesis
-            .prepare(queue, clip_from_world, pose.translation, choice.thresholds);
-        stage.shown = true;
-        Ok(true)
-    }
+    lights_of: Option<(u64, PlaneShading)>,
 }
 
 impl PlanesStage {
     /// Uploads a bake and compiles what sums it; for `sources` see
-    /// [`Compositor::set_bake_with_sources`].
+    /// [`crate::Compositor::set_bake_with_sources`]. May run on any thread.
     ///
     /// # Errors
     /// A bake of a dome that cannot be; more images than the device can hold.
@@ -193,7 +57,6 @@ impl PlanesStage {
             dome,
             show: None,
             shown: false,
-            device: device.clone(),
             planes: bake.planes.clone(),
             world_from_bake: RigidTransform::IDENTITY,
             lights: Vec::new(),
@@ -201,35 +64,107 @@ impl PlanesStage {
         })
     }
 
-    /// Whether this frame's shadows come from planes.
-    pub(in super::super) fn is_shown(&self) -> bool {
-        self.shown
-    }
-
-    /// The shaders are to be compiled anew.
-    pub(in super::super) fn forget_pipelines(&mut self) {
+    /// Discards the passes that show planes: the shaders have to be compiled again.
+    pub(crate) fn forget_pipelines(&mut self) {
         self.show = None;
     }
 
-    /// Sums; the passes that show the sums, and what they bind.
-    pub(in super::super) fn record(
+    /// Takes over the passes that show planes: they are the same for all bakes.
+    pub(crate) fn take_pipelines(&mut self, before: Self) {
+        self.show = before.show;
+    }
+
+    /// Moves the planes with a model that was moved as a whole since it was baked.
+    pub(crate) fn place(&mut self, world_from_bake: RigidTransform) {
+        self.world_from_bake = world_from_bake;
+        self.synthesis.place(&self.planes, world_from_bake);
+        self.lights_of = None;
+        if let Some(sources) = &mut self.sources {
+            sources.turn(world_from_bake.rotation.inverse().as_quat());
+        }
+    }
+
+    /// The work of the last frame; `None` if its shadows did not come from planes. Waits for the
+    /// device.
+    pub(crate) fn work(&self, gpu: &Gpu) -> Result<Option<PlaneWork>, GpuError> {
+        if !self.shown {
+            return Ok(None);
+        }
+        let sources = self.sources.as_ref().map(|s| s.work).unwrap_or_default();
+        Ok(Some(PlaneWork {
+            sources: sources.sources,
+            source_images: sources.images,
+            ..self.synthesis.work(gpu)?
+        }))
+    }
+
+    /// Uploads what planes need in this frame; `passes` compiles the passes that show planes from
+    /// the layout of the sums. Returns false where planes are not the technique, or where they
+    /// have no light.
+    ///
+    /// # Errors
+    /// The light has more pixels than the device can read.
+    pub(crate) fn prepare(
         &mut self,
-        encoder: &mut wgpu::CommandEncoder,
-        timer: &mut Timer,
-    ) -> Option<(&MarkedPasses, &wgpu::BindGroup)> {
-        let changed = self.luminance.record(&self.device, encoder, timer);
+        gpu: &Gpu,
+        input: &FrameInput<'_>,
+        camera: impl Fn(DMat4) -> DMat4,
+        augmented: bool,
+        passes: impl FnOnce(&wgpu::BindGroupLayout) -> MarkedPasses,
+    ) -> Result<bool, GpuError> {
+        self.shown = false;
+        let (Some(choice), Some(pose)) = (input.planes, input.world_from_camera) else {
+            return Ok(false);
+        };
+        let Some((lighting, faces)) = input.lighting.and_then(|l| Some((l, l.faces.as_ref()?)))
+        else {
+            return Ok(false);
+        };
+        if !augmented {
+            return Ok(false);
+        }
+        let Gpu { device, queue, .. } = gpu;
+        let uploaded = self
+            .luminance
+            .upload(device, queue, faces, lighting.generation);
+        uploaded.map_err(|error| GpuError::Unfit {
+            adapter: gpu.name.clone(),
+            reason: error.to_string(),
+        })?;
+        if let Some(sources) = &mut self.sources {
+            sources.prepare(queue, faces);
+        }
+        let layout = &self.passes.shown_layout;
+        self.show.get_or_insert_with(|| passes(layout));
+        let clip_from_world = camera(pose.inverse().to_matrix());
+        self.synthesis
+            .prepare(queue, clip_from_world, pose.translation, choice.thresholds);
+        self.shown = true;
+        Ok(true)
+    }
+
+    /// Sums basis images under the light of this frame; `None` where the frame does not use
+    /// planes.
+    pub(crate) fn record(&mut self, r: &mut Recorder<'_>) -> Option<ShadowSource<'_>> {
+        if !self.shown {
+            return None;
+        }
+        let changed = self.luminance.record(r.device, r.encoder, r.timer);
         let faces = self.luminance.buffer();
         let lights = match &mut self.sources {
-            Some(sources) => sources.record(&self.device, encoder, faces, changed),
+            Some(sources) => sources.record(r.device, r.encoder, faces, changed),
             None => (faces, changed),
         };
         self.synthesis
-            .record(&self.device, encoder, timer, &self.passes, lights);
-        Some((self.show.as_ref()?, self.synthesis.group()))
+            .record(r.device, r.encoder, r.timer, &self.passes, lights);
+        Some(ShadowSource::Planes(
+            self.show.as_ref()?,
+            self.synthesis.group(),
+        ))
     }
 
     /// The lights that shade virtual objects: those of the environment, or of faces.
-    pub(in super::super) fn shade<'a>(
+    pub(crate) fn shade<'a>(
         &'a mut self,
         input: &FrameInput<'_>,
         uniform: &mut FrameUniform,
@@ -238,13 +173,13 @@ impl PlanesStage {
         let (low, high) = self.synthesis.reach();
         uniform.planes_low = low.as_vec3().extend(1.0).to_array();
         uniform.planes_high = high.as_vec3().extend(0.0).to_array();
-        let shading = input.planes.map_or(Shading::Irradiance, |p| p.shading);
+        let shading = input.planes.map_or(PlaneShading::Irradiance, |p| p.shading);
         let faces = input.lighting.and_then(|l| Some((l, l.faces.as_ref()?)));
-        let (Some((lighting, faces)), false) = (faces, shading == Shading::Irradiance) else {
+        let (Some((lighting, faces)), false) = (faces, shading == PlaneShading::Irradiance) else {
             return lights;
         };
         if self.lights_of != Some((lighting.generation, shading)) {
-            self.light_faces(&sum_faces(faces), shading == Shading::Six);
+            self.light_faces(&sum_faces(faces), shading == PlaneShading::Six);
             self.lights_of = Some((lighting.generation, shading));
         }
         // Only the ground is left of what no light stands for: π/2 · L · (1 − n.z).

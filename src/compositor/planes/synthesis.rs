@@ -1,41 +1,23 @@
 //! In each frame: which basis images have to be summed, and their sums (Kakuta 2004, 2007).
 //! Everything is decided on the device; the host only hears of it afterwards.
 
-use super::super::Gpu;
 use super::super::bindings::{self, Slot, compute_layout, compute_pipeline, sampler, view};
+use super::super::gpu::{Gpu, GpuError};
 use super::super::shaders::{self, Summing};
 use super::super::timing::Timer;
 use super::atlas::{Atlas, atlas};
 use super::compute::{buffer_of, storage};
+use super::options::Thresholds;
 use super::readback::look_at;
 use super::receiver::words;
 use super::shown::{ShownPlane, ShownPlanes};
-use super::source_images::SOURCE_LIGHTS;
-use crate::GpuError;
+use super::source_targets::{SOURCE_LIGHTS, SourceTargets};
 use bytemuck::{Pod, Zeroable};
 use glam::{DMat4, DVec3};
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::geodesic::GeodesicDome;
 use penumbra_scene::planes::{Bake, Basis, Image, Layer, Receiver, ShadowingPlane};
 use wgpu::BufferUsages as U;
-
-/// When sums are made anew. All are shares of all the light that a plane gets.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Thresholds {
-    /// Lights that give less are left out: of 40 lights; of more in proportion.
-    pub skip_below: f32,
-    /// A plane is left alone while its light is off by less.
-    pub recompute_above: f32,
-}
-
-impl Default for Thresholds {
-    fn default() -> Self {
-        Self {
-            skip_below: 0.002,
-            recompute_above: 0.01,
-        }
-    }
-}
 
 /// The papers' number of lights, for which [`Thresholds::skip_below`] is meant: of more lights
 /// each gives less.
@@ -190,19 +172,78 @@ struct Buffers {
     shown: wgpu::Buffer,
 }
 
-/// What the images of compact sources are written into.
-pub(super) struct SourceTargets<'a> {
-    pub planes: usize,
-    /// Lights of the dome; those of sources come behind them.
-    pub dome_lights: u32,
-    /// Directions of lights; numbers of images and luminances in use, per plane and light.
-    pub faces: &'a wgpu::Buffer,
-    pub basis: &'a wgpu::Buffer,
-    pub applied: &'a wgpu::Buffer,
-    /// All images, how many are in a row, and the first that no bake fills.
-    pub images: &'a wgpu::TextureView,
-    pub across: u32,
-    pub first_image: u32,
+impl Buffers {
+    /// The buffers of a bake to whose lights `added` ones of compact sources are added.
+    fn new(
+        device: &wgpu::Device,
+        queue: &wgpu::Queue,
+        bake: &Bake,
+        (settings, added): (Settings, usize),
+        of_planes: &[SumPlane],
+    ) -> Self {
+        let (planes, lights) = (bake.planes.len(), settings.lights as usize);
+        let dome = GeodesicDome::new(bake.settings.frequency);
+        let faces: Vec<[f32; 4]> = dome
+            .iter()
+            .flat_map(|d| &d.faces)
+            .map(|f| f.centre.extend(0.0).to_array())
+            .chain(std::iter::repeat_n([0.0; 4], added))
+            .collect();
+        let slots = numbers_of_images(bake, added);
+        let kept =
+            |label, bytes: usize, usage| buffer_of(device, label, bytes as u64, U::STORAGE | usage);
+        let stride = settings.stride as usize;
+        let jobs = planes * size_of::<Job>();
+        Self {
+            settings: kept("plane settings", size_of::<Settings>(), U::COPY_DST),
+            faces: storage(device, queue, "faces", &faces),
+            planes: storage(device, queue, "planes", of_planes),
+            visible: kept("visible", planes * 4, U::COPY_DST),
+            applied: kept("applied", planes * lights * 16, U::empty()),
+            work: kept("work", planes * stride * ENTRY, U::UNIFORM),
+            basis: storage(device, queue, "basis", &slots),
+            jobs: kept("jobs", jobs, U::COPY_SRC | U::INDIRECT),
+            readable: buffer_of(device, "jobs", jobs as u64, U::COPY_DST | U::MAP_READ),
+            shown: kept("shown", ShownPlanes::bytes(planes), U::COPY_DST),
+        }
+    }
+}
+
+/// The settings of a bake to whose lights `added` ones of compact sources are added.
+fn settings(bake: &Bake, added: usize) -> Settings {
+    let lights = bake.lights() + added;
+    let real = bake.planes.iter().filter(|p| p.layer == Layer::Real);
+    Settings {
+        planes: bake.planes.len() as u32,
+        lights: lights as u32,
+        side: bake.settings.resolution,
+        real: real.count() as u32,
+        // Uniforms of different planes lie 256 bytes apart, or a multiple of that.
+        stride: lights.next_multiple_of(256 / ENTRY) as u32,
+        ..Settings::default()
+    }
+}
+
+/// The group of one plane: its lights in `work`, and its number.
+fn plane_group(
+    device: &wgpu::Device,
+    queue: &wgpu::Queue,
+    passes: &SynthesisPasses,
+    work: &wgpu::Buffer,
+    settings: Settings,
+) -> wgpu::BindGroup {
+    let numbers: Vec<[u32; 64]> = (0..settings.planes).map(|k| [k; 64]).collect();
+    let numbers = uniforms(device, queue, &numbers);
+    let part = |buffer, size: usize| wgpu::BufferBinding {
+        buffer,
+        offset: 0,
+        size: std::num::NonZeroU64::new(size as u64),
+    };
+    let resources = [
+        wgpu::BindingResource::Buffer(part(work, settings.lights as usize * ENTRY)),
+        wgpu::BindingResource::Buffer(part(&numbers, 16)),
+    ];
+    bindings::group(device, "plane", &passes.plane_layout, &resources)
 }
 
 impl Synthesis {
@@ -218,64 +259,18 @@ impl Synthesis {
     ) -> Result<Self, GpuError> {
         let (device, queue) = (&gpu.device, &gpu.queue);
         let side = bake.settings.resolution;
-        let planes = bake.planes.len();
         let added = if sources { SOURCE_LIGHTS } else { 0 };
-        let lights = bake.lights() + added;
-        let shown = ShownPlanes::of(bake);
         let (of_planes, vectors) = sum_planes(bake);
-        let dome = GeodesicDome::new(bake.settings.frequency);
-        let faces: Vec<[f32; 4]> = dome
-            .iter()
-            .flat_map(|d| &d.faces)
-            .map(|f| f.centre.extend(0.0).to_array())
-            .chain(std::iter::repeat_n([0.0; 4], added))
-            .collect();
-        let receivers: Vec<_> = bake
-            .receivers
-            .iter()
-            .flat_map(|r| words(r, side as usize))
-            .collect();
-        let slots = numbers_of_images(bake, added);
-        let kept =
-            |label, bytes: usize, usage| buffer_of(device, label, bytes as u64, U::STORAGE | usage);
-        let each = planes * lights * 16;
-        // Uniforms of different planes lie 256 bytes apart, or a multiple of that.
-        let stride = lights.next_multiple_of(256 / ENTRY);
-        let buffers = Buffers {
-            settings: kept("plane settings", size_of::<Settings>(), U::COPY_DST),
-            faces: storage(device, queue, "faces", &faces),
-            planes: storage(device, queue, "planes", &of_planes),
-            visible: kept("visible", planes * 4, U::COPY_DST),
-            applied: kept("applied", each, U::empty()),
-            work: kept("work", planes * stride * ENTRY, U::UNIFORM),
-            basis: storage(device, queue, "basis", &slots),
-            jobs: kept("jobs", planes * size_of::<Job>(), U::COPY_SRC | U::INDIRECT),
-            readable: buffer_of(
-                device,
-                "jobs",
-                (planes * size_of::<Job>()) as u64,
-                U::COPY_DST | U::MAP_READ,
-            ),
-            shown: kept("shown", ShownPlanes::bytes(planes), U::COPY_DST),
-        };
-        let real = bake
-            .planes
-            .iter()
-            .filter(|p| p.layer == Layer::Real)
-            .count() as u32;
-        let shares = [planes as u32, real].map(|layers| half_floats(device, side, layers));
+        let settings = settings(bake, added);
+        let buffers = Buffers::new(device, queue, bake, (settings, added), &of_planes);
+        let layers = [settings.planes, settings.real];
+        let shares = layers.map(|layers| half_floats(device, side, layers));
         let whole = half_floats(device, shaders::BY_NORMAL, 1);
-        let settings = Settings {
-            planes: planes as u32,
-            lights: lights as u32,
-            side,
-            real,
-            stride: stride as u32,
-            ..Settings::default()
-        };
         let atlas = atlas(gpu, bake, added > 0)?;
+        let receivers = bake.receivers.iter();
+        let receivers: Vec<_> = receivers.flat_map(|r| words(r, side as usize)).collect();
         let receivers = storage(device, queue, "receivers", &receivers);
-        let sums = kept("sums", vectors * 16, U::empty());
+        let sums = buffer_of(device, "sums", vectors as u64 * 16, U::STORAGE);
         let resources = [
             buffers.planes.as_entire_binding(),
             buffers.jobs.as_entire_binding(),
@@ -288,21 +283,9 @@ impl Synthesis {
             sampler(&passes.smooth),
         ];
         let sum_group = bindings::group(device, "sum", &passes.sum_layout, &resources);
-        let numbers: Vec<[u32; 64]> = (0..planes as u32).map(|k| [k; 64]).collect();
-        let numbers = uniforms(device, queue, &numbers);
-        let part = |buffer, size: usize| wgpu::BufferBinding {
-            buffer,
-            offset: 0,
-            size: std::num::NonZeroU64::new(size as u64),
-        };
-        let resources = [
-            wgpu::BindingResource::Buffer(part(&buffers.work, lights * ENTRY)),
-            wgpu::BindingResource::Buffer(part(&numbers, 16)),
-        ];
-        let plane_group = bindings::group(device, "plane", &passes.plane_layout, &resources);
         let of = [true, false].map(|real| Summing {
             real,
-            lights: lights as u32,
+            lights: settings.lights,
             across: atlas.across,
             side,
         });
@@ -314,16 +297,16 @@ impl Synthesis {
         ];
         let shown_group = bindings::group(device, "shown", &passes.shown_layout, &resources);
         Ok(Self {
-            visible: vec![0; planes],
+            visible: vec![0; bake.planes.len()],
             dome_lights: bake.lights() as u32,
             atlas,
             settings,
-            shown,
-            buffers,
+            shown: ShownPlanes::of(bake),
             plan_group: None,
             sums: passes.sums(device, of),
             sum_group,
-            plane_group,
+            plane_group: plane_group(device, queue, passes, &buffers.work, settings),
+            buffers,
             shown_group,
             whole,
             uploaded: None,

@@ -1,7 +1,8 @@
 //! The camera's picture in another exposure: sums over whole regions, no table.
 
-use super::super::FrameInput;
-use super::super::exposure::{BLOCK, Exposure, Region, estimate as e, trust};
+use super::super::exposure::Exposure;
+use super::super::exposure::region::{BLOCK, Region, estimate as e, trust};
+use super::super::frame_input::FrameInput;
 use glam::{DVec3, DVec4};
 use penumbra_camera::Response;
 use penumbra_picture::Picture;

@@ -1,7 +1,7 @@
 //! Lamps: one shadow ray to each, and both ways in which real surfaces answer them.
 
+use super::super::frame_input::LampResponse;
 use super::surface::{Reference, Surface};
-use crate::LampResponse;
 use glam::DVec3;
 use penumbra_scene::PlacedLamp;
 use std::f64::consts::PI;

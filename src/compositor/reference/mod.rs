@@ -14,10 +14,11 @@ mod surface;
 pub use lamps::response;
 pub use surface::{Reference, Seen};
 
-use super::{FrameInput, LampResponse, ShadowMode};
+use super::frame_input::{FrameInput, LampResponse};
 use glam::DVec3;
 use penumbra_camera::Response;
 use penumbra_picture::Picture;
+use penumbra_scene::ShadowMode;
 
 /// One pixel as it should be.
 #[derive(Clone, Copy, Debug, PartialEq)]

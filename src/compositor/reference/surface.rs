@@ -1,6 +1,6 @@
 //! What a pixel shows, and which lights reach it.
 
-use super::super::scene_buffers::is_ground;
+use super::super::mesh_buffers::is_ground;
 use glam::{DVec2, DVec3, Vec3};
 use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;

@@ -15,7 +15,7 @@ fn phantom_shadow(@builtin(position) at: vec4f) -> @location(0) vec4f {
     let dome = by_normal(irradiance_of_lights, n);
     // Less the light that virtual objects throw back.
     let kept = dome * max(shares.real - shares.all, vec3f(0.0));
-    let lost = (kept - near_irradiance(0.0, world, n)) * frame.params.x;
+    let lost = (kept - indirect_irradiance(0.0, world, n)) * frame.params.x;
     let added = multiplied_lamps(lamps_at(phantom_lamps, pixel), world, n);
     let open = open_in_real(world, n);
     let arriving = max(open - dome * (1.0 - shares.real), lost);
@@ -33,7 +33,7 @@ fn virtual_light(@builtin(position) position: vec4f) -> @location(0) vec4u {
     let world = world_at(sample_place(found.xy, found.z), depth);
     var left = sky_irradiance(n) + by_normal(irradiance_of_compact, n);
     left -= by_normal(irradiance_of_lights, n) * (1.0 - virtual_share(world, n));
-    left += near_irradiance(2.0, world, n);
+    left += indirect_irradiance(2.0, world, n);
     left += lamp_irradiance(lamps_at(virtual_lamps, found.xy), world, n);
     return packed_light(max(left, vec3f(0.0)), frame.eye.w / depth, n);
 }

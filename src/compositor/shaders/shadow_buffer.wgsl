@@ -103,7 +103,7 @@ fn phantom_shadow(@builtin(position) at: vec4f) -> @location(0) vec4f {
     let n = normal_from_octahedron(surface.xy);
     let world = world_at(vec2f(pixel), textureLoad(phantom_depth, pixel, 0));
     // Less the light that virtual objects throw back.
-    let lost = (lost_behind_virtual(masks, world, n) - near_irradiance(0.0, world, n)) * frame.params.x;
+    let lost = (lost_behind_virtual(masks, world, n) - indirect_irradiance(0.0, world, n)) * frame.params.x;
     let added = multiplied_lamps(lamps_at(phantom_lamps, pixel), world, n);
     // At full resolution real shadows are wanted beside virtual ones, too.
     if !FINE & all(lost == vec3f(0.0)) & all(added == vec3f(0.0)) {
@@ -167,7 +167,7 @@ fn virtual_light(@builtin(position) position: vec4f) -> @location(0) vec4u {
     let albedo = base_colour(shape);
     let open_share = clamp(1.0 - hidden / max(cells, vec3f(1e-6)), vec3f(0.0), vec3f(1.0));
     left += cells * (with_bounces(open_share, albedo) - open_share);
-    left += near_irradiance(2.0, world, n);
+    left += indirect_irradiance(2.0, world, n);
     left += lamp_irradiance(lamps_at(virtual_lamps, found.xy), world, n);
     return packed_light(max(left, vec3f(0.0)), frame.eye.w / depth, n);
 }

@@ -97,8 +97,8 @@ fn blockable(b: Bounds, count: u32) -> vec4u {
 // Virtual objects throw light where they cast no shadow, too.
 fn is_near(b: Bounds) -> bool {
     let margin = vec3f(0.02);
-    return (frame.near_low.w != 0.0) & all(b.high > frame.near_low.xyz - margin)
-        & all(b.low < frame.near_high.xyz + margin);
+    return (frame.indirect_low.w != 0.0) & all(b.high > frame.indirect_low.xyz - margin)
+        & all(b.low < frame.indirect_high.xyz + margin);
 }
 
 // Shadowing planes know no lights: whatever they cover may be in shadow.

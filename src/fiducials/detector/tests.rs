@@ -8,23 +8,22 @@ fn detector() -> Detector {
     Detector::new(&[Family::Tag36h11], &Response::srgb())
 }
 
-/// A drawn tag from the front and from the side, near and far: its number, and its corners to
-/// a twentieth of a pixel on average.
+/// Rendered tags, frontal and slanted, near and far.
 #[test]
-fn corners_are_found_to_a_twentieth_of_a_pixel() {
+fn finds_corners_to_a_twentieth_of_a_pixel() {
     let camera = camera();
     let tag = tag(341, 0.06, DVec3::ZERO);
-    let mut offs = Vec::new();
-    for (turn, z) in [(0.0, 0.3), (0.5, 0.4), (-0.8, 0.5), (1.0, 0.6), (0.2, 0.9)] {
-        let rotation = DQuat::from_rotation_z(0.3 + turn) * DQuat::from_rotation_x(turn);
+    let mut errors = Vec::new();
+    for (angle, z) in [(0.0, 0.3), (0.5, 0.4), (-0.8, 0.5), (1.0, 0.6), (0.2, 0.9)] {
+        let rotation = DQuat::from_rotation_z(0.3 + angle) * DQuat::from_rotation_x(angle);
         let pose = RigidTransform::new(rotation, DVec3::new(0.021, -0.013, z));
         let codes = picture(&camera, pose, &[tag], 1.0);
         let mut detector = detector();
         let seen = detector.detect_grey(&codes, 640, 480, Some(&camera));
-        assert_eq!(seen.len(), 1, "{turn} {z}");
+        assert_eq!(seen.len(), 1, "{angle} {z}");
         assert_eq!((seen[0].id, seen[0].wrong_bits), (341, 0));
         for (point, pixel) in tag.corners().into_iter().zip(seen[0].corners) {
-            offs.push(
+            errors.push(
                 camera
                     .project(pose.transform_point(point))
                     .unwrap()
@@ -32,13 +31,13 @@ fn corners_are_found_to_a_twentieth_of_a_pixel() {
             );
         }
     }
-    let rms = (offs.iter().map(|o| o * o).sum::<f64>() / offs.len() as f64).sqrt();
-    let worst = offs.iter().copied().fold(0.0, f64::max);
+    let rms = (errors.iter().map(|o| o * o).sum::<f64>() / errors.len() as f64).sqrt();
+    let worst = errors.iter().copied().fold(0.0, f64::max);
     assert!(rms < 0.05 && worst < 0.15, "{rms} {worst}");
 }
 
 #[test]
-fn a_lens_that_bends_sides_does_not_move_corners() {
+fn lens_distortion_does_not_shift_corners() {
     let mut camera = camera();
     camera.distortion = [-0.35, 0.1, 0.0, 0.0, 0.0];
     let tag = tag(7, 0.12, DVec3::ZERO);
@@ -48,15 +47,16 @@ fn a_lens_that_bends_sides_does_not_move_corners() {
         let seen = detector.detect_grey(&codes, 640, 480, camera_known.then_some(&camera));
         assert_eq!(seen.len(), 1);
         let pairs = tag.corners().into_iter().zip(seen[0].corners);
-        let offs = pairs.map(|(p, c)| camera.project(pose.transform_point(p)).unwrap().distance(c));
-        offs.fold(0.0, f64::max)
+        let errors =
+            pairs.map(|(p, c)| camera.project(pose.transform_point(p)).unwrap().distance(c));
+        errors.fold(0.0, f64::max)
     };
     let (known, unknown) = (off(&mut detector(), true), off(&mut detector(), false));
     assert!(known < 0.08 && known < 0.3 * unknown, "{known} {unknown}");
 }
 
 #[test]
-fn nothing_is_found_where_nothing_is() {
+fn finds_nothing_in_uniform_empty_and_noisy_pictures() {
     let mut detector = detector();
     assert!(
         detector
@@ -76,7 +76,7 @@ fn nothing_is_found_where_nothing_is() {
 }
 
 #[test]
-fn a_tag_is_found_in_every_quarter_turn_and_its_corners_turn_with_it() {
+fn corners_rotate_with_the_tag() {
     let camera = camera();
     let tag = tag(11, 0.06, DVec3::ZERO);
     for quarter in 0..4 {
@@ -92,7 +92,7 @@ fn a_tag_is_found_in_every_quarter_turn_and_its_corners_turn_with_it() {
     }
 }
 
-/// A field of small squares with a tag before it.
+/// A grid of small squares with a tag in front.
 fn texture(width: usize, height: usize, tag: &[u8]) -> Vec<u8> {
     let mut codes: Vec<u8> = (0..width * height)
         .map(|i| {
@@ -107,7 +107,7 @@ fn texture(width: usize, height: usize, tag: &[u8]) -> Vec<u8> {
 }
 
 #[test]
-fn in_a_picture_full_of_texture_the_largest_outlines_are_looked_at() {
+fn largest_outlines_are_decoded_first_in_textured_picture() {
     let pose = RigidTransform::new(DQuat::from_rotation_x(0.2), DVec3::new(0.0, 0.0, 0.3));
     let tag = picture(&camera(), pose, &[tag(5, 0.06, DVec3::ZERO)], 1.0);
     let codes = texture(1920, 1080, &tag);

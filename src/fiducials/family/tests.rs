@@ -3,7 +3,7 @@ use super::*;
 use std::collections::HashSet;
 
 #[test]
-fn every_bit_has_a_module_of_its_own() {
+fn each_bit_has_its_own_module() {
     for family in Family::ALL {
         let all: HashSet<_> = (0..family.bits()).map(|b| family.module(b)).collect();
         assert_eq!(all.len() as u32, family.bits());
@@ -13,7 +13,7 @@ fn every_bit_has_a_module_of_its_own() {
                 .all(|(x, y)| side.contains(x) && side.contains(y))
         );
     }
-    // As AprilTag's own tables have them.
+    // From AprilTag's tables.
     assert_eq!(Family::Tag36h11.module(8), (3, 3));
     assert_eq!(Family::Tag36h11.module(9), (6, 1));
     assert_eq!(Family::Tag36h11.module(35), (3, 4));
@@ -22,9 +22,9 @@ fn every_bit_has_a_module_of_its_own() {
     assert_eq!(Family::Tag16h5.module(15), (2, 3));
 }
 
-/// Least distances as the families' names say, or as OpenCV states them.
+/// Minimum Hamming distances from the families' names or OpenCV's documentation.
 #[test]
-fn words_are_as_far_apart_as_their_family_says_however_they_are_turned() {
+fn words_keep_their_hamming_distance_in_all_rotations() {
     for (family, apart) in [
         (Family::Tag36h11, 11),
         (Family::Tag25h9, 9),
@@ -37,23 +37,23 @@ fn words_are_as_far_apart_as_their_family_says_however_they_are_turned() {
     ] {
         let words = family.words();
         for (i, word) in words.iter().enumerate() {
-            let mut turned = *word;
+            let mut rotated = *word;
             for turn in 0..4 {
                 let others = words
                     .iter()
                     .enumerate()
                     .filter(|(k, _)| turn > 0 || *k != i);
-                let nearest = others.map(|(_, w)| (w ^ turned).count_ones()).min();
+                let nearest = others.map(|(_, w)| (w ^ rotated).count_ones()).min();
                 assert!(nearest.unwrap() >= apart, "{family} {i} {turn}");
-                turned = family.turned(turned);
+                rotated = family.rotated(rotated);
             }
-            assert_eq!(turned, *word);
+            assert_eq!(rotated, *word);
         }
     }
 }
 
 #[test]
-fn a_turned_word_is_that_of_the_turned_square() {
+fn rotated_word_is_the_word_of_the_rotated_tag() {
     for family in Family::ALL {
         let word = family.words()[7];
         let white = |word: u64, at: (u32, u32)| {
@@ -64,7 +64,7 @@ fn a_turned_word_is_that_of_the_turned_square() {
         for bit in 0..family.bits() {
             let (x, y) = family.module(bit);
             assert_eq!(
-                white(family.turned(word), (x, y)),
+                white(family.rotated(word), (x, y)),
                 white(word, (last - y, x)),
                 "{family} {x} {y}"
             );
@@ -73,7 +73,7 @@ fn a_turned_word_is_that_of_the_turned_square() {
 }
 
 #[test]
-fn a_word_with_wrong_bits_is_put_right_and_noise_is_no_tag() {
+fn corrects_wrong_bits_and_rejects_noise() {
     let family = Family::Tag36h11;
     let word = family.words()[341] ^ 0b10_0000_0001;
     let found = family.look_up(word).unwrap();
@@ -83,7 +83,7 @@ fn a_word_with_wrong_bits_is_put_right_and_noise_is_no_tag() {
 }
 
 #[test]
-fn families_are_read_as_they_are_written_and_as_opencv_spells_them() {
+fn parses_own_and_opencv_family_names() {
     for family in Family::ALL {
         assert_eq!(family.to_string().parse::<Family>().unwrap(), family);
     }
@@ -101,9 +101,9 @@ fn families_are_read_as_they_are_written_and_as_opencv_spells_them() {
     assert_eq!(Family::Aruco4x4(60_000).count(), 1000);
 }
 
-/// The first markers of OpenCV's dictionaries as `generateImageMarker` draws them.
+/// Compares with OpenCV's `generateImageMarker`.
 #[test]
-fn markers_look_as_opencv_draws_them() {
+fn markers_match_opencv() {
     let rows = |family: Family, id: u32| -> Vec<String> {
         let inner = family.border()..family.modules() - family.border();
         let cell = |x, y| if family.is_white(id, x, y) { '1' } else { '0' };

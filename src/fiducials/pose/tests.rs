@@ -19,7 +19,7 @@ fn truth() -> RigidTransform {
     RigidTransform::new(turn, DVec3::new(-0.1, -0.05, 0.6))
 }
 
-/// Corners with normal noise of 0.2 pixels, `seed`ed.
+/// Corners with normal noise of `sigma` pixels.
 fn seen(points: &[DVec3], seed: u64, sigma: f64) -> Vec<Match> {
     let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
     let mut normal = || {
@@ -44,10 +44,10 @@ fn seen(points: &[DVec3], seed: u64, sigma: f64) -> Vec<Match> {
         .collect()
 }
 
-/// From a start that is far off, exactly; and with noise the errors are as large as the covariance
-/// says: their squared Mahalanobis length has mean 6.
+/// The pose is exact from a distant start. With noise, the errors match the covariance: their
+/// squared Mahalanobis length has mean 6.
 #[test]
-fn the_pose_is_found_and_its_covariance_is_true() {
+fn recovers_pose_with_consistent_covariance() {
     let start = RigidTransform::new(
         truth().rotation * DQuat::from_rotation_y(0.3),
         DVec3::new(0.0, 0.0, 0.9),
@@ -64,7 +64,7 @@ fn the_pose_is_found_and_its_covariance_is_true() {
     let mut lengths = Vec::new();
     for seed in 1..200 {
         let found = refine(&camera(), start, &seen(&board(), seed, 0.2)).unwrap();
-        // The motion that carries the truth to what was found.
+        // The motion from the true to the estimated pose.
         let motion = found.camera_from_frame * truth().inverse();
         let turn = motion.rotation.to_scaled_axis();
         let off = [
@@ -83,7 +83,7 @@ fn the_pose_is_found_and_its_covariance_is_true() {
 }
 
 #[test]
-fn a_corner_that_lies_elsewhere_hardly_counts() {
+fn outlying_corner_has_little_influence() {
     let mut matches = seen(&board(), 3, 0.05);
     matches[5].pixel += DVec2::new(25.0, -10.0);
     let found = refine(&camera(), truth(), &matches).unwrap();
@@ -98,7 +98,7 @@ fn a_corner_that_lies_elsewhere_hardly_counts() {
 }
 
 #[test]
-fn what_is_farther_from_the_corners_is_less_certain() {
+fn uncertainty_grows_with_distance_from_corners() {
     let found = refine(&camera(), truth(), &seen(&square(0.03), 9, 0.1)).unwrap();
     let near = found.sigma_at(&camera(), DVec3::ZERO);
     let far = found.sigma_at(&camera(), DVec3::new(0.1, 0.0, -0.05));

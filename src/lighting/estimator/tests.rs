@@ -152,7 +152,7 @@ fn disc(d: Vec3, at: Vec3, radius: f32, radiance: f32) -> f32 {
 fn constant_light_gives_pi_times_it() {
     let constant = Vec3::splat(0.5028865); // an exact code of sRGB
     for view in [fisheye(0.3), sphere(false).0] {
-        for placement in [Placement::Adaptive, Placement::Grid] {
+        for placement in [LightPlacement::Adaptive, LightPlacement::Grid] {
             let settings = EnvironmentSettings {
                 placement,
                 ..Default::default()

@@ -1,281 +1,445 @@
-//! The cameras, the mirrored ball, the tracker and the chart of a `rig.json`.
+//! Cameras, mirrored sphere, tracker and colour chart of a `rig.json`.
 
-use super::{Marker, Node, Result};
+use super::document::Marker;
+use super::error::RigJsonError;
+use super::values::{
+    Array, CameraMatrix, Colour, Count, ImageSize, Latency, List, Number, Pose, Positive, Vector,
+};
 use crate::{EnvironmentCamera, SceneCamera, SphereMarker, TrackerCalibration};
 use glam::{DVec2, DVec3};
-use penumbra_camera::{EnvironmentView, FisheyeLens, MirrorSphere};
-use penumbra_camera::{PinholeCamera, Response};
+use penumbra_camera::{
+    EnvironmentView, FisheyeLens, MirrorSphere, PinholeCamera, Response as ToneCurve,
+};
 use penumbra_white_balance::chart::PhotometricChart;
+use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
+use serde::de::{Error, MapAccess, SeqAccess, Unexpected, Visitor};
+use serde::{Deserialize, Deserializer};
+use std::fmt;
 
-pub(super) fn scene_camera(node: &Node) -> Result<SceneCamera> {
-    Ok(SceneCamera {
-        camera: pinhole(node)?,
-        response: response(node)?,
-        vignetting: None,
-        latency_nanos: latency(node)?,
-    })
+type Result<T> = std::result::Result<T, RigJsonError>;
+
+/// `"srgb"` (the default), `"linear"`, or `{"gamma": 2.2}`.
+#[derive(Clone, Copy, Debug, Default, Deserialize)]
+#[serde(
+    rename_all = "lowercase",
+    expecting = "\"srgb\", \"linear\" or {\"gamma\": number}"
+)]
+enum Response {
+    #[default]
+    Srgb,
+    Linear,
+    Gamma(Positive),
 }
 
-fn pinhole(node: &Node) -> Result<PinholeCamera> {
-    let (width, height) = node
-        .need("image_size", "[width, height] in pixels")?
-        .image_size()?;
-    let (focal, centre) = node.need("K", "the 3x3 camera matrix")?.camera_matrix()?;
-    Ok(PinholeCamera {
-        width,
-        height,
-        focal,
-        centre,
-        distortion: lens_distortion(node)?,
-    })
-}
-
-/// `lens_distortion`: `"none"`, OpenCV's list k1, k2, p1, p2 and perhaps k3, or an object
-/// with these keys.
-fn lens_distortion(node: &Node) -> Result<[f64; 5]> {
-    let Some(node) = node.find("lens_distortion") else {
-        return Ok([0.0; 5]);
-    };
-    if node.is_list() {
-        return match node.numbers::<4>() {
-            Ok([k1, k2, p1, p2]) => Ok([k1, k2, p1, p2, 0.0]),
-            Err(_) => node.numbers::<5>(),
-        };
-    }
-    if node.is_object() {
-        return coefficients(&node, ["k1", "k2", "p1", "p2", "k3"]);
-    }
-    match node.text() {
-        Ok("none") => Ok([0.0; 5]),
-        _ => Err(node.wrong("\"none\", a list k1, k2, p1, p2, k3, or an object with these keys")),
-    }
-}
-
-fn coefficients<const N: usize>(node: &Node, keys: [&str; N]) -> Result<[f64; N]> {
-    let mut out = [0.0; N];
-    for (slot, key) in out.iter_mut().zip(keys) {
-        if let Some(n) = node.find(key) {
-            *slot = n.number()?;
+impl Response {
+    fn tone_curve(self) -> ToneCurve {
+        match self {
+            Self::Srgb => ToneCurve::srgb(),
+            Self::Linear => ToneCurve::linear(),
+            Self::Gamma(exponent) => ToneCurve::gamma(exponent.0 as f32),
         }
     }
-    Ok(out)
 }
 
-/// `response`: `"srgb"` (the default), `"linear"`, or `{"gamma": 2.2}`.
-fn response(node: &Node) -> Result<Response> {
-    let Some(node) = node.find("response") else {
-        return Ok(Response::srgb());
-    };
-    if let Some(gamma) = node.find("gamma") {
-        return Ok(Response::gamma(gamma.positive()? as f32));
+/// k1, k2, p1, p2, k3 of Brown and Conrady, written as `"none"`, as OpenCV's list of four or five,
+/// or as an object.
+#[derive(Clone, Copy, Debug, Default)]
+struct LensDistortion([f64; 5]);
+
+#[derive(Deserialize)]
+struct Coefficients {
+    k1: Option<Number>,
+    k2: Option<Number>,
+    p1: Option<Number>,
+    p2: Option<Number>,
+    k3: Option<Number>,
+}
+
+struct LensDistortionVisitor;
+
+impl<'de> Visitor<'de> for LensDistortionVisitor {
+    type Value = LensDistortion;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("\"none\", a list k1, k2, p1, p2, k3, or an object with these keys")
     }
-    match node.text() {
-        Ok("srgb") => Ok(Response::srgb()),
-        Ok("linear") => Ok(Response::linear()),
-        _ => Err(node.wrong("\"srgb\", \"linear\" or {\"gamma\": number}")),
+
+    fn visit_str<E: Error>(self, text: &str) -> std::result::Result<LensDistortion, E> {
+        match text {
+            "none" => Ok(LensDistortion::default()),
+            _ => Err(E::invalid_value(Unexpected::Str(text), &self)),
+        }
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(
+        self,
+        list: A,
+    ) -> std::result::Result<LensDistortion, A::Error> {
+        let list = List::<Number, 4, 5>::deserialize(SeqAccessDeserializer::new(list))?;
+        let mut out = [0.0; 5];
+        for (slot, number) in out.iter_mut().zip(list.0) {
+            *slot = number.0;
+        }
+        Ok(LensDistortion(out))
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, map: A) -> std::result::Result<LensDistortion, A::Error> {
+        let c = Coefficients::deserialize(MapAccessDeserializer::new(map))?;
+        let all = [c.k1, c.k2, c.p1, c.p2, c.k3];
+        Ok(LensDistortion(all.map(|k| k.map_or(0.0, |k| k.0))))
     }
 }
 
-/// `latency_s` in nanoseconds; absent means none.
-fn latency(node: &Node) -> Result<i64> {
-    let Some(node) = node.find("latency_s") else {
-        return Ok(0);
-    };
-    let seconds = node.number()?;
-    if seconds.abs() > 10.0 {
-        return Err(node.wrong("seconds, at most 10"));
+impl<'de> Deserialize<'de> for LensDistortion {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> std::result::Result<Self, D::Error> {
+        from.deserialize_any(LensDistortionVisitor)
     }
-    Ok((seconds * 1e9).round() as i64)
 }
 
-pub(super) fn environment_camera(node: &Node, markers: &[Marker]) -> Result<EnvironmentCamera> {
-    let brackets = match node.find("brackets_ev") {
-        Some(list) => list
-            .list(16)?
-            .iter()
-            .map(Node::number)
-            .collect::<Result<_>>()?,
-        None => Vec::new(),
-    };
-    Ok(EnvironmentCamera {
-        response: response(node)?,
-        vignetting: None,
-        view: environment_view(node, markers)?,
-        latency_nanos: latency(node)?,
-        brackets_ev: brackets,
-    })
+/// `scene_camera`.
+#[derive(Deserialize)]
+#[serde(expecting = "an object with image_size and K")]
+pub(super) struct SceneCameraEntry {
+    image_size: ImageSize,
+    #[serde(rename = "K")]
+    matrix: CameraMatrix,
+    lens_distortion: Option<LensDistortion>,
+    response: Option<Response>,
+    latency_s: Option<Latency>,
 }
 
-fn environment_view(node: &Node, markers: &[Marker]) -> Result<EnvironmentView> {
-    let kind = node.need("kind", "\"fisheye\" or \"sphere\"")?;
-    let pose = node.need("T_world_cam", "the camera's pose in the world")?;
-    let world_from_camera = pose.rigid()?;
-    match kind.text()? {
-        "fisheye" => Ok(EnvironmentView::Fisheye {
-            lens: fisheye(node)?,
-            world_from_camera,
-        }),
-        "sphere" => {
-            let ball = node.need("mirror_sphere", "the mirrored ball")?;
-            let (sphere, carried) = sphere(&ball, markers)?;
-            if carried.is_some() {
-                return Err(ball.wrong("at a fixed place before a camera of its own: name a marker that is among `markers`, or give center_world"));
-            }
-            Ok(EnvironmentView::Sphere {
-                camera: pinhole(node)?,
+impl SceneCameraEntry {
+    pub fn scene_camera(self) -> SceneCamera {
+        SceneCamera {
+            camera: pinhole(self.image_size, self.matrix, self.lens_distortion),
+            response: self.response.unwrap_or_default().tone_curve(),
+            vignetting: None,
+            latency_nanos: nanos(self.latency_s),
+        }
+    }
+}
+
+fn pinhole(
+    ImageSize((width, height)): ImageSize,
+    matrix: CameraMatrix,
+    distortion: Option<LensDistortion>,
+) -> PinholeCamera {
+    PinholeCamera {
+        width,
+        height,
+        focal: matrix.focal,
+        centre: matrix.centre,
+        distortion: distortion.unwrap_or_default().0,
+    }
+}
+
+/// A latency that is not written down counts as none.
+fn nanos(latency: Option<Latency>) -> i64 {
+    latency.map_or(0, |l| l.0)
+}
+
+/// `environment_camera`.
+#[derive(Deserialize)]
+#[serde(expecting = "an object with kind, image_size and T_world_cam")]
+pub(super) struct EnvironmentCameraEntry {
+    kind: Kind,
+    #[serde(rename = "T_world_cam")]
+    world_from_camera: Pose,
+    image_size: ImageSize,
+    /// Of a fisheye.
+    projection: Option<Projection>,
+    /// Of a camera that looks at a mirrored sphere, as is the distortion.
+    #[serde(rename = "K")]
+    matrix: Option<CameraMatrix>,
+    lens_distortion: Option<LensDistortion>,
+    pub mirror_sphere: Option<SphereEntry>,
+    response: Option<Response>,
+    latency_s: Option<Latency>,
+    brackets_ev: Option<List<Number, 0, 16>>,
+}
+
+#[derive(Clone, Copy, Deserialize)]
+#[serde(rename_all = "lowercase", expecting = "\"fisheye\" or \"sphere\"")]
+enum Kind {
+    Fisheye,
+    Sphere,
+}
+
+#[derive(Clone, Copy, Deserialize)]
+#[serde(
+    rename_all = "kebab-case",
+    expecting = "\"equidistant\", with k1 to k4 where the lens deviates from it"
+)]
+enum ProjectionModel {
+    Equidistant,
+    KannalaBrandt,
+}
+
+#[derive(Clone, Copy, Deserialize)]
+#[serde(expecting = "an object with f, cx, cy, max_theta_rad")]
+struct Projection {
+    /// Only checked: both models have the same formula.
+    #[serde(rename = "model")]
+    _model: Option<ProjectionModel>,
+    f: Positive,
+    cx: Number,
+    cy: Number,
+    max_theta_rad: HalfAngle,
+    k1: Option<Number>,
+    k2: Option<Number>,
+    k3: Option<Number>,
+    k4: Option<Number>,
+}
+
+/// An angle from the optical axis, radians.
+#[derive(Clone, Copy, Deserialize)]
+#[serde(try_from = "Positive")]
+struct HalfAngle(f64);
+
+impl TryFrom<Positive> for HalfAngle {
+    type Error = &'static str;
+
+    fn try_from(angle: Positive) -> std::result::Result<Self, Self::Error> {
+        if angle.0 > std::f64::consts::PI {
+            return Err("must be radians, at most pi");
+        }
+        Ok(Self(angle.0))
+    }
+}
+
+impl EnvironmentCameraEntry {
+    /// # Errors
+    /// A key that this kind of camera requires is missing, or its sphere moves about.
+    pub fn environment_camera(self, markers: &[Marker]) -> Result<EnvironmentCamera> {
+        let brackets = self.brackets_ev.unwrap_or_default().0;
+        let world_from_camera = self.world_from_camera.0;
+        let missing = |key: &str| RigJsonError::missing(format!("environment_camera.{key}"));
+        let view = match self.kind {
+            Kind::Fisheye => EnvironmentView::Fisheye {
+                lens: self
+                    .projection
+                    .ok_or_else(|| missing("projection"))?
+                    .lens(self.image_size),
                 world_from_camera,
-                sphere,
-            })
+            },
+            Kind::Sphere => {
+                let matrix = self.matrix.ok_or_else(|| missing("K"))?;
+                let sphere = self.mirror_sphere.ok_or_else(|| missing("mirror_sphere"))?;
+                EnvironmentView::Sphere {
+                    camera: pinhole(self.image_size, matrix, self.lens_distortion),
+                    world_from_camera,
+                    sphere: fixed_sphere(sphere, markers)?,
+                }
+            }
+        };
+        Ok(EnvironmentCamera {
+            response: self.response.unwrap_or_default().tone_curve(),
+            vignetting: None,
+            view,
+            latency_nanos: nanos(self.latency_s),
+            brackets_ev: brackets.into_iter().map(|stops| stops.0).collect(),
+        })
+    }
+}
+
+impl Projection {
+    fn lens(self, ImageSize((width, height)): ImageSize) -> FisheyeLens {
+        let coefficients = [self.k1, self.k2, self.k3, self.k4];
+        FisheyeLens {
+            width,
+            height,
+            focal: self.f.0,
+            centre: DVec2::new(self.cx.0, self.cy.0),
+            distortion: coefficients.map(|k| k.map_or(0.0, |k| k.0)),
+            max_theta: self.max_theta_rad.0,
         }
-        _ => Err(kind.wrong("\"fisheye\" or \"sphere\"")),
     }
 }
 
-fn fisheye(node: &Node) -> Result<FisheyeLens> {
-    let (width, height) = node
-        .need("image_size", "[width, height] in pixels")?
-        .image_size()?;
-    let lens = node.need("projection", "an object with f, cx, cy, max_theta_rad")?;
-    if let Some(model) = lens.find("model")
-        && !matches!(model.text()?, "equidistant" | "kannala-brandt")
-    {
-        return Err(model.wrong("\"equidistant\" (with k1..k4 where it departs from it)"));
+/// The sphere that an environment camera of its own looks at.
+fn fixed_sphere(sphere: SphereEntry, markers: &[Marker]) -> Result<MirrorSphere> {
+    const PATH: &str = "environment_camera.mirror_sphere";
+    match sphere.sphere(PATH, markers)? {
+        (sphere, None) => Ok(sphere),
+        (_, Some(_)) => Err(RigJsonError::wrong(
+            PATH,
+            "must stand still before a camera of its own: name a marker that is among `markers`, \
+             or give center_world",
+        )),
     }
-    let max_theta = lens.need("max_theta_rad", "half the field of view, radians")?;
-    if max_theta.positive()? > std::f64::consts::PI {
-        return Err(max_theta.wrong("radians, at most pi"));
-    }
-    Ok(FisheyeLens {
-        width,
-        height,
-        focal: lens
-            .need("f", "pixels per radian at the axis")?
-            .positive()?,
-        centre: DVec2::new(
-            lens.need("cx", "pixels")?.number()?,
-            lens.need("cy", "pixels")?.number()?,
-        ),
-        distortion: coefficients(&lens, ["k1", "k2", "k3", "k4"])?,
-        max_theta: max_theta.positive()?,
-    })
 }
 
-/// The ball, and the marker that carries it, if it moves about. A marker that is among `markers`
-/// stands still, and its ball with it.
-pub(super) fn sphere(
-    node: &Node,
-    markers: &[Marker],
-) -> Result<(MirrorSphere, Option<SphereMarker>)> {
-    let reflectance = match node.find("reflectance_rgb") {
-        Some(n) => n.colour()?,
-        None => [1.0; 3],
-    };
-    let (centre_in_world, carried) = match node.find("marker") {
-        Some(marker) => beside_marker(&marker, markers)?,
-        None => {
-            let centre = node.need("center_world", "x, y, z in metres, or a `marker`")?;
-            (centre.vector()?, None)
+/// `mirror_sphere`, at the root or in the environment camera.
+#[derive(Clone, Deserialize)]
+#[serde(expecting = "an object with center_world and radius")]
+pub(super) struct SphereEntry {
+    radius: Positive,
+    center_world: Option<Vector>,
+    marker: Option<SphereMarkerEntry>,
+    reflectance_rgb: Option<Colour>,
+    in_scene_camera_images: Option<bool>,
+}
+
+#[derive(Clone, Deserialize)]
+#[serde(expecting = "an object with family, id and center")]
+struct SphereMarkerEntry {
+    family: String,
+    id: Count,
+    center: Vector,
+    size_m: Option<Positive>,
+}
+
+impl SphereEntry {
+    /// The sphere at `path`, and the marker that carries it if it moves about. A marker that is
+    /// among `markers` stands still, and its sphere with it.
+    ///
+    /// # Errors
+    /// The position is missing, or the marker that carries the sphere is not described completely.
+    pub fn sphere(
+        self,
+        path: &str,
+        markers: &[Marker],
+    ) -> Result<(MirrorSphere, Option<SphereMarker>)> {
+        let (centre_in_world, carrier) = match (self.marker, self.center_world) {
+            (Some(marker), _) => marker.centre(&format!("{path}.marker"), markers)?,
+            (None, Some(centre)) => (centre.0, None),
+            (None, None) => return Err(RigJsonError::missing(format!("{path}.center_world"))),
+        };
+        let sphere = MirrorSphere {
+            centre_in_world,
+            radius: self.radius.0,
+            reflectance: self.reflectance_rgb.map_or([1.0; 3], |c| c.0),
+            in_scene: carrier.is_some() || self.in_scene_camera_images.unwrap_or(false),
+        };
+        Ok((sphere, carrier))
+    }
+}
+
+impl SphereMarkerEntry {
+    fn centre(self, path: &str, markers: &[Marker]) -> Result<(DVec3, Option<SphereMarker>)> {
+        let (id, centre_in_marker) = (self.id.0, self.center.0);
+        let is_this = |m: &&Marker| m.family == self.family && m.id == id;
+        if let Some(fixed) = markers.iter().find(is_this) {
+            let centre = fixed.world_from_marker.transform_point(centre_in_marker);
+            return Ok((centre, None));
         }
-    };
-    let sphere = MirrorSphere {
-        centre_in_world,
-        radius: node.need("radius", "metres")?.positive()?,
-        reflectance,
-        in_scene: carried.is_some() || flag(node, "in_scene_camera_images")?,
-    };
-    Ok((sphere, carried))
-}
-
-fn beside_marker(node: &Node, markers: &[Marker]) -> Result<(DVec3, Option<SphereMarker>)> {
-    let family = node.need("family", "e.g. \"tag36h11\"")?;
-    let name = family.text()?;
-    let id = node.need("id", "a whole number")?.pixels()?;
-    let centre = node.need("center", "x, y, z in the marker's frame, metres")?;
-    let centre_in_marker = centre.vector()?;
-    if let Some(fixed) = markers.iter().find(|m| m.family == name && m.id == id) {
-        let centre = fixed.world_from_marker.transform_point(centre_in_marker);
-        return Ok((centre, None));
-    }
-    let carried = SphereMarker {
-        family: name
-            .parse()
-            .map_err(|_| family.wrong("\"tag36h11\", \"tag25h9\" or \"tag16h5\""))?,
-        id,
-        size: node
-            .need("size_m", "metres, as the marker is not among `markers`")?
-            .positive()?,
-        centre_in_marker,
-    };
-    Ok((DVec3::ZERO, Some(carried)))
-}
-
-pub(super) fn flag(node: &Node, key: &str) -> Result<bool> {
-    node.find(key).map_or(Ok(false), |n| n.flag())
-}
-
-pub(super) fn tracker(node: &Node) -> Result<TrackerCalibration> {
-    Ok(TrackerCalibration {
-        world_from_transmitter: node
-            .need("T_world_source", "the transmitter's pose in the world")?
-            .rigid()?,
-        sensor_from_scene_camera: node
-            .need(
-                "T_sensor_cam",
-                "the scene camera's pose in the sensor's frame",
-            )?
-            .rigid()?,
-        latency_nanos: latency(node)?,
-        metres_per_unit: match node.find("fastrak").and_then(|f| f.find("units")) {
-            Some(units) => metres_per_unit(&units)?,
-            // A FASTRAK sends inches unless it is told otherwise.
-            None => 0.0254,
-        },
-        field: None,
-    })
-}
-
-fn metres_per_unit(units: &Node) -> Result<f64> {
-    match units.text()? {
-        "inches" => Ok(0.0254),
-        "centimetres" | "centimeters" => Ok(0.01),
-        "millimetres" | "millimeters" => Ok(0.001),
-        "metres" | "meters" => Ok(1.0),
-        _ => Err(units.wrong("\"inches\", \"centimetres\", \"millimetres\" or \"metres\"")),
+        let family = self.family.parse();
+        let carrier = SphereMarker {
+            family: family.map_err(|_| {
+                let reason = "must be \"tag36h11\", \"tag25h9\" or \"tag16h5\"";
+                RigJsonError::wrong(&format!("{path}.family"), reason)
+            })?,
+            id,
+            size: self
+                .size_m
+                .ok_or_else(|| RigJsonError::missing(format!("{path}.size_m")))?
+                .0,
+            centre_in_marker,
+        };
+        Ok((DVec3::ZERO, Some(carrier)))
     }
 }
 
-pub(super) fn chart(node: &Node) -> Result<PhotometricChart> {
-    let patches = node.need("patches_xywh", "a list of [x, y, width, height]")?;
-    let patches = patches
-        .list(10_000)?
-        .iter()
-        .map(patch)
-        .collect::<Result<_>>()?;
-    let reflectance = match node.find("reflectance_linear_rgb") {
-        Some(n) => n
-            .list(10_000)?
-            .iter()
-            .map(Node::colour)
-            .collect::<Result<_>>()?,
-        None => Vec::new(),
-    };
-    let chart = PhotometricChart {
-        scene_picture: node.need("scene", "a file name")?.text()?.to_owned(),
-        environment_picture: node.need("environment", "a file name")?.text()?.to_owned(),
-        patches,
-        reflectance,
-    };
-    if !chart.reflectance.is_empty() && chart.reflectance.len() != chart.patches.len() {
-        return Err(node.wrong("given as many reflectances as patches"));
-    }
-    Ok(chart)
+/// `tracker`.
+#[derive(Deserialize)]
+#[serde(expecting = "an object with T_world_source and T_sensor_cam")]
+pub(super) struct TrackerEntry {
+    #[serde(rename = "T_world_source")]
+    world_from_transmitter: Pose,
+    #[serde(rename = "T_sensor_cam")]
+    sensor_from_scene_camera: Pose,
+    latency_s: Option<Latency>,
+    fastrak: Option<Fastrak>,
 }
 
-fn patch(node: &Node) -> Result<[u32; 4]> {
-    let [x, y, w, h] = node.array::<4>()?;
-    let patch = [x.pixels()?, y.pixels()?, w.pixels()?, h.pixels()?];
-    if patch[2] == 0 || patch[3] == 0 {
-        return Err(node.wrong("x, y, width, height with width and height above 0"));
+#[derive(Deserialize)]
+#[serde(expecting = "an object with units")]
+struct Fastrak {
+    units: Option<Units>,
+}
+
+/// Unit of the positions that the tracker sends. A FASTRAK's default is inches.
+#[derive(Clone, Copy, Debug, Default, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Units {
+    #[default]
+    Inches,
+    #[serde(alias = "centimeters")]
+    Centimetres,
+    #[serde(alias = "millimeters")]
+    Millimetres,
+    #[serde(alias = "meters")]
+    Metres,
+}
+
+impl Units {
+    const fn metres(self) -> f64 {
+        match self {
+            Self::Inches => 0.0254,
+            Self::Centimetres => 0.01,
+            Self::Millimetres => 0.001,
+            Self::Metres => 1.0,
+        }
     }
-    Ok(patch)
+}
+
+impl TrackerEntry {
+    pub fn tracker(self) -> TrackerCalibration {
+        let units = self.fastrak.and_then(|f| f.units).unwrap_or_default();
+        TrackerCalibration {
+            world_from_transmitter: self.world_from_transmitter.0,
+            sensor_from_scene_camera: self.sensor_from_scene_camera.0,
+            latency_nanos: nanos(self.latency_s),
+            metres_per_unit: units.metres(),
+            field: None,
+        }
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(expecting = "an object with scene, environment and patches_xywh")]
+struct ChartFields {
+    scene: String,
+    environment: String,
+    patches_xywh: List<Patch, 0, 10_000>,
+    reflectance_linear_rgb: Option<List<Colour, 0, 10_000>>,
+}
+
+#[derive(Clone, Copy, Deserialize)]
+#[serde(try_from = "Array<Count, 4>")]
+struct Patch([u32; 4]);
+
+impl TryFrom<Array<Count, 4>> for Patch {
+    type Error = &'static str;
+
+    fn try_from(patch: Array<Count, 4>) -> std::result::Result<Self, Self::Error> {
+        let patch = patch.0.map(|n| n.0);
+        if patch[2] == 0 || patch[3] == 0 {
+            return Err("must be x, y, width, height with width and height above 0");
+        }
+        Ok(Self(patch))
+    }
+}
+
+/// `photometric_chart`.
+#[derive(Deserialize)]
+#[serde(try_from = "ChartFields")]
+pub(super) struct ChartEntry(pub PhotometricChart);
+
+impl TryFrom<ChartFields> for ChartEntry {
+    type Error = &'static str;
+
+    fn try_from(fields: ChartFields) -> std::result::Result<Self, Self::Error> {
+        let patches = fields.patches_xywh.0;
+        let reflectance = fields.reflectance_linear_rgb.unwrap_or_default().0;
+        if !reflectance.is_empty() && reflectance.len() != patches.len() {
+            return Err("must have as many reflectances as patches");
+        }
+        Ok(Self(PhotometricChart {
+            scene_picture: fields.scene,
+            environment_picture: fields.environment,
+            patches: patches.into_iter().map(|p| p.0).collect(),
+            reflectance: reflectance.into_iter().map(|c| c.0).collect(),
+        }))
+    }
 }

@@ -1,8 +1,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
-use glam::DVec2;
-use glam::DVec3;
-use penumbra_camera::Response;
+use glam::{DVec2, DVec3, Vec3};
+use penumbra_camera::{EnvironmentView, Response};
 use penumbra_scene::VirtualLightKind;
 use proptest::prelude::*;
 use serde_json::{Value, json};
@@ -41,12 +40,12 @@ fn rig() -> Value {
     })
 }
 
-fn parse(value: &Value) -> Result<RigDocument> {
+fn parse(value: &Value) -> Result<RigDocument, RigJsonError> {
     RigDocument::parse(value.to_string().as_bytes())
 }
 
-/// The message after removing the member at `path`.
-fn complaint_without(path: &[&str]) -> String {
+/// The error message after removing the member at `path`.
+fn message_without(path: &[&str]) -> String {
     let mut value = rig();
     let (last, above) = path.split_last().unwrap();
     let mut node = &mut value;
@@ -61,7 +60,7 @@ fn complaint_without(path: &[&str]) -> String {
 }
 
 #[test]
-fn everything_is_read_as_it_is_written() {
+fn reads_every_part_of_the_file() {
     let rig = parse(&rig()).unwrap();
     let scene = &rig.calibration.scene_camera;
     assert_eq!((scene.camera.width, scene.camera.height), (640, 480));
@@ -81,7 +80,7 @@ fn everything_is_read_as_it_is_written() {
     };
     assert_eq!(lens.distortion, [0.01, 0.0, 0.0, -0.02]);
     assert_eq!((lens.focal, lens.max_theta), (150.0, 1.6));
-    // Half a turn about x: y and z change sign.
+    // Rotation by 180° about x: y and z change sign.
     let p = world_from_camera.transform_point(DVec3::new(1.0, 1.0, 1.0));
     assert!(p.distance(DVec3::new(2.0, 1.0, 2.0)) < 1e-12);
     let tracker = rig.calibration.tracker.as_ref().unwrap();
@@ -99,15 +98,15 @@ fn everything_is_read_as_it_is_written() {
 }
 
 #[test]
-fn an_object_given_by_its_own_frame_is_turned_up_first() {
+fn object_frame_has_its_up_axis_along_z() {
     let placement = parse(&rig()).unwrap().object.unwrap();
-    // glTF's up is the object's +Z, which this pose turns over.
+    // glTF's up axis is the object's +Z, which this pose points down.
     let up = placement.world_from_glb.transform_vector3(DVec3::Y);
     assert!(up.distance(DVec3::NEG_Z) < 1e-12, "{up}");
 }
 
 #[test]
-fn a_missing_key_is_named_by_its_whole_path() {
+fn missing_key_is_named_by_its_complete_path() {
     for path in [
         &["scene_camera"][..],
         &["scene_camera", "K"],
@@ -124,15 +123,19 @@ fn a_missing_key_is_named_by_its_whole_path() {
         &["photometric_chart", "patches_xywh"],
         &["virtual_lights", "lights", "0", "intensity"],
     ] {
-        let text = complaint_without(path);
+        let text = message_without(path);
         let name = path.join(".").replace(".0.", "[0].");
         assert!(text.contains(&format!("`{name}` is missing")), "{text}");
+        assert!(
+            !text.contains("see the documentation"),
+            "no hint for {name}"
+        );
         assert_eq!(text.lines().count(), 1);
     }
 }
 
 #[test]
-fn optional_parts_may_be_missing() {
+fn reads_file_with_scene_camera_alone() {
     let mut value = rig();
     let root = value.as_object_mut().unwrap();
     root.retain(|key, _| key == "scene_camera");
@@ -142,7 +145,7 @@ fn optional_parts_may_be_missing() {
 }
 
 #[test]
-fn wrong_values_are_named_and_explained() {
+fn rejects_wrong_values_by_path_and_reason() {
     let cases = [
         ("/scene_camera/K/0/0", json!(-1.0), "scene_camera.K"),
         (
@@ -164,7 +167,7 @@ fn wrong_values_are_named_and_explained() {
         (
             "/environment_camera/kind",
             json!("cube"),
-            "\"fisheye\" or \"sphere\"",
+            "expected `fisheye` or `sphere`",
         ),
         (
             "/environment_camera/projection/model",
@@ -201,7 +204,7 @@ fn wrong_values_are_named_and_explained() {
         (
             "/virtual_lights/lights/0/intensity/1",
             json!(-1.0),
-            "lights[0].intensity` must be three numbers, each at least 0",
+            "lights[0].intensity`: must be three numbers, each at least 0",
         ),
         (
             "/virtual_lights/lights/0/intensity/1",
@@ -211,7 +214,7 @@ fn wrong_values_are_named_and_explained() {
         (
             "/virtual_lights/lights/0/kind",
             json!("tube"),
-            "\"point\" or \"spot\"",
+            "expected `point` or `spot`",
         ),
         (
             "/virtual_lights/lights/0/cutoff_deg",
@@ -226,7 +229,7 @@ fn wrong_values_are_named_and_explained() {
         (
             "/virtual_lights/lights/0/keys/0/target",
             json!([1, 2, 3]),
-            "keys[0]` must be given a target that is not",
+            "keys[0]`: must have a target other than",
         ),
         (
             "/virtual_lights/lights/0/keys",
@@ -242,11 +245,11 @@ fn wrong_values_are_named_and_explained() {
         (
             "/virtual_lights/lights/0/keys/0",
             json!({"t": 1, "pos": [0, 0, 1], "target": [0, 0, 0], "gain": -1}),
-            "keys[0].gain` must be a number of at least 0",
+            "keys[0].gain`: invalid value: floating point `-1.0`, expected a number of at least 0",
         ),
         (
             "/virtual_lights/lights",
-            json!(vec![0; 33]),
+            json!(vec![rig()["virtual_lights"]["lights"][0].clone(); 33]),
             "at most 32 entries",
         ),
     ];
@@ -263,8 +266,71 @@ fn wrong_values_are_named_and_explained() {
     }
 }
 
+/// Each message is one line with the file, the path, what was found and what belongs there.
 #[test]
-fn a_matrix_that_scales_or_mirrors_is_no_camera_pose() {
+fn messages_name_file_path_finding_and_expectation() {
+    let cases = [
+        (
+            "/scene_camera/latency_s",
+            json!("late"),
+            "`scene_camera.latency_s`: invalid type: string \"late\", expected seconds, at most 10",
+        ),
+        (
+            "/scene_camera/image_size/0",
+            json!(640.5),
+            "`scene_camera.image_size[0]`: invalid type: floating point `640.5`, expected a whole \
+             number between 0 and 16384",
+        ),
+        (
+            "/markers/0/size_m",
+            json!(-0.06),
+            "`markers[0].size_m`: invalid value: floating point `-0.06`, expected a number above 0 \
+             (and at most 1e6)",
+        ),
+        (
+            "/scene_camera/lens_distortion",
+            json!([0.1, 0.2, 0.3]),
+            "`scene_camera.lens_distortion`: invalid length 3, expected a list of 4 to 5 entries",
+        ),
+        (
+            "/scene_camera/response",
+            json!("log"),
+            "`scene_camera.response`: unknown variant `log`, expected one of `srgb`, `linear`, \
+             `gamma`",
+        ),
+        (
+            "/environment_camera/T_world_cam",
+            json!({}),
+            "key `environment_camera.T_world_cam.position` is missing; add it (matrix_row_major, \
+             or position and quaternion_wxyz)",
+        ),
+        (
+            "/scene_camera",
+            json!(null),
+            "`scene_camera`: invalid type: null, expected an object with image_size and K",
+        ),
+    ];
+    for (pointer, value, expected) in cases {
+        let mut document = rig();
+        *document.pointer_mut(pointer).unwrap() = value;
+        let message = parse(&document).unwrap_err().to_string();
+        assert_eq!(message, format!("rig.json: {expected}"));
+    }
+}
+
+#[test]
+fn rejects_repeated_keys_and_text_after_the_object() {
+    let message = |bytes: &[u8]| RigDocument::parse(bytes).unwrap_err().to_string();
+    let twice = message(br#"{"name": "a", "name": "b"}"#);
+    assert!(twice.contains("duplicate field `name`"), "{twice}");
+    let text = format!("{}\n}}", rig());
+    let after = message(text.as_bytes());
+    assert!(after.starts_with("rig.json: line 2, column 1: "), "{after}");
+    assert!(after.ends_with("; correct the JSON"), "{after}");
+}
+
+#[test]
+fn rejects_camera_pose_that_scales_or_mirrors() {
     for diagonal in [[2.0, 2.0, 2.0], [1.0, 1.0, -1.0]] {
         let mut value = rig();
         let [x, y, z] = diagonal;
@@ -276,7 +342,7 @@ fn a_matrix_that_scales_or_mirrors_is_no_camera_pose() {
 }
 
 #[test]
-fn the_view_of_the_environment_follows_the_configuration() {
+fn selects_configured_view_of_environment() {
     let is_sphere = |rig: &RigDocument| {
         let view = rig.calibration.environment.as_ref().map(|e| &e.view);
         matches!(view, Some(EnvironmentView::SphereInScene { .. }))
@@ -290,19 +356,19 @@ fn the_view_of_the_environment_follows_the_configuration() {
     assert!(chosen(EnvironmentSource::Auto, false));
     assert!(!chosen(EnvironmentSource::Camera, false));
     assert!(chosen(EnvironmentSource::SphereInScene, true));
-    let mut blind = rig();
-    blind["mirror_sphere"]["in_scene_camera_images"] = json!(false);
-    let mut blind = parse(&blind).unwrap();
+    let mut hidden = rig();
+    hidden["mirror_sphere"]["in_scene_camera_images"] = json!(false);
+    let mut hidden = parse(&hidden).unwrap();
     assert!(
-        blind
+        hidden
             .select_environment(EnvironmentSource::SphereInScene, true)
             .is_err()
     );
 }
 
-/// A ball beside a marker that is among `markers` stands still; beside another it is carried about.
+/// A sphere on a marker that is among `markers` stands still; on another it moves about.
 #[test]
-fn a_ball_may_be_placed_beside_a_marker() {
+fn places_sphere_by_marker() {
     let mut value = rig();
     value.as_object_mut().unwrap().remove("environment_camera");
     let quarter = json!([
@@ -339,12 +405,10 @@ fn a_ball_may_be_placed_beside_a_marker() {
 }
 
 #[test]
-fn the_truth_rigs_are_read() {
-    let truth = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/truth");
-    if !truth.is_dir() {
-        eprintln!("SKIPPED the_truth_rigs_are_read: ../shared is missing");
+fn reads_rigs_of_ground_truth() {
+    let Some(truth) = penumbra_test_data::shared("truth") else {
         return;
-    }
+    };
     for name in [
         "desk",
         "desk-sphere",
@@ -380,7 +444,7 @@ proptest! {
     }
 
     #[test]
-    fn any_value_in_any_place_never_panics(place in 0usize..200, kind in 0usize..8) {
+    fn strange_values_never_panic(place in 0usize..200, kind in 0usize..8) {
         let strange = [
             json!(null), json!([]), json!({}), json!(-1e308), json!("x"), json!(true),
             json!([[[[1]]]]), json!(u64::MAX),

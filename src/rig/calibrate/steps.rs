@@ -1,7 +1,7 @@
 //! The steps that a live rig can be asked for, by name and parameters.
 
 use super::files::CHECKS;
-use super::{kinds, kinds_of_motion, photometric, verify};
+use super::{kinds, kinds_of_motion, radiometric, verify};
 use crate::RigError;
 use crate::RigFiles;
 use crate::wall_date::utc_now;
@@ -20,7 +20,7 @@ const STEPS: &[StepKind] = &[
     kinds_of_motion::TRACKER,
     kinds_of_motion::LATENCY,
     kinds_of_motion::ENVIRONMENT,
-    photometric::KIND,
+    radiometric::KIND,
     verify::KIND,
 ];
 

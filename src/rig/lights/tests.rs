@@ -4,10 +4,11 @@ use crate::RigSetup;
 use crate::light::LightStation;
 use crate::lighter::SceneNews;
 use penumbra_config::Config;
+use penumbra_config::Technique;
 use penumbra_lighting::{CubeMap, Harmonics, Lighting};
 use penumbra_rig_model::RigDocument;
 use penumbra_scene::Scene;
-use penumbra_status::{Settings, Technique};
+use penumbra_status::Settings;
 use std::time::Instant;
 use tokio::sync::watch;
 

@@ -100,67 +100,69 @@ fn reads_all_shapes_with_their_poses() {
     );
 }
 
+/// Texts and their messages.
+const MISTAKES: [(&str, &str); 14] = [
+    (
+        "[[object]]\nshape = \"box\"\nsise_m = [1, 1, 1]\n",
+        "s.toml:3: unknown key `object[0].sise_m`; did you mean `size_m` (in metres)?",
+    ),
+    (
+        "[[object]]\nshape = \"box\"\nsize_m = [1, 1]\n",
+        "s.toml:3: `object[0].size_m`: expected the size of a box: [x, y, z], metres",
+    ),
+    (
+        "[[object]]\nshape = \"sphere\"\n",
+        "s.toml:1: `object[0].radius_m`: a sphere needs it, in metres",
+    ),
+    (
+        "[[object]]\n[[object]]\nname = \"x\"\n",
+        "s.toml:1: `object[0]`: expected either `file` or `shape` (plane, box, cylinder, cone, sphere, torus, temple-gate)",
+    ),
+    (
+        "[[object]]\nfile = \"gone.glb\"\n",
+        "s.toml:2: `object[0].file`: there is no file gone.glb; expected a .glb, .gltf or .ply",
+    ),
+    (
+        "[[object]]\nfile = \"gone.glb\"\nradius_m = 1\n",
+        "s.toml:3: `object[0].radius_m`: goes with `shape` only; use `scale` for a file",
+    ),
+    (
+        "[[object]]\nshape = \"sphere\"\nradius_m = 1\nscale = 0\n",
+        "s.toml:4: `object[0].scale`: expected a number from 0.0001 to 10000, or three of them",
+    ),
+    (
+        "[[object]]\nshape = \"sphere\"\nradius_m = 1\nmaterial = { base_colour = \"red\" }\n",
+        "s.toml:4: `object[0].material.base_colour`: expected \"#rrggbb\" (sRGB) or three linear numbers from 0 up, found \"red\"",
+    ),
+    (
+        "[[object]]\nshape = \"sphere\"\nradius_m = 1\n[object.material]\nmetallic = 2\n",
+        "s.toml:5: `object[0].material.metallic`: expected a number from 0 to 1, found 2",
+    ),
+    (
+        "[[object]]\nshape = \"sphere\"\nradius_m = 1\nmirror = true\n",
+        "s.toml:4: `object[0].mirror`: goes with [[phantom]] only; use `material` for an object",
+    ),
+    (
+        "[[phantom]]\nshape = \"sphere\"\nradius_m = 1\nmaterial = {}\n",
+        "s.toml:4: `phantom[0].material`: goes with [[object]] only; a phantom shows no colour of its own",
+    ),
+    (
+        "[ground]\nheight = 1\n",
+        "s.toml:2: unknown key `ground.height`; did you mean `height_m` (in metres)?",
+    ),
+    (
+        "[[object]]\nshape = \"torus\"\nradius_m = 1\ntube_radius_m = 1\n",
+        "s.toml:4: `object[0].tube_radius_m`: expected less than radius_m",
+    ),
+    (
+        "[[object]]\nshape = \"sphere\"\nradius_m = nan\n",
+        "s.toml:3: `object[0].radius_m`: expected metres from 0.0001 to 100000, found NaN",
+    ),
+];
+
 #[test]
 fn errors_name_file_line_and_key() {
-    let cases = [
-        (
-            "[[object]]\nshape = \"box\"\nsise_m = [1, 1, 1]\n",
-            "s.toml:3: unknown key `object[0].sise_m`; did you mean `size_m` (in metres)?",
-        ),
-        (
-            "[[object]]\nshape = \"box\"\nsize_m = [1, 1]\n",
-            "s.toml:3: `object[0].size_m`: expected the size of a box: [x, y, z], metres",
-        ),
-        (
-            "[[object]]\nshape = \"sphere\"\n",
-            "s.toml:1: `object[0].radius_m`: a sphere needs it, in metres",
-        ),
-        (
-            "[[object]]\n[[object]]\nname = \"x\"\n",
-            "s.toml:1: `object[0]`: expected either `file` or `shape` (plane, box, cylinder, cone, sphere, torus, temple-gate)",
-        ),
-        (
-            "[[object]]\nfile = \"gone.glb\"\n",
-            "s.toml:2: `object[0].file`: there is no file gone.glb; expected a .glb, .gltf or .ply",
-        ),
-        (
-            "[[object]]\nfile = \"gone.glb\"\nradius_m = 1\n",
-            "s.toml:3: `object[0].radius_m`: goes with `shape` only; use `scale` for a file",
-        ),
-        (
-            "[[object]]\nshape = \"sphere\"\nradius_m = 1\nscale = 0\n",
-            "s.toml:4: `object[0].scale`: expected a number from 0.0001 to 10000, or three of them",
-        ),
-        (
-            "[[object]]\nshape = \"sphere\"\nradius_m = 1\nmaterial = { base_colour = \"red\" }\n",
-            "s.toml:4: `object[0].material.base_colour`: expected \"#rrggbb\" (sRGB) or three linear numbers from 0 up, found \"red\"",
-        ),
-        (
-            "[[object]]\nshape = \"sphere\"\nradius_m = 1\n[object.material]\nmetallic = 2\n",
-            "s.toml:5: `object[0].material.metallic`: expected a number from 0 to 1, found 2",
-        ),
-        (
-            "[[object]]\nshape = \"sphere\"\nradius_m = 1\nmirror = true\n",
-            "s.toml:4: `object[0].mirror`: goes with [[phantom]] only; use `material` for an object",
-        ),
-        (
-            "[[phantom]]\nshape = \"sphere\"\nradius_m = 1\nmaterial = {}\n",
-            "s.toml:4: `phantom[0].material`: goes with [[object]] only; a phantom shows no colour of its own",
-        ),
-        (
-            "[ground]\nheight = 1\n",
-            "s.toml:2: unknown key `ground.height`; did you mean `height_m` (in metres)?",
-        ),
-        (
-            "[[object]]\nshape = \"torus\"\nradius_m = 1\ntube_radius_m = 1\n",
-            "s.toml:4: `object[0].tube_radius_m`: expected less than radius_m",
-        ),
-        (
-            "[[object]]\nshape = \"sphere\"\nradius_m = nan\n",
-            "s.toml:3: `object[0].radius_m`: expected metres from 0.0001 to 100000, found NaN",
-        ),
-    ];
-    for (text, expected) in cases {
+    for (text, expected) in MISTAKES {
         assert_eq!(complaint(text), expected);
     }
 }
@@ -348,7 +350,7 @@ fn errors_name_mistakes_in_phong_materials() {
         ),
         (
             ball("phong = { diffuse = [0.5, 0.5, 0.5], specular = [0.1, 0.7, 0.1], exponent = 3 }"),
-            "s.toml:4: `object[0].material.phong.specular`: with the diffuse share of [0.500, 0.500, 0.500] it reflects 1.200 times the light in green, more than arrives; together at most 1",
+            "s.toml:4: `object[0].material.phong.specular`: with the diffuse share of [0.500, 0.500, 0.500] it reflects 1.200 times the incident light in green; their sum must be at most 1",
         ),
         (
             ball("phong = { diffuse = [nan, 0.5, 0.5], specular = [0.1, 0.7, 0.1], exponent = 3 }"),

@@ -1,4 +1,4 @@
-//! What can be wrong with a folder. Each text is one line: what, where, what to do.
+//! Errors of imports. Each message is one line: what, where, what to do.
 
 use crate::SessionError;
 use std::io;
@@ -8,7 +8,7 @@ use thiserror::Error;
 /// A folder cannot be imported.
 #[derive(Debug, Error)]
 pub enum ImportError {
-    /// The output is there already.
+    /// The output exists.
     #[error("{path}: exists already; name another file or pass --force", path = path.display())]
     Exists {
         /// The output.
@@ -26,34 +26,34 @@ pub enum ImportError {
         /// The folder.
         path: PathBuf,
     },
-    /// Neither of the known layouts.
+    /// The folder has neither of the known layouts.
     #[error("{path}: neither scene_timestamps.csv (a rig's recording) nor rgb.txt (TUM RGB-D) is in it", path = path.display())]
     UnknownLayout {
         /// The folder.
         path: PathBuf,
     },
-    /// Nothing to replay.
+    /// The folder has no pictures.
     #[error("{path}: lists no pictures of the scene camera", path = path.display())]
     NoPictures {
         /// The folder.
         path: PathBuf,
     },
-    /// The operating system refused.
+    /// The operating system reports an error.
     #[error("{path}: {source}", path = path.display())]
     Io {
         /// The file.
         path: PathBuf,
-        /// What it said.
+        /// The system's message.
         source: io::Error,
     },
-    /// A file that is too large to be what it should be.
+    /// A file is too large.
     #[error("{path}: {bytes} bytes; at most {limit} are read", path = path.display())]
     TooLarge {
         /// The file.
         path: PathBuf,
         /// Its size.
         bytes: u64,
-        /// The most that is accepted.
+        /// The maximum size, bytes.
         limit: u64,
     },
     /// A file name that leads out of the folder.
@@ -68,7 +68,7 @@ pub enum ImportError {
         /// The file.
         path: PathBuf,
     },
-    /// A line of a table that cannot be read.
+    /// A line of a table is malformed.
     #[error("{path}:{line}: {reason}", path = path.display())]
     Line {
         /// The table.
@@ -83,7 +83,7 @@ pub enum ImportError {
     Rig {
         /// The file.
         path: PathBuf,
-        /// What the parser said.
+        /// The parser's message.
         reason: String,
     },
     /// The session could not be written.

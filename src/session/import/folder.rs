@@ -1,12 +1,12 @@
-//! The folder that is imported, and the tables in it.
+//! The imported folder and the tables in it.
 
 use super::ImportError;
 use penumbra_interface::MonotonicTime;
 use std::fs;
 use std::path::{Component, Path, PathBuf};
 
-/// Largest file that is read, bytes.
-const FILE_LIMIT: u64 = 256 << 20;
+/// Maximum size of a file, bytes.
+const MAX_FILE_BYTES: u64 = 256 << 20;
 
 /// Reads files below a folder, never outside it.
 #[derive(Debug)]
@@ -34,7 +34,7 @@ impl Folder {
         })
     }
 
-    /// Where a file of the folder is.
+    /// Returns the path of a file of the folder.
     pub fn path(&self, name: impl AsRef<Path>) -> PathBuf {
         self.root.join(name)
     }
@@ -43,27 +43,27 @@ impl Folder {
         self.path(name).is_file()
     }
 
-    /// A file's bytes.
+    /// Reads the bytes of a file.
     pub fn read(&self, name: &Path) -> Result<Vec<u8>, ImportError> {
         let path = self.inside(name)?;
         let metadata = fs::metadata(&path).map_err(|e| ImportError::io(&path, e))?;
-        if metadata.len() > FILE_LIMIT {
+        if metadata.len() > MAX_FILE_BYTES {
             return Err(ImportError::TooLarge {
                 path,
                 bytes: metadata.len(),
-                limit: FILE_LIMIT,
+                limit: MAX_FILE_BYTES,
             });
         }
         fs::read(&path).map_err(|e| ImportError::io(&path, e))
     }
 
-    /// A table's text.
+    /// Reads the text of a table.
     pub fn text(&self, name: &str) -> Result<String, ImportError> {
         let bytes = self.read(Path::new(name))?;
         String::from_utf8(bytes).map_err(|_| self.line(name, 1, "not text"))
     }
 
-    /// Whether a file that a table names is there.
+    /// Returns whether a file named by a table exists.
     pub fn lists(&self, name: &Path) -> Result<bool, ImportError> {
         Ok(self.plain(name)?.is_file())
     }
@@ -108,7 +108,7 @@ impl Folder {
         Ok(files)
     }
 
-    /// What is directly in a folder; nothing if there is no such folder.
+    /// Lists a folder's direct entries; nothing if the folder does not exist.
     fn entries(&self, name: &Path) -> Result<Entries, ImportError> {
         let mut found = Entries::default();
         let path = self.plain(name)?;
@@ -119,7 +119,7 @@ impl Folder {
             let entry = entry.map_err(|e| ImportError::io(&path, e))?;
             let kind = entry.file_type().map_err(|e| ImportError::io(&path, e))?;
             let below = name.join(entry.file_name());
-            // A link to a folder may lead in a circle; one to a file is checked on reading.
+            // A link to a folder may form a loop; a link to a file is checked when it is read.
             if kind.is_dir() {
                 found.folders.push(below);
             } else if kind.is_file() || self.path(&below).is_file() {
@@ -137,8 +137,8 @@ impl Folder {
         }
     }
 
-    /// The rows of a table with a heading, only the `columns` asked for, in that order,
-    /// with the line number of each row.
+    /// Reads the given `columns` of a table with a heading, row by row, with the line number of each
+    /// row.
     pub fn table<const N: usize>(
         &self,
         name: &str,
@@ -171,7 +171,7 @@ impl Folder {
         .collect()
     }
 
-    /// A cell of nanoseconds.
+    /// Parses a cell of nanoseconds.
     pub fn nanos(&self, name: &str, line: usize, cell: &str) -> Result<MonotonicTime, ImportError> {
         let nanos: Option<i64> = cell.parse().ok().filter(|nanos| *nanos >= 0);
         nanos

@@ -1,10 +1,9 @@
-//! `penumbra import`: a folder of pictures, time stamps and poses becomes a session.
+//! `penumbra import`: converts a folder of pictures, time stamps and poses to a session.
 //!
-//! Two layouts are known. The rig layout has `scene_timestamps.csv` and `scene/`, and
-//! where the rig had them `env_timestamps.csv` and `env/`, `tracker_fastrak.txt` with its
-//! index, and `rig.json`, `calibration/`, `object/` and `phantoms/`, which become
-//! attachments. The TUM RGB-D layout has `rgb.txt` and `groundtruth.txt`. In tables only
-//! the columns that a driver would stamp are read.
+//! There are two layouts. The rig layout has `scene_timestamps.csv` and `scene/`, optionally
+//! `env_timestamps.csv` and `env/`, `tracker_fastrak.txt` with its index, and `rig.json`,
+//! `calibration/`, `object/` and `phantoms/`, which become attachments. The TUM RGB-D layout has
+//! `rgb.txt` and `groundtruth.txt`. Only those columns of tables are read that a driver would stamp.
 
 mod error;
 mod folder;
@@ -22,10 +21,10 @@ use std::fs::{self, File};
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
-/// What to import, where to.
+/// Arguments of an import.
 #[derive(Clone, Debug)]
 pub struct ImportArgs {
-    /// The folder.
+    /// The folder to import.
     pub folder: PathBuf,
     /// The session to write.
     pub output: PathBuf,
@@ -33,25 +32,24 @@ pub struct ImportArgs {
     pub force: bool,
 }
 
-/// What went into the session.
+/// Contents of an imported session.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ImportSummary {
-    /// Pictures of the scene camera.
+    /// Number of pictures of the scene camera.
     pub scene_frames: usize,
-    /// Pictures of the environment camera, brackets included.
+    /// Number of pictures of the environment camera, including brackets.
     pub environment_frames: usize,
-    /// Stretches of tracker bytes.
+    /// Number of portions of tracker bytes.
     pub tracker_chunks: usize,
-    /// Poses of a tracker that is no byte stream.
+    /// Number of poses of a tracker that is not a byte stream.
     pub poses: usize,
-    /// Files attached.
+    /// Number of attached files.
     pub attachments: usize,
     /// Size of the session, bytes.
     pub bytes: u64,
 }
 
-/// A thing to be written, at its time of arrival. Pictures are read from the disk only
-/// then.
+/// An item to be written. Pictures are read from the disk only when they are written.
 #[derive(Clone, Debug)]
 enum Item {
     Picture {
@@ -70,26 +68,25 @@ enum Item {
     },
 }
 
-/// Everything a layout yields.
+/// Everything that is read from a layout.
 #[derive(Debug, Default)]
 struct Plan {
     attachments: Vec<(String, PathBuf)>,
-    /// In any order; sorted by arrival before writing.
+    /// Items in any order; they are sorted by arrival before writing.
     items: Vec<(MonotonicTime, Item)>,
     tracker: Vec<u8>,
     calibrations: Vec<(Camera, foxglove::messages::CameraCalibration)>,
-    /// Transforms that never change, for viewers.
+    /// Constant transforms, for viewers.
     fixed: Vec<((String, String), RigidTransform)>,
 }
 
 type FileWriter = SessionWriter<BufWriter<File>>;
 
-/// Makes a session from a folder. The session appears under its name only when it is
-/// whole.
+/// Converts a folder to a session. The session appears under its name only when it is complete.
 ///
 /// # Errors
-/// If the folder is of no known layout or something in it is missing or misspelt, if the
-/// output exists (unless forced), or if it cannot be written.
+/// The folder has an unknown layout, something in it is missing or malformed, the output exists
+/// (unless forced), or it cannot be written.
 pub fn import(args: &ImportArgs) -> Result<ImportSummary, ImportError> {
     refuse_overwriting(args)?;
     let folder = Folder::open(&args.folder)?;
@@ -101,14 +98,14 @@ pub fn import(args: &ImportArgs) -> Result<ImportSummary, ImportError> {
         Ok(summary)
     });
     if summary.is_err() {
-        // The first error is the one to tell.
+        // The first error is reported.
         let _ = fs::remove_file(&partial);
     }
     summary
 }
 
-/// The files in `folder` that say what a rig is, as a session carries them: `rig.json`,
-/// `calibration/`, `object/`, `phantoms/`, as far as they are there.
+/// Reads the files of a rig in `folder` that sessions have as attachments: `rig.json`, `calibration/`,
+/// `object/`, `phantoms/`, as far as they exist.
 ///
 /// # Errors
 /// There is no such folder, or a file in it cannot be read.
@@ -127,7 +124,7 @@ pub fn attachments_in(folder: &Path) -> Result<Vec<Attachment>, ImportError> {
         .collect()
 }
 
-/// What there is to write, by whichever layout the folder has.
+/// Reads a folder of either layout.
 fn read_plan(folder: &Folder, path: &Path) -> Result<Plan, ImportError> {
     let path = path.to_owned();
     let plan = if folder.has("scene_timestamps.csv") {
@@ -165,7 +162,7 @@ fn refuse_overwriting(args: &ImportArgs) -> Result<(), ImportError> {
     Ok(())
 }
 
-/// A name beside the output, so that renaming stays within the file system.
+/// Returns a name beside the output, so that renaming stays within the file system.
 fn partial_path(output: &Path) -> PathBuf {
     let mut name = OsString::from(".");
     name.push(output.file_name().unwrap_or_default());
@@ -178,7 +175,7 @@ fn write_partial(
     mut plan: Plan,
     partial: &Path,
 ) -> Result<ImportSummary, ImportError> {
-    // Stable: at equal times the base exposure stays before its brackets.
+    // The sort is stable: at equal times the base exposure stays before its brackets.
     plan.items.sort_by_key(|(arrived_at, _)| *arrived_at);
     let bar = progress_bar(plan.items.len() + plan.attachments.len());
     let mut writer = SessionWriter::create(partial)?;
@@ -204,7 +201,7 @@ fn write_partial(
     Ok(summary)
 }
 
-/// Calibrations and fixed transforms, at the first instant.
+/// Writes calibrations and constant transforms at the time of the first item.
 fn write_views(writer: &mut FileWriter, plan: &Plan) -> Result<(), SessionError> {
     let Some((start, _)) = plan.items.first() else {
         return Ok(());
@@ -259,7 +256,7 @@ fn write_item(
     Ok(())
 }
 
-/// By the file's ending.
+/// Returns the format by the file's extension.
 fn picture_format(file: &Path) -> Result<PixelFormat, ImportError> {
     let ending = file.extension().map(|e| e.to_string_lossy().to_lowercase());
     match ending.as_deref() {
@@ -286,7 +283,7 @@ impl ImportSummary {
     }
 }
 
-/// Hidden by indicatif where standard error is no terminal.
+/// The bar is hidden by indicatif if standard error is not a terminal.
 fn progress_bar(len: usize) -> ProgressBar {
     let bar = ProgressBar::new(len as u64);
     if let Ok(style) = ProgressStyle::with_template("{bar:40} {pos}/{len} {eta}") {

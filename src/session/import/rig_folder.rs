@@ -1,4 +1,4 @@
-//! A rig's recording: pictures, FASTRAK bytes, calibration and objects.
+//! The rig layout: pictures, FASTRAK bytes, calibration and objects.
 
 use super::folder::Folder;
 use super::{Camera, ImportError, Item, Plan};
@@ -10,7 +10,7 @@ use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-/// Attached whole. Nothing else of the folder goes in: what is named truth is the judge's.
+/// Folders that are attached. Other folders, such as ground truth, are not.
 const ATTACHED_FOLDERS: [&str; 3] = ["calibration", "object", "phantoms"];
 const RIG: &str = "rig.json";
 const TRACKER: &str = "tracker_fastrak.txt";
@@ -49,8 +49,8 @@ pub(super) fn attachments(folder: &Folder) -> Result<Vec<(String, PathBuf)>, Imp
         .collect())
 }
 
-/// What calibrating leaves beside the calibrations: pages for people, earlier calibrations
-/// (`tracker.20261121T120203Z.json`), files that were not finished.
+/// Returns whether a file of `calibration/` is not a calibration: a report, an earlier calibration
+/// (`tracker.20261121T120203Z.json`) or an incomplete file.
 fn is_leftover(file: &Path) -> bool {
     if !file.starts_with("calibration") {
         return false;
@@ -66,13 +66,13 @@ fn is_leftover(file: &Path) -> bool {
     is_earlier || name.ends_with(".html") || name.starts_with('.')
 }
 
-/// A relative path with `/`, whatever the system writes.
+/// Returns a relative path with `/` as separator.
 fn slashed(path: &Path) -> String {
     let parts: Vec<_> = path.iter().map(|part| part.to_string_lossy()).collect();
     parts.join("/")
 }
 
-/// Pictures of one camera, each followed by its brackets.
+/// Adds the pictures of one camera, each followed by its brackets.
 fn pictures(
     folder: &Folder,
     camera: Camera,
@@ -110,7 +110,7 @@ fn pictures(
 
 type Brackets = BTreeMap<PathBuf, Vec<(f64, PathBuf)>>;
 
-/// `env/00000_ev-4.jpg` by `env/00000`, brightest first.
+/// Finds brackets such as `env/00000_ev-4.jpg` by their base `env/00000`, brightest first.
 fn brackets(folder: &Folder, text: &str, table: &str) -> Result<Brackets, ImportError> {
     let mut parents = BTreeSet::new();
     for (_, [file]) in folder.table(table, text, ["file"])? {
@@ -130,7 +130,7 @@ fn brackets(folder: &Folder, text: &str, table: &str) -> Result<Brackets, Import
     Ok(brackets)
 }
 
-/// The base exposure, without its ending, and the stops of a bracket's file.
+/// Returns the base exposure (without extension) and the stops of a bracket's file.
 fn bracket_of(file: &Path) -> Option<(PathBuf, f64)> {
     let name = slashed(&file.with_extension(""));
     let (base, ev) = name.rsplit_once("_ev")?;
@@ -138,7 +138,7 @@ fn bracket_of(file: &Path) -> Option<(PathBuf, f64)> {
     ev.is_finite().then(|| (PathBuf::from(base), ev))
 }
 
-/// The tracker's bytes, cut where the index says that they arrived.
+/// Adds the tracker's bytes, split into portions by the arrivals in the index.
 fn tracker(folder: &Folder, plan: &mut Plan) -> Result<(), ImportError> {
     let bytes = folder.read(Path::new(TRACKER))?;
     let text = folder.text(TRACKER_INDEX)?;
@@ -168,8 +168,7 @@ fn tracker(folder: &Folder, plan: &mut Plan) -> Result<(), ImportError> {
     Ok(())
 }
 
-/// `rig.json` as it is; only what viewers are shown is looked at here, the rest is checked
-/// on replay.
+/// Reads `rig.json`. Only the values for viewers are used here; replay checks the rest.
 fn rig(folder: &Folder) -> Result<Value, ImportError> {
     if !folder.has(RIG) {
         return Ok(Value::Null);
@@ -181,7 +180,7 @@ fn rig(folder: &Folder) -> Result<Value, ImportError> {
     })
 }
 
-/// Poses for viewers, decoded from the tracker's bytes.
+/// Adds poses for viewers, decoded from the tracker's bytes.
 fn view_tracker(rig: &Value, plan: &mut Plan) {
     if rig.is_null() {
         return;
@@ -212,7 +211,7 @@ fn view(sample: &PoseSample) -> (MonotonicTime, Item) {
     (sample.arrived_at, Item::View { frames, pose })
 }
 
-/// Calibrations and fixed transforms for viewers, as far as `rig.json` has them.
+/// Adds calibrations and constant transforms for viewers, as far as `rig.json` has them.
 fn view_rig(rig: &Value, plan: &mut Plan) {
     let fixed = [
         ("world", "tracker", &rig["tracker"]["T_world_source"]),
@@ -250,7 +249,7 @@ fn size(camera: &Value) -> Option<(u32, u32)> {
     Some((side(0)?, side(1)?))
 }
 
-/// K of a pinhole camera, or of an ideal fisheye.
+/// Returns K and the distortion model of a pinhole camera or a fisheye.
 fn intrinsics(camera: &Value) -> Option<([f64; 9], &'static str)> {
     let projection = &camera["projection"];
     if let (Some(f), Some(cx), Some(cy)) = (
@@ -285,7 +284,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_calibrating_leaves_beside_calibrations_is_not_carried_along() {
+    fn attaches_calibrations_without_reports_and_backups() {
         for left in [
             "calibration/tracker.html",
             "calibration/tracker.refused.html",

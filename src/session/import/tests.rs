@@ -1,4 +1,4 @@
-//! Folders, good and bad, and the truth recordings where they are.
+//! Valid and faulty folders, and the recordings with ground truth if available.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use super::*;
@@ -9,7 +9,7 @@ use std::path::Path;
 use tempfile::TempDir;
 
 /// A rig's folder of two scene frames, one bracketed environment frame and three tracker
-/// records; `capture_ns` and `measured_ns` are the truth's, and wrong to use.
+/// records; `capture_ns` and `measured_ns` are ground truth and must not be used.
 fn rig_folder() -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     let put = |name: &str, bytes: &[u8]| {
@@ -87,7 +87,7 @@ fn faulty(change: impl FnOnce(&Path)) -> String {
 }
 
 #[test]
-fn a_rigs_folder_becomes_a_session() {
+fn imports_rig_folder() {
     let folder = rig_folder();
     let summary = import(&args(folder.path())).unwrap();
     assert_eq!((summary.scene_frames, summary.environment_frames), (2, 3));
@@ -150,7 +150,7 @@ fn tell(event: &SessionEvent) -> String {
 }
 
 #[test]
-fn nothing_of_the_judges_goes_in() {
+fn does_not_import_ground_truth() {
     let folder = rig_folder();
     import(&args(folder.path())).unwrap();
     let bytes = fs::read(folder.path().join("out.mcap")).unwrap();
@@ -158,7 +158,7 @@ fn nothing_of_the_judges_goes_in() {
 }
 
 #[test]
-fn the_same_folder_gives_the_same_bytes() {
+fn import_is_deterministic() {
     let folder = rig_folder();
     let mut args = args(folder.path());
     import(&args).unwrap();
@@ -169,7 +169,7 @@ fn the_same_folder_gives_the_same_bytes() {
 }
 
 #[test]
-fn nothing_is_overwritten_without_force() {
+fn overwrites_only_with_force() {
     let folder = rig_folder();
     let mut args = args(folder.path());
     fs::write(&args.output, b"mine").unwrap();
@@ -187,7 +187,7 @@ fn nothing_is_overwritten_without_force() {
 }
 
 #[test]
-fn faulty_folders_get_one_clear_line_and_leave_nothing_behind() {
+fn rejects_faulty_folders_with_one_line_and_no_output() {
     let replace = |name: &'static str, text: &'static [u8]| {
         faulty(move |folder| fs::write(folder.join(name), text).unwrap())
     };
@@ -228,7 +228,7 @@ fn faulty_folders_get_one_clear_line_and_leave_nothing_behind() {
 
 #[test]
 #[cfg(unix)]
-fn links_that_lead_outside_are_refused() {
+fn rejects_links_outside_the_folder() {
     let outside = tempfile::tempdir().unwrap();
     fs::write(outside.path().join("secret"), b"s").unwrap();
     let error = faulty(|folder| {
@@ -239,7 +239,7 @@ fn links_that_lead_outside_are_refused() {
 }
 
 #[test]
-fn the_tum_layout_becomes_a_session() {
+fn imports_tum_folder() {
     let folder = tempfile::tempdir().unwrap();
     fs::create_dir(folder.path().join("rgb")).unwrap();
     fs::write(folder.path().join("rgb/1.5.png"), b"first").unwrap();
@@ -277,15 +277,13 @@ fn the_tum_layout_becomes_a_session() {
     );
 }
 
-/// Every truth recording: all frames in, every FASTRAK record decoded from the stored
-/// bytes, and every frame paired with a pose and a whole view of the environment.
+/// All frames are imported, every FASTRAK record is decoded from the stored bytes, and every frame is
+/// paired with a pose and a complete view of the environment.
 #[test]
-fn the_truth_recordings_import_whole() {
-    let truth = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/truth");
-    if !truth.is_dir() {
-        eprintln!("SKIPPED the_truth_recordings_import_whole: ../shared is missing");
+fn imports_recordings_with_ground_truth() {
+    let Some(truth) = penumbra_test_data::shared("truth") else {
         return;
-    }
+    };
     let outputs = tempfile::tempdir().unwrap();
     let recordings = [
         ("desk", 2),
@@ -346,7 +344,7 @@ fn check_pairs(session: &Session, brackets: usize, records: usize) {
             assert_eq!(frame.pose.unwrap().provenance, Provenance::Interpolated);
             let environment = frame.environment.unwrap();
             assert_eq!(environment.set.frames.len(), 1 + brackets);
-            // 15 views a second, and the first one up to a frame late.
+            // 15 views per second, and the first one up to a frame late.
             assert!((-33_000_000..100_000_000).contains(&environment.skew_nanos));
             frames += 1;
         }

@@ -9,7 +9,7 @@ use std::path::PathBuf;
 
 const PICTURES: &str = "rgb.txt";
 const POSES: &str = "groundtruth.txt";
-/// Where calibration lies, if someone put it there.
+/// The optional calibration.
 const RIG: &str = "rig.json";
 
 pub(super) fn plan(folder: &Folder) -> Result<Plan, ImportError> {
@@ -53,7 +53,7 @@ fn poses(folder: &Folder, plan: &mut Plan) -> Result<(), ImportError> {
     Ok(())
 }
 
-/// Lines that are no comments, with their numbers.
+/// Iterates over the lines that are not comments, with their numbers.
 fn rows(text: &str) -> impl Iterator<Item = (usize, &str)> {
     text.lines()
         .enumerate()
@@ -79,7 +79,7 @@ fn pose(row: &str) -> Option<PoseSample> {
     })
 }
 
-/// Decimal seconds, digit by digit: a double of today's Unix time is good to 0.2 µs only.
+/// Parses decimal seconds digit by digit: a double of today's Unix time has only 0.2 µs resolution.
 fn seconds(text: &str) -> Option<MonotonicTime> {
     let (whole, fraction) = text.split_once('.').unwrap_or((text, ""));
     let seconds: i64 = whole.parse().ok().filter(|s| *s >= 0)?;

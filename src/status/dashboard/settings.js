@@ -20,8 +20,8 @@ const SLIDERS = {
   planes_skip_below: ['skip-text', percent],
   planes_recompute_above: ['recompute-text', percent],
   exposure_ev: ['ev-text', stops],
-  exposure_darkest_ev: ['darkest-text', stops],
-  exposure_brightest_ev: ['brightest-text', stops],
+  exposure_min_ev: ['darkest-text', stops],
+  exposure_max_ev: ['brightest-text', stops],
   exposure_key: ['key-text', percent],
   exposure_adaptation_s: ['adaptation-text', (v) => `${number(v)} s`],
 };
@@ -46,7 +46,7 @@ function show(name, value) {
     const [text, write] = SLIDERS[name];
     put($(text), write(value));
   }
-  if (name === 'lights_mode') put($('lights-hint'), LIGHTS_HINTS[value] ?? '');
+  if (name === 'light_placement') put($('lights-hint'), LIGHTS_HINTS[value] ?? '');
   if (name === 'shadow_mode') put($('shadow-hint'), SHADOW_HINTS[value] ?? '');
   if (name === 'lamp_response') put($('lamp-response-hint'), LAMP_RESPONSE_HINTS[value] ?? '');
   if (name === 'exposure_highlights') put($('highlights-hint'), HIGHLIGHTS_HINTS[value] ?? '');

@@ -1,8 +1,8 @@
 #![allow(clippy::unwrap_used)]
-use super::super::rays::Dice;
+use super::super::rays::RandomIndices;
 use super::super::view::View;
 use super::*;
-use glam::DVec2;
+use glam::{DQuat, DVec2};
 use penumbra_camera::FisheyeLens;
 
 fn view() -> View {
@@ -20,16 +20,16 @@ fn bearing(pixel: DVec2) -> DVec3 {
     view().bearing(pixel).unwrap()
 }
 
-fn truth() -> RigidTransform {
-    let turn = DQuat::from_euler(glam::EulerRot::ZYX, 0.7, 0.2, -0.15);
-    RigidTransform::new(turn, DVec3::new(0.1, -0.05, 0.06))
+fn ground_truth() -> RigidTransform {
+    let rotation = DQuat::from_euler(glam::EulerRot::ZYX, 0.7, 0.2, -0.15);
+    RigidTransform::new(rotation, DVec3::new(0.1, -0.05, 0.06))
 }
 
-/// Points about the camera, seen with so much noise (pixels).
-fn sights(count: usize, noise: f64, far: bool) -> Vec<Sight> {
-    let mut dice = Dice::new();
-    let mut even = move || dice.below(1000) as f64 / 500.0 - 1.0;
-    let camera = truth().inverse();
+/// Observations of points about the camera, with noise in pixels.
+fn observations(count: usize, noise: f64, far: bool) -> Vec<Observation> {
+    let mut random = RandomIndices::new();
+    let mut even = move || random.below(1000) as f64 / 500.0 - 1.0;
+    let camera = ground_truth().inverse();
     (0..count)
         .map(|_| {
             let (phi, theta) = (std::f64::consts::PI * even(), 0.7 + 0.6 * even());
@@ -38,18 +38,18 @@ fn sights(count: usize, noise: f64, far: bool) -> Vec<Sight> {
                 theta.sin() * phi.sin(),
                 theta.cos(),
             );
-            let point = truth().transform_point(d * (0.5 + 0.3 * even()));
+            let point = ground_truth().transform_point(d * (0.5 + 0.3 * even()));
             let seen = if far {
                 d
             } else {
                 camera.transform_point(point)
             };
             let target = if far {
-                Target::Direction(truth().rotation * d)
+                Target::Direction(ground_truth().rotation * d)
             } else {
                 Target::Point(point)
             };
-            Sight {
+            Observation {
                 bearing: bearing(view().pixel(seen).unwrap() + noise * DVec2::new(even(), even())),
                 target,
                 sigma: (noise / 1.7).max(0.1) / 151.0,
@@ -58,33 +58,36 @@ fn sights(count: usize, noise: f64, far: bool) -> Vec<Sight> {
         .collect()
 }
 
-fn check(found: &Placed, degrees: f64, metres: f64) {
+fn check(found: &Resection, degrees: f64, metres: f64) {
     let turn = found
         .world_from_camera
         .rotation
-        .angle_between(truth().rotation)
+        .angle_between(ground_truth().rotation)
         .to_degrees();
-    let off = found
+    let error = found
         .world_from_camera
         .translation
-        .distance(truth().translation);
-    assert!(turn < degrees && off < metres, "{turn}° {off} m {found:?}");
+        .distance(ground_truth().translation);
     assert!(
-        turn.to_radians() < 5.0 * found.turn_sigma.length() + 1e-6,
+        turn < degrees && error < metres,
+        "{turn}° {error} m {found:?}"
+    );
+    assert!(
+        turn.to_radians() < 5.0 * found.rotation_sigma.length() + 1e-6,
         "{turn} {}",
-        found.turn_sigma
+        found.rotation_sigma
     );
 }
 
 #[test]
-fn points_give_the_pose_without_a_start_though_a_quarter_are_wrong() {
-    let mut sights = sights(16, 1.0, false);
-    let found = place(&sights, Unknowns::Pose, None).unwrap();
+fn points_determine_pose_without_initial_pose_despite_outliers() {
+    let mut observations = observations(16, 1.0, false);
+    let found = resect(&observations, Unknowns::Pose, None).unwrap();
     check(&found, 0.5, 0.01);
     for k in [1, 6, 11, 14] {
-        sights[k].bearing = DVec3::new((k as f64).sin(), 0.4, 1.0).normalize();
+        observations[k].bearing = DVec3::new((k as f64).sin(), 0.4, 1.0).normalize();
     }
-    let found = place(&sights, Unknowns::Pose, None).unwrap();
+    let found = resect(&observations, Unknowns::Pose, None).unwrap();
     check(&found, 0.6, 0.012);
     assert_eq!(
         found.kept.iter().filter(|k| !**k).count(),
@@ -95,29 +98,34 @@ fn points_give_the_pose_without_a_start_though_a_quarter_are_wrong() {
 }
 
 #[test]
-fn directions_give_the_orientation() {
-    let found = place(
-        &sights(3, 0.5, true),
-        Unknowns::Turn(truth().translation),
+fn directions_determine_orientation() {
+    let found = resect(
+        &observations(3, 0.5, true),
+        Unknowns::Orientation(ground_truth().translation),
         None,
     )
     .unwrap();
     check(&found, 0.5, 1e-9);
-    let mut wrong = sights(9, 0.5, true);
+    let mut wrong = observations(9, 0.5, true);
     wrong[2].bearing = (wrong[2].bearing + DVec3::new(0.3, 0.0, 0.1)).normalize();
-    let found = place(&wrong, Unknowns::Turn(truth().translation), None).unwrap();
+    let found = resect(
+        &wrong,
+        Unknowns::Orientation(ground_truth().translation),
+        None,
+    )
+    .unwrap();
     check(&found, 0.3, 1e-9);
     assert!(!found.kept[2]);
 }
 
 #[test]
-fn a_tag_close_to_the_camera_gives_its_pose() {
+fn close_tag_determines_pose() {
     let corner = |x: f64, y: f64| {
         let point = DVec3::new(0.25 + x, 0.1 + y, 0.2);
         let pixel = view()
-            .pixel(truth().inverse().transform_point(point))
+            .pixel(ground_truth().inverse().transform_point(point))
             .unwrap();
-        Sight {
+        Observation {
             bearing: bearing(pixel),
             target: Target::Point(point),
             sigma: 0.05 / 151.0,
@@ -129,15 +137,15 @@ fn a_tag_close_to_the_camera_gives_its_pose() {
         corner(0.08, 0.08),
         corner(0.0, 0.08),
     ];
-    let found = place(&seen, Unknowns::Pose, Some(truth())).unwrap();
+    let found = resect(&seen, Unknowns::Pose, Some(ground_truth())).unwrap();
     check(&found, 0.1, 0.002);
 }
 
 #[test]
-fn what_leaves_the_pose_open_is_told() {
-    let seen = sights(3, 0.2, false);
+fn reports_undetermined_poses() {
+    let seen = observations(3, 0.2, false);
     assert_eq!(
-        place(&seen, Unknowns::Pose, None),
+        resect(&seen, Unknowns::Pose, None),
         Err(NoPose::TooFew {
             known: 3,
             needed: 4
@@ -145,23 +153,23 @@ fn what_leaves_the_pose_open_is_told() {
     );
     let one = vec![seen[0]; 6];
     assert!(matches!(
-        place(&one, Unknowns::Turn(DVec3::ZERO), None),
+        resect(&one, Unknowns::Orientation(DVec3::ZERO), None),
         Err(NoPose::OneDirection { .. })
     ));
-    let mut mixed = sights(10, 0.2, true);
+    let mut mixed = observations(10, 0.2, true);
     mixed.rotate_left(1);
     let targets: Vec<Target> = mixed.iter().map(|s| s.target).collect();
     for (s, t) in mixed.iter_mut().zip(targets.iter().cycle().skip(3)) {
         s.target = *t;
     }
-    let refused = place(&mixed, Unknowns::Turn(DVec3::ZERO), None);
+    let refused = resect(&mixed, Unknowns::Orientation(DVec3::ZERO), None);
     assert!(
-        matches!(refused, Err(NoPose::Contradiction { .. })),
+        matches!(refused, Err(NoPose::Inconsistent { .. })),
         "{refused:?}"
     );
-    let outside = Sight {
+    let outside = Observation {
         bearing: DVec3::NAN,
         ..seen[0]
     };
-    assert!(place(&[outside; 5], Unknowns::Pose, None).is_err());
+    assert!(resect(&[outside; 5], Unknowns::Pose, None).is_err());
 }

@@ -3,7 +3,7 @@ use super::*;
 use glam::DVec3;
 use penumbra_numerics::Random;
 
-/// A hand that turns a rig unevenly, at seconds.
+/// Orientation of a hand-held rig that is rotated irregularly, at a time in seconds.
 fn hand(t: f64) -> DQuat {
     let swing = DVec3::new(
         0.25 * (2.9 * t).sin() + 0.1 * (5.3 * t + 1.0).sin(),
@@ -17,12 +17,12 @@ fn stamp(seconds: f64) -> MonotonicTime {
     MonotonicTime::from_nanos(((1000.0 + seconds) * 1e9) as i64)
 }
 
-/// A rig with a clock and a hand of its own.
-/// It stays where it is.
+/// A pose at a fixed position.
 fn still(rotation: DQuat) -> RigidTransform {
     RigidTransform::new(rotation, DVec3::ZERO)
 }
 
+/// A rig with a clock offset and a motion of its own.
 struct Rig<O: Fn(f64) -> f64, H: Fn(f64) -> DQuat> {
     follower: Follower,
     offset: O,
@@ -40,21 +40,21 @@ impl<O: Fn(f64) -> f64, H: Fn(f64) -> DQuat> Rig<O, H> {
         }
     }
 
-    /// Lets it run, and says what was known after each asking.
+    /// Runs the rig and returns the state after each estimate, with its time.
     fn run(&mut self, from: f64, to: f64) -> Vec<(f64, Followed)> {
         let mount = DQuat::from_euler(glam::EulerRot::XYZ, 1.2, -0.4, 2.0);
         let mut known = Vec::new();
         for i in (from * 60.0) as i32..(to * 60.0) as i32 {
             let t = f64::from(i) / 60.0;
-            let shaken = DQuat::from_scaled_axis(self.random.normal3() * 0.002);
-            let reading = shaken * (self.hand)(t);
+            let noise = DQuat::from_scaled_axis(self.random.normal3() * 0.002);
+            let reading = noise * (self.hand)(t);
             self.follower
                 .reading(stamp(t + (self.offset)(t)), still(reading));
             if i % 4 != 0 {
                 continue;
             }
-            let shaken = DQuat::from_scaled_axis(self.random.normal3() * 0.002);
-            let pose = (self.hand)(t + 0.003) * mount * shaken;
+            let noise = DQuat::from_scaled_axis(self.random.normal3() * 0.002);
+            let pose = (self.hand)(t + 0.003) * mount * noise;
             self.follower.pose(stamp(t + 0.003), pose);
             if self.follower.due() {
                 known.push((t, self.follower.estimate()));
@@ -65,24 +65,24 @@ impl<O: Fn(f64) -> f64, H: Fn(f64) -> DQuat> Rig<O, H> {
 }
 
 #[test]
-fn a_drift_of_a_millisecond_a_minute_is_followed() {
+fn tracks_drift_of_a_millisecond_per_minute() {
     let offset = |t: f64| 0.012 + 1e-3 * t / 60.0;
     let mut rig = Rig::new(offset, hand);
     let known = rig.run(0.0, 180.0);
     assert!(known.len() > 30, "{}", known.len());
     for (t, followed) in &known[3..] {
         let found = followed.measured.unwrap();
-        let off = found.seconds - offset(*t);
+        let error = found.seconds - offset(*t);
         assert!(
-            off.abs() < 1e-3 && off.abs() < 3.0 * found.sigma,
-            "{t}: {off} {found:?}"
+            error.abs() < 1e-3 && error.abs() < 3.0 * found.sigma,
+            "{t}: {error} {found:?}"
         );
         assert!(found.sigma < 2e-3 && found.by == Means::Poses, "{found:?}");
     }
 }
 
 #[test]
-fn rest_tells_nothing_and_what_was_known_grows_old() {
+fn uncertainty_grows_at_rest() {
     let still = |t: f64| hand(t.min(30.0));
     let mut rig = Rig::new(|_| 0.02, still);
     rig.run(0.0, 30.0);
@@ -99,7 +99,7 @@ fn rest_tells_nothing_and_what_was_known_grows_old() {
 }
 
 #[test]
-fn motion_that_repeats_itself_is_refused() {
+fn refuses_periodic_motion() {
     let again = |t: f64| {
         let swing = DVec3::new(1.0, 0.4, 0.2) * 0.25 * (t * std::f64::consts::TAU / 0.22).sin();
         DQuat::from_scaled_axis(swing)
@@ -126,41 +126,41 @@ fn offset(seconds: f64) -> ClockOffset {
 }
 
 #[test]
-fn a_wrong_window_is_not_believed_but_a_clock_set_anew_is() {
-    let mut walk = Walk::default();
+fn rejects_outlier_but_accepts_changed_clock() {
+    let mut filter = OffsetFilter::default();
     for _ in 0..8 {
-        walk.wait(EVERY);
-        assert!(walk.take(&offset(0.010), 5e-4, 0.25));
+        filter.predict(INTERVAL);
+        assert!(filter.update(&offset(0.010), 5e-4, 0.25));
     }
-    walk.wait(EVERY);
-    assert!(!walk.take(&offset(0.050), 5e-4, 0.25));
-    assert!(walk.take(&offset(0.0102), 5e-4, 0.25));
-    let (x, _) = walk.offset.unwrap();
+    filter.predict(INTERVAL);
+    assert!(!filter.update(&offset(0.050), 5e-4, 0.25));
+    assert!(filter.update(&offset(0.0102), 5e-4, 0.25));
+    let (x, _) = filter.offset.unwrap();
     assert!((x - 0.010).abs() < 3e-4, "{x}");
-    // As many as a window and more say otherwise.
-    let believed = (0..OTHERWISE).filter(|_| {
-        walk.wait(EVERY);
-        walk.take(&offset(0.050), 5e-4, 0.25)
+    // More successive estimates than a window holds are consistent with another offset.
+    let accepted = (0..MIN_REPEATS).filter(|_| {
+        filter.predict(INTERVAL);
+        filter.update(&offset(0.050), 5e-4, 0.25)
     });
-    assert_eq!(believed.count(), 1);
-    let (x, _) = walk.offset.unwrap();
+    assert_eq!(accepted.count(), 1);
+    let (x, _) = filter.offset.unwrap();
     assert!((x - 0.050).abs() < 1e-9, "{x}");
 }
 
 #[test]
-fn overlapping_windows_are_not_told_twice() {
-    let mut walk = Walk::default();
+fn overlapping_windows_are_weighted_by_their_new_share() {
+    let mut filter = OffsetFilter::default();
     for _ in 0..4 {
-        assert!(walk.take(&offset(0.010), 5e-4, 0.25));
+        assert!(filter.update(&offset(0.010), 5e-4, 0.25));
     }
-    let (_, variance) = walk.offset.unwrap();
-    // The first window whole, and three quarters of another.
+    let (_, variance) = filter.offset.unwrap();
+    // The first window in full, and three quarters of another.
     let expected = 5e-4 * 5e-4 / 1.75;
     assert!((variance / expected - 1.0).abs() < 1e-6, "{variance}");
 }
 
 #[test]
-fn stamps_that_go_back_and_readings_that_are_none_are_left_out() {
+fn ignores_decreasing_time_stamps_and_invalid_readings() {
     let mut follower = Follower::default();
     follower.reading(stamp(1.0), still(DQuat::IDENTITY));
     follower.reading(stamp(0.5), still(DQuat::IDENTITY));

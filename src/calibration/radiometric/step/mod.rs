@@ -1,4 +1,4 @@
-//! The photometric step: charts, exposure series and pictures at rest, as they come, become
+//! The radiometric step: charts, exposure series and pictures at rest, as they come, become
 //! gains between the cameras, tone curves, fall-off and noise.
 
 mod colours;
@@ -22,7 +22,7 @@ use penumbra_camera::Response;
 use penumbra_picture::Picture;
 use penumbra_rig_model::Grade;
 use penumbra_rig_model::radiometric_file::{
-    CameraRecord, GainsRecord, NoiseRecord, PhotometricRecord, ResponseRecord, STEP,
+    CameraRecord, GainsRecord, NoiseRecord, RadiometricRecord, ResponseRecord, STEP,
     VignettingRecord,
 };
 use penumbra_white_balance::GainEstimate;
@@ -61,7 +61,7 @@ impl Default for Options {
 }
 
 /// The step.
-pub struct Photometric {
+pub struct Radiometric {
     options: Options,
     eyes: [EyeState; 2],
     scene_gains: Option<(GainEstimate, String)>,
@@ -90,7 +90,7 @@ const fn index(eye: Eye) -> usize {
 /// Names of the cameras, in the order of all that is kept for both.
 const EYES: [Eye; 2] = [Eye::Scene, Eye::Environment];
 
-impl Photometric {
+impl Radiometric {
     /// Nothing seen yet.
     #[must_use]
     pub fn new(options: Options) -> Self {
@@ -144,7 +144,7 @@ impl Photometric {
     }
 }
 
-impl Step for Photometric {
+impl Step for Radiometric {
     fn name(&self) -> &'static str {
         STEP
     }
@@ -191,16 +191,16 @@ impl Step for Photometric {
     }
 }
 
-impl Photometric {
+impl Radiometric {
     fn record(
         &self,
         made: &Made,
         found: &Finished,
         cameras: &[CameraFound; 2],
         gains: &gains::Gains,
-    ) -> PhotometricRecord {
+    ) -> RadiometricRecord {
         let [scene, environment] = [0, 1].map(|i| self.camera_record(i, &cameras[i]));
-        PhotometricRecord {
+        RadiometricRecord {
             header: found.header(STEP, made),
             scene_camera: scene,
             environment_camera: environment,

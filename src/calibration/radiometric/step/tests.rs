@@ -7,7 +7,7 @@ use glam::DVec3;
 use penumbra_camera::vignetting::frame;
 use penumbra_interface::MonotonicTime;
 use penumbra_rig_model::RigDocument;
-use penumbra_rig_model::radiometric_file::{PHOTOMETRIC, apply_photometric_file};
+use penumbra_rig_model::radiometric_file::{RADIOMETRIC, apply_radiometric_file};
 
 const SCENE: [(f64, f64); 4] = [
     (120.0, 90.0),
@@ -30,7 +30,7 @@ fn drawn(corners: [(f64, f64); 4], gains: DVec3, seed: u64) -> Drawn {
     }
 }
 
-fn show(step: &mut Photometric, eye: Eye, picture: &Picture, seconds: f64, ev: f64) {
+fn show(step: &mut Radiometric, eye: Eye, picture: &Picture, seconds: f64, ev: f64) {
     step.look(&Shown::Picture(ShownPicture {
         eye,
         picture,
@@ -42,7 +42,7 @@ fn show(step: &mut Photometric, eye: Eye, picture: &Picture, seconds: f64, ev: f
 }
 
 fn finished(scene: &Drawn, environment: &Drawn) -> Finished {
-    let mut step = Photometric::new(Options::default());
+    let mut step = Radiometric::new(Options::default());
     show(&mut step, Eye::Scene, &scene.picture(), 0.0, 0.0);
     show(
         &mut step,
@@ -57,7 +57,7 @@ fn finished(scene: &Drawn, environment: &Drawn) -> Finished {
 fn applied(found: &Finished) -> RigDocument {
     let mut rig = RigDocument::uncalibrated(640, 480);
     let bytes = found.file.as_ref().unwrap().as_bytes();
-    apply_photometric_file(&mut rig, &|name| (name == PHOTOMETRIC).then_some(bytes)).unwrap();
+    apply_radiometric_file(&mut rig, &|name| (name == RADIOMETRIC).then_some(bytes)).unwrap();
     rig
 }
 
@@ -120,7 +120,7 @@ fn of_two_charts_the_larger_is_read() {
         (400.0, 420.0),
     ];
     drawn(apart, gains, 2).draw_over(&mut both);
-    let mut step = Photometric::new(Options::default());
+    let mut step = Radiometric::new(Options::default());
     show(&mut step, Eye::Scene, &both, 0.0, 0.0);
     show(&mut step, Eye::Environment, &scene.picture(), 0.0, 0.0);
     let found = step.finish(&Made::default());
@@ -136,7 +136,7 @@ fn of_two_charts_the_larger_is_read() {
 
 #[test]
 fn swapped_cameras_are_told_by_their_pictures() {
-    let mut step = Photometric::new(Options {
+    let mut step = Radiometric::new(Options {
         sizes: [Some((640, 480)), Some((480, 480))],
         ..Options::default()
     });
@@ -157,7 +157,7 @@ fn swapped_cameras_are_told_by_their_pictures() {
 #[test]
 fn brackets_tell_a_curve_that_the_rig_has_wrong() {
     let truth = Response::gamma(2.2);
-    let mut step = Photometric::new(Options {
+    let mut step = Radiometric::new(Options {
         responses: [Response::srgb(), Response::gamma(1.6)],
         ..Options::default()
     });
@@ -181,14 +181,14 @@ fn brackets_tell_a_curve_that_the_rig_has_wrong() {
 
 #[test]
 fn nothing_shown_is_refused() {
-    let found = Photometric::new(Options::default()).finish(&Made::default());
+    let found = Radiometric::new(Options::default()).finish(&Made::default());
     assert_eq!(found.grade, Grade::Refused);
     assert!(found.findings[0].1.contains("nothing to calibrate from"));
 }
 
 #[test]
 fn noise_is_read_at_rest_alone() {
-    let mut step = Photometric::new(Options::default());
+    let mut step = Radiometric::new(Options::default());
     for i in 0..4 {
         let mut still = drawn(SCENE, DVec3::splat(0.9), 10 + i);
         still.noise = 0.003;
@@ -230,7 +230,7 @@ fn a_white_wall_tells_the_fall_off_and_only_it_is_taken_over() {
         picture
     };
     for (k, there) in [(-0.4, true), (0.0, false)] {
-        let mut step = Photometric::new(Options::default());
+        let mut step = Radiometric::new(Options::default());
         step.add_flat(Eye::Scene, &wall(k));
         let found = step.finish(&Made::default());
         let lens = applied(&found).calibration.scene_camera.vignetting;

@@ -2,14 +2,15 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use super::*;
-use crate::{Gpu, frame};
+use crate::gpu::Gpu;
+use crate::timing::Timer;
 use penumbra_picture::Picture;
 
 fn gpu() -> Gpu {
     Gpu::open(Some("llvmpipe")).expect("a Vulkan driver; `make test` installs a software one")
 }
 
-/// What a buffer of the device holds.
+/// The contents of a buffer of the device.
 fn contents<const N: usize>(gpu: &Gpu, buffer: &wgpu::Buffer) -> Vec<[u32; N]> {
     let copy = gpu.device.create_buffer(&wgpu::BufferDescriptor {
         label: Some("copy"),
@@ -39,34 +40,34 @@ struct Table {
 
 fn table_of(picture: &Picture, response: &Response) -> Table {
     let gpu = gpu();
-    let pass = ExposurePass::new(&gpu.device);
-    let targets = Targets::new(&gpu.device, picture.width, picture.height, 1, 4);
-    frame::write_response(&gpu.queue, &targets, response);
-    let layout = wgpu::TexelCopyBufferLayout {
-        offset: 0,
-        bytes_per_row: Some(4 * picture.width),
-        rows_per_image: None,
-    };
-    let camera = &targets.camera.texture;
-    gpu.queue
-        .write_texture(camera.as_image_copy(), &picture.rgba, layout, camera.size());
+    let mut pass = ExposurePass::new(&gpu.device);
+    let size = (picture.width, picture.height);
+    let usage = U::COPY_DST | U::TEXTURE_BINDING;
+    let camera = FrameTexture::new(&gpu.device, "camera", size, format::CAMERA, usage);
+    camera.upload(&gpu.queue, &picture.rgba, 4);
+    let codes = ResponseTable::new(&gpu.device, &gpu.queue, response);
     pass.upload(
         &gpu.queue,
         (0.5, Highlights::Estimated),
         Region::for_factor(0.5, picture.height),
         response,
     );
-    let inputs = pass.bind(&gpu.device, &targets);
+    let exposed = ExposedPictures::new(&gpu.device, size);
     let mut timer = Timer::new(&gpu.device, &gpu.queue, false);
     let mut run = |steps: Range<usize>| {
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        pass.record_table(&mut encoder, &mut timer, &inputs, steps);
+        let mut recorder = Recorder {
+            device: &gpu.device,
+            encoder: &mut encoder,
+            timer: &mut timer,
+        };
+        pass.record_table(&mut recorder, (&camera, &codes), &exposed, steps);
         gpu.queue.submit([encoder.finish()]);
-        let (colours, brightness) = &inputs.sums;
+        let (colours, brightness) = &exposed.sums;
         (contents(&gpu, colours), contents(&gpu, brightness))
     };
     Table {
-        across: inputs.blocks.0 as usize,
+        across: exposed.blocks.0 as usize,
         blocks: run(0..1),
         sums: run(1..3),
     }
@@ -124,10 +125,10 @@ fn running_sums_are_exact_at_any_size() {
     }
 }
 
-/// As bright as can be without being clipped: the whole picture's sum passes 2³², and differences
-/// are exact all the same.
+/// The brightest picture without clipped pixels: the sum over the entire picture passes 2³², yet
+/// differences are exact.
 #[test]
-fn no_region_overflows_in_a_picture_as_bright_as_can_be() {
+fn sums_over_a_region_are_exact_in_the_brightest_picture() {
     let (width, height) = (1920, 1080);
     let picture = Picture {
         width,

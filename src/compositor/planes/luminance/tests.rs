@@ -1,7 +1,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use super::*;
-use crate::Gpu;
+use crate::gpu::Gpu;
 use glam::Vec3;
 use penumbra_lighting::cube::CubeGrid;
 use penumbra_lighting::geodesic::{GeodesicDome, sum_faces};

@@ -3,7 +3,7 @@
 use super::super::compute::storage;
 use super::super::readback::read_buffer;
 use super::*;
-use crate::Gpu;
+use crate::gpu::Gpu;
 use glam::Vec3;
 use penumbra_lighting::geodesic::FaceSource;
 

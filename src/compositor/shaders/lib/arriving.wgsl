@@ -14,37 +14,37 @@ fn by_normal(table: texture_2d<f32>, n: vec3f) -> vec3f {
     return textureSampleLevel(table, table_sampler, uv, 0.0).rgb;
 }
 
-fn near_facing(face: f32, at: vec3f) -> vec3f {
-    let size = vec3f(textureDimensions(near_volume)) * vec3f(1.0 / 18.0, 1.0, 1.0);
+fn indirect_facing(face: f32, at: vec3f) -> vec3f {
+    let size = vec3f(textureDimensions(indirect_volume)) * vec3f(1.0 / 18.0, 1.0, 1.0);
     // Half a probe from the walls, so that neighbouring volumes do not mix.
     let inside = clamp(at, 0.5 / size, 1.0 - 0.5 / size);
     let uvw = vec3f((inside.x + face) / 18.0, inside.yz);
-    return textureSampleLevel(near_volume, table_sampler, uvw, 0.0).rgb;
+    return textureSampleLevel(indirect_volume, table_sampler, uvw, 0.0).rgb;
 }
 
 // Irradiance from close by: `kind` 0 = what virtual objects add, or, below zero, keep from
 // things beside them; 1 = what phantoms throw where nothing is virtual, 2 = as things are.
-fn near_irradiance(kind: f32, world: vec3f, n: vec3f) -> vec3f {
-    let at = (world - frame.near_low.xyz) / (frame.near_high.xyz - frame.near_low.xyz);
+fn indirect_irradiance(kind: f32, world: vec3f, n: vec3f) -> vec3f {
+    let at = (world - frame.indirect_low.xyz) / (frame.indirect_high.xyz - frame.indirect_low.xyz);
     let margin = vec3f(0.0, 0.0, 0.02);
-    if (frame.near_low.w == 0.0) | any(at < -margin) | any(at > vec3f(1.0)) {
+    if (frame.indirect_low.w == 0.0) | any(at < -margin) | any(at > vec3f(1.0)) {
         return vec3f(0.0);
     }
     if n.z > 0.99 && at.z < 0.02 {
-        let half = 0.5 / f32(textureDimensions(near_ground).y);
+        let half = 0.5 / f32(textureDimensions(indirect_ground).y);
         let uv = vec2f((clamp(at.x, half, 1.0 - half) + kind) / 3.0, at.y);
-        return textureSampleLevel(near_ground, table_sampler, uv, 0.0).rgb;
+        return textureSampleLevel(indirect_ground, table_sampler, uv, 0.0).rgb;
     }
     let face = 6.0 * kind + select(vec3f(0.0, 2.0, 4.0), vec3f(1.0, 3.0, 5.0), n < vec3f(0.0));
     let w = n * n;
     // Half a probe off the surface: those behind it are inside of things, or look elsewhere.
-    let off = at + 0.5 * n / (vec3f(textureDimensions(near_volume)) * vec3f(1.0 / 18.0, 1.0, 1.0));
-    return w.x * near_facing(face.x, off) + w.y * near_facing(face.y, off) + w.z * near_facing(face.z, off);
+    let off = at + 0.5 * n / (vec3f(textureDimensions(indirect_volume)) * vec3f(1.0 / 18.0, 1.0, 1.0));
+    return w.x * indirect_facing(face.x, off) + w.y * indirect_facing(face.y, off) + w.z * indirect_facing(face.z, off);
 }
 
 // What arrives where no phantom shadows the point.
 fn open_in_real(world: vec3f, n: vec3f) -> vec3f {
-    return ground_irradiance(n) + by_normal(irradiance_of_lights, n) + near_irradiance(1.0, world, n);
+    return ground_irradiance(n) + by_normal(irradiance_of_lights, n) + indirect_irradiance(1.0, world, n);
 }
 
 // What the camera's picture is multiplied by (or, by the paper's eq. 4, what is taken off it)

@@ -27,8 +27,8 @@ struct Frame {
     // that runs per pixel or per light does.
     tiling: vec4u,
     // Region around the virtual objects, world; w of the first = 1 where it is lit.
-    near_low: vec4f,
-    near_high: vec4f,
+    indirect_low: vec4f,
+    indirect_high: vec4f,
     // What shadowing planes of the real layer cover, world; w of the first = 1 where planes
     // are the technique.
     planes_low: vec4f,
@@ -47,9 +47,9 @@ struct Frame {
     // up to which the lens' polynomial holds.
     rows: vec4f,
     // How the camera's own picture fades towards its edge: k1, k2, k3 about a middle; w = 1 / radius².
-    fading: vec4f,
+    vignetting: vec4f,
     // Focal lengths of that picture, and its principal point seen from that middle, pixels.
-    fading_from: vec4f,
+    vignetting_from: vec4f,
 }
 
 struct Light {
@@ -79,8 +79,8 @@ struct Light {
 @group(0) @binding(4) var table_sampler: sampler;
 // Irradiance from close by on the ground, and on surfaces in the air that face the six
 // axes: what virtual objects change, and beside it along x what phantoms throw, before it and after.
-@group(0) @binding(5) var near_ground: texture_2d<f32>;
-@group(0) @binding(6) var near_volume: texture_3d<f32>;
+@group(0) @binding(5) var indirect_ground: texture_2d<f32>;
+@group(0) @binding(6) var indirect_volume: texture_3d<f32>;
 
 // `x`, in a way that no compiler takes for a uniform. Mesa's software driver writes the
 // values of uniforms that alone decide a branch or a loop into the shader, and compiles it
@@ -115,13 +115,13 @@ fn row_of(p: vec2f) -> f32 {
 
 // Share of the light in a pixel's direction that the camera shows there: less towards the edge.
 fn brightness_at(pixel: vec2f) -> f32 {
-    if !FADING {
+    if !VIGNETTING {
         return 1.0;
     }
     let p = (pixel - frame.intrinsics.zw) / frame.intrinsics.xy;
-    let away = lens_bent(p) * frame.fading_from.xy + frame.fading_from.zw;
-    let q = dot(away, away) * frame.fading.w;
-    return clamp(1.0 + q * (frame.fading.x + q * (frame.fading.y + q * frame.fading.z)), 0.02, 2.0);
+    let away = lens_bent(p) * frame.vignetting_from.xy + frame.vignetting_from.zw;
+    let q = dot(away, away) * frame.vignetting.w;
+    return clamp(1.0 + q * (frame.vignetting.x + q * (frame.vignetting.y + q * frame.vignetting.z)), 0.02, 2.0);
 }
 
 // How far a point of the camera's frame goes before `row` is read.

@@ -139,7 +139,7 @@ fn texture_of_an_area_scales_its_light() {
         ),
         (
             "nit = 1\ntexture = \"black.png\"",
-            "black.png is black all over",
+            "black.png is entirely black",
         ),
     ] {
         let found = load(rest).unwrap_err();
@@ -157,7 +157,6 @@ fn errors_name_mistakes_in_areas() {
             lines.collect::<Vec<_>>().join("\n")
         )
     };
-    let point = "[[lamp]]\nposition_m = [0, 0, 1]\nintensity = [1, 1, 1]\n";
     for (text, expected) in [
         (
             without("size_m"),
@@ -200,9 +199,19 @@ fn errors_name_mistakes_in_areas() {
         ),
         (
             format!("{AREA}nit = 1"),
-            "`lamp[0].nit`: needs to know what the camera shows as white",
+            "`lamp[0].nit`: needs the luminance of the camera's white",
         ),
         (AREA.replace("area", "disc"), "s.toml:2"),
+    ] {
+        let found = complaint(&text);
+        assert!(found.contains(expected), "{found}, expected {expected}");
+    }
+}
+
+#[test]
+fn errors_name_keys_of_other_kinds() {
+    let point = "[[lamp]]\nposition_m = [0, 0, 1]\nintensity = [1, 1, 1]\n";
+    for (text, expected) in [
         (
             format!("{point}texture = \"a.png\""),
             "s.toml:4: `lamp[0].texture`: goes with kind = \"area\" only",

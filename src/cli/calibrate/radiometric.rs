@@ -1,0 +1,271 @@
+//! `penumbra calibrate radiometric`.
+
+use super::folder::{picture, pictures};
+use super::from::{ToArgs, tell_progress};
+use anyhow::{Context as _, bail};
+use clap::{Args, ValueEnum};
+use indicatif::ProgressBar;
+use penumbra_calibration::radiometric::reference::Edition;
+use penumbra_calibration::radiometric::step::{Options, Radiometric};
+use penumbra_calibration::step::{Eye, Progress, Shown, ShownPicture, Step as _};
+use penumbra_config::Config;
+use penumbra_interface::MonotonicTime;
+use penumbra_picture::Picture;
+use penumbra_rig::calibrate::{radiometric_options, seen_by_both, show_session};
+use penumbra_rig_model::RigDocument;
+use penumbra_session::Session;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+#[derive(Debug, Args)]
+pub struct RadiometricArgs {
+    /// A recording: its pictures, and those of a chart that it has attached; without it and
+    /// pictures the live rig's devices
+    #[arg(long, value_name = "SESSION.mcap")]
+    session: Option<PathBuf>,
+    /// The rig, where there is no session; without it both cameras are taken for sRGB
+    #[arg(long, value_name = "rig.json", conflicts_with = "session")]
+    rig: Option<PathBuf>,
+    /// A picture of the chart by the scene camera (JPEG, PNG); may be given several times
+    #[arg(long, value_name = "FILE")]
+    scene_picture: Vec<PathBuf>,
+    /// A picture of the chart by the environment camera
+    #[arg(long, value_name = "FILE")]
+    environment_picture: Vec<PathBuf>,
+    /// Where a grey card lies in the scene camera's pictures
+    #[arg(long, value_name = "X,Y,W,H", value_parser = rectangle)]
+    grey_scene: Option<[u32; 4]>,
+    /// Where it lies in the environment camera's
+    #[arg(long, value_name = "X,Y,W,H", value_parser = rectangle)]
+    grey_environment: Option<[u32; 4]>,
+    /// A folder of pictures of the scene camera at rest, one for each of --exposures, by name
+    #[arg(long, value_name = "DIR", requires = "exposures")]
+    scene_series: Option<PathBuf>,
+    /// The same of the environment camera
+    #[arg(long, value_name = "DIR", requires = "exposures")]
+    environment_series: Option<PathBuf>,
+    /// Exposure times (times gain) of a series: 1/30,1/60,1/125 or 0.033,0.017
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = exposure)]
+    exposures: Vec<f64>,
+    /// How well exposures are known, per cent
+    #[arg(long, value_name = "PERCENT", default_value_t = 1.0)]
+    exposure_tolerance: f64,
+    /// A folder of pictures of an evenly lit wall by the scene camera
+    #[arg(long, value_name = "DIR")]
+    scene_flat: Option<PathBuf>,
+    /// The same of the environment camera
+    #[arg(long, value_name = "DIR")]
+    environment_flat: Option<PathBuf>,
+    /// When the ColorChecker was made: its colours changed in November 2014
+    #[arg(long, value_enum, default_value_t = Made2014::After)]
+    chart: Made2014,
+    #[command(flatten)]
+    to: ToArgs,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Made2014 {
+    /// 2005 to October 2014
+    #[value(name = "2005")]
+    Before,
+    /// From November 2014 on
+    #[value(name = "2014")]
+    After,
+}
+
+fn rectangle(text: &str) -> Result<[u32; 4], String> {
+    let numbers: Vec<u32> = text
+        .split(',')
+        .filter_map(|n| n.trim().parse().ok())
+        .collect();
+    <[u32; 4]>::try_from(numbers)
+        .ok()
+        .filter(|r| r[2] > 0 && r[3] > 0)
+        .ok_or_else(|| "write left, top, width, height in pixels: 310,200,60,60".to_owned())
+}
+
+fn exposure(text: &str) -> Result<f64, String> {
+    let value = match text.trim().split_once('/') {
+        Some((a, b)) => a
+            .parse::<f64>()
+            .ok()
+            .zip(b.parse::<f64>().ok())
+            .map(|(a, b)| a / b),
+        None => text.trim().parse().ok(),
+    };
+    value
+        .filter(|v| v.is_finite() && *v > 0.0)
+        .ok_or_else(|| "write seconds, 1/60 or 0.0167".to_owned())
+}
+
+pub fn run(args: &RadiometricArgs) -> anyhow::Result<ExitCode> {
+    let session = args.session.as_deref().map(Session::open).transpose()?;
+    let rig = rig(args, session.as_ref())?;
+    let config = args.to.config()?;
+    let mut step = Radiometric::new(options(args, rig.as_ref(), &config));
+    if session.is_none() && !args.has_pictures() {
+        return args.to.carry_out(None, None, &mut step);
+    }
+    args.to
+        .carry_out_by(&args.source(), &mut step, |step, bar| {
+            let damaged = match &session {
+                Some(session) => show(session, &config, rig.as_ref(), step, bar)?,
+                None => 0,
+            };
+            for (eye, files) in [
+                (Eye::Scene, &args.scene_picture),
+                (Eye::Environment, &args.environment_picture),
+            ] {
+                for (i, file) in files.iter().enumerate() {
+                    look(step, eye, &picture(file)?, i);
+                }
+            }
+            series(args, step)?;
+            Ok(damaged)
+        })
+}
+
+impl RadiometricArgs {
+    fn has_pictures(&self) -> bool {
+        let folders = [
+            &self.scene_series,
+            &self.environment_series,
+            &self.scene_flat,
+            &self.environment_flat,
+        ];
+        !self.scene_picture.is_empty()
+            || !self.environment_picture.is_empty()
+            || folders.iter().any(|folder| folder.is_some())
+    }
+
+    fn source(&self) -> String {
+        let source = self.session.as_ref().or(self.scene_picture.first());
+        source.map_or_else(|| "pictures".to_owned(), |p| p.display().to_string())
+    }
+}
+
+fn rig(args: &RadiometricArgs, session: Option<&Session>) -> anyhow::Result<Option<RigDocument>> {
+    if let Some(session) = session {
+        return Ok(RigDocument::of_session(&|name: &str| session.attachment(name)).ok());
+    }
+    let Some(path) = &args.rig else {
+        // Pictures by themselves are of no rig that is known.
+        let live = !args.has_pictures();
+        return live.then(|| args.to.rig()).transpose();
+    };
+    let bytes =
+        std::fs::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+    let rig = RigDocument::parse(&bytes).with_context(|| path.display().to_string())?;
+    Ok(Some(rig))
+}
+
+fn options(args: &RadiometricArgs, rig: Option<&RigDocument>, config: &Config) -> Options {
+    Options {
+        edition: match args.chart {
+            Made2014::Before => Edition::Gmb2005,
+            Made2014::After => Edition::Xrite2014,
+        },
+        greys: [args.grey_scene, args.grey_environment],
+        exposure_sigma: 0.01 * args.exposure_tolerance.clamp(0.01, 100.0),
+        ..radiometric_options(rig.map(|rig| &rig.calibration), config)
+    }
+}
+
+/// Everything a session holds, and the pictures of a chart that it has attached.
+fn show(
+    session: &Session,
+    config: &Config,
+    rig: Option<&RigDocument>,
+    step: &mut Radiometric,
+    bar: &ProgressBar,
+) -> anyhow::Result<usize> {
+    if let Some(chart) = rig.and_then(|rig| rig.calibration.chart.as_ref()) {
+        for (eye, name) in [
+            (Eye::Scene, &chart.scene_picture),
+            (Eye::Environment, &chart.environment_picture),
+        ] {
+            if let Some(bytes) = session.attachment(name) {
+                let picture = Picture::from_file_bytes(bytes).with_context(|| name.clone())?;
+                look(step, eye, &picture, 0);
+            }
+        }
+    }
+    let told = |share: f64, progress: &Progress| tell_progress(bar, share, progress);
+    let damaged = show_session(session, config, None, step, told)?;
+    if let Some(seen) = rig.and_then(|rig| seen_by_both(session, config, rig)) {
+        if let Some((gains, pairs)) = seen.gains {
+            step.add_scene_gains(gains, format!("{pairs} pairs of pictures"));
+        }
+        if let Some(fit) = seen.fall_off {
+            step.add_fall_off(Eye::Scene, fit);
+        }
+    }
+    Ok(damaged)
+}
+
+/// A picture by itself: far in time from all others, so that no noise is read from it.
+fn look(step: &mut Radiometric, eye: Eye, picture: &Picture, number: usize) {
+    step.look(&Shown::Picture(ShownPicture {
+        eye,
+        picture,
+        captured_at: MonotonicTime::from_nanos(0),
+        bracket_ev: 0.0,
+        exposure: None,
+        seconds: -1e6 + 100.0 * number as f64,
+    }));
+}
+
+fn series(args: &RadiometricArgs, step: &mut Radiometric) -> anyhow::Result<()> {
+    for (eye, folder) in [
+        (Eye::Scene, &args.scene_series),
+        (Eye::Environment, &args.environment_series),
+    ] {
+        let Some(folder) = folder else { continue };
+        let pictures = pictures(folder)?;
+        if pictures.len() != args.exposures.len() {
+            bail!(
+                "{}: holds {} pictures, --exposures has {} times; one for each picture, in the \
+                 order of their names",
+                folder.display(),
+                pictures.len(),
+                args.exposures.len()
+            );
+        }
+        let logs = args.exposures.iter().map(|e| e.ln());
+        let series: Vec<(&Picture, f64)> = pictures.iter().zip(logs).collect();
+        step.add_series(eye, &series);
+    }
+    for (eye, folder) in [
+        (Eye::Scene, &args.scene_flat),
+        (Eye::Environment, &args.environment_flat),
+    ] {
+        for picture in folder
+            .as_deref()
+            .map(pictures)
+            .transpose()?
+            .iter()
+            .flatten()
+        {
+            step.add_flat(eye, picture);
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn exposures_and_rectangles_are_read_as_people_write_them() {
+        assert_eq!(exposure("1/50"), Ok(0.02));
+        assert_eq!(exposure(" 0.5"), Ok(0.5));
+        for wrong in ["1/0", "-1", "fast", ""] {
+            assert!(exposure(wrong).is_err(), "{wrong}");
+        }
+        assert_eq!(rectangle("1, 2,30,40"), Ok([1, 2, 30, 40]));
+        for wrong in ["1,2,3", "1,2,0,4", "a,b,c,d", "1,2,3,4,5"] {
+            assert!(rectangle(wrong).is_err(), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,279 @@
+//! The compositor: what it keeps between frames, and the setters of scene, settings and bake.
+
+use super::cover::Cover;
+use super::exposure::choice::ExposureInForce;
+use super::exposure::stage::ExposureStage;
+use super::gpu::{Gpu, GpuError};
+use super::lens::{LensOutput, LensStage};
+use super::light_maps::LightMaps;
+use super::passes::shadow_map::DomeShadowMaps;
+use super::pipelines::Pipelines;
+use super::planes::{PlaneWork, PlanesStage, SourceBaker};
+use super::readback::Readback;
+use super::reproject::ReprojectStage;
+use super::response_table::ResponseTable;
+use super::scene_buffers::{SceneBuffers, SceneLayouts};
+use super::scene_upload::{SceneUploader, UploadedScene};
+use super::settings::CompositorSettings;
+use super::shaders::{MAX_LIGHTS, Variant};
+use super::shadow_slots::ShadowSlots;
+use super::sized_resources::SizedResources;
+use super::textures::FrameTexture;
+use super::timing::Timer;
+use penumbra_camera::Response;
+use penumbra_interface::RigidTransform;
+use penumbra_picture::Picture;
+use penumbra_scene::planes::Bake;
+use penumbra_scene::{Part, Scene};
+
+/// Composes augmented pictures: [`Compositor::compose`] draws one frame.
+pub struct Compositor {
+    pub(crate) gpu: Gpu,
+    pub(crate) settings: CompositorSettings,
+    pub(crate) timer: Timer,
+
+    // The camera.
+    pub(crate) response: Response,
+    pub(crate) response_table: ResponseTable,
+    pub(crate) lens_output: LensOutput,
+    /// `None` for cameras without distortion.
+    pub(crate) lens: Option<LensStage>,
+
+    // The passes, and the variant of the shaders for which they are compiled.
+    pub(crate) variant: Variant,
+    pub(crate) layouts: SceneLayouts,
+    pub(crate) pipelines: Pipelines,
+    pub(crate) exposure: ExposureStage,
+    pub(crate) planes: Option<Box<PlanesStage>>,
+    pub(crate) reproject: Option<Box<ReprojectStage>>,
+
+    // The scene.
+    pub(crate) scene: SceneBuffers,
+    pub(crate) cover: Cover,
+
+    // The light.
+    pub(crate) light_maps: LightMaps,
+    pub(crate) shadow_maps: DomeShadowMaps,
+    pub(crate) slots: ShadowSlots,
+    /// Shadow maps that are drawn in this frame.
+    pub(crate) chosen: Vec<usize>,
+    /// Generation of the radiance map that was uploaded last.
+    pub(crate) radiance_generation: Option<u64>,
+    /// Generation of the indirect light that was uploaded last.
+    pub(crate) indirect_generation: u64,
+
+    // The pictures.
+    pub(crate) pictures: Option<SizedResources>,
+    pub(crate) finished: Option<FrameTexture>,
+    pub(crate) readback: Option<Readback>,
+}
+
+impl Compositor {
+    /// Compiles all passes for a camera with the given `response`.
+    #[must_use]
+    pub fn new(gpu: Gpu, settings: CompositorSettings, response: Response) -> Self {
+        let (device, queue) = (&gpu.device, &gpu.queue);
+        let layouts = SceneLayouts::new(device);
+        let light_maps = LightMaps::new(device, settings.light_budget);
+        let variant = Variant {
+            samples: settings.samples,
+            soft: settings.soft_samples.max(1),
+            fine: settings.shadow_step == 1,
+            ..Variant::PLAIN
+        };
+        let map_size = settings.map_size();
+        Self {
+            timer: Timer::new(device, queue, gpu.timestamps),
+            response_table: ResponseTable::new(device, queue, &response),
+            response,
+            lens_output: LensOutput::Camera,
+            lens: None,
+            variant,
+            pipelines: Pipelines::new(device, &light_maps.frame_layout, &layouts, variant),
+            exposure: ExposureStage::default(),
+            planes: None,
+            reproject: None,
+            scene: SceneBuffers::upload(device, queue, &layouts, &Scene::default(), &[]),
+            cover: Cover::default(),
+            layouts,
+            light_maps,
+            shadow_maps: DomeShadowMaps::new(device, map_size, settings.light_budget),
+            slots: ShadowSlots::default(),
+            chosen: Vec::with_capacity(settings.light_budget as usize),
+            radiance_generation: None,
+            indirect_generation: 0,
+            pictures: None,
+            finished: None,
+            readback: None,
+            settings,
+            gpu,
+        }
+    }
+
+    /// Replaces the scene. `casters` are its virtual parts as they cast shadows: the parts
+    /// themselves or simplified copies.
+    pub fn set_scene(&mut self, scene: &Scene, casters: &[Part]) {
+        let uploaded = self.uploader().upload(scene, casters);
+        self.show_scene(uploaded);
+    }
+
+    /// Returns an uploader that prepares scenes for [`Self::show_scene`] on any thread.
+    #[must_use]
+    pub fn uploader(&self) -> SceneUploader {
+        SceneUploader {
+            gpu: self.gpu.clone(),
+            layouts: self.layouts.clone(),
+        }
+    }
+
+    /// Replaces the scene by one that was uploaded before.
+    pub fn show_scene(&mut self, scene: UploadedScene) {
+        self.scene = scene.buffers;
+        self.cover.set_boxes(scene.boxes);
+        self.light_maps
+            .bind_screens(&self.gpu.device, &self.scene.screens);
+        // The new scene may need the radiance maps of Phong's lobes.
+        self.forget_uploaded_light();
+        let [virtual_hull, phantom_hull] = scene.hulls;
+        let moving = self.scene.moving.iter();
+        let moving = moving.map(|part| (part.hull.clone(), part.world.as_mat4()));
+        self.slots
+            .set_casters(virtual_hull.with_moving(moving), phantom_hull);
+    }
+
+    /// Changes the maximum number of dome lights. Every shadow map is drawn again with the next
+    /// frame.
+    pub fn set_light_budget(&mut self, lights: u32) {
+        let lights = lights.clamp(1, MAX_LIGHTS);
+        if lights == self.settings.light_budget {
+            return;
+        }
+        self.settings.light_budget = lights;
+        let device = &self.gpu.device;
+        self.light_maps = LightMaps::new(device, lights);
+        self.light_maps.bind_screens(device, &self.scene.screens);
+        self.shadow_maps = DomeShadowMaps::new(device, self.settings.map_size(), lights);
+        self.slots.forget();
+        self.forget_uploaded_light();
+    }
+
+    /// Chooses the form in which pictures of a lens with distortion are returned.
+    pub fn set_lens_output(&mut self, output: LensOutput) {
+        self.lens_output = output;
+    }
+
+    /// Activates a bake of the scene that is shown, or removes it.
+    ///
+    /// # Errors
+    /// The bake has an impossible dome, or more images than the device can hold.
+    pub fn set_bake(&mut self, bake: Option<&Bake>) -> Result<(), GpuError> {
+        self.set_bake_with_sources(bake, None)
+    }
+
+    /// Like [`Self::set_bake`]; with `sources`, made of this bake, the brightest compact sources of
+    /// light get images of their own, drawn from their true directions, instead of those of the
+    /// faces in which they lie.
+    ///
+    /// # Errors
+    /// As [`Self::set_bake`].
+    pub fn set_bake_with_sources(
+        &mut self,
+        bake: Option<&Bake>,
+        sources: Option<SourceBaker>,
+    ) -> Result<(), GpuError> {
+        self.planes = None;
+        if let Some(bake) = bake {
+            self.show_planes(Box::new(PlanesStage::new(&self.gpu, bake, sources)?));
+        }
+        Ok(())
+    }
+
+    /// Activates a bake that [`PlanesStage::new`] uploaded, on any thread.
+    pub fn show_planes(&mut self, mut stage: Box<PlanesStage>) {
+        if let Some(before) = self.planes.take() {
+            stage.take_pipelines(*before);
+        }
+        self.planes = Some(stage);
+    }
+
+    /// Moves the planes with a model that was moved as a whole since it was baked. The caller must
+    /// rotate the dome from which the light comes in the same way.
+    pub fn move_planes(&mut self, world_from_bake: RigidTransform) {
+        if let Some(stage) = &mut self.planes {
+            stage.place(world_from_bake);
+        }
+    }
+
+    /// The work of shadowing planes in the last frame; `None` if it did not use them. Waits for the
+    /// device.
+    ///
+    /// # Errors
+    /// The device was lost, ran out of memory or refused a command.
+    pub fn plane_work(&self) -> Result<Option<PlaneWork>, GpuError> {
+        match &self.planes {
+            Some(stage) => stage.work(&self.gpu),
+            None => Ok(None),
+        }
+    }
+
+    /// Waits for the last frame and copies its picture into `picture`.
+    ///
+    /// # Errors
+    /// The device was lost, ran out of memory or refused a command; no frame was composed yet.
+    pub fn read(&self, picture: &mut Picture) -> Result<(), GpuError> {
+        match &self.readback {
+            Some(readback) => readback.read(&self.gpu, picture),
+            None => Err(GpuError::Failed {
+                adapter: self.gpu.name.clone(),
+                reason: "no frame was composed yet".to_owned(),
+            }),
+        }
+    }
+
+    /// Width and height of the last finished picture, pixels.
+    #[must_use]
+    pub fn size(&self) -> Option<(u32, u32)> {
+        Some(self.finished.as_ref()?.size())
+    }
+
+    /// The last finished picture on the device, for display.
+    #[must_use]
+    pub fn output(&self) -> Option<&wgpu::TextureView> {
+        Some(&self.finished.as_ref()?.view)
+    }
+
+    /// The exposure of the last frame.
+    #[must_use]
+    pub const fn exposure(&self) -> ExposureInForce {
+        self.exposure.active()
+    }
+
+    /// The device.
+    #[must_use]
+    pub const fn gpu(&self) -> &Gpu {
+        &self.gpu
+    }
+
+    /// Number of shadow maps that the last frame drew again.
+    #[must_use]
+    pub const fn maps_refreshed(&self) -> usize {
+        self.chosen.len()
+    }
+
+    /// Texels a side of the shadow maps in use.
+    #[must_use]
+    pub const fn shadow_map_size(&self) -> u32 {
+        self.settings.map_size()
+    }
+
+    /// Time that each pass of the last frame took on the device, milliseconds; waits for it.
+    #[must_use]
+    pub fn pass_times(&self) -> Vec<(&'static str, f64)> {
+        self.timer.read(&self.gpu.device)
+    }
+
+    fn forget_uploaded_light(&mut self) {
+        self.radiance_generation = None;
+        self.indirect_generation = 0;
+    }
+}

@@ -1,0 +1,97 @@
+//! Indirect light on the GPU: the light that virtual objects reflect onto the real scene and onto
+//! each other.
+
+use super::texels::half_texel;
+use half::f16;
+use penumbra_scene::IndirectLight;
+use penumbra_scene::indirect_light::{GROUND_SIDE, VOLUME_SIZE};
+
+/// Three pictures of the ground side by side (change by virtual objects, light reflected by
+/// phantoms without them and with them), and three times six volumes.
+pub struct IndirectLightMaps {
+    ground: wgpu::Texture,
+    volume: wgpu::Texture,
+    pub ground_view: wgpu::TextureView,
+    pub volume_view: wgpu::TextureView,
+}
+
+impl IndirectLightMaps {
+    pub fn new(device: &wgpu::Device) -> Self {
+        let [nx, ny, nz] = VOLUME_SIZE;
+        let ground = texture(
+            device,
+            wgpu::TextureDimension::D2,
+            [3 * GROUND_SIDE, GROUND_SIDE, 1],
+        );
+        let volume = texture(device, wgpu::TextureDimension::D3, [18 * nx, ny, nz]);
+        let view = |t: &wgpu::Texture| t.create_view(&wgpu::TextureViewDescriptor::default());
+        Self {
+            ground_view: view(&ground),
+            volume_view: view(&volume),
+            ground,
+            volume,
+        }
+    }
+
+    /// Uploads `light`; `texels` is a recycled buffer.
+    pub fn write(&self, queue: &wgpu::Queue, light: &IndirectLight, texels: &mut Vec<[f16; 4]>) {
+        let all = [&light.change, &light.real, &light.real_now];
+        let side = GROUND_SIDE as usize;
+        if all.iter().all(|part| part.ground.len() == side * side) {
+            texels.clear();
+            for (y, part) in (0..side).flat_map(|y| all.map(|part| (y, part))) {
+                let row = &part.ground[y * side..(y + 1) * side];
+                texels.extend(row.iter().map(|t| half_texel(t.to_array())));
+            }
+            upload(queue, &self.ground, texels);
+        }
+        let [nx, ny, nz] = VOLUME_SIZE.map(|n| n as usize);
+        let faces = || all.into_iter().flat_map(|part| &part.volume);
+        if faces().any(|face| face.len() != nx * ny * nz) {
+            return;
+        }
+        texels.clear();
+        for row in 0..ny * nz {
+            for face in faces() {
+                let values = &face[row * nx..(row + 1) * nx];
+                texels.extend(values.iter().map(|t| half_texel(t.to_array())));
+            }
+        }
+        upload(queue, &self.volume, texels);
+    }
+}
+
+fn texture(
+    device: &wgpu::Device,
+    dimension: wgpu::TextureDimension,
+    [width, height, depth]: [u32; 3],
+) -> wgpu::Texture {
+    device.create_texture(&wgpu::TextureDescriptor {
+        label: Some("indirect light"),
+        size: wgpu::Extent3d {
+            width,
+            height,
+            depth_or_array_layers: depth,
+        },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension,
+        format: wgpu::TextureFormat::Rgba16Float,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        view_formats: &[],
+    })
+}
+
+fn upload(queue: &wgpu::Queue, texture: &wgpu::Texture, texels: &[[f16; 4]]) {
+    let size = texture.size();
+    queue.write_texture(
+        texture.as_image_copy(),
+        bytemuck::cast_slice(texels),
+        wgpu::TexelCopyBufferLayout {
+            offset: 0,
+            bytes_per_row: Some(size.width * 8),
+            rows_per_image: Some(size.height),
+        },
+        size,
+    );
+}

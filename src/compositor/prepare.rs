@@ -1,0 +1,353 @@
+//! Prepares a frame: fits everything that depends on the camera, the size and the light, and
+//! uploads the frame's data. The passes are recorded afterwards by `frame`.
+
+use super::compositor::Compositor;
+use super::exposure::stage::MeteredFrame;
+use super::frame_input::{FrameInput, LampResponse};
+use super::frame_uniform::{UniformInputs, frame_uniform};
+use super::frame_view::FrameView;
+use super::gpu::GpuError;
+use super::gpu_data::LightUniform;
+use super::lens::{LensOutput, LensStage};
+use super::moving::upload;
+use super::passes::exposure::ExposedPictures;
+use super::pipelines::Pipelines;
+use super::reproject::ReprojectStage;
+use super::shaders::Variant;
+use super::sized_resources::SizedResources;
+use glam::DMat4;
+use penumbra_camera::PinholeCamera;
+use penumbra_scene::ShadowMode;
+
+/// Ratio of the texels of a virtual light's maps to those of a dome light's, each way, where soft
+/// shadows are affordable or where area lamps divide maps into views: shadows of virtual lights
+/// have sharp edges, and such lights are few. Otherwise both have the same size.
+const LAMP_MAP_RATIO: u32 = 2;
+
+/// Decisions about a frame that its passes follow.
+pub struct FramePlan {
+    /// Shadows are subtracted instead of multiplied.
+    pub subtract: bool,
+    /// Virtual lights act on real surfaces by the paper's response, in a pass of its own.
+    pub lamps_apart: bool,
+    /// Rectangle of tiles (x, y, width, height) that virtual surfaces may cover.
+    pub covered: [u32; 4],
+    /// The finished picture is warped to another pose.
+    pub reprojected: bool,
+}
+
+impl Compositor {
+    /// Prepares a frame.
+    ///
+    /// # Errors
+    /// The picture is empty or too large for the device; its light has more pixels than the device
+    /// can read.
+    pub(crate) fn prepare(&mut self, input: &FrameInput<'_>) -> Result<FramePlan, GpuError> {
+        self.place_moving_parts(input.seconds);
+        self.fit_lens(input.camera);
+        self.fit_reprojection(input);
+        let view = FrameView::new(input, self.lens.as_ref());
+        self.fit_variant(input);
+        self.fit_pictures(view.size)?;
+        self.upload_radiance(input);
+        self.upload_picture(input);
+        self.upload_frame(input, &view)
+    }
+
+    /// Moves all moving parts to their placement at `seconds` since the session began, as they
+    /// are drawn and as they cast shadows.
+    fn place_moving_parts(&mut self, seconds: f64) {
+        let mut moved = false;
+        let buffers = (&self.scene.virtual_buffer, &self.scene.caster_places);
+        for (number, part) in self.scene.moving.iter_mut().enumerate() {
+            let world = part.motion.at(seconds);
+            if world == part.world {
+                continue;
+            }
+            part.world = world;
+            moved = true;
+            upload(&self.gpu.queue, part, number, buffers);
+            self.slots.move_caster(number, world.as_mat4());
+            if let Some(corners) = part.placed_corners() {
+                self.cover.set_box(part.index, corners);
+                if let Some(drawn) = self.scene.virtual_parts.get_mut(part.index) {
+                    drawn.details.set_corners(corners);
+                }
+            }
+        }
+        if moved {
+            self.slots.casters_moved();
+        }
+    }
+
+    /// Replaces the lens stage when the camera or the lens output has changed.
+    fn fit_lens(&mut self, camera: &PinholeCamera) {
+        let output = self.lens_output;
+        let distorts = camera.distortion != [0.0; 5];
+        let suits = self.lens.as_ref().map(|lens| lens.suits(camera, output));
+        if suits.unwrap_or(!distorts) {
+            return;
+        }
+        let gpu = (&self.gpu.device, &self.gpu.queue);
+        self.lens = LensStage::new(gpu, camera, output, self.variant);
+    }
+
+    /// Creates the reprojection stage when it is first requested and when the camera has changed,
+    /// and uploads the pose.
+    fn fit_reprojection(&mut self, input: &FrameInput<'_>) {
+        let Some(reprojection) = &input.reprojection else {
+            return;
+        };
+        let camera = PinholeCamera {
+            distortion: match self.lens_output {
+                LensOutput::Camera => input.camera.distortion,
+                LensOutput::Undistorted => [0.0; 5],
+            },
+            ..input.camera.clone()
+        };
+        let (device, queue) = (&self.gpu.device, &self.gpu.queue);
+        let kept = self.reproject.take().filter(|stage| stage.suits(&camera));
+        let stage = kept.unwrap_or_else(|| ReprojectStage::new((device, queue), camera).into());
+        stage.upload(queue, reprojection);
+        self.reproject = Some(stage);
+    }
+
+    /// Compiles the shaders again when the first virtual light, area lamp, Phong lobe, rolling
+    /// shutter or vignetting appears.
+    fn fit_variant(&mut self, input: &FrameInput<'_>) {
+        let known = self.variant;
+        let variant = Variant {
+            lamps: known.lamps || !input.lamps.is_empty(),
+            areas: known.areas || input.lamps.iter().any(|lamp| lamp.area.is_some()),
+            phong: known.phong || self.scene.has_phong,
+            rolling_shutter: known.rolling_shutter || input.rolling_shutter.is_some(),
+            vignetting: known.vignetting || input.vignetting.is_some(),
+            ..known
+        };
+        if variant == known {
+            return;
+        }
+        self.variant = variant;
+        if let Some(planes) = &mut self.planes {
+            planes.forget_pipelines();
+        }
+        self.exposure.forget_pipelines();
+        let frame = &self.light_maps.frame_layout;
+        self.pipelines = Pipelines::new(&self.gpu.device, frame, &self.layouts, variant);
+    }
+
+    /// Allocates the pictures of a frame when their size has changed.
+    fn fit_pictures(&mut self, size: (u32, u32)) -> Result<(), GpuError> {
+        if self.pictures.as_ref().is_some_and(|p| p.size == size) {
+            return Ok(());
+        }
+        let max = self.gpu.device.limits().max_texture_dimension_2d;
+        if size.0 == 0 || size.1 == 0 || size.0 > max || size.1 > max {
+            return Err(GpuError::Unfit {
+                adapter: self.gpu.name.clone(),
+                reason: format!(
+                    "pictures of {}×{} pixels (at most {max} each way)",
+                    size.0, size.1
+                ),
+            });
+        }
+        let (samples, step) = (self.settings.samples, self.settings.shadow_step);
+        self.pictures = Some(SizedResources::new(&self.gpu.device, size, samples, step));
+        Ok(())
+    }
+
+    /// Uploads the radiance map and the indirect light when they are new.
+    fn upload_radiance(&mut self, input: &FrameInput<'_>) {
+        let (device, queue) = (&self.gpu.device, &self.gpu.queue);
+        if let Some(lighting) = input.lighting
+            && self.radiance_generation != Some(lighting.generation)
+        {
+            let gloss = &mut self.light_maps.gloss;
+            gloss.write(device, queue, &lighting.radiance, self.scene.has_phong);
+            self.radiance_generation = Some(lighting.generation);
+        }
+        if let Some(indirect) = input.indirect_light
+            && self.indirect_generation != indirect.generation
+        {
+            self.light_maps.write_indirect(queue, indirect);
+            self.indirect_generation = indirect.generation;
+        }
+    }
+
+    /// Uploads the camera picture: to the lens stage, or directly where the lens does not distort.
+    fn upload_picture(&self, input: &FrameInput<'_>) {
+        let Some(pictures) = &self.pictures else {
+            return;
+        };
+        let lens = self.lens.as_ref();
+        let texture = lens.map_or(&pictures.camera, |lens| &lens.raw);
+        texture.upload(&self.gpu.queue, &input.picture.rgba, 4);
+    }
+
+    /// Uploads the frame's uniforms, lights, tiles and virtual lights.
+    fn upload_frame(
+        &mut self,
+        input: &FrameInput<'_>,
+        view: &FrameView,
+    ) -> Result<FramePlan, GpuError> {
+        let something = !(self.scene.virtual_parts.is_empty() && input.lamps.is_empty());
+        let augmented = input.show_virtual && something;
+        let seen = augmented && input.lighting.is_some() && input.world_from_camera.is_some();
+        let by_paper = input.lamp_response != LampResponse::Intrinsic;
+        let mut plan = FramePlan {
+            subtract: input.shadow_mode == ShadowMode::Subtract,
+            lamps_apart: seen && !input.lamps.is_empty() && by_paper,
+            covered: [0; 4],
+            reprojected: input.reprojection.is_some(),
+        };
+        let lights = match input.lighting {
+            Some(lighting) if seen => lighting.lights.as_slice(),
+            _ => &[],
+        };
+        let lights = &lights[..lights.len().min(self.settings.light_budget as usize)];
+        self.prepare_exposure(input, view, &plan, seen);
+        let by_planes = self.prepare_planes(input, view, augmented)?;
+        // Planes need no shadow maps.
+        let mapped = if by_planes { &[] } else { lights };
+        let map_size = self.settings.map_size();
+        self.slots
+            .schedule(mapped, map_size, input.refresh, &mut self.chosen);
+        let mut uniform = frame_uniform(&UniformInputs {
+            input,
+            view,
+            augmented,
+            lights: mapped.len() as u32,
+            lamps_apart: plan.lamps_apart,
+            ground_height: self.scene.ground_height,
+            highest_surroundings_level: self
+                .pictures
+                .as_ref()
+                .map_or(0, |p| p.surroundings.highest_level()),
+            highest_gloss_level: self.light_maps.gloss.highest_level(),
+            shadow_step: self.settings.shadow_step,
+            exposure_factor: self.exposure.factor(),
+        });
+        let lamps = if seen { input.lamps } else { &[] };
+        self.scene.emitters.place(&self.gpu.queue, lamps);
+        plan.covered = self.upload_cover(input, view, augmented && input.lighting.is_some());
+        let stage = self.planes.as_mut().filter(|_| by_planes);
+        let lights = stage.map_or(lights, |stage| stage.shade(input, &mut uniform, lights));
+        let slots = &self.slots;
+        let each = lights.iter().enumerate().map(|(i, light)| {
+            if by_planes {
+                LightUniform::unmapped(light)
+            } else {
+                slots.uniform(i, light)
+            }
+        });
+        self.light_maps.write_frame(&self.gpu.queue, &uniform, each);
+        self.upload_lamps(input, seen);
+        Ok(plan)
+    }
+
+    /// Chooses the exposure, compiles its passes, allocates their pictures and uploads it.
+    fn prepare_exposure(
+        &mut self,
+        input: &FrameInput<'_>,
+        view: &FrameView,
+        plan: &FramePlan,
+        seen: bool,
+    ) {
+        let device = &self.gpu.device;
+        self.exposure.choose(&self.gpu, input, seen);
+        self.exposure
+            .compile(device, &self.light_maps.frame_layout, self.variant);
+        if let Some(pictures) = self
+            .pictures
+            .as_mut()
+            .filter(|_| self.exposure.has_passes())
+        {
+            let size = pictures.size;
+            pictures
+                .exposed
+                .get_or_insert_with(|| ExposedPictures::new(device, size));
+        }
+        let metered = MeteredFrame {
+            subtract: plan.subtract,
+            shadow_step: self.settings.shadow_step,
+            lamps_apart: plan.lamps_apart,
+        };
+        let queue = &self.gpu.queue;
+        self.exposure
+            .upload(queue, view.size.1, &self.response, metered);
+    }
+
+    /// Prepares shadowing planes; false where the frame does not use them.
+    fn prepare_planes(
+        &mut self,
+        input: &FrameInput<'_>,
+        view: &FrameView,
+        augmented: bool,
+    ) -> Result<bool, GpuError> {
+        let Some(stage) = &mut self.planes else {
+            return Ok(false);
+        };
+        let (device, frame) = (&self.gpu.device, &self.light_maps.frame_layout);
+        let (shadow_buffer, variant) = (&self.pipelines.shadow_buffer, self.variant);
+        stage.prepare(
+            &self.gpu,
+            input,
+            |camera_from_world| view.clip_from_world(camera_from_world),
+            augmented,
+            |sums| shadow_buffer.by_planes(device, frame, sums, variant),
+        )
+    }
+
+    /// Uploads the tiles that virtual objects may cover, and chooses levels of detail. Returns the
+    /// rectangle of covered tiles.
+    fn upload_cover(
+        &mut self,
+        input: &FrameInput<'_>,
+        view: &FrameView,
+        visible: bool,
+    ) -> [u32; 4] {
+        let pose = input.world_from_camera.filter(|_| visible);
+        let camera_from_world = pose.map_or(DMat4::IDENTITY, |p| p.inverse().to_matrix());
+        let clip_from_world = view.clip_from_world(camera_from_world);
+        let emitters = self.scene.emitters.boxes();
+        self.cover.set_margin(rolling_shutter_margin(input, view));
+        self.cover
+            .update(clip_from_world, view.size, pose.is_some(), emitters);
+        let focal = view.camera.focal.max_element();
+        for part in &mut self.scene.virtual_parts {
+            part.details.choose(clip_from_world, focal);
+        }
+        if let Some(pictures) = &self.pictures {
+            let tiles = self.cover.tiles();
+            pictures.covered_tiles.upload(&self.gpu.queue, tiles, 1);
+        }
+        self.cover.rectangle()
+    }
+
+    /// Uploads the virtual lights and lists their shadow maps that are out of date.
+    fn upload_lamps(&mut self, input: &FrameInput<'_>, seen: bool) {
+        let lamps = if seen { input.lamps } else { &[] };
+        let (device, queue) = (&self.gpu.device, &self.gpu.queue);
+        let areas = lamps.iter().any(|lamp| lamp.area.is_some());
+        let ratio = if areas || self.variant.soft > 1 {
+            LAMP_MAP_RATIO
+        } else {
+            1
+        };
+        let size = ratio * self.settings.map_size();
+        let (casters, screens) = (self.slots.casters(), &self.scene.screens);
+        self.light_maps
+            .write_lamps(device, queue, (lamps, screens), casters, size);
+    }
+}
+
+/// Displacement, pixels, that a rolling shutter gives to anything at least half a metre away: tiles
+/// are found without it.
+fn rolling_shutter_margin(input: &FrameInput<'_>, view: &FrameView) -> f64 {
+    let Some(shutter) = &input.rolling_shutter else {
+        return 0.0;
+    };
+    let rows = f64::from(view.own.height);
+    let per_row = shutter.rotation_per_row.length() + shutter.translation_per_row.length();
+    2.0 * view.camera.focal.max_element() * rows * per_row
+}

@@ -1,0 +1,44 @@
+//! The settings of a compositor.
+
+/// Settings that are chosen before the first frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CompositorSettings {
+    /// Maximum number of dome lights, with one shadow map each.
+    pub light_budget: u32,
+    /// Texels a side of a shadow map.
+    pub shadow_map_size: u32,
+    /// Picture pixels per texel of the shadow buffer, each way: a power of two.
+    pub shadow_step: u32,
+    /// Samples a pixel at the edges of virtual objects: 1 or 4.
+    pub samples: u32,
+    /// Look-ups of a shadow map per light and point, distributed over the extent of the light;
+    /// 1 = hard shadows, the cheapest.
+    pub soft_samples: u32,
+}
+
+/// Number of lights above which shadow maps are smaller: more lights share the work of drawing the
+/// shapes of shadows, and 384 maps of full size would take 800 MB.
+const MANY_LIGHTS: u32 = 96;
+
+impl CompositorSettings {
+    /// The best settings for a real GPU or, with `software`, for a software driver.
+    #[must_use]
+    pub const fn for_adapter(software: bool) -> Self {
+        Self {
+            light_budget: 64,
+            shadow_map_size: 512,
+            shadow_step: if software { 4 } else { 1 },
+            samples: 4,
+            soft_samples: if software { 1 } else { 8 },
+        }
+    }
+
+    /// Texels a side of the shadow maps for the current light budget.
+    pub(crate) const fn map_size(&self) -> u32 {
+        if self.light_budget > MANY_LIGHTS {
+            self.shadow_map_size / 2
+        } else {
+            self.shadow_map_size
+        }
+    }
+}

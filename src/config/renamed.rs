@@ -1,0 +1,55 @@
+//! Settings and values that had another name in earlier versions. A file that uses an old name is
+//! refused with the new one.
+
+use penumbra_strict_toml::{Fault, TomlText};
+
+/// Old keys, section and name, and what to write instead.
+const KEYS: [(&str, &str, &str); 8] = [
+    ("environment", "lights", "is now called `light_placement`"),
+    ("recording", "longest_s", "is now called `max_duration_s`"),
+    (
+        "sync",
+        "longest_prediction_ms",
+        "is now called `max_prediction_ms`",
+    ),
+    ("sync", "longest_wait_ms", "is now called `max_wait_ms`"),
+    ("exposure", "darkest_ev", "is now called `min_ev`"),
+    ("exposure", "brightest_ev", "is now called `max_ev`"),
+    ("shading", "bounced_light", "is now called `indirect_light`"),
+    (
+        "shadows",
+        "enabled",
+        "is gone; `technique = \"image-based-lighting\"` casts no shadows",
+    ),
+];
+
+/// Old values of a setting: section, key, old value, new value.
+const VALUES: [(&str, &str, &str, &str); 4] = [
+    ("shadows", "technique", "dome", "image-based-shadowing"),
+    ("shadows", "technique", "planes", "shadowing-planes"),
+    ("sync", "follow_latency", "tell", "report"),
+    ("replay", "pairing", "whole", "complete"),
+];
+
+/// The first old key or value in `text`; `None` if there is none or `text` is not TOML.
+pub(super) fn renamed(text: &TomlText) -> Option<Fault> {
+    let table: toml::Table = text.parse().ok()?;
+    let value = |section: &str, key: &str| table.get(section)?.get(key);
+    let key = KEYS
+        .iter()
+        .find(|(section, key, _)| value(section, key).is_some())
+        .map(|(section, key, advice)| Fault::new(format!("{section}.{key}"), *advice));
+    key.or_else(|| {
+        VALUES
+            .iter()
+            .find(|(section, key, old, _)| {
+                value(section, key).and_then(toml::Value::as_str) == Some(*old)
+            })
+            .map(|(section, key, old, new)| {
+                Fault::new(
+                    format!("{section}.{key}"),
+                    format!("\"{old}\" is now called \"{new}\""),
+                )
+            })
+    })
+}
