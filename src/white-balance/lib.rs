@@ -7,19 +7,27 @@
 //! [`PhotometricMatch`] selects the gains to use. The reflectance of a mirrored sphere is no part
 //! of the gains: the environment estimator divides by it.
 
-pub mod chart;
 pub mod colour;
 mod colour_matrix;
-mod exposure;
 mod gains;
-pub mod gather;
-pub mod overlap;
-pub mod reflectance;
 mod robust_mean;
-mod selection;
-mod settings;
-mod status;
+
+pub mod chart;
+
 mod view;
+
+pub mod gather;
+
+pub mod overlap;
+
+pub mod reflectance;
+
+mod exposure;
+mod settings;
+
+mod status;
+
+mod selection;
 
 pub use exposure::ExposureRatio;
 pub use gains::GainEstimate;
