@@ -7,7 +7,7 @@
 use super::latency_watch::{LatencyState, LatencyWatch};
 use super::source::Source;
 use penumbra_camera::EnvironmentView;
-use penumbra_capture::{Hub, Taken};
+use penumbra_capture::{Delivery, Hub, Next};
 use penumbra_interface::{Clock, MonotonicTime, PoseSample, RigidTransform, SystemClock};
 use penumbra_picture::Picture;
 use penumbra_rig_model::RigCalibration;
@@ -231,21 +231,25 @@ impl Feed {
             while let Some(frame) = self.pairing.pop() {
                 passed_over += u64::from(newest.replace(frame).is_some());
             }
-            let taken = match &newest {
-                Some(_) => hub.take_waiting(),
+            let delivery = match &newest {
+                Some(_) => match hub.take_waiting() {
+                    Some(delivery) => delivery,
+                    None => break,
+                },
                 None if SystemClock.now() >= longest => return Fed::Idle,
-                None => Some(hub.take(self.pairing.deadline(), PATIENCE)),
+                None => match hub.take(self.pairing.deadline(), PATIENCE) {
+                    Next::Item(delivery) => delivery,
+                    Next::Idle => return Fed::Idle,
+                    Next::Ended => return Fed::End,
+                },
             };
-            match taken {
-                Some(Taken::Event(event)) => self.take(event),
-                Some(Taken::Superseded(at)) => {
+            match delivery {
+                Delivery::Event(event) => self.take(event),
+                Delivery::Superseded { arrived_at } => {
                     self.counts.scene_frames += 1;
-                    self.pairing.pass_over(at);
+                    self.pairing.pass_over(arrived_at);
                     passed_over += 1;
                 }
-                Some(Taken::Idle) => return Fed::Idle,
-                Some(Taken::Ended) => return Fed::End,
-                None => break,
             }
         }
         let Some(frame) = newest else {

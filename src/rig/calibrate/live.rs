@@ -2,8 +2,7 @@
 
 use super::showing::Showing;
 use penumbra_calibration::step::{Eye, Progress, Step, Wants};
-use penumbra_capture::Hub;
-use penumbra_capture::tap::{Tap, TapEnd, Tapped, Wanted};
+use penumbra_capture::{FrameTap, Hub, Next, TapFilter, TapReader};
 use penumbra_config::Config;
 use penumbra_interface::{Clock, MonotonicTime, SystemClock};
 use penumbra_picture::Picture;
@@ -82,7 +81,7 @@ impl LiveShow<'_> {
     /// Shows `step` what it wants until it has enough or `told`, which is called after every
     /// picture and ten times a second, wishes otherwise.
     pub fn show(&self, step: &mut dyn Step, told: &mut dyn FnMut(&Moment) -> Wish) -> EndedBy {
-        let (tap, end) = Tap::new(wanted(&step.wants()));
+        let (tap, end) = FrameTap::new(filter(&step.wants()));
         self.hub.set_tap(Some(tap));
         let shown = self.watch(&end, step, told);
         self.hub.set_tap(None);
@@ -91,7 +90,7 @@ impl LiveShow<'_> {
 
     fn watch(
         &self,
-        end: &TapEnd,
+        end: &TapReader,
         step: &mut dyn Step,
         told: &mut dyn FnMut(&Moment) -> Wish,
     ) -> EndedBy {
@@ -101,9 +100,9 @@ impl LiveShow<'_> {
         let mut told_at = began;
         loop {
             let next = end.next(TELL_EVERY);
-            let is_over = matches!(next, Tapped::Ended);
+            let is_over = matches!(next, Next::Ended);
             let mut eye = None;
-            if let Tapped::Event(event) = next {
+            if let Next::Item(event) = next {
                 let start = event.arrived_at();
                 let showing =
                     showing.get_or_insert_with(|| Showing::new(start, self.metres_per_unit));
@@ -124,7 +123,7 @@ impl LiveShow<'_> {
                 counts: ShownCounts {
                     pictures,
                     damaged: showing.map_or(0, |s| s.damaged as u64),
-                    passed_over: end.passed_over(),
+                    passed_over: end.pictures_skipped(),
                     readings_lost: end.readings_lost(),
                 },
             });
@@ -149,8 +148,8 @@ fn is_due(told_at: MonotonicTime, now: MonotonicTime) -> bool {
     now.seconds_since(told_at) >= TELL_EVERY.as_secs_f64()
 }
 
-const fn wanted(wants: &Wants) -> Wanted {
-    Wanted {
+const fn filter(wants: &Wants) -> TapFilter {
+    TapFilter {
         scene: wants.scene,
         environment: wants.environment,
         poses: wants.poses,
