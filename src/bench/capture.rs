@@ -116,7 +116,7 @@ impl Rig {
         let hub = self.live.hub.counts();
         let tally = |device: &LiveDevice, lost: u64| DeviceTally {
             device: device.kind.label().to_owned(),
-            delivered: device.condition().received,
+            delivered: device.status().received,
             lost,
         };
         let lost = [hub.scene_superseded, hub.environment_lost, hub.tracker_lost];

@@ -17,7 +17,7 @@ pub trait Device {
     fn next(&mut self, timeout: Duration) -> Result<Option<Self::Item>, DeviceError>;
 
     /// Returns the driver's report about the device.
-    fn account(&self) -> Account;
+    fn report(&self) -> DeviceReport;
 
     /// Returns the size of an item in bytes.
     fn bytes(item: &Self::Item) -> usize;
@@ -25,7 +25,7 @@ pub trait Device {
 
 /// A driver's report about its device.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub enum Account {
+pub enum DeviceReport {
     /// The device has not been open yet.
     #[default]
     None,
@@ -42,8 +42,8 @@ impl Device for Box<dyn Camera> {
         self.next_frame(timeout)
     }
 
-    fn account(&self) -> Account {
-        Account::Camera(self.report())
+    fn report(&self) -> DeviceReport {
+        DeviceReport::Camera((**self).report())
     }
 
     fn bytes(frame: &Frame) -> usize {
@@ -58,8 +58,8 @@ impl Device for Box<dyn Tracker> {
         self.next_bytes(timeout)
     }
 
-    fn account(&self) -> Account {
-        Account::Tracker(self.report())
+    fn report(&self) -> DeviceReport {
+        DeviceReport::Tracker((**self).report())
     }
 
     fn bytes(item: &TrackerBytes) -> usize {

@@ -25,11 +25,11 @@ pub mod supervisor;
 pub mod tap;
 pub mod time;
 
-pub use device::{Account, Device};
+pub use device::{Device, DeviceReport};
 pub use drivers::list_cameras;
 pub use hub::{Delivery, Hub, HubCounts};
 pub use live::{Capture, Devices, LiveDevice};
-pub use monitor::{Condition, DeviceMonitor, DeviceState};
+pub use monitor::{DeviceMonitor, DeviceState, DeviceStatus};
 pub use next::Next;
 pub use recorder_queue::RecorderQueue;
 pub use supervisor::{Limits, Sink, Supervisor};

@@ -1,9 +1,9 @@
 //! All devices of a rig, each supervised on a thread of its own.
 
-use crate::device::Account;
+use crate::device::DeviceReport;
 use crate::drivers::camera_name_and_serial;
 use crate::hub::Hub;
-use crate::monitor::{Condition, DeviceMonitor};
+use crate::monitor::{DeviceMonitor, DeviceStatus};
 use crate::source::{Recordings, open_camera, open_tracker};
 use crate::supervisor::{Limits, Sink, Supervisor};
 use crate::time::StoppableSystemClock;
@@ -42,20 +42,20 @@ pub struct LiveDevice {
 impl LiveDevice {
     /// Returns its status.
     #[must_use]
-    pub fn condition(&self) -> Condition {
-        self.monitor.condition()
+    pub fn status(&self) -> DeviceStatus {
+        self.monitor.status()
     }
 
     /// Returns its product name, or else its identity, and its serial number; `None` before it
     /// has been open.
     #[must_use]
     pub fn name_and_serial(&self) -> Option<(String, Option<String>)> {
-        match self.condition().account {
-            Account::None => None,
-            Account::Camera(report) => {
+        match self.status().report {
+            DeviceReport::None => None,
+            DeviceReport::Camera(report) => {
                 Some(camera_name_and_serial(&report.identity).unwrap_or((report.identity, None)))
             }
-            Account::Tracker(report) => Some((report.said.unwrap_or(report.identity), None)),
+            DeviceReport::Tracker(report) => Some((report.said.unwrap_or(report.identity), None)),
         }
     }
 }
@@ -188,7 +188,7 @@ struct CameraSink {
 }
 
 impl Sink<Frame> for CameraSink {
-    fn report(&mut self, _: &Account) {}
+    fn report(&mut self, _: &DeviceReport) {}
 
     fn deliver(&mut self, frame: Frame) {
         self.hub.deliver(match self.stream {
@@ -205,8 +205,8 @@ struct TrackerSink {
 }
 
 impl Sink<TrackerBytes> for TrackerSink {
-    fn report(&mut self, report: &Account) {
-        if let Account::Tracker(report) = report
+    fn report(&mut self, report: &DeviceReport) {
+        if let DeviceReport::Tracker(report) = report
             && *self.protocol != *report.protocol
         {
             self.protocol = Arc::from(report.protocol.as_str());

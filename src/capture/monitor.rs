@@ -1,6 +1,6 @@
 //! The status of one device, shared between its supervisor and the readers of the status.
 
-use crate::device::Account;
+use crate::device::DeviceReport;
 use penumbra_interface::{DeviceError, MonotonicTime, Recovery};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -30,7 +30,7 @@ pub enum DeviceState {
 
 /// Status of a supervised device.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Condition {
+pub struct DeviceStatus {
     /// Its state.
     pub state: DeviceState,
     /// The present error; `None` while the device works.
@@ -50,18 +50,18 @@ pub struct Condition {
     /// When the most recent delivery arrived.
     pub last_at: Option<MonotonicTime>,
     /// The driver's report about the device.
-    pub account: Account,
+    pub report: DeviceReport,
 }
 
 /// A device's status: the supervisor writes, the status page reads. Every call holds the lock
 /// only for a moment.
 #[derive(Debug, Default)]
-pub struct DeviceMonitor(Mutex<Condition>);
+pub struct DeviceMonitor(Mutex<DeviceStatus>);
 
 impl DeviceMonitor {
     /// Returns a copy of the status.
     #[must_use]
-    pub fn condition(&self) -> Condition {
+    pub fn status(&self) -> DeviceStatus {
         self.lock().clone()
     }
 
@@ -74,11 +74,11 @@ impl DeviceMonitor {
         }
     }
 
-    pub(crate) fn opened(&self, report: Account) {
+    pub(crate) fn opened(&self, report: DeviceReport) {
         let mut status = self.lock();
         status.state = DeviceState::Opening;
         status.reason = None;
-        status.account = report;
+        status.report = report;
     }
 
     pub(crate) fn received(&self, bytes: usize, now: MonotonicTime) {
@@ -90,8 +90,8 @@ impl DeviceMonitor {
         status.reason = None;
     }
 
-    pub(crate) fn reported(&self, report: Account) {
-        self.lock().account = report;
+    pub(crate) fn reported(&self, report: DeviceReport) {
+        self.lock().report = report;
     }
 
     pub(crate) fn damaged(&self, error: &DeviceError) {
@@ -127,7 +127,7 @@ impl DeviceMonitor {
     }
 
     /// A panic of another thread must not disable the status, so a poisoned lock is accepted.
-    fn lock(&self) -> MutexGuard<'_, Condition> {
+    fn lock(&self) -> MutexGuard<'_, DeviceStatus> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -1,7 +1,7 @@
 //! The loop around one device.
 
 use crate::backoff::Backoff;
-use crate::device::{Account, Device};
+use crate::device::{Device, DeviceReport};
 use crate::monitor::DeviceMonitor;
 use crate::time::StoppableClock;
 use penumbra_interface::{DeviceError, MonotonicTime, Recovery};
@@ -12,7 +12,7 @@ use std::time::Duration;
 pub trait Sink<T> {
     /// Takes the driver's report, which comes after opening and then every
     /// [`REPORT_INTERVAL`].
-    fn report(&mut self, report: &Account);
+    fn report(&mut self, report: &DeviceReport);
     /// Takes a delivery.
     fn deliver(&mut self, item: T);
 }
@@ -124,7 +124,7 @@ impl<'a, D: Device> Stream<'a, D> {
     /// Streams until an error or until the clock is stopped. Returns when the first item
     /// arrived, and the error.
     fn run(mut self, sink: &mut dyn Sink<D::Item>) -> (Option<MonotonicTime>, Option<DeviceError>) {
-        let report = self.device.account();
+        let report = self.device.report();
         sink.report(&report);
         self.supervisor.monitor.opened(report);
         while !self.supervisor.clock.is_stopping() {
@@ -161,7 +161,7 @@ impl<'a, D: Device> Stream<'a, D> {
         }
         if now.nanos_since(self.reported_at) >= REPORT_INTERVAL.as_nanos() as i64 {
             self.reported_at = now;
-            let report = self.device.account();
+            let report = self.device.report();
             sink.report(&report);
             monitor.reported(report);
         }

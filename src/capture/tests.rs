@@ -109,8 +109,8 @@ struct Notes {
 }
 
 impl Sink<TrackerBytes> for Notes {
-    fn report(&mut self, report: &Account) {
-        assert!(matches!(report, Account::Tracker(r) if r.protocol == "fake"));
+    fn report(&mut self, report: &DeviceReport) {
+        assert!(matches!(report, DeviceReport::Tracker(r) if r.protocol == "fake"));
         *self.reports.borrow_mut() += 1;
     }
 
@@ -126,13 +126,13 @@ impl Sink<TrackerBytes> for Notes {
 fn supervised(
     millis: i64,
     mut open: impl FnMut(&Arc<AtomicI64>) -> Result<Box<dyn Tracker>, DeviceError>,
-) -> (Vec<i64>, Condition, FakeTime) {
+) -> (Vec<i64>, DeviceStatus, FakeTime) {
     let time = FakeTime::until_millis(millis);
     let (monitor, mut notes) = (DeviceMonitor::default(), Notes::default());
     let now = Arc::clone(&time.now);
     supervisor(&monitor, &time).run(&mut || open(&now), &mut notes);
     let arrivals = notes.arrivals.borrow().clone();
-    (arrivals, monitor.condition(), time)
+    (arrivals, monitor.status(), time)
 }
 
 fn supervisor<'a>(monitor: &'a DeviceMonitor, clock: &'a FakeTime) -> Supervisor<'a> {
@@ -178,7 +178,7 @@ fn silent_device_is_reported_and_opened_again() {
     let (monitor, mut notes) = (DeviceMonitor::default(), Notes::default());
     let mut opened = 0;
     let mut open = || {
-        states.borrow_mut().push(monitor.condition());
+        states.borrow_mut().push(monitor.status());
         opened += 1;
         let fake = Fake::open(&time.now, |_| true)?;
         let readings = if opened == 1 { 100_000 } else { 0 };
@@ -187,7 +187,7 @@ fn silent_device_is_reported_and_opened_again() {
     };
     supervisor(&monitor, &time).run(&mut open, &mut notes);
     let states = states.into_inner();
-    let last = monitor.condition();
+    let last = monitor.status();
     assert_eq!((states.len(), last.attempts, last.losses), (2, 2, 1));
     let reason = states[1].reason.clone().unwrap();
     assert!(reason.contains("silent for 3"), "{reason}");

@@ -8,7 +8,7 @@
 
 pub mod bake;
 mod baking;
-pub mod calibrate;
+pub mod calibration_runner;
 pub mod display;
 pub mod feed;
 mod latency_status;

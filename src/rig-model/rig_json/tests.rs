@@ -126,7 +126,10 @@ fn missing_key_is_named_by_its_complete_path() {
         let text = message_without(path);
         let name = path.join(".").replace(".0.", "[0].");
         assert!(text.contains(&format!("`{name}` is missing")), "{text}");
-        assert!(!text.contains("see the documentation"), "no hint for {name}");
+        assert!(
+            !text.contains("see the documentation"),
+            "no hint for {name}"
+        );
         assert_eq!(text.lines().count(), 1);
     }
 }

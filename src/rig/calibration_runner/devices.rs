@@ -47,7 +47,7 @@ const fn is_wanted(wants: &Wants, kind: DeviceKind) -> bool {
 pub fn trouble(wants: &Wants, devices: &[LiveDevice]) -> Option<String> {
     let mut wanted = devices.iter().filter(|d| is_wanted(wants, d.kind));
     wanted.find_map(|device| {
-        let reason = device.condition().reason?;
+        let reason = device.status().reason?;
         let kind = device.kind.label().replace('-', " ");
         Some(format!("{kind}: {reason}"))
     })

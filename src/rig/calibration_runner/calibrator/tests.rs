@@ -273,7 +273,7 @@ fn a_bug_in_a_step_is_told_and_takes_nothing_else_along() {
         // The thread is on its way out when it says so.
         std::thread::sleep(Duration::from_millis(50));
     }
-    let received = || bench.live.supervised()[0].condition().received;
+    let received = || bench.live.supervised()[0].status().received;
     let before = received();
     std::thread::sleep(Duration::from_millis(300));
     assert!(received() > before, "the camera goes on");
