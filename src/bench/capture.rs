@@ -13,7 +13,8 @@ use super::{BenchError, BenchOptions};
 use penumbra_capture::LiveDevice;
 use penumbra_config::{CameraSource, TrackerSource};
 use penumbra_config::{Config, TrackerConfig};
-use penumbra_rig::prepare::{Preparation, Prepared, Step};
+use penumbra_rig::frame::PreparedFrame;
+use penumbra_rig::prepare::{Preparation, PreparationEvent};
 use penumbra_rig::{Live, RigSetup, Source, live_settings};
 use penumbra_status::SharedStatus;
 use std::path::Path;
@@ -98,11 +99,11 @@ impl Rig {
     }
 
     /// Takes what is prepared, as a compositor does that needs no time.
-    fn take(&self, time: Duration, mut each: impl FnMut(&Prepared)) {
+    fn take(&self, time: Duration, mut each: impl FnMut(&PreparedFrame)) {
         let begun = Instant::now();
         while begun.elapsed() < time {
             match self.preparation.next() {
-                Some(Step::Frame(prepared)) => {
+                Some(PreparationEvent::Frame(prepared)) => {
                     each(&prepared);
                     self.preparation.give_back(prepared.picture);
                 }
@@ -143,7 +144,7 @@ struct Tally {
 }
 
 impl Tally {
-    fn add(&mut self, prepared: &Prepared) {
+    fn add(&mut self, prepared: &PreparedFrame) {
         self.decoding.push(prepared.decoding.as_secs_f64() * 1e3);
         self.lighting.push(prepared.lighting.as_secs_f64() * 1e3);
         self.passed_over += prepared.passed_over;

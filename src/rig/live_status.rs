@@ -1,7 +1,7 @@
 //! What the supervisors know, in the status's words.
 
-use super::rates::DeviceRate;
-use super::source::Live;
+use crate::rates::DeviceRate;
+use crate::source::Live;
 use penumbra_capture::{DeviceReport, DeviceState as Captured, DeviceStatus};
 use penumbra_interface::DeviceKind;
 use penumbra_interface::{

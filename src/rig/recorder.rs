@@ -1,9 +1,9 @@
 //! Writes what arrives into a session, on a thread of its own. Nobody ever waits for it:
 //! what it cannot take in time is dropped and counted.
 
-use super::RigError;
-use super::source::RigFiles;
-use super::wall_date::utc_now;
+use crate::error::RigError;
+use crate::source::RigFiles;
+use crate::wall_date::utc_now;
 use crossbeam_channel::{Receiver, RecvTimeoutError, bounded};
 use penumbra_capture::{Hub, RecorderQueue};
 use penumbra_config::RecordingConfig;

@@ -6,8 +6,9 @@ use super::files::{calibration_folder, prepare, write_calibration};
 use super::live::{EndedBy, LiveShow, Wish};
 use super::showcase::Showcase;
 use super::steps::{Known, Made, file_of, forms, step_of};
-use crate::source::Onlooker;
-use crate::{Live, RigError};
+use crate::error::RigError;
+use crate::source::DeviceObserver;
+use crate::source::Live;
 use bytes::Bytes;
 use penumbra_calibration::step::Step;
 use penumbra_capture::{Devices, Hub};
@@ -30,7 +31,7 @@ pub type StepMaker =
 pub struct Calibrator {
     hub: Arc<Hub>,
     devices: Arc<Devices>,
-    onlooker: Onlooker,
+    onlooker: DeviceObserver,
     config: Arc<Config>,
     showcase: Arc<Showcase>,
     make: Box<StepMaker>,
@@ -158,7 +159,7 @@ impl Drop for Calibrator {
 /// One step on its way.
 struct Job {
     hub: Arc<Hub>,
-    onlooker: Onlooker,
+    onlooker: DeviceObserver,
     config: Arc<Config>,
     showcase: Arc<Showcase>,
     metres_per_unit: Option<f64>,

@@ -1,7 +1,7 @@
 //! Where calibrations go among the files of a rig: nothing that is there is lost.
 
 use super::showcase::Written;
-use crate::RigError;
+use crate::error::RigError;
 use crate::wall_date::utc_now;
 use penumbra_calibration::step::Finished;
 use penumbra_config::Config;

@@ -1,7 +1,7 @@
 //! The steps for which the rig is moved: map, tracker, latency; and the environment camera's.
 
 use super::steps::{Known, ParameterError, Parameters, StepKind, station};
-use crate::registration::tag_map;
+use crate::markers::tag_map;
 use penumbra_calibration::environment_camera_calibration::{
     Asked, EnvironmentStep, Kind, KnownRig,
 };

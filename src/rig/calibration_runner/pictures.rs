@@ -1,6 +1,6 @@
 //! Pictures of a folder to calibrate from.
 
-use crate::RigError;
+use crate::error::RigError;
 use penumbra_picture::Picture;
 use std::path::{Path, PathBuf};
 

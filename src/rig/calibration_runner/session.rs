@@ -1,7 +1,7 @@
 //! Shows a step of calibration what a session holds.
 
 use super::showing::Showing;
-use crate::RigError;
+use crate::error::RigError;
 use penumbra_calibration::step::{Progress, Step};
 use penumbra_config::Config;
 use penumbra_session::Session;

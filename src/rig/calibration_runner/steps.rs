@@ -2,8 +2,8 @@
 
 use super::files::CHECKS;
 use super::{kinds, kinds_of_motion, radiometric, verify};
-use crate::RigError;
-use crate::RigFiles;
+use crate::error::RigError;
+use crate::source::RigFiles;
 use crate::wall_date::utc_now;
 use penumbra_calibration::step::{Step, Wants};
 use penumbra_config::Config;

@@ -1,7 +1,9 @@
 //! Sets up the check of a rig from its files.
 
 use super::steps::{Known as RigKnown, ParameterError, Parameters, StepKind, station};
-use crate::{RigError, light, registration};
+use crate::error::RigError;
+use crate::light::estimator::chart_match;
+use crate::markers;
 use penumbra_calibration::step::Step;
 use penumbra_calibration::verify::{Known, Verify};
 use penumbra_camera::EnvironmentView;
@@ -43,14 +45,14 @@ pub fn verify_step(
     if document.markers.is_empty() {
         return Err(RigError::NothingToCheckBy);
     }
-    let map = registration::tag_map(&document.markers)?;
+    let map = markers::tag_map(&document.markers)?;
     let scene = document.phantom_scene(files)?;
     let same_camera = rig
         .environment
         .as_ref()
         .is_some_and(|e| matches!(e.view, EnvironmentView::SphereInScene { .. }));
     let mut photometry = PhotometricMatch::new(PhotometrySettings::default(), same_camera);
-    if !same_camera && let Some(chart) = light::chart_match(rig, files, false)? {
+    if !same_camera && let Some(chart) = chart_match(rig, files, false)? {
         photometry.set_chart(chart);
     }
     if let Some(gains) = rig.gains.filter(|_| !same_camera) {

@@ -1,6 +1,6 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-use super::super::wall_date::civil;
 use super::*;
+use crate::wall_date::civil;
 use bytes::Bytes;
 use penumbra_interface::{Frame, PixelFormat};
 use penumbra_session::Session;

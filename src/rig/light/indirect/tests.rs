@@ -63,8 +63,8 @@ fn lighting(generation: u64) -> Lighting {
 fn what_moves_throws_its_light_where_it_is_while_the_light_is_shown() {
     let none: &PhantomRadiance = &[];
     let scene = scene();
-    let mut station = NearStation::new(&scene, &casters(&scene));
-    let low = |station: &NearStation| station.light().unwrap().low.x;
+    let mut station = IndirectLight::new(&scene, &casters(&scene));
+    let low = |station: &IndirectLight| station.light().unwrap().low.x;
     station.update(0.0, &lighting(1), none);
     let (first, generation) = (low(&station), station.light().unwrap().generation);
     let begun = Instant::now();
@@ -80,7 +80,7 @@ fn what_moves_throws_its_light_where_it_is_while_the_light_is_shown() {
     assert!(moved.generation > generation + 3);
     let mut there = scene.clone();
     there.place_at(0.75);
-    let mut placed = NearStation::new(&there, &casters(&there));
+    let mut placed = IndirectLight::new(&there, &casters(&there));
     for generation in 1..4 {
         placed.update(0.75, &lighting(generation), none);
     }
@@ -97,7 +97,7 @@ fn what_moves_throws_its_light_where_it_is_while_the_light_is_shown() {
 fn what_rests_is_found_once() {
     let none: &PhantomRadiance = &[];
     let scene = scene();
-    let mut station = NearStation::new(&scene, &casters(&scene));
+    let mut station = IndirectLight::new(&scene, &casters(&scene));
     // After a second it has come to its end.
     station.update(2.0, &lighting(1), none);
     station.update(2.5, &lighting(2), none);

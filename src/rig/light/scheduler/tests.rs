@@ -1,15 +1,19 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
-use crate::RigSetup;
-use crate::light::LightStation;
-use crate::lighter::SceneNews;
+use crate::light::estimator::LightEstimator;
+use crate::light::state::LightState;
+use crate::light::updates::SceneUpdates;
+use crate::light::worker::LightJob;
+use crate::setup::RigSetup;
+use crossbeam_channel::bounded;
 use penumbra_config::Config;
 use penumbra_config::Technique;
 use penumbra_lighting::{CubeMap, Harmonics, Lighting};
 use penumbra_rig_model::RigDocument;
 use penumbra_scene::Scene;
 use penumbra_status::Settings;
-use std::time::Instant;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
 use tokio::sync::watch;
 
 fn at(number: i64) -> MonotonicTime {
@@ -17,7 +21,7 @@ fn at(number: i64) -> MonotonicTime {
 }
 
 /// Light that is told apart by the picture that it is of.
-fn light_of(number: i64) -> WorkedOut {
+fn light_of(number: i64) -> LightResult {
     let lighting = Lighting {
         captured_at: at(number),
         generation: number.unsigned_abs(),
@@ -31,7 +35,7 @@ fn light_of(number: i64) -> WorkedOut {
         ground_radiance: glam::Vec3::ZERO,
         faces: None,
     };
-    WorkedOut {
+    LightResult {
         of: at(number),
         state: Some(LightState {
             lighting: Some(Arc::new(lighting)),
@@ -43,13 +47,13 @@ fn light_of(number: i64) -> WorkedOut {
     }
 }
 
-fn shown(force: &Force) -> Option<i64> {
+fn shown(force: &ActiveLight) -> Option<i64> {
     let lighting = force.state.lighting.as_ref()?;
     Some(lighting.captured_at.as_nanos() / 33_000_000)
 }
 
-fn composed(seen: bool, lit_by: i64) -> Noted {
-    Noted::Composed(Some(LightNote {
+fn composed(seen: bool, lit_by: i64) -> JournalEntry {
+    JournalEntry::Composed(Some(LightNote {
         seen,
         lit_by: Some(at(lit_by)),
     }))
@@ -57,8 +61,8 @@ fn composed(seen: bool, lit_by: i64) -> Noted {
 
 /// Plays notes, one for each picture from `first` on: pictures worked out, and the light
 /// that each was drawn in.
-fn replay(first: i64, notes: &[Noted]) -> (Vec<i64>, Vec<Option<i64>>) {
-    let (mut force, mut held) = (Force::default(), None);
+fn replay(first: i64, notes: &[JournalEntry]) -> (Vec<i64>, Vec<Option<i64>>) {
+    let (mut force, mut held) = (ActiveLight::default(), None);
     let (mut worked_out, mut lit) = (Vec::new(), Vec::new());
     for (number, note) in (first..).zip(notes) {
         see_as_noted(&mut force, &mut held, at(number), *note, || {
@@ -76,7 +80,7 @@ fn a_replay_holds_light_back_until_the_picture_that_the_journal_names() {
         composed(true, 0),
         composed(true, 0),
         composed(false, 0),
-        Noted::PassedOver,
+        JournalEntry::Skipped,
         composed(true, 1),
         composed(true, 4),
     ];
@@ -88,11 +92,11 @@ fn a_replay_holds_light_back_until_the_picture_that_the_journal_names() {
 #[test]
 fn older_journals_mean_the_light_of_the_picture_composed_before() {
     let notes = [
-        Noted::Composed(None),
-        Noted::Composed(None),
-        Noted::PassedOver,
-        Noted::Composed(None),
-        Noted::Nothing,
+        JournalEntry::Composed(None),
+        JournalEntry::Composed(None),
+        JournalEntry::Skipped,
+        JournalEntry::Composed(None),
+        JournalEntry::None,
     ];
     let (worked_out, lit) = replay(0, &notes);
     assert_eq!(worked_out, [0, 1, 3, 4]);
@@ -115,7 +119,7 @@ fn a_recording_of_a_running_rig_falls_into_step() {
 }
 
 /// A rig of one camera: the light's thread has something to do and finds no light.
-fn lighter() -> (Lighter, watch::Sender<Settings>) {
+fn lighter() -> (LightUpdater, watch::Sender<Settings>) {
     let setup = RigSetup {
         pose: penumbra_config::PoseSource::Tracker,
         calibration: RigDocument::uncalibrated(64, 48).calibration,
@@ -123,24 +127,24 @@ fn lighter() -> (Lighter, watch::Sender<Settings>) {
         tags: None,
         calibrated: false,
     };
-    let station = LightStation::new(&setup, &Config::default(), &|_| None).unwrap();
+    let station = LightEstimator::new(&setup, &Config::default(), &|_| None).unwrap();
     let (wishes, wished) = watch::channel(Settings::default());
     (
-        Lighter::new(
+        LightUpdater::new(
             station,
             wished,
             Technique::default(),
             2,
-            SceneNews::default(),
+            SceneUpdates::default(),
         ),
         wishes,
     )
 }
 
-fn seen(number: i64) -> Seen {
-    Seen {
+fn seen(number: i64) -> LightRequest {
+    LightRequest {
         seconds: 0.0,
-        ball: super::super::light::SphereAt::Calibrated,
+        ball: crate::light::view::SphereAt::Calibrated,
         arrived_at: at(number),
         captured_at: at(number),
         exposure: None,
@@ -160,9 +164,9 @@ fn picture() -> Picture {
 #[test]
 fn in_the_dark_each_picture_waits_and_is_its_own_light() {
     let (lighter, _wishes) = lighter();
-    let mut lights = Lights::beside(lighter).unwrap();
+    let mut lights = LightScheduler::beside(lighter).unwrap();
     for number in 0..3 {
-        let note = lights.see(&seen(number), &picture(), Noted::Nothing);
+        let note = lights.see(&seen(number), &picture(), JournalEntry::None);
         let own = LightNote {
             seen: true,
             lit_by: Some(at(number)),
@@ -176,14 +180,14 @@ fn in_the_dark_each_picture_waits_and_is_its_own_light() {
 fn with_light_nothing_waits_and_one_picture_at_a_time_is_seen() {
     let (errands, waiting) = bounded(1);
     let (done, finished) = bounded(1);
-    let mut beside = Beside {
+    let mut beside = LightWorker {
         errands: Some(errands),
         finished,
         idle: true,
         spare: Picture::default(),
         thread: None,
     };
-    let mut force = Force::default();
+    let mut force = ActiveLight::default();
     force.enter(light_of(0));
     let mut see = |number| beside.see(&mut force, &seen(number), &picture());
     let note = |seen, lit_by| LightNote {
@@ -193,7 +197,7 @@ fn with_light_nothing_waits_and_one_picture_at_a_time_is_seen() {
     let begun = Instant::now();
     assert_eq!(see(1), note(true, 0));
     assert_eq!(see(2), note(false, 0));
-    let errand: Errand = waiting.try_recv().unwrap();
+    let errand: LightJob = waiting.try_recv().unwrap();
     assert_eq!(errand.picture, picture());
     assert!(done.send((light_of(1), errand)).is_ok());
     assert_eq!(see(3), note(true, 1));

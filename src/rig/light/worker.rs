@@ -1,17 +1,20 @@
 //! What a picture of the scene camera and the environment's beside it make of the light,
 //! on whichever thread that happens.
 
-use super::light::{LightStation, SceneView, SphereAt};
-use super::prepare::LightState;
-use super::scene_light::SceneLight;
+use crate::error::RigError;
+use crate::light::state::{ActiveLight, LightRequest, LightResult};
+use crate::light::updates::SceneUpdates;
+use crate::light::{estimator::LightEstimator, view::SceneView};
+use crossbeam_channel::{Receiver, Sender, bounded};
 use glam::Quat;
 use penumbra_config::Technique;
-use penumbra_interface::{Exposure, MonotonicTime, RigidTransform};
+use penumbra_interface::threads;
 use penumbra_lighting::{Lighting, cube};
 use penumbra_picture::Picture;
+use penumbra_session::LightNote;
 use penumbra_status::{Settings, environment_preview};
-use penumbra_sync::{EnvironmentSet, RigFrame};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use tokio::sync::watch;
 
@@ -20,113 +23,27 @@ const PREVIEW_ROWS: u32 = 128;
 /// Time between two previews.
 const PREVIEW_EVERY: Duration = Duration::from_secs(1);
 
-/// What the light is worked out from, beside the scene camera's pixels.
-#[derive(Clone)]
-pub(super) struct Seen {
-    /// Arrival of the scene camera's picture.
-    pub arrived_at: MonotonicTime,
-    /// Middle of its exposure.
-    pub captured_at: MonotonicTime,
-    /// The same, seconds after the session began.
-    pub seconds: f64,
-    /// As the camera reports it.
-    pub exposure: Option<Exposure>,
-    /// Its pose, if it is known.
-    pub world_from_camera: Option<RigidTransform>,
-    /// Where the mirrored sphere is.
-    pub ball: SphereAt,
-    /// The environment, as it was a little before.
-    pub environment: Option<Arc<EnvironmentSet>>,
-}
-
-impl Seen {
-    /// Of a paired picture; its pose may have been refused.
-    pub fn new(frame: &RigFrame, seconds: f64, world_from_camera: Option<RigidTransform>) -> Self {
-        Self {
-            arrived_at: frame.scene.arrived_at,
-            captured_at: frame.captured_at,
-            seconds,
-            exposure: frame.scene.exposure,
-            world_from_camera,
-            ball: SphereAt::Calibrated,
-            environment: frame.environment.as_ref().map(|e| Arc::clone(&e.set)),
-        }
-    }
-}
-
-/// A picture's light, worked out.
-pub(super) struct WorkedOut {
-    /// Arrival of the picture.
-    pub of: MonotonicTime,
-    /// The light, if it is another than before.
-    pub state: Option<LightState>,
-    /// How long it took.
-    pub took: Duration,
-    /// An environment picture that could not be read, and why.
-    pub unseen: Option<String>,
-    /// A new preview of the environment, now and then.
-    pub preview: Option<Arc<Picture>>,
-}
-
-/// What the light has to know of a changed scene: the newest that nobody has taken yet.
-#[derive(Clone, Default)]
-pub(super) struct SceneNews(Arc<Mutex<SceneChange>>);
-
-#[derive(Default)]
-struct SceneChange {
-    scene: Option<Box<SceneLight>>,
-    turn: Option<Quat>,
-}
-
-impl SceneNews {
-    /// Another scene is shown.
-    pub fn tell_scene(&self, scene: SceneLight) {
-        self.change(|news| {
-            let scene = match news.scene.take() {
-                Some(older) => scene.over(*older),
-                None => scene,
-            };
-            news.scene = Some(Box::new(scene));
-        });
-    }
-
-    /// The model and with it the dome of the planes' lights were turned.
-    pub fn tell_turn(&self, world_from_dome: Quat) {
-        self.change(|news| news.turn = Some(world_from_dome));
-    }
-
-    fn change(&self, change: impl FnOnce(&mut SceneChange)) {
-        change(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner));
-    }
-
-    fn take(&self) -> Option<SceneChange> {
-        let mut news = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let any = news.scene.is_some() || news.turn.is_some();
-        any.then(|| std::mem::take(&mut *news))
-    }
-}
-
 /// Works out light as the dashboard wishes it.
-pub(super) struct Lighter {
-    light: LightStation,
+pub(crate) struct LightUpdater {
+    light: LightEstimator,
     wished: watch::Receiver<Settings>,
     /// Of the geodesic dome, where planes are the technique.
     frequency: u32,
     technique: Technique,
-    news: SceneNews,
+    news: SceneUpdates,
     turn: Quat,
     generation: Option<u64>,
     previewed: Option<Instant>,
 }
 
-impl Lighter {
+impl LightUpdater {
     /// `technique` is what the rig begins with; `frequency` that of the geodesic dome.
     pub fn new(
-        light: LightStation,
+        light: LightEstimator,
         wished: watch::Receiver<Settings>,
         technique: Technique,
         frequency: u32,
-        news: SceneNews,
+        news: SceneUpdates,
     ) -> Self {
         let mut lighter = Self {
             light,
@@ -144,7 +61,7 @@ impl Lighter {
 
     /// The light of a picture. An environment picture that cannot be read leaves it as it
     /// was.
-    pub fn work_out(&mut self, seen: &Seen, picture: &Picture) -> WorkedOut {
+    pub fn work_out(&mut self, seen: &LightRequest, picture: &Picture) -> LightResult {
         let begun = Instant::now();
         self.take_scene();
         self.take_settings();
@@ -160,7 +77,7 @@ impl Lighter {
         let generation = self.light.lighting().map(|l| l.generation);
         let changed = generation != self.generation;
         self.generation = generation;
-        WorkedOut {
+        LightResult {
             of: seen.arrived_at,
             state: changed.then(|| self.light.state()),
             took: begun.elapsed(),
@@ -215,5 +132,101 @@ impl Lighter {
         let radiance = |d| cube::sample(&lighting.radiance, 0, d);
         let picture = environment_preview(PREVIEW_ROWS, radiance, &lighting.lights);
         Some(Arc::new(picture))
+    }
+}
+
+/// A picture on its way to the light and back: its memory is used again.
+pub(crate) struct LightJob {
+    pub(super) seen: LightRequest,
+    pub(super) picture: Picture,
+}
+
+/// The thread that works out light, and the way to it. Dropping it ends the thread.
+pub(crate) struct LightWorker {
+    pub(super) errands: Option<Sender<LightJob>>,
+    pub(super) finished: Receiver<(LightResult, LightJob)>,
+    /// The thread has nothing to do.
+    pub(super) idle: bool,
+    pub(super) spare: Picture,
+    pub(super) thread: Option<JoinHandle<()>>,
+}
+
+impl LightWorker {
+    pub fn start(mut lighter: LightUpdater) -> Result<Self, RigError> {
+        let (errands, waiting) = bounded::<LightJob>(1);
+        let (done, finished) = bounded(1);
+        let job = move || {
+            for errand in waiting {
+                let light = lighter.work_out(&errand.seen, &errand.picture);
+                if done.send((light, errand)).is_err() {
+                    return;
+                }
+            }
+        };
+        let thread = threads::spawn_background("light", job);
+        Ok(Self {
+            errands: Some(errands),
+            finished,
+            idle: true,
+            spare: Picture::default(),
+            thread: Some(thread.map_err(|source| RigError::Thread { source })?),
+        })
+    }
+
+    /// Puts into force what is finished, and hands over this picture if nothing is under
+    /// way.
+    pub fn see(
+        &mut self,
+        force: &mut ActiveLight,
+        seen: &LightRequest,
+        picture: &Picture,
+    ) -> LightNote {
+        if let Ok(finished) = self.finished.try_recv() {
+            self.take(force, finished);
+        }
+        let sees = self.idle && self.hand_over(seen, picture);
+        // The first light is waited for.
+        let lit_by = if sees && force.is_dark() {
+            Some(seen.arrived_at)
+        } else {
+            force.of
+        };
+        LightNote { seen: sees, lit_by }
+    }
+
+    fn hand_over(&mut self, seen: &LightRequest, picture: &Picture) -> bool {
+        let mut copy = std::mem::take(&mut self.spare);
+        copy.copy_from(picture);
+        let errand = LightJob {
+            seen: seen.clone(),
+            picture: copy,
+        };
+        let errands = self.errands.as_ref();
+        let sent = errands.is_some_and(|errands| errands.send(errand).is_ok());
+        self.idle = !sent;
+        sent
+    }
+
+    fn take(&mut self, force: &mut ActiveLight, (light, errand): (LightResult, LightJob)) {
+        force.enter(light);
+        self.spare = errand.picture;
+        self.idle = true;
+    }
+
+    pub fn wait(&mut self, force: &mut ActiveLight) {
+        if !self.idle
+            && let Ok(finished) = self.finished.recv()
+        {
+            self.take(force, finished);
+        }
+    }
+}
+
+impl Drop for LightWorker {
+    fn drop(&mut self) {
+        self.errands = None;
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
     }
 }

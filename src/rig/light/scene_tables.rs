@@ -1,9 +1,9 @@
 //! What the light's station keeps of the scene: made anew, beside the frame path, when the
 //! scene is changed.
 
-use super::RigError;
-use super::near_light::NearStation;
-use super::watch::{GroundWatch, PhantomWatch};
+use crate::error::RigError;
+use crate::light::indirect::IndirectLight;
+use crate::light::surfaces::{GroundRadiance, PhantomSurfaces};
 use glam::DVec3;
 use penumbra_camera::EnvironmentView;
 use penumbra_config::{Clipped, Config};
@@ -14,10 +14,10 @@ use penumbra_white_balance::raycast::{GROUND, PhantomCaster};
 use std::sync::Arc;
 
 /// What depends on real things alone.
-pub(super) struct RealLight {
+pub(crate) struct RealLight {
     /// None where the one in use stays as it is.
     pub estimator: Option<EnvironmentEstimator>,
-    pub phantoms: PhantomWatch,
+    pub phantoms: PhantomSurfaces,
     pub rays: Arc<PhantomCaster>,
 }
 
@@ -33,16 +33,16 @@ impl RealLight {
         let estimator = wanted.then(|| estimator(rig, config, &rays, scene));
         Ok(Self {
             estimator: estimator.transpose()?.flatten(),
-            phantoms: PhantomWatch::new(rig, scene),
+            phantoms: PhantomSurfaces::new(rig, scene),
             rays,
         })
     }
 }
 
 /// What depends on the whole scene.
-pub(super) struct SceneLight {
-    pub near: NearStation,
-    pub ground: GroundWatch,
+pub(crate) struct SceneLight {
+    pub near: IndirectLight,
+    pub ground: GroundRadiance,
     /// Whether anything wants Phong's lobes.
     pub phong: bool,
     /// None where real things are what they were.
@@ -68,8 +68,8 @@ impl SceneLight {
             None => Arc::new(PhantomCaster::new(scene)),
         };
         Ok(Self {
-            near: NearStation::new(scene, casters),
-            ground: GroundWatch::new(rig, scene, rays),
+            near: IndirectLight::new(scene, casters),
+            ground: GroundRadiance::new(rig, scene, rays),
             phong: scene.has_phong(),
             real,
         })
@@ -97,7 +97,7 @@ fn stands_among(rig: &RigCalibration) -> bool {
 }
 
 /// A real thing other than the ground and the mirror itself ends the ray.
-pub(super) fn hides(rays: &PhantomCaster, origin: DVec3, direction: DVec3) -> bool {
+pub(crate) fn hides(rays: &PhantomCaster, origin: DVec3, direction: DVec3) -> bool {
     rays.cast(origin, direction)
         .is_some_and(|hit| !hit.mirror && hit.surface != GROUND)
 }

@@ -41,7 +41,7 @@ fn hand(t: f64) -> DQuat {
     DQuat::from_scaled_axis(swing)
 }
 
-fn watched(mut watch: LatencyWatch) -> (LatencyWatch, Followed) {
+fn watched(mut watch: LatencyMonitor) -> (LatencyMonitor, Followed) {
     let stamp = |t: f64| MonotonicTime::from_nanos((t * 1e9) as i64);
     for i in 0..12 * 60 {
         let t = f64::from(i) / 60.0;
@@ -53,15 +53,15 @@ fn watched(mut watch: LatencyWatch) -> (LatencyWatch, Followed) {
         });
         if i % 4 == 0 {
             let pose = RigidTransform::new(hand(t), DVec3::X);
-            watch.look(stamp(t), &Picture::default(), Some(pose));
+            watch.picture(stamp(t), &Picture::default(), Some(pose));
         }
     }
     let known = watch.finish();
     (watch, known)
 }
 
-fn watch(way: Way, apply: bool) -> LatencyWatch {
-    LatencyWatch {
+fn watch(mode: Way, apply: bool) -> LatencyMonitor {
+    LatencyMonitor {
         station: Some(2),
         apply,
         way,
@@ -71,14 +71,15 @@ fn watch(way: Way, apply: bool) -> LatencyWatch {
 
 #[test]
 fn beside_and_inline_the_same_is_found_and_only_where_wished_it_comes_into_force() {
-    let beside = || Way::Beside(Beside::start(Watcher::default(), true).unwrap());
+    let beside =
+        || Mode::MonitorThread(MonitorThread::start(Measurement::default(), true).unwrap());
     let (told, by_thread) = watched(watch(beside(), false));
-    let (applied, inline) = watched(watch(Way::Inline(Box::default()), true));
+    let (applied, inline) = watched(watch(Mode::SameThread(Box::default()), true));
     assert_eq!(by_thread, inline);
     let measured = inline.measured.unwrap();
     assert!((measured.seconds - 0.035).abs() < 5e-4, "{measured:?}");
-    assert_eq!(told.wished_latency(), None);
-    let wished = applied.wished_latency().unwrap();
+    assert_eq!(told.requested_latency(), None);
+    let wished = applied.requested_latency().unwrap();
     assert!((wished - 35_000_000).abs() < 500_000, "{wished}");
     // Of another station nothing is known.
     let mut other = watch(beside(), true);
@@ -89,13 +90,13 @@ fn beside_and_inline_the_same_is_found_and_only_where_wished_it_comes_into_force
 #[test]
 fn a_live_rig_drops_what_its_thread_cannot_take() {
     let mut live = watch(
-        Way::Beside(Beside::start(Watcher::default(), false).unwrap()),
+        Mode::MonitorThread(MonitorThread::start(Measurement::default(), false).unwrap()),
         false,
     );
     let textured = picture(160, 120, |x, y| (x * 7 + y * 13) as u8);
     for i in 0..200 {
         let at = MonotonicTime::from_nanos(i * 70_000_000);
-        live.look(at, &textured, None);
+        live.picture(at, &textured, None);
     }
     // It ends, whatever was on its way.
     drop(live);

@@ -1,10 +1,15 @@
 //! What the rig believes about the light of a session: `penumbra light SESSION`.
 
-use super::feed::{Fed, Feed};
-use super::light::{LightStation, SceneView, SphereAt};
-use super::source::Source;
-use super::{RigError, RigSetup};
+use crate::error::RigError;
+use crate::feed::Feed;
+use crate::light::{
+    estimator::LightEstimator,
+    view::{SceneView, SphereAt},
+};
+use crate::setup::RigSetup;
+use crate::source::Source;
 use glam::{DMat3, DVec3, Mat3};
+use penumbra_capture::Next;
 use penumbra_config::Config;
 use penumbra_interface::RigidTransform;
 use penumbra_lighting::{LightReport, Lighting};
@@ -21,15 +26,15 @@ use std::sync::Arc;
 pub fn light_of_session(session: &Session, config: &Config) -> Result<LightReport, RigError> {
     let source = Source::Recorded(session.clone());
     let setup = RigSetup::read(&source, config)?;
-    let mut station = LightStation::new(&setup, config, &|name| session.attachment(name))?;
-    let pairing = super::settings::pairing_config(&setup.calibration).with_full_windows();
+    let mut station = LightEstimator::new(&setup, config, &|name| session.attachment(name))?;
+    let pairing = crate::settings::pairing_config(&setup.calibration).with_full_windows();
     let mut feed = Feed::new(&source, &setup.calibration, pairing, false);
     let none = || RigError::NoLight {
         path: session.path().to_owned(),
     };
     let mut picture = Picture::default();
-    while let Fed::Frame(fed) = feed.next_picture() {
-        let frame = fed.frame;
+    while let Next::Item(journaled) = feed.next_picture(None) {
+        let frame = journaled.frame;
         if decode_into(&frame.scene, &config.input.encoding(), &mut picture).is_err() {
             continue;
         }
@@ -52,7 +57,7 @@ pub fn light_of_session(session: &Session, config: &Config) -> Result<LightRepor
 /// `None` if the rig has no view of the environment.
 fn belief(
     setup: &RigSetup,
-    station: &mut LightStation,
+    station: &mut LightEstimator,
     lighting: Arc<Lighting>,
     pose: Option<RigidTransform>,
 ) -> Result<Option<LightReport>, RigError> {

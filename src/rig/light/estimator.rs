@@ -1,17 +1,19 @@
 //! The light at the scene camera's white point: environment pictures, gains and the
 //! ground's radiance become [`Lighting`].
 
-use super::near_light::NearStation;
-use super::prepare::LightState;
-use super::registration::UNTOLD_SIGMA;
-use super::scene_light::{RealLight, SceneLight, hides};
-use super::watch::{GroundWatch, PhantomWatch};
-use super::{RigError, RigSetup};
+use crate::error::RigError;
+use crate::light::indirect::IndirectLight;
+use crate::light::scene_tables::{RealLight, SceneLight, hides};
+use crate::light::state::LightState;
+use crate::light::surfaces::{GroundRadiance, PhantomSurfaces};
+use crate::light::view::{SceneView, SphereAt};
+use crate::registration::UNTOLD_SIGMA;
+use crate::setup::RigSetup;
 use glam::{DVec3, Mat3, Quat, Vec3};
 use penumbra_camera::EnvironmentView;
 use penumbra_camera::Response;
 use penumbra_config::{Config, Unseen, WhiteBalanceMethod};
-use penumbra_interface::{Exposure, MonotonicTime, RigidTransform};
+use penumbra_interface::RigidTransform;
 use penumbra_lighting::Filtering;
 use penumbra_lighting::{
     BallSeen, Bracket, EnvironmentEstimator, EnvironmentInput, LightPlacement, Lighting,
@@ -39,11 +41,11 @@ const OVERLAP_EVERY: u32 = 5;
 const KNOWN_SPACING: u32 = 32;
 
 /// Turns environment pictures into light.
-pub struct LightStation {
+pub struct LightEstimator {
     estimator: Option<EnvironmentEstimator>,
     photometry: PhotometricMatch,
-    ground: GroundWatch,
-    phantoms: PhantomWatch,
+    ground: GroundRadiance,
+    phantoms: PhantomSurfaces,
     rays: Arc<PhantomCaster>,
     rig: RigCalibration,
     yuv: YuvEncoding,
@@ -51,38 +53,13 @@ pub struct LightStation {
     decoded: Vec<Picture>,
     generation: Option<u64>,
     lighting: Option<Arc<Lighting>>,
-    near: NearStation,
+    near: IndirectLight,
     /// Since the session began.
     seconds: f64,
     since_overlap: u32,
 }
 
-/// Where a mirrored sphere in the scene camera's picture is.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum SphereAt {
-    /// Where the calibration says.
-    Calibrated,
-    /// There.
-    Seen(BallSeen),
-    /// Carried about, and its marker is not seen: this picture shows no light.
-    Lost,
-}
-
-/// What the scene camera saw at the instant that needs light.
-pub struct SceneView<'a> {
-    /// Its picture.
-    pub picture: &'a Picture,
-    /// Its pose, if it is known.
-    pub world_from_camera: Option<RigidTransform>,
-    /// Where the mirrored sphere is, where the rig has one in its picture.
-    pub ball: SphereAt,
-    /// Middle of its exposure.
-    pub captured_at: MonotonicTime,
-    /// As the camera reports it.
-    pub exposure: Option<Exposure>,
-}
-
-impl LightStation {
+impl LightEstimator {
     /// Builds the tables of the rig's view and matches the chart, if `files` has one.
     ///
     /// # Errors
@@ -106,7 +83,7 @@ impl LightStation {
         Ok(Self {
             estimator,
             photometry,
-            ground: GroundWatch::new(&rig, &setup.scene, rays.clone()),
+            ground: GroundRadiance::new(&rig, &setup.scene, rays.clone()),
             phantoms,
             rays,
             rig,
@@ -115,7 +92,7 @@ impl LightStation {
             decoded: Vec::new(),
             generation: None,
             lighting: None,
-            near: NearStation::new(&setup.scene, &casters(&setup.scene)),
+            near: IndirectLight::new(&setup.scene, &casters(&setup.scene)),
             seconds: 0.0,
             since_overlap: 0,
         })
@@ -287,7 +264,7 @@ impl LightStation {
     }
 
     /// Goes on with another scene.
-    pub(super) fn take_scene(&mut self, scene: SceneLight) {
+    pub(crate) fn take_scene(&mut self, scene: SceneLight) {
         let SceneLight {
             mut near,
             mut ground,
@@ -423,10 +400,10 @@ fn photometry_settings(config: &Config) -> PhotometrySettings {
     }
 }
 
-pub(super) type ChartResult = Result<ChartMatch, ChartError>;
+pub(crate) type ChartResult = Result<ChartMatch, ChartError>;
 
 /// What the calibration's pictures of a colour chart say, where it has any.
-pub(super) fn chart_match(
+pub(crate) fn chart_match(
     rig: &RigCalibration,
     files: &Attachments,
     matrix: bool,

@@ -19,7 +19,7 @@ const PERIOD: f64 = 0.5;
 const FAR_ENOUGH: f64 = 0.02;
 
 /// See the module.
-pub(super) struct NearStation {
+pub(crate) struct IndirectLight {
     near: Option<NearField>,
     /// The scene and its casters, where something of it moves.
     moving: Option<Moving>,
@@ -42,7 +42,7 @@ struct Moving {
     far_enough: f64,
 }
 
-impl NearStation {
+impl IndirectLight {
     /// Of `scene`, where it is at its beginning; `casters` are its virtual parts.
     pub fn new(scene: &Scene, casters: &[Part]) -> Self {
         Self {

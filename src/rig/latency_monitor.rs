@@ -1,14 +1,15 @@
 //! Measures the tracker's latency while the rig runs, on a thread of its own.
 //!
 //! A live rig's frames never wait for it: what it cannot take is dropped. Nobody waits for the
-//! frames of a recording, so that it is told everything there; and where what it finds comes
+//! frames of a recording, so that it is received everything there; and where what it finds comes
 //! into force, the recording's frames wait for it, so that the same recording gives the same
 //! pictures.
 
 mod shrink;
 
-use super::source::Source;
-use super::{RigError, RigSetup};
+use crate::error::RigError;
+use crate::setup::RigSetup;
+use crate::source::Source;
 use crossbeam_channel::{Receiver, Sender, bounded};
 use glam::DQuat;
 use penumbra_calibration::intrinsics::Grey;
@@ -40,41 +41,43 @@ pub struct LatencyState {
     pub followed: Option<Followed>,
 }
 
-/// What the thread is told.
-enum Fact {
+/// What the thread is received.
+enum Message {
     Reading(MonotonicTime, RigidTransform),
     Pose(MonotonicTime, DQuat),
     Picture(MonotonicTime, Grey),
     /// Another loop begins.
     Restart,
-    /// All has been told; an answer is waited for.
+    /// All has been received; an answer is waited for.
     Finish,
 }
 
 /// The way to whoever measures. Dropping it ends the thread.
-pub(super) struct LatencyWatch {
+pub(super) struct LatencyMonitor {
     station: Option<u8>,
     apply: bool,
-    way: Way,
+    mode: Mode,
     last_picture: Option<MonotonicTime>,
+    /// The measured latency to be used, as of the last picture, nanoseconds.
+    requested: Option<i64>,
 }
 
-enum Way {
-    Inline(Box<Watcher>),
-    Beside(Beside),
+enum Mode {
+    SameThread(Box<Measurement>),
+    MonitorThread(MonitorThread),
 }
 
-struct Beside {
-    facts: Option<Sender<Fact>>,
+struct MonitorThread {
+    messages: Option<Sender<Message>>,
     spares: Receiver<Grey>,
     finished: Receiver<()>,
     known: Arc<Mutex<Followed>>,
-    /// Everything is told, though the frames wait.
+    /// Everything is received, though the frames wait.
     lossless: bool,
     thread: Option<JoinHandle<()>>,
 }
 
-impl LatencyWatch {
+impl LatencyMonitor {
     /// Of a rig with a tracker; `None` where nobody wants to know.
     ///
     /// # Errors
@@ -90,17 +93,18 @@ impl LatencyWatch {
             return Ok(None);
         }
         let apply = wanted == FollowLatency::Apply;
-        let watcher = Watcher::of(Mounted::scene_camera(&setup.calibration));
-        let way = if apply && !source.is_live() {
-            Way::Inline(Box::new(watcher))
+        let measurement = Measurement::of(Mounted::scene_camera(&setup.calibration));
+        let mode = if apply && !source.is_live() {
+            Mode::SameThread(Box::new(measurement))
         } else {
-            Way::Beside(Beside::start(watcher, !source.is_live())?)
+            Mode::MonitorThread(MonitorThread::start(measurement, !source.is_live())?)
         };
         Ok(Some(Self {
             station,
             apply,
-            way,
+            mode,
             last_picture: None,
+            requested: None,
         }))
     }
 
@@ -108,19 +112,29 @@ impl LatencyWatch {
     pub fn reading(&mut self, sample: &PoseSample) {
         if self.station == Some(sample.station) {
             let pose = sample.transmitter_from_sensor;
-            self.tell(Fact::Reading(sample.arrived_at, pose));
+            self.send(Message::Reading(sample.arrived_at, pose));
         }
     }
 
     /// A picture of the scene camera, and its pose by markers where it has one.
-    pub fn look(
+    pub fn picture(
+        &mut self,
+        captured_at: MonotonicTime,
+        picture: &Picture,
+        by_markers: Option<RigidTransform>,
+    ) {
+        self.send_picture(captured_at, picture, by_markers);
+        self.requested = self.confident_latency().or(self.requested);
+    }
+
+    fn send_picture(
         &mut self,
         captured_at: MonotonicTime,
         picture: &Picture,
         by_markers: Option<RigidTransform>,
     ) {
         if let Some(pose) = by_markers {
-            self.tell(Fact::Pose(captured_at, pose.rotation));
+            self.send(Message::Pose(captured_at, pose.rotation));
             return;
         }
         let last = self.last_picture;
@@ -130,20 +144,37 @@ impl LatencyWatch {
         if let Some(mut small) = self.spare() {
             shrink(picture, &mut small);
             self.last_picture = Some(captured_at);
-            self.tell(Fact::Picture(captured_at, small));
+            self.send(Message::Picture(captured_at, small));
         }
     }
 
     /// What was measured so far.
     pub fn known(&self) -> Followed {
-        match &self.way {
-            Way::Inline(watcher) => watcher.follower.known(),
-            Way::Beside(beside) => *beside.known.lock().unwrap_or_else(PoisonError::into_inner),
+        match &self.mode {
+            Mode::SameThread(measurement) => measurement.follower.known(),
+            Mode::MonitorThread(worker) => {
+                *worker.known.lock().unwrap_or_else(PoisonError::into_inner)
+            }
         }
     }
 
-    /// The latency to come into force, nanoseconds, if it is sure and wished.
-    pub fn wished_latency(&self) -> Option<i64> {
+    /// Returns the latency to use for pairing, nanoseconds; `None` while none is known well
+    /// enough or where it is only to be reported.
+    pub const fn requested_latency(&self) -> Option<i64> {
+        self.requested
+    }
+
+    /// Returns the latency and what was measured of it. With `is_over`, waits for the estimate
+    /// from all that was sent; a live rig does not wait.
+    pub fn state(&mut self, active_nanos: i64, is_over: bool) -> LatencyState {
+        let followed = if is_over { self.finish() } else { self.known() };
+        LatencyState {
+            in_force_nanos: active_nanos,
+            followed: Some(followed),
+        }
+    }
+
+    fn confident_latency(&self) -> Option<i64> {
         let measured = self.known().measured.filter(|m| m.sigma < SURE);
         Some((measured.filter(|_| self.apply)?.seconds * 1e9) as i64)
     }
@@ -151,45 +182,46 @@ impl LatencyWatch {
     /// Time begins anew.
     pub fn restart(&mut self) {
         self.last_picture = None;
-        self.tell(Fact::Restart);
+        self.requested = None;
+        self.send(Message::Restart);
     }
 
-    /// All has been told: what is known of it. A live rig does not wait.
+    /// All has been received: what is known of it. A live rig does not wait.
     pub fn finish(&mut self) -> Followed {
-        self.tell(Fact::Finish);
-        if let Way::Beside(beside) = &self.way
-            && beside.lossless
+        self.send(Message::Finish);
+        if let Mode::MonitorThread(worker) = &self.mode
+            && worker.lossless
         {
             // Gone is finished, too.
-            let _ = beside.finished.recv();
+            let _ = worker.finished.recv();
         }
         self.known()
     }
 
-    fn tell(&mut self, fact: Fact) {
-        match &mut self.way {
-            Way::Inline(watcher) => {
-                watcher.take(fact);
+    fn send(&mut self, message: Message) {
+        match &mut self.mode {
+            Mode::SameThread(measurement) => {
+                measurement.take(message);
             }
-            Way::Beside(beside) => beside.tell(fact),
+            Mode::MonitorThread(worker) => worker.send(message),
         }
     }
 
     /// Memory for a small picture; none where so many are on their way that one is too many.
     fn spare(&mut self) -> Option<Grey> {
-        match &mut self.way {
-            Way::Inline(watcher) => Some(watcher.spare.take().unwrap_or_else(none)),
-            Way::Beside(beside) if beside.lossless => {
-                Some(beside.spares.try_recv().unwrap_or_else(|_| none()))
+        match &mut self.mode {
+            Mode::SameThread(measurement) => Some(measurement.spare.take().unwrap_or_else(none)),
+            Mode::MonitorThread(worker) if worker.lossless => {
+                Some(worker.spares.try_recv().unwrap_or_else(|_| none()))
             }
-            Way::Beside(beside) => beside.spares.try_recv().ok(),
+            Mode::MonitorThread(worker) => worker.spares.try_recv().ok(),
         }
     }
 }
 
-impl Beside {
-    fn start(mut watcher: Watcher, lossless: bool) -> Result<Self, RigError> {
-        let (facts, told) = bounded::<Fact>(WAITING);
+impl MonitorThread {
+    fn start(mut measurement: Measurement, lossless: bool) -> Result<Self, RigError> {
+        let (messages, received) = bounded::<Message>(WAITING);
         let (spare, spares) = bounded(PICTURES);
         for _ in 0..PICTURES {
             let _ = spare.try_send(none());
@@ -198,13 +230,13 @@ impl Beside {
         let known = Arc::new(Mutex::new(Followed::default()));
         let shared = Arc::clone(&known);
         let job = move || {
-            for fact in told {
-                let finish = matches!(fact, Fact::Finish);
-                if watcher.take(fact) {
+            for message in received {
+                let finish = matches!(message, Message::Finish);
+                if measurement.take(message) {
                     *shared.lock().unwrap_or_else(PoisonError::into_inner) =
-                        watcher.follower.known();
+                        measurement.follower.known();
                 }
-                if let Some(small) = watcher.spare.take() {
+                if let Some(small) = measurement.spare.take() {
                     let _ = spare.try_send(small);
                 }
                 if finish {
@@ -214,7 +246,7 @@ impl Beside {
         };
         let thread = threads::spawn_background("latency", job);
         Ok(Self {
-            facts: Some(facts),
+            messages: Some(messages),
             spares,
             finished,
             known,
@@ -223,20 +255,22 @@ impl Beside {
         })
     }
 
-    /// A fact that a live rig's thread has no time for is lost: the next ones say as much.
-    fn tell(&self, fact: Fact) {
-        let Some(facts) = &self.facts else { return };
+    /// A message that a live rig's thread has no time for is lost: the next ones say as much.
+    fn send(&self, message: Message) {
+        let Some(messages) = &self.messages else {
+            return;
+        };
         if self.lossless {
-            let _ = facts.send(fact);
+            let _ = messages.send(message);
         } else {
-            let _ = facts.try_send(fact);
+            let _ = messages.try_send(message);
         }
     }
 }
 
-impl Drop for Beside {
+impl Drop for MonitorThread {
     fn drop(&mut self) {
-        self.facts = None;
+        self.messages = None;
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }
@@ -245,13 +279,13 @@ impl Drop for Beside {
 
 /// Who measures.
 #[derive(Default)]
-struct Watcher {
+struct Measurement {
     follower: Follower,
     /// A small picture that was looked at.
     spare: Option<Grey>,
 }
 
-impl Watcher {
+impl Measurement {
     fn of(mounted: Option<Mounted>) -> Self {
         Self {
             follower: Follower::new(mounted),
@@ -260,16 +294,16 @@ impl Watcher {
     }
 
     /// Whether something else is known now.
-    fn take(&mut self, fact: Fact) -> bool {
-        match fact {
-            Fact::Reading(at, pose) => self.follower.reading(at, pose),
-            Fact::Pose(at, rotation) => self.follower.pose(at, rotation),
-            Fact::Picture(at, small) => {
+    fn take(&mut self, message: Message) -> bool {
+        match message {
+            Message::Reading(at, pose) => self.follower.reading(at, pose),
+            Message::Pose(at, rotation) => self.follower.pose(at, rotation),
+            Message::Picture(at, small) => {
                 self.follower.picture(at, &small);
                 self.spare = Some(small);
             }
-            Fact::Restart => self.follower.restart(),
-            Fact::Finish => {
+            Message::Restart => self.follower.restart(),
+            Message::Finish => {
                 self.follower.estimate();
                 return true;
             }

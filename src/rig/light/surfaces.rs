@@ -1,6 +1,6 @@
 //! What the scene camera's picture tells of the real surfaces around the virtual objects.
 
-use super::light::SceneView;
+use crate::light::view::SceneView;
 use glam::{DVec2, Vec3};
 use penumbra_camera::Vignetting;
 use penumbra_camera::{PinholeCamera, Response};
@@ -17,7 +17,7 @@ use std::sync::Arc;
 
 /// Watches the radiance of the ground around the virtual objects in the scene camera's
 /// picture: what the lower hemisphere holds, where the environment camera looks up.
-pub(super) struct GroundWatch {
+pub(crate) struct GroundRadiance {
     points: Vec<Vec3>,
     rays: Arc<PhantomCaster>,
     camera: PinholeCamera,
@@ -36,8 +36,8 @@ fn evenness(vignetting: Option<Vignetting>, pixel: DVec2) -> f32 {
     vignetting.map_or(1.0, |v| v.at(pixel) as f32)
 }
 
-impl GroundWatch {
-    pub(super) fn new(rig: &RigCalibration, scene: &Scene, rays: Arc<PhantomCaster>) -> Self {
+impl GroundRadiance {
+    pub(crate) fn new(rig: &RigCalibration, scene: &Scene, rays: Arc<PhantomCaster>) -> Self {
         let points = scene
             .ground_height
             .map(|height| points_around(scene, height as f32))
@@ -54,11 +54,11 @@ impl GroundWatch {
     }
 
     /// Goes on with what `before` has seen.
-    pub(super) fn follow(&mut self, before: &Self) {
+    pub(crate) fn follow(&mut self, before: &Self) {
         self.radiance = before.radiance;
     }
 
-    pub(super) fn look(&mut self, scene: &SceneView<'_>) {
+    pub(crate) fn look(&mut self, scene: &SceneView<'_>) {
         let Some(pose) = scene.world_from_camera else {
             return;
         };
@@ -102,7 +102,7 @@ impl GroundWatch {
         })
     }
 
-    pub(super) const fn radiance(&self) -> Option<Vec3> {
+    pub(crate) const fn radiance(&self) -> Option<Vec3> {
         self.radiance
     }
 }
@@ -136,7 +136,7 @@ fn points_around(scene: &Scene, height: f32) -> Vec<Vec3> {
 }
 
 /// Watches the radiance of the phantoms' sides.
-pub(super) struct PhantomWatch {
+pub(crate) struct PhantomSurfaces {
     rays: PhantomRays,
     camera: PinholeCamera,
     response: Response,
@@ -154,8 +154,8 @@ const ENOUGH: f32 = 4.0;
 /// Reflectance of a phantom that was never seen and whose owner states none.
 const USUAL_ALBEDO: f32 = 0.3;
 
-impl PhantomWatch {
-    pub(super) fn new(rig: &RigCalibration, scene: &Scene) -> Self {
+impl PhantomSurfaces {
+    pub(crate) fn new(rig: &RigCalibration, scene: &Scene) -> Self {
         let parts: Vec<Part> = solid_phantoms(scene).cloned().collect();
         let scene_camera = &rig.scene_camera;
         Self {
@@ -169,7 +169,7 @@ impl PhantomWatch {
         }
     }
 
-    pub(super) fn look(&mut self, scene: &SceneView<'_>) {
+    pub(crate) fn look(&mut self, scene: &SceneView<'_>) {
         let Some(pose) = scene.world_from_camera else {
             return;
         };
@@ -194,7 +194,7 @@ impl PhantomWatch {
     }
 
     /// Mean of all sides that were seen but mirrors'.
-    pub(super) fn mean(&self) -> Option<Vec3> {
+    pub(crate) fn mean(&self) -> Option<Vec3> {
         let parts = self
             .parts
             .iter()
@@ -216,7 +216,7 @@ impl PhantomWatch {
 
     /// Radiance of all sides under `lighting`: as seen, or, for the others, what the part's
     /// colour makes of the light that falls there.
-    pub(super) fn radiance(&mut self, lighting: &Lighting) -> &PhantomRadiance {
+    pub(crate) fn radiance(&mut self, lighting: &Lighting) -> &PhantomRadiance {
         let irradiance = AXES.map(|n| irradiance(lighting, n));
         for ((part, seen), radiance) in self.parts.iter().zip(&self.seen).zip(&mut self.radiance) {
             let albedo = albedo(part, seen, &irradiance);
