@@ -6,6 +6,7 @@ use penumbra_config::Config;
 use penumbra_interface::threads;
 use penumbra_interface::{Frame, PixelFormat, RigidTransform};
 use penumbra_rig_model::RigDocument;
+use penumbra_session::LightNote;
 use penumbra_session::SessionWriter;
 use std::io::Cursor;
 use std::path::Path;

@@ -60,17 +60,18 @@ fn watched(mut watch: LatencyMonitor) -> (LatencyMonitor, Followed) {
     (watch, known)
 }
 
-fn watch(mode: Way, apply: bool) -> LatencyMonitor {
+fn watch(mode: Mode, apply: bool) -> LatencyMonitor {
     LatencyMonitor {
         station: Some(2),
         apply,
-        way,
+        mode,
+        requested: None,
         last_picture: None,
     }
 }
 
 #[test]
-fn beside_and_inline_the_same_is_found_and_only_where_wished_it_comes_into_force() {
+fn both_modes_measure_the_same_latency_and_only_apply_requests_it() {
     let beside =
         || Mode::MonitorThread(MonitorThread::start(Measurement::default(), true).unwrap());
     let (told, by_thread) = watched(watch(beside(), false));
@@ -88,7 +89,7 @@ fn beside_and_inline_the_same_is_found_and_only_where_wished_it_comes_into_force
 }
 
 #[test]
-fn a_live_rig_drops_what_its_thread_cannot_take() {
+fn live_monitor_drops_pictures_while_its_thread_is_busy() {
     let mut live = watch(
         Mode::MonitorThread(MonitorThread::start(Measurement::default(), false).unwrap()),
         false,
