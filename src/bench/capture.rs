@@ -147,7 +147,7 @@ impl Tally {
     fn add(&mut self, prepared: &PreparedFrame) {
         self.decoding.push(prepared.decoding.as_secs_f64() * 1e3);
         self.lighting.push(prepared.lighting.as_secs_f64() * 1e3);
-        self.passed_over += prepared.passed_over;
+        self.passed_over += prepared.skipped;
         self.posed += u64::from(prepared.world_from_camera.is_some());
     }
 
