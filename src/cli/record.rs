@@ -2,7 +2,7 @@
 
 use anyhow::{Context, bail};
 use clap::Args;
-use penumbra_capture::{Account, Condition};
+use penumbra_capture::{DeviceReport, DeviceStatus};
 use penumbra_config::Config;
 use penumbra_interface::DeviceKind;
 use penumbra_rig::service::Service;
@@ -74,7 +74,7 @@ pub fn run(args: &RecordArgs) -> anyhow::Result<ExitCode> {
     let recording = recorder.stop();
     let mut accounts = Vec::new();
     for device in live.supervised() {
-        let condition = device.condition();
+        let condition = device.status();
         match &condition.reason {
             Some(trouble) if condition.received == 0 => super::warn(format_args!(
                 "no data from {}: {trouble}",
@@ -98,8 +98,8 @@ pub fn run(args: &RecordArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Data that a device delivered, and its errors.
-fn account_in_words(kind: DeviceKind, condition: &Condition) -> String {
+/// What a device delivered, and what went wrong on the way.
+fn account_in_words(kind: DeviceKind, condition: &DeviceStatus) -> String {
     let mut words = vec![format!("{} delivered", condition.received)];
     let mut count = |n: u64, what: &str| {
         if n > 0 {
@@ -107,10 +107,10 @@ fn account_in_words(kind: DeviceKind, condition: &Condition) -> String {
         }
     };
     count(condition.losses, "times away");
-    let identity = match &condition.account {
-        Account::None => "",
-        Account::Tracker(report) => &report.identity,
-        Account::Camera(report) => {
+    let identity = match &condition.report {
+        DeviceReport::None => "",
+        DeviceReport::Tracker(report) => &report.identity,
+        DeviceReport::Camera(report) => {
             let counters = report.counters;
             count(counters.lost, "lost");
             count(counters.damaged.max(condition.damaged), "damaged");
