@@ -4,7 +4,7 @@
 //! Three methods check one another: [`chart`] compares two pictures of the same colour chart;
 //! [`gather`] finds surfaces that both cameras see now and [`overlap`] compares them, filtered
 //! over time; [`reflectance`] predicts the colour of a known surface from the measured light.
-//! [`PhotometricMatch`] selects the gains to use. The reflectance of a mirrored sphere is no part
+//! [`WhiteBalanceMatch`] selects the gains to use. The reflectance of a mirrored sphere is no part
 //! of the gains: the environment estimator divides by it.
 
 pub mod colour;
@@ -31,6 +31,6 @@ mod selection;
 
 pub use exposure::ExposureRatio;
 pub use gains::GainEstimate;
-pub use selection::PhotometricMatch;
-pub use settings::{CalibratedGains, MatchMethod, PhotometrySettings, Provenance};
+pub use selection::WhiteBalanceMatch;
+pub use settings::{CalibratedGains, Provenance, WhiteBalanceMethod, WhiteBalanceSettings};
 pub use status::{MatchStatus, MethodStatus};

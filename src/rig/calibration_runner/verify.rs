@@ -11,7 +11,7 @@ use penumbra_config::Config;
 use penumbra_rig_model::Attachments;
 use penumbra_rig_model::RigDocument;
 use penumbra_scene::RayCaster;
-use penumbra_white_balance::{PhotometricMatch, PhotometrySettings};
+use penumbra_white_balance::{WhiteBalanceMatch, WhiteBalanceSettings};
 
 /// As the dashboard shows it.
 pub(super) const KIND: StepKind = StepKind {
@@ -51,7 +51,7 @@ pub fn verify_step(
         .environment
         .as_ref()
         .is_some_and(|e| matches!(e.view, EnvironmentView::SphereInScene { .. }));
-    let mut photometry = PhotometricMatch::new(PhotometrySettings::default(), same_camera);
+    let mut photometry = WhiteBalanceMatch::new(WhiteBalanceSettings::default(), same_camera);
     if !same_camera && let Some(chart) = chart_match(rig, files, false)? {
         photometry.set_chart(chart);
     }

@@ -31,7 +31,7 @@ use penumbra_white_balance::reflectance::{
     ReflectanceOptions, estimate_reflectance, gather_known, grey_world, irradiance_at,
     irradiance_past,
 };
-use penumbra_white_balance::{MatchMethod, MatchStatus, PhotometricMatch, PhotometrySettings};
+use penumbra_white_balance::{MatchStatus, WhiteBalanceMatch, WhiteBalanceSettings};
 use std::sync::Arc;
 
 /// Environment pictures from one comparison of the cameras to the next.
@@ -42,7 +42,7 @@ const KNOWN_SPACING: u32 = 32;
 /// Turns environment pictures into light.
 pub struct LightEstimator {
     estimator: Option<EnvironmentEstimator>,
-    photometry: PhotometricMatch,
+    photometry: WhiteBalanceMatch,
     ground: GroundRadiance,
     phantoms: PhantomSurfaces,
     rays: Arc<RayCaster>,
@@ -71,7 +71,7 @@ impl LightEstimator {
             rays,
         } = RealLight::new(&rig, &setup.scene, config, true)?;
         let same_camera = is_in_scene(&rig);
-        let mut photometry = PhotometricMatch::new(photometry_settings(config), same_camera);
+        let mut photometry = WhiteBalanceMatch::new(white_balance_settings(config), same_camera);
         if !same_camera && let Some(chart) = chart_match(&rig, files, config.white_balance.matrix)?
         {
             photometry.set_chart(chart);
@@ -381,16 +381,10 @@ fn is_in_scene(rig: &RigCalibration) -> bool {
         .is_some_and(|e| matches!(e.view, EnvironmentView::SphereInScene { .. }))
 }
 
-fn photometry_settings(config: &Config) -> PhotometrySettings {
+fn white_balance_settings(config: &Config) -> WhiteBalanceSettings {
     let white = &config.white_balance;
-    PhotometrySettings {
-        method: match white.method {
-            WhiteBalanceMethod::Auto => MatchMethod::Auto,
-            WhiteBalanceMethod::Chart => MatchMethod::Chart,
-            WhiteBalanceMethod::Overlap => MatchMethod::Overlap,
-            WhiteBalanceMethod::Reflectance => MatchMethod::Reflectance,
-            WhiteBalanceMethod::Fixed => MatchMethod::Fixed,
-        },
+    WhiteBalanceSettings {
+        method: white.method,
         fixed_gains: (white.method == WhiteBalanceMethod::Fixed)
             .then(|| white.gains.map(f64::from)),
         matrix: white.matrix,

@@ -22,7 +22,7 @@ use penumbra_white_balance::overlap::{
 use penumbra_white_balance::reflectance::{
     KnownSurface, ReflectanceOptions, SceneView, estimate_reflectance, gather_known,
 };
-use penumbra_white_balance::{GainEstimate, PhotometricMatch, PhotometrySettings, Provenance};
+use penumbra_white_balance::{GainEstimate, Provenance, WhiteBalanceMatch, WhiteBalanceSettings};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
@@ -334,7 +334,7 @@ fn chart_and_overlap_agree_and_the_chart_is_in_force() {
     }
     for name in ["desk-sphere", "courtyard"] {
         let session = Session::load(name);
-        let mut matched = PhotometricMatch::new(PhotometrySettings::default(), false);
+        let mut matched = WhiteBalanceMatch::new(WhiteBalanceSettings::default(), false);
         matched.set_chart(Ok(chart_match(&session)));
         let answer = run_overlap(&session).tracker.last().copied();
         let now = MonotonicTime::default();
