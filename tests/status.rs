@@ -532,6 +532,7 @@ impl CalibrationControl for Calibrating {
 }
 
 #[test]
+#[expect(clippy::cognitive_complexity, reason = "one client, step by step")]
 fn a_calibration_is_begun_and_ended_by_our_own_page_alone() {
     let server = Server::start(None);
     let json = "Content-Type: application/json";

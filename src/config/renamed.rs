@@ -41,13 +41,14 @@ const WORDS: [(&str, &str, &str); 5] = [
     ("", "photometric", "radiometric"),
 ];
 
-/// Returns the message about a former word of the command line: `value` of `option`, or the
-/// subcommand `value` if `option` is empty. `None` if it never was a word.
+/// Returns the message about a former word of the command line: the subcommand `value` if `option`
+/// is empty, the option if `value` is empty, else `value` of `option`. `None` if it never was a
+/// word.
 #[must_use]
 pub fn renamed_word(option: &str, value: &str) -> Option<String> {
     let (place, old, new) = WORDS
         .iter()
-        .find(|(place, old, _)| *place == option && (old.is_empty() || *old == value))?;
+        .find(|(place, old, _)| *place == option && *old == value)?;
     Some(match (*place, *old) {
         ("", old) => format!("`{old}` is now called `{new}`"),
         (place, "") => format!("`{place}` is now called `{new}`"),

@@ -77,7 +77,7 @@ fn a_signal_or_enter_ends_it_with_a_verdict() {
                 .is_some_and(|m| !m.starts_with('0') && m.contains("views"))
         });
         let refused = post(&address, "/calibration/start", r#"{"step": "intrinsics"}"#);
-        assert!(refused.contains("one step alone"), "{refused}");
+        assert!(refused.contains("runs a single step"), "{refused}");
         if way == "Enter" {
             keys.write_all(b"\n").unwrap();
         } else {

@@ -35,7 +35,10 @@ fn sessions_that_are_none() {
         &complaint(&desk, "notes.mcap"),
         &["notes.mcap", "not an MCAP file", "import"],
     );
-    says(&complaint(&desk, "cut.mcap"), &["cut.mcap", "cut off"]);
+    says(
+        &complaint(&desk, "cut.mcap"),
+        &["cut.mcap", "truncated before its first complete chunk"],
+    );
     says(
         &complaint(&desk, "weather.mcap"),
         &["weather.mcap", "/weather"],
