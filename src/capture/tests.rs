@@ -2,21 +2,21 @@ use super::*;
 use bytes::Bytes;
 use penumbra_faulty::{Fault, FaultyTracker, Plan};
 use penumbra_interface::{
-    Clock, DeviceError, Frame, MonotonicTime, PixelFormat, SystemClock, Tracker, TrackerBytes,
-    TrackerReport,
+    Clock, DeviceError, Frame, ManualClock, MonotonicTime, PixelFormat, SystemClock, Tracker,
+    TrackerBytes, TrackerReport,
 };
 use penumbra_session::SessionEvent;
 use std::cell::RefCell;
 use std::rc::Rc;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 const MS: i64 = 1_000_000;
 
 /// Simulated time, which passes only in pauses and reads, and stops the loop at `end`.
 struct FakeTime {
-    now: Arc<AtomicI64>,
+    clock: ManualClock,
     end: i64,
     pauses: AtomicU64,
 }
@@ -24,55 +24,54 @@ struct FakeTime {
 impl FakeTime {
     fn until_millis(end: i64) -> Self {
         Self {
-            now: Arc::default(),
+            clock: ManualClock::default(),
             end: end * MS,
             pauses: AtomicU64::new(0),
         }
     }
 
     fn millis(&self) -> i64 {
-        self.now.load(Ordering::Relaxed) / MS
+        self.now().as_nanos() / MS
     }
 }
 
 impl Clock for FakeTime {
     fn now(&self) -> MonotonicTime {
-        MonotonicTime::from_nanos(self.now.load(Ordering::Relaxed))
+        self.clock.now()
     }
 }
 
 impl StoppableClock for FakeTime {
     fn pause(&self, time: Duration) -> bool {
         self.pauses.fetch_add(1, Ordering::Relaxed);
-        self.now
-            .fetch_add(time.as_nanos() as i64, Ordering::Relaxed);
+        self.clock.advance(time.as_nanos() as i64);
         !self.is_stopping()
     }
 
     fn is_stopping(&self) -> bool {
-        self.now.load(Ordering::Relaxed) >= self.end
+        self.now().as_nanos() >= self.end
     }
 }
 
 /// A tracker that delivers every 10 ms while it is plugged in. It holds a file descriptor.
 struct Fake {
-    now: Arc<AtomicI64>,
+    clock: ManualClock,
     plugged: fn(i64) -> bool,
     _descriptor: std::fs::File,
 }
 
 impl Fake {
     fn open(
-        now: &Arc<AtomicI64>,
+        clock: &ManualClock,
         plugged: fn(i64) -> bool,
     ) -> Result<Box<dyn Tracker>, DeviceError> {
-        if !plugged(now.load(Ordering::Relaxed) / MS) {
+        if !plugged(clock.now().as_nanos() / MS) {
             return Err(DeviceError::NotFound {
                 device: "fake".to_owned(),
             });
         }
         Ok(Box::new(Self {
-            now: Arc::clone(now),
+            clock: clock.clone(),
             plugged,
             _descriptor: std::fs::File::open("/dev/null").unwrap(),
         }))
@@ -81,15 +80,16 @@ impl Fake {
 
 impl Tracker for Fake {
     fn next_bytes(&mut self, _: Duration) -> Result<Option<TrackerBytes>, DeviceError> {
-        let now = self.now.fetch_add(10 * MS, Ordering::Relaxed) + 10 * MS;
-        if !(self.plugged)(now / MS) {
+        self.clock.advance(10 * MS);
+        let now = self.clock.now();
+        if !(self.plugged)(now.as_nanos() / MS) {
             return Err(DeviceError::Unplugged {
                 device: "fake".to_owned(),
             });
         }
         Ok(Some(TrackerBytes {
             bytes: Bytes::from_static(b"abc"),
-            arrived_at: MonotonicTime::from_nanos(now),
+            arrived_at: now,
         }))
     }
 
@@ -125,12 +125,12 @@ impl Sink<TrackerBytes> for Notes {
 /// status and the time.
 fn supervised(
     millis: i64,
-    mut open: impl FnMut(&Arc<AtomicI64>) -> Result<Box<dyn Tracker>, DeviceError>,
+    mut open: impl FnMut(&ManualClock) -> Result<Box<dyn Tracker>, DeviceError>,
 ) -> (Vec<i64>, DeviceStatus, FakeTime) {
     let time = FakeTime::until_millis(millis);
     let (monitor, mut notes) = (DeviceMonitor::default(), Notes::default());
-    let now = Arc::clone(&time.now);
-    supervisor(&monitor, &time).run(&mut || open(&now), &mut notes);
+    let clock = time.clock.clone();
+    supervisor(&monitor, &time).run(&mut || open(&clock), &mut notes);
     let arrivals = notes.arrivals.borrow().clone();
     (arrivals, monitor.status(), time)
 }
@@ -147,7 +147,7 @@ fn supervisor<'a>(monitor: &'a DeviceMonitor, clock: &'a FakeTime) -> Supervisor
 #[test]
 fn device_that_is_plugged_in_late_delivers_within_two_seconds() {
     let plugged = |ms| ms >= 10_000;
-    let (arrivals, status, time) = supervised(12_000, |now| Fake::open(now, plugged));
+    let (arrivals, status, time) = supervised(12_000, |clock| Fake::open(clock, plugged));
     assert!((10_000..12_000).contains(&arrivals[0]), "{}", arrivals[0]);
     assert_eq!(status.received, arrivals.len() as u64);
     assert_eq!((status.losses, status.state), (0, DeviceState::Closed));
@@ -162,7 +162,7 @@ fn device_that_is_plugged_in_late_delivers_within_two_seconds() {
 fn reconnects_after_every_replug_and_counts_it() {
     // Four seconds plugged in, three out, for a minute.
     let plugged = |ms| ms % 7000 < 4000;
-    let (arrivals, status, _) = supervised(59_000, |now| Fake::open(now, plugged));
+    let (arrivals, status, _) = supervised(59_000, |clock| Fake::open(clock, plugged));
     assert_eq!(status.losses, 8);
     for lap in 0..8 {
         let back = lap * 7000;
@@ -180,7 +180,7 @@ fn silent_device_is_reported_and_opened_again() {
     let mut open = || {
         states.borrow_mut().push(monitor.status());
         opened += 1;
-        let fake = Fake::open(&time.now, |_| true)?;
+        let fake = Fake::open(&time.clock, |_| true)?;
         let readings = if opened == 1 { 100_000 } else { 0 };
         let plan = Plan::new([(50, Fault::Silence { readings })]);
         Ok(Box::new(FaultyTracker::new(fake, plan)) as Box<dyn Tracker>)
@@ -206,8 +206,8 @@ fn counts_damaged_data_and_reopens_the_device_only_after_a_flood() {
     let flood = (0..150).map(|_| (0, damaged()));
     let plan: Vec<_> = one.chain(flood).collect();
     let mut plans = vec![Plan::default(), Plan::new(plan)];
-    let (arrivals, status, time) = supervised(8000, |now| {
-        let fake = Fake::open(now, |_| true)?;
+    let (arrivals, status, time) = supervised(8000, |clock| {
+        let fake = Fake::open(clock, |_| true)?;
         let plan = plans.pop().unwrap_or_default();
         Ok(Box::new(FaultyTracker::new(fake, plan)))
     });
@@ -224,10 +224,10 @@ fn counts_damaged_data_and_reopens_the_device_only_after_a_flood() {
 #[test]
 fn reopens_a_device_whose_driver_panics() {
     let mut opened = 0;
-    let (arrivals, status, _) = supervised(10_000, |now| {
+    let (arrivals, status, _) = supervised(10_000, |clock| {
         opened += 1;
         assert!(opened != 2, "a bug while opening");
-        let fake = Fake::open(now, |_| true)?;
+        let fake = Fake::open(clock, |_| true)?;
         let plan = Plan::new((opened == 1).then_some((3, Fault::Panic)));
         Ok(Box::new(FaultyTracker::new(fake, plan)))
     });
@@ -239,14 +239,14 @@ fn reopens_a_device_whose_driver_panics() {
 #[test]
 fn retries_slowly_after_an_error_that_only_the_user_can_correct() {
     let allowed_at = 20_000;
-    let (arrivals, status, _) = supervised(25_000, |now| {
-        if now.load(Ordering::Relaxed) / MS < allowed_at {
+    let (arrivals, status, _) = supervised(25_000, |clock| {
+        if clock.now().as_nanos() / MS < allowed_at {
             return Err(DeviceError::Refused {
                 device: "fake".to_owned(),
                 reason: "of another kind".to_owned(),
             });
         }
-        Fake::open(now, |_| true)
+        Fake::open(clock, |_| true)
     });
     assert!(arrivals[0] < allowed_at + 4000);
     assert!(status.attempts < 12, "{}", status.attempts);
@@ -287,12 +287,12 @@ fn ten_thousand_reopenings_leak_no_descriptors_or_threads() {
     // Each opening delivers once and is then unplugged.
     let (arrivals, status, _) = supervised(i64::MAX / MS, {
         let mut opened = 0;
-        move |now| {
+        move |clock| {
             opened += 1;
             if opened > 10_000 {
-                now.store(i64::MAX, Ordering::Relaxed);
+                clock.set(MonotonicTime::from_nanos(i64::MAX));
             }
-            let fake = Fake::open(now, |_| true)?;
+            let fake = Fake::open(clock, |_| true)?;
             let unplugged = DeviceError::Unplugged {
                 device: "fake".to_owned(),
             };

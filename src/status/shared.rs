@@ -223,20 +223,10 @@ impl Drop for Asking {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use std::sync::atomic::AtomicI64;
+    use penumbra_interface::ManualClock;
 
-    /// A clock that shows what it is set to.
-    #[derive(Clone, Default)]
-    struct SetClock(Arc<AtomicI64>);
-
-    impl Clock for SetClock {
-        fn now(&self) -> MonotonicTime {
-            MonotonicTime::from_nanos(self.0.load(Ordering::Relaxed))
-        }
-    }
-
-    fn shared() -> (Arc<SharedStatus>, SetClock) {
-        let clock = SetClock::default();
+    fn shared() -> (Arc<SharedStatus>, ManualClock) {
+        let clock = ManualClock::default();
         (
             SharedStatus::with_clock(Settings::default(), Box::new(clock.clone())),
             clock,
@@ -251,9 +241,9 @@ mod tests {
     fn ages_are_of_the_moment_of_reading() {
         let (shared, clock) = shared();
         assert_eq!(shared.snapshot().frames.last_age_ms, None);
-        clock.0.store(1_000_000_000, Ordering::Relaxed);
+        clock.set(MonotonicTime::from_nanos(1_000_000_000));
         shared.update(|s| s.frames.composed += 1);
-        clock.0.store(1_250_000_000, Ordering::Relaxed);
+        clock.set(MonotonicTime::from_nanos(1_250_000_000));
         shared.update(|s| s.frames.arrived += 1);
         let snapshot = shared.snapshot();
         assert_eq!(snapshot.frames.last_age_ms, Some(250.0));

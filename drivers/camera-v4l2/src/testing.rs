@@ -5,29 +5,12 @@ use crate::device::{
     Capabilities, CaptureFormat, ControlDescription, ControlEvent, ControlKind, Controls,
     FilledBuffer, Formats, OwnedBuffer, Readiness, VideoDevice,
 };
-use penumbra_interface::{CameraFormat, CameraSize, Clock, MonotonicTime};
+use penumbra_interface::{CameraFormat, CameraSize, Clock, ManualClock, MonotonicTime};
 use rustix::io::{Errno, Result};
 use std::collections::VecDeque;
-use std::sync::atomic::{AtomicI64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 use v4l::{buffer, control};
-
-/// A clock that only tests advance.
-#[derive(Clone, Debug, Default)]
-pub struct TestClock(Arc<AtomicI64>);
-
-impl TestClock {
-    pub fn advance(&self, nanos: i64) {
-        self.0.fetch_add(nanos, Ordering::Relaxed);
-    }
-}
-
-impl Clock for TestClock {
-    fn now(&self) -> MonotonicTime {
-        MonotonicTime::from_nanos(self.0.load(Ordering::Relaxed))
-    }
-}
 
 /// A frame of the fake camera.
 #[derive(Clone, Debug)]
@@ -77,7 +60,7 @@ pub struct Sensor {
 
 #[derive(Default)]
 pub struct State {
-    pub clock: TestClock,
+    pub clock: ManualClock,
     /// Frames to come, in order of arrival.
     pub arrivals: VecDeque<(i64, FakeFrame)>,
     pub sensor: Option<Sensor>,
@@ -133,7 +116,7 @@ impl FakeDevice {
         fake
     }
 
-    pub fn clock(&self) -> Arc<TestClock> {
+    pub fn clock(&self) -> Arc<ManualClock> {
         Arc::new(self.lock().clock.clone())
     }
 

@@ -28,5 +28,5 @@ pub use frame::{BayerPattern, ControlsInForce, Exposure, Frame, PixelFormat};
 pub use info::{CameraControl, CameraFormat, CameraInfo, CameraSize, SizeSteps, UsbIdentity};
 pub use pose::{PoseSample, RigidTransform};
 pub use settings::{BracketSettings, CameraSettings, OnChange};
-pub use time::{Clock, MonotonicTime, SystemClock};
+pub use time::{Clock, ManualClock, MonotonicTime, SystemClock};
 pub use tracker::{Tracker, TrackerBytes, TrackerReport};

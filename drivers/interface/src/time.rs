@@ -1,6 +1,8 @@
 //! The common clock of all devices.
 
 use std::ops::{Add, Sub};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::Duration;
 
 /// A time of `CLOCK_MONOTONIC`, nanoseconds. Recorded sessions hold times of the machine that
@@ -62,6 +64,35 @@ impl Sub<Duration> for MonotonicTime {
 pub trait Clock: Send + Sync {
     /// The present time.
     fn now(&self) -> MonotonicTime;
+}
+
+/// A clock that stands still until it is advanced, for tests and simulations. Clones show the same
+/// time.
+#[derive(Clone, Debug, Default)]
+pub struct ManualClock(Arc<AtomicI64>);
+
+impl ManualClock {
+    /// Creates a clock that shows `now`.
+    #[must_use]
+    pub fn new(now: MonotonicTime) -> Self {
+        Self(Arc::new(AtomicI64::new(now.as_nanos())))
+    }
+
+    /// Sets the time.
+    pub fn set(&self, now: MonotonicTime) {
+        self.0.store(now.as_nanos(), Ordering::Relaxed);
+    }
+
+    /// Advances the time.
+    pub fn advance(&self, nanos: i64) {
+        self.0.fetch_add(nanos, Ordering::Relaxed);
+    }
+}
+
+impl Clock for ManualClock {
+    fn now(&self) -> MonotonicTime {
+        MonotonicTime::from_nanos(self.0.load(Ordering::Relaxed))
+    }
 }
 
 /// `CLOCK_MONOTONIC`, which the kernel uses to stamp buffers. On Windows, which has none, the

@@ -2,24 +2,19 @@
 use super::*;
 use crate::playback::{Items, LATE_NANOS};
 use bytes::Bytes;
-use penumbra_interface::{Clock, MonotonicTime, PixelFormat};
-use std::sync::atomic::{AtomicI64, Ordering};
-
-/// A clock that advances only in `sleep`; each test thread has its own.
-struct SleepClock;
+use penumbra_interface::{Clock, ManualClock, MonotonicTime, PixelFormat};
 
 thread_local! {
-    static NOW: AtomicI64 = const { AtomicI64::new(5_000_000_000) };
+    /// Each test runs on a thread of its own.
+    static CLOCK: ManualClock = ManualClock::new(MonotonicTime::from_nanos(5_000_000_000));
+}
+
+fn clock() -> ManualClock {
+    CLOCK.with(Clone::clone)
 }
 
 fn sleep(time: Duration) {
-    NOW.with(|now| now.fetch_add(time.as_nanos() as i64, Ordering::Relaxed));
-}
-
-impl Clock for SleepClock {
-    fn now(&self) -> MonotonicTime {
-        MonotonicTime::from_nanos(NOW.with(|now| now.load(Ordering::Relaxed)))
-    }
+    clock().advance(time.as_nanos() as i64);
 }
 
 const MS: i64 = 1_000_000;
@@ -45,7 +40,7 @@ fn frame(sequence: u64, millis: i64) -> Frame {
 }
 
 fn timeline() -> Arc<Timeline> {
-    Arc::new(Timeline::new((at(0), at(100)), Arc::new(SleepClock), sleep))
+    Arc::new(Timeline::new((at(0), at(100)), Arc::new(clock()), sleep))
 }
 
 fn camera(timeline: &Arc<Timeline>) -> ReplayCamera {
@@ -60,7 +55,7 @@ const LONG: Duration = Duration::from_secs(1);
 fn frames_are_repeated_at_their_intervals_with_continuing_numbers() {
     let timeline = timeline();
     let mut camera = camera(&timeline);
-    let start = SleepClock.now();
+    let start = clock().now();
     let got: Vec<Frame> = (0..5)
         .map(|_| camera.next_frame(LONG).unwrap().unwrap())
         .collect();
@@ -80,14 +75,14 @@ fn a_frame_is_not_early_and_the_timeout_is_kept() {
     let timeline = timeline();
     let mut camera = camera(&timeline);
     camera.next_frame(LONG).unwrap().unwrap();
-    let before = SleepClock.now();
+    let before = clock().now();
     assert!(
         camera
             .next_frame(Duration::from_millis(15))
             .unwrap()
             .is_none()
     );
-    assert_eq!(SleepClock.now().nanos_since(before), 15 * MS);
+    assert_eq!(clock().now().nanos_since(before), 15 * MS);
     assert!(
         camera
             .next_frame(Duration::from_millis(30))
@@ -102,7 +97,7 @@ fn a_device_that_is_opened_later_starts_at_the_present_position() {
     let mut first = camera(&timeline);
     first.next_frame(LONG).unwrap().unwrap();
     sleep(Duration::from_millis(150));
-    let start = SleepClock.now();
+    let start = clock().now();
     let mut second = camera(&timeline);
     let frame = second.next_frame(LONG).unwrap().unwrap();
     // The second pass began 133 ms after the first.
@@ -117,8 +112,8 @@ fn an_empty_recording_is_silent_without_spinning() {
     let timeline = timeline();
     let nothing = || Box::new(std::iter::empty()) as Items<TrackerBytes>;
     let mut tracker = ReplayTracker::new("t", "fastrak", timeline, Box::new(nothing));
-    let before = SleepClock.now();
+    let before = clock().now();
     assert!(tracker.next_bytes(LONG).unwrap().is_none());
-    assert_eq!(SleepClock.now().nanos_since(before), 1000 * MS);
+    assert_eq!(clock().now().nanos_since(before), 1000 * MS);
     assert_eq!(tracker.report().protocol, "fastrak");
 }
