@@ -146,7 +146,7 @@ fn progress_bar() -> ProgressBar {
 struct Baked {
     planes: usize,
     /// Of these on the ground and on phantoms.
-    planes_on_real: usize,
+    planes_on_real_surfaces: usize,
     lights: usize,
     resolution: u32,
     /// In which light arrives.
@@ -164,7 +164,7 @@ impl Baked {
         let on_real = |p: &&ShadowingPlane| p.layer == Layer::Real;
         Ok(Self {
             planes: bake.planes.len(),
-            planes_on_real: bake.planes.iter().filter(on_real).count(),
+            planes_on_real_surfaces: bake.planes.iter().filter(on_real).count(),
             lights: bake.lights(),
             resolution: bake.settings.resolution,
             basis_images: lit,
@@ -178,11 +178,11 @@ impl Baked {
 
 impl fmt::Display for Baked {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let on_virtual = self.planes - self.planes_on_real;
+        let on_virtual = self.planes - self.planes_on_real_surfaces;
         writeln!(
             f,
             "planes          {} ({} on real surfaces, {on_virtual} on virtual objects)",
-            self.planes, self.planes_on_real
+            self.planes, self.planes_on_real_surfaces
         )?;
         writeln!(f, "lights          {}", self.lights)?;
         writeln!(

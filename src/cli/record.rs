@@ -91,7 +91,7 @@ pub fn run(args: &RecordArgs) -> anyhow::Result<ExitCode> {
         );
     };
     if recording.state == RecordingState::Failed {
-        bail!("{}", recording.sentence);
+        bail!("{}", recording.description);
     }
     super::say(in_words(&recording));
     accounts.iter().for_each(super::say);
@@ -185,8 +185,8 @@ fn ask_the_running_one(args: &RecordArgs, config: &Config) -> anyhow::Result<Exi
     }
     wait_for_signal()?;
     let answer = post(address, token, r#"{"record": false}"#)?;
-    let sentence = answer["sentence"].as_str().unwrap_or_default();
-    super::say(format_args!("{file}: {sentence}"));
+    let description = answer["description"].as_str().unwrap_or_default();
+    super::say(format_args!("{file}: {description}"));
     Ok(ExitCode::SUCCESS)
 }
 

@@ -54,7 +54,7 @@ impl Recorder {
     ) -> Arc<Self> {
         status.update(|s| {
             s.recording.state = RecordingState::Idle;
-            "Nothing is being recorded.".clone_into(&mut s.recording.sentence);
+            "Nothing is being recorded.".clone_into(&mut s.recording.description);
         });
         Arc::new(Self {
             hub,
@@ -111,7 +111,7 @@ impl Recorder {
             let error = RigError::Thread { source };
             self.status.update(|s| {
                 s.recording.state = RecordingState::Failed;
-                s.recording.sentence = error.to_string();
+                s.recording.description = error.to_string();
             });
             error
         })?;
@@ -291,7 +291,7 @@ impl Job {
         let mut recording = self.recording;
         recording.bytes = size_of_file(&self.path);
         recording.seconds_left = None;
-        (recording.state, recording.sentence) = (state, sentence);
+        (recording.state, recording.description) = (state, sentence);
         self.status.update(|s| s.recording = recording.clone());
         recording
     }
@@ -322,7 +322,7 @@ impl Job {
         self.measure();
         let recording = &mut self.recording;
         recording.state = RecordingState::Recording;
-        "Being recorded.".clone_into(&mut recording.sentence);
+        "Being recorded.".clone_into(&mut recording.description);
         self.status.update(|s| s.recording.clone_from(recording));
     }
 }

@@ -18,7 +18,7 @@ pub struct Calibration {
     /// State.
     pub state: CalibrationState,
     /// The state in words, with the reason if there is one.
-    pub sentence: String,
+    pub description: String,
     /// Name of the step; empty before the first.
     pub step: String,
     /// Title of the step.

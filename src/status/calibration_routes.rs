@@ -32,7 +32,7 @@ async fn view(State(app): State<App>) -> Json<Calibration> {
 
 fn unavailable() -> Calibration {
     Calibration {
-        sentence:
+        description:
             "A recording plays. Calibrate a live rig here (`penumbra run`), or the recording \
                    with `penumbra calibrate STEP --session FILE`."
                 .to_owned(),

@@ -7,15 +7,15 @@ const MAX_FRAME_AGE_MS: f64 = 5_000.0;
 /// Maximum time for starting (opening devices, compiling shaders), seconds.
 const MAX_START_SECONDS: f64 = 60.0;
 
-/// Returns a sentence about a healthy rig.
+/// Describes a healthy rig in one sentence.
 ///
 /// # Errors
 /// The reason why the rig is not healthy.
 pub fn health(snapshot: &Snapshot) -> Result<String, String> {
-    let sentence = &snapshot.session.sentence;
+    let description = &snapshot.session.description;
     match snapshot.session.state {
-        SessionState::Failed => Err(format!("failed: {sentence}")),
-        SessionState::Paused | SessionState::Ended => Ok(format!("idle: {sentence}")),
+        SessionState::Failed => Err(format!("failed: {description}")),
+        SessionState::Paused | SessionState::Ended => Ok(format!("idle: {description}")),
         SessionState::Starting => starting(snapshot.program.uptime_seconds),
         SessionState::Live | SessionState::Replaying => flowing(snapshot),
     }

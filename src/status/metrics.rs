@@ -220,9 +220,9 @@ fn probe(page: &mut Page, map: &ProbeStatus) {
         map.map_age_s,
     );
     page.some(
-        "penumbra_probe_ball_age_seconds",
+        "penumbra_probe_sphere_age_seconds",
         "Time since the sphere was seen.",
-        map.ball_age_s,
+        map.sphere_age_s,
     );
     page.some(
         "penumbra_probe_rim_shift_pixels",

@@ -9,7 +9,7 @@ pub struct Recording {
     /// State of the recorder.
     pub state: RecordingState,
     /// The state in words, with the reason if there is one.
-    pub sentence: String,
+    pub description: String,
     /// The newest recording.
     pub file: Option<String>,
     /// Its size, bytes.

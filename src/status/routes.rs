@@ -193,7 +193,7 @@ async fn metrics_page(State(app): State<App>) -> impl IntoResponse {
 
 async fn healthz(State(app): State<App>) -> (StatusCode, String) {
     match health(&app.shared.snapshot()) {
-        Ok(sentence) => (StatusCode::OK, sentence + "\n"),
+        Ok(description) => (StatusCode::OK, description + "\n"),
         Err(reason) => (StatusCode::SERVICE_UNAVAILABLE, reason + "\n"),
     }
 }

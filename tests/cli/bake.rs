@@ -15,7 +15,7 @@ fn a_scene_is_baked_and_what_was_done_is_told() {
     let done: serde_json::Value = serde_json::from_str(&said).unwrap();
     let count = |name: &str| done[name].as_u64().unwrap();
     assert!((2..=8).contains(&count("planes")), "{done}");
-    assert!(count("planes_on_real") >= 1, "{done}");
+    assert!(count("planes_on_real_surfaces") >= 1, "{done}");
     assert_eq!(count("lights"), 40);
     let all = count("basis_images") + count("basis_images_dropped");
     assert_eq!(all, 40 * count("planes"));
@@ -52,7 +52,7 @@ fn a_sessions_own_object_and_phantoms_are_baked() {
     let options = "--planes 6 --resolution 16 --adapter llvmpipe --json";
     let said = desk.works(&format!("bake DESK {options} --out desk.bake"));
     let done: serde_json::Value = serde_json::from_str(&said).unwrap();
-    assert!(done["planes_on_real"].as_u64() >= Some(1), "{done}");
+    assert!(done["planes_on_real_surfaces"].as_u64() >= Some(1), "{done}");
 }
 
 #[test]

@@ -241,7 +241,7 @@ fn without_devices_the_rig_says_so_and_takes_them_when_they_come() {
         (&"live".into(), &0.into())
     );
     assert!(
-        s["session"]["sentence"]
+        s["session"]["description"]
             .as_str()
             .unwrap()
             .contains("late.mcap"),
@@ -270,7 +270,7 @@ fn without_devices_the_rig_says_so_and_takes_them_when_they_come() {
         "{scene}"
     );
     assert!(
-        scene["last_trouble"]
+        scene["last_error"]
             .as_str()
             .unwrap()
             .contains("not there")

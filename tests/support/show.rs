@@ -126,7 +126,7 @@ fn advance(s: &mut Snapshot, frame: u64, scale: f64, wished: Settings) {
     }
     if wished.exposure_mode == ExposureMode::Manual {
         s.exposure.ev = wished.exposure_ev;
-        s.exposure.wanted_ev = wished.exposure_ev;
+        s.exposure.target_ev = wished.exposure_ev;
     }
     s.settings = wished;
     for device in &mut s.devices {

@@ -129,7 +129,7 @@ fn server(
         "calibration".clone_into(&mut s.session.name);
         s.session.state = SessionState::Live;
         "A calibration step is running; pictures are not composited."
-            .clone_into(&mut s.session.sentence);
+            .clone_into(&mut s.session.description);
     });
     match status_server(config, &status) {
         Ok(server) => Ok(Some(server)),

@@ -50,7 +50,7 @@ impl Showcase {
     pub fn new(steps: Vec<penumbra_status::calibration::StepForm>) -> Arc<Self> {
         let view = Calibration {
             state: CalibrationState::Idle,
-            sentence: "Nothing is being calibrated.".to_owned(),
+            description: "Nothing is being calibrated.".to_owned(),
             steps,
             ..Calibration::default()
         };
@@ -68,7 +68,7 @@ impl Showcase {
         let steps = std::mem::take(&mut state.view.steps);
         state.view = Calibration {
             state: CalibrationState::Running,
-            sentence: "Waiting for what the devices deliver.".to_owned(),
+            description: "Waiting for what the devices deliver.".to_owned(),
             step: step.to_owned(),
             title: title.to_owned(),
             parameters,
@@ -95,7 +95,7 @@ impl Showcase {
         }
         let view = &mut state.view;
         if moment.counts.pictures > 0 || !moment.progress.message.is_empty() {
-            "Looking on.".clone_into(&mut view.sentence);
+            "Looking on.".clone_into(&mut view.description);
         }
         view.share = moment.progress.share.clamp(0.0, 1.0);
         view.message.clone_from(&moment.progress.message);
@@ -113,7 +113,7 @@ impl Showcase {
     pub fn evaluate(&self) {
         let view = &mut self.lock().view;
         view.state = CalibrationState::Evaluating;
-        "Working it out.".clone_into(&mut view.sentence);
+        "Working it out.".clone_into(&mut view.description);
         view.trouble = None;
     }
 
@@ -133,7 +133,7 @@ impl Showcase {
             Some(_) => CalibrationState::Failed,
             None => CalibrationState::Finished,
         };
-        view.sentence = match (trouble, &written.file) {
+        view.description = match (trouble, &written.file) {
             (Some(trouble), _) => format!("The calibration could not be written: {trouble}"),
             (None, Some(_)) => "Written. It is in force when the rig is started again.".to_owned(),
             (None, None) => "Refused: no calibration was written.".to_owned(),
@@ -145,7 +145,7 @@ impl Showcase {
     pub fn fail(&self, reason: &str) {
         let view = &mut self.lock().view;
         view.state = CalibrationState::Failed;
-        reason.clone_into(&mut view.sentence);
+        reason.clone_into(&mut view.description);
         view.trouble = None;
     }
 
@@ -153,7 +153,7 @@ impl Showcase {
     pub fn aborted(&self) {
         let view = &mut self.lock().view;
         view.state = CalibrationState::Idle;
-        "Aborted; nothing was written.".clone_into(&mut view.sentence);
+        "Aborted; nothing was written.".clone_into(&mut view.description);
         view.trouble = None;
         view.result = None;
     }
@@ -178,7 +178,7 @@ impl Showcase {
             state.wish = wish;
         }
         if wish == Wish::Abort {
-            "Being aborted.".clone_into(&mut state.view.sentence);
+            "Being aborted.".clone_into(&mut state.view.description);
         }
         Ok(())
     }

@@ -120,9 +120,9 @@ fn the_reserve_ends_a_recording_in_order() {
     let recording = status.snapshot().recording;
     assert_eq!(recording.state, RecordingState::Failed);
     assert!(
-        recording.sentence.contains("reserve_mb"),
+        recording.description.contains("reserve_mb"),
         "{}",
-        recording.sentence
+        recording.description
     );
     let session = Session::open(&path).unwrap();
     assert!(!session.truncated() && session.events().count() == 1);
@@ -163,7 +163,7 @@ fn a_full_disk_ends_the_recording_with_a_clear_state() {
     hub.deliver(frame(1));
     let recording = job.run();
     assert_eq!(recording.state, RecordingState::Failed);
-    let sentence = recording.sentence;
+    let sentence = recording.description;
     assert!(
         sentence.contains("No space left") && sentence.contains("free space"),
         "{sentence}"

@@ -152,12 +152,12 @@ function render() {
   const verdict = view.state === 'finished' ? view.result?.verdict : null;
   pill($('calibrate-pill'), word, VERDICTS[verdict] ?? tone);
   const failed = view.state === 'failed';
-  put($('calibrate-sentence'), failed || busy() ? '' : view.sentence);
+  put($('calibrate-description'), failed || busy() ? '' : view.description);
   $('calibrate-body').hidden = view.state === 'unavailable';
   if (view.state === 'unavailable') return;
   $('calibrate-form').hidden = busy() || !view.steps.length;
   $('calibrate-run').hidden = !busy();
-  if (failed) flag($('calibrate-trouble'), view.sentence);
+  if (failed) flag($('calibrate-trouble'), view.description);
   if (busy()) run();
   else form();
   result();

@@ -87,7 +87,7 @@ const stageOf = (s, name) => s.stages.find((stage) => stage.name === name && sta
 function head(s) {
   const [word, tone] = STATES[s.session.state] ?? [s.session.state, 'idle'];
   pill($('state-pill'), word, tone);
-  put($('state-sentence'), s.session.sentence);
+  put($('state-description'), s.session.description);
   put($('session-name'), s.session.name || 'no session');
   document.title = s.session.name ? `${s.session.name} – Penumbra` : 'Penumbra';
   put($('head-fps'), number(s.frames.per_second));
@@ -113,7 +113,7 @@ function devices(s) {
     const line = d.received ? `${number(d.per_second)} per second, ${whole(d.received)} in all${lost}${heard}` : '';
     const tries = d.losses || d.attempts > 1 ? `opened ${whole(d.attempts)} times, lost ${whole(d.losses)} times` : '';
     put($('devices').children[i].querySelector('.rate'), [line, tries].filter(Boolean).join('; '));
-    put($('devices').children[i].querySelector('.sentence'), d.sentence);
+    put($('devices').children[i].querySelector('.description'), d.description);
   });
 }
 
@@ -123,15 +123,15 @@ function deviceItem([name, kind, state, reason, identity, mode, notes, controls]
   badge.dataset.tone = DEVICE_STATES[state] ?? 'idle';
   const title = make('b', '', DEVICE_KINDS[kind] ?? kind);
   const what = make('span', 'what muted');
-  what.append(make('span', '', `${name} · `), make('span', 'sentence'));
+  what.append(make('span', '', `${name} · `), make('span', 'description'));
   item.append(title, badge, what);
   if (reason) item.append(make('span', 'what reason', reason));
   item.append(make('span', 'rate muted'));
   const more = [identity === name ? '' : identity, mode, ...notes].filter(Boolean).join(' · ');
   if (more) item.append(make('span', 'what muted', more));
   controls.forEach((c) => {
-    const value = c.in_force === null ? '' : ` (now ${c.in_force})`;
-    if (c.standing !== 'held') item.append(make('span', 'what reason', `${c.name} = ${c.wanted}: ${c.standing}${value}`));
+    const value = c.active === null ? '' : ` (now ${c.active})`;
+    if (c.status !== 'held') item.append(make('span', 'what reason', `${c.name} = ${c.requested}: ${c.status}${value}`));
   });
   return item;
 }
@@ -188,7 +188,7 @@ function probe({ lighting, registration: r }) {
     ...(seen ? [
       ['ball has shown', `${percent(seen.coverage, 0)}, above ${percent(seen.coverage_above, 0)}`],
       ['seen on average', `${age(ms(seen.map_age_s))} ago`],
-      ['ball last seen', `${age(ms(seen.ball_age_s))} ago`],
+      ['sphere last seen', `${age(ms(seen.sphere_age_s))} ago`],
       ['rim moved it by', pixels(seen.rim_shift_px)],
     ] : []),
   ]);
@@ -324,7 +324,7 @@ function lost(reason) {
   document.body.dataset.link = 'lost';
   flag($('link-lost'), reason);
   pill($('state-pill'), 'no connection', 'bad');
-  put($('state-sentence'), '');
+  put($('state-description'), '');
   put($('picture-note'), 'No connection');
   $('picture-note').hidden = false;
 }

@@ -14,7 +14,7 @@ export function exposure(s) {
   for (const name of ['manual', 'auto']) {
     document.querySelectorAll(`[data-only=exposure-${name}]`).forEach((row) => { row.hidden = mode !== name; });
   }
-  const { ev, wanted_ev: wanted } = s.exposure;
-  const going = Math.abs(ev - wanted) > 0.05 ? `, target ${stops(wanted)}` : '';
+  const { ev, target_ev: target } = s.exposure;
+  const going = Math.abs(ev - target) > 0.05 ? `, target ${stops(target)}` : '';
   put($('exposure-hint'), ev === 0 && !going ? 'That of the camera.' : `${stops(ev)}${going}`);
 }

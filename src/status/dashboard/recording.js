@@ -32,7 +32,7 @@ export function recording(r) {
   $('recording-card').hidden = state === 'unavailable';
   pill($('recording-pill'), WORDS[state] ?? state, TONES[state] ?? 'idle');
   put($('recording-facts'), line(r));
-  flag($('recording-trouble'), state === 'failed' ? r.sentence : '');
+  flag($('recording-trouble'), state === 'failed' ? r.description : '');
   put(button, state === 'recording' ? 'Stop recording' : 'Record');
   button.disabled = performance.now() - asked < CONFIRM_MS;
 }

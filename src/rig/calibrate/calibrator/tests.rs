@@ -184,7 +184,7 @@ fn a_step_that_has_enough_is_written_and_the_next_keeps_it() {
     assert!(bench.calibrator.finish().is_err() && bench.calibrator.report().is_none());
     bench.start().unwrap();
     let view = bench.until("it ends", |v| !v.state.is_busy());
-    assert_eq!(view.state, CalibrationState::Finished, "{}", view.sentence);
+    assert_eq!(view.state, CalibrationState::Finished, "{}", view.description);
     let result = view.result.unwrap();
     assert!(
         result.lines[0].contains("camera.mcap"),
@@ -252,9 +252,9 @@ fn what_cannot_be_written_is_told_and_still_shown() {
     let view = bench.until("it ends", |v| !v.state.is_busy());
     assert_eq!(view.state, CalibrationState::Failed);
     assert!(
-        view.sentence.contains("could not be written") && view.sentence.contains("free space"),
+        view.description.contains("could not be written") && view.description.contains("free space"),
         "{}",
-        view.sentence
+        view.description
     );
     let result = view.result.unwrap();
     assert_eq!((result.file, result.report), (None, true));
@@ -269,7 +269,7 @@ fn a_bug_in_a_step_is_told_and_takes_nothing_else_along() {
         bench.start().unwrap();
         let view = bench.until("it ends", |v| !v.state.is_busy());
         assert_eq!(view.state, CalibrationState::Failed);
-        assert!(view.sentence.contains("a bug in the step `counted`"));
+        assert!(view.description.contains("a bug in the step `counted`"));
         // The thread is on its way out when it says so.
         std::thread::sleep(Duration::from_millis(50));
     }
@@ -295,7 +295,7 @@ fn a_camera_that_is_away_is_told_and_awaited() {
     let path = |name: &str| bench.folder.path().join(name);
     std::fs::rename(path("unplugged.mcap"), path("camera.mcap")).unwrap();
     let view = bench.until("it ends", |v| !v.state.is_busy());
-    assert_eq!(view.state, CalibrationState::Finished, "{}", view.sentence);
+    assert_eq!(view.state, CalibrationState::Finished, "{}", view.description);
 }
 
 #[test]
@@ -336,7 +336,7 @@ fn a_camera_that_is_unplugged_in_the_middle_is_waited_for() {
     assert!(
         view.trouble.unwrap().contains("scene camera"),
         "{}",
-        view.sentence
+        view.description
     );
     let before = view.pictures;
     plugged.store(true, Ordering::Relaxed);
