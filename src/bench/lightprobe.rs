@@ -222,7 +222,6 @@ fn time(i: u32) -> MonotonicTime {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used)]
     use super::*;
 
     /// In the measured case the sphere is read, the light changes, the lamp brightens the picture and

@@ -49,7 +49,6 @@ pub fn between(before: &ThreadTimes, after: &ThreadTimes) -> ThreadTimes {
 
 #[cfg(all(test, target_os = "linux"))]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use std::time::{Duration, Instant};
 

@@ -141,7 +141,6 @@ fn number(key: &str, value: Option<f64>, range: RangeInclusive<f32>) -> Result<O
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
 
     #[test]

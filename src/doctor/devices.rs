@@ -117,7 +117,6 @@ fn group_name(root: &Path, gid: u32) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
     use crate::doctor::State;
 

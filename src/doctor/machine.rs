@@ -193,7 +193,6 @@ fn room(shown: &str, free_bytes: u64) -> Check {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
     use crate::doctor::State;
 

@@ -157,7 +157,6 @@ pub fn examine(options: &DoctorOptions) -> Report {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
 
     /// A machine without any device or driver in it.

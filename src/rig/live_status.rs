@@ -228,11 +228,7 @@ mod tests {
         assert_eq!((device.losses, device.dropped), (3, 11));
         assert!((device.retry_in_ms.unwrap() - 500.0).abs() < 1e-6);
         assert_eq!(device.identity.as_deref(), Some("usb-cam"));
-        let told: Vec<_> = device
-            .controls
-            .iter()
-            .map(|c| c.status.as_str())
-            .collect();
+        let told: Vec<_> = device.controls.iter().map(|c| c.status.as_str()).collect();
         assert_eq!(told, ["refused: EACCES", "the camera has no such control"]);
     }
 

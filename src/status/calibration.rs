@@ -269,7 +269,6 @@ impl CalibrationWish {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
 
     fn read(body: &str) -> Result<CalibrationWish, CalibrationRefusal> {

@@ -585,7 +585,6 @@ pub const STATUS_FIELDS: &[(&str, &str)] = &[
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
     use crate::Snapshot;
     use crate::snapshot::{Control, Device, WhiteBalanceEstimate, WhiteBalanceMethod, WhiteMatch};

@@ -40,7 +40,6 @@ fn flowing(snapshot: &Snapshot) -> Result<String, String> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
 
     fn snapshot(state: SessionState, uptime_seconds: f64, last_age_ms: Option<f64>) -> Snapshot {

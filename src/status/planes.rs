@@ -121,7 +121,6 @@ fn all_fields<S: serde::Serializer>(state: &PlanesState, serializer: S) -> Resul
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
 
     #[test]

@@ -136,7 +136,6 @@ fn blend(pixel: &mut [u8], colour: Vec3, share: f32) {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
     use proptest::prelude::*;
 

@@ -148,7 +148,6 @@ fn is_plain_name(file: &str) -> bool {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
 
     fn read(body: &str) -> Result<RecordingWish, RecordingRefusal> {

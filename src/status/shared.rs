@@ -221,7 +221,6 @@ impl Drop for Asking {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
     use std::sync::atomic::AtomicI64;
 

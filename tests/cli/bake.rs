@@ -52,7 +52,10 @@ fn a_sessions_own_object_and_phantoms_are_baked() {
     let options = "--planes 6 --resolution 16 --adapter llvmpipe --json";
     let said = desk.works(&format!("bake DESK {options} --out desk.bake"));
     let done: serde_json::Value = serde_json::from_str(&said).unwrap();
-    assert!(done["planes_on_real_surfaces"].as_u64() >= Some(1), "{done}");
+    assert!(
+        done["planes_on_real_surfaces"].as_u64() >= Some(1),
+        "{done}"
+    );
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! `penumbra calibrate` on a live rig: by the command line, and over HTTP beside a running one.
+//! `penumbra calibrate` on a live rig: from the command line, and over HTTP on a running rig.
 
 use crate::board;
 use crate::live::{Running, post, until};
@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::process::Stdio;
 
-/// A rig whose scene camera sees a board, and whose files are in a folder.
+/// Writes a rig whose scene camera sees a board, with its files in a folder.
 fn rig() -> Desk {
     let desk = Desk::new();
     board::record(&desk.path("board.mcap"));
@@ -27,7 +27,7 @@ fn focal(desk: &Desk, file: &str) -> f64 {
 }
 
 #[test]
-fn a_live_cameras_lens_goes_among_the_rigs_files_and_counts_without_a_rig_json() {
+fn live_lens_calibration_is_written_to_the_rig_and_used_without_rig_json() {
     let desk = rig();
     let said = desk.works(&format!("{LINE} {} --seconds 40", board::BOARD));
     assert!(
@@ -41,9 +41,9 @@ fn a_live_cameras_lens_goes_among_the_rigs_files_and_counts_without_a_rig_json()
     assert_eq!(found["source"], "live");
     assert_eq!(found["device"]["name"], "replay:board.mcap");
     assert!(desk.path("files/calibration/scene_camera.html").exists());
-    // Nothing is lost by doing it again, and the camera's size is known from the lens.
+    // A second calibration keeps the first; the camera's size is read from the lens calibration.
     let said = desk.works(&format!("{LINE} {} --seconds 40", board::BOARD));
-    assert!(said.contains("the one before: "), "{said}");
+    assert!(said.contains("previous file: "), "{said}");
     assert_eq!(desk.names("files/calibration").len(), 4);
     let said = desk.works(
         "run --config rig.toml --headless --listen 127.0.0.1:0 --frames 2 --frames-out frames",
@@ -56,7 +56,7 @@ fn a_live_cameras_lens_goes_among_the_rigs_files_and_counts_without_a_rig_json()
 
 #[cfg(unix)]
 #[test]
-fn a_signal_or_enter_ends_it_with_a_verdict() {
+fn signal_or_enter_finishes_the_step() {
     let desk = rig();
     let line = format!("{LINE} {} --out lens.json --force", board::BOARD);
     for way in ["-INT", "Enter"] {
@@ -64,7 +64,7 @@ fn a_signal_or_enter_ends_it_with_a_verdict() {
         let command = command.stdin(Stdio::piped()).stdout(Stdio::piped());
         let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
         let mut keys = child.stdin.take().unwrap();
-        let mut running = Running::of(child);
+        let mut running = Running::from_child(child);
         let mut out = BufReader::new(running.stdout());
         let mut said = String::new();
         out.read_line(&mut said).unwrap();
@@ -85,13 +85,13 @@ fn a_signal_or_enter_ends_it_with_a_verdict() {
         }
         let mut rest = String::new();
         out.read_to_string(&mut rest).unwrap();
-        // So early it may be refused; there is a verdict and a page either way.
+        // With few views the step may be refused; a report is written in either case.
         assert!(rest.contains("report: lens.html"), "{way}: {rest}");
     }
 }
 
 #[test]
-fn what_cannot_be_calibrated_is_refused_before_the_devices_are_opened() {
+fn refuses_impossible_calibrations_before_opening_devices() {
     let desk = rig();
     desk.put(
         "bare.toml",
@@ -128,7 +128,7 @@ fn calibration(address: &str) -> Value {
 
 #[cfg(unix)]
 #[test]
-fn a_running_rig_is_calibrated_over_http() {
+fn calibrates_a_running_rig_over_http() {
     let desk = rig();
     let (rig, address) = Running::rig(&desk, &["--light-count", "8"]);
     let idle = calibration(&address);

@@ -102,7 +102,7 @@ fn a_recorded_rig_with_a_late_tracker_is_shown_after_the_wait_for_it() {
     );
     desk.put(
         "c.toml",
-        "[registration]\npose = \"tracker\"\npredict = \"display\"\n[sync]\nlongest_wait_ms = 20\n",
+        "[registration]\npose = \"tracker\"\npredict = \"display\"\n[sync]\nmax_wait_ms = 20\n",
     );
     desk.works(
         "replay late.mcap --config c.toml --headless --listen 127.0.0.1:0 --speed max --poses-out p.csv",

@@ -184,7 +184,12 @@ fn a_step_that_has_enough_is_written_and_the_next_keeps_it() {
     assert!(bench.calibrator.finish().is_err() && bench.calibrator.report().is_none());
     bench.start().unwrap();
     let view = bench.until("it ends", |v| !v.state.is_busy());
-    assert_eq!(view.state, CalibrationState::Finished, "{}", view.description);
+    assert_eq!(
+        view.state,
+        CalibrationState::Finished,
+        "{}",
+        view.description
+    );
     let result = view.result.unwrap();
     assert!(
         result.lines[0].contains("camera.mcap"),
@@ -252,7 +257,8 @@ fn what_cannot_be_written_is_told_and_still_shown() {
     let view = bench.until("it ends", |v| !v.state.is_busy());
     assert_eq!(view.state, CalibrationState::Failed);
     assert!(
-        view.description.contains("could not be written") && view.description.contains("free space"),
+        view.description.contains("could not be written")
+            && view.description.contains("free space"),
         "{}",
         view.description
     );
@@ -295,7 +301,12 @@ fn a_camera_that_is_away_is_told_and_awaited() {
     let path = |name: &str| bench.folder.path().join(name);
     std::fs::rename(path("unplugged.mcap"), path("camera.mcap")).unwrap();
     let view = bench.until("it ends", |v| !v.state.is_busy());
-    assert_eq!(view.state, CalibrationState::Finished, "{}", view.description);
+    assert_eq!(
+        view.state,
+        CalibrationState::Finished,
+        "{}",
+        view.description
+    );
 }
 
 #[test]
