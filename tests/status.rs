@@ -145,7 +145,7 @@ fn grey(shade: u8) -> Picture {
 // ── what is there ───────────────────────────────────────────────────────────────────────
 
 #[test]
-fn the_page_needs_nothing_from_elsewhere_and_all_it_names_is_there() {
+fn page_needs_no_other_server_and_all_its_files_exist() {
     let server = Server::start(None);
     let page = server.get("/");
     assert_eq!(
@@ -186,7 +186,7 @@ fn the_page_needs_nothing_from_elsewhere_and_all_it_names_is_there() {
 }
 
 #[test]
-fn what_is_not_there_is_404_and_says_what_is() {
+fn unknown_paths_are_404_and_list_the_known_ones() {
     let server = Server::start(None);
     for path in [
         "/nothing",
@@ -287,7 +287,7 @@ impl Viewer {
 }
 
 #[test]
-fn a_viewer_gets_the_picture_there_is_and_then_the_new_ones() {
+fn viewer_receives_the_current_picture_and_then_new_ones() {
     let server = Server::start(None);
     server.picture(200);
     let mut viewer = Viewer::open(&server);
@@ -301,7 +301,7 @@ fn a_viewer_gets_the_picture_there_is_and_then_the_new_ones() {
 }
 
 #[test]
-fn nothing_is_encoded_when_nobody_watches() {
+fn encodes_nothing_without_viewers() {
     let server = Server::start(None);
     for shade in 0..50 {
         server.picture(shade);
@@ -337,7 +337,7 @@ fn noise(seed: u32) -> Picture {
 }
 
 #[test]
-fn a_viewer_who_does_not_read_delays_nobody() {
+fn a_stalled_viewer_does_not_delay_others() {
     let server = Server::start(None);
     let show = |seed| server.shared.publish_picture(Arc::new(noise(seed)));
     show(1);
@@ -355,7 +355,7 @@ fn a_viewer_who_does_not_read_delays_nobody() {
 }
 
 #[test]
-fn there_are_sixteen_seats_and_they_come_free_again() {
+fn serves_sixteen_viewers_at_a_time() {
     let server = Server::start(None);
     server.picture(9);
     let viewers: Vec<Viewer> = (0..16).map(|_| Viewer::open(&server)).collect();
@@ -372,7 +372,7 @@ fn there_are_sixteen_seats_and_they_come_free_again() {
 }
 
 #[test]
-fn a_snapshot_is_exact_and_missing_pictures_are_404() {
+fn snapshot_is_lossless_and_missing_pictures_are_404() {
     let server = Server::start(None);
     assert_eq!(server.get("/snapshot.png").status, 404);
     assert_eq!(server.get("/environment.png").status, 404);
@@ -392,7 +392,7 @@ fn a_snapshot_is_exact_and_missing_pictures_are_404() {
 // ── settings ────────────────────────────────────────────────────────────────────────────
 
 #[test]
-fn a_wish_reaches_the_rig_and_a_bad_one_says_why_not() {
+fn valid_settings_reach_the_rig_and_others_are_refused_with_a_reason() {
     let server = Server::start(None);
     let wished = server.shared.settings_receiver();
     let granted = server.post_settings(r#"{"light_count": 384, "shadow_mode": "subtract"}"#);
@@ -421,7 +421,7 @@ fn a_wish_reaches_the_rig_and_a_bad_one_says_why_not() {
 }
 
 #[test]
-fn settings_are_taken_as_json_and_in_reason_only() {
+fn refuses_settings_that_are_not_json_or_too_large() {
     let server = Server::start(None);
     let form = ["Content-Type: text/plain"];
     assert_eq!(
@@ -452,7 +452,7 @@ impl RecordingControl for Notes {
 }
 
 #[test]
-fn a_wish_to_record_reaches_the_recorder_unless_it_is_none_or_comes_from_elsewhere() {
+fn recording_requests_reach_the_recorder_only_from_the_own_page() {
     let server = Server::start(None);
     let json = "Content-Type: application/json";
     let post = |headers: &[&str], body| server.request("POST /recording", headers, body);
@@ -532,7 +532,7 @@ impl CalibrationControl for Calibrating {
 }
 
 #[test]
-fn a_calibration_is_begun_and_ended_by_our_own_page_alone() {
+fn calibration_requests_are_accepted_only_from_the_own_page() {
     let server = Server::start(None);
     let json = "Content-Type: application/json";
     let post = |server: &Server, path: &str, headers: &[&str], body: &str| {
@@ -597,7 +597,7 @@ fn a_calibration_is_begun_and_ended_by_our_own_page_alone() {
 }
 
 #[test]
-fn a_name_that_somebody_else_could_point_here_is_refused() {
+fn refuses_host_names_that_others_can_resolve_to_this_machine() {
     let server = Server::start(None);
     for host in ["evil.example", "evil.example:8780", "192.168.1.9", ""] {
         let header = format!("Host: {host}");
@@ -618,7 +618,7 @@ fn a_name_that_somebody_else_could_point_here_is_refused() {
 }
 
 #[test]
-fn pages_from_elsewhere_neither_change_settings_nor_see_the_picture() {
+fn other_origins_cannot_change_settings_or_read_the_picture() {
     let server = Server::start(None);
     let json = "Content-Type: application/json";
     let own = format!("Origin: http://{}", server.address);
@@ -667,7 +667,7 @@ fn pages_from_elsewhere_neither_change_settings_nor_see_the_picture() {
 }
 
 #[test]
-fn with_a_token_only_who_knows_it_gets_in() {
+fn refuses_requests_without_the_token() {
     let server = Server::start(Some(TOKEN));
     for path in [
         "/",
@@ -716,7 +716,7 @@ fn with_a_token_only_who_knows_it_gets_in() {
 }
 
 #[test]
-fn the_token_leaves_the_address_and_stays_in_a_cookie() {
+fn token_moves_from_the_address_to_a_cookie() {
     let server = Server::start(Some(TOKEN));
     let first = server.get("/?x=1&token=a-token-for-tests");
     assert_eq!((first.status, first.header("location")), (303, "/"));
@@ -735,7 +735,7 @@ fn the_token_leaves_the_address_and_stays_in_a_cookie() {
 }
 
 #[test]
-fn an_address_that_others_can_reach_needs_a_good_token() {
+fn public_address_requires_a_valid_token() {
     let bind = |address: [u8; 4], token: Option<&str>| {
         let shared = SharedStatus::new(Settings::default());
         StatusServer::bind(
@@ -764,7 +764,7 @@ fn an_address_that_others_can_reach_needs_a_good_token() {
 }
 
 #[test]
-fn a_port_in_use_is_one_line_that_names_it_and_the_way_out() {
+fn port_in_use_is_reported_in_one_line_with_a_remedy() {
     let server = Server::start(None);
     let shared = SharedStatus::new(Settings::default());
     let error = StatusServer::bind(server.address, None, shared)
@@ -783,7 +783,7 @@ fn a_port_in_use_is_one_line_that_names_it_and_the_way_out() {
 }
 
 #[test]
-fn shutting_down_closes_streams_too() {
+fn shutdown_closes_streams() {
     let shared = SharedStatus::new(Settings::default());
     let server = StatusServer::bind(any_port(), None, Arc::clone(&shared)).unwrap();
     let address = server.local_addr();
@@ -814,7 +814,7 @@ fn shutting_down_closes_streams_too() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
     #[test]
-    fn garbage_does_not_harm_the_server(bytes in proptest::collection::vec(any::<u8>(), 0..400), http in any::<bool>()) {
+    fn server_survives_random_bytes(bytes in proptest::collection::vec(any::<u8>(), 0..400), http in any::<bool>()) {
         let server = shared_server();
         let mut socket = server.connect();
         let start: &[u8] = if http { b"POST /settings HTTP/1.1\r\nHost: localhost\r\n" } else { b"" };

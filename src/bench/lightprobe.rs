@@ -227,7 +227,7 @@ mod tests {
     /// In the measured case the sphere is read, the light changes, the lamp brightens the picture and
     /// the exposure darkens it again.
     #[test]
-    fn the_case_reads_its_ball_and_darkens_its_picture() {
+    fn light_probe_case_measures_the_light_and_lowers_the_exposure() {
         let gpu = Gpu::open(None).unwrap();
         let case = Case {
             view: View::Ball,

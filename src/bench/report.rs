@@ -285,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_of_planes_say_so_and_others_do_not() {
+    fn only_rows_with_planes_name_planes() {
         let text = row().to_string();
         assert!(
             text.contains("38 planes, 1400 basis images, light changes every frame"),
@@ -300,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn names_of_cases_fit_their_column() {
+    fn case_names_fit_their_column() {
         let heading = Row::HEADING.find("size");
         let size = row().to_string().find("640x480");
         assert_eq!(size, heading);

@@ -53,7 +53,7 @@ mod tests {
     use std::time::{Duration, Instant};
 
     #[test]
-    fn a_thread_that_works_costs_and_one_that_waits_does_not() {
+    fn working_threads_use_processor_time_and_waiting_ones_do_not() {
         let (told, hears) = crossbeam_channel::bounded::<()>(0);
         let idle = penumbra_interface::threads::spawn("idle-thread", move || hears.recv()).unwrap();
         let busy = penumbra_interface::threads::spawn("busy-thread", || {

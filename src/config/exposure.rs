@@ -144,7 +144,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_command_line_takes_a_word_or_stops() {
+    fn parses_exposure_as_a_word_or_stops() {
         let read = |text: &str| text.parse::<ExposureChoice>();
         assert_eq!(read("off"), Ok(ExposureChoice::Off));
         assert_eq!(read("auto"), Ok(ExposureChoice::Auto));

@@ -207,7 +207,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn manifests_are_found_in_both_folders() {
+    fn finds_driver_manifests_in_both_folders() {
         let root = tempfile::tempdir().unwrap();
         for (folder, name) in [
             ("usr/share/vulkan/icd.d", "lvp.json"),
@@ -223,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn a_named_driver_that_is_gone_fails() {
+    fn fails_for_a_missing_named_driver() {
         let gone = named_drivers(vec![PathBuf::from("/no/such.json")]);
         assert_eq!(gone.state, State::Fail);
         let manifest = Path::new(env!("CARGO_MANIFEST_DIR")).join("Cargo.toml");
@@ -231,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn a_small_adapter_is_refused_by_name_of_the_limit() {
+    fn names_the_limit_that_an_adapter_does_not_meet() {
         let enough = wgpu::Limits::default();
         assert_eq!(limits(&enough).state, State::Ok);
         let small = wgpu::Limits {

@@ -172,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn whatever_is_not_ok_says_how_to_mend_it() {
+    fn every_failed_check_has_a_remedy() {
         let (_root, mut options) = bare();
         options.adapter = Some("no such adapter".into());
         options.recordings = PathBuf::from("/no/such/folder");
@@ -185,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn the_report_shows_every_check_and_a_verdict() {
+    fn report_shows_every_check_and_a_summary() {
         let report = Report {
             checks: vec![
                 Check::ok("one", "is there"),
@@ -201,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn the_worst_check_is_the_report_s_state() {
+    fn state_of_the_report_is_that_of_the_worst_check() {
         let ok = Report {
             checks: vec![Check::ok("one", "is there")],
         };

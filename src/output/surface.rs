@@ -190,7 +190,7 @@ mod tests {
     use wgpu::TextureFormat::{Bgra8Unorm, Bgra8UnormSrgb, Rgba16Float};
 
     #[test]
-    fn a_format_that_does_not_encode_again_comes_first() {
+    fn prefers_formats_without_srgb_encoding() {
         assert_eq!(
             plain(&[Bgra8UnormSrgb, Rgba16Float, Bgra8Unorm]),
             Bgra8Unorm
@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn a_size_arrives_whole() {
+    fn size_is_stored_unchanged() {
         let place = Place::default();
         place.set_size((u32::MAX, 7));
         assert_eq!(place.size(), (u32::MAX, 7));

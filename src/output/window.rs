@@ -317,14 +317,14 @@ mod tests {
     use penumbra_config::Monitor;
 
     #[test]
-    fn a_window_is_no_larger_than_its_monitor() {
+    fn window_fits_on_its_monitor() {
         assert_eq!(fitted((640, 480), (1920, 1080)), (640, 480));
         assert_eq!(fitted((1920, 1080), (1920, 1080)), (1728, 972));
         assert_eq!(fitted((640, 480), (0, 0)), (640, 480));
     }
 
     #[test]
-    fn monitors_go_by_number_or_by_part_of_their_name() {
+    fn finds_monitors_by_number_or_part_of_the_name() {
         let names = ["eDP-1".to_owned(), "HDMI-A-1".to_owned()];
         assert_eq!(position(&Monitor::Index(1), &names), Some(1));
         assert_eq!(position(&Monitor::Index(2), &names), None);

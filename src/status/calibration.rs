@@ -276,7 +276,7 @@ mod tests {
     }
 
     #[test]
-    fn wishes_are_read_and_what_is_none_is_refused_in_one_line() {
+    fn reads_requests_and_refuses_others_in_one_line() {
         let wish = read(
             r#"{"step": "intrinsics", "parameters": {"board": "chess:9x6:0.025"}, "seconds": 60}"#,
         )

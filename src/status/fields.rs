@@ -641,7 +641,7 @@ mod tests {
     }
 
     #[test]
-    fn every_field_of_the_answer_is_documented_and_no_other() {
+    fn documents_exactly_the_fields_of_the_status() {
         let mut found = BTreeSet::new();
         paths(&serde_json::to_value(full()).unwrap(), "", &mut found);
         let documented: BTreeSet<String> =

@@ -51,7 +51,7 @@ mod tests {
     }
 
     #[test]
-    fn flowing_frames_are_healthy_and_a_standing_picture_is_not() {
+    fn new_frames_are_healthy_and_a_stopped_picture_is_not() {
         for state in [SessionState::Live, SessionState::Replaying] {
             assert!(health(&snapshot(state, 900.0, Some(40.0))).is_ok());
             let stuck = health(&snapshot(state, 900.0, Some(8_250.0)));
@@ -60,14 +60,14 @@ mod tests {
     }
 
     #[test]
-    fn an_old_picture_is_right_where_nothing_should_move() {
+    fn old_picture_is_healthy_while_paused_or_ended() {
         for state in [SessionState::Paused, SessionState::Ended] {
             assert!(health(&snapshot(state, 900.0, Some(1e7))).is_ok());
         }
     }
 
     #[test]
-    fn a_start_may_take_a_while_but_not_for_ever() {
+    fn start_without_pictures_is_healthy_for_a_minute() {
         for state in [SessionState::Starting, SessionState::Live] {
             assert!(health(&snapshot(state, 20.0, None)).is_ok());
             assert!(health(&snapshot(state, 61.0, None)).is_err());
@@ -75,7 +75,7 @@ mod tests {
     }
 
     #[test]
-    fn failure_carries_its_reason() {
+    fn failure_is_reported_with_its_reason() {
         let mut s = Snapshot::default();
         s.session
             .enter_because(SessionState::Failed, "adapter lost");

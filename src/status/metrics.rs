@@ -571,7 +571,7 @@ mod tests {
     }
 
     #[test]
-    fn a_strict_reader_takes_the_page() {
+    fn page_follows_the_exposition_format() {
         let (types, samples) = parse(&metrics(&busy()));
         for (name, kind) in &types {
             assert_eq!(
@@ -596,7 +596,7 @@ mod tests {
     }
 
     #[test]
-    fn histograms_are_cumulative_and_end_at_infinity() {
+    fn histograms_are_cumulative_up_to_infinity() {
         let (_, samples) = parse(&metrics(&busy()));
         let decode = |suffix: &str| -> Vec<f64> {
             let name = format!("penumbra_stage_seconds_{suffix}");
@@ -623,7 +623,7 @@ mod tests {
     }
 
     #[test]
-    fn the_exposure_is_told() {
+    fn has_the_exposure() {
         let mut s = busy();
         s.exposure.ev = -1.5;
         let (types, samples) = parse(&metrics(&s));
@@ -633,7 +633,7 @@ mod tests {
     }
 
     #[test]
-    fn names_of_devices_are_escaped() {
+    fn escapes_device_names() {
         let page = metrics(&busy());
         assert!(
             page.contains(
@@ -644,7 +644,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rig_that_knows_nothing_yet_has_metrics_too() {
+    fn page_of_an_empty_snapshot_omits_unknown_values() {
         let (_, samples) = parse(&metrics(&Snapshot::default()));
         assert!(
             samples

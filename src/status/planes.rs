@@ -124,7 +124,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_share_of_work_saved_is_that_of_all_pictures() {
+    fn saved_work_is_averaged_over_all_pictures() {
         let mut planes = PlanesStatus {
             basis_images: 100,
             ..PlanesStatus::default()

@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn wishes_are_read_and_files_elsewhere_refused() {
+    fn reads_requests_and_refuses_files_outside_the_folder() {
         let wish = read(r#"{"record": true, "file": "desk 1.mcap", "seconds": 5}"#).unwrap();
         assert_eq!(
             (wish.file.as_deref(), wish.seconds),
@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn labels_are_what_the_json_says() {
+    fn labels_equal_the_json_values() {
         use RecordingState::{Failed, Finished, Idle, Recording, Unavailable};
         for state in [Unavailable, Idle, Recording, Finished, Failed] {
             assert_eq!(serde_json::to_value(state).unwrap(), state.label());

@@ -247,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn ages_are_of_the_moment_of_reading() {
+    fn ages_are_computed_when_the_snapshot_is_read() {
         let (shared, clock) = shared();
         assert_eq!(shared.snapshot().frames.last_age_ms, None);
         clock.0.store(1_000_000_000, Ordering::Relaxed);
@@ -260,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn a_whole_snapshot_keeps_what_the_server_counts() {
+    fn published_snapshot_keeps_the_counts_of_the_server() {
         let (shared, _) = shared();
         let picture = Arc::new(Picture {
             width: 1,
@@ -278,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_are_wanted_while_somebody_looks() {
+    fn pictures_are_requested_while_there_are_viewers() {
         let (shared, _) = shared();
         assert!(!shared.wants_picture());
         let (first, second) = (shared.watch(), shared.watch());
@@ -294,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn wishes_add_up_and_a_refused_one_changes_nothing() {
+    fn changes_accumulate_and_refused_ones_have_no_effect() {
         let (shared, _) = shared();
         let mut wished = shared.settings_receiver();
         shared.wish(&change(r#"{"light_count": 8}"#)).unwrap();
@@ -315,7 +315,7 @@ mod tests {
     }
 
     #[test]
-    fn a_panic_in_a_writer_does_not_take_the_status_away() {
+    fn status_survives_a_panic_in_a_writer() {
         let (shared, _) = shared();
         let writer = Arc::clone(&shared);
         let job = move || writer.update(|_| panic!("on purpose"));

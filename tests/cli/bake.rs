@@ -7,7 +7,7 @@ const SCENE: &str = "[ground]\nsize_m = 4.0\n[[object]]\nshape = \"box\"\nsize_m
                      [[object]]\nshape = \"box\"\nsize_m = [0.1, 0.1, 0.5]\nposition_m = [0.4, 0.0, 0.0]\n";
 
 #[test]
-fn a_scene_is_baked_and_what_was_done_is_told() {
+fn bakes_a_scene_and_prints_a_summary() {
     let desk = Desk::new();
     desk.put("scene.toml", SCENE);
     let options = "--planes 8 --lights 40 --resolution 32 --adapter llvmpipe";
@@ -47,7 +47,7 @@ fn bakes_go_to_the_cache_of_the_configuration() {
 }
 
 #[test]
-fn a_sessions_own_object_and_phantoms_are_baked() {
+fn bakes_object_and_phantoms_of_a_session() {
     let desk = Desk::new();
     let options = "--planes 6 --resolution 16 --adapter llvmpipe --json";
     let said = desk.works(&format!("bake DESK {options} --out desk.bake"));
@@ -59,7 +59,7 @@ fn a_sessions_own_object_and_phantoms_are_baked() {
 }
 
 #[test]
-fn what_cannot_be_baked_is_refused_in_a_line() {
+fn refuses_impossible_bakes_in_one_line() {
     let desk = Desk::new();
     desk.put("empty.toml", "[ground]\nsize_m = 1.0\n");
     desk.put("photo.jpg", "x");

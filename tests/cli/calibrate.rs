@@ -74,7 +74,7 @@ fn photographed() -> Desk {
 }
 
 #[test]
-fn pictures_of_a_board_become_a_calibration_and_a_report() {
+fn calibrates_a_lens_from_pictures_of_a_board() {
     let desk = photographed();
     let arguments = "calibrate intrinsics --pictures pictures --board chess:7x5:0.03 \
                      --device webcam --serial A1 --out scene_camera.json";
@@ -109,7 +109,7 @@ fn pictures_of_a_board_become_a_calibration_and_a_report() {
 }
 
 #[test]
-fn a_wrong_board_writes_no_calibration() {
+fn wrong_board_writes_no_calibration() {
     let desk = photographed();
     for (board, says) in [
         ("chess:8x5:0.03", "has 7×5 inner corners"),
@@ -127,7 +127,7 @@ fn a_wrong_board_writes_no_calibration() {
 }
 
 #[test]
-fn a_board_is_printed_at_true_scale() {
+fn board_is_written_at_true_scale() {
     let desk = Desk::new();
     let said = desk.works("calibrate board --board chess:9x6:0.025 --out board.pdf");
     assert!(said.contains("275 x 204 mm"), "{said}");
@@ -153,7 +153,7 @@ fn a_board_is_printed_at_true_scale() {
 }
 
 #[test]
-fn a_session_without_a_board_is_refused_by_its_reason() {
+fn refuses_a_session_without_a_board() {
     let desk = Desk::new();
     let output =
         desk.run("calibrate intrinsics --session DESK --board chess:9x6:0.025 --out a.json");
@@ -166,7 +166,7 @@ fn a_session_without_a_board_is_refused_by_its_reason() {
 }
 
 #[test]
-fn tags_on_a_printed_board_are_told_with_their_corners() {
+fn lists_tags_with_their_corners() {
     let desk = Desk::new();
     std::fs::create_dir(desk.path("sheets")).unwrap();
     desk.works("calibrate board --board aprilgrid:3x2:0.03:0.3 --out sheets/tags.png --dpi 100");

@@ -54,7 +54,7 @@ fn off(poses: &[(Posed, Option<Posed>)]) -> [[f64; 2]; 2] {
 }
 
 #[test]
-fn a_replay_shows_pictures_as_the_camera_stands_when_they_are_seen() {
+fn replay_predicts_the_pose_at_which_pictures_are_seen() {
     let desk = Desk::new();
     let session = desk_session().display().to_string();
     desk.put(
@@ -94,7 +94,7 @@ fn a_replay_shows_pictures_as_the_camera_stands_when_they_are_seen() {
 /// A picture arrives 18 ms after its exposure, the tracker's reading that belongs to it 40 ms. A live
 /// rig waits 20 ms for it, hands the picture over without, and it is seen 15 ms later.
 #[test]
-fn a_recorded_rig_with_a_late_tracker_is_shown_after_the_wait_for_it() {
+fn display_time_includes_the_wait_for_a_late_tracker() {
     let desk = Desk::new();
     desk.works(
         "simulate session --seed 5 --seconds 3 --known-tracker --camera-latency 0 \
@@ -127,7 +127,7 @@ fn a_recorded_rig_with_a_late_tracker_is_shown_after_the_wait_for_it() {
 }
 
 #[test]
-fn a_live_rig_tells_how_far_ahead_it_shows_its_pictures() {
+fn live_status_reports_the_display_prediction() {
     let desk = Desk::new();
     let session = desk_session().display().to_string();
     let devices = ["scene_camera", "environment_camera", "tracker"]

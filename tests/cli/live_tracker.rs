@@ -44,7 +44,7 @@ fn paired(address: &str) -> u64 {
 }
 
 #[test]
-fn a_tracker_that_goes_away_leaves_the_picture_and_is_taken_back_within_two_seconds() {
+fn lost_tracker_keeps_the_picture_and_is_reopened_within_two_seconds() {
     let desk = Desk::new();
     let link = desk.path("tracker").display().to_string();
     configure(&desk, &link, "fastrak");
@@ -80,7 +80,7 @@ fn a_tracker_that_goes_away_leaves_the_picture_and_is_taken_back_within_two_seco
 }
 
 #[test]
-fn a_tracker_of_another_protocol_is_named_by_what_it_says() {
+fn names_the_protocol_of_a_wrongly_configured_tracker() {
     let desk = Desk::new();
     let link = desk.path("tracker").display().to_string();
     configure(&desk, &link, "fastrak");
@@ -97,7 +97,7 @@ fn a_tracker_of_another_protocol_is_named_by_what_it_says() {
 
 /// The other way: the poses of the pictures, for virtual-production tools.
 #[test]
-fn the_pictures_poses_are_sent_as_free_d() {
+fn sends_the_poses_of_pictures_as_freed() {
     let desk = Desk::new();
     let receiver = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
     receiver

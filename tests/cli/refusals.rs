@@ -20,7 +20,7 @@ fn says(complaint: &str, parts: &[&str]) {
 }
 
 #[test]
-fn sessions_that_are_none() {
+fn refuses_files_that_are_not_sessions() {
     let desk = Desk::new();
     desk.put("empty.mcap", "");
     desk.put("notes.mcap", "dear diary, today the rig did not work");
@@ -48,7 +48,7 @@ fn sessions_that_are_none() {
 }
 
 #[test]
-fn sessions_without_what_a_replay_needs() {
+fn refuses_incomplete_sessions() {
     let desk = Desk::new();
     put_session(&desk, "bare.mcap", &[]);
     put_session(
@@ -78,7 +78,7 @@ fn sessions_without_what_a_replay_needs() {
 }
 
 #[test]
-fn configurations_with_mistakes() {
+fn refuses_wrong_configurations() {
     let desk = Desk::new();
     let cases = [
         (
@@ -131,7 +131,7 @@ fn configurations_with_mistakes() {
 }
 
 #[test]
-fn scenes_with_mistakes() {
+fn refuses_wrong_scenes() {
     let desk = Desk::new();
     let object = |file: &str| format!("[[object]]\nname = \"it\"\nfile = \"{file}\"\n");
     desk.put("broken.glb", b"glTF\x02\0\0\0 and then nothing of use");
@@ -161,7 +161,7 @@ fn scenes_with_mistakes() {
 }
 
 #[test]
-fn ports_and_addresses() {
+fn refuses_ports_in_use_and_public_addresses_without_token() {
     let desk = Desk::new();
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = taken.local_addr().unwrap();
@@ -174,7 +174,7 @@ fn ports_and_addresses() {
 }
 
 #[test]
-fn adapters_that_are_not_there() {
+fn refuses_missing_adapters() {
     let desk = Desk::new();
     says(
         &complaint(&desk, "DESK --adapter nonesuch"),
@@ -198,7 +198,7 @@ fn adapters_that_are_not_there() {
 }
 
 #[test]
-fn no_window_system() {
+fn refuses_a_window_without_a_window_system() {
     let desk = Desk::new();
     let line = desk.refuses("replay DESK --frames 1 --listen 127.0.0.1:0");
     says(&line, &["no window", "--headless"]);
@@ -251,7 +251,7 @@ fn nothing_is_overwritten_without_force() {
 }
 
 #[test]
-fn words_that_mean_nothing_are_usage() {
+fn unknown_words_print_the_usage() {
     let desk = Desk::new();
     let lines = [
         "replay",

@@ -55,7 +55,7 @@ fn scene(boxes: [f64; 2], model: &str) -> String {
 }
 
 #[test]
-fn a_changed_scene_is_shown_and_a_broken_one_is_not() {
+fn changed_scene_is_shown_and_a_broken_one_is_not() {
     let desk = Desk::new();
     desk.put("s.toml", scene([0.0, 0.1], ""));
     let rig = Running::start(&desk, "--scene s.toml --speed max");
@@ -103,7 +103,7 @@ fn corners(size: f32) -> Vec<u8> {
 }
 
 #[test]
-fn files_that_a_model_names_are_watched_and_broken_keys_keep_the_scene() {
+fn watches_the_files_of_a_model_and_keeps_the_scene_on_errors() {
     let desk = Desk::new();
     desk.put("m.gltf", MODEL);
     desk.put("corners.bin", corners(0.1));
@@ -148,7 +148,7 @@ const TRIANGLE: &str = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float 
 /// A model that is moved as a whole is not baked anew; one changed object is, and the picture
 /// goes on meanwhile.
 #[test]
-fn planes_follow_a_changed_scene() {
+fn bakes_planes_again_only_for_changed_objects() {
     let desk = Desk::new();
     desk.put("s.toml", scene([0.0, 0.1], ""));
     desk.put(

@@ -11,7 +11,7 @@ fn picture(desk: &Desk, name: &str) -> Picture {
 }
 
 #[test]
-fn the_same_input_gives_the_same_bytes() {
+fn same_input_gives_identical_frames() {
     let desk = Desk::new();
     let line = format!("replay DESK {QUIET} --frames 3");
     desk.works(&format!("{line} --frames-out first --report report.json"));
@@ -25,12 +25,12 @@ fn the_same_input_gives_the_same_bytes() {
             desk.read(format!("second/{name}"))
         );
     }
-    something_is_drawn(&desk);
-    the_report_tells(&desk);
+    assert_object_is_drawn(&desk);
+    assert_report_is_complete(&desk);
 }
 
 #[test]
-fn what_moves_is_the_same_in_every_replay() {
+fn moving_objects_are_identical_in_every_replay() {
     let desk = Desk::new();
     desk.put(
         "s.toml",
@@ -52,7 +52,7 @@ fn what_moves_is_the_same_in_every_replay() {
     }
 }
 
-fn something_is_drawn(desk: &Desk) {
+fn assert_object_is_drawn(desk: &Desk) {
     let frame = &scene_frames(1)[0];
     let seen = Picture::decode(frame, &YuvEncoding::default()).unwrap();
     let drawn = picture(desk, "first/00000.png");
@@ -69,7 +69,7 @@ fn something_is_drawn(desk: &Desk) {
     );
 }
 
-fn the_report_tells(desk: &Desk) {
+fn assert_report_is_complete(desk: &Desk) {
     let report = desk.json("report.json");
     assert_eq!(report["version"], 1);
     assert_eq!(report["session"], "desk.mcap");
@@ -105,7 +105,7 @@ fn the_report_tells(desk: &Desk) {
 }
 
 #[test]
-fn with_nothing_virtual_the_picture_is_the_camera_s() {
+fn picture_without_virtual_objects_equals_the_cameras() {
     let desk = Desk::new();
     for mode in ["ratio", "subtract"] {
         let line = format!("replay DESK {QUIET} --scene none --frames 2 --light-count 8");
@@ -120,7 +120,7 @@ fn with_nothing_virtual_the_picture_is_the_camera_s() {
 }
 
 #[test]
-fn a_truncated_session_is_played_as_far_as_it_goes() {
+fn plays_the_readable_part_of_a_truncated_session() {
     let desk = Desk::new();
     let whole = std::fs::read(desk_session()).unwrap();
     desk.put("cut.mcap", &whole[..whole.len() * 7 / 10]);
@@ -137,7 +137,7 @@ fn a_truncated_session_is_played_as_far_as_it_goes() {
 }
 
 #[test]
-fn force_writes_over_what_is_there() {
+fn force_overwrites_existing_files() {
     let desk = Desk::new();
     desk.put(
         "report.json",
@@ -152,7 +152,7 @@ fn force_writes_over_what_is_there() {
 
 /// What was typed comes before what stands in the file; what was not typed is the file's.
 #[test]
-fn the_command_line_comes_before_the_configuration() {
+fn command_line_overrides_the_configuration() {
     let desk = Desk::new();
     let config = "[output]\nwindow = false\nframes = \"pictures\"\n\
         [replay]\nspeed = \"max\"\n[environment]\nlight_count = 24\n[status]\nlisten = \"127.0.0.1:0\"\n";
@@ -169,7 +169,7 @@ fn the_command_line_comes_before_the_configuration() {
 }
 
 #[test]
-fn an_imported_folder_plays_like_the_session_it_came_from() {
+fn imported_folder_plays_like_its_session() {
     let desk = Desk::new();
     put_rig_folder(&desk, "rig", 8);
     let said = desk.works("import rig rig.mcap");
@@ -187,7 +187,7 @@ fn an_imported_folder_plays_like_the_session_it_came_from() {
 }
 
 #[test]
-fn a_tum_folder_plays() {
+fn plays_a_tum_folder() {
     let desk = Desk::new();
     put_tum_folder(&desk, "tum");
     let said = desk.works("import tum tum.mcap");
@@ -206,7 +206,7 @@ fn a_tum_folder_plays() {
 }
 
 #[test]
-fn an_exposure_changes_pictures_alike_in_every_run_and_none_changes_nothing() {
+fn exposure_is_reproducible_and_zero_changes_nothing() {
     let desk = Desk::new();
     desk.put(
         "auto.toml",

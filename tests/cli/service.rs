@@ -57,7 +57,7 @@ fn composed_some(line: &str) -> bool {
 
 #[cfg(unix)]
 #[test]
-fn a_signal_ends_a_loop_cleanly() {
+fn signal_ends_a_looped_replay() {
     for signal in ["-INT", "-TERM"] {
         let desk = Desk::new();
         let (child, address) = looping(&desk);
@@ -93,10 +93,10 @@ fn a_signal_ends_a_loop_cleanly() {
 /// Replays that write files at full speed may run side by side; the second does without
 /// the page that nobody asked for.
 #[test]
-fn a_taken_usual_port_is_no_reason_not_to_write_frames() {
+fn writes_frames_although_the_default_port_is_in_use() {
     let Ok(_taken) = TcpListener::bind("127.0.0.1:8780") else {
         eprintln!(
-            "a_taken_usual_port_is_no_reason_not_to_write_frames: skipped, port 8780 is not free"
+            "writes_frames_although_the_default_port_is_in_use: skipped, port 8780 is not free"
         );
         return;
     };

@@ -252,7 +252,7 @@ fn shadow(desk: &Desk, name: &str, window: DVec3, set_up: fn(DVec3) -> SetUp) ->
     sum / weight
 }
 
-fn the_shadow_falls_away_from_the_window(name: &str, set_up: fn(DVec3) -> SetUp) {
+fn assert_shadow_falls_away_from_the_window(name: &str, set_up: fn(DVec3) -> SetUp) {
     let desk = Desk::new();
     // As bright as the table: only what it shades is darker.
     desk.put(
@@ -269,16 +269,16 @@ fn the_shadow_falls_away_from_the_window(name: &str, set_up: fn(DVec3) -> SetUp)
 }
 
 #[test]
-fn one_camera_with_a_ball_beside_a_marker() {
-    the_shadow_falls_away_from_the_window("one", one_camera);
+fn one_camera_with_a_sphere_beside_a_marker() {
+    assert_shadow_falls_away_from_the_window("one", one_camera);
 }
 
 #[test]
-fn two_cameras_with_a_ball() {
-    the_shadow_falls_away_from_the_window("ball", camera_and_ball);
+fn two_cameras_with_a_sphere() {
+    assert_shadow_falls_away_from_the_window("ball", camera_and_ball);
 }
 
 #[test]
 fn two_cameras_with_a_fisheye() {
-    the_shadow_falls_away_from_the_window("fisheye", camera_and_fisheye);
+    assert_shadow_falls_away_from_the_window("fisheye", camera_and_fisheye);
 }

@@ -72,7 +72,7 @@ fn poses(protocol: &str, port: &str, count: usize) -> Vec<f64> {
 }
 
 #[test]
-fn a_tracker_at_a_pseudo_terminal_is_found_by_its_link_until_ctrl_c() {
+fn simulated_tracker_is_reachable_by_its_link_until_ctrl_c() {
     let desk = Desk::new();
     let mut simulation =
         Simulation::start(&desk, "simulate tracker --protocol fastrak --pty tracker");
@@ -89,7 +89,7 @@ fn a_tracker_at_a_pseudo_terminal_is_found_by_its_link_until_ctrl_c() {
 }
 
 #[test]
-fn a_session_is_played_byte_for_byte() {
+fn plays_the_tracker_bytes_of_a_session() {
     let desk = Desk::new();
     let simulation = Simulation::start(&desk, "simulate tracker --session DESK --pty");
     assert!(
@@ -105,7 +105,7 @@ fn a_session_is_played_byte_for_byte() {
 }
 
 #[test]
-fn free_d_comes_by_datagram_from_a_file_of_poses() {
+fn sends_poses_of_a_file_as_freed_datagrams() {
     let desk = Desk::new();
     desk.put("poses.txt", "0 3 0 4 0 0 0 1\n1 3 0 4 0 0 1 0\n");
     let port = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
@@ -121,7 +121,7 @@ fn free_d_comes_by_datagram_from_a_file_of_poses() {
 }
 
 #[test]
-fn what_cannot_be_simulated_is_refused_in_one_line() {
+fn refuses_impossible_simulations_in_one_line() {
     let desk = Desk::new();
     desk.put("poses.txt", "0 1 2\n");
     desk.put("port", "");

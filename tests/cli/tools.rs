@@ -3,7 +3,7 @@
 use crate::program::{Desk, text};
 
 #[test]
-fn info_tells_streams_rates_and_attachments() {
+fn info_lists_streams_rates_and_attachments() {
     let said = Desk::new().works("info DESK");
     let scene = said
         .lines()
@@ -21,7 +21,7 @@ fn info_tells_streams_rates_and_attachments() {
 }
 
 #[test]
-fn check_config_tells_what_is_changed() {
+fn check_config_lists_changed_settings() {
     let desk = Desk::new();
     desk.put(
         "rig.toml",
@@ -33,7 +33,7 @@ fn check_config_tells_what_is_changed() {
 }
 
 #[test]
-fn doctor_fails_where_the_program_cannot_work() {
+fn doctor_fails_if_the_program_cannot_work() {
     let desk = Desk::new();
     let output = desk.run("doctor --adapter nonesuch --listen 127.0.0.1:0");
     let said = text(&output.stdout);
@@ -45,7 +45,7 @@ fn doctor_fails_where_the_program_cannot_work() {
 }
 
 #[test]
-fn bench_writes_a_row_for_every_setting_of_the_paper() {
+fn bench_writes_a_row_for_each_setting_of_the_paper() {
     let desk = Desk::new();
     let said = desk.works("bench --case supan --frames 1 --size 64x48 --json bench.json");
     assert!(said.contains("wall p50"), "{said}");
@@ -71,7 +71,7 @@ fn bench_writes_a_row_for_every_setting_of_the_paper() {
 }
 
 #[test]
-fn bench_tells_what_a_light_probe_and_lamps_cost_step_by_step() {
+fn bench_measures_the_steps_of_light_probe_and_lamps() {
     let desk = Desk::new();
     let said = desk.works("bench --case lightprobe --frames 2 --size 160x120 --json bench.json");
     assert!(said.contains("mirrored ball in the picture"), "{said}");
@@ -101,7 +101,7 @@ fn bench_tells_what_a_light_probe_and_lamps_cost_step_by_step() {
 }
 
 #[test]
-fn bench_tells_what_capturing_costs_thread_by_thread_without_a_graphics_device() {
+fn bench_measures_capture_per_thread_without_a_gpu() {
     let desk = Desk::new();
     let line = "bench --case capture --adapter none-is-opened --frames 30 --size 320x240";
     let said = desk.works(&format!("{line} --json bench.json"));
@@ -137,7 +137,7 @@ fn bench_tells_what_capturing_costs_thread_by_thread_without_a_graphics_device()
 }
 
 #[test]
-fn a_live_rig_tells_how_old_its_pictures_are() {
+fn bench_measures_the_latency_of_live_pictures() {
     let desk = Desk::new();
     let said = desk.works("bench --case live --session DESK --frames 5 --json live.json");
     assert!(said.contains("arrival to picture"), "{said}");
@@ -157,7 +157,7 @@ fn a_live_rig_tells_how_old_its_pictures_are() {
 }
 
 #[test]
-fn light_of_a_session_is_written_as_maps_and_lights() {
+fn writes_maps_and_lights_of_a_session() {
     let desk = Desk::new();
     let said = desk.works("light DESK --out light");
     assert!(said.contains("elevation"), "{said}");
@@ -186,7 +186,7 @@ fn light_of_a_session_is_written_as_maps_and_lights() {
 }
 
 #[test]
-fn light_of_what_is_no_picture_is_refused() {
+fn light_refuses_files_that_are_not_pictures() {
     let desk = Desk::new();
     desk.put("notes.png", "no picture");
     desk.put("calibration.toml", "radios = 3\n");
@@ -204,7 +204,7 @@ fn light_of_what_is_no_picture_is_refused() {
 }
 
 #[test]
-fn help_names_every_command() {
+fn help_names_the_commands() {
     let said = Desk::new().works("--help");
     for command in [
         "replay",

@@ -77,10 +77,10 @@ fn found(screen: &[Vec<[u8; 3]>], picture: &Picture) -> Option<(usize, usize)> {
 }
 
 #[test]
-fn the_window_shows_the_picture() {
+fn window_shows_the_picture() {
     let desk = Desk::new();
     let Some(server) = Server::start(&desk) else {
-        eprintln!("SKIPPED the_window_shows_the_picture: Xvfb is missing (apt-get install xvfb)");
+        eprintln!("SKIPPED window_shows_the_picture: Xvfb is missing (apt-get install xvfb)");
         return;
     };
     let session = crate::program::desk_session().display().to_string();
