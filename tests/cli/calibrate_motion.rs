@@ -32,14 +32,14 @@ fn calibrates_map_tracker_and_latency_from_one_recording() {
     desk.put("rig/calibration/note.txt", "");
 
     let output = desk.run("calibrate map --session a.mcap --out map.json");
-    let said = text(&output.stderr);
+    let printed = text(&output.stderr);
     assert!(
-        !output.status.success() && said.contains("--size METRES"),
-        "{said}"
+        !output.status.success() && printed.contains("--size METRES"),
+        "{printed}"
     );
-    let said =
+    let printed =
         desk.works("calibrate map --session a.mcap --size 0.08 --out rig/calibration/markers.json");
-    assert!(said.contains("5 tags"), "{said}");
+    assert!(printed.contains("5 tags"), "{printed}");
     let map = desk.json("rig/calibration/markers.json");
     for (found, truth) in map["markers"]
         .as_array()
@@ -55,10 +55,10 @@ fn calibrates_map_tracker_and_latency_from_one_recording() {
     }
 
     let output = desk.run("calibrate tracker --session a.mcap --out b.json");
-    let said = text(&output.stderr);
+    let printed = text(&output.stderr);
     assert!(
-        !output.status.success() && said.contains("calibrate map"),
-        "{said}"
+        !output.status.success() && printed.contains("calibrate map"),
+        "{printed}"
     );
     desk.works("calibrate tracker --session a.mcap --rig rig --out rig/calibration/tracker.json");
     let tracker = desk.json("rig/calibration/tracker.json");
@@ -66,9 +66,9 @@ fn calibrates_map_tracker_and_latency_from_one_recording() {
     let off = distance(&found, &translation(&truth["T_sensor_cam"]));
     assert!(off < 0.003, "{off} m");
 
-    let said = desk
+    let printed = desk
         .works("calibrate latency --session a.mcap --rig rig --out rig/calibration/latency.json");
-    assert!(said.contains("by poses"), "{said}");
+    assert!(printed.contains("by poses"), "{printed}");
     let latency = desk.json("rig/calibration/latency.json");
     let off = latency["tracker_minus_scene"]["seconds"].as_f64().unwrap() - 0.0173;
     assert!(off.abs() < 0.002, "{off} s");
@@ -76,8 +76,8 @@ fn calibrates_map_tracker_and_latency_from_one_recording() {
     assert!(page.contains("Correlation over the offset") && page.contains("<svg"));
 
     // These files can be used at once.
-    let said = desk.works("calibrate latency --session a.mcap --rig rig --out c.json");
-    assert!(said.contains("good"), "{said}");
+    let printed = desk.works("calibrate latency --session a.mcap --rig rig --out c.json");
+    assert!(printed.contains("good"), "{printed}");
 }
 
 #[test]

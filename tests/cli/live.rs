@@ -49,12 +49,12 @@ impl Running {
             .stderr(Stdio::piped())
             .spawn();
         let mut running = Self(child.unwrap());
-        let mut said = String::new();
+        let mut printed = String::new();
         let stdout = running.0.stdout.as_mut().unwrap();
-        BufReader::new(stdout).read_line(&mut said).unwrap();
-        let address = said.trim_end().strip_prefix("status page: http://");
+        BufReader::new(stdout).read_line(&mut printed).unwrap();
+        let address = printed.trim_end().strip_prefix("status page: http://");
         let address = address.and_then(|a| a.strip_suffix('/'));
-        let address = address.unwrap_or_else(|| panic!("{said:?}")).to_owned();
+        let address = address.unwrap_or_else(|| panic!("{printed:?}")).to_owned();
         (running, address)
     }
 
@@ -76,13 +76,13 @@ impl Running {
     /// Ends the program by SIGTERM; returns its standard error.
     pub fn end(mut self) -> String {
         self.signal("-TERM");
-        let mut said = String::new();
+        let mut printed = String::new();
         let stderr = self.0.stderr.take();
         if let Some(mut stderr) = stderr {
-            stderr.read_to_string(&mut said).unwrap();
+            stderr.read_to_string(&mut printed).unwrap();
         }
-        assert!(self.0.wait().unwrap().success(), "{said}");
-        said
+        assert!(self.0.wait().unwrap().success(), "{printed}");
+        printed
     }
 }
 
@@ -139,13 +139,13 @@ fn replay_of_a_recording_equals_the_live_pictures() {
     let desk = Desk::new();
     configure(&desk, &desk_session().display().to_string());
     let out = "--headless --config rig.toml --frames-out";
-    let said = desk.works(&format!(
+    let printed = desk.works(&format!(
         "run --listen 127.0.0.1:0 {out} live --frames 25 --record rec.mcap"
     ));
-    assert!(said.contains("25 frames composed"), "{said}");
+    assert!(printed.contains("25 frames composed"), "{printed}");
     assert!(
-        said.contains("rec.mcap: ") && !said.contains("DROPPED"),
-        "{said}"
+        printed.contains("rec.mcap: ") && !printed.contains("DROPPED"),
+        "{printed}"
     );
     desk.works(&format!(
         "replay rec.mcap --listen 127.0.0.1:0 {out} replayed"
@@ -161,8 +161,8 @@ fn replay_of_a_recording_equals_the_live_pictures() {
 fn record_writes_all_streams_and_never_overwrites() {
     let desk = Desk::new();
     configure(&desk, &desk_session().display().to_string());
-    let said = desk.works("record out.mcap --config rig.toml --duration 3");
-    assert!(said.starts_with("out.mcap: "), "{said}");
+    let printed = desk.works("record out.mcap --config rig.toml --duration 3");
+    assert!(printed.starts_with("out.mcap: "), "{printed}");
     let session = Session::open(&desk.path("out.mcap")).unwrap();
     let original = Session::open(&desk_session()).unwrap();
     assert!(!session.truncated() && !session.has_journal());
@@ -270,9 +270,9 @@ fn missing_devices_are_reported_and_used_once_they_appear() {
         "{scene}"
     );
     assert!(scene["last_error"].as_str().unwrap().contains("not there"));
-    let said = rig.end();
+    let printed = rig.end();
     // One message per device, not one per attempt.
-    assert_eq!(said.matches("not there").count(), 3, "{said}");
+    assert_eq!(printed.matches("not there").count(), 3, "{printed}");
 }
 
 #[cfg(unix)]
@@ -354,24 +354,25 @@ fn service_manager_is_notified_of_start_state_and_watchdog() {
             .spawn()
             .unwrap(),
     );
-    let mut heard = Vec::new();
-    let mut hear = || {
+    let mut messages = Vec::new();
+    let mut receive = || {
         let mut buffer = [0; 4096];
         let length = manager.recv(&mut buffer).unwrap();
-        heard.push(text(&buffer[..length]).trim_end().to_owned());
-        heard.clone()
+        messages.push(text(&buffer[..length]).trim_end().to_owned());
+        messages.clone()
     };
-    let fed = |heard: &[String]| heard.iter().filter(|h| *h == "WATCHDOG=1").count();
-    while fed(&hear()) < 4 {}
-    let told = hear();
-    assert_eq!(told[0], "READY=1");
+    let watchdogs = |messages: &[String]| messages.iter().filter(|m| *m == "WATCHDOG=1").count();
+    while watchdogs(&receive()) < 4 {}
+    let received = receive();
+    assert_eq!(received[0], "READY=1");
     assert!(
-        told.iter()
-            .any(|h| h.starts_with("STATUS=") && h.contains("not there")),
-        "{told:?}"
+        received
+            .iter()
+            .any(|m| m.starts_with("STATUS=") && m.contains("not there")),
+        "{received:?}"
     );
     rig.signal("-TERM");
-    while hear().last().unwrap() != "STOPPING=1" {}
+    while receive().last().unwrap() != "STOPPING=1" {}
     rig.end_quietly();
 }
 

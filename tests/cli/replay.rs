@@ -1,4 +1,4 @@
-//! `replay`: the frames it writes, and the report.
+//! `replay`: the frames that it writes, and the report.
 
 use crate::program::{Desk, desk_session, text};
 use crate::sessions::{put_rig_folder, put_tum_folder, scene_frames};
@@ -37,7 +37,7 @@ fn moving_objects_are_identical_in_every_replay() {
         "[[object]]\nshape = \"box\"\nsize_m = [0.06, 0.06, 0.06]\neasing = \"linear\"\n\
          keys = [{ at_s = 0 }, { at_s = 0.4, position_m = [0.1, 0, 0] }]\n",
     );
-    // Light from close by comes anew half a second after the beginning.
+    // Indirect light is updated half a second after the beginning.
     let line = format!("replay DESK {QUIET} --scene s.toml --light-count 8 --frames 16");
     desk.works(&format!("{line} --frames-out first"));
     desk.works(&format!("{line} --frames-out second"));
@@ -122,16 +122,16 @@ fn picture_without_virtual_objects_equals_the_cameras() {
 #[test]
 fn plays_the_readable_part_of_a_truncated_session() {
     let desk = Desk::new();
-    let whole = std::fs::read(desk_session()).unwrap();
-    desk.put("cut.mcap", &whole[..whole.len() * 7 / 10]);
+    let complete = std::fs::read(desk_session()).unwrap();
+    desk.put("cut.mcap", &complete[..complete.len() * 7 / 10]);
     let line = format!("replay cut.mcap {QUIET} --frames 1 --light-count 8 --report report.json");
     let output = desk.run(&line);
-    let said = text(&output.stderr);
-    assert!(output.status.success(), "{said}");
-    assert_eq!(said.lines().count(), 1, "{said}");
+    let printed = text(&output.stderr);
+    assert!(output.status.success(), "{printed}");
+    assert_eq!(printed.lines().count(), 1, "{printed}");
     assert!(
-        said.contains("cut.mcap") && said.contains("cut off"),
-        "{said}"
+        printed.contains("cut.mcap") && printed.contains("cut off"),
+        "{printed}"
     );
     assert_eq!(desk.json("report.json")["truncated"], true);
 }
@@ -150,7 +150,7 @@ fn force_overwrites_existing_files() {
     assert_eq!(picture(&desk, "frames/00000.png").width, 640);
 }
 
-/// What was typed comes before what stands in the file; what was not typed is the file's.
+/// Options of the command line override the file; all other settings are the file's.
 #[test]
 fn command_line_overrides_the_configuration() {
     let desk = Desk::new();
@@ -172,10 +172,10 @@ fn command_line_overrides_the_configuration() {
 fn imported_folder_plays_like_its_session() {
     let desk = Desk::new();
     put_rig_folder(&desk, "rig", 8);
-    let said = desk.works("import rig rig.mcap");
+    let printed = desk.works("import rig rig.mcap");
     assert!(
-        said.contains("rig.mcap") && said.contains("8 scene pictures"),
-        "{said}"
+        printed.contains("rig.mcap") && printed.contains("8 scene pictures"),
+        "{printed}"
     );
     let line = format!("{QUIET} --frames 2 --light-count 8 --frames-out");
     desk.works(&format!("replay rig.mcap {line} imported"));
@@ -190,10 +190,10 @@ fn imported_folder_plays_like_its_session() {
 fn plays_a_tum_folder() {
     let desk = Desk::new();
     put_tum_folder(&desk, "tum");
-    let said = desk.works("import tum tum.mcap");
+    let printed = desk.works("import tum tum.mcap");
     assert!(
-        said.contains("2 scene pictures") && said.contains("3 poses"),
-        "{said}"
+        printed.contains("2 scene pictures") && printed.contains("3 poses"),
+        "{printed}"
     );
     desk.works(&format!(
         "replay tum.mcap {QUIET} --frames-out out --report report.json"
@@ -229,7 +229,7 @@ fn exposure_is_reproducible_and_zero_changes_nothing() {
     };
     assert!(files("off").len() == 5 && files("off") == files("none"));
     assert!(files("auto") == files("again"));
-    // Measured in one picture, in force two later.
+    // The exposure measured in one picture is used two pictures later.
     assert!(files("auto")[..2] == files("off")[..2] && files("auto")[4] != files("off")[4]);
     let sum = |name: &str| -> u64 {
         picture(&desk, name)

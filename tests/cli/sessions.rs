@@ -1,4 +1,4 @@
-//! Sessions and folders made from the bundled one.
+//! Writes sessions and folders derived from the bundled session.
 
 use crate::program::{Desk, desk_session};
 use penumbra_interface::Frame;
