@@ -1,4 +1,4 @@
-//! The status server over real sockets.
+//! Tests of the status server over sockets.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use penumbra_picture::Picture;
@@ -16,7 +16,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 const TOKEN: &str = "a-token-for-tests";
-const PATIENCE: Duration = Duration::from_secs(30);
+const TIMEOUT: Duration = Duration::from_secs(30);
 
 struct Server {
     address: SocketAddr,
@@ -45,11 +45,11 @@ impl Server {
 
     fn connect(&self) -> TcpStream {
         let socket = TcpStream::connect(self.address).unwrap();
-        socket.set_read_timeout(Some(PATIENCE)).unwrap();
+        socket.set_read_timeout(Some(TIMEOUT)).unwrap();
         socket
     }
 
-    /// Sends a request with these header lines and reads the whole answer.
+    /// Sends a request with these header lines and reads the complete response.
     fn request(&self, line: &str, headers: &[&str], body: &str) -> Answer {
         let mut socket = self.connect();
         let host = format!("Host: {}", self.address);
@@ -63,7 +63,7 @@ impl Server {
         head.extend(headers.iter().map(|h| (*h).to_owned()));
         head.push(format!("Content-Length: {}", body.len()));
         let request = head.join("\r\n") + "\r\n\r\n" + body;
-        // A refusal may come before the body has been taken.
+        // A refusal may arrive before the body has been sent.
         let _ = socket.write_all(request.as_bytes());
         Answer::read(socket)
     }
@@ -80,10 +80,10 @@ impl Server {
         self.shared.publish_picture(Arc::new(grey(shade)));
     }
 
-    fn until(&self, what: &str, happened: impl Fn() -> bool) {
-        let deadline = Instant::now() + PATIENCE;
-        while !happened() {
-            assert!(Instant::now() < deadline, "never happened: {what}");
+    fn until(&self, what: &str, holds: impl Fn() -> bool) {
+        let deadline = Instant::now() + TIMEOUT;
+        while !holds() {
+            assert!(Instant::now() < deadline, "timeout: {what}");
             std::thread::sleep(Duration::from_millis(5));
         }
     }
@@ -142,7 +142,7 @@ fn grey(shade: u8) -> Picture {
     }
 }
 
-// ── what is there ───────────────────────────────────────────────────────────────────────
+// ── pages ───────────────────────────────────────────────────────────────────────
 
 #[test]
 fn page_needs_no_other_server_and_all_its_files_exist() {
@@ -158,7 +158,7 @@ fn page_needs_no_other_server_and_all_its_files_exist() {
     );
     assert_eq!(page.header("x-content-type-options"), "nosniff");
     let html = page.text();
-    assert!(!html.contains("://"), "something from elsewhere");
+    assert!(!html.contains("://"), "a file of another server");
     let scripts = [
         "dashboard.js",
         "calibrate.js",
@@ -237,7 +237,7 @@ fn status_metrics_and_health_follow_the_rig() {
 
 // ── pictures ────────────────────────────────────────────────────────────────────────────
 
-/// A browser that watches: reads parts of a stream strictly.
+/// A viewer of the stream that checks each part.
 struct Viewer(BufReader<TcpStream>);
 
 impl Viewer {
@@ -261,10 +261,12 @@ impl Viewer {
     fn line(&mut self) -> String {
         let mut line = String::new();
         self.0.read_line(&mut line).unwrap();
-        line.strip_suffix("\r\n").expect("a whole line").to_owned()
+        line.strip_suffix("\r\n")
+            .expect("a complete line")
+            .to_owned()
     }
 
-    /// The next picture, with what closes it.
+    /// Reads the next picture and the boundary after it.
     fn next(&mut self) -> image::RgbImage {
         assert_eq!(self.line(), "Content-Type: image/jpeg");
         let length = self
@@ -296,7 +298,7 @@ fn viewer_receives_the_current_picture_and_then_new_ones() {
         let seen = std::iter::repeat_with(|| viewer.next())
             .take(3)
             .find(|p| p.dimensions() == (48, 32) && p.get_pixel(24, 16)[0].abs_diff(shade) <= 3);
-        assert!(seen.is_some(), "shade {shade} never came");
+        assert!(seen.is_some(), "shade {shade} was not received");
     }
 }
 
@@ -320,7 +322,7 @@ fn encodes_nothing_without_viewers() {
     assert!(encoded < 10, "{encoded} of 50 unseen pictures were encoded");
 }
 
-/// A picture that JPEG cannot make small, so that a few dozen fill every buffer on the way.
+/// A picture of noise, which JPEG compresses badly, so that a few dozen fill all buffers.
 fn noise(seed: u32) -> Picture {
     let mut state = seed | 1;
     let next = |_| {
@@ -341,17 +343,17 @@ fn a_stalled_viewer_does_not_delay_others() {
     let server = Server::start(None);
     let show = |seed| server.shared.publish_picture(Arc::new(noise(seed)));
     show(1);
-    let lazy = Viewer::open(&server);
-    let mut eager = Viewer::open(&server);
+    let stalled = Viewer::open(&server);
+    let mut active = Viewer::open(&server);
     let received: usize = (0..40)
         .map(|round| {
             show(round);
-            eager.next().len()
+            active.next().len()
         })
         .sum();
     assert_eq!(received, 40 * 800 * 600 * 3);
     assert_eq!(server.shared.snapshot().stream.viewers, 2);
-    drop(lazy);
+    drop(stalled);
 }
 
 #[test]
@@ -364,7 +366,7 @@ fn serves_sixteen_viewers_at_a_time() {
     assert!(refused.text().contains("16 viewers are connected already"));
     assert_eq!(server.get("/healthz").status, 200);
     drop(viewers);
-    server.until("a seat is free", || {
+    server.until("the viewers are gone", || {
         server.picture(8);
         server.shared.snapshot().stream.viewers == 0
     });
@@ -394,14 +396,14 @@ fn snapshot_is_lossless_and_missing_pictures_are_404() {
 #[test]
 fn valid_settings_reach_the_rig_and_others_are_refused_with_a_reason() {
     let server = Server::start(None);
-    let wished = server.shared.settings_receiver();
-    let granted = server.post_settings(r#"{"light_count": 384, "shadow_mode": "subtract"}"#);
+    let requested = server.shared.settings_receiver();
+    let accepted = server.post_settings(r#"{"light_count": 384, "shadow_mode": "subtract"}"#);
     assert_eq!(
-        (granted.status, &granted.json()["light_count"]),
+        (accepted.status, &accepted.json()["light_count"]),
         (202, &384.into())
     );
-    assert_eq!(wished.borrow().light_count, 384);
-    for (body, why) in [
+    assert_eq!(requested.borrow().light_count, 384);
+    for (body, reason) in [
         (r#"{"light_count": 50}"#, "choose 8, 24, 48, 64, 96 or 384"),
         (r#"{"shadow_strength": -0.1}"#, "not between 0"),
         (
@@ -415,9 +417,9 @@ fn valid_settings_reach_the_rig_and_others_are_refused_with_a_reason() {
         let refused = server.post_settings(body);
         assert_eq!(refused.status, 422, "{body}");
         let text = refused.json()["error"].as_str().unwrap().to_owned();
-        assert!(text.contains(why), "{body}: {text}");
+        assert!(text.contains(reason), "{body}: {text}");
     }
-    assert_eq!(wished.borrow().light_count, 384);
+    assert_eq!(requested.borrow().light_count, 384);
 }
 
 #[test]
@@ -435,11 +437,11 @@ fn refuses_settings_that_are_not_json_or_too_large() {
     assert_eq!(server.get("/settings").status, 405);
 }
 
-/// A recorder that notes what it was asked.
+/// A recorder that stores the requests.
 #[derive(Default)]
-struct Notes(std::sync::Mutex<Vec<RecordingWish>>);
+struct RecordedRequests(std::sync::Mutex<Vec<RecordingWish>>);
 
-impl RecordingControl for Notes {
+impl RecordingControl for RecordedRequests {
     fn carry_out(&self, wish: &RecordingWish) -> Result<Recording, RecordingRefusal> {
         self.0.lock().unwrap().push(wish.clone());
         if wish.record {
@@ -460,11 +462,11 @@ fn recording_requests_reach_the_recorder_only_from_the_own_page() {
     let refused = post(&[json], wish);
     assert_eq!(refused.status, 409);
     assert!(refused.text().contains("only a live rig"));
-    let notes = Arc::new(Notes::default());
-    server.shared.set_recorder(notes.clone());
+    let requests = Arc::new(RecordedRequests::default());
+    server.shared.set_recorder(requests.clone());
     assert_eq!(post(&[json], wish).status, 202);
     assert_eq!(post(&[json], r#"{"record": false}"#).status, 409);
-    assert_eq!(notes.0.lock().unwrap().len(), 2);
+    assert_eq!(requests.0.lock().unwrap().len(), 2);
     assert_eq!(post(&[], wish).status, 415);
     assert_eq!(post(&[json], "{}").status, 422);
     assert_eq!(
@@ -480,21 +482,21 @@ fn recording_requests_reach_the_recorder_only_from_the_own_page() {
         403
     );
     assert_eq!(server.get("/recording").status, 405);
-    assert_eq!(notes.0.lock().unwrap().len(), 2, "nothing else reached it");
+    assert_eq!(requests.0.lock().unwrap().len(), 2, "no other request");
     let guarded = Server::start(Some("open-sesame-now"));
-    guarded.shared.set_recorder(notes.clone());
+    guarded.shared.set_recorder(requests.clone());
     let outside = guarded.request("POST /recording", &[json], wish);
     assert_eq!(outside.status, 401);
-    assert_eq!(notes.0.lock().unwrap().len(), 2);
+    assert_eq!(requests.0.lock().unwrap().len(), 2);
 }
 
-// ── who may ask ─────────────────────────────────────────────────────────────────────────
+// ── access ─────────────────────────────────────────────────────────────────────────
 
-/// Begins whatever is wished, once, and has a report.
+/// A calibrator that accepts one step at a time and has a report.
 #[derive(Default)]
-struct Calibrating(std::sync::Mutex<Option<String>>);
+struct FakeCalibrator(std::sync::Mutex<Option<String>>);
 
-impl CalibrationControl for Calibrating {
+impl CalibrationControl for FakeCalibrator {
     fn view(&self) -> Calibration {
         Calibration {
             step: self.0.lock().unwrap().clone().unwrap_or_default(),
@@ -540,18 +542,27 @@ fn calibration_requests_are_accepted_only_from_the_own_page() {
     };
     let wish = r#"{"step": "intrinsics"}"#;
     assert_eq!(server.get("/calibration").json()["state"], "unavailable");
-    let nobody = post(&server, "start", &[json], wish);
-    assert_eq!(nobody.status, 409);
-    assert!(nobody.text().contains("penumbra run"), "{}", nobody.text());
+    let refused = post(&server, "start", &[json], wish);
+    assert_eq!(refused.status, 409);
+    assert!(
+        refused.text().contains("penumbra run"),
+        "{}",
+        refused.text()
+    );
     assert_eq!(server.get("/calibration/report").status, 404);
 
-    server.shared.set_calibrator(Arc::<Calibrating>::default());
+    server
+        .shared
+        .set_calibrator(Arc::<FakeCalibrator>::default());
     assert_eq!(post(&server, "finish", &[json], "{}").status, 409);
     assert_eq!(post(&server, "start", &[], wish).status, 415);
     let form = "Content-Type: application/x-www-form-urlencoded";
     assert_eq!(post(&server, "start", &[form], wish).status, 415);
-    let elsewhere = "Origin: http://evil.example";
-    assert_eq!(post(&server, "start", &[json, elsewhere], wish).status, 403);
+    let other_origin = "Origin: http://evil.example";
+    assert_eq!(
+        post(&server, "start", &[json, other_origin], wish).status,
+        403
+    );
     assert_eq!(post(&server, "start", &[json], "{}").status, 422);
     assert_eq!(
         post(&server, "start", &[json], &"x".repeat(20_000)).status,
@@ -577,7 +588,7 @@ fn calibration_requests_are_accepted_only_from_the_own_page() {
         let path = format!("/calibration/picture.jpg{none}");
         assert_eq!(server.get(&path).status, 404, "{none}");
     }
-    // A report styles itself; what a device has called itself in it cannot do anything.
+    // A report has its own styles, but no scripts: a device name in it cannot run code.
     let report = server.get("/calibration/report");
     let policy = report.header("content-security-policy");
     assert!(
@@ -588,7 +599,9 @@ fn calibration_requests_are_accepted_only_from_the_own_page() {
     assert_eq!(report.header("x-frame-options"), "deny");
 
     let guarded = Server::start(Some("0123456789ab"));
-    guarded.shared.set_calibrator(Arc::<Calibrating>::default());
+    guarded
+        .shared
+        .set_calibrator(Arc::<FakeCalibrator>::default());
     assert_eq!(guarded.get("/calibration").status, 401);
     let wrong = "Authorization: Bearer 0123456789ac";
     assert_eq!(post(&guarded, "start", &[json, wrong], wish).status, 401);
@@ -684,7 +697,7 @@ fn refuses_requests_without_the_token() {
     assert_eq!(
         server.get("/healthz").status,
         200,
-        "a watchdog knows no token"
+        "a watchdog has no token"
     );
     for wrong in [
         "Authorization: Bearer a-token-for-test",
@@ -754,12 +767,12 @@ fn public_address_requires_a_valid_token() {
     ));
     assert!(bind([0, 0, 0, 0], Some(TOKEN)).is_ok());
     assert!(bind([127, 0, 0, 2], None).is_ok());
-    let elsewhere = bind([192, 0, 2, 1], Some(TOKEN)).err().unwrap();
+    let foreign = bind([192, 0, 2, 1], Some(TOKEN)).err().unwrap();
     assert!(
-        elsewhere
+        foreign
             .to_string()
             .contains("choose another address with --listen"),
-        "{elsewhere}"
+        "{foreign}"
     );
 }
 
@@ -802,7 +815,7 @@ fn shutdown_closes_streams() {
     viewer.next();
     stop.send(()).unwrap();
     let mut rest = Vec::new();
-    // Closed or reset: either way the read ends.
+    // The read ends whether the connection is closed or reset.
     let _ = viewer.0.read_to_end(&mut rest);
     server._runtime.block_on(serving).unwrap().unwrap();
     assert!(

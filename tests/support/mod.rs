@@ -1,4 +1,4 @@
-//! What several integration tests need.
+//! Helpers of several integration tests.
 #![allow(dead_code, clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 pub mod board;

@@ -5,11 +5,11 @@ import { $, duration, facts, flag, make, percent, pill, put, refill, whole } fro
 
 const BUSY_MS = 250;
 const IDLE_MS = 2000;
-const MARK = 4; // half of a cross, in pixels of a picture of 640
+const MARK = 4; // half the size of a cross, pixels in a picture of 640
 
 const STATES = {
-  unavailable: ['live only', 'idle'], idle: ['ready', 'idle'], running: ['looking on', 'warn'],
-  evaluating: ['working it out', 'warn'], finished: ['finished', 'good'], failed: ['failed', 'bad'],
+  unavailable: ['live only', 'idle'], idle: ['ready', 'idle'], running: ['running', 'warn'],
+  evaluating: ['evaluating', 'warn'], finished: ['finished', 'good'], failed: ['failed', 'bad'],
 };
 const VERDICTS = { good: 'good', usable: 'warn', refused: 'bad' };
 
@@ -20,9 +20,9 @@ let loading = false;
 
 const busy = () => ['running', 'evaluating'].includes(view?.state);
 
-// ── what can be started ─────────────────────────────────────────────────────────────────
+// ── form ─────────────────────────────────────────────────────────────────
 
-/** One row of the form. */
+/** Builds one row of the form. */
 function field(parameter) {
   const row = make('label', 'row');
   const label = make('span', 'label', parameter.label);
@@ -54,7 +54,7 @@ function form() {
   refill($('calibrate-parameters'), step?.parameters ?? [], field);
 }
 
-function wish() {
+function request() {
   const parameters = {};
   $('calibrate-parameters').querySelectorAll('[name]').forEach((input) => { parameters[input.name] = input.value; });
   const seconds = $('calibrate-seconds').valueAsNumber;
@@ -74,9 +74,9 @@ function run() {
   put($('calibrate-hint'), evaluating ? '' : hint(view.hint));
   flag($('calibrate-waits'), view.trouble);
   facts($('calibrate-facts'), [
-    ['so far', duration(view.seconds)],
-    ['pictures shown', whole(view.pictures)],
-    ...(view.passed_over ? [['passed over', whole(view.passed_over)]] : []),
+    ['duration', duration(view.seconds)],
+    ['pictures used', whole(view.pictures)],
+    ...(view.passed_over ? [['skipped', whole(view.passed_over)]] : []),
     ...(view.damaged ? [['damaged', whole(view.damaged)]] : []),
     ...(view.readings_lost ? [['readings lost', whole(view.readings_lost)]] : []),
   ]);
@@ -106,7 +106,7 @@ function result() {
   refill($('calibrate-files'), files, ([what, file]) => make('li', '', `${what} ${file}`));
 }
 
-/** Crosses at the points found, in the picture's pixels. */
+/** Draws crosses at the detected points, in pixels of the picture. */
 function marks({ width, height, marks: found }) {
   const svg = $('calibrate-marks');
   svg.setAttribute('viewBox', `0 0 ${width} ${height}`);
@@ -166,17 +166,17 @@ function render() {
 
 // ── requests ──────────────────────────────────────────────────────────────────────────────
 
-async function ask() {
+async function poll() {
   clearTimeout(timer);
   // A lost connection is reported by the page already.
   if (document.body.dataset.link === 'up') {
     try {
       const response = await fetch('/calibration', { signal: AbortSignal.timeout(5000) });
       if (response.ok) { view = await response.json(); render(); }
-    } catch { /* the next one may come */ }
+    } catch { /* the next request may succeed */ }
   }
   clearTimeout(timer);
-  timer = setTimeout(ask, busy() && !document.hidden ? BUSY_MS : view ? IDLE_MS : BUSY_MS);
+  timer = setTimeout(poll, busy() && !document.hidden ? BUSY_MS : view ? IDLE_MS : BUSY_MS);
 }
 
 /** Sends a request and shows the reason of a refusal. */
@@ -195,14 +195,14 @@ async function send(what, body) {
   } catch (error) {
     flag($('calibrate-trouble'), error.message.replace(/^calibration: /, ''));
   }
-  ask();
+  poll();
 }
 
 /** Starts polling. */
 export function calibrate() {
-  $('calibrate-form').addEventListener('submit', (event) => { event.preventDefault(); send('start', wish()); });
+  $('calibrate-form').addEventListener('submit', (event) => { event.preventDefault(); send('start', request()); });
   $('calibrate-step').addEventListener('change', form);
   $('calibrate-finish').addEventListener('click', () => send('finish', {}));
   $('calibrate-abort').addEventListener('click', () => send('abort', {}));
-  ask();
+  poll();
 }
