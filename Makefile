@@ -55,7 +55,7 @@ docs-write: ## Rewrite the generated pages of the book: configuration, command l
 unit: toolchain ## Rust tests alone
 	@$(UNPACKED) .ci/test rust
 
-test-devices: toolchain ## Real kernel cameras and serial ports, in a small VM; ARGS="environment kernel program"
+test-devices: toolchain ## Real kernel cameras and serial ports, in a small VM; ARGS="environment kernel program serial"
 	@tests/devices/run $(ARGS)
 
 advisories: ## Known security holes in dependencies (needs the network)

@@ -1,4 +1,4 @@
-//! What a ray costs, and what it costs to prepare surfaces for rays.
+//! Measures the ray caster: its preparation, nearest hits and occlusion tests.
 //!
 //! `cargo bench -p penumbra-scene`
 #![allow(missing_docs, clippy::expect_used)]
@@ -10,7 +10,7 @@ use penumbra_scene::{Material, Mesh, Part, Scene, load_ply, primitives};
 use std::hint::black_box;
 use std::sync::Arc;
 
-/// Rays of one measurement.
+/// Number of rays of a measurement.
 const RAYS: usize = 10_000;
 
 fn part(name: &str, mesh: Mesh) -> Part {
@@ -42,7 +42,7 @@ fn courtyard() -> Option<Scene> {
     })
 }
 
-/// 100,000 triangles.
+/// A torus of 100,000 triangles.
 fn torus() -> Scene {
     let mesh = primitives::torus(2.0, 0.8, 250, 200);
     Scene {
@@ -51,7 +51,7 @@ fn torus() -> Scene {
     }
 }
 
-/// From places around the middle, 3 m to 8 m away, to places within 2 m of it.
+/// Rays from points around the origin, 2.5 m to 7.5 m away, to points within 3.5 m of it.
 fn rays() -> Vec<(DVec3, DVec3)> {
     let mut state = 1_u32;
     let mut next = || {

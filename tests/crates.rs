@@ -89,6 +89,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "sync",
             "lighting",
             "scene",
+            "white-balance",
             "rig-model",
         ],
     ),

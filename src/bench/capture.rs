@@ -13,7 +13,8 @@ use super::{BenchError, BenchOptions};
 use penumbra_capture::LiveDevice;
 use penumbra_config::{CameraSource, TrackerSource};
 use penumbra_config::{Config, TrackerConfig};
-use penumbra_rig::prepare::{Preparation, Prepared, Step};
+use penumbra_rig::frame::PreparedFrame;
+use penumbra_rig::prepare::{Preparation, PreparationEvent};
 use penumbra_rig::{Live, RigSetup, Source, live_settings};
 use penumbra_status::SharedStatus;
 use std::path::Path;
@@ -97,12 +98,12 @@ impl Rig {
         tally.row(seconds, cameras, &spent)
     }
 
-    /// Takes prepared frames like a compositor that needs no time.
-    fn take(&self, time: Duration, mut each: impl FnMut(&Prepared)) {
+    /// Takes what is prepared, as a compositor does that needs no time.
+    fn take(&self, time: Duration, mut each: impl FnMut(&PreparedFrame)) {
         let begun = Instant::now();
         while begun.elapsed() < time {
             match self.preparation.next() {
-                Some(Step::Frame(prepared)) => {
+                Some(PreparationEvent::Frame(prepared)) => {
                     each(&prepared);
                     self.preparation.give_back(prepared.picture);
                 }
@@ -116,7 +117,7 @@ impl Rig {
         let hub = self.live.hub.counts();
         let tally = |device: &LiveDevice, lost: u64| DeviceTally {
             device: device.kind.label().to_owned(),
-            delivered: device.condition().received,
+            delivered: device.status().received,
             lost,
         };
         let lost = [hub.scene_superseded, hub.environment_lost, hub.tracker_lost];
@@ -143,10 +144,10 @@ struct Tally {
 }
 
 impl Tally {
-    fn add(&mut self, prepared: &Prepared) {
+    fn add(&mut self, prepared: &PreparedFrame) {
         self.decoding.push(prepared.decoding.as_secs_f64() * 1e3);
         self.lighting.push(prepared.lighting.as_secs_f64() * 1e3);
-        self.passed_over += prepared.passed_over;
+        self.passed_over += prepared.skipped;
         self.posed += u64::from(prepared.world_from_camera.is_some());
     }
 

@@ -1,31 +1,31 @@
-//! The drivers of real devices. The only file of the rig that names their crates.
+//! The drivers of real devices. No other file outside `drivers/` opens real devices.
 
 use penumbra_config::{Hemisphere, TrackerConfig, TrackerUnits};
 use penumbra_interface::{Camera, CameraInfo, CameraSettings, Clock, DeviceError, Tracker};
 use penumbra_tracker_serial::{self as tracker, PortName, TrackerSettings};
 use std::sync::Arc;
 
-/// Opens a camera by the system's own interface.
+/// Opens a camera through V4L2.
 #[cfg(target_os = "linux")]
-pub(super) fn open_camera(
+pub(crate) fn open_camera(
     settings: &CameraSettings,
     clock: Arc<dyn Clock>,
 ) -> Result<Box<dyn Camera>, DeviceError> {
     penumbra_camera_v4l2::open(settings, clock)
 }
 
-/// Opens a camera through `nokhwa`, where there is no V4L2.
+/// Opens a camera through the crate `nokhwa`.
 #[cfg(all(not(target_os = "linux"), feature = "nokhwa"))]
-pub(super) fn open_camera(
+pub(crate) fn open_camera(
     settings: &CameraSettings,
     clock: Arc<dyn Clock>,
 ) -> Result<Box<dyn Camera>, DeviceError> {
     penumbra_camera_nokhwa::open(settings, clock)
 }
 
-/// This program was built without a driver for the system's cameras.
+/// Refuses: the program was built without a camera driver for this system.
 #[cfg(all(not(target_os = "linux"), not(feature = "nokhwa")))]
-pub(super) fn open_camera(
+pub(crate) fn open_camera(
     settings: &CameraSettings,
     _clock: Arc<dyn Clock>,
 ) -> Result<Box<dyn Camera>, DeviceError> {
@@ -35,10 +35,13 @@ pub(super) fn open_camera(
     })
 }
 
-/// The cameras that every compiled-in driver finds.
+/// Lists the cameras that the compiled-in drivers find.
 #[must_use]
 pub fn list_cameras() -> Vec<CameraInfo> {
-    #[allow(unused_mut, reason = "a build without drivers finds none")]
+    #[cfg_attr(
+        all(not(target_os = "linux"), not(feature = "nokhwa")),
+        expect(unused_mut, reason = "a build without drivers finds none")
+    )]
     let mut cameras = Vec::new();
     #[cfg(target_os = "linux")]
     cameras.extend(penumbra_camera_v4l2::list_cameras());
@@ -47,20 +50,23 @@ pub fn list_cameras() -> Vec<CameraInfo> {
     cameras
 }
 
-/// The own name and the serial number of the system's camera of that identity.
+/// Returns the product name and the serial number of the camera with this identity.
 #[cfg(target_os = "linux")]
-pub(super) fn camera_name_and_serial(identity: &str) -> Option<(String, Option<String>)> {
+pub(crate) fn camera_name_and_serial(identity: &str) -> Option<(String, Option<String>)> {
     penumbra_camera_v4l2::name_and_serial(identity)
 }
 
-/// Nobody knows more than its identity.
+/// Returns nothing: other drivers know no more than the identity.
 #[cfg(not(target_os = "linux"))]
-pub(super) const fn camera_name_and_serial(_: &str) -> Option<(String, Option<String>)> {
+pub(crate) const fn camera_name_and_serial(_: &str) -> Option<(String, Option<String>)> {
     None
 }
 
-/// Opens a tracker and holds its dialogue.
-pub(super) fn open_tracker(config: &TrackerConfig) -> Result<Box<dyn Tracker>, DeviceError> {
+/// Opens a tracker and configures it as its protocol prescribes.
+///
+/// # Errors
+/// A port name that cannot be parsed; the driver's error.
+pub(crate) fn open_tracker(config: &TrackerConfig) -> Result<Box<dyn Tracker>, DeviceError> {
     let port = PortName::parse(&config.device).map_err(|reason| DeviceError::Refused {
         device: config.device.clone(),
         reason,

@@ -1,50 +1,48 @@
-//! Where everything that arrives gets its place in one order.
+//! One ordered queue for the deliveries of all devices.
 
-use super::tap::Tap;
-use crossbeam_channel::{Sender, TrySendError};
+use crate::next::Next;
+use crate::recorder_queue::RecorderQueue;
+use crate::tap::FrameTap;
 use penumbra_interface::{Clock, MonotonicTime};
 use penumbra_session::SessionEvent;
 use std::collections::VecDeque;
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// Pictures of the scene camera that may wait. One more, and the oldest is passed over:
-/// whoever looks wants to see the present.
-const SCENE_WAITING: usize = 4;
-/// Pictures of the environment camera that may wait, brackets included.
-const ENVIRONMENT_WAITING: usize = 24;
-/// Readings of the tracker that may wait: half a minute of the quickest.
-const TRACKER_WAITING: usize = 4096;
-/// Bytes that may wait for the recorder.
-const RECORDER_BYTES: u64 = 256 << 20;
+/// Scene camera pictures that may wait. With one more the oldest is superseded: the rig shall
+/// show the present.
+const MAX_SCENE_PICTURES: usize = 4;
+/// Environment camera pictures that may wait, brackets included.
+const MAX_ENVIRONMENT_PICTURES: usize = 24;
+/// Tracker readings that may wait: half a minute of the fastest tracker.
+const MAX_TRACKER_READINGS: usize = 4096;
 
-/// What became too much.
+/// Deliveries that did not fit into the queue.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct HubCounts {
-    /// Pictures of the scene camera passed over for newer ones before they were paired.
+    /// Scene camera pictures superseded by newer ones before they were paired.
     pub scene_superseded: u64,
-    /// Pictures of the environment camera lost.
+    /// Environment camera pictures lost.
     pub environment_lost: u64,
-    /// Readings of the tracker lost.
+    /// Tracker readings lost.
     pub tracker_lost: u64,
 }
 
-/// What [`Hub::take`] gives.
+/// An entry of the hub's queue.
 #[derive(Debug)]
-pub enum Taken {
-    /// Something arrived, or the wait was over ([`SessionEvent::Tick`]).
+pub enum Delivery {
+    /// An event of a device, or [`SessionEvent::Tick`] where the deadline passed.
     Event(SessionEvent),
-    /// A picture of the scene camera that arrived then was passed over for newer ones.
-    Superseded(MonotonicTime),
-    /// Nothing came for a while, and nothing waits for time to pass.
-    Idle,
-    /// Nothing will come any more.
-    Ended,
+    /// A scene camera picture was superseded by newer ones. Pairing still needs its arrival,
+    /// because a replay of the recording will see the picture.
+    Superseded {
+        /// When the picture arrived.
+        arrived_at: MonotonicTime,
+    },
 }
 
-/// Takes from all devices, gives to the rig and to the recorder, in the same order to
-/// both. Neither can hold a device up.
+/// Takes the deliveries of all devices and hands them to the rig, the recorder and a tap, in
+/// the same order to each. None of these can delay a device.
 pub struct Hub {
     state: Mutex<State>,
     arrived: Condvar,
@@ -53,21 +51,17 @@ pub struct Hub {
 
 #[derive(Default)]
 struct State {
-    queue: VecDeque<Queued>,
-    /// Somebody takes.
-    live: bool,
+    queue: VecDeque<Delivery>,
+    /// Somebody takes from the queue.
+    has_consumer: bool,
     waiting: Waiting,
-    recorder: Option<Inlet>,
-    tap: Option<Tap>,
+    recorder: Option<RecorderQueue>,
+    tap: Option<FrameTap>,
     counts: HubCounts,
-    ended: bool,
+    has_ended: bool,
 }
 
-enum Queued {
-    Event(SessionEvent),
-    Superseded(MonotonicTime),
-}
-
+/// Number of events of each kind in the queue.
 #[derive(Clone, Copy, Default)]
 struct Waiting {
     scene: usize,
@@ -76,12 +70,13 @@ struct Waiting {
 }
 
 impl Waiting {
+    /// Returns the count of events like `event` and its limit; `None` for kinds without one.
     const fn of(&mut self, event: &SessionEvent) -> Option<(&mut usize, usize)> {
         match event {
-            SessionEvent::Scene(_) => Some((&mut self.scene, SCENE_WAITING)),
-            SessionEvent::Environment(_) => Some((&mut self.environment, ENVIRONMENT_WAITING)),
+            SessionEvent::Scene(_) => Some((&mut self.scene, MAX_SCENE_PICTURES)),
+            SessionEvent::Environment(_) => Some((&mut self.environment, MAX_ENVIRONMENT_PICTURES)),
             SessionEvent::TrackerBytes { .. } | SessionEvent::Pose(_) => {
-                Some((&mut self.tracker, TRACKER_WAITING))
+                Some((&mut self.tracker, MAX_TRACKER_READINGS))
             }
             SessionEvent::Tick(_) | SessionEvent::Prepared { .. } => None,
         }
@@ -89,12 +84,12 @@ impl Waiting {
 }
 
 impl Hub {
-    /// Nothing has arrived yet. With `live` false nobody will [`take`](Self::take), and what
-    /// arrives goes to the recorder alone.
+    /// Creates an empty hub. With `has_consumer` false nobody will [`take`](Self::take), and
+    /// deliveries go to the recorder and the tap alone.
     #[must_use]
-    pub fn new(clock: Arc<dyn Clock>, live: bool) -> Arc<Self> {
+    pub fn new(clock: Arc<dyn Clock>, has_consumer: bool) -> Arc<Self> {
         let state = State {
-            live,
+            has_consumer,
             ..State::default()
         };
         Arc::new(Self {
@@ -104,7 +99,7 @@ impl Hub {
         })
     }
 
-    /// Something arrived. Never waits for anybody.
+    /// Adds the delivery of a device. Does not wait for any consumer.
     pub fn deliver(&self, event: SessionEvent) {
         let mut state = self.lock();
         if let Some(recorder) = &state.recorder {
@@ -113,31 +108,31 @@ impl Hub {
         if let Some(tap) = &state.tap {
             tap.offer(&event);
         }
-        if state.live && !state.ended {
+        if state.has_consumer && !state.has_ended {
             state.push(event);
             drop(state);
             self.arrived.notify_one();
         }
     }
 
-    /// Notes for the recorder alone what the rig made of what arrived.
+    /// Passes a journal entry of the rig to the recorder alone.
     pub fn journal(&self, entry: &SessionEvent) {
         if let Some(recorder) = &self.lock().recorder {
             recorder.offer(entry);
         }
     }
 
-    /// The next in order. With nothing there it waits until `deadline`, which gives a
-    /// [`SessionEvent::Tick`], but not longer than `patience`.
-    pub fn take(&self, deadline: Option<MonotonicTime>, patience: Duration) -> Taken {
+    /// Takes the next delivery. While the queue is empty, waits until `deadline`, which gives a
+    /// [`SessionEvent::Tick`], but at most for `timeout`, after which it is [`Next::Idle`].
+    pub fn take(&self, deadline: Option<MonotonicTime>, timeout: Duration) -> Next<Delivery> {
         let mut state = self.lock();
-        let longest = self.clock.now() + patience;
+        let latest = self.clock.now() + timeout;
         loop {
-            if let Some(taken) = state.pop() {
-                return taken;
+            if let Some(delivery) = state.pop() {
+                return Next::Item(delivery);
             }
-            if state.ended {
-                return Taken::Ended;
+            if state.has_ended {
+                return Next::Ended;
             }
             let now = self.clock.now();
             if deadline.is_some_and(|deadline| now >= deadline) {
@@ -145,45 +140,46 @@ impl Hub {
                 if let Some(recorder) = &state.recorder {
                     recorder.offer(&tick);
                 }
-                return Taken::Event(tick);
+                return Next::Item(Delivery::Event(tick));
             }
-            if now >= longest {
-                return Taken::Idle;
+            if now >= latest {
+                return Next::Idle;
             }
-            let until = deadline.map_or(longest, |deadline| deadline.min(longest));
+            let until = deadline.map_or(latest, |deadline| deadline.min(latest));
             let wait = Duration::from_nanos(until.nanos_since(now).unsigned_abs());
             let waited = self.arrived.wait_timeout(state, wait);
             state = waited.unwrap_or_else(PoisonError::into_inner).0;
         }
     }
 
-    /// The next that is there already.
-    pub fn take_waiting(&self) -> Option<Taken> {
+    /// Takes the next delivery if one is waiting.
+    pub fn take_waiting(&self) -> Option<Delivery> {
         self.lock().pop()
     }
 
-    /// From here on everything goes to this recorder too; `None` ends that.
-    pub fn set_recorder(&self, recorder: Option<Inlet>) {
+    /// Sends all later deliveries to this recorder too; `None` ends that.
+    pub fn set_recorder(&self, recorder: Option<RecorderQueue>) {
         self.lock().recorder = recorder;
     }
 
-    /// From here on what it wants goes to this tap too; `None` ends that.
-    pub fn set_tap(&self, tap: Option<Tap>) {
+    /// Sends all later deliveries that the tap's filter accepts to this tap too; `None` ends
+    /// that.
+    pub fn set_tap(&self, tap: Option<FrameTap>) {
         let mut state = self.lock();
-        // After the end nothing would ever close it.
-        state.tap = tap.filter(|_| !state.ended);
+        // After the end nothing would ever close the tap.
+        state.tap = tap.filter(|_| !state.has_ended);
     }
 
-    /// Nothing will come any more; what waits can still be taken.
+    /// Ends the queue. Waiting deliveries can still be taken.
     pub fn end(&self) {
         let mut state = self.lock();
-        state.ended = true;
+        state.has_ended = true;
         state.tap = None;
         drop(state);
         self.arrived.notify_all();
     }
 
-    /// What became too much so far.
+    /// Returns how many deliveries did not fit so far.
     #[must_use]
     pub fn counts(&self) -> HubCounts {
         self.lock().counts
@@ -196,38 +192,38 @@ impl Hub {
 
 impl State {
     fn push(&mut self, event: SessionEvent) {
-        let full = match self.waiting.of(&event) {
-            Some((waiting, most)) => {
+        let is_full = match self.waiting.of(&event) {
+            Some((waiting, max)) => {
                 *waiting += 1;
-                *waiting > most
+                *waiting > max
             }
             None => false,
         };
-        if full {
-            self.make_room(&event);
+        if is_full {
+            self.drop_oldest(&event);
         }
-        self.queue.push_back(Queued::Event(event));
+        self.queue.push_back(Delivery::Event(event));
     }
 
-    /// Gives up the oldest that is of the same kind as `newer`.
-    fn make_room(&mut self, newer: &SessionEvent) {
+    /// Drops the oldest event of the same kind as `newer`.
+    fn drop_oldest(&mut self, newer: &SessionEvent) {
         let kind = std::mem::discriminant(newer);
-        let same = |queued: &Queued| match queued {
-            Queued::Event(event) => std::mem::discriminant(event) == kind,
-            Queued::Superseded(_) => false,
+        let is_same_kind = |delivery: &Delivery| match delivery {
+            Delivery::Event(event) => std::mem::discriminant(event) == kind,
+            Delivery::Superseded { .. } => false,
         };
-        let Some(oldest) = self.queue.iter().position(same) else {
+        let Some(oldest) = self.queue.iter().position(is_same_kind) else {
             return;
         };
         if let Some((waiting, _)) = self.waiting.of(newer) {
             *waiting -= 1;
         }
         match newer {
-            // Pairing still learns that it arrived: a replay of the recording will see it.
             SessionEvent::Scene(_) => {
                 self.counts.scene_superseded += 1;
-                if let Some(Queued::Event(event)) = self.queue.get(oldest) {
-                    self.queue[oldest] = Queued::Superseded(event.arrived_at());
+                if let Some(Delivery::Event(event)) = self.queue.get(oldest) {
+                    let arrived_at = event.arrived_at();
+                    self.queue[oldest] = Delivery::Superseded { arrived_at };
                 }
                 return;
             }
@@ -237,56 +233,13 @@ impl State {
         self.queue.remove(oldest);
     }
 
-    fn pop(&mut self) -> Option<Taken> {
-        Some(match self.queue.pop_front()? {
-            Queued::Superseded(at) => Taken::Superseded(at),
-            Queued::Event(event) => {
-                if let Some((waiting, _)) = self.waiting.of(&event) {
-                    *waiting = waiting.saturating_sub(1);
-                }
-                Taken::Event(event)
-            }
-        })
-    }
-}
-
-/// The way to a recorder: bounded, and what does not fit is counted, not waited for.
-#[derive(Clone, Debug)]
-pub struct Inlet {
-    events: Sender<SessionEvent>,
-    /// Bytes that wait; the recorder takes them off.
-    bytes: Arc<AtomicU64>,
-    dropped: Arc<AtomicU64>,
-}
-
-impl Inlet {
-    /// Into `events`; `bytes` counts what waits there, `dropped` what did not fit.
-    #[must_use]
-    pub const fn new(
-        events: Sender<SessionEvent>,
-        bytes: Arc<AtomicU64>,
-        dropped: Arc<AtomicU64>,
-    ) -> Self {
-        Self {
-            events,
-            bytes,
-            dropped,
-        }
-    }
-
-    fn offer(&self, event: &SessionEvent) {
-        let size = event.bytes() as u64;
-        if self.bytes.load(Ordering::Relaxed) + size > RECORDER_BYTES {
-            self.dropped.fetch_add(1, Ordering::Relaxed);
-            return;
-        }
-        self.bytes.fetch_add(size, Ordering::Relaxed);
-        if let Err(TrySendError::Full(event) | TrySendError::Disconnected(event)) =
-            self.events.try_send(event.clone())
+    fn pop(&mut self) -> Option<Delivery> {
+        let delivery = self.queue.pop_front()?;
+        if let Delivery::Event(event) = &delivery
+            && let Some((waiting, _)) = self.waiting.of(event)
         {
-            self.bytes
-                .fetch_sub(event.bytes() as u64, Ordering::Relaxed);
-            self.dropped.fetch_add(1, Ordering::Relaxed);
+            *waiting = waiting.saturating_sub(1);
         }
+        Some(delivery)
     }
 }

@@ -1,28 +1,40 @@
-//! One supervision loop per device: open, stream, back off, open again.
+//! Supervises the devices of a rig and puts everything that they deliver into one order.
 //!
-//! A device that blocks has a thread of its own. [`supervise`] is its loop, the same for
-//! every device and every way of opening one ([`source`]); what it finds stands on a
-//! [`Board`] that the status reads. What devices deliver meets in the [`Hub`], which gives
-//! everything its place in one order and hands it to the rig and to the recorder. Nothing
-//! here ever waits for either of them.
+//! Modules in the order in which data flows:
+//!
+//! - [`source`] opens a camera or a tracker: a real device (`drivers`), a recording that is
+//!   played as a device, or a device of a test.
+//! - [`supervisor`] runs one loop per device on the device's own thread: open, stream, wait
+//!   after an error ([`backoff`]), open again. Status goes to a [`DeviceMonitor`].
+//! - [`hub`] merges all deliveries into one ordered queue and hands them to the rig, to the
+//!   recorder ([`RecorderQueue`]) and to a calibration step ([`FrameTap`]).
+//! - [`live`] starts all of it for the devices of one rig.
+//!
+//! A device thread never waits for the consumers of its data.
 
 pub mod backoff;
-pub mod board;
+mod device;
 mod drivers;
 pub mod hub;
-mod live;
+pub mod live;
+mod monitor;
+mod next;
+mod recorder_queue;
 pub mod source;
 pub mod supervisor;
 pub mod tap;
 pub mod time;
 
-pub use board::{Board, Condition, DeviceState};
+pub use device::{Device, DeviceReport};
 pub use drivers::list_cameras;
-pub use hub::{Hub, HubCounts, Taken};
+pub use hub::{Delivery, Hub, HubCounts};
 pub use live::{Capture, Devices, LiveDevice};
-pub use penumbra_config::{CameraSource, TrackerSource};
-pub use supervisor::{Account, Device, Limits, Sink, supervise};
-pub use time::{LiveTime, Timekeeper};
+pub use monitor::{DeviceMonitor, DeviceState, DeviceStatus};
+pub use next::Next;
+pub use recorder_queue::RecorderQueue;
+pub use supervisor::{Limits, Sink, Supervisor};
+pub use tap::{FrameTap, TapFilter, TapReader};
+pub use time::{StoppableClock, StoppableSystemClock};
 
 #[cfg(test)]
 mod tests;

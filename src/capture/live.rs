@@ -1,77 +1,83 @@
 //! All devices of a rig, each supervised on a thread of its own.
 
-use super::drivers::camera_name_and_serial;
-use super::source::{Recordings, open_camera, open_tracker, patience};
-use super::{Account, Board, Condition, Hub, Limits, LiveTime, Sink, supervise};
+use crate::device::DeviceReport;
+use crate::drivers::camera_name_and_serial;
+use crate::hub::Hub;
+use crate::monitor::{DeviceMonitor, DeviceStatus};
+use crate::source::{Recordings, open_camera, open_tracker};
+use crate::supervisor::{Limits, Sink, Supervisor};
+use crate::time::StoppableSystemClock;
 use penumbra_config::{CameraSource, TrackerSource};
-use penumbra_interface::DeviceKind;
-use penumbra_interface::threads;
-use penumbra_interface::{Clock, Frame, SystemClock, TrackerBytes};
+use penumbra_interface::{Clock, DeviceKind, Frame, SystemClock, TrackerBytes, threads};
 use penumbra_session::{Camera as Stream, SessionEvent};
 use std::io;
 use std::sync::Arc;
 use std::thread::JoinHandle;
+use std::time::Duration;
 
-/// Which devices a rig has.
+/// A replayed device has the pauses of its recording, so it is not reopened for silence.
+const REPLAY_REOPEN_AFTER: Duration = Duration::from_secs(3600);
+
+/// The devices of a rig.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Devices {
     /// The camera whose picture is augmented.
     pub scene_camera: Option<CameraSource>,
-    /// The camera that sees the light.
+    /// The camera that captures the surroundings.
     pub environment_camera: Option<CameraSource>,
-    /// What says where the scene camera is.
+    /// The tracker of the scene camera.
     pub tracker: Option<TrackerSource>,
 }
 
 /// One supervised device.
 #[derive(Clone)]
 pub struct LiveDevice {
-    /// What it is for.
+    /// Its role.
     pub kind: DeviceKind,
-    /// As the configuration names it.
+    /// Its name in the configuration.
     pub name: String,
-    board: Arc<Board>,
+    monitor: Arc<DeviceMonitor>,
 }
 
 impl LiveDevice {
-    /// What is known of it.
+    /// Returns its status.
     #[must_use]
-    pub fn condition(&self) -> Condition {
-        self.board.condition()
+    pub fn status(&self) -> DeviceStatus {
+        self.monitor.status()
     }
 
-    /// Its own name, or what comes nearest to it, and its serial number; as far as it has been
-    /// open and they are known.
+    /// Returns its product name, or else its identity, and its serial number; `None` before it
+    /// has been open.
     #[must_use]
     pub fn name_and_serial(&self) -> Option<(String, Option<String>)> {
-        match self.condition().account {
-            Account::None => None,
-            Account::Camera(report) => {
+        match self.status().report {
+            DeviceReport::None => None,
+            DeviceReport::Camera(report) => {
                 Some(camera_name_and_serial(&report.identity).unwrap_or((report.identity, None)))
             }
-            Account::Tracker(report) => Some((report.said.unwrap_or(report.identity), None)),
+            DeviceReport::Tracker(report) => Some((report.said.unwrap_or(report.identity), None)),
         }
     }
 }
 
-/// The running supervisors. Dropping it closes all devices in order and waits for that.
+/// The running supervisors. Dropping it closes all devices, waits for that, and ends the hub.
 pub struct Capture {
     devices: Vec<LiveDevice>,
     threads: Vec<JoinHandle<()>>,
-    time: Arc<LiveTime>,
+    clock: Arc<StoppableSystemClock>,
     hub: Arc<Hub>,
 }
 
 impl Capture {
-    /// Starts to supervise every device; what they deliver goes to `hub`.
+    /// Starts a thread for each device, whose deliveries go to `hub`.
     ///
     /// # Errors
-    /// The system has no more threads.
+    /// The system refuses a thread.
     pub fn start(devices: &Devices, hub: &Arc<Hub>) -> io::Result<Self> {
         let mut capture = Self {
             devices: Vec::new(),
             threads: Vec::new(),
-            time: Arc::default(),
+            clock: Arc::default(),
             hub: Arc::clone(hub),
         };
         let recordings = Recordings::default();
@@ -81,22 +87,22 @@ impl Capture {
         ];
         for (stream, source) in cameras {
             if let Some(source) = source {
-                capture.camera(stream, source.clone(), recordings.clone())?;
+                capture.start_camera(stream, source.clone(), recordings.clone())?;
             }
         }
         if let Some(source) = &devices.tracker {
-            capture.tracker(source.clone(), recordings)?;
+            capture.start_tracker(source.clone(), recordings)?;
         }
         Ok(capture)
     }
 
-    /// The devices, in a fixed order.
+    /// Returns the devices: scene camera, environment camera, tracker, as far as the rig has them.
     #[must_use]
     pub fn devices(&self) -> &[LiveDevice] {
         &self.devices
     }
 
-    fn camera(
+    fn start_camera(
         &mut self,
         stream: Stream,
         source: CameraSource,
@@ -106,21 +112,27 @@ impl Capture {
             Stream::Scene => (DeviceKind::SceneCamera, "scene-camera"),
             Stream::Environment => (DeviceKind::EnvironmentCamera, "env-camera"),
         };
-        let (name, board) = self.add(kind, source.name());
-        let (time, hub) = (Arc::clone(&self.time), Arc::clone(&self.hub));
+        let (name, monitor) = self.add(kind, source.name());
+        let (stop, hub) = (Arc::clone(&self.clock), Arc::clone(&self.hub));
         let limits = limits(matches!(source, CameraSource::Replay(_)));
         self.threads.push(threads::spawn(thread, move || {
             let clock: Arc<dyn Clock> = Arc::new(SystemClock);
             let mut open = || open_camera(&source, stream, &recordings, &clock);
             let mut sink = CameraSink { stream, hub };
-            supervise(&name, &mut open, &mut sink, (&board, &*time, limits));
+            let supervisor = Supervisor {
+                name: &name,
+                monitor: &monitor,
+                clock: &*stop,
+                limits,
+            };
+            supervisor.run(&mut open, &mut sink);
         })?);
         Ok(())
     }
 
-    fn tracker(&mut self, source: TrackerSource, recordings: Recordings) -> io::Result<()> {
-        let (name, board) = self.add(DeviceKind::Tracker, source.name());
-        let (time, hub) = (Arc::clone(&self.time), Arc::clone(&self.hub));
+    fn start_tracker(&mut self, source: TrackerSource, recordings: Recordings) -> io::Result<()> {
+        let (name, monitor) = self.add(DeviceKind::Tracker, source.name());
+        let (stop, hub) = (Arc::clone(&self.clock), Arc::clone(&self.hub));
         let limits = limits(matches!(source, TrackerSource::Replay(_)));
         self.threads.push(threads::spawn("tracker", move || {
             let clock: Arc<dyn Clock> = Arc::new(SystemClock);
@@ -129,25 +141,31 @@ impl Capture {
                 protocol: Arc::from(""),
                 hub,
             };
-            supervise(&name, &mut open, &mut sink, (&board, &*time, limits));
+            let supervisor = Supervisor {
+                name: &name,
+                monitor: &monitor,
+                clock: &*stop,
+                limits,
+            };
+            supervisor.run(&mut open, &mut sink);
         })?);
         Ok(())
     }
 
-    fn add(&mut self, kind: DeviceKind, name: String) -> (String, Arc<Board>) {
-        let board = Arc::<Board>::default();
+    fn add(&mut self, kind: DeviceKind, name: String) -> (String, Arc<DeviceMonitor>) {
+        let monitor = Arc::<DeviceMonitor>::default();
         self.devices.push(LiveDevice {
             kind,
             name: name.clone(),
-            board: Arc::clone(&board),
+            monitor: Arc::clone(&monitor),
         });
-        (name, board)
+        (name, monitor)
     }
 }
 
 impl Drop for Capture {
     fn drop(&mut self) {
-        self.time.stop();
+        self.clock.stop();
         for thread in self.threads.drain(..) {
             let _ = thread.join();
         }
@@ -156,20 +174,21 @@ impl Drop for Capture {
 }
 
 fn limits(is_replay: bool) -> Limits {
-    Limits {
-        reopen_after: patience(is_replay),
-        ..Limits::default()
+    let mut limits = Limits::default();
+    if is_replay {
+        limits.reopen_after = REPLAY_REOPEN_AFTER;
     }
+    limits
 }
 
-/// A camera's way into the hub.
+/// Puts a camera's pictures into the hub.
 struct CameraSink {
     stream: Stream,
     hub: Arc<Hub>,
 }
 
 impl Sink<Frame> for CameraSink {
-    fn account(&mut self, _: &Account) {}
+    fn report(&mut self, _: &DeviceReport) {}
 
     fn deliver(&mut self, frame: Frame) {
         self.hub.deliver(match self.stream {
@@ -179,15 +198,15 @@ impl Sink<Frame> for CameraSink {
     }
 }
 
-/// A tracker's way into the hub.
+/// Puts a tracker's bytes into the hub, with the protocol that the driver reports.
 struct TrackerSink {
     protocol: Arc<str>,
     hub: Arc<Hub>,
 }
 
 impl Sink<TrackerBytes> for TrackerSink {
-    fn account(&mut self, account: &Account) {
-        if let Account::Tracker(report) = account
+    fn report(&mut self, report: &DeviceReport) {
+        if let DeviceReport::Tracker(report) = report
             && *self.protocol != *report.protocol
         {
             self.protocol = Arc::from(report.protocol.as_str());

@@ -1,18 +1,16 @@
-//! The ways of having a device: real ones and replayed ones are siblings.
+//! Opens devices: real ones, recordings that are played as devices, and devices of tests.
 
-use super::drivers;
-use penumbra_config::CameraSource;
-use penumbra_config::TrackerSource;
-use penumbra_config::replay_name;
+use crate::drivers;
+use penumbra_config::{CameraSource, TrackerSource, replay_name};
 use penumbra_interface::{Camera, Clock, DeviceError, Frame, Tracker, TrackerBytes};
 use penumbra_replay::{Items, ReplayCamera, ReplayTracker, Timeline};
 use penumbra_session::{Camera as Stream, Session, SessionError, SessionEvent};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
 
-/// The recordings that are played, each with one time for all its devices.
+/// The recordings that are played. All devices of one recording share its timeline, so that
+/// they stay synchronous.
 #[derive(Clone, Default)]
 pub struct Recordings(Arc<Mutex<BTreeMap<PathBuf, Recording>>>);
 
@@ -23,10 +21,10 @@ struct Recording {
 }
 
 impl Recordings {
-    /// The recording at `path`, opened when first asked for.
+    /// Returns the recording at `path`, which is opened at the first call.
     fn open(&self, path: &Path, clock: &Arc<dyn Clock>) -> Result<Recording, DeviceError> {
-        let mut known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(recording) = known.get(path) {
+        let mut opened = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(recording) = opened.get(path) {
             return Ok(recording.clone());
         }
         let session = Session::open(path).map_err(|error| unplayable(path, &error))?;
@@ -36,7 +34,7 @@ impl Recordings {
             session,
             timeline: Arc::new(timeline),
         };
-        known.insert(path.to_owned(), recording.clone());
+        opened.insert(path.to_owned(), recording.clone());
         Ok(recording)
     }
 }
@@ -52,10 +50,10 @@ fn unplayable(path: &Path, error: &SessionError) -> DeviceError {
     }
 }
 
-/// Opens a camera as the `stream` of the rig.
+/// Opens a camera. From a recording it plays the pictures of `stream`.
 ///
 /// # Errors
-/// The driver's error.
+/// The driver's error; a recording that is missing or cannot be read.
 pub fn open_camera(
     source: &CameraSource,
     stream: Stream,
@@ -79,7 +77,7 @@ pub fn open_camera(
 /// Opens a tracker.
 ///
 /// # Errors
-/// The driver's error; a recording without bytes of a tracker.
+/// The driver's error; a recording that is missing, cannot be read or has no tracker bytes.
 pub fn open_tracker(
     source: &TrackerSource,
     recordings: &Recordings,
@@ -93,7 +91,7 @@ pub fn open_tracker(
             let Some(protocol) = session.tracker_protocol().map(str::to_owned) else {
                 return Err(DeviceError::Refused {
                     device: replay_name(path),
-                    reason: "no bytes of a tracker in it; name another recording".to_owned(),
+                    reason: "it holds no tracker bytes; name another recording".to_owned(),
                 });
             };
             let bytes = move || tracker_bytes(&session);
@@ -124,11 +122,4 @@ fn tracker_bytes(session: &Session) -> Items<TrackerBytes> {
         } => Some(TrackerBytes { bytes, arrived_at }),
         _ => None,
     }))
-}
-
-/// A device that delivers nothing for so long is opened anew; replayed ones have the pauses
-/// of their recording.
-#[must_use]
-pub const fn patience(is_replay: bool) -> Duration {
-    Duration::from_secs(if is_replay { 3600 } else { 3 })
 }

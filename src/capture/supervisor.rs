@@ -1,92 +1,30 @@
 //! The loop around one device.
 
-use super::backoff::Backoff;
-use super::{Board, Timekeeper};
-use penumbra_interface::{
-    Camera, CameraReport, DeviceError, Frame, MonotonicTime, Recovery, Tracker, TrackerBytes,
-    TrackerReport,
-};
+use crate::backoff::Backoff;
+use crate::device::{Device, DeviceReport};
+use crate::monitor::DeviceMonitor;
+use crate::time::StoppableClock;
+use penumbra_interface::{DeviceError, MonotonicTime, Recovery};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Duration;
 
-/// A camera or a tracker, as its supervisor sees it.
-pub trait Device {
-    /// What it delivers.
-    type Item;
-
-    /// Waits up to `timeout` for the next item.
-    ///
-    /// # Errors
-    /// [`DeviceError::recovery`] says what to do.
-    fn next(&mut self, timeout: Duration) -> Result<Option<Self::Item>, DeviceError>;
-
-    /// What it says of itself.
-    fn account(&self) -> Account;
-
-    /// Bytes of an item.
-    fn bytes(item: &Self::Item) -> usize;
-}
-
-/// What a device says of itself.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub enum Account {
-    /// It has not been open yet.
-    #[default]
-    None,
-    /// A camera.
-    Camera(CameraReport),
-    /// A tracker.
-    Tracker(TrackerReport),
-}
-
-impl Device for Box<dyn Camera> {
-    type Item = Frame;
-
-    fn next(&mut self, timeout: Duration) -> Result<Option<Frame>, DeviceError> {
-        self.next_frame(timeout)
-    }
-
-    fn account(&self) -> Account {
-        Account::Camera(self.report())
-    }
-
-    fn bytes(frame: &Frame) -> usize {
-        frame.data.len()
-    }
-}
-
-impl Device for Box<dyn Tracker> {
-    type Item = TrackerBytes;
-
-    fn next(&mut self, timeout: Duration) -> Result<Option<TrackerBytes>, DeviceError> {
-        self.next_bytes(timeout)
-    }
-
-    fn account(&self) -> Account {
-        Account::Tracker(self.report())
-    }
-
-    fn bytes(item: &TrackerBytes) -> usize {
-        item.bytes.len()
-    }
-}
-
-/// Who takes what a device delivers. Neither call may block.
+/// Takes what a device delivers. Neither call may block.
 pub trait Sink<T> {
-    /// The device says this of itself, after it was opened and now and then.
-    fn account(&mut self, account: &Account);
-    /// It has delivered.
+    /// Takes the driver's report, which comes after opening and then every
+    /// [`REPORT_INTERVAL`].
+    fn report(&mut self, report: &DeviceReport);
+    /// Takes a delivery.
     fn deliver(&mut self, item: T);
 }
 
-/// How patient a supervisor is.
+/// Time limits of a supervisor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
-    /// A device is asked so long at a time; a wish to stop goes unheard no longer.
+    /// Timeout of one read; a request to stop is noticed after at most this time.
     pub poll: Duration,
-    /// Nothing for so long is told in the status.
+    /// After this time without a delivery the device counts as silent.
     pub silent_after: Duration,
-    /// Nothing for so long, and the device is closed and opened anew.
+    /// After this time without a delivery the device is closed and opened again.
     pub reopen_after: Duration,
 }
 
@@ -100,89 +38,96 @@ impl Default for Limits {
     }
 }
 
-/// Damaged deliveries in a row after which the device is opened anew.
-const MOST_DAMAGED: u32 = 100;
-/// After this many in a row there is a pause before each further reading.
-const DAMAGED_AT_FULL_SPEED: u32 = 3;
-/// Where a driver comes back at once with nothing, it is asked at this pace.
-const BREATH: Duration = Duration::from_millis(5);
-/// Having delivered for so long, a device's next trouble is a new one.
-const GOOD_TIMES: Duration = Duration::from_secs(1);
-/// How often a device is asked for its account.
-const ACCOUNT_EVERY: Duration = Duration::from_millis(250);
+/// Consecutive damaged deliveries after which the device is opened again.
+const MAX_CONSECUTIVE_DAMAGED: u32 = 100;
+/// Consecutive damaged deliveries after which there is a pause before each read.
+const MAX_DAMAGED_WITHOUT_PAUSE: u32 = 3;
+/// Pause before the next read after damaged data, or where a driver returns at once with
+/// nothing.
+const PAUSE: Duration = Duration::from_millis(5);
+/// After this time of deliveries the back-off starts again at its shortest wait.
+const BACKOFF_RESET_AFTER: Duration = Duration::from_secs(1);
+/// Interval between two reports of a driver.
+pub const REPORT_INTERVAL: Duration = Duration::from_millis(250);
 
-/// Opens a device, takes what it delivers, and opens it again after trouble, until `time`
-/// is to stop. `name` is for messages.
-pub fn supervise<D: Device>(
-    name: &str,
-    open: &mut dyn FnMut() -> Result<D, DeviceError>,
-    sink: &mut dyn Sink<D::Item>,
-    (board, time, limits): (&Board, &dyn Timekeeper, Limits),
-) {
-    let mut backoff = Backoff::default();
-    while !time.stopping() {
-        board.opening();
-        let opened = guarded(name, &mut *open);
-        let was_open = opened.is_ok();
-        let trouble = match opened {
-            Ok(device) => {
-                let (begun, error) = Streaming::of(name, device, (board, time, limits)).run(sink);
-                if begun.is_some_and(|at| time.now() >= at + GOOD_TIMES) {
-                    backoff.forget();
+/// Keeps one device open.
+#[derive(Clone, Copy)]
+pub struct Supervisor<'a> {
+    /// The device's name, for messages.
+    pub name: &'a str,
+    /// Where its status is written.
+    pub monitor: &'a DeviceMonitor,
+    /// The clock that also ends the loop.
+    pub clock: &'a dyn StoppableClock,
+    /// Time limits.
+    pub limits: Limits,
+}
+
+impl Supervisor<'_> {
+    /// Opens the device, passes its deliveries to `sink` and opens it again after an error,
+    /// until the clock is stopped.
+    pub fn run<D: Device>(
+        &self,
+        open: &mut dyn FnMut() -> Result<D, DeviceError>,
+        sink: &mut dyn Sink<D::Item>,
+    ) {
+        let mut backoff = Backoff::default();
+        while !self.clock.is_stopping() {
+            self.monitor.opening();
+            let opened = guard(self.name, &mut *open);
+            let was_open = opened.is_ok();
+            let error = match opened {
+                Ok(device) => {
+                    let (first_at, error) = Stream::new(*self, device).run(sink);
+                    if first_at.is_some_and(|at| self.clock.now() >= at + BACKOFF_RESET_AFTER) {
+                        backoff.reset();
+                    }
+                    error
                 }
-                error
+                Err(error) => Some(error),
+            };
+            let Some(error) = error else { break };
+            let wait = backoff.next_wait(error.recovery());
+            let until = self.clock.now() + wait;
+            if self.monitor.failed(&error, was_open, until) {
+                tracing::warn!(device = self.name, "{error}");
             }
-            Err(error) => Some(error),
-        };
-        let Some(error) = trouble else { break };
-        let wait = backoff.after(error.recovery());
-        if board.trouble(&error, was_open, time.now() + wait) {
-            tracing::warn!(device = name, "{error}");
+            self.clock.pause(wait);
         }
-        time.pause(wait);
+        self.monitor.closed();
     }
-    board.closed();
 }
 
 /// A device that is open.
-struct Streaming<'a, D> {
-    name: &'a str,
+struct Stream<'a, D> {
+    supervisor: Supervisor<'a>,
     device: D,
-    board: &'a Board,
-    time: &'a dyn Timekeeper,
-    limits: Limits,
     first_at: Option<MonotonicTime>,
     last_at: MonotonicTime,
-    accounted_at: MonotonicTime,
-    damaged: u32,
+    reported_at: MonotonicTime,
+    consecutive_damaged: u32,
 }
 
-impl<'a, D: Device> Streaming<'a, D> {
-    fn of(
-        name: &'a str,
-        device: D,
-        (board, time, limits): (&'a Board, &'a dyn Timekeeper, Limits),
-    ) -> Self {
-        let now = time.now();
+impl<'a, D: Device> Stream<'a, D> {
+    fn new(supervisor: Supervisor<'a>, device: D) -> Self {
+        let now = supervisor.clock.now();
         Self {
-            name,
+            supervisor,
             device,
-            board,
-            time,
-            limits,
             first_at: None,
             last_at: now,
-            accounted_at: now,
-            damaged: 0,
+            reported_at: now,
+            consecutive_damaged: 0,
         }
     }
 
-    /// Until trouble, or `None` at the wish to stop; and when the first item came.
+    /// Streams until an error or until the clock is stopped. Returns when the first item
+    /// arrived, and the error.
     fn run(mut self, sink: &mut dyn Sink<D::Item>) -> (Option<MonotonicTime>, Option<DeviceError>) {
-        let account = self.device.account();
-        sink.account(&account);
-        self.board.opened(account);
-        while !self.time.stopping() {
+        let report = self.device.report();
+        sink.report(&report);
+        self.supervisor.monitor.opened(report);
+        while !self.supervisor.clock.is_stopping() {
             if let Err(error) = self.step(sink) {
                 return (self.first_at, Some(error));
             }
@@ -190,66 +135,86 @@ impl<'a, D: Device> Streaming<'a, D> {
         (self.first_at, None)
     }
 
+    /// Reads once.
     fn step(&mut self, sink: &mut dyn Sink<D::Item>) -> Result<(), DeviceError> {
-        let asked_at = self.time.now();
-        let (device, poll) = (&mut self.device, self.limits.poll);
-        let got = guarded(self.name, || device.next(poll));
-        let now = self.time.now();
-        match got {
+        let Supervisor {
+            name,
+            monitor,
+            clock,
+            limits,
+        } = self.supervisor;
+        let asked_at = clock.now();
+        let device = &mut self.device;
+        let read = guard(name, || device.next(limits.poll));
+        let now = clock.now();
+        match read {
             Ok(Some(item)) => {
-                self.board.received(D::bytes(&item), now);
+                monitor.received(D::bytes(&item), now);
                 sink.deliver(item);
-                self.damaged = 0;
+                self.consecutive_damaged = 0;
                 self.last_at = now;
                 self.first_at.get_or_insert(now);
             }
-            Ok(None) => self.nothing(asked_at, now)?,
-            Err(error) if error.recovery() == Recovery::Retry => self.bad(error)?,
+            Ok(None) => self.check_silence(asked_at, now)?,
+            Err(error) if error.recovery() == Recovery::Retry => self.count_damaged(error)?,
             Err(error) => return Err(error),
         }
-        if now.nanos_since(self.accounted_at) >= ACCOUNT_EVERY.as_nanos() as i64 {
-            self.accounted_at = now;
-            let account = self.device.account();
-            sink.account(&account);
-            self.board.account(account);
+        if now.nanos_since(self.reported_at) >= REPORT_INTERVAL.as_nanos() as i64 {
+            self.reported_at = now;
+            let report = self.device.report();
+            sink.report(&report);
+            monitor.reported(report);
         }
         Ok(())
     }
 
-    fn nothing(&self, asked_at: MonotonicTime, now: MonotonicTime) -> Result<(), DeviceError> {
-        if now < asked_at + BREATH.min(self.limits.poll) {
-            self.time.pause(BREATH);
+    /// Fails once the device has been silent for too long.
+    fn check_silence(
+        &self,
+        asked_at: MonotonicTime,
+        now: MonotonicTime,
+    ) -> Result<(), DeviceError> {
+        let Supervisor {
+            name,
+            monitor,
+            clock,
+            limits,
+        } = self.supervisor;
+        // A driver that does not wait for the timeout must not keep the loop spinning.
+        if now < asked_at + PAUSE.min(limits.poll) {
+            clock.pause(PAUSE);
         }
-        if now < self.last_at + self.limits.silent_after {
+        if now < self.last_at + limits.silent_after {
             return Ok(());
         }
         let silent = DeviceError::Silent {
-            device: self.name.to_owned(),
+            device: name.to_owned(),
             millis: now.nanos_since(self.last_at).unsigned_abs() / 1_000_000,
         };
-        if now >= self.last_at + self.limits.reopen_after {
+        if now >= self.last_at + limits.reopen_after {
             return Err(silent);
         }
-        self.board.silent(&silent);
+        monitor.silent(&silent);
         Ok(())
     }
 
-    /// One damaged delivery is nothing; many in a row are a device in trouble.
-    fn bad(&mut self, error: DeviceError) -> Result<(), DeviceError> {
-        self.board.damaged(&error);
-        self.damaged += 1;
-        if self.damaged > MOST_DAMAGED {
+    /// Tolerates single damaged deliveries and fails after many in a row.
+    fn count_damaged(&mut self, error: DeviceError) -> Result<(), DeviceError> {
+        self.supervisor.monitor.damaged(&error);
+        self.consecutive_damaged += 1;
+        if self.consecutive_damaged > MAX_CONSECUTIVE_DAMAGED {
             return Err(error);
         }
-        if self.damaged > DAMAGED_AT_FULL_SPEED {
-            self.time.pause(BREATH);
+        if self.consecutive_damaged > MAX_DAMAGED_WITHOUT_PAUSE {
+            self.supervisor.clock.pause(PAUSE);
         }
         Ok(())
     }
 }
 
-/// A bug in a driver costs its device, not the rig.
-fn guarded<T>(name: &str, call: impl FnOnce() -> Result<T, DeviceError>) -> Result<T, DeviceError> {
+/// Calls a driver and turns a panic of it into an error, so that it closes its own device and
+/// not the rig.
+fn guard<T>(name: &str, call: impl FnOnce() -> Result<T, DeviceError>) -> Result<T, DeviceError> {
     catch_unwind(AssertUnwindSafe(call)).unwrap_or_else(|_| {
         tracing::error!(device = name, "the driver has panicked");
         Err(DeviceError::Refused {

@@ -1,85 +1,77 @@
-//! A way for somebody who looks on: what devices deliver goes there too, and nobody waits.
+//! A copy of the devices' deliveries for a consumer beside the rig, such as a calibration step.
+//! A slow consumer delays nobody: it misses pictures.
 
+use crate::next::Next;
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
 use penumbra_session::SessionEvent;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::time::Duration;
 
-/// Pictures that may wait. Whoever is slower sees fewer of them, not older ones.
-const PICTURES_WAITING: usize = 12;
-/// Everything that may wait; but for the pictures these are readings of the tracker, half a
-/// minute of the quickest.
-const WAITING: usize = 8192;
+/// Pictures that may wait. While they do, newer pictures are skipped.
+const MAX_PICTURES: usize = 12;
+/// Events that may wait. Apart from pictures these are tracker readings, half a minute of the
+/// fastest tracker.
+const MAX_EVENTS: usize = 8192;
 
-/// What is let through.
+/// Which deliveries a tap passes on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Wanted {
+pub struct TapFilter {
     /// Pictures of the scene camera.
     pub scene: bool,
     /// Pictures of the environment camera, brackets included.
     pub environment: bool,
-    /// What the tracker reads.
+    /// Readings of the tracker.
     pub poses: bool,
 }
 
 #[derive(Debug, Default)]
 struct Counts {
     pictures_waiting: AtomicUsize,
-    passed_over: AtomicU64,
+    pictures_skipped: AtomicU64,
     readings_lost: AtomicU64,
 }
 
-/// The end that the [`Hub`](super::Hub) offers everything to.
+/// The sending end, to which the [`Hub`](crate::Hub) offers every delivery.
 #[derive(Debug)]
-pub struct Tap {
-    wanted: Wanted,
+pub struct FrameTap {
+    filter: TapFilter,
     events: Sender<SessionEvent>,
     counts: Arc<Counts>,
 }
 
-/// The end that is looked at.
+/// The receiving end.
 #[derive(Debug)]
-pub struct TapEnd {
+pub struct TapReader {
     events: Receiver<SessionEvent>,
     counts: Arc<Counts>,
 }
 
-/// What [`TapEnd::next`] gives.
-#[derive(Debug)]
-pub enum Tapped {
-    /// Something was delivered.
-    Event(SessionEvent),
-    /// Nothing for so long.
-    Nothing,
-    /// Nothing will come any more.
-    Ended,
-}
-
-impl Tap {
-    /// A tap with its two ends.
+impl FrameTap {
+    /// Creates both ends of a tap.
     #[must_use]
-    pub fn new(wanted: Wanted) -> (Self, TapEnd) {
-        let (sender, receiver) = bounded(WAITING);
+    pub fn new(filter: TapFilter) -> (Self, TapReader) {
+        let (sender, receiver) = bounded(MAX_EVENTS);
         let counts = Arc::<Counts>::default();
         let tap = Self {
-            wanted,
+            filter,
             events: sender,
             counts: Arc::clone(&counts),
         };
-        let end = TapEnd {
+        let reader = TapReader {
             events: receiver,
             counts,
         };
-        (tap, end)
+        (tap, reader)
     }
 
-    /// Something was delivered. Never waits: pictures are passed over where enough wait.
-    pub(super) fn offer(&self, event: &SessionEvent) {
+    /// Sends a copy of a delivery that the filter accepts. Does not wait: what does not fit is
+    /// counted.
+    pub(crate) fn offer(&self, event: &SessionEvent) {
         match event {
-            SessionEvent::Scene(_) if self.wanted.scene => self.offer_picture(event),
-            SessionEvent::Environment(_) if self.wanted.environment => self.offer_picture(event),
-            SessionEvent::TrackerBytes { .. } | SessionEvent::Pose(_) if self.wanted.poses => {
+            SessionEvent::Scene(_) if self.filter.scene => self.offer_picture(event),
+            SessionEvent::Environment(_) if self.filter.environment => self.offer_picture(event),
+            SessionEvent::TrackerBytes { .. } | SessionEvent::Pose(_) if self.filter.poses => {
                 self.offer_reading(event);
             }
             _ => (),
@@ -94,39 +86,39 @@ impl Tap {
 
     fn offer_picture(&self, event: &SessionEvent) {
         let waiting = &self.counts.pictures_waiting;
-        let fits = waiting.load(Ordering::Relaxed) < PICTURES_WAITING;
-        // Counted first: it may be taken before this call returns.
+        let fits = waiting.load(Ordering::Relaxed) < MAX_PICTURES;
+        // Counted before it is sent: the reader may take it before this call returns.
         waiting.fetch_add(1, Ordering::Relaxed);
         if !fits || self.events.try_send(event.clone()).is_err() {
             waiting.fetch_sub(1, Ordering::Relaxed);
-            self.counts.passed_over.fetch_add(1, Ordering::Relaxed);
+            self.counts.pictures_skipped.fetch_add(1, Ordering::Relaxed);
         }
     }
 }
 
-impl TapEnd {
-    /// The next in the order of arrival; waits for it, but not longer than `patience`.
+impl TapReader {
+    /// Takes the next event in the order of arrival; waits for it at most for `timeout`.
     #[must_use]
-    pub fn next(&self, patience: Duration) -> Tapped {
-        match self.events.recv_timeout(patience) {
+    pub fn next(&self, timeout: Duration) -> Next<SessionEvent> {
+        match self.events.recv_timeout(timeout) {
             Ok(event) => {
                 if matches!(event, SessionEvent::Scene(_) | SessionEvent::Environment(_)) {
                     self.counts.pictures_waiting.fetch_sub(1, Ordering::Relaxed);
                 }
-                Tapped::Event(event)
+                Next::Item(event)
             }
-            Err(RecvTimeoutError::Timeout) => Tapped::Nothing,
-            Err(RecvTimeoutError::Disconnected) => Tapped::Ended,
+            Err(RecvTimeoutError::Timeout) => Next::Idle,
+            Err(RecvTimeoutError::Disconnected) => Next::Ended,
         }
     }
 
-    /// Pictures that found enough others waiting.
+    /// Returns how many pictures were skipped because enough others were waiting.
     #[must_use]
-    pub fn passed_over(&self) -> u64 {
-        self.counts.passed_over.load(Ordering::Relaxed)
+    pub fn pictures_skipped(&self) -> u64 {
+        self.counts.pictures_skipped.load(Ordering::Relaxed)
     }
 
-    /// Readings of the tracker that found no room.
+    /// Returns how many tracker readings did not fit.
     #[must_use]
     pub fn readings_lost(&self) -> u64 {
         self.counts.readings_lost.load(Ordering::Relaxed)
@@ -135,7 +127,6 @@ impl TapEnd {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
     use crate::Hub;
     use penumbra_interface::{Frame, MonotonicTime, PixelFormat, SystemClock};
@@ -166,46 +157,46 @@ mod tests {
     }
 
     #[test]
-    fn a_busy_onlooker_misses_pictures_but_no_readings_and_holds_nobody_up() {
+    fn a_full_tap_skips_pictures_and_keeps_readings() {
         let hub = Hub::new(Arc::new(SystemClock), false);
-        let wanted = Wanted {
+        let filter = TapFilter {
             scene: true,
             environment: false,
             poses: true,
         };
-        let (tap, end) = Tap::new(wanted);
+        let (tap, reader) = FrameTap::new(filter);
         hub.set_tap(Some(tap));
         for i in 0..100 {
             hub.deliver(SessionEvent::Scene(frame(i)));
             hub.deliver(SessionEvent::Environment(frame(i)));
             hub.deliver(reading(i));
         }
-        assert_eq!((end.passed_over(), end.readings_lost()), (88, 0));
+        assert_eq!((reader.pictures_skipped(), reader.readings_lost()), (88, 0));
         let (mut pictures, mut readings) = (0, 0);
-        while let Tapped::Event(event) = end.next(Duration::ZERO) {
+        while let Next::Item(event) = reader.next(Duration::ZERO) {
             match event {
                 SessionEvent::Scene(_) => pictures += 1,
                 SessionEvent::TrackerBytes { .. } => readings += 1,
-                other => panic!("{other:?} was not asked for"),
+                other => panic!("{other:?} passed the filter"),
             }
         }
         assert_eq!((pictures, readings), (12, 100));
-        // There is room again, until the devices are gone.
+        // The tap accepts pictures again until the hub ends.
         hub.deliver(SessionEvent::Scene(frame(200)));
         hub.end();
-        assert!(matches!(end.next(Duration::ZERO), Tapped::Event(_)));
-        assert!(matches!(end.next(Duration::ZERO), Tapped::Ended));
+        assert!(matches!(reader.next(Duration::ZERO), Next::Item(_)));
+        assert!(matches!(reader.next(Duration::ZERO), Next::Ended));
     }
 
     #[test]
-    fn readings_beyond_all_room_are_counted() {
-        let (tap, end) = Tap::new(Wanted {
+    fn counts_readings_that_do_not_fit() {
+        let (tap, reader) = FrameTap::new(TapFilter {
             poses: true,
-            ..Wanted::default()
+            ..TapFilter::default()
         });
-        for i in 0..WAITING as i64 + 7 {
+        for i in 0..MAX_EVENTS as i64 + 7 {
             tap.offer(&reading(i));
         }
-        assert_eq!(end.readings_lost(), 7);
+        assert_eq!(reader.readings_lost(), 7);
     }
 }

@@ -1,4 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
 use bytes::Bytes;
 use penumbra_faulty::{Fault, FaultyTracker, Plan};
@@ -15,7 +14,7 @@ use std::time::Duration;
 
 const MS: i64 = 1_000_000;
 
-/// Time that passes only while somebody waits, and that ends.
+/// Simulated time, which passes only in pauses and reads, and stops the loop at `end`.
 struct FakeTime {
     now: Arc<AtomicI64>,
     end: i64,
@@ -42,20 +41,20 @@ impl Clock for FakeTime {
     }
 }
 
-impl Timekeeper for FakeTime {
+impl StoppableClock for FakeTime {
     fn pause(&self, time: Duration) -> bool {
         self.pauses.fetch_add(1, Ordering::Relaxed);
         self.now
             .fetch_add(time.as_nanos() as i64, Ordering::Relaxed);
-        !self.stopping()
+        !self.is_stopping()
     }
 
-    fn stopping(&self) -> bool {
+    fn is_stopping(&self) -> bool {
         self.now.load(Ordering::Relaxed) >= self.end
     }
 }
 
-/// A tracker that delivers every 10 ms while it is plugged in. It holds a descriptor.
+/// A tracker that delivers every 10 ms while it is plugged in. It holds a file descriptor.
 struct Fake {
     now: Arc<AtomicI64>,
     plugged: fn(i64) -> bool,
@@ -102,17 +101,17 @@ impl Tracker for Fake {
     }
 }
 
-/// Notes when something came.
+/// Notes the arrival of each delivery, milliseconds, and counts the reports.
 #[derive(Clone, Default)]
 struct Notes {
     arrivals: Rc<RefCell<Vec<i64>>>,
-    accounts: Rc<RefCell<u64>>,
+    reports: Rc<RefCell<u64>>,
 }
 
 impl Sink<TrackerBytes> for Notes {
-    fn account(&mut self, account: &Account) {
-        assert!(matches!(account, Account::Tracker(r) if r.protocol == "fake"));
-        *self.accounts.borrow_mut() += 1;
+    fn report(&mut self, report: &DeviceReport) {
+        assert!(matches!(report, DeviceReport::Tracker(r) if r.protocol == "fake"));
+        *self.reports.borrow_mut() += 1;
     }
 
     fn deliver(&mut self, item: TrackerBytes) {
@@ -122,51 +121,49 @@ impl Sink<TrackerBytes> for Notes {
     }
 }
 
-/// Supervises a fake for so long; what was delivered when, and what stands on the board.
+/// Supervises a fake tracker for `millis` of simulated time. Returns the arrivals, the final
+/// status and the time.
 fn supervised(
     millis: i64,
     mut open: impl FnMut(&Arc<AtomicI64>) -> Result<Box<dyn Tracker>, DeviceError>,
-) -> (Vec<i64>, Condition, FakeTime) {
+) -> (Vec<i64>, DeviceStatus, FakeTime) {
     let time = FakeTime::until_millis(millis);
-    let (board, mut notes) = (Board::default(), Notes::default());
+    let (monitor, mut notes) = (DeviceMonitor::default(), Notes::default());
     let now = Arc::clone(&time.now);
-    supervise(
-        "fake",
-        &mut || open(&now),
-        &mut notes,
-        (&board, &time, Limits::default()),
-    );
+    supervisor(&monitor, &time).run(&mut || open(&now), &mut notes);
     let arrivals = notes.arrivals.borrow().clone();
-    (arrivals, board.condition(), time)
+    (arrivals, monitor.status(), time)
+}
+
+fn supervisor<'a>(monitor: &'a DeviceMonitor, clock: &'a FakeTime) -> Supervisor<'a> {
+    Supervisor {
+        name: "fake",
+        monitor,
+        clock,
+        limits: Limits::default(),
+    }
 }
 
 #[test]
-fn a_device_that_appears_late_delivers_within_two_seconds() {
+fn device_that_is_plugged_in_late_delivers_within_two_seconds() {
     let plugged = |ms| ms >= 10_000;
-    let (arrivals, condition, time) = supervised(12_000, |now| Fake::open(now, plugged));
+    let (arrivals, status, time) = supervised(12_000, |now| Fake::open(now, plugged));
     assert!((10_000..12_000).contains(&arrivals[0]), "{}", arrivals[0]);
-    assert_eq!(condition.received, arrivals.len() as u64);
-    assert_eq!(
-        (condition.losses, condition.state),
-        (0, DeviceState::Closed)
-    );
-    assert_eq!(condition.reason, None);
-    assert!(condition.last_trouble.unwrap().contains("not there"));
-    // Ten seconds of asking in vain are a handful of attempts.
-    assert!(
-        (5..20).contains(&condition.attempts),
-        "{}",
-        condition.attempts
-    );
+    assert_eq!(status.received, arrivals.len() as u64);
+    assert_eq!((status.losses, status.state), (0, DeviceState::Closed));
+    assert_eq!(status.reason, None);
+    assert!(status.last_trouble.unwrap().contains("not there"));
+    // Ten seconds without the device take a handful of attempts.
+    assert!((5..20).contains(&status.attempts), "{}", status.attempts);
     assert!(time.pauses.load(Ordering::Relaxed) < 20);
 }
 
 #[test]
-fn every_replug_is_survived_and_counted() {
-    // Four seconds in, three out, for a minute.
+fn reconnects_after_every_replug_and_counts_it() {
+    // Four seconds plugged in, three out, for a minute.
     let plugged = |ms| ms % 7000 < 4000;
-    let (arrivals, condition, _) = supervised(59_000, |now| Fake::open(now, plugged));
-    assert_eq!(condition.losses, 8);
+    let (arrivals, status, _) = supervised(59_000, |now| Fake::open(now, plugged));
+    assert_eq!(status.losses, 8);
     for lap in 0..8 {
         let back = lap * 7000;
         let first = arrivals.iter().find(|at| **at >= back).unwrap();
@@ -175,27 +172,22 @@ fn every_replug_is_survived_and_counted() {
 }
 
 #[test]
-fn a_device_that_falls_silent_is_opened_anew_and_said_to_be_silent_meanwhile() {
+fn silent_device_is_reported_and_opened_again() {
     let states = RefCell::new(Vec::new());
     let time = FakeTime::until_millis(10_000);
-    let (board, mut notes) = (Board::default(), Notes::default());
+    let (monitor, mut notes) = (DeviceMonitor::default(), Notes::default());
     let mut opened = 0;
     let mut open = || {
-        states.borrow_mut().push(board.condition());
+        states.borrow_mut().push(monitor.status());
         opened += 1;
         let fake = Fake::open(&time.now, |_| true)?;
         let readings = if opened == 1 { 100_000 } else { 0 };
         let plan = Plan::new([(50, Fault::Silence { readings })]);
         Ok(Box::new(FaultyTracker::new(fake, plan)) as Box<dyn Tracker>)
     };
-    supervise(
-        "fake",
-        &mut open,
-        &mut notes,
-        (&board, &time, Limits::default()),
-    );
+    supervisor(&monitor, &time).run(&mut open, &mut notes);
     let states = states.into_inner();
-    let last = board.condition();
+    let last = monitor.status();
     assert_eq!((states.len(), last.attempts, last.losses), (2, 2, 1));
     let reason = states[1].reason.clone().unwrap();
     assert!(reason.contains("silent for 3"), "{reason}");
@@ -203,7 +195,7 @@ fn a_device_that_falls_silent_is_opened_anew_and_said_to_be_silent_meanwhile() {
 }
 
 #[test]
-fn damaged_data_is_counted_and_only_a_flood_of_it_closes_the_device() {
+fn counts_damaged_data_and_reopens_the_device_only_after_a_flood() {
     let damaged = || {
         Fault::Error(DeviceError::Damaged {
             device: "fake".to_owned(),
@@ -214,40 +206,40 @@ fn damaged_data_is_counted_and_only_a_flood_of_it_closes_the_device() {
     let flood = (0..150).map(|_| (0, damaged()));
     let plan: Vec<_> = one.chain(flood).collect();
     let mut plans = vec![Plan::default(), Plan::new(plan)];
-    let (arrivals, condition, time) = supervised(8000, |now| {
+    let (arrivals, status, time) = supervised(8000, |now| {
         let fake = Fake::open(now, |_| true)?;
         let plan = plans.pop().unwrap_or_default();
         Ok(Box::new(FaultyTracker::new(fake, plan)))
     });
-    // The flood is one device's; the next one is good.
-    assert_eq!((condition.damaged, condition.losses), (101, 1));
-    assert!(condition.last_trouble.unwrap().contains("damaged data"));
+    // Only the first opening has the flood; the second delivers.
+    assert_eq!((status.damaged, status.losses), (101, 1));
+    assert!(status.last_trouble.unwrap().contains("damaged data"));
     assert!(arrivals.len() > 400);
     assert!(
         time.pauses.load(Ordering::Relaxed) >= 90,
-        "no spinning through a flood"
+        "no pauses during the flood"
     );
 }
 
 #[test]
-fn a_driver_that_panics_costs_its_device_and_not_the_rig() {
+fn reopens_a_device_whose_driver_panics() {
     let mut opened = 0;
-    let (arrivals, condition, _) = supervised(10_000, |now| {
+    let (arrivals, status, _) = supervised(10_000, |now| {
         opened += 1;
         assert!(opened != 2, "a bug while opening");
         let fake = Fake::open(now, |_| true)?;
         let plan = Plan::new((opened == 1).then_some((3, Fault::Panic)));
         Ok(Box::new(FaultyTracker::new(fake, plan)))
     });
-    assert_eq!((condition.attempts, condition.losses), (3, 1));
-    assert!(condition.last_trouble.unwrap().contains("panicked"));
+    assert_eq!((status.attempts, status.losses), (3, 1));
+    assert!(status.last_trouble.unwrap().contains("panicked"));
     assert!(arrivals.len() > 300);
 }
 
 #[test]
-fn what_only_the_user_can_mend_is_tried_again_slowly() {
+fn retries_slowly_after_an_error_that_only_the_user_can_correct() {
     let allowed_at = 20_000;
-    let (arrivals, condition, _) = supervised(25_000, |now| {
+    let (arrivals, status, _) = supervised(25_000, |now| {
         if now.load(Ordering::Relaxed) / MS < allowed_at {
             return Err(DeviceError::Refused {
                 device: "fake".to_owned(),
@@ -257,11 +249,11 @@ fn what_only_the_user_can_mend_is_tried_again_slowly() {
         Fake::open(now, |_| true)
     });
     assert!(arrivals[0] < allowed_at + 4000);
-    assert!(condition.attempts < 12, "{}", condition.attempts);
+    assert!(status.attempts < 12, "{}", status.attempts);
 }
 
 #[test]
-fn a_driver_that_returns_at_once_with_nothing_is_not_asked_in_a_spin() {
+fn pauses_between_reads_of_a_driver_that_returns_at_once() {
     struct Hasty;
     impl Tracker for Hasty {
         fn next_bytes(&mut self, _: Duration) -> Result<Option<TrackerBytes>, DeviceError> {
@@ -275,9 +267,9 @@ fn a_driver_that_returns_at_once_with_nothing_is_not_asked_in_a_spin() {
             }
         }
     }
-    let (arrivals, condition, time) = supervised(2000, |_| Ok(Box::new(Hasty)));
+    let (arrivals, status, time) = supervised(2000, |_| Ok(Box::new(Hasty)));
     assert!(arrivals.is_empty());
-    assert_eq!(condition.state, DeviceState::Closed);
+    assert_eq!(status.state, DeviceState::Closed);
     let pauses = time.pauses.load(Ordering::Relaxed);
     assert!(
         (300..=401).contains(&pauses),
@@ -288,12 +280,12 @@ fn a_driver_that_returns_at_once_with_nothing_is_not_asked_in_a_spin() {
 
 #[cfg(target_os = "linux")]
 #[test]
-fn ten_thousand_reopenings_leave_nothing_behind() {
+fn ten_thousand_reopenings_leak_no_descriptors_or_threads() {
     let open_files = || std::fs::read_dir("/proc/self/fd").unwrap().count();
     let threads = || std::fs::read_dir("/proc/self/task").unwrap().count();
     let before = (open_files(), threads());
-    // One delivery, then unplugged, again and again.
-    let (arrivals, condition, _) = supervised(i64::MAX / MS, {
+    // Each opening delivers once and is then unplugged.
+    let (arrivals, status, _) = supervised(i64::MAX / MS, {
         let mut opened = 0;
         move |now| {
             opened += 1;
@@ -308,7 +300,7 @@ fn ten_thousand_reopenings_leave_nothing_behind() {
             Ok(Box::new(FaultyTracker::new(fake, plan)))
         }
     });
-    assert_eq!((arrivals.len(), condition.losses), (10_000, 10_000));
+    assert_eq!((arrivals.len(), status.losses), (10_000, 10_000));
     // Other tests of this process open and close files meanwhile; a leak would be thousands.
     let after = (open_files(), threads());
     assert!(after.0 < before.0 + 100, "{before:?} {after:?}");
@@ -340,20 +332,19 @@ fn bytes(millis: i64) -> SessionEvent {
     }
 }
 
-fn told(hub: &Hub) -> Vec<String> {
-    let tell = |taken| match taken {
-        Taken::Event(SessionEvent::Scene(f)) => format!("scene {}", f.sequence),
-        Taken::Event(event) => format!("other {}", event.arrived_at().as_nanos() / MS),
-        Taken::Superseded(at) => format!("superseded {}", at.as_nanos() / MS),
-        Taken::Idle | Taken::Ended => panic!("something waits"),
+fn waiting(hub: &Hub) -> Vec<String> {
+    let text = |delivery| match delivery {
+        Delivery::Event(SessionEvent::Scene(f)) => format!("scene {}", f.sequence),
+        Delivery::Event(event) => format!("other {}", event.arrived_at().as_nanos() / MS),
+        Delivery::Superseded { arrived_at } => format!("superseded {}", arrived_at.as_nanos() / MS),
     };
     std::iter::from_fn(|| hub.take_waiting())
-        .map(tell)
+        .map(text)
         .collect()
 }
 
 #[test]
-fn the_newest_pictures_win_and_readings_of_the_tracker_stay() {
+fn supersedes_old_pictures_and_keeps_tracker_readings() {
     let hub = Hub::new(Arc::new(SystemClock), true);
     for millis in 0..6 {
         hub.deliver(SessionEvent::Scene(frame(10 * millis)));
@@ -361,40 +352,41 @@ fn the_newest_pictures_win_and_readings_of_the_tracker_stay() {
     }
     let expected = "superseded 0,other 5,superseded 10,other 15,scene 20,other 25,scene 30,\
                     other 35,scene 40,other 45,scene 50,other 55";
-    assert_eq!(told(&hub).join(","), expected);
+    assert_eq!(waiting(&hub).join(","), expected);
     assert_eq!(hub.counts().scene_superseded, 2);
     (0..5000).for_each(|millis| hub.deliver(bytes(millis)));
-    let kept = told(&hub);
+    let kept = waiting(&hub);
     assert_eq!((kept.len() as u64, hub.counts().tracker_lost), (4096, 904));
     assert_eq!(kept.last().unwrap(), "other 4999");
 }
 
 #[test]
-fn a_wait_ends_with_a_tick_at_its_deadline_or_idly_without_one() {
+fn wait_ends_with_a_tick_at_the_deadline_or_idle_at_the_timeout() {
     let hub = Hub::new(Arc::new(SystemClock), true);
-    let patience = Duration::from_millis(20);
+    let timeout = Duration::from_millis(20);
     let deadline = SystemClock.now() + Duration::from_millis(5);
-    let Taken::Event(SessionEvent::Tick(at)) = hub.take(Some(deadline), patience) else {
-        panic!("a tick");
+    let Next::Item(Delivery::Event(SessionEvent::Tick(at))) = hub.take(Some(deadline), timeout)
+    else {
+        panic!("expected a tick");
     };
     assert!(at >= deadline);
-    assert!(matches!(hub.take(None, patience), Taken::Idle));
+    assert!(matches!(hub.take(None, timeout), Next::Idle));
     let far = SystemClock.now() + Duration::from_secs(3600);
-    assert!(matches!(hub.take(Some(far), patience), Taken::Idle));
+    assert!(matches!(hub.take(Some(far), timeout), Next::Idle));
     hub.end();
     hub.deliver(bytes(1));
     assert!(matches!(
         hub.take(None, Duration::from_secs(3600)),
-        Taken::Ended
+        Next::Ended
     ));
 }
 
 #[test]
-fn the_recorder_gets_the_same_order_and_a_full_one_holds_nobody_up() {
+fn recorder_gets_events_in_order_and_drops_those_that_do_not_fit() {
     let hub = Hub::new(Arc::new(SystemClock), false);
     let (sender, receiver) = crossbeam_channel::bounded(3);
     let (waiting, dropped) = (Arc::new(AtomicU64::new(0)), Arc::new(AtomicU64::new(0)));
-    hub.set_recorder(Some(hub::Inlet::new(
+    hub.set_recorder(Some(RecorderQueue::new(
         sender,
         waiting.clone(),
         dropped.clone(),
@@ -407,7 +399,7 @@ fn the_recorder_gets_the_same_order_and_a_full_one_holds_nobody_up() {
         .map(|e| e.arrived_at().as_nanos() / MS)
         .collect();
     assert_eq!(got, [0, 1, 2]);
-    assert!(hub.take_waiting().is_none(), "nobody takes");
+    assert!(hub.take_waiting().is_none(), "the hub has no consumer");
     hub.set_recorder(None);
     hub.deliver(bytes(9));
     assert_eq!(receiver.try_iter().count(), 0);

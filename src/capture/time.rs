@@ -1,47 +1,50 @@
-//! Time that can be let pass, and that ends.
+//! A clock whose waits end early when the program stops.
 
 use penumbra_interface::{Clock, MonotonicTime, SystemClock};
 use std::sync::{Condvar, Mutex, PoisonError};
 use std::time::Duration;
 
-/// The time, and a way to wait that the end of the program cuts short.
-pub trait Timekeeper: Clock {
-    /// Waits; false if everything is to end.
+/// A clock with a wait that the end of the program interrupts. Tests replace it by simulated
+/// time.
+pub trait StoppableClock: Clock {
+    /// Waits for `time`; returns false if the program is stopping.
     fn pause(&self, time: Duration) -> bool;
 
-    /// Whether everything is to end.
-    fn stopping(&self) -> bool;
+    /// Returns whether the program is stopping.
+    fn is_stopping(&self) -> bool;
 }
 
-/// The system's time.
+/// The system's monotonic clock.
 #[derive(Debug, Default)]
-pub struct LiveTime {
+pub struct StoppableSystemClock {
     stopping: Mutex<bool>,
-    woken: Condvar,
+    stopped: Condvar,
 }
 
-impl LiveTime {
-    /// Ends every pause, now and later.
+impl StoppableSystemClock {
+    /// Ends the pauses of all threads, and all later ones at once.
     pub fn stop(&self) {
         *self.stopping.lock().unwrap_or_else(PoisonError::into_inner) = true;
-        self.woken.notify_all();
+        self.stopped.notify_all();
     }
 }
 
-impl Clock for LiveTime {
+impl Clock for StoppableSystemClock {
     fn now(&self) -> MonotonicTime {
         SystemClock.now()
     }
 }
 
-impl Timekeeper for LiveTime {
+impl StoppableClock for StoppableSystemClock {
     fn pause(&self, time: Duration) -> bool {
         let stopping = self.stopping.lock().unwrap_or_else(PoisonError::into_inner);
-        let waited = self.woken.wait_timeout_while(stopping, time, |stop| !*stop);
+        let waited = self
+            .stopped
+            .wait_timeout_while(stopping, time, |stop| !*stop);
         !*waited.unwrap_or_else(PoisonError::into_inner).0
     }
 
-    fn stopping(&self) -> bool {
+    fn is_stopping(&self) -> bool {
         *self.stopping.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

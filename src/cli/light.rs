@@ -6,7 +6,7 @@ use clap::Args;
 use penumbra_config::Config;
 use penumbra_lighting::LightReport;
 use penumbra_lighting::photograph::PhotographKind;
-use penumbra_rig::light_report::light_of_session;
+use penumbra_rig::light::report::light_of_session;
 use penumbra_session::Session;
 use std::fs::File;
 use std::io::Read;

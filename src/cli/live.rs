@@ -2,7 +2,7 @@
 
 use super::show::{ShowArgs, address, describe, show, status_server};
 use clap::Args;
-use penumbra_rig::calibrate::Calibrator;
+use penumbra_rig::calibration_runner::Calibrator;
 use penumbra_rig::service::Service;
 use penumbra_rig::{Live, Recorder, Runner, Source, live_settings};
 use penumbra_status::SharedStatus;

@@ -2,7 +2,7 @@
 
 use anyhow::{Context, bail};
 use clap::Args;
-use penumbra_capture::{Account, Condition};
+use penumbra_capture::{DeviceReport, DeviceStatus};
 use penumbra_config::Config;
 use penumbra_interface::DeviceKind;
 use penumbra_rig::service::Service;
@@ -74,13 +74,13 @@ pub fn run(args: &RecordArgs) -> anyhow::Result<ExitCode> {
     let recording = recorder.stop();
     let mut reports = Vec::new();
     for device in live.supervised() {
-        let condition = device.condition();
-        match &condition.reason {
-            Some(trouble) if condition.received == 0 => super::warn(format_args!(
+        let status = device.status();
+        match &status.reason {
+            Some(trouble) if status.received == 0 => super::warn(format_args!(
                 "no data from {}: {trouble}",
                 device.kind.label()
             )),
-            _ => reports.push(describe_device(device.kind, &condition)),
+            _ => reports.push(describe_device(device.kind, &status)),
         }
     }
     drop((live, service));
@@ -99,21 +99,21 @@ pub fn run(args: &RecordArgs) -> anyhow::Result<ExitCode> {
 }
 
 /// Describes the data that a device delivered, and its errors.
-fn describe_device(kind: DeviceKind, condition: &Condition) -> String {
-    let mut words = vec![format!("{} delivered", condition.received)];
+fn describe_device(kind: DeviceKind, status: &DeviceStatus) -> String {
+    let mut words = vec![format!("{} delivered", status.received)];
     let mut count = |n: u64, what: &str| {
         if n > 0 {
             words.push(format!("{n} {what}"));
         }
     };
-    count(condition.losses, "disconnections");
-    let identity = match &condition.account {
-        Account::None => "",
-        Account::Tracker(report) => &report.identity,
-        Account::Camera(report) => {
+    count(status.losses, "disconnections");
+    let identity = match &status.report {
+        DeviceReport::None => "",
+        DeviceReport::Tracker(report) => &report.identity,
+        DeviceReport::Camera(report) => {
             let counters = report.counters;
             count(counters.lost, "lost");
-            count(counters.damaged.max(condition.damaged), "damaged");
+            count(counters.damaged.max(status.damaged), "damaged");
             count(counters.superseded, "replaced by newer ones");
             count(counters.unattributed, "of unknown exposure");
             count(

@@ -5,7 +5,7 @@ use crate::cli::files::{JsonFile, claim};
 use anyhow::anyhow;
 use clap::{Args, Subcommand};
 use penumbra_calibration::simulation::{Rehearsal, RehearsalOptions};
-use penumbra_rig::calibrate::rehearse;
+use penumbra_rig::calibration_runner::rehearse;
 use penumbra_rig::simulate::{SimulateOptions, SimulatedPlace, SimulatedSource, simulate};
 use penumbra_synthetic::Faults;
 use std::net::SocketAddr;

@@ -157,33 +157,6 @@ pub enum ShadowResolution {
     Quarter,
 }
 
-/// How the environment camera is matched to the scene camera's white point.
-#[derive(
-    Clone,
-    Copy,
-    Debug,
-    Default,
-    PartialEq,
-    Eq,
-    clap::ValueEnum,
-    serde::Deserialize,
-    serde::Serialize,
-)]
-#[serde(rename_all = "kebab-case")]
-pub enum WhiteBalanceMethod {
-    /// `"auto"`: chart, else overlap, else reflectance; each checks the others.
-    #[default]
-    Auto,
-    /// `"chart"`: from pictures of one chart.
-    Chart,
-    /// `"overlap"`: from surfaces that both cameras see.
-    Overlap,
-    /// `"reflectance"`: from a surface of known reflectance.
-    Reflectance,
-    /// `"fixed"`: the configured gains.
-    Fixed,
-}
-
 /// Antialiasing of virtual objects.
 #[derive(
     Clone,

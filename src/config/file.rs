@@ -2,7 +2,7 @@
 
 use super::choice::{
     Antialias, Clipped, FollowLatency, LampResponse, Monitor, Refresh, ReplayPairing, ReplaySpeed,
-    ShadowResolution, Technique, ToneCurve, Unseen, WhiteBalanceMethod,
+    ShadowResolution, Technique, ToneCurve, Unseen,
 };
 use super::devices::{
     CalibrationFile, CameraFile, ControlChange, ControlValue, FormatName, RecordingFile,
@@ -15,6 +15,7 @@ use penumbra_lighting::{Filtering, IrradianceMethod, LightPlacement};
 use penumbra_picture::{YuvMatrix, YuvRange};
 use penumbra_rig_model::EnvironmentSource;
 use penumbra_scene::ShadowMode;
+use penumbra_white_balance::WhiteBalanceMethod;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 

@@ -15,7 +15,7 @@ pub mod token;
 
 pub use choice::{
     Antialias, Clipped, FollowLatency, LampResponse, Monitor, Refresh, ReplayPairing, ReplaySpeed,
-    ShadowResolution, Technique, ToneCurve, Unseen, WhiteBalanceMethod,
+    ShadowResolution, Technique, ToneCurve, Unseen,
 };
 pub use convert::{LIGHT_COUNTS, listen_needs_token};
 pub use device_source::{CameraSource, REPLAY_PREFIX, TrackerSource, replay_name};
@@ -34,6 +34,7 @@ use penumbra_rig_model::EnvironmentSource;
 pub use penumbra_scene::Highlights;
 pub use penumbra_scene::{PlaneShading, SceneChoice, ShadowMode};
 use penumbra_sync::{Degree, Smoothing};
+pub use penumbra_white_balance::WhiteBalanceMethod;
 pub use planes::{FREQUENCIES, PlaneReceiver, PlanesConfig, lights_of_dome};
 pub use registration::{Distortion, PoseSource, Predict, RegistrationConfig};
 pub use renamed::renamed_word;

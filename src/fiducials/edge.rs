@@ -5,7 +5,7 @@
 //!  mean over its square. If the blur is symmetric, the step is at
 //!      s0 = r − ∫ (I(s) − I_black) / (I_white − I_black) ds
 //!  wherever it lies within the range: no threshold, and no bias by the sampling. In the camera's
-//!  codes instead of linear light, the step would shift by up to a fifth of a pixel towards white.
+//!  codes instead of linear light, the step would shift by up to a fifth of a pixel towards black.
 //! ```
 
 use super::quad::intersection;

@@ -1,7 +1,9 @@
 //! From a scene to its bake: planes, what the bake is known by, images. The same for
 //! `penumbra bake` and for a rig that needs one.
 
-use super::{RigError, RigSetup, Source};
+use crate::error::RigError;
+use crate::setup::RigSetup;
+use crate::source::Source;
 use glam::DMat4;
 use penumbra_compositor::Gpu;
 use penumbra_compositor::planes::{Progress, bake, mend};

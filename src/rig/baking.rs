@@ -1,7 +1,7 @@
 //! A bake in the making, on a thread of its own.
 
-use super::RigError;
-use super::bake::{BakePlan, bake_changes};
+use crate::bake::{BakePlan, bake_changes};
+use crate::error::RigError;
 use crossbeam_channel::{Receiver, bounded};
 use penumbra_compositor::planes::{PlanesStage, Progress, SourceBaker};
 use penumbra_compositor::{Gpu, GpuError};

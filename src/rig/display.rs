@@ -5,8 +5,8 @@
 //! poses of the pictures before are drawn on. How far predictions as long were off lately is
 //! the error that is told.
 
-use super::RigSetup;
-use super::feed::Feed;
+use crate::feed::TrackerHistory;
+use crate::setup::RigSetup;
 use glam::{DQuat, DVec3};
 use penumbra_camera::PinholeCamera;
 use penumbra_compositor::Reprojection;
@@ -29,9 +29,9 @@ const DEPTHS: std::ops::RangeInclusive<f64> = 0.1..=20.0;
 /// How long pictures took lately from their arrival until they were handed to the window,
 /// nanoseconds.
 #[derive(Debug, Default)]
-pub(super) struct Handing(AtomicI64);
+pub(super) struct DisplayLatency(AtomicI64);
 
-impl Handing {
+impl DisplayLatency {
     /// One more picture: a new figure counts an eighth.
     pub fn add(&self, nanos: i64) {
         let known = self.0.load(Ordering::Relaxed);
@@ -55,7 +55,7 @@ pub(super) struct Display {
     /// From arrival to being handed over. Pictures of a recording need no time but that for
     /// which a live rig would have waited for the tracker, so that they come out alike wherever
     /// it is played.
-    handing: Option<Arc<Handing>>,
+    handing: Option<Arc<DisplayLatency>>,
     /// A live rig waits for the tracker no longer.
     max_wait_nanos: i64,
     /// The camera's poses as its pictures were registered.
@@ -84,7 +84,7 @@ impl Display {
         setup: &RigSetup,
         config: &Config,
         middle: DVec3,
-        handing: Option<Arc<Handing>>,
+        handing: Option<Arc<DisplayLatency>>,
     ) -> Self {
         let rig = &setup.calibration;
         Self {
@@ -101,20 +101,20 @@ impl Display {
     }
 
     /// Where the camera will be; `None` where its pose is unknown or its motion is.
-    pub fn look(
+    pub fn predict(
         &mut self,
         setup: &RigSetup,
-        feed: &Feed,
+        tracker: TrackerHistory<'_>,
         frame: &RigFrame,
         registered: Option<RigidTransform>,
         status: &RegistrationStatus,
     ) -> Option<Shown> {
         let registered = registered?;
         self.seen.push(frame.captured_at, registered);
-        let (known, handed_at) = self.knowledge(feed, frame);
+        let (known, handed_at) = self.knowledge(tracker, frame);
         let at = handed_at.offset_nanos(self.delay_nanos);
         let (motion, noise) = self
-            .tracked(setup, feed, frame, (known, at))
+            .tracked(setup, tracker, frame, (known, at))
             .or_else(|| self.drawn_on(frame.captured_at, registered, at))?;
         let camera_from_eye = believed(motion, noise);
         let turn = 2.0 * camera_from_eye.rotation.w.abs().min(1.0).acos();
@@ -156,13 +156,17 @@ impl Display {
 
     /// The tracker's newest reading that counts for a picture, and when the picture is handed
     /// over.
-    fn knowledge(&self, feed: &Feed, frame: &RigFrame) -> (MonotonicTime, MonotonicTime) {
-        let (history, arrived_at) = (feed.history(), frame.scene.arrived_at);
+    fn knowledge(
+        &self,
+        tracker: TrackerHistory<'_>,
+        frame: &RigFrame,
+    ) -> (MonotonicTime, MonotonicTime) {
+        let (history, arrived_at) = (tracker.poses, frame.scene.arrived_at);
         if let Some(handing) = &self.handing {
             let known = history.newest().unwrap_or(frame.captured_at);
             return (known, arrived_at.offset_nanos(handing.nanos()));
         }
-        let latency = feed.tracker_latency();
+        let latency = tracker.latency_nanos;
         let waited = frame.pose.and_then(|_| {
             let next = history.first_since(frame.captured_at)?;
             Some(next.offset_nanos(latency).nanos_since(arrived_at))
@@ -177,12 +181,12 @@ impl Display {
     fn tracked(
         &self,
         setup: &RigSetup,
-        feed: &Feed,
+        tracker: TrackerHistory<'_>,
         frame: &RigFrame,
         (known, at): (MonotonicTime, MonotonicTime),
     ) -> Option<(RigidTransform, Option<[f64; 2]>)> {
         let now = setup.camera_of(frame.pose.as_ref()?.transmitter_from_sensor);
-        let then = feed.history().expected(at, known, LONGEST_NANOS)?;
+        let then = tracker.poses.expected(at, known, LONGEST_NANOS)?;
         let noise = setup.camera_noise(&then);
         let then = setup.camera_of(then.transmitter_from_sensor);
         Some((now.inverse() * then, noise))

@@ -4,14 +4,14 @@
 //! pictures comes after it, and both are written into a recording. So a replay pairs as the
 //! live rig did, and knows which pictures its light has seen.
 
-use super::latency_watch::{LatencyState, LatencyWatch};
-use super::source::Source;
+use crate::journal::JournalEntry;
+use crate::latency_monitor::LatencyMonitor;
+use crate::source::Source;
 use penumbra_camera::EnvironmentView;
-use penumbra_capture::{Hub, Taken};
-use penumbra_interface::{Clock, MonotonicTime, PoseSample, RigidTransform, SystemClock};
-use penumbra_picture::Picture;
+use penumbra_capture::{Delivery, Hub, Next};
+use penumbra_interface::{Clock, MonotonicTime, PoseSample, SystemClock};
 use penumbra_rig_model::RigCalibration;
-use penumbra_session::{Events, LightNote, Session, SessionError, SessionEvent};
+use penumbra_session::{Events, Session, SessionError, SessionEvent};
 use penumbra_sync::{Pairing, PairingConfig, PairingCounts, PoseHistory, RigFrame};
 use penumbra_tracker_serial::{AnyDecoder, Counters, Format};
 use std::collections::VecDeque;
@@ -34,7 +34,6 @@ pub struct Feed {
     sphere_in_scene: bool,
     counts: FeedCounts,
     tracker: Counters,
-    watch: Option<LatencyWatch>,
 }
 
 enum Origin {
@@ -52,35 +51,23 @@ struct Recorded {
     as_live: bool,
 }
 
-/// What [`Feed::next_picture`] gives.
-pub enum Fed {
-    /// A picture of the scene camera with what belongs to it.
-    Frame(Box<FedFrame>),
-    /// Devices have been silent for a while.
-    Idle,
-    /// No more will come.
-    End,
-}
-
 /// A paired picture.
-pub struct FedFrame {
+pub struct JournaledFrame {
     /// It.
     pub frame: RigFrame,
     /// Pictures that a live rig passed over for it.
-    pub passed_over: u64,
+    pub skipped: u64,
     /// What a live rig noted about it.
-    pub noted: Noted,
+    pub entry: JournalEntry,
 }
 
-/// What the recording of a live rig says about a picture.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Noted {
-    /// Nothing: no rig has composed it before.
-    Nothing,
-    /// The rig passed it over, and its light has not seen it.
-    PassedOver,
-    /// It was composed; older recordings do not say in which light.
-    Composed(Option<LightNote>),
+/// The recent poses of the tracker's sensor.
+#[derive(Clone, Copy)]
+pub(crate) struct TrackerHistory<'a> {
+    /// The poses by measurement time.
+    pub poses: &'a PoseHistory,
+    /// Time from measurement to arrival, nanoseconds.
+    pub latency_nanos: i64,
 }
 
 /// What came in.
@@ -123,51 +110,20 @@ impl Feed {
             origin,
             counts: FeedCounts::default(),
             tracker: Counters::default(),
-            watch: None,
         }
     }
 
-    /// With somebody who is told the tracker's readings, to measure its latency.
-    #[must_use]
-    pub(super) fn watched_by(mut self, watch: Option<LatencyWatch>) -> Self {
-        self.watch = watch;
-        self
-    }
-
-    /// Shows the scene camera's picture to whoever measures the latency, and lets what is
-    /// measured come into force where that is wished.
-    pub(super) fn watch_picture(
-        &mut self,
-        captured_at: MonotonicTime,
-        picture: &Picture,
-        by_markers: Option<RigidTransform>,
-    ) {
-        if let Some(watch) = &mut self.watch {
-            watch.look(captured_at, picture, by_markers);
-            if let Some(latency) = watch.wished_latency() {
-                self.pairing.wish_tracker_latency(latency);
-            }
+    /// Returns the tracker's recent poses and its latency.
+    pub(crate) const fn tracker(&self) -> TrackerHistory<'_> {
+        TrackerHistory {
+            poses: self.pairing.history(),
+            latency_nanos: self.pairing.tracker_latency(),
         }
     }
 
-    /// The tracker's readings.
-    pub(super) const fn history(&self) -> &PoseHistory {
-        self.pairing.history()
-    }
-
-    /// From their measurement to their arrival, nanoseconds.
-    pub(super) const fn tracker_latency(&self) -> i64 {
+    /// Returns the tracker's latency that pairing uses, nanoseconds.
+    pub(crate) const fn tracker_latency(&self) -> i64 {
         self.pairing.tracker_latency()
-    }
-
-    /// What was measured of the tracker's latency; all that is known once a recording is over.
-    pub(super) fn latency(&mut self, over: bool) -> LatencyState {
-        let watch = self.watch.as_mut();
-        let followed = watch.map(|w| if over { w.finish() } else { w.known() });
-        LatencyState {
-            in_force_nanos: self.pairing.tracker_latency(),
-            followed,
-        }
     }
 
     /// Begins again, as a loop does: what is paired next has nothing to do with what was.
@@ -179,39 +135,46 @@ impl Feed {
         }
         self.retire_decoder();
         self.pairing = Pairing::new(self.origin.with_recorded_poses(config));
-        if let Some(watch) = &mut self.watch {
-            watch.restart();
-        }
     }
 
-    /// The next picture of the scene camera with what belongs to it.
-    pub fn next_picture(&mut self) -> Fed {
+    /// Returns the next picture of the scene camera, paired. The tracker's readings also go to
+    /// `monitor`, and the latency that it has found is used for pairing from now on.
+    pub(crate) fn next_picture(
+        &mut self,
+        mut monitor: Option<&mut LatencyMonitor>,
+    ) -> Next<Box<JournaledFrame>> {
+        if let Some(latency) = monitor.as_ref().and_then(|m| m.requested_latency()) {
+            self.pairing.wish_tracker_latency(latency);
+        }
         match &self.origin {
-            Origin::Recorded(_) => self.next_recorded(),
+            Origin::Recorded(_) => self.next_recorded(monitor.as_deref_mut()),
             Origin::Live(hub) => {
                 let hub = Arc::clone(hub);
-                self.next_live(&hub)
+                self.next_live(&hub, monitor)
             }
         }
     }
 
-    fn next_recorded(&mut self) -> Fed {
+    fn next_recorded(
+        &mut self,
+        mut monitor: Option<&mut LatencyMonitor>,
+    ) -> Next<Box<JournaledFrame>> {
         loop {
             let Origin::Recorded(recorded) = &mut self.origin else {
-                return Fed::End;
+                return Next::Ended;
             };
             if let Some(frame) = self.pairing.pop() {
-                return Fed::Frame(Box::new(FedFrame {
-                    noted: recorded.note_about(frame.scene.arrived_at),
-                    passed_over: 0,
+                return Next::Item(Box::new(JournaledFrame {
+                    entry: recorded.note_about(frame.scene.arrived_at),
+                    skipped: 0,
                     frame,
                 }));
             }
             if recorded.exhausted {
-                return Fed::End;
+                return Next::Ended;
             }
             match recorded.next() {
-                Some(Ok(event)) => self.take(event),
+                Some(Ok(event)) => self.take(event, monitor.as_deref_mut()),
                 // The reader has left the damaged stretch behind; status counts it.
                 Some(Err(_)) => self.counts.damaged += 1,
                 None => {
@@ -223,53 +186,50 @@ impl Feed {
     }
 
     /// Everything that waits is paired, and the newest picture wins.
-    fn next_live(&mut self, hub: &Hub) -> Fed {
-        let (mut newest, mut passed_over) = (None, 0);
+    fn next_live(
+        &mut self,
+        hub: &Hub,
+        mut monitor: Option<&mut LatencyMonitor>,
+    ) -> Next<Box<JournaledFrame>> {
+        let (mut newest, mut skipped) = (None, 0);
         // A tracker alone keeps things arriving, but no picture ever comes of it.
         let longest = SystemClock.now() + PATIENCE;
         loop {
             while let Some(frame) = self.pairing.pop() {
-                passed_over += u64::from(newest.replace(frame).is_some());
+                skipped += u64::from(newest.replace(frame).is_some());
             }
-            let taken = match &newest {
-                Some(_) => hub.take_waiting(),
-                None if SystemClock.now() >= longest => return Fed::Idle,
-                None => Some(hub.take(self.pairing.deadline(), PATIENCE)),
+            let delivery = match &newest {
+                Some(_) => match hub.take_waiting() {
+                    Some(delivery) => delivery,
+                    None => break,
+                },
+                None if SystemClock.now() >= longest => return Next::Idle,
+                None => match hub.take(self.pairing.deadline(), PATIENCE) {
+                    Next::Item(delivery) => delivery,
+                    Next::Idle => return Next::Idle,
+                    Next::Ended => return Next::Ended,
+                },
             };
-            match taken {
-                Some(Taken::Event(event)) => self.take(event),
-                Some(Taken::Superseded(at)) => {
+            match delivery {
+                Delivery::Event(event) => self.take(event, monitor.as_deref_mut()),
+                Delivery::Superseded { arrived_at } => {
                     self.counts.scene_frames += 1;
-                    self.pairing.pass_over(at);
-                    passed_over += 1;
+                    self.pairing.pass_over(arrived_at);
+                    skipped += 1;
                 }
-                Some(Taken::Idle) => return Fed::Idle,
-                Some(Taken::Ended) => return Fed::End,
-                None => break,
             }
         }
         let Some(frame) = newest else {
-            return Fed::Idle;
+            return Next::Idle;
         };
-        Fed::Frame(Box::new(FedFrame {
+        Next::Item(Box::new(JournaledFrame {
             frame,
-            passed_over,
-            noted: Noted::Nothing,
+            skipped,
+            entry: JournalEntry::None,
         }))
     }
 
-    /// Notes for a recording that the picture of this arrival is composed, in which light.
-    pub fn note(&self, arrived_at: MonotonicTime, light: LightNote) {
-        if let Origin::Live(hub) = &self.origin {
-            hub.journal(&SessionEvent::Prepared {
-                at: SystemClock.now(),
-                arrived_at,
-                light: Some(light),
-            });
-        }
-    }
-
-    fn take(&mut self, event: SessionEvent) {
+    fn take(&mut self, event: SessionEvent, monitor: Option<&mut LatencyMonitor>) {
         let arrived_at = event.arrived_at();
         match event {
             SessionEvent::Scene(frame) => {
@@ -284,12 +244,12 @@ impl Feed {
             }
             SessionEvent::TrackerBytes {
                 protocol, bytes, ..
-            } => self.decode(&protocol, &bytes, arrived_at),
+            } => self.decode(&protocol, &bytes, arrived_at, monitor),
             SessionEvent::Pose(sample) => {
                 self.counts.poses += 1;
                 self.pairing.push_pose(&sample);
-                if let Some(watch) = &mut self.watch {
-                    watch.reading(&sample);
+                if let Some(monitor) = monitor {
+                    monitor.reading(&sample);
                 }
             }
             SessionEvent::Tick(_) => (),
@@ -299,7 +259,13 @@ impl Feed {
         self.pairing.advance(arrived_at);
     }
 
-    fn decode(&mut self, protocol: &Arc<str>, bytes: &[u8], arrived_at: MonotonicTime) {
+    fn decode(
+        &mut self,
+        protocol: &Arc<str>,
+        bytes: &[u8],
+        arrived_at: MonotonicTime,
+        mut monitor: Option<&mut LatencyMonitor>,
+    ) {
         if self
             .decoder
             .as_ref()
@@ -313,12 +279,11 @@ impl Feed {
             return;
         };
         let (pairing, counts) = (&mut self.pairing, &mut self.counts);
-        let watch = &mut self.watch;
         decoder.push(bytes, arrived_at, |sample: PoseSample| {
             counts.poses += 1;
             pairing.push_pose(&sample);
-            if let Some(watch) = watch {
-                watch.reading(&sample);
+            if let Some(monitor) = &mut monitor {
+                monitor.reading(&sample);
             }
         });
     }
@@ -376,16 +341,16 @@ impl Recorded {
 
     /// What the live rig noted about the picture of this arrival. Its note about that, or
     /// about a later picture, comes soon after.
-    fn note_about(&mut self, picture_at: MonotonicTime) -> Noted {
+    fn note_about(&mut self, picture_at: MonotonicTime) -> JournalEntry {
         if !self.as_live {
-            return Noted::Nothing;
+            return JournalEntry::None;
         }
         let (mut i, mut bytes) = (0, 0);
         loop {
             if i == self.ahead.len() {
                 match self.events.next() {
                     Some(event) => self.ahead.push_back(event),
-                    None => return Noted::PassedOver,
+                    None => return JournalEntry::Skipped,
                 }
             }
             match self.ahead.get(i) {
@@ -393,16 +358,16 @@ impl Recorded {
                     arrived_at, light, ..
                 })) if *arrived_at >= picture_at => {
                     return if *arrived_at == picture_at {
-                        Noted::Composed(*light)
+                        JournalEntry::Composed(*light)
                     } else {
-                        Noted::PassedOver
+                        JournalEntry::Skipped
                     };
                 }
                 Some(Ok(event)) => {
                     bytes += event.bytes();
                     let far = event.arrived_at().nanos_since(picture_at) > NOTE_NANOS;
                     if far || bytes > NOTE_BYTES {
-                        return Noted::PassedOver;
+                        return JournalEntry::Skipped;
                     }
                 }
                 _ => (),

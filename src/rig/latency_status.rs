@@ -1,7 +1,8 @@
 //! What the status and the report say of the tracker's latency.
 
-use super::prepare::{LatencyState, Prepared};
-use super::report::LatencyReport;
+use crate::frame::PreparedFrame;
+use crate::latency_monitor::LatencyState;
+use crate::report::LatencyReport;
 use penumbra_status::Snapshot;
 
 /// What is measured contradicts what is in force where it is off by so many σ,
@@ -14,7 +15,7 @@ const WARNING: &str = "the tracker's latency is another than the one in force (s
     calibrate latency`, or set [sync] follow_latency = \"apply\"";
 
 /// Writes it into the status.
-pub(super) fn publish(s: &mut Snapshot, prepared: &Prepared) {
+pub(super) fn publish(s: &mut Snapshot, prepared: &PreparedFrame) {
     let state = &prepared.counts.latency;
     let Some(followed) = &state.followed else {
         return;

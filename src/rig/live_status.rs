@@ -1,8 +1,8 @@
 //! What the supervisors know, in the status's words.
 
-use super::rates::DeviceRate;
-use super::source::Live;
-use penumbra_capture::{Account, Condition, DeviceState as Captured};
+use crate::rates::DeviceRate;
+use crate::source::Live;
+use penumbra_capture::{DeviceReport, DeviceState as Captured, DeviceStatus};
 use penumbra_interface::DeviceKind;
 use penumbra_interface::{
     CameraReport, Clock, ControlReport, ControlStanding, MonotonicTime, StampSource, SystemClock,
@@ -30,7 +30,7 @@ pub(super) fn devices(s: &mut Snapshot, live: &Live, rates: &[DeviceRate; 3]) {
             DeviceKind::EnvironmentCamera => (&rates[1], lost.environment_lost),
             DeviceKind::Tracker => (&rates[2], lost.tracker_lost),
         };
-        write(device, &live.condition(), rate, now);
+        write(device, &live.status(), rate, now);
         device.dropped += lost;
     }
 }
@@ -49,7 +49,7 @@ pub(super) fn session(s: &mut Snapshot) {
     }
 }
 
-fn write(device: &mut Device, condition: &Condition, rate: &DeviceRate, now: MonotonicTime) {
+fn write(device: &mut Device, condition: &DeviceStatus, rate: &DeviceRate, now: MonotonicTime) {
     let state = match condition.state {
         Captured::Opening => DeviceState::Opening,
         Captured::Streaming => DeviceState::Streaming,
@@ -74,10 +74,10 @@ fn write(device: &mut Device, condition: &Condition, rate: &DeviceRate, now: Mon
     };
     device.per_second = rate.per_second;
     device.last_age_ms = condition.last_at.map(|at| now.seconds_since(at) * 1e3);
-    match &condition.account {
-        Account::None => (),
-        Account::Camera(report) => camera(device, report, condition),
-        Account::Tracker(report) => {
+    match &condition.report {
+        DeviceReport::None => (),
+        DeviceReport::Camera(report) => camera(device, report, condition),
+        DeviceReport::Tracker(report) => {
             device.identity = Some(report.identity.clone());
             device.mode = Some(report.protocol.clone());
             device.notes.clear();
@@ -99,7 +99,7 @@ fn unreadable(protocol: &str, bytes: u64) -> String {
     )
 }
 
-fn camera(device: &mut Device, report: &CameraReport, condition: &Condition) {
+fn camera(device: &mut Device, report: &CameraReport, condition: &DeviceStatus) {
     let counters = report.counters;
     device.identity = Some(report.identity.clone());
     device.dropped = counters.lost
@@ -163,15 +163,15 @@ mod tests {
     }
 
     fn tracker(bytes: u64, poses: u64) -> Device {
-        let condition = Condition {
+        let condition = DeviceStatus {
             state: Captured::Streaming,
             bytes,
             received: 9,
-            account: Account::Tracker(TrackerReport {
+            report: DeviceReport::Tracker(TrackerReport {
                 protocol: "liberty".to_owned(),
                 ..TrackerReport::default()
             }),
-            ..Condition::default()
+            ..DeviceStatus::default()
         };
         let mut device = Device::new("t", DeviceKind::Tracker);
         write(&mut device, &condition, &rate(poses), SystemClock.now());
@@ -198,14 +198,14 @@ mod tests {
             in_force: Some(2),
             standing,
         };
-        let condition = Condition {
+        let condition = DeviceStatus {
             state: Captured::BackingOff {
                 until: now.offset_nanos(500_000_000),
             },
             reason: Some("gone".to_owned()),
             losses: 3,
             damaged: 1,
-            account: Account::Camera(CameraReport {
+            report: DeviceReport::Camera(CameraReport {
                 identity: "usb-cam".to_owned(),
                 counters: CameraCounters {
                     lost: 2,
@@ -220,7 +220,7 @@ mod tests {
                 .into(),
                 ..CameraReport::default()
             }),
-            ..Condition::default()
+            ..DeviceStatus::default()
         };
         let mut device = Device::new("c", DeviceKind::SceneCamera);
         write(&mut device, &condition, &rate(0), now);

@@ -3,9 +3,9 @@
 //! scene stays in the picture with its bake until that of the new one is there; a model that is
 //! moved as a whole takes its bake along at once.
 
-use super::RigError;
-use super::baking::{Baked, Baking, Obtained};
-use super::runner::Runner;
+use crate::baking::{Baked, Baking, Obtained};
+use crate::context::RunContext;
+use crate::error::RigError;
 use crossbeam_channel::RecvTimeoutError;
 use glam::{DQuat, DVec3};
 use penumbra_compositor::Compositor;
@@ -36,7 +36,7 @@ enum Fit {
 }
 
 /// What is shown of planes.
-struct InForce {
+struct ActivePlanes {
     baked: Baked,
     world_from_bake: RigidTransform,
     /// The scene that it was compared with last, and how well it fits.
@@ -45,17 +45,17 @@ struct InForce {
 
 /// See the module.
 #[derive(Default)]
-pub(super) struct PlanesStation {
+pub(super) struct PlaneBakes {
     status: PlanesStatus,
     working: Option<Baking>,
     /// Nobody wants these any more.
     retired: Vec<Baking>,
-    in_force: Option<InForce>,
+    in_force: Option<ActivePlanes>,
     /// A scene that has no bake, and why.
     failed: Option<(Arc<Scene>, String)>,
 }
 
-impl PlanesStation {
+impl PlaneBakes {
     /// What planes are doing.
     pub const fn status(&self) -> &PlanesStatus {
         &self.status
@@ -82,7 +82,7 @@ impl PlanesStation {
     }
 
     fn shows(&self, scene: &Arc<Scene>) -> bool {
-        let fits = |f: &InForce| f.fits.1 != Fit::Not && Arc::ptr_eq(&f.fits.0, scene);
+        let fits = |f: &ActivePlanes| f.fits.1 != Fit::Not && Arc::ptr_eq(&f.fits.0, scene);
         self.in_force.as_ref().is_some_and(fits)
     }
 
@@ -91,7 +91,7 @@ impl PlanesStation {
     /// same; else the picture goes on, and the status says what is wrong.
     pub fn attend(
         &mut self,
-        runner: &Runner,
+        context: &RunContext,
         settings: &Settings,
         (wanted, shown): (&Arc<Scene>, &Arc<Scene>),
         compositor: &mut Compositor,
@@ -105,7 +105,7 @@ impl PlanesStation {
             return Ok(true);
         }
         let first = self.in_force.is_none() && self.failed.is_none();
-        let wait = first && !runner.source.is_live();
+        let wait = first && !context.source.is_live();
         loop {
             if self.has_failed(wanted) {
                 self.status.state = self.settled(wanted);
@@ -117,15 +117,15 @@ impl PlanesStation {
                 self.status.state = self.settled(wanted);
                 return Ok(true);
             }
-            self.work(runner, wanted, compositor)?;
+            self.work(context, wanted, compositor)?;
             let patience = if wait { LOOK_EVERY } else { Duration::ZERO };
             if self.look(patience, wait, compositor)? {
                 continue;
             }
-            if !wait || runner.is_over() {
+            if !wait || context.is_shutting_down() {
                 return Ok(fit == Fit::Nearly || !self.shows(shown));
             }
-            runner.status.update(|s| s.planes.clone_from(&self.status));
+            context.status.update(|s| s.planes.clone_from(&self.status));
         }
     }
 
@@ -193,15 +193,15 @@ impl PlanesStation {
     /// Makes sure that the bake of `scene` is on its way.
     fn work(
         &mut self,
-        runner: &Runner,
+        context: &RunContext,
         scene: &Arc<Scene>,
         compositor: &Compositor,
     ) -> Result<(), RigError> {
         let on_its_way = |w: &Baking| Arc::ptr_eq(&w.scene, scene);
         if self.working.as_ref().is_none_or(|w| !on_its_way(w)) {
             self.retire();
-            let before = self.in_force.as_ref().and_then(InForce::to_build_on);
-            let config = &runner.config.planes;
+            let before = self.in_force.as_ref().and_then(ActivePlanes::to_build_on);
+            let config = &context.config.planes;
             let working = Baking::start(compositor.gpu(), scene, config, before)?;
             self.working = Some(working);
         }
@@ -247,7 +247,7 @@ impl PlanesStation {
         self.describe(&obtained);
         compositor.show_planes(obtained.stage);
         self.failed = None;
-        self.in_force = Some(InForce {
+        self.in_force = Some(ActivePlanes {
             fits: (obtained.baked.scene.clone(), Fit::Right),
             baked: obtained.baked,
             world_from_bake: RigidTransform::IDENTITY,
@@ -294,7 +294,7 @@ impl PlanesStation {
     }
 }
 
-impl InForce {
+impl ActivePlanes {
     /// The bake as it stands now, for a scene in which not all has changed. One that was turned
     /// has its lights turned, too, and is no start.
     fn to_build_on(&self) -> Option<Baked> {

@@ -1,7 +1,7 @@
 //! The scene camera's poses as a file, a line for each picture.
 
-use super::RigError;
-use super::prepare::Prepared;
+use crate::error::RigError;
+use crate::frame::PreparedFrame;
 use penumbra_interface::RigidTransform;
 use penumbra_output::OutputError;
 use std::fs::File;
@@ -46,10 +46,10 @@ impl PoseFile {
     ///
     /// # Errors
     /// It cannot be written.
-    pub fn write(&mut self, prepared: &Prepared) -> Result<(), RigError> {
+    pub fn write(&mut self, prepared: &PreparedFrame) -> Result<(), RigError> {
         let frame = &prepared.frame;
         let registration = &prepared.registration;
-        let answer = super::status::answer(frame.pose.as_ref()).name();
+        let answer = crate::status::answer(frame.pose.as_ref()).name();
         self.put(|file| {
             write!(file, "{},{}", prepared.index, frame.captured_at.as_nanos())?;
             write_pose(file, prepared.world_from_camera)?;

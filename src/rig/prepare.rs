@@ -2,38 +2,40 @@
 //! become pictures, environment pictures become light. The way through is the same whoever
 //! waits for it, so the same recording gives the same pictures.
 
-use super::display::{Display, Handing, Shown};
-use super::feed::{Fed, FedFrame, Feed, FeedCounts};
-pub use super::latency_watch::LatencyState;
-use super::latency_watch::LatencyWatch;
-use super::light::LightStation;
-use super::light::SphereAt;
-use super::lighter::{Lighter, SceneNews, Seen};
-use super::lights::Lights;
-use super::pace::Pace;
-use super::registration::{ByTracker, Station};
-use super::source::Source;
-use super::{RigError, RigSetup, TRACKER_NOISE};
+use crate::display::{Display, DisplayLatency};
+use crate::error::RigError;
+use crate::feed::{Feed, JournaledFrame};
+use crate::frame::{Counts, PreparedFrame};
+use crate::journal::Journal;
+use crate::latency_monitor::{LatencyMonitor, LatencyState};
+use crate::light::estimator::LightEstimator;
+use crate::light::scheduler::LightScheduler;
+use crate::light::state::LightRequest;
+use crate::light::updates::SceneUpdates;
+use crate::light::view::SphereAt;
+use crate::light::worker::LightUpdater;
+use crate::pace::Pace;
+use crate::registration::{ByTracker, TagRegistration};
 use crate::settings::pairing_config;
+use crate::setup::RigSetup;
+use crate::setup::TRACKER_NOISE;
+use crate::source::Source;
 use crossbeam_channel::{Receiver, Sender, bounded};
 use glam::DVec3;
 use penumbra_camera::RollingShutter;
+use penumbra_capture::Next;
 use penumbra_config::TrackerSource;
 use penumbra_config::{Config, Predict, ReplayPairing};
 use penumbra_interface::threads;
 use penumbra_interface::{MonotonicTime, RigidTransform};
-use penumbra_lighting::adaptive::CompactSource;
-use penumbra_lighting::{LightKind, Lighting, ProbeMap};
 use penumbra_picture::{Picture, YuvEncoding, decode_into};
 use penumbra_registration::Tracked;
-use penumbra_scene::IndirectLight;
 use penumbra_status::{RegistrationStatus, Settings};
-use penumbra_sync::{PairingConfig, PairingCounts, RigFrame};
-use penumbra_white_balance::MatchStatus;
+use penumbra_sync::{PairingConfig, RigFrame};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 use tokio::sync::watch;
 
 /// Pictures further apart than this do not tell how the camera moves, seconds.
@@ -43,74 +45,10 @@ const MOTION_NANOS: i64 = 10_000_000;
 /// Frames that may wait for the compositor.
 const AHEAD: usize = 1;
 
-/// One frame with everything that it is made of.
-pub struct Prepared {
-    /// Number of its picture in the recording.
-    pub index: u64,
-    /// What was paired. Its picture's bytes are decoded already.
-    pub frame: RigFrame,
-    /// The scene camera's picture.
-    pub picture: Picture,
-    /// The scene camera's pose.
-    pub world_from_camera: Option<RigidTransform>,
-    /// Where that pose comes from.
-    pub registration: RegistrationStatus,
-    /// How the camera moved while it read the picture, where its shutter rolls.
-    pub rolling: Option<RollingShutter>,
-    /// Where it will be when the picture is seen, if it is to be shown for that instant.
-    pub shown: Option<Shown>,
-    /// Error of the tracker's own pose at this instant: millimetres, degrees, and pixels amid
-    /// the virtual objects.
-    pub tracker_sigma: Option<[f64; 3]>,
-    /// Seconds since the recording's first picture.
-    pub seconds: f64,
-    /// The light, and what is known of it.
-    pub light: LightState,
-    /// How long decoding took.
-    pub decoding: Duration,
-    /// How long the light took that it is drawn in.
-    pub lighting: Duration,
-    /// A new preview of the environment.
-    pub preview: Option<Arc<Picture>>,
-    /// What is wrong with the environment's picture.
-    pub warning: Option<String>,
-    /// What came in so far during this pass.
-    pub counts: Counts,
-    /// Pictures that a live rig passed over for this one.
-    pub passed_over: u64,
-}
-
-/// The light in force and how it was found. Shared: it changes less often than frames.
-#[derive(Clone, Default)]
-pub struct LightState {
-    /// The light far away.
-    pub lighting: Option<Arc<Lighting>>,
-    /// The light close by.
-    pub near: Option<Arc<IndirectLight>>,
-    /// The match between the cameras.
-    pub white_balance: Option<Arc<MatchStatus>>,
-    /// Compact sources found.
-    pub sources: Arc<Vec<CompactSource>>,
-    /// Share of the sphere that every exposure clips.
-    pub clipped: f32,
-    /// What a mirrored sphere in the scene camera's picture has shown, where there is one.
-    pub probe: Option<ProbeMap>,
-}
-
-impl LightState {
-    /// Dome lights, and those of compact sources among them.
-    #[must_use]
-    pub fn count(&self) -> (u32, u32) {
-        let lights = self.lighting.as_ref().map_or(&[][..], |l| &l.lights);
-        let compact = lights.iter().filter(|l| l.kind == LightKind::Compact);
-        (lights.len() as u32, compact.count() as u32)
-    }
-}
-
 /// What comes next.
-pub enum Step {
+pub enum PreparationEvent {
     /// A frame.
-    Frame(Box<Prepared>),
+    Frame(Box<PreparedFrame>),
     /// It was too late for one.
     Skipped,
     /// A picture that cannot be decoded.
@@ -121,32 +59,19 @@ pub enum Step {
     End(Box<Counts>),
 }
 
-/// What came in.
-#[derive(Clone, Copy, Debug)]
-pub struct Counts {
-    /// By the feed.
-    pub feed: FeedCounts,
-    /// By the pairing.
-    pub pairing: PairingCounts,
-    /// Tracker bytes that belonged to no record.
-    pub skipped_tracker_bytes: u64,
-    /// The tracker's latency.
-    pub latency: LatencyState,
-}
-
 /// What the preparation is told while it runs.
-pub(super) struct Told {
+pub(super) struct PreparationInputs {
     /// Settings that are wished.
     pub wished: watch::Receiver<Settings>,
     /// Scenes that have changed.
-    pub news: SceneNews,
+    pub news: SceneUpdates,
     /// How long pictures take to the window.
-    pub handing: Arc<Handing>,
+    pub handing: Arc<DisplayLatency>,
 }
 
 /// The thread, and the way to it. Dropping it ends the thread.
 pub struct Preparation {
-    steps: Option<Receiver<Step>>,
+    steps: Option<Receiver<PreparationEvent>>,
     /// Says that the next step is waited for, to a rig that makes none sooner.
     wants: Option<Sender<()>>,
     spare: Sender<Picture>,
@@ -165,9 +90,9 @@ impl Preparation {
         wished: watch::Receiver<Settings>,
         stop: Arc<AtomicBool>,
     ) -> Result<Self, RigError> {
-        let told = Told {
+        let told = PreparationInputs {
             wished,
-            news: SceneNews::default(),
+            news: SceneUpdates::default(),
             handing: Arc::default(),
         };
         Self::start_with(setup, config, source, told, stop)
@@ -178,10 +103,10 @@ impl Preparation {
         setup: &RigSetup,
         config: &Config,
         source: &Source,
-        told: Told,
+        told: PreparationInputs,
         stop: Arc<AtomicBool>,
     ) -> Result<Self, RigError> {
-        let Told {
+        let PreparationInputs {
             wished,
             news,
             handing,
@@ -193,16 +118,17 @@ impl Preparation {
         let (spare, spares) = bounded(AHEAD + 2);
         let (wants, wanted) = bounded(1);
         let registration = &config.registration;
-        let middle = super::registration::middle(&setup.scene, setup.tags.as_ref());
+        let middle = crate::registration::middle(&setup.scene, setup.tags.as_ref());
         let mut worker = Worker {
             display: (registration.predict == Predict::Display).then(|| {
                 let handing = source.is_live().then_some(handing);
                 Display::new(setup, config, middle, handing)
             }),
             lights: lights(setup, config, source, wished, news)?,
-            feed: Feed::new(source, &setup.calibration, pairing, as_live)
-                .watched_by(LatencyWatch::start(setup, config, source, pairing.station)?),
-            station: Station::new(setup, registration.row_seconds),
+            feed: Feed::new(source, &setup.calibration, pairing, as_live),
+            latency: LatencyMonitor::start(setup, config, source, pairing.station)?,
+            journal: Journal::new(source),
+            tags: TagRegistration::new(setup, registration.row_seconds),
             row_seconds: registration.row_seconds,
             last_pose: None,
             middle,
@@ -230,7 +156,7 @@ impl Preparation {
     }
 
     /// Waits for the next step; `None` after the last.
-    pub fn next(&self) -> Option<Step> {
+    pub fn next(&self) -> Option<PreparationEvent> {
         if let Some(wants) = &self.wants {
             // Said already, or nobody listens.
             let _ = wants.try_send(());
@@ -258,7 +184,7 @@ impl Drop for Preparation {
 struct Worker {
     setup: RigSetup,
     /// Looks for fiducials, where the rig has a use for them.
-    station: Option<Station>,
+    tags: Option<TagRegistration>,
     /// Looks ahead to when a picture is seen, where that is wished.
     display: Option<Display>,
     /// What the virtual objects stand about, world, metres.
@@ -267,14 +193,17 @@ struct Worker {
     row_seconds: f64,
     /// The picture before, where its pose tells how the camera moves.
     last_pose: Option<(MonotonicTime, RigidTransform)>,
-    lights: Lights,
+    lights: LightScheduler,
     feed: Feed,
+    /// Measures the tracker's latency, if configured.
+    latency: Option<LatencyMonitor>,
+    journal: Journal,
     pairing: PairingConfig,
     yuv: YuvEncoding,
     /// Devices have a pace of their own.
     pace: Option<Pace>,
     repeat: bool,
-    steps: Sender<Step>,
+    steps: Sender<PreparationEvent>,
     /// A live picture is chosen when the compositor is free for it, so that it is the newest
     /// and has not grown old behind another.
     wanted: Option<Receiver<()>>,
@@ -296,52 +225,63 @@ impl Worker {
                 if free.is_some_and(|free| free.is_err()) {
                     return;
                 }
-                let step = match self.feed.next_picture() {
-                    Fed::Frame(fed) => self.step(*fed),
-                    Fed::Idle => Step::Idle(Box::new(self.counts())),
-                    Fed::End => break,
+                let step = match self.feed.next_picture(self.latency.as_mut()) {
+                    Next::Item(frame) => self.step(*frame),
+                    Next::Idle => PreparationEvent::Idle(Box::new(self.counts(false))),
+                    Next::Ended => break,
                 };
                 if self.stop.load(Ordering::Relaxed) || self.steps.send(step).is_err() {
                     return;
                 }
             }
-            let counts = Counts {
-                latency: self.feed.latency(true),
-                ..self.counts()
-            };
-            let over = self.steps.send(Step::End(Box::new(counts))).is_err();
+            let counts = self.counts(true);
+            let over = self
+                .steps
+                .send(PreparationEvent::End(Box::new(counts)))
+                .is_err();
             if over || !self.repeat || counts.feed.scene_frames == 0 {
                 return;
             }
             self.feed.rewind(self.pairing);
+            if let Some(latency) = &mut self.latency {
+                latency.restart();
+            }
         }
     }
 
-    fn counts(&mut self) -> Counts {
+    /// Returns the counts so far; `is_over` at the end of a recording.
+    fn counts(&mut self, is_over: bool) -> Counts {
+        let active_nanos = self.feed.tracker_latency();
         Counts {
             feed: self.feed.counts(),
             pairing: self.feed.pairing_counts(),
             skipped_tracker_bytes: self.feed.tracker_counters().skipped_bytes,
-            latency: self.feed.latency(false),
+            latency: match &mut self.latency {
+                Some(monitor) => monitor.state(active_nanos, is_over),
+                None => LatencyState {
+                    in_force_nanos: active_nanos,
+                    followed: None,
+                },
+            },
         }
     }
 
-    fn step(&mut self, fed: FedFrame) -> Step {
-        let FedFrame {
+    fn step(&mut self, journaled: JournaledFrame) -> PreparationEvent {
+        let JournaledFrame {
             frame,
-            passed_over,
-            noted,
-        } = fed;
+            skipped,
+            entry,
+        } = journaled;
         let first = *self.began.get_or_insert(frame.captured_at);
         if let Some(pace) = &mut self.pace
             && !pace.wait(frame.scene.arrived_at, &self.stop)
         {
-            return Step::Skipped;
+            return PreparationEvent::Skipped;
         }
         let begun = Instant::now();
         let mut picture = self.spares.try_recv().unwrap_or_default();
         if decode_into(&frame.scene, &self.yuv, &mut picture).is_err() {
-            return Step::Damaged;
+            return PreparationEvent::Damaged;
         }
         let decoding = begun.elapsed();
         let misfit = self.misfit(&picture);
@@ -354,21 +294,27 @@ impl Worker {
             self.register(&picture, &frame, world_from_camera, misfit.is_none());
         let shown = self.display.as_mut().and_then(|display| {
             let (setup, feed) = (&self.setup, &self.feed);
-            display.look(setup, feed, &frame, world_from_camera, &registration)
+            display.predict(
+                setup,
+                feed.tracker(),
+                &frame,
+                world_from_camera,
+                &registration,
+            )
         });
         registration.display = shown.map(|shown| shown.status);
         let rolling = self.rolling(&frame, world_from_camera);
         let tracker_sigma = self.tracker_sigma(&frame, world_from_camera);
-        let seen = Seen {
+        let seen = LightRequest {
             ball,
-            ..Seen::new(&frame, seconds, world_from_camera)
+            ..LightRequest::new(&frame, seconds, world_from_camera)
         };
-        if let Some(note) = self.lights.see(&seen, &picture, noted) {
-            self.feed.note(seen.arrived_at, note);
+        if let Some(note) = self.lights.see(&seen, &picture, entry) {
+            self.journal.write(seen.arrived_at, note);
         }
-        let counts = self.counts();
+        let counts = self.counts(false);
         let light = self.lights.in_force();
-        Step::Frame(Box::new(Prepared {
+        PreparationEvent::Frame(Box::new(PreparedFrame {
             index: frame.index,
             seconds,
             picture,
@@ -382,7 +328,7 @@ impl Worker {
             lighting: light.took,
             preview: light.preview.take(),
             warning: misfit.or(light.unseen.take()),
-            passed_over,
+            skipped,
             counts,
             frame,
         }))
@@ -397,9 +343,9 @@ impl Worker {
         fits: bool,
     ) -> (Option<RigidTransform>, SphereAt, RegistrationStatus) {
         let motion = self.tracked_motion(frame);
-        let Some(station) = self.station.as_mut().filter(|_| fits) else {
+        let Some(tags) = self.tags.as_mut().filter(|_| fits) else {
             if fits {
-                self.feed.watch_picture(frame.captured_at, picture, None);
+                self.observe_picture(frame.captured_at, picture, None);
             }
             let status = RegistrationStatus::by_tracker(tracked.is_some());
             return (tracked, SphereAt::Calibrated, status);
@@ -412,15 +358,26 @@ impl Worker {
             pose: tracked,
             motion,
         };
-        let told = station.look(picture, by_tracker, frame.captured_at);
-        self.feed
-            .watch_picture(frame.captured_at, picture, told.by_markers);
+        let told = tags.register(picture, by_tracker, frame.captured_at);
+        self.observe_picture(frame.captured_at, picture, told.by_markers);
         let ball = match told.ball {
             Some(ball) => SphereAt::Seen(ball),
             None if told.ball_lost => SphereAt::Lost,
             None => SphereAt::Calibrated,
         };
         (told.world_from_camera, ball, told.status)
+    }
+
+    /// Shows a picture to the latency monitor.
+    fn observe_picture(
+        &mut self,
+        captured_at: MonotonicTime,
+        picture: &Picture,
+        by_markers: Option<RigidTransform>,
+    ) {
+        if let Some(monitor) = &mut self.latency {
+            monitor.picture(captured_at, picture, by_markers);
+        }
     }
 
     /// How the camera moved: by the tracker, else since the picture before.
@@ -450,7 +407,7 @@ impl Worker {
         RollingShutter::between(&before, &after, seconds, self.row_seconds)
     }
 
-    /// See [`Prepared::tracker_sigma`].
+    /// See [`PreparedFrame::tracker_sigma`].
     fn tracker_sigma(&self, frame: &RigFrame, pose: Option<RigidTransform>) -> Option<[f64; 3]> {
         let [metres, radians] = self.setup.tracker_noise(frame)?;
         let camera = &self.setup.calibration.scene_camera.camera;
@@ -481,15 +438,15 @@ fn lights(
     config: &Config,
     source: &Source,
     wished: watch::Receiver<Settings>,
-    news: SceneNews,
-) -> Result<Lights, RigError> {
-    let station = LightStation::new(setup, config, &|name| source.attachment(name))?;
-    let technique = super::live_settings(config).technique;
-    let lighter = Lighter::new(station, wished, technique, config.planes.frequency, news);
+    news: SceneUpdates,
+) -> Result<LightScheduler, RigError> {
+    let station = LightEstimator::new(setup, config, &|name| source.attachment(name))?;
+    let technique = crate::live_settings(config).technique;
+    let lighter = LightUpdater::new(station, wished, technique, config.planes.frequency, news);
     match source {
-        Source::Live(_) => Lights::beside(lighter),
-        Source::Recorded(_) if as_live(config, source) => Ok(Lights::as_noted(lighter)),
-        Source::Recorded(_) => Ok(Lights::own(lighter)),
+        Source::Live(_) => LightScheduler::beside(lighter),
+        Source::Recorded(_) if as_live(config, source) => Ok(LightScheduler::as_noted(lighter)),
+        Source::Recorded(_) => Ok(LightScheduler::own(lighter)),
     }
 }
 

@@ -1,6 +1,6 @@
 //! How fast pictures are made and devices deliver, for the status.
 
-use super::feed::FeedCounts;
+use crate::feed::FeedCounts;
 use penumbra_interface::{Clock, MonotonicTime, SystemClock};
 use penumbra_status::{Histogram, RateMeter};
 use std::collections::VecDeque;

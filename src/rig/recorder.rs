@@ -1,12 +1,11 @@
 //! Writes what arrives into a session, on a thread of its own. Nobody ever waits for it:
 //! what it cannot take in time is dropped and counted.
 
-use super::RigError;
-use super::source::RigFiles;
-use super::wall_date::utc_now;
+use crate::error::RigError;
+use crate::source::RigFiles;
+use crate::wall_date::utc_now;
 use crossbeam_channel::{Receiver, RecvTimeoutError, bounded};
-use penumbra_capture::Hub;
-use penumbra_capture::hub::Inlet;
+use penumbra_capture::{Hub, RecorderQueue};
 use penumbra_config::RecordingConfig;
 use penumbra_interface::threads;
 use penumbra_interface::{Clock, MonotonicTime, SystemClock};
@@ -101,11 +100,11 @@ impl Recorder {
             },
         };
         let stop = Arc::clone(&job.stop);
-        let inlet = Inlet::new(events, job.waiting_bytes.clone(), job.dropped.clone());
+        let queue = RecorderQueue::new(events, job.waiting_bytes.clone(), job.dropped.clone());
         // Before anybody is told that it has begun: who asks then is not to hear of the one
         // before.
         job.publish();
-        self.hub.set_recorder(Some(inlet));
+        self.hub.set_recorder(Some(queue));
         let thread = threads::spawn("record", move || job.run()).map_err(|source| {
             self.hub.set_recorder(None);
             let error = RigError::Thread { source };

@@ -1,29 +1,28 @@
 //! Where the scene camera is, and the mirrored sphere, by the fiducials in its picture.
 
-use super::{RigError, RigSetup};
+use crate::setup::RigSetup;
 use glam::DVec3;
 use penumbra_camera::EnvironmentView;
 use penumbra_camera::{PinholeCamera, RollingShutter};
-use penumbra_config::{Config, PoseSource};
+use penumbra_config::PoseSource;
 use penumbra_fiducials::{
     Detector, Expectation, Family, Registered, Registrar, Registration, Tag, TagMap, TagSeen,
-    UnknownFamily, nearest_pose,
+    nearest_pose,
 };
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_lighting::BallSeen;
 use penumbra_picture::Picture;
 use penumbra_registration::{Fused, Fusion, PoseSigma, Source, Tracked, Verdict};
-use penumbra_rig_model::Marker;
 use penumbra_rig_model::SphereMarker;
 use penumbra_scene::Scene;
 use penumbra_status::{RegistrationSource, RegistrationStatus};
 
 /// Standard deviation of a sphere's picture by a tracker's pose or a marker of its own, pixels:
 /// neither tells its own.
-pub(super) const UNTOLD_SIGMA: f64 = 0.5;
+pub(crate) const UNTOLD_SIGMA: f64 = 0.5;
 
 /// Looks for fiducials in the scene camera's pictures.
-pub(super) struct Station {
+pub(crate) struct TagRegistration {
     detector: Detector,
     camera: PinholeCamera,
     /// From one row of it to the next.
@@ -48,7 +47,7 @@ struct Probe {
 
 /// What the tracker tells of a picture.
 #[derive(Clone, Copy, Default)]
-pub(super) struct ByTracker {
+pub(crate) struct ByTracker {
     /// The camera's pose.
     pub pose: Option<Tracked>,
     /// How it moved while the picture was read.
@@ -56,7 +55,7 @@ pub(super) struct ByTracker {
 }
 
 /// What a picture told.
-pub(super) struct Told {
+pub(crate) struct RegistrationResult {
     /// The scene camera's pose.
     pub world_from_camera: Option<RigidTransform>,
     /// The same by markers alone, however it is used.
@@ -69,7 +68,7 @@ pub(super) struct Told {
     pub status: RegistrationStatus,
 }
 
-impl Station {
+impl TagRegistration {
     /// Of a rig that wants it; `None` where nothing is to be looked for.
     pub fn new(setup: &RigSetup, row_seconds: f64) -> Option<Self> {
         let rig = &setup.calibration;
@@ -101,11 +100,16 @@ impl Station {
     }
 
     /// What a picture tells.
-    pub fn look(&mut self, picture: &Picture, by: ByTracker, at: MonotonicTime) -> Told {
+    pub fn register(
+        &mut self,
+        picture: &Picture,
+        by: ByTracker,
+        at: MonotonicTime,
+    ) -> RegistrationResult {
         let tracked = by.pose;
         let seen = self.detector.detect(picture, Some(&self.camera));
         let by_tracker = tracked.map(|t| t.world_from_camera);
-        let mut told = Told {
+        let mut told = RegistrationResult {
             world_from_camera: by_tracker,
             by_markers: None,
             ball: None,
@@ -207,7 +211,7 @@ fn by_both(fused: Option<&Fused>, found: Option<&Registered>, rejected: u64) -> 
 }
 
 /// What the virtual objects stand about, else the markers; world, metres.
-pub(super) fn middle(scene: &Scene, tags: Option<&TagMap>) -> DVec3 {
+pub(crate) fn middle(scene: &Scene, tags: Option<&TagMap>) -> DVec3 {
     let points = scene.virtual_parts.iter().flat_map(|part| {
         let placed = |v: &penumbra_scene::Vertex| {
             part.world_from_part.transform_point3(v.position.as_dvec3())
@@ -246,53 +250,6 @@ impl Probe {
         self.last = pose;
         Some(pose?.transform_point(*centre_in_marker))
     }
-}
-
-/// What tells the pose: what the configuration wants, or by itself what the calibration lists.
-pub(super) fn pose_source(
-    markers: &[Marker],
-    tracker: bool,
-    config: &Config,
-) -> Result<PoseSource, RigError> {
-    let wanted = match config.registration.pose {
-        PoseSource::Auto if markers.is_empty() => PoseSource::Tracker,
-        PoseSource::Auto if tracker => PoseSource::Hybrid,
-        PoseSource::Auto => PoseSource::Markers,
-        wanted => wanted,
-    };
-    if markers.is_empty() && wanted != PoseSource::Tracker {
-        return Err(RigError::NoMarkers {
-            wanted: if wanted == PoseSource::Hybrid {
-                "hybrid"
-            } else {
-                "markers"
-            },
-        });
-    }
-    Ok(wanted)
-}
-
-/// The map of the calibration's markers, where the pose is to come by them.
-pub(super) fn wanted_tags(
-    markers: &[Marker],
-    pose: PoseSource,
-) -> Result<Option<TagMap>, RigError> {
-    if pose == PoseSource::Tracker {
-        return Ok(None);
-    }
-    tag_map(markers).map(Some)
-}
-
-/// The map of a calibration's markers.
-pub(super) fn tag_map(markers: &[Marker]) -> Result<TagMap, RigError> {
-    let unknown = |e: UnknownFamily| RigError::Markers {
-        reason: e.to_string(),
-    };
-    let tags = markers.iter().map(Marker::tag).collect::<Result<_, _>>();
-    let tags = tags.map_err(unknown)?;
-    TagMap::new(tags).map_err(|e| RigError::Markers {
-        reason: e.to_string(),
-    })
 }
 
 #[cfg(test)]

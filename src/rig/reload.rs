@@ -1,8 +1,8 @@
 //! Watches the scene file and the models that it names, and makes a changed scene ready beside
 //! the frame path. A scene that cannot be read leaves the one that is shown.
 
-use super::RigError;
-use super::scene_light::SceneLight;
+use crate::error::RigError;
+use crate::light::scene_tables::SceneLight;
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
 use penumbra_compositor::{SceneUploader, UploadedScene};
 use penumbra_config::Config;

@@ -30,7 +30,7 @@ pub struct Report {
     pub white_balance: Option<MatchStatus>,
     /// Dome lights in the last frame, and those of compact sources among them.
     pub lights: u32,
-    /// Lights that stand for compact sources.
+    /// LightScheduler that stand for compact sources.
     pub compact_lights: u32,
     /// Times of each stage.
     pub stages: StageTimes,

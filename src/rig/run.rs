@@ -1,20 +1,22 @@
 //! One run: each frame from its picture and its light to the outputs, and the counts.
 
-use super::display::Handing;
-use super::lighter::SceneNews;
-use super::planes::PlanesStation;
-use super::poses::PoseFile;
-use super::prepare::{Counts, LatencyState, LightState, Prepared};
-use super::rates::Rates;
-use super::report::{FrameCounts, InputCounts, Report, SkewMeter};
-use super::runner::Runner;
-use super::scenes::Scenes;
-use super::settings::{compositor_settings, exposure, live_settings};
-use super::source::Source;
-use super::status::Published;
-use super::{RigError, status as published};
+use crate::context::RunContext;
+use crate::display::DisplayLatency;
+use crate::error::RigError;
+use crate::frame::{Counts, PreparedFrame};
+use crate::latency_monitor::LatencyState;
+use crate::light::state::LightState;
+use crate::light::updates::SceneUpdates;
+use crate::planes::PlaneBakes;
+use crate::poses::PoseFile;
+use crate::rates::Rates;
+use crate::report::{FrameCounts, InputCounts, Report, SkewMeter};
+use crate::scenes::Scenes;
+use crate::settings::{compositor_settings, exposure, live_settings};
+use crate::source::Source;
+use crate::status as published;
+use crate::status::Published;
 use penumbra_compositor::{Compositor, FrameInput, Gpu, LampResponse, LensOutput, Refresh};
-
 use penumbra_config as config;
 use penumbra_config::Distortion;
 use penumbra_config::Technique;
@@ -41,7 +43,7 @@ pub(super) struct Outlets {
     /// Where they are written.
     pub poses: Option<PoseFile>,
     /// Told how long pictures take to them.
-    pub handing: Arc<Handing>,
+    pub handing: Arc<DisplayLatency>,
 }
 
 /// The state of a run.
@@ -51,7 +53,7 @@ pub(super) struct Run {
     folder: Option<FrameFolder>,
     pose_out: Option<FreedSender>,
     poses: Option<PoseFile>,
-    handing: Arc<Handing>,
+    handing: Arc<DisplayLatency>,
     settings: Settings,
     wished: tokio::sync::watch::Receiver<Settings>,
     stages: StageTimes,
@@ -63,7 +65,7 @@ pub(super) struct Run {
     rates: Rates,
     light: LightState,
     scenes: Scenes,
-    planes: PlanesStation,
+    planes: PlaneBakes,
     follower: BrightestFollower,
     brightest: BrightestLight,
     /// Where they are in the picture at hand.
@@ -76,20 +78,20 @@ pub(super) struct Run {
 
 impl Run {
     pub fn new(
-        runner: &Runner,
+        context: &RunContext,
         gpu: Gpu,
         outlets: Outlets,
-        news: SceneNews,
+        news: SceneUpdates,
     ) -> Result<Self, RigError> {
-        let (config, setup) = (&runner.config, &runner.setup);
-        let settings = compositor_settings(config, runner.source.is_live(), gpu.software);
+        let (config, setup) = (&context.config, &context.setup);
+        let settings = compositor_settings(config, context.source.is_live(), gpu.software);
         let response = setup.calibration.scene_camera.response.clone();
         let mut compositor = Compositor::new(gpu, settings, response);
         compositor.set_lens_output(match config.registration.distortion {
             Distortion::Camera => LensOutput::Camera,
             Distortion::Undistorted => LensOutput::Undistorted,
         });
-        let scenes = Scenes::new(runner, &mut compositor, news)?;
+        let scenes = Scenes::new(context, &mut compositor, news)?;
         let Outlets {
             screen,
             folder,
@@ -106,7 +108,7 @@ impl Run {
             poses,
             handing,
             settings: live_settings(config),
-            wished: runner.status.settings_receiver(),
+            wished: context.status.settings_receiver(),
             stages: StageTimes::default(),
             frames: FrameCounts::default(),
             inputs: InputCounts::default(),
@@ -115,7 +117,7 @@ impl Run {
             skew: SkewMeter::default(),
             rates: Rates::default(),
             light: LightState::default(),
-            planes: PlanesStation::default(),
+            planes: PlaneBakes::default(),
             follower: BrightestFollower::default(),
             brightest: BrightestLight::default(),
             lamps: Vec::new(),
@@ -125,29 +127,33 @@ impl Run {
         })
     }
 
-    pub fn over(&self, runner: &Runner) -> bool {
-        let limit = runner.options.frame_limit;
+    pub fn is_over(&self, context: &RunContext) -> bool {
+        let limit = context.options.frame_limit;
         let full = limit.is_some_and(|limit| self.frames.composed >= limit);
         let writer_gone = self.folder.as_ref().is_some_and(|f| !f.is_alive());
-        full || self.closed || writer_gone || runner.is_over()
+        full || self.closed || writer_gone || context.is_shutting_down()
     }
 
     /// One frame, from its picture and its light to the outputs.
-    pub fn compose(&mut self, runner: &Runner, prepared: &Prepared) -> Result<(), RigError> {
+    pub fn compose(
+        &mut self,
+        context: &RunContext,
+        prepared: &PreparedFrame,
+    ) -> Result<(), RigError> {
         let begun = Instant::now();
         self.stages.record("decode", prepared.decoding);
         self.stages.record("environment", prepared.lighting);
         self.take_settings();
         self.light.clone_from(&prepared.light);
         self.scenes.attend(
-            runner,
+            context,
             &self.settings,
             &mut self.planes,
             &mut self.compositor,
         )?;
-        self.draw(runner, prepared)?;
+        self.draw(context, prepared)?;
         self.stages.record("composite", begun.elapsed());
-        self.deliver(runner, prepared)?;
+        self.deliver(context, prepared)?;
         self.tell_pose(prepared);
         if let Some(poses) = &mut self.poses {
             poses.write(prepared)?;
@@ -158,7 +164,7 @@ impl Run {
         }
         self.planes.count(&self.compositor)?;
         self.stages.record("total", begun.elapsed());
-        if runner.source.is_live() {
+        if context.source.is_live() {
             let latency = SystemClock
                 .now()
                 .nanos_since(prepared.frame.scene.arrived_at);
@@ -166,56 +172,56 @@ impl Run {
             self.stages.record("arrival_to_picture", latency);
         }
         self.counts = Some(prepared.counts);
-        self.frames.skipped += prepared.passed_over;
+        self.frames.skipped += prepared.skipped;
         self.count(prepared);
         let environment = prepared.frame.environment.as_ref();
         let skew = environment.map(|e| e.skew_nanos);
         self.rates.composed(&prepared.counts.feed, skew);
         published::publish(&Published {
-            status: &runner.status,
-            source: &runner.source,
+            status: &context.status,
+            source: &context.source,
             prepared,
             stages: &self.stages,
             frames: &self.frames,
             rates: &self.rates,
-            played: runner.source.share_played(prepared.frame.scene.arrived_at),
+            played: context.source.share_played(prepared.frame.scene.arrived_at),
             settings: &self.settings,
             planes: self.planes.status(),
             scene: self.scenes.status(),
             exposure: self.compositor.exposure(),
             brightest: self.brightest,
-            stale_after_nanos: runner.config.environment.stale_after_nanos,
+            stale_after_nanos: context.config.environment.stale_after_nanos,
         });
         Ok(())
     }
 
     /// No picture has come for a while: the last one stays, or a black one stands in its
     /// place, and the status goes on.
-    pub fn idle(&mut self, runner: &Runner, counts: &Counts) -> Result<(), RigError> {
+    pub fn idle(&mut self, context: &RunContext, counts: &Counts) -> Result<(), RigError> {
         if !self.shown {
-            self.black(runner)?;
+            self.black(context)?;
         }
         if let Some(screen) = &mut self.screen {
             self.closed = !screen.show(&self.compositor);
         }
-        if runner.status.wants_picture() {
-            self.publish_picture(runner)?;
+        if context.status.wants_picture() {
+            self.publish_picture(context)?;
         }
         self.counts = Some(*counts);
         self.rates.idle(&counts.feed);
-        published::publish_idle(&runner.status, &runner.source, &self.rates);
+        published::publish_idle(&context.status, &context.source, &self.rates);
         Ok(())
     }
 
-    fn black(&mut self, runner: &Runner) -> Result<(), RigError> {
-        let (width, height) = runner.picture_size();
+    fn black(&mut self, context: &RunContext) -> Result<(), RigError> {
+        let (width, height) = context.picture_size();
         let pixels = width as usize * height as usize;
         let picture = Picture {
             width,
             height,
             rgba: [0, 0, 0, 255].repeat(pixels),
         };
-        let camera = &runner.setup.calibration.scene_camera.camera;
+        let camera = &context.setup.calibration.scene_camera.camera;
         self.compositor.compose(&FrameInput {
             show_virtual: false,
             ..FrameInput::new(&picture, camera)
@@ -224,15 +230,15 @@ impl Run {
         Ok(())
     }
 
-    fn draw(&mut self, runner: &Runner, prepared: &Prepared) -> Result<(), RigError> {
+    fn draw(&mut self, context: &RunContext, prepared: &PreparedFrame) -> Result<(), RigError> {
         if let Some(light) = &prepared.light.lighting {
             let (generation, seconds) = (light.generation, prepared.seconds);
             self.brightest = self.follower.follow(generation, &light.lights, seconds);
         }
-        let scene_camera = &runner.setup.calibration.scene_camera;
+        let scene_camera = &context.setup.calibration.scene_camera;
         let settings = &self.settings;
         let shadows = settings.technique != Technique::ImageBasedLighting;
-        let refresh = runner.config.shadows.refresh_per_frame;
+        let refresh = context.config.shadows.refresh_per_frame;
         let scene = self.scenes.shown();
         scene.lamps_at(prepared.seconds, &mut self.lamps);
         self.compositor.compose(&FrameInput {
@@ -273,23 +279,23 @@ impl Run {
     }
 
     /// The picture to the window, the folder and whoever watches.
-    fn deliver(&mut self, runner: &Runner, prepared: &Prepared) -> Result<(), RigError> {
+    fn deliver(&mut self, context: &RunContext, prepared: &PreparedFrame) -> Result<(), RigError> {
         let begun = Instant::now();
         if let Some(screen) = &mut self.screen {
             self.closed = !screen.show(&self.compositor);
         }
         let arrived_at = prepared.frame.scene.arrived_at;
         self.handing.add(SystemClock.now().nanos_since(arrived_at));
-        let watched = runner.status.wants_picture();
+        let watched = context.status.wants_picture();
         if let Some(folder) = &self.folder {
             let mut picture = folder.spare();
             self.compositor.read(&mut picture)?;
             if watched {
-                runner.status.publish_picture(Arc::new(picture.clone()));
+                context.status.publish_picture(Arc::new(picture.clone()));
             }
             folder.write(prepared.index, picture);
         } else if watched {
-            self.publish_picture(runner)?;
+            self.publish_picture(context)?;
         } else {
             self.compositor.gpu().wait()?;
         }
@@ -298,16 +304,16 @@ impl Run {
     }
 
     /// A message that cannot be sent is lost: the next one says more.
-    fn tell_pose(&self, prepared: &Prepared) {
+    fn tell_pose(&self, prepared: &PreparedFrame) {
         if let (Some(sender), Some(pose)) = (&self.pose_out, prepared.world_from_camera) {
             let _ = sender.send(optical_to_studio(pose), Lens::default());
         }
     }
 
-    fn publish_picture(&self, runner: &Runner) -> Result<(), RigError> {
+    fn publish_picture(&self, context: &RunContext) -> Result<(), RigError> {
         let mut picture = Picture::default();
         self.compositor.read(&mut picture)?;
-        runner.status.publish_picture(Arc::new(picture));
+        context.status.publish_picture(Arc::new(picture));
         Ok(())
     }
 
@@ -318,7 +324,7 @@ impl Run {
         }
     }
 
-    fn count(&mut self, prepared: &Prepared) {
+    fn count(&mut self, prepared: &PreparedFrame) {
         let frame = &prepared.frame;
         self.frames.composed += 1;
         match &frame.pose {
@@ -335,10 +341,10 @@ impl Run {
         }
     }
 
-    pub fn finish_loop(&mut self, runner: &Runner, counts: &Counts) {
+    pub fn finish_loop(&mut self, context: &RunContext, counts: &Counts) {
         self.add(counts);
         self.counts = None;
-        runner.status.update(|s| s.session.loops += 1);
+        context.status.update(|s| s.session.loops += 1);
     }
 
     /// Pairing counts are of one loop, the others of all.
@@ -352,14 +358,14 @@ impl Run {
         self.inputs.skipped_tracker_bytes = counts.skipped_tracker_bytes;
     }
 
-    pub fn into_report(mut self, runner: &Runner) -> Result<Report, RigError> {
+    pub fn into_report(mut self, context: &RunContext) -> Result<Report, RigError> {
         if let Some(counts) = self.counts.take() {
             self.add(&counts);
         }
         let none = self.frames.in_session == 0 && self.frames.composed == 0;
-        if let Source::Recorded(session) = &runner.source
+        if let Source::Recorded(session) = &context.source
             && none
-            && !runner.is_over()
+            && !context.is_shutting_down()
         {
             return Err(RigError::Empty {
                 path: session.path().to_owned(),
@@ -367,9 +373,9 @@ impl Run {
         }
         if self.frames.composed > 0 {
             // Whoever opens the page after the end sees the last picture.
-            self.publish_picture(runner)?;
+            self.publish_picture(context)?;
         }
-        runner
+        context
             .status
             .update(|s| s.session.enter(SessionState::Ended));
         if let Some(folder) = self.folder {
@@ -382,14 +388,14 @@ impl Run {
         let (lights, compact_lights) = self.light.count();
         Ok(Report {
             version: 1,
-            session: runner.source.name(),
-            truncated: matches!(&runner.source, Source::Recorded(s) if s.truncated()),
+            session: context.source.name(),
+            truncated: matches!(&context.source, Source::Recorded(s) if s.truncated()),
             adapter: self.compositor.gpu().name.clone(),
             resolution: [width, height],
             frames: self.frames,
             inputs: self.inputs,
             skew_ms: self.skew.skew(),
-            tracker_latency: super::latency_status::report(&self.latency),
+            tracker_latency: crate::latency_status::report(&self.latency),
             white_balance: self.light.white_balance.map(|status| (*status).clone()),
             lights,
             compact_lights,

@@ -1,15 +1,17 @@
 //! Lets frames flow through the compositor to the outputs: those of a recording, or those
 //! of a live rig.
 
-use super::display::Handing;
-use super::lighter::SceneNews;
-use super::notify::Notifier;
-use super::poses::PoseFile;
-use super::prepare::{Preparation, Step, Told};
-use super::report::Report;
-use super::run::{Outlets, Run};
-use super::source::Source;
-use super::{RigError, RigSetup};
+use crate::context::{RunContext, RunOptions};
+use crate::display::DisplayLatency;
+use crate::error::RigError;
+use crate::light::updates::SceneUpdates;
+use crate::notify::Notifier;
+use crate::poses::PoseFile;
+use crate::prepare::{Preparation, PreparationEvent, PreparationInputs};
+use crate::report::Report;
+use crate::run::{Outlets, Run};
+use crate::setup::RigSetup;
+use crate::source::Source;
 use penumbra_compositor::Gpu;
 use penumbra_config::Config;
 use penumbra_output::Screen;
@@ -17,30 +19,11 @@ use penumbra_output::files::FrameFolder;
 use penumbra_status::SharedStatus;
 use penumbra_tracker_serial::freed::FreedSender;
 use std::net::SocketAddr;
-use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 
-/// What was asked for, beyond the configuration.
-#[derive(Clone, Debug, Default)]
-pub struct RunOptions {
-    /// Stop after so many frames.
-    pub frame_limit: Option<u64>,
-    /// Write over frames that are there.
-    pub force: bool,
-    /// Write the pose of each picture into this file.
-    pub poses: Option<PathBuf>,
-}
-
-/// Everything that a run needs.
-pub struct Runner {
-    pub(super) config: Config,
-    pub(super) options: RunOptions,
-    pub(super) source: Source,
-    pub(super) setup: RigSetup,
-    pub(super) status: Arc<SharedStatus>,
-    pub(super) shutdown: Arc<AtomicBool>,
-}
+/// Runs a rig from its source to its outputs.
+pub struct Runner(RunContext);
 
 impl Runner {
     /// Reads what belongs to the rig and checks everything that can be checked before the
@@ -56,21 +39,20 @@ impl Runner {
         shutdown: Arc<AtomicBool>,
     ) -> Result<Self, RigError> {
         let setup = RigSetup::read(&source, &config)?;
-        Ok(Self {
+        Ok(Self(RunContext {
             config,
             options,
             source,
             setup,
             status,
             shutdown,
-        })
+        }))
     }
 
-    /// Width and height of the pictures to come, pixels.
+    /// Returns width and height of the composed pictures, pixels.
     #[must_use]
-    pub fn picture_size(&self) -> (u32, u32) {
-        let camera = &self.setup.calibration.scene_camera.camera;
-        (camera.width, camera.height)
+    pub const fn picture_size(&self) -> (u32, u32) {
+        self.0.picture_size()
     }
 
     /// Runs to the end of the recording, the frame limit, or the shutdown.
@@ -78,29 +60,30 @@ impl Runner {
     /// # Errors
     /// See [`RigError`]. A damaged picture is counted and left out.
     pub fn run(self, gpu: Gpu, screen: Option<Box<dyn Screen>>) -> Result<Report, RigError> {
-        let folder = match &self.config.output.frames {
-            Some(path) => Some(FrameFolder::create(path, self.options.force)?),
+        let context = &self.0;
+        let folder = match &context.config.output.frames {
+            Some(path) => Some(FrameFolder::create(path, context.options.force)?),
             None => None,
         };
-        let poses = self.options.poses.as_deref();
-        let poses = poses.map(|path| PoseFile::create(path, self.options.force));
+        let poses = context.options.poses.as_deref();
+        let poses = poses.map(|path| PoseFile::create(path, context.options.force));
         let poses = poses.transpose()?;
-        let pose_out = self.config.output.freed.map(pose_sender).transpose()?;
-        let news = SceneNews::default();
-        let handing = Arc::<Handing>::default();
-        let told = Told {
-            wished: self.status.settings_receiver(),
+        let pose_out = context.config.output.freed.map(pose_sender).transpose()?;
+        let news = SceneUpdates::default();
+        let handing = Arc::<DisplayLatency>::default();
+        let told = PreparationInputs {
+            wished: context.status.settings_receiver(),
             news: news.clone(),
             handing: handing.clone(),
         };
-        let stop = self.shutdown.clone();
+        let stop = context.shutdown.clone();
         let preparation =
-            Preparation::start_with(&self.setup, &self.config, &self.source, told, stop)?;
+            Preparation::start_with(&context.setup, &context.config, &context.source, told, stop)?;
         // Only now is there somebody to take what they deliver.
-        if let Source::Live(live) = &self.source {
+        if let Source::Live(live) = &context.source {
             live.open()?;
         }
-        super::status::begin(&self.status, &self.source, &self.setup, &gpu);
+        crate::status::begin(&context.status, &context.source, &context.setup, &gpu);
         let mut notifier = Notifier::new();
         let outlets = Outlets {
             screen,
@@ -109,45 +92,40 @@ impl Runner {
             poses,
             handing,
         };
-        let mut run = Run::new(&self, gpu, outlets, news)?;
-        while !run.over(&self) {
+        let mut run = Run::new(context, gpu, outlets, news)?;
+        while !run.is_over(context) {
             let Some(step) = preparation.next() else {
                 break;
             };
             match step {
-                Step::Frame(prepared) => {
-                    run.compose(&self, &prepared)?;
+                PreparationEvent::Frame(prepared) => {
+                    run.compose(context, &prepared)?;
                     preparation.give_back(prepared.picture);
                 }
-                Step::Skipped => run.frames.skipped += 1,
-                Step::Damaged => run.frames.damaged += 1,
-                Step::Idle(counts) => run.idle(&self, &counts)?,
-                Step::End(counts) => run.finish_loop(&self, &counts),
+                PreparationEvent::Skipped => run.frames.skipped += 1,
+                PreparationEvent::Damaged => run.frames.damaged += 1,
+                PreparationEvent::Idle(counts) => run.idle(context, &counts)?,
+                PreparationEvent::End(counts) => run.finish_loop(context, &counts),
             }
-            notifier.turn(|| self.sentence());
+            notifier.turn(|| sentence(context));
         }
         drop(preparation);
-        run.into_report(&self)
+        run.into_report(context)
     }
+}
 
-    /// How it goes, in a line.
-    fn sentence(&self) -> String {
-        let snapshot = self.status.snapshot();
-        let devices = snapshot.devices.iter();
-        let troubled: Vec<_> = devices
-            .filter_map(|d| Some(format!("{}: {}", d.kind.label(), d.reason.as_ref()?)))
-            .collect();
-        let rate = snapshot.frames.per_second;
-        if troubled.is_empty() {
-            format!("{rate:.1} frames/s")
-        } else {
-            format!("{rate:.1} frames/s; {}", troubled.join("; "))
-        }
-    }
-
-    /// Asked to end.
-    pub(super) fn is_over(&self) -> bool {
-        self.shutdown.load(Ordering::Relaxed)
+/// Returns the one-line state of the run for the service manager.
+fn sentence(context: &RunContext) -> String {
+    let snapshot = context.status.snapshot();
+    let devices = snapshot.devices.iter();
+    let troubled: Vec<_> = devices
+        .filter_map(|d| Some(format!("{}: {}", d.kind.label(), d.reason.as_ref()?)))
+        .collect();
+    let rate = snapshot.frames.per_second;
+    if troubled.is_empty() {
+        format!("{rate:.1} frames/s")
+    } else {
+        format!("{rate:.1} frames/s; {}", troubled.join("; "))
     }
 }
 

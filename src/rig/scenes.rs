@@ -1,11 +1,11 @@
 //! The scene in the picture, and the way of a changed one into it.
 
-use super::RigError;
-use super::RigSetup;
-use super::lighter::SceneNews;
-use super::planes::PlanesStation;
-use super::reload::{Loaded, News, Origin, Reload};
-use super::runner::Runner;
+use crate::context::RunContext;
+use crate::error::RigError;
+use crate::light::updates::SceneUpdates;
+use crate::planes::PlaneBakes;
+use crate::reload::{Loaded, News, Origin, Reload};
+use crate::setup::RigSetup;
 use glam::DQuat;
 use penumbra_compositor::Compositor;
 use penumbra_config::Config;
@@ -20,7 +20,7 @@ pub(super) struct Scenes {
     /// Waits for its shadows.
     next: Option<Box<Loaded>>,
     reload: Option<Reload>,
-    news: SceneNews,
+    news: SceneUpdates,
     turn: DQuat,
     status: SceneStatus,
 }
@@ -28,33 +28,33 @@ pub(super) struct Scenes {
 impl Scenes {
     /// Shows the scene that the rig begins with, and watches its file where it has one.
     pub fn new(
-        runner: &Runner,
+        context: &RunContext,
         compositor: &mut Compositor,
-        news: SceneNews,
+        news: SceneUpdates,
     ) -> Result<Self, RigError> {
-        let scene = &runner.setup.scene;
+        let scene = &context.setup.scene;
         compositor.set_scene(scene, &penumbra_scene::casters(scene));
         let shown = Arc::new(scene.clone());
         let mut status = SceneStatus::default();
-        let reload = match &runner.config.scene {
+        let reload = match &context.config.scene {
             SceneChoice::File(path) => {
                 status.file = Some(path.display().to_string());
                 let without = Config {
                     scene: SceneChoice::None,
-                    ..runner.config.clone()
+                    ..context.config.clone()
                 };
                 Some(Reload::start(Origin {
                     path: path.clone(),
-                    phantoms: RigSetup::read(&runner.source, &without)?.scene,
+                    phantoms: RigSetup::read(&context.source, &without)?.scene,
                     shown: shown.clone(),
-                    rig: runner.setup.calibration.clone(),
-                    config: runner.config.clone(),
+                    rig: context.setup.calibration.clone(),
+                    config: context.config.clone(),
                     uploader: compositor.uploader(),
                 })?)
             }
             SceneChoice::Session | SceneChoice::None => None,
         };
-        warn_of(runner, &shown);
+        warn_of(context, &shown);
         Ok(Self {
             shown,
             next: None,
@@ -79,28 +79,28 @@ impl Scenes {
     /// it, or none can be had.
     pub fn attend(
         &mut self,
-        runner: &Runner,
+        context: &RunContext,
         settings: &Settings,
-        planes: &mut PlanesStation,
+        planes: &mut PlaneBakes,
         compositor: &mut Compositor,
     ) -> Result<(), RigError> {
         match self.reload.as_ref().and_then(Reload::news) {
-            Some(News::Loaded(loaded)) => self.wait_for(runner, loaded),
-            Some(News::Kept(reason)) => self.keep(runner, reason),
+            Some(News::Loaded(loaded)) => self.wait_for(context, loaded),
+            Some(News::Kept(reason)) => self.keep(context, reason),
             None => (),
         }
         let wanted = self.next.as_ref().map_or(&self.shown, |next| &next.scene);
         let wanted = wanted.clone();
-        if planes.attend(runner, settings, (&wanted, &self.shown), compositor)?
+        if planes.attend(context, settings, (&wanted, &self.shown), compositor)?
             && let Some(next) = self.next.take()
         {
             compositor.show_scene(next.uploaded);
             self.news.tell_scene(next.light);
             let old = std::mem::replace(&mut self.shown, next.scene);
-            runner.status.update(|s| {
+            context.status.update(|s| {
                 old.warnings.iter().for_each(|text| s.clear_warning(text));
             });
-            warn_of(runner, &self.shown);
+            warn_of(context, &self.shown);
             self.status.loads += 1;
         }
         if self.turn != planes.turn() {
@@ -110,33 +110,33 @@ impl Scenes {
         Ok(())
     }
 
-    fn wait_for(&mut self, runner: &Runner, loaded: Box<Loaded>) {
-        self.settle(runner);
+    fn wait_for(&mut self, context: &RunContext, loaded: Box<Loaded>) {
+        self.settle(context);
         self.next = Some(match self.next.take() {
             Some(older) => Box::new(loaded.over(*older)),
             None => loaded,
         });
     }
 
-    fn keep(&mut self, runner: &Runner, reason: String) {
-        self.settle(runner);
+    fn keep(&mut self, context: &RunContext, reason: String) {
+        self.settle(context);
         tracing::warn!("{reason}; the scene stays as it was");
-        runner.status.update(|s| s.warn(&reason));
+        context.status.update(|s| s.warn(&reason));
         self.status.reason = Some(reason);
     }
 
     /// An earlier mistake is mended, or another has taken its place.
-    fn settle(&mut self, runner: &Runner) {
+    fn settle(&mut self, context: &RunContext) {
         if let Some(reason) = self.status.reason.take() {
-            runner.status.update(|s| s.clear_warning(&reason));
+            context.status.update(|s| s.clear_warning(&reason));
         }
     }
 }
 
 /// Tells what of a scene is not as its owner will have wanted it.
-fn warn_of(runner: &Runner, scene: &Scene) {
+fn warn_of(context: &RunContext, scene: &Scene) {
     for text in &scene.warnings {
         tracing::warn!("{text}");
-        runner.status.update(|s| s.warn(text));
+        context.status.update(|s| s.warn(text));
     }
 }

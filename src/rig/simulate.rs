@@ -1,7 +1,7 @@
 //! Simulated devices in the place of real ones: a tracker at a pseudo-terminal or behind
 //! datagrams, which the live rig cannot tell from one that is plugged in.
 
-use super::service::Service;
+use crate::service::Service;
 use penumbra_interface::SystemClock;
 use penumbra_session::{Session, SessionError, SessionEvent};
 #[cfg(unix)]

@@ -1,6 +1,6 @@
 //! Where frames come from: a recording, or devices.
 
-use super::RigError;
+use crate::error::RigError;
 use penumbra_capture::{Capture, Devices, Hub, LiveDevice};
 use penumbra_config::TrackerSource;
 use penumbra_config::{Config, TrackerUnits};
@@ -39,9 +39,9 @@ pub struct Live {
 
 /// Looks at devices as long as somebody else keeps them open.
 #[derive(Clone, Default)]
-pub struct Onlooker(Weak<OnceLock<Capture>>);
+pub struct DeviceObserver(Weak<OnceLock<Capture>>);
 
-impl Onlooker {
+impl DeviceObserver {
     /// The devices; none before they are opened and after they are closed.
     #[must_use]
     pub fn devices(&self) -> Vec<LiveDevice> {
@@ -167,8 +167,8 @@ impl Live {
 
     /// The devices, for somebody who must not keep them open.
     #[must_use]
-    pub fn onlooker(&self) -> Onlooker {
-        Onlooker(Arc::downgrade(&self.capture))
+    pub fn onlooker(&self) -> DeviceObserver {
+        DeviceObserver(Arc::downgrade(&self.capture))
     }
 
     /// What is known of the devices.

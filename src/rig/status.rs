@@ -1,10 +1,14 @@
 //! What the rig writes into the status.
 
-use super::prepare::{LightState, Prepared};
-use super::rates::Rates;
-use super::report::FrameCounts;
-use super::source::Source;
-use super::{RigSetup, latency_status, live_status, probe_status};
+use crate::frame::PreparedFrame;
+use crate::latency_status;
+use crate::light::state::LightState;
+use crate::live_status;
+use crate::probe_status;
+use crate::rates::Rates;
+use crate::report::FrameCounts;
+use crate::setup::RigSetup;
+use crate::source::Source;
 use penumbra_compositor::Gpu;
 use penumbra_compositor::exposure::ExposureInForce;
 use penumbra_interface::DeviceKind;
@@ -26,7 +30,7 @@ pub struct Published<'a> {
     /// Where the frame came from.
     pub source: &'a Source,
     /// The frame.
-    pub prepared: &'a Prepared,
+    pub prepared: &'a PreparedFrame,
     /// Times so far.
     pub stages: &'a StageTimes,
     /// Counts so far.

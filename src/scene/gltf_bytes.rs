@@ -1,6 +1,5 @@
-//! The bytes behind a glTF document: GLB chunks, buffers, URIs, accessors. Every length
-//! and offset in the file is doubted, because the `gltf` crate's own readers index
-//! without asking.
+//! Bytes of a glTF document: GLB chunks, buffers, URIs, accessors. Every length and offset is checked,
+//! because the readers of the `gltf` crate index without checks.
 
 use super::check::{MAX_FILE_BYTES, MAX_VERTICES};
 use gltf::accessor::{DataType, Dimensions};
@@ -8,19 +7,19 @@ use std::borrow::Cow;
 
 pub(super) type Fault = String;
 
-/// Finds the bytes of a file that a glTF names by a relative path.
+/// Returns the bytes of a file that a glTF names by a relative path, or the reason why not.
 pub type Resolver<'r> = dyn Fn(&str) -> Result<Vec<u8>, String> + 'r;
 
-/// Elements of an accessor that has no buffer view.
-const MOST_IMPLIED: usize = 1 << 20;
+/// Maximum number of elements of an accessor without a buffer view.
+const MAX_IMPLIED: usize = 1 << 20;
 
-/// Files of one model that are watched.
-const MOST_NAMED: usize = 1000;
+/// Maximum number of files of one model that are monitored.
+const MAX_NAMED: usize = 1000;
 
 const DAMAGED: &str = "the file is damaged; export it again";
 
-/// The JSON text and the binary chunk of a `.glb`; a `.gltf` is all JSON (section 4.4 of
-/// the glTF 2.0 specification).
+/// Divides a `.glb` into its JSON text and binary chunk (glTF 2.0, section 4.4); a `.gltf` is only
+/// JSON.
 pub(super) fn split(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), Fault> {
     if bytes.len() > MAX_FILE_BYTES {
         return Err(format!("larger than {MAX_FILE_BYTES} bytes; simplify it"));
@@ -35,7 +34,7 @@ pub(super) fn split(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), Fault> {
     }
     if (length as usize) > bytes.len() {
         return Err(format!(
-            "{} bytes of {length}: it is cut short; copy it again",
+            "{} of {length} bytes: the file is truncated; copy it again",
             bytes.len()
         ));
     }
@@ -62,7 +61,7 @@ fn chunk<'a>(bytes: &'a [u8], kind: &[u8; 4]) -> Result<(&'a [u8], &'a [u8]), Fa
     Ok((body, rest.get(length as usize..).unwrap_or_default()))
 }
 
-/// The files that a glTF names, by paths relative to itself; none where it cannot be read.
+/// Returns the paths of the files that a glTF names, relative to itself; none if it cannot be read.
 pub(super) fn named_files(bytes: &[u8]) -> Vec<String> {
     let root = split(bytes).ok().and_then(|(json, _)| {
         let text = serde_json::from_slice::<serde_json::Value>(json);
@@ -78,11 +77,11 @@ pub(super) fn named_files(bytes: &[u8]) -> Vec<String> {
     let files = uris.filter(|uri| !uri.starts_with("data:"));
     files
         .filter_map(|uri| inside(uri).ok())
-        .take(MOST_NAMED)
+        .take(MAX_NAMED)
         .collect()
 }
 
-/// What a URI leads to: a data URI's own bytes, or a file the resolver may reach.
+/// Returns the bytes of a data URI, or of the file that `resolve` finds.
 pub(super) fn follow(uri: &str, resolve: &Resolver) -> Result<Vec<u8>, Fault> {
     if let Some(data) = uri.strip_prefix("data:") {
         let (_, text) = data
@@ -93,7 +92,10 @@ pub(super) fn follow(uri: &str, resolve: &Resolver) -> Result<Vec<u8>, Fault> {
     resolve(&inside(uri)?).map_err(|e| format!("it refers to `{uri}`: {e}"))
 }
 
-/// The path of a URI that stays within the model's folder.
+/// Returns the path of a URI inside the model's folder.
+///
+/// # Errors
+/// The path leads out of the folder.
 fn inside(uri: &str) -> Result<String, Fault> {
     let path = percent_decoded(uri)?;
     let outside = path.contains(':')
@@ -130,7 +132,7 @@ fn percent_decoded(uri: &str) -> Result<String, Fault> {
     String::from_utf8(out).map_err(|_| format!("it refers to `{uri}`, which is not UTF-8"))
 }
 
-/// RFC 4648, section 4; padding may be missing.
+/// Decodes base64 (RFC 4648, section 4); padding may be missing.
 fn base64(text: &str) -> Option<Vec<u8>> {
     let mut out = Vec::with_capacity(text.len() / 4 * 3);
     let (mut bits, mut count) = (0u32, 0u32);
@@ -154,11 +156,11 @@ fn base64(text: &str) -> Option<Vec<u8>> {
     Some(out)
 }
 
-/// The JSON, checked for dangling indices and required extensions.
+/// Parses the JSON; checks indices and required extensions.
 fn parse(json: &[u8]) -> Result<gltf::Document, Fault> {
     let broken = |e: String| format!("{}; {DAMAGED}", one_line(&e));
     let root = gltf::json::Root::from_slice(json).map_err(|e| broken(e.to_string()))?;
-    // gltf-json 1.4.1 indexes this one before it has checked it.
+    // gltf-json 1.4.1 uses this index before it checks it.
     let positions = gltf::json::validation::Checked::Valid(gltf::Semantic::Positions);
     let dangling = root
         .meshes
@@ -167,7 +169,7 @@ fn parse(json: &[u8]) -> Result<gltf::Document, Fault> {
         .filter_map(|p| p.attributes.get(&positions))
         .any(|i| i.value() >= root.accessors.len());
     if dangling {
-        return Err(broken("a POSITION accessor that is not there".into()));
+        return Err(broken("a POSITION accessor that does not exist".into()));
     }
     gltf::Document::from_json(root).map_err(|e| broken(e.to_string()))
 }
@@ -218,8 +220,8 @@ impl<'a> Source<'a> {
             .ok_or_else(fault)
     }
 
-    /// All elements of an accessor, each turned into a `T` by `convert`, sparse
-    /// substitutions (section 3.6.2.3) applied.
+    /// Reads all elements of an accessor, each converted by `convert`, with sparse substitutions
+    /// (section 3.6.2.3).
     pub(super) fn read<T: Copy + Default>(
         &self,
         accessor: &gltf::Accessor,
@@ -244,8 +246,8 @@ impl<'a> Source<'a> {
                     .map(|e| convert(e, kind, normalized))
                     .collect()
             }
-            // These zeros take no bytes in the file: a few words could ask for gigabytes.
-            None if count > MOST_IMPLIED => return Err(fault("is too large to have no data")),
+            // These zeros take no bytes in the file: a short file could demand gigabytes.
+            None if count > MAX_IMPLIED => return Err(fault("is too large to have no data")),
             None => vec![T::default(); count],
         };
         if let Some(sparse) = accessor.sparse() {
@@ -284,7 +286,7 @@ impl<'a> Source<'a> {
             .collect())
     }
 
-    /// An accessor of `N` numbers each.
+    /// Reads an accessor of `N` numbers per element.
     pub(super) fn floats<const N: usize>(
         &self,
         accessor: &gltf::Accessor,
@@ -302,7 +304,7 @@ impl<'a> Source<'a> {
         })
     }
 
-    /// An accessor of indices.
+    /// Reads an accessor of indices.
     pub(super) fn indices(&self, accessor: &gltf::Accessor) -> Result<Vec<u32>, Fault> {
         if !matches!(
             accessor.data_type(),
@@ -316,7 +318,7 @@ impl<'a> Source<'a> {
     }
 }
 
-/// `count` elements of `size` bytes, `stride` apart, if they all lie within `bytes`.
+/// Returns `count` elements of `size` bytes, `stride` apart; `None` if they exceed `bytes`.
 fn elements(
     bytes: &[u8],
     offset: usize,
@@ -334,7 +336,7 @@ fn elements(
     }))
 }
 
-/// One number, little endian; normalised integers as section 3.6.2.2 has them.
+/// Reads a little-endian number; normalised integers by section 3.6.2.2.
 fn component(bytes: &[u8], kind: DataType, normalized: bool) -> f64 {
     let b = |i: usize| bytes.get(i).copied().unwrap_or_default();
     let (value, full) = match kind {
@@ -352,7 +354,7 @@ fn component(bytes: &[u8], kind: DataType, normalized: bool) -> f64 {
     }
 }
 
-/// A foreign message made to fit on one line.
+/// Shortens a message of another library to one line.
 pub(super) fn one_line(text: &str) -> String {
     let text = text.split_whitespace().collect::<Vec<_>>().join(" ");
     text.chars().take(200).collect()

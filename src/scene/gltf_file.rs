@@ -1,14 +1,13 @@
-//! glTF 2.0: meshes, node transforms and metallic-roughness materials, from `.glb` and
-//! `.gltf`, in memory or on disk. Converted here, once, from glTF's +Y up to Penumbra's
-//! +Z up.
+//! Reads glTF 2.0 files (`.glb`, `.gltf`), in memory or on disk: meshes, node transforms,
+//! metallic-roughness materials, lights (KHR_lights_punctual) and one animation of nodes. Converts
+//! from glTF's +Y up to Penumbra's +Z up.
 //!
-//! Skins, morph targets and cameras are passed over: the mesh is drawn in its rest shape. Lights
-//! (KHR_lights_punctual) are read, and one animation of nodes where it is wanted.
+//! Skins, morph targets and cameras are ignored: meshes have their rest shape.
 
 use super::check::{MAX_FILE_BYTES, MAX_TRIANGLES, check_mesh};
 use super::gltf_bytes::{Fault, Resolver, Source, named_files};
 use super::gltf_lamp::{ModelLamp, lamp};
-use super::gltf_material::{Look, Materials};
+use super::gltf_material::{Materials, UvMaterial};
 pub use super::gltf_motion::Playing;
 use super::gltf_motion::{Skeleton, names};
 use super::lamps::MOST_LAMPS;
@@ -23,45 +22,45 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Nodes below nodes.
-const DEEPEST: usize = 256;
-/// Parts of one file.
-const MOST_PARTS: usize = 10_000;
+/// Maximum depth of the node hierarchy.
+const MAX_DEPTH: usize = 256;
+/// Maximum number of parts of a file.
+const MAX_PARTS: usize = 10_000;
 
-/// What a model file holds, in its own frame (+Z up).
+/// Contents of a model file in its own frame (+Z up).
 #[derive(Clone, Debug, Default)]
 pub struct Model {
-    /// One for every primitive of every node.
+    /// One part for every primitive of every node.
     pub parts: Vec<ModelPart>,
-    /// Its lamps.
+    /// Lamps.
     pub lamps: Vec<ModelLamp>,
-    /// What becomes of each part in the animation that plays: the model from the part.
+    /// Motion of each part in the selected animation, model from part; `None` if it does not move.
     pub part_motions: Vec<Option<Motion>>,
-    /// The same for each lamp: the model from its node.
+    /// Motion of each lamp, model from its node.
     pub lamp_motions: Vec<Option<Motion>>,
     /// Names of all animations.
     pub animations: Vec<String>,
-    /// The animation that was wanted is there.
+    /// Whether the selected animation exists.
     pub plays: bool,
     /// One line for each kind of property that the file uses and Penumbra ignores.
     pub warnings: Vec<String>,
 }
 
-/// One mesh with one material, placed within its model.
+/// One mesh with one material in its model.
 #[derive(Clone, Debug)]
 pub struct ModelPart {
     /// The node's name, else the mesh's.
     pub name: String,
     /// Geometry, shared between nodes.
     pub mesh: Arc<Mesh>,
-    /// Surface.
+    /// Material.
     pub material: Arc<Material>,
     /// The node's transform, parents included.
     pub model_from_part: DMat4,
 }
 
 impl Model {
-    /// How part `index` moves, or stands, in a world in which the model is at `world_from_model`.
+    /// Returns the motion of part `index` in the world.
     pub(super) fn part_motion(&self, index: usize, world_from_model: &Motion) -> Motion {
         let world = world_from_model.clone();
         match (self.part_motions.get(index), self.parts.get(index)) {
@@ -71,7 +70,7 @@ impl Model {
         }
     }
 
-    /// What carries lamp `index` away from where it is at the beginning.
+    /// Returns the motion of lamp `index` relative to its initial pose.
     pub(super) fn lamp_motion(&self, index: usize, world_from_model: &Motion) -> Motion {
         let world = world_from_model.clone();
         let chain = match self.lamp_motions.get(index) {
@@ -82,7 +81,7 @@ impl Model {
         chain.then(home)
     }
 
-    /// The parts, placed in the world.
+    /// Returns the parts in the world.
     #[must_use]
     pub fn placed(&self, world_from_model: DMat4) -> Vec<Part> {
         self.parts
@@ -99,12 +98,18 @@ impl Model {
     }
 }
 
-/// Reads a glTF file in its rest pose. Files it names must lie in its own folder or below.
+/// Reads a glTF file in its rest pose. Files that it names must be in its folder or below.
+///
+/// # Errors
+/// The file, or one that it names, cannot be read, is damaged or too large.
 pub fn load_gltf(path: &Path) -> Result<Model, SceneError> {
     load_gltf_playing(path, Playing::Nothing)
 }
 
-/// The same with one of its animations.
+/// Reads a glTF file with one of its animations.
+///
+/// # Errors
+/// As [`load_gltf`].
 pub fn load_gltf_playing(path: &Path, playing: Playing<'_>) -> Result<Model, SceneError> {
     let file = path.display().to_string();
     let folder = path.parent().unwrap_or(Path::new("")).to_owned();
@@ -112,7 +117,7 @@ pub fn load_gltf_playing(path: &Path, playing: Playing<'_>) -> Result<Model, Sce
     load_bytes(&bytes, &file, &|uri| beside(&folder, uri), playing)
 }
 
-/// The files that a glTF file names, whether they are there or not.
+/// Returns the files that a glTF file names, whether they exist or not.
 #[must_use]
 pub fn files_of_gltf(path: &Path) -> Vec<PathBuf> {
     let folder = path.parent().unwrap_or(Path::new(""));
@@ -121,7 +126,10 @@ pub fn files_of_gltf(path: &Path) -> Vec<PathBuf> {
     named.map(|name| folder.join(name)).collect()
 }
 
-/// The bytes of a file of reasonable size.
+/// Reads a file of limited size.
+///
+/// # Errors
+/// It cannot be read, is no file or is too large.
 pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, SceneError> {
     let refuse = |reason: String| SceneError::Unreadable {
         file: path.display().to_string(),
@@ -137,23 +145,26 @@ pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, SceneError> {
     std::fs::read(path).map_err(|e| refuse(e.to_string()))
 }
 
-/// A file within `folder`, links followed and checked.
+/// Reads a file inside `folder`; links must not lead out of it.
 fn beside(folder: &Path, uri: &str) -> Result<Vec<u8>, Fault> {
     let folder = if folder.as_os_str().is_empty() {
         Path::new(".")
     } else {
         folder
     };
-    let place = |p: &Path| p.canonicalize().map_err(|e| e.to_string());
-    let (home, path) = (place(folder)?, place(&folder.join(uri))?);
+    let canonical = |p: &Path| p.canonicalize().map_err(|e| e.to_string());
+    let (home, path) = (canonical(folder)?, canonical(&folder.join(uri))?);
     if !path.starts_with(&home) {
         return Err("it lies outside the model's folder; put the file itself there".into());
     }
     read_file(&path).map_err(|e| e.to_string())
 }
 
-/// Reads a glTF from memory. `file` is its name, for messages; `resolve` finds files it
-/// names by a path relative to itself.
+/// Reads a glTF from memory. `file` is its name, for messages; `resolve` returns the files that it
+/// names.
+///
+/// # Errors
+/// As [`load_gltf`].
 pub fn load_gltf_bytes(bytes: &[u8], file: &str, resolve: &Resolver) -> Result<Model, SceneError> {
     load_bytes(bytes, file, resolve, Playing::Nothing)
 }
@@ -189,13 +200,13 @@ fn read(
     };
     for (node, matrix) in placed_nodes(&source.document)? {
         let motion = skeleton.motion(node.index());
-        let turn = z_up_from_y_up();
+        let z_up = z_up_from_y_up();
         let matrix = motion
             .as_ref()
-            .map_or(matrix, |m| turn.transpose() * m.at(0.0) * turn);
+            .map_or(matrix, |m| z_up.transpose() * m.at(0.0) * z_up);
         if let Some(light) = node.light() {
             if reader.model.lamps.len() >= MOST_LAMPS {
-                return Err(format!("more than {MOST_LAMPS} lights; take some away"));
+                return Err(format!("more than {MOST_LAMPS} lights; remove some"));
             }
             let model = &mut reader.model;
             model.lamps.push(lamp(&node, &light, matrix)?);
@@ -203,7 +214,7 @@ fn read(
         }
         if let Some(mesh) = node.mesh() {
             if node.skin().is_some() || mesh.weights().is_some() {
-                tracing::warn!(file, node = ?node.name(), "skin or morph weights are passed over: drawn in its rest shape");
+                tracing::warn!(file, node = ?node.name(), "skin and morph weights are ignored: the mesh has its rest shape");
             }
             reader.add(&node, &mesh, matrix)?;
             let count = reader.model.parts.len();
@@ -211,14 +222,14 @@ fn read(
         }
     }
     if reader.model.parts.is_empty() && reader.model.lamps.is_empty() {
-        return Err("it shows no triangles; export it with a mesh in its scene".into());
+        return Err("its scene has no triangles; export it with a mesh in its scene".into());
     }
     reader.model.warnings.extend(reader.materials.warning());
     Ok(reader.model)
 }
 
-/// Every node that the default scene reaches, with its transform in glTF's frame.
-/// Without scenes, every node that is nobody's child.
+/// Returns every node of the default scene with its transform in glTF's frame; without scenes,
+/// every root node and its descendants.
 fn placed_nodes(document: &gltf::Document) -> Result<Vec<(gltf::Node<'_>, DMat4)>, Fault> {
     let scene = document
         .default_scene()
@@ -247,14 +258,14 @@ fn placed_nodes(document: &gltf::Document) -> Result<Vec<(gltf::Node<'_>, DMat4)
         let first = seen
             .get_mut(node.index())
             .is_some_and(|s| !std::mem::replace(s, true));
-        if !first || depth > DEEPEST {
-            return Err("its nodes form no tree; export it again".into());
+        if !first || depth > MAX_DEPTH {
+            return Err("its nodes are not a tree; export it again".into());
         }
         let local = Mat4::from_cols_array_2d(&node.transform().matrix()).as_dmat4();
         let matrix = parent * local;
         if !matrix.is_finite() {
             return Err(format!(
-                "node {} is not placed in finite space; export it again",
+                "the transform of node {} is not finite; export it again",
                 node.index()
             ));
         }
@@ -265,7 +276,7 @@ fn placed_nodes(document: &gltf::Document) -> Result<Vec<(gltf::Node<'_>, DMat4)
     Ok(out)
 }
 
-/// One primitive as it is drawn; `None` for points and lines.
+/// Mesh and material of a primitive; `None` for points and lines.
 type Drawable = Option<(Arc<Mesh>, Arc<Material>)>;
 
 struct Reader<'s, 'b> {
@@ -281,7 +292,7 @@ impl Reader<'_, '_> {
     fn add(&mut self, node: &gltf::Node, mesh: &gltf::Mesh, matrix: DMat4) -> Result<(), Fault> {
         let determinant = DMat3::from_mat4(matrix).determinant();
         if determinant == 0.0 {
-            // Blender hides objects by scaling them to nothing.
+            // Blender hides objects by a scale of zero.
             return Ok(());
         }
         let name = node.name().or(mesh.name()).unwrap_or("object");
@@ -301,17 +312,17 @@ impl Reader<'_, '_> {
                 continue;
             };
             self.triangles += mesh.indices.len() / 3;
-            if self.triangles > MAX_TRIANGLES || self.model.parts.len() >= MOST_PARTS {
+            if self.triangles > MAX_TRIANGLES || self.model.parts.len() >= MAX_PARTS {
                 return Err(format!(
-                    "more than {MAX_TRIANGLES} triangles or {MOST_PARTS} parts; simplify it"
+                    "more than {MAX_TRIANGLES} triangles or {MAX_PARTS} parts; simplify it"
                 ));
             }
-            let turn = z_up_from_y_up();
+            let z_up = z_up_from_y_up();
             self.model.parts.push(ModelPart {
                 name: name.to_owned(),
                 mesh,
                 material,
-                model_from_part: turn * matrix * turn.transpose(),
+                model_from_part: z_up * matrix * z_up.transpose(),
             });
         }
         Ok(())
@@ -324,12 +335,12 @@ impl Reader<'_, '_> {
         ) {
             return Ok(None);
         }
-        let look = self.materials.look(&primitive.material())?;
-        let mesh = self.geometry(primitive, &look)?;
-        Ok(Some((Arc::new(mesh), look.material)))
+        let material = self.materials.material(&primitive.material())?;
+        let mesh = self.geometry(primitive, &material)?;
+        Ok(Some((Arc::new(mesh), material.material)))
     }
 
-    fn geometry(&self, primitive: &gltf::Primitive, look: &Look) -> Result<Mesh, Fault> {
+    fn geometry(&self, primitive: &gltf::Primitive, material: &UvMaterial) -> Result<Mesh, Fault> {
         let positions = primitive
             .get(&gltf::Semantic::Positions)
             .ok_or("has no positions; export it again")?;
@@ -345,7 +356,7 @@ impl Reader<'_, '_> {
         )?;
         let uvs = self.attribute::<2>(
             primitive,
-            &gltf::Semantic::TexCoords(look.uv.set),
+            &gltf::Semantic::TexCoords(material.uv.set),
             Dimensions::Vec2,
             count,
         )?;
@@ -367,16 +378,16 @@ impl Reader<'_, '_> {
             mesh.vertices.push(Vertex {
                 position: z_up(p),
                 normal: at(&normals).map_or(Vec3::ZERO, z_up),
-                uv: look.uv.apply(uv),
+                uv: material.uv.apply(uv),
                 tangent: tangent.map_or(Vec4::ZERO, |[x, y, z, w]| z_up([x, y, z]).extend(w)),
             });
         }
         check_mesh(&mesh)?;
-        complete(&mut mesh, normals.is_some(), tangents.is_some(), look);
+        complete(&mut mesh, normals.is_some(), tangents.is_some(), material);
         Ok(mesh)
     }
 
-    /// An attribute if the primitive has it; it must be as long as the positions.
+    /// Reads an attribute, if present; it must have `count` elements.
     fn attribute<const N: usize>(
         &self,
         primitive: &gltf::Primitive,
@@ -401,14 +412,13 @@ impl Reader<'_, '_> {
     }
 }
 
-/// Fills in what the file leaves out: flat normals (section 3.7.2.1), tangents where a
-/// normal map needs them.
-fn complete(mesh: &mut Mesh, has_normals: bool, has_tangents: bool, look: &Look) {
+/// Adds missing data: flat normals (section 3.7.2.1), and tangents for a normal map.
+fn complete(mesh: &mut Mesh, has_normals: bool, has_tangents: bool, material: &UvMaterial) {
     if !has_normals {
         recompute_normals(mesh, 0.0);
     }
     normalise_directions(mesh);
-    let mapped = look.material.normal_texture.is_some();
+    let mapped = material.material.normal_texture.is_some();
     if mapped && !(has_tangents && has_normals) {
         recompute_tangents(mesh);
     }
@@ -418,7 +428,7 @@ fn z_up([x, y, z]: [f32; 3]) -> Vec3 {
     Vec3::new(x, -z, y)
 }
 
-/// Strips and fans cut into separate triangles (section 3.7.2.1).
+/// Converts strips and fans to separate triangles (section 3.7.2.1).
 fn as_triangles(mode: Mode, indices: Vec<u32>) -> Vec<u32> {
     match mode {
         Mode::TriangleStrip => indices
@@ -444,7 +454,7 @@ fn as_triangles(mode: Mode, indices: Vec<u32>) -> Vec<u32> {
     }
 }
 
-/// glTF's +Y-up coordinates to Penumbra's +Z-up: x stays, y becomes z, z becomes −y.
+/// Rotation from glTF's +Y-up to Penumbra's +Z-up frame: (x, y, z) to (x, −z, y).
 #[must_use]
 pub fn z_up_from_y_up() -> DMat4 {
     DMat4::from_cols_array_2d(&[

@@ -1,4 +1,4 @@
-//! Lights of glTF files: KHR_lights_punctual.
+//! Reads the lights of glTF files (KHR_lights_punctual).
 
 use super::gltf_bytes::Fault;
 use crate::gltf_file::z_up_from_y_up;
@@ -6,26 +6,26 @@ use crate::virtual_light::{VirtualLight, VirtualLightKey, VirtualLightKind};
 use glam::{DMat4, DVec3, Vec3};
 use gltf::khr_lights_punctual::{Kind, Light};
 
-/// A lamp, placed within its model.
+/// A lamp in the frame of its model.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ModelLamp {
     /// The node's name, else the light's.
     pub name: String,
-    /// How it spreads its light. A spot's light falls off linearly with the angle, and not as
-    /// the extension has it, with the square of a share of cosines.
+    /// Distribution of its light. A spot falls off linearly with the angle instead of by the
+    /// extension's squared ratio of cosines.
     pub kind: VirtualLightKind,
-    /// Linear RGB, candela; of a parallel one such that it has its lux at the model.
+    /// Linear RGB, candela; of a directional light such that it has its lux at the model.
     pub candela: Vec3,
-    /// A directional light: a point as far away as `FAR`, from which light comes all but parallel.
+    /// Whether it is a directional light: a point light [`FAR`] away.
     pub parallel: bool,
-    /// In the model's frame (+Z up), metres.
+    /// Model's frame (+Z up), metres.
     pub position: DVec3,
-    /// Unit vector along which a spot shines.
+    /// Unit vector along which a spot emits, model's frame.
     pub direction: DVec3,
 }
 
 impl ModelLamp {
-    /// The lamp in the world, for a camera that shows `white` cd/m² as white.
+    /// Converts the lamp to the world and to scene camera units; the camera's white is `white` cd/m².
     #[must_use]
     pub fn placed(&self, world_from_model: DMat4, white: f64) -> VirtualLight {
         let mut position = world_from_model.transform_point3(self.position);
@@ -50,11 +50,11 @@ impl ModelLamp {
     }
 }
 
-/// How far away a directional light is, metres: over a scene of a metre its light then turns by
-/// a thousandth and fades by two.
+/// Distance of a directional light, metres: over a scene of one metre the direction of its light
+/// then varies by 0.001 rad and its irradiance by 0.2 %.
 pub const FAR: f64 = 1000.0;
 
-/// The lamp of a node at `matrix` in glTF's frame.
+/// Reads the light of a node at `matrix` in glTF's frame.
 pub(super) fn lamp(
     node: &gltf::Node<'_>,
     light: &Light<'_>,
@@ -86,7 +86,7 @@ pub(super) fn lamp(
             "light `{name}`: expected a colour and an intensity of 0 or more"
         ));
     }
-    let turn = z_up_from_y_up();
+    let z_up = z_up_from_y_up();
     let along = matrix.transform_vector3(DVec3::NEG_Z).try_normalize();
     let along = along.ok_or_else(|| format!("light `{name}`: its node has no size"))?;
     Ok(ModelLamp {
@@ -94,7 +94,7 @@ pub(super) fn lamp(
         kind,
         candela,
         parallel,
-        position: turn.transform_point3(matrix.w_axis.truncate()),
-        direction: turn.transform_vector3(along),
+        position: z_up.transform_point3(matrix.w_axis.truncate()),
+        direction: z_up.transform_vector3(along),
     })
 }

@@ -1,4 +1,4 @@
-//! glTF materials and their textures.
+//! Reads glTF materials and their textures.
 
 use super::check::MAX_TEXTURE_SIZE;
 use super::gltf_bytes::{Fault, Resolver, Source, follow, one_line};
@@ -11,17 +11,17 @@ use std::collections::{BTreeSet, HashMap};
 use std::io::Cursor;
 use std::sync::Arc;
 
-/// Bytes that all decoded textures of one file may take together: a PNG of one colour
-/// shrinks a thousandfold, so the file's own size is no limit.
+/// Maximum size of all decoded textures of a file, bytes: a PNG of one colour is compressed by a
+/// factor of a thousand, so the file's size is no limit.
 const TEXTURE_BYTES: u64 = 1 << 30;
 
-/// Which texture coordinates a material wants, and how they are moved
-/// (KHR_texture_transform). A vertex has room for one set: the first texture decides.
+/// The set of texture coordinates of a material and its transform (KHR_texture_transform). A vertex
+/// has one set: that of the first texture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct UvSource {
     pub set: u32,
     offset: Vec2,
-    turn_and_scale: Mat2,
+    linear: Mat2,
 }
 
 impl Default for UvSource {
@@ -29,47 +29,47 @@ impl Default for UvSource {
         Self {
             set: 0,
             offset: Vec2::ZERO,
-            turn_and_scale: Mat2::IDENTITY,
+            linear: Mat2::IDENTITY,
         }
     }
 }
 
 impl UvSource {
     pub(super) fn apply(&self, uv: Vec2) -> Vec2 {
-        self.turn_and_scale * uv + self.offset
+        self.linear * uv + self.offset
     }
 
-    fn of(info: &gltf::texture::Info) -> Self {
+    fn from_info(info: &gltf::texture::Info) -> Self {
         let Some(t) = info.texture_transform() else {
             return Self {
                 set: info.tex_coord(),
                 ..Self::default()
             };
         };
-        // The extension's rotation turns counter-clockwise in a frame whose v points down.
+        // The extension rotates counter-clockwise in a frame whose v points down.
         let (sin, cos) = t.rotation().sin_cos();
         let [sx, sy] = t.scale();
         Self {
             set: t.tex_coord().unwrap_or(info.tex_coord()),
             offset: Vec2::from(t.offset()),
-            turn_and_scale: Mat2::from_cols_array(&[cos * sx, -sin * sx, sin * sy, cos * sy]),
+            linear: Mat2::from_cols_array(&[cos * sx, -sin * sx, sin * sy, cos * sy]),
         }
     }
 }
 
-/// A material as it is drawn, and the texture coordinates it needs.
+/// A material and its texture coordinates.
 #[derive(Clone)]
-pub(super) struct Look {
+pub(super) struct UvMaterial {
     pub material: Arc<Material>,
     pub uv: UvSource,
 }
 
-/// Reads each material and each image once.
+/// Reads and caches materials and images.
 pub(super) struct Materials<'s, 'b> {
     source: &'s Source<'b>,
     resolve: &'s Resolver<'s>,
     file: &'s str,
-    looks: HashMap<Option<usize>, Look>,
+    known: HashMap<Option<usize>, UvMaterial>,
     images: HashMap<usize, Arc<SceneTexture>>,
     bytes_left: u64,
     /// Properties of materials that are not carried.
@@ -82,23 +82,23 @@ impl<'s, 'b> Materials<'s, 'b> {
             source,
             resolve,
             file,
-            looks: HashMap::new(),
+            known: HashMap::new(),
             images: HashMap::new(),
             bytes_left: TEXTURE_BYTES,
             ignored: BTreeSet::new(),
         }
     }
 
-    pub(super) fn look(&mut self, material: &gltf::Material) -> Result<Look, Fault> {
-        if let Some(known) = self.looks.get(&material.index()) {
+    pub(super) fn material(&mut self, material: &gltf::Material) -> Result<UvMaterial, Fault> {
+        if let Some(known) = self.known.get(&material.index()) {
             return Ok(known.clone());
         }
-        let look = self.read(material)?;
-        self.looks.insert(material.index(), look.clone());
-        Ok(look)
+        let read = self.read(material)?;
+        self.known.insert(material.index(), read.clone());
+        Ok(read)
     }
 
-    fn read(&mut self, m: &gltf::Material) -> Result<Look, Fault> {
+    fn read(&mut self, m: &gltf::Material) -> Result<UvMaterial, Fault> {
         let pbr = m.pbr_metallic_roughness();
         let emission = m.emissive_strength().unwrap_or(1.0);
         let mut out = Material {
@@ -131,7 +131,7 @@ impl<'s, 'b> Materials<'s, 'b> {
             ));
         }
         let uv = self.uv_source(m);
-        Ok(Look {
+        Ok(UvMaterial {
             material: Arc::new(out),
             uv,
         })
@@ -173,8 +173,8 @@ impl<'s, 'b> Materials<'s, 'b> {
         })
     }
 
-    /// Blending needs sorted surfaces, which the shadow maps cannot follow: blended
-    /// materials are cut out at one half instead.
+    /// Minimum alpha. Blending needs sorted surfaces, which shadow maps cannot have: blended materials
+    /// are cut out at 0.5 instead.
     fn alpha_cutoff(&self, m: &gltf::Material) -> f32 {
         match m.alpha_mode() {
             AlphaMode::Opaque => 0.0,
@@ -193,9 +193,10 @@ impl<'s, 'b> Materials<'s, 'b> {
             ..UvSource::default()
         };
         let wanted: Vec<UvSource> = [
-            pbr.base_color_texture().map(|t| UvSource::of(&t)),
-            pbr.metallic_roughness_texture().map(|t| UvSource::of(&t)),
-            m.emissive_texture().map(|t| UvSource::of(&t)),
+            pbr.base_color_texture().map(|t| UvSource::from_info(&t)),
+            pbr.metallic_roughness_texture()
+                .map(|t| UvSource::from_info(&t)),
+            m.emissive_texture().map(|t| UvSource::from_info(&t)),
             m.normal_texture().map(|t| set_only(t.tex_coord())),
             m.occlusion_texture().map(|t| set_only(t.tex_coord())),
         ]
@@ -210,7 +211,7 @@ impl<'s, 'b> Materials<'s, 'b> {
                 .take(3)
                 .any(|w| *w != first && *w != set_only(first.set))
         {
-            tracing::warn!(file = self.file, material = ?m.name(), "its textures use different coordinates; the first one's are used for all");
+            tracing::warn!(file = self.file, material = ?m.name(), "its textures use different coordinates; those of the first texture are used for all");
         }
         first
     }
@@ -243,8 +244,11 @@ impl<'s, 'b> Materials<'s, 'b> {
     }
 }
 
-/// PNG or JPEG bytes to RGBA8, which may take `most` bytes.
-pub(super) fn decode(bytes: &[u8], most: u64) -> Result<SceneTexture, Fault> {
+/// Decodes a PNG or JPEG to RGBA8 of at most `max_bytes`.
+///
+/// # Errors
+/// It is damaged, of another format or too large.
+pub(super) fn decode(bytes: &[u8], max_bytes: u64) -> Result<SceneTexture, Fault> {
     let unreadable = |e: image::ImageError| one_line(&e.to_string());
     let open = || {
         ImageReader::new(Cursor::new(bytes))
@@ -257,13 +261,13 @@ pub(super) fn decode(bytes: &[u8], most: u64) -> Result<SceneTexture, Fault> {
     }
     let (width, height) = open()?.into_dimensions().map_err(unreadable)?;
     let size = 4 * u64::from(width) * u64::from(height);
-    if width.max(height) > MAX_TEXTURE_SIZE || size > most {
+    if width.max(height) > MAX_TEXTURE_SIZE || size > max_bytes {
         return Err(format!(
             "{width}x{height} is too large (at most {MAX_TEXTURE_SIZE} a side, 1 GiB together); scale it down"
         ));
     }
     let mut limits = image::Limits::default();
-    limits.max_alloc = Some(most.saturating_mul(2));
+    limits.max_alloc = Some(max_bytes.saturating_mul(2));
     reader.limits(limits);
     let picture = reader.decode().map_err(unreadable)?.into_rgba8();
     Ok(SceneTexture {
@@ -273,7 +277,7 @@ pub(super) fn decode(bytes: &[u8], most: u64) -> Result<SceneTexture, Fault> {
     })
 }
 
-/// Bakes `occlusionTexture.strength` into the texture: 1 + strength · (occlusion − 1).
+/// Applies `occlusionTexture.strength` to the texture: 1 + strength · (occlusion − 1).
 fn weaken_occlusion(material: &mut Material, strength: f32) {
     if (strength - 1.0).abs() < 1e-6 || !strength.is_finite() {
         return;
@@ -304,13 +308,13 @@ mod tests {
     }
 
     #[test]
-    fn grey_pictures_become_rgba() {
+    fn decodes_grey_textures_to_rgba() {
         let texture = decode(&grey_png(2, 1), 8).unwrap();
         assert_eq!(texture.rgba, [51, 51, 51, 255, 51, 51, 51, 255]);
     }
 
     #[test]
-    fn pictures_larger_than_their_share_are_refused_before_they_are_decoded() {
+    fn refuses_large_textures_before_decoding() {
         let text = decode(&grey_png(3, 1), 11).unwrap_err();
         assert!(text.contains("3x1 is too large"), "{text}");
         let text = decode(&grey_png(MAX_TEXTURE_SIZE + 1, 1), u64::MAX).unwrap_err();
@@ -323,7 +327,7 @@ mod tests {
     }
 
     #[test]
-    fn occlusion_strength_is_baked_in() {
+    fn applies_occlusion_strength_to_the_texture() {
         let texture = SceneTexture {
             width: 1,
             height: 1,
@@ -334,7 +338,7 @@ mod tests {
             ..Material::default()
         };
         weaken_occlusion(&mut material, 0.6);
-        // 1 + 0.6 · (0 − 1) = 0.4, and nothing but red is touched.
+        // 1 + 0.6 · (0 − 1) = 0.4; only red changes.
         assert_eq!(material.occlusion_texture.unwrap().rgba, [102, 1, 2, 3]);
     }
 }

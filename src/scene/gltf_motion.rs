@@ -1,5 +1,5 @@
-//! Animations of glTF files: translation, rotation and scale of nodes, by step, linearly or by
-//! cubic splines (sections 3.11 and appendix C). Weights of morph targets are passed over.
+//! Animations of glTF files: translation, rotation and scale of nodes, with step, linear or cubic
+//! spline interpolation (section 3.11 and appendix C). Weights of morph targets are ignored.
 
 use super::gltf_bytes::{Fault, Source};
 use super::motion::{Channel, Easing, Motion, Track, Turning};
@@ -10,28 +10,28 @@ use gltf::animation::{Interpolation, Property};
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// Which of a model's animations plays.
+/// Selection of a model's animation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Playing<'a> {
-    /// None: it stands in its rest pose.
+    /// None: rest pose.
     #[default]
     Nothing,
-    /// The file's first.
+    /// The file's first animation.
     First,
-    /// That of this name.
+    /// The animation of this name.
     Named(&'a str),
 }
 
-/// The nodes of a document: what hangs on what, and what moves.
+/// Node hierarchy of a document and the tracks of its moving nodes.
 pub(super) struct Skeleton {
     parents: Vec<Option<usize>>,
     locals: Vec<DMat4>,
     tracks: HashMap<usize, Arc<Track>>,
-    /// Whether the animation that was asked for is there.
+    /// Whether the selected animation exists.
     pub found: bool,
 }
 
-/// Names of all animations; those without one are called by their number.
+/// Returns the names of all animations; unnamed ones have their index as name.
 pub(super) fn names(document: &gltf::Document) -> Vec<String> {
     let named = document.animations().enumerate();
     named
@@ -68,31 +68,31 @@ impl Skeleton {
         })
     }
 
-    /// How a node moves within its model (+Z up); `None` where it stays.
+    /// Returns the motion of a node in its model (+Z up); `None` if it does not move.
     pub(super) fn motion(&self, node: usize) -> Option<Motion> {
-        let mut way = vec![node];
-        while let Some(parent) = way
+        let mut path = vec![node];
+        while let Some(parent) = path
             .last()
             .and_then(|n| self.parents.get(*n).copied().flatten())
-            && way.len() <= self.parents.len()
+            && path.len() <= self.parents.len()
         {
-            way.push(parent);
+            path.push(parent);
         }
-        let turn = z_up_from_y_up();
-        let root = Motion::default().then(turn);
-        let chain = way.iter().rev().fold(root, |chain, n| {
+        let z_up = z_up_from_y_up();
+        let root = Motion::default().then(z_up);
+        let chain = path.iter().rev().fold(root, |chain, n| {
             match (self.tracks.get(n), self.locals.get(*n)) {
                 (Some(track), _) => chain.then_along(track.clone()),
                 (None, local) => chain.then(local.copied().unwrap_or(DMat4::IDENTITY)),
             }
         });
-        let chain = chain.then(turn.transpose());
+        let chain = chain.then(z_up.transpose());
         chain.moves().then_some(chain)
     }
 }
 
-/// The tracks of all nodes that animation `index` moves, in glTF's frame. It begins anew after
-/// its last key.
+/// Reads the tracks of all nodes that animation `index` moves, in glTF's frame. They repeat after
+/// the last key.
 fn tracks(source: &Source, index: usize, file: &str) -> Result<HashMap<usize, Arc<Track>>, Fault> {
     let document = &source.document;
     check_indices(document, index)?;
@@ -108,24 +108,20 @@ fn tracks(source: &Source, index: usize, file: &str) -> Result<HashMap<usize, Ar
         let read = Keys::read(source, &sampler);
         match channel.target().property() {
             Property::Translation => {
-                let keys = read.and_then(|k| k.places(source, &sampler.output()));
+                let keys = read.and_then(|k| k.positions(source, &sampler.output()));
                 track.position = Some(keys.map_err(wrong)?);
             }
             Property::Rotation => {
-                let keys = read.and_then(|k| k.turns(source, &sampler.output()));
+                let keys = read.and_then(|k| k.rotations(source, &sampler.output()));
                 track.turning = Some(Turning::Quaternions(keys.map_err(wrong)?));
             }
             Property::Scale => {
-                let keys = read.and_then(|k| k.sizes(source, &sampler.output()));
+                let keys = read.and_then(|k| k.scales(source, &sampler.output()));
                 let (channel, first) = keys.map_err(wrong)?;
                 (track.scale, track.rest.2) = (Some(channel), first);
             }
             Property::MorphTargetWeights => {
-                tracing::warn!(
-                    file,
-                    node = label,
-                    "weights of morph targets are passed over"
-                );
+                tracing::warn!(file, node = label, "weights of morph targets are ignored");
             }
         }
     }
@@ -149,10 +145,10 @@ fn at_rest(node: &gltf::Node) -> Track {
     Track::resting(vector(t), rotation, vector(s))
 }
 
-/// The crate's own look-ups index without asking.
+/// Checks indices: the look-ups of the `gltf` crate index without checks.
 fn check_indices(document: &gltf::Document, index: usize) -> Result<(), Fault> {
     let root = document.as_json();
-    let animation = root.animations.get(index).ok_or("it is not there")?;
+    let animation = root.animations.get(index).ok_or("it does not exist")?;
     let channels = animation.channels.iter().all(|c| {
         c.sampler.value() < animation.samplers.len() && c.target.node.value() < root.nodes.len()
     });
@@ -162,10 +158,10 @@ fn check_indices(document: &gltf::Document, index: usize) -> Result<(), Fault> {
     if channels && animation.samplers.iter().all(accessors) {
         return Ok(());
     }
-    Err("it refers to what is not there; export it again".into())
+    Err("it refers to a missing node, sampler or accessor; export it again".into())
 }
 
-/// A sampler's times.
+/// Times and interpolation of a sampler.
 struct Keys {
     seconds: Vec<f64>,
     easing: Easing,
@@ -177,7 +173,7 @@ impl Keys {
         let seconds: Vec<f64> = input.into_iter().map(|[s]| f64::from(s)).collect();
         let grow = seconds.is_sorted_by(|a, b| a < b) && !seconds.is_empty();
         if !grow || !seconds.iter().all(|s| (0.0..=1e6).contains(s)) {
-            return Err("its keys' times do not grow from 0 up; export it again".into());
+            return Err("the times of its keys do not increase from 0; export it again".into());
         }
         Ok(Self {
             seconds,
@@ -194,8 +190,8 @@ impl Keys {
         Channel::new(self.seconds, values, self.easing).ok_or_else(wrong)
     }
 
-    /// Of the values those that a key stands for itself, tangents left out.
-    fn own<'v, T>(&self, values: &'v [T]) -> impl Iterator<Item = &'v T> + use<'v, T> {
+    /// Returns the values of the keys, without tangents.
+    fn key_values<'v, T>(&self, values: &'v [T]) -> impl Iterator<Item = &'v T> + use<'v, T> {
         let (skip, step) = if self.easing == Easing::Cubic {
             (1, 3)
         } else {
@@ -204,40 +200,44 @@ impl Keys {
         values.iter().skip(skip).step_by(step)
     }
 
-    fn places(self, source: &Source, output: &gltf::Accessor) -> Result<Channel<DVec3>, Fault> {
+    fn positions(self, source: &Source, output: &gltf::Accessor) -> Result<Channel<DVec3>, Fault> {
         let values = vectors(source, output)?;
         self.channel(values)
     }
 
-    fn turns(self, source: &Source, output: &gltf::Accessor) -> Result<Channel<DQuat>, Fault> {
+    fn rotations(self, source: &Source, output: &gltf::Accessor) -> Result<Channel<DQuat>, Fault> {
         let values = source.floats::<4>(output, Dimensions::Vec4)?;
-        let mut turns: Vec<DQuat> = values
+        let mut rotations: Vec<DQuat> = values
             .into_iter()
             .map(|q| DQuat::from_array(q.map(f64::from)))
             .collect();
         let usable = |q: &DQuat| q.is_finite() && q.length() > 0.5;
-        if !turns.iter().all(|q| q.is_finite()) || !self.own(&turns).all(usable) {
+        if !rotations.iter().all(|q| q.is_finite()) || !self.key_values(&rotations).all(usable) {
             return Err("a rotation that is no unit quaternion; export it again".into());
         }
         if self.easing != Easing::Cubic {
-            turns.iter_mut().for_each(|q| *q = q.normalize());
+            rotations.iter_mut().for_each(|q| *q = q.normalize());
         }
-        self.channel(turns)
+        self.channel(rotations)
     }
 
-    /// And the first of them.
-    fn sizes(
+    /// Reads scales; returns the first key's scale too.
+    fn scales(
         self,
         source: &Source,
         output: &gltf::Accessor,
     ) -> Result<(Channel<DVec3>, DVec3), Fault> {
         let values = vectors(source, output)?;
-        let first = self.own(&values).next().copied().unwrap_or(DVec3::ONE);
-        let alike = |v: &DVec3| (*v * first).min_element() > 0.0;
-        if !self.own(&values).all(alike) {
+        let first = self
+            .key_values(&values)
+            .next()
+            .copied()
+            .unwrap_or(DVec3::ONE);
+        let has_same_signs = |v: &DVec3| (*v * first).min_element() > 0.0;
+        if !self.key_values(&values).all(has_same_signs) {
             return Err(
-                "its scale comes to nothing, or changes sign; keep it above 0 and hide it \
-                 otherwise"
+                "its scale becomes zero or changes sign; keep it above 0 and hide the node \
+                 in another way"
                     .into(),
             );
         }

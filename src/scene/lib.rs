@@ -1,33 +1,44 @@
-//! What is virtual, and the proxies of what is real. Plain data; no wgpu.
+//! Virtual objects, proxies of real objects, lamps and shadowing planes, as plain data; their file
+//! readers and geometry. No GPU code.
+//!
+//! The modules below are listed in the order of the data: data types, readers, motion over time,
+//! changes, simplified meshes, rays, indirect light, shadowing planes.
 
-mod casters;
-pub mod change;
 mod check;
-mod choice;
-pub mod detail;
-pub mod enclosed;
 pub mod error;
+mod ground_plane;
+pub mod mesh;
+pub mod photometric;
+mod virtual_light;
+
 pub mod gate;
+mod normals;
+pub mod primitives;
+
+mod choice;
+pub mod enclosed;
 mod gltf_bytes;
 pub mod gltf_file;
 mod gltf_lamp;
 mod gltf_material;
 mod gltf_motion;
-mod ground_plane;
-pub mod indirect_light;
-pub mod lamps;
-pub mod mesh;
-pub mod motion;
-mod normals;
-pub mod photometric;
-pub mod planes;
 pub mod ply;
-pub mod primitives;
-pub mod raycast;
 mod rendering;
 pub mod scene_file;
+
+pub mod change;
+pub mod lamps;
+pub mod motion;
+
+mod casters;
+pub mod detail;
 pub mod simplify;
-mod virtual_light;
+
+pub mod raycast;
+
+pub mod indirect_light;
+
+pub mod planes;
 
 pub use casters::{casters, casters_within};
 pub use change::Change;

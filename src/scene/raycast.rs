@@ -1,5 +1,4 @@
-//! Casts rays against the surfaces of parts: which surface does a ray hit first, and is
-//! anything in its way?
+//! Casts rays against the surfaces of parts: nearest hit and occlusion.
 //!
 //! Triangles and exact spheres are the leaves of one bounding-volume hierarchy, which the crate
 //! `parry3d` builds and traverses. Boxes have single precision and are widened; hits are
@@ -12,7 +11,7 @@ use glam::DVec3;
 use parry3d::bounding_volume::Aabb;
 use parry3d::partitioning::{Bvh, BvhBuildStrategy, BvhNode};
 use std::cell::Cell;
-use surfaces::{Ball, Triangle, as_ball, triangles_in_world};
+use surfaces::{Sphere, Triangle, as_sphere, triangles_in_world};
 
 pub use surfaces::sphere_hit;
 
@@ -39,16 +38,16 @@ pub struct Hit {
 /// Surfaces that rays can hit, in the world.
 #[derive(Clone, Debug, Default)]
 pub struct RayCaster {
-    /// Leaves: the triangles by index, then the balls.
+    /// Leaves: the triangles by index, then the spheres.
     bvh: Bvh,
     triangles: Vec<Triangle>,
-    balls: Vec<Ball>,
+    spheres: Vec<Sphere>,
     /// By part.
     finishes: Vec<Finish>,
     ground: Option<Ground>,
 }
 
-/// What a hit reports of its part.
+/// Properties of a part that a hit reports.
 #[derive(Clone, Copy, Debug)]
 struct Finish {
     mirror: bool,
@@ -75,9 +74,9 @@ impl RayCaster {
         caster
     }
 
-    /// Prepares the phantoms of `scene`. Meshed balls are hit as exact spheres, from outside
+    /// Prepares the phantoms of `scene`. Tessellated spheres are hit as exact spheres, from outside
     /// only; level ground is an unbounded plane, and phantoms that lie in it (the ground's own
-    /// mesh) are left out: of two surfaces in one plane either could be nearest.
+    /// mesh) are left out: of two coplanar surfaces either could be the nearest.
     #[must_use]
     pub fn from_phantoms(scene: &Scene) -> Self {
         let mut caster = Self {
@@ -94,8 +93,8 @@ impl RayCaster {
                 && lie_at(&triangles, ground.height)
             {
                 ground.albedo = ground.albedo.or(part.albedo.map(|a| a.as_dvec3()));
-            } else if let Some(ball) = as_ball(&triangles) {
-                caster.balls.push(ball);
+            } else if let Some(sphere) = as_sphere(&triangles) {
+                caster.spheres.push(sphere);
             } else {
                 caster.triangles.extend(triangles);
             }
@@ -114,7 +113,7 @@ impl RayCaster {
     fn build(&mut self) {
         let triangles = self.triangles.iter().map(Triangle::bounds);
         let bounds: Vec<(DVec3, DVec3)> = triangles
-            .chain(self.balls.iter().map(Ball::bounds))
+            .chain(self.spheres.iter().map(Sphere::bounds))
             .collect();
         let largest = bounds
             .iter()
@@ -206,8 +205,8 @@ impl RayCaster {
         match self.triangles.get(leaf) {
             Some(triangle) => Some(triangle.crossing(ray.origin, ray.direction)?.distance),
             None => {
-                let ball = self.balls.get(leaf - self.triangles.len())?;
-                sphere_hit(ball.centre, ball.radius, ray.origin, ray.direction)
+                let sphere = self.spheres.get(leaf - self.triangles.len())?;
+                sphere_hit(sphere.centre, sphere.radius, ray.origin, ray.direction)
             }
         }
     }
@@ -221,9 +220,9 @@ impl RayCaster {
                 (t.surface, t.normals(&crossing, ray.direction))
             }
             None => {
-                let ball = self.balls.get(leaf - self.triangles.len())?;
-                let normal = (point - ball.centre) / ball.radius;
-                (ball.surface, (normal, normal))
+                let sphere = self.spheres.get(leaf - self.triangles.len())?;
+                let normal = (point - sphere.centre) / sphere.radius;
+                (sphere.surface, (normal, normal))
             }
         };
         Some(Hit {

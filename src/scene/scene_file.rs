@@ -1,10 +1,10 @@
-//! Scene files: what is composited in, and further phantoms, in TOML. Lengths are metres,
-//! angles degrees, the world is +Z up. All keys:
+//! Reads scene files: virtual objects, lamps, shadowing planes and further phantoms, in TOML. Lengths
+//! are metres, angles degrees, the world is +Z up. All keys:
 //!
 //! ```toml
-//! session_phantoms = true          # keep the phantoms the session brings (the default)
+//! session_phantoms = true          # keep the phantoms of the session (the default)
 //!
-//! [model]                          # places all objects and planes together: theirs are
+//! [model]                          # pose of all objects and planes together: theirs are
 //! position_m = [0.0, 0.0, 0.0]     # relative to it
 //! rotation_deg = [0.0, 0.0, 0.0]   # or rotation_wxyz
 //!
@@ -16,87 +16,87 @@
 //! # radius_m = 0.05                #   cylinder, cone, sphere; torus: axis to tube
 //! # tube_radius_m = 0.02           #   torus
 //! # height_m = 0.1                 #   cylinder, cone
-//! # segments = 64                  #   how finely round shapes are cut; a "temple-gate",
-//!                                  #   6 m wide, takes this and `scale` alone
+//! # segments = 64                  #   subdivision of round shapes; a "temple-gate", 6 m wide,
+//!                                  #   has only this and `scale`
 //! position_m = [0.0, 0.0, 0.0]
 //! rotation_deg = [30.0, 0.0, 0.0]  # yaw, pitch, roll about z, y, x; or rotation_wxyz
 //! scale = 1.0                      # a number, or one for each axis
-//! # each of these replaces what the file says, and its texture:
+//! # each of these replaces the value of the file, and its texture:
 //! material = { base_colour = "#c04020", metallic = 0.0, roughness = 0.4, emissive = [0, 0, 0] }
-//! repeat_s = 6.0                   # it moves: its path begins anew; without it, it stays at the
-//! easing = "smooth"                # end. From key to key "smooth", "linear" or in a "step"
-//! keys = [                         # what a key leaves out is as above
-//!     { at_s = 0.0 },              # angles go on their own: 0 to 360 is a full turn, while
+//! repeat_s = 6.0                   # motion: period of the path; without it, the object stays at
+//! easing = "smooth"                # the end. Between keys "smooth", "linear" or "step"
+//! keys = [                         # a key's missing values are those of the object
+//!     { at_s = 0.0 },              # angles are interpolated separately: 0 to 360 is a full turn;
 //!     { at_s = 3.0, position_m = [0.1, 0.0, 0.0], rotation_deg = [390.0, 0.0, 0.0], scale = 1.2 },
-//! ]                                # rotation_wxyz goes the shorter way
-//! # animation = true               # or a name: an animation of a .glb or .gltf, over and over
+//! ]                                # rotation_wxyz takes the shorter arc
+//! # animation = true               # or a name: an animation of a .glb or .gltf, repeated
 //!
 //! [[object]]
 //! shape = "sphere"
 //! radius_m = 0.05
 //! # Phong's model instead of metallic, roughness and specular: the shares of light that are
 //! # reflected diffusely and by a lobe cos^exponent about the mirror direction, normalised so
-//! # that `specular` is what it mirrors of an even sky when looked at straight on. Together
-//! # they are at most 1 in each channel; the exponent goes from 0 to 10000.
+//! # that `specular` is its reflectance of a uniform sky at normal incidence. Their sum is at
+//! # most 1 in each channel; the exponent is 0 to 10000.
 //! material.phong = { diffuse = [0.4, 0.1, 0.1], specular = [0.3, 0.3, 0.3], exponent = 50 }
 //! # material.base_colour_texture = "wood.png"    # PNG or JPEG, from this file's folder; as in
-//! # material.metallic_roughness_texture = "mr.png" # glTF they multiply what stands above
+//! # material.metallic_roughness_texture = "mr.png" # glTF they multiply the factors above
 //! # material.normal_texture = "bumps.png"        # (of Phong's model the diffuse share),
 //! # material.normal_scale = 1.0                  # +X red, +Y green, towards the picture's top
 //! # material.occlusion_texture = "ao.png"
 //! # material.emissive_texture = "glow.png"
 //!
-//! [[phantom]]                      # a proxy of a real thing: as an object, but without
+//! [[phantom]]                      # a proxy of a real object: as an object, but without
 //! shape = "box"                    # material
 //! size_m = [0.2, 0.1, 0.1]
 //! mirror = false                   # whether it is a mirror
 //! albedo = [0.5, 0.5, 0.5]         # its colour, if known: linear, or "#rrggbb"
 //!
-//! [[lamp]]                         # lights what is real and what is virtual; at most 32
+//! [[lamp]]                         # lights real and virtual surfaces; at most 32
 //! position_m = [0.2, 0.0, 0.4]
-//! intensity = [0.3, 0.3, 0.3]      # white paper at r metres shows intensity / (pi r²)
-//! target_m = [0.0, 0.0, 0.0]       # a spot; without it the lamp shines all round
-//! beam_deg = 20.0                  # half angles: full light inside, falling to none at
+//! intensity = [0.3, 0.3, 0.3]      # white paper at r metres has radiance intensity / (pi r²)
+//! target_m = [0.0, 0.0, 0.0]       # a spot; without it a point light
+//! beam_deg = 20.0                  # half angles: full light inside, falling to zero at
 //! cutoff_deg = 30.0                # the second
-//! repeat_s = 8.0                   # its path begins anew; without `keys` it stands still
+//! repeat_s = 8.0                   # period of its path; without `keys` it does not move
 //! keys = [{ at_s = 0.0 }, { at_s = 4.0, position_m = [0.3, 0.0, 0.4], gain = 0.0 }]
 //!
 //! [[lamp]]                         # in photometric units, in place of `intensity`
-//! attached_to = "teapot"           # its places are relative to that object
+//! attached_to = "teapot"           # its positions are relative to that object
 //! position_m = [0.0, 0.0, 0.3]
-//! candela = 60.0                   # or `lumen` of all its light
+//! candela = 60.0                   # or `lumen`, its luminous flux
 //! kelvin = 2700.0                  # or `colour`
 //!
-//! [[lamp]]                         # a rectangle that shines, and is seen: a screen, a window
-//! kind = "area"                    # else "spot" or "point", which target_m tells
-//! size_m = [0.3, 0.2]              # width and height, whatever it is attached to
-//! position_m = [0.0, 0.3, 0.15]    # its middle
+//! [[lamp]]                         # a visible rectangle that emits: a screen, a window
+//! kind = "area"                    # default: "spot" with target_m, "point" without
+//! size_m = [0.3, 0.2]              # width and height, without the scale of its object
+//! position_m = [0.0, 0.3, 0.15]    # its centre
 //! target_m = [0.0, 0.0, 0.0]       # what it faces; or `direction`, along its normal
 //! up = [0.0, 0.0, 1.0]             # of its picture (the default)
-//! nit = 400.0                      # cd/m² of what is white on it; or lumen, candela straight
-//! # texture = "screen.png"         #   ahead, or intensity of all of it. PNG or JPEG, from this
+//! nit = 400.0                      # cd/m² of its white; or lumen, candela along the normal,
+//! # texture = "screen.png"         #   or intensity, each of all of it. PNG or JPEG, from this
 //! # two_sided = false              #   file's folder
-//! # visible = true                 # false: it shines, and is not seen itself
+//! # visible = true                 # false: it emits, and is invisible itself
 //!
-//! [photometry]                     # what the scene camera shows as white, cd/m²; or `ev100`, its
+//! [photometry]                     # luminance of the scene camera's white, cd/m²; or `ev100`, its
 //! white_cd_m2 = 300.0              # exposure value at ISO 100
 //!
-//! [[plane]]                        # a shadowing plane (technique "shadowing-planes"); where there is one
-//! centre_m = [0.0, 0.0, 0.0]       # for a layer, none are made for that layer from the model.
-//! normal = [0.0, 0.0, 1.0]         # Away from what it covers; its camera looks against it
-//! up = [0.0, 1.0, 0.0]             # of its picture; else upwards, for level ones along +Y
+//! [[plane]]                        # technique "shadowing-planes"; with a plane for a
+//! centre_m = [0.0, 0.0, 0.0]       # layer, none are generated for that layer.
+//! normal = [0.0, 0.0, 1.0]         # Away from the covered surfaces; its camera looks against it
+//! up = [0.0, 1.0, 0.0]             # of its picture; default +Z, +Y for level planes
 //! size_m = [1.0, 0.8]              # width and height
-//! depth_m = 0.05                   # how far behind it surfaces belong to it
-//! layer = "real"                   # or "virtual" (the default): on what its shadows lie
-//! receiver = "plane"               # or "surface": shadows fall on the rectangle itself, or on
-//!                                  #   what lies behind it (the default for "virtual")
+//! depth_m = 0.05                   # maximum distance behind it of the surfaces that it covers
+//! layer = "real"                   # or "virtual" (the default): surfaces that show its shadows
+//! receiver = "plane"               # or "surface": shadows are baked for the rectangle itself or
+//!                                  #   for the surfaces behind it (the default for "virtual")
 //!
-//! [ground]                         # instead of the session's
+//! [ground]                         # replaces the session's ground
 //! height_m = 0.0
 //! size_m = 8.0
 //! ```
 //!
-//! Boxes, cylinders, cones and gates stand on their origin; the others are centred on it.
+//! Boxes, cylinders, cones and gates stand on their origin; other shapes are centred on it.
 
 use super::enclosed;
 use super::gate::temple_gate;
@@ -129,34 +129,37 @@ mod placed;
 mod plane;
 mod typed;
 
-/// Objects or phantoms of one file.
-const MOST_ENTRIES: usize = 1000;
+/// Maximum number of objects or phantoms of a file.
+const MAX_ENTRIES: usize = 1000;
 
-/// What a scene file adds to a session, read and checked.
+/// Contents of a scene file, checked.
 #[derive(Clone, Debug)]
 pub struct SceneAddition {
-    /// What is composited in.
+    /// Virtual objects.
     pub objects: Vec<Part>,
-    /// Further proxies of real things.
+    /// Further proxies of real objects.
     pub phantoms: Vec<Part>,
-    /// Lamps that exist in the picture only.
+    /// Virtual lights.
     pub lamps: Vec<VirtualLight>,
-    /// Where each of them was written down: file, line and key, as a message begins.
+    /// Prefix of a message about each lamp: file, line and key.
     pub lamp_places: Vec<String>,
     /// Shadowing planes that are placed by hand.
     pub planes: Vec<ShadowingPlane>,
-    /// What of `objects` and `lamps` moves.
+    /// Motions of `objects` and `lamps`.
     pub motions: Motions,
     /// Properties of the model files that are ignored, one line each.
     pub warnings: Vec<String>,
-    /// Takes the place of the session's ground.
+    /// Replaces the session's ground.
     pub ground: Option<GroundPlane>,
-    /// Whether the session's own phantoms stay.
+    /// Whether the session's phantoms are kept.
     pub session_phantoms: bool,
 }
 
 impl SceneAddition {
-    /// Reads a scene file and the models it names.
+    /// Reads a scene file and the models that it names.
+    ///
+    /// # Errors
+    /// A file cannot be read or is invalid; the message names file, line and key.
     pub fn load(path: &Path) -> Result<Self, SceneError> {
         let text = TomlText::read(path)?;
         Self::read(&text, path.parent().unwrap_or(Path::new("")))
@@ -168,10 +171,10 @@ impl SceneAddition {
         let model = file.model.as_ref().map(|m| m.placement("model"));
         let model = model.transpose().map_err(located)?;
         let model = model.unwrap_or(RigidTransform::IDENTITY);
-        if file.object.len().max(file.phantom.len()) > MOST_ENTRIES {
+        if file.object.len().max(file.phantom.len()) > MAX_ENTRIES {
             return Err(located(Fault::new(
                 "object",
-                format!("expected at most {MOST_ENTRIES} entries"),
+                format!("expected at most {MAX_ENTRIES} entries"),
             )));
         }
         let world_from_model = model.to_matrix();
@@ -186,8 +189,8 @@ impl SceneAddition {
             let at = format!("phantom[{i}]");
             phantoms.extend(entry.phantom_parts(&at, folder, text)?);
         }
-        if file.plane.len() > MOST_ENTRIES {
-            let reason = format!("expected at most {MOST_ENTRIES} planes");
+        if file.plane.len() > MAX_ENTRIES {
+            let reason = format!("expected at most {MAX_ENTRIES} planes");
             return Err(located(Fault::new("plane", reason)));
         }
         let planes = file.plane.iter().enumerate();
@@ -221,7 +224,7 @@ impl SceneAddition {
         })
     }
 
-    /// Puts this in place of what is virtual in `session`, and beside its phantoms.
+    /// Replaces the virtual objects of `session` and adds to its phantoms.
     #[must_use]
     pub fn onto(self, session: Scene) -> Scene {
         let mut scene = if self.session_phantoms {
@@ -247,8 +250,8 @@ impl SceneAddition {
     }
 }
 
-/// The scene file at `path`, the files that it names and those that its models name, whether they
-/// are there or not.
+/// Returns the scene file at `path`, the files that it names and those that its models name, whether
+/// they exist or not.
 #[must_use]
 pub fn files_of(path: &Path) -> Vec<PathBuf> {
     let mut files = vec![path.to_owned()];
@@ -261,8 +264,8 @@ pub fn files_of(path: &Path) -> Vec<PathBuf> {
         let named = models()
             .chain(materials.flat_map(|m| m.textures().into_iter().filter_map(|(_, name)| name)));
         let named = named.chain(file.lamp.iter().filter_map(|lamp| lamp.texture.as_ref()));
-        files.extend(named.take(MOST_ENTRIES).map(|name| folder.join(name)));
-        let models = models().take(MOST_ENTRIES).map(|name| folder.join(name));
+        files.extend(named.take(MAX_ENTRIES).map(|name| folder.join(name)));
+        let models = models().take(MAX_ENTRIES).map(|name| folder.join(name));
         files.extend(models.flat_map(|model| files_of_gltf(&model)));
     }
     let mut known = HashSet::new();
@@ -301,7 +304,7 @@ impl Entry {
         if let Some(key) = self.moving_key() {
             return Err(located(
                 key,
-                "goes with [[object]] only; a phantom stands as still as the real thing",
+                "goes with [[object]] only; phantoms do not move",
             ));
         }
         let albedo = self.albedo.map(|c| c.0);
@@ -312,11 +315,11 @@ impl Entry {
             ));
         }
         let model = self.model(at, folder, text)?;
-        let place = self.standing(at, DMat4::IDENTITY);
-        let place = place.map_err(|fault| SceneError::from(text.locate(fault)))?;
+        let motion = self.motion(at, DMat4::IDENTITY);
+        let motion = motion.map_err(|fault| SceneError::from(text.locate(fault)))?;
         let mut parts = self.parts(&model, at, folder, text)?;
         for (k, part) in parts.iter_mut().enumerate() {
-            part.world_from_part = model.part_motion(k, &place).at(0.0);
+            part.world_from_part = model.part_motion(k, &motion).at(0.0);
             part.mirror = self.mirror.unwrap_or(false);
             part.albedo = albedo;
         }
@@ -347,7 +350,7 @@ impl Entry {
         }
     }
 
-    /// The parts of its own `model`, not placed yet.
+    /// Returns the parts of its `model`, in the model's frame, with the file's names and materials.
     fn parts(
         &self,
         model: &Model,
@@ -481,10 +484,10 @@ impl Entry {
     }
 }
 
-/// What to say of an animation that a model does not have.
+/// The message about an animation that a model does not have.
 fn no_animation(playing: Playing<'_>, known: &[String]) -> String {
     if known.is_empty() {
-        return "the model has no animation; take the key away".to_owned();
+        return "the model has no animation; remove the key".to_owned();
     }
     let wanted = match playing {
         Playing::Named(name) => name,

@@ -4,25 +4,33 @@
 //! Three methods check one another: [`chart`] compares two pictures of the same colour chart;
 //! [`gather`] finds surfaces that both cameras see now and [`overlap`] compares them, filtered
 //! over time; [`reflectance`] predicts the colour of a known surface from the measured light.
-//! [`PhotometricMatch`] selects the gains to use. The reflectance of a mirrored sphere is no part
+//! [`WhiteBalanceMatch`] selects the gains to use. The reflectance of a mirrored sphere is no part
 //! of the gains: the environment estimator divides by it.
 
-pub mod chart;
 pub mod colour;
 mod colour_matrix;
-mod exposure;
 mod gains;
-pub mod gather;
-pub mod overlap;
-pub mod reflectance;
 mod robust_mean;
-mod selection;
-mod settings;
-mod status;
+
+pub mod chart;
+
 mod view;
+
+pub mod gather;
+
+pub mod overlap;
+
+pub mod reflectance;
+
+mod exposure;
+mod settings;
+
+mod status;
+
+mod selection;
 
 pub use exposure::ExposureRatio;
 pub use gains::GainEstimate;
-pub use selection::PhotometricMatch;
-pub use settings::{CalibratedGains, MatchMethod, PhotometrySettings, Provenance};
+pub use selection::WhiteBalanceMatch;
+pub use settings::{CalibratedGains, Provenance, WhiteBalanceMethod, WhiteBalanceSettings};
 pub use status::{MatchStatus, MethodStatus};

@@ -4,15 +4,15 @@ use super::chart::{ChartError, ChartMatch};
 use super::exposure::ExposureRatio;
 use super::gains::GainEstimate;
 use super::overlap::{GainTracker, OverlapEstimate, PairTiming, Shortage, SmoothingOptions};
-use super::settings::{CalibratedGains, MatchMethod, PhotometrySettings, Provenance};
+use super::settings::{CalibratedGains, Provenance, WhiteBalanceMethod, WhiteBalanceSettings};
 use super::status::{MatchStatus, MethodStatus, percent};
 use glam::{DMat3, DVec3};
 use penumbra_interface::{Exposure, MonotonicTime};
 
 /// The gains of all methods, and the choice between them.
 #[derive(Clone, Debug)]
-pub struct PhotometricMatch {
-    settings: PhotometrySettings,
+pub struct WhiteBalanceMatch {
+    settings: WhiteBalanceSettings,
     same_camera: bool,
     exposures: ExposureRatio,
     calibrated: Option<CalibratedGains>,
@@ -25,11 +25,11 @@ pub struct PhotometricMatch {
 /// Weight of a new reflectance or grey-world estimate in the moving average.
 const REFLECTANCE_WEIGHT: f64 = 0.2;
 
-impl PhotometricMatch {
+impl WhiteBalanceMatch {
     /// Creates a white balance without measurements. `same_camera`: the environment is read from
     /// the scene camera's own picture.
     #[must_use]
-    pub fn new(settings: PhotometrySettings, same_camera: bool) -> Self {
+    pub fn new(settings: WhiteBalanceSettings, same_camera: bool) -> Self {
         Self {
             settings,
             same_camera,
@@ -43,7 +43,7 @@ impl PhotometricMatch {
     }
 
     /// Replaces the settings.
-    pub fn set_settings(&mut self, settings: PhotometrySettings) {
+    pub fn set_settings(&mut self, settings: WhiteBalanceSettings) {
         self.settings = settings;
     }
 
@@ -157,11 +157,11 @@ impl PhotometricMatch {
     #[must_use]
     pub fn in_force(&self) -> (Provenance, GainEstimate) {
         let wanted = match self.settings.method {
-            MatchMethod::Auto => None,
-            MatchMethod::Chart => Some(Provenance::Chart),
-            MatchMethod::Overlap => Some(Provenance::Overlap),
-            MatchMethod::Reflectance => Some(Provenance::Reflectance),
-            MatchMethod::Fixed => Some(Provenance::Fixed),
+            WhiteBalanceMethod::Auto => None,
+            WhiteBalanceMethod::Chart => Some(Provenance::Chart),
+            WhiteBalanceMethod::Overlap => Some(Provenance::Overlap),
+            WhiteBalanceMethod::Reflectance => Some(Provenance::Reflectance),
+            WhiteBalanceMethod::Fixed => Some(Provenance::Fixed),
         };
         let available = self.available();
         let chosen = available.iter().find(|(p, _)| Some(*p) == wanted);

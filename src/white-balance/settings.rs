@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 /// The method that the configuration asks for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum MatchMethod {
+pub enum WhiteBalanceMethod {
     /// The best available method: calibration, chart, overlap, reflectance, grey world.
     #[default]
     Auto,
@@ -46,9 +46,9 @@ pub enum Provenance {
 /// Settings of the white balance.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct PhotometrySettings {
+pub struct WhiteBalanceSettings {
     /// Requested method.
-    pub method: MatchMethod,
+    pub method: WhiteBalanceMethod,
     /// Gains for `fixed`.
     pub fixed_gains: Option<[f64; 3]>,
     /// Use a 3×3 matrix instead of gains where a chart shows that it is better.

@@ -2,7 +2,7 @@
 
 use super::gains::GainEstimate;
 use super::overlap::Shortage;
-use super::settings::{MatchMethod, Provenance};
+use super::settings::{Provenance, WhiteBalanceMethod};
 use glam::DVec3;
 use serde::Serialize;
 
@@ -15,7 +15,7 @@ const DISAGREEMENT_SIGMAS: f64 = 3.0;
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct MatchStatus {
     /// Requested method.
-    pub wanted: MatchMethod,
+    pub wanted: WhiteBalanceMethod,
     /// Source of the active gains.
     pub in_force: Provenance,
     /// Gains for the present exposures: scene = gains × environment, linear.

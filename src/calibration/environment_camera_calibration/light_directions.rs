@@ -62,17 +62,17 @@ pub fn static_lights(
     groups.retain(|g| g.len() as f64 >= (MIN_SHARE * pictures.len() as f64).max(1.0));
     let beam = |group: &Vec<Light>| {
         let sum: DVec3 = group.iter().map(|l| l.direction).sum();
-        let middle = sum.try_normalize()?;
+        let mean = sum.try_normalize()?;
         let n = group.len() as f64;
         let spread = group
             .iter()
-            .map(|l| l.direction.angle_between(middle).powi(2))
+            .map(|l| l.direction.angle_between(mean).powi(2))
             .sum::<f64>()
             / n;
         // A lamp that moved is rejected.
         (spread.sqrt() < 0.03).then(|| {
             let beam = LightDirection {
-                direction: middle,
+                direction: mean,
                 radius: group.iter().map(Light::radius).sum::<f64>() / n,
                 sigma: MIN_SIGMA.hypot((spread / n).sqrt()),
             };
@@ -88,12 +88,12 @@ pub fn add_reflected_lights(
     bright: &BrightPixels,
     camera: &PinholeCamera,
     pose: RigidTransform,
-    (ball, centre): (&MirrorSphere, DVec3),
+    (sphere, centre): (&MirrorSphere, DVec3),
     out: &mut Vec<LightRay>,
 ) {
-    let look = |p: DVec2| mirrored(camera.unproject(p), centre, ball.radius);
-    out.extend(bright.lights(&look).into_iter().map(|l| LightRay {
-        from: ball.centre_in_world,
+    let ray_direction = |p: DVec2| mirrored(camera.unproject(p), centre, sphere.radius);
+    out.extend(bright.lights(&ray_direction).into_iter().map(|l| LightRay {
+        from: sphere.centre_in_world,
         direction: pose.rotation * l.direction,
         radius: l.radius(),
     }));
@@ -104,19 +104,19 @@ pub fn add_direct_lights(
     bright: &BrightPixels,
     camera: &PinholeCamera,
     pose: RigidTransform,
-    ball: Option<&MirrorSphere>,
+    sphere: Option<&MirrorSphere>,
     out: &mut Vec<LightRay>,
 ) {
     let inside = pose.inverse();
-    let outline = ball.map(|b| (inside.transform_point(b.centre_in_world), b.radius));
+    let outline = sphere.map(|b| (inside.transform_point(b.centre_in_world), b.radius));
     let size = DVec2::new(f64::from(camera.width), f64::from(camera.height));
-    let look = |p: DVec2| {
+    let ray_direction = |p: DVec2| {
         let ray = camera.unproject(p);
         let on_ball =
             outline.is_some_and(|(c, r)| ray.angle_between(c) < (r / c.length()).min(1.0).asin());
         (!on_ball).then_some(ray)
     };
-    for light in bright.lights(&look) {
+    for light in bright.lights(&ray_direction) {
         let reach = DVec2::splat(camera.focal.max_element() * light.radius() + 3.0);
         // The centre of a light that the frame cuts off is unknown.
         if (light.pixel - reach).min_element() > 0.0 && (light.pixel + reach).cmplt(size).all() {

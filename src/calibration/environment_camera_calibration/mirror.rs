@@ -226,25 +226,33 @@ mod tests {
             camera: &camera,
             radius: 0.04,
         };
-        for off in [
+        for offset in [
             DVec2::new(0.0, 0.0),
             DVec2::new(20.0, 5.0),
             DVec2::new(-10.0, -25.0),
         ] {
-            let p = camera.project(centre).unwrap() + off;
+            let p = camera.project(centre).unwrap() + offset;
             let d = mirrored(camera.unproject(p), centre, 0.04).unwrap();
-            assert!(mirror.pixel(d, centre).unwrap().distance(p) < 0.02, "{off}");
+            assert!(
+                mirror.pixel(d, centre).unwrap().distance(p) < 0.02,
+                "{offset}"
+            );
         }
     }
 
     #[test]
     fn recovers_rotation_from_windows_in_small_sphere() {
         let camera = camera();
-        let window = |middle: DVec3| -> Vec<(DVec3, f64)> {
-            let (u, v) = middle.any_orthonormal_pair();
+        let window = |centre_direction: DVec3| -> Vec<(DVec3, f64)> {
+            let (u, v) = centre_direction.any_orthonormal_pair();
             let at = |k: i32| DVec2::new(f64::from(k % 9) - 4.0, f64::from(k / 9) - 4.0) * 0.04;
             (0..81)
-                .map(|k| ((middle + u * at(k).x + v * at(k).y).normalize(), 0.0016))
+                .map(|k| {
+                    (
+                        (centre_direction + u * at(k).x + v * at(k).y).normalize(),
+                        0.0016,
+                    )
+                })
                 .collect()
         };
         let lights = [
@@ -281,10 +289,10 @@ mod tests {
             .collect();
         let start = ground_truth * DQuat::from_rotation_x(0.05);
         let found = rotation_from_mirror(&camera, 0.04, &lights, &shown, start).unwrap();
-        let off = found.rotation.angle_between(ground_truth);
+        let error = found.rotation.angle_between(ground_truth);
         assert!(
-            off < 0.004 && off < 4.0 * found.sigma,
-            "{off} {}",
+            error < 0.004 && error < 4.0 * found.sigma,
+            "{error} {}",
             found.sigma
         );
         assert!(rotation_from_mirror(&camera, 0.04, &lights, &shown[..1], start).is_none());

@@ -306,12 +306,12 @@ fn rough_spheres(inputs: &Inputs) -> Vec<RoughBall> {
         return vec![click];
     }
     let (w, h) = inputs.gathered.mean.size;
-    let middle = 0.5 * DVec2::new(f64::from(w), f64::from(h));
+    let picture_centre = 0.5 * DVec2::new(f64::from(w), f64::from(h));
     let round = ball_outline(&inputs.gathered.mean.picture());
     let by_rig = sphere_by_rig(inputs);
     let mut out = Vec::new();
     for centre in [
-        Some(middle),
+        Some(picture_centre),
         round.map(|c| c.centre),
         by_rig.map(|s| s.centre),
     ]

@@ -44,17 +44,17 @@ pub(super) struct Search {
 /// one picture; the magnitudes of their steps are averaged unless only falling ones are wanted.
 pub(super) fn steps(
     planes: &[&Grey],
-    middle: DVec2,
+    centre: DVec2,
     ray: usize,
     search: &Search,
     into: &mut Vec<EdgeStep>,
 ) {
     let Some(first) = planes.first() else { return };
     let direction = side(ray);
-    let place = |i: usize| middle + direction * (search.reach.0 + i as f64);
+    let point = |i: usize| centre + direction * (search.reach.0 + i as f64);
     let count = (search.reach.1 - search.reach.0).max(0.0) as usize;
     let height = |i: usize| {
-        let p = place(i);
+        let p = point(i);
         let margin = direction * search.half;
         if !first.contains(p + margin, 0.0) || !first.contains(p - margin, 0.0) {
             return 0.0;
@@ -68,7 +68,7 @@ pub(super) fn steps(
     };
     // An edge along the ray is not part of an outline about the centre.
     let along = |i: usize| {
-        let p = place(i);
+        let p = point(i);
         let side = direction.perp();
         let step = |g: &Grey| inner_less_outer(g, p, side, search.half).abs();
         planes.iter().map(|g| step(g)).sum::<f64>() / planes.len() as f64
@@ -83,7 +83,7 @@ pub(super) fn steps(
         if top && !(i > 0 && heights[i - 1] == heights[i]) && along(i) < MAX_SLANT * heights[i] {
             into.push(EdgeStep {
                 ray,
-                at: place(i),
+                at: point(i),
                 height: heights[i],
             });
             found += 1;
@@ -100,9 +100,9 @@ fn inner_less_outer(grey: &Grey, p: DVec2, direction: DVec2, half: f64) -> f64 {
     [0.3, 0.65, 1.0]
         .iter()
         .map(|s| {
-            let off = direction * (s * half);
+            let offset = direction * (s * half);
             let mean = |q: DVec2| 0.5 * (grey.sample(q + across) + grey.sample(q - across));
-            mean(p - off) - mean(p + off)
+            mean(p - offset) - mean(p + offset)
         })
         .sum::<f64>()
         / 3.0

@@ -15,38 +15,38 @@ use penumbra_picture::Picture;
 use std::fmt::Write;
 
 /// Contents of the report.
-pub(super) struct Drawn<'a> {
+pub(super) struct ReportContents<'a> {
     pub picture: Option<Picture>,
     pub optics: Option<&'a Optics>,
     pub pose: Option<&'a PoseResult>,
 }
 
 /// Writes the report as HTML.
-pub(super) fn report(found: &Finished, made: &Made, drawn: &Drawn) -> String {
+pub(super) fn report(found: &Finished, made: &Made, contents: &ReportContents) -> String {
     let facts = [format!("{}, from {}", made.date, made.source)];
     let mut page = Page::new("Environment camera", &facts);
     page.verdict(found);
-    if let Some(picture) = &drawn.picture {
+    if let Some(picture) = &contents.picture {
         let caption = "Mean of the environment camera's pictures. Blue: the image circle or the sphere's outline; orange: points of its edge. Green: markers, clicks and lights as observed; red: as predicted by the calibration.";
-        page.figure(&overlay(picture, drawn), caption);
+        page.figure(&overlay(picture, contents), caption);
     }
-    if let Some(optics) = drawn.optics {
+    if let Some(optics) = contents.optics {
         edge_plot(&mut page, optics);
     }
-    if let Some(pose) = drawn.pose {
+    if let Some(pose) = contents.pose {
         residuals(&mut page, pose);
     }
     page.finish()
 }
 
-fn overlay(picture: &Picture, drawn: &Drawn) -> String {
+fn overlay(picture: &Picture, contents: &ReportContents) -> String {
     let (w, h) = (picture.width, picture.height);
     let thin = f64::from(w.max(h)) / 640.0;
     let mut svg = format!(
         "<svg viewBox=\"-0.5 -0.5 {w} {h}\"><image x=\"-0.5\" y=\"-0.5\" width=\"{w}\" height=\"{h}\" href=\"{}\"/>",
         jpeg_uri(picture)
     );
-    if let Some(optics) = drawn.optics {
+    if let Some(optics) = contents.optics {
         if let Some(circle) = &optics.circle {
             dots(&mut svg, &circle.edge, "#f97316", 1.2 * thin);
             let _ = write!(
@@ -74,18 +74,18 @@ fn overlay(picture: &Picture, drawn: &Drawn) -> String {
             );
         }
     }
-    if let Some(pose) = drawn.pose {
+    if let Some(pose) = contents.pose {
         let seen: Vec<DVec2> = pose.image_observations.iter().map(|m| m.pixel).collect();
         dots(&mut svg, &seen, "#16a34a", 6.0 * thin);
-        dots(&mut svg, &predicted(drawn, pose), "#dc2626", 3.0 * thin);
+        dots(&mut svg, &predicted(contents, pose), "#dc2626", 3.0 * thin);
     }
     svg.push_str("</svg>");
     svg
 }
 
 /// Returns the predicted pixels of what is observed directly, not in the mirror.
-fn predicted(drawn: &Drawn, pose: &PoseResult) -> Vec<DVec2> {
-    let Some(optics) = drawn.optics.filter(|_| pose.resection.is_some()) else {
+fn predicted(contents: &ReportContents, pose: &PoseResult) -> Vec<DVec2> {
+    let Some(optics) = contents.optics.filter(|_| pose.resection.is_some()) else {
         return Vec::new();
     };
     let inside = pose.world_from_camera.inverse();
@@ -115,7 +115,7 @@ fn dots(svg: &mut String, at: &[DVec2], colour: &str, size: f64) {
 
 /// Plots the distance of each point of the edge from the circle or the outline.
 fn edge_plot(page: &mut Page, optics: &Optics) {
-    let around = |middle: DVec2, p: &DVec2| (*p - middle).to_angle().to_degrees();
+    let around = |centre: DVec2, p: &DVec2| (*p - centre).to_angle().to_degrees();
     let points: Vec<(f64, f64)> = match (&optics.circle, &optics.outline, &optics.view) {
         (Some(circle), ..) => circle
             .edge
@@ -128,7 +128,7 @@ fn edge_plot(page: &mut Page, optics: &Optics) {
             })
             .collect(),
         (None, Some((outline, _)), View::Pinhole(camera)) => {
-            let middle = camera.project(outline.axis).unwrap_or(DVec2::ZERO);
+            let centre = camera.project(outline.axis).unwrap_or(DVec2::ZERO);
             let distance = |p: &DVec2| {
                 (camera.unproject(*p).angle_between(outline.axis) - outline.half_angle)
                     * camera.focal.min_element()
@@ -136,7 +136,7 @@ fn edge_plot(page: &mut Page, optics: &Optics) {
             outline
                 .edge
                 .iter()
-                .map(|p| (around(middle, p), distance(p)))
+                .map(|p| (around(centre, p), distance(p)))
                 .collect()
         }
         _ => return,

@@ -4,7 +4,7 @@ use super::super::step::{Finished, Made};
 use super::inputs::{Inputs, Kind};
 use super::optics::{Optics, optics};
 use super::pose::{PoseResult, estimate_pose};
-use super::report::{Drawn, report};
+use super::report::{ReportContents, report};
 use super::summary::Summary;
 use glam::DVec3;
 use penumbra_rig_model::Grade;
@@ -46,12 +46,12 @@ pub(super) fn finish(inputs: &Inputs, made: &Made) -> Finished {
             .ok()
             .filter(|_| found.grade != Grade::Refused);
     }
-    let drawn = Drawn {
+    let contents = ReportContents {
         picture: (inputs.gathered.mean.count > 0).then(|| inputs.gathered.mean.picture()),
         optics: optics.as_ref(),
         pose: pose.as_ref(),
     };
-    found.page = report(&found, made, &drawn);
+    found.page = report(&found, made, &contents);
     found
 }
 

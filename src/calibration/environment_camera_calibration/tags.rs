@@ -53,12 +53,12 @@ fn through_fisheye(codes: &Grey, lens: &FisheyeLens, detector: &mut Detector) ->
     let side = (2.0 * HALF_ANGLE.tan() * focal).min(MAX_SIDE);
     let focal = side / (2.0 * HALF_ANGLE.tan());
     let side = side as usize;
-    let middle = DVec2::splat(0.5 * (side as f64 - 1.0));
+    let centre = DVec2::splat(0.5 * (side as f64 - 1.0));
     let mut found = Vec::new();
     let mut flat = vec![0; side * side];
     for axis in axes(lens.max_theta) {
         let camera_from_view = upright(axis);
-        let direction = |p: DVec2| camera_from_view * ((p - middle) / focal).extend(1.0);
+        let direction = |p: DVec2| camera_from_view * ((p - centre) / focal).extend(1.0);
         for (i, slot) in flat.iter_mut().enumerate() {
             let p = DVec2::new((i % side) as f64, (i / side) as f64);
             let pixel = lens.project(direction(p));

@@ -1,7 +1,7 @@
-//! Hand–eye calibration: where the camera sits on the tracked sensor, and where the tracker's
-//! transmitter stands in the world.
+//! Hand–eye calibration: the camera's pose on the tracked sensor, and the pose of the tracker's
+//! transmitter in the world.
 //!
-//! Every pair of simultaneous poses says
+//! Every pair of simultaneous poses satisfies
 //!
 //! > `world_from_camera` = `world_from_transmitter` · `transmitter_from_sensor` · `sensor_from_camera`
 //!

@@ -122,18 +122,18 @@ fn find_board(
         Placement::KnownButHalfTurn => {
             // The board is symmetric under a half turn: take the pose nearer to the last one.
             let far = DVec2::new(f64::from(columns) - 1.0, f64::from(rows) - 1.0) * square;
-            let turned: Vec<_> = points
+            let reversed: Vec<_> = points
                 .iter()
                 .map(|c| Correspondence {
                     point: far - c.point,
                     pixel: c.pixel,
                 })
                 .collect();
-            let (one, other) = (pose(lens, &points)?, pose(lens, &turned)?);
+            let (one, other) = (pose(lens, &points)?, pose(lens, &reversed)?);
             let angle =
                 |p: RigidTransform| last.map_or(0.0, |l| p.rotation.angle_between(l.rotation));
             if angle(other) < angle(one) {
-                points = turned;
+                points = reversed;
                 other
             } else {
                 one

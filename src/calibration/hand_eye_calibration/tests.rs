@@ -23,10 +23,15 @@ fn instant(seconds: f64) -> MonotonicTime {
     MonotonicTime::from_nanos(1_000_000_000_000 + (1e9 * seconds) as i64)
 }
 
-fn shaken(pose: RigidTransform, turn: f64, shift: f64, random: &mut Random) -> RigidTransform {
+fn noisy(
+    pose: RigidTransform,
+    rotation: f64,
+    translation: f64,
+    random: &mut Random,
+) -> RigidTransform {
     RigidTransform::new(
-        (DQuat::from_scaled_axis(random.normal3() * turn) * pose.rotation).normalize(),
-        pose.translation + random.normal3() * shift,
+        (DQuat::from_scaled_axis(random.normal3() * rotation) * pose.rotation).normalize(),
+        pose.translation + random.normal3() * translation,
     )
 }
 
@@ -36,9 +41,9 @@ fn camera_poses(rehearsal: &Rehearsal, random: &mut Random) -> Vec<CameraPose> {
     let count = (30.0 * options.seconds) as i32;
     let one = |i: i32| {
         let at = 0.5 + f64::from(i) / 30.0 + 0.001 * random.normal();
-        let mut pose = shaken(rehearsal.world_from_camera(at), 0.0009, 0.0006, random);
+        let mut pose = noisy(rehearsal.world_from_camera(at), 0.0009, 0.0006, random);
         if random.uniform() < 0.02 {
-            pose = shaken(pose, 0.3, 0.05, random);
+            pose = noisy(pose, 0.3, 0.05, random);
         }
         CameraPose {
             stamp: instant(at + options.camera_latency),
@@ -196,7 +201,7 @@ fn corrects_distortion_only_where_that_helps() {
 
 #[test]
 fn refuses_degenerate_motion_with_its_reason() {
-    for (motion, says) in [
+    for (motion, message) in [
         (Motion::OneAxis, "about nearly one axis"),
         (Motion::Slide, "degrees at most"),
         (Motion::Still, "degrees at most"),
@@ -209,7 +214,7 @@ fn refuses_degenerate_motion_with_its_reason() {
         assert_eq!(found.grade, Grade::Refused, "{motion:?}");
         assert!(found.file.is_none());
         let first = &found.findings[0].1;
-        assert!(first.contains(says) && !first.contains('\n'), "{first}");
+        assert!(first.contains(message) && !first.contains('\n'), "{first}");
     }
 }
 
@@ -299,7 +304,7 @@ fn refuses_motion_that_does_not_determine_the_latency() {
 fn rejects_refused_or_invalid_files() {
     let (rehearsal, found) = mounted(RehearsalOptions::default(), MountingOptions::default());
     let file = found.file.unwrap();
-    for (from, to, says) in [
+    for (from, to, message) in [
         (
             "\"verdict\": \"good\"",
             "\"verdict\": \"refused\"",
@@ -333,7 +338,7 @@ fn rejects_refused_or_invalid_files() {
             .unwrap_err()
             .to_string();
         assert!(
-            error.contains(says) && error.starts_with(TRACKER),
+            error.contains(message) && error.starts_with(TRACKER),
             "{error}"
         );
     }

@@ -82,7 +82,7 @@ struct Compared<'a> {
     /// Number of pictures that are summed.
     together: usize,
     /// Mean position of the tracker.
-    middle: DVec3,
+    mean_position: DVec3,
     coefficients: usize,
     /// Share of the squares that a fit to unrelated motions leaves.
     by_chance: f64,
@@ -110,7 +110,7 @@ impl<'a> Compared<'a> {
             flows: summed(&seen.map(components).collect::<Vec<_>>(), together),
             spans,
             together,
-            middle: track.mean_position(),
+            mean_position: track.mean_position(),
             coefficients,
             by_chance: (alone - coefficients as f64) / alone,
         }
@@ -130,7 +130,7 @@ impl<'a> Compared<'a> {
             let back = before.rotation.inverse();
             let rotation = rotation_vector(back * after.rotation);
             let translation = back * (after.translation - before.translation);
-            let p = before.translation - self.middle;
+            let p = before.translation - self.mean_position;
             let mut motion = [0.0; COEFFICIENTS];
             motion[..3].copy_from_slice(&rotation.to_array());
             for (k, factor) in [1.0, p.x, p.y, p.z].into_iter().enumerate() {

@@ -78,8 +78,8 @@ impl ImageMotion {
         let cell = size / DVec2::new(PATCHES.0 as f64, PATCHES.1 as f64);
         let tracked: [Option<(DVec2, DVec2)>; MAX_PATCHES] = std::array::from_fn(|i| {
             let at = DVec2::new((i % PATCHES.0) as f64, (i / PATCHES.0) as f64);
-            let middle = (at + 0.5) * cell;
-            Some((middle, self.shift(&before, middle, cell.min_element())?))
+            let centre = (at + 0.5) * cell;
+            Some((centre, self.shift(&before, centre, cell.min_element())?))
         });
         let each = tracked.iter().flatten();
         let shifts: Vec<_> = each.map(|(at, by)| (*at - 0.5 * size, *by)).collect();
@@ -105,7 +105,7 @@ impl ImageMotion {
 
     /// Returns the displacement of the patch about a point, pixels of the finest level; `None` if it
     /// could not be tracked.
-    fn shift(&self, before: &[Grey], middle: DVec2, cell: f64) -> Option<DVec2> {
+    fn shift(&self, before: &[Grey], centre: DVec2, cell: f64) -> Option<DVec2> {
         let mut shift = DVec2::ZERO;
         for level in (0..LEVELS).rev() {
             let size = 0.5_f64.powi(level as i32);
@@ -114,7 +114,7 @@ impl ImageMotion {
             let tracked = track_patch(
                 &before[level],
                 &self.before[level],
-                middle * size,
+                centre * size,
                 half.min(12.0),
                 shift * size,
             );
@@ -136,11 +136,11 @@ fn similarity(shifts: &[(DVec2, DVec2)]) -> Option<(DVec2, f64, f64)> {
     for _ in 0..ROUNDS {
         let sum: f64 = weights.iter().sum();
         let each = || shifts.iter().zip(&weights);
-        let middle = each().map(|((p, _), w)| *p * *w).sum::<DVec2>() / sum;
+        let centre = each().map(|((p, _), w)| *p * *w).sum::<DVec2>() / sum;
         let mean = each().map(|((_, s), w)| *s * *w).sum::<DVec2>() / sum;
         let (mut along, mut across, mut spread) = (0.0, 0.0, 0.0);
         for ((p, s), w) in each() {
-            let (p, s) = (*p - middle, *s - mean);
+            let (p, s) = (*p - centre, *s - mean);
             along += w * p.dot(s);
             across += w * p.perp_dot(s);
             spread += w * p.length_squared();
@@ -150,7 +150,7 @@ fn similarity(shifts: &[(DVec2, DVec2)]) -> Option<(DVec2, f64, f64)> {
         }
         let (growth, rotation) = (along / spread, across / spread);
         found = (
-            mean - growth * middle - rotation * middle.perp(),
+            mean - growth * centre - rotation * centre.perp(),
             growth,
             rotation,
         );
@@ -165,11 +165,11 @@ fn similarity(shifts: &[(DVec2, DVec2)]) -> Option<(DVec2, f64, f64)> {
 }
 
 /// Returns the displacement of a patch of `half` pixels to each side, from an initial guess.
-fn track_patch(a: &Grey, b: &Grey, middle: DVec2, half: f64, guess: DVec2) -> Option<DVec2> {
+fn track_patch(a: &Grey, b: &Grey, centre: DVec2, half: f64, guess: DVec2) -> Option<DVec2> {
     let reach = half as i32;
     let points = || {
         (-reach..=reach).flat_map(move |y| {
-            (-reach..=reach).map(move |x| middle + DVec2::new(f64::from(x), f64::from(y)))
+            (-reach..=reach).map(move |x| centre + DVec2::new(f64::from(x), f64::from(y)))
         })
     };
     let samples: Vec<(DVec2, f64, DVec2)> = points()
@@ -200,7 +200,7 @@ fn track_patch(a: &Grey, b: &Grey, middle: DVec2, half: f64, guess: DVec2) -> Op
             break;
         }
     }
-    let lost = (shift - guess).length() > half || !b.contains(middle + shift, 0.0);
+    let lost = (shift - guess).length() > half || !b.contains(centre + shift, 0.0);
     (!lost).then_some(shift)
 }
 

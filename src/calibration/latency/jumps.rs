@@ -80,20 +80,20 @@ mod tests {
             })
             .collect();
         assert_eq!(without_jumps(readings.clone()).len(), readings.len());
-        let mut shaken = readings;
+        let mut with_jumps = readings;
         let jumped = [40, 41, 300, 777, 1100];
         for i in jumped {
-            shaken[i].1.translation += DVec3::new(0.06, -0.02, 0.03);
-            shaken[i].1.rotation *= DQuat::from_rotation_x(0.08);
+            with_jumps[i].1.translation += DVec3::new(0.06, -0.02, 0.03);
+            with_jumps[i].1.rotation *= DQuat::from_rotation_x(0.08);
         }
-        let kept = without_jumps(shaken.clone());
-        let gone: Vec<usize> = (0..shaken.len())
-            .filter(|i| !kept.iter().any(|k| k.0 == shaken[*i].0))
+        let kept = without_jumps(with_jumps.clone());
+        let removed: Vec<usize> = (0..with_jumps.len())
+            .filter(|i| !kept.iter().any(|k| k.0 == with_jumps[*i].0))
             .collect();
-        assert!(jumped.iter().all(|i| gone.contains(i)), "{gone:?}");
+        assert!(jumped.iter().all(|i| removed.contains(i)), "{removed:?}");
         // A good reading beside two successive jumps may be removed with them.
-        assert!(gone.len() <= jumped.len() + 2, "{gone:?}");
+        assert!(removed.len() <= jumped.len() + 2, "{removed:?}");
         assert!(without_jumps(Vec::new()).is_empty());
-        assert_eq!(without_jumps(shaken[..2].to_vec()).len(), 2);
+        assert_eq!(without_jumps(with_jumps[..2].to_vec()).len(), 2);
     }
 }

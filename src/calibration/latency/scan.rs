@@ -91,8 +91,8 @@ fn golden_section(fit: &impl Fn(f64) -> Option<Fit>, start: f64) -> Option<(f64,
             at_b = squares(b)?;
         }
     }
-    let middle = 0.5 * (low + high);
-    Some((middle, fit(middle)?))
+    let minimum = 0.5 * (low + high);
+    Some((minimum, fit(minimum)?))
 }
 
 // ┌ J(τ) = Σ r²; near its minimum τ₀ − τ ≈ Σ r r' / h with h = J'' / 2, so                    ┐

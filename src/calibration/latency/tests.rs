@@ -70,8 +70,8 @@ fn rotations_determine_offset_within_two_milliseconds() {
 
 /// Pose of a rig that orbits its subject at 0.7 m and rolls: the picture's centre hardly moves.
 fn circling(t: f64) -> RigidTransform {
-    let turn = hand(t) * DQuat::from_rotation_z(0.2 * (3.7 * t).sin());
-    RigidTransform::new(turn, -(turn * DVec3::Z * 0.7))
+    let rotation = hand(t) * DQuat::from_rotation_z(0.2 * (3.7 * t).sin());
+    RigidTransform::new(rotation, -(rotation * DVec3::Z * 0.7))
 }
 
 /// The flow of the orbiting rig's pictures.
@@ -89,16 +89,16 @@ fn flows(seconds: f64, rate: f64, random: &mut Random) -> Vec<CameraMotion> {
             let (left, right) = (moved(at(-0.3, 0.0)), moved(at(0.3, 0.0)));
             let noise = DVec2::new(random.normal(), random.normal()) * 0.3;
             let patches = std::array::from_fn(|k| {
-                let place =
+                let position =
                     DVec2::new((k % 6) as f64 + 0.5, (k / 6) as f64 + 0.5) / DVec2::new(6.0, 4.0);
                 // Objects at several depths.
                 let away = depth * [1.0, 0.6, 1.0, 3.0, 1.0][(k * 7 + 3 * i as usize) % 5];
-                let middle = (place - 0.5) * DVec2::new(640.0, 480.0) / 700.0;
-                let shift = moved((middle * away).extend(away));
+                let direction = (position - 0.5) * DVec2::new(640.0, 480.0) / 700.0;
+                let shift = moved((direction * away).extend(away));
                 let noise = DVec2::new(shaken.normal(), shaken.normal()) * 0.3;
                 (k % 4 != 3).then(|| Patch {
-                    from: place,
-                    to: place + (shift + noise) / DVec2::new(640.0, 480.0),
+                    from: position,
+                    to: position + (shift + noise) / DVec2::new(640.0, 480.0),
                 })
             });
             CameraMotion {
@@ -130,8 +130,8 @@ fn circling_track(seconds: f64, random: &mut Random) -> TrackerTrack {
         let t = f64::from(i) / 120.0;
         let pose = circling(t - OFFSET) * sensor;
         let shaken = DQuat::from_scaled_axis(random.normal3() * 1e-3);
-        let place = pose.translation + random.normal3() * 5e-4;
-        (t, RigidTransform::new(shaken * pose.rotation, place))
+        let position = pose.translation + random.normal3() * 5e-4;
+        (t, RigidTransform::new(shaken * pose.rotation, position))
     });
     TrackerTrack::from_poses(readings.collect::<Vec<_>>(), 0.02)
 }
@@ -206,22 +206,22 @@ fn patches_determine_offset_with_known_mounting_and_are_rejected_with_a_wrong_on
 #[test]
 fn refuses_harmonic_oscillation() {
     let swing = |t: f64| {
-        let turn = DQuat::from_rotation_y(0.2 * (9.0 * t).sin());
-        RigidTransform::new(turn, DVec3::X * 0.1 * (9.0 * t).cos())
+        let rotation = DQuat::from_rotation_y(0.2 * (9.0 * t).sin());
+        RigidTransform::new(rotation, DVec3::X * 0.1 * (9.0 * t).cos())
     };
     let mut random = Random::new(9);
     let readings = (0..2400).map(|i| {
         let t = f64::from(i) / 120.0;
         let pose = swing(t - OFFSET);
-        let place = pose.translation + random.normal3() * 1e-4;
-        (t, RigidTransform::new(pose.rotation, place))
+        let position = pose.translation + random.normal3() * 1e-4;
+        (t, RigidTransform::new(pose.rotation, position))
     });
     let track = TrackerTrack::from_poses(readings.collect::<Vec<_>>(), 0.02);
     let motion = |i: i32| {
         let (from, to) = (f64::from(i - 1) / 30.0, f64::from(i) / 30.0);
         let back = swing(from).inverse() * swing(to);
-        let turn = back.rotation.to_scaled_axis();
-        let shift = DVec2::new(-700.0 * turn.y - 500.0 * back.translation.x, 0.0);
+        let rotation = back.rotation.to_scaled_axis();
+        let shift = DVec2::new(-700.0 * rotation.y - 500.0 * back.translation.x, 0.0);
         CameraMotion {
             from,
             to,

@@ -140,12 +140,12 @@ fn point(bin: usize, counts: &[u32; 64], response: &Response) -> Option<Point> {
         if n < MIN_COUNT {
             return None;
         }
-        let middle = within().map(|k| f64::from(counts[k]) * at(k)).sum::<f64>() / n;
+        let new_mean = within().map(|k| f64::from(counts[k]) * at(k)).sum::<f64>() / n;
         variance = within()
-            .map(|k| f64::from(counts[k]) * (at(k) - middle).powi(2))
+            .map(|k| f64::from(counts[k]) * (at(k) - new_mean).powi(2))
             .sum::<f64>()
             / n;
-        mean = middle;
+        mean = new_mean;
         limit = (OUTLIER_SIGMAS * variance.sqrt()).max(2.0);
     }
     // Half of the difference's variance for each picture, less that of rounding.

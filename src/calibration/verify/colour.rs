@@ -10,7 +10,7 @@ use penumbra_white_balance::chart::Photograph;
 use penumbra_white_balance::colour::delta_e_linear;
 use penumbra_white_balance::gather::{GatherOptions, Overlap, PhotometricPair, gather_pairs};
 use penumbra_white_balance::overlap::estimate_overlap;
-use penumbra_white_balance::{PhotometricMatch, Provenance};
+use penumbra_white_balance::{Provenance, WhiteBalanceMatch};
 
 /// The environment's picture may be so much older than the scene's, seconds.
 const TOGETHER: f64 = 0.2;
@@ -35,7 +35,7 @@ pub struct Colours {
 /// Compares pictures of both cameras as they come.
 #[derive(Debug)]
 pub struct Comparison {
-    photometry: PhotometricMatch,
+    photometry: WhiteBalanceMatch,
     last: Option<(Picture, MonotonicTime, Option<f64>)>,
     due: f64,
     moments: usize,
@@ -46,7 +46,7 @@ pub struct Comparison {
 impl Comparison {
     /// With what is known of the match so far.
     #[must_use]
-    pub const fn new(photometry: PhotometricMatch) -> Self {
+    pub const fn new(photometry: WhiteBalanceMatch) -> Self {
         Self {
             photometry,
             last: None,

@@ -25,7 +25,7 @@ use penumbra_interface::{MonotonicTime, PoseSample, RigidTransform};
 use penumbra_rig_model::RigDocument;
 use penumbra_scene::RayCaster;
 use penumbra_sync::{HistoryConfig, PoseHistory};
-use penumbra_white_balance::PhotometricMatch;
+use penumbra_white_balance::WhiteBalanceMatch;
 
 /// What the check is meant to take, seconds.
 const LENGTH: f64 = 60.0;
@@ -77,7 +77,7 @@ pub struct Verify {
 impl Verify {
     /// Of a rig; `photometry` is what is known of the match between its cameras.
     #[must_use]
-    pub fn new(known: Known, photometry: PhotometricMatch) -> Self {
+    pub fn new(known: Known, photometry: WhiteBalanceMatch) -> Self {
         let families = known.map.families();
         Self {
             detector: Detector::new(&families, &known.rig.calibration.scene_camera.response),

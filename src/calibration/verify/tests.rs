@@ -8,7 +8,7 @@ use penumbra_picture::Picture;
 use penumbra_rig_model::Grade;
 use penumbra_rig_model::Marker;
 use penumbra_rig_model::TrackerCalibration;
-use penumbra_white_balance::PhotometrySettings;
+use penumbra_white_balance::WhiteBalanceSettings;
 
 const LATENCY: f64 = 0.02;
 
@@ -115,7 +115,7 @@ fn checked(rig: RigDocument) -> Finished {
         caster: None,
         station: 1,
     };
-    let photometry = PhotometricMatch::new(PhotometrySettings::default(), false);
+    let photometry = WhiteBalanceMatch::new(WhiteBalanceSettings::default(), false);
     let mut step = Verify::new(known, photometry);
     show(&mut step);
     assert!(step.progress().message.contains("with markers"));

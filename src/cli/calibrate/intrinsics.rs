@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 use penumbra_calibration::intrinsics::{Board, IntrinsicsStep, Options, SaidLenses};
 use penumbra_calibration::step::{Eye, Step};
 use penumbra_camera::LensModel;
-use penumbra_rig::calibrate::{Looked, pictures_of_folder};
+use penumbra_rig::calibration_runner::{Looked, pictures_of_folder};
 use penumbra_rig_model::RigDocument;
 use penumbra_session::Session;
 use std::path::{Path, PathBuf};

@@ -9,9 +9,9 @@ use indicatif::ProgressBar;
 use penumbra_calibration::step::{Finished, Made, Step};
 use penumbra_config::Config;
 use penumbra_interface::threads;
-use penumbra_rig::calibrate::live::{EndedBy, LiveShow, Moment, Wish};
-use penumbra_rig::calibrate::steps::title_of;
-use penumbra_rig::calibrate::{Showcase, devices};
+use penumbra_rig::calibration_runner::live::{EndedBy, LiveShow, Moment, Wish};
+use penumbra_rig::calibration_runner::steps::title_of;
+use penumbra_rig::calibration_runner::{Showcase, devices};
 use penumbra_rig::service::Service;
 use penumbra_rig::{Live, live_settings};
 use penumbra_status::snapshot::SessionState;
@@ -101,7 +101,7 @@ pub fn carry_out(
     }
     let devices = live.supervised();
     if let Some(trouble) = devices::trouble(&wants, devices)
-        && devices.iter().all(|d| d.condition().received == 0)
+        && devices.iter().all(|d| d.status().received == 0)
     {
         bail!("no data: {trouble}");
     }

@@ -11,7 +11,7 @@ use penumbra_calibration::step::{Eye, Progress, Shown, ShownPicture, Step as _};
 use penumbra_config::Config;
 use penumbra_interface::MonotonicTime;
 use penumbra_picture::Picture;
-use penumbra_rig::calibrate::{radiometric_options, seen_by_both, show_session};
+use penumbra_rig::calibration_runner::{radiometric_options, seen_by_both, show_session};
 use penumbra_rig_model::RigDocument;
 use penumbra_session::Session;
 use std::path::PathBuf;

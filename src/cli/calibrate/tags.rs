@@ -4,7 +4,7 @@ use crate::cli::files::{claim, write};
 use clap::Args;
 use penumbra_camera::Response;
 use penumbra_fiducials::{Detector, Family};
-use penumbra_rig::calibrate::{Looked, pictures_of_folder};
+use penumbra_rig::calibration_runner::{Looked, pictures_of_folder};
 use std::fmt::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;

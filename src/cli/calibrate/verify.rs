@@ -2,7 +2,7 @@
 
 use super::from::FromArgs;
 use clap::Args;
-use penumbra_rig::calibrate::verify_step;
+use penumbra_rig::calibration_runner::verify_step;
 use std::process::ExitCode;
 
 #[derive(Debug, Args)]

@@ -20,7 +20,7 @@ fn noise_does_not_shake_a_camera_that_rests_and_motion_stays_whole() {
 
 #[test]
 fn the_time_to_the_window_follows_what_is_measured() {
-    let handing = Handing::default();
+    let handing = DisplayLatency::default();
     handing.add(8_000_000);
     assert_eq!(handing.nanos(), 8_000_000);
     (0..60).for_each(|_| handing.add(20_000_000));

@@ -1,11 +1,12 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
-use crate::Live;
+use crate::source::Live;
 use bytes::Bytes;
 use penumbra_config::Config;
 use penumbra_interface::threads;
 use penumbra_interface::{Frame, PixelFormat, RigidTransform};
 use penumbra_rig_model::RigDocument;
+use penumbra_session::LightNote;
 use penumbra_session::SessionWriter;
 use std::io::Cursor;
 use std::path::Path;
@@ -55,10 +56,10 @@ fn feed(source: &Source) -> Feed {
 }
 
 fn numbers(feed: &mut Feed) -> (u64, u64, u64) {
-    match feed.next_picture() {
-        Fed::Frame(fed) => (fed.frame.index, fed.frame.scene.sequence, fed.passed_over),
-        Fed::Idle => panic!("idle"),
-        Fed::End => panic!("the end"),
+    match feed.next_picture(None) {
+        Next::Item(fed) => (fed.frame.index, fed.frame.scene.sequence, fed.skipped),
+        Next::Idle => panic!("idle"),
+        Next::Ended => panic!("the end"),
     }
 }
 
@@ -78,7 +79,7 @@ fn of_the_pictures_that_wait_the_newest_is_made_and_the_others_are_counted() {
     assert_eq!(numbers(&mut feed), (7, 7, 0));
     assert_eq!(feed.counts().scene_frames, 8);
     hub.end();
-    assert!(matches!(feed.next_picture(), Fed::End));
+    assert!(matches!(feed.next_picture(None), Next::Ended));
 }
 
 #[test]
@@ -108,7 +109,7 @@ fn a_tracker_alone_does_not_keep_the_rig_from_saying_that_no_picture_comes() {
         }
     });
     let begun = Instant::now();
-    assert!(matches!(feed.next_picture(), Fed::Idle));
+    assert!(matches!(feed.next_picture(None), Next::Idle));
     assert!(begun.elapsed() < Duration::from_secs(5));
     assert!(feed.counts().poses > 5);
     over.store(true, Ordering::Relaxed);
@@ -128,7 +129,7 @@ fn a_replay_pairs_as_the_live_rig_did_and_knows_what_its_light_saw() {
         // The tracker is silent: the wait is over after 20 ms.
         writer.event(&SessionEvent::Tick(at(40 * n + 20))).unwrap();
         if n % 2 == 0 && n < 8 {
-            let noted = SessionEvent::Prepared {
+            let entry = SessionEvent::Prepared {
                 at: at(40 * n + 90),
                 arrived_at: shown,
                 light: (n > 0).then_some(LightNote {
@@ -136,7 +137,7 @@ fn a_replay_pairs_as_the_live_rig_did_and_knows_what_its_light_saw() {
                     lit_by: Some(at(0)),
                 }),
             };
-            writer.event(&noted).unwrap();
+            writer.event(&entry).unwrap();
         }
     }
     let folder = tempfile::tempdir().unwrap();
@@ -145,37 +146,37 @@ fn a_replay_pairs_as_the_live_rig_did_and_knows_what_its_light_saw() {
     let source = Source::Recorded(Session::open(&path).unwrap());
     let mut feed = feed(&source);
     let mut lit = Vec::new();
-    while let Fed::Frame(fed) = feed.next_picture() {
+    while let Next::Item(fed) = feed.next_picture(None) {
         assert_eq!(fed.frame.index, lit.len() as u64);
-        lit.push(fed.noted);
+        lit.push(fed.entry);
     }
-    let passed_over = Noted::PassedOver;
+    let skipped = JournalEntry::Skipped;
     let composed = |seen| {
-        Noted::Composed(Some(LightNote {
+        JournalEntry::Composed(Some(LightNote {
             seen,
             lit_by: Some(at(0)),
         }))
     };
     let expected = [
         // Older recordings say nothing of the light.
-        Noted::Composed(None),
-        passed_over,
+        JournalEntry::Composed(None),
+        skipped,
         composed(false),
-        passed_over,
+        skipped,
         composed(true),
-        passed_over,
+        skipped,
         composed(false),
-        passed_over,
-        passed_over,
-        passed_over,
+        skipped,
+        skipped,
+        skipped,
     ];
     assert_eq!(lit, expected);
     // Whoever does not follow the live rig lets the light see all.
     let rig = RigDocument::uncalibrated(640, 480).calibration;
     let mut all = Feed::new(&source, &rig, PairingConfig::default(), false);
     let mut count = 0;
-    while let Fed::Frame(fed) = all.next_picture() {
-        assert_eq!(fed.noted, Noted::Nothing);
+    while let Next::Item(fed) = all.next_picture(None) {
+        assert_eq!(fed.entry, JournalEntry::None);
         count += 1;
     }
     assert_eq!(count, 10);

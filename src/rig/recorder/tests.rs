@@ -1,6 +1,6 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-use super::super::wall_date::civil;
 use super::*;
+use crate::wall_date::civil;
 use bytes::Bytes;
 use penumbra_interface::{Frame, PixelFormat};
 use penumbra_session::Session;
@@ -155,7 +155,7 @@ fn a_full_disk_ends_the_recording_with_a_clear_state() {
         flushed: SystemClock.now(),
         recording: Recording::default(),
     };
-    hub.set_recorder(Some(Inlet::new(
+    hub.set_recorder(Some(RecorderQueue::new(
         events,
         job.waiting_bytes.clone(),
         Arc::default(),

@@ -24,14 +24,14 @@ fn camera_from_map() -> RigidTransform {
     )
 }
 
-fn station(map: Option<TagMap>, ball: Option<DVec3>, carried: bool) -> Station {
+fn station(map: Option<TagMap>, ball: Option<DVec3>, carried: bool) -> TagRegistration {
     let marker = SphereMarker {
         family: Family::Tag36h11,
         id: CARRIER,
         size: SIZE,
         centre_in_marker: BESIDE,
     };
-    Station {
+    TagRegistration {
         detector: Detector::new(&[Family::Tag36h11], &Response::srgb()),
         camera: synthetic::camera(),
         row_seconds: 0.0,
@@ -62,7 +62,7 @@ fn a_ball_beside_a_marker_is_told_with_the_poses_uncertainty_and_not_without_it(
     let tags = [synthetic::tag(3, SIZE, DVec3::ZERO)];
     let map = TagMap::new(tags.to_vec()).unwrap();
     let mut station = station(Some(map), Some(BESIDE), false);
-    let told = station.look(&picture(&tags), UNTRACKED, at(0));
+    let told = station.register(&picture(&tags), UNTRACKED, at(0));
     let ball = told.ball.unwrap();
     assert_eq!(ball.centre_in_world, BESIDE);
     assert!((0.01..2.0).contains(&ball.sigma), "{}", ball.sigma);
@@ -79,10 +79,10 @@ fn a_ball_beside_a_marker_is_told_with_the_poses_uncertainty_and_not_without_it(
     );
     assert_eq!(told.status.source, RegistrationSource::Markers);
     // Hidden: no pose, so no light is taken from this picture, and the ball is not lost for good.
-    let hidden = station.look(&picture(&[]), UNTRACKED, at(1));
+    let hidden = station.register(&picture(&[]), UNTRACKED, at(1));
     assert!(hidden.world_from_camera.is_none() && hidden.ball.is_none() && !hidden.ball_lost);
     assert_eq!(hidden.status.source, RegistrationSource::None);
-    let back = station.look(&picture(&tags), UNTRACKED, at(2));
+    let back = station.register(&picture(&tags), UNTRACKED, at(2));
     assert!(back.ball.is_some());
 }
 
@@ -101,13 +101,13 @@ fn a_carried_ball_goes_where_its_marker_goes_and_is_lost_with_it() {
         .enumerate()
     {
         let seen = picture(&[synthetic::tag(CARRIER, SIZE, place)]);
-        let told = station.look(&seen, tracked, at(k as i64));
+        let told = station.register(&seen, tracked, at(k as i64));
         let off = told.ball.unwrap().centre_in_world.distance(place + BESIDE);
         // A degree of the marker's tilt is 1.5 mm at the ball.
         assert!(off < 0.006, "{off} m");
         assert!(!told.ball_lost && told.status.source == RegistrationSource::Tracker);
     }
-    let hidden = station.look(&picture(&[]), tracked, at(2));
+    let hidden = station.register(&picture(&[]), tracked, at(2));
     assert!(hidden.ball_lost && hidden.ball.is_none());
     assert_eq!(
         hidden.world_from_camera,
@@ -118,15 +118,15 @@ fn a_carried_ball_goes_where_its_marker_goes_and_is_lost_with_it() {
         synthetic::tag(CARRIER, SIZE, DVec3::new(-0.08, 0.0, 0.0)),
         synthetic::tag(CARRIER, SIZE, DVec3::new(0.08, 0.0, 0.0)),
     ];
-    assert!(station.look(&picture(&twice), tracked, at(3)).ball_lost);
-    let back = station.look(
+    assert!(station.register(&picture(&twice), tracked, at(3)).ball_lost);
+    let back = station.register(
         &picture(&[synthetic::tag(CARRIER, SIZE, DVec3::ZERO)]),
         tracked,
         at(4),
     );
     assert!(!back.ball_lost);
     // Without the camera's pose the marker tells nothing of the world.
-    let adrift = station.look(
+    let adrift = station.register(
         &picture(&[synthetic::tag(CARRIER, SIZE, DVec3::ZERO)]),
         UNTRACKED,
         at(5),

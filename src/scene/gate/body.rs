@@ -1,17 +1,17 @@
-//! What stands beneath the roof: platform, columns, beams, brackets, walls, doors.
+//! The parts below the roof: platform, columns, beams, brackets, walls, doors.
 
 use super::Detail;
 use super::solids::{Solids, rectangle};
 use glam::{Vec2, Vec3};
 
-/// Upper side of the platform.
+/// Height of the platform's upper side, metres.
 const FLOOR: f32 = 0.48;
-/// Half of the platform's width and depth.
+/// Half of the platform's width and depth, metres.
 const PLATFORM: Vec2 = Vec2::new(2.75, 1.85);
-/// Column axes.
+/// Coordinates of the column axes, metres.
 const ACROSS: [f32; 4] = [-2.05, -0.8, 0.8, 2.05];
 const DEEP: [f32; 3] = [-1.2, 0.0, 1.2];
-/// Column tops.
+/// Height of the columns' tops, metres.
 const TOP: f32 = 2.98;
 const COLUMN: f32 = 0.15;
 
@@ -74,7 +74,7 @@ fn steps(out: &mut Solids, side: f32) {
         );
     }
     for x in [-0.97, 0.97] {
-        // A slanting cheek beside the steps.
+        // A slanting side wall of the steps.
         let (near, far) = (PLATFORM.y + 0.02, PLATFORM.y + 0.95);
         let path = [
             Vec3::new(x, side * near, 0.0),
@@ -109,7 +109,7 @@ pub(super) fn timber(out: &mut Solids, detail: Detail) {
     doorway(out);
 }
 
-/// Swells in its lower third (entasis) and ends round.
+/// A column with entasis (widest at a third of its height) and a rounded top.
 fn column(out: &mut Solids, x: f32, y: f32, detail: Detail) {
     let foot = Vec3::new(x, y, FLOOR + 0.06);
     let height = TOP - foot.z;
@@ -200,7 +200,7 @@ fn bracket(out: &mut Solids, x: f32, y: f32) {
     }
 }
 
-/// A block whose lower half narrows.
+/// A block whose lower half tapers.
 fn block(out: &mut Solids, foot: Vec3, half: f32, height: f32) {
     let level = |z: f32, scale: f32| (foot + Vec3::Z * z * height, scale);
     let levels = [
@@ -228,7 +228,7 @@ fn arm(out: &mut Solids, middle: Vec3, along: Vec3, half: f32) {
         (-0.8, -0.065),
     ]
     .map(|(x, z): (f32, f32)| Vec2::new(x * half, z));
-    // Swept sideways; along it lies its own right-hand side.
+    // Swept sideways, so that the outline's X axis lies along the arm.
     let path = [middle + side * 0.06, middle - side * 0.06];
     out.sweep(&path, Vec3::Z, &outline, |_| 1.0);
 }
@@ -303,7 +303,7 @@ pub(super) fn lattice() -> Solids {
         for i in 1..=10 {
             let x = from + (to - from) * i as f32 / 11.0;
             let at = |z: f32| Vec3::new(x, 0.0, z);
-            // On edge, as they are in the old temples.
+            // Set on edge, as in the historic temples.
             let turned = [(0.0, -0.055), (0.03, 0.0), (0.0, 0.055), (-0.03, 0.0)]
                 .map(|(x, y)| Vec2::new(x, y));
             out.stack(&[(at(1.17), 1.0), (at(2.25), 1.0)], &turned);

@@ -1,9 +1,8 @@
-//! A temple gate (chūmon), as Japan built them in the seventh century: a stone platform with
-//! steps, round columns that swell, brackets, a hip-and-gable roof of round tiles with drawn
-//! up corners, fishtails on its ridge, white walls, vermilion wood, an open doorway. It
-//! stands on z = 0 and looks towards −Y; about 6.1 m wide, 5.6 m deep with its steps, 6.3 m
-//! high. For demonstrations and benchmarks: what is lost can be shown where it stood (Kakuta
-//! et al. 2004, 2007).
+//! A Japanese temple gate (chūmon) of the seventh century, for demonstrations and benchmarks (virtual
+//! restoration on site, Kakuta et al. 2004, 2007): a stone platform with steps, round columns with
+//! entasis, brackets, a hip-and-gable roof of round tiles with raised corners and ridge ornaments,
+//! white walls, vermilion wood, an open doorway. It stands on z = 0 and faces −Y; about 6.1 m wide,
+//! 5.6 m deep with its steps, 6.3 m high.
 
 mod body;
 mod roof;
@@ -16,19 +15,19 @@ use penumbra_camera::linear_from_srgb;
 use solids::Solids;
 use std::sync::Arc;
 
-/// How finely the gate is cut.
+/// Level of detail.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Detail {
     /// Sides of a column.
     column: u32,
     /// Sides of a round tile.
     tile: u32,
-    /// Steps along what is bent.
+    /// Segments of curved parts.
     along: u32,
 }
 
 impl Detail {
-    fn of(segments: u32) -> Self {
+    fn from_segments(segments: u32) -> Self {
         let segments = segments.clamp(3, 2048);
         Self {
             column: (segments * 9 / 16).clamp(6, 256),
@@ -38,11 +37,11 @@ impl Detail {
     }
 }
 
-/// The gate; `segments` as for other round shapes: 64 gives the 58,500 triangles of
-/// the paper's model, 16 some 20,000.
+/// Creates the gate. `segments` as for round shapes: 64 gives the 58,500 triangles of the paper's
+/// model, 16 about 20,000.
 #[must_use]
 pub fn temple_gate(segments: u32) -> Model {
-    let detail = Detail::of(segments);
+    let detail = Detail::from_segments(segments);
     let (mut timber, mut tips, mut plaster) =
         (Solids::default(), Solids::default(), Solids::default());
     body::timber(&mut timber, detail);
@@ -115,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn it_has_as_many_triangles_as_the_paper_and_the_size_of_a_gate() {
+    fn has_the_papers_triangle_count_and_the_size_of_a_gate() {
         let counts = [16, 32, 48, 128].map(|n| count(&temple_gate(n)));
         assert!(counts.is_sorted() && counts[0] > 15_000, "{counts:?}");
         let model = temple_gate(64);

@@ -7,25 +7,25 @@ use std::f32::consts::PI;
 
 /// Half of the roof's width (along the ridge) and depth at the eaves.
 pub(super) const EAVES: Vec2 = Vec2::new(3.0, 2.15);
-/// Upper side of the eaves, above the ground.
+/// Height of the eaves' upper side, metres.
 const EAVES_Z: f32 = 3.56;
-/// From the eaves to the ridge.
+/// Height from the eaves to the ridge, metres.
 const RISE: f32 = 1.72;
-/// Share of the rise that is straight; the rest is a parabola, so that the roof hangs.
+/// Share of the rise that is linear; the rest is a parabola, so that the roof is concave.
 const STRAIGHT: f32 = 0.36;
-/// How far the corners are drawn up.
+/// Lift of the corners, metres.
 const CORNER_LIFT: f32 = 0.24;
-/// Where the gables stand, from the middle.
+/// Distance of the gables from the centre, metres.
 const GABLE: f32 = 1.95;
-/// Where the upper roof ends.
+/// Distance of the upper roof's end from the centre, metres.
 const VERGE: f32 = 2.2;
 /// Depth of the skirt roof beneath the gables.
 const SKIRT: f32 = EAVES.x - GABLE;
-/// Of the roof's boards and flat tiles.
+/// Thickness of the roof's boards and flat tiles, metres.
 const THICKNESS: f32 = 0.09;
-/// Between rows of round tiles.
+/// Distance between rows of round tiles, metres.
 const ROW: f32 = 0.16;
-/// Radius of a round tile.
+/// Radius of a round tile, metres.
 const TILE: f32 = 0.052;
 
 /// Height of the roof's surface at `depth` metres from an eave.
@@ -34,13 +34,13 @@ fn slope(depth: f32) -> f32 {
     EAVES_Z + RISE * (STRAIGHT * share + (1.0 - STRAIGHT) * share * share)
 }
 
-/// The roof's surface over a place whose nearer eave is `depth` away.
+/// Point of the roof's surface at (x, y), `depth` metres from the nearest eave.
 pub(super) fn surface(x: f32, y: f32, depth: f32) -> Vec3 {
     let lift = CORNER_LIFT * ((x / EAVES.x).abs().powi(5) * (y / EAVES.y).abs().powi(5));
     Vec3::new(x, y, slope(depth) + lift)
 }
 
-/// Turns what is built for the front (towards −Y) to the back, and likewise for sides.
+/// Rotation of a part built for the front (towards −Y) or the right side to the opposite side.
 type Turn = fn(Vec3) -> Vec3;
 const FRONT: Turn = |p| p;
 const BACK: Turn = |p| Vec3::new(-p.x, -p.y, p.z);
@@ -55,7 +55,7 @@ fn right(along: f32, depth: f32) -> Vec3 {
     surface(EAVES.x - depth, along, depth)
 }
 
-/// All that is tiled.
+/// The tiled parts.
 pub(super) fn tiles(detail: Detail) -> Solids {
     let mut out = Solids::default();
     for turn in [FRONT, BACK] {
@@ -151,7 +151,7 @@ fn hips(out: &mut Solids, detail: Detail) {
                 sy * (EAVES.y - depth),
                 depth.max(0.0),
             );
-            // The lower end is drawn up.
+            // The lower end is raised.
             p + Vec3::Z * 0.05 * (i as f32 / n as f32).powi(6)
         };
         let path: Vec<Vec3> = (0..=n).map(hip).collect();
@@ -190,14 +190,14 @@ fn ornament(out: &mut Solids, at: Vec3, ahead: Vec3, size: f32) {
     );
 }
 
-/// The main ridge with its fishtails (shibi).
+/// The main ridge with its fishtail ornaments (shibi).
 fn ridge(out: &mut Solids, detail: Detail) {
     // Longer than a slope.
     let n = detail.along as usize + 3;
     let z = slope(EAVES.y) - 0.03;
     let along = |i: usize| {
         let x = VERGE * (2.0 * i as f32 / n as f32 - 1.0);
-        // It sags in the middle, as the eaves do.
+        // It sags in the centre, as the eaves do.
         Vec3::new(x, 0.0, z + 0.07 * (x / VERGE).powi(2))
     };
     let path: Vec<Vec3> = (0..=n).map(along).collect();
@@ -265,7 +265,7 @@ pub(super) fn gables(out: &mut Solids, detail: Detail) {
     }
 }
 
-/// What is of wood: rafters, the boards that carry the eaves' tiles, bargeboards.
+/// The wooden parts: rafters, fascia boards, bargeboards.
 pub(super) fn wood(out: &mut Solids, tips: &mut Solids, detail: Detail) {
     for turn in [FRONT, BACK] {
         let count = (EAVES.x / 0.2) as i32;

@@ -1,14 +1,14 @@
-//! Closed solids, gathered into one mesh. All face outwards.
+//! Closed solids, collected in one mesh. All face outwards.
 
 use crate::mesh::{Mesh, Vertex};
 use crate::normals::recompute_normals;
 use glam::{Vec2, Vec3, Vec4};
 use std::f32::consts::TAU;
 
-/// Edges that bend by more than this stay sharp, radians.
+/// Minimum angle between faces at a sharp edge, radians.
 const CREASE: f32 = 0.6;
 
-/// A growing heap of solids.
+/// A collection of solids.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Solids {
     positions: Vec<Vec3>,
@@ -50,8 +50,7 @@ impl Solids {
         self.stack(&ends.map(|at| (at, 1.0)), &section);
     }
 
-    /// A solid of level sections above one another: the same outline about each centre,
-    /// scaled.
+    /// A solid of horizontal sections: the same outline around each centre, scaled.
     pub fn stack(&mut self, levels: &[(Vec3, f32)], section: &[Vec2]) {
         let ring = |(at, scale): &(Vec3, f32)| -> Vec<Vec3> {
             section
@@ -63,7 +62,7 @@ impl Solids {
         self.loft(&rings);
     }
 
-    /// A round solid about a vertical axis: radius and height above `foot`, bottom to top.
+    /// A solid of revolution about a vertical axis: radius and height above `foot`, bottom to top.
     pub fn turned(&mut self, foot: Vec3, profile: &[(f32, f32)], segments: u32) {
         let levels: Vec<(Vec3, f32)> = profile
             .iter()
@@ -72,8 +71,8 @@ impl Solids {
         self.stack(&levels, &circle(1.0, segments));
     }
 
-    /// A straight or bent beam: `section` (right and up as one looks along it, anticlockwise
-    /// seen from its end) carried along `path`, scaled by `scale` at each point.
+    /// A straight or curved beam: `section` (right and up looking along it, anticlockwise seen from its
+    /// end) swept along `path`, scaled by `scale` at each point.
     pub fn sweep(
         &mut self,
         path: &[Vec3],
@@ -95,7 +94,7 @@ impl Solids {
         self.loft(&rings);
     }
 
-    /// A straight solid from one section to another of equally many corners, upright.
+    /// A straight solid from one vertical section to another.
     pub fn tapered(&mut self, [from, to]: [Vec3; 2], first: [Vec2; 4], last: [Vec2; 4]) {
         let side = Vec3::Z.cross(to - from).normalize_or(Vec3::X);
         let ring = |at: Vec3, section: [Vec2; 4]| -> Vec<Vec3> {
@@ -117,7 +116,7 @@ impl Solids {
         );
     }
 
-    /// Closes a tube of rings of equally many points, each anticlockwise seen from the end.
+    /// Adds a closed tube of rings with equal numbers of points, each anticlockwise seen from the end.
     fn loft(&mut self, rings: &[Vec<Vec3>]) {
         let starts: Vec<u32> = rings
             .iter()
@@ -152,8 +151,8 @@ impl Solids {
         }
     }
 
-    /// A bent plate: `top(u, v)` for u and v from 0 to 1 is the side towards ∂u × ∂v, the
-    /// other lies `through` from it.
+    /// A curved plate: `top(u, v)` for u and v from 0 to 1 is the side towards ∂u × ∂v; the other is
+    /// offset by `through`.
     pub fn plate(
         &mut self,
         across: u32,
@@ -192,13 +191,13 @@ impl Solids {
     }
 }
 
-/// Anticlockwise, about the origin.
+/// A rectangle around the origin, anticlockwise.
 pub(super) fn rectangle(half_width: f32, half_height: f32) -> [Vec2; 4] {
     [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
         .map(|(x, y)| Vec2::new(x * half_width, y * half_height))
 }
 
-/// Anticlockwise, about the origin.
+/// A circle around the origin, anticlockwise.
 pub(super) fn circle(radius: f32, segments: u32) -> Vec<Vec2> {
     let angle = |i: u32| TAU * i as f32 / segments as f32;
     (0..segments)

@@ -80,7 +80,7 @@ fn volume(mesh: &Mesh) -> f32 {
 }
 
 #[test]
-fn a_mesh_comes_up_the_right_way_with_flat_normals() {
+fn converts_mesh_to_z_up_with_flat_normals() {
     let model = load(&document()).unwrap();
     let part = &model.parts[0];
     assert_eq!(part.name, "rock");
@@ -111,7 +111,7 @@ fn a_mesh_comes_up_the_right_way_with_flat_normals() {
 }
 
 #[test]
-fn the_material_is_read_with_its_extensions() {
+fn reads_material_with_extensions() {
     let material = load(&document()).unwrap().parts[0].material.clone();
     assert_eq!(material.base_colour, Vec4::new(0.5, 0.25, 0.125, 1.0));
     assert_eq!(
@@ -165,7 +165,7 @@ fn one_warning_names_the_ignored_specular_properties() {
 }
 
 #[test]
-fn nodes_are_placed_below_one_another() {
+fn nodes_inherit_their_parents_transforms() {
     let mut d = document();
     d["nodes"] = json!([
         {"children": [1, 2], "translation": [10.0, 0.0, 0.0]},
@@ -200,7 +200,7 @@ fn strips_and_fans_become_triangles() {
 }
 
 #[test]
-fn data_uris_and_sparse_accessors_are_read() {
+fn reads_data_uris_and_sparse_accessors() {
     let mut d = document();
     // Three zero bytes and the little-endian 1.0 of a sparse value: index 3, then (0, 0, 1).
     d["buffers"] = json!([{"byteLength": 72}, {"byteLength": 16,
@@ -261,7 +261,7 @@ fn load_textured(d: &Value, binary: &[u8]) -> Result<Model, SceneError> {
 }
 
 #[test]
-fn textures_are_decoded_once_and_normal_maps_bring_tangents() {
+fn textures_are_decoded_once_and_normal_maps_have_tangents() {
     let (d, binary) = textured([0.25, 0.5], Value::Null);
     let model = load_textured(&d, &binary).unwrap();
     let material = &model.parts[0].material;
@@ -278,7 +278,7 @@ fn textures_are_decoded_once_and_normal_maps_bring_tangents() {
 }
 
 #[test]
-fn texture_transforms_are_baked_in() {
+fn applies_texture_transforms_to_coordinates() {
     // The matrix of the extension's own text: translation · rotation · scale, with
     // rotation [[cos, sin], [−sin, cos]].
     let half_pi = std::f32::consts::FRAC_PI_2;
@@ -292,67 +292,70 @@ fn texture_transforms_are_baked_in() {
     assert!((uv - Vec2::new(12.0, 19.5)).length() < 1e-5, "{uv}");
 }
 
-#[test]
-fn hostile_documents_are_refused_in_one_line() {
-    type Change = fn(&mut Value);
-    let cases: [(Change, &str); 16] = [
-        (
-            |d| {
-                d["accessors"][0] = json!({"componentType": 5126, "type": "VEC3",
+type Change = fn(&mut Value);
+
+/// Changes of a document that make it hostile, and a word of their messages.
+const HOSTILE: [(Change, &str); 16] = [
+    (
+        |d| {
+            d["accessors"][0] = json!({"componentType": 5126, "type": "VEC3",
                 "count": 50_000_000, "min": [0, 0, 0], "max": [1, 1, 1],
                 "sparse": {"count": 1, "indices": {"bufferView": 0, "componentType": 5121},
                            "values": {"bufferView": 0}}})
-            },
-            "no data",
-        ),
-        (
-            |d| d["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = json!(u32::MAX),
-            "POSITION",
-        ),
-        (|d| d["accessors"][0]["count"] = json!(5), "reaches past"),
-        (
-            |d| d["accessors"][0]["byteOffset"] = json!(u64::MAX),
-            "reaches past",
-        ),
-        (
-            |d| d["accessors"][1]["count"] = json!(4_000_000_000u64),
-            "too large",
-        ),
-        (
-            |d| d["bufferViews"][0]["byteLength"] = json!(u64::MAX),
-            "past its buffer",
-        ),
-        (|d| d["buffers"][0]["byteLength"] = json!(1000), "too short"),
-        (
-            |d| d["buffers"][0]["uri"] = json!("../secret.bin"),
-            "outside",
-        ),
-        (|d| d["buffers"][0]["uri"] = json!("/etc/passwd"), "outside"),
-        (|d| d["buffers"][0]["uri"] = json!("%2e%2e/x"), "outside"),
-        (
-            |d| d["buffers"][0]["uri"] = json!("file:///etc/passwd"),
-            "outside",
-        ),
-        (
-            |d| d["buffers"][0]["uri"] = json!("gone.bin"),
-            "no such file",
-        ),
-        (
-            |d| d["nodes"] = json!([{"mesh": 0, "children": [0]}]),
-            "no tree",
-        ),
-        (
-            |d| d["extensionsRequired"] = json!(["KHR_draco_mesh_compression"]),
-            "draco",
-        ),
-        (|d| d["nodes"][0] = json!({}), "no triangles"),
-        (|d| d["images"] = json!([{}]), ""),
-    ];
-    for (change, expected) in cases {
+        },
+        "no data",
+    ),
+    (
+        |d| d["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = json!(u32::MAX),
+        "POSITION",
+    ),
+    (|d| d["accessors"][0]["count"] = json!(5), "reaches past"),
+    (
+        |d| d["accessors"][0]["byteOffset"] = json!(u64::MAX),
+        "reaches past",
+    ),
+    (
+        |d| d["accessors"][1]["count"] = json!(4_000_000_000u64),
+        "too large",
+    ),
+    (
+        |d| d["bufferViews"][0]["byteLength"] = json!(u64::MAX),
+        "past its buffer",
+    ),
+    (|d| d["buffers"][0]["byteLength"] = json!(1000), "too short"),
+    (
+        |d| d["buffers"][0]["uri"] = json!("../secret.bin"),
+        "outside",
+    ),
+    (|d| d["buffers"][0]["uri"] = json!("/etc/passwd"), "outside"),
+    (|d| d["buffers"][0]["uri"] = json!("%2e%2e/x"), "outside"),
+    (
+        |d| d["buffers"][0]["uri"] = json!("file:///etc/passwd"),
+        "outside",
+    ),
+    (
+        |d| d["buffers"][0]["uri"] = json!("gone.bin"),
+        "no such file",
+    ),
+    (
+        |d| d["nodes"] = json!([{"mesh": 0, "children": [0]}]),
+        "not a tree",
+    ),
+    (
+        |d| d["extensionsRequired"] = json!(["KHR_draco_mesh_compression"]),
+        "draco",
+    ),
+    (|d| d["nodes"][0] = json!({}), "no triangles"),
+    (|d| d["images"] = json!([{}]), ""),
+];
+
+#[test]
+fn refuses_hostile_documents_with_one_line() {
+    for (change, expected) in HOSTILE {
         let mut d = document();
         change(&mut d);
         if expected.is_empty() {
-            // An unused image without data harms nobody.
+            // An unused image without data is no error.
             load(&d).unwrap();
         } else {
             let text = complaint(&d);
@@ -362,7 +365,7 @@ fn hostile_documents_are_refused_in_one_line() {
 }
 
 #[test]
-fn bad_geometry_is_refused() {
+fn refuses_invalid_geometry() {
     let refuse = |change: fn(&mut Vec<u8>), expected: &str| {
         let mut binary = tetrahedron();
         change(&mut binary);
@@ -385,7 +388,7 @@ fn bad_geometry_is_refused() {
 }
 
 #[test]
-fn links_out_of_the_folder_are_not_followed() {
+fn refuses_links_out_of_the_folder() {
     let folder = tempfile::tempdir().unwrap();
     let (inside, outside) = (folder.path().join("in"), folder.path().join("out.bin"));
     std::fs::create_dir(&inside).unwrap();
@@ -406,7 +409,7 @@ fn links_out_of_the_folder_are_not_followed() {
 }
 
 #[test]
-fn a_missing_file_is_named() {
+fn error_names_a_missing_file() {
     let text = load_gltf(Path::new("/nowhere/x.glb"))
         .unwrap_err()
         .to_string();
@@ -462,18 +465,14 @@ fn replace_nth_leaf(value: &mut Value, left: &mut usize, with: &Value) {
     }
 }
 
-/// A published model, unless ../shared is missing.
-fn published(test: &str, file: &str) -> Option<Model> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/models");
-    if !folder.is_dir() {
-        eprintln!("SKIPPED {test}: ../shared is missing");
-        return None;
-    }
+/// A published model; `None` where the shared data is missing.
+fn published(file: &str) -> Option<Model> {
+    let folder = penumbra_test_data::shared("data/models")?;
     Some(load_gltf(&folder.join(file)).unwrap())
 }
 
 #[test]
-fn published_models_are_read_whole_and_upright() {
+fn published_models_have_their_triangles_and_height() {
     // Triangles and height as the files' accessor counts, bounds and nodes give them.
     let cases = [
         ("Duck/Duck.glb", 1, 4212, 1.5404),
@@ -484,7 +483,7 @@ fn published_models_are_read_whole_and_upright() {
         ("suzi.glb", 1, 15_744, 1.3383),
     ];
     for (file, parts, triangles, height) in cases {
-        let Some(model) = published("published_models_are_read_whole_and_upright", file) else {
+        let Some(model) = published(file) else {
             return;
         };
         let count: usize = model.parts.iter().map(|p| p.mesh.indices.len() / 3).sum();
@@ -499,9 +498,9 @@ fn published_models_are_read_whole_and_upright() {
 }
 
 #[test]
-fn our_tangents_agree_with_the_water_bottles_own() {
+fn recomputed_tangents_equal_those_of_a_published_model() {
     let file = "WaterBottle/WaterBottle.gltf";
-    let Some(model) = published("our_tangents_agree_with_the_water_bottles_own", file) else {
+    let Some(model) = published(file) else {
         return;
     };
     let part = &model.parts[0];
@@ -527,7 +526,7 @@ fn our_tangents_agree_with_the_water_bottles_own() {
 }
 
 #[test]
-fn lamps_of_a_model_are_read_where_they_stand() {
+fn reads_lamps_with_their_poses() {
     let mut d = document();
     d["extensionsUsed"] = json!(["KHR_lights_punctual"]);
     d["extensions"] = json!({"KHR_lights_punctual": {"lights": [
@@ -575,10 +574,10 @@ fn lamps_of_a_model_are_read_where_they_stand() {
     ] {
         let mut broken = d.clone();
         broken["extensions"]["KHR_lights_punctual"]["lights"][at] = light;
-        let said = read(&broken).unwrap_err().to_string();
+        let message = read(&broken).unwrap_err().to_string();
         assert!(
-            said.starts_with("m.glb") && said.lines().count() == 1,
-            "{said}"
+            message.starts_with("m.glb") && message.lines().count() == 1,
+            "{message}"
         );
     }
     let mut dangling = d.clone();
@@ -629,7 +628,7 @@ fn origin(model: &Model, seconds: f64) -> DVec3 {
 }
 
 #[test]
-fn an_animation_of_a_model_is_where_its_closed_form_is() {
+fn animation_equals_its_closed_form() {
     // Steps: 1 up, then 3 up, begins anew after 2 s. Y up is Z up here.
     let steps = [0.0, 1.0, 0.0, 0.0, 3.0, 0.0, 0.0, 3.0, 0.0];
     let bytes = animated("translation", "STEP", &[0.0, 1.0, 2.0], &steps, "VEC3");
@@ -669,7 +668,7 @@ fn an_animation_of_a_model_is_where_its_closed_form_is() {
 }
 
 #[test]
-fn an_animation_that_is_not_wanted_or_not_there_moves_nothing() {
+fn unselected_or_missing_animation_moves_nothing() {
     let bytes = animated("translation", "LINEAR", &[0.0], &[0.0, 5.0, 0.0], "VEC3");
     for (playing, plays) in [(Playing::Nothing, true), (Playing::Named("wave"), false)] {
         let model = play(&bytes, playing).unwrap();
@@ -684,16 +683,16 @@ fn an_animation_that_is_not_wanted_or_not_there_moves_nothing() {
 }
 
 #[test]
-fn broken_animations_are_refused_with_node_and_reason() {
+fn errors_of_animations_name_node_and_reason() {
     let two = [0.0, 1.0];
     let cases = [
         (
             animated("translation", "LINEAR", &[1.0, 0.5], &[0.0; 6], "VEC3"),
-            "do not grow",
+            "do not increase",
         ),
         (
             animated("translation", "LINEAR", &[f32::NAN, 1.0], &[0.0; 6], "VEC3"),
-            "do not grow",
+            "do not increase",
         ),
         (
             animated("translation", "LINEAR", &two, &[f32::INFINITY; 6], "VEC3"),
@@ -719,25 +718,28 @@ fn broken_animations_are_refused_with_node_and_reason() {
                 &[1.0, 1.0, 1.0, 1.0, 0.0, 1.0],
                 "VEC3",
             ),
-            "nothing",
+            "becomes zero",
         ),
     ];
     for (bytes, expected) in cases {
-        let said = play(&bytes, Playing::First).unwrap_err().to_string();
-        assert!(said.contains("animation `swing`: node `arm`"), "{said}");
+        let message = play(&bytes, Playing::First).unwrap_err().to_string();
         assert!(
-            said.contains(expected) && said.lines().count() == 1,
-            "{said}"
+            message.contains("animation `swing`: node `arm`"),
+            "{message}"
+        );
+        assert!(
+            message.contains(expected) && message.lines().count() == 1,
+            "{message}"
         );
         assert!(
             play(&bytes, Playing::Nothing).is_ok(),
-            "nobody asked for it"
+            "the animation is not selected"
         );
     }
 }
 
 #[test]
-fn files_that_a_model_names_are_known_without_being_read() {
+fn lists_named_files_without_reading_them() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("m.gltf");
     let text = json!({"asset": {"version": "2.0"},

@@ -1,11 +1,11 @@
-//! Which of many possible planes to take: those that together see most of the surface.
+//! Selects, among candidates, the planes that together see most of the surface.
 //!
-//! A plane serves a fragment the better the straighter it looks at it (but a slanting look is
-//! far better than none), and not at all where something stands between. The value of a set of planes is the area, each fragment counted
-//! with the best plane that serves it. That is a submodular function: taking the plane that
-//! gains most, again and again, comes within 1 − 1/e of the best set (Nemhauser et al. 1978).
+//! The value of a plane for a fragment rises with the cosine between their normals (from 0.8 to 1)
+//! and is zero if the fragment is hidden. The value of a set of planes is the sum over the fragments
+//! of their area times the best plane's value. This function is submodular: greedy selection
+//! reaches at least 1 − 1/e of the optimum (Nemhauser et al. 1978).
 
-use super::depth::seen_from;
+use super::depth::visible_from;
 use super::hull::hull_faces;
 use super::rectangle::{Axes, plane_around};
 use super::surface::Fragment;
@@ -13,29 +13,29 @@ use super::{Layer, ShadowingPlane};
 use glam::DVec3;
 use std::collections::HashSet;
 
-/// Directions of one cluster that come from its hull, and from its own surface.
-const MOST_DIRECTIONS: [usize; 2] = [14, 8];
-/// Directions nearer to one another than this cosine are one: 20°.
+/// Maximum number of directions of a cluster from its hull and from its surface.
+const MAX_DIRECTIONS: [usize; 2] = [14, 8];
+/// Directions with at least this cosine (20°) are merged.
 const SAME: f64 = 0.94;
-/// What faces a plane by less than this cosine takes no shadows from it.
-pub(super) const FACES: f64 = 0.2;
-/// Planes behind one another that look the same way at one cluster.
+/// Minimum cosine between a fragment's normal and that of a plane that serves it.
+pub(super) const MIN_COSINE: f64 = 0.2;
+/// Maximum number of parallel planes behind one another for one cluster and direction.
 const LAYERS: usize = 3;
-/// What is covered is looked for in layers of this share of a cluster's depth.
+/// Thickness of the layers in which hidden fragments are searched, as a share of a cluster's depth.
 const LAYER: f64 = 0.06;
-/// Planes that look straight up at something are left out.
-const STRAIGHT_DOWN: f64 = -0.95;
+/// Minimum Z of a plane's normal: planes below a surface are left out.
+const MIN_NORMAL_Z: f64 = -0.95;
 
-/// A plane that could be taken.
+/// A plane that can be selected.
 #[derive(Clone, Debug)]
 pub(super) struct Candidate {
     /// The plane.
     pub plane: ShadowingPlane,
-    /// Fragments that it serves, with what each gains of it at most.
+    /// Fragments that it serves, and its value for each.
     pub serves: Vec<(u32, f32)>,
 }
 
-/// Planes around those of a layer's clusters that are `wanted`.
+/// Returns candidates around the clusters of a layer that are `wanted`.
 pub(super) fn candidates(
     fragments: &[Fragment],
     clusters: u32,
@@ -51,7 +51,7 @@ pub(super) fn candidates(
         for direction in directions(&own) {
             let facing: Vec<&Fragment> = own
                 .iter()
-                .filter(|f| f.normal.dot(direction) > FACES)
+                .filter(|f| f.normal.dot(direction) > MIN_COSINE)
                 .copied()
                 .collect();
             let mut seen = HashSet::new();
@@ -62,8 +62,8 @@ pub(super) fn candidates(
                 let serves = served_by(&plane, fragments);
                 seen.extend(serves.iter().map(|s| s.0));
                 let thick = plane.depth.max(0.5 * extent) * LAYER;
-                // The outermost may see nothing for another cluster before it; what is inside
-                // is looked for all the same.
+                // Another cluster may hide everything from the outermost plane; planes farther in are
+                // tried nevertheless.
                 if !serves.is_empty() {
                     out.push(Candidate { plane, serves });
                 } else if inward > 0 {
@@ -78,7 +78,7 @@ pub(super) fn candidates(
     out
 }
 
-/// What planes that are there already do for a layer's clusters.
+/// Returns existing planes as candidates, with their values for a layer's clusters.
 pub(super) fn serving(
     planes: impl Iterator<Item = ShadowingPlane>,
     fragments: &[Fragment],
@@ -93,8 +93,8 @@ pub(super) fn serving(
     out
 }
 
-/// What each fragment gives, in place of how straight it is looked at: clusters count by the
-/// root of their area, so that what is small still gets its planes.
+/// Weights the values by area. Clusters count by the square root of their area, so that small ones
+/// get planes too.
 fn weigh(candidates: &mut [Candidate], fragments: &[Fragment], clusters: u32) {
     let mut areas = vec![0.0; clusters as usize];
     for f in fragments {
@@ -110,22 +110,22 @@ fn weigh(candidates: &mut [Candidate], fragments: &[Fragment], clusters: u32) {
     }
 }
 
-/// Normals of the hull's faces and of the surface itself, largest first, similar ones merged.
+/// Normals of the hull's faces and of the surface, largest area first, similar ones merged.
 fn directions(own: &[&Fragment]) -> Vec<DVec3> {
     let corners: Vec<DVec3> = own.iter().flat_map(|f| f.corners).collect();
-    let faces = merged(hull_faces(&corners), MOST_DIRECTIONS[0]);
+    let faces = merged(hull_faces(&corners), MAX_DIRECTIONS[0]);
     let surface = own.iter().map(|f| (f.normal, f.area)).collect();
     let mut out = faces;
-    for direction in merged(surface, MOST_DIRECTIONS[1]) {
+    for direction in merged(surface, MAX_DIRECTIONS[1]) {
         if out.iter().all(|d| d.dot(direction) < SAME) {
             out.push(direction);
         }
     }
-    out.retain(|d| d.z > STRAIGHT_DOWN);
+    out.retain(|d| d.z > MIN_NORMAL_Z);
     out
 }
 
-/// The directions of the largest areas; those like an earlier one are added to it.
+/// The directions of the largest areas; directions similar to an earlier one are added to it.
 fn merged(mut faces: Vec<(DVec3, f64)>, most: usize) -> Vec<DVec3> {
     faces.sort_by(|a, b| b.1.total_cmp(&a.1));
     let mut groups: Vec<(DVec3, DVec3, f64)> = Vec::new();
@@ -142,7 +142,7 @@ fn merged(mut faces: Vec<(DVec3, f64)>, most: usize) -> Vec<DVec3> {
     groups.iter().map(|g| g.1.normalize_or(g.0)).collect()
 }
 
-/// How far along `direction` the fragments reach.
+/// Maximum coordinate of the fragments along `direction`, metres.
 fn front(fragments: &[&Fragment], direction: DVec3) -> f64 {
     let along = |f: &&Fragment| f.corners.map(|p| p.dot(direction));
     fragments
@@ -151,8 +151,8 @@ fn front(fragments: &[&Fragment], direction: DVec3) -> f64 {
         .fold(f64::NEG_INFINITY, f64::max)
 }
 
-/// The largest flat share of `facing` that is not `seen` by planes farther out, as there is
-/// something between (a floor beneath a roof): it gets a plane of its own, inside the model.
+/// The largest layer of `facing` fragments that are not `seen` by planes farther out because they are
+/// hidden (a floor beneath a roof): it gets its own plane inside the model.
 fn covered<'a>(
     facing: &[&'a Fragment],
     seen: &HashSet<u32>,
@@ -180,7 +180,7 @@ fn covered<'a>(
     unseen[best.1].to_vec()
 }
 
-/// The plane before `facing`, `front` metres along its normal.
+/// The plane in front of `facing`, at `front` metres along its normal.
 fn plane_of(
     facing: &[&Fragment],
     direction: DVec3,
@@ -197,7 +197,7 @@ fn plane_of(
         return None;
     }
     let (low, high) = super::surface::bounds(points.iter().copied());
-    // A plane may stand off a large building by more than it may a cup.
+    // The offset is limited by the size of the surface.
     let offset = offset_m.min((high - low).length() * 0.05).max(1e-6);
     let depth = (front - back) * 1.01 + 2.0 * offset;
     let axes = Axes::around(direction);
@@ -208,17 +208,16 @@ fn served_by(plane: &ShadowingPlane, fragments: &[Fragment]) -> Vec<(u32, f32)> 
     let normal = plane.normal();
     let share = |i: &u32| {
         let f = fragments.get(*i as usize)?;
-        let straight = f.normal.dot(normal);
-        let serves = straight > FACES && f.area > 0.0;
-        serves.then_some((*i, (0.75 + 0.25 * straight) as f32))
+        let cosine = f.normal.dot(normal);
+        let serves = cosine > MIN_COSINE && f.area > 0.0;
+        serves.then_some((*i, (0.75 + 0.25 * cosine) as f32))
     };
-    let seen = seen_from(plane, fragments);
+    let seen = visible_from(plane, fragments);
     seen.iter().filter_map(share).collect()
 }
 
-/// The candidates that gain most together beside those that are `kept`, in the order in which
-/// they were taken, at most `count`, and as long as one gains `least` of what the best one of
-/// all gains.
+/// Selects greedily at most `count` candidates in addition to those that are `kept`, until the gain
+/// falls below `least` times that of the best candidate. Returns them in the order of selection.
 pub(super) fn choose(
     candidates: Vec<Candidate>,
     kept: &[Candidate],
@@ -241,7 +240,7 @@ pub(super) fn choose(
         .collect();
     let mut out: Vec<Candidate> = Vec::new();
     while out.len() < count {
-        // A gain only falls with what is taken, so that an old one is a bound.
+        // Gains only decrease, so that an old gain is an upper bound (lazy greedy).
         let Some(next) = top(&waiting) else { break };
         let fresh = gain(&waiting[next].1, &best);
         waiting[next].0 = fresh;
@@ -258,7 +257,7 @@ pub(super) fn choose(
     out
 }
 
-/// What each fragment has of the best plane that serves it.
+/// Updates each fragment's best value.
 fn serve(best: &mut [f32], candidate: &Candidate) {
     for (i, share) in &candidate.serves {
         if let Some(slot) = best.get_mut(*i as usize) {
@@ -267,7 +266,7 @@ fn serve(best: &mut [f32], candidate: &Candidate) {
     }
 }
 
-/// The place of the largest gain; the first of several.
+/// Index of the first largest gain.
 fn top(waiting: &[(f32, Candidate)]) -> Option<usize> {
     let gains = waiting.iter().map(|w| w.0).enumerate();
     gains

@@ -1,28 +1,28 @@
-//! How a model is divided: first into objects, which are groups of parts that interlock (a
-//! building's materials are parts, too); then each that is not convex by decomposition.
+//! Divides a model into clusters: first into objects, groups of parts that overlap (each material of a
+//! building is a part); then objects that are not convex by convex decomposition.
 
 use super::hull::{Clusters, hull_faces};
 use super::surface::{Fragment, bounds};
 use crate::mesh::Scene;
 use glam::DVec3;
 
-/// Parts whose boxes share this much of the smaller one are one object.
-const INTERLOCKED: f64 = 0.25;
-/// Convex is what lies within this share of its extent of a face of its hull,
+/// Minimum overlap of two parts' boxes, as a share of the smaller one, that makes them one object.
+const MIN_OVERLAP: f64 = 0.25;
+/// A convex object lies within this share of its extent of a face of its hull …
 const ON_HULL: f64 = 0.03;
-/// that faces the same way up to this cosine,
+/// … whose normal has at least this cosine with its own …
 const FACING: f64 = 0.8;
-/// but for this share of its area.
-const OFF_HULL: f64 = 0.05;
+/// … except for at most this share of its area.
+const MAX_OFF_HULL: f64 = 0.05;
 
-/// Gives each fragment its cluster; says how many there are, at most `most` of them.
-pub(super) fn divide(fragments: &mut [Fragment], scene: &Scene, most: u32) -> u32 {
-    let most = most.max(1);
+/// Assigns each fragment to one of at most `max_clusters` clusters; returns their number.
+pub(super) fn divide(fragments: &mut [Fragment], scene: &Scene, max_clusters: u32) -> u32 {
+    let most = max_clusters.max(1);
     let objects = objects(fragments, scene.virtual_parts.len());
     let count = objects.iter().max().map_or(1, |o| o + 1);
     let object = |f: &Fragment| objects.get(f.part as usize).copied().unwrap_or(0);
     if count > most {
-        // More objects than clusters: neighbours come together.
+        // More objects than clusters: neighbours are merged.
         return decompose(fragments, |_| true, 0, most);
     }
     let areas = areas(fragments, count, object);
@@ -49,8 +49,8 @@ fn areas(fragments: &[Fragment], count: u32, object: impl Fn(&Fragment) -> u32) 
     areas
 }
 
-/// Divides those fragments that are `within` into at most `most` clusters, numbered from
-/// `first`; says into how many.
+/// Divides the fragments that are `within` into at most `most` clusters, numbered from `first`;
+/// returns their number.
 fn decompose(
     fragments: &mut [Fragment],
     within: impl Fn(&Fragment) -> bool,
@@ -95,10 +95,10 @@ fn is_convex(triangles: &[[DVec3; 3]]) -> bool {
         facing.all(|(n, support)| support - middle.dot(*n) > near)
     };
     let whole: f64 = triangles.iter().map(area).sum();
-    triangles.iter().filter(is_off).map(area).sum::<f64>() <= whole * OFF_HULL
+    triangles.iter().filter(is_off).map(area).sum::<f64>() <= whole * MAX_OFF_HULL
 }
 
-/// The number of each part's object: parts whose bounding boxes interlock have the same.
+/// Index of each part's object: parts whose bounding boxes overlap have the same.
 fn objects(fragments: &[Fragment], parts: usize) -> Vec<u32> {
     let mut boxes = vec![(DVec3::INFINITY, DVec3::NEG_INFINITY); parts];
     for f in fragments {
@@ -111,7 +111,7 @@ fn objects(fragments: &[Fragment], parts: usize) -> Vec<u32> {
     let mut group: Vec<usize> = (0..parts).collect();
     for a in 0..parts {
         for b in 0..a {
-            if group[a] != group[b] && interlock(boxes[a], boxes[b]) {
+            if group[a] != group[b] && do_overlap(boxes[a], boxes[b]) {
                 let (from, to) = (group[a].max(group[b]), group[a].min(group[b]));
                 group
                     .iter_mut()
@@ -129,12 +129,12 @@ fn objects(fragments: &[Fragment], parts: usize) -> Vec<u32> {
         .collect()
 }
 
-fn interlock(a: (DVec3, DVec3), b: (DVec3, DVec3)) -> bool {
-    // Flat parts have no volume; a little thickness gives them one.
+fn do_overlap(a: (DVec3, DVec3), b: (DVec3, DVec3)) -> bool {
+    // Flat parts get a small thickness, so that they have a volume.
     let volume = |(low, high): (DVec3, DVec3)| {
         let size = (high - low).max(DVec3::ZERO);
         (size + size.max_element() * 1e-3).element_product()
     };
     let (low, high) = (a.0.max(b.0), a.1.min(b.1));
-    high.cmpge(low).all() && volume((low, high)) > INTERLOCKED * volume(a).min(volume(b))
+    high.cmpge(low).all() && volume((low, high)) > MIN_OVERLAP * volume(a).min(volume(b))
 }

@@ -1,22 +1,22 @@
-//! What a plane's camera sees: a small depth image on the CPU.
+//! Visibility of fragments from a plane's camera, by a small depth image on the CPU.
 
 use super::ShadowingPlane;
 use super::surface::Fragment;
 use glam::{DVec2, DVec3};
 
-/// Cells along a side.
+/// Side of the depth image, cells.
 const CELLS: usize = 96;
 
-/// Fragments that lie in a plane's rectangle and slab with nothing between.
-pub(super) fn seen_from(plane: &ShadowingPlane, fragments: &[Fragment]) -> Vec<u32> {
-    let view = View::of(plane);
+/// Returns the fragments inside a plane's rectangle and depth that nothing hides from the plane.
+pub(super) fn visible_from(plane: &ShadowingPlane, fragments: &[Fragment]) -> Vec<u32> {
+    let view = View::new(plane);
     let mut nearest = vec![f64::INFINITY; CELLS * CELLS];
     for f in fragments {
         view.draw(f, &mut nearest);
     }
-    let seen = |f: &Fragment| view.sees(f, &nearest);
+    let is_visible = |f: &Fragment| view.is_visible(f, &nearest);
     let all = fragments.iter().enumerate();
-    all.filter(|(_, f)| seen(f))
+    all.filter(|(_, f)| is_visible(f))
         .map(|(i, _)| i as u32)
         .collect()
 }
@@ -27,15 +27,16 @@ struct View<'a> {
 }
 
 impl<'a> View<'a> {
-    fn of(plane: &'a ShadowingPlane) -> Self {
+    fn new(plane: &'a ShadowingPlane) -> Self {
         Self {
             plane,
             normal: plane.normal(),
         }
     }
 
-    /// Cells right and up from the rectangle's corner, and metres behind the plane.
-    fn place(&self, p: DVec3) -> (DVec2, f64) {
+    /// Position in the depth image (cells right and up from the rectangle's corner) and distance
+    /// behind the plane, metres.
+    fn project(&self, p: DVec3) -> (DVec2, f64) {
         let from = p - self.plane.centre;
         let flat = DVec2::new(from.dot(self.plane.right), from.dot(self.plane.up));
         let cell = (flat / self.plane.half_size + 1.0) / 2.0 * CELLS as f64;
@@ -43,7 +44,7 @@ impl<'a> View<'a> {
     }
 
     fn draw(&self, f: &Fragment, nearest: &mut [f64]) {
-        let placed = f.corners.map(|p| self.place(p));
+        let placed = f.corners.map(|p| self.project(p));
         let least = placed.iter().fold(f64::INFINITY, |m, p| m.min(p.1));
         let most = placed.iter().fold(f64::NEG_INFINITY, |m, p| m.max(p.1));
         if most < 0.0 || least > self.plane.depth {
@@ -78,22 +79,21 @@ impl<'a> View<'a> {
         }
     }
 
-    fn sees(&self, f: &Fragment, nearest: &[f64]) -> bool {
-        let (cell, depth) = self.place(f.centre);
+    fn is_visible(&self, f: &Fragment, nearest: &[f64]) -> bool {
+        let (cell, depth) = self.project(f.centre);
         let inside = cell.min_element() >= 0.0 && cell.max_element() < CELLS as f64;
         if !inside || depth < 0.0 || depth > self.plane.depth {
             return false;
         }
-        let before = nearest.get(cell.y as usize * CELLS + cell.x as usize);
-        before.is_none_or(|before| depth <= before + self.slack(f))
+        let first = nearest.get(cell.y as usize * CELLS + cell.x as usize);
+        first.is_none_or(|first| depth <= first + self.tolerance(f))
     }
 
-    /// How much deeper than its cell's nearest surface a fragment may be that is that
-    /// surface: a cell is not a point, and the surface is steep.
-    fn slack(&self, f: &Fragment) -> f64 {
-        // Rounding makes cosines that are a little more than one.
-        let straight = f.normal.dot(self.normal).abs().clamp(0.2, 1.0);
+    /// Tolerance of the depth comparison: the depth of a steep surface varies within a cell.
+    fn tolerance(&self, f: &Fragment) -> f64 {
+        // Rounding may make the cosine larger than one.
+        let cosine = f.normal.dot(self.normal).abs().clamp(0.2, 1.0);
         let cell = self.plane.half_size.max_element() * 2.0 / CELLS as f64;
-        cell * (1.0 - straight * straight).sqrt() / straight + self.plane.depth * 2e-3
+        cell * (1.0 - cosine * cosine).sqrt() / cosine + self.plane.depth * 2e-3
     }
 }

@@ -1,4 +1,4 @@
-//! Shadowing planes from the model itself.
+//! Generates shadowing planes from the model.
 
 use super::choose::{Candidate, candidates, choose, serving};
 use super::clusters::divide;
@@ -10,17 +10,16 @@ use crate::raycast::RayCaster;
 use glam::DVec3;
 use thiserror::Error;
 
-/// How many planes, and how they lie.
+/// Number and position of planes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlaneSettings {
-    /// Planes at most, those of the ground and of phantoms among them.
+    /// Maximum number of planes, including those of the ground and of phantoms.
     pub count: u32,
-    /// Clusters at most that the model is divided into.
+    /// Maximum number of clusters into which the model is divided.
     pub clusters: u32,
-    /// How far planes stand off what they cover, metres; less for what is small.
+    /// Distance of planes from the surfaces that they cover, metres; less for small surfaces.
     pub offset_m: f64,
-    /// Where planes over parts catch their shadows. Those of the ground always catch them
-    /// themselves.
+    /// Receiver of planes over parts. Planes on the ground are always their own receivers.
     pub receiver: Receiver,
 }
 
@@ -35,12 +34,12 @@ impl Default for PlaneSettings {
     }
 }
 
-/// Why no planes can be made.
+/// Why planes cannot be generated.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum PlaneError {
     /// A vertex is not finite, or too far from the origin.
     #[error(
-        "{part}: a vertex lies more than 10000 km from the world's origin or is no number; check the model's units and its position"
+        "{part}: a vertex is more than 10000 km from the world's origin or not finite; check the model's units and its position"
     )]
     FarAway {
         /// Name of the part.
@@ -54,32 +53,31 @@ pub enum PlaneError {
     /// Too few planes for the ground and the model.
     #[error("{count} shadowing planes are too few; expected from 2 to 1000")]
     Count {
-        /// What was asked for.
+        /// Requested number.
         count: u32,
     },
 }
 
-/// Planes on the ground have room to spare beyond the shadows, a share of their own size that
-/// they may lack and still be kept.
-const SPARE: f64 = 0.04;
-/// Planes on the ground may be kept that are larger than needed by this factor.
-const COARSER: f64 = 1.7;
-/// Planes that one call may make.
-const MOST_PLANES: u32 = 1000;
-/// A plane that gains less than this share of what the best one gains is not worth its images.
-const LEAST_GAIN: f32 = 0.002;
-/// Phantoms farther from the model than this many times its extent take no shadow of it.
-const REACH: f64 = 6.25;
-/// What phantoms count beside the model of the same size: a shadow need not fall on them.
-const PHANTOM_SHARE: f32 = 0.3;
+/// Shortfall of an existing ground plane, as a share of the new plane's size, up to which it is kept.
+const MAX_SHORTFALL: f64 = 0.04;
+/// Maximum ratio of the area of an existing ground plane that is kept to that of the new plane.
+const MAX_AREA_RATIO: f64 = 1.7;
+/// Maximum of [`PlaneSettings::count`].
+const MAX_PLANES: u32 = 1000;
+/// Minimum gain of a plane as a share of the best plane's gain.
+const MIN_GAIN: f32 = 0.002;
+/// Maximum distance of a phantom that the model shadows, in extents of the model.
+const MAX_DISTANCE: f64 = 6.25;
+/// Weight of phantoms relative to the model: shadows need not fall on them.
+const PHANTOM_WEIGHT: f32 = 0.3;
 
-/// Planes for everything virtual, for the ground and for the phantoms about the model; those
-/// of the real layer first. Nothing virtual needs no planes.
+/// Generates planes for virtual objects, for the ground and for the phantoms around the model; those
+/// of the real layer first. Returns none without virtual objects.
 ///
 /// # Errors
 ///
-/// Models without any surface, with vertices that are no numbers, and a useless
-/// [`PlaneSettings::count`].
+/// The model has no surface or vertices that are not finite, or [`PlaneSettings::count`] is out of
+/// range.
 pub fn generate(
     scene: &Scene,
     settings: &PlaneSettings,
@@ -87,24 +85,24 @@ pub fn generate(
     generate_beside(scene, settings, &Kept::default())
 }
 
-/// Planes of an earlier bake that still stand for what they cover.
+/// Planes of an earlier bake that are still valid.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Kept {
-    /// Over parts, and those on the ground.
+    /// Planes over parts and on the ground.
     pub planes: Vec<ShadowingPlane>,
-    /// Virtual and real parts that need planes anew, by index; none where all do.
+    /// Indices of virtual and real parts that need new planes; `None` if all do.
     pub changed: Option<[Vec<u32>; 2]>,
 }
 
 impl Kept {
-    /// Whether a layer's part needs planes.
-    fn wants(&self, layer: Layer, part: u32) -> bool {
+    /// Whether a part of a layer needs new planes.
+    fn needs_planes(&self, layer: Layer, part: u32) -> bool {
         let of_layer = usize::from(layer == Layer::Real);
         let changed = self.changed.as_ref().map(|c| &c[of_layer]);
         changed.is_none_or(|parts| parts.contains(&part))
     }
 
-    /// Those that are no ground.
+    /// Planes of a layer that are not on the ground.
     fn over_parts(
         &self,
         layer: Layer,
@@ -116,18 +114,18 @@ impl Kept {
     }
 }
 
-/// Whether a plane is one of those on that ground.
+/// Whether a plane is on that ground.
 fn is_on(plane: &ShadowingPlane, ground: &[u32]) -> bool {
     plane.layer == Layer::Real && plane.parts == ground
 }
 
-/// The same beside planes that are `kept`, which are among what is returned.
+/// Generates planes as [`generate`] in addition to planes that are `kept`; returns both.
 pub(super) fn generate_beside(
     scene: &Scene,
     settings: &PlaneSettings,
     kept: &Kept,
 ) -> Result<Vec<ShadowingPlane>, PlaneError> {
-    if !(2..=MOST_PLANES).contains(&settings.count) {
+    if !(2..=MAX_PLANES).contains(&settings.count) {
         return Err(PlaneError::Count {
             count: settings.count,
         });
@@ -140,7 +138,7 @@ pub(super) fn generate_beside(
     }
     let model = model(scene)?;
     let left = (settings.count as usize).saturating_sub(planes.len());
-    planes.extend(made(scene, model, settings, left, wanted, kept)?);
+    planes.extend(new_planes(scene, model, settings, left, wanted, kept)?);
     planes.sort_by_key(|p| p.layer != Layer::Real);
     Ok(planes)
 }
@@ -155,8 +153,8 @@ fn model(scene: &Scene) -> Result<Surface, PlaneError> {
     Ok(model)
 }
 
-/// At most `count` planes of those layers (real, virtual) that are `wanted`.
-fn made(
+/// Generates at most `count` planes of the requested layers (real, virtual).
+fn new_planes(
     scene: &Scene,
     mut model: Surface,
     settings: &PlaneSettings,
@@ -169,7 +167,7 @@ fn made(
     } else {
         Surface::default()
     };
-    let ground = Ground::of(scene, &real.fragments).filter(|_| on_real);
+    let ground = Ground::find(scene, &real.fragments).filter(|_| on_real);
     let mut planes = ground.as_ref().map_or_else(Vec::new, |g| {
         g.planes(&model.fragments, (count / 4).clamp(1, 3), settings.offset_m)
     });
@@ -188,21 +186,20 @@ fn made(
     Ok(planes)
 }
 
-/// Planes on the ground that were there stay where they hold what the new ones would, and are
-/// not much coarser.
+/// Replaces new planes on the ground by existing ones that contain them and are not much larger.
 fn keep_ground(planes: &mut [ShadowingPlane], kept: &Kept, ground: Option<u32>) {
     let ground: Vec<u32> = ground.into_iter().collect();
     let old: Vec<&ShadowingPlane> = kept.planes.iter().filter(|p| is_on(p, &ground)).collect();
     let area = |p: &ShadowingPlane| p.half_size.x * p.half_size.y;
     let holds = |old: &ShadowingPlane, new: &ShadowingPlane| {
-        let off = new.centre - old.centre;
-        let (x, y) = (off.dot(old.right).abs(), off.dot(old.up).abs());
-        let spare = new.half_size.max_element() * SPARE;
+        let offset = new.centre - old.centre;
+        let (x, y) = (offset.dot(old.right).abs(), offset.dot(old.up).abs());
+        let spare = new.half_size.max_element() * MAX_SHORTFALL;
         let room = old.half_size - new.half_size + spare;
-        let lies_in = off.dot(old.normal()).abs() < old.depth / 2.0
+        let lies_in = offset.dot(old.normal()).abs() < old.depth / 2.0
             && x <= room.x + 1e-6
             && y <= room.y + 1e-6;
-        lies_in && area(old) <= COARSER * area(new)
+        lies_in && area(old) <= MAX_AREA_RATIO * area(new)
     };
     if old.len() == planes.len() && old.iter().zip(planes.iter()).all(|(o, n)| holds(o, n)) {
         planes.iter_mut().zip(old).for_each(|(n, o)| *n = o.clone());
@@ -222,31 +219,31 @@ fn longest((low, high): (DVec3, DVec3)) -> f64 {
     (high - low).max_element()
 }
 
-/// Leaves those phantoms in `real` on which shadows of the model can fall, each a cluster; says
-/// how many.
+/// Removes from `real` the phantoms that the model cannot shadow, makes each of the others a cluster,
+/// and returns their number.
 fn near_phantoms(real: &mut Surface, model: &Surface, ground: Option<u32>, extent: f64) -> u32 {
     let (low, high) = model.bounds();
-    let off = |p: DVec3| p.distance(p.clamp(low, high)) / extent;
+    let distance = |p: DVec3| p.distance(p.clamp(low, high)) / extent;
     real.fragments.retain(|f| {
-        // All light comes from above, and falls on what faces it: a surface that has the
-        // whole model behind itself, or beneath, never lies in its shadow.
+        // Light comes from above and from in front of a surface: a surface with the entire model
+        // behind or below it is never in its shadow.
         let corner = DVec3::select(f.normal.cmpgt(DVec3::ZERO), high, low);
         let faces_it = (corner - f.centre).dot(f.normal) > 0.0 && f.centre.z < high.z;
-        Some(f.part) != ground && off(f.centre) < REACH && faces_it
+        Some(f.part) != ground && distance(f.centre) < MAX_DISTANCE && faces_it
     });
     real.renumber();
     let mut parts: Vec<u32> = real.fragments.iter().map(|f| f.part).collect();
     parts.dedup();
     for f in &mut real.fragments {
-        let near = off(f.centre);
+        let near = distance(f.centre);
         f.area /= 1.0 + near * near;
         f.cluster = parts.iter().position(|p| *p == f.part).unwrap_or(0) as u32;
     }
     parts.len() as u32
 }
 
-/// Planes over phantoms, then those over the model, together at most `most`. `surfaces` are
-/// those of the model and of phantoms, with the numbers of their clusters.
+/// Selects at most `most` planes over phantoms and over the model, in this order. `surfaces` are those
+/// of the model and of the phantoms, with their numbers of clusters.
 fn over_parts(
     surfaces: [(&Surface, u32); 2],
     most: usize,
@@ -259,7 +256,7 @@ fn over_parts(
     let of_layer = |at: usize, layer: Layer| {
         let (surface, clusters) = surfaces[at];
         let fragments = &surface.fragments;
-        let changed = |f: &Fragment| kept.wants(layer, f.part);
+        let changed = |f: &Fragment| kept.needs_planes(layer, f.part);
         let mut wanted = vec![false; clusters as usize];
         for f in fragments.iter().filter(|f| changed(f)) {
             if let Some(wanted) = wanted.get_mut(f.cluster as usize) {
@@ -268,12 +265,12 @@ fn over_parts(
         }
         let wanted = |c: u32| wanted.get(c as usize).is_some_and(|w| *w);
         let new = candidates(fragments, clusters, wanted, layer, settings.offset_m);
-        // A layer whose planes stand by hand has no clusters.
+        // A layer with planes placed by hand has no clusters.
         let old = kept.over_parts(layer, ground).filter(|_| clusters > 0);
         let old = serving(old, fragments, clusters);
         [new, old].map(|mut all| {
             if layer == Layer::Real {
-                all.iter_mut().for_each(|c| of_phantoms(c, first));
+                all.iter_mut().for_each(|c| renumber_phantom(c, first));
             }
             all
         })
@@ -283,7 +280,7 @@ fn over_parts(
     new.extend(new_real);
     old.extend(old_real);
     let count = model.fragments.len() + real.fragments.len();
-    let taken = choose(new, &old, count, most.saturating_sub(old.len()), LEAST_GAIN);
+    let taken = choose(new, &old, count, most.saturating_sub(old.len()), MIN_GAIN);
     let part = |i: u32| {
         model
             .fragments
@@ -307,11 +304,11 @@ fn over_parts(
     planes
 }
 
-/// Numbers a candidate's fragments after the model's, of which there are `first`.
-fn of_phantoms(candidate: &mut Candidate, first: u32) {
+/// Numbers a candidate's fragments after the `first` fragments of the model, and weights them.
+fn renumber_phantom(candidate: &mut Candidate, first: u32) {
     for (i, share) in &mut candidate.serves {
         *i += first;
-        *share *= PHANTOM_SHARE;
+        *share *= PHANTOM_WEIGHT;
     }
 }
 

@@ -1,5 +1,5 @@
-//! Planes on the real ground: a fine one around the model and coarser ones around that, for
-//! the long shadows of low lights.
+//! Planes on the real ground: a fine one around the model and larger, coarser ones for the long
+//! shadows of low lights.
 
 use super::rectangle::Axes;
 use super::surface::{Fragment, bounds};
@@ -7,31 +7,31 @@ use super::{Layer, Receiver, ShadowingPlane};
 use crate::mesh::Scene;
 use glam::{DVec2, DVec3};
 
-/// Shadow lengths per height that the nested planes hold: the lights of a dome of frequency 2
-/// stand at 72.5°, 52.6°, 40.1°, 20.1°, 10.8° and 9.1°, and the steps are the cotangents of
-/// the last ones.
+/// Shadow lengths per height of the caster that the nested planes hold. The lights of a dome of
+/// frequency 2 have elevations of 72.5°, 52.6°, 40.1°, 20.1°, 10.8° and 9.1°; the values are the
+/// cotangents of 9.1°, 20.1° and 40.1°.
 const LONG: f64 = 6.25;
 const MEDIUM: f64 = 2.75;
 const SHORT: f64 = 1.2;
 
-/// A level or slanted flat piece of the real ground.
+/// A flat, possibly slanted piece of the real ground.
 #[derive(Clone, Debug)]
 pub(super) struct Ground {
     axes: Axes,
-    /// Along the normal, metres.
+    /// Offset along the normal, metres.
     height: f64,
-    /// Corners of its rectangle in the axes.
+    /// Corners of its rectangle along the axes.
     limits: (DVec2, DVec2),
-    /// The phantom that it is; none for the endless ground of a scene without one.
+    /// Index of its phantom; `None` for the unbounded ground of a scene without one.
     pub part: Option<u32>,
 }
 
 impl Ground {
-    /// The ground of a scene: the phantom of that name, else one that is flat, faces up and
-    /// is the largest of such, else the endless plane at [`Scene::ground_height`].
-    pub fn of(scene: &Scene, phantoms: &[Fragment]) -> Option<Self> {
+    /// Finds the ground of a scene: the phantom of that name, else the unbounded plane at
+    /// [`Scene::ground_height`], else the largest phantom that is flat and faces up.
+    pub fn find(scene: &Scene, phantoms: &[Fragment]) -> Option<Self> {
         let parts = 0..scene.phantom_parts.len() as u32;
-        let flat = |part: u32| Self::of_part(phantoms, part).map(|g| (g.area(), g));
+        let flat = |part: u32| Self::from_part(phantoms, part).map(|g| (g.area(), g));
         let named = parts
             .clone()
             .find(|p| scene.phantom_parts[*p as usize].name == "ground");
@@ -52,7 +52,7 @@ impl Ground {
             .map(|g| g.1)
     }
 
-    fn of_part(phantoms: &[Fragment], part: u32) -> Option<Self> {
+    fn from_part(phantoms: &[Fragment], part: u32) -> Option<Self> {
         let own = || phantoms.iter().filter(move |f| f.part == part);
         let normal = own()
             .map(|f| f.normal * f.area)
@@ -79,15 +79,20 @@ impl Ground {
         size.x * size.y
     }
 
-    /// Planes around the shadows of `model`, finest first, at most `most`.
-    pub fn planes(&self, model: &[Fragment], most: usize, offset_m: f64) -> Vec<ShadowingPlane> {
+    /// Returns at most `max_planes` planes around the shadows of `model`, finest first.
+    pub fn planes(
+        &self,
+        model: &[Fragment],
+        max_planes: usize,
+        offset_m: f64,
+    ) -> Vec<ShadowingPlane> {
         let corners = || model.iter().flat_map(|f| f.corners);
         let top = corners()
             .map(|p| p.dot(self.axes.normal))
             .fold(f64::NEG_INFINITY, f64::max);
         let height = (top - self.height).max(0.0);
         let foot = flat_bounds(&self.axes, corners());
-        let reaches: &[f64] = match most {
+        let reaches: &[f64] = match max_planes {
             0 => &[],
             1 => &[MEDIUM],
             2 => &[SHORT, LONG],
@@ -99,7 +104,7 @@ impl Ground {
                 continue;
             };
             let area = |p: &ShadowingPlane| p.half_size.x * p.half_size.y;
-            // Where the ground ends, a larger plane would be the same again.
+            // At the border of the ground a larger plane would be the same.
             if out
                 .last()
                 .is_none_or(|last| area(&plane) > 1.2 * area(last))
@@ -120,8 +125,7 @@ impl Ground {
         if half.min_element().is_nan() || half.min_element() <= 0.0 {
             return None;
         }
-        // Shadows are caught on the rectangle itself: standing off by more than a little would
-        // move those of low lights.
+        // Shadows are baked for the rectangle itself: a large offset would shift those of low lights.
         let offset = offset_m.min(half.max_element() * 1e-3).max(1e-6);
         let middle = low.midpoint(high);
         let Axes { right, up, normal } = self.axes;

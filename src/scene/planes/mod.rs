@@ -1,10 +1,10 @@
-//! Shadowing planes and what is baked onto them (Kakuta et al. 2004, 2007): soft shadows of
-//! large static models at a cost that does not depend on their triangles.
+//! Shadowing planes and their basis images (Kakuta et al. 2004, 2007): soft shadows of large static
+//! models at a cost that does not depend on their triangles.
 //!
-//! A model's parts are covered roughly by planes. Ahead of time a parallel camera looks
-//! along each plane's normal, and one basis image per plane and light is drawn: how much of
-//! the light arrives there. In each frame the images are summed with the luminance of the
-//! lights' faces of the dome, and the sums are mapped back onto what the planes cover.
+//! Planes cover the parts of a model roughly. Offline, one basis image per plane and light of the
+//! dome is rendered with a parallel camera along the plane's normal: the light that does not arrive.
+//! In each frame the images are summed, weighted by the luminance of the dome's faces, and the sums
+//! are mapped back to the surfaces that the planes cover.
 
 pub mod bake;
 mod choose;
@@ -26,37 +26,37 @@ pub(super) use hand::covered_parts;
 use glam::{DVec2, DVec3};
 use penumbra_interface::RigidTransform;
 
-/// A rectangle that catches shadows.
+/// A rectangle that receives shadows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ShadowingPlane {
-    /// Middle of the rectangle: world, metres.
+    /// Centre of the rectangle, world, metres.
     pub centre: DVec3,
-    /// Unit vector along the basis images' columns, to the right as seen by the plane's
-    /// camera, which looks against the normal.
+    /// Unit vector to the right in the basis images, as seen by the plane's camera, which looks
+    /// against the normal.
     pub right: DVec3,
-    /// Unit vector against the images' rows. `right × up` is the normal.
+    /// Unit vector upwards in the images. `right × up` is the normal.
     pub up: DVec3,
     /// Half of width and height, metres.
     pub half_size: DVec2,
-    /// How far behind the plane surfaces still belong to it, metres.
+    /// Maximum distance behind the plane of the surfaces that it covers, metres.
     pub depth: f64,
-    /// On what its shadows are shown.
+    /// Surfaces on which its shadows are visible.
     pub layer: Layer,
-    /// Where shadows are caught.
+    /// Surface for which shadows are baked.
     pub receiver: Receiver,
-    /// Indices of the parts that it covers: into [`crate::mesh::Scene::virtual_parts`] or
-    /// [`crate::mesh::Scene::phantom_parts`], by its layer.
+    /// Indices of the parts that it covers, in [`crate::mesh::Scene::virtual_parts`] or
+    /// [`crate::mesh::Scene::phantom_parts`] by its layer.
     pub parts: Vec<u32>,
 }
 
 impl ShadowingPlane {
-    /// Unit vector away from what is covered.
+    /// Unit normal, away from the covered surfaces.
     #[must_use]
     pub fn normal(&self) -> DVec3 {
         self.right.cross(self.up)
     }
 
-    /// The same plane, carried along with what it covers.
+    /// Returns the plane after a rigid motion of the surfaces that it covers.
     #[must_use]
     pub fn moved(&self, motion: RigidTransform) -> Self {
         Self {
@@ -68,22 +68,22 @@ impl ShadowingPlane {
     }
 }
 
-/// On what a plane's shadows are shown.
+/// Surfaces on which a plane's shadows are visible.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Layer {
-    /// On the real scene: ground, phantoms. Virtual objects darken it; real ones have done so
-    /// already, in the camera's picture.
+    /// The real scene: ground, phantoms. Shadows of virtual objects are added; those of real objects
+    /// are in the camera's picture already.
     Real,
-    /// On virtual objects: both virtual and real objects darken it.
+    /// Virtual objects: shadows of virtual and real objects are added.
     Virtual,
 }
 
-/// Where a plane's shadows are caught.
+/// Surface for which shadows are baked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Receiver {
-    /// On the rectangle itself, as in the papers: right for the ground.
+    /// The rectangle itself, as in the papers: exact for the ground.
     Plane,
-    /// On the first surface behind each of its texels, as the plane's camera sees it: an eave
-    /// shadows the wall and not the plane before it.
+    /// The first surface behind each texel, as the plane's camera sees it: an eave shadows the wall,
+    /// not the plane in front of it.
     Surface,
 }

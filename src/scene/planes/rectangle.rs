@@ -1,9 +1,9 @@
-//! The smallest rectangle around points of a plane.
+//! The smallest rectangle around points in a plane.
 
 use super::{Layer, Receiver, ShadowingPlane};
 use glam::{DVec2, DVec3};
 
-/// Axes of a plane before its rectangle is known: `right × up` is the normal.
+/// Axes of a plane; `right × up` is the normal.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Axes {
     pub right: DVec3,
@@ -12,7 +12,7 @@ pub(super) struct Axes {
 }
 
 impl Axes {
-    /// Axes around `normal`, `up` as near the world's +Z (for level planes +Y) as can be.
+    /// Returns the axes of `normal` with `up` nearest to the world's +Z (+Y for level planes).
     pub fn around(normal: DVec3) -> Self {
         let hint = if normal.z.abs() > 0.95 {
             DVec3::Y
@@ -32,8 +32,8 @@ impl Axes {
         DVec2::new(p.dot(self.right), p.dot(self.up))
     }
 
-    /// The axes turned by `angle` about the normal.
-    fn turned(self, angle: f64) -> Self {
+    /// The axes rotated by `angle` (radians) about the normal.
+    fn rotated(self, angle: f64) -> Self {
         let (sin, cos) = angle.sin_cos();
         let right = self.right * cos + self.up * sin;
         Self {
@@ -44,8 +44,8 @@ impl Axes {
     }
 }
 
-/// The plane whose rectangle is the smallest around `points`, `front` metres along its
-/// normal, and as deep as `depth`.
+/// Returns the plane with the smallest rectangle around `points`, at `front` metres along its normal,
+/// with the depth `depth`.
 pub(super) fn plane_around(
     axes: Axes,
     points: &[DVec3],
@@ -54,7 +54,7 @@ pub(super) fn plane_around(
     layer: Layer,
 ) -> ShadowingPlane {
     let flat: Vec<DVec2> = points.iter().map(|p| axes.flat(*p)).collect();
-    let axes = axes.turned(best_turn(&hull(flat)));
+    let axes = axes.rotated(best_angle(&hull(flat)));
     let (low, high) = points
         .iter()
         .map(|p| axes.flat(*p))
@@ -67,8 +67,7 @@ pub(super) fn plane_around(
         centre: axes.right * middle.x + axes.up * middle.y + axes.normal * front,
         right: axes.right,
         up: axes.up,
-        // A texel and a half of 128 more on each side, so that filters stay inside, and never
-        // nothing.
+        // Margin of 1.5 of 128 texels on each side for filters; never zero.
         half_size: half * 1.025 + DVec2::splat(half.max_element() * 1e-3 + 1e-6),
         depth,
         layer,
@@ -89,7 +88,7 @@ fn hull(mut points: Vec<DVec2>) -> Vec<DVec2> {
     out
 }
 
-/// One half of the hull, without its last corner.
+/// Lower or upper half of the hull, without its last corner.
 fn half_hull<'a>(points: impl Iterator<Item = &'a DVec2>) -> Vec<DVec2> {
     let mut chain: Vec<DVec2> = Vec::new();
     for p in points {
@@ -104,9 +103,9 @@ fn half_hull<'a>(points: impl Iterator<Item = &'a DVec2>) -> Vec<DVec2> {
     chain
 }
 
-/// By how much to turn so that the box around `hull` is smallest: one of its sides lies
-/// along an edge (Freeman & Shapira 1975). Between −45° and 45°.
-fn best_turn(hull: &[DVec2]) -> f64 {
+/// Angle of the smallest box around `hull`, −45° to 45°, radians: one side lies along an edge
+/// (Freeman and Shapira 1975).
+fn best_angle(hull: &[DVec2]) -> f64 {
     let quarter = std::f64::consts::FRAC_PI_2;
     let mut best = (area(hull, 0.0), 0.0);
     for (i, a) in hull.iter().enumerate() {
@@ -114,7 +113,7 @@ fn best_turn(hull: &[DVec2]) -> f64 {
         let angle = (b - *a).to_angle();
         let angle = angle - (angle / quarter).round() * quarter;
         let area = area(hull, angle);
-        // Upright unless turning gains something.
+        // Upright unless a rotation reduces the area by more than 2 %.
         if area < best.0 * 0.98 || (best.1 != 0.0 && area < best.0) {
             best = (area, angle);
         }
@@ -123,10 +122,10 @@ fn best_turn(hull: &[DVec2]) -> f64 {
 }
 
 fn area(hull: &[DVec2], angle: f64) -> f64 {
-    let turn = DVec2::from_angle(-angle);
+    let rotation = DVec2::from_angle(-angle);
     let (low, high) = hull
         .iter()
-        .map(|p| turn.rotate(*p))
+        .map(|p| rotation.rotate(*p))
         .fold((DVec2::INFINITY, DVec2::NEG_INFINITY), |(low, high), p| {
             (low.min(p), high.max(p))
         });

@@ -1,6 +1,5 @@
-//! What of a bake still holds after some of its scene's parts were changed: planes that do not
-//! stand for them stay, and so do images on which their shadows, the old ones and the new ones,
-//! cannot fall.
+//! Finds the parts of a bake that remain valid after some parts of its scene changed: planes that do
+//! not cover changed parts, and images that neither the old nor the new shadows of these reach.
 
 use super::generate::{Kept, PlaneError, PlaneSettings, generate_beside};
 use super::surface::bounds;
@@ -10,19 +9,20 @@ use crate::mesh::{Part, Scene};
 use glam::DVec3;
 use penumbra_lighting::geodesic::{Face, GeodesicDome};
 
-/// A bake that is to be mended.
+/// A bake that is to be updated.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Renewal {
     /// All planes of the new bake; those of the real layer come first.
     pub planes: Vec<ShadowingPlane>,
-    /// For each the same plane of the old bake, whose receiver and images it can take.
+    /// For each plane the index of the same plane of the old bake, whose receiver and images remain
+    /// valid.
     pub from: Vec<Option<usize>>,
-    /// For each plane all lights: whether the image has to be drawn anew.
+    /// For each plane and light: whether the image must be rendered again.
     pub drawn: Vec<bool>,
 }
 
 impl Renewal {
-    /// Planes that are not in the old bake, and images to be drawn.
+    /// Number of planes that are not in the old bake, and of images to render.
     #[must_use]
     pub fn counts(&self) -> (usize, usize) {
         let new = self.from.iter().filter(|f| f.is_none()).count();
@@ -30,13 +30,13 @@ impl Renewal {
     }
 }
 
-/// Planes that there must be room for beside those that are kept.
-const LEAST_NEW: usize = 3;
+/// Minimum number of new planes that must be possible beside the kept ones.
+const MIN_NEW: usize = 3;
 
-/// What has to be baked for `scene`, where `old` is the bake of `old_scene`.
+/// Finds what must be baked for `scene`; `old` is the bake of `old_scene`.
 ///
 /// # Errors
-/// A scene that no planes can be made for.
+/// No planes can be generated for the scene.
 pub fn renew(
     old: &Bake,
     old_scene: &Scene,
@@ -66,10 +66,10 @@ pub fn renew(
         .zip(&from)
         .flat_map(|(plane, from)| {
             let casters = &casters;
-            let anew = from.is_none();
+            let is_new = from.is_none();
             lights
                 .iter()
-                .map(move |towards| anew || casters.iter().any(|c| may_shadow(c, towards, plane)))
+                .map(move |towards| is_new || casters.iter().any(|c| may_shadow(c, towards, plane)))
         })
         .collect();
     Ok(Renewal {
@@ -88,18 +88,18 @@ fn planes(
 ) -> Result<Vec<ShadowingPlane>, PlaneError> {
     let stay: Vec<ShadowingPlane> = carried.iter().flatten().cloned().collect();
     let changed = [parts[0].changed.clone(), parts[1].changed.clone()];
-    let room = settings.count as usize >= stay.len() + LEAST_NEW;
+    let room = settings.count as usize >= stay.len() + MIN_NEW;
     let kept = if room || changed.iter().all(Vec::is_empty) {
         Kept {
             planes: stay,
             changed: Some(changed),
         }
     } else {
-        // What was added has no plane to itself.
+        // There is no room for planes of added parts: all planes are generated again.
         Kept::default()
     };
     let mut planes = generate_beside(scene, settings, &kept)?;
-    // The order that the baker leaves.
+    // The order in which the baker writes them.
     planes.sort_by_key(|plane| plane.layer == Layer::Virtual);
     Ok(planes)
 }
@@ -111,13 +111,13 @@ fn parts_of(scene: &Scene, layer: Layer) -> &[Part] {
     }
 }
 
-/// Parts of a layer before and after.
+/// Correspondence of a layer's old and new parts.
 struct Matched {
-    /// For each old part the number of the same new one.
+    /// For each old part the index of the same new one.
     new_from_old: Vec<Option<u32>>,
-    /// New parts that were not there.
+    /// Indices of new parts without a counterpart.
     changed: Vec<u32>,
-    /// Extentes of what was changed, before and after.
+    /// Bounding boxes of changed parts, before and after.
     boxes: Vec<Extent>,
 }
 
@@ -145,7 +145,7 @@ impl Matched {
         }
     }
 
-    /// The plane with its parts' new numbers; none where one of them was changed.
+    /// The plane with its parts' new indices; `None` if one of them changed.
     fn carried(&self, plane: &ShadowingPlane) -> Option<ShadowingPlane> {
         let number = |i: &u32| self.new_from_old.get(*i as usize).copied().flatten();
         let mut parts: Vec<u32> = plane.parts.iter().map(number).collect::<Option<_>>()?;
@@ -184,7 +184,7 @@ impl Extent {
     }
 }
 
-/// Directions to a face's light: its middle, or its corners, between which all samples lie.
+/// Directions to a face's light: its centre, or its corners, between which all samples lie.
 fn directions(face: &Face, samples: u32) -> Vec<DVec3> {
     if samples == 1 {
         return vec![face.centre.as_dvec3()];
@@ -192,9 +192,9 @@ fn directions(face: &Face, samples: u32) -> Vec<DVec3> {
     face.corners.iter().map(|c| c.as_dvec3()).collect()
 }
 
-/// Whether a shadow of what lies in `caster` can fall into the plane's slab, with light from
-/// between `towards`. Separating axes: what an axis separates for each of the directions it
-/// separates for all between them.
+/// Whether a shadow of `caster` can fall into the plane's slab, with light from directions between
+/// `towards`. By separating axes: an axis that separates for each of the directions separates for
+/// all between them.
 fn may_shadow(caster: &Extent, towards: &[DVec3], plane: &ShadowingPlane) -> bool {
     let (normal, corners) = (plane.normal(), caster.corners());
     let slab = slab_corners(plane);
@@ -203,7 +203,8 @@ fn may_shadow(caster: &Extent, towards: &[DVec3], plane: &ShadowingPlane) -> boo
     let crossed = edges.flat_map(|edge| towards.iter().map(move |l| edge.cross(*l)));
     let mut axes = own.into_iter().chain(DVec3::AXES).chain(crossed);
     let separates = |axis: DVec3| {
-        // The shadow leaves the caster against the light: along the axis it may only fall.
+        // The shadow extends from the caster against the light: its coordinate along the axis must
+        // not increase.
         let falls = |axis: DVec3| towards.iter().all(|l| axis.dot(*l) >= -1e-9);
         let beyond = |axis: DVec3| {
             let most = corners.iter().map(|c| c.dot(axis)).fold(f64::MIN, f64::max);
@@ -215,7 +216,7 @@ fn may_shadow(caster: &Extent, towards: &[DVec3], plane: &ShadowingPlane) -> boo
     !axes.any(separates)
 }
 
-/// Corners of what a plane stands for, and a little more: images are smooth over a texel.
+/// Corners of the slab that a plane covers, with a margin for filtering over a texel.
 fn slab_corners(plane: &ShadowingPlane) -> [DVec3; 8] {
     let margin = 1.02;
     let (right, up) = (

@@ -1,9 +1,9 @@
-//! Bakes on disk: a compact file that is trusted only if all of it is right, and a cache of
-//! such files named by what they were made of.
+//! Bakes on disk: a compact, completely checked file format, and a cache of such files named by their
+//! keys.
 //!
-//! The file, all numbers little-endian: magic, version of the format (u32), key (32 bytes),
-//! length of the content (u64), the content compressed by zstd, CRC-32 of everything before
-//! it (u32). The content is laid out by `store/content.rs`.
+//! File layout, little-endian: magic, version of the format (u32), key (32 bytes), length of the
+//! content (u64), content compressed by zstd, CRC-32 of everything before (u32). `store/content.rs`
+//! defines the content.
 
 mod cache;
 mod content;
@@ -17,14 +17,14 @@ use std::io::Read;
 use thiserror::Error;
 
 const MAGIC: [u8; 8] = *b"penubake";
-/// Of the format. Another one is read by no other version of Penumbra.
+/// Version of the format; files of other versions are refused.
 const VERSION: u32 = 1;
 const HEADER: usize = MAGIC.len() + 4 + 32 + 8;
 const CHECKSUM: usize = 4;
-/// Bytes of a file, and of what is in it.
-const LARGEST_FILE: u64 = 1 << 30;
-const LARGEST_CONTENT: u64 = 1 << 31;
-/// Visibilities are mostly 0 and 255; more than this costs time and gains little.
+/// Maximum size of a file and of its unpacked content, bytes.
+const MAX_FILE_BYTES: u64 = 1 << 30;
+const MAX_CONTENT_BYTES: u64 = 1 << 31;
+/// zstd level: visibilities are mostly 0 and 255; higher levels take longer and gain little.
 const LEVEL: i32 = 6;
 
 /// Why a bake cannot be read or written.
@@ -35,18 +35,18 @@ pub enum StoreError {
     Io {
         /// Path.
         file: String,
-        /// What was tried.
+        /// Operation.
         doing: &'static str,
-        /// What the system said.
+        /// Error of the operating system.
         source: std::io::Error,
     },
-    /// It is no bake of this version, or it is damaged.
-    #[error("{reason}; it is made anew")]
+    /// The file is no bake of this version, or it is damaged.
+    #[error("{reason}; it is baked again")]
     Damaged {
         /// What is wrong.
         reason: String,
     },
-    /// A bake whose own parts do not fit together, or that is too large.
+    /// The bake is inconsistent or too large.
     #[error("the bake cannot be stored: {reason}")]
     Unfit {
         /// What is wrong.
@@ -60,20 +60,20 @@ fn damaged(reason: impl Into<String>) -> StoreError {
     }
 }
 
-/// The file's bytes.
+/// Encodes a bake as the bytes of a file.
 ///
 /// # Errors
 ///
-/// A bake whose parts do not fit together, or that is too large.
+/// The bake is inconsistent or too large.
 pub fn to_bytes(bake: &Bake) -> Result<Vec<u8>, StoreError> {
     let unfit = |reason: String| StoreError::Unfit { reason };
     content::check(bake).map_err(unfit)?;
     let raw = content::write(bake);
-    if raw.len() as u64 > LARGEST_CONTENT {
+    if raw.len() as u64 > MAX_CONTENT_BYTES {
         return Err(unfit(format!(
             "it has {} MB, more than {}; ask for fewer planes or a lower resolution",
             raw.len() >> 20,
-            LARGEST_CONTENT >> 20
+            MAX_CONTENT_BYTES >> 20
         )));
     }
     let packed = zstd::bulk::compress(&raw, LEVEL).map_err(|e| unfit(e.to_string()))?;
@@ -87,7 +87,7 @@ pub fn to_bytes(bake: &Bake) -> Result<Vec<u8>, StoreError> {
     Ok(out)
 }
 
-/// The bake in a file's bytes.
+/// Decodes the bytes of a file.
 ///
 /// # Errors
 ///
@@ -96,19 +96,19 @@ pub fn from_bytes(bytes: &[u8]) -> Result<Bake, StoreError> {
     let (key, length, packed) = envelope(bytes)?;
     let wrong = |e: std::io::Error| damaged(format!("its content cannot be unpacked ({e})"));
     let mut raw = Vec::new();
-    // Grows with what is there, whatever length the header claims.
+    // Grows with the data, whatever length the header says.
     zstd::stream::read::Decoder::new(packed)
         .and_then(|d| d.take(length + 1).read_to_end(&mut raw))
         .map_err(wrong)?;
     if raw.len() as u64 != length {
-        return Err(damaged("its content is not as long as it says"));
+        return Err(damaged("the length of its content is wrong"));
     }
     let bake = content::read(&raw, key).map_err(damaged)?;
     content::check(&bake).map_err(damaged)?;
     Ok(bake)
 }
 
-/// Key, length of the content, and the packed content of a file whose checksum is right.
+/// Returns key, length of the content and packed content of a file with a correct checksum.
 fn envelope(bytes: &[u8]) -> Result<([u8; 32], u64, &[u8]), StoreError> {
     let body = bytes.len().saturating_sub(CHECKSUM);
     let (body, checksum) = bytes.split_at(body);
@@ -133,8 +133,8 @@ fn envelope(bytes: &[u8]) -> Result<([u8; 32], u64, &[u8]), StoreError> {
     }
     let key = rest.array().map_err(damaged)?;
     let length = rest.u64().map_err(damaged)?;
-    if length > LARGEST_CONTENT {
-        return Err(damaged("it claims more content than a bake can have"));
+    if length > MAX_CONTENT_BYTES {
+        return Err(damaged("its content is larger than the maximum"));
     }
     Ok((key, length, packed))
 }

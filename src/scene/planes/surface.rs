@@ -1,5 +1,5 @@
-//! A layer's surface in the world, cut into fragments small enough that each is either seen
-//! or not.
+//! The surface of a layer in the world, divided into fragments that are small enough to be either
+//! visible or hidden.
 
 use super::PlaneError;
 use crate::check::triangles;
@@ -7,37 +7,38 @@ use crate::mesh::Part;
 use crate::raycast::RayCaster;
 use glam::{DMat3, DVec3, Vec3};
 
-/// Triangles of one part beyond which it is simplified first.
-const MOST_PART_TRIANGLES: usize = 60_000;
-/// Triangles of one part that are looked at; of more, evenly some.
-const MOST_KEPT: usize = 200_000;
-/// A fragment is at most this share of the surface's extent across.
+/// Maximum number of triangles of a part that is not simplified first.
+const MAX_PART_TRIANGLES: usize = 60_000;
+/// Maximum number of triangles of a part that are used; of more, a regular subset is.
+const MAX_KEPT: usize = 200_000;
+/// Maximum edge of a fragment as a share of the surface's extent.
 const FRAGMENT_SHARE: f64 = 1.0 / 24.0;
-/// A simplified part may be off by this share of the part's extent.
+/// Maximum error of a simplified part as a share of its extent.
 const SIMPLIFIED_SHARE: f64 = 1.0 / 1000.0;
-/// Fragments of one layer; past it triangles stay whole.
-const MOST_FRAGMENTS: usize = 400_000;
-/// Fragments whose sight is found by rays; of more, evenly some, and the rest counts as seen.
-const MOST_PROBED: usize = 60_000;
-/// Metres from the origin; beyond them single precision has no centimetres left.
-const FARTHEST: f64 = 1e7;
+/// Maximum number of fragments of a layer; beyond it triangles are not divided.
+const MAX_FRAGMENTS: usize = 400_000;
+/// Maximum number of fragments whose visibility is tested by rays; of more, a regular subset is, and
+/// the rest counts as visible.
+const MAX_PROBED: usize = 60_000;
+/// Maximum coordinate, metres; beyond it single precision does not resolve centimetres.
+const MAX_COORDINATE: f64 = 1e7;
 
 /// A small triangle of the surface.
 #[derive(Clone, Debug)]
 pub(super) struct Fragment {
     /// World, metres.
     pub corners: [DVec3; 3],
-    /// Their mean.
+    /// Mean of the corners.
     pub centre: DVec3,
     /// Unit vector, by winding.
     pub normal: DVec3,
-    /// Square metres; with the weight of being seen from somewhere.
+    /// Area, square metres, weighted by visibility.
     pub area: f64,
     /// Index among the layer's parts.
     pub part: u32,
-    /// Cluster that it belongs to.
+    /// Index of its cluster.
     pub cluster: u32,
-    /// Its own index.
+    /// Index of the fragment.
     pub number: u32,
 }
 
@@ -49,7 +50,10 @@ pub(super) struct Surface {
 }
 
 impl Surface {
-    /// The surface of those `parts` that `wanted` names by index.
+    /// Returns the surface of the parts with the indices `wanted`.
+    ///
+    /// # Errors
+    /// A vertex is not finite or too far from the origin.
     pub fn new(parts: &[Part], wanted: &[u32]) -> Result<Self, PlaneError> {
         let mut whole = Vec::new();
         for index in wanted {
@@ -68,23 +72,23 @@ impl Surface {
         Ok(surface)
     }
 
-    /// After fragments were taken away.
+    /// Numbers the fragments again after some were removed.
     pub fn renumber(&mut self) {
         for (i, fragment) in self.fragments.iter_mut().enumerate() {
             fragment.number = i as u32;
         }
     }
 
-    /// Corners of the bounding box; nothing gives an inverted one.
+    /// Corners of the bounding box; inverted for an empty surface.
     pub fn bounds(&self) -> (DVec3, DVec3) {
         bounds(self.fragments.iter().flat_map(|f| f.corners))
     }
 
-    /// Takes away the weight of what can be seen from nowhere, by rays against `rays`, and
-    /// most of the weight of what looks down: visitors stand on the ground.
+    /// Sets the area of fragments that are invisible from everywhere to zero, by casting rays against
+    /// `rays`, and reduces that of fragments that face down: viewers stand on the ground.
     pub fn weigh(&mut self, rays: &RayCaster, extent: f64) {
-        let step = self.fragments.len().div_ceil(MOST_PROBED).max(1);
-        let around = around();
+        let step = self.fragments.len().div_ceil(MAX_PROBED).max(1);
+        let around = directions_around();
         for (i, fragment) in self.fragments.iter_mut().enumerate() {
             if fragment.normal.z < -0.7 {
                 fragment.area *= 0.25;
@@ -96,20 +100,20 @@ impl Surface {
     }
 }
 
-/// The box around `points`.
+/// Bounding box of `points`.
 pub(super) fn bounds(points: impl Iterator<Item = DVec3>) -> (DVec3, DVec3) {
     points.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| {
         (low.min(p), high.max(p))
     })
 }
 
-/// Unit vectors evenly around, by the golden angle.
-fn around() -> [DVec3; 24] {
+/// Unit vectors evenly distributed over the sphere, by the golden angle.
+fn directions_around() -> [DVec3; 24] {
     std::array::from_fn(|i| {
         let z = 1.0 - (2.0 * i as f64 + 1.0) / 24.0;
-        let turn = i as f64 * 2.399_963_229_728_653;
+        let azimuth = i as f64 * 2.399_963_229_728_653;
         let out = (1.0 - z * z).sqrt();
-        DVec3::new(out * turn.cos(), out * turn.sin(), z)
+        DVec3::new(out * azimuth.cos(), out * azimuth.sin(), z)
     })
 }
 
@@ -122,15 +126,15 @@ fn is_enclosed(f: &Fragment, rays: &RayCaster, extent: f64, around: &[DVec3]) ->
 
 fn add_part(out: &mut Vec<Fragment>, part: &Part, index: u32) -> Result<(), PlaneError> {
     let count = part.mesh.indices.len() / 3;
-    let mesh = if count > MOST_PART_TRIANGLES {
+    let mesh = if count > MAX_PART_TRIANGLES {
         part.caster((extent_of(part) * SIMPLIFIED_SHARE) as f32)
     } else {
         part.mesh.clone()
     };
     let world = part.world_from_part;
-    // A mirroring placement turns the winding round.
+    // A mirroring transform reverses the winding.
     let flips = DMat3::from_mat4(world).determinant() < 0.0;
-    let step = (mesh.indices.len() / 3).div_ceil(MOST_KEPT).max(1);
+    let step = (mesh.indices.len() / 3).div_ceil(MAX_KEPT).max(1);
     for corners in triangles(&mesh).step_by(step) {
         let mut corners = corners.map(|p| world.transform_point3(p.as_dvec3()));
         if corners.iter().any(|p| !is_near(*p)) {
@@ -151,17 +155,17 @@ fn add_part(out: &mut Vec<Fragment>, part: &Part, index: u32) -> Result<(), Plan
 }
 
 fn is_near(p: DVec3) -> bool {
-    p.is_finite() && p.abs().max_element() <= FARTHEST
+    p.is_finite() && p.abs().max_element() <= MAX_COORDINATE
 }
 
-/// The longest edge of a part's bounding box in the world.
+/// Longest edge of a part's bounding box in the world, metres.
 fn extent_of(part: &Part) -> f64 {
     let place = |p: Vec3| part.world_from_part.transform_point3(p.as_dvec3());
     let (low, high) = bounds(part.mesh.vertices.iter().map(|v| place(v.position)));
     (high - low).max_element()
 }
 
-/// None for a triangle without area.
+/// Creates a fragment; `None` for a triangle without area.
 fn fragment(corners: [DVec3; 3], part: u32, scale: f64) -> Option<Fragment> {
     let [a, b, c] = corners;
     let cross = (b - a).cross(c - a);
@@ -177,7 +181,7 @@ fn fragment(corners: [DVec3; 3], part: u32, scale: f64) -> Option<Fragment> {
     })
 }
 
-/// Halves `fragment` across its longest edge until no edge is longer than `longest`.
+/// Bisects `fragment` at its longest edge until no edge is longer than `longest`.
 fn split(fragment: Fragment, longest: f64, out: &mut Vec<Fragment>) {
     let mut waiting = vec![fragment];
     while let Some(f) = waiting.pop() {
@@ -185,7 +189,7 @@ fn split(fragment: Fragment, longest: f64, out: &mut Vec<Fragment>) {
         let (at, length) = (0..3)
             .map(|i| (i, edge(i)))
             .fold((0, 0.0), |best, e| if e.1 > best.1 { e } else { best });
-        if length <= longest || out.len() + waiting.len() >= MOST_FRAGMENTS {
+        if length <= longest || out.len() + waiting.len() >= MAX_FRAGMENTS {
             out.push(f);
             continue;
         }

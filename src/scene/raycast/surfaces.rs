@@ -1,4 +1,4 @@
-//! Triangles and balls as rays meet them, in double precision.
+//! Triangles and spheres, intersected in double precision.
 
 use crate::mesh::Part;
 use glam::{DMat3, DMat4, DVec3, Vec3};
@@ -16,7 +16,7 @@ pub(super) struct Triangle {
 
 /// A sphere in the world, in place of the triangles that approximate it.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Ball {
+pub(super) struct Sphere {
     /// Metres.
     pub centre: DVec3,
     /// Metres.
@@ -35,8 +35,8 @@ pub(super) struct Crossing {
 
 /// Nearer crossings than this belong to the surface from which the ray starts.
 const MIN_DISTANCE: f64 = 1e-9;
-/// Coarser meshes than this are no balls, even with all corners on a sphere (a cube).
-const MIN_BALL_TRIANGLES: usize = 200;
+/// Coarser meshes than this are no spheres, even with all corners on a sphere (a cube).
+const MIN_SPHERE_TRIANGLES: usize = 200;
 
 /// The triangles of a part in the world. Those with invalid indices or without finite corners
 /// are left out.
@@ -119,8 +119,8 @@ impl Triangle {
     }
 }
 
-/// The ball that `triangles` approximate: all corners lie on a sphere.
-pub(super) fn as_ball(triangles: &[Triangle]) -> Option<Ball> {
+/// Returns the sphere that `triangles` approximate; `None` unless all corners lie on a sphere.
+pub(super) fn as_sphere(triangles: &[Triangle]) -> Option<Sphere> {
     let points = || triangles.iter().flat_map(Triangle::corners);
     let (low, high) = points().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| {
         (low.min(p), high.max(p))
@@ -128,15 +128,15 @@ pub(super) fn as_ball(triangles: &[Triangle]) -> Option<Ball> {
     let centre = 0.5 * (low + high);
     let radius = points().map(|p| p.distance(centre)).fold(0.0, f64::max);
     let is_on_sphere = |p: DVec3| p.distance(centre) > 0.99 * radius;
-    let is_ball = triangles.len() > MIN_BALL_TRIANGLES && points().all(is_on_sphere);
-    is_ball.then_some(Ball {
+    let is_sphere = triangles.len() > MIN_SPHERE_TRIANGLES && points().all(is_on_sphere);
+    is_sphere.then_some(Sphere {
         centre,
         radius,
         surface: triangles.first()?.surface,
     })
 }
 
-impl Ball {
+impl Sphere {
     /// The corners of its bounding box.
     pub fn bounds(&self) -> (DVec3, DVec3) {
         (self.centre - self.radius, self.centre + self.radius)

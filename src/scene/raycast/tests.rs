@@ -165,11 +165,11 @@ fn level_ground_is_an_unbounded_plane() {
 }
 
 #[test]
-fn meshed_ball_is_hit_as_a_sphere_from_outside_only() {
-    let mut ball = square(DMat4::from_translation(DVec3::Z * 3.0), true);
-    ball.mesh = Arc::new(primitives::sphere(0.5, 48, 24));
+fn meshed_sphere_is_hit_as_a_sphere_from_outside_only() {
+    let mut sphere = square(DMat4::from_translation(DVec3::Z * 3.0), true);
+    sphere.mesh = Arc::new(primitives::sphere(0.5, 48, 24));
     let caster = RayCaster::from_phantoms(&Scene {
-        phantom_parts: vec![ball],
+        phantom_parts: vec![sphere],
         ..Scene::default()
     });
     let origin = DVec3::new(0.25, 0.0, 0.0);
@@ -198,7 +198,7 @@ fn sphere_is_hit_on_its_near_side() {
 /// The nearest distance by trying every surface, metres.
 fn by_trying_all(caster: &RayCaster, origin: DVec3, direction: DVec3) -> Option<f64> {
     let ray = Ray::new(origin, direction)?;
-    let leaves = 0..(caster.triangles.len() + caster.balls.len()) as u32;
+    let leaves = 0..(caster.triangles.len() + caster.spheres.len()) as u32;
     let distances = leaves.filter_map(|leaf| caster.distance_to(leaf, &ray));
     let ground = caster.ground_hit(origin, direction);
     distances

@@ -10,13 +10,13 @@ use penumbra_strict_toml::Fault;
 use std::path::Path;
 use std::sync::Arc;
 
-/// The smallest and the largest, metres.
-const NARROWEST: f64 = 1e-4;
-const WIDEST: f64 = 1000.0;
-/// Cosine above which two directions are too nearly the same to tell how a picture is turned.
+/// Minimum and maximum side, metres.
+const MIN_SIZE: f64 = 1e-4;
+const MAX_SIZE: f64 = 1000.0;
+/// Maximum cosine between `up` and the normal; beyond it the orientation of the picture is undefined.
 const PARALLEL: f64 = 0.9999;
 
-/// Shape and place of the area that `file` describes; `keys` are its own, in the world.
+/// Returns the shape and orientation of the area; `keys` are the lamp's, in the world.
 pub(super) fn kind(
     file: &LampFile,
     at: &str,
@@ -30,7 +30,7 @@ pub(super) fn kind(
     if !size
         .to_array()
         .iter()
-        .all(|s| (NARROWEST..=WIDEST).contains(s))
+        .all(|s| (MIN_SIZE..=MAX_SIZE).contains(s))
     {
         return wrong("size_m", "expected metres from 0.0001 to 1000");
     }
@@ -57,7 +57,7 @@ fn area(file: &LampFile, size: DVec2, up: DVec3) -> VirtualLightKind {
     }
 }
 
-/// The point that `direction` leads to.
+/// Returns the target of a lamp with a `direction`.
 pub(super) fn ahead(file: &LampFile, at: &str, position: DVec3) -> Result<Option<DVec3>, Fault> {
     let wrong = |reason: &str| Err(Fault::new(format!("{at}.direction"), reason));
     let Some(direction) = file.direction.map(DVec3::from) else {
@@ -72,7 +72,7 @@ pub(super) fn ahead(file: &LampFile, at: &str, position: DVec3) -> Result<Option
     }
 }
 
-/// What an area shows; nothing for other lamps, which may not say.
+/// Returns the appearance of an area; `None` for other lamps, which must not have its keys.
 pub(super) fn screen(
     file: &LampFile,
     at: &str,
@@ -98,7 +98,7 @@ pub(super) fn screen(
         None => None,
         Some(name) => match read_texture(&folder.join(name)) {
             Ok(texture) if mean_luminance(Some(&texture)) > 0.0 => Some(Arc::new(texture)),
-            Ok(_) => return wrong("texture", format!("{name} is black all over")),
+            Ok(_) => return wrong("texture", format!("{name} is entirely black")),
             Err(reason) => return wrong("texture", reason),
         },
     };
@@ -108,7 +108,7 @@ pub(super) fn screen(
     }))
 }
 
-/// Of an area, and of other lamps 0.
+/// Area of an area light, m²; 0 for other lamps.
 pub(super) fn square_metres(kind: VirtualLightKind) -> f64 {
     match kind {
         VirtualLightKind::Area { half_size, .. } => 4.0 * half_size.x * half_size.y,
@@ -116,7 +116,7 @@ pub(super) fn square_metres(kind: VirtualLightKind) -> f64 {
     }
 }
 
-/// Of what an area shows, where its white is 1.
+/// Mean luminance of an area's texture, relative to white.
 pub(super) fn mean_luminance(picture: Option<&SceneTexture>) -> f64 {
     picture.map_or(1.0, |p| {
         f64::from(crate::photometric::luminance(mean_colour(p)))

@@ -11,24 +11,24 @@ use std::collections::HashMap;
 use std::f64::consts::{PI, TAU};
 use std::path::Path;
 
-/// Keys of one lamp.
-const MOST_KEYS: usize = 1000;
-/// Farthest place, metres.
-const FARTHEST: f64 = 1e5;
-/// Brightest lamp, candela or lumen.
-const BRIGHTEST: f64 = 1e9;
+/// Maximum number of keys of a lamp.
+const MAX_KEYS: usize = 1000;
+/// Maximum coordinate, metres.
+const MAX_COORDINATE: f64 = 1e5;
+/// Maximum brightness, candela, lumen or cd/m².
+const MAX_BRIGHTNESS: f64 = 1e9;
 
-/// What lamps are placed and measured by.
+/// Data on which the poses and intensities of lamps depend.
 pub(super) struct Surroundings<'a> {
-    /// Where objects stand: world from their own frame.
+    /// Poses of objects by name: world from their own frame.
     pub objects: &'a HashMap<String, DMat4>,
-    /// Luminance that the scene camera shows as white, cd/m².
+    /// Luminance of the scene camera's white, cd/m².
     pub white: Option<f64>,
-    /// Where textures are.
+    /// Folder of textures.
     pub folder: &'a Path,
 }
 
-/// The luminance that the scene camera shows as white, where the file says so.
+/// Luminance of the scene camera's white, cd/m², if the file has it.
 pub(super) fn white(file: Option<&Photometry>) -> Result<Option<f64>, Fault> {
     let Some(file) = file else {
         return Ok(None);
@@ -46,11 +46,11 @@ pub(super) fn white(file: Option<&Photometry>) -> Result<Option<f64>, Fault> {
     }
 }
 
-/// A model that brings lamps, and a file that does not say what the camera shows as white.
+/// The error of a model with lamps in a file without the luminance of the camera's white.
 pub(super) fn without_white(at: &str) -> Fault {
     Fault::new(
         format!("{at}.file"),
-        "its lamps are in candela: say what the camera shows as white, `white_cd_m2` or `ev100` under [photometry]",
+        "its lamps are in candela: give the luminance of the camera's white, `white_cd_m2` or `ev100` under [photometry]",
     )
 }
 
@@ -65,7 +65,7 @@ pub(super) fn lamp(
         Some(name) => *surroundings.objects.get(name).ok_or_else(|| {
             wrong(
                 "attached_to",
-                &format!("there is no [[object]] of the name \"{name}\""),
+                &format!("there is no [[object]] named \"{name}\""),
             )
         })?,
     };
@@ -83,7 +83,7 @@ pub(super) fn lamp(
     })
 }
 
-/// As it says, or by its other keys.
+/// The kind as given, or inferred from other keys.
 fn kind(
     file: &LampFile,
     at: &str,
@@ -103,7 +103,7 @@ fn kind(
         (Some(LampKind::Point), Some(key)) => wrong(key, "goes with a spot only"),
         (Some(LampKind::Point), None) if aims > 0 => wrong(
             "target_m",
-            "goes with a spot or an area; a point shines all round",
+            "goes with a spot or an area; a point emits in all directions",
         ),
         (Some(LampKind::Spot), _) | (None, Some(_)) if aims == 0 => {
             wrong("target_m", "a spot needs it: x, y, z in metres")
@@ -113,10 +113,10 @@ fn kind(
     }
 }
 
-/// The lamp's own place, or its path.
+/// The lamp's keys; one for a lamp that does not move.
 fn keys(file: &LampFile, at: &str, world: DMat4) -> Result<Vec<VirtualLightKey>, Fault> {
-    if file.keys.len() > MOST_KEYS {
-        let reason = format!("expected at most {MOST_KEYS} keys");
+    if file.keys.len() > MAX_KEYS {
+        let reason = format!("expected at most {MAX_KEYS} keys");
         return Err(Fault::new(format!("{at}.keys"), reason));
     }
     if file.keys.is_empty() {
@@ -131,7 +131,7 @@ fn keys(file: &LampFile, at: &str, world: DMat4) -> Result<Vec<VirtualLightKey>,
     }
     Err(Fault::new(
         format!("{at}.keys"),
-        "expected at_s to grow from key to key",
+        "expected at_s to increase from key to key",
     ))
 }
 
@@ -142,18 +142,21 @@ fn key(
     world: DMat4,
 ) -> Result<VirtualLightKey, Fault> {
     let wrong = |key: &str, reason: &str| Fault::new(format!("{at}.{key}"), reason);
-    let place = |key: &str, value: Option<[f64; 3]>| match value.map(DVec3::from) {
-        Some(p) if !p.is_finite() || p.abs().max_element() > FARTHEST => {
+    let point = |key: &str, value: Option<[f64; 3]>| match value.map(DVec3::from) {
+        Some(p) if !p.is_finite() || p.abs().max_element() > MAX_COORDINATE => {
             Err(wrong(key, "expected x, y, z within 100000 m"))
         }
-        place => Ok(place),
+        point => Ok(point),
     };
-    let position = place("position_m", own.position_m.or(file.position_m))?
+    let position = point("position_m", own.position_m.or(file.position_m))?
         .ok_or_else(|| wrong("position_m", "a lamp needs it: x, y, z in metres"))?;
-    let target = place("target_m", own.target_m.or(file.target_m))?;
+    let target = point("target_m", own.target_m.or(file.target_m))?;
     let target = target.or(area::ahead(file, at, position)?);
     if target.is_some_and(|t| t.distance(position) < 1e-6) {
-        return Err(wrong("target_m", "expected another place than position_m"));
+        return Err(wrong(
+            "target_m",
+            "expected another position than position_m",
+        ));
     }
     if !(0.0..=1e6).contains(&own.at_s) {
         return Err(wrong("at_s", "expected seconds from 0 to 1000000"));
@@ -198,7 +201,7 @@ fn spot(file: &LampFile, at: &str) -> Result<VirtualLightKind, Fault> {
     })
 }
 
-/// Linear RGB, scene camera units, from whichever way it was typed.
+/// Converts the intensity from the given unit to linear RGB, scene camera units.
 fn intensity(
     file: &LampFile,
     at: &str,
@@ -225,11 +228,11 @@ fn intensity(
             return Err(wrong("intensity", reason));
         }
     };
-    if !(0.0..=BRIGHTEST).contains(&typed) {
+    if !(0.0..=MAX_BRIGHTNESS).contains(&typed) {
         return Err(wrong(key, "expected a number from 0 to 1e9"));
     }
     let white = white.ok_or_else(|| {
-        let reason = "needs to know what the camera shows as white: `white_cd_m2` or `ev100` under [photometry]";
+        let reason = "needs the luminance of the camera's white: `white_cd_m2` or `ev100` under [photometry]";
         wrong(key, reason)
     })?;
     let candela = match key {
@@ -240,7 +243,7 @@ fn intensity(
     Ok(tint(file, at)? * (candela / white) as f32)
 }
 
-/// The lamp's colour at a luminance of 1.
+/// The lamp's colour, at a luminance of 1.
 fn tint(file: &LampFile, at: &str) -> Result<Vec3, Fault> {
     let wrong = |key: &str, reason: &str| Err(Fault::new(format!("{at}.{key}"), reason));
     match (file.colour, file.kelvin) {
@@ -254,8 +257,8 @@ fn tint(file: &LampFile, at: &str) -> Result<Vec3, Fault> {
     }
 }
 
-/// Lumen per candela, steradians: the sphere, a spot's cone with its linear edge, ∫ 2π f sin θ dθ, or
-/// ∫ cos θ over the sides of an area that shine.
+/// Lumen per candela, steradians: the sphere; ∫ 2π f sin θ dθ over a spot's cone with its linear edge;
+/// ∫ cos θ over the emitting sides of an area.
 fn solid_angle(kind: VirtualLightKind) -> f64 {
     match kind {
         VirtualLightKind::Point => 2.0 * TAU,

@@ -1,4 +1,4 @@
-//! Materials of a scene file, over those of the object's own file.
+//! Materials of a scene file, which override those of the model file.
 
 use super::typed::{Colour, MaterialFile, PhongFile};
 use crate::gltf_file::read_file;
@@ -11,12 +11,12 @@ use penumbra_strict_toml::Fault;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Bytes that a texture may take, decoded.
+/// Maximum size of a decoded texture, bytes.
 const TEXTURE_BYTES: u64 = 1 << 30;
-/// How far rounding may take two shares past 1.
+/// Tolerance of the sum of two shares.
 const ROUNDING: f32 = 1e-5;
 
-/// Gives a part what the scene file says in place of its own material's factors and textures.
+/// Replaces factors and textures of a part's material by those of the scene file.
 pub(super) fn apply(
     part: &mut Part,
     file: &MaterialFile,
@@ -32,7 +32,7 @@ pub(super) fn apply(
     {
         return Err(Fault::new(
             format!("{at}.{key}"),
-            "its mesh has no texture coordinates; export it with them, or leave this out",
+            "its mesh has no texture coordinates; export it with them, or remove this key",
         ));
     }
     if material.normal_texture.is_some() && !has_tangents(&part.mesh) {
@@ -81,7 +81,7 @@ fn overridden(material: &Material, file: &MaterialFile, at: &str) -> Result<Mate
     Ok(out)
 }
 
-/// What means nothing to Phong's model.
+/// Refuses keys that Phong's model does not have.
 fn refuse_beside_phong(file: &MaterialFile, at: &str) -> Result<(), Fault> {
     let given = [
         ("base_colour", file.base_colour.is_some()),
@@ -124,7 +124,7 @@ fn with_phong(out: &mut Material, file: &PhongFile, at: &str) -> Result<(), Faul
     let brightest = channels.max_by(|a, b| a.1.total_cmp(&b.1));
     if let Some((channel, sum)) = brightest.filter(|(_, sum)| *sum > 1.0 + ROUNDING) {
         let reason = format!(
-            "with the diffuse share of {} it reflects {sum:.3} times the light in {channel}, more than arrives; together at most 1",
+            "with the diffuse share of {} it reflects {sum:.3} times the incident light in {channel}; their sum must be at most 1",
             shown(diffuse)
         );
         return Err(wrong("specular", reason));
@@ -189,13 +189,13 @@ fn has_tangents(mesh: &Mesh) -> bool {
     mesh.vertices.iter().all(given)
 }
 
-fn unit(at: &str, key: &str, value: Option<f64>, usual: f32) -> Result<f32, Fault> {
+fn unit(at: &str, key: &str, value: Option<f64>, default: f32) -> Result<f32, Fault> {
     match value {
         Some(v) if !(0.0..=1.0).contains(&v) => Err(Fault::new(
             format!("{at}.{key}"),
             format!("expected a number from 0 to 1, found {v}"),
         )),
         Some(v) => Ok(v as f32),
-        None => Ok(usual),
+        None => Ok(default),
     }
 }

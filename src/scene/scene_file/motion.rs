@@ -1,4 +1,4 @@
-//! Objects of a scene file that move: keys of their own, and animations of their models.
+//! Motions of a scene file's objects: keys, and animations of models.
 
 use super::Entry;
 use super::typed::{AnimationFile, ObjectKeyFile, Place};
@@ -10,11 +10,11 @@ use penumbra_interface::RigidTransform;
 use penumbra_strict_toml::Fault;
 use std::sync::Arc;
 
-/// Keys of one object.
-const MOST_KEYS: usize = 1000;
+/// Maximum number of keys of an object.
+const MAX_KEYS: usize = 1000;
 
-/// World from the frame in which lamps that are attached to an object at `world` are given: that
-/// of the object where it stands still, and the object's own where it carries them.
+/// World from the frame of lamps that are attached to an object with the motion `world`: the object's
+/// pose if it does not move; else the identity, as its motion is applied to the lamps later.
 pub(super) fn lamp_frame(world: &Motion) -> DMat4 {
     if world.moves() {
         DMat4::IDENTITY
@@ -24,7 +24,7 @@ pub(super) fn lamp_frame(world: &Motion) -> DMat4 {
 }
 
 impl Entry {
-    /// Which animation of its model plays.
+    /// Returns the selected animation of its model.
     pub(super) fn playing(&self, at: &str) -> Result<Playing<'_>, Fault> {
         let playing = match &self.animation {
             None | Some(AnimationFile::Plays(false)) => return Ok(Playing::Nothing),
@@ -32,7 +32,7 @@ impl Entry {
             Some(AnimationFile::Named(name)) => Playing::Named(name),
         };
         let file = self.file.as_deref().unwrap_or_default();
-        if [".glb", ".gltf"].iter().any(|end| ends(file, end)) {
+        if [".glb", ".gltf"].iter().any(|end| has_extension(file, end)) {
             return Ok(playing);
         }
         Err(Fault::new(
@@ -41,8 +41,8 @@ impl Entry {
         ))
     }
 
-    /// Where it stands, or how it moves: the world from its own frame, scaled.
-    pub(super) fn standing(&self, at: &str, world_from_model: DMat4) -> Result<Motion, Fault> {
+    /// Returns its motion: world from its own frame, with scale.
+    pub(super) fn motion(&self, at: &str, world_from_model: DMat4) -> Result<Motion, Fault> {
         let RigidTransform {
             rotation,
             translation,
@@ -60,7 +60,7 @@ impl Entry {
         })
     }
 
-    /// Its keys as a track; `None` without keys.
+    /// Converts its keys to a track; `None` without keys.
     fn track(&self, at: &str, rest: Track) -> Result<Option<Track>, Fault> {
         let wrong = |key: &str, reason: &str| Fault::new(format!("{at}.{key}"), reason);
         if self.keys.is_empty() {
@@ -73,14 +73,14 @@ impl Entry {
                 None => Ok(None),
             };
         }
-        if self.keys.len() > MOST_KEYS {
-            let reason = format!("expected at most {MOST_KEYS} keys");
+        if self.keys.len() > MAX_KEYS {
+            let reason = format!("expected at most {MAX_KEYS} keys");
             return Err(wrong("keys", &reason));
         }
         let seconds = self.seconds(at)?;
         let easing = self.easing.unwrap_or_default();
         let numbered = || (0..).map(|i| format!("{at}.keys[{i}]")).zip(&self.keys);
-        let places: Vec<RigidTransform> = numbered()
+        let poses: Vec<RigidTransform> = numbered()
             .map(|(at, key)| self.key_place(key).placement(&at))
             .collect::<Result<_, _>>()?;
         let moves = self.keys.iter().any(|k| k.position_m.is_some());
@@ -88,17 +88,17 @@ impl Entry {
             .keys
             .iter()
             .any(|k| k.rotation_deg.is_some() || k.rotation_wxyz.is_some());
-        let grows = self.keys.iter().any(|k| k.scale.is_some());
-        let positions = places.iter().map(|p| p.translation).collect();
+        let scales = self.keys.iter().any(|k| k.scale.is_some());
+        let positions = poses.iter().map(|p| p.translation).collect();
         let sizes = self
             .keys
             .iter()
             .map(|k| k.scale.map_or(rest.rest.2, |s| s.0));
-        let scale = Channel::new(seconds.clone(), sizes.collect(), easing).filter(|_| grows);
+        let scale = Channel::new(seconds.clone(), sizes.collect(), easing).filter(|_| scales);
         Ok(Some(Track {
             position: Channel::new(seconds.clone(), positions, easing).filter(|_| moves),
             turning: match turns {
-                true => self.turning(at, &seconds, &places, easing)?,
+                true => self.turning(at, &seconds, &poses, easing)?,
                 false => None,
             },
             scale,
@@ -115,7 +115,9 @@ impl Entry {
             }
             let before = i.checked_sub(1).and_then(|k| self.keys.get(k));
             if before.is_some_and(|before| before.at_s >= key.at_s) {
-                return wrong("expected more than the key before it: at_s grows from key to key");
+                return wrong(
+                    "expected more than the key before it: at_s increases from key to key",
+                );
             }
         }
         Ok(self.keys.iter().map(|k| k.at_s).collect())
@@ -131,25 +133,25 @@ impl Entry {
         }
     }
 
-    /// By angles each for itself, or by quaternions the shorter way.
+    /// Interpolates angles separately, or quaternions along the shorter arc.
     fn turning(
         &self,
         at: &str,
         seconds: &[f64],
-        places: &[RigidTransform],
+        poses: &[RigidTransform],
         easing: Easing,
     ) -> Result<Option<Turning>, Fault> {
         let each = self.keys.iter().map(|k| self.key_place(k));
         let by_quaternion: Vec<bool> = each.clone().map(|p| p.rotation_wxyz.is_some()).collect();
         if by_quaternion.iter().all(|q| *q) {
-            let turns: Vec<DQuat> = places.iter().map(|p| p.rotation).collect();
-            let channel = Channel::new(seconds.to_vec(), turns, easing);
+            let rotations: Vec<DQuat> = poses.iter().map(|p| p.rotation).collect();
+            let channel = Channel::new(seconds.to_vec(), rotations, easing);
             return Ok(channel.map(Turning::Quaternions));
         }
         if let Some(i) = by_quaternion.iter().position(|q| *q) {
             return Err(Fault::new(
                 format!("{at}.keys[{i}].rotation_wxyz"),
-                "either all keys turn by rotation_wxyz or all by rotation_deg",
+                "either all keys have rotation_wxyz or all have rotation_deg",
             ));
         }
         let angles = each.map(|p| DVec3::from(p.rotation_deg.unwrap_or_default()) * RADIANS);
@@ -157,7 +159,7 @@ impl Entry {
         Ok(channel.map(Turning::Angles))
     }
 
-    /// What a key leaves out is as the object itself says.
+    /// Pose of a key; its missing values are those of the object.
     fn key_place(&self, key: &ObjectKeyFile) -> Place {
         let own = key.rotation_deg.is_some() || key.rotation_wxyz.is_some();
         Place {
@@ -167,7 +169,7 @@ impl Entry {
         }
     }
 
-    /// Its own place.
+    /// Pose of the object.
     const fn place(&self) -> Place {
         Place {
             position_m: self.position_m,
@@ -176,7 +178,7 @@ impl Entry {
         }
     }
 
-    /// The first key that makes it move, for phantoms, which may not.
+    /// Returns the first key that makes it move; phantoms must not have one.
     pub(super) const fn moving_key(&self) -> Option<&'static str> {
         if !self.keys.is_empty() {
             Some("keys")
@@ -194,7 +196,7 @@ impl Entry {
 
 const RADIANS: f64 = std::f64::consts::PI / 180.0;
 
-fn ends(file: &str, end: &str) -> bool {
+fn has_extension(file: &str, end: &str) -> bool {
     let tail = file
         .len()
         .checked_sub(end.len())

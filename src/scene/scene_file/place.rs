@@ -1,18 +1,18 @@
-//! Where things stand.
+//! Poses of a scene file.
 
 use super::typed::Place;
 use glam::{DQuat, DVec3, EulerRot};
 use penumbra_interface::RigidTransform;
 use penumbra_strict_toml::Fault;
 
-/// Metres.
-const FARTHEST: f64 = 1e5;
+/// Maximum coordinate, metres.
+const MAX_COORDINATE: f64 = 1e5;
 
 impl Place {
-    /// The motion that is typed at `at`; what is left out is none.
+    /// Returns the pose given at the key `at`; missing values mean no translation or rotation.
     pub(super) fn placement(&self, at: &str) -> Result<RigidTransform, Fault> {
         let position = DVec3::from(self.position_m.unwrap_or_default());
-        if !position.is_finite() || position.abs().max_element() > FARTHEST {
+        if !position.is_finite() || position.abs().max_element() > MAX_COORDINATE {
             return Err(Fault::new(
                 format!("{at}.position_m"),
                 "expected x, y, z within 100000 m",

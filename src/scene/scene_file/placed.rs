@@ -1,4 +1,4 @@
-//! What a scene file's objects and lamps come to: parts, lamps, and how they move.
+//! Converts the objects and lamps of a scene file to parts, lamps and motions.
 
 use super::typed::{Entry, LampFile};
 use super::{Surroundings, lamp, motion, refuse_phantom_keys};
@@ -12,19 +12,20 @@ use penumbra_strict_toml::{Fault, TomlText};
 use std::collections::HashMap;
 use std::path::Path;
 
-/// See the module.
+/// Parts, lamps and motions that were converted so far.
 #[derive(Default)]
 pub(super) struct Placed {
     pub objects: Vec<Part>,
     pub lamps: Vec<VirtualLight>,
-    /// Where each of them was written down: file, line and key, as a message begins.
+    /// Prefix of a message about each lamp: file, line and key.
     pub lamp_places: Vec<String>,
     pub motions: Motions,
     /// Warnings of the model files, each once.
     pub warnings: Vec<String>,
-    /// Where the lamps stand in that are attached to the object of a name.
+    /// World from the frame of lamps that are attached to an object, by its name.
     frames: HashMap<String, DMat4>,
-    standings: HashMap<String, Motion>,
+    /// Motions of objects by name.
+    carriers: HashMap<String, Motion>,
 }
 
 impl Placed {
@@ -45,30 +46,31 @@ impl Placed {
                 self.warnings.push(warning.clone());
             }
         }
-        let standing = entry.standing(&at, world_from_model).map_err(located)?;
+        let motion_of_object = entry.motion(&at, world_from_model).map_err(located)?;
         let parts = entry.parts(&model, &at, folder, text)?;
         for (k, mut part) in parts.into_iter().enumerate() {
-            let motion = model.part_motion(k, &standing);
+            let motion = model.part_motion(k, &motion_of_object);
             part.world_from_part = motion.at(0.0);
-            let number = self.objects.len();
-            self.motions.parts.extend(moving(number, motion));
+            let index = self.objects.len();
+            self.motions.parts.extend(moving(index, motion));
             self.objects.push(part);
         }
         for (k, lamp) in model.lamps.iter().enumerate() {
             let white = white.ok_or_else(|| located(lamp::without_white(&at)))?;
-            let motion = model.lamp_motion(k, &standing);
-            self.add(lamp.placed(standing.at(0.0), white), motion);
-            self.lamp_places.push(begun(text, format!("{at}.file")));
+            let motion = model.lamp_motion(k, &motion_of_object);
+            self.add(lamp.placed(motion_of_object.at(0.0), white), motion);
+            self.lamp_places
+                .push(message_prefix(text, format!("{at}.file")));
         }
         if let Some(name) = &entry.name {
-            let frame = motion::lamp_frame(&standing);
+            let frame = motion::lamp_frame(&motion_of_object);
             self.frames.insert(name.clone(), frame);
-            self.standings.insert(name.clone(), standing);
+            self.carriers.insert(name.clone(), motion_of_object);
         }
         Ok(())
     }
 
-    /// Adds the file's lamps; its objects are all there.
+    /// Adds the file's lamps, after all of its objects.
     pub fn add_lamps(
         &mut self,
         lamps: &[LampFile],
@@ -88,24 +90,24 @@ impl Placed {
             };
             let at = format!("lamp[{i}]");
             let lamp = lamp::lamp(file, &at, &surroundings).map_err(located)?;
-            let place = begun(text, format!("{at}.position_m"));
+            let place = message_prefix(text, format!("{at}.position_m"));
             self.lamp_places.push(place);
             let carrier = file.attached_to.as_ref();
-            let motion = carrier.and_then(|name| self.standings.get(name));
+            let motion = carrier.and_then(|name| self.carriers.get(name));
             self.add(lamp, motion.cloned().unwrap_or_default());
         }
         Ok(())
     }
 
     fn add(&mut self, lamp: VirtualLight, motion: Motion) {
-        let number = self.lamps.len();
-        self.motions.lamps.extend(moving(number, motion));
+        let index = self.lamps.len();
+        self.motions.lamps.extend(moving(index, motion));
         self.lamps.push(lamp);
     }
 }
 
-/// File, line and key, as a message begins.
-fn begun(text: &TomlText, key: String) -> String {
+/// Prefix of a message: file, line and key.
+fn message_prefix(text: &TomlText, key: String) -> String {
     text.locate(Fault::new(key, "")).to_string()
 }
 

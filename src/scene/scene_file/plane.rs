@@ -5,22 +5,22 @@ use crate::planes::{Layer, Receiver, ShadowingPlane};
 use glam::{DVec2, DVec3};
 use penumbra_strict_toml::Fault;
 
-/// Metres.
-const FARTHEST: f64 = 1e5;
-/// `up` and `normal` must differ by at least this sine.
-const APART: f64 = 1e-3;
+/// Maximum coordinate and size, metres.
+const MAX_COORDINATE: f64 = 1e5;
+/// Minimum sine of the angle between `up` and `normal`.
+const MIN_SINE: f64 = 1e-3;
 
 pub(super) fn plane(file: &PlaneFile, at: &str) -> Result<ShadowingPlane, Fault> {
     let wrong = |key: &str, reason: &str| Fault::new(format!("{at}.{key}"), reason);
     let centre = file.centre_m.map(DVec3::from);
     let centre = centre
-        .filter(|c| c.is_finite() && c.abs().max_element() <= FARTHEST)
+        .filter(|c| c.is_finite() && c.abs().max_element() <= MAX_COORDINATE)
         .ok_or_else(|| wrong("centre_m", "a plane needs it: x, y, z within 100000 m"))?;
     let normal = file.normal.and_then(|n| DVec3::from(n).try_normalize());
     let normal = normal.ok_or_else(|| {
         wrong(
             "normal",
-            "a plane needs it: x, y, z of a direction, away from what it covers",
+            "a plane needs it: x, y, z of a direction, away from the covered surfaces",
         )
     })?;
     let (right, up) = axes(file, normal).ok_or_else(|| {
@@ -29,7 +29,7 @@ pub(super) fn plane(file: &PlaneFile, at: &str) -> Result<ShadowingPlane, Fault>
             "expected x, y, z of a direction that is not the normal's",
         )
     })?;
-    let length = |v: &f64| (1e-3..=FARTHEST).contains(v);
+    let length = |v: &f64| (1e-3..=MAX_COORDINATE).contains(v);
     let size = file
         .size_m
         .filter(|s| s.iter().all(length))
@@ -40,7 +40,7 @@ pub(super) fn plane(file: &PlaneFile, at: &str) -> Result<ShadowingPlane, Fault>
             )
         })?;
     let depth = file.depth_m.filter(length).ok_or_else(|| {
-        wrong("depth_m", "a plane needs it: metres from 0.001 to 100000 within which surfaces behind it belong to it")
+        wrong("depth_m", "a plane needs it: metres from 0.001 to 100000, the maximum distance of covered surfaces behind it")
     })?;
     let layer = match file.layer.unwrap_or(PlaneLayer::Virtual) {
         PlaneLayer::Real => Layer::Real,
@@ -60,20 +60,20 @@ pub(super) fn plane(file: &PlaneFile, at: &str) -> Result<ShadowingPlane, Fault>
 
 /// Right and up of the rectangle.
 fn axes(file: &PlaneFile, normal: DVec3) -> Option<(DVec3, DVec3)> {
-    let usual = if normal.z.abs() > 0.95 {
+    let default = if normal.z.abs() > 0.95 {
         DVec3::Y
     } else {
         DVec3::Z
     };
     let up = file
         .up
-        .map_or(Some(usual), |up| DVec3::from(up).try_normalize())?;
+        .map_or(Some(default), |up| DVec3::from(up).try_normalize())?;
     let right = up.cross(normal);
-    let right = (right.length() > APART).then(|| right.normalize())?;
+    let right = (right.length() > MIN_SINE).then(|| right.normalize())?;
     Some((right, normal.cross(right)))
 }
 
-/// The real ground is flat; virtual parts seldom are.
+/// Default receivers: the real ground is flat, virtual parts rarely are.
 fn receiver(typed: Option<PlaneReceiver>, layer: Layer) -> Receiver {
     match (typed, layer) {
         (Some(PlaneReceiver::Plane), _) | (None, Layer::Real) => Receiver::Plane,

@@ -16,7 +16,7 @@ fn complaint(text: &str) -> String {
 }
 
 #[test]
-fn the_documented_example_is_read() {
+fn reads_the_documented_example() {
     let text: String = include_str!("../scene_file.rs")
         .lines()
         .take_while(|line| line.starts_with("//!"))
@@ -59,7 +59,7 @@ fn the_documented_example_is_read() {
 }
 
 #[test]
-fn yaw_turns_about_z_pitch_about_y_roll_about_x() {
+fn yaw_rotates_about_z_pitch_about_y_roll_about_x() {
     let turned = |angles: &str, v: DVec3| {
         let text =
             format!("[[object]]\nshape = \"sphere\"\nradius_m = 1\nrotation_deg = {angles}\n");
@@ -75,7 +75,7 @@ fn yaw_turns_about_z_pitch_about_y_roll_about_x() {
 }
 
 #[test]
-fn all_shapes_are_made_and_placed() {
+fn reads_all_shapes_with_their_poses() {
     let scene = read(
         "[[object]]\nshape = \"plane\"\nsize_m = [1, 2]\n[[object]]\nshape = \"box\"\nsize_m = [1, 2, 3]\n\
          [[object]]\nshape = \"cylinder\"\nradius_m = 1\nheight_m = 2\nsegments = 8\n\
@@ -100,73 +100,75 @@ fn all_shapes_are_made_and_placed() {
     );
 }
 
+/// Texts and their messages.
+const MISTAKES: [(&str, &str); 14] = [
+    (
+        "[[object]]\nshape = \"box\"\nsise_m = [1, 1, 1]\n",
+        "s.toml:3: unknown key `object[0].sise_m`; did you mean `size_m` (in metres)?",
+    ),
+    (
+        "[[object]]\nshape = \"box\"\nsize_m = [1, 1]\n",
+        "s.toml:3: `object[0].size_m`: expected the size of a box: [x, y, z], metres",
+    ),
+    (
+        "[[object]]\nshape = \"sphere\"\n",
+        "s.toml:1: `object[0].radius_m`: a sphere needs it, in metres",
+    ),
+    (
+        "[[object]]\n[[object]]\nname = \"x\"\n",
+        "s.toml:1: `object[0]`: expected either `file` or `shape` (plane, box, cylinder, cone, sphere, torus, temple-gate)",
+    ),
+    (
+        "[[object]]\nfile = \"gone.glb\"\n",
+        "s.toml:2: `object[0].file`: there is no file gone.glb; expected a .glb, .gltf or .ply",
+    ),
+    (
+        "[[object]]\nfile = \"gone.glb\"\nradius_m = 1\n",
+        "s.toml:3: `object[0].radius_m`: goes with `shape` only; use `scale` for a file",
+    ),
+    (
+        "[[object]]\nshape = \"sphere\"\nradius_m = 1\nscale = 0\n",
+        "s.toml:4: `object[0].scale`: expected a number from 0.0001 to 10000, or three of them",
+    ),
+    (
+        "[[object]]\nshape = \"sphere\"\nradius_m = 1\nmaterial = { base_colour = \"red\" }\n",
+        "s.toml:4: `object[0].material.base_colour`: expected \"#rrggbb\" (sRGB) or three linear numbers from 0 up, found \"red\"",
+    ),
+    (
+        "[[object]]\nshape = \"sphere\"\nradius_m = 1\n[object.material]\nmetallic = 2\n",
+        "s.toml:5: `object[0].material.metallic`: expected a number from 0 to 1, found 2",
+    ),
+    (
+        "[[object]]\nshape = \"sphere\"\nradius_m = 1\nmirror = true\n",
+        "s.toml:4: `object[0].mirror`: goes with [[phantom]] only; use `material` for an object",
+    ),
+    (
+        "[[phantom]]\nshape = \"sphere\"\nradius_m = 1\nmaterial = {}\n",
+        "s.toml:4: `phantom[0].material`: goes with [[object]] only; a phantom shows no colour of its own",
+    ),
+    (
+        "[ground]\nheight = 1\n",
+        "s.toml:2: unknown key `ground.height`; did you mean `height_m` (in metres)?",
+    ),
+    (
+        "[[object]]\nshape = \"torus\"\nradius_m = 1\ntube_radius_m = 1\n",
+        "s.toml:4: `object[0].tube_radius_m`: expected less than radius_m",
+    ),
+    (
+        "[[object]]\nshape = \"sphere\"\nradius_m = nan\n",
+        "s.toml:3: `object[0].radius_m`: expected metres from 0.0001 to 100000, found NaN",
+    ),
+];
+
 #[test]
-fn faults_name_file_line_and_key() {
-    let cases = [
-        (
-            "[[object]]\nshape = \"box\"\nsise_m = [1, 1, 1]\n",
-            "s.toml:3: unknown key `object[0].sise_m`; did you mean `size_m` (in metres)?",
-        ),
-        (
-            "[[object]]\nshape = \"box\"\nsize_m = [1, 1]\n",
-            "s.toml:3: `object[0].size_m`: expected the size of a box: [x, y, z], metres",
-        ),
-        (
-            "[[object]]\nshape = \"sphere\"\n",
-            "s.toml:1: `object[0].radius_m`: a sphere needs it, in metres",
-        ),
-        (
-            "[[object]]\n[[object]]\nname = \"x\"\n",
-            "s.toml:1: `object[0]`: expected either `file` or `shape` (plane, box, cylinder, cone, sphere, torus, temple-gate)",
-        ),
-        (
-            "[[object]]\nfile = \"gone.glb\"\n",
-            "s.toml:2: `object[0].file`: there is no file gone.glb; expected a .glb, .gltf or .ply",
-        ),
-        (
-            "[[object]]\nfile = \"gone.glb\"\nradius_m = 1\n",
-            "s.toml:3: `object[0].radius_m`: goes with `shape` only; use `scale` for a file",
-        ),
-        (
-            "[[object]]\nshape = \"sphere\"\nradius_m = 1\nscale = 0\n",
-            "s.toml:4: `object[0].scale`: expected a number from 0.0001 to 10000, or three of them",
-        ),
-        (
-            "[[object]]\nshape = \"sphere\"\nradius_m = 1\nmaterial = { base_colour = \"red\" }\n",
-            "s.toml:4: `object[0].material.base_colour`: expected \"#rrggbb\" (sRGB) or three linear numbers from 0 up, found \"red\"",
-        ),
-        (
-            "[[object]]\nshape = \"sphere\"\nradius_m = 1\n[object.material]\nmetallic = 2\n",
-            "s.toml:5: `object[0].material.metallic`: expected a number from 0 to 1, found 2",
-        ),
-        (
-            "[[object]]\nshape = \"sphere\"\nradius_m = 1\nmirror = true\n",
-            "s.toml:4: `object[0].mirror`: goes with [[phantom]] only; use `material` for an object",
-        ),
-        (
-            "[[phantom]]\nshape = \"sphere\"\nradius_m = 1\nmaterial = {}\n",
-            "s.toml:4: `phantom[0].material`: goes with [[object]] only; a phantom shows no colour of its own",
-        ),
-        (
-            "[ground]\nheight = 1\n",
-            "s.toml:2: unknown key `ground.height`; did you mean `height_m` (in metres)?",
-        ),
-        (
-            "[[object]]\nshape = \"torus\"\nradius_m = 1\ntube_radius_m = 1\n",
-            "s.toml:4: `object[0].tube_radius_m`: expected less than radius_m",
-        ),
-        (
-            "[[object]]\nshape = \"sphere\"\nradius_m = nan\n",
-            "s.toml:3: `object[0].radius_m`: expected metres from 0.0001 to 100000, found NaN",
-        ),
-    ];
-    for (text, expected) in cases {
+fn errors_name_file_line_and_key() {
+    for (text, expected) in MISTAKES {
         assert_eq!(complaint(text), expected);
     }
 }
 
 #[test]
-fn a_scene_file_takes_the_place_of_what_is_virtual() {
+fn scene_file_replaces_the_virtual_objects() {
     let mut session = Scene::default();
     session.add_ground(&GroundPlane {
         normal: DVec3::Z,
@@ -188,7 +190,7 @@ fn a_scene_file_takes_the_place_of_what_is_virtual() {
 }
 
 #[test]
-fn models_are_found_beside_the_scene_file() {
+fn finds_models_in_the_scene_files_folder() {
     let folder = tempfile::tempdir().unwrap();
     let ply = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
         element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
@@ -209,7 +211,7 @@ fn models_are_found_beside_the_scene_file() {
 }
 
 #[test]
-fn planes_by_hand_know_their_sides_and_what_they_cover() {
+fn planes_by_hand_have_axes_and_covered_parts() {
     let text = "[ground]\nsize_m = 4.0\n\
         [[object]]\nshape = \"box\"\nsize_m = [1, 1, 1]\n\
         [[object]]\nshape = \"box\"\nsize_m = [1, 1, 1]\nposition_m = [5, 0, 0]\n\
@@ -237,7 +239,7 @@ fn planes_by_hand_know_their_sides_and_what_they_cover() {
 }
 
 #[test]
-fn mistakes_in_planes_are_named() {
+fn errors_name_mistakes_in_planes() {
     let whole = [
         ("centre_m", "[0, 0, 0]"),
         ("normal", "[0, 0, 1]"),
@@ -274,7 +276,7 @@ fn mistakes_in_planes_are_named() {
 }
 
 #[test]
-fn a_temple_gate_is_a_shape_of_several_parts() {
+fn temple_gate_has_several_parts() {
     let scene =
         read("[[object]]\nname = \"gate\"\nshape = \"temple-gate\"\nscale = 0.1\nsegments = 12\n")
             .unwrap();
@@ -286,7 +288,7 @@ fn a_temple_gate_is_a_shape_of_several_parts() {
 }
 
 #[test]
-fn a_model_carries_its_objects_and_planes_along() {
+fn model_pose_moves_objects_and_planes() {
     let text = |model: &str| {
         format!(
             "{model}\n[[object]]\nshape = \"box\"\nsize_m = [1, 1, 1]\nposition_m = [1, 0, 0]\n\
@@ -318,7 +320,7 @@ fn a_model_carries_its_objects_and_planes_along() {
 }
 
 #[test]
-fn mistakes_in_phong_materials_are_named() {
+fn errors_name_mistakes_in_phong_materials() {
     let ball = |material: &str| {
         complaint(&format!(
             "[[object]]\nshape = \"sphere\"\nradius_m = 1\nmaterial.{material}"
@@ -348,7 +350,7 @@ fn mistakes_in_phong_materials_are_named() {
         ),
         (
             ball("phong = { diffuse = [0.5, 0.5, 0.5], specular = [0.1, 0.7, 0.1], exponent = 3 }"),
-            "s.toml:4: `object[0].material.phong.specular`: with the diffuse share of [0.500, 0.500, 0.500] it reflects 1.200 times the light in green, more than arrives; together at most 1",
+            "s.toml:4: `object[0].material.phong.specular`: with the diffuse share of [0.500, 0.500, 0.500] it reflects 1.200 times the incident light in green; their sum must be at most 1",
         ),
         (
             ball("phong = { diffuse = [nan, 0.5, 0.5], specular = [0.1, 0.7, 0.1], exponent = 3 }"),
@@ -372,7 +374,7 @@ fn mistakes_in_phong_materials_are_named() {
 }
 
 #[test]
-fn lamps_move_stand_on_objects_and_shine_in_photometric_units() {
+fn reads_moving_attached_and_photometric_lamps() {
     let scene = read(
         "[photometry]\nwhite_cd_m2 = 200.0\n[model]\nposition_m = [1, 0, 0]\n\
          [[object]]\nname = \"post\"\nshape = \"box\"\nsize_m = [1, 1, 1]\nposition_m = [0, 2, 0]\n\
@@ -390,7 +392,7 @@ fn lamps_move_stand_on_objects_and_shine_in_photometric_units() {
     assert!(at(0, 2.0).position.distance(Vec3::new(1.0, 3.0, 4.0)) < 1e-6);
     assert_eq!(at(0, 5.0).intensity, at(0, 1.0).intensity);
     assert!((luminance(at(0, 2.0).intensity) - 1.5).abs() < 1e-4);
-    // 1000 lm all round are 1000 / 4π cd; into a cone of 60° 1000 / (2π · (1 − cos 60°)).
+    // 1000 lm in all directions are 1000 / 4π cd; into a cone of 60° 1000 / (2π · (1 − cos 60°)).
     let tau = std::f32::consts::TAU;
     assert!((luminance(at(1, 0.0).intensity) - 1000.0 / (2.0 * tau) / 200.0).abs() < 1e-3);
     assert!((luminance(at(2, 0.0).intensity) - 1000.0 / (tau * 0.5) / 200.0).abs() < 1e-3);
@@ -430,7 +432,7 @@ fn lamps_move_stand_on_objects_and_shine_in_photometric_units() {
 }
 
 #[test]
-fn textures_are_read_from_the_scene_files_folder() {
+fn reads_textures_from_the_scene_files_folder() {
     let folder = tempfile::tempdir().unwrap();
     let picture = image::RgbaImage::from_pixel(2, 2, image::Rgba([128, 255, 128, 255]));
     picture.save(folder.path().join("bumps.png")).unwrap();
@@ -486,7 +488,7 @@ fn along(keys: &str) -> String {
 }
 
 #[test]
-fn objects_move_by_keys_and_what_a_key_leaves_out_is_the_objects_own() {
+fn keys_without_values_use_those_of_the_object() {
     let text = along(
         "position_m = [0, 0, 1]\nscale = 2\nrepeat_s = 4\neasing = \"linear\"\n\
          keys = [{ at_s = 0 }, { at_s = 2, position_m = [4, 0, 1], rotation_deg = [360, 0, 0] }]\n\
@@ -504,7 +506,7 @@ fn objects_move_by_keys_and_what_a_key_leaves_out_is_the_objects_own() {
     }
     let (mut scene, lamps) = (scene.onto(Scene::default()), &mut Vec::new());
     scene.lamps_at(1.0, lamps);
-    // Two metres from the middle, as the object is scaled; behind it, as it is turned.
+    // Two metres from the centre, as the object is scaled; behind it, as it is rotated.
     assert!(lamps[0].position.distance(Vec3::new(0.0, 10.0, 1.0)) < 1e-6);
     scene.place_at(1.0);
     assert!(
@@ -515,7 +517,7 @@ fn objects_move_by_keys_and_what_a_key_leaves_out_is_the_objects_own() {
 }
 
 #[test]
-fn wrong_keys_of_objects_are_named_with_their_line() {
+fn errors_name_invalid_keys_with_their_line() {
     let keys = |keys: &str| along(&format!("keys = [{keys}]"));
     let phantom = |rest: &str| format!("[[phantom]]\nshape = \"sphere\"\nradius_m = 1\n{rest}");
     let cases = [
@@ -561,8 +563,8 @@ fn wrong_keys_of_objects_are_named_with_their_line() {
 }
 
 #[test]
-fn the_bundled_scenes_are_read() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config");
+fn reads_the_bundled_scenes() {
+    let folder = penumbra_test_data::repository("config");
     let read = |name: &str| SceneAddition::load(&folder.join(name)).unwrap();
     assert_eq!(read("lamp.toml").objects.len(), 2);
     let moving = read("moving.toml");

@@ -1,4 +1,4 @@
-//! The scene file as it stands.
+//! Types of the TOML of a scene file.
 
 use crate::motion::Easing;
 use glam::{DVec3, Vec3};
@@ -27,8 +27,8 @@ pub(super) struct Place {
     pub rotation_wxyz: Option<[f64; 4]>,
 }
 
-/// An object or a phantom; which keys go with which is checked afterwards, because serde
-/// cannot refuse unknown keys in flattened structs.
+/// An object or a phantom. Allowed combinations of keys are checked afterwards, because serde cannot
+/// refuse unknown keys in flattened structs.
 #[derive(Debug, Default, serde::Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Entry {
@@ -53,7 +53,7 @@ pub(super) struct Entry {
     pub animation: Option<AnimationFile>,
 }
 
-/// What is left out is as the object itself says.
+/// Missing values are those of the object.
 #[derive(Debug, Default, serde::Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct ObjectKeyFile {
@@ -64,7 +64,7 @@ pub(super) struct ObjectKeyFile {
     pub scale: Option<Scale>,
 }
 
-/// Whether an animation of the model plays, and which.
+/// Selection of an animation of the model.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum AnimationFile {
     Plays(bool),
@@ -150,7 +150,7 @@ pub(super) enum LampKind {
     Area,
 }
 
-/// What is left out is as the lamp itself says.
+/// Missing values are those of the lamp.
 #[derive(Debug, Default, serde::Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct LampKeyFile {
@@ -160,7 +160,7 @@ pub(super) struct LampKeyFile {
     pub gain: Option<f64>,
 }
 
-/// How the camera shows light of photometric units.
+/// The camera's white in photometric units.
 #[derive(Debug, Default, serde::Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Photometry {
@@ -198,7 +198,7 @@ pub(super) enum PlaneReceiver {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Colour(pub Vec3);
 
-/// One factor for each axis.
+/// Scale per axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Scale(pub DVec3);
 
@@ -276,7 +276,7 @@ fn checked_scale<E: de::Error>(scale: DVec3) -> Result<Scale, E> {
     Err(E::custom(format!("expected {}", Expected(&ScaleVisitor))))
 }
 
-/// Three numbers and no more.
+/// Reads exactly three numbers.
 fn three<'de, A: SeqAccess<'de>>(mut seq: A) -> Result<Option<DVec3>, A::Error> {
     let mut all: Vec<f64> = Vec::new();
     while let Some(x) = seq.next_element()? {
@@ -286,7 +286,7 @@ fn three<'de, A: SeqAccess<'de>>(mut seq: A) -> Result<Option<DVec3>, A::Error> 
     Ok(array.map(DVec3::from))
 }
 
-/// Shows what a visitor expects.
+/// Displays what a visitor expects.
 struct Expected<'a, V>(&'a V);
 
 impl<'de, V: Visitor<'de>> fmt::Display for Expected<'_, V> {

@@ -32,17 +32,17 @@ fn overlap(gains: DVec3) -> Result<OverlapEstimate, Shortage> {
     })
 }
 
-fn with(method: MatchMethod) -> PhotometricMatch {
-    let settings = PhotometrySettings {
+fn with(method: WhiteBalanceMethod) -> WhiteBalanceMatch {
+    let settings = WhiteBalanceSettings {
         method,
-        ..PhotometrySettings::default()
+        ..WhiteBalanceSettings::default()
     };
-    PhotometricMatch::new(settings, false)
+    WhiteBalanceMatch::new(settings, false)
 }
 
 #[test]
 fn automatic_selection_uses_the_best_available_method() {
-    let mut matched = with(MatchMethod::Auto);
+    let mut matched = with(WhiteBalanceMethod::Auto);
     assert_eq!(matched.in_force().0, Provenance::Unknown);
     assert_eq!(matched.gains(), DVec3::ONE);
     assert_eq!(matched.status().uncertainty_percent, None);
@@ -62,18 +62,18 @@ fn automatic_selection_uses_the_best_available_method() {
 
 #[test]
 fn requested_method_is_used_once_it_has_gains() {
-    let mut matched = with(MatchMethod::Overlap);
+    let mut matched = with(WhiteBalanceMethod::Overlap);
     matched.set_chart(chart(GAINS));
     assert_eq!(matched.in_force().0, Provenance::Chart);
     matched.update_overlap(overlap(GAINS), NOW, NOW);
     assert_eq!(matched.in_force().0, Provenance::Overlap);
-    matched.set_settings(PhotometrySettings {
-        method: MatchMethod::Fixed,
+    matched.set_settings(WhiteBalanceSettings {
+        method: WhiteBalanceMethod::Fixed,
         fixed_gains: Some([1.0, 2.0, 3.0]),
         matrix: false,
     });
     assert_eq!(matched.gains(), DVec3::new(1.0, 2.0, 3.0));
-    let mut single = PhotometricMatch::new(PhotometrySettings::default(), true);
+    let mut single = WhiteBalanceMatch::new(WhiteBalanceSettings::default(), true);
     single.set_chart(chart(GAINS));
     assert_eq!(single.in_force().0, Provenance::SameCamera);
     assert_eq!(single.gains(), DVec3::ONE);
@@ -81,19 +81,19 @@ fn requested_method_is_used_once_it_has_gains() {
 
 #[test]
 fn automatic_selection_ignores_fixed_gains() {
-    let settings = PhotometrySettings {
-        method: MatchMethod::Auto,
+    let settings = WhiteBalanceSettings {
+        method: WhiteBalanceMethod::Auto,
         fixed_gains: Some([9.0; 3]),
         matrix: false,
     };
-    let mut matched = PhotometricMatch::new(settings, false);
+    let mut matched = WhiteBalanceMatch::new(settings, false);
     matched.update_reflectance(Some(known(GAINS, 0.1)));
     assert_eq!(matched.in_force().0, Provenance::Reflectance);
 }
 
 #[test]
 fn reports_methods_that_disagree() {
-    let mut matched = with(MatchMethod::Auto);
+    let mut matched = with(WhiteBalanceMethod::Auto);
     matched.set_chart(chart(GAINS));
     let warm = GAINS * DVec3::new(1.2, 1.0, 1.0);
     matched.update_overlap(overlap(warm), NOW, NOW);
@@ -104,7 +104,7 @@ fn reports_methods_that_disagree() {
     assert!(other.disagreement_delta_e > 3.0 && other.disagrees);
     assert!(status.notice.unwrap().contains("disagree by 20 %"));
     // A method with a large standard error may differ as much.
-    let mut matched = with(MatchMethod::Auto);
+    let mut matched = with(WhiteBalanceMethod::Auto);
     matched.set_chart(chart(GAINS));
     matched.update_grey_world(Some(known(warm, 0.5)));
     assert!(!matched.status().methods[1].disagrees);
@@ -112,7 +112,7 @@ fn reports_methods_that_disagree() {
 
 #[test]
 fn status_shows_that_the_active_overlap_is_frozen() {
-    let mut matched = with(MatchMethod::Auto);
+    let mut matched = with(WhiteBalanceMethod::Auto);
     matched.update_overlap(overlap(GAINS), NOW, NOW);
     assert!(!matched.status().frozen);
     let few = Shortage::TooFew {
@@ -135,7 +135,7 @@ fn gains_follow_the_reported_exposures() {
             gain,
         })
     };
-    let mut matched = with(MatchMethod::Auto);
+    let mut matched = with(WhiteBalanceMethod::Auto);
     matched.set_chart(chart(GAINS));
     matched.set_exposures(exposure(8000.0, 1.0), exposure(2000.0, 1.0));
     assert!((matched.gains() - GAINS).abs().max_element() < 1e-12);
@@ -151,15 +151,15 @@ fn gains_follow_the_reported_exposures() {
 
 #[test]
 fn uses_the_matrix_only_on_request() {
-    let mut matched = with(MatchMethod::Auto);
+    let mut matched = with(WhiteBalanceMethod::Auto);
     matched.set_chart(chart(GAINS));
     assert_eq!(
         matched.scene_from_environment(),
         DMat3::from_diagonal(matched.gains())
     );
-    matched.set_settings(PhotometrySettings {
+    matched.set_settings(WhiteBalanceSettings {
         matrix: true,
-        ..PhotometrySettings::default()
+        ..WhiteBalanceSettings::default()
     });
     let matrix = matched.scene_from_environment();
     assert!((matrix.x_axis.x - 3.03).abs() < 1e-12);
@@ -168,7 +168,7 @@ fn uses_the_matrix_only_on_request() {
 
 #[test]
 fn refused_chart_leaves_a_notice_in_the_status() {
-    let mut matched = with(MatchMethod::Auto);
+    let mut matched = with(WhiteBalanceMethod::Auto);
     matched.update_overlap(overlap(GAINS), NOW, NOW);
     matched.set_chart(Err(ChartError::TooFew {
         usable: 1,
@@ -197,7 +197,7 @@ fn calibrated(gains: DVec3, exposures: Option<[f64; 2]>) -> CalibratedGains {
 
 #[test]
 fn calibrated_gains_prevail_until_the_live_pictures_are_inconsistent_with_them() {
-    let mut matched = with(MatchMethod::Auto);
+    let mut matched = with(WhiteBalanceMethod::Auto);
     matched.set_calibrated(calibrated(GAINS, None));
     matched.set_chart(chart(1.03 * GAINS));
     assert_eq!(matched.in_force().0, Provenance::Calibrated);
@@ -210,7 +210,7 @@ fn calibrated_gains_prevail_until_the_live_pictures_are_inconsistent_with_them()
     assert!(error.abs().max_element() < 0.005, "{error}");
     // The white balance of a camera was changed.
     let changed = GAINS * DVec3::new(1.3, 1.0, 0.8);
-    let mut matched = with(MatchMethod::Auto);
+    let mut matched = with(WhiteBalanceMethod::Auto);
     matched.set_calibrated(calibrated(GAINS, None));
     for _ in 0..40 {
         matched.update_overlap(overlap(changed), NOW, NOW);
@@ -222,7 +222,7 @@ fn calibrated_gains_prevail_until_the_live_pictures_are_inconsistent_with_them()
 
 #[test]
 fn calibrated_gains_are_scaled_to_the_current_exposures() {
-    let mut matched = with(MatchMethod::Auto);
+    let mut matched = with(WhiteBalanceMethod::Auto);
     matched.set_calibrated(calibrated(GAINS, Some([0.01, 0.002])));
     let exposure = |micros| {
         Some(Exposure {

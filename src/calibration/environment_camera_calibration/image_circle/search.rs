@@ -10,7 +10,7 @@ const TRIES: usize = 6000;
 /// Returns the centre and the radius of the circle that most steps lie on; pixels of `small`.
 pub(super) fn search(small: &Grey) -> Option<(DVec2, f64)> {
     let size = DVec2::new(small.width as f64, small.height as f64);
-    let middle = 0.5 * (size - 1.0);
+    let frame_centre = 0.5 * (size - 1.0);
     let min_height = (4.0 * noise(small)).max(2.5);
     let smooth = small.blurred(0.7);
     let wanted = Search {
@@ -22,7 +22,7 @@ pub(super) fn search(small: &Grey) -> Option<(DVec2, f64)> {
     };
     let mut all = Vec::new();
     for ray in (0..RAYS).step_by(2) {
-        steps(&[&smooth], middle, ray, &wanted, &mut all);
+        steps(&[&smooth], frame_centre, ray, &wanted, &mut all);
     }
     let mut random = RandomIndices::new();
     let (mut best, mut most) = (None, 0.0);
@@ -35,7 +35,7 @@ pub(super) fn search(small: &Grey) -> Option<(DVec2, f64)> {
             continue;
         };
         let fits = (0.15 * size.min_element()..0.75 * size.length()).contains(&radius)
-            && (centre - middle).abs().cmple(0.4 * size).all();
+            && (centre - frame_centre).abs().cmple(0.4 * size).all();
         if !fits {
             continue;
         }

@@ -59,10 +59,10 @@ fn lattice(seen: &[Observation], near: Option<RigidTransform>) -> Vec<DVec3> {
             Target::Direction(_) => None,
         })
         .collect();
-    let middle = points.iter().sum::<DVec3>() / points.len().max(1) as f64;
+    let centroid = points.iter().sum::<DVec3>() / points.len().max(1) as f64;
     let size = points
         .iter()
-        .map(|p| p.distance(middle))
+        .map(|p| p.distance(centroid))
         .fold(0.02, f64::max);
     let mut positions: Vec<DVec3> = near.map(|n| n.translation).into_iter().collect();
     const AROUND: usize = 60;
@@ -73,7 +73,7 @@ fn lattice(seen: &[Observation], near: Option<RigidTransform>) -> Vec<DVec3> {
             let angle = 2.399_963_229_728_653 * k as f64;
             let across = (1.0 - z * z).sqrt();
             let d = DVec3::new(across * angle.cos(), across * angle.sin(), z);
-            positions.push(middle + d * (scale * size));
+            positions.push(centroid + d * (scale * size));
         }
     }
     positions

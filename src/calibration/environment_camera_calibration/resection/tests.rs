@@ -59,7 +59,7 @@ fn observations(count: usize, noise: f64, far: bool) -> Vec<Observation> {
 }
 
 fn check(found: &Resection, degrees: f64, metres: f64) {
-    let turn = found
+    let angle = found
         .world_from_camera
         .rotation
         .angle_between(ground_truth().rotation)
@@ -69,12 +69,12 @@ fn check(found: &Resection, degrees: f64, metres: f64) {
         .translation
         .distance(ground_truth().translation);
     assert!(
-        turn < degrees && error < metres,
-        "{turn}° {error} m {found:?}"
+        angle < degrees && error < metres,
+        "{angle}° {error} m {found:?}"
     );
     assert!(
-        turn.to_radians() < 5.0 * found.rotation_sigma.length() + 1e-6,
-        "{turn} {}",
+        angle.to_radians() < 5.0 * found.rotation_sigma.length() + 1e-6,
+        "{angle} {}",
         found.rotation_sigma
     );
 }

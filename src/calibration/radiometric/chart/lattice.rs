@@ -193,20 +193,20 @@ pub(super) fn bounds(cells: &[IVec2]) -> Option<(IVec2, IVec2)> {
 
 fn homography(blobs: &[Blob], cells: &[(IVec2, usize)]) -> Option<DMat3> {
     let count = cells.len() as f64;
-    let middle = cells.iter().map(|c| blobs[c.1].centre).sum::<DVec2>() / count;
-    let spread = cells.iter().map(|c| blobs[c.1].centre.distance(middle));
+    let centroid = cells.iter().map(|c| blobs[c.1].centre).sum::<DVec2>() / count;
+    let spread = cells.iter().map(|c| blobs[c.1].centre.distance(centroid));
     let size = spread.sum::<f64>() / count;
     let pairs: Vec<(DVec2, DVec3)> = cells
         .iter()
         .map(|&(cell, blob)| {
-            let ray = (blobs[blob].centre - middle) / size;
+            let ray = (blobs[blob].centre - centroid) / size;
             (cell.as_dvec2(), ray.extend(1.0))
         })
         .collect();
     let to_picture = DMat3::from_cols(
         DVec3::new(size, 0.0, 0.0),
         DVec3::new(0.0, size, 0.0),
-        middle.extend(1.0),
+        centroid.extend(1.0),
     );
     Some(to_picture * from_rays(&pairs)?)
 }

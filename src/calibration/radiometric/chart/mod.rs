@@ -106,8 +106,8 @@ fn better(a: &FoundChart, b: &FoundChart) -> bool {
 }
 
 fn overlap(a: &FoundChart, b: &FoundChart) -> bool {
-    let middle = |chart: &FoundChart| apply(&chart.picture_from_patch, DVec2::new(2.5, 1.5));
-    middle(a).distance(middle(b)) < 3.0 * a.pitch().max(b.pitch())
+    let centre = |chart: &FoundChart| apply(&chart.picture_from_patch, DVec2::new(2.5, 1.5));
+    centre(a).distance(centre(b)) < 3.0 * a.pitch().max(b.pitch())
 }
 
 fn in_level(level: &Level) -> Vec<FoundChart> {

@@ -32,12 +32,12 @@ pub enum NoCurve {
     OneExposure,
     /// There are too few samples.
     #[error(
-        "{places} uniform areas are well exposed in two pictures, 60 are needed; use smaller steps \
+        "{samples} uniform areas are well exposed in two pictures, 60 are needed; use smaller steps \
          of exposure, or a scene with more shades"
     )]
     TooFew {
         /// Number of samples.
-        places: usize,
+        samples: usize,
     },
     /// The codes do not change with the exposure.
     #[error(
@@ -74,7 +74,7 @@ pub fn fit(gathered: &SeriesGatherer, exposure_sigma: f64) -> Result<Curve, NoCu
     let samples = gathered.samples();
     if samples.len() < MIN_SAMPLES {
         return Err(NoCurve::TooFew {
-            places: samples.len(),
+            samples: samples.len(),
         });
     }
     check_order(samples)?;
@@ -82,7 +82,7 @@ pub fn fit(gathered: &SeriesGatherer, exposure_sigma: f64) -> Result<Curve, NoCu
     let fits = SMOOTHNESS.iter().filter_map(|&tau| problem.solve(tau));
     let best = fits.max_by(|a, b| a.evidence.total_cmp(&b.evidence));
     let best = best.ok_or(NoCurve::TooFew {
-        places: samples.len(),
+        samples: samples.len(),
     })?;
     let curve = problem.curve(&best);
     if curve.rms > MAX_RMS {
@@ -96,11 +96,11 @@ pub fn fit(gathered: &SeriesGatherer, exposure_sigma: f64) -> Result<Curve, NoCu
 /// Checks that codes rise with exposure.
 fn check_order(samples: &[Sample]) -> Result<(), NoCurve> {
     let ratios = samples.iter().map(|s| (s.longer.0 / s.shorter.0).ln());
-    let middle = median(ratios).unwrap_or(0.0);
-    if middle < -0.02 {
+    let median_ratio = median(ratios).unwrap_or(0.0);
+    if median_ratio < -0.02 {
         return Err(NoCurve::Reversed);
     }
-    if middle < 0.02 {
+    if median_ratio < 0.02 {
         return Err(NoCurve::Alike);
     }
     Ok(())

@@ -118,11 +118,11 @@ impl<'a> Problem<'a> {
         // All exponents and exposures could shrink together, and every residual with them. The
         // exposures' errors are constrained to have no such component; its possible magnitude is
         // added to the curve's error.
-        let (middle, _) = self.exposure_spread();
+        let (mean, _) = self.exposure_spread();
         let (mut sum, mut scale) = (vec![0.0; n], vec![0.0; n]);
         for (i, e) in self.exposures.iter().enumerate() {
             sum[KNOTS.len() + i] = 1.0;
-            scale[KNOTS.len() + i] = e - middle;
+            scale[KNOTS.len() + i] = e - mean;
         }
         a.add_outer(CONSTRAINT, &sum, &sum);
         a.add_outer(CONSTRAINT, &scale, &scale);
@@ -132,9 +132,9 @@ impl<'a> Problem<'a> {
     /// Returns the mean of the exposures' logarithms, and the root of the sum of squares about it.
     fn exposure_spread(&self) -> (f64, f64) {
         let count = self.exposures.len() as f64;
-        let middle = self.exposures.iter().sum::<f64>() / count;
-        let squares = self.exposures.iter().map(|e| (e - middle).powi(2));
-        (middle, squares.sum::<f64>().sqrt())
+        let mean = self.exposures.iter().sum::<f64>() / count;
+        let squares = self.exposures.iter().map(|e| (e - mean).powi(2));
+        (mean, squares.sum::<f64>().sqrt())
     }
 
     /// Solves with the smoothness `tau`; `None` if the equations are singular.

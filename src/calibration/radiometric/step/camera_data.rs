@@ -173,12 +173,13 @@ impl CameraData {
                 let Some(reading) = read_codes(&green, response) else {
                     continue;
                 };
-                let middle = DVec2::new(f64::from(x), f64::from(y)) + 0.5 * f64::from(BLOCK - 1);
+                let block_centre =
+                    DVec2::new(f64::from(x), f64::from(y)) + 0.5 * f64::from(BLOCK - 1);
                 let relative = reading.variance_of_mean / (reading.mean * reading.mean);
                 self.flats.push(Reading {
                     group,
                     picture: 0,
-                    q: (middle - centre).length_squared() / (radius * radius),
+                    q: (block_centre - centre).length_squared() / (radius * radius),
                     log: reading.mean.ln(),
                     variance: relative + 0.003f64.powi(2),
                 });

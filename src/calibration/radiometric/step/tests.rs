@@ -90,7 +90,7 @@ fn reports_bad_light_and_missing_charts() {
         DVec3::ONE,
         1,
     );
-    for (scene, environment, grade, says) in [
+    for (scene, environment, grade, message) in [
         (&good, &mixed, Grade::Usable, "mixed light"),
         (&good, &clipped, Grade::Usable, "correct its exposure"),
         (
@@ -103,7 +103,7 @@ fn reports_bad_light_and_missing_charts() {
     ] {
         let found = finished(scene, environment);
         let text = format!("{:?}", found.findings);
-        assert!(text.contains(says), "{says}: {text}");
+        assert!(text.contains(message), "{message}: {text}");
         assert_eq!(found.grade, grade, "{text}");
         assert_eq!(found.file.is_none(), grade == Grade::Refused);
     }

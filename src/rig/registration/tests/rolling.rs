@@ -37,8 +37,8 @@ fn tags() -> [Tag; 3] {
     ]
 }
 
-fn station(tags: &[Tag], row_seconds: f64) -> Station {
-    Station {
+fn station(tags: &[Tag], row_seconds: f64) -> TagRegistration {
+    TagRegistration {
         detector: Detector::new(&[Family::Tag36h11], &Response::srgb()),
         camera: camera(),
         row_seconds,
@@ -73,7 +73,7 @@ fn off(tags: &[Tag], row_seconds: f64, tracked: bool) -> [f64; 3] {
                 .filter(|_| tracked),
         };
         let nanos = MonotonicTime::from_nanos((at * 1e9) as i64);
-        found = station.look(&picture, by, nanos).world_from_camera;
+        found = station.register(&picture, by, nanos).world_from_camera;
     }
     let (found, truth) = (found.unwrap(), pose(STEP * f64::from(PICTURES - 1)));
     let place = |pose: &RigidTransform, point| {

@@ -4,11 +4,10 @@
 use super::*;
 use crate::gate::temple_gate;
 use crate::mesh::{Material, Mesh};
-use crate::planes::depth::seen_from;
+use crate::planes::depth::visible_from;
 use crate::primitives;
 use glam::{DMat4, DVec2, Vec3};
 use std::collections::HashSet;
-use std::path::Path;
 use std::sync::Arc;
 
 mod bad;
@@ -33,16 +32,16 @@ fn scene(parts: Vec<Part>) -> Scene {
     }
 }
 
-/// Shares of the area of `parts` that can be seen from outside and does not face down, which
-/// some plane of `layer` holds with a cosine above 0.2, and which its camera sees, too. One
-/// random point in each fragment stands for it.
+/// Shares of the area of `parts` that is visible from outside and does not face down: the share that
+/// lies in the slab of a plane of `layer` with a cosine above 0.2, and the share that its camera
+/// sees, too. Each fragment is represented by a random point.
 fn coverage(planes: &[ShadowingPlane], parts: &[Part], layer: Layer) -> (f64, f64) {
     let mut surface = Surface::new(parts, &all(parts)).unwrap();
     let extent = longest(surface.bounds());
     surface.weigh(&RayCaster::from_parts(parts), extent);
     let seen: Vec<HashSet<u32>> = planes
         .iter()
-        .map(|p| seen_from(p, &surface.fragments).into_iter().collect())
+        .map(|p| visible_from(p, &surface.fragments).into_iter().collect())
         .collect();
     let mut random = 1u32;
     let mut next = || {
@@ -85,7 +84,7 @@ fn is_held(p: &ShadowingPlane, point: DVec3, normal: DVec3) -> bool {
         && (0.0..=p.depth).contains(&depth)
 }
 
-/// Makes the planes of `scene`, says what they cover, and checks it and themselves.
+/// Generates the planes of `scene`, prints their coverage, and checks both.
 fn check(name: &str, scene: &Scene) -> Vec<ShadowingPlane> {
     let start = std::time::Instant::now();
     let planes = generate(scene, &PlaneSettings::default()).unwrap();
@@ -102,15 +101,15 @@ fn check(name: &str, scene: &Scene) -> Vec<ShadowingPlane> {
         planes.len() - real
     );
     assert!(held >= 0.97, "{name}: {held}");
-    // Beneath the eaves of a gate there is always something before something else.
+    // Beneath the eaves of a gate some surfaces are always hidden.
     assert!(seen >= 0.8, "{name}: {seen}");
-    are_sound(&planes, 38);
+    assert_valid(&planes, 38);
     assert_eq!(planes, generate(scene, &PlaneSettings::default()).unwrap());
     planes
 }
 
-/// Rectangles with places, sizes and parts; the real layer first.
-pub(super) fn are_sound(planes: &[ShadowingPlane], most: usize) {
+/// Checks centres, sizes, axes and parts; the real layer must come first.
+pub(super) fn assert_valid(planes: &[ShadowingPlane], most: usize) {
     assert!(planes.len() <= most, "{}", planes.len());
     assert!(planes.is_sorted_by_key(|p| p.layer != Layer::Real));
     for p in planes {
@@ -124,13 +123,7 @@ pub(super) fn are_sound(planes: &[ShadowingPlane], most: usize) {
 
 /// The phantoms, the mirrored ball and the object of a recorded rig.
 fn session(name: &str) -> Option<Scene> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../../../shared/truth")
-        .join(name);
-    if !folder.is_dir() {
-        eprintln!("SKIPPED {name}: ../../../shared/truth is missing");
-        return None;
-    }
+    let folder = penumbra_test_data::shared(&format!("truth/{name}"))?;
     let rig = std::fs::read(folder.join("rig.json")).unwrap();
     let rig: serde_json::Value = serde_json::from_slice(&rig).unwrap();
     let rows = &rig["object"]["T_world_object"]["matrix_row_major"];
@@ -158,7 +151,7 @@ fn session(name: &str) -> Option<Scene> {
 }
 
 #[test]
-fn the_sessions_objects_are_covered() {
+fn covers_the_sessions_objects() {
     for name in [
         "desk",
         "desk-sphere",
@@ -176,19 +169,16 @@ fn the_sessions_objects_are_covered() {
 }
 
 #[test]
-fn the_torii_are_covered() {
-    let path =
-        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/models/torii/scene.gltf");
-    if !path.is_file() {
-        eprintln!("SKIPPED the_torii_are_covered: ../../../shared/data/models/torii is missing");
+fn covers_the_torii() {
+    let Some(path) = penumbra_test_data::shared("data/models/torii/scene.gltf") else {
         return;
-    }
+    };
     let parts = crate::load_gltf(&path).unwrap().placed(DMat4::IDENTITY);
     check("torii", &scene(parts));
 }
 
 #[test]
-fn the_temple_gate_is_covered_at_any_size() {
+fn covers_the_temple_gate_at_any_size() {
     for scale in [1.0, 0.02, 20.0] {
         let placement = DMat4::from_scale_rotation_translation(
             DVec3::splat(scale),
@@ -201,7 +191,7 @@ fn the_temple_gate_is_covered_at_any_size() {
 }
 
 #[test]
-fn a_box_gets_its_five_sides_and_the_ground() {
+fn box_has_planes_on_five_sides_and_the_ground() {
     let scene = scene(vec![part(
         "box",
         primitives::cuboid(Vec3::new(0.2, 0.1, 0.3)),
@@ -228,7 +218,7 @@ fn a_box_gets_its_five_sides_and_the_ground() {
 
 /// Cosines of surfaces that a plane looks at straight may come out above one.
 #[test]
-fn a_box_gets_them_however_it_is_turned() {
+fn rotated_box_has_the_same_planes() {
     for degrees in [7.0, 28.65, 45.0, 61.0, 83.0] {
         let turn = DMat4::from_rotation_z(f64::to_radians(degrees));
         let mut cube = cube_at("box", DVec3::ZERO);
@@ -243,7 +233,7 @@ fn a_box_gets_them_however_it_is_turned() {
 }
 
 #[test]
-fn round_things_are_covered() {
+fn covers_round_objects() {
     for (name, mesh) in [
         ("torus", primitives::torus(0.08, 0.02, 225, 130)),
         ("sphere", primitives::sphere(30.0, 128, 64)),
@@ -259,7 +249,7 @@ fn cube_at(name: &str, at: DVec3) -> Part {
 }
 
 #[test]
-fn the_ground_is_nested_and_ends_where_the_real_one_does() {
+fn ground_planes_are_nested_and_end_at_the_border_of_the_ground() {
     let mut scene = scene(vec![cube_at("box", DVec3::ZERO)]);
     let settings = PlaneSettings::default();
     let ground = |scene: &Scene| -> Vec<ShadowingPlane> {
@@ -290,14 +280,14 @@ fn the_ground_is_nested_and_ends_where_the_real_one_does() {
 }
 
 #[test]
-fn phantoms_near_the_model_take_shadows_and_mirrors_and_far_ones_do_not() {
+fn only_near_phantoms_that_are_no_mirrors_have_planes() {
     let mut scene = scene(vec![cube_at("box", DVec3::ZERO)]);
     scene.phantom_parts.push(cube_at("near", DVec3::X * 2.0));
     scene.phantom_parts.push(cube_at("far", DVec3::X * 40.0));
     scene.phantom_parts.push(cube_at("ball", DVec3::Y * 2.0));
     scene.phantom_parts[3].mirror = true;
     let planes = generate(&scene, &PlaneSettings::default()).unwrap();
-    are_sound(&planes, 38);
+    assert_valid(&planes, 38);
     let has = |part: u32| {
         planes
             .iter()
@@ -319,7 +309,7 @@ fn phantoms_near_the_model_take_shadows_and_mirrors_and_far_ones_do_not() {
 }
 
 #[test]
-fn what_is_hidden_inside_gets_no_plane() {
+fn hidden_parts_have_no_plane() {
     let small = part(
         "inner",
         primitives::cuboid(Vec3::splat(0.2)),
@@ -335,7 +325,7 @@ fn what_is_hidden_inside_gets_no_plane() {
 }
 
 #[test]
-fn fewer_planes_are_the_more_important_ones() {
+fn fewer_planes_are_the_most_valuable_ones() {
     let scene = scene(temple_gate(16).placed(DMat4::IDENTITY));
     let mut last = 0.0;
     for count in [2, 8, 24] {
@@ -344,7 +334,7 @@ fn fewer_planes_are_the_more_important_ones() {
             ..PlaneSettings::default()
         };
         let planes = generate(&scene, &settings).unwrap();
-        are_sound(&planes, count as usize);
+        assert_valid(&planes, count as usize);
         assert_eq!(planes[0].layer, Layer::Real);
         let (held, _) = coverage(&planes, &scene.virtual_parts, Layer::Virtual);
         assert!(held > last, "{count}: {held}");
@@ -353,7 +343,7 @@ fn fewer_planes_are_the_more_important_ones() {
 }
 
 #[test]
-fn planes_by_hand_take_the_place_of_their_layer() {
+fn planes_by_hand_replace_those_of_their_layer() {
     let mut scene = scene(vec![cube_at("box", DVec3::ZERO)]);
     let made = generate(&scene, &PlaneSettings::default()).unwrap();
     let (real, own): (Vec<_>, Vec<_>) = made.into_iter().partition(|p| p.layer == Layer::Real);

@@ -37,7 +37,7 @@ const SETTINGS: PlaneSettings = PlaneSettings {
     receiver: Receiver::Surface,
 };
 
-/// As a bake of `scene` would be, but for its pictures.
+/// The bake of `scene` without its images.
 fn bake(scene: &Scene) -> Bake {
     let mut planes = generate(scene, &SETTINGS).unwrap();
     planes.sort_by_key(|p| p.layer == Layer::Virtual);
@@ -60,7 +60,7 @@ fn renewed(old: &Scene, new: &Scene) -> Renewal {
 }
 
 #[test]
-fn nothing_is_baked_where_nothing_has_changed() {
+fn unchanged_scene_needs_no_baking() {
     let old = scene(vec![cuboid(-4.0, 1.0), cuboid(4.0, 1.0)]);
     let renewal = renewed(&old, &old.clone());
     assert_eq!(renewal.counts(), (0, 0));
@@ -70,7 +70,7 @@ fn nothing_is_baked_where_nothing_has_changed() {
 }
 
 #[test]
-fn one_changed_object_gets_new_planes_and_the_others_keep_theirs() {
+fn only_a_changed_object_has_new_planes() {
     let old = scene(vec![cuboid(-4.0, 1.0), cuboid(4.0, 1.0)]);
     let mut turned = cuboid(4.0, 1.0);
     turned.world_from_part *= DMat4::from_rotation_z(0.5);
@@ -84,7 +84,7 @@ fn one_changed_object_gets_new_planes_and_the_others_keep_theirs() {
     let (new_planes, images) = renewal.counts();
     assert!((3..=12).contains(&new_planes), "{new_planes}");
     let lights = renewal.drawn.len() / renewal.planes.len();
-    // All images of new planes, and of the others those that the turned box can shadow.
+    // All images of new planes, and of the others those that the rotated box can shadow.
     assert!(images >= new_planes * lights);
     assert!(images < renewal.drawn.len() * 3 / 4, "{images}");
     // The sides of the other box that face away are out of reach.
@@ -103,7 +103,7 @@ fn one_changed_object_gets_new_planes_and_the_others_keep_theirs() {
 }
 
 #[test]
-fn objects_may_come_and_go() {
+fn accepts_added_and_removed_objects() {
     let (left, right) = (cuboid(-4.0, 1.0), cuboid(4.0, 1.0));
     let both = scene(vec![left.clone(), right.clone()]);
     let one = scene(vec![right]);
@@ -131,7 +131,7 @@ fn objects_may_come_and_go() {
 }
 
 #[test]
-fn what_a_ray_can_shadow_is_never_left_out() {
+fn never_omits_an_image_that_a_ray_can_shadow() {
     let mut random = 7u32;
     let mut next = || {
         random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -174,11 +174,11 @@ fn what_a_ray_can_shadow_is_never_left_out() {
         reached += u32::from(hit);
         spared += u32::from(!says);
     }
-    // Both are common, or the test would say little.
+    // Both cases must be common for the test to be meaningful.
     assert!(reached > 20 && spared > 100, "{reached} {spared}");
 }
 
-/// Whether the ray from `origin` meets the box.
+/// Whether the ray from `origin` hits the box.
 fn meets(origin: DVec3, towards: DVec3, extent: &Extent) -> bool {
     let (a, b) = (
         (extent.low - origin) / towards,

@@ -1,6 +1,6 @@
-//! Where bakes are kept between runs.
+//! Cache of bakes on disk.
 
-use super::{LARGEST_FILE, StoreError, from_bytes, to_bytes};
+use super::{MAX_FILE_BYTES, StoreError, from_bytes, to_bytes};
 use crate::planes::Bake;
 use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions};
@@ -9,20 +9,20 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, SystemTime};
 
-/// Bytes that the cache may take; the bakes that were used longest ago go first.
+/// Maximum size of the cache, bytes; the least recently used bakes are removed first.
 pub const CACHE_LIMIT: u64 = 1_000_000_000;
 const EXTENSION: &str = "bake";
-/// What a writer that was killed left behind.
+/// Extension of files that are being written.
 const UNFINISHED: &str = "unfinished";
-/// After which it is certain that nobody still writes it.
+/// Age after which an unfinished file counts as abandoned.
 const ABANDONED: Duration = Duration::from_secs(3600);
 
-/// The bake with this `key` at `path`. None where there is no file; a stale or damaged one is
-/// told of in the log, and counts as none.
+/// Loads the bake with this `key` from `path`. `None` without a file, and for a stale or damaged one,
+/// which is logged.
 ///
 /// # Errors
 ///
-/// The operating system's, but for a missing file.
+/// The file exists and cannot be read.
 pub fn load(path: &Path, key: &[u8; 32]) -> Result<Option<Bake>, StoreError> {
     let Some(bytes) = read(path)? else {
         return Ok(None);
@@ -35,7 +35,7 @@ pub fn load(path: &Path, key: &[u8; 32]) -> Result<Option<Bake>, StoreError> {
         }
         Ok(_) => {
             tracing::info!(
-                "{file}: the bake is stale: model, planes or settings have changed since; it is made anew"
+                "{file}: the bake is stale: model, planes or settings have changed; it is baked again"
             );
             Ok(None)
         }
@@ -52,39 +52,42 @@ fn read(path: &Path) -> Result<Option<Vec<u8>>, StoreError> {
         Err(e) if e.kind() == ErrorKind::NotFound => return Ok(None),
         other => other.map_err(|e| io(path, "reading", e))?,
     };
-    // One byte more than allowed, so that a larger file is refused and not cut.
-    let mut limited = file.take(LARGEST_FILE + 1);
+    // One byte more than allowed, so that a larger file is refused instead of truncated.
+    let mut limited = file.take(MAX_FILE_BYTES + 1);
     limited
         .read_to_end(&mut bytes)
         .map_err(|e| io(path, "reading", e))?;
-    if bytes.len() as u64 > LARGEST_FILE {
-        tracing::warn!("{}: larger than any bake; it is made anew", path.display());
+    if bytes.len() as u64 > MAX_FILE_BYTES {
+        tracing::warn!(
+            "{}: larger than the maximum; it is baked again",
+            path.display()
+        );
         return Ok(None);
     }
     Ok(Some(bytes))
 }
 
-/// Now, as the file system counts.
-#[allow(
+/// Current time of the file system.
+#[expect(
     clippy::disallowed_methods,
-    reason = "a file's age is told by wall time; nothing else hangs on it"
+    reason = "a file's age is measured in wall time; nothing else depends on it"
 )]
 fn now() -> SystemTime {
     SystemTime::now()
 }
 
-/// Marks a bake as used just now. Not being able to does no harm: it only goes sooner.
+/// Marks a bake as recently used. A failure is harmless: the bake is only removed earlier.
 fn touch(path: &Path) {
     if let Ok(file) = OpenOptions::new().append(true).open(path) {
         file.set_modified(now()).ok();
     }
 }
 
-/// Writes `bake` to `path`, whole or not at all, making its folder where there is none.
+/// Writes `bake` to `path` atomically and creates its folder if missing.
 ///
 /// # Errors
 ///
-/// The operating system's, and [`StoreError::Unfit`].
+/// The file cannot be written; [`StoreError::Unfit`].
 pub fn save(path: &Path, bake: &Bake) -> Result<(), StoreError> {
     static NEXT: AtomicU32 = AtomicU32::new(0);
     let bytes = to_bytes(bake)?;
@@ -103,7 +106,7 @@ pub fn save(path: &Path, bake: &Bake) -> Result<(), StoreError> {
 fn write(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
     let mut file = File::create(path)?;
     file.write_all(bytes)?;
-    // Else a power cut may leave the name without the content.
+    // Without this a power cut may leave the name without the content.
     file.sync_all()
 }
 
@@ -115,23 +118,22 @@ fn io(path: &Path, doing: &'static str, source: std::io::Error) -> StoreError {
     }
 }
 
-/// The file of the bake with this key.
+/// Path of the bake with this key.
 #[must_use]
 pub fn cache_path(folder: &Path, key: &[u8; 32]) -> PathBuf {
     let name: String = key.iter().map(|b| format!("{b:02x}")).collect();
     folder.join(name).with_extension(EXTENSION)
 }
 
-/// Where bakes go if nothing else is said: systemd's `$CACHE_DIRECTORY`, else
-/// `$XDG_CACHE_HOME/penumbra`, else `~/.cache/penumbra`; below it `bakes`. None for a user
-/// without a home.
+/// Default folder of bakes: `bakes` in systemd's `$CACHE_DIRECTORY`, else in
+/// `$XDG_CACHE_HOME/penumbra`, else in `~/.cache/penumbra`. `None` for a user without a home.
 #[must_use]
 pub fn default_cache_folder() -> Option<PathBuf> {
     folder_by(|name| std::env::var_os(name))
 }
 
 pub(super) fn folder_by(variable: impl Fn(&str) -> Option<OsString>) -> Option<PathBuf> {
-    // The specifications want relative paths to be passed over.
+    // The specifications demand that relative paths are ignored.
     let folder = |name: &str| {
         variable(name)
             .map(PathBuf::from)
@@ -146,12 +148,12 @@ pub(super) fn folder_by(variable: impl Fn(&str) -> Option<OsString>) -> Option<P
         .map(|p| p.join("bakes"))
 }
 
-/// Removes the bakes that were used longest ago until those left take at most `limit` bytes,
-/// and what killed writers left behind. Says how many files went.
+/// Removes the least recently used bakes until the others take at most `limit` bytes, and abandoned
+/// unfinished files. Returns the number of removed files.
 ///
 /// # Errors
 ///
-/// The operating system's, for the folder itself.
+/// The folder cannot be listed.
 pub fn trim(folder: &Path, limit: u64) -> Result<usize, StoreError> {
     let entries = match fs::read_dir(folder) {
         Err(e) if e.kind() == ErrorKind::NotFound => return Ok(0),
@@ -178,7 +180,7 @@ pub fn trim(folder: &Path, limit: u64) -> Result<usize, StoreError> {
         if total <= limit {
             break;
         }
-        // Another process may have been faster.
+        // Another process may have removed it.
         removed += usize::from(fs::remove_file(&path).is_ok());
         total -= size;
     }

@@ -1,29 +1,32 @@
-//! What is in a bake's file, unpacked, and what must be true of it.
+//! Unpacked content of a bake's file, and its checks.
 
 use crate::planes::{
     Bake, BakeSettings, Basis, Image, Layer, Receiver, ReceiverImage, ShadowingPlane,
 };
 use glam::{DVec2, DVec3};
 
-/// What no bake exceeds; nothing larger is allocated.
-const MOST_PLANES: usize = 1000;
-const MOST_RESOLUTION: u32 = 1024;
-const MOST_FREQUENCY: u32 = 16;
-const MOST_SAMPLES: u32 = 4096;
-const MOST_PARTS: u32 = 100_000;
+/// Maxima of a bake; nothing larger is allocated.
+const MAX_PLANES: usize = 1000;
+const MAX_RESOLUTION: u32 = 1024;
+const MAX_FREQUENCY: u32 = 16;
+const MAX_SAMPLES: u32 = 4096;
+const MAX_PARTS: u32 = 100_000;
 const CUT_SHORT: &str = "its content is cut short";
 
-/// Faces of the dome's upper half.
+/// Number of faces of the dome's upper half.
 fn lights(frequency: u32) -> usize {
     10 * (frequency * frequency) as usize
 }
 
-/// Says in words what does not fit together in a bake.
+/// Checks that a bake is consistent.
+///
+/// # Errors
+/// The inconsistency in words.
 pub(super) fn check(bake: &Bake) -> Result<(), String> {
     check_settings(&bake.settings)?;
     let planes = bake.planes.len();
-    if planes > MOST_PLANES {
-        return Err(format!("it has {planes} planes, more than {MOST_PLANES}"));
+    if planes > MAX_PLANES {
+        return Err(format!("it has {planes} planes, more than {MAX_PLANES}"));
     }
     if bake.receivers.len() != planes {
         return Err("it has not one receiver for each plane".into());
@@ -32,7 +35,7 @@ pub(super) fn check(bake: &Bake) -> Result<(), String> {
         return Err("it has not one image for each plane and light".into());
     }
     if !bake.planes.iter().all(is_plane) {
-        return Err("one of its planes is no rectangle".into());
+        return Err("one of its planes is invalid".into());
     }
     let texels = (bake.settings.resolution * bake.settings.resolution) as usize;
     let fits = |r: &ReceiverImage| {
@@ -48,7 +51,7 @@ pub(super) fn check(bake: &Bake) -> Result<(), String> {
         .iter()
         .all(|b| known(b.past_all) && known(b.past_phantoms))
     {
-        return Err("it lacks an image that it names".into());
+        return Err("it refers to a missing image".into());
     }
     Ok(())
 }
@@ -59,12 +62,12 @@ fn check_settings(settings: &BakeSettings) -> Result<(), String> {
         frequency,
         samples,
     } = *settings;
-    if !(4..=MOST_RESOLUTION).contains(&resolution) || !resolution.is_multiple_of(4) {
+    if !(4..=MAX_RESOLUTION).contains(&resolution) || !resolution.is_multiple_of(4) {
         return Err(format!(
-            "{resolution} texels along a side are no multiple of 4 up to {MOST_RESOLUTION}"
+            "{resolution} texels along a side are no multiple of 4 up to {MAX_RESOLUTION}"
         ));
     }
-    if !(1..=MOST_FREQUENCY).contains(&frequency) || !(1..=MOST_SAMPLES).contains(&samples) {
+    if !(1..=MAX_FREQUENCY).contains(&frequency) || !(1..=MAX_SAMPLES).contains(&samples) {
         return Err(format!(
             "a dome of frequency {frequency} with {samples} samples is not known"
         ));
@@ -84,7 +87,7 @@ fn is_plane(plane: &ShadowingPlane) -> bool {
         && plane.depth > 0.0
 }
 
-/// The content's bytes.
+/// Encodes the content.
 pub(super) fn write(bake: &Bake) -> Vec<u8> {
     let mut out = Vec::with_capacity(bake.texels.len() + 4096);
     let count = |out: &mut Vec<u8>, n: usize| out.extend((n as u32).to_le_bytes());
@@ -116,7 +119,7 @@ pub(super) fn write(bake: &Bake) -> Vec<u8> {
         .iter()
         .flat_map(|b| [b.past_all, b.past_phantoms])
     {
-        // Two numbers that no stored image has stand for those that are not stored.
+        // Two indices that no stored image has encode the images that are not stored.
         let code = match image {
             Image::Black => u32::MAX,
             Image::White => u32::MAX - 1,
@@ -129,7 +132,7 @@ pub(super) fn write(bake: &Bake) -> Vec<u8> {
     out
 }
 
-/// A plane's bytes: in files, and where a key is made.
+/// Encodes a plane, for files and keys.
 pub(super) fn write_plane(out: &mut Vec<u8>, plane: &ShadowingPlane) {
     for v in [plane.centre, plane.right, plane.up] {
         out.extend(v.to_array().iter().flat_map(|x| x.to_le_bytes()));
@@ -149,7 +152,7 @@ pub(super) fn write_plane(out: &mut Vec<u8>, plane: &ShadowingPlane) {
     out.extend(plane.parts.iter().flat_map(|p| p.to_le_bytes()));
 }
 
-/// The bake in a content's bytes. What it says of itself is not checked yet.
+/// Decodes the content. The result must be checked by [`check`].
 pub(super) fn read(raw: &[u8], key: [u8; 32]) -> Result<Bake, String> {
     let mut bytes = Bytes::new(raw);
     let settings = BakeSettings {
@@ -158,7 +161,7 @@ pub(super) fn read(raw: &[u8], key: [u8; 32]) -> Result<Bake, String> {
         samples: bytes.u32()?,
     };
     check_settings(&settings)?;
-    let count = bytes.count(MOST_PLANES as u32, 1)?;
+    let count = bytes.count(MAX_PLANES as u32, 1)?;
     let planes = (0..count)
         .map(|_| read_plane(&mut bytes))
         .collect::<Result<_, _>>()?;
@@ -177,7 +180,7 @@ pub(super) fn read(raw: &[u8], key: [u8; 32]) -> Result<Bake, String> {
     let length = usize::try_from(bytes.u64()?).map_err(|_| CUT_SHORT)?;
     let texels = bytes.take(length)?.to_vec();
     if !bytes.rest.is_empty() {
-        return Err("its content is longer than it should be".into());
+        return Err("its content is too long".into());
     }
     Ok(Bake {
         key,
@@ -204,7 +207,7 @@ fn read_plane(bytes: &mut Bytes) -> Result<ShadowingPlane, String> {
         1 => Receiver::Surface,
         other => return Err(format!("one of its planes has a receiver {other}")),
     };
-    let count = bytes.count(MOST_PARTS, 4)?;
+    let count = bytes.count(MAX_PARTS, 4)?;
     let parts = (0..count).map(|_| bytes.u32()).collect::<Result<_, _>>()?;
     Ok(ShadowingPlane {
         centre,
@@ -219,7 +222,7 @@ fn read_plane(bytes: &mut Bytes) -> Result<ShadowingPlane, String> {
 }
 
 fn read_receiver(bytes: &mut Bytes) -> Result<ReceiverImage, String> {
-    let count = bytes.count(MOST_RESOLUTION * MOST_RESOLUTION, 6)?;
+    let count = bytes.count(MAX_RESOLUTION * MAX_RESOLUTION, 6)?;
     let pair = |b: &[u8; 4]| {
         [
             i16::from_le_bytes([b[0], b[1]]),
@@ -251,7 +254,7 @@ fn read_image(bytes: &mut Bytes) -> Result<Image, String> {
     })
 }
 
-/// Bytes that are read from the front.
+/// Reader of bytes.
 pub(super) struct Bytes<'a> {
     rest: &'a [u8],
 }
@@ -289,11 +292,11 @@ impl<'a> Bytes<'a> {
         Ok(f64::from_le_bytes(self.array()?))
     }
 
-    /// A count of things of at least `size` bytes each, all of which are still to come.
+    /// Reads a count, at most `most`, of items of at least `size` bytes each that must follow.
     fn count(&mut self, most: u32, size: usize) -> Result<usize, String> {
         let count = self.u32()?;
         if count > most {
-            return Err(format!("it counts {count} where {most} is the most"));
+            return Err(format!("a count is {count}, more than {most}"));
         }
         if count as usize * size > self.rest.len() {
             return Err(CUT_SHORT.into());

@@ -1,18 +1,17 @@
-//! What a bake is known by: everything that it depends on.
+//! Key of a bake: a hash of everything on which it depends.
 
 use super::content::write_plane;
 use crate::mesh::{Part, Scene};
 use crate::planes::{BakeSettings, PlaneSettings, Receiver};
 use sha2::{Digest, Sha256};
 
-/// Of the way of making planes and baking. To be raised whenever the same scene gives others.
+/// Version of the generation and baking of planes. Increment it whenever a scene yields other results.
 const METHOD: u32 = 3;
-/// Bytes that are gathered before they are hashed.
+/// Number of bytes that are collected before they are hashed.
 const BATCH: usize = 1 << 16;
 
-/// SHA-256 over the versions of format and method, all geometry where it stands, planes that
-/// are placed by hand, and how the others are made and baked. Names (but for the ground's), colours
-/// and lamps change nothing.
+/// SHA-256 of the versions of format and method, the geometry in the world, planes placed by hand, and
+/// the settings. Names (except the ground's), colours and lamps have no effect.
 #[must_use]
 pub fn key(scene: &Scene, planes: &PlaneSettings, settings: &BakeSettings) -> [u8; 32] {
     let mut hash = Hash::default();
@@ -82,7 +81,7 @@ impl Hash {
         self.add(&material.alpha_cutoff.to_bits().to_le_bytes());
         self.count(part.mesh.vertices.len());
         for v in &part.mesh.vertices {
-            // Normals are what a plane's camera sees of a surface.
+            // A plane's camera renders normals.
             for x in v.position.to_array().into_iter().chain(v.normal.to_array()) {
                 self.add(&x.to_bits().to_le_bytes());
             }
@@ -96,7 +95,7 @@ impl Hash {
         }
     }
 
-    /// What decides where a cut-out material has holes.
+    /// Adds the properties that determine the holes of a cut-out material.
     fn cut_out(&mut self, part: &Part) {
         self.add(&part.material.base_colour.w.to_bits().to_le_bytes());
         for v in &part.mesh.vertices {

@@ -4,7 +4,7 @@
     clippy::panic,
     clippy::disallowed_methods
 )]
-//! Bakes survive the way to disk and back, and nothing else does.
+//! Bakes are stored and loaded unchanged; everything else is refused.
 
 use super::*;
 use crate::mesh::{Material, Part, Scene};
@@ -75,7 +75,7 @@ fn new_bake() -> Bake {
     }
 }
 
-/// A file whose checksum is right whatever is in it.
+/// A file with a correct checksum and arbitrary content.
 fn sealed(mut bytes: Vec<u8>) -> Vec<u8> {
     bytes.truncate(bytes.len() - 4);
     let sum = crc32fast::hash(&bytes);
@@ -84,7 +84,7 @@ fn sealed(mut bytes: Vec<u8>) -> Vec<u8> {
 }
 
 #[test]
-fn a_bake_comes_back_as_it_went() {
+fn stored_bake_loads_unchanged() {
     let bake = bake();
     assert_eq!(from_bytes(&to_bytes(&bake).unwrap()).unwrap(), bake);
     let empty = Bake {
@@ -98,7 +98,7 @@ fn a_bake_comes_back_as_it_went() {
 }
 
 #[test]
-fn every_truncation_is_told() {
+fn refuses_every_truncation() {
     let bytes = to_bytes(&bake()).unwrap();
     for length in 0..bytes.len() {
         let text = from_bytes(&bytes[..length]).unwrap_err().to_string();
@@ -110,7 +110,7 @@ fn every_truncation_is_told() {
 }
 
 #[test]
-fn every_flipped_bit_is_told() {
+fn refuses_every_flipped_bit() {
     let bytes = to_bytes(&bake()).unwrap();
     for bit in 0..8 * bytes.len() {
         let mut bytes = bytes.clone();
@@ -120,7 +120,7 @@ fn every_flipped_bit_is_told() {
 }
 
 #[test]
-fn another_version_is_told_by_name() {
+fn error_names_another_version() {
     let mut bytes = to_bytes(&bake()).unwrap();
     bytes[8] = 9;
     let text = from_bytes(&sealed(bytes)).unwrap_err().to_string();
@@ -128,9 +128,9 @@ fn another_version_is_told_by_name() {
 }
 
 proptest! {
-    // With a right checksum only the reader itself stands between the bytes and the program.
+    // With a correct checksum only the reader's own checks protect the program.
     #[test]
-    fn forged_content_never_panics_and_what_is_read_fits_together(
+    fn forged_content_never_panics_and_loads_only_if_consistent(
         at in any::<prop::sample::Index>(),
         with in prop::collection::vec(any::<u8>(), 1..9),
         cut in any::<prop::sample::Index>(),
@@ -164,7 +164,7 @@ proptest! {
 }
 
 #[test]
-fn a_bake_that_does_not_fit_together_is_not_written() {
+fn refuses_to_write_an_inconsistent_bake() {
     let broken: [fn(&mut Bake); 6] = [
         |b| b.settings.resolution = 6,
         |b| b.settings.frequency = 0,
@@ -181,7 +181,7 @@ fn a_bake_that_does_not_fit_together_is_not_written() {
 }
 
 #[test]
-fn the_key_tells_all_that_a_bake_depends_on_and_nothing_else() {
+fn key_depends_on_everything_that_a_bake_depends_on_and_nothing_else() {
     let settings = BakeSettings::default();
     let layout = PlaneSettings::default();
     let usual = key(&scene(), &layout, &settings);
@@ -218,7 +218,7 @@ fn the_key_tells_all_that_a_bake_depends_on_and_nothing_else() {
 }
 
 #[test]
-fn the_cache_keeps_replaces_and_forgets() {
+fn cache_stores_replaces_and_removes() {
     let folder = tempfile::tempdir().unwrap();
     let below = folder.path().join("a/b");
     let bake = bake();
@@ -231,13 +231,13 @@ fn the_cache_keeps_replaces_and_forgets() {
     assert_eq!(std::fs::read_dir(&below).unwrap().count(), 1);
     std::fs::write(&path, b"penubake and then nonsense").unwrap();
     assert!(load(&path, &bake.key).unwrap().is_none());
-    // A folder where a file should be is the system's complaint.
+    // A folder in place of a file is an error of the operating system.
     let text = save(&below, &bake).unwrap_err().to_string();
     assert!(text.contains("writing failed"), "{text}");
 }
 
 #[test]
-fn the_oldest_bakes_go_first() {
+fn removes_the_least_recently_used_bakes_first() {
     let folder = tempfile::tempdir().unwrap();
     let put = |name: &str, age: u64| {
         let path = folder.path().join(name);
@@ -266,7 +266,7 @@ fn the_oldest_bakes_go_first() {
 }
 
 #[test]
-fn the_folder_is_where_the_system_keeps_caches() {
+fn default_folder_follows_the_systems_cache_folders() {
     let by = |all: &'static [(&str, &str)]| {
         cache::folder_by(|name| all.iter().find(|v| v.0 == name).map(|v| v.1.into()))
     };

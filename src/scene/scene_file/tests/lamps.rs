@@ -1,9 +1,9 @@
-//! Lamps and their mistakes.
+//! Lamps of scene files.
 
 use super::*;
 
 #[test]
-fn lamps_shine_all_round_or_at_a_target_and_mistakes_are_named() {
+fn reads_point_and_spot_lamps_and_names_mistakes() {
     let lamp = |rest: &str| format!("[[lamp]]\nintensity = [1, 1, 1]\n{rest}");
     let scene = read(&lamp("position_m = [0, 0, 1]")).unwrap();
     assert_eq!(scene.lamps[0].at(0.0).unwrap().cone, None);
@@ -36,7 +36,7 @@ fn lamps_shine_all_round_or_at_a_target_and_mistakes_are_named() {
 }
 
 #[test]
-fn a_lamp_inside_of_a_thing_is_told_and_the_scene_stays() {
+fn warns_of_an_enclosed_lamp() {
     let text = "[[object]]\nname = \"ball\"\nshape = \"sphere\"\nradius_m = 0.1\nposition_m = [0, 0, 1]\n\
         [[lamp]]\nname = \"bulb\"\nintensity = [1, 1, 1]\nposition_m = [0, 0, 1.05]\n\
         [[lamp]]\nintensity = [1, 1, 1]\nposition_m = [0, 0, 1.2]\n\
@@ -55,10 +55,10 @@ fn a_lamp_inside_of_a_thing_is_told_and_the_scene_stays() {
 const AREA: &str = "[[lamp]]\nkind = \"area\"\nsize_m = [0.4, 0.2]\nposition_m = [0, 0, 1]\ntarget_m = [0, 1, 1]\n";
 
 #[test]
-fn areas_shine_in_any_unit_and_know_how_they_are_turned() {
+fn reads_areas_in_every_unit_with_their_orientation() {
     let read = |rest: &str| read(&format!("[photometry]\nwhite_cd_m2 = 100\n{AREA}{rest}"));
     let lamp = |rest: &str| read(rest).unwrap().lamps[0].clone();
-    // 0.08 m²: 50 cd/m² are 4 cd straight ahead and 4π lm in all, half of the camera's white.
+    // 0.08 m²: 50 cd/m² are 4 cd along the normal and 4π lm in total, half of the camera's white.
     let pi = std::f64::consts::PI;
     for (rest, expected) in [
         ("nit = 50".to_owned(), 0.04),
@@ -83,7 +83,7 @@ fn areas_shine_in_any_unit_and_know_how_they_are_turned() {
 }
 
 #[test]
-fn an_area_moves_along_with_what_it_is_attached_to() {
+fn area_moves_with_its_object() {
     let text = format!(
         "[[object]]\nname = \"box\"\nshape = \"box\"\nsize_m = [1, 1, 1]\nposition_m = [5, 0, 0]\nrotation_deg = [90, 0, 0]\n\
          {AREA}attached_to = \"box\"\nintensity = [1, 1, 1]\nrepeat_s = 4\n\
@@ -104,7 +104,7 @@ fn an_area_moves_along_with_what_it_is_attached_to() {
 }
 
 #[test]
-fn a_picture_on_an_area_shares_its_light_out_and_mistakes_are_named() {
+fn texture_of_an_area_scales_its_light() {
     let folder = tempfile::tempdir().unwrap();
     let save = |name: &str, codes: [[u8; 3]; 2]| {
         let picture = image::RgbImage::from_fn(2, 1, |x, _| image::Rgb(codes[x as usize]));
@@ -139,7 +139,7 @@ fn a_picture_on_an_area_shares_its_light_out_and_mistakes_are_named() {
         ),
         (
             "nit = 1\ntexture = \"black.png\"",
-            "black.png is black all over",
+            "black.png is entirely black",
         ),
     ] {
         let found = load(rest).unwrap_err();
@@ -148,7 +148,7 @@ fn a_picture_on_an_area_shares_its_light_out_and_mistakes_are_named() {
 }
 
 #[test]
-fn mistakes_in_areas_are_named() {
+fn errors_name_mistakes_in_areas() {
     let lamp = |rest: &str| format!("{AREA}intensity = [1, 1, 1]\n{rest}");
     let without = |key: &str| {
         let lines = AREA.lines().filter(|line| !line.starts_with(key));
@@ -157,7 +157,6 @@ fn mistakes_in_areas_are_named() {
             lines.collect::<Vec<_>>().join("\n")
         )
     };
-    let point = "[[lamp]]\nposition_m = [0, 0, 1]\nintensity = [1, 1, 1]\n";
     for (text, expected) in [
         (
             without("size_m"),
@@ -200,9 +199,19 @@ fn mistakes_in_areas_are_named() {
         ),
         (
             format!("{AREA}nit = 1"),
-            "`lamp[0].nit`: needs to know what the camera shows as white",
+            "`lamp[0].nit`: needs the luminance of the camera's white",
         ),
         (AREA.replace("area", "disc"), "s.toml:2"),
+    ] {
+        let found = complaint(&text);
+        assert!(found.contains(expected), "{found}, expected {expected}");
+    }
+}
+
+#[test]
+fn errors_name_keys_of_other_kinds() {
+    let point = "[[lamp]]\nposition_m = [0, 0, 1]\nintensity = [1, 1, 1]\n";
+    for (text, expected) in [
         (
             format!("{point}texture = \"a.png\""),
             "s.toml:4: `lamp[0].texture`: goes with kind = \"area\" only",

@@ -1,4 +1,4 @@
-//! Bad models: either planes or one clear line.
+//! Invalid and extreme models: either planes or an error of one line.
 
 use super::*;
 use crate::mesh::Vertex;
@@ -22,7 +22,7 @@ fn mesh(corners: &[[f32; 3]], indices: Vec<u32>) -> Mesh {
 fn try_it(parts: Vec<Part>) -> Result<Vec<ShadowingPlane>, PlaneError> {
     let result = generate(&scene(parts), &PlaneSettings::default());
     match &result {
-        Ok(planes) => are_sound(planes, 38),
+        Ok(planes) => assert_valid(planes, 38),
         Err(e) => assert_eq!(e.to_string().lines().count(), 1, "{e}"),
     }
     result
@@ -33,7 +33,7 @@ fn one(mesh: Mesh) -> Result<Vec<ShadowingPlane>, PlaneError> {
 }
 
 #[test]
-fn nothing_needs_no_planes() {
+fn empty_scene_has_no_planes() {
     assert_eq!(try_it(Vec::new()), Ok(Vec::new()));
     assert_eq!(one(Mesh::default()), Err(PlaneError::NoSurface));
     let needle = mesh(&[[0.0; 3], [1.0; 3], [2.0; 3]], vec![0, 1, 2, 0, 0, 1]);
@@ -41,7 +41,7 @@ fn nothing_needs_no_planes() {
 }
 
 #[test]
-fn what_is_no_number_or_out_of_this_world_is_named() {
+fn errors_name_parts_that_are_not_finite_or_too_far_away() {
     for bad in [f32::NAN, f32::INFINITY, 1e30] {
         let error = one(mesh(
             &[[0.0, 0.0, bad], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
@@ -58,7 +58,7 @@ fn what_is_no_number_or_out_of_this_world_is_named() {
 }
 
 #[test]
-fn a_useless_number_of_planes_is_refused() {
+fn refuses_numbers_of_planes_out_of_range() {
     for count in [0, 1, 1001, u32::MAX] {
         let settings = PlaneSettings {
             count,
@@ -70,7 +70,7 @@ fn a_useless_number_of_planes_is_refused() {
 }
 
 #[test]
-fn open_flat_crossing_and_mirrored_models_work() {
+fn accepts_open_flat_crossing_and_mirrored_models() {
     let triangle = mesh(
         &[[0.0, 0.0, 1.0], [1.0, 0.0, 1.0], [0.0, 1.0, 1.0]],
         vec![0, 1, 2],
@@ -91,7 +91,7 @@ fn open_flat_crossing_and_mirrored_models_work() {
     let mut mirrored = part("it", primitives::cuboid(Vec3::ONE), DVec3::ZERO);
     mirrored.world_from_part = DMat4::from_scale(DVec3::new(-1.0, 1.0, 1.0));
     check("mirrored", &scene(vec![mirrored]));
-    // Folded onto itself: both sides at one place.
+    // Folded onto itself: both sides coincide.
     let fold = mesh(
         &[[0.0, 0.0, 1.0], [1.0, 0.0, 1.0], [0.0, 1.0, 1.0]],
         vec![0, 1, 2, 0, 2, 1],
@@ -100,7 +100,7 @@ fn open_flat_crossing_and_mirrored_models_work() {
 }
 
 #[test]
-fn tiny_and_enormous_models_work() {
+fn accepts_tiny_and_enormous_models() {
     for scale in [1e-3, 1e5, 9e5] {
         let mut tower = part("it", primitives::torus(1.0, 0.3, 40, 20), DVec3::ZERO);
         tower.world_from_part = DMat4::from_scale(DVec3::splat(scale));
@@ -109,7 +109,7 @@ fn tiny_and_enormous_models_work() {
 }
 
 #[test]
-fn many_parts_are_divided_together() {
+fn divides_many_parts_together() {
     let at = |i: i32| DVec3::new(f64::from(i % 10), f64::from(i / 10), 0.0) * 0.3;
     let parts = (0..100).map(|i| part("stone", primitives::cuboid(Vec3::splat(0.2)), at(i)));
     let planes = try_it(parts.collect()).unwrap();
@@ -117,13 +117,12 @@ fn many_parts_are_divided_together() {
 }
 
 #[test]
-#[ignore = "half a minute: five million triangles"]
-fn five_million_triangles_work() {
+fn accepts_a_quarter_of_a_million_triangles() {
     check(
         "torus",
         &scene(vec![part(
             "it",
-            primitives::torus(1.0, 0.3, 2236, 1118),
+            primitives::torus(1.0, 0.3, 500, 250),
             DVec3::Z,
         )]),
     );
@@ -141,7 +140,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(96))]
 
     #[test]
-    fn any_soup_gives_planes_or_a_line(
+    fn any_triangles_yield_planes_or_an_error(
         corners in prop::collection::vec([coordinate(), coordinate(), coordinate()], 0..30),
         indices in prop::collection::vec(0u32..32, 0..90),
         double_sided: bool,

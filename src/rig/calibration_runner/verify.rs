@@ -1,0 +1,68 @@
+//! Sets up the check of a rig from its files.
+
+use super::steps::{Known as RigKnown, ParameterError, Parameters, StepKind, station};
+use crate::error::RigError;
+use crate::light::estimator::chart_match;
+use crate::markers;
+use penumbra_calibration::step::Step;
+use penumbra_calibration::verify::{Known, Verify};
+use penumbra_camera::EnvironmentView;
+use penumbra_config::Config;
+use penumbra_rig_model::Attachments;
+use penumbra_rig_model::RigDocument;
+use penumbra_scene::RayCaster;
+use penumbra_white_balance::{WhiteBalanceMatch, WhiteBalanceSettings};
+
+/// As the dashboard shows it.
+pub(super) const KIND: StepKind = StepKind {
+    name: "verify",
+    title: "Check of the rig",
+    about: "Turn the rig briskly to and fro for a minute, its markers in view, and let both cameras \
+            see the same bright, matt surfaces.",
+    parameters: &[],
+    make,
+};
+
+fn make(_: &Parameters, known: &RigKnown) -> Result<Box<dyn Step>, ParameterError> {
+    let files = |name: &str| known.files.get(name);
+    let step = verify_step(known.document.clone(), &files, &known.config);
+    step.map(|step| Box::new(step) as Box<dyn Step>)
+        .map_err(|error| ParameterError::Rig {
+            reason: error.to_string(),
+        })
+}
+
+/// The check of the rig that `document` and `files` describe.
+///
+/// # Errors
+/// No markers, or such as cannot be found; a phantom or a picture of a chart that cannot be read.
+pub fn verify_step(
+    document: RigDocument,
+    files: &Attachments,
+    config: &Config,
+) -> Result<Verify, RigError> {
+    let rig = &document.calibration;
+    if document.markers.is_empty() {
+        return Err(RigError::NothingToCheckBy);
+    }
+    let map = markers::tag_map(&document.markers)?;
+    let scene = document.phantom_scene(files)?;
+    let same_camera = rig
+        .environment
+        .as_ref()
+        .is_some_and(|e| matches!(e.view, EnvironmentView::SphereInScene { .. }));
+    let mut photometry = WhiteBalanceMatch::new(WhiteBalanceSettings::default(), same_camera);
+    if !same_camera && let Some(chart) = chart_match(rig, files, false)? {
+        photometry.set_chart(chart);
+    }
+    if let Some(gains) = rig.gains.filter(|_| !same_camera) {
+        photometry.set_calibrated(gains);
+    }
+    let known = Known {
+        caster: Some(RayCaster::from_phantoms(&scene)),
+        map,
+        station: station(config),
+        rig: document,
+    };
+    Ok(Verify::new(known, photometry))
+}

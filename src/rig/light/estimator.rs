@@ -1,0 +1,437 @@
+//! The light at the scene camera's white point: environment pictures, gains and the
+//! ground's radiance become [`Lighting`].
+
+use crate::error::RigError;
+use crate::light::indirect::IndirectLightUpdater;
+use crate::light::scene_tables::{RealLight, SceneLight, hides};
+use crate::light::state::LightState;
+use crate::light::surfaces::{GroundRadiance, PhantomSurfaces};
+use crate::light::view::{SceneView, SphereAt};
+use crate::registration::UNTOLD_SIGMA;
+use crate::setup::RigSetup;
+use glam::{DVec3, Mat3, Quat, Vec3};
+use penumbra_camera::EnvironmentView;
+use penumbra_camera::Response;
+use penumbra_config::{Config, Unseen, WhiteBalanceMethod};
+use penumbra_interface::RigidTransform;
+use penumbra_lighting::Filtering;
+use penumbra_lighting::{
+    BallSeen, Bracket, EnvironmentEstimator, EnvironmentInput, LightPlacement, Lighting,
+};
+use penumbra_picture::{Picture, PictureError, YuvEncoding, decode_into};
+use penumbra_rig_model::Attachments;
+use penumbra_rig_model::RigCalibration;
+use penumbra_scene::{Hit, RayCaster, casters};
+use penumbra_sync::EnvironmentSet;
+use penumbra_white_balance::chart::{ChartError, ChartMatch, Photograph, match_chart};
+use penumbra_white_balance::gather::{GatherOptions, Overlap, gather_pairs};
+use penumbra_white_balance::overlap::estimate_overlap;
+use penumbra_white_balance::reflectance;
+use penumbra_white_balance::reflectance::{
+    ReflectanceOptions, estimate_reflectance, gather_known, grey_world, irradiance_at,
+    irradiance_past,
+};
+use penumbra_white_balance::{MatchStatus, WhiteBalanceMatch, WhiteBalanceSettings};
+use std::sync::Arc;
+
+/// Environment pictures from one comparison of the cameras to the next.
+const OVERLAP_EVERY: u32 = 5;
+/// Pixels between the blocks that are read of surfaces of known reflectance.
+const KNOWN_SPACING: u32 = 32;
+
+/// Turns environment pictures into light.
+pub struct LightEstimator {
+    estimator: Option<EnvironmentEstimator>,
+    photometry: WhiteBalanceMatch,
+    ground: GroundRadiance,
+    phantoms: PhantomSurfaces,
+    rays: Arc<RayCaster>,
+    rig: RigCalibration,
+    yuv: YuvEncoding,
+    unseen: Unseen,
+    decoded: Vec<Picture>,
+    generation: Option<u64>,
+    lighting: Option<Arc<Lighting>>,
+    near: IndirectLightUpdater,
+    /// Since the session began.
+    seconds: f64,
+    since_overlap: u32,
+}
+
+impl LightEstimator {
+    /// Builds the tables of the rig's view and matches the chart, if `files` has one.
+    ///
+    /// # Errors
+    /// Impossible geometry; a chart picture that cannot be read.
+    pub fn new(setup: &RigSetup, config: &Config, files: &Attachments) -> Result<Self, RigError> {
+        let rig = setup.calibration.clone();
+        let RealLight {
+            estimator,
+            phantoms,
+            rays,
+        } = RealLight::new(&rig, &setup.scene, config, true)?;
+        let same_camera = is_in_scene(&rig);
+        let mut photometry = WhiteBalanceMatch::new(white_balance_settings(config), same_camera);
+        if !same_camera && let Some(chart) = chart_match(&rig, files, config.white_balance.matrix)?
+        {
+            photometry.set_chart(chart);
+        }
+        if let Some(gains) = rig.gains.filter(|_| !same_camera) {
+            photometry.set_calibrated(gains);
+        }
+        Ok(Self {
+            estimator,
+            photometry,
+            ground: GroundRadiance::new(&rig, &setup.scene, rays.clone()),
+            phantoms,
+            rays,
+            rig,
+            yuv: config.input.encoding(),
+            unseen: config.environment.unseen,
+            decoded: Vec::new(),
+            generation: None,
+            lighting: None,
+            near: IndirectLightUpdater::new(&setup.scene, &casters(&setup.scene)),
+            seconds: 0.0,
+            since_overlap: 0,
+        })
+    }
+
+    /// The light for a frame: that of the environment set paired with it. A set that was
+    /// read before is not read again.
+    ///
+    /// # Errors
+    /// A picture that cannot be decoded or does not fit the calibration; the light stays
+    /// as it was.
+    pub fn update(
+        &mut self,
+        set: Option<&EnvironmentSet>,
+        scene: &SceneView<'_>,
+    ) -> Result<Option<Arc<Lighting>>, RigError> {
+        self.ground.look(scene);
+        self.phantoms.look(scene);
+        if is_in_scene(&self.rig) {
+            self.see_in_scene(scene)?;
+        } else if let Some(set) = set
+            && self.generation != Some(set.generation)
+        {
+            self.generation = Some(set.generation);
+            self.decode(set)?;
+            self.match_cameras(set, scene);
+            self.estimate(set, scene)?;
+        }
+        if let Some(lighting) = &self.lighting {
+            let phantoms = self.phantoms.radiance(lighting);
+            self.near.update(self.seconds, lighting, phantoms);
+        }
+        Ok(self.lighting.clone())
+    }
+
+    fn decode(&mut self, set: &EnvironmentSet) -> Result<(), RigError> {
+        self.decoded.resize_with(set.frames.len(), Picture::default);
+        for (frame, picture) in set.frames.iter().zip(&mut self.decoded) {
+            decode_into(frame, &self.yuv, picture).map_err(unreadable)?;
+        }
+        Ok(())
+    }
+
+    fn see_in_scene(&mut self, scene: &SceneView<'_>) -> Result<(), RigError> {
+        let (Some(estimator), Some(pose)) = (&mut self.estimator, scene.world_from_camera) else {
+            return Ok(());
+        };
+        let rays = &self.rays;
+        let hidden = |o: DVec3, d: DVec3| hides(rays, o, d);
+        let lighting = estimator.update(&EnvironmentInput {
+            brackets: &[Bracket {
+                picture: scene.picture,
+                ev: 0.0,
+            }],
+            scene: (scene.ball != SphereAt::Lost).then_some((pose, &self.rig.scene_camera.camera)),
+            gains: Mat3::IDENTITY,
+            ground_radiance: self.ground.radiance(),
+            measured_ground_irradiance: None,
+            hidden: Some(&hidden),
+            hider_radiance: self.phantoms.mean(),
+            ball: ball(scene, &self.rig),
+            captured_at: scene.captured_at,
+        })?;
+        self.lighting = Some(lighting);
+        Ok(())
+    }
+
+    fn estimate(&mut self, set: &EnvironmentSet, scene: &SceneView<'_>) -> Result<(), RigError> {
+        let Some(estimator) = &mut self.estimator else {
+            return Ok(());
+        };
+        let brackets: Vec<Bracket<'_>> = set
+            .frames
+            .iter()
+            .zip(&self.decoded)
+            .map(|(frame, picture)| Bracket {
+                picture,
+                ev: frame.bracket_ev,
+            })
+            .collect();
+        let seen = self.ground.radiance();
+        let lighting = estimator.update(&EnvironmentInput {
+            brackets: &brackets,
+            scene: scene
+                .world_from_camera
+                .map(|pose| (pose, &self.rig.scene_camera.camera)),
+            gains: self.photometry.scene_from_environment().as_mat3(),
+            ground_radiance: match self.unseen {
+                Unseen::SceneCamera => seen,
+                Unseen::Mean => None,
+                Unseen::Black => Some(Vec3::ZERO),
+            },
+            measured_ground_irradiance: None,
+            hidden: None,
+            hider_radiance: None,
+            ball: None,
+            captured_at: set.captured_at,
+        })?;
+        self.lighting = Some(lighting);
+        Ok(())
+    }
+
+    /// Compares what both cameras see, every few environment pictures.
+    fn match_cameras(&mut self, set: &EnvironmentSet, scene: &SceneView<'_>) {
+        let base = set.frames.iter().position(|f| f.bracket_ev == 0.0);
+        let (Some(base), Some(pose), Some(environment)) =
+            (base, scene.world_from_camera, &self.rig.environment)
+        else {
+            return;
+        };
+        self.photometry
+            .set_exposures(scene.exposure, set.frames[base].exposure);
+        self.since_overlap += 1;
+        if self.since_overlap < OVERLAP_EVERY && self.lighting.is_some() {
+            return;
+        }
+        self.since_overlap = 0;
+        let overlap = Overlap {
+            scene: Photograph {
+                picture: scene.picture,
+                response: &self.rig.scene_camera.response,
+            },
+            scene_camera: &self.rig.scene_camera.camera,
+            world_from_scene_camera: pose,
+            environment: Photograph {
+                picture: &self.decoded[base],
+                response: &environment.response,
+            },
+            environment_view: &environment.view,
+            vignetting: [self.rig.scene_camera.vignetting, environment.vignetting],
+        };
+        let pairs = gather_pairs(&overlap, &self.rays, &GatherOptions::default());
+        self.photometry.update_overlap(
+            estimate_overlap(&pairs),
+            scene.captured_at,
+            set.captured_at,
+        );
+        self.match_surfaces(scene, pose);
+    }
+
+    /// The third way: what the measured light makes of surfaces whose reflectance is
+    /// stated; where there are none, of a world that is grey on average.
+    fn match_surfaces(&mut self, scene: &SceneView<'_>, world_from_camera: RigidTransform) {
+        let Some(lighting) = &self.lighting else {
+            return;
+        };
+        let applied = self.photometry.gains();
+        let view = reflectance::SceneView {
+            photograph: Photograph {
+                picture: scene.picture,
+                response: &self.rig.scene_camera.response,
+            },
+            camera: &self.rig.scene_camera.camera,
+            world_from_camera,
+        };
+        let rays = &self.rays;
+        let irradiance = |hit: &Hit| irradiance_past(rays, lighting, hit);
+        let known = gather_known(&view, rays, KNOWN_SPACING, irradiance);
+        let estimate = estimate_reflectance(&known, &ReflectanceOptions::default());
+        self.photometry
+            .update_reflectance(estimate.map(|e| e.after(applied)));
+        if let Some(ground) = self.ground.radiance() {
+            let measured = irradiance_at(lighting, Vec3::Z, |_| 1.0) / applied;
+            let guess = grey_world(ground.as_dvec3(), measured);
+            self.photometry.update_grey_world(guess);
+        }
+    }
+
+    /// Goes on with another scene.
+    pub(crate) fn take_scene(&mut self, scene: SceneLight) {
+        let SceneLight {
+            mut near,
+            mut ground,
+            phong,
+            real,
+        } = scene;
+        ground.follow(&self.ground);
+        near.follow(&self.near);
+        (self.near, self.ground) = (near, ground);
+        if let Some(real) = real {
+            (self.phantoms, self.rays) = (real.phantoms, real.rays);
+            self.estimator = real.estimator.or(self.estimator.take());
+        }
+        self.set_phong(phong);
+    }
+
+    /// When what is seen next was seen, seconds after the session began: where things are that
+    /// move.
+    pub const fn set_time(&mut self, seconds: f64) {
+        self.seconds = seconds;
+    }
+
+    /// Changes placement and number of the dome lights.
+    pub fn set_lights(&mut self, placement: LightPlacement, count: usize) {
+        if let Some(estimator) = &mut self.estimator {
+            estimator.set_lights(placement, count);
+        }
+    }
+
+    /// Changes whether the scene has something of Phong's model.
+    pub fn set_phong(&mut self, wanted: bool) {
+        if let Some(estimator) = &mut self.estimator {
+            estimator.set_phong(wanted);
+        }
+    }
+
+    /// Changes how reflections are filtered.
+    pub const fn set_reflections(&mut self, filtering: Filtering) {
+        if let Some(estimator) = &mut self.estimator {
+            estimator.set_filtering(filtering);
+        }
+    }
+
+    /// Changes whether the faces of a geodesic dome are lit for shadowing planes, and its
+    /// frequency.
+    pub fn set_faces(&mut self, frequency: Option<u32>) {
+        if let Some(estimator) = &mut self.estimator {
+            estimator.set_faces(frequency);
+        }
+    }
+
+    /// Turns that dome with the model whose planes it lights.
+    pub fn turn_faces(&mut self, world_from_dome: Quat) {
+        if let Some(estimator) = &mut self.estimator {
+            estimator.turn_faces(world_from_dome);
+        }
+    }
+
+    /// The light in force and how it was found, to be shared.
+    #[must_use]
+    pub fn state(&self) -> LightState {
+        let estimator = self.estimator.as_ref();
+        LightState {
+            lighting: self.lighting.clone(),
+            near: self.near.light().map(|near| Arc::new(near.clone())),
+            white_balance: Some(Arc::new(self.match_status())),
+            sources: Arc::new(
+                estimator
+                    .map(EnvironmentEstimator::sources)
+                    .unwrap_or_default(),
+            ),
+            clipped: estimator.map_or(0.0, EnvironmentEstimator::clipped_share),
+            probe: estimator.and_then(EnvironmentEstimator::probe_map),
+        }
+    }
+
+    /// The light in force.
+    #[must_use]
+    pub const fn lighting(&self) -> Option<&Arc<Lighting>> {
+        self.lighting.as_ref()
+    }
+
+    /// The match between the cameras.
+    #[must_use]
+    pub fn match_status(&self) -> MatchStatus {
+        self.photometry.status()
+    }
+
+    /// The estimator, for previews and placement of lights.
+    pub const fn estimator(&mut self) -> Option<&mut EnvironmentEstimator> {
+        self.estimator.as_mut()
+    }
+}
+
+/// Where the sphere in this picture is looked for.
+fn ball(scene: &SceneView<'_>, rig: &RigCalibration) -> Option<BallSeen> {
+    match (scene.ball, rig.environment.as_ref().map(|e| &e.view)) {
+        (SphereAt::Seen(ball), _) => Some(ball),
+        (SphereAt::Calibrated, Some(EnvironmentView::SphereInScene { sphere })) => Some(BallSeen {
+            centre_in_world: sphere.centre_in_world,
+            sigma: UNTOLD_SIGMA,
+        }),
+        _ => None,
+    }
+}
+
+fn unreadable(source: PictureError) -> RigError {
+    RigError::Picture {
+        name: "environment picture".to_owned(),
+        source,
+    }
+}
+
+fn is_in_scene(rig: &RigCalibration) -> bool {
+    rig.environment
+        .as_ref()
+        .is_some_and(|e| matches!(e.view, EnvironmentView::SphereInScene { .. }))
+}
+
+fn white_balance_settings(config: &Config) -> WhiteBalanceSettings {
+    let white = &config.white_balance;
+    WhiteBalanceSettings {
+        method: white.method,
+        fixed_gains: (white.method == WhiteBalanceMethod::Fixed)
+            .then(|| white.gains.map(f64::from)),
+        matrix: white.matrix,
+    }
+}
+
+pub(crate) type ChartResult = Result<ChartMatch, ChartError>;
+
+/// What the calibration's pictures of a colour chart say, where it has any.
+pub(crate) fn chart_match(
+    rig: &RigCalibration,
+    files: &Attachments,
+    matrix: bool,
+) -> Result<Option<ChartResult>, RigError> {
+    let (Some(chart), Some(environment)) = (&rig.chart, &rig.environment) else {
+        return Ok(None);
+    };
+    let load = |name: &str| -> Result<Option<Picture>, RigError> {
+        let Some(bytes) = files(name) else {
+            return Ok(None);
+        };
+        Picture::from_file_bytes(bytes)
+            .map(Some)
+            .map_err(|source| RigError::Picture {
+                name: name.to_owned(),
+                source,
+            })
+    };
+    let (Some(scene), Some(seen)) = (
+        load(&chart.scene_picture)?,
+        load(&chart.environment_picture)?,
+    ) else {
+        return Ok(None);
+    };
+    let photograph = |picture, response: &Response| (picture, response.clone());
+    let (scene, scene_response) = photograph(scene, &rig.scene_camera.response);
+    let (seen, seen_response) = photograph(seen, &environment.response);
+    Ok(Some(match_chart(
+        chart,
+        Photograph {
+            picture: &scene,
+            response: &scene_response,
+        },
+        Photograph {
+            picture: &seen,
+            response: &seen_response,
+        },
+        matrix,
+    )))
+}

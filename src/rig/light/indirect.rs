@@ -1,0 +1,159 @@
+//! Light from close by, where things move.
+//!
+//! To find it takes as long as some pictures do. So it is found on a thread of its own, for
+//! where things will be in the middle of the time in which it is shown, and comes into force
+//! [`PERIOD`] after it was begun, waited for if need be: by the session's time alone, so that
+//! a replay is always the same.
+
+use glam::{DMat4, DVec3};
+use penumbra_interface::threads;
+use penumbra_lighting::Lighting;
+use penumbra_scene::{IndirectLight, IndirectLightSolver, Part, PhantomRadiance, Scene};
+use std::thread::JoinHandle;
+
+/// Seconds from one light to the next.
+const PERIOD: f64 = 0.5;
+
+/// A part that has gone so far, as a share of the longest edge of the box around all that is
+/// virtual, throws its light elsewhere.
+const FAR_ENOUGH: f64 = 0.02;
+
+/// See the module.
+pub(crate) struct IndirectLightUpdater {
+    near: Option<IndirectLightSolver>,
+    /// The scene and its casters, where something of it moves.
+    moving: Option<Moving>,
+    next: Option<Next>,
+}
+
+/// What is being found.
+struct Next {
+    /// Seconds after the session's beginning.
+    begun: f64,
+    finding: JoinHandle<Option<IndirectLightSolver>>,
+}
+
+struct Moving {
+    scene: Scene,
+    casters: Vec<Part>,
+    /// The corners of boxes around the parts that move, their own frames.
+    boxes: Vec<[DVec3; 2]>,
+    /// Metres.
+    far_enough: f64,
+}
+
+impl IndirectLightUpdater {
+    /// Of `scene`, where it is at its beginning; `casters` are its virtual parts.
+    pub fn new(scene: &Scene, casters: &[Part]) -> Self {
+        Self {
+            near: IndirectLightSolver::new(scene, casters),
+            moving: Moving::new(scene, casters),
+            next: None,
+        }
+    }
+
+    /// Goes on where that of the scene before has left off.
+    pub fn follow(&mut self, before: &Self) {
+        if let (Some(near), Some(before)) = (&mut self.near, &before.near) {
+            near.follow(before);
+        }
+    }
+
+    /// The light at `seconds` after the session's beginning, nearly: see the module.
+    pub fn update(&mut self, seconds: f64, lighting: &Lighting, phantoms: &PhantomRadiance) {
+        let Some(near) = &mut self.near else { return };
+        if !near.is_outdated(lighting) {
+            return;
+        }
+        // Time begins anew with each loop of a recording.
+        let due = |next: &mut Next| !(0.0..PERIOD).contains(&(seconds - next.begun));
+        if let Some(next) = self.next.take_if(due)
+            && let Ok(Some(mut found)) = next.finding.join()
+        {
+            found.follow(near);
+            found.settle(lighting, phantoms);
+            *near = found;
+        }
+        near.update(lighting, phantoms);
+        if self.next.is_none()
+            && let Some(moving) = &mut self.moving
+        {
+            self.next = moving.begin(seconds);
+        }
+    }
+
+    /// What was found last.
+    pub fn light(&self) -> Option<&IndirectLight> {
+        self.near.as_ref().map(IndirectLightSolver::light)
+    }
+}
+
+impl Moving {
+    /// None where nothing moves.
+    fn new(scene: &Scene, casters: &[Part]) -> Option<Self> {
+        let bounds = |part: &Part, place: DMat4| {
+            let all = part.mesh.vertices.iter().map(|v| v.position.as_dvec3());
+            let all = all.map(|p| place.transform_point3(p));
+            let none = [DVec3::INFINITY, DVec3::NEG_INFINITY];
+            all.fold(none, |[low, high], p| [low.min(p), high.max(p)])
+        };
+        let all = casters
+            .iter()
+            .map(|part| bounds(part, part.world_from_part));
+        let [low, high] = all.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])?;
+        let movers = scene.motions.parts.iter();
+        let boxes: Option<Vec<_>> = movers
+            .map(|mover| Some(bounds(casters.get(mover.index)?, DMat4::IDENTITY)))
+            .collect();
+        let boxes = boxes.filter(|boxes| !boxes.is_empty())?;
+        Some(Self {
+            boxes,
+            far_enough: FAR_ENOUGH * (high - low).max_element(),
+            scene: scene.clone(),
+            casters: casters.to_vec(),
+        })
+    }
+
+    /// Begins to find the light of what comes after `seconds`, if it is another one.
+    fn begin(&mut self, seconds: f64) -> Option<Next> {
+        if !self.go_to(seconds + 1.5 * PERIOD) {
+            return None;
+        }
+        let (scene, casters) = (self.scene.clone(), self.casters.clone());
+        let find = move || IndirectLightSolver::new(&scene, &casters);
+        let finding = threads::spawn_background("near light", find);
+        // Where the system has no thread, what was found stays.
+        finding.ok().map(|finding| Next {
+            begun: seconds,
+            finding,
+        })
+    }
+
+    /// Puts everything where it is at `seconds`, if something of it is far enough from where it
+    /// was put last; says whether it is.
+    fn go_to(&mut self, seconds: f64) -> bool {
+        let mut movers = self.scene.motions.parts.iter().zip(&self.boxes);
+        let far = movers.any(|(mover, ends)| {
+            let Some(part) = self.casters.get(mover.index) else {
+                return false;
+            };
+            let (now, then) = (mover.motion.at(seconds), part.world_from_part);
+            let mut corners = (0..8).map(|i| {
+                let pick = |axis: usize| ends[i >> axis & 1][axis];
+                DVec3::new(pick(0), pick(1), pick(2))
+            });
+            let far = |c: DVec3| now.transform_point3(c).distance(then.transform_point3(c));
+            corners.any(|c| far(c) > self.far_enough)
+        });
+        if far {
+            self.scene.place_at(seconds);
+            for (caster, part) in self.casters.iter_mut().zip(&self.scene.virtual_parts) {
+                caster.world_from_part = part.world_from_part;
+            }
+        }
+        far
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,83 @@
+//! What the rig believes about the light of a session: `penumbra light SESSION`.
+
+use crate::error::RigError;
+use crate::feed::Feed;
+use crate::light::{
+    estimator::LightEstimator,
+    view::{SceneView, SphereAt},
+};
+use crate::setup::RigSetup;
+use crate::source::Source;
+use glam::{DMat3, DVec3, Mat3};
+use penumbra_capture::Next;
+use penumbra_config::Config;
+use penumbra_interface::RigidTransform;
+use penumbra_lighting::{LightReport, Lighting};
+use penumbra_picture::{Picture, decode_into};
+use penumbra_session::Session;
+use penumbra_white_balance::MatchStatus;
+use std::sync::Arc;
+
+/// The light of the first instant at which the whole environment was seen, through the
+/// same stations as in a replay.
+///
+/// # Errors
+/// A broken calibration; a session without any such instant.
+pub fn light_of_session(session: &Session, config: &Config) -> Result<LightReport, RigError> {
+    let source = Source::Recorded(session.clone());
+    let setup = RigSetup::read(&source, config)?;
+    let mut station = LightEstimator::new(&setup, config, &|name| session.attachment(name))?;
+    let pairing = crate::settings::pairing_config(&setup.calibration).with_full_windows();
+    let mut feed = Feed::new(&source, &setup.calibration, pairing, false);
+    let none = || RigError::NoLight {
+        path: session.path().to_owned(),
+    };
+    let mut picture = Picture::default();
+    while let Next::Item(journaled) = feed.next_picture(None) {
+        let frame = journaled.frame;
+        if decode_into(&frame.scene, &config.input.encoding(), &mut picture).is_err() {
+            continue;
+        }
+        let pose = setup.world_from_camera(&frame);
+        let view = SceneView {
+            ball: SphereAt::Calibrated,
+            picture: &picture,
+            world_from_camera: pose,
+            captured_at: frame.captured_at,
+            exposure: frame.scene.exposure,
+        };
+        let set = frame.environment.as_ref().map(|e| e.set.as_ref());
+        if let Some(lighting) = station.update(set, &view)? {
+            return belief(&setup, &mut station, lighting, pose)?.ok_or_else(none);
+        }
+    }
+    Err(none())
+}
+
+/// `None` if the rig has no view of the environment.
+fn belief(
+    setup: &RigSetup,
+    station: &mut LightEstimator,
+    lighting: Arc<Lighting>,
+    pose: Option<RigidTransform>,
+) -> Result<Option<LightReport>, RigError> {
+    let gains = gains(&station.match_status());
+    let rig = &setup.calibration;
+    let (Some(environment), Some(estimator)) = (&rig.environment, station.estimator()) else {
+        return Ok(None);
+    };
+    let scene = pose.map(|pose| (pose, &rig.scene_camera.camera));
+    let report = LightReport::of_estimator(estimator, lighting, &environment.view, scene, gains)?;
+    Ok(Some(report))
+}
+
+/// What brings the environment camera's linear values to the scene camera's.
+fn gains(status: &MatchStatus) -> Mat3 {
+    let diagonal = DMat3::from_diagonal(DVec3::from(status.gains));
+    let matrix = status
+        .matrix
+        .map(|rows| DMat3::from_cols_array_2d(&rows).transpose());
+    matrix
+        .map_or(diagonal, |m| m * status.exposure_factor)
+        .as_mat3()
+}

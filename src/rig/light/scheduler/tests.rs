@@ -1,0 +1,210 @@
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+use super::*;
+use crate::light::estimator::LightEstimator;
+use crate::light::state::LightState;
+use crate::light::updates::SceneUpdates;
+use crate::light::worker::LightJob;
+use crate::setup::RigSetup;
+use crossbeam_channel::bounded;
+use penumbra_config::Config;
+use penumbra_config::Technique;
+use penumbra_lighting::{CubeMap, Harmonics, Lighting};
+use penumbra_rig_model::RigDocument;
+use penumbra_scene::Scene;
+use penumbra_status::Settings;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use tokio::sync::watch;
+
+fn at(number: i64) -> MonotonicTime {
+    MonotonicTime::from_nanos(number * 33_000_000)
+}
+
+/// Light that is told apart by the picture that it is of.
+fn light_of(number: i64) -> LightResult {
+    let lighting = Lighting {
+        captured_at: at(number),
+        generation: number.unsigned_abs(),
+        radiance: Arc::new(CubeMap {
+            size: 1,
+            levels: vec![vec![[1.0; 3]; 6]],
+            ..CubeMap::default()
+        }),
+        irradiance: Harmonics::default(),
+        lights: Vec::new(),
+        ground_radiance: glam::Vec3::ZERO,
+        faces: None,
+    };
+    LightResult {
+        of: at(number),
+        state: Some(LightState {
+            lighting: Some(Arc::new(lighting)),
+            ..LightState::default()
+        }),
+        took: Duration::from_millis(5),
+        unseen: None,
+        preview: None,
+    }
+}
+
+fn shown(force: &ActiveLight) -> Option<i64> {
+    let lighting = force.state.lighting.as_ref()?;
+    Some(lighting.captured_at.as_nanos() / 33_000_000)
+}
+
+fn composed(seen: bool, lit_by: i64) -> JournalEntry {
+    JournalEntry::Composed(Some(LightNote {
+        seen,
+        lit_by: Some(at(lit_by)),
+    }))
+}
+
+/// Plays notes, one for each picture from `first` on: pictures worked out, and the light
+/// that each was drawn in.
+fn replay(first: i64, notes: &[JournalEntry]) -> (Vec<i64>, Vec<Option<i64>>) {
+    let (mut force, mut held) = (ActiveLight::default(), None);
+    let (mut worked_out, mut lit) = (Vec::new(), Vec::new());
+    for (number, note) in (first..).zip(notes) {
+        see_as_noted(&mut force, &mut held, at(number), *note, || {
+            worked_out.push(number);
+            light_of(number)
+        });
+        lit.push(shown(&force));
+    }
+    (worked_out, lit)
+}
+
+#[test]
+fn a_replay_holds_light_back_until_the_picture_that_the_journal_names() {
+    let notes = [
+        composed(true, 0),
+        composed(true, 0),
+        composed(false, 0),
+        JournalEntry::Skipped,
+        composed(true, 1),
+        composed(true, 4),
+    ];
+    let (worked_out, lit) = replay(0, &notes);
+    assert_eq!(worked_out, [0, 1, 4, 5]);
+    assert_eq!(lit, [0, 0, 0, 0, 1, 4].map(Some));
+}
+
+#[test]
+fn older_journals_mean_the_light_of_the_picture_composed_before() {
+    let notes = [
+        JournalEntry::Composed(None),
+        JournalEntry::Composed(None),
+        JournalEntry::Skipped,
+        JournalEntry::Composed(None),
+        JournalEntry::None,
+    ];
+    let (worked_out, lit) = replay(0, &notes);
+    assert_eq!(worked_out, [0, 1, 3, 4]);
+    assert_eq!(lit, [0, 0, 0, 1, 3].map(Some));
+}
+
+/// The light in force when the recording began is not in it.
+#[test]
+fn a_recording_of_a_running_rig_falls_into_step() {
+    let notes = [
+        composed(false, 7),
+        composed(true, 7),
+        composed(false, 7),
+        composed(true, 11),
+        composed(true, 13),
+    ];
+    let (worked_out, lit) = replay(10, &notes);
+    assert_eq!(worked_out, [11, 13, 14]);
+    assert_eq!(lit, [None, Some(11), Some(11), Some(11), Some(13)]);
+}
+
+/// A rig of one camera: the light's thread has something to do and finds no light.
+fn lighter() -> (LightUpdater, watch::Sender<Settings>) {
+    let setup = RigSetup {
+        pose: penumbra_config::PoseSource::Tracker,
+        calibration: RigDocument::uncalibrated(64, 48).calibration,
+        scene: Scene::default(),
+        tags: None,
+        calibrated: false,
+    };
+    let station = LightEstimator::new(&setup, &Config::default(), &|_| None).unwrap();
+    let (wishes, wished) = watch::channel(Settings::default());
+    (
+        LightUpdater::new(
+            station,
+            wished,
+            Technique::default(),
+            2,
+            SceneUpdates::default(),
+        ),
+        wishes,
+    )
+}
+
+fn seen(number: i64) -> LightRequest {
+    LightRequest {
+        seconds: 0.0,
+        ball: crate::light::view::SphereAt::Calibrated,
+        arrived_at: at(number),
+        captured_at: at(number),
+        exposure: None,
+        world_from_camera: None,
+        environment: None,
+    }
+}
+
+fn picture() -> Picture {
+    Picture {
+        width: 64,
+        height: 48,
+        rgba: vec![128; 64 * 48 * 4],
+    }
+}
+
+#[test]
+fn in_the_dark_each_picture_waits_and_is_its_own_light() {
+    let (lighter, _wishes) = lighter();
+    let mut lights = LightScheduler::beside(lighter).unwrap();
+    for number in 0..3 {
+        let note = lights.see(&seen(number), &picture(), JournalEntry::None);
+        let own = LightNote {
+            seen: true,
+            lit_by: Some(at(number)),
+        };
+        assert_eq!(note, Some(own));
+        assert_eq!(lights.in_force().of, Some(at(number)));
+    }
+}
+
+#[test]
+fn with_light_nothing_waits_and_one_picture_at_a_time_is_seen() {
+    let (errands, waiting) = bounded(1);
+    let (done, finished) = bounded(1);
+    let mut beside = LightWorker {
+        errands: Some(errands),
+        finished,
+        idle: true,
+        spare: Picture::default(),
+        thread: None,
+    };
+    let mut force = ActiveLight::default();
+    force.enter(light_of(0));
+    let mut see = |number| beside.see(&mut force, &seen(number), &picture());
+    let note = |seen, lit_by| LightNote {
+        seen,
+        lit_by: Some(at(lit_by)),
+    };
+    let begun = Instant::now();
+    assert_eq!(see(1), note(true, 0));
+    assert_eq!(see(2), note(false, 0));
+    let errand: LightJob = waiting.try_recv().unwrap();
+    assert_eq!(errand.picture, picture());
+    assert!(done.send((light_of(1), errand)).is_ok());
+    assert_eq!(see(3), note(true, 1));
+    assert_eq!(see(4), note(false, 1));
+    assert!(begun.elapsed() < Duration::from_secs(5));
+    // The thread is gone: the light stays.
+    drop((waiting, done));
+    assert_eq!(see(5), note(false, 1));
+    assert_eq!(shown(&force), Some(1));
+}
