@@ -3,9 +3,9 @@
 
 use penumbra_picture::Picture;
 use penumbra_status::calibration::{
-    Calibration, CalibrationControl, CalibrationRefusal, CalibrationWish,
+    Calibration, CalibrationControl, CalibrationRefusal, CalibrationRequest,
 };
-use penumbra_status::recording::{Recording, RecordingControl, RecordingRefusal, RecordingWish};
+use penumbra_status::recording::{Recording, RecordingControl, RecordingRefusal, RecordingRequest};
 use penumbra_status::snapshot::SessionState;
 use penumbra_status::{Settings, SharedStatus, StatusError, StatusServer};
 use proptest::prelude::*;
@@ -439,10 +439,10 @@ fn refuses_settings_that_are_not_json_or_too_large() {
 
 /// A recorder that stores the requests.
 #[derive(Default)]
-struct RecordedRequests(std::sync::Mutex<Vec<RecordingWish>>);
+struct RecordedRequests(std::sync::Mutex<Vec<RecordingRequest>>);
 
 impl RecordingControl for RecordedRequests {
-    fn carry_out(&self, wish: &RecordingWish) -> Result<Recording, RecordingRefusal> {
+    fn carry_out(&self, wish: &RecordingRequest) -> Result<Recording, RecordingRefusal> {
         self.0.lock().unwrap().push(wish.clone());
         if wish.record {
             return Ok(Recording::default());
@@ -504,7 +504,7 @@ impl CalibrationControl for FakeCalibrator {
         }
     }
 
-    fn start(&self, wish: &CalibrationWish) -> Result<(), CalibrationRefusal> {
+    fn start(&self, wish: &CalibrationRequest) -> Result<(), CalibrationRefusal> {
         let mut step = self.0.lock().unwrap();
         match &*step {
             Some(step) => Err(CalibrationRefusal::Busy { step: step.clone() }),

@@ -75,8 +75,8 @@ impl Rig {
         let setup = RigSetup::read(&source, config)?;
         let status = SharedStatus::new(live_settings(config));
         let stop = Arc::<AtomicBool>::default();
-        let wished = status.settings_receiver();
-        let preparation = Preparation::start(&setup, config, &source, wished, stop.clone())?;
+        let requested = status.settings_receiver();
+        let preparation = Preparation::start(&setup, config, &source, requested, stop.clone())?;
         live.open()?;
         Ok(Self {
             preparation,

@@ -239,7 +239,7 @@ mod tests {
         for i in 0..4 {
             rig.room.show(i);
             let light = rig.light(i).unwrap();
-            // The first picture's lobes are as whole as all others: nothing is spread over pictures.
+            // The lobes of the first picture are complete: their update is not spread over pictures.
             let (ggx, phong) = (&light.radiance.levels, &light.radiance.phong);
             assert_eq!((ggx.len(), phong.len()), (5, 4));
             assert!(ggx.iter().chain(phong).flatten().all(|t| t[1] > 0.01));
@@ -247,8 +247,8 @@ mod tests {
             rig.compose(i, &light).unwrap();
         }
         let truth = rig.room.irradiance(3);
-        let off = (seen[3] - truth) / truth;
-        assert!(off.abs().max_element() < 0.15, "{} {truth}", seen[3]);
+        let error = (seen[3] - truth) / truth;
+        assert!(error.abs().max_element() < 0.15, "{} {truth}", seen[3]);
         assert!(seen.is_sorted_by(|a, b| a != b), "{seen:?}");
         gpu.wait().unwrap();
         let stops = rig.compositor.exposure().stops;

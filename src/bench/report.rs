@@ -55,8 +55,7 @@ pub struct Row {
     /// Milliseconds of all passes on the device.
     pub gpu_ms: Percentiles,
     /// Median milliseconds of processor time that all threads together spend on a picture, a
-    /// software driver's included, where it was measured: what others do on the machine
-    /// meanwhile hardly changes it.
+    /// software driver's included; `None` if it was not measured. Other programs hardly affect it.
     pub processor_ms: Option<f64>,
     /// Median milliseconds of the steps on the processor, where they were measured: those of the
     /// light, all of the light, and composing.

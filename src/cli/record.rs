@@ -8,7 +8,7 @@ use penumbra_interface::DeviceKind;
 use penumbra_rig::service::Service;
 use penumbra_rig::{Live, Recorder, live_settings};
 use penumbra_status::SharedStatus;
-use penumbra_status::recording::{Recording, RecordingState, RecordingWish};
+use penumbra_status::recording::{Recording, RecordingRequest, RecordingState};
 use serde_json::Value;
 use std::io::{IsTerminal, Read, Write};
 use std::net::{SocketAddr, TcpStream};
@@ -171,7 +171,7 @@ fn record_on_running_rig(args: &RecordArgs, config: &Config) -> anyhow::Result<E
             args.output.display()
         );
     };
-    let request = RecordingWish {
+    let request = RecordingRequest {
         record: true,
         file: Some(name.to_owned()),
         seconds: args.duration,

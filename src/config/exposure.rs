@@ -150,8 +150,8 @@ mod tests {
         assert_eq!(read("auto"), Ok(ExposureChoice::Auto));
         assert_eq!(read("-1.5"), Ok(ExposureChoice::Stops(-1.5)));
         for wrong in ["", "dark", "nan", "-9", "4", "inf", "--1"] {
-            let said = read(wrong).unwrap_err();
-            assert!(said.contains("stops from -8 to 3"), "{wrong}: {said}");
+            let error = read(wrong).unwrap_err();
+            assert!(error.contains("stops from -8 to 3"), "{wrong}: {error}");
         }
         let mut config = ExposureConfig::default();
         config.choose(ExposureChoice::Stops(-2.0));

@@ -25,8 +25,8 @@ fn rig_toml_equals_the_defaults() {
 
 #[test]
 fn rig_toml_names_every_key() {
-    // With every commented-out key put in force it must still be read, and each must
-    // change something.
+    // With every commented-out key active, the file must still be read, and each key must change a
+    // setting.
     let uncommented: String = convert::DEFAULTS
         .lines()
         .map(|line| match line.strip_prefix("# ") {

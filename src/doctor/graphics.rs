@@ -12,7 +12,7 @@ const INSTALL_SOFTWARE: &str =
 /// A required limit of the adapter.
 struct Need {
     what: &'static str,
-    least: u32,
+    min: u32,
     of: fn(&wgpu::Limits) -> u32,
 }
 
@@ -20,27 +20,27 @@ struct Need {
 const NEEDS: [Need; 5] = [
     Need {
         what: "texture side",
-        least: 4096,
+        min: 4096,
         of: |l| l.max_texture_dimension_2d,
     },
     Need {
         what: "texture array layers",
-        least: 256,
+        min: 256,
         of: |l| l.max_texture_array_layers,
     },
     Need {
         what: "storage buffers a stage",
-        least: 4,
+        min: 4,
         of: |l| l.max_storage_buffers_per_shader_stage,
     },
     Need {
         what: "sampled textures a stage",
-        least: 16,
+        min: 16,
         of: |l| l.max_sampled_textures_per_shader_stage,
     },
     Need {
         what: "colour attachments",
-        least: 4,
+        min: 4,
         of: |l| l.max_color_attachments,
     },
 ];
@@ -147,10 +147,10 @@ fn adapter(gpu: &Gpu, root: &Path) -> Check {
 fn limits(limits: &wgpu::Limits) -> Check {
     let short: Vec<String> = NEEDS
         .iter()
-        .filter(|need| (need.of)(limits) < need.least)
+        .filter(|need| (need.of)(limits) < need.min)
         .map(|need| {
             let has = (need.of)(limits);
-            format!("{} {has} of {}", need.what, need.least)
+            format!("{} {has} of {}", need.what, need.min)
         })
         .collect();
     if short.is_empty() {
@@ -196,7 +196,7 @@ fn shaders(gpu: Gpu) -> Check {
     }
 }
 
-/// One line of a driver's or compiler's many.
+/// Returns one line of a message of a driver or compiler.
 fn first_words(text: &str) -> String {
     let words: Vec<&str> = text.split_whitespace().take(24).collect();
     words.join(" ")

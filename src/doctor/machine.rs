@@ -26,7 +26,7 @@ const WAYLAND_LIBRARIES: [(&str, &str); 2] = [
 
 pub(super) fn examine(options: &DoctorOptions) -> Vec<Check> {
     let mut checks = vec![port(options.listen)];
-    // macOS and Windows have one always.
+    // macOS and Windows always have a display.
     if cfg!(all(unix, not(target_os = "macos"))) {
         let display = Display::from_environment();
         checks.push(display.check());
@@ -93,12 +93,12 @@ impl Display {
     }
 
     fn libraries(&self, root: &Path) -> Option<Check> {
-        let wanted: &[(&str, &str)] = match self {
+        let required: &[(&str, &str)] = match self {
             Self::None => return None,
             Self::X11(_) => &X11_LIBRARIES,
             Self::Wayland { .. } => &WAYLAND_LIBRARIES,
         };
-        Some(libraries(wanted, &library_folders(root)))
+        Some(libraries(required, &library_folders(root)))
     }
 }
 
@@ -123,8 +123,8 @@ fn wayland(name: &str, runtime: Option<&Path>) -> Check {
     }
 }
 
-fn libraries(wanted: &[(&str, &str)], folders: &[PathBuf]) -> Check {
-    let missing: Vec<&str> = wanted
+fn libraries(required: &[(&str, &str)], folders: &[PathBuf]) -> Check {
+    let missing: Vec<&str> = required
         .iter()
         .filter(|(library, _)| !folders.iter().any(|folder| folder.join(library).exists()))
         .map(|(_, package)| *package)
@@ -205,8 +205,8 @@ mod tests {
 
     #[test]
     fn warns_about_a_port_in_use_with_a_remedy() {
-        let taken = TcpListener::bind("127.0.0.1:0").unwrap();
-        let check = port(taken.local_addr().unwrap());
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let check = port(listener.local_addr().unwrap());
         assert_eq!(check.state, State::Warn);
         assert_eq!(
             check.remedy.as_deref(),

@@ -148,7 +148,7 @@ impl fmt::Display for Check {
 #[must_use]
 pub fn examine(options: &DoctorOptions) -> Report {
     let mut checks = graphics::examine(options);
-    // Elsewhere devices are no files, and no groups own them.
+    // On other systems devices are not files with groups.
     #[cfg(unix)]
     checks.extend(devices::examine(&options.root));
     checks.extend(machine::examine(options));
@@ -179,8 +179,8 @@ mod tests {
         let report = examine(&options);
         assert_eq!(report.state(), State::Fail);
         for check in &report.checks {
-            let told = check.remedy.as_ref().is_some_and(|r| !r.is_empty());
-            assert_eq!(told, check.state != State::Ok, "{check}");
+            let has_remedy = check.remedy.as_ref().is_some_and(|r| !r.is_empty());
+            assert_eq!(has_remedy, check.state != State::Ok, "{check}");
         }
     }
 

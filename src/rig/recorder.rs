@@ -12,7 +12,7 @@ use penumbra_interface::{Clock, MonotonicTime, SystemClock};
 use penumbra_session::{SessionError, SessionEvent, SessionWriter};
 use penumbra_status::SharedStatus;
 use penumbra_status::recording::{
-    Recording, RecordingControl, RecordingRefusal, RecordingState, RecordingWish,
+    Recording, RecordingControl, RecordingRefusal, RecordingRequest, RecordingState,
 };
 use std::fs::File;
 use std::io::BufWriter;
@@ -155,7 +155,7 @@ impl Drop for Recorder {
 }
 
 impl RecordingControl for Recorder {
-    fn carry_out(&self, wish: &RecordingWish) -> Result<Recording, RecordingRefusal> {
+    fn carry_out(&self, wish: &RecordingRequest) -> Result<Recording, RecordingRefusal> {
         if !wish.record {
             self.stop();
             return Ok(self.status.snapshot().recording);
@@ -321,7 +321,7 @@ impl Job {
         self.measure();
         let recording = &mut self.recording;
         recording.state = RecordingState::Recording;
-        "Being recorded.".clone_into(&mut recording.description);
+        "Recording.".clone_into(&mut recording.description);
         self.status.update(|s| s.recording.clone_from(recording));
     }
 }

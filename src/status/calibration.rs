@@ -7,10 +7,10 @@ use std::time::Duration;
 use thiserror::Error;
 
 /// Maximum number of parameters of a request, and of characters in each.
-const MOST_PARAMETERS: usize = 16;
-const LONGEST_PARAMETER: usize = 200;
+const MAX_PARAMETERS: usize = 16;
+const MAX_PARAMETER_BYTES: usize = 200;
 /// Maximum duration of a step, seconds.
-const LONGEST: f64 = 7200.0;
+const MAX_SECONDS: f64 = 7200.0;
 
 /// Status of a calibration: the answer to `GET /calibration`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -152,7 +152,7 @@ pub struct ParameterForm {
 /// The body of `POST /calibration/start`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct CalibrationWish {
+pub struct CalibrationRequest {
     /// Name of the step.
     pub step: String,
     /// Parameters by name.
@@ -215,7 +215,7 @@ pub trait CalibrationControl: Send + Sync {
     ///
     /// # Errors
     /// The request cannot be met; nothing changes.
-    fn start(&self, wish: &CalibrationWish) -> Result<(), CalibrationRefusal>;
+    fn start(&self, request: &CalibrationRequest) -> Result<(), CalibrationRefusal>;
 
     /// Finishes the step with the data so far.
     ///
@@ -236,28 +236,28 @@ pub trait CalibrationControl: Send + Sync {
     fn report(&self) -> Option<String>;
 }
 
-impl CalibrationWish {
+impl CalibrationRequest {
     /// Reads the body of a request.
     ///
     /// # Errors
     /// The body is malformed or too large.
     pub fn from_json(body: &[u8]) -> Result<Self, CalibrationRefusal> {
         let malformed = |reason: String| CalibrationRefusal::Malformed { reason };
-        let wish: Self =
+        let request: Self =
             serde_json::from_slice(body).map_err(|error| malformed(error.to_string()))?;
-        if let Some(seconds) = wish.seconds.filter(|s| !(1.0..=LONGEST).contains(s)) {
+        if let Some(seconds) = request.seconds.filter(|s| !(1.0..=MAX_SECONDS).contains(s)) {
             let reason =
-                format!("{seconds} s is not a valid duration; send between 1 and {LONGEST}");
+                format!("{seconds} s is not a valid duration; send between 1 and {MAX_SECONDS}");
             return Err(CalibrationRefusal::Parameter { reason });
         }
-        let pairs = wish.parameters.iter();
-        let longest = pairs.map(|(key, value)| key.len().max(value.len())).max();
-        if wish.parameters.len() > MOST_PARAMETERS
-            || longest.unwrap_or_default().max(wish.step.len()) > LONGEST_PARAMETER
+        let pairs = request.parameters.iter();
+        let max_len = pairs.map(|(key, value)| key.len().max(value.len())).max();
+        if request.parameters.len() > MAX_PARAMETERS
+            || max_len.unwrap_or_default().max(request.step.len()) > MAX_PARAMETER_BYTES
         {
             return Err(malformed("too many parameters".to_owned()));
         }
-        Ok(wish)
+        Ok(request)
     }
 
     /// Returns the maximum duration.
@@ -271,18 +271,18 @@ impl CalibrationWish {
 mod tests {
     use super::*;
 
-    fn read(body: &str) -> Result<CalibrationWish, CalibrationRefusal> {
-        CalibrationWish::from_json(body.as_bytes())
+    fn read(body: &str) -> Result<CalibrationRequest, CalibrationRefusal> {
+        CalibrationRequest::from_json(body.as_bytes())
     }
 
     #[test]
     fn reads_requests_and_refuses_others_in_one_line() {
-        let wish = read(
+        let request = read(
             r#"{"step": "intrinsics", "parameters": {"board": "chess:9x6:0.025"}, "seconds": 60}"#,
         )
         .unwrap();
-        assert_eq!(wish.parameters["board"], "chess:9x6:0.025");
-        assert_eq!(wish.longest(), Some(Duration::from_secs(60)));
+        assert_eq!(request.parameters["board"], "chess:9x6:0.025");
+        assert_eq!(request.longest(), Some(Duration::from_secs(60)));
         assert_eq!(read(r#"{"step": "map"}"#).unwrap().longest(), None);
         let long = "x".repeat(300);
         for body in [

@@ -8,7 +8,7 @@
 pub const STATUS_FIELDS: &[(&str, &str)] = &[
     (
         "version",
-        "Version of this table, 1. It changes when a field changes its meaning or goes away, not when one is added.",
+        "Version of this table, 1. It changes when a field changes its meaning or is removed, not when one is added.",
     ),
     ("program.name", "The program that answers, `penumbra`."),
     ("program.version", "Its version."),

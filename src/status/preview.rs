@@ -156,7 +156,7 @@ mod tests {
             let back = pixel_of(direction_of(Vec2::new(x, y), HEIGHT), HEIGHT);
             prop_assert!((back.y - y).abs() < 0.05);
             let around = (back.x - x + 128.0).rem_euclid(256.0) - 128.0;
-            // Near the poles a longitude says little.
+            // Near the poles the longitude is inaccurate.
             let latitude = ((y + 0.5) * PI / 128.0).sin();
             prop_assert!(around.abs() * latitude < 0.05, "{around}");
         }

@@ -12,7 +12,7 @@ use super::times::StageTimes;
 use penumbra_interface::DeviceKind;
 use serde::Serialize;
 
-/// Version of the JSON. It changes when a field changes its meaning or goes away, not
+/// Version of the JSON. It changes when a field changes its meaning or is removed, not
 /// when one is added.
 pub const STATUS_VERSION: u32 = 1;
 

@@ -101,8 +101,8 @@ impl Histogram {
     /// Returns the number of values up to `seconds`, to within a bucket, for a Prometheus histogram.
     #[must_use]
     pub fn count_up_to(&self, seconds: f64) -> u64 {
-        let whole = (seconds * 1e6).log2() * PER_OCTAVE as f64;
-        let buckets = (whole.round().max(0.0) as usize).min(BUCKETS);
+        let octave_buckets = (seconds * 1e6).log2() * PER_OCTAVE as f64;
+        let buckets = (octave_buckets.round().max(0.0) as usize).min(BUCKETS);
         if buckets == BUCKETS {
             return self.count;
         }

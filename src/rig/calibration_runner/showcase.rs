@@ -6,8 +6,8 @@ use bytes::Bytes;
 use penumbra_calibration::step::{Finished, Progress};
 use penumbra_interface::{Clock, MonotonicTime, SystemClock};
 use penumbra_status::calibration::{
-    Calibration, CalibrationControl, CalibrationFinding, CalibrationRefusal, CalibrationResult,
-    CalibrationState, CalibrationWish, ShownPicture,
+    Calibration, CalibrationControl, CalibrationFinding, CalibrationRefusal, CalibrationRequest,
+    CalibrationResult, CalibrationState, ShownPicture,
 };
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -68,7 +68,7 @@ impl Showcase {
         let steps = std::mem::take(&mut state.view.steps);
         state.view = Calibration {
             state: CalibrationState::Running,
-            description: "Waiting for what the devices deliver.".to_owned(),
+            description: "Waiting for data from the devices.".to_owned(),
             step: step.to_owned(),
             title: title.to_owned(),
             parameters,
@@ -95,7 +95,7 @@ impl Showcase {
         }
         let view = &mut state.view;
         if moment.counts.pictures > 0 || !moment.progress.message.is_empty() {
-            "Looking on.".clone_into(&mut view.description);
+            "Collecting data.".clone_into(&mut view.description);
         }
         view.share = moment.progress.share.clamp(0.0, 1.0);
         view.message.clone_from(&moment.progress.message);
@@ -113,7 +113,7 @@ impl Showcase {
     pub fn evaluate(&self) {
         let view = &mut self.lock().view;
         view.state = CalibrationState::Evaluating;
-        "Working it out.".clone_into(&mut view.description);
+        "Evaluating.".clone_into(&mut view.description);
         view.trouble = None;
     }
 
@@ -135,7 +135,7 @@ impl Showcase {
         };
         view.description = match (trouble, &written.file) {
             (Some(trouble), _) => format!("The calibration could not be written: {trouble}"),
-            (None, Some(_)) => "Written. It is in force when the rig is started again.".to_owned(),
+            (None, Some(_)) => "Written. It is used when the rig is started again.".to_owned(),
             (None, None) => "Refused: no calibration was written.".to_owned(),
         };
         view.result = Some(result(found, &written, report));
@@ -178,7 +178,7 @@ impl Showcase {
             state.wish = wish;
         }
         if wish == Wish::Abort {
-            "Being aborted.".clone_into(&mut state.view.description);
+            "Aborting.".clone_into(&mut state.view.description);
         }
         Ok(())
     }
@@ -202,7 +202,7 @@ impl CalibrationControl for Showcase {
         state.view.clone()
     }
 
-    fn start(&self, _: &CalibrationWish) -> Result<(), CalibrationRefusal> {
+    fn start(&self, _: &CalibrationRequest) -> Result<(), CalibrationRefusal> {
         Err(CalibrationRefusal::OneStep)
     }
 

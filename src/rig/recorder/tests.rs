@@ -177,7 +177,7 @@ fn a_full_disk_ends_the_recording_with_a_clear_state() {
 fn a_length_ends_it_and_the_dashboard_chooses_names_within_the_folder() {
     let folder = tempfile::tempdir().unwrap();
     let (hub, status, recorder) = recorder(folder.path(), 0);
-    let wish = |json: &str| RecordingWish::from_json(json.as_bytes()).unwrap();
+    let wish = |json: &str| RecordingRequest::from_json(json.as_bytes()).unwrap();
     let begun = recorder
         .carry_out(&wish(r#"{"record": true, "seconds": 1}"#))
         .unwrap();

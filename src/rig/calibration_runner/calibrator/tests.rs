@@ -142,9 +142,9 @@ impl Bench {
     }
 
     fn start(&self) -> Result<(), CalibrationRefusal> {
-        self.calibrator.start(&CalibrationWish {
+        self.calibrator.start(&CalibrationRequest {
             step: "counted".to_owned(),
-            ..CalibrationWish::default()
+            ..CalibrationRequest::default()
         })
     }
 
@@ -392,7 +392,7 @@ fn when_the_rig_is_closed_nothing_is_written() {
 #[test]
 fn what_cannot_begin_is_refused_in_one_line() {
     let bench = Bench::new(Habit::Modest);
-    let refused = |config: &Config, wish: &CalibrationWish, says: &str| {
+    let refused = |config: &Config, wish: &CalibrationRequest, says: &str| {
         let calibrator = Calibrator::new(&bench.live, config);
         let refusal = calibrator.start(wish).unwrap_err().to_string();
         assert!(
@@ -402,9 +402,9 @@ fn what_cannot_begin_is_refused_in_one_line() {
         assert_eq!(calibrator.view().state, CalibrationState::Idle);
     };
     let mut config = Config::default();
-    let mut wish = CalibrationWish {
+    let mut wish = CalibrationRequest {
         step: "intrinsics".to_owned(),
-        ..CalibrationWish::default()
+        ..CalibrationRequest::default()
     };
     refused(&config, &wish, "[calibration] from is not set");
     config.calibration = Some(bench.folder.path().join("camera.mcap"));
