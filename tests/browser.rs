@@ -302,11 +302,8 @@ fn dashboard_calibrates_a_lens() {
     browser.wait_for("document.getElementById('calibrate-share').value > 0.2");
     browser.wait_for("document.getElementById('calibrate-picture').naturalWidth === 320");
     browser.wait_for("document.getElementById('calibrate-result').checkVisibility()");
-    let verdict = browser.evaluate(&text("calibrate-verdict"));
-    assert!(
-        matches!(verdict.as_str(), Some("good" | "usable")),
-        "{verdict}"
-    );
+    let grade = browser.evaluate(&text("calibrate-grade"));
+    assert!(matches!(grade.as_str(), Some("good" | "usable")), "{grade}");
     let file = browser.evaluate(&text("calibrate-files"));
     assert!(
         file.as_str()

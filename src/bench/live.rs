@@ -76,7 +76,7 @@ pub struct LiveRow {
     /// Pictures composed.
     pub composed: u64,
     /// Pictures skipped for newer ones.
-    pub passed_over: u64,
+    pub skipped: u64,
     /// Pictures composed a second.
     pub frames_per_second: f64,
     /// Milliseconds from the arrival of a picture to the composed one.
@@ -190,7 +190,7 @@ fn row(config: &Config, before: &Snapshot, after: &Snapshot, seconds: f64) -> Op
         },
         seconds,
         composed,
-        passed_over: after.frames.skipped - before.frames.skipped,
+        skipped: after.frames.skipped - before.frames.skipped,
         frames_per_second: composed as f64 / seconds,
         arrival_to_picture_ms: between("arrival_to_picture"),
         decode_ms: between("decode"),
@@ -213,7 +213,7 @@ impl fmt::Display for LiveRow {
         write!(
             f,
             "{}: {}x{}, {} lights, {} samples, waits {:.0} ms for poses: {:.1} frames/s, {} composed and {} \
-             passed over in {:.1} s",
+             skipped in {:.1} s",
             self.case,
             self.width,
             self.height,
@@ -222,14 +222,14 @@ impl fmt::Display for LiveRow {
             self.max_wait_ms,
             self.frames_per_second,
             self.composed,
-            self.passed_over,
+            self.skipped,
             self.seconds
         )?;
         let parts = [
             ("arrival to picture", self.arrival_to_picture_ms),
             ("decode", self.decode_ms),
             ("compose", self.total_ms),
-            ("light, beside it", self.light_ms),
+            ("light, in parallel", self.light_ms),
         ];
         for (name, ms) in parts {
             write!(

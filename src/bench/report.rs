@@ -86,7 +86,7 @@ pub struct CaptureRow {
     /// Prepared pictures with a pose.
     pub prepared_with_pose: u64,
     /// Pictures skipped for newer ones.
-    pub passed_over: u64,
+    pub skipped: u64,
     /// Milliseconds from a JPEG to pixels.
     pub decode_ms: Percentiles,
     /// Milliseconds for the lighting.
@@ -235,8 +235,8 @@ impl fmt::Display for CaptureRow {
         }
         write!(
             f,
-            "\n  {} prepared, {} with a pose, {} passed over",
-            self.prepared, self.prepared_with_pose, self.passed_over
+            "\n  {} prepared, {} with a pose, {} skipped",
+            self.prepared, self.prepared_with_pose, self.skipped
         )?;
         for (name, ms) in [("decode", self.decode_ms), ("light", self.light_ms)] {
             write!(f, "\n  {name} p50 {:.2} ms, p99 {:.2} ms", ms.p50, ms.p99)?;

@@ -32,7 +32,7 @@ pub struct Calibration {
     /// What to do next.
     pub hint: String,
     /// A missing device, and the reason.
-    pub trouble: Option<String>,
+    pub device_error: Option<String>,
     /// Time since its start, seconds.
     pub seconds: f64,
     /// Pictures given to the step.
@@ -40,7 +40,7 @@ pub struct Calibration {
     /// Pictures that could not be decoded.
     pub damaged: u64,
     /// Pictures skipped while it was busy.
-    pub passed_over: u64,
+    pub skipped: u64,
     /// Readings of the tracker dropped because a queue was full.
     pub readings_lost: u64,
     /// The newest picture given to the step.
@@ -64,7 +64,7 @@ pub enum CalibrationState {
     Running,
     /// A step computes its result.
     Evaluating,
-    /// A step has finished, with any verdict.
+    /// A step has finished, with any grade.
     Finished,
     /// A step was stopped by an error.
     Failed,
@@ -88,16 +88,16 @@ pub struct ShownPicture {
     /// Height, pixels.
     pub height: u32,
     /// Camera: "scene" or "environment".
-    pub eye: String,
+    pub camera: String,
     /// Overlay points found in it, pixels of `width` and `height`; (0, 0) is the middle of the first.
-    pub marks: Vec<[f32; 2]>,
+    pub points: Vec<[f32; 2]>,
 }
 
 /// Result of a step.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct CalibrationResult {
     /// "good", "usable" or "refused".
-    pub verdict: String,
+    pub grade: String,
     /// Figures with their uncertainty, one line each.
     pub lines: Vec<String>,
     /// Findings against the result, worst first.

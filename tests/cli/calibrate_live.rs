@@ -160,15 +160,15 @@ fn calibrates_a_running_rig_over_http() {
     let again = post(&address, "/calibration/start", &wish);
     assert!(again.starts_with("HTTP/1.1 409") && again.contains("`intrinsics` is running"));
     until("a picture with overlay points", || {
-        let marks = calibration(&address)["picture"]["marks"].clone();
-        marks.as_array().is_some_and(|marks| marks.len() >= 20)
+        let points = calibration(&address)["picture"]["points"].clone();
+        points.as_array().is_some_and(|points| points.len() >= 20)
     });
     assert!(get(&address, "/calibration/picture.jpg?revision=1").contains("image/jpeg"));
     until("the step has finished", || {
         calibration(&address)["state"] == "finished"
     });
     let view = calibration(&address);
-    assert_ne!(view["result"]["verdict"], "refused", "{view}");
+    assert_ne!(view["result"]["grade"], "refused", "{view}");
     let off = focal(&desk, "files/calibration/scene_camera.json") / board::FOCAL - 1.0;
     assert!(off.abs() < 0.01, "{off}");
     let report = get(&address, "/calibration/report");

@@ -81,7 +81,7 @@ fn bench_measures_the_steps_of_light_probe_and_lamps() {
     let desk = Desk::new();
     let printed = desk.works("bench --case lightprobe --frames 2 --size 160x120 --json bench.json");
     assert!(
-        printed.contains("mirrored ball in the picture"),
+        printed.contains("mirrored sphere in the picture"),
         "{printed}"
     );
     let report = desk.json("bench.json");
@@ -96,10 +96,13 @@ fn bench_measures_the_steps_of_light_probe_and_lamps() {
                 .collect()
         };
         let (stages, passes) = (names("stages"), names("passes"));
-        let at_once = row["environment"].as_str().unwrap().ends_with("at once");
+        let in_parallel = row["environment"]
+            .as_str()
+            .unwrap()
+            .ends_with("in parallel");
         for name in ["gather", "prefilter", "light", "compose"] {
             assert!(
-                at_once || stages.iter().any(|n| n == name),
+                in_parallel || stages.iter().any(|n| n == name),
                 "{name}: {stages:?}"
             );
         }

@@ -89,8 +89,8 @@ impl Showcase {
                 revision,
                 width: picture.width,
                 height: picture.height,
-                eye: eye.name().to_owned(),
-                marks: marks_of(moment.progress),
+                camera: eye.name().to_owned(),
+                points: marks_of(moment.progress),
             });
         }
         let view = &mut state.view;
@@ -100,11 +100,11 @@ impl Showcase {
         view.share = moment.progress.share.clamp(0.0, 1.0);
         view.message.clone_from(&moment.progress.message);
         view.hint.clone_from(&moment.progress.hint);
-        view.trouble = trouble;
+        view.device_error = trouble;
         view.seconds = moment.seconds;
         view.pictures = moment.counts.pictures;
         view.damaged = moment.counts.damaged;
-        view.passed_over = moment.counts.passed_over;
+        view.skipped = moment.counts.skipped;
         view.readings_lost = moment.counts.readings_lost;
         state.wish
     }
@@ -114,7 +114,7 @@ impl Showcase {
         let view = &mut self.lock().view;
         view.state = CalibrationState::Evaluating;
         "Evaluating.".clone_into(&mut view.description);
-        view.trouble = None;
+        view.device_error = None;
     }
 
     /// It has come to its end, and is on the disk or is not.
@@ -146,7 +146,7 @@ impl Showcase {
         let view = &mut self.lock().view;
         view.state = CalibrationState::Failed;
         reason.clone_into(&mut view.description);
-        view.trouble = None;
+        view.device_error = None;
     }
 
     /// Nothing came of it, as was wished.
@@ -154,7 +154,7 @@ impl Showcase {
         let view = &mut self.lock().view;
         view.state = CalibrationState::Idle;
         "Aborted; nothing was written.".clone_into(&mut view.description);
-        view.trouble = None;
+        view.device_error = None;
         view.result = None;
     }
 
@@ -241,7 +241,7 @@ fn result(found: &Finished, written: &Written, report: bool) -> CalibrationResul
             text: text.clone(),
         });
     CalibrationResult {
-        verdict: found.grade.name().to_owned(),
+        grade: found.grade.name().to_owned(),
         lines: found.lines.clone(),
         findings: findings.collect(),
         hints: found.hints.clone(),

@@ -205,7 +205,7 @@ fn a_step_that_has_enough_is_written_and_the_next_keeps_it() {
     );
     // The picture was kept, as somebody had asked; what is no place is no mark.
     let picture = view.picture.unwrap();
-    assert_eq!((picture.width, picture.marks), (16, vec![[3.0, 4.0]]));
+    assert_eq!((picture.width, picture.points), (16, vec![[3.0, 4.0]]));
     assert!(bench.calibrator.picture(Some(picture.revision)).is_some());
     bench.start().unwrap();
     let view = bench.until("it ends", |v| !v.state.is_busy());
@@ -292,8 +292,8 @@ fn a_camera_that_is_away_is_told_and_awaited() {
     let camera = CameraSource::Replay(folder.path().join("camera.mcap"));
     let bench = Bench::on(folder, Habit::Modest, camera);
     bench.start().unwrap();
-    let view = bench.until("it says so", |v| v.trouble.is_some());
-    let trouble = view.trouble.unwrap();
+    let view = bench.until("it says so", |v| v.device_error.is_some());
+    let trouble = view.device_error.unwrap();
     assert!(
         trouble.contains("scene camera") && trouble.contains("not there"),
         "{trouble}"
@@ -343,16 +343,16 @@ fn a_camera_that_is_unplugged_in_the_middle_is_waited_for() {
     });
     let bench = Bench::on(folder, Habit::Greedy, CameraSource::Custom(maker));
     bench.start().unwrap();
-    let view = bench.until("it says so", |v| v.trouble.is_some());
+    let view = bench.until("it says so", |v| v.device_error.is_some());
     assert!(
-        view.trouble.unwrap().contains("scene camera"),
+        view.device_error.unwrap().contains("scene camera"),
         "{}",
         view.description
     );
     let before = view.pictures;
     plugged.store(true, Ordering::Relaxed);
     let view = bench.until("it goes on", |v| {
-        v.pictures > before + 3 && v.trouble.is_none()
+        v.pictures > before + 3 && v.device_error.is_none()
     });
     assert!(
         view.state.is_busy() && view.damaged <= 1,
