@@ -1,5 +1,5 @@
 //! Helpers of several integration tests.
-#![allow(dead_code, clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![allow(dead_code)]
 
 pub mod board;
 pub mod chromium;
