@@ -261,6 +261,7 @@ fn sees_a_board(folder: &Path) -> (Program, String) {
 }
 
 #[test]
+#[expect(clippy::too_many_lines, reason = "one visit, step by step")]
 fn dashboard_calibrates_a_lens() {
     let Some(mut browser) = browser("dashboard_calibrates_a_lens") else {
         return;

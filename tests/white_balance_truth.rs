@@ -225,6 +225,7 @@ struct OverlapRun {
     last_shortage: Option<Shortage>,
 }
 
+#[expect(clippy::too_many_lines, reason = "one rig, step by step")]
 fn run_overlap(session: &Session) -> OverlapRun {
     let calibration = &session.rig.calibration;
     let environment = session.environment();

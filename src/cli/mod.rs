@@ -99,10 +99,14 @@ fn renamed(error: &clap::Error) -> Option<String> {
         Some(ContextValue::String(text)) => text.split_whitespace().next().unwrap_or_default(),
         _ => "",
     };
-    let option = text(ContextKind::InvalidArg);
-    let value = match error.kind() {
-        ErrorKind::InvalidSubcommand => text(ContextKind::InvalidSubcommand),
-        _ => text(ContextKind::InvalidValue),
+    let (option, value) = match error.kind() {
+        ErrorKind::InvalidSubcommand => ("", text(ContextKind::InvalidSubcommand)),
+        // Another command may have an option of that name.
+        ErrorKind::UnknownArgument => (text(ContextKind::InvalidArg), ""),
+        _ => (
+            text(ContextKind::InvalidArg),
+            text(ContextKind::InvalidValue),
+        ),
     };
     penumbra_config::renamed_word(option, value)
 }

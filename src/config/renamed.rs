@@ -41,13 +41,14 @@ const WORDS: [(&str, &str, &str); 5] = [
     ("", "photometric", "radiometric"),
 ];
 
-/// Returns the message about a former word of the command line: `value` of `option`, or the
-/// subcommand `value` if `option` is empty. `None` if it never was a word.
+/// Returns the message about a former word of the command line: the subcommand `value` if `option`
+/// is empty, the option if `value` is empty, else `value` of `option`. `None` if it never was a
+/// word.
 #[must_use]
 pub fn renamed_word(option: &str, value: &str) -> Option<String> {
-    let (option_name, old, new) = WORDS.iter().find(|(option_name, old, _)| {
-        *option_name == option && (old.is_empty() || *old == value)
-    })?;
+    let (option_name, old, new) = WORDS
+        .iter()
+        .find(|(option_name, old, _)| *option_name == option && *old == value)?;
     Some(match (*option_name, *old) {
         ("", old) => format!("`{old}` is now called `{new}`"),
         (option_name, "") => format!("`{option_name}` is now called `{new}`"),

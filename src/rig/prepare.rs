@@ -292,15 +292,9 @@ impl Worker {
         let seconds = frame.captured_at.seconds_since(first);
         let (world_from_camera, ball, mut registration) =
             self.register(&picture, &frame, world_from_camera, misfit.is_none());
+        let (setup, tracker) = (&self.setup, self.feed.tracker());
         let shown = self.display.as_mut().and_then(|display| {
-            let (setup, feed) = (&self.setup, &self.feed);
-            display.predict(
-                setup,
-                feed.tracker(),
-                &frame,
-                world_from_camera,
-                &registration,
-            )
+            display.predict(setup, tracker, &frame, world_from_camera, &registration)
         });
         registration.display = shown.map(|shown| shown.status);
         let rolling = self.rolling(&frame, world_from_camera);

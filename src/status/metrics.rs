@@ -23,6 +23,8 @@ pub fn metrics(snapshot: &Snapshot) -> String {
     stages(&mut page, snapshot.stages.stages());
     pairing(&mut page, snapshot);
     registration(&mut page, snapshot);
+    display(&mut page, snapshot);
+    latency(&mut page, snapshot);
     white_balance(&mut page, snapshot);
     lighting(&mut page, snapshot);
     planes(&mut page, snapshot);
@@ -282,25 +284,37 @@ fn registration(page: &mut Page, s: &Snapshot) {
             "Standard deviation of the image of a point amid the virtual objects.",
             r.sigma_px,
         ),
+    ];
+    for (name, help, value) in figures {
+        page.some(name, help, value);
+    }
+}
+
+fn display(page: &mut Page, s: &Snapshot) {
+    let display = s.registration.display;
+    let figures = [
         (
             "penumbra_display_ahead_seconds",
             "Prediction time from the exposure until the picture is seen.",
-            r.display.map(|d| 1e-3 * d.ahead_ms),
+            display.map(|d| 1e-3 * d.ahead_ms),
         ),
         (
             "penumbra_display_moved_pixels",
             "Displacement of the virtual objects by the camera's motion in that time.",
-            r.display.map(|d| d.moved_px),
+            display.map(|d| d.moved_px),
         ),
         (
             "penumbra_display_sigma_pixels",
             "Standard deviation of their predicted image.",
-            r.display.and_then(|d| d.sigma_px),
+            display.and_then(|d| d.sigma_px),
         ),
     ];
     for (name, help, value) in figures {
         page.some(name, help, value);
     }
+}
+
+fn latency(page: &mut Page, s: &Snapshot) {
     let latencies = [
         (
             "penumbra_tracker_latency_seconds",

@@ -145,7 +145,7 @@ fn board_is_written_at_true_scale() {
         ("--out board.pdf", "exists already"),
         (
             "--board charuco:8x5:0.03:0.02:9x9_50 --out a.pdf",
-            "no family of tags",
+            "unknown family of tags",
         ),
         ("--board chess:9x6:25 --out a.pdf", "25 mm is 0.025"),
     ] {
@@ -188,5 +188,5 @@ fn lists_tags_with_their_corners() {
     let x: f64 = fields[3].parse().unwrap();
     assert!((x - (0.0135 / 0.0254 * 100.0 - 0.5)).abs() < 1.0, "{first}");
     let output = desk.run("calibrate tags --pictures sheets --family 9x9_50 --out b.csv");
-    assert!(text(&output.stderr).contains("no family of tags"));
+    assert!(text(&output.stderr).contains("unknown family of tags"));
 }

@@ -77,7 +77,7 @@ fn signal_or_enter_finishes_the_step() {
                 .is_some_and(|m| !m.starts_with('0') && m.contains("views"))
         });
         let refused = post(&address, "/calibration/start", r#"{"step": "intrinsics"}"#);
-        assert!(refused.contains("one step alone"), "{refused}");
+        assert!(refused.contains("runs a single step"), "{refused}");
         if end == "Enter" {
             keys.write_all(b"\n").unwrap();
         } else {

@@ -292,7 +292,10 @@ fn running_rig_records_on_request() {
     assert!(desk.refuses(&line).contains("a.mcap is being recorded"));
     until("it grows", || {
         let recording = status(&address)["recording"].clone();
-        recording["bytes"].as_u64() > Some(2_000_000) && recording["state"] == "recording"
+        // The journal begins with the first frame that was prepared.
+        recording["bytes"].as_u64() > Some(2_000_000)
+            && recording["state"] == "recording"
+            && status(&address)["frames"]["composed"].as_u64() > Some(10)
     });
     assert!(status(&address)["recording"]["seconds_left"].as_f64() > Some(0.0));
     let ended = post(&address, "/recording", r#"{"record": false}"#);

@@ -35,7 +35,10 @@ fn refuses_files_that_are_not_sessions() {
         &replay_error(&desk, "notes.mcap"),
         &["notes.mcap", "not an MCAP file", "import"],
     );
-    assert_contains(&replay_error(&desk, "cut.mcap"), &["cut.mcap", "cut off"]);
+    assert_contains(
+        &replay_error(&desk, "cut.mcap"),
+        &["cut.mcap", "truncated before its first complete chunk"],
+    );
     assert_contains(
         &replay_error(&desk, "weather.mcap"),
         &["weather.mcap", "/weather"],

@@ -365,6 +365,7 @@ fn a_moved_model_takes_its_bake_along() {
 
 /// One of two objects is changed: the mended bake has the very images that a whole one has.
 #[test]
+#[expect(clippy::too_many_lines, reason = "one scene, step by step")]
 fn a_mended_bake_is_what_baking_all_of_it_gives() {
     let cube = |x: f64, size: f32| part(primitives::cuboid(Vec3::splat(size)), DVec3::X * x);
     let scene = |parts: Vec<Part>| Stage {

@@ -6,6 +6,34 @@ use super::step::MapStep;
 use crate::report::{Page, Plot};
 use crate::step::{Finished, Made};
 
+const COLUMNS: [&str; 9] = [
+    "tag",
+    "size, mm",
+    "x, mm",
+    "y, mm",
+    "z, mm",
+    "± mm",
+    "± degrees",
+    "sightings",
+    "px",
+];
+
+/// The cells of a tag's row.
+fn row(t: &Mapped) -> Vec<String> {
+    let p = t.pose.translation * 1e3;
+    vec![
+        t.seen.name(),
+        format!("{:.1}", 1e3 * t.seen.size),
+        format!("{:.2}", p.x),
+        format!("{:.2}", p.y),
+        format!("{:.2}", p.z),
+        format!("{:.2}", 1e3 * t.sigma.1.max_element()),
+        format!("{:.3}", t.sigma.0.max_element().to_degrees()),
+        format!("{} of {}", t.sights.0, t.sights.1),
+        format!("{:.2}", t.rms),
+    ]
+}
+
 impl MapStep {
     pub(super) fn page(&self, made: &Made, found: &Finished, built: Option<&Built>) -> String {
         let facts = [
@@ -21,32 +49,8 @@ impl MapStep {
         let Some(built) = built else {
             return page.finish();
         };
-        let head = [
-            "tag",
-            "size, mm",
-            "x, mm",
-            "y, mm",
-            "z, mm",
-            "± mm",
-            "± degrees",
-            "sightings",
-            "px",
-        ];
-        let mut rows = vec![head.map(str::to_owned).to_vec()];
-        rows.extend(built.tags.iter().map(|t| {
-            let p = t.pose.translation * 1e3;
-            vec![
-                t.seen.name(),
-                format!("{:.1}", 1e3 * t.seen.size),
-                format!("{:.2}", p.x),
-                format!("{:.2}", p.y),
-                format!("{:.2}", p.z),
-                format!("{:.2}", 1e3 * t.sigma.1.max_element()),
-                format!("{:.3}", t.sigma.0.max_element().to_degrees()),
-                format!("{} of {}", t.sights.0, t.sights.1),
-                format!("{:.2}", t.rms),
-            ]
-        }));
+        let mut rows = vec![COLUMNS.map(str::to_owned).to_vec()];
+        rows.extend(built.tags.iter().map(row));
         page.table(&rows);
         let outline = |t: &Mapped| {
             let corners = square(t.seen.size).map(|c| t.pose.transform_point(c));

@@ -179,6 +179,7 @@ fn known_markers_keep_their_places_and_what_contradicts_them_is_refused() {
 }
 
 #[test]
+#[expect(clippy::too_many_lines, reason = "one map, case by case")]
 fn a_wrong_size_a_moved_tag_and_a_lonely_one_are_told() {
     let rehearsal = rehearsal(7);
     // Printed at 9 cm, said to be of 8.

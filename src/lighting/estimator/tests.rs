@@ -516,6 +516,7 @@ fn what_is_behind_the_ball_never_gets_into_the_map() {
 /// eight times brighter than white. The light of the mirror alone would be far too weak;
 /// the balls' shadows tell.
 #[test]
+#[expect(clippy::too_many_lines, reason = "one ground truth, case by case")]
 fn shadows_in_the_scene_tell_how_bright_a_clipped_lamp_is() {
     let lamp = Vec3::new(0.8, -0.1, 0.6).normalize();
     let environment = |d: Vec3| Vec3::splat(0.1 + disc(d, lamp, 0.15, 7.9));
