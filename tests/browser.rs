@@ -1,4 +1,4 @@
-//! The dashboard in a real browser.
+//! The dashboard in Chromium.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod support;
@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use support::chromium::Chromium;
 use support::show::Show;
 
-/// The browser, or a loud notice that this test did not run.
+/// Starts the browser; `None`, with a notice, if it is missing.
 fn browser(test: &str) -> Option<Chromium> {
     let browser = Chromium::launch();
     if browser.is_none() {
@@ -22,7 +22,7 @@ fn browser(test: &str) -> Option<Chromium> {
     browser
 }
 
-/// Screenshots for work on the dashboard: `PENUMBRA_SCREENSHOTS=DIR cargo test --test browser`.
+/// Stores screenshots for work on the dashboard: `PENUMBRA_SCREENSHOTS=DIR cargo test --test browser`.
 fn keep(name: &str, png: &[u8]) {
     if let Some(dir) = std::env::var_os("PENUMBRA_SCREENSHOTS") {
         std::fs::write(Path::new(&dir).join(name), png).unwrap();
@@ -55,16 +55,16 @@ fn share_that_differs(a: &image::RgbImage, b: &image::RgbImage) -> f64 {
     a.pixels().zip(b.pixels()).filter(differ).count() as f64 / f64::from(a.width() * a.height())
 }
 
-/// Looks at the picture until it is as wished; how it looked then.
-fn look_until(
+/// Waits until a condition on the picture holds; returns the picture.
+fn wait_for_picture(
     browser: &mut Chromium,
     what: &str,
-    mut wished: impl FnMut(&image::RgbImage) -> bool,
+    mut holds: impl FnMut(&image::RgbImage) -> bool,
 ) -> image::RgbImage {
     let deadline = Instant::now() + Duration::from_secs(20);
     loop {
         let picture = picture_region(browser);
-        if wished(&picture) {
+        if holds(&picture) {
             return picture;
         }
         assert!(Instant::now() < deadline, "the picture never {what}");
@@ -72,11 +72,11 @@ fn look_until(
     }
 }
 
-/// Waits until a hundredth of the picture has moved. What goes to and fro may have come back to
-/// where it was in any two pictures, so two are not enough to say that nothing moves.
-fn see_it_move(browser: &mut Chromium) -> image::RgbImage {
+/// Waits until a hundredth of the picture has changed. An object that moves to and fro may look the
+/// same in two pictures; so several are compared.
+fn wait_for_motion(browser: &mut Chromium) -> image::RgbImage {
     let first = picture_region(browser);
-    look_until(browser, "moved", |now| {
+    wait_for_picture(browser, "moved", |now| {
         share_that_differs(&first, now) > 0.01
     })
 }
@@ -90,20 +90,20 @@ fn dashboard_shows_moving_pictures_without_console_errors() {
     let show = Show::start();
     browser.resize(1280, 800);
     open(&mut browser, &show);
-    see_it_move(&mut browser);
+    wait_for_motion(&mut browser);
     std::thread::sleep(Duration::from_secs(3));
     keep("desktop.png", &browser.screenshot(false));
     keep("desktop-whole.png", &browser.screenshot(true));
     assert_eq!(browser.complaints(), [""; 0]);
 }
 
-/// The bundled session.
+/// Path of the bundled session.
 const SESSION: &str = concat!(
     env!("CARGO_MANIFEST_DIR"),
     "/tests/fixtures/sessions/desk.mcap"
 );
 
-/// The program itself; killed when dropped.
+/// A running program; killed when dropped.
 struct Program(Child);
 
 impl Program {
@@ -125,7 +125,7 @@ impl Program {
         Self::start(&["run", "--config", config.to_str().unwrap()])
     }
 
-    /// With the address that it told.
+    /// Starts the program; returns it with the address that it prints.
     fn start(command: &[&str]) -> (Self, String) {
         let mut child = Command::new(env!("CARGO_BIN_EXE_penumbra"))
             .args(command)
@@ -167,20 +167,20 @@ fn dashboard_of_a_replay_moves_and_applies_settings() {
     browser.wait_for("document.getElementById('picture').naturalWidth === 640");
     browser.wait_for("document.getElementById('environment').naturalWidth >= 128");
     browser.wait_for("parseFloat(document.getElementById('head-fps').textContent) > 0");
-    let second = see_it_move(&mut browser);
-    // The red teapot goes when it is switched off.
+    let second = wait_for_motion(&mut browser);
+    // The red teapot disappears when it is switched off.
     let red = |picture: &image::RgbImage| {
         let is_red = |p: &&image::Rgb<u8>| p[0] > 120 && p[0] / 2 > p[1].max(p[2]);
         picture.pixels().filter(is_red).count()
     };
     assert!(red(&second) > 5000, "{} red pixels", red(&second));
     browser.evaluate("document.querySelector('[name=virtual_object_visible]').click()");
-    look_until(&mut browser, "lost its red teapot", |p| red(p) < 500);
+    wait_for_picture(&mut browser, "lost its red teapot", |p| red(p) < 500);
     keep("replay-without.png", &browser.screenshot(false));
     assert_eq!(browser.complaints(), [""; 0]);
 }
 
-/// Megabytes that the page says were recorded.
+/// Recorded megabytes on the page.
 const MEGABYTES: &str = "parseFloat((document.getElementById('recording-facts').textContent.match(/([0-9.]+) MB/) ?? [])[1])";
 
 #[test]
@@ -206,7 +206,7 @@ fn record_button_records_a_live_rig() {
     browser.wait_for(&format!("{MEGABYTES} > 0.2"));
     let earlier = browser.evaluate(MEGABYTES).as_f64().unwrap();
     browser.wait_for(&format!("{MEGABYTES} > {earlier} + 1.0"));
-    // Ten minutes at most, as the configuration says; or less, where the disk is fuller.
+    // At most ten minutes by the configuration, or less if the disk is almost full.
     let facts = browser.evaluate("document.getElementById('recording-facts').textContent");
     let facts = facts.as_str().unwrap();
     assert!(
@@ -246,7 +246,7 @@ fn record_button_records_a_live_rig() {
     );
 }
 
-/// A live rig whose camera sees a board; its files are in `folder`.
+/// Starts a live rig whose camera sees a board; its files are in `folder`.
 fn sees_a_board(folder: &Path) -> (Program, String) {
     let session = folder.join("board.mcap");
     support::board::record(&session);
@@ -273,7 +273,7 @@ fn dashboard_calibrates_a_lens() {
     browser.wait_for("document.getElementById('calibrate-start').checkVisibility()");
     browser.evaluate("document.getElementById('calibrate-card').scrollIntoView()");
     keep("calibrate-form.png", &browser.screenshot(false));
-    // A board that is none is refused where it was typed.
+    // An invalid board is refused beside its field.
     let type_board = |browser: &mut Chromium, board: &str| {
         browser.evaluate(&format!(
             "document.querySelector('[name=board]').value = '{board}'"
@@ -286,7 +286,7 @@ fn dashboard_calibrates_a_lens() {
         "{}.includes('board `soup`')",
         text("calibrate-trouble")
     ));
-    // The browser notes the refusal too.
+    // The browser logs the refusal.
     let refused = browser.complaints().len();
     type_board(&mut browser, support::board::BOARD);
     browser.wait_for("document.getElementById('calibrate-finish').checkVisibility()");
@@ -297,17 +297,14 @@ fn dashboard_calibrates_a_lens() {
     browser.wait_for("document.getElementById('calibrate-share').value > 0.2");
     browser.wait_for(&format!("{} !== ''", text("calibrate-hint")));
     keep("calibrate.png", &browser.screenshot(false));
-    // Opened anew in the middle, the page shows the middle.
+    // A page opened during the step shows its progress.
     browser.open(&address);
     browser.wait_for("document.getElementById('calibrate-finish').checkVisibility()");
     browser.wait_for("document.getElementById('calibrate-share').value > 0.2");
     browser.wait_for("document.getElementById('calibrate-picture').naturalWidth === 320");
     browser.wait_for("document.getElementById('calibrate-result').checkVisibility()");
-    let verdict = browser.evaluate(&text("calibrate-verdict"));
-    assert!(
-        matches!(verdict.as_str(), Some("good" | "usable")),
-        "{verdict}"
-    );
+    let grade = browser.evaluate(&text("calibrate-grade"));
+    assert!(matches!(grade.as_str(), Some("good" | "usable")), "{grade}");
     let file = browser.evaluate(&text("calibrate-files"));
     assert!(
         file.as_str()
@@ -327,7 +324,7 @@ fn dashboard_calibrates_a_lens() {
     );
     browser.open(report.as_str().unwrap());
     browser.wait_for("document.querySelector('h1').textContent === 'Lens of the scene camera'");
-    // Its own style is in force, and no script is.
+    // Its own style is active, and it runs no script.
     browser
         .wait_for("getComputedStyle(document.querySelector('h2 span')).color !== 'rgb(0, 0, 0)'");
     keep("calibrate-report.png", &browser.screenshot(false));
@@ -389,7 +386,7 @@ fn exposure_is_set_manually() {
     open(&mut browser, &show);
     let text = |id: &str| format!("document.getElementById('{id}').textContent");
     browser.wait_for(&format!(
-        "{}.includes('That of the camera')",
+        "{}.includes('The camera’s exposure')",
         text("exposure-hint")
     ));
     let row = "document.querySelector('[name=exposure_ev]').closest('.row').hidden";

@@ -214,7 +214,7 @@ fn pictures_continue_without_tracker_and_with_a_faulty_driver() {
 
     // A driver's bug costs its device, and only until the next try.
     rig.until(DeviceKind::EnvironmentCamera, "its bug is told", |d| {
-        let trouble = d.last_trouble.as_deref();
+        let trouble = d.last_error.as_deref();
         trouble.is_some_and(|t| t.contains("its driver has a bug"))
     });
     rig.until(DeviceKind::EnvironmentCamera, "it is back", |d| {
@@ -246,7 +246,7 @@ fn faulty_scene_camera_is_reported_and_reopened() {
         let reason = d.reason.as_deref();
         d.state == DeviceState::Retrying && reason.is_some_and(|r| r.contains("not there"))
     });
-    let told = rig.status.snapshot().session.sentence;
+    let told = rig.status.snapshot().session.description;
     assert!(
         told.contains("no picture comes: scene: not there"),
         "{told}"

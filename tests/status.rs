@@ -1,11 +1,11 @@
-//! The status server over real sockets.
+//! Tests of the status server over sockets.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use penumbra_picture::Picture;
 use penumbra_status::calibration::{
-    Calibration, CalibrationControl, CalibrationRefusal, CalibrationWish,
+    Calibration, CalibrationControl, CalibrationRefusal, CalibrationRequest,
 };
-use penumbra_status::recording::{Recording, RecordingControl, RecordingRefusal, RecordingWish};
+use penumbra_status::recording::{Recording, RecordingControl, RecordingRefusal, RecordingRequest};
 use penumbra_status::snapshot::SessionState;
 use penumbra_status::{Settings, SharedStatus, StatusError, StatusServer};
 use proptest::prelude::*;
@@ -16,7 +16,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 const TOKEN: &str = "a-token-for-tests";
-const PATIENCE: Duration = Duration::from_secs(30);
+const TIMEOUT: Duration = Duration::from_secs(30);
 
 struct Server {
     address: SocketAddr,
@@ -45,11 +45,11 @@ impl Server {
 
     fn connect(&self) -> TcpStream {
         let socket = TcpStream::connect(self.address).unwrap();
-        socket.set_read_timeout(Some(PATIENCE)).unwrap();
+        socket.set_read_timeout(Some(TIMEOUT)).unwrap();
         socket
     }
 
-    /// Sends a request with these header lines and reads the whole answer.
+    /// Sends a request with these header lines and reads the complete response.
     fn request(&self, line: &str, headers: &[&str], body: &str) -> Answer {
         let mut socket = self.connect();
         let host = format!("Host: {}", self.address);
@@ -63,7 +63,7 @@ impl Server {
         head.extend(headers.iter().map(|h| (*h).to_owned()));
         head.push(format!("Content-Length: {}", body.len()));
         let request = head.join("\r\n") + "\r\n\r\n" + body;
-        // A refusal may come before the body has been taken.
+        // A refusal may arrive before the body has been sent.
         let _ = socket.write_all(request.as_bytes());
         Answer::read(socket)
     }
@@ -80,10 +80,10 @@ impl Server {
         self.shared.publish_picture(Arc::new(grey(shade)));
     }
 
-    fn until(&self, what: &str, happened: impl Fn() -> bool) {
-        let deadline = Instant::now() + PATIENCE;
-        while !happened() {
-            assert!(Instant::now() < deadline, "never happened: {what}");
+    fn until(&self, what: &str, holds: impl Fn() -> bool) {
+        let deadline = Instant::now() + TIMEOUT;
+        while !holds() {
+            assert!(Instant::now() < deadline, "timeout: {what}");
             std::thread::sleep(Duration::from_millis(5));
         }
     }
@@ -142,10 +142,10 @@ fn grey(shade: u8) -> Picture {
     }
 }
 
-// ── what is there ───────────────────────────────────────────────────────────────────────
+// ── pages ───────────────────────────────────────────────────────────────────────
 
 #[test]
-fn the_page_needs_nothing_from_elsewhere_and_all_it_names_is_there() {
+fn page_needs_no_other_server_and_all_its_files_exist() {
     let server = Server::start(None);
     let page = server.get("/");
     assert_eq!(
@@ -158,7 +158,7 @@ fn the_page_needs_nothing_from_elsewhere_and_all_it_names_is_there() {
     );
     assert_eq!(page.header("x-content-type-options"), "nosniff");
     let html = page.text();
-    assert!(!html.contains("://"), "something from elsewhere");
+    assert!(!html.contains("://"), "a file of another server");
     let scripts = [
         "dashboard.js",
         "calibrate.js",
@@ -186,7 +186,7 @@ fn the_page_needs_nothing_from_elsewhere_and_all_it_names_is_there() {
 }
 
 #[test]
-fn what_is_not_there_is_404_and_says_what_is() {
+fn unknown_paths_are_404_and_list_the_known_ones() {
     let server = Server::start(None);
     for path in [
         "/nothing",
@@ -237,7 +237,7 @@ fn status_metrics_and_health_follow_the_rig() {
 
 // ── pictures ────────────────────────────────────────────────────────────────────────────
 
-/// A browser that watches: reads parts of a stream strictly.
+/// A viewer of the stream that checks each part.
 struct Viewer(BufReader<TcpStream>);
 
 impl Viewer {
@@ -261,10 +261,12 @@ impl Viewer {
     fn line(&mut self) -> String {
         let mut line = String::new();
         self.0.read_line(&mut line).unwrap();
-        line.strip_suffix("\r\n").expect("a whole line").to_owned()
+        line.strip_suffix("\r\n")
+            .expect("a complete line")
+            .to_owned()
     }
 
-    /// The next picture, with what closes it.
+    /// Reads the next picture and the boundary after it.
     fn next(&mut self) -> image::RgbImage {
         assert_eq!(self.line(), "Content-Type: image/jpeg");
         let length = self
@@ -287,7 +289,7 @@ impl Viewer {
 }
 
 #[test]
-fn a_viewer_gets_the_picture_there_is_and_then_the_new_ones() {
+fn viewer_receives_the_current_picture_and_then_new_ones() {
     let server = Server::start(None);
     server.picture(200);
     let mut viewer = Viewer::open(&server);
@@ -296,12 +298,12 @@ fn a_viewer_gets_the_picture_there_is_and_then_the_new_ones() {
         let seen = std::iter::repeat_with(|| viewer.next())
             .take(3)
             .find(|p| p.dimensions() == (48, 32) && p.get_pixel(24, 16)[0].abs_diff(shade) <= 3);
-        assert!(seen.is_some(), "shade {shade} never came");
+        assert!(seen.is_some(), "shade {shade} was not received");
     }
 }
 
 #[test]
-fn nothing_is_encoded_when_nobody_watches() {
+fn encodes_nothing_without_viewers() {
     let server = Server::start(None);
     for shade in 0..50 {
         server.picture(shade);
@@ -320,7 +322,7 @@ fn nothing_is_encoded_when_nobody_watches() {
     assert!(encoded < 10, "{encoded} of 50 unseen pictures were encoded");
 }
 
-/// A picture that JPEG cannot make small, so that a few dozen fill every buffer on the way.
+/// A picture of noise, which JPEG compresses badly, so that a few dozen fill all buffers.
 fn noise(seed: u32) -> Picture {
     let mut state = seed | 1;
     let next = |_| {
@@ -337,25 +339,25 @@ fn noise(seed: u32) -> Picture {
 }
 
 #[test]
-fn a_viewer_who_does_not_read_delays_nobody() {
+fn a_stalled_viewer_does_not_delay_others() {
     let server = Server::start(None);
     let show = |seed| server.shared.publish_picture(Arc::new(noise(seed)));
     show(1);
-    let lazy = Viewer::open(&server);
-    let mut eager = Viewer::open(&server);
+    let stalled = Viewer::open(&server);
+    let mut active = Viewer::open(&server);
     let received: usize = (0..40)
         .map(|round| {
             show(round);
-            eager.next().len()
+            active.next().len()
         })
         .sum();
     assert_eq!(received, 40 * 800 * 600 * 3);
     assert_eq!(server.shared.snapshot().stream.viewers, 2);
-    drop(lazy);
+    drop(stalled);
 }
 
 #[test]
-fn there_are_sixteen_seats_and_they_come_free_again() {
+fn serves_sixteen_viewers_at_a_time() {
     let server = Server::start(None);
     server.picture(9);
     let viewers: Vec<Viewer> = (0..16).map(|_| Viewer::open(&server)).collect();
@@ -364,7 +366,7 @@ fn there_are_sixteen_seats_and_they_come_free_again() {
     assert!(refused.text().contains("16 viewers are connected already"));
     assert_eq!(server.get("/healthz").status, 200);
     drop(viewers);
-    server.until("a seat is free", || {
+    server.until("the viewers are gone", || {
         server.picture(8);
         server.shared.snapshot().stream.viewers == 0
     });
@@ -372,7 +374,7 @@ fn there_are_sixteen_seats_and_they_come_free_again() {
 }
 
 #[test]
-fn a_snapshot_is_exact_and_missing_pictures_are_404() {
+fn snapshot_is_lossless_and_missing_pictures_are_404() {
     let server = Server::start(None);
     assert_eq!(server.get("/snapshot.png").status, 404);
     assert_eq!(server.get("/environment.png").status, 404);
@@ -392,16 +394,16 @@ fn a_snapshot_is_exact_and_missing_pictures_are_404() {
 // ── settings ────────────────────────────────────────────────────────────────────────────
 
 #[test]
-fn a_wish_reaches_the_rig_and_a_bad_one_says_why_not() {
+fn valid_settings_reach_the_rig_and_others_are_refused_with_a_reason() {
     let server = Server::start(None);
-    let wished = server.shared.settings_receiver();
-    let granted = server.post_settings(r#"{"light_count": 384, "shadow_mode": "subtract"}"#);
+    let requested = server.shared.settings_receiver();
+    let accepted = server.post_settings(r#"{"light_count": 384, "shadow_mode": "subtract"}"#);
     assert_eq!(
-        (granted.status, &granted.json()["light_count"]),
+        (accepted.status, &accepted.json()["light_count"]),
         (202, &384.into())
     );
-    assert_eq!(wished.borrow().light_count, 384);
-    for (body, why) in [
+    assert_eq!(requested.borrow().light_count, 384);
+    for (body, reason) in [
         (r#"{"light_count": 50}"#, "choose 8, 24, 48, 64, 96 or 384"),
         (r#"{"shadow_strength": -0.1}"#, "not between 0"),
         (
@@ -415,13 +417,13 @@ fn a_wish_reaches_the_rig_and_a_bad_one_says_why_not() {
         let refused = server.post_settings(body);
         assert_eq!(refused.status, 422, "{body}");
         let text = refused.json()["error"].as_str().unwrap().to_owned();
-        assert!(text.contains(why), "{body}: {text}");
+        assert!(text.contains(reason), "{body}: {text}");
     }
-    assert_eq!(wished.borrow().light_count, 384);
+    assert_eq!(requested.borrow().light_count, 384);
 }
 
 #[test]
-fn settings_are_taken_as_json_and_in_reason_only() {
+fn refuses_settings_that_are_not_json_or_too_large() {
     let server = Server::start(None);
     let form = ["Content-Type: text/plain"];
     assert_eq!(
@@ -435,12 +437,12 @@ fn settings_are_taken_as_json_and_in_reason_only() {
     assert_eq!(server.get("/settings").status, 405);
 }
 
-/// A recorder that notes what it was asked.
+/// A recorder that stores the requests.
 #[derive(Default)]
-struct Notes(std::sync::Mutex<Vec<RecordingWish>>);
+struct RecordedRequests(std::sync::Mutex<Vec<RecordingRequest>>);
 
-impl RecordingControl for Notes {
-    fn carry_out(&self, wish: &RecordingWish) -> Result<Recording, RecordingRefusal> {
+impl RecordingControl for RecordedRequests {
+    fn carry_out(&self, wish: &RecordingRequest) -> Result<Recording, RecordingRefusal> {
         self.0.lock().unwrap().push(wish.clone());
         if wish.record {
             return Ok(Recording::default());
@@ -452,7 +454,7 @@ impl RecordingControl for Notes {
 }
 
 #[test]
-fn a_wish_to_record_reaches_the_recorder_unless_it_is_none_or_comes_from_elsewhere() {
+fn recording_requests_reach_the_recorder_only_from_the_own_page() {
     let server = Server::start(None);
     let json = "Content-Type: application/json";
     let post = |headers: &[&str], body| server.request("POST /recording", headers, body);
@@ -460,11 +462,11 @@ fn a_wish_to_record_reaches_the_recorder_unless_it_is_none_or_comes_from_elsewhe
     let refused = post(&[json], wish);
     assert_eq!(refused.status, 409);
     assert!(refused.text().contains("only a live rig"));
-    let notes = Arc::new(Notes::default());
-    server.shared.set_recorder(notes.clone());
+    let requests = Arc::new(RecordedRequests::default());
+    server.shared.set_recorder(requests.clone());
     assert_eq!(post(&[json], wish).status, 202);
     assert_eq!(post(&[json], r#"{"record": false}"#).status, 409);
-    assert_eq!(notes.0.lock().unwrap().len(), 2);
+    assert_eq!(requests.0.lock().unwrap().len(), 2);
     assert_eq!(post(&[], wish).status, 415);
     assert_eq!(post(&[json], "{}").status, 422);
     assert_eq!(
@@ -480,21 +482,21 @@ fn a_wish_to_record_reaches_the_recorder_unless_it_is_none_or_comes_from_elsewhe
         403
     );
     assert_eq!(server.get("/recording").status, 405);
-    assert_eq!(notes.0.lock().unwrap().len(), 2, "nothing else reached it");
+    assert_eq!(requests.0.lock().unwrap().len(), 2, "no other request");
     let guarded = Server::start(Some("open-sesame-now"));
-    guarded.shared.set_recorder(notes.clone());
+    guarded.shared.set_recorder(requests.clone());
     let outside = guarded.request("POST /recording", &[json], wish);
     assert_eq!(outside.status, 401);
-    assert_eq!(notes.0.lock().unwrap().len(), 2);
+    assert_eq!(requests.0.lock().unwrap().len(), 2);
 }
 
-// ── who may ask ─────────────────────────────────────────────────────────────────────────
+// ── access ─────────────────────────────────────────────────────────────────────────
 
-/// Begins whatever is wished, once, and has a report.
+/// A calibrator that accepts one step at a time and has a report.
 #[derive(Default)]
-struct Calibrating(std::sync::Mutex<Option<String>>);
+struct FakeCalibrator(std::sync::Mutex<Option<String>>);
 
-impl CalibrationControl for Calibrating {
+impl CalibrationControl for FakeCalibrator {
     fn view(&self) -> Calibration {
         Calibration {
             step: self.0.lock().unwrap().clone().unwrap_or_default(),
@@ -502,7 +504,7 @@ impl CalibrationControl for Calibrating {
         }
     }
 
-    fn start(&self, wish: &CalibrationWish) -> Result<(), CalibrationRefusal> {
+    fn start(&self, wish: &CalibrationRequest) -> Result<(), CalibrationRefusal> {
         let mut step = self.0.lock().unwrap();
         match &*step {
             Some(step) => Err(CalibrationRefusal::Busy { step: step.clone() }),
@@ -533,7 +535,7 @@ impl CalibrationControl for Calibrating {
 
 #[test]
 #[expect(clippy::cognitive_complexity, reason = "one client, step by step")]
-fn a_calibration_is_begun_and_ended_by_our_own_page_alone() {
+fn calibration_requests_are_accepted_only_from_the_own_page() {
     let server = Server::start(None);
     let json = "Content-Type: application/json";
     let post = |server: &Server, path: &str, headers: &[&str], body: &str| {
@@ -541,18 +543,27 @@ fn a_calibration_is_begun_and_ended_by_our_own_page_alone() {
     };
     let wish = r#"{"step": "intrinsics"}"#;
     assert_eq!(server.get("/calibration").json()["state"], "unavailable");
-    let nobody = post(&server, "start", &[json], wish);
-    assert_eq!(nobody.status, 409);
-    assert!(nobody.text().contains("penumbra run"), "{}", nobody.text());
+    let refused = post(&server, "start", &[json], wish);
+    assert_eq!(refused.status, 409);
+    assert!(
+        refused.text().contains("penumbra run"),
+        "{}",
+        refused.text()
+    );
     assert_eq!(server.get("/calibration/report").status, 404);
 
-    server.shared.set_calibrator(Arc::<Calibrating>::default());
+    server
+        .shared
+        .set_calibrator(Arc::<FakeCalibrator>::default());
     assert_eq!(post(&server, "finish", &[json], "{}").status, 409);
     assert_eq!(post(&server, "start", &[], wish).status, 415);
     let form = "Content-Type: application/x-www-form-urlencoded";
     assert_eq!(post(&server, "start", &[form], wish).status, 415);
-    let elsewhere = "Origin: http://evil.example";
-    assert_eq!(post(&server, "start", &[json, elsewhere], wish).status, 403);
+    let other_origin = "Origin: http://evil.example";
+    assert_eq!(
+        post(&server, "start", &[json, other_origin], wish).status,
+        403
+    );
     assert_eq!(post(&server, "start", &[json], "{}").status, 422);
     assert_eq!(
         post(&server, "start", &[json], &"x".repeat(20_000)).status,
@@ -578,7 +589,7 @@ fn a_calibration_is_begun_and_ended_by_our_own_page_alone() {
         let path = format!("/calibration/picture.jpg{none}");
         assert_eq!(server.get(&path).status, 404, "{none}");
     }
-    // A report styles itself; what a device has called itself in it cannot do anything.
+    // A report has its own styles, but no scripts: a device name in it cannot run code.
     let report = server.get("/calibration/report");
     let policy = report.header("content-security-policy");
     assert!(
@@ -589,7 +600,9 @@ fn a_calibration_is_begun_and_ended_by_our_own_page_alone() {
     assert_eq!(report.header("x-frame-options"), "deny");
 
     let guarded = Server::start(Some("0123456789ab"));
-    guarded.shared.set_calibrator(Arc::<Calibrating>::default());
+    guarded
+        .shared
+        .set_calibrator(Arc::<FakeCalibrator>::default());
     assert_eq!(guarded.get("/calibration").status, 401);
     let wrong = "Authorization: Bearer 0123456789ac";
     assert_eq!(post(&guarded, "start", &[json, wrong], wish).status, 401);
@@ -598,7 +611,7 @@ fn a_calibration_is_begun_and_ended_by_our_own_page_alone() {
 }
 
 #[test]
-fn a_name_that_somebody_else_could_point_here_is_refused() {
+fn refuses_host_names_that_others_can_resolve_to_this_machine() {
     let server = Server::start(None);
     for host in ["evil.example", "evil.example:8780", "192.168.1.9", ""] {
         let header = format!("Host: {host}");
@@ -619,7 +632,7 @@ fn a_name_that_somebody_else_could_point_here_is_refused() {
 }
 
 #[test]
-fn pages_from_elsewhere_neither_change_settings_nor_see_the_picture() {
+fn other_origins_cannot_change_settings_or_read_the_picture() {
     let server = Server::start(None);
     let json = "Content-Type: application/json";
     let own = format!("Origin: http://{}", server.address);
@@ -668,7 +681,7 @@ fn pages_from_elsewhere_neither_change_settings_nor_see_the_picture() {
 }
 
 #[test]
-fn with_a_token_only_who_knows_it_gets_in() {
+fn refuses_requests_without_the_token() {
     let server = Server::start(Some(TOKEN));
     for path in [
         "/",
@@ -685,7 +698,7 @@ fn with_a_token_only_who_knows_it_gets_in() {
     assert_eq!(
         server.get("/healthz").status,
         200,
-        "a watchdog knows no token"
+        "a watchdog has no token"
     );
     for wrong in [
         "Authorization: Bearer a-token-for-test",
@@ -717,7 +730,7 @@ fn with_a_token_only_who_knows_it_gets_in() {
 }
 
 #[test]
-fn the_token_leaves_the_address_and_stays_in_a_cookie() {
+fn token_moves_from_the_address_to_a_cookie() {
     let server = Server::start(Some(TOKEN));
     let first = server.get("/?x=1&token=a-token-for-tests");
     assert_eq!((first.status, first.header("location")), (303, "/"));
@@ -736,7 +749,7 @@ fn the_token_leaves_the_address_and_stays_in_a_cookie() {
 }
 
 #[test]
-fn an_address_that_others_can_reach_needs_a_good_token() {
+fn public_address_requires_a_valid_token() {
     let bind = |address: [u8; 4], token: Option<&str>| {
         let shared = SharedStatus::new(Settings::default());
         StatusServer::bind(
@@ -755,17 +768,17 @@ fn an_address_that_others_can_reach_needs_a_good_token() {
     ));
     assert!(bind([0, 0, 0, 0], Some(TOKEN)).is_ok());
     assert!(bind([127, 0, 0, 2], None).is_ok());
-    let elsewhere = bind([192, 0, 2, 1], Some(TOKEN)).err().unwrap();
+    let foreign = bind([192, 0, 2, 1], Some(TOKEN)).err().unwrap();
     assert!(
-        elsewhere
+        foreign
             .to_string()
             .contains("choose another address with --listen"),
-        "{elsewhere}"
+        "{foreign}"
     );
 }
 
 #[test]
-fn a_port_in_use_is_one_line_that_names_it_and_the_way_out() {
+fn port_in_use_is_reported_in_one_line_with_a_remedy() {
     let server = Server::start(None);
     let shared = SharedStatus::new(Settings::default());
     let error = StatusServer::bind(server.address, None, shared)
@@ -784,7 +797,7 @@ fn a_port_in_use_is_one_line_that_names_it_and_the_way_out() {
 }
 
 #[test]
-fn shutting_down_closes_streams_too() {
+fn shutdown_closes_streams() {
     let shared = SharedStatus::new(Settings::default());
     let server = StatusServer::bind(any_port(), None, Arc::clone(&shared)).unwrap();
     let address = server.local_addr();
@@ -803,7 +816,7 @@ fn shutting_down_closes_streams_too() {
     viewer.next();
     stop.send(()).unwrap();
     let mut rest = Vec::new();
-    // Closed or reset: either way the read ends.
+    // The read ends whether the connection is closed or reset.
     let _ = viewer.0.read_to_end(&mut rest);
     server._runtime.block_on(serving).unwrap().unwrap();
     assert!(
@@ -815,7 +828,7 @@ fn shutting_down_closes_streams_too() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
     #[test]
-    fn garbage_does_not_harm_the_server(bytes in proptest::collection::vec(any::<u8>(), 0..400), http in any::<bool>()) {
+    fn server_survives_random_bytes(bytes in proptest::collection::vec(any::<u8>(), 0..400), http in any::<bool>()) {
         let server = shared_server();
         let mut socket = server.connect();
         let start: &[u8] = if http { b"POST /settings HTTP/1.1\r\nHost: localhost\r\n" } else { b"" };

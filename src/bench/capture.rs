@@ -75,8 +75,8 @@ impl Rig {
         let setup = RigSetup::read(&source, config)?;
         let status = SharedStatus::new(live_settings(config));
         let stop = Arc::<AtomicBool>::default();
-        let wished = status.settings_receiver();
-        let preparation = Preparation::start(&setup, config, &source, wished, stop.clone())?;
+        let requested = status.settings_receiver();
+        let preparation = Preparation::start(&setup, config, &source, requested, stop.clone())?;
         live.open()?;
         Ok(Self {
             preparation,
@@ -139,7 +139,7 @@ fn since(earlier: &[DeviceTally], mut now: Vec<DeviceTally>) -> Vec<DeviceTally>
 struct Tally {
     decoding: Vec<f64>,
     lighting: Vec<f64>,
-    passed_over: u64,
+    skipped: u64,
     posed: u64,
 }
 
@@ -147,7 +147,7 @@ impl Tally {
     fn add(&mut self, prepared: &PreparedFrame) {
         self.decoding.push(prepared.decoding.as_secs_f64() * 1e3);
         self.lighting.push(prepared.lighting.as_secs_f64() * 1e3);
-        self.passed_over += prepared.skipped;
+        self.skipped += prepared.skipped;
         self.posed += u64::from(prepared.world_from_camera.is_some());
     }
 
@@ -165,7 +165,7 @@ impl Tally {
             devices,
             prepared: self.decoding.len() as u64,
             prepared_with_pose: self.posed,
-            passed_over: self.passed_over,
+            skipped: self.skipped,
             decode_ms: Percentiles::of(&self.decoding),
             light_ms: Percentiles::of(&self.lighting),
             threads,

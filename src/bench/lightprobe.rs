@@ -222,13 +222,12 @@ fn time(i: u32) -> MonotonicTime {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used)]
     use super::*;
 
     /// In the measured case the sphere is read, the light changes, the lamp brightens the picture and
     /// the exposure darkens it again.
     #[test]
-    fn the_case_reads_its_ball_and_darkens_its_picture() {
+    fn light_probe_case_measures_the_light_and_lowers_the_exposure() {
         let gpu = Gpu::open(None).unwrap();
         let case = Case {
             view: View::Ball,
@@ -240,7 +239,7 @@ mod tests {
         for i in 0..4 {
             rig.room.show(i);
             let light = rig.light(i).unwrap();
-            // The first picture's lobes are as whole as all others: nothing is spread over pictures.
+            // The lobes of the first picture are complete: their update is not spread over pictures.
             let (ggx, phong) = (&light.radiance.levels, &light.radiance.phong);
             assert_eq!((ggx.len(), phong.len()), (5, 4));
             assert!(ggx.iter().chain(phong).flatten().all(|t| t[1] > 0.01));
@@ -248,8 +247,8 @@ mod tests {
             rig.compose(i, &light).unwrap();
         }
         let truth = rig.room.irradiance(3);
-        let off = (seen[3] - truth) / truth;
-        assert!(off.abs().max_element() < 0.15, "{} {truth}", seen[3]);
+        let error = (seen[3] - truth) / truth;
+        assert!(error.abs().max_element() < 0.15, "{} {truth}", seen[3]);
         assert!(seen.is_sorted_by(|a, b| a != b), "{seen:?}");
         gpu.wait().unwrap();
         let stops = rig.compositor.exposure().stops;

@@ -33,9 +33,9 @@ const WARM_UP: u64 = 60;
 /// Pictures composed for a row without `--frames`: half a minute at a typical frame rate.
 const FRAMES: u32 = 900;
 /// Timeout of a row, per picture.
-const PATIENCE: Duration = Duration::from_millis(500);
+const TIMEOUT_PER_PICTURE: Duration = Duration::from_millis(500);
 /// Interval at which the rig's status is read; long enough not to slow the rig.
-const LOOK_EVERY: Duration = Duration::from_millis(100);
+const POLL_INTERVAL: Duration = Duration::from_millis(100);
 
 /// Settings that determine a live rig's frame time.
 #[derive(Clone, Copy)]
@@ -76,7 +76,7 @@ pub struct LiveRow {
     /// Pictures composed.
     pub composed: u64,
     /// Pictures skipped for newer ones.
-    pub passed_over: u64,
+    pub skipped: u64,
     /// Pictures composed a second.
     pub frames_per_second: f64,
     /// Milliseconds from the arrival of a picture to the composed one.
@@ -137,7 +137,7 @@ fn measure(gpu: &Gpu, config: &Config, frames: u32) -> Result<LiveRow, BenchErro
     let job = move || watch(&status, &shutdown, u64::from(frames));
     let watcher = threads::spawn("bench", job).map_err(|source| BenchError::Thread { source })?;
     let ran = runner.run(gpu.clone(), None);
-    // It ends by itself if the rig has not.
+    // The watcher ends by its timeout even if the rig still runs.
     let Ok((before, after, seconds)) = watcher.join() else {
         return Err(BenchError::Silent);
     };
@@ -160,13 +160,13 @@ fn watch(status: &SharedStatus, shutdown: &AtomicBool, frames: u64) -> (Snapshot
 /// Waits for a total number of pictures, or for the timeout of `pictures`, and returns the status.
 fn composed(status: &SharedStatus, in_all: u64, pictures: u64) -> Snapshot {
     let begun = Instant::now();
-    let longest = PATIENCE.saturating_mul(u32::try_from(pictures).unwrap_or(u32::MAX));
+    let timeout = TIMEOUT_PER_PICTURE.saturating_mul(u32::try_from(pictures).unwrap_or(u32::MAX));
     loop {
         let snapshot = status.snapshot();
-        if snapshot.frames.composed >= in_all || begun.elapsed() > longest {
+        if snapshot.frames.composed >= in_all || begun.elapsed() > timeout {
             return snapshot;
         }
-        std::thread::sleep(LOOK_EVERY);
+        std::thread::sleep(POLL_INTERVAL);
     }
 }
 
@@ -190,7 +190,7 @@ fn row(config: &Config, before: &Snapshot, after: &Snapshot, seconds: f64) -> Op
         },
         seconds,
         composed,
-        passed_over: after.frames.skipped - before.frames.skipped,
+        skipped: after.frames.skipped - before.frames.skipped,
         frames_per_second: composed as f64 / seconds,
         arrival_to_picture_ms: between("arrival_to_picture"),
         decode_ms: between("decode"),
@@ -213,7 +213,7 @@ impl fmt::Display for LiveRow {
         write!(
             f,
             "{}: {}x{}, {} lights, {} samples, waits {:.0} ms for poses: {:.1} frames/s, {} composed and {} \
-             passed over in {:.1} s",
+             skipped in {:.1} s",
             self.case,
             self.width,
             self.height,
@@ -222,14 +222,14 @@ impl fmt::Display for LiveRow {
             self.max_wait_ms,
             self.frames_per_second,
             self.composed,
-            self.passed_over,
+            self.skipped,
             self.seconds
         )?;
         let parts = [
             ("arrival to picture", self.arrival_to_picture_ms),
             ("decode", self.decode_ms),
             ("compose", self.total_ms),
-            ("light, beside it", self.light_ms),
+            ("light, in parallel", self.light_ms),
         ];
         for (name, ms) in parts {
             write!(

@@ -84,7 +84,7 @@ pub enum BenchError {
 }
 
 impl BenchOptions {
-    /// Whether a chosen case renders.
+    /// Whether one of the chosen cases renders.
     #[must_use]
     pub fn needs_gpu(&self) -> bool {
         CASES
@@ -96,7 +96,8 @@ impl BenchOptions {
         self.session.as_deref().unwrap_or(Path::new(live::SESSION))
     }
 
-    /// The live case cannot be run along with all others where the repository is not.
+    /// Whether all cases were chosen but the session of the live case, which is bundled with the
+    /// repository, is missing.
     fn lacks_session(&self) -> bool {
         self.case.is_none() && self.session.is_none() && !self.session().exists()
     }

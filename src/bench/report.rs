@@ -55,8 +55,7 @@ pub struct Row {
     /// Milliseconds of all passes on the device.
     pub gpu_ms: Percentiles,
     /// Median milliseconds of processor time that all threads together spend on a picture, a
-    /// software driver's included, where it was measured: what others do on the machine
-    /// meanwhile hardly changes it.
+    /// software driver's included; `None` if it was not measured. Other programs hardly affect it.
     pub processor_ms: Option<f64>,
     /// Median milliseconds of the steps on the processor, where they were measured: those of the
     /// light, all of the light, and composing.
@@ -87,7 +86,7 @@ pub struct CaptureRow {
     /// Prepared pictures with a pose.
     pub prepared_with_pose: u64,
     /// Pictures skipped for newer ones.
-    pub passed_over: u64,
+    pub skipped: u64,
     /// Milliseconds from a JPEG to pixels.
     pub decode_ms: Percentiles,
     /// Milliseconds for the lighting.
@@ -236,8 +235,8 @@ impl fmt::Display for CaptureRow {
         }
         write!(
             f,
-            "\n  {} prepared, {} with a pose, {} passed over",
-            self.prepared, self.prepared_with_pose, self.passed_over
+            "\n  {} prepared, {} with a pose, {} skipped",
+            self.prepared, self.prepared_with_pose, self.skipped
         )?;
         for (name, ms) in [("decode", self.decode_ms), ("light", self.light_ms)] {
             write!(f, "\n  {name} p50 {:.2} ms, p99 {:.2} ms", ms.p50, ms.p99)?;
@@ -285,7 +284,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_of_planes_say_so_and_others_do_not() {
+    fn only_rows_with_planes_name_planes() {
         let text = row().to_string();
         assert!(
             text.contains("38 planes, 1400 basis images, light changes every frame"),
@@ -300,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn names_of_cases_fit_their_column() {
+    fn case_names_fit_their_column() {
         let heading = Row::HEADING.find("size");
         let size = row().to_string().find("640x480");
         assert_eq!(size, heading);

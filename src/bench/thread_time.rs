@@ -30,8 +30,8 @@ pub fn of_this_process() -> ThreadTimes {
     ThreadTimes::new()
 }
 
-/// `schedstat`: nanoseconds on a processor, nanoseconds of waiting for one, turns. The
-/// times in `stat` come in hundredths of a second, which a capture thread spends in seconds.
+/// Parses `schedstat`: nanoseconds on a processor, nanoseconds of waiting for one, time slices. The
+/// hundredths of a second in `stat` are too coarse for a capture thread.
 #[cfg(target_os = "linux")]
 fn spent(schedstat: &str) -> Option<u64> {
     schedstat.split_whitespace().next()?.parse().ok()
@@ -49,14 +49,14 @@ pub fn between(before: &ThreadTimes, after: &ThreadTimes) -> ThreadTimes {
 
 #[cfg(all(test, target_os = "linux"))]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use std::time::{Duration, Instant};
 
     #[test]
-    fn a_thread_that_works_costs_and_one_that_waits_does_not() {
-        let (told, hears) = crossbeam_channel::bounded::<()>(0);
-        let idle = penumbra_interface::threads::spawn("idle-thread", move || hears.recv()).unwrap();
+    fn working_threads_use_processor_time_and_waiting_ones_do_not() {
+        let (sender, receiver) = crossbeam_channel::bounded::<()>(0);
+        let idle =
+            penumbra_interface::threads::spawn("idle-thread", move || receiver.recv()).unwrap();
         let busy = penumbra_interface::threads::spawn("busy-thread", || {
             let before = of_this_process();
             let begun = Instant::now();
@@ -66,7 +66,7 @@ mod tests {
             between(&before, &of_this_process())
         });
         let spent = busy.unwrap().join().unwrap();
-        drop(told);
+        drop(sender);
         let _ = idle.join();
         assert!(spent["busy-thread"] > 10_000_000, "{spent:?}");
         assert!(spent["idle-thread"] < 5_000_000, "{spent:?}");

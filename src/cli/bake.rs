@@ -57,7 +57,7 @@ pub struct BakeArgs {
     adapter: Option<String>,
 }
 
-/// The frequency of the dome that has so many lights.
+/// Parses a number of lights; returns the frequency of the dome with that number.
 fn frequency(text: &str) -> Result<u32, String> {
     let has = |f: &u32| text.parse() == Ok(lights_of_dome(*f));
     let found = FREQUENCIES.into_iter().find(has);
@@ -71,7 +71,7 @@ fn resolution(text: &str) -> Result<u32, String> {
 }
 
 impl BakeArgs {
-    /// The configuration with what was typed.
+    /// Returns the configuration with the options of the command line applied.
     fn config(&self) -> anyhow::Result<Config> {
         let mut config = match &self.config {
             Some(path) => Config::load(path)?,
@@ -87,7 +87,7 @@ impl BakeArgs {
     }
 }
 
-/// Checks everything before the first image, bakes, stores, reports.
+/// Checks all inputs, bakes, writes the bake and prints a summary.
 pub fn run(args: &BakeArgs) -> anyhow::Result<ExitCode> {
     if let Some(out) = &args.out {
         files::claim(out, args.force)?;
@@ -97,7 +97,9 @@ pub fn run(args: &BakeArgs) -> anyhow::Result<ExitCode> {
     let plan = BakePlan::new(&scene, &config.planes);
     let file = match &args.out {
         Some(out) => out.clone(),
-        None => plan.cache_file(&config.planes).ok_or_else(nowhere)?,
+        None => plan
+            .cache_file(&config.planes)
+            .ok_or_else(no_cache_folder)?,
     };
     let gpu = Gpu::open(config.gpu.adapter.as_deref())?;
     let begun = Instant::now();
@@ -119,20 +121,20 @@ pub fn run(args: &BakeArgs) -> anyhow::Result<ExitCode> {
     if let (None, Some(folder)) = (&args.out, file.parent()) {
         trim(folder, CACHE_LIMIT)?;
     }
-    let done = Baked::new(&bake, seconds, &file)?;
+    let summary = BakeSummary::new(&bake, seconds, &file)?;
     if args.json {
-        super::say(serde_json::to_string_pretty(&done)?);
+        super::say(serde_json::to_string_pretty(&summary)?);
     } else {
-        super::say(done);
+        super::say(summary);
     }
     Ok(ExitCode::SUCCESS)
 }
 
-fn nowhere() -> anyhow::Error {
+fn no_cache_folder() -> anyhow::Error {
     anyhow!("there is no folder for bakes, as $HOME is not set; name a file with --out")
 }
 
-/// Hidden by indicatif where standard error is no terminal.
+/// Creates the progress bar. indicatif hides it if standard error is not a terminal.
 fn progress_bar() -> ProgressBar {
     let bar = ProgressBar::new(0);
     if let Ok(style) = ProgressStyle::with_template("{bar:40} {pos}/{len} {eta}") {
@@ -141,30 +143,30 @@ fn progress_bar() -> ProgressBar {
     bar
 }
 
-/// What was done.
+/// Summary of a bake.
 #[derive(Debug, Serialize)]
-struct Baked {
+struct BakeSummary {
     planes: usize,
-    /// Of these on the ground and on phantoms.
-    planes_on_real: usize,
+    /// Those on the ground and on phantoms.
+    planes_on_real_surfaces: usize,
     lights: usize,
     resolution: u32,
-    /// In which light arrives.
+    /// Basis images that are not black.
     basis_images: usize,
-    /// Black ones.
+    /// Black basis images, which are not stored.
     basis_images_dropped: usize,
     bytes: u64,
     seconds: f64,
     file: PathBuf,
 }
 
-impl Baked {
+impl BakeSummary {
     fn new(bake: &Bake, seconds: f64, file: &Path) -> std::io::Result<Self> {
         let (lit, all) = bake.counts();
         let on_real = |p: &&ShadowingPlane| p.layer == Layer::Real;
         Ok(Self {
             planes: bake.planes.len(),
-            planes_on_real: bake.planes.iter().filter(on_real).count(),
+            planes_on_real_surfaces: bake.planes.iter().filter(on_real).count(),
             lights: bake.lights(),
             resolution: bake.settings.resolution,
             basis_images: lit,
@@ -176,13 +178,13 @@ impl Baked {
     }
 }
 
-impl fmt::Display for Baked {
+impl fmt::Display for BakeSummary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let on_virtual = self.planes - self.planes_on_real;
+        let on_virtual = self.planes - self.planes_on_real_surfaces;
         writeln!(
             f,
             "planes          {} ({} on real surfaces, {on_virtual} on virtual objects)",
-            self.planes, self.planes_on_real
+            self.planes, self.planes_on_real_surfaces
         )?;
         writeln!(f, "lights          {}", self.lights)?;
         writeln!(
@@ -203,7 +205,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lights_come_in_domes() {
+    fn rejects_counts_that_no_dome_has() {
         assert_eq!(frequency("40"), Ok(2));
         assert_eq!(frequency("640"), Ok(8));
         let wrong = Err("expected one of [40, 160, 360, 640]".to_owned());

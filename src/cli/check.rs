@@ -1,4 +1,4 @@
-//! The commands that look and change nothing: `info`, `check-config`, `doctor`.
+//! The commands that only read: `info`, `check-config`, `doctor`.
 
 use crate::doctor::{DoctorOptions, State, examine};
 use clap::Args;
@@ -47,13 +47,13 @@ pub fn check_config(args: &CheckConfigArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// `penumbra doctor`. Fails if the program cannot do its work here.
+/// `penumbra doctor`. Fails if the program cannot work on this machine.
 pub fn doctor(args: DoctorArgs) -> anyhow::Result<ExitCode> {
-    let usual = DoctorOptions::default();
+    let defaults = DoctorOptions::default();
     let report = examine(&DoctorOptions {
-        listen: args.listen.unwrap_or(usual.listen),
+        listen: args.listen.unwrap_or(defaults.listen),
         adapter: args.adapter,
-        ..usual
+        ..defaults
     });
     super::say(&report);
     Ok(match report.state() {

@@ -1,4 +1,4 @@
-//! `penumbra devices`: what is plugged in, by the names that settings take.
+//! `penumbra devices`: lists the connected devices by the names that the configuration uses.
 
 use super::ports::{self, SerialPort};
 use super::say;
@@ -18,7 +18,7 @@ pub(super) struct DevicesArgs {
     probe: bool,
 }
 
-/// All devices found: one field per family, one section of the text each.
+/// All connected devices. Each field is a section of the printed text.
 #[derive(Debug, Serialize)]
 struct Devices {
     cameras: Vec<CameraInfo>,
@@ -33,71 +33,71 @@ pub(super) fn run(args: &DevicesArgs) -> anyhow::Result<ExitCode> {
     if args.json {
         say(serde_json::to_string_pretty(&devices)?);
     } else {
-        say(cameras_in_words(&devices.cameras).trim_end());
-        say(ports::in_words(&devices.serial_ports).trim_end());
+        say(describe_cameras(&devices.cameras).trim_end());
+        say(ports::describe(&devices.serial_ports).trim_end());
     }
     Ok(ExitCode::SUCCESS)
 }
 
-fn cameras_in_words(cameras: &[CameraInfo]) -> String {
+fn describe_cameras(cameras: &[CameraInfo]) -> String {
     if cameras.is_empty() {
         return "cameras: none; plug one in (recorded sessions need none)".to_owned();
     }
     let mut text = String::from("cameras\n");
     for camera in cameras {
         // Writing to a String cannot fail.
-        let _ = describe(&mut text, camera);
+        let _ = describe_camera(&mut text, camera);
     }
     text
 }
 
-fn describe(text: &mut String, camera: &CameraInfo) -> std::fmt::Result {
+fn describe_camera(text: &mut String, camera: &CameraInfo) -> std::fmt::Result {
     writeln!(text, "  {}", camera.identity)?;
-    let place = [&camera.driver, &camera.bus, &camera.node];
-    let place: Vec<&str> = place
+    let origin = [&camera.driver, &camera.bus, &camera.node];
+    let origin: Vec<&str> = origin
         .into_iter()
         .map(String::as_str)
         .filter(|p| !p.is_empty())
         .collect();
-    writeln!(text, "    {} ({})", camera.name, place.join(", "))?;
+    writeln!(text, "    {} ({})", camera.name, origin.join(", "))?;
     if let Some(trouble) = &camera.trouble {
         writeln!(text, "    {trouble}")?;
     }
     for format in &camera.formats {
-        writeln!(text, "    {}", format_in_words(format))?;
+        writeln!(text, "    {}", describe_format(format))?;
     }
-    let longest = camera
+    let name_width = camera
         .controls
         .iter()
         .map(|c| c.name.len())
         .max()
         .unwrap_or(0);
     for control in &camera.controls {
-        writeln!(text, "    {}", control_in_words(control, longest))?;
+        writeln!(text, "    {}", describe_control(control, name_width))?;
     }
     Ok(())
 }
 
-fn format_in_words(format: &CameraFormat) -> String {
-    let unread = if format.usable {
+fn describe_format(format: &CameraFormat) -> String {
+    let note = if format.usable {
         ""
     } else {
         " (not supported)"
     };
-    let sizes: Vec<String> = format.sizes.iter().map(size_in_words).collect();
-    format!("{}{unread}  {}", format.fourcc, sizes.join(" · "))
+    let sizes: Vec<String> = format.sizes.iter().map(describe_size).collect();
+    format!("{}{note}  {}", format.fourcc, sizes.join(" · "))
         .trim_end()
         .to_owned()
 }
 
-fn size_in_words(size: &CameraSize) -> String {
+fn describe_size(size: &CameraSize) -> String {
     let from = size
         .steps
         .map(|steps| format!("{}×{} to ", steps.min_width, steps.min_height));
     let rates: Vec<String> = size
         .frames_per_second
         .iter()
-        .map(|rate| short(*rate))
+        .map(|rate| format_rate(*rate))
         .collect();
     let rates = if rates.is_empty() {
         String::new()
@@ -112,13 +112,13 @@ fn size_in_words(size: &CameraSize) -> String {
     )
 }
 
-/// 30, 7.5, 29.97.
-fn short(rate: f64) -> String {
+/// Formats a rate without trailing zeros: 30, 7.5, 29.97.
+fn format_rate(rate: f64) -> String {
     let text = format!("{rate:.2}");
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
-fn control_in_words(control: &CameraControl, width: usize) -> String {
+fn describe_control(control: &CameraControl, width: usize) -> String {
     let current = control
         .current
         .map_or("-".to_owned(), |value| value.to_string());
@@ -147,7 +147,6 @@ fn control_in_words(control: &CameraControl, width: usize) -> String {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     fn webcam() -> CameraInfo {
@@ -187,8 +186,8 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_in_words() {
-        let text = cameras_in_words(&[webcam()]);
+    fn describes_modes_and_controls_of_a_camera() {
+        let text = describe_cameras(&[webcam()]);
         let expected = "cameras
   usb-046d_C270-video-index0
     C270 (uvcvideo, /dev/video0)
@@ -200,17 +199,17 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_that_cannot_be_opened_says_why() {
+    fn shows_why_a_camera_cannot_be_opened() {
         let camera = CameraInfo {
             trouble: Some("/dev/video0: no permission".into()),
             ..CameraInfo::default()
         };
-        assert!(cameras_in_words(&[camera]).contains("no permission"));
-        assert!(cameras_in_words(&[]).starts_with("cameras: none"));
+        assert!(describe_cameras(&[camera]).contains("no permission"));
+        assert!(describe_cameras(&[]).starts_with("cameras: none"));
     }
 
     #[test]
-    fn json_keeps_everything() {
+    fn json_has_controls_flags_and_rates() {
         let cameras = vec![webcam()];
         let json = serde_json::to_value(Devices {
             cameras,

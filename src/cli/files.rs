@@ -1,4 +1,4 @@
-//! Files that the program writes: never over others without `--force`.
+//! Writes output files; existing files are overwritten only with `--force`.
 
 use anyhow::bail;
 use serde::Serialize;
@@ -6,7 +6,7 @@ use std::fs::OpenOptions;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Checks what can be checked before the work whose result goes to a file.
+/// Checks that an output file can be written, before the work starts.
 pub fn claim(path: &Path, force: bool) -> anyhow::Result<()> {
     if !force && path.symlink_metadata().is_ok() {
         bail!(
@@ -28,7 +28,7 @@ pub fn claim(path: &Path, force: bool) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// A JSON file that will be written at the end.
+/// A JSON file that is written at the end of the work.
 #[derive(Debug)]
 pub struct JsonFile {
     path: PathBuf,
@@ -36,14 +36,14 @@ pub struct JsonFile {
 }
 
 impl JsonFile {
-    /// As [`claim`].
+    /// Checks that the file can be written; see [`claim`].
     pub fn claim(path: &Path, force: bool) -> anyhow::Result<Self> {
         claim(path, force)?;
         let path = path.to_owned();
         Ok(Self { path, force })
     }
 
-    /// Writes it.
+    /// Writes `value` as indented JSON.
     pub fn write(&self, value: &impl Serialize) -> anyhow::Result<()> {
         let mut text = serde_json::to_string_pretty(value)?;
         text.push('\n');
@@ -54,7 +54,7 @@ impl JsonFile {
 /// Writes a file that was [`claim`]ed.
 pub fn write(path: &Path, bytes: &[u8], force: bool) -> anyhow::Result<()> {
     let mut options = OpenOptions::new();
-    // A file that has come meanwhile is somebody else's.
+    // A file that was created since the check belongs to another program.
     options
         .write(true)
         .create(true)
@@ -66,7 +66,7 @@ pub fn write(path: &Path, bytes: &[u8], force: bool) -> anyhow::Result<()> {
     written.map_err(|e| anyhow::anyhow!("{}: cannot be written ({e})", path.display()))
 }
 
-/// Refuses a folder that holds any of `names` already.
+/// Refuses a folder that already holds one of `names`, unless `force` is set.
 pub fn refuse_overwriting(folder: &Path, names: &[&str], force: bool) -> anyhow::Result<()> {
     if force {
         return Ok(());

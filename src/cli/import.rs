@@ -27,14 +27,14 @@ pub fn run(args: ImportArgs) -> anyhow::Result<ExitCode> {
         output: args.output,
         force: args.force,
     })?;
-    super::say(format_args!("{}: {}", output.display(), in_words(&summary)));
+    super::say(format_args!("{}: {}", output.display(), describe(&summary)));
     Ok(ExitCode::SUCCESS)
 }
 
-fn in_words(summary: &ImportSummary) -> String {
+fn describe(summary: &ImportSummary) -> String {
     let megabytes = summary.bytes as f64 * 1e-6;
     format!(
-        "{megabytes:.1} MB; {} scene pictures, {} environment pictures, {} stretches of tracker \
+        "{megabytes:.1} MB; {} scene pictures, {} environment pictures, {} chunks of tracker \
          bytes, {} poses, {} attachments",
         summary.scene_frames,
         summary.environment_frames,

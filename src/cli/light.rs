@@ -49,7 +49,7 @@ pub fn run(args: &LightArgs) -> anyhow::Result<ExitCode> {
     }
     let report = report(args)?;
     report.write(&args.out)?;
-    super::say(in_words(&report));
+    super::say(describe(&report));
     Ok(ExitCode::SUCCESS)
 }
 
@@ -64,7 +64,7 @@ fn report(args: &LightArgs) -> anyhow::Result<LightReport> {
     }
     if args.kind.is_some() || args.calibration.is_some() {
         bail!(
-            "{}: a session brings its own calibration; leave out --kind and --calibration",
+            "{}: a session has its own calibration; leave out --kind and --calibration",
             args.source.display()
         );
     }
@@ -76,18 +76,18 @@ fn report(args: &LightArgs) -> anyhow::Result<LightReport> {
     Ok(light_of_session(&session, &config)?)
 }
 
-/// By its first bytes, as the name may be anything; what cannot be read is left to
-/// whoever reads it to complain about.
+/// Whether a file is a session, by its name or its first bytes. An unreadable file is reported later,
+/// when it is opened.
 fn is_mcap(path: &Path) -> bool {
     let mut magic = [0; 5];
     let read = File::open(path).and_then(|mut file| file.read_exact(&mut magic));
-    let named = path
+    let has_extension = path
         .extension()
         .is_some_and(|e| e.eq_ignore_ascii_case("mcap"));
-    named || (read.is_ok() && magic == *b"\x89MCAP")
+    has_extension || (read.is_ok() && magic == *b"\x89MCAP")
 }
 
-fn in_words(report: &LightReport) -> String {
+fn describe(report: &LightReport) -> String {
     let d = report.dominant_direction;
     format!(
         "dominant light at azimuth {:.1}°, elevation {:.1}°; {} dome lights, {} clipped pixels",

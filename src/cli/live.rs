@@ -1,6 +1,6 @@
 //! `penumbra run`.
 
-use super::show::{ShowArgs, address, in_words, show, status_server};
+use super::show::{ShowArgs, address, describe, show, status_server};
 use clap::Args;
 use penumbra_rig::calibration_runner::Calibrator;
 use penumbra_rig::service::Service;
@@ -20,7 +20,7 @@ pub struct RunArgs {
     record: Option<PathBuf>,
 }
 
-/// Checks everything that can be checked without the devices, then runs until it is stopped.
+/// Checks the configuration and files, then runs the live rig until it is stopped.
 pub fn run(args: &RunArgs) -> anyhow::Result<ExitCode> {
     let config = args.show.config()?;
     let report_file = args.show.report_file()?;
@@ -47,11 +47,11 @@ pub fn run(args: &RunArgs) -> anyhow::Result<ExitCode> {
     let report = show(runner, config, "live", (address, shutdown))?;
     drop(service);
     if let Some(recording) = recorder.stop() {
-        super::say(super::record::in_words(&recording));
+        super::say(super::record::describe(&recording));
     }
     if let Some(file) = report_file {
         file.write(&report)?;
     }
-    super::say(in_words(&report));
+    super::say(describe(&report));
     Ok(ExitCode::SUCCESS)
 }

@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn former_words_are_refused_with_the_new_word() {
+    fn refuses_former_words_with_the_new_ones() {
         for (line, expected) in [
             (
                 "replay a.mcap --lights grid",
@@ -246,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn message_of_many_lines_becomes_one() {
+    fn joins_a_message_of_several_lines() {
         assert_eq!(one_line("a\n  |\n1 | b"), "a | 1 | b");
     }
 }

@@ -1,12 +1,12 @@
-//! Serial ports, and the trackers at their ends, for `penumbra devices`.
+//! Serial ports and the trackers connected to them, for `penumbra devices`.
 
 use penumbra_tracker_serial::{PortInfo, PortName, list_ports, probe};
 use serde::Serialize;
 
-/// A serial port and who answered there.
+/// A serial port, and the tracker found there.
 #[derive(Debug, Serialize)]
 pub(super) struct SerialPort {
-    /// `/dev/ttyUSB0`: changes with the order of plugging.
+    /// Path such as `/dev/ttyUSB0`; it depends on the order in which devices are connected.
     path: String,
     /// Its name under `/dev/serial/by-id`, for the configuration.
     by_id: Option<String>,
@@ -15,37 +15,37 @@ pub(super) struct SerialPort {
     maker: Option<String>,
     product: Option<String>,
     serial: Option<String>,
-    /// What is likely to be there, judged by the USB device alone.
+    /// The tracker that the USB device suggests.
     likely: Option<&'static str>,
-    /// What asking found, if it was asked.
+    /// Result of probing; `None` if the port was not probed.
     #[serde(skip_serializing_if = "Option::is_none")]
-    asked: Option<Asked>,
+    probe: Option<Probe>,
 }
 
-/// What came of asking at a port.
+/// Result of probing a port for a tracker.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "snake_case")]
-enum Asked {
+enum Probe {
     /// A tracker answered.
     Tracker {
         protocol: String,
         baud: Option<u32>,
-        said: Option<String>,
+        answer: Option<String>,
     },
-    /// Nobody, or nobody known.
-    Nobody,
+    /// No answer, or an unknown one.
+    NoTracker,
     /// The port could not be opened.
-    Trouble(String),
+    Error(String),
 }
 
-/// All of them; `asking` who is there takes seconds a port.
-pub(super) fn find(asking: bool) -> Vec<SerialPort> {
+/// Lists the serial ports. With `probing`, each is queried for a tracker, which takes seconds.
+pub(super) fn find(probing: bool) -> Vec<SerialPort> {
     let ports = list_ports().into_iter();
-    ports.map(|port| described(port, asking)).collect()
+    ports.map(|port| with_probe(port, probing)).collect()
 }
 
-fn described(port: PortInfo, asking: bool) -> SerialPort {
-    let asked = asking.then(|| ask(&port.path));
+fn with_probe(port: PortInfo, probing: bool) -> SerialPort {
+    let probe = probing.then(|| probe_port(&port.path));
     let usb = port.usb.unwrap_or_default();
     let ids = (usb.vendor, usb.product);
     SerialPort {
@@ -56,31 +56,31 @@ fn described(port: PortInfo, asking: bool) -> SerialPort {
         product: usb.name,
         serial: usb.serial,
         likely: port.likely,
-        asked,
+        probe,
     }
 }
 
-fn ask(path: &str) -> Asked {
+fn probe_port(path: &str) -> Probe {
     match probe(&PortName::Serial(path.to_owned())) {
-        Ok(Some(found)) => Asked::Tracker {
+        Ok(Some(found)) => Probe::Tracker {
             protocol: found.protocol,
             baud: found.baud,
-            said: found.said,
+            answer: found.said,
         },
-        Ok(None) => Asked::Nobody,
-        Err(error) => Asked::Trouble(error.to_string()),
+        Ok(None) => Probe::NoTracker,
+        Err(error) => Probe::Error(error.to_string()),
     }
 }
 
-pub(super) fn in_words(ports: &[SerialPort]) -> String {
+pub(super) fn describe(ports: &[SerialPort]) -> String {
     if ports.is_empty() {
         return "serial ports: none; plug the tracker in (recorded sessions need none)".to_owned();
     }
-    let lines: Vec<String> = ports.iter().map(line).collect();
+    let lines: Vec<String> = ports.iter().map(describe_port).collect();
     format!("serial ports\n{}", lines.join("\n"))
 }
 
-fn line(port: &SerialPort) -> String {
+fn describe_port(port: &SerialPort) -> String {
     let name = port.by_id.as_ref().unwrap_or(&port.path);
     let about = [&port.maker, &port.product, &port.usb];
     let mut words: Vec<String> = about.into_iter().flatten().cloned().collect();
@@ -92,23 +92,23 @@ fn line(port: &SerialPort) -> String {
     } else {
         format!(" ({})", words.join(", "))
     };
-    let end = match (&port.asked, port.likely) {
+    let end = match (&port.probe, port.likely) {
         (
-            Some(Asked::Tracker {
+            Some(Probe::Tracker {
                 protocol,
                 baud,
-                said,
+                answer,
             }),
             _,
         ) => {
             let baud = baud.map_or(String::new(), |baud| format!(" at {baud} baud"));
-            let said = said
+            let answer = answer
                 .as_ref()
-                .map_or(String::new(), |said| format!(": {said}"));
-            format!("\n    tracker: {protocol}{baud}{said}")
+                .map_or(String::new(), |answer| format!(": {answer}"));
+            format!("\n    tracker: {protocol}{baud}{answer}")
         }
-        (Some(Asked::Nobody), _) => "\n    no tracker answered".to_owned(),
-        (Some(Asked::Trouble(reason)), _) => format!("\n    {reason}"),
+        (Some(Probe::NoTracker), _) => "\n    no tracker answered".to_owned(),
+        (Some(Probe::Error(reason)), _) => format!("\n    {reason}"),
         (None, Some(likely)) => format!("\n    probably {likely}; --probe checks"),
         (None, None) => String::new(),
     };
@@ -128,24 +128,24 @@ mod tests {
             product: None,
             serial: Some("A5".into()),
             likely: None,
-            asked: None,
+            probe: None,
         }
     }
 
     #[test]
-    fn a_port_in_words() {
-        assert!(in_words(&[]).starts_with("serial ports: none"));
+    fn describes_a_port_and_its_tracker() {
+        assert!(describe(&[]).starts_with("serial ports: none"));
         let mut port = adapter();
         assert_eq!(
-            in_words(std::slice::from_ref(&port)),
+            describe(std::slice::from_ref(&port)),
             "serial ports\n  usb-FTDI_FT232R_A5-if00-port0 (FTDI, 0403:6001, /dev/ttyUSB0)"
         );
-        port.asked = Some(Asked::Tracker {
+        port.probe = Some(Probe::Tracker {
             protocol: "fastrak".into(),
             baud: Some(115_200),
-            said: Some("version 4.0".into()),
+            answer: Some("version 4.0".into()),
         });
-        let text = in_words(&[port]);
+        let text = describe(&[port]);
         assert!(
             text.ends_with("\n    tracker: fastrak at 115200 baud: version 4.0"),
             "{text}"

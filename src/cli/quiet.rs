@@ -1,10 +1,10 @@
-//! Keeps a library of the graphics driver from talking to the user.
+//! Silences a library of the graphics driver.
 
-/// Mesa's device-select layer asks Wayland which adapter the desktop is on. Without a
-/// desktop that ends in lines on standard error about XDG_RUNTIME_DIR, once per adapter,
-/// between ours. A variable switches the layer off, but only one that is there from the
-/// program's start; so the program starts itself again with it, as the same process.
-/// Where a desktop is, the layer stays: the user may choose an adapter through it.
+/// Switches off Mesa's device-select layer where there is no desktop. The layer asks Wayland for the
+/// desktop's adapter and, without a desktop, prints an error about XDG_RUNTIME_DIR per adapter. The
+/// variable that switches it off must be set when the program starts; so the program replaces its
+/// own process with the variable set. With a desktop the layer stays, because users may choose an
+/// adapter through it.
 #[cfg(target_os = "linux")]
 pub fn silence_device_select() {
     use std::os::unix::process::CommandExt;
@@ -17,7 +17,7 @@ pub fn silence_device_select() {
     let (Some(name), Ok(program)) = (arguments.next(), std::env::current_exe()) else {
         return;
     };
-    // Comes back only if it failed. Then the lines are there, and nothing else is lost.
+    // Returns only on failure. Then the errors are printed, without further harm.
     let _ = std::process::Command::new(program)
         .arg0(name)
         .args(arguments)
@@ -25,6 +25,6 @@ pub fn silence_device_select() {
         .exec();
 }
 
-/// Only Linux has that layer.
+/// Does nothing: only Linux has that layer.
 #[cfg(not(target_os = "linux"))]
 pub const fn silence_device_select() {}

@@ -8,7 +8,7 @@ use penumbra_interface::DeviceKind;
 use penumbra_rig::service::Service;
 use penumbra_rig::{Live, Recorder, live_settings};
 use penumbra_status::SharedStatus;
-use penumbra_status::recording::{Recording, RecordingState, RecordingWish};
+use penumbra_status::recording::{Recording, RecordingRequest, RecordingState};
 use serde_json::Value;
 use std::io::{IsTerminal, Read, Write};
 use std::net::{SocketAddr, TcpStream};
@@ -19,9 +19,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 /// Interval at which the end of the recording is checked and its size printed.
-const LOOK_EVERY: Duration = Duration::from_millis(200);
-/// Timeout for the answer of the running rig.
-const ANSWER_LIMIT: Duration = Duration::from_secs(15);
+const POLL_INTERVAL: Duration = Duration::from_millis(200);
+/// Timeout for the response of the running rig.
+const RESPONSE_TIMEOUT: Duration = Duration::from_secs(15);
 
 #[derive(Debug, Args)]
 pub struct RecordArgs {
@@ -50,14 +50,14 @@ fn seconds(text: &str) -> Result<f64, String> {
     seconds.ok_or_else(|| "expected a number of seconds from 1 to 10000000".to_owned())
 }
 
-/// Records until the end of its length or a signal.
+/// Records until the requested duration has passed or a signal arrives.
 pub fn run(args: &RecordArgs) -> anyhow::Result<ExitCode> {
     let config = match &args.config {
         Some(path) => Config::load(path)?,
         None => Config::default(),
     };
     if args.while_running {
-        return ask_the_running_one(args, &config);
+        return record_on_running_rig(args, &config);
     }
     let status = SharedStatus::new(live_settings(&config));
     let live = Live::new(&config, false)?;
@@ -68,19 +68,19 @@ pub fn run(args: &RecordArgs) -> anyhow::Result<ExitCode> {
     recorder.start(&args.output, args.duration.map(Duration::from_secs_f64))?;
     live.open()?;
     while recorder.is_recording() && !shutdown.load(Ordering::Relaxed) {
-        std::thread::sleep(LOOK_EVERY);
-        tell_progress(&status.snapshot().recording);
+        std::thread::sleep(POLL_INTERVAL);
+        print_progress(&status.snapshot().recording);
     }
     let recording = recorder.stop();
-    let mut accounts = Vec::new();
+    let mut reports = Vec::new();
     for device in live.supervised() {
-        let condition = device.status();
-        match &condition.reason {
-            Some(trouble) if condition.received == 0 => super::warn(format_args!(
+        let status = device.status();
+        match &status.reason {
+            Some(trouble) if status.received == 0 => super::warn(format_args!(
                 "no data from {}: {trouble}",
                 device.kind.label()
             )),
-            _ => accounts.push(account_in_words(device.kind, &condition)),
+            _ => reports.push(describe_device(device.kind, &status)),
         }
     }
     drop((live, service));
@@ -91,30 +91,30 @@ pub fn run(args: &RecordArgs) -> anyhow::Result<ExitCode> {
         );
     };
     if recording.state == RecordingState::Failed {
-        bail!("{}", recording.sentence);
+        bail!("{}", recording.description);
     }
-    super::say(in_words(&recording));
-    accounts.iter().for_each(super::say);
+    super::say(describe(&recording));
+    reports.iter().for_each(super::say);
     Ok(ExitCode::SUCCESS)
 }
 
-/// What a device delivered, and what went wrong on the way.
-fn account_in_words(kind: DeviceKind, condition: &DeviceStatus) -> String {
-    let mut words = vec![format!("{} delivered", condition.received)];
+/// Describes the data that a device delivered, and its errors.
+fn describe_device(kind: DeviceKind, status: &DeviceStatus) -> String {
+    let mut words = vec![format!("{} delivered", status.received)];
     let mut count = |n: u64, what: &str| {
         if n > 0 {
             words.push(format!("{n} {what}"));
         }
     };
-    count(condition.losses, "times away");
-    let identity = match &condition.report {
+    count(status.losses, "disconnections");
+    let identity = match &status.report {
         DeviceReport::None => "",
         DeviceReport::Tracker(report) => &report.identity,
         DeviceReport::Camera(report) => {
             let counters = report.counters;
             count(counters.lost, "lost");
-            count(counters.damaged.max(condition.damaged), "damaged");
-            count(counters.superseded, "passed over");
+            count(counters.damaged.max(status.damaged), "damaged");
+            count(counters.superseded, "replaced by newer ones");
             count(counters.unattributed, "of unknown exposure");
             count(
                 counters.controls_changed,
@@ -127,8 +127,8 @@ fn account_in_words(kind: DeviceKind, condition: &DeviceStatus) -> String {
     format!("  {} {identity}: {}", kind.label(), words.join(", "))
 }
 
-/// A progress line that is overwritten, on terminals only.
-fn tell_progress(recording: &Recording) {
+/// Prints a progress line that overwrites the previous one, on terminals only.
+fn print_progress(recording: &Recording) {
     let mut err = std::io::stderr();
     if err.is_terminal() {
         let left = recording
@@ -143,8 +143,8 @@ fn tell_progress(recording: &Recording) {
     }
 }
 
-/// The result of a recording.
-pub fn in_words(recording: &Recording) -> String {
+/// Describes the result of a recording.
+pub fn describe(recording: &Recording) -> String {
     let dropped = match recording.dropped {
         0 => String::new(),
         n => format!(", {n} DROPPED (the disk was too slow)"),
@@ -158,7 +158,8 @@ pub fn in_words(recording: &Recording) -> String {
     )
 }
 
-fn ask_the_running_one(args: &RecordArgs, config: &Config) -> anyhow::Result<ExitCode> {
+/// Requests the recording from a running `penumbra run` over HTTP.
+fn record_on_running_rig(args: &RecordArgs, config: &Config) -> anyhow::Result<ExitCode> {
     let name = args
         .output
         .file_name()
@@ -170,14 +171,14 @@ fn ask_the_running_one(args: &RecordArgs, config: &Config) -> anyhow::Result<Exi
             args.output.display()
         );
     };
-    let wish = RecordingWish {
+    let request = RecordingRequest {
         record: true,
         file: Some(name.to_owned()),
         seconds: args.duration,
     };
     let address = args.listen.unwrap_or(config.status.listen);
     let token = args.token.as_ref().or(config.status.token.as_ref());
-    let answer = post(address, token, &serde_json::to_string(&wish)?)?;
+    let answer = post(address, token, &serde_json::to_string(&request)?)?;
     let file = answer["file"].as_str().unwrap_or(name).to_owned();
     super::say(format_args!("{file}: being recorded by the running rig"));
     if args.duration.is_some() {
@@ -185,8 +186,8 @@ fn ask_the_running_one(args: &RecordArgs, config: &Config) -> anyhow::Result<Exi
     }
     wait_for_signal()?;
     let answer = post(address, token, r#"{"record": false}"#)?;
-    let sentence = answer["sentence"].as_str().unwrap_or_default();
-    super::say(format_args!("{file}: {sentence}"));
+    let description = answer["description"].as_str().unwrap_or_default();
+    super::say(format_args!("{file}: {description}"));
     Ok(ExitCode::SUCCESS)
 }
 
@@ -194,20 +195,21 @@ fn wait_for_signal() -> anyhow::Result<()> {
     let shutdown = Arc::new(AtomicBool::new(false));
     let _service = Service::start(None, shutdown.clone())?;
     while !shutdown.load(Ordering::Relaxed) {
-        std::thread::sleep(LOOK_EVERY);
+        std::thread::sleep(POLL_INTERVAL);
     }
     Ok(())
 }
 
-/// One request to a status page; its answer's JSON.
+/// Sends one request to a status page; returns the JSON of the response.
 fn post(address: SocketAddr, token: Option<&String>, body: &str) -> anyhow::Result<Value> {
-    let none = || {
+    let no_answer = || {
         format!(
             "{address}: no `penumbra run` answers there; start it, or name its address with --listen"
         )
     };
-    let mut stream = TcpStream::connect_timeout(&address, ANSWER_LIMIT).with_context(none)?;
-    stream.set_read_timeout(Some(ANSWER_LIMIT))?;
+    let mut stream =
+        TcpStream::connect_timeout(&address, RESPONSE_TIMEOUT).with_context(no_answer)?;
+    stream.set_read_timeout(Some(RESPONSE_TIMEOUT))?;
     let token = token.map_or(String::new(), |t| format!("Authorization: Bearer {t}\r\n"));
     write!(
         stream,
@@ -219,7 +221,7 @@ fn post(address: SocketAddr, token: Option<&String>, body: &str) -> anyhow::Resu
     stream
         .take(1 << 20)
         .read_to_string(&mut answer)
-        .with_context(none)?;
+        .with_context(no_answer)?;
     let (head, body) = answer.split_once("\r\n\r\n").unwrap_or((&answer, ""));
     let json: Value = serde_json::from_str(body).unwrap_or_default();
     if head.starts_with("HTTP/1.1 2") {

@@ -1,6 +1,6 @@
 //! `penumbra replay`.
 
-use super::show::{ShowArgs, address, in_words, set, show, status_server};
+use super::show::{ShowArgs, address, describe, set, show, status_server};
 use clap::Args;
 use penumbra_config::{Config, ReplayPairing, ReplaySpeed};
 use penumbra_rig::service::Service;
@@ -31,7 +31,7 @@ pub struct ReplayArgs {
 }
 
 impl ReplayArgs {
-    /// The configuration with what was typed.
+    /// Returns the configuration with the options of the command line applied.
     fn config(&self) -> anyhow::Result<Config> {
         let mut config = self.show.config()?;
         set(&mut config.replay.speed, self.speed);
@@ -40,16 +40,16 @@ impl ReplayArgs {
         Ok(config)
     }
 
-    /// Whether a taken port ends the program. It does where somebody will look at the
-    /// page: an address was asked for, or the recording plays at a pace for people. Several
-    /// replays that write files at full speed may run side by side.
-    fn needs_status(&self, config: &Config) -> bool {
-        let asked = self.show.listen.is_some() || self.show.config.is_some();
-        asked || config.replay.speed != ReplaySpeed::Max
+    /// Whether a port in use ends the program: if an address or a configuration was given, or if the
+    /// recording does not play at full speed. Replays that write files at full speed may run side by
+    /// side without a status page.
+    fn requires_status_page(&self, config: &Config) -> bool {
+        let is_configured = self.show.listen.is_some() || self.show.config.is_some();
+        is_configured || config.replay.speed != ReplaySpeed::Max
     }
 }
 
-/// Checks everything before the first frame, plays, reports.
+/// Checks all inputs, plays the recording and prints a summary.
 pub fn run(args: ReplayArgs) -> anyhow::Result<ExitCode> {
     let config = args.config()?;
     let report_file = args.show.report_file()?;
@@ -68,11 +68,11 @@ pub fn run(args: ReplayArgs) -> anyhow::Result<ExitCode> {
     if let Some(file) = report_file {
         file.write(&report)?;
     }
-    super::say(in_words(&report));
+    super::say(describe(&report));
     Ok(ExitCode::SUCCESS)
 }
 
-/// Opens the session and says what is missing from it.
+/// Opens the session and warns about missing or damaged parts.
 fn open(args: &ReplayArgs) -> anyhow::Result<Session> {
     let session = Session::open(&args.session)?;
     if session.truncated() {
@@ -94,7 +94,7 @@ fn server(
 ) -> Result<Option<StatusServer>, StatusError> {
     match status_server(config, status) {
         Ok(server) => Ok(Some(server)),
-        Err(error @ StatusError::PortInUse { .. }) if !args.needs_status(config) => {
+        Err(error @ StatusError::PortInUse { .. }) if !args.requires_status_page(config) => {
             super::warn(format_args!("no status page: {error}"));
             Ok(None)
         }

@@ -156,13 +156,14 @@ impl ShowArgs {
     }
 }
 
-pub fn set<T>(place: &mut T, value: Option<T>) {
+/// Replaces `target` if there is a `value`.
+pub fn set<T>(target: &mut T, value: Option<T>) {
     if let Some(value) = value {
-        *place = value;
+        *target = value;
     }
 }
 
-/// Runs with or without a window. The address is printed once the GPU is open.
+/// Runs the rig with or without a window. The address is printed once the GPU is open.
 pub fn show(
     runner: Runner,
     config: Config,
@@ -194,11 +195,11 @@ pub fn status_server(
     config: &Config,
     status: &Arc<SharedStatus>,
 ) -> Result<StatusServer, StatusError> {
-    let wanted = &config.status;
-    StatusServer::bind(wanted.listen, wanted.token.clone(), status.clone())
+    let settings = &config.status;
+    StatusServer::bind(settings.listen, settings.token.clone(), status.clone())
 }
 
-/// The line that names the address of the status page.
+/// Returns the line that names the address of the status page.
 pub fn address(server: Option<&StatusServer>, config: &Config) -> Option<String> {
     let token = config.status.token.as_ref().map_or("", |_| "?token=…");
     Some(format!(
@@ -207,7 +208,8 @@ pub fn address(server: Option<&StatusServer>, config: &Config) -> Option<String>
     ))
 }
 
-pub fn in_words(report: &Report) -> String {
+/// Describes the result of a run in one line.
+pub fn describe(report: &Report) -> String {
     let frames = &report.frames;
     format!(
         "{} frames composed, {} skipped, {} damaged, {} without pose; {:.1} s on {}",

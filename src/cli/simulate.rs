@@ -92,15 +92,15 @@ pub fn run(args: SimulateArgs) -> anyhow::Result<ExitCode> {
         protocol: args.protocol,
         rate: args.rate,
     };
-    // The place alone, for scripts.
-    simulate(options, |place| super::say(place))?;
+    // Print the address alone, for scripts.
+    simulate(options, |address| super::say(address))?;
     Ok(ExitCode::SUCCESS)
 }
 
 fn rate(text: &str) -> Result<f64, String> {
     match text.parse() {
         Ok(rate) if (0.1..=10_000.0).contains(&rate) => Ok(rate),
-        _ => Err("a number of records a second, 0.1 to 10000".to_owned()),
+        _ => Err("expected records per second, 0.1 to 10000".to_owned()),
     }
 }
 
@@ -114,12 +114,12 @@ fn session(args: SessionArgs) -> anyhow::Result<ExitCode> {
         std::fs::remove_file(&args.out)?;
     }
     let bar = progress_bar();
-    let rehearsal = Rehearsal::new(args.rig);
-    let told = |share: f64| bar.set_position((1000.0 * share) as u64);
-    let found = rehearse(&rehearsal, &args.out, told)?;
+    let simulation = Rehearsal::new(args.rig);
+    let report = |share: f64| bar.set_position((1000.0 * share) as u64);
+    let ground_truth = rehearse(&simulation, &args.out, report)?;
     bar.finish_and_clear();
     if let Some(file) = truth {
-        file.write(&found)?;
+        file.write(&ground_truth)?;
     }
     crate::cli::say(format_args!("{}", args.out.display()));
     Ok(ExitCode::SUCCESS)

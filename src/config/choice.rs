@@ -35,7 +35,7 @@ pub enum Clipped {
     /// `"estimate"`: their energy is estimated and flagged.
     #[default]
     Estimate,
-    /// `"keep"`: clipped values are taken as they are, and flagged.
+    /// `"keep"`: clipped values are used unchanged, and flagged.
     Keep,
 }
 

@@ -71,9 +71,9 @@ fn convert(file: ConfigFile, folder: &Path) -> Result<Config> {
     Ok(config)
 }
 
-pub(super) fn set<T>(place: &mut T, value: Option<T>) {
+pub(super) fn set<T>(target: &mut T, value: Option<T>) {
     if let Some(value) = value {
-        *place = value;
+        *target = value;
     }
 }
 
@@ -248,12 +248,12 @@ fn sync(file: &file::Sync, out: &mut SyncConfig) -> Result<()> {
         0.0..=1000.0,
     )?;
     set(&mut out.pose_smoothing_nanos, smoothing);
-    let longest = millis(
+    let max_prediction = millis(
         "sync.max_prediction_ms",
         file.max_prediction_ms,
         0.0..=1000.0,
     )?;
-    set(&mut out.max_prediction_nanos, longest);
+    set(&mut out.max_prediction_nanos, max_prediction);
     let wait = millis("sync.max_wait_ms", file.max_wait_ms, 0.0..=1000.0)?;
     set(&mut out.max_wait_nanos, wait);
     Ok(())

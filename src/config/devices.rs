@@ -139,7 +139,7 @@ impl<'de> Deserialize<'de> for ControlValue {
     }
 }
 
-/// Half of space, seen from the transmitter, in which the receiver stays.
+/// Hemisphere around the transmitter in which the receiver stays.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Hemisphere {
@@ -197,7 +197,7 @@ pub struct TrackerConfig {
     pub baud: Option<u32>,
     /// Receiver that carries the scene camera, from 1.
     pub station: u8,
-    /// Half of space in which it stays.
+    /// Hemisphere in which the receiver stays.
     pub hemisphere: Hemisphere,
     /// Unit that the device is set to; the calibration's if `None`.
     pub units: Option<TrackerUnits>,
@@ -418,8 +418,8 @@ pub(super) fn recording(
     out: &mut RecordingConfig,
 ) -> Result<()> {
     set(&mut out.folder, file.folder.map(|path| folder.join(path)));
-    let longest = within("recording.max_duration_s", file.max_duration_s, 1.0..=1e7)?;
-    out.longest_nanos = longest.map(|seconds| (seconds * 1e9) as i64);
+    let seconds = within("recording.max_duration_s", file.max_duration_s, 1.0..=1e7)?;
+    out.longest_nanos = seconds.map(|seconds| (seconds * 1e9) as i64);
     let reserve = within("recording.reserve_mb", file.reserve_mb, 0.0..=1e9)?;
     set(&mut out.reserve_bytes, reserve.map(|mb| (mb * 1e6) as u64));
     Ok(())

@@ -141,18 +141,17 @@ fn number(key: &str, value: Option<f64>, range: RangeInclusive<f32>) -> Result<O
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
 
     #[test]
-    fn the_command_line_takes_a_word_or_stops() {
+    fn parses_exposure_as_a_word_or_stops() {
         let read = |text: &str| text.parse::<ExposureChoice>();
         assert_eq!(read("off"), Ok(ExposureChoice::Off));
         assert_eq!(read("auto"), Ok(ExposureChoice::Auto));
         assert_eq!(read("-1.5"), Ok(ExposureChoice::Stops(-1.5)));
         for wrong in ["", "dark", "nan", "-9", "4", "inf", "--1"] {
-            let said = read(wrong).unwrap_err();
-            assert!(said.contains("stops from -8 to 3"), "{wrong}: {said}");
+            let error = read(wrong).unwrap_err();
+            assert!(error.contains("stops from -8 to 3"), "{wrong}: {error}");
         }
         let mut config = ExposureConfig::default();
         config.choose(ExposureChoice::Stops(-2.0));

@@ -186,7 +186,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn half_a_geodesic_dome_has_the_papers_lights() {
+    fn half_geodesic_domes_have_the_light_counts_of_the_paper() {
         assert_eq!(FREQUENCIES.map(lights_of_dome), [40, 160, 360, 640]);
     }
 }

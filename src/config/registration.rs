@@ -90,7 +90,7 @@ pub(super) struct RegistrationFile {
 }
 
 /// Maximum time between rows, seconds: one second for a thousand rows.
-const SLOWEST_ROW_MICROS: f64 = 1000.0;
+const MAX_ROW_MICROS: f64 = 1000.0;
 /// Maximum delay of a display.
 const LONGEST_DELAY_MS: f64 = 200.0;
 
@@ -109,9 +109,9 @@ pub(super) fn registration(file: &RegistrationFile, out: &mut RegistrationConfig
         out.display_delay_nanos = (ms * 1e6).round() as i64;
     }
     if let Some(micros) = file.row_time_micros {
-        if micros.is_nan() || micros.abs() > SLOWEST_ROW_MICROS {
+        if micros.is_nan() || micros.abs() > MAX_ROW_MICROS {
             let reason = format!(
-                "expected at most {SLOWEST_ROW_MICROS} microseconds a row, found {micros}; a usual camera \
+                "expected at most {MAX_ROW_MICROS} microseconds a row, found {micros}; a typical camera \
                  takes 10 to 60"
             );
             return Err(Fault::new("registration.row_time_micros", reason));

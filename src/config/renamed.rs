@@ -46,13 +46,13 @@ const WORDS: [(&str, &str, &str); 5] = [
 /// word.
 #[must_use]
 pub fn renamed_word(option: &str, value: &str) -> Option<String> {
-    let (place, old, new) = WORDS
+    let (option_name, old, new) = WORDS
         .iter()
-        .find(|(place, old, _)| *place == option && *old == value)?;
-    Some(match (*place, *old) {
+        .find(|(option_name, old, _)| *option_name == option && *old == value)?;
+    Some(match (*option_name, *old) {
         ("", old) => format!("`{old}` is now called `{new}`"),
-        (place, "") => format!("`{place}` is now called `{new}`"),
-        (place, old) => format!("{place}: `{old}` is now called `{new}`"),
+        (option_name, "") => format!("`{option_name}` is now called `{new}`"),
+        (option_name, old) => format!("{option_name}: `{old}` is now called `{new}`"),
     })
 }
 

@@ -1,4 +1,3 @@
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
 use proptest::prelude::*;
 use std::path::Path;
@@ -16,7 +15,7 @@ fn complaint(text: &str) -> String {
 }
 
 #[test]
-fn rig_toml_is_the_defaults() {
+fn rig_toml_equals_the_defaults() {
     assert_eq!(
         Config::load(&shipped("rig.toml")).unwrap(),
         Config::default()
@@ -26,9 +25,9 @@ fn rig_toml_is_the_defaults() {
 
 #[test]
 #[expect(clippy::too_many_lines, reason = "every setting once")]
-fn rig_toml_names_every_key_even_those_without_default() {
-    // With every commented-out key put in force it must still be read, and each must
-    // change something.
+fn rig_toml_names_every_key() {
+    // With every commented-out key active, the file must still be read, and each key must change a
+    // setting.
     let uncommented: String = convert::DEFAULTS
         .lines()
         .map(|line| match line.strip_prefix("# ") {
@@ -103,7 +102,7 @@ fn rig_toml_names_every_key_even_those_without_default() {
 }
 
 #[test]
-fn the_shipped_files_are_read() {
+fn reads_the_bundled_configurations() {
     for name in [
         "replay.toml",
         "demo.toml",
@@ -119,7 +118,7 @@ fn the_shipped_files_are_read() {
 }
 
 #[test]
-fn a_configuration_is_checked_with_the_scene_that_it_names() {
+fn checks_the_scene_of_a_configuration() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("b.glb"), "glTF nonsense").unwrap();
     std::fs::write(
@@ -134,7 +133,7 @@ fn a_configuration_is_checked_with_the_scene_that_it_names() {
 }
 
 #[test]
-fn the_summary_lists_what_differs() {
+fn summary_lists_changed_settings() {
     assert!(
         check_config(&shipped("rig.toml"))
             .unwrap()
@@ -152,7 +151,7 @@ fn the_summary_lists_what_differs() {
 }
 
 #[test]
-fn settings_take_their_values() {
+fn reads_settings() {
     let config = Config::from_text(
         "[environment]\nsource = \"sphere-in-scene\"\nlight_placement = \"grid\"\nlight_count = 96\n\
          response = 2.2\nstale_after_ms = 250\n[shadows]\nmode = \"subtract\"\n\
@@ -179,7 +178,7 @@ fn settings_take_their_values() {
 }
 
 #[test]
-fn planes_take_their_values() {
+fn reads_settings_of_planes() {
     let text = "[shadows]\ntechnique = \"shadowing-planes\"\n[planes]\ncount = 8\nclusters = 1\n\
         resolution = 64\nfrequency = 4\nsamples = 4\noffset_m = 0.1\nreceiver = \"plane\"\n\
         sources = false\nskip_below = 0\nrecompute_above = 0.5\nshading = \"six\"\ncache = \"kept\"\n";
@@ -205,7 +204,7 @@ fn planes_take_their_values() {
 }
 
 #[test]
-fn exposures_take_their_values() {
+fn reads_settings_of_the_exposure() {
     let text = "[exposure]\nmode = \"auto\"\nev = -1.5\nmin_ev = -2\nmax_ev = 0\n\
         key = 0.2\nadaptation_s = 0\nhighlights = \"paper\"\n";
     let expected = ExposureConfig {
@@ -224,7 +223,7 @@ fn exposures_take_their_values() {
 }
 
 #[test]
-fn shading_takes_its_values() {
+fn reads_settings_of_the_shading() {
     let text =
         "[shading]\nreflections = \"box\"\nindirect_light = false\nlamp_response = \"paper\"\n";
     let expected = ShadingConfig {
@@ -237,7 +236,7 @@ fn shading_takes_its_values() {
 
 #[test]
 #[expect(clippy::too_many_lines, reason = "one case per line")]
-fn wrong_settings_are_explained() {
+fn explains_wrong_settings() {
     let cases = [
         (
             "[shadows]\nstrenght = 1\n",
@@ -408,7 +407,7 @@ fn wrong_settings_are_explained() {
 }
 
 #[test]
-fn devices_are_named_in_words_and_files_are_taken_from_the_configurations_folder() {
+fn reads_device_names_and_resolves_files_against_the_configurations_folder() {
     let text = "[scene_camera]\ndevice = \"replay:a.mcap\"\n[environment_camera]\n\
                 device = \"usb:046d:0825\"\non_control_change = \"restore\"\n\
                 [environment_camera.controls]\nauto_exposure = 1\nfocus_automatic_continuous = false\n\
@@ -443,7 +442,7 @@ fn devices_are_named_in_words_and_files_are_taken_from_the_configurations_folder
 }
 
 #[test]
-fn a_token_opens_the_door_and_stays_secret() {
+fn token_allows_other_addresses_and_is_not_printed() {
     let config = Config::from_text(
         "[status]\nlisten = \"0.0.0.0:80\"\ntoken = \"open-sesame-now\"\n",
         "c.toml",
@@ -454,7 +453,7 @@ fn a_token_opens_the_door_and_stays_secret() {
 }
 
 #[test]
-fn the_command_line_reads_the_same_words() {
+fn command_line_accepts_the_words_of_the_configuration() {
     assert_eq!("max".parse(), Ok(ReplaySpeed::Max));
     assert_eq!("0.5".parse(), Ok(ReplaySpeed::Factor(0.5)));
     assert!("fast".parse::<ReplaySpeed>().unwrap_err().contains("max"));
@@ -469,7 +468,7 @@ fn the_command_line_reads_the_same_words() {
 }
 
 #[test]
-fn the_example_scene_is_read() {
+fn reads_the_example_scene() {
     let scene = SceneAddition::load(&shipped("scene.toml")).unwrap();
     assert!(scene.objects.len() > 1 && scene.session_phantoms);
 }
@@ -492,7 +491,7 @@ proptest! {
 }
 
 #[test]
-fn old_names_are_refused_with_the_new_ones() {
+fn refuses_former_names_with_the_new_ones() {
     for (text, expected) in [
         (
             "[environment]\n\nlights = \"grid\"\n",

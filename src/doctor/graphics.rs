@@ -12,7 +12,7 @@ const INSTALL_SOFTWARE: &str =
 /// A required limit of the adapter.
 struct Need {
     what: &'static str,
-    least: u32,
+    min: u32,
     of: fn(&wgpu::Limits) -> u32,
 }
 
@@ -20,27 +20,27 @@ struct Need {
 const NEEDS: [Need; 5] = [
     Need {
         what: "texture side",
-        least: 4096,
+        min: 4096,
         of: |l| l.max_texture_dimension_2d,
     },
     Need {
         what: "texture array layers",
-        least: 256,
+        min: 256,
         of: |l| l.max_texture_array_layers,
     },
     Need {
         what: "storage buffers a stage",
-        least: 4,
+        min: 4,
         of: |l| l.max_storage_buffers_per_shader_stage,
     },
     Need {
         what: "sampled textures a stage",
-        least: 16,
+        min: 16,
         of: |l| l.max_sampled_textures_per_shader_stage,
     },
     Need {
         what: "colour attachments",
-        least: 4,
+        min: 4,
         of: |l| l.max_color_attachments,
     },
 ];
@@ -147,10 +147,10 @@ fn adapter(gpu: &Gpu, root: &Path) -> Check {
 fn limits(limits: &wgpu::Limits) -> Check {
     let short: Vec<String> = NEEDS
         .iter()
-        .filter(|need| (need.of)(limits) < need.least)
+        .filter(|need| (need.of)(limits) < need.min)
         .map(|need| {
             let has = (need.of)(limits);
-            format!("{} {has} of {}", need.what, need.least)
+            format!("{} {has} of {}", need.what, need.min)
         })
         .collect();
     if short.is_empty() {
@@ -196,7 +196,7 @@ fn shaders(gpu: Gpu) -> Check {
     }
 }
 
-/// One line of a driver's or compiler's many.
+/// Returns one line of a message of a driver or compiler.
 fn first_words(text: &str) -> String {
     let words: Vec<&str> = text.split_whitespace().take(24).collect();
     words.join(" ")
@@ -204,11 +204,10 @@ fn first_words(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
 
     #[test]
-    fn manifests_are_found_in_both_folders() {
+    fn finds_driver_manifests_in_both_folders() {
         let root = tempfile::tempdir().unwrap();
         for (folder, name) in [
             ("usr/share/vulkan/icd.d", "lvp.json"),
@@ -224,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn a_named_driver_that_is_gone_fails() {
+    fn fails_for_a_missing_named_driver() {
         let gone = named_drivers(vec![PathBuf::from("/no/such.json")]);
         assert_eq!(gone.state, State::Fail);
         let manifest = Path::new(env!("CARGO_MANIFEST_DIR")).join("Cargo.toml");
@@ -232,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn a_small_adapter_is_refused_by_name_of_the_limit() {
+    fn names_the_limit_that_an_adapter_does_not_meet() {
         let enough = wgpu::Limits::default();
         assert_eq!(limits(&enough).state, State::Ok);
         let small = wgpu::Limits {

@@ -26,7 +26,7 @@ const WAYLAND_LIBRARIES: [(&str, &str); 2] = [
 
 pub(super) fn examine(options: &DoctorOptions) -> Vec<Check> {
     let mut checks = vec![port(options.listen)];
-    // macOS and Windows have one always.
+    // macOS and Windows always have a display.
     if cfg!(all(unix, not(target_os = "macos"))) {
         let display = Display::from_environment();
         checks.push(display.check());
@@ -93,12 +93,12 @@ impl Display {
     }
 
     fn libraries(&self, root: &Path) -> Option<Check> {
-        let wanted: &[(&str, &str)] = match self {
+        let required: &[(&str, &str)] = match self {
             Self::None => return None,
             Self::X11(_) => &X11_LIBRARIES,
             Self::Wayland { .. } => &WAYLAND_LIBRARIES,
         };
-        Some(libraries(wanted, &library_folders(root)))
+        Some(libraries(required, &library_folders(root)))
     }
 }
 
@@ -123,8 +123,8 @@ fn wayland(name: &str, runtime: Option<&Path>) -> Check {
     }
 }
 
-fn libraries(wanted: &[(&str, &str)], folders: &[PathBuf]) -> Check {
-    let missing: Vec<&str> = wanted
+fn libraries(required: &[(&str, &str)], folders: &[PathBuf]) -> Check {
+    let missing: Vec<&str> = required
         .iter()
         .filter(|(library, _)| !folders.iter().any(|folder| folder.join(library).exists()))
         .map(|(_, package)| *package)
@@ -193,7 +193,6 @@ fn room(shown: &str, free_bytes: u64) -> Check {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
     use crate::doctor::State;
 
@@ -205,9 +204,9 @@ mod tests {
     }
 
     #[test]
-    fn a_taken_port_is_told_with_a_way_out() {
-        let taken = TcpListener::bind("127.0.0.1:0").unwrap();
-        let check = port(taken.local_addr().unwrap());
+    fn warns_about_a_port_in_use_with_a_remedy() {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let check = port(listener.local_addr().unwrap());
         assert_eq!(check.state, State::Warn);
         assert_eq!(
             check.remedy.as_deref(),
@@ -217,13 +216,13 @@ mod tests {
     }
 
     #[test]
-    fn an_address_that_is_not_ours_fails() {
+    fn fails_for_an_address_of_another_machine() {
         // 192.0.2.0/24 is for documentation (RFC 5737): no machine has it.
         assert_eq!(port(([192, 0, 2, 1], 0).into()).state, State::Fail);
     }
 
     #[test]
-    fn wayland_comes_before_x11_and_needs_its_socket() {
+    fn prefers_wayland_to_x11_and_requires_its_socket() {
         let runtime = tempfile::tempdir().unwrap();
         let folder = runtime.path().to_str().unwrap();
         let both = display(&[
@@ -241,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn a_missing_window_library_names_its_package() {
+    fn names_the_package_of_a_missing_window_library() {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("libwayland-client.so.0"), "").unwrap();
         let check = libraries(&WAYLAND_LIBRARIES, &[folder.path().to_path_buf()]);
@@ -250,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn a_full_disk_is_told_and_a_missing_folder_fails() {
+    fn warns_about_a_full_disk_and_fails_for_a_missing_folder() {
         assert_eq!(room("x", 1_000_000_000).state, State::Warn);
         assert_eq!(room("x", 500_000_000_000).state, State::Ok);
         assert_eq!(disk(Path::new("/no/such/folder")).state, State::Fail);

@@ -148,7 +148,7 @@ impl fmt::Display for Check {
 #[must_use]
 pub fn examine(options: &DoctorOptions) -> Report {
     let mut checks = graphics::examine(options);
-    // Elsewhere devices are no files, and no groups own them.
+    // On other systems devices are not files with groups.
     #[cfg(unix)]
     checks.extend(devices::examine(&options.root));
     checks.extend(machine::examine(options));
@@ -157,7 +157,6 @@ pub fn examine(options: &DoctorOptions) -> Report {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
 
     /// A machine without any device or driver in it.
@@ -173,20 +172,20 @@ mod tests {
     }
 
     #[test]
-    fn whatever_is_not_ok_says_how_to_mend_it() {
+    fn every_failed_check_has_a_remedy() {
         let (_root, mut options) = bare();
         options.adapter = Some("no such adapter".into());
         options.recordings = PathBuf::from("/no/such/folder");
         let report = examine(&options);
         assert_eq!(report.state(), State::Fail);
         for check in &report.checks {
-            let told = check.remedy.as_ref().is_some_and(|r| !r.is_empty());
-            assert_eq!(told, check.state != State::Ok, "{check}");
+            let has_remedy = check.remedy.as_ref().is_some_and(|r| !r.is_empty());
+            assert_eq!(has_remedy, check.state != State::Ok, "{check}");
         }
     }
 
     #[test]
-    fn the_report_shows_every_check_and_a_verdict() {
+    fn report_shows_every_check_and_a_summary() {
         let report = Report {
             checks: vec![
                 Check::ok("one", "is there"),
@@ -202,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn the_worst_check_is_the_report_s_state() {
+    fn state_of_the_report_is_that_of_the_worst_check() {
         let ok = Report {
             checks: vec![Check::ok("one", "is there")],
         };

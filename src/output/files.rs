@@ -48,7 +48,7 @@ impl FrameFolder {
             for (index, picture) in incoming {
                 write_png(&folder.join(format!("{index:05}.png")), &picture)?;
                 written += 1;
-                // Nobody waits for spare memory; too much of it is dropped.
+                // Recycled buffers beyond the queue's capacity are dropped.
                 let _ = give_back.try_send(picture);
             }
             Ok(written)
@@ -86,7 +86,7 @@ impl FrameFolder {
         }
     }
 
-    /// False once the writer has given up.
+    /// Returns false once the writer has failed.
     #[must_use]
     pub fn is_alive(&self) -> bool {
         self.writer.as_ref().is_some_and(|w| !w.is_finished())

@@ -9,13 +9,13 @@ use winit::window::Window;
 
 /// State that the window's thread shares with the frames' thread.
 #[derive(Debug, Default)]
-pub(super) struct Place {
+pub(super) struct WindowState {
     /// Width in the upper half, height in the lower: both change together.
     size: AtomicU64,
     closed: AtomicBool,
 }
 
-impl Place {
+impl WindowState {
     pub fn set_size(&self, (width, height): (u32, u32)) {
         let packed = u64::from(width) << 32 | u64::from(height);
         self.size.store(packed, Ordering::Relaxed);
@@ -35,7 +35,7 @@ impl Place {
 pub(super) struct SurfaceScreen {
     surface: wgpu::Surface<'static>,
     window: Arc<Window>,
-    place: Arc<Place>,
+    state: Arc<WindowState>,
     pass: PresentPass,
     format: TextureFormat,
     mode: PresentMode,
@@ -48,12 +48,12 @@ impl SurfaceScreen {
         gpu: &Gpu,
         surface: wgpu::Surface<'static>,
         window: Arc<Window>,
-        place: Arc<Place>,
+        state: Arc<WindowState>,
     ) -> Self {
-        let abilities = surface.get_capabilities(&gpu.adapter);
-        let format = plain(&abilities.formats);
-        // Mailbox neither tears nor waits for the monitor, whose pace is not the camera's.
-        let mailbox = abilities.present_modes.contains(&PresentMode::Mailbox);
+        let capabilities = surface.get_capabilities(&gpu.adapter);
+        let format = format_without_srgb(&capabilities.formats);
+        // Mailbox does not tear and does not wait for the monitor, whose rate differs from the camera's.
+        let mailbox = capabilities.present_modes.contains(&PresentMode::Mailbox);
         Self {
             pass: PresentPass::new(&gpu.device, format),
             mode: if mailbox {
@@ -63,7 +63,7 @@ impl SurfaceScreen {
             },
             surface,
             window,
-            place,
+            state,
             format,
             configured: None,
         }
@@ -72,7 +72,7 @@ impl SurfaceScreen {
     /// Configures the surface for the window's size. Returns false while the window has no size.
     fn fit(&mut self, gpu: &Gpu) -> bool {
         let largest = gpu.device.limits().max_texture_dimension_2d;
-        let (width, height) = self.place.size();
+        let (width, height) = self.state.size();
         let size = (width.min(largest), height.min(largest));
         if size.0 == 0 || size.1 == 0 {
             return false;
@@ -95,7 +95,7 @@ impl SurfaceScreen {
             alpha_mode: wgpu::CompositeAlphaMode::Auto,
             view_formats: Vec::new(),
         };
-        // A window that changes while its surface is set up is no fault of the device.
+        // A window that changes while its surface is configured is not a device error.
         let scope = gpu.device.push_error_scope(wgpu::ErrorFilter::Validation);
         self.surface.configure(&gpu.device, &configuration);
         let refused = pollster::block_on(scope.pop()).is_some();
@@ -161,7 +161,7 @@ impl SurfaceScreen {
 
 impl Screen for SurfaceScreen {
     fn show(&mut self, compositor: &Compositor) -> bool {
-        if self.place.closed.load(Ordering::Relaxed) {
+        if self.state.closed.load(Ordering::Relaxed) {
             return false;
         }
         if self.fit(compositor.gpu())
@@ -173,12 +173,11 @@ impl Screen for SurfaceScreen {
     }
 }
 
-/// The picture is encoded for a display already, so a format that takes it as it is comes
-/// before one that encodes.
-fn plain(formats: &[TextureFormat]) -> TextureFormat {
+/// Returns a format without sRGB encoding if there is one, because the picture is already encoded.
+fn format_without_srgb(formats: &[TextureFormat]) -> TextureFormat {
     let eight_bit = [TextureFormat::Bgra8Unorm, TextureFormat::Rgba8Unorm];
-    let as_it_is = formats.iter().find(|f| eight_bit.contains(f));
-    let first = as_it_is.or_else(|| formats.iter().find(|f| !f.is_srgb()));
+    let preferred = formats.iter().find(|f| eight_bit.contains(f));
+    let first = preferred.or_else(|| formats.iter().find(|f| !f.is_srgb()));
     *first
         .or(formats.first())
         .unwrap_or(&TextureFormat::Bgra8Unorm)
@@ -186,23 +185,23 @@ fn plain(formats: &[TextureFormat]) -> TextureFormat {
 
 #[cfg(test)]
 mod tests {
-    use super::{Place, plain};
+    use super::{WindowState, format_without_srgb};
     use wgpu::TextureFormat::{Bgra8Unorm, Bgra8UnormSrgb, Rgba16Float};
 
     #[test]
-    fn a_format_that_does_not_encode_again_comes_first() {
+    fn prefers_formats_without_srgb_encoding() {
         assert_eq!(
-            plain(&[Bgra8UnormSrgb, Rgba16Float, Bgra8Unorm]),
+            format_without_srgb(&[Bgra8UnormSrgb, Rgba16Float, Bgra8Unorm]),
             Bgra8Unorm
         );
-        assert_eq!(plain(&[Bgra8UnormSrgb]), Bgra8UnormSrgb);
-        assert_eq!(plain(&[]), Bgra8Unorm);
+        assert_eq!(format_without_srgb(&[Bgra8UnormSrgb]), Bgra8UnormSrgb);
+        assert_eq!(format_without_srgb(&[]), Bgra8Unorm);
     }
 
     #[test]
-    fn a_size_arrives_whole() {
-        let place = Place::default();
-        place.set_size((u32::MAX, 7));
-        assert_eq!(place.size(), (u32::MAX, 7));
+    fn size_is_stored_unchanged() {
+        let state = WindowState::default();
+        state.set_size((u32::MAX, 7));
+        assert_eq!(state.size(), (u32::MAX, 7));
     }
 }

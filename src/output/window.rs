@@ -2,7 +2,7 @@
 //! rendered on another thread and never wait for an event.
 
 use super::OutputError;
-use super::surface::{Place, SurfaceScreen};
+use super::surface::{SurfaceScreen, WindowState};
 use crate::Screen;
 use penumbra_compositor::Gpu;
 use penumbra_config::Monitor;
@@ -56,7 +56,7 @@ pub fn run<R: Send + 'static>(
         job: Some(Box::new(job)),
         done: events.create_proxy(),
         window: None,
-        place: Arc::default(),
+        state: Arc::default(),
         outcome: Outcome::Unopened,
     };
     events.run_app(&mut app).map_err(|e| unavailable(&e))?;
@@ -66,10 +66,10 @@ pub fn run<R: Send + 'static>(
 /// Connects to the window system. If one of its libraries is missing, winit panics; the panic is
 /// caught and returned as an error.
 fn event_loop() -> Result<EventLoop<Done>, OutputError> {
-    let usual = std::panic::take_hook();
+    let default_hook = std::panic::take_hook();
     std::panic::set_hook(Box::new(|_| ()));
     let made = catch_unwind(AssertUnwindSafe(|| EventLoop::with_user_event().build()));
-    std::panic::set_hook(usual);
+    std::panic::set_hook(default_hook);
     match made {
         Ok(made) => made.map_err(|e| unavailable(&e)),
         Err(panic) => {
@@ -104,7 +104,7 @@ struct SayDone(EventLoopProxy<Done>);
 
 impl Drop for SayDone {
     fn drop(&mut self) {
-        // Fails only where there is no event loop any more to be told.
+        // Fails only if the event loop has ended.
         let _ = self.0.send_event(Done);
     }
 }
@@ -136,7 +136,7 @@ struct App<R> {
     job: Option<Job<R>>,
     done: EventLoopProxy<Done>,
     window: Option<Arc<Window>>,
-    place: Arc<Place>,
+    state: Arc<WindowState>,
     outcome: Outcome<R>,
 }
 
@@ -159,7 +159,7 @@ impl<R: Send + 'static> ApplicationHandler<Done> for App<R> {
     fn window_event(&mut self, _: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
         match event {
             WindowEvent::CloseRequested => self.close(),
-            WindowEvent::Resized(size) => self.place.set_size((size.width, size.height)),
+            WindowEvent::Resized(size) => self.state.set_size((size.width, size.height)),
             WindowEvent::KeyboardInput { event, .. } => self.key(&event),
             _ => (),
         }
@@ -182,8 +182,8 @@ impl<R: Send + 'static> App<R> {
             .map_err(|_| no_surface(self.options.adapter.as_deref()))?;
         let gpu = Gpu::open_for(instance, &surface, self.options.adapter.as_deref())?;
         let size = window.inner_size();
-        self.place.set_size((size.width, size.height));
-        let screen = SurfaceScreen::new(&gpu, surface, window.clone(), self.place.clone());
+        self.state.set_size((size.width, size.height));
+        let screen = SurfaceScreen::new(&gpu, surface, window.clone(), self.state.clone());
         self.window = Some(window);
         let done = self.done.clone();
         let frames = move || {
@@ -193,9 +193,9 @@ impl<R: Send + 'static> App<R> {
         threads::spawn("compositor", frames).map_err(refused)
     }
 
-    /// The frames' thread ends with its next frame; the window need not wait for that.
+    /// Closes the window. The frames' thread ends with its next frame, without a wait here.
     fn close(&self) {
-        self.place.close();
+        self.state.close();
         self.options.shutdown.store(true, Ordering::Relaxed);
         if let Some(window) = &self.window {
             window.set_visible(false);
@@ -231,10 +231,10 @@ fn no_surface(adapter: Option<&str>) -> OutputError {
 
 /// Returns the requested monitor; `None` if none was requested.
 fn chosen(
-    wanted: Option<&Monitor>,
+    requested: Option<&Monitor>,
     events: &ActiveEventLoop,
 ) -> Result<Option<MonitorHandle>, OutputError> {
-    let Some(wanted) = wanted else {
+    let Some(requested) = requested else {
         return Ok(None);
     };
     let monitors: Vec<_> = events.available_monitors().collect();
@@ -242,7 +242,7 @@ fn chosen(
         .iter()
         .map(|m| m.name().unwrap_or_default())
         .collect();
-    let position = position(wanted, &names).ok_or_else(|| {
+    let position = position(requested, &names).ok_or_else(|| {
         let list = names
             .iter()
             .enumerate()
@@ -250,22 +250,22 @@ fn chosen(
         let list = list.collect::<Vec<_>>().join(", ");
         refused(format!(
             "there is no monitor {}; available: {list}",
-            typed(wanted)
+            option_text(requested)
         ))
     })?;
     Ok(monitors.into_iter().nth(position))
 }
 
-/// As it was typed.
-fn typed(monitor: &Monitor) -> String {
+/// Formats a monitor as on the command line.
+fn option_text(monitor: &Monitor) -> String {
     match monitor {
         Monitor::Index(index) => index.to_string(),
         Monitor::Name(name) => format!("'{name}'"),
     }
 }
 
-fn position(wanted: &Monitor, names: &[String]) -> Option<usize> {
-    match wanted {
+fn position(requested: &Monitor, names: &[String]) -> Option<usize> {
+    match requested {
         Monitor::Index(index) => Some(*index as usize).filter(|i| *i < names.len()),
         Monitor::Name(part) => {
             let part = part.to_lowercase();
@@ -317,14 +317,14 @@ mod tests {
     use penumbra_config::Monitor;
 
     #[test]
-    fn a_window_is_no_larger_than_its_monitor() {
+    fn window_fits_on_its_monitor() {
         assert_eq!(fitted((640, 480), (1920, 1080)), (640, 480));
         assert_eq!(fitted((1920, 1080), (1920, 1080)), (1728, 972));
         assert_eq!(fitted((640, 480), (0, 0)), (640, 480));
     }
 
     #[test]
-    fn monitors_go_by_number_or_by_part_of_their_name() {
+    fn finds_monitors_by_number_or_part_of_the_name() {
         let names = ["eDP-1".to_owned(), "HDMI-A-1".to_owned()];
         assert_eq!(position(&Monitor::Index(1), &names), Some(1));
         assert_eq!(position(&Monitor::Index(2), &names), None);

@@ -40,11 +40,11 @@ pub(super) fn session(s: &mut Snapshot) {
     let scene = s.devices.iter().find(|d| d.kind == DeviceKind::SceneCamera);
     let trouble = scene.filter(|d| d.state != DeviceState::Streaming);
     let sentence = match trouble.map(|d| &d.reason) {
-        None => SessionState::Live.sentence().to_owned(),
+        None => SessionState::Live.description().to_owned(),
         Some(Some(reason)) => format!("Live, but no picture comes: {reason}"),
         Some(None) => "Live; the scene camera is being opened.".to_owned(),
     };
-    if s.session.state != SessionState::Live || s.session.sentence != sentence {
+    if s.session.state != SessionState::Live || s.session.description != sentence {
         s.session.enter_because(SessionState::Live, &sentence);
     }
 }
@@ -67,7 +67,7 @@ fn write(device: &mut Device, condition: &DeviceStatus, rate: &DeviceRate, now: 
     };
     device.attempts = condition.attempts;
     device.losses = condition.losses;
-    device.last_trouble.clone_from(&condition.last_trouble);
+    device.last_error.clone_from(&condition.last_trouble);
     device.received = match device.kind {
         DeviceKind::Tracker => rate.received,
         _ => condition.received,
@@ -136,9 +136,9 @@ const fn stamps(source: StampSource) -> &'static str {
 fn control(report: &ControlReport) -> Control {
     Control {
         name: report.name.to_string(),
-        wanted: report.wanted,
-        in_force: report.in_force,
-        standing: match &report.standing {
+        requested: report.wanted,
+        active: report.in_force,
+        status: match &report.standing {
             ControlStanding::Held => "held".to_owned(),
             ControlStanding::Missing => "the camera has no such control".to_owned(),
             ControlStanding::Adjusted => "the camera took another value".to_owned(),
@@ -228,11 +228,7 @@ mod tests {
         assert_eq!((device.losses, device.dropped), (3, 11));
         assert!((device.retry_in_ms.unwrap() - 500.0).abs() < 1e-6);
         assert_eq!(device.identity.as_deref(), Some("usb-cam"));
-        let told: Vec<_> = device
-            .controls
-            .iter()
-            .map(|c| c.standing.as_str())
-            .collect();
+        let told: Vec<_> = device.controls.iter().map(|c| c.status.as_str()).collect();
         assert_eq!(told, ["refused: EACCES", "the camera has no such control"]);
     }
 
@@ -243,12 +239,12 @@ mod tests {
             ..Snapshot::default()
         };
         session(&mut s);
-        assert!(s.session.sentence.contains("being opened"));
+        assert!(s.session.description.contains("being opened"));
         s.devices[0].enter(DeviceState::Retrying, Some("c: not there"));
         session(&mut s);
-        assert!(s.session.sentence.contains("c: not there"));
+        assert!(s.session.description.contains("c: not there"));
         s.devices[0].enter(DeviceState::Streaming, None);
         session(&mut s);
-        assert_eq!(s.session.sentence, SessionState::Live.sentence());
+        assert_eq!(s.session.description, SessionState::Live.description());
     }
 }

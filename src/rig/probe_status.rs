@@ -11,14 +11,14 @@ pub(super) fn probe(map: &ProbeMap, now: MonotonicTime) -> ProbeStatus {
         coverage: f64::from(map.coverage.clamp(0.0, 1.0)),
         coverage_above: f64::from(map.coverage_above.clamp(0.0, 1.0)),
         map_age_s: map.seen_at.map(age),
-        ball_age_s: map.ball_seen_at.map(age),
+        sphere_age_s: map.ball_seen_at.map(age),
         rim_shift_px: map.rim_shift,
     }
 }
 
 /// Why the light by a sphere is old, if it is older than `stale_after` nanoseconds.
 pub(super) fn stale(probe: &ProbeStatus, stale_after: i64) -> Option<String> {
-    let old = probe.ball_age_s? * 1e9 > stale_after as f64;
+    let old = probe.sphere_age_s? * 1e9 > stale_after as f64;
     old.then(|| {
         "the mirrored ball, its marker or the camera's pose is out of sight: the light is the last \
          that was seen of each direction"
@@ -42,7 +42,7 @@ mod tests {
             coverage_above: 1.000_001,
         };
         let told = probe(&map, at(2.25));
-        assert!((told.ball_age_s.unwrap() - 0.25).abs() < 1e-9);
+        assert!((told.sphere_age_s.unwrap() - 0.25).abs() < 1e-9);
         assert!((told.map_age_s.unwrap() - 0.75).abs() < 1e-9);
         assert_eq!((told.coverage_above, told.rim_shift_px), (1.0, Some(0.4)));
         assert_eq!(stale(&told, 500_000_000), None);

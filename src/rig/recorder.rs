@@ -12,7 +12,7 @@ use penumbra_interface::{Clock, MonotonicTime, SystemClock};
 use penumbra_session::{SessionError, SessionEvent, SessionWriter};
 use penumbra_status::SharedStatus;
 use penumbra_status::recording::{
-    Recording, RecordingControl, RecordingRefusal, RecordingState, RecordingWish,
+    Recording, RecordingControl, RecordingRefusal, RecordingRequest, RecordingState,
 };
 use std::fs::File;
 use std::io::BufWriter;
@@ -53,7 +53,7 @@ impl Recorder {
     ) -> Arc<Self> {
         status.update(|s| {
             s.recording.state = RecordingState::Idle;
-            "Nothing is being recorded.".clone_into(&mut s.recording.sentence);
+            "Nothing is being recorded.".clone_into(&mut s.recording.description);
         });
         Arc::new(Self {
             hub,
@@ -110,7 +110,7 @@ impl Recorder {
             let error = RigError::Thread { source };
             self.status.update(|s| {
                 s.recording.state = RecordingState::Failed;
-                s.recording.sentence = error.to_string();
+                s.recording.description = error.to_string();
             });
             error
         })?;
@@ -155,7 +155,7 @@ impl Drop for Recorder {
 }
 
 impl RecordingControl for Recorder {
-    fn carry_out(&self, wish: &RecordingWish) -> Result<Recording, RecordingRefusal> {
+    fn carry_out(&self, wish: &RecordingRequest) -> Result<Recording, RecordingRefusal> {
         if !wish.record {
             self.stop();
             return Ok(self.status.snapshot().recording);
@@ -290,7 +290,7 @@ impl Job {
         let mut recording = self.recording;
         recording.bytes = size_of_file(&self.path);
         recording.seconds_left = None;
-        (recording.state, recording.sentence) = (state, sentence);
+        (recording.state, recording.description) = (state, sentence);
         self.status.update(|s| s.recording = recording.clone());
         recording
     }
@@ -321,7 +321,7 @@ impl Job {
         self.measure();
         let recording = &mut self.recording;
         recording.state = RecordingState::Recording;
-        "Being recorded.".clone_into(&mut recording.sentence);
+        "Recording.".clone_into(&mut recording.description);
         self.status.update(|s| s.recording.clone_from(recording));
     }
 }

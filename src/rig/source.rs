@@ -7,6 +7,8 @@ use penumbra_config::{Config, TrackerUnits};
 use penumbra_interface::{MonotonicTime, SystemClock};
 use penumbra_rig_model::RigDocument;
 use penumbra_session::{Attachment, Session, import};
+use std::fs::File;
+use std::io::Read;
 use std::path::Path;
 use std::sync::{Arc, OnceLock, Weak};
 
@@ -76,6 +78,26 @@ impl RigFiles {
             return Ok(Self(Session::open(path)?.attachments().to_vec()));
         }
         Ok(Self(import::attachments_in(path)?))
+    }
+
+    /// Reads a `rig.json` of any name, without the calibration files beside it.
+    ///
+    /// # Errors
+    /// The file cannot be read or is larger than 16 MiB.
+    pub fn from_rig_json(path: &Path) -> std::io::Result<Self> {
+        const MAX_BYTES: u64 = 16 << 20;
+        let mut data = Vec::new();
+        File::open(path)?
+            .take(MAX_BYTES + 1)
+            .read_to_end(&mut data)?;
+        if data.len() as u64 > MAX_BYTES {
+            return Err(std::io::Error::other("the file is larger than 16 MiB"));
+        }
+        Ok(Self(vec![Attachment {
+            name: "rig.json".to_owned(),
+            media_type: "application/json".to_owned(),
+            data: data.into(),
+        }]))
     }
 
     /// These, and `newer` ones before those of the same name.

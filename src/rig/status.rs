@@ -136,10 +136,10 @@ fn exposure(in_force: ExposureInForce) -> ExposureStatus {
     let brightness = in_force.brightness;
     ExposureStatus {
         ev: in_force.stops,
-        wanted_ev: in_force.wanted,
+        target_ev: in_force.wanted,
         camera: brightness.map(|b| b.camera),
         added: brightness.map(|b| b.added),
-        taken: brightness.map(|b| b.taken),
+        removed: brightness.map(|b| b.taken),
     }
 }
 

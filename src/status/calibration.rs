@@ -7,10 +7,10 @@ use std::time::Duration;
 use thiserror::Error;
 
 /// Maximum number of parameters of a request, and of characters in each.
-const MOST_PARAMETERS: usize = 16;
-const LONGEST_PARAMETER: usize = 200;
+const MAX_PARAMETERS: usize = 16;
+const MAX_PARAMETER_BYTES: usize = 200;
 /// Maximum duration of a step, seconds.
-const LONGEST: f64 = 7200.0;
+const MAX_SECONDS: f64 = 7200.0;
 
 /// Status of a calibration: the answer to `GET /calibration`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -18,7 +18,7 @@ pub struct Calibration {
     /// State.
     pub state: CalibrationState,
     /// The state in words, with the reason if there is one.
-    pub sentence: String,
+    pub description: String,
     /// Name of the step; empty before the first.
     pub step: String,
     /// Title of the step.
@@ -32,7 +32,7 @@ pub struct Calibration {
     /// What to do next.
     pub hint: String,
     /// A missing device, and the reason.
-    pub trouble: Option<String>,
+    pub device_error: Option<String>,
     /// Time since its start, seconds.
     pub seconds: f64,
     /// Pictures given to the step.
@@ -40,7 +40,7 @@ pub struct Calibration {
     /// Pictures that could not be decoded.
     pub damaged: u64,
     /// Pictures skipped while it was busy.
-    pub passed_over: u64,
+    pub skipped: u64,
     /// Readings of the tracker dropped because a queue was full.
     pub readings_lost: u64,
     /// The newest picture given to the step.
@@ -64,7 +64,7 @@ pub enum CalibrationState {
     Running,
     /// A step computes its result.
     Evaluating,
-    /// A step has finished, with any verdict.
+    /// A step has finished, with any grade.
     Finished,
     /// A step was stopped by an error.
     Failed,
@@ -88,16 +88,16 @@ pub struct ShownPicture {
     /// Height, pixels.
     pub height: u32,
     /// Camera: "scene" or "environment".
-    pub eye: String,
+    pub camera: String,
     /// Overlay points found in it, pixels of `width` and `height`; (0, 0) is the middle of the first.
-    pub marks: Vec<[f32; 2]>,
+    pub points: Vec<[f32; 2]>,
 }
 
 /// Result of a step.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct CalibrationResult {
     /// "good", "usable" or "refused".
-    pub verdict: String,
+    pub grade: String,
     /// Figures with their uncertainty, one line each.
     pub lines: Vec<String>,
     /// Findings against the result, worst first.
@@ -152,7 +152,7 @@ pub struct ParameterForm {
 /// The body of `POST /calibration/start`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct CalibrationWish {
+pub struct CalibrationRequest {
     /// Name of the step.
     pub step: String,
     /// Parameters by name.
@@ -215,7 +215,7 @@ pub trait CalibrationControl: Send + Sync {
     ///
     /// # Errors
     /// The request cannot be met; nothing changes.
-    fn start(&self, wish: &CalibrationWish) -> Result<(), CalibrationRefusal>;
+    fn start(&self, request: &CalibrationRequest) -> Result<(), CalibrationRefusal>;
 
     /// Finishes the step with the data so far.
     ///
@@ -236,28 +236,28 @@ pub trait CalibrationControl: Send + Sync {
     fn report(&self) -> Option<String>;
 }
 
-impl CalibrationWish {
+impl CalibrationRequest {
     /// Reads the body of a request.
     ///
     /// # Errors
     /// The body is malformed or too large.
     pub fn from_json(body: &[u8]) -> Result<Self, CalibrationRefusal> {
         let malformed = |reason: String| CalibrationRefusal::Malformed { reason };
-        let wish: Self =
+        let request: Self =
             serde_json::from_slice(body).map_err(|error| malformed(error.to_string()))?;
-        if let Some(seconds) = wish.seconds.filter(|s| !(1.0..=LONGEST).contains(s)) {
+        if let Some(seconds) = request.seconds.filter(|s| !(1.0..=MAX_SECONDS).contains(s)) {
             let reason =
-                format!("{seconds} s is not a valid duration; send between 1 and {LONGEST}");
+                format!("{seconds} s is not a valid duration; send between 1 and {MAX_SECONDS}");
             return Err(CalibrationRefusal::Parameter { reason });
         }
-        let pairs = wish.parameters.iter();
-        let longest = pairs.map(|(key, value)| key.len().max(value.len())).max();
-        if wish.parameters.len() > MOST_PARAMETERS
-            || longest.unwrap_or_default().max(wish.step.len()) > LONGEST_PARAMETER
+        let pairs = request.parameters.iter();
+        let max_len = pairs.map(|(key, value)| key.len().max(value.len())).max();
+        if request.parameters.len() > MAX_PARAMETERS
+            || max_len.unwrap_or_default().max(request.step.len()) > MAX_PARAMETER_BYTES
         {
             return Err(malformed("too many parameters".to_owned()));
         }
-        Ok(wish)
+        Ok(request)
     }
 
     /// Returns the maximum duration.
@@ -269,21 +269,20 @@ impl CalibrationWish {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
 
-    fn read(body: &str) -> Result<CalibrationWish, CalibrationRefusal> {
-        CalibrationWish::from_json(body.as_bytes())
+    fn read(body: &str) -> Result<CalibrationRequest, CalibrationRefusal> {
+        CalibrationRequest::from_json(body.as_bytes())
     }
 
     #[test]
-    fn wishes_are_read_and_what_is_none_is_refused_in_one_line() {
-        let wish = read(
+    fn reads_requests_and_refuses_others_in_one_line() {
+        let request = read(
             r#"{"step": "intrinsics", "parameters": {"board": "chess:9x6:0.025"}, "seconds": 60}"#,
         )
         .unwrap();
-        assert_eq!(wish.parameters["board"], "chess:9x6:0.025");
-        assert_eq!(wish.longest(), Some(Duration::from_secs(60)));
+        assert_eq!(request.parameters["board"], "chess:9x6:0.025");
+        assert_eq!(request.longest(), Some(Duration::from_secs(60)));
         assert_eq!(read(r#"{"step": "map"}"#).unwrap().longest(), None);
         let long = "x".repeat(300);
         for body in [

@@ -1,6 +1,6 @@
 //! HTTP routes of calibration.
 
-use super::calibration::{Calibration, CalibrationControl, CalibrationRefusal, CalibrationWish};
+use super::calibration::{Calibration, CalibrationControl, CalibrationRefusal, CalibrationRequest};
 use super::routes::{App, HTML, is_json, problem};
 use axum::body::Bytes;
 use axum::extract::{RawQuery, State};
@@ -32,7 +32,7 @@ async fn view(State(app): State<App>) -> Json<Calibration> {
 
 fn unavailable() -> Calibration {
     Calibration {
-        sentence:
+        description:
             "A recording plays. Calibrate a live rig here (`penumbra run`), or the recording \
                    with `penumbra calibrate STEP --session FILE`."
                 .to_owned(),
@@ -54,7 +54,8 @@ async fn picture(State(app): State<App>, RawQuery(query): RawQuery) -> Response 
     }
 }
 
-const NO_PICTURE: &str = "no step of calibration has been shown a picture while somebody asked\n";
+const NO_PICTURE: &str =
+    "no calibration step has received a picture while a viewer was connected\n";
 
 /// The report of the newest calibration.
 async fn report(State(app): State<App>) -> Response {
@@ -72,8 +73,8 @@ async fn report(State(app): State<App>) -> Response {
 }
 
 async fn start(State(app): State<App>, headers: HeaderMap, body: Bytes) -> Response {
-    let wish = CalibrationWish::from_json(&body);
-    carry_out(app, &headers, move |calibrator| calibrator.start(&wish?)).await
+    let request = CalibrationRequest::from_json(&body);
+    carry_out(app, &headers, move |calibrator| calibrator.start(&request?)).await
 }
 
 async fn finish(State(app): State<App>, headers: HeaderMap) -> Response {
@@ -92,19 +93,19 @@ async fn carry_out(
     job: impl FnOnce(&dyn CalibrationControl) -> Result<(), CalibrationRefusal> + Send + 'static,
 ) -> Response {
     if !is_json(headers) {
-        let text = "calibration: send the wish as Content-Type: application/json";
+        let text = "calibration: send the request as Content-Type: application/json";
         return problem(StatusCode::UNSUPPORTED_MEDIA_TYPE, text);
     }
     let Some(calibrator) = app.shared.calibrator() else {
         let text = CalibrationRefusal::Unavailable.to_string();
         return problem(StatusCode::CONFLICT, &text);
     };
-    // Files of the rig are read, which other visitors need not wait for.
-    let wished = tokio::task::spawn_blocking(move || -> Result<Calibration, CalibrationRefusal> {
+    // Reading the files of the rig would block other requests.
+    let answer = tokio::task::spawn_blocking(move || -> Result<Calibration, CalibrationRefusal> {
         job(&*calibrator)?;
         Ok(calibrator.view())
     });
-    match wished.await {
+    match answer.await {
         Ok(Ok(view)) => (StatusCode::ACCEPTED, Json(view)).into_response(),
         Ok(Err(refusal)) => problem(status_of(&refusal), &refusal.to_string()),
         Err(error) => problem(StatusCode::INTERNAL_SERVER_ERROR, &error.to_string()),

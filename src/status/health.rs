@@ -7,15 +7,15 @@ const MAX_FRAME_AGE_MS: f64 = 5_000.0;
 /// Maximum time for starting (opening devices, compiling shaders), seconds.
 const MAX_START_SECONDS: f64 = 60.0;
 
-/// Returns a sentence about a healthy rig.
+/// Describes a healthy rig in one sentence.
 ///
 /// # Errors
 /// The reason why the rig is not healthy.
 pub fn health(snapshot: &Snapshot) -> Result<String, String> {
-    let sentence = &snapshot.session.sentence;
+    let description = &snapshot.session.description;
     match snapshot.session.state {
-        SessionState::Failed => Err(format!("failed: {sentence}")),
-        SessionState::Paused | SessionState::Ended => Ok(format!("idle: {sentence}")),
+        SessionState::Failed => Err(format!("failed: {description}")),
+        SessionState::Paused | SessionState::Ended => Ok(format!("idle: {description}")),
         SessionState::Starting => starting(snapshot.program.uptime_seconds),
         SessionState::Live | SessionState::Replaying => flowing(snapshot),
     }
@@ -40,7 +40,6 @@ fn flowing(snapshot: &Snapshot) -> Result<String, String> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
 
     fn snapshot(state: SessionState, uptime_seconds: f64, last_age_ms: Option<f64>) -> Snapshot {
@@ -52,7 +51,7 @@ mod tests {
     }
 
     #[test]
-    fn flowing_frames_are_healthy_and_a_standing_picture_is_not() {
+    fn new_frames_are_healthy_and_a_stopped_picture_is_not() {
         for state in [SessionState::Live, SessionState::Replaying] {
             assert!(health(&snapshot(state, 900.0, Some(40.0))).is_ok());
             let stuck = health(&snapshot(state, 900.0, Some(8_250.0)));
@@ -61,14 +60,14 @@ mod tests {
     }
 
     #[test]
-    fn an_old_picture_is_right_where_nothing_should_move() {
+    fn old_picture_is_healthy_while_paused_or_ended() {
         for state in [SessionState::Paused, SessionState::Ended] {
             assert!(health(&snapshot(state, 900.0, Some(1e7))).is_ok());
         }
     }
 
     #[test]
-    fn a_start_may_take_a_while_but_not_for_ever() {
+    fn start_without_pictures_is_healthy_for_a_minute() {
         for state in [SessionState::Starting, SessionState::Live] {
             assert!(health(&snapshot(state, 20.0, None)).is_ok());
             assert!(health(&snapshot(state, 61.0, None)).is_err());
@@ -76,7 +75,7 @@ mod tests {
     }
 
     #[test]
-    fn failure_carries_its_reason() {
+    fn failure_is_reported_with_its_reason() {
         let mut s = Snapshot::default();
         s.session
             .enter_because(SessionState::Failed, "adapter lost");

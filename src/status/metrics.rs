@@ -222,9 +222,9 @@ fn probe(page: &mut Page, map: &ProbeStatus) {
         map.map_age_s,
     );
     page.some(
-        "penumbra_probe_ball_age_seconds",
+        "penumbra_probe_sphere_age_seconds",
         "Time since the sphere was seen.",
-        map.ball_age_s,
+        map.sphere_age_s,
     );
     page.some(
         "penumbra_probe_rim_shift_pixels",
@@ -523,7 +523,6 @@ fn escaped(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
     use crate::snapshot::Device;
     use penumbra_interface::DeviceKind;
@@ -586,7 +585,7 @@ mod tests {
     }
 
     #[test]
-    fn a_strict_reader_takes_the_page() {
+    fn page_follows_the_exposition_format() {
         let (types, samples) = parse(&metrics(&busy()));
         for (name, kind) in &types {
             assert_eq!(
@@ -611,7 +610,7 @@ mod tests {
     }
 
     #[test]
-    fn histograms_are_cumulative_and_end_at_infinity() {
+    fn histograms_are_cumulative_up_to_infinity() {
         let (_, samples) = parse(&metrics(&busy()));
         let decode = |suffix: &str| -> Vec<f64> {
             let name = format!("penumbra_stage_seconds_{suffix}");
@@ -638,7 +637,7 @@ mod tests {
     }
 
     #[test]
-    fn the_exposure_is_told() {
+    fn has_the_exposure() {
         let mut s = busy();
         s.exposure.ev = -1.5;
         let (types, samples) = parse(&metrics(&s));
@@ -648,7 +647,7 @@ mod tests {
     }
 
     #[test]
-    fn names_of_devices_are_escaped() {
+    fn escapes_device_names() {
         let page = metrics(&busy());
         assert!(
             page.contains(
@@ -659,7 +658,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rig_that_knows_nothing_yet_has_metrics_too() {
+    fn page_of_an_empty_snapshot_omits_unknown_values() {
         let (_, samples) = parse(&metrics(&Snapshot::default()));
         assert!(
             samples

@@ -136,7 +136,6 @@ fn blend(pixel: &mut [u8], colour: Vec3, share: f32) {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
     use proptest::prelude::*;
 
@@ -153,17 +152,17 @@ mod tests {
 
     proptest! {
         #[test]
-        fn pixels_and_directions_are_inverse(x in 0.0_f32..255.0, y in 0.0_f32..127.0) {
+        fn pixel_and_direction_are_inverse(x in 0.0_f32..255.0, y in 0.0_f32..127.0) {
             let back = pixel_of(direction_of(Vec2::new(x, y), HEIGHT), HEIGHT);
             prop_assert!((back.y - y).abs() < 0.05);
             let around = (back.x - x + 128.0).rem_euclid(256.0) - 128.0;
-            // Near the poles a longitude says little.
+            // Near the poles the longitude is inaccurate.
             let latitude = ((y + 0.5) * PI / 128.0).sin();
             prop_assert!(around.abs() * latitude < 0.05, "{around}");
         }
 
         #[test]
-        fn any_light_in_any_map_is_drawn_without_harm(
+        fn draws_any_light_without_panic(
             x in -1.0_f32..1.0, y in -1.0_f32..1.0, z in -1.0_f32..1.0,
             height in 1_u32..40, value in any::<f32>(),
         ) {
@@ -174,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn a_constant_sky_is_one_colour() {
+    fn constant_radiance_gives_one_colour() {
         let picture = environment_preview(HEIGHT, |_| Vec3::new(4.0, 4.0, 2.0), &[]);
         let (full, half) = (srgb_from_linear(BRIGHT), srgb_from_linear(BRIGHT / 2.0));
         let expected = [full, full, half].map(|x| (x * 255.0).round() as u8);
@@ -182,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn up_is_on_top_and_y_left_of_x() {
+    fn zenith_is_at_the_top_and_y_left_of_x() {
         let towards = |axis: Vec3| {
             environment_preview(
                 HEIGHT,
@@ -198,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn marks_stand_where_the_lights_are_even_across_the_seam() {
+    fn marks_are_at_the_lights_and_wrap_at_the_border() {
         let black = |lights: &[DomeLight]| environment_preview(HEIGHT, |_| Vec3::ZERO, lights);
         let amber = [242, 184, 75];
         assert_eq!(

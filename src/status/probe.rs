@@ -12,7 +12,7 @@ pub struct ProbeStatus {
     /// Mean time since the directions were last seen, seconds; `None` before the first.
     pub map_age_s: Option<f64>,
     /// Time since the sphere was seen, seconds; `None` before it was.
-    pub ball_age_s: Option<f64>,
+    pub sphere_age_s: Option<f64>,
     /// Correction of the sphere's position by its detected rim, pixels; `None` if the rim was not
     /// searched for.
     pub rim_shift_px: Option<f64>,

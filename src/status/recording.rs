@@ -9,7 +9,7 @@ pub struct Recording {
     /// State of the recorder.
     pub state: RecordingState,
     /// The state in words, with the reason if there is one.
-    pub sentence: String,
+    pub description: String,
     /// The newest recording.
     pub file: Option<String>,
     /// Its size, bytes.
@@ -60,7 +60,7 @@ impl RecordingState {
 /// The body of `POST /recording`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct RecordingWish {
+pub struct RecordingRequest {
     /// Start or stop.
     pub record: bool,
     /// Name of the file in the recordings' folder; by date and time without it.
@@ -113,28 +113,28 @@ pub trait RecordingControl: Send + Sync {
     ///
     /// # Errors
     /// The request cannot be met; nothing changes.
-    fn carry_out(&self, wish: &RecordingWish) -> Result<Recording, RecordingRefusal>;
+    fn carry_out(&self, request: &RecordingRequest) -> Result<Recording, RecordingRefusal>;
 }
 
-impl RecordingWish {
+impl RecordingRequest {
     /// Reads the body of a request.
     ///
     /// # Errors
     /// The body is malformed, or names a file outside the folder.
     pub fn from_json(body: &[u8]) -> Result<Self, RecordingRefusal> {
-        let wish: Self =
+        let request: Self =
             serde_json::from_slice(body).map_err(|error| RecordingRefusal::Malformed {
                 reason: error.to_string(),
             })?;
-        if let Some(seconds) = wish.seconds.filter(|s| !(1.0..=1e7).contains(s)) {
+        if let Some(seconds) = request.seconds.filter(|s| !(1.0..=1e7).contains(s)) {
             let seconds = seconds.to_string();
             return Err(RecordingRefusal::Length { seconds });
         }
-        match &wish.file {
+        match &request.file {
             Some(file) if !is_plain_name(file) => {
                 Err(RecordingRefusal::FileName { file: file.clone() })
             }
-            _ => Ok(wish),
+            _ => Ok(request),
         }
     }
 }
@@ -148,18 +148,17 @@ fn is_plain_name(file: &str) -> bool {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
 
-    fn read(body: &str) -> Result<RecordingWish, RecordingRefusal> {
-        RecordingWish::from_json(body.as_bytes())
+    fn read(body: &str) -> Result<RecordingRequest, RecordingRefusal> {
+        RecordingRequest::from_json(body.as_bytes())
     }
 
     #[test]
-    fn wishes_are_read_and_files_elsewhere_refused() {
-        let wish = read(r#"{"record": true, "file": "desk 1.mcap", "seconds": 5}"#).unwrap();
+    fn reads_requests_and_refuses_files_outside_the_folder() {
+        let request = read(r#"{"record": true, "file": "desk 1.mcap", "seconds": 5}"#).unwrap();
         assert_eq!(
-            (wish.file.as_deref(), wish.seconds),
+            (request.file.as_deref(), request.seconds),
             (Some("desk 1.mcap"), Some(5.0))
         );
         assert!(!read(r#"{"record": false}"#).unwrap().record);
@@ -199,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn labels_are_what_the_json_says() {
+    fn labels_equal_the_json_values() {
         use RecordingState::{Failed, Finished, Idle, Recording, Unavailable};
         for state in [Unavailable, Idle, Recording, Finished, Failed] {
             assert_eq!(serde_json::to_value(state).unwrap(), state.label());

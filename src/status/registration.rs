@@ -80,9 +80,9 @@ impl RegistrationSource {
 impl RegistrationStatus {
     /// Creates the status of a pose from the tracker, if there is one.
     #[must_use]
-    pub fn by_tracker(told: bool) -> Self {
+    pub fn by_tracker(has_pose: bool) -> Self {
         Self {
-            source: if told {
+            source: if has_pose {
                 RegistrationSource::Tracker
             } else {
                 RegistrationSource::None

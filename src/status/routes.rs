@@ -4,7 +4,7 @@ use super::calibration_routes;
 use super::guard::{self, Token};
 use super::health::health;
 use super::metrics::{METRICS_CONTENT_TYPE, metrics};
-use super::recording::RecordingWish;
+use super::recording::RecordingRequest;
 use super::settings::{Settings, SettingsChange, SettingsError};
 use super::shared::SharedStatus;
 use super::snapshot::{Snapshot, WhiteBalance};
@@ -193,7 +193,7 @@ async fn metrics_page(State(app): State<App>) -> impl IntoResponse {
 
 async fn healthz(State(app): State<App>) -> (StatusCode, String) {
     match health(&app.shared.snapshot()) {
-        Ok(sentence) => (StatusCode::OK, sentence + "\n"),
+        Ok(description) => (StatusCode::OK, description + "\n"),
         Err(reason) => (StatusCode::SERVICE_UNAVAILABLE, reason + "\n"),
     }
 }
@@ -205,9 +205,9 @@ async fn settings(State(app): State<App>, headers: HeaderMap, body: Bytes) -> Re
         let text = "settings: send them as Content-Type: application/json";
         return problem(StatusCode::UNSUPPORTED_MEDIA_TYPE, text);
     }
-    let granted: Result<Settings, SettingsError> =
+    let accepted: Result<Settings, SettingsError> =
         SettingsChange::from_json(&body).and_then(|change| app.shared.wish(&change));
-    match granted {
+    match accepted {
         Ok(settings) => (StatusCode::ACCEPTED, Json(settings)).into_response(),
         Err(error) => problem(StatusCode::UNPROCESSABLE_ENTITY, &error.to_string()),
     }
@@ -219,13 +219,13 @@ async fn recording(State(app): State<App>, headers: HeaderMap, body: Bytes) -> R
         let text = "recording: send the request as Content-Type: application/json";
         return problem(StatusCode::UNSUPPORTED_MEDIA_TYPE, text);
     }
-    let wish = match RecordingWish::from_json(&body) {
-        Ok(wish) => wish,
+    let request = match RecordingRequest::from_json(&body) {
+        Ok(request) => request,
         Err(error) => return problem(StatusCode::UNPROCESSABLE_ENTITY, &error.to_string()),
     };
-    // Finishing a file may take a moment, which other visitors need not wait for.
+    // Finishing a file may take a moment and would block other requests.
     let shared = Arc::clone(&app.shared);
-    match tokio::task::spawn_blocking(move || shared.record(&wish)).await {
+    match tokio::task::spawn_blocking(move || shared.record(&request)).await {
         Ok(Ok(recording)) => (StatusCode::ACCEPTED, Json(recording)).into_response(),
         Ok(Err(error)) => problem(StatusCode::CONFLICT, &error.to_string()),
         Err(error) => problem(StatusCode::INTERNAL_SERVER_ERROR, &error.to_string()),
@@ -258,7 +258,7 @@ fn parts<G: Send + 'static>(
     guards: G,
 ) -> impl Stream<Item = Result<Bytes, Infallible>> + use<G> {
     let pictures = WatchStream::new(app.parts.subscribe()).filter_map(move |part| {
-        // The seat is given up when the browser goes and this closure with it.
+        // The seat is released when the browser disconnects and this closure is dropped.
         let _ = &guards;
         part
     });

@@ -165,7 +165,7 @@ async fn accept(listener: tokio::net::TcpListener, router: Router) {
 }
 
 async fn converse(socket: TcpStream, router: Router) {
-    // Without it a small answer may wait for the acknowledgement of the one before.
+    // Otherwise a small response may wait for the acknowledgement of the previous one.
     let _ = socket.set_nodelay(true);
     let io = TokioIo::new(StallGuard::new(socket, STALL_LIMIT));
     let connection = http1::Builder::new()
@@ -173,7 +173,7 @@ async fn converse(socket: TcpStream, router: Router) {
         .header_read_timeout(HEADER_LIMIT)
         .max_buf_size(BUFFER_BYTES)
         .serve_connection(io, TowerToHyperService::new(router));
-    // A client that goes away or speaks no HTTP is no event worth a line each.
+    // A client that disconnects or does not use HTTP is not logged.
     if let Err(error) = connection.await {
         tracing::debug!(%error, "connection ended");
     }

@@ -289,7 +289,6 @@ impl Settings {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
     use proptest::prelude::*;
 
@@ -298,7 +297,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_left_out_stays() {
+    fn omitted_settings_are_unchanged() {
         let changed = change(r#"{"light_count": 96, "light_placement": "grid"}"#).unwrap();
         let expected = Settings {
             light_count: 96,
@@ -310,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn refusals_say_what_to_do() {
+    fn refusals_name_valid_values() {
         let text = |json: &str| change(json).unwrap_err().to_string();
         assert_eq!(
             text(r#"{"light_count": 50}"#),
@@ -353,7 +352,7 @@ mod tests {
     }
 
     #[test]
-    fn old_names_are_refused_with_the_new_ones() {
+    fn refuses_former_names_with_the_new_ones() {
         for (body, expected) in [
             (r#"{"technique": "planes"}"#, "`shadowing-planes`"),
             (

@@ -1,7 +1,7 @@
 //! The state shared by the rig, which writes it, and the server, which reads it.
 
 use super::calibration::CalibrationControl;
-use super::recording::{Recording, RecordingControl, RecordingRefusal, RecordingWish};
+use super::recording::{Recording, RecordingControl, RecordingRefusal, RecordingRequest};
 use super::settings::{Settings, SettingsChange, SettingsError};
 use super::snapshot::Snapshot;
 use penumbra_interface::{Clock, MonotonicTime, SystemClock};
@@ -130,10 +130,10 @@ impl SharedStatus {
     /// A value is invalid; then nothing changes.
     pub fn wish(&self, change: &SettingsChange) -> Result<Settings, SettingsError> {
         let mut answer = Ok(());
-        self.settings.send_if_modified(|wished| {
-            let granted = change.apply_to(wished);
-            answer = granted.as_ref().map(|_| ()).map_err(Clone::clone);
-            granted.is_ok_and(|new| std::mem::replace(wished, new.clone()) != new)
+        self.settings.send_if_modified(|requested| {
+            let changed = change.apply_to(requested);
+            answer = changed.as_ref().map(|_| ()).map_err(Clone::clone);
+            changed.is_ok_and(|new| std::mem::replace(requested, new.clone()) != new)
         });
         answer.map(|()| self.settings.borrow().clone())
     }
@@ -147,9 +147,9 @@ impl SharedStatus {
     ///
     /// # Errors
     /// There is no recorder, or it refuses the request.
-    pub fn record(&self, wish: &RecordingWish) -> Result<Recording, RecordingRefusal> {
+    pub fn record(&self, request: &RecordingRequest) -> Result<Recording, RecordingRefusal> {
         let recorder = self.recorder.get().ok_or(RecordingRefusal::Unavailable)?;
-        recorder.carry_out(wish)
+        recorder.carry_out(request)
     }
 
     /// Sets the calibrator that handles requests to calibrate. Only the first call has an effect.
@@ -221,7 +221,6 @@ impl Drop for Asking {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
     use penumbra_interface::ManualClock;
 
@@ -238,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn ages_are_of_the_moment_of_reading() {
+    fn ages_are_computed_when_the_snapshot_is_read() {
         let (shared, clock) = shared();
         assert_eq!(shared.snapshot().frames.last_age_ms, None);
         clock.set(MonotonicTime::from_nanos(1_000_000_000));
@@ -251,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn a_whole_snapshot_keeps_what_the_server_counts() {
+    fn published_snapshot_keeps_the_counts_of_the_server() {
         let (shared, _) = shared();
         let picture = Arc::new(Picture {
             width: 1,
@@ -269,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_are_wanted_while_somebody_looks() {
+    fn pictures_are_requested_while_there_are_viewers() {
         let (shared, _) = shared();
         assert!(!shared.wants_picture());
         let (first, second) = (shared.watch(), shared.watch());
@@ -285,28 +284,31 @@ mod tests {
     }
 
     #[test]
-    fn wishes_add_up_and_a_refused_one_changes_nothing() {
+    fn changes_accumulate_and_refused_ones_have_no_effect() {
         let (shared, _) = shared();
-        let mut wished = shared.settings_receiver();
+        let mut requested = shared.settings_receiver();
         shared.wish(&change(r#"{"light_count": 8}"#)).unwrap();
-        assert!(wished.has_changed().unwrap());
-        assert_eq!(wished.borrow_and_update().light_count, 8);
+        assert!(requested.has_changed().unwrap());
+        assert_eq!(requested.borrow_and_update().light_count, 8);
         shared
             .wish(&change(r#"{"light_count": 24, "shadow_strength": 2}"#))
             .unwrap_err();
         shared.wish(&change(r#"{"light_count": 8}"#)).unwrap();
-        assert!(!wished.has_changed().unwrap(), "nothing new was wished for");
+        assert!(
+            !requested.has_changed().unwrap(),
+            "nothing new was requested"
+        );
         let both = shared.wish(&change(r#"{"shadow_strength": 0.5}"#)).unwrap();
         assert_eq!((both.light_count, both.shadow_strength), (8, 0.5));
         assert_eq!(
             shared.snapshot().settings,
             Settings::default(),
-            "in force is for the rig to say"
+            "only the rig sets the active settings"
         );
     }
 
     #[test]
-    fn a_panic_in_a_writer_does_not_take_the_status_away() {
+    fn status_survives_a_panic_in_a_writer() {
         let (shared, _) = shared();
         let writer = Arc::clone(&shared);
         let job = move || writer.update(|_| panic!("on purpose"));

@@ -12,7 +12,7 @@ use super::times::StageTimes;
 use penumbra_interface::DeviceKind;
 use serde::Serialize;
 
-/// Version of the JSON. It changes when a field changes its meaning or goes away, not
+/// Version of the JSON. It changes when a field changes its meaning or is removed, not
 /// when one is added.
 pub const STATUS_VERSION: u32 = 1;
 
@@ -145,7 +145,7 @@ pub struct Session {
     /// State.
     pub state: SessionState,
     /// The state in words, with the reason if there is one.
-    pub sentence: String,
+    pub description: String,
     /// How often the recording was repeated.
     pub loops: u64,
     /// Share of the recording played, 0..=1; `None` when live.
@@ -153,15 +153,15 @@ pub struct Session {
 }
 
 impl Session {
-    /// Sets a state, with its default sentence.
+    /// Sets a state, with its default description.
     pub fn enter(&mut self, state: SessionState) {
-        self.enter_because(state, state.sentence());
+        self.enter_because(state, state.description());
     }
 
     /// Sets a state with a reason.
-    pub fn enter_because(&mut self, state: SessionState, sentence: &str) {
+    pub fn enter_because(&mut self, state: SessionState, description: &str) {
         self.state = state;
-        sentence.clone_into(&mut self.sentence);
+        description.clone_into(&mut self.description);
     }
 }
 
@@ -187,7 +187,7 @@ pub enum SessionState {
 impl SessionState {
     /// The state in words.
     #[must_use]
-    pub const fn sentence(self) -> &'static str {
+    pub const fn description(self) -> &'static str {
         match self {
             Self::Starting => "Starting: waiting for the first picture.",
             Self::Live => "Live: the cameras deliver.",
@@ -385,13 +385,13 @@ pub struct ExposureStatus {
     /// Exposure of the newest picture, stops relative to the camera's.
     pub ev: f32,
     /// Target of the automatic exposure, stops.
-    pub wanted_ev: f32,
+    pub target_ev: f32,
     /// Mean linear brightness of the camera's picture, where it is measured.
     pub camera: Option<f32>,
     /// Mean linear brightness added by virtual lights.
     pub added: Option<f32>,
     /// Mean linear brightness removed by virtual shadows.
-    pub taken: Option<f32>,
+    pub removed: Option<f32>,
 }
 
 /// State of a device.
@@ -418,7 +418,7 @@ pub enum DeviceState {
 impl DeviceState {
     /// The state in words.
     #[must_use]
-    pub const fn sentence(self) -> &'static str {
+    pub const fn description(self) -> &'static str {
         match self {
             Self::Absent => "Not part of this session.",
             Self::Opening => "Opening.",
@@ -455,7 +455,7 @@ pub struct Device {
     /// State.
     pub state: DeviceState,
     /// The state in words.
-    pub sentence: &'static str,
+    pub description: &'static str,
     /// The driver's error, if there is one.
     pub reason: Option<String>,
     /// Frames or records per second.
@@ -478,7 +478,7 @@ pub struct Device {
     /// Time until the next attempt, milliseconds; `None` while it is open.
     pub retry_in_ms: Option<f64>,
     /// The last error, even if it is resolved.
-    pub last_trouble: Option<String>,
+    pub last_error: Option<String>,
     /// Notes for the user.
     pub notes: Vec<String>,
     /// Locked controls of a camera.
@@ -491,11 +491,11 @@ pub struct Control {
     /// Name in the configuration.
     pub name: String,
     /// The requested value, in the device's unit.
-    pub wanted: i64,
+    pub requested: i64,
     /// The value that the device reports.
-    pub in_force: Option<i64>,
+    pub active: Option<i64>,
     /// Comparison of the two values, in words.
-    pub standing: String,
+    pub status: String,
 }
 
 impl Device {
@@ -506,7 +506,7 @@ impl Device {
             name: name.to_owned(),
             kind,
             state: DeviceState::Opening,
-            sentence: DeviceState::Opening.sentence(),
+            description: DeviceState::Opening.description(),
             reason: None,
             per_second: 0.0,
             received: 0,
@@ -517,16 +517,16 @@ impl Device {
             attempts: 0,
             losses: 0,
             retry_in_ms: None,
-            last_trouble: None,
+            last_error: None,
             notes: Vec::new(),
             controls: Vec::new(),
         }
     }
 
-    /// Sets a state, with its sentence and the driver's error.
+    /// Sets a state, with its description and the driver's error.
     pub fn enter(&mut self, state: DeviceState, reason: Option<&str>) {
         self.state = state;
-        self.sentence = state.sentence();
+        self.description = state.description();
         if self.reason.as_deref() != reason {
             self.reason = reason.map(str::to_owned);
         }
@@ -573,11 +573,10 @@ pub struct Warning {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
 
     #[test]
-    fn warnings_are_counted_not_repeated_and_never_without_end() {
+    fn repeated_warnings_are_counted_and_their_number_is_limited() {
         let mut s = Snapshot::default();
         (0..100).for_each(|_| s.warn("again"));
         (0..100).for_each(|i| s.warn(&i.to_string()));
@@ -587,19 +586,19 @@ mod tests {
     }
 
     #[test]
-    fn states_bring_their_sentence() {
+    fn entering_a_state_sets_its_description() {
         let mut d = Device::new("/dev/video0", DeviceKind::SceneCamera);
         d.enter(DeviceState::Retrying, Some("unplugged"));
         let json = serde_json::to_value(&d).unwrap();
         assert_eq!(json["state"], DeviceState::Retrying.label());
-        assert_eq!(json["sentence"], DeviceState::Retrying.sentence());
+        assert_eq!(json["description"], DeviceState::Retrying.description());
         assert_eq!(json["reason"], "unplugged");
         d.enter(DeviceState::Streaming, None);
         assert_eq!(d.reason, None);
     }
 
     #[test]
-    fn labels_are_what_the_json_says() {
+    fn labels_equal_the_json_values() {
         use DeviceState::{Absent, Ended, Failed, Opening, Retrying, Silent, Streaming};
         for state in [Absent, Opening, Streaming, Silent, Retrying, Failed, Ended] {
             assert_eq!(serde_json::to_value(state).unwrap(), state.label());
@@ -611,7 +610,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_that_are_not_finite_are_null() {
+    fn non_finite_numbers_become_null() {
         let mut s = Snapshot::default();
         s.frames.per_second = f64::NAN;
         s.white_balance.gains = [f64::INFINITY; 3];

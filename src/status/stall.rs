@@ -87,12 +87,11 @@ impl<S: AsyncWrite + Unpin> AsyncWrite for StallGuard<S> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
     use tokio::io::{AsyncReadExt, AsyncWriteExt};
 
     #[tokio::test]
-    async fn a_reader_that_stops_is_given_up() {
+    async fn times_out_when_the_reader_stops() {
         let (ours, theirs) = tokio::io::duplex(16);
         let mut guarded = StallGuard::new(ours, Duration::from_millis(20));
         let error = guarded.write_all(&[7; 64]).await.unwrap_err();
@@ -101,7 +100,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_reader_that_reads_gets_everything() {
+    async fn an_active_reader_receives_everything() {
         let (ours, mut theirs) = tokio::io::duplex(16);
         let mut guarded = StallGuard::new(ours, Duration::from_secs(3600));
         let writer = async {

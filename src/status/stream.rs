@@ -125,7 +125,6 @@ pub fn stream_part(jpeg: &[u8]) -> Bytes {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
     use proptest::prelude::*;
 
@@ -143,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn jpeg_comes_back_close_and_with_its_size() {
+    fn jpeg_decodes_to_a_similar_picture_of_the_same_size() {
         let picture = gradient(67, 41);
         let jpeg = JpegEncoder::new(85).unwrap().encode(&picture).unwrap();
         let back = image::load_from_memory_with_format(&jpeg, image::ImageFormat::Jpeg)
@@ -163,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn a_buffer_that_does_not_fit_is_refused() {
+    fn refuses_a_buffer_of_the_wrong_length() {
         let mut encoder = JpegEncoder::new(0).unwrap();
         for (width, height, bytes) in [(2, 2, 15), (0, 0, 0), (u32::MAX, u32::MAX, 4)] {
             let picture = Picture {
@@ -193,7 +192,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn png_is_exact(width in 1_u32..20, height in 1_u32..20, seed in any::<u64>()) {
+        fn png_is_lossless(width in 1_u32..20, height in 1_u32..20, seed in any::<u64>()) {
             let mut picture = gradient(width, height);
             picture.rgba.chunks_exact_mut(4).enumerate().for_each(|(i, p)| {
                 p[0] = (seed.rotate_left(i as u32 % 64)) as u8;
@@ -205,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn a_part_closes_with_the_next_boundary() {
+    fn part_ends_with_the_next_boundary() {
         let part = stream_part(b"JPEG");
         let text = std::str::from_utf8(&part).unwrap();
         assert_eq!(

@@ -101,8 +101,8 @@ impl Histogram {
     /// Returns the number of values up to `seconds`, to within a bucket, for a Prometheus histogram.
     #[must_use]
     pub fn count_up_to(&self, seconds: f64) -> u64 {
-        let whole = (seconds * 1e6).log2() * PER_OCTAVE as f64;
-        let buckets = (whole.round().max(0.0) as usize).min(BUCKETS);
+        let octave_buckets = (seconds * 1e6).log2() * PER_OCTAVE as f64;
+        let buckets = (octave_buckets.round().max(0.0) as usize).min(BUCKETS);
         if buckets == BUCKETS {
             return self.count;
         }
@@ -276,7 +276,6 @@ impl RateMeter {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
     use proptest::prelude::*;
 
@@ -290,7 +289,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn quantiles_are_the_nearest_rank_within_a_bucket(
+        fn quantiles_have_the_nearest_rank_within_a_bucket(
             mut micros in proptest::collection::vec(1_u64..60_000_000, 1..200),
             quantile in 0.0_f64..=1.0,
         ) {
@@ -311,7 +310,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_recorded_since_is_told_apart() {
+    fn since_returns_only_later_records() {
         let earlier = histogram(&[50_000, 60_000, 70_000]);
         let mut later = earlier.clone();
         later.record(Duration::from_micros(1_000));
@@ -323,14 +322,14 @@ mod tests {
     }
 
     #[test]
-    fn nothing_recorded_is_zero() {
+    fn empty_histogram_gives_zero() {
         let h = Histogram::default();
         assert_eq!(h.quantile(0.99), Duration::ZERO);
         assert_eq!(h.recent(), Duration::ZERO);
     }
 
     #[test]
-    fn cumulative_counts_split_between_buckets() {
+    fn counts_cumulatively_up_to_a_bound() {
         let h = histogram(&[900, 1_100, 4_000, 90_000_000]);
         assert_eq!(h.count_up_to(0.001), 1);
         assert_eq!(h.count_up_to(0.002), 2);
@@ -339,7 +338,7 @@ mod tests {
     }
 
     #[test]
-    fn stages_keep_the_order_of_first_sight_and_tell_cpu_from_gpu() {
+    fn stages_keep_their_first_order_and_separate_cpu_from_gpu() {
         let mut times = StageTimes::default();
         times.record("decode", Duration::from_millis(2));
         times.record_gpu("composite", Duration::from_millis(1));
@@ -362,7 +361,7 @@ mod tests {
     }
 
     #[test]
-    fn a_steady_rate_is_read_back_and_fades() {
+    fn measures_a_steady_rate_that_falls_to_zero() {
         let mut meter = RateMeter::default();
         let at = |i: i64| MonotonicTime::from_nanos(i * 40_000_000);
         (0..200).for_each(|i| meter.record(at(i)));

@@ -2,33 +2,33 @@
 
 use crate::program::Desk;
 
-/// A table on the ground, and in a folder of its own what is kept.
+/// Two boxes on the ground.
 const SCENE: &str = "[ground]\nsize_m = 4.0\n[[object]]\nshape = \"box\"\nsize_m = [0.4, 0.3, 0.2]\n\
                      [[object]]\nshape = \"box\"\nsize_m = [0.1, 0.1, 0.5]\nposition_m = [0.4, 0.0, 0.0]\n";
 
 #[test]
-fn a_scene_is_baked_and_what_was_done_is_told() {
+fn bakes_a_scene_and_prints_a_summary() {
     let desk = Desk::new();
     desk.put("scene.toml", SCENE);
     let options = "--planes 8 --lights 40 --resolution 32 --adapter llvmpipe";
-    let said = desk.works(&format!("bake scene.toml {options} --out a.bake --json"));
-    let done: serde_json::Value = serde_json::from_str(&said).unwrap();
+    let printed = desk.works(&format!("bake scene.toml {options} --out a.bake --json"));
+    let done: serde_json::Value = serde_json::from_str(&printed).unwrap();
     let count = |name: &str| done[name].as_u64().unwrap();
     assert!((2..=8).contains(&count("planes")), "{done}");
-    assert!(count("planes_on_real") >= 1, "{done}");
+    assert!(count("planes_on_real_surfaces") >= 1, "{done}");
     assert_eq!(count("lights"), 40);
     let all = count("basis_images") + count("basis_images_dropped");
     assert_eq!(all, 40 * count("planes"));
-    // Planes that stand upright see no light from behind.
+    // Upright planes receive no light from behind.
     assert!(count("basis_images_dropped") > 0, "{done}");
     assert_eq!(count("bytes"), desk.read("a.bake").len() as u64);
-    // The same again is the same, byte by byte.
+    // A second bake is identical.
     desk.works(&format!("bake scene.toml {options} --out b.bake"));
     assert!(desk.read("a.bake") == desk.read("b.bake"));
-    let said = desk.works(&format!("bake scene.toml {options} --out b.bake --force"));
+    let printed = desk.works(&format!("bake scene.toml {options} --out b.bake --force"));
     assert!(
-        said.contains("black images") && said.contains("b.bake"),
-        "{said}"
+        printed.contains("black images") && printed.contains("b.bake"),
+        "{printed}"
     );
 }
 
@@ -40,43 +40,49 @@ fn bakes_go_to_the_cache_of_the_configuration() {
         "rig.toml",
         "[planes]\ncount = 4\nresolution = 16\ncache = \"kept\"\n",
     );
-    let said = desk.works("bake scene.toml --config rig.toml --adapter llvmpipe");
+    let printed = desk.works("bake scene.toml --config rig.toml --adapter llvmpipe");
     let names = desk.names("kept");
     assert_eq!(names.len(), 1, "{names:?}");
-    assert!(said.contains(&names[0]), "{said}");
+    assert!(printed.contains(&names[0]), "{printed}");
 }
 
 #[test]
-fn a_sessions_own_object_and_phantoms_are_baked() {
+fn bakes_object_and_phantoms_of_a_session() {
     let desk = Desk::new();
     let options = "--planes 6 --resolution 16 --adapter llvmpipe --json";
-    let said = desk.works(&format!("bake DESK {options} --out desk.bake"));
-    let done: serde_json::Value = serde_json::from_str(&said).unwrap();
-    assert!(done["planes_on_real"].as_u64() >= Some(1), "{done}");
+    let printed = desk.works(&format!("bake DESK {options} --out desk.bake"));
+    let done: serde_json::Value = serde_json::from_str(&printed).unwrap();
+    assert!(
+        done["planes_on_real_surfaces"].as_u64() >= Some(1),
+        "{done}"
+    );
 }
 
 #[test]
-fn what_cannot_be_baked_is_refused_in_a_line() {
+fn refuses_impossible_bakes_in_one_line() {
     let desk = Desk::new();
     desk.put("empty.toml", "[ground]\nsize_m = 1.0\n");
     desk.put("photo.jpg", "x");
-    desk.put("taken.bake", "x");
+    desk.put("existing.bake", "x");
     desk.put("scene.toml", SCENE);
-    let said = desk.refuses("bake empty.toml --out a.bake");
-    assert!(said.contains("empty.toml: holds nothing virtual"), "{said}");
-    let said = desk.refuses("bake photo.jpg --out a.bake");
-    assert!(said.contains("expected a scene file"), "{said}");
-    let said = desk.refuses("bake DESK --session DESK --out a.bake");
-    assert!(said.contains("--session"), "{said}");
-    let said = desk.refuses("bake scene.toml --out taken.bake");
-    assert!(said.contains("exists already"), "{said}");
-    let said = desk.refuses("bake gone.glb --out a.bake");
-    assert!(said.contains("gone.glb"), "{said}");
-    let output = desk.run("bake scene.toml --lights 48");
-    let said = crate::program::text(&output.stderr);
-    assert_eq!(output.status.code(), Some(2), "{said}");
+    let printed = desk.refuses("bake empty.toml --out a.bake");
     assert!(
-        said.contains("expected one of [40, 160, 360, 640]"),
-        "{said}"
+        printed.contains("empty.toml: holds nothing virtual"),
+        "{printed}"
+    );
+    let printed = desk.refuses("bake photo.jpg --out a.bake");
+    assert!(printed.contains("expected a scene file"), "{printed}");
+    let printed = desk.refuses("bake DESK --session DESK --out a.bake");
+    assert!(printed.contains("--session"), "{printed}");
+    let printed = desk.refuses("bake scene.toml --out existing.bake");
+    assert!(printed.contains("exists already"), "{printed}");
+    let printed = desk.refuses("bake gone.glb --out a.bake");
+    assert!(printed.contains("gone.glb"), "{printed}");
+    let output = desk.run("bake scene.toml --lights 48");
+    let printed = crate::program::text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{printed}");
+    assert!(
+        printed.contains("expected one of [40, 160, 360, 640]"),
+        "{printed}"
     );
 }

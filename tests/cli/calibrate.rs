@@ -5,7 +5,7 @@ use glam::{DQuat, DVec2, DVec3};
 use penumbra_camera::{Lens, LensModel};
 use penumbra_interface::RigidTransform;
 
-/// A webcam of a quarter of VGA.
+/// Lens of a webcam with 320×240 pixels.
 fn lens() -> Lens {
     let size = (320, 240);
     let (focal, centre) = (DVec2::splat(270.0), DVec2::new(163.0, 118.0));
@@ -14,10 +14,10 @@ fn lens() -> Lens {
     lens
 }
 
-/// A board of 8×6 squares of 30 mm, of which the corners number 7×5.
+/// Grey value of a point on the board, metres: 8×6 squares of 30 mm, with 7×5 inner corners.
 fn brightness(p: DVec2) -> f64 {
     let (x, y) = (p.x / 0.03, p.y / 0.03);
-    let inside = |v: f64, most: f64| (0.0..most).contains(&v);
+    let inside = |v: f64, end: f64| (0.0..end).contains(&v);
     if !inside(x, 8.0) || !inside(y, 6.0) {
         return if inside(x + 1.0, 10.0) && inside(y + 1.0, 8.0) {
             220.0
@@ -32,7 +32,7 @@ fn brightness(p: DVec2) -> f64 {
     }
 }
 
-/// PNG of what the lens sees of it.
+/// Returns the picture of the board through the lens as PNG.
 fn picture(lens: &Lens, pose: RigidTransform) -> Vec<u8> {
     let board_from_camera = pose.inverse();
     let eye = board_from_camera.translation;
@@ -58,30 +58,30 @@ fn picture(lens: &Lens, pose: RigidTransform) -> Vec<u8> {
     bytes.into_inner()
 }
 
-/// Sixteen pictures from all sides.
-fn photographed() -> Desk {
+/// Writes sixteen pictures from different directions.
+fn with_pictures() -> Desk {
     let desk = Desk::new();
     for i in 0..16 {
         let (a, b) = (f64::from(i % 4) / 1.5 - 1.0, f64::from(i / 4) / 1.5 - 1.0);
         let tilt = DQuat::from_rotation_x(0.55 * b) * DQuat::from_rotation_y(-0.55 * a);
-        let turned = tilt * DQuat::from_rotation_z(0.2 * a * b + 0.1);
+        let rotation = tilt * DQuat::from_rotation_z(0.2 * a * b + 0.1);
         let middle = DVec3::new(0.12, 0.09, 0.0);
         let at = DVec3::new(0.085 * a, 0.065 * b, 0.42 + 0.04 * a);
-        let pose = RigidTransform::new(turned, at - turned * middle);
+        let pose = RigidTransform::new(rotation, at - rotation * middle);
         desk.put(&format!("pictures/{i:02}.png"), picture(&lens(), pose));
     }
     desk
 }
 
 #[test]
-fn pictures_of_a_board_become_a_calibration_and_a_report() {
-    let desk = photographed();
+fn calibrates_a_lens_from_pictures_of_a_board() {
+    let desk = with_pictures();
     let arguments = "calibrate intrinsics --pictures pictures --board chess:7x5:0.03 \
                      --device webcam --serial A1 --out scene_camera.json";
-    let said = desk.works(arguments);
+    let printed = desk.works(arguments);
     assert!(
-        said.contains("px RMS") && said.contains("16 pictures"),
-        "{said}"
+        printed.contains("px RMS") && printed.contains("16 pictures"),
+        "{printed}"
     );
     let found = desk.json("scene_camera.json");
     let focal = found["focal"][0].as_f64().unwrap();
@@ -99,7 +99,7 @@ fn pictures_of_a_board_become_a_calibration_and_a_report() {
     let again = desk.run(arguments);
     assert!(text(&again.stderr).contains("exists already"));
 
-    // To each other program and back.
+    // Convert to the format of each other program and back.
     desk.works("calibrate convert scene_camera.json --to opencv --out a.yml");
     desk.works("calibrate convert a.yml --to ros --out b.yaml");
     desk.works("calibrate convert b.yaml --to penumbra --out c.json");
@@ -109,9 +109,9 @@ fn pictures_of_a_board_become_a_calibration_and_a_report() {
 }
 
 #[test]
-fn a_wrong_board_writes_no_calibration() {
-    let desk = photographed();
-    for (board, says) in [
+fn wrong_board_writes_no_calibration() {
+    let desk = with_pictures();
+    for (board, expected) in [
         ("chess:8x5:0.03", "has 7×5 inner corners"),
         ("chess:6x4:0.03", "has 7×5 inner corners"),
         ("charuco:8x6:0.03:0.02", "shows the board"),
@@ -119,25 +119,28 @@ fn a_wrong_board_writes_no_calibration() {
         let output = desk.run(&format!(
             "calibrate intrinsics --pictures pictures --board {board} --out a.json --force"
         ));
-        let said = text(&output.stderr);
-        assert!(!output.status.success() && said.contains(says), "{said}");
-        assert_eq!(said.lines().count(), 1, "{said}");
+        let printed = text(&output.stderr);
+        assert!(
+            !output.status.success() && printed.contains(expected),
+            "{printed}"
+        );
+        assert_eq!(printed.lines().count(), 1, "{printed}");
         assert!(!desk.path("a.json").exists());
     }
 }
 
 #[test]
-fn a_board_is_printed_at_true_scale() {
+fn board_is_written_at_true_scale() {
     let desk = Desk::new();
-    let said = desk.works("calibrate board --board chess:9x6:0.025 --out board.pdf");
-    assert!(said.contains("275 x 204 mm"), "{said}");
+    let printed = desk.works("calibrate board --board chess:9x6:0.025 --out board.pdf");
+    assert!(printed.contains("275 x 204 mm"), "{printed}");
     assert!(desk.read("board.pdf").starts_with(b"%PDF-1.4"));
     desk.works("calibrate board --out board.svg");
     desk.works("calibrate board --board aprilgrid:6x6:0.03:0.3 --out tags.pdf");
     desk.works("calibrate board --board charuco:8x5:0.03:0.022:6x6_250 --out markers.svg");
     desk.works("calibrate board --out board.png --dpi 100");
     assert!(desk.read("board.png").starts_with(b"\x89PNG"));
-    for (arguments, says) in [
+    for (arguments, expected) in [
         ("--out board.gif", "name a .pdf, .svg or .png"),
         ("--out board.pdf", "exists already"),
         (
@@ -147,34 +150,38 @@ fn a_board_is_printed_at_true_scale() {
         ("--board chess:9x6:25 --out a.pdf", "25 mm is 0.025"),
     ] {
         let output = desk.run(&format!("calibrate board {arguments}"));
-        let said = text(&output.stderr);
-        assert!(!output.status.success() && said.contains(says), "{said}");
+        let printed = text(&output.stderr);
+        assert!(
+            !output.status.success() && printed.contains(expected),
+            "{printed}"
+        );
     }
 }
 
 #[test]
-fn a_session_without_a_board_is_refused_by_its_reason() {
+fn refuses_a_session_without_a_board() {
     let desk = Desk::new();
     let output =
         desk.run("calibrate intrinsics --session DESK --board chess:9x6:0.025 --out a.json");
-    let said = text(&output.stderr);
+    let printed = text(&output.stderr);
     assert!(
-        !output.status.success() && said.contains("shows the board"),
-        "{said}"
+        !output.status.success() && printed.contains("shows the board"),
+        "{printed}"
     );
     assert!(!desk.path("a.json").exists() && desk.path("a.html").exists());
 }
 
 #[test]
-fn tags_on_a_printed_board_are_told_with_their_corners() {
+fn lists_tags_with_their_corners() {
     let desk = Desk::new();
     std::fs::create_dir(desk.path("sheets")).unwrap();
     desk.works("calibrate board --board aprilgrid:3x2:0.03:0.3 --out sheets/tags.png --dpi 100");
-    let said = desk.works("calibrate tags --pictures sheets --family kalibr36h11 --out tags.csv");
-    assert!(said.contains("tags.png: 6 tags"), "{said}");
+    let printed =
+        desk.works("calibrate tags --pictures sheets --family kalibr36h11 --out tags.csv");
+    assert!(printed.contains("tags.png: 6 tags"), "{printed}");
     let table = text(&desk.read("tags.csv"));
     assert_eq!(table.lines().count(), 7, "{table}");
-    // Its lower left tag has number 0; the sheet's margin is 4.5 mm, the squares' edge 9 mm.
+    // The lower left tag has number 0; the sheet's margin is 4.5 mm, the edge of its squares 9 mm.
     let first = table.lines().nth(1).unwrap();
     let fields: Vec<&str> = first.split(',').collect();
     assert_eq!((fields[1], fields[2]), ("kalibr36h11", "0"));

@@ -1,4 +1,4 @@
-//! Pictures shown for the instant at which they are seen.
+//! Pictures composed for the instant at which they are seen.
 
 use crate::live::{Running, status, until};
 use crate::program::{Desk, desk_session};
@@ -7,7 +7,8 @@ use glam::{DQuat, DVec3};
 /// Time in seconds, and a pose.
 type Posed = (f64, DVec3, DQuat);
 
-/// Poses of the pictures as they were taken, and as they are expected when they are seen.
+/// Reads the poses of pictures at their exposure, and as predicted for the time at which they are
+/// seen.
 fn poses(csv: &str) -> Vec<(Posed, Option<Posed>)> {
     let mut lines = csv.lines();
     let names: Vec<&str> = lines.next().unwrap().split(',').collect();
@@ -23,18 +24,18 @@ fn poses(csv: &str) -> Vec<(Posed, Option<Posed>)> {
     };
     let each = lines.map(|line| {
         let cells: Vec<&str> = line.split(',').collect();
-        let taken = posed(&cells, "captured_ns", "").unwrap();
-        (taken, posed(&cells, "shown_ns", "shown_"))
+        let captured = posed(&cells, "captured_ns", "").unwrap();
+        (captured, posed(&cells, "shown_ns", "shown_"))
     });
     each.collect()
 }
 
-/// Metres and radians between where the camera is expected, and was when the picture was taken, and
-/// where later pictures say that it was: root mean squares.
-fn off(poses: &[(Posed, Option<Posed>)]) -> [[f64; 2]; 2] {
+/// Returns the RMS errors (metres, radians) of the predicted poses, and of the poses at exposure,
+/// against the poses of later pictures at the time at which the picture is seen.
+fn pose_errors(poses: &[(Posed, Option<Posed>)]) -> [[f64; 2]; 2] {
     let mut sums = [[0.0; 2]; 2];
     let mut count = 0.0;
-    for (taken, shown) in poses {
+    for (captured, shown) in poses {
         let Some(shown) = shown else { continue };
         let pairs = poses.windows(2);
         let mut around = pairs.filter(|p| p[0].0.0 <= shown.0 && shown.0 < p[1].0.0);
@@ -43,9 +44,9 @@ fn off(poses: &[(Posed, Option<Posed>)]) -> [[f64; 2]; 2] {
         };
         let share = (shown.0 - a.0) / (b.0 - a.0);
         let truth = (a.1.lerp(b.1, share), a.2.slerp(b.2, share));
-        for (sum, told) in sums.iter_mut().zip([shown, taken]) {
-            sum[0] += told.1.distance_squared(truth.0);
-            sum[1] += told.2.angle_between(truth.1).powi(2);
+        for (sum, pose) in sums.iter_mut().zip([shown, captured]) {
+            sum[0] += pose.1.distance_squared(truth.0);
+            sum[1] += pose.2.angle_between(truth.1).powi(2);
         }
         count += 1.0;
     }
@@ -54,7 +55,7 @@ fn off(poses: &[(Posed, Option<Posed>)]) -> [[f64; 2]; 2] {
 }
 
 #[test]
-fn a_replay_shows_pictures_as_the_camera_stands_when_they_are_seen() {
+fn replay_predicts_the_pose_at_which_pictures_are_seen() {
     let desk = Desk::new();
     let session = desk_session().display().to_string();
     desk.put(
@@ -72,16 +73,16 @@ fn a_replay_shows_pictures_as_the_camera_stands_when_they_are_seen() {
     };
     let (with, without) = (run("on"), run("off"));
     assert!(without.iter().all(|(_, shown)| shown.is_none()));
-    for ((taken, shown), (plain, _)) in with.iter().zip(&without) {
-        assert_eq!(taken, plain);
-        let ahead = shown.unwrap().0 - taken.0;
+    for ((captured, shown), (plain, _)) in with.iter().zip(&without) {
+        assert_eq!(captured, plain);
+        let ahead = shown.unwrap().0 - captured.0;
         assert!((0.0299..0.12).contains(&ahead), "{ahead}");
     }
-    let [expected, late] = off(&with);
-    println!("expected {expected:?}, without {late:?}");
+    let [predicted, late] = pose_errors(&with);
+    println!("predicted {predicted:?}, without {late:?}");
     assert!(
-        (0..2).all(|k| expected[k] < 0.5 * late[k]),
-        "{expected:?} {late:?}"
+        (0..2).all(|k| predicted[k] < 0.5 * late[k]),
+        "{predicted:?} {late:?}"
     );
     let picture = |name: &str| {
         let mut files: Vec<_> = std::fs::read_dir(desk.path(name)).unwrap().collect();
@@ -91,10 +92,11 @@ fn a_replay_shows_pictures_as_the_camera_stands_when_they_are_seen() {
     assert_ne!(picture("on"), picture("off"));
 }
 
-/// A picture arrives 18 ms after its exposure, the tracker's reading that belongs to it 40 ms. A live
-/// rig waits 20 ms for it, hands the picture over without, and it is seen 15 ms later.
+/// A picture arrives 18 ms after its exposure, the matching reading of the tracker after 40 ms. A live
+/// rig waits 20 ms for the reading, then composes the picture without it; the picture is seen 15 ms
+/// later.
 #[test]
-fn a_recorded_rig_with_a_late_tracker_is_shown_after_the_wait_for_it() {
+fn display_time_includes_the_wait_for_a_late_tracker() {
     let desk = Desk::new();
     desk.works(
         "simulate session --seed 5 --seconds 3 --known-tracker --camera-latency 0 \
@@ -110,24 +112,24 @@ fn a_recorded_rig_with_a_late_tracker_is_shown_after_the_wait_for_it() {
     let poses = poses(&std::fs::read_to_string(desk.path("p.csv")).unwrap());
     let shown = poses
         .iter()
-        .filter_map(|(taken, shown)| Some((taken.0, shown.as_ref()?.0)));
-    let ahead: Vec<f64> = shown.map(|(taken, shown)| shown - taken).collect();
+        .filter_map(|(captured, shown)| Some((captured.0, shown.as_ref()?.0)));
+    let ahead: Vec<f64> = shown.map(|(captured, shown)| shown - captured).collect();
     assert!(ahead.len() > 60, "{}", ahead.len());
-    let (least, most) = ahead
+    let (min, max) = ahead
         .iter()
         .fold((1.0_f64, 0.0_f64), |(a, b), s| (a.min(*s), b.max(*s)));
-    assert!(0.051 < least && most < 0.056, "{least} to {most}");
-    // The first second learns how the hand moves.
-    let [expected, late] = off(&poses[30..]);
-    println!("expected {expected:?}, without {late:?}");
+    assert!(0.051 < min && max < 0.056, "{min} to {max}");
+    // The predictor adapts to the motion during the first second.
+    let [predicted, late] = pose_errors(&poses[30..]);
+    println!("predicted {predicted:?}, without {late:?}");
     assert!(
-        (0..2).all(|k| expected[k] < 0.5 * late[k]),
-        "{expected:?} {late:?}"
+        (0..2).all(|k| predicted[k] < 0.5 * late[k]),
+        "{predicted:?} {late:?}"
     );
 }
 
 #[test]
-fn a_live_rig_tells_how_far_ahead_it_shows_its_pictures() {
+fn live_status_reports_the_display_prediction() {
     let desk = Desk::new();
     let session = desk_session().display().to_string();
     let devices = ["scene_camera", "environment_camera", "tracker"]
@@ -138,10 +140,10 @@ fn a_live_rig_tells_how_far_ahead_it_shows_its_pictures() {
     );
     desk.put("rig.toml", devices.concat() + &rest);
     let (rig, address) = Running::rig(&desk, &[]);
-    until("the error is told", || {
+    until("the prediction error is reported", || {
         let display = status(&address)["registration"]["display"].clone();
         let ahead = display["ahead_ms"].as_f64().unwrap_or(0.0);
-        // Arrival to window is measured, and comes on top of the configured 15.
+        // The measured time from arrival to window is added to the configured 15 ms.
         ahead > 15.5 && ahead < 2000.0 && display["sigma_px"].as_f64() > Some(0.0)
     });
     rig.end();

@@ -1,4 +1,4 @@
-//! The live rig, on replayed devices: the same way as with real ones.
+//! The live rig, with replayed devices instead of real ones.
 
 use crate::program::{Desk, desk_session, text};
 use crate::service::get;
@@ -11,7 +11,7 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// A rig of replayed devices, calibrated.
+/// Writes the configuration of a calibrated rig of replayed devices.
 fn configure(desk: &Desk, session: &str) {
     let calibration = desk_session().display().to_string();
     let text = format!(
@@ -22,7 +22,7 @@ fn configure(desk: &Desk, session: &str) {
     desk.put("rig.toml", text);
 }
 
-/// A program that runs, and is killed if a test fails.
+/// A running program; it is killed if the test fails.
 pub struct Running(Child);
 
 impl Drop for Running {
@@ -33,7 +33,7 @@ impl Drop for Running {
 }
 
 impl Running {
-    /// The live rig, and the address that it told.
+    /// Starts the live rig; returns it with the address that it prints.
     pub fn rig(desk: &Desk, more: &[&str]) -> (Self, String) {
         let line = [
             "run",
@@ -49,17 +49,17 @@ impl Running {
             .stderr(Stdio::piped())
             .spawn();
         let mut running = Self(child.unwrap());
-        let mut said = String::new();
+        let mut printed = String::new();
         let stdout = running.0.stdout.as_mut().unwrap();
-        BufReader::new(stdout).read_line(&mut said).unwrap();
-        let address = said.trim_end().strip_prefix("status page: http://");
+        BufReader::new(stdout).read_line(&mut printed).unwrap();
+        let address = printed.trim_end().strip_prefix("status page: http://");
         let address = address.and_then(|a| a.strip_suffix('/'));
-        let address = address.unwrap_or_else(|| panic!("{said:?}")).to_owned();
+        let address = address.unwrap_or_else(|| panic!("{printed:?}")).to_owned();
         (running, address)
     }
 
-    /// One that was started elsewhere.
-    pub const fn of(child: Child) -> Self {
+    /// Wraps a program that was started elsewhere.
+    pub const fn from_child(child: Child) -> Self {
         Self(child)
     }
 
@@ -73,16 +73,16 @@ impl Running {
         assert!(sent.success());
     }
 
-    /// Ends it in order; what it said on standard error.
+    /// Ends the program by SIGTERM; returns its standard error.
     pub fn end(mut self) -> String {
         self.signal("-TERM");
-        let mut said = String::new();
+        let mut printed = String::new();
         let stderr = self.0.stderr.take();
         if let Some(mut stderr) = stderr {
-            stderr.read_to_string(&mut said).unwrap();
+            stderr.read_to_string(&mut printed).unwrap();
         }
-        assert!(self.0.wait().unwrap().success(), "{said}");
-        said
+        assert!(self.0.wait().unwrap().success(), "{printed}");
+        printed
     }
 }
 
@@ -123,7 +123,7 @@ pub fn device(status: &Value, kind: &str) -> Value {
         .clone()
 }
 
-/// Frames in `live` that are not, byte by byte, in `replayed`.
+/// Counts the frames in `live` that differ from those in `replayed`.
 fn different(desk: &Desk, live: &str, replayed: &str) -> usize {
     let same = |name: &&String| {
         let path = |folder: &str| Path::new(folder).join(name);
@@ -135,34 +135,34 @@ fn different(desk: &Desk, live: &str, replayed: &str) -> usize {
 }
 
 #[test]
-fn a_replay_shows_what_the_live_rig_showed() {
+fn replay_of_a_recording_equals_the_live_pictures() {
     let desk = Desk::new();
     configure(&desk, &desk_session().display().to_string());
     let out = "--headless --config rig.toml --frames-out";
-    let said = desk.works(&format!(
+    let printed = desk.works(&format!(
         "run --listen 127.0.0.1:0 {out} live --frames 25 --record rec.mcap"
     ));
-    assert!(said.contains("25 frames composed"), "{said}");
+    assert!(printed.contains("25 frames composed"), "{printed}");
     assert!(
-        said.contains("rec.mcap: ") && !said.contains("DROPPED"),
-        "{said}"
+        printed.contains("rec.mcap: ") && !printed.contains("DROPPED"),
+        "{printed}"
     );
     desk.works(&format!(
         "replay rec.mcap --listen 127.0.0.1:0 {out} replayed"
     ));
     assert_eq!(different(&desk, "live", "replayed"), 0);
-    // The judge is not blind: poses that had more time are others.
+    // The comparison detects differences: with complete pairing the poses differ.
     let line = format!("replay rec.mcap --listen 127.0.0.1:0 --pairing complete {out} complete");
     desk.works(&line);
     assert!(different(&desk, "live", "complete") > 20);
 }
 
 #[test]
-fn a_recording_of_its_own_holds_everything_and_is_never_overwritten() {
+fn record_writes_all_streams_and_never_overwrites() {
     let desk = Desk::new();
     configure(&desk, &desk_session().display().to_string());
-    let said = desk.works("record out.mcap --config rig.toml --duration 3");
-    assert!(said.starts_with("out.mcap: "), "{said}");
+    let printed = desk.works("record out.mcap --config rig.toml --duration 3");
+    assert!(printed.starts_with("out.mcap: "), "{printed}");
     let session = Session::open(&desk.path("out.mcap")).unwrap();
     let original = Session::open(&desk_session()).unwrap();
     assert!(!session.truncated() && !session.has_journal());
@@ -197,7 +197,7 @@ fn a_recording_of_its_own_holds_everything_and_is_never_overwritten() {
 
 #[cfg(unix)]
 #[test]
-fn what_a_kill_leaves_is_readable_but_for_the_last_second() {
+fn recording_of_a_killed_program_lacks_at_most_one_second() {
     let desk = Desk::new();
     configure(&desk, &desk_session().display().to_string());
     let mut command = desk.command(&["record", "out.mcap", "--config", "rig.toml"]);
@@ -206,7 +206,7 @@ fn what_a_kill_leaves_is_readable_but_for_the_last_second() {
     until("three seconds are on the disk", || {
         Session::open(&desk.path("out.mcap")).is_ok_and(long_enough)
     });
-    // Before the command that kills is even started: on a busy machine that takes a while.
+    // Read the time before `kill` starts, which takes a while on a busy machine.
     let killed_at = SystemClock.now();
     recorder.signal("-KILL");
     drop(recorder);
@@ -218,7 +218,7 @@ fn what_a_kill_leaves_is_readable_but_for_the_last_second() {
         scene += u64::from(matches!(event, SessionEvent::Scene(_)));
         last = event.arrived_at();
     }
-    // Three seconds, of which the seam of the looped session is one pause.
+    // Three seconds, with a pause where the session is repeated.
     assert!(scene > 50, "{scene}");
     let lost = killed_at.seconds_since(last);
     assert!(lost < 1.0, "the last {lost} s are lost");
@@ -227,11 +227,11 @@ fn what_a_kill_leaves_is_readable_but_for_the_last_second() {
 
 #[cfg(unix)]
 #[test]
-fn without_devices_the_rig_says_so_and_takes_them_when_they_come() {
+fn missing_devices_are_reported_and_used_once_they_appear() {
     let desk = Desk::new();
     configure(&desk, "late.mcap");
     let (rig, address) = Running::rig(&desk, &[]);
-    until("status knows what is missing", || {
+    until("the status reports the missing device", || {
         let scene = status(&address)["devices"][0]["reason"].clone();
         scene.as_str().is_some_and(|r| r.contains("not there"))
     });
@@ -241,7 +241,7 @@ fn without_devices_the_rig_says_so_and_takes_them_when_they_come() {
         (&"live".into(), &0.into())
     );
     assert!(
-        s["session"]["sentence"]
+        s["session"]["description"]
             .as_str()
             .unwrap()
             .contains("late.mcap"),
@@ -250,7 +250,7 @@ fn without_devices_the_rig_says_so_and_takes_them_when_they_come() {
     for kind in ["scene-camera", "environment-camera", "tracker"] {
         assert_eq!(device(&s, kind)["state"], "retrying");
     }
-    // A black picture stands for the camera's.
+    // A black picture replaces the camera's.
     until("a picture", || {
         get(&address, "/snapshot.png").starts_with("HTTP/1.1 200")
     });
@@ -269,20 +269,15 @@ fn without_devices_the_rig_says_so_and_takes_them_when_they_come() {
         scene["attempts"].as_u64().unwrap() > 1 && scene["reason"].is_null(),
         "{scene}"
     );
-    assert!(
-        scene["last_trouble"]
-            .as_str()
-            .unwrap()
-            .contains("not there")
-    );
-    let said = rig.end();
-    // Once for each device, not once for each attempt.
-    assert_eq!(said.matches("not there").count(), 3, "{said}");
+    assert!(scene["last_error"].as_str().unwrap().contains("not there"));
+    let printed = rig.end();
+    // One message per device, not one per attempt.
+    assert_eq!(printed.matches("not there").count(), 3, "{printed}");
 }
 
 #[cfg(unix)]
 #[test]
-fn the_running_rig_records_when_it_is_asked_to() {
+fn running_rig_records_on_request() {
     let desk = Desk::new();
     configure(&desk, &desk_session().display().to_string());
     let (rig, address) = Running::rig(&desk, &[]);
@@ -336,7 +331,7 @@ fn the_running_rig_records_when_it_is_asked_to() {
 
 #[cfg(target_os = "linux")]
 #[test]
-fn the_service_manager_hears_of_the_start_the_state_and_every_turn_of_the_loop() {
+fn service_manager_is_notified_of_start_state_and_watchdog() {
     use std::os::unix::net::UnixDatagram;
     let desk = Desk::new();
     configure(&desk, "nowhere.mcap");
@@ -362,24 +357,25 @@ fn the_service_manager_hears_of_the_start_the_state_and_every_turn_of_the_loop()
             .spawn()
             .unwrap(),
     );
-    let mut heard = Vec::new();
-    let mut hear = || {
+    let mut messages = Vec::new();
+    let mut receive = || {
         let mut buffer = [0; 4096];
         let length = manager.recv(&mut buffer).unwrap();
-        heard.push(text(&buffer[..length]).trim_end().to_owned());
-        heard.clone()
+        messages.push(text(&buffer[..length]).trim_end().to_owned());
+        messages.clone()
     };
-    let fed = |heard: &[String]| heard.iter().filter(|h| *h == "WATCHDOG=1").count();
-    while fed(&hear()) < 4 {}
-    let told = hear();
-    assert_eq!(told[0], "READY=1");
+    let watchdogs = |messages: &[String]| messages.iter().filter(|m| *m == "WATCHDOG=1").count();
+    while watchdogs(&receive()) < 4 {}
+    let received = receive();
+    assert_eq!(received[0], "READY=1");
     assert!(
-        told.iter()
-            .any(|h| h.starts_with("STATUS=") && h.contains("not there")),
-        "{told:?}"
+        received
+            .iter()
+            .any(|m| m.starts_with("STATUS=") && m.contains("not there")),
+        "{received:?}"
     );
     rig.signal("-TERM");
-    while hear().last().unwrap() != "STOPPING=1" {}
+    while receive().last().unwrap() != "STOPPING=1" {}
     rig.end_quietly();
 }
 

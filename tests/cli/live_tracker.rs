@@ -1,5 +1,5 @@
-//! A whole rig on replayed cameras and a simulated tracker behind a pseudo-terminal: the
-//! live code path from the serial port to the picture.
+//! A complete rig with replayed cameras and a simulated tracker on a pseudo-terminal: the live code
+//! path from the serial port to the picture.
 #![cfg(unix)]
 
 use crate::live::{Running, device, status, until};
@@ -10,7 +10,7 @@ use penumbra_tracker_serial::AnyDecoder;
 use serde_json::Value;
 use std::time::Duration;
 
-/// The desk, whose recorded tracker bytes come through a line.
+/// Writes the configuration of the bundled session's rig with a tracker on a serial line.
 fn configure(desk: &Desk, device: &str, protocol: &str) {
     let session = desk_session().display().to_string();
     desk.put(
@@ -24,7 +24,7 @@ fn configure(desk: &Desk, device: &str, protocol: &str) {
     );
 }
 
-/// As status knows it, once it does.
+/// Waits until the status lists the devices; returns the tracker.
 fn tracker(address: &str) -> Value {
     let mut s = status(address);
     while s["devices"].as_array().is_none_or(Vec::is_empty) {
@@ -44,7 +44,7 @@ fn paired(address: &str) -> u64 {
 }
 
 #[test]
-fn a_tracker_that_goes_away_leaves_the_picture_and_is_taken_back_within_two_seconds() {
+fn lost_tracker_keeps_the_picture_and_is_reopened_within_two_seconds() {
     let desk = Desk::new();
     let link = desk.path("tracker").display().to_string();
     configure(&desk, &link, "fastrak");
@@ -56,7 +56,7 @@ fn a_tracker_that_goes_away_leaves_the_picture_and_is_taken_back_within_two_seco
     assert_eq!(there["state"], "streaming", "{there}");
 
     drop(first);
-    until("its loss is told", || {
+    until("its loss is reported", || {
         tracker(&address)["state"] != "streaming"
     });
     let gone = tracker(&address);
@@ -80,14 +80,14 @@ fn a_tracker_that_goes_away_leaves_the_picture_and_is_taken_back_within_two_seco
 }
 
 #[test]
-fn a_tracker_of_another_protocol_is_named_by_what_it_says() {
+fn names_the_protocol_of_a_wrongly_configured_tracker() {
     let desk = Desk::new();
     let link = desk.path("tracker").display().to_string();
     configure(&desk, &link, "fastrak");
     let line = format!("simulate tracker --protocol csv --pty {link}");
     let _simulation = Simulation::start(&desk, &line);
     let (rig, address) = Running::rig(&desk, &[]);
-    until("what was seen is told", || {
+    until("the protocol is reported", || {
         let reason = tracker(&address)["reason"].clone();
         reason.as_str().is_some_and(|r| r.contains("csv"))
     });
@@ -95,9 +95,9 @@ fn a_tracker_of_another_protocol_is_named_by_what_it_says() {
     rig.end();
 }
 
-/// The other way: the poses of the pictures, for virtual-production tools.
+/// Output of the pictures' poses for virtual-production tools.
 #[test]
-fn the_pictures_poses_are_sent_as_free_d() {
+fn sends_the_poses_of_pictures_as_freed() {
     let desk = Desk::new();
     let receiver = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
     receiver
@@ -123,11 +123,11 @@ fn the_pictures_poses_are_sent_as_free_d() {
         decoder.push(&bytes[..len], SystemClock.now(), |pose| poses.push(pose));
     }
     assert_eq!(decoder.counters().skipped_bytes, 0);
-    // The decoder believes the first record once the second has come.
+    // The decoder accepts the first record when the second has arrived.
     assert_eq!(poses.len(), 5, "one for each picture");
     for pose in poses {
         let camera = pose.transmitter_from_sensor;
-        // The desk is looked at from above, and the studio's camera looks along its y.
+        // The camera looks down at the desk; FreeD cameras look along +Y.
         let forward = camera.rotation * glam::DVec3::Y;
         assert!(camera.translation.z > 0.1 && camera.translation.length() < 2.0);
         assert!(forward.z < -0.2, "{forward}");

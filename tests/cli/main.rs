@@ -1,5 +1,4 @@
-//! The program as its users have it: what it writes, what it says, and that a mistake
-//! costs one line and nothing else.
+//! Runs the program: the files that it writes, its output, and its one-line errors.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 

@@ -1,19 +1,19 @@
-//! Runs the program in a folder of its own.
+//! Runs the program in a temporary folder.
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use tempfile::TempDir;
 
-/// A folder to run in, and what can be said of a run.
+/// A temporary folder in which the program runs, with additional variables of the environment.
 pub struct Desk {
     folder: TempDir,
     environment: Vec<(&'static str, &'static str)>,
 }
 
-/// The bundled session.
+/// Returns the path of the bundled session.
 pub fn desk_session() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/sessions/desk.mcap")
+    penumbra_test_data::fixture("sessions/desk.mcap")
 }
 
 impl Desk {
@@ -24,7 +24,7 @@ impl Desk {
         }
     }
 
-    /// One more variable of the environment.
+    /// Adds a variable of the environment.
     pub fn with(mut self, name: &'static str, value: &'static str) -> Self {
         self.environment.push((name, value));
         self
@@ -50,7 +50,7 @@ impl Desk {
         serde_json::from_slice(&self.read(name)).unwrap()
     }
 
-    /// The names in a folder, sorted.
+    /// Returns the names in a folder, sorted.
     pub fn names(&self, folder: &str) -> Vec<String> {
         let entries = std::fs::read_dir(self.path(folder)).unwrap();
         let name = |entry: std::io::Result<std::fs::DirEntry>| entry.unwrap().file_name();
@@ -61,7 +61,7 @@ impl Desk {
         names
     }
 
-    /// The program, ready to run, on a machine without a desktop.
+    /// Returns the program as a command, on a machine without a desktop.
     pub fn command<S: AsRef<OsStr>>(&self, arguments: &[S]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_penumbra"));
         command.args(arguments).current_dir(self.folder.path());
@@ -82,7 +82,7 @@ impl Desk {
         self.command(&words(line)).output().unwrap()
     }
 
-    /// Runs a command line that must work; what it said on standard output.
+    /// Runs a command line that must succeed; returns its standard output.
     pub fn works(&self, line: &str) -> String {
         let output = self.run(line);
         let error = text(&output.stderr);
@@ -90,21 +90,21 @@ impl Desk {
         text(&output.stdout)
     }
 
-    /// Runs a command line that must fail; its one line of complaint.
+    /// Runs a command line that must fail; returns its one-line error without the prefix.
     pub fn refuses(&self, line: &str) -> String {
         let output = self.run(line);
         let error = text(&output.stderr);
         assert_eq!(output.status.code(), Some(1), "{line}: {error}");
         assert!(!error.contains("panicked"), "{line}: {error}");
-        let complaint = error
+        let message = error
             .strip_prefix("penumbra: ")
             .unwrap_or_else(|| panic!("{line}: {error}"));
         assert_eq!(error.lines().count(), 1, "{line}: {error}");
-        complaint.trim_end().to_owned()
+        message.trim_end().to_owned()
     }
 }
 
-/// `DESK` stands for the bundled session, as no path of these tests has a blank in it.
+/// Splits a command line into words. `DESK` is replaced by the path of the bundled session.
 fn words(line: &str) -> Vec<String> {
     let session = desk_session().display().to_string();
     line.split_whitespace()

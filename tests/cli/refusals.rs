@@ -1,57 +1,57 @@
-//! Bad input: one clear line, a non-zero exit, no panic, nothing overwritten.
+//! Wrong input: a one-line error, a non-zero exit status, no panic, nothing overwritten.
 
 use crate::program::{Desk, desk_session};
 use crate::sessions::{put_foreign, put_session};
 use penumbra_session::Session;
 use std::net::TcpListener;
 
-/// Quick to refuse: no window, no port that another test may have.
+/// Options for a quick refusal: no window, and a free port.
 const QUICK: &str = "--headless --speed max --frames 1 --light-count 8 --listen 127.0.0.1:0";
 
-fn complaint(desk: &Desk, arguments: &str) -> String {
+fn replay_error(desk: &Desk, arguments: &str) -> String {
     desk.refuses(&format!("replay {arguments} {QUICK}"))
 }
 
 #[track_caller]
-fn says(complaint: &str, parts: &[&str]) {
+fn assert_contains(message: &str, parts: &[&str]) {
     for part in parts {
-        assert!(complaint.contains(part), "{part:?} is not in {complaint:?}");
+        assert!(message.contains(part), "{part:?} is not in {message:?}");
     }
 }
 
 #[test]
-fn sessions_that_are_none() {
+fn refuses_files_that_are_not_sessions() {
     let desk = Desk::new();
     desk.put("empty.mcap", "");
     desk.put("notes.mcap", "dear diary, today the rig did not work");
     desk.put("cut.mcap", &std::fs::read(desk_session()).unwrap()[..200]);
     put_foreign(&desk, "weather.mcap");
-    says(
-        &complaint(&desk, "nowhere.mcap"),
+    assert_contains(
+        &replay_error(&desk, "nowhere.mcap"),
         &["nowhere.mcap", "no such session", "import"],
     );
-    says(&complaint(&desk, "empty.mcap"), &["empty.mcap", "empty"]);
-    says(
-        &complaint(&desk, "notes.mcap"),
+    assert_contains(&replay_error(&desk, "empty.mcap"), &["empty.mcap", "empty"]);
+    assert_contains(
+        &replay_error(&desk, "notes.mcap"),
         &["notes.mcap", "not an MCAP file", "import"],
     );
-    says(
-        &complaint(&desk, "cut.mcap"),
+    assert_contains(
+        &replay_error(&desk, "cut.mcap"),
         &["cut.mcap", "truncated before its first complete chunk"],
     );
-    says(
-        &complaint(&desk, "weather.mcap"),
+    assert_contains(
+        &replay_error(&desk, "weather.mcap"),
         &["weather.mcap", "/weather"],
     );
-    says(&complaint(&desk, "."), &["."]);
+    assert_contains(&replay_error(&desk, "."), &["."]);
     for name in ["nowhere", "empty", "notes", "cut", "weather"] {
         let line = desk.refuses(&format!("info {name}.mcap"));
-        says(&line, &[name]);
+        assert_contains(&line, &[name]);
     }
 }
 
 #[test]
-fn sessions_without_what_a_replay_needs() {
+fn refuses_incomplete_sessions() {
     let desk = Desk::new();
     put_session(&desk, "bare.mcap", &[]);
     put_session(
@@ -70,18 +70,24 @@ fn sessions_without_what_a_replay_needs() {
     put_session(&desk, "no-object.mcap", &rest);
     let broken: (&str, &[u8]) = ("object/object.glb", b"glTF, but not");
     put_session(&desk, "object.mcap", &[&rest[..], &[broken]].concat());
-    says(&complaint(&desk, "bare.mcap"), &["rig.json"]);
-    says(&complaint(&desk, "garbled.mcap"), &["rig.json", "line 1"]);
-    says(
-        &complaint(&desk, "half.mcap"),
+    assert_contains(&replay_error(&desk, "bare.mcap"), &["rig.json"]);
+    assert_contains(
+        &replay_error(&desk, "garbled.mcap"),
+        &["rig.json", "line 1"],
+    );
+    assert_contains(
+        &replay_error(&desk, "half.mcap"),
         &["rig.json", "scene_camera"],
     );
-    says(&complaint(&desk, "object.mcap"), &["object/object.glb"]);
-    says(&complaint(&desk, "no-object.mcap"), &["object/object.glb"]);
+    assert_contains(&replay_error(&desk, "object.mcap"), &["object/object.glb"]);
+    assert_contains(
+        &replay_error(&desk, "no-object.mcap"),
+        &["object/object.glb"],
+    );
 }
 
 #[test]
-fn configurations_with_mistakes() {
+fn refuses_wrong_configurations() {
     let desk = Desk::new();
     let cases = [
         (
@@ -123,18 +129,21 @@ fn configurations_with_mistakes() {
     ];
     for (name, content, parts) in cases {
         desk.put(&format!("{name}.toml"), content);
-        says(
-            &complaint(&desk, &format!("DESK --config {name}.toml")),
+        assert_contains(
+            &replay_error(&desk, &format!("DESK --config {name}.toml")),
             &parts,
         );
-        says(&desk.refuses(&format!("check-config {name}.toml")), &parts);
+        assert_contains(&desk.refuses(&format!("check-config {name}.toml")), &parts);
     }
-    says(&complaint(&desk, "DESK --config gone.toml"), &["gone.toml"]);
-    says(&desk.refuses("check-config gone.toml"), &["gone.toml"]);
+    assert_contains(
+        &replay_error(&desk, "DESK --config gone.toml"),
+        &["gone.toml"],
+    );
+    assert_contains(&desk.refuses("check-config gone.toml"), &["gone.toml"]);
 }
 
 #[test]
-fn scenes_with_mistakes() {
+fn refuses_wrong_scenes() {
     let desk = Desk::new();
     let object = |file: &str| format!("[[object]]\nname = \"it\"\nfile = \"{file}\"\n");
     desk.put("broken.glb", b"glTF\x02\0\0\0 and then nothing of use");
@@ -148,66 +157,69 @@ fn scenes_with_mistakes() {
     desk.put("secret.bin", [0; 36]);
     desk.put("below/outside.gltf", outside);
     desk.put("below/scene.toml", object("outside.gltf"));
-    says(
-        &complaint(&desk, "DESK --scene broken.toml"),
+    assert_contains(
+        &replay_error(&desk, "DESK --scene broken.toml"),
         &["broken.glb"],
     );
-    says(&complaint(&desk, "DESK --scene gone.toml"), &["gone.glb"]);
-    says(
-        &complaint(&desk, "DESK --scene below/scene.toml"),
+    assert_contains(
+        &replay_error(&desk, "DESK --scene gone.toml"),
+        &["gone.glb"],
+    );
+    assert_contains(
+        &replay_error(&desk, "DESK --scene below/scene.toml"),
         &["outside.gltf", "../secret.bin"],
     );
-    says(
-        &complaint(&desk, "DESK --scene nowhere.toml"),
+    assert_contains(
+        &replay_error(&desk, "DESK --scene nowhere.toml"),
         &["nowhere.toml"],
     );
 }
 
 #[test]
-fn ports_and_addresses() {
+fn refuses_ports_in_use_and_public_addresses_without_token() {
     let desk = Desk::new();
-    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
-    let address = taken.local_addr().unwrap();
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap();
     let line = desk.refuses(&format!(
         "replay DESK --headless --frames 1 --listen {address}"
     ));
-    says(&line, &[&address.port().to_string(), "in use", "--listen"]);
+    assert_contains(&line, &[&address.port().to_string(), "in use", "--listen"]);
     let line = desk.refuses("replay DESK --headless --frames 1 --listen 0.0.0.0:0");
-    says(&line, &["0.0.0.0:0", "token"]);
+    assert_contains(&line, &["0.0.0.0:0", "token"]);
 }
 
 #[test]
-fn adapters_that_are_not_there() {
+fn refuses_missing_adapters() {
     let desk = Desk::new();
-    says(
-        &complaint(&desk, "DESK --adapter nonesuch"),
+    assert_contains(
+        &replay_error(&desk, "DESK --adapter nonesuch"),
         &["nonesuch", "not found"],
     );
-    says(
+    assert_contains(
         &desk.refuses("bench --adapter nonesuch"),
         &["nonesuch", "not found"],
     );
     let bare = Desk::new()
         .with("VK_DRIVER_FILES", "/nonexistent")
         .with("VK_ICD_FILENAMES", "/nonexistent");
-    says(
-        &complaint(&bare, "DESK"),
+    assert_contains(
+        &replay_error(&bare, "DESK"),
         &["no graphics adapter", "install", "doctor"],
     );
-    says(
+    assert_contains(
         &bare.refuses("bench"),
         &["no graphics adapter", "install", "doctor"],
     );
 }
 
 #[test]
-fn no_window_system() {
+fn refuses_a_window_without_a_window_system() {
     let desk = Desk::new();
     let line = desk.refuses("replay DESK --frames 1 --listen 127.0.0.1:0");
-    says(&line, &["no window", "--headless"]);
+    assert_contains(&line, &["no window", "--headless"]);
 }
 
-/// Whatever is written goes nowhere where something is already.
+/// Existing output files are never overwritten without `--force`.
 #[test]
 fn nothing_is_overwritten_without_force() {
     let desk = Desk::new();
@@ -217,23 +229,23 @@ fn nothing_is_overwritten_without_force() {
     desk.put("frames/00007.png", "mine");
     desk.put("session.mcap", "mine");
     let quick = format!("replay DESK {QUICK}");
-    says(
+    assert_contains(
         &desk.refuses(&format!("{quick} --report report.json")),
         &["report.json", "--force"],
     );
-    says(
+    assert_contains(
         &desk.refuses(&format!("{quick} --frames-out frames")),
         &["frames", "--force"],
     );
-    says(
+    assert_contains(
         &desk.refuses("bench --json bench.json"),
         &["bench.json", "--force"],
     );
-    says(
+    assert_contains(
         &desk.refuses("light DESK --out light"),
         &["light.json", "--force"],
     );
-    says(
+    assert_contains(
         &desk.refuses("import . session.mcap"),
         &["session.mcap", "--force"],
     );
@@ -247,14 +259,14 @@ fn nothing_is_overwritten_without_force() {
         assert_eq!(desk.read(name), b"mine", "{name}");
     }
     assert_eq!(desk.names("frames"), ["00007.png"]);
-    says(
+    assert_contains(
         &desk.refuses(&format!("{quick} --report gone/report.json")),
         &["gone"],
     );
 }
 
 #[test]
-fn words_that_mean_nothing_are_usage() {
+fn unknown_words_print_the_usage() {
     let desk = Desk::new();
     let lines = [
         "replay",

@@ -1,4 +1,4 @@
-//! Scene files that are changed while their rig runs.
+//! Scene files that are changed while the rig runs.
 
 use crate::program::Desk;
 use crate::service::{get, looping_with};
@@ -6,7 +6,7 @@ use serde_json::Value;
 use std::process::Child;
 use std::time::{Duration, Instant};
 
-/// Ends the program when the test does.
+/// A running program and its address; the program ends with the test.
 struct Running(Child, String);
 
 impl Drop for Running {
@@ -28,7 +28,7 @@ impl Running {
         serde_json::from_str(body).unwrap()
     }
 
-    /// Waits for what the status must come to say.
+    /// Waits until a condition on the status holds; returns the status.
     fn until(&self, what: &str, holds: impl Fn(&Value) -> bool) -> Value {
         let begun = Instant::now();
         loop {
@@ -50,12 +50,12 @@ fn scene(boxes: [f64; 2], model: &str) -> String {
         )
     };
     let boxes = boxes.map(cube).concat();
-    // No phantoms but the ground: the model may take its bake along.
+    // Without phantoms other than the ground, the bake moves with the model.
     format!("session_phantoms = false\n{model}\n{boxes}[ground]\nsize_m = 2.0\n")
 }
 
 #[test]
-fn a_changed_scene_is_shown_and_a_broken_one_is_not() {
+fn changed_scene_is_shown_and_a_broken_one_is_not() {
     let desk = Desk::new();
     desk.put("s.toml", scene([0.0, 0.1], ""));
     let rig = Running::start(&desk, "--scene s.toml --speed max");
@@ -79,7 +79,7 @@ fn a_changed_scene_is_shown_and_a_broken_one_is_not() {
     rig.until("more pictures", |s| {
         s["frames"]["composed"].as_u64() > composed
     });
-    // A model that is missing, and then comes.
+    // A missing model, which is then added.
     desk.put("s.toml", "[[object]]\nfile = \"late.ply\"\n");
     let late = |s: &Value| s["scene"]["reason"].to_string().contains("late.ply");
     rig.until("the missing model", late);
@@ -103,7 +103,7 @@ fn corners(size: f32) -> Vec<u8> {
 }
 
 #[test]
-fn files_that_a_model_names_are_watched_and_broken_keys_keep_the_scene() {
+fn watches_the_files_of_a_model_and_keeps_the_scene_on_errors() {
     let desk = Desk::new();
     desk.put("m.gltf", MODEL);
     desk.put("corners.bin", corners(0.1));
@@ -119,7 +119,7 @@ fn files_that_a_model_names_are_watched_and_broken_keys_keep_the_scene() {
     let status = rig.until("the first picture", |s| {
         s["frames"]["composed"].as_u64() > Some(0)
     });
-    // What moves has the dome's shadows, and the status says why.
+    // Moving objects use the shadows of the dome lights; the status says why.
     assert_eq!(status["planes"]["state"], "failed", "{status}");
     let reason = status["planes"]["reason"].to_string();
     assert!(reason.contains("moves"), "{reason}");
@@ -145,10 +145,10 @@ const TRIANGLE: &str = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float 
     property float y\nproperty float z\nelement face 1\n\
     property list uchar int vertex_indices\nend_header\n0 0 0\n0.1 0 0\n0 0.1 0\n3 0 1 2\n";
 
-/// A model that is moved as a whole is not baked anew; one changed object is, and the picture
-/// goes on meanwhile.
+/// Moving the complete model does not bake again; changing one object does, while the rig keeps
+/// composing pictures.
 #[test]
-fn planes_follow_a_changed_scene() {
+fn bakes_planes_again_only_for_changed_objects() {
     let desk = Desk::new();
     desk.put("s.toml", scene([0.0, 0.1], ""));
     desk.put(
@@ -171,11 +171,11 @@ fn planes_follow_a_changed_scene() {
             s["planes"]["planes"].clone(),
         )
     };
-    assert_eq!(bake(&moved), bake(&first), "nothing was baked anew");
+    assert_eq!(bake(&moved), bake(&first), "nothing was baked again");
     assert!(moved["planes"]["planes_seen"].as_u64() > Some(0));
     desk.put("s.toml", scene([0.0, 0.15], elsewhere));
     let changed = rig.until("the new bake", |s| s["scene"]["loads"] == 2 && ready(s));
     assert_ne!(bake(&changed).0, bake(&first).0);
-    // Mended bakes are not kept.
+    // Updated bakes are not cached.
     assert_eq!(desk.names("kept").len(), 1);
 }

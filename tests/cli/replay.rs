@@ -1,4 +1,4 @@
-//! `replay`: the frames it writes, and the report.
+//! `replay`: the frames that it writes, and the report.
 
 use crate::program::{Desk, desk_session, text};
 use crate::sessions::{put_rig_folder, put_tum_folder, scene_frames};
@@ -11,7 +11,7 @@ fn picture(desk: &Desk, name: &str) -> Picture {
 }
 
 #[test]
-fn the_same_input_gives_the_same_bytes() {
+fn same_input_gives_identical_frames() {
     let desk = Desk::new();
     let line = format!("replay DESK {QUIET} --frames 3");
     desk.works(&format!("{line} --frames-out first --report report.json"));
@@ -25,19 +25,19 @@ fn the_same_input_gives_the_same_bytes() {
             desk.read(format!("second/{name}"))
         );
     }
-    something_is_drawn(&desk);
-    the_report_tells(&desk);
+    assert_object_is_drawn(&desk);
+    assert_report_is_complete(&desk);
 }
 
 #[test]
-fn what_moves_is_the_same_in_every_replay() {
+fn moving_objects_are_identical_in_every_replay() {
     let desk = Desk::new();
     desk.put(
         "s.toml",
         "[[object]]\nshape = \"box\"\nsize_m = [0.06, 0.06, 0.06]\neasing = \"linear\"\n\
          keys = [{ at_s = 0 }, { at_s = 0.4, position_m = [0.1, 0, 0] }]\n",
     );
-    // Light from close by comes anew half a second after the beginning.
+    // Indirect light is updated half a second after the beginning.
     let line = format!("replay DESK {QUIET} --scene s.toml --light-count 8 --frames 16");
     desk.works(&format!("{line} --frames-out first"));
     desk.works(&format!("{line} --frames-out second"));
@@ -52,7 +52,7 @@ fn what_moves_is_the_same_in_every_replay() {
     }
 }
 
-fn something_is_drawn(desk: &Desk) {
+fn assert_object_is_drawn(desk: &Desk) {
     let frame = &scene_frames(1)[0];
     let seen = Picture::decode(frame, &YuvEncoding::default()).unwrap();
     let drawn = picture(desk, "first/00000.png");
@@ -69,7 +69,7 @@ fn something_is_drawn(desk: &Desk) {
     );
 }
 
-fn the_report_tells(desk: &Desk) {
+fn assert_report_is_complete(desk: &Desk) {
     let report = desk.json("report.json");
     assert_eq!(report["version"], 1);
     assert_eq!(report["session"], "desk.mcap");
@@ -105,7 +105,7 @@ fn the_report_tells(desk: &Desk) {
 }
 
 #[test]
-fn with_nothing_virtual_the_picture_is_the_camera_s() {
+fn picture_without_virtual_objects_equals_the_cameras() {
     let desk = Desk::new();
     for mode in ["ratio", "subtract"] {
         let line = format!("replay DESK {QUIET} --scene none --frames 2 --light-count 8");
@@ -120,24 +120,24 @@ fn with_nothing_virtual_the_picture_is_the_camera_s() {
 }
 
 #[test]
-fn a_truncated_session_is_played_as_far_as_it_goes() {
+fn plays_the_readable_part_of_a_truncated_session() {
     let desk = Desk::new();
-    let whole = std::fs::read(desk_session()).unwrap();
-    desk.put("cut.mcap", &whole[..whole.len() * 7 / 10]);
+    let complete = std::fs::read(desk_session()).unwrap();
+    desk.put("cut.mcap", &complete[..complete.len() * 7 / 10]);
     let line = format!("replay cut.mcap {QUIET} --frames 1 --light-count 8 --report report.json");
     let output = desk.run(&line);
-    let said = text(&output.stderr);
-    assert!(output.status.success(), "{said}");
-    assert_eq!(said.lines().count(), 1, "{said}");
+    let printed = text(&output.stderr);
+    assert!(output.status.success(), "{printed}");
+    assert_eq!(printed.lines().count(), 1, "{printed}");
     assert!(
-        said.contains("cut.mcap") && said.contains("cut off"),
-        "{said}"
+        printed.contains("cut.mcap") && printed.contains("cut off"),
+        "{printed}"
     );
     assert_eq!(desk.json("report.json")["truncated"], true);
 }
 
 #[test]
-fn force_writes_over_what_is_there() {
+fn force_overwrites_existing_files() {
     let desk = Desk::new();
     desk.put(
         "report.json",
@@ -150,9 +150,9 @@ fn force_writes_over_what_is_there() {
     assert_eq!(picture(&desk, "frames/00000.png").width, 640);
 }
 
-/// What was typed comes before what stands in the file; what was not typed is the file's.
+/// Options of the command line override the file; all other settings are the file's.
 #[test]
-fn the_command_line_comes_before_the_configuration() {
+fn command_line_overrides_the_configuration() {
     let desk = Desk::new();
     let config = "[output]\nwindow = false\nframes = \"pictures\"\n\
         [replay]\nspeed = \"max\"\n[environment]\nlight_count = 24\n[status]\nlisten = \"127.0.0.1:0\"\n";
@@ -169,13 +169,13 @@ fn the_command_line_comes_before_the_configuration() {
 }
 
 #[test]
-fn an_imported_folder_plays_like_the_session_it_came_from() {
+fn imported_folder_plays_like_its_session() {
     let desk = Desk::new();
     put_rig_folder(&desk, "rig", 8);
-    let said = desk.works("import rig rig.mcap");
+    let printed = desk.works("import rig rig.mcap");
     assert!(
-        said.contains("rig.mcap") && said.contains("8 scene pictures"),
-        "{said}"
+        printed.contains("rig.mcap") && printed.contains("8 scene pictures"),
+        "{printed}"
     );
     let line = format!("{QUIET} --frames 2 --light-count 8 --frames-out");
     desk.works(&format!("replay rig.mcap {line} imported"));
@@ -187,13 +187,13 @@ fn an_imported_folder_plays_like_the_session_it_came_from() {
 }
 
 #[test]
-fn a_tum_folder_plays() {
+fn plays_a_tum_folder() {
     let desk = Desk::new();
     put_tum_folder(&desk, "tum");
-    let said = desk.works("import tum tum.mcap");
+    let printed = desk.works("import tum tum.mcap");
     assert!(
-        said.contains("2 scene pictures") && said.contains("3 poses"),
-        "{said}"
+        printed.contains("2 scene pictures") && printed.contains("3 poses"),
+        "{printed}"
     );
     desk.works(&format!(
         "replay tum.mcap {QUIET} --frames-out out --report report.json"
@@ -206,7 +206,7 @@ fn a_tum_folder_plays() {
 }
 
 #[test]
-fn an_exposure_changes_pictures_alike_in_every_run_and_none_changes_nothing() {
+fn exposure_is_reproducible_and_zero_changes_nothing() {
     let desk = Desk::new();
     desk.put(
         "auto.toml",
@@ -229,7 +229,7 @@ fn an_exposure_changes_pictures_alike_in_every_run_and_none_changes_nothing() {
     };
     assert!(files("off").len() == 5 && files("off") == files("none"));
     assert!(files("auto") == files("again"));
-    // Measured in one picture, in force two later.
+    // The exposure measured in one picture is used two pictures later.
     assert!(files("auto")[..2] == files("off")[..2] && files("auto")[4] != files("off")[4]);
     let sum = |name: &str| -> u64 {
         picture(&desk, name)

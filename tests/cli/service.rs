@@ -1,4 +1,4 @@
-//! What goes on beside the frames: the status page and the signals.
+//! The status page and signals.
 
 use crate::program::{Desk, text};
 use std::io::{BufRead, BufReader, Read, Write};
@@ -6,12 +6,12 @@ use std::net::{TcpListener, TcpStream};
 use std::process::{Child, Stdio};
 use std::time::Duration;
 
-/// A looped replay, and the address that it told.
+/// Starts a looped replay; returns it with its address.
 fn looping(desk: &Desk) -> (Child, String) {
     looping_with(desk, "--speed max --report r.json")
 }
 
-/// The same with other options.
+/// Starts a looped replay with other options.
 pub fn looping_with(desk: &Desk, options: &str) -> (Child, String) {
     let session = crate::program::desk_session().display().to_string();
     let line = format!("--loop --headless --light-count 8 --listen 127.0.0.1:0 {options}");
@@ -22,15 +22,15 @@ pub fn looping_with(desk: &Desk, options: &str) -> (Child, String) {
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    let mut said = String::new();
+    let mut printed = String::new();
     BufReader::new(child.stdout.as_mut().unwrap())
-        .read_line(&mut said)
+        .read_line(&mut printed)
         .unwrap();
-    let address = said
+    let address = printed
         .trim_end()
         .strip_prefix("status page: http://")
         .and_then(|a| a.strip_suffix('/'));
-    let address = address.unwrap_or_else(|| panic!("{said:?}")).to_owned();
+    let address = address.unwrap_or_else(|| panic!("{printed:?}")).to_owned();
     (child, address)
 }
 
@@ -49,22 +49,22 @@ pub fn get(address: &str, path: &str) -> String {
     text(&answer)
 }
 
-/// A line of `/metrics` that counts a composed frame.
-fn composed_some(line: &str) -> bool {
+/// Whether a line of `/metrics` counts at least one composed frame.
+fn has_composed_frames(line: &str) -> bool {
     let value = line.strip_prefix("penumbra_frames_composed_total ");
     value.is_some_and(|v| v.trim().parse::<f64>().unwrap() > 0.0)
 }
 
 #[cfg(unix)]
 #[test]
-fn a_signal_ends_a_loop_cleanly() {
+fn signal_ends_a_looped_replay() {
     for signal in ["-INT", "-TERM"] {
         let desk = Desk::new();
         let (child, address) = looping(&desk);
         let answer = get(&address, "/status");
         assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
         assert!(answer.contains("\"version\""), "{answer}");
-        while !get(&address, "/metrics").lines().any(composed_some) {
+        while !get(&address, "/metrics").lines().any(has_composed_frames) {
             std::thread::sleep(Duration::from_millis(50));
         }
         let id = child.id().to_string();
@@ -90,22 +90,25 @@ fn a_signal_ends_a_loop_cleanly() {
     }
 }
 
-/// Replays that write files at full speed may run side by side; the second does without
-/// the page that nobody asked for.
+/// Replays that write files at full speed may run side by side; the second has no status page, which
+/// was not requested.
 #[test]
-fn a_taken_usual_port_is_no_reason_not_to_write_frames() {
-    let Ok(_taken) = TcpListener::bind("127.0.0.1:8780") else {
+fn writes_frames_although_the_default_port_is_in_use() {
+    let Ok(_listener) = TcpListener::bind("127.0.0.1:8780") else {
         eprintln!(
-            "a_taken_usual_port_is_no_reason_not_to_write_frames: skipped, port 8780 is not free"
+            "SKIPPED writes_frames_although_the_default_port_is_in_use: port 8780 is not free"
         );
         return;
     };
     let desk = Desk::new();
     let line = "replay DESK --headless --light-count 8 --frames 1";
     let output = desk.run(&format!("{line} --speed max --frames-out out"));
-    let said = text(&output.stderr);
-    assert!(output.status.success(), "{said}");
-    assert!(said.contains("8780") && said.lines().count() == 1, "{said}");
+    let printed = text(&output.stderr);
+    assert!(output.status.success(), "{printed}");
+    assert!(
+        printed.contains("8780") && printed.lines().count() == 1,
+        "{printed}"
+    );
     assert_eq!(desk.names("out"), ["00000.png"]);
     assert!(desk.refuses(line).contains("8780"));
 }

@@ -1,11 +1,11 @@
-//! Sessions and folders made from the bundled one.
+//! Writes sessions and folders derived from the bundled session.
 
 use crate::program::{Desk, desk_session};
 use penumbra_interface::Frame;
 use penumbra_session::{Camera, Session, SessionEvent, SessionWriter};
 use std::fmt::Write;
 
-/// The first pictures of the bundled session's scene camera.
+/// Returns the first pictures of the bundled session's scene camera.
 pub fn scene_frames(count: usize) -> Vec<Frame> {
     let events = Session::open(&desk_session()).unwrap().events();
     let scene = events.filter_map(|event| match event.unwrap() {
@@ -15,7 +15,7 @@ pub fn scene_frames(count: usize) -> Vec<Frame> {
     scene.take(count).collect()
 }
 
-/// One picture and these attachments.
+/// Writes a session with one picture and these attachments.
 pub fn put_session(desk: &Desk, name: &str, attachments: &[(&str, &[u8])]) {
     let mut writer = SessionWriter::create(&desk.path(name)).unwrap();
     for (name, data) in attachments {
@@ -25,7 +25,18 @@ pub fn put_session(desk: &Desk, name: &str, attachments: &[(&str, &[u8])]) {
     writer.finish().unwrap();
 }
 
-/// An MCAP file of somebody else.
+/// Writes the pictures of the scene camera of `session` without its attachments.
+pub fn put_without_attachments(desk: &Desk, session: &Session, name: &str) {
+    let mut writer = SessionWriter::create(&desk.path(name)).unwrap();
+    for event in session.events() {
+        if let SessionEvent::Scene(frame) = event.unwrap() {
+            writer.frame(Camera::Scene, &frame).unwrap();
+        }
+    }
+    writer.finish().unwrap();
+}
+
+/// Writes an MCAP file of another program.
 pub fn put_foreign(desk: &Desk, name: &str) {
     let file = std::fs::File::create(desk.path(name)).unwrap();
     let mut writer = mcap::Writer::new(file).unwrap();
@@ -43,8 +54,8 @@ pub fn put_foreign(desk: &Desk, name: &str) {
     writer.finish().unwrap();
 }
 
-/// The beginning of the bundled session as the folder that it could have been imported
-/// from: everything that arrived before the scene camera's picture number `frames`.
+/// Writes the beginning of the bundled session as a folder that `import` reads: everything that
+/// arrived before the scene camera's picture number `frames`.
 pub fn put_rig_folder(desk: &Desk, folder: &str, frames: u64) {
     let session = Session::open(&desk_session()).unwrap();
     for attachment in session.attachments() {
@@ -111,7 +122,7 @@ impl Unpacked {
     }
 }
 
-/// A folder of the TUM RGB-D layout with two pictures, poses and a calibration.
+/// Writes a folder of the TUM RGB-D layout with two pictures, poses and a calibration.
 pub fn put_tum_folder(desk: &Desk, folder: &str) {
     let mut list = "# timestamp filename\n".to_owned();
     for (i, frame) in scene_frames(2).iter().enumerate() {

@@ -1,7 +1,7 @@
-//! The three set-ups of the literature by configuration alone: one camera that sees a mirrored
-//! ball beside a marker, two cameras with a ball, two cameras with a fisheye. The pictures are drawn:
-//! a table with a marker under a sky with one bright window. Where the window is, is told by the
-//! shadow of what is put there.
+//! The three set-ups of the literature, by configuration alone: one camera that sees a mirrored
+//! sphere beside a marker, two cameras with a sphere, two cameras with a fisheye. The pictures are
+//! synthetic: a table with a marker under a sky with one bright window. The shadow of a virtual box
+//! shows whether the direction of the window was estimated.
 
 use crate::program::Desk;
 use glam::{DMat3, DVec2, DVec3};
@@ -12,12 +12,12 @@ use penumbra_picture::Picture;
 use penumbra_session::{Camera, SessionWriter};
 use serde_json::{Value, json};
 
-const BALL: DVec3 = DVec3::new(0.13, 0.07, 0.04);
+const SPHERE: DVec3 = DVec3::new(0.13, 0.07, 0.04);
 const RADIUS: f64 = 0.04;
 const TAG: DVec3 = DVec3::new(-0.12, 0.06, 0.0);
 const TAG_SIZE: f64 = 0.09;
 
-/// A camera without a lens' distortion.
+/// A camera without lens distortion.
 struct Pinhole {
     size: (u32, u32),
     focal: f64,
@@ -56,18 +56,18 @@ impl Pinhole {
         (middle(self.size.0), middle(self.size.1))
     }
 
-    fn draw(&self, window: DVec3, ball: bool) -> Vec<u8> {
+    fn draw(&self, window: DVec3, has_sphere: bool) -> Vec<u8> {
         let (cx, cy) = self.centre();
-        drawn(self.size, |pixel| {
+        render(self.size, |pixel| {
             let p = (pixel - DVec2::new(cx, cy)) / self.focal;
             let ray = (self.axes * p.extend(1.0)).normalize();
-            seen(self.eye, ray, window, ball)
+            seen(self.eye, ray, window, has_sphere)
         })
     }
 }
 
-/// Grey codes, each the mean of 3² samples of its square.
-fn drawn((width, height): (u32, u32), light: impl Fn(DVec2) -> f64) -> Vec<u8> {
+/// Renders grey values, each the mean of 3² samples of its pixel.
+fn render((width, height): (u32, u32), light: impl Fn(DVec2) -> f64) -> Vec<u8> {
     let response = Response::srgb();
     let code = |i: u32| {
         let middle = DVec2::new(f64::from(i % width), f64::from(i / width));
@@ -79,7 +79,7 @@ fn drawn((width, height): (u32, u32), light: impl Fn(DVec2) -> f64) -> Vec<u8> {
     codes.flat_map(|c| [c, c, c]).collect()
 }
 
-/// A sky with one bright window, and a table.
+/// Radiance of a sky with one bright window, and of a table below the horizon.
 fn sky(ray: DVec3, window: DVec3) -> f64 {
     match ray {
         ray if ray.z < 0.0 => 0.3,
@@ -89,7 +89,7 @@ fn sky(ray: DVec3, window: DVec3) -> f64 {
 }
 
 fn table(place: DVec2) -> f64 {
-    // The marker reads towards +Y of the world.
+    // The top of the marker points towards +Y of the world.
     let p = (place - TAG.truncate()) / TAG_SIZE * DVec2::new(1.0, -1.0) + 0.5;
     let n = f64::from(Family::Tag36h11.modules());
     let (x, y) = ((p.x * n).floor(), (p.y * n).floor());
@@ -101,13 +101,13 @@ fn table(place: DVec2) -> f64 {
     if white { 0.7 } else { 0.03 }
 }
 
-fn seen(eye: DVec3, ray: DVec3, window: DVec3, ball: bool) -> f64 {
-    let from = eye - BALL;
+fn seen(eye: DVec3, ray: DVec3, window: DVec3, has_sphere: bool) -> f64 {
+    let from = eye - SPHERE;
     let along = -from.dot(ray);
     let beside = from.length_squared() - along * along;
-    if ball && beside < RADIUS * RADIUS {
+    if has_sphere && beside < RADIUS * RADIUS {
         let hit = eye + ray * (along - (RADIUS * RADIUS - beside).sqrt());
-        let normal = (hit - BALL) / RADIUS;
+        let normal = (hit - SPHERE) / RADIUS;
         return 0.9 * sky(ray - 2.0 * ray.dot(normal) * normal, window);
     }
     if ray.z < 0.0 {
@@ -121,10 +121,10 @@ fn scene_camera() -> Pinhole {
     looking((640, 480), 700.0, eye, DVec3::new(0.0, 0.03, 0.0))
 }
 
-/// What all set-ups have.
+/// Returns the rig.json that all set-ups have in common.
 fn rig() -> Value {
     json!({
-        "name": "drawn",
+        "name": "synthetic",
         "scene_camera": scene_camera().json(),
         "ground_plane": {},
         "markers": [{
@@ -135,29 +135,29 @@ fn rig() -> Value {
     })
 }
 
-fn ball() -> Value {
+fn mirror_sphere() -> Value {
     json!({
-        "center_world": [BALL.x, BALL.y, BALL.z], "radius": RADIUS,
+        "center_world": [SPHERE.x, SPHERE.y, SPHERE.z], "radius": RADIUS,
         "reflectance_rgb": [0.9, 0.9, 0.9], "in_scene_camera_images": false,
     })
 }
 
-/// A rig, its environment camera's picture, and whether the scene camera sees the ball.
+/// A rig, its environment camera's picture, and whether the scene camera sees the sphere.
 type SetUp = (Value, Option<((u32, u32), Vec<u8>)>, bool);
 
 fn one_camera(_: DVec3) -> SetUp {
     let mut rig = rig();
-    rig["mirror_sphere"] = ball();
+    rig["mirror_sphere"] = mirror_sphere();
     rig["mirror_sphere"]["in_scene_camera_images"] = true.into();
     (rig, None, true)
 }
 
-fn camera_and_ball(window: DVec3) -> SetUp {
-    let camera = looking((320, 320), 1300.0, DVec3::new(0.35, -0.2, 0.3), BALL);
+fn camera_and_sphere(window: DVec3) -> SetUp {
+    let camera = looking((320, 320), 1300.0, DVec3::new(0.35, -0.2, 0.3), SPHERE);
     let mut rig = rig();
     rig["environment_camera"] = camera.json();
     rig["environment_camera"]["kind"] = "sphere".into();
-    rig["environment_camera"]["mirror_sphere"] = ball();
+    rig["environment_camera"]["mirror_sphere"] = mirror_sphere();
     let picture = camera.draw(window, true);
     (rig, Some((camera.size, picture)), false)
 }
@@ -176,7 +176,7 @@ fn camera_and_fisheye(window: DVec3) -> SetUp {
             "model": "equidistant", "f": FOCAL, "cx": middle, "cy": middle, "max_theta_rad": half,
         },
     });
-    let picture = drawn((SIZE, SIZE), |pixel| {
+    let picture = render((SIZE, SIZE), |pixel| {
         let off = (pixel - middle) / FOCAL;
         let theta = off.length();
         let flat = off.normalize_or_zero() * theta.sin();
@@ -205,11 +205,11 @@ fn frame((width, height): (u32, u32), data: &[u8], sequence: u64) -> Frame {
     }
 }
 
-/// Column of the middle of what a box of 5 cm darkens on the table, pixels from the picture's middle.
+/// Returns the mean column of the shadow of a 5 cm box on the table, pixels from the picture's centre.
 fn shadow(desk: &Desk, name: &str, window: DVec3, set_up: fn(DVec3) -> SetUp) -> f64 {
-    let (rig, environment, with_ball) = set_up(window);
+    let (rig, environment, sees_sphere) = set_up(window);
     let camera = scene_camera();
-    let own = camera.draw(window, with_ball);
+    let own = camera.draw(window, sees_sphere);
     let session = format!("{name}.mcap");
     let mut writer = SessionWriter::create(&desk.path(&session)).unwrap();
     writer
@@ -238,13 +238,13 @@ fn shadow(desk: &Desk, name: &str, window: DVec3, set_up: fn(DVec3) -> SetUp) ->
     for (i, (after, before)) in out.rgba.chunks(4).zip(own.chunks(3)).enumerate() {
         let x = i as f64 % f64::from(camera.size.0) - camera.centre().0;
         let darker = f64::from(before[0]) - f64::from(after[0]);
-        // Darker, but not the box itself, whose top and front are above these columns.
+        // Darker pixels belong to the shadow; the box itself is as bright as the table.
         if darker > 3.0 {
             sum += x * darker;
             weight += darker;
         }
     }
-    assert!(weight > 1000.0, "{name}: nothing is darkened");
+    assert!(weight > 1000.0, "{name}: there is no shadow");
     println!(
         "{name}: shadow {:.1} px from the middle, weight {weight}",
         sum / weight
@@ -252,9 +252,9 @@ fn shadow(desk: &Desk, name: &str, window: DVec3, set_up: fn(DVec3) -> SetUp) ->
     sum / weight
 }
 
-fn the_shadow_falls_away_from_the_window(name: &str, set_up: fn(DVec3) -> SetUp) {
+fn assert_shadow_falls_away_from_the_window(name: &str, set_up: fn(DVec3) -> SetUp) {
     let desk = Desk::new();
-    // As bright as the table: only what it shades is darker.
+    // The box is as bright as the table, so that only its shadow is darker.
     desk.put(
         "box.toml",
         "[[object]]\nshape = \"box\"\nsize_m = [0.05, 0.05, 0.05]\nposition_m = [0.0, -0.03, 0.0]\n",
@@ -269,16 +269,16 @@ fn the_shadow_falls_away_from_the_window(name: &str, set_up: fn(DVec3) -> SetUp)
 }
 
 #[test]
-fn one_camera_with_a_ball_beside_a_marker() {
-    the_shadow_falls_away_from_the_window("one", one_camera);
+fn one_camera_with_a_sphere_beside_a_marker() {
+    assert_shadow_falls_away_from_the_window("one", one_camera);
 }
 
 #[test]
-fn two_cameras_with_a_ball() {
-    the_shadow_falls_away_from_the_window("ball", camera_and_ball);
+fn two_cameras_with_a_sphere() {
+    assert_shadow_falls_away_from_the_window("sphere", camera_and_sphere);
 }
 
 #[test]
 fn two_cameras_with_a_fisheye() {
-    the_shadow_falls_away_from_the_window("fisheye", camera_and_fisheye);
+    assert_shadow_falls_away_from_the_window("fisheye", camera_and_fisheye);
 }

@@ -1,4 +1,4 @@
-//! `penumbra simulate`: a device for the live code path, without the device.
+//! `penumbra simulate`: simulated devices for the live code path.
 #![cfg(unix)]
 
 use crate::program::{Desk, text};
@@ -7,10 +7,10 @@ use std::io::{BufRead, BufReader};
 use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
-/// A running simulation, ended with the test.
+/// A running simulation; it ends with the test.
 pub struct Simulation {
     child: Child,
-    place: String,
+    address: String,
 }
 
 impl Simulation {
@@ -21,13 +21,13 @@ impl Simulation {
             .map(|word| word.replace("DESK", &session))
             .collect();
         let mut child = desk.command(&words).stdout(Stdio::piped()).spawn().unwrap();
-        let mut place = String::new();
+        let mut address = String::new();
         BufReader::new(child.stdout.take().unwrap())
-            .read_line(&mut place)
+            .read_line(&mut address)
             .unwrap();
         Self {
             child,
-            place: place.trim().to_owned(),
+            address: address.trim().to_owned(),
         }
     }
 
@@ -47,8 +47,8 @@ impl Drop for Simulation {
     }
 }
 
-/// At least so many poses, metres, from a port with a FASTRAK's protocol or another.
-fn poses(protocol: &str, port: &str, count: usize) -> Vec<f64> {
+/// Reads at least `count` poses from a port; returns their distances from the origin, metres.
+fn distances(protocol: &str, port: &str, count: usize) -> Vec<f64> {
     let settings = TrackerSettings {
         units: Units::Inches,
         ..TrackerSettings::new(protocol, PortName::parse(port).unwrap())
@@ -72,13 +72,13 @@ fn poses(protocol: &str, port: &str, count: usize) -> Vec<f64> {
 }
 
 #[test]
-fn a_tracker_at_a_pseudo_terminal_is_found_by_its_link_until_ctrl_c() {
+fn simulated_tracker_is_reachable_by_its_link_until_ctrl_c() {
     let desk = Desk::new();
     let mut simulation =
         Simulation::start(&desk, "simulate tracker --protocol fastrak --pty tracker");
-    assert_eq!(simulation.place, "tracker");
+    assert_eq!(simulation.address, "tracker");
     let link = desk.path("tracker");
-    let found = poses("fastrak-binary-quaternion", link.to_str().unwrap(), 20);
+    let found = distances("fastrak-binary-quaternion", link.to_str().unwrap(), 20);
     assert!(
         found.iter().all(|metres| (0.2..1.0).contains(metres)),
         "{found:?}"
@@ -89,15 +89,15 @@ fn a_tracker_at_a_pseudo_terminal_is_found_by_its_link_until_ctrl_c() {
 }
 
 #[test]
-fn a_session_is_played_byte_for_byte() {
+fn plays_the_tracker_bytes_of_a_session() {
     let desk = Desk::new();
     let simulation = Simulation::start(&desk, "simulate tracker --session DESK --pty");
     assert!(
-        simulation.place.starts_with("/dev/"),
+        simulation.address.starts_with("/dev/"),
         "{}",
-        simulation.place
+        simulation.address
     );
-    let found = poses("fastrak", &simulation.place, 50);
+    let found = distances("fastrak", &simulation.address, 50);
     assert!(
         found.iter().all(|metres| (0.1..8.0).contains(metres)),
         "{found:?}"
@@ -105,7 +105,7 @@ fn a_session_is_played_byte_for_byte() {
 }
 
 #[test]
-fn free_d_comes_by_datagram_from_a_file_of_poses() {
+fn sends_poses_of_a_file_as_freed_datagrams() {
     let desk = Desk::new();
     desk.put("poses.txt", "0 3 0 4 0 0 0 1\n1 3 0 4 0 0 1 0\n");
     let port = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
@@ -113,7 +113,7 @@ fn free_d_comes_by_datagram_from_a_file_of_poses() {
     drop(port);
     let line = format!("simulate tracker --protocol freed --udp {address} --trajectory poses.txt");
     let simulation = Simulation::start(&desk, &line);
-    let found = poses("freed", &simulation.place, 10);
+    let found = distances("freed", &simulation.address, 10);
     assert!(
         found.iter().all(|metres| (metres - 5.0).abs() < 1e-4),
         "{found:?}"
@@ -121,7 +121,7 @@ fn free_d_comes_by_datagram_from_a_file_of_poses() {
 }
 
 #[test]
-fn what_cannot_be_simulated_is_refused_in_one_line() {
+fn refuses_impossible_simulations_in_one_line() {
     let desk = Desk::new();
     desk.put("poses.txt", "0 1 2\n");
     desk.put("port", "");
@@ -140,12 +140,12 @@ fn what_cannot_be_simulated_is_refused_in_one_line() {
         ("--session none.mcap --pty", &["none.mcap"]),
         ("--protocol csv --pty port", &["port"]),
     ] {
-        let complaint = desk.refuses(&format!("simulate tracker {line}"));
+        let error = desk.refuses(&format!("simulate tracker {line}"));
         for part in parts {
-            assert!(complaint.contains(part), "{line}: {complaint}");
+            assert!(error.contains(part), "{line}: {error}");
         }
     }
-    // Clap's own complaints.
+    // Errors of the option parser.
     for line in ["--protocol csv", "--pty --protocol csv --rate 0"] {
         let output = desk.run(&format!("simulate tracker {line}"));
         assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));

@@ -1,11 +1,11 @@
-//! The commands beside `replay`.
+//! The other commands: `info`, `check-config`, `doctor`, `bench`, `light`.
 
 use crate::program::{Desk, text};
 
 #[test]
-fn info_tells_streams_rates_and_attachments() {
-    let said = Desk::new().works("info DESK");
-    let scene = said
+fn info_lists_streams_rates_and_attachments() {
+    let printed = Desk::new().works("info DESK");
+    let scene = printed
         .lines()
         .find(|l| l.starts_with("/scene_camera/image"))
         .unwrap();
@@ -16,39 +16,45 @@ fn info_tells_streams_rates_and_attachments() {
         "fastrak",
         "rig.json",
     ] {
-        assert!(said.contains(part), "{part}: {said}");
+        assert!(printed.contains(part), "{part}: {printed}");
     }
 }
 
 #[test]
-fn check_config_tells_what_is_changed() {
+fn check_config_lists_changed_settings() {
     let desk = Desk::new();
     desk.put(
         "rig.toml",
         "[shadows]\nmode = \"subtract\"\nstrength = 1.0\n",
     );
-    let said = desk.works("check-config rig.toml");
-    assert!(said.contains("shadows.mode = \"subtract\""), "{said}");
-    assert!(!said.contains("strength"), "{said}");
+    let printed = desk.works("check-config rig.toml");
+    assert!(printed.contains("shadows.mode = \"subtract\""), "{printed}");
+    assert!(!printed.contains("strength"), "{printed}");
 }
 
 #[test]
-fn doctor_fails_where_the_program_cannot_work() {
+fn doctor_fails_if_the_program_cannot_work() {
     let desk = Desk::new();
     let output = desk.run("doctor --adapter nonesuch --listen 127.0.0.1:0");
-    let said = text(&output.stdout);
-    assert_eq!(output.status.code(), Some(1), "{said}");
-    assert!(said.contains("FAIL") && said.contains("fix:"), "{said}");
+    let printed = text(&output.stdout);
+    assert_eq!(output.status.code(), Some(1), "{printed}");
+    assert!(
+        printed.contains("FAIL") && printed.contains("fix:"),
+        "{printed}"
+    );
     assert!(output.stderr.is_empty(), "{}", text(&output.stderr));
-    let said = desk.works("doctor --listen 127.0.0.1:0");
-    assert!(said.contains("shaders") && !said.contains("FAIL"), "{said}");
+    let printed = desk.works("doctor --listen 127.0.0.1:0");
+    assert!(
+        printed.contains("shaders") && !printed.contains("FAIL"),
+        "{printed}"
+    );
 }
 
 #[test]
-fn bench_writes_a_row_for_every_setting_of_the_paper() {
+fn bench_writes_a_row_for_each_setting_of_the_paper() {
     let desk = Desk::new();
-    let said = desk.works("bench --case supan --frames 1 --size 64x48 --json bench.json");
-    assert!(said.contains("wall p50"), "{said}");
+    let printed = desk.works("bench --case supan --frames 1 --size 64x48 --json bench.json");
+    assert!(printed.contains("wall p50"), "{printed}");
     let report = desk.json("bench.json");
     assert_eq!(report["version"], 1);
     let rows = report["rows"].as_array().unwrap();
@@ -71,10 +77,13 @@ fn bench_writes_a_row_for_every_setting_of_the_paper() {
 }
 
 #[test]
-fn bench_tells_what_a_light_probe_and_lamps_cost_step_by_step() {
+fn bench_measures_the_steps_of_light_probe_and_lamps() {
     let desk = Desk::new();
-    let said = desk.works("bench --case lightprobe --frames 2 --size 160x120 --json bench.json");
-    assert!(said.contains("mirrored ball in the picture"), "{said}");
+    let printed = desk.works("bench --case lightprobe --frames 2 --size 160x120 --json bench.json");
+    assert!(
+        printed.contains("mirrored sphere in the picture"),
+        "{printed}"
+    );
     let report = desk.json("bench.json");
     let rows = report["rows"].as_array().unwrap();
     let lamps: Vec<_> = rows.iter().map(|r| r["lamps"].as_u64().unwrap()).collect();
@@ -87,10 +96,13 @@ fn bench_tells_what_a_light_probe_and_lamps_cost_step_by_step() {
                 .collect()
         };
         let (stages, passes) = (names("stages"), names("passes"));
-        let at_once = row["environment"].as_str().unwrap().ends_with("at once");
+        let in_parallel = row["environment"]
+            .as_str()
+            .unwrap()
+            .ends_with("in parallel");
         for name in ["gather", "prefilter", "light", "compose"] {
             assert!(
-                at_once || stages.iter().any(|n| n == name),
+                in_parallel || stages.iter().any(|n| n == name),
                 "{name}: {stages:?}"
             );
         }
@@ -101,24 +113,24 @@ fn bench_tells_what_a_light_probe_and_lamps_cost_step_by_step() {
 }
 
 #[test]
-fn bench_tells_what_capturing_costs_thread_by_thread_without_a_graphics_device() {
+fn bench_measures_capture_per_thread_without_a_gpu() {
     let desk = Desk::new();
     let line = "bench --case capture --adapter none-is-opened --frames 30 --size 320x240";
-    let said = desk.works(&format!("{line} --json bench.json"));
-    assert!(said.contains("two cameras, 320x240 JPEG"), "{said}");
-    assert!(!said.contains("adapter"), "{said}");
+    let printed = desk.works(&format!("{line} --json bench.json"));
+    assert!(printed.contains("two cameras, 320x240 JPEG"), "{printed}");
+    assert!(!printed.contains("adapter"), "{printed}");
     let report = desk.json("bench.json");
     assert!(report["adapter"].is_null() && report["rows"] == serde_json::json!([]));
     let row = &report["capture"][0];
     assert_eq!((&row["width"], &row["height"]), (&320.into(), &240.into()));
     for device in row["devices"].as_array().unwrap() {
         // One second of 30 pictures, or of 120 readings; a busy machine may miss some.
-        let least = if device["device"] == "tracker" {
+        let min = if device["device"] == "tracker" {
             40
         } else {
             20
         };
-        assert!(device["delivered"].as_u64() >= Some(least), "{device}");
+        assert!(device["delivered"].as_u64() >= Some(min), "{device}");
     }
     assert!(row["prepared_with_pose"].as_u64() > Some(5), "{row}");
     assert!(row["decode_ms"]["p50"].as_f64() > Some(0.0), "{row}");
@@ -137,10 +149,10 @@ fn bench_tells_what_capturing_costs_thread_by_thread_without_a_graphics_device()
 }
 
 #[test]
-fn a_live_rig_tells_how_old_its_pictures_are() {
+fn bench_measures_the_latency_of_live_pictures() {
     let desk = Desk::new();
-    let said = desk.works("bench --case live --session DESK --frames 5 --json live.json");
-    assert!(said.contains("arrival to picture"), "{said}");
+    let printed = desk.works("bench --case live --session DESK --frames 5 --json live.json");
+    assert!(printed.contains("arrival to picture"), "{printed}");
     let report = desk.json("live.json");
     let rows = report["live"].as_array().unwrap();
     let lights: Vec<_> = rows.iter().map(|row| row["lights"].as_u64()).collect();
@@ -157,10 +169,10 @@ fn a_live_rig_tells_how_old_its_pictures_are() {
 }
 
 #[test]
-fn light_of_a_session_is_written_as_maps_and_lights() {
+fn writes_maps_and_lights_of_a_session() {
     let desk = Desk::new();
-    let said = desk.works("light DESK --out light");
-    assert!(said.contains("elevation"), "{said}");
+    let printed = desk.works("light DESK --out light");
+    assert!(printed.contains("elevation"), "{printed}");
     let files = [
         "environment.exr",
         "environment.png",
@@ -175,7 +187,7 @@ fn light_of_a_session_is_written_as_maps_and_lights() {
         .iter()
         .map(|x| x.as_f64().unwrap())
         .collect();
-    // The desk is lit from above.
+    // The light comes from above.
     assert!(
         d[2] > 0.0 && (d.iter().map(|x| x * x).sum::<f64>() - 1.0).abs() < 1e-4,
         "{d:?}"
@@ -186,7 +198,7 @@ fn light_of_a_session_is_written_as_maps_and_lights() {
 }
 
 #[test]
-fn light_of_what_is_no_picture_is_refused() {
+fn light_refuses_files_that_are_not_pictures() {
     let desk = Desk::new();
     desk.put("notes.png", "no picture");
     desk.put("calibration.toml", "radios = 3\n");
@@ -204,8 +216,8 @@ fn light_of_what_is_no_picture_is_refused() {
 }
 
 #[test]
-fn help_names_every_command() {
-    let said = Desk::new().works("--help");
+fn help_names_the_commands() {
+    let printed = Desk::new().works("--help");
     for command in [
         "replay",
         "import",
@@ -215,6 +227,6 @@ fn help_names_every_command() {
         "doctor",
         "bench",
     ] {
-        assert!(said.contains(command), "{command}: {said}");
+        assert!(printed.contains(command), "{command}: {printed}");
     }
 }

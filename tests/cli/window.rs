@@ -1,4 +1,4 @@
-//! The window, on an X server without a screen.
+//! The window, on an X server without a monitor (Xvfb).
 
 use crate::program::{Desk, text};
 use crate::sessions::scene_frames;
@@ -7,14 +7,14 @@ use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// An X server that keeps its screen in a file.
+/// An X server that stores its screen in a file.
 struct Server {
     child: Child,
     display: String,
 }
 
 impl Server {
-    /// `None` where there is no Xvfb.
+    /// Starts the server; `None` without Xvfb.
     fn start(desk: &Desk) -> Option<Self> {
         let options = [
             "-displayfd",
@@ -49,7 +49,7 @@ impl Drop for Server {
     }
 }
 
-/// The screen's rows as R G B; the file is of the format XWD.
+/// Reads the rows of the screen as RGB; the file has the format XWD.
 fn screen(desk: &Desk) -> Vec<Vec<[u8; 3]>> {
     let file = desk.read("Xvfb_screen0");
     let word = |i: usize| u32::from_be_bytes(file[4 * i..4 * i + 4].try_into().unwrap()) as usize;
@@ -64,8 +64,8 @@ fn screen(desk: &Desk) -> Vec<Vec<[u8; 3]>> {
     pixels.chunks_exact(stride).take(height).map(row).collect()
 }
 
-/// Whether `picture` stands somewhere on the screen, pixel by pixel, and where.
-fn found(screen: &[Vec<[u8; 3]>], picture: &Picture) -> Option<(usize, usize)> {
+/// Searches the screen for `picture`; returns its left and top.
+fn find(screen: &[Vec<[u8; 3]>], picture: &Picture) -> Option<(usize, usize)> {
     let (width, height) = (picture.width as usize, picture.height as usize);
     let pixel = |x: usize, y: usize| picture.rgb(x as u32, y as u32);
     let here = |left: usize, top: usize| {
@@ -77,14 +77,14 @@ fn found(screen: &[Vec<[u8; 3]>], picture: &Picture) -> Option<(usize, usize)> {
 }
 
 #[test]
-fn the_window_shows_the_picture() {
+fn window_shows_the_picture() {
     let desk = Desk::new();
     let Some(server) = Server::start(&desk) else {
-        eprintln!("SKIPPED the_window_shows_the_picture: Xvfb is missing (apt-get install xvfb)");
+        eprintln!("SKIPPED window_shows_the_picture: Xvfb is missing (apt-get install xvfb)");
         return;
     };
     let session = crate::program::desk_session().display().to_string();
-    // So slow that the first picture stays.
+    // Slow, so that the first picture stays on the screen.
     let line = "--scene none --light-count 8 --speed 0.01 --loop --listen 127.0.0.1:0";
     let arguments: Vec<_> = ["replay", &session]
         .into_iter()
@@ -97,11 +97,11 @@ fn the_window_shows_the_picture() {
         .stdout(Stdio::null());
     let child = command.spawn().unwrap();
     let first = Picture::decode(&scene_frames(1)[0], &YuvEncoding::default()).unwrap();
-    let patience = Instant::now() + Duration::from_secs(60);
-    let place = loop {
-        let place = found(&screen(&desk), &first);
-        if place.is_some() || Instant::now() > patience {
-            break place;
+    let deadline = Instant::now() + Duration::from_secs(60);
+    let position = loop {
+        let position = find(&screen(&desk), &first);
+        if position.is_some() || Instant::now() > deadline {
+            break position;
         }
         std::thread::sleep(Duration::from_millis(200));
     };
@@ -115,7 +115,7 @@ fn the_window_shows_the_picture() {
     );
     let output = child.wait_with_output().unwrap();
     assert!(
-        place.is_some(),
+        position.is_some(),
         "the picture is not on the screen; {}",
         text(&output.stderr)
     );

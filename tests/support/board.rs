@@ -1,4 +1,4 @@
-//! A chessboard that is held before a camera: a session, to be played as a live device.
+//! A synthetic session of a chessboard in front of a camera, to be replayed as a live device.
 
 use glam::{DQuat, DVec2, DVec3};
 use penumbra_camera::{Lens, LensModel};
@@ -6,15 +6,15 @@ use penumbra_interface::{Frame, MonotonicTime, PixelFormat, RigidTransform};
 use penumbra_session::{Camera, SessionWriter};
 use std::path::Path;
 
-/// What to call the board: 7×5 inner corners, squares of 30 mm.
+/// The board on the command line: 7×5 inner corners, squares of 30 mm.
 pub const BOARD: &str = "chess:7x5:0.03";
-/// Focal length of the camera that sees it, pixels.
+/// Focal length of the camera, pixels.
 pub const FOCAL: f64 = 300.0;
-/// Places where the board is held.
-const PLACES: u32 = 24;
-/// Pictures of each.
+/// Number of poses of the board.
+const POSES: u32 = 24;
+/// Pictures of each pose.
 const PICTURES: u32 = 2;
-/// Between pictures, nanoseconds.
+/// Time between pictures, nanoseconds.
 const SPACING: i64 = 220_000_000;
 
 fn lens() -> Lens {
@@ -24,10 +24,10 @@ fn lens() -> Lens {
     lens
 }
 
-/// Code of a point of the board's plane, metres from its outer corner.
+/// Grey value of a point on the board's plane, metres from its outer corner.
 fn brightness(p: DVec2) -> f64 {
     let (x, y) = (p.x / 0.03, p.y / 0.03);
-    let inside = |v: f64, most: f64| (0.0..most).contains(&v);
+    let inside = |v: f64, end: f64| (0.0..end).contains(&v);
     if !inside(x, 8.0) || !inside(y, 6.0) {
         let paper = inside(x + 1.0, 10.0) && inside(y + 1.0, 8.0);
         return if paper { 220.0 } else { 110.0 };
@@ -36,10 +36,10 @@ fn brightness(p: DVec2) -> f64 {
     if dark { 25.0 } else { 220.0 }
 }
 
-/// Samples of a pixel to each side.
+/// Samples along each side of a pixel.
 const SAMPLES: u32 = 3;
 
-/// Directions in which the lens looks, sample by sample.
+/// Viewing directions of all samples, camera coordinates.
 fn rays(lens: &Lens) -> Vec<DVec3> {
     let (wide, high) = (SAMPLES * lens.width, SAMPLES * lens.height);
     let ray = |i: u32| {
@@ -49,7 +49,7 @@ fn rays(lens: &Lens) -> Vec<DVec3> {
     (0..wide * high).map(ray).collect()
 }
 
-/// Grey codes of what the lens sees of it.
+/// Renders the board in grey.
 fn picture(lens: &Lens, rays: &[DVec3], camera_from_board: RigidTransform) -> Vec<u8> {
     let board_from_camera = camera_from_board.inverse();
     let eye = board_from_camera.translation;
@@ -75,27 +75,27 @@ fn picture(lens: &Lens, rays: &[DVec3], camera_from_board: RigidTransform) -> Ve
     (0..lens.width * lens.height).map(code).collect()
 }
 
-/// Where the board is held, from place to place over the whole picture, tilted to all sides.
-fn pose(place: u32) -> RigidTransform {
-    let (column, row) = (place % 5, (place / 5) % 5);
+/// Pose number `index` of the board (camera from board): over the complete picture, tilted to all sides.
+fn pose(index: u32) -> RigidTransform {
+    let (column, row) = (index % 5, (index / 5) % 5);
     let (a, b) = (f64::from(column) / 2.0 - 1.0, f64::from(row) / 2.0 - 1.0);
     let tilt = DQuat::from_rotation_x(0.5 * b) * DQuat::from_rotation_y(-0.5 * a);
-    let turned = tilt * DQuat::from_rotation_z(0.25 * a * b + 0.1);
+    let rotation = tilt * DQuat::from_rotation_z(0.25 * a * b + 0.1);
     let at = DVec3::new(0.11 * a, 0.085 * b, 0.46 + 0.05 * a);
-    RigidTransform::new(turned, at - turned * DVec3::new(0.12, 0.09, 0.0))
+    RigidTransform::new(rotation, at - rotation * DVec3::new(0.12, 0.09, 0.0))
 }
 
-/// Writes the session.
+/// Writes the session to `path`.
 pub fn record(path: &Path) {
     let lens = lens();
     let rays = rays(&lens);
-    let places = (0..PLACES).map(|place| picture(&lens, &rays, pose(place)));
-    let places: Vec<Vec<u8>> = places.collect();
+    let pictures = (0..POSES).map(|index| picture(&lens, &rays, pose(index)));
+    let pictures: Vec<Vec<u8>> = pictures.collect();
     let mut writer = SessionWriter::create(path).unwrap();
-    for i in 0..PLACES * PICTURES {
+    for i in 0..POSES * PICTURES {
         let at = MonotonicTime::from_nanos(1_000_000_000 + SPACING * i64::from(i));
         let frame = Frame {
-            data: places[(i / PICTURES) as usize].clone().into(),
+            data: pictures[(i / PICTURES) as usize].clone().into(),
             format: PixelFormat::Grey8,
             width: lens.width,
             height: lens.height,

@@ -1,5 +1,5 @@
-//! A headless Chromium, driven through the DevTools protocol over a pipe: no port, no
-//! driver program, no web-socket library.
+//! A headless Chromium, controlled by the DevTools protocol over a pipe, which needs no port, driver
+//! program or web-socket library.
 
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Write};
@@ -9,14 +9,14 @@ use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-/// Where Debian and Ubuntu put it.
+/// Paths of Chromium on Debian and Ubuntu.
 const PROGRAMS: [&str; 3] = [
     "/usr/bin/chromium",
     "/usr/bin/chromium-browser",
     "/usr/bin/google-chrome",
 ];
-/// Chromium may be slow to start on a machine that is busy compiling.
-const PATIENCE: Duration = Duration::from_secs(60);
+/// Timeout; Chromium may start slowly on a machine that is busy compiling.
+const TIMEOUT: Duration = Duration::from_secs(60);
 const FLAGS: [&str; 15] = [
     "--headless",
     "--no-sandbox",
@@ -47,12 +47,11 @@ pub struct Chromium {
 }
 
 impl Chromium {
-    /// Starts a browser with a fresh profile and a blank page; `None` where none is
-    /// installed.
+    /// Starts a browser with a new profile and a blank page; `None` if none is installed.
     pub fn launch() -> Option<Self> {
         let program = PROGRAMS.into_iter().find(|p| Path::new(p).exists())?;
-        let profile = tempfile::tempdir().expect("a place for the profile");
-        // DevTools reads file 3 and writes file 4; the shell puts our pipes there.
+        let profile = tempfile::tempdir().expect("a folder for the profile");
+        // DevTools reads file descriptor 3 and writes 4; the shell redirects our pipes to them.
         let mut process = Command::new("/bin/sh")
             .args([
                 "-c",
@@ -71,7 +70,7 @@ impl Chromium {
         let (sender, messages) = channel();
         let listen = move || {
             for message in BufReader::new(answers).split(0).map_while(Result::ok) {
-                let json = serde_json::from_slice(&message).expect("DevTools speaks JSON");
+                let json = serde_json::from_slice(&message).expect("a JSON message");
                 if sender.send(json).is_err() {
                     return;
                 }
@@ -115,14 +114,14 @@ impl Chromium {
         assert!(opened["errorText"].is_null(), "{url}: {opened}");
     }
 
-    /// What the page looks like; all of it, or what stands in the window.
-    pub fn screenshot(&mut self, whole_page: bool) -> Vec<u8> {
-        let how = json!({"format": "png", "captureBeyondViewport": whole_page});
+    /// Returns a PNG of the complete page or of the visible part.
+    pub fn screenshot(&mut self, complete_page: bool) -> Vec<u8> {
+        let how = json!({"format": "png", "captureBeyondViewport": complete_page});
         let shot = self.call("Page.captureScreenshot", how);
         from_base64(shot["data"].as_str().expect("a picture"))
     }
 
-    /// The value of a JavaScript expression.
+    /// Evaluates a JavaScript expression.
     pub fn evaluate(&mut self, expression: &str) -> Value {
         let how = json!({"expression": expression, "returnByValue": true, "awaitPromise": true});
         let answer = self.call("Runtime.evaluate", how);
@@ -133,24 +132,24 @@ impl Chromium {
         answer["result"]["value"].clone()
     }
 
-    /// Waits until an expression, or what it promises, is true.
+    /// Waits until an expression, or its promise, is true.
     pub fn wait_for(&mut self, expression: &str) {
-        let deadline = Instant::now() + PATIENCE;
-        // While a page is being loaded even `document.body` may be missing.
+        let deadline = Instant::now() + TIMEOUT;
+        // While a page loads, even `document.body` may be missing.
         let test = format!("(async () => Boolean(await ({expression})))().catch(() => false)");
         while self.evaluate(&test) != Value::Bool(true) {
             let late = Instant::now() >= deadline
                 || self.complaints.iter().any(|c| c.contains("Uncaught"));
             assert!(
                 !late,
-                "never came true: {expression}; complaints: {:?}",
+                "timeout: {expression}; messages: {:?}",
                 self.complaints
             );
             std::thread::sleep(Duration::from_millis(50));
         }
     }
 
-    /// Errors and warnings on the console, uncaught exceptions, failed requests so far.
+    /// Returns the errors and warnings on the console, uncaught exceptions and failed requests.
     pub fn complaints(&mut self) -> &[String] {
         self.evaluate("1");
         &self.complaints
@@ -165,11 +164,11 @@ impl Chromium {
         }
         self.requests
             .write_all(format!("{request}\0").as_bytes())
-            .expect("Chromium listens");
+            .expect("Chromium reads requests");
         loop {
             let message = self
                 .messages
-                .recv_timeout(PATIENCE)
+                .recv_timeout(TIMEOUT)
                 .unwrap_or_else(|e| panic!("{method}: {e}"));
             if message["id"] == id {
                 assert!(message["error"].is_null(), "{method}: {message}");
@@ -180,7 +179,7 @@ impl Chromium {
     }
 }
 
-/// What an event complains of, if it does.
+/// Returns the error or warning of an event, if it has one.
 fn complaint(event: &Value) -> Option<String> {
     let params = &event["params"];
     let bad = |level: &Value| matches!(level.as_str(), Some("error" | "warning" | "assert"));
@@ -194,7 +193,7 @@ fn complaint(event: &Value) -> Option<String> {
 
 impl Drop for Chromium {
     fn drop(&mut self) {
-        // Asked to close, it takes its helper processes with it; killed, it may not.
+        // `Browser.close` also ends the helper processes; killing may not.
         self.session = None;
         let _ = self
             .requests

@@ -1,5 +1,5 @@
-//! What several integration tests need.
-#![allow(dead_code, clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+//! Helpers of several integration tests.
+#![allow(dead_code)]
 
 pub mod board;
 pub mod chromium;

@@ -1,4 +1,4 @@
-//! A status server that shows a moving picture of its own, without cameras or GPU.
+//! A status server with a synthetic moving picture, without cameras or GPU.
 
 use glam::Vec3;
 use penumbra_config::ExposureMode;
@@ -21,7 +21,7 @@ use std::time::Duration;
 const WIDTH: u32 = 640;
 const HEIGHT: u32 = 480;
 
-/// The server and what feeds it; both end when this is dropped.
+/// A server and the thread that updates it; both end when this is dropped.
 pub struct Show {
     pub address: SocketAddr,
     pub shared: Arc<SharedStatus>,
@@ -31,12 +31,12 @@ pub struct Show {
 }
 
 impl Show {
-    /// Serves a picture that moves, on any free port of this machine.
+    /// Starts the server on any free loopback port.
     pub fn start() -> Self {
         Self::start_at(SocketAddr::from(([127, 0, 0, 1], 0)))
     }
 
-    /// The same at a given address.
+    /// Starts the server at an address.
     pub fn start_at(listen: SocketAddr) -> Self {
         let shared = SharedStatus::new(Settings::default());
         let server = StatusServer::bind(listen, None, Arc::clone(&shared)).expect("a free port");
@@ -74,11 +74,11 @@ fn feed(shared: &SharedStatus, stop: &AtomicBool) {
         if stop.load(Ordering::Relaxed) {
             return;
         }
-        let wished = settings.borrow().clone();
-        let visible = wished.virtual_object_visible;
+        let requested = settings.borrow().clone();
+        let visible = requested.virtual_object_visible;
         let wobble = 1.0 + 0.12 * (frame as f64 / 9.0).sin() + 0.05 * (frame as f64 * 1.7).sin();
-        let scale = wobble * f64::from(wished.light_count) / 64.0;
-        shared.update(|s| advance(s, frame, scale, wished));
+        let scale = wobble * f64::from(requested.light_count) / 64.0;
+        shared.update(|s| advance(s, frame, scale, requested));
         if shared.wants_picture() {
             shared.publish_picture(Arc::new(ball(frame, visible)));
         }
@@ -86,7 +86,7 @@ fn feed(shared: &SharedStatus, stop: &AtomicBool) {
     }
 }
 
-fn advance(s: &mut Snapshot, frame: u64, scale: f64, wished: Settings) {
+fn advance(s: &mut Snapshot, frame: u64, scale: f64, requested: Settings) {
     let stages = [
         ("decode", 2.1),
         ("environment", 6.4),
@@ -113,8 +113,8 @@ fn advance(s: &mut Snapshot, frame: u64, scale: f64, wished: Settings) {
     s.frames.per_second = 29.6 / scale.max(0.5);
     s.session.progress = Some((frame % 300) as f64 / 300.0);
     s.session.loops = frame / 300;
-    s.lighting.dome_lights = wished.light_count;
-    let planes = wished.technique == Technique::ShadowingPlanes;
+    s.lighting.dome_lights = requested.light_count;
+    let planes = requested.technique == Technique::ShadowingPlanes;
     s.planes.state = if planes {
         PlanesState::Ready
     } else {
@@ -124,11 +124,11 @@ fn advance(s: &mut Snapshot, frame: u64, scale: f64, wished: Settings) {
         let changed = frame.is_multiple_of(4);
         s.planes.count_picture(if changed { 37 } else { 0 }, 0);
     }
-    if wished.exposure_mode == ExposureMode::Manual {
-        s.exposure.ev = wished.exposure_ev;
-        s.exposure.wanted_ev = wished.exposure_ev;
+    if requested.exposure_mode == ExposureMode::Manual {
+        s.exposure.ev = requested.exposure_ev;
+        s.exposure.target_ev = requested.exposure_ev;
     }
-    s.settings = wished;
+    s.settings = requested;
     for device in &mut s.devices {
         device.received = frame + 1;
         device.last_age_ms = Some(12.0);
@@ -136,7 +136,7 @@ fn advance(s: &mut Snapshot, frame: u64, scale: f64, wished: Settings) {
     }
 }
 
-/// A rig in every respect worth showing.
+/// Status of a rig in which every card of the dashboard has contents.
 pub fn example_snapshot() -> Snapshot {
     let mut s = Snapshot::default();
     s.session.name = "desk.mcap".to_owned();
@@ -165,7 +165,7 @@ pub fn example_snapshot() -> Snapshot {
     s
 }
 
-/// As in the paper of 2007.
+/// Values as in Kakuta et al. 2007.
 fn planes() -> PlanesStatus {
     PlanesStatus {
         planes: 38,
@@ -217,7 +217,7 @@ fn devices() -> Vec<Device> {
     vec![scene, environment, tracker]
 }
 
-/// A ball that rolls to and fro over a plane, with a soft shadow.
+/// Renders a ball that rolls to and fro on a plane, with a soft shadow.
 fn ball(frame: u64, visible: bool) -> Picture {
     let phase = frame as f64 / 20.0;
     let centre = (
@@ -268,7 +268,7 @@ fn tint(light: f64, colour: [f64; 3]) -> [u8; 4] {
     [r, g, b, 255]
 }
 
-/// A sky with a sun and a lamp above a brown ground, and a dome for it.
+/// Renders the preview of a sky with a sun and a lamp above a brown ground, with its dome lights.
 fn sky(height: u32) -> Picture {
     let sun = Vec3::new(0.36, 0.48, 0.8);
     let lamp = Vec3::new(0.5, -0.8, 0.33).normalize();

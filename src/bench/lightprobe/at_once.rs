@@ -44,7 +44,7 @@ pub(super) fn measure(gpu: &Gpu, case: Case, options: &BenchOptions) -> Result<R
     let size = options.size.unwrap_or((640, 480));
     let mut rig = Rig::new(gpu, case, size)?;
     let mut row = rig.row(case, size);
-    row.environment = Some("mirrored ball in the picture, both at once");
+    row.environment = Some("mirrored sphere in the picture, light in parallel");
     let stills = Arc::new(rig.room.stills(STILLS));
     let count = WARM_UP + options.frames.unwrap_or(60);
     let (send, lights) = sync_channel(1);

@@ -27,7 +27,7 @@ pub(super) enum View {
 impl View {
     pub const fn label(self) -> &'static str {
         match self {
-            Self::Ball => "mirrored ball in the picture",
+            Self::Ball => "mirrored sphere in the picture",
             Self::Fisheye => "environment camera",
         }
     }

@@ -32,7 +32,7 @@ pub struct EnvironmentArgs {
     #[arg(long, value_name = "FILE.csv")]
     click_pairs: Option<PathBuf>,
     /// Position of the environment camera, world, metres; then only its orientation is estimated
-    #[arg(long, value_name = "X,Y,Z", value_parser = place, allow_hyphen_values = true)]
+    #[arg(long, value_name = "X,Y,Z", value_parser = position, allow_hyphen_values = true)]
     at: Option<DVec3>,
     /// Family of static markers that both cameras see and that are not in rig.json
     #[arg(long, value_name = "tag36h11")]
@@ -77,7 +77,7 @@ fn click(text: &str) -> Result<RoughBall, String> {
     }
 }
 
-fn place(text: &str) -> Result<DVec3, String> {
+fn position(text: &str) -> Result<DVec3, String> {
     match numbers(text)?[..] {
         [x, y, z] => Ok(DVec3::new(x, y, z)),
         _ => Err("X,Y,Z in metres".to_owned()),

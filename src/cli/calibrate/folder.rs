@@ -1,10 +1,10 @@
-//! Pictures from files.
+//! Reads pictures from files.
 
 use anyhow::{Context as _, bail};
 use penumbra_picture::Picture;
 use std::path::{Path, PathBuf};
 
-/// A folder's pictures, in the order of their names.
+/// Reads the pictures of a folder in the order of their names.
 pub fn pictures(folder: &Path) -> anyhow::Result<Vec<Picture>> {
     let entries = std::fs::read_dir(folder)
         .with_context(|| format!("{}: cannot be read", folder.display()))?;
@@ -23,7 +23,7 @@ pub fn pictures(folder: &Path) -> anyhow::Result<Vec<Picture>> {
     files.iter().map(|file| picture(file)).collect()
 }
 
-/// One picture.
+/// Reads one picture.
 pub fn picture(file: &Path) -> anyhow::Result<Picture> {
     let bytes =
         std::fs::read(file).with_context(|| format!("{}: cannot be read", file.display()))?;

@@ -1,9 +1,9 @@
-//! What the steps of `penumbra calibrate` have in common: where their pictures and poses come
-//! from, and what is told and written.
+//! Common to the steps of `penumbra calibrate`: the source of pictures and poses, progress, the
+//! printed result, and the written files.
 
 use super::live::{self, LiveArgs};
 use crate::cli::files::{claim, write};
-use anyhow::{anyhow, bail};
+use anyhow::{Context as _, anyhow, bail};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use penumbra_calibration::step::{Finished, Made, Progress, Step};
@@ -24,15 +24,15 @@ pub struct FromArgs {
     /// A recording; without it the live rig
     #[arg(long, value_name = "SESSION.mcap")]
     pub session: Option<PathBuf>,
-    /// Folder with newer calibration files (rig.json, calibration/NAME.json), which replace those in
-    /// the recording
-    #[arg(long, value_name = "DIR", requires = "session")]
+    /// A rig.json, or a folder with rig.json and calibration/NAME.json; they replace those in the
+    /// recording
+    #[arg(long, value_name = "rig.json|DIR", requires = "session")]
     rig: Option<PathBuf>,
     #[command(flatten)]
     pub to: ToArgs,
 }
 
-// Where to, with what noted. (No docstring: clap would take it for the command's.)
+// Output options of a step. (Not a docstring: clap would use it as the help of the command.)
 #[derive(Debug, Args)]
 pub struct ToArgs {
     /// Settings
@@ -55,21 +55,21 @@ pub struct ToArgs {
     pub force: bool,
 }
 
-/// Where a calibration goes.
-enum Place {
-    /// As it was typed.
+/// Destination of a calibration.
+enum Destination {
+    /// Files named on the command line.
     Named { out: PathBuf, report: PathBuf },
-    /// Among the rig's files.
+    /// The rig's files, where an existing file is kept under its date.
     Rig { folder: PathBuf, name: String },
 }
 
 impl FromArgs {
-    /// The configuration.
+    /// Reads the configuration; the default without `--config`.
     pub fn config(&self) -> anyhow::Result<Config> {
         self.to.config()
     }
 
-    /// The rig's known calibration.
+    /// Reads the known calibration of the rig, of the recording or the live one.
     pub fn rig(&self) -> anyhow::Result<RigDocument> {
         if self.session.is_none() {
             return self.to.rig();
@@ -78,18 +78,19 @@ impl FromArgs {
         Ok(RigDocument::of_session(&|name: &str| files.get(name))?)
     }
 
-    /// The rig's files: those that the recording carries, or those of the configuration.
+    /// Reads the rig's files: those of the recording, replaced by those of `--rig`; on a live rig
+    /// those that the configuration names.
     pub fn files(&self) -> anyhow::Result<RigFiles> {
         Ok(match &self.session {
             Some(path) => match &self.rig {
-                Some(newer) => RigFiles::at(path)?.with(RigFiles::at(newer)?),
+                Some(newer) => RigFiles::at(path)?.with(newer_files(newer)?),
                 None => RigFiles::at(path)?,
             },
             None => RigFiles::load(&self.config()?)?,
         })
     }
 
-    /// Shows `step` what it wants, tells how far it is, what it found, and writes that.
+    /// Runs `step` on the recording or the live rig, prints its result and writes its files.
     pub fn carry_out(&self, step: &mut dyn Step) -> anyhow::Result<ExitCode> {
         let tracker = self.rig().ok().and_then(|rig| rig.calibration.tracker);
         let metres = tracker.map(|tracker| tracker.metres_per_unit);
@@ -98,7 +99,7 @@ impl FromArgs {
 }
 
 impl ToArgs {
-    /// As [`FromArgs::config`].
+    /// Reads the configuration; the default without `--config`.
     pub fn config(&self) -> anyhow::Result<Config> {
         Ok(match &self.config {
             Some(path) => Config::load(path)?,
@@ -106,12 +107,13 @@ impl ToArgs {
         })
     }
 
-    /// The live rig's known calibration.
+    /// Reads the known calibration of the live rig.
     pub fn rig(&self) -> anyhow::Result<RigDocument> {
         Ok(Known::read(&self.config()?)?.document)
     }
 
-    /// As [`FromArgs::carry_out`]; `metres_per_unit` is the tracker's, where it is known.
+    /// Runs `step` on `session`, or on the live rig without one. `metres_per_unit` is the tracker's
+    /// unit, if it is known.
     pub fn carry_out(
         &self,
         session: Option<&Path>,
@@ -120,32 +122,32 @@ impl ToArgs {
     ) -> anyhow::Result<ExitCode> {
         let config = self.config()?;
         let Some(path) = session else {
-            let place = self.place(step, true)?;
+            let destination = self.destination(step, true)?;
             let noted = (self.device.as_ref(), self.serial.as_ref());
             let found = live::carry_out(step, &config, &self.live, noted)?;
-            return self.conclude(step.name(), &found, &place);
+            return self.conclude(step.name(), &found, &destination);
         };
         self.carry_out_by(&path.display().to_string(), step, |step, bar| {
             let session = Session::open(path)?;
-            let told = |share: f64, progress: &Progress| tell_progress(bar, share, progress);
+            let report = |share: f64, progress: &Progress| show_progress(bar, share, progress);
             Ok(show_session(
                 &session,
                 &config,
                 metres_per_unit,
                 step,
-                told,
+                report,
             )?)
         })
     }
 
-    /// Lets `show` show the step everything; it returns how many pictures were damaged.
+    /// Runs `step` on the data that `show` gives it. `show` returns the number of damaged pictures.
     pub fn carry_out_by<S: Step + ?Sized>(
         &self,
         source: &str,
         step: &mut S,
         show: impl FnOnce(&mut S, &ProgressBar) -> anyhow::Result<usize>,
     ) -> anyhow::Result<ExitCode> {
-        let place = self.place(step, false)?;
+        let destination = self.destination(step, false)?;
         let bar = progress_bar();
         let damaged = show(step, &bar)?;
         bar.finish_and_clear();
@@ -158,11 +160,11 @@ impl ToArgs {
             device: self.device.clone(),
             serial: self.serial.clone(),
         });
-        self.conclude(step.name(), &found, &place)
+        self.conclude(step.name(), &found, &destination)
     }
 
-    /// Checks what can be checked before the work.
-    fn place<S: Step + ?Sized>(&self, step: &S, live: bool) -> anyhow::Result<Place> {
+    /// Chooses the destination and checks that it can be written, before the step runs.
+    fn destination<S: Step + ?Sized>(&self, step: &S, live: bool) -> anyhow::Result<Destination> {
         let Some(out) = &self.out else {
             if !live {
                 bail!("name the calibration to be written with --out FILE.json");
@@ -173,7 +175,7 @@ impl ToArgs {
             let name = file_of(step);
             prepare(folder, &name)?;
             let folder = folder.to_owned();
-            return Ok(Place::Rig { folder, name });
+            return Ok(Destination::Rig { folder, name });
         };
         let report = out.with_extension("html");
         if report == *out {
@@ -185,12 +187,18 @@ impl ToArgs {
         claim(out, self.force)?;
         claim(&report, self.force)?;
         let out = out.clone();
-        Ok(Place::Named { out, report })
+        Ok(Destination::Named { out, report })
     }
 
-    fn conclude(&self, step: &str, found: &Finished, place: &Place) -> anyhow::Result<ExitCode> {
-        tell(found);
-        let written = self.write(step, found, place)?;
+    /// Prints the result and writes its files. A refused calibration is an error.
+    fn conclude(
+        &self,
+        step: &str,
+        found: &Finished,
+        destination: &Destination,
+    ) -> anyhow::Result<ExitCode> {
+        print_result(found);
+        let written = self.write(step, found, destination)?;
         let what = match step {
             "verify" => "check",
             _ => "calibration",
@@ -198,7 +206,7 @@ impl ToArgs {
         for (what, path) in [
             ("report", &written.report),
             (what, &written.file),
-            ("the one before", &written.backup),
+            ("previous file", &written.backup),
         ] {
             if let Some(path) = path {
                 crate::cli::say(format_args!("{what}: {}", path.display()));
@@ -210,18 +218,25 @@ impl ToArgs {
         let why = found.findings.first().map_or("", |f| f.1.as_str());
         match written.file {
             Some(_) => bail!("refused: {why}"),
-            // What is not there cannot be used by mistake.
+            // A refused calibration writes no file, so that it cannot be used by mistake.
             None => bail!("refused: no calibration was written; {why}"),
         }
     }
 
-    fn write(&self, step: &str, found: &Finished, place: &Place) -> anyhow::Result<Written> {
-        let (out, report) = match place {
-            Place::Rig { folder, name } => return Ok(write_calibration(folder, name, found)?),
-            Place::Named { out, report } => (out, report),
+    fn write(
+        &self,
+        step: &str,
+        found: &Finished,
+        destination: &Destination,
+    ) -> anyhow::Result<Written> {
+        let (out, report) = match destination {
+            Destination::Rig { folder, name } => {
+                return Ok(write_calibration(folder, name, found)?);
+            }
+            Destination::Named { out, report } => (out, report),
         };
         write(report, found.page.as_bytes(), self.force)?;
-        // A check is kept whatever it found.
+        // The result of a check is written even if it is bad.
         let kept = found.grade != Grade::Refused || step == "verify";
         let file = found.file.as_ref().filter(|_| kept);
         if let Some(file) = file {
@@ -235,8 +250,20 @@ impl ToArgs {
     }
 }
 
-/// On the bar.
-pub fn tell_progress(bar: &ProgressBar, share: f64, progress: &Progress) {
+/// Reads the files of `--rig`: those of a folder or a session, or one `rig.json` of any name.
+fn newer_files(path: &Path) -> anyhow::Result<RigFiles> {
+    let is_json = path
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("json"));
+    if is_json && path.is_file() {
+        let files = RigFiles::from_rig_json(path);
+        return files.with_context(|| format!("{}: cannot be read", path.display()));
+    }
+    Ok(RigFiles::at(path)?)
+}
+
+/// Shows the progress of a step on the bar; `share` is the share of the recording, 0..=1.
+pub fn show_progress(bar: &ProgressBar, share: f64, progress: &Progress) {
     bar.set_position((1000.0 * share) as u64);
     bar.set_message(match progress.hint.as_str() {
         "" => progress.message.clone(),
@@ -244,7 +271,8 @@ pub fn tell_progress(bar: &ProgressBar, share: f64, progress: &Progress) {
     });
 }
 
-fn tell(found: &Finished) {
+/// Prints grade, figures, findings and hints.
+fn print_result(found: &Finished) {
     crate::cli::say(format_args!("{}", found.grade.name()));
     for line in &found.lines {
         crate::cli::say(format_args!("  {line}"));
@@ -257,7 +285,7 @@ fn tell(found: &Finished) {
     }
 }
 
-/// Hidden by indicatif where standard error is no terminal.
+/// Creates a progress bar of 1000 steps. indicatif hides it if standard error is not a terminal.
 pub fn progress_bar() -> ProgressBar {
     let bar = ProgressBar::new(1000);
     if let Ok(style) = ProgressStyle::with_template("{bar:30} {percent} % {msg}") {

@@ -1,6 +1,6 @@
 //! `penumbra calibrate intrinsics`.
 
-use super::from::{ToArgs, tell_progress};
+use super::from::{ToArgs, show_progress};
 use crate::cli::files::{claim, write};
 use anyhow::bail;
 use clap::{Args, ValueEnum};
@@ -70,14 +70,14 @@ impl IntrinsicsArgs {
     }
 
     fn step(&self, said: SaidLenses) -> IntrinsicsStep {
-        let usual = match said.of_eye(self.eye()) {
+        let default = match said.of_eye(self.eye()) {
             Some(lens) if lens.fisheye => Model::Fisheye,
             Some(_) => Model::Brown,
             None if self.camera == Which::Environment => Model::Fisheye,
             None => Model::Brown,
         };
         let options = Options {
-            model: match self.model.unwrap_or(usual) {
+            model: match self.model.unwrap_or(default) {
                 Model::Brown => LensModel::Brown,
                 Model::BrownRational => LensModel::BrownRational,
                 Model::Fisheye => LensModel::KannalaBrandt,
@@ -87,7 +87,7 @@ impl IntrinsicsArgs {
         IntrinsicsStep::new(self.eye(), self.board, options, said)
     }
 
-    fn of_session(&self, path: &Path) -> anyhow::Result<ExitCode> {
+    fn run_on_session(&self, path: &Path) -> anyhow::Result<ExitCode> {
         let session = Session::open(path)?;
         if self.camera == Which::Environment && !session.has_environment() {
             bail!(
@@ -95,7 +95,7 @@ impl IntrinsicsArgs {
                 path.display()
             );
         }
-        // Without a rig.json there is nothing to contradict.
+        // The rig.json, if there is one, is compared with the result.
         let rig = RigDocument::of_session(&|name: &str| session.attachment(name)).ok();
         let said = rig
             .as_ref()
@@ -105,7 +105,7 @@ impl IntrinsicsArgs {
         })
     }
 
-    /// Writes the corners whatever becomes of the lens: they tell why it was refused.
+    /// Runs the step and writes the corners, even if the lens is refused: they show why.
     fn with_corners(
         &self,
         step: &mut IntrinsicsStep,
@@ -121,14 +121,14 @@ impl IntrinsicsArgs {
         done
     }
 
-    fn of_folder(&self, folder: &Path) -> anyhow::Result<ExitCode> {
+    fn run_on_folder(&self, folder: &Path) -> anyhow::Result<ExitCode> {
         let mut step = self.step(SaidLenses::default());
         let source = folder.display().to_string();
         self.with_corners(&mut step, |step| {
             self.to.carry_out_by(&source, step, |step, bar| {
                 Ok(pictures_of_folder(folder, |looked: Looked| {
                     step.look_at(&looked.name, looked.picture);
-                    tell_progress(bar, looked.share, &step.progress());
+                    show_progress(bar, looked.share, &step.progress());
                 })?)
             })
         })
@@ -137,8 +137,8 @@ impl IntrinsicsArgs {
 
 pub fn run(args: &IntrinsicsArgs) -> anyhow::Result<ExitCode> {
     match (&args.session, &args.pictures) {
-        (Some(session), _) => args.of_session(session),
-        (None, Some(folder)) => args.of_folder(folder),
+        (Some(session), _) => args.run_on_session(session),
+        (None, Some(folder)) => args.run_on_folder(folder),
         (None, None) => {
             let said = SaidLenses::of(&args.to.rig()?);
             args.to.carry_out(None, None, &mut args.step(said))

@@ -1,4 +1,4 @@
-//! What stands still before the camera.
+//! Static landmarks in front of the camera: tags or a board.
 
 use anyhow::bail;
 use penumbra_calibration::hand_eye_calibration::Landmarks;
@@ -6,7 +6,7 @@ use penumbra_calibration::intrinsics::Board;
 use penumbra_fiducials::TagMap;
 use penumbra_rig_model::Marker;
 
-/// The rig's tags; none where it has none.
+/// Returns the rig's tags; `None` if it has none.
 pub fn tags_of(markers: &[Marker]) -> anyhow::Result<Option<TagMap>> {
     if markers.is_empty() {
         return Ok(None);
@@ -15,7 +15,7 @@ pub fn tags_of(markers: &[Marker]) -> anyhow::Result<Option<TagMap>> {
     Ok(Some(TagMap::new(tags)?))
 }
 
-/// A board, of the kinds that are found.
+/// Returns the board as landmarks. Only chessboards are supported.
 pub fn board_of(board: Board) -> anyhow::Result<Landmarks> {
     if !matches!(board, Board::Chess { .. }) {
         bail!("--board {board}: only chessboards are found in pictures yet");

@@ -1,5 +1,5 @@
-//! A step of calibration on the live rig: the configured devices, a progress bar, the picture in
-//! a browser, and an end at Enter or Ctrl-C.
+//! Runs a calibration step on the live rig: opens the configured devices, shows a progress bar and
+//! the picture in a browser, and ends at Enter or Ctrl-C.
 
 use super::from::progress_bar;
 use crate::cli::show::{address, status_server};
@@ -24,7 +24,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 /// Interval at which signals and keys are checked.
-const LOOK_EVERY: Duration = Duration::from_millis(50);
+const POLL_INTERVAL: Duration = Duration::from_millis(50);
 /// Exit status by convention after Ctrl-C.
 const INTERRUPTED: i32 = 130;
 
@@ -46,32 +46,33 @@ fn seconds(text: &str) -> Result<f64, String> {
 /// Events that end a step.
 #[derive(Clone, Default)]
 struct Ends {
-    /// SIGINT or SIGTERM has come.
+    /// SIGINT or SIGTERM was received.
     signal: Arc<AtomicBool>,
     /// Enter was pressed.
     entered: Arc<AtomicBool>,
 }
 
 impl Ends {
-    /// Once for each time.
-    fn asked(&self) -> bool {
+    /// Whether an end was requested since the last call.
+    fn take_request(&self) -> bool {
         let take = |flag: &AtomicBool| flag.swap(false, Ordering::Relaxed);
         take(&self.signal) | take(&self.entered)
     }
 
-    /// The thread is not joined: nothing ends a wait for somebody's key but the program's end.
+    /// Starts a thread that waits for Enter. It is not joined, as only the end of the program
+    /// interrupts reading a key.
     fn listen_for_enter(&self) {
         let entered = Arc::clone(&self.entered);
         let _ = threads::spawn("enter", move || {
             let read = std::io::stdin().read_line(&mut String::new());
-            // Nothing at all means that nobody is there, not that somebody has pressed it.
+            // No bytes mean the end of the input, not a pressed key.
             entered.store(read.is_ok_and(|bytes| bytes > 0), Ordering::Relaxed);
         });
     }
 }
 
-/// Shows `step` what the configured devices deliver and lets it conclude. `noted` is what the
-/// user says of the device.
+/// Runs `step` on the data of the configured devices and returns its result. `noted` holds the
+/// device name and serial number from the command line.
 pub fn carry_out(
     step: &mut dyn Step,
     config: &Config,
@@ -116,8 +117,8 @@ pub fn carry_out(
     Ok(found)
 }
 
-/// The page on which the picture can be seen. A port that is taken ends the program only where
-/// one was asked for.
+/// Starts the status page, which shows the picture. A port in use is an error only if --listen was
+/// given.
 fn server(
     config: &Config,
     args: &LiveArgs,
@@ -129,7 +130,7 @@ fn server(
         "calibration".clone_into(&mut s.session.name);
         s.session.state = SessionState::Live;
         "A calibration step is running; pictures are not composited."
-            .clone_into(&mut s.session.sentence);
+            .clone_into(&mut s.session.description);
     });
     match status_server(config, &status) {
         Ok(server) => Ok(Some(server)),
@@ -162,9 +163,9 @@ fn show(
     };
     let ended = shown.show(step, &mut |moment| {
         let trouble = devices::trouble(&wants, live.supervised());
-        tell(&bar, moment, trouble.as_deref());
+        show_moment(&bar, moment, trouble.as_deref());
         match showcase.tell(moment, trouble) {
-            Wish::GoOn if ends.asked() => Wish::Finish,
+            Wish::GoOn if ends.take_request() => Wish::Finish,
             wish => wish,
         }
     });
@@ -172,17 +173,18 @@ fn show(
     ended
 }
 
-fn tell(bar: &ProgressBar, moment: &Moment, trouble: Option<&str>) {
+/// Shows progress on the bar, with the device's error or else the step's hint.
+fn show_moment(bar: &ProgressBar, moment: &Moment, trouble: Option<&str>) {
     let progress = moment.progress;
     bar.set_position((1000.0 * progress.share) as u64);
     let next = trouble.unwrap_or(&progress.hint);
     let parts = [progress.message.as_str(), next];
-    let said: Vec<&str> = parts.into_iter().filter(|p| !p.is_empty()).collect();
-    bar.set_message(said.join("; "));
+    let shown: Vec<&str> = parts.into_iter().filter(|p| !p.is_empty()).collect();
+    bar.set_message(shown.join("; "));
 }
 
-/// A signal meanwhile ends the program: nothing has been written, and a step that concludes
-/// cannot be interrupted.
+/// Evaluates the step. A signal during the evaluation ends the program, because the evaluation
+/// cannot be interrupted; nothing has been written by then.
 fn evaluate(step: &mut dyn Step, made: &Made, ends: &Ends) -> anyhow::Result<Finished> {
     let done = Arc::new(AtomicBool::new(false));
     let (watched, signal) = (Arc::clone(&done), Arc::clone(&ends.signal));
@@ -192,7 +194,7 @@ fn evaluate(step: &mut dyn Step, made: &Made, ends: &Ends) -> anyhow::Result<Fin
                 crate::cli::complain(&anyhow::anyhow!("aborted; nothing was written"));
                 leave();
             }
-            std::thread::sleep(LOOK_EVERY);
+            std::thread::sleep(POLL_INTERVAL);
         }
     })?;
     let found = step.finish(made);

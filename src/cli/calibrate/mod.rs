@@ -50,7 +50,7 @@ enum Step {
     Convert(convert::ConvertArgs),
 }
 
-/// Runs a step.
+/// Runs the step that the command line names.
 pub fn run(args: CalibrateArgs) -> anyhow::Result<ExitCode> {
     match args.step {
         Step::Intrinsics(args) => intrinsics::run(&args),

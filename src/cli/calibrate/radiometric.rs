@@ -1,7 +1,7 @@
 //! `penumbra calibrate radiometric`.
 
 use super::folder::{picture, pictures};
-use super::from::{ToArgs, tell_progress};
+use super::from::{ToArgs, show_progress};
 use anyhow::{Context as _, bail};
 use clap::{Args, ValueEnum};
 use indicatif::ProgressBar;
@@ -149,7 +149,7 @@ fn rig(args: &RadiometricArgs, session: Option<&Session>) -> anyhow::Result<Opti
         return Ok(RigDocument::of_session(&|name: &str| session.attachment(name)).ok());
     }
     let Some(path) = &args.rig else {
-        // Pictures by themselves are of no rig that is known.
+        // Single pictures belong to no known rig.
         let live = !args.has_pictures();
         return live.then(|| args.to.rig()).transpose();
     };
@@ -171,7 +171,8 @@ fn options(args: &RadiometricArgs, rig: Option<&RigDocument>, config: &Config) -
     }
 }
 
-/// Everything a session holds, and the pictures of a chart that it has attached.
+/// Gives `step` all data of a session and its attached pictures of a chart. Returns the number of
+/// damaged pictures.
 fn show(
     session: &Session,
     config: &Config,
@@ -190,8 +191,8 @@ fn show(
             }
         }
     }
-    let told = |share: f64, progress: &Progress| tell_progress(bar, share, progress);
-    let damaged = show_session(session, config, None, step, told)?;
+    let report = |share: f64, progress: &Progress| show_progress(bar, share, progress);
+    let damaged = show_session(session, config, None, step, report)?;
     if let Some(seen) = rig.and_then(|rig| seen_by_both(session, config, rig)) {
         if let Some((gains, pairs)) = seen.gains {
             step.add_scene_gains(gains, format!("{pairs} pairs of pictures"));
@@ -203,7 +204,8 @@ fn show(
     Ok(damaged)
 }
 
-/// A picture by itself: far in time from all others, so that no noise is read from it.
+/// Gives `step` a single picture. Its time is far from all others, so that it is not used to
+/// measure noise.
 fn look(step: &mut Radiometric, eye: Eye, picture: &Picture, number: usize) {
     step.look(&Shown::Picture(ShownPicture {
         eye,
@@ -257,7 +259,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn exposures_and_rectangles_are_read_as_people_write_them() {
+    fn parses_exposures_and_rectangles() {
         assert_eq!(exposure("1/50"), Ok(0.02));
         assert_eq!(exposure(" 0.5"), Ok(0.5));
         for wrong in ["1/0", "-1", "fast", ""] {

@@ -40,7 +40,8 @@ pub fn run(args: &TagsArgs) -> anyhow::Result<ExitCode> {
     claim(&args.out, args.force)?;
     let mut detector =
         Detector::new(&args.family, &Response::srgb()).with_most_candidates(MAX_CANDIDATES);
-    let mut table = String::from("picture,family,id,x0,y0,x1,y1,x2,y2,x3,y3,margin,wrong_bits\n");
+    let mut table =
+        String::from("picture,family,id,x0,y0,x1,y1,x2,y2,x3,y3,margin,corrected_bits\n");
     let damaged = pictures_of_folder(&args.pictures, |looked: Looked| {
         let start = Instant::now();
         let seen = detector.detect(looked.picture, None);

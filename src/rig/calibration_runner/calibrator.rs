@@ -15,7 +15,7 @@ use penumbra_capture::{Devices, Hub};
 use penumbra_config::Config;
 use penumbra_interface::threads;
 use penumbra_status::calibration::{
-    Calibration, CalibrationControl, CalibrationRefusal, CalibrationWish,
+    Calibration, CalibrationControl, CalibrationRefusal, CalibrationRequest,
 };
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
@@ -25,7 +25,7 @@ use std::time::Duration;
 
 /// Makes a step from its name and parameters.
 pub type StepMaker =
-    dyn Fn(&CalibrationWish, &Known) -> Result<Made, CalibrationRefusal> + Send + Sync;
+    dyn Fn(&CalibrationRequest, &Known) -> Result<Made, CalibrationRefusal> + Send + Sync;
 
 /// Carries out steps of calibration beside the frames.
 pub struct Calibrator {
@@ -42,7 +42,7 @@ impl Calibrator {
     /// Ready to calibrate a live rig.
     #[must_use]
     pub fn new(live: &Live, config: &Config) -> Arc<Self> {
-        let make = |wish: &CalibrationWish, known: &Known| {
+        let make = |wish: &CalibrationRequest, known: &Known| {
             let step = step_of(&wish.step, &wish.parameters, known);
             step.map_err(|error| CalibrationRefusal::Parameter {
                 reason: error.to_string(),
@@ -66,7 +66,7 @@ impl Calibrator {
     }
 
     /// Everything that can be found wrong before the first picture.
-    fn job(&self, wish: &CalibrationWish) -> Result<(Job, Made), RigError> {
+    fn job(&self, wish: &CalibrationRequest) -> Result<(Job, Made), RigError> {
         let refused = |refusal: CalibrationRefusal| RigError::Calibration { refusal };
         // Anew each time: the step before may have written what this one builds upon.
         let known = Known::read(&self.config)?;
@@ -97,7 +97,7 @@ impl CalibrationControl for Calibrator {
         self.showcase.view()
     }
 
-    fn start(&self, wish: &CalibrationWish) -> Result<(), CalibrationRefusal> {
+    fn start(&self, wish: &CalibrationRequest) -> Result<(), CalibrationRefusal> {
         let mut thread = self.thread.lock().unwrap_or_else(PoisonError::into_inner);
         if thread.as_ref().is_some_and(|t| !t.is_finished()) {
             let step = self.showcase.view().step;

@@ -31,8 +31,8 @@ pub struct ShownCounts {
     pub pictures: u64,
     /// Pictures that could not be decoded.
     pub damaged: u64,
-    /// Pictures that came while it was busy.
-    pub passed_over: u64,
+    /// Pictures skipped while the step was busy.
+    pub skipped: u64,
     /// Readings of the tracker that found no room.
     pub readings_lost: u64,
 }
@@ -123,7 +123,7 @@ impl LiveShow<'_> {
                 counts: ShownCounts {
                     pictures,
                     damaged: showing.map_or(0, |s| s.damaged as u64),
-                    passed_over: end.pictures_skipped(),
+                    skipped: end.pictures_skipped(),
                     readings_lost: end.readings_lost(),
                 },
             });

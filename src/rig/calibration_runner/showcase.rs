@@ -6,8 +6,8 @@ use bytes::Bytes;
 use penumbra_calibration::step::{Finished, Progress};
 use penumbra_interface::{Clock, MonotonicTime, SystemClock};
 use penumbra_status::calibration::{
-    Calibration, CalibrationControl, CalibrationFinding, CalibrationRefusal, CalibrationResult,
-    CalibrationState, CalibrationWish, ShownPicture,
+    Calibration, CalibrationControl, CalibrationFinding, CalibrationRefusal, CalibrationRequest,
+    CalibrationResult, CalibrationState, ShownPicture,
 };
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -50,7 +50,7 @@ impl Showcase {
     pub fn new(steps: Vec<penumbra_status::calibration::StepForm>) -> Arc<Self> {
         let view = Calibration {
             state: CalibrationState::Idle,
-            sentence: "Nothing is being calibrated.".to_owned(),
+            description: "Nothing is being calibrated.".to_owned(),
             steps,
             ..Calibration::default()
         };
@@ -68,7 +68,7 @@ impl Showcase {
         let steps = std::mem::take(&mut state.view.steps);
         state.view = Calibration {
             state: CalibrationState::Running,
-            sentence: "Waiting for what the devices deliver.".to_owned(),
+            description: "Waiting for data from the devices.".to_owned(),
             step: step.to_owned(),
             title: title.to_owned(),
             parameters,
@@ -89,22 +89,22 @@ impl Showcase {
                 revision,
                 width: picture.width,
                 height: picture.height,
-                eye: eye.name().to_owned(),
-                marks: marks_of(moment.progress),
+                camera: eye.name().to_owned(),
+                points: marks_of(moment.progress),
             });
         }
         let view = &mut state.view;
         if moment.counts.pictures > 0 || !moment.progress.message.is_empty() {
-            "Looking on.".clone_into(&mut view.sentence);
+            "Collecting data.".clone_into(&mut view.description);
         }
         view.share = moment.progress.share.clamp(0.0, 1.0);
         view.message.clone_from(&moment.progress.message);
         view.hint.clone_from(&moment.progress.hint);
-        view.trouble = trouble;
+        view.device_error = trouble;
         view.seconds = moment.seconds;
         view.pictures = moment.counts.pictures;
         view.damaged = moment.counts.damaged;
-        view.passed_over = moment.counts.passed_over;
+        view.skipped = moment.counts.skipped;
         view.readings_lost = moment.counts.readings_lost;
         state.wish
     }
@@ -113,8 +113,8 @@ impl Showcase {
     pub fn evaluate(&self) {
         let view = &mut self.lock().view;
         view.state = CalibrationState::Evaluating;
-        "Working it out.".clone_into(&mut view.sentence);
-        view.trouble = None;
+        "Evaluating.".clone_into(&mut view.description);
+        view.device_error = None;
     }
 
     /// It has come to its end, and is on the disk or is not.
@@ -133,9 +133,9 @@ impl Showcase {
             Some(_) => CalibrationState::Failed,
             None => CalibrationState::Finished,
         };
-        view.sentence = match (trouble, &written.file) {
+        view.description = match (trouble, &written.file) {
             (Some(trouble), _) => format!("The calibration could not be written: {trouble}"),
-            (None, Some(_)) => "Written. It is in force when the rig is started again.".to_owned(),
+            (None, Some(_)) => "Written. It is used when the rig is started again.".to_owned(),
             (None, None) => "Refused: no calibration was written.".to_owned(),
         };
         view.result = Some(result(found, &written, report));
@@ -145,16 +145,16 @@ impl Showcase {
     pub fn fail(&self, reason: &str) {
         let view = &mut self.lock().view;
         view.state = CalibrationState::Failed;
-        reason.clone_into(&mut view.sentence);
-        view.trouble = None;
+        reason.clone_into(&mut view.description);
+        view.device_error = None;
     }
 
     /// Nothing came of it, as was wished.
     pub fn aborted(&self) {
         let view = &mut self.lock().view;
         view.state = CalibrationState::Idle;
-        "Aborted; nothing was written.".clone_into(&mut view.sentence);
-        view.trouble = None;
+        "Aborted; nothing was written.".clone_into(&mut view.description);
+        view.device_error = None;
         view.result = None;
     }
 
@@ -178,7 +178,7 @@ impl Showcase {
             state.wish = wish;
         }
         if wish == Wish::Abort {
-            "Being aborted.".clone_into(&mut state.view.sentence);
+            "Aborting.".clone_into(&mut state.view.description);
         }
         Ok(())
     }
@@ -202,7 +202,7 @@ impl CalibrationControl for Showcase {
         state.view.clone()
     }
 
-    fn start(&self, _: &CalibrationWish) -> Result<(), CalibrationRefusal> {
+    fn start(&self, _: &CalibrationRequest) -> Result<(), CalibrationRefusal> {
         Err(CalibrationRefusal::OneStep)
     }
 
@@ -241,7 +241,7 @@ fn result(found: &Finished, written: &Written, report: bool) -> CalibrationResul
             text: text.clone(),
         });
     CalibrationResult {
-        verdict: found.grade.name().to_owned(),
+        grade: found.grade.name().to_owned(),
         lines: found.lines.clone(),
         findings: findings.collect(),
         hints: found.hints.clone(),

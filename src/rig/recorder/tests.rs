@@ -120,9 +120,9 @@ fn the_reserve_ends_a_recording_in_order() {
     let recording = status.snapshot().recording;
     assert_eq!(recording.state, RecordingState::Failed);
     assert!(
-        recording.sentence.contains("reserve_mb"),
+        recording.description.contains("reserve_mb"),
         "{}",
-        recording.sentence
+        recording.description
     );
     let session = Session::open(&path).unwrap();
     assert!(!session.truncated() && session.events().count() == 1);
@@ -163,7 +163,7 @@ fn a_full_disk_ends_the_recording_with_a_clear_state() {
     hub.deliver(frame(1));
     let recording = job.run();
     assert_eq!(recording.state, RecordingState::Failed);
-    let sentence = recording.sentence;
+    let sentence = recording.description;
     assert!(
         sentence.contains("No space left") && sentence.contains("free space"),
         "{sentence}"
@@ -177,7 +177,7 @@ fn a_full_disk_ends_the_recording_with_a_clear_state() {
 fn a_length_ends_it_and_the_dashboard_chooses_names_within_the_folder() {
     let folder = tempfile::tempdir().unwrap();
     let (hub, status, recorder) = recorder(folder.path(), 0);
-    let wish = |json: &str| RecordingWish::from_json(json.as_bytes()).unwrap();
+    let wish = |json: &str| RecordingRequest::from_json(json.as_bytes()).unwrap();
     let begun = recorder
         .carry_out(&wish(r#"{"record": true, "seconds": 1}"#))
         .unwrap();

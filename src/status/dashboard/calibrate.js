@@ -5,13 +5,13 @@ import { $, duration, facts, flag, make, percent, pill, put, refill, whole } fro
 
 const BUSY_MS = 250;
 const IDLE_MS = 2000;
-const MARK = 4; // half of a cross, in pixels of a picture of 640
+const CROSS = 4; // half the size of a cross, pixels in a picture of 640
 
 const STATES = {
-  unavailable: ['live only', 'idle'], idle: ['ready', 'idle'], running: ['looking on', 'warn'],
-  evaluating: ['working it out', 'warn'], finished: ['finished', 'good'], failed: ['failed', 'bad'],
+  unavailable: ['live only', 'idle'], idle: ['ready', 'idle'], running: ['running', 'warn'],
+  evaluating: ['evaluating', 'warn'], finished: ['finished', 'good'], failed: ['failed', 'bad'],
 };
-const VERDICTS = { good: 'good', usable: 'warn', refused: 'bad' };
+const GRADES = { good: 'good', usable: 'warn', refused: 'bad' };
 
 let view = null;
 let timer = 0;
@@ -20,9 +20,9 @@ let loading = false;
 
 const busy = () => ['running', 'evaluating'].includes(view?.state);
 
-// ── what can be started ─────────────────────────────────────────────────────────────────
+// ── form ─────────────────────────────────────────────────────────────────
 
-/** One row of the form. */
+/** Builds one row of the form. */
 function field(parameter) {
   const row = make('label', 'row');
   const label = make('span', 'label', parameter.label);
@@ -54,7 +54,7 @@ function form() {
   refill($('calibrate-parameters'), step?.parameters ?? [], field);
 }
 
-function wish() {
+function request() {
   const parameters = {};
   $('calibrate-parameters').querySelectorAll('[name]').forEach((input) => { parameters[input.name] = input.value; });
   const seconds = $('calibrate-seconds').valueAsNumber;
@@ -72,11 +72,11 @@ function run() {
   put($('calibrate-percent'), evaluating ? '' : percent(view.share, 0));
   put($('calibrate-message'), view.message);
   put($('calibrate-hint'), evaluating ? '' : hint(view.hint));
-  flag($('calibrate-waits'), view.trouble);
+  flag($('calibrate-waits'), view.device_error);
   facts($('calibrate-facts'), [
-    ['so far', duration(view.seconds)],
-    ['pictures shown', whole(view.pictures)],
-    ...(view.passed_over ? [['passed over', whole(view.passed_over)]] : []),
+    ['duration', duration(view.seconds)],
+    ['pictures used', whole(view.pictures)],
+    ...(view.skipped ? [['skipped', whole(view.skipped)]] : []),
     ...(view.damaged ? [['damaged', whole(view.damaged)]] : []),
     ...(view.readings_lost ? [['readings lost', whole(view.readings_lost)]] : []),
   ]);
@@ -90,10 +90,10 @@ function result() {
   $('calibrate-result').hidden = !r;
   if (!r) return;
   put($('calibrate-of'), view.title);
-  pill($('calibrate-verdict'), r.verdict, VERDICTS[r.verdict] ?? 'idle');
+  pill($('calibrate-grade'), r.grade, GRADES[r.grade] ?? 'idle');
   $('calibrate-report').hidden = !r.report;
   refill($('calibrate-figures'), r.lines, (line) => make('li', '', line));
-  const findings = r.findings.map(({ grade, text }) => [grade, VERDICTS[grade], text]);
+  const findings = r.findings.map(({ grade, text }) => [grade, GRADES[grade], text]);
   const next = r.hints.map((text) => ['next', 'idle', hint(text)]);
   refill($('calibrate-findings'), [...findings, ...next], ([word, tone, text]) => {
     const item = make('li');
@@ -106,13 +106,13 @@ function result() {
   refill($('calibrate-files'), files, ([what, file]) => make('li', '', `${what} ${file}`));
 }
 
-/** Crosses at the points found, in the picture's pixels. */
-function marks({ width, height, marks: found }) {
+/** Draws crosses at the detected points, in pixels of the picture. */
+function overlay({ width, height, points }) {
   const svg = $('calibrate-marks');
   svg.setAttribute('viewBox', `0 0 ${width} ${height}`);
-  const size = (MARK * Math.max(width, height)) / 640;
+  const size = (CROSS * Math.max(width, height)) / 640;
   const cross = ([x, y]) => `M${x + 0.5 - size} ${y + 0.5}h${2 * size}M${x + 0.5} ${y + 0.5 - size}v${2 * size}`;
-  const path = found.map(cross).join('');
+  const path = points.map(cross).join('');
   svg.querySelectorAll('path').forEach((element) => element.setAttribute('d', path));
 }
 
@@ -125,7 +125,7 @@ function picture() {
   if (!shown) {
     revision = 0;
     $('calibrate-picture').hidden = true;
-    marks({ width: 1, height: 1, marks: [] });
+    overlay({ width: 1, height: 1, points: [] });
     return;
   }
   if (shown.revision === revision || loading || document.hidden) return;
@@ -136,11 +136,11 @@ function picture() {
     revision = shown.revision;
     const image = $('calibrate-picture');
     image.src = next.src;
-    image.alt = `Picture of the ${shown.eye} camera with ${shown.marks.length} points found`;
+    image.alt = `Picture of the ${shown.camera} camera with ${shown.points.length} points found`;
     image.hidden = false;
     note.hidden = true;
     $('calibrate-screen').style.aspectRatio = `${shown.width} / ${shown.height}`;
-    marks(shown);
+    overlay(shown);
   };
   next.onerror = () => { loading = false; };
   next.src = `/calibration/picture.jpg?revision=${shown.revision}`;
@@ -149,15 +149,15 @@ function picture() {
 function render() {
   $('calibrate-card').hidden = false;
   const [word, tone] = STATES[view.state] ?? [view.state, 'idle'];
-  const verdict = view.state === 'finished' ? view.result?.verdict : null;
-  pill($('calibrate-pill'), word, VERDICTS[verdict] ?? tone);
+  const grade = view.state === 'finished' ? view.result?.grade : null;
+  pill($('calibrate-pill'), word, GRADES[grade] ?? tone);
   const failed = view.state === 'failed';
-  put($('calibrate-sentence'), failed || busy() ? '' : view.sentence);
+  put($('calibrate-description'), failed || busy() ? '' : view.description);
   $('calibrate-body').hidden = view.state === 'unavailable';
   if (view.state === 'unavailable') return;
   $('calibrate-form').hidden = busy() || !view.steps.length;
   $('calibrate-run').hidden = !busy();
-  if (failed) flag($('calibrate-trouble'), view.sentence);
+  if (failed) flag($('calibrate-trouble'), view.description);
   if (busy()) run();
   else form();
   result();
@@ -166,17 +166,17 @@ function render() {
 
 // ── requests ──────────────────────────────────────────────────────────────────────────────
 
-async function ask() {
+async function poll() {
   clearTimeout(timer);
   // A lost connection is reported by the page already.
   if (document.body.dataset.link === 'up') {
     try {
       const response = await fetch('/calibration', { signal: AbortSignal.timeout(5000) });
       if (response.ok) { view = await response.json(); render(); }
-    } catch { /* the next one may come */ }
+    } catch { /* the next request may succeed */ }
   }
   clearTimeout(timer);
-  timer = setTimeout(ask, busy() && !document.hidden ? BUSY_MS : view ? IDLE_MS : BUSY_MS);
+  timer = setTimeout(poll, busy() && !document.hidden ? BUSY_MS : view ? IDLE_MS : BUSY_MS);
 }
 
 /** Sends a request and shows the reason of a refusal. */
@@ -195,14 +195,14 @@ async function send(what, body) {
   } catch (error) {
     flag($('calibrate-trouble'), error.message.replace(/^calibration: /, ''));
   }
-  ask();
+  poll();
 }
 
 /** Starts polling. */
 export function calibrate() {
-  $('calibrate-form').addEventListener('submit', (event) => { event.preventDefault(); send('start', wish()); });
+  $('calibrate-form').addEventListener('submit', (event) => { event.preventDefault(); send('start', request()); });
   $('calibrate-step').addEventListener('change', form);
   $('calibrate-finish').addEventListener('click', () => send('finish', {}));
   $('calibrate-abort').addEventListener('click', () => send('abort', {}));
-  ask();
+  poll();
 }

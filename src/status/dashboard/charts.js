@@ -1,12 +1,13 @@
-// Small charts of what was measured since the page was opened.
+// Small charts of the values received since the page was opened.
 
 export const LIGHT = '#f2b84b';
 export const COOL = '#6fb2ff';
 const HISTORY = 240; // two minutes at two values a second
-const SHORTEST = 40; // so that a fresh chart is not an empty one
+const MIN_SPAN = 40; // values across a chart at least, so that the first ones do not fill it
 
 const histories = new Map();
 
+/** Appends a value to a history; returns the history. */
 export function remember(key, value) {
   const history = histories.get(key) ?? [];
   history.push(Number.isFinite(value) ? value : NaN);
@@ -15,8 +16,8 @@ export function remember(key, value) {
   return history;
 }
 
-/** Prepares a canvas for its size on the screen; null while it is not shown. */
-function brush(canvas) {
+/** Adjusts a canvas to its size on the screen; null while it is hidden. */
+function prepare(canvas) {
   const [width, height] = [canvas.clientWidth, canvas.clientHeight];
   if (!width || !height) return null;
   const ratio = window.devicePixelRatio || 1;
@@ -30,7 +31,7 @@ function brush(canvas) {
   return { context, width, height };
 }
 
-/** The least of a few round numbers that is not below a value. */
+/** Returns the smallest of a few round numbers that is not below `value`. */
 function niceAbove(value) {
   if (!(value > 0)) return 1;
   const power = 10 ** Math.floor(Math.log10(value));
@@ -40,21 +41,22 @@ function niceAbove(value) {
 
 function trace(context, history, x, y) {
   context.beginPath();
-  let pen = false;
+  let drawing = false;
   history.forEach((value, i) => {
-    if (Number.isNaN(value)) { pen = false; return; }
-    if (pen) context.lineTo(x(i), y(value)); else context.moveTo(x(i), y(value));
-    pen = true;
+    if (Number.isNaN(value)) { drawing = false; return; }
+    if (drawing) context.lineTo(x(i), y(value)); else context.moveTo(x(i), y(value));
+    drawing = true;
   });
 }
 
+/** Draws a history as a line, with a labelled axis on request. */
 export function spark(canvas, history, { colour = LIGHT, axis = false } = {}) {
-  const surface = brush(canvas);
+  const surface = prepare(canvas);
   if (!surface) return;
   const { context, width, height } = surface;
   const top = niceAbove(Math.max(...history.filter(Number.isFinite), 0) * (axis ? 1.05 : 1));
   const [left, inset] = axis ? [30, 8] : [0, 3];
-  const span = Math.max(SHORTEST, history.length) - 1;
+  const span = Math.max(MIN_SPAN, history.length) - 1;
   const x = (i) => left + ((span + 1 - history.length + i) / span) * (width - left - 3);
   const y = (value) => height - inset - (value / top) * (height - 2 * inset);
   if (axis) grid(context, { left, width, top, y });
@@ -68,7 +70,7 @@ export function spark(canvas, history, { colour = LIGHT, axis = false } = {}) {
   dot(context, history, x, y, axis ? 2.8 : 2);
 }
 
-/** Tints what lies below the line. */
+/** Fills the area below the line. */
 function shade(context, history, x, y) {
   const first = history.findIndex(Number.isFinite);
   if (first < 0 || history.some((value, i) => i > first && Number.isNaN(value))) return;

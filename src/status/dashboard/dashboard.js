@@ -14,7 +14,6 @@ const RETRY_MS = 1500;
 const ENVIRONMENT_MS = 1000;
 const STILL_MS = 3000;
 
-
 const STATES = {
   starting: ['getting ready', 'warn'], live: ['live', 'good'], replaying: ['replaying', 'good'],
   paused: ['paused', 'idle'], ended: ['ended', 'idle'], failed: ['failed', 'bad'],
@@ -44,7 +43,7 @@ const METHOD_TEXTS = {
   none: 'The cameras are not matched.',
 };
 
-// ── the picture ─────────────────────────────────────────────────────────────────────────
+// ── picture ─────────────────────────────────────────────────────────────────────────
 
 let streamRound = 0;
 
@@ -80,14 +79,14 @@ document.addEventListener('visibilitychange', () => {
 window.addEventListener('pagehide', closeStream);
 window.addEventListener('pageshow', (event) => { if (event.persisted) openStream(); });
 
-// ── the cards ───────────────────────────────────────────────────────────────────────────
+// ── cards ───────────────────────────────────────────────────────────────────────────
 
 const stageOf = (s, name) => s.stages.find((stage) => stage.name === name && stage.kind === 'cpu');
 
 function head(s) {
   const [word, tone] = STATES[s.session.state] ?? [s.session.state, 'idle'];
   pill($('state-pill'), word, tone);
-  put($('state-sentence'), s.session.sentence);
+  put($('state-description'), s.session.description);
   put($('session-name'), s.session.name || 'no session');
   document.title = s.session.name ? `${s.session.name} – Penumbra` : 'Penumbra';
   put($('head-fps'), number(s.frames.per_second));
@@ -109,11 +108,11 @@ function devices(s) {
   refill($('devices'), s.devices.map((d) => [d.name, d.kind, d.state, d.reason, d.identity, d.mode, d.notes, d.controls]), deviceItem);
   s.devices.forEach((d, i) => {
     const lost = d.dropped ? `, ${whole(d.dropped)} lost` : ', none lost';
-    const heard = d.last_age_ms === null ? '' : `, last ${age(d.last_age_ms)} ago`;
-    const line = d.received ? `${number(d.per_second)} per second, ${whole(d.received)} in all${lost}${heard}` : '';
+    const last = d.last_age_ms === null ? '' : `, last ${age(d.last_age_ms)} ago`;
+    const line = d.received ? `${number(d.per_second)} per second, ${whole(d.received)} in total${lost}${last}` : '';
     const tries = d.losses || d.attempts > 1 ? `opened ${whole(d.attempts)} times, lost ${whole(d.losses)} times` : '';
     put($('devices').children[i].querySelector('.rate'), [line, tries].filter(Boolean).join('; '));
-    put($('devices').children[i].querySelector('.sentence'), d.sentence);
+    put($('devices').children[i].querySelector('.description'), d.description);
   });
 }
 
@@ -123,15 +122,15 @@ function deviceItem([name, kind, state, reason, identity, mode, notes, controls]
   badge.dataset.tone = DEVICE_STATES[state] ?? 'idle';
   const title = make('b', '', DEVICE_KINDS[kind] ?? kind);
   const what = make('span', 'what muted');
-  what.append(make('span', '', `${name} · `), make('span', 'sentence'));
+  what.append(make('span', '', `${name} · `), make('span', 'description'));
   item.append(title, badge, what);
   if (reason) item.append(make('span', 'what reason', reason));
   item.append(make('span', 'rate muted'));
   const more = [identity === name ? '' : identity, mode, ...notes].filter(Boolean).join(' · ');
   if (more) item.append(make('span', 'what muted', more));
   controls.forEach((c) => {
-    const value = c.in_force === null ? '' : ` (now ${c.in_force})`;
-    if (c.standing !== 'held') item.append(make('span', 'what reason', `${c.name} = ${c.wanted}: ${c.standing}${value}`));
+    const value = c.active === null ? '' : ` (now ${c.active})`;
+    if (c.status !== 'held') item.append(make('span', 'what reason', `${c.name} = ${c.requested}: ${c.status}${value}`));
   });
   return item;
 }
@@ -144,12 +143,12 @@ function environment(s) {
   flag($('light-flag'), l.stale ? `old light: ${l.stale}` : '');
   facts($('light-facts'), [
     ['dome lights', whole(l.dome_lights)],
-    ['for lamps and sun', whole(l.compact_lights)],
-    ['sources found', whole(l.compact_sources)],
+    ['lights of compact sources', whole(l.compact_lights)],
+    ['compact sources', whole(l.compact_sources)],
     ['age of the light', age(l.age_ms)],
-    ['seen clipped', percent(l.clipped_fraction, 2)],
-    ['main light, up', height(l.dominant_direction)],
-    ['outshines others by', percent(l.dominance, 0)],
+    ['clipped', percent(l.clipped_fraction, 2)],
+    ['dominant light, elevation', elevation(l.dominant_direction)],
+    ['dominance', percent(l.dominance, 0)],
   ]);
   probe(s);
   const now = performance.now();
@@ -165,7 +164,7 @@ function environment(s) {
   $('environment').alt = `Map of the light from all directions with ${l.dome_lights} dome lights marked`;
 }
 
-/** The source of a pose, in words. */
+/** Describes the source of a pose. */
 function poseBy(r) {
   const markers = `${whole(r.markers)} marker${r.markers === 1 ? '' : 's'}`;
   if (r.source === 'markers') return markers;
@@ -173,39 +172,39 @@ function poseBy(r) {
   return `tracker, corrected by markers ${r.corrected_ago_s < 0.2 ? 'now' : `${r.corrected_ago_s.toFixed(1)} s ago`}`;
 }
 
-/** State of the mirrored sphere in the scene camera's picture, and the pose that it is found with. */
+/** Shows the state of the mirrored sphere in the scene camera's picture, and the camera's pose. */
 function probe({ lighting, registration: r }) {
   const seen = lighting.probe;
   $('probe-facts').hidden = !seen && r.source !== 'markers' && r.sigma_px === null && r.display === null;
   const ms = (seconds) => (seconds === null ? NaN : seconds * 1000);
   const pixels = (x) => (x === null ? '–' : `${x.toFixed(2)} px`);
   facts($('probe-facts'), [
-    ['pose by', poseBy(r)],
-    ...(r.sigma_px === null ? [] : [['pose good to', `${r.sigma_px.toFixed(2)} px, ${r.sigma_mm.toFixed(1)} mm, ${r.sigma_deg.toFixed(2)}°`]]),
-    ...(r.correction_mm === null ? [] : [['tracker off by', `${r.correction_mm.toFixed(1)} mm, ${r.correction_deg.toFixed(2)}°`]]),
-    ...(r.display === null ? [] : [['shown for', `${r.display.ahead_ms.toFixed(0)} ms later, moved ${pixels(r.display.moved_px)}, good to ${pixels(r.display.sigma_px)}`]]),
-    ['corners off by', pixels(r.reprojection_px) + (r.ambiguous ? ', two poses fit' : '')],
+    ['pose from', poseBy(r)],
+    ...(r.sigma_px === null ? [] : [['pose error, 1σ', `${r.sigma_px.toFixed(2)} px, ${r.sigma_mm.toFixed(1)} mm, ${r.sigma_deg.toFixed(2)}°`]]),
+    ...(r.correction_mm === null ? [] : [['tracker correction', `${r.correction_mm.toFixed(1)} mm, ${r.correction_deg.toFixed(2)}°`]]),
+    ...(r.display === null ? [] : [['predicted', `${r.display.ahead_ms.toFixed(0)} ms ahead, moved ${pixels(r.display.moved_px)}, error ${pixels(r.display.sigma_px)}`]]),
+    ['corner error', pixels(r.reprojection_px) + (r.ambiguous ? ', two poses fit' : '')],
     ...(seen ? [
-      ['ball has shown', `${percent(seen.coverage, 0)}, above ${percent(seen.coverage_above, 0)}`],
-      ['seen on average', `${age(ms(seen.map_age_s))} ago`],
-      ['ball last seen', `${age(ms(seen.ball_age_s))} ago`],
-      ['rim moved it by', pixels(seen.rim_shift_px)],
+      ['sphere coverage', `${percent(seen.coverage, 0)}, above ${percent(seen.coverage_above, 0)}`],
+      ['mean age', `${age(ms(seen.map_age_s))}`],
+      ['sphere last seen', `${age(ms(seen.sphere_age_s))} ago`],
+      ['rim correction', pixels(seen.rim_shift_px)],
     ] : []),
   ]);
 }
 
-/** Degrees above the horizon. */
-function height(d) {
+/** Formats the elevation of a direction, degrees above the horizon. */
+function elevation(d) {
   return d ? `${Math.round((Math.asin(Math.max(-1, Math.min(1, d[2]))) * 180) / Math.PI)}°` : '–';
 }
 
 const encode = (x) => (x <= 0.0031308 ? 12.92 * x : 1.055 * x ** (1 / 2.4) - 0.055);
 const css = (rgb) => `rgb(${rgb.map((x) => Math.round(255 * encode(Math.max(0, Math.min(1, x))))).join(' ')})`;
 
-/** Largest relative difference between the channels of two colours. */
-const apart = (a, b) => Math.max(...a.map((x, i) => Math.abs(x / b[i] - 1)));
+/** Returns the maximum relative difference between the channels of two colours. */
+const difference = (a, b) => Math.max(...a.map((x, i) => Math.abs(x / b[i] - 1)));
 
-/** Without a measured white, a grey surface computed from the gains. */
+/** Returns the measured white, or else a grey surface computed from the gains. */
 function whites(balance) {
   if (balance.white) return balance.white;
   const scene = [0.45, 0.45, 0.45];
@@ -214,8 +213,8 @@ function whites(balance) {
 
 function balance(s) {
   const b = s.white_balance;
-  const agree = b.disagreement === null ? '' : ` The methods agree to ${percent(b.disagreement)}.`;
-  put($('balance-text'), (METHOD_TEXTS[b.method] ?? '') + agree);
+  const disagreement = b.disagreement === null ? '' : ` The methods differ by ${percent(b.disagreement)}.`;
+  put($('balance-text'), (METHOD_TEXTS[b.method] ?? '') + disagreement);
   flag($('balance-flag'), b.frozen ? `held: ${b.frozen}` : '');
   const w = whites(b);
   const brightest = Math.max(...w.scene, ...w.environment_before, ...w.environment_after, 1e-6);
@@ -224,8 +223,8 @@ function balance(s) {
   document.querySelectorAll('.sw-scene').forEach((element) => paint(element, w.scene));
   paint($('sw-before'), w.environment_before);
   paint($('sw-after'), w.environment_after);
-  put($('sw-before-text'), `${percent(apart(w.environment_before, w.scene))} apart`);
-  put($('sw-after-text'), b.white ? `${percent(apart(w.environment_after, w.scene))} apart` : 'by definition');
+  put($('sw-before-text'), `${percent(difference(w.environment_before, w.scene))} apart`);
+  put($('sw-after-text'), b.white ? `${percent(difference(w.environment_after, w.scene))} apart` : 'by definition');
   put($('swatch-caption'), b.white
     ? 'The same white surface: environment camera on the left, scene camera on the right of each pair.'
     : 'A grey surface, computed from the factors below: environment camera on the left, scene camera on the right.');
@@ -240,9 +239,9 @@ function gains(b) {
     const row = make('tr');
     row.toggleAttribute('data-used', used);
     row.append(make('td', '', name));
-    for (const [gain, spread] of channels) {
+    for (const [gain, uncertainty] of channels) {
       const cell = make('td', '', `${gain} `);
-      cell.append(make('small', '', spread));
+      cell.append(make('small', '', uncertainty));
       row.append(cell);
     }
     return row;
@@ -264,12 +263,12 @@ function timing(s) {
   put($('timing-facts'), p.environment_skew_ms === null ? '' :
     `light ${age(p.environment_skew_ms)} before the picture, pose ${p.pose}`);
   const measured = p.tracker_latency_measured_ms === null ? [] : [['tracker latency measured',
-    `${millis(p.tracker_latency_measured_ms)} ± ${number(p.tracker_latency_sigma_ms)} (in force ${millis(p.tracker_latency_ms)})`]];
+    `${millis(p.tracker_latency_measured_ms)} ± ${number(p.tracker_latency_sigma_ms)} (used ${millis(p.tracker_latency_ms)})`]];
   facts($('frame-facts'), [
     ['frames arrived', whole(s.frames.arrived)], ['composited', whole(s.frames.composed)],
     ['skipped', whole(s.frames.skipped)], ['without pose', whole(s.frames.without_pose)],
-    ['watching', whole(s.stream.viewers)], ...measured,
-    ...(s.session.progress === null ? [] : [['played', percent(s.session.progress, 0)], ['rounds', whole(s.session.loops)]]),
+    ['viewers', whole(s.stream.viewers)], ...measured,
+    ...(s.session.progress === null ? [] : [['played', percent(s.session.progress, 0)], ['repetitions', whole(s.session.loops)]]),
   ]);
 }
 
@@ -313,41 +312,41 @@ function render(s) {
   timing(s);
 }
 
-function linked() {
+function connected() {
   if (document.body.dataset.link === 'up') return;
   document.body.dataset.link = 'up';
   flag($('link-lost'), '');
   if (!document.hidden) openStream();
 }
 
-function lost(reason) {
+function disconnected(reason) {
   document.body.dataset.link = 'lost';
   flag($('link-lost'), reason);
   pill($('state-pill'), 'no connection', 'bad');
-  put($('state-sentence'), '');
+  put($('state-description'), '');
   put($('picture-note'), 'No connection');
   $('picture-note').hidden = false;
 }
 
-async function ask() {
+async function update() {
   let response;
   try {
     response = await fetch('/status', { signal: AbortSignal.timeout(5000) });
   } catch {
-    lost('The connection to Penumbra is lost. Is the program still running? Trying again …');
+    disconnected('The connection to Penumbra is lost. Is the program still running? Trying again …');
     return false;
   }
-  if (response.status === 401) { lost('A token is needed: open the address with ?token=… that Penumbra printed.'); return false; }
-  if (!response.ok) { lost(`Penumbra answers with an error (${response.status}). Trying again …`); return false; }
+  if (response.status === 401) { disconnected('A token is needed: open the address with ?token=… that Penumbra printed.'); return false; }
+  if (!response.ok) { disconnected(`Penumbra answers with an error (${response.status}). Trying again …`); return false; }
   const s = await response.json();
-  if (s.version !== 1) { lost('Penumbra has been updated: reload this page.'); return false; }
-  linked();
+  if (s.version !== 1) { disconnected('Penumbra has been updated: reload this page.'); return false; }
+  connected();
   render(s);
   return true;
 }
 
 async function poll() {
-  const up = await ask();
+  const up = await update();
   setTimeout(poll, up ? POLL_MS : RETRY_MS);
 }
 

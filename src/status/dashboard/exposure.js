@@ -2,7 +2,7 @@
 
 import { $, number, put } from './text.js';
 
-/** Stops with their sign, as photographers write them. */
+/** Formats stops with their sign. */
 export function stops(value) {
   if (!Number.isFinite(value)) return '–';
   return `${value > 0 ? '+' : value < 0 ? '−' : ''}${number(Math.abs(value))}\u00a0EV`;
@@ -14,7 +14,7 @@ export function exposure(s) {
   for (const name of ['manual', 'auto']) {
     document.querySelectorAll(`[data-only=exposure-${name}]`).forEach((row) => { row.hidden = mode !== name; });
   }
-  const { ev, wanted_ev: wanted } = s.exposure;
-  const going = Math.abs(ev - wanted) > 0.05 ? `, target ${stops(wanted)}` : '';
-  put($('exposure-hint'), ev === 0 && !going ? 'That of the camera.' : `${stops(ev)}${going}`);
+  const { ev, target_ev: target } = s.exposure;
+  const change = Math.abs(ev - target) > 0.05 ? `, target ${stops(target)}` : '';
+  put($('exposure-hint'), ev === 0 && !change ? 'The camera’s exposure.' : `${stops(ev)}${change}`);
 }

@@ -4,7 +4,7 @@ import { $, facts, flag, number, percent, pill, put, whole } from './text.js';
 
 const STATES = { off: ['off', 'idle'], baking: ['baking', 'warn'], ready: ['ready', 'good'], failed: ['failed', 'bad'] };
 
-function sentence(p) {
+function description(p) {
   if (p.state === 'baking') return `Basis image ${whole(p.done)} of ${whole(p.total)}; meanwhile the dome lights cast the shadows.`;
   if (p.state === 'failed') return 'The dome lights cast the shadows.';
   if (p.state !== 'ready') return 'Preparing.';
@@ -21,7 +21,7 @@ export function planes(s) {
   document.querySelectorAll('[data-only=planes]').forEach((row) => { row.hidden = !shown; });
   if (!shown) return;
   pill($('planes-pill'), ...(STATES[p.state] ?? [p.state, 'idle']));
-  put($('planes-text'), sentence(p));
+  put($('planes-text'), description(p));
   flag($('planes-trouble'), p.reason);
   facts($('planes-facts'), [
     ['planes', whole(p.planes)], ['visible planes', whole(p.planes_seen)],

@@ -8,7 +8,7 @@ const WORDS = { idle: 'not recording', recording: 'recording', finished: 'record
 
 const button = $('record');
 let state = 'unavailable';
-let asked = -Infinity; // when a request was sent that /status has not confirmed yet
+let requestedAt = -Infinity; // when a request was sent that /status has not confirmed yet
 
 /** Formats bytes. */
 function size(bytes) {
@@ -27,18 +27,18 @@ function line(r) {
 
 /** Shows the state of the recording. */
 export function recording(r) {
-  if (r.state !== state) asked = -Infinity;
+  if (r.state !== state) requestedAt = -Infinity;
   state = r.state;
   $('recording-card').hidden = state === 'unavailable';
   pill($('recording-pill'), WORDS[state] ?? state, TONES[state] ?? 'idle');
   put($('recording-facts'), line(r));
-  flag($('recording-trouble'), state === 'failed' ? r.sentence : '');
+  flag($('recording-trouble'), state === 'failed' ? r.description : '');
   put(button, state === 'recording' ? 'Stop recording' : 'Record');
-  button.disabled = performance.now() - asked < CONFIRM_MS;
+  button.disabled = performance.now() - requestedAt < CONFIRM_MS;
 }
 
-async function ask() {
-  asked = performance.now();
+async function toggle() {
+  requestedAt = performance.now();
   button.disabled = true;
   flag($('recording-trouble'), '');
   try {
@@ -49,9 +49,9 @@ async function ask() {
     });
     if (!response.ok) throw new Error((await response.json()).error);
   } catch (error) {
-    asked = -Infinity;
+    requestedAt = -Infinity;
     flag($('recording-trouble'), error.message);
   }
 }
 
-button.addEventListener('click', ask);
+button.addEventListener('click', toggle);

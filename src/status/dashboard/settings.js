@@ -11,10 +11,10 @@ const LAMP_RESPONSE_HINTS = { intrinsic: 'By the reflectance of real surfaces.',
 const HIGHLIGHTS_HINTS = { estimated: 'Clipped radiance from its surroundings.', paper: 'Bright regions darken less (DiVerdi 2004).' };
 
 const form = $('settings');
-const wishes = new Map(); // setting → { value, since } until /status confirms it
+const pending = new Map(); // setting → { value, since } until /status confirms it
 let sending = 0;
 
-// Sliders: where the value is written, and how.
+// Sliders: the element that shows the value, and its format.
 const SLIDERS = {
   shadow_strength: ['strength-text', (v) => percent(v, 0)],
   planes_skip_below: ['skip-text', percent],
@@ -56,30 +56,30 @@ function show(name, value) {
 const same = (a, b) => (typeof a === 'number' ? Math.abs(a - b) < 1e-4 : a === b);
 
 /** Shows the active settings, except those whose change is not confirmed yet. */
-export function settings(inForce) {
+export function settings(active) {
   const now = performance.now();
-  for (const [name, value] of Object.entries(inForce)) {
+  for (const [name, value] of Object.entries(active)) {
     if (!form.elements[name]) continue;
-    const wish = wishes.get(name);
-    if (wish && (same(wish.value, value) || now - wish.since > CONFIRM_MS)) wishes.delete(name);
-    const waiting = wishes.has(name);
+    const change = pending.get(name);
+    if (change && (same(change.value, value) || now - change.since > CONFIRM_MS)) pending.delete(name);
+    const waiting = pending.has(name);
     if (!waiting) show(name, value);
     fieldsOf(name).forEach((f) => f.closest('.row').toggleAttribute('data-pending', waiting));
-    if (wish && !waiting && !same(wish.value, value)) say('The rig did not apply this setting.');
+    if (change && !waiting && !same(change.value, value)) note('The rig did not apply this setting.');
   }
-  if (!wishes.size && $('adjust-note').textContent === 'Applying …') say('');
+  if (!pending.size && $('adjust-note').textContent === 'Applying …') note('');
 }
 
-function say(text) {
+function note(text) {
   put($('adjust-note'), text);
 }
 
 async function send(name) {
   const value = valueOf(name);
-  wishes.set(name, { value, since: performance.now() });
+  pending.set(name, { value, since: performance.now() });
   show(name, value);
-  say('Applying …');
-  const turn = ++sending;
+  note('Applying …');
+  const request = ++sending;
   try {
     const response = await fetch('/settings', {
       method: 'POST',
@@ -88,8 +88,8 @@ async function send(name) {
     });
     if (!response.ok) throw new Error((await response.json()).error);
   } catch (error) {
-    wishes.delete(name);
-    if (turn === sending) say(error.message);
+    pending.delete(name);
+    if (request === sending) note(error.message);
   }
 }
 
@@ -99,7 +99,7 @@ form.addEventListener('input', (event) => {
   if (!name) return;
   clearTimeout(sliding);
   if (event.target.type !== 'range') { send(name); return; }
-  wishes.set(name, { value: valueOf(name), since: performance.now() });
+  pending.set(name, { value: valueOf(name), since: performance.now() });
   show(name, valueOf(name));
   sliding = setTimeout(send, 120, name);
 });

@@ -142,9 +142,9 @@ impl Bench {
     }
 
     fn start(&self) -> Result<(), CalibrationRefusal> {
-        self.calibrator.start(&CalibrationWish {
+        self.calibrator.start(&CalibrationRequest {
             step: "counted".to_owned(),
-            ..CalibrationWish::default()
+            ..CalibrationRequest::default()
         })
     }
 
@@ -184,7 +184,12 @@ fn a_step_that_has_enough_is_written_and_the_next_keeps_it() {
     assert!(bench.calibrator.finish().is_err() && bench.calibrator.report().is_none());
     bench.start().unwrap();
     let view = bench.until("it ends", |v| !v.state.is_busy());
-    assert_eq!(view.state, CalibrationState::Finished, "{}", view.sentence);
+    assert_eq!(
+        view.state,
+        CalibrationState::Finished,
+        "{}",
+        view.description
+    );
     let result = view.result.unwrap();
     assert!(
         result.lines[0].contains("camera.mcap"),
@@ -200,7 +205,7 @@ fn a_step_that_has_enough_is_written_and_the_next_keeps_it() {
     );
     // The picture was kept, as somebody had asked; what is no place is no mark.
     let picture = view.picture.unwrap();
-    assert_eq!((picture.width, picture.marks), (16, vec![[3.0, 4.0]]));
+    assert_eq!((picture.width, picture.points), (16, vec![[3.0, 4.0]]));
     assert!(bench.calibrator.picture(Some(picture.revision)).is_some());
     bench.start().unwrap();
     let view = bench.until("it ends", |v| !v.state.is_busy());
@@ -252,9 +257,10 @@ fn what_cannot_be_written_is_told_and_still_shown() {
     let view = bench.until("it ends", |v| !v.state.is_busy());
     assert_eq!(view.state, CalibrationState::Failed);
     assert!(
-        view.sentence.contains("could not be written") && view.sentence.contains("free space"),
+        view.description.contains("could not be written")
+            && view.description.contains("free space"),
         "{}",
-        view.sentence
+        view.description
     );
     let result = view.result.unwrap();
     assert_eq!((result.file, result.report), (None, true));
@@ -269,7 +275,7 @@ fn a_bug_in_a_step_is_told_and_takes_nothing_else_along() {
         bench.start().unwrap();
         let view = bench.until("it ends", |v| !v.state.is_busy());
         assert_eq!(view.state, CalibrationState::Failed);
-        assert!(view.sentence.contains("a bug in the step `counted`"));
+        assert!(view.description.contains("a bug in the step `counted`"));
         // The thread is on its way out when it says so.
         std::thread::sleep(Duration::from_millis(50));
     }
@@ -286,8 +292,8 @@ fn a_camera_that_is_away_is_told_and_awaited() {
     let camera = CameraSource::Replay(folder.path().join("camera.mcap"));
     let bench = Bench::on(folder, Habit::Modest, camera);
     bench.start().unwrap();
-    let view = bench.until("it says so", |v| v.trouble.is_some());
-    let trouble = view.trouble.unwrap();
+    let view = bench.until("it says so", |v| v.device_error.is_some());
+    let trouble = view.device_error.unwrap();
     assert!(
         trouble.contains("scene camera") && trouble.contains("not there"),
         "{trouble}"
@@ -295,7 +301,12 @@ fn a_camera_that_is_away_is_told_and_awaited() {
     let path = |name: &str| bench.folder.path().join(name);
     std::fs::rename(path("unplugged.mcap"), path("camera.mcap")).unwrap();
     let view = bench.until("it ends", |v| !v.state.is_busy());
-    assert_eq!(view.state, CalibrationState::Finished, "{}", view.sentence);
+    assert_eq!(
+        view.state,
+        CalibrationState::Finished,
+        "{}",
+        view.description
+    );
 }
 
 #[test]
@@ -332,16 +343,16 @@ fn a_camera_that_is_unplugged_in_the_middle_is_waited_for() {
     });
     let bench = Bench::on(folder, Habit::Greedy, CameraSource::Custom(maker));
     bench.start().unwrap();
-    let view = bench.until("it says so", |v| v.trouble.is_some());
+    let view = bench.until("it says so", |v| v.device_error.is_some());
     assert!(
-        view.trouble.unwrap().contains("scene camera"),
+        view.device_error.unwrap().contains("scene camera"),
         "{}",
-        view.sentence
+        view.description
     );
     let before = view.pictures;
     plugged.store(true, Ordering::Relaxed);
     let view = bench.until("it goes on", |v| {
-        v.pictures > before + 3 && v.trouble.is_none()
+        v.pictures > before + 3 && v.device_error.is_none()
     });
     assert!(
         view.state.is_busy() && view.damaged <= 1,
@@ -381,7 +392,7 @@ fn when_the_rig_is_closed_nothing_is_written() {
 #[test]
 fn what_cannot_begin_is_refused_in_one_line() {
     let bench = Bench::new(Habit::Modest);
-    let refused = |config: &Config, wish: &CalibrationWish, says: &str| {
+    let refused = |config: &Config, wish: &CalibrationRequest, says: &str| {
         let calibrator = Calibrator::new(&bench.live, config);
         let refusal = calibrator.start(wish).unwrap_err().to_string();
         assert!(
@@ -391,9 +402,9 @@ fn what_cannot_begin_is_refused_in_one_line() {
         assert_eq!(calibrator.view().state, CalibrationState::Idle);
     };
     let mut config = Config::default();
-    let mut wish = CalibrationWish {
+    let mut wish = CalibrationRequest {
         step: "intrinsics".to_owned(),
-        ..CalibrationWish::default()
+        ..CalibrationRequest::default()
     };
     refused(&config, &wish, "[calibration] from is not set");
     config.calibration = Some(bench.folder.path().join("camera.mcap"));
