@@ -5,7 +5,7 @@ use glam::{DQuat, DVec2, DVec3};
 use penumbra_camera::{Lens, LensModel};
 use penumbra_interface::RigidTransform;
 
-/// A webcam of a quarter of VGA.
+/// The lens of a webcam with 320×240 pixels.
 fn lens() -> Lens {
     let size = (320, 240);
     let (focal, centre) = (DVec2::splat(270.0), DVec2::new(163.0, 118.0));
@@ -14,10 +14,10 @@ fn lens() -> Lens {
     lens
 }
 
-/// A board of 8×6 squares of 30 mm, of which the corners number 7×5.
+/// Returns the brightness of a board of 8×6 squares of 30 mm, i.e. 7×5 inner corners.
 fn brightness(p: DVec2) -> f64 {
     let (x, y) = (p.x / 0.03, p.y / 0.03);
-    let inside = |v: f64, most: f64| (0.0..most).contains(&v);
+    let inside = |v: f64, max: f64| (0.0..max).contains(&v);
     if !inside(x, 8.0) || !inside(y, 6.0) {
         return if inside(x + 1.0, 10.0) && inside(y + 1.0, 8.0) {
             220.0
@@ -74,14 +74,14 @@ fn photographed() -> Desk {
 }
 
 #[test]
-fn pictures_of_a_board_become_a_calibration_and_a_report() {
+fn intrinsics_from_pictures_writes_a_calibration_and_a_report() {
     let desk = photographed();
     let arguments = "calibrate intrinsics --pictures pictures --board chess:7x5:0.03 \
                      --device webcam --serial A1 --out scene_camera.json";
-    let said = desk.works(arguments);
+    let printed = desk.works(arguments);
     assert!(
-        said.contains("px RMS") && said.contains("16 pictures"),
-        "{said}"
+        printed.contains("px RMS") && printed.contains("16 pictures"),
+        "{printed}"
     );
     let found = desk.json("scene_camera.json");
     let focal = found["focal"][0].as_f64().unwrap();
@@ -94,12 +94,12 @@ fn pictures_of_a_board_become_a_calibration_and_a_report() {
     assert_eq!(found["device"]["serial"], "A1");
     assert!(found["date"].as_str().unwrap().ends_with('Z'));
     assert_ne!(found["quality"]["verdict"], "refused");
-    let page = text(&desk.read("scene_camera.html"));
-    assert!(page.contains("<svg") && page.contains("Before and after"));
+    let report = text(&desk.read("scene_camera.html"));
+    assert!(report.contains("<svg") && report.contains("Before and after"));
     let again = desk.run(arguments);
     assert!(text(&again.stderr).contains("exists already"));
 
-    // To each other program and back.
+    // Converts to each other format and back.
     desk.works("calibrate convert scene_camera.json --to opencv --out a.yml");
     desk.works("calibrate convert a.yml --to ros --out b.yaml");
     desk.works("calibrate convert b.yaml --to penumbra --out c.json");
@@ -109,9 +109,9 @@ fn pictures_of_a_board_become_a_calibration_and_a_report() {
 }
 
 #[test]
-fn a_wrong_board_writes_no_calibration() {
+fn wrong_board_writes_no_calibration() {
     let desk = photographed();
-    for (board, says) in [
+    for (board, expected) in [
         ("chess:8x5:0.03", "has 7×5 inner corners"),
         ("chess:6x4:0.03", "has 7×5 inner corners"),
         ("charuco:8x6:0.03:0.02", "shows the board"),
@@ -119,25 +119,28 @@ fn a_wrong_board_writes_no_calibration() {
         let output = desk.run(&format!(
             "calibrate intrinsics --pictures pictures --board {board} --out a.json --force"
         ));
-        let said = text(&output.stderr);
-        assert!(!output.status.success() && said.contains(says), "{said}");
-        assert_eq!(said.lines().count(), 1, "{said}");
+        let printed = text(&output.stderr);
+        assert!(
+            !output.status.success() && printed.contains(expected),
+            "{printed}"
+        );
+        assert_eq!(printed.lines().count(), 1, "{printed}");
         assert!(!desk.path("a.json").exists());
     }
 }
 
 #[test]
-fn a_board_is_printed_at_true_scale() {
+fn board_is_written_at_true_scale() {
     let desk = Desk::new();
-    let said = desk.works("calibrate board --board chess:9x6:0.025 --out board.pdf");
-    assert!(said.contains("275 x 204 mm"), "{said}");
+    let printed = desk.works("calibrate board --board chess:9x6:0.025 --out board.pdf");
+    assert!(printed.contains("275 x 204 mm"), "{printed}");
     assert!(desk.read("board.pdf").starts_with(b"%PDF-1.4"));
     desk.works("calibrate board --out board.svg");
     desk.works("calibrate board --board aprilgrid:6x6:0.03:0.3 --out tags.pdf");
     desk.works("calibrate board --board charuco:8x5:0.03:0.022:6x6_250 --out markers.svg");
     desk.works("calibrate board --out board.png --dpi 100");
     assert!(desk.read("board.png").starts_with(b"\x89PNG"));
-    for (arguments, says) in [
+    for (arguments, expected) in [
         ("--out board.gif", "name a .pdf, .svg or .png"),
         ("--out board.pdf", "exists already"),
         (
@@ -147,34 +150,38 @@ fn a_board_is_printed_at_true_scale() {
         ("--board chess:9x6:25 --out a.pdf", "25 mm is 0.025"),
     ] {
         let output = desk.run(&format!("calibrate board {arguments}"));
-        let said = text(&output.stderr);
-        assert!(!output.status.success() && said.contains(says), "{said}");
+        let printed = text(&output.stderr);
+        assert!(
+            !output.status.success() && printed.contains(expected),
+            "{printed}"
+        );
     }
 }
 
 #[test]
-fn a_session_without_a_board_is_refused_by_its_reason() {
+fn rejects_session_without_a_board() {
     let desk = Desk::new();
     let output =
         desk.run("calibrate intrinsics --session DESK --board chess:9x6:0.025 --out a.json");
-    let said = text(&output.stderr);
+    let printed = text(&output.stderr);
     assert!(
-        !output.status.success() && said.contains("shows the board"),
-        "{said}"
+        !output.status.success() && printed.contains("shows the board"),
+        "{printed}"
     );
     assert!(!desk.path("a.json").exists() && desk.path("a.html").exists());
 }
 
 #[test]
-fn tags_on_a_printed_board_are_told_with_their_corners() {
+fn lists_tags_of_a_printed_board_with_their_corners() {
     let desk = Desk::new();
     std::fs::create_dir(desk.path("sheets")).unwrap();
     desk.works("calibrate board --board aprilgrid:3x2:0.03:0.3 --out sheets/tags.png --dpi 100");
-    let said = desk.works("calibrate tags --pictures sheets --family kalibr36h11 --out tags.csv");
-    assert!(said.contains("tags.png: 6 tags"), "{said}");
+    let printed =
+        desk.works("calibrate tags --pictures sheets --family kalibr36h11 --out tags.csv");
+    assert!(printed.contains("tags.png: 6 tags"), "{printed}");
     let table = text(&desk.read("tags.csv"));
     assert_eq!(table.lines().count(), 7, "{table}");
-    // Its lower left tag has number 0; the sheet's margin is 4.5 mm, the squares' edge 9 mm.
+    // The lower left tag has number 0; the sheet's margin is 4.5 mm, the squares' edge 9 mm.
     let first = table.lines().nth(1).unwrap();
     let fields: Vec<&str> = first.split(',').collect();
     assert_eq!((fields[1], fields[2]), ("kalibr36h11", "0"));

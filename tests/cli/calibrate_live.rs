@@ -1,4 +1,4 @@
-//! `penumbra calibrate` on a live rig: by the command line, and over HTTP beside a running one.
+//! `penumbra calibrate` on a live rig: on the command line, and over HTTP beside a running rig.
 
 use crate::board;
 use crate::live::{Running, post, until};
@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::process::Stdio;
 
-/// A rig whose scene camera sees a board, and whose files are in a folder.
+/// Creates a rig whose scene camera sees a board, and a folder for its files.
 fn rig() -> Desk {
     let desk = Desk::new();
     board::record(&desk.path("board.mcap"));
@@ -20,35 +20,35 @@ fn rig() -> Desk {
     desk
 }
 
-const LINE: &str = "calibrate intrinsics --config rig.toml --listen 127.0.0.1:0 --board";
+const COMMAND: &str = "calibrate intrinsics --config rig.toml --listen 127.0.0.1:0 --board";
 
 fn focal(desk: &Desk, file: &str) -> f64 {
     desk.json(file)["focal"][0].as_f64().unwrap()
 }
 
 #[test]
-fn a_live_cameras_lens_goes_among_the_rigs_files_and_counts_without_a_rig_json() {
+fn live_calibration_is_written_to_the_rig_folder_and_used_without_a_rig_json() {
     let desk = rig();
-    let said = desk.works(&format!("{LINE} {} --seconds 40", board::BOARD));
+    let printed = desk.works(&format!("{COMMAND} {} --seconds 40", board::BOARD));
     assert!(
-        said.contains("px RMS") && said.contains("calibration: "),
-        "{said}"
+        printed.contains("px RMS") && printed.contains("calibration: "),
+        "{printed}"
     );
     let file = "files/calibration/scene_camera.json";
     let found = desk.json(file);
-    let off = focal(&desk, file) / board::FOCAL - 1.0;
-    assert!(off.abs() < 0.01, "{off}");
+    let error = focal(&desk, file) / board::FOCAL - 1.0;
+    assert!(error.abs() < 0.01, "{error}");
     assert_eq!(found["source"], "live");
     assert_eq!(found["device"]["name"], "replay:board.mcap");
     assert!(desk.path("files/calibration/scene_camera.html").exists());
-    // Nothing is lost by doing it again, and the camera's size is known from the lens.
-    let said = desk.works(&format!("{LINE} {} --seconds 40", board::BOARD));
-    assert!(said.contains("the one before: "), "{said}");
+    // A second run backs up the first result, and the lens file provides the picture size.
+    let printed = desk.works(&format!("{COMMAND} {} --seconds 40", board::BOARD));
+    assert!(printed.contains("backup: "), "{printed}");
     assert_eq!(desk.names("files/calibration").len(), 4);
-    let said = desk.works(
+    let printed = desk.works(
         "run --config rig.toml --headless --listen 127.0.0.1:0 --frames 2 --frames-out frames",
     );
-    assert!(said.contains("2 frames composed"), "{said}");
+    assert!(printed.contains("2 frames composed"), "{printed}");
     let png = desk.read(format!("frames/{}", desk.names("frames")[0]));
     let frame = image::load_from_memory(&png).unwrap();
     assert_eq!((frame.width(), frame.height()), (320, 240));
@@ -56,19 +56,19 @@ fn a_live_cameras_lens_goes_among_the_rigs_files_and_counts_without_a_rig_json()
 
 #[cfg(unix)]
 #[test]
-fn a_signal_or_enter_ends_it_with_a_verdict() {
+fn signal_or_enter_ends_the_step_with_a_verdict() {
     let desk = rig();
-    let line = format!("{LINE} {} --out lens.json --force", board::BOARD);
-    for way in ["-INT", "Enter"] {
+    let line = format!("{COMMAND} {} --out lens.json --force", board::BOARD);
+    for trigger in ["-INT", "Enter"] {
         let mut command = desk.command(&line.split(' ').collect::<Vec<_>>());
         let command = command.stdin(Stdio::piped()).stdout(Stdio::piped());
         let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
         let mut keys = child.stdin.take().unwrap();
         let mut running = Running::of(child);
         let mut out = BufReader::new(running.stdout());
-        let mut said = String::new();
-        out.read_line(&mut said).unwrap();
-        let address = said.trim_end().strip_prefix("status page: http://");
+        let mut printed = String::new();
+        out.read_line(&mut printed).unwrap();
+        let address = printed.trim_end().strip_prefix("status page: http://");
         let address = address.unwrap().trim_end_matches('/').to_owned();
         until("a view", || {
             let message = calibration(&address)["message"].clone();
@@ -78,26 +78,26 @@ fn a_signal_or_enter_ends_it_with_a_verdict() {
         });
         let refused = post(&address, "/calibration/start", r#"{"step": "intrinsics"}"#);
         assert!(refused.contains("runs a single step"), "{refused}");
-        if way == "Enter" {
+        if trigger == "Enter" {
             keys.write_all(b"\n").unwrap();
         } else {
-            running.signal(way);
+            running.signal(trigger);
         }
         let mut rest = String::new();
         out.read_to_string(&mut rest).unwrap();
-        // So early it may be refused; there is a verdict and a page either way.
-        assert!(rest.contains("report: lens.html"), "{way}: {rest}");
+        // After so few pictures it may be refused, but there is a verdict and a report in any case.
+        assert!(rest.contains("report: lens.html"), "{trigger}: {rest}");
     }
 }
 
 #[test]
-fn what_cannot_be_calibrated_is_refused_before_the_devices_are_opened() {
+fn rejects_invalid_requests_before_opening_devices() {
     let desk = rig();
     desk.put(
         "bare.toml",
         "[scene_camera]\ndevice = \"replay:board.mcap\"\n",
     );
-    for (line, says) in [
+    for (line, expected) in [
         (
             "--config bare.toml --board chess:7x5:0.03",
             "or name a file with --out",
@@ -116,8 +116,11 @@ fn what_cannot_be_calibrated_is_refused_before_the_devices_are_opened() {
         ),
     ] {
         let output = desk.run(&format!("calibrate intrinsics {line}"));
-        let said = text(&output.stderr);
-        assert!(!output.status.success() && said.contains(says), "{said}");
+        let printed = text(&output.stderr);
+        assert!(
+            !output.status.success() && printed.contains(expected),
+            "{printed}"
+        );
     }
 }
 
@@ -128,7 +131,7 @@ fn calibration(address: &str) -> Value {
 
 #[cfg(unix)]
 #[test]
-fn a_running_rig_is_calibrated_over_http() {
+fn calibrates_a_running_rig_over_http() {
     let desk = rig();
     let (rig, address) = Running::rig(&desk, &["--light-count", "8"]);
     let idle = calibration(&address);
@@ -148,26 +151,26 @@ fn a_running_rig_is_calibrated_over_http() {
         "{wrong}"
     );
 
-    let wish = json!({"step": "intrinsics", "parameters": {"board": board::BOARD}}).to_string();
-    let begun = post(&address, "/calibration/start", &wish);
+    let request = json!({"step": "intrinsics", "parameters": {"board": board::BOARD}}).to_string();
+    let started = post(&address, "/calibration/start", &request);
     assert!(
-        begun.starts_with("HTTP/1.1 202") && begun.contains("\"running\""),
-        "{begun}"
+        started.starts_with("HTTP/1.1 202") && started.contains("\"running\""),
+        "{started}"
     );
-    let again = post(&address, "/calibration/start", &wish);
+    let again = post(&address, "/calibration/start", &request);
     assert!(again.starts_with("HTTP/1.1 409") && again.contains("`intrinsics` is running"));
-    until("a picture with marks", || {
+    until("a picture with overlay points", || {
         let marks = calibration(&address)["picture"]["marks"].clone();
         marks.as_array().is_some_and(|marks| marks.len() >= 20)
     });
     assert!(get(&address, "/calibration/picture.jpg?revision=1").contains("image/jpeg"));
-    until("it has enough", || {
+    until("the end of the step", || {
         calibration(&address)["state"] == "finished"
     });
     let view = calibration(&address);
     assert_ne!(view["result"]["verdict"], "refused", "{view}");
-    let off = focal(&desk, "files/calibration/scene_camera.json") / board::FOCAL - 1.0;
-    assert!(off.abs() < 0.01, "{off}");
+    let error = focal(&desk, "files/calibration/scene_camera.json") / board::FOCAL - 1.0;
+    assert!(error.abs() < 0.01, "{error}");
     let report = get(&address, "/calibration/report");
     assert!(report.contains("Lens of the scene camera"), "{report}");
     assert!(report.contains("sandbox") && !report.contains("script-src 'self'"));

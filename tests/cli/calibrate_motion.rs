@@ -1,4 +1,4 @@
-//! `penumbra calibrate map`, `latency` and `tracker` on recordings of rigs that are not there.
+//! `penumbra calibrate map`, `latency` and `tracker` on recordings of simulated rigs.
 
 use crate::program::{Desk, text};
 use serde_json::Value;
@@ -13,14 +13,14 @@ fn distance(a: &[f64], b: &[f64]) -> f64 {
     squares.sum::<f64>().sqrt()
 }
 
-/// The last column of a matrix by rows.
-fn place(matrix: &Value) -> Vec<f64> {
+/// Returns the translation of a row-major matrix.
+fn translation(matrix: &Value) -> Vec<f64> {
     let rows = matrix["matrix_row_major"].as_array().unwrap();
     rows[..3].iter().map(|r| r[3].as_f64().unwrap()).collect()
 }
 
 #[test]
-fn map_tracker_and_latency_of_a_rig_follow_from_one_recording() {
+fn recovers_map_tracker_and_latency_from_one_recording() {
     let desk = Desk::new();
     desk.works(
         "simulate session --seconds 9 --rate 24 --size 400x300 --tags 5 --seed 4 \
@@ -30,14 +30,14 @@ fn map_tracker_and_latency_of_a_rig_follow_from_one_recording() {
     desk.put("rig/calibration/note.txt", "");
 
     let output = desk.run("calibrate map --session a.mcap --out map.json");
-    let said = text(&output.stderr);
+    let printed = text(&output.stderr);
     assert!(
-        !output.status.success() && said.contains("--size METRES"),
-        "{said}"
+        !output.status.success() && printed.contains("--size METRES"),
+        "{printed}"
     );
-    let said =
+    let printed =
         desk.works("calibrate map --session a.mcap --size 0.08 --out rig/calibration/markers.json");
-    assert!(said.contains("5 tags"), "{said}");
+    assert!(printed.contains("5 tags"), "{printed}");
     let map = desk.json("rig/calibration/markers.json");
     for (found, truth) in map["markers"]
         .as_array()
@@ -45,35 +45,35 @@ fn map_tracker_and_latency_of_a_rig_follow_from_one_recording() {
         .iter()
         .zip(truth["markers"].as_array().unwrap())
     {
-        let off = distance(
+        let error = distance(
             &vector(&found["pose"]["position"]),
-            &place(&truth["T_world_marker"]),
+            &translation(&truth["T_world_marker"]),
         );
-        assert!(off < 0.0015, "{off} m: {found}");
+        assert!(error < 0.0015, "{error} m: {found}");
     }
 
     let output = desk.run("calibrate tracker --session a.mcap --out b.json");
-    let said = text(&output.stderr);
+    let printed = text(&output.stderr);
     assert!(
-        !output.status.success() && said.contains("calibrate map"),
-        "{said}"
+        !output.status.success() && printed.contains("calibrate map"),
+        "{printed}"
     );
     desk.works("calibrate tracker --session a.mcap --rig rig --out rig/calibration/tracker.json");
     let tracker = desk.json("rig/calibration/tracker.json");
     let found = vector(&tracker["sensor_from_scene_camera"]["position"]);
-    let off = distance(&found, &place(&truth["T_sensor_cam"]));
-    assert!(off < 0.003, "{off} m");
+    let error = distance(&found, &translation(&truth["T_sensor_cam"]));
+    assert!(error < 0.003, "{error} m");
 
-    let said = desk
+    let printed = desk
         .works("calibrate latency --session a.mcap --rig rig --out rig/calibration/latency.json");
-    assert!(said.contains("by poses"), "{said}");
+    assert!(printed.contains("by poses"), "{printed}");
     let latency = desk.json("rig/calibration/latency.json");
-    let off = latency["tracker_minus_scene"]["seconds"].as_f64().unwrap() - 0.0173;
-    assert!(off.abs() < 0.002, "{off} s");
-    let page = text(&desk.read("rig/calibration/latency.html"));
-    assert!(page.contains("Correlation over the offset") && page.contains("<svg"));
+    let error = latency["tracker_minus_scene"]["seconds"].as_f64().unwrap() - 0.0173;
+    assert!(error.abs() < 0.002, "{error} s");
+    let report = text(&desk.read("rig/calibration/latency.html"));
+    assert!(report.contains("Correlation over the offset") && report.contains("<svg"));
 
-    // The rig that carries these files can be used at once.
-    let said = desk.works("calibrate latency --session a.mcap --rig rig --out c.json");
-    assert!(said.contains("good"), "{said}");
+    // The folder with these files is a valid rig.
+    let printed = desk.works("calibrate latency --session a.mcap --rig rig --out c.json");
+    assert!(printed.contains("good"), "{printed}");
 }
