@@ -32,10 +32,10 @@ fn brightness(p: DVec2) -> f64 {
     }
 }
 
-/// PNG of what the lens sees of it.
+/// Renders the board through the lens, as a PNG file. `pose` is camera from board.
 fn picture(lens: &Lens, pose: RigidTransform) -> Vec<u8> {
     let board_from_camera = pose.inverse();
-    let eye = board_from_camera.translation;
+    let camera = board_from_camera.translation;
     let mut pixels = Vec::new();
     for i in 0..lens.width * lens.height {
         let mut sum = 0.0;
@@ -43,9 +43,9 @@ fn picture(lens: &Lens, pose: RigidTransform) -> Vec<u8> {
             let within = DVec2::new(f64::from(k % 3) - 1.0, f64::from(k / 3) - 1.0) / 3.0;
             let pixel = DVec2::new(f64::from(i % lens.width), f64::from(i / lens.width)) + within;
             let ray = board_from_camera.rotation * lens.unproject(pixel).unwrap();
-            let t = -eye.z / ray.z;
+            let t = -camera.z / ray.z;
             sum += if t > 0.0 {
-                brightness((eye + ray * t).truncate())
+                brightness((camera + ray * t).truncate())
             } else {
                 110.0
             };
@@ -58,16 +58,16 @@ fn picture(lens: &Lens, pose: RigidTransform) -> Vec<u8> {
     bytes.into_inner()
 }
 
-/// Sixteen pictures from all sides.
-fn photographed() -> Desk {
+/// Writes sixteen pictures of the board from all sides.
+fn desk_with_pictures() -> Desk {
     let desk = Desk::new();
     for i in 0..16 {
         let (a, b) = (f64::from(i % 4) / 1.5 - 1.0, f64::from(i / 4) / 1.5 - 1.0);
         let tilt = DQuat::from_rotation_x(0.55 * b) * DQuat::from_rotation_y(-0.55 * a);
-        let turned = tilt * DQuat::from_rotation_z(0.2 * a * b + 0.1);
+        let rotation = tilt * DQuat::from_rotation_z(0.2 * a * b + 0.1);
         let middle = DVec3::new(0.12, 0.09, 0.0);
         let at = DVec3::new(0.085 * a, 0.065 * b, 0.42 + 0.04 * a);
-        let pose = RigidTransform::new(turned, at - turned * middle);
+        let pose = RigidTransform::new(rotation, at - rotation * middle);
         desk.put(&format!("pictures/{i:02}.png"), picture(&lens(), pose));
     }
     desk
@@ -75,7 +75,7 @@ fn photographed() -> Desk {
 
 #[test]
 fn intrinsics_from_pictures_writes_a_calibration_and_a_report() {
-    let desk = photographed();
+    let desk = desk_with_pictures();
     let arguments = "calibrate intrinsics --pictures pictures --board chess:7x5:0.03 \
                      --device webcam --serial A1 --out scene_camera.json";
     let printed = desk.works(arguments);
@@ -110,7 +110,7 @@ fn intrinsics_from_pictures_writes_a_calibration_and_a_report() {
 
 #[test]
 fn wrong_board_writes_no_calibration() {
-    let desk = photographed();
+    let desk = desk_with_pictures();
     for (board, expected) in [
         ("chess:8x5:0.03", "has 7×5 inner corners"),
         ("chess:6x4:0.03", "has 7×5 inner corners"),

@@ -25,15 +25,15 @@ pub struct InputArgs {
     /// A recording; without it the live rig
     #[arg(long, value_name = "SESSION.mcap")]
     pub session: Option<PathBuf>,
-    /// Folder with newer calibration files (rig.json, calibration/NAME.json), which replace those in
-    /// the recording
+    /// Folder with newer calibration files (rig.json, calibration/NAME.json), which replace those
+    /// in the recording
     #[arg(long, value_name = "DIR", requires = "session")]
     rig: Option<PathBuf>,
     #[command(flatten)]
     pub output: OutputArgs,
 }
 
-// Output files and device notes. (Not a docstring, which clap would show as the help of the command.)
+// Output files and device notes. (Not a docstring, which clap would show as the command's help.)
 #[derive(Debug, Args)]
 pub struct OutputArgs {
     /// Settings
@@ -236,8 +236,8 @@ impl OutputArgs {
             Destination::Named { out, report } => (out, report),
         };
         write(report, found.page.as_bytes(), self.force)?;
-        // The result of a verification is written whatever its grade; a refused calibration must not
-        // be used by mistake.
+        // The result of a verification is written whatever its grade; a refused calibration must
+        // not be used by mistake.
         let is_written = found.grade != Grade::Refused || step == "verify";
         let file = found.file.as_ref().filter(|_| is_written);
         if let Some(file) = file {

@@ -36,7 +36,7 @@ enum Step {
     Map(Box<map::MapArgs>),
     /// Measure tracker and camera latency from their rotations
     Latency(Box<latency::LatencyArgs>),
-    /// Calibrate the mounting of the scene camera on the tracker's sensor, and the transmitter's pose
+    /// Calibrate the scene camera's mounting on the tracker's sensor, and the transmitter's pose
     Tracker(Box<tracker::TrackerArgs>),
     /// Create a calibration board to print at true scale
     Board(board::BoardArgs),

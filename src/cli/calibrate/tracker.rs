@@ -50,7 +50,8 @@ pub fn run(args: &TrackerArgs) -> anyhow::Result<ExitCode> {
         None => match tag_map(&rig.markers)? {
             Some(tags) => Landmarks::Tags(tags),
             None => bail!(
-                "the rig has no markers; run `calibrate map` and put calibration/markers.json beside rig.json, or name a --board"
+                "the rig has no markers; run `calibrate map` and put calibration/markers.json beside \
+                 rig.json, or name a --board"
             ),
         },
     };

@@ -10,8 +10,8 @@ use penumbra_status::calibration::ParameterForm;
 pub(super) const STEP: StepDefinition = StepDefinition {
     name: "intrinsics",
     title: "Lens of a camera",
-    about: "Hold a board in front of the camera, near and far, in every part of the picture, tilted \
-            by 20° to 45° to all sides. Keep it still for a moment in each position.",
+    about: "Hold a board in front of the camera, near and far, in every part of the picture, \
+            tilted by 20° to 45° to all sides. Keep it still for a moment in each position.",
     parameters: &[
         ParameterForm {
             name: "camera",

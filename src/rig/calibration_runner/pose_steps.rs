@@ -96,8 +96,8 @@ pub(super) const TRACKER: StepDefinition = StepDefinition {
         ParameterForm {
             name: "distortion",
             label: "Field distortion",
-            hint: "Estimate how metal distorts an electromagnetic tracker's field: move through its \
-                   entire volume for two minutes.",
+            hint: "Estimate how metal distorts an electromagnetic tracker's field: move through \
+                   its entire volume for two minutes.",
             default: "no",
             choices: &[("no", "No"), ("yes", "Yes")],
         },

@@ -7,8 +7,8 @@ use penumbra_session::Session;
 
 /// Passes all events of `session` that `step` needs to it, in the order of arrival. Calls `report`
 /// after each picture with the share of the session (0 to 1) and the step's progress. Returns how
-/// many pictures and sections of the file could not be read. `metres_per_unit` is the tracker's unit
-/// of length; `None` if the calibration does not state it.
+/// many pictures and sections of the file could not be read. `metres_per_unit` is the tracker's
+/// unit of length; `None` if the calibration does not state it.
 pub fn feed_session(
     session: &Session,
     config: &Config,

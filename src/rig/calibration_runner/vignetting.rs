@@ -99,8 +99,8 @@ impl VignettingCollector {
         }
     }
 
-    /// Fits the vignetting; `None` if the readings are inconsistent, e.g. because the light changed,
-    /// surfaces are glossy or poses are wrong.
+    /// Fits the vignetting; `None` if the readings are inconsistent, e.g. because the light
+    /// changed, surfaces are glossy or poses are wrong.
     pub fn fit(&self) -> Option<Fit> {
         vignetting::fit(&self.readings)
             .filter(|f| f.used > MIN_USED && f.rms < MAX_RMS && f.edge_sigma < MAX_EDGE_SIGMA)

@@ -216,7 +216,7 @@ fn one_step_runs_at_a_time_and_an_aborted_one_writes_nothing() {
     let rig = TestRig::new(Behaviour::Endless);
     rig.start().unwrap();
     let again = rig.start().unwrap_err().to_string();
-    assert!(again.contains("`counted` is under way"), "{again}");
+    assert!(again.contains("`counted` is running"), "{again}");
     rig.wait_for("pictures", |v| v.pictures > 2);
     rig.calibrator.abort().unwrap();
     let view = rig.wait_for("the end", |v| !v.state.is_busy());
