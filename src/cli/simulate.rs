@@ -5,7 +5,7 @@ use crate::cli::files::{JsonFile, claim};
 use anyhow::anyhow;
 use clap::{Args, Subcommand};
 use penumbra_calibration::simulation::{Rehearsal, RehearsalOptions};
-use penumbra_rig::calibration_runner::rehearse;
+use penumbra_rig::calibration_runner::record_simulation;
 use penumbra_rig::simulate::{SimulateOptions, SimulatedPlace, SimulatedSource, simulate};
 use penumbra_synthetic::Faults;
 use std::net::SocketAddr;
@@ -114,9 +114,9 @@ fn session(args: SessionArgs) -> anyhow::Result<ExitCode> {
         std::fs::remove_file(&args.out)?;
     }
     let bar = progress_bar();
-    let simulation = Rehearsal::new(args.rig);
+    let rehearsal = Rehearsal::new(args.rig);
     let report = |share: f64| bar.set_position((1000.0 * share) as u64);
-    let ground_truth = rehearse(&simulation, &args.out, report)?;
+    let found = record_simulation(&rehearsal, &args.out, report)?;
     bar.finish_and_clear();
     if let Some(file) = truth {
         file.write(&ground_truth)?;

@@ -5,7 +5,7 @@ use glam::{DQuat, DVec2, DVec3};
 use penumbra_camera::{Lens, LensModel};
 use penumbra_interface::RigidTransform;
 
-/// Lens of a webcam with 320×240 pixels.
+/// The lens of a webcam with 320×240 pixels.
 fn lens() -> Lens {
     let size = (320, 240);
     let (focal, centre) = (DVec2::splat(270.0), DVec2::new(163.0, 118.0));
@@ -14,10 +14,10 @@ fn lens() -> Lens {
     lens
 }
 
-/// Grey value of a point on the board, metres: 8×6 squares of 30 mm, with 7×5 inner corners.
+/// Returns the brightness of a board of 8×6 squares of 30 mm, i.e. 7×5 inner corners.
 fn brightness(p: DVec2) -> f64 {
     let (x, y) = (p.x / 0.03, p.y / 0.03);
-    let inside = |v: f64, end: f64| (0.0..end).contains(&v);
+    let inside = |v: f64, max: f64| (0.0..max).contains(&v);
     if !inside(x, 8.0) || !inside(y, 6.0) {
         return if inside(x + 1.0, 10.0) && inside(y + 1.0, 8.0) {
             220.0
@@ -32,10 +32,10 @@ fn brightness(p: DVec2) -> f64 {
     }
 }
 
-/// Returns the picture of the board through the lens as PNG.
+/// Renders the board through the lens, as a PNG file. `pose` is camera from board.
 fn picture(lens: &Lens, pose: RigidTransform) -> Vec<u8> {
     let board_from_camera = pose.inverse();
-    let eye = board_from_camera.translation;
+    let camera = board_from_camera.translation;
     let mut pixels = Vec::new();
     for i in 0..lens.width * lens.height {
         let mut sum = 0.0;
@@ -43,9 +43,9 @@ fn picture(lens: &Lens, pose: RigidTransform) -> Vec<u8> {
             let within = DVec2::new(f64::from(k % 3) - 1.0, f64::from(k / 3) - 1.0) / 3.0;
             let pixel = DVec2::new(f64::from(i % lens.width), f64::from(i / lens.width)) + within;
             let ray = board_from_camera.rotation * lens.unproject(pixel).unwrap();
-            let t = -eye.z / ray.z;
+            let t = -camera.z / ray.z;
             sum += if t > 0.0 {
-                brightness((eye + ray * t).truncate())
+                brightness((camera + ray * t).truncate())
             } else {
                 110.0
             };
@@ -58,8 +58,8 @@ fn picture(lens: &Lens, pose: RigidTransform) -> Vec<u8> {
     bytes.into_inner()
 }
 
-/// Writes sixteen pictures from different directions.
-fn with_pictures() -> Desk {
+/// Writes sixteen pictures of the board from all sides.
+fn desk_with_pictures() -> Desk {
     let desk = Desk::new();
     for i in 0..16 {
         let (a, b) = (f64::from(i % 4) / 1.5 - 1.0, f64::from(i / 4) / 1.5 - 1.0);
@@ -74,8 +74,8 @@ fn with_pictures() -> Desk {
 }
 
 #[test]
-fn calibrates_a_lens_from_pictures_of_a_board() {
-    let desk = with_pictures();
+fn intrinsics_from_pictures_writes_a_calibration_and_a_report() {
+    let desk = desk_with_pictures();
     let arguments = "calibrate intrinsics --pictures pictures --board chess:7x5:0.03 \
                      --device webcam --serial A1 --out scene_camera.json";
     let printed = desk.works(arguments);
@@ -93,13 +93,13 @@ fn calibrates_a_lens_from_pictures_of_a_board() {
     );
     assert_eq!(found["device"]["serial"], "A1");
     assert!(found["date"].as_str().unwrap().ends_with('Z'));
-    assert_ne!(found["quality"]["verdict"], "refused");
-    let page = text(&desk.read("scene_camera.html"));
-    assert!(page.contains("<svg") && page.contains("Before and after"));
+    assert_ne!(found["quality"]["grade"], "refused");
+    let report = text(&desk.read("scene_camera.html"));
+    assert!(report.contains("<svg") && report.contains("Before and after"));
     let again = desk.run(arguments);
     assert!(text(&again.stderr).contains("exists already"));
 
-    // Convert to the format of each other program and back.
+    // Converts to each other format and back.
     desk.works("calibrate convert scene_camera.json --to opencv --out a.yml");
     desk.works("calibrate convert a.yml --to ros --out b.yaml");
     desk.works("calibrate convert b.yaml --to penumbra --out c.json");
@@ -110,7 +110,7 @@ fn calibrates_a_lens_from_pictures_of_a_board() {
 
 #[test]
 fn wrong_board_writes_no_calibration() {
-    let desk = with_pictures();
+    let desk = desk_with_pictures();
     for (board, expected) in [
         ("chess:8x5:0.03", "has 7×5 inner corners"),
         ("chess:6x4:0.03", "has 7×5 inner corners"),
@@ -159,7 +159,7 @@ fn board_is_written_at_true_scale() {
 }
 
 #[test]
-fn refuses_a_session_without_a_board() {
+fn rejects_session_without_a_board() {
     let desk = Desk::new();
     let output =
         desk.run("calibrate intrinsics --session DESK --board chess:9x6:0.025 --out a.json");
@@ -172,7 +172,7 @@ fn refuses_a_session_without_a_board() {
 }
 
 #[test]
-fn lists_tags_with_their_corners() {
+fn lists_tags_of_a_printed_board_with_their_corners() {
     let desk = Desk::new();
     std::fs::create_dir(desk.path("sheets")).unwrap();
     desk.works("calibrate board --board aprilgrid:3x2:0.03:0.3 --out sheets/tags.png --dpi 100");
@@ -181,7 +181,7 @@ fn lists_tags_with_their_corners() {
     assert!(printed.contains("tags.png: 6 tags"), "{printed}");
     let table = text(&desk.read("tags.csv"));
     assert_eq!(table.lines().count(), 7, "{table}");
-    // The lower left tag has number 0; the sheet's margin is 4.5 mm, the edge of its squares 9 mm.
+    // The lower left tag has number 0; the sheet's margin is 4.5 mm, the squares' edge 9 mm.
     let first = table.lines().nth(1).unwrap();
     let fields: Vec<&str> = first.split(',').collect();
     assert_eq!((fields[1], fields[2]), ("kalibr36h11", "0"));

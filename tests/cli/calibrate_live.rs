@@ -1,4 +1,4 @@
-//! `penumbra calibrate` on a live rig: from the command line, and over HTTP on a running rig.
+//! `penumbra calibrate` on a live rig: on the command line, and over HTTP beside a running rig.
 
 use crate::board;
 use crate::live::{Running, post, until};
@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::process::Stdio;
 
-/// Writes a rig whose scene camera sees a board, with its files in a folder.
+/// Creates a rig whose scene camera sees a board, and a folder for its files.
 fn rig() -> Desk {
     let desk = Desk::new();
     board::record(&desk.path("board.mcap"));
@@ -20,30 +20,30 @@ fn rig() -> Desk {
     desk
 }
 
-const LINE: &str = "calibrate intrinsics --config rig.toml --listen 127.0.0.1:0 --board";
+const COMMAND: &str = "calibrate intrinsics --config rig.toml --listen 127.0.0.1:0 --board";
 
 fn focal(desk: &Desk, file: &str) -> f64 {
     desk.json(file)["focal"][0].as_f64().unwrap()
 }
 
 #[test]
-fn live_lens_calibration_is_written_to_the_rig_and_used_without_rig_json() {
+fn live_calibration_is_written_to_the_rig_folder_and_used_without_a_rig_json() {
     let desk = rig();
-    let printed = desk.works(&format!("{LINE} {} --seconds 40", board::BOARD));
+    let printed = desk.works(&format!("{COMMAND} {} --seconds 40", board::BOARD));
     assert!(
         printed.contains("px RMS") && printed.contains("calibration: "),
         "{printed}"
     );
     let file = "files/calibration/scene_camera.json";
     let found = desk.json(file);
-    let off = focal(&desk, file) / board::FOCAL - 1.0;
-    assert!(off.abs() < 0.01, "{off}");
+    let error = focal(&desk, file) / board::FOCAL - 1.0;
+    assert!(error.abs() < 0.01, "{error}");
     assert_eq!(found["source"], "live");
     assert_eq!(found["device"]["name"], "replay:board.mcap");
     assert!(desk.path("files/calibration/scene_camera.html").exists());
-    // A second calibration keeps the first; the camera's size is read from the lens calibration.
-    let printed = desk.works(&format!("{LINE} {} --seconds 40", board::BOARD));
-    assert!(printed.contains("previous file: "), "{printed}");
+    // A second run backs up the first result, and the lens file provides the picture size.
+    let printed = desk.works(&format!("{COMMAND} {} --seconds 40", board::BOARD));
+    assert!(printed.contains("backup: "), "{printed}");
     assert_eq!(desk.names("files/calibration").len(), 4);
     let printed = desk.works(
         "run --config rig.toml --headless --listen 127.0.0.1:0 --frames 2 --frames-out frames",
@@ -56,10 +56,10 @@ fn live_lens_calibration_is_written_to_the_rig_and_used_without_rig_json() {
 
 #[cfg(unix)]
 #[test]
-fn signal_or_enter_finishes_the_step() {
+fn signal_or_enter_ends_the_step_with_a_verdict() {
     let desk = rig();
-    let line = format!("{LINE} {} --out lens.json --force", board::BOARD);
-    for end in ["-INT", "Enter"] {
+    let line = format!("{COMMAND} {} --out lens.json --force", board::BOARD);
+    for trigger in ["-INT", "Enter"] {
         let mut command = desk.command(&line.split(' ').collect::<Vec<_>>());
         let command = command.stdin(Stdio::piped()).stdout(Stdio::piped());
         let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
@@ -78,20 +78,20 @@ fn signal_or_enter_finishes_the_step() {
         });
         let refused = post(&address, "/calibration/start", r#"{"step": "intrinsics"}"#);
         assert!(refused.contains("runs a single step"), "{refused}");
-        if end == "Enter" {
+        if trigger == "Enter" {
             keys.write_all(b"\n").unwrap();
         } else {
-            running.signal(end);
+            running.signal(trigger);
         }
         let mut rest = String::new();
         out.read_to_string(&mut rest).unwrap();
-        // With few views the step may be refused; a report is written in either case.
-        assert!(rest.contains("report: lens.html"), "{end}: {rest}");
+        // After so few pictures it may be refused, but there is a verdict and a report in any case.
+        assert!(rest.contains("report: lens.html"), "{trigger}: {rest}");
     }
 }
 
 #[test]
-fn refuses_impossible_calibrations_before_opening_devices() {
+fn rejects_invalid_requests_before_opening_devices() {
     let desk = rig();
     desk.put(
         "bare.toml",
@@ -151,26 +151,26 @@ fn calibrates_a_running_rig_over_http() {
         "{wrong}"
     );
 
-    let wish = json!({"step": "intrinsics", "parameters": {"board": board::BOARD}}).to_string();
-    let begun = post(&address, "/calibration/start", &wish);
+    let request = json!({"step": "intrinsics", "parameters": {"board": board::BOARD}}).to_string();
+    let started = post(&address, "/calibration/start", &request);
     assert!(
-        begun.starts_with("HTTP/1.1 202") && begun.contains("\"running\""),
-        "{begun}"
+        started.starts_with("HTTP/1.1 202") && started.contains("\"running\""),
+        "{started}"
     );
-    let again = post(&address, "/calibration/start", &wish);
+    let again = post(&address, "/calibration/start", &request);
     assert!(again.starts_with("HTTP/1.1 409") && again.contains("`intrinsics` is running"));
     until("a picture with overlay points", || {
-        let points = calibration(&address)["picture"]["points"].clone();
-        points.as_array().is_some_and(|points| points.len() >= 20)
+        let marks = calibration(&address)["picture"]["points"].clone();
+        marks.as_array().is_some_and(|marks| marks.len() >= 20)
     });
     assert!(get(&address, "/calibration/picture.jpg?revision=1").contains("image/jpeg"));
-    until("the step has finished", || {
+    until("the end of the step", || {
         calibration(&address)["state"] == "finished"
     });
     let view = calibration(&address);
     assert_ne!(view["result"]["grade"], "refused", "{view}");
-    let off = focal(&desk, "files/calibration/scene_camera.json") / board::FOCAL - 1.0;
-    assert!(off.abs() < 0.01, "{off}");
+    let error = focal(&desk, "files/calibration/scene_camera.json") / board::FOCAL - 1.0;
+    assert!(error.abs() < 0.01, "{error}");
     let report = get(&address, "/calibration/report");
     assert!(report.contains("Lens of the scene camera"), "{report}");
     assert!(report.contains("sandbox") && !report.contains("script-src 'self'"));

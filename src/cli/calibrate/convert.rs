@@ -3,8 +3,7 @@
 use crate::cli::files::{claim, write};
 use anyhow::{Context, anyhow, bail};
 use clap::{Args, ValueEnum};
-use penumbra_calibration::formats as exchange;
-use penumbra_calibration::formats::{Dialect, NamedLens};
+use penumbra_calibration::formats::{self, Dialect, NamedLens};
 use penumbra_rig::wall_date::iso_now;
 use penumbra_rig_model::lens_record::LensRecord;
 use std::path::{Path, PathBuf};
@@ -54,42 +53,41 @@ fn size(text: &str) -> Result<(u32, u32), String> {
 
 pub fn run(args: &ConvertArgs) -> anyhow::Result<ExitCode> {
     claim(&args.out, args.force)?;
-    let shown = args.from.display().to_string();
-    let bytes = std::fs::read(&args.from).with_context(|| shown.clone())?;
-    let camera = chosen(lenses(&shown, &bytes, args.size)?, args)?;
+    let source = args.from.display().to_string();
+    let bytes = std::fs::read(&args.from).with_context(|| source.clone())?;
+    let camera = selected(lenses(&source, &bytes, args.size)?, args)?;
     let text = match args.to {
         Format::Penumbra => {
             let record = LensRecord::of_lens(&camera.lens, &camera.name, iso_now());
-            serde_json::to_string_pretty(&LensRecord {
-                source: shown,
-                ..record
-            })? + "\n"
+            serde_json::to_string_pretty(&LensRecord { source, ..record })? + "\n"
         }
-        Format::Opencv => exchange::write(Dialect::Opencv, &[camera])?,
-        Format::Ros => exchange::write(Dialect::Ros, &[camera])?,
-        Format::Kalibr => exchange::write(Dialect::Kalibr, &[camera])?,
+        Format::Opencv => formats::write(Dialect::Opencv, &[camera])?,
+        Format::Ros => formats::write(Dialect::Ros, &[camera])?,
+        Format::Kalibr => formats::write(Dialect::Kalibr, &[camera])?,
     };
     write(&args.out, text.as_bytes(), args.force)?;
     Ok(ExitCode::SUCCESS)
 }
 
-fn lenses(shown: &str, bytes: &[u8], size: Option<(u32, u32)>) -> anyhow::Result<Vec<NamedLens>> {
-    if Path::new(shown)
+/// Reads the lenses of a file in any of the formats; `source` is its name.
+fn lenses(source: &str, bytes: &[u8], size: Option<(u32, u32)>) -> anyhow::Result<Vec<NamedLens>> {
+    if Path::new(source)
         .extension()
         .is_some_and(|e| e.eq_ignore_ascii_case("json"))
     {
-        let record = LensRecord::parse(shown, bytes)?;
-        let lens = record.lens(shown)?;
+        let record = LensRecord::parse(source, bytes)?;
+        let lens = record.lens(source)?;
         return Ok(vec![NamedLens {
             name: record.camera,
             lens,
         }]);
     }
-    let text = std::str::from_utf8(bytes).map_err(|_| anyhow!("{shown}: is not text"))?;
-    exchange::read(text, size).map_err(|e| anyhow!("{shown}: {e}"))
+    let text = std::str::from_utf8(bytes).map_err(|_| anyhow!("{source}: is not text"))?;
+    formats::read(text, size).map_err(|e| anyhow!("{source}: {e}"))
 }
 
-fn chosen(mut cameras: Vec<NamedLens>, args: &ConvertArgs) -> anyhow::Result<NamedLens> {
+/// Returns the camera with the name of `--name`, else the only camera.
+fn selected(mut cameras: Vec<NamedLens>, args: &ConvertArgs) -> anyhow::Result<NamedLens> {
     let names: Vec<String> = cameras.iter().map(|c| c.name.clone()).collect();
     if let Some(name) = &args.name {
         cameras.retain(|c| c.name == *name);

@@ -1,11 +1,11 @@
 //! `penumbra calibrate environment`.
 
-use super::from::FromArgs;
+use super::args::InputArgs;
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use glam::{DVec2, DVec3};
 use penumbra_calibration::environment_camera_calibration::{
-    Asked, EnvironmentStep, Kind, KnownRig, RoughBall, pairs,
+    Asked, EnvironmentStep, Kind, KnownRig, Pair, RoughBall, pairs,
 };
 use penumbra_fiducials::Family;
 use penumbra_rig_model::lens_files::ENVIRONMENT_LENS;
@@ -17,10 +17,10 @@ use std::process::ExitCode;
 #[derive(Debug, Args)]
 pub struct EnvironmentArgs {
     #[command(flatten)]
-    from: FromArgs,
+    input: InputArgs,
     /// Kind of environment camera; without it as in rig.json, else a fisheye
     #[arg(long, value_enum)]
-    kind: Option<SeenBy>,
+    kind: Option<KindName>,
     /// Field of view of the fisheye, degrees; without it as in rig.json, else 180
     #[arg(long, value_name = "DEGREES", value_parser = degrees)]
     fov: Option<f64>,
@@ -43,7 +43,7 @@ pub struct EnvironmentArgs {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum SeenBy {
+enum KindName {
     Fisheye,
     Sphere,
 }
@@ -59,7 +59,7 @@ fn numbers(text: &str) -> Result<Vec<f64>, String> {
 fn degrees(text: &str) -> Result<f64, String> {
     match numbers(text)?[..] {
         [d] if d > 0.0 && d <= 360.0 => Ok(d.to_radians()),
-        _ => Err("degrees, above 0 and at most 360".to_owned()),
+        _ => Err("expected degrees above 0 and at most 360".to_owned()),
     }
 }
 
@@ -73,37 +73,38 @@ fn click(text: &str) -> Result<RoughBall, String> {
             centre: DVec2::new(x, y),
             radius: Some(r),
         }),
-        _ => Err("X,Y or X,Y,RADIUS in pixels".to_owned()),
+        _ => Err("expected X,Y or X,Y,RADIUS in pixels".to_owned()),
     }
 }
 
 fn position(text: &str) -> Result<DVec3, String> {
     match numbers(text)?[..] {
         [x, y, z] => Ok(DVec3::new(x, y, z)),
-        _ => Err("X,Y,Z in metres".to_owned()),
+        _ => Err("expected X,Y,Z in metres".to_owned()),
     }
 }
 
 pub fn run(args: &EnvironmentArgs) -> anyhow::Result<ExitCode> {
-    let known = known(args)?;
+    let rig = known_rig(args)?;
     let asked = Asked {
         kind: args.kind.map(|k| match k {
-            SeenBy::Fisheye => Kind::Fisheye,
-            SeenBy::Sphere => Kind::Sphere,
+            KindName::Fisheye => Kind::Fisheye,
+            KindName::Sphere => Kind::Sphere,
         }),
         fov: args.fov,
         click: args.click,
-        pairs: clicked(args)?,
+        pairs: clicked_pairs(args)?,
         at: args.at,
         families: args.family.clone(),
         rough: args.rough,
     };
-    let mut step = EnvironmentStep::new(known, asked)?;
-    args.from.carry_out(&mut step)
+    let mut step = EnvironmentStep::new(rig, asked)?;
+    args.input.run_step(&mut step)
 }
 
-fn known(args: &EnvironmentArgs) -> anyhow::Result<KnownRig> {
-    if let Some(path) = &args.from.session
+/// Reads the known calibration and the lens of the environment camera.
+fn known_rig(args: &EnvironmentArgs) -> anyhow::Result<KnownRig> {
+    if let Some(path) = &args.input.session
         && !Session::open(path)?.has_environment()
     {
         bail!(
@@ -111,20 +112,19 @@ fn known(args: &EnvironmentArgs) -> anyhow::Result<KnownRig> {
             path.display()
         );
     }
-    let files = args.from.files()?;
+    let files = args.input.files()?;
     let lens = match files.get(ENVIRONMENT_LENS) {
         Some(bytes) => Some(LensRecord::parse(ENVIRONMENT_LENS, bytes)?.lens(ENVIRONMENT_LENS)?),
         None => None,
     };
     Ok(KnownRig {
-        rig: args.from.rig()?,
+        rig: args.input.rig()?,
         lens,
     })
 }
 
-fn clicked(
-    args: &EnvironmentArgs,
-) -> anyhow::Result<Vec<penumbra_calibration::environment_camera_calibration::Pair>> {
+/// Reads the clicked points.
+fn clicked_pairs(args: &EnvironmentArgs) -> anyhow::Result<Vec<Pair>> {
     let Some(path) = &args.click_pairs else {
         return Ok(Vec::new());
     };

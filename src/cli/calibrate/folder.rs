@@ -1,29 +1,17 @@
 //! Reads pictures from files.
 
-use anyhow::{Context as _, bail};
+use anyhow::Context as _;
 use penumbra_picture::Picture;
-use std::path::{Path, PathBuf};
+use penumbra_rig::calibration_runner::picture_files;
+use std::path::Path;
 
-/// Reads the pictures of a folder in the order of their names.
+/// Reads the JPEG and PNG pictures of a folder, sorted by name.
 pub fn pictures(folder: &Path) -> anyhow::Result<Vec<Picture>> {
-    let entries = std::fs::read_dir(folder)
-        .with_context(|| format!("{}: cannot be read", folder.display()))?;
-    let mut files: Vec<PathBuf> = entries.filter_map(|e| Some(e.ok()?.path())).collect();
-    files.retain(|path| {
-        let extension = path
-            .extension()
-            .and_then(|e| e.to_str())
-            .unwrap_or_default();
-        ["jpg", "jpeg", "png"].contains(&extension.to_lowercase().as_str())
-    });
-    files.sort();
-    if files.is_empty() {
-        bail!("{}: holds no JPEG or PNG pictures", folder.display());
-    }
+    let files = picture_files(folder)?;
     files.iter().map(|file| picture(file)).collect()
 }
 
-/// Reads one picture.
+/// Reads a picture.
 pub fn picture(file: &Path) -> anyhow::Result<Picture> {
     let bytes =
         std::fs::read(file).with_context(|| format!("{}: cannot be read", file.display()))?;

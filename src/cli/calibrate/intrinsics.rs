@@ -1,13 +1,13 @@
 //! `penumbra calibrate intrinsics`.
 
-use super::from::{ToArgs, show_progress};
+use super::args::{OutputArgs, show_progress};
 use crate::cli::files::{claim, write};
 use anyhow::bail;
 use clap::{Args, ValueEnum};
 use penumbra_calibration::intrinsics::{Board, IntrinsicsStep, Options, SaidLenses};
 use penumbra_calibration::step::{Eye, Step};
 use penumbra_camera::LensModel;
-use penumbra_rig::calibration_runner::{Looked, pictures_of_folder};
+use penumbra_rig::calibration_runner::{FolderPicture, for_each_picture};
 use penumbra_rig_model::RigDocument;
 use penumbra_session::Session;
 use std::path::{Path, PathBuf};
@@ -29,8 +29,8 @@ pub struct IntrinsicsArgs {
     #[arg(long, value_name = "BOARD", value_parser = Board::parse)]
     board: Board,
     /// Camera to calibrate
-    #[arg(long, value_enum, default_value_t = Which::Scene)]
-    camera: Which,
+    #[arg(long, value_enum, default_value_t = Camera::Scene)]
+    camera: Camera,
     /// Lens model; without it as in rig.json, else brown for the scene camera and fisheye for the
     /// environment camera
     #[arg(long, value_enum)]
@@ -42,11 +42,11 @@ pub struct IntrinsicsArgs {
     #[arg(long, value_name = "FILE.csv")]
     corners: Option<PathBuf>,
     #[command(flatten)]
-    to: ToArgs,
+    output: OutputArgs,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Which {
+enum Camera {
     Scene,
     Environment,
 }
@@ -62,73 +62,74 @@ enum Model {
 }
 
 impl IntrinsicsArgs {
-    const fn eye(&self) -> Eye {
+    const fn role(&self) -> Eye {
         match self.camera {
-            Which::Scene => Eye::Scene,
-            Which::Environment => Eye::Environment,
+            Camera::Scene => Eye::Scene,
+            Camera::Environment => Eye::Environment,
         }
     }
 
-    fn step(&self, said: SaidLenses) -> IntrinsicsStep {
-        let default = match said.of_eye(self.eye()) {
+    /// Creates the step; `present_lenses` are the lenses in rig.json.
+    fn step(&self, present_lenses: SaidLenses) -> IntrinsicsStep {
+        let default_model = match present_lenses.of_eye(self.role()) {
             Some(lens) if lens.fisheye => Model::Fisheye,
             Some(_) => Model::Brown,
-            None if self.camera == Which::Environment => Model::Fisheye,
+            None if self.camera == Camera::Environment => Model::Fisheye,
             None => Model::Brown,
         };
         let options = Options {
-            model: match self.model.unwrap_or(default) {
+            model: match self.model.unwrap_or(default_model) {
                 Model::Brown => LensModel::Brown,
                 Model::BrownRational => LensModel::BrownRational,
                 Model::Fisheye => LensModel::KannalaBrandt,
             },
             square_pixels: !self.free_aspect,
         };
-        IntrinsicsStep::new(self.eye(), self.board, options, said)
+        IntrinsicsStep::new(self.role(), self.board, options, present_lenses)
     }
 
     fn run_on_session(&self, path: &Path) -> anyhow::Result<ExitCode> {
         let session = Session::open(path)?;
-        if self.camera == Which::Environment && !session.has_environment() {
+        if self.camera == Camera::Environment && !session.has_environment() {
             bail!(
                 "{}: has no pictures of an environment camera",
                 path.display()
             );
         }
-        // The rig.json, if there is one, is compared with the result.
+        // Without a rig.json there is no lens to compare with.
         let rig = RigDocument::of_session(&|name: &str| session.attachment(name)).ok();
-        let said = rig
+        let present_lenses = rig
             .as_ref()
             .map_or_else(SaidLenses::default, SaidLenses::of);
-        self.with_corners(&mut self.step(said), |step| {
-            self.to.carry_out(Some(path), None, step)
+        self.with_corners(&mut self.step(present_lenses), |step| {
+            self.output.run_step(Some(path), None, step)
         })
     }
 
-    /// Runs the step and writes the corners, even if the lens is refused: they show why.
+    /// Runs the step and writes the corners, also if the lens is refused: they show why.
     fn with_corners(
         &self,
         step: &mut IntrinsicsStep,
-        carry_out: impl FnOnce(&mut IntrinsicsStep) -> anyhow::Result<ExitCode>,
+        run: impl FnOnce(&mut IntrinsicsStep) -> anyhow::Result<ExitCode>,
     ) -> anyhow::Result<ExitCode> {
         if let Some(path) = &self.corners {
-            claim(path, self.to.force)?;
+            claim(path, self.output.force)?;
         }
-        let done = carry_out(step);
+        let outcome = run(step);
         if let Some(path) = &self.corners {
-            write(path, step.corners().as_bytes(), self.to.force)?;
+            write(path, step.corners().as_bytes(), self.output.force)?;
         }
-        done
+        outcome
     }
 
     fn run_on_folder(&self, folder: &Path) -> anyhow::Result<ExitCode> {
         let mut step = self.step(SaidLenses::default());
         let source = folder.display().to_string();
         self.with_corners(&mut step, |step| {
-            self.to.carry_out_by(&source, step, |step, bar| {
-                Ok(pictures_of_folder(folder, |looked: Looked| {
-                    step.look_at(&looked.name, looked.picture);
-                    show_progress(bar, looked.share, &step.progress());
+            self.output.run_step_with(&source, step, |step, bar| {
+                Ok(for_each_picture(folder, |file: FolderPicture| {
+                    step.look_at(&file.name, file.picture);
+                    show_progress(bar, file.share, &step.progress());
                 })?)
             })
         })
@@ -140,8 +141,9 @@ pub fn run(args: &IntrinsicsArgs) -> anyhow::Result<ExitCode> {
         (Some(session), _) => args.run_on_session(session),
         (None, Some(folder)) => args.run_on_folder(folder),
         (None, None) => {
-            let said = SaidLenses::of(&args.to.rig()?);
-            args.to.carry_out(None, None, &mut args.step(said))
+            let present_lenses = SaidLenses::of(&args.output.rig()?);
+            let mut step = args.step(present_lenses);
+            args.output.run_step(None, None, &mut step)
         }
     }
 }

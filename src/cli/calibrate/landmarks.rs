@@ -1,4 +1,4 @@
-//! Static landmarks in front of the camera: tags or a board.
+//! Static landmarks in front of the camera.
 
 use anyhow::bail;
 use penumbra_calibration::hand_eye_calibration::Landmarks;
@@ -6,8 +6,8 @@ use penumbra_calibration::intrinsics::Board;
 use penumbra_fiducials::TagMap;
 use penumbra_rig_model::Marker;
 
-/// Returns the rig's tags; `None` if it has none.
-pub fn tags_of(markers: &[Marker]) -> anyhow::Result<Option<TagMap>> {
+/// Returns the map of the rig's tags; `None` if it has no markers.
+pub fn tag_map(markers: &[Marker]) -> anyhow::Result<Option<TagMap>> {
     if markers.is_empty() {
         return Ok(None);
     }
@@ -15,10 +15,10 @@ pub fn tags_of(markers: &[Marker]) -> anyhow::Result<Option<TagMap>> {
     Ok(Some(TagMap::new(tags)?))
 }
 
-/// Returns the board as landmarks. Only chessboards are supported.
-pub fn board_of(board: Board) -> anyhow::Result<Landmarks> {
+/// Returns a board as landmarks. Only chessboards are supported.
+pub fn board_landmarks(board: Board) -> anyhow::Result<Landmarks> {
     if !matches!(board, Board::Chess { .. }) {
-        bail!("--board {board}: only chessboards are found in pictures yet");
+        bail!("--board {board}: only chessboards are supported here, e.g. chess:9x6:0.025");
     }
     Ok(Landmarks::Board(board))
 }

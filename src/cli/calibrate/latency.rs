@@ -1,7 +1,7 @@
 //! `penumbra calibrate latency`.
 
-use super::from::FromArgs;
-use super::landmarks::{board_of, tags_of};
+use super::args::InputArgs;
+use super::landmarks::{board_landmarks, tag_map};
 use clap::Args;
 use penumbra_calibration::hand_eye_calibration::{Landmarks, LatencyOptions, LatencyStep};
 use penumbra_calibration::intrinsics::Board;
@@ -10,7 +10,7 @@ use std::process::ExitCode;
 #[derive(Debug, Args)]
 pub struct LatencyArgs {
     #[command(flatten)]
-    from: FromArgs,
+    input: InputArgs,
     /// A static chessboard instead of the rig's markers
     #[arg(long, value_name = "chess:9x6:0.025", value_parser = Board::parse)]
     board: Option<Board>,
@@ -31,15 +31,15 @@ fn range(text: &str) -> Result<f64, String> {
 }
 
 pub fn run(args: &LatencyArgs) -> anyhow::Result<ExitCode> {
-    let rig = args.from.rig()?;
+    let rig = args.input.rig()?;
     let landmarks = match args.board {
-        Some(board) => Some(board_of(board)?),
-        None => tags_of(&rig.markers)?.map(Landmarks::Tags),
+        Some(board) => Some(board_landmarks(board)?),
+        None => tag_map(&rig.markers)?.map(Landmarks::Tags),
     };
     let options = LatencyOptions {
         range: args.range,
         station: args.station,
     };
     let mut step = LatencyStep::new(&rig.calibration, landmarks, options);
-    args.from.carry_out(&mut step)
+    args.input.run_step(&mut step)
 }

@@ -1,7 +1,7 @@
 //! Runs a calibration step on the live rig: opens the configured devices, shows a progress bar and
 //! the picture in a browser, and ends at Enter or Ctrl-C.
 
-use super::from::progress_bar;
+use super::args::progress_bar;
 use crate::cli::show::{address, status_server};
 use anyhow::bail;
 use clap::Args;
@@ -9,9 +9,9 @@ use indicatif::ProgressBar;
 use penumbra_calibration::step::{Finished, Made, Step};
 use penumbra_config::Config;
 use penumbra_interface::threads;
-use penumbra_rig::calibration_runner::live::{EndedBy, LiveShow, Moment, Wish};
-use penumbra_rig::calibration_runner::steps::title_of;
-use penumbra_rig::calibration_runner::{Showcase, devices};
+use penumbra_rig::calibration_runner::live::{EndReason, LiveFeed, StepRequest, StepUpdate};
+use penumbra_rig::calibration_runner::steps::step_title;
+use penumbra_rig::calibration_runner::{CalibrationMonitor, devices};
 use penumbra_rig::service::Service;
 use penumbra_rig::{Live, live_settings};
 use penumbra_status::snapshot::SessionState;
@@ -24,7 +24,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 /// Interval at which signals and keys are checked.
-const POLL_INTERVAL: Duration = Duration::from_millis(50);
+const CHECK_INTERVAL: Duration = Duration::from_millis(50);
 /// Exit status by convention after Ctrl-C.
 const INTERRUPTED: i32 = 130;
 
@@ -45,87 +45,87 @@ fn seconds(text: &str) -> Result<f64, String> {
 
 /// Events that end a step.
 #[derive(Clone, Default)]
-struct Ends {
-    /// SIGINT or SIGTERM was received.
+struct EndSignals {
+    /// SIGINT or SIGTERM has come.
     signal: Arc<AtomicBool>,
     /// Enter was pressed.
     entered: Arc<AtomicBool>,
 }
 
-impl Ends {
-    /// Whether an end was requested since the last call.
-    fn take_request(&self) -> bool {
-        let take = |flag: &AtomicBool| flag.swap(false, Ordering::Relaxed);
-        take(&self.signal) | take(&self.entered)
+impl EndSignals {
+    /// Returns whether an end was requested since the last call.
+    fn take(&self) -> bool {
+        let take_flag = |flag: &AtomicBool| flag.swap(false, Ordering::Relaxed);
+        take_flag(&self.signal) | take_flag(&self.entered)
     }
 
-    /// Starts a thread that waits for Enter. It is not joined, as only the end of the program
-    /// interrupts reading a key.
+    /// Starts a thread that waits for Enter. The thread is not joined: only the end of the program
+    /// interrupts its wait.
     fn listen_for_enter(&self) {
         let entered = Arc::clone(&self.entered);
         let _ = threads::spawn("enter", move || {
             let read = std::io::stdin().read_line(&mut String::new());
-            // No bytes mean the end of the input, not a pressed key.
+            // Zero bytes are the end of the input, not a pressed key.
             entered.store(read.is_ok_and(|bytes| bytes > 0), Ordering::Relaxed);
         });
     }
 }
 
-/// Runs `step` on the data of the configured devices and returns its result. `noted` holds the
-/// device name and serial number from the command line.
-pub fn carry_out(
+/// Runs `step` on the configured devices and returns its result. `device_note` is the name and the
+/// serial number of the device as stated by the user.
+pub fn run_step(
     step: &mut dyn Step,
     config: &Config,
     args: &LiveArgs,
-    noted: (Option<&String>, Option<&String>),
+    device_note: (Option<&String>, Option<&String>),
 ) -> anyhow::Result<Finished> {
     let mut config = config.clone();
     config.status.listen = args.listen.unwrap_or(config.status.listen);
     let live = Live::new(&config, false)?;
     let wants = step.wants();
-    if let Some(reason) = devices::lacking(&wants, &live.devices) {
+    if let Some(reason) = devices::missing_device(&wants, &live.devices) {
         bail!("{reason}");
     }
-    let showcase = Showcase::new(Vec::new());
-    showcase.begin(step.name(), title_of(step.name()), BTreeMap::new());
-    let server = server(&config, args, &showcase)?;
+    let monitor = CalibrationMonitor::new(Vec::new());
+    monitor.begin(step.name(), step_title(step.name()), BTreeMap::new());
+    let server = server(&config, args, &monitor)?;
     let address = address(server.as_ref(), &config);
-    let ends = Ends::default();
-    let service = Service::start(server, ends.signal.clone())?;
+    let signals = EndSignals::default();
+    let service = Service::start(server, signals.signal.clone())?;
     address.into_iter().for_each(crate::cli::say);
-    ends.listen_for_enter();
+    signals.listen_for_enter();
     live.open()?;
-    let ended = show(step, &config, args, (&live, &showcase, &ends));
-    if ended == EndedBy::Aborted {
+    let reason = observe(step, &config, args, (&live, &monitor, &signals));
+    if reason == EndReason::Aborted {
         bail!("aborted; nothing was written");
     }
     let devices = live.supervised();
-    if let Some(trouble) = devices::trouble(&wants, devices)
+    if let Some(problem) = devices::device_problem(&wants, devices)
         && devices.iter().all(|d| d.status().received == 0)
     {
-        bail!("no data: {trouble}");
+        bail!("no data: {problem}");
     }
-    showcase.evaluate();
-    let made = devices::made(&wants, devices);
-    let made = Made {
-        device: noted.0.cloned().or(made.device),
-        serial: noted.1.cloned().or(made.serial),
-        ..made
+    monitor.set_evaluating();
+    let provenance = devices::provenance(&wants, devices);
+    let provenance = Made {
+        device: device_note.0.cloned().or(provenance.device),
+        serial: device_note.1.cloned().or(provenance.serial),
+        ..provenance
     };
-    let found = evaluate(step, &made, &ends)?;
+    let found = evaluate(step, &provenance, &signals)?;
     drop((live, service));
     Ok(found)
 }
 
-/// Starts the status page, which shows the picture. A port in use is an error only if --listen was
-/// given.
+/// Starts the status page, which shows the picture. A port in use is an error only if the user has
+/// named it.
 fn server(
     config: &Config,
     args: &LiveArgs,
-    showcase: &Arc<Showcase>,
+    monitor: &Arc<CalibrationMonitor>,
 ) -> anyhow::Result<Option<StatusServer>> {
     let status = SharedStatus::new(live_settings(config));
-    status.set_calibrator(showcase.clone());
+    status.set_calibrator(monitor.clone());
     status.update(|s| {
         "calibration".clone_into(&mut s.session.name);
         s.session.state = SessionState::Live;
@@ -142,12 +142,13 @@ fn server(
     }
 }
 
-fn show(
+/// Passes the live data to the step until it ends.
+fn observe(
     step: &mut dyn Step,
     config: &Config,
     args: &LiveArgs,
-    (live, showcase, ends): (&Live, &Showcase, &Ends),
-) -> EndedBy {
+    (live, monitor, signals): (&Live, &CalibrationMonitor, &EndSignals),
+) -> EndReason {
     let tracker = live.files.document(config).ok();
     let tracker = tracker.and_then(|rig| rig.calibration.tracker);
     let wants = step.wants();
@@ -155,49 +156,53 @@ fn show(
     if std::io::stderr().is_terminal() {
         crate::cli::say("Enter or Ctrl-C finishes the step; Ctrl-C again aborts");
     }
-    let shown = LiveShow {
+    let feed = LiveFeed {
         hub: &live.hub,
         config,
         metres_per_unit: tracker.map(|t| t.metres_per_unit),
-        longest: args.seconds.map(Duration::from_secs_f64),
+        time_limit: args.seconds.map(Duration::from_secs_f64),
     };
-    let ended = shown.show(step, &mut |moment| {
-        let trouble = devices::trouble(&wants, live.supervised());
-        show_moment(&bar, moment, trouble.as_deref());
-        match showcase.tell(moment, trouble) {
-            Wish::GoOn if ends.take_request() => Wish::Finish,
-            wish => wish,
+    let reason = feed.run(step, &mut |update| {
+        let problem = devices::device_problem(&wants, live.supervised());
+        show_update(&bar, update, problem.as_deref());
+        match monitor.update(update, problem) {
+            StepRequest::Continue if signals.take() => StepRequest::Finish,
+            request => request,
         }
     });
     bar.finish_and_clear();
-    ended
+    reason
 }
 
-/// Shows progress on the bar, with the device's error or else the step's hint.
-fn show_moment(bar: &ProgressBar, moment: &Moment, trouble: Option<&str>) {
-    let progress = moment.progress;
+/// Shows the progress, and the problem of a device or else the step's hint.
+fn show_update(bar: &ProgressBar, update: &StepUpdate, problem: Option<&str>) {
+    let progress = update.progress;
     bar.set_position((1000.0 * progress.share) as u64);
-    let next = trouble.unwrap_or(&progress.hint);
-    let parts = [progress.message.as_str(), next];
-    let shown: Vec<&str> = parts.into_iter().filter(|p| !p.is_empty()).collect();
-    bar.set_message(shown.join("; "));
+    let advice = problem.unwrap_or(&progress.hint);
+    let parts = [progress.message.as_str(), advice];
+    let parts: Vec<&str> = parts.into_iter().filter(|p| !p.is_empty()).collect();
+    bar.set_message(parts.join("; "));
 }
 
-/// Evaluates the step. A signal during the evaluation ends the program, because the evaluation
-/// cannot be interrupted; nothing has been written by then.
-fn evaluate(step: &mut dyn Step, made: &Made, ends: &Ends) -> anyhow::Result<Finished> {
+/// Evaluates the step. A signal meanwhile ends the program: nothing has been written yet, and the
+/// evaluation cannot be interrupted.
+fn evaluate(
+    step: &mut dyn Step,
+    provenance: &Made,
+    signals: &EndSignals,
+) -> anyhow::Result<Finished> {
     let done = Arc::new(AtomicBool::new(false));
-    let (watched, signal) = (Arc::clone(&done), Arc::clone(&ends.signal));
+    let (is_done, signal) = (Arc::clone(&done), Arc::clone(&signals.signal));
     let watcher = threads::spawn("abort", move || {
-        while !watched.load(Ordering::Relaxed) {
+        while !is_done.load(Ordering::Relaxed) {
             if signal.load(Ordering::Relaxed) {
                 crate::cli::complain(&anyhow::anyhow!("aborted; nothing was written"));
-                leave();
+                exit_interrupted();
             }
-            std::thread::sleep(POLL_INTERVAL);
+            std::thread::sleep(CHECK_INTERVAL);
         }
     })?;
-    let found = step.finish(made);
+    let found = step.finish(provenance);
     done.store(true, Ordering::Relaxed);
     let _ = watcher.join();
     Ok(found)
@@ -207,6 +212,6 @@ fn evaluate(step: &mut dyn Step, made: &Made, ends: &Ends) -> anyhow::Result<Fin
     clippy::disallowed_methods,
     reason = "no file is open, and the step's thread cannot be interrupted"
 )]
-fn leave() {
+fn exit_interrupted() {
     std::process::exit(INTERRUPTED);
 }

@@ -1,6 +1,6 @@
 //! `penumbra calibrate map`.
 
-use super::from::FromArgs;
+use super::args::InputArgs;
 use clap::Args;
 use penumbra_calibration::tag_map::{MapOptions, MapStep};
 use penumbra_fiducials::Family;
@@ -9,11 +9,11 @@ use std::process::ExitCode;
 #[derive(Debug, Args)]
 pub struct MapArgs {
     #[command(flatten)]
-    from: FromArgs,
+    input: InputArgs,
     /// Edge of the tags' black border, metres, if the calibration does not state it
     #[arg(long, value_name = "METRES", value_parser = metres)]
     size: Option<f64>,
-    /// Edge of single tags
+    /// Edge of the black border of a single tag
     #[arg(long, value_name = "ID=METRES", value_parser = size_of)]
     size_of: Vec<(u32, f64)>,
     /// Tag that defines a new world frame and lies on the table: +X to its right, +Z up. Without it
@@ -38,7 +38,7 @@ fn size_of(text: &str) -> Result<(u32, f64), String> {
 }
 
 pub fn run(args: &MapArgs) -> anyhow::Result<ExitCode> {
-    let rig = args.from.rig()?;
+    let rig = args.input.rig()?;
     let options = MapOptions {
         families: args.family.clone(),
         size: args.size,
@@ -46,5 +46,5 @@ pub fn run(args: &MapArgs) -> anyhow::Result<ExitCode> {
         origin: args.origin,
     };
     let mut step = MapStep::new(&rig.calibration, &rig.markers, options);
-    args.from.carry_out(&mut step)
+    args.input.run_step(&mut step)
 }

@@ -1,10 +1,10 @@
-//! `penumbra calibrate`: the calibration of a rig, step by step.
+//! `penumbra calibrate`: calibrates a rig, step by step.
 
+mod args;
 mod board;
 mod convert;
 mod environment;
 mod folder;
-mod from;
 mod intrinsics;
 mod landmarks;
 mod latency;
@@ -15,7 +15,7 @@ mod tags;
 mod tracker;
 mod verify;
 
-pub use from::progress_bar;
+pub use args::progress_bar;
 
 use clap::{Args, Subcommand};
 use std::process::ExitCode;
@@ -36,11 +36,11 @@ enum Step {
     Map(Box<map::MapArgs>),
     /// Measure tracker and camera latency from their rotations
     Latency(Box<latency::LatencyArgs>),
-    /// Calibrate the mounting of the scene camera on the tracker's sensor, and the transmitter's pose
+    /// Calibrate the scene camera's mounting on the tracker's sensor, and the transmitter's pose
     Tracker(Box<tracker::TrackerArgs>),
     /// Create a calibration board to print at true scale
     Board(board::BoardArgs),
-    /// Check the complete rig, in a minute
+    /// Check the complete rig in a minute
     Verify(verify::VerifyArgs),
     /// Calibrate tone curves, vignetting, noise, and the gains between the cameras
     Radiometric(Box<radiometric::RadiometricArgs>),

@@ -1,7 +1,7 @@
 //! `penumbra calibrate radiometric`.
 
+use super::args::{OutputArgs, show_progress};
 use super::folder::{picture, pictures};
-use super::from::{ToArgs, show_progress};
 use anyhow::{Context as _, bail};
 use clap::{Args, ValueEnum};
 use indicatif::ProgressBar;
@@ -11,7 +11,7 @@ use penumbra_calibration::step::{Eye, Progress, Shown, ShownPicture, Step as _};
 use penumbra_config::Config;
 use penumbra_interface::MonotonicTime;
 use penumbra_picture::Picture;
-use penumbra_rig::calibration_runner::{radiometric_options, seen_by_both, show_session};
+use penumbra_rig::calibration_runner::{estimate_from_overlap, feed_session, radiometric_options};
 use penumbra_rig_model::RigDocument;
 use penumbra_session::Session;
 use std::path::PathBuf;
@@ -57,14 +57,15 @@ pub struct RadiometricArgs {
     #[arg(long, value_name = "DIR")]
     environment_flat: Option<PathBuf>,
     /// Date of manufacture of the ColorChecker: its colours changed in November 2014
-    #[arg(long, value_enum, default_value_t = Made2014::After)]
-    chart: Made2014,
+    #[arg(long, value_enum, default_value_t = ChartDate::After)]
+    chart: ChartDate,
     #[command(flatten)]
-    to: ToArgs,
+    output: OutputArgs,
 }
 
+/// Date of manufacture of a ColorChecker.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Made2014 {
+enum ChartDate {
     /// 2005 to October 2014
     #[value(name = "2005")]
     Before,
@@ -81,7 +82,7 @@ fn rectangle(text: &str) -> Result<[u32; 4], String> {
     <[u32; 4]>::try_from(numbers)
         .ok()
         .filter(|r| r[2] > 0 && r[3] > 0)
-        .ok_or_else(|| "write left, top, width, height in pixels: 310,200,60,60".to_owned())
+        .ok_or_else(|| "expected left, top, width, height in pixels, e.g. 310,200,60,60".to_owned())
 }
 
 fn exposure(text: &str) -> Result<f64, String> {
@@ -95,37 +96,38 @@ fn exposure(text: &str) -> Result<f64, String> {
     };
     value
         .filter(|v| v.is_finite() && *v > 0.0)
-        .ok_or_else(|| "write seconds, 1/60 or 0.0167".to_owned())
+        .ok_or_else(|| "expected seconds, e.g. 1/60 or 0.0167".to_owned())
 }
 
 pub fn run(args: &RadiometricArgs) -> anyhow::Result<ExitCode> {
     let session = args.session.as_deref().map(Session::open).transpose()?;
     let rig = rig(args, session.as_ref())?;
-    let config = args.to.config()?;
+    let config = args.output.config()?;
     let mut step = Radiometric::new(options(args, rig.as_ref(), &config));
     if session.is_none() && !args.has_pictures() {
-        return args.to.carry_out(None, None, &mut step);
+        return args.output.run_step(None, None, &mut step);
     }
-    args.to
-        .carry_out_by(&args.source(), &mut step, |step, bar| {
+    args.output
+        .run_step_with(&args.source(), &mut step, |step, bar| {
             let damaged = match &session {
-                Some(session) => show(session, &config, rig.as_ref(), step, bar)?,
+                Some(session) => observe_session(session, &config, rig.as_ref(), step, bar)?,
                 None => 0,
             };
-            for (eye, files) in [
+            for (camera, files) in [
                 (Eye::Scene, &args.scene_picture),
                 (Eye::Environment, &args.environment_picture),
             ] {
                 for (i, file) in files.iter().enumerate() {
-                    look(step, eye, &picture(file)?, i);
+                    observe_picture(step, camera, &picture(file)?, i);
                 }
             }
-            series(args, step)?;
+            observe_folders(args, step)?;
             Ok(damaged)
         })
 }
 
 impl RadiometricArgs {
+    /// Returns whether the command names pictures.
     fn has_pictures(&self) -> bool {
         let folders = [
             &self.scene_series,
@@ -138,20 +140,22 @@ impl RadiometricArgs {
             || folders.iter().any(|folder| folder.is_some())
     }
 
+    /// Returns the source that is noted in the calibration.
     fn source(&self) -> String {
         let source = self.session.as_ref().or(self.scene_picture.first());
         source.map_or_else(|| "pictures".to_owned(), |p| p.display().to_string())
     }
 }
 
+/// Reads the known calibration; `None` if there is none.
 fn rig(args: &RadiometricArgs, session: Option<&Session>) -> anyhow::Result<Option<RigDocument>> {
     if let Some(session) = session {
         return Ok(RigDocument::of_session(&|name: &str| session.attachment(name)).ok());
     }
     let Some(path) = &args.rig else {
-        // Single pictures belong to no known rig.
+        // Pictures from files are not assumed to come from the configured rig.
         let live = !args.has_pictures();
-        return live.then(|| args.to.rig()).transpose();
+        return live.then(|| args.output.rig()).transpose();
     };
     let bytes =
         std::fs::read(path).with_context(|| format!("{}: cannot be read", path.display()))?;
@@ -162,8 +166,8 @@ fn rig(args: &RadiometricArgs, session: Option<&Session>) -> anyhow::Result<Opti
 fn options(args: &RadiometricArgs, rig: Option<&RigDocument>, config: &Config) -> Options {
     Options {
         edition: match args.chart {
-            Made2014::Before => Edition::Gmb2005,
-            Made2014::After => Edition::Xrite2014,
+            ChartDate::Before => Edition::Gmb2005,
+            ChartDate::After => Edition::Xrite2014,
         },
         greys: [args.grey_scene, args.grey_environment],
         exposure_sigma: 0.01 * args.exposure_tolerance.clamp(0.01, 100.0),
@@ -171,9 +175,9 @@ fn options(args: &RadiometricArgs, rig: Option<&RigDocument>, config: &Config) -
     }
 }
 
-/// Gives `step` all data of a session and its attached pictures of a chart. Returns the number of
+/// Observes the pictures of a session and its attached pictures of a chart. Returns the number of
 /// damaged pictures.
-fn show(
+fn observe_session(
     session: &Session,
     config: &Config,
     rig: Option<&RigDocument>,
@@ -181,34 +185,34 @@ fn show(
     bar: &ProgressBar,
 ) -> anyhow::Result<usize> {
     if let Some(chart) = rig.and_then(|rig| rig.calibration.chart.as_ref()) {
-        for (eye, name) in [
+        for (camera, name) in [
             (Eye::Scene, &chart.scene_picture),
             (Eye::Environment, &chart.environment_picture),
         ] {
             if let Some(bytes) = session.attachment(name) {
                 let picture = Picture::from_file_bytes(bytes).with_context(|| name.clone())?;
-                look(step, eye, &picture, 0);
+                observe_picture(step, camera, &picture, 0);
             }
         }
     }
     let report = |share: f64, progress: &Progress| show_progress(bar, share, progress);
-    let damaged = show_session(session, config, None, step, report)?;
-    if let Some(seen) = rig.and_then(|rig| seen_by_both(session, config, rig)) {
-        if let Some((gains, pairs)) = seen.gains {
+    let damaged = feed_session(session, config, None, step, report);
+    if let Some(estimates) = rig.and_then(|rig| estimate_from_overlap(session, config, rig)) {
+        if let Some((gains, pairs)) = estimates.gains {
             step.add_scene_gains(gains, format!("{pairs} pairs of pictures"));
         }
-        if let Some(fit) = seen.fall_off {
+        if let Some(fit) = estimates.vignetting {
             step.add_fall_off(Eye::Scene, fit);
         }
     }
     Ok(damaged)
 }
 
-/// Gives `step` a single picture. Its time is far from all others, so that it is not used to
-/// measure noise.
-fn look(step: &mut Radiometric, eye: Eye, picture: &Picture, number: usize) {
+/// Observes a single picture. Its time is far from those of all others, so that the step does not
+/// estimate noise from a pair of pictures.
+fn observe_picture(step: &mut Radiometric, camera: Eye, picture: &Picture, number: usize) {
     step.look(&Shown::Picture(ShownPicture {
-        eye,
+        eye: camera,
         picture,
         captured_at: MonotonicTime::from_nanos(0),
         bracket_ev: 0.0,
@@ -217,8 +221,9 @@ fn look(step: &mut Radiometric, eye: Eye, picture: &Picture, number: usize) {
     }));
 }
 
-fn series(args: &RadiometricArgs, step: &mut Radiometric) -> anyhow::Result<()> {
-    for (eye, folder) in [
+/// Observes the exposure series and the pictures of evenly lit walls.
+fn observe_folders(args: &RadiometricArgs, step: &mut Radiometric) -> anyhow::Result<()> {
+    for (camera, folder) in [
         (Eye::Scene, &args.scene_series),
         (Eye::Environment, &args.environment_series),
     ] {
@@ -226,8 +231,8 @@ fn series(args: &RadiometricArgs, step: &mut Radiometric) -> anyhow::Result<()> 
         let pictures = pictures(folder)?;
         if pictures.len() != args.exposures.len() {
             bail!(
-                "{}: holds {} pictures, --exposures has {} times; one for each picture, in the \
-                 order of their names",
+                "{}: contains {} pictures, but --exposures lists {} times; give one for each \
+                 picture, sorted by name",
                 folder.display(),
                 pictures.len(),
                 args.exposures.len()
@@ -235,9 +240,9 @@ fn series(args: &RadiometricArgs, step: &mut Radiometric) -> anyhow::Result<()> 
         }
         let logs = args.exposures.iter().map(|e| e.ln());
         let series: Vec<(&Picture, f64)> = pictures.iter().zip(logs).collect();
-        step.add_series(eye, &series);
+        step.add_series(camera, &series);
     }
-    for (eye, folder) in [
+    for (camera, folder) in [
         (Eye::Scene, &args.scene_flat),
         (Eye::Environment, &args.environment_flat),
     ] {
@@ -248,7 +253,7 @@ fn series(args: &RadiometricArgs, step: &mut Radiometric) -> anyhow::Result<()> 
             .iter()
             .flatten()
         {
-            step.add_flat(eye, picture);
+            step.add_flat(camera, picture);
         }
     }
     Ok(())

@@ -4,7 +4,7 @@ use crate::cli::files::{claim, write};
 use clap::Args;
 use penumbra_camera::Response;
 use penumbra_fiducials::{Detector, Family};
-use penumbra_rig::calibration_runner::{Looked, pictures_of_folder};
+use penumbra_rig::calibration_runner::{FolderPicture, for_each_picture};
 use std::fmt::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -40,18 +40,17 @@ pub fn run(args: &TagsArgs) -> anyhow::Result<ExitCode> {
     claim(&args.out, args.force)?;
     let mut detector =
         Detector::new(&args.family, &Response::srgb()).with_most_candidates(MAX_CANDIDATES);
-    let mut table =
-        String::from("picture,family,id,x0,y0,x1,y1,x2,y2,x3,y3,margin,corrected_bits\n");
-    let damaged = pictures_of_folder(&args.pictures, |looked: Looked| {
+    let mut table = String::from("picture,family,id,x0,y0,x1,y1,x2,y2,x3,y3,margin,wrong_bits\n");
+    let damaged = for_each_picture(&args.pictures, |file: FolderPicture| {
         let start = Instant::now();
-        let seen = detector.detect(looked.picture, None);
+        let tags = detector.detect(file.picture, None);
         let millis = 1e3 * start.elapsed().as_secs_f64();
-        let name = looked.name.replace([',', '\n', '\r'], " ");
+        let name = file.name.replace([',', '\n', '\r'], " ");
         crate::cli::say(format_args!(
             "{name}: {} tags in {millis:.2} ms",
-            seen.len()
+            tags.len()
         ));
-        for tag in seen {
+        for tag in tags {
             let _ = write!(table, "{name},{},{}", tag.family, tag.id);
             for c in tag.corners {
                 let _ = write!(table, ",{:.4},{:.4}", c.x, c.y);

@@ -1,7 +1,7 @@
 //! `penumbra calibrate tracker`.
 
-use super::from::FromArgs;
-use super::landmarks::{board_of, tags_of};
+use super::args::InputArgs;
+use super::landmarks::{board_landmarks, tag_map};
 use anyhow::bail;
 use clap::Args;
 use penumbra_calibration::hand_eye_calibration::{
@@ -13,7 +13,7 @@ use std::process::ExitCode;
 #[derive(Debug, Args)]
 pub struct TrackerArgs {
     #[command(flatten)]
-    from: FromArgs,
+    input: InputArgs,
     /// A static chessboard instead of the rig's markers: its first corner is the world's origin, +Z
     /// points out of the paper
     #[arg(long, value_name = "chess:9x6:0.025", value_parser = Board::parse)]
@@ -44,13 +44,14 @@ fn latency(text: &str) -> Result<LatencyChoice, String> {
 }
 
 pub fn run(args: &TrackerArgs) -> anyhow::Result<ExitCode> {
-    let rig = args.from.rig()?;
+    let rig = args.input.rig()?;
     let landmarks = match args.board {
-        Some(board) => board_of(board)?,
-        None => match tags_of(&rig.markers)? {
+        Some(board) => board_landmarks(board)?,
+        None => match tag_map(&rig.markers)? {
             Some(tags) => Landmarks::Tags(tags),
             None => bail!(
-                "the rig knows no markers; run `calibrate map` and put calibration/markers.json beside rig.json, or name a --board"
+                "the rig has no markers; run `calibrate map` and put calibration/markers.json beside \
+                 rig.json, or name a --board"
             ),
         },
     };
@@ -61,5 +62,5 @@ pub fn run(args: &TrackerArgs) -> anyhow::Result<ExitCode> {
         world_is_board: args.board.is_some(),
     };
     let mut step = MountingStep::new(&rig.calibration, landmarks, options);
-    args.from.carry_out(&mut step)
+    args.input.run_step(&mut step)
 }

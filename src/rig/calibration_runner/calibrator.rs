@@ -1,11 +1,12 @@
-//! Calibrates a running rig when it is asked to: a step at a time, on a thread of its own that
-//! leaves the processors to the frames.
+//! Runs calibration steps on request beside the frames of a running rig: one step at a time, on a
+//! background thread that yields to the threads of the frames.
 
-use super::devices::{lacking, made, trouble};
+use super::definition::RigContext;
+use super::devices::{device_problem, missing_device, provenance};
 use super::files::{calibration_folder, prepare, write_calibration};
-use super::live::{EndedBy, LiveShow, Wish};
-use super::showcase::Showcase;
-use super::steps::{Known, Made, file_of, forms, step_of};
+use super::live::{EndReason, LiveFeed, StepRequest};
+use super::monitor::CalibrationMonitor;
+use super::steps::{PreparedStep, calibration_file_name, forms, make_step};
 use crate::error::RigError;
 use crate::source::DeviceObserver;
 use crate::source::Live;
@@ -23,27 +24,28 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// Makes a step from its name and parameters.
-pub type StepMaker =
-    dyn Fn(&CalibrationRequest, &Known) -> Result<Made, CalibrationRefusal> + Send + Sync;
+/// Creates the requested step for a rig.
+pub type StepMaker = dyn Fn(&CalibrationRequest, &RigContext) -> Result<PreparedStep, CalibrationRefusal>
+    + Send
+    + Sync;
 
-/// Carries out steps of calibration beside the frames.
+/// Runs calibration steps beside the frames.
 pub struct Calibrator {
     hub: Arc<Hub>,
     devices: Arc<Devices>,
-    onlooker: DeviceObserver,
+    observer: DeviceObserver,
     config: Arc<Config>,
-    showcase: Arc<Showcase>,
+    monitor: Arc<CalibrationMonitor>,
     make: Box<StepMaker>,
     thread: Mutex<Option<JoinHandle<()>>>,
 }
 
 impl Calibrator {
-    /// Ready to calibrate a live rig.
+    /// Creates the calibrator of a live rig.
     #[must_use]
     pub fn new(live: &Live, config: &Config) -> Arc<Self> {
-        let make = |wish: &CalibrationRequest, known: &Known| {
-            let step = step_of(&wish.step, &wish.parameters, known);
+        let make = |request: &CalibrationRequest, rig: &RigContext| {
+            let step = make_step(&request.step, &request.parameters, rig);
             step.map_err(|error| CalibrationRefusal::Parameter {
                 reason: error.to_string(),
             })
@@ -51,88 +53,88 @@ impl Calibrator {
         Self::with_steps(live, config, Box::new(make))
     }
 
-    /// With steps of one's own.
+    /// Creates a calibrator with other steps.
     #[must_use]
     pub fn with_steps(live: &Live, config: &Config, make: Box<StepMaker>) -> Arc<Self> {
         Arc::new(Self {
             hub: Arc::clone(&live.hub),
             devices: Arc::clone(&live.devices),
-            onlooker: live.onlooker(),
+            observer: live.onlooker(),
             config: Arc::new(config.clone()),
-            showcase: Showcase::new(forms()),
+            monitor: CalibrationMonitor::new(forms()),
             make,
             thread: Mutex::default(),
         })
     }
 
-    /// Everything that can be found wrong before the first picture.
-    fn job(&self, wish: &CalibrationRequest) -> Result<(Job, Made), RigError> {
+    /// Prepares a step; reports all errors that can be found before the first picture.
+    fn job(&self, request: &CalibrationRequest) -> Result<(Job, PreparedStep), RigError> {
         let refused = |refusal: CalibrationRefusal| RigError::Calibration { refusal };
-        // Anew each time: the step before may have written what this one builds upon.
-        let known = Known::read(&self.config)?;
-        let made = (self.make)(wish, &known).map_err(refused)?;
-        if let Some(reason) = lacking(&made.step.wants(), &self.devices) {
+        // Read again for each step, which may build on the result of the previous one.
+        let rig = RigContext::read(&self.config)?;
+        let prepared = (self.make)(request, &rig).map_err(refused)?;
+        if let Some(reason) = missing_device(&prepared.step.wants(), &self.devices) {
             return Err(refused(CalibrationRefusal::Failed { reason }));
         }
         let folder = calibration_folder(&self.config)?.to_owned();
-        let name = file_of(&*made.step);
+        let name = calibration_file_name(&*prepared.step);
         prepare(&folder, &name)?;
-        let tracker = known.document.calibration.tracker;
+        let tracker = rig.document.calibration.tracker;
         let job = Job {
             hub: Arc::clone(&self.hub),
-            onlooker: self.onlooker.clone(),
+            observer: self.observer.clone(),
             config: Arc::clone(&self.config),
-            showcase: Arc::clone(&self.showcase),
+            monitor: Arc::clone(&self.monitor),
             metres_per_unit: tracker.map(|t| t.metres_per_unit),
-            longest: wish.longest(),
+            time_limit: request.longest(),
             folder,
             name,
         };
-        Ok((job, made))
+        Ok((job, prepared))
     }
 }
 
 impl CalibrationControl for Calibrator {
     fn view(&self) -> Calibration {
-        self.showcase.view()
+        self.monitor.view()
     }
 
-    fn start(&self, wish: &CalibrationRequest) -> Result<(), CalibrationRefusal> {
+    fn start(&self, request: &CalibrationRequest) -> Result<(), CalibrationRefusal> {
         let mut thread = self.thread.lock().unwrap_or_else(PoisonError::into_inner);
         if thread.as_ref().is_some_and(|t| !t.is_finished()) {
-            let step = self.showcase.view().step;
+            let step = self.monitor.view().step;
             return Err(CalibrationRefusal::Busy { step });
         }
-        let (job, made) = self.job(wish).map_err(refusal)?;
-        let Made {
+        let (job, prepared) = self.job(request).map_err(refusal)?;
+        let PreparedStep {
             step,
             title,
             parameters,
-        } = made;
-        self.showcase.begin(step.name(), title, parameters.to_map());
+        } = prepared;
+        self.monitor.begin(step.name(), title, parameters.to_map());
         let started = threads::spawn_background("calibrate", move || job.run(step));
         *thread = Some(started.map_err(|source| {
             let error = RigError::Thread { source }.to_string();
-            self.showcase.fail(&error);
+            self.monitor.set_failed(&error);
             CalibrationRefusal::Failed { reason: error }
         })?);
         Ok(())
     }
 
     fn finish(&self) -> Result<(), CalibrationRefusal> {
-        self.showcase.wish_for(Wish::Finish)
+        self.monitor.request(StepRequest::Finish)
     }
 
     fn abort(&self) -> Result<(), CalibrationRefusal> {
-        self.showcase.wish_for(Wish::Abort)
+        self.monitor.request(StepRequest::Abort)
     }
 
     fn picture(&self, revision: Option<u64>) -> Option<Bytes> {
-        self.showcase.picture(revision)
+        self.monitor.picture(revision)
     }
 
     fn report(&self) -> Option<String> {
-        self.showcase.report()
+        self.monitor.report()
     }
 }
 
@@ -147,7 +149,7 @@ fn refusal(error: RigError) -> CalibrationRefusal {
 
 impl Drop for Calibrator {
     fn drop(&mut self) {
-        let _ = self.showcase.wish_for(Wish::Abort);
+        let _ = self.monitor.request(StepRequest::Abort);
         let thread = self
             .thread
             .get_mut()
@@ -156,59 +158,59 @@ impl Drop for Calibrator {
     }
 }
 
-/// One step on its way.
+/// A step that is to run on the background thread.
 struct Job {
     hub: Arc<Hub>,
-    onlooker: DeviceObserver,
+    observer: DeviceObserver,
     config: Arc<Config>,
-    showcase: Arc<Showcase>,
+    monitor: Arc<CalibrationMonitor>,
     metres_per_unit: Option<f64>,
-    longest: Option<Duration>,
+    time_limit: Option<Duration>,
     folder: PathBuf,
     name: String,
 }
 
 impl Job {
-    /// Whatever becomes of it is told.
+    /// Runs the step; a panic of the step becomes a failed calibration.
     fn run(self, mut step: Box<dyn Step>) {
-        let carried_out = catch_unwind(AssertUnwindSafe(|| self.carry_out(&mut *step)));
-        if carried_out.is_err() {
+        let outcome = catch_unwind(AssertUnwindSafe(|| self.run_step(&mut *step)));
+        if outcome.is_err() {
             self.hub.set_tap(None);
             let name = step.name();
             let reason = format!(
-                "there is a bug in the step `{name}`, which has ended; record what it was shown \
-                 (`penumbra record`), and report it with that"
+                "there is a bug in the step `{name}`, which was stopped; record the same input \
+                 (`penumbra record`) and report the bug with the recording"
             );
             tracing::error!("{reason}");
-            self.showcase.fail(&reason);
+            self.monitor.set_failed(&reason);
         }
     }
 
-    fn carry_out(&self, step: &mut dyn Step) {
+    fn run_step(&self, step: &mut dyn Step) {
         let wants = step.wants();
-        let show = LiveShow {
+        let feed = LiveFeed {
             hub: &self.hub,
             config: &self.config,
             metres_per_unit: self.metres_per_unit,
-            longest: self.longest,
+            time_limit: self.time_limit,
         };
-        let ended = show.show(step, &mut |moment| {
-            let trouble = trouble(&wants, &self.onlooker.devices());
-            self.showcase.tell(moment, trouble)
+        let reason = feed.run(step, &mut |update| {
+            let trouble = device_problem(&wants, &self.observer.devices());
+            self.monitor.update(update, trouble)
         });
-        // The rig is being closed: nobody has asked for a result.
-        if matches!(ended, EndedBy::Aborted | EndedBy::DevicesClosed) {
-            return self.showcase.aborted();
+        // When the rig is closed, no result is wanted.
+        if matches!(reason, EndReason::Aborted | EndReason::DevicesClosed) {
+            return self.monitor.set_aborted();
         }
-        self.showcase.evaluate();
-        let found = step.finish(&made(&wants, &self.onlooker.devices()));
-        // It may have been wished while it was being worked out.
-        if self.showcase.wish() == Wish::Abort {
-            return self.showcase.aborted();
+        self.monitor.set_evaluating();
+        let found = step.finish(&provenance(&wants, &self.observer.devices()));
+        // The abort may have been requested during the evaluation.
+        if self.monitor.current_request() == StepRequest::Abort {
+            return self.monitor.set_aborted();
         }
         let written = write_calibration(&self.folder, &self.name, &found);
-        self.showcase
-            .conclude(&found, written.map_err(|error| error.to_string()));
+        self.monitor
+            .set_result(&found, written.map_err(|error| error.to_string()));
     }
 }
 

@@ -1,16 +1,16 @@
-//! The devices that a step of calibration looks at.
+//! The devices whose data a calibration step uses.
 
 use crate::wall_date::iso_now;
 use penumbra_calibration::step::{Made, Wants};
 use penumbra_capture::{Devices, LiveDevice};
 use penumbra_interface::DeviceKind;
 
-/// Why a step cannot have anything of what it wants from these devices, and what to do. Only one
-/// of the cameras that it wants is insisted on, and a tracker where it wants no camera: what it
-/// can do without the others it says itself.
+/// Returns why these devices deliver nothing that a step needs, and what to do; `None` if they
+/// deliver something. One of the needed cameras is sufficient, and a tracker is required only if no
+/// camera is needed: the step itself reports what it can do without the others.
 #[must_use]
-pub fn lacking(wants: &Wants, devices: &Devices) -> Option<String> {
-    let wanted = [
+pub fn missing_device(wants: &Wants, devices: &Devices) -> Option<String> {
+    let needed = [
         ("scene_camera", wants.scene, devices.scene_camera.is_some()),
         (
             "environment_camera",
@@ -23,18 +23,18 @@ pub fn lacking(wants: &Wants, devices: &Devices) -> Option<String> {
             devices.tracker.is_some(),
         ),
     ];
-    let wanted = || wanted.iter().filter(|(_, wanted, _)| *wanted);
-    if wanted().any(|(_, _, there)| *there) {
+    let needed = || needed.iter().filter(|(_, is_needed, _)| *is_needed);
+    if needed().any(|(_, _, is_configured)| *is_configured) {
         return None;
     }
-    let (what, ..) = wanted().next()?;
+    let (section, ..) = needed().next()?;
     Some(format!(
-        "the rig has no {}; name one under [{what}] in its configuration",
-        what.replace('_', " ")
+        "the rig has no {}; name one under [{section}] in its configuration",
+        section.replace('_', " ")
     ))
 }
 
-const fn is_wanted(wants: &Wants, kind: DeviceKind) -> bool {
+const fn is_needed(wants: &Wants, kind: DeviceKind) -> bool {
     match kind {
         DeviceKind::SceneCamera => wants.scene,
         DeviceKind::EnvironmentCamera => wants.environment,
@@ -42,22 +42,23 @@ const fn is_wanted(wants: &Wants, kind: DeviceKind) -> bool {
     }
 }
 
-/// The first of the wanted devices that delivers nothing, and why.
+/// Returns the first needed device that delivers nothing, and why.
 #[must_use]
-pub fn trouble(wants: &Wants, devices: &[LiveDevice]) -> Option<String> {
-    let mut wanted = devices.iter().filter(|d| is_wanted(wants, d.kind));
-    wanted.find_map(|device| {
+pub fn device_problem(wants: &Wants, devices: &[LiveDevice]) -> Option<String> {
+    let mut needed = devices.iter().filter(|d| is_needed(wants, d.kind));
+    needed.find_map(|device| {
         let reason = device.status().reason?;
         let kind = device.kind.label().replace('-', " ");
         Some(format!("{kind}: {reason}"))
     })
 }
 
-/// Who asks now, of these devices.
+/// Returns the provenance of a calibration that is made from these devices now: the date, and
+/// names and serial numbers of the needed devices.
 #[must_use]
-pub fn made(wants: &Wants, devices: &[LiveDevice]) -> Made {
-    let wanted = devices.iter().filter(|d| is_wanted(wants, d.kind));
-    let known: Vec<_> = wanted.filter_map(LiveDevice::name_and_serial).collect();
+pub fn provenance(wants: &Wants, devices: &[LiveDevice]) -> Made {
+    let needed = devices.iter().filter(|d| is_needed(wants, d.kind));
+    let known: Vec<_> = needed.filter_map(LiveDevice::name_and_serial).collect();
     let names: Vec<String> = known.iter().map(|(name, _)| name.clone()).collect();
     let serials: Vec<String> = known.into_iter().filter_map(|(_, serial)| serial).collect();
     let joined = |texts: Vec<String>| (!texts.is_empty()).then(|| texts.join(" and "));
@@ -71,7 +72,6 @@ pub fn made(wants: &Wants, devices: &[LiveDevice]) -> Made {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
     use penumbra_config::CameraSource;
 
@@ -84,7 +84,7 @@ mod tests {
     };
 
     #[test]
-    fn what_the_rig_lacks_is_said_with_the_key_to_set() {
+    fn missing_device_is_reported_with_its_configuration_section() {
         let rig = Devices {
             scene_camera: Some(CameraSource::Replay("a.mcap".into())),
             ..Devices::default()
@@ -94,25 +94,27 @@ mod tests {
             poses: true,
             ..NOTHING
         };
-        assert_eq!(lacking(&scene, &rig), None);
+        assert_eq!(missing_device(&scene, &rig), None);
         let both = Wants {
             environment: true,
             ..scene
         };
-        assert_eq!(lacking(&both, &rig), None);
+        assert_eq!(missing_device(&both, &rig), None);
         let environment = Wants {
             environment: true,
             ..NOTHING
         };
-        let said = lacking(&environment, &rig).unwrap();
-        assert!(said.contains("no environment camera") && said.contains("[environment_camera]"));
+        let message = missing_device(&environment, &rig).unwrap();
+        assert!(
+            message.contains("no environment camera") && message.contains("[environment_camera]")
+        );
         let poses = Wants {
             poses: true,
             ..NOTHING
         };
-        assert!(lacking(&poses, &rig).unwrap().contains("[tracker]"));
+        assert!(missing_device(&poses, &rig).unwrap().contains("[tracker]"));
         assert!(
-            lacking(&scene, &Devices::default())
+            missing_device(&scene, &Devices::default())
                 .unwrap()
                 .contains("[scene_camera]")
         );

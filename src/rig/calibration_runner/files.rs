@@ -1,6 +1,5 @@
-//! Where calibrations go among the files of a rig: nothing that is there is lost.
+//! Writes calibrations among the files of a rig. Existing files are kept as backups.
 
-use super::showcase::Written;
 use crate::error::RigError;
 use crate::wall_date::utc_now;
 use penumbra_calibration::step::Finished;
@@ -11,15 +10,15 @@ use std::fs::{self, File};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// The folder of the rig's files.
+/// Returns the folder of the rig's files.
 ///
 /// # Errors
-/// The configuration names none, or something else.
+/// `[calibration] from` is not set or is not a folder.
 pub fn calibration_folder(config: &Config) -> Result<&Path, RigError> {
     match &config.calibration {
         Some(path) if path.is_dir() => Ok(path),
         Some(path) => Err(RigError::NoCalibrationFolder {
-            reason: format!("{} is no folder", path.display()),
+            reason: format!("{} is not a folder", path.display()),
         }),
         None => Err(RigError::NoCalibrationFolder {
             reason: "[calibration] from is not set".to_owned(),
@@ -27,117 +26,134 @@ pub fn calibration_folder(config: &Config) -> Result<&Path, RigError> {
     }
 }
 
-/// Makes sure that `name`, a path by `/` within `folder`, can be written in the end.
+/// Checks that `name`, a path within `folder` separated by `/`, can be written, and creates its
+/// folders.
 ///
 /// # Errors
-/// It cannot.
+/// A folder cannot be created, or no file can be written to it.
 pub fn prepare(folder: &Path, name: &str) -> Result<(), RigError> {
     let path = folder.join(name);
-    let made = path.parent().map_or(Ok(()), fs::create_dir_all);
-    made.map_err(|source| failed(&path, source))?;
-    write_beside(&path, b"")?;
-    let _ = fs::remove_file(beside(&path));
+    let created = path.parent().map_or(Ok(()), fs::create_dir_all);
+    created.map_err(|source| write_error(&path, source))?;
+    write_part(&path, b"")?;
+    let _ = fs::remove_file(part_path(&path));
     Ok(())
 }
 
-/// Where checks of the rig are kept, whatever they found.
-pub const CHECKS: &str = "calibration/checks/";
+/// Folder of the results of verifications, which are kept whatever their grade.
+pub const CHECKS_FOLDER: &str = "calibration/checks/";
 
-/// Writes what was found as `name` in `folder`, and the page about it beside it, as .html. What
-/// is there is kept, with the date in its name. What was refused leaves only a page.
+/// Paths of the files that a step has written.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct WrittenFiles {
+    /// The calibration; `None` if it was refused.
+    pub file: Option<PathBuf>,
+    /// The backup of the previous calibration.
+    pub backup: Option<PathBuf>,
+    /// The report.
+    pub report: Option<PathBuf>,
+}
+
+/// Writes a calibration as `name` in `folder`, and its report beside it as .html. Existing files
+/// are kept, with the date in their names. A refused calibration writes only the report, as
+/// .refused.html.
 ///
 /// # Errors
-/// The disk is full, or the folder is not to be written to; then the files are as they were.
-pub fn write_calibration(folder: &Path, name: &str, found: &Finished) -> Result<Written, RigError> {
+/// The disk is full, or the folder is not writable; then the existing files are unchanged.
+pub fn write_calibration(
+    folder: &Path,
+    name: &str,
+    found: &Finished,
+) -> Result<WrittenFiles, RigError> {
     let path = folder.join(name);
     let file = found
         .file
         .as_ref()
-        .filter(|_| found.grade != Grade::Refused || name.starts_with(CHECKS));
+        .filter(|_| found.grade != Grade::Refused || name.starts_with(CHECKS_FOLDER));
     let Some(file) = file else {
         let report = path.with_extension("refused.html");
-        write_beside(&report, found.page.as_bytes())?;
-        put(&report)?;
-        return Ok(Written {
+        write_part(&report, found.page.as_bytes())?;
+        publish(&report)?;
+        return Ok(WrittenFiles {
             report: Some(report),
-            ..Written::default()
+            ..WrittenFiles::default()
         });
     };
     let report = path.with_extension("html");
-    // Both are on the disk before either takes its place.
-    write_beside(&report, found.page.as_bytes())?;
-    write_beside(&path, file.as_bytes()).inspect_err(|_| {
-        let _ = fs::remove_file(beside(&report));
+    // Both are on the disk before either replaces an existing file.
+    write_part(&report, found.page.as_bytes())?;
+    write_part(&path, file.as_bytes()).inspect_err(|_| {
+        let _ = fs::remove_file(part_path(&report));
     })?;
     let date = date();
-    let kept = keep(&report, &date).and_then(|_| keep(&path, &date));
-    let backup = kept.inspect_err(|_| {
+    let backups = back_up(&report, &date).and_then(|_| back_up(&path, &date));
+    let backup = backups.inspect_err(|_| {
         let _ = (
-            fs::remove_file(beside(&report)),
-            fs::remove_file(beside(&path)),
+            fs::remove_file(part_path(&report)),
+            fs::remove_file(part_path(&path)),
         );
     })?;
-    put(&report)?;
-    put(&path)?;
-    Ok(Written {
+    publish(&report)?;
+    publish(&path)?;
+    Ok(WrittenFiles {
         file: Some(path),
         backup,
         report: Some(report),
     })
 }
 
-/// Where a file is written before it is whole.
-fn beside(path: &Path) -> PathBuf {
+/// Returns the temporary path of a file until it is complete.
+fn part_path(path: &Path) -> PathBuf {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     path.with_file_name(format!(".{name}.part"))
 }
 
-fn write_beside(path: &Path, bytes: &[u8]) -> Result<(), RigError> {
-    let part = beside(path);
+fn write_part(path: &Path, bytes: &[u8]) -> Result<(), RigError> {
+    let part = part_path(path);
     let written = File::create(&part).and_then(|mut file| {
         file.write_all(bytes)?;
         file.sync_all()
     });
     written.map_err(|source| {
         let _ = fs::remove_file(&part);
-        failed(path, source)
+        write_error(path, source)
     })
 }
 
-fn put(path: &Path) -> Result<(), RigError> {
-    fs::rename(beside(path), path).map_err(|source| failed(path, source))
+fn publish(path: &Path) -> Result<(), RigError> {
+    fs::rename(part_path(path), path).map_err(|source| write_error(path, source))
 }
 
-/// Gives what is at `path` a name with the date in it.
-fn keep(path: &Path, date: &str) -> Result<Option<PathBuf>, RigError> {
+/// Copies the file at `path`, if any, to a name with the date in it, which is returned.
+fn back_up(path: &Path, date: &str) -> Result<Option<PathBuf>, RigError> {
     if path.symlink_metadata().is_err() {
         return Ok(None);
     }
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     let extension = path.extension().unwrap_or_default().to_string_lossy();
-    let named = |more: &str| path.with_file_name(format!("{stem}.{date}{more}.{extension}"));
+    let named = |suffix: &str| path.with_file_name(format!("{stem}.{date}{suffix}.{extension}"));
     let mut backup = named("");
     let mut n = 1;
     while backup.symlink_metadata().is_ok() {
         n += 1;
         backup = named(&format!("-{n}"));
     }
-    // A copy: there is a calibration at any moment, the old one or the new one.
+    // A copy, not a renaming: the old or the new calibration exists at every moment.
     fs::copy(path, &backup).map_err(|source| {
         let _ = fs::remove_file(&backup);
-        failed(&backup, source)
+        write_error(&backup, source)
     })?;
     Ok(Some(backup))
 }
 
-fn failed(path: &Path, source: std::io::Error) -> RigError {
+fn write_error(path: &Path, source: std::io::Error) -> RigError {
     RigError::Output(OutputError::Write {
         path: path.to_owned(),
         source,
     })
 }
 
-/// `20261121T120203Z`.
+/// Returns the date in UTC, e.g. `20261121T120203Z`.
 fn date() -> String {
     let [year, month, day, hour, minute, second] = utc_now();
     format!("{year:04}{month:02}{day:02}T{hour:02}{minute:02}{second:02}Z")
@@ -145,7 +161,6 @@ fn date() -> String {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
 
     fn found(grade: Grade, file: &str) -> Finished {
@@ -154,7 +169,7 @@ mod tests {
             lines: Vec::new(),
             findings: Vec::new(),
             hints: Vec::new(),
-            page: format!("page of {file}"),
+            page: format!("report of {file}"),
             file: Some(file.to_owned()),
         }
     }
@@ -171,7 +186,7 @@ mod tests {
     const NAME: &str = "calibration/tracker.json";
 
     #[test]
-    fn what_is_there_is_kept_by_its_date() {
+    fn existing_files_are_kept_with_their_date() {
         let folder = tempfile::tempdir().unwrap();
         let folder = folder.path();
         prepare(folder, NAME).unwrap();
@@ -191,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_refused_leaves_a_page_and_the_calibration_before_it() {
+    fn refused_calibration_writes_a_report_and_keeps_the_previous_one() {
         let folder = tempfile::tempdir().unwrap();
         let folder = folder.path();
         prepare(folder, NAME).unwrap();
@@ -205,8 +220,8 @@ mod tests {
 
     #[cfg(target_os = "linux")]
     #[test]
-    fn a_full_disk_changes_nothing() {
-        // The kernel's disk that is always full.
+    fn full_disk_leaves_existing_files_unchanged() {
+        // Writing to /dev/full fails as on a full disk.
         let folder = tempfile::tempdir().unwrap();
         let folder = folder.path();
         prepare(folder, NAME).unwrap();
@@ -224,12 +239,12 @@ mod tests {
     }
 
     #[test]
-    fn a_rig_without_a_folder_is_told_of() {
+    fn rejects_configuration_without_a_calibration_folder() {
         let mut config = Config::default();
         let error = calibration_folder(&config).unwrap_err().to_string();
         assert!(error.contains("[calibration] from is not set"), "{error}");
         config.calibration = Some(PathBuf::from("desk.mcap"));
         let error = calibration_folder(&config).unwrap_err().to_string();
-        assert!(error.contains("desk.mcap is no folder"), "{error}");
+        assert!(error.contains("desk.mcap is not a folder"), "{error}");
     }
 }

@@ -1,6 +1,6 @@
-//! Shows a step of calibration what a live rig's devices deliver, beside everybody else.
+//! Runs a calibration step on what the devices of a live rig deliver, beside their other users.
 
-use super::showing::Showing;
+use super::step_feeder::StepFeeder;
 use penumbra_calibration::step::{Eye, Progress, Step, Wants};
 use penumbra_capture::{FrameTap, Hub, Next, TapFilter, TapReader};
 use penumbra_config::Config;
@@ -8,144 +8,152 @@ use penumbra_interface::{Clock, MonotonicTime, SystemClock};
 use penumbra_picture::Picture;
 use std::time::Duration;
 
-/// How often it is told how it goes, and a wish is heard, while no picture comes.
-const TELL_EVERY: Duration = Duration::from_millis(100);
+/// Interval of updates while no picture arrives.
+const UPDATE_INTERVAL: Duration = Duration::from_millis(100);
 
-/// How it goes at one moment.
+/// The state of a running step.
 #[derive(Clone, Copy, Debug)]
-pub struct Moment<'a> {
-    /// How far the step is.
+pub struct StepUpdate<'a> {
+    /// The step's progress.
     pub progress: &'a Progress,
-    /// The picture that it has just been shown, and whose it is.
+    /// The picture that the step has just observed, with its camera.
     pub picture: Option<(Eye, &'a Picture)>,
-    /// Since the beginning.
+    /// Time since the start of the step, seconds.
     pub seconds: f64,
-    /// What it was shown so far, and what not.
-    pub counts: ShownCounts,
+    /// Numbers of inputs so far.
+    pub counts: InputCounts,
 }
 
-/// What a step was shown, and what not.
+/// Numbers of inputs that a step has observed and missed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct ShownCounts {
-    /// Pictures shown.
+pub struct InputCounts {
+    /// Pictures observed.
     pub pictures: u64,
     /// Pictures that could not be decoded.
     pub damaged: u64,
-    /// Pictures skipped while the step was busy.
-    pub skipped: u64,
-    /// Readings of the tracker that found no room.
+    /// Pictures that arrived while the step was busy.
+    pub passed_over: u64,
+    /// Tracker readings that were lost because the queue was full.
     pub readings_lost: u64,
 }
 
-/// What whoever is told wants next.
+/// Request to a running step, returned by the receiver of its updates.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Wish {
-    /// More.
+pub enum StepRequest {
+    /// Continue.
     #[default]
-    GoOn,
-    /// It shall conclude from what it has seen.
+    Continue,
+    /// Stop observing and evaluate.
     Finish,
-    /// Nothing shall come of it.
+    /// Stop without a result.
     Abort,
 }
 
-/// Why nothing more is shown.
+/// Why a step stopped observing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum EndedBy {
-    /// Somebody asked.
-    Asked,
-    /// It has seen enough.
-    Enough,
-    /// The time that was given is over.
-    TimeOver,
+pub enum EndReason {
+    /// [`StepRequest::Finish`].
+    Requested,
+    /// The step has enough data.
+    Complete,
+    /// The time limit is reached.
+    TimeLimit,
     /// The devices were closed.
     DevicesClosed,
-    /// Nothing shall come of it.
+    /// [`StepRequest::Abort`].
     Aborted,
 }
 
-/// What a calibration is made with.
+/// The live input of a step.
 #[derive(Clone, Copy)]
-pub struct LiveShow<'a> {
-    /// What devices deliver comes by here. One step at a time can look on.
+pub struct LiveFeed<'a> {
+    /// The queue of all deliveries. Only one step at a time can read it.
     pub hub: &'a Hub,
-    /// How pictures are spelled.
+    /// The settings, for the encoding of pictures.
     pub config: &'a Config,
-    /// The tracker's unit, where the calibration says it.
+    /// The tracker's unit of length; `None` if the calibration does not state it.
     pub metres_per_unit: Option<f64>,
-    /// The longest that it may take.
-    pub longest: Option<Duration>,
+    /// Maximum duration.
+    pub time_limit: Option<Duration>,
 }
 
-impl LiveShow<'_> {
-    /// Shows `step` what it wants until it has enough or `told`, which is called after every
-    /// picture and ten times a second, wishes otherwise.
-    pub fn show(&self, step: &mut dyn Step, told: &mut dyn FnMut(&Moment) -> Wish) -> EndedBy {
-        let (tap, end) = FrameTap::new(filter(&step.wants()));
+impl LiveFeed<'_> {
+    /// Passes the deliveries that `step` needs to it until it has enough data, the time limit is
+    /// reached, the devices are closed, or `report` requests an end. `report` is called after every
+    /// picture, and ten times a second while none arrives.
+    pub fn run(
+        &self,
+        step: &mut dyn Step,
+        report: &mut dyn FnMut(&StepUpdate) -> StepRequest,
+    ) -> EndReason {
+        let (tap, reader) = FrameTap::new(filter(&step.wants()));
         self.hub.set_tap(Some(tap));
-        let shown = self.watch(&end, step, told);
+        let reason = self.feed(&reader, step, report);
         self.hub.set_tap(None);
-        shown
+        reason
     }
 
-    fn watch(
+    fn feed(
         &self,
-        end: &TapReader,
+        reader: &TapReader,
         step: &mut dyn Step,
-        told: &mut dyn FnMut(&Moment) -> Wish,
-    ) -> EndedBy {
-        let began = SystemClock.now();
-        let mut showing: Option<Showing> = None;
+        report: &mut dyn FnMut(&StepUpdate) -> StepRequest,
+    ) -> EndReason {
+        let started_at = SystemClock.now();
+        let mut feeder: Option<StepFeeder> = None;
         let mut pictures = 0;
-        let mut told_at = began;
+        let mut reported_at = started_at;
         loop {
-            let next = end.next(TELL_EVERY);
-            let is_over = matches!(next, Next::Ended);
-            let mut eye = None;
+            let next = reader.next(UPDATE_INTERVAL);
+            let is_closed = matches!(next, Next::Ended);
+            let mut camera = None;
             if let Next::Item(event) = next {
                 let start = event.arrived_at();
-                let showing =
-                    showing.get_or_insert_with(|| Showing::new(start, self.metres_per_unit));
-                eye = showing.show(event, self.config, step);
-                pictures += u64::from(eye.is_some());
+                let feeder =
+                    feeder.get_or_insert_with(|| StepFeeder::new(start, self.metres_per_unit));
+                camera = feeder.feed(event, self.config, step);
+                pictures += u64::from(camera.is_some());
             }
             let now = SystemClock.now();
-            if eye.is_none() && !is_over && !is_due(told_at, now) {
+            if camera.is_none() && !is_closed && !is_due(reported_at, now) {
                 continue;
             }
-            told_at = now;
+            reported_at = now;
             let progress = step.progress();
-            let showing = showing.as_ref();
-            let wish = told(&Moment {
+            let feeder = feeder.as_ref();
+            let request = report(&StepUpdate {
                 progress: &progress,
-                picture: eye.zip(showing.map(Showing::picture)),
-                seconds: now.seconds_since(began),
-                counts: ShownCounts {
+                picture: camera.zip(feeder.map(StepFeeder::picture)),
+                seconds: now.seconds_since(started_at),
+                counts: InputCounts {
                     pictures,
-                    damaged: showing.map_or(0, |s| s.damaged as u64),
-                    skipped: end.pictures_skipped(),
-                    readings_lost: end.readings_lost(),
+                    damaged: feeder.map_or(0, |f| f.damaged as u64),
+                    passed_over: reader.pictures_skipped(),
+                    readings_lost: reader.readings_lost(),
                 },
             });
-            match wish {
-                Wish::Abort => return EndedBy::Aborted,
-                Wish::Finish => return EndedBy::Asked,
-                Wish::GoOn if progress.share >= 1.0 => return EndedBy::Enough,
-                Wish::GoOn if is_over => return EndedBy::DevicesClosed,
-                Wish::GoOn if self.is_late(began, now) => return EndedBy::TimeOver,
-                Wish::GoOn => (),
+            match request {
+                StepRequest::Abort => return EndReason::Aborted,
+                StepRequest::Finish => return EndReason::Requested,
+                StepRequest::Continue if progress.share >= 1.0 => return EndReason::Complete,
+                StepRequest::Continue if is_closed => return EndReason::DevicesClosed,
+                StepRequest::Continue if self.is_time_over(started_at, now) => {
+                    return EndReason::TimeLimit;
+                }
+                StepRequest::Continue => (),
             }
         }
     }
 
-    fn is_late(&self, began: MonotonicTime, now: MonotonicTime) -> bool {
-        let taken = now.seconds_since(began);
-        self.longest.is_some_and(|most| taken >= most.as_secs_f64())
+    fn is_time_over(&self, started_at: MonotonicTime, now: MonotonicTime) -> bool {
+        let elapsed = now.seconds_since(started_at);
+        self.time_limit
+            .is_some_and(|limit| elapsed >= limit.as_secs_f64())
     }
 }
 
-fn is_due(told_at: MonotonicTime, now: MonotonicTime) -> bool {
-    now.seconds_since(told_at) >= TELL_EVERY.as_secs_f64()
+fn is_due(reported_at: MonotonicTime, now: MonotonicTime) -> bool {
+    now.seconds_since(reported_at) >= UPDATE_INTERVAL.as_secs_f64()
 }
 
 const fn filter(wants: &Wants) -> TapFilter {

@@ -1,33 +1,37 @@
-//! What brings a step of calibration its pictures and poses, and carries it out.
+//! Runs calibration steps on pictures and poses from folders, sessions and live devices.
 //!
-//! `pictures` from a folder, `session` everything that a session
-//! holds, [`live`] what devices deliver now. [`Calibrator`] does that beside the frames of a
-//! running rig: it makes a step by name ([`steps`]), says how it goes ([`Showcase`]) and puts
-//! what was found among the rig's files ([`files`]). `verify` sets up the check of a rig.
+//! Input: `picture_folder`, `session` and [`live`], which decode with `step_feeder`. Steps:
+//! `definition` (what a step is made from), `intrinsics`, `pose_steps`, `radiometric` and `verify`
+//! (one definition for each step), and [`steps`] (the table of them). `overlap` and `vignetting`
+//! estimate gains and vignetting from a session without a chart. Output: [`files`] and
+//! `monitor` with `preview`. [`Calibrator`] runs a step beside the frames of a running rig, on
+//! the [`devices`] of that rig. `simulation_recording` writes sessions of simulated rigs.
 
 mod calibrator;
+mod definition;
 pub mod devices;
-mod fall_off;
 pub mod files;
-mod kinds;
-mod kinds_of_motion;
+mod intrinsics;
 pub mod live;
+mod monitor;
 mod overlap;
-mod pictures;
+mod picture_folder;
+mod pose_steps;
 mod preview;
 mod radiometric;
-mod rehearse;
 mod session;
-mod showcase;
-mod showing;
+mod simulation_recording;
+mod step_feeder;
 pub mod steps;
 mod verify;
+mod vignetting;
 
 pub use calibrator::{Calibrator, StepMaker};
-pub use overlap::{SeenByBoth, seen_by_both};
-pub use pictures::{Looked, pictures_of_folder};
+pub use definition::{MakeStep, ParameterError, Parameters, RigContext, StepDefinition};
+pub use monitor::CalibrationMonitor;
+pub use overlap::{OverlapEstimates, estimate_from_overlap};
+pub use picture_folder::{FolderPicture, for_each_picture, picture_files};
 pub use radiometric::radiometric_options;
-pub use rehearse::{RehearsalError, rehearse};
-pub use session::show_session;
-pub use showcase::{Showcase, Written};
+pub use session::feed_session;
+pub use simulation_recording::{SimulationRecordingError, record_simulation};
 pub use verify::verify_step;

@@ -1,6 +1,7 @@
-//! Gains between the cameras from what both see anyway, over a session.
+//! Gains between the cameras from surfaces that both see, and the scene camera's vignetting, over a
+//! session.
 
-use super::fall_off::FallOff;
+use super::vignetting::VignettingCollector;
 use crate::feed::decoder_for;
 use glam::DVec3;
 use penumbra_calibration::radiometric::vignetting::Fit;
@@ -19,28 +20,34 @@ use penumbra_white_balance::gather::{GatherOptions, Overlap, gather_pairs};
 use penumbra_white_balance::overlap::estimate_overlap;
 use std::sync::Arc;
 
-/// Pairs of pictures that are compared.
+/// Number of picture pairs that are compared.
 const PAIRS: usize = 24;
-/// What no number of pairs removes: registration, surfaces that are not matt, relative.
-const SYSTEMATIC: f64 = 0.015;
+/// Systematic error of the gains, which no number of pairs reduces: registration, surfaces that are
+/// not matt; relative.
+const SYSTEMATIC_SIGMA: f64 = 0.015;
 
-/// What a session shows without a chart.
+/// Estimates from a session without a chart.
 #[derive(Clone, Debug)]
-pub struct SeenByBoth {
-    /// Gains, and how many pairs of pictures they are from; `None` where the environment is seen
-    /// by the scene camera itself, or the pictures say nothing.
+pub struct OverlapEstimates {
+    /// Gains, and the number of picture pairs that they are from; `None` if the scene camera itself
+    /// sees the environment (in a mirrored sphere), or no pair gives an estimate.
     pub gains: Option<(GainEstimate, usize)>,
-    /// The scene camera's fall-off.
-    pub fall_off: Option<Fit>,
+    /// The scene camera's vignetting; `None` if it could not be fitted.
+    pub vignetting: Option<Fit>,
 }
 
-/// Compares the cameras over a session; `None` where the rig's geometry is not known.
+/// Compares the cameras over a session; `None` if the rig has no environment camera or tracker, or
+/// its phantoms cannot be read.
 #[must_use]
-pub fn seen_by_both(session: &Session, config: &Config, rig: &RigDocument) -> Option<SeenByBoth> {
+pub fn estimate_from_overlap(
+    session: &Session,
+    config: &Config,
+    rig: &RigDocument,
+) -> Option<OverlapEstimates> {
     rig.calibration.environment.as_ref()?;
     let scene = rig.phantom_scene(&|name| session.attachment(name)).ok()?;
     let (start, end) = session.span()?;
-    let mut watch = Watch {
+    let mut collector = OverlapCollector {
         config,
         rig,
         rays: RayCaster::from_phantoms(&scene),
@@ -49,16 +56,16 @@ pub fn seen_by_both(session: &Session, config: &Config, rig: &RigDocument) -> Op
         spacing: end.seconds_since(start) / PAIRS as f64,
         next: f64::MIN,
         scene: None,
-        waiting: None,
-        found: Vec::new(),
-        fall_off: FallOff::default(),
+        pending: None,
+        estimates: Vec::new(),
+        vignetting: VignettingCollector::default(),
     };
     let mut decoder = None;
     for event in session.events().flatten() {
         match event {
-            SessionEvent::Scene(frame) => watch.scene = Some(frame),
+            SessionEvent::Scene(frame) => collector.scene = Some(frame),
             SessionEvent::Environment(frame) if frame.bracket_ev == 0.0 => {
-                watch.pair(frame, start);
+                collector.pair(frame, start);
             }
             SessionEvent::TrackerBytes {
                 protocol,
@@ -66,69 +73,74 @@ pub fn seen_by_both(session: &Session, config: &Config, rig: &RigDocument) -> Op
                 arrived_at,
             } => {
                 let (_, decoder) = decoder.get_or_insert_with(|| {
-                    let metres = Some(watch.tracker.metres_per_unit);
+                    let metres = Some(collector.tracker.metres_per_unit);
                     (Arc::clone(&protocol), decoder_for(&protocol, metres))
                 });
-                let (tracker, history) = (watch.tracker, &mut watch.history);
+                let (tracker, history) = (collector.tracker, &mut collector.history);
                 decoder.push(&bytes, arrived_at, |sample| {
                     let at = tracker.measured_at(sample.arrived_at);
                     history.push(at, sample.transmitter_from_sensor);
                 });
-                watch.compare();
+                collector.compare();
             }
             SessionEvent::Pose(sample) => {
-                let at = watch.tracker.measured_at(sample.arrived_at);
-                watch.history.push(at, sample.transmitter_from_sensor);
-                watch.compare();
+                let at = collector.tracker.measured_at(sample.arrived_at);
+                collector.history.push(at, sample.transmitter_from_sensor);
+                collector.compare();
             }
             _ => {}
         }
     }
-    Some(SeenByBoth {
-        gains: together(&watch.found),
-        fall_off: watch.fall_off.fit(),
+    Some(OverlapEstimates {
+        gains: combined(&collector.estimates),
+        vignetting: collector.vignetting.fit(),
     })
 }
 
-struct Watch<'a> {
+/// Pairs pictures of both cameras, and compares each pair as soon as its pose is known.
+struct OverlapCollector<'a> {
     config: &'a Config,
     rig: &'a RigDocument,
     rays: RayCaster,
     tracker: &'a TrackerCalibration,
     history: PoseHistory,
+    /// Minimum interval between pairs, seconds.
     spacing: f64,
+    /// Earliest time of the next pair, seconds since the start of the session.
     next: f64,
+    /// The newest scene picture.
     scene: Option<Frame>,
-    waiting: Option<(Frame, Frame)>,
-    found: Vec<GainEstimate>,
-    fall_off: FallOff,
+    /// Scene and environment picture whose pose is not known yet.
+    pending: Option<(Frame, Frame)>,
+    estimates: Vec<GainEstimate>,
+    vignetting: VignettingCollector,
 }
 
-impl Watch<'_> {
-    /// A picture of the environment and the scene's last one before it.
+impl OverlapCollector<'_> {
+    /// Pairs an environment picture with the newest scene picture.
     fn pair(&mut self, environment: Frame, start: MonotonicTime) {
         let at = environment.arrived_at.seconds_since(start);
-        if at < self.next || self.waiting.is_some() {
+        if at < self.next || self.pending.is_some() {
             return;
         }
         if let Some(scene) = &self.scene {
             self.next = at + self.spacing;
-            self.waiting = Some((scene.clone(), environment));
+            self.pending = Some((scene.clone(), environment));
         }
     }
 
-    /// Once there are poses on both sides of the waiting pair.
+    /// Compares the pending pair once there are poses before and after it.
     fn compare(&mut self) {
-        let Some((scene, _)) = &self.waiting else {
+        let Some((scene, _)) = &self.pending else {
             return;
         };
         let latency = self.rig.calibration.scene_camera.latency_nanos;
         let at = scene.captured_at.offset_nanos(-latency);
-        let enough = |newest: MonotonicTime| newest.nanos_since(at) > 20_000_000;
-        if !self.history.newest().is_some_and(enough) {
+        let is_after_pair = |newest: MonotonicTime| newest.nanos_since(at) > 20_000_000;
+        if !self.history.newest().is_some_and(is_after_pair) {
             return;
         }
-        let Some((scene, environment)) = self.waiting.take() else {
+        let Some((scene, environment)) = self.pending.take() else {
             return;
         };
         let pose = self.history.at(at);
@@ -138,15 +150,22 @@ impl Watch<'_> {
         });
         if let Some(pose) = pose {
             let gains = self.gains(&scene, &environment, pose);
-            self.found.extend(gains);
+            self.estimates.extend(gains);
         }
     }
 
-    fn gains(&mut self, scene: &Frame, seen: &Frame, pose: RigidTransform) -> Option<GainEstimate> {
-        let (mut picture, mut around) = (Picture::default(), Picture::default());
+    /// Decodes a pair, adds the scene picture to the vignetting readings, and estimates the gains.
+    /// `pose` is world from scene camera.
+    fn gains(
+        &mut self,
+        scene_frame: &Frame,
+        environment_frame: &Frame,
+        pose: RigidTransform,
+    ) -> Option<GainEstimate> {
+        let (mut picture, mut environment_picture) = (Picture::default(), Picture::default());
         let encoding = self.config.input.encoding();
-        decode_into(scene, &encoding, &mut picture).ok()?;
-        decode_into(seen, &encoding, &mut around).ok()?;
+        decode_into(scene_frame, &encoding, &mut picture).ok()?;
+        decode_into(environment_frame, &encoding, &mut environment_picture).ok()?;
         let rig = &self.rig.calibration;
         let environment = rig.environment.as_ref()?;
         let photograph = Photograph {
@@ -154,7 +173,8 @@ impl Watch<'_> {
             response: &rig.scene_camera.response,
         };
         let camera = &rig.scene_camera.camera;
-        self.fall_off.look(photograph, camera, pose, &self.rays);
+        self.vignetting
+            .observe(photograph, camera, pose, &self.rays);
         if matches!(environment.view, EnvironmentView::SphereInScene { .. }) {
             return None;
         }
@@ -163,7 +183,7 @@ impl Watch<'_> {
             scene_camera: camera,
             world_from_scene_camera: pose,
             environment: Photograph {
-                picture: &around,
+                picture: &environment_picture,
                 response: &environment.response,
             },
             environment_view: &environment.view,
@@ -174,23 +194,27 @@ impl Watch<'_> {
     }
 }
 
-/// The median of all, as one pair in which the light changed must not count.
-fn together(found: &[GainEstimate]) -> Option<(GainEstimate, usize)> {
+/// Returns the median of the estimates, which is robust against a pair between whose pictures the
+/// light changed, and their number; `None` without an estimate.
+fn combined(estimates: &[GainEstimate]) -> Option<(GainEstimate, usize)> {
     let channel = |c: usize| {
-        let mut logs: Vec<f64> = found.iter().map(|e| e.gains[c].ln()).collect();
+        let mut logs: Vec<f64> = estimates.iter().map(|e| e.gains[c].ln()).collect();
         logs.sort_by(f64::total_cmp);
-        let middle = *logs.get(logs.len() / 2)?;
-        let mut off: Vec<f64> = logs.iter().map(|l| (l - middle).abs()).collect();
-        off.sort_by(f64::total_cmp);
-        let spread = 1.4826 * off[off.len() / 2] / (off.len() as f64).sqrt();
-        let own = found.iter().map(|e| e.relative_sd[c]).sum::<f64>() / found.len() as f64;
-        // The same surfaces again and again: their own error does not average out.
-        Some((middle.exp(), spread.hypot(own).hypot(SYSTEMATIC)))
+        let median = *logs.get(logs.len() / 2)?;
+        let mut deviations: Vec<f64> = logs.iter().map(|l| (l - median).abs()).collect();
+        deviations.sort_by(f64::total_cmp);
+        let n = deviations.len();
+        // Standard error of the median, from 1.4826 MAD.
+        let between_pairs = 1.4826 * deviations[n / 2] / (n as f64).sqrt();
+        // The pairs show the same surfaces, so that the error within a pair does not average out.
+        let within_pair = estimates.iter().map(|e| e.relative_sd[c]).sum::<f64>() / n as f64;
+        let sigma = between_pairs.hypot(within_pair).hypot(SYSTEMATIC_SIGMA);
+        Some((median.exp(), sigma))
     };
     let [r, g, b] = [channel(0)?, channel(1)?, channel(2)?];
     let estimate = GainEstimate {
         gains: DVec3::new(r.0, g.0, b.0),
         relative_sd: DVec3::new(r.1, g.1, b.1),
     };
-    Some((estimate, found.len()))
+    Some((estimate, estimates.len()))
 }

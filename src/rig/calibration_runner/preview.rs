@@ -1,4 +1,4 @@
-//! The pictures that a step is shown, small enough for a browser.
+//! The pictures that a step observes, reduced in size for a browser.
 
 use bytes::Bytes;
 use penumbra_picture::Picture;
@@ -6,12 +6,12 @@ use penumbra_status::stream::JpegEncoder;
 use std::collections::VecDeque;
 use std::sync::{Arc, OnceLock};
 
-/// Largest width and height of a preview, pixels.
-const LARGEST: (u32, u32) = (1280, 960);
-/// Previews that can be had: who was told of one asks for it a moment later.
-const KEPT: usize = 4;
-/// JPEG quality.
-const QUALITY: u8 = 80;
+/// Maximum width and height of a preview, pixels.
+const MAX_SIZE: (u32, u32) = (1280, 960);
+/// Number of previews that are kept: a client that learns of a revision requests it a moment later.
+const KEPT_PREVIEWS: usize = 4;
+/// JPEG quality, per cent.
+const JPEG_QUALITY: u8 = 80;
 
 /// The newest previews.
 #[derive(Default)]
@@ -20,7 +20,7 @@ pub(super) struct Previews {
     revision: u64,
 }
 
-/// One of them; encoded when it is first asked for.
+/// A preview; encoded at the first request.
 pub(super) struct Preview {
     revision: u64,
     picture: Picture,
@@ -28,10 +28,10 @@ pub(super) struct Preview {
 }
 
 impl Previews {
-    /// One more; answers its revision, which never comes twice.
+    /// Adds a preview and returns its revision, which is unique.
     pub fn push(&mut self, picture: Picture) -> u64 {
         self.revision += 1;
-        while self.newest.len() >= KEPT {
+        while self.newest.len() >= KEPT_PREVIEWS {
             self.newest.pop_front();
         }
         self.newest.push_back(Arc::new(Preview {
@@ -42,30 +42,36 @@ impl Previews {
         self.revision
     }
 
-    /// That of a revision, or the newest.
+    /// Returns the preview of a revision, or the newest if that one is not kept or `None` was
+    /// given.
     pub fn get(&self, revision: Option<u64>) -> Option<Arc<Preview>> {
-        let wanted = revision.and_then(|r| self.newest.iter().find(|p| p.revision == r));
-        wanted.or_else(|| self.newest.back()).cloned()
+        let requested = revision.and_then(|r| self.newest.iter().find(|p| p.revision == r));
+        requested.or_else(|| self.newest.back()).cloned()
     }
 
-    /// None any more.
+    /// Removes all previews.
     pub fn clear(&mut self) {
         self.newest.clear();
     }
 }
 
 impl Preview {
-    /// As a JPEG file; none if it cannot be one.
+    /// Returns the preview as a JPEG file; `None` if it cannot be encoded.
     pub fn jpeg(&self) -> Option<Bytes> {
-        let encode = || JpegEncoder::new(QUALITY).ok()?.encode(&self.picture).ok();
+        let encode = || {
+            JpegEncoder::new(JPEG_QUALITY)
+                .ok()?
+                .encode(&self.picture)
+                .ok()
+        };
         self.jpeg.get_or_init(encode).clone()
     }
 }
 
-/// The picture, made smaller by a whole number where it is larger than a preview.
-pub(super) fn preview_of(picture: &Picture) -> Picture {
-    let times = |size: u32, most: u32| size.div_ceil(most).max(1);
-    let factor = times(picture.width, LARGEST.0).max(times(picture.height, LARGEST.1));
+/// Returns the picture, reduced by an integer factor if it is larger than [`MAX_SIZE`].
+pub(super) fn downscale(picture: &Picture) -> Picture {
+    let factor_of = |size: u32, max: u32| size.div_ceil(max).max(1);
+    let factor = factor_of(picture.width, MAX_SIZE.0).max(factor_of(picture.height, MAX_SIZE.1));
     if factor == 1 {
         return picture.clone();
     }
@@ -93,7 +99,6 @@ pub(super) fn preview_of(picture: &Picture) -> Picture {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
 
     fn picture(width: u32, height: u32) -> Picture {
@@ -108,21 +113,21 @@ mod tests {
     }
 
     #[test]
-    fn large_pictures_become_small_ones_and_keep_their_colours() {
-        let small = preview_of(&picture(2560, 20));
+    fn downscales_large_pictures_and_keeps_their_colours() {
+        let small = downscale(&picture(2560, 20));
         assert_eq!((small.width, small.height), (1280, 10));
         assert_eq!(small.rgb(3, 4), [6, 9, 200]);
-        assert_eq!(preview_of(&picture(640, 480)), picture(640, 480));
+        assert_eq!(downscale(&picture(640, 480)), picture(640, 480));
     }
 
     #[test]
-    fn a_revision_can_be_had_for_a_while_and_then_the_newest() {
+    fn returns_recent_revisions_and_otherwise_the_newest() {
         let mut previews = Previews::default();
         assert!(previews.get(None).is_none());
         for i in 1..=6 {
             assert_eq!(previews.push(picture(8, 8)), i);
         }
-        let revision = |asked| previews.get(asked).unwrap().revision;
+        let revision = |requested| previews.get(requested).unwrap().revision;
         assert_eq!(
             (revision(None), revision(Some(3)), revision(Some(1))),
             (6, 3, 6)

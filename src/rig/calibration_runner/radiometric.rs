@@ -1,31 +1,32 @@
-//! What the radiometric step may build on.
+//! Definition of the radiometric step: tone curves, vignetting, noise and gains of both cameras.
 
-use super::steps::{Known, ParameterError, Parameters, StepKind};
+use super::definition::{ParameterError, Parameters, RigContext, StepDefinition};
 use penumbra_calibration::radiometric::step::{Options, Radiometric};
 use penumbra_calibration::step::Step;
 use penumbra_camera::EnvironmentView;
 use penumbra_config::Config;
 use penumbra_rig_model::RigCalibration;
 
-/// As the dashboard shows it.
-pub(super) const KIND: StepKind = StepKind {
+/// The definition of the step.
+pub(super) const STEP: StepDefinition = StepDefinition {
     name: "radiometric",
     title: "Colour and brightness",
-    about: "Lock exposure and white balance of both cameras. Hold a ColorChecker where both see it, \
-            nothing moving, for ten seconds.",
+    about: "Lock exposure and white balance of both cameras. Hold a ColorChecker still for ten \
+            seconds where both see it; nothing else may move.",
     parameters: &[],
     make,
 };
 
-fn make(_: &Parameters, known: &Known) -> Result<Box<dyn Step>, ParameterError> {
-    let options = radiometric_options(Some(&known.document.calibration), &known.config);
+fn make(_: &Parameters, rig: &RigContext) -> Result<Box<dyn Step>, ParameterError> {
+    let options = radiometric_options(Some(&rig.document.calibration), &rig.config);
     Ok(Box::new(Radiometric::new(options)))
 }
 
-/// What is known of the cameras: the rig's word, the configuration's over it.
+/// Returns the known properties of both cameras (response, picture size in pixels, principal
+/// point in pixels): the rig's, with the responses of the configuration in preference.
 #[must_use]
 pub fn radiometric_options(rig: Option<&RigCalibration>, config: &Config) -> Options {
-    let mut options = rig.map_or_else(Options::default, of_rig);
+    let mut options = rig.map_or_else(Options::default, rig_options);
     let curves = [&config.scene_camera.response, &config.environment.response];
     for (response, curve) in options.responses.iter_mut().zip(curves) {
         if let Some(curve) = curve {
@@ -35,7 +36,7 @@ pub fn radiometric_options(rig: Option<&RigCalibration>, config: &Config) -> Opt
     options
 }
 
-fn of_rig(rig: &RigCalibration) -> Options {
+fn rig_options(rig: &RigCalibration) -> Options {
     let mut options = Options::default();
     let scene = &rig.scene_camera;
     options.responses[0] = scene.response.clone();

@@ -1,39 +1,35 @@
-//! Shows a step of calibration what a session holds.
+//! Runs a calibration step on a recorded session.
 
-use super::showing::Showing;
-use crate::error::RigError;
+use super::step_feeder::StepFeeder;
 use penumbra_calibration::step::{Progress, Step};
 use penumbra_config::Config;
 use penumbra_session::Session;
 
-/// Shows `step` everything in `session` that it wants, in the order of arrival, and `told` how
-/// far it is after each picture (share of the session, progress); returns how many pictures and
-/// stretches of the file could not be read. `metres_per_unit` is the tracker's, where the
-/// calibration says it.
-///
-/// # Errors
-/// None but for a session that cannot be read at all.
-pub fn show_session(
+/// Passes all events of `session` that `step` needs to it, in the order of arrival. Calls `report`
+/// after each picture with the share of the session (0 to 1) and the step's progress. Returns how
+/// many pictures and sections of the file could not be read. `metres_per_unit` is the tracker's
+/// unit of length; `None` if the calibration does not state it.
+pub fn feed_session(
     session: &Session,
     config: &Config,
     metres_per_unit: Option<f64>,
     step: &mut dyn Step,
-    mut told: impl FnMut(f64, &Progress),
-) -> Result<usize, RigError> {
+    mut report: impl FnMut(f64, &Progress),
+) -> usize {
     let Some((start, end)) = session.span() else {
-        return Ok(0);
+        return 0;
     };
     let length = end.seconds_since(start).max(1e-9);
-    let mut showing = Showing::new(start, metres_per_unit);
+    let mut feeder = StepFeeder::new(start, metres_per_unit);
     for event in session.events() {
         let Ok(event) = event else {
-            showing.damaged += 1;
+            feeder.damaged += 1;
             continue;
         };
         let share = event.arrived_at().seconds_since(start) / length;
-        if showing.show(event, config, step).is_some() {
-            told(share.clamp(0.0, 1.0), &step.progress());
+        if feeder.feed(event, config, step).is_some() {
+            report(share.clamp(0.0, 1.0), &step.progress());
         }
     }
-    Ok(showing.damaged)
+    feeder.damaged
 }

@@ -1,6 +1,6 @@
-//! Sets up the check of a rig from its files.
+//! Definition of the verification step: the check of a complete rig.
 
-use super::steps::{Known as RigKnown, ParameterError, Parameters, StepKind, station};
+use super::definition::{ParameterError, Parameters, RigContext, StepDefinition, station};
 use crate::error::RigError;
 use crate::light::estimator::chart_match;
 use crate::markers;
@@ -13,29 +13,30 @@ use penumbra_rig_model::RigDocument;
 use penumbra_scene::RayCaster;
 use penumbra_white_balance::{WhiteBalanceMatch, WhiteBalanceSettings};
 
-/// As the dashboard shows it.
-pub(super) const KIND: StepKind = StepKind {
+/// The definition of the step.
+pub(super) const STEP: StepDefinition = StepDefinition {
     name: "verify",
     title: "Check of the rig",
-    about: "Turn the rig briskly to and fro for a minute, its markers in view, and let both cameras \
-            see the same bright, matt surfaces.",
+    about: "Turn the rig briskly to and fro for a minute with its markers in view, and let both \
+            cameras see the same bright, matt surfaces.",
     parameters: &[],
     make,
 };
 
-fn make(_: &Parameters, known: &RigKnown) -> Result<Box<dyn Step>, ParameterError> {
-    let files = |name: &str| known.files.get(name);
-    let step = verify_step(known.document.clone(), &files, &known.config);
+fn make(_: &Parameters, rig: &RigContext) -> Result<Box<dyn Step>, ParameterError> {
+    let files = |name: &str| rig.files.get(name);
+    let step = verify_step(rig.document.clone(), &files, &rig.config);
     step.map(|step| Box::new(step) as Box<dyn Step>)
-        .map_err(|error| ParameterError::Rig {
+        .map_err(|error| ParameterError::RigNotReady {
             reason: error.to_string(),
         })
 }
 
-/// The check of the rig that `document` and `files` describe.
+/// Creates the verification step of the rig that `document` and `files` describe.
 ///
 /// # Errors
-/// No markers, or such as cannot be found; a phantom or a picture of a chart that cannot be read.
+/// The rig has no markers or markers of an unknown family; a phantom or a picture of a chart
+/// cannot be read.
 pub fn verify_step(
     document: RigDocument,
     files: &Attachments,
@@ -51,12 +52,12 @@ pub fn verify_step(
         .environment
         .as_ref()
         .is_some_and(|e| matches!(e.view, EnvironmentView::SphereInScene { .. }));
-    let mut photometry = WhiteBalanceMatch::new(WhiteBalanceSettings::default(), same_camera);
+    let mut white_balance = WhiteBalanceMatch::new(WhiteBalanceSettings::default(), same_camera);
     if !same_camera && let Some(chart) = chart_match(rig, files, false)? {
-        photometry.set_chart(chart);
+        white_balance.set_chart(chart);
     }
     if let Some(gains) = rig.gains.filter(|_| !same_camera) {
-        photometry.set_calibrated(gains);
+        white_balance.set_calibrated(gains);
     }
     let known = Known {
         caster: Some(RayCaster::from_phantoms(&scene)),
@@ -64,5 +65,5 @@ pub fn verify_step(
         station: station(config),
         rig: document,
     };
-    Ok(Verify::new(known, photometry))
+    Ok(Verify::new(known, white_balance))
 }

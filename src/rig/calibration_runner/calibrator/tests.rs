@@ -1,9 +1,8 @@
-//! Steps that are made for the test, on replayed devices.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+//! Tests of the calibrator with artificial steps on replayed devices.
 
 use super::*;
 use glam::DVec2;
-use penumbra_calibration::step::{Eye, Finished, Made as By, Progress, Shown, Wants};
+use penumbra_calibration::step::{Eye, Finished, Made, Progress, Shown, Wants};
 use penumbra_capture::source::open_camera;
 use penumbra_config::CameraSource;
 use penumbra_interface::{Frame, MonotonicTime, PixelFormat};
@@ -13,25 +12,26 @@ use penumbra_status::calibration::CalibrationState;
 use std::path::Path;
 use std::time::Instant;
 
-/// What a step of the test does.
+/// Behaviour of a test step.
 #[derive(Clone, Copy, PartialEq)]
-enum Habit {
-    /// It has enough after three pictures.
-    Modest,
-    /// It never has enough.
-    Greedy,
-    /// It has a bug that the second picture shows.
-    Buggy,
-    /// It needs long to conclude.
+enum Behaviour {
+    /// Complete after three pictures.
+    Complete,
+    /// Never complete.
+    Endless,
+    /// Panics at the second picture.
+    Panicking,
+    /// Never complete, and slow to evaluate.
     Slow,
 }
 
-struct Counted {
-    habit: Habit,
+/// A step that counts its pictures.
+struct CountingStep {
+    behaviour: Behaviour,
     pictures: u32,
 }
 
-impl Step for Counted {
+impl Step for CountingStep {
     fn name(&self) -> &'static str {
         "counted"
     }
@@ -48,23 +48,23 @@ impl Step for Counted {
 
     fn look(&mut self, shown: &Shown) {
         let Shown::Picture(shown) = shown else {
-            panic!("nobody wanted poses");
+            panic!("got a pose, which the step does not need");
         };
         assert_eq!((shown.eye, shown.picture.width), (Eye::Scene, 16));
         self.pictures += 1;
         assert!(
-            self.habit != Habit::Buggy || self.pictures < 2,
-            "on purpose"
+            self.behaviour != Behaviour::Panicking || self.pictures < 2,
+            "intended panic"
         );
     }
 
     fn progress(&self) -> Progress {
-        let enough = match self.habit {
-            Habit::Greedy | Habit::Slow => 1e6,
-            Habit::Modest | Habit::Buggy => 3.0,
+        let needed = match self.behaviour {
+            Behaviour::Endless | Behaviour::Slow => 1e6,
+            Behaviour::Complete | Behaviour::Panicking => 3.0,
         };
         Progress {
-            share: f64::from(self.pictures) / enough,
+            share: f64::from(self.pictures) / needed,
             message: format!("{} pictures", self.pictures),
             hint: "wait".to_owned(),
             marks: vec![DVec2::new(3.0, 4.0), DVec2::NAN],
@@ -72,8 +72,8 @@ impl Step for Counted {
         }
     }
 
-    fn finish(&mut self, made: &By) -> Finished {
-        if self.habit == Habit::Slow {
+    fn finish(&mut self, made: &Made) -> Finished {
+        if self.behaviour == Behaviour::Slow {
             std::thread::sleep(Duration::from_millis(400));
         }
         assert_eq!(made.source, "live");
@@ -89,8 +89,8 @@ impl Step for Counted {
     }
 }
 
-/// A session of three seconds of a grey picture, at 20 a second.
-fn session(path: &Path) {
+/// Writes a session of three seconds of a grey picture at 20 pictures per second.
+fn write_session(path: &Path) {
     let mut writer = SessionWriter::create(path).unwrap();
     for i in 0..60_i64 {
         let at = MonotonicTime::from_nanos(1_000_000_000 + 50_000_000 * i);
@@ -112,27 +112,27 @@ fn session(path: &Path) {
     writer.finish().unwrap();
 }
 
-/// A rig with one camera, whose files are in a folder.
-struct Bench {
+/// A live rig with one camera and a folder of files.
+struct TestRig {
     folder: tempfile::TempDir,
     live: Live,
     calibrator: Arc<Calibrator>,
 }
 
-impl Bench {
-    fn new(habit: Habit) -> Self {
+impl TestRig {
+    fn new(behaviour: Behaviour) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        session(&folder.path().join("camera.mcap"));
+        write_session(&folder.path().join("camera.mcap"));
         let camera = CameraSource::Replay(folder.path().join("camera.mcap"));
-        Self::on(folder, habit, camera)
+        Self::with_camera(folder, behaviour, camera)
     }
 
-    fn on(folder: tempfile::TempDir, habit: Habit, camera: CameraSource) -> Self {
+    fn with_camera(folder: tempfile::TempDir, behaviour: Behaviour, camera: CameraSource) -> Self {
         let mut config = Config::default();
         config.scene_camera.source = camera;
         config.calibration = Some(folder.path().to_owned());
         let live = Live::new(&config, false).unwrap();
-        let calibrator = Calibrator::with_steps(&live, &config, maker(habit));
+        let calibrator = Calibrator::with_steps(&live, &config, step_maker(behaviour));
         live.open().unwrap();
         Self {
             folder,
@@ -148,42 +148,47 @@ impl Bench {
         })
     }
 
-    fn until(&self, what: &str, holds: impl Fn(&Calibration) -> bool) -> Calibration {
-        let begun = Instant::now();
+    /// Waits until the view satisfies `condition`.
+    fn wait_for(&self, what: &str, condition: impl Fn(&Calibration) -> bool) -> Calibration {
+        let started_at = Instant::now();
         loop {
             let view = self.calibrator.view();
-            if holds(&view) {
+            if condition(&view) {
                 return view;
             }
             assert!(
-                begun.elapsed() < Duration::from_secs(60),
+                started_at.elapsed() < Duration::from_secs(60),
                 "{what}: {view:?}"
             );
             std::thread::sleep(Duration::from_millis(10));
         }
     }
 
-    fn calibrations(&self) -> usize {
+    /// Returns the number of files in the calibration folder.
+    fn calibration_files(&self) -> usize {
         let files = std::fs::read_dir(self.folder.path().join("calibration"));
         files.map_or(0, Iterator::count)
     }
 }
 
-fn maker(habit: Habit) -> Box<StepMaker> {
-    Box::new(move |wish, known| {
-        let mut made = step_of("intrinsics", &wish.parameters, known).unwrap();
-        made.step = Box::new(Counted { habit, pictures: 0 });
-        Ok(made)
+fn step_maker(behaviour: Behaviour) -> Box<StepMaker> {
+    Box::new(move |request, context| {
+        let mut prepared = make_step("intrinsics", &request.parameters, context).unwrap();
+        prepared.step = Box::new(CountingStep {
+            behaviour,
+            pictures: 0,
+        });
+        Ok(prepared)
     })
 }
 
 #[test]
-fn a_step_that_has_enough_is_written_and_the_next_keeps_it() {
-    let bench = Bench::new(Habit::Modest);
-    assert_eq!(bench.calibrator.view().state, CalibrationState::Idle);
-    assert!(bench.calibrator.finish().is_err() && bench.calibrator.report().is_none());
-    bench.start().unwrap();
-    let view = bench.until("it ends", |v| !v.state.is_busy());
+fn complete_step_writes_a_calibration_and_the_next_run_backs_it_up() {
+    let rig = TestRig::new(Behaviour::Complete);
+    assert_eq!(rig.calibrator.view().state, CalibrationState::Idle);
+    assert!(rig.calibrator.finish().is_err() && rig.calibrator.report().is_none());
+    rig.start().unwrap();
+    let view = rig.wait_for("the end", |v| !v.state.is_busy());
     assert_eq!(
         view.state,
         CalibrationState::Finished,
@@ -196,65 +201,63 @@ fn a_step_that_has_enough_is_written_and_the_next_keeps_it() {
         "{:?}",
         result.lines
     );
-    let file = bench.folder.path().join("calibration/counted.json");
+    let file = rig.folder.path().join("calibration/counted.json");
     assert_eq!(result.file.as_deref(), file.to_str());
     assert_eq!((result.backup, result.report), (None, true));
-    assert_eq!(
-        bench.calibrator.report().as_deref(),
-        Some("<!doctype html>")
-    );
-    // The picture was kept, as somebody had asked; what is no place is no mark.
+    assert_eq!(rig.calibrator.report().as_deref(), Some("<!doctype html>"));
+    // The preview exists because the state was read recently; overlay points that are not finite
+    // are omitted.
     let picture = view.picture.unwrap();
     assert_eq!((picture.width, picture.points), (16, vec![[3.0, 4.0]]));
-    assert!(bench.calibrator.picture(Some(picture.revision)).is_some());
-    bench.start().unwrap();
-    let view = bench.until("it ends", |v| !v.state.is_busy());
+    assert!(rig.calibrator.picture(Some(picture.revision)).is_some());
+    rig.start().unwrap();
+    let view = rig.wait_for("the end", |v| !v.state.is_busy());
     assert!(view.result.unwrap().backup.is_some());
-    assert_eq!(bench.calibrations(), 4);
+    assert_eq!(rig.calibration_files(), 4);
 }
 
 #[test]
-fn one_at_a_time_and_an_aborted_one_leaves_nothing() {
-    let bench = Bench::new(Habit::Greedy);
-    bench.start().unwrap();
-    let again = bench.start().unwrap_err().to_string();
-    assert!(again.contains("`counted` is under way"), "{again}");
-    bench.until("pictures", |v| v.pictures > 2);
-    bench.calibrator.abort().unwrap();
-    let view = bench.until("it ends", |v| !v.state.is_busy());
+fn one_step_runs_at_a_time_and_an_aborted_one_writes_nothing() {
+    let rig = TestRig::new(Behaviour::Endless);
+    rig.start().unwrap();
+    let again = rig.start().unwrap_err().to_string();
+    assert!(again.contains("`counted` is running"), "{again}");
+    rig.wait_for("pictures", |v| v.pictures > 2);
+    rig.calibrator.abort().unwrap();
+    let view = rig.wait_for("the end", |v| !v.state.is_busy());
     assert_eq!((view.state, view.result), (CalibrationState::Idle, None));
-    assert_eq!(bench.calibrations(), 0);
-    bench.start().unwrap();
-    bench.until("pictures", |v| v.pictures > 2);
-    bench.calibrator.finish().unwrap();
-    let view = bench.until("it ends", |v| !v.state.is_busy());
+    assert_eq!(rig.calibration_files(), 0);
+    rig.start().unwrap();
+    rig.wait_for("pictures", |v| v.pictures > 2);
+    rig.calibrator.finish().unwrap();
+    let view = rig.wait_for("the end", |v| !v.state.is_busy());
     assert_eq!(view.state, CalibrationState::Finished);
 }
 
 #[test]
-fn what_is_aborted_while_it_concludes_is_not_written() {
-    let bench = Bench::new(Habit::Slow);
-    bench.start().unwrap();
-    bench.until("pictures", |v| v.pictures > 0);
-    bench.calibrator.finish().unwrap();
-    bench.until("it concludes", |v| v.state == CalibrationState::Evaluating);
-    bench.calibrator.abort().unwrap();
-    let view = bench.until("it ends", |v| !v.state.is_busy());
+fn abort_during_evaluation_writes_nothing() {
+    let rig = TestRig::new(Behaviour::Slow);
+    rig.start().unwrap();
+    rig.wait_for("pictures", |v| v.pictures > 0);
+    rig.calibrator.finish().unwrap();
+    rig.wait_for("evaluation", |v| v.state == CalibrationState::Evaluating);
+    rig.calibrator.abort().unwrap();
+    let view = rig.wait_for("the end", |v| !v.state.is_busy());
     assert_eq!(view.state, CalibrationState::Idle);
-    assert_eq!(bench.calibrations(), 0);
+    assert_eq!(rig.calibration_files(), 0);
 }
 
 #[cfg(target_os = "linux")]
 #[test]
-fn what_cannot_be_written_is_told_and_still_shown() {
-    let bench = Bench::new(Habit::Greedy);
-    bench.start().unwrap();
-    bench.until("pictures", |v| v.pictures > 2);
-    // The kernel's disk that is always full.
-    let part = bench.folder.path().join("calibration/.counted.json.part");
+fn result_that_cannot_be_written_is_reported_and_shown() {
+    let rig = TestRig::new(Behaviour::Endless);
+    rig.start().unwrap();
+    rig.wait_for("pictures", |v| v.pictures > 2);
+    // Writing to /dev/full fails as on a full disk.
+    let part = rig.folder.path().join("calibration/.counted.json.part");
     std::os::unix::fs::symlink("/dev/full", part).unwrap();
-    bench.calibrator.finish().unwrap();
-    let view = bench.until("it ends", |v| !v.state.is_busy());
+    rig.calibrator.finish().unwrap();
+    let view = rig.wait_for("the end", |v| !v.state.is_busy());
     assert_eq!(view.state, CalibrationState::Failed);
     assert!(
         view.description.contains("could not be written")
@@ -265,42 +268,42 @@ fn what_cannot_be_written_is_told_and_still_shown() {
     let result = view.result.unwrap();
     assert_eq!((result.file, result.report), (None, true));
     assert_eq!(result.findings[0].text, "few");
-    assert_eq!(bench.calibrations(), 0);
+    assert_eq!(rig.calibration_files(), 0);
 }
 
 #[test]
-fn a_bug_in_a_step_is_told_and_takes_nothing_else_along() {
-    let bench = Bench::new(Habit::Buggy);
+fn panic_of_a_step_is_reported_and_the_camera_continues() {
+    let rig = TestRig::new(Behaviour::Panicking);
     for _ in 0..2 {
-        bench.start().unwrap();
-        let view = bench.until("it ends", |v| !v.state.is_busy());
+        rig.start().unwrap();
+        let view = rig.wait_for("the end", |v| !v.state.is_busy());
         assert_eq!(view.state, CalibrationState::Failed);
         assert!(view.description.contains("a bug in the step `counted`"));
-        // The thread is on its way out when it says so.
+        // The thread ends shortly after it has reported the failure.
         std::thread::sleep(Duration::from_millis(50));
     }
-    let received = || bench.live.supervised()[0].status().received;
+    let received = || rig.live.supervised()[0].status().received;
     let before = received();
     std::thread::sleep(Duration::from_millis(300));
-    assert!(received() > before, "the camera goes on");
+    assert!(received() > before, "the camera continues");
 }
 
 #[test]
-fn a_camera_that_is_away_is_told_and_awaited() {
+fn missing_camera_is_reported_and_awaited() {
     let folder = tempfile::tempdir().unwrap();
-    session(&folder.path().join("unplugged.mcap"));
+    write_session(&folder.path().join("unplugged.mcap"));
     let camera = CameraSource::Replay(folder.path().join("camera.mcap"));
-    let bench = Bench::on(folder, Habit::Modest, camera);
-    bench.start().unwrap();
-    let view = bench.until("it says so", |v| v.device_error.is_some());
+    let rig = TestRig::with_camera(folder, Behaviour::Complete, camera);
+    rig.start().unwrap();
+    let view = rig.wait_for("a device problem", |v| v.device_error.is_some());
     let trouble = view.device_error.unwrap();
     assert!(
         trouble.contains("scene camera") && trouble.contains("not there"),
         "{trouble}"
     );
-    let path = |name: &str| bench.folder.path().join(name);
+    let path = |name: &str| rig.folder.path().join(name);
     std::fs::rename(path("unplugged.mcap"), path("camera.mcap")).unwrap();
-    let view = bench.until("it ends", |v| !v.state.is_busy());
+    let view = rig.wait_for("the end", |v| !v.state.is_busy());
     assert_eq!(
         view.state,
         CalibrationState::Finished,
@@ -310,7 +313,7 @@ fn a_camera_that_is_away_is_told_and_awaited() {
 }
 
 #[test]
-fn a_camera_that_is_unplugged_in_the_middle_is_waited_for() {
+fn camera_unplugged_during_a_step_is_awaited() {
     use penumbra_capture::source::Recordings;
     use penumbra_faulty::{Fault, FaultyCamera, Plan};
     use penumbra_interface::DeviceFactory;
@@ -318,15 +321,15 @@ fn a_camera_that_is_unplugged_in_the_middle_is_waited_for() {
     use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("camera.mcap");
-    session(&path);
+    write_session(&path);
     let gone = || DeviceError::NotFound {
         device: "the camera".to_owned(),
     };
-    let (opened, plugged) = (AtomicU32::new(0), Arc::new(AtomicBool::new(false)));
-    let is_there = Arc::clone(&plugged);
-    let maker = DeviceFactory::new("the camera", move |clock| {
+    let (opened, plugged_in) = (AtomicU32::new(0), Arc::new(AtomicBool::new(false)));
+    let is_plugged_in = Arc::clone(&plugged_in);
+    let factory = DeviceFactory::new("the camera", move |clock| {
         let first = opened.fetch_add(1, Ordering::Relaxed) == 0;
-        if !first && !is_there.load(Ordering::Relaxed) {
+        if !first && !is_plugged_in.load(Ordering::Relaxed) {
             return Err(gone());
         }
         let source = CameraSource::Replay(path.clone());
@@ -341,17 +344,17 @@ fn a_camera_that_is_unplugged_in_the_middle_is_waited_for() {
         };
         Ok(Box::new(FaultyCamera::new(inner, plan)) as Box<dyn Driver>)
     });
-    let bench = Bench::on(folder, Habit::Greedy, CameraSource::Custom(maker));
-    bench.start().unwrap();
-    let view = bench.until("it says so", |v| v.device_error.is_some());
+    let rig = TestRig::with_camera(folder, Behaviour::Endless, CameraSource::Custom(factory));
+    rig.start().unwrap();
+    let view = rig.wait_for("a device problem", |v| v.device_error.is_some());
     assert!(
         view.device_error.unwrap().contains("scene camera"),
         "{}",
         view.description
     );
     let before = view.pictures;
-    plugged.store(true, Ordering::Relaxed);
-    let view = bench.until("it goes on", |v| {
+    plugged_in.store(true, Ordering::Relaxed);
+    let view = rig.wait_for("more pictures", |v| {
         v.pictures > before + 3 && v.device_error.is_none()
     });
     assert!(
@@ -359,25 +362,25 @@ fn a_camera_that_is_unplugged_in_the_middle_is_waited_for() {
         "{}",
         view.damaged
     );
-    bench.calibrator.finish().unwrap();
-    let view = bench.until("it ends", |v| !v.state.is_busy());
+    rig.calibrator.finish().unwrap();
+    let view = rig.wait_for("the end", |v| !v.state.is_busy());
     assert_eq!(view.state, CalibrationState::Finished);
 }
 
 #[test]
-fn when_the_rig_is_closed_nothing_is_written() {
-    let bench = Bench::new(Habit::Greedy);
-    bench.start().unwrap();
-    bench.until("pictures", |v| v.pictures > 2);
-    let Bench {
+fn closing_the_rig_writes_nothing() {
+    let rig = TestRig::new(Behaviour::Endless);
+    rig.start().unwrap();
+    rig.wait_for("pictures", |v| v.pictures > 2);
+    let TestRig {
         folder,
         live,
         calibrator,
-    } = bench;
+    } = rig;
     drop(live);
-    let begun = Instant::now();
+    let started_at = Instant::now();
     while calibrator.view().state.is_busy() {
-        assert!(begun.elapsed() < Duration::from_secs(10));
+        assert!(started_at.elapsed() < Duration::from_secs(10));
         std::thread::sleep(Duration::from_millis(10));
     }
     assert_eq!(calibrator.view().state, CalibrationState::Idle);
@@ -390,31 +393,34 @@ fn when_the_rig_is_closed_nothing_is_written() {
 }
 
 #[test]
-fn what_cannot_begin_is_refused_in_one_line() {
-    let bench = Bench::new(Habit::Modest);
-    let refused = |config: &Config, wish: &CalibrationRequest, says: &str| {
-        let calibrator = Calibrator::new(&bench.live, config);
-        let refusal = calibrator.start(wish).unwrap_err().to_string();
+fn rejects_steps_that_cannot_start_in_one_line() {
+    let rig = TestRig::new(Behaviour::Complete);
+    let assert_refused = |config: &Config, request: &CalibrationRequest, expected: &str| {
+        let calibrator = Calibrator::new(&rig.live, config);
+        let refusal = calibrator.start(request).unwrap_err().to_string();
         assert!(
-            refusal.contains(says) && !refusal.contains('\n'),
+            refusal.contains(expected) && !refusal.contains('\n'),
             "{refusal}"
         );
         assert_eq!(calibrator.view().state, CalibrationState::Idle);
     };
     let mut config = Config::default();
-    let mut wish = CalibrationRequest {
+    let mut request = CalibrationRequest {
         step: "intrinsics".to_owned(),
         ..CalibrationRequest::default()
     };
-    refused(&config, &wish, "[calibration] from is not set");
-    config.calibration = Some(bench.folder.path().join("camera.mcap"));
-    refused(&config, &wish, "is no folder");
-    config.calibration = Some(bench.folder.path().to_owned());
-    wish.parameters
+    assert_refused(&config, &request, "[calibration] from is not set");
+    config.calibration = Some(rig.folder.path().join("camera.mcap"));
+    assert_refused(&config, &request, "is not a folder");
+    config.calibration = Some(rig.folder.path().to_owned());
+    request
+        .parameters
         .insert("camera".to_owned(), "environment".to_owned());
-    refused(&config, &wish, "no environment camera");
-    wish.parameters.insert("board".to_owned(), "12".to_owned());
-    refused(&config, &wish, "write chess:");
-    wish.step = "soup".to_owned();
-    refused(&config, &wish, "there is no step `soup`");
+    assert_refused(&config, &request, "no environment camera");
+    request
+        .parameters
+        .insert("board".to_owned(), "12".to_owned());
+    assert_refused(&config, &request, "write chess:");
+    request.step = "soup".to_owned();
+    assert_refused(&config, &request, "there is no step `soup`");
 }

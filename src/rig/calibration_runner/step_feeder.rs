@@ -1,4 +1,4 @@
-//! How a step of calibration is shown what there is, wherever it comes from.
+//! Decodes recorded or delivered events and passes them to a calibration step.
 
 use crate::feed::decoder_for;
 use penumbra_calibration::step::{Eye, Shown, ShownPicture, Step};
@@ -9,21 +9,22 @@ use penumbra_session::SessionEvent;
 use penumbra_tracker_serial::AnyDecoder;
 use std::sync::Arc;
 
-/// Decodes what was recorded or delivered, and shows it to a step in the order of arrival.
-pub(super) struct Showing {
+/// Decodes events and passes them to a step in the order of arrival.
+pub(super) struct StepFeeder {
     start: MonotonicTime,
-    /// When the next picture of a camera and bracket is due.
+    /// Earliest time of the next picture of a camera and bracket (hundredths of a stop), seconds
+    /// since `start`.
     next: Vec<((Eye, i64), f64)>,
     picture: Picture,
     tracker: Option<(Arc<str>, AnyDecoder)>,
     metres_per_unit: Option<f64>,
-    /// Pictures that could not be decoded, and stretches that could not be read.
+    /// Number of pictures that could not be decoded and of file sections that could not be read.
     pub damaged: usize,
 }
 
-impl Showing {
-    /// Nothing was shown yet. Seconds count from `start`; `metres_per_unit` is the tracker's,
-    /// where the calibration says it.
+impl StepFeeder {
+    /// Creates a feeder for events from `start` on. `metres_per_unit` is the tracker's unit of
+    /// length; `None` if the calibration does not state it.
     pub fn new(start: MonotonicTime, metres_per_unit: Option<f64>) -> Self {
         Self {
             start,
@@ -35,20 +36,21 @@ impl Showing {
         }
     }
 
-    /// The picture that was shown last.
+    /// Returns the last decoded picture.
     pub const fn picture(&self) -> &Picture {
         &self.picture
     }
 
-    /// Whose picture it was, if it was one and was shown.
-    pub fn show(
+    /// Passes an event to `step` if the step needs it. Returns the camera if the event was a
+    /// picture and was passed on.
+    pub fn feed(
         &mut self,
         event: SessionEvent,
         config: &Config,
         step: &mut dyn Step,
     ) -> Option<Eye> {
         let wants = step.wants();
-        let (eye, frame) = match event {
+        let (camera, frame) = match event {
             SessionEvent::Scene(frame) if wants.scene => (Eye::Scene, frame),
             SessionEvent::Environment(frame) if wants.environment => (Eye::Environment, frame),
             SessionEvent::TrackerBytes {
@@ -67,7 +69,8 @@ impl Showing {
             }
             _ => return None,
         };
-        if frame.bracket_ev != 0.0 && !wants.brackets || !self.is_due(eye, &frame, wants.spacing) {
+        if frame.bracket_ev != 0.0 && !wants.brackets || !self.is_due(camera, &frame, wants.spacing)
+        {
             return None;
         }
         if decode_into(&frame, &config.input.encoding(), &mut self.picture).is_err() {
@@ -75,18 +78,18 @@ impl Showing {
             return None;
         }
         step.look(&Shown::Picture(ShownPicture {
-            eye,
+            eye: camera,
             picture: &self.picture,
             captured_at: frame.captured_at,
             bracket_ev: frame.bracket_ev,
             exposure: frame.exposure.map(|e| 1e-6 * e.exposure_micros * e.gain),
             seconds: frame.arrived_at.seconds_since(self.start),
         }));
-        Some(eye)
+        Some(camera)
     }
 
-    fn is_due(&mut self, eye: Eye, frame: &Frame, spacing: f64) -> bool {
-        let key = (eye, (100.0 * frame.bracket_ev).round() as i64);
+    fn is_due(&mut self, camera: Eye, frame: &Frame, spacing: f64) -> bool {
+        let key = (camera, (100.0 * frame.bracket_ev).round() as i64);
         let at = frame.arrived_at.seconds_since(self.start);
         let known = self.next.iter().position(|(k, _)| *k == key);
         let i = known.unwrap_or_else(|| {

@@ -1,5 +1,4 @@
-//! How a camera's pictures fall off towards their edge, from surfaces that it sees now here, now
-//! there while it moves.
+//! Vignetting of a moving camera, from surfaces that it sees in different parts of the picture.
 
 use glam::DVec2;
 use glam::DVec3;
@@ -11,33 +10,36 @@ use penumbra_interface::RigidTransform;
 use penumbra_scene::RayCaster;
 use penumbra_white_balance::chart::{Photograph, read_codes};
 
-/// Places asked for in a new picture, each way.
+/// Columns and rows of pixels at which a new picture adds surface points.
 const GRID: (u32, u32) = (16, 12);
 /// Half the side of the block that is read, pixels.
-const HALF: f64 = 3.0;
-/// How much a matt surface's look changes with the side that it is seen from, relative.
-const MATTNESS: f64 = 0.02;
-/// A block with more spread is no even surface, relative.
-const CONTRAST: f64 = 0.10;
-/// Places that are followed at most.
-const MOST: usize = 1200;
+const HALF_BLOCK: f64 = 3.0;
+/// Standard deviation of the radiance of a matt surface between viewing directions, relative.
+const DIRECTION_SIGMA: f64 = 0.02;
+/// Maximum standard deviation within a block of an even surface, relative.
+const MAX_CONTRAST: f64 = 0.10;
+/// Maximum number of surface points.
+const MAX_POINTS: usize = 1200;
 
-/// Share of readings that must fit, what they may leave, relative, and how sure the edge must be.
-const MOST_AGREE: f64 = 0.8;
-const CONTRADICT: f64 = 0.03;
-const UNSURE: f64 = 0.015;
+/// Minimum share of readings that fit.
+const MIN_USED: f64 = 0.8;
+/// Maximum root mean square of the residuals, relative.
+const MAX_RMS: f64 = 0.03;
+/// Maximum standard deviation of the vignetting at the edge.
+const MAX_EDGE_SIGMA: f64 = 0.015;
 
-/// Points of real surfaces and what they looked like.
+/// Points of real surfaces, and readings of their brightness.
 #[derive(Debug, Default)]
-pub(super) struct FallOff {
+pub(super) struct VignettingCollector {
     points: Vec<DVec3>,
     readings: Vec<Reading>,
     pictures: usize,
 }
 
-impl FallOff {
-    /// Takes a picture and where it was taken from.
-    pub fn look(
+impl VignettingCollector {
+    /// Reads the brightness of the surface points in a picture that was taken at the pose
+    /// `world_from_camera`.
+    pub fn observe(
         &mut self,
         photograph: Photograph,
         camera: &PinholeCamera,
@@ -54,10 +56,10 @@ impl FallOff {
             let Some(pixel) = camera.project(camera_from_world.transform_point(*point)) else {
                 continue;
             };
-            if !visible(rays, world_from_camera.translation, *point) {
+            if !is_visible(rays, world_from_camera.translation, *point) {
                 continue;
             }
-            let Some((log, variance)) = read(photograph, pixel) else {
+            let Some((log, variance)) = read_block(photograph, pixel) else {
                 continue;
             };
             self.readings.push(Reading {
@@ -65,20 +67,20 @@ impl FallOff {
                 picture: self.pictures,
                 q: (pixel - centre).length_squared() / (radius * radius),
                 log,
-                variance: variance + MATTNESS * MATTNESS,
+                variance: variance + DIRECTION_SIGMA * DIRECTION_SIGMA,
             });
         }
         self.pictures += 1;
     }
 
-    /// New places where the picture shows surfaces.
+    /// Adds the surface points at the pixels of the grid.
     fn add_points(
         &mut self,
         camera: &PinholeCamera,
         world_from_camera: RigidTransform,
         rays: &RayCaster,
     ) {
-        if self.points.len() >= MOST {
+        if self.points.len() >= MAX_POINTS {
             return;
         }
         for j in 0..GRID.1 {
@@ -97,24 +99,25 @@ impl FallOff {
         }
     }
 
-    /// What they say; nothing where light changed from place to place, surfaces shine or poses
-    /// are wrong, which shows as readings that contradict each other.
+    /// Fits the vignetting; `None` if the readings are inconsistent, e.g. because the light
+    /// changed, surfaces are glossy or poses are wrong.
     pub fn fit(&self) -> Option<Fit> {
         vignetting::fit(&self.readings)
-            .filter(|f| f.used > MOST_AGREE && f.rms < CONTRADICT && f.edge_sigma < UNSURE)
+            .filter(|f| f.used > MIN_USED && f.rms < MAX_RMS && f.edge_sigma < MAX_EDGE_SIGMA)
     }
 }
 
-fn visible(rays: &RayCaster, eye: DVec3, point: DVec3) -> bool {
-    let (direction, distance) = (point - eye).normalize_and_length();
-    rays.nearest(eye, direction)
+fn is_visible(rays: &RayCaster, camera: DVec3, point: DVec3) -> bool {
+    let (direction, distance) = (point - camera).normalize_and_length();
+    rays.nearest(camera, direction)
         .is_some_and(|hit| (hit.distance - distance).abs() < 0.002 + 0.005 * distance)
 }
 
-/// Logarithm of the green about a pixel, and its variance.
-fn read(photograph: Photograph, pixel: DVec2) -> Option<(f64, f64)> {
+/// Returns the logarithm of the mean linear green of the block around a pixel, and its variance;
+/// `None` if the block is not entirely inside the picture, clipped or uneven.
+fn read_block(photograph: Photograph, pixel: DVec2) -> Option<(f64, f64)> {
     let picture = photograph.picture;
-    let (low, high) = (pixel - HALF, pixel + HALF);
+    let (low, high) = (pixel - HALF_BLOCK, pixel + HALF_BLOCK);
     let inside = low.x >= 0.0
         && low.y >= 0.0
         && high.x < f64::from(picture.width) - 1.0
@@ -130,22 +133,20 @@ fn read(photograph: Photograph, pixel: DVec2) -> Option<(f64, f64)> {
         .collect();
     let reading = read_codes(&codes, photograph.response)?;
     let square = reading.mean * reading.mean;
-    (reading.variance < CONTRAST * CONTRAST * square)
+    (reading.variance < MAX_CONTRAST * MAX_CONTRAST * square)
         .then(|| (reading.mean.ln(), reading.variance_of_mean / square))
 }
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
+    use glam::{DMat3, DQuat};
     use penumbra_camera::Response;
     use penumbra_camera::Vignetting;
-
-    use glam::{DMat3, DQuat};
     use penumbra_picture::Picture;
     use penumbra_scene::Scene;
 
-    /// A table with a soft pattern on it, from above, through a lens that falls off.
+    /// Renders a table with a smooth pattern from above, through a lens with vignetting `k`.
     fn picture(camera: &PinholeCamera, pose: RigidTransform, k: [f64; 3]) -> Picture {
         let (centre, radius) = frame((camera.width, camera.height), Some(camera.centre));
         let lens = Vignetting {
@@ -173,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn a_moving_camera_tells_its_own_fall_off() {
+    fn recovers_vignetting_from_a_moving_camera() {
         let camera = PinholeCamera {
             width: 320,
             height: 240,
@@ -188,7 +189,7 @@ mod tests {
         let rays = RayCaster::from_phantoms(&scene);
         let down = DQuat::from_mat3(&DMat3::from_cols(DVec3::X, DVec3::NEG_Y, DVec3::NEG_Z));
         for k in [[-0.35, 0.0, 0.0], [0.0; 3]] {
-            let mut fall_off = FallOff::default();
+            let mut collector = VignettingCollector::default();
             for i in 0..10 {
                 let t = f64::from(i);
                 let at = DVec3::new(0.25 * (1.3 * t).sin(), 0.2 * (0.9 * t).cos(), 1.0);
@@ -198,12 +199,12 @@ mod tests {
                     picture: &picture,
                     response: &Response::srgb(),
                 };
-                fall_off.look(photograph, &camera, pose, &rays);
+                collector.observe(photograph, &camera, pose, &rays);
             }
-            let found = fall_off.fit().unwrap();
+            let found = collector.fit().unwrap();
             let truth = 1.0 + k[0] * found.farthest;
             assert!((found.edge() - truth).abs() < 0.01, "{found:?}");
         }
-        assert_eq!(FallOff::default().fit(), None);
+        assert_eq!(VignettingCollector::default().fit(), None);
     }
 }

@@ -1,7 +1,8 @@
-//! What a calibration shows of itself while it is at work on another thread.
+//! The state of a calibration that runs on another thread: progress, preview, result and requests.
 
-use super::live::{Moment, Wish};
-use super::preview::{Previews, preview_of};
+use super::files::WrittenFiles;
+use super::live::{StepRequest, StepUpdate};
+use super::preview::{Previews, downscale};
 use bytes::Bytes;
 use penumbra_calibration::step::{Finished, Progress};
 use penumbra_interface::{Clock, MonotonicTime, SystemClock};
@@ -13,44 +14,33 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Nobody has asked for so long: pictures need not be kept for anybody, seconds.
-const UNWATCHED: f64 = 3.0;
-/// Marks that are passed on of one picture; more cannot be told apart.
-const MOST_MARKS: usize = 4096;
-/// No report is longer, bytes.
-const LONGEST_REPORT: usize = 64 << 20;
+/// Previews are made only if the state was read within this time, seconds.
+const VIEWER_TIMEOUT_SECONDS: f64 = 3.0;
+/// Maximum number of overlay points of a picture; more cannot be distinguished.
+const MAX_OVERLAY_POINTS: usize = 4096;
+/// Maximum size of a report that is served, bytes.
+const MAX_REPORT_BYTES: usize = 64 << 20;
 
-/// The state of a calibration: written by whoever carries it out, read by whoever asks.
+/// The state of a calibration: written by the thread that runs the step, read by status clients.
 #[derive(Default)]
-pub struct Showcase(Mutex<State>);
+pub struct CalibrationMonitor(Mutex<State>);
 
 #[derive(Default)]
 struct State {
     view: Calibration,
-    wish: Wish,
+    request: StepRequest,
     previews: Previews,
-    asked_at: Option<MonotonicTime>,
+    viewed_at: Option<MonotonicTime>,
     report: Option<Arc<str>>,
 }
 
-/// Where a calibration went.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Written {
-    /// The calibration; none if it was refused.
-    pub file: Option<PathBuf>,
-    /// The one before it.
-    pub backup: Option<PathBuf>,
-    /// The page about it.
-    pub report: Option<PathBuf>,
-}
-
-impl Showcase {
-    /// Nothing is being done; `steps` can be asked for.
+impl CalibrationMonitor {
+    /// Creates an idle monitor; `steps` are the forms of the available steps.
     #[must_use]
     pub fn new(steps: Vec<penumbra_status::calibration::StepForm>) -> Arc<Self> {
         let view = Calibration {
             state: CalibrationState::Idle,
-            description: "Nothing is being calibrated.".to_owned(),
+            description: "No calibration is running.".to_owned(),
             steps,
             ..Calibration::default()
         };
@@ -60,10 +50,10 @@ impl Showcase {
         })))
     }
 
-    /// A step begins.
+    /// Enters the state of a step that has started.
     pub fn begin(&self, step: &str, title: &str, parameters: BTreeMap<String, String>) {
         let mut state = self.lock();
-        state.wish = Wish::GoOn;
+        state.request = StepRequest::Continue;
         state.previews.clear();
         let steps = std::mem::take(&mut state.view.steps);
         state.view = Calibration {
@@ -77,54 +67,56 @@ impl Showcase {
         };
     }
 
-    /// How it goes, and a device that is waited for; answers what is wished.
-    pub fn tell(&self, moment: &Moment, trouble: Option<String>) -> Wish {
-        let preview = moment.picture.filter(|_| self.is_watched());
-        let preview = preview.map(|(eye, picture)| (eye, preview_of(picture), picture));
+    /// Updates the progress. `trouble` is the problem of a device whose data are awaited. Returns
+    /// the current request.
+    pub fn update(&self, update: &StepUpdate, trouble: Option<String>) -> StepRequest {
+        let preview = update.picture.filter(|_| self.has_viewer());
+        let preview = preview.map(|(camera, picture)| (camera, downscale(picture), picture));
         let mut state = self.lock();
         let state = &mut *state;
-        if let Some((eye, preview, picture)) = preview {
+        if let Some((camera, preview, picture)) = preview {
             let revision = state.previews.push(preview);
             state.view.picture = Some(ShownPicture {
                 revision,
                 width: picture.width,
                 height: picture.height,
-                camera: eye.name().to_owned(),
-                points: marks_of(moment.progress),
+                camera: camera.name().to_owned(),
+                points: overlay_points(update.progress),
             });
         }
         let view = &mut state.view;
-        if moment.counts.pictures > 0 || !moment.progress.message.is_empty() {
-            "Collecting data.".clone_into(&mut view.description);
+        if update.counts.pictures > 0 || !update.progress.message.is_empty() {
+            "Observing.".clone_into(&mut view.description);
         }
-        view.share = moment.progress.share.clamp(0.0, 1.0);
-        view.message.clone_from(&moment.progress.message);
-        view.hint.clone_from(&moment.progress.hint);
+        view.share = update.progress.share.clamp(0.0, 1.0);
+        view.message.clone_from(&update.progress.message);
+        view.hint.clone_from(&update.progress.hint);
         view.device_error = trouble;
-        view.seconds = moment.seconds;
-        view.pictures = moment.counts.pictures;
-        view.damaged = moment.counts.damaged;
-        view.skipped = moment.counts.skipped;
-        view.readings_lost = moment.counts.readings_lost;
-        state.wish
+        view.seconds = update.seconds;
+        view.pictures = update.counts.pictures;
+        view.damaged = update.counts.damaged;
+        view.skipped = update.counts.passed_over;
+        view.readings_lost = update.counts.readings_lost;
+        state.request
     }
 
-    /// Enough was seen.
-    pub fn evaluate(&self) {
+    /// Enters the state of evaluation, after the last input.
+    pub fn set_evaluating(&self) {
         let view = &mut self.lock().view;
         view.state = CalibrationState::Evaluating;
         "Evaluating.".clone_into(&mut view.description);
         view.device_error = None;
     }
 
-    /// It has come to its end, and is on the disk or is not.
-    pub fn conclude(&self, found: &Finished, written: Result<Written, String>) {
+    /// Enters the final state with the result, and the written files or why they could not be
+    /// written.
+    pub fn set_result(&self, found: &Finished, written: Result<WrittenFiles, String>) {
         let mut state = self.lock();
         let (written, trouble) = match written {
             Ok(written) => (written, None),
-            Err(trouble) => (Written::default(), Some(trouble)),
+            Err(trouble) => (WrittenFiles::default(), Some(trouble)),
         };
-        state.report = (found.page.len() <= LONGEST_REPORT).then(|| Arc::from(&*found.page));
+        state.report = (found.page.len() <= MAX_REPORT_BYTES).then(|| Arc::from(&*found.page));
         let report = state.report.is_some();
         let view = &mut state.view;
         view.share = 1.0;
@@ -135,22 +127,22 @@ impl Showcase {
         };
         view.description = match (trouble, &written.file) {
             (Some(trouble), _) => format!("The calibration could not be written: {trouble}"),
-            (None, Some(_)) => "Written. It is used when the rig is started again.".to_owned(),
+            (None, Some(_)) => "Written. It takes effect when the rig is restarted.".to_owned(),
             (None, None) => "Refused: no calibration was written.".to_owned(),
         };
         view.result = Some(result(found, &written, report));
     }
 
-    /// It could not come to its end.
-    pub fn fail(&self, reason: &str) {
+    /// Enters the state of failure for `reason`.
+    pub fn set_failed(&self, reason: &str) {
         let view = &mut self.lock().view;
         view.state = CalibrationState::Failed;
         reason.clone_into(&mut view.description);
         view.device_error = None;
     }
 
-    /// Nothing came of it, as was wished.
-    pub fn aborted(&self) {
+    /// Returns to the idle state after a requested abort.
+    pub fn set_aborted(&self) {
         let view = &mut self.lock().view;
         view.state = CalibrationState::Idle;
         "Aborted; nothing was written.".clone_into(&mut view.description);
@@ -158,47 +150,49 @@ impl Showcase {
         view.result = None;
     }
 
-    /// What is wished of the step under way.
+    /// Returns the current request to the running step.
     #[must_use]
-    pub fn wish(&self) -> Wish {
-        self.lock().wish
+    pub fn current_request(&self) -> StepRequest {
+        self.lock().request
     }
 
-    /// Wishes something of the step under way.
+    /// Sends a request to the running step.
     ///
     /// # Errors
-    /// There is none, or it has seen all that it will.
-    pub fn wish_for(&self, wish: Wish) -> Result<(), CalibrationRefusal> {
+    /// No step is running.
+    pub fn request(&self, request: StepRequest) -> Result<(), CalibrationRefusal> {
         let mut state = self.lock();
         if !state.view.state.is_busy() {
             return Err(CalibrationRefusal::NotRunning);
         }
-        // Who has wished for an end without result does not get one.
-        if state.wish != Wish::Abort {
-            state.wish = wish;
+        // An abort cannot be revoked.
+        if state.request != StepRequest::Abort {
+            state.request = request;
         }
-        if wish == Wish::Abort {
+        if request == StepRequest::Abort {
             "Aborting.".clone_into(&mut state.view.description);
         }
         Ok(())
     }
 
-    fn is_watched(&self) -> bool {
-        let asked_at = self.lock().asked_at;
-        asked_at.is_some_and(|at| SystemClock.now().seconds_since(at) < UNWATCHED)
+    /// Returns whether a client has read the state recently.
+    fn has_viewer(&self) -> bool {
+        let viewed_at = self.lock().viewed_at;
+        let is_recent = |at| SystemClock.now().seconds_since(at) < VIEWER_TIMEOUT_SECONDS;
+        viewed_at.is_some_and(is_recent)
     }
 
-    /// A panic elsewhere must not take the state away, so a poisoned lock is used on.
+    /// Locks the state, also after a panic of another thread: the state must remain readable.
     fn lock(&self) -> MutexGuard<'_, State> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// What the program carries out was said when it was started, so no other step can be.
-impl CalibrationControl for Showcase {
+/// Control of the single step that the command line has started: no other step can be started.
+impl CalibrationControl for CalibrationMonitor {
     fn view(&self) -> Calibration {
         let mut state = self.lock();
-        state.asked_at = Some(SystemClock.now());
+        state.viewed_at = Some(SystemClock.now());
         state.view.clone()
     }
 
@@ -207,16 +201,16 @@ impl CalibrationControl for Showcase {
     }
 
     fn finish(&self) -> Result<(), CalibrationRefusal> {
-        self.wish_for(Wish::Finish)
+        self.request(StepRequest::Finish)
     }
 
     fn abort(&self) -> Result<(), CalibrationRefusal> {
-        self.wish_for(Wish::Abort)
+        self.request(StepRequest::Abort)
     }
 
     fn picture(&self, revision: Option<u64>) -> Option<Bytes> {
         let preview = self.lock().previews.get(revision)?;
-        // Encoded without the lock: the step goes on meanwhile.
+        // Encoded without the lock, so that the step is not blocked.
         preview.jpeg()
     }
 
@@ -225,13 +219,14 @@ impl CalibrationControl for Showcase {
     }
 }
 
-fn marks_of(progress: &Progress) -> Vec<[f32; 2]> {
-    let finite = progress.marks.iter().filter(|mark| mark.is_finite());
-    let marks = finite.map(|mark| mark.as_vec2().to_array());
-    marks.take(MOST_MARKS).collect()
+/// Returns the finite overlay points, pixels.
+fn overlay_points(progress: &Progress) -> Vec<[f32; 2]> {
+    let finite = progress.marks.iter().filter(|point| point.is_finite());
+    let points = finite.map(|point| point.as_vec2().to_array());
+    points.take(MAX_OVERLAY_POINTS).collect()
 }
 
-fn result(found: &Finished, written: &Written, report: bool) -> CalibrationResult {
+fn result(found: &Finished, written: &WrittenFiles, report: bool) -> CalibrationResult {
     let name = |path: &PathBuf| path.display().to_string();
     let findings = found
         .findings

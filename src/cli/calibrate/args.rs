@@ -1,5 +1,4 @@
-//! Common to the steps of `penumbra calibrate`: the source of pictures and poses, progress, the
-//! printed result, and the written files.
+//! The common arguments of the steps of `penumbra calibrate`: input, output, and running a step.
 
 use super::live::{self, LiveArgs};
 use crate::cli::files::{claim, write};
@@ -9,9 +8,11 @@ use indicatif::{ProgressBar, ProgressStyle};
 use penumbra_calibration::step::{Finished, Made, Progress, Step};
 use penumbra_config::Config;
 use penumbra_rig::RigFiles;
-use penumbra_rig::calibration_runner::files::{calibration_folder, prepare, write_calibration};
-use penumbra_rig::calibration_runner::steps::{Known, file_of};
-use penumbra_rig::calibration_runner::{Written, show_session};
+use penumbra_rig::calibration_runner::files::{
+    WrittenFiles, calibration_folder, prepare, write_calibration,
+};
+use penumbra_rig::calibration_runner::steps::calibration_file_name;
+use penumbra_rig::calibration_runner::{RigContext, feed_session};
 use penumbra_rig::wall_date::iso_now;
 use penumbra_rig_model::Grade;
 use penumbra_rig_model::RigDocument;
@@ -20,7 +21,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 #[derive(Debug, Args)]
-pub struct FromArgs {
+pub struct InputArgs {
     /// A recording; without it the live rig
     #[arg(long, value_name = "SESSION.mcap")]
     pub session: Option<PathBuf>,
@@ -29,12 +30,12 @@ pub struct FromArgs {
     #[arg(long, value_name = "rig.json|DIR", requires = "session")]
     rig: Option<PathBuf>,
     #[command(flatten)]
-    pub to: ToArgs,
+    pub output: OutputArgs,
 }
 
-// Output options of a step. (Not a docstring: clap would use it as the help of the command.)
+// Output files and device notes. (Not a docstring, which clap would show as the command's help.)
 #[derive(Debug, Args)]
-pub struct ToArgs {
+pub struct OutputArgs {
     /// Settings
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
@@ -57,29 +58,28 @@ pub struct ToArgs {
 
 /// Destination of a calibration.
 enum Destination {
-    /// Files named on the command line.
+    /// The file of `--out`.
     Named { out: PathBuf, report: PathBuf },
-    /// The rig's files, where an existing file is kept under its date.
+    /// The folder of the rig's files.
     Rig { folder: PathBuf, name: String },
 }
 
-impl FromArgs {
-    /// Reads the configuration; the default without `--config`.
+impl InputArgs {
+    /// Reads the configuration.
     pub fn config(&self) -> anyhow::Result<Config> {
-        self.to.config()
+        self.output.config()
     }
 
-    /// Reads the known calibration of the rig, of the recording or the live one.
+    /// Reads the rig's known calibration.
     pub fn rig(&self) -> anyhow::Result<RigDocument> {
         if self.session.is_none() {
-            return self.to.rig();
+            return self.output.rig();
         }
         let files = self.files()?;
         Ok(RigDocument::of_session(&|name: &str| files.get(name))?)
     }
 
-    /// Reads the rig's files: those of the recording, replaced by those of `--rig`; on a live rig
-    /// those that the configuration names.
+    /// Returns the rig's files: those in the recording, or those of the configuration.
     pub fn files(&self) -> anyhow::Result<RigFiles> {
         Ok(match &self.session {
             Some(path) => match &self.rig {
@@ -90,15 +90,16 @@ impl FromArgs {
         })
     }
 
-    /// Runs `step` on the recording or the live rig, prints its result and writes its files.
-    pub fn carry_out(&self, step: &mut dyn Step) -> anyhow::Result<ExitCode> {
+    /// Runs `step` on the recording or the live rig, shows its progress, and prints and writes its
+    /// result.
+    pub fn run_step(&self, step: &mut dyn Step) -> anyhow::Result<ExitCode> {
         let tracker = self.rig().ok().and_then(|rig| rig.calibration.tracker);
         let metres = tracker.map(|tracker| tracker.metres_per_unit);
-        self.to.carry_out(self.session.as_deref(), metres, step)
+        self.output.run_step(self.session.as_deref(), metres, step)
     }
 }
 
-impl ToArgs {
+impl OutputArgs {
     /// Reads the configuration; the default without `--config`.
     pub fn config(&self) -> anyhow::Result<Config> {
         Ok(match &self.config {
@@ -107,14 +108,13 @@ impl ToArgs {
         })
     }
 
-    /// Reads the known calibration of the live rig.
+    /// Reads the live rig's known calibration.
     pub fn rig(&self) -> anyhow::Result<RigDocument> {
-        Ok(Known::read(&self.config()?)?.document)
+        Ok(RigContext::read(&self.config()?)?.document)
     }
 
-    /// Runs `step` on `session`, or on the live rig without one. `metres_per_unit` is the tracker's
-    /// unit, if it is known.
-    pub fn carry_out(
+    /// Like [`InputArgs::run_step`]; `metres_per_unit` is the tracker's unit of length, if known.
+    pub fn run_step(
         &self,
         session: Option<&Path>,
         metres_per_unit: Option<f64>,
@@ -123,33 +123,34 @@ impl ToArgs {
         let config = self.config()?;
         let Some(path) = session else {
             let destination = self.destination(step, true)?;
-            let noted = (self.device.as_ref(), self.serial.as_ref());
-            let found = live::carry_out(step, &config, &self.live, noted)?;
+            let device_note = (self.device.as_ref(), self.serial.as_ref());
+            let found = live::run_step(step, &config, &self.live, device_note)?;
             return self.conclude(step.name(), &found, &destination);
         };
-        self.carry_out_by(&path.display().to_string(), step, |step, bar| {
+        self.run_step_with(&path.display().to_string(), step, |step, bar| {
             let session = Session::open(path)?;
             let report = |share: f64, progress: &Progress| show_progress(bar, share, progress);
-            Ok(show_session(
+            Ok(feed_session(
                 &session,
                 &config,
                 metres_per_unit,
                 step,
                 report,
-            )?)
+            ))
         })
     }
 
-    /// Runs `step` on the data that `show` gives it. `show` returns the number of damaged pictures.
-    pub fn carry_out_by<S: Step + ?Sized>(
+    /// Runs `step` on the input that `feed` passes to it, and prints and writes its result. `feed`
+    /// returns the number of damaged pictures.
+    pub fn run_step_with<S: Step + ?Sized>(
         &self,
         source: &str,
         step: &mut S,
-        show: impl FnOnce(&mut S, &ProgressBar) -> anyhow::Result<usize>,
+        feed: impl FnOnce(&mut S, &ProgressBar) -> anyhow::Result<usize>,
     ) -> anyhow::Result<ExitCode> {
         let destination = self.destination(step, false)?;
         let bar = progress_bar();
-        let damaged = show(step, &bar)?;
+        let damaged = feed(step, &bar)?;
         bar.finish_and_clear();
         if damaged > 0 {
             crate::cli::warn(format_args!("{damaged} damaged pictures were skipped"));
@@ -163,16 +164,16 @@ impl ToArgs {
         self.conclude(step.name(), &found, &destination)
     }
 
-    /// Chooses the destination and checks that it can be written, before the step runs.
+    /// Determines the destination, and checks before the step runs that it can be written.
     fn destination<S: Step + ?Sized>(&self, step: &S, live: bool) -> anyhow::Result<Destination> {
         let Some(out) = &self.out else {
             if !live {
-                bail!("name the calibration to be written with --out FILE.json");
+                bail!("name the calibration file with --out FILE.json");
             }
             let config = self.config()?;
             let folder = calibration_folder(&config)
                 .map_err(|error| anyhow!("{error}, or name a file with --out"))?;
-            let name = file_of(step);
+            let name = calibration_file_name(step);
             prepare(folder, &name)?;
             let folder = folder.to_owned();
             return Ok(Destination::Rig { folder, name });
@@ -180,7 +181,7 @@ impl ToArgs {
         let report = out.with_extension("html");
         if report == *out {
             bail!(
-                "{}: the report goes to the .html beside it; name a .json file",
+                "{}: is the name of the report; name a .json file",
                 out.display()
             );
         }
@@ -190,7 +191,7 @@ impl ToArgs {
         Ok(Destination::Named { out, report })
     }
 
-    /// Prints the result and writes its files. A refused calibration is an error.
+    /// Prints and writes the result. A refused result is an error.
     fn conclude(
         &self,
         step: &str,
@@ -206,7 +207,7 @@ impl ToArgs {
         for (what, path) in [
             ("report", &written.report),
             (what, &written.file),
-            ("previous file", &written.backup),
+            ("backup", &written.backup),
         ] {
             if let Some(path) = path {
                 crate::cli::say(format_args!("{what}: {}", path.display()));
@@ -218,7 +219,6 @@ impl ToArgs {
         let why = found.findings.first().map_or("", |f| f.1.as_str());
         match written.file {
             Some(_) => bail!("refused: {why}"),
-            // A refused calibration writes no file, so that it cannot be used by mistake.
             None => bail!("refused: no calibration was written; {why}"),
         }
     }
@@ -228,7 +228,7 @@ impl ToArgs {
         step: &str,
         found: &Finished,
         destination: &Destination,
-    ) -> anyhow::Result<Written> {
+    ) -> anyhow::Result<WrittenFiles> {
         let (out, report) = match destination {
             Destination::Rig { folder, name } => {
                 return Ok(write_calibration(folder, name, found)?);
@@ -236,13 +236,14 @@ impl ToArgs {
             Destination::Named { out, report } => (out, report),
         };
         write(report, found.page.as_bytes(), self.force)?;
-        // The result of a check is written even if it is bad.
-        let kept = found.grade != Grade::Refused || step == "verify";
-        let file = found.file.as_ref().filter(|_| kept);
+        // The result of a verification is written whatever its grade; a refused calibration must
+        // not be used by mistake.
+        let is_written = found.grade != Grade::Refused || step == "verify";
+        let file = found.file.as_ref().filter(|_| is_written);
         if let Some(file) = file {
             write(out, file.as_bytes(), self.force)?;
         }
-        Ok(Written {
+        Ok(WrittenFiles {
             file: file.map(|_| out.clone()),
             backup: None,
             report: Some(report.clone()),
@@ -262,7 +263,7 @@ fn newer_files(path: &Path) -> anyhow::Result<RigFiles> {
     Ok(RigFiles::at(path)?)
 }
 
-/// Shows the progress of a step on the bar; `share` is the share of the recording, 0..=1.
+/// Shows a step's progress on the bar; `share` is that of the input, 0 to 1.
 pub fn show_progress(bar: &ProgressBar, share: f64, progress: &Progress) {
     bar.set_position((1000.0 * share) as u64);
     bar.set_message(match progress.hint.as_str() {
@@ -271,7 +272,7 @@ pub fn show_progress(bar: &ProgressBar, share: f64, progress: &Progress) {
     });
 }
 
-/// Prints grade, figures, findings and hints.
+/// Prints grade, results, findings and hints.
 fn print_result(found: &Finished) {
     crate::cli::say(format_args!("{}", found.grade.name()));
     for line in &found.lines {
@@ -285,7 +286,7 @@ fn print_result(found: &Finished) {
     }
 }
 
-/// Creates a progress bar of 1000 steps. indicatif hides it if standard error is not a terminal.
+/// Creates a progress bar of 1000 units; indicatif hides it if standard error is not a terminal.
 pub fn progress_bar() -> ProgressBar {
     let bar = ProgressBar::new(1000);
     if let Ok(style) = ProgressStyle::with_template("{bar:30} {percent} % {msg}") {

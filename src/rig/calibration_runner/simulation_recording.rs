@@ -1,0 +1,167 @@
+//! Writes the session that a simulated rig records.
+
+use penumbra_calibration::simulation::{FrameTruth, Rehearsal, fastrak_record};
+use penumbra_interface::{Frame, MonotonicTime, PixelFormat};
+use penumbra_numerics::Random;
+use penumbra_picture::Picture;
+use penumbra_session::{Camera, SessionError, SessionWriter};
+use penumbra_status::stream::{EncodeError, JpegEncoder};
+use serde_json::Value;
+use std::path::Path;
+use thiserror::Error;
+
+/// Clock at the start, nanoseconds.
+const START_NANOS: i64 = 1_000_000_000_000;
+/// Records per second of a FASTRAK with one sensor.
+const TRACKER_RATE: f64 = 120.0;
+/// Pictures per second of the environment camera.
+const ENVIRONMENT_RATE: f64 = 15.0;
+/// Duration of tracker data before and after the pictures, seconds.
+const TRACKER_MARGIN_SECONDS: f64 = 0.4;
+/// Standard deviation of the interval between captures, seconds.
+const CAPTURE_JITTER_SECONDS: f64 = 0.0015;
+/// Standard deviation of arrival times, seconds.
+const ARRIVAL_JITTER_SECONDS: f64 = 0.0002;
+/// Time from a picture's stamp to its arrival, seconds.
+const TRANSFER_SECONDS: f64 = 0.018;
+/// JPEG quality, per cent.
+const JPEG_QUALITY: u8 = 95;
+/// Length of a gap in the tracker's stream, seconds.
+const GAP_SECONDS: f64 = 0.25;
+
+/// Error of a simulated session that cannot be written.
+#[derive(Debug, Error)]
+pub enum SimulationRecordingError {
+    /// The session cannot be written.
+    #[error(transparent)]
+    Session(#[from] SessionError),
+    /// A picture cannot be encoded.
+    #[error(transparent)]
+    Encode(#[from] EncodeError),
+}
+
+#[derive(Clone, Copy)]
+enum Event {
+    Picture(Camera),
+    /// A record of the tracker.
+    Record,
+}
+
+/// Records `simulation` to a new file, and returns its ground truth. Calls `report` after each
+/// picture with the share that is written (0 to 1).
+///
+/// # Errors
+/// The file exists or cannot be written.
+pub fn record_simulation(
+    simulation: &Rehearsal,
+    path: &Path,
+    mut report: impl FnMut(f64),
+) -> Result<Value, SimulationRecordingError> {
+    let mut writer = SessionWriter::create(path)?;
+    let rig_json = simulation.rig_json().to_string();
+    writer.attach("rig.json", rig_json.as_bytes())?;
+    let mut random = Random::new(simulation.options.seed ^ 0x5eed);
+    let events = schedule(simulation, &mut random);
+    let mut encoder = JpegEncoder::new(JPEG_QUALITY)?;
+    let mut truth = Vec::new();
+    let count = events.len();
+    for (i, (arrival, at, event)) in events.into_iter().enumerate() {
+        match event {
+            Event::Record => {
+                let record = fastrak_record(simulation.measured(at, &mut random));
+                writer.tracker_bytes("fastrak", record.as_bytes(), instant(arrival))?;
+            }
+            Event::Picture(camera) => {
+                let frame = frame(simulation, camera, (arrival, at), &mut random, &mut encoder)?;
+                if camera == Camera::Scene {
+                    truth.push(FrameTruth {
+                        stamp: frame.captured_at.as_nanos(),
+                        captured: instant(at).as_nanos(),
+                        world_from_camera: simulation.world_from_camera(at),
+                    });
+                }
+                writer.frame(camera, &frame)?;
+                report(i as f64 / count as f64);
+            }
+        }
+    }
+    writer.finish()?;
+    Ok(simulation.truth_json(&truth))
+}
+
+fn instant(seconds: f64) -> MonotonicTime {
+    MonotonicTime::from_nanos(START_NANOS + (seconds * 1e9).round() as i64)
+}
+
+/// Returns all events with their times of arrival and of capture or measurement, seconds, sorted by
+/// arrival.
+fn schedule(simulation: &Rehearsal, random: &mut Random) -> Vec<(f64, f64, Event)> {
+    let options = &simulation.options;
+    let mut events = Vec::new();
+    let mut cameras = vec![(Camera::Scene, options.rate, 0.0)];
+    if simulation.environment.is_some() {
+        cameras.push((Camera::Environment, ENVIRONMENT_RATE, 0.0171));
+    }
+    for (camera, rate, phase) in cameras {
+        for i in 0..(options.seconds * rate) as u32 {
+            let jitter = CAPTURE_JITTER_SECONDS * random.normal();
+            let at = TRACKER_MARGIN_SECONDS + phase + f64::from(i) / rate + jitter;
+            let jitter = ARRIVAL_JITTER_SECONDS * random.normal();
+            let arrival = at + options.camera_latency + TRANSFER_SECONDS + jitter;
+            events.push((arrival, at, Event::Picture(camera)));
+        }
+    }
+    let records = (TRACKER_RATE * (options.seconds + 2.0 * TRACKER_MARGIN_SECONDS)) as u32;
+    let mut silent_until = 0.0;
+    for i in 0..records {
+        let at = f64::from(i) / TRACKER_RATE;
+        if random.uniform() < options.gaps / (GAP_SECONDS * TRACKER_RATE) {
+            silent_until = at + GAP_SECONDS;
+        }
+        if at >= silent_until {
+            let arrival = at + options.tracker_latency + ARRIVAL_JITTER_SECONDS * random.normal();
+            events.push((arrival, at, Event::Record));
+        }
+    }
+    events.sort_by(|a, b| a.0.total_cmp(&b.0));
+    events
+}
+
+/// Renders and encodes a picture that is captured at `at` and arrives at `arrival`, seconds.
+fn frame(
+    simulation: &Rehearsal,
+    camera: Camera,
+    (arrival, at): (f64, f64),
+    random: &mut Random,
+    encoder: &mut JpegEncoder,
+) -> Result<Frame, EncodeError> {
+    let (simulated_camera, codes) = match camera {
+        Camera::Scene => (
+            Some(&simulation.scene),
+            simulation.scene_picture(at, random),
+        ),
+        Camera::Environment => (
+            simulation.environment.as_ref(),
+            simulation.environment_picture(at, random),
+        ),
+    };
+    let (width, height) = simulated_camera.map_or((0, 0), |c| (c.lens().width, c.lens().height));
+    let picture = Picture {
+        width,
+        height,
+        rgba: codes.iter().flat_map(|c| [*c, *c, *c, 255]).collect(),
+    };
+    Ok(Frame {
+        data: encoder.encode(&picture)?,
+        format: PixelFormat::Jpeg,
+        width,
+        height,
+        stride: 0,
+        sequence: (at * 1000.0) as u64,
+        captured_at: instant(at + simulation.options.camera_latency),
+        arrived_at: instant(arrival),
+        exposure: None,
+        bracket_ev: 0.0,
+        controls: None,
+    })
+}
