@@ -114,9 +114,9 @@ fn session(args: SessionArgs) -> anyhow::Result<ExitCode> {
         std::fs::remove_file(&args.out)?;
     }
     let bar = progress_bar();
-    let rehearsal = Rehearsal::new(args.rig);
+    let simulation = Rehearsal::new(args.rig);
     let report = |share: f64| bar.set_position((1000.0 * share) as u64);
-    let found = record_simulation(&rehearsal, &args.out, report)?;
+    let ground_truth = record_simulation(&simulation, &args.out, report)?;
     bar.finish_and_clear();
     if let Some(file) = truth {
         file.write(&ground_truth)?;
