@@ -1,25 +1,25 @@
 #![allow(clippy::unwrap_used)]
 use super::*;
 
-/// Of a picture to the next, seconds, and for how long it is remembered.
+/// Interval of pictures and time constant of the accumulation, seconds.
 const STEP: f64 = 1.0 / 30.0;
 const MEMORY: f32 = 0.25;
 
-/// A memory that is fed one and the same texel value everywhere.
+/// An accumulator that observes the same value in all texels.
 struct Fed {
-    memory: DirectionMemory,
+    memory: RadianceAccumulator,
     seconds: f64,
 }
 
 impl Fed {
     fn new() -> Self {
         Self {
-            memory: DirectionMemory::new(&CubeGrid::new(2)),
+            memory: RadianceAccumulator::new(&CubeGrid::new(2)),
             seconds: 0.0,
         }
     }
 
-    /// One picture later; what is remembered then.
+    /// Observes the value one picture later; returns the accumulated value.
     fn see(&mut self, value: f32, confidence: f32) -> f32 {
         self.see_part(value, confidence, 1.0)
     }
@@ -27,13 +27,13 @@ impl Fed {
     fn see_part(&mut self, value: f32, confidence: f32, covered: f32) -> f32 {
         let n = self.memory.radiance.len();
         self.seconds += STEP;
-        let glance = Glance {
+        let glance = Observation {
             radiance: &vec![Vec3::splat(value); n],
             coverage: &vec![covered; n],
             confidence: &vec![confidence; n],
         };
         let now = self.now();
-        assert!(self.memory.remember(&glance, now, MEMORY));
+        assert!(self.memory.accumulate(&glance, now, MEMORY));
         self.memory.radiance[0].x
     }
 
@@ -42,10 +42,10 @@ impl Fed {
     }
 }
 
-/// The weights of pictures fall by e^(−Δt/τ) a picture: of alternating values ±d the mean is
-/// off by d (1 − a)/(1 + a).
+/// The weights of pictures fall by a = e^(−Δt/τ) per picture: for alternating values ±d the error
+/// of the mean is d (1 − a)/(1 + a).
 #[test]
-fn noise_averages_out_over_the_memory() {
+fn noise_averages_out_over_the_time_constant() {
     let mut fed = Fed::new();
     let mut last = 0.0;
     for k in 0..400 {
@@ -58,7 +58,7 @@ fn noise_averages_out_over_the_memory() {
 }
 
 #[test]
-fn random_noise_falls_as_that_of_so_many_pictures() {
+fn random_noise_falls_with_number_of_pictures() {
     let mut fed = Fed::new();
     let (mut state, mut sum) = (7_u32, 0.0);
     let mut uniform = || {
@@ -73,12 +73,12 @@ fn random_noise_falls_as_that_of_so_many_pictures() {
     let a = (-STEP / f64::from(MEMORY)).exp() as f32;
     let exact = sigma * ((1.0 - a) / (1.0 + a)).sqrt();
     let found = (sum / 1950.0).sqrt();
-    // A little more, as larger differences count as changes.
+    // Slightly more, as larger differences count as changes.
     assert!((0.85..1.25).contains(&(found / exact)), "{found} {exact}");
 }
 
 #[test]
-fn a_change_of_light_is_followed_at_once_and_a_slow_one_within_the_memory() {
+fn sudden_changes_are_followed_at_once_and_slow_ones_within_the_time_constant() {
     let mut fed = Fed::new();
     (0..60).for_each(|_| {
         fed.see(0.5, 0.5);
@@ -86,7 +86,7 @@ fn a_change_of_light_is_followed_at_once_and_a_slow_one_within_the_memory() {
     let first = fed.see(1.0, 0.5);
     assert!((first - 1.0).abs() < 0.01, "{first}");
     assert!((fed.see(0.1, 0.5) - 0.1).abs() < 0.005);
-    // By 2 %: what noise could be, and is followed like a mean.
+    // By 2 %: noise could explain it, so the mean follows it.
     (0..60).for_each(|_| {
         fed.see(0.5, 0.5);
     });
@@ -95,7 +95,7 @@ fn a_change_of_light_is_followed_at_once_and_a_slow_one_within_the_memory() {
 }
 
 #[test]
-fn an_edge_that_jitters_is_as_sharp_as_one_picture_shows_it() {
+fn jittering_edge_stays_as_sharp_as_in_one_picture() {
     let mut fed = Fed::new();
     for k in 0..60 {
         let shown = if k % 3 == 0 { 0.9 } else { 0.2 };
@@ -105,7 +105,7 @@ fn an_edge_that_jitters_is_as_sharp_as_one_picture_shows_it() {
 }
 
 #[test]
-fn what_the_rim_shows_does_not_take_the_middles_place() {
+fn rim_does_not_override_the_middle() {
     let mut fed = Fed::new();
     (0..60).for_each(|_| {
         fed.see(0.5, 0.5);
@@ -114,17 +114,17 @@ fn what_the_rim_shows_does_not_take_the_middles_place() {
     assert!(rim < 0.06);
     let after = fed.see(0.2, rim);
     assert!(after > 0.49, "{after}");
-    // Nor after a tenth of a second of it; but in the end, when nothing else is seen.
+    // Nor after a tenth of a second of it; but finally, if nothing else is seen.
     fed.see(0.2, rim);
     assert!(fed.see(0.2, rim) > 0.47);
     let later = (0..60).map(|_| fed.see(0.2, rim)).last().unwrap();
     assert!(later < 0.21, "{later}");
-    // The middle is believed again at once.
+    // The middle is trusted again at once.
     assert!((fed.see(0.5, 0.5) - 0.5).abs() < 0.01);
 }
 
 #[test]
-fn what_is_clipped_does_not_take_the_place_of_what_was_not() {
+fn clipped_values_do_not_override_unclipped_ones() {
     let (open, clipped) = (confidence(5e-4, 0.02, 0.0), confidence(5e-4, 0.02, 1.0));
     assert!((clipped / open - 0.05).abs() < 1e-6);
     let mut fed = Fed::new();
@@ -133,7 +133,7 @@ fn what_is_clipped_does_not_take_the_place_of_what_was_not() {
     });
     assert!(fed.see(1.0, clipped) > 2.95);
     assert!((fed.see(2.0, open) - 2.0).abs() < 0.02);
-    // Clipped all the time, its estimate is followed.
+    // If it is clipped all the time, its estimate is followed.
     let mut fed = Fed::new();
     (0..30).for_each(|_| {
         fed.see(20.0, clipped);
@@ -142,7 +142,7 @@ fn what_is_clipped_does_not_take_the_place_of_what_was_not() {
 }
 
 #[test]
-fn age_gives_way_and_what_is_out_of_sight_stays() {
+fn old_values_are_replaced_and_invisible_ones_kept() {
     let mut fed = Fed::new();
     (0..60).for_each(|_| {
         fed.see(0.5, 0.5);
@@ -153,12 +153,12 @@ fn age_gives_way_and_what_is_out_of_sight_stays() {
     assert!((fed.memory.oldest_seconds(fed.now()).unwrap() - 5.0).abs() < 1e-6);
     let mean = fed.memory.mean_seen_at(&[1.0; 24]).unwrap();
     assert!(mean.seconds_since(then).abs() < 1e-6);
-    // Nothing of it is left against even a bad view.
+    // Nothing remains of it even against a poor view.
     assert!((fed.see(0.4, 0.01) - 0.4).abs() < 1e-3);
 }
 
 #[test]
-fn a_texel_seen_in_part_counts_in_part() {
+fn partly_seen_texel_counts_in_part() {
     let mut fed = Fed::new();
     fed.see(0.5, 0.5);
     let a = (-STEP / f64::from(MEMORY)).exp() as f32;

@@ -1,4 +1,4 @@
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![allow(clippy::unwrap_used)]
 use super::*;
 use glam::DVec3;
 use penumbra_camera::Ball;
@@ -21,7 +21,7 @@ fn truth() -> Ball {
     }
 }
 
-/// A ball that mirrors stripes, before a background of this colour by pixel.
+/// A sphere that mirrors stripes, before a background of this colour by pixel.
 fn draw(background: impl Fn(f64, f64) -> [f64; 3]) -> Picture {
     let (camera, ball) = (camera(), truth());
     let mut rgba = Vec::new();
@@ -61,8 +61,8 @@ fn draw(background: impl Fn(f64, f64) -> [f64; 3]) -> Picture {
     }
 }
 
-/// The true ball as a pose says that is off by so many pixels.
-fn said(off: DVec2, sigma: f64) -> Ball {
+/// The true sphere displaced by the error of a pose, pixels.
+fn displaced(off: DVec2, sigma: f64) -> Ball {
     let pixel = camera().project(truth().centre).unwrap();
     Ball {
         centre: camera().unproject(pixel + off) * truth().centre.length(),
@@ -80,12 +80,12 @@ fn off(ball: &Ball) -> f64 {
 }
 
 #[test]
-fn the_rim_takes_the_jitter_out_of_the_pose() {
+fn rim_corrects_jitter_of_pose() {
     let picture = draw(|x, _| [200.0, 170.0 + 0.1 * x, 120.0]);
     for k in 0..12 {
         let error = 2.5 * DVec2::from_angle(0.7 * f64::from(k)) * f64::from(k) / 11.0;
-        let found = refine(&picture, &camera(), &said(error, 1.0));
-        // A twelfth of the pose's error stays: its share in the mean.
+        let found = refine(&picture, &camera(), &displaced(error, 1.0));
+        // A twelfth of the pose's error remains: its share in the mean.
         assert!(
             off(&found) < 0.05 + 0.1 * error.length(),
             "{error} -> {}",
@@ -96,14 +96,14 @@ fn the_rim_takes_the_jitter_out_of_the_pose() {
 }
 
 #[test]
-fn without_a_rim_the_pose_stands() {
-    // The background is what the ball's rim shows: nothing to be seen.
+fn pose_is_kept_without_visible_rim() {
+    // The background equals the colours at the sphere's rim: no edge is visible.
     let grey = Picture {
         width: 320,
         height: 240,
         rgba: [100, 100, 100, 255].repeat(320 * 240),
     };
-    let before = said(DVec2::new(0.4, -0.2), 0.5);
+    let before = displaced(DVec2::new(0.4, -0.2), 0.5);
     assert_eq!(refine(&grey, &camera(), &before), before);
     let mut state = 7_u32;
     let noise = Picture {
@@ -118,7 +118,7 @@ fn without_a_rim_the_pose_stands() {
     };
     let found = refine(&noise, &camera(), &before);
     assert!(off(&found) < 1.0, "{}", off(&found));
-    // Cut short, or out of sight.
+    // Truncated, or out of sight.
     let short = Picture {
         rgba: vec![0; 5],
         ..grey.clone()
@@ -132,8 +132,8 @@ fn without_a_rim_the_pose_stands() {
 }
 
 #[test]
-fn half_a_rim_moves_the_ball_along_what_it_knows() {
-    // The lower half melts into its background; the upper one stands out.
+fn half_a_rim_corrects_only_the_constrained_direction() {
+    // The lower half blends into its background; the upper one is distinct.
     let picture = draw(|_, y| {
         if y < 100.0 {
             [230.0, 220.0, 200.0]
@@ -141,7 +141,7 @@ fn half_a_rim_moves_the_ball_along_what_it_knows() {
             [100.0, 100.0, 100.0]
         }
     });
-    let before = said(DVec2::new(0.0, 1.2), 0.6);
+    let before = displaced(DVec2::new(0.0, 1.2), 0.6);
     let found = refine(&picture, &camera(), &before);
     assert!(off(&found) < 0.5, "{}", off(&found));
 }
