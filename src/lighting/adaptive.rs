@@ -178,12 +178,12 @@ impl AdaptiveDome {
                 ((d * scale * squeeze).min(most).round() as usize).max(1)
             })
             .collect();
-        let off = |(s, &n): (&super::tracking::TrackedSource, &usize)| {
+        let differs = |(s, &n): (&super::tracking::TrackedSource, &usize)| {
             (s.lights as f32 - n as f32).abs() > (0.35 * s.lights as f32).max(1.6)
         };
-        if changed || self.tracker.sources.iter().zip(&counts).any(off) {
+        if changed || self.tracker.sources.iter().zip(&counts).any(differs) {
             for (source, &n) in self.tracker.sources.iter_mut().zip(&counts) {
-                let keep = source.lights > 0 && !off((source, &n));
+                let keep = source.lights > 0 && !differs((source, &n));
                 source.plan(if keep { source.lights } else { n });
             }
         }

@@ -39,29 +39,28 @@ impl BrightestLight {
     ///
     /// When another light, well apart, becomes the brightest, both have the same S, so the
     /// dominance is 0 and the result is continuous.
-    /// same S, so the dominance is 0 there and nothing jumps.
     #[must_use]
     pub fn of(lights: &[DomeLight]) -> Self {
         let total: f32 = lights.iter().map(luminance).sum();
         let ambient = ambient_radiance(lights);
-        let shining = |d: Vec3| -> f32 {
+        let light_around = |d: Vec3| -> f32 {
             let parts = lights.iter().map(|l| excess(l, ambient) * lobe(d, l));
             parts.sum()
         };
-        let standing_out = || lights.iter().filter(|l| excess(l, ambient) > 0.0);
-        let best = standing_out()
-            .map(|l| (shining(l.direction), l.direction))
+        let distinct = || lights.iter().filter(|l| excess(l, ambient) > 0.0);
+        let best = distinct()
+            .map(|l| (light_around(l.direction), l.direction))
             .max_by(|a, b| a.0.total_cmp(&b.0));
         let Some((_, start)) = best.filter(|_| total > 0.0) else {
             return Self::default();
         };
         let direction = (0..STEPS).fold(start, |d, _| shifted(d, lights, ambient));
-        let second = standing_out()
-            .map(|l| shining(l.direction) * apart(direction, l.direction))
+        let second = distinct()
+            .map(|l| light_around(l.direction) * apart(direction, l.direction))
             .fold(0.0, f32::max);
         Self {
             direction,
-            dominance: ((shining(direction) - second) / total).clamp(0.0, 1.0),
+            dominance: ((light_around(direction) - second) / total).clamp(0.0, 1.0),
         }
     }
 

@@ -285,8 +285,8 @@ fn fit(points: &[DVec2]) -> Option<Circle> {
         let c = weighted_fit(points, &weights)?;
         let scale = (0.002 * c.radius).max(0.5);
         for (w, p) in weights.iter_mut().zip(points) {
-            let off = (p.distance(c.centre) - c.radius) / scale;
-            *w = 1.0 / (1.0 + off * off);
+            let residual = (p.distance(c.centre) - c.radius) / scale;
+            *w = 1.0 / (1.0 + residual * residual);
         }
         circle = Some(c);
     }

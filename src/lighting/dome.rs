@@ -205,7 +205,7 @@ mod tests {
             .iter()
             .map(|d| Vec3::new(1.0, d.x + 1.5, d.y * d.y + d.z.max(0.0)))
             .collect();
-        let truth = ground_irradiance(&texels, &fine);
+        let expected = ground_irradiance(&texels, &fine);
         for size in GRID_SIZES {
             let lights = DomeGrid::new(size, true, &fine).lights(&texels, &fine);
             let sum: Vec3 = lights
@@ -213,8 +213,8 @@ mod tests {
                 .map(|l| l.irradiance * l.direction.z.max(0.0))
                 .sum();
             assert!(
-                ((sum - truth) / truth).abs().max_element() < 1e-5,
-                "{size}: {sum} {truth}"
+                ((sum - expected) / expected).abs().max_element() < 1e-5,
+                "{size}: {sum} {expected}"
             );
         }
     }

@@ -431,8 +431,8 @@ fn check_sizes(brackets: &[Bracket], (width, height): (u32, u32)) -> Result<(), 
         return Err(EnvironmentError::NoPicture);
     }
     for Bracket { picture, .. } in brackets {
-        let whole = picture.rgba.len() >= 4 * width as usize * height as usize;
-        if (picture.width, picture.height) != (width, height) || !whole {
+        let is_complete = picture.rgba.len() >= 4 * width as usize * height as usize;
+        if (picture.width, picture.height) != (width, height) || !is_complete {
             return Err(EnvironmentError::PictureSize {
                 width,
                 height,

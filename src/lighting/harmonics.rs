@@ -98,9 +98,9 @@ pub fn irradiance_of(n: Vec3, directions: &[Vec3], solid_angles: &[f32], texels:
 
 /// The paper's irradiance, for comparison: the environment map blurred by a Gaussian (Supan 2006,
 /// section VI 1) instead of the cosine lobe, scaled so that a constant L still gives πL. On the
-/// sphere a Gaussian of standard deviation `sigma` (radians) multiplies band l by exp(−σ² l (l + 1)
-/// / 2); bands above 2, which degree 2 omits, keep less than a fifth of their strength from σ =
-/// 0.75 on.
+/// sphere a Gaussian of standard deviation `sigma` (radians) multiplies band l by
+/// exp(−σ² l (l + 1) / 2). From σ = 0.75 on, bands above 2, which degree 2 omits, keep less than a
+/// fifth of their strength.
 #[must_use]
 pub fn blurred(table: &HarmonicsTable, texels: &[Vec3], sigma: f32) -> Harmonics {
     let mut harmonics = table.project(texels);

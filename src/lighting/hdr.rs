@@ -62,18 +62,18 @@ impl BracketMerger {
     pub fn pixel(&self, brackets: &[Bracket], scales: &[f32], i: usize) -> (Vec3, bool) {
         let vignetting = self.corrections.get(i).copied().unwrap_or(1.0);
         let mut value = Vec3::ZERO;
-        let mut rest = 1.0;
+        let mut remaining = 1.0;
         for (k, (bracket, &scale)) in brackets.iter().zip(scales).enumerate() {
             let codes = &bracket.picture.rgba[4 * i..4 * i + 3];
             let top = codes.iter().copied().max().unwrap_or(0);
             let last = k + 1 == brackets.len();
             let share = if last {
-                rest
+                remaining
             } else {
-                rest * self.share_of_longer[top as usize]
+                remaining * self.share_of_longer[top as usize]
             };
             value += self.linear(codes) * (share * scale);
-            rest -= share;
+            remaining -= share;
             if last {
                 // One saturated channel is colour (a blue sky, a red lamp); an overexposed source
                 // saturates all three.
@@ -81,7 +81,7 @@ impl BracketMerger {
                 let clipped = f32::from(top) >= CLIPPED && f32::from(bottom) >= NEARLY_CLIPPED;
                 return (value * vignetting, clipped);
             }
-            if rest <= 0.0 {
+            if remaining <= 0.0 {
                 break;
             }
         }

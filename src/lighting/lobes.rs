@@ -20,8 +20,8 @@
 //! At grazing angles, GGX has its peak near the mirror direction, is longer than wide, and has a
 //! tail that pulls the mean away from the peak. d lies eight tenths of the way from the mirror
 //! direction to the mean direction, more for rougher surfaces, and at the mean for α = 1; the width
-//! is the geometric mean of the width by the vector's length and the width by the extent across, ∫
-//! l_y² k(l) dl. Small sources, whose reflection shows the lobe's shape, are treated separately
+//! is the geometric mean of the width by the vector's length and the width by the lateral extent,
+//! ∫ l_y² k(l) dl. Small sources, whose reflection shows the lobe's shape, are treated separately
 //! ([`super::compact_source_specular`]).
 //!
 //! | family | BRDF | round lobe of width w |

@@ -181,12 +181,12 @@ fn nearest_step(rim: &Rim, around: f64) -> Option<(f64, f64)> {
     let at = |i: usize| f64::from(rim.steps[i]);
     let (a, b, c) = (at(peak - 1), at(peak), at(peak + 1));
     let bend = a - 2.0 * b + c;
-    let off = if bend < -1e-9 {
+    let deviation = if bend < -1e-9 {
         (0.5 * (a - c) / bend).clamp(-0.5, 0.5)
     } else {
         0.0
     };
-    Some((position(peak) + off / PER_PIXEL, b))
+    Some((position(peak) + deviation / PER_PIXEL, b))
 }
 
 /// Returns the mean of the steps' positions and the prediction, and its standard deviation, pixels.
@@ -206,18 +206,18 @@ fn refine_shift(rims: &[Rim], coarse: DVec2, prior: f64) -> Option<(DVec2, f64)>
         if (found.len() as f64) < MIN_SUPPORT * RAYS as f64 {
             return None;
         }
-        let off = |(n, s): &(DVec2, f64)| s - n.dot(centre);
-        let spread =
-            1.48 * median(found.iter().map(|f| f64::from(off(f).abs() as f32))).unwrap_or(0.0);
-        let scale = spread.max(0.1);
+        let deviation = |(n, s): &(DVec2, f64)| s - n.dot(centre);
+        let robust_sigma = 1.48
+            * median(found.iter().map(|f| f64::from(deviation(f).abs() as f32))).unwrap_or(0.0);
+        let scale = robust_sigma.max(0.1);
         let (mut normal, mut right) = (DMat2::ZERO, DVec2::ZERO);
         for f in &found {
-            let weight = tukey_weight(off(f) / (4.0 * scale));
+            let weight = tukey_weight(deviation(f) / (4.0 * scale));
             normal += DMat2::from_cols(f.0 * f.0.x, f.0 * f.0.y) * weight;
             right += f.0 * (f.1 * weight);
         }
-        let (to, of) = fuse(normal, right, scale, prior)?;
-        (shift, sigma) = (to, of);
+        let (fused_shift, fused_sigma) = fuse(normal, right, scale, prior)?;
+        (shift, sigma) = (fused_shift, fused_sigma);
         centre = (normal + DMat2::IDENTITY * 1e-3).inverse() * right;
     }
     shift.is_finite().then_some((shift, sigma))
@@ -227,12 +227,12 @@ fn refine_shift(rims: &[Rim], coarse: DVec2, prior: f64) -> Option<(DVec2, f64)>
 fn fuse(normal: DMat2, right: DVec2, scale: f64, prior: f64) -> Option<(DVec2, f64)> {
     // Half a rim hardly constrains the tangential direction, and an invisible one nothing.
     let normal = normal + DMat2::IDENTITY * 1e-3;
-    let by_rim = normal.inverse();
+    let rim_estimate = normal.inverse();
     // Neighbouring rays share their pixels and their errors: four count as one.
-    let spread = by_rim * (4.0 * scale * scale);
-    let known = (spread + DMat2::IDENTITY * (COMMON_SIGMA * COMMON_SIGMA)).inverse();
-    let covariance = (known + DMat2::IDENTITY * (1.0 / (prior * prior))).inverse();
-    let shift = covariance * (known * (by_rim * right));
+    let rim_covariance = rim_estimate * (4.0 * scale * scale);
+    let information = (rim_covariance + DMat2::IDENTITY * (COMMON_SIGMA * COMMON_SIGMA)).inverse();
+    let covariance = (information + DMat2::IDENTITY * (1.0 / (prior * prior))).inverse();
+    let shift = covariance * (information * (rim_estimate * right));
     let sigma = (0.5 * (covariance.x_axis.x + covariance.y_axis.y)).sqrt();
     (shift.is_finite() && sigma.is_finite()).then_some((shift, sigma))
 }

@@ -82,7 +82,7 @@ pub enum PhotographError {
     },
     /// No circle was found.
     #[error(
-        "no circle found in the picture: give `centre` and `radius` (pixels) in a calibration file, --calibration FILE"
+        "no circle found in the picture: set `centre` and `radius` (pixels) in a calibration file and pass it with --calibration FILE"
     )]
     NoCircle,
     /// A value is out of range.

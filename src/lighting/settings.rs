@@ -141,7 +141,7 @@ impl Default for EnvironmentSettings {
 pub enum EnvironmentError {
     /// The size of the picture differs from the calibration.
     #[error(
-        "environment picture is {got_width}x{got_height}, its calibration says {width}x{height}: calibrate the camera at the size it records, or set its size to the calibration's"
+        "environment picture is {got_width}x{got_height}, but its calibration is for {width}x{height}: calibrate the camera at the size it records, or set its size to the calibration's"
     )]
     PictureSize {
         /// Calibrated width, pixels.
@@ -158,7 +158,7 @@ pub enum EnvironmentError {
     NoPicture,
     /// The sphere is in the scene camera's picture, and that camera's pose is unknown.
     #[error(
-        "the mirrored sphere is in the scene camera's picture, and that camera's pose is not known"
+        "the mirrored sphere is in the scene camera's picture, and that camera's pose is unknown: check the tracker and its calibration"
     )]
     NoScenePose,
     /// The camera is inside the sphere.

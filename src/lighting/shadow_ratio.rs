@@ -69,24 +69,25 @@ pub(super) fn clipped_factor(
 ) -> Option<f32> {
     let (rest, bright) = light_directions(pixels, radiance, clipped);
     let points = points(view, ground, &rest, &bright, luminance_at);
-    let most = points.iter().map(|p| p.clipped).fold(0.0, f32::max);
-    let dark = points.iter().filter(|p| p.clipped < 0.6 * most).count();
-    if most <= 0.0 || dark < MIN_POINTS || points.len() - dark < MIN_POINTS {
+    let max_clipped = points.iter().map(|p| p.clipped).fold(0.0, f32::max);
+    let dark = points
+        .iter()
+        .filter(|p| p.clipped < 0.6 * max_clipped)
+        .count();
+    if max_clipped <= 0.0 || dark < MIN_POINTS || points.len() - dark < MIN_POINTS {
         return None;
     }
     // 12 factors an octave from 1 to 1024.
-    let spread = texture_scale(&points);
-    let losses: Vec<f32> = (0..=120)
-        .map(|k| loss(&points, factor(k), spread))
-        .collect();
-    let (k, least) = losses
+    let scale = texture_scale(&points);
+    let losses: Vec<f32> = (0..=120).map(|k| loss(&points, factor(k), scale)).collect();
+    let (k, min_loss) = losses
         .iter()
         .enumerate()
         .min_by(|a, b| a.1.total_cmp(b.1))?;
     // At either end of the range only a bound is known.
     let inside = k > 0 && k < 120;
-    let tells = losses[0] > 1.02 * least && losses[120] > 1.02 * least;
-    (inside && tells).then(|| factor(k))
+    let is_conclusive = losses[0] > 1.02 * min_loss && losses[120] > 1.02 * min_loss;
+    (inside && is_conclusive).then(|| factor(k))
 }
 
 fn factor(k: usize) -> f32 {
@@ -155,9 +156,9 @@ fn points(
     grid.filter_map(|(x, y)| {
         let at = ground.point(view, DVec2::new(f64::from(x), f64::from(y)))?;
         let radiance = luminance_at(x, y).filter(|l| *l > 0.004)?;
-        let arriving = |beam: &LightDirection| match ground.blocks(view, at, beam.direction) {
-            true => ground.hider * beam.form,
-            false => beam.irradiance,
+        let arriving = |light: &LightDirection| match ground.blocks(view, at, light.direction) {
+            true => ground.hider * light.form,
+            false => light.irradiance,
         };
         let sum = |light_directions: &[LightDirection]| {
             light_directions.iter().map(arriving).sum::<f32>()
@@ -197,9 +198,9 @@ impl Ground<'_> {
 
 /// Residuals ln I − ln (a + f b) of the lit points and of the others.
 fn residuals(points: &[Point], f: f32) -> (Vec<f32>, Vec<f32>) {
-    let most = points.iter().map(|p| p.clipped).fold(0.0, f32::max);
+    let max_clipped = points.iter().map(|p| p.clipped).fold(0.0, f32::max);
     let of = |p: &Point| p.radiance.ln() - (p.rest + f * p.clipped).max(1e-9).ln();
-    let is_lit = |p: &&Point| p.clipped > 0.9 * most;
+    let is_lit = |p: &&Point| p.clipped > 0.9 * max_clipped;
     let lit = points.iter().filter(is_lit).map(of).collect();
     let rest = points.iter().filter(|p| !is_lit(p)).map(of).collect();
     (lit, rest)
@@ -210,10 +211,12 @@ fn residuals(points: &[Point], f: f32) -> (Vec<f32>, Vec<f32>) {
 fn texture_scale(points: &[Point]) -> f32 {
     let (mut lit, _) = residuals(points, 4.0);
     let middle = median(&mut lit);
-    let mut off: Vec<f32> = lit.iter().map(|r| (r - middle).abs()).collect();
-    (1.5 * median(&mut off)).max(MIN_SCALE)
+    let mut deviations: Vec<f32> = lit.iter().map(|r| (r - middle).abs()).collect();
+    (1.5 * median(&mut deviations)).max(MIN_SCALE)
 }
 
+/// In place and in single precision: the order of the values determines the rounding of the sums
+/// in [`loss`].
 fn median(values: &mut [f32]) -> f32 {
     if values.is_empty() {
         return 0.0;
@@ -223,13 +226,13 @@ fn median(values: &mut [f32]) -> f32 {
 }
 
 /// Geman–McClure loss of the shadowed points about the robust mean of the lit ones.
-fn loss(points: &[Point], f: f32, spread: f32) -> f32 {
+fn loss(points: &[Point], f: f32, scale: f32) -> f32 {
     let (mut lit, shadowed) = residuals(points, f);
     let mut centre = median(&mut lit);
     for _ in 0..8 {
         let (mut sum, mut total) = (0.0, 0.0);
         for r in &lit {
-            let x = (r - centre) / spread;
+            let x = (r - centre) / scale;
             let weight = 1.0 / (1.0 + x * x).powi(2);
             sum += weight * r;
             total += weight;
@@ -237,7 +240,7 @@ fn loss(points: &[Point], f: f32, spread: f32) -> f32 {
         centre = sum / total.max(f32::MIN_POSITIVE);
     }
     let each = shadowed.iter().map(|r| {
-        let x2 = ((r - centre) / spread).powi(2);
+        let x2 = ((r - centre) / scale).powi(2);
         x2 / (1.0 + x2)
     });
     each.sum::<f32>() / points.len() as f32

@@ -364,11 +364,11 @@ mod tests {
         let found = find(&grid, &texels);
         assert_eq!(found.len(), 1, "{found:?}");
         assert!(found[0].direction.angle_between(sun) < 0.01);
-        let truth = 500.0 * std::f32::consts::PI * 0.04 * 0.04;
+        let expected = 500.0 * std::f32::consts::PI * 0.04 * 0.04;
         assert!(
-            (found[0].flux.x / truth - 1.0).abs() < 0.12,
+            (found[0].flux.x / expected - 1.0).abs() < 0.12,
             "{}",
-            found[0].flux.x / truth
+            found[0].flux.x / expected
         );
         assert!(found[0].solid_angle < 2.0 * std::f32::consts::PI * 0.04 * 0.04);
     }

@@ -20,7 +20,7 @@ pub(super) struct FaceTable {
     /// Faces of pixels, then of texels.
     faces: FaceOfPixel,
     /// Buffers handed over before; one that nobody else holds is recycled.
-    spares: Vec<Arc<FaceLight>>,
+    recycled: Vec<Arc<FaceLight>>,
 }
 
 /// The cube, and the fill of its unseen part.
@@ -66,7 +66,7 @@ impl FaceTable {
             pixels,
             texels: texels.into_iter().map(|i| i - pixel_count).collect(),
             faces,
-            spares: Vec::new(),
+            recycled: Vec::new(),
         })
     }
 
@@ -81,11 +81,11 @@ impl FaceTable {
             Arc::get_mut(&mut light.radiance).is_some().then_some(())
         };
         let position = self
-            .spares
+            .recycled
             .iter_mut()
             .position(|light| free(light).is_some());
         let mut light = match position {
-            Some(at) => self.spares.swap_remove(at),
+            Some(at) => self.recycled.swap_remove(at),
             None => Arc::new(FaceLight {
                 frequency: self.frequency,
                 membership: self.membership.clone(),
@@ -101,8 +101,8 @@ impl FaceTable {
                 fill(radiance, &self.pixels, &self.texels);
             }
         }
-        if self.spares.len() < MAX_RECYCLED {
-            self.spares.push(light.clone());
+        if self.recycled.len() < MAX_RECYCLED {
+            self.recycled.push(light.clone());
         }
         light
     }
@@ -144,8 +144,8 @@ impl EnvironmentEstimator {
 
     /// Rotates the dome with the model to which it is attached. The table is rebuilt.
     pub fn turn_faces(&mut self, world_from_dome: Quat) {
-        let turned = |table: &FaceTable| table.world_from_dome != world_from_dome;
-        if self.faces.as_ref().is_some_and(turned) {
+        let rotated = |table: &FaceTable| table.world_from_dome != world_from_dome;
+        if self.faces.as_ref().is_some_and(rotated) {
             self.rebuild_faces(world_from_dome);
         }
     }

@@ -64,20 +64,20 @@ impl EnvironmentEstimator {
         };
         let (world_from_camera, camera) = scene;
         let camera_from_world = world_from_camera.inverse();
-        let said = Ball {
+        let predicted = Ball {
             centre: camera_from_world.transform_point(ball.centre_in_world),
             radius: sphere.radius,
             sigma: ball.sigma,
         };
         let base = brackets.iter().find(|b| b.ev == 0.0)?;
-        let found = refine(base.picture, camera, &said);
+        let found = refine(base.picture, camera, &predicted);
         let mut sphere = sphere.clone();
         sphere.centre_in_world = world_from_camera.transform_point(found.centre);
         let pixel = |ball: &Ball| camera.project(ball.centre);
-        let shift = pixel(&said).zip(pixel(&found));
+        let shift = pixel(&predicted).zip(pixel(&found));
         Some(PlacedSphere {
             view: PlacedView::beside_rim(&sphere, scene, found.sigma, parallax)?,
-            rim_shift: shift.map(|(said, found)| said.distance(found)),
+            rim_shift: shift.map(|(predicted, found)| predicted.distance(found)),
         })
     }
 
@@ -125,11 +125,7 @@ impl EnvironmentEstimator {
 
     /// Computes the confidence of each texel of this picture.
     fn update_confidence(&mut self, view: &PlacedView, table: &GatherTable) {
-        table.shares(
-            &self.clipped,
-            &mut self.clipped_mask,
-            &mut self.confidence,
-        );
+        table.shares(&self.clipped, &mut self.clipped_mask, &mut self.confidence);
         let rows = self.confidence.iter_mut().zip(&table.coverage);
         for ((clipped, &covered), (d, &w)) in
             rows.zip(self.grid.directions.iter().zip(&self.grid.solid_angles))

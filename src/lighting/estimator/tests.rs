@@ -14,7 +14,7 @@ use std::f32::consts::PI;
 
 const EVS: [f64; 4] = [0.0, -5.0, -10.0, -15.0];
 
-pub(super) fn fisheye(turn: f64) -> EnvironmentView {
+pub(super) fn fisheye(azimuth: f64) -> EnvironmentView {
     EnvironmentView::Fisheye {
         lens: FisheyeLens {
             width: 480,
@@ -24,7 +24,7 @@ pub(super) fn fisheye(turn: f64) -> EnvironmentView {
             distortion: [0.0; 4],
             max_theta: std::f64::consts::FRAC_PI_2,
         },
-        world_from_camera: RigidTransform::new(DQuat::from_rotation_z(turn), DVec3::ZERO),
+        world_from_camera: RigidTransform::new(DQuat::from_rotation_z(azimuth), DVec3::ZERO),
     }
 }
 
@@ -109,7 +109,7 @@ impl Rig {
         }
     }
 
-    pub fn see(&mut self, environment: &dyn Fn(Vec3) -> Vec3, ground: Vec3) -> Arc<Lighting> {
+    pub fn observe(&mut self, environment: &dyn Fn(Vec3) -> Vec3, ground: Vec3) -> Arc<Lighting> {
         let pictures = EVS.map(|ev| photograph(&self.placed, self.reflectance, ev, environment));
         let brackets: Vec<Bracket> = pictures
             .iter()
@@ -160,7 +160,7 @@ fn constant_light_gives_pi_times_it() {
             let mut rig = Rig::new(&view, settings);
             rig.reflectance = Vec3::ONE;
             rig.estimator.per_reflectance = Vec3::ONE;
-            let light = rig.see(&|_| constant, constant);
+            let light = rig.observe(&|_| constant, constant);
             let value = light.radiance.levels[0][3][0];
             for n in [Vec3::Z, Vec3::X, Vec3::new(0.6, 0.0, -0.8)] {
                 assert!((light.irradiance.irradiance(n).x / (PI * value) - 1.0).abs() < 1e-4);
@@ -188,7 +188,7 @@ fn sun_of_two_pixels_keeps_energy_and_direction() {
         let radius = 0.4f32.to_radians();
         let environment = |d: Vec3| Vec3::splat(0.2 + disc(d, sun, radius, 20_000.0));
         let light = Rig::new(&fisheye(0.3), EnvironmentSettings::default())
-            .see(&environment, Vec3::splat(0.1));
+            .observe(&environment, Vec3::splat(0.1));
         let compact: Vec<&DomeLight> = light
             .lights
             .iter()
@@ -224,10 +224,10 @@ fn mirrored_sphere_and_fisheye_give_equal_light() {
     let environment = |d: Vec3| {
         Vec3::new(0.3, 0.25, 0.2) * (1.0 + 0.5 * d.x) + Vec3::splat(disc(d, window, 0.2, 8.0))
     };
-    let a =
-        Rig::new(&fisheye(0.3), EnvironmentSettings::default()).see(&environment, Vec3::splat(0.2));
+    let a = Rig::new(&fisheye(0.3), EnvironmentSettings::default())
+        .observe(&environment, Vec3::splat(0.2));
     let b = Rig::new(&sphere(false).0, EnvironmentSettings::default())
-        .see(&environment, Vec3::splat(0.2));
+        .observe(&environment, Vec3::splat(0.2));
     let ratio = ground_sum(&a.lights) / ground_sum(&b.lights);
     assert!((ratio - 1.0).abs().max_element() < 0.02, "{ratio}");
     let strongest = |l: &Lighting| -> Vec3 {
@@ -252,7 +252,7 @@ fn slowly_moving_lamp_keeps_its_slots() {
         let lamp = Vec3::new(angle.cos(), angle.sin(), 0.9).normalize();
         let environment =
             |d: Vec3| Vec3::splat(0.1 + disc(d, lamp, 0.05, 60.0) + disc(d, window, 0.2, 4.0));
-        let light = rig.see(&environment, Vec3::splat(0.05));
+        let light = rig.observe(&environment, Vec3::splat(0.05));
         if let Some(before) = &last {
             for (slot, (a, b)) in before.lights.iter().zip(&light.lights).enumerate() {
                 assert_eq!(a.kind, b.kind, "slot {slot}");
@@ -277,10 +277,10 @@ fn rotating_camera_does_not_rotate_light() {
     let lamp = Vec3::new(0.5, 0.4, 0.7).normalize();
     let environment =
         |d: Vec3| Vec3::new(0.3, 0.2, 0.1) * (1.2 + d.y) + Vec3::splat(disc(d, lamp, 0.1, 15.0));
-    let a =
-        Rig::new(&fisheye(0.0), EnvironmentSettings::default()).see(&environment, Vec3::splat(0.1));
-    let b =
-        Rig::new(&fisheye(1.1), EnvironmentSettings::default()).see(&environment, Vec3::splat(0.1));
+    let a = Rig::new(&fisheye(0.0), EnvironmentSettings::default())
+        .observe(&environment, Vec3::splat(0.1));
+    let b = Rig::new(&fisheye(1.1), EnvironmentSettings::default())
+        .observe(&environment, Vec3::splat(0.1));
     for n in [Vec3::X, Vec3::Y, Vec3::Z, Vec3::NEG_Y] {
         let ratio = a.irradiance.irradiance(n) / b.irradiance.irradiance(n);
         assert!((ratio - 1.0).abs().max_element() < 0.02, "{n} {ratio}");
@@ -296,7 +296,7 @@ fn rotating_camera_does_not_rotate_light() {
 #[test]
 fn black_and_saturated_pictures_give_finite_light() {
     let mut rig = Rig::new(&fisheye(0.0), EnvironmentSettings::default());
-    let dark = rig.see(&|_| Vec3::ZERO, Vec3::ZERO);
+    let dark = rig.observe(&|_| Vec3::ZERO, Vec3::ZERO);
     let all_finite = |l: &Lighting| {
         l.lights.iter().all(|l| {
             l.irradiance.is_finite() && l.direction.is_finite() && l.angular_radius.is_finite()
@@ -309,7 +309,7 @@ fn black_and_saturated_pictures_give_finite_light() {
                 .all(|c| c.is_finite())
     };
     assert!(all_finite(&dark));
-    let bright = rig.see(&|_| Vec3::splat(1e9), Vec3::ONE);
+    let bright = rig.observe(&|_| Vec3::splat(1e9), Vec3::ONE);
     assert!(all_finite(&bright) && rig.estimator.clipped_pixels() > 1000);
     assert_eq!(bright.lights.len(), 64);
 }
@@ -412,7 +412,7 @@ fn sphere_leaving_the_picture_keeps_its_last_light() {
         picture: &picture,
         ev: 0.0,
     }];
-    let mut see = |scene, nanos| {
+    let mut observe = |scene, nanos| {
         estimator.update(&EnvironmentInput {
             brackets: &brackets,
             scene,
@@ -425,12 +425,12 @@ fn sphere_leaving_the_picture_keeps_its_last_light() {
             captured_at: MonotonicTime::from_nanos(nanos),
         })
     };
-    let seen = see(Some((pose, &camera)), 0).unwrap();
+    let seen = observe(Some((pose, &camera)), 0).unwrap();
     let away = RigidTransform::new(
         pose.rotation * DQuat::from_rotation_y(1.0),
         pose.translation,
     );
-    let kept = see(Some((away, &camera)), 33_000_000).unwrap();
+    let kept = observe(Some((away, &camera)), 33_000_000).unwrap();
     assert_eq!(seen.radiance, kept.radiance);
     let exact = 0.2 * PI + 0.7 * PI * 0.15f32.sin().powi(2) * lamp.z;
     assert!(
@@ -480,7 +480,7 @@ fn background_of_sphere_never_enters_map() {
         picture: &picture,
         ev: 0.0,
     }];
-    let redness = |off: DVec2, looked_for: bool| {
+    let redness = |error: DVec2, is_refined: bool| {
         let mut estimator = EnvironmentEstimator::new(
             &view,
             &Response::srgb(),
@@ -490,12 +490,12 @@ fn background_of_sphere_never_enters_map() {
         .unwrap();
         let (right, down) = (pose.rotation * DVec3::X, pose.rotation * DVec3::Y);
         let metres = ball.distance(pose.translation) / camera.focal.x;
-        let said = ball + (right * off.x + down * off.y) * metres;
+        let predicted = ball + (right * error.x + down * error.y) * metres;
         let mut input = EnvironmentInput::new(&brackets, MonotonicTime::default());
-        let moved = RigidTransform::new(pose.rotation, pose.translation - (said - ball));
-        input.scene = Some((if looked_for { pose } else { moved }, &camera));
-        input.ball = looked_for.then_some(BallSeen {
-            centre_in_world: said,
+        let moved = RigidTransform::new(pose.rotation, pose.translation - (predicted - ball));
+        input.scene = Some((if is_refined { pose } else { moved }, &camera));
+        input.ball = is_refined.then_some(BallSeen {
+            centre_in_world: predicted,
             sigma: 2.0,
         });
         estimator.update(&input).unwrap();
@@ -506,8 +506,12 @@ fn background_of_sphere_never_enters_map() {
         red.fold(0.0, f32::max)
     };
     for k in 0..6 {
-        let off = 5.0 * DVec2::from_angle(f64::from(k) * 1.1);
-        assert!(redness(off, true) < 1e-4, "{off}: {}", redness(off, true));
+        let error = 5.0 * DVec2::from_angle(f64::from(k) * 1.1);
+        assert!(
+            redness(error, true) < 1e-4,
+            "{error}: {}",
+            redness(error, true)
+        );
     }
     assert!(redness(DVec2::new(5.0, 0.0), false) > 0.2);
 }

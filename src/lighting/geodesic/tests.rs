@@ -195,8 +195,8 @@ fn constant_radiance_gives_the_solid_angles() {
             let radiance = vec![[0.5, 1.0, 7.0]; directions.len()];
             let sums = sum_faces(&light(&dome, table, radiance));
             for (sum, face) in sums.iter().zip(&dome.faces) {
-                let truth = Vec3::new(0.5, 1.0, 7.0) * face.solid_angle;
-                assert!(((*sum - truth) / truth).abs().max_element() < 1e-6);
+                let expected = Vec3::new(0.5, 1.0, 7.0) * face.solid_angle;
+                assert!(((*sum - expected) / expected).abs().max_element() < 1e-6);
             }
         }
     }
@@ -260,14 +260,17 @@ fn face_without_pixels_takes_the_nearest() {
 #[test]
 fn rotated_dome_matches_rotated_world() {
     let (dome, grid) = (GeodesicDome::new(4).unwrap(), CubeGrid::new(64));
-    let turn = Quat::from_rotation_y(0.7) * Quat::from_rotation_z(1.1);
-    let turned: Vec<Vec3> = grid.directions.iter().map(|d| turn * *d).collect();
+    let rotation = Quat::from_rotation_y(0.7) * Quat::from_rotation_z(1.1);
+    let rotated_directions: Vec<Vec3> = grid.directions.iter().map(|d| rotation * *d).collect();
     let plain = Membership::new(&dome, &grid.directions, &grid.solid_angles);
-    let rotated = Membership::rotated(&dome, turn, &turned, &grid.solid_angles);
+    let rotated = Membership::rotated(&dome, rotation, &rotated_directions, &grid.solid_angles);
     // Directions on an edge may fall to either side of it.
     let differ = plain.begins.iter().zip(&rotated.begins);
     assert!(differ.clone().all(|(a, b)| a.abs_diff(*b) <= 12));
-    assert_ne!(plain, Membership::new(&dome, &turned, &grid.solid_angles));
+    assert_ne!(
+        plain,
+        Membership::new(&dome, &rotated_directions, &grid.solid_angles)
+    );
 }
 
 /// A sky that brightens towards the horizon and the sun, and the sun.
@@ -301,14 +304,14 @@ fn face_by_planes(dome: &GeodesicDome, d: DVec3) -> usize {
 fn monte_carlo(dome: &GeodesicDome, sun: DVec3) -> Vec<(f64, f64)> {
     let mut random = Directions(7);
     let (mut sums, mut squares) = (vec![0.0; dome.faces.len()], vec![0.0; dome.faces.len()]);
-    let turn = glam::DQuat::from_rotation_arc(DVec3::Z, sun);
+    let rotation = glam::DQuat::from_rotation_arc(DVec3::Z, sun);
     for (count, size) in [(400_000, TAU), (100_000, TAU * (1.0 - SUN_COSINE))] {
         for _ in 0..count {
             let whole = count == 400_000;
             let d = if whole {
                 random.above(0.0)
             } else {
-                turn * random.above(SUN_COSINE)
+                rotation * random.above(SUN_COSINE)
             };
             let in_disc = d.dot(sun) > SUN_COSINE;
             // Each direction is counted by one of the two integrations.
@@ -344,12 +347,14 @@ fn sums_agree_with_monte_carlo_integration() {
             let shown = |d: &Vec3| sky(d.as_dvec3(), sun).as_vec3().to_array();
             let radiance = pixels.directions.iter().map(shown).collect();
             let sums = sum_faces(&light(&dome, table.clone(), radiance));
-            for (k, (sum, (truth, error))) in sums.iter().zip(monte_carlo(&dome, sun)).enumerate() {
-                let difference = (f64::from(sum.y) - truth).abs();
-                let tolerance = 4.0 * error + 0.01 * truth;
+            for (k, (sum, (expected, error))) in
+                sums.iter().zip(monte_carlo(&dome, sun)).enumerate()
+            {
+                let difference = (f64::from(sum.y) - expected).abs();
+                let tolerance = 4.0 * error + 0.01 * expected;
                 assert!(
                     difference < tolerance,
-                    "{frequency} {k}: {} {truth} {error}",
+                    "{frequency} {k}: {} {expected} {error}",
                     sum.y
                 );
             }
@@ -360,11 +365,11 @@ fn sums_agree_with_monte_carlo_integration() {
 proptest! {
     #[test]
     fn every_upper_direction_has_a_face(
-        height in 0.0f64..1.0, turn in 0.0f64..TAU, half in 1u32..=8,
+        height in 0.0f64..1.0, rotation in 0.0f64..TAU, half in 1u32..=8,
     ) {
         let dome = GeodesicDome::new(2 * half).unwrap();
         let level = (1.0 - height * height).sqrt();
-        let d = DVec3::new(level * turn.cos(), level * turn.sin(), height).as_vec3();
+        let d = DVec3::new(level * rotation.cos(), level * rotation.sin(), height).as_vec3();
         let found = dome.face_of(d).unwrap();
         let first = dome.faces.iter().position(|f| {
             f.edge_normals().iter().all(|n| n.dot(d.as_dvec3()) >= -ON_EDGE)

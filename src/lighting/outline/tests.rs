@@ -13,7 +13,7 @@ fn camera() -> PinholeCamera {
     }
 }
 
-fn truth() -> Ball {
+fn ground_truth() -> Ball {
     Ball {
         centre: DVec3::new(0.03, -0.02, 0.5),
         radius: 0.045,
@@ -23,7 +23,7 @@ fn truth() -> Ball {
 
 /// A sphere that mirrors stripes, before a background of this colour by pixel.
 fn draw(background: impl Fn(f64, f64) -> [f64; 3]) -> Picture {
-    let (camera, ball) = (camera(), truth());
+    let (camera, ball) = (camera(), ground_truth());
     let mut rgba = Vec::new();
     for (y, x) in (0..camera.height).flat_map(|y| (0..camera.width).map(move |x| (y, x))) {
         let mut sum = [0.0; 3];
@@ -62,21 +62,21 @@ fn draw(background: impl Fn(f64, f64) -> [f64; 3]) -> Picture {
 }
 
 /// The true sphere displaced by the error of a pose, pixels.
-fn displaced(off: DVec2, sigma: f64) -> Ball {
-    let pixel = camera().project(truth().centre).unwrap();
+fn displaced(error_pixels: DVec2, sigma: f64) -> Ball {
+    let pixel = camera().project(ground_truth().centre).unwrap();
     Ball {
-        centre: camera().unproject(pixel + off) * truth().centre.length(),
+        centre: camera().unproject(pixel + error_pixels) * ground_truth().centre.length(),
         sigma,
-        ..truth()
+        ..ground_truth()
     }
 }
 
-fn off(ball: &Ball) -> f64 {
+fn error_pixels(ball: &Ball) -> f64 {
     let camera = camera();
     camera
         .project(ball.centre)
         .unwrap()
-        .distance(camera.project(truth().centre).unwrap())
+        .distance(camera.project(ground_truth().centre).unwrap())
 }
 
 #[test]
@@ -87,9 +87,9 @@ fn rim_corrects_jitter_of_pose() {
         let found = refine(&picture, &camera(), &displaced(error, 1.0));
         // A twelfth of the pose's error remains: its share in the mean.
         assert!(
-            off(&found) < 0.05 + 0.1 * error.length(),
+            error_pixels(&found) < 0.05 + 0.1 * error.length(),
             "{error} -> {}",
-            off(&found)
+            error_pixels(&found)
         );
         assert!(found.sigma < 0.35 && found.radius == 0.045);
     }
@@ -117,7 +117,7 @@ fn pose_is_kept_without_visible_rim() {
         ..grey.clone()
     };
     let found = refine(&noise, &camera(), &before);
-    assert!(off(&found) < 1.0, "{}", off(&found));
+    assert!(error_pixels(&found) < 1.0, "{}", error_pixels(&found));
     // Truncated, or out of sight.
     let short = Picture {
         rgba: vec![0; 5],
@@ -143,5 +143,5 @@ fn half_a_rim_corrects_only_the_constrained_direction() {
     });
     let before = displaced(DVec2::new(0.0, 1.2), 0.6);
     let found = refine(&picture, &camera(), &before);
-    assert!(off(&found) < 0.5, "{}", off(&found));
+    assert!(error_pixels(&found) < 0.5, "{}", error_pixels(&found));
 }

@@ -62,12 +62,12 @@ fn chrome_ball_gives_published_light_directions() {
         // The data set's axes: x right, y up, z towards the camera; ours: the camera looks along
         // +Y.
         let [a, b, c] = [published[k], published[12 + k], published[24 + k]];
-        let truth = Vec3::new(a as f32, -c as f32, b as f32);
+        let published_direction = Vec3::new(a as f32, -c as f32, b as f32);
         let picture = read_picture(&folder.join(format!("Image_{:02}.JPG", k + 1))).unwrap();
         angles.push(f64::from(
             estimator
                 .dominant(&picture)
-                .angle_between(truth)
+                .angle_between(published_direction)
                 .to_degrees(),
         ));
         let found = ball_outline(&picture).map_or(f64::INFINITY, |c| {
@@ -177,9 +177,9 @@ fn lens_matches_observed_track_of_sun() {
             continue;
         }
         let (z, a) = (zenith.to_radians(), azimuth.to_radians());
-        let truth = DVec3::new(z.sin() * a.sin(), z.sin() * a.cos(), z.cos());
+        let published_direction = DVec3::new(z.sin() * a.sin(), z.sin() * a.cos(), z.cos());
         let seen = world_from_camera.rotation * lens.unproject(DVec2::new(x, 1919.0 - y)).unwrap();
-        errors.push(seen.angle_between(truth).to_degrees());
+        errors.push(seen.angle_between(published_direction).to_degrees());
     }
     assert!(errors.len() > 400);
     let median = median(errors);

@@ -31,11 +31,11 @@ fn room(lamp: Vec3) -> impl Fn(Vec3) -> Vec3 {
 #[test]
 fn no_face_light_without_faces() {
     let mut rig = Rig::new(&fisheye(0.0), EnvironmentSettings::default());
-    assert!(rig.see(&|_| Vec3::ONE, Vec3::ONE).faces.is_none());
+    assert!(rig.observe(&|_| Vec3::ONE, Vec3::ONE).faces.is_none());
     rig.estimator.set_faces(Some(2));
-    assert!(rig.see(&|_| Vec3::ONE, Vec3::ONE).faces.is_some());
+    assert!(rig.observe(&|_| Vec3::ONE, Vec3::ONE).faces.is_some());
     rig.estimator.set_faces(Some(3));
-    assert!(rig.see(&|_| Vec3::ONE, Vec3::ONE).faces.is_none());
+    assert!(rig.observe(&|_| Vec3::ONE, Vec3::ONE).faces.is_none());
 }
 
 #[test]
@@ -43,7 +43,7 @@ fn uniform_sky_gives_each_face_its_solid_angle() {
     let dome = GeodesicDome::new(4).unwrap();
     for view in [fisheye(0.3), sphere(false).0] {
         let mut rig = Rig::new(&view, with_faces(4));
-        let lighting = rig.see(&|_| Vec3::splat(0.5), Vec3::splat(0.5));
+        let lighting = rig.observe(&|_| Vec3::splat(0.5), Vec3::splat(0.5));
         let light = lighting.faces.as_ref().unwrap();
         assert_eq!(light.frequency, 4);
         for (sum, face) in sum_faces(light).iter().zip(&dome.faces) {
@@ -60,8 +60,8 @@ fn faces_and_dome_hold_equal_light() {
     let lamp = dome.faces[at].centre;
     for view in [fisheye(0.0), sphere(false).0] {
         let mut rig = Rig::new(&view, with_faces(2));
-        let dark = rig.see(&room(Vec3::NEG_Z), Vec3::splat(0.1));
-        let bright = rig.see(&room(lamp), Vec3::splat(0.1));
+        let dark = rig.observe(&room(Vec3::NEG_Z), Vec3::splat(0.1));
+        let bright = rig.observe(&room(lamp), Vec3::splat(0.1));
         let sums = |l: &Lighting| sum_faces(l.faces.as_ref().unwrap());
         let (before, after) = (sums(&dark), sums(&bright));
         let compact: Vec3 = rig.estimator.sources().iter().map(|s| s.irradiance).sum();
@@ -88,14 +88,14 @@ fn faces_and_dome_hold_equal_light() {
 fn face_light_is_in_scene_camera_units() {
     let mut rig = Rig::new(&fisheye(0.0), with_faces(2));
     let plain = sum_faces(
-        rig.see(&|_| Vec3::splat(0.4), Vec3::ONE)
+        rig.observe(&|_| Vec3::splat(0.4), Vec3::ONE)
             .faces
             .as_ref()
             .unwrap(),
     );
     rig.gains = Mat3::from_diagonal(Vec3::new(2.0, 1.0, 0.5));
     let gained = sum_faces(
-        rig.see(&|_| Vec3::splat(0.4), Vec3::ONE)
+        rig.observe(&|_| Vec3::splat(0.4), Vec3::ONE)
             .faces
             .as_ref()
             .unwrap(),
@@ -121,7 +121,7 @@ fn unseen_directions_are_filled() {
         other => other,
     };
     let mut rig = Rig::new(&turned, with_faces(2));
-    let lighting = rig.see(&|_| Vec3::splat(0.5), Vec3::splat(0.5));
+    let lighting = rig.observe(&|_| Vec3::splat(0.5), Vec3::splat(0.5));
     let dome = GeodesicDome::new(2).unwrap();
     for (sum, face) in sum_faces(lighting.faces.as_ref().unwrap())
         .iter()
@@ -137,7 +137,7 @@ fn buffers_are_recycled() {
     let mut places = std::collections::BTreeSet::new();
     let mut before = None;
     for _ in 0..8 {
-        let lighting = rig.see(&|_| Vec3::splat(0.4), Vec3::ONE);
+        let lighting = rig.observe(&|_| Vec3::splat(0.4), Vec3::ONE);
         places.insert(lighting.faces.as_ref().unwrap().radiance.as_ptr() as usize);
         before = Some(lighting);
     }
@@ -184,7 +184,7 @@ fn compact_sources_are_part_of_their_faces() {
         (sphere(false).0, dome.faces[8].centre, 1),
     ] {
         let mut rig = Rig::new(&view, with_faces(2));
-        let lighting = rig.see(&room(lamp), Vec3::splat(0.1));
+        let lighting = rig.observe(&room(lamp), Vec3::splat(0.1));
         let light = lighting.faces.as_ref().unwrap();
         let [source] = light.sources.as_slice() else {
             panic!("{:?}", light.sources);
@@ -220,7 +220,7 @@ fn source_keeps_its_number_across_an_edge() {
     let mut rig = Rig::new(&fisheye(0.0), with_faces(2));
     let mut at = |share: f32| {
         let lamp = from.lerp(to, share).normalize();
-        let lighting = rig.see(&room(lamp), Vec3::splat(0.1));
+        let lighting = rig.observe(&room(lamp), Vec3::splat(0.1));
         lighting.faces.as_ref().unwrap().sources[0].clone()
     };
     let first = at(0.0);
