@@ -56,7 +56,7 @@ pub fn run(args: &LightArgs) -> anyhow::Result<ExitCode> {
 fn report(args: &LightArgs) -> anyhow::Result<LightReport> {
     if !is_mcap(&args.source) {
         let calibration = args.calibration.as_deref();
-        return Ok(LightReport::of_photograph(
+        return Ok(LightReport::from_photograph(
             &args.source,
             args.kind,
             calibration,

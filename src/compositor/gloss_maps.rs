@@ -119,7 +119,7 @@ impl GlossMaps {
             self.phong = Cube::new(device, size, phong_levels);
         }
         self.upload(queue, map, phong);
-        let sources = CompactSourcesUniform::new(&map.glints);
+        let sources = CompactSourcesUniform::new(&map.compact_sources);
         queue.write_buffer(&self.compact_sources, 0, bytemuck::bytes_of(&sources));
         let wanted = (map.filtering, map.size, map.levels.len());
         if self.tabled != Some(wanted) {

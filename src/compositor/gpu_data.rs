@@ -3,7 +3,7 @@
 //! `shaders/phantom_geometry.wgsl` and `shaders/virtual_geometry.wgsl`.
 
 use bytemuck::{Pod, Zeroable};
-use penumbra_lighting::glints::{Glint, MOST_GLINTS, MOST_LEVELS};
+use penumbra_lighting::light::{CompactSourceSpecular, MAX_COMPACT_SOURCES, MAX_LEVELS};
 use penumbra_scene::lamps::MOST_LAMPS;
 
 /// Twin of WGSL `Frame`.
@@ -74,7 +74,7 @@ pub struct LampsUniform {
 pub struct CompactSourceUniform {
     pub direction: [f32; 4],
     pub flux: [f32; 4],
-    pub weights: [f32; MOST_LEVELS],
+    pub weights: [f32; MAX_LEVELS],
 }
 
 /// Twin of WGSL `CompactSources`.
@@ -82,14 +82,14 @@ pub struct CompactSourceUniform {
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 pub struct CompactSourcesUniform {
     pub count: [u32; 4],
-    pub each: [CompactSourceUniform; MOST_GLINTS],
+    pub each: [CompactSourceUniform; MAX_COMPACT_SOURCES],
 }
 
 impl CompactSourcesUniform {
-    /// The uniform of the first [`MOST_GLINTS`] sources.
-    pub fn new(glints: &[Glint]) -> Self {
+    /// The uniform of the first [`MAX_COMPACT_SOURCES`] sources.
+    pub fn new(sources: &[CompactSourceSpecular]) -> Self {
         let mut all = Self::default();
-        for (to, from) in all.each.iter_mut().zip(glints) {
+        for (to, from) in all.each.iter_mut().zip(sources) {
             *to = CompactSourceUniform {
                 direction: from.direction.extend(from.radius).to_array(),
                 flux: from.flux.extend(0.0).to_array(),

@@ -9,18 +9,18 @@ use super::sources::{LUMINANCE, Source};
 use super::tracking::{SourceTracker, above_horizon};
 use glam::{Mat3, Vec3};
 
-/// A light keeps its place while it has moved by less than this part of its radius: the
-/// shadow's blur hides it, and its shadow map stays valid.
+/// Part of its radius by which a light must move before its direction changes: the shadow's blur
+/// hides smaller movements, and the shadow map stays valid.
 const DEAD_BAND: f32 = 0.05;
 
-/// Sources are not split into lights of a smaller radius than this, radians (0.6°): no
-/// shadow map resolves them.
-const LEAST_RADIUS: f32 = 0.0105;
+/// Minimum radius of the lights into which a source is split, radians (0.6°): no shadow map
+/// resolves smaller ones.
+const MIN_RADIUS: f32 = 0.0105;
 
-/// Part of the budget that the cells always keep.
-const LEAST_CELLS: f32 = 0.25;
+/// Minimum share of the budget for cells.
+const MIN_CELL_SHARE: f32 = 0.25;
 
-/// A compact source as a whole.
+/// A complete compact source.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CompactSource {
     /// Unit vector towards its centre of energy, world.
@@ -29,19 +29,19 @@ pub struct CompactSource {
     pub irradiance: Vec3,
     /// Half angle of a cone with its solid angle, radians.
     pub angular_radius: f32,
-    /// Dome lights that stand for it.
+    /// Number of dome lights that represent it.
     pub lights: usize,
 }
 
-/// What a slot of the dome is used for.
+/// The owner of a slot of the dome.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Owner {
-    Nobody,
+    Free,
     Source { id: u32, leaf: usize },
     Cell(usize),
 }
 
-/// Lights assigned to slots, coherently in time.
+/// Assigns lights to slots, coherently in time.
 #[derive(Clone, Debug)]
 pub struct AdaptiveDome {
     budget: usize,
@@ -54,7 +54,7 @@ pub struct AdaptiveDome {
 }
 
 impl AdaptiveDome {
-    /// A dome of at most `budget` lights. With `ground`, all are above the horizon.
+    /// Creates a dome of at most `budget` lights. With `ground`, all are above the horizon.
     #[must_use]
     pub fn new(budget: usize, ground: bool) -> Self {
         let dark = DomeLight {
@@ -69,14 +69,14 @@ impl AdaptiveDome {
             tracker: SourceTracker::default(),
             cells: Cells::default(),
             cell_count: 0,
-            owners: vec![Owner::Nobody; budget],
+            owners: vec![Owner::Free; budget],
             lights: vec![dark; budget],
         }
     }
 
-    /// The lights for this frame. `sources` hold indices into `directions`, in the
-    /// environment camera's units, which `gains` bring to the scene camera's; `texels` of
-    /// `grid` hold the rest of the environment, in the scene camera's units.
+    /// Returns the lights of this frame. `sources` hold indices into `directions` and radiance in
+    /// the environment camera's units, which `gains` convert to the scene camera's units; `texels`
+    /// of `grid` hold the rest of the environment, in the scene camera's units.
     pub fn update(
         &mut self,
         sources: &[Source],
@@ -90,23 +90,23 @@ impl AdaptiveDome {
         let divided = self
             .cells
             .update(texels, grid, self.cell_count, self.ground);
-        let mut wanted = Vec::with_capacity(self.budget);
+        let mut requested = Vec::with_capacity(self.budget);
         for source in &mut self.tracker.sources {
             let id = source.id;
             let lights = source.split(self.ground).into_iter().enumerate();
-            wanted.extend(lights.map(|(leaf, light)| (Owner::Source { id, leaf }, light)));
+            requested.extend(lights.map(|(leaf, light)| (Owner::Source { id, leaf }, light)));
         }
         let cells = self
             .cells
             .lights(texels, grid, self.ground)
             .into_iter()
             .enumerate();
-        wanted.extend(cells.map(|(k, light)| (Owner::Cell(k), light)));
-        self.assign(&wanted, divided);
+        requested.extend(cells.map(|(k, light)| (Owner::Cell(k), light)));
+        self.assign(&requested, divided);
         self.lights.clone()
     }
 
-    /// The compact sources of the last frame, in no particular order.
+    /// Returns the compact sources of the last frame, in no particular order.
     #[must_use]
     pub fn sources(&self) -> Vec<CompactSource> {
         let tracked = self.tracker.sources.iter();
@@ -120,8 +120,8 @@ impl AdaptiveDome {
             .collect()
     }
 
-    /// The same in the order in which they were found, each spread over the directions of its
-    /// lights; what they take from faces is left open.
+    /// Returns the sources in the order in which they were found, each with the directions of its
+    /// lights; `taken` is empty.
     pub(super) fn face_sources(&self) -> impl Iterator<Item = FaceSource> + '_ {
         self.tracker.sources.iter().map(|source| FaceSource {
             id: source.id,
@@ -132,7 +132,7 @@ impl AdaptiveDome {
         })
     }
 
-    /// Directions of a source's lights and their shares of its light.
+    /// Returns the directions of a source's lights and their shares of its light.
     fn spread(&self, id: u32) -> Vec<(Vec3, f32)> {
         let own = |(owner, light): (&Owner, &DomeLight)| match owner {
             Owner::Source { id: of, leaf } if *of == id => Some((*leaf, *light)),
@@ -144,7 +144,7 @@ impl AdaptiveDome {
             .zip(&self.lights)
             .filter_map(own)
             .collect();
-        // Leaves that follow one another lie side by side.
+        // Leaves with consecutive numbers are neighbours.
         lights.sort_by_key(|(leaf, _)| *leaf);
         let weight = |light: &DomeLight| light.irradiance.dot(LUMINANCE).max(0.0);
         let total: f32 = lights.iter().map(|(_, light)| weight(light)).sum();
@@ -155,9 +155,8 @@ impl AdaptiveDome {
         each.collect()
     }
 
-    /// How many lights each source gets. With energy S and extent r split into n parts,
-    /// each part's error grows with (S/n)(r/√n); equal errors everywhere ask for
-    /// n ∝ (S r)^⅔.
+    /// Decides how many lights each source gets. With energy S and extent r split into n parts,
+    /// each part's error grows with (S/n)(r/√n); equal errors everywhere require n ∝ (S r)^⅔.
     fn plan(&mut self, changed: bool, texels: &[Vec3], grid: &CubeGrid) {
         let demand: Vec<f32> = self
             .tracker
@@ -168,23 +167,23 @@ impl AdaptiveDome {
         let rest = (self.rest(texels, grid) * std::f32::consts::SQRT_2).powf(2.0 / 3.0);
         let total = (demand.iter().sum::<f32>() + rest).max(f32::MIN_POSITIVE);
         let scale = self.budget as f32 / total;
-        let most = ((1.0 - LEAST_CELLS) * self.budget as f32).max(1.0);
+        let most = ((1.0 - MIN_CELL_SHARE) * self.budget as f32).max(1.0);
         let for_sources: f32 = demand.iter().map(|d| (d * scale).max(1.0)).sum();
         let squeeze = (most / for_sources.max(1.0)).min(1.0);
         let counts: Vec<usize> = demand
             .iter()
             .zip(&self.tracker.sources)
             .map(|(d, source)| {
-                let most = (source.radius() / LEAST_RADIUS).powi(2);
+                let most = (source.radius() / MIN_RADIUS).powi(2);
                 ((d * scale * squeeze).min(most).round() as usize).max(1)
             })
             .collect();
-        let off = |(s, &n): (&super::tracking::TrackedSource, &usize)| {
+        let differs = |(s, &n): (&super::tracking::TrackedSource, &usize)| {
             (s.lights as f32 - n as f32).abs() > (0.35 * s.lights as f32).max(1.6)
         };
-        if changed || self.tracker.sources.iter().zip(&counts).any(off) {
+        if changed || self.tracker.sources.iter().zip(&counts).any(differs) {
             for (source, &n) in self.tracker.sources.iter_mut().zip(&counts) {
-                let keep = source.lights > 0 && !off((source, &n));
+                let keep = source.lights > 0 && !differs((source, &n));
                 source.plan(if keep { source.lights } else { n });
             }
         }
@@ -192,7 +191,8 @@ impl AdaptiveDome {
         self.cell_count = self.budget.saturating_sub(used);
     }
 
-    /// Luminance of the ground's irradiance (or of all light) without the sources.
+    /// Returns the luminance of the ground's irradiance (without ground: of all light), without the
+    /// sources.
     fn rest(&self, texels: &[Vec3], grid: &CubeGrid) -> f32 {
         let rows = texels.iter().zip(&grid.directions).zip(&grid.solid_angles);
         rows.map(|((l, d), w)| {
@@ -202,14 +202,14 @@ impl AdaptiveDome {
         .sum()
     }
 
-    /// Puts lights into slots: an owner stays where it is, a new one takes the free slot
-    /// whose last light was nearest to it.
-    fn assign(&mut self, wanted: &[(Owner, DomeLight)], divided: bool) {
-        let mut slot_of: Vec<Option<usize>> = wanted
+    /// Assigns lights to slots: an owner keeps its slot, a new one gets the free slot whose last
+    /// light was nearest to it.
+    fn assign(&mut self, requested: &[(Owner, DomeLight)], divided: bool) {
+        let mut slot_of: Vec<Option<usize>> = requested
             .iter()
             .map(|(owner, _)| {
-                let anew = divided && matches!(owner, Owner::Cell(_));
-                if anew {
+                let reassigned = divided && matches!(owner, Owner::Cell(_));
+                if reassigned {
                     None
                 } else {
                     self.owners.iter().position(|o| o == owner)
@@ -218,7 +218,7 @@ impl AdaptiveDome {
             .collect();
         let mut taken = vec![false; self.budget];
         slot_of.iter().flatten().for_each(|&s| taken[s] = true);
-        for (i, slot) in self.nearest_free(wanted, &slot_of, &taken) {
+        for (i, slot) in self.nearest_free(requested, &slot_of, &taken) {
             slot_of[i] = Some(slot);
             taken[slot] = true;
         }
@@ -228,25 +228,25 @@ impl AdaptiveDome {
             .enumerate()
             .filter(|(s, _)| !taken[*s])
         {
-            *owner = Owner::Nobody;
+            *owner = Owner::Free;
             self.lights[slot].irradiance = Vec3::ZERO;
         }
-        for ((owner, light), slot) in wanted.iter().zip(slot_of) {
+        for ((owner, light), slot) in requested.iter().zip(slot_of) {
             if let Some(slot) = slot {
                 self.put(slot, *owner, *light);
             }
         }
     }
 
-    /// Pairs of (index into `wanted`, free slot), nearest directions first.
+    /// Returns pairs of (index into `requested`, free slot), nearest directions first.
     fn nearest_free(
         &self,
-        wanted: &[(Owner, DomeLight)],
+        requested: &[(Owner, DomeLight)],
         slot_of: &[Option<usize>],
         taken: &[bool],
     ) -> Vec<(usize, usize)> {
         let mut pairs = Vec::new();
-        for (i, (_, light)) in wanted
+        for (i, (_, light)) in requested
             .iter()
             .enumerate()
             .filter(|(i, _)| slot_of[*i].is_none())
@@ -259,7 +259,7 @@ impl AdaptiveDome {
             }
         }
         pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
-        let mut placed = vec![false; wanted.len()];
+        let mut placed = vec![false; requested.len()];
         let mut full = taken.to_vec();
         let mut chosen = Vec::new();
         for (_, i, slot) in pairs {

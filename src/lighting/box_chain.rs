@@ -1,11 +1,11 @@
 //! The chain of box-filtered maps of DiVerdi et al. (2003, section 3.2), for comparison.
 //!
-//! Their map is OpenGL's sphere map, the mirrored ball as the camera sees it: a direction at
-//! the angle θ from the camera's lies at sin(θ/2) of the radius, so that all texels inside
-//! cover equal solid angles. Each smaller map is the mean of fours of texels, those outside
-//! the ball included: there the camera sees past the ball. A material takes its reflections
-//! from the one level whose texels are as large as its lobe, whatever the angle of view.
-//! Here each level is laid out as a cube map again, as finely as its own interpolation shows.
+//! Their map is OpenGL's sphere map, the mirrored sphere as the camera sees it: a direction at the
+//! angle θ from the camera's lies at sin(θ/2) of the radius, so all texels inside cover equal solid
+//! angles. Each smaller map holds means of 2×2 texels, including those outside the sphere, where
+//! the camera sees past it. A material takes its reflections from the one level whose texels are as
+//! large as its lobe, whatever the angle of view. Here each level is resampled to a cube map with
+//! the resolution of its own interpolation.
 
 use super::cube::{CubeGrid, tangent_frame, texel_of};
 use super::light::{CubeMap, Filtering};
@@ -13,30 +13,30 @@ use super::lobes::{Family, own_width, solid_angle};
 use super::prefilter::level_count;
 use glam::{Vec2, Vec3};
 
-/// Samples a side of a texel: what a camera's pixels average.
+/// Samples along a texel's side, to average as a camera's pixels do.
 const SAMPLES: u32 = 4;
 
-/// Texels across the ball for a cube of `size` texels a side.
+/// Texels across the sphere for a cube of `size` texels along a side.
 const fn across(size: u32) -> u32 {
     size / 2
 }
 
-/// The chain of `texels` (`6 * size²`) as a camera in the direction `towards_camera` of a ball
-/// sees it.
+/// Computes the chain of `texels` (`6 * size²`) as seen by a camera in the direction
+/// `towards_camera` from a mirrored sphere.
 #[must_use]
 pub fn box_chain(size: u32, texels: &[Vec3], towards_camera: Vec3) -> CubeMap {
     let view = View::new(towards_camera);
-    let mut ball = view.ball(size, texels);
+    let mut sphere = view.sphere(size, texels);
     let mut side = across(size);
-    let mut levels = vec![view.cube(&CubeGrid::new(size), side, &ball)];
+    let mut levels = vec![view.cube(&CubeGrid::new(size), side, &sphere)];
     for level in 1..level_count(size) {
-        ball = halved(side, &ball);
+        sphere = halved(side, &sphere);
         side /= 2;
-        levels.push(view.cube(&CubeGrid::new(size >> level), side, &ball));
+        levels.push(view.cube(&CubeGrid::new(size >> level), side, &sphere));
     }
     let phong = levels[1..].to_vec();
     CubeMap {
-        glints: Vec::new(),
+        compact_sources: Vec::new(),
         size,
         levels,
         phong,
@@ -44,8 +44,8 @@ pub fn box_chain(size: u32, texels: &[Vec3], towards_camera: Vec3) -> CubeMap {
     }
 }
 
-/// The level that a lobe is taken from: that whose texels, 16 · 4^k / T² steradians with T
-/// texels across the ball, are as large as the lobe at n·v = 1.
+/// Returns the level for a lobe: the one whose texels, 16 · 4^k / T² steradians with T texels
+/// across the sphere, are as large as the lobe at n·v = 1.
 #[must_use]
 pub fn box_level(family: Family, parameter: f32, size: u32, levels: usize) -> f32 {
     let lobe = solid_angle(family, own_width(family, parameter));
@@ -54,7 +54,7 @@ pub fn box_level(family: Family, parameter: f32, size: u32, levels: usize) -> f3
     level.clamp(0.0, levels.saturating_sub(1) as f32)
 }
 
-/// The camera's axes about the ball.
+/// The camera's axes at the sphere.
 struct View {
     right: Vec3,
     up: Vec3,
@@ -67,8 +67,8 @@ impl View {
         Self { right, up, towards }
     }
 
-    /// The picture of the ball, rows of `across(size)` texels.
-    fn ball(&self, size: u32, texels: &[Vec3]) -> Vec<Vec3> {
+    /// Renders the sphere, rows of `across(size)` texels.
+    fn sphere(&self, size: u32, texels: &[Vec3]) -> Vec<Vec3> {
         let side = across(size);
         let past = texels[texel_of(size, -self.towards)];
         let seen = |p: Vec2| match self.direction(p) {
@@ -87,7 +87,8 @@ impl View {
         (0..side * side).map(mean).collect()
     }
 
-    /// What is mirrored at a point of the ball's picture, −1..=1 each way; `None` beside it.
+    /// Returns the direction mirrored at a point of the sphere's picture, −1..=1 along each axis;
+    /// `None` outside the sphere.
     fn direction(&self, p: Vec2) -> Option<Vec3> {
         let r2 = p.length_squared();
         // cosθ = 1 − 2 sin²(θ/2).
@@ -102,11 +103,11 @@ impl View {
         aside.normalize_or(Vec2::X) * r
     }
 
-    /// A level as a cube map shows it, interpolated between texels.
-    fn cube(&self, grid: &CubeGrid, side: u32, ball: &[Vec3]) -> Vec<[f32; 3]> {
+    /// Resamples a level to a cube map, interpolated between texels.
+    fn cube(&self, grid: &CubeGrid, side: u32, sphere: &[Vec3]) -> Vec<[f32; 3]> {
         let texel = |x: f32, y: f32| {
             let last = (side - 1) as f32;
-            ball[(y.clamp(0.0, last) as u32 * side + x.clamp(0.0, last) as u32) as usize]
+            sphere[(y.clamp(0.0, last) as u32 * side + x.clamp(0.0, last) as u32) as usize]
         };
         let show = |d: &Vec3| {
             let at = (self.point(*d) * 0.5 + 0.5) * side as f32 - 0.5;
@@ -118,13 +119,13 @@ impl View {
     }
 }
 
-/// The next smaller picture: means of fours.
-fn halved(side: u32, ball: &[Vec3]) -> Vec<Vec3> {
+/// Returns the next smaller picture: means of 2×2 texels.
+fn halved(side: u32, sphere: &[Vec3]) -> Vec<Vec3> {
     let half = side / 2;
     let mean = |i: u32| {
         let first = (2 * (i / half) * side + 2 * (i % half)) as usize;
         let row = side as usize;
-        (ball[first] + ball[first + 1] + ball[first + row] + ball[first + row + 1]) / 4.0
+        (sphere[first] + sphere[first + 1] + sphere[first + row] + sphere[first + row + 1]) / 4.0
     };
     (0..half * half).map(mean).collect()
 }
@@ -134,7 +135,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_ball_shows_each_direction_once_and_back() {
+    fn sphere_mapping_is_invertible() {
         let view = View::new(Vec3::new(0.3, -0.5, 0.6).normalize());
         for d in CubeGrid::new(8).directions {
             let back = view.direction(view.point(d)).unwrap_or(Vec3::ZERO);
@@ -144,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn a_constant_stays_and_smooth_lobes_take_small_maps() {
+    fn constant_is_preserved_and_wide_lobes_use_small_maps() {
         let map = box_chain(32, &vec![Vec3::new(0.2, 1.0, 3.0); 6 * 32 * 32], Vec3::Y);
         let texels = map.levels.iter().flatten();
         assert!(texels.clone().count() > 6 * 32 * 32);

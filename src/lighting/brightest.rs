@@ -1,71 +1,71 @@
-//! The brightest light of the real scene, and how much it outshines the others.
+//! The brightest light of the real scene, and how dominant it is.
 //!
-//! DiVerdi and Höllerer (2004, section 4.2) read the small bumps of a surface off its picture:
-//! with one source of light the picture is the relief as seen from that source's side. With
-//! several sources, or with light from everywhere, the picture tells of no direction, and
-//! "the result is equivalent to normal blending" (section 4.4). The dominance says how far
-//! a picture can be read like that.
+//! DiVerdi and Höllerer (2004, section 4.2) read the small bumps of a surface from its picture:
+//! with one light source the picture is the relief lit from that source's side. With several
+//! sources, or with uniform light, the picture shows no direction, and "the result is equivalent to
+//! normal blending" (section 4.4). The dominance says how far this interpretation of a picture
+//! holds.
 
 use super::{DomeLight, LightKind, sources::LUMINANCE};
 use glam::Vec3;
 use std::f32::consts::TAU;
 
-/// The direction that relief in the picture is lit from.
+/// The direction from which relief in the picture is lit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BrightestLight {
-    /// Unit vector to it, world; zero where there is no light that stands out.
+    /// Unit vector to it, world; zero if no light stands out.
     pub direction: Vec3,
-    /// By how much it outshines what lies elsewhere, as a share of all light: 1 for a sun
-    /// alone, 0 for two equal lamps and for light from everywhere.
+    /// How much brighter it is than light from elsewhere, as a share of all light: 1 for the sun
+    /// alone, 0 for two equal lamps and for uniform light.
     pub dominance: f32,
 }
 
-/// Lights this far apart and nearer, radians, make one relief.
-const TOGETHER: f32 = 0.52;
-/// Lights at least this far apart make two.
-const APART: f32 = 1.05;
-/// Steps towards the group's middle.
+/// Lights up to this angle apart, radians, belong to one group.
+const SAME_GROUP_RADIANS: f32 = 0.52;
+/// Lights at least this angle apart, radians, belong to two groups.
+const TWO_GROUPS_RADIANS: f32 = 1.05;
+/// Mean-shift iterations towards the group's centre.
 const STEPS: usize = 8;
 
 impl BrightestLight {
-    /// Of the dome lights `lights`.
+    /// Finds the brightest of the dome lights `lights`.
     ///
     /// ```text
-    ///   F_i = luminance of C_i, less the light from everywhere: Ω_i · median radiance of the cells
-    ///   S(d) = Σ F_i · max(d·l_i, 0)⁸          what shines from about d
-    ///   direction = d₁, the greatest S         (a mean shift from the best light)
+    ///   F_i = luminance of C_i, less the uniform light: Ω_i · median radiance of the cells
+    ///   S(d) = Σ F_i · max(d·l_i, 0)⁸          light from around d
+    ///   direction = d₁, where S is largest     (mean shift from the brightest light)
     ///   dominance = (S(d₁) − max S(l_j) · apart(l_j, d₁)) / Σ luminance of C_i
     /// ```
     ///
-    /// Where the brightest light changes places with another that is well apart, both have the
-    /// same S, so the dominance is 0 there and nothing jumps.
+    /// When another light, well apart, becomes the brightest, both have the same S, so the
+    /// dominance is 0 and the result is continuous.
     #[must_use]
     pub fn of(lights: &[DomeLight]) -> Self {
         let total: f32 = lights.iter().map(luminance).sum();
         let ambient = ambient_radiance(lights);
-        let shining = |d: Vec3| -> f32 {
+        let light_around = |d: Vec3| -> f32 {
             let parts = lights.iter().map(|l| excess(l, ambient) * lobe(d, l));
             parts.sum()
         };
-        let standing_out = || lights.iter().filter(|l| excess(l, ambient) > 0.0);
-        let best = standing_out()
-            .map(|l| (shining(l.direction), l.direction))
+        let distinct = || lights.iter().filter(|l| excess(l, ambient) > 0.0);
+        let best = distinct()
+            .map(|l| (light_around(l.direction), l.direction))
             .max_by(|a, b| a.0.total_cmp(&b.0));
         let Some((_, start)) = best.filter(|_| total > 0.0) else {
             return Self::default();
         };
         let direction = (0..STEPS).fold(start, |d, _| shifted(d, lights, ambient));
-        let second = standing_out()
-            .map(|l| shining(l.direction) * apart(direction, l.direction))
+        let second = distinct()
+            .map(|l| light_around(l.direction) * apart(direction, l.direction))
             .fold(0.0, f32::max);
         Self {
             direction,
-            dominance: ((shining(direction) - second) / total).clamp(0.0, 1.0),
+            dominance: ((light_around(direction) - second) / total).clamp(0.0, 1.0),
         }
     }
 
     /// Direction times dominance: its dot product with the direction to a lamp is the paper's
-    /// weight of the multiplicative factor, faded by the dominance.
+    /// weight of the multiplicative factor, scaled by the dominance.
     #[must_use]
     pub fn vector(&self) -> Vec3 {
         self.direction * self.dominance
@@ -73,7 +73,7 @@ impl BrightestLight {
 }
 
 impl From<Vec3> for BrightestLight {
-    /// The light whose [`BrightestLight::vector`] this is.
+    /// The light with this [`BrightestLight::vector`].
     fn from(vector: Vec3) -> Self {
         Self {
             direction: vector.normalize_or_zero(),
@@ -90,7 +90,7 @@ fn solid_angle(light: &DomeLight) -> f32 {
     TAU * (1.0 - light.angular_radius.cos())
 }
 
-/// What a light gives beyond its share of the light from everywhere.
+/// Luminance of a light in excess of its share of the uniform light.
 fn excess(light: &DomeLight, ambient: f32) -> f32 {
     match light.kind {
         LightKind::Compact => luminance(light),
@@ -98,7 +98,7 @@ fn excess(light: &DomeLight, ambient: f32) -> f32 {
     }
 }
 
-/// Median radiance of the cells, by solid angle; 0 where they have none.
+/// Median radiance of the cells, by solid angle; 0 if there are none.
 fn ambient_radiance(lights: &[DomeLight]) -> f32 {
     let cells = || {
         let lit = |l: &&DomeLight| {
@@ -108,7 +108,7 @@ fn ambient_radiance(lights: &[DomeLight]) -> f32 {
         cells.map(|l| (luminance(l) / solid_angle(l), solid_angle(l)))
     };
     let half = 0.5 * cells().map(|c| c.1).sum::<f32>();
-    // Nothing is sorted, so that nothing is allocated: there are hundreds at most.
+    // No sorting, hence no allocation: there are a few hundred lights at most.
     let up_to = |radiance: f32| {
         let darker = cells().filter(|c| c.0 <= radiance);
         darker.map(|c| c.1).sum::<f32>()
@@ -121,29 +121,30 @@ fn lobe(d: Vec3, light: &DomeLight) -> f32 {
     d.dot(light.direction).max(0.0).powi(8)
 }
 
-/// Nearer to the middle of the group around `d`.
+/// Moves `d` towards the centre of the group around it.
 fn shifted(d: Vec3, lights: &[DomeLight], ambient: f32) -> Vec3 {
     let weighed = |l: &DomeLight| l.direction * (excess(l, ambient) * lobe(d, l));
     let sum: Vec3 = lights.iter().map(weighed).sum();
     sum.try_normalize().unwrap_or(d)
 }
 
-/// 0 for directions that make one relief, 1 for those that make two.
+/// 0 for directions of one group, 1 for those of two.
 fn apart(a: Vec3, b: Vec3) -> f32 {
     let angle = a.dot(b).clamp(-1.0, 1.0).acos();
-    let t = ((angle - TOGETHER) / (APART - TOGETHER)).clamp(0.0, 1.0);
+    let t =
+        ((angle - SAME_GROUP_RADIANS) / (TWO_GROUPS_RADIANS - SAME_GROUP_RADIANS)).clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
 }
 
-/// Time in which a change of the light is followed to 63 %, seconds.
-const FOLLOWS_IN: f64 = 0.4;
-/// Longest step in time, seconds: what is longer is a pause, or another recording.
-const LONGEST_STEP: f64 = 1.0;
+/// Time constant of the smoothing, seconds.
+const TIME_CONSTANT_SECONDS: f64 = 0.4;
+/// Maximum time step, seconds: longer ones are a pause or another recording.
+const MAX_STEP_SECONDS: f64 = 1.0;
 
 /// Follows the brightest light smoothly, in the recording's time.
 ///
-/// It is the vector that is smoothed, so that a light which takes over fades the effect out
-/// and in again on its way, instead of sweeping over what lies between.
+/// The vector is smoothed, so the effect fades out and in again when another light becomes the
+/// brightest, instead of sweeping over the directions between.
 #[derive(Clone, Debug, Default)]
 pub struct BrightestFollower {
     vector: Vec3,
@@ -153,8 +154,9 @@ pub struct BrightestFollower {
 }
 
 impl BrightestFollower {
-    /// The brightest light of a picture taken at `seconds` in the light of this `generation`;
-    /// `lights` are looked at where that is new. The first light is taken as it is.
+    /// Returns the brightest light for a picture taken at `seconds` in the light of this
+    /// `generation`; `lights` are analysed only if that is new. The first light is taken
+    /// unsmoothed.
     pub fn follow(
         &mut self,
         generation: u64,
@@ -169,8 +171,8 @@ impl BrightestFollower {
             self.generation = Some(generation);
         }
         let last = self.last_seconds.replace(seconds).unwrap_or(seconds);
-        let passed = (seconds - last).clamp(0.0, LONGEST_STEP);
-        let left = (-passed / FOLLOWS_IN).exp() as f32;
+        let passed = (seconds - last).clamp(0.0, MAX_STEP_SECONDS);
+        let left = (-passed / TIME_CONSTANT_SECONDS).exp() as f32;
         self.vector = self.wanted + (self.vector - self.wanted) * left;
         self.vector.into()
     }
@@ -178,7 +180,6 @@ impl BrightestFollower {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
     use proptest::prelude::*;
 
@@ -191,7 +192,7 @@ mod tests {
         }
     }
 
-    /// An even dome of 200 cells with an irradiance of `strength` on the ground.
+    /// A uniform dome of 200 cells with an irradiance of `strength` on the ground.
     fn sky(strength: f32) -> Vec<DomeLight> {
         let golden = std::f32::consts::PI * (3.0 - 5.0_f32.sqrt());
         let cell = |i: u16| {
@@ -213,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn one_sun_is_all_there_is() {
+    fn single_sun_has_full_dominance() {
         let to = Vec3::new(0.3, -0.5, 0.8).normalize();
         let found = BrightestLight::of(&[lamp(to, 4.0)]);
         assert!((found.dominance - 1.0).abs() < 1e-5, "{found:?}");
@@ -221,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn light_from_everywhere_has_no_direction() {
+    fn uniform_light_has_no_direction() {
         assert!(dominance(&sky(3.0)) < 1e-4);
         assert_eq!(dominance(&[]), 0.0);
         assert_eq!(
@@ -231,8 +232,8 @@ mod tests {
     }
 
     #[test]
-    fn a_sun_in_an_even_sky_has_its_share_of_all_light() {
-        // The sky's cells, each as it faces: twice what arrives on the ground.
+    fn sun_in_uniform_sky_has_its_share_as_dominance() {
+        // Each cell of the sky facing its light: twice the irradiance on the ground.
         let to = Vec3::new(-0.6, 0.0, 0.8);
         let mut lights = sky(1.0);
         lights.push(lamp(to, 5.0));
@@ -242,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn two_equal_lamps_far_apart_cancel_and_two_side_by_side_are_one() {
+    fn equal_lamps_cancel_if_far_apart_and_combine_if_close() {
         let at = |degrees: f32, strength| {
             let (sin, cos) = degrees.to_radians().sin_cos();
             lamp(Vec3::new(sin, 0.0, cos), strength)
@@ -256,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_jumps_where_the_brightest_light_changes() {
+    fn vector_is_continuous_where_brightest_light_changes() {
         for between in [70.0_f32, 90.0, 120.0] {
             let (sin, cos) = (between.to_radians() * 0.5).sin_cos();
             let vector = |share: f32| {
@@ -274,15 +275,15 @@ mod tests {
     }
 
     #[test]
-    fn a_change_is_followed_as_its_time_constant_says() {
+    fn change_is_followed_with_time_constant() {
         let (a, b) = ([lamp(Vec3::X, 1.0)], [lamp(Vec3::Z, 1.0)]);
         let mut follower = BrightestFollower::default();
         assert!(follower.follow(1, &a, 3.0).vector().distance(Vec3::X) < 1e-5);
         assert!(follower.follow(2, &b, 3.0).vector().distance(Vec3::X) < 1e-5);
-        let after = follower.follow(2, &b, 3.0 + FOLLOWS_IN).vector();
+        let after = follower.follow(2, &b, 3.0 + TIME_CONSTANT_SECONDS).vector();
         let left = (-1.0_f32).exp();
         assert!(after.distance(Vec3::X * left + Vec3::Z * (1.0 - left)) < 1e-5);
-        // A time before the last one counts as no time; long pauses as one second.
+        // A time before the last one counts as no time, long pauses as one second.
         assert!(follower.follow(2, &b, 0.0).vector().distance(after) < 1e-5);
         let later = follower.follow(2, &b, 1e6).vector();
         assert!(later.distance(Vec3::Z) < 0.1 && later.distance(Vec3::Z) > 0.01);
@@ -290,7 +291,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn whatever_shines_the_vector_is_no_longer_than_one(
+        fn vector_is_never_longer_than_one(
             lights in proptest::collection::vec(
                 ((-1.0f32..1.0, -1.0f32..1.0, 0.01f32..1.0), 0.0f32..1e6, 0.0f32..1.5, any::<bool>()),
                 0..40,

@@ -1,11 +1,10 @@
-//! What is left of the environment without its compact sources, divided into cells of
-//! similar importance.
+//! Divides the environment without its compact sources into cells of similar importance.
 //!
-//! The error that a cell makes in a shadow grows with its share of the ground's light and
-//! with its extent, so the cell with the largest product of the two is split until there
-//! are enough, and the borders are then relaxed (k-means, weighted by importance). The
-//! division is kept from frame to frame, while colours and centres follow the light, until
-//! it has become much worse than a new one would be.
+//! The error of a cell in a shadow grows with its share of the ground's light and with its extent.
+//! So the cell with the largest product of the two is split until there are enough cells, and the
+//! borders are then relaxed (k-means, weighted by importance). The division is kept from frame to
+//! frame, while colours and centres follow the light, until it has become much worse than a new one
+//! would be.
 
 use super::cube::CubeGrid;
 use super::light::{DomeLight, LightKind};
@@ -14,12 +13,12 @@ use super::tracking::above_horizon;
 use glam::{Mat3, Vec3};
 use std::f32::consts::PI;
 
-/// Rounds of k-means after splitting.
+/// Iterations of k-means after splitting.
 const RELAXATIONS: usize = 4;
-/// A new division must be better by this factor to replace the old one.
-const WORTH_CHANGING: f32 = 1.3;
-/// Part of the importance that is spread evenly, so that dark regions keep coarse cells.
-const EVEN_SHARE: f32 = 0.05;
+/// Minimum factor by which a new division must be better to replace the old one.
+const MIN_IMPROVEMENT: f32 = 1.3;
+/// Part of the importance that is distributed uniformly, so that dark regions keep coarse cells.
+const UNIFORM_SHARE: f32 = 0.05;
 
 /// A division of the fine map's texels into cells.
 #[derive(Clone, Debug, Default)]
@@ -58,7 +57,7 @@ impl Moments {
 }
 
 impl Cells {
-    /// Follows the light; true if the division is a new one.
+    /// Updates the division for new light; returns true if it was replaced.
     pub fn update(&mut self, texels: &[Vec3], grid: &CubeGrid, count: usize, ground: bool) -> bool {
         let importance = importance(texels, grid, ground);
         let must = self.count != count || self.cell_of.len() != texels.len();
@@ -68,7 +67,7 @@ impl Cells {
         let fresh = divide(&importance, grid, count);
         let old = cost(&self.cell_of, self.count, &importance, grid);
         let new = cost(&fresh, count, &importance, grid);
-        if !must && old < WORTH_CHANGING * new {
+        if !must && old < MIN_IMPROVEMENT * new {
             return false;
         }
         *self = Self {
@@ -89,9 +88,10 @@ impl Cells {
         moved > 0.05
     }
 
-    /// One light per cell, in the order of the cells. Its direction is that of the cell's vector
-    /// irradiance, so that every surface which sees the whole cell gets from it what its texels
-    /// give (by luminance); with ground, the ground exactly.
+    /// Returns one light per cell, in the order of the cells. Its direction is that of the cell's
+    /// vector irradiance, so that every surface that sees the entire cell gets the same irradiance
+    /// (by luminance) from the light as from the texels; with ground, the irradiance of the ground
+    /// is exact.
     pub fn lights(&self, texels: &[Vec3], grid: &CubeGrid, ground: bool) -> Vec<DomeLight> {
         let mut sums = vec![CellSum::default(); self.count];
         for (i, &cell) in self.cell_of.iter().enumerate() {
@@ -142,7 +142,7 @@ impl CellSum {
     }
 }
 
-/// Each texel's part in the ground's light; adds up to one.
+/// Each texel's share of the ground's light; the sum is one.
 fn importance(texels: &[Vec3], grid: &CubeGrid, ground: bool) -> Vec<f32> {
     let of = |l: &Vec3, d: &Vec3, w: &f32| match ground {
         true if d.z <= 0.0 => 0.0,
@@ -151,12 +151,12 @@ fn importance(texels: &[Vec3], grid: &CubeGrid, ground: bool) -> Vec<f32> {
     };
     let rows = || texels.iter().zip(&grid.directions).zip(&grid.solid_angles);
     let total: f32 = rows().map(|((l, d), w)| of(l, d, w)).sum();
-    let even = EVEN_SHARE / if ground { 2.0 * PI } else { 4.0 * PI };
+    let even = UNIFORM_SHARE / if ground { 2.0 * PI } else { 4.0 * PI };
     rows()
         .map(|((l, d), w)| {
             let counts = !ground || d.z > 0.0;
             let even = if counts { even * w } else { 0.0 };
-            even + (1.0 - EVEN_SHARE) * of(l, d, w) / total.max(f32::MIN_POSITIVE)
+            even + (1.0 - UNIFORM_SHARE) * of(l, d, w) / total.max(f32::MIN_POSITIVE)
         })
         .collect()
 }
@@ -204,7 +204,7 @@ fn moments_of(members: &[u32], importance: &[f32], grid: &CubeGrid) -> Moments {
     moments
 }
 
-/// Splits a group across its longest axis at its mean.
+/// Splits a group at its mean, across its longest axis.
 fn halve(
     centre: Vec3,
     members: Vec<u32>,
@@ -235,7 +235,8 @@ fn principal_axis(m: Mat3) -> Vec3 {
     v
 }
 
-/// k-means: every texel to the nearest centre, every centre to the mean of its texels.
+/// k-means: assigns every texel to the nearest centre, and moves every centre to the mean of its
+/// texels.
 fn relax(mut centres: Vec<Vec3>, importance: &[f32], grid: &CubeGrid) -> Vec<u16> {
     let mut cell_of = vec![u16::MAX; importance.len()];
     for round in 0..=RELAXATIONS {

@@ -1,4 +1,4 @@
-//! Finds the circle of a fisheye picture or the outline of a mirrored ball.
+//! Finds the image circle of a fisheye picture or the outline of a mirrored sphere.
 
 use glam::DVec2;
 use penumbra_picture::Picture;
@@ -12,15 +12,15 @@ pub struct Circle {
     pub radius: f64,
 }
 
-/// Longest side, pixels, at which circles are searched.
-const SEARCH_SIDE: u32 = 240;
-/// Least part of an outline that must be visible.
-const LEAST_SUPPORT: f64 = 0.3;
+/// Maximum side of the picture in which circles are searched, pixels.
+const MAX_SEARCH_SIDE: u32 = 240;
+/// Minimum part of an outline that must be visible.
+const MIN_SUPPORT: f64 = 0.3;
 /// Rays from the centre along which the outline is refined.
 const RAYS: usize = 360;
 
-/// The image circle of a fisheye: what is inside is brighter than the black around it.
-/// `None` where there is no such border.
+/// Finds the image circle of a fisheye, which is brighter than the black around it. `None` if there
+/// is no such border.
 #[must_use]
 pub fn fisheye_circle(picture: &Picture) -> Option<Circle> {
     let grey = Grey::new(picture);
@@ -32,7 +32,7 @@ pub fn fisheye_circle(picture: &Picture) -> Option<Circle> {
             grey.last_above(middle, side, dark)
         })
         .collect();
-    // A picture that fills its frame has its last bright pixel on the frame everywhere.
+    // A picture that fills its frame has its last bright pixel at the frame in all directions.
     let inside: Vec<DVec2> = points
         .into_iter()
         .filter(|p| grey.is_inside(*p, 2.0))
@@ -43,12 +43,12 @@ pub fn fisheye_circle(picture: &Picture) -> Option<Circle> {
     fit(&inside)
 }
 
-/// The outline of a mirrored ball that fills a good part of the picture: the circle with
-/// the most edge across it (Hough transform), then refined along rays.
+/// Finds the outline of a mirrored sphere that fills a large part of the picture: the circle with
+/// the most edges across it (Hough transform), refined along rays.
 #[must_use]
 pub fn ball_outline(picture: &Picture) -> Option<Circle> {
     let scale = (picture.width.max(picture.height))
-        .div_ceil(SEARCH_SIDE)
+        .div_ceil(MAX_SEARCH_SIDE)
         .max(1);
     let small = Grey::new(picture).shrunk(scale);
     let coarse = small.hough()?;
@@ -64,7 +64,7 @@ pub fn ball_outline(picture: &Picture) -> Option<Circle> {
     Some(circle)
 }
 
-/// A step of luminance.
+/// An edge: a step of luminance.
 struct Edge {
     at: DVec2,
     /// Unit vector along the gradient.
@@ -106,7 +106,7 @@ impl Grey {
             && p.y <= self.height as f64 - 1.0 - margin
     }
 
-    /// Median of the picture's corners, which a fisheye leaves black.
+    /// Median of the picture's corners, which are black in a fisheye picture.
     fn border_level(&self) -> f32 {
         let n = (self.width.min(self.height) / 40).max(1);
         let (w, h) = (
@@ -122,7 +122,7 @@ impl Grey {
         corner.get(corner.len() / 2).copied().unwrap_or(0.0)
     }
 
-    /// The outermost point of a ray that begins a run of eight pixels above a level.
+    /// Returns the outermost point of a ray that begins a run of eight pixels above a level.
     fn last_above(&self, from: DVec2, side: DVec2, level: f32) -> Option<DVec2> {
         let reach = self.width.max(self.height);
         let mut run = 0;
@@ -165,9 +165,9 @@ impl Grey {
         DVec2::new(f64::from(gx), f64::from(gy))
     }
 
-    /// Every edge votes for the centres that lie across it, at every radius from a quarter
-    /// to 0.55 of the shorter side, by the root of its contrast; the best centre of each
-    /// radius is judged by how much of its circle is an edge.
+    /// Finds a circle: every edge votes for the centres on its normal, at every radius from a
+    /// quarter to 0.55 of the shorter side, weighted by the square root of its contrast; the best
+    /// centre of each radius is scored by its support.
     fn hough(&self) -> Option<Circle> {
         let side = self.width.min(self.height) as f64;
         let (low, high) = ((0.25 * side) as usize, (0.55 * side) as usize);
@@ -186,11 +186,11 @@ impl Grey {
             Some((self.support(circle), circle))
         });
         let best = candidates.max_by(|a, b| a.0.total_cmp(&b.0))?;
-        (best.0 > LEAST_SUPPORT).then_some(best.1)
+        (best.0 > MIN_SUPPORT).then_some(best.1)
     }
 
-    /// Part of a circle along which there is an edge across its radius, whatever its
-    /// contrast: a whole outline wins over a strong fragment.
+    /// Returns the part of a circle along which there is an edge across its radius, of any
+    /// contrast: a complete outline is preferred to a strong fragment.
     fn support(&self, circle: Circle) -> f64 {
         let has_edge = |side: DVec2| {
             (-2..=2).any(|r| {
@@ -235,7 +235,7 @@ impl Grey {
         }
     }
 
-    /// The strongest 3×3 neighbourhood of votes.
+    /// Returns the centre of the 3×3 neighbourhood with the most votes.
     fn strongest(&self, votes: &[f32]) -> Option<usize> {
         let w = self.width;
         (w + 1..votes.len().saturating_sub(w + 1))
@@ -252,7 +252,7 @@ impl Grey {
             .map(|(i, _)| i)
     }
 
-    /// Looks for the strongest step along rays within `reach` radii of the outline.
+    /// Refines a circle by the strongest step along rays, within `reach` radii of the outline.
     fn refine(&self, circle: Circle, reach: f64) -> Option<Circle> {
         let span = (reach * circle.radius).ceil().max(2.0) as i32;
         let points: Vec<DVec2> = (0..RAYS)
@@ -277,8 +277,7 @@ impl Grey {
     }
 }
 
-/// Circle through points: Kåsa's linear fit, repeated with Cauchy weights against
-/// outliers.
+/// Fits a circle to points: Kåsa's linear fit, iterated with Cauchy weights against outliers.
 fn fit(points: &[DVec2]) -> Option<Circle> {
     let mut weights = vec![1.0; points.len()];
     let mut circle = None;
@@ -286,8 +285,8 @@ fn fit(points: &[DVec2]) -> Option<Circle> {
         let c = weighted_fit(points, &weights)?;
         let scale = (0.002 * c.radius).max(0.5);
         for (w, p) in weights.iter_mut().zip(points) {
-            let off = (p.distance(c.centre) - c.radius) / scale;
-            *w = 1.0 / (1.0 + off * off);
+            let residual = (p.distance(c.centre) - c.radius) / scale;
+            *w = 1.0 / (1.0 + residual * residual);
         }
         circle = Some(c);
     }
@@ -326,7 +325,7 @@ mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
 
-    fn drawn(width: u32, height: u32, shade: impl Fn(DVec2) -> u8) -> Picture {
+    fn rendered(width: u32, height: u32, shade: impl Fn(DVec2) -> u8) -> Picture {
         let rgba = (0..width * height)
             .flat_map(|i| {
                 let v = shade(DVec2::new(f64::from(i % width), f64::from(i / width)));
@@ -341,9 +340,9 @@ mod tests {
     }
 
     #[test]
-    fn an_image_circle_is_found_to_a_pixel() {
+    fn finds_image_circle_within_a_pixel() {
         let centre = DVec2::new(203.0, 190.0);
-        let picture = drawn(
+        let picture = rendered(
             400,
             380,
             |p| if p.distance(centre) < 170.0 { 90 } else { 3 },
@@ -353,13 +352,13 @@ mod tests {
             found.centre.distance(centre) < 1.0 && (found.radius - 170.0).abs() < 1.0,
             "{found:?}"
         );
-        assert!(fisheye_circle(&drawn(100, 100, |_| 128)).is_none());
+        assert!(fisheye_circle(&rendered(100, 100, |_| 128)).is_none());
     }
 
     #[test]
-    fn a_ball_before_a_busy_wall_is_found() {
+    fn finds_sphere_before_textured_wall() {
         let centre = DVec2::new(310.0, 260.0);
-        let picture = drawn(640, 480, |p| {
+        let picture = rendered(640, 480, |p| {
             let d = (p - centre) / 180.0;
             if d.length() < 1.0 {
                 (40.0 + 60.0 * (1.0 - d.x)) as u8
@@ -374,6 +373,6 @@ mod tests {
             found.centre.distance(centre) < 2.0 && (found.radius - 180.0).abs() < 2.0,
             "{found:?}"
         );
-        assert!(ball_outline(&drawn(64, 64, |_| 9)).is_none());
+        assert!(ball_outline(&rendered(64, 64, |_| 9)).is_none());
     }
 }

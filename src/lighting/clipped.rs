@@ -1,40 +1,11 @@
-//! What is done about sources that even the shortest exposure clips.
+//! Estimates the energy of sources that even the shortest exposure clips.
 
 use super::resample::PixelDirections;
-use super::settings::EnvironmentInput;
+use super::settings::{ClippedEnergy, EnvironmentInput};
 use glam::Vec3;
 use std::f32::consts::PI;
 
-/// How the energy of clipped pixels is estimated.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum ClippedEnergy {
-    /// They are taken at their clipped value.
-    Keep,
-    /// They are this many times as bright as their clipped value, up to `most_solid_angle`
-    /// steradians in all; a larger clipped region (an overexposed sky) is kept.
-    Factor {
-        /// At least 1.
-        factor: f32,
-        /// Steradians.
-        most_solid_angle: f32,
-    },
-    /// As bright as it takes for the ground's irradiance to be what was measured (see
-    /// [`EnvironmentInput::measured_ground_irradiance`]); without a measurement, and with
-    /// a sphere in the scene camera's picture, as bright as the shadows in that picture
-    /// say; else they are kept.
-    Measured {
-        /// Never more than this factor.
-        most: f32,
-    },
-}
-
-impl Default for ClippedEnergy {
-    fn default() -> Self {
-        Self::Measured { most: 1e5 }
-    }
-}
-
-/// Raises clipped pixels of `radiance` (environment camera units).
+/// Multiplies clipped pixels of `radiance` (environment camera units).
 pub(super) fn boost(
     method: &ClippedEnergy,
     pixels: &PixelDirections,
@@ -50,24 +21,23 @@ pub(super) fn boost(
         ClippedEnergy::Keep => return,
         ClippedEnergy::Factor {
             factor,
-            most_solid_angle,
+            max_solid_angle,
         } => {
             let size: f32 = clipped
                 .iter()
                 .map(|&i| pixels.solid_angles[i as usize])
                 .sum();
-            Vec3::splat(if size <= most_solid_angle {
+            Vec3::splat(if size <= max_solid_angle {
                 factor.max(1.0)
             } else {
                 1.0
             })
         }
-        ClippedEnergy::Measured { most } => match input.measured_ground_irradiance {
-            Some(measured) => {
-                missing(pixels, radiance, clipped, input, measured).min(Vec3::splat(most))
-            }
+        ClippedEnergy::Measured { max_factor } => match input.measured_ground_irradiance {
+            Some(measured) => required_factor(pixels, radiance, clipped, input, measured)
+                .min(Vec3::splat(max_factor)),
             None => match from_shadows {
-                Some(factor) => Vec3::splat(factor.min(most)),
+                Some(factor) => Vec3::splat(factor.min(max_factor)),
                 None => return,
             },
         },
@@ -77,14 +47,13 @@ pub(super) fn boost(
     }
 }
 
-/// The factor by which clipped pixels must be brighter for the ground to receive
-/// `measured`, per channel.
+/// Returns the factor on clipped pixels for which the ground receives `measured`, per channel.
 ///
 /// ```text
 ///  E = s (E_rest + f E_clipped)  ⇒  f = (E/s − E_rest) / E_clipped,   s = π / ∫ cos⁺ dω
 /// ```
-/// where s makes up for directions that are not seen.
-fn missing(
+/// where s compensates for directions that are not seen.
+fn required_factor(
     pixels: &PixelDirections,
     radiance: &[Vec3],
     clipped: &[u32],

@@ -1,10 +1,10 @@
-//! Cube-map geometry: which texel a direction falls into, and what a texel covers.
+//! Cube-map geometry: the texel of a direction, and the solid angle of a texel.
 
 use super::light::CubeMap;
 use glam::{DVec3, Vec3};
 
-/// Unit direction of the point (`s`, `t`), each 0..=1, of a face. Faces and orientation as
-/// in the table "Major axis direction" of the Vulkan specification (the same as WebGPU's).
+/// Returns the unit direction of the point (`s`, `t`), each 0..=1, of a face. Faces and orientation
+/// as in the table "Major axis direction" of the Vulkan specification (the same as WebGPU's).
 #[must_use]
 pub fn face_direction(face: usize, s: f64, t: f64) -> DVec3 {
     let (a, b) = (2.0 * s - 1.0, 2.0 * t - 1.0);
@@ -19,7 +19,7 @@ pub fn face_direction(face: usize, s: f64, t: f64) -> DVec3 {
     d.normalize()
 }
 
-/// Face, s and t (each 0..=1) that a direction falls on: the inverse of
+/// Returns the face and the coordinates s and t (each 0..=1) of a direction: the inverse of
 /// [`face_direction`].
 #[must_use]
 pub fn locate(d: Vec3) -> (usize, f32, f32) {
@@ -45,7 +45,8 @@ pub fn locate(d: Vec3) -> (usize, f32, f32) {
     (face, sc * half + 0.5, tc * half + 0.5)
 }
 
-/// Index, face-major, of the texel of a `size`-sided map that a direction falls into.
+/// Returns the index, face-major, of the texel of a direction in a map of `size` texels along a
+/// side.
 #[must_use]
 pub fn texel_of(size: u32, d: Vec3) -> usize {
     let (face, s, t) = locate(d);
@@ -64,16 +65,16 @@ fn corner_solid_angle(a: f64, b: f64) -> f64 {
 /// Every texel's direction and solid angle, face-major like [`CubeMap`].
 #[derive(Clone, Debug)]
 pub struct CubeGrid {
-    /// Texels a side.
+    /// Texels along a side.
     pub size: u32,
     /// Unit direction of each texel's centre, world.
     pub directions: Vec<Vec3>,
-    /// Steradians of each texel; they add up to 4π.
+    /// Solid angle of each texel, steradians; their sum is 4π.
     pub solid_angles: Vec<f32>,
 }
 
 impl CubeGrid {
-    /// The grid of a cube with `size` texels a side.
+    /// Creates the grid of a cube with `size` texels along a side.
     #[must_use]
     pub fn new(size: u32) -> Self {
         let n = f64::from(size);
@@ -94,7 +95,7 @@ impl CubeGrid {
         }
     }
 
-    /// The up to eight texels around one, across the edges of faces too.
+    /// Returns the up to eight neighbours of each texel, across the edges of faces too.
     #[must_use]
     pub fn neighbours(&self) -> Vec<[u32; 8]> {
         let step = 2.0 / self.size as f32;
@@ -104,8 +105,8 @@ impl CubeGrid {
                 let (right, up) = tangent_frame(d);
                 std::array::from_fn(|k| {
                     let angle = k as f32 * std::f32::consts::FRAC_PI_4;
-                    // Texels shrink towards a face's corners, to 1/√27 in solid angle:
-                    // a step of one texel there is half a step at the centre.
+                    // Texels shrink towards a face's corners, to 1/√27 in solid angle: a step of
+                    // one texel there is half a step at the centre.
                     let (_, s, t) = locate(d);
                     let (a, b) = (2.0 * s - 1.0, 2.0 * t - 1.0);
                     let reach = step / (1.0 + a * a + b * b).powf(0.75);
@@ -117,7 +118,7 @@ impl CubeGrid {
     }
 }
 
-/// Steradians of the texel in column `x` and row `y` of any face.
+/// Returns the solid angle, steradians, of the texel in column `x` and row `y` of any face.
 #[must_use]
 pub fn texel_solid_angle(size: u32, x: u32, y: u32) -> f64 {
     let edge = |i: u32| 2.0 * f64::from(i) / f64::from(size) - 1.0;
@@ -126,7 +127,7 @@ pub fn texel_solid_angle(size: u32, x: u32, y: u32) -> f64 {
         + corner_solid_angle(a0, b0)
 }
 
-/// Two unit vectors that span the plane across `d`, the first horizontal.
+/// Returns two unit vectors that span the plane perpendicular to `d`, the first horizontal.
 #[must_use]
 pub fn tangent_frame(d: Vec3) -> (Vec3, Vec3) {
     let side = Vec3::Z.cross(d);
@@ -138,7 +139,7 @@ pub fn tangent_frame(d: Vec3) -> (Vec3, Vec3) {
     (right, d.cross(right))
 }
 
-/// Steradians of a face's texels, row by row; each corner is worked out once.
+/// Solid angles of a face's texels, steradians, row by row; each corner is computed once.
 fn face_solid_angles(size: u32) -> Vec<f32> {
     let edge = |i: u32| 2.0 * f64::from(i) / f64::from(size) - 1.0;
     let row = |y: u32| (0..=size).map(move |x| corner_solid_angle(edge(x), edge(y)));
@@ -153,8 +154,8 @@ fn face_solid_angles(size: u32) -> Vec<f32> {
     all
 }
 
-/// The next smaller map: each texel the mean of four, weighted by their solid angles, so
-/// that the integral over the sphere stays what it was.
+/// Returns the next smaller map: each texel is the mean of four, weighted by their solid angles, so
+/// that the integral over the sphere is preserved.
 #[must_use]
 pub fn halve(size: u32, texels: &[Vec3]) -> Vec<Vec3> {
     let half = (size / 2) as usize;
@@ -174,7 +175,7 @@ pub fn halve(size: u32, texels: &[Vec3]) -> Vec<Vec3> {
     out
 }
 
-/// Bilinear look-up within a face (edges are clamped), for previews and tests.
+/// Samples a level bilinearly within a face (clamped at edges), for previews and tests.
 #[must_use]
 pub fn sample(map: &CubeMap, level: usize, direction: Vec3) -> Vec3 {
     let Some(texels) = map.levels.get(level) else {
@@ -193,8 +194,8 @@ pub fn sample(map: &CubeMap, level: usize, direction: Vec3) -> Vec3 {
         .lerp(texel(x0, y1).lerp(texel(x1, y1), fx), fy)
 }
 
-/// Bilinear look-up in a map of `n` texels a side, across the edges of faces, as graphics
-/// hardware does it (but for the texels' corners that only three faces share).
+/// Samples a map of `n` texels along a side bilinearly across the edges of faces, as graphics
+/// hardware does (except at the corners that only three faces share).
 #[must_use]
 pub fn sample_seamless(texels: &[[f32; 3]], n: u32, direction: Vec3) -> Vec3 {
     let (face, s, t) = locate(direction);
@@ -204,8 +205,8 @@ pub fn sample_seamless(texels: &[[f32; 3]], n: u32, direction: Vec3) -> Vec3 {
         let (a, b) = ((x + 0.5) / n as f32, (y + 0.5) / n as f32);
         let beyond = !(0.0..=1.0).contains(&a) || !(0.0..=1.0).contains(&b);
         let index = if beyond {
-            // The neighbouring face's texel is where this face's plane would go on to, as
-            // far beyond the edge as it is within the other face.
+            // The neighbouring face's texel lies where this face's plane continues, at the same
+            // distance beyond the edge as it has within the other face.
             texel_of(n, folded(face, f64::from(a), f64::from(b)))
         } else {
             (face * n as usize + y as usize) * n as usize + x as usize
@@ -216,7 +217,7 @@ pub fn sample_seamless(texels: &[[f32; 3]], n: u32, direction: Vec3) -> Vec3 {
     row(y0).lerp(row(y0 + 1.0), y - y0)
 }
 
-/// Direction of a point up to half a texel beyond an edge of a face, folded round the edge.
+/// Direction of a point up to half a texel beyond an edge of a face, folded over the edge.
 fn folded(face: usize, s: f64, t: f64) -> Vec3 {
     let (a, b) = (2.0 * s - 1.0, 2.0 * t - 1.0);
     let over = (a.abs() - 1.0).max(b.abs() - 1.0).max(0.0);
@@ -248,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn the_faces_lie_where_the_specification_puts_them() {
+    fn faces_are_oriented_as_specified() {
         // Vulkan, "Cube Map Face Selection": +X has sc = −rz, tc = −ry.
         assert_eq!(locate(Vec3::new(1.0, 0.5, 0.0)), (0, 0.5, 0.25));
         assert_eq!(locate(Vec3::new(0.0, 1.0, 0.5)), (2, 0.5, 0.75));
@@ -256,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn neighbours_touch() {
+    fn neighbours_are_adjacent() {
         let grid = CubeGrid::new(16);
         for (i, around) in grid.neighbours().iter().enumerate() {
             for &k in around {
@@ -269,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn texels_of_a_face_are_as_large_as_each_alone() {
+    fn face_solid_angles_equal_texel_solid_angles() {
         for (i, w) in face_solid_angles(16).into_iter().enumerate() {
             let alone = texel_solid_angle(16, i as u32 % 16, i as u32 / 16) as f32;
             assert!((w - alone).abs() < 1e-8, "{i}: {w} {alone}");
@@ -277,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn halving_keeps_the_integral() {
+    fn halving_preserves_integral() {
         let grid = CubeGrid::new(16);
         let texels: Vec<Vec3> = grid
             .directions

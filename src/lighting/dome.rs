@@ -15,10 +15,10 @@ use super::light::{DomeLight, LightKind};
 use glam::Vec3;
 use std::f32::consts::PI;
 
-/// The sizes of dome that the fixed grid comes in.
+/// Numbers of lights of the available grids.
 pub const GRID_SIZES: [usize; 6] = [8, 24, 48, 64, 96, 384];
 
-/// Which of a fine map's texels each light of the grid stands for.
+/// Assigns the texels of a fine map to the lights of a regular grid.
 #[derive(Clone, Debug)]
 pub struct DomeGrid {
     directions: Vec<Vec3>,
@@ -28,8 +28,8 @@ pub struct DomeGrid {
 }
 
 impl DomeGrid {
-    /// The largest grid of at most `budget` lights (at least 8), for a fine map `fine`.
-    /// With `ground`, everything below the horizon is dropped.
+    /// Creates the largest grid of at most `budget` lights (at least 8) for a fine map `fine`. With
+    /// `ground`, everything below the horizon is dropped.
     #[must_use]
     pub fn new(budget: usize, ground: bool, fine: &CubeGrid) -> Self {
         let size = GRID_SIZES
@@ -57,7 +57,7 @@ impl DomeGrid {
         }
     }
 
-    /// The lights of a fine map. Above ground their irradiance on it adds up to exactly
+    /// Returns the lights of a fine map. With ground, their irradiance on it adds up to exactly
     /// that of the map's upper hemisphere, per channel.
     #[must_use]
     pub fn lights(&self, texels: &[Vec3], fine: &CubeGrid) -> Vec<DomeLight> {
@@ -91,13 +91,13 @@ impl DomeGrid {
     }
 }
 
-/// Irradiance of the upper hemisphere on level ground, by brute force.
+/// Returns the irradiance of the upper hemisphere on level ground, by numerical integration.
 #[must_use]
 pub fn ground_irradiance(texels: &[Vec3], grid: &CubeGrid) -> Vec3 {
     super::harmonics::irradiance_of(Vec3::Z, &grid.directions, &grid.solid_angles, texels)
 }
 
-/// Scales lights so that together they give the ground exactly `target`, per channel.
+/// Scales lights so that their total irradiance on the ground is `target`, per channel.
 pub fn normalise(lights: &mut [DomeLight], target: Vec3) {
     let sum: Vec3 = lights
         .iter()
@@ -131,8 +131,8 @@ fn grid_directions(size: usize, ground: bool) -> Vec<Vec3> {
         64 => {
             let all = side(4);
             let upper = all.iter().filter(|d| d.z > 0.0);
-            // The first row of the side faces below the horizon: |z| is a quarter of the
-            // largest component.
+            // The first row of the side faces below the horizon: |z| is a quarter of the largest
+            // component.
             let below = all
                 .iter()
                 .filter(|d| d.z < 0.0 && -d.z < 0.3 * d.abs().max_element());
@@ -143,8 +143,8 @@ fn grid_directions(size: usize, ground: bool) -> Vec<Vec3> {
     }
 }
 
-/// The light whose texel a direction falls into. All grids but that of 64 partition the
-/// directions they are asked for into the texels nearest to each light.
+/// Returns the light whose texel contains a direction. All grids except that of 64 divide the
+/// requested directions into the texels nearest to each light.
 fn nearest(directions: &[Vec3], d: Vec3, size: usize, ground: bool) -> u16 {
     let n = match size {
         24 => 2,
@@ -189,7 +189,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_grid_has_its_number_of_lights() {
+    fn grids_have_the_requested_number_of_lights() {
         for size in GRID_SIZES {
             for ground in [true, false] {
                 assert_eq!(grid_directions(size, ground).len(), size, "{size} {ground}");
@@ -205,7 +205,7 @@ mod tests {
             .iter()
             .map(|d| Vec3::new(1.0, d.x + 1.5, d.y * d.y + d.z.max(0.0)))
             .collect();
-        let truth = ground_irradiance(&texels, &fine);
+        let expected = ground_irradiance(&texels, &fine);
         for size in GRID_SIZES {
             let lights = DomeGrid::new(size, true, &fine).lights(&texels, &fine);
             let sum: Vec3 = lights
@@ -213,14 +213,14 @@ mod tests {
                 .map(|l| l.irradiance * l.direction.z.max(0.0))
                 .sum();
             assert!(
-                ((sum - truth) / truth).abs().max_element() < 1e-5,
-                "{size}: {sum} {truth}"
+                ((sum - expected) / expected).abs().max_element() < 1e-5,
+                "{size}: {sum} {expected}"
             );
         }
     }
 
     #[test]
-    fn without_ground_a_constant_sphere_is_kept_whole() {
+    fn constant_sphere_is_preserved_without_ground() {
         let fine = CubeGrid::new(32);
         let texels = vec![Vec3::ONE; fine.directions.len()];
         for size in [8, 24, 96, 384] {

@@ -1,4 +1,4 @@
-//! The environment map laid out flat, to look at and to keep.
+//! Equirectangular environment map, for display and files.
 
 use super::light::{DomeLight, LightKind, Lighting};
 use super::sources::LUMINANCE;
@@ -42,13 +42,13 @@ impl Equirect {
         }
     }
 
-    /// A cube map's level 0, laid out flat.
+    /// Resamples level 0 of a cube map.
     #[must_use]
     pub fn from_cube(map: &CubeMap, height: u32) -> Self {
         Self::from_fn(height, |d| cube::sample(map, 0, d))
     }
 
-    /// The picture at an exposure under which nine tenths of the sphere are below white.
+    /// Tone-maps the map with an exposure for which nine tenths of the sphere are below white.
     #[must_use]
     pub fn to_picture(&self) -> Picture {
         let exposure = self.exposure();
@@ -76,7 +76,7 @@ impl Equirect {
     }
 }
 
-/// Direction of the point (`u`, `v`), pixels, of a map.
+/// Returns the direction of the point (`u`, `v`), pixels, of a map.
 fn direction(width: u32, height: u32, u: f32, v: f32) -> Vec3 {
     let phi = 2.0 * PI * (0.5 - (u + 0.5) / width as f32);
     let theta = PI * (v + 0.5) / height as f32;
@@ -87,15 +87,15 @@ fn direction(width: u32, height: u32, u: f32, v: f32) -> Vec3 {
     )
 }
 
-/// Pixel of a direction: the inverse of [`direction`].
+/// Returns the pixel of a direction: the inverse of [`direction`].
 fn pixel(width: u32, height: u32, d: Vec3) -> (f32, f32) {
     let u = (0.5 - d.y.atan2(d.x) / (2.0 * PI)) * width as f32 - 0.5;
     let v = d.z.clamp(-1.0, 1.0).acos() / PI * height as f32 - 0.5;
     (u, v)
 }
 
-/// The environment map with the dome lights drawn on it: rings for cells, discs for
-/// compact sources, their area by their part of the light. For the dashboard.
+/// Draws the dome lights on the environment map: rings for cells, discs for compact sources, with
+/// areas proportional to their share of the light. For the dashboard.
 #[must_use]
 pub fn preview(lighting: &Lighting, height: u32) -> Picture {
     let mut picture = Equirect::from_cube(&lighting.radiance, height).to_picture();
@@ -147,13 +147,13 @@ mod tests {
                 "{u} {v} {a} {b}"
             );
         }
-        // +X is in the middle, +Y a quarter to the left, the zenith on top.
+        // +X is in the middle, +Y a quarter to the left, the zenith at the top.
         assert_eq!(pixel(128, 64, Vec3::X), (63.5, 31.5));
         assert_eq!(pixel(128, 64, Vec3::Y), (31.5, 31.5));
     }
 
     #[test]
-    fn black_and_empty_maps_do_not_divide_by_zero() {
+    fn black_and_empty_maps_give_finite_pictures() {
         assert_eq!(
             Equirect::from_fn(4, |_| Vec3::ZERO).to_picture().rgb(0, 0),
             [0, 0, 0]

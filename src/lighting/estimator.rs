@@ -1,15 +1,16 @@
-//! Pictures of the environment camera in, light out, frame by frame.
+//! Estimates light from pictures of the environment camera, frame by frame.
 
 use super::adaptive::{AdaptiveDome, CompactSource};
 use super::clipped::boost;
+use super::compact_source_specular::smoothstep;
 use super::cube::{CubeGrid, halve, texel_of};
 use super::dome::{DomeGrid, ground_irradiance};
 use super::harmonics::{HarmonicsTable, blurred, pin_upward};
 use super::hdr::{Bracket, BracketMerger, scales};
 use super::light::{DomeLight, Harmonics, Lighting};
-use super::memory::DirectionMemory;
+use super::memory::RadianceAccumulator;
 use super::prefilter::Prefilter;
-use super::probe::LastBall;
+use super::probe::LastSphere;
 use super::resample::{GatherTable, Hidden, PixelDirections, inpaint};
 use super::settings::{
     EnvironmentError, EnvironmentInput, EnvironmentSettings, IrradianceMethod, LightPlacement,
@@ -26,18 +27,18 @@ use penumbra_camera::Vignetting;
 use penumbra_interface::MonotonicTime;
 use std::sync::Arc;
 
-/// Side of the map that dome lights are made from.
+/// Side of the map from which dome lights are made, texels.
 const FINE_SIZE: u32 = 16;
-/// Standard deviation of the paper's blur, radians: the cosine lobe's own width.
+/// Standard deviation of the paper's blur, radians: the width of the cosine lobe.
 const BLUR_SIGMA: f32 = 0.75;
-/// Height (z of the direction) from which downwards only ground is expected.
+/// Height (z of the direction) below which only ground is expected.
 const GROUND_FROM: f32 = -0.06;
-/// Rounds that smooth the guess of what is not seen.
-const SMOOTHINGS: usize = 40;
-/// Samples a side of a texel, at most: 24 are enough for pictures of 1000 pixels.
-const FINEST: u32 = 24;
+/// Iterations that smooth the fill of unseen texels.
+const SMOOTHING_ITERATIONS: usize = 40;
+/// Maximum samples along a texel's side: 24 are enough for pictures of 1000 pixels.
+const MAX_SAMPLES: u32 = 24;
 
-/// A view that stands still, and its tables.
+/// A static view and its tables.
 struct FixedView {
     pixels: PixelDirections,
     table: GatherTable,
@@ -45,12 +46,12 @@ struct FixedView {
 
 enum View {
     Fixed(Box<FixedView>),
-    /// The sphere in the scene camera's picture; what was seen of each direction is kept.
-    Moving(Box<DirectionMemory>),
+    /// The sphere in the scene camera's picture, with what was seen of each direction.
+    Moving(Box<RadianceAccumulator>),
 }
 
-/// Turns environment pictures into [`Lighting`]. Deterministic; keeps what must be
-/// coherent in time.
+/// Turns environment pictures into [`Lighting`]. Deterministic; keeps the state that makes its
+/// results coherent in time.
 pub struct EnvironmentEstimator {
     view: EnvironmentView,
     placed: View,
@@ -69,16 +70,16 @@ pub struct EnvironmentEstimator {
     /// The same without the compact sources.
     residual: Vec<Vec3>,
     clipped: Vec<u32>,
-    /// The measured cube, environment camera units, and how much of each texel is seen.
+    /// The measured cube, environment camera units, and the visible part of each texel.
     measured: Vec<Vec3>,
     coverage: Vec<f32>,
-    /// How far the texels of the newest picture of a sphere in the scene are to be believed, and
-    /// which of its pixels are clipped.
+    /// Confidence of the texels of the newest picture of a sphere in the scene, and which of its
+    /// pixels are clipped.
     confidence: Vec<f32>,
-    marks: Vec<bool>,
-    last_ball: LastBall,
+    clipped_mask: Vec<bool>,
+    last_sphere: LastSphere,
     generation: u64,
-    /// How many times brighter than white clipped pixels are, by the scene's shadows.
+    /// Ratio of the clipped pixels' brightness to white, estimated from the scene's shadows.
     shadow_factor: Option<f32>,
     faces: Option<FaceTable>,
     stages: Stages,
@@ -103,11 +104,12 @@ impl Dome {
 }
 
 impl EnvironmentEstimator {
-    /// Builds all tables. `hidden` tells which rays from a camera that stands still end on
-    /// phantoms; what is behind them is guessed from what is around.
+    /// Builds all tables. `hidden` tells which rays from a static camera end on phantoms; the
+    /// radiance behind them is interpolated from its surroundings.
     ///
     /// # Errors
-    /// Impossible geometry or cube size.
+    /// The camera is inside the mirrored sphere, or the cube size is not a power of two from 16 to
+    /// 512.
     pub fn new(
         view: &EnvironmentView,
         response: &Response,
@@ -121,7 +123,7 @@ impl EnvironmentEstimator {
         let grid = CubeGrid::new(size);
         let (fine, placed) = (
             CubeGrid::new(FINE_SIZE),
-            place(view, &settings, hidden, &grid)?,
+            place_view(view, &settings, hidden, &grid)?,
         );
         let mut estimator = Self {
             view: view.clone(),
@@ -138,8 +140,8 @@ impl EnvironmentEstimator {
             measured: vec![Vec3::ZERO; grid.directions.len()],
             coverage: vec![0.0; grid.directions.len()],
             confidence: Vec::new(),
-            marks: Vec::new(),
-            last_ball: LastBall::default(),
+            clipped_mask: Vec::new(),
+            last_sphere: LastSphere::default(),
             generation: 0,
             shadow_factor: None,
             neighbours: grid.neighbours(),
@@ -149,22 +151,22 @@ impl EnvironmentEstimator {
             faces: None,
             stages: Stages::default(),
         };
-        estimator.lay_faces(glam::Quat::IDENTITY);
+        estimator.rebuild_faces(glam::Quat::IDENTITY);
         Ok(estimator)
     }
 
-    /// Undoes the camera's fall-off towards the edge of its pictures of `size`.
+    /// Corrects the vignetting of the camera's pictures of `size`.
     pub fn set_vignetting(&mut self, vignetting: &Vignetting, size: (u32, u32)) {
         self.merger.set_corrections(vignetting.corrections(size));
     }
 
-    /// Settings in force.
+    /// Returns the active settings.
     #[must_use]
     pub const fn settings(&self) -> &EnvironmentSettings {
         &self.settings
     }
 
-    /// Changes placement and number of lights while running; the rest stays.
+    /// Changes placement and number of lights while running, without affecting other settings.
     pub fn set_lights(&mut self, placement: LightPlacement, lights: usize) {
         if (self.settings.placement, self.settings.lights) != (placement, lights) {
             self.settings.placement = placement;
@@ -173,29 +175,30 @@ impl EnvironmentEstimator {
         }
     }
 
-    /// Reads the light of one instant.
+    /// Estimates the light of one instant.
     ///
     /// # Errors
-    /// Pictures that do not fit the calibration; a missing pose where one is needed.
+    /// No picture is given, a picture does not have the calibrated size, or the scene camera's pose
+    /// is needed and not known.
     pub fn update(&mut self, input: &EnvironmentInput) -> Result<Arc<Lighting>, EnvironmentError> {
         self.stages.begin();
         let mut brackets = input.brackets.to_vec();
         brackets.sort_by(|a, b| b.ev.total_cmp(&a.ev));
         let (sources, residual, full) = match self.placed {
-            View::Fixed(_) => self.see_fixed(&brackets, input)?,
-            View::Moving(_) => self.see_moving(&brackets, input)?,
+            View::Fixed(_) => self.observe_fixed(&brackets, input)?,
+            View::Moving(_) => self.observe_moving(&brackets, input)?,
         };
         Ok(Arc::new(self.light(&sources, residual, full, input)))
     }
 
-    /// Sources, the cube without them and the cube with them, in the camera's units.
-    fn see_fixed(
+    /// Returns the sources, the cube without them and the cube with them, in the camera's units.
+    fn observe_fixed(
         &mut self,
         brackets: &[Bracket],
         input: &EnvironmentInput,
-    ) -> Result<Seen, EnvironmentError> {
+    ) -> Result<SeparatedSources, EnvironmentError> {
         let View::Fixed(fixed) = &self.placed else {
-            return Ok(Seen::default());
+            return Ok(SeparatedSources::default());
         };
         let (pixels, table) = (&fixed.pixels, &fixed.table);
         check_sizes(brackets, (pixels.width, pixels.height))?;
@@ -229,7 +232,7 @@ impl EnvironmentEstimator {
             return Ok((sources, full.clone(), full));
         }
         self.residual.clone_from(&self.radiance);
-        take_out(&sources, &pixels.solid_angles, &mut self.residual);
+        subtract_sources(&sources, &pixels.solid_angles, &mut self.residual);
         let mut residual = Vec::new();
         table.apply(&self.residual, &mut residual);
         self.stages.done("sources");
@@ -245,19 +248,11 @@ impl EnvironmentEstimator {
     ) -> Lighting {
         self.to_scene_units(&mut residual, input.gains);
         self.to_scene_units(&mut full, input.gains);
-        // Guessed from what is around, but not from a lamp next to what is not seen.
-        let around = self.guess(&residual);
-        let compact = |l: &Vec3| {
-            sources
-                .iter()
-                .map(|s| input.gains * s.flux * s.direction.z.max(0.0))
-                .sum::<Vec3>()
-                + *l
-        };
-        let ground_radiance = input.ground_radiance.unwrap_or_else(|| {
-            let seen = ground_irradiance(&self.filled(&residual, &around, Vec3::ZERO), &self.grid);
-            compact(&seen) * (self.settings.fallback_ground_albedo / std::f32::consts::PI)
-        });
+        // Filled from the surroundings, but not from a lamp next to an unseen region.
+        let around = self.fill_unseen(&residual);
+        let ground_radiance = input
+            .ground_radiance
+            .unwrap_or_else(|| self.reflected_by_ground(sources, &residual, &around, input.gains));
         let residual = self.filled(&residual, &around, ground_radiance);
         let full = self.filled(&full, &around, ground_radiance);
         self.stages.done("fill");
@@ -298,14 +293,28 @@ impl EnvironmentEstimator {
         }
     }
 
+    /// Returns the ground's radiance by its default albedo and the light that reaches it.
+    fn reflected_by_ground(
+        &self,
+        sources: &[Source],
+        residual: &[Vec3],
+        around: &[Vec3],
+        gains: Mat3,
+    ) -> Vec3 {
+        let seen = ground_irradiance(&self.filled(residual, around, Vec3::ZERO), &self.grid);
+        let on_ground = |s: &Source| gains * s.flux * s.direction.z.max(0.0);
+        let irradiance = sources.iter().map(on_ground).sum::<Vec3>() + seen;
+        irradiance * (self.settings.fallback_ground_albedo / std::f32::consts::PI)
+    }
+
     fn to_scene_units(&self, texels: &mut [Vec3], gains: Mat3) {
         for texel in texels {
             *texel = (gains * *texel).max(Vec3::ZERO);
         }
     }
 
-    /// A smooth continuation of what is seen over what is not.
-    fn guess(&self, texels: &[Vec3]) -> Vec<Vec3> {
+    /// Returns a smooth continuation of the seen texels over the unseen ones.
+    fn fill_unseen(&self, texels: &[Vec3]) -> Vec<Vec3> {
         let lowest = if self.ground_below() {
             GROUND_FROM
         } else {
@@ -315,7 +324,7 @@ impl EnvironmentEstimator {
         let unseen: Vec<usize> = (0..around.len())
             .filter(|&i| self.coverage[i] < 0.5 && self.grid.directions[i].z > lowest)
             .collect();
-        for _ in 0..SMOOTHINGS {
+        for _ in 0..SMOOTHING_ITERATIONS {
             for &i in &unseen {
                 let near = self.neighbours[i].iter().map(|&k| around[k as usize]);
                 around[i] = near.sum::<Vec3>() / 8.0;
@@ -324,7 +333,8 @@ impl EnvironmentEstimator {
         around
     }
 
-    /// The whole sphere: `around` where nothing is seen, and the ground below the horizon.
+    /// Returns the complete sphere: `around` where nothing is seen, and the ground below the
+    /// horizon.
     fn filled(&self, texels: &[Vec3], around: &[Vec3], ground_radiance: Vec3) -> Vec<Vec3> {
         let rows = texels.iter().zip(&self.coverage).enumerate();
         rows.map(|(i, (texel, coverage))| {
@@ -334,24 +344,24 @@ impl EnvironmentEstimator {
         .collect()
     }
 
-    /// What is taken to be at a texel as far as it is not seen.
+    /// Returns the radiance assumed for the unseen part of a texel.
     fn unseen(&self, texel: usize, around: &[Vec3], ground_radiance: Vec3) -> Vec3 {
         let up = if self.ground_below() {
-            smoothstep(GROUND_FROM, 0.02, self.grid.directions[texel].z)
+            smoothstep((GROUND_FROM, 0.02), self.grid.directions[texel].z)
         } else {
             1.0
         };
         ground_radiance.lerp(around[texel], up)
     }
 
-    /// Whether what is not seen below the horizon is taken to be ground.
+    /// Whether unseen directions below the horizon are assumed to be ground.
     const fn ground_below(&self) -> bool {
         self.settings.ground || matches!(self.view, EnvironmentView::Fisheye { .. })
     }
 }
 
 /// Sources, the cube without them, the cube with them.
-type Seen = (Vec<Source>, Vec<Vec3>, Vec<Vec3>);
+type SeparatedSources = (Vec<Source>, Vec<Vec3>, Vec<Vec3>);
 
 impl EnvironmentSettings {
     fn irradiance(&self, table: &HarmonicsTable, grid: &CubeGrid, texels: &[Vec3]) -> Harmonics {
@@ -372,8 +382,8 @@ fn unclamped_up(h: &Harmonics) -> Vec3 {
     h.coefficients[0] + h.coefficients[2] + h.coefficients[6] * 2.0
 }
 
-/// Brings the cells' irradiance on the ground to exactly what [`Lighting::irradiance`]
-/// says, so that a point in full shadow of everything gets exactly nothing.
+/// Scales the cells' irradiance on the ground to exactly that of [`Lighting::irradiance`], so that
+/// a point in the shadow of everything gets no light.
 fn pinned(mut lights: Vec<DomeLight>, irradiance: &Harmonics, ground: bool) -> Vec<DomeLight> {
     use super::light::LightKind::Cell;
     if !ground {
@@ -389,19 +399,19 @@ fn pinned(mut lights: Vec<DomeLight>, irradiance: &Harmonics, ground: bool) -> V
     lights
 }
 
-fn place(
+fn place_view(
     view: &EnvironmentView,
     settings: &EnvironmentSettings,
     hidden: Option<&Hidden>,
     grid: &CubeGrid,
 ) -> Result<View, EnvironmentError> {
     if let EnvironmentView::SphereInScene { .. } = view {
-        return Ok(View::Moving(Box::new(DirectionMemory::new(grid))));
+        return Ok(View::Moving(Box::new(RadianceAccumulator::new(grid))));
     }
     let placed =
         PlacedView::new(view, None, settings.parallax).ok_or(EnvironmentError::InsideSphere)?;
     let pixels = PixelDirections::new(&placed, hidden);
-    let table = GatherTable::new(&placed, &pixels.solid_angles, grid.size, FINEST);
+    let table = GatherTable::new(&placed, &pixels.solid_angles, grid.size, MAX_SAMPLES);
     Ok(View::Fixed(Box::new(FixedView { pixels, table })))
 }
 
@@ -421,8 +431,8 @@ fn check_sizes(brackets: &[Bracket], (width, height): (u32, u32)) -> Result<(), 
         return Err(EnvironmentError::NoPicture);
     }
     for Bracket { picture, .. } in brackets {
-        let whole = picture.rgba.len() >= 4 * width as usize * height as usize;
-        if (picture.width, picture.height) != (width, height) || !whole {
+        let is_complete = picture.rgba.len() >= 4 * width as usize * height as usize;
+        if (picture.width, picture.height) != (width, height) || !is_complete {
             return Err(EnvironmentError::PictureSize {
                 width,
                 height,
@@ -466,16 +476,16 @@ fn find(
     if settings.placement == LightPlacement::Grid {
         return Vec::new();
     }
-    let most = settings.sources.most.min(settings.lights / 3);
+    let max_sources = settings.sources.max_sources.min(settings.lights / 3);
     let limits = SourceSettings {
-        most,
+        max_sources,
         ..settings.sources
     };
     finder.find(samples, radiance, settings.ground, &limits)
 }
 
-/// Leaves the background where the sources are.
-fn take_out(sources: &[Source], solid_angles: &[f32], radiance: &mut [Vec3]) {
+/// Leaves only the background at the sources.
+fn subtract_sources(sources: &[Source], solid_angles: &[f32], radiance: &mut [Vec3]) {
     for (i, flux) in sources.iter().flat_map(|s| &s.parts) {
         let i = *i as usize;
         radiance[i] -= *flux / solid_angles[i].max(f32::MIN_POSITIVE);
@@ -489,11 +499,6 @@ fn shrink(mut size: u32, texels: &[Vec3]) -> Vec<Vec3> {
         size /= 2;
     }
     small
-}
-
-fn smoothstep(low: f32, high: f32, x: f32) -> f32 {
-    let t = ((x - low) / (high - low)).clamp(0.0, 1.0);
-    t * t * (3.0 - 2.0 * t)
 }
 
 mod faces;

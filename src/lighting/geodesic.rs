@@ -1,11 +1,11 @@
-//! The light of the papers on shadowing planes (Kakuta et al. 2004, 2007): the triangles of a
-//! geodesic dome, Class I, over the upper hemisphere, and which pixel of the environment lies
-//! in which.
+//! The light in the papers on shadowing planes (Kakuta et al. 2004, 2007): the triangles of a
+//! geodesic dome, Class I, over the upper hemisphere, and which pixels of the environment lie in
+//! each.
 //!
-//! The dome is an icosahedron that stands on a corner, each of whose triangles is divided
-//! into frequency² smaller ones by straight lines, projected onto the sphere from its centre.
-//! With an even frequency the horizon runs along edges, so that the upper half is a number of
-//! whole triangles; odd frequencies would have triangles cut by the horizon, and are refused.
+//! The dome is an icosahedron standing on a vertex. Each of its triangles is divided into
+//! frequency² smaller ones by straight lines, which are projected onto the sphere from its centre.
+//! With an even frequency the horizon runs along edges, so that the upper half consists of complete
+//! triangles; odd frequencies, where the horizon cuts triangles, are refused.
 
 mod build;
 mod membership;
@@ -19,23 +19,23 @@ pub use sources::{FaceOfPixel, FaceSource};
 use super::resample::triangle_solid_angle;
 use glam::{DMat3, DVec3, Vec3};
 
-/// Greatest frequency: 2560 triangles, four degrees wide.
-pub const MOST_FREQUENCY: u32 = 16;
+/// Maximum frequency: 2560 triangles, four degrees wide.
+pub const MAX_FREQUENCY: u32 = 16;
 /// Marks a small triangle below the horizon.
 const BELOW: u32 = u32::MAX;
-/// Sine of the angle from an edge within which all faces around are asked.
+/// Sine of the angle from an edge within which all neighbouring faces are tested.
 const NEAR_EDGE: f64 = 1e-6;
-/// And within which a direction is on it: a thousand times what rounding does.
+/// Sine of the angle within which a direction lies on an edge: a thousand times the rounding error.
 const ON_EDGE: f64 = 1e-12;
 
 /// One triangle of the dome.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Face {
-    /// Unit vectors, counter-clockwise seen from outside the sphere.
+    /// Unit vectors of the corners, counter-clockwise seen from outside the sphere.
     pub corners: [Vec3; 3],
-    /// Unit vector through the middle: the direction of the light that stands for the face.
+    /// Unit vector through the middle: the direction of the light that represents the face.
     pub centre: Vec3,
-    /// Of the spherical triangle, steradians.
+    /// Solid angle of the spherical triangle, steradians.
     pub solid_angle: f32,
 }
 
@@ -49,8 +49,8 @@ impl Face {
         }
     }
 
-    /// Normals of the planes through the edges and the sphere's centre, inwards. Two faces
-    /// get exactly opposite ones for an edge that they share.
+    /// Normals of the planes through the edges and the sphere's centre, pointing inwards. Two faces
+    /// get exactly opposite normals for a shared edge.
     fn edge_normals(&self) -> [DVec3; 3] {
         let [a, b, c] = self.corners.map(Vec3::as_dvec3);
         [a.cross(b), b.cross(c), c.cross(a)]
@@ -59,43 +59,43 @@ impl Face {
 
 /// The triangles of the upper hemisphere.
 ///
-/// Their order never changes, as bakes depend on it. Sides of the icosahedron: the five around
-/// the zenith, the first from azimuth 0 (+X) to 72°; the five that have an edge in common with
-/// those, standing on a corner; the five between these; each five anticlockwise from above.
-/// Within a side by rows, from its first corner on (the zenith; the lower corner; the upper
-/// corner); within a row from the second corner's end to the third's, where the three are
-/// counter-clockwise from outside. Of the lower ten sides, what is above the horizon.
+/// Their order never changes, because bakes depend on it. Sides of the icosahedron: the five around
+/// the zenith, the first from azimuth 0 (+X) to 72°; the five that share an edge with those,
+/// standing on a vertex; the five between these; each five anticlockwise from above. Within a side
+/// by rows, from its first corner (the zenith; the lower corner; the upper corner); within a row
+/// from the second corner's end to the third's, where the three are counter-clockwise from outside.
+/// Of the ten lower sides, the part above the horizon.
 #[derive(Clone, Debug)]
 pub struct GeodesicDome {
     /// The faces.
     pub faces: Vec<Face>,
     frequency: u32,
-    /// Weights of a side's corners from a direction.
+    /// Barycentric weights of a side's corners from a direction.
     weights: Vec<DMat3>,
     /// Face of every small triangle of every side.
     face_of_triangle: Vec<u32>,
     edge_normals: Vec<[DVec3; 3]>,
-    /// Faces with a corner in common, the face itself among them; ascending.
+    /// For each face, the faces that share a corner with it, itself included; ascending.
     around: Vec<Vec<u32>>,
 }
 
 impl GeodesicDome {
-    /// The dome of an even `frequency` up to [`MOST_FREQUENCY`]: 10 · frequency² faces, 40 for
-    /// the papers' 2. `None` for any other.
+    /// Creates the dome of an even `frequency` up to [`MAX_FREQUENCY`]: 10 · frequency² faces, 40
+    /// for the papers' frequency of 2. `None` for any other frequency.
     #[must_use]
     pub fn new(frequency: u32) -> Option<Self> {
-        let fits = frequency.is_multiple_of(2) && (2..=MOST_FREQUENCY).contains(&frequency);
+        let fits = frequency.is_multiple_of(2) && (2..=MAX_FREQUENCY).contains(&frequency);
         fits.then(|| Self::build(frequency))
     }
 
-    /// Frequency of the subdivision.
+    /// Returns the frequency of the subdivision.
     #[must_use]
     pub const fn frequency(&self) -> u32 {
         self.frequency
     }
 
-    /// The face that a direction of any length falls into; on an edge, the first of those that
-    /// meet there. `None` below the horizon.
+    /// Returns the face that contains a direction of any length; on an edge, the first of the faces
+    /// that meet there. `None` below the horizon.
     #[must_use]
     pub fn face_of(&self, direction: Vec3) -> Option<usize> {
         let d = direction.as_dvec3();
@@ -113,7 +113,7 @@ impl GeodesicDome {
         self.first_with(around.iter().copied(), d)
     }
 
-    /// The face by the straight lines on the icosahedron's side, right but for rounding.
+    /// Finds the face by the straight lines on the icosahedron's side; correct except for rounding.
     fn guess(&self, d: DVec3) -> Option<u32> {
         let mut best = (0, DVec3::ZERO, f64::NEG_INFINITY);
         for (side, matrix) in self.weights.iter().enumerate() {
@@ -142,15 +142,15 @@ impl GeodesicDome {
             .filter(|&f| f != BELOW)
     }
 
-    /// How far inside a face, in parts of the direction's length; negative outside.
+    /// Signed distance inside a face, relative to the direction's length; negative outside.
     fn depth(&self, face: u32, d: DVec3) -> f64 {
         let normals = self.edge_normals.get(face as usize);
         let inside = |n: &[DVec3; 3]| n.iter().map(|n| n.dot(d)).fold(f64::INFINITY, f64::min);
         normals.map_or(f64::NEG_INFINITY, inside)
     }
 
-    /// The first of ascending `faces` that has the direction inside or on its edge; if rounding
-    /// left it in none, the one that it is least outside of.
+    /// Returns the first of the ascending `faces` with the direction inside or on its edge; if
+    /// rounding leaves it in none, the one with the smallest distance outside.
     fn first_with(&self, faces: impl Iterator<Item = u32>, d: DVec3) -> Option<usize> {
         let mut best = (None, f64::NEG_INFINITY);
         for face in faces {

@@ -37,14 +37,15 @@ fn polynomials(n: Vec3) -> [f32; 9] {
     ]
 }
 
-/// Σ L p Ω of a fixed set of directions, with the polynomials worked out beforehand.
+/// Σ L p Ω of a fixed set of directions, with precomputed polynomials.
 #[derive(Clone, Debug)]
 pub struct HarmonicsTable {
     weights: Vec<[f32; 9]>,
 }
 
 impl HarmonicsTable {
-    /// For directions that cover the sphere with the given solid angles.
+    /// Creates the table for directions that cover the sphere with the given solid angles,
+    /// steradians.
     #[must_use]
     pub fn new(directions: &[Vec3], solid_angles: &[f32]) -> Self {
         let mut weights: Vec<[f32; 9]> = directions
@@ -52,7 +53,7 @@ impl HarmonicsTable {
             .zip(solid_angles)
             .map(|(&d, &w)| polynomials(d).map(|p| p * w))
             .collect();
-        // The quadrature of a finite grid is not quite exact; make it so for constants.
+        // The quadrature of a finite grid is slightly inexact; make it exact for constants.
         let total: f64 = weights.iter().map(|p| f64::from(p[0])).sum();
         let scale = (4.0 * std::f64::consts::PI / total) as f32;
         for (row, factor) in weights.iter_mut().flat_map(|w| w.iter_mut().zip(FACTORS)) {
@@ -61,7 +62,7 @@ impl HarmonicsTable {
         Self { weights }
     }
 
-    /// Irradiance of the radiance `texels`, in the order of the directions.
+    /// Projects the radiance `texels`, in the order of the directions, to irradiance.
     #[must_use]
     pub fn project(&self, texels: &[Vec3]) -> Harmonics {
         let mut coefficients = [Vec3::ZERO; 9];
@@ -74,9 +75,9 @@ impl HarmonicsTable {
     }
 }
 
-/// Adds a difference of irradiance at the normal +Z, fading to nothing at −Z, as
-/// Δ (1 + z)² / 4, which is within degree 2. Degree 2 misses the true irradiance of an
-/// uneven sky by a few percent; the ground, on which shadows fall, should not.
+/// Adds a difference of irradiance at the normal +Z, falling to zero at −Z, as Δ (1 + z)² / 4,
+/// which is within degree 2. Degree 2 differs from the true irradiance of a non-uniform sky by a
+/// few percent; the ground, on which shadows fall, should be exact.
 pub fn pin_upward(harmonics: &mut Harmonics, difference: Vec3) {
     let [one, _, z, _, _, _, zz, _, _] = &mut harmonics.coefficients;
     *one += difference / 3.0;
@@ -84,7 +85,7 @@ pub fn pin_upward(harmonics: &mut Harmonics, difference: Vec3) {
     *zz += difference / 12.0;
 }
 
-/// Irradiance by brute force: ∫ L max(n·ω, 0) dω.
+/// Irradiance by numerical integration: ∫ L max(n·ω, 0) dω.
 #[must_use]
 pub fn irradiance_of(n: Vec3, directions: &[Vec3], solid_angles: &[f32], texels: &[Vec3]) -> Vec3 {
     directions
@@ -95,11 +96,11 @@ pub fn irradiance_of(n: Vec3, directions: &[Vec3], solid_angles: &[f32], texels:
         .sum()
 }
 
-/// The paper's irradiance, for comparison: the environment map blurred by a Gaussian
-/// (Supan 2006, section VI 1) in place of the cosine lobe, scaled so that a constant L
-/// still gives πL. On the sphere a Gaussian of standard deviation `sigma` (radians)
-/// multiplies band l by exp(−σ² l (l + 1) / 2); bands above 2, which degree 2 leaves out,
-/// keep less than a fifth of their strength from σ = 0.75 on.
+/// The paper's irradiance, for comparison: the environment map blurred by a Gaussian (Supan 2006,
+/// section VI 1) instead of the cosine lobe, scaled so that a constant L still gives πL. On the
+/// sphere a Gaussian of standard deviation `sigma` (radians) multiplies band l by
+/// exp(−σ² l (l + 1) / 2). From σ = 0.75 on, bands above 2, which degree 2 omits, keep less than a
+/// fifth of their strength.
 #[must_use]
 pub fn blurred(table: &HarmonicsTable, texels: &[Vec3], sigma: f32) -> Harmonics {
     let mut harmonics = table.project(texels);
@@ -136,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn a_linear_sky_is_exact() {
+    fn linear_sky_is_exact() {
         // L = 1 + d·a: E(n) = π + (2π/3) a·n.
         let (grid, table) = table(64);
         let a = Vec3::new(0.3, -0.4, 0.5);
@@ -168,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn pinning_changes_the_upward_normal_by_what_is_asked() {
+    fn pinning_changes_upward_irradiance_by_the_difference() {
         let mut h = Harmonics::default();
         pin_upward(&mut h, Vec3::splat(0.4));
         assert!((h.irradiance(Vec3::Z).x - 0.4).abs() < 1e-6);

@@ -1,14 +1,14 @@
-//! Bracketed 8-bit pictures become one linear picture.
+//! Merges bracketed 8-bit pictures into one linear picture.
 
 use glam::Vec3;
 use penumbra_camera::Response;
 use penumbra_picture::Picture;
 
-/// Codes from which a pixel counts less and less, and is not used at all. Compression and
-/// noise carry a saturated 255 down to about 250.
+/// Codes from which the weight of a pixel falls, and at which it is zero. Compression and noise
+/// lower a saturated 255 to about 250.
 const FADE_FROM: f32 = 225.0;
 const CLIPPED: f32 = 248.0;
-/// Least code of the darkest channel of a pixel that counts as clipped.
+/// Minimum code of the darkest channel of a clipped pixel.
 const NEARLY_CLIPPED: f32 = 250.0;
 
 /// One exposure of an instant.
@@ -23,22 +23,21 @@ pub struct Bracket<'a> {
 /// Merges exposures of one instant, the brightest first, into linear values in units of
 /// the base exposure.
 ///
-/// Every pixel is read from the longest exposure that does not clip it, because shot and
-/// read noise, quantisation and compression all weigh least there; the next shorter one is
-/// faded in over the top codes so that no edge shows where they change places. Which
-/// exposure is read depends on the *longer* one's code alone: weights that depended on the
-/// short exposure's own noisy code would prefer its upward errors, and its zero would be
-/// biased by the noise clipped away below.
+/// Every pixel is read from the longest exposure that does not clip it, because shot noise, read
+/// noise, quantisation and compression are smallest there; the next shorter one is blended in over
+/// the top codes so that the transition shows no edge. The weights depend on the *longer*
+/// exposure's code alone: weights that depended on the short exposure's noisy code would prefer its
+/// positive errors, and its zero would be biased by the noise clipped at zero.
 #[derive(Clone, Debug)]
 pub struct BracketMerger {
     linear_from_code: [f32; 256],
     share_of_longer: [f32; 256],
-    /// What each pixel is multiplied by; empty for an even picture.
+    /// Factor on each pixel; empty without vignetting.
     corrections: Vec<f32>,
 }
 
 impl BracketMerger {
-    /// For a camera with the given tone curve.
+    /// Creates a merger for a camera with the given tone curve.
     #[must_use]
     pub fn new(response: &Response) -> Self {
         Self {
@@ -50,42 +49,43 @@ impl BracketMerger {
         }
     }
 
-    /// Undoes a fall-off towards the edge: `corrections` holds one factor a pixel, row-major
+    /// Corrects vignetting: `corrections` holds one factor per pixel, row-major
     /// ([`Vignetting::corrections`](penumbra_camera::Vignetting)).
     pub fn set_corrections(&mut self, corrections: Vec<f32>) {
         self.corrections = corrections;
     }
 
-    /// Linear value of pixel `i` (row-major) and whether even the shortest exposure clips
-    /// it. `brackets` must be sorted from long to short; their pictures have pixel `i`.
+    /// Returns the linear value of pixel `i` (row-major) and whether even the shortest exposure
+    /// clips it. `brackets` must be sorted from long to short, and their pictures must have pixel
+    /// `i`.
     #[must_use]
     pub fn pixel(&self, brackets: &[Bracket], scales: &[f32], i: usize) -> (Vec3, bool) {
-        let even = self.corrections.get(i).copied().unwrap_or(1.0);
+        let vignetting = self.corrections.get(i).copied().unwrap_or(1.0);
         let mut value = Vec3::ZERO;
-        let mut rest = 1.0;
+        let mut remaining = 1.0;
         for (k, (bracket, &scale)) in brackets.iter().zip(scales).enumerate() {
             let codes = &bracket.picture.rgba[4 * i..4 * i + 3];
             let top = codes.iter().copied().max().unwrap_or(0);
             let last = k + 1 == brackets.len();
             let share = if last {
-                rest
+                remaining
             } else {
-                rest * self.share_of_longer[top as usize]
+                remaining * self.share_of_longer[top as usize]
             };
             value += self.linear(codes) * (share * scale);
-            rest -= share;
+            remaining -= share;
             if last {
-                // One saturated channel is colour (a blue sky, a red lamp); a source that
-                // overwhelms the sensor takes all three with it.
+                // One saturated channel is colour (a blue sky, a red lamp); an overexposed source
+                // saturates all three.
                 let bottom = codes.iter().copied().min().unwrap_or(0);
                 let clipped = f32::from(top) >= CLIPPED && f32::from(bottom) >= NEARLY_CLIPPED;
-                return (value * even, clipped);
+                return (value * vignetting, clipped);
             }
-            if rest <= 0.0 {
+            if remaining <= 0.0 {
                 break;
             }
         }
-        (value * even, false)
+        (value * vignetting, false)
     }
 
     fn linear(&self, codes: &[u8]) -> Vec3 {
@@ -94,7 +94,7 @@ impl BracketMerger {
     }
 }
 
-/// Factor that brings each bracket's linear values to the base exposure's units.
+/// Returns the factors that convert each bracket's linear values to the base exposure's units.
 #[must_use]
 pub fn scales(brackets: &[Bracket]) -> Vec<f32> {
     brackets.iter().map(|b| (-b.ev).exp2() as f32).collect()
@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fall_off_is_undone_pixel_by_pixel() {
+    fn vignetting_is_corrected_per_pixel() {
         let picture = flat(0.25, &[0, 0, 0]);
         let brackets = [Bracket {
             picture: &picture,
@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn every_level_comes_out_without_bias() {
+    fn radiance_is_unbiased_at_every_level() {
         let noise = [-2, -1, 0, 0, 1, 2, 1, -1];
         for radiance in [0.1, 0.2, 0.75, 0.85, 1.0, 3.0, 13.0, 15.0, 30.0, 200.0] {
             let (mean, clipped) = merged(radiance, &noise);
@@ -164,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn what_clips_in_the_shortest_exposure_is_flagged() {
+    fn pixels_clipped_in_shortest_exposure_are_flagged() {
         assert!(merged(300.0, &[0]).1);
         let one = flat(2.0, &[0]);
         let merger = BracketMerger::new(&Response::srgb());

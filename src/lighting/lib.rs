@@ -1,29 +1,28 @@
-//! The environment camera's picture becomes light: an HDR map by direction, irradiance,
-//! a prefiltered radiance map, and the dome lights that cast shadows.
+//! Estimates the light of a real scene from pictures of an environment camera: an HDR map by
+//! direction, irradiance, a prefiltered radiance map, and dome lights that cast shadows.
 //!
-//! All values are linear, Rec.709 primaries, in the scene camera's units (a value of 1 is
-//! the scene camera's white at its exposure). Directions are in the world, +Z up.
+//! All values are linear, with Rec.709 primaries, in the scene camera's units (1 is the scene
+//! camera's white at its exposure). Directions are in the world, +Z up.
 //!
-//! The way of a picture: [`hdr`] merges bracketed exposures; [`view`] knows which
-//! direction each pixel shows; [`sources`] finds compact sources among the pixels;
-//! [`resample`] gathers the pixels into the cube map; [`harmonics`] and [`prefilter`] make
-//! it into irradiance and the radiance map; [`dome`] (the paper's grid) or [`adaptive`]
-//! make it into dome lights; [`geodesic`] tells which pixels light which face of the dome
-//! that shadowing planes were baked for. [`EnvironmentEstimator`] does all this for every
-//! frame.
+//! Data flow: [`hdr`] merges bracketed exposures; [`resample`] computes the direction of each pixel
+//! and gathers the pixels into the cube map; the energy of clipped pixels is estimated;
+//! [`sources`] finds compact sources among the pixels; [`harmonics`] and [`prefilter`] compute
+//! irradiance and the radiance map; [`dome`] (the paper's grid) or [`adaptive`] place dome lights;
+//! [`geodesic`] assigns pixels to the dome faces of shadowing planes. [`EnvironmentEstimator`] runs
+//! all this for every frame.
 
 pub mod adaptive;
 pub mod box_chain;
 pub mod brightest;
 mod cells;
 mod circle;
-pub mod clipped;
+mod clipped;
+pub mod compact_source_specular;
 pub mod cube;
 pub mod dome;
 pub mod equirect;
 pub mod estimator;
 pub mod geodesic;
-pub mod glints;
 pub mod harmonics;
 pub mod hdr;
 pub mod light;
@@ -43,14 +42,13 @@ mod tracking;
 
 pub use brightest::{BrightestFollower, BrightestLight};
 pub use circle::ball_outline;
-pub use clipped::ClippedEnergy;
 pub use estimator::EnvironmentEstimator;
 pub use hdr::Bracket;
 pub use light::{CubeMap, DomeLight, Filtering, Harmonics, LightKind, Lighting};
 pub use probe::ProbeMap;
 pub use report::LightReport;
 pub use settings::{
-    BallSeen, EnvironmentError, EnvironmentInput, EnvironmentSettings, IrradianceMethod,
-    LightPlacement,
+    BallSeen, ClippedEnergy, EnvironmentError, EnvironmentInput, EnvironmentSettings,
+    IrradianceMethod, LightPlacement,
 };
 pub use stages::Stages;

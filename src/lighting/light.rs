@@ -1,11 +1,10 @@
-//! What the environment hands to the compositor.
+//! The estimated light, as the compositor receives it.
 
-use super::glints::Glint;
 use glam::Vec3;
 use penumbra_interface::MonotonicTime;
 use std::sync::Arc;
 
-/// What the levels of a radiance map hold.
+/// The content of a radiance map's levels.
 #[derive(
     Clone,
     Copy,
@@ -28,24 +27,51 @@ pub enum Filtering {
 
 /// A cube map of linear RGB radiance with a chain of filtered levels.
 ///
-/// Faces in the order +X −X +Y −Y +Z −Z of *world* axes (Vulkan/WebGPU face orientation:
-/// looking up face and (u, v) from a direction follows the cube-map rules of the WebGPU
-/// and Vulkan specifications, applied to the world direction as it stands). Level `m`
-/// has `size >> m` texels a side; level 0 is the map itself, and the others hold what
-/// [`Filtering`] says, for lobes of [`super::lobes::widths`].
+/// Faces in the order +X −X +Y −Y +Z −Z of *world* axes (Vulkan/WebGPU face orientation: face and
+/// (u, v) of a direction follow the cube-map rules of the WebGPU and Vulkan specifications, applied
+/// to the world direction itself). Level `m` has `size >> m` texels along a side; level 0 is the
+/// map itself, and the others are filtered as [`Filtering`] defines, for lobes of
+/// [`super::lobes::widths`].
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CubeMap {
-    /// Texels a side of level 0, a power of two.
+    /// Texels along a side of level 0, a power of two.
     pub size: u32,
     /// Texels of each level, face-major, rows top to bottom: `6 * (size >> m)²` each; from
     /// level 1 on for GGX.
     pub levels: Vec<Vec<[f32; 3]>>,
-    /// Levels from 1 on for Phong, where something is made of it.
+    /// Levels from 1 on for Phong's lobes, if they are requested.
     pub phong: Vec<Vec<[f32; 3]>>,
-    /// What the levels hold.
+    /// The content of the levels.
     pub filtering: Filtering,
-    /// Sources that levels from 1 on leave out, wholly or in part.
-    pub glints: Vec<Glint>,
+    /// Sources that levels from 1 on leave out, entirely or in part.
+    pub compact_sources: Vec<CompactSourceSpecular>,
+}
+
+/// Maximum number of sources, the strongest.
+pub const MAX_COMPACT_SOURCES: usize = 8;
+/// Maximum number of levels with weights: those of a map of 512 texels along a side.
+pub const MAX_LEVELS: usize = 8;
+/// A compact source for the BRDF.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CompactSourceSpecular {
+    /// Unit vector to its centre of energy, world.
+    pub direction: Vec3,
+    /// Irradiance on a surface that faces it, RGB.
+    pub flux: Vec3,
+    /// Radius of the uniform disc with the same second moment, radians.
+    pub radius: f32,
+    /// Share of it that each level of the map leaves out.
+    pub weights: [f32; MAX_LEVELS],
+}
+
+impl CompactSourceSpecular {
+    /// Returns the share of it that is left out by the mixture of levels that represents a lobe.
+    #[must_use]
+    pub fn weight(&self, level: f32) -> f32 {
+        let each = self.weights.iter().enumerate();
+        each.map(|(k, w)| w * (1.0 - (level - k as f32).abs()).max(0.0))
+            .sum()
+    }
 }
 
 /// Real spherical harmonics to degree 2 of *irradiance* (already convolved with the
@@ -83,7 +109,7 @@ impl Harmonics {
     }
 }
 
-/// What a dome light stands for.
+/// What a dome light represents.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LightKind {
     /// One cell of the sphere; also contained in [`Lighting::irradiance`].
@@ -101,7 +127,8 @@ pub struct DomeLight {
     /// Radiance integrated over the light's solid angle, RGB: irradiance on a surface
     /// that faces it.
     pub irradiance: Vec3,
-    /// Half angle of a cone with the light's solid angle, radians: how soft its shadow is.
+    /// Half angle of a cone with the light's solid angle, radians: determines the softness of its
+    /// shadow.
     pub angular_radius: f32,
     /// Cell or compact source.
     pub kind: LightKind,
@@ -110,21 +137,19 @@ pub struct DomeLight {
 /// All the light at one instant.
 #[derive(Clone, Debug)]
 pub struct Lighting {
-    /// Middle of the exposure of the picture it was read from.
+    /// Middle of the exposure of the picture from which it was estimated.
     pub captured_at: MonotonicTime,
-    /// Counts up with every change.
+    /// Incremented with every change.
     pub generation: u64,
-    /// Radiance by direction, prefiltered; the whole sphere, compact sources included.
+    /// Radiance by direction, prefiltered; the entire sphere, compact sources included.
     pub radiance: Arc<CubeMap>,
-    /// Irradiance of the whole sphere *without* the compact sources.
+    /// Irradiance of the entire sphere *without* the compact sources.
     pub irradiance: Harmonics,
-    /// The dome. Index = shadow-map slot, stable in time; a slot whose irradiance is zero
-    /// casts nothing. Never longer than the budget.
+    /// The dome. Index = shadow-map slot, stable in time; a slot with zero irradiance casts no
+    /// shadow. Never longer than the budget.
     pub lights: Vec<DomeLight>,
-    /// Mean radiance leaving the ground around the objects (what the lower hemisphere was
-    /// filled with).
+    /// Mean radiance leaving the ground around the objects (the fill of the lower hemisphere).
     pub ground_radiance: Vec3,
-    /// What the luminance parameters of shadowing planes are summed from, where they are
-    /// wanted.
+    /// Input of the luminance parameters of shadowing planes, if requested.
     pub faces: Option<Arc<super::geodesic::FaceLight>>,
 }

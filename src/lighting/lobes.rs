@@ -1,28 +1,28 @@
-//! Lobes of glossy surfaces: which direction, how wide, how much.
+//! Lobes of glossy surfaces: direction, width and albedo.
 //!
-//! What a surface mirrors of light far away is an integral over the hemisphere Ω about its
+//! The reflection of distant light by a surface is an integral over the hemisphere Ω about its
 //! normal n,
 //!
 //! ```text
 //!   L_o(v) = ∫_Ω L(l) f(v, l) (n·l) dl  =  A · ∫ L(l) k(l) dl,    ∫ k = 1,
 //! ```
 //!
-//! with A = ∫ f (n·l) dl its directional albedo (split sum, Karis 2013) and k its lobe. k
-//! depends on n·v too. It is replaced by a lobe that is round about some direction d, of the
-//! family that maps are prefiltered for. What of a lobe lies below the surface's horizon is cut
-//! away before. So A is exact under constant light, and at n·v = 1, where the lobe is round,
-//! the whole is exact under any.
+//! where A = ∫ f (n·l) dl is its directional albedo (split sum, Karis 2013) and k its lobe, which
+//! also depends on n·v. It is replaced by a round lobe about some direction d, of the family for
+//! which maps are prefiltered. The part of a lobe below the surface's horizon is cut off first. So
+//! A is exact under constant light, and at n·v = 1, where the lobe is round, the reflection is
+//! exact under any light.
 //!
-//! Phong's round lobe has the same mean direction vector ∫ l k(l) dl: the vector's direction
-//! gives d, its length the width. Under light that changes linearly with direction (spherical
-//! harmonics of degree 1) that is exact at every n·v.
+//! Phong's round lobe has the same mean direction vector ∫ l k(l) dl: the vector's direction gives
+//! d, its length the width. Under light that changes linearly with direction (spherical harmonics
+//! of degree 1) this is exact at every n·v.
 //!
-//! GGX seen at a slant has its peak near the mirror direction, is longer than wide, and has a
-//! tail that draws the mean away from the peak. d goes eight tenths of the way from the mirror
-//! direction to the mean's, the rougher the farther, all the way at α = 1; the width is the
-//! geometric mean of those by the vector's length and by the extent across, ∫ l_y² k(l) dl.
-//! Both shares and widths were tried on photographed maps and gradients. Small sources, which show
-//! the lobe's shape, are not left to it ([`super::glints`]).
+//! At grazing angles, GGX has its peak near the mirror direction, is longer than wide, and has a
+//! tail that pulls the mean away from the peak. d lies eight tenths of the way from the mirror
+//! direction to the mean direction, more for rougher surfaces, and at the mean for α = 1; the width
+//! is the geometric mean of the width by the vector's length and the width by the lateral extent,
+//! ∫ l_y² k(l) dl. Small sources, whose reflection shows the lobe's shape, are treated separately
+//! ([`super::compact_source_specular`]).
 //!
 //! | family | BRDF | round lobe of width w |
 //! |---|---|---|
@@ -34,7 +34,7 @@ use glam::{DVec3, Vec3};
 use std::f64::consts::{FRAC_PI_2, TAU};
 use std::sync::LazyLock;
 
-/// Which kind of lobe.
+/// The family of a lobe.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Family {
     /// Microfacets; parameter: perceptual roughness.
@@ -43,14 +43,15 @@ pub enum Family {
     Phong,
 }
 
-/// Largest exponent of Phong's lobe: its highlight is then as wide as a mirror's texel.
+/// Maximum exponent of Phong's lobe: its highlight is then as wide as a texel of the unfiltered
+/// map.
 pub const LARGEST_EXPONENT: f32 = 10_000.0;
 /// Doublings of exponent + 1 that the parameter 0..=1 spans.
 const EXPONENT_DOUBLINGS: f32 = 14.0;
-/// Roughness below which GGX is taken for a mirror.
-const SMOOTHEST: f32 = 0.03;
+/// Minimum roughness of GGX; below it the surface is a mirror.
+const MIN_ROUGHNESS: f32 = 0.03;
 
-/// An exponent as a number from 0 to 1, evenly by how wide the lobe is: log₂(e + 1) / 14.
+/// Maps an exponent to 0..=1, uniformly in the logarithm of the lobe's width: log₂(e + 1) / 14.
 #[must_use]
 pub fn phong_parameter(exponent: f32) -> f32 {
     ((exponent + 1.0).log2() / EXPONENT_DOUBLINGS).clamp(0.0, 1.0)
@@ -62,28 +63,27 @@ pub fn phong_exponent(parameter: f32) -> f32 {
     (parameter * EXPONENT_DOUBLINGS).exp2() - 1.0
 }
 
-/// How a surface mirrors at one n·v.
+/// The reflection of a surface at one n·v.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Response {
     /// Directional albedo by F0 (GGX) or by the specular colour (Phong).
     pub scale: f32,
-    /// What is added to it whatever F0 is; GGX with F90 = 1 only.
+    /// Addition to the albedo that is independent of F0; GGX with F90 = 1 only.
     pub bias: f32,
-    /// How far from the mirror direction to the normal d lies: 0 there, 1 here; beyond 1 past the
-    /// normal.
+    /// Position of d between the mirror direction (0) and the normal (1); beyond 1 past the normal.
     pub tilt: f32,
     /// Width of the round lobe.
     pub width: f32,
 }
 
 impl Family {
-    /// The round lobe of width `w` at the cosine of the angle to its axis: 1 on the axis.
+    /// Evaluates the round lobe of width `w` at the cosine of the angle to its axis: 1 on the axis.
     #[must_use]
     pub fn round(self, w: f32, cos: f32) -> f32 {
         self.at(f64::from(w), 1.0 - f64::from(cos)) as f32
     }
 
-    /// The same by 1 − cosine, which narrow lobes need.
+    /// The same as a function of 1 − cosine, which narrow lobes need for precision.
     pub(super) fn by_versine(self, w: f32, versine: f64) -> f64 {
         self.at(f64::from(w), versine)
     }
@@ -105,7 +105,7 @@ impl Family {
         }
     }
 
-    /// ∫ of [`Self::round`] over the sphere, and its mean cosine.
+    /// Returns ∫ of [`Self::round`] over the sphere, and its mean cosine.
     #[must_use]
     pub fn moments(self, w: f32) -> (f64, f64) {
         let w = f64::from(w);
@@ -118,12 +118,12 @@ impl Family {
         (sum * TAU, 1.0 - along / sum)
     }
 
-    /// How this family answers at n·v for `parameter`.
+    /// Returns the response of this family at n·v for `parameter`.
     #[must_use]
     pub fn response(self, n_dot_v: f32, parameter: f32) -> Response {
         let n_dot_v = f64::from(n_dot_v.clamp(1e-3, 0.9999));
         let sums = match self {
-            Self::Ggx => ggx_sums(n_dot_v, f64::from(parameter.max(SMOOTHEST))),
+            Self::Ggx => ggx_sums(n_dot_v, f64::from(parameter.max(MIN_ROUGHNESS))),
             Self::Phong => phong_sums(n_dot_v, f64::from(phong_exponent(parameter))),
         };
         let mirror = DVec3::new((1.0 - n_dot_v * n_dot_v).sqrt(), 0.0, n_dot_v);
@@ -154,7 +154,7 @@ impl Family {
     }
 }
 
-/// Calls with 1 − cosine of angles from the axis up to 90° and weights sinθ dθ, closely
+/// Calls `each` with 1 − cosine of angles from the axis up to 90° and weights sinθ dθ, closely
 /// spaced where a lobe of width `w` changes.
 fn radial(w: f64, mut each: impl FnMut(f64, f64)) {
     const STEPS: usize = 192;
@@ -169,8 +169,8 @@ fn radial(w: f64, mut each: impl FnMut(f64, f64)) {
     }
 }
 
-/// Looks up which width a round GGX lobe has by one of its extents: 1 − its mean cosine, and
-/// its mean square across one axis.
+/// Looks up the width of a round GGX lobe by one of its extents: 1 − its mean cosine, or its mean
+/// square across one axis.
 fn ggx_width(wanted: f64, of: impl Fn(&(f64, f64)) -> f64) -> f64 {
     const STEPS: usize = 96;
     const NARROWEST: f64 = 5e-4;
@@ -200,22 +200,22 @@ fn ggx_width(wanted: f64, of: impl Fn(&(f64, f64)) -> f64) -> f64 {
     }
 }
 
-/// Sums over a lobe as a surface with normal +Z has it, its mirror direction towards +X.
+/// Sums over the lobe of a surface with normal +Z, with its mirror direction towards +X.
 struct Sums {
     scale: f64,
     bias: f64,
-    /// Mean direction vector: as long as the mean cosine about its own direction.
+    /// Mean direction vector; its length is the mean cosine about its own direction.
     mean: DVec3,
-    /// Mean square of the directions' part across the plane of view.
+    /// Mean square of the directions' component perpendicular to the plane of view.
     across: f64,
-    /// How far from the mirror direction to the mean's a round lobe belongs.
+    /// Position of the round lobe between the mirror direction and the mean direction.
     share: f64,
 }
 
-/// Directions per lobe.
+/// Number of sampled directions per lobe.
 const SAMPLES: u32 = 1024;
 
-/// Two evenly spread numbers: one from 0 to 1, and an angle.
+/// Returns point `i` of a Hammersley sequence: a number from 0 to 1, and an angle.
 fn hammersley(i: u32) -> (f64, f64) {
     let u = (f64::from(i) + 0.5) / f64::from(SAMPLES);
     (u, TAU * f64::from(i.reverse_bits()) / 4_294_967_296.0)
@@ -268,7 +268,7 @@ fn phong_sums(n_dot_v: f64, exponent: f64) -> Sums {
         let cos = u.powf(1.0 / (exponent + 1.0));
         let sin = (1.0 - cos * cos).max(0.0).sqrt();
         let (x, up) = (sin * phi.cos(), cos);
-        // Turned from +Z to (sin_v, 0, n·v).
+        // Rotated from +Z to (sin_v, 0, n·v).
         let l = DVec3::new(x * n_dot_v + up * sin_v, 0.0, up * n_dot_v - x * sin_v);
         if l.z > 0.0 {
             sum += l.z;
@@ -279,14 +279,14 @@ fn phong_sums(n_dot_v: f64, exponent: f64) -> Sums {
         scale: sum / f64::from(SAMPLES) * (exponent + 2.0) / (exponent + 1.0),
         bias: 0.0,
         mean: mean / sum.max(1e-12),
-        // The mean says it all.
+        // The mean direction determines the lobe.
         across: 0.0,
         share: 1.0,
     }
 }
 
-/// Widths that a map of `size` texels a side is prefiltered for, levels 1 up to `levels` − 1:
-/// in equal ratios up to 1, the narrowest a little more than a texel wide.
+/// Returns the widths for which a map of `size` texels along a side is prefiltered, levels 1 to
+/// `levels` − 1: in equal ratios up to 1, the narrowest slightly more than a texel wide.
 #[must_use]
 pub fn widths(size: u32, levels: usize) -> Vec<f32> {
     let lobes = levels.saturating_sub(1);
@@ -295,10 +295,10 @@ pub fn widths(size: u32, levels: usize) -> Vec<f32> {
     (1..=lobes).map(|k| narrowest.powf(step(k))).collect()
 }
 
-/// Width of the narrowest lobe by the texels of a side, radians: 0.03 for 128.
+/// Width of the narrowest lobe times the texels of a side, radians: 0.03 for 128.
 const NARROWEST_TEXELS: f32 = 3.84;
 
-/// Which level of a prefiltered map, and how far to the next, stands for a lobe.
+/// The level of a prefiltered map, with a fraction, that represents a lobe.
 ///
 /// Between two levels, of widths a < w < b, the mixture (1 − t) k_a + t k_b that is nearest
 /// to k_w (least squares over the sphere):
@@ -309,15 +309,15 @@ const NARROWEST_TEXELS: f32 = 3.84;
 #[derive(Clone, Debug)]
 pub struct Levels {
     family: Family,
-    /// Of level 0, which holds the map itself, and of all others.
+    /// Widths of level 0, which holds the map itself, and of all others.
     widths: Vec<f32>,
 }
 
 impl Levels {
-    /// Of a map of `size` texels a side and so many levels.
+    /// Creates the table for a map of `size` texels along a side and `levels` levels.
     #[must_use]
     pub fn new(family: Family, size: u32, levels: usize) -> Self {
-        // A texel's own blur when it is interpolated: a tent, √⅙ texels wide.
+        // A texel's own blur by interpolation: a tent, √⅙ texels wide.
         let texel = (FRAC_PI_2 / f64::from(size) / 6.0_f64.sqrt()) as f32;
         let mut all = vec![texel];
         all.extend(widths(size, levels));
@@ -327,7 +327,7 @@ impl Levels {
         }
     }
 
-    /// The level for a round lobe of width `w`; its fraction is the mixture's t.
+    /// Returns the level for a round lobe of width `w`; its fraction is the mixture's t.
     #[must_use]
     pub fn level(&self, w: f32) -> f32 {
         let above = self.widths.partition_point(|have| *have < w);
@@ -352,7 +352,7 @@ impl Levels {
     }
 }
 
-/// The level of a map whose lobe is most nearly as wide.
+/// Returns the level of a map whose lobe is nearest in width.
 #[must_use]
 pub fn nearest_level(map: &CubeMap, width: f32) -> usize {
     let off = |w: &f32| (w / width).log2().abs();
@@ -361,22 +361,22 @@ pub fn nearest_level(map: &CubeMap, width: f32) -> usize {
     best.map_or(0, |k| k + 1)
 }
 
-/// Solid angle of a round lobe of width `w`, its integral over its peak, steradians.
+/// Returns the solid angle of a round lobe of width `w`, its integral over its peak, steradians.
 #[must_use]
 pub fn solid_angle(family: Family, w: f32) -> f32 {
     family.moments(w).0 as f32
 }
 
-/// Width of the lobe at n·v = 1.
+/// Returns the width of the lobe at n·v = 1.
 #[must_use]
 pub fn own_width(family: Family, parameter: f32) -> f32 {
     match family {
-        Family::Ggx => parameter.max(SMOOTHEST).powi(2),
+        Family::Ggx => parameter.max(MIN_ROUGHNESS).powi(2),
         Family::Phong => 1.0 / (phong_exponent(parameter) + 1.0).sqrt(),
     }
 }
 
-/// Where a lobe looks: `mirror` turned by the share `tilt` of the way to the normal `n`, all
+/// Returns a lobe's axis: `mirror` rotated by the share `tilt` of the angle to the normal `n`, all
 /// unit vectors.
 #[must_use]
 pub fn tilted(mirror: Vec3, n: Vec3, tilt: f32) -> Vec3 {
@@ -393,7 +393,7 @@ mod tests {
     const EXPONENTS: [f32; 6] = [1.0, 5.0, 20.0, 100.0, 1000.0, LARGEST_EXPONENT];
 
     #[test]
-    fn phong_mirrors_its_specular_share_straight_on_and_less_at_a_slant() {
+    fn phong_albedo_falls_at_grazing_angles() {
         for e in EXPONENTS {
             let at = |n_dot_v| Family::Phong.response(n_dot_v, phong_parameter(e));
             assert!((at(1.0).scale - 1.0).abs() < 1e-3, "{e}: {:?}", at(1.0));
@@ -401,13 +401,13 @@ mod tests {
             let falling = [1.0, 0.8, 0.5, 0.2, 0.05].map(|n_dot_v| at(n_dot_v).scale);
             assert!(falling.is_sorted_by(|a, b| a >= b), "{e}: {falling:?}");
         }
-        // A narrow lobe is cut by the cosine alone.
+        // A narrow lobe is attenuated by the cosine alone.
         let narrow = Family::Phong.response(0.3, phong_parameter(1000.0));
         assert!((narrow.scale - 0.3).abs() < 1e-3, "{narrow:?}");
     }
 
     #[test]
-    fn no_surface_mirrors_more_than_arrives() {
+    fn albedo_is_at_most_one() {
         for family in [Family::Ggx, Family::Phong] {
             for (p, n_dot_v) in (0..=20).flat_map(|p| (1..=20).map(move |v| (p, v))) {
                 let (p, n_dot_v) = (p as f32 / 20.0, n_dot_v as f32 / 20.0);
@@ -423,9 +423,9 @@ mod tests {
         );
     }
 
-    /// ∫ l k(l) dl of the round lobe is that of the surface's own.
+    /// ∫ l k(l) dl of the round lobe equals that of the true lobe.
     #[test]
-    fn phongs_round_lobe_has_the_true_lobes_mean_direction() {
+    fn round_phong_lobe_has_mean_direction_of_true_lobe() {
         let n = 256;
         for (e, n_dot_v) in [(1.0, 0.9), (1.0, 0.2), (20.0, 0.5), (100.0, 0.1)] {
             let mirror = DVec3::new((1.0_f64 - n_dot_v * n_dot_v).sqrt(), 0.0, n_dot_v);
@@ -447,7 +447,7 @@ mod tests {
     }
 
     #[test]
-    fn moments_of_cosine_lobes_have_a_closed_form() {
+    fn moments_of_cosine_lobes_match_closed_form() {
         for w in [0.01_f32, 0.1, 0.5, 1.0] {
             let m = 1.0 / f64::from(w).powi(2);
             let (sum, mean) = Family::Phong.moments(w);
@@ -468,7 +468,7 @@ mod tests {
     }
 
     #[test]
-    fn levels_grow_with_the_width_and_hit_their_own_lobes() {
+    fn levels_increase_with_width_and_match_their_own_lobes() {
         for family in [Family::Ggx, Family::Phong] {
             let levels = Levels::new(family, 128, 6);
             for (w, k) in widths(128, 6).into_iter().zip(1..) {
@@ -480,7 +480,7 @@ mod tests {
             assert!(all.is_sorted(), "{family:?} {all:?}");
             assert_eq!((all[0], all[199]), (0.0, 5.0));
         }
-        // Maps too small for lobes, and none at all.
+        // Maps too small for lobes, and an empty map.
         assert_eq!(Levels::new(Family::Ggx, 1, 1).level(0.5), 0.0);
         assert_eq!(nearest_level(&CubeMap::default(), 0.1), 0);
     }

@@ -1,54 +1,55 @@
-//! The outline of a mirrored ball in a picture, found again near where a pose says it is (the
-//! jitter of DiVerdi & Höllerer 2004, section 3.3).
+//! Refines the position of a mirrored sphere in a picture by its outline, near the position
+//! predicted by a pose (the jitter of DiVerdi & Höllerer 2004, section 3.3).
 //!
 //! ```text
-//!  Seen from the eye, the ball's rim is the cone of half angle α = asin(R/D) about its centre.
-//!  K rays of it end on pixels p_k with outward normals n_k. A picture that lies beside its
-//!  prediction by d shows its steps of luminance at n_k·d along the normals. First d is the place on a
-//!  grid with the most steps, a strong one counting no more than a few weak ones: what a
-//!  mirror shows has edges, too, but none that runs along the whole rim. Then d is the mean
+//!  Seen from the camera, the sphere's rim is the cone of half angle α = asin(R/D) about its centre.
+//!  K rays of it end on pixels p_k with outward normals n_k. A picture displaced by d from its
+//!  prediction has its steps of luminance at n_k·d along the normals. First d is the position on a
+//!  grid with the most steps, where a strong one counts no more than a few weak ones: a mirror
+//!  shows edges, too, but none that runs along the entire rim. Then d is the mean
 //!      (C⁻¹ + I/σ²)⁻¹ C⁻¹ N⁻¹ Σ w_k n_k s_k,    N = Σ w_k n_k n_kᵀ,    C = σ_e² N⁻¹ + σ_c² I
-//!  of the steps' own places s_k and the prediction, whose uncertainty is σ: so a rim that is hardly
-//!  seen, or in part, moves the ball by no more than it knows, and where the pose is good already by
-//!  next to nothing. σ_c stands for what all steps have in common.
+//!  of the steps' own positions s_k and the prediction, whose uncertainty is σ: so a rim that is
+//!  hardly or partly visible moves the sphere only as far as it constrains it, and a good pose is
+//!  hardly changed. σ_c is the error common to all steps.
 //! ```
 
 use glam::{DMat2, DVec2};
 use penumbra_camera::Ball;
 use penumbra_camera::PinholeCamera;
+use penumbra_numerics::{median, tukey_weight};
 use penumbra_picture::Picture;
 
 /// Rays along the rim.
 const RAYS: usize = 120;
-/// Places a pixel along a normal.
+/// Positions per pixel along a normal.
 const PER_PIXEL: f64 = 4.0;
-/// Most that is searched either way, pixels.
-const FARTHEST: f64 = 6.0;
-/// Places on a normal.
-const PLACES: usize = (2.0 * (FARTHEST + 2.0) * PER_PIXEL) as usize + 1;
-/// A step counts up to this many times the median one.
-const STRONGEST: f32 = 3.0;
-/// Least share of the rays that must show a step at one place.
-const LEAST_SUPPORT: f64 = 0.35;
-/// Least that the best place must have above what an average place has.
-const LEAST_CONTRAST: f64 = 1.25;
-/// What a rim may be off as a whole, pixels: what the mirror shows next to it, and the shadow where the
-/// ball stands, run along it. On desk-marker it is 0.3.
+/// Maximum search distance in either direction, pixels.
+const MAX_SHIFT: f64 = 6.0;
+/// Number of positions on a normal.
+const POSITIONS: usize = (2.0 * (MAX_SHIFT + 2.0) * PER_PIXEL) as usize + 1;
+/// Maximum strength of a step, as a multiple of the median step.
+const MAX_STEP: f32 = 3.0;
+/// Minimum share of the rays that must show a step at one position.
+const MIN_SUPPORT: f64 = 0.35;
+/// Minimum ratio of the best position's score to the mean score.
+const MIN_CONTRAST: f64 = 1.25;
+/// Standard deviation of the rim's common error, pixels: the reflections next to it and the shadow
+/// at the sphere's contact run along it.
 const COMMON_SIGMA: f64 = 0.3;
 
 /// A ray of the rim in the picture.
 #[derive(Clone, Copy)]
 struct Rim {
-    /// Outward, unit vector.
+    /// Outward normal, unit vector.
     normal: DVec2,
-    /// How strong the step is at each place along the normal.
+    /// Strength of the step at each position along the normal.
     steps: Steps,
 }
 
-type Steps = [f32; PLACES];
+type Steps = [f32; POSITIONS];
 
-/// The ball where the picture shows its rim, with a smaller σ. Where too little of the rim is
-/// seen, or its steps do not agree on a place, it stays as it is.
+/// Returns the sphere at the position of its rim in the picture, with a smaller σ. If too little of
+/// the rim is visible, or its steps are inconsistent, the sphere is returned unchanged.
 #[must_use]
 pub fn refine(picture: &Picture, camera: &PinholeCamera, ball: &Ball) -> Ball {
     try_refine(picture, camera, ball).unwrap_or(*ball)
@@ -59,10 +60,10 @@ fn try_refine(picture: &Picture, camera: &PinholeCamera, ball: &Ball) -> Option<
         return None;
     }
     let rims = rims(picture, camera, ball)?;
-    let reach = (3.0 * ball.sigma).clamp(1.0, FARTHEST);
+    let reach = (3.0 * ball.sigma).clamp(1.0, MAX_SHIFT);
     let coarse = search(&rims, reach)?;
-    let (shift, sigma) = settle(&rims, coarse, ball.sigma)?;
-    // The prediction was not off by more than it may be.
+    let (shift, sigma) = refine_shift(&rims, coarse, ball.sigma)?;
+    // The prediction's error is within its bounds.
     if shift.length() > reach + 0.5 {
         return None;
     }
@@ -95,16 +96,16 @@ fn rims(picture: &Picture, camera: &PinholeCamera, ball: &Ball) -> Option<Vec<Ri
         })
     });
     let rays: Vec<Rim> = rays.collect();
-    (rays.len() as f64 >= LEAST_SUPPORT * RAYS as f64).then_some(rays)
+    (rays.len() as f64 >= MIN_SUPPORT * RAYS as f64).then_some(rays)
 }
 
-/// How much the colour changes across each place along a normal, codes; `None` where the
-/// normal leaves the picture.
+/// Returns the change of colour across each position along a normal, codes; `None` where the normal
+/// leaves the picture.
 fn steps(picture: &Picture, rim: DVec2, normal: DVec2) -> Option<Steps> {
     const HALF: f64 = 0.75;
-    let mut steps = [0.0; PLACES];
+    let mut steps = [0.0; POSITIONS];
     for (i, step) in steps.iter_mut().enumerate() {
-        let s = place(i);
+        let s = position(i);
         let outer = colour(picture, rim + normal * (s + HALF))?;
         let inner = colour(picture, rim + normal * (s - HALF))?;
         *step = (0..3).map(|c| (outer[c] - inner[c]).abs()).sum();
@@ -112,9 +113,9 @@ fn steps(picture: &Picture, rim: DVec2, normal: DVec2) -> Option<Steps> {
     Some(steps)
 }
 
-/// Pixels from the predicted rim.
-fn place(i: usize) -> f64 {
-    i as f64 / PER_PIXEL - (FARTHEST + 2.0)
+/// Distance from the predicted rim, pixels.
+fn position(i: usize) -> f64 {
+    i as f64 / PER_PIXEL - (MAX_SHIFT + 2.0)
 }
 
 fn colour(picture: &Picture, p: DVec2) -> Option<[f32; 3]> {
@@ -135,11 +136,12 @@ fn colour(picture: &Picture, p: DVec2) -> Option<[f32; 3]> {
     }))
 }
 
-/// The shift with the most steps, on a grid of half pixels.
+/// Returns the shift with the most steps, on a grid of half pixels.
 fn search(rims: &[Rim], reach: f64) -> Option<DVec2> {
-    let typical = median(rims.iter().map(|r| r.steps[PLACES / 2]).collect());
-    // A strong step counts no more than a few usual ones.
-    let cap = STRONGEST * typical.max(4.0);
+    let typical =
+        median(rims.iter().map(|r| f64::from(r.steps[POSITIONS / 2]))).map_or(0.0, |m| m as f32);
+    // A strong step counts no more than a few typical ones.
+    let cap = MAX_STEP * typical.max(4.0);
     let score = |shift: DVec2| -> f64 {
         let at = |r: &Rim| f64::from(r.steps[index(r.normal.dot(shift))].min(cap));
         rims.iter().map(at).sum()
@@ -154,92 +156,85 @@ fn search(rims: &[Rim], reach: f64) -> Option<DVec2> {
             best = (found, shift);
         }
     }
-    (best.0 > LEAST_CONTRAST * sum / count).then_some(best.1)
+    (best.0 > MIN_CONTRAST * sum / count).then_some(best.1)
 }
 
 fn index(s: f64) -> usize {
-    let i = (s + FARTHEST + 2.0) * PER_PIXEL;
-    (i.round().max(0.0) as usize).min(PLACES - 1)
+    let i = (s + MAX_SHIFT + 2.0) * PER_PIXEL;
+    (i.round().max(0.0) as usize).min(POSITIONS - 1)
 }
 
-fn median(mut values: Vec<f32>) -> f32 {
-    values.sort_unstable_by(f32::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
-}
-
-/// Where along a normal the step nearest to a place is, and how strong; `None` where there is
-/// none.
+/// Returns the position along a normal of the step nearest to `around`, and its strength; `None` if
+/// there is none.
 fn nearest_step(rim: &Rim, around: f64) -> Option<(f64, f64)> {
     let middle = index(around);
     let near = (PER_PIXEL * 1.25) as usize;
-    let (low, high) = (middle.saturating_sub(near), (middle + near).min(PLACES - 1));
+    let (low, high) = (
+        middle.saturating_sub(near),
+        (middle + near).min(POSITIONS - 1),
+    );
     let peak = (low..=high).max_by(|a, b| rim.steps[*a].total_cmp(&rim.steps[*b]))?;
     if peak == low || peak == high || rim.steps[peak] < 8.0 {
         return None;
     }
-    // The vertex of the parabola through the peak and what is beside it.
+    // The vertex of the parabola through the peak and its neighbours.
     let at = |i: usize| f64::from(rim.steps[i]);
     let (a, b, c) = (at(peak - 1), at(peak), at(peak + 1));
     let bend = a - 2.0 * b + c;
-    let off = if bend < -1e-9 {
+    let deviation = if bend < -1e-9 {
         (0.5 * (a - c) / bend).clamp(-0.5, 0.5)
     } else {
         0.0
     };
-    Some((place(peak) + off / PER_PIXEL, b))
+    Some((position(peak) + deviation / PER_PIXEL, b))
 }
 
-/// The mean of the steps' places and the prediction, and its standard deviation, pixels.
-fn settle(rims: &[Rim], coarse: DVec2, prior: f64) -> Option<(DVec2, f64)> {
+/// Returns the mean of the steps' positions and the prediction, and its standard deviation, pixels.
+fn refine_shift(rims: &[Rim], coarse: DVec2, prior: f64) -> Option<(DVec2, f64)> {
     let mut shift = coarse;
     let mut sigma = prior;
-    // Where the rim is looked for; what it says is then weighed against the prediction.
-    let mut looked = coarse;
+    // Position at which the rim is searched; its result is then weighted against the prediction.
+    let mut centre = coarse;
     for _ in 0..4 {
         let found: Vec<(DVec2, f64)> = rims
             .iter()
             .filter_map(|r| {
-                let (at, _) = nearest_step(r, r.normal.dot(looked))?;
+                let (at, _) = nearest_step(r, r.normal.dot(centre))?;
                 Some((r.normal, at))
             })
             .collect();
-        if (found.len() as f64) < LEAST_SUPPORT * RAYS as f64 {
+        if (found.len() as f64) < MIN_SUPPORT * RAYS as f64 {
             return None;
         }
-        let off = |(n, s): &(DVec2, f64)| s - n.dot(looked);
-        let spread = 1.48 * f64::from(median(found.iter().map(|f| off(f).abs() as f32).collect()));
-        let scale = spread.max(0.1);
+        let deviation = |(n, s): &(DVec2, f64)| s - n.dot(centre);
+        let robust_sigma = 1.48
+            * median(found.iter().map(|f| f64::from(deviation(f).abs() as f32))).unwrap_or(0.0);
+        let scale = robust_sigma.max(0.1);
         let (mut normal, mut right) = (DMat2::ZERO, DVec2::ZERO);
         for f in &found {
-            let weight = tukey(off(f) / (4.0 * scale));
+            let weight = tukey_weight(deviation(f) / (4.0 * scale));
             normal += DMat2::from_cols(f.0 * f.0.x, f.0 * f.0.y) * weight;
             right += f.0 * (f.1 * weight);
         }
-        let (to, of) = fuse(normal, right, scale, prior)?;
-        (shift, sigma) = (to, of);
-        looked = (normal + DMat2::IDENTITY * 1e-3).inverse() * right;
+        let (fused_shift, fused_sigma) = fuse(normal, right, scale, prior)?;
+        (shift, sigma) = (fused_shift, fused_sigma);
+        centre = (normal + DMat2::IDENTITY * 1e-3).inverse() * right;
     }
     shift.is_finite().then_some((shift, sigma))
 }
 
-/// See the module's head.
+/// Combines the rim with the prediction as described in the module's head.
 fn fuse(normal: DMat2, right: DVec2, scale: f64, prior: f64) -> Option<(DVec2, f64)> {
-    // Half a rim says little along itself, and none nothing.
+    // Half a rim hardly constrains the tangential direction, and an invisible one nothing.
     let normal = normal + DMat2::IDENTITY * 1e-3;
-    let by_rim = normal.inverse();
+    let rim_estimate = normal.inverse();
     // Neighbouring rays share their pixels and their errors: four count as one.
-    let spread = by_rim * (4.0 * scale * scale);
-    let known = (spread + DMat2::IDENTITY * (COMMON_SIGMA * COMMON_SIGMA)).inverse();
-    let covariance = (known + DMat2::IDENTITY * (1.0 / (prior * prior))).inverse();
-    let shift = covariance * (known * (by_rim * right));
+    let rim_covariance = rim_estimate * (4.0 * scale * scale);
+    let information = (rim_covariance + DMat2::IDENTITY * (COMMON_SIGMA * COMMON_SIGMA)).inverse();
+    let covariance = (information + DMat2::IDENTITY * (1.0 / (prior * prior))).inverse();
+    let shift = covariance * (information * (rim_estimate * right));
     let sigma = (0.5 * (covariance.x_axis.x + covariance.y_axis.y)).sqrt();
     (shift.is_finite() && sigma.is_finite()).then_some((shift, sigma))
-}
-
-/// Tukey's biweight.
-fn tukey(x: f64) -> f64 {
-    let rest = (1.0 - x * x).max(0.0);
-    rest * rest
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! Light from a single photograph: through a fisheye, or of a mirrored ball.
+//! The environment view of a single photograph: through a fisheye lens, or of a mirrored sphere.
 
 use super::circle::{Circle, ball_outline, fisheye_circle};
 use glam::{DMat3, DQuat, DVec2, DVec3};
@@ -10,18 +10,18 @@ use serde::Deserialize;
 use std::f64::consts::PI;
 use std::path::{Path, PathBuf};
 
-/// What a photograph was taken with.
+/// The optics of a photograph.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum PhotographKind {
-    /// A fisheye lens, looking up unless the calibration says otherwise.
+    /// A fisheye lens, looking up unless the calibration specifies otherwise.
     Fisheye,
-    /// A mirrored ball, photographed horizontally unless the calibration says otherwise.
+    /// A mirrored sphere, photographed horizontally unless the calibration specifies otherwise.
     Sphere,
 }
 
-/// A calibration file (TOML or JSON). Everything is optional; the circle is searched for
-/// in the picture where it is not given.
+/// A calibration file (TOML or JSON). Everything is optional; without a circle in the file, it is
+/// searched in the picture.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PhotographCalibration {
@@ -29,10 +29,10 @@ pub struct PhotographCalibration {
     pub kind: Option<PhotographKind>,
     /// Centre of the circle, pixels; (0, 0) is the centre of the top-left pixel.
     pub centre: Option<[f64; 2]>,
-    /// Radius of the image circle or of the ball's outline, pixels.
+    /// Radius of the image circle or of the sphere's outline, pixels.
     pub radius: Option<f64>,
-    /// Fisheye: degrees across the image circle (default 180). Sphere: degrees of the
-    /// directions that the ball shows (default 360: photographed from far away).
+    /// Fisheye: degrees across the image circle (default 180). Sphere: degrees of the directions
+    /// that the sphere shows (default 360: photographed from far away).
     pub field_of_view_degrees: Option<f64>,
     /// Fisheye: k1..k4 of Kannala–Brandt.
     pub distortion: [f64; 4],
@@ -41,19 +41,19 @@ pub struct PhotographCalibration {
     /// Rows of the rotation from the camera (x right, y down, z forward) to the world
     /// (z up). The default looks up (fisheye) or along +Y (sphere).
     pub world_from_camera: Option<[[f64; 3]; 3]>,
-    /// The camera turned up by this angle from its default (or `world_from_camera`).
+    /// Upward rotation of the camera from its default (or `world_from_camera`), degrees.
     pub pitch_degrees: f64,
-    /// The camera turned clockwise about its axis.
+    /// Clockwise rotation of the camera about its axis, degrees.
     pub roll_degrees: f64,
     /// Sphere: linear reflectance per channel.
     pub reflectance: Option<[f32; 3]>,
     /// Tone curve as a power; default is sRGB's, 1 is linear.
     pub gamma: Option<f32>,
-    /// The photograph's ground is phantom ground: nothing below the horizon counts.
+    /// The photograph's ground is phantom ground: directions below the horizon are ignored.
     pub ground: bool,
 }
 
-/// What is wrong with a photograph or its calibration.
+/// Errors of a photograph or its calibration.
 #[derive(Debug, thiserror::Error)]
 pub enum PhotographError {
     /// A file could not be read.
@@ -61,38 +61,38 @@ pub enum PhotographError {
     Read {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         source: std::io::Error,
     },
-    /// Not a picture.
+    /// The file is not a picture.
     #[error("{path} is not a JPEG or PNG picture: {source}")]
     Decode {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         source: image::ImageError,
     },
-    /// Not a calibration.
+    /// The file is not a calibration.
     #[error("calibration {path}: {reason}")]
     Calibration {
         /// The file.
         path: PathBuf,
-        /// What and where.
+        /// The error and its position.
         reason: String,
     },
-    /// No circle.
+    /// No circle was found.
     #[error(
-        "no circle found in the picture: give `centre` and `radius` (pixels) in a calibration file, --calibration FILE"
+        "no circle found in the picture: set `centre` and `radius` (pixels) in a calibration file and pass it with --calibration FILE"
     )]
     NoCircle,
-    /// Nonsense.
-    #[error("{key} = {value} makes no sense: {expected}")]
+    /// A value is out of range.
+    #[error("{key} = {value} is invalid: expected {expected}")]
     Value {
         /// The calibration's key.
         key: &'static str,
-        /// What it was.
+        /// The given value.
         value: f64,
-        /// What it should be.
+        /// The allowed range.
         expected: &'static str,
     },
 }
@@ -101,7 +101,7 @@ impl PhotographCalibration {
     /// Reads a file, TOML unless its name ends in `.json`.
     ///
     /// # Errors
-    /// A file that cannot be read or is not a calibration.
+    /// The file cannot be read, is not TOML or JSON, or has unknown keys.
     pub fn read(path: &Path) -> Result<Self, PhotographError> {
         let text = std::fs::read_to_string(path).map_err(|source| PhotographError::Read {
             path: path.to_owned(),
@@ -121,17 +121,17 @@ impl PhotographCalibration {
         })
     }
 
-    /// The camera's tone curve.
+    /// Returns the camera's tone curve.
     #[must_use]
     pub fn response(&self) -> Response {
         self.gamma.map_or_else(Response::srgb, Response::gamma)
     }
 
-    /// The view that a picture was taken with. Where the file does not say the kind, a
-    /// picture with black corners is a fisheye's and anything else a ball's.
+    /// Returns the view of a picture. If the file does not give the kind, a picture with black
+    /// corners is a fisheye's and any other a sphere's.
     ///
     /// # Errors
-    /// No circle, or values that make no sense.
+    /// No circle is given or found, or a value is out of range.
     pub fn view(&self, picture: &Picture) -> Result<EnvironmentView, PhotographError> {
         let found = fisheye_circle(picture);
         let kind = self.kind.unwrap_or(match found {
@@ -183,8 +183,8 @@ impl PhotographCalibration {
         })
     }
 
-    /// A ball of radius 1 at the distance D from which it shows `field_of_view_degrees`:
-    /// the rays that graze it leave at π − asin(1/D) from the axis.
+    /// A sphere of radius 1 at the distance D from which it shows `field_of_view_degrees`: the rays
+    /// that graze it leave at π − asin(1/D) from the axis.
     fn sphere(
         &self,
         picture: &Picture,
@@ -239,7 +239,7 @@ fn in_range(value: f64, low: f64, high: f64) -> Result<f64, PhotographError> {
 /// Reads a JPEG or PNG file.
 ///
 /// # Errors
-/// A file that cannot be read or is not a picture.
+/// The file cannot be read, or is not a JPEG or PNG picture.
 pub fn read_picture(path: &Path) -> Result<Picture, PhotographError> {
     let bytes = std::fs::read(path).map_err(|source| PhotographError::Read {
         path: path.to_owned(),

@@ -1,56 +1,56 @@
-//! The radiance map prefiltered for glossy materials, lobe by lobe.
+//! The radiance map, prefiltered for the lobes of glossy materials.
 //!
-//! Level 0 is the map itself; level k ≥ 1 is Σ L(l) k_w(l) over the round lobe of width w_k
-//! about each texel's direction ([`super::lobes`]). The sum goes over a cut through the
-//! pyramid of halved maps, fine where the lobe changes across a texel and coarse where it
-//! does not. The cut and its weights depend on the geometry alone and are tabulated, so a
-//! frame costs one sparse matrix product and the same input gives the same bytes.
+//! Level 0 is the map itself; level k ≥ 1 is Σ L(l) k_w(l) over the round lobe of width w_k about
+//! each texel's direction ([`super::lobes`]). The sum runs over a cut through the pyramid of halved
+//! maps, fine where the lobe changes across a texel and coarse where it does not. The cut and its
+//! weights depend on the geometry alone and are tabulated, so a frame costs one sparse matrix
+//! product and equal input gives identical bytes.
 
+use super::compact_source_specular::Excess;
 use super::cube::{CubeGrid, sample_seamless, texel_solid_angle};
-use super::glints::Excess;
 use super::light::CubeMap;
 use super::lobes::{Family, widths};
 use glam::{Vec3, Vec4};
 use std::f32::consts::PI;
 
-/// A texel of the pyramid is taken whole where the lobe changes across it by less than this
-/// share of the lobe's integral.
+/// Maximum change of the lobe across a pyramid texel that is not subdivided, relative to the lobe's
+/// integral.
 const TOLERANCE: f32 = 0.05;
-/// What is left out: less than this share of the integral in a texel.
+/// Texels with less than this share of the integral are omitted.
 const NEGLIGIBLE: f32 = 1e-4;
-/// Texels a side of the smallest level.
+/// Texels along a side of the smallest level.
 const SMALLEST: u32 = 4;
 
-/// Levels of a map of `size` texels a side: down to 4 texels a side, which hold the widest
+/// Number of levels of a map of `size` texels along a side: down to 4 texels, which hold the widest
 /// lobes.
 #[must_use]
 pub const fn level_count(size: u32) -> usize {
     (size / SMALLEST).ilog2() as usize + 1
 }
 
-/// The table for one size of cube.
+/// The tables for one size of cube.
 #[derive(Clone, Debug)]
 pub struct Prefilter {
     size: u32,
     ggx: Vec<Level>,
     phong: Vec<Level>,
-    /// Where each level of the unfiltered pyramid begins.
+    /// Index of the first texel of each level of the unfiltered pyramid.
     starts: Vec<usize>,
-    /// Per level but the last: the share of each texel of a face in that above it.
+    /// Per level except the last: the share of each texel of a face in its parent.
     shares: Vec<Vec<f32>>,
 }
 
 /// Lobes of one level.
 #[derive(Clone, Debug)]
 struct Level {
-    /// Into `entries`, one more than texels.
+    /// Indices into `entries`, one more than texels.
     starts: Vec<u32>,
-    /// Index into the pyramid laid end to end, and weight.
+    /// Index into the concatenated pyramid, and weight.
     entries: Vec<(u32, f32)>,
 }
 
 impl Prefilter {
-    /// For GGX alone. `size` is a power of two, 8 at least.
+    /// Builds the tables for GGX alone. `size` is a power of two, at least 8.
     #[must_use]
     pub fn new(size: u32) -> Self {
         let mut starts = vec![0];
@@ -69,16 +69,16 @@ impl Prefilter {
         new
     }
 
-    /// For Phong, too, if `wanted`: its tables are made with the first wish.
+    /// Adds the tables for Phong if `requested`; they are built at the first request.
     #[must_use]
-    pub fn with_phong(mut self, wanted: bool) -> Self {
-        self.want_phong(wanted);
+    pub fn with_phong(mut self, requested: bool) -> Self {
+        self.want_phong(requested);
         self
     }
 
     /// See [`Self::with_phong`].
-    pub fn want_phong(&mut self, wanted: bool) {
-        if !wanted {
+    pub fn want_phong(&mut self, requested: bool) {
+        if !requested {
             self.phong.clear();
         } else if self.phong.is_empty() {
             self.phong = self.tables(Family::Phong);
@@ -93,26 +93,26 @@ impl Prefilter {
             .collect()
     }
 
-    /// The radiance map of `texels`, `6 * size²` of them.
+    /// Filters the map of `texels`, `6 * size²` of them.
     #[must_use]
     pub fn apply(&self, texels: &[Vec3]) -> CubeMap {
         self.apply_without(texels, &[])
     }
 
-    /// The same; of each source its levels leave out what its weights say.
+    /// The same; the levels leave out the share of each source given by its weights.
     #[must_use]
     pub fn apply_without(&self, texels: &[Vec3], sources: &[Excess]) -> CubeMap {
         let mut pyramid = self.pyramid(texels);
         let mut map = CubeMap {
             size: self.size,
             levels: vec![texels.iter().map(Vec3::to_array).collect()],
-            glints: sources.iter().map(|s| s.glint).collect(),
+            compact_sources: sources.iter().map(|s| s.source).collect(),
             ..CubeMap::default()
         };
         for (k, ggx) in self.ggx.iter().enumerate() {
             for source in sources {
-                let more = source.glint.weights[k + 1] - source.glint.weights[k];
-                self.take_out(&mut pyramid, &source.parts, more);
+                let more = source.source.weights[k + 1] - source.source.weights[k];
+                self.subtract(&mut pyramid, &source.parts, more);
             }
             map.levels.push(ggx.apply(&pyramid));
             map.phong
@@ -121,8 +121,8 @@ impl Prefilter {
         map
     }
 
-    /// Takes the share of a source's texels out of a pyramid, all the way up.
-    fn take_out(&self, pyramid: &mut [Vec4], parts: &[(u32, Vec3)], share: f32) {
+    /// Subtracts the share of a source's texels from all levels of a pyramid.
+    fn subtract(&self, pyramid: &mut [Vec4], parts: &[(u32, Vec3)], share: f32) {
         if share == 0.0 {
             return;
         }
@@ -139,7 +139,7 @@ impl Prefilter {
         }
     }
 
-    /// The map and its halves, each texel the mean of four by their solid angles.
+    /// Returns the map and its halves, each texel the mean of four by their solid angles.
     fn pyramid(&self, texels: &[Vec3]) -> Vec<Vec4> {
         let mut pyramid = Vec::with_capacity(self.starts.last().map_or(0, |end| *end));
         pyramid.extend(texels.iter().map(|t| t.extend(0.0)));
@@ -161,7 +161,7 @@ impl Prefilter {
     }
 }
 
-/// The share of each texel of a face of `side²` in the one above that it is part of.
+/// Returns the share of each texel of a face of `side²` in its parent texel.
 fn shares(side: u32) -> Vec<f32> {
     let size = |x: u32, y: u32| texel_solid_angle(side, x, y);
     let share = |i: u32| {
@@ -208,8 +208,8 @@ impl Level {
     }
 }
 
-/// A round lobe by the square of the chord to its axis, |l − axis|²: tabulated 16 times a
-/// doubling by the bits of the number, which are its logarithm roughly.
+/// A round lobe as a function of the squared chord to its axis, |l − axis|²: tabulated 16 times per
+/// doubling by the bits of the number, which approximate its logarithm.
 struct Lobe {
     values: Vec<f32>,
     first: u32,
@@ -233,7 +233,7 @@ impl Lobe {
         }
     }
 
-    /// Per steradian.
+    /// Value per steradian.
     fn at(&self, chord2: f32) -> f32 {
         let past = chord2.to_bits().saturating_sub(self.first);
         let i = ((past / Self::SPACING) as usize).min(self.values.len() - 2);
@@ -245,7 +245,7 @@ impl Lobe {
 /// Finds cuts through the pyramid.
 struct Cut<'a> {
     starts: &'a [usize],
-    /// From twice the map's size down to one texel a face.
+    /// From twice the map's size down to one texel per face.
     grids: Vec<CubeGrid>,
 }
 
@@ -300,7 +300,7 @@ impl<'a> Cut<'a> {
     }
 }
 
-/// The four texels of a grid twice as fine that a texel covers.
+/// The four texels, of a grid twice as fine, that a texel covers.
 fn children(side: u32, index: usize) -> [usize; 4] {
     let n = side as usize;
     let (face, y, x) = (index / (n * n), index / n % n, index % n);
@@ -308,8 +308,8 @@ fn children(side: u32, index: usize) -> [usize; 4] {
     [first, first + 1, first + 2 * n, first + 2 * n + 1]
 }
 
-/// What a lobe of `family` gathers about `direction`; `level` with its fraction is that of
-/// [`super::lobes::Levels`]. Twin of the shaders' look-up.
+/// Returns the radiance that a lobe of `family` gathers about `direction`; `level` with its
+/// fraction is that of [`super::lobes::Levels`]. Twin of the shaders' look-up.
 #[must_use]
 pub fn gathered(map: &CubeMap, family: Family, level: f32, direction: Vec3) -> Vec3 {
     let texels = |k: usize| match family {
@@ -327,7 +327,7 @@ pub fn gathered(map: &CubeMap, family: Family, level: f32, direction: Vec3) -> V
     at(low).lerp(at(low + 1), t)
 }
 
-/// Mean of a level over the sphere, for tests and status.
+/// Returns the mean of a level over the sphere, for tests and status.
 #[must_use]
 pub fn level_mean(map: &CubeMap, level: usize) -> Vec3 {
     let side = map.size >> level;
@@ -351,7 +351,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_constant_stays_constant_at_every_width() {
+    fn constant_is_preserved_at_every_width() {
         let texels = vec![Vec3::new(0.2, 1.0, 3.0); 6 * 32 * 32];
         let map = Prefilter::new(32).with_phong(true).apply(&texels);
         assert_eq!((map.levels.len(), map.phong.len()), (4, 3));
@@ -365,7 +365,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_gathered_does_not_jump_at_the_edges_of_faces() {
+    fn gathered_radiance_is_continuous_at_face_edges() {
         let grid = CubeGrid::new(32);
         let texels: Vec<Vec3> = grid
             .directions
@@ -381,7 +381,7 @@ mod tests {
     }
 
     #[test]
-    fn phongs_tables_come_and_go_with_the_wish() {
+    fn phong_tables_exist_only_if_requested() {
         let texels = vec![Vec3::ONE; 6 * 16 * 16];
         let mut prefilter = Prefilter::new(16);
         assert!(prefilter.apply(&texels).phong.is_empty());

@@ -1,4 +1,4 @@
-//! What the rig believes about the light, as files: `penumbra light`.
+//! The estimated light as files: `penumbra light`.
 
 use super::ClippedEnergy;
 use super::cube::CubeGrid;
@@ -22,33 +22,33 @@ use std::sync::Arc;
 
 /// Rows of the equirectangular map.
 const ROWS: u32 = 512;
-/// Factor on clipped pixels of a single photograph: a lamp's true brightness is unknown,
-/// but it is far above the white of the picture.
+/// Factor on clipped pixels of a single photograph: a lamp's true brightness is unknown, but far
+/// above the picture's white.
 const CLIPPED_FACTOR: f32 = 30.0;
 
-/// Light, and the map it was read from.
+/// Light, and the map from which it was estimated.
 pub struct LightReport {
-    /// Lights, irradiance, radiance map.
+    /// Lights, irradiance and radiance map.
     pub lighting: Arc<Lighting>,
-    /// The environment at the picture's own resolution; what is not seen is filled from
-    /// the radiance map.
+    /// The environment at the picture's own resolution; unseen directions are filled from the
+    /// radiance map.
     pub map: Equirect,
     /// Pixels that every exposure clipped.
     pub clipped_pixels: usize,
-    /// Unit vector towards the strongest compact source, or, where there is none, the
-    /// mean of all light.
+    /// Unit vector towards the strongest compact source, or, if there is none, the mean of all
+    /// light.
     pub dominant_direction: Vec3,
 }
 
-/// Settings for a photograph without brackets: clipped pixels are raised, unless so many
-/// clip that it is the sky.
+/// Returns settings for a photograph without brackets: clipped pixels are raised, unless they cover
+/// so much that they are the sky.
 #[must_use]
 pub fn photograph_settings(calibration: &PhotographCalibration) -> EnvironmentSettings {
     EnvironmentSettings {
         ground: calibration.ground,
         clipped: ClippedEnergy::Factor {
             factor: CLIPPED_FACTOR,
-            most_solid_angle: 0.6,
+            max_solid_angle: 0.6,
         },
         // Clipped cloud next to the sun is not part of the sun.
         sources: SourceSettings {
@@ -59,31 +59,31 @@ pub fn photograph_settings(calibration: &PhotographCalibration) -> EnvironmentSe
     }
 }
 
-/// What can go wrong between a picture and the files.
+/// Errors between a picture and the report's files.
 #[derive(Debug, thiserror::Error)]
 pub enum LightReportError {
-    /// The photograph or its calibration.
+    /// The photograph or its calibration is invalid.
     #[error(transparent)]
     Photograph(#[from] PhotographError),
-    /// The estimate.
+    /// The estimate failed.
     #[error(transparent)]
     Environment(#[from] EnvironmentError),
-    /// The files.
+    /// A file could not be written.
     #[error("cannot write {path}: {reason}")]
     Write {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         reason: String,
     },
 }
 
 impl LightReport {
-    /// Reads the light of a single photograph (`penumbra light IMAGE`).
+    /// Estimates the light of a single photograph (`penumbra light IMAGE`).
     ///
     /// # Errors
-    /// A file that is no picture, a calibration that makes no sense, no circle.
-    pub fn of_photograph(
+    /// A file cannot be read, the calibration is invalid, or no circle is found.
+    pub fn from_photograph(
         image: &Path,
         kind: Option<PhotographKind>,
         calibration: Option<&Path>,
@@ -93,14 +93,14 @@ impl LightReport {
             None => PhotographCalibration::default(),
         };
         calibration.kind = kind.or(calibration.kind);
-        Self::of_picture(&read_picture(image)?, &calibration)
+        Self::from_picture(&read_picture(image)?, &calibration)
     }
 
     /// The same with the picture in memory.
     ///
     /// # Errors
-    /// As [`Self::of_photograph`].
-    pub fn of_picture(
+    /// As [`Self::from_photograph`].
+    pub fn from_picture(
         picture: &Picture,
         calibration: &PhotographCalibration,
     ) -> Result<Self, LightReportError> {
@@ -108,14 +108,14 @@ impl LightReport {
         let settings = photograph_settings(calibration);
         let brackets = [Bracket { picture, ev: 0.0 }];
         let input = EnvironmentInput::new(&brackets, MonotonicTime::default());
-        Self::of_instant(&view, &calibration.response(), settings, &input)
+        Self::from_instant(&view, &calibration.response(), settings, &input)
     }
 
     /// The same for one instant of a session.
     ///
     /// # Errors
-    /// Pictures that do not fit the view.
-    pub fn of_instant(
+    /// The pictures do not have the view's size, or a pose is missing.
+    pub fn from_instant(
         view: &EnvironmentView,
         response: &Response,
         settings: EnvironmentSettings,
@@ -126,11 +126,11 @@ impl LightReport {
         Self::of_estimator(&estimator, lighting, view, input.scene, input.gains)
     }
 
-    /// What an estimator of `view` believes after its last update, which gave `lighting`
-    /// with `gains`, and saw `scene` if the sphere is in the scene camera's picture.
+    /// Reports the state of an estimator of `view` after its last update, which returned `lighting`
+    /// with `gains`, and used `scene` if the sphere is in the scene camera's picture.
     ///
     /// # Errors
-    /// Impossible geometry.
+    /// The camera is inside the mirrored sphere, or `scene` is needed and missing.
     pub fn of_estimator(
         estimator: &EnvironmentEstimator,
         lighting: Arc<Lighting>,
@@ -148,11 +148,11 @@ impl LightReport {
         })
     }
 
-    /// Writes `environment.exr`, `environment.png`, `lights.png` and `light.json` into a
-    /// folder, which is made if need be.
+    /// Writes `environment.exr`, `environment.png`, `lights.png` and `light.json` into a folder,
+    /// which is created if necessary.
     ///
     /// # Errors
-    /// What the file system says.
+    /// The folder or a file cannot be written.
     pub fn write(&self, folder: &Path) -> Result<(), LightReportError> {
         std::fs::create_dir_all(folder).map_err(|e| write_error(folder, e))?;
         self.write_exr(&folder.join("environment.exr"))?;
@@ -224,7 +224,7 @@ impl LightReport {
     }
 }
 
-/// Direction of the strongest compact source, or, where there is none, of the mean of all
+/// Returns the direction of the strongest compact source, or, if there is none, of the mean of all
 /// light.
 #[must_use]
 pub fn dominant_direction(estimator: &EnvironmentEstimator, lighting: &Lighting) -> Vec3 {
@@ -302,7 +302,8 @@ fn unwrap_view(
 }
 
 impl EnvironmentEstimator {
-    /// Linear value of the last merged picture between pixels, environment camera units.
+    /// Returns the linear value of the last merged picture between pixels, environment camera
+    /// units.
     fn pixel_radiance(&self, p: DVec2) -> Option<Vec3> {
         let base = p.floor();
         let (fx, fy) = ((p.x - base.x) as f32, (p.y - base.y) as f32);
@@ -332,7 +333,7 @@ fn write_error(path: &Path, reason: impl std::fmt::Display) -> LightReportError 
     }
 }
 
-/// Irradiance on level ground of a radiance map's upper hemisphere.
+/// Returns the irradiance on level ground of a radiance map's upper hemisphere.
 #[must_use]
 pub fn ground_irradiance_of(lighting: &Lighting) -> Vec3 {
     let grid = CubeGrid::new(lighting.radiance.size);

@@ -1,36 +1,36 @@
-//! From the picture's pixels to the cube's texels, without losing or gaining energy.
+//! Resamples the picture's pixels to the cube's texels without loss or gain of energy.
 
 use super::cube::{CubeGrid, face_direction};
 use glam::{DVec2, DVec3, Vec3};
 use penumbra_camera::PlacedView;
 use std::ops::Range;
 
-/// Tells which rays (origin, direction; world) end on a proxy of a real object.
+/// Tests whether a ray (origin, direction; world) ends on a proxy of a real object.
 pub type Hidden<'a> = dyn Fn(DVec3, DVec3) -> bool + 'a;
 
-/// What each pixel of the environment camera's picture sees. Row-major.
+/// Direction and solid angle of each pixel of the environment camera's picture. Row-major.
 #[derive(Clone, Debug)]
 pub struct PixelDirections {
     /// Pixels in a row.
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// Unit direction, world; meaningless where the solid angle is zero.
+    /// Unit direction, world; undefined where the solid angle is zero.
     pub directions: Vec<Vec3>,
-    /// Steradians; zero for pixels that see nothing of the environment.
+    /// Solid angle, steradians; zero for pixels that see nothing of the environment.
     pub solid_angles: Vec<f32>,
 }
 
 impl PixelDirections {
-    /// Works out every pixel of a view. Pixels whose ray is `hidden` count as unseen.
+    /// Computes every pixel of a view. Pixels whose ray is `hidden` count as unseen.
     #[must_use]
     pub fn new(view: &PlacedView, hidden: Option<&Hidden>) -> Self {
         let (width, height) = view.size();
         Self::within(view, hidden, 0..width, 0..height)
     }
 
-    /// The same for a mirrored sphere that covers a small part of the picture: only the
-    /// pixels around it are looked at, and what stands in front of it hides it.
+    /// The same for a mirrored sphere that covers a small part of the picture: only the pixels
+    /// around it are evaluated, and objects in front of it hide it.
     #[must_use]
     pub fn around_mirror(view: &PlacedView, hidden: Option<&Hidden>) -> Self {
         let (columns, rows) = view.bounds();
@@ -69,7 +69,7 @@ impl PixelDirections {
                 let quad = [above[k], above[k + 1], below[k + 1], below[k]];
                 let pixel = DVec2::new(f64::from(x), f64::from(y));
                 let i = (y * width + x) as usize;
-                (directions[i], solid_angles[i]) = see(view, hidden, pixel, quad);
+                (directions[i], solid_angles[i]) = observe_pixel(view, hidden, pixel, quad);
             }
             above = below;
         }
@@ -82,7 +82,7 @@ impl PixelDirections {
     }
 }
 
-fn see(
+fn observe_pixel(
     view: &PlacedView,
     hidden: Option<&Hidden>,
     pixel: DVec2,
@@ -106,24 +106,24 @@ pub(super) fn triangle_solid_angle(a: DVec3, b: DVec3, c: DVec3) -> f64 {
     2.0 * numerator.atan2(denominator)
 }
 
-/// For each texel, the pixels it is made of and their weights (adding up to one).
+/// The pixels of each texel and their weights, whose sum is one.
 ///
-/// Every texel is sampled on a grid fine enough that neighbouring samples are at most half
-/// a pixel apart, and each sample reads the picture bilinearly; the samples of a texel are
-/// weighted by their solid angles. The tents of bilinear interpolation add up to one on
-/// such a grid, so a source of a single pixel keeps its energy.
+/// Every texel is sampled on a grid fine enough that neighbouring samples are at most half a pixel
+/// apart, and each sample reads the picture bilinearly; the samples of a texel are weighted by
+/// their solid angles. The tents of bilinear interpolation add up to one on such a grid, so a
+/// source of a single pixel keeps its energy.
 #[derive(Clone, Debug, Default)]
 pub struct GatherTable {
     starts: Vec<u32>,
     entries: Vec<(u32, f32)>,
-    /// Part of each texel that the picture sees, 0..=1.
+    /// Visible part of each texel, 0..=1.
     pub coverage: Vec<f32>,
 }
 
 impl GatherTable {
-    /// Builds the table for a cube of `size` texels a side. `seen` is the solid angle of
-    /// each pixel, zero for unseen ones. No texel gets more than `finest` samples a side;
-    /// with one or two, all get as many (for pictures coarser than the cube).
+    /// Builds the table for a cube of `size` texels along a side. `seen` is the solid angle of each
+    /// pixel, zero for unseen ones. No texel gets more than `finest` samples along a side; with one
+    /// or two, all get the same number (for pictures coarser than the cube).
     #[must_use]
     pub fn new(view: &PlacedView, seen: &[f32], size: u32, finest: u32) -> Self {
         let mut table = Self::default();
@@ -157,7 +157,7 @@ impl GatherTable {
         self.coverage.push(covered);
     }
 
-    /// Part of each texel that comes from the given pixels, 0..=1, into `shares`.
+    /// Computes the part of each texel that comes from the given pixels, 0..=1, into `shares`.
     pub fn shares(&self, pixels: &[u32], marks: &mut Vec<bool>, shares: &mut Vec<f32>) {
         shares.clear();
         marks.clear();
@@ -177,7 +177,7 @@ impl GatherTable {
         }));
     }
 
-    /// Texel values from pixel values; zero where nothing is seen.
+    /// Computes texel values from pixel values; zero where nothing is seen.
     pub fn apply(&self, pixels: &[Vec3], texels: &mut Vec<Vec3>) {
         texels.clear();
         texels.extend(self.starts.windows(2).map(|range| {
@@ -206,7 +206,7 @@ impl Texel {
         )
     }
 
-    /// Samples a side so that samples are at most half a pixel apart.
+    /// Samples along a side so that samples are at most half a pixel apart.
     fn samples_a_side(&self, view: &PlacedView, finest: u32) -> u32 {
         let at = |s, t| view.pixel(self.direction(s, t));
         let middle = at(0.5, 0.5);
@@ -217,7 +217,7 @@ impl Texel {
         ((2.0 * reach).ceil() as u32).clamp(2, finest)
     }
 
-    /// Adds (pixel, weight) pairs to `found`; returns the part of the texel that is seen.
+    /// Adds (pixel, weight) pairs to `found`; returns the visible part of the texel.
     fn gather(
         &self,
         view: &PlacedView,
@@ -246,8 +246,7 @@ impl Texel {
     }
 }
 
-/// Spreads a sample over the four pixels around it; returns the weight that fell on seen
-/// ones.
+/// Distributes a sample over the four pixels around it; returns the weight on visible ones.
 fn spread(
     pixel: DVec2,
     weight: f32,
@@ -274,8 +273,8 @@ fn spread(
     fallen
 }
 
-/// A guess of every texel from coarser and coarser means of what was seen around it
-/// (pull–push, Gortler et al. 1996).
+/// Fills every texel from coarser and coarser means of the visible texels around it (pull–push,
+/// Gortler et al. 1996).
 #[must_use]
 pub fn inpaint(size: u32, texels: &[Vec3], coverage: &[f32], grid: &CubeGrid) -> Vec<Vec3> {
     let n = size as usize;
@@ -361,10 +360,10 @@ mod tests {
     }
 
     #[test]
-    fn the_pixels_cover_the_hemisphere_once() {
+    fn pixels_cover_the_hemisphere_once() {
         let pixels = PixelDirections::new(&fisheye(), None);
         let sum: f64 = pixels.solid_angles.iter().map(|&w| f64::from(w)).sum();
-        // Pixels cut by the rim are left out: half a pixel of 237.
+        // Pixels cut by the rim are excluded: half a pixel of 237.
         assert!(
             (sum / (2.0 * std::f64::consts::PI) - 1.0).abs() < 0.006,
             "{sum}"
@@ -372,7 +371,7 @@ mod tests {
     }
 
     #[test]
-    fn a_source_of_one_pixel_keeps_its_energy() {
+    fn source_of_one_pixel_keeps_its_energy() {
         let view = fisheye();
         let pixels = PixelDirections::new(&view, None);
         let table = GatherTable::new(&view, &pixels.solid_angles, 64, 24);
@@ -401,7 +400,7 @@ mod tests {
     }
 
     #[test]
-    fn a_constant_stays_constant_and_holes_are_filled() {
+    fn constant_is_preserved_and_holes_are_filled() {
         let view = fisheye();
         let hidden = |_: DVec3, d: DVec3| d.x > 0.5;
         let pixels = PixelDirections::new(&view, Some(&hidden));

@@ -1,6 +1,5 @@
-//! What can be chosen, what is given for each instant, and what can go wrong.
+//! Settings, inputs and errors of the estimator.
 
-use super::clipped::ClippedEnergy;
 use super::hdr::Bracket;
 use super::light::Filtering;
 use super::resample::Hidden;
@@ -53,37 +52,66 @@ pub enum IrradianceMethod {
     Blurred,
 }
 
-/// What can be chosen.
+/// How the energy of clipped pixels is estimated.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ClippedEnergy {
+    /// Clipped pixels keep their clipped value.
+    Keep,
+    /// Clipped pixels are multiplied by `factor`, up to `max_solid_angle` steradians in total; a
+    /// larger clipped region (an overexposed sky) keeps its value.
+    Factor {
+        /// Factor, at least 1.
+        factor: f32,
+        /// Maximum solid angle of all clipped pixels, steradians.
+        max_solid_angle: f32,
+    },
+    /// Clipped pixels are raised until the ground's irradiance equals the measured one (see
+    /// [`EnvironmentInput::measured_ground_irradiance`]). Without a measurement, and with a sphere
+    /// in the scene camera's picture, the factor is estimated from the shadows in that picture;
+    /// else clipped pixels keep their value.
+    Measured {
+        /// Maximum factor.
+        max_factor: f32,
+    },
+}
+
+impl Default for ClippedEnergy {
+    fn default() -> Self {
+        Self::Measured { max_factor: 1e5 }
+    }
+}
+
+/// Settings of the estimator.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EnvironmentSettings {
-    /// Texels a side of the cube map, a power of two.
+    /// Texels along a side of the cube map, a power of two.
     pub cube_size: u32,
-    /// Where dome lights are put.
+    /// Placement of the dome lights.
     pub placement: LightPlacement,
-    /// Dome lights at most.
+    /// Maximum number of dome lights.
     pub lights: usize,
     /// There is phantom ground: no light comes from below.
     pub ground: bool,
     /// How irradiance is computed.
     pub irradiance: IrradianceMethod,
-    /// What is done about sources that every exposure clips.
+    /// Treatment of sources that every exposure clips.
     pub clipped: ClippedEnergy,
-    /// What counts as a compact source.
+    /// Criteria of a compact source.
     pub sources: SourceSettings,
-    /// Reflectance of the ground where nothing shows its radiance.
+    /// Reflectance of the ground, used if its radiance is unknown.
     pub fallback_ground_albedo: f32,
-    /// World height of the ground, metres, for what is read from the shadows on it.
+    /// World height of the ground, metres, for the analysis of shadows on it.
     pub ground_height: f64,
-    /// Carries light from where it is seen to where it is needed.
+    /// Translates light from the position where it is seen to the position where it is needed.
     pub parallax: Option<Parallax>,
-    /// Seconds for which a direction seen last on a sphere in the scene outweighs a new,
-    /// worse view of it.
+    /// Time constant, seconds, for which an earlier observation of a direction on a sphere in the
+    /// scene outweighs a new, worse one.
     pub memory_seconds: f32,
-    /// Frequency of the geodesic dome whose faces are lit, for shadowing planes.
+    /// Frequency of the geodesic dome for shadowing planes, if any.
     pub faces: Option<u32>,
     /// How reflections are filtered.
     pub filtering: Filtering,
-    /// Lobes of Phong's model are filtered, too.
+    /// Filters for lobes of Phong's model, too.
     pub phong: bool,
 }
 
@@ -108,76 +136,77 @@ impl Default for EnvironmentSettings {
     }
 }
 
-/// Why there is no light from a picture.
+/// Reasons why no light can be estimated from a picture.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
 pub enum EnvironmentError {
-    /// The picture and the calibration disagree.
+    /// The size of the picture differs from the calibration.
     #[error(
-        "environment picture is {got_width}x{got_height}, its calibration says {width}x{height}: calibrate the camera at the size it records, or set its size to the calibration's"
+        "environment picture is {got_width}x{got_height}, but its calibration is for {width}x{height}: calibrate the camera at the size it records, or set its size to the calibration's"
     )]
     PictureSize {
-        /// Calibrated.
+        /// Calibrated width, pixels.
         width: u32,
-        /// Calibrated.
+        /// Calibrated height, pixels.
         height: u32,
-        /// The picture's.
+        /// Width of the picture, pixels.
         got_width: u32,
-        /// The picture's.
+        /// Height of the picture, pixels.
         got_height: u32,
     },
-    /// Nothing to go by.
+    /// No picture was given.
     #[error("no environment picture was given")]
     NoPicture,
-    /// The sphere is in the scene camera's picture, and where that looks is unknown.
+    /// The sphere is in the scene camera's picture, and that camera's pose is unknown.
     #[error(
-        "the mirrored sphere is in the scene camera's picture, and that camera's pose is not known"
+        "the mirrored sphere is in the scene camera's picture, and that camera's pose is unknown: check the tracker and its calibration"
     )]
     NoScenePose,
-    /// Impossible geometry.
+    /// The camera is inside the sphere.
     #[error(
         "the camera is inside the mirrored sphere: check centre and radius (metres) of the sphere and the camera's pose"
     )]
     InsideSphere,
-    /// The cube's size.
+    /// The size of the cube is not supported.
     #[error("cube size {0} is not a power of two between 16 and 512")]
     CubeSize(u32),
 }
 
-/// Where the mirrored sphere is, and how well that is known.
+/// Position of the mirrored sphere and its uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BallSeen {
     /// Its centre, world, metres.
     pub centre_in_world: DVec3,
-    /// Standard deviation of its picture, each way, pixels.
+    /// Standard deviation of its position in the picture, along each axis, pixels.
     pub sigma: f64,
 }
 
-/// One instant's pictures and what else is known.
+/// One instant's pictures and other known quantities.
 pub struct EnvironmentInput<'a> {
     /// Exposures of the instant, in any order.
     pub brackets: &'a [Bracket<'a>],
     /// Pose and intrinsics of the scene camera, for a sphere in its picture.
     pub scene: Option<(RigidTransform, &'a PinholeCamera)>,
-    /// From the environment camera's linear values to the scene camera's.
+    /// Matrix from the environment camera's linear values to the scene camera's.
     pub gains: Mat3,
     /// Mean radiance of the ground around the objects, scene camera units.
     pub ground_radiance: Option<Vec3>,
-    /// Irradiance of the ground as measured elsewhere, scene camera units.
+    /// Irradiance of the ground as measured by other means, scene camera units.
     pub measured_ground_irradiance: Option<Vec3>,
-    /// Rays that end on a phantom other than the mirrored sphere itself, for a sphere in
-    /// the scene camera's picture (the camera's rays and the mirror's). Views that stand still take theirs at the start.
+    /// Tests whether a ray ends on a phantom other than the mirrored sphere itself, for a sphere in
+    /// the scene camera's picture (the camera's rays and the reflected ones). Static views take
+    /// theirs at the start.
     pub hidden: Option<&'a Hidden<'a>>,
     /// Mean radiance of those phantoms in the scene camera's picture, scene camera units.
     pub hider_radiance: Option<Vec3>,
-    /// Where a sphere in the scene camera's picture is at this instant. Given, it is looked for
-    /// near there; else it is taken to be exactly where the calibration says.
+    /// Position of a sphere in the scene camera's picture at this instant. If given, its rim is
+    /// searched near it; else the calibrated position is used unchanged.
     pub ball: Option<BallSeen>,
     /// Middle of the exposure.
     pub captured_at: MonotonicTime,
 }
 
 impl<'a> EnvironmentInput<'a> {
-    /// Pictures alone: no scene camera, gains of one, nothing measured elsewhere.
+    /// Creates an input of pictures alone: no scene camera, gains of one, no other measurements.
     #[must_use]
     pub fn new(brackets: &'a [Bracket<'a>], captured_at: MonotonicTime) -> Self {
         Self {

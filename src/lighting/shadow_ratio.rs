@@ -1,13 +1,13 @@
-//! How bright a clipped source must be for the shadows in the scene camera's own picture
-//! to be as dark as they are.
+//! Estimates the brightness of a clipped source from the darkness of the shadows in the scene
+//! camera's own picture.
 //!
 //! ```text
-//!  A point p of the ground shows I(p) = ρ(p)/π (a(p) + f b(p)): a is the irradiance of
-//!  what the picture of the sphere did not clip, b that of what it clipped, taken at the
-//!  clipped value, both without what the phantoms hide from p (in whose place a counts
-//!  what the phantoms throw there), and f is how many times
-//!  brighter than that the clipped source really is. The reflectance ρ is not known, but
-//!  where it does not follow the shadows, the right f leaves the least of them in
+//!  A point p of the ground has the radiance I(p) = ρ(p)/π (a(p) + f b(p)): a is the irradiance
+//!  by the unclipped part of the sphere's picture, b that by its clipped part at the clipped
+//!  value, both without the directions that the phantoms hide from p (for which a includes the
+//!  light reflected by the phantoms), and f is the ratio of the clipped source's true brightness
+//!  to the clipped value. The reflectance ρ is unknown, but where it is independent of the
+//!  shadows, the correct f minimises their traces in
 //!      ln I(p) − ln (a(p) + f b(p)),
 //!  measured with a loss that a marker or a seam in the wood cannot dominate.
 //! ```
@@ -20,29 +20,29 @@ use penumbra_camera::PinholeCamera;
 use penumbra_camera::PlacedView;
 use penumbra_interface::RigidTransform;
 
-/// Pixels between the points of the ground that are looked at.
+/// Pixels between the sampled points of the ground.
 const STEP: u32 = 8;
-/// Cells a side of a cube face that the light is summed into for this.
+/// Cells along a side of a cube face into which the light is summed.
 const CELLS: u32 = 4;
-/// Clipped directions that are followed singly.
-const CLIPPED_DIRECTIONS: usize = 24;
-/// Least scale of the loss: spread of ln ρ that is usual for one surface.
-const LEAST_SPREAD: f32 = 0.15;
-/// Fewest points in and out of shadow.
-const LEAST_POINTS: usize = 24;
+/// Maximum number of clipped directions that are traced individually.
+const MAX_CLIPPED_DIRECTIONS: usize = 24;
+/// Minimum scale of the loss: the typical standard deviation of ln ρ of one surface.
+const MIN_SCALE: f32 = 0.15;
+/// Minimum number of points in shadow, and out of it.
+const MIN_POINTS: usize = 24;
 
-/// Where the ground is and what stands on it.
+/// The ground and the objects on it.
 pub(super) struct Ground<'a> {
     pub height: f64,
     pub world_from_camera: RigidTransform,
     pub camera: &'a PinholeCamera,
     pub hidden: Option<&'a Hidden<'a>>,
-    /// Luminance of what hides, as the scene camera sees it; 0 where it is not known.
+    /// Luminance of the occluders as the scene camera sees it; 0 if unknown.
     pub hider: f32,
 }
 
-/// What comes from a direction.
-struct Beam {
+/// Light from one direction.
+struct LightDirection {
     direction: DVec3,
     /// Luminance of the irradiance on the ground.
     irradiance: f32,
@@ -50,15 +50,15 @@ struct Beam {
     form: f32,
 }
 
-/// Light of the ground from what is not clipped and from what is, per point.
+/// Irradiance of a point of the ground by unclipped and by clipped light.
 struct Point {
     radiance: f32,
     rest: f32,
     clipped: f32,
 }
 
-/// The factor f on clipped pixels; `None` where the picture shows too little shadow to
-/// tell. `luminance_at` gives the linear luminance of a pixel of the scene picture.
+/// Returns the factor f on clipped pixels; `None` if the picture shows too little shadow.
+/// `luminance_at` returns the linear luminance of a pixel of the scene picture.
 pub(super) fn clipped_factor(
     view: &PlacedView,
     pixels: &PixelDirections,
@@ -67,34 +67,39 @@ pub(super) fn clipped_factor(
     ground: &Ground,
     luminance_at: impl Fn(u32, u32) -> Option<f32>,
 ) -> Option<f32> {
-    let (rest, bright) = beams(pixels, radiance, clipped);
+    let (rest, bright) = light_directions(pixels, radiance, clipped);
     let points = points(view, ground, &rest, &bright, luminance_at);
-    let most = points.iter().map(|p| p.clipped).fold(0.0, f32::max);
-    let dark = points.iter().filter(|p| p.clipped < 0.6 * most).count();
-    if most <= 0.0 || dark < LEAST_POINTS || points.len() - dark < LEAST_POINTS {
+    let max_clipped = points.iter().map(|p| p.clipped).fold(0.0, f32::max);
+    let dark = points
+        .iter()
+        .filter(|p| p.clipped < 0.6 * max_clipped)
+        .count();
+    if max_clipped <= 0.0 || dark < MIN_POINTS || points.len() - dark < MIN_POINTS {
         return None;
     }
     // 12 factors an octave from 1 to 1024.
-    let spread = texture_spread(&points);
-    let losses: Vec<f32> = (0..=120)
-        .map(|k| loss(&points, factor(k), spread))
-        .collect();
-    let (k, least) = losses
+    let scale = texture_scale(&points);
+    let losses: Vec<f32> = (0..=120).map(|k| loss(&points, factor(k), scale)).collect();
+    let (k, min_loss) = losses
         .iter()
         .enumerate()
         .min_by(|a, b| a.1.total_cmp(b.1))?;
-    // At either end of the range nothing is known but the end.
+    // At either end of the range only a bound is known.
     let inside = k > 0 && k < 120;
-    let tells = losses[0] > 1.02 * least && losses[120] > 1.02 * least;
-    (inside && tells).then(|| factor(k))
+    let is_conclusive = losses[0] > 1.02 * min_loss && losses[120] > 1.02 * min_loss;
+    (inside && is_conclusive).then(|| factor(k))
 }
 
 fn factor(k: usize) -> f32 {
     (k as f32 / 12.0).exp2()
 }
 
-/// Sums the picture's light into cells; clipped directions are thinned out evenly.
-fn beams(pixels: &PixelDirections, radiance: &[Vec3], clipped: &[u32]) -> (Vec<Beam>, Vec<Beam>) {
+/// Sums the picture's light into cells; clipped directions are subsampled evenly.
+fn light_directions(
+    pixels: &PixelDirections,
+    radiance: &[Vec3],
+    clipped: &[u32],
+) -> (Vec<LightDirection>, Vec<LightDirection>) {
     let energy = |i: usize| {
         let cosine = pixels.directions[i].z.max(0.0) * pixels.solid_angles[i];
         radiance[i].dot(LUMINANCE) * cosine
@@ -118,14 +123,14 @@ fn beams(pixels: &PixelDirections, radiance: &[Vec3], clipped: &[u32]) -> (Vec<B
         .filter(|c| c.1 > 1e-7)
         .filter_map(|(d, irradiance, form)| {
             let direction = d.try_normalize()?.as_dvec3();
-            Some(Beam {
+            Some(LightDirection {
                 direction,
                 irradiance,
                 form,
             })
         });
-    let stride = clipped.len().div_ceil(CLIPPED_DIRECTIONS).max(1);
-    let bright = clipped.chunks(stride).map(|group| Beam {
+    let stride = clipped.len().div_ceil(MAX_CLIPPED_DIRECTIONS).max(1);
+    let bright = clipped.chunks(stride).map(|group| LightDirection {
         direction: pixels.directions[group[group.len() / 2] as usize].as_dvec3(),
         irradiance: group.iter().map(|&i| energy(i as usize)).sum(),
         form: 0.0,
@@ -136,8 +141,8 @@ fn beams(pixels: &PixelDirections, radiance: &[Vec3], clipped: &[u32]) -> (Vec<B
 fn points(
     view: &PlacedView,
     ground: &Ground,
-    rest: &[Beam],
-    bright: &[Beam],
+    rest: &[LightDirection],
+    bright: &[LightDirection],
     luminance_at: impl Fn(u32, u32) -> Option<f32>,
 ) -> Vec<Point> {
     let (width, height) = (ground.camera.width, ground.camera.height);
@@ -151,11 +156,13 @@ fn points(
     grid.filter_map(|(x, y)| {
         let at = ground.point(view, DVec2::new(f64::from(x), f64::from(y)))?;
         let radiance = luminance_at(x, y).filter(|l| *l > 0.004)?;
-        let arriving = |beam: &Beam| match ground.blocks(view, at, beam.direction) {
-            true => ground.hider * beam.form,
-            false => beam.irradiance,
+        let arriving = |light: &LightDirection| match ground.blocks(view, at, light.direction) {
+            true => ground.hider * light.form,
+            false => light.irradiance,
         };
-        let sum = |beams: &[Beam]| beams.iter().map(arriving).sum::<f32>();
+        let sum = |light_directions: &[LightDirection]| {
+            light_directions.iter().map(arriving).sum::<f32>()
+        };
         Some(Point {
             radiance,
             rest: sum(rest),
@@ -166,14 +173,14 @@ fn points(
 }
 
 impl Ground<'_> {
-    /// The point of the ground that a pixel shows, near enough to the sphere to matter.
+    /// Returns the point of the ground that a pixel shows, if it is near enough to the sphere.
     fn point(&self, view: &PlacedView, pixel: DVec2) -> Option<DVec3> {
         let eye = self.world_from_camera.translation;
         let ray = self.world_from_camera.rotation * self.camera.unproject(pixel);
         let t = (self.height - eye.z) / ray.z;
         let (centre, _) = view.ball()?;
         let near = t.is_finite() && t > 0.0 && t < 2.0 * centre.distance(eye);
-        // A millimetre up, so that the ground does not shade itself.
+        // A millimetre up, so that the ground does not occlude itself.
         let point = eye + ray * t + DVec3::Z * 1e-3;
         let in_sight = near && !self.blocks(view, eye, ray);
         in_sight.then_some(point)
@@ -191,22 +198,25 @@ impl Ground<'_> {
 
 /// Residuals ln I − ln (a + f b) of the lit points and of the others.
 fn residuals(points: &[Point], f: f32) -> (Vec<f32>, Vec<f32>) {
-    let most = points.iter().map(|p| p.clipped).fold(0.0, f32::max);
+    let max_clipped = points.iter().map(|p| p.clipped).fold(0.0, f32::max);
     let of = |p: &Point| p.radiance.ln() - (p.rest + f * p.clipped).max(1e-9).ln();
-    let is_lit = |p: &&Point| p.clipped > 0.9 * most;
+    let is_lit = |p: &&Point| p.clipped > 0.9 * max_clipped;
     let lit = points.iter().filter(is_lit).map(of).collect();
     let rest = points.iter().filter(|p| !is_lit(p)).map(of).collect();
     (lit, rest)
 }
 
-/// Spread of ln ρ over the lit points: a chequered floor needs a wider loss than a table.
-fn texture_spread(points: &[Point]) -> f32 {
+/// Robust scale of ln ρ over the lit points (1.5 MAD): a chequered floor needs a wider loss than a
+/// table.
+fn texture_scale(points: &[Point]) -> f32 {
     let (mut lit, _) = residuals(points, 4.0);
     let middle = median(&mut lit);
-    let mut off: Vec<f32> = lit.iter().map(|r| (r - middle).abs()).collect();
-    (1.5 * median(&mut off)).max(LEAST_SPREAD)
+    let mut deviations: Vec<f32> = lit.iter().map(|r| (r - middle).abs()).collect();
+    (1.5 * median(&mut deviations)).max(MIN_SCALE)
 }
 
+/// In place and in single precision: the order of the values determines the rounding of the sums
+/// in [`loss`].
 fn median(values: &mut [f32]) -> f32 {
     if values.is_empty() {
         return 0.0;
@@ -216,13 +226,13 @@ fn median(values: &mut [f32]) -> f32 {
 }
 
 /// Geman–McClure loss of the shadowed points about the robust mean of the lit ones.
-fn loss(points: &[Point], f: f32, spread: f32) -> f32 {
+fn loss(points: &[Point], f: f32, scale: f32) -> f32 {
     let (mut lit, shadowed) = residuals(points, f);
     let mut centre = median(&mut lit);
     for _ in 0..8 {
         let (mut sum, mut total) = (0.0, 0.0);
         for r in &lit {
-            let x = (r - centre) / spread;
+            let x = (r - centre) / scale;
             let weight = 1.0 / (1.0 + x * x).powi(2);
             sum += weight * r;
             total += weight;
@@ -230,7 +240,7 @@ fn loss(points: &[Point], f: f32, spread: f32) -> f32 {
         centre = sum / total.max(f32::MIN_POSITIVE);
     }
     let each = shadowed.iter().map(|r| {
-        let x2 = ((r - centre) / spread).powi(2);
+        let x2 = ((r - centre) / scale).powi(2);
         x2 / (1.0 + x2)
     });
     each.sum::<f32>() / points.len() as f32

@@ -1,60 +1,61 @@
 //! Compact sources of light (sun, lamp, window) in a picture of the environment.
 //!
-//! A source is a small bright region with an edge: grown from its peak down to a fraction
-//! of it, over gaps as narrow as a window's bars, kept if it matters to the ground's
-//! irradiance, is not too large, and the radiance falls steeply outside of it. The glow
-//! around the sun has no edge and stays in the cells of the dome.
+//! A source is a small bright region with an edge: it is grown from its peak down to a fraction of
+//! it, over gaps as narrow as a window's bars, and kept if it contributes enough to the ground's
+//! irradiance, is not too large, and the radiance falls steeply outside it. The glow around the sun
+//! has no edge and stays in the cells of the dome.
 
 use glam::Vec3;
 
 /// Rec.709 luminance weights.
 pub const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
 
-/// What counts as a source.
+/// Criteria of a compact source.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SourceSettings {
-    /// Least multiple of the median radiance that a source has.
-    pub least_contrast: f32,
-    /// A region reaches down to this part of its peak.
+    /// Minimum ratio of a source's radiance to the median radiance.
+    pub min_contrast: f32,
+    /// Fraction of its peak down to which a region is grown.
     pub peak_fraction: f32,
-    /// Least part of the ground's irradiance (or, without ground, of all light).
-    pub least_share: f32,
-    /// Largest solid angle, steradians: what is larger is as soft as the cells make it.
-    pub largest_solid_angle: f32,
-    /// Gaps that a region jumps (a window's bars), as a part of the picture's width.
+    /// Minimum share of the ground's irradiance (without ground: of all light).
+    pub min_share: f32,
+    /// Maximum solid angle, steradians: the shadows of larger regions are soft enough as cells.
+    pub max_solid_angle: f32,
+    /// Width of the gaps over which a region is grown (a window's bars), relative to the picture's
+    /// width.
     pub gap: f32,
-    /// At most so many.
-    pub most: usize,
+    /// Maximum number of sources.
+    pub max_sources: usize,
 }
 
 impl Default for SourceSettings {
     fn default() -> Self {
         Self {
-            least_contrast: 4.0,
+            min_contrast: 4.0,
             peak_fraction: 0.125,
-            least_share: 0.01,
-            largest_solid_angle: 0.8,
+            min_share: 0.01,
+            max_solid_angle: 0.8,
             gap: 1.0 / 160.0,
-            most: 8,
+            max_sources: 8,
         }
     }
 }
 
-/// Samples of the sphere of directions and which are next to which.
+/// Samples of the sphere of directions and their neighbourhood.
 #[derive(Clone, Copy, Debug)]
 pub struct SampleGrid<'a> {
     /// Unit directions, world.
     pub directions: &'a [Vec3],
-    /// Steradians; zero where nothing is seen.
+    /// Solid angles, steradians; zero where nothing is seen.
     pub solid_angles: &'a [f32],
-    /// Neighbourhood.
+    /// Arrangement of the samples.
     pub layout: Layout<'a>,
 }
 
-/// How samples are arranged.
+/// Arrangement of samples.
 #[derive(Clone, Copy, Debug)]
 pub enum Layout<'a> {
-    /// A picture with so many pixels in a row.
+    /// A picture with this number of pixels in a row.
     Picture(u32),
     /// The texels of a cube and the eight neighbours of each.
     Cube(&'a [[u32; 8]]),
@@ -71,23 +72,23 @@ pub struct Source {
     pub direction: Vec3,
     /// Irradiance on a surface that faces it.
     pub flux: Vec3,
-    /// Steradians it effectively covers.
+    /// Effective solid angle, steradians.
     pub solid_angle: f32,
 }
 
-/// Finds sources; keeps its buffers from frame to frame.
+/// Finds sources; reuses its buffers from frame to frame.
 #[derive(Clone, Debug, Default)]
 pub struct SourceFinder {
     luminance: Vec<f32>,
-    /// 0 = free, 1 = looked at, 2 + k = in region k.
+    /// 0 = free, 1 = visited, 2 + k = in region k.
     labels: Vec<u32>,
     candidates: Vec<u32>,
 }
 
-const LOOKED_AT: u32 = 1;
+const VISITED: u32 = 1;
 
 impl SourceFinder {
-    /// The sources in `radiance`, strongest first. With `ground`, only above the horizon.
+    /// Returns the sources in `radiance`, strongest first. With `ground`, only above the horizon.
     pub fn find(
         &mut self,
         grid: SampleGrid,
@@ -100,8 +101,8 @@ impl SourceFinder {
             .extend(radiance.iter().map(|l| l.dot(LUMINANCE)));
         self.labels.clear();
         self.labels.resize(radiance.len(), 0);
-        let scene = Survey::new(grid, &self.luminance, ground);
-        let floor = scene.median * settings.least_contrast;
+        let scene = SceneStatistics::new(grid, &self.luminance, ground);
+        let floor = scene.median * settings.min_contrast;
         self.candidates.clear();
         self.candidates
             .extend((0..radiance.len() as u32).filter(|&i| {
@@ -115,19 +116,19 @@ impl SourceFinder {
         let mut found = Vec::new();
         let candidates = std::mem::take(&mut self.candidates);
         for &seed in &candidates {
-            if found.len() == settings.most || self.labels[seed as usize] != 0 {
+            if found.len() == settings.max_sources || self.labels[seed as usize] != 0 {
                 continue;
             }
             let threshold = (self.luminance[seed as usize] * settings.peak_fraction).max(floor);
             let region = self.grow(grid, seed, threshold, settings.gap, 2 + found.len() as u32);
-            found.extend(self.judge(grid, radiance, &region, threshold, &scene, settings));
+            found.extend(self.assess(grid, radiance, &region, threshold, &scene, settings));
         }
         self.candidates = candidates;
         found.sort_by(|a, b| b.flux.dot(LUMINANCE).total_cmp(&a.flux.dot(LUMINANCE)));
         found
     }
 
-    /// Everything above the threshold that is connected to the seed over narrow gaps.
+    /// Returns all samples above the threshold that are connected to the seed over narrow gaps.
     fn grow(
         &mut self,
         grid: SampleGrid,
@@ -152,17 +153,17 @@ impl SourceFinder {
         region
     }
 
-    /// Turns a region into a source if it is one.
-    fn judge(
+    /// Converts a region to a source if it meets the criteria.
+    fn assess(
         &mut self,
         grid: SampleGrid,
         radiance: &[Vec3],
         region: &[u32],
         threshold: f32,
-        scene: &Survey,
+        scene: &SceneStatistics,
         settings: &SourceSettings,
     ) -> Option<Source> {
-        // Samples that the edge cuts through hold part of the source's energy.
+        // Samples cut by the edge hold part of the source's energy.
         let rim = self.rim(grid, region, 1);
         let ring = {
             let all: Vec<u32> = region.iter().chain(&rim).copied().collect();
@@ -176,7 +177,7 @@ impl SourceFinder {
             background,
         );
         for &i in &rim {
-            self.labels[i as usize] = LOOKED_AT;
+            self.labels[i as usize] = VISITED;
         }
         for &i in &ring {
             self.labels[i as usize] = 0;
@@ -188,17 +189,17 @@ impl SourceFinder {
         };
         let share = source.flux.dot(LUMINANCE) * height / scene.total.max(f32::MIN_POSITIVE);
         let steep = background.dot(LUMINANCE) < 0.5 * threshold;
-        let small = source.solid_angle < settings.largest_solid_angle;
-        (steep && small && share >= settings.least_share).then_some(source)
+        let small = source.solid_angle < settings.max_solid_angle;
+        (steep && small && share >= settings.min_share).then_some(source)
     }
 
-    /// Free samples within `reach` steps of a set; marks them.
+    /// Returns the free samples within `reach` steps of a set, and labels them as visited.
     fn rim(&mut self, grid: SampleGrid, set: &[u32], reach: i32) -> Vec<u32> {
         let mut rim = Vec::new();
         for &i in set {
             grid.near(i, reach, |k| {
                 if self.labels[k as usize] == 0 && grid.solid_angles[k as usize] > 0.0 {
-                    self.labels[k as usize] = LOOKED_AT;
+                    self.labels[k as usize] = VISITED;
                     rim.push(k);
                 }
             });
@@ -245,7 +246,7 @@ fn measure(
 }
 
 impl SampleGrid<'_> {
-    /// Steps over which a region may jump.
+    /// Number of steps over which a region may be grown.
     fn steps(&self, gap: f32) -> i32 {
         match self.layout {
             Layout::Picture(width) => ((width as f32 * gap) as i32).clamp(1, 8),
@@ -278,17 +279,17 @@ impl SampleGrid<'_> {
     }
 }
 
-/// The scene's light at a glance.
-struct Survey {
+/// Statistics of the scene's light.
+struct SceneStatistics {
     ground: bool,
-    /// Median luminance over the solid angle in question.
+    /// Median luminance over the solid angle of the counted samples.
     median: f32,
     /// Luminance of the ground's irradiance; without ground, of all light.
     total: f32,
 }
 
-impl Survey {
-    /// Logarithmic histogram: 16 bins an octave over 2⁻¹⁶..2⁴⁸.
+impl SceneStatistics {
+    /// Logarithmic histogram: 16 bins per octave over 2⁻¹⁶..2⁴⁸.
     const BINS: usize = 1024;
 
     fn new(grid: SampleGrid, luminance: &[f32], ground: bool) -> Self {
@@ -324,7 +325,6 @@ impl Survey {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::super::cube::CubeGrid;
     use super::*;
 
@@ -344,7 +344,7 @@ mod tests {
     }
 
     #[test]
-    fn the_sun_is_found_without_its_glow() {
+    fn finds_sun_without_its_glow() {
         let grid = CubeGrid::new(64);
         let sun = Vec3::new(0.4, -0.3, 0.6).normalize();
         let texels: Vec<Vec3> = grid
@@ -364,17 +364,17 @@ mod tests {
         let found = find(&grid, &texels);
         assert_eq!(found.len(), 1, "{found:?}");
         assert!(found[0].direction.angle_between(sun) < 0.01);
-        let truth = 500.0 * std::f32::consts::PI * 0.04 * 0.04;
+        let expected = 500.0 * std::f32::consts::PI * 0.04 * 0.04;
         assert!(
-            (found[0].flux.x / truth - 1.0).abs() < 0.12,
+            (found[0].flux.x / expected - 1.0).abs() < 0.12,
             "{}",
-            found[0].flux.x / truth
+            found[0].flux.x / expected
         );
         assert!(found[0].solid_angle < 2.0 * std::f32::consts::PI * 0.04 * 0.04);
     }
 
     #[test]
-    fn an_even_sky_has_no_sources() {
+    fn smooth_sky_has_no_sources() {
         let grid = CubeGrid::new(32);
         let sun = Vec3::new(0.4, -0.3, 0.6).normalize();
         let texels: Vec<Vec3> = grid
@@ -388,7 +388,7 @@ mod tests {
     }
 
     #[test]
-    fn two_panes_of_one_window_are_one_source_and_two_lamps_are_two() {
+    fn two_lamps_are_two_sources() {
         let grid = CubeGrid::new(64);
         let lamp = |d: Vec3, at: Vec3, r: f32| d.angle_between(at.normalize()) < r;
         let texels: Vec<Vec3> = grid

@@ -1,8 +1,8 @@
-//! How long each step on the way from picture to light took, for reports.
+//! Durations of the estimator's steps, for reports.
 
 use std::time::{Duration, Instant};
 
-/// Steps in their order, each with the time since the one before it ended.
+/// The steps in order, each with its duration.
 #[derive(Clone, Debug)]
 pub struct Stages {
     times: Vec<(&'static str, Duration)>,
@@ -19,20 +19,20 @@ impl Default for Stages {
 }
 
 impl Stages {
-    /// Forgets the last picture; the next step begins now.
+    /// Clears the durations and starts the clock of the first step.
     pub(super) fn begin(&mut self) {
         self.times.clear();
         self.last = Instant::now();
     }
 
-    /// A step is done.
+    /// Records the duration of a completed step.
     pub(super) fn done(&mut self, name: &'static str) {
         let now = Instant::now();
         self.times.push((name, now - self.last));
         self.last = now;
     }
 
-    /// Of the last picture.
+    /// Returns the durations of the last update.
     #[must_use]
     pub fn times(&self) -> &[(&'static str, Duration)] {
         &self.times

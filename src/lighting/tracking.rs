@@ -1,5 +1,4 @@
-//! Compact sources over time: who is who from frame to frame, and how each is split into
-//! dome lights.
+//! Follows compact sources from frame to frame, and splits each into dome lights.
 
 use super::cube::tangent_frame;
 use super::light::{DomeLight, LightKind};
@@ -7,8 +6,7 @@ use super::sources::{LUMINANCE, Source};
 use glam::{Mat3, Vec3};
 use std::f32::consts::PI;
 
-/// How far a source may jump between two pictures and still be the same, radians, beside
-/// its own extent.
+/// Maximum displacement of a source between two pictures, radians, in addition to its own extent.
 const GATE: f32 = 0.3;
 
 /// Part of a source in one direction.
@@ -22,17 +20,17 @@ struct Part {
 /// A source that is followed.
 #[derive(Clone, Debug)]
 pub(super) struct TrackedSource {
-    /// Never used again for another source.
+    /// Unique; never reused for another source.
     pub id: u32,
     pub direction: Vec3,
     pub flux: Vec3,
     pub solid_angle: f32,
-    /// Dome lights it is split into; 0 = not planned yet.
+    /// Number of dome lights into which it is split; 0 = not planned yet.
     pub lights: usize,
-    /// First tangent vector, carried along as the source moves, so that the pattern of
-    /// lights moves with it and never turns.
+    /// First tangent vector, transported with the source, so that the pattern of lights moves with
+    /// it and never rotates.
     axis: Vec3,
-    /// Which axis each split of the recursion cuts, in its order.
+    /// The axis of each cut, in the order of the recursion.
     cuts: Vec<bool>,
     parts: Vec<Part>,
 }
@@ -77,7 +75,8 @@ impl TrackedSource {
         (self.solid_angle / PI).sqrt()
     }
 
-    /// Luminance of its irradiance on the ground (or, without ground, facing it).
+    /// Returns the luminance of its irradiance on the ground (without ground: on a surface facing
+    /// it).
     pub fn share(&self, ground: bool) -> f32 {
         let height = if ground {
             self.direction.z.max(0.0)
@@ -87,7 +86,7 @@ impl TrackedSource {
         self.flux.dot(LUMINANCE) * height
     }
 
-    /// Splits the source into `n` lights from now on.
+    /// Sets the number of lights into which the source is split.
     pub fn plan(&mut self, n: usize) {
         if n != self.lights {
             self.lights = n;
@@ -95,7 +94,7 @@ impl TrackedSource {
         }
     }
 
-    /// Its lights, always in the same order.
+    /// Returns its lights, always in the same order.
     pub fn split(&mut self, ground: bool) -> Vec<DomeLight> {
         let mut lights = Vec::with_capacity(self.lights);
         let mut cuts = std::mem::take(&mut self.cuts);
@@ -117,9 +116,9 @@ impl TrackedSource {
     }
 }
 
-/// Cuts parts into `n` groups of equal energy, longest side first, and calls `leaf` for
-/// each. `cuts` remembers which axis was cut at each step, so that a round source does not
-/// change its pattern with the noise.
+/// Cuts parts into `n` groups of equal energy, across the longest side first, and calls `leaf` for
+/// each. `cuts` stores the axis of each cut, so that noise does not change the pattern of a round
+/// source.
 fn cut(
     parts: &mut [Part],
     n: usize,
@@ -150,8 +149,8 @@ fn cut(
     cut(&mut high, n - n / 2, axes, cuts, next, leaf);
 }
 
-/// Divides sorted parts where their energy reaches `target`; the part on the border goes
-/// to both sides in proportion, so that nothing jumps as the source moves over pixels.
+/// Divides sorted parts where their energy reaches `target`; the part at the border goes to both
+/// sides in proportion, so that the result is continuous as the source moves over pixels.
 fn divide(parts: &[Part], target: f32) -> (Vec<Part>, Vec<Part>) {
     let mut below = 0.0;
     for (i, part) in parts.iter().enumerate() {
@@ -206,8 +205,8 @@ fn light_of(parts: &[Part], solid_angle: f32, ground: bool) -> DomeLight {
     }
 }
 
-/// Lifts a direction to two degrees above the horizon where there is ground: lower lights
-/// cast shadows of no use and no end.
+/// Raises a direction to two degrees above the horizon if there is ground: lower lights cast
+/// useless, endless shadows.
 pub(super) fn above_horizon(direction: Vec3, ground: bool) -> Vec3 {
     const LEAST: f32 = 0.034_9;
     if !ground || direction.z >= LEAST {
@@ -220,7 +219,7 @@ pub(super) fn above_horizon(direction: Vec3, ground: bool) -> Vec3 {
     (level * (1.0 - LEAST * LEAST).sqrt()).extend(LEAST)
 }
 
-/// All sources that are followed.
+/// All followed sources.
 #[derive(Clone, Debug, Default)]
 pub(super) struct SourceTracker {
     pub sources: Vec<TrackedSource>,
@@ -228,7 +227,7 @@ pub(super) struct SourceTracker {
 }
 
 impl SourceTracker {
-    /// Takes over this frame's sources. True if one came or went.
+    /// Updates the sources with those of this frame. Returns true if one appeared or disappeared.
     pub fn update(&mut self, found: &[Source], directions: &[Vec3], gains: Mat3) -> bool {
         let pairs = self.pair(found);
         let mut kept = Vec::with_capacity(found.len());
@@ -251,7 +250,8 @@ impl SourceTracker {
         changed
     }
 
-    /// For every found source the index of the one it continues: nearest pairs first.
+    /// Returns, for every found source, the index of the followed one that it continues: nearest
+    /// pairs first.
     fn pair(&self, found: &[Source]) -> Vec<Option<usize>> {
         let mut distances = Vec::new();
         for (i, new) in found.iter().enumerate() {

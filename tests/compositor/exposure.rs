@@ -273,7 +273,7 @@ fn what_a_mirror_shows_does_not_hang_on_the_exposure() {
     let mut stage = Stage::new(96, 72)
         .with_virtual(ball)
         .lit(lighting(spiral(8, 2.0), 0.2));
-    // A glint on the table that the ball mirrors.
+    // A highlight on the table that the ball mirrors.
     stage.picture = with_disc(stage.picture, (48.0, 66.0), 3.0, [255; 3]);
     let inside = crate::judge::virtual_inside(&stage.twin(), 2);
     let before = stage.compose();

@@ -6,7 +6,7 @@ use glam::{DMat4, DQuat, DVec2, DVec3, Vec3};
 use penumbra_camera::Response;
 use penumbra_lighting::box_chain::{box_chain, box_level};
 use penumbra_lighting::cube::CubeGrid;
-use penumbra_lighting::glints::{excesses, mirrored};
+use penumbra_lighting::compact_source_specular::{excesses, mirrored};
 use penumbra_lighting::lobes::{Family, Levels, phong_parameter, tilted, widths};
 use penumbra_lighting::prefilter::{Prefilter, gathered, level_count};
 use penumbra_lighting::{CubeMap, Lighting};
@@ -146,7 +146,7 @@ fn window_apart(size: u32) -> CubeMap {
 #[test]
 fn sources_are_mirrored_by_the_lobe_itself_where_levels_leave_them_out() {
     let map = window_apart(64);
-    assert!(map.glints[0].weights[4] == 1.0, "{:?}", map.glints);
+    assert!(map.compact_sources[0].weights[4] == 1.0, "{:?}", map.compact_sources);
     let metals = [0.1, 0.4, 0.6, 0.8, 1.0].map(metal);
     let phongs = [1.0, 20.0, 200.0].map(|e| phong(Vec3::ZERO, e));
     for material in metals.into_iter().chain(phongs) {
@@ -158,7 +158,7 @@ fn sources_are_mirrored_by_the_lobe_itself_where_levels_leave_them_out() {
             let d = tilted(n * (2.0 * n.dot(v)) - v, n, r.tilt);
             let level = levels.level(r.width);
             let light = gathered(&map, family, level, d);
-            let [scaled, added] = mirrored(&map.glints, (family, p, level), n, v);
+            let [scaled, added] = mirrored(&map.compact_sources, (family, p, level), n, v);
             light * (SPECULAR * r.scale + r.bias) + scaled * SPECULAR + added
         });
         assert!(most <= 5 && mean < 0.9, "{family:?} {p}: {most} {mean}");

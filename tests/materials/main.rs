@@ -12,7 +12,7 @@ use maps::{SPOT, drawn, real};
 use penumbra_lighting::CubeMap;
 use penumbra_lighting::box_chain::box_chain;
 use penumbra_lighting::cube::CubeGrid;
-use penumbra_lighting::glints::excesses;
+use penumbra_lighting::compact_source_specular::excesses;
 use penumbra_lighting::lobes::{Family, Levels, phong_parameter, widths};
 use penumbra_lighting::prefilter::{Prefilter, level_count};
 use penumbra_lighting::sources::{Layout, SampleGrid, SourceFinder, SourceSettings};

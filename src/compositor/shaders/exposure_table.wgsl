@@ -138,7 +138,7 @@ fn region(block: vec2i, reach: i32, blocks: vec2u, size: vec2u) -> Region {
 }
 
 // How bright a clipped area is above white, by the region around it: dark surroundings mean a
-// source or its image, and of these the small ones are the brightest: lamps and glints, not windows.
+// source or its image, and of these the small ones are the brightest: lamps and specular highlights, not windows.
 fn excess(told: vec2f, clipped_share: f32) -> f32 {
     // Weighted by itself, so that what is next to the clipped area counts, and not the dark.
     let surround = (told.y + FAINT * USUAL) / (told.x + FAINT);

@@ -1,32 +1,33 @@
-//! What the luminance parameters of shadowing planes are summed from.
+//! The input of the luminance parameters of shadowing planes: the light in each dome face.
 
 use super::*;
 use crate::geodesic::{FaceLight, FaceOfPixel, FaceSource, GeodesicDome, Membership};
 use glam::Quat;
 
-/// States that may be in use at once: with the compositor, on the way to it, in the making.
-const MOST_SPARES: usize = 4;
+/// Maximum number of recycled buffers: in use by the compositor, on the way to it, being filled.
+const MAX_RECYCLED: usize = 4;
 
-/// The table of one calibration, dome and turn, and memory for what is summed by it.
+/// The membership table of one calibration, dome and rotation, and recycled buffers for its
+/// radiance.
 pub(super) struct FaceTable {
     frequency: u32,
     world_from_dome: Quat,
     membership: Arc<Membership>,
-    /// What is handed over, in order: pixels of the picture, ascending.
+    /// Pixels of the picture whose radiance is handed over first, ascending.
     pixels: Vec<u32>,
-    /// And then: texels of the cube, ascending.
+    /// Texels of the cube whose radiance follows, ascending.
     texels: Vec<u32>,
     /// Faces of pixels, then of texels.
     faces: FaceOfPixel,
-    /// Handed over before; whatever nobody holds any more is used again.
-    spares: Vec<Arc<FaceLight>>,
+    /// Buffers handed over before; one that nobody else holds is recycled.
+    recycled: Vec<Arc<FaceLight>>,
 }
 
-/// The cube, and what its unseen part is filled with.
+/// The cube, and the fill of its unseen part.
 pub(super) struct Filling<'a> {
-    /// Whole sphere, compact sources included, scene camera units.
+    /// Complete sphere, compact sources included, scene camera units.
     pub full: &'a [Vec3],
-    /// A smooth continuation of what is seen over what is not.
+    /// A smooth continuation of the seen texels over the unseen ones.
     pub around: &'a [Vec3],
     pub ground_radiance: Vec3,
 }
@@ -49,7 +50,7 @@ impl FaceTable {
         directions.extend(&grid.directions);
         let unseen = |(i, w): (usize, &f32)| match view {
             View::Fixed(_) => w * (1.0 - coverage.get(i).unwrap_or(&0.0)).clamp(0.0, 1.0),
-            // What has been seen changes; the cube holds all of it.
+            // The seen part changes; the cube holds all of it.
             View::Moving(_) => *w,
         };
         sizes.extend(grid.solid_angles.iter().enumerate().map(unseen));
@@ -65,11 +66,11 @@ impl FaceTable {
             pixels,
             texels: texels.into_iter().map(|i| i - pixel_count).collect(),
             faces,
-            spares: Vec::new(),
+            recycled: Vec::new(),
         })
     }
 
-    /// Fills memory that nobody holds by `fill`.
+    /// Fills a recycled buffer with `fill` and hands it out.
     fn hand_out(
         &mut self,
         sources: Vec<FaceSource>,
@@ -80,11 +81,11 @@ impl FaceTable {
             Arc::get_mut(&mut light.radiance).is_some().then_some(())
         };
         let position = self
-            .spares
+            .recycled
             .iter_mut()
             .position(|light| free(light).is_some());
         let mut light = match position {
-            Some(at) => self.spares.swap_remove(at),
+            Some(at) => self.recycled.swap_remove(at),
             None => Arc::new(FaceLight {
                 frequency: self.frequency,
                 membership: self.membership.clone(),
@@ -92,7 +93,7 @@ impl FaceTable {
                 sources: Vec::new(),
             }),
         };
-        // Nobody holds it: nothing is copied.
+        // Nobody else holds the buffer, so nothing is copied.
         if let Some(light) = Arc::get_mut(&mut light) {
             light.sources = sources;
             if let Some(radiance) = Arc::get_mut(&mut light.radiance) {
@@ -100,15 +101,15 @@ impl FaceTable {
                 fill(radiance, &self.pixels, &self.texels);
             }
         }
-        if self.spares.len() < MOST_SPARES {
-            self.spares.push(light.clone());
+        if self.recycled.len() < MAX_RECYCLED {
+            self.recycled.push(light.clone());
         }
         light
     }
 }
 
-/// Renumbers a table's pixels so that those in no face are left out; returns the old numbers
-/// of the others, ascending.
+/// Renumbers a table's pixels so that those in no face are dropped; returns the old numbers of the
+/// others, ascending.
 fn compact(membership: &mut Membership, count: usize) -> Vec<u32> {
     const UNUSED: u32 = u32::MAX;
     let mut new_number = vec![UNUSED; count];
@@ -131,26 +132,25 @@ fn compact(membership: &mut Membership, count: usize) -> Vec<u32> {
 }
 
 impl EnvironmentEstimator {
-    /// Changes while running whether the faces of a geodesic dome are lit, and its frequency
-    /// (see [`GeodesicDome::new`]; for one that does not exist there is no such light).
+    /// Switches the light in the faces of a geodesic dome on or off while running, and sets the
+    /// dome's frequency (see [`GeodesicDome::new`]; an unsupported frequency switches it off).
     pub fn set_faces(&mut self, frequency: Option<u32>) {
         if self.settings.faces != frequency {
             self.settings.faces = frequency;
             let table = self.faces.as_ref();
-            self.lay_faces(table.map_or(Quat::IDENTITY, |t| t.world_from_dome));
+            self.rebuild_faces(table.map_or(Quat::IDENTITY, |t| t.world_from_dome));
         }
     }
 
-    /// Turns the dome with a model that it is attached to. The table is made anew: some tens
-    /// of milliseconds.
+    /// Rotates the dome with the model to which it is attached. The table is rebuilt.
     pub fn turn_faces(&mut self, world_from_dome: Quat) {
-        let turned = |table: &FaceTable| table.world_from_dome != world_from_dome;
-        if self.faces.as_ref().is_some_and(turned) {
-            self.lay_faces(world_from_dome);
+        let rotated = |table: &FaceTable| table.world_from_dome != world_from_dome;
+        if self.faces.as_ref().is_some_and(rotated) {
+            self.rebuild_faces(world_from_dome);
         }
     }
 
-    pub(super) fn lay_faces(&mut self, world_from_dome: Quat) {
+    pub(super) fn rebuild_faces(&mut self, world_from_dome: Quat) {
         let coverage = match &self.placed {
             View::Fixed(fixed) => &fixed.table.coverage,
             View::Moving(_) => &self.coverage,
@@ -166,8 +166,8 @@ impl EnvironmentEstimator {
         });
     }
 
-    /// The radiance behind the faces, in the scene camera's units, from the pixels that dome
-    /// lights are made of.
+    /// Returns the radiance in the faces, in the scene camera's units, from the same pixels as the
+    /// dome lights.
     pub(super) fn face_light(
         &mut self,
         gains: Mat3,
@@ -198,7 +198,7 @@ impl EnvironmentEstimator {
         Some(light)
     }
 
-    /// What of the faces' light is the compact sources' that were found in this picture.
+    /// Returns the shares of the compact sources of this picture in the faces' light.
     fn face_sources(
         &self,
         table: &FaceTable,
@@ -214,7 +214,7 @@ impl EnvironmentEstimator {
             View::Fixed(fixed) => &fixed.pixels.solid_angles,
             View::Moving(_) => &self.grid.solid_angles,
         };
-        // What is summed of a pixel, and of that what is above the source's background.
+        // The radiance of a pixel that is summed, and its part above the source's background.
         let share = |(i, flux): &(u32, Vec3)| {
             let (face, weight) = table.faces.of(&table.membership, *i)?;
             let at = *i as usize;

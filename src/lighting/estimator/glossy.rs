@@ -1,7 +1,7 @@
-//! What glossy surfaces mirror, and how it is filtered.
+//! The radiance map for glossy surfaces, and how it is filtered.
 
 use super::super::box_chain::box_chain;
-use super::super::glints::excesses;
+use super::super::compact_source_specular::excesses;
 use super::super::light::{CubeMap, Filtering};
 use super::super::lobes::widths;
 use super::super::prefilter::level_count;
@@ -10,18 +10,18 @@ use glam::DVec3;
 use penumbra_interface::RigidTransform;
 
 impl EnvironmentEstimator {
-    /// Changes how reflections are filtered; from the next light on.
+    /// Changes the filtering of reflections, from the next update on.
     pub const fn set_filtering(&mut self, filtering: Filtering) {
         self.settings.filtering = filtering;
     }
 
-    /// Changes whether there is something with Phong's lobes to filter for.
+    /// Switches the filtering for Phong's lobes on or off.
     pub fn set_phong(&mut self, wanted: bool) {
         self.settings.phong = wanted;
         self.prefilter.want_phong(wanted);
     }
 
-    /// Of `full`, which has `sources` that `without` has not, both in the scene's units.
+    /// Filters `full`, which contains `sources` that `without` does not, both in the scene's units.
     pub(super) fn radiance_map(
         &self,
         full: &[Vec3],
@@ -37,7 +37,7 @@ impl EnvironmentEstimator {
                 self.prefilter.apply_without(full, &excesses)
             }
             Filtering::Box => {
-                // The paper's ball is seen by the scene camera; without a pose, from above.
+                // The paper's sphere is seen by the scene camera; without a pose, from above.
                 let towards = |(pose, _): (RigidTransform, _)| -pose.rotation.mul_vec3(DVec3::Z);
                 let axis = input
                     .scene

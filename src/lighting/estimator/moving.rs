@@ -1,36 +1,35 @@
-//! A mirrored sphere within the scene camera's own picture (Supan 2006, section III, first
-//! set-up).
+//! A mirrored sphere in the scene camera's own picture (Supan 2006, section III, first set-up).
 
-use super::super::memory::{Glance, confidence};
+use super::super::memory::{Observation, confidence};
 use super::super::outline::refine;
 use super::*;
 use penumbra_camera::Ball;
 
-/// Pictures between looks at the scene's shadows.
+/// Pictures between evaluations of the scene's shadows.
 const SHADOW_INTERVAL: u64 = 8;
 
 /// The sphere in a picture.
-struct PlacedBall {
+struct PlacedSphere {
     view: PlacedView,
-    /// How far its rim moved it, pixels.
+    /// Displacement of its rim from the prediction, pixels.
     rim_shift: Option<f64>,
 }
 
 impl EnvironmentEstimator {
-    pub(super) fn see_moving(
+    pub(super) fn observe_moving(
         &mut self,
         brackets: &[Bracket],
         input: &EnvironmentInput,
-    ) -> Result<Seen, EnvironmentError> {
-        if let Some(placed) = self.place_ball(brackets, input) {
+    ) -> Result<SeparatedSources, EnvironmentError> {
+        if let Some(placed) = self.place_sphere(brackets, input) {
             check_sizes(brackets, placed.view.size())?;
-            if self.look_at_sphere(&placed.view, brackets, input) {
-                self.last_ball.seen(input.captured_at, placed.rim_shift);
+            if self.observe_sphere(&placed.view, brackets, input) {
+                self.last_sphere.record(input.captured_at, placed.rim_shift);
             }
         }
         self.stages.done("gather");
         let View::Moving(memory) = &mut self.placed else {
-            return Ok(Seen::default());
+            return Ok(SeparatedSources::default());
         };
         if memory.is_empty() {
             return Err(EnvironmentError::NoScenePose);
@@ -46,44 +45,44 @@ impl EnvironmentEstimator {
         };
         let sources = find(&mut self.finder, samples, &full, &self.settings);
         let mut residual = full.clone();
-        take_out(&sources, seen, &mut residual);
+        subtract_sources(&sources, seen, &mut residual);
         self.stages.done("sources");
         Ok((sources, residual, full))
     }
 
-    /// The sphere where this picture shows it, with what of its rim may not be trusted left out.
-    fn place_ball(&self, brackets: &[Bracket], input: &EnvironmentInput) -> Option<PlacedBall> {
+    /// Finds the sphere in this picture, with an unreliable margin of its rim excluded.
+    fn place_sphere(&self, brackets: &[Bracket], input: &EnvironmentInput) -> Option<PlacedSphere> {
         let scene = input.scene?;
         let parallax = self.settings.parallax;
         let (Some(ball), EnvironmentView::SphereInScene { sphere }) = (input.ball, &self.view)
         else {
             let view = PlacedView::new(&self.view, Some(scene), parallax)?;
-            return Some(PlacedBall {
+            return Some(PlacedSphere {
                 view,
                 rim_shift: None,
             });
         };
         let (world_from_camera, camera) = scene;
         let camera_from_world = world_from_camera.inverse();
-        let said = Ball {
+        let predicted = Ball {
             centre: camera_from_world.transform_point(ball.centre_in_world),
             radius: sphere.radius,
             sigma: ball.sigma,
         };
         let base = brackets.iter().find(|b| b.ev == 0.0)?;
-        let found = refine(base.picture, camera, &said);
+        let found = refine(base.picture, camera, &predicted);
         let mut sphere = sphere.clone();
         sphere.centre_in_world = world_from_camera.transform_point(found.centre);
         let pixel = |ball: &Ball| camera.project(ball.centre);
-        let shift = pixel(&said).zip(pixel(&found));
-        Some(PlacedBall {
+        let shift = pixel(&predicted).zip(pixel(&found));
+        Some(PlacedSphere {
             view: PlacedView::beside_rim(&sphere, scene, found.sigma, parallax)?,
-            rim_shift: shift.map(|(said, found)| said.distance(found)),
+            rim_shift: shift.map(|(predicted, found)| predicted.distance(found)),
         })
     }
 
-    /// Takes what the sphere shows in this picture into memory; whether it shows anything.
-    fn look_at_sphere(
+    /// Accumulates what the sphere shows in this picture; returns whether it shows anything.
+    fn observe_sphere(
         &mut self,
         view: &PlacedView,
         brackets: &[Bracket],
@@ -112,21 +111,21 @@ impl EnvironmentEstimator {
         let samples = view.samples_for(self.grid.size);
         let table = GatherTable::new(view, &pixels.solid_angles, self.grid.size, samples);
         table.apply(&self.radiance, &mut self.measured);
-        self.judge(view, &table);
+        self.update_confidence(view, &table);
         let View::Moving(memory) = &mut self.placed else {
             return false;
         };
-        let seen = Glance {
+        let seen = Observation {
             radiance: &self.measured,
             coverage: &table.coverage,
             confidence: &self.confidence,
         };
-        memory.remember(&seen, input.captured_at, self.settings.memory_seconds)
+        memory.accumulate(&seen, input.captured_at, self.settings.memory_seconds)
     }
 
-    /// How far each texel of this picture is to be believed.
-    fn judge(&mut self, view: &PlacedView, table: &GatherTable) {
-        table.shares(&self.clipped, &mut self.marks, &mut self.confidence);
+    /// Computes the confidence of each texel of this picture.
+    fn update_confidence(&mut self, view: &PlacedView, table: &GatherTable) {
+        table.shares(&self.clipped, &mut self.clipped_mask, &mut self.confidence);
         let rows = self.confidence.iter_mut().zip(&table.coverage);
         for ((clipped, &covered), (d, &w)) in
             rows.zip(self.grid.directions.iter().zip(&self.grid.solid_angles))
@@ -136,8 +135,8 @@ impl EnvironmentEstimator {
         }
     }
 
-    /// Asks the shadows in the scene's picture, now and then, how bright clipped sources
-    /// are: at once at the start, then smoothly.
+    /// Estimates the brightness of clipped sources from the shadows in the scene's picture, at
+    /// intervals: the first estimate is taken as it is, later ones are smoothed.
     fn update_shadow_factor(
         &mut self,
         view: &PlacedView,

@@ -1,10 +1,10 @@
-//! What may be asked of an estimator beside the light.
+//! Queries of an estimator's state.
 
 use super::*;
 
 impl EnvironmentEstimator {
-    /// Mean radiance within `half_angle` radians of a direction, in the *environment
-    /// camera's* units (before the gains); `None` where less than half of it is seen.
+    /// Returns the mean radiance within `half_angle` radians of a direction, in the *environment
+    /// camera's* units (before the gains); `None` if less than half of it is seen.
     #[must_use]
     pub fn radiance_at(&self, direction: Vec3, half_angle: f32) -> Option<[f32; 3]> {
         let direction = direction.try_normalize()?;
@@ -28,13 +28,13 @@ impl EnvironmentEstimator {
         (seen > 0.5 * total).then(|| (sum / seen).to_array())
     }
 
-    /// How long each step of the last update took.
+    /// Returns the duration of each step of the last update.
     #[must_use]
     pub const fn stage_times(&self) -> &Stages {
         &self.stages
     }
 
-    /// The compact sources of the last update, strongest first; none with the fixed grid.
+    /// Returns the compact sources of the last update, strongest first; none with the fixed grid.
     #[must_use]
     pub fn sources(&self) -> Vec<CompactSource> {
         let Dome::Adaptive(dome) = &self.dome else {
@@ -46,7 +46,7 @@ impl EnvironmentEstimator {
         sources
     }
 
-    /// Linear value of a pixel of the last merged picture, environment camera units;
+    /// Returns the linear value of a pixel of the last merged picture, environment camera units;
     /// `None` for pixels that see nothing, and for a sphere in the scene.
     #[must_use]
     pub fn merged_pixel(&self, x: i64, y: i64) -> Option<Vec3> {
@@ -65,28 +65,28 @@ impl EnvironmentEstimator {
         self.radiance.get(i).copied().filter(|_| seen)
     }
 
-    /// How many times brighter than their clipped value clipped pixels are, according to
-    /// the shadows in the scene camera's picture.
+    /// Returns the ratio of the clipped pixels' true brightness to their clipped value, estimated
+    /// from the shadows in the scene camera's picture.
     #[must_use]
     pub const fn shadow_factor(&self) -> Option<f32> {
         self.shadow_factor
     }
 
-    /// How much of each texel of the cube is seen, 0..=1.
+    /// Returns the visible part of each texel of the cube, 0..=1.
     #[must_use]
     pub fn coverage(&self) -> &[f32] {
         &self.coverage
     }
 
-    /// Pixels (of the environment picture) that even the shortest exposure clipped in the
-    /// last update.
+    /// Returns the number of pixels (of the environment picture) that even the shortest exposure
+    /// clipped in the last update.
     #[must_use]
     pub fn clipped_pixels(&self) -> usize {
         self.clipped.len()
     }
 
-    /// Share of the sphere's solid angle that even the shortest exposure clipped in the last
-    /// update; 0 for a sphere in the scene camera's picture, whose pixels move.
+    /// Returns the share of the sphere's solid angle that even the shortest exposure clipped in the
+    /// last update; 0 for a sphere in the scene camera's picture.
     #[must_use]
     pub fn clipped_share(&self) -> f32 {
         match &self.placed {
@@ -98,8 +98,8 @@ impl EnvironmentEstimator {
         }
     }
 
-    /// Seconds since the direction that has been longest out of sight was seen, for a
-    /// sphere in the scene camera's picture; `None` for views that see all the time.
+    /// Returns the seconds since the least recently seen direction was seen, for a sphere in the
+    /// scene camera's picture; `None` for other views.
     #[must_use]
     pub fn oldest_seconds(&self, now: MonotonicTime) -> Option<f64> {
         match &self.placed {
@@ -108,11 +108,13 @@ impl EnvironmentEstimator {
         }
     }
 
-    /// What a sphere in the scene camera's picture has shown; `None` for other views.
-    pub(crate) const fn remembered(&self) -> Option<(&DirectionMemory, &CubeGrid, &LastBall)> {
+    /// Returns what a sphere in the scene camera's picture has shown; `None` for other views.
+    pub(crate) const fn accumulated(
+        &self,
+    ) -> Option<(&RadianceAccumulator, &CubeGrid, &LastSphere)> {
         match &self.placed {
             View::Fixed(_) => None,
-            View::Moving(memory) => Some((memory, &self.grid, &self.last_ball)),
+            View::Moving(memory) => Some((memory, &self.grid, &self.last_sphere)),
         }
     }
 }

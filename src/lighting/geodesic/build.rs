@@ -1,4 +1,4 @@
-//! The icosahedron that stands on a corner, and its sides divided.
+//! Construction of the icosahedron standing on a vertex, and the subdivision of its sides.
 
 use super::{BELOW, Face, GeodesicDome};
 use glam::{DMat3, DVec3};
@@ -37,7 +37,7 @@ impl GeodesicDome {
     }
 }
 
-/// Corners of the triangles, each once.
+/// Corners of the triangles, without duplicates.
 #[derive(Default)]
 struct Corners(Vec<DVec3>);
 
@@ -51,7 +51,7 @@ impl Corners {
     }
 }
 
-/// The zenith, then by azimuth.
+/// The zenith, then the other corners by azimuth.
 pub(super) fn upper_corners() -> [DVec3; 6] {
     std::array::from_fn(|k| match k {
         0 => DVec3::Z,
@@ -59,7 +59,8 @@ pub(super) fn upper_corners() -> [DVec3; 6] {
     })
 }
 
-/// A corner beside the zenith (`side` 1) or the nadir (−1): tan of its height is ½.
+/// Returns a corner of the ring next to the zenith (`side` 1) or the nadir (−1): the tangent of its
+/// elevation is ½.
 fn ring(fifths: f64, side: f64) -> DVec3 {
     let (sin, cos) = (TAU * fifths / 5.0).sin_cos();
     DVec3::new(2.0 * cos, 2.0 * sin, side) / 5.0_f64.sqrt()
@@ -79,12 +80,12 @@ fn icosahedron() -> [[DVec3; 3]; SIDES] {
     })
 }
 
-/// A side's triangles on the unit sphere, row by row from its first corner.
+/// Divides a side into triangles on the unit sphere, row by row from its first corner.
 fn small_triangles([a, b, c]: &[DVec3; 3], frequency: u32) -> Vec<[DVec3; 3]> {
     let point = |row: u32, column: u32| {
         let parts = [frequency - row, row - column, column].map(f64::from);
         let p = (*a * parts[0] + *b * parts[1] + *c * parts[2]).normalize();
-        // The horizon is exactly level, so that no direction above it is left out.
+        // The horizon is exactly level, so that every direction above it is in a face.
         if p.z.abs() < 1e-12 { p.with_z(0.0) } else { p }
     };
     let mut triangles = Vec::new();
@@ -100,7 +101,7 @@ fn small_triangles([a, b, c]: &[DVec3; 3], frequency: u32) -> Vec<[DVec3; 3]> {
     triangles
 }
 
-/// Of every face those with a corner in common, the face itself among them; ascending.
+/// For each face, the faces that share a corner with it, itself included; ascending.
 fn around(triangles: &[[u32; 3]], corners: usize) -> Vec<Vec<u32>> {
     let mut at_corner = vec![Vec::new(); corners];
     for (face, triangle) in triangles.iter().enumerate() {

@@ -1,50 +1,50 @@
-//! Which pixel of the environment lies in which face, and the faces' sums on the CPU.
+//! The pixels of the environment in each face, and the faces' sums on the CPU.
 
 use super::{FaceSource, GeodesicDome};
 use glam::{DVec3, Quat, Vec3};
 use std::sync::Arc;
 
-/// Which pixels lie in which face: made once per calibration. Pixels are sorted by face.
+/// The pixels in each face, computed once per calibration and sorted by face.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Membership {
-    /// Where each face's pixels begin; one more than faces.
+    /// Index of each face's first pixel, and the total number: one more than faces.
     pub begins: Vec<u32>,
     /// Indices into the radiance that is summed.
     pub pixels: Vec<u32>,
-    /// Solid angle of each of them in the face, steradians.
+    /// Solid angle of each pixel in its face, steradians.
     pub weights: Vec<f32>,
 }
 
-/// What the luminance parameters are summed from: S_i = Σ weight · radiance over face i.
+/// Input of the luminance parameters: S_i = Σ weight · radiance over face i.
 #[derive(Clone, Debug)]
 pub struct FaceLight {
-    /// Of the dome.
+    /// Frequency of the dome.
     pub frequency: u32,
-    /// The table.
+    /// The pixels in each face.
     pub membership: Arc<Membership>,
     /// Linear RGB radiance in the scene camera's units: the environment's pixels, then texels of
-    /// the filled cube for what no pixel shows.
+    /// the filled cube for unseen directions.
     pub radiance: Arc<Vec<[f32; 3]>>,
-    /// Compact sources that are part of it, strongest first.
+    /// Compact sources included in the radiance, strongest first.
     pub sources: Vec<FaceSource>,
 }
 
 impl Membership {
-    /// The pixels of each face: those whose `directions` (world, unit) fall into it. Pixels
+    /// Assigns to each face the pixels whose `directions` (world, unit) fall into it. Pixels
     /// without solid angle (steradians) are in none.
     ///
-    /// Within a face the weights are proportional to the solid angles and add up to the face's
-    /// own exactly, so that a constant radiance L gives S_i = L Ω_i. What this makes up for is
-    /// that pixels on an edge belong to one face with all of their area, and pixels that a
-    /// fisheye's rim cuts to none: with 1000² pixels and 40 faces below 0.1 %, and 0.9 % in faces
-    /// at the rim. A face that is too small for any pixel's middle takes the pixel next to its own.
+    /// Within a face the weights are proportional to the solid angles and add up to exactly the
+    /// face's own, so that a constant radiance L gives S_i = L Ω_i. This corrects for pixels on an
+    /// edge, whose entire area belongs to one face, and for pixels cut by a fisheye's rim, which
+    /// belong to none: with 1000² pixels and 40 faces less than 0.1 %, and 0.9 % in faces at the
+    /// rim. A face too small to contain a pixel's centre takes the pixel nearest to its own.
     #[must_use]
     pub fn new(dome: &GeodesicDome, directions: &[Vec3], solid_angles: &[f32]) -> Self {
         Self::rotated(dome, Quat::IDENTITY, directions, solid_angles)
     }
 
-    /// The same for a dome that has been turned along with a model: its zenith is
-    /// `world_from_dome` · Z, and what is below *its* horizon is left out.
+    /// The same for a dome that rotates with a model: its zenith is `world_from_dome` · Z, and
+    /// directions below *its* horizon are excluded.
     #[must_use]
     pub fn rotated(
         dome: &GeodesicDome,
@@ -64,7 +64,7 @@ impl Membership {
         table
     }
 
-    /// Sorts pixels by face; `instead` is asked for the pixel of a face that has none.
+    /// Sorts pixels by face; `instead` returns the pixel of a face that has none.
     fn sorted(
         face_of: &[Option<usize>],
         faces: usize,
@@ -90,7 +90,7 @@ impl Membership {
         table
     }
 
-    /// Solid angles that add up to each face's.
+    /// Computes weights that add up to each face's solid angle.
     fn weigh(&mut self, dome: &GeodesicDome, solid_angles: &[f32]) {
         let size = |pixel: &u32| f64::from(solid_angles[*pixel as usize]);
         self.weights.reserve(self.pixels.len());
@@ -102,14 +102,14 @@ impl Membership {
         }
     }
 
-    /// Each face's range of [`Self::pixels`] and [`Self::weights`].
+    /// Returns each face's range of [`Self::pixels`] and [`Self::weights`].
     pub fn ranges(&self) -> impl Iterator<Item = std::ops::Range<usize>> + '_ {
         let pairs = self.begins.windows(2);
         pairs.map(|pair| pair[0] as usize..pair[1] as usize)
     }
 }
 
-/// The pixel that is seen nearest to a direction.
+/// Returns the visible pixel nearest to a direction.
 fn nearest(to: Vec3, directions: &[Vec3], solid_angles: &[f32]) -> Option<u32> {
     let rows = directions.iter().zip(solid_angles).zip(0..);
     let seen = rows.filter(|((_, w), _)| **w > 0.0);
@@ -118,8 +118,8 @@ fn nearest(to: Vec3, directions: &[Vec3], solid_angles: &[f32]) -> Option<u32> {
         .map(|(_, i)| i)
 }
 
-/// S_i = Σ weight · radiance over face i: irradiance on a surface that faces the light, scene
-/// camera units. What the GPU's pass must agree with.
+/// Returns S_i = Σ weight · radiance over face i: irradiance on a surface that faces the light,
+/// scene camera units. Reference for the GPU's pass.
 #[must_use]
 pub fn sum_faces(light: &FaceLight) -> Vec<Vec3> {
     let mut sums = Vec::new();
@@ -127,7 +127,7 @@ pub fn sum_faces(light: &FaceLight) -> Vec<Vec3> {
     sums
 }
 
-/// The same into memory that is used again.
+/// The same into a reused buffer.
 pub fn sum_faces_into(light: &FaceLight, sums: &mut Vec<Vec3>) {
     let table = light.membership.as_ref();
     let sum = |range: std::ops::Range<usize>| {

@@ -1,10 +1,10 @@
-//! The papers' six lights for shading.
+//! The six lights for shading in the papers.
 
 use super::build::upper_corners;
 use super::{Face, GeodesicDome};
 use glam::{DVec3, Vec3};
 
-/// Which of six lights each face belongs to.
+/// Assignment of the faces to six lights.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SixGroups {
     /// Unit vectors to the lights: the zenith, then by azimuth.
@@ -14,7 +14,7 @@ pub struct SixGroups {
 }
 
 impl SixGroups {
-    /// Irradiance on surfaces that face each light, from the faces' sums.
+    /// Returns the irradiance on surfaces that face each light, from the faces' sums.
     #[must_use]
     pub fn sums(&self, faces: &[Vec3]) -> [Vec3; 6] {
         let mut sums = [Vec3::ZERO; 6];
@@ -26,13 +26,13 @@ impl SixGroups {
 }
 
 impl GeodesicDome {
-    /// The papers' six directional lights: the faces' sums are added up around six directions
-    /// that divide the hemisphere evenly, the icosahedron's upper corners (what is nearest to
-    /// each covers 2π/6 sr).
+    /// Returns the papers' six directional lights: the faces' sums are added up around six
+    /// directions that divide the hemisphere evenly, the icosahedron's upper corners (the
+    /// directions nearest to each cover 2π/6 sr).
     ///
-    /// A face belongs to the corner that is nearest to its centre. Where two or three are as near,
-    /// it goes to the lower one, and to the first anticlockwise, so that the five lower groups
-    /// are alike; the zenith's is then up to 29 % smaller than a sixth, theirs 6 % larger.
+    /// A face belongs to the corner nearest to its centre. Where two or three are equally near, it
+    /// belongs to the lower one, and to the first anticlockwise, so that the five lower groups are
+    /// equal; the zenith's is then up to 29 % smaller than a sixth, and theirs 6 % larger.
     #[must_use]
     pub fn six_groups(&self) -> SixGroups {
         let directions = upper_corners().map(DVec3::as_vec3);

@@ -1,32 +1,32 @@
-//! Compact sources (sun, lamp, window) among what the faces are summed from.
+//! Compact sources (sun, lamp, window) in the faces' light.
 
 use super::Membership;
 use glam::Vec3;
 
-/// A compact source, and what of each face's light is its own.
+/// A compact source, and its share of each face's light.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FaceSource {
-    /// The same for as long as the source is followed, and never given to another.
+    /// Constant while the source is followed, and never reused.
     pub id: u32,
     /// Unit vector towards its centre of energy, world.
     pub direction: Vec3,
     /// Half angle of a cone with its solid angle, radians.
     pub angular_radius: f32,
-    /// Unit vectors spread over it, world, and the share of its light that comes from each.
+    /// Unit vectors distributed over the source, world, and the share of its light from each.
     pub spread: Vec<(Vec3, f32)>,
-    /// Faces in which its pixels lie, ascending, and the irradiance that the source has in each:
-    /// a part of the face's S_i.
+    /// Faces that contain its pixels, ascending, and the source's irradiance in each: a part of the
+    /// face's S_i.
     pub taken: Vec<(u32, Vec3)>,
 }
 
 impl FaceSource {
-    /// Irradiance on a surface that faces it: all that it has in any face.
+    /// Returns the irradiance on a surface that faces it: the sum over all faces.
     #[must_use]
     pub fn irradiance(&self) -> Vec3 {
         self.taken.iter().map(|(_, s)| *s).sum()
     }
 
-    /// Adds up what pixels hold: their faces (see [`FaceOfPixel`]), weights and radiance.
+    /// Sums pixels, given as their faces (see [`FaceOfPixel`]), weights and radiance.
     pub fn take(&mut self, pixels: impl Iterator<Item = (u32, f32, Vec3)>) {
         self.taken.clear();
         for (face, weight, radiance) in pixels {
@@ -40,17 +40,17 @@ impl FaceSource {
     }
 }
 
-/// In which face each pixel lies: a [`Membership`] the other way round.
+/// The face of each pixel: the inverse of a [`Membership`].
 #[derive(Clone, Debug, Default)]
 pub struct FaceOfPixel {
-    /// Where a pixel stands in the table; nowhere: [`Self::NOWHERE`].
+    /// Position of each pixel in the table, or [`Self::NOWHERE`].
     position: Vec<u32>,
 }
 
 impl FaceOfPixel {
     const NOWHERE: u32 = u32::MAX;
 
-    /// Of the pixels that stand in `table`, by the numbers they had before they were renumbered:
+    /// Creates the inverse for the pixels in `table`, by the numbers they had before renumbering:
     /// pixel i of the table was `numbers[i]` of `count`.
     #[must_use]
     pub fn new(table: &Membership, numbers: &[u32], count: usize) -> Self {
@@ -64,7 +64,7 @@ impl FaceOfPixel {
         Self { position }
     }
 
-    /// Face and weight of a pixel; `None` below the horizon.
+    /// Returns the face and weight of a pixel; `None` below the horizon.
     #[must_use]
     pub fn of(&self, table: &Membership, pixel: u32) -> Option<(u32, f32)> {
         let at = *self.position.get(pixel as usize)?;
@@ -82,7 +82,7 @@ mod tests {
     use crate::cube::CubeGrid;
 
     #[test]
-    fn each_pixel_is_found_in_its_face() {
+    fn pixels_are_found_in_their_faces() {
         let (dome, grid) = (GeodesicDome::new(2).unwrap(), CubeGrid::new(32));
         let table = Membership::new(&dome, &grid.directions, &grid.solid_angles);
         let numbers: Vec<u32> = (0..grid.directions.len() as u32).collect();
@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_taken_is_sorted_by_face() {
+    fn taken_irradiance_is_sorted_by_face() {
         let mut source = FaceSource::default();
         let pixels = [(7, 0.5, Vec3::X), (3, 1.0, Vec3::Y), (7, 1.5, Vec3::X)];
         source.take(pixels.into_iter());

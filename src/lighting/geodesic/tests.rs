@@ -38,7 +38,7 @@ fn light(dome: &GeodesicDome, table: Membership, radiance: Vec<[f32; 3]>) -> Fac
     }
 }
 
-/// Even random directions of the upper hemisphere, always the same ones.
+/// Uniform random directions of the upper hemisphere, from a fixed seed.
 struct Directions(u64);
 
 impl Directions {
@@ -48,7 +48,7 @@ impl Directions {
         (self.0 >> 11) as f64 / (1_u64 << 53) as f64
     }
 
-    /// Even over the cap within `height` (its lowest z) of the zenith.
+    /// Uniform over the cap around the zenith with lowest z `height`.
     fn above(&mut self, height: f64) -> DVec3 {
         let z = height + (1.0 - height) * self.number();
         let (sin, cos) = (TAU * self.number()).sin_cos();
@@ -58,7 +58,7 @@ impl Directions {
 }
 
 #[test]
-fn the_papers_dome_has_forty_faces() {
+fn dome_of_frequency_two_has_forty_faces() {
     for frequency in EVEN {
         let dome = GeodesicDome::new(frequency).unwrap();
         assert_eq!(dome.faces.len(), 10 * (frequency * frequency) as usize);
@@ -81,7 +81,7 @@ fn solid_angles_add_up_to_the_hemisphere() {
         let dome = GeodesicDome::new(frequency).unwrap();
         let sum: f64 = dome.faces.iter().map(|f| f64::from(f.solid_angle)).sum();
         assert!((sum - TAU).abs() < 1e-5, "{frequency}: {sum}");
-        // Counter-clockwise from outside: none is inside out.
+        // Counter-clockwise from outside: no face is inverted.
         for face in &dome.faces {
             let [a, b, c] = face.corners;
             assert!(a.dot(b.cross(c)) > 0.0);
@@ -91,9 +91,9 @@ fn solid_angles_add_up_to_the_hemisphere() {
     }
 }
 
-/// Bakes hold images in this order.
+/// Bakes store images in this order.
 #[test]
-fn the_order_of_faces_stays() {
+fn order_of_faces_is_fixed() {
     let centres = |frequency, numbers: &[usize]| -> Vec<Vec3> {
         let dome = GeodesicDome::new(frequency).unwrap();
         numbers.iter().map(|&k| dome.faces[k].centre).collect()
@@ -126,8 +126,8 @@ const ORDER_OF_4: [[f32; 3]; 4] = [
 ];
 
 #[test]
-fn every_face_is_found_by_its_centre() {
-    for frequency in [2, 4, 6, 8, MOST_FREQUENCY] {
+fn faces_are_found_by_their_centres() {
+    for frequency in [2, 4, 6, 8, MAX_FREQUENCY] {
         let dome = GeodesicDome::new(frequency).unwrap();
         for (k, face) in dome.faces.iter().enumerate() {
             assert_eq!(dome.face_of(face.centre * 3.0), Some(k));
@@ -136,7 +136,7 @@ fn every_face_is_found_by_its_centre() {
 }
 
 #[test]
-fn edges_belong_to_the_first_face_and_the_horizon_to_one() {
+fn edges_belong_to_the_first_face_and_horizon_to_one() {
     for frequency in EVEN {
         let dome = GeodesicDome::new(frequency).unwrap();
         for (k, face) in dome.faces.iter().enumerate() {
@@ -195,15 +195,15 @@ fn constant_radiance_gives_the_solid_angles() {
             let radiance = vec![[0.5, 1.0, 7.0]; directions.len()];
             let sums = sum_faces(&light(&dome, table, radiance));
             for (sum, face) in sums.iter().zip(&dome.faces) {
-                let truth = Vec3::new(0.5, 1.0, 7.0) * face.solid_angle;
-                assert!(((*sum - truth) / truth).abs().max_element() < 1e-6);
+                let expected = Vec3::new(0.5, 1.0, 7.0) * face.solid_angle;
+                assert!(((*sum - expected) / expected).abs().max_element() < 1e-6);
             }
         }
     }
 }
 
 #[test]
-fn weights_are_the_pixels_own_but_for_a_fraction() {
+fn weights_are_within_a_hundredth_of_pixel_solid_angles() {
     let pixels = pixels();
     let dome = GeodesicDome::new(2).unwrap();
     let table = Membership::new(&dome, &pixels.directions, &pixels.solid_angles);
@@ -218,7 +218,7 @@ fn weights_are_the_pixels_own_but_for_a_fraction() {
 }
 
 #[test]
-fn a_source_of_one_pixel_lands_wholly_in_its_face() {
+fn source_of_one_pixel_lies_entirely_in_its_face() {
     let pixels = pixels();
     let dome = GeodesicDome::new(4).unwrap();
     let table = Membership::new(&dome, &pixels.directions, &pixels.solid_angles);
@@ -243,31 +243,34 @@ fn a_source_of_one_pixel_lands_wholly_in_its_face() {
 }
 
 #[test]
-fn a_face_without_pixels_takes_the_nearest() {
-    let (dome, grid) = (GeodesicDome::new(MOST_FREQUENCY).unwrap(), CubeGrid::new(4));
+fn face_without_pixels_takes_the_nearest() {
+    let (dome, grid) = (GeodesicDome::new(MAX_FREQUENCY).unwrap(), CubeGrid::new(4));
     let table = Membership::new(&dome, &grid.directions, &grid.solid_angles);
     let radiance = vec![[2.0; 3]; grid.directions.len()];
     let sums = sum_faces(&light(&dome, table, radiance));
     for (sum, face) in sums.iter().zip(&dome.faces) {
         assert!((sum.x / face.solid_angle - 2.0).abs() < 1e-5);
     }
-    // Where nothing at all is seen there is no light, and no harm.
+    // Without any visible pixel there is no light and no failure.
     let nothing = Membership::new(&dome, &grid.directions, &vec![0.0; grid.directions.len()]);
     assert_eq!(nothing.begins.len(), dome.faces.len() + 1);
     assert!(nothing.pixels.is_empty());
 }
 
 #[test]
-fn a_turned_dome_sees_what_a_turned_world_shows() {
+fn rotated_dome_matches_rotated_world() {
     let (dome, grid) = (GeodesicDome::new(4).unwrap(), CubeGrid::new(64));
-    let turn = Quat::from_rotation_y(0.7) * Quat::from_rotation_z(1.1);
-    let turned: Vec<Vec3> = grid.directions.iter().map(|d| turn * *d).collect();
+    let rotation = Quat::from_rotation_y(0.7) * Quat::from_rotation_z(1.1);
+    let rotated_directions: Vec<Vec3> = grid.directions.iter().map(|d| rotation * *d).collect();
     let plain = Membership::new(&dome, &grid.directions, &grid.solid_angles);
-    let rotated = Membership::rotated(&dome, turn, &turned, &grid.solid_angles);
+    let rotated = Membership::rotated(&dome, rotation, &rotated_directions, &grid.solid_angles);
     // Directions on an edge may fall to either side of it.
     let differ = plain.begins.iter().zip(&rotated.begins);
     assert!(differ.clone().all(|(a, b)| a.abs_diff(*b) <= 12));
-    assert_ne!(plain, Membership::new(&dome, &turned, &grid.solid_angles));
+    assert_ne!(
+        plain,
+        Membership::new(&dome, &rotated_directions, &grid.solid_angles)
+    );
 }
 
 /// A sky that brightens towards the horizon and the sun, and the sun.
@@ -285,7 +288,7 @@ fn sky(d: DVec3, sun: DVec3) -> DVec3 {
 /// Three degrees.
 const SUN_COSINE: f64 = 0.998_629_5;
 
-/// Number of the face by the planes through its edges, one face after the other.
+/// Finds the face by the planes through its edges, testing one face after the other.
 fn face_by_planes(dome: &GeodesicDome, d: DVec3) -> usize {
     let inside = |f: &Face| {
         let [a, b, c] = f.corners.map(Vec3::as_dvec3);
@@ -296,22 +299,22 @@ fn face_by_planes(dome: &GeodesicDome, d: DVec3) -> usize {
     dome.faces.iter().position(inside).unwrap()
 }
 
-/// S_i of the sky by 400 000 random directions, and of the sun's disc by 100 000 more within
-/// it; with the standard errors.
+/// Integrates S_i of the sky over 400 000 random directions, and of the sun's disc over 100 000
+/// more within it; with the standard errors.
 fn monte_carlo(dome: &GeodesicDome, sun: DVec3) -> Vec<(f64, f64)> {
     let mut random = Directions(7);
     let (mut sums, mut squares) = (vec![0.0; dome.faces.len()], vec![0.0; dome.faces.len()]);
-    let turn = glam::DQuat::from_rotation_arc(DVec3::Z, sun);
+    let rotation = glam::DQuat::from_rotation_arc(DVec3::Z, sun);
     for (count, size) in [(400_000, TAU), (100_000, TAU * (1.0 - SUN_COSINE))] {
         for _ in 0..count {
             let whole = count == 400_000;
             let d = if whole {
                 random.above(0.0)
             } else {
-                turn * random.above(SUN_COSINE)
+                rotation * random.above(SUN_COSINE)
             };
             let in_disc = d.dot(sun) > SUN_COSINE;
-            // Each direction is counted by one of the two.
+            // Each direction is counted by one of the two integrations.
             if whole == in_disc {
                 continue;
             }
@@ -328,28 +331,30 @@ fn monte_carlo(dome: &GeodesicDome, sun: DVec3) -> Vec<(f64, f64)> {
         .collect()
 }
 
-/// The tolerance is four standard errors of the integration, and what the pixels leave open:
-/// those on an edge belong to one face as a whole. Pixels of 0.18° along edges of up to 36°
-/// and on the sun's rim, half a pixel off at most and as often to one side as to the other.
+/// The tolerance is four standard errors of the integration, plus the error of pixels on an edge,
+/// which belong to one face entirely: pixels of 0.18° along edges of up to 36° and on the sun's
+/// rim, with errors of at most half a pixel, of either sign equally often.
 #[test]
 fn sums_agree_with_monte_carlo_integration() {
     let pixels = pixels();
     for frequency in [2, 4] {
         let dome = GeodesicDome::new(frequency).unwrap();
         let table = Membership::new(&dome, &pixels.directions, &pixels.solid_angles);
-        // Within a face, and across an edge.
+        // Inside a face, and across an edge.
         let face = &dome.faces[27];
         for sun in [face.centre, face.corners[0] + face.corners[1] * 1.1] {
             let sun = sun.as_dvec3().normalize();
             let shown = |d: &Vec3| sky(d.as_dvec3(), sun).as_vec3().to_array();
             let radiance = pixels.directions.iter().map(shown).collect();
             let sums = sum_faces(&light(&dome, table.clone(), radiance));
-            for (k, (sum, (truth, error))) in sums.iter().zip(monte_carlo(&dome, sun)).enumerate() {
-                let difference = (f64::from(sum.y) - truth).abs();
-                let tolerance = 4.0 * error + 0.01 * truth;
+            for (k, (sum, (expected, error))) in
+                sums.iter().zip(monte_carlo(&dome, sun)).enumerate()
+            {
+                let difference = (f64::from(sum.y) - expected).abs();
+                let tolerance = 4.0 * error + 0.01 * expected;
                 assert!(
                     difference < tolerance,
-                    "{frequency} {k}: {} {truth} {error}",
+                    "{frequency} {k}: {} {expected} {error}",
                     sum.y
                 );
             }
@@ -359,12 +364,12 @@ fn sums_agree_with_monte_carlo_integration() {
 
 proptest! {
     #[test]
-    fn every_upper_direction_has_its_face(
-        height in 0.0f64..1.0, turn in 0.0f64..TAU, half in 1u32..=8,
+    fn every_upper_direction_has_a_face(
+        height in 0.0f64..1.0, rotation in 0.0f64..TAU, half in 1u32..=8,
     ) {
         let dome = GeodesicDome::new(2 * half).unwrap();
         let level = (1.0 - height * height).sqrt();
-        let d = DVec3::new(level * turn.cos(), level * turn.sin(), height).as_vec3();
+        let d = DVec3::new(level * rotation.cos(), level * rotation.sin(), height).as_vec3();
         let found = dome.face_of(d).unwrap();
         let first = dome.faces.iter().position(|f| {
             f.edge_normals().iter().all(|n| n.dot(d.as_dvec3()) >= -ON_EDGE)

@@ -1,4 +1,4 @@
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![allow(clippy::unwrap_used)]
 use super::*;
 use glam::DVec3;
 use penumbra_camera::Ball;
@@ -13,7 +13,7 @@ fn camera() -> PinholeCamera {
     }
 }
 
-fn truth() -> Ball {
+fn ground_truth() -> Ball {
     Ball {
         centre: DVec3::new(0.03, -0.02, 0.5),
         radius: 0.045,
@@ -21,9 +21,9 @@ fn truth() -> Ball {
     }
 }
 
-/// A ball that mirrors stripes, before a background of this colour by pixel.
+/// A sphere that mirrors stripes, before a background of this colour by pixel.
 fn draw(background: impl Fn(f64, f64) -> [f64; 3]) -> Picture {
-    let (camera, ball) = (camera(), truth());
+    let (camera, ball) = (camera(), ground_truth());
     let mut rgba = Vec::new();
     for (y, x) in (0..camera.height).flat_map(|y| (0..camera.width).map(move |x| (y, x))) {
         let mut sum = [0.0; 3];
@@ -61,49 +61,49 @@ fn draw(background: impl Fn(f64, f64) -> [f64; 3]) -> Picture {
     }
 }
 
-/// The true ball as a pose says that is off by so many pixels.
-fn said(off: DVec2, sigma: f64) -> Ball {
-    let pixel = camera().project(truth().centre).unwrap();
+/// The true sphere displaced by the error of a pose, pixels.
+fn displaced(error_pixels: DVec2, sigma: f64) -> Ball {
+    let pixel = camera().project(ground_truth().centre).unwrap();
     Ball {
-        centre: camera().unproject(pixel + off) * truth().centre.length(),
+        centre: camera().unproject(pixel + error_pixels) * ground_truth().centre.length(),
         sigma,
-        ..truth()
+        ..ground_truth()
     }
 }
 
-fn off(ball: &Ball) -> f64 {
+fn error_pixels(ball: &Ball) -> f64 {
     let camera = camera();
     camera
         .project(ball.centre)
         .unwrap()
-        .distance(camera.project(truth().centre).unwrap())
+        .distance(camera.project(ground_truth().centre).unwrap())
 }
 
 #[test]
-fn the_rim_takes_the_jitter_out_of_the_pose() {
+fn rim_corrects_jitter_of_pose() {
     let picture = draw(|x, _| [200.0, 170.0 + 0.1 * x, 120.0]);
     for k in 0..12 {
         let error = 2.5 * DVec2::from_angle(0.7 * f64::from(k)) * f64::from(k) / 11.0;
-        let found = refine(&picture, &camera(), &said(error, 1.0));
-        // A twelfth of the pose's error stays: its share in the mean.
+        let found = refine(&picture, &camera(), &displaced(error, 1.0));
+        // A twelfth of the pose's error remains: its share in the mean.
         assert!(
-            off(&found) < 0.05 + 0.1 * error.length(),
+            error_pixels(&found) < 0.05 + 0.1 * error.length(),
             "{error} -> {}",
-            off(&found)
+            error_pixels(&found)
         );
         assert!(found.sigma < 0.35 && found.radius == 0.045);
     }
 }
 
 #[test]
-fn without_a_rim_the_pose_stands() {
-    // The background is what the ball's rim shows: nothing to be seen.
+fn pose_is_kept_without_visible_rim() {
+    // The background equals the colours at the sphere's rim: no edge is visible.
     let grey = Picture {
         width: 320,
         height: 240,
         rgba: [100, 100, 100, 255].repeat(320 * 240),
     };
-    let before = said(DVec2::new(0.4, -0.2), 0.5);
+    let before = displaced(DVec2::new(0.4, -0.2), 0.5);
     assert_eq!(refine(&grey, &camera(), &before), before);
     let mut state = 7_u32;
     let noise = Picture {
@@ -117,8 +117,8 @@ fn without_a_rim_the_pose_stands() {
         ..grey.clone()
     };
     let found = refine(&noise, &camera(), &before);
-    assert!(off(&found) < 1.0, "{}", off(&found));
-    // Cut short, or out of sight.
+    assert!(error_pixels(&found) < 1.0, "{}", error_pixels(&found));
+    // Truncated, or out of sight.
     let short = Picture {
         rgba: vec![0; 5],
         ..grey.clone()
@@ -132,8 +132,8 @@ fn without_a_rim_the_pose_stands() {
 }
 
 #[test]
-fn half_a_rim_moves_the_ball_along_what_it_knows() {
-    // The lower half melts into its background; the upper one stands out.
+fn half_a_rim_corrects_only_the_constrained_direction() {
+    // The lower half blends into its background; the upper one is distinct.
     let picture = draw(|_, y| {
         if y < 100.0 {
             [230.0, 220.0, 200.0]
@@ -141,7 +141,7 @@ fn half_a_rim_moves_the_ball_along_what_it_knows() {
             [100.0, 100.0, 100.0]
         }
     });
-    let before = said(DVec2::new(0.0, 1.2), 0.6);
+    let before = displaced(DVec2::new(0.0, 1.2), 0.6);
     let found = refine(&picture, &camera(), &before);
-    assert!(off(&found) < 0.5, "{}", off(&found));
+    assert!(error_pixels(&found) < 0.5, "{}", error_pixels(&found));
 }

@@ -1,13 +1,14 @@
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-//! Real photographs with published light directions, in `../../../shared`.
+#![allow(clippy::unwrap_used, clippy::panic)]
+//! Real photographs with published light directions, in `../shared`.
 
 use super::*;
 use crate::report::{dominant_direction, photograph_settings};
 use crate::{Bracket, EnvironmentEstimator, EnvironmentInput, LightReport};
 use glam::Vec3;
 use penumbra_interface::MonotonicTime;
+use penumbra_test_data::shared;
 
-/// One view, many photographs.
+/// One view for many photographs.
 struct Estimator(EnvironmentEstimator);
 
 impl Estimator {
@@ -25,18 +26,6 @@ impl Estimator {
     }
 }
 
-/// A folder of the shared data, or nothing and a loud word.
-fn shared(test: &str, folder: &str) -> Option<PathBuf> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../../../shared/data")
-        .join(folder);
-    if path.is_dir() {
-        return Some(path);
-    }
-    eprintln!("SKIPPED {test}: ../shared is missing");
-    None
-}
-
 fn numbers(path: &Path) -> Vec<f64> {
     let text = std::fs::read_to_string(path).unwrap();
     text.split_whitespace()
@@ -44,14 +33,13 @@ fn numbers(path: &Path) -> Vec<f64> {
         .collect()
 }
 
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
+fn median(values: Vec<f64>) -> f64 {
+    penumbra_numerics::median(values).unwrap()
 }
 
 #[test]
-fn lamps_on_a_chrome_ball_are_where_they_were_published() {
-    let Some(folder) = shared("chrome ball", "probes-fisheye/chrome_ball_lights") else {
+fn chrome_ball_gives_published_light_directions() {
+    let Some(folder) = shared("data/probes-fisheye/chrome_ball_lights") else {
         return;
     };
     let [x, y, radius] = numbers(&folder.join("circle_data.txt"))[..] else {
@@ -71,14 +59,15 @@ fn lamps_on_a_chrome_ball_are_where_they_were_published() {
     );
     let (mut angles, mut outlines) = (Vec::new(), Vec::new());
     for k in 0..12 {
-        // Their axes: x right, y up, z towards the camera; ours: the camera looks along +Y.
+        // The data set's axes: x right, y up, z towards the camera; ours: the camera looks along
+        // +Y.
         let [a, b, c] = [published[k], published[12 + k], published[24 + k]];
-        let truth = Vec3::new(a as f32, -c as f32, b as f32);
+        let published_direction = Vec3::new(a as f32, -c as f32, b as f32);
         let picture = read_picture(&folder.join(format!("Image_{:02}.JPG", k + 1))).unwrap();
         angles.push(f64::from(
             estimator
                 .dominant(&picture)
-                .angle_between(truth)
+                .angle_between(published_direction)
                 .to_degrees(),
         ));
         let found = ball_outline(&picture).map_or(f64::INFINITY, |c| {
@@ -93,8 +82,8 @@ fn lamps_on_a_chrome_ball_are_where_they_were_published() {
 }
 
 #[test]
-fn outlines_of_mirror_balls_are_found() {
-    let Some(folder) = shared("mirror balls", "probes-fisheye/mirrorball") else {
+fn finds_outlines_of_mirror_balls() {
+    let Some(folder) = shared("data/probes-fisheye/mirrorball") else {
         return;
     };
     let params: serde_json::Value =
@@ -137,8 +126,8 @@ fn sun(day_of_september: f64, utc_hours: f64) -> Vec3 {
     Vec3::new(east as f32, north as f32, up as f32)
 }
 
-/// The lens and pose of the all-sky camera, fitted (least squares, soft-L1) to the 462
-/// positions of the sun in `sun_track.csv`, whose rows count from below.
+/// The lens and pose of the all-sky camera, fitted (least squares, soft-L1) to the 462 positions of
+/// the sun in `sun_track.csv`, whose rows are counted from the bottom.
 fn all_sky_camera() -> PhotographCalibration {
     PhotographCalibration {
         kind: Some(PhotographKind::Fisheye),
@@ -158,8 +147,8 @@ fn all_sky_camera() -> PhotographCalibration {
 }
 
 #[test]
-fn the_sun_observed_all_day_is_where_the_lens_says() {
-    let Some(folder) = shared("all-sky track", "probes-fisheye/fisheye/allsky_FE3") else {
+fn lens_matches_observed_track_of_sun() {
+    let Some(folder) = shared("data/probes-fisheye/fisheye/allsky_FE3") else {
         return;
     };
     let black = Picture {
@@ -188,9 +177,9 @@ fn the_sun_observed_all_day_is_where_the_lens_says() {
             continue;
         }
         let (z, a) = (zenith.to_radians(), azimuth.to_radians());
-        let truth = DVec3::new(z.sin() * a.sin(), z.sin() * a.cos(), z.cos());
+        let published_direction = DVec3::new(z.sin() * a.sin(), z.sin() * a.cos(), z.cos());
         let seen = world_from_camera.rotation * lens.unproject(DVec2::new(x, 1919.0 - y)).unwrap();
-        errors.push(seen.angle_between(truth).to_degrees());
+        errors.push(seen.angle_between(published_direction).to_degrees());
     }
     assert!(errors.len() > 400);
     let median = median(errors);
@@ -199,8 +188,8 @@ fn the_sun_observed_all_day_is_where_the_lens_says() {
 }
 
 #[test]
-fn the_sun_is_found_in_all_sky_photographs() {
-    let Some(folder) = shared("all-sky photographs", "probes-fisheye/fisheye/allsky_FE3") else {
+fn finds_sun_in_all_sky_photographs() {
+    let Some(folder) = shared("data/probes-fisheye/fisheye/allsky_FE3") else {
         return;
     };
     let photographs = [
@@ -226,7 +215,7 @@ fn the_sun_is_found_in_all_sky_photographs() {
 }
 
 #[test]
-fn a_calibration_with_a_wrong_key_is_refused_with_its_name() {
+fn rejects_calibration_with_unknown_key_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("ball.toml");
     std::fs::write(&path, "kind = \"sphere\"\nradios = 4\n").unwrap();
@@ -254,7 +243,7 @@ fn a_calibration_with_a_wrong_key_is_refused_with_its_name() {
 }
 
 #[test]
-fn a_grey_ball_is_a_grey_room() {
+fn grey_sphere_gives_grey_environment() {
     let folder = tempfile::tempdir().unwrap();
     let grey = Picture {
         width: 64,
@@ -267,7 +256,7 @@ fn a_grey_ball_is_a_grey_room() {
         radius: Some(30.0),
         ..Default::default()
     };
-    let report = LightReport::of_picture(&grey, &calibration).unwrap();
+    let report = LightReport::from_picture(&grey, &calibration).unwrap();
     report.write(folder.path()).unwrap();
     let text = std::fs::read_to_string(folder.path().join("light.json")).unwrap();
     let json: serde_json::Value = serde_json::from_str(&text).unwrap();

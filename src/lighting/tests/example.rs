@@ -1,6 +1,6 @@
-//! The example `estimate_light` works.
+//! Runs the example `estimate_light` and checks its result.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![allow(clippy::unwrap_used)]
 
 #[path = "../examples/estimate_light.rs"]
 #[expect(dead_code, reason = "its `main` prints")]

@@ -29,7 +29,7 @@ use glam::Vec3;
 use ground::GroundGrid;
 use obstacles::Obstacles;
 use penumbra_lighting::Lighting;
-use penumbra_lighting::glints::Whole;
+use penumbra_lighting::compact_source_specular::CompleteMap;
 use region::Region;
 use shares::DistantLight;
 use sides::Sides;
@@ -118,7 +118,7 @@ impl IndirectLightSolver {
             Vec3::ZERO
         };
         let light = DistantLight {
-            radiance: Whole::new(&lighting.radiance),
+            radiance: CompleteMap::new(&lighting.radiance),
             floor,
             phantoms,
         };

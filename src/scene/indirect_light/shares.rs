@@ -4,11 +4,11 @@
 use super::region::Region;
 use super::result::{GROUND_SIDE, PhantomRadiance};
 use glam::Vec3;
-use penumbra_lighting::glints::Whole;
+use penumbra_lighting::compact_source_specular::CompleteMap;
 
 /// Light from the environment and from real surfaces, without virtual objects.
 pub(super) struct DistantLight<'a> {
-    pub radiance: Whole<'a>,
+    pub radiance: CompleteMap<'a>,
     /// Radiance of the ground; black where there is none.
     pub floor: Vec3,
     pub phantoms: &'a PhantomRadiance,

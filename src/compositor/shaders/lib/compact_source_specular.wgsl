@@ -1,5 +1,5 @@
 // Compact sources that levels of the radiance maps leave out: mirrored by the BRDF itself.
-// Twin of `penumbra_lighting::glints::mirrored`.
+// Twin of `penumbra_lighting::compact_source_specular::mirrored`.
 
 struct CompactSource {
     // w = radius of its disc, radians.

@@ -11,7 +11,7 @@ fn with_faces(frequency: u32) -> EnvironmentSettings {
     }
 }
 
-/// Two walls of colour, and a lamp of 3° in one direction.
+/// Two coloured walls, and a lamp of 3° in one direction.
 fn room(lamp: Vec3) -> impl Fn(Vec3) -> Vec3 {
     move |d: Vec3| {
         let wall = if d.x > 0.0 {
@@ -29,21 +29,21 @@ fn room(lamp: Vec3) -> impl Fn(Vec3) -> Vec3 {
 }
 
 #[test]
-fn nobody_pays_who_asks_for_no_faces() {
+fn no_face_light_without_faces() {
     let mut rig = Rig::new(&fisheye(0.0), EnvironmentSettings::default());
-    assert!(rig.see(&|_| Vec3::ONE, Vec3::ONE).faces.is_none());
+    assert!(rig.observe(&|_| Vec3::ONE, Vec3::ONE).faces.is_none());
     rig.estimator.set_faces(Some(2));
-    assert!(rig.see(&|_| Vec3::ONE, Vec3::ONE).faces.is_some());
+    assert!(rig.observe(&|_| Vec3::ONE, Vec3::ONE).faces.is_some());
     rig.estimator.set_faces(Some(3));
-    assert!(rig.see(&|_| Vec3::ONE, Vec3::ONE).faces.is_none());
+    assert!(rig.observe(&|_| Vec3::ONE, Vec3::ONE).faces.is_none());
 }
 
 #[test]
-fn an_even_sky_gives_each_face_its_solid_angle() {
+fn uniform_sky_gives_each_face_its_solid_angle() {
     let dome = GeodesicDome::new(4).unwrap();
     for view in [fisheye(0.3), sphere(false).0] {
         let mut rig = Rig::new(&view, with_faces(4));
-        let lighting = rig.see(&|_| Vec3::splat(0.5), Vec3::splat(0.5));
+        let lighting = rig.observe(&|_| Vec3::splat(0.5), Vec3::splat(0.5));
         let light = lighting.faces.as_ref().unwrap();
         assert_eq!(light.frequency, 4);
         for (sum, face) in sum_faces(light).iter().zip(&dome.faces) {
@@ -53,15 +53,15 @@ fn an_even_sky_gives_each_face_its_solid_angle() {
     }
 }
 
-/// The faces hold the light that the dome lights and the irradiance hold.
+/// The faces hold the same light as the dome lights and the irradiance.
 #[test]
-fn faces_hold_the_light_of_the_dome() {
+fn faces_and_dome_hold_equal_light() {
     let (dome, at) = (GeodesicDome::new(2).unwrap(), 8);
     let lamp = dome.faces[at].centre;
     for view in [fisheye(0.0), sphere(false).0] {
         let mut rig = Rig::new(&view, with_faces(2));
-        let dark = rig.see(&room(Vec3::NEG_Z), Vec3::splat(0.1));
-        let bright = rig.see(&room(lamp), Vec3::splat(0.1));
+        let dark = rig.observe(&room(Vec3::NEG_Z), Vec3::splat(0.1));
+        let bright = rig.observe(&room(lamp), Vec3::splat(0.1));
         let sums = |l: &Lighting| sum_faces(l.faces.as_ref().unwrap());
         let (before, after) = (sums(&dark), sums(&bright));
         let compact: Vec3 = rig.estimator.sources().iter().map(|s| s.irradiance).sum();
@@ -85,17 +85,17 @@ fn faces_hold_the_light_of_the_dome() {
 }
 
 #[test]
-fn the_scene_cameras_units_are_kept() {
+fn face_light_is_in_scene_camera_units() {
     let mut rig = Rig::new(&fisheye(0.0), with_faces(2));
     let plain = sum_faces(
-        rig.see(&|_| Vec3::splat(0.4), Vec3::ONE)
+        rig.observe(&|_| Vec3::splat(0.4), Vec3::ONE)
             .faces
             .as_ref()
             .unwrap(),
     );
     rig.gains = Mat3::from_diagonal(Vec3::new(2.0, 1.0, 0.5));
     let gained = sum_faces(
-        rig.see(&|_| Vec3::splat(0.4), Vec3::ONE)
+        rig.observe(&|_| Vec3::splat(0.4), Vec3::ONE)
             .faces
             .as_ref()
             .unwrap(),
@@ -109,7 +109,7 @@ fn the_scene_cameras_units_are_kept() {
 }
 
 #[test]
-fn directions_that_no_pixel_shows_are_filled() {
+fn unseen_directions_are_filled() {
     let turned = match fisheye(0.0) {
         EnvironmentView::Fisheye { lens, .. } => EnvironmentView::Fisheye {
             lens,
@@ -121,7 +121,7 @@ fn directions_that_no_pixel_shows_are_filled() {
         other => other,
     };
     let mut rig = Rig::new(&turned, with_faces(2));
-    let lighting = rig.see(&|_| Vec3::splat(0.5), Vec3::splat(0.5));
+    let lighting = rig.observe(&|_| Vec3::splat(0.5), Vec3::splat(0.5));
     let dome = GeodesicDome::new(2).unwrap();
     for (sum, face) in sum_faces(lighting.faces.as_ref().unwrap())
         .iter()
@@ -132,21 +132,21 @@ fn directions_that_no_pixel_shows_are_filled() {
 }
 
 #[test]
-fn memory_is_used_again() {
+fn buffers_are_recycled() {
     let mut rig = Rig::new(&fisheye(0.0), with_faces(2));
     let mut places = std::collections::BTreeSet::new();
     let mut before = None;
     for _ in 0..8 {
-        let lighting = rig.see(&|_| Vec3::splat(0.4), Vec3::ONE);
+        let lighting = rig.observe(&|_| Vec3::splat(0.4), Vec3::ONE);
         places.insert(lighting.faces.as_ref().unwrap().radiance.as_ptr() as usize);
         before = Some(lighting);
     }
     assert!(before.is_some() && places.len() == 2, "{}", places.len());
 }
 
-/// The sphere in the scene's picture: what was seen lies in the cube.
+/// The sphere in the scene's picture: the cube holds what was seen.
 #[test]
-fn a_moving_view_sums_its_memory() {
+fn moving_view_sums_accumulated_radiance() {
     let (view, pose, camera) = sphere(true);
     let placed = PlacedView::new(&view, Some((pose, &camera)), None).unwrap();
     let estimator = EnvironmentEstimator::new(&view, &Response::srgb(), with_faces(2), None);
@@ -172,10 +172,10 @@ fn a_moving_view_sums_its_memory() {
     }
 }
 
-/// A lamp is a part of the faces in which it lies, and of no other; where it is and how bright
-/// is what the dome's light of it says.
+/// A lamp is a part of the faces in which it lies, and of no others; its direction and brightness
+/// are those of its dome light.
 #[test]
-fn compact_sources_are_parts_of_their_faces() {
+fn compact_sources_are_part_of_their_faces() {
     let dome = GeodesicDome::new(2).unwrap();
     let corner = dome.faces[8].corners[0] + dome.faces[8].corners[1];
     for (view, lamp, most) in [
@@ -184,7 +184,7 @@ fn compact_sources_are_parts_of_their_faces() {
         (sphere(false).0, dome.faces[8].centre, 1),
     ] {
         let mut rig = Rig::new(&view, with_faces(2));
-        let lighting = rig.see(&room(lamp), Vec3::splat(0.1));
+        let lighting = rig.observe(&room(lamp), Vec3::splat(0.1));
         let light = lighting.faces.as_ref().unwrap();
         let [source] = light.sources.as_slice() else {
             panic!("{:?}", light.sources);
@@ -214,13 +214,13 @@ fn compact_sources_are_parts_of_their_faces() {
 }
 
 #[test]
-fn a_source_keeps_its_number_while_it_moves_over_an_edge() {
+fn source_keeps_its_number_across_an_edge() {
     let dome = GeodesicDome::new(2).unwrap();
     let (from, to) = (dome.faces[8].centre, dome.faces[9].centre);
     let mut rig = Rig::new(&fisheye(0.0), with_faces(2));
     let mut at = |share: f32| {
         let lamp = from.lerp(to, share).normalize();
-        let lighting = rig.see(&room(lamp), Vec3::splat(0.1));
+        let lighting = rig.observe(&room(lamp), Vec3::splat(0.1));
         lighting.faces.as_ref().unwrap().sources[0].clone()
     };
     let first = at(0.0);
