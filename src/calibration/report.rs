@@ -187,7 +187,7 @@ impl Plot {
     }
 }
 
-/// Returns minimum and maximum, apart from one another even if the values are equal.
+/// Returns minimum and maximum, widened by a margin; 0 and 1 without values.
 fn span(values: impl Iterator<Item = f64>) -> (f64, f64) {
     let (low, high) = values.fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v), h.max(v)));
     if low > high {
