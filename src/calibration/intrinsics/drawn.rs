@@ -12,7 +12,7 @@ pub(crate) use penumbra_numerics::Random;
 const SAMPLES: u32 = 3;
 
 /// A renderer whose rays are computed once for many pictures.
-pub(crate) struct Draughtsman {
+pub(crate) struct BoardRenderer {
     width: u32,
     height: u32,
     rays: Vec<Option<DVec3>>,
@@ -20,7 +20,7 @@ pub(crate) struct Draughtsman {
     spacing: f64,
 }
 
-impl Draughtsman {
+impl BoardRenderer {
     pub fn new(lens: &Lens) -> Self {
         let mut rays = Vec::new();
         for y in 0..lens.height * SAMPLES {

@@ -2,7 +2,7 @@
 use super::*;
 use crate::intrinsics::Grey;
 use crate::intrinsics::detect::find_chessboard;
-use crate::intrinsics::drawn::{Draughtsman, pose};
+use crate::intrinsics::drawn::{BoardRenderer, pose};
 use crate::intrinsics::{Board, Correspondence};
 use glam::DVec3;
 use penumbra_numerics::Random;
@@ -258,7 +258,7 @@ fn square_pixels_have_one_focal_length() {
 #[test]
 fn drawn_pictures_give_the_lens_that_drew_them() {
     for (truth, distance, spread) in [(pinhole(), 0.36, 0.33), (fisheye(), 0.13, 0.6)] {
-        let draughtsman = Draughtsman::new(&truth);
+        let draughtsman = BoardRenderer::new(&truth);
         let views: Vec<View> = poses(12, distance, spread, 8)
             .iter()
             .filter_map(|&pose| {

@@ -1,6 +1,6 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 use super::*;
-use crate::intrinsics::drawn::Draughtsman;
+use crate::intrinsics::drawn::BoardRenderer;
 use crate::intrinsics::estimate::tests::{pinhole, poses_of};
 use crate::step::ShownPicture;
 use penumbra_camera::LensModel;
@@ -43,7 +43,7 @@ fn made() -> Made {
 fn a_board_held_before_the_camera_becomes_a_lens() {
     let lens = pinhole();
     let board = Board::parse("charuco:9x6:0.03:0.022:5x5_50").unwrap();
-    let draughtsman = Draughtsman::new(&lens);
+    let draughtsman = BoardRenderer::new(&lens);
     let poses = poses_of(&board, 16, (0.4, 0.25), 5);
     let mut step = step("charuco:9x6:0.03:0.022:5x5_50");
     assert!(step.wants().scene && !step.wants().environment && !step.wants().poses);
