@@ -126,7 +126,7 @@ mod tests {
     use penumbra_numerics::Random;
 
     #[test]
-    fn swapped_cameras_other_modes_and_other_lenses_are_told() {
+    fn swapped_cameras_modes_and_lenses_are_reported() {
         let lens = pinhole();
         let mut gatherer = Gatherer::new(Board::parse("chess:9x6:0.025").unwrap());
         for view in seen(&lens, &poses(12, 0.4, 0.3, 5), 0.15, &mut Random::new(2)) {

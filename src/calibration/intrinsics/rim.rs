@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn light_is_told_from_the_black_rim() {
+    fn light_is_distinguished_from_black_rim() {
         let lens = fisheye();
         let (w, h) = (lens.width as usize, lens.height as usize);
         let radius = 0.45 * h as f64;

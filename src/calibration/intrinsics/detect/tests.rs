@@ -56,7 +56,7 @@ fn errors(
 }
 
 #[test]
-fn a_whole_board_is_found_to_a_few_hundredths_of_a_pixel() {
+fn complete_board_is_accurate_to_hundredths_of_a_pixel() {
     let lens = camera();
     let draughtsman = BoardRenderer::new(&lens);
     for (centre, tilt, turn, blur, noise, most) in [
@@ -116,7 +116,7 @@ fn a_whole_board_is_found_to_a_few_hundredths_of_a_pixel() {
 }
 
 #[test]
-fn a_board_is_found_through_a_fisheye_beyond_ninety_degrees() {
+fn finds_board_through_fisheye_beyond_ninety_degrees() {
     let lens = fisheye();
     let draughtsman = BoardRenderer::new(&lens);
     for (centre, tilt) in [
@@ -134,7 +134,7 @@ fn a_board_is_found_through_a_fisheye_beyond_ninety_degrees() {
 }
 
 #[test]
-fn part_of_a_board_is_part_of_a_board() {
+fn partly_visible_board_is_reported_as_part() {
     let lens = camera();
     let draughtsman = BoardRenderer::new(&lens);
     let pose = pose(
@@ -168,7 +168,7 @@ fn part_of_a_board_is_part_of_a_board() {
 }
 
 #[test]
-fn a_larger_board_is_named_by_its_size() {
+fn larger_board_is_reported_with_its_size() {
     let draughtsman = BoardRenderer::new(&camera());
     let pose = pose(&BOARD, DVec3::new(0.0, 0.0, 0.4), DVec2::new(0.2, 0.1), 0.0);
     let picture = draughtsman.draw(&BOARD, pose, 0.5, 1.0);

@@ -29,7 +29,7 @@ fn gathered(board: &str, pictures: &[Grey]) -> Gatherer {
 }
 
 #[test]
-fn a_board_of_another_size_is_told_by_its_own() {
+fn board_of_wrong_size_is_reported_with_its_size() {
     let pictures = pictures();
     for wrong in ["chess:8x5:0.025", "chess:10x7:0.025", "chess:7x7:0.025"] {
         let outcome = gathered(wrong, &pictures).finish(&OPTIONS);
@@ -45,7 +45,7 @@ fn a_board_of_another_size_is_told_by_its_own() {
 }
 
 #[test]
-fn the_same_view_counts_once() {
+fn repeated_view_counts_once() {
     let board = Board::parse("chess:9x6:0.025").unwrap();
     let at = pose(&board, DVec3::new(0.0, 0.0, 0.4), DVec2::new(0.3, 0.1), 0.0);
     let picture = BoardRenderer::new(&pinhole()).draw(&board, at, 0.5, 1.0);
@@ -72,7 +72,7 @@ fn no_board_is_refused() {
 /// Corners near the picture's middle leave k3 open; the lens without it is as good there, and
 /// folds nothing over.
 #[test]
-fn a_coefficient_that_the_views_leave_open_is_left_out() {
+fn undetermined_coefficient_is_omitted() {
     let truth = {
         let mut lens = pinhole();
         lens.coefficients = [0.0; 8];

@@ -52,7 +52,7 @@ fn an_april_grid_is_found_through_a_fisheye() {
 }
 
 #[test]
-fn what_is_in_sight_of_a_charuco_board_is_found() {
+fn finds_visible_part_of_charuco_board() {
     let (lens, charuco) = (pinhole(), board("charuco:8x6:0.03:0.022:6x6_250"));
     let at = pose(
         &charuco,
@@ -98,7 +98,7 @@ fn outcome(drawn: &str, said: &str) -> (Grade, Finding) {
 }
 
 #[test]
-fn another_dictionary_and_another_layout_are_told() {
+fn other_dictionary_and_other_layout_are_reported() {
     let (grade, finding) = outcome(
         "charuco:7x5:0.03:0.022:6x6_250",
         "charuco:7x5:0.03:0.022:4x4_50",
