@@ -1,6 +1,5 @@
-//! A board to print, at true scale: PDF for printers, SVG for other programs, PNG for screens.
-//!
-//! Only rectangles: what is drawn is a list of black ones on white paper.
+//! Calibration boards to print at true scale: PDF for printers, SVG for other programs, PNG for
+//! screens. A sheet is a list of black rectangles on white paper.
 
 pub(crate) mod pattern;
 
@@ -8,22 +7,22 @@ use super::intrinsics::Board;
 use std::fmt::Write;
 use thiserror::Error;
 
-/// Points of PDF in a metre.
+/// PDF points per metre.
 const POINTS: f64 = 72.0 / 0.0254;
-/// White about the pattern, as a share of a square: the squares at the rim need it. With half
-/// a square the usual board of 9×6 corners and 25 mm fits a sheet of A4.
+/// White margin around the pattern, as a share of a square; the detection of the outer squares
+/// needs it. With half a square, the default board of 9×6 corners and 25 mm fits a sheet of A4.
 const MARGIN: f64 = 0.5;
-/// Room below for the ruler and the words, metres.
+/// Height below the pattern for ruler and caption, metres.
 const FOOT: f64 = 0.010;
-/// Length of the ruler, metres: to be measured with another ruler.
+/// Length of the printed ruler, metres; the user measures it to check the print's scale.
 const RULER: f64 = 0.1;
 
-/// A black rectangle, metres from the sheet's top left corner.
+/// A black rectangle, in metres from the sheet's top left corner.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Black {
-    /// From the left.
+    /// Left edge.
     pub x: f64,
-    /// From the top.
+    /// Top edge.
     pub y: f64,
     /// Width.
     pub width: f64,
@@ -38,18 +37,18 @@ pub struct BoardSheet {
     pub width: f64,
     /// Metres.
     pub height: f64,
-    /// What is black.
+    /// The black rectangles.
     pub black: Vec<Black>,
-    /// Where the words stand (their foot line), metres.
+    /// Position of the caption's baseline, metres.
     pub words_at: (f64, f64),
-    /// What the board is, for whoever finds the sheet.
+    /// The caption: board and instructions for printing.
     pub words: String,
 }
 
-/// A board that cannot be drawn.
+/// Why a board cannot be rendered.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum SheetError {
-    /// A picture too large to make.
+    /// The picture would be too large.
     #[error(
         "{width}×{height} pixels at {dpi} dots per inch: more than 200 Mpixel; ask for fewer dots, or for a PDF"
     )]
@@ -64,8 +63,8 @@ pub enum SheetError {
 }
 
 impl BoardSheet {
-    /// Of a board. A chessboard's first square, top left, is black, as is a ChArUco board's
-    /// (as OpenCV draws them since 4.6).
+    /// Lays out a board. The top left square of a chessboard is black, as is a ChArUco board's
+    /// (OpenCV since 4.6).
     #[must_use]
     pub fn of(board: &Board) -> Self {
         let pattern = pattern::of(board);
@@ -77,7 +76,7 @@ impl BoardSheet {
             ..*b
         };
         let mut black: Vec<Black> = pattern.black.iter().map(shift).collect();
-        // The ruler may stand in the lower margin: it crosses no edge.
+        // The ruler may lie in the lower margin: it crosses no edge of the pattern.
         let foot = pattern.height + 1.5 * margin;
         black.extend(ruler(margin, foot, width - 2.0 * margin));
         Self {
@@ -93,7 +92,7 @@ impl BoardSheet {
         }
     }
 
-    /// A PDF of one page of the sheet's own size.
+    /// Returns a PDF of one page of the sheet's size.
     #[must_use]
     pub fn pdf(&self) -> Vec<u8> {
         let mut drawing = String::from("0 g\n");
@@ -115,7 +114,7 @@ impl BoardSheet {
             self.width * POINTS
         );
         pdf_of(&[
-            // Viewers that honour it do not offer to fit the page.
+            // Viewers that honour this do not offer to fit the page.
             "<< /Type /Catalog /Pages 2 0 R /ViewerPreferences << /PrintScaling /None >> >>"
                 .to_owned(),
             "<< /Type /Pages /Kids [3 0 R] /Count 1 >>".to_owned(),
@@ -128,7 +127,7 @@ impl BoardSheet {
         ])
     }
 
-    /// An SVG in millimetres.
+    /// Returns an SVG in millimetres.
     #[must_use]
     pub fn svg(&self) -> String {
         let mm = |m: f64| 1000.0 * m;
@@ -154,10 +153,10 @@ impl BoardSheet {
         out
     }
 
-    /// 8-bit grey pixels with width and height. The words are left out: a raster has no font.
+    /// Returns 8-bit grey pixels, width and height, without the caption.
     ///
     /// # Errors
-    /// More than 200 Mpixel.
+    /// The picture would have more than 200 Mpixel.
     pub fn raster(&self, dpi: u32) -> Result<(Vec<u8>, u32, u32), SheetError> {
         let dots = f64::from(dpi) / 0.0254;
         let (width, height) = (
@@ -180,7 +179,7 @@ impl BoardSheet {
     }
 }
 
-/// A line with ticks every 10 mm.
+/// Returns a ruler with ticks every 10 mm.
 fn ruler(x: f64, y: f64, room: f64) -> Vec<Black> {
     const THIN: f64 = 0.0002;
     let length = RULER.min(room);
@@ -200,7 +199,7 @@ fn ruler(x: f64, y: f64, room: f64) -> Vec<Black> {
     out
 }
 
-/// A file of these objects, the first of them the catalogue.
+/// Returns a PDF file of these objects; the first one is the catalogue.
 fn pdf_of(objects: &[String]) -> Vec<u8> {
     let mut out = b"%PDF-1.4\n".to_vec();
     let mut places = Vec::new();

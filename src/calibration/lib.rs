@@ -1,5 +1,12 @@
-//! What is known of the rig: geometry, response, white point, exposure. Pure estimators
-//! and plain data; no I/O, no GPU.
+//! Calibrates a rig: lenses, tone curves, white balance, hand–eye transform, latencies, fiducial
+//! maps and the environment camera. Estimators and plain data; no input or output, no GPU.
+//!
+//! In the order of data flow: [`step`] is the interface of all calibration steps, [`simulation`]
+//! renders input for them and [`board_sheet`] prints boards. [`intrinsics`] calibrates lenses,
+//! [`radiometric`] tone curves and gains, [`tag_map`] the fiducials' relative poses, [`latency`]
+//! and [`hand_eye`] the tracker (steps in [`hand_eye_calibration`]), and
+//! [`environment_camera_calibration`] the environment camera. [`verify`] checks a calibrated rig,
+//! [`formats`] reads and writes other programs' files, [`report`] builds the HTML reports.
 
 mod base64;
 pub mod board_sheet;

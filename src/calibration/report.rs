@@ -1,17 +1,17 @@
-//! The reports of calibration: HTML pages with drawings in them, nothing to load.
+//! Calibration reports: HTML pages with embedded plots, without external resources.
 
 use super::step::Finished;
 use penumbra_rig_model::Grade;
 use std::fmt::Write;
 
-/// Width and height of a plot, in its own units.
+/// Width and height of a plot, SVG user units.
 const PLOT: (f64, f64) = (640.0, 300.0);
-/// Room for the axes' numbers.
+/// Margin for the axes' labels, SVG user units.
 const EDGE: f64 = 48.0;
 /// Colours of the series of a plot.
 const COLOURS: [&str; 4] = ["#1d4ed8", "#c2410c", "#15803d", "#7e22ce"];
 
-/// A text as HTML has it.
+/// Escapes a text for HTML.
 #[must_use]
 pub fn escaped(text: &str) -> String {
     text.replace('&', "&amp;")
@@ -20,12 +20,12 @@ pub fn escaped(text: &str) -> String {
         .replace('"', "&quot;")
 }
 
-/// A page that grows from the top.
+/// An HTML page, built from top to bottom.
 #[derive(Debug)]
 pub struct Page(String);
 
 impl Page {
-    /// With a heading and facts below it (date, source, board).
+    /// Creates a page with a heading and facts below it (date, source, board).
     #[must_use]
     pub fn new(title: &str, facts: &[String]) -> Self {
         let mut page = format!(
@@ -43,7 +43,7 @@ impl Page {
         Self(page)
     }
 
-    /// The verdict, what speaks against it, what would make it better, and the figures.
+    /// Appends the grade, findings, hints and figures of a result.
     pub fn verdict(&mut self, found: &Finished) {
         let grade = found.grade.name();
         let _ = writeln!(
@@ -63,12 +63,12 @@ impl Page {
         }
     }
 
-    /// A heading.
+    /// Appends a heading.
     pub fn heading(&mut self, text: &str) {
         let _ = writeln!(self.0, "<h2>{}</h2>", escaped(text));
     }
 
-    /// A table: the first row is its head.
+    /// Appends a table; the first row is its header.
     pub fn table(&mut self, rows: &[Vec<String>]) {
         self.0.push_str("<table>");
         for (i, row) in rows.iter().enumerate() {
@@ -82,7 +82,7 @@ impl Page {
         self.0.push_str("</table>\n");
     }
 
-    /// A drawing made elsewhere (an `<svg>` or an `<img>` with its data in it) with a caption.
+    /// Appends a figure with a caption: an `<svg>`, or an `<img>` with embedded data.
     pub fn figure(&mut self, drawing: &str, caption: &str) {
         let caption = escaped(caption);
         let _ = writeln!(
@@ -91,7 +91,7 @@ impl Page {
         );
     }
 
-    /// Drawings with their captions, two in a row.
+    /// Appends figures with their captions, two in a row.
     pub fn side_by_side(&mut self, figures: &[(String, String)]) {
         self.0.push_str("<div class=\"two\">\n");
         for (drawing, caption) in figures {
@@ -100,12 +100,12 @@ impl Page {
         self.0.push_str("</div>\n");
     }
 
-    /// A plot with a caption.
+    /// Appends a plot with a caption.
     pub fn plot(&mut self, plot: &Plot, caption: &str) {
         self.figure(&plot.svg(), caption);
     }
 
-    /// The whole page.
+    /// Returns the complete page.
     #[must_use]
     pub fn finish(mut self) -> String {
         self.0.push_str("</body></html>\n");
@@ -113,22 +113,22 @@ impl Page {
     }
 }
 
-/// Name, points, and whether a line joins them.
+/// A series: name, points, and whether a line joins them.
 pub type Series = (String, Vec<(f64, f64)>, bool);
 
-/// Points or lines over two axes.
+/// A plot of points or lines over two axes.
 #[derive(Clone, Debug, Default)]
 pub struct Plot {
-    /// Name and unit of the axis to the right.
+    /// Name and unit of the horizontal axis.
     pub x: String,
-    /// Name and unit of the axis upwards.
+    /// Name and unit of the vertical axis.
     pub y: String,
-    /// What is drawn: name, points, joined by a line.
+    /// The series.
     pub series: Vec<Series>,
 }
 
 impl Plot {
-    /// As SVG; what is not finite is left out.
+    /// Returns the plot as SVG, without points that are not finite.
     #[must_use]
     pub fn svg(&self) -> String {
         let all = || {
@@ -187,7 +187,7 @@ impl Plot {
     }
 }
 
-/// The least and the largest, a little apart.
+/// Returns minimum and maximum, widened by a margin; 0 and 1 without values.
 fn span(values: impl Iterator<Item = f64>) -> (f64, f64) {
     let (low, high) = values.fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v), h.max(v)));
     if low > high {
@@ -197,7 +197,7 @@ fn span(values: impl Iterator<Item = f64>) -> (f64, f64) {
     (low - room, high + room)
 }
 
-/// With three significant digits.
+/// Formats a number with three significant digits.
 fn number(value: f64) -> String {
     let digits = 2 - value.abs().max(1e-6).log10().floor() as i32;
     format!("{value:.*}", digits.clamp(0, 8) as usize)
@@ -208,7 +208,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_page_says_its_verdict_and_nothing_from_outside_becomes_markup() {
+    fn page_contains_verdict_and_escapes_text() {
         let mut page = Page::new("A <b> & c", &["from x\"y".to_owned()]);
         let found = Finished {
             grade: Grade::Usable,
@@ -234,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn a_plot_holds_all_finite_points_within_its_frame() {
+    fn plot_keeps_all_finite_points_within_its_frame() {
         let plot = Plot {
             x: "s".to_owned(),
             y: "px".to_owned(),

@@ -1,7 +1,7 @@
-//! A step of calibration, whoever shows it what it asks for: a recording, a live rig, the
-//! dashboard. It is shown pictures and poses in the order of their arrival, says at any time
-//! how far it is and what to do next, and in the end what was found and whether that is good
-//! enough.
+//! The interface of a calibration step, the same for recordings, live rigs and the dashboard.
+//!
+//! A step receives pictures and poses in the order of their arrival. At any time it reports its
+//! progress and what to do next; at the end its result and the result's grade.
 
 use glam::DVec2;
 use penumbra_interface::{MonotonicTime, PoseSample};
@@ -11,17 +11,17 @@ use penumbra_rig_model::Grade;
 use penumbra_rig_model::Header;
 use penumbra_rig_model::VERSION;
 
-/// Which camera.
+/// Role of a camera in the rig.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Eye {
-    /// The one whose picture is augmented.
+    /// The camera whose picture is augmented.
     Scene,
-    /// The one that sees the light.
+    /// The camera that records the light of the surroundings.
     Environment,
 }
 
 impl Eye {
-    /// In a word.
+    /// Returns the name in files and messages.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -31,81 +31,82 @@ impl Eye {
     }
 }
 
-/// What a step has to be shown.
+/// The inputs that a step needs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wants {
     /// Pictures of the scene camera.
     pub scene: bool,
     /// Pictures of the environment camera.
     pub environment: bool,
-    /// Its bracketed exposures too.
+    /// Bracketed exposures of the environment camera.
     pub brackets: bool,
-    /// What the tracker reads.
+    /// Readings of the tracker.
     pub poses: bool,
-    /// Pictures of one camera (and bracket) that are nearer in time need not be shown, seconds.
+    /// Minimum interval between two pictures of one camera and bracket, seconds; pictures that
+    /// follow sooner may be skipped.
     pub spacing: f64,
 }
 
-/// One picture, decoded.
+/// A decoded picture.
 #[derive(Clone, Copy, Debug)]
 pub struct ShownPicture<'a> {
-    /// Whose.
+    /// The camera that took it.
     pub eye: Eye,
     /// The picture, encoded as the camera sent it.
     pub picture: &'a Picture,
-    /// The driver's stamp; the calibration's latency is not taken off.
+    /// The driver's time stamp; the calibrated latency is not subtracted.
     pub captured_at: MonotonicTime,
     /// Stops relative to the base exposure.
     pub bracket_ev: f64,
     /// Exposure time × gain as the camera reports it, seconds.
     pub exposure: Option<f64>,
-    /// Seconds since the first of all.
+    /// Seconds since the first picture of the recording.
     pub seconds: f64,
 }
 
-/// What a step is shown.
+/// One item given to a step.
 #[derive(Clone, Copy, Debug)]
 pub enum Shown<'a> {
     /// A picture.
     Picture(ShownPicture<'a>),
-    /// A reading of the tracker; its arrival is uncorrected too.
+    /// A reading of the tracker; its time of arrival is not corrected for latency.
     Pose(&'a PoseSample),
 }
 
-/// How far a step is.
+/// Progress of a step.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Progress {
-    /// Of what it needs, 0 to 1.
+    /// Share of the needed data that has been gathered, 0 to 1.
     pub share: f64,
-    /// What it has, in a few words: "14 views, 731 corners".
+    /// The data gathered so far: "14 views, 731 corners".
     pub message: String,
-    /// What to do next: "tilt the board to the left"; empty when there is enough.
+    /// What to do next: "tilt the board to the left"; empty when there is enough data.
     pub hint: String,
-    /// What it found in the last picture, pixels; to be drawn over it.
+    /// Overlay points: what was found in the last picture, pixels.
     pub marks: Vec<DVec2>,
-    /// In whose picture.
+    /// The camera to whose picture the overlay points belong.
     pub eye: Option<Eye>,
 }
 
-/// What a step found.
+/// The result of a step.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Finished {
-    /// Good enough?
+    /// Grade of the result.
     pub grade: Grade,
-    /// Figures with their uncertainty, a line each.
+    /// Figures with their uncertainty, one line each.
     pub lines: Vec<String>,
-    /// What speaks against it and what to do, worst first.
+    /// Problems and their remedies, worst first.
     pub findings: Vec<(Grade, String)>,
-    /// What would make it better.
+    /// Suggestions that would improve the result.
     pub hints: Vec<String>,
-    /// The report: a whole HTML page that loads nothing.
+    /// The report: a complete HTML page without external resources.
     pub page: String,
-    /// The calibration, as JSON; none if it was refused.
+    /// The calibration file, JSON; `None` if the calibration was refused.
     pub file: Option<String>,
 }
 
 impl Finished {
-    /// The header of the calibration file that `step` writes.
+    /// Returns the header of the calibration file that `step` writes.
     #[must_use]
     pub fn header(&self, step: &str, made: &Made) -> Header {
         Header {
@@ -123,33 +124,33 @@ impl Finished {
     }
 }
 
-/// Who asks, when, of what; goes into file and report.
+/// Date, source and device of a calibration, for its file and report.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Made {
     /// UTC, ISO 8601.
     pub date: String,
-    /// A session's name, or "live".
+    /// Name of the session, or "live".
     pub source: String,
-    /// Device's name, as far as known.
+    /// Name of the device, if known.
     pub device: Option<String>,
-    /// Its serial number.
+    /// Serial number of the device, if known.
     pub serial: Option<String>,
 }
 
-/// A step of calibration.
+/// A calibration step.
 pub trait Step: Send {
-    /// Its name on the command line.
+    /// Returns its name on the command line.
     fn name(&self) -> &'static str;
 
-    /// What is to be shown.
+    /// Returns the inputs that it needs.
     fn wants(&self) -> Wants;
 
-    /// Here it is.
+    /// Processes one input.
     fn look(&mut self, shown: &Shown);
 
-    /// How far it is.
+    /// Returns its progress.
     fn progress(&self) -> Progress;
 
-    /// All that it will see it has seen.
+    /// Computes the result from all inputs so far.
     fn finish(&mut self, made: &Made) -> Finished;
 }

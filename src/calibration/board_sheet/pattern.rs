@@ -1,4 +1,4 @@
-//! What is black on a board, whatever sheet it is put on.
+//! The black rectangles of a board, independent of the sheet.
 
 use super::Black;
 use crate::intrinsics::Board;
@@ -9,7 +9,7 @@ use penumbra_fiducials::Family;
 pub(crate) struct Pattern {
     pub width: f64,
     pub height: f64,
-    /// Edge of the squares at its rim: their white surroundings must be in proportion.
+    /// Edge of the outer squares, metres; the white margin is proportional to it.
     pub rim: f64,
     pub black: Vec<Black>,
 }
@@ -45,7 +45,7 @@ pub(crate) fn of(board: &Board) -> Pattern {
     }
 }
 
-/// Black squares where column and row add to an even number.
+/// Returns the chessboard's black squares: those whose column and row have an even sum.
 fn chess(columns: u32, rows: u32, square: f64) -> Pattern {
     let all = (0..columns * rows).map(|i| (i % columns, i / columns));
     let black = all.filter(|(x, y)| (x + y) % 2 == 0);
@@ -59,7 +59,7 @@ fn chess(columns: u32, rows: u32, square: f64) -> Pattern {
     }
 }
 
-/// Tags, and black squares in the corners of the gaps between and around them (Kalibr).
+/// Returns the tags, and the black squares at the crossings of the gaps (Kalibr).
 fn april_grid(
     board: &Board,
     (columns, rows): (u32, u32),
@@ -91,7 +91,7 @@ const fn filled(x: f64, y: f64, edge: f64) -> Black {
 }
 
 impl Pattern {
-    /// Every tag of the board, whose border's top left corner is `at` its column and row.
+    /// Adds all tags; `at` returns the top left corner of a tag's border from its column and row.
     fn add_tags(
         &mut self,
         board: &Board,
@@ -110,7 +110,7 @@ impl Pattern {
         }
     }
 
-    /// Its black modules, those in a row that touch as one rectangle.
+    /// Adds a tag's black modules; adjacent ones of a row become one rectangle.
     fn add_tag(
         &mut self,
         (family, id): (Family, u32),

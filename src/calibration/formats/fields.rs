@@ -1,16 +1,16 @@
-//! A walk through a document that remembers where it is.
+//! Typed access to a document, with the path and line of each value for messages.
 
 use super::yaml::{Kind, Value};
 use super::{ExchangeError, Result};
 use glam::DVec2;
 use penumbra_camera::{Lens, LensModel};
 
-/// No parameter of a camera is larger.
+/// Maximum magnitude of a camera parameter.
 const LARGEST: f64 = 1e6;
-/// Pixels along a side.
+/// Maximum width and height, pixels.
 const MOST_PIXELS: f64 = 65_536.0;
 
-/// A mapping and the path to it.
+/// A mapping and its path.
 pub(super) struct Fields<'a> {
     entries: &'a [(String, Value)],
     path: String,
@@ -92,7 +92,7 @@ impl<'a> Fields<'a> {
     pub fn pixels(&self, key: &str) -> Result<u32> {
         const EXPECTED: &str = "a whole number of pixels, 1 to 65536";
         let text = self.text(key, EXPECTED)?;
-        // OpenCV writes whole numbers as `640.` at times.
+        // OpenCV sometimes writes integers as `640.`.
         let value: f64 = text.parse().map_err(|_| self.wrong(key, EXPECTED))?;
         let whole = (1.0..=MOST_PIXELS).contains(&value) && value.fract() == 0.0;
         whole
@@ -100,7 +100,7 @@ impl<'a> Fields<'a> {
             .ok_or_else(|| self.wrong(key, EXPECTED))
     }
 
-    /// The numbers of a matrix `{rows, cols, data}`.
+    /// Returns the numbers of a matrix `{rows, cols, data}`.
     pub fn matrix(&self, key: &str) -> Result<Vec<f64>> {
         const EXPECTED: &str = "a matrix with rows, cols and data";
         let matrix = self.map(key, EXPECTED)?;
@@ -113,7 +113,7 @@ impl<'a> Fields<'a> {
         }
     }
 
-    /// The lens without distortion of a 3×3 camera matrix.
+    /// Returns the lens of a 3×3 camera matrix, without distortion.
     pub fn lens(&self, key: &str, size: (u32, u32)) -> Result<Lens> {
         let wrong = || self.wrong(key, "fx, 0, cx, 0, fy, cy, 0, 0, 1 with fx and fy above 0");
         let k: [f64; 9] = self.matrix(key)?.try_into().map_err(|_| wrong())?;

@@ -1,5 +1,8 @@
-//! Cameras' parameters in other programs' files: OpenCV's FileStorage YAML, ROS's
-//! `camera_info` YAML and Kalibr's camchain YAML.
+//! Camera parameters in other programs' files: OpenCV's FileStorage YAML, ROS's `camera_info`
+//! YAML and Kalibr's camchain YAML.
+//!
+//! `yaml` parses the document, `fields` reads typed values from it; `opencv`, `ros` and `kalibr`
+//! read and write the dialects.
 
 mod fields;
 mod kalibr;
@@ -11,7 +14,7 @@ use fields::Fields;
 use penumbra_camera::{Lens, LensModel};
 use thiserror::Error;
 
-/// Whose file it is.
+/// Dialect of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Dialect {
     /// OpenCV's FileStorage, as its calibration samples write it.
@@ -25,24 +28,24 @@ pub enum Dialect {
 /// One camera of a file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NamedLens {
-    /// As the file calls it.
+    /// Name in the file.
     pub name: String,
     /// The lens.
     pub lens: Lens,
 }
 
-/// A file is not what it should be. Each text says where and what to do.
+/// Why a file cannot be read or written. Each message names the place and the remedy.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum ExchangeError {
-    /// Not of the kind of YAML that is read.
+    /// The file is not valid in the supported subset of YAML.
     #[error("line {line}: {reason}")]
     Syntax {
         /// From 1.
         line: usize,
-        /// What is wrong there.
+        /// The problem.
         reason: &'static str,
     },
-    /// A key that is needed is not there.
+    /// A required key is missing.
     #[error("key `{key}` is missing; add it ({expected})")]
     Missing {
         /// From the root.
@@ -50,7 +53,7 @@ pub enum ExchangeError {
         /// What the value should be.
         expected: &'static str,
     },
-    /// A value that makes no sense.
+    /// A value has the wrong type or range.
     #[error("line {line}: `{key}` must be {expected}")]
     Wrong {
         /// From 1.
@@ -60,30 +63,30 @@ pub enum ExchangeError {
         /// What the value should be.
         expected: &'static str,
     },
-    /// None of the three.
+    /// The file is of none of the three dialects.
     #[error(
         "no camera in it: expected OpenCV's camera_matrix, ROS's distortion_model or Kalibr's cam0"
     )]
     Unknown,
-    /// The file's format has no place for the lens.
+    /// The format cannot express the lens.
     #[error(
         "{dialect} cannot express {what}; calibrate with another model, or export to another format"
     )]
     Inexpressible {
-        /// Whose format.
+        /// Name of the format.
         dialect: &'static str,
-        /// What of the lens.
+        /// Property of the lens that it cannot express.
         what: &'static str,
     },
 }
 
 type Result<T> = std::result::Result<T, ExchangeError>;
 
-/// All cameras of a file of any of the three dialects. `size` stands in for the pictures'
-/// size where the file does not say it (OpenCV's stereo files).
+/// Reads all cameras of a file in any of the three dialects. `size` is the pictures' size in
+/// pixels, used where the file has none (OpenCV's stereo files).
 ///
 /// # Errors
-/// What is wrong and where, in one line.
+/// The text is not valid YAML, has no camera, or a key is missing or has a wrong value.
 pub fn read(text: &str, size: Option<(u32, u32)>) -> Result<Vec<NamedLens>> {
     let document = yaml::parse(text)?;
     let root = Fields::root(&document)?;
@@ -96,10 +99,10 @@ pub fn read(text: &str, size: Option<(u32, u32)>) -> Result<Vec<NamedLens>> {
     }
 }
 
-/// The file that says the same. OpenCV and ROS have one camera in a file: the first.
+/// Writes cameras as a file. OpenCV and ROS files hold one camera: the first.
 ///
 /// # Errors
-/// A lens that the format cannot express.
+/// The format cannot express the lens.
 pub fn write(dialect: Dialect, cameras: &[NamedLens]) -> Result<String> {
     let first = cameras.first().ok_or(ExchangeError::Unknown)?;
     match dialect {
@@ -109,7 +112,7 @@ pub fn write(dialect: Dialect, cameras: &[NamedLens]) -> Result<String> {
     }
 }
 
-/// So many digits that reading gives the same number again.
+/// Formats a number with enough digits that it reads back unchanged.
 fn number(value: f64) -> String {
     format!("{value:?}")
 }
@@ -119,13 +122,13 @@ fn numbers(values: &[f64]) -> String {
     texts.join(", ")
 }
 
-/// fx, 0, cx, 0, fy, cy, 0, 0, 1.
+/// Returns the camera matrix: fx, 0, cx, 0, fy, cy, 0, 0, 1.
 fn camera_matrix(lens: &Lens) -> [f64; 9] {
     let (f, c) = (lens.focal, lens.centre);
     [f.x, 0.0, c.x, 0.0, f.y, c.y, 0.0, 0.0, 1.0]
 }
 
-/// The lens of that model with coefficients in its own order, as far as given.
+/// Returns the lens of a model with coefficients in the model's order; missing ones are zero.
 fn with_coefficients(mut lens: Lens, model: LensModel, coefficients: &[f64]) -> Lens {
     lens.model = model;
     lens.coefficients = [0.0; 8];

@@ -5,7 +5,8 @@ use super::{ExchangeError, NamedLens, Result, camera_matrix, numbers, with_coeff
 use penumbra_camera::LensModel;
 use std::fmt::Write;
 
-/// Names that samples and programs give to the camera matrix and the coefficients.
+/// Keys of camera matrix and coefficients in OpenCV's samples and common programs, and the
+/// camera's name.
 const NAMES: [(&str, &str, &str); 4] = [
     ("camera_matrix", "distortion_coefficients", "camera"),
     ("cameraMatrix", "distCoeffs", "camera"),
@@ -18,7 +19,7 @@ pub(super) fn read(root: &Fields, given: Option<(u32, u32)>) -> Result<Vec<Named
         (None, Some(size)) => size,
         _ => (root.pixels("image_width")?, root.pixels("image_height")?),
     };
-    // As OpenCV's camera_calibration sample notes it.
+    // As OpenCV's camera_calibration sample writes it.
     let fisheye =
         root.find("fisheye_model").is_some() && root.text("fisheye_model", "0 or 1")? != "0";
     let mut out = Vec::new();
@@ -32,7 +33,7 @@ pub(super) fn read(root: &Fields, given: Option<(u32, u32)>) -> Result<Vec<Named
             (true, 4) => LensModel::KannalaBrandt,
             (false, 4 | 5) => LensModel::Brown,
             (false, 8) => LensModel::BrownRational,
-            // Thin prisms and a tilted sensor, if unused, are nothing.
+            // Coefficients of thin prisms and a tilted sensor are accepted if they are zero.
             (false, 12 | 14) if k[8..].iter().all(|x| *x == 0.0) => LensModel::BrownRational,
             _ => {
                 return Err(root.wrong(

@@ -5,7 +5,7 @@ use super::{NamedLens, Result, camera_matrix, numbers, with_coefficients};
 use penumbra_camera::LensModel;
 use std::fmt::Write;
 
-/// ROS's names of the models.
+/// Names of the models in ROS.
 const MODELS: [(LensModel, &str); 3] = [
     (LensModel::Brown, "plumb_bob"),
     (LensModel::BrownRational, "rational_polynomial"),
@@ -49,7 +49,7 @@ pub(super) fn write(camera: &NamedLens) -> String {
         "image_width: {}\nimage_height: {}",
         lens.width, lens.height
     );
-    // Quotes and line breaks in a name would end it.
+    // Quotes and line breaks would end the name.
     let plain = |c: &char| c.is_alphanumeric() || matches!(c, '_' | '-' | '.');
     let name: String = camera.name.chars().filter(plain).collect();
     let _ = writeln!(out, "camera_name: {name}");

@@ -18,7 +18,7 @@ fn lens(model: LensModel, coefficients: &[f64]) -> NamedLens {
 }
 
 #[test]
-fn what_is_written_is_read_again_to_the_last_digit() {
+fn written_file_reads_back_unchanged() {
     let brown = lens(
         LensModel::Brown,
         &[-0.28, 0.1 + 0.2, 1e-17, -1.0 / 3.0, 0.05],
@@ -57,7 +57,7 @@ fn what_is_written_is_read_again_to_the_last_digit() {
 }
 
 #[test]
-fn files_of_the_three_programs_are_read() {
+fn reads_files_of_all_three_programs() {
     let ros = "image_width: 640\nimage_height: 480\ncamera_name: narrow_stereo\n\
         camera_matrix:\n  rows: 3\n  cols: 3\n  data: [438.0, 0.000000, 305.5, 0, 437.3, 255.4, 0.0, 0, 1]\n\
         distortion_model: plumb_bob\ndistortion_coefficients:\n  rows: 1\n  cols: 5\n  data: [-0.361976, 0.110510, 0.001014, 0.000505, 0.0]\n";
@@ -83,7 +83,7 @@ fn files_of_the_three_programs_are_read() {
 }
 
 #[test]
-fn opencvs_own_files_are_read() {
+fn reads_files_written_by_opencv() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/calibration");
     if !folder.is_dir() {
         eprintln!("skipped: no ../../../shared/data/calibration");
@@ -110,7 +110,7 @@ fn opencvs_own_files_are_read() {
 }
 
 #[test]
-fn mistakes_are_told_by_line_and_key() {
+fn errors_name_line_and_key() {
     let good = write(Dialect::Opencv, &[lens(LensModel::Brown, &[0.1; 5])]).unwrap();
     for (from, to, says) in [
         (
@@ -161,12 +161,12 @@ fn mistakes_are_told_by_line_and_key() {
 
 proptest! {
     #[test]
-    fn no_text_makes_the_reader_panic(text in "[ \\-\\[\\]{}:,#'\"!%a-c0-9.\n]{0,200}") {
+    fn parser_never_panics_on_random_text(text in "[ \\-\\[\\]{}:,#'\"!%a-c0-9.\n]{0,200}") {
         let _ = read(&text, Some((640, 480)));
     }
 
     #[test]
-    fn no_damage_makes_the_reader_panic(at in 0_usize..600, byte in any::<u8>()) {
+    fn parser_never_panics_on_damaged_file(at in 0_usize..600, byte in any::<u8>()) {
         let good = write(Dialect::Ros, &[lens(LensModel::Brown, &[0.1; 5])]).unwrap();
         let mut bytes = good.into_bytes();
         let at = at % bytes.len();

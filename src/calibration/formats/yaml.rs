@@ -1,14 +1,14 @@
-//! The part of YAML in which cameras' parameters are written: block mappings and lists, flow
+//! The subset of YAML in which camera parameters are written: block mappings and lists, flow
 //! mappings and lists over several lines, quoted and plain scalars, comments, tags (skipped).
-//! Strict: whatever else YAML has (anchors, multi-line texts, several documents) is an error
-//! with its line.
+//! Strict: other features of YAML (anchors, multi-line texts, several documents) are errors that
+//! name their line.
 //!
-//! OpenCV writes `%YAML:1.0`, which is no YAML directive, so a general parser would have to be
-//! fed a mended text; and a damaged file must be told by line and key.
+//! A parser of our own, because OpenCV writes `%YAML:1.0`, which is not a valid YAML directive, so
+//! that a general parser would need a corrected text; and because errors must name line and key.
 
 use super::ExchangeError;
 
-/// One value and where it began.
+/// A value and the line on which it begins.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Value {
     pub line: usize,
@@ -22,9 +22,9 @@ pub(super) enum Kind {
     Map(Vec<(String, Value)>),
 }
 
-/// Longest file that is read, bytes.
+/// Maximum length of a file, bytes.
 const LONGEST: usize = 1 << 20;
-/// Values within values.
+/// Maximum nesting depth.
 const DEEPEST: usize = 16;
 
 struct Line<'a> {
@@ -39,7 +39,7 @@ fn broken(line: usize, reason: &'static str) -> ExchangeError {
     ExchangeError::Syntax { line, reason }
 }
 
-/// Reads a document.
+/// Parses a document.
 pub(super) fn parse(text: &str) -> Result<Value> {
     if text.len() > LONGEST {
         return Err(broken(1, "longer than 1 MiB: no camera's parameters"));
@@ -73,7 +73,7 @@ pub(super) fn parse(text: &str) -> Result<Value> {
     }
 }
 
-/// Up to a `#` that begins a comment: at the start or after a blank, outside of quotes.
+/// Returns the line without its comment: a `#` at the start or after a blank, outside quotes.
 fn without_comment(line: &str) -> &str {
     let (mut quote, mut before) = (None, ' ');
     for (i, c) in line.char_indices() {
@@ -130,14 +130,14 @@ impl<'a> Reader<'a> {
         let mut values = Vec::new();
         while let Some(line) = self.lines.get(self.next).filter(|l| l.indent == indent) {
             let (number, text) = (line.number, line.text);
-            // A list that stands as far left as its key ends where the next key begins.
+            // A list that is indented like its key ends where the next key begins.
             let Some(rest) = text.strip_prefix('-') else {
                 break;
             };
             let content = rest.trim_start();
             let flow = content.starts_with(['[', '{', '"', '\'']);
             if !flow && split_key(content).is_some() {
-                // `- key: value` begins a mapping that is indented to the key.
+                // `- key: value` begins a mapping with the key's indentation.
                 let inner = indent + text.len() - content.len();
                 self.lines[self.next].indent = inner;
                 self.lines[self.next].text = content;
@@ -150,13 +150,13 @@ impl<'a> Reader<'a> {
         Ok(Kind::List(values))
     }
 
-    /// What follows `key:` on its line, and the lines below it that belong to it.
+    /// Parses the value after `key:` on its line and on the lines below that belong to it.
     fn value(&mut self, line: usize, rest: &'a str, indent: usize, depth: usize) -> Result<Value> {
         let rest = without_tag(rest.trim());
         if rest.is_empty() {
             return match self.lines.get(self.next) {
                 Some(below) if below.indent > indent => self.block(below.indent, depth + 1),
-                // A list may stand as far left as its key.
+                // A list may be indented like its key.
                 Some(below) if below.indent == indent && below.text.starts_with("- ") => {
                     let kind = self.list(indent, depth + 1)?;
                     Ok(Value { line, kind })
@@ -199,7 +199,7 @@ fn split_key(text: &str) -> Option<(&str, &str)> {
     (!key.is_empty()).then_some((key, &text[at + 1..]))
 }
 
-/// `!!opencv-matrix` and the like say nothing that the keys do not.
+/// Removes a tag such as `!!opencv-matrix`, which adds nothing to the keys.
 fn without_tag(text: &str) -> &str {
     if text.starts_with('!') {
         text.split_once(' ')
@@ -219,7 +219,7 @@ fn is_closed(text: &str) -> bool {
     open <= text.matches([']', '}']).count()
 }
 
-/// `[1, 2, {a: b}]`.
+/// Parser of flow values, e.g. `[1, 2, {a: b}]`.
 struct Flow<'a> {
     line: usize,
     rest: &'a str,
@@ -272,7 +272,7 @@ impl Flow<'_> {
         })
     }
 
-    /// A comma, or the closing bracket to come.
+    /// Consumes a comma, unless the closing bracket follows.
     fn separator(&mut self, closing: char) -> Result<()> {
         self.rest = self.rest.trim_start();
         if self.eat(',') || self.rest.starts_with(closing) {

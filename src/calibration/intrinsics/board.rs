@@ -1,13 +1,13 @@
-//! Boards: which point of a printed pattern is where.
+//! Calibration boards and the positions of their points.
 //!
 //! Board frame: +X along a row, +Y down the columns, +Z into the paper, the origin at the
-//! first corner; metres. So a board seen upright from the front has the camera's own axes.
+//! first corner; metres. A board seen upright from the front has the axes of the camera frame.
 
 use glam::DVec2;
 use penumbra_fiducials::{Family, UnknownFamily};
 use thiserror::Error;
 
-/// A pattern to calibrate with.
+/// A calibration pattern.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Board {
     /// A chessboard, by its inner corners.
@@ -29,7 +29,7 @@ pub enum Board {
         tag: f64,
         /// Gap between tags as a share of `tag` (Kalibr's tagSpacing).
         gap: f64,
-        /// Which tags, from number 0 on.
+        /// Family of the tags, numbered from 0.
         family: Family,
     },
     /// A chessboard with markers in its white squares (OpenCV's `CharucoBoard`).
@@ -42,15 +42,15 @@ pub enum Board {
         square: f64,
         /// Edge of a marker, metres.
         marker: f64,
-        /// Which markers, from number 0 on.
+        /// Dictionary of the markers, numbered from 0.
         family: Family,
     },
 }
 
-/// What was typed is no board.
+/// Why a text does not describe a board.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum BoardError {
-    /// Not of the form expected.
+    /// The text has the wrong form.
     #[error(
         "board `{text}`: write chess:COLUMNSxROWS:SQUARE (inner corners, metres), \
          aprilgrid:COLUMNSxROWS:TAG:GAP (metres, share of the tag) or \
@@ -61,32 +61,32 @@ pub enum BoardError {
         /// As typed.
         text: String,
     },
-    /// No such tags.
+    /// The tag family is unknown.
     #[error("board `{text}`: {reason}")]
     Tags {
         /// As typed.
         text: String,
-        /// Which are known.
+        /// The known families.
         reason: UnknownFamily,
     },
-    /// A number that no board can have.
+    /// A number is out of range.
     #[error("board `{text}`: {reason}")]
     Impossible {
         /// As typed.
         text: String,
-        /// Which, and what would do.
+        /// The number and its valid range.
         reason: &'static str,
     },
 }
 
-/// No board has more rows or columns.
+/// Maximum number of rows or columns.
 const MOST: u32 = 100;
 
 impl Board {
-    /// Reads `chess:9x6:0.025` and the like.
+    /// Parses a board, e.g. `chess:9x6:0.025`.
     ///
     /// # Errors
-    /// Another form, or impossible numbers: sizes are in metres, and above 2 m nobody prints.
+    /// The text has another form, or a number is out of range: sizes are in metres, at most 2 m.
     pub fn parse(text: &str) -> Result<Self, BoardError> {
         let unreadable = || BoardError::Unreadable {
             text: text.to_owned(),
@@ -127,7 +127,7 @@ impl Board {
         Ok(board)
     }
 
-    /// Why there can be no such board.
+    /// Returns why no such board exists.
     fn check(&self) -> Result<(), &'static str> {
         let ((columns, rows), edge) = match *self {
             Self::Chess {
@@ -171,7 +171,7 @@ impl Board {
         }
     }
 
-    /// Its tags' family; a chessboard has none.
+    /// Returns the family of its tags; `None` for a chessboard.
     #[must_use]
     pub const fn family(&self) -> Option<Family> {
         match *self {
@@ -180,8 +180,8 @@ impl Board {
         }
     }
 
-    /// Its tags stand on their heads: OpenCV has the words of AprilTags turned by half a turn, and
-    /// so draws them on its boards.
+    /// Returns whether its tags are upside down: OpenCV stores the AprilTag codes rotated by 180° and
+    /// draws them so on its boards.
     #[must_use]
     pub const fn has_turned_tags(&self) -> bool {
         matches!(
@@ -193,7 +193,7 @@ impl Board {
         )
     }
 
-    /// How many tags are on it.
+    /// Returns the number of tags on it.
     #[must_use]
     pub const fn tag_count(&self) -> u32 {
         match *self {
@@ -203,7 +203,7 @@ impl Board {
         }
     }
 
-    /// Number of points that can be found on it.
+    /// Returns the number of points that can be detected on it.
     #[must_use]
     pub const fn point_count(&self) -> usize {
         match *self {
@@ -213,7 +213,7 @@ impl Board {
         }
     }
 
-    /// Distance between neighbouring points, metres.
+    /// Returns the distance between neighbouring points, metres.
     #[must_use]
     pub const fn pitch(&self) -> f64 {
         match *self {
@@ -223,7 +223,7 @@ impl Board {
     }
 }
 
-/// The numbers behind the counts, and the tags' name if the last is none.
+/// Returns the numbers after the counts, and the family's name if the last part is no number.
 fn lengths_and_family<'a>(
     text: &str,
     parts: impl Iterator<Item = &'a str>,
@@ -243,7 +243,7 @@ fn lengths_and_family<'a>(
         })
 }
 
-/// OpenCV's smallest dictionary of 4×4 bits with so many markers.
+/// Returns OpenCV's smallest 4×4 dictionary with at least this number of markers.
 fn usual_dictionary(markers: u32) -> Family {
     let sizes = [50, 100, 250].into_iter();
     let enough = |n: &u16| u32::from(*n) >= markers;
@@ -284,21 +284,21 @@ impl std::fmt::Display for Board {
     }
 }
 
-/// A point of the board and where it was seen.
+/// A point of the board and its position in the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Correspondence {
-    /// On the board, metres.
+    /// Position on the board, metres.
     pub point: DVec2,
-    /// In the picture.
+    /// Position in the picture, pixels.
     pub pixel: DVec2,
 }
 
 /// One picture of the board.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct View {
-    /// For messages: a file's name, or a time.
+    /// Name for messages: a file name or a time.
     pub name: String,
-    /// In no order.
+    /// The points, in any order.
     pub points: Vec<Correspondence>,
 }
 

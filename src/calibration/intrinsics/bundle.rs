@@ -1,4 +1,4 @@
-//! Lens and all board poses at once: least squares over every reprojection error.
+//! Bundle adjustment: least squares over all reprojection errors, for the lens and all board poses.
 
 use super::board::View;
 use super::pose::{by_pose, moved};
@@ -7,10 +7,10 @@ use penumbra_camera::{Lens, MOST_PARAMETERS};
 use penumbra_interface::RigidTransform;
 use penumbra_numerics::Matrix;
 
-/// Damping beyond which no step helps any more.
+/// Damping at which the minimisation stops.
 const MOST_DAMPING: f64 = 1e10;
 
-/// Which lens parameters are sought, and as which unknown; those of one unknown are equal.
+/// Mapping from lens parameters to unknowns; parameters of the same unknown are equal.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Unknowns {
     column_of: [Option<usize>; MOST_PARAMETERS],
@@ -18,8 +18,8 @@ pub(super) struct Unknowns {
 }
 
 impl Unknowns {
-    /// Focal lengths (one if pixels are square), the centre if `centre`, and the first
-    /// coefficients.
+    /// Creates the unknowns: focal lengths (one if pixels are square), the centre if `centre`, and
+    /// the first coefficients.
     pub fn new(square_pixels: bool, centre: bool, coefficients: usize) -> Self {
         let mut column_of = [None; MOST_PARAMETERS];
         let mut count = 0;
@@ -43,12 +43,12 @@ impl Unknowns {
         self.count
     }
 
-    /// Values by unknown (a covariance's diagonal, say) spread over the parameters.
+    /// Returns values per parameter from values per unknown (e.g. a covariance's diagonal).
     pub fn by_parameter(&self, values: impl Fn(usize) -> f64) -> [f64; MOST_PARAMETERS] {
         self.column_of.map(|column| column.map_or(0.0, &values))
     }
 
-    /// Derivatives by parameter gathered by unknown.
+    /// Returns derivatives per unknown from derivatives per parameter.
     pub fn gather(&self, by_parameter: &[DVec2; MOST_PARAMETERS], into: &mut [DVec2]) {
         into.fill(DVec2::ZERO);
         for (column, by) in self.column_of.iter().zip(by_parameter) {
@@ -67,7 +67,7 @@ impl Unknowns {
     }
 }
 
-/// What is sought.
+/// The estimate: lens and poses.
 #[derive(Clone, Debug)]
 pub(super) struct State {
     pub lens: Lens,
@@ -75,17 +75,17 @@ pub(super) struct State {
     pub poses: Vec<RigidTransform>,
 }
 
-/// How much a large error counts.
+/// Loss function of the errors.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Loss {
-    /// Its square.
+    /// Squared error.
     Squares,
-    /// Hardly more than a smaller one: ln(1 + e²/s²) s² (Cauchy), s in pixels.
+    /// Cauchy loss: s² ln(1 + e²/s²), s in pixels.
     Cauchy(f64),
 }
 
 impl Loss {
-    /// Cost and weight of an error of that square.
+    /// Returns cost and weight of a squared error.
     fn of(self, square: f64) -> (f64, f64) {
         match self {
             Self::Squares => (square, 1.0),
@@ -97,7 +97,7 @@ impl Loss {
     }
 }
 
-/// The views, and which of their points count.
+/// The views and which of their points are used.
 pub(super) struct Bundle<'a> {
     pub views: &'a [&'a View],
     pub used: &'a [Vec<bool>],
@@ -105,34 +105,34 @@ pub(super) struct Bundle<'a> {
     pub loss: Loss,
 }
 
-/// Normal equations with one block for each pose.
+/// Normal equations with one block per pose.
 pub(super) struct Linearised {
     lens: Matrix,
     lens_gradient: Vec<f64>,
     poses: Vec<PoseBlock>,
     pub cost: f64,
-    /// Points that count.
+    /// Number of points used.
     pub points: usize,
 }
 
 struct PoseBlock {
     own: Matrix,
-    /// Lens by pose.
+    /// Blocks between lens and pose.
     cross: Matrix,
     gradient: [f64; 6],
     lens_gradient: Vec<f64>,
 }
 
-/// The equations of the lens alone, after the poses are eliminated.
+/// The equations of the lens after elimination of the poses.
 pub(super) struct Reduced {
     pub matrix: Matrix,
     pub gradient: Vec<f64>,
-    /// What each view adds to the gradient.
+    /// Each view's contribution to the gradient.
     pub by_view: Vec<Vec<f64>>,
 }
 
 impl Bundle<'_> {
-    /// Walks to the least cost from `state`; `None` if the start makes no sense.
+    /// Minimises the cost from `state`; `None` if the cost of `state` is undefined.
     pub fn minimise(&self, mut state: State, iterations: usize) -> Option<(State, Linearised)> {
         let mut here = self.linearise(&state)?;
         let mut damping = 1e-4;

@@ -1,5 +1,5 @@
-//! What a lens found says against what is known of the rig: the other camera's pictures, another
-//! mode, another kind of lens.
+//! Consistency of a calibrated lens with the rig: detects swapped cameras, another picture size and
+//! another kind of lens.
 
 use super::estimate::Options;
 use super::finding::Finding;
@@ -10,23 +10,23 @@ use penumbra_camera::LensModel;
 use penumbra_rig_model::Grade;
 use penumbra_rig_model::RigDocument;
 
-/// Focal lengths that differ by less than this share may be of one lens.
+/// Maximum relative difference of focal lengths that may belong to the same lens.
 const SAME_LENS: f64 = 0.03;
-/// Those that differ by more than this are not.
+/// Minimum relative difference of focal lengths that belong to different lenses.
 const OTHER_LENS: f64 = 0.15;
 
-/// A camera's lens as the rig has it so far.
+/// A camera's lens in the rig's present calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SaidLens {
     /// Width and height of its pictures.
     pub size: (u32, u32),
-    /// Pixels, or pixels per radian.
+    /// Focal length, pixels or (fisheye) pixels per radian.
     pub focal: f64,
-    /// It is a fisheye (Kannala–Brandt).
+    /// The lens is a fisheye (Kannala–Brandt).
     pub fisheye: bool,
 }
 
-/// Both cameras' lenses, as far as the rig has them.
+/// Both cameras' lenses in the rig's present calibration, if known.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SaidLenses {
     /// The scene camera's.
@@ -36,7 +36,7 @@ pub struct SaidLenses {
 }
 
 impl SaidLenses {
-    /// Of a rig.
+    /// Returns the lenses of a rig.
     #[must_use]
     pub fn of(rig: &RigDocument) -> Self {
         let pinhole = |camera: &penumbra_camera::PinholeCamera| SaidLens {
@@ -59,7 +59,7 @@ impl SaidLenses {
         }
     }
 
-    /// Of one camera.
+    /// Returns the lens of one camera.
     #[must_use]
     pub const fn of_eye(&self, eye: Eye) -> Option<SaidLens> {
         match eye {
@@ -76,7 +76,7 @@ const fn other(eye: Eye) -> Eye {
     }
 }
 
-/// What in `outcome`, of the camera `eye`, contradicts the rig.
+/// Returns the contradictions between the rig and the `outcome` of the camera `eye`.
 #[must_use]
 pub fn contradictions(
     outcome: &Outcome,
@@ -126,7 +126,7 @@ mod tests {
     use penumbra_numerics::Random;
 
     #[test]
-    fn swapped_cameras_other_modes_and_other_lenses_are_told() {
+    fn swapped_cameras_modes_and_lenses_are_reported() {
         let lens = pinhole();
         let mut gatherer = Gatherer::new(Board::parse("chess:9x6:0.025").unwrap());
         for view in seen(&lens, &poses(12, 0.4, 0.3, 5), 0.15, &mut Random::new(2)) {

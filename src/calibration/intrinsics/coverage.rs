@@ -1,5 +1,5 @@
-//! How much the views say: where in the picture corners were seen, to which sides the board
-//! was tilted, and how sure the lens is of each part of the picture.
+//! Quality of the views: coverage of the picture by corners, tilt of the board, and the lens's
+//! uncertainty in each part of the picture.
 
 use super::estimate::{Estimate, ViewEstimate};
 use super::rim::Light;
@@ -10,19 +10,19 @@ use penumbra_numerics::{Matrix, median};
 /// Columns and rows of cells in which corners are counted.
 pub const CELLS: (usize, usize) = (8, 6);
 
-/// Where corners were seen.
+/// Coverage of the picture by corners.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Coverage {
-    /// Corners used, by cell, row by row; [`CELLS`].
+    /// Number of corners used per cell, row by row; [`CELLS`].
     pub corners: Vec<u32>,
-    /// Cells that light can fall on: all but a fisheye's black corners.
+    /// Cells that receive light: all but a fisheye's black corners.
     pub lit: Vec<bool>,
     /// Share of the lit cells with a corner in them.
     pub share: f64,
 }
 
-/// To which sides the board was tilted: angles between its normal and the line of sight, the
-/// largest to each side, radians.
+/// Tilt of the board: the largest angle between its normal and the line of sight towards each
+/// side, radians.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Tilt {
     /// The paper faced leftwards in the picture.
@@ -35,19 +35,19 @@ pub struct Tilt {
     pub down: f64,
 }
 
-/// How far the picture of a direction may be off, 1σ, pixels.
+/// Standard deviation of a direction's pixel, caused by the lens's uncertainty, pixels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Uncertainty {
-    /// By cell ([`CELLS`]), at its middle; `None` where nothing is seen.
+    /// At the centre of each cell ([`CELLS`]); `None` where the lens has no picture.
     pub by_cell: Vec<Option<f64>>,
-    /// In the middle of all.
+    /// Median over all cells.
     pub median: f64,
-    /// Where it is worst.
+    /// Maximum over all cells.
     pub worst: f64,
 }
 
 impl Coverage {
-    /// Of the points that were used. `light` tells where a fisheye's picture ends.
+    /// Computes the coverage by the points used. `light` bounds a fisheye's picture.
     #[must_use]
     pub fn of(lens: &Lens, views: &[ViewEstimate], light: &Light) -> Self {
         let (columns, rows) = CELLS;
@@ -78,7 +78,7 @@ impl Coverage {
         }
     }
 
-    /// The part of the picture where corners are missed most, in words; `None` if none is.
+    /// Names the part of the picture that most needs corners; `None` if none does.
     #[must_use]
     pub fn poorest_part(&self) -> Option<&'static str> {
         const NAMES: [&str; 9] = [
@@ -120,7 +120,7 @@ impl Tilt {
         for view in views.iter().filter(|v| v.used) {
             let Some(pose) = view.pose else { continue };
             let sight = pose.translation.normalize_or(DVec3::Z);
-            // What the front of the paper faces, with what is along the line of sight taken off.
+            // The direction that the paper faces, without its component along the line of sight.
             let faces = -(pose.rotation * DVec3::Z);
             let aside = faces - sight * faces.dot(sight);
             let angle = |component: f64| component.clamp(-1.0, 1.0).asin();
@@ -138,7 +138,7 @@ impl Tilt {
         self.left.max(self.right).max(self.up).max(self.down)
     }
 
-    /// The side to which the board was tilted least, if that is little.
+    /// Returns the side to which the board was tilted least, if that tilt is too small.
     #[must_use]
     pub fn poorest_side(&self) -> Option<&'static str> {
         let sides = [
@@ -153,10 +153,10 @@ impl Tilt {
 }
 
 impl Uncertainty {
-    // ┌ A lens error that a small turn of the camera undoes does no harm: of the change of    ┐
-    // │ all cells' pixels J Δ by an error Δ of the lens, what turns of the camera R can do is  │
-    // └ taken off, J' = J − R (RᵀR)⁻¹ Rᵀ J; then Σ_pixel = J' Σ J'ᵀ (cf. mrcal, 2021).         ┘
-    /// Of the lens in all parts of the picture.
+    // ┌ A lens error that a small rotation of the camera compensates is harmless. An error Δ   ┐
+    // │ of the lens moves all cells' pixels by J Δ; the part in the span of camera rotations R │
+    // └ is removed, J' = J − R (RᵀR)⁻¹ Rᵀ J; then Σ_pixel = J' Σ J'ᵀ (cf. mrcal, 2021).        ┘
+    /// Computes the lens's uncertainty in all parts of the picture.
     #[must_use]
     pub fn of(estimate: &Estimate) -> Self {
         let lens = &estimate.lens;
@@ -196,7 +196,7 @@ impl Uncertainty {
     }
 }
 
-/// For each unknown the turn of the camera that undoes most of its effect.
+/// Returns, for each unknown, the camera rotation that compensates most of its effect.
 fn best_turns(seen: &[(usize, Vec<DVec2>, [DVec2; 3])], n: usize) -> Vec<DVec3> {
     let mut normal = DMat3::ZERO;
     let mut right = vec![DVec3::ZERO; n];
@@ -218,7 +218,7 @@ fn best_turns(seen: &[(usize, Vec<DVec2>, [DVec2; 3])], n: usize) -> Vec<DVec3> 
     right.into_iter().map(|r| inverse * r).collect()
 }
 
-/// √(half the trace of J Σ Jᵀ): of one coordinate.
+/// Returns √(½ trace J Σ Jᵀ), the standard deviation of one coordinate.
 pub(super) fn deviation(rows: &[DVec2], covariance: &Matrix) -> f64 {
     let mut trace = 0.0;
     for (i, a) in rows.iter().enumerate() {
@@ -229,8 +229,8 @@ pub(super) fn deviation(rows: &[DVec2], covariance: &Matrix) -> f64 {
     (0.5 * trace.max(0.0)).sqrt()
 }
 
-/// Radius about the centre within which there is a picture, pixels: all of a pinhole's; of a
-/// fisheye's the inscribed circle, or as far as corners were seen.
+/// Returns the radius of the picture around the centre, pixels: everything for a pinhole; for a
+/// fisheye the inscribed circle, or as far as corners were seen.
 pub(super) fn lit_radius(lens: &Lens, views: &[ViewEstimate]) -> f64 {
     if lens.model != LensModel::KannalaBrandt {
         return f64::INFINITY;

@@ -1,4 +1,4 @@
-//! Boards as a known camera would see them, for tests.
+//! Renders boards through a known lens, for tests.
 
 use super::{Board, Grey};
 use crate::board_sheet::{Black, pattern};
@@ -8,11 +8,11 @@ use penumbra_interface::RigidTransform;
 
 pub(crate) use penumbra_numerics::Random;
 
-/// Samples to each side within a pixel.
+/// Samples along each side of a pixel.
 const SAMPLES: u32 = 3;
 
-/// A camera whose rays are worked out once for many pictures.
-pub(crate) struct Draughtsman {
+/// A renderer whose rays are computed once for many pictures.
+pub(crate) struct BoardRenderer {
     width: u32,
     height: u32,
     rays: Vec<Option<DVec3>>,
@@ -20,7 +20,7 @@ pub(crate) struct Draughtsman {
     spacing: f64,
 }
 
-impl Draughtsman {
+impl BoardRenderer {
     pub fn new(lens: &Lens) -> Self {
         let mut rays = Vec::new();
         for y in 0..lens.height * SAMPLES {
@@ -102,7 +102,7 @@ fn bins(black: &[Black], size: DVec2) -> Vec<Vec<usize>> {
     bins
 }
 
-/// What a board looks like.
+/// Appearance of a board.
 enum Paint {
     Chess {
         squares: DVec2,

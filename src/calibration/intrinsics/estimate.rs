@@ -1,5 +1,5 @@
-//! From views of a board to a lens: start, robust search, rejection of outliers, least
-//! squares, uncertainty.
+//! Estimates a lens from views of a board: initial values, robust search, rejection of outliers,
+//! least squares, uncertainty.
 
 use super::board::View;
 use super::bundle::{Bundle, Loss, State, Unknowns};
@@ -11,61 +11,61 @@ use penumbra_camera::{Lens, LensModel, MOST_PARAMETERS};
 use penumbra_interface::RigidTransform;
 use penumbra_numerics::{Matrix, root_mean_square};
 
-/// What is sought.
+/// Options of the estimation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
-    /// How the lens departs from its ideal.
+    /// Distortion model.
     pub model: LensModel,
-    /// fx = fy, as with nearly every sensor.
+    /// Constrains fx = fy, which holds for nearly every sensor.
     pub square_pixels: bool,
 }
 
-/// Points in a view without which it is left out.
+/// Minimum number of points of a view.
 pub(super) const LEAST_POINTS: usize = 8;
-/// A lens with all that speaks for and against it.
+/// A lens with its uncertainty and residuals.
 #[derive(Clone, Debug)]
 pub struct Estimate {
     /// The lens.
     pub lens: Lens,
-    /// 1σ of fx, fy, cx, cy and the coefficients, in order; 0 where fixed.
+    /// Standard deviations of fx, fy, cx, cy and the coefficients, in order; 0 where fixed.
     pub sigma: [f64; MOST_PARAMETERS],
-    /// √(mean squared distance) between where corners were seen and where the lens puts
-    /// them, pixels, over all that were used; as OpenCV counts it.
+    /// RMS reprojection error over all points used, pixels: √(mean squared distance), as OpenCV
+    /// defines it.
     pub rms: f64,
     /// Every view, in the order given.
     pub views: Vec<ViewEstimate>,
-    /// Of the unknowns.
+    /// Covariance of the unknowns.
     pub(super) covariance: Matrix,
     pub(super) unknowns: Unknowns,
 }
 
-/// One view under the lens found.
+/// Residuals of one view.
 #[derive(Clone, Debug)]
 pub struct ViewEstimate {
     /// The view's name.
     pub name: String,
-    /// `camera_from_board`; `None` if it could not be worked out.
+    /// `camera_from_board`; `None` if it could not be computed.
     pub pose: Option<RigidTransform>,
     /// Counted in the estimate.
     pub used: bool,
-    /// √(mean squared distance) over its points that were used, pixels.
+    /// RMS reprojection error over its points used, pixels.
     pub rms: f64,
     /// Every point.
     pub points: Vec<PointEstimate>,
 }
 
-/// One point under the lens found.
+/// Residual of one point.
 #[derive(Clone, Copy, Debug)]
 pub struct PointEstimate {
-    /// Where it was seen.
+    /// Detected position, pixels.
     pub pixel: DVec2,
-    /// Where the lens puts it, minus that.
+    /// Predicted minus detected position, pixels.
     pub error: DVec2,
     /// Counted in the estimate.
     pub used: bool,
 }
 
-/// The views do not make a lens.
+/// Why the views do not determine a lens.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoEstimate {
     /// Fewer views than the unknowns need.
@@ -76,22 +76,22 @@ pub enum NoEstimate {
         /// Views with enough points.
         usable: usize,
     },
-    /// No lens explains them.
+    /// No lens fits the views.
     #[error(
         "no lens explains the views: check the board's size and that all pictures are of one camera"
     )]
     NoLens,
-    /// A family of lenses explains them equally well.
+    /// A family of lenses fits the views equally well.
     #[error(
         "the views do not tell the lens: tilt the board by 20 to 45 degrees, in several directions"
     )]
     Undetermined,
 }
 
-/// The lens that explains the views best.
+/// Estimates the lens that fits the views best. `size` is the pictures' width and height, pixels.
 ///
 /// # Errors
-/// Too few views, none that agree, or views that leave the lens open.
+/// There are too few views, no lens fits them, or they do not determine the lens.
 pub fn estimate(
     size: (u32, u32),
     views: &[View],
@@ -161,8 +161,8 @@ pub(super) fn estimate_some(
     })
 }
 
-/// Robust search in stages: what is told by few views first, so that the coefficients of
-/// high powers start from a lens that is nearly right.
+/// Searches robustly in stages: the parameters that few views determine first, so that the
+/// coefficients of high powers start from a nearly correct lens.
 fn search(
     start: &Lens,
     views: &[View],
@@ -208,9 +208,9 @@ fn search(
 
 // ┌ Σ = σ² S⁻¹, σ² = Σ e² / (2 N − unknowns), S the normal matrix without the poses; and   ┐
 // │ Σ' = S⁻¹ (Σ gᵢ gᵢᵀ) S⁻¹ over the views' gradients gᵢ (White 1980, clustered), which     │
-// └ also counts what a view's errors have in common: a bent board, glare, blur.           ┘
-/// Of the unknowns: for each the larger of both variances, with the correlations of the
-/// first.
+// └ also covers errors common to a view: a bent board, glare, blur.                       ┘
+/// Returns the covariance of the unknowns: for each the larger of both variances, with the
+/// correlations of the first.
 fn covariance(at: &super::bundle::Linearised) -> Option<Matrix> {
     let reduced = at.reduced(0.0)?;
     let inverse = reduced.matrix.cholesky()?.inverse();

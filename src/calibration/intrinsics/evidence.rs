@@ -1,4 +1,4 @@
-//! Whether the board in the pictures is the one that was said.
+//! Checks over all pictures that the board is the given one.
 
 use super::board::Board;
 use super::detect::{ChessSighting, NoChessboard, Placement};
@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 /// Of the sightings, so many must be of one other size to say that the board is.
 const OTHER_SIZE: f64 = 0.6;
 
-/// What pictures of a chessboard say about the board that was said.
+/// Evidence from pictures of a chessboard about the given board.
 #[derive(Clone, Debug, Default)]
 pub(super) struct ChessEvidence {
     /// Pictures of boards with more corners, by their size.
@@ -49,7 +49,7 @@ impl ChessEvidence {
         {
             return Err(finding);
         }
-        // Parts of a board come in all sizes; one size again and again is a smaller board.
+        // Visible parts of a board vary in size; one size repeatedly means a smaller board.
         let commonest = self.partial.values().copied().max().unwrap_or(0);
         let alike = commonest as f64 >= OTHER_SIZE * seen as f64;
         if self.whole == 0
@@ -63,7 +63,7 @@ impl ChessEvidence {
     }
 }
 
-/// What pictures of a board of tags say about the board that was said.
+/// Evidence from pictures of a board of tags about the given board.
 #[derive(Clone, Debug, Default)]
 pub(super) struct TagEvidence {
     /// Pictures whose tags lie as said.

@@ -1,10 +1,10 @@
-//! What may speak against a lens's calibration.
+//! Problems of a lens calibration.
 
 use super::estimate::NoEstimate;
 use penumbra_fiducials::Family;
 use thiserror::Error;
 
-/// Something that speaks against a calibration. Each text says what was found and what to do.
+/// A problem of a calibration. Each message names the problem and the remedy.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum Finding {
     /// There is no lens at all.

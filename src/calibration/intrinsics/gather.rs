@@ -1,4 +1,5 @@
-//! Pictures in, a judged lens out: which views are worth keeping, and what is still missing.
+//! Gathers views of a board from pictures and estimates the lens: selects the views to keep, and
+//! the model with the coefficients that they determine.
 
 use super::board::{Board, Correspondence, View};
 use super::coverage::{Coverage, Tilt, Uncertainty};
@@ -17,33 +18,32 @@ use penumbra_rig_model::lens_record::LensRecord;
 use penumbra_rig_model::lens_record::QualityRecord;
 use std::collections::BTreeMap;
 
-/// A view is like another when its points are nearer than this share of the picture's width:
-/// a second look from the same place says nothing new, and would count twice.
+/// Maximum mean distance of the points of two similar views, as a share of the picture's width: a
+/// second view from the same pose adds no information, and would count twice.
 const ALIKE: f64 = 0.02;
-/// Views kept; more make the search slow and the lens no better.
+/// Maximum number of views; more slow the search down without improving the lens.
 const MOST_VIEWS: usize = 120;
-/// Light from beyond so many times the angle at which corners were seen is worth a word.
+/// Ratio of the angle of light to the largest angle of corners from which a finding is reported.
 const RIM: f64 = 1.05;
 
-/// A lens of fewer coefficients explains the views as well if its error is at most so many
-/// times as large.
+/// Maximum ratio of the errors at which a lens with fewer coefficients is preferred.
 const SIMPLER: f64 = 1.02;
 
-/// What a picture brought.
+/// Result of offering a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Offer {
-    /// A new view with so many points.
+    /// A new view.
     Taken {
         /// Points found.
         points: usize,
     },
-    /// As one that is there.
+    /// Similar to a view that was kept.
     Alike,
-    /// No board, or too little of it.
+    /// No board, or too small a part of it.
     NotSeen,
-    /// A board with more corners than was said.
+    /// A board with more corners than the given one.
     OtherBoard,
-    /// Not the size of the pictures before it.
+    /// Another size than that of the previous pictures.
     OtherSize,
 }
 
@@ -62,16 +62,16 @@ pub struct Gatherer {
     tags: TagEvidence,
 }
 
-/// Everything that is said of a camera's lens in the end.
+/// Result of a lens calibration.
 #[derive(Clone, Debug)]
 pub struct Outcome {
-    /// Pictures looked at.
+    /// Number of pictures examined.
     pub pictures: usize,
-    /// Views that were kept.
+    /// Number of views kept.
     pub views: usize,
-    /// The lens and what speaks for it; `None` if there is none.
+    /// The lens and its quality; `None` if none was found.
     pub result: Option<Judged>,
-    /// Good enough, or why not.
+    /// Grade of the lens, with findings.
     pub verdict: Verdict,
 }
 
@@ -127,7 +127,7 @@ impl Outcome {
     }
 }
 
-/// A lens, and how far it can be trusted where.
+/// A lens and its quality.
 #[derive(Clone, Debug)]
 pub struct Judged {
     /// The lens.
@@ -138,7 +138,7 @@ pub struct Judged {
     pub tilt: Tilt,
     /// How sure the lens is in each part of the picture.
     pub uncertainty: Uncertainty,
-    /// How far out a fisheye is known.
+    /// Angles to which a fisheye is known.
     pub rim: Option<Rim>,
 }
 
@@ -160,7 +160,7 @@ impl Gatherer {
         }
     }
 
-    /// Looks for the board in a picture.
+    /// Detects the board in a picture.
     pub fn offer(&mut self, name: &str, picture: &Grey) -> Offer {
         let size = (picture.width as u32, picture.height as u32);
         if self.size.is_none_or(|known| known == size) {
@@ -193,7 +193,7 @@ impl Gatherer {
         }
     }
 
-    /// Takes points that were found in a picture of `size`.
+    /// Adds points that were detected in a picture of `size`.
     pub fn offer_points(
         &mut self,
         name: &str,
@@ -237,7 +237,7 @@ impl Gatherer {
         &self.views
     }
 
-    /// What was found in the last picture, pixels.
+    /// Returns the points found in the last picture, pixels.
     #[must_use]
     pub fn marks(&self) -> &[DVec2] {
         &self.marks
@@ -256,7 +256,7 @@ impl Gatherer {
         self.size
     }
 
-    /// The lens, judged.
+    /// Estimates the lens and assesses it.
     #[must_use]
     pub fn finish(&self, options: &Options) -> Outcome {
         let (result, verdict) = match self.judged(options) {
@@ -275,8 +275,8 @@ impl Gatherer {
         self.check_board()?;
         let all = options.model.coefficients().len();
         let mut best = self.judged_with(options, all)?;
-        // Coefficients of high powers that the views leave open bend the picture's rim at will.
-        // Without them the lens is surer, if it explains the views as well.
+        // Undetermined coefficients of high powers distort the picture's rim arbitrarily. Without them
+        // the lens has less uncertainty, if it fits the views as well.
         for fewer in (fewest_coefficients(options.model)..all).rev() {
             if best.1.grade < Grade::Refused {
                 break;

@@ -1,20 +1,21 @@
-//! Which tag lies beside which: whether the board in a picture is the one that was said.
+//! Layout of a board's tags: checks from neighbouring tags that the board in a picture is the given
+//! one.
 
 use super::board::Board;
 use super::homography;
 use super::tags::SeenTag;
 use glam::{DMat3, DVec2, IVec2};
 
-/// Tags farther apart than so many steps say nothing of one another: the lens bends.
+/// Maximum distance of compared tags, grid steps; lens distortion prevents larger ones.
 const FARTHEST: i32 = 2;
-/// A tag lies on a step of the grid to this share of it.
+/// Maximum deviation of a tag from its grid position, as a share of a step.
 const ON_GRID: f64 = 0.25;
-/// Of the neighbours, so many must lie as the board says.
+/// Minimum share of neighbours that are consistent with the board.
 const AGREED: f64 = 0.75;
-/// No other board of more columns is thought of.
+/// Maximum number of columns of other boards that are tried.
 const MOST_COLUMNS: u32 = 40;
 
-/// How tags' numbers go over a board's cells.
+/// Assignment of tag numbers to a board's cells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Layout {
     /// Cells in a row: tags, or squares of a ChArUco board.
@@ -28,7 +29,7 @@ pub struct Layout {
 }
 
 impl Layout {
-    /// As the board says; a chessboard has none.
+    /// Returns the board's default layout; `None` for a chessboard.
     #[must_use]
     pub const fn of(board: &Board) -> Option<Self> {
         let (columns, rows, every_cell) = match *board {
@@ -44,7 +45,7 @@ impl Layout {
         })
     }
 
-    /// The other way of drawing it, if there is one.
+    /// Returns the alternative layout, if there is one.
     #[must_use]
     pub fn other_way(self) -> Option<Self> {
         (!self.every_cell && self.rows.is_multiple_of(2)).then_some(Self {
@@ -80,7 +81,7 @@ impl Layout {
     }
 }
 
-/// What the tags of a picture say of the board.
+/// Comparison of a picture's tags with the board.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fit {
     /// The layout that they have: the one said, or the other way of drawing it.
@@ -89,13 +90,13 @@ pub struct Fit {
     pub pairs: usize,
     /// Where most pairs contradict what was said: in how many columns they would agree.
     pub other_columns: Option<u32>,
-    /// They contradict it.
+    /// The tags are inconsistent with the board.
     pub contradicts: bool,
     /// Tags that lie as the layout says, or of which nothing is known.
     pub tags: Vec<SeenTag>,
 }
 
-/// One tag as seen from another, in steps of the grid.
+/// Relative position of two tags, grid steps.
 struct Pair {
     from: usize,
     to: usize,
@@ -192,7 +193,7 @@ fn pairs(board: &Board, tags: &[SeenTag]) -> Vec<Pair> {
     out
 }
 
-/// From pixels to the tag's own frame: its edge is 1, its middle the origin.
+/// Returns the homography from pixels to the tag's frame: edge 1, origin at the centre.
 fn tag_from_picture(tag: &SeenTag) -> Option<DMat3> {
     let around = [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)].map(DVec2::from);
     let pairs: Vec<_> = around.into_iter().zip(tag.corners).collect();

@@ -1,4 +1,9 @@
-//! Intrinsics of a camera from pictures of a board.
+//! Intrinsics of a camera from pictures of a calibration board.
+//!
+//! In the order of data flow: `detect` and `tag_finder` find corners and tags, `tags` and `layout`
+//! assign them to the points of a `board`, `gather` selects views, `start`, `bundle` and `outliers`
+//! estimate the lens (`estimate`), `coverage`, `rim`, `evidence` and `consistency_checks` assess it
+//! (`finding`, `verdict`), `step` and `report` present it.
 
 pub mod board;
 mod bundle;

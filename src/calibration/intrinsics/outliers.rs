@@ -1,4 +1,4 @@
-//! Which corners and views contradict the others.
+//! Rejects corners and views that are outliers.
 
 use super::board::View;
 use super::estimate::LEAST_POINTS;
@@ -8,17 +8,17 @@ use penumbra_camera::Lens;
 use penumbra_interface::RigidTransform;
 use penumbra_numerics::median;
 
-/// A corner's error beyond so many standard deviations is an outlier.
+/// Number of standard deviations beyond which a corner is an outlier.
 const CORNER_SIGMAS: f64 = 5.0;
-/// A view whose median error is so many times the others' is one.
+/// Ratio of a view's median error to the others' beyond which the view is an outlier.
 const VIEW_TIMES: f64 = 4.0;
-/// Errors below this are no outliers, however good the others are, pixels.
+/// Minimum error of an outlier, pixels.
 const ALWAYS_GOOD: f64 = 0.3;
-/// A view that keeps less than this share of its points is left out.
+/// Minimum share of a view's points that must remain.
 const LEAST_SHARE: f64 = 0.6;
 
-/// Which points agree with the lens: errors are compared with those of all views, and a
-/// view's with those of the other views.
+/// Returns which points are consistent with the lens: compares each error with those of all views,
+/// and each view's errors with the other views'.
 pub(super) fn judge(
     lens: &Lens,
     views: &[View],
@@ -64,7 +64,7 @@ fn errors_of<'a>(
         .map(move |c| residual(lens, c, pose).map_or(DVec2::INFINITY, |r| r.0))
 }
 
-/// Takes out views of which too little is left.
+/// Removes views with too few remaining points.
 pub(super) fn drop_views(
     chosen: &mut Vec<usize>,
     poses: &mut Vec<RigidTransform>,

@@ -1,4 +1,4 @@
-//! The pose of one board through a known lens.
+//! Pose of a board seen through a known lens.
 
 use super::board::Correspondence;
 use super::homography;
@@ -7,7 +7,7 @@ use penumbra_camera::Lens;
 use penumbra_interface::RigidTransform;
 use penumbra_numerics::{NormalEquations, minimise};
 
-/// Residuals beyond this many pixels count less than their square (Huber).
+/// Threshold of the Huber loss, pixels.
 const HUBER: f64 = 2.0;
 
 /// `camera_from_board` from at least four points: by homography, then to the least
@@ -24,7 +24,7 @@ pub fn board_pose(lens: &Lens, points: &[Correspondence]) -> Option<RigidTransfo
     Some(minimum.state)
 }
 
-/// By homography alone.
+/// Returns the pose from the homography alone.
 pub(super) fn start(lens: &Lens, points: &[Correspondence]) -> Option<RigidTransform> {
     let rays: Vec<(DVec2, DVec3)> = points
         .iter()

@@ -1,4 +1,4 @@
-//! One page that shows a lens's calibration: HTML with drawings in it, nothing to load.
+//! Report of a lens calibration: HTML with embedded plots, without external resources.
 
 use super::board::View;
 use super::coverage::CELLS;
@@ -12,7 +12,7 @@ use penumbra_camera::{Lens, LensModel};
 use penumbra_numerics::root_mean_square;
 use std::fmt::Write;
 
-/// How much longer than the picture's errors the lines are that show them.
+/// Magnification of the error vectors.
 const MAGNIFIED: f64 = 40.0;
 
 /// The page. `title` names the camera, `facts` are for its head (date, source, board);
@@ -37,7 +37,7 @@ pub fn page(
     page.finish()
 }
 
-/// The figures with their uncertainty, a line each.
+/// Returns the figures with their uncertainty, one line each.
 #[must_use]
 pub fn lines(judged: &Judged) -> Vec<String> {
     let (estimate, sigma) = (&judged.estimate, &judged.estimate.sigma);
@@ -189,7 +189,7 @@ fn before_and_after(page: &mut Page, judged: &Judged, views: &[View]) {
 /// A drawing of errors, and what is seen there.
 fn errors(lens: &Lens, errors: &[(DVec2, DVec2)], caption: &str) -> (String, String) {
     let rms = root_mean_square(errors.iter().map(|(_, e)| e.length()));
-    // Large errors are shown less magnified: lines over the whole picture show nothing.
+    // Large errors are magnified less, so that the vectors remain legible.
     let times = MAGNIFIED
         .min(0.06 * f64::from(lens.width) / rms.max(1e-6))
         .max(1.0);
@@ -208,7 +208,7 @@ fn errors(lens: &Lens, errors: &[(DVec2, DVec2)], caption: &str) -> (String, Str
     (svg, caption)
 }
 
-/// Errors about their origin: round if nothing is systematic.
+/// Draws the errors around the origin; without systematic errors the cloud is round.
 fn scatter(page: &mut Page, judged: &Judged) {
     let rms = judged.estimate.rms.max(1e-6);
     let reach = 4.0 * rms;

@@ -1,4 +1,4 @@
-//! How far out a fisheye's lens is known, and how far out light falls.
+//! The angles to which a fisheye's lens is known and to which it receives light.
 
 use super::coverage::deviation;
 use super::detect::Grey;
@@ -7,15 +7,15 @@ use glam::{DVec2, DVec3};
 use penumbra_camera::{Lens, LensModel};
 use std::f64::consts::{PI, TAU};
 
-/// Columns and rows of the parts in which light is looked for.
+/// Columns and rows of the cells in which light is measured.
 const PARTS: (usize, usize) = (64, 48);
 /// Of the brightest part, so much is light and not the lens's black rim.
 const LIT: f32 = 0.12;
-/// No part is lit below this code.
+/// Minimum code of a lit cell.
 const LEAST_LIGHT: f32 = 12.0;
 /// A direction is known while its picture is to this, 1σ, pixels of a picture of 1280.
 const KNOWN: f64 = 3.0;
-/// Steps outwards, radians.
+/// Step of the outward search, radians.
 const STEP: f64 = 0.5 * PI / 180.0;
 
 /// Where in the pictures light falls at all: how bright each part was at its brightest.
@@ -25,7 +25,7 @@ pub struct Light {
 }
 
 impl Light {
-    /// Looks at one more picture, always of the same size.
+    /// Adds a picture; all pictures must have the same size.
     pub fn look(&mut self, picture: &Grey) {
         let (columns, rows) = PARTS;
         if picture.width < columns || picture.height < rows {
@@ -82,7 +82,7 @@ impl Light {
 /// Angles from a fisheye's axis, radians.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rim {
-    /// The farthest at which corners were seen.
+    /// Largest angle at which corners were seen.
     pub seen: f64,
     /// The farthest to which the lens follows from them: its picture still moves outwards, and
     /// is known to three pixels.
@@ -92,7 +92,7 @@ pub struct Rim {
 }
 
 impl Rim {
-    /// Of an estimate; `None` for lenses that are no fisheyes.
+    /// Computes the angles of an estimate; `None` if the lens is not a fisheye.
     #[must_use]
     pub fn of(estimate: &Estimate, light: &Light) -> Option<Self> {
         let lens = &estimate.lens;
@@ -111,7 +111,7 @@ impl Rim {
     }
 }
 
-/// Between the axis and the ray that a pixel sees.
+/// Returns the angle between the axis and a pixel's ray.
 fn angle_of(lens: &Lens, pixel: DVec2) -> Option<f64> {
     Some(lens.unproject(pixel)?.angle_between(DVec3::Z))
 }
@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn light_is_told_from_the_black_rim() {
+    fn light_is_distinguished_from_black_rim() {
         let lens = fisheye();
         let (w, h) = (lens.width as usize, lens.height as usize);
         let radius = 0.45 * h as f64;

@@ -1,4 +1,4 @@
-//! Start values: a lens from which the search finds its way.
+//! Initial values of the lens.
 
 use super::board::{Correspondence, View};
 use super::homography;
@@ -7,17 +7,17 @@ use glam::{DMat3, DVec2, DVec3};
 use penumbra_camera::{Lens, LensModel};
 use penumbra_numerics::{Matrix, median, null_vector};
 
-/// Fields of view across the picture that are tried, degrees.
+/// Horizontal fields of view that are tried, degrees.
 const VIEW_ANGLES: [f64; 22] = [
     6.0, 8.0, 11.0, 15.0, 20.0, 25.0, 30.0, 37.0, 45.0, 53.0, 61.0, 70.0, 80.0, 90.0, 100.0, 115.0,
     130.0, 145.0, 165.0, 185.0, 205.0, 230.0,
 ];
-/// Views that are enough to choose by.
+/// Maximum number of views by which candidates are compared.
 const VIEWS_LOOKED_AT: usize = 24;
 
-/// The lens without distortion that explains the views best: Zhang's closed form, if the
-/// model is a pinhole and the form has a solution, and a range of focal lengths about the
-/// picture's middle. `None` if no view makes sense in any of them.
+/// Returns the lens without distortion that fits the views best. Candidates are Zhang's closed
+/// form, if the model is a pinhole and the form has a solution, and a range of focal lengths with
+/// the picture's centre. `None` if no candidate fits any view.
 pub(super) fn start(model: LensModel, size: (u32, u32), views: &[View]) -> Option<Lens> {
     let chosen = spread_over(views);
     let middle = DVec2::new(f64::from(size.0) - 1.0, f64::from(size.1) - 1.0) * 0.5;
@@ -47,7 +47,7 @@ fn spread_over(views: &[View]) -> Vec<&View> {
     views.iter().step_by(every).collect()
 }
 
-/// Median over the views of their root-mean-square reprojection error by homography, pixels.
+/// Returns the median over the views of their RMS reprojection error by homography, pixels.
 fn misfit(lens: &Lens, views: &[&View]) -> Option<f64> {
     let errors = views
         .iter()

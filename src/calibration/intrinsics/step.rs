@@ -1,4 +1,4 @@
-//! The step `intrinsics`: a board is held before one camera, its lens comes out.
+//! The step `intrinsics`: calibrates one camera's lens from a board shown to it.
 
 use super::board::Board;
 use super::detect::Grey;
@@ -15,13 +15,13 @@ use penumbra_rig_model::Grade;
 use penumbra_rig_model::lens_record::LensRecord;
 use std::fmt::Write;
 
-/// Pictures nearer in time show the board in the same place, seconds.
+/// Minimum interval between two pictures, seconds.
 const SPACING: f64 = 0.2;
-/// After so many pictures the next are looked at half as often.
+/// Number of pictures after which the rate of examined pictures is halved.
 const MANY: f64 = 300.0;
-/// Views that are enough.
+/// Sufficient number of views.
 const ENOUGH_VIEWS: f64 = 15.0;
-/// Views from which a lens is tried, to know what is missing.
+/// Minimum number of views for an intermediate estimate, which shows what is missing.
 const LEAST_VIEWS: usize = 4;
 
 /// Collects views of a board in one camera's pictures and judges the lens.
@@ -107,7 +107,7 @@ impl IntrinsicsStep {
         }
     }
 
-    /// What the lens so far lacks most.
+    /// Returns a hint for what the intermediate lens lacks most.
     fn missing(&self) -> String {
         let Some((_, verdict)) = &self.so_far else {
             return "tilt the board to all sides".to_owned();
@@ -140,7 +140,7 @@ impl IntrinsicsStep {
         ((views + seen) / 3.0).min(0.99)
     }
 
-    /// Everything that was found, without the page.
+    /// Returns the result without the report.
     fn found(&self, outcome: &Outcome, made: &Made) -> Finished {
         let mut findings: Vec<(Grade, String)> = outcome
             .verdict

@@ -1,4 +1,4 @@
-//! Finds a board of tags in pictures: an AprilGrid or a ChArUco board, whole or in part.
+//! Finds a board of tags in pictures: a completely or partly visible AprilGrid or ChArUco board.
 
 use super::board::{Board, Correspondence};
 use super::detect::{Grey, SMOOTHING, refine_corner};
@@ -18,7 +18,7 @@ const LEAST_STRANGERS: usize = 3;
 /// Rounds in which tags that were missed are looked for beside those that were found.
 const ROUNDS: usize = 6;
 
-/// What a picture shows of a board.
+/// The observation of a board in a picture.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TagSighting {
     /// Points found.
@@ -35,7 +35,7 @@ pub struct TagSighting {
     pub other_family: Option<Family>,
 }
 
-/// Finds one board; keeps its buffers.
+/// Finds one board; reuses its buffers.
 #[derive(Clone, Debug)]
 pub struct TagFinder {
     board: Board,
@@ -75,7 +75,7 @@ impl TagFinder {
         })
     }
 
-    /// The board's points in a picture.
+    /// Finds the board's points in a picture.
     pub fn find(&mut self, picture: &Grey) -> TagSighting {
         let size = (picture.width, picture.height);
         self.codes.clear();

@@ -1,5 +1,4 @@
-//! From tags seen to points of the board: the seam between a detector of AprilTags or ArUco
-//! markers and calibration.
+//! Converts detected tags (AprilTags or ArUco markers) to points of the board.
 
 use super::board::{Board, Correspondence};
 use super::homography;
@@ -104,7 +103,7 @@ fn room_at_tag(tag: &SeenTag, gap: f64, family: Family) -> Room {
     }
 }
 
-/// The tag's corners, where the board has it.
+/// Returns the tag's corners on the board.
 fn on_board(
     board: &Board,
     layout: Layout,
@@ -200,7 +199,7 @@ mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
 
-    /// A plane in perspective.
+    /// Projects a plane in perspective.
     fn seen(p: DVec2) -> DVec2 {
         let w = 1.0 + 0.8 * p.x - 0.5 * p.y;
         DVec2::new(

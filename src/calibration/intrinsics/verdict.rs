@@ -1,4 +1,4 @@
-//! Is it good enough, why not, and what to do about it.
+//! Grades a lens, with findings and hints.
 
 use super::coverage::{Coverage, Tilt, Uncertainty, lit_radius};
 use super::estimate::Estimate;
@@ -105,7 +105,7 @@ impl Verdict {
     }
 }
 
-/// What no camera's lens is like.
+/// Returns why the lens is physically implausible.
 fn implausible(estimate: &Estimate) -> Option<&'static str> {
     let lens = &estimate.lens;
     let size = lens.last_pixel() + 1.0;

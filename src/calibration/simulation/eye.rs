@@ -1,8 +1,8 @@
-//! What a camera of a rehearsal sees: rays cast through its lens at flat things in a room.
+//! The renderer of a simulated camera: casts rays through its lens at flat panels in a room.
 //!
-//! Pixels whose four corners see the same cell are that cell; the others are the mean over their
-//! square. So edges lie where they should to a hundredth of a pixel, at the cost of hardly more
-//! than one ray a pixel.
+//! A pixel whose four corners see the same cell gets that cell's value; the others are
+//! supersampled. So edges are accurate to a hundredth of a pixel with little more than one ray per
+//! pixel.
 
 use super::panel::Panel;
 use super::room::Room;
@@ -10,12 +10,12 @@ use glam::{DMat3, DVec2, DVec3};
 use penumbra_camera::Lens;
 use penumbra_interface::RigidTransform;
 
-/// Rays to each side of a pixel that an edge crosses.
+/// Rays along each side of a pixel that an edge crosses.
 const SAMPLES: u32 = 6;
 /// Pixels by which a panel's picture may be larger than its corners say (a bent lens).
 const ROOM_FOR_BENDS: f64 = 12.0;
 
-/// A camera whose rays are worked out once for many pictures.
+/// A camera whose rays are computed once for many pictures.
 #[derive(Clone, Debug)]
 pub struct Eye {
     lens: Lens,
@@ -24,7 +24,7 @@ pub struct Eye {
     rays: Vec<Option<DVec3>>,
 }
 
-/// What a ray meets.
+/// Intersection of a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Met {
     /// Which cell of which thing; 0 is the room.
@@ -32,7 +32,7 @@ struct Met {
     light: f32,
 }
 
-/// A panel as a camera at one place sees it.
+/// A panel as seen by a camera in one pose.
 struct Facing<'a> {
     panel: &'a Panel,
     number: u32,
@@ -49,7 +49,7 @@ const DARK: Met = Met {
 };
 
 impl Eye {
-    /// Of a camera with this lens.
+    /// Creates a camera with this lens.
     #[must_use]
     pub fn new(lens: &Lens) -> Self {
         let mut rays = Vec::new();
@@ -65,7 +65,7 @@ impl Eye {
         }
     }
 
-    /// The lens.
+    /// Returns the lens.
     #[must_use]
     pub const fn lens(&self) -> &Lens {
         &self.lens
@@ -106,7 +106,7 @@ impl Eye {
         }
     }
 
-    /// Over the square of a pixel.
+    /// Returns the mean over the square of a pixel.
     fn mean(&self, looks: &Looks, x: usize, y: usize) -> f32 {
         let wide = self.lens.width as usize + 1;
         let corner = |dx: usize, dy: usize| self.rays[(y + dy) * wide + x + dx];
@@ -134,7 +134,7 @@ impl Eye {
             let number = first;
             first += panel.light.len() as u32;
             let panel_from_camera = panel.world_from_panel.inverse() * pose;
-            // From behind nothing is printed on it.
+            // The back of a panel is blank.
             if panel_from_camera.translation.z >= 0.0 {
                 continue;
             }
@@ -167,7 +167,7 @@ struct Looks<'a> {
 }
 
 impl Looks<'_> {
-    /// What a ray (camera's frame) through a pixel meets first.
+    /// Returns the first intersection of a ray (camera's frame) through a pixel.
     fn along(&self, ray: Option<DVec3>, at: DVec2) -> Met {
         let Some(ray) = ray else { return DARK };
         let mut nearest = (f64::INFINITY, DARK);

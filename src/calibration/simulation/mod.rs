@@ -1,9 +1,9 @@
-//! Rigs that are not there: what their cameras and their tracker would record, and the
-//! truth beside it. To try calibration without a rig, and to judge it.
+//! Simulated rigs: the recordings of their cameras and tracker, with ground truth, to try and to
+//! assess calibration without hardware.
 //!
-//! `options` say what is wrong with a rig, `motion` moves it, `eye` casts rays at the `panel`s of
-//! a `room`, `tracker` reads poses as an electromagnetic one does; `papers` are what its
-//! owner knows of it, and the truth. No path tracing: a picture takes some tens of milliseconds.
+//! `options` describe a rig and its defects, `motion` moves it, `eye` casts rays at the `panel`s
+//! of a `room`, `tracker` measures poses as an electromagnetic tracker does; `papers` are the
+//! rig's configuration files and the ground truth. No path tracing, to keep pictures cheap.
 
 mod eye;
 mod motion;
@@ -32,34 +32,35 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Edge of the tags' black border, metres.
 const TAG: f64 = 0.08;
-/// Instants over which an exposure is smeared.
+/// Samples of the motion blur during an exposure.
 const SHUTTER_SAMPLES: u32 = 5;
 
-/// A rig that is not there. Times are seconds since its recording began.
+/// A simulated rig. Times are seconds since the recording began.
 #[derive(Clone, Debug)]
 pub struct Rehearsal {
-    /// What it is like.
+    /// Its options.
     pub options: RehearsalOptions,
     /// The scene camera.
     pub scene: Eye,
     /// The environment camera.
     pub environment: Option<Eye>,
-    /// Where that is: in the world, or on the scene camera, by its mount.
+    /// Pose of the environment camera in the world or on the scene camera, depending on its mount.
     pub environment_pose: RigidTransform,
-    /// Hand–eye.
+    /// Hand–eye transform.
     pub sensor_from_camera: RigidTransform,
-    /// Where the transmitter stands.
+    /// Pose of the tracker's transmitter.
     pub world_from_transmitter: RigidTransform,
     /// The tags.
     pub tags: Vec<Tag>,
     hand: Hand,
     metal: Metal,
     room: Room,
-    /// After the loose tag was knocked.
+    /// The room after the loose tag was moved.
     later: Option<Room>,
 }
 
-/// Flat on the table: +X stays, +Y points to the viewer, +Z into the table.
+/// Returns the pose of a panel flat on the table: before the rotation by `turn` (radians), +X is
+/// the world's, +Y points to the viewer, +Z into the table.
 #[must_use]
 pub fn lying(turn: f64, place: DVec3) -> RigidTransform {
     RigidTransform::new(
@@ -69,7 +70,7 @@ pub fn lying(turn: f64, place: DVec3) -> RigidTransform {
 }
 
 impl Rehearsal {
-    /// Of these options.
+    /// Creates the rig of these options.
     #[must_use]
     pub fn new(options: RehearsalOptions) -> Self {
         let mut random = Random::new(options.seed.wrapping_mul(0x51_7cc1_b727_220a));
@@ -122,13 +123,13 @@ impl Rehearsal {
         }
     }
 
-    /// Where the scene camera truly is.
+    /// Returns the scene camera's true pose.
     #[must_use]
     pub fn world_from_camera(&self, seconds: f64) -> RigidTransform {
         self.hand.at(seconds)
     }
 
-    /// Where the environment camera truly is.
+    /// Returns the environment camera's true pose.
     #[must_use]
     pub fn world_from_environment(&self, seconds: f64) -> RigidTransform {
         match self.options.environment {
@@ -137,7 +138,7 @@ impl Rehearsal {
         }
     }
 
-    /// Where the sensor truly is.
+    /// Returns the sensor's true pose.
     #[must_use]
     pub fn transmitter_from_sensor(&self, seconds: f64) -> RigidTransform {
         self.world_from_transmitter.inverse()
@@ -145,7 +146,7 @@ impl Rehearsal {
             * self.sensor_from_camera.inverse()
     }
 
-    /// What the tracker measures then, noise and metal in it.
+    /// Returns the tracker's measurement at that time, with noise and distortion by metal.
     #[must_use]
     pub fn measured(&self, seconds: f64, random: &mut Random) -> RigidTransform {
         let (millimetres, degrees) = self.options.tracker_noise;
@@ -161,14 +162,14 @@ impl Rehearsal {
         )
     }
 
-    /// The scene camera's picture, the middle of its exposure at `seconds`: grey codes.
+    /// Renders the scene camera's picture whose exposure is centred at `seconds`: grey codes.
     #[must_use]
     pub fn scene_picture(&self, seconds: f64, random: &mut Random) -> Vec<u8> {
         let at = |t: f64| self.hand.at(t);
         self.picture(&self.scene, &at, seconds, random)
     }
 
-    /// The environment camera's; empty where there is none.
+    /// Renders the environment camera's picture; empty if there is no such camera.
     #[must_use]
     pub fn environment_picture(&self, seconds: f64, random: &mut Random) -> Vec<u8> {
         let at = |t: f64| self.world_from_environment(t);
@@ -216,7 +217,7 @@ impl Rehearsal {
     }
 }
 
-/// An ordinary webcam's.
+/// Returns the lens of a typical webcam.
 fn scene_lens(size: (u32, u32), random: &mut Random) -> Lens {
     let (w, h) = (f64::from(size.0), f64::from(size.1));
     let focal = DVec2::splat(w * random.between(0.9, 1.15));
@@ -241,7 +242,7 @@ fn environment_lens(mount: EnvironmentMount) -> Option<Lens> {
     (mount != EnvironmentMount::None).then_some(lens)
 }
 
-/// Looking up from the table, or up from the rig's back.
+/// Returns the pose of a camera that looks up, on the table or on the rig's back.
 fn environment_pose(mount: EnvironmentMount, random: &mut Random) -> RigidTransform {
     let tilt = DQuat::from_scaled_axis(random.normal3() * 0.05);
     match mount {
@@ -253,10 +254,11 @@ fn environment_pose(mount: EnvironmentMount, random: &mut Random) -> RigidTransf
     }
 }
 
-/// Number 0 lies at the origin with its top to +Y; the others about it, every third on a stand.
+/// Returns the tags: number 0 at the origin with its top to +Y, the others around it, every third
+/// one on a stand.
 fn tags(count: u32, random: &mut Random) -> Vec<Tag> {
     let side = f64::from(count).sqrt().ceil() as u32;
-    // Cells nearest to the middle first, so that number 0 is in it.
+    // Cells nearest to the middle first, so that number 0 is in the middle.
     let mut cells: Vec<(i64, i64)> = (0..side * side)
         .map(|i| (i64::from(i % side), i64::from(i / side)))
         .collect();
@@ -293,7 +295,7 @@ fn tags(count: u32, random: &mut Random) -> Vec<Tag> {
         .collect()
 }
 
-/// What is printed, its middle, and how far it reaches from there, metres.
+/// Returns the printed panels, their centre and their extent from it, metres.
 fn panels(tags: &[Tag], board: Option<&Board>) -> (Vec<Panel>, DVec3, f64) {
     let panels: Vec<Panel> = match board {
         Some(Board::Chess {

@@ -1,4 +1,4 @@
-//! How a hand moves a rehearsal's rig.
+//! Hand motion of a simulated rig.
 
 use glam::{DMat3, DQuat, DVec3};
 use penumbra_interface::RigidTransform;

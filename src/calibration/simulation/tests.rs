@@ -4,7 +4,7 @@ use penumbra_fiducials::Detector;
 use penumbra_rig_model::RigDocument;
 
 #[test]
-fn its_tags_are_seen_where_its_truth_says() {
+fn detected_tags_match_ground_truth() {
     let rehearsal = Rehearsal::new(RehearsalOptions::default());
     let mut random = Random::new(3);
     let lens = rehearsal.scene.lens().clone();
@@ -34,7 +34,7 @@ fn its_tags_are_seen_where_its_truth_says() {
 }
 
 #[test]
-fn its_chessboard_is_seen() {
+fn chessboard_is_detected() {
     let board = Board::parse("chess:7x5:0.03").unwrap();
     let rehearsal = Rehearsal::new(RehearsalOptions {
         board: Some(board),
@@ -55,7 +55,7 @@ fn its_chessboard_is_seen() {
 }
 
 #[test]
-fn its_papers_can_be_read() {
+fn files_can_be_read() {
     let rehearsal = Rehearsal::new(RehearsalOptions {
         known_markers: true,
         known_tracker: true,

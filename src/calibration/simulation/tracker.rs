@@ -1,10 +1,10 @@
-//! A rehearsal's tracker: what an electromagnetic one makes of where its sensor is.
+//! The tracker of a simulated rig: measurements of an electromagnetic tracker.
 
 use glam::{DQuat, DVec3, EulerRot};
 use penumbra_interface::RigidTransform;
 use penumbra_numerics::Random;
 
-/// Metal near the transmitter bends its field, as induced dipoles do (Nixon et al., "The
+/// Distortion of the transmitter's field by metal, modelled as induced dipoles (Nixon et al., "The
 /// effects of metals and interfering fields on electromagnetic trackers", Presence 1998).
 #[derive(Clone, Debug, Default)]
 pub struct Metal {
@@ -39,7 +39,7 @@ impl Metal {
         }
     }
 
-    /// What is read of a pose, `transmitter_from_sensor`.
+    /// Returns the measurement of a pose, `transmitter_from_sensor`.
     #[must_use]
     pub fn read(&self, pose: RigidTransform) -> RigidTransform {
         let (mut shift, mut turn) = (DVec3::ZERO, DVec3::ZERO);
@@ -55,7 +55,8 @@ impl Metal {
     }
 }
 
-/// A FASTRAK's record of a pose in its usual ASCII format, centimetres (manual OPM00PI002).
+/// Returns a FASTRAK's record of a pose in its default ASCII format, centimetres (manual
+/// OPM00PI002).
 #[must_use]
 pub fn fastrak_record(pose: RigidTransform) -> String {
     let p = pose.translation * 100.0;

@@ -1,4 +1,4 @@
-//! From sightings to a map: what contradicts is left out, what is left says how sure it is.
+//! From sightings to a map: rejects outliers, and computes standard deviations from the rest.
 
 use super::bundle::{Bundle, OF_TAG};
 use super::start::{square, start};
@@ -14,13 +14,13 @@ use penumbra_rig_model::Grade;
 /// A sighting is left out when it is so many times the usual distance off, and at least so far,
 /// pixels.
 const OUTLIER: (f64, f64) = (5.0, 1.2);
-/// A tag of which more sightings contradict the others is not at one place.
+/// Maximum share of rejected sightings; a tag with more was moved.
 const MOVED: f64 = 0.25;
-/// Sightings of a tag that are needed.
+/// Minimum number of sightings of a tag.
 const LEAST_SIGHTS: usize = 4;
-/// A size departs when it does so by this share and by so many of its standard deviations.
+/// A size deviates if it does so by this share and by this number of standard deviations.
 const OTHER_SIZE: (f64, f64) = (0.008, 5.0);
-/// Known tags may be this far from where they are said to be, metres, and so many σ.
+/// Maximum deviation of known tags from their calibrated position: metres, standard deviations.
 const KNOWN: (f64, f64) = (0.003, 5.0);
 
 /// A tag of the map.
@@ -28,33 +28,33 @@ const KNOWN: (f64, f64) = (0.003, 5.0);
 pub(super) struct Mapped {
     pub seen: Seen,
     pub pose: RigidTransform,
-    /// 1σ: rotation about the tag's axes (radians), place along them (metres).
+    /// Standard deviations: rotation about the tag's axes (radians), position along them (metres).
     pub sigma: (DVec3, DVec3),
-    /// Sightings that agree, and all.
+    /// Number of consistent sightings, and of all.
     pub sights: (usize, usize),
     /// Root mean square reprojection error, pixels.
     pub rms: f64,
 }
 
-/// What was found.
+/// The map.
 pub(super) struct Built {
     pub tags: Vec<Mapped>,
     pub rms: f64,
-    /// Views used, and all.
+    /// Number of views used, and of all.
     pub views: (usize, usize),
-    /// Pixels by which each view's corners are off, root mean square.
+    /// RMS reprojection error of each view, pixels.
     pub view_rms: Vec<f64>,
     pub findings: Vec<(Grade, String)>,
 }
 
-/// The map. `tags` must hold one or more with a place to begin at; known places are kept where
-/// they agree.
+/// Builds the map. At least one of `tags` must have an initial pose; known poses are kept where
+/// they are consistent.
 pub(super) fn build(camera: &PinholeCamera, mut tags: Vec<Seen>, mut views: Vec<View>) -> Built {
     let lens = Lens::from(camera);
     let mut findings = Vec::new();
     let all = views.len();
     let anchors: Vec<usize> = (0..tags.len()).filter(|i| tags[*i].fixed).collect();
-    // One known tag to begin with; the others may contradict it.
+    // Only one known tag is fixed at first; the others may be inconsistent with it.
     for i in anchors.iter().skip(1) {
         (tags[*i].fixed, tags[*i].map_from_tag) = (false, None);
     }
@@ -81,7 +81,7 @@ pub(super) fn build(camera: &PinholeCamera, mut tags: Vec<Seen>, mut views: Vec<
         free_sizes: false,
     };
     bundle.adjust();
-    // Before anything is left out: a tag of another size contradicts the others everywhere.
+    // Before outliers are rejected: a tag of a wrong size is inconsistent in every view.
     findings.extend(sizes(&bundle));
     settle(&mut bundle, &mut findings);
     if anchors.len() > 1 {
@@ -90,7 +90,7 @@ pub(super) fn build(camera: &PinholeCamera, mut tags: Vec<Seen>, mut views: Vec<
     describe(&bundle, all, findings)
 }
 
-/// Adjusts, leaves out what contradicts, and adjusts again.
+/// Adjusts, rejects outliers, and adjusts again.
 fn settle(bundle: &mut Bundle, findings: &mut Vec<(Grade, String)>) {
     for _ in 0..3 {
         if !leave_out(bundle) {
@@ -147,13 +147,13 @@ fn drop_tags(bundle: &mut Bundle, out: &[usize]) {
     }
     for view in &mut bundle.views {
         view.sights.retain(|s| !out.contains(&s.tag));
-        // What was judged beside a tag that was moved is judged anew.
+        // Sightings rejected because of a moved tag are assessed again.
         view.sights.iter_mut().for_each(|s| s.used = true);
     }
     bundle.views.retain(|v| !v.sights.is_empty());
 }
 
-/// Sightings of a tag that agree, and all.
+/// Returns the number of a tag's consistent sightings, and of all.
 fn sights(bundle: &Bundle, tag: usize) -> (usize, usize) {
     let (mut used, mut all) = (0, 0);
     for sight in bundle.views.iter().flat_map(|v| &v.sights) {
@@ -165,7 +165,7 @@ fn sights(bundle: &Bundle, tag: usize) -> (usize, usize) {
     (used, all)
 }
 
-/// Marks sightings that are far off; true if any was.
+/// Marks sightings with large errors as outliers; returns whether there were any.
 fn leave_out(bundle: &mut Bundle) -> bool {
     let mut off: Vec<(usize, usize, f64)> = Vec::new();
     for (view, sight, residual) in bundle.residuals() {
@@ -184,7 +184,7 @@ fn leave_out(bundle: &mut Bundle) -> bool {
             any = true;
         }
     }
-    // A camera of fewer than one tag is nowhere.
+    // A camera without a consistent tag has no pose.
     for view in &mut bundle.views {
         if view.sights.iter().all(|s| !s.used) {
             view.camera_from_map = None;
@@ -193,7 +193,7 @@ fn leave_out(bundle: &mut Bundle) -> bool {
     any
 }
 
-/// Tags whose size is not as said, by their pictures beside the first's.
+/// Reports tags whose size, relative to the first tag's, differs from the given one.
 fn sizes(bundle: &Bundle) -> Vec<(Grade, String)> {
     let mut free = bundle.clone();
     free.free_sizes = true;
@@ -226,7 +226,7 @@ fn sizes(bundle: &Bundle) -> Vec<(Grade, String)> {
             ));
         }
     }
-    // Of several that are told, most depend on one.
+    // If several deviate, one wrong size is the likely cause of most.
     if out.len() > 2 && 2 * out.len() > bundle.tags.len() {
         let other = "the first tag's own size may be the wrong one: most others contradict it";
         out.push((Grade::Refused, other.to_owned()));
@@ -264,8 +264,8 @@ fn sigmas(bundle: &Bundle) -> Option<Vec<Option<[f64; OF_TAG]>>> {
     Some(bundle.tags.iter().map(of_tag).collect())
 }
 
-/// Brings the map to the tags that the calibration knows, and keeps those where they are said to
-/// be, if they agree.
+/// Aligns the map with the tags that the calibration knows, and fixes those at their calibrated
+/// poses if they are consistent.
 fn keep_known(bundle: &mut Bundle, anchors: &[usize]) -> Vec<(Grade, String)> {
     let sigma = sigmas(bundle).unwrap_or_default();
     let pairs: Vec<(usize, RigidTransform, RigidTransform)> = anchors

@@ -1,5 +1,5 @@
-//! All tags and all cameras to the least reprojection error (bundle adjustment, Triggs et al.
-//! 2000), the cameras eliminated (`schur`).
+//! Bundle adjustment (Triggs et al. 2000): minimises the reprojection error over all tags and
+//! cameras, with the cameras eliminated (`schur`).
 
 use super::schur::{Block, Reduced};
 use super::start::square;
@@ -8,26 +8,26 @@ use glam::{DQuat, DVec2, DVec3};
 use penumbra_camera::Lens;
 use penumbra_interface::RigidTransform;
 
-/// Reprojection errors beyond this count less than their square (Huber 1964), pixels.
+/// Threshold of the Huber loss (Huber 1964) on reprojection errors, pixels.
 const HUBER: f64 = 0.5;
-/// Rounds, at most.
+/// Maximum number of iterations.
 const ROUNDS: usize = 40;
-/// Numbers of a tag: turn, shift, growth.
+/// Unknowns of a tag: rotation, translation, scale.
 pub(super) const OF_TAG: usize = 7;
 /// Holds a tag's size where it is given.
 const STIFF: f64 = 1e10;
 
-/// What is to be adjusted.
+/// The adjustment problem.
 #[derive(Clone, Debug)]
 pub(super) struct Bundle<'a> {
     pub lens: &'a Lens,
     pub tags: Vec<Seen>,
     pub views: Vec<View>,
-    /// Sizes are found too.
+    /// Sizes are unknowns too.
     pub free_sizes: bool,
 }
 
-/// Where a corner is seen off, and what moves it.
+/// Residual of a corner and its derivatives.
 pub(super) struct Row {
     off: DVec2,
     weight: f64,
@@ -36,7 +36,7 @@ pub(super) struct Row {
 }
 
 impl Bundle<'_> {
-    /// The tags' numbers among the unknowns.
+    /// Returns the tags' indices among the unknowns.
     fn unknowns(&self) -> Vec<Option<usize>> {
         let mut next = 0;
         self.tags
@@ -51,7 +51,7 @@ impl Bundle<'_> {
             .collect()
     }
 
-    /// Half the robust sum of squares.
+    /// Returns half the robust sum of squares.
     fn cost(&self) -> f64 {
         let mut sum = 0.0;
         for (_, _, off) in self.residuals() {
@@ -120,7 +120,7 @@ impl Bundle<'_> {
         })
     }
 
-    /// The normal equations without the cameras; `None` where a corner is behind one.
+    /// Returns the normal equations with the cameras eliminated; `None` if a corner is behind a camera.
     pub fn reduced(&self, damping: f64) -> Option<Reduced> {
         let numbers = self.unknowns();
         let count = numbers.iter().flatten().count();
@@ -180,7 +180,7 @@ impl Bundle<'_> {
         out
     }
 
-    /// To the least cost that is near (Levenberg 1944, Marquardt 1963).
+    /// Minimises the cost from the current state (Levenberg 1944, Marquardt 1963).
     pub fn adjust(&mut self) {
         let (mut cost, mut damping) = (self.cost(), 1e-4);
         for _ in 0..ROUNDS {

@@ -1,8 +1,9 @@
-//! The step `map`: where tags are on one another, from pictures that show several at a time.
+//! The step `map`: relative poses of tags, from pictures that show several at a time.
 //!
-//! `start` chains tags by pairs that are seen together, `bundle` brings all tags and all
-//! cameras to the least reprojection error, `build` leaves out what contradicts and finds how
-//! sure each tag is, `step` shows it and judges.
+//! `step` gathers views and grades the map; `start` computes initial poses from pairs of tags seen
+//! together; `bundle` minimises the reprojection error over all tags and cameras (`schur` solves
+//! its normal equations); `build` rejects outliers and computes each tag's standard deviation;
+//! `page` presents the result.
 
 mod build;
 mod bundle;
@@ -17,20 +18,20 @@ use glam::DVec2;
 use penumbra_fiducials::Family;
 use penumbra_interface::RigidTransform;
 
-/// A tag that was seen.
+/// A tag of the map, known or observed.
 #[derive(Clone, Debug)]
 struct Seen {
     family: Family,
     id: u32,
     /// Edge of the black border, metres.
     size: f64,
-    /// What the rig's calibration says of its place.
+    /// Pose in the rig's calibration, if it is known there.
     known: Option<RigidTransform>,
-    /// Its place, once there is one.
+    /// Estimated pose, once there is one.
     map_from_tag: Option<RigidTransform>,
-    /// Its place stays as it is.
+    /// The pose is held fixed.
     fixed: bool,
-    /// How many times as large as said it is.
+    /// Ratio of the estimated size to the given size.
     scale: f64,
 }
 
@@ -40,13 +41,13 @@ impl Seen {
     }
 }
 
-/// A tag in a picture.
+/// A sighting: a tag in a picture.
 #[derive(Clone, Copy, Debug)]
 struct Sight {
-    /// Which.
+    /// Index of the tag.
     tag: usize,
     corners: [DVec2; 4],
-    /// It agrees with the others.
+    /// Consistent with the other sightings, and therefore used.
     used: bool,
 }
 

@@ -1,4 +1,4 @@
-//! What the step `map` says and shows.
+//! Figures and report of the step `map`.
 
 use super::build::{Built, Mapped};
 use super::start::square;
@@ -18,7 +18,7 @@ const COLUMNS: [&str; 9] = [
     "px",
 ];
 
-/// The cells of a tag's row.
+/// Returns the cells of a tag's row.
 fn row(t: &Mapped) -> Vec<String> {
     let p = t.pose.translation * 1e3;
     vec![
@@ -79,7 +79,7 @@ impl MapStep {
     }
 }
 
-/// Figures, a line each.
+/// Returns the figures, one line each.
 pub(super) fn lines(built: &Built) -> Vec<String> {
     let mut lines = vec![format!(
         "{} tags by {} of {} views; reprojection {:.3} px RMS",

@@ -1,8 +1,8 @@
-//! Normal equations of tags and cameras, the cameras eliminated.
+//! Normal equations of tags and cameras with the cameras eliminated (Schur complement).
 //!
 //! ```text
 //!  | A  W | |c|   |a|      (U − Wᵀ A⁻¹ W) t = b − Wᵀ A⁻¹ a,    c = A⁻¹ (a − W t)
-//!  | Wᵀ U | |t| = |b|      A block by block: no camera depends on another
+//!  | Wᵀ U | |t| = |b|      A is block diagonal: cameras are independent of one another
 //! ```
 
 use super::bundle::OF_TAG;
@@ -10,7 +10,7 @@ use penumbra_numerics::Matrix;
 
 type SixBySeven = [[f64; OF_TAG]; 6];
 
-/// What one view says.
+/// The normal equations of one view.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Block {
     camera: [[f64; 6]; 6],
@@ -18,7 +18,7 @@ pub(super) struct Block {
     tags: Vec<OfTag>,
 }
 
-/// What it says of one tag: W, U, b.
+/// A view's blocks for one tag: W, U, b.
 #[derive(Clone, Debug)]
 struct OfTag {
     number: usize,
@@ -70,7 +70,7 @@ impl Block {
     }
 }
 
-/// The tags' equations, and how the cameras follow.
+/// The reduced equations of the tags, and the back-substitution for the cameras.
 pub(super) struct Reduced {
     matrix: Matrix,
     right: Vec<f64>,
@@ -92,12 +92,12 @@ impl Reduced {
         }
     }
 
-    /// A view that has no camera.
+    /// Adds a view without a camera pose.
     pub fn skip(&mut self) {
         self.cameras.push(None);
     }
 
-    /// Takes a view in; `None` where it leaves its camera open.
+    /// Adds a view; `None` if it does not determine its camera.
     pub fn eliminate(&mut self, block: Block, damping: f64) -> Option<()> {
         let mut camera = Matrix::zeros(6, 6);
         for (i, row) in block.camera.iter().enumerate() {
@@ -141,13 +141,13 @@ impl Reduced {
         Some(())
     }
 
-    /// Holds an unknown whose value departs by `off` with this weight.
+    /// Adds a prior of this weight on an unknown that deviates from it by `off`.
     pub fn hold(&mut self, unknown: usize, off: f64, weight: f64) {
         self.matrix[(unknown, unknown)] += weight;
         self.right[unknown] -= weight * off;
     }
 
-    /// Steps of the tags, one after the other, and of each view's camera.
+    /// Returns the steps of the tags' unknowns in order, and of each view's camera.
     pub fn solve(&self, damping: f64) -> Option<(Vec<f64>, Vec<[f64; 6]>)> {
         let mut damped = self.matrix.clone();
         for i in 0..damped.rows() {
@@ -171,7 +171,8 @@ impl Reduced {
         Some((tags, cameras))
     }
 
-    /// Covariance of the tags' unknowns for residuals of variance 1; `None` where they are open.
+    /// Returns the covariance of the tags' unknowns for residuals of variance 1; `None` if they are
+    /// undetermined.
     pub fn covariance(&self) -> Option<Matrix> {
         Some(self.matrix.cholesky()?.inverse())
     }

@@ -1,4 +1,4 @@
-//! Where tags and cameras are to begin with: tags chained by pairs that were seen together.
+//! Initial poses of tags and cameras: tags are linked by pairs that were seen together.
 
 use super::{Seen, View};
 use glam::DVec3;
@@ -7,31 +7,31 @@ use penumbra_fiducials::{Match, both_poses, refine};
 use penumbra_interface::RigidTransform;
 use std::collections::BTreeMap;
 
-/// Views of a pair that are looked at.
+/// Maximum number of views of a pair that are compared.
 const MOST_VIEWS: usize = 40;
 /// Two relative poses are the same when they differ by less: radians, and share of the tags'
 /// distance or size.
 const SAME: (f64, f64) = (0.14, 0.15);
-/// Views that must agree on how two tags lie to each other.
+/// Minimum number of views with a consistent relative pose of two tags.
 const LEAST_SUPPORT: usize = 2;
 
-/// How a tag lies to another.
+/// Relative pose of two tags.
 struct Link {
     a_from_b: RigidTransform,
     support: usize,
 }
 
-/// The tag's corners in its own frame.
+/// Returns the tag's corners in its own frame.
 pub(super) fn square(size: f64) -> [DVec3; 4] {
     let h = 0.5 * size;
     [(-h, -h), (h, -h), (h, h), (-h, h)].map(|(x, y)| DVec3::new(x, y, 0.0))
 }
 
-/// Gives every tag a place that is linked to those that have one, and every view its
-/// camera.
+/// Computes a pose for every tag that is linked to a tag with a pose, and every view's camera
+/// pose.
 pub(super) fn start(camera: &PinholeCamera, tags: &mut [Seen], views: &mut [View]) {
     let links = links(camera, tags, views);
-    // The link with most support from what is placed to what is not (Prim).
+    // The link with the most support from a tag with a pose to one without (Prim).
     loop {
         let next = links
             .iter()
@@ -51,7 +51,7 @@ pub(super) fn start(camera: &PinholeCamera, tags: &mut [Seen], views: &mut [View
     }
 }
 
-/// What pairs of tags say, by numbers a < b.
+/// Returns the links between tags, by indices a < b.
 fn links(camera: &PinholeCamera, tags: &[Seen], views: &[View]) -> BTreeMap<(usize, usize), Link> {
     let mut said: BTreeMap<(usize, usize), Vec<Vec<RigidTransform>>> = BTreeMap::new();
     for view in views {
@@ -78,7 +78,7 @@ fn links(camera: &PinholeCamera, tags: &[Seen], views: &[View]) -> BTreeMap<(usi
     said.into_iter().filter_map(link).collect()
 }
 
-/// The relative pose that most views allow.
+/// Returns the relative pose that is consistent with the most views.
 fn agreed(said: &[Vec<RigidTransform>], size: f64) -> Option<Link> {
     let every = said.len().div_ceil(MOST_VIEWS);
     let said: Vec<_> = said.iter().step_by(every).collect();
@@ -103,7 +103,7 @@ fn agreed(said: &[Vec<RigidTransform>], size: f64) -> Option<Link> {
     (best.support >= LEAST_SUPPORT).then_some(best)
 }
 
-/// The camera of a view, from the tags that have a place.
+/// Returns the camera pose of a view, from the tags that have a pose.
 fn place(camera: &PinholeCamera, tags: &[Seen], view: &View) -> Option<RigidTransform> {
     let placed = || {
         view.sights

@@ -1,4 +1,4 @@
-//! The step `map`.
+//! The step `map`: gathers views, checks that they suffice, and grades the map.
 
 use super::build::{Built, Mapped, build};
 use super::page::lines;
@@ -15,35 +15,35 @@ use penumbra_rig_model::markers_file::{MarkerRecord, MarkersRecord};
 use penumbra_rig_model::tracker_file::PoseRecord;
 use std::collections::BTreeMap;
 
-/// Pictures nearer in time show nothing new, seconds.
+/// Minimum interval between two pictures, seconds.
 const SPACING: f64 = 0.1;
-/// Nor do such whose corners have moved less, as a share of the picture's width.
+/// Minimum mean motion of the corners between two views, as a share of the picture's width.
 const ALIKE: f64 = 0.015;
-/// Views kept; of more every other is dropped.
+/// Maximum number of views; beyond it every other one is dropped.
 const MOST_VIEWS: usize = 240;
-/// A map of fewer views says nothing.
+/// Minimum number of views of a map.
 const LEAST_VIEWS: usize = 4;
-/// A tag's place is good, and of use, up to these (1σ, metres).
+/// Maximum standard deviation of a tag's position, metres: good, usable.
 const GOOD: f64 = 0.001;
 const USABLE: f64 = 0.01;
-/// Reprojection errors of a lens and tags that are what they are said to be, pixels.
+/// Maximum RMS reprojection error with a correct lens and flat tags, pixels: good, usable.
 const SHARP: (f64, f64) = (0.8, 3.0);
 
-/// What the step is told.
+/// Options of the step.
 #[derive(Clone, Debug)]
 pub struct MapOptions {
-    /// Which families are looked for.
+    /// Families to detect.
     pub families: Vec<Family>,
-    /// Edge of the tags' black border, metres, where nothing else is said.
+    /// Default edge of the tags' black border, metres.
     pub size: Option<f64>,
-    /// Of single tags.
+    /// Edge of single tags' black border, metres.
     pub sizes: BTreeMap<u32, f64>,
-    /// The tag at which a new world begins, lying on the table; `None` keeps the world of the
-    /// tags that the calibration knows, or begins at the lowest number where it knows none.
+    /// The tag, flat on the table, that becomes the origin of a new world; `None` keeps the world of
+    /// the tags that the calibration knows, or uses the lowest number if it knows none.
     pub origin: Option<u32>,
 }
 
-/// The step.
+/// The step `map`.
 pub struct MapStep {
     options: MapOptions,
     rig: RigCalibration,
@@ -57,7 +57,7 @@ pub struct MapStep {
 }
 
 impl MapStep {
-    /// For the scene camera of this rig, of which these markers are known.
+    /// Creates the step for the scene camera of a rig whose markers are known as given.
     #[must_use]
     pub fn new(rig: &RigCalibration, known: &[Marker], options: MapOptions) -> Self {
         Self {
@@ -84,9 +84,9 @@ impl MapStep {
         self.show(seen);
     }
 
-    /// Takes the tags of a picture.
+    /// Adds the tags of a picture.
     pub(super) fn show(&mut self, seen: Vec<TagSeen>) {
-        // Of two with one number neither is known to be the map's.
+        // Of two tags with the same number, neither can be identified.
         let once = |t: &&TagSeen| {
             let same = |o: &&TagSeen| (o.family, o.id) == (t.family, t.id);
             seen.iter().filter(same).count() == 1
@@ -126,7 +126,7 @@ impl MapStep {
         self.known.iter().find(|m| m.family == name && m.id == id)
     }
 
-    /// The tags seen, one or more with a place to begin at; else what is missing.
+    /// Returns the tags seen, at least one with an initial pose; else what is missing.
     fn tags(&self) -> Result<Vec<Seen>, String> {
         let mut numbers: Vec<(Family, u32)> = self
             .views
@@ -280,7 +280,8 @@ impl MapStep {
     }
 }
 
-/// Mean distance of the corners that both show, pixels; far where they show other tags.
+/// Returns the mean distance of corners that both views show, pixels; large if they show
+/// different tags.
 fn moved(last: &[TagSeen], view: &[TagSeen]) -> f64 {
     let (mut sum, mut count) = (0.0, 0);
     for tag in view {

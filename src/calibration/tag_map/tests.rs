@@ -1,4 +1,4 @@
-//! Simulated maps: corners as a detector finds them, and wrong ones among them.
+//! Simulated maps: corners with detection noise and outliers.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::step::{MapOptions, MapStep};
@@ -29,7 +29,7 @@ fn rehearsal(seed: u64) -> Rehearsal {
     })
 }
 
-/// What the camera sees of `tags` at that time, corners off by `noise` pixels.
+/// Returns the camera's view of `tags` at a time, with corner noise of `noise` pixels.
 fn view(
     rehearsal: &Rehearsal,
     tags: &[Tag],
@@ -41,7 +41,7 @@ fn view(
     let camera_from_world = rehearsal.world_from_camera(at).inverse();
     let inside = |p: &DVec2| p.cmpgt(DVec2::ONE).all() && p.cmplt(DVec2::new(638.0, 478.0)).all();
     let one = |tag: &Tag| {
-        // From behind there is nothing to be seen.
+        // A tag is not visible from behind.
         let eye = tag.map_from_tag.inverse() * camera_from_world.inverse();
         let corners = tag.corners().map(|c| {
             let pixel = lens.project(camera_from_world.transform_point(c))?;
@@ -76,7 +76,7 @@ fn rig(rehearsal: &Rehearsal, known: &[Tag]) -> RigDocument {
     rig
 }
 
-/// From 60 views; `tags_at` says what hangs where at a share of the time.
+/// Builds a map from 60 views; `tags_at` returns the tags at a share of the time.
 fn mapped(
     rehearsal: &Rehearsal,
     known: &[Tag],
@@ -94,7 +94,7 @@ fn mapped(
         let mut seen = view(rehearsal, &tags_at(share), 20.0 * share, 0.12, &mut random);
         for tag in &mut seen {
             if random.uniform() < 0.03 {
-                // Half hidden: one corner is elsewhere.
+                // Half hidden: one corner is displaced.
                 tag.corners[1] += DVec2::new(14.0, -9.0);
             }
         }
@@ -111,7 +111,7 @@ fn markers(rehearsal: &Rehearsal, known: &[Tag], found: &Finished) -> Vec<Tag> {
     rig.markers.iter().map(|m| m.tag().unwrap()).collect()
 }
 
-/// Largest distance of a corner from where it is, metres.
+/// Returns the maximum corner error, metres.
 fn worst(found: &[Tag], truth: &[Tag]) -> f64 {
     let off = |f: &Tag| {
         let t = truth.iter().find(|t| t.id == f.id).unwrap();
@@ -122,7 +122,7 @@ fn worst(found: &[Tag], truth: &[Tag]) -> f64 {
 }
 
 #[test]
-fn a_map_is_right_to_less_than_a_millimetre() {
+fn map_is_accurate_to_a_millimetre() {
     for seed in 1..5 {
         let rehearsal = rehearsal(seed);
         let found = mapped(&rehearsal, &[], options(), &|_| rehearsal.tags.clone());
@@ -136,7 +136,7 @@ fn a_map_is_right_to_less_than_a_millimetre() {
 }
 
 #[test]
-fn known_markers_keep_their_places_and_what_contradicts_them_is_refused() {
+fn known_markers_keep_their_poses_and_moved_ones_are_reported() {
     let rehearsal = rehearsal(6);
     let lifted = RigidTransform::new(DQuat::from_rotation_z(0.4), glam::DVec3::new(1.0, 2.0, 0.5));
     let mut known = rehearsal.tags[2..5].to_vec();
@@ -157,7 +157,7 @@ fn known_markers_keep_their_places_and_what_contradicts_them_is_refused() {
     let tags = markers(&rehearsal, &known, &found);
     assert_eq!(tags.len(), 9);
     assert!(worst(&tags, &truth) < 0.0015, "{}", worst(&tags, &truth));
-    // A marker that hangs elsewhere now.
+    // A marker that was moved.
     known[1].map_from_tag.translation.x += 0.04;
     let found = mapped(&rehearsal, &known, options(), &all);
     assert_eq!(found.grade, Grade::Refused);
@@ -168,7 +168,7 @@ fn known_markers_keep_their_places_and_what_contradicts_them_is_refused() {
         "{:?}",
         found.findings
     );
-    // A new world does not ask.
+    // A new world ignores the calibrated poses.
     let anew = MapOptions {
         origin: Some(0),
         ..options()
@@ -180,9 +180,9 @@ fn known_markers_keep_their_places_and_what_contradicts_them_is_refused() {
 
 #[test]
 #[expect(clippy::too_many_lines, reason = "one map, case by case")]
-fn a_wrong_size_a_moved_tag_and_a_lonely_one_are_told() {
+fn wrong_size_moved_tag_and_isolated_tag_are_reported() {
     let rehearsal = rehearsal(7);
-    // Printed at 9 cm, said to be of 8.
+    // Printed at 9 cm, given as 8 cm.
     let printed = |_: f64| {
         let mut tags = rehearsal.tags.clone();
         tags[4].size = 0.09;

@@ -1,5 +1,5 @@
-//! How far the colours that the environment camera's light predicts are from the scene
-//! camera's, on what both see.
+//! Colour differences between the scene camera and the environment camera on surfaces that both
+//! see.
 
 use super::Known;
 use crate::step::ShownPicture;
@@ -12,27 +12,27 @@ use penumbra_white_balance::gather::{GatherOptions, Overlap, PhotometricPair, ga
 use penumbra_white_balance::overlap::estimate_overlap;
 use penumbra_white_balance::{Provenance, WhiteBalanceMatch};
 
-/// The environment's picture may be so much older than the scene's, seconds.
+/// Maximum age of the environment camera's picture at the scene camera's, seconds.
 const TOGETHER: f64 = 0.2;
-/// Between two comparisons, seconds.
+/// Interval between two comparisons, seconds.
 const SPACING: f64 = 0.5;
-/// Fewest surfaces of a comparison.
+/// Minimum number of surfaces in a comparison.
 const LEAST_PAIRS: usize = 12;
 
-/// What was compared.
+/// Result of the colour comparison.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Colours {
-    /// Median CIEDE2000 over surfaces.
+    /// Median colour difference over all surfaces, CIEDE2000.
     pub delta_e: f64,
-    /// Nine of ten are nearer.
+    /// 90th percentile of the colour difference, CIEDE2000.
     pub ninth: f64,
-    /// Surfaces, and moments.
+    /// Number of surfaces and of moments.
     pub counts: (usize, usize),
-    /// Where the gains between the cameras come from.
+    /// Origin of the gains between the cameras.
     pub by: Provenance,
 }
 
-/// Compares pictures of both cameras as they come.
+/// Compares pictures of both cameras as they arrive.
 #[derive(Debug)]
 pub struct Comparison {
     photometry: WhiteBalanceMatch,
@@ -44,7 +44,7 @@ pub struct Comparison {
 }
 
 impl Comparison {
-    /// With what is known of the match so far.
+    /// Creates a comparison that starts from a known white balance match.
     #[must_use]
     pub const fn new(photometry: WhiteBalanceMatch) -> Self {
         Self {
@@ -57,14 +57,14 @@ impl Comparison {
         }
     }
 
-    /// The environment camera's picture.
+    /// Keeps the environment camera's latest picture.
     pub fn environment(&mut self, shown: &ShownPicture) {
         if shown.seconds >= self.due {
             self.last = Some((shown.picture.clone(), shown.captured_at, shown.exposure));
         }
     }
 
-    /// The scene camera's, and where it was taken from.
+    /// Compares a scene camera's picture, taken from `pose`, with the latest environment picture.
     pub fn scene(&mut self, known: &Known, shown: &ShownPicture, pose: RigidTransform) {
         let Some((_, at, _)) = &self.last else {
             return;
@@ -105,7 +105,7 @@ impl Comparison {
             .update_overlap(answer, shown.captured_at, at);
     }
 
-    /// By the gains that were in force before these pairs were seen.
+    /// Compares with the gains that were active before these pairs were observed.
     fn compare(&mut self, pairs: &[PhotometricPair]) {
         let by = self.photometry.in_force().0;
         if matches!(by, Provenance::Unknown | Provenance::GreyWorld) || pairs.len() < LEAST_PAIRS {
@@ -119,7 +119,7 @@ impl Comparison {
         self.by = by;
     }
 
-    /// What all comparisons say; `None` without any.
+    /// Summarises all comparisons; `None` if there are none.
     #[must_use]
     pub fn colours(&self) -> Option<Colours> {
         let mut sorted = self.differences.clone();
@@ -133,7 +133,7 @@ impl Comparison {
     }
 }
 
-/// Shutter and gain are known as a product only.
+/// Returns the exposure; shutter time and gain are only known as a product.
 fn reported(seconds: Option<f64>) -> Option<Exposure> {
     seconds.map(|seconds| Exposure {
         exposure_micros: 1e6 * seconds,

@@ -1,4 +1,4 @@
-//! What the figures of a check mean.
+//! Grades the figures of a check.
 
 use super::colour::Colours;
 use super::reprojection::Reprojection;
@@ -6,46 +6,46 @@ use crate::latency::{ClockOffset, LatencyError};
 use penumbra_rig_model::Grade;
 use penumbra_white_balance::Provenance;
 
-/// Root mean square up to which markers are where they should be, pixels: good, usable.
+/// Maximum RMS reprojection error, pixels: good, usable.
 const REPROJECTION: [f64; 2] = [1.0, 3.0];
-/// Fewest corners of a verdict.
+/// Minimum number of corners for a verdict.
 const LEAST_CORNERS: usize = 80;
-/// Median CIEDE2000: hardly to be seen side by side, and plainly.
+/// Maximum median CIEDE2000: good (hardly visible side by side), usable (plainly visible).
 const COLOUR: [f64; 2] = [2.0, 5.0];
-/// Milliseconds of delay beside the calibrated one; a turn of 60 degrees a second moves a
-/// usual picture by half a pixel in one.
+/// Maximum deviation from the calibrated latency, milliseconds: good, usable. A rotation of 60°/s
+/// moves a typical picture by half a pixel in one millisecond.
 const LATENCY: [f64; 2] = [2.0, 8.0];
 
-/// What was measured.
+/// The measurements of a check.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Measured {
-    /// Markers, by tracker.
+    /// Reprojection error by the tracker's pose.
     pub tracked: Option<Reprojection>,
-    /// Markers, each by the others.
+    /// Reprojection error of each marker by the others' pose.
     pub among: Option<Reprojection>,
     /// The rig has a tracker.
     pub has_tracker: bool,
     /// The rig has an environment camera of its own.
     pub has_environment: bool,
-    /// Colours.
+    /// Colour differences.
     pub colours: Option<Colours>,
-    /// Clock offset.
+    /// Clock offset between tracker and camera.
     pub latency: Option<Result<ClockOffset, LatencyError>>,
-    /// The calibrated one, seconds.
+    /// Calibrated clock offset, seconds.
     pub calibrated_offset: f64,
 }
 
-/// Lines, findings, grade.
+/// Assessment of a check.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Judgement {
-    /// Figures.
+    /// Figures, one line each.
     pub lines: Vec<String>,
-    /// What speaks against it.
+    /// Problems and their remedies.
     pub findings: Vec<(Grade, String)>,
 }
 
 impl Judgement {
-    /// Of what was measured.
+    /// Grades the measurements.
     #[must_use]
     pub fn of(measured: &Measured) -> Self {
         let mut judgement = Self::default();
@@ -56,7 +56,7 @@ impl Judgement {
         judgement
     }
 
-    /// The worst of all.
+    /// Returns the worst grade of all findings.
     #[must_use]
     pub fn grade(&self) -> Grade {
         self.findings
@@ -159,7 +159,7 @@ impl Judgement {
                     1e3 * found.sigma,
                     found.samples
                 ));
-                // What noise alone may do is no fault.
+                // A deviation within the noise is no fault.
                 self.judge(off.abs() - 2e3 * found.sigma, LATENCY, || {
                     format!("tracker and camera are {off:+.1} ms apart; calibrate latency again")
                 });
@@ -226,14 +226,14 @@ mod tests {
     }
 
     #[test]
-    fn a_rig_that_is_right_is_good() {
+    fn correct_rig_is_graded_good() {
         let judgement = Judgement::of(&measured());
         assert_eq!(judgement.grade(), Grade::Good, "{judgement:?}");
         assert_eq!(judgement.lines.len(), 4);
     }
 
     #[test]
-    fn each_figure_that_is_off_tells_what_to_do() {
+    fn each_bad_figure_names_its_remedy() {
         type Spoil = fn(&mut Measured);
         let cases: [(Spoil, Grade, &str); 6] = [
             (

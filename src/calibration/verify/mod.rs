@@ -1,8 +1,8 @@
-//! The one-minute check of a calibrated rig: are the markers where it says, the colours of
-//! both cameras alike, tracker and picture of one time?
+//! The one-minute check of a calibrated rig: reprojection error of the markers, colour difference
+//! between the cameras, remaining clock offset between tracker and camera.
 //!
-//! `reprojection` compares corners, `colour` surfaces that both cameras see, the latency is
-//! that of [`super::latency`], `judge` says what the figures mean.
+//! `reprojection` compares corners, `colour` surfaces that both cameras see, [`super::latency`]
+//! measures the offset, `judge` grades the figures, `written` writes file and report.
 
 pub mod colour;
 mod judge;
@@ -27,43 +27,43 @@ use penumbra_scene::RayCaster;
 use penumbra_sync::{HistoryConfig, PoseHistory};
 use penumbra_white_balance::WhiteBalanceMatch;
 
-/// What the check is meant to take, seconds.
+/// Intended duration of the check, seconds.
 const LENGTH: f64 = 60.0;
-/// Largest clock offset that is looked for, seconds.
+/// Maximum clock offset of the search, seconds.
 const RANGE: f64 = 0.25;
-/// The tracker's readings are smoothed so far to either side for their turn, seconds.
+/// Half width of the window in which the tracker's rotations are smoothed, seconds.
 const SMOOTHING: f64 = 0.03;
 
-/// What is known of the rig that is checked.
+/// The calibrated rig that is checked.
 #[derive(Clone, Debug)]
 pub struct Known {
-    /// The calibration.
+    /// The rig's calibration.
     pub rig: RigDocument,
-    /// Its markers.
+    /// The rig's markers.
     pub map: TagMap,
-    /// The phantoms, for what both cameras see.
+    /// Ray caster of the phantoms (proxies of real objects), for surfaces that both cameras see.
     pub caster: Option<RayCaster>,
     /// The tracker's station that carries the camera.
     pub station: u8,
 }
 
-/// What a picture showed.
+/// The observations of one picture.
 struct Moment {
-    /// Middle of the exposure, corrected.
+    /// Middle of the exposure, corrected for latency.
     at: MonotonicTime,
     seconds: f64,
     tags: Vec<TagSeen>,
-    /// By the markers.
+    /// `world_from_camera` from the markers.
     by_markers: Option<RigidTransform>,
 }
 
-/// The check.
+/// The step `verify`.
 pub struct Verify {
     known: Known,
     detector: Detector,
     registrar: Registrar,
     motion: ImageMotion,
-    /// From one picture's stamp to the next's, seconds.
+    /// Camera motions from one picture to the next; times in seconds.
     motions: Vec<CameraMotion>,
     moments: Vec<Moment>,
     readings: Vec<(MonotonicTime, RigidTransform)>,
@@ -75,7 +75,7 @@ pub struct Verify {
 }
 
 impl Verify {
-    /// Of a rig; `photometry` is what is known of the match between its cameras.
+    /// Creates a check; `photometry` is the known white balance match between the cameras.
     #[must_use]
     pub fn new(known: Known, photometry: WhiteBalanceMatch) -> Self {
         let families = known.map.families();
@@ -158,7 +158,7 @@ impl Verify {
         hint.clone_into(&mut self.progress.hint);
     }
 
-    /// All corners, by tracker and by one another.
+    /// Returns the errors of all corners, by the tracker's pose and by the other markers' pose.
     fn corners(&self) -> (Vec<Off>, Vec<Off>) {
         let (mut tracked, mut among) = (Vec::new(), Vec::new());
         let calibration = &self.known.rig.calibration;
@@ -194,7 +194,7 @@ impl Verify {
         (tracked, among)
     }
 
-    /// How far the tracker's time is beside the picture's, both corrected by the calibration.
+    /// Returns the tracker's clock offset to the pictures, both corrected by the calibration.
     fn offset(&self) -> Option<Result<ClockOffset, LatencyError>> {
         let first = self.first?;
         if self.readings.is_empty() {
@@ -298,7 +298,7 @@ impl Step for Verify {
             &among
         };
         found.page = written::page(made, &found, corners);
-        // A check is kept whatever it found.
+        // A check writes its file whatever its grade.
         found.file = written::file(made, &found, &measured);
         found
     }

@@ -1,4 +1,4 @@
-//! How far from their pictures the calibration puts the markers.
+//! Reprojection errors of the markers under the calibration.
 
 use glam::DVec2;
 use penumbra_camera::PinholeCamera;
@@ -6,21 +6,21 @@ use penumbra_fiducials::{Registrar, TagMap, TagSeen};
 use penumbra_interface::{MonotonicTime, RigidTransform};
 use penumbra_numerics::{median, root_mean_square};
 
-/// Nothing counts as farther off, pixels.
+/// Maximum error that is counted, pixels.
 const FARTHEST: f64 = 1e4;
 
-/// A tag's corner: where it was found less where it should be.
+/// Reprojection error of a tag's corner: detected minus predicted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Off {
-    /// Where it was found, pixels.
+    /// Detected position, pixels.
     pub at: DVec2,
-    /// By how much it is beside its place, pixels.
+    /// Detected minus predicted position, pixels.
     pub by: DVec2,
     /// Seconds since the first picture.
     pub seconds: f64,
 }
 
-/// Corners by a pose that comes from elsewhere, a tracker.
+/// Returns the errors of all corners under a pose from another source (the tracker).
 pub fn by_pose(
     camera: &PinholeCamera,
     map: &TagMap,
@@ -36,7 +36,7 @@ pub fn by_pose(
         };
         for (corner, at) in known.corners().into_iter().zip(tag.corners) {
             let place = camera.project(camera_from_world.transform_point(corner));
-            // Behind the camera or beyond what the lens can show: as wrong as can be.
+            // Behind the camera or outside the lens's range: counted with the maximum error.
             let by = place.map_or(DVec2::splat(FARTHEST), |place| at - place);
             let by = by.clamp_length_max(FARTHEST);
             out.push(Off { at, by, seconds });
@@ -44,7 +44,8 @@ pub fn by_pose(
     }
 }
 
-/// Corners of each tag by the pose that the others tell; needs two tags in a picture.
+/// Returns the errors of each tag's corners under the pose from the other tags; needs two tags in
+/// a picture.
 pub fn by_the_others(
     camera: &PinholeCamera,
     map: &TagMap,
@@ -66,24 +67,24 @@ pub fn by_the_others(
     }
 }
 
-/// What all corners say together.
+/// Summary of all corners' errors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reprojection {
-    /// Root mean square, pixels.
+    /// Root mean square error, pixels.
     pub rms: f64,
-    /// Its standard error: pictures of one second err together.
+    /// Standard error of the root mean square, pixels; errors within one second are correlated.
     pub sigma: f64,
-    /// Half of the corners are nearer, pixels.
+    /// Median error, pixels.
     pub median: f64,
-    /// The farthest, pixels.
+    /// Maximum error, pixels.
     pub worst: f64,
-    /// The mean: what a wrong mounting, map or lens leaves when noise is gone, pixels.
+    /// Mean error, pixels: the systematic part, from a wrong mounting, map or lens.
     pub mean: DVec2,
-    /// Corners.
+    /// Number of corners.
     pub corners: usize,
 }
 
-/// Sums up; `None` of nothing.
+/// Summarises the errors; `None` without corners.
 #[must_use]
 pub fn sum_up(all: &[Off]) -> Option<Reprojection> {
     let lengths = || all.iter().map(|o| o.by.length());
@@ -98,7 +99,7 @@ pub fn sum_up(all: &[Off]) -> Option<Reprojection> {
     })
 }
 
-/// Of the root mean square, by the scatter of the mean squares of single seconds.
+/// Returns the standard error of `rms`, from the scatter of the mean squares of single seconds.
 fn standard_error(all: &[Off], rms: f64) -> f64 {
     let mut seconds: Vec<(i64, f64, f64)> = Vec::new();
     for off in all {
@@ -126,7 +127,7 @@ mod tests {
     use glam::{DQuat, DVec3};
     use penumbra_fiducials::synthetic::{camera, tag};
 
-    /// Tags as a camera sees them, each corner beside its place by `noise`.
+    /// Returns the tags in a camera's picture, each corner displaced by `noise`.
     fn seen(map: &TagMap, camera_from_map: RigidTransform, noise: DVec2) -> Vec<TagSeen> {
         let place = |c: DVec3| {
             camera()
@@ -157,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn a_shift_of_all_corners_is_found_as_it_is() {
+    fn constant_shift_of_corners_is_reported_as_mean() {
         let shift = DVec2::new(1.5, -2.0);
         let mut out = Vec::new();
         let tags = seen(&map(), pose(), shift);
@@ -168,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tag_that_was_moved_is_beside_where_the_others_say() {
+    fn moved_tag_has_error_against_the_others() {
         let mut tags = seen(&map(), pose(), DVec2::ZERO);
         for corner in &mut tags[1].corners {
             corner.x += 4.0;
@@ -181,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn the_error_of_the_sum_falls_with_time() {
+    fn standard_error_decreases_with_time() {
         let off = |i: usize| Off {
             at: DVec2::ZERO,
             by: DVec2::new([1.0, 2.0, 0.5, 1.5][i % 4], 0.0),

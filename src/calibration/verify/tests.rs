@@ -1,5 +1,5 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-//! A drawn rig: three tags on a table, a camera on a tracker that is waved about.
+//! A synthetic rig: three tags on a table, a hand-held camera on a tracker.
 
 use super::*;
 use glam::{DQuat, DVec2, DVec3, EulerRot};
@@ -45,7 +45,7 @@ fn marker((&(x, y), id): (&(f64, f64), u32)) -> Marker {
     }
 }
 
-/// Before the tags (their +Z goes into the paper), turning unevenly.
+/// In front of the tags (their +Z points into the paper), with irregular rotation.
 fn world_from_camera(t: f64) -> RigidTransform {
     let turn = DQuat::from_euler(
         EulerRot::XYZ,
@@ -57,7 +57,7 @@ fn world_from_camera(t: f64) -> RigidTransform {
     RigidTransform::new(turn, centre + turn * DVec3::new(0.0, 0.0, -0.55))
 }
 
-/// Shows `step` six seconds of the true rig.
+/// Gives `step` six seconds of the ground-truth rig.
 fn show(step: &mut Verify) {
     let truth = rig();
     let tracker = truth.calibration.tracker.clone().unwrap();
@@ -80,7 +80,7 @@ fn show(step: &mut Verify) {
             error: None,
         };
         step.look(&Shown::Pose(&sample));
-        // The tracker's readings of a picture's time come after it.
+        // The tracker's readings at a picture's time arrive after it.
         if i % 8 == 7 && t > 0.3 {
             let at = t - 0.1;
             let codes = picture(camera, world_from_camera(at).inverse(), &tags, 1.0);
@@ -127,7 +127,7 @@ fn checked(rig: RigDocument) -> Finished {
 }
 
 #[test]
-fn a_true_rig_passes_and_says_its_figures() {
+fn correct_rig_passes_and_reports_its_figures() {
     let found = checked(rig());
     assert_eq!(
         found.grade,
@@ -145,7 +145,7 @@ fn a_true_rig_passes_and_says_its_figures() {
 }
 
 #[test]
-fn a_camera_that_slipped_on_its_mount_is_refused() {
+fn camera_that_slipped_on_its_mount_is_refused() {
     let mut slipped = rig();
     let tracker = slipped.calibration.tracker.as_mut().unwrap();
     let mount = &mut tracker.sensor_from_scene_camera;
@@ -154,12 +154,12 @@ fn a_camera_that_slipped_on_its_mount_is_refused() {
     assert_eq!(found.grade, Grade::Refused, "{:?}", found.lines);
     let first = &found.findings[0].1;
     assert!(first.contains("calibrate tracker"), "{first}");
-    // What was found is kept all the same.
+    // A refused check writes its file nevertheless.
     assert!(found.file.unwrap().contains("refused"));
 }
 
 #[test]
-fn a_wrong_latency_is_measured() {
+fn wrong_latency_is_measured() {
     let mut late = rig();
     late.calibration.tracker.as_mut().unwrap().latency_nanos += 15_000_000;
     let found = checked(late);

@@ -1,4 +1,4 @@
-//! What a check leaves behind: a file and a page.
+//! File and report of a check.
 
 use super::{Measured, Off};
 use crate::report::{Page, Plot};
@@ -6,7 +6,7 @@ use crate::step::{Finished, Made};
 use penumbra_rig_model::Header;
 use serde::Serialize;
 
-/// The file of a check.
+/// Contents of a check's file.
 #[derive(Debug, Serialize)]
 struct Record {
     #[serde(flatten)]
@@ -20,7 +20,7 @@ struct Record {
     latency_sigma_ms: Option<f64>,
 }
 
-/// The file.
+/// Returns the file, JSON.
 pub(super) fn file(made: &Made, found: &Finished, measured: &Measured) -> Option<String> {
     let latency = measured.latency.as_ref().and_then(|l| l.as_ref().ok());
     let reprojection = if measured.has_tracker {
@@ -43,7 +43,7 @@ pub(super) fn file(made: &Made, found: &Finished, measured: &Measured) -> Option
         .map(|text| text + "\n")
 }
 
-/// The page.
+/// Returns the report, HTML.
 pub(super) fn page(made: &Made, found: &Finished, corners: &[Off]) -> String {
     let facts = [format!("{}, from {}", made.date, made.source)];
     let mut page = Page::new("Check of the rig", &facts);

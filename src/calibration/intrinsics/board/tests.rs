@@ -2,7 +2,7 @@
 use super::*;
 
 #[test]
-fn boards_are_read_as_they_are_written() {
+fn written_board_parses_back_unchanged() {
     for text in [
         "chess:9x6:0.025",
         "aprilgrid:6x6:0.088:0.3",
@@ -21,7 +21,7 @@ fn boards_are_read_as_they_are_written() {
 }
 
 #[test]
-fn what_is_no_board_is_told_in_one_line() {
+fn invalid_board_gives_one_line_error() {
     for (text, says) in [
         ("", "write chess:"),
         ("chess", "write chess:"),

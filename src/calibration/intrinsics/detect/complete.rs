@@ -1,4 +1,4 @@
-//! Corners that were missed, and all of them to a fraction of a pixel.
+//! Adds missed corners to a grid and refines all corners to a fraction of a pixel.
 
 use super::Grey;
 use super::grid::{Grid, STEPS};
@@ -15,7 +15,7 @@ const CONTRAST: f64 = 0.4;
 /// A foretold corner may be off by this share of the distance to its neighbour.
 const FORETOLD: f64 = 0.25;
 
-/// Looks for corners where rows and columns foretell them, until no more are found.
+/// Adds corners at the positions predicted by rows and columns until no more are found.
 pub(super) fn fill(picture: &Grey, grid: &mut Grid) {
     let light = picture.blurred(0.7);
     for _ in 0..8 {
@@ -30,7 +30,7 @@ pub(super) fn fill(picture: &Grey, grid: &mut Grid) {
     }
 }
 
-/// Empty places beside known corners.
+/// Returns the free grid positions next to known corners.
 fn gaps(grid: &Grid) -> Vec<(i32, i32)> {
     let mut out: Vec<_> = grid
         .corners

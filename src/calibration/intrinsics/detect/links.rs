@@ -8,14 +8,14 @@ use glam::DVec2;
 /// For each saddle its neighbour along each of its edges: (saddle, its edge that leads back).
 pub(super) type Links = Vec<[Option<(usize, usize)>; 4]>;
 
-/// A neighbour lies within this angle of the edge's direction at the saddle.
+/// Maximum angle between a neighbour's direction and the edge's direction at the saddle.
 const CONE: f64 = 0.35;
-/// No square is larger, as a share of the picture's longer side.
+/// Maximum edge of a square, as a share of the picture's longer side.
 const LARGEST_SQUARE: f64 = 0.35;
-/// Candidates along an edge that are looked at, nearest first.
+/// Maximum number of candidates along an edge, nearest first.
 const MOST_TRIED: usize = 4;
 
-/// All links on which both ends agree.
+/// Returns all links that are mutual.
 pub(super) fn find(picture: &Grey, saddles: &[Saddle]) -> Links {
     let index = Buckets::new(picture, saddles);
     let one_way: Links = (0..saddles.len())
@@ -41,7 +41,7 @@ fn neighbour(
     let direction = from.edges[edge];
     let largest = LARGEST_SQUARE * picture.width.max(picture.height) as f64;
     let mut candidates: Vec<(f64, usize, usize)> = Vec::new();
-    // Rings of growing size, so that small squares do not pay for large ones.
+    // Rings of growing size, so that the search is fast for small squares.
     for reach in [largest / 8.0, largest / 2.5, largest] {
         candidates.clear();
         index.within(from.at, reach, |j| {

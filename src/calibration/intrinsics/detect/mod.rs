@@ -1,8 +1,9 @@
-//! Finds a chessboard's inner corners in a grey picture, whole or in part, through any lens.
+//! Finds the inner corners of a completely or partly visible chessboard in a grey picture, through
+//! any lens.
 //!
-//! Saddles of brightness (`saddles`), which of them an edge joins (`links`), rows and
-//! columns (`grid`), what was missed (`complete`), each corner to a fraction of a pixel
-//! (`refine`), and which corner of the board each is (`place`).
+//! Finds saddles of brightness (`saddles`), links those that an edge joins (`links`), orders them
+//! in rows and columns (`grid`), adds missed corners (`complete`), refines all to a fraction of a
+//! pixel (`refine`) and assigns them to the board's corners (`place`).
 
 mod complete;
 mod grey;
@@ -19,23 +20,23 @@ pub use place::{ChessSighting, Placement};
 use glam::DVec2;
 use grid::Grid;
 
-/// Corners that make a grid worth refining.
+/// Minimum number of corners of a grid.
 const LEAST_CORNERS: usize = 9;
 /// Blur before corners are refined, pixels: sharper pictures pull them towards pixels' middles.
 pub(super) const SMOOTHING: f32 = 1.2;
-/// Of a corner's surroundings, so much may differ from what lies opposite.
+/// Maximum asymmetry of a corner's surroundings.
 const MOST_UNEVEN: f64 = 0.1;
 /// Pictures longer than this are looked at from half the size on: what is smaller than a
 /// square of five pixels there is nothing to calibrate with.
 const FULL_SIZE: usize = 1400;
 
-/// Why there is no chessboard in a picture.
+/// Why no chessboard was found in a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoChessboard {
     /// No rows and columns of corners.
     #[error("no chessboard in the picture")]
     NotSeen,
-    /// There is one, with more corners than the board has.
+    /// The chessboard has more corners than the given board.
     #[error(
         "a chessboard with at least {columns}×{rows} inner corners: more than the board given; \
          count the inner corners (one less than squares) and say so"
@@ -62,10 +63,10 @@ pub fn refine_corner(picture: &Grey, foretold: DVec2, window: f64) -> Option<DVe
     (best.unevenness < MOST_UNEVEN).then_some(best.at)
 }
 
-/// The corners of a board of `columns` × `rows` inner corners that are in sight.
+/// Finds the visible corners of a board of `columns` × `rows` inner corners.
 ///
 /// # Errors
-/// Nothing that looks like a chessboard, or one that is larger.
+/// The picture shows no chessboard, or a larger one.
 pub fn find_chessboard(
     picture: &Grey,
     columns: u32,
@@ -81,7 +82,7 @@ pub fn find_chessboard(
     let whole = (columns * rows) as usize;
     for _ in 0..3 {
         let grid = find_at_one_size(&level, whole);
-        // A coarser level must show more: it shows less exactly.
+        // A coarser level must show more of the board, because it is less accurate.
         if grid.area() * scale * scale > 1.1 * best.area() {
             best = grid;
             best.corners.values_mut().for_each(|p| *p *= scale);

@@ -1,4 +1,4 @@
-//! Which corner of the board each corner of a grid is.
+//! Assigns the corners of a grid to the corners of the board.
 
 use super::NoChessboard;
 use super::grid::Grid;
@@ -10,12 +10,12 @@ use std::collections::BTreeMap;
 /// when the grid is too large: a shadow's edge or a tile beside it.
 const STRAY: f64 = 0.5;
 
-/// How much is known about which corner is which.
+/// Ambiguity of the assignment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Placement {
     /// Every corner is known.
     Known,
-    /// The board may be turned by half a turn: its colours look the same then.
+    /// The board may be rotated by 180°, which leaves its colours unchanged.
     KnownButHalfTurn,
     /// Only part of the board is in sight: corners are counted from one that is. Lens and
     /// pose of the paper follow from such a view, the board's own origin does not.
@@ -27,7 +27,7 @@ pub enum Placement {
 pub struct ChessSighting {
     /// Corner by column and row.
     pub corners: BTreeMap<(u32, u32), DVec2>,
-    /// What column and row mean.
+    /// Meaning of column and row.
     pub placement: Placement,
     /// Columns and rows over which the corners extend.
     pub extent: (u32, u32),

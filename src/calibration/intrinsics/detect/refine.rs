@@ -1,4 +1,4 @@
-//! A corner to a hundredth of a pixel.
+//! Refines a corner to a hundredth of a pixel.
 
 use super::Grey;
 use glam::{DMat2, DVec2};
@@ -46,7 +46,7 @@ fn step(picture: &Grey, at: DVec2, radius: f64) -> Option<DVec2> {
             }
         }
     }
-    // One edge alone fixes nothing along itself.
+    // A single edge does not determine the position along itself.
     let trace = a.x_axis.x + a.y_axis.y;
     (a.determinant() > 1e-3 * trace * trace).then(|| a.inverse() * b)
 }

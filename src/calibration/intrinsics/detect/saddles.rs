@@ -1,5 +1,5 @@
-//! Where two edges cross: saddle points of brightness whose surroundings have four sectors,
-//! dark and bright in turn.
+//! Crossings of two edges: saddle points of brightness whose surroundings have four sectors,
+//! alternately dark and bright.
 
 use super::Grey;
 use glam::DVec2;
@@ -19,20 +19,20 @@ pub(super) struct Saddle {
     pub contrast: f64,
 }
 
-/// Scale of the saddles looked for, pixels.
+/// Scale of the saddles, pixels.
 const SIGMA: f32 = 1.5;
-/// Of noise and texture there may be so many; the strongest are looked at.
+/// Maximum number of candidates; the strongest are kept.
 const MOST_CANDIDATES: usize = 6000;
-/// Samples round a ring.
+/// Samples per ring.
 const SAMPLES: usize = 36;
-/// Least difference between bright and dark, codes.
+/// Minimum difference between bright and dark, codes.
 const LEAST_CONTRAST: f64 = 5.0;
 /// The two halves of one edge are straight to this angle.
 const STRAIGHT: f64 = 0.45;
 /// Two edges that cross at less than this cannot be told from one line.
 const LEAST_ANGLE: f64 = 0.3;
 
-/// All crossings, strongest first.
+/// Returns all crossings, strongest first.
 pub(super) fn find(picture: &Grey) -> Vec<Saddle> {
     if picture.width < 16 || picture.height < 16 {
         return Vec::new();
@@ -93,7 +93,7 @@ fn hessian(g: &Grey, x: usize, y: usize) -> [f32; 3] {
     [xx, yy, xy]
 }
 
-/// Where the gradient of the local quadric vanishes, if near.
+/// Returns the stationary point of the local quadric, if it is near.
 fn quadric_saddle(g: &Grey, x: usize, y: usize) -> Option<DVec2> {
     let at = |i: usize, j: usize| f64::from(g.data[j * g.width + i]);
     let [xx, yy, xy] = hessian(g, x, y).map(f64::from);
@@ -170,7 +170,7 @@ fn is_cross(edges: &[f64; 4]) -> bool {
     apart && straight(edges[0], edges[2]) && straight(edges[1], edges[3])
 }
 
-/// An angle brought between −π and π.
+/// Returns an angle wrapped to −π to π.
 pub(super) fn turn(angle: f64) -> f64 {
     let wrapped = angle.rem_euclid(TAU);
     if wrapped > PI { wrapped - TAU } else { wrapped }

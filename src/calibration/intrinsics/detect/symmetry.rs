@@ -1,15 +1,15 @@
-//! A corner of a board of tags: what lies round it is the same seen from the other side.
+//! Refines a corner of a board of tags: its surroundings are point-symmetric about it.
 
 use super::Grey;
 use super::refine::WINDOW;
 use glam::{DMat2, DVec2};
 
-/// Half the distance over which a gradient is taken, pixels.
+/// Half the baseline of a gradient, pixels.
 const BESIDE: f64 = 0.5;
 /// Steps at most, and the step that is none, pixels.
 const STEPS: (usize, f64) = (20, 1e-3);
 
-/// The centre of symmetry of brightness and how much is left of it.
+/// Centre of symmetry of brightness, and the remaining asymmetry.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Centre {
     /// Pixel.
@@ -66,7 +66,7 @@ fn sums(picture: &Grey, at: DVec2, radius: f64) -> Sums {
         for x in -reach..=reach {
             let offset = DVec2::new(f64::from(x), f64::from(y));
             let inside = 1.0 - offset.length_squared() / (radius * radius);
-            // Each pair once.
+            // Each pair is counted once.
             if inside > 0.0 && (y > 0 || x > 0) {
                 add(
                     &mut sums,

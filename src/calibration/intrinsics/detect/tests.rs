@@ -1,7 +1,7 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 use super::*;
 use crate::intrinsics::Board;
-use crate::intrinsics::drawn::{Draughtsman, pose};
+use crate::intrinsics::drawn::{BoardRenderer, pose};
 use glam::{DVec2, DVec3};
 use penumbra_camera::{Lens, LensModel};
 use penumbra_picture::Picture;
@@ -56,9 +56,9 @@ fn errors(
 }
 
 #[test]
-fn a_whole_board_is_found_to_a_few_hundredths_of_a_pixel() {
+fn complete_board_is_accurate_to_hundredths_of_a_pixel() {
     let lens = camera();
-    let draughtsman = Draughtsman::new(&lens);
+    let draughtsman = BoardRenderer::new(&lens);
     for (centre, tilt, turn, blur, noise, most) in [
         (DVec3::new(0.0, 0.0, 0.4), DVec2::ZERO, 0.0, 0.5, 0.0, 0.03),
         (
@@ -116,9 +116,9 @@ fn a_whole_board_is_found_to_a_few_hundredths_of_a_pixel() {
 }
 
 #[test]
-fn a_board_is_found_through_a_fisheye_beyond_ninety_degrees() {
+fn finds_board_through_fisheye_beyond_ninety_degrees() {
     let lens = fisheye();
-    let draughtsman = Draughtsman::new(&lens);
+    let draughtsman = BoardRenderer::new(&lens);
     for (centre, tilt) in [
         (DVec3::new(0.0, 0.0, 0.12), DVec2::ZERO),
         (DVec3::new(0.15, 0.0, 0.1), DVec2::new(0.0, 1.1)),
@@ -134,9 +134,9 @@ fn a_board_is_found_through_a_fisheye_beyond_ninety_degrees() {
 }
 
 #[test]
-fn part_of_a_board_is_part_of_a_board() {
+fn partly_visible_board_is_reported_as_part() {
     let lens = camera();
-    let draughtsman = Draughtsman::new(&lens);
+    let draughtsman = BoardRenderer::new(&lens);
     let pose = pose(
         &BOARD,
         DVec3::new(0.13, 0.08, 0.3),
@@ -168,8 +168,8 @@ fn part_of_a_board_is_part_of_a_board() {
 }
 
 #[test]
-fn a_larger_board_is_named_by_its_size() {
-    let draughtsman = Draughtsman::new(&camera());
+fn larger_board_is_reported_with_its_size() {
+    let draughtsman = BoardRenderer::new(&camera());
     let pose = pose(&BOARD, DVec3::new(0.0, 0.0, 0.4), DVec2::new(0.2, 0.1), 0.0);
     let picture = draughtsman.draw(&BOARD, pose, 0.5, 1.0);
     let larger = NoChessboard::Larger {

@@ -2,7 +2,7 @@
 use super::*;
 use crate::intrinsics::Grey;
 use crate::intrinsics::detect::find_chessboard;
-use crate::intrinsics::drawn::{Draughtsman, pose};
+use crate::intrinsics::drawn::{BoardRenderer, pose};
 use crate::intrinsics::{Board, Correspondence};
 use glam::DVec3;
 use penumbra_numerics::Random;
@@ -43,7 +43,7 @@ const BROWN: Options = Options {
 const OPENCV_RMS: [(&str, f64); 2] = [("left", 0.1797), ("right", 0.1958)];
 
 #[test]
-fn opencvs_photographs_are_explained_better_than_by_opencv() {
+fn opencv_photographs_have_smaller_error_than_with_opencv() {
     for (side, opencv_rms) in OPENCV_RMS {
         let Some(views) = photographs(side) else {
             return;
@@ -60,7 +60,7 @@ fn opencvs_photographs_are_explained_better_than_by_opencv() {
 }
 
 #[test]
-fn opencvs_published_lens_is_found() {
+fn recovers_lens_published_by_opencv() {
     let Some(views) = photographs("left") else {
         return;
     };
@@ -92,7 +92,7 @@ fn a_pinholes_pictures_fit_a_fisheyes_model_too() {
 /// (of another model) is (543.99, 377.65); OpenCV 5.0 (`fisheye::calibrate`) finds
 /// f 337.0 and 336.7 and is left with 0.3851 px at the window that suits it best, 11.
 #[test]
-fn a_real_fisheye_is_found_as_published() {
+fn recovers_published_real_fisheye() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("../../../shared/data/probes-fisheye/fisheye/ocam_fisheye1");
     if !folder.is_dir() {
@@ -256,9 +256,9 @@ fn square_pixels_have_one_focal_length() {
 
 /// From drawn pictures, through detection, to the lens.
 #[test]
-fn drawn_pictures_give_the_lens_that_drew_them() {
+fn recovers_lens_from_rendered_pictures() {
     for (truth, distance, spread) in [(pinhole(), 0.36, 0.33), (fisheye(), 0.13, 0.6)] {
-        let draughtsman = Draughtsman::new(&truth);
+        let draughtsman = BoardRenderer::new(&truth);
         let views: Vec<View> = poses(12, distance, spread, 8)
             .iter()
             .filter_map(|&pose| {

@@ -1,6 +1,6 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 use super::*;
-use crate::intrinsics::drawn::{Draughtsman, pose};
+use crate::intrinsics::drawn::{BoardRenderer, pose};
 use crate::intrinsics::estimate::tests::{pinhole, poses, seen};
 use glam::DVec3;
 use penumbra_camera::LensModel;
@@ -14,7 +14,7 @@ const OPTIONS: Options = Options {
 
 fn pictures() -> Vec<Grey> {
     let board = Board::parse("chess:9x6:0.025").unwrap();
-    let draughtsman = Draughtsman::new(&pinhole());
+    let draughtsman = BoardRenderer::new(&pinhole());
     let draw =
         |&pose: &penumbra_interface::RigidTransform| draughtsman.draw(&board, pose, 0.6, 1.0);
     poses(5, 0.45, 0.05, 8).iter().map(draw).collect()
@@ -29,7 +29,7 @@ fn gathered(board: &str, pictures: &[Grey]) -> Gatherer {
 }
 
 #[test]
-fn a_board_of_another_size_is_told_by_its_own() {
+fn board_of_wrong_size_is_reported_with_its_size() {
     let pictures = pictures();
     for wrong in ["chess:8x5:0.025", "chess:10x7:0.025", "chess:7x7:0.025"] {
         let outcome = gathered(wrong, &pictures).finish(&OPTIONS);
@@ -45,10 +45,10 @@ fn a_board_of_another_size_is_told_by_its_own() {
 }
 
 #[test]
-fn the_same_view_counts_once() {
+fn repeated_view_counts_once() {
     let board = Board::parse("chess:9x6:0.025").unwrap();
     let at = pose(&board, DVec3::new(0.0, 0.0, 0.4), DVec2::new(0.3, 0.1), 0.0);
-    let picture = Draughtsman::new(&pinhole()).draw(&board, at, 0.5, 1.0);
+    let picture = BoardRenderer::new(&pinhole()).draw(&board, at, 0.5, 1.0);
     let mut gatherer = Gatherer::new(board);
     assert_eq!(gatherer.offer("1", &picture), Offer::Taken { points: 54 });
     assert_eq!(gatherer.offer("2", &picture), Offer::Alike);
@@ -72,7 +72,7 @@ fn no_board_is_refused() {
 /// Corners near the picture's middle leave k3 open; the lens without it is as good there, and
 /// folds nothing over.
 #[test]
-fn a_coefficient_that_the_views_leave_open_is_left_out() {
+fn undetermined_coefficient_is_omitted() {
     let truth = {
         let mut lens = pinhole();
         lens.coefficients = [0.0; 8];

@@ -38,7 +38,7 @@ fn white_squares_are_counted_row_by_row() {
 }
 
 #[test]
-fn the_board_that_was_said_is_told_from_others() {
+fn given_board_is_distinguished_from_others() {
     let (board, said) = layout("aprilgrid:6x6:0.088:0.3");
     let fine = fit(&board, &seen(said, 0..36, 1.3), said);
     assert!(!fine.contradicts && fine.tags.len() == 36, "{fine:?}");
@@ -53,7 +53,7 @@ fn the_board_that_was_said_is_told_from_others() {
 }
 
 #[test]
-fn the_older_way_of_drawing_is_told_by_the_markers() {
+fn older_charuco_layout_is_recognised_by_markers() {
     let (board, said) = layout("charuco:5x8:0.03:0.02:4x4_50");
     let older = said.other_way().unwrap();
     let found = fit(&board, &seen(older, 3..9, 1.5), said);

@@ -5,7 +5,7 @@ use crate::intrinsics::{Board, Gatherer, Options};
 use penumbra_numerics::Random;
 
 #[test]
-fn the_page_shows_what_was_found_and_escapes_names() {
+fn report_shows_result_and_escapes_names() {
     let lens = pinhole();
     let mut gatherer = Gatherer::new(Board::parse("chess:9x6:0.025").unwrap());
     let views = seen(&lens, &poses(12, 0.4, 0.3, 5), 0.15, &mut Random::new(2));

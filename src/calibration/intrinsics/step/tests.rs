@@ -1,6 +1,6 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 use super::*;
-use crate::intrinsics::drawn::Draughtsman;
+use crate::intrinsics::drawn::BoardRenderer;
 use crate::intrinsics::estimate::tests::{pinhole, poses_of};
 use crate::step::ShownPicture;
 use penumbra_camera::LensModel;
@@ -40,10 +40,10 @@ fn made() -> Made {
 /// Drawn pictures of a ChArUco board, partly out of the picture, become a lens; meanwhile is
 /// told what to do.
 #[test]
-fn a_board_held_before_the_camera_becomes_a_lens() {
+fn board_in_front_of_camera_gives_lens() {
     let lens = pinhole();
     let board = Board::parse("charuco:9x6:0.03:0.022:5x5_50").unwrap();
-    let draughtsman = Draughtsman::new(&lens);
+    let draughtsman = BoardRenderer::new(&lens);
     let poses = poses_of(&board, 16, (0.4, 0.25), 5);
     let mut step = step("charuco:9x6:0.03:0.022:5x5_50");
     assert!(step.wants().scene && !step.wants().environment && !step.wants().poses);
@@ -86,7 +86,7 @@ fn a_board_held_before_the_camera_becomes_a_lens() {
 }
 
 #[test]
-fn nothing_to_see_is_told_and_refused() {
+fn recording_without_board_is_refused() {
     let mut step = step("charuco:9x6:0.03:0.022");
     assert_eq!(step.progress().share, 0.0);
     let black = picture(&Grey::from_bytes(640, 480, &[]));

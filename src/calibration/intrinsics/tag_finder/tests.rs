@@ -1,6 +1,6 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 use super::*;
-use crate::intrinsics::drawn::{Draughtsman, pose};
+use crate::intrinsics::drawn::{BoardRenderer, pose};
 use crate::intrinsics::estimate::tests::{fisheye, pinhole, poses_of};
 use crate::intrinsics::{Finding, Gatherer, Offer, Options};
 use glam::DVec3;
@@ -29,7 +29,7 @@ fn off(lens: &Lens, pose: RigidTransform, points: &[Correspondence]) -> (f64, f6
 fn an_april_grid_is_found_through_a_fisheye() {
     let lens = fisheye();
     let grid = board("aprilgrid:6x6:0.03:0.3");
-    let draughtsman = Draughtsman::new(&lens);
+    let draughtsman = BoardRenderer::new(&lens);
     for (centre, tilt) in [
         (DVec3::new(0.0, 0.0, 0.14), DVec2::new(0.2, -0.1)),
         (DVec3::new(0.13, 0.02, 0.1), DVec2::new(0.1, 0.9)),
@@ -52,7 +52,7 @@ fn an_april_grid_is_found_through_a_fisheye() {
 }
 
 #[test]
-fn what_is_in_sight_of_a_charuco_board_is_found() {
+fn finds_visible_part_of_charuco_board() {
     let (lens, charuco) = (pinhole(), board("charuco:8x6:0.03:0.022:6x6_250"));
     let at = pose(
         &charuco,
@@ -60,7 +60,7 @@ fn what_is_in_sight_of_a_charuco_board_is_found() {
         DVec2::new(0.3, -0.4),
         0.2,
     );
-    let mut picture = Draughtsman::new(&lens).draw(&charuco, at, 0.6, 1.5);
+    let mut picture = BoardRenderer::new(&lens).draw(&charuco, at, 0.6, 1.5);
     let mut finder = TagFinder::new(&charuco).unwrap();
     let whole = finder.find(&picture);
     let (rms, worst) = off(&lens, at, &whole.points);
@@ -83,7 +83,7 @@ fn what_is_in_sight_of_a_charuco_board_is_found() {
 
 fn outcome(drawn: &str, said: &str) -> (Grade, Finding) {
     let (lens, drawn) = (pinhole(), board(drawn));
-    let draughtsman = Draughtsman::new(&lens);
+    let draughtsman = BoardRenderer::new(&lens);
     let mut gatherer = Gatherer::new(board(said));
     for pose in poses_of(&drawn, 4, (0.45, 0.1), 3) {
         let offer = gatherer.offer("", &draughtsman.draw(&drawn, pose, 0.6, 1.0));
@@ -98,7 +98,7 @@ fn outcome(drawn: &str, said: &str) -> (Grade, Finding) {
 }
 
 #[test]
-fn another_dictionary_and_another_layout_are_told() {
+fn other_dictionary_and_other_layout_are_reported() {
     let (grade, finding) = outcome(
         "charuco:7x5:0.03:0.022:6x6_250",
         "charuco:7x5:0.03:0.022:4x4_50",
@@ -128,7 +128,7 @@ fn another_dictionary_and_another_layout_are_told() {
 #[test]
 fn a_board_with_more_rows_is_used_and_the_doubt_told() {
     let drawn = board("charuco:7x6:0.03:0.022");
-    let draughtsman = Draughtsman::new(&pinhole());
+    let draughtsman = BoardRenderer::new(&pinhole());
     let mut gatherer = Gatherer::new(board("charuco:7x5:0.03:0.022"));
     for pose in poses_of(&drawn, 6, (0.45, 0.1), 3) {
         gatherer.offer("", &draughtsman.draw(&drawn, pose, 0.6, 1.0));

@@ -33,7 +33,7 @@ fn has(verdict: &Verdict, kind: fn(&Finding) -> bool) -> bool {
 }
 
 #[test]
-fn views_from_all_sides_are_good_and_as_sure_as_is_said() {
+fn views_from_all_sides_are_good_with_correct_uncertainty() {
     let mut random = Random::new(11);
     for (lens, distance, spread) in [(pinhole(), 0.4, 0.4), (fisheye(), 0.12, 0.9)] {
         let views = seen(&lens, &poses(40, distance, spread, 5), 0.15, &mut random);
