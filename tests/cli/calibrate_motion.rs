@@ -79,3 +79,24 @@ fn recovers_map_tracker_and_latency_from_one_recording() {
     let printed = desk.works("calibrate latency --session a.mcap --rig rig --out c.json");
     assert!(printed.contains("good"), "{printed}");
 }
+#[test]
+fn rig_option_replaces_the_rig_json_that_a_recording_lacks() {
+    let desk = Desk::new();
+    desk.works(
+        "simulate session --seconds 9 --rate 24 --size 400x300 --tags 5 --seed 4 --out full.mcap",
+    );
+    let full = Session::open(&desk.path("full.mcap")).unwrap();
+    desk.put("desk-rig.json", full.attachment("rig.json").unwrap());
+    desk.put("folder/rig.json", full.attachment("rig.json").unwrap());
+    put_without_attachments(&desk, &full, "bare.mcap");
+
+    let line = "calibrate map --session bare.mcap --size 0.08 --out";
+    let error = desk.refuses(&format!("{line} none.json"));
+    assert!(error.contains("rig.json"), "{error}");
+    for rig in ["desk-rig.json", "folder"] {
+        let printed = desk.works(&format!("{line} {rig}-map.json --rig {rig}"));
+        assert!(printed.contains("5 tags"), "{rig}: {printed}");
+    }
+    let error = desk.refuses(&format!("{line} none.json --rig missing.json"));
+    assert!(error.contains("missing.json"), "{error}");
+}

@@ -5,8 +5,8 @@ use crate::stage::{Stage, cell, even_sky, lighting, looking_from, painted};
 use glam::{DMat4, DQuat, DVec2, DVec3, Vec3};
 use penumbra_camera::Response;
 use penumbra_lighting::box_chain::{box_chain, box_level};
-use penumbra_lighting::cube::CubeGrid;
 use penumbra_lighting::compact_source_specular::{excesses, mirrored};
+use penumbra_lighting::cube::CubeGrid;
 use penumbra_lighting::lobes::{Family, Levels, phong_parameter, tilted, widths};
 use penumbra_lighting::prefilter::{Prefilter, gathered, level_count};
 use penumbra_lighting::{CubeMap, Lighting};
@@ -146,7 +146,11 @@ fn window_apart(size: u32) -> CubeMap {
 #[test]
 fn sources_are_mirrored_by_the_lobe_itself_where_levels_leave_them_out() {
     let map = window_apart(64);
-    assert!(map.compact_sources[0].weights[4] == 1.0, "{:?}", map.compact_sources);
+    assert!(
+        map.compact_sources[0].weights[4] == 1.0,
+        "{:?}",
+        map.compact_sources
+    );
     let metals = [0.1, 0.4, 0.6, 0.8, 1.0].map(metal);
     let phongs = [1.0, 20.0, 200.0].map(|e| phong(Vec3::ZERO, e));
     for material in metals.into_iter().chain(phongs) {

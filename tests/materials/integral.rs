@@ -3,8 +3,8 @@
 use glam::Vec3;
 use penumbra_lighting::CubeMap;
 use penumbra_lighting::box_chain::box_level;
-use penumbra_lighting::cube::{CubeGrid, face_direction};
 use penumbra_lighting::compact_source_specular::mirrored;
+use penumbra_lighting::cube::{CubeGrid, face_direction};
 use penumbra_lighting::lobes::{Family, Levels, own_width, phong_exponent, tilted};
 use penumbra_lighting::prefilter::gathered;
 
