@@ -13,8 +13,8 @@ use crate::source::Source;
 use crossbeam_channel::{Receiver, Sender, bounded};
 use glam::DQuat;
 use penumbra_calibration::intrinsics::Grey;
-use penumbra_calibration::latency::Mounted;
-use penumbra_calibration::latency::follow::{Followed, Follower};
+use penumbra_calibration::latency::MountedCamera;
+use penumbra_calibration::latency::offset_monitor::{OffsetMonitor, OffsetState};
 use penumbra_config::{Config, FollowLatency};
 use penumbra_interface::threads;
 use penumbra_interface::{MonotonicTime, PoseSample, RigidTransform};
@@ -38,7 +38,7 @@ pub struct LatencyState {
     /// In force.
     pub in_force_nanos: i64,
     /// Measured; `None` where nobody does.
-    pub followed: Option<Followed>,
+    pub followed: Option<OffsetState>,
 }
 
 /// What the thread is received.
@@ -71,7 +71,7 @@ struct MonitorThread {
     messages: Option<Sender<Message>>,
     spares: Receiver<Grey>,
     finished: Receiver<()>,
-    known: Arc<Mutex<Followed>>,
+    known: Arc<Mutex<OffsetState>>,
     /// Everything is received, though the frames wait.
     lossless: bool,
     thread: Option<JoinHandle<()>>,
@@ -93,7 +93,7 @@ impl LatencyMonitor {
             return Ok(None);
         }
         let apply = wanted == FollowLatency::Apply;
-        let measurement = Measurement::of(Mounted::scene_camera(&setup.calibration));
+        let measurement = Measurement::of(MountedCamera::scene_camera(&setup.calibration));
         let mode = if apply && !source.is_live() {
             Mode::SameThread(Box::new(measurement))
         } else {
@@ -149,9 +149,9 @@ impl LatencyMonitor {
     }
 
     /// What was measured so far.
-    pub fn known(&self) -> Followed {
+    pub fn known(&self) -> OffsetState {
         match &self.mode {
-            Mode::SameThread(measurement) => measurement.follower.known(),
+            Mode::SameThread(measurement) => measurement.follower.state(),
             Mode::MonitorThread(worker) => {
                 *worker.known.lock().unwrap_or_else(PoisonError::into_inner)
             }
@@ -175,7 +175,7 @@ impl LatencyMonitor {
     }
 
     fn confident_latency(&self) -> Option<i64> {
-        let measured = self.known().measured.filter(|m| m.sigma < SURE);
+        let measured = self.known().offset.filter(|m| m.sigma < SURE);
         Some((measured.filter(|_| self.apply)?.seconds * 1e9) as i64)
     }
 
@@ -187,7 +187,7 @@ impl LatencyMonitor {
     }
 
     /// All has been received: what is known of it. A live rig does not wait.
-    pub fn finish(&mut self) -> Followed {
+    pub fn finish(&mut self) -> OffsetState {
         self.send(Message::Finish);
         if let Mode::MonitorThread(worker) = &self.mode
             && worker.lossless
@@ -227,14 +227,14 @@ impl MonitorThread {
             let _ = spare.try_send(none());
         }
         let (done, finished) = bounded(1);
-        let known = Arc::new(Mutex::new(Followed::default()));
+        let known = Arc::new(Mutex::new(OffsetState::default()));
         let shared = Arc::clone(&known);
         let job = move || {
             for message in received {
                 let finish = matches!(message, Message::Finish);
                 if measurement.take(message) {
                     *shared.lock().unwrap_or_else(PoisonError::into_inner) =
-                        measurement.follower.known();
+                        measurement.follower.state();
                 }
                 if let Some(small) = measurement.spare.take() {
                     let _ = spare.try_send(small);
@@ -280,15 +280,15 @@ impl Drop for MonitorThread {
 /// Who measures.
 #[derive(Default)]
 struct Measurement {
-    follower: Follower,
+    follower: OffsetMonitor,
     /// A small picture that was looked at.
     spare: Option<Grey>,
 }
 
 impl Measurement {
-    fn of(mounted: Option<Mounted>) -> Self {
+    fn of(mounted: Option<MountedCamera>) -> Self {
         Self {
-            follower: Follower::new(mounted),
+            follower: OffsetMonitor::new(mounted),
             spare: None,
         }
     }
@@ -296,10 +296,10 @@ impl Measurement {
     /// Whether something else is known now.
     fn take(&mut self, message: Message) -> bool {
         match message {
-            Message::Reading(at, pose) => self.follower.reading(at, pose),
-            Message::Pose(at, rotation) => self.follower.pose(at, rotation),
+            Message::Reading(at, pose) => self.follower.add_reading(at, pose),
+            Message::Pose(at, rotation) => self.follower.add_pose(at, rotation),
             Message::Picture(at, small) => {
-                self.follower.picture(at, &small);
+                self.follower.add_picture(at, &small);
                 self.spare = Some(small);
             }
             Message::Restart => self.follower.restart(),
@@ -308,7 +308,7 @@ impl Measurement {
                 return true;
             }
         }
-        let due = self.follower.due();
+        let due = self.follower.is_due();
         if due {
             self.follower.estimate();
         }

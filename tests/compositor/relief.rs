@@ -156,7 +156,7 @@ fn responses(on: &mut Compositor, bumps: Bumps, azimuth: f32, sky: f32) -> [Judg
     };
     let before = green(&stage.picture);
     let paper = LampResponse::Paper {
-        brightest: BrightestLight::of(&lights).vector(),
+        brightest: BrightestLight::from_lights(&lights).vector(),
     };
     let flat = LampResponse::Paper {
         brightest: Vec3::ZERO,

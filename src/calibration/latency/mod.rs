@@ -14,23 +14,23 @@
 //! chooses between the methods.
 
 mod flow;
-pub mod follow;
 mod image_based;
 mod image_motion;
 mod jumps;
 mod model;
 mod mounted;
+pub mod offset_monitor;
 mod rotations;
 mod scan;
 mod selection;
 mod track;
 
 pub use flow::from_flow;
-pub use image_based::{Means, from_image_motion};
+pub use image_based::{OffsetMethod, from_image_motion};
 pub use image_motion::{Flow, ImageMotion, MAX_PATCHES, Patch};
 pub(crate) use jumps::without_jumps;
 pub use model::{CameraMotion, CameraRotation, ClockOffset, LatencyError};
-pub use mounted::{Mounted, from_patches};
+pub use mounted::{MountedCamera, from_patches};
 pub use rotations::from_rotations;
 pub use track::TrackerTrack;
 

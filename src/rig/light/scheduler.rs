@@ -14,7 +14,7 @@ use crate::light::state::{ActiveLight, LightRequest, LightResult};
 use crate::light::worker::{LightUpdater, LightWorker};
 use penumbra_interface::MonotonicTime;
 use penumbra_picture::Picture;
-use penumbra_session::LightNote;
+use penumbra_session::LightRecord;
 
 /// The light in force, and the way to the next.
 pub(crate) struct LightScheduler {
@@ -72,7 +72,7 @@ impl LightScheduler {
         seen: &LightRequest,
         picture: &Picture,
         noted: JournalEntry,
-    ) -> Option<LightNote> {
+    ) -> Option<LightRecord> {
         match &mut self.way {
             Mode::Own(lighter) => {
                 self.force.enter(lighter.work_out(seen, picture));

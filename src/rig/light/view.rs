@@ -1,7 +1,7 @@
 //! The scene camera's side of a light estimate.
 
 use penumbra_interface::{Exposure, MonotonicTime, RigidTransform};
-use penumbra_lighting::BallSeen;
+use penumbra_lighting::SpherePosition;
 use penumbra_picture::Picture;
 
 /// Where a mirrored sphere in the scene camera's picture is.
@@ -10,7 +10,7 @@ pub enum SphereAt {
     /// Where the calibration says.
     Calibrated,
     /// There.
-    Seen(BallSeen),
+    Seen(SpherePosition),
     /// Carried about, and its marker is not seen: this picture shows no light.
     Lost,
 }
