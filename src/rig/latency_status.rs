@@ -121,7 +121,7 @@ mod tests {
         let report = report(&state(20, 35.0, 0.6)).unwrap();
         assert_eq!(report.used_ms, 20.0);
         assert!((report.measured_ms.unwrap() - 35.0).abs() < 1e-9);
-        assert!(report.note.unwrap().contains("rests"));
+        assert!(report.note.unwrap().contains("at rest"));
         assert_eq!(super::report(&LatencyState::default()), None);
     }
 
