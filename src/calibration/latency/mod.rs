@@ -6,7 +6,7 @@
 //! they have none, their optical flow ([`ImageMotion`]) is compared: patch by patch with the
 //! camera's motion if its mounting is known ([`from_patches`]), else the flow as one similarity with
 //! all of the tracker's motion ([`from_flow`]); [`from_image_motion`] takes the better of the two.
-//! [`follow`] tracks a drifting offset by estimating it again from the last seconds.
+//! [`offset_monitor`] tracks a drifting offset by estimating it again from the last seconds.
 //!
 //! In the order of data flow: `jumps` removes faulty readings, `track` interpolates the tracker's
 //! pose, `image_motion` measures the flow; `rotations`, `flow` and `mounted` provide the residuals

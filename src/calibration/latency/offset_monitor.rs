@@ -59,7 +59,7 @@ pub struct OffsetState {
 }
 
 /// Tracks the offset. Pass readings, poses and pictures in the order of arrival, and call
-/// [`Self::estimate`] whenever [`Self::due`].
+/// [`Self::estimate`] whenever [`Self::is_due`].
 #[derive(Clone, Debug, Default)]
 pub struct OffsetMonitor {
     mounted: Option<MountedCamera>,

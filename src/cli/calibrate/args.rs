@@ -48,7 +48,7 @@ pub struct OutputArgs {
     #[arg(long, value_name = "TEXT", requires = "device")]
     serial: Option<String>,
     /// Calibration file; the report is written beside it as .html. On a live rig the default is the
-    /// rig's folder ([calibration] from), where existing files are kept under their date
+    /// rig's folder (`[calibration] from`), where existing files are kept under their date
     #[arg(long, value_name = "FILE.json", required_unless_present = "config")]
     pub out: Option<PathBuf>,
     /// Overwrite existing files

@@ -452,6 +452,7 @@ fn sphere_leaving_the_picture_keeps_its_last_light() {
 /// pixels. Unrefined poses let red into the map; with the rim refined and its uncertain margin
 /// excluded, every texel stays grey.
 #[test]
+#[expect(clippy::too_many_lines, reason = "one scene, step by step")]
 fn background_of_sphere_never_enters_map() {
     let (view, pose, camera) = sphere(true);
     let EnvironmentView::SphereInScene { sphere } = &view else {

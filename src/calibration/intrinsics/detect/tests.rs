@@ -5,7 +5,7 @@ use crate::intrinsics::drawn::{BoardRenderer, pose};
 use glam::{DVec2, DVec3};
 use penumbra_camera::{Lens, LensModel};
 use penumbra_picture::Picture;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 const BOARD: Board = Board::Chess {
     columns: 9,
