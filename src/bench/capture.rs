@@ -6,7 +6,8 @@
 //! uses like a serial port.
 
 use super::camera_session::{CameraSession, RATE};
-use super::report::{CaptureRow, DeviceTally, Percentiles, ThreadCost};
+use super::percentiles::Percentiles;
+use super::report::{CaptureRow, DeviceTally, ThreadCost};
 use super::simulated_tracker::PlayedTracker;
 use super::thread_time::{self, ThreadTimes};
 use super::{BenchError, BenchOptions};

@@ -5,7 +5,8 @@
 //! (`[picture] antialias = "off"`).
 
 use super::BenchOptions;
-use super::report::{BenchReport, Percentiles, Row};
+use super::percentiles::Percentiles;
+use super::report::{BenchReport, Row};
 use super::stage::{Passes, WARM_UP, camera, looking, picture};
 use glam::{DMat4, DVec3, Vec3};
 use penumbra_camera::Response;

@@ -8,7 +8,8 @@
 //! sphere, and eight dome lights, whose shadows the paper does not have. In the last row the lighting
 //! is computed while the previous picture is rendered.
 
-use super::report::{BenchReport, PassTime, Percentiles, Row};
+use super::percentiles::Percentiles;
+use super::report::{BenchReport, PassTime, Row};
 use super::stage::{Passes, WARM_UP, camera};
 use super::{BenchError, BenchOptions, thread_time};
 use penumbra_camera::Response;

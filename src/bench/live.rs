@@ -1,7 +1,7 @@
 //! Latency of a live rig from the arrival of the scene camera's picture to the composited one, with
 //! replayed devices, through all threads of the rig.
 
-use super::report::Percentiles;
+use super::percentiles::Percentiles;
 use super::{BenchError, BenchOptions};
 use penumbra_compositor::Gpu;
 use penumbra_config::{Antialias, Config};

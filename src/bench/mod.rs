@@ -6,6 +6,7 @@ mod capture;
 mod kakuta;
 mod lightprobe;
 mod live;
+mod percentiles;
 mod report;
 mod simulated_tracker;
 mod stage;

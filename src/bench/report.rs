@@ -1,6 +1,7 @@
 //! The benchmark's table and its JSON.
 
 use super::live::LiveRow;
+use super::percentiles::Percentiles;
 use penumbra_compositor::Gpu;
 use serde::Serialize;
 use std::fmt;
@@ -117,15 +118,6 @@ pub struct ThreadCost {
     pub ms_per_picture: f64,
 }
 
-/// Median and 99th percentile.
-#[derive(Clone, Copy, Debug, Default, Serialize)]
-pub struct Percentiles {
-    /// Median.
-    pub p50: f64,
-    /// 99th percentile.
-    pub p99: f64,
-}
-
 /// A pass and its median time.
 #[derive(Clone, Debug, Serialize)]
 pub struct PassTime {
@@ -133,23 +125,6 @@ pub struct PassTime {
     pub name: &'static str,
     /// Milliseconds.
     pub ms: f64,
-}
-
-impl Percentiles {
-    /// Of unordered values; zero of none.
-    #[must_use]
-    pub fn of(values: &[f64]) -> Self {
-        let mut sorted = values.to_vec();
-        sorted.sort_by(f64::total_cmp);
-        let at = |q: f64| {
-            let i = (q * (sorted.len().max(1) - 1) as f64).round() as usize;
-            sorted.get(i).copied().unwrap_or_default()
-        };
-        Self {
-            p50: at(0.5),
-            p99: at(0.99),
-        }
-    }
 }
 
 impl BenchReport {

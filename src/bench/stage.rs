@@ -1,6 +1,7 @@
 //! Shared by the cases: a picture, a camera, times of passes.
 
-use super::report::{PassTime, Percentiles};
+use super::percentiles::Percentiles;
+use super::report::PassTime;
 use glam::{DQuat, DVec2, DVec3};
 use penumbra_camera::PinholeCamera;
 use penumbra_interface::RigidTransform;

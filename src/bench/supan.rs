@@ -2,7 +2,8 @@
 //! 0 to 64 dome lights, one shadow map drawn again per frame, and all.
 
 use super::BenchOptions;
-use super::report::{BenchReport, Percentiles, Row};
+use super::percentiles::Percentiles;
+use super::report::{BenchReport, Row};
 use super::stage::{Passes, WARM_UP, camera, looking, picture};
 use glam::{DMat4, DVec3, Vec3, Vec4};
 use penumbra_camera::Response;

@@ -2,10 +2,10 @@
 //! uncertainty in each part of the picture.
 
 use super::estimate::{Estimate, ViewEstimate};
-use super::rim::Light;
+use super::rim::{Light, deviation};
 use glam::{DMat3, DVec2, DVec3};
 use penumbra_camera::{Lens, LensModel};
-use penumbra_numerics::{Matrix, median};
+use penumbra_numerics::median;
 
 /// Columns and rows of cells in which corners are counted.
 pub const CELLS: (usize, usize) = (8, 6);
@@ -216,17 +216,6 @@ fn best_turns(seen: &[(usize, Vec<DVec2>, [DVec2; 3])], n: usize) -> Vec<DVec3> 
         DMat3::ZERO
     };
     right.into_iter().map(|r| inverse * r).collect()
-}
-
-/// Returns √(½ trace J Σ Jᵀ), the standard deviation of one coordinate.
-pub(super) fn deviation(rows: &[DVec2], covariance: &Matrix) -> f64 {
-    let mut trace = 0.0;
-    for (i, a) in rows.iter().enumerate() {
-        for (j, b) in rows.iter().enumerate() {
-            trace += covariance[(i, j)] * a.dot(*b);
-        }
-    }
-    (0.5 * trace.max(0.0)).sqrt()
 }
 
 /// Returns the radius of the picture around the centre, pixels: everything for a pinhole; for a

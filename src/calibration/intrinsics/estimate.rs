@@ -3,7 +3,7 @@
 
 use super::board::View;
 use super::bundle::{Bundle, Loss, State, Unknowns};
-use super::outliers::{drop_views, judge};
+use super::outliers::{LEAST_POINTS, drop_views, judge};
 use super::pose::{board_pose, residual};
 use super::start::start;
 use glam::DVec2;
@@ -20,8 +20,6 @@ pub struct Options {
     pub square_pixels: bool,
 }
 
-/// Minimum number of points of a view.
-pub(super) const LEAST_POINTS: usize = 8;
 /// A lens with its uncertainty and residuals.
 #[derive(Clone, Debug)]
 pub struct Estimate {

@@ -207,7 +207,7 @@ impl Gatherer {
             self.other_size += 1;
             return Offer::OtherSize;
         }
-        if points.len() < super::estimate::LEAST_POINTS {
+        if points.len() < super::outliers::LEAST_POINTS {
             return Offer::NotSeen;
         }
         let near = ALIKE * f64::from(size.0);

@@ -3,8 +3,17 @@
 
 use super::board::Board;
 use super::homography;
-use super::tags::SeenTag;
 use glam::{DMat3, DVec2, IVec2};
+
+/// A tag in a picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SeenTag {
+    /// Its number within the family.
+    pub id: u32,
+    /// Corners of its black border: top left, top right, bottom right, bottom left of the tag
+    /// as it is printed; pixels.
+    pub corners: [DVec2; 4],
+}
 
 /// Maximum distance of compared tags, grid steps; lens distortion prevents larger ones.
 const FARTHEST: i32 = 2;

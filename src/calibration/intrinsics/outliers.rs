@@ -1,12 +1,14 @@
 //! Rejects corners and views that are outliers.
 
 use super::board::View;
-use super::estimate::LEAST_POINTS;
 use super::pose::residual;
 use glam::DVec2;
 use penumbra_camera::Lens;
 use penumbra_interface::RigidTransform;
 use penumbra_numerics::median;
+
+/// Minimum number of points of a view.
+pub(super) const LEAST_POINTS: usize = 8;
 
 /// Number of standard deviations beyond which a corner is an outlier.
 const CORNER_SIGMAS: f64 = 5.0;

@@ -1,10 +1,10 @@
 //! The angles to which a fisheye's lens is known and to which it receives light.
 
-use super::coverage::deviation;
 use super::detect::Grey;
 use super::estimate::Estimate;
 use glam::{DVec2, DVec3};
 use penumbra_camera::{Lens, LensModel};
+use penumbra_numerics::Matrix;
 use std::f64::consts::{PI, TAU};
 
 /// Columns and rows of the cells in which light is measured.
@@ -139,6 +139,17 @@ fn known(estimate: &Estimate, seen: f64) -> f64 {
         theta += STEP;
     }
     theta
+}
+
+/// Returns √(½ trace J Σ Jᵀ), the standard deviation of one coordinate.
+pub(super) fn deviation(rows: &[DVec2], covariance: &Matrix) -> f64 {
+    let mut trace = 0.0;
+    for (i, a) in rows.iter().enumerate() {
+        for (j, b) in rows.iter().enumerate() {
+            trace += covariance[(i, j)] * a.dot(*b);
+        }
+    }
+    (0.5 * trace.max(0.0)).sqrt()
 }
 
 #[cfg(test)]

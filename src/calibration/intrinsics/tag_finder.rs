@@ -2,8 +2,9 @@
 
 use super::board::{Board, Correspondence};
 use super::detect::{Grey, SMOOTHING, refine_corner};
+use super::layout::SeenTag;
 use super::layout::{Fit, Layout, fit};
-use super::tags::{SeenTag, correspondences, neighbours_foretold};
+use super::tags::{correspondences, neighbours_foretold};
 use glam::DVec2;
 use penumbra_camera::Response;
 use penumbra_fiducials::{Detector, Family, TagObservation, read_predicted};

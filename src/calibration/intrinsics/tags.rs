@@ -2,7 +2,7 @@
 
 use super::board::{Board, Correspondence};
 use super::homography;
-use super::layout::Layout;
+use super::layout::{Layout, SeenTag};
 use glam::DVec2;
 use penumbra_fiducials::Family;
 
@@ -12,16 +12,6 @@ const WINDOW: f64 = 0.55;
 const LEAST_WINDOW: f64 = 2.0;
 /// A corner may be off from where it was foretold by this share of the way to the next.
 const OFF: f64 = 0.25;
-
-/// A tag in a picture.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SeenTag {
-    /// Its number within the family.
-    pub id: u32,
-    /// Corners of its black border: top left, top right, bottom right, bottom left of the tag
-    /// as it is printed; pixels.
-    pub corners: [DVec2; 4],
-}
 
 /// How closely a corner may be looked at.
 #[derive(Clone, Copy)]

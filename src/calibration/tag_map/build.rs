@@ -1,6 +1,7 @@
 //! From sightings to a map: rejects outliers, and computes standard deviations from the rest.
 
-use super::bundle::{Bundle, OF_TAG};
+use super::bundle::Bundle;
+use super::schur::OF_TAG;
 use super::start::{square, start};
 use super::{Seen, View};
 use crate::hand_eye::best_rotation;
@@ -367,4 +368,37 @@ fn describe(bundle: &Bundle, all: usize, mut findings: Vec<(Grade, String)>) -> 
         view_rms: (0..bundle.views.len()).map(of_view).collect(),
         findings,
     }
+}
+
+/// Returns the figures, one line each.
+pub(super) fn lines(built: &Built) -> Vec<String> {
+    let mut lines = vec![format!(
+        "{} tags by {} of {} views; reprojection {:.3} px RMS",
+        built.tags.len(),
+        built.views.0,
+        built.views.1,
+        built.rms
+    )];
+    lines.extend(built.tags.iter().map(|t| {
+        let p = t.pose.translation * 1e3;
+        let sure = if t.seen.fixed {
+            "kept".to_owned()
+        } else {
+            format!(
+                "± {:.2} mm, {:.3} degrees",
+                1e3 * t.sigma.1.max_element(),
+                t.sigma.0.max_element().to_degrees()
+            )
+        };
+        format!(
+            "{}: {:.2}, {:.2}, {:.2} mm, {sure}; {} of {} sightings",
+            t.seen.name(),
+            p.x,
+            p.y,
+            p.z,
+            t.sights.0,
+            t.sights.1
+        )
+    }));
+    lines
 }

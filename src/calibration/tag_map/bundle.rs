@@ -1,7 +1,7 @@
 //! Bundle adjustment (Triggs et al. 2000): minimises the reprojection error over all tags and
 //! cameras, with the cameras eliminated (`schur`).
 
-use super::schur::{Block, Reduced};
+use super::schur::{Block, OF_TAG, Reduced};
 use super::start::square;
 use super::{Seen, View};
 use glam::{DQuat, DVec2, DVec3};
@@ -12,8 +12,6 @@ use penumbra_interface::RigidTransform;
 const HUBER: f64 = 0.5;
 /// Maximum number of iterations.
 const ROUNDS: usize = 40;
-/// Unknowns of a tag: rotation, translation, scale.
-pub(super) const OF_TAG: usize = 7;
 /// Holds a tag's size where it is given.
 const STIFF: f64 = 1e10;
 

@@ -5,8 +5,10 @@
 //!  | Wᵀ U | |t| = |b|      A is block diagonal: cameras are independent of one another
 //! ```
 
-use super::bundle::OF_TAG;
 use penumbra_numerics::Matrix;
+
+/// Unknowns of a tag: rotation, translation, scale.
+pub(super) const OF_TAG: usize = 7;
 
 type SixBySeven = [[f64; OF_TAG]; 6];
 

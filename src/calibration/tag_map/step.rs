@@ -1,7 +1,6 @@
 //! The step `map`: gathers views, checks that they suffice, and grades the map.
 
-use super::build::{Built, Mapped, build};
-use super::page::lines;
+use super::build::{Built, Mapped, build, lines};
 use super::{Seen, Sight, View};
 use crate::simulation::lying;
 use crate::step::{
