@@ -138,7 +138,9 @@ impl LatencyMonitor {
             return;
         }
         let last = self.last_picture;
-        if last.is_some_and(|last| (0.0..MIN_INTERVAL_SECONDS).contains(&captured_at.seconds_since(last))) {
+        if last.is_some_and(|last| {
+            (0.0..MIN_INTERVAL_SECONDS).contains(&captured_at.seconds_since(last))
+        }) {
             return;
         }
         if let Some(mut small) = self.spare() {
@@ -175,7 +177,10 @@ impl LatencyMonitor {
     }
 
     fn confident_latency(&self) -> Option<i64> {
-        let measured = self.known().measured.filter(|m| m.sigma < MAX_SIGMA_SECONDS);
+        let measured = self
+            .known()
+            .measured
+            .filter(|m| m.sigma < MAX_SIGMA_SECONDS);
         Some((measured.filter(|_| self.apply)?.seconds * 1e9) as i64)
     }
 

@@ -229,7 +229,10 @@ mod tests {
         assert!((device.retry_in_ms.unwrap() - 500.0).abs() < 1e-6);
         assert_eq!(device.identity.as_deref(), Some("usb-cam"));
         let statuses: Vec<_> = device.controls.iter().map(|c| c.status.as_str()).collect();
-        assert_eq!(statuses, ["refused: EACCES", "the camera has no such control"]);
+        assert_eq!(
+            statuses,
+            ["refused: EACCES", "the camera has no such control"]
+        );
     }
 
     #[test]

@@ -60,8 +60,14 @@ impl SceneLight {
         let other_ground = before.ground_height != scene.ground_height;
         let same = !other_ground
             && penumbra_scene::change::same_parts(&before.phantom_parts, &scene.phantom_parts);
-        let real =
-            (!same).then(|| RealLight::new(rig, scene, config, other_ground || phantoms_may_occlude(rig)));
+        let real = (!same).then(|| {
+            RealLight::new(
+                rig,
+                scene,
+                config,
+                other_ground || phantoms_may_occlude(rig),
+            )
+        });
         let real = real.transpose()?;
         let rays = match &real {
             Some(real) => real.rays.clone(),
